@@ -1,0 +1,50 @@
+//! Chooses the emulated board by the target: where its memory ends, and the rate of its `SysTick`.
+
+use std::{env, fs, io, path::PathBuf};
+
+struct Board {
+    target: &'static str,
+    flash_end: u32,
+    ram_end: u32,
+    systick_hz: u32,
+}
+
+const BOARDS: [Board; 2] = [
+    // mps2-an386: ARM application note 386, memory map; QEMU's `mps2.c` clocks it at 25 MHz.
+    Board {
+        target: "thumbv7em-none-eabihf",
+        flash_end: 0x0040_0000,
+        ram_end: 0x2040_0000,
+        systick_hz: 25_000_000,
+    },
+    // BBC micro:bit: nRF51822 product specification, memory map; 16 MHz.
+    Board {
+        target: "thumbv6m-none-eabi",
+        flash_end: 0x0004_0000,
+        ram_end: 0x2000_4000,
+        systick_hz: 16_000_000,
+    },
+];
+
+fn main() -> io::Result<()> {
+    println!("cargo:rerun-if-changed=build.rs");
+    let target = env::var("TARGET").unwrap_or_default();
+    let Some(board) = BOARDS.iter().find(|board| board.target == target) else {
+        return Ok(()); // a host: nothing to link for
+    };
+    let out = PathBuf::from(env::var_os("OUT_DIR").unwrap_or_default());
+    // The linker looks for the `memory.x` of `link.x` in the working directory first, which for
+    // every member is the workspace's root: one written here would lose against the nRF52840's.
+    // Flash and RAM begin at the same addresses on all three, so only the ends are set.
+    let script = format!(
+        "_stack_start = {:#x};\nASSERT(__sidata + SIZEOF(.data) <= {:#x}, \"flash is full\");\n",
+        board.ram_end, board.flash_end,
+    );
+    fs::write(out.join("bench-board.x"), script)?;
+    println!("cargo:rustc-link-search={}", out.display());
+    for argument in ["--nmagic", "-Tbench-board.x", "-Tlink.x"] {
+        println!("cargo:rustc-link-arg-bins={argument}");
+    }
+    println!("cargo:rustc-env=SYSTICK_HZ={}", board.systick_hz);
+    Ok(())
+}

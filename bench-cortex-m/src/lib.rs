@@ -1,0 +1,24 @@
+//! How many instructions the node's routines take on the processors a node may have.
+//!
+//! The emulator executes one instruction per nanosecond of its own time, so a timer on the
+//! emulated board counts instructions, the same in every run. Instructions are not cycles: flash
+//! wait states, the divider and taken branches cost more on a real part.
+//!
+//! | module | what it does |
+//! |---|---|
+//! | [`measure`] | counts a routine over many inputs, prints one line |
+//! | [`routines`] | what is counted; **a new routine is one more statement there** |
+//! | [`scene`] | random cameras and targets to count with |
+//! | [`total`] | a published three-object method, to compare with |
+//!
+//! The binary adds the board: its timer, its output, and a check of the count itself.
+#![no_std]
+#![forbid(unsafe_code)]
+
+#[cfg(test)]
+extern crate std;
+
+pub mod measure;
+pub mod routines;
+pub mod scene;
+pub mod total;

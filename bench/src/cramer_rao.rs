@@ -1,0 +1,73 @@
+//! Simulated Gaussian bearings: does the answer's spread reach the Cramer-Rao bound, and does the
+//! predicted covariance say so?
+
+use calib_core::{Ray, Sighting, resection};
+use nalgebra::Point2;
+use test_support::{Truth, generator, normal};
+
+use crate::figure::{Goal, Sheet};
+
+const RUNS: u32 = 20_000;
+/// Scenes whose bound is worse are close to degenerate, where no bound is attained.
+const REGULAR: f64 = 0.25;
+
+pub(crate) fn run(sheet: &mut Sheet) {
+    sheet.heading("Gaussian bearings against the Cramer-Rao bound (1 to 8 units, 60 degrees)");
+    for (n, degrees) in [(3, 0.1), (3, 0.5), (3, 1.0), (6, 0.5), (10, 1.0)] {
+        let (ratio, nees) = simulate(n, f64::to_radians(degrees));
+        let name = format!("{n} sightings, {degrees} deg:");
+        let off = (ratio - 1.0).abs();
+        sheet.figure(&format!("{name} rms error / bound"), ratio, "", &Goal::None);
+        sheet.figure(&format!("{name} off by"), off, "", &Goal::AtMost(0.05));
+        // Mean 3, variance 6: four standard errors of the mean.
+        let tolerance = 4.0 * (6.0 / f64::from(RUNS)).sqrt();
+        sheet.figure(&format!("{name} NEES (3 is right)"), nees, "", &Goal::None);
+        let unbelievable = (nees - 3.0).abs();
+        // Curvature adds a little at one degree; within a tenth it is consistent.
+        sheet.figure(
+            &format!("{name} NEES off by"),
+            unbelievable,
+            "",
+            &Goal::AtMost(tolerance.max(0.2)),
+        );
+    }
+}
+
+/// Root of the mean of squared position error over squared bound, and the mean NEES.
+fn simulate(n: usize, sigma: f64) -> (f64, f64) {
+    let mut rng = generator(2026);
+    let (mut ratio, mut nees, mut runs) = (0.0, 0.0, 0);
+    while runs < RUNS {
+        let truth = Truth::random(&mut rng);
+        let targets: [Point2<f64>; 10] = truth.targets(&mut rng);
+        let mut sightings = |noise: f64| -> Vec<_> {
+            targets
+                .iter()
+                .take(n)
+                .map(|&target| {
+                    let bearing = truth.bearing_of(target) + noise * normal(&mut rng);
+                    Sighting::new(target, Ray::from_bearing(bearing), sigma)
+                })
+                .collect()
+        };
+        let Ok(bound) = resection::solve(&sightings(0.0)) else {
+            continue;
+        };
+        if bound.pose.sigma_position() > REGULAR {
+            continue;
+        }
+        let noisy = sightings(sigma);
+        let Ok(solution) = resection::solve(&noisy) else {
+            continue;
+        };
+        let error = solution.pose.position - truth.position();
+        ratio += error.norm_squared() / bound.pose.sigma_position().powi(2);
+        nees += solution
+            .pose
+            .normalised_error(truth.position(), truth.heading)
+            .unwrap_or(f64::INFINITY);
+        runs += 1;
+    }
+    let runs = f64::from(RUNS);
+    ((ratio / runs).sqrt(), nees / runs)
+}

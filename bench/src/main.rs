@@ -1,0 +1,57 @@
+//! Computes the figures that the README states, next to what they are to reach.
+//!
+//! The full recorded sets are read from `../shared/data` beside the repository where they are
+//! there; otherwise the subsets in `tests/data`, whose figures differ a little.
+
+use std::process::ExitCode;
+
+use clap::{Parser, ValueEnum};
+
+mod cramer_rao;
+mod figure;
+mod precision;
+mod recorded;
+mod stage;
+
+use figure::Sheet;
+
+/// The figures of the README, computed again.
+#[derive(Parser)]
+struct Arguments {
+    /// Which figures; all by default.
+    #[arg(value_enum)]
+    topics: Vec<Topic>,
+}
+
+#[derive(Clone, Copy, PartialEq, ValueEnum)]
+enum Topic {
+    /// Real cameras and a real scanner: MRCLAM and Roh.
+    Recorded,
+    /// Blobs of the Stage simulator, for the thesis's 13 cameras.
+    Stage,
+    /// Simulated Gaussian bearings against the Cramer-Rao bound.
+    CramerRao,
+    /// Single precision against double, by conditioning.
+    Precision,
+}
+
+fn main() -> anyhow::Result<ExitCode> {
+    let topics = Arguments::parse().topics;
+    let mut sheet = Sheet::default();
+    for topic in Topic::value_variants() {
+        if !topics.is_empty() && !topics.contains(topic) {
+            continue;
+        }
+        match topic {
+            Topic::Recorded => recorded::run(&mut sheet)?,
+            Topic::Stage => stage::run(&mut sheet)?,
+            Topic::CramerRao => cramer_rao::run(&mut sheet),
+            Topic::Precision => precision::run(&mut sheet),
+        }
+    }
+    Ok(if sheet.all_reached() {
+        ExitCode::SUCCESS
+    } else {
+        ExitCode::FAILURE
+    })
+}

@@ -1,0 +1,186 @@
+//! Blobs of the real Stage 4.3 simulator for the thesis's 13 cameras (Table 4.1), true stops.
+//!
+//! Stage spaces its rays at equal angles; the middle of a blob is `(left + right) / 2`. Blobs that
+//! touch the border are clipped and left out.
+
+use std::collections::BTreeMap;
+use std::path::Path;
+
+use anyhow::Context;
+use calib_core::{
+    Sighting, angle,
+    camera::Camera,
+    reference::{self, Known, Settings, Stop},
+    resection,
+};
+use nalgebra::{Matrix2, Point2};
+use serde::Deserialize;
+
+use crate::figure::{Goal, Sheet, full_data, rms};
+
+/// Table 4.1: x, y, heading in degrees of nodes 1 to 13.
+const CAMERAS: [(f64, f64, f64); 13] = [
+    (0.0, 0.0, 45.0),
+    (10.0, 0.0, 145.0),
+    (15.0, 2.0, 130.0),
+    (17.0, 3.0, 120.0),
+    (21.0, 3.0, 90.0),
+    (25.0, 8.0, 180.0),
+    (24.0, 12.0, 230.0),
+    (17.0, 12.0, 310.0),
+    (22.0, 13.0, 120.0),
+    (16.0, 14.0, 45.0),
+    (13.0, 13.0, 90.0),
+    (9.0, 16.0, 270.0),
+    (4.0, 15.0, 320.0),
+];
+const LAST_COLUMN: u8 = 87;
+/// Stage measures (left + right) / 2 in whole or half columns, of a body 0.3 units wide.
+const COLUMN_SIGMA: f64 = 0.4;
+
+#[derive(Deserialize)]
+struct Blob {
+    stop: usize,
+    target_x: f64,
+    target_y: f64,
+    node: usize,
+    left: u8,
+    right: u8,
+}
+
+impl Blob {
+    fn is_whole(&self) -> bool {
+        self.left > 0 && self.right < LAST_COLUMN
+    }
+
+    fn column(&self) -> f64 {
+        f64::midpoint(f64::from(self.left), f64::from(self.right))
+    }
+
+    /// Stops 3, 4, 5 were planned for node 3, the next three for node 4, and so on.
+    fn was_planned(&self) -> bool {
+        self.node >= 3 && self.stop / 3 == self.node - 2
+    }
+}
+
+/// Errors of one camera: distance, x, y in units, heading in degrees.
+struct Errors {
+    distance: f64,
+    x: f64,
+    y: f64,
+    heading: f64,
+}
+
+pub(crate) fn run(sheet: &mut Sheet) -> anyhow::Result<()> {
+    let camera = Camera::equal_angle(88, 60_f64.to_radians())?;
+    sheet.heading("Stage blobs, 13 cameras of the thesis, equal angles");
+
+    let mut errors = Vec::new();
+    let mut reference_error: f64 = 0.0;
+    for seed in [1, 2, 3] {
+        let name = format!("stage13/blobs_seed{seed}.csv");
+        let Some(path) = full_data(&name).or_else(|| own(seed)) else {
+            sheet.note(&format!("{name} is not there: left out"));
+            continue;
+        };
+        let blobs = read(&path)?;
+        errors.extend(solve(&blobs, &camera, Blob::was_planned)?);
+        reference_error = reference_error.max(worst_reference_heading(&blobs, &camera)?);
+    }
+    let quantile = |of: fn(&Errors) -> f64, p| {
+        let mut values: Vec<_> = errors.iter().map(of).collect();
+        host_sim::accuracy::quantile(&mut values, p)
+    };
+    let name = "three planned stops,";
+    let median = |of| quantile(of, 0.5);
+    sheet.figure(&format!("{name} median distance"), median(|e| e.distance), "units", &Goal::AtMost(0.08));
+    sheet.figure(&format!("{name} median heading"), median(|e| e.heading.abs()), "deg", &Goal::AtMost(1.0));
+    sheet.figure(&format!("{name} rms x"), rms(errors.iter().map(|e| e.x)), "units", &Goal::None);
+    sheet.figure(&format!("{name} rms y"), rms(errors.iter().map(|e| e.y)), "units", &Goal::None);
+    sheet.figure(&format!("{name} rms heading"), rms(errors.iter().map(|e| e.heading)), "deg", &Goal::None);
+    sheet.figure("reference headings from three stops, worst", reference_error, "deg", &Goal::AtMost(1.0));
+
+    let Some(path) = full_data("stage13/blobs_seed11.csv") else {
+        sheet.note("stage13/blobs_seed11.csv is not there: left out");
+        return Ok(());
+    };
+    let errors = solve(&read(&path)?, &camera, |blob| blob.node >= 3)?;
+    let name = "all sightings (about 19 a camera),";
+    sheet.figure(&format!("{name} rms x"), rms(errors.iter().map(|e| e.x)), "units", &Goal::AtMost(0.02));
+    sheet.figure(&format!("{name} rms y"), rms(errors.iter().map(|e| e.y)), "units", &Goal::AtMost(0.02));
+    sheet.figure(&format!("{name} rms heading"), rms(errors.iter().map(|e| e.heading)), "deg", &Goal::AtMost(0.16));
+    Ok(())
+}
+
+fn own(seed: u32) -> Option<std::path::PathBuf> {
+    let path = test_support::data(&format!("stage13_seed{seed}_blobs.csv"));
+    path.is_file().then_some(path)
+}
+
+fn read(path: &Path) -> anyhow::Result<Vec<Blob>> {
+    csv::Reader::from_path(path)
+        .and_then(|mut reader| reader.deserialize().collect())
+        .with_context(|| format!("cannot read {}", path.display()))
+}
+
+/// Every camera from its whole blobs that `wanted` takes.
+fn solve(
+    blobs: &[Blob],
+    camera: &Camera<f64>,
+    wanted: fn(&Blob) -> bool,
+) -> anyhow::Result<Vec<Errors>> {
+    let mut by_node = BTreeMap::<_, Vec<_>>::new();
+    for blob in blobs.iter().filter(|blob| blob.is_whole() && wanted(blob)) {
+        let target = Point2::new(blob.target_x, blob.target_y);
+        let sigma = camera.bearing_sigma(blob.column(), COLUMN_SIGMA);
+        let sighting = Sighting::new(target, camera.ray(blob.column()), sigma);
+        by_node.entry(blob.node).or_default().push(sighting);
+    }
+    by_node
+        .into_iter()
+        .map(|(node, sightings)| {
+            let pose = resection::solve(&sightings)
+                .with_context(|| format!("node {node}"))?
+                .pose;
+            let (x, y, heading) = CAMERAS[node - 1];
+            let d = pose.position - Point2::new(x, y);
+            let turned = angle::wrap_signed(pose.heading - f64::to_radians(heading));
+            Ok(Errors {
+                distance: d.norm(),
+                x: d.x,
+                y: d.y,
+                heading: turned.to_degrees(),
+            })
+        })
+        .collect()
+}
+
+/// Nodes 1 and 2 from the first three stops and the displacements between them; degrees.
+fn worst_reference_heading(blobs: &[Blob], camera: &Camera<f64>) -> anyhow::Result<f64> {
+    let find = |node, stop| blobs.iter().find(|b| b.node == node && b.stop == stop);
+    let mut stops = Vec::new();
+    let mut previous: Option<Point2<f64>> = None;
+    for stop in 0..3 {
+        let (Some(a), Some(b)) = (find(1, stop), find(2, stop)) else {
+            anyhow::bail!("stop {stop} was not seen by both reference cameras");
+        };
+        let place = Point2::new(a.target_x, a.target_y);
+        stops.push(Stop {
+            rays: [a, b].map(|blob| camera.ray(blob.column())),
+            bearing_sigmas: [a, b].map(|blob| camera.bearing_sigma(blob.column(), COLUMN_SIGMA)),
+            displacement: place - previous.unwrap_or(place),
+            displacement_covariance: Matrix2::zeros(),
+        });
+        previous = Some(place);
+    }
+    let known = Known {
+        baseline: Some(10.0),
+        frame_heading: Some(0.0),
+    };
+    let best = reference::solve(&stops, &known, &Settings::default())?.best;
+    let error = |k: usize| {
+        let truth = CAMERAS[k].2.to_radians();
+        angle::wrap_signed(best.headings[k] - truth).to_degrees().abs()
+    };
+    Ok(error(0).max(error(1)))
+}

@@ -1,0 +1,68 @@
+//! Where does a camera stand, and where does it look? This crate answers from *bearings*: the
+//! directions, in the camera's own frame, in which it saw a target at known places.
+//!
+//! | module | question |
+//! |---|---|
+//! | [`camera`] | In which direction does a pixel column look? |
+//! | [`resection`] | Where is a camera that saw a target at three or more known places? |
+//! | [`mod@reference`] | Where do two cameras look, and where is the target, when only its displacements are known? |
+//! | [`dead_reckoning`] | Where is the target after some more steps? |
+//!
+//! Everything works in the plane, as in the thesis this project builds on (section 2.4), allocates
+//! nothing, and is generic over the scalar ([`Real`]): `f32` on a node, `f64` on a computer, from
+//! the same source.
+//!
+//! # Conventions
+//! - Angles are radians, counter-clockwise. Headings are in `[0, 2 pi)`, from the world's x axis.
+//! - A bearing, or offset `phi`, is signed and relative to the camera's optical axis: positive when
+//!   the target is *left* of it, that is at a *smaller* pixel column than the principal point.
+//! - Lengths are in whatever unit the target's places are in.
+//! - Every sigma is one standard deviation.
+//! - What cannot be answered is [refused](Refusal) with a reason. No function returns NaN.
+//!
+//! # Example
+//! A camera of 88 columns and 60 degrees saw the target at three places.
+//! ```
+//! use calib_core::{camera::Camera, resection, Sighting};
+//! use nalgebra::Point2;
+//!
+//! let camera = Camera::pin_hole(88, 60_f64.to_radians())?;
+//! let sightings = [(6.0, 2.0, 19.0), (7.0, -1.5, 60.0), (3.0, -0.5, 56.0)].map(|(x, y, column)| {
+//!     Sighting::new(Point2::new(x, y), camera.ray(column), camera.whole_pixel_sigma(column))
+//! });
+//!
+//! let solution = resection::solve(&sightings)?;
+//! println!("{}", solution.pose); // x 0.0… +/- …, heading …
+//! # Ok::<(), Box<dyn core::error::Error>>(())
+//! ```
+#![no_std]
+#![forbid(unsafe_code)]
+#![cfg_attr(
+    not(test),
+    deny(
+        clippy::unwrap_used,
+        clippy::expect_used,
+        clippy::panic,
+        clippy::indexing_slicing
+    )
+)]
+
+pub mod angle;
+pub mod camera;
+pub mod dead_reckoning;
+pub mod reference;
+pub mod resection;
+
+mod minimize;
+mod plane;
+mod pose;
+mod real;
+mod refusal;
+mod sighting;
+mod subsets;
+
+pub use minimize::Method;
+pub use pose::{Ellipse, Pose};
+pub use real::Real;
+pub use refusal::Refusal;
+pub use sighting::{Ray, Sighting};

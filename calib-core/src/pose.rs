@@ -1,0 +1,143 @@
+//! The answer: a place, a heading, and how sure both are.
+
+use core::fmt;
+
+use nalgebra::{Matrix2, Matrix3, Point2, Vector2};
+
+use crate::{Real, real::lit};
+
+/// Where a camera stands and looks, with its uncertainty.
+#[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[cfg_attr(
+    feature = "serde",
+    serde(bound(
+        serialize = "T: Real + serde::Serialize",
+        deserialize = "T: Real + serde::Deserialize<'de>"
+    ))
+)]
+pub struct Pose<T: Real> {
+    /// The camera's centre.
+    pub position: Point2<T>,
+    /// Direction of the optical axis, radians in `[0, 2 pi)`.
+    pub heading: T,
+    /// Covariance of `(x, y, heading)`, symmetric; to first order.
+    pub covariance: Matrix3<T>,
+}
+
+/// A region of confidence in the plane.
+#[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct Ellipse<T> {
+    /// The longer half axis.
+    pub semi_major: T,
+    /// The shorter half axis.
+    pub semi_minor: T,
+    /// Direction of the longer axis, radians in `(-pi/2, pi/2]`.
+    pub angle: T,
+}
+
+impl<T: Real> Pose<T> {
+    /// Standard deviation of x.
+    pub fn sigma_x(&self) -> T {
+        root(self.covariance.m11)
+    }
+
+    /// Standard deviation of y.
+    pub fn sigma_y(&self) -> T {
+        root(self.covariance.m22)
+    }
+
+    /// Standard deviation of the place: `sqrt(sigma_x^2 + sigma_y^2)`, the expected rms distance
+    /// between answer and truth, whichever way the frame is turned.
+    pub fn sigma_position(&self) -> T {
+        root(self.covariance.m11 + self.covariance.m22)
+    }
+
+    /// Standard deviation of the heading, radians.
+    pub fn sigma_heading(&self) -> T {
+        root(self.covariance.m33)
+    }
+
+    /// The ellipse that holds the camera's true place with the given probability in `(0, 1)`, if
+    /// errors are Gaussian.
+    pub fn ellipse(&self, probability: T) -> Ellipse<T> {
+        // Two degrees of freedom: the quantile of chi squared is -2 ln(1 - p).
+        let scale = root(-lit::<T>(2.0) * (T::one() - probability).ln());
+        let (xx, xy, yy) = (
+            self.covariance.m11,
+            self.covariance.m12,
+            self.covariance.m22,
+        );
+        let half = lit::<T>(0.5);
+        let mean = (xx + yy) * half;
+        let difference = (xx - yy) * half;
+        let radius = root(difference * difference + xy * xy);
+        Ellipse {
+            semi_major: scale * root(mean + radius),
+            semi_minor: scale * root(mean - radius),
+            angle: half * xy.atan2(difference),
+        }
+    }
+
+    /// The same pose when all targets it came from were displaced together by an error of this
+    /// covariance: the camera is then displaced with them, and its heading is not touched.
+    ///
+    /// This is how the correlation of dead-reckoned stops is kept: the part of the error that
+    /// they share goes in here, the rest stays with each
+    /// [sighting](crate::Sighting::target_covariance) as if independent.
+    #[must_use]
+    pub fn with_shared_target_error(mut self, covariance: &Matrix2<T>) -> Self {
+        self.covariance.m11 += covariance.m11;
+        self.covariance.m12 += covariance.m12;
+        self.covariance.m21 += covariance.m21;
+        self.covariance.m22 += covariance.m22;
+        self
+    }
+
+    /// The squared error against a known truth in units of the predicted covariance (NEES). It
+    /// averages 3 over many poses whose predictions are right. `None` for a singular covariance.
+    pub fn normalised_error(&self, position: Point2<T>, heading: T) -> Option<T> {
+        let d: Vector2<T> = self.position - position;
+        let error =
+            nalgebra::Vector3::new(d.x, d.y, crate::angle::wrap_signed(self.heading - heading));
+        Some((self.covariance.cholesky()?.solve(&error)).dot(&error))
+    }
+}
+
+/// A variance may come out a rounding error below zero.
+fn root<T: Real>(variance: T) -> T {
+    variance.max(T::zero()).sqrt()
+}
+
+impl<T: Real + fmt::Display> fmt::Display for Pose<T> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let degrees = |radians: T| radians * lit(180.0) / T::pi();
+        write!(
+            f,
+            "x {:.3} +/- {:.3}, y {:.3} +/- {:.3}, heading {:.2} +/- {:.2} deg",
+            self.position.x,
+            self.sigma_x(),
+            self.position.y,
+            self.sigma_y(),
+            degrees(self.heading),
+            degrees(self.sigma_heading()),
+        )
+    }
+}
+
+#[cfg(feature = "defmt")]
+impl<T: Real + defmt::Format> defmt::Format for Pose<T> {
+    fn format(&self, f: defmt::Formatter<'_>) {
+        defmt::write!(
+            f,
+            "x {} +/- {}, y {} +/- {}, heading {} +/- {} rad",
+            self.position.x,
+            self.sigma_x(),
+            self.position.y,
+            self.sigma_y(),
+            self.heading,
+            self.sigma_heading()
+        );
+    }
+}

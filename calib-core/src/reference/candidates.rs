@@ -1,0 +1,260 @@
+//! Closed-form answers from two or three stops, for least squares to start from.
+//!
+//! **Two circles.** Camera `k` sees the displacement `L` between two stops under the angle between
+//! its two rays, `m_k = u_k' conj(u_k)`. Relative to the first of the two stops it is therefore at
+//! a place `c` with `s |c|^2 + Im(conj(m) L conj(c)) = 0`, `s = Im m`: a circle through both stops
+//! (a line when `s` is zero). Both cameras are tied together by the baseline, `c_1 = c_0 + d`, so
+//! `c_0` is on two circles, which meet in up to two points. When noise makes them miss each other,
+//! the point of the radical line closest to both stands in.
+//!
+//! **Two resections.** In the displacements' own frame all stops are known, so each camera solves
+//! three of them like any other camera does. The baseline's length and the frame's heading follow.
+
+use nalgebra::{Vector2, Vector6};
+
+use super::{REFINED, Stop, model::Bearings};
+use crate::{
+    Ray, Real, Refusal, Sighting,
+    minimize::Problem,
+    plane::{cross, dot, mul, mul_conj, quarter_turn, taxicab, unit},
+    real::lit,
+    resection::three_point::{self, Fix},
+    subsets,
+};
+
+/// A start for least squares, and how badly it fits all stops.
+#[derive(Clone, Copy)]
+pub(super) struct Proposal<T: Real> {
+    pub x: Vector6<T>,
+    cost: T,
+}
+
+/// Trial headings for a frame whose heading is not known: every 15 degrees.
+const TRIAL_HEADINGS: u8 = 24;
+
+/// The candidates that fit all stops best.
+///
+/// # Errors
+/// Why the closed forms refused, if all did; [`Refusal::TargetBehind`] when circles met only
+/// behind a camera.
+pub(super) fn propose<T: Real>(
+    problem: &Bearings<'_, T>,
+) -> Result<[Option<Proposal<T>>; REFINED], Refusal> {
+    let mut best = Best {
+        problem,
+        proposals: [None; REFINED],
+    };
+    let known = problem.known;
+    let mut refusal = Refusal::TargetBehind;
+    match (known.baseline, known.frame_heading) {
+        (Some(baseline), Some(heading)) => best.offer_circles(baseline, heading),
+        (baseline, heading) => {
+            refusal = best.offer_resections().err().unwrap_or(refusal);
+            if let (Some(baseline), None) = (baseline, heading) {
+                for k in 0..TRIAL_HEADINGS {
+                    let turn = f64::from(k) / f64::from(TRIAL_HEADINGS);
+                    best.offer_circles(baseline, T::two_pi() * lit(turn));
+                }
+            }
+        }
+    }
+    if best.proposals.iter().all(Option::is_none) {
+        return Err(refusal);
+    }
+    Ok(best.proposals)
+}
+
+struct Best<'a, T: Real> {
+    problem: &'a Bearings<'a, T>,
+    proposals: [Option<Proposal<T>>; REFINED],
+}
+
+impl<T: Real> Best<'_, T> {
+    /// Keeps the proposals sorted by cost, the worst falls out.
+    fn offer(&mut self, x: Vector6<T>) {
+        let cost = self.problem.cost(&x, &x);
+        if !cost.is_finite() {
+            return;
+        }
+        let mut carried = Some(Proposal { x, cost });
+        for slot in &mut self.proposals {
+            let better = match (&carried, &slot) {
+                (Some(c), Some(s)) => c.cost < s.cost,
+                (Some(_), None) => true,
+                (None, _) => false,
+            };
+            if better {
+                core::mem::swap(slot, &mut carried);
+            }
+        }
+    }
+
+    fn offer_circles(&mut self, baseline: T, frame_heading: T) {
+        let turn = unit(frame_heading);
+        let to_camera1 = Vector2::new(baseline, T::zero());
+        for [i, j] in subsets::pairs(self.problem.stops.len()) {
+            let (Some((a, to_a)), Some((b, to_b))) = (self.problem.stop(i), self.problem.stop(j))
+            else {
+                continue;
+            };
+            let [ray0, ray1] = a.rays;
+            let leg = mul(turn, to_b - to_a);
+            for camera0 in meet(&a.rays, &b.rays, leg, baseline).into_iter().flatten() {
+                // Relative to the stop, the camera is at `camera0`; it is the origin of the frame.
+                let place = -camera0;
+                let axis0 = mul_conj(place, ray0.vector());
+                let axis1 = mul_conj(place - to_camera1, ray1.vector());
+                let first = place - mul(turn, to_a);
+                self.offer(Vector6::new(
+                    axis0.y.atan2(axis0.x),
+                    axis1.y.atan2(axis1.x),
+                    first.x,
+                    first.y,
+                    frame_heading,
+                    baseline,
+                ));
+            }
+        }
+    }
+
+    /// # Errors
+    /// Why the last refused triple was.
+    fn offer_resections(&mut self) -> Result<(), Refusal> {
+        let known = self.problem.known;
+        let mut result = Ok(());
+        for triple in subsets::triples(self.problem.stops.len()) {
+            let [Some(a), Some(b), Some(c)] = triple.map(|n| self.problem.stop(n)) else {
+                continue;
+            };
+            // A fix needs no sigma.
+            let fix = |ray: fn(&Stop<T>) -> Ray<T>| {
+                three_point::fix(&[a, b, c].map(|(stop, displacement)| {
+                    Sighting::new(displacement.into(), ray(stop), T::one())
+                }))
+            };
+            match (fix(|stop| stop.rays[0]), fix(|stop| stop.rays[1])) {
+                (Ok(fix0), Ok(fix1)) => {
+                    let mut x = joined(&fix0, &fix1);
+                    x.a = known.frame_heading.unwrap_or(x.a);
+                    x.b = known.baseline.unwrap_or(x.b);
+                    self.offer(x);
+                }
+                (Err(why), _) | (_, Err(why)) => result = Err(why),
+            }
+        }
+        result
+    }
+}
+
+/// Two cameras placed in the displacements' frame, seen from the frame of their baseline.
+fn joined<T: Real>(fix0: &Fix<T>, fix1: &Fix<T>) -> Vector6<T> {
+    let between = fix1.position - fix0.position;
+    let length = dot(between, between).sqrt();
+    let axis0 = mul_conj(fix0.axis, between);
+    let axis1 = mul_conj(fix1.axis, between);
+    let first = mul_conj(-fix0.position.coords, between) / length;
+    Vector6::new(
+        axis0.y.atan2(axis0.x),
+        axis1.y.atan2(axis1.x),
+        first.x,
+        first.y,
+        -between.y.atan2(between.x),
+        length,
+    )
+}
+
+/// A circle, or a line, on which a camera is: `s |c|^2 + a . c + k = 0`.
+#[derive(Clone, Copy)]
+struct Circle<T: Real> {
+    s: T,
+    a: Vector2<T>,
+    k: T,
+}
+
+impl<T: Real> Circle<T> {
+    /// Where a camera sees the leg from the origin to `leg` under the angle from `from` to `to`.
+    fn of_view(from: Ray<T>, to: Ray<T>, leg: Vector2<T>) -> Self {
+        let m = mul_conj(to.vector(), from.vector());
+        let w = mul_conj(leg, m);
+        Self {
+            s: m.y,
+            a: Vector2::new(w.y, -w.x),
+            k: T::zero(),
+        }
+    }
+
+    /// The same circle for a camera that is `offset` away from the one it is about.
+    fn seen_from(self, offset: Vector2<T>) -> Self {
+        Self {
+            s: self.s,
+            a: self.a + offset * (self.s + self.s),
+            k: self.k + dot(self.a, offset) + self.s * dot(offset, offset),
+        }
+    }
+}
+
+/// The places of camera 0, relative to the first of two stops, from which both cameras see both
+/// stops in front of them.
+fn meet<T: Real>(
+    from: &[Ray<T>; 2],
+    to: &[Ray<T>; 2],
+    leg: Vector2<T>,
+    baseline: T,
+) -> [Option<Vector2<T>>; 2] {
+    let offset = Vector2::new(baseline, T::zero());
+    let ([from0, from1], [to0, to1]) = (*from, *to);
+    let circle0 = Circle::of_view(from0, to0, leg);
+    let circle1 = Circle::of_view(from1, to1, leg).seen_from(offset);
+    intersections(circle0, circle1).map(|point| {
+        point.filter(|&c| {
+            in_front(from0, to0, -c, leg - c) && in_front(from1, to1, -c - offset, leg - c - offset)
+        })
+    })
+}
+
+/// Of the two arcs over a leg, the one from which the rays point at the stops and not away from
+/// them: the ranges along both rays have the same sign, and turning the camera makes it positive.
+fn in_front<T: Real>(
+    from: Ray<T>,
+    to: Ray<T>,
+    to_first: Vector2<T>,
+    to_second: Vector2<T>,
+) -> bool {
+    let axis = mul_conj(to_first, from.vector());
+    dot(mul(axis, to.vector()), to_second) > T::zero()
+}
+
+fn intersections<T: Real>(p: Circle<T>, q: Circle<T>) -> [Option<Vector2<T>>; 2] {
+    // The radical line n . c + k = 0: the combination of both circles without |c|^2.
+    let n = p.a * q.s - q.a * p.s;
+    let k = p.k * q.s - q.k * p.s;
+    let n2 = dot(n, n);
+    if p.s == T::zero() && q.s == T::zero() {
+        // Two lines.
+        let parallel = cross(p.a, q.a);
+        let point = (quarter_turn(q.a) * p.k - quarter_turn(p.a) * q.k) / parallel;
+        return [taxicab(point).is_finite().then_some(point), None];
+    }
+    let foot = n * (-k / n2);
+    if !taxicab(foot).is_finite() {
+        return [None, None];
+    }
+    // Along the line, from its foot: s t^2 + 2 h t + g = 0, by the rounder of the two circles.
+    let circle = if p.s.abs() > q.s.abs() { p } else { q };
+    let along = quarter_turn(n) / n2.sqrt();
+    let h = (dot(circle.a, along)) * lit(0.5);
+    let g = circle.s * dot(foot, foot) + dot(circle.a, foot) + circle.k;
+    let discriminant = h * h - circle.s * g;
+    if discriminant <= T::zero() {
+        // They miss, or touch: the middle of the gap.
+        return [Some(foot - along * (h / circle.s)), None];
+    }
+    // Without cancellation: the larger root first, the other from the product of both.
+    let root = discriminant.sqrt();
+    let sum = -(h + if h < T::zero() { -root } else { root });
+    let [t1, t2] = [sum / circle.s, g / sum];
+    [t1, t2].map(|t| {
+        let point = foot + along * t;
+        taxicab(point).is_finite().then_some(point)
+    })
+}

@@ -1,0 +1,332 @@
+//! The reference solve: two cameras that see the target together find their own headings and the
+//! target's place (thesis 2.6.1).
+//!
+//! Camera 0 is the origin, camera 1 at `(baseline, 0)`. At every stop both see the target; between
+//! stops the target's step sensor measures its displacement. Unknown are the two headings and the
+//! first stop and, as [`Known`] says, the baseline's length and how the frame of the displacements
+//! is turned against it.
+//!
+//! # Why not the thesis's equations
+//! The six residuals in print ([`printed`]) determine four of their six unknowns only: the
+//! measured displacement has cancelled from them, so every pair of headings solves them perfectly.
+//! Here the displacement is what it was measured for. Bearings of `n` stops are `2 n` equations;
+//!
+//! | known | unknown | stops |
+//! |---|---|---|
+//! | baseline and frame heading | 4 | 2, with up to two answers; 3 decide |
+//! | baseline, or frame heading | 5 | 3 |
+//! | neither (the displacements give the scale) | 6 | 3 |
+//!
+//! # How
+//! Closed forms propose candidates, so nobody guesses: two circles for each pair of stops, or two
+//! resections for each triple. Those with the least residuals are refined by least squares
+//! ([`Method`]) over all stops.
+//!
+//! # Uncertainty
+//! The covariance follows from the bearings' sigmas and the displacements' covariances. A stop's
+//! place relative to the first counts as uncertain by the *sum* of the displacements' covariances
+//! up to it; that both cameras see the same displaced target is taken into account, that the next
+//! stops carry the same error on is not. With long chains of poor displacements the result is
+//! therefore somewhat too sure. Where two answers merge, or noise makes the circles of two stops
+//! miss each other, the prediction is bounded by the profile of the cost instead of its slope.
+
+use nalgebra::{Matrix2, Matrix6, Point2, Vector2, Vector6};
+
+use crate::{
+    Method, Ray, Real, Refusal, angle,
+    minimize::{Minimum, minimize},
+    plane::unit,
+    real::lit,
+};
+use candidates::Proposal;
+use model::Bearings;
+
+mod candidates;
+mod model;
+pub mod printed;
+mod profile;
+
+/// One stop of the target, seen by both reference cameras.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Stop<T: Real> {
+    /// The directions in which camera 0 and camera 1 saw the target.
+    pub rays: [Ray<T>; 2],
+    /// Standard deviations of these directions, radians, above zero.
+    pub bearing_sigmas: [T; 2],
+    /// Displacement of the target from the previous stop. Ignored for the first stop.
+    pub displacement: Vector2<T>,
+    /// Covariance of that displacement.
+    pub displacement_covariance: Matrix2<T>,
+}
+
+impl<T: Real> Stop<T> {
+    fn is_usable(&self) -> bool {
+        let rays = self
+            .rays
+            .iter()
+            .zip(self.bearing_sigmas)
+            .all(|(ray, sigma)| {
+                let length = ray.forward.abs() + ray.left.abs();
+                length.is_finite() && length > T::zero() && sigma.is_finite() && sigma > T::zero()
+            });
+        let moved = self.displacement.sum() + self.displacement_covariance.sum();
+        rays && moved.is_finite()
+    }
+}
+
+/// What is known beforehand.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Known<T> {
+    /// Distance between the two cameras, above zero.
+    pub baseline: Option<T>,
+    /// Direction of the displacements' x axis in the frame whose x axis is the baseline, radians;
+    /// zero where the step sensor was aligned with it.
+    pub frame_heading: Option<T>,
+}
+
+/// How to solve.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Settings {
+    /// From the closed-form candidate to the minimum.
+    pub method: Method,
+    /// Steps after which a candidate is given up.
+    pub iteration_limit: usize,
+}
+
+impl Default for Settings {
+    /// Levenberg damping, 50 iterations (4 to 6 are usual). Steepest descent wants thousands.
+    fn default() -> Self {
+        Self {
+            method: Method::default(),
+            iteration_limit: 50,
+        }
+    }
+}
+
+/// One answer.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Solution<T: Real> {
+    /// Headings of camera 0 and camera 1 against the baseline, radians in `[0, 2 pi)`.
+    pub headings: [T; 2],
+    /// Where the target stood at the first stop.
+    pub first_stop: Point2<T>,
+    /// Direction of the displacements' x axis against the baseline, radians in `[0, 2 pi)`.
+    pub frame_heading: T,
+    /// Distance between the cameras.
+    pub baseline: T,
+    /// Covariance of `(heading 0, heading 1, first x, first y, frame heading, baseline)`. Rows and
+    /// columns of what was known are zero.
+    pub covariance: Matrix6<T>,
+    /// Sum of the squared residuals, each over its variance.
+    pub chi_squared: T,
+    /// Equations beyond the unknowns.
+    pub degrees_of_freedom: usize,
+    /// Steps of the refinement.
+    pub iterations: usize,
+    /// Condition number (1-norm) of the normal matrix scaled to unit diagonal. 1 is best; the
+    /// square root of one over the scalar's epsilon is about where digits run out.
+    pub condition: T,
+}
+
+impl<T: Real> Solution<T> {
+    /// Standard deviations of the two headings, radians.
+    pub fn heading_sigmas(&self) -> [T; 2] {
+        [self.covariance.m11, self.covariance.m22].map(|v| v.max(T::zero()).sqrt())
+    }
+
+    /// Standard deviation of the baseline; zero where it was known.
+    pub fn baseline_sigma(&self) -> T {
+        self.covariance.m66.max(T::zero()).sqrt()
+    }
+
+    /// Standard deviation of the frame heading, radians; zero where it was known.
+    pub fn frame_heading_sigma(&self) -> T {
+        self.covariance.m55.max(T::zero()).sqrt()
+    }
+
+    /// Every stop's place with its covariance, in order: the solved first one, displaced. The
+    /// displacements' own covariance is included.
+    pub fn places(&self, stops: &[Stop<T>]) -> impl Iterator<Item = (Point2<T>, Matrix2<T>)> {
+        let turn = unit(self.frame_heading);
+        displacements_from_first(stops)
+            .map(move |(sum, spread)| model::place(self, turn, sum, spread))
+    }
+
+    fn unknowns(&self) -> Vector6<T> {
+        let [h0, h1] = self.headings;
+        let p = self.first_stop;
+        Vector6::new(h0, h1, p.x, p.y, self.frame_heading, self.baseline)
+    }
+}
+
+/// The best answer, and another one if the data cannot tell them apart.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Outcome<T: Real> {
+    /// The answer with the least residuals.
+    pub best: Solution<T>,
+    /// A different one that fits nearly as well: its chi squared is less than
+    /// [`AMBIGUITY`] above the best one's. One more stop, or a glance at the scene, decides.
+    pub alternative: Option<Solution<T>>,
+    /// How many different, physically possible answers the candidates led to.
+    pub candidates: usize,
+}
+
+/// Chi squared by which a worse answer must be worse to be ruled out: three sigmas.
+pub const AMBIGUITY: f64 = 9.0;
+
+/// Candidates that are refined. Duplicates of one answer come from different pairs of stops.
+const REFINED: usize = 6;
+
+/// Finds the headings of both cameras and the places of the target.
+///
+/// # Errors
+/// [`Refusal::TooFew`] stops for the unknowns; [`Refusal::NotFinite`] for an unusable number;
+/// [`Refusal::CoincidentTargets`] when the target did not move; [`Refusal::TargetBehind`] when no
+/// candidate has the target in front of both cameras; [`Refusal::DidNotConverge`];
+/// [`Refusal::Undetermined`].
+pub fn solve<T: Real>(
+    stops: &[Stop<T>],
+    known: &Known<T>,
+    settings: &Settings,
+) -> Result<Outcome<T>, Refusal> {
+    let lengths_usable = known
+        .baseline
+        .is_none_or(|b| b.is_finite() && b > T::zero());
+    let angle_usable = known.frame_heading.is_none_or(|h| h.is_finite());
+    if !(lengths_usable && angle_usable && stops.iter().all(Stop::is_usable)) {
+        return Err(Refusal::NotFinite);
+    }
+    let all_known = known.baseline.is_some() && known.frame_heading.is_some();
+    if stops.len() < if all_known { 2 } else { 3 } {
+        return Err(Refusal::TooFew);
+    }
+    if displacements_from_first(stops).all(|(sum, _)| sum == Vector2::zeros()) {
+        return Err(Refusal::CoincidentTargets);
+    }
+
+    let problem = Bearings::new(stops, known);
+    let proposals = candidates::propose(&problem)?;
+    let mut found: [Option<Solution<T>>; REFINED] = [None; REFINED];
+    let mut failure = Refusal::TargetBehind;
+    for Proposal { x, .. } in proposals.iter().flatten() {
+        match refine(&problem, *x, settings) {
+            Ok(solution) => insert(&mut found, solution),
+            Err(why) => failure = why,
+        }
+    }
+    let mut ranked = found.into_iter().flatten();
+    let best = ranked.next().ok_or(failure)?;
+    let limit = best.chi_squared + lit(AMBIGUITY);
+    Ok(Outcome {
+        best,
+        alternative: ranked.next().filter(|s| s.chi_squared < limit),
+        candidates: 1 + found.iter().skip(1).flatten().count(),
+    })
+}
+
+fn refine<T: Real>(
+    problem: &Bearings<'_, T>,
+    start: Vector6<T>,
+    settings: &Settings,
+) -> Result<Solution<T>, Refusal> {
+    let Minimum {
+        x,
+        model,
+        iterations,
+    } = minimize(problem, start, settings.method, settings.iteration_limit)?;
+    if !problem.all_in_front(&x) {
+        return Err(Refusal::TargetBehind);
+    }
+    let inverse = model
+        .hessian
+        .cholesky()
+        .ok_or(Refusal::Undetermined)?
+        .inverse();
+    let scale = model.hessian.diagonal().map(nalgebra::ComplexField::sqrt);
+    let scaling = scale * scale.transpose();
+    let condition = one_norm(&model.hessian.component_div(&scaling))
+        * one_norm(&inverse.component_mul(&scaling));
+    // Twice the digits of the scalar are gone: what is left is noise.
+    if !(condition < T::one() / T::default_epsilon()) {
+        return Err(Refusal::Undetermined);
+    }
+    Ok(Solution {
+        headings: [x.x, x.y].map(angle::wrap_positive),
+        first_stop: Point2::new(x.z, x.w),
+        frame_heading: angle::wrap_positive(x.a),
+        baseline: x.b,
+        covariance: profile::bounded(problem, &x, problem.free_part(&inverse)),
+        chi_squared: model.cost,
+        degrees_of_freedom: problem.degrees_of_freedom(),
+        iterations,
+        condition,
+    })
+}
+
+/// Keeps different answers, sorted by chi squared.
+fn insert<T: Real>(found: &mut [Option<Solution<T>>], solution: Solution<T>) {
+    if found.iter().flatten().any(|s| is_same(s, &solution)) {
+        return;
+    }
+    let mut carried = solution;
+    for slot in found {
+        match slot {
+            Some(s) if s.chi_squared <= carried.chi_squared => {}
+            Some(s) => core::mem::swap(s, &mut carried),
+            None => {
+                *slot = Some(carried);
+                return;
+            }
+        }
+    }
+}
+
+/// Whether two refined answers are one minimum: they differ by no more than where an iteration
+/// may stop short, and rounding.
+fn is_same<T: Real>(a: &Solution<T>, b: &Solution<T>) -> bool {
+    let difference = a.unknowns() - b.unknowns();
+    let angles = [difference.x, difference.y, difference.a].map(|d| angle::wrap_signed(d).abs());
+    let lengths = [difference.z, difference.w, difference.b].map(nalgebra::ComplexField::abs);
+    let near = |d: T, variance: T, size: T| {
+        d <= variance.max(T::zero()).sqrt() * lit(0.05) + size * T::default_epsilon() * lit(256.0)
+    };
+    let v = &a.covariance;
+    let [angle0, angle1, frame] = angles;
+    let [x, y, baseline] = lengths;
+    let size = a.baseline + a.first_stop.x.abs() + a.first_stop.y.abs();
+    near(angle0, v.m11, T::pi())
+        && near(angle1, v.m22, T::pi())
+        && near(frame, v.m55, T::pi())
+        && near(x, v.m33, size)
+        && near(y, v.m44, size)
+        && near(baseline, v.m66, size)
+}
+
+fn one_norm<T: Real>(matrix: &Matrix6<T>) -> T {
+    matrix
+        .column_iter()
+        .map(|column| column.lp_norm(1))
+        .fold(T::zero(), nalgebra::RealField::max)
+}
+
+/// For every stop the displacement since the first one, in the displacements' own frame, and its
+/// covariance.
+fn displacements_from_first<T: Real>(
+    stops: &[Stop<T>],
+) -> impl Iterator<Item = (Vector2<T>, Matrix2<T>)> {
+    let mut sum = Vector2::zeros();
+    let mut covariance = Matrix2::zeros();
+    stops.iter().enumerate().map(move |(n, stop)| {
+        if n > 0 {
+            sum += stop.displacement;
+            covariance += stop.displacement_covariance;
+        }
+        (sum, covariance)
+    })
+}
+
+/// A covariance in a frame turned by a unit vector.
+fn turned<T: Real>(covariance: &Matrix2<T>, turn: Vector2<T>) -> Matrix2<T> {
+    let rotation = Matrix2::new(turn.x, -turn.y, turn.y, turn.x);
+    rotation * covariance * rotation.transpose()
+}

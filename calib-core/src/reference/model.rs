@@ -1,0 +1,224 @@
+//! The least-squares problem behind the reference solve.
+//!
+//! Unknowns `x = (heading 0, heading 1, first x, first y, frame heading, baseline)`, always six;
+//! what is known keeps its value because its derivatives are left out.
+
+use nalgebra::{Matrix2, Matrix6, Point2, Vector2, Vector6};
+
+use super::{Known, Solution, Stop, displacements_from_first, turned};
+use crate::{
+    Ray, Real,
+    minimize::{Problem, Quadratic},
+    plane::{cross, dot, mul, quarter_turn, unit},
+    real::lit,
+};
+
+pub(super) struct Bearings<'a, T: Real> {
+    pub stops: &'a [Stop<T>],
+    pub known: &'a Known<T>,
+    /// One for what is solved for, zero for what is known.
+    free: Vector6<T>,
+}
+
+/// Both cameras' view of one stop, whitened: residuals of unit variance, independent.
+struct Pair<T: Real> {
+    residuals: [T; 2],
+    slopes: [Vector6<T>; 2],
+}
+
+/// The variances of a stop's two residuals, as the factor `L` of `L L^T`.
+struct Whitening<T> {
+    l00: T,
+    l10: T,
+    l11: T,
+}
+
+/// One stop as an answer predicts it.
+struct Sight<'a, T: Real> {
+    stop: &'a Stop<T>,
+    views: [View<T>; 2],
+    /// Displacement since the first stop, in the reference frame, and its covariance.
+    moved: Vector2<T>,
+    spread: Matrix2<T>,
+}
+
+/// One camera's view of one stop.
+struct View<T: Real> {
+    /// Bearing of the place minus that of the ray, wrapped by construction.
+    residual: T,
+    /// Derivative of the bearing by the target's place: across the line of sight, over the range.
+    across: Vector2<T>,
+}
+
+impl<'a, T: Real> Bearings<'a, T> {
+    pub(super) fn new(stops: &'a [Stop<T>], known: &'a Known<T>) -> Self {
+        let one = T::one();
+        let free_if = |unknown: bool| if unknown { one } else { T::zero() };
+        Self {
+            stops,
+            known,
+            free: Vector6::new(
+                one,
+                one,
+                one,
+                one,
+                free_if(known.frame_heading.is_none()),
+                free_if(known.baseline.is_none()),
+            ),
+        }
+    }
+
+    /// A stop, and its displacement from the first one in the displacements' own frame.
+    pub(super) fn stop(&self, n: usize) -> Option<(&Stop<T>, Vector2<T>)> {
+        let (sum, _) = displacements_from_first(self.stops).nth(n)?;
+        Some((self.stops.get(n)?, sum))
+    }
+
+    pub(super) fn degrees_of_freedom(&self) -> usize {
+        let unknowns = 4
+            + usize::from(self.known.frame_heading.is_none())
+            + usize::from(self.known.baseline.is_none());
+        (2 * self.stops.len()).saturating_sub(unknowns)
+    }
+
+    /// A covariance without the rows and columns of what is known.
+    pub(super) fn free_part(&self, covariance: &Matrix6<T>) -> Matrix6<T> {
+        covariance.component_mul(&(self.free * self.free.transpose()))
+    }
+
+    /// Whether every ray of both cameras points towards its stop, not away from it.
+    pub(super) fn all_in_front(&self, x: &Vector6<T>) -> bool {
+        self.sights(x).all(|sight| {
+            sight
+                .views
+                .iter()
+                .all(|view| view.residual.abs() < T::frac_pi_2())
+        })
+    }
+
+    fn sights(&self, x: &Vector6<T>) -> impl Iterator<Item = Sight<'_, T>> {
+        let [axis0, axis1] = [unit(x.x), unit(x.y)];
+        let first = Vector2::new(x.z, x.w);
+        let turn = unit(x.a);
+        let camera1 = Vector2::new(x.b, T::zero());
+        self.stops
+            .iter()
+            .zip(displacements_from_first(self.stops))
+            .map(move |(stop, (sum, spread))| {
+                let moved = mul(turn, sum);
+                let place = first + moved;
+                let [ray0, ray1] = stop.rays;
+                Sight {
+                    stop,
+                    views: [view(axis0, ray0, place), view(axis1, ray1, place - camera1)],
+                    moved,
+                    spread: turned(&spread, turn),
+                }
+            })
+    }
+
+    fn pairs(&self, x: &Vector6<T>) -> impl Iterator<Item = Pair<T>> {
+        self.sights(x).map(|sight| {
+            let whitening = sight.whitening();
+            let one = T::one();
+            let zero = T::zero();
+            let by_frame = quarter_turn(sight.moved);
+            let [v0, v1] = sight.views;
+            let slope = |v: &View<T>, heading0, heading1, by_baseline| {
+                Vector6::new(
+                    heading0,
+                    heading1,
+                    v.across.x,
+                    v.across.y,
+                    dot(v.across, by_frame),
+                    by_baseline,
+                )
+                .component_mul(&self.free)
+            };
+            let slope0 = slope(&v0, -one, zero, zero);
+            let slope1 = slope(&v1, zero, -one, -v1.across.x);
+            let residual0 = v0.residual / whitening.l00;
+            let slope0 = slope0 / whitening.l00;
+            Pair {
+                residuals: [
+                    residual0,
+                    (v1.residual - residual0 * whitening.l10) / whitening.l11,
+                ],
+                slopes: [slope0, (slope1 - slope0 * whitening.l10) / whitening.l11],
+            }
+        })
+    }
+}
+
+fn view<T: Real>(axis: Vector2<T>, ray: Ray<T>, to_target: Vector2<T>) -> View<T> {
+    let ray = mul(axis, ray.vector());
+    View {
+        residual: cross(ray, to_target).atan2(dot(ray, to_target)),
+        across: quarter_turn(to_target) / dot(to_target, to_target),
+    }
+}
+
+impl<T: Real> Sight<'_, T> {
+    /// The displacement's error moves both residuals of a stop: they are correlated.
+    fn whitening(&self) -> Whitening<T> {
+        let [v0, v1] = &self.views;
+        let [s0, s1] = self.stop.bearing_sigmas;
+        // Arithmetic has a noise of its own: it bounds the weight of a claim to be exact.
+        let arithmetic = lit::<T>(16.0) * T::default_epsilon() * T::default_epsilon();
+        let spread0 = self.spread * v0.across;
+        let variance0 = s0 * s0 + arithmetic + dot(v0.across, spread0);
+        let l00 = variance0.sqrt();
+        let l10 = dot(v1.across, spread0) / l00;
+        let variance1 = s1 * s1 + arithmetic + dot(v1.across, self.spread * v1.across);
+        // Never less than the camera's own variance, whatever rounding does.
+        let l11 = (variance1 - l10 * l10).max(s1 * s1).sqrt();
+        Whitening { l00, l10, l11 }
+    }
+}
+
+impl<T: Real> Problem<T, 6> for Bearings<'_, T> {
+    fn model(&self, x: &Vector6<T>) -> Quadratic<T, 6> {
+        let mut model = Quadratic::zero();
+        for pair in self.pairs(x) {
+            for (residual, slope) in pair.residuals.into_iter().zip(&pair.slopes) {
+                model.add(residual, slope, T::one());
+            }
+        }
+        // What is known has no derivative; a unit diagonal keeps the matrix invertible.
+        model.hessian += Matrix6::from_diagonal(&self.free.map(|free| T::one() - free));
+        model
+    }
+
+    fn cost(&self, x: &Vector6<T>, weights_at: &Vector6<T>) -> T {
+        self.sights(x)
+            .zip(self.sights(weights_at))
+            .fold(T::zero(), |sum, (sight, at)| {
+                let w = at.whitening();
+                let [v0, v1] = sight.views;
+                let r0 = v0.residual / w.l00;
+                let r1 = (v1.residual - r0 * w.l10) / w.l11;
+                sum + r0 * r0 + r1 * r1
+            })
+    }
+}
+
+/// A stop's place and covariance from a solution: the first stop and the frame heading carry their
+/// covariance over, the displacement adds its own.
+pub(super) fn place<T: Real>(
+    solution: &Solution<T>,
+    turn: Vector2<T>,
+    sum: Vector2<T>,
+    spread: Matrix2<T>,
+) -> (Point2<T>, Matrix2<T>) {
+    let moved = mul(turn, sum);
+    let by_frame = quarter_turn(moved);
+    let c = &solution.covariance;
+    let first = Matrix2::new(c.m33, c.m34, c.m43, c.m44);
+    let with_frame = Vector2::new(c.m35, c.m45);
+    let covariance = first
+        + with_frame * by_frame.transpose()
+        + by_frame * with_frame.transpose()
+        + by_frame * by_frame.transpose() * c.m55
+        + turned(&spread, turn);
+    (solution.first_stop + moved, covariance)
+}

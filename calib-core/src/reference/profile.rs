@@ -1,0 +1,62 @@
+//! Uncertainty where the linear prediction fails: next to two answers that merge.
+//!
+//! Two circles that touch, or that noise made miss each other, meet in one answer instead of two.
+//! There the bearings have no first-order grip on one direction of the unknowns, and the inverse
+//! of the normal matrix claims an absurd variance along it. The second order does bound it: along
+//! that direction the sigma is where the cost, minimised over everything else, has risen by one
+//! (profile likelihood).
+
+use nalgebra::{Matrix6, Vector6};
+
+use super::model::Bearings;
+use crate::{Real, minimize::Problem, real::lit};
+
+/// The covariance with its weakest direction shortened to what the profile of the cost allows.
+pub(super) fn bounded<T: Real>(
+    problem: &Bearings<'_, T>,
+    x: &Vector6<T>,
+    covariance: Matrix6<T>,
+) -> Matrix6<T> {
+    let Some(direction) = weakest_direction(&covariance) else {
+        return covariance;
+    };
+    let cost = problem.cost(x, x);
+    let rise = |length: T| profile(problem, x, &(direction * length)) - cost;
+    let predicted = (covariance * direction).dot(&direction).sqrt();
+    let mut sigma = predicted;
+    // The milder side counts, and a rise up to 4 is ordinary non-linearity, not a merger.
+    let limit = lit::<T>(4.0);
+    if rise(sigma).min(rise(-sigma)) <= limit {
+        return covariance;
+    }
+    for _ in 0..60 {
+        sigma *= lit(0.75);
+        if rise(sigma).min(rise(-sigma)) <= T::one() {
+            break;
+        }
+    }
+    let excess = predicted * predicted - sigma * sigma;
+    covariance - direction * direction.transpose() * excess
+}
+
+/// The unit vector of the largest variance, by power iteration.
+fn weakest_direction<T: Real>(covariance: &Matrix6<T>) -> Option<Vector6<T>> {
+    let largest = covariance.diagonal().imax();
+    let mut direction = covariance.column(largest).into_owned();
+    for _ in 0..16 {
+        direction = covariance * direction.try_normalize(T::zero())?;
+    }
+    direction.try_normalize(T::zero())
+}
+
+/// The cost `offset` away from `x`, after one step that lowers it in all other directions.
+fn profile<T: Real>(problem: &Bearings<'_, T>, x: &Vector6<T>, offset: &Vector6<T>) -> T {
+    let aside = x + offset;
+    let model = problem.model(&aside);
+    let stiffness = model.hessian.trace() / offset.norm_squared();
+    let held = model.hessian + offset * offset.transpose() * (stiffness * lit(1e3));
+    let lowered = held
+        .cholesky()
+        .map(|factor| problem.cost(&(aside - factor.solve(&model.gradient)), x));
+    lowered.map_or(model.cost, |cost| cost.min(model.cost))
+}

@@ -1,0 +1,177 @@
+//! Any number of sightings: weighted least squares on the wrapped bearing residuals.
+
+use nalgebra::{Point2, Vector3};
+
+use super::{Solution, three_point};
+use crate::{
+    Pose, Real, Refusal, Sighting, angle,
+    minimize::{Method, Minimum, Problem, Quadratic, minimize},
+    plane::{cross, dot, mul, quarter_turn, unit},
+    real::lit,
+    subsets,
+};
+
+/// Iterations after which a start is given up. From a closed-form start, four are usual.
+const ITERATION_LIMIT: usize = 30;
+/// The sightings that count, and the unknowns `(x, y, heading)`.
+struct Bearings<'a, T: Real> {
+    sightings: &'a [Sighting<T>],
+    dropped: &'a [bool],
+}
+
+/// One sighting against one pose.
+struct Comparison<T: Real> {
+    /// World bearing of the target minus that of the ray, wrapped by construction.
+    residual: T,
+    /// One over the residual's variance.
+    weight: T,
+    /// Derivatives of the residual by x, y, heading.
+    slope: Vector3<T>,
+}
+
+fn compare<T: Real>(sighting: &Sighting<T>, position: Point2<T>, heading: T) -> Comparison<T> {
+    let ray = mul(unit(heading), sighting.ray.vector());
+    let to_target = sighting.target - position;
+    let range2 = dot(to_target, to_target);
+    let across = quarter_turn(to_target) / range2;
+    // Arithmetic has a noise of its own: it bounds the weight of a claim to be exact.
+    let arithmetic = range2 * range2 * lit(16.0) * T::default_epsilon() * T::default_epsilon();
+    let variance = sighting.bearing_variance_range4(to_target) + arithmetic;
+    Comparison {
+        residual: cross(ray, to_target).atan2(dot(ray, to_target)),
+        weight: range2 * range2 / variance,
+        slope: Vector3::new(-across.x, -across.y, -T::one()),
+    }
+}
+
+/// How many sigmas, squared, a sighting is off a pose.
+pub(super) fn squared_sigmas<T: Real>(sighting: &Sighting<T>, pose: &Pose<T>) -> T {
+    let c = compare(sighting, pose.position, pose.heading);
+    c.residual * c.residual * c.weight
+}
+
+impl<T: Real> Bearings<'_, T> {
+    fn kept(&self) -> impl Iterator<Item = &Sighting<T>> {
+        let dropped = self
+            .dropped
+            .iter()
+            .copied()
+            .chain(core::iter::repeat(false));
+        self.sightings
+            .iter()
+            .zip(dropped)
+            .filter_map(|(s, dropped)| (!dropped).then_some(s))
+    }
+}
+
+impl<T: Real> Problem<T, 3> for Bearings<'_, T> {
+    fn model(&self, x: &Vector3<T>) -> Quadratic<T, 3> {
+        let mut model = Quadratic::zero();
+        for sighting in self.kept() {
+            let c = compare(sighting, x.xy().into(), x.z);
+            model.add(c.residual, &c.slope, c.weight);
+        }
+        model
+    }
+
+    fn cost(&self, x: &Vector3<T>, weights_at: &Vector3<T>) -> T {
+        self.kept().fold(T::zero(), |sum, sighting| {
+            let weight = compare(sighting, weights_at.xy().into(), weights_at.z).weight;
+            let residual = compare(sighting, x.xy().into(), x.z).residual;
+            sum + residual * residual * weight
+        })
+    }
+}
+
+/// Least squares from a start, over the sightings not dropped (an empty slice drops none).
+///
+/// # Errors
+/// [`Refusal::DidNotConverge`]; [`Refusal::TargetBehind`]; [`Refusal::Undetermined`].
+pub(super) fn refine<T: Real>(
+    sightings: &[Sighting<T>],
+    dropped: &[bool],
+    start: &Pose<T>,
+) -> Result<Solution<T>, Refusal> {
+    let problem = Bearings { sightings, dropped };
+    let start = Vector3::new(start.position.x, start.position.y, start.heading);
+    let Minimum {
+        x,
+        model,
+        iterations,
+    } = minimize(&problem, start, Method::Levenberg, ITERATION_LIMIT)?;
+    let (position, heading) = (Point2::from(x.xy()), x.z);
+    let covariance = model
+        .hessian
+        .cholesky()
+        .ok_or(Refusal::Undetermined)?
+        .inverse();
+    let quarter = T::frac_pi_2();
+    if problem
+        .kept()
+        .any(|s| !(compare(s, position, heading).residual.abs() < quarter))
+    {
+        return Err(Refusal::TargetBehind);
+    }
+    Ok(Solution {
+        pose: Pose {
+            position,
+            heading: angle::wrap_positive(heading),
+            covariance,
+        },
+        used: problem.kept().count(),
+        chi_squared: model.cost,
+        iterations,
+    })
+}
+
+/// The triples that [`subsets::triples`] picks.
+pub(super) fn triples<T: Real>(
+    sightings: &[Sighting<T>],
+) -> impl Iterator<Item = [Sighting<T>; 3]> + '_ {
+    subsets::triples(sightings.len())
+        .filter_map(|[i, j, k]| Some([*sightings.get(i)?, *sightings.get(j)?, *sightings.get(k)?]))
+}
+
+/// Least squares over all sightings, from the triple that promises the smallest sigma of
+/// position; from the next best ones should that fail.
+///
+/// # Errors
+/// What the triples were refused for, if all were; otherwise why the last start failed.
+pub(super) fn solve<T: Real>(sightings: &[Sighting<T>]) -> Result<Solution<T>, Refusal> {
+    let mut starts: [Option<Pose<T>>; 3] = [None; 3];
+    let mut refusal = None;
+    for triple in triples(sightings) {
+        match three_point::solve(&triple) {
+            Ok(pose) => keep_best(&mut starts, pose),
+            // A place seen twice spoils its own triples only: a better reason may follow.
+            Err(why) if refusal.is_none_or(|r| r == Refusal::CoincidentTargets) => {
+                refusal = Some(why);
+            }
+            Err(_) => {}
+        }
+    }
+    let mut result = Err(refusal.unwrap_or(Refusal::TooFew));
+    for start in starts.iter().flatten() {
+        result = refine(sightings, &[], start);
+        if result.is_ok() {
+            break;
+        }
+    }
+    result
+}
+
+/// Keeps the poses sorted by their variance of position, best first.
+fn keep_best<T: Real>(best: &mut [Option<Pose<T>>], pose: Pose<T>) {
+    let variance = |p: &Pose<T>| p.covariance.m11 + p.covariance.m22;
+    let mut candidate = Some(pose);
+    for slot in best {
+        let better = match (&candidate, &slot) {
+            (Some(c), Some(s)) => variance(c) < variance(s),
+            (Some(_), None) => true,
+            (None, _) => false,
+        };
+        if better {
+            core::mem::swap(slot, &mut candidate);
+        }
+    }
+}

@@ -1,0 +1,463 @@
+//! The reference solve against scenes whose truth is known.
+
+use calib_core::{
+    Method, Ray, Refusal,
+    reference::{self, Known, Settings, Stop, printed::Offsets},
+};
+use nalgebra::{Matrix2, Point2, Rotation2, Vector2, Vector6};
+use proptest::prelude::*;
+use rand::RngExt;
+use test_support::{Truth, generator, normal, turn};
+
+/// Two cameras and a target's path, in the reference frame.
+#[derive(Debug)]
+struct Scene {
+    cameras: [Truth; 2],
+    baseline: f64,
+    stops: Vec<Point2<f64>>,
+}
+
+/// Both stops inside both views of 60 degrees and within 8 units of both cameras.
+fn scene(seed: u64, stops: usize) -> Scene {
+    let mut rng = generator(seed);
+    loop {
+        let baseline = rng.random_range(2.0..10.0);
+        let camera = |x, heading| Truth { x, y: 0.0, heading };
+        let cameras = [
+            camera(0.0, rng.random_range(0.0..core::f64::consts::TAU)),
+            camera(baseline, rng.random_range(0.0..core::f64::consts::TAU)),
+        ];
+        let mut places = Vec::new();
+        for _ in 0..60 {
+            let place = cameras[0].place(rng.random_range(1.0..8.0), rng.random_range(-0.5..0.5));
+            let range = (place - Point2::new(baseline, 0.0)).norm();
+            let spread = places
+                .iter()
+                .all(|p: &Point2<f64>| (p - place).norm() > 0.5);
+            if (1.0..8.0).contains(&range) && cameras[1].bearing_of(place).abs() < 0.5 && spread {
+                places.push(place);
+            }
+            if places.len() == stops {
+                return Scene {
+                    cameras,
+                    baseline,
+                    stops: places,
+                };
+            }
+        }
+    }
+}
+
+impl Scene {
+    /// What is measured, the displacements in a frame turned by `frame_heading`.
+    fn measure(
+        &self,
+        frame_heading: f64,
+        bearing_noise: impl FnMut() -> f64,
+        bearing_sigma: f64,
+        displacement_noise: impl FnMut() -> f64,
+        displacement_sigma: f64,
+    ) -> Vec<Stop<f64>> {
+        let (mut bearing_noise, mut displacement_noise) = (bearing_noise, displacement_noise);
+        let back = Rotation2::new(-frame_heading);
+        (0..self.stops.len())
+            .map(|n| {
+                let from = self.stops[n.saturating_sub(1)];
+                let noise = Vector2::from_fn(|_, _| displacement_sigma * displacement_noise());
+                Stop {
+                    rays: [0, 1].map(|k| {
+                        let bearing = self.cameras[k].bearing_of(self.stops[n]);
+                        Ray::from_bearing(bearing + bearing_sigma * bearing_noise())
+                    }),
+                    bearing_sigmas: [bearing_sigma.max(1e-4); 2],
+                    displacement: back * (self.stops[n] - from) + noise,
+                    displacement_covariance: Matrix2::from_diagonal_element(
+                        displacement_sigma.powi(2),
+                    ),
+                }
+            })
+            .collect()
+    }
+
+    fn exact(&self, frame_heading: f64) -> Vec<Stop<f64>> {
+        self.measure(frame_heading, || 0.0, 0.0, || 0.0, 0.0)
+    }
+
+    fn is_solved_by(&self, solution: &reference::Solution<f64>, tolerance: f64) -> bool {
+        let headings =
+            (0..2).all(|k| turn(solution.headings[k], self.cameras[k].heading).abs() < tolerance);
+        let first = (solution.first_stop - self.stops[0]).norm() < tolerance;
+        headings && first && (solution.baseline - self.baseline).abs() < tolerance
+    }
+}
+
+const ALL_KNOWN: fn(f64) -> Known<f64> = |baseline| Known {
+    baseline: Some(baseline),
+    frame_heading: Some(0.0),
+};
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(300))]
+
+    /// With two stops the truth is the answer or the alternative, and both explain the data.
+    #[test]
+    fn two_stops(seed: u64) {
+        let scene = scene(seed, 2);
+        let stops = scene.exact(0.0);
+        let outcome = reference::solve(&stops, &ALL_KNOWN(scene.baseline), &Settings::default());
+        // Exactly degenerate or nearly so: nothing to compare.
+        let Ok(outcome) = outcome else { return Ok(()) };
+        prop_assume!(outcome.best.condition < 1e8);
+        let answers = [Some(outcome.best), outcome.alternative];
+        prop_assert!(
+            answers.iter().flatten().any(|s| scene.is_solved_by(s, 1e-4)),
+            "{scene:?} {outcome:?}"
+        );
+        for s in answers.iter().flatten() {
+            prop_assert!(s.chi_squared < 1e-3);
+        }
+        prop_assert_eq!(outcome.candidates, answers.iter().flatten().count());
+    }
+
+    /// A third stop decides.
+    #[test]
+    fn three_stops_have_one_answer(seed: u64) {
+        let scene = scene(seed, 3);
+        let stops = scene.exact(0.0);
+        let outcome = reference::solve(&stops, &ALL_KNOWN(scene.baseline), &Settings::default()).unwrap();
+        prop_assume!(outcome.best.condition < 1e8);
+        prop_assert!(scene.is_solved_by(&outcome.best, 1e-5), "{scene:?} {outcome:?}");
+        prop_assert_eq!(outcome.best.degrees_of_freedom, 2);
+    }
+
+    /// A compass that is not aligned, and a baseline that nobody measured.
+    #[test]
+    fn unknown_frame_and_unknown_baseline(seed: u64, frame in 0.0..6.2_f64) {
+        let scene = scene(seed, 4);
+        let stops = scene.exact(frame);
+        for baseline in [Some(scene.baseline), None] {
+            for frame_heading in [Some(frame), None] {
+                let known = Known { baseline, frame_heading };
+                let outcome = reference::solve(&stops, &known, &Settings::default()).unwrap();
+                prop_assume!(outcome.best.condition < 1e8);
+                prop_assert!(scene.is_solved_by(&outcome.best, 1e-4), "{known:?} {scene:?} {outcome:?}");
+                prop_assert!(turn(outcome.best.frame_heading, frame).abs() < 1e-4);
+                for (n, (place, _)) in outcome.best.places(&stops).enumerate() {
+                    prop_assert!((place - scene.stops[n]).norm() < 1e-3);
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn never_nan(raw in prop::collection::vec(prop::array::uniform8(any_number()), 0..5), baseline in any_number(), heading in any_number()) {
+        let stops: Vec<_> = raw.iter().map(|&[a, b, c, d, s0, s1, dx, dy]| Stop {
+            rays: [Ray { forward: a, left: b }, Ray { forward: c, left: d }],
+            bearing_sigmas: [s0, s1],
+            displacement: Vector2::new(dx, dy),
+            displacement_covariance: Matrix2::zeros(),
+        }).collect();
+        for known in [
+            Known { baseline: Some(baseline), frame_heading: Some(heading) },
+            Known { baseline: Some(baseline), frame_heading: None },
+            Known { baseline: None, frame_heading: None },
+        ] {
+            if let Ok(outcome) = reference::solve(&stops, &known, &Settings::default()) {
+                let s = outcome.best;
+                prop_assert!(s.headings.iter().all(|h| h.is_finite()));
+                prop_assert!(s.covariance.iter().all(|v| v.is_finite()));
+            }
+        }
+    }
+}
+
+fn any_number() -> impl Strategy<Value = f64> {
+    prop_oneof![
+        6 => -10.0..10.0,
+        1 => prop::sample::select(vec![0.0, 1.0, -1.0, 0.01, f64::NAN, f64::INFINITY, 1e-300, 1e300]),
+    ]
+}
+
+/// How many headings of camera 0 make everything fit, by trying 40,000: each heading gives both
+/// ranges from the leg, so both stops, so the angle under which camera 1 would see the leg.
+fn answers_by_scanning(scene: &Scene) -> usize {
+    let [p0, p1] = scene.stops[..] else {
+        panic!("two stops")
+    };
+    let leg = p1 - p0;
+    let camera1 = Vector2::new(scene.baseline, 0.0);
+    let cross = |a: Vector2<f64>, b: Vector2<f64>| a.x * b.y - a.y * b.x;
+    let bearing = |k: usize, p| scene.cameras[k].bearing_of(p);
+    let misfit = |heading: f64| {
+        let along = |phi: f64| Vector2::new((heading + phi).cos(), (heading + phi).sin());
+        let (e0, e1) = (along(bearing(0, p0)), along(bearing(0, p1)));
+        let range0 = -cross(leg, e1) / cross(e0, e1);
+        let range1 = -cross(leg, e0) / cross(e0, e1);
+        if range0 < 0.0 || range1 < 0.0 {
+            return None;
+        }
+        let (d0, d1) = (e0 * range0 - camera1, e1 * range1 - camera1);
+        let seen = cross(d0, d1).atan2(d0.dot(&d1));
+        Some(turn(seen, bearing(1, p1) - bearing(1, p0)))
+    };
+    let values: Vec<_> = (0..=40_000)
+        .map(|i| misfit(f64::from(i) * 1.570_8e-4))
+        .collect();
+    values
+        .windows(2)
+        .filter(|w| matches!(w, [Some(a), Some(b)] if a * b < 0.0 && (a - b).abs() < 1.0))
+        .count()
+}
+
+#[test]
+fn two_stops_have_as_many_answers_as_a_scan_finds() {
+    let (mut same, mut two) = (0, 0);
+    for seed in 0..200 {
+        let scene = scene(seed, 2);
+        let expected = answers_by_scanning(&scene);
+        assert!(expected == 1 || expected == 2, "seed {seed}: {expected}");
+        let known = ALL_KNOWN(scene.baseline);
+        let found = reference::solve(&scene.exact(0.0), &known, &Settings::default());
+        same += usize::from(found.is_ok_and(|outcome| outcome.candidates == expected));
+        two += usize::from(expected == 2);
+    }
+    // Where two answers are about to merge, the scan may see none or both.
+    assert!(same >= 196, "{same} of 200");
+    assert!(two > 40, "two answers are common: {two} of 200");
+}
+
+/// Gauss-Newton, steepest descent and Levenberg find the same minimum of noisy data.
+#[test]
+fn methods_agree() {
+    let mut rng = generator(5);
+    let mut agreed = 0;
+    for seed in 0..40 {
+        let scene = scene(seed, 4);
+        let stops = scene.measure(0.0, || normal(&mut rng), 0.005, || 0.0, 0.0);
+        let solve = |method, iteration_limit| {
+            let settings = Settings {
+                method,
+                iteration_limit,
+            };
+            reference::solve(&stops, &ALL_KNOWN(scene.baseline), &settings)
+        };
+        let Ok(default) = solve(Method::Levenberg, 50) else {
+            continue;
+        };
+        for (method, limit) in [
+            (Method::GaussNewton, 50),
+            (Method::SteepestDescent, 100_000),
+        ] {
+            if let Ok(other) = solve(method, limit) {
+                for k in 0..2 {
+                    let sigma = default.best.heading_sigmas()[k];
+                    let difference = turn(other.best.headings[k], default.best.headings[k]).abs();
+                    assert!(
+                        difference < 0.02 * sigma,
+                        "seed {seed} {method:?}: {difference} of {sigma}"
+                    );
+                }
+                agreed += 1;
+            }
+        }
+    }
+    assert!(agreed >= 70, "{agreed} of 80");
+}
+
+/// Errors of noisy solves agree with the predicted covariance, displacement errors included.
+#[test]
+fn covariance_is_honest() {
+    let mut rng = generator(9);
+    for (bearing_sigma, displacement_sigma) in [(0.004, 0.0), (0.004, 0.02)] {
+        let (mut nees, mut runs) = (0.0, 0.0);
+        for seed in 0..600 {
+            let scene = scene(seed, 3);
+            let noise = generator(rng.random());
+            let (mut a, mut b) = (noise.clone(), generator(rng.random()));
+            let stops = scene.measure(
+                0.0,
+                || normal(&mut a),
+                bearing_sigma,
+                || normal(&mut b),
+                displacement_sigma,
+            );
+            let known = ALL_KNOWN(scene.baseline);
+            let Ok(outcome) = reference::solve(&stops, &known, &Settings::default()) else {
+                continue;
+            };
+            let s = outcome.best;
+            // Near-degenerate scenes are not linear in their noise.
+            if s.heading_sigmas().iter().any(|&sigma| sigma > 0.03) || outcome.alternative.is_some()
+            {
+                continue;
+            }
+            let error = nalgebra::Vector4::new(
+                turn(s.headings[0], scene.cameras[0].heading),
+                turn(s.headings[1], scene.cameras[1].heading),
+                s.first_stop.x - scene.stops[0].x,
+                s.first_stop.y - scene.stops[0].y,
+            );
+            let covariance = s.covariance.fixed_view::<4, 4>(0, 0).into_owned();
+            nees += error.dot(&covariance.cholesky().unwrap().solve(&error));
+            runs += 1.0;
+        }
+        assert!(runs > 250.0, "{runs}");
+        let mean = nees / runs;
+        // Four unknowns. Chained displacements are treated as independent stops: a little unsure.
+        assert!((3.4..4.6).contains(&mean), "NEES {mean} over {runs} runs");
+    }
+}
+
+/// Noise that makes the two circles miss each other does not lose the answer, and the sigma,
+/// which has no first order there, is still believable.
+#[test]
+fn circles_that_miss() {
+    let mut rng = generator(21);
+    let (mut solved, mut missed, mut within_two_sigmas) = (0, 0, 0);
+    for seed in 0..500 {
+        let scene = scene(seed, 2);
+        let stops = scene.measure(0.0, || normal(&mut rng), 0.02, || 0.0, 0.0);
+        let known = ALL_KNOWN(scene.baseline);
+        let Ok(outcome) = reference::solve(&stops, &known, &Settings::default()) else {
+            continue;
+        };
+        solved += 1;
+        if outcome.best.chi_squared > 1e-3 {
+            missed += 1;
+            within_two_sigmas += usize::from((0..2).all(|k| {
+                let error = turn(outcome.best.headings[k], scene.cameras[k].heading);
+                error.abs() < 2.0 * outcome.best.heading_sigmas()[k]
+            }));
+        }
+    }
+    assert!(solved >= 475, "{solved} of 500");
+    assert!(missed >= 40, "{missed}");
+    assert!(
+        10 * within_two_sigmas >= 8 * missed,
+        "{within_two_sigmas} of {missed}"
+    );
+}
+
+#[test]
+fn refusals() {
+    let scene = scene(1, 4);
+    let stops = scene.exact(0.0);
+    let all = ALL_KNOWN(scene.baseline);
+    let solve = |stops: &[Stop<f64>], known: &Known<f64>| {
+        reference::solve(stops, known, &Settings::default()).map(|_| ())
+    };
+    assert_eq!(solve(&[], &all), Err(Refusal::TooFew));
+    assert_eq!(solve(&stops[..1], &all), Err(Refusal::TooFew));
+    let unaligned = Known {
+        frame_heading: None,
+        ..all
+    };
+    assert_eq!(solve(&stops[..2], &unaligned), Err(Refusal::TooFew));
+    assert_eq!(solve(&stops[..3], &unaligned), Ok(()));
+    for baseline in [0.0, -1.0, f64::NAN, f64::INFINITY] {
+        let known = Known {
+            baseline: Some(baseline),
+            ..all
+        };
+        assert_eq!(solve(&stops, &known), Err(Refusal::NotFinite));
+    }
+    let mut still = stops.clone();
+    for stop in &mut still {
+        stop.displacement = Vector2::zeros();
+    }
+    assert_eq!(solve(&still, &all), Err(Refusal::CoincidentTargets));
+    let mut bad = stops.clone();
+    bad[2].bearing_sigmas[1] = 0.0;
+    assert_eq!(solve(&bad, &all), Err(Refusal::NotFinite));
+}
+
+/// `f32` solves what `f64` does.
+#[test]
+fn single_precision() {
+    for seed in 0..200 {
+        let scene = scene(seed, 3);
+        let stops = scene.measure(0.0, || 0.0, 0.005, || 0.0, 0.0);
+        let single: Vec<Stop<f32>> = stops
+            .iter()
+            .map(|s| Stop {
+                rays: s.rays.map(|r| Ray {
+                    forward: r.forward as f32,
+                    left: r.left as f32,
+                }),
+                bearing_sigmas: s.bearing_sigmas.map(|v| v as f32),
+                displacement: s.displacement.cast(),
+                displacement_covariance: Matrix2::zeros(),
+            })
+            .collect();
+        let known = Known {
+            baseline: Some(scene.baseline as f32),
+            frame_heading: Some(0.0),
+        };
+        let double =
+            reference::solve(&stops, &ALL_KNOWN(scene.baseline), &Settings::default()).unwrap();
+        if double.alternative.is_some() {
+            continue;
+        }
+        let single = reference::solve(&single, &known, &Settings::default()).unwrap();
+        for k in 0..2 {
+            let sigma = double.best.heading_sigmas()[k];
+            let error = turn(f64::from(single.best.headings[k]), double.best.headings[k]);
+            assert!(
+                error.abs() < 0.05 * sigma + 1e-5,
+                "seed {seed}: {error} of {sigma}"
+            );
+        }
+    }
+}
+
+/// The six residuals in print determine four unknowns, at every geometry; and every pair of
+/// headings, however wrong, makes all of them zero.
+#[test]
+fn printed_residuals_have_rank_four() {
+    for seed in 0..200 {
+        let scene = scene(seed, 2);
+        let bearing = |k: usize, n: usize| scene.cameras[k].bearing_of(scene.stops[n]);
+        let offsets = Offsets {
+            camera0: [bearing(0, 0), bearing(0, 1)],
+            camera1: [bearing(1, 0), bearing(1, 1)],
+            baseline: scene.baseline,
+        };
+        let solution = |headings: [f64; 2]| {
+            // Each stop by the sine rule, from whatever headings are claimed.
+            let ranges = |n: usize| {
+                let b0 = headings[0] + bearing(0, n);
+                let b1 = headings[1] + bearing(1, n);
+                let apex = (b1 - b0).sin();
+                [
+                    scene.baseline * b1.sin() / apex,
+                    scene.baseline * b0.sin() / apex,
+                ]
+            };
+            let ([l00, l10], [l01, l11]) = (ranges(0), ranges(1));
+            Vector6::new(headings[0], headings[1], l00, l01, l10, l11)
+        };
+        let truth = solution([scene.cameras[0].heading, scene.cameras[1].heading]);
+        let range = (scene.stops[0].coords).norm();
+        assert!(
+            (truth.z - range).abs() < 1e-6 * range,
+            "the truth is a solution"
+        );
+        for x in [truth, solution([0.3, 1.9]), solution([4.0, 2.5])] {
+            let size = x.amax().max(1.0);
+            assert!(offsets.residuals(&x).amax() < 1e-9 * size, "a perfect zero");
+            let singular = offsets.jacobian(&x).singular_values();
+            assert!(
+                singular[4] < 1e-9 * singular[0] && singular[3] > 1e-9 * singular[0],
+                "{singular}"
+            );
+        }
+        // The Jacobian is the derivative of the residuals, also away from a solution.
+        let x = truth + Vector6::new(0.1, -0.2, 0.3, 0.5, -0.4, 0.2);
+        for i in 0..6 {
+            let mut h = Vector6::zeros();
+            h[i] = 1e-6;
+            let numeric = (offsets.residuals(&(x + h)) - offsets.residuals(&(x - h))) / 2e-6;
+            assert!((numeric - offsets.jacobian(&x).column(i)).amax() < 1e-6 * x.amax());
+        }
+    }
+}

@@ -1,0 +1,90 @@
+//! Random scenes with a known truth, made without the code under test.
+
+use std::f64::consts::TAU;
+use std::path::PathBuf;
+
+use nalgebra::Point2;
+use rand::{Rng, RngExt, SeedableRng};
+use rand_chacha::ChaCha8Rng;
+
+/// A generator whose numbers are the same on every machine.
+pub fn generator(seed: u64) -> ChaCha8Rng {
+    ChaCha8Rng::seed_from_u64(seed)
+}
+
+/// A standard normal number (Box and Muller).
+pub fn normal(rng: &mut impl Rng) -> f64 {
+    let (u, v): (f64, f64) = (rng.random_range(1e-300..1.0), rng.random_range(0.0..1.0));
+    (-2.0 * u.ln()).sqrt() * (v * TAU).cos()
+}
+
+/// The difference of two angles, in `(-pi, pi]`.
+pub fn turn(a: f64, b: f64) -> f64 {
+    (a - b).sin().atan2((a - b).cos())
+}
+
+/// A file of the repository's own data.
+pub fn data(name: &str) -> PathBuf {
+    [env!("CARGO_MANIFEST_DIR"), "data", name].iter().collect()
+}
+
+/// Where a camera really is.
+#[derive(Clone, Copy, Debug)]
+pub struct Truth {
+    /// Place.
+    pub x: f64,
+    /// Place.
+    pub y: f64,
+    /// Direction of the optical axis, radians.
+    pub heading: f64,
+}
+
+impl Truth {
+    /// Anywhere within 20 units of the origin, looking anywhere.
+    pub fn random(rng: &mut impl Rng) -> Self {
+        Self {
+            x: rng.random_range(-20.0..20.0),
+            y: rng.random_range(-20.0..20.0),
+            heading: rng.random_range(0.0..TAU),
+        }
+    }
+
+    /// The camera's place.
+    pub fn position(&self) -> Point2<f64> {
+        Point2::new(self.x, self.y)
+    }
+
+    /// The place at a range and a bearing from this camera.
+    pub fn place(&self, range: f64, bearing: f64) -> Point2<f64> {
+        let angle = self.heading + bearing;
+        Point2::new(self.x + range * angle.cos(), self.y + range * angle.sin())
+    }
+
+    /// What this camera measures, without noise.
+    pub fn bearing_of(&self, target: Point2<f64>) -> f64 {
+        let d = target - self.position();
+        turn(d.y.atan2(d.x), self.heading)
+    }
+
+    /// Targets inside a view of about 60 degrees, 1 to 8 units away.
+    pub fn targets<const N: usize>(&self, rng: &mut impl Rng) -> [Point2<f64>; N] {
+        core::array::from_fn(|_| {
+            self.place(rng.random_range(1.0..8.0), rng.random_range(-0.5..0.5))
+        })
+    }
+}
+
+/// How far a camera is from the circle through three targets: zero on it, or on their line.
+///
+/// The determinant that tests four points for lying on one circle, over the fourth power of the
+/// farthest range.
+pub fn clearance(camera: Point2<f64>, targets: &[Point2<f64>; 3]) -> f64 {
+    let [a, b, c] = targets.map(|t| {
+        let d = t - camera;
+        [d.x, d.y, d.norm_squared()]
+    });
+    let determinant = a[0] * (b[1] * c[2] - b[2] * c[1]) - a[1] * (b[0] * c[2] - b[2] * c[0])
+        + a[2] * (b[0] * c[1] - b[1] * c[0]);
+    let farthest = a[2].max(b[2]).max(c[2]);
+    determinant.abs() / farthest.powi(2)
+}

@@ -1,0 +1,213 @@
+//! Instruction counts of the node's routines on emulated processors.
+
+use std::{
+    io::{ErrorKind, Read},
+    path::{Path, PathBuf},
+    process::{Command, Stdio},
+    thread,
+    time::Duration,
+};
+
+use anyhow::{Context, Result, anyhow, bail, ensure};
+use comfy_table::{CellAlignment, Table, presets::ASCII_MARKDOWN};
+use wait_timeout::ChildExt;
+use xshell::{Shell, cmd};
+
+const PACKAGE: &str = "bench-cortex-m";
+const EMULATOR: &str = "qemu-system-arm";
+
+/// A run takes seconds; one that takes this long hangs.
+const TIMEOUT: Duration = Duration::from_secs(120);
+
+struct Processor {
+    name: &'static str,
+    target: &'static str,
+    machine: &'static [&'static str],
+}
+
+const PROCESSORS: [Processor; 2] = [
+    Processor {
+        name: "Cortex-M4F",
+        target: "thumbv7em-none-eabihf",
+        machine: &["-M", "mps2-an386", "-cpu", "cortex-m4"],
+    },
+    Processor {
+        name: "Cortex-M0",
+        target: "thumbv6m-none-eabi",
+        machine: &["-M", "microbit"],
+    },
+];
+
+/// Instructions of one call of a routine, over many inputs.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub(crate) struct Measurement {
+    /// The processor's name.
+    pub(crate) processor: &'static str,
+    /// The routine's name.
+    pub(crate) routine: String,
+    /// The fewest.
+    pub(crate) min: u64,
+    /// The middle one.
+    pub(crate) median: u64,
+    /// The most.
+    pub(crate) max: u64,
+}
+
+/// Builds the bench for each processor, runs it there, and returns all counts in its order.
+pub(crate) fn run(sh: &Shell) -> Result<Vec<Measurement>> {
+    let mut measurements = Vec::new();
+    for processor in &PROCESSORS {
+        let image = build(sh, processor)?;
+        let output = emulate(processor, &image)
+            .with_context(|| format!("counting instructions on a {}", processor.name))?;
+        measurements.extend(parse(processor.name, &output)?);
+    }
+    Ok(measurements)
+}
+
+/// A Markdown table: a row per routine, a column per processor.
+pub(crate) fn table(measurements: &[Measurement]) -> Table {
+    let mut table = Table::new();
+    table.load_style(ASCII_MARKDOWN);
+    let processors = PROCESSORS.map(|processor| processor.name);
+    let heads = processors.map(|name| format!("{name}: min / median / max"));
+    table.set_header(["instructions of".to_owned()].into_iter().chain(heads));
+
+    let mut routines: Vec<&str> = Vec::new();
+    for measurement in measurements {
+        if !routines.contains(&measurement.routine.as_str()) {
+            routines.push(&measurement.routine);
+        }
+    }
+    for routine in routines {
+        let cells = processors.map(|processor| {
+            measurements
+                .iter()
+                .find(|m| m.processor == processor && m.routine == routine)
+                .map_or_else(String::new, |m| {
+                    format!("{} / {} / {}", m.min, m.median, m.max)
+                })
+        });
+        table.add_row([routine.to_owned()].into_iter().chain(cells));
+    }
+    for column in table.column_iter_mut().skip(1) {
+        column.set_cell_alignment(CellAlignment::Right);
+    }
+    table
+}
+
+/// The image for a processor.
+fn build(sh: &Shell, processor: &Processor) -> Result<PathBuf> {
+    let target = processor.target;
+    let messages = cmd!(
+        sh,
+        "cargo build --release --package {PACKAGE} --target {target} --message-format json-render-diagnostics"
+    )
+    .read()?;
+    for message in messages.lines() {
+        let message: serde_json::Value = serde_json::from_str(message)?;
+        if message["target"]["name"] == PACKAGE
+            && let Some(image) = message["executable"].as_str()
+        {
+            return Ok(image.into());
+        }
+    }
+    bail!("cargo built no image of {PACKAGE} for {target}")
+}
+
+/// What the image prints.
+fn emulate(processor: &Processor, image: &Path) -> Result<String> {
+    let mut child = Command::new(EMULATOR)
+        .args(processor.machine)
+        // An instruction takes a nanosecond, and time depends on nothing else.
+        .args(["-icount", "shift=0"])
+        .args(["-display", "none", "-monitor", "none", "-serial", "none"])
+        .args(["-semihosting-config", "enable=on,target=native"])
+        .arg("-kernel")
+        .arg(image)
+        .stdin(Stdio::null())
+        .stdout(Stdio::piped())
+        .spawn()
+        .map_err(|error| match error.kind() {
+            ErrorKind::NotFound => {
+                anyhow!("{EMULATOR} is not installed: type `apt-get install {EMULATOR}`")
+            }
+            _ => error.into(),
+        })?;
+    let mut stdout = child.stdout.take().context("the output is piped")?;
+    let reader = thread::spawn(move || {
+        let mut output = String::new();
+        stdout.read_to_string(&mut output).map(|_| output)
+    });
+    let Some(status) = child.wait_timeout(TIMEOUT)? else {
+        child.kill()?;
+        child.wait()?;
+        bail!("{EMULATOR} was stopped after {} s", TIMEOUT.as_secs());
+    };
+    let output = reader
+        .join()
+        .map_err(|_| anyhow!("reading the output of {EMULATOR} panicked"))??;
+    ensure!(
+        status.success(),
+        "{EMULATOR} ended with {status} after printing:\n{output}"
+    );
+    Ok(output)
+}
+
+fn parse(processor: &'static str, output: &str) -> Result<Vec<Measurement>> {
+    let mut measurements = Vec::new();
+    for line in output.lines() {
+        match line.split(' ').collect::<Vec<_>>()[..] {
+            ["instructions", routine, min, median, max] => measurements.push(Measurement {
+                processor,
+                routine: routine.to_owned(),
+                min: min.parse()?,
+                median: median.parse()?,
+                max: max.parse()?,
+            }),
+            // The image has checked these itself.
+            ["calibration", _, _] => {}
+            _ => bail!("{PACKAGE} printed a line that is none of its own: {line}"),
+        }
+    }
+    ensure!(!measurements.is_empty(), "{PACKAGE} counted nothing");
+    Ok(measurements)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const OUTPUT: &str = "calibration 100 100\ninstructions told 700 924 1148\n";
+
+    fn told(processor: &'static str) -> Measurement {
+        Measurement {
+            processor,
+            routine: "told".to_owned(),
+            min: 700,
+            median: 924,
+            max: 1148,
+        }
+    }
+
+    #[test]
+    fn lines_of_the_image() {
+        assert_eq!(parse("M4", OUTPUT).unwrap(), [told("M4")]);
+        for bad in [
+            "",
+            "error x",
+            "instructions told 1 2",
+            "instructions told 1 2 x",
+        ] {
+            assert!(parse("M4", bad).is_err(), "{bad}");
+        }
+    }
+
+    #[test]
+    fn one_row_per_routine() {
+        let table = table(&[told("Cortex-M4F"), told("Cortex-M0")]).to_string();
+        let rows: Vec<&str> = table.lines().collect();
+        assert_eq!(rows.len(), 3);
+        assert_eq!(rows[2].matches("700 / 924 / 1148").count(), 2);
+    }
+}
