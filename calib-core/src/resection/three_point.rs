@@ -104,28 +104,30 @@ pub fn fix<T: Real>(sightings: &[Sighting<T>; 3]) -> Result<Fix<T>, Refusal> {
     let to_b1 = mul(s1.target - s2.target, m12);
     let to_b3 = mul_conj(s3.target - s2.target, m23);
     let z = to_b1 * m23.y + to_b3 * m12.y;
-    let c = cross(to_b3, to_b1);
+    let minus_c = cross(to_b1, to_b3);
     let z2 = dot(z, z);
+    let minus_cz = z * minus_c;
 
     // In front means a positive range along the ray. Of the second target it always is; of the
     // others it has the sign of these, of which the common positive factors are left out.
-    let front1 = c * m12.x - dot(z, to_b1);
-    let front3 = c * m23.x - dot(z, to_b3);
-    let in_front = front1 * c > T::zero() && front3 * c > T::zero();
+    let c2 = minus_c * minus_c;
+    let front1 = c2 * m12.x + dot(minus_cz, to_b1);
+    let front3 = c2 * m23.x + dot(minus_cz, to_b3);
+    let in_front = front1 > T::zero() && front3 > T::zero();
     // Two equal targets make their ranges zero; of these two only up to rounding.
     let apart = s1.target != s3.target;
 
     // What rounding of the rays alone puts into Z. Below it no digit is left.
-    let products = (taxicab(to_b1) + taxicab(to_b3)) * (taxicab(m12) + taxicab(m23));
-    let noise = products * (T::default_epsilon() * lit(8.0));
-    let determined = z2 > noise * noise;
+    let noise = lit::<T>(24.0) * T::default_epsilon();
+    let noise2 = (dot(to_b1, to_b1) * dot(m23, m23) + dot(to_b3, to_b3) * dot(m12, m12))
+        * (noise * noise);
+    let determined = z2 > noise2;
     if !(in_front && apart && determined) {
         return Err(why_not(sightings, determined));
     }
-    let position = s2.target + z * (c / z2);
     Ok(Fix {
-        position,
-        axis: mul_conj(z, u2) * -c,
+        position: s2.target - minus_cz * z2.recip(),
+        axis: mul_conj(minus_cz, u2),
     })
 }
 
