@@ -2,6 +2,8 @@
 
 use std::path::PathBuf;
 
+use host_sim::accuracy;
+
 /// Prints figures as they come and remembers whether any missed its goal.
 #[derive(Default)]
 pub(crate) struct Sheet {
@@ -28,8 +30,8 @@ impl Sheet {
     /// Prints a figure; a missed goal is marked and remembered.
     pub(crate) fn figure(&mut self, name: &str, value: f64, unit: &str, goal: &Goal) {
         let (text, reached) = match *goal {
-            Goal::AtMost(limit) => (format!("<= {limit}"), value <= limit),
-            Goal::AtLeast(limit) => (format!(">= {limit}"), value >= limit),
+            Goal::AtMost(limit) => (format!("<= {limit:.4}"), value <= limit),
+            Goal::AtLeast(limit) => (format!(">= {limit:.4}"), value >= limit),
             Goal::None => (String::new(), true),
         };
         let mark = if reached { "" } else { "  MISSED" };
@@ -37,8 +39,8 @@ impl Sheet {
         println!("  {name:<58} {value:>10.4} {unit:<6} {text:<10}{mark}");
     }
 
-    pub(crate) fn all_reached(&self) -> bool {
-        self.missed == 0
+    pub(crate) fn close(&self) {
+        println!("\n{} figures missed their goal", self.missed);
     }
 }
 
@@ -47,6 +49,12 @@ pub(crate) fn full_data(name: &str) -> Option<PathBuf> {
     let root = concat!(env!("CARGO_MANIFEST_DIR"), "/../../shared/data");
     let path: PathBuf = [root, name].iter().collect();
     path.is_file().then_some(path)
+}
+
+/// A quantile of values in any order; NaN of none.
+pub(crate) fn quantile(values: &mut [f64], q: f64) -> f64 {
+    values.sort_unstable_by(f64::total_cmp);
+    accuracy::quantile(values, q).unwrap_or(f64::NAN)
 }
 
 /// Root of the mean square.

@@ -8,7 +8,7 @@ use calib_core::{Ray, Sighting, resection::three_point};
 use nalgebra::Matrix2;
 use test_support::{Truth, generator};
 
-use crate::figure::{Goal, Sheet};
+use crate::figure::{Goal, Sheet, quantile};
 
 const GEOMETRIES: usize = 1_000_000;
 /// Upper ends of the classes, in units of length per radian of bearing noise.
@@ -50,13 +50,13 @@ pub(crate) fn run(sheet: &mut Sheet) {
             let share = noises.len() as f64 / GEOMETRIES as f64 * 100.0;
             let name = format!("{lower} to {upper} units per rad ({share:.1} %)");
             for (what, p) in [("median", 0.5), ("p99.9", 0.999)] {
-                let value = host_sim::accuracy::quantile(&mut noises, p);
+                let value = quantile(&mut noises, p);
                 sheet.figure(&format!("{name}, {what}"), value * 1e6, "urad", &Goal::None);
             }
         }
         lower = upper;
     }
-    let p999 = host_sim::accuracy::quantile(&mut all, 0.999);
+    let p999 = quantile(&mut all, 0.999);
     sheet.figure("all, p99.9", p999 * 1e6, "urad", &Goal::AtMost(1.0));
     let share = f64::from(refused) / GEOMETRIES as f64 * 100.0;
     sheet.figure("refused by one or the other", share, "%", &Goal::None);

@@ -134,6 +134,11 @@ impl<T: Real> Camera<T> {
         self.principal_point
     }
 
+    /// The number of the last column, one less than there are.
+    pub fn last_column(&self) -> T {
+        self.last_column
+    }
+
     /// Whether the column lies between the centres of the first and the last one.
     pub fn has_column(&self, column: T) -> bool {
         column >= T::zero() && column <= self.last_column

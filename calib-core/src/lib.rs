@@ -56,6 +56,7 @@ pub mod resection;
 mod minimize;
 mod plane;
 mod pose;
+mod ranking;
 mod real;
 mod refusal;
 mod sighting;

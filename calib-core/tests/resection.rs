@@ -156,19 +156,16 @@ proptest! {
             target_covariance: Matrix2::zeros(),
         }).collect();
         let mut dropped = vec![false; sightings.len()];
-        for result in [
+        let solutions = [
             resection::solve(&sightings),
             resection::solve_rejecting(&sightings, gate, &mut dropped),
-        ] {
-            if let Ok(s) = result {
-                prop_assert!(s.pose.position.coords.iter().all(|v| v.is_finite()));
-                prop_assert!(s.pose.heading.is_finite() && s.pose.covariance.iter().all(|v| v.is_finite()));
-            }
+        ];
+        for s in solutions.into_iter().flatten() {
+            prop_assert!(s.pose.position.coords.iter().all(|v| v.is_finite()));
+            prop_assert!(s.pose.heading.is_finite() && s.pose.covariance.iter().all(|v| v.is_finite()));
         }
-        if let [a, b, c] = sightings[..] {
-            if let Ok(fix) = slope_form::solve(&[a, b, c]) {
-                prop_assert!(fix.theta.is_finite());
-            }
+        if let [a, b, c] = sightings[..] && let Ok(fix) = slope_form::solve(&[a, b, c]) {
+            prop_assert!(fix.theta.is_finite());
         }
     }
 }

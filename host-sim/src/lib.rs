@@ -1,1 +1,19 @@
-//! x
+//! Camera networks on a computer.
+//!
+//! The command `host-sim` is built from these parts; benchmarks and tests use them directly.
+//!
+//! | module | job |
+//! |---|---|
+//! | [`recorded`] | Reads sightings, true poses and stops from CSV files. |
+//! | [`answer`] | Gives every recorded case one answer. |
+//! | [`accuracy`] | Compares answers with the truth: error quantiles, and how honest the sigmas are. |
+//! | [`report`] | Prints answers as a table or as JSON. |
+//! | [`plot`] | Draws answers on a map. |
+
+#![forbid(unsafe_code)]
+
+pub mod accuracy;
+pub mod answer;
+pub mod plot;
+pub mod recorded;
+pub mod report;

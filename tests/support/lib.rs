@@ -7,9 +7,12 @@ use nalgebra::Point2;
 use rand::{Rng, RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 
+/// The generator of random numbers.
+pub type Random = ChaCha8Rng;
+
 /// A generator whose numbers are the same on every machine.
-pub fn generator(seed: u64) -> ChaCha8Rng {
-    ChaCha8Rng::seed_from_u64(seed)
+pub fn generator(seed: u64) -> Random {
+    Random::seed_from_u64(seed)
 }
 
 /// A standard normal number (Box and Muller).

@@ -38,6 +38,12 @@ const PROCESSORS: [Processor; 2] = [
     },
 ];
 
+/// The most instructions that routines may take on the Cortex-M4F.
+const BUDGETS: [(&str, u64); 2] = [
+    ("resection_three_heading", 220),
+    ("resection_three_covariance", 600),
+];
+
 /// Instructions of one call of a routine, over many inputs.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(crate) struct Measurement {
@@ -63,6 +69,22 @@ pub(crate) fn run(sh: &Shell) -> Result<Vec<Measurement>> {
         measurements.extend(parse(processor.name, &output)?);
     }
     Ok(measurements)
+}
+
+/// Fails if a routine is over its budget, or missing.
+pub(crate) fn within_budget(measurements: &[Measurement]) -> Result<()> {
+    for (routine, budget) in BUDGETS {
+        let max = measurements
+            .iter()
+            .find(|m| m.routine == routine && m.processor == PROCESSORS[0].name)
+            .with_context(|| format!("{routine} was not measured"))?
+            .max;
+        ensure!(
+            max <= budget,
+            "{routine} takes {max} instructions, its budget is {budget}"
+        );
+    }
+    Ok(())
 }
 
 /// A Markdown table: a row per routine, a column per processor.
@@ -130,7 +152,7 @@ fn emulate(processor: &Processor, image: &Path) -> Result<String> {
         .spawn()
         .map_err(|error| match error.kind() {
             ErrorKind::NotFound => {
-                anyhow!("{EMULATOR} is not installed: type `apt-get install {EMULATOR}`")
+                anyhow!("{EMULATOR} is not installed: type `sudo apt-get install {EMULATOR}`")
             }
             _ => error.into(),
         })?;

@@ -1,9 +1,56 @@
-//! The project's chores.
+//! The project's chores: `cargo xtask --help`.
+
+use clap::{Parser, Subcommand};
+use xshell::{Shell, cmd};
 
 mod cortex_m;
+mod setup;
+mod test;
+
+/// The project's chores.
+#[derive(Parser)]
+#[command(name = "cargo xtask")]
+struct Arguments {
+    #[command(subcommand)]
+    chore: Chore,
+}
+
+#[derive(Subcommand)]
+enum Chore {
+    /// Everything: installs what is missing, formats, lints, tests, documents, cross-builds, and
+    /// counts instructions on emulated processors
+    Test,
+    /// Every figure of the README again, with its goal
+    Bench {
+        /// Passed to the bench of accuracy, for example `recorded`
+        topics: Vec<String>,
+    },
+    /// Instructions of the node's routines on emulated processors
+    CortexM,
+}
 
 fn main() -> anyhow::Result<()> {
-    let measurements = cortex_m::run(&xshell::Shell::new()?)?;
+    let arguments = Arguments::parse();
+    let sh = Shell::new()?;
+    sh.change_dir(concat!(env!("CARGO_MANIFEST_DIR"), "/.."));
+    match arguments.chore {
+        Chore::Test => test::run(&sh),
+        Chore::Bench { topics } => {
+            let all = topics.is_empty();
+            cmd!(sh, "cargo run --release --package bench -- {topics...}").run()?;
+            if all {
+                count_instructions(&sh)?;
+            }
+            Ok(())
+        }
+        Chore::CortexM => count_instructions(&sh),
+    }
+}
+
+fn count_instructions(sh: &Shell) -> anyhow::Result<()> {
+    setup::targets(sh)?;
+    setup::packages(sh)?;
+    let measurements = cortex_m::run(sh)?;
     println!("{}", cortex_m::table(&measurements));
-    Ok(())
+    cortex_m::within_budget(&measurements)
 }

@@ -12,22 +12,20 @@
 
 use nalgebra::{Vector2, Vector6};
 
-use super::{REFINED, Stop, model::Bearings};
+use super::{Stop, model::Bearings};
 use crate::{
     Ray, Real, Refusal, Sighting,
     minimize::Problem,
     plane::{cross, dot, mul, mul_conj, quarter_turn, taxicab, unit},
+    ranking::Ranking,
     real::lit,
     resection::three_point::{self, Fix},
     subsets,
 };
 
-/// A start for least squares, and how badly it fits all stops.
-#[derive(Clone, Copy)]
-pub(super) struct Proposal<T: Real> {
-    pub x: Vector6<T>,
-    cost: T,
-}
+/// Starts for least squares, by how well they fit all stops. Duplicates of one answer come from
+/// different pairs of stops.
+pub(super) type Proposals<T> = Ranking<T, Vector6<T>, 6>;
 
 /// Trial headings for a frame whose heading is not known: every 15 degrees.
 const TRIAL_HEADINGS: u8 = 24;
@@ -37,12 +35,10 @@ const TRIAL_HEADINGS: u8 = 24;
 /// # Errors
 /// Why the closed forms refused, if all did; [`Refusal::TargetBehind`] when circles met only
 /// behind a camera.
-pub(super) fn propose<T: Real>(
-    problem: &Bearings<'_, T>,
-) -> Result<[Option<Proposal<T>>; REFINED], Refusal> {
+pub(super) fn propose<T: Real>(problem: &Bearings<'_, T>) -> Result<Proposals<T>, Refusal> {
     let mut best = Best {
         problem,
-        proposals: [None; REFINED],
+        proposals: Ranking::new(),
     };
     let known = problem.known;
     let mut refusal = Refusal::TargetBehind;
@@ -58,7 +54,7 @@ pub(super) fn propose<T: Real>(
             }
         }
     }
-    if best.proposals.iter().all(Option::is_none) {
+    if best.proposals.iter().next().is_none() {
         return Err(refusal);
     }
     Ok(best.proposals)
@@ -66,26 +62,14 @@ pub(super) fn propose<T: Real>(
 
 struct Best<'a, T: Real> {
     problem: &'a Bearings<'a, T>,
-    proposals: [Option<Proposal<T>>; REFINED],
+    proposals: Proposals<T>,
 }
 
 impl<T: Real> Best<'_, T> {
-    /// Keeps the proposals sorted by cost, the worst falls out.
     fn offer(&mut self, x: Vector6<T>) {
         let cost = self.problem.cost(&x, &x);
-        if !cost.is_finite() {
-            return;
-        }
-        let mut carried = Some(Proposal { x, cost });
-        for slot in &mut self.proposals {
-            let better = match (&carried, &slot) {
-                (Some(c), Some(s)) => c.cost < s.cost,
-                (Some(_), None) => true,
-                (None, _) => false,
-            };
-            if better {
-                core::mem::swap(slot, &mut carried);
-            }
+        if cost.is_finite() {
+            self.proposals.offer(cost, x);
         }
     }
 

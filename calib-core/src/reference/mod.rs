@@ -36,9 +36,9 @@ use crate::{
     Method, Ray, Real, Refusal, angle,
     minimize::{Minimum, minimize},
     plane::unit,
+    ranking::Ranking,
     real::lit,
 };
-use candidates::Proposal;
 use model::Bearings;
 
 mod candidates;
@@ -48,6 +48,14 @@ mod profile;
 
 /// One stop of the target, seen by both reference cameras.
 #[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[cfg_attr(
+    feature = "serde",
+    serde(bound(
+        serialize = "T: Real + serde::Serialize",
+        deserialize = "T: Real + serde::Deserialize<'de>"
+    ))
+)]
 pub struct Stop<T: Real> {
     /// The directions in which camera 0 and camera 1 saw the target.
     pub rays: [Ray<T>; 2],
@@ -76,6 +84,8 @@ impl<T: Real> Stop<T> {
 
 /// What is known beforehand.
 #[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Known<T> {
     /// Distance between the two cameras, above zero.
     pub baseline: Option<T>,
@@ -86,6 +96,8 @@ pub struct Known<T> {
 
 /// How to solve.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Settings {
     /// From the closed-form candidate to the minimum.
     pub method: Method,
@@ -105,6 +117,14 @@ impl Default for Settings {
 
 /// One answer.
 #[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[cfg_attr(
+    feature = "serde",
+    serde(bound(
+        serialize = "T: Real + serde::Serialize",
+        deserialize = "T: Real + serde::Deserialize<'de>"
+    ))
+)]
 pub struct Solution<T: Real> {
     /// Headings of camera 0 and camera 1 against the baseline, radians in `[0, 2 pi)`.
     pub headings: [T; 2],
@@ -159,8 +179,33 @@ impl<T: Real> Solution<T> {
     }
 }
 
+#[cfg(feature = "defmt")]
+impl<T: Real + defmt::Format> defmt::Format for Solution<T> {
+    fn format(&self, f: defmt::Formatter<'_>) {
+        let ([h0, h1], [s0, s1]) = (self.headings, self.heading_sigmas());
+        defmt::write!(
+            f,
+            "headings {} +/- {}, {} +/- {} rad, chi squared {}, {} steps",
+            h0,
+            s0,
+            h1,
+            s1,
+            self.chi_squared,
+            self.iterations
+        );
+    }
+}
+
 /// The best answer, and another one if the data cannot tell them apart.
 #[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[cfg_attr(
+    feature = "serde",
+    serde(bound(
+        serialize = "T: Real + serde::Serialize",
+        deserialize = "T: Real + serde::Deserialize<'de>"
+    ))
+)]
 pub struct Outcome<T: Real> {
     /// The answer with the least residuals.
     pub best: Solution<T>,
@@ -173,9 +218,6 @@ pub struct Outcome<T: Real> {
 
 /// Chi squared by which a worse answer must be worse to be ruled out: three sigmas.
 pub const AMBIGUITY: f64 = 9.0;
-
-/// Candidates that are refined. Duplicates of one answer come from different pairs of stops.
-const REFINED: usize = 6;
 
 /// Finds the headings of both cameras and the places of the target.
 ///
@@ -206,21 +248,22 @@ pub fn solve<T: Real>(
 
     let problem = Bearings::new(stops, known);
     let proposals = candidates::propose(&problem)?;
-    let mut found: [Option<Solution<T>>; REFINED] = [None; REFINED];
+    let mut found = Ranking::<_, Solution<T>, 6>::new();
     let mut failure = Refusal::TargetBehind;
-    for Proposal { x, .. } in proposals.iter().flatten() {
-        match refine(&problem, *x, settings) {
-            Ok(solution) => insert(&mut found, solution),
+    for start in proposals.iter() {
+        match refine(&problem, *start, settings) {
+            Ok(solution) if found.iter().any(|s| is_same(s, &solution)) => {}
+            Ok(solution) => found.offer(solution.chi_squared, solution),
             Err(why) => failure = why,
         }
     }
-    let mut ranked = found.into_iter().flatten();
+    let mut ranked = found.iter().copied();
     let best = ranked.next().ok_or(failure)?;
     let limit = best.chi_squared + lit(AMBIGUITY);
     Ok(Outcome {
         best,
         alternative: ranked.next().filter(|s| s.chi_squared < limit),
-        candidates: 1 + found.iter().skip(1).flatten().count(),
+        candidates: found.iter().count(),
     })
 }
 
@@ -261,24 +304,6 @@ fn refine<T: Real>(
         iterations,
         condition,
     })
-}
-
-/// Keeps different answers, sorted by chi squared.
-fn insert<T: Real>(found: &mut [Option<Solution<T>>], solution: Solution<T>) {
-    if found.iter().flatten().any(|s| is_same(s, &solution)) {
-        return;
-    }
-    let mut carried = solution;
-    for slot in found {
-        match slot {
-            Some(s) if s.chi_squared <= carried.chi_squared => {}
-            Some(s) => core::mem::swap(s, &mut carried),
-            None => {
-                *slot = Some(carried);
-                return;
-            }
-        }
-    }
 }
 
 /// Whether two refined answers are one minimum: they differ by no more than where an iteration

@@ -7,6 +7,7 @@ use crate::{
     Pose, Real, Refusal, Sighting, angle,
     minimize::{Method, Minimum, Problem, Quadratic, minimize},
     plane::{cross, dot, mul, quarter_turn, unit},
+    ranking::Ranking,
     real::lit,
     subsets,
 };
@@ -132,17 +133,25 @@ pub(super) fn triples<T: Real>(
         .filter_map(|[i, j, k]| Some([*sightings.get(i)?, *sightings.get(j)?, *sightings.get(k)?]))
 }
 
-/// Least squares over all sightings, from the triple that promises the smallest sigma of
-/// position; from the next best ones should that fail.
+/// Least squares over all sightings, from the triple whose pose explains all of them best; from
+/// the next best ones should that fail.
+///
+/// Best is the least sum of absolute residuals: a triple in poor geometry, or with a wild
+/// sighting in it, predicts the others badly. Its own predicted sigma would be a bad judge, since
+/// noise that puts the camera right beside a target makes it small.
 ///
 /// # Errors
 /// What the triples were refused for, if all were; otherwise why the last start failed.
 pub(super) fn solve<T: Real>(sightings: &[Sighting<T>]) -> Result<Solution<T>, Refusal> {
-    let mut starts: [Option<Pose<T>>; 3] = [None; 3];
+    let mut starts = Ranking::<_, _, 3>::new();
     let mut refusal = None;
     for triple in triples(sightings) {
         match three_point::solve(&triple) {
-            Ok(pose) => keep_best(&mut starts, pose),
+            Ok(pose) => {
+                if let Some(residuals) = sum_of_residuals(sightings, &pose, starts.limit()) {
+                    starts.offer(residuals, pose);
+                }
+            }
             // A place seen twice spoils its own triples only: a better reason may follow.
             Err(why) if refusal.is_none_or(|r| r == Refusal::CoincidentTargets) => {
                 refusal = Some(why);
@@ -151,7 +160,7 @@ pub(super) fn solve<T: Real>(sightings: &[Sighting<T>]) -> Result<Solution<T>, R
         }
     }
     let mut result = Err(refusal.unwrap_or(Refusal::TooFew));
-    for start in starts.iter().flatten() {
+    for start in starts.iter() {
         result = refine(sightings, &[], start);
         if result.is_ok() {
             break;
@@ -160,18 +169,18 @@ pub(super) fn solve<T: Real>(sightings: &[Sighting<T>]) -> Result<Solution<T>, R
     result
 }
 
-/// Keeps the poses sorted by their variance of position, best first.
-fn keep_best<T: Real>(best: &mut [Option<Pose<T>>], pose: Pose<T>) {
-    let variance = |p: &Pose<T>| p.covariance.m11 + p.covariance.m22;
-    let mut candidate = Some(pose);
-    for slot in best {
-        let better = match (&candidate, &slot) {
-            (Some(c), Some(s)) => variance(c) < variance(s),
-            (Some(_), None) => true,
-            (None, _) => false,
-        };
-        if better {
-            core::mem::swap(slot, &mut candidate);
+/// In sigmas; `None` as soon as it reaches the limit.
+fn sum_of_residuals<T: Real>(
+    sightings: &[Sighting<T>],
+    pose: &Pose<T>,
+    limit: Option<T>,
+) -> Option<T> {
+    let mut sum = T::zero();
+    for sighting in sightings {
+        sum += squared_sigmas(sighting, pose).sqrt();
+        if limit.is_some_and(|limit| sum >= limit) {
+            return None;
         }
     }
+    Some(sum)
 }

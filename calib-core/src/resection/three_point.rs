@@ -119,8 +119,8 @@ pub fn fix<T: Real>(sightings: &[Sighting<T>; 3]) -> Result<Fix<T>, Refusal> {
 
     // What rounding of the rays alone puts into Z. Below it no digit is left.
     let noise = lit::<T>(24.0) * T::default_epsilon();
-    let noise2 = (dot(to_b1, to_b1) * dot(m23, m23) + dot(to_b3, to_b3) * dot(m12, m12))
-        * (noise * noise);
+    let noise2 =
+        (dot(to_b1, to_b1) * dot(m23, m23) + dot(to_b3, to_b3) * dot(m12, m12)) * (noise * noise);
     let determined = z2 > noise2;
     if !(in_front && apart && determined) {
         return Err(why_not(sightings, determined));

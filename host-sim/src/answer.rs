@@ -1,0 +1,149 @@
+//! One answer for every recorded case, whatever is wrong with it.
+
+use calib_core::{Refusal, Sighting, resection};
+use indexmap::IndexMap;
+
+use crate::recorded::sightings::Case;
+
+/// How to solve.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Settings {
+    /// Sightings more than this many sigmas off the pose that most others agree on are dropped.
+    pub reject: Option<f64>,
+    /// Poses whose predicted [`sigma_position`](calib_core::Pose::sigma_position) is above this
+    /// are [`Status::Uncertain`].
+    pub max_sigma: Option<f64>,
+}
+
+/// What became of a case.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub enum Status {
+    /// It has a pose.
+    Ok,
+    /// It has a pose, but a less certain one than was asked for.
+    Uncertain,
+    /// One of its rows could not be read.
+    Unreadable,
+    /// The solver refused it.
+    Refused(Refusal),
+}
+
+impl Status {
+    /// The status in `snake_case`, as it stands in files. Stable.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Ok => "ok",
+            Self::Uncertain => "uncertain",
+            Self::Unreadable => "unreadable",
+            Self::Refused(refusal) => refusal.name(),
+        }
+    }
+
+    /// What is the matter, and what to do about it; nothing for [`Status::Ok`].
+    pub fn advice(self) -> Option<String> {
+        match self {
+            Self::Ok => None,
+            Self::Uncertain => Some(
+                "the predicted sigma is above the limit: stop the target at better places"
+                    .to_owned(),
+            ),
+            Self::Unreadable => Some("a row of the case could not be read: correct it".to_owned()),
+            Self::Refused(refusal) => Some(refusal.to_string()),
+        }
+    }
+}
+
+/// The answer for one case.
+#[derive(Clone, Copy, Debug)]
+pub struct Answer<'a> {
+    /// Whose.
+    pub case: &'a str,
+    /// What became of it.
+    pub status: Status,
+    /// The pose, if there is one.
+    pub solution: Option<resection::Solution<f64>>,
+    /// How many sightings were recorded, whether used, dropped or unreadable.
+    pub sightings: usize,
+    /// How many of them were dropped as outliers.
+    pub dropped: usize,
+}
+
+/// Solves cases, keeping its buffers from one to the next.
+#[derive(Debug, Default)]
+pub struct Solver {
+    settings: Settings,
+    sightings: Vec<Sighting<f64>>,
+    dropped: Vec<bool>,
+}
+
+impl Solver {
+    /// A solver of these settings.
+    pub fn new(settings: Settings) -> Self {
+        Self {
+            settings,
+            ..Self::default()
+        }
+    }
+
+    /// Solves one case.
+    pub fn answer<'a>(&mut self, case: &Case<'a>) -> Answer<'a> {
+        let (status, solution) = self.solve(case);
+        let dropped = solution.map_or(0, |s| self.sightings.len().saturating_sub(s.used));
+        Answer {
+            case: case.id(),
+            status,
+            solution,
+            sightings: case.rows(),
+            dropped,
+        }
+    }
+
+    fn solve(&mut self, case: &Case<'_>) -> (Status, Option<resection::Solution<f64>>) {
+        if !case.is_readable() {
+            return (Status::Unreadable, None);
+        }
+        self.sightings.clear();
+        self.sightings.extend(case.sightings());
+        let solved = match self.settings.reject {
+            Some(gate) => {
+                self.dropped.resize(self.sightings.len(), false);
+                resection::solve_rejecting(&self.sightings, gate, &mut self.dropped)
+            }
+            None => resection::solve(&self.sightings),
+        };
+        let within = |sigma: f64| self.settings.max_sigma.is_none_or(|limit| sigma <= limit);
+        match solved {
+            Ok(solution) if within(solution.pose.sigma_position()) => (Status::Ok, Some(solution)),
+            Ok(solution) => (Status::Uncertain, Some(solution)),
+            Err(refusal) => (Status::Refused(refusal), None),
+        }
+    }
+}
+
+/// How many cases came to what.
+#[derive(Clone, Debug, Default)]
+pub struct Tally(IndexMap<Status, usize>);
+
+impl Tally {
+    /// Counts one.
+    pub fn add(&mut self, status: Status) {
+        *self.0.entry(status).or_default() += 1;
+    }
+
+    /// How many came to this.
+    pub fn count(&self, status: Status) -> usize {
+        self.0.get(&status).copied().unwrap_or_default()
+    }
+
+    /// How many there were.
+    pub fn total(&self) -> usize {
+        self.0.values().sum()
+    }
+
+    /// Every status that occurred with its count: [`Status::Ok`] first, then the most frequent.
+    pub fn sorted(&self) -> Vec<(Status, usize)> {
+        let mut all: Vec<_> = self.0.iter().map(|(&s, &n)| (s, n)).collect();
+        all.sort_by_key(|&(status, n)| (status != Status::Ok, std::cmp::Reverse(n)));
+        all
+    }
+}

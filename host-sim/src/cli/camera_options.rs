@@ -1,0 +1,53 @@
+//! The camera that recorded pixel columns are of.
+
+use calib_core::camera::{Camera, CameraError, Projection};
+use clap::{Args, ValueEnum};
+
+use super::values;
+
+#[derive(Args)]
+#[command(next_help_heading = "Camera, for pixel columns instead of bearings")]
+pub(super) struct CameraOptions {
+    /// Field of view in degrees, from the centre of the first column to that of the last one.
+    ///
+    /// There is no default: a wrong field of view makes every pose wrong, and nothing shows it.
+    #[arg(long, value_name = "DEGREES", value_parser = values::positive)]
+    fov_deg: Option<f64>,
+    /// How many columns the camera has.
+    #[arg(long, value_name = "N", default_value_t = 88, requires = "fov_deg")]
+    columns: u16,
+    /// How the lens spreads directions over the columns.
+    #[arg(long, value_enum, default_value_t, requires = "fov_deg")]
+    projection: ProjectionOption,
+    /// The column of the optical axis, counted from 0 [default: the middle].
+    #[arg(long, value_name = "COLUMN", value_parser = values::finite, requires = "fov_deg")]
+    principal: Option<f64>,
+}
+
+#[derive(Clone, Copy, Default, ValueEnum)]
+enum ProjectionOption {
+    /// Equal steps of the tangent: ordinary lenses, the CMUcam2.
+    #[default]
+    Pinhole,
+    /// Equal steps of the angle: scanning sensors, the blob finder of the Stage simulator.
+    EqualAngle,
+}
+
+impl CameraOptions {
+    /// The camera, if one was described.
+    pub(super) fn camera(&self) -> Result<Option<Camera<f64>>, CameraError> {
+        let Some(field_of_view) = self.fov_deg else {
+            return Ok(None);
+        };
+        let projection = match self.projection {
+            ProjectionOption::Pinhole => Projection::PinHole,
+            ProjectionOption::EqualAngle => Projection::EqualAngle,
+        };
+        let camera = Camera::new(projection, self.columns, field_of_view.to_radians())?;
+        match self.principal {
+            Some(column) => camera.with_principal_point(column),
+            None => Ok(camera),
+        }
+        .map(Some)
+    }
+}

@@ -1,0 +1,80 @@
+//! What people type, and what they are told.
+
+use std::{
+    fmt,
+    io::{self, Write},
+    path::Path,
+    process::ExitCode,
+};
+
+use anyhow::anyhow;
+use clap::{Parser, Subcommand};
+use host_sim::recorded::ReadError;
+
+mod camera_options;
+mod messages;
+mod solve;
+mod solve_reference;
+mod values;
+
+/// Networks of cameras that calibrate themselves: poses from recorded sightings.
+#[derive(Parser)]
+#[command(version, propagate_version = true, arg_required_else_help = true)]
+struct Cli {
+    #[command(subcommand)]
+    command: Command,
+}
+
+#[derive(Subcommand)]
+enum Command {
+    Solve(solve::Arguments),
+    SolveReference(solve_reference::Arguments),
+}
+
+/// Runs the command line; errors are printed, and become the exit code 2.
+pub(crate) fn main() -> ExitCode {
+    let done = match Cli::parse().command {
+        Command::Solve(arguments) => solve::run(&arguments),
+        Command::SolveReference(arguments) => solve_reference::run(&arguments),
+    };
+    match done {
+        Ok(code) => code,
+        // Whoever read our output has seen enough.
+        Err(error) if is_broken_pipe(&error) => ExitCode::SUCCESS,
+        Err(error) => {
+            tell(format_args!("host-sim: {error:#}"));
+            ExitCode::from(2)
+        }
+    }
+}
+
+fn is_broken_pipe(error: &anyhow::Error) -> bool {
+    error
+        .downcast_ref::<io::Error>()
+        .is_some_and(|e| e.kind() == io::ErrorKind::BrokenPipe)
+}
+
+/// Prints a line for people on the standard error output.
+fn tell(line: impl fmt::Display) {
+    // Nobody is left to be told that this failed.
+    let _ = writeln!(io::stderr(), "{line}");
+}
+
+/// How a file is called in messages.
+fn file_name(path: &Path) -> String {
+    if path == Path::new("-") {
+        "standard input".to_owned()
+    } else {
+        path.display().to_string()
+    }
+}
+
+/// A file's error with its name, and with the line in the form that editors follow.
+fn of_file(path: &Path, error: ReadError) -> anyhow::Error {
+    let name = file_name(path);
+    match error {
+        ReadError::Io(error) => anyhow!("{name} cannot be read: {error}"),
+        ReadError::Row(complaint) => anyhow!("{name}:{}: {}", complaint.line, complaint.text),
+        error => anyhow!("{name} {error}"),
+    }
+}

@@ -1,0 +1,308 @@
+//! `host-sim solve`
+
+use std::{
+    fs,
+    io::{self, BufWriter, StdoutLock, Write},
+    path::{Path, PathBuf},
+    process::ExitCode,
+};
+
+use anyhow::{Context, bail};
+use clap::Args;
+use host_sim::{
+    accuracy::Comparisons,
+    answer::{Answer, Settings, Solver, Status, Tally},
+    plot::{self, EvenSample, Map, MapCamera},
+    recorded::{
+        self,
+        sightings::{self, Assumptions, Recording},
+        truth::{self, Truth},
+    },
+    report::{
+        json::{CaseName, PoseLine, whole_number},
+        table::PoseTable,
+    },
+};
+use nalgebra::Point2;
+
+use super::{
+    camera_options::CameraOptions,
+    file_name,
+    messages::{self, Messages, tell_assumed_sigma},
+    of_file, tell, values,
+};
+
+/// Poses of cameras from recorded sightings of targets at known places.
+///
+/// Every case gets one answer, in the order of the file: a pose with its predicted standard
+/// deviations, or the reason why there is none. Three sightings of a case are the least.
+#[derive(Args)]
+#[command(after_long_help = EPILOGUE, allow_negative_numbers = true)]
+pub(super) struct Arguments {
+    /// Sightings, or `-` for the standard input.
+    #[arg(value_name = "FILE.csv")]
+    file: PathBuf,
+    /// Standard deviation of bearings, radians, for files without a column `sigma_rad`.
+    ///
+    /// Without it: that of whole pixels for `column`, 0.0087 (half a degree) for `bearing_rad`.
+    #[arg(long, value_name = "RAD", value_parser = values::positive)]
+    bearing_sigma: Option<f64>,
+    /// Standard deviation of the targets' places, for files without a column `target_sigma`.
+    #[arg(long, value_name = "LENGTH", value_parser = values::not_negative, default_value_t = 0.0)]
+    target_sigma: f64,
+    /// Drop sightings more than this many sigmas off the pose that most others agree on.
+    ///
+    /// Needs five sightings of a case to find a wrong one, four to notice it. 3 to 5 are usual.
+    #[arg(long, value_name = "SIGMAS", value_parser = values::positive)]
+    reject: Option<f64>,
+    /// Call poses uncertain whose predicted standard deviation of position is above this.
+    #[arg(long, value_name = "METRES", value_parser = values::positive)]
+    max_sigma: Option<f64>,
+    /// True poses to compare with: columns `case`, `x`, `y`, `theta_rad`.
+    #[arg(long, value_name = "FILE.csv")]
+    truth: Option<PathBuf>,
+    /// Draw a map of the answers.
+    #[arg(long, value_name = "FILE.svg")]
+    plot: Option<PathBuf>,
+    /// One JSON object per line instead of a table.
+    #[arg(long)]
+    json: bool,
+    /// Name of the unit of length of the file, for headings and axes.
+    #[arg(long, value_name = "NAME", default_value = "m")]
+    unit: String,
+    #[command(flatten)]
+    camera: CameraOptions,
+}
+
+const EPILOGUE: &str = "\
+FILE.csv: the first line names the columns, in any order; columns not listed here are ignored.
+  case                whose sightings belong together: any text
+  target_x, target_y  where the target stood
+  bearing_rad         the direction it was seen in, radians, positive to the left
+  column              or the pixel column, from 0 on the left: needs --fov-deg
+  sigma_rad           optional: standard deviation of the direction, radians
+  target_sigma        optional: standard deviation of the target's place in x and in y
+
+Examples:
+  host-sim solve sightings.csv --bearing-sigma 0.0086
+  host-sim solve sightings.csv --truth truth.csv --max-sigma 0.5 --plot map.svg
+  host-sim solve blobs.csv --fov-deg 60 --columns 88 --projection equal-angle --json
+
+JSON: case, status (ok, uncertain, unreadable, or why it was refused), x, y, heading_rad (0 to
+2 pi), sigma_x, sigma_y, sigma_heading_rad (null where there is no pose), sightings, dropped.
+Messages, the count of cases and, with --json, the comparison with the truth go to the standard
+error output.
+
+Exit codes:
+  0  every case has its answer, be it a refusal
+  2  wrong options, or nothing could be read";
+
+pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
+    let recording = read_sightings(arguments)?;
+    let truths = match &arguments.truth {
+        Some(path) => Some(read_truth(path, &recording)?),
+        None => None,
+    };
+    let report = answer_all(arguments, &recording, truths.as_deref())?;
+    if let (Some(path), Some(cameras)) = (&arguments.plot, report.cameras) {
+        draw(arguments, path, cameras)?;
+    }
+    print_summary(&report.tally, &file_name(&arguments.file));
+    let nothing_read = report.tally.count(Status::Unreadable) == report.tally.total();
+    Ok(ExitCode::from(if nothing_read { 2 } else { 0 }))
+}
+
+fn read_sightings(arguments: &Arguments) -> anyhow::Result<Recording> {
+    let assumptions = Assumptions {
+        camera: arguments.camera.camera()?,
+        bearing_sigma: arguments.bearing_sigma,
+        target_sigma: arguments.target_sigma,
+    };
+    let path = &arguments.file;
+    let mut messages = Messages::new(file_name(path));
+    let recording = recorded::open(path, |input, length| messages.watch(input, length))
+        .and_then(|input| sightings::read(input, &assumptions, |what| messages.complain(&what)));
+    messages.finish();
+    let recording = recording.map_err(|error| of_file(path, error))?;
+    if recording.is_empty() {
+        bail!("{} has no row with a case", file_name(path));
+    }
+    if recording.sigma_assumed() {
+        tell_assumed_sigma(path);
+    }
+    Ok(recording)
+}
+
+fn read_truth(path: &Path, recording: &Recording) -> anyhow::Result<Vec<Option<Truth>>> {
+    let mut messages = Messages::new(file_name(path));
+    let truths = recorded::open(path, |input, length| messages.watch(input, length))
+        .and_then(|input| truth::read(input, recording, |what| messages.complain(&what)));
+    messages.finish();
+    truths.map_err(|error| of_file(path, error))
+}
+
+/// A camera on the map and the targets it saw.
+type Sketch = (MapCamera, Vec<Point2<f64>>);
+
+/// What is left to be said after the answers.
+struct Report {
+    tally: Tally,
+    cameras: Option<EvenSample<Sketch>>,
+}
+
+fn answer_all(
+    arguments: &Arguments,
+    recording: &Recording,
+    truths: Option<&[Option<Truth>]>,
+) -> anyhow::Result<Report> {
+    let mut output = Output::begin(arguments, recording)?;
+    let mut solver = Solver::new(Settings {
+        reject: arguments.reject,
+        max_sigma: arguments.max_sigma,
+    });
+    let mut tally = Tally::default();
+    let mut comparisons = Comparisons::default();
+    let mut cameras = arguments
+        .plot
+        .as_ref()
+        .map(|_| EvenSample::new(plot::MOST_CAMERAS));
+    let bar = messages::solving_bar(recording.len());
+    for (place, case) in recording.cases().enumerate() {
+        let answer = solver.answer(&case);
+        output.write(&answer)?;
+        tally.add(answer.status);
+        if let Some(solution) = &answer.solution {
+            let is_certain = answer.status == Status::Ok;
+            if let (Some(truths), true) = (truths, is_certain) {
+                comparisons.add(&solution.pose, truths.get(place).and_then(Option::as_ref));
+            }
+            if let Some(cameras) = &mut cameras {
+                cameras.offer(|| {
+                    let camera = MapCamera {
+                        name: answer.case.to_owned(),
+                        pose: solution.pose,
+                        is_certain,
+                    };
+                    (camera, case.sightings().map(|s| s.target).collect())
+                });
+            }
+        }
+        bar.inc(1);
+    }
+    bar.finish_and_clear();
+    let comparison = truths.map(|_| describe(comparisons, &tally, &arguments.unit));
+    output.finish(comparison)?;
+    Ok(Report { tally, cameras })
+}
+
+fn describe(comparisons: Comparisons, tally: &Tally, unit: &str) -> String {
+    let (ok, all) = (tally.count(Status::Ok), tally.total());
+    let kept = 100.0 * ok as f64 / all as f64;
+    let kept = format!("Kept {kept:.1} %: {ok} of {all} cases\n");
+    match comparisons.finish() {
+        Some(accuracy) => format!("{}{kept}", accuracy.display(unit)),
+        None => {
+            format!("No answer has a truth to compare with: are the case names the same?\n{kept}")
+        }
+    }
+}
+
+/// Where answers go.
+enum Output<'a> {
+    Table(PoseTable<BufWriter<StdoutLock<'a>>>),
+    Json {
+        out: BufWriter<StdoutLock<'a>>,
+        numbered: bool,
+    },
+}
+
+impl Output<'_> {
+    fn begin(arguments: &Arguments, recording: &Recording) -> io::Result<Self> {
+        let out = BufWriter::with_capacity(1 << 16, io::stdout().lock());
+        if arguments.json {
+            let numbered = recording.cases().all(|c| whole_number(c.id()).is_some());
+            return Ok(Self::Json { out, numbered });
+        }
+        let widths = recording.cases().map(|c| c.id().chars().count());
+        let widest = widths.max().unwrap_or_default();
+        PoseTable::begin(out, &arguments.unit, widest).map(Self::Table)
+    }
+
+    fn write(&mut self, answer: &Answer<'_>) -> io::Result<()> {
+        match self {
+            Self::Table(table) => table.row(answer),
+            Self::Json { out, numbered } => {
+                let name = match whole_number(answer.case) {
+                    Some(number) if *numbered => CaseName::Number(number),
+                    _ => CaseName::Text(answer.case),
+                };
+                serde_json::to_writer(&mut *out, &PoseLine::new(name, answer))?;
+                out.write_all(b"\n")
+            }
+        }
+    }
+
+    /// A comparison belongs to the table, but not between lines of JSON.
+    fn finish(self, comparison: Option<String>) -> io::Result<()> {
+        match self {
+            Self::Table(table) => {
+                let mut out = table.into_inner();
+                if let Some(text) = comparison {
+                    write!(out, "\n{text}")?;
+                }
+                out.flush()
+            }
+            Self::Json { mut out, .. } => {
+                out.flush()?;
+                if let Some(text) = comparison {
+                    tell(text.trim_end());
+                }
+                Ok(())
+            }
+        }
+    }
+}
+
+fn print_summary(tally: &Tally, file: &str) {
+    let counts: Vec<String> = tally
+        .sorted()
+        .iter()
+        .map(|(status, count)| format!("{count} {}", status.name()))
+        .collect();
+    let cases = if tally.total() == 1 { "case" } else { "cases" };
+    tell(format_args!(
+        "{file}: {} {cases}: {}",
+        tally.total(),
+        counts.join(", ")
+    ));
+    for (status, _) in tally.sorted() {
+        if let Some(advice) = status.advice() {
+            tell(format_args!("  {}: {advice}", status.name()));
+        }
+    }
+}
+
+fn draw(arguments: &Arguments, path: &Path, sample: EvenSample<Sketch>) -> anyhow::Result<()> {
+    let answered = sample.seen();
+    let (cameras, targets): (Vec<_>, Vec<_>) = sample.finish().into_iter().unzip();
+    let name = arguments
+        .file
+        .file_name()
+        .map_or_else(|| "standard input".into(), |name| name.to_string_lossy());
+    let title = if cameras.len() < answered {
+        format!(
+            "Poses from {name}: {} of {answered}, evenly chosen",
+            cameras.len()
+        )
+    } else {
+        format!("Poses from {name}")
+    };
+    let svg = plot::svg(&Map {
+        title,
+        unit: arguments.unit.clone(),
+        cameras,
+        targets: targets.into_iter().flatten().collect(),
+    });
+    let svg = svg.with_context(|| format!("{} is not written", path.display()))?;
+    fs::write(path, svg).with_context(|| format!("{} cannot be written", path.display()))
+}

@@ -1,0 +1,224 @@
+//! Answers as JSON. The names and their meaning are an interface: they stay.
+
+use calib_core::{
+    Refusal,
+    reference::{self, Stop},
+};
+use serde::Serialize;
+
+use crate::answer::Answer;
+
+/// Whole numbers up to here survive every JSON reader, also those that only know doubles.
+const LARGEST_EXACT: i64 = (1 << 53) - 1;
+
+/// The name of a case: a JSON number if all names of a file are whole numbers, otherwise a string.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[serde(untagged)]
+pub enum CaseName<'a> {
+    /// In a file of whole numbers.
+    Number(i64),
+    /// In any other file.
+    Text(&'a str),
+}
+
+/// The name as a whole number, if it is written exactly as that number is (not `007`, not `1.0`).
+pub fn whole_number(name: &str) -> Option<i64> {
+    let number: i64 = name.parse().ok()?;
+    let canonical =
+        number.unsigned_abs() <= LARGEST_EXACT.unsigned_abs() && number.to_string() == name;
+    canonical.then_some(number)
+}
+
+/// One case's answer. Values are null where there is no pose.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct PoseLine<'a> {
+    /// Whose.
+    pub case: CaseName<'a>,
+    /// See [`Status::name`](crate::answer::Status::name).
+    pub status: &'static str,
+    /// In the unit of the targets' places, as all lengths here.
+    pub x: Option<f64>,
+    /// As `x`.
+    pub y: Option<f64>,
+    /// In `[0, 2 pi)`.
+    pub heading_rad: Option<f64>,
+    /// Predicted standard deviation of `x`.
+    pub sigma_x: Option<f64>,
+    /// Predicted standard deviation of `y`.
+    pub sigma_y: Option<f64>,
+    /// Predicted standard deviation of `heading_rad`.
+    pub sigma_heading_rad: Option<f64>,
+    /// Recorded sightings of this case, dropped ones included.
+    pub sightings: usize,
+    /// How many of them were dropped as outliers.
+    pub dropped: usize,
+}
+
+impl<'a> PoseLine<'a> {
+    /// The answer under the name given.
+    pub fn new(case: CaseName<'a>, answer: &Answer<'_>) -> Self {
+        let pose = answer.solution.map(|s| s.pose);
+        Self {
+            case,
+            status: answer.status.name(),
+            x: pose.map(|p| p.position.x),
+            y: pose.map(|p| p.position.y),
+            heading_rad: pose.map(|p| p.heading),
+            sigma_x: pose.map(|p| p.sigma_x()),
+            sigma_y: pose.map(|p| p.sigma_y()),
+            sigma_heading_rad: pose.map(|p| p.sigma_heading()),
+            sightings: answer.sightings,
+            dropped: answer.dropped,
+        }
+    }
+}
+
+/// The answer of a reference solve.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct ReferenceLine<'a> {
+    /// `ok`, `ambiguous` (there is an `alternative`), or the refusal in `snake_case`.
+    pub status: &'static str,
+    /// How many different answers are physically possible; 0 where there is none.
+    pub candidates: usize,
+    /// The answer that fits best.
+    pub best: Option<ReferenceSolution<'a>>,
+    /// Another one that fits about as well.
+    pub alternative: Option<ReferenceSolution<'a>>,
+}
+
+/// One answer of a reference solve. Camera 0 is at the origin, camera 1 at `(baseline, 0)`.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct ReferenceSolution<'a> {
+    /// Of camera 0, in `[0, 2 pi)`.
+    pub heading_0_rad: f64,
+    /// Of camera 1, in `[0, 2 pi)`.
+    pub heading_1_rad: f64,
+    /// Predicted standard deviation.
+    pub sigma_heading_0_rad: f64,
+    /// Predicted standard deviation.
+    pub sigma_heading_1_rad: f64,
+    /// In the unit of the displacements, as all lengths here.
+    pub baseline: f64,
+    /// Zero where the baseline was known.
+    pub sigma_baseline: f64,
+    /// Direction of the displacements' x axis against the baseline, in `[0, 2 pi)`.
+    pub frame_heading_rad: f64,
+    /// Zero where it was known.
+    pub sigma_frame_heading_rad: f64,
+    /// Where the target stopped, in the order of the file.
+    pub stops: Vec<StopLine<'a>>,
+    /// Sum of the squared residuals, each over its variance.
+    pub chi_squared: f64,
+    /// Equations beyond the unknowns.
+    pub degrees_of_freedom: usize,
+    /// Steps from the closed form to the minimum.
+    pub iterations: usize,
+    /// Condition number of the scaled normal matrix; 1 is best.
+    pub condition: f64,
+}
+
+/// One stop of a reference solve.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct StopLine<'a> {
+    /// Its name in the file.
+    pub stop: &'a str,
+    /// Where it was.
+    pub x: f64,
+    /// As `x`.
+    pub y: f64,
+    /// Predicted standard deviation of `x`.
+    pub sigma_x: f64,
+    /// Predicted standard deviation of `y`.
+    pub sigma_y: f64,
+}
+
+impl<'a> ReferenceLine<'a> {
+    /// The outcome of solving these stops, with their names.
+    pub fn new(
+        outcome: &Result<reference::Outcome<f64>, Refusal>,
+        names: &'a [String],
+        stops: &[Stop<f64>],
+    ) -> Self {
+        let line = |solution| ReferenceSolution::new(solution, names, stops);
+        match outcome {
+            Ok(outcome) => Self {
+                status: match outcome.alternative {
+                    Some(_) => "ambiguous",
+                    None => "ok",
+                },
+                candidates: outcome.candidates,
+                best: Some(line(&outcome.best)),
+                alternative: outcome.alternative.as_ref().map(line),
+            },
+            Err(refusal) => Self {
+                status: refusal.name(),
+                candidates: 0,
+                best: None,
+                alternative: None,
+            },
+        }
+    }
+}
+
+impl<'a> ReferenceSolution<'a> {
+    /// One solution for these stops, with their names.
+    pub fn new(
+        solution: &reference::Solution<f64>,
+        names: &'a [String],
+        stops: &[Stop<f64>],
+    ) -> Self {
+        let [heading_0_rad, heading_1_rad] = solution.headings;
+        let [sigma_heading_0_rad, sigma_heading_1_rad] = solution.heading_sigmas();
+        let sigma = |variance: f64| variance.max(0.0).sqrt();
+        Self {
+            heading_0_rad,
+            heading_1_rad,
+            sigma_heading_0_rad,
+            sigma_heading_1_rad,
+            baseline: solution.baseline,
+            sigma_baseline: solution.baseline_sigma(),
+            frame_heading_rad: solution.frame_heading,
+            sigma_frame_heading_rad: solution.frame_heading_sigma(),
+            stops: names
+                .iter()
+                .zip(solution.places(stops))
+                .map(|(name, (place, covariance))| StopLine {
+                    stop: name,
+                    x: place.x,
+                    y: place.y,
+                    sigma_x: sigma(covariance.m11),
+                    sigma_y: sigma(covariance.m22),
+                })
+                .collect(),
+            chi_squared: solution.chi_squared,
+            degrees_of_freedom: solution.degrees_of_freedom,
+            iterations: solution.iterations,
+            condition: solution.condition,
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn only_canonical_whole_numbers_are_numbers() {
+        for (name, number) in [
+            ("0", Some(0)),
+            ("-17", Some(-17)),
+            ("9007199254740991", Some(LARGEST_EXACT)),
+            ("9007199254740992", None),
+            ("-9223372036854775808", None),
+            ("-0", None),
+            ("+1", None),
+            ("007", None),
+            ("1.0", None),
+            ("1e3", None),
+            ("", None),
+            ("a", None),
+        ] {
+            assert_eq!(whole_number(name), number, "{name}");
+        }
+    }
+}
