@@ -17,7 +17,7 @@ use crate::{Pose, Real, Refusal, Sighting, plane};
 ///
 /// # Errors
 /// [`Refusal::TooFew`] for fewer than three; [`Refusal::NotFinite`] for unusable sightings or
-/// tracks too wide for the scalar; [`Refusal::DangerCircle`] where the pose is not determined.
+/// tracks too wide for the scalar; [`Refusal::Undetermined`] where the stops do not determine the pose.
 pub fn correlate<T: Real>(
     pose: &Pose<T>,
     seen: &[(Sighting<T>, Track<T>)],
@@ -33,7 +33,7 @@ pub fn correlate<T: Real>(
         let (g, weight) = gradient(pose, sighting);
         information += g * g.transpose() * weight;
     }
-    let inverse = information.try_inverse().ok_or(Refusal::DangerCircle)?;
+    let inverse = information.try_inverse().ok_or(Refusal::Undetermined)?;
 
     let mut covariance = Matrix3::zeros();
     for (sighting, track) in seen {
