@@ -9,13 +9,6 @@ use crate::{Real, real::lit};
 /// Where a camera stands and looks, with its uncertainty.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
-#[cfg_attr(
-    feature = "serde",
-    serde(bound(
-        serialize = "T: Real + serde::Serialize",
-        deserialize = "T: Real + serde::Deserialize<'de>"
-    ))
-)]
 pub struct Pose<T: Real> {
     /// The camera's centre.
     pub position: Point2<T>,

@@ -40,13 +40,6 @@ impl<T: Real> Ray<T> {
 /// One sighting of the target by one camera.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
-#[cfg_attr(
-    feature = "serde",
-    serde(bound(
-        serialize = "T: Real + serde::Serialize",
-        deserialize = "T: Real + serde::Deserialize<'de>"
-    ))
-)]
 pub struct Sighting<T: Real> {
     /// Where the target stood, in the world.
     pub target: Point2<T>,

@@ -13,13 +13,6 @@ use crate::{Real, real::lit};
 /// The magnetometer is expected to be calibrated for hard and soft iron.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
-#[cfg_attr(
-    feature = "serde",
-    serde(bound(
-        serialize = "T: Real + serde::Serialize",
-        deserialize = "T: Real + serde::Deserialize<'de>"
-    ))
-)]
 pub struct ImuSample<T: Real> {
     /// Specific force, m/s^2: an accelerometer at rest reads +9.8 on z. Each part below 1e4.
     pub acceleration: Vector3<T>,

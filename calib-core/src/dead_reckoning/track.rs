@@ -99,13 +99,6 @@ impl<T: Real> Systematic<T> {
 /// A displacement between two stops.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
-#[cfg_attr(
-    feature = "serde",
-    serde(bound(
-        serialize = "T: Real + serde::Serialize",
-        deserialize = "T: Real + serde::Deserialize<'de>"
-    ))
-)]
 pub struct Displacement<T: Real> {
     /// From the earlier stop to the later one.
     pub vector: Vector2<T>,
@@ -133,13 +126,6 @@ impl<T: Real + defmt::Format> defmt::Format for Displacement<T> {
 /// stops can be compared.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
-#[cfg_attr(
-    feature = "serde",
-    serde(bound(
-        serialize = "T: Real + serde::Serialize",
-        deserialize = "T: Real + serde::Deserialize<'de>"
-    ))
-)]
 struct Odometer<T: Real> {
     walked: Vector2<T>,
     random: Matrix2<T>,
@@ -170,13 +156,6 @@ impl<T: Real> Odometer<T> {
 /// first order in the errors.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
-#[cfg_attr(
-    feature = "serde",
-    serde(bound(
-        serialize = "T: Real + serde::Serialize",
-        deserialize = "T: Real + serde::Deserialize<'de>"
-    ))
-)]
 pub struct Track<T: Real> {
     systematic: Systematic<T>,
     fixes: u32,

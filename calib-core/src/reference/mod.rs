@@ -49,13 +49,6 @@ mod profile;
 /// One stop of the target, seen by both reference cameras.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
-#[cfg_attr(
-    feature = "serde",
-    serde(bound(
-        serialize = "T: Real + serde::Serialize",
-        deserialize = "T: Real + serde::Deserialize<'de>"
-    ))
-)]
 pub struct Stop<T: Real> {
     /// The directions in which camera 0 and camera 1 saw the target.
     pub rays: [Ray<T>; 2],
@@ -118,13 +111,6 @@ impl Default for Settings {
 /// One answer.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
-#[cfg_attr(
-    feature = "serde",
-    serde(bound(
-        serialize = "T: Real + serde::Serialize",
-        deserialize = "T: Real + serde::Deserialize<'de>"
-    ))
-)]
 pub struct Solution<T: Real> {
     /// Headings of camera 0 and camera 1 against the baseline, radians in `[0, 2 pi)`.
     pub headings: [T; 2],
@@ -199,13 +185,6 @@ impl<T: Real + defmt::Format> defmt::Format for Solution<T> {
 /// The best answer, and another one if the data cannot tell them apart.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
-#[cfg_attr(
-    feature = "serde",
-    serde(bound(
-        serialize = "T: Real + serde::Serialize",
-        deserialize = "T: Real + serde::Deserialize<'de>"
-    ))
-)]
 pub struct Outcome<T: Real> {
     /// The answer with the least residuals.
     pub best: Solution<T>,
