@@ -131,6 +131,8 @@ fn every_case_gets_its_answer_whatever_is_wrong_with_it() {
     assert_eq!(statuses(&done.stdout), expected);
     for (line, part) in [
         (5, "\"here\""),
+        (9, "\"nan\" is refused"),
+        (13, "\"inf\" is refused"),
         (22, "ends before `bearing_rad`"),
         (23, "`case`"),
     ] {

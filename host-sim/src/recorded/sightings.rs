@@ -70,6 +70,19 @@ struct Link {
 
 const NONE: u32 = u32::MAX;
 
+impl Link {
+    fn is_finite(&self) -> bool {
+        let numbers = [
+            self.x,
+            self.y,
+            self.measured,
+            self.bearing_sigma,
+            self.target_sigma,
+        ];
+        numbers.iter().all(|number| number.is_finite())
+    }
+}
+
 /// One case of a [`Recording`].
 #[derive(Clone, Copy, Debug)]
 pub struct Case<'a> {
@@ -262,6 +275,12 @@ pub fn read(
                 shortened(&id)
             )));
         });
+        if link.as_ref().is_ok_and(|link| !link.is_finite()) {
+            complain(row.complaint(format!(
+                "a number is not finite; case {} is refused until it is corrected",
+                shortened(&id)
+            )));
+        }
         recording.add(&id, link.ok())?;
     }
     if any {
