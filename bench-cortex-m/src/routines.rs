@@ -6,7 +6,12 @@ use calib_core::{
     camera::{Camera, Projection},
     resection::three_point,
 };
-use rand::RngExt;
+use cmucam2_driver::{
+    Packet,
+    packet::{PacketLine, Tracking},
+    parser::{Expectation, Parser},
+};
+use rand::{Rng, RngExt};
 
 use crate::{
     measure::{Bench, Counter, Error},
@@ -57,6 +62,16 @@ pub fn measure_all<C: Counter, W: fmt::Write>(bench: &mut Bench<C, W>) -> Result
     })?;
     bench.measure("resection_three_covariance", sightings, three_point::solve)?;
 
+    // Every number has two digits, so every packet has 26 bytes.
+    let mut parser = Parser::new(Expectation::default());
+    bench.measure("cmucam2_parse_26_bytes", tracking_line, |line| {
+        let mut event = None;
+        for &byte in line.as_bytes() {
+            event = parser.push(byte);
+        }
+        event
+    })?;
+
     bench.measure(
         "total_position",
         |random| Scene::<f32>::random(random).bearings(),
@@ -68,6 +83,17 @@ pub fn measure_all<C: Counter, W: fmt::Write>(bench: &mut Bench<C, W>) -> Result
         |(targets, bearings)| total::pose(targets, bearings),
     )?;
     Ok(())
+}
+
+/// A T packet as it comes over the line.
+fn tracking_line(random: &mut impl Rng) -> PacketLine {
+    let mut between = |low: u8, high: u8| random.random_range(low..=high);
+    let (left, top) = (between(10, 60), between(10, 60));
+    let (right, bottom) = (between(left, 87), between(top, 99));
+    let (x, y) = (between(left, right), between(top, bottom));
+    let (pixels, confidence) = (between(10, 99), between(10, 99));
+    let values = [x, y, left, top, right, bottom, pixels, confidence];
+    Packet::Tracking(Tracking::new(values)).line()
 }
 
 #[cfg(test)]

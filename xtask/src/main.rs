@@ -4,6 +4,7 @@ use clap::{Parser, Subcommand};
 use xshell::{Shell, cmd};
 
 mod cortex_m;
+mod fuzz;
 mod setup;
 mod test;
 
@@ -27,6 +28,14 @@ enum Chore {
     },
     /// Instructions of the node's routines on emulated processors
     CortexM,
+    /// Fuzzes parsers with random and mutated input; needs a nightly compiler
+    Fuzz {
+        /// Which targets; all by default
+        targets: Vec<String>,
+        /// Inputs to try for each
+        #[arg(long, default_value_t = 10 * fuzz::BRIEF)]
+        runs: u32,
+    },
 }
 
 fn main() -> anyhow::Result<()> {
@@ -44,6 +53,7 @@ fn main() -> anyhow::Result<()> {
             Ok(())
         }
         Chore::CortexM => count_instructions(&sh),
+        Chore::Fuzz { targets, runs } => fuzz::run(&sh, &targets, runs),
     }
 }
 

@@ -5,18 +5,19 @@ use std::time::Instant;
 use anyhow::{Context, Result};
 use xshell::{Shell, cmd};
 
-use crate::{cortex_m, setup};
+use crate::{cortex_m, fuzz, setup};
 
 /// Libraries that run on a node. Each is built for every processor, bare and with all features.
-const FIRMWARE_CRATES: [&str; 1] = ["calib-core"];
+const FIRMWARE_CRATES: [&str; 2] = ["calib-core", "cmucam2-driver"];
 
 type Stage = (&'static str, fn(&Shell) -> Result<()>);
 
-const STAGES: [Stage; 7] = [
+const STAGES: [Stage; 8] = [
     ("set-up", set_up),
     ("format", format),
     ("lint", lint),
     ("test", test),
+    ("fuzz, briefly", |sh| fuzz::run(sh, &[], fuzz::BRIEF)),
     ("document", document),
     ("cross-build", cross_build),
     ("count instructions on emulated processors", count),

@@ -1,0 +1,202 @@
+//! Colours and the bounds within which a pixel counts as the target.
+
+use crate::argument::ArgumentError;
+
+/// The lowest level a channel has (thesis 3.2.2).
+pub const LEVEL_MIN: u8 = 16;
+/// The highest level a channel has (thesis 3.2.2).
+pub const LEVEL_MAX: u8 = 240;
+
+/// One of the three colour channels. In YCrCb mode they carry Cr, Y and Cb.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub enum Channel {
+    /// Channel 0.
+    Red,
+    /// Channel 1.
+    Green,
+    /// Channel 2.
+    Blue,
+}
+
+impl Channel {
+    /// The number that the camera gives this channel.
+    pub const fn number(self) -> u8 {
+        match self {
+            Self::Red => 0,
+            Self::Green => 1,
+            Self::Blue => 2,
+        }
+    }
+}
+
+impl TryFrom<u8> for Channel {
+    type Error = ArgumentError;
+
+    fn try_from(number: u8) -> Result<Self, ArgumentError> {
+        match number {
+            0 => Ok(Self::Red),
+            1 => Ok(Self::Green),
+            2 => Ok(Self::Blue),
+            _ => Err(ArgumentError::Channel),
+        }
+    }
+}
+
+/// A colour as the camera measured it.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Default)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct Colour {
+    /// Level of channel 0.
+    pub red: u8,
+    /// Level of channel 1.
+    pub green: u8,
+    /// Level of channel 2.
+    pub blue: u8,
+}
+
+/// The levels of one channel that count as the target: `16 <= min <= max <= 240`.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct LevelRange {
+    min: u8,
+    max: u8,
+}
+
+impl LevelRange {
+    /// Every level.
+    pub const ALL: Self = Self {
+        min: LEVEL_MIN,
+        max: LEVEL_MAX,
+    };
+
+    /// # Errors
+    /// A level outside `16..=240`, or `min` above `max`, for which the camera's behaviour is
+    /// not known.
+    pub const fn new(min: u8, max: u8) -> Result<Self, ArgumentError> {
+        if min < LEVEL_MIN || min > LEVEL_MAX || max < LEVEL_MIN || max > LEVEL_MAX {
+            return Err(ArgumentError::Level);
+        }
+        if min > max {
+            return Err(ArgumentError::BoundsOrder);
+        }
+        Ok(Self { min, max })
+    }
+
+    /// `level - margin ..= level + margin`, cut to the levels there are.
+    pub fn around(level: u8, margin: u8) -> Self {
+        Self {
+            min: level.saturating_sub(margin).clamp(LEVEL_MIN, LEVEL_MAX),
+            max: level.saturating_add(margin).clamp(LEVEL_MIN, LEVEL_MAX),
+        }
+    }
+
+    /// The lowest level that counts.
+    pub const fn min(self) -> u8 {
+        self.min
+    }
+
+    /// The highest level that counts.
+    pub const fn max(self) -> u8 {
+        self.max
+    }
+}
+
+/// The box in colour space within which a pixel counts as the target (thesis 3.2.2).
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct ColourBounds {
+    /// Levels of channel 0.
+    pub red: LevelRange,
+    /// Levels of channel 1.
+    pub green: LevelRange,
+    /// Levels of channel 2.
+    pub blue: LevelRange,
+}
+
+impl ColourBounds {
+    /// Every colour.
+    pub const ALL: Self = Self {
+        red: LevelRange::ALL,
+        green: LevelRange::ALL,
+        blue: LevelRange::ALL,
+    };
+
+    /// From `[Rmin, Rmax, Gmin, Gmax, Bmin, Bmax]`, the order of `TC` and `ST`.
+    ///
+    /// # Errors
+    /// As [`LevelRange::new`].
+    pub const fn new(values: [u8; 6]) -> Result<Self, ArgumentError> {
+        let [red_min, red_max, green_min, green_max, blue_min, blue_max] = values;
+        // `?` is not allowed in a const function.
+        match (
+            LevelRange::new(red_min, red_max),
+            LevelRange::new(green_min, green_max),
+            LevelRange::new(blue_min, blue_max),
+        ) {
+            (Ok(red), Ok(green), Ok(blue)) => Ok(Self { red, green, blue }),
+            (Err(error), _, _) | (_, Err(error), _) | (_, _, Err(error)) => Err(error),
+        }
+    }
+
+    /// `margin` levels to either side of a colour, cut to the levels there are.
+    pub fn around(colour: Colour, margin: u8) -> Self {
+        Self {
+            red: LevelRange::around(colour.red, margin),
+            green: LevelRange::around(colour.green, margin),
+            blue: LevelRange::around(colour.blue, margin),
+        }
+    }
+
+    /// `[Rmin, Rmax, Gmin, Gmax, Bmin, Bmax]`.
+    pub const fn values(self) -> [u8; 6] {
+        [
+            self.red.min,
+            self.red.max,
+            self.green.min,
+            self.green.max,
+            self.blue.min,
+            self.blue.max,
+        ]
+    }
+
+    /// Whether a pixel of this colour counts.
+    pub const fn contains(self, colour: Colour) -> bool {
+        self.red.min <= colour.red
+            && colour.red <= self.red.max
+            && self.green.min <= colour.green
+            && colour.green <= self.green.max
+            && self.blue.min <= colour.blue
+            && colour.blue <= self.blue.max
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_the_camera_has_no_meaning_for_cannot_be_made() {
+        assert_eq!(LevelRange::new(15, 100), Err(ArgumentError::Level));
+        assert_eq!(LevelRange::new(16, 241), Err(ArgumentError::Level));
+        assert_eq!(LevelRange::new(101, 100), Err(ArgumentError::BoundsOrder));
+        assert!(LevelRange::new(100, 100).is_ok());
+        assert_eq!(
+            ColourBounds::new([16, 240, 90, 80, 16, 240]),
+            Err(ArgumentError::BoundsOrder)
+        );
+    }
+
+    #[test]
+    fn margins_are_cut_at_the_ends() {
+        let bounds = ColourBounds::around(
+            Colour {
+                red: 230,
+                green: 100,
+                blue: 0,
+            },
+            30,
+        );
+        assert_eq!(bounds.values(), [200, 240, 70, 130, 16, 30]);
+    }
+}

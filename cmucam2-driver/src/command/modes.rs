@@ -1,0 +1,204 @@
+//! Arguments that select a mode.
+
+use crate::argument::ArgumentError;
+
+/// What a LED does.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub enum LedMode {
+    /// 0.
+    Off,
+    /// 1.
+    On,
+    /// 2, the default: the camera shows tracking with it.
+    Auto,
+}
+
+impl LedMode {
+    pub(crate) const fn number(self) -> u8 {
+        match self {
+            Self::Off => 0,
+            Self::On => 1,
+            Self::Auto => 2,
+        }
+    }
+}
+
+impl TryFrom<u8> for LedMode {
+    type Error = ArgumentError;
+
+    fn try_from(number: u8) -> Result<Self, ArgumentError> {
+        match number {
+            0 => Ok(Self::Off),
+            1 => Ok(Self::On),
+            2 => Ok(Self::Auto),
+            _ => Err(ArgumentError::Mode),
+        }
+    }
+}
+
+/// Row data before each colour-tracking packet.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Default)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub enum TrackingLines {
+    /// None.
+    #[default]
+    Off,
+    /// One bit for each pixel: tracked or not.
+    Bitmap,
+    /// Mean, least and greatest column, count and confidence of each row.
+    Rows,
+}
+
+/// Row data before each statistics packet.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Default)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub enum StatisticsLines {
+    /// None.
+    #[default]
+    Off,
+    /// The mean colour of each row.
+    Means,
+    /// The mean colour and its deviation.
+    MeansAndDeviations,
+}
+
+/// A line mode (`LM`), for one of the two kinds of packets.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub enum LineMode {
+    /// Type 0.
+    Tracking(TrackingLines),
+    /// Type 1.
+    Statistics(StatisticsLines),
+}
+
+impl LineMode {
+    pub(crate) const fn numbers(self) -> [u8; 2] {
+        match self {
+            Self::Tracking(TrackingLines::Off) => [0, 0],
+            Self::Tracking(TrackingLines::Bitmap) => [0, 1],
+            Self::Tracking(TrackingLines::Rows) => [0, 2],
+            Self::Statistics(StatisticsLines::Off) => [1, 0],
+            Self::Statistics(StatisticsLines::Means) => [1, 1],
+            Self::Statistics(StatisticsLines::MeansAndDeviations) => [1, 2],
+        }
+    }
+}
+
+impl TryFrom<[u8; 2]> for LineMode {
+    type Error = ArgumentError;
+
+    fn try_from(numbers: [u8; 2]) -> Result<Self, ArgumentError> {
+        Ok(match numbers {
+            [0, 0] => Self::Tracking(TrackingLines::Off),
+            [0, 1] => Self::Tracking(TrackingLines::Bitmap),
+            [0, 2] => Self::Tracking(TrackingLines::Rows),
+            [1, 0] => Self::Statistics(StatisticsLines::Off),
+            [1, 1] => Self::Statistics(StatisticsLines::Means),
+            [1, 2] => Self::Statistics(StatisticsLines::MeansAndDeviations),
+            _ => return Err(ArgumentError::Mode),
+        })
+    }
+}
+
+/// Which fields of a packet are sent (`OM`), the first field in the lowest bit.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub enum OutputMask {
+    /// Type 0: the eight fields of T packets, see [`Tracking`](crate::packet::Tracking). Reported
+    /// servo positions are not masked.
+    Tracking(u8),
+    /// Type 1: the six fields of S packets.
+    Statistics(StatisticsMask),
+}
+
+/// A mask of the six fields of S packets.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct StatisticsMask(u8);
+
+impl StatisticsMask {
+    /// Every field.
+    pub const ALL: Self = Self(0b11_1111);
+
+    /// # Errors
+    /// A bit above the sixth.
+    pub const fn new(bits: u8) -> Result<Self, ArgumentError> {
+        if bits > Self::ALL.0 {
+            return Err(ArgumentError::Mask);
+        }
+        Ok(Self(bits))
+    }
+
+    /// The bits.
+    pub const fn bits(self) -> u8 {
+        self.0
+    }
+}
+
+impl OutputMask {
+    pub(crate) const fn numbers(self) -> [u8; 2] {
+        match self {
+            Self::Tracking(mask) => [0, mask],
+            Self::Statistics(mask) => [1, mask.0],
+        }
+    }
+}
+
+impl TryFrom<[u8; 2]> for OutputMask {
+    type Error = ArgumentError;
+
+    fn try_from([kind, mask]: [u8; 2]) -> Result<Self, ArgumentError> {
+        match kind {
+            0 => Ok(Self::Tracking(mask)),
+            1 => Ok(Self::Statistics(StatisticsMask::new(mask)?)),
+            _ => Err(ArgumentError::Mode),
+        }
+    }
+}
+
+/// Raw mode (`RM`): three bits.
+///
+/// The driver itself only ever uses [`RawMode::OFF`] and [`RawMode::OUTPUT`]. Without `ACK` and
+/// `NCK` it could not tell acceptance from refusal, and a host that restarts while raw input is
+/// on cannot talk to the camera any more. An emulator meets the others.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Default)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct RawMode(u8);
+
+impl RawMode {
+    /// Text.
+    pub const OFF: Self = Self(0);
+    /// Binary packets, text otherwise.
+    pub const OUTPUT: Self = Self(1);
+
+    /// # Errors
+    /// A bit above the third.
+    pub const fn new(bits: u8) -> Result<Self, ArgumentError> {
+        if bits > 7 {
+            return Err(ArgumentError::Mask);
+        }
+        Ok(Self(bits))
+    }
+
+    /// The number as `RM` takes it.
+    pub const fn bits(self) -> u8 {
+        self.0
+    }
+
+    /// Packets and values are binary.
+    pub const fn output(self) -> bool {
+        self.0 & 1 != 0
+    }
+
+    /// `ACK` and `NCK` are not sent.
+    pub const fn suppress_replies(self) -> bool {
+        self.0 & 2 != 0
+    }
+
+    /// Commands are expected in binary.
+    pub const fn input(self) -> bool {
+        self.0 & 4 != 0
+    }
+}

@@ -1,0 +1,507 @@
+//! What can be asked of the camera.
+
+use super::{Call, Cmucam2};
+use crate::{
+    colour::{Channel, ColourBounds},
+    command::{Command, LedMode, LineMode, OutputMask, RawMode, StatisticsLines, TrackingLines},
+    geometry::{DownSampling, Sensor, Window},
+    packet::{Histogram, Packet, Statistics, Tracking, Version},
+    parser::ImageHeader,
+    register::{ColourMode, FrameRate, Register, Registers},
+    servo::{Servo, ServoMask, ServoParameters, ServoPosition},
+    session::{Answer, Learn, Modes, Request, StartUp},
+    uncertain,
+};
+
+/// A part of a stream that carries images.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub enum Part {
+    /// An image begins.
+    Header(ImageHeader),
+    /// A row is in the caller's buffer.
+    Row {
+        /// How many bytes of it.
+        bytes: u16,
+        /// Whether it is complete and every byte is possible.
+        intact: bool,
+    },
+    /// The image is over.
+    End {
+        /// How many rows came.
+        rows: u16,
+        /// Whether all of it was as announced.
+        intact: bool,
+    },
+    /// A packet.
+    Packet(Packet),
+    /// Nothing is tracked, and packet filter is on.
+    Quiet,
+}
+
+fn done(_: Answer, _: &Modes) -> Option<()> {
+    Some(())
+}
+
+fn answer(answer: Answer, _: &Modes) -> Option<Answer> {
+    Some(answer)
+}
+
+fn version(answer: Answer, _: &Modes) -> Option<Version> {
+    match answer {
+        Answer::Version(version) => Some(version),
+        _ => None,
+    }
+}
+
+fn value(answer: Answer, _: &Modes) -> Option<u8> {
+    match answer {
+        Answer::Values([value, ..]) => Some(value),
+        _ => None,
+    }
+}
+
+fn button(answer: Answer, modes: &Modes) -> Option<bool> {
+    value(answer, modes).map(|value| value != 0)
+}
+
+fn window(answer: Answer, _: &Modes) -> Option<Window> {
+    match answer {
+        Answer::Values([x, y, x2, y2, ..]) => Window::new(x, y, x2, y2).ok(),
+        _ => None,
+    }
+}
+
+fn bounds(answer: Answer, modes: &Modes) -> Option<ColourBounds> {
+    match answer {
+        Answer::Values(values) => uncertain::bounds_from_reply(values, modes.bounds()),
+        Answer::Bounds(bounds) => Some(bounds),
+        _ => None,
+    }
+}
+
+fn packet(answer: Answer, _: &Modes) -> Option<Option<Packet>> {
+    match answer {
+        Answer::Packet(packet) => Some(Some(packet)),
+        Answer::Quiet => Some(None),
+        _ => None,
+    }
+}
+
+fn tracking(answer: Answer, modes: &Modes) -> Option<Option<Tracking>> {
+    match packet(answer, modes)? {
+        Some(Packet::Tracking(tracking)) => Some(Some(tracking)),
+        None => Some(None),
+        Some(_) => None,
+    }
+}
+
+fn statistics(answer: Answer, _: &Modes) -> Option<Statistics> {
+    match answer {
+        Answer::Packet(Packet::Statistics(statistics)) => Some(statistics),
+        _ => None,
+    }
+}
+
+fn histogram(answer: Answer, _: &Modes) -> Option<Histogram> {
+    match answer {
+        Answer::Packet(Packet::Histogram(histogram)) => Some(histogram),
+        _ => None,
+    }
+}
+
+fn part(answer: Answer, _: &Modes) -> Option<Part> {
+    Some(match answer {
+        Answer::Header(header) => Part::Header(header),
+        Answer::Row { bytes, intact } => Part::Row { bytes, intact },
+        Answer::End { rows, intact } => Part::End { rows, intact },
+        Answer::Packet(packet) => Part::Packet(packet),
+        Answer::Quiet => Part::Quiet,
+        Answer::Done | Answer::Values(_) | Answer::Version(_) | Answer::Bounds(_) => return None,
+    })
+}
+
+/// Whole dialogues.
+impl<U, D> Cmucam2<U, D> {
+    /// Resets the camera. All modes are back to their defaults, here too.
+    pub fn reset(&mut self) -> Call<'_, U, D, Version> {
+        self.call(Request::Do(Command::Reset), version)
+    }
+
+    /// Resets the camera and sets all modes again, for one that no longer understands anything.
+    /// A stream goes on with the next packet that is asked for.
+    pub fn recover(&mut self) -> Call<'_, U, D, ()> {
+        self.call(Request::Recover, done)
+    }
+
+    /// Reset, adapt to the light, freeze gain and white balance: see [`StartUp`].
+    pub fn start_up(&mut self, start_up: StartUp) -> Call<'_, U, D, ()> {
+        self.call(Request::StartUp(start_up), done)
+    }
+
+    /// Learns the colour of the object in view and sets it as bounds: see [`Learn`].
+    pub fn learn(&mut self, how: Learn) -> Call<'_, U, D, ColourBounds> {
+        self.call(Request::Learn { how, track: false }, bounds)
+    }
+
+    /// [`Cmucam2::learn`], then [`Cmucam2::track_colour`].
+    pub fn learn_and_track(&mut self, how: Learn) -> Call<'_, U, D, ColourBounds> {
+        self.call(Request::Learn { how, track: true }, bounds)
+    }
+
+    /// Ends the stream.
+    pub fn stop(&mut self) -> Call<'_, U, D, ()> {
+        self.call(Request::Stop, done)
+    }
+
+    /// Any single command. Of one that answers with packets, one is taken and the camera is
+    /// stopped if it goes on.
+    pub fn command(&mut self, command: Command) -> Call<'_, U, D, Answer> {
+        self.call(Request::Do(command), answer)
+    }
+
+    /// Any stream.
+    pub fn stream(&mut self, command: Command) -> Call<'_, U, D, ()> {
+        self.call(Request::Start(command), done)
+    }
+
+    fn simple(&mut self, command: Command) -> Call<'_, U, D, ()> {
+        self.call(Request::Do(command), done)
+    }
+}
+
+/// Is it there, and what is it?
+impl<U, D> Cmucam2<U, D> {
+    /// Whether the camera listens.
+    pub fn ping(&mut self) -> Call<'_, U, D, ()> {
+        self.simple(Command::Idle)
+    }
+
+    /// The firmware version.
+    pub fn version(&mut self) -> Call<'_, U, D, Version> {
+        self.call(Request::Do(Command::GetVersion), version)
+    }
+
+    /// Tells the camera which sensor is mounted.
+    pub fn sensor(&mut self, sensor: Sensor) -> Call<'_, U, D, ()> {
+        self.simple(Command::CameraType(sensor))
+    }
+
+    /// Whether the button was pressed since the last time.
+    pub fn button(&mut self) -> Call<'_, U, D, bool> {
+        self.call(Request::Do(Command::GetButton), button)
+    }
+
+    /// The auxiliary inputs, one in each of the lower four bits.
+    pub fn inputs(&mut self) -> Call<'_, U, D, u8> {
+        self.call(Request::Do(Command::GetInputs), value)
+    }
+
+    /// What LED 0 does.
+    pub fn led0(&mut self, mode: LedMode) -> Call<'_, U, D, ()> {
+        self.simple(Command::Led0(mode))
+    }
+
+    /// What LED 1 does.
+    pub fn led1(&mut self, mode: LedMode) -> Call<'_, U, D, ()> {
+        self.simple(Command::Led1(mode))
+    }
+
+    /// Sleeps until the next call, which takes about 10 ms longer.
+    pub fn sleep(&mut self) -> Call<'_, U, D, ()> {
+        self.simple(Command::Sleep)
+    }
+
+    /// Sleeps deeper until the next call.
+    pub fn deep_sleep(&mut self) -> Call<'_, U, D, ()> {
+        self.simple(Command::DeepSleep)
+    }
+
+    /// Power of the sensor module.
+    pub fn camera_power(&mut self, on: bool) -> Call<'_, U, D, ()> {
+        self.simple(Command::CameraPower(on))
+    }
+}
+
+/// Registers of the sensor.
+impl<U, D> Cmucam2<U, D> {
+    /// Writes registers, or resets all of them if there is none. At most
+    /// [`REGISTERS_MAX`](crate::session::REGISTERS_MAX) different ones can be set at a time.
+    pub fn registers(&mut self, registers: Registers) -> Call<'_, U, D, ()> {
+        self.simple(Command::Registers(registers))
+    }
+
+    /// Automatic gain.
+    pub fn auto_gain(&mut self, on: bool) -> Call<'_, U, D, ()> {
+        self.registers(Registers::one(Register::auto_gain(on)))
+    }
+
+    /// What the channels mean, and automatic white balance.
+    pub fn colour_mode(
+        &mut self,
+        mode: ColourMode,
+        auto_white_balance: bool,
+    ) -> Call<'_, U, D, ()> {
+        self.registers(Registers::one(Register::colour_mode(
+            mode,
+            auto_white_balance,
+        )))
+    }
+
+    /// Frames a second.
+    pub fn frame_rate(&mut self, rate: FrameRate) -> Call<'_, U, D, ()> {
+        self.registers(Registers::one(Register::frame_rate(rate)))
+    }
+}
+
+/// Tracking.
+impl<U, D> Cmucam2<U, D> {
+    /// Tracks a colour: [`Cmucam2::next_tracking`] tells where it is.
+    pub fn track_colour(&mut self, bounds: ColourBounds) -> Call<'_, U, D, ()> {
+        self.stream(Command::TrackColour(Some(bounds)))
+    }
+
+    /// Tracks the bounds that the camera has.
+    pub fn track_again(&mut self) -> Call<'_, U, D, ()> {
+        self.stream(Command::TrackColour(None))
+    }
+
+    /// Learns the colour in the middle of the window and tracks it. The bounds stay unknown here,
+    /// so they cannot be restored after a restart: [`Cmucam2::learn_and_track`] can.
+    pub fn track_window(&mut self) -> Call<'_, U, D, ()> {
+        self.stream(Command::TrackWindow)
+    }
+
+    /// The next packet of tracking or frame differencing. `None`: under packet filter, nothing
+    /// is tracked and nothing was sent.
+    pub fn next_tracking(&mut self) -> Call<'_, U, D, Option<Tracking>> {
+        self.call(Request::Next, tracking)
+    }
+
+    /// The next packet of any stream.
+    pub fn next_packet(&mut self) -> Call<'_, U, D, Option<Packet>> {
+        self.call(Request::Next, packet)
+    }
+
+    /// Sets the bounds without tracking.
+    pub fn set_bounds(&mut self, bounds: ColourBounds) -> Call<'_, U, D, ()> {
+        self.simple(Command::SetBounds(bounds))
+    }
+
+    /// The bounds that the camera has.
+    pub fn tracking_bounds(&mut self) -> Call<'_, U, D, ColourBounds> {
+        self.call(Request::Do(Command::GetTrackingBounds), bounds)
+    }
+
+    /// Tracks what is outside the bounds.
+    pub fn track_invert(&mut self, on: bool) -> Call<'_, U, D, ()> {
+        self.simple(Command::TrackInvert(on))
+    }
+
+    /// How many consecutive pixels it takes to count; 2 after a reset.
+    pub fn noise_filter(&mut self, pixels: u8) -> Call<'_, U, D, ()> {
+        self.simple(Command::NoiseFilter(pixels))
+    }
+
+    /// Processes vertical edges instead of colours.
+    pub fn pixel_difference(&mut self, on: bool) -> Call<'_, U, D, ()> {
+        self.simple(Command::PixelDifference(on))
+    }
+}
+
+/// Window and resolution.
+impl<U, D> Cmucam2<U, D> {
+    /// Processes only this part of the frame, or all of it. A shorter window raises the rate.
+    pub fn virtual_window(&mut self, window: Option<Window>) -> Call<'_, U, D, ()> {
+        self.simple(Command::VirtualWindow(window))
+    }
+
+    /// The window that the camera has.
+    pub fn current_window(&mut self) -> Call<'_, U, D, Window> {
+        self.call(Request::Do(Command::GetWindow), window)
+    }
+
+    /// 176 x 255 instead of 88 x 143 (OV6620 only).
+    pub fn high_resolution(&mut self, on: bool) -> Call<'_, U, D, ()> {
+        self.simple(Command::HighResolution(on))
+    }
+
+    /// Counts only every so many columns and rows.
+    pub fn down_sample(&mut self, sampling: DownSampling) -> Call<'_, U, D, ()> {
+        self.simple(Command::DownSample(sampling))
+    }
+}
+
+/// What is sent, and when.
+impl<U, D> Cmucam2<U, D> {
+    /// One packet for each that is asked for, instead of a stream.
+    pub fn poll_mode(&mut self, on: bool) -> Call<'_, U, D, ()> {
+        self.simple(Command::PollMode(on))
+    }
+
+    /// Holds one frame, so that several commands see the same.
+    pub fn buffer_mode(&mut self, on: bool) -> Call<'_, U, D, ()> {
+        self.simple(Command::BufferMode(on))
+    }
+
+    /// Reads a new frame into the buffer.
+    pub fn read_frame(&mut self) -> Call<'_, U, D, ()> {
+        self.simple(Command::ReadFrame)
+    }
+
+    /// After the target is lost, sends only the first empty packet.
+    pub fn packet_filter(&mut self, on: bool) -> Call<'_, U, D, ()> {
+        self.simple(Command::PacketFilter(on))
+    }
+
+    /// Skips so many packets between two that are sent.
+    pub fn packet_skip(&mut self, packets: u8) -> Call<'_, U, D, ()> {
+        self.simple(Command::PacketSkip(packets))
+    }
+
+    /// Which fields packets carry.
+    pub fn output_mask(&mut self, mask: OutputMask) -> Call<'_, U, D, ()> {
+        self.simple(Command::OutputMask(mask))
+    }
+
+    /// Binary packets: shorter, but hardly any corruption can be detected. Firmware 1.00 has bugs
+    /// here.
+    pub fn raw_output(&mut self, on: bool) -> Call<'_, U, D, ()> {
+        self.simple(Command::RawMode(if on {
+            RawMode::OUTPUT
+        } else {
+            RawMode::OFF
+        }))
+    }
+
+    /// Delay between two characters, bit times, for hosts without a receive buffer.
+    pub fn character_delay(&mut self, bit_times: u8) -> Call<'_, U, D, ()> {
+        self.simple(Command::CharacterDelay(bit_times))
+    }
+}
+
+/// Statistics.
+impl<U, D> Cmucam2<U, D> {
+    /// Mean colour and deviation of the window, once.
+    pub fn mean(&mut self) -> Call<'_, U, D, Statistics> {
+        self.call(Request::Do(Command::GetMean), statistics)
+    }
+
+    /// Mean colour and deviation as a stream, for [`Cmucam2::next_packet`].
+    pub fn stream_mean(&mut self) -> Call<'_, U, D, ()> {
+        self.stream(Command::GetMean)
+    }
+
+    /// The histogram of a channel, once.
+    pub fn histogram(&mut self, channel: Channel) -> Call<'_, U, D, Histogram> {
+        self.call(Request::Do(Command::GetHistogram(channel)), histogram)
+    }
+
+    /// Bins and scale of the histogram, as numbers of the firmware.
+    pub fn histogram_configuration(&mut self, bins: u8, scale: u8) -> Call<'_, U, D, ()> {
+        self.simple(Command::HistogramConfiguration { bins, scale })
+    }
+
+    /// Histogram of tracked pixels only.
+    pub fn histogram_tracked(&mut self, on: bool) -> Call<'_, U, D, ()> {
+        self.simple(Command::HistogramTracked(on))
+    }
+}
+
+/// Frame differencing (thesis 2.5): load the empty scene, then track what differs from it.
+impl<U, D> Cmucam2<U, D> {
+    /// Takes the reference frame.
+    pub fn load_frame(&mut self) -> Call<'_, U, D, ()> {
+        self.simple(Command::LoadFrame)
+    }
+
+    /// Tracks what differs by more than the threshold (5 to 20 is usual) from the reference frame:
+    /// [`Cmucam2::next_tracking`] tells where it is, in blocks.
+    pub fn track_difference(&mut self, threshold: u8) -> Call<'_, U, D, ()> {
+        self.stream(Command::FrameDifference(threshold))
+    }
+
+    /// The channel that is looked at; green after a reset.
+    pub fn difference_channel(&mut self, channel: Channel) -> Call<'_, U, D, ()> {
+        self.simple(Command::DifferenceChannel(channel))
+    }
+
+    /// A grid of 16 x 16 blocks instead of 8 x 8.
+    pub fn high_resolution_difference(&mut self, on: bool) -> Call<'_, U, D, ()> {
+        self.simple(Command::HighResolutionDifference(on))
+    }
+
+    /// From now on ignores the blocks that differ by more than the threshold.
+    pub fn mask_difference(&mut self, threshold: u8) -> Call<'_, U, D, ()> {
+        self.simple(Command::MaskDifference(threshold))
+    }
+
+    /// Sends a reference frame: one level for each block of the 8 x 8 grid, row by row.
+    pub fn upload_difference<'a>(&'a mut self, blocks: &'a [u8; 64]) -> Call<'a, U, D, ()> {
+        Call {
+            payload: blocks,
+            ..self.simple(Command::UploadDifference)
+        }
+    }
+}
+
+/// Images.
+impl<U, D> Cmucam2<U, D> {
+    /// Sends a frame of one channel or all three: [`Cmucam2::next_part`] reads it row by row.
+    pub fn send_frame(&mut self, channel: Option<Channel>) -> Call<'_, U, D, ()> {
+        self.stream(Command::SendFrame(channel))
+    }
+
+    /// Whether further frames follow the first.
+    pub fn frame_stream(&mut self, on: bool) -> Call<'_, U, D, ()> {
+        self.simple(Command::FrameStream(on))
+    }
+
+    /// Row data before each colour-tracking packet.
+    pub fn tracking_lines(&mut self, lines: TrackingLines) -> Call<'_, U, D, ()> {
+        self.simple(Command::LineMode(LineMode::Tracking(lines)))
+    }
+
+    /// Row data before each statistics packet.
+    pub fn statistics_lines(&mut self, lines: StatisticsLines) -> Call<'_, U, D, ()> {
+        self.simple(Command::LineMode(LineMode::Statistics(lines)))
+    }
+
+    /// The next part of a frame or of a stream with line mode. A row goes into `row`, which must
+    /// hold [`ImageHeader::row_bytes`]; a full colour row of 176 pixels has 528.
+    pub fn next_part<'a>(&'a mut self, row: &'a mut [u8]) -> Call<'a, U, D, Part> {
+        let request = Request::NextPart { row: row.len() };
+        Call {
+            row,
+            ..self.call(request, part)
+        }
+    }
+}
+
+/// Servos.
+impl<U, D> Cmucam2<U, D> {
+    /// Moves a servo.
+    pub fn servo_position(&mut self, servo: Servo, position: ServoPosition) -> Call<'_, U, D, ()> {
+        self.simple(Command::ServoPosition(servo, position))
+    }
+
+    /// Where a servo is.
+    pub fn servo(&mut self, servo: Servo) -> Call<'_, U, D, u8> {
+        self.call(Request::Do(Command::GetServo(servo)), value)
+    }
+
+    /// A servo pin as a digital output.
+    pub fn servo_output(&mut self, servo: Servo, high: bool) -> Call<'_, U, D, ()> {
+        self.simple(Command::ServoOutput(servo, high))
+    }
+
+    /// What the camera does with pan and tilt while it tracks.
+    pub fn servo_mask(&mut self, mask: ServoMask) -> Call<'_, U, D, ()> {
+        self.simple(Command::ServoMask(mask))
+    }
+
+    /// How pan and tilt follow the target.
+    pub fn servo_parameters(&mut self, parameters: ServoParameters) -> Call<'_, U, D, ()> {
+        self.simple(Command::ServoParameters(parameters))
+    }
+}

@@ -1,0 +1,128 @@
+//! Frame sizes, windows and down-sampling.
+
+use crate::argument::ArgumentError;
+
+/// The image sensor on the camera board.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub enum Sensor {
+    /// Camera type 0: 88 x 143, or 176 x 255 in high resolution.
+    Ov6620,
+    /// Camera type 1: 160 x 239.
+    Ov7620,
+}
+
+/// Columns and rows of a frame.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct Size {
+    /// Columns.
+    pub width: u8,
+    /// Rows.
+    pub height: u8,
+}
+
+impl Size {
+    /// Larger than any frame of a camera whose sensor is not known.
+    pub const LARGEST: Self = Self {
+        width: 176,
+        height: 255,
+    };
+
+    /// The frame of a sensor. Only the OV6620 has a high resolution.
+    pub const fn of(sensor: Sensor, high_resolution: bool) -> Self {
+        match (sensor, high_resolution) {
+            (Sensor::Ov6620, false) => Self {
+                width: 88,
+                height: 143,
+            },
+            (Sensor::Ov6620, true) => Self::LARGEST,
+            (Sensor::Ov7620, _) => Self {
+                width: 160,
+                height: 239,
+            },
+        }
+    }
+}
+
+/// Every how many columns and rows one counts. Tracking and frames then count in these units.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct DownSampling {
+    x: u8,
+    y: u8,
+}
+
+impl DownSampling {
+    /// Every column and row.
+    pub const NONE: Self = Self { x: 1, y: 1 };
+
+    /// # Errors
+    /// A factor of zero.
+    pub const fn new(x: u8, y: u8) -> Result<Self, ArgumentError> {
+        if x == 0 || y == 0 {
+            return Err(ArgumentError::DownSampling);
+        }
+        Ok(Self { x, y })
+    }
+
+    /// Every how many columns.
+    pub const fn x(self) -> u8 {
+        self.x
+    }
+
+    /// Every how many rows.
+    pub const fn y(self) -> u8 {
+        self.y
+    }
+
+    /// What remains of a frame, rounded up.
+    pub const fn apply(self, size: Size) -> Size {
+        Size {
+            width: size.width.div_ceil(self.x),
+            height: size.height.div_ceil(self.y),
+        }
+    }
+}
+
+/// The part of the frame that is processed: two corners, both inside.
+///
+/// A window that reaches beyond the frame is the camera's to cut; its size depends on sensor,
+/// resolution and down-sampling.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct Window {
+    x: u8,
+    y: u8,
+    x2: u8,
+    y2: u8,
+}
+
+impl Window {
+    /// From the upper left corner `(x, y)` to the lower right one `(x2, y2)`.
+    ///
+    /// # Errors
+    /// The first corner is not above and left of the second, or equal to it.
+    pub const fn new(x: u8, y: u8, x2: u8, y2: u8) -> Result<Self, ArgumentError> {
+        if x > x2 || y > y2 {
+            return Err(ArgumentError::WindowOrder);
+        }
+        Ok(Self { x, y, x2, y2 })
+    }
+
+    /// `[x, y, x2, y2]`, the order of `VW` and `GW`.
+    pub const fn corners(self) -> [u8; 4] {
+        [self.x, self.y, self.x2, self.y2]
+    }
+
+    /// The window of half the width and half the height in the middle of a frame.
+    pub const fn central(size: Size) -> Self {
+        let (quarter_width, quarter_height) = (size.width / 4, size.height / 4);
+        Self {
+            x: quarter_width,
+            y: quarter_height,
+            x2: size.width - quarter_width,
+            y2: size.height - quarter_height,
+        }
+    }
+}

@@ -1,0 +1,87 @@
+//! Driver for the CMUcam2 colour-tracking camera over any UART.
+//!
+//! Three layers, each useful alone:
+//!
+//! | layer | modules | what it knows |
+//! |---|---|---|
+//! | words | [`command`], [`packet`], [`colour`], [`geometry`], [`register`], [`servo`] | commands and packets as types, encoded and decoded in both directions, so that an emulator can use them too |
+//! | bytes | [`parser`] | one byte at a time to events; resynchronises after garbage and counts what it dropped |
+//! | dialogue | [`session`], [`device`] | time-outs, retries, stopping a stream, modes that survive a restart of the camera |
+//!
+//! [`session::Session`] holds the whole dialogue as a state machine without input or output: bytes
+//! and the time go in, bytes to send, a deadline and answers come out. [`Cmucam2`] connects it to
+//! a UART and a delay. Every method of [`Cmucam2`] returns a [`device::Call`], which does nothing
+//! until it is driven: [`run`](device::Call::run)`().await` over `embedded-io-async`, or
+//! [`wait`](device::Call::wait)`()` over `embedded-io`. Both drive the same state machine.
+//!
+//! What the public sources of the protocol leave open is listed, and decided, in one place:
+//! [`uncertain`].
+//!
+//! # Example
+//! On a board, `uart` and `delay` come from its HAL. The camera adapts to the light for five
+//! seconds, learns the colour of the object in the middle of its view, and tracks it.
+//! ```
+//! # use embedded_io::{Read, ReadReady, Write};
+//! use cmucam2_driver::{Cmucam2, Error, session::{Learn, StartUp}};
+//!
+//! # fn board<U: Read + Write + ReadReady, D: embedded_hal::delay::DelayNs>(
+//! #     uart: U, delay: D, turn_towards: fn(u8),
+//! # ) -> Result<(), Error<U::Error>> {
+//! let mut camera = Cmucam2::new(uart, delay);
+//! camera.start_up(StartUp::default()).wait()?;
+//! camera.learn_and_track(Learn::default()).wait()?;
+//! loop {
+//!     if let Some(tracking) = camera.next_tracking().wait()?
+//!         && let Some((x, _)) = tracking.centroid()
+//!     {
+//!         turn_towards(x);
+//!     }
+//! }
+//! # }
+//! ```
+//! With an async HAL the same calls end in `.run().await?`.
+//!
+//! # What cannot be detected
+//! The protocol has no checksum. A packet is refused if its letter, its separators, the number of
+//! its fields, the form of a number (1 to 3 digits, no leading zero, at most 255), the order of
+//! its coordinates or the geometry of the frame is wrong. A corruption that turns digits into
+//! other digits and keeps all of that passes. So does a whole packet that was lost, a packet of
+//! all zeros made of single digits, and, in raw mode, nearly every changed byte. When one line in
+//! five is damaged, about 1.0 % of the packets delivered are changed beyond detection, 0.24 % with
+//! [`strict`](session::Policy::strict) (`cargo run --release -p cmucam2-driver --example soak`).
+//! Track over several packets before you trust one.
+//!
+//! # Features
+//! `defmt` and `log` report restarts, retries and restored modes; `defmt` also formats the public
+//! types. Without them the crate is silent.
+#![no_std]
+#![forbid(unsafe_code)]
+#![cfg_attr(
+    not(test),
+    deny(
+        clippy::unwrap_used,
+        clippy::expect_used,
+        clippy::panic,
+        clippy::indexing_slicing
+    )
+)]
+
+mod fmt;
+
+pub mod argument;
+pub mod colour;
+pub mod command;
+pub mod device;
+pub mod geometry;
+pub mod packet;
+pub mod parser;
+pub mod register;
+pub mod servo;
+pub mod session;
+pub mod uncertain;
+
+mod text;
+
+pub use command::Command;
+pub use device::{Cmucam2, Error};
+pub use packet::Packet;

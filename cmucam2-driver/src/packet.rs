@@ -1,0 +1,533 @@
+//! What the camera sends, as types: decoded with checks by the [`parser`](crate::parser), encoded
+//! here.
+
+use core::fmt;
+
+use crate::{
+    colour::Colour,
+    command::StatisticsMask,
+    geometry::{Sensor, Size},
+    servo::ServoMask,
+    text::Line,
+    uncertain,
+};
+
+/// The most bins of a histogram.
+pub const BINS_MAX: usize = 28;
+
+/// `H` with all its bins: letter, 28 times a space and three digits, carriage return.
+const LINE_MAX: usize = 1 + 4 * BINS_MAX + 1;
+
+/// What a stream of packets is about. It decides what its numbers may be.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub enum PacketKind {
+    /// T packets of colour tracking, in pixels.
+    Tracking,
+    /// T packets of frame differencing, on a grid of 8 x 8 or 16 x 16 blocks.
+    Difference,
+    /// S packets.
+    Statistics,
+    /// H packets.
+    Histogram,
+}
+
+/// One packet.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub enum Packet {
+    /// `T`: where the target is.
+    Tracking(Tracking),
+    /// `S`: the mean colour and its deviation.
+    Statistics(Statistics),
+    /// `H`: a histogram.
+    Histogram(Histogram),
+}
+
+/// Why the numbers of a packet cannot be what the camera meant.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+#[non_exhaustive]
+pub enum PacketError {
+    /// Another number of fields than masks and servo reports ask for.
+    FieldCount,
+    /// The middle of mass is outside the bounding box, or the box is turned inside out.
+    Order,
+    /// A coordinate outside the frame.
+    Geometry,
+    /// Pixels and confidence contradict the size of the box.
+    Arithmetic,
+}
+
+impl fmt::Display for PacketError {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(match self {
+            Self::FieldCount => "another number of fields than asked for",
+            Self::Order => "the coordinates are out of order",
+            Self::Geometry => "a coordinate is outside the frame",
+            Self::Arithmetic => "pixels and confidence contradict the bounding box",
+        })
+    }
+}
+
+impl core::error::Error for PacketError {}
+
+/// Which fields a T packet carries.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct TrackingFields {
+    /// The output mask: bit 0 is mx, bit 7 the confidence.
+    pub mask: u8,
+    /// The pan position follows.
+    pub pan: bool,
+    /// The tilt position follows.
+    pub tilt: bool,
+}
+
+impl TrackingFields {
+    /// All eight, no servo positions: what a camera sends after a reset.
+    pub const ALL: Self = Self {
+        mask: 0xFF,
+        pan: false,
+        tilt: false,
+    };
+
+    /// The masked fields and what the servo mask adds.
+    pub const fn new(mask: u8, servos: ServoMask) -> Self {
+        Self {
+            mask,
+            pan: servos.reports_pan(),
+            tilt: servos.reports_tilt(),
+        }
+    }
+
+    /// How many numbers follow the letter.
+    pub const fn count(self) -> u8 {
+        self.mask.count_ones() as u8 + self.pan as u8 + self.tilt as u8
+    }
+}
+
+/// A bounding box, both corners inside.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct BoundingBox {
+    /// Leftmost column.
+    pub x1: u8,
+    /// Uppermost row.
+    pub y1: u8,
+    /// Rightmost column.
+    pub x2: u8,
+    /// Lowermost row.
+    pub y2: u8,
+}
+
+impl BoundingBox {
+    /// Pixels inside.
+    pub const fn area(self) -> u32 {
+        (self.x2.saturating_sub(self.x1) as u32 + 1) * (self.y2.saturating_sub(self.y1) as u32 + 1)
+    }
+}
+
+/// A T packet: where the target is. Coordinates are pixels after down-sampling, or blocks of the
+/// frame-difference grid, from the upper left corner.
+///
+/// Fields that the output mask leaves out are `None`. When nothing is tracked every field of the
+/// target is zero: see [`Tracking::is_lost`].
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct Tracking {
+    /// mx, my, x1, y1, x2, y2, pixels, confidence; zero where masked.
+    values: [u8; 8],
+    mask: u8,
+    pan: Option<u8>,
+    tilt: Option<u8>,
+}
+
+impl Tracking {
+    /// A packet of all eight fields: mx, my, x1, y1, x2, y2, pixels, confidence. Not checked.
+    pub const fn new(values: [u8; 8]) -> Self {
+        Self {
+            values,
+            mask: 0xFF,
+            pan: None,
+            tilt: None,
+        }
+    }
+
+    /// The packet of a camera that does not see its target.
+    pub const LOST: Self = Self::new([0; 8]);
+
+    /// The same packet as a camera with these masks sends it.
+    #[must_use]
+    pub fn masked(mut self, mask: u8, pan: Option<u8>, tilt: Option<u8>) -> Self {
+        for (bit, value) in self.values.iter_mut().enumerate() {
+            if mask >> bit & 1 == 0 {
+                *value = 0;
+            }
+        }
+        Self {
+            mask,
+            pan,
+            tilt,
+            ..self
+        }
+    }
+
+    /// From the numbers of a packet, checked against the frame they must lie in.
+    ///
+    /// # Errors
+    /// [`PacketError`], except [`PacketError::Arithmetic`]: for that see
+    /// [`Tracking::is_consistent`].
+    pub fn from_fields(
+        numbers: &[u8],
+        fields: TrackingFields,
+        frame: Size,
+    ) -> Result<Self, PacketError> {
+        // The usual packet, without looking at masks.
+        if let (TrackingFields::ALL, Ok(values)) = (fields, numbers.try_into()) {
+            let tracking = Self::new(values);
+            return tracking.check(frame).map(|()| tracking);
+        }
+        if numbers.len() != usize::from(fields.count()) {
+            return Err(PacketError::FieldCount);
+        }
+        let mut numbers = numbers.iter().copied();
+        let mut tracking = Self {
+            values: [0; 8],
+            mask: fields.mask,
+            pan: None,
+            tilt: None,
+        };
+        for (bit, value) in tracking.values.iter_mut().enumerate() {
+            if fields.mask >> bit & 1 != 0 {
+                *value = numbers.next().unwrap_or(0);
+            }
+        }
+        if fields.pan {
+            tracking.pan = numbers.next();
+        }
+        if fields.tilt {
+            tracking.tilt = numbers.next();
+        }
+        tracking.check(frame)?;
+        Ok(tracking)
+    }
+
+    #[inline]
+    fn check(&self, frame: Size) -> Result<(), PacketError> {
+        let [mx, my, x1, y1, x2, y2, ..] = self.values;
+        let last = uncertain::last_coordinate(frame);
+        if mx.max(x1).max(x2) > last.width || my.max(y1).max(y2) > last.height {
+            return Err(PacketError::Geometry);
+        }
+        let has = |bits: u8| self.mask & bits == bits;
+        let ordered = (!has(0b00_0101) || x1 <= mx)
+            && (!has(0b01_0001) || mx <= x2)
+            && (!has(0b01_0100) || x1 <= x2)
+            && (!has(0b00_1010) || y1 <= my)
+            && (!has(0b10_0010) || my <= y2)
+            && (!has(0b10_1000) || y1 <= y2);
+        if !ordered {
+            return Err(PacketError::Order);
+        }
+        Ok(())
+    }
+
+    fn field(&self, bit: u8) -> Option<u8> {
+        if self.mask >> bit & 1 == 0 {
+            return None;
+        }
+        self.values.get(usize::from(bit)).copied()
+    }
+
+    /// Whether the camera says that it tracks nothing: every field of the target is zero.
+    ///
+    /// A target of fewer than four pixels may have a pixel count of zero, but not its coordinates.
+    pub fn is_lost(&self) -> bool {
+        self.values == [0; 8]
+    }
+
+    /// The middle of mass `(mx, my)`. `None` when lost or not sent.
+    pub fn centroid(&self) -> Option<(u8, u8)> {
+        if self.is_lost() {
+            return None;
+        }
+        Some((self.field(0)?, self.field(1)?))
+    }
+
+    /// The box around everything that is tracked. `None` when lost or not sent.
+    pub fn bounding_box(&self) -> Option<BoundingBox> {
+        if self.is_lost() {
+            return None;
+        }
+        Some(BoundingBox {
+            x1: self.field(2)?,
+            y1: self.field(3)?,
+            x2: self.field(4)?,
+            y2: self.field(5)?,
+        })
+    }
+
+    /// `min(255, (n + 4) / 8)` of `n` tracked pixels. `None` when not sent.
+    pub fn pixels(&self) -> Option<u8> {
+        self.field(6)
+    }
+
+    /// `min(255, 256 n / area of the box)`. `None` when not sent.
+    pub fn confidence(&self) -> Option<u8> {
+        self.field(7)
+    }
+
+    /// Position of the pan servo, if reported.
+    pub fn pan(&self) -> Option<u8> {
+        self.pan
+    }
+
+    /// Position of the tilt servo, if reported.
+    pub fn tilt(&self) -> Option<u8> {
+        self.tilt
+    }
+
+    /// Whether pixels and confidence can both come from one count of pixels in this box, by the
+    /// formulas of [`Tracking::pixels`] and [`Tracking::confidence`], give or take a rounding.
+    /// True where a field is missing.
+    pub fn is_consistent(&self) -> bool {
+        let (Some(area), Some(pixels), Some(confidence)) = (
+            self.bounding_box().map(BoundingBox::area),
+            self.pixels().map(u32::from),
+            self.confidence().map(u32::from),
+        ) else {
+            return true;
+        };
+        let least = (8 * pixels).saturating_sub(8);
+        let most = if pixels == 255 {
+            area
+        } else {
+            area.min(8 * pixels + 8)
+        };
+        let of = |count: u32| 256 * count / area;
+        least <= area
+            && of(least).saturating_sub(2).min(255) <= confidence
+            && confidence <= of(most) + 2
+    }
+
+    fn numbers(&self) -> impl Iterator<Item = u8> + '_ {
+        (0..8)
+            .filter_map(|bit| self.field(bit))
+            .chain(self.pan)
+            .chain(self.tilt)
+    }
+}
+
+/// An S packet: the mean colour of the window and its mean absolute deviation.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct Statistics {
+    /// Rm, Gm, Bm, Rd, Gd, Bd; zero where masked.
+    values: [u8; 6],
+    mask: StatisticsMask,
+}
+
+impl Statistics {
+    /// A packet of all six fields.
+    pub const fn new(mean: Colour, deviation: Colour) -> Self {
+        Self {
+            values: [
+                mean.red,
+                mean.green,
+                mean.blue,
+                deviation.red,
+                deviation.green,
+                deviation.blue,
+            ],
+            mask: StatisticsMask::ALL,
+        }
+    }
+
+    /// The same packet as a camera with this mask sends it.
+    #[must_use]
+    pub fn masked(mut self, mask: StatisticsMask) -> Self {
+        for (bit, value) in self.values.iter_mut().enumerate() {
+            if mask.bits() >> bit & 1 == 0 {
+                *value = 0;
+            }
+        }
+        Self { mask, ..self }
+    }
+
+    /// From the numbers of a packet.
+    ///
+    /// # Errors
+    /// [`PacketError::FieldCount`].
+    pub fn from_fields(numbers: &[u8], mask: StatisticsMask) -> Result<Self, PacketError> {
+        if numbers.len() != mask.bits().count_ones() as usize {
+            return Err(PacketError::FieldCount);
+        }
+        let mut numbers = numbers.iter().copied();
+        let mut values = [0; 6];
+        for (bit, value) in values.iter_mut().enumerate() {
+            if mask.bits() >> bit & 1 != 0 {
+                *value = numbers.next().unwrap_or(0);
+            }
+        }
+        Ok(Self { values, mask })
+    }
+
+    /// The mean colour, if all its channels were sent.
+    pub fn mean(&self) -> Option<Colour> {
+        let [red, green, blue, ..] = self.values;
+        (self.mask.bits() & 0b00_0111 == 0b00_0111).then_some(Colour { red, green, blue })
+    }
+
+    /// The deviation from the mean, if all its channels were sent.
+    pub fn deviation(&self) -> Option<Colour> {
+        let [.., red, green, blue] = self.values;
+        (self.mask.bits() & 0b11_1000 == 0b11_1000).then_some(Colour { red, green, blue })
+    }
+
+    fn numbers(&self) -> impl Iterator<Item = u8> + '_ {
+        self.values
+            .iter()
+            .enumerate()
+            .filter(|(bit, _)| self.mask.bits() >> bit & 1 != 0)
+            .map(|(_, &value)| value)
+    }
+}
+
+/// An H packet: how many pixels have a level in each bin, scaled.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct Histogram {
+    bins: [u8; BINS_MAX],
+    len: u8,
+}
+
+impl Histogram {
+    /// From the counts of 1 to [`BINS_MAX`] bins.
+    ///
+    /// # Errors
+    /// [`PacketError::FieldCount`].
+    pub fn new(counts: &[u8]) -> Result<Self, PacketError> {
+        let mut bins = [0; BINS_MAX];
+        let (true, Some(filled), Ok(len)) = (
+            !counts.is_empty(),
+            bins.get_mut(..counts.len()),
+            u8::try_from(counts.len()),
+        ) else {
+            return Err(PacketError::FieldCount);
+        };
+        filled.copy_from_slice(counts);
+        Ok(Self { bins, len })
+    }
+
+    /// The counts, the darkest bin first.
+    pub fn bins(&self) -> &[u8] {
+        self.bins.get(..usize::from(self.len)).unwrap_or(&[])
+    }
+}
+
+/// A packet as it goes over the line.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct PacketLine(Line<LINE_MAX>);
+
+impl PacketLine {
+    /// The bytes to send.
+    pub fn as_bytes(&self) -> &[u8] {
+        self.0.as_bytes()
+    }
+}
+
+impl Packet {
+    /// As text, with its carriage return.
+    pub fn line(&self) -> PacketLine {
+        let mut line = Line::EMPTY;
+        line.push(self.letter());
+        self.each_number(|value| line.numbers(&[value]));
+        line.push(b'\r');
+        PacketLine(line)
+    }
+
+    /// As raw output: 255, the letter and the numbers as bytes. A number of 255 becomes 254.
+    pub fn raw(&self) -> PacketLine {
+        let mut line = Line::EMPTY;
+        line.text(&[0xFF, self.letter()]);
+        self.each_number(|value| line.push(value.min(254)));
+        PacketLine(line)
+    }
+
+    /// Whether a stream of this kind carries such a packet.
+    pub fn is_of(&self, kind: PacketKind) -> bool {
+        matches!(
+            (self, kind),
+            (
+                Self::Tracking(_),
+                PacketKind::Tracking | PacketKind::Difference
+            ) | (Self::Statistics(_), PacketKind::Statistics)
+                | (Self::Histogram(_), PacketKind::Histogram)
+        )
+    }
+
+    const fn letter(&self) -> u8 {
+        match self {
+            Self::Tracking(_) => b'T',
+            Self::Statistics(_) => b'S',
+            Self::Histogram(_) => b'H',
+        }
+    }
+
+    fn each_number(&self, write: impl FnMut(u8)) {
+        match self {
+            Self::Tracking(packet) => packet.numbers().for_each(write),
+            Self::Statistics(packet) => packet.numbers().for_each(write),
+            Self::Histogram(packet) => packet.bins().iter().copied().for_each(write),
+        }
+    }
+}
+
+/// What the banner says: `CMUcam2 v1.00 c6`.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct Version {
+    /// Before the point.
+    pub major: u8,
+    /// After the point, in hundredths: 1 for `1.01`, 10 for `1.1`.
+    pub minor: u8,
+    /// The number after `c`, which names the sensor.
+    pub module: Option<u8>,
+}
+
+impl Version {
+    /// The sensor, if the banner names a known one.
+    pub fn sensor(self) -> Option<Sensor> {
+        self.module.and_then(uncertain::sensor_of_module)
+    }
+
+    /// The banner without a carriage return.
+    pub fn banner(self) -> Banner {
+        let mut line = Line::EMPTY;
+        line.text(BANNER);
+        line.number(self.major);
+        line.push(b'.');
+        line.push(b'0' + self.minor / 10 % 10);
+        line.push(b'0' + self.minor % 10);
+        if let Some(module) = self.module {
+            line.text(b" c");
+            line.number(module);
+        }
+        Banner(line)
+    }
+}
+
+/// How every banner begins.
+pub(crate) const BANNER: &[u8; 9] = b"CMUcam2 v";
+
+/// A banner as it goes over the line.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Banner(Line<24>);
+
+impl Banner {
+    /// The bytes to send.
+    pub fn as_bytes(&self) -> &[u8] {
+        self.0.as_bytes()
+    }
+}

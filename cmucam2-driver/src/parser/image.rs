@@ -1,0 +1,299 @@
+//! Binary rows: frames and line modes.
+
+use super::{Event, Expectation, ImageExpectation};
+use crate::{
+    colour::{LEVEL_MAX, LEVEL_MIN},
+    command::{StatisticsLines, TrackingLines},
+    packet::BANNER,
+};
+
+/// What the bytes of an image are.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub enum ImageKind {
+    /// `01 w h`, rows led by `02`, `03`: pixels of so many bytes, 16 to 240.
+    Frame(u8),
+    /// `AA w h`, one bit for each pixel with the leftmost in the highest bit, `AA AA`.
+    Bitmap,
+    /// `FE h`, five bytes for each row (mean, least and greatest column, count, confidence), `FD`.
+    Rows,
+    /// `FE`, three (means) or six (means and deviations) bytes for each row, `FD`.
+    Means,
+}
+
+/// The beginning of an image.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct ImageHeader {
+    /// What the bytes are.
+    pub kind: ImageKind,
+    /// Columns; 0 where the protocol does not say it.
+    pub width: u8,
+    /// Rows; 0 where the protocol does not say it.
+    pub height: u8,
+    /// Bytes of one row.
+    pub row_bytes: u16,
+}
+
+/// Whether a byte ends its row.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub enum RowState {
+    /// The row goes on.
+    Open,
+    /// The row is full and every byte was possible.
+    Full,
+    /// The row is full, but a byte of it cannot have been sent.
+    Damaged,
+}
+
+pub(super) enum Step {
+    Nothing,
+    Event(Event),
+    /// The byte ended the image.
+    End {
+        rows: u16,
+        intact: bool,
+    },
+    /// The image ended although its mark is missing; the byte belongs to what follows.
+    EndBefore {
+        rows: u16,
+    },
+    /// This is no image.
+    Refuse,
+    /// The camera restarted within the image: its banner has come as far as the version.
+    Banner,
+}
+
+const FRAME_LEAD: u8 = 0x01;
+const ROW_LEAD: u8 = 0x02;
+const FRAME_END: u8 = 0x03;
+const BITMAP_MARK: u8 = 0xAA;
+const LINES_LEAD: u8 = 0xFE;
+const LINES_END: u8 = 0xFD;
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Place {
+    Width,
+    Height,
+    Row,
+    /// A frame's row is full: only a mark may follow.
+    RowFull,
+    /// Marks that are missing after the last row of a bitmap or of row statistics.
+    End(u8),
+}
+
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Image {
+    kind: ImageKind,
+    place: Place,
+    width: u8,
+    height: u8,
+    row_bytes: u16,
+    rows: u16,
+    /// Bytes of the row so far.
+    at: u16,
+    row_intact: bool,
+    intact: bool,
+    /// How much of a banner the last bytes are.
+    banner: u8,
+}
+
+impl Image {
+    pub(super) const NONE: Self = Self {
+        kind: ImageKind::Bitmap,
+        place: Place::Width,
+        width: 0,
+        height: 0,
+        row_bytes: 0,
+        rows: 0,
+        at: 0,
+        row_intact: true,
+        intact: true,
+        banner: 0,
+    };
+
+    /// The image that begins with this byte, if one is expected.
+    pub(super) fn begin(byte: u8, expectation: &Expectation) -> Option<Self> {
+        let (kind, place, row_bytes) = match (byte, expectation.image) {
+            (FRAME_LEAD, ImageExpectation::Frame(bytes)) => {
+                (ImageKind::Frame(bytes), Place::Width, 0)
+            }
+            (BITMAP_MARK, ImageExpectation::Tracking(TrackingLines::Bitmap)) => {
+                (ImageKind::Bitmap, Place::Width, 0)
+            }
+            (LINES_LEAD, ImageExpectation::Tracking(TrackingLines::Rows)) => {
+                (ImageKind::Rows, Place::Height, 5)
+            }
+            (LINES_LEAD, ImageExpectation::Statistics(StatisticsLines::Means)) => {
+                (ImageKind::Means, Place::Row, 3)
+            }
+            (LINES_LEAD, ImageExpectation::Statistics(StatisticsLines::MeansAndDeviations)) => {
+                (ImageKind::Means, Place::Row, 6)
+            }
+            _ => return None,
+        };
+        Some(Self {
+            kind,
+            place,
+            row_bytes,
+            ..Self::NONE
+        })
+    }
+
+    pub(super) fn push(&mut self, byte: u8, expectation: &Expectation) -> Step {
+        if self.saw_banner(byte) {
+            return Step::Banner;
+        }
+        match self.place {
+            Place::Width => {
+                if byte == 0 || byte > expectation.frame.width {
+                    return Step::Refuse;
+                }
+                self.width = byte;
+                self.place = Place::Height;
+                Step::Nothing
+            }
+            Place::Height => self.height(byte, expectation),
+            Place::Row => match self.kind {
+                ImageKind::Frame(_) => self.frame(byte),
+                ImageKind::Means => self.means(byte),
+                ImageKind::Bitmap | ImageKind::Rows => self.counted(byte),
+            },
+            Place::RowFull => self.frame(byte),
+            Place::End(missing) => self.end(missing, byte),
+        }
+    }
+
+    fn saw_banner(&mut self, byte: u8) -> bool {
+        if BANNER.get(usize::from(self.banner)) == Some(&byte) {
+            self.banner += 1;
+            return usize::from(self.banner) == BANNER.len();
+        }
+        self.banner = u8::from(byte == BANNER[0]);
+        false
+    }
+
+    fn height(&mut self, byte: u8, expectation: &Expectation) -> Step {
+        self.place = Place::Row;
+        if byte == 0 || byte > expectation.frame.height {
+            return Step::Refuse;
+        }
+        self.height = byte;
+        self.row_bytes = match self.kind {
+            ImageKind::Frame(bytes) => u16::from(self.width) * u16::from(bytes),
+            ImageKind::Bitmap => u16::from(self.width.div_ceil(8)),
+            ImageKind::Rows | ImageKind::Means => self.row_bytes,
+        };
+        Step::Event(Event::Header(self.header()))
+    }
+
+    /// The header of an image that announces nothing, right after its lead.
+    pub(super) fn header_without_sizes(&self) -> Option<ImageHeader> {
+        (self.kind == ImageKind::Means).then(|| self.header())
+    }
+
+    fn header(&self) -> ImageHeader {
+        ImageHeader {
+            kind: self.kind,
+            width: self.width,
+            height: self.height,
+            row_bytes: self.row_bytes,
+        }
+    }
+
+    /// One byte of the row, known to have room.
+    fn pixel(&mut self, byte: u8, possible: bool) -> Step {
+        self.row_intact &= possible;
+        self.at += 1;
+        if self.at < self.row_bytes {
+            return Step::Event(Event::Pixel(byte, RowState::Open));
+        }
+        let state = if self.row_intact {
+            RowState::Full
+        } else {
+            RowState::Damaged
+        };
+        self.intact &= self.row_intact;
+        self.row_intact = true;
+        self.rows += 1;
+        self.at = 0;
+        Step::Event(Event::Pixel(byte, state))
+    }
+
+    fn frame(&mut self, byte: u8) -> Step {
+        let complete = self.rows >= u16::from(self.height);
+        match (byte, self.place) {
+            (ROW_LEAD, _) => {
+                self.place = Place::Row;
+                if self.at == 0 {
+                    return Step::Nothing;
+                }
+                let bytes = self.at;
+                self.at = 0;
+                self.rows += 1;
+                self.intact = false;
+                self.row_intact = true;
+                Step::Event(Event::RowCut(bytes))
+            }
+            (FRAME_END, _) => Step::End {
+                rows: self.rows,
+                intact: self.intact && self.at == 0 && complete,
+            },
+            (_, _) if complete => Step::EndBefore { rows: self.rows },
+            (_, Place::RowFull) => {
+                self.intact = false;
+                Step::Nothing
+            }
+            _ => {
+                let step = self.pixel(byte, (LEVEL_MIN..=LEVEL_MAX).contains(&byte));
+                if self.at == 0 {
+                    self.place = Place::RowFull;
+                }
+                step
+            }
+        }
+    }
+
+    /// Rows by count; any byte may be data.
+    fn counted(&mut self, byte: u8) -> Step {
+        let step = self.pixel(byte, true);
+        if self.rows == u16::from(self.height) {
+            self.place = Place::End(if self.kind == ImageKind::Bitmap { 2 } else { 1 });
+        }
+        step
+    }
+
+    fn end(&mut self, missing: u8, byte: u8) -> Step {
+        let mark = if self.kind == ImageKind::Bitmap {
+            BITMAP_MARK
+        } else {
+            LINES_END
+        };
+        if byte != mark {
+            return Step::EndBefore { rows: self.rows };
+        }
+        if missing > 1 {
+            self.place = Place::End(missing - 1);
+            return Step::Nothing;
+        }
+        Step::End {
+            rows: self.rows,
+            intact: self.intact,
+        }
+    }
+
+    /// Rows until the mark: no level reaches it.
+    fn means(&mut self, byte: u8) -> Step {
+        if byte == LINES_END {
+            return Step::End {
+                rows: self.rows,
+                intact: self.intact && self.at == 0,
+            };
+        }
+        if self.rows > u16::from(u8::MAX) {
+            return Step::EndBefore { rows: self.rows };
+        }
+        self.pixel(byte, byte <= LEVEL_MAX)
+    }
+}

@@ -1,0 +1,157 @@
+//! Registers of the image sensor (`CR`).
+
+use crate::argument::ArgumentError;
+
+/// A register of the sensor. Those whose meaning is known have names; any other can be written
+/// by its number.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct Register(pub u8);
+
+impl Register {
+    /// Contrast.
+    pub const CONTRAST: Self = Self(5);
+    /// Brightness.
+    pub const BRIGHTNESS: Self = Self(6);
+    /// Exposure, when auto gain is off.
+    pub const EXPOSURE: Self = Self(16);
+    /// Clock divider, see [`FrameRate`].
+    pub const CLOCK: Self = Self(17);
+    /// Colour mode and automatic white balance, see [`ColourMode`].
+    pub const COLOUR_MODE: Self = Self(18);
+    /// Automatic gain: 33 on, 32 off.
+    pub const AUTO_GAIN: Self = Self(19);
+
+    /// Automatic gain on or off.
+    pub const fn auto_gain(on: bool) -> (Self, u8) {
+        (Self::AUTO_GAIN, if on { 33 } else { 32 })
+    }
+
+    /// The colour mode with automatic white balance on or off.
+    pub const fn colour_mode(mode: ColourMode, auto_white_balance: bool) -> (Self, u8) {
+        let value = match mode {
+            ColourMode::YCrCb => 32,
+            ColourMode::Rgb => 40,
+        };
+        (
+            Self::COLOUR_MODE,
+            if auto_white_balance { value + 4 } else { value },
+        )
+    }
+
+    /// The clock divider for a frame rate.
+    pub const fn frame_rate(rate: FrameRate) -> (Self, u8) {
+        let divider = match rate {
+            FrameRate::Fps50 => 0,
+            FrameRate::Fps26 => 1,
+            FrameRate::Fps17 => 2,
+            FrameRate::Fps13 => 3,
+            FrameRate::Fps11 => 4,
+            FrameRate::Fps9 => 5,
+            FrameRate::Fps8 => 6,
+            FrameRate::Fps7 => 7,
+            FrameRate::Fps6 => 8,
+            FrameRate::Fps5 => 10,
+        };
+        (Self::CLOCK, divider)
+    }
+}
+
+/// What the three channels of a pixel mean.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub enum ColourMode {
+    /// Red, green, blue.
+    Rgb,
+    /// Cr, Y, Cb: less sensitive to changes of the light.
+    YCrCb,
+}
+
+/// Frames a second that the sensor delivers.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+#[expect(missing_docs, reason = "the names are the frame rates")]
+pub enum FrameRate {
+    Fps50,
+    Fps26,
+    Fps17,
+    Fps13,
+    Fps11,
+    Fps9,
+    Fps8,
+    Fps7,
+    Fps6,
+    Fps5,
+}
+
+/// The most pairs that one `CR` command carries: CMU's CMUcam2-compatible program for the CMUcam3
+/// takes ten arguments.
+pub const PAIRS_MAX: usize = 5;
+
+/// Up to [`PAIRS_MAX`] registers with their values, for one command. None means: all defaults.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Default)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct Registers {
+    pairs: [(u8, u8); PAIRS_MAX],
+    len: u8,
+}
+
+impl Registers {
+    /// Everything back to its default.
+    pub const DEFAULTS: Self = Self {
+        pairs: [(0, 0); PAIRS_MAX],
+        len: 0,
+    };
+
+    /// # Errors
+    /// More than [`PAIRS_MAX`] pairs.
+    pub fn new(pairs: &[(Register, u8)]) -> Result<Self, ArgumentError> {
+        let mut all = Self::DEFAULTS;
+        for &(register, value) in pairs {
+            all.push(register, value)?;
+        }
+        Ok(all)
+    }
+
+    /// One register.
+    pub const fn one(pair: (Register, u8)) -> Self {
+        let mut pairs = [(0, 0); PAIRS_MAX];
+        pairs[0] = (pair.0.0, pair.1);
+        Self { pairs, len: 1 }
+    }
+
+    /// Two registers.
+    pub const fn two(first: (Register, u8), second: (Register, u8)) -> Self {
+        let mut pairs = [(0, 0); PAIRS_MAX];
+        pairs[0] = (first.0.0, first.1);
+        pairs[1] = (second.0.0, second.1);
+        Self { pairs, len: 2 }
+    }
+
+    /// Adds one more.
+    ///
+    /// # Errors
+    /// There are [`PAIRS_MAX`] already.
+    pub fn push(&mut self, register: Register, value: u8) -> Result<(), ArgumentError> {
+        let free = self
+            .pairs
+            .get_mut(usize::from(self.len))
+            .ok_or(ArgumentError::Registers)?;
+        *free = (register.0, value);
+        self.len += 1;
+        Ok(())
+    }
+
+    /// Whether there is none, which resets all registers to their defaults.
+    pub const fn is_empty(&self) -> bool {
+        self.len == 0
+    }
+
+    /// The pairs in the order in which they are written.
+    pub fn iter(&self) -> impl Iterator<Item = (Register, u8)> + '_ {
+        self.pairs
+            .iter()
+            .take(usize::from(self.len))
+            .map(|&(register, value)| (Register(register), value))
+    }
+}

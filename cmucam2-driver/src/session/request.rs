@@ -1,0 +1,126 @@
+//! What is asked of the camera, what it answers, and why not.
+
+use core::fmt;
+
+use super::{Learn, StartUp};
+use crate::{
+    colour::ColourBounds,
+    command::Command,
+    packet::{Packet, Version},
+    parser::ImageHeader,
+};
+
+/// What is wanted of the camera.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub enum Request {
+    /// Exchange one command. Of a command that answers with packets, one is taken and the camera
+    /// is stopped if it goes on.
+    Do(Command),
+    /// Begin a stream of packets or a frame, to be read with [`Request::Next`]. In poll mode
+    /// nothing streams: each `Next` asks for a packet.
+    Start(Command),
+    /// The next packet of the stream; images between packets are skipped.
+    Next,
+    /// The next part of a frame or of the rows between packets, or the next packet. Rows go into
+    /// the buffer given to [`Session::receive`](super::Session::receive), whose length is told here.
+    NextPart {
+        /// Bytes that the caller has room for.
+        row: usize,
+    },
+    /// End the stream.
+    Stop,
+    /// Stop, reset, set all modes again.
+    Recover,
+    /// See [`StartUp`].
+    StartUp(StartUp),
+    /// Learn a colour, and perhaps start to track it.
+    Learn {
+        /// By which means.
+        how: Learn,
+        /// Whether a stream begins afterwards.
+        track: bool,
+    },
+}
+
+/// What the camera answered.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub enum Answer {
+    /// It did it.
+    Done,
+    /// The numbers asked for; the rest is zero.
+    Values([u8; 6]),
+    /// The banner.
+    Version(Version),
+    /// A packet.
+    Packet(Packet),
+    /// Nothing, and that is right: packet filter is on and nothing was tracked last.
+    Quiet,
+    /// The bounds that were learned.
+    Bounds(ColourBounds),
+    /// An image begins.
+    Header(ImageHeader),
+    /// A row is in the caller's buffer.
+    Row {
+        /// How many bytes of it.
+        bytes: u16,
+        /// Whether it is complete and every byte is possible.
+        intact: bool,
+    },
+    /// The image is over.
+    End {
+        /// How many rows came.
+        rows: u16,
+        /// Whether all of it was as announced.
+        intact: bool,
+    },
+}
+
+/// Why there is no answer.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+#[non_exhaustive]
+pub enum Fault {
+    /// Not one byte within the time: not powered, wrong pins, stuck after power-up.
+    Silence,
+    /// The camera said `NCK` each time.
+    Refused,
+    /// Bytes came, but made no sense: wrong baud rate, overrun, noise.
+    Garbage,
+    /// The camera restarted. Its modes are set again and its stream, if that is possible, runs
+    /// again; what it had adapted to, and a reference frame, are lost.
+    Restarted,
+    /// There is no stream to read from.
+    NotStreaming,
+    /// The row buffer is too small.
+    RowBuffer {
+        /// Bytes needed.
+        needed: u16,
+    },
+    /// More than [`REGISTERS_MAX`](super::REGISTERS_MAX) different registers: they could not be set again.
+    TooManyRegisters,
+    /// A field that is needed is masked (`OM`).
+    Masked,
+}
+
+impl fmt::Display for Fault {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(match self {
+            Self::Silence => "the camera is silent: check power and wiring, or cycle its power",
+            Self::Refused => "the camera refused the command each time",
+            Self::Garbage => "the camera cannot be understood: check the baud rate",
+            Self::Restarted => {
+                "the camera restarted: its modes are restored, but it must adapt to the light again"
+            }
+            Self::NotStreaming => "no stream was started",
+            Self::RowBuffer { needed } => {
+                return write!(f, "the row buffer must hold {needed} bytes");
+            }
+            Self::TooManyRegisters => "too many different registers to set them again",
+            Self::Masked => "a field that is needed is masked",
+        })
+    }
+}
+
+impl core::error::Error for Fault {}

@@ -1,0 +1,68 @@
+//! Fuzz targets under `fuzz/`, run by cargo-fuzz.
+
+use std::fs;
+
+use anyhow::{Context, Result, bail};
+use xshell::{Shell, cmd};
+
+/// Inputs per target that take a few seconds.
+pub(crate) const BRIEF: u32 = 100_000;
+
+/// Kept out of the way of an installed one.
+const TOOLS: &str = "target/tools";
+const VERSION: &str = "0.13.1";
+
+/// Tries `runs` inputs on each target, starting from its corpus; what is new stays out of it.
+///
+/// Without a nightly compiler there is nothing to run it with: that is said, and not an error.
+pub(crate) fn run(sh: &Shell, targets: &[String], runs: u32) -> Result<()> {
+    if cmd!(sh, "cargo +nightly --version")
+        .quiet()
+        .ignore_stderr()
+        .read()
+        .is_err()
+    {
+        eprintln!("no nightly compiler: not fuzzed; `rustup toolchain install nightly` gets one");
+        return Ok(());
+    }
+    let cargo_fuzz = format!("{TOOLS}/bin/cargo-fuzz");
+    if !sh.path_exists(&cargo_fuzz) {
+        cmd!(
+            sh,
+            "cargo install cargo-fuzz --version {VERSION} --locked --root {TOOLS}"
+        )
+        .run()?;
+    }
+    let all = all_targets(sh)?;
+    if let Some(unknown) = targets.iter().find(|&target| !all.contains(target)) {
+        bail!("no fuzz target {unknown}; there are {}", all.join(", "));
+    }
+    for target in if targets.is_empty() { &all } else { targets } {
+        let scratch = sh.current_dir().join("target/fuzz-corpus").join(target);
+        fs::create_dir_all(&scratch)?;
+        let corpus = sh.current_dir().join("fuzz/corpus").join(target);
+        let runs = format!("-runs={runs}");
+        let _nightly = sh.push_env("RUSTUP_TOOLCHAIN", "nightly");
+        cmd!(
+            sh,
+            "{cargo_fuzz} run --fuzz-dir fuzz {target} {scratch} {corpus} -- {runs} -print_final_stats=1"
+        )
+        .quiet()
+        .ignore_stderr()
+        .run()
+        .with_context(|| format!("{target} found something: `cargo xtask fuzz {target}` shows it"))?;
+        eprintln!("{target}: {runs} without a finding");
+    }
+    Ok(())
+}
+
+/// The names of the files in `fuzz/fuzz_targets`.
+fn all_targets(sh: &Shell) -> Result<Vec<String>> {
+    let mut names: Vec<_> = sh
+        .read_dir("fuzz/fuzz_targets")?
+        .iter()
+        .filter_map(|path| Some(path.file_stem()?.to_str()?.to_owned()))
+        .collect();
+    names.sort();
+    Ok(names)
+}
