@@ -49,6 +49,11 @@ fn main() -> anyhow::Result<()> {
             cmd!(sh, "cargo run --release --package bench -- {topics...}").run()?;
             if all {
                 count_instructions(&sh)?;
+                cmd!(
+                    sh,
+                    "cargo run --release --package cmucam2-driver --example soak"
+                )
+                .run()?;
             }
             Ok(())
         }
