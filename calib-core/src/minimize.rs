@@ -79,6 +79,8 @@ pub(crate) struct Minimum<T: Real, const P: usize> {
 
 /// Steps shorter than this many sigmas end the iteration.
 const CONVERGED_SIGMAS: f64 = 1e-3;
+/// Where rounding lets no step lower the cost any more, being this close counts as being there.
+const STALLED_SIGMAS: f64 = 0.1;
 /// The cost falling by less than this, so many times in a row, ends it too: where two solutions are
 /// about to merge, the minimum has no curvature, and steps in sigmas mean nothing.
 const FLAT: f64 = 1e-4;
@@ -122,17 +124,16 @@ pub(crate) fn minimize<T: Real, const P: usize>(
         }
         previous = Some(model.cost);
         let newton = model.step(T::zero());
-        if let Some(newton) = newton {
-            // What the step is worth, in squared sigmas.
-            let decrement = -newton.dot(&model.gradient);
-            let floor = model.cost * T::default_epsilon() * lit(8.0);
-            if decrement <= floor.max(lit(CONVERGED_SIGMAS * CONVERGED_SIGMAS)) {
-                return Ok(Minimum {
-                    x: x + newton,
-                    model,
-                    iterations,
-                });
-            }
+        // What the full step is worth, in squared sigmas.
+        let within = |sigmas: f64| {
+            newton.is_some_and(|step| -step.dot(&model.gradient) <= lit(sigmas * sigmas))
+        };
+        if let (Some(step), true) = (newton, within(CONVERGED_SIGMAS)) {
+            return Ok(Minimum {
+                x: x + step,
+                model,
+                iterations,
+            });
         }
         let next = match method {
             Method::GaussNewton => newton.map(|step| x + step),
@@ -141,6 +142,13 @@ pub(crate) fn minimize<T: Real, const P: usize>(
         };
         match next {
             Some(next) => x = next,
+            None if within(STALLED_SIGMAS) => {
+                return Ok(Minimum {
+                    x,
+                    model,
+                    iterations,
+                });
+            }
             None => return Err(Refusal::DidNotConverge),
         }
     }

@@ -165,7 +165,7 @@ proptest! {
             prop_assert!(s.pose.heading.is_finite() && s.pose.covariance.iter().all(|v| v.is_finite()));
         }
         if let [a, b, c] = sightings[..] && let Ok(fix) = slope_form::solve(&[a, b, c]) {
-            prop_assert!(fix.theta.is_finite());
+            prop_assert!(fix.theta.is_finite() && fix.position.coords.iter().all(|v| v.is_finite()));
         }
     }
 }
@@ -499,6 +499,33 @@ fn single_precision_is_enough() {
         let error = (rounded.position.cast::<f64>() - exact.position).norm();
         assert!(
             error < 0.01 * exact.sigma_position(),
+            "seed {seed}: {error}"
+        );
+    }
+}
+
+/// Least squares in `f32` stops where that in `f64` does.
+#[test]
+fn single_precision_is_enough_for_least_squares() {
+    let mut rng = generator(17);
+    for seed in 0..500 {
+        let truth = Truth::random(&mut rng);
+        let targets: [Point2<f64>; 8] = truth.targets(&mut rng);
+        let sightings = targets.map(|t| sighting(&truth, t, 0.005 * normal(&mut rng), 0.005));
+        let single = sightings.map(|s| Sighting {
+            target: s.target.cast::<f32>(),
+            ray: Ray {
+                forward: s.ray.forward as f32,
+                left: s.ray.left as f32,
+            },
+            bearing_sigma: s.bearing_sigma as f32,
+            target_covariance: Matrix2::zeros(),
+        });
+        let double = resection::solve(&sightings).unwrap();
+        let single = resection::solve(&single).unwrap();
+        let error = (single.pose.position.cast::<f64>() - double.pose.position).norm();
+        assert!(
+            error < 0.02 * double.pose.sigma_position(),
             "seed {seed}: {error}"
         );
     }

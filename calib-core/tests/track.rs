@@ -299,7 +299,7 @@ fn correlation_refuses_what_determines_no_pose() {
     assert!(correlate(&pose, &good).is_ok());
     assert_eq!(correlate(&pose, &good[..2]), Err(Refusal::TooFew));
     let on_one_line = [sight(4.0, 0.0), sight(5.0, 0.0), sight(3.0, 0.0)];
-    assert_eq!(correlate(&pose, &on_one_line), Err(Refusal::DangerCircle));
+    assert_eq!(correlate(&pose, &on_one_line), Err(Refusal::Undetermined));
     let broken = [good[0], good[1], sight(f64::NAN, 0.0)];
     assert_eq!(correlate(&pose, &broken), Err(Refusal::NotFinite));
     let on_the_camera = [good[0], good[1], sight(1.0, 0.0)];

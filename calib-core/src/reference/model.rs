@@ -164,7 +164,7 @@ impl<T: Real> Sight<'_, T> {
         let [v0, v1] = &self.views;
         let [s0, s1] = self.stop.bearing_sigmas;
         // Arithmetic has a noise of its own: it bounds the weight of a claim to be exact.
-        let arithmetic = lit::<T>(16.0) * T::default_epsilon() * T::default_epsilon();
+        let arithmetic = lit::<T>(256.0) * T::default_epsilon() * T::default_epsilon();
         let spread0 = self.spread * v0.across;
         let variance0 = s0 * s0 + arithmetic + dot(v0.across, spread0);
         let l00 = variance0.sqrt();

@@ -36,7 +36,7 @@ fn compare<T: Real>(sighting: &Sighting<T>, position: Point2<T>, heading: T) -> 
     let range2 = dot(to_target, to_target);
     let across = quarter_turn(to_target) / range2;
     // Arithmetic has a noise of its own: it bounds the weight of a claim to be exact.
-    let arithmetic = range2 * range2 * lit(16.0) * T::default_epsilon() * T::default_epsilon();
+    let arithmetic = range2 * range2 * lit(256.0) * T::default_epsilon() * T::default_epsilon();
     let variance = sighting.bearing_variance_range4(to_target) + arithmetic;
     Comparison {
         residual: cross(ray, to_target).atan2(dot(ray, to_target)),

@@ -74,6 +74,10 @@ pub fn solve<T: Real>(sightings: &[Sighting<T>; 3]) -> Result<SlopeFix<T>, Refus
     } else {
         (sin / cos).atan()
     };
+    // Coordinates too large to multiply.
+    if !(position.coords.sum() + theta).is_finite() {
+        return Err(Refusal::NotFinite);
+    }
     Ok(SlopeFix { position, theta })
 }
 
