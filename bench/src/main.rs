@@ -5,6 +5,7 @@
 
 use clap::{Parser, ValueEnum};
 
+mod camera;
 mod cramer_rao;
 mod figure;
 mod precision;
@@ -31,6 +32,8 @@ enum Topic {
     CramerRao,
     /// Single precision against double, by conditioning.
     Precision,
+    /// The line to an emulated CMUcam2: rates and corruption.
+    Camera,
 }
 
 fn main() -> anyhow::Result<()> {
@@ -45,6 +48,7 @@ fn main() -> anyhow::Result<()> {
             Topic::Stage => stage::run(&mut sheet)?,
             Topic::CramerRao => cramer_rao::run(&mut sheet),
             Topic::Precision => precision::run(&mut sheet),
+            Topic::Camera => camera::run(&mut sheet)?,
         }
     }
     sheet.close();

@@ -5,17 +5,22 @@ use clap::{Args, ValueEnum};
 
 use super::values;
 
+/// Columns of a CMUcam2 in normal resolution.
+pub(super) const USUAL_COLUMNS: u16 = 88;
+
+/// Heading for commands that read a file of columns or bearings.
+pub(super) const FOR_COLUMNS: &str = "Camera, for pixel columns instead of bearings";
+
 #[derive(Args)]
-#[command(next_help_heading = "Camera, for pixel columns instead of bearings")]
 pub(super) struct CameraOptions {
     /// Field of view in degrees, from the centre of the first column to that of the last one.
     ///
     /// There is no default: a wrong field of view makes every pose wrong, and nothing shows it.
     #[arg(long, value_name = "DEGREES", value_parser = values::positive)]
     fov_deg: Option<f64>,
-    /// How many columns the camera has.
-    #[arg(long, value_name = "N", default_value_t = 88, requires = "fov_deg")]
-    columns: u16,
+    /// How many columns the camera has [default: 88, or those of a live camera's sensor].
+    #[arg(long, value_name = "N", requires = "fov_deg")]
+    columns: Option<u16>,
     /// How the lens spreads directions over the columns.
     #[arg(long, value_enum, default_value_t, requires = "fov_deg")]
     projection: ProjectionOption,
@@ -34,8 +39,13 @@ enum ProjectionOption {
 }
 
 impl CameraOptions {
-    /// The camera, if one was described.
-    pub(super) fn camera(&self) -> Result<Option<Camera<f64>>, CameraError> {
+    /// How many columns were named.
+    pub(super) fn columns(&self) -> Option<u16> {
+        self.columns
+    }
+
+    /// The camera, if one was described, with the usual number of columns if none was named.
+    pub(super) fn camera(&self, usual_columns: u16) -> Result<Option<Camera<f64>>, CameraError> {
         let Some(field_of_view) = self.fov_deg else {
             return Ok(None);
         };
@@ -43,7 +53,11 @@ impl CameraOptions {
             ProjectionOption::Pinhole => Projection::PinHole,
             ProjectionOption::EqualAngle => Projection::EqualAngle,
         };
-        let camera = Camera::new(projection, self.columns, field_of_view.to_radians())?;
+        let camera = Camera::new(
+            projection,
+            self.columns.unwrap_or(usual_columns),
+            field_of_view.to_radians(),
+        )?;
         match self.principal {
             Some(column) => camera.with_principal_point(column),
             None => Ok(camera),

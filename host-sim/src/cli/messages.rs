@@ -85,7 +85,7 @@ pub(super) fn solving_bar(cases: usize) -> ProgressBar {
 }
 
 /// Draws on the standard error output, and only if that is a terminal.
-fn bar(length: u64, template: &str) -> ProgressBar {
+pub(super) fn bar(length: u64, template: &str) -> ProgressBar {
     let style = ProgressStyle::with_template(template);
     ProgressBar::new(length).with_style(style.unwrap_or_else(|_| ProgressStyle::default_bar()))
 }

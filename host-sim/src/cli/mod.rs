@@ -11,8 +11,10 @@ use anyhow::anyhow;
 use clap::{Parser, Subcommand};
 use host_sim::recorded::ReadError;
 
+mod camera;
 mod camera_options;
 mod messages;
+mod probe;
 mod solve;
 mod solve_reference;
 mod values;
@@ -27,6 +29,8 @@ struct Cli {
 
 #[derive(Subcommand)]
 enum Command {
+    Camera(camera::Arguments),
+    Probe(probe::Arguments),
     Solve(solve::Arguments),
     SolveReference(solve_reference::Arguments),
 }
@@ -34,6 +38,8 @@ enum Command {
 /// Runs the command line; errors are printed, and become the exit code 2.
 pub(crate) fn main() -> ExitCode {
     let done = match Cli::parse().command {
+        Command::Camera(arguments) => camera::run(&arguments),
+        Command::Probe(arguments) => probe::run(&arguments),
         Command::Solve(arguments) => solve::run(&arguments),
         Command::SolveReference(arguments) => solve_reference::run(&arguments),
     };

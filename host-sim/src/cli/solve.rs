@@ -26,7 +26,7 @@ use host_sim::{
 use nalgebra::Point2;
 
 use super::{
-    camera_options::CameraOptions,
+    camera_options::{CameraOptions, FOR_COLUMNS, USUAL_COLUMNS},
     file_name,
     messages::{self, Messages, tell_assumed_sigma},
     of_file, tell, values,
@@ -70,7 +70,7 @@ pub(super) struct Arguments {
     /// Name of the unit of length of the file, for headings and axes.
     #[arg(long, value_name = "NAME", default_value = "m")]
     unit: String,
-    #[command(flatten)]
+    #[command(flatten, next_help_heading = FOR_COLUMNS)]
     camera: CameraOptions,
 }
 
@@ -114,7 +114,7 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
 
 fn read_sightings(arguments: &Arguments) -> anyhow::Result<Recording> {
     let assumptions = Assumptions {
-        camera: arguments.camera.camera()?,
+        camera: arguments.camera.camera(USUAL_COLUMNS)?,
         bearing_sigma: arguments.bearing_sigma,
         target_sigma: arguments.target_sigma,
     };

@@ -20,7 +20,10 @@ use host_sim::{
 };
 
 use super::{
-    camera_options::CameraOptions, file_name, messages::tell_assumed_sigma, of_file, tell, values,
+    camera_options::{CameraOptions, FOR_COLUMNS, USUAL_COLUMNS},
+    file_name,
+    messages::tell_assumed_sigma,
+    of_file, tell, values,
 };
 
 /// Headings of two reference cameras from stops of a target that both saw.
@@ -58,7 +61,7 @@ pub(super) struct Arguments {
     /// Name of the unit of length of the file.
     #[arg(long, value_name = "NAME", default_value = "m")]
     unit: String,
-    #[command(flatten)]
+    #[command(flatten, next_help_heading = FOR_COLUMNS)]
     camera: CameraOptions,
 }
 
@@ -114,7 +117,7 @@ impl MethodOption {
 
 pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
     let assumptions = Assumptions {
-        camera: arguments.camera.camera()?,
+        camera: arguments.camera.camera(USUAL_COLUMNS)?,
         bearing_sigma: arguments.bearing_sigma,
         displacement_sigma: arguments.displacement_sigma,
     };

@@ -1,0 +1,130 @@
+//! Binary rows: whole frames, and those of the line modes.
+
+use cmucam2_driver::{
+    colour::{Channel, Colour},
+    packet::Statistics,
+};
+
+use super::{
+    blob::{self, Filter},
+    differencing::level,
+    statistics::Levels,
+    view::{Region, View},
+};
+
+const FRAME: u8 = 0x01;
+const ROW: u8 = 0x02;
+const END: u8 = 0x03;
+const BITMAP: u8 = 0xAA;
+const LINES: u8 = 0xFE;
+const LINES_END: u8 = 0xFD;
+
+/// What a frame begins with.
+pub(super) fn header(region: Region) -> [u8; 3] {
+    [FRAME, region.width(), region.height()]
+}
+
+/// What a frame ends with.
+pub(super) fn end(mark: bool) -> &'static [u8] {
+    if mark { &[ROW, END] } else { &[END] }
+}
+
+/// One row of a frame.
+pub(super) fn row(
+    view: &View<'_>,
+    region: Region,
+    y: u8,
+    channel: Option<Channel>,
+    mark: bool,
+) -> Vec<u8> {
+    let mut pixels = Vec::new();
+    view.row(y, region.x1, region.x2, &mut pixels);
+    let mut bytes = Vec::with_capacity(1 + 3 * pixels.len());
+    if mark {
+        bytes.push(ROW);
+    }
+    for Colour { red, green, blue } in pixels {
+        match channel {
+            None => bytes.extend([red, green, blue]),
+            Some(channel) => bytes.push(level(Colour { red, green, blue }, channel)),
+        }
+    }
+    bytes
+}
+
+/// Which pixels are tracked: `AA w h`, a bit for each, `AA AA`.
+pub(super) fn bitmap(view: &View<'_>, region: Region, filter: &Filter) -> Vec<Vec<u8>> {
+    let mut all = vec![vec![BITMAP, region.width(), region.height()]];
+    let (mut pixels, mut runs) = (Vec::new(), Vec::new());
+    for y in region.y1..=region.y2 {
+        filter.runs(view, region, y, &mut pixels, &mut runs);
+        let mut bits = vec![0_u8; usize::from(region.width().div_ceil(8))];
+        for x in runs.iter().flat_map(|&(first, last)| first..=last) {
+            let place = x - region.x1;
+            bits[usize::from(place / 8)] |= 0x80 >> (place % 8);
+        }
+        all.push(bits);
+    }
+    all.push(vec![BITMAP, BITMAP]);
+    all
+}
+
+/// Mean, least and greatest column, count and confidence of each row: `FE h`, five bytes each,
+/// `FD`. Columns count from `left`, whose number is `origin`.
+pub(super) fn rows(
+    view: &View<'_>,
+    region: Region,
+    filter: &Filter,
+    left: u8,
+    origin: u8,
+) -> Vec<Vec<u8>> {
+    let mut all = vec![vec![LINES, region.height()]];
+    let (mut pixels, mut runs) = (Vec::new(), Vec::new());
+    for y in region.y1..=region.y2 {
+        filter.runs(view, region, y, &mut pixels, &mut runs);
+        let columns = || runs.iter().flat_map(|&(first, last)| first..=last);
+        let count = columns().count() as u32;
+        let row = match (runs.first(), runs.last()) {
+            (Some(&(first, _)), Some(&(_, last))) => {
+                let mean = columns().map(u32::from).sum::<u32>() / count;
+                let number = |column: u8| column - left + origin;
+                [
+                    number(mean as u8),
+                    number(first),
+                    number(last),
+                    count.min(255) as u8,
+                    blob::confidence(count, u32::from(last - first) + 1),
+                ]
+            }
+            _ => [0; 5],
+        };
+        all.push(row.to_vec());
+    }
+    all.push(vec![LINES_END]);
+    all
+}
+
+/// Mean colour of each row, and perhaps its deviation: `FE`, three or six bytes each, `FD`.
+pub(super) fn means(view: &View<'_>, region: Region, deviations: bool) -> Vec<Vec<u8>> {
+    let mut all = vec![vec![LINES]];
+    let mut pixels = Vec::new();
+    for y in region.y1..=region.y2 {
+        view.row(y, region.x1, region.x2, &mut pixels);
+        let mut levels = Levels::new();
+        pixels.iter().for_each(|&colour| levels.add(colour));
+        all.push(numbers(&levels.statistics(), deviations));
+    }
+    all.push(vec![LINES_END]);
+    all
+}
+
+fn numbers(statistics: &Statistics, deviations: bool) -> Vec<u8> {
+    [
+        statistics.mean(),
+        statistics.deviation().filter(|_| deviations),
+    ]
+    .into_iter()
+    .flatten()
+    .flat_map(|Colour { red, green, blue }| [red, green, blue])
+    .collect()
+}

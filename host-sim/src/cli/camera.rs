@@ -1,0 +1,312 @@
+//! `host-sim camera`
+
+mod pseudo_terminal;
+
+use std::{
+    collections::VecDeque,
+    fmt::Display,
+    fs,
+    path::PathBuf,
+    process::ExitCode,
+    sync::{
+        Arc,
+        atomic::{AtomicBool, Ordering},
+    },
+    time::{Duration, Instant},
+};
+
+use anyhow::{Context, bail};
+use clap::{Args, ValueEnum};
+use cmucam2_driver::geometry::Sensor;
+use host_sim::camera::{
+    BAUD_RATES, Configuration, Emulator, FaultRates, Note, Scene, Setting, Switches, Time,
+};
+use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM, SIGUSR1};
+
+use super::tell;
+use pseudo_terminal::PseudoTerminal;
+
+/// A CMUcam2 on a pseudo-terminal, for any program that talks to one.
+///
+/// It answers to the commands of the camera and sees a moving scene. A program opens PATH like a
+/// serial port; the rate that it sets there must be the camera's, or both get garbage, as on a
+/// real line. A program that sets no rate is understood.
+#[derive(Args)]
+#[command(after_long_help = epilogue())]
+pub(super) struct Arguments {
+    /// Where programs find the camera: a link to the pseudo-terminal, removed at the end.
+    #[arg(long, value_name = "PATH")]
+    pty: PathBuf,
+    /// What the camera sees [default: an orange ball, held in front of a grey room].
+    #[arg(long, value_name = "FILE.toml")]
+    scene: Option<PathBuf>,
+    /// The rate that the camera's jumpers select.
+    #[arg(long, value_name = "N", default_value_t = 115_200, value_parser = baud)]
+    baud: u32,
+    /// Understand the other program whatever rate it sets.
+    #[arg(long)]
+    any_baud: bool,
+    /// The sensor on the camera board.
+    #[arg(long, value_enum, default_value_t)]
+    sensor: SensorOption,
+    /// Of noise and faults: the same seed and commands give the same answers.
+    #[arg(long, value_name = "N", default_value_t = 0)]
+    seed: u64,
+    /// Something that the protocol leaves open; see below. May be repeated.
+    #[arg(long, value_name = "NAME=N")]
+    switch: Vec<String>,
+    /// Something that goes wrong, with its probability; see below. May be repeated.
+    #[arg(long, value_name = "NAME=RATE")]
+    fault: Vec<String>,
+    /// Tell which commands come, and what else happens.
+    #[arg(long, short)]
+    verbose: bool,
+}
+
+#[derive(Clone, Copy, Default, ValueEnum)]
+enum SensorOption {
+    /// 88 x 143 pixels, 176 x 255 in high resolution.
+    #[default]
+    Ov6620,
+    /// 160 x 239 pixels.
+    Ov7620,
+}
+
+fn baud(text: &str) -> Result<u32, String> {
+    match text.parse() {
+        Ok(rate) if BAUD_RATES.contains(&rate) => Ok(rate),
+        _ => Err(format!(
+            "the camera knows {}",
+            BAUD_RATES.map(|rate| rate.to_string()).join(", ")
+        )),
+    }
+}
+
+/// One line for each; a default of 0 goes without saying.
+fn table<T: Display + Default + PartialEq>(settings: &[Setting<T>]) -> String {
+    settings
+        .iter()
+        .map(|setting| {
+            let default = if setting.default == T::default() {
+                String::new()
+            } else {
+                format!(" [default: {}]", setting.default)
+            };
+            let meaning = setting.meaning.trim();
+            format!("  {:<19} {meaning}{default}\n", setting.name)
+        })
+        .collect()
+}
+
+/// The built-in scene, which is also the example of the format.
+const USUAL_SCENE: &str = include_str!("../../scenes/orange-ball.toml");
+
+fn epilogue() -> String {
+    format!(
+        "Switches (--switch NAME=N), 0 unless said:\n{}\n\
+         Faults (--fault NAME=RATE), from 0 to 1:\n{}\n{EPILOGUE}",
+        table(Switches::TABLE),
+        table(FaultRates::TABLE),
+    )
+}
+
+const EPILOGUE: &str = "\
+Scenes (--scene FILE.toml):
+  light               colour of the light, three factors [default: white]
+  noise               standard deviation of each pixel, levels [default: 0]
+  flicker             change of the light from frame to frame, a fraction [default: 0]
+  [camera]            fov_deg, x, y, height, heading_deg; servo_step_deg: how far one step of
+                      the pan servo turns it
+  [background]        plain = COLOUR, or gradient = { top, bottom }, or
+                      blocks = { columns, rows, colours }
+  [[object]]          from back to front: colour, shape (\"disc\" or \"box\"), repeat, and stops,
+                      each with at (seconds) and one of
+                        picture = [x, y], size                 fractions of the picture
+                        bearing_deg, elevation_deg, size_deg   positive to the left and upwards
+                        x, y, height, radius                   in the world
+  A size is one number, or [width, height]; a COLOUR is [red, green, blue], 0 to 255.
+  Examples are in host-sim/scenes: orange-ball.toml, which is the default, and rolling-ball.toml.
+
+Signals: SIGUSR1 switches the camera off and on.
+
+Examples:
+  host-sim camera --pty /tmp/cmucam --verbose
+  host-sim camera --pty /tmp/cmucam --baud 38400 --fault nck=0.02 --fault corrupt_line=0.2
+  host-sim camera --pty /tmp/cmucam --switch origin=0 --switch bounds_order=1";
+
+const SECOND: Time = 1_000_000_000;
+/// Start bit, eight data bits, stop bit.
+const BYTE_BITS: Time = 10;
+/// The longest time without a look at the signals.
+const PATIENCE: Duration = Duration::from_millis(50);
+
+pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
+    let configuration = arguments.configuration()?;
+    let scene = arguments.scene(configuration.sensor)?;
+    let stop = Arc::new(AtomicBool::new(false));
+    for signal in [SIGINT, SIGTERM, SIGHUP] {
+        signal_hook::flag::register(signal, Arc::clone(&stop))?;
+    }
+    let power = Arc::new(AtomicBool::new(false));
+    signal_hook::flag::register(SIGUSR1, Arc::clone(&power))?;
+    let terminal = PseudoTerminal::open(&arguments.pty, arguments.baud)?;
+    tell(format_args!(
+        "a CMUcam2 at {} baud is on {} ({})",
+        arguments.baud,
+        arguments.pty.display(),
+        terminal.device()
+    ));
+    let mut camera = RealTime {
+        emulator: Emulator::new(configuration, scene),
+        terminal,
+        start: Instant::now(),
+        arguments,
+        host_baud: arguments.baud,
+        incoming: VecDeque::new(),
+        losing: false,
+    };
+    while !stop.load(Ordering::Relaxed) {
+        if power.swap(false, Ordering::Relaxed) {
+            camera.emulator.power_cycle(camera.now());
+        }
+        camera.step()?;
+    }
+    Ok(ExitCode::SUCCESS)
+}
+
+impl Arguments {
+    fn configuration(&self) -> anyhow::Result<Configuration> {
+        let mut switches = Switches::default();
+        for switch in &self.switch {
+            switches
+                .set_from(switch)
+                .with_context(|| format!("--switch {switch}"))?;
+        }
+        let mut faults = FaultRates::default();
+        for fault in &self.fault {
+            faults
+                .set_from(fault)
+                .with_context(|| format!("--fault {fault}"))?;
+        }
+        Ok(Configuration {
+            sensor: match self.sensor {
+                SensorOption::Ov6620 => Sensor::Ov6620,
+                SensorOption::Ov7620 => Sensor::Ov7620,
+            },
+            baud: self.baud,
+            host_baud: self.baud,
+            switches,
+            faults,
+            seed: self.seed,
+            watched: self.verbose,
+        })
+    }
+
+    fn scene(&self, sensor: Sensor) -> anyhow::Result<Scene> {
+        let Some(path) = &self.scene else {
+            return Ok(Scene::from_toml(USUAL_SCENE, sensor)?);
+        };
+        let name = path.display();
+        let text = fs::read_to_string(path).with_context(|| format!("{name} cannot be read"))?;
+        match Scene::from_toml(&text, sensor) {
+            Ok(scene) => Ok(scene),
+            Err(error) => bail!("{name} is no scene: {error}"),
+        }
+    }
+}
+
+/// The emulator on the clock.
+struct RealTime<'a> {
+    emulator: Emulator,
+    terminal: PseudoTerminal,
+    start: Instant,
+    arguments: &'a Arguments,
+    host_baud: u32,
+    /// Bytes from the other program, with the time at which a line would have carried them.
+    incoming: VecDeque<(Time, u8)>,
+    /// The other program does not read fast enough.
+    losing: bool,
+}
+
+impl RealTime<'_> {
+    fn now(&self) -> Time {
+        // 584 years.
+        self.start.elapsed().as_nanos() as Time
+    }
+
+    fn step(&mut self) -> anyhow::Result<()> {
+        let now = self.now();
+        let arrival = self.incoming.front().map(|&(at, _)| at);
+        let deadline = self.emulator.next_deadline();
+        let wait = match arrival.into_iter().chain(deadline).min() {
+            Some(at) => Duration::from_nanos(at.saturating_sub(now)).min(PATIENCE),
+            None => PATIENCE,
+        };
+        let received = self.terminal.receive(wait)?;
+        if !self.arguments.any_baud {
+            self.listen_as_the_host_does()?;
+        }
+        let now = self.now();
+        // They come in one piece, but a line carries them one after the other.
+        let byte_time = BYTE_BITS * SECOND / Time::from(self.host_baud);
+        for byte in received {
+            let free_at = self.incoming.back().map_or(now, |&(at, _)| at.max(now));
+            self.incoming.push_back((free_at + byte_time, byte));
+        }
+        while let Some((at, byte)) = self.incoming.pop_front_if(|(at, _)| *at <= now) {
+            self.emulator.receive(byte, at);
+        }
+        let mut sent = Vec::new();
+        while let Some((_, byte)) = self.emulator.transmit(now) {
+            sent.push(byte);
+        }
+        let lost = self.terminal.send(&sent)?;
+        if lost > 0 && !self.losing && self.arguments.verbose {
+            tell("the other program does not read fast enough: bytes are lost");
+        }
+        self.losing = lost > 0;
+        while let Some(note) = self.emulator.take_note() {
+            self.tell(&note);
+        }
+        Ok(())
+    }
+
+    /// The other program may set another rate at any time.
+    fn listen_as_the_host_does(&mut self) -> anyhow::Result<()> {
+        let baud = self.terminal.baud()?;
+        if baud != self.host_baud && baud != 0 {
+            self.host_baud = baud;
+            self.emulator.set_host_baud(baud);
+            if baud != self.arguments.baud {
+                tell(format_args!(
+                    "the other program has set {baud} baud, the camera has {}: both will get \
+                     garbage",
+                    self.arguments.baud
+                ));
+            }
+        }
+        Ok(())
+    }
+
+    fn tell(&self, note: &Note) {
+        let seconds = self.start.elapsed().as_secs_f64();
+        match note {
+            Note::Command(command) => {
+                let line = command.line();
+                let text = line.as_bytes().trim_ascii_end().escape_ascii();
+                tell(format_args!("{seconds:9.3} {text}"));
+            }
+            Note::Refused { line, why } => {
+                let line = line.escape_ascii();
+                tell(format_args!("{seconds:9.3} refused `{line}`: {why}"));
+            }
+            Note::Stopped => tell(format_args!("{seconds:9.3} stopped")),
+            Note::Started { alive: true } => tell(format_args!("{seconds:9.3} started")),
+            Note::Started { alive: false } => tell(format_args!(
+                "{seconds:9.3} does not start; SIGUSR1 switches it off and on"
+            )),
+            Note::Fault(name) => tell(format_args!("{seconds:9.3} fault: {name}")),
+            Note::Packet { .. } => {}
+        }
+    }
+}

@@ -1,0 +1,150 @@
+//! The end of a pseudo-terminal that plays the device.
+
+use std::{
+    fs, io,
+    os::{
+        fd::OwnedFd,
+        unix::{ffi::OsStrExt, fs::symlink},
+    },
+    path::{Path, PathBuf},
+    time::Duration,
+};
+
+use anyhow::{Context, bail};
+use rustix::{
+    event::{PollFd, PollFlags, poll},
+    fs::{Mode, OFlags, fcntl_setfl},
+    io::Errno,
+    pty::{OpenptFlags, grantpt, openpt, ptsname, unlockpt},
+    termios::{OptionalActions, QueueSelector, tcflush, tcgetattr, tcsetattr},
+};
+
+/// How often to look whether a program has opened the device.
+const LOOK: Duration = Duration::from_millis(5);
+
+/// A pseudo-terminal, and a link to the device that other programs open. The link is removed when
+/// this is dropped.
+pub(super) struct PseudoTerminal {
+    master: OwnedFd,
+    device: PathBuf,
+    link: PathBuf,
+    /// A program has it open.
+    connected: bool,
+}
+
+impl PseudoTerminal {
+    /// A pair whose device is raw (nothing is echoed or translated) and at this rate.
+    pub(super) fn open(link: &Path, baud: u32) -> anyhow::Result<Self> {
+        let master = openpt(OpenptFlags::RDWR | OpenptFlags::NOCTTY | OpenptFlags::CLOEXEC)
+            .context("no pseudo-terminal")?;
+        grantpt(&master).context("no pseudo-terminal")?;
+        unlockpt(&master).context("no pseudo-terminal")?;
+        let name = ptsname(&master, Vec::new()).context("no pseudo-terminal")?;
+        let device = PathBuf::from(std::ffi::OsStr::from_bytes(name.as_bytes()));
+        // Until the device was opened once, a closed one cannot be told from one never opened.
+        let slave = rustix::fs::open(&device, OFlags::RDWR | OFlags::NOCTTY, Mode::empty())
+            .with_context(|| format!("{} cannot be opened", device.display()))?;
+        let mut modes = tcgetattr(&slave)?;
+        modes.make_raw();
+        modes.set_speed(baud)?;
+        tcsetattr(&slave, OptionalActions::Now, &modes)?;
+        drop(slave);
+        fcntl_setfl(&master, OFlags::RDWR | OFlags::NONBLOCK)?;
+        replace_link(&device, link)?;
+        Ok(Self {
+            master,
+            device,
+            link: link.to_owned(),
+            connected: false,
+        })
+    }
+
+    /// The name of the device itself.
+    pub(super) fn device(&self) -> std::path::Display<'_> {
+        self.device.display()
+    }
+
+    /// The rate that the other program has set.
+    pub(super) fn baud(&self) -> io::Result<u32> {
+        // On Linux the modes of both ends are those of the device.
+        Ok(tcgetattr(&self.master)?.output_speed())
+    }
+
+    /// Waits for bytes at most so long.
+    pub(super) fn receive(&mut self, wait: Duration) -> io::Result<Vec<u8>> {
+        let wait = if self.connected { wait } else { wait.min(LOOK) };
+        if !self.connected {
+            // An end without a partner is always ready to say so.
+            std::thread::sleep(wait);
+        }
+        let mut ready = [PollFd::new(&self.master, PollFlags::IN)];
+        let limit = if self.connected { wait } else { Duration::ZERO };
+        let limit = rustix::event::Timespec {
+            tv_sec: limit.as_secs() as i64,
+            tv_nsec: i64::from(limit.subsec_nanos()),
+        };
+        match poll(&mut ready, Some(&limit)) {
+            Ok(_) => {}
+            // A signal: whoever calls looks at it.
+            Err(Errno::INTR) => return Ok(Vec::new()),
+            Err(error) => return Err(error.into()),
+        }
+        let state = ready[0].revents();
+        if state.contains(PollFlags::IN) {
+            self.connected = true;
+            let mut buffer = [0; 256];
+            return match rustix::io::read(&self.master, &mut buffer) {
+                Ok(bytes) => Ok(buffer[..bytes].to_vec()),
+                Err(Errno::AGAIN | Errno::INTR | Errno::IO) => Ok(Vec::new()),
+                Err(error) => Err(error.into()),
+            };
+        }
+        let hung_up = state.contains(PollFlags::HUP);
+        if hung_up && self.connected {
+            // The next program is not to read what was meant for this one.
+            tcflush(&self.master, QueueSelector::OFlush)?;
+        }
+        self.connected = !hung_up;
+        Ok(Vec::new())
+    }
+
+    /// Sends what there is room for, for a line does not wait either; how many bytes are lost.
+    /// What nobody listens to is not lost.
+    pub(super) fn send(&self, bytes: &[u8]) -> io::Result<usize> {
+        if !self.connected || bytes.is_empty() {
+            return Ok(0);
+        }
+        match rustix::io::write(&self.master, bytes) {
+            Ok(written) => Ok(bytes.len() - written),
+            Err(Errno::AGAIN | Errno::INTR) => Ok(bytes.len()),
+            Err(Errno::IO) => Ok(0),
+            Err(error) => Err(error.into()),
+        }
+    }
+}
+
+impl Drop for PseudoTerminal {
+    fn drop(&mut self) {
+        // Somebody else's link by now, perhaps.
+        if fs::read_link(&self.link).is_ok_and(|target| target == self.device) {
+            let _ = fs::remove_file(&self.link);
+        }
+    }
+}
+
+/// Puts the link in place of a stale one, but of nothing else.
+fn replace_link(device: &Path, link: &Path) -> anyhow::Result<()> {
+    if let Ok(target) = fs::read_link(link) {
+        if target.exists() {
+            bail!(
+                "{} points to {}, which is in use: remove it first if it is not another camera",
+                link.display(),
+                target.display()
+            );
+        }
+        fs::remove_file(link).with_context(|| format!("{} cannot be replaced", link.display()))?;
+    } else if link.exists() {
+        bail!("{} exists and is no link", link.display());
+    }
+    symlink(device, link).with_context(|| format!("{} cannot be made", link.display()))
+}

@@ -1,0 +1,447 @@
+//! `host-sim probe`
+
+use std::{
+    borrow::Cow,
+    fs,
+    io::{self, Write},
+    path::{Path, PathBuf},
+    process::ExitCode,
+    sync::atomic::Ordering,
+    time::Duration,
+};
+
+use anyhow::{Context, anyhow, bail};
+use clap::Args;
+use cmucam2_driver::{
+    Error,
+    colour::ColourBounds,
+    geometry::{Sensor, Size},
+    packet::Tracking,
+    session::{Fault, Learn, StartUp},
+};
+use host_sim::probe::{
+    Device, View,
+    advice::{advice, no_baud_rate},
+    display::doubt,
+    picture,
+    port::{self, Baud, Port, PortError, Search},
+    record::{self, Recording},
+    sensor_name,
+};
+use indicatif::ProgressBar;
+
+use super::{
+    camera_options::{CameraOptions, USUAL_COLUMNS},
+    messages, tell, values,
+};
+use person::{INTERRUPTED, Person};
+
+mod live;
+mod person;
+mod stops;
+
+/// Talks to a CMUcam2 on a serial port: what it tracks, and where; a picture; sightings for `solve`.
+///
+/// Starts the camera up, learns the colour of the object in the middle of the view (on a terminal,
+/// once Enter is pressed), and prints what the camera tracks until Ctrl-C. Afterwards the camera is
+/// left idle.
+#[derive(Args)]
+#[command(after_long_help = EPILOGUE, allow_negative_numbers = true)]
+pub(super) struct Arguments {
+    /// The serial port, such as /dev/ttyUSB0.
+    #[arg(long, value_name = "DEV")]
+    port: String,
+    /// What the camera's jumpers select; `auto` tries all eight rates, the fastest first.
+    #[arg(long, value_name = "RATE", default_value = "auto")]
+    baud: Baud,
+    /// How long the camera adapts to the light before gain and white balance are frozen.
+    #[arg(
+        long, value_name = "SECONDS", value_parser = values::not_negative, default_value_t = 5.0,
+        conflicts_with = "as_is"
+    )]
+    settle: f64,
+    /// Neither reset nor adapt nor learn: go on with a camera that an earlier run has started up.
+    #[arg(long)]
+    as_is: bool,
+    /// Track this colour instead of learning one: Rmin,Rmax,Gmin,Gmax,Bmin,Bmax, each 16 to 240.
+    #[arg(long, value_name = "BOUNDS", value_parser = colour)]
+    colour: Option<ColourBounds>,
+    /// 176 x 255 pixels instead of 88 x 143 (OV6620 only).
+    #[arg(long)]
+    high_res: bool,
+    /// Stop after so many packets.
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(1..))]
+    count: Option<u64>,
+    /// Stop after so many seconds.
+    #[arg(long, value_name = "S", value_parser = values::positive)]
+    seconds: Option<f64>,
+    /// Take a picture instead of tracking.
+    #[arg(long, value_name = "FILE.png", conflicts_with_all = ["record", "count", "seconds", "colour"])]
+    frame: Option<PathBuf>,
+    /// Append sightings of the object at known places, for `host-sim solve`.
+    #[arg(long, value_name = "FILE.csv", conflicts_with_all = ["count", "seconds"])]
+    record: Option<PathBuf>,
+    /// Where the object stands now: one sighting. Without it, places are read line by line.
+    #[arg(
+        long, value_name = "X,Y", value_parser = record::place, requires = "record",
+        allow_hyphen_values = true
+    )]
+    at: Option<(f64, f64)>,
+    /// The name of this camera in the file.
+    #[arg(
+        long,
+        value_name = "NAME",
+        default_value = "camera",
+        requires = "record"
+    )]
+    case: String,
+    /// How many packets the object must stand still for a sighting.
+    #[arg(
+        long, value_name = "N", default_value_t = 20, requires = "record",
+        value_parser = clap::value_parser!(u16).range(2..=1000)
+    )]
+    packets: u16,
+    /// JSON instead of text.
+    #[arg(long)]
+    json: bool,
+    /// The number that packets give the first column and row. The sources disagree, see below.
+    #[arg(
+        long, value_name = "0|1", default_value_t = 1, help_heading = "Camera, for bearings",
+        value_parser = clap::value_parser!(u8).range(0..=1)
+    )]
+    first_column: u8,
+    #[command(flatten, next_help_heading = "Camera, for bearings")]
+    camera: CameraOptions,
+}
+
+const EPILOGUE: &str = "\
+Bringing up a camera:
+  1. host-sim probe --port /dev/ttyUSB0
+     It finds the rate that the jumpers select; when there is no answer it says what to check.
+  2. host-sim probe --port /dev/ttyUSB0 --frame view.png
+     Is it sharp? Levels are the camera's, 16 to 240, so a colour picked from the picture can be
+     given as --colour. Every pixel is there twice, side by side, because the camera's pixels are
+     twice as wide as tall.
+  3. host-sim probe --port /dev/ttyUSB0 --fov-deg 45
+     Bearings are positive to the left. Their sigma is that of whole columns.
+  4. host-sim probe --port /dev/ttyUSB0 --fov-deg 45 --record sightings.csv --case north
+     Type where the object stands, X,Y, once it stands there; three places or more, not on one
+     line with the camera. `q` or Ctrl-D ends. Then:
+     host-sim solve sightings.csv --fov-deg 45
+     (with --columns 176 after --high-res, --columns 160 for an OV7620)
+
+Single sightings without resetting the camera in between (run 3 starts it up):
+  host-sim probe --port /dev/ttyUSB0 --fov-deg 45 --record sightings.csv --as-is --at 1.5,-2
+
+FILE.csv gets the columns case, target_x, target_y, column (median, from 0 on the left) and, with
+--fov-deg, sigma_rad: rounding to whole columns, and noise. A file with other columns is refused.
+An object that is cut off by the left or right border, lost or moving is refused.
+
+--first-column: whether packets count columns from 0 or from 1 is not certain for every firmware.
+A wrong guess turns all bearings by one column, half a degree; --principal can absorb it. A packet
+that contradicts the guess is reported.
+
+JSON, one object per packet: seconds (since tracking began), column, row, x1, y1, x2, y2 (from 0),
+pixels, confidence, bearing_rad, sigma_rad; null when nothing is tracked, bearings also without
+--fov-deg. With --record, one per sighting: case, target_x, target_y, column, sigma_rad,
+column_sigma, bearing_rad, packets, pixels, confidence. With --frame: file, columns, rows,
+damaged_rows. Everything else goes to the standard error output.
+
+Exit codes:
+  0    done, or tracking was ended with Ctrl-C
+  2    wrong options, or the camera, its line or a file failed
+  130  Ctrl-C before the end";
+
+/// The camera and what is known of it.
+struct Bench<'a> {
+    arguments: &'a Arguments,
+    camera: Device,
+    baud_rate: u32,
+    view: View,
+    person: Person,
+    /// Restarts since the last packet.
+    restarts: u8,
+    /// A packet has come.
+    looked: bool,
+    /// It was told that columns are counted otherwise.
+    contradicted: bool,
+}
+
+/// Restarts without a packet in between after which the camera is given up.
+const RESTARTS: u8 = 5;
+
+/// What came of waiting for a packet.
+enum Look {
+    Packet(Tracking),
+    /// Nothing, and that is right.
+    Quiet,
+    /// The camera restarted, and tracks again.
+    Restarted,
+}
+
+pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
+    match probe(arguments) {
+        Err(error) if is_interruption(&error) => {
+            tell("interrupted");
+            Ok(ExitCode::from(INTERRUPTED))
+        }
+        done => done.map(|()| ExitCode::SUCCESS),
+    }
+}
+
+fn is_interruption(error: &anyhow::Error) -> bool {
+    matches!(error.downcast_ref(), Some(PortError::Interrupted))
+}
+
+fn probe(arguments: &Arguments) -> anyhow::Result<()> {
+    // What is wrong with a file is told before anyone waits for the camera.
+    let recording = match &arguments.record {
+        Some(path) => Some((
+            path.as_path(),
+            Recording::open(path, arguments.camera.camera(USUAL_COLUMNS)?.is_some())?,
+        )),
+        None => None,
+    };
+    if let Some(folder) = arguments.frame.as_deref().and_then(Path::parent)
+        && !folder.as_os_str().is_empty()
+        && !folder.is_dir()
+    {
+        bail!("there is no folder {}", folder.display());
+    }
+    let person = Person::new()?;
+    let mut bench = Bench::begin(arguments, person)?;
+    let done = bench.work(recording);
+    // Ctrl-C has ended the work; the rest is needed in any case.
+    bench.person.interrupted().store(false, Ordering::Relaxed);
+    let stopped = bench.camera.stop().wait();
+    done.and_then(|()| stopped.map_err(|error| bench.failed(error)))
+}
+
+impl<'a> Bench<'a> {
+    /// Opens the port and finds out what is there.
+    fn begin(arguments: &'a Arguments, person: Person) -> anyhow::Result<Self> {
+        let (port, baud_rate) = connect(arguments, &person)?;
+        let mut bench = Self {
+            arguments,
+            camera: port::device(port),
+            baud_rate,
+            view: View::new(USUAL_COLUMNS, arguments.first_column, None),
+            person,
+            restarts: 0,
+            looked: false,
+            contradicted: false,
+        };
+        let mut version = bench.camera.version().wait();
+        if let Err(Error::Camera(Fault::Silence)) = version {
+            // It may have been switched on this second.
+            version = bench.camera.version().wait();
+        }
+        let version = version.map_err(|error| bench.failed(error))?;
+        let banner = version.banner();
+        tell(format_args!(
+            "{} ({}) at {baud_rate} baud on {}",
+            String::from_utf8_lossy(banner.as_bytes()),
+            sensor_name(version.sensor()),
+            arguments.port
+        ));
+        bench.prepare(version.sensor())?;
+        Ok(bench)
+    }
+
+    /// Starts the camera up and sets the resolution.
+    fn prepare(&mut self, sensor: Option<Sensor>) -> anyhow::Result<()> {
+        if !self.arguments.as_is {
+            let adapting = spinner(format!(
+                "the camera resets and adapts to the light for {} s",
+                self.arguments.settle
+            ));
+            let started = self.camera.start_up(StartUp {
+                adapt_ms: (self.arguments.settle * 1e3) as u32,
+                ..StartUp::default()
+            });
+            started.wait().map_err(|error| self.failed(error))?;
+            adapting.finish_and_clear();
+        }
+        let high = self.arguments.high_res;
+        if high && sensor == Some(Sensor::Ov7620) {
+            bail!("the OV7620 has no high resolution");
+        }
+        // It may be on from an earlier run.
+        if high || self.arguments.as_is && sensor != Some(Sensor::Ov7620) {
+            let set = self.camera.high_resolution(high).wait();
+            set.map_err(|error| self.failed(error))?;
+        }
+        let usual = match sensor {
+            Some(_) => u16::from(self.camera.session().frame().width),
+            None => u16::from(Size::of(Sensor::Ov6620, high).width),
+        };
+        let columns = self.arguments.camera.columns().unwrap_or(usual);
+        if sensor.is_none() && self.arguments.camera.columns().is_none() {
+            tell(format_args!(
+                "the banner does not name a known sensor: {columns} columns are assumed, see \
+                 --columns"
+            ));
+        }
+        self.view = View::new(
+            columns,
+            self.arguments.first_column,
+            self.arguments.camera.camera(usual)?,
+        );
+        Ok(())
+    }
+
+    fn work(&mut self, recording: Option<(&Path, Recording)>) -> anyhow::Result<()> {
+        if let Some(path) = &self.arguments.frame {
+            return self.picture(path);
+        }
+        let bounds = self.bounds()?;
+        match recording {
+            Some((path, mut recording)) => stops::run(self, &mut recording, path, bounds),
+            None => {
+                let started = self.camera.track_colour(bounds).wait();
+                started.map_err(|error| self.failed(error))?;
+                live::run(self)
+            }
+        }
+    }
+
+    /// The colour to track: given, still known to the camera, or learnt.
+    fn bounds(&mut self) -> anyhow::Result<ColourBounds> {
+        if let Some(bounds) = self.arguments.colour {
+            return Ok(bounds);
+        }
+        let bounds = if self.arguments.as_is {
+            self.camera.tracking_bounds().wait()
+        } else {
+            if Person::is_there() {
+                let question = "Put the object into the middle of the view and press Enter.";
+                self.person.line(question)?;
+            }
+            let learning = spinner("learning the colour in the middle of the view");
+            let learnt = self.camera.learn(Learn::default()).wait();
+            learning.finish_and_clear();
+            learnt
+        };
+        let bounds = bounds.map_err(|error| self.failed(error))?;
+        let [red_min, red_max, green_min, green_max, blue_min, blue_max] = bounds.values();
+        tell(format_args!(
+            "tracks red {red_min} to {red_max}, green {green_min} to {green_max}, blue {blue_min} \
+             to {blue_max}: --colour \
+             {red_min},{red_max},{green_min},{green_max},{blue_min},{blue_max}"
+        ));
+        Ok(bounds)
+    }
+
+    fn look(&mut self) -> anyhow::Result<Look> {
+        match self.camera.next_tracking().wait() {
+            Ok(Some(tracking)) => {
+                self.restarts = 0;
+                Ok(Look::Packet(tracking))
+            }
+            Ok(None) => Ok(Look::Quiet),
+            Err(Error::Camera(Fault::Restarted)) if self.restarts < RESTARTS => {
+                self.restarts += 1;
+                Ok(Look::Restarted)
+            }
+            Err(error) => Err(self.failed(error)),
+        }
+    }
+
+    /// What a person should know of this packet beyond its numbers.
+    fn remark(&mut self, tracking: &Tracking) -> Option<String> {
+        let first_look = !self.looked;
+        self.looked = true;
+        if let Some(first) = self.view.contradiction(tracking)
+            && !self.contradicted
+        {
+            self.contradicted = true;
+            return Some(format!(
+                "this camera counts columns from {first}: give --first-column {first}"
+            ));
+        }
+        let doubt = first_look.then(|| doubt(tracking, &self.view))?;
+        doubt.map(str::to_owned)
+    }
+
+    fn picture(&mut self, path: &Path) -> anyhow::Result<()> {
+        let rows = messages::bar(0, "row {pos} of {len} {wide_bar} {eta} left");
+        let taken = picture::take(&mut self.camera, |row, of| {
+            rows.set_length(of as u64);
+            rows.set_position(row as u64);
+        });
+        rows.finish_and_clear();
+        let picture = taken.map_err(|error| self.failed(error))?;
+        let file = picture.png()?;
+        fs::write(path, file).with_context(|| format!("{} cannot be written", path.display()))?;
+        let (columns, rows) = picture.size();
+        let damaged = picture.damaged();
+        if damaged > 0 {
+            tell(format_args!(
+                "{damaged} of {rows} rows were damaged on the line; a lower rate or a shorter cable \
+                 helps"
+            ));
+        }
+        if self.arguments.json {
+            let file = path.display().to_string();
+            let line = serde_json::json!({
+                "file": file, "columns": columns, "rows": rows, "damaged_rows": damaged,
+            });
+            writeln!(io::stdout(), "{line}")?;
+        } else {
+            writeln!(
+                io::stdout(),
+                "{columns} x {rows} pixels -> {}",
+                path.display()
+            )?;
+        }
+        Ok(())
+    }
+
+    fn failed(&self, error: Error<PortError>) -> anyhow::Error {
+        failed(&self.arguments.port, self.baud_rate, error)
+    }
+}
+
+/// Opens the port, and finds the camera's rate if it is not given.
+fn connect(arguments: &Arguments, person: &Person) -> anyhow::Result<(Port, u32)> {
+    let rate = match arguments.baud {
+        Baud::Rate(rate) => rate,
+        Baud::Auto => port::BAUD_RATES[0],
+    };
+    let port = Port::open(&arguments.port, rate, person.interrupted())?;
+    if arguments.baud != Baud::Auto {
+        return Ok((port, rate));
+    }
+    let trying = spinner("");
+    let found = port::find_baud_rate(port, |rate| trying.set_message(format!("{rate} baud?")));
+    trying.finish_and_clear();
+    let why = match found {
+        Ok(Search::Found(port, rate)) => return Ok((port, rate)),
+        Ok(Search::Garbage) => no_baud_rate(true),
+        Ok(Search::Silence) => no_baud_rate(false),
+        Err(error) => return Err(failed(&arguments.port, rate, error)),
+    };
+    Err(anyhow!("{}: {why}", arguments.port))
+}
+
+/// What failed, with what to check.
+fn failed(port: &str, baud_rate: u32, error: Error<PortError>) -> anyhow::Error {
+    match error {
+        Error::Uart(PortError::Interrupted) => PortError::Interrupted.into(),
+        error => anyhow!("{port}: {}", advice(&error, baud_rate)),
+    }
+}
+
+/// Shows that something is under way, if somebody watches.
+fn spinner(message: impl Into<Cow<'static, str>>) -> ProgressBar {
+    let spinner = ProgressBar::new_spinner().with_message(message);
+    spinner.enable_steady_tick(Duration::from_millis(100));
+    spinner
+}
+
+fn colour(text: &str) -> Result<ColourBounds, String> {
+    const NEEDED: &str = "six levels are needed: Rmin,Rmax,Gmin,Gmax,Bmin,Bmax";
+    let levels: Result<Vec<u8>, _> = text.split(',').map(|level| level.trim().parse()).collect();
+    let levels = levels.ok().and_then(|levels| levels.try_into().ok());
+    ColourBounds::new(levels.ok_or(NEEDED)?).map_err(|error| error.to_string())
+}

@@ -1,0 +1,125 @@
+//! Sightings of the object at known places.
+
+use std::{
+    io::{self, Write},
+    path::Path,
+};
+
+use cmucam2_driver::{colour::ColourBounds, session::Fault};
+use host_sim::probe::{
+    display::Degrees,
+    record::{self, Recording, Row, SightingLine},
+    steady::{Sighting, Steadiness, Unsteady},
+};
+
+use super::{Bench, Look, person::Person, spinner, tell};
+
+/// Times the packets of a sighting after which the object is given up.
+const PATIENCE: usize = 5;
+
+/// Records one sighting, or one for each line of the standard input.
+pub(super) fn run(
+    bench: &mut Bench<'_>,
+    recording: &mut Recording,
+    path: &Path,
+    bounds: ColourBounds,
+) -> anyhow::Result<()> {
+    if let Some(place) = bench.arguments.at {
+        let sighting = wait(bench, bounds)??;
+        return keep(bench, recording, path, place, &sighting);
+    }
+    let mut kept = 0_usize;
+    if Person::is_there() {
+        tell("Put the object at a known place and type where that is. `q` or Ctrl-D ends.");
+    }
+    while let Some(line) = bench.person.line("X,Y:")? {
+        match line.trim() {
+            "" => continue,
+            "q" => break,
+            text => match record::place(text) {
+                Err(why) => tell(format_args!("{text}: {why}")),
+                Ok(place) => match wait(bench, bounds)? {
+                    Ok(sighting) => {
+                        keep(bench, recording, path, place, &sighting)?;
+                        kept += 1;
+                    }
+                    Err(why) => tell(format_args!("{text} is not recorded: {why}")),
+                },
+            },
+        }
+    }
+    let plural = if kept == 1 { "" } else { "s" };
+    tell(format_args!(
+        "{kept} sighting{plural} added to {}",
+        path.display()
+    ));
+    Ok(())
+}
+
+/// Tracks until the blob is steady, and leaves the camera idle.
+fn wait(bench: &mut Bench<'_>, bounds: ColourBounds) -> anyhow::Result<Result<Sighting, Unsteady>> {
+    let packets = usize::from(bench.arguments.packets);
+    let mut steadiness = Steadiness::new(packets, bench.view);
+    let mut judged = Err(Unsteady::Few);
+    let wait = spinner("looking");
+    bench
+        .camera
+        .track_colour(bounds)
+        .wait()
+        .map_err(|e| bench.failed(e))?;
+    for _ in 0..PATIENCE * packets {
+        let tracking = match bench.look()? {
+            Look::Packet(tracking) => tracking,
+            Look::Quiet => continue,
+            Look::Restarted => {
+                wait.suspend(|| tell(Fault::Restarted));
+                continue;
+            }
+        };
+        if let Some(remark) = bench.remark(&tracking) {
+            wait.suspend(|| tell(remark));
+        }
+        judged = steadiness.push(tracking);
+        match judged {
+            Ok(_) => break,
+            Err(Unsteady::Few) => {}
+            Err(why) => wait.set_message(why.to_string()),
+        }
+    }
+    wait.finish_and_clear();
+    bench.camera.stop().wait().map_err(|e| bench.failed(e))?;
+    Ok(judged)
+}
+
+fn keep(
+    bench: &Bench<'_>,
+    recording: &mut Recording,
+    path: &Path,
+    (target_x, target_y): (f64, f64),
+    sighting: &Sighting,
+) -> anyhow::Result<()> {
+    let bearing = bench.view.bearing(sighting.column, sighting.column_sigma);
+    let row = Row {
+        case: &bench.arguments.case,
+        target_x,
+        target_y,
+        column: sighting.column,
+        sigma_rad: bearing.map(|b| b.sigma),
+    };
+    recording.append(&row)?;
+    let mut out = io::stdout().lock();
+    if bench.arguments.json {
+        serde_json::to_writer(&mut out, &SightingLine::new(row, sighting, bearing))?;
+        return Ok(out.write_all(b"\n")?);
+    }
+    write!(out, "{},{target_x},{target_y}: {sighting}", row.case)?;
+    if let Some(bearing) = bearing {
+        write!(
+            out,
+            ", bearing {} deg",
+            Degrees(bearing.bearing, bearing.sigma)
+        )?;
+    }
+    writeln!(out, "  -> {}", path.display())?;
+    Ok(out.flush()?)
+}

@@ -1,0 +1,113 @@
+//! What to check when the camera or its line fails.
+
+use cmucam2_driver::{Error, session::Fault};
+
+use super::port::PortError;
+
+/// What went wrong, and what to check, in the order in which it is usually the cause.
+pub fn advice(error: &Error<PortError>, baud_rate: u32) -> String {
+    match error {
+        Error::Uart(PortError::Interrupted) => "interrupted".to_owned(),
+        Error::Uart(PortError::Io(error)) => format!(
+            "the serial port failed ({error}): was the adapter unplugged, or the other end of a \
+             pseudo-terminal closed?"
+        ),
+        Error::Closed => "the serial port was closed by its other end".to_owned(),
+        Error::Camera(fault) => camera_advice(*fault, baud_rate),
+    }
+}
+
+/// When all rates were tried in vain. `heard`: whether anything came.
+pub fn no_baud_rate(heard: bool) -> String {
+    if heard {
+        listed(
+            "what comes makes no sense at any baud rate".to_owned(),
+            &GARBLED,
+        )
+    } else {
+        listed("no answer at any baud rate".to_owned(), &SILENT)
+    }
+}
+
+const JUMPERS: &str = "do the camera's baud rate jumpers agree? `--baud auto` tries all";
+
+/// What makes a camera silent at every rate.
+const SILENT: [&str; 4] = [
+    "is this the right port?",
+    "is the camera powered (6 to 15 V at its own connector) and its LED lit? It sometimes fails to \
+     start: switch it off and on",
+    "are TX and RX swapped? The camera's TX belongs to the adapter's RX, and both need a common \
+     ground",
+    "do the levels fit? The 9-pin connector is RS-232 and the TTL pins are 0 and 5 V; a 3.3 V \
+     adapter on the 9-pin connector needs a level shifter",
+];
+
+/// What makes nonsense of it.
+const GARBLED: [&str; 3] = [
+    "is this the right port? Something answers, but not like a CMUcam2",
+    "RS-232 levels on TTL pins, or the other way round, arrive upside down: use a level shifter",
+    "is the ground connected, and is the cable short enough for this rate?",
+];
+
+const REFUSED: [&str; 2] = [
+    "it says NCK to a command that it should know. Many CMUcam2 do so now and then: try again, \
+     then switch it off and on",
+    "is it a CMUcam2? A CMUcam1 has other commands",
+];
+
+const RESTARTED: [&str; 2] = [
+    "is the supply strong enough (200 mA, more with servos)? A voltage that sags restarts it",
+    "is a connector loose?",
+];
+
+fn camera_advice(fault: Fault, baud_rate: u32) -> String {
+    match fault {
+        Fault::Silence => {
+            let silent = listed(format!("no answer at {baud_rate} baud"), &SILENT);
+            listed(silent, &[JUMPERS])
+        }
+        Fault::Garbage => {
+            let garbled = format!("what comes at {baud_rate} baud makes no sense");
+            listed(listed(garbled, &[JUMPERS]), &GARBLED)
+        }
+        Fault::Refused => listed(fault.to_string(), &REFUSED),
+        Fault::Restarted => listed(fault.to_string(), &RESTARTED),
+        fault => fault.to_string(),
+    }
+}
+
+fn listed(mut text: String, checks: &[&str]) -> String {
+    for check in checks {
+        text.push_str("\n  - ");
+        text.push_str(check);
+    }
+    text
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_failure_of_the_line_says_what_to_check() {
+        for (fault, words) in [
+            (Fault::Silence, ["38400", "powered", "swapped", "jumpers"]),
+            (Fault::Garbage, ["38400", "jumpers", "--baud auto", "port"]),
+            (
+                Fault::Refused,
+                ["NCK", "try again", "off and on", "CMUcam1"],
+            ),
+            (Fault::Restarted, ["restarted", "supply", "mA", "loose"]),
+        ] {
+            let text = advice(&Error::Camera(fault), 38_400);
+            for word in words {
+                assert!(text.contains(word), "no {word} in {text}");
+            }
+        }
+        // All rates were tried: the jumpers are not to blame.
+        let text = no_baud_rate(false);
+        assert!(text.contains("powered") && !text.contains("jumpers"));
+        let text = no_baud_rate(true);
+        assert!(text.contains("upside down") && !text.contains("jumpers"));
+    }
+}

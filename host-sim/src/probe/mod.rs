@@ -1,0 +1,157 @@
+//! A CMUcam2 on a serial port of this computer: what `host-sim probe` is made of.
+//!
+//! | module | job |
+//! |---|---|
+//! | [`port`] | The serial port as a UART of the driver; finds the baud rate. |
+//! | [`advice`] | What to check when something fails. |
+//! | [`display`] | A packet as text or JSON, and how a stream went. |
+//! | [`steady`] | When a blob stands still, and where. |
+//! | [`record`] | Sightings at known places, appended to a file for `host-sim solve`. |
+//! | [`picture`] | A frame of the camera as PNG. |
+
+pub mod advice;
+pub mod display;
+pub mod picture;
+pub mod port;
+pub mod record;
+pub mod steady;
+
+use calib_core::camera::Camera;
+use cmucam2_driver::{Cmucam2, geometry::Sensor, packet::Tracking};
+
+/// The camera on a serial port.
+pub type Device = Cmucam2<port::Port, port::Sleep>;
+
+/// How a sensor is called.
+pub fn sensor_name(sensor: Option<Sensor>) -> &'static str {
+    match sensor {
+        Some(Sensor::Ov6620) => "OV6620",
+        Some(Sensor::Ov7620) => "OV7620",
+        None => "unknown sensor",
+    }
+}
+
+/// From the numbers of a packet to columns counted from 0, and to directions.
+#[derive(Clone, Copy, Debug)]
+pub struct View {
+    columns: u16,
+    first: u8,
+    camera: Option<Camera<f64>>,
+}
+
+/// In which direction something was seen, radians, positive to the left.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Bearing {
+    /// The direction.
+    pub bearing: f64,
+    /// Its standard deviation.
+    pub sigma: f64,
+}
+
+impl View {
+    /// A view of `columns` columns whose leftmost one has the number `first` in packets, as has the
+    /// uppermost row. Without a camera there are no directions.
+    pub fn new(columns: u16, first: u8, camera: Option<Camera<f64>>) -> Self {
+        Self {
+            columns,
+            first,
+            camera,
+        }
+    }
+
+    /// How many columns there are.
+    pub fn columns(&self) -> u16 {
+        self.columns
+    }
+
+    /// Whether directions are known.
+    pub fn has_camera(&self) -> bool {
+        self.camera.is_some()
+    }
+
+    /// A column or row of a packet, counted from 0. Below 0 if the number of the first one is
+    /// wrong.
+    pub fn from_0(&self, in_packet: u8) -> i16 {
+        i16::from(in_packet) - i16::from(self.first)
+    }
+
+    /// The direction of a column whose standard deviation is `column_sigma`.
+    pub fn bearing(&self, column: f64, column_sigma: f64) -> Option<Bearing> {
+        self.camera.map(|camera| Bearing {
+            bearing: camera.bearing(column),
+            sigma: camera.bearing_sigma(column, column_sigma),
+        })
+    }
+
+    /// The direction of a whole column, whose sigma is that of rounding.
+    pub fn whole_column_bearing(&self, column: f64) -> Option<Bearing> {
+        self.camera.map(|camera| Bearing {
+            bearing: camera.bearing(column),
+            sigma: camera.whole_pixel_sigma(column),
+        })
+    }
+
+    /// Whether the target reaches the left or right border, so that its middle is not the middle of
+    /// what is seen. One column more counts on either side: frames may be a column narrower than
+    /// the manual says, and may count from 0 or from 1.
+    pub fn is_clipped(&self, tracking: &Tracking) -> bool {
+        tracking.bounding_box().is_some_and(|found| {
+            u16::from(found.x1) <= 1 || u16::from(found.x2) + 2 >= self.columns
+        })
+    }
+
+    /// The number of the first column that this packet proves, if it contradicts the one assumed.
+    pub fn contradiction(&self, tracking: &Tracking) -> Option<u8> {
+        let found = tracking.bounding_box()?;
+        if self.first > 0 && found.x1 == 0 {
+            return Some(0);
+        }
+        (self.first == 0 && u16::from(found.x2) >= self.columns).then_some(1)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn seen(x1: u8, x2: u8) -> Tracking {
+        Tracking::new([x1, 70, x1, 60, x2, 80, 10, 200])
+    }
+
+    #[test]
+    fn the_middle_of_the_view_is_straight_ahead_however_columns_are_counted() {
+        let camera = Camera::pin_hole(87, 45_f64.to_radians()).unwrap();
+        for first in [0, 1] {
+            let view = View::new(87, first, Some(camera));
+            let column = f64::from(view.from_0(43 + first));
+            assert_eq!(view.whole_column_bearing(column).unwrap().bearing, 0.0);
+        }
+        assert_eq!(View::new(88, 0, None).whole_column_bearing(3.0), None);
+    }
+
+    #[test]
+    fn what_touches_the_border_is_clipped() {
+        let view = View::new(88, 1, None);
+        for (x1, x2, clipped) in [
+            (0, 9, true),
+            (1, 9, true),
+            (2, 9, false),
+            (70, 85, false),
+            (70, 86, true),
+            (70, 88, true),
+        ] {
+            assert_eq!(view.is_clipped(&seen(x1, x2)), clipped, "{x1}..{x2}");
+        }
+        assert!(!view.is_clipped(&Tracking::LOST));
+    }
+
+    #[test]
+    fn a_packet_can_prove_how_columns_are_counted() {
+        let (from_0, from_1) = (View::new(88, 0, None), View::new(88, 1, None));
+        assert_eq!(from_1.contradiction(&seen(0, 20)), Some(0));
+        assert_eq!(from_0.contradiction(&seen(0, 20)), None);
+        assert_eq!(from_0.contradiction(&seen(60, 88)), Some(1));
+        assert_eq!(from_1.contradiction(&seen(60, 88)), None);
+        assert_eq!(from_1.contradiction(&Tracking::LOST), None);
+    }
+}

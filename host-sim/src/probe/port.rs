@@ -1,0 +1,339 @@
+//! A serial port as the UART of the driver.
+
+use std::{
+    fmt,
+    io::{self, Write},
+    path::Path,
+    str::FromStr,
+    sync::{
+        Arc,
+        atomic::{AtomicBool, Ordering},
+    },
+    thread,
+    time::Duration,
+};
+
+use cmucam2_driver::{
+    Cmucam2, Error,
+    session::{Fault, Policy},
+};
+use serialport::SerialPort;
+
+use super::Device;
+
+/// The rates that the camera's jumpers can select, the likeliest first: the fastest, and the
+/// thesis's.
+pub const BAUD_RATES: [u32; 8] = [115_200, 38_400, 57_600, 19_200, 9_600, 4_800, 2_400, 1_200];
+
+/// For the slowest line: a command takes 0.3 s at 1200 baud.
+const WRITE_TIMEOUT: Duration = Duration::from_secs(5);
+
+/// How often a quiet line is looked at. The operating system keeps what comes in between.
+const POLL_US: u32 = 1_000;
+
+/// How often the stop sequence is repeated at each rate, round by round. The second round is for
+/// noisy lines, and for cameras that were just switched on and slept through the right rate.
+const SEARCH_RETRIES: [u8; 2] = [1, 3];
+
+/// Silence after which a rate is given up: twelve characters of the slowest one.
+const SEARCH_DRAIN_US: u32 = 100_000;
+
+/// Bits per second, or to be found.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Baud {
+    /// One of [`BAUD_RATES`].
+    Rate(u32),
+    /// All of [`BAUD_RATES`] are tried.
+    Auto,
+}
+
+impl FromStr for Baud {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        if text == "auto" {
+            return Ok(Self::Auto);
+        }
+        match text.parse() {
+            Ok(rate) if BAUD_RATES.contains(&rate) => Ok(Self::Rate(rate)),
+            _ => Err(
+                "the camera's jumpers select 115200, 57600, 38400, 19200, 9600, 4800, 2400 or \
+                 1200; `auto` tries them all"
+                    .to_owned(),
+            ),
+        }
+    }
+}
+
+/// Why a port cannot be used.
+#[derive(Debug, thiserror::Error)]
+pub enum OpenError {
+    /// There is no such device.
+    #[error("{path} does not exist: is the adapter plugged in? {}", list(.found))]
+    Missing {
+        /// What was asked for.
+        path: String,
+        /// Serial ports that there are.
+        found: Vec<String>,
+    },
+    /// The user may not open it.
+    #[error(
+        "{path} may not be opened by you: add yourself to the group that owns it (usually \
+         `sudo usermod -aG dialout $USER`) and log in again"
+    )]
+    Forbidden {
+        /// What was asked for.
+        path: String,
+    },
+    /// Another program has it.
+    #[error(
+        "{path} is in use: close the terminal program or the other probe that has it open \
+         (`fuser {path}` names it)"
+    )]
+    Busy {
+        /// What was asked for.
+        path: String,
+    },
+    /// Something else, such as a path that is no serial port.
+    #[error("{path} cannot be used as a serial port: {reason}. {}", list(.found))]
+    Unusable {
+        /// What was asked for.
+        path: String,
+        /// What the operating system says.
+        reason: String,
+        /// Serial ports that there are.
+        found: Vec<String>,
+    },
+}
+
+fn list(found: &[String]) -> String {
+    if found.is_empty() {
+        "No serial port was found on this computer".to_owned()
+    } else {
+        format!("Serial ports found: {}", found.join(", "))
+    }
+}
+
+/// The serial ports of this computer, as far as it tells.
+fn ports() -> Vec<String> {
+    // The library panics where this is missing, as in some containers.
+    if cfg!(target_os = "linux") && !Path::new("/sys/class/tty").is_dir() {
+        return Vec::new();
+    }
+    let found = serialport::available_ports().unwrap_or_default();
+    let mut names: Vec<_> = found.into_iter().map(|port| port.port_name).collect();
+    names.sort();
+    names
+}
+
+/// An open serial port: 8 data bits, no parity, one stop bit, no flow control.
+pub struct Port {
+    port: Box<dyn SerialPort>,
+    interrupted: Arc<AtomicBool>,
+}
+
+impl Port {
+    /// Opens a port. As soon as `interrupted` is set every call on it fails with
+    /// [`PortError::Interrupted`].
+    ///
+    /// # Errors
+    /// [`OpenError`]
+    pub fn open(
+        path: &str,
+        baud_rate: u32,
+        interrupted: Arc<AtomicBool>,
+    ) -> Result<Self, OpenError> {
+        let port = serialport::new(path, baud_rate)
+            .timeout(WRITE_TIMEOUT)
+            .open()
+            .map_err(|error| open_error(path.to_owned(), &error))?;
+        Ok(Self { port, interrupted })
+    }
+
+    /// Does it again when a signal has cut it short that does not mean Ctrl-C.
+    fn patiently<T>(
+        &mut self,
+        mut call: impl FnMut(&mut Box<dyn SerialPort>) -> io::Result<T>,
+    ) -> Result<T, PortError> {
+        loop {
+            if self.interrupted.load(Ordering::Relaxed) {
+                return Err(PortError::Interrupted);
+            }
+            match call(&mut self.port) {
+                Err(error) if error.kind() == io::ErrorKind::Interrupted => {}
+                done => return Ok(done?),
+            }
+        }
+    }
+}
+
+fn open_error(path: String, error: &serialport::Error) -> OpenError {
+    use serialport::ErrorKind;
+    match error.kind() {
+        ErrorKind::NoDevice if Path::new(&path).exists() => OpenError::Busy { path },
+        ErrorKind::NoDevice | ErrorKind::Io(io::ErrorKind::NotFound) => OpenError::Missing {
+            path,
+            found: ports(),
+        },
+        ErrorKind::Io(io::ErrorKind::PermissionDenied) => OpenError::Forbidden { path },
+        _ => OpenError::Unusable {
+            path,
+            reason: error.to_string(),
+            found: ports(),
+        },
+    }
+}
+
+impl fmt::Debug for Port {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.debug_struct("Port")
+            .field("name", &self.port.name())
+            .finish_non_exhaustive()
+    }
+}
+
+/// Why a port failed that was open.
+#[derive(Debug, thiserror::Error)]
+pub enum PortError {
+    /// Somebody wants to stop.
+    #[error("interrupted")]
+    Interrupted,
+    /// The operating system's answer.
+    #[error(transparent)]
+    Io(#[from] io::Error),
+}
+
+impl embedded_io::Error for PortError {
+    fn kind(&self) -> embedded_io::ErrorKind {
+        match self {
+            Self::Interrupted => embedded_io::ErrorKind::Interrupted,
+            Self::Io(error) => embedded_io::Error::kind(error),
+        }
+    }
+}
+
+impl embedded_io::ErrorType for Port {
+    type Error = PortError;
+}
+
+impl embedded_io::Read for Port {
+    fn read(&mut self, buffer: &mut [u8]) -> Result<usize, PortError> {
+        self.patiently(|port| port.read(buffer))
+    }
+}
+
+impl embedded_io::ReadReady for Port {
+    fn read_ready(&mut self) -> Result<bool, PortError> {
+        self.patiently(|port| Ok(port.bytes_to_read()? > 0))
+    }
+}
+
+impl embedded_io::Write for Port {
+    fn write(&mut self, bytes: &[u8]) -> Result<usize, PortError> {
+        self.patiently(|port| port.write(bytes))
+    }
+
+    fn flush(&mut self) -> Result<(), PortError> {
+        self.patiently(Write::flush)
+    }
+}
+
+/// The delay of the operating system.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Sleep;
+
+impl embedded_hal::delay::DelayNs for Sleep {
+    fn delay_ns(&mut self, ns: u32) {
+        thread::sleep(Duration::from_nanos(u64::from(ns)));
+    }
+}
+
+/// The camera on an open port. Nothing is sent yet.
+pub fn device(port: Port) -> Device {
+    Cmucam2::with_policy(
+        port,
+        Sleep,
+        Policy {
+            poll_us: POLL_US,
+            ..Policy::default()
+        },
+    )
+}
+
+/// What came of trying all rates.
+#[derive(Debug)]
+pub enum Search {
+    /// The camera answers at this rate.
+    Found(Port, u32),
+    /// Bytes came, but never those of a camera.
+    Garbage,
+    /// Not one byte came.
+    Silence,
+}
+
+/// Tries all of [`BAUD_RATES`] until the camera answers, and again if anything came; `trying` is
+/// told each.
+///
+/// # Errors
+/// Those of the port.
+pub fn find_baud_rate(
+    mut port: Port,
+    mut trying: impl FnMut(u32),
+) -> Result<Search, Error<PortError>> {
+    let mut heard = false;
+    for retries in SEARCH_RETRIES {
+        for rate in BAUD_RATES {
+            trying(rate);
+            let set = port.port.set_baud_rate(rate).map_err(io::Error::from);
+            set.map_err(|error| Error::Uart(error.into()))?;
+            let policy = Policy {
+                poll_us: POLL_US,
+                drain_us: SEARCH_DRAIN_US,
+                retries,
+                ..Policy::default()
+            };
+            let mut camera = Cmucam2::with_policy(port, Sleep, policy);
+            let answer = camera.ping().wait();
+            port = camera.release().0;
+            match answer {
+                Ok(()) => return Ok(Search::Found(port, rate)),
+                Err(Error::Camera(Fault::Silence)) => {}
+                Err(Error::Camera(_)) => heard = true,
+                Err(error) => return Err(error),
+            }
+        }
+        if !heard {
+            return Ok(Search::Silence);
+        }
+    }
+    Ok(Search::Garbage)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn only_the_cameras_rates() {
+        assert_eq!("38400".parse(), Ok(Baud::Rate(38_400)));
+        assert_eq!("auto".parse(), Ok(Baud::Auto));
+        for text in ["0", "14400", "38400.0", "-1", "", "fast"] {
+            assert!(Baud::from_str(text).unwrap_err().contains("jumpers"));
+        }
+    }
+
+    #[test]
+    fn what_the_operating_system_says_becomes_what_to_do() {
+        use serialport::{Error, ErrorKind};
+        let of = |kind| open_error("/dev/null".to_owned(), &Error::new(kind, "said so"));
+        let text = of(ErrorKind::Io(io::ErrorKind::PermissionDenied)).to_string();
+        assert!(text.contains("dialout"), "{text}");
+        let text = of(ErrorKind::Io(io::ErrorKind::NotFound)).to_string();
+        assert!(text.contains("plugged in"), "{text}");
+        // The library's word for a port that is locked.
+        let text = of(ErrorKind::NoDevice).to_string();
+        assert!(text.contains("in use"), "{text}");
+        let text = of(ErrorKind::Unknown).to_string();
+        assert!(text.contains("said so"), "{text}");
+    }
+}

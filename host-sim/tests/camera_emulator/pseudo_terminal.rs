@@ -1,0 +1,257 @@
+//! The command `host-sim camera`, through real file descriptors.
+
+use std::{
+    fs::File,
+    io::{Read, Write},
+    os::unix::fs::symlink,
+    path::Path,
+    process::{Child, Command, Output, Stdio},
+    thread::sleep,
+    time::{Duration, Instant},
+};
+
+use rustix::{
+    io::ioctl_fionread,
+    termios::{OptionalActions, tcgetattr, tcsetattr},
+};
+
+/// Long enough for any machine; nothing depends on how fast it is.
+const PATIENCE: Duration = Duration::from_secs(30);
+
+/// A camera that is ended with the test.
+struct Camera(Option<Child>);
+
+impl Camera {
+    fn start(link: &Path, options: &[&str]) -> Self {
+        let child = Command::new(env!("CARGO_BIN_EXE_host-sim"))
+            .args(["camera", "--verbose", "--pty"])
+            .arg(link)
+            .args(options)
+            .stderr(Stdio::piped())
+            .spawn()
+            .unwrap();
+        let camera = Self(Some(child));
+        wait_until(|| link.exists());
+        camera
+    }
+
+    /// Sends a signal by its name.
+    fn signal(&self, name: &str) {
+        let process = self.0.as_ref().unwrap().id().to_string();
+        let done = Command::new("kill").args(["-s", name, &process]).status();
+        assert!(done.unwrap().success());
+    }
+
+    /// Ends it as a terminal or a service manager does; what it has said.
+    fn end(mut self, name: &str) -> Output {
+        self.signal(name);
+        self.0.take().unwrap().wait_with_output().unwrap()
+    }
+}
+
+impl Drop for Camera {
+    fn drop(&mut self) {
+        if let Some(child) = &mut self.0 {
+            let _ = child.kill();
+            let _ = child.wait();
+        }
+    }
+}
+
+fn wait_until(mut holds: impl FnMut() -> bool) {
+    let begin = Instant::now();
+    while !holds() {
+        assert!(begin.elapsed() < PATIENCE);
+        sleep(Duration::from_millis(5));
+    }
+}
+
+fn open(link: &Path) -> File {
+    File::options().read(true).write(true).open(link).unwrap()
+}
+
+/// Reads until this was read; all of it.
+fn read_until(port: &mut File, end: &str) -> String {
+    let mut all = Vec::new();
+    while !all.ends_with(end.as_bytes()) {
+        let mut byte = [0];
+        port.read_exact(&mut byte).unwrap();
+        all.push(byte[0]);
+        assert!(all.len() < 10_000, "{}", String::from_utf8_lossy(&all));
+    }
+    String::from_utf8_lossy(&all).into_owned()
+}
+
+/// Carriage returns until a camera answers that may still be starting.
+fn synchronise(port: &mut File) {
+    port.write_all(b"\r").unwrap();
+    // A banner if it was starting, an acknowledgement if it was not.
+    read_until(port, ":");
+}
+
+#[test]
+fn any_program_can_talk_to_it() {
+    let folder = tempfile::tempdir().unwrap();
+    let link = folder.path().join("camera");
+    let camera = Camera::start(&link, &[]);
+    {
+        let mut port = open(&link);
+        synchronise(&mut port);
+        port.write_all(b"GV\r").unwrap();
+        let banner = read_until(&mut port, "c6\r:");
+        assert!(banner.ends_with("ACK\rCMUcam2 v1.00 c6\r:"), "{banner:?}");
+        port.write_all(b"PM 1\r").unwrap();
+        assert_eq!(read_until(&mut port, ":"), "ACK\r:");
+        port.write_all(b"TC 100 240 30 200 16 120\r").unwrap();
+        let packet = read_until(&mut port, ":");
+        assert!(packet.starts_with("ACK\rT "), "{packet:?}");
+        // Bytes that a terminal would translate or obey: none does. 0x03, 0x0D and 0x0A are in
+        // every frame.
+        port.write_all(b"VW 1 1 10 13\r").unwrap();
+        assert_eq!(read_until(&mut port, ":"), "ACK\r:");
+        port.write_all(b"SF 0\r").unwrap();
+        let mut frame = vec![0; 4 + 3 + 13 * 11 + 1 + 1];
+        port.read_exact(&mut frame).unwrap();
+        assert_eq!(frame[..7], [b'A', b'C', b'K', b'\r', 1, 10, 13]);
+        assert!(frame[7..7 + 13 * 11].chunks(11).all(|row| row[0] == 2));
+        assert_eq!(frame[7 + 13 * 11..], [3, b':']);
+    }
+    // The next program finds the same camera, and nothing that was meant for the first.
+    wait_until(|| {
+        let mut port = open(&link);
+        port.write_all(b"\r").unwrap();
+        read_until(&mut port, ":") == "ACK\r:"
+    });
+    let said = camera.end("TERM");
+    assert!(said.status.success());
+    assert!(link.symlink_metadata().is_err(), "the link is still there");
+    let said = String::from_utf8(said.stderr).unwrap();
+    for part in [
+        "115200 baud",
+        "started",
+        " GV\n",
+        " TC 100 240 30 200 16 120\n",
+        " SF 0\n",
+    ] {
+        assert!(said.contains(part), "{said}");
+    }
+}
+
+#[test]
+fn every_ordinary_end_removes_the_link() {
+    let folder = tempfile::tempdir().unwrap();
+    for signal in ["INT", "HUP", "TERM"] {
+        let link = folder.path().join(signal);
+        let camera = Camera::start(&link, &["--baud", "9600"]);
+        assert!(camera.end(signal).status.success());
+        assert!(link.symlink_metadata().is_err(), "after {signal}");
+    }
+}
+
+/// Sets the rate of the port, as programs do that talk to a serial line.
+fn set_baud(port: &File, baud: u32) {
+    let mut modes = tcgetattr(port).unwrap();
+    modes.set_speed(baud).unwrap();
+    tcsetattr(port, OptionalActions::Now, &modes).unwrap();
+}
+
+/// What comes within half a second of this command.
+fn answer(port: &mut File, command: &[u8]) -> Vec<u8> {
+    port.write_all(command).unwrap();
+    sleep(Duration::from_millis(500));
+    let mut all = Vec::new();
+    let mut buffer = [0; 256];
+    while ioctl_fionread(&*port).unwrap() > 0 {
+        let bytes = port.read(&mut buffer).unwrap();
+        all.extend(&buffer[..bytes]);
+    }
+    all
+}
+
+#[test]
+fn a_program_with_another_rate_gets_garbage() {
+    let folder = tempfile::tempdir().unwrap();
+    for (options, understood) in [(&[][..], false), (&["--any-baud"][..], true)] {
+        let link = folder.path().join(format!("{understood}"));
+        let camera = Camera::start(&link, &[&["--baud", "38400"], options].concat());
+        let mut port = open(&link);
+        synchronise(&mut port);
+        set_baud(&port, 9600);
+        if understood {
+            port.write_all(b"GV\r").unwrap();
+            assert_eq!(read_until(&mut port, "c6\r:"), "ACK\rCMUcam2 v1.00 c6\r:");
+        } else {
+            let heard = answer(&mut port, b"GV\r");
+            assert!(!heard.starts_with(b"ACK"), "{heard:?}");
+        }
+        set_baud(&port, 38_400);
+        wait_until(|| answer(&mut port, b"GB\r").ends_with(b"ACK\r0\r:"));
+        let said = String::from_utf8(camera.end("TERM").stderr).unwrap();
+        assert_eq!(said.contains("9600 baud"), !understood, "{said}");
+    }
+}
+
+#[test]
+fn a_signal_cycles_the_power() {
+    let folder = tempfile::tempdir().unwrap();
+    let link = folder.path().join("camera");
+    let camera = Camera::start(&link, &["--switch", "module=2"]);
+    let mut port = open(&link);
+    synchronise(&mut port);
+    camera.signal("USR1");
+    let banner = read_until(&mut port, "v1.00\r:");
+    assert!(banner.ends_with("CMUcam2 v1.00\r:"), "{banner:?}");
+}
+
+/// A link that leads nowhere is what a killed camera leaves behind.
+#[test]
+fn a_stale_link_is_replaced_and_nothing_else() {
+    let folder = tempfile::tempdir().unwrap();
+    let stale = folder.path().join("stale");
+    symlink(folder.path().join("gone"), &stale).unwrap();
+    let camera = Camera::start(&stale, &[]);
+    let second = run(&["--pty", stale.to_str().unwrap()]);
+    assert!(second.contains("in use"), "{second}");
+    drop(camera);
+    let file = folder.path().join("file");
+    std::fs::write(&file, "mine").unwrap();
+    let refused = run(&["--pty", file.to_str().unwrap()]);
+    assert!(refused.contains("exists and is no link"), "{refused}");
+    assert_eq!(std::fs::read_to_string(&file).unwrap(), "mine");
+}
+
+/// What a camera says that cannot start.
+fn run(options: &[&str]) -> String {
+    let output = Command::new(env!("CARGO_BIN_EXE_host-sim"))
+        .arg("camera")
+        .args(options)
+        .output()
+        .unwrap();
+    assert_eq!(output.status.code(), Some(2));
+    String::from_utf8(output.stderr).unwrap()
+}
+
+#[test]
+fn what_is_wrong_is_said() {
+    let folder = tempfile::tempdir().unwrap();
+    let link = folder.path().join("camera");
+    let scene = folder.path().join("scene.toml");
+    std::fs::write(&scene, "noise = 1\n").unwrap();
+    let link = link.to_str().unwrap();
+    for (options, part) in [
+        (&["--baud", "14400"][..], "1200, 2400"),
+        (&["--switch", "orgin=1"], "there is no `orgin`"),
+        (&["--fault", "nck=2"], "`nck` must be 0 to 1"),
+        (&["--fault", "nck"], "NAME=VALUE"),
+        (
+            &["--scene", "/nowhere.toml"],
+            "/nowhere.toml cannot be read",
+        ),
+        (&["--scene", scene.to_str().unwrap()], "background"),
+    ] {
+        let said = run(&[&["--pty", link], options].concat());
+        assert!(said.contains(part), "{options:?}: {said}");
+    }
+    let said = run(&["--pty", "/nowhere/camera"]);
+    assert!(said.contains("/nowhere/camera cannot be made"), "{said}");
+}
