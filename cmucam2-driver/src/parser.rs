@@ -188,6 +188,11 @@ impl Parser {
         &self.dropped
     }
 
+    /// Whether an image has begun and is not over: its rows may be far apart.
+    pub(crate) fn is_in_image(&self) -> bool {
+        self.state == State::Image
+    }
+
     /// The line has been silent for longer than any pause within a line: what was begun will not
     /// go on.
     pub fn gap(&mut self) {

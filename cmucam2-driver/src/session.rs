@@ -49,6 +49,10 @@ use crate::{
 };
 use sequence::{Sequence, Step};
 
+/// The longest pause within a line: at 1200 baud a character and the greatest delay after it take
+/// 0.22 s. What comes later is another line, of a camera that restarted in the middle of the first.
+const PAUSE_IN_LINE_US: u64 = 250_000;
+
 /// What is known of the camera's end of the line.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Link {
@@ -149,6 +153,8 @@ pub struct Session {
     tries: u8,
     restarts: u8,
     heard: bool,
+    /// When the last byte came.
+    heard_at: u64,
     /// The last packet was empty, or there was none yet.
     lost: bool,
     /// Calls that ended in [`Answer::Quiet`], one after the other.
@@ -197,6 +203,7 @@ impl Session {
             tries: 0,
             restarts: 0,
             heard: false,
+            heard_at: 0,
             lost: true,
             quiet: 0,
             dropped_then: 0,
@@ -321,6 +328,10 @@ impl Session {
     /// Takes one byte. `row` is the buffer of [`Request::NextPart`], empty otherwise.
     pub fn receive(&mut self, byte: u8, now: u64, row: &mut [u8]) {
         self.heard = true;
+        if now.saturating_sub(self.heard_at) > PAUSE_IN_LINE_US && !self.parser.is_in_image() {
+            self.parser.gap();
+        }
+        self.heard_at = now;
         if !matches!(self.phase, Phase::Pause | Phase::Wait) {
             self.silence_at = now + u64::from(self.silence);
         }

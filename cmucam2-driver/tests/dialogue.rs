@@ -284,6 +284,19 @@ both! {
         assert_eq!(cam.session().restarts(), 1);
     }
 
+    /// The blank line that some cameras send before their banner must not complete it.
+    fn a_packet_cut_by_a_restart_is_not_completed_by_the_blank_line<D>() {
+        let script = Script::idle()
+            .on(TC, "ACK\rT 44 60 40 50 50 70 20 2")
+            .then(700_000, format!("\r{BANNER}"))
+            .on("ST 170 230 70 130 16 46\r", "ACK\r:")
+            .on("TC\r", "ACK\r");
+        let (mut cam, _line) = script.camera();
+        D::drive(cam.track_colour(orange())).unwrap();
+        assert_eq!(D::drive(cam.next_tracking()).map(|_| ()), camera(Fault::Restarted));
+        assert_eq!(cam.session().dropped().cut, 1);
+    }
+
     fn a_lost_banner_is_noticed_by_what_stops_the_stream<D>() {
         // An idle camera acknowledges the carriage return, a streaming one does not.
         let script = Script::idle()

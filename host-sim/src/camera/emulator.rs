@@ -45,7 +45,7 @@ pub struct Configuration {
     pub faults: FaultRates,
     /// Of faults and noise.
     pub seed: u64,
-    /// Keep [notes](Emulator::note).
+    /// Keep [notes](Emulator::take_note).
     pub watched: bool,
 }
 

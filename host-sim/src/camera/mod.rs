@@ -40,6 +40,11 @@
 //! - `SP` after a reset is 16 8 5 16 8 5.
 //! - A histogram bin is its share of the pixels in 1/256, doubled `scale` times.
 //! - `HR` and `DS` set the virtual window back to the whole frame.
+//! - A new `MD` replaces the mask of the one before; `LF` keeps it. A change of `HD` loses reference
+//!   and mask.
+//! - Bytes that come while the camera starts, wakes or fills an upload are not commands. A line
+//!   feed is ignored.
+//! - A window makes the sensor at most eight times as fast.
 //! - Raw input (`RM 4`): its format is not known; the camera obeys nothing until its power is
 //!   cycled.
 //! - A high-resolution frame shows the upper 255 of 286 rows.

@@ -49,7 +49,7 @@ pub(super) struct Arguments {
     /// The sensor on the camera board.
     #[arg(long, value_enum, default_value_t)]
     sensor: SensorOption,
-    /// Of noise and faults: the same seed and commands give the same answers.
+    /// Of noise and faults.
     #[arg(long, value_name = "N", default_value_t = 0)]
     seed: u64,
     /// Something that the protocol leaves open; see below. May be repeated.

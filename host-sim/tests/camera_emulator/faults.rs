@@ -13,9 +13,7 @@ use cmucam2_driver::{
     register::{Register, Registers},
     session::{Answer, Fault, Policy, Request},
 };
-use host_sim::camera::{
-    BAUD_RATES, Configuration, FaultRates, Link, Note, Switches, measure::corruption,
-};
+use host_sim::camera::{BAUD_RATES, Configuration, FaultRates, Link, Note, measure::corruption};
 
 use crate::support::{SECOND, command, driver, driver_with, orange, orange_box};
 
@@ -36,12 +34,7 @@ struct Application {
 
 impl Application {
     fn new(faults: FaultRates, seed: u64, strict: bool) -> Self {
-        Self::with_switches(faults, seed, strict, Switches::default())
-    }
-
-    fn with_switches(faults: FaultRates, seed: u64, strict: bool, switches: Switches) -> Self {
         let configuration = Configuration {
-            switches,
             seed,
             watched: true,
             ..Configuration::default()
@@ -274,27 +267,5 @@ fn a_brown_out_in_a_stream_loses_no_mode() {
         assert_eq!(answer, Ok(here), "quietly: {quietly}");
         assert_eq!(application.link.session.restarts(), 1);
         assert!(application.wrong.is_empty());
-    }
-}
-
-#[test]
-fn tmp_blank() {
-    for strict in [false, true] {
-        let (mut d, mut w) = (0, vec![]);
-        for seed in 0..20 {
-            let faults = FaultRates {
-                restart: 0.1,
-                ..FaultRates::default()
-            };
-            let switches = Switches {
-                reset_blank_line: 1,
-                ..Switches::default()
-            };
-            let mut a = Application::with_switches(faults, seed, strict, switches);
-            a.run(1000);
-            d += a.delivered;
-            w.extend(a.wrong);
-        }
-        println!("blank strict {strict}: {d} {w:?}");
     }
 }

@@ -179,7 +179,8 @@ fn a_program_with_another_rate_gets_garbage() {
         set_baud(&port, 9600);
         if understood {
             port.write_all(b"GV\r").unwrap();
-            assert_eq!(read_until(&mut port, "c6\r:"), "ACK\rCMUcam2 v1.00 c6\r:");
+            let banner = read_until(&mut port, "c6\r:");
+            assert!(banner.ends_with("ACK\rCMUcam2 v1.00 c6\r:"), "{banner:?}");
         } else {
             let heard = answer(&mut port, b"GV\r");
             assert!(!heard.starts_with(b"ACK"), "{heard:?}");

@@ -1,6 +1,9 @@
 //! What a person at a terminal reads.
 
-use host_sim::camera::{Configuration, Switches};
+use cmucam2_driver::geometry::Sensor;
+use host_sim::camera::{Configuration, FaultRates, Switches};
+use rand::{RngExt, SeedableRng};
+use rand_chacha::ChaCha8Rng;
 
 use crate::support::{MILLISECOND, ORANGE_TC, SECOND, Terminal, orange_box};
 
@@ -332,11 +335,68 @@ fn learning_in_the_window_says_what_it_saw() {
     );
 }
 
+/// Whatever is typed, a reset leads back to a camera that answers.
+#[test]
+fn no_input_breaks_it() {
+    let mut random = ChaCha8Rng::seed_from_u64(3);
+    let letters = "BMCRCTCPDCDMDSFDFSGBGHGIGMGSGTGVGWHCHDHRHTL0L1LFLMMDNFOMPDPFPMPSRFRSSDSFSLSMSOSPSTSVTCTITWUDVW";
+    for seed in 0..400 {
+        let mut faults = FaultRates::default();
+        let mut switches = Switches::default();
+        for switch in Switches::TABLE {
+            let position = random.random_range(0..=switch.greatest);
+            switches.set(switch.name, position).unwrap();
+        }
+        if seed % 2 == 1 {
+            for fault in FaultRates::TABLE {
+                faults.set(fault.name, 0.02).unwrap();
+            }
+        }
+        let sensor = [Sensor::Ov6620, Sensor::Ov7620][usize::from(seed % 3 == 2)];
+        let configuration = Configuration {
+            sensor,
+            switches,
+            faults,
+            seed,
+            watched: true,
+            ..Configuration::default()
+        };
+        let mut terminal = Terminal::new(configuration, orange_box([80, 95], [130, 150]));
+        for _ in 0..60 {
+            let place = random.random_range(0..letters.len() / 2) * 2;
+            let mut line = letters[place..place + 2].to_owned();
+            for _ in 0..random.random_range(0..7) {
+                let number = match random.random_range(0..4) {
+                    0 => random.random_range(0..2),
+                    1 => random.random_range(16..=240),
+                    _ => random.random_range(0..=255),
+                };
+                line += &format!(" {number}");
+            }
+            line.push('\r');
+            terminal.bytes(&line);
+            if random.random_bool(0.1) {
+                for _ in 0..20 {
+                    let byte: u8 = random.random_range(0..=255);
+                    terminal.camera.receive(byte, terminal.now);
+                }
+            }
+            if random.random_bool(0.5) {
+                terminal.bytes("\r");
+            }
+        }
+        terminal.camera.set_faults(&FaultRates::default());
+        terminal.camera.power_cycle(terminal.now);
+        terminal.read(SECOND);
+        assert!(terminal.types("GV\r").starts_with("ACK\rCMUcam2 v1.0"));
+    }
+}
+
 #[test]
 fn the_same_seed_and_commands_give_the_same_bytes() {
     let run = |seed: u64| {
-        let mut faults = host_sim::camera::FaultRates::default();
-        for fault in host_sim::camera::FaultRates::TABLE {
+        let mut faults = FaultRates::default();
+        for fault in FaultRates::TABLE {
             faults.set(fault.name, 0.01).unwrap();
         }
         let configuration = Configuration {

@@ -107,7 +107,7 @@ impl Emulator {
                 frame_dump::bitmap(&view, region, &self.filter())
             }
             (Source::Colour, TrackingLines::Rows, _) => {
-                let (left, origin) = self.first_column();
+                let ((left, _), origin) = (self.corner(), self.switches().origin);
                 frame_dump::rows(&view, region, &self.filter(), left, origin)
             }
             (Source::Mean, _, StatisticsLines::Means) => frame_dump::means(&view, region, false),
@@ -118,16 +118,14 @@ impl Emulator {
         }
     }
 
-    /// The column from which coordinates count, and its number.
-    fn first_column(&self) -> (u8, u8) {
+    /// The column and row from which coordinates count.
+    fn corner(&self) -> (u8, u8) {
         let switches = self.switches();
+        if switches.window_relative == 0 {
+            return (0, 0);
+        }
         let region = self.modes.region(switches);
-        let left = if switches.window_relative == 1 {
-            region.x1
-        } else {
-            0
-        };
-        (left, switches.origin)
+        (region.x1, region.y1)
     }
 
     fn learn(&mut self, snapshot: &Snapshot) {
@@ -147,13 +145,8 @@ impl Emulator {
         let view = self.view(snapshot);
         let blob = Blob::of(&view, region, &self.filter());
         let frame = view.frame();
-        let (left, origin) = self.first_column();
-        let top = if self.switches().window_relative == 1 {
-            region.y1
-        } else {
-            0
-        };
-        let tracking = blob.packet((left, top), origin, blob::pixels(blob.count()));
+        let pixels = blob::pixels(blob.count());
+        let tracking = blob.packet(self.corner(), self.switches().origin, pixels);
         let mask = self.modes.servo_mask;
         let pan = mask.reports_pan().then(|| self.modes.servo_value(0));
         let tilt = mask.reports_tilt().then(|| self.modes.servo_value(1));
