@@ -8,7 +8,7 @@ use xshell::{Shell, cmd};
 use crate::{cortex_m, fuzz, setup};
 
 /// Libraries that run on a node. Each is built for every processor, bare and with all features.
-const FIRMWARE_CRATES: [&str; 2] = ["calib-core", "cmucam2-driver"];
+const FIRMWARE_CRATES: [&str; 3] = ["calib-core", "cmucam2-driver", "zigbee-link"];
 
 type Stage = (&'static str, fn(&Shell) -> Result<()>);
 

@@ -1,0 +1,24 @@
+//! Whatever parses is written again as the same bytes.
+#![no_main]
+
+use libfuzzer_sys::fuzz_target;
+use zigbee_link::wire::{Beacon, Command, Frame};
+
+fuzz_target!(|bytes: &[u8]| {
+    let mut buffer = vec![0; bytes.len()];
+    if let Ok(frame) = Frame::parse(bytes) {
+        let len = frame
+            .header()
+            .emit(&mut buffer)
+            .expect("what parses can be written");
+        assert_eq!(&buffer[..len], frame.header_bytes());
+    }
+    if let Ok(command) = Command::parse(bytes) {
+        assert_eq!(command.emit(&mut buffer), Ok(bytes.len()));
+        assert_eq!(buffer, bytes);
+    }
+    if let Ok(beacon) = Beacon::parse(bytes) {
+        assert_eq!(beacon.emit(&mut buffer), Ok(bytes.len()));
+        assert_eq!(buffer, bytes);
+    }
+});

@@ -1,0 +1,91 @@
+//! A small secured IEEE 802.15.4 network that carries messages.
+//!
+//! A coordinator forms a network, admits devices that hold the site key, and gives them short
+//! addresses; members send each other anything [`serde::Serialize`] in one secured frame, with
+//! acknowledgement, or to all. No heap, no unsafe code, no panic whatever comes over the air.
+//!
+//! | module | |
+//! |---|---|
+//! | [`radio`] | the seam to the hardware, and wrappers that stack: CSMA-CA, filter, FCS, faults, pcap |
+//! | [`wire`] | bytes of MAC frames and their meaning |
+//! | [`security`] | CCM*, frame counters, keys, replay protection |
+//! | [`store`] | what a node must not forget, in a NOR flash that may lose its power |
+//! | [`link`] | messages: acknowledged, repeated, never doubled |
+//! | [`network`] | forming, joining, losing and leaving a network |
+//! | [`runner`] | all of it connected to a radio, a flash and a clock |
+//!
+//! Everything but `radio`, `store` and `runner` is sans-IO: bytes and the time go in, bytes and
+//! deadlines come out. No state machine reads a clock, sleeps or waits.
+//!
+//! # What it is not
+//! - Not Zigbee, Thread or 6LoWPAN: one hop, one coordinator, no routing, frames of these networks
+//!   are ignored. Captures open in Wireshark, with the key, as plain IEEE 802.15.4.
+//! - No superframes, time slots, indirect transmission or sleeping receivers.
+//! - One key for all members: see [`security`] for what that does not protect against.
+//! - Immediate acknowledgements are not requested: software radios send them too late, and they
+//!   prove nothing. Delivery is acknowledged end to end instead.
+//!
+//! # Example
+//! Two nodes without radio: what one sends, the other receives.
+//! ```
+//! use zigbee_link::{
+//!     Instant,
+//!     link::{Delivery, Link},
+//!     radio::FRAME_MAX,
+//!     security::{Counter, Key, Protection, Session},
+//!     wire::{Eui64, PanId, ShortAddress},
+//! };
+//!
+//! // Of a site: 16 random bytes, provisioned. There is no default.
+//! # let site = core::array::from_fn(|i| 0xA0 ^ i as u8);
+//! let key = Key::new(1, site).ok_or("not a random key")?;
+//! let mut nodes = [0, 1].map(|n| {
+//!     let mut counter = Counter::resume(0);
+//!     counter.reserved(1000); // once the store has written this down
+//!     let session = Session::new(Eui64([2, 0, 0, 0, 0, 0, 0, n]), Protection::EncMic64, key, counter);
+//!     let mut link = Link::<16, 4>::new(session, n.into());
+//!     link.attach(PanId(0xBEEF), ShortAddress(n.into()));
+//!     link
+//! });
+//!
+//! let now = Instant(0);
+//! let stop = (3_u8, [6.5_f32, -1.25]);
+//! let ticket = nodes[0].send(now, ShortAddress(1), &stop)?;
+//! let mut frame = [0; FRAME_MAX];
+//! // First they prove to each other that their frames are fresh.
+//! for from in [0, 1, 0, 0, 1] {
+//!     let len = nodes[from].poll_transmit(now, &mut frame).ok_or("nothing to send")?;
+//!     nodes[1 - from].handle(now, &mut frame[..len]);
+//! }
+//! assert_eq!(nodes[1].recv(), Some((ShortAddress(0), stop)));
+//! assert_eq!(nodes[0].result_of(ticket), Some(Delivery::Delivered));
+//! # Ok::<(), Box<dyn core::error::Error>>(())
+//! ```
+#![no_std]
+#![forbid(unsafe_code)]
+#![cfg_attr(
+    not(test),
+    deny(
+        clippy::unwrap_used,
+        clippy::expect_used,
+        clippy::panic,
+        clippy::indexing_slicing
+    )
+)]
+
+#[cfg(test)]
+extern crate std;
+
+pub mod link;
+pub mod network;
+pub mod radio;
+pub mod runner;
+pub mod security;
+pub mod store;
+pub mod wire;
+
+mod jitter;
+mod log;
+mod time;
+
+pub use time::Instant;

@@ -1,0 +1,108 @@
+//! Challenges, and short frames that answer others.
+
+use core::time::Duration;
+
+use crate::{
+    Instant,
+    wire::{Address, Eui64, ShortAddress},
+};
+
+/// A node is not asked again within this time.
+const AGAIN: Duration = Duration::from_millis(100);
+/// An answer after this time is none.
+const EXPIRY: Duration = Duration::from_secs(2);
+/// Challenges open at a time.
+const CHALLENGES: usize = 8;
+
+/// What a reply is.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum ReplyKind {
+    Acknowledgement { counter: u32 },
+    Challenge,
+    Response { counter: u32, challenges: bool },
+}
+
+/// A frame that is only a header and a few bytes.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) struct Reply {
+    pub kind: ReplyKind,
+    pub destination: Address,
+    pub due: Instant,
+}
+
+impl Reply {
+    /// Whether it asks the receiver for proof.
+    pub(super) const fn asks(&self) -> bool {
+        matches!(
+            self.kind,
+            ReplyKind::Challenge
+                | ReplyKind::Response {
+                    challenges: true,
+                    ..
+                }
+        )
+    }
+}
+
+#[derive(Clone, Copy, Debug)]
+struct Open {
+    target: Address,
+    counter: u32,
+    asked: Instant,
+}
+
+/// Challenges that were sent and not answered.
+///
+/// Anybody can make a node send challenges, by frames from addresses nobody knows. That costs
+/// airtime, no more than the frames themselves, and one of a few places for a short time.
+#[derive(Clone, Debug, Default)]
+pub(super) struct Challenges(heapless::Vec<Open, CHALLENGES>);
+
+impl Challenges {
+    pub(super) fn clear(&mut self) {
+        self.0.clear();
+    }
+
+    /// Whether to ask this node now. Only when the table is full of open challenges, or this node
+    /// was asked just now, the answer is no.
+    pub(super) fn may_ask(&mut self, now: Instant, target: Address) -> bool {
+        self.0.retain(|open| now.since(open.asked) < EXPIRY);
+        let just_asked = |open: &Open| open.target == target && now.since(open.asked) < AGAIN;
+        !self.0.is_full() && !self.0.iter().any(just_asked)
+    }
+
+    /// Takes note of a challenge that goes out with this frame counter.
+    pub(super) fn asked(&mut self, now: Instant, target: Address, counter: u32) {
+        let open = Open {
+            target,
+            counter,
+            asked: now,
+        };
+        if self.0.is_full() {
+            self.0.remove(0);
+        }
+        let _ = self.0.push(open);
+    }
+
+    /// Whether a frame of this node, which repeats `counter`, answers an open challenge. An answer
+    /// counts once.
+    pub(super) fn is_answered(
+        &mut self,
+        now: Instant,
+        extended: Eui64,
+        short: ShortAddress,
+        counter: u32,
+    ) -> bool {
+        let names = [Address::Extended(extended), Address::Short(short)];
+        let answered = self.0.iter().position(|open| {
+            open.counter == counter
+                && names.contains(&open.target)
+                && now.since(open.asked) < EXPIRY
+        });
+        if let Some(place) = answered {
+            let target = self.0.remove(place).target;
+            self.0.retain(|open| open.target != target);
+        }
+        answered.is_some()
+    }
+}

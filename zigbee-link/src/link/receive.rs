@@ -1,0 +1,238 @@
+//! Frames coming in.
+
+use core::time::Duration;
+
+use super::{
+    Delivery, Event, Incoming, Link, count,
+    freshness::ReplyKind,
+    packet::{self, Kind, Packet},
+};
+use crate::{
+    Instant,
+    log::debug,
+    security::{Key, Opened, Refused, Sender},
+    wire::{Address, Command, Eui64, Frame, FrameType, Malformed, PanId, ShortAddress},
+};
+
+impl<const PEERS: usize, const QUEUE: usize> Link<PEERS, QUEUE> {
+    /// Takes in a frame without FCS, which is decrypted in place.
+    pub fn handle(&mut self, now: Instant, frame: &mut [u8]) -> Event {
+        let Some(broadcast) = self.is_for_us(frame) else {
+            return Event::Nothing;
+        };
+        // Everybody hears a broadcast at once, and would answer at once.
+        let answer_at = if broadcast {
+            now + self.jitter.up_to(Duration::from_millis(20))
+        } else {
+            now
+        };
+        let opened = match self.session.open(now, frame) {
+            Ok(opened) => opened,
+            Err(refused) => {
+                count(&mut self.counts.refused);
+                debug!("refused: {}", refused);
+                if let Refused::UnknownShort(short) = refused
+                    && short.is_unicast()
+                {
+                    self.challenge(answer_at, Address::Short(short));
+                }
+                return Event::Nothing;
+            }
+        };
+        if let Sender::Peer(_) = opened.sender {
+            self.follow_key(now, opened.key);
+        }
+        let event = match opened.frame_type {
+            FrameType::Command => self.command(answer_at, &opened),
+            _ => self.packet(now, answer_at, broadcast, &opened),
+        };
+        event.unwrap_or_else(|malformed| {
+            count(&mut self.counts.unknown);
+            debug!("unknown: {}", malformed);
+            Event::Nothing
+        })
+    }
+
+    /// Whether a frame is for this node, and whether for all.
+    fn is_for_us(&self, frame: &[u8]) -> Option<bool> {
+        let attachment = self.attachment?;
+        let frame = Frame::parse(frame).ok()?;
+        let destination = frame.header().destination;
+        if ![attachment.pan, PanId::BROADCAST].contains(&destination.pan?) {
+            return None;
+        }
+        match destination.address? {
+            Address::Short(ShortAddress::BROADCAST) => Some(true),
+            Address::Short(short) if short == attachment.short && short.is_unicast() => Some(false),
+            Address::Extended(extended) if extended == self.session.extended() => Some(false),
+            _ => None,
+        }
+    }
+
+    /// A peer speaks the next key: everybody has it.
+    fn follow_key(&mut self, now: Instant, index: u8) {
+        let is_next = |next: Key| next.index() == index;
+        if self.session.keys.next().is_some_and(is_next) {
+            // It is installed.
+            let _ = self.activate_key(index, now);
+        }
+    }
+
+    fn command(&mut self, answer_at: Instant, opened: &Opened<'_>) -> Result<Event, Malformed> {
+        let command = Command::parse(opened.payload)?;
+        match opened.sender {
+            Sender::Peer(from) => Ok(Event::Command {
+                from,
+                source: opened.source,
+                command,
+            }),
+            Sender::Stranger(extended) => {
+                self.challenge(answer_at, Address::Extended(extended));
+                Ok(Event::Nothing)
+            }
+        }
+    }
+
+    fn packet(
+        &mut self,
+        now: Instant,
+        answer_at: Instant,
+        broadcast: bool,
+        opened: &Opened<'_>,
+    ) -> Result<Event, Malformed> {
+        let extended = opened.sender.extended();
+        match (Packet::parse(opened.payload)?, opened.sender) {
+            (Packet::Message { kind, age, bytes }, Sender::Peer(_)) => {
+                if broadcast != (kind == Kind::Broadcast) {
+                    return Err(Malformed::Reserved);
+                }
+                let number = opened.counter.checked_sub(u32::from(age));
+                let number = number.ok_or(Malformed::Reserved)?;
+                if self.accept(kind, extended, number, bytes)? && !broadcast {
+                    let kind = ReplyKind::Acknowledgement {
+                        counter: opened.counter,
+                    };
+                    self.reply(now, kind, opened.source);
+                }
+                Ok(Event::Nothing)
+            }
+            (Packet::Message { .. }, Sender::Stranger(_)) => {
+                self.challenge(answer_at, Address::Extended(extended));
+                Ok(Event::Nothing)
+            }
+            (Packet::Acknowledgement { counter }, Sender::Peer(_)) => {
+                if let Address::Short(from) = opened.source {
+                    self.acknowledged(from, counter);
+                }
+                Ok(Event::Nothing)
+            }
+            (Packet::Acknowledgement { .. }, Sender::Stranger(_)) => Ok(Event::Nothing),
+            (Packet::Challenge, sender) => {
+                let to = Address::Extended(extended);
+                let challenges = matches!(sender, Sender::Stranger(_));
+                // An old challenge can be replayed as often as one likes, so strangers get answers
+                // only as often as they are asked.
+                if !challenges || self.challenges.may_ask(now, to) {
+                    let kind = ReplyKind::Response {
+                        counter: opened.counter,
+                        challenges,
+                    };
+                    self.reply(now, kind, to);
+                }
+                Ok(Event::Nothing)
+            }
+            (
+                Packet::Response {
+                    challenges,
+                    short,
+                    counter,
+                },
+                _,
+            ) => {
+                if !self.challenges.is_answered(now, extended, short, counter) {
+                    return Ok(Event::Nothing);
+                }
+                let entered = self
+                    .session
+                    .peers
+                    .enter(extended, short, opened.counter, now);
+                if entered.is_err() {
+                    count(&mut self.counts.table_full);
+                    return Ok(Event::Nothing);
+                }
+                if challenges {
+                    let kind = ReplyKind::Response {
+                        counter: opened.counter,
+                        challenges: false,
+                    };
+                    self.reply(now, kind, Address::Extended(extended));
+                }
+                for outgoing in &mut self.outgoing {
+                    if outgoing.destination == short {
+                        outgoing.due = outgoing.due.min(now);
+                    }
+                }
+                Ok(Event::Fresh {
+                    peer: extended,
+                    short,
+                })
+            }
+        }
+    }
+
+    /// Takes in a message of a peer. Whether to acknowledge it: it is in the queue, or was before.
+    fn accept(
+        &mut self,
+        kind: Kind,
+        extended: Eui64,
+        number: u32,
+        bytes: &[u8],
+    ) -> Result<bool, Malformed> {
+        let peers = &mut self.session.peers;
+        let peer = peers.by_extended_mut(extended).ok_or(Malformed::Reserved)?;
+        let broadcast = kind == Kind::Broadcast;
+        let last = if broadcast {
+            &mut peer.last_broadcast
+        } else {
+            &mut peer.last_unicast
+        };
+        if last.is_some_and(|last| number <= last) {
+            count(&mut self.counts.duplicates);
+            // Behind the last one are only messages whose sender gave them up.
+            return Ok(*last == Some(number));
+        }
+        if kind == Kind::Control {
+            if peer.short != ShortAddress::COORDINATOR {
+                return Err(Malformed::Reserved);
+            }
+            let next = packet::parse_next_key(bytes)?;
+            *last = Some(number);
+            self.keys_changed |= self.session.keys.install(next).is_ok();
+            return Ok(true);
+        }
+        let incoming = Incoming {
+            from: peer.short,
+            extended,
+            broadcast,
+            bytes: heapless::Vec::from_slice(bytes).map_err(|_| Malformed::TrailingBytes)?,
+        };
+        let queued = self.incoming.push_back(incoming).is_ok();
+        if queued {
+            *last = Some(number);
+        } else if broadcast {
+            count(&mut self.counts.lost_broadcasts);
+        }
+        Ok(queued)
+    }
+
+    fn acknowledged(&mut self, from: ShortAddress, counter: u32) {
+        let answered = self.outgoing.iter_mut().find(|outgoing| {
+            outgoing.destination == from
+                && outgoing.is_waiting()
+                && outgoing.is_answered_by(counter)
+        });
+        if let Some(outgoing) = answered {
+            outgoing.result = Some(Delivery::Delivered);
+        }
+    }
+}

@@ -1,0 +1,175 @@
+//! Looking for PANs.
+
+use core::time::Duration;
+
+use crate::{
+    Instant,
+    radio::Channel,
+    wire::{Address, Beacon, Eui64, Frame, FrameType, PanId, ShortAddress},
+};
+
+/// How long to listen on each channel after a beacon request.
+pub const SCAN_TIME: Duration = Duration::from_millis(140);
+/// PANs remembered per scan.
+const FOUND: usize = 16;
+
+/// What the beacons of these networks carry: a mark, and whether there is room for devices.
+///
+/// Beacons are not secured, so this only says where to try first.
+const MARK: [u8; 3] = *b"zl\x01";
+const FULL: u8 = 1;
+
+/// A set of channels.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct Channels(u32);
+
+impl Channels {
+    /// All 16 channels.
+    pub const ALL: Self = Self(0x07FF_F800);
+
+    /// Only this one.
+    pub const fn only(channel: Channel) -> Self {
+        Self(1 << channel.number())
+    }
+
+    /// This one too.
+    #[must_use]
+    pub const fn and(self, channel: Channel) -> Self {
+        Self(self.0 | 1 << channel.number())
+    }
+
+    /// The lowest, which is then no longer in the set.
+    fn take_first(&mut self) -> Option<Channel> {
+        let channel = Channel::new(u8::try_from(self.0.trailing_zeros()).ok()?)?;
+        self.0 &= !(1 << channel.number());
+        Some(channel)
+    }
+
+    fn iter(mut self) -> impl Iterator<Item = Channel> {
+        core::iter::from_fn(move || self.take_first())
+    }
+}
+
+/// A PAN that was heard.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) struct Found {
+    pub pan: PanId,
+    pub channel: Channel,
+    /// The sender of the beacon, if it told its extended address.
+    pub coordinator: Option<Eui64>,
+    /// A network of this crate with room for devices.
+    pub is_open: bool,
+}
+
+pub(super) fn beacon_payload(is_full: bool) -> [u8; 4] {
+    let [a, b, c] = MARK;
+    [a, b, c, if is_full { FULL } else { 0 }]
+}
+
+/// A beacon of whatever network.
+pub(super) fn parse_beacon(frame: &Frame<'_>, channel: Channel) -> Option<Found> {
+    let header = frame.header();
+    if header.frame_type != FrameType::Beacon || header.security.is_some() {
+        return None;
+    }
+    let beacon = Beacon::parse(frame.payload()).ok()?;
+    let room = match beacon.payload.split_first_chunk() {
+        Some((&MARK, [flags])) => flags & FULL == 0,
+        _ => false,
+    };
+    Some(Found {
+        pan: header.source.pan?,
+        channel,
+        coordinator: match header.source.address? {
+            Address::Extended(extended) => Some(extended),
+            Address::Short(_) => None,
+        },
+        is_open: room && beacon.superframe.pan_coordinator(),
+    })
+}
+
+/// A scan of several channels.
+#[derive(Debug)]
+pub(super) struct Scan {
+    all: Channels,
+    left: Channels,
+    current: Option<(Channel, Instant)>,
+    found: heapless::Vec<Found, FOUND>,
+}
+
+/// What a scan wants.
+pub(super) enum Step {
+    /// Send a beacon request on the [`channel`](Scan::channel).
+    Request,
+    /// Listen on.
+    Listen,
+    Done,
+}
+
+impl Scan {
+    pub(super) const fn new(channels: Channels) -> Self {
+        Self {
+            all: channels,
+            left: channels,
+            current: None,
+            found: heapless::Vec::new(),
+        }
+    }
+
+    pub(super) fn channel(&self) -> Option<Channel> {
+        self.current.map(|(channel, _)| channel)
+    }
+
+    /// When to take the next step.
+    pub(super) fn until(&self) -> Instant {
+        self.current.map_or(Instant(0), |(_, until)| until)
+    }
+
+    pub(super) fn step(&mut self, now: Instant) -> Step {
+        if let Some((_, until)) = self.current
+            && now < until
+        {
+            return Step::Listen;
+        }
+        match self.left.take_first() {
+            Some(channel) => {
+                self.current = Some((channel, now + SCAN_TIME));
+                Step::Request
+            }
+            None => Step::Done,
+        }
+    }
+
+    /// Beacons beyond the room there is are forgotten.
+    pub(super) fn heard(&mut self, found: Found) {
+        if !self.found.contains(&found) {
+            let _ = self.found.push(found);
+        }
+    }
+
+    pub(super) fn found(&self) -> &[Found] {
+        &self.found
+    }
+
+    /// The channel on which the fewest PANs were heard.
+    pub(super) fn quietest(&self) -> Option<Channel> {
+        let pans = |channel| {
+            let here = self.found.iter().filter(|found| found.channel == channel);
+            here.count()
+        };
+        self.all.iter().min_by_key(|&channel| pans(channel))
+    }
+
+    /// An identifier that nobody heard uses, from the numbers drawn.
+    pub(super) fn free_pan(&self, mut draw: impl FnMut() -> u16) -> PanId {
+        loop {
+            let pan = PanId(draw());
+            let is_taken = self.found.iter().any(|found| found.pan == pan);
+            // 0xFFFE and 0xFFFF mean something else.
+            if !is_taken && pan.0 < ShortAddress::UNASSIGNED.0 {
+                return pan;
+            }
+        }
+    }
+}

@@ -1,0 +1,93 @@
+//! A bad medium, reproducibly.
+
+use super::{Capabilities, Config, PSDU_MAX, Radio, Received, TxOutcome};
+use crate::jitter::Jitter;
+
+/// How bad. Probabilities are in thousandths, and independent.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct Faults {
+    /// A frame is sent, and nobody hears it.
+    pub tx_lost: u16,
+    /// A received frame is lost.
+    pub rx_lost: u16,
+    /// A bit of a received frame is flipped.
+    pub rx_flipped: u16,
+    /// A received frame is cut off.
+    pub rx_truncated: u16,
+    /// A received frame is delivered twice.
+    pub rx_doubled: u16,
+}
+
+/// A radio that loses, damages and doubles frames. Breaks rules 11 and 13 of the contract, which is
+/// what it is for.
+#[derive(Clone, Debug)]
+pub struct FaultInjector<R> {
+    radio: R,
+    faults: Faults,
+    jitter: Jitter,
+    again: Option<([u8; PSDU_MAX], Received)>,
+}
+
+impl<R> FaultInjector<R> {
+    /// Over this radio; the same seed makes the same faults.
+    pub const fn new(radio: R, faults: Faults, seed: u64) -> Self {
+        Self {
+            radio,
+            faults,
+            jitter: Jitter::new(seed),
+            again: None,
+        }
+    }
+
+    fn happens(&mut self, thousandths: u16) -> bool {
+        self.jitter.below(1000) < u32::from(thousandths)
+    }
+}
+
+impl<R: Radio> Radio for FaultInjector<R> {
+    type Error = R::Error;
+
+    fn capabilities(&self) -> Capabilities {
+        self.radio.capabilities()
+    }
+
+    async fn configure(&mut self, config: &Config) -> Result<(), R::Error> {
+        self.radio.configure(config).await
+    }
+
+    async fn transmit(&mut self, frame: &[u8]) -> Result<TxOutcome, R::Error> {
+        if self.happens(self.faults.tx_lost) {
+            return Ok(TxOutcome::Sent);
+        }
+        self.radio.transmit(frame).await
+    }
+
+    async fn receive(&mut self, buffer: &mut [u8; PSDU_MAX]) -> Result<Received, R::Error> {
+        if let Some((bytes, received)) = self.again.take() {
+            *buffer = bytes;
+            return Ok(received);
+        }
+        loop {
+            let mut received = self.radio.receive(buffer).await?;
+            if self.happens(self.faults.rx_lost) {
+                continue;
+            }
+            if self.happens(self.faults.rx_flipped) {
+                let bits = u32::try_from(received.len * 8).unwrap_or(0);
+                let bit = self.jitter.below(bits) as usize;
+                if let Some(byte) = buffer.get_mut(bit / 8) {
+                    *byte ^= 1 << (bit % 8);
+                }
+            }
+            if self.happens(self.faults.rx_truncated) {
+                let len = u32::try_from(received.len).unwrap_or(0);
+                received.len = self.jitter.below(len) as usize;
+            }
+            if self.happens(self.faults.rx_doubled) {
+                self.again = Some((*buffer, received));
+            }
+            return Ok(received);
+        }
+    }
+}

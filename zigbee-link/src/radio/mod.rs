@@ -1,0 +1,222 @@
+//! The seam to the hardware: [`Radio`].
+//!
+//! # Contract
+//! What an implementation promises, and what a caller may rely on. "Frame" is a PSDU: MAC header,
+//! payload and, only without [`Capabilities::fcs`], the two bytes of the frame check sequence.
+//!
+//! **Configuration**
+//! 1. A radio does nothing before its first [`configure`](Radio::configure): [`Radio::transmit`]
+//!    and [`Radio::receive`] then fail with the radio's error.
+//! 2. `configure` may be called at any time between other calls. When it has returned `Ok`, every
+//!    frame sent is sent with the new configuration. Frames already queued may still be delivered.
+//! 3. When `configure` fails or is dropped half-way, the radio is unconfigured as in rule 1.
+//!
+//! **Transmitting**
+//! 4. A transmission is one operation, from the clear-channel assessment to the result. It returns
+//!    after the last bit has left the antenna or, if the frame requests an acknowledgement and
+//!    [`Capabilities::acknowledge`] is set, after that acknowledgement or its absence.
+//! 5. With [`Capabilities::csma`] the radio makes up to [`CSMA_BACKOFFS`] random backoffs, otherwise
+//!    exactly one assessment. If the channel stays busy the result is [`TxOutcome::ChannelBusy`]
+//!    and nothing was sent.
+//! 6. With [`Capabilities::retries`] the radio repeats a frame that was not acknowledged up to
+//!    [`FRAME_RETRIES`] times, every time with the same bytes.
+//! 7. The bytes go out unchanged, apart from an FCS that the radio appends. A radio never secures
+//!    a frame and never touches its sequence number or frame counter.
+//! 8. A frame shorter than [`FRAME_MIN`] or longer than the radio can send ([`FRAME_MAX`] with
+//!    `fcs`, [`PSDU_MAX`] without) is an error; it is never cut off.
+//! 9. Dropping the future of `transmit` leaves open whether the frame was sent. The next call of
+//!    any method works and concerns only its own frame.
+//!
+//! **Receiving**
+//! 10. `receive` is cancel-safe: dropping its future loses no frame that it had not returned.
+//! 11. Each frame is delivered once, whole, in the order of arrival.
+//! 12. With [`Capabilities::rx_queue`] frames that arrive while no `receive` is pending, during a
+//!     transmission too, are queued. When the queue is full the frame that arrives is lost; nobody
+//!     is told, as with a frame lost on the air. Without the capability such frames are lost.
+//! 13. With [`Capabilities::fcs`] a frame with a wrong FCS is never delivered.
+//! 14. With [`Capabilities::address_filter`] a frame is delivered only when
+//!     [`Config::accepts`] says so, or when
+//!     [`Config::promiscuous`] is set. Acknowledgements are not delivered.
+//! 15. With [`Capabilities::acknowledge`] a frame that passed the filter and requests an
+//!     acknowledgement is acknowledged within the 192 us of the standard. In promiscuous mode
+//!     nothing is acknowledged.
+//! 16. What arrives is untrusted: a radio must deliver any bytes at all without failing.
+//!
+//! **Errors**
+//! 17. An error says that the radio does not work, not that the medium did not: a busy channel and
+//!     a missing acknowledgement are [`TxOutcome`]s. After an error the caller may call `configure`
+//!     again, which starts from a reset.
+//!
+//! # Stacking
+//! The wrappers of this module are radios over radios. Each adds what the one below does not do.
+
+mod checksum;
+mod csma;
+mod fault;
+mod filter;
+mod trace;
+
+use core::{fmt, future::Future};
+
+pub use self::{
+    checksum::{Checksum, ChecksumError},
+    csma::Csma,
+    fault::{FaultInjector, Faults},
+    filter::Filter,
+    trace::{PCAP_HEADER_LEN, PCAP_RECORD_MAX, Sink, Tracer, pcap_header, pcap_record},
+};
+
+use crate::wire::{Eui64, PanId, ShortAddress};
+
+/// Bytes of the longest PSDU, FCS included.
+pub const PSDU_MAX: usize = 127;
+/// Bytes of the frame check sequence.
+pub const FCS_LEN: usize = 2;
+/// Bytes of the longest frame without its FCS.
+pub const FRAME_MAX: usize = PSDU_MAX - FCS_LEN;
+/// Bytes of the shortest frame without its FCS: frame control and sequence number, as in an
+/// immediate acknowledgement.
+pub const FRAME_MIN: usize = 3;
+/// `macMaxCSMABackoffs`: backoffs before the channel counts as busy.
+pub const CSMA_BACKOFFS: u8 = 4;
+/// `macMaxFrameRetries`: repetitions of a frame that was not acknowledged.
+pub const FRAME_RETRIES: u8 = 3;
+
+/// A transceiver for IEEE 802.15.4 frames. The module documentation is its contract.
+pub trait Radio {
+    /// Why the radio does not work.
+    type Error: fmt::Debug;
+
+    /// What the radio does by itself. Never changes.
+    fn capabilities(&self) -> Capabilities;
+
+    /// Takes over the channel, the power and the addresses, and starts to receive.
+    ///
+    /// # Errors
+    /// The hardware failed or does not support the configuration.
+    fn configure(&mut self, config: &Config) -> impl Future<Output = Result<(), Self::Error>>;
+
+    /// Sends one frame.
+    ///
+    /// # Errors
+    /// The hardware failed, the radio is not configured, or the length is impossible.
+    fn transmit(&mut self, frame: &[u8]) -> impl Future<Output = Result<TxOutcome, Self::Error>>;
+
+    /// Waits for the next frame and writes it to the start of `buffer`.
+    ///
+    /// # Errors
+    /// The hardware failed or the radio is not configured.
+    fn receive(
+        &mut self,
+        buffer: &mut [u8; PSDU_MAX],
+    ) -> impl Future<Output = Result<Received, Self::Error>>;
+}
+
+/// What a radio does by itself. What it does not, a wrapper does or nobody needs.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct Capabilities {
+    /// Appends the frame check sequence, and drops received frames where it is wrong. Frames then
+    /// cross the seam without it.
+    pub fcs: bool,
+    /// Backs off before a busy channel.
+    pub csma: bool,
+    /// Delivers only frames for the configured addresses.
+    pub address_filter: bool,
+    /// Sends immediate acknowledgements and waits for them.
+    pub acknowledge: bool,
+    /// Repeats frames that were not acknowledged.
+    pub retries: bool,
+    /// Queues frames that arrive while no receive operation is pending.
+    pub rx_queue: bool,
+}
+
+/// A channel of the 2.4 GHz band.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct Channel(u8);
+
+impl Channel {
+    /// The lowest channel, 11 (2405 MHz).
+    pub const FIRST: Self = Self(11);
+    /// The highest channel, 26 (2480 MHz).
+    pub const LAST: Self = Self(26);
+
+    /// The channel with this number, if there is one: 11 to 26.
+    pub const fn new(number: u8) -> Option<Self> {
+        if number >= Self::FIRST.0 && number <= Self::LAST.0 {
+            Some(Self(number))
+        } else {
+            None
+        }
+    }
+
+    /// The number, 11 to 26.
+    pub const fn number(self) -> u8 {
+        self.0
+    }
+
+    /// The centre frequency, MHz.
+    pub const fn frequency_mhz(self) -> u16 {
+        2405 + 5 * (self.0 as u16 - 11)
+    }
+}
+
+impl fmt::Display for Channel {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        self.0.fmt(f)
+    }
+}
+
+/// How a radio is to work.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct Config {
+    /// The channel to send and listen on.
+    pub channel: Channel,
+    /// Transmit power, dBm. A radio takes the nearest it has.
+    pub tx_power: i8,
+    /// The own PAN, [`PanId::BROADCAST`] for none.
+    pub pan: PanId,
+    /// The own short address, [`ShortAddress::BROADCAST`] for none.
+    pub short: ShortAddress,
+    /// The own extended address.
+    pub extended: Eui64,
+    /// Whether this device is the PAN's coordinator, which also receives frames without a
+    /// destination address.
+    pub coordinator: bool,
+    /// Deliver every frame, acknowledge none.
+    pub promiscuous: bool,
+}
+
+/// What became of a transmission.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+#[must_use]
+pub enum TxOutcome {
+    /// Sent. No acknowledgement was requested, or the radio does not wait for them.
+    Sent,
+    /// Sent and acknowledged.
+    Acknowledged {
+        /// The receiver has something for the sender.
+        frame_pending: bool,
+    },
+    /// Sent, with all repetitions the radio makes, and not acknowledged.
+    NotAcknowledged,
+    /// Not sent: the channel was busy throughout.
+    ChannelBusy,
+}
+
+/// What is known of a received frame besides its bytes.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct Received {
+    /// Bytes of the frame in the buffer, at most [`PSDU_MAX`].
+    pub len: usize,
+    /// The channel it came on.
+    pub channel: Channel,
+    /// Received signal strength, dBm, if the radio measures it.
+    pub rssi: Option<i8>,
+    /// Link quality, 0 worst to 255 best, if the radio measures it.
+    pub lqi: Option<u8>,
+}

@@ -1,0 +1,192 @@
+//! Keys and their change.
+
+use core::{fmt, time::Duration};
+
+use aes::{Aes128, cipher::KeyInit};
+
+use crate::Instant;
+
+/// A site key: 128 random bits with an index, 1 to 255, by which frames name it.
+///
+/// There is no default one. It is not printed.
+#[derive(Clone, Copy, PartialEq, Eq)]
+pub struct Key {
+    index: u8,
+    bytes: [u8; 16],
+}
+
+impl Key {
+    /// A key. `None` for index 0, which the standard reserves, and for keys that nobody drew at
+    /// random: all bytes the same, as erased or forgotten memory has them.
+    pub fn new(index: u8, bytes: [u8; 16]) -> Option<Self> {
+        let [first, rest @ ..] = bytes;
+        if index == 0 || rest.iter().all(|&byte| byte == first) {
+            return None;
+        }
+        Some(Self { index, bytes })
+    }
+
+    /// The index.
+    pub const fn index(&self) -> u8 {
+        self.index
+    }
+
+    /// The secret, for the store and for handing on the next key.
+    pub(crate) const fn secret(&self) -> &[u8; 16] {
+        &self.bytes
+    }
+}
+
+impl fmt::Debug for Key {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "Key {}", self.index)
+    }
+}
+
+#[cfg(feature = "defmt")]
+impl defmt::Format for Key {
+    fn format(&self, f: defmt::Formatter<'_>) {
+        defmt::write!(f, "Key {}", self.index);
+    }
+}
+
+/// A key that is ready to use.
+struct Ready {
+    key: Key,
+    cipher: Aes128,
+}
+
+impl Ready {
+    fn new(key: Key) -> Self {
+        Self {
+            key,
+            cipher: Aes128::new(&key.bytes.into()),
+        }
+    }
+}
+
+/// The key in use and, during a change, one more.
+///
+/// A change has two phases, so that no node speaks a key that its peers lack: the next key is
+/// [installed](Self::install) everywhere and accepted, then [activated](Self::activate); from then
+/// on the former is accepted for a bounded window.
+pub struct Keyring {
+    active: Ready,
+    other: Option<Other>,
+}
+
+enum Other {
+    /// Accepted, not yet used.
+    Next(Ready),
+    /// No longer used, accepted until then.
+    Former(Ready, Instant),
+}
+
+/// Why a key change was refused.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub enum RotationError {
+    /// The key in use has this index already.
+    SameIndex,
+    /// There is no such next key.
+    NotInstalled,
+}
+
+impl fmt::Display for RotationError {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(match self {
+            Self::SameIndex => "the key in use has this index: give the next one another",
+            Self::NotInstalled => "install the next key first",
+        })
+    }
+}
+
+impl core::error::Error for RotationError {}
+
+impl Keyring {
+    /// With one key.
+    pub fn new(active: Key) -> Self {
+        Self {
+            active: Ready::new(active),
+            other: None,
+        }
+    }
+
+    /// The key in use.
+    pub const fn active(&self) -> Key {
+        self.active.key
+    }
+
+    /// The key installed for later, if any.
+    pub const fn next(&self) -> Option<Key> {
+        match &self.other {
+            Some(Other::Next(next)) => Some(next.key),
+            _ => None,
+        }
+    }
+
+    /// Accepts frames under `next` from now on. It takes the place of a former key and of another
+    /// next one.
+    ///
+    /// # Errors
+    /// The key in use has the same index and is another.
+    pub fn install(&mut self, next: Key) -> Result<(), RotationError> {
+        if next == self.active.key {
+            return Ok(());
+        }
+        if next.index == self.active.key.index {
+            return Err(RotationError::SameIndex);
+        }
+        self.other = Some(Other::Next(Ready::new(next)));
+        Ok(())
+    }
+
+    /// Uses the next key, and accepts the former one for `window` more.
+    ///
+    /// # Errors
+    /// No next key with this index is installed.
+    pub fn activate(
+        &mut self,
+        index: u8,
+        now: Instant,
+        window: Duration,
+    ) -> Result<(), RotationError> {
+        match self.other.take() {
+            Some(Other::Next(next)) if next.key.index == index => {
+                let former = core::mem::replace(&mut self.active, next);
+                self.other = Some(Other::Former(former, now + window));
+                Ok(())
+            }
+            other => {
+                self.other = other;
+                Err(RotationError::NotInstalled)
+            }
+        }
+    }
+
+    pub(super) const fn active_cipher(&self) -> &Aes128 {
+        &self.active.cipher
+    }
+
+    /// The cipher for a received frame, if its key is acceptable now.
+    pub(super) fn cipher(&self, index: u8, now: Instant) -> Option<&Aes128> {
+        if index == self.active.key.index {
+            return Some(&self.active.cipher);
+        }
+        match &self.other {
+            Some(Other::Next(ready)) if ready.key.index == index => Some(&ready.cipher),
+            Some(Other::Former(ready, until)) if ready.key.index == index && now < *until => {
+                Some(&ready.cipher)
+            }
+            _ => None,
+        }
+    }
+}
+
+impl fmt::Debug for Keyring {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.debug_struct("Keyring")
+            .field("active", &self.active.key)
+            .finish_non_exhaustive()
+    }
+}

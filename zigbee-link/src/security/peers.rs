@@ -1,0 +1,129 @@
+//! Who was heard, and up to which counter.
+
+use core::{fmt, time::Duration};
+
+use crate::{
+    Instant,
+    wire::{Eui64, ShortAddress},
+};
+
+/// A peer that was silent for this long may lose its place to another. Longer than any message is
+/// retried, so that no retry is taken for a new message.
+pub const EVICT_AFTER: Duration = Duration::from_secs(60);
+
+/// A sender whose frames are known to be fresh.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct Peer {
+    /// Its extended address.
+    pub extended: Eui64,
+    /// Its short address, as it said itself; [`ShortAddress::UNASSIGNED`] for none.
+    pub short: ShortAddress,
+    /// The counter of the last frame accepted from it.
+    pub counter: u32,
+    /// When that was.
+    pub heard: Instant,
+    /// Number of the last unicast message delivered from it: the counter of its first frame.
+    pub(crate) last_unicast: Option<u32>,
+    /// The same for broadcasts.
+    pub(crate) last_broadcast: Option<u32>,
+}
+
+/// Every place is taken by a peer that spoke less than [`EVICT_AFTER`] ago.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct TableFull;
+
+impl fmt::Display for TableFull {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str("the peer table is full: build the node with more places")
+    }
+}
+
+impl core::error::Error for TableFull {}
+
+/// Up to `N` peers. 40 bytes each on a 32-bit processor.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Peers<const N: usize>(heapless::Vec<Peer, N>);
+
+impl<const N: usize> Default for Peers<N> {
+    fn default() -> Self {
+        Self(heapless::Vec::new())
+    }
+}
+
+impl<const N: usize> Peers<N> {
+    /// The peer with this extended address.
+    pub fn by_extended(&self, extended: Eui64) -> Option<&Peer> {
+        self.0.iter().find(|peer| peer.extended == extended)
+    }
+
+    /// The peer with this short address.
+    pub fn by_short(&self, short: ShortAddress) -> Option<&Peer> {
+        self.0
+            .iter()
+            .find(|peer| peer.short == short && short.is_unicast())
+    }
+
+    /// All peers.
+    pub fn iter(&self) -> impl Iterator<Item = &Peer> {
+        self.0.iter()
+    }
+
+    pub(crate) fn by_extended_mut(&mut self, extended: Eui64) -> Option<&mut Peer> {
+        self.0.iter_mut().find(|peer| peer.extended == extended)
+    }
+
+    /// Enters a peer whose frame with `counter` has just been proven fresh.
+    pub(crate) fn enter(
+        &mut self,
+        extended: Eui64,
+        short: ShortAddress,
+        counter: u32,
+        now: Instant,
+    ) -> Result<(), TableFull> {
+        if self.by_extended(extended).is_none() && self.0.is_full() {
+            let (place, oldest) = self
+                .0
+                .iter()
+                .enumerate()
+                .min_by_key(|(_, peer)| peer.heard)
+                .ok_or(TableFull)?;
+            if now.since(oldest.heard) < EVICT_AFTER {
+                return Err(TableFull);
+            }
+            self.0.swap_remove(place);
+        }
+        // An address given to somebody else is no longer its former owner's.
+        self.rename(extended, short);
+        match self.by_extended_mut(extended) {
+            Some(peer) => {
+                peer.counter = peer.counter.max(counter);
+                peer.heard = now;
+                Ok(())
+            }
+            None => self
+                .0
+                .push(Peer {
+                    extended,
+                    short,
+                    counter,
+                    heard: now,
+                    last_unicast: None,
+                    last_broadcast: None,
+                })
+                .map_err(|_| TableFull),
+        }
+    }
+
+    /// Gives a peer another short address.
+    pub(crate) fn rename(&mut self, extended: Eui64, short: ShortAddress) {
+        for peer in &mut self.0 {
+            if peer.extended == extended {
+                peer.short = short;
+            } else if peer.short == short {
+                peer.short = ShortAddress::UNASSIGNED;
+            }
+        }
+    }
+}

@@ -1,0 +1,324 @@
+//! What a node must not forget: a small NOR flash.
+//!
+//! [`Store`] keeps a few records in a checksummed log over two banks of a flash. A write that loses
+//! its power half-way leaves the record before it; pages are worn evenly; a record that rots is not
+//! taken for one that was never written: bad in the middle of the log, it is refused, and bad at
+//! its end, where a torn write looks the same, the frame counter skips what that write may have
+//! promised.
+//!
+//! Everything else of this crate is sans-IO and asks for records to be written
+//! ([`Record`]); only this module touches flash, and only it and the runner are async. A blocking
+//! flash serves through `embassy_embedded_hal::adapter::BlockingAsync` or the like.
+//!
+//! Why not a ready-made map: with `sequential-storage` 8.0.2, erasures cut off half-way, which may
+//! leave anything in a page, lost records in the power-cut test of this crate; and it skips records
+//! with a wrong checksum silently, which for a frame counter is a nonce used twice.
+//!
+//! A page of 4 KiB holds 127 records and a counter reservation comes once per
+//! [`BLOCK`] frames: with 10,000 erasures, some 2.5 billion frames.
+//!
+//! # Format, version 1
+//! Slots of 32 bytes: version 1, record key, value of 26 bytes padded with zeros, CRC-32 of these
+//! 28. Numbers are little-endian. Erased slots follow the last one. Slot 0 of a bank is its header,
+//! written last: key 255, generation u32. The later generation is valid.
+//!
+//! | key | value |
+//! |---|---|
+//! | 0 | frame counter limit: u32 |
+//! | 1 | key in use: 1, index, 16 bytes |
+//! | 2 | next key: the same; 0 for none |
+//! | 3 | network: 1, PAN u16, channel u8, own short address u16, coordinator's EUI-64; 0 for none |
+//! | 16 + n | member n of a coordinator: 1, EUI-64, short address u16; 0 for none |
+
+mod log;
+
+use core::{fmt, ops::Range};
+
+use embedded_storage_async::nor_flash::NorFlash;
+
+use self::log::{Entry, Log, VALUE_LEN};
+use crate::{
+    radio::Channel,
+    security::{BLOCK, Key},
+    wire::{Eui64, PanId, Reader, ShortAddress, Writer},
+};
+
+/// Most members a coordinator can remember, for they have one byte of the format.
+pub const MEMBERS_MAX: usize = 239;
+
+const COUNTER: u8 = 0;
+const ACTIVE_KEY: u8 = 1;
+const NEXT_KEY: u8 = 2;
+const NETWORK: u8 = 3;
+const MEMBERS: u8 = 16;
+
+/// The network a node belongs to.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct Membership {
+    /// The PAN.
+    pub pan: PanId,
+    /// Its channel.
+    pub channel: Channel,
+    /// The own short address.
+    pub short: ShortAddress,
+    /// The coordinator's extended address; the own one for the coordinator.
+    pub coordinator: Eui64,
+}
+
+/// A device that a coordinator admitted.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct Member {
+    /// The device.
+    pub extended: Eui64,
+    /// The address it was given.
+    pub short: ShortAddress,
+}
+
+/// Something to write down.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub enum Record {
+    /// Frame counters below this may be used.
+    CounterLimit(u32),
+    /// The key in use.
+    ActiveKey(Key),
+    /// The next key.
+    NextKey(Option<Key>),
+    /// The network.
+    Network(Option<Membership>),
+    /// A place in the coordinator's table, below [`MEMBERS_MAX`].
+    Member(u8, Option<Member>),
+}
+
+/// Everything written down, except the members.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct Saved {
+    /// Frame counters below this may have been used.
+    pub counter_limit: u32,
+    /// The key in use.
+    pub active_key: Key,
+    /// The next key.
+    pub next_key: Option<Key>,
+    /// The network.
+    pub network: Option<Membership>,
+}
+
+/// Why the store does not serve.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub enum StoreError<E> {
+    /// The range is not an even number of erase units of the flash, aligned; or the flash's units
+    /// do not fit slots of 32 bytes.
+    Layout,
+    /// There is no key: the node was never provisioned, and must not join or transmit.
+    NotProvisioned,
+    /// A record is missing or not understood. A node that transmitted now might use a nonce twice:
+    /// provision it again, with a new key.
+    Corrupt,
+    /// The records do not fit the range.
+    Full,
+    /// The flash failed.
+    Flash(E),
+}
+
+impl<E> fmt::Display for StoreError<E> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(match self {
+            Self::Layout => "the store needs an aligned range of an even number of erase units",
+            Self::NotProvisioned => "no site key: provision the node",
+            Self::Corrupt => "the store is damaged: provision the node again, with a new key",
+            Self::Full => "the store is full: give it a larger range",
+            Self::Flash(_) => "the flash failed",
+        })
+    }
+}
+
+impl<E: fmt::Debug> core::error::Error for StoreError<E> {}
+
+/// The records of one node in a range of a flash.
+#[derive(Debug)]
+pub struct Store<F>(Log<F>);
+
+impl<F: NorFlash> Store<F> {
+    /// A store in `range` of the flash, bytes from its start.
+    ///
+    /// # Errors
+    /// [`StoreError::Layout`].
+    pub fn new(flash: F, range: Range<u32>) -> Result<Self, StoreError<F::Error>> {
+        Log::new(flash, range).map(Self)
+    }
+
+    /// Gives the node a site key. Everything else in the store is erased.
+    ///
+    /// `first_counter` is 0 for a key this node has never had. With a key it had before, it must be
+    /// above every frame counter it used then.
+    ///
+    /// Cut off half-way, the node is not provisioned.
+    ///
+    /// # Errors
+    /// The flash failed.
+    pub async fn provision(
+        &mut self,
+        key: Key,
+        first_counter: u32,
+    ) -> Result<(), StoreError<F::Error>> {
+        let records = [Record::CounterLimit(first_counter), Record::ActiveKey(key)];
+        let [counter, key] = records.map(encode);
+        match (counter, key) {
+            (Some(counter), Some(key)) => self.0.begin(&[counter, key]).await,
+            _ => Err(StoreError::Full),
+        }
+    }
+
+    /// Writes a record down. When this returns `Ok`, a loss of power does not undo it; when it
+    /// does not return, the record is as before or as told.
+    ///
+    /// # Errors
+    /// The flash failed or is full.
+    pub async fn save(&mut self, record: Record) -> Result<(), StoreError<F::Error>> {
+        self.0.append(encode(record).ok_or(StoreError::Full)?).await
+    }
+
+    /// Reads everything but the members.
+    ///
+    /// # Errors
+    /// [`StoreError::NotProvisioned`] or [`StoreError::Corrupt`]: do not transmit. Or the flash
+    /// failed.
+    pub async fn load(&mut self) -> Result<Saved, StoreError<F::Error>> {
+        if !self.0.recover(skip_block).await? {
+            return Err(StoreError::NotProvisioned);
+        }
+        let counter_limit = self.find(COUNTER, |mut value| value.u32().ok()).await?;
+        let active_key = self.find(ACTIVE_KEY, decode_key).await?;
+        Ok(Saved {
+            counter_limit: counter_limit.ok_or(StoreError::Corrupt)?,
+            active_key: active_key.flatten().ok_or(StoreError::Corrupt)?,
+            next_key: self.find(NEXT_KEY, decode_key).await?.flatten(),
+            network: self.find(NETWORK, decode_network).await?.flatten(),
+        })
+    }
+
+    /// Reads a place in the coordinator's table.
+    ///
+    /// # Errors
+    /// The flash failed, or the record is not understood.
+    pub async fn member(&mut self, place: u8) -> Result<Option<Member>, StoreError<F::Error>> {
+        let Some(key) = MEMBERS.checked_add(place) else {
+            return Ok(None);
+        };
+        Ok(self.find(key, decode_member).await?.flatten())
+    }
+
+    /// Gives the flash back.
+    pub fn into_flash(self) -> F {
+        self.0.into_flash()
+    }
+
+    async fn find<T>(
+        &mut self,
+        key: u8,
+        decode: impl Fn(Reader<'_>) -> Option<T>,
+    ) -> Result<Option<T>, StoreError<F::Error>> {
+        match self.0.find(key).await? {
+            None => Ok(None),
+            Some(entry) => decode(Reader::new(&entry.value))
+                .map(Some)
+                .ok_or(StoreError::Corrupt),
+        }
+    }
+}
+
+/// The last write was torn. It may have been of the next reservation, which is one block.
+fn skip_block(entry: Entry) -> Entry {
+    let limit = Reader::new(&entry.value).u32();
+    match limit {
+        Ok(limit) if entry.key == COUNTER => {
+            encode(Record::CounterLimit(limit.saturating_add(BLOCK))).unwrap_or(entry)
+        }
+        _ => entry,
+    }
+}
+
+/// `None` for a member's place beyond [`MEMBERS_MAX`].
+fn encode(record: Record) -> Option<Entry> {
+    let mut value = [0; VALUE_LEN];
+    let mut writer = Writer::new(&mut value);
+    let key = match record {
+        Record::CounterLimit(limit) => {
+            writer.u32(limit).ok()?;
+            COUNTER
+        }
+        Record::ActiveKey(key) => {
+            encode_key(key, &mut writer)?;
+            ACTIVE_KEY
+        }
+        Record::NextKey(key) => {
+            if let Some(key) = key {
+                encode_key(key, &mut writer)?;
+            }
+            NEXT_KEY
+        }
+        Record::Network(network) => {
+            if let Some(network) = network {
+                writer.u8(1).ok()?;
+                writer.u16(network.pan.0).ok()?;
+                writer.u8(network.channel.number()).ok()?;
+                writer.u16(network.short.0).ok()?;
+                writer.bytes(&network.coordinator.0).ok()?;
+            }
+            NETWORK
+        }
+        Record::Member(place, member) => {
+            if let Some(member) = member {
+                writer.u8(1).ok()?;
+                writer.bytes(&member.extended.0).ok()?;
+                writer.u16(member.short.0).ok()?;
+            }
+            if usize::from(place) >= MEMBERS_MAX {
+                return None;
+            }
+            MEMBERS + place
+        }
+    };
+    Some(Entry { key, value })
+}
+
+fn encode_key(key: Key, writer: &mut Writer<'_>) -> Option<()> {
+    writer.u8(1).ok()?;
+    writer.u8(key.index()).ok()?;
+    writer.bytes(key.secret()).ok()
+}
+
+// The outer option of the following is "understood", the inner one "there is one".
+
+fn decode_key(mut value: Reader<'_>) -> Option<Option<Key>> {
+    if value.u8().ok()? == 0 {
+        return Some(None);
+    }
+    Key::new(value.u8().ok()?, value.array().ok()?).map(Some)
+}
+
+fn decode_network(mut value: Reader<'_>) -> Option<Option<Membership>> {
+    if value.u8().ok()? == 0 {
+        return Some(None);
+    }
+    Some(Some(Membership {
+        pan: PanId(value.u16().ok()?),
+        channel: Channel::new(value.u8().ok()?)?,
+        short: ShortAddress(value.u16().ok()?),
+        coordinator: Eui64(value.array().ok()?),
+    }))
+}
+
+fn decode_member(mut value: Reader<'_>) -> Option<Option<Member>> {
+    if value.u8().ok()? == 0 {
+        return Some(None);
+    }
+    Some(Some(Member {
+        extended: Eui64(value.array().ok()?),
+        short: ShortAddress(value.u16().ok()?),
+    }))
+}

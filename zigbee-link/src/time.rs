@@ -1,0 +1,27 @@
+//! Points in time, as told by the caller.
+
+use core::{ops::Add, time::Duration};
+
+/// A point in time: microseconds since an arbitrary one that stays the same until a restart.
+///
+/// The caller's clock never runs backwards; nothing here reads one. 2^64 us are 584,000 years.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord, Hash)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct Instant(pub u64);
+
+impl Instant {
+    /// The time since an earlier point, zero if that is later.
+    #[must_use]
+    pub const fn since(self, earlier: Self) -> Duration {
+        Duration::from_micros(self.0.saturating_sub(earlier.0))
+    }
+}
+
+impl Add<Duration> for Instant {
+    type Output = Self;
+
+    fn add(self, duration: Duration) -> Self {
+        let micros = u64::try_from(duration.as_micros()).unwrap_or(u64::MAX);
+        Self(self.0.saturating_add(micros))
+    }
+}

@@ -1,0 +1,305 @@
+//! The MAC header.
+
+use super::control::{AddressMode, Control};
+use super::{
+    Address, AuxHeader, EmitError, Eui64, FrameType, Malformed, PanId, Reader, ShortAddress,
+    Version, Writer,
+};
+
+/// An address field and the PAN identifier field before it. Either may be absent.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct Panned {
+    /// The PAN identifier, if this field is present.
+    pub pan: Option<PanId>,
+    /// The address, if this field is present.
+    pub address: Option<Address>,
+}
+
+impl Panned {
+    /// Neither.
+    pub const NONE: Self = Self {
+        pan: None,
+        address: None,
+    };
+
+    /// Both fields.
+    pub const fn new(pan: PanId, address: Address) -> Self {
+        Self {
+            pan: Some(pan),
+            address: Some(address),
+        }
+    }
+
+    /// An address whose PAN identifier is that of the other address.
+    pub const fn compressed(address: Address) -> Self {
+        Self {
+            pan: None,
+            address: Some(address),
+        }
+    }
+
+    fn mode(&self) -> AddressMode {
+        match self.address {
+            None => AddressMode::None,
+            Some(Address::Short(_)) => AddressMode::Short,
+            Some(Address::Extended(_)) => AddressMode::Extended,
+        }
+    }
+
+    fn parse(reader: &mut Reader<'_>, has_pan: bool, mode: AddressMode) -> Result<Self, Malformed> {
+        let pan = if has_pan {
+            Some(PanId(reader.u16()?))
+        } else {
+            None
+        };
+        let address = match mode {
+            AddressMode::None => None,
+            AddressMode::Short => Some(Address::Short(ShortAddress(reader.u16()?))),
+            AddressMode::Extended => {
+                let mut bytes = reader.array()?;
+                bytes.reverse();
+                Some(Address::Extended(Eui64(bytes)))
+            }
+        };
+        Ok(Self { pan, address })
+    }
+
+    fn emit(&self, writer: &mut Writer<'_>) -> Result<(), EmitError> {
+        if let Some(pan) = self.pan {
+            writer.u16(pan.0)?;
+        }
+        match self.address {
+            None => Ok(()),
+            Some(Address::Short(short)) => writer.u16(short.0),
+            Some(Address::Extended(Eui64(mut bytes))) => {
+                bytes.reverse();
+                writer.bytes(&bytes)
+            }
+        }
+    }
+}
+
+/// A MAC header.
+///
+/// PAN identifier compression is not a field: it follows from which identifiers are present.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct Header<'a> {
+    /// What the frame is.
+    pub frame_type: FrameType,
+    /// The format of the header.
+    pub version: Version,
+    /// The sender has more for the receiver.
+    pub frame_pending: bool,
+    /// The sender waits for an immediate or enhanced acknowledgement.
+    pub ack_request: bool,
+    /// The sequence number. Absent only in version 2, where it may be suppressed.
+    pub sequence: Option<u8>,
+    /// For whom.
+    pub destination: Panned,
+    /// From whom.
+    pub source: Panned,
+    /// The auxiliary security header of a secured frame.
+    pub security: Option<AuxHeader>,
+    /// The header information elements with their termination, as on the air. Version 2 only.
+    pub elements: Option<&'a [u8]>,
+}
+
+impl<'a> Header<'a> {
+    /// An unsecured header of version 1 without addresses.
+    pub const fn new(frame_type: FrameType, sequence: u8) -> Self {
+        Self {
+            frame_type,
+            version: Version::V2006,
+            frame_pending: false,
+            ack_request: false,
+            sequence: Some(sequence),
+            destination: Panned::NONE,
+            source: Panned::NONE,
+            security: None,
+            elements: None,
+        }
+    }
+
+    /// Writes the header to the start of `buffer` and returns its length.
+    ///
+    /// # Errors
+    /// The buffer is too short; or no header has these fields together, for example a suppressed
+    /// sequence number in version 1, or information elements that do not end where they should.
+    pub fn emit(&self, buffer: &mut [u8]) -> Result<usize, EmitError> {
+        let mut writer = Writer::new(buffer);
+        writer.u16(self.control()?.bits())?;
+        if let Some(sequence) = self.sequence {
+            writer.u8(sequence)?;
+        }
+        self.destination.emit(&mut writer)?;
+        self.source.emit(&mut writer)?;
+        if let Some(security) = &self.security {
+            security.emit(&mut writer, self.version)?;
+        }
+        if let Some(elements) = self.elements {
+            if elements_len(elements).ok() != Some(elements.len()) {
+                return Err(EmitError::Impossible);
+            }
+            writer.bytes(elements)?;
+        }
+        Ok(writer.len())
+    }
+
+    /// The bytes of the integrity code at the frame's end.
+    pub fn mic_len(&self) -> usize {
+        self.security.map_or(0, |security| security.level.mic_len())
+    }
+
+    fn control(&self) -> Result<Control, EmitError> {
+        let uncompressed = Control {
+            frame_type: self.frame_type,
+            security: self.security.is_some(),
+            frame_pending: self.frame_pending,
+            ack_request: self.ack_request,
+            pan_compression: false,
+            sequence_suppressed: self.sequence.is_none(),
+            elements: self.elements.is_some(),
+            destination: self.destination.mode(),
+            version: self.version,
+            source: self.source.mode(),
+        };
+        let compressed = Control {
+            pan_compression: true,
+            ..uncompressed
+        };
+        let present = (self.destination.pan.is_some(), self.source.pan.is_some());
+        let only_2015 = self.sequence.is_none() || self.elements.is_some();
+        [uncompressed, compressed]
+            .into_iter()
+            .find(|control| control.pans() == Ok(present))
+            .filter(|_| !only_2015 || self.version == Version::V2015)
+            .filter(|&control| check(control).is_ok())
+            .ok_or(EmitError::Impossible)
+    }
+
+    fn parse(reader: &mut Reader<'a>) -> Result<Self, Malformed> {
+        let control = Control::parse(reader.u16()?)?;
+        check(control)?;
+        let sequence = if control.sequence_suppressed {
+            None
+        } else {
+            Some(reader.u8()?)
+        };
+        let (destination_pan, source_pan) = control.pans()?;
+        let destination = Panned::parse(reader, destination_pan, control.destination)?;
+        let source = Panned::parse(reader, source_pan, control.source)?;
+        let security = if control.security {
+            Some(AuxHeader::parse(reader, control.version)?)
+        } else {
+            None
+        };
+        let mic_len = security.map_or(0, |security| security.level.mic_len());
+        let elements = if control.elements {
+            // The integrity code is no element, though it follows unterminated ones directly.
+            let room = reader.rest().len().checked_sub(mic_len);
+            let (room, _) = room
+                .and_then(|room| reader.rest().split_at_checked(room))
+                .ok_or(Malformed::Truncated)?;
+            Some(reader.bytes(elements_len(room)?)?)
+        } else {
+            None
+        };
+        Ok(Self {
+            frame_type: control.frame_type,
+            version: control.version,
+            frame_pending: control.frame_pending,
+            ack_request: control.ack_request,
+            sequence,
+            destination,
+            source,
+            security,
+            elements,
+        })
+    }
+}
+
+/// What no header may combine.
+fn check(control: Control) -> Result<(), Malformed> {
+    if control.security && control.version == Version::V2003 {
+        return Err(Malformed::ObsoleteSecurity);
+    }
+    let immediate =
+        control.frame_type == FrameType::Acknowledgement && control.version != Version::V2015;
+    let bare = control.destination == AddressMode::None
+        && control.source == AddressMode::None
+        && !control.security;
+    if immediate && !bare {
+        return Err(Malformed::Acknowledgement);
+    }
+    Ok(())
+}
+
+/// The length of the header information elements at the start of `bytes`, with the element that
+/// terminates them; all of `bytes` when none does. IEEE 802.15.4-2015, 7.4.2.
+fn elements_len(bytes: &[u8]) -> Result<usize, Malformed> {
+    /// Header termination 1 (payload elements follow) and 2 (payload follows).
+    const TERMINATIONS: [u16; 2] = [0x7E, 0x7F];
+    const PAYLOAD_ELEMENT: u16 = 1 << 15;
+    let mut reader = Reader::new(bytes);
+    while !reader.rest().is_empty() {
+        let descriptor = reader.u16()?;
+        if descriptor & PAYLOAD_ELEMENT != 0 {
+            return Err(Malformed::Reserved);
+        }
+        reader.bytes(usize::from(descriptor & 0x7F))?;
+        if TERMINATIONS.contains(&((descriptor >> 7) & 0xFF)) {
+            break;
+        }
+    }
+    Ok(bytes.len() - reader.rest().len())
+}
+
+/// A frame whose header was understood.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct Frame<'a> {
+    header: Header<'a>,
+    header_bytes: &'a [u8],
+    payload: &'a [u8],
+}
+
+impl<'a> Frame<'a> {
+    /// Takes a frame without FCS apart.
+    ///
+    /// # Errors
+    /// The header is cut off, of an unknown kind, or uses what is reserved; or a secured frame is
+    /// shorter than its integrity code.
+    pub fn parse(bytes: &'a [u8]) -> Result<Self, Malformed> {
+        let mut reader = Reader::new(bytes);
+        let header = Header::parse(&mut reader)?;
+        let payload = reader.rest();
+        if payload.len() < header.mic_len() {
+            return Err(Malformed::Truncated);
+        }
+        let header_bytes = bytes
+            .get(..bytes.len() - payload.len())
+            .ok_or(Malformed::Truncated)?;
+        Ok(Self {
+            header,
+            header_bytes,
+            payload,
+        })
+    }
+
+    /// The header.
+    pub const fn header(&self) -> &Header<'a> {
+        &self.header
+    }
+
+    /// The header as it is on the air: with the auxiliary security header and the elements.
+    pub const fn header_bytes(&self) -> &'a [u8] {
+        self.header_bytes
+    }
+
+    /// What follows the header, with the integrity code of a secured frame.
+    pub const fn payload(&self) -> &'a [u8] {
+        self.payload
+    }
+}

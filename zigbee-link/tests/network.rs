@@ -1,0 +1,271 @@
+//! Forming, joining, losing and leaving a network.
+
+mod support;
+
+use std::time::Duration;
+
+use support::aether::{Aether, eui, key};
+use zigbee_link::{
+    link::Delivery,
+    network::Status,
+    security::{CounterError, Key},
+    wire::{AssociationStatus, Frame, PanId, ShortAddress},
+};
+
+const SECOND: Duration = Duration::from_secs(1);
+
+/// A running coordinator in place 0 that expects these devices in the places after it.
+fn network(devices: usize, loss: f64, seed: u64) -> Aether {
+    let mut aether = Aether::new(loss, seed);
+    aether.add(0, key(1));
+    for number in 1..=devices {
+        aether.add(number, key(1));
+        aether.stations[0].node.allow(eui(number)).unwrap();
+    }
+    aether
+}
+
+fn pan(aether: &Aether, place: usize) -> Option<PanId> {
+    match aether.stations[place].node.status() {
+        Status::Joined(membership) => Some(membership.pan),
+        _ => None,
+    }
+}
+
+fn refusal(aether: &Aether, place: usize) -> Option<AssociationStatus> {
+    match aether.stations[place].node.status() {
+        Status::Searching(refusal) => refusal,
+        other => panic!("{other:?}"),
+    }
+}
+
+#[track_caller]
+fn assert_delivers(aether: &mut Aether, from: usize, to: usize) {
+    let destination = aether.short(to).unwrap();
+    let now = aether.now;
+    let link = &mut aether.stations[from].node.link;
+    let ticket = link.send(now, destination, &0xA5_u8).unwrap();
+    aether.run(10 * SECOND);
+    let result = aether.stations[from].node.link.result_of(ticket);
+    assert_eq!(result, Some(Delivery::Delivered));
+    let received = aether.stations[to].node.link.recv::<u8>();
+    assert_eq!(received, Some((aether.short(from).unwrap(), 0xA5)));
+}
+
+#[test]
+fn devices_on_the_allow_list_join_and_talk() {
+    let mut aether = network(3, 0.0, 1);
+    aether.run(5 * SECOND);
+    let shorts: Vec<_> = (0..4).map(|place| aether.short(place).unwrap().0).collect();
+    assert_eq!(shorts[0], 0);
+    let mut given = shorts[1..].to_vec();
+    given.sort_unstable();
+    assert_eq!(given, [1, 2, 3]);
+    for (from, to) in [(0, 1), (1, 0), (2, 3), (3, 1)] {
+        assert_delivers(&mut aether, from, to);
+    }
+}
+
+#[test]
+fn joins_through_heavy_loss() {
+    for seed in 0..8 {
+        let mut aether = network(3, 0.5, seed);
+        let all_in = |aether: &Aether| (1..4).all(|place| aether.short(place).is_some());
+        let minutes = (0..30).find(|_| {
+            aether.run(60 * SECOND);
+            all_in(&aether)
+        });
+        assert!(minutes.is_some(), "seed {seed}");
+    }
+}
+
+#[test]
+fn nobody_joins_uninvited() {
+    let mut aether = Aether::new(0.0, 1);
+    aether.add(0, key(1));
+    aether.add(7, key(1));
+    aether.run(20 * SECOND);
+    assert_eq!(refusal(&aether, 1), Some(AssociationStatus::Denied));
+    let now = aether.now;
+    aether.stations[0].node.open_join_window(now, 100 * SECOND);
+    aether.run(100 * SECOND);
+    assert_eq!(aether.short(1), Some(ShortAddress(1)));
+    // The window is over.
+    aether.add(8, key(1));
+    aether.run(100 * SECOND);
+    assert_eq!(refusal(&aether, 2), Some(AssociationStatus::Denied));
+}
+
+#[test]
+fn nobody_joins_without_the_site_key() {
+    let mut aether = Aether::new(0.0, 1);
+    aether.add(0, key(1));
+    let same_index = Key::new(1, core::array::from_fn(|i| 0x11 + i as u8)).unwrap();
+    aether.add(7, same_index);
+    aether.add(8, key(2));
+    let now = aether.now;
+    aether.stations[0].node.open_join_window(now, 500 * SECOND);
+    aether.run(200 * SECOND);
+    for place in [1, 2] {
+        assert_eq!(refusal(&aether, place), None);
+    }
+    assert_eq!(aether.stations[0].node.members().count(), 0);
+    assert_eq!(aether.stations[0].node.link.session.peers.iter().count(), 0);
+}
+
+#[test]
+fn a_full_table_says_so() {
+    let mut aether = network(4, 0.0, 1);
+    aether.run(10 * SECOND);
+    let now = aether.now;
+    aether.stations[0].node.open_join_window(now, 100 * SECOND);
+    let late = aether.add(5, key(1));
+    aether.run(10 * SECOND);
+    // Its beacons already tell, so nothing is asked.
+    assert_eq!(refusal(&aether, late), None);
+    assert_eq!(aether.stations[0].node.members().count(), 4);
+    // One leaves, and there is room.
+    let freed = aether.short(2);
+    let now = aether.now;
+    aether.stations[2].node.leave(now);
+    aether.run(100 * SECOND);
+    assert_eq!(aether.stations[2].node.status(), Status::Out);
+    assert_eq!(aether.short(late), freed);
+    aether.stations[2].node.join();
+    let now = aether.now;
+    aether.stations[0].node.open_join_window(now, 100 * SECOND);
+    aether.run(10 * SECOND);
+    assert_eq!(aether.stations[0].node.members().count(), 4);
+    assert_eq!(aether.short(2), None);
+}
+
+#[test]
+fn restarts_keep_network_and_addresses() {
+    let mut aether = network(2, 0.0, 3);
+    aether.run(5 * SECOND);
+    let before: Vec<_> = (0..3)
+        .map(|place| (pan(&aether, place), aether.short(place)))
+        .collect();
+    for place in [0, 1, 2] {
+        aether.restart(place);
+        aether.run(3 * SECOND);
+        let after: Vec<_> = (0..3)
+            .map(|place| (pan(&aether, place), aether.short(place)))
+            .collect();
+        assert_eq!(after, before);
+        assert_delivers(&mut aether, 1, 2);
+        assert_delivers(&mut aether, 0, 1);
+    }
+    assert_eq!(aether.stations[0].node.members().count(), 2);
+}
+
+#[test]
+fn an_orphan_comes_back_to_the_same_address() {
+    let mut aether = network(2, 0.0, 3);
+    aether.run(5 * SECOND);
+    let address = aether.short(1);
+    aether.stations[1].is_out_of_range = true;
+    aether.run(120 * SECOND);
+    assert_eq!(refusal(&aether, 1), None);
+    aether.stations[1].is_out_of_range = false;
+    aether.run(120 * SECOND);
+    assert_eq!(aether.short(1), address);
+    assert_delivers(&mut aether, 1, 2);
+}
+
+#[test]
+fn a_member_sent_away_is_out() {
+    let mut aether = Aether::new(0.0, 3);
+    aether.add(0, key(1));
+    aether.add(1, key(1));
+    let now = aether.now;
+    aether.stations[0].node.open_join_window(now, 5 * SECOND);
+    aether.run(6 * SECOND);
+    assert_eq!(aether.short(1), Some(ShortAddress(1)));
+    let now = aether.now;
+    aether.stations[0].node.remove(now, eui(1));
+    aether.run(20 * SECOND);
+    assert_eq!(refusal(&aether, 1), Some(AssociationStatus::Denied));
+    assert_eq!(aether.stations[1].saved.network, None);
+    assert_eq!(aether.stations[0].members, [None; 4]);
+}
+
+#[test]
+fn two_networks_of_one_identifier_part() {
+    let mut aether = network(1, 0.0, 3);
+    aether.run(5 * SECOND);
+    let shared = pan(&aether, 0).unwrap();
+    // Another coordinator, of another site, that has the same identifier on the same channel.
+    let other = aether.add(100, key(9));
+    let mut network = aether.stations[0].saved.network.unwrap();
+    network.coordinator = eui(100);
+    aether.stations[other].saved.network = Some(network);
+    aether.restart(other);
+    // Somebody asks for beacons, so that they hear of each other.
+    aether.add(50, key(7));
+    aether.run(30 * SECOND);
+    assert_ne!(pan(&aether, 0), pan(&aether, other));
+    assert_eq!(pan(&aether, 1), pan(&aether, 0));
+    assert!(pan(&aether, 0) != Some(shared) || pan(&aether, other) != Some(shared));
+    assert_delivers(&mut aether, 0, 1);
+}
+
+#[test]
+fn the_key_changes_while_the_network_runs() {
+    let mut aether = network(3, 0.3, 5);
+    aether.run(60 * SECOND);
+    aether.stations[0].node.change_key(key(2)).unwrap();
+    aether.run(100 * SECOND);
+    for station in &aether.stations {
+        assert_eq!(station.node.link.session.keys.active(), key(2));
+        assert_eq!(station.saved.active_key, key(2));
+        assert_eq!(station.saved.next_key, None);
+    }
+    aether.loss = 0.0;
+    for place in 0..4 {
+        aether.restart(place);
+    }
+    aether.run(5 * SECOND);
+    assert_delivers(&mut aether, 1, 2);
+}
+
+/// The coordinator takes the quieter channel and a free identifier.
+#[test]
+fn networks_keep_apart() {
+    let mut aether = network(1, 0.0, 7);
+    aether.run(5 * SECOND);
+    let second = aether.add(100, key(9));
+    aether.run(5 * SECOND);
+    let config = |place: usize| aether.stations[place].config.unwrap();
+    assert_ne!(config(0).channel, config(second).channel);
+    assert_ne!(config(0).pan, config(second).pan);
+}
+
+/// Nodes whose counters run out fall silent, and neither wrap around nor spin.
+#[test]
+fn without_frame_counters_there_is_silence() {
+    let mut aether = network(2, 0.0, 7);
+    for place in [0, 2] {
+        aether.stations[place].saved.counter_limit = u32::MAX - 12;
+        aether.restart(place);
+    }
+    aether.run(100 * SECOND);
+    let now = aether.now;
+    let link = &mut aether.stations[0].node.link;
+    assert_eq!(link.session.counter.take(), Err(CounterError::Exhausted));
+    let ticket = link.send(now, ShortAddress(1), &1_u8).unwrap();
+    aether.run(100 * SECOND);
+    let result = aether.stations[0].node.link.result_of(ticket);
+    assert_eq!(result, Some(Delivery::NoAnswer));
+    let mut last = Vec::new();
+    for on_air in &aether.heard {
+        let header = *Frame::parse(&on_air.frame).unwrap().header();
+        let counter = header.security.and_then(|security| security.counter);
+        if let Some(counter) = counter.filter(|&counter| counter >= u32::MAX - 12) {
+            assert!(counter < u32::MAX);
+            assert!(!last.contains(&(header.source.address, counter)));
+            last.push((header.source.address, counter));
+        }
+    }
+    assert!((2..=24).contains(&last.len()));
+}

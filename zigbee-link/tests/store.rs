@@ -1,0 +1,257 @@
+//! The store: what it keeps through power cuts and rot.
+
+mod support;
+
+use embassy_futures::block_on;
+use rand::{RngExt, SeedableRng};
+use rand_chacha::ChaCha8Rng;
+use support::flash::{MockFlash, PAGE, PowerLoss};
+use zigbee_link::{
+    radio::Channel,
+    security::{BLOCK, Counter, Key},
+    store::{Member, Membership, Record, Store, StoreError},
+    wire::{Eui64, PanId, ShortAddress},
+};
+
+type Flash = MockFlash<8>;
+
+fn key(index: u8) -> Key {
+    Key::new(index, core::array::from_fn(|i| i as u8 * 7 + index)).unwrap()
+}
+
+fn store(flash: Flash) -> Store<Flash> {
+    Store::new(flash, 0..Flash::LEN).unwrap()
+}
+
+fn member(n: u8) -> Member {
+    Member {
+        extended: Eui64([1, 2, 3, 4, 5, 6, 7, n]),
+        short: ShortAddress(u16::from(n)),
+    }
+}
+
+#[test]
+fn remembers_everything() {
+    let network = Membership {
+        pan: PanId(0xBEEF),
+        channel: Channel::new(15).unwrap(),
+        short: ShortAddress(0x42),
+        coordinator: Eui64([8; 8]),
+    };
+    let flash = block_on(async {
+        let mut store = store(Flash::new(0));
+        store.provision(key(1), 7).await.unwrap();
+        store.save(Record::CounterLimit(5000)).await.unwrap();
+        store.save(Record::NextKey(Some(key(2)))).await.unwrap();
+        store.save(Record::Network(Some(network))).await.unwrap();
+        for n in 0..8 {
+            let record = Record::Member(n, Some(member(n)));
+            store.save(record).await.unwrap();
+        }
+        store.save(Record::Member(3, None)).await.unwrap();
+        store.into_flash()
+    });
+    block_on(async {
+        let mut store = store(flash);
+        let saved = store.load().await.unwrap();
+        assert_eq!(saved.counter_limit, 5000);
+        assert_eq!(saved.active_key, key(1));
+        assert_eq!(saved.next_key, Some(key(2)));
+        assert_eq!(saved.network, Some(network));
+        assert_eq!(store.member(2).await, Ok(Some(member(2))));
+        assert_eq!(store.member(3).await, Ok(None));
+        assert_eq!(store.member(200).await, Ok(None));
+        store.save(Record::Network(None)).await.unwrap();
+        assert_eq!(store.load().await.unwrap().network, None);
+    });
+}
+
+#[test]
+fn without_a_key_there_is_nothing() {
+    let mut store = store(Flash::new(0));
+    assert_eq!(block_on(store.load()), Err(StoreError::NotProvisioned));
+    for bytes in [[0; 16], [0xFF; 16], [0x5A; 16]] {
+        assert_eq!(Key::new(1, bytes), None);
+    }
+    assert_eq!(Key::new(0, core::array::from_fn(|i| i as u8)), None);
+}
+
+#[test]
+fn the_range_is_checked() {
+    for range in [
+        0..0,
+        0..3 * PAGE as u32,
+        4..4 + 4 * PAGE as u32,
+        0..Flash::LEN - 4,
+        PAGE as u32..0,
+    ] {
+        let store = Store::new(Flash::new(0), range);
+        assert!(matches!(store, Err(StoreError::Layout)));
+    }
+}
+
+/// The bytes in the flash are an interface: version 1, frozen. The checksums are zlib's.
+#[test]
+fn format() {
+    let flash = block_on(async {
+        let mut store = store(Flash::new(0));
+        store.provision(key(1), 0x0102_0304).await.unwrap();
+        store.save(Record::NextKey(None)).await.unwrap();
+        let network = Membership {
+            pan: PanId(0xBEEF),
+            channel: Channel::LAST,
+            short: ShortAddress(0x42),
+            coordinator: Eui64([1, 2, 3, 4, 5, 6, 7, 8]),
+        };
+        store.save(Record::Network(Some(network))).await.unwrap();
+        let record = Record::Member(2, Some(member(9)));
+        store.save(record).await.unwrap();
+        store.into_flash()
+    });
+    let mut secret = vec![1, 1, 1, 1];
+    secret.extend((0..16).map(|i| i * 7 + 1));
+    let slots: [(&[u8], [u8; 4]); 6] = [
+        (&[1, 255, 1, 0, 0, 0], [0xEE, 0xBA, 0x87, 0xA8]),
+        (&[1, 0, 4, 3, 2, 1], [0xA2, 0x8C, 0xF4, 0xDC]),
+        (&secret, [0xFB, 0x8E, 0x42, 0x39]),
+        (&[1, 2, 0], [0x76, 0xBC, 0xDD, 0x5C]),
+        (
+            &[1, 3, 1, 0xEF, 0xBE, 26, 0x42, 0, 1, 2, 3, 4, 5, 6, 7, 8],
+            [0x7D, 0xDB, 0x79, 0xD8],
+        ),
+        (
+            &[1, 18, 1, 1, 2, 3, 4, 5, 6, 7, 9, 9, 0],
+            [0x03, 0x4A, 0xCB, 0x69],
+        ),
+    ];
+    let mut expected = Vec::new();
+    for (body, sum) in slots {
+        let start = expected.len();
+        expected.extend(body);
+        expected.resize(start + 28, 0);
+        expected.extend(sum);
+    }
+    expected.resize(flash.bytes.len(), 0xFF);
+    assert_eq!(flash.bytes, expected);
+}
+
+/// 10,000 power cuts, each in the middle of changing a word or a page: every counter that is ever
+/// handed out is above all before it, so no nonce occurs twice. Nothing once written is lost.
+#[test]
+fn no_nonce_twice_through_power_cuts() {
+    const CUTS: u32 = 10_000;
+    let mut rng = ChaCha8Rng::seed_from_u64(0x5eed);
+    let mut flash = Flash::new(1);
+    flash = block_on(async {
+        let mut store = store(flash);
+        store.provision(key(1), 0).await.unwrap();
+        store.into_flash()
+    });
+    let mut lowest_unused = 0;
+    let mut used = 0_u64;
+    let mut cuts = 0;
+    let mut written_member = [None; 4];
+    while cuts < CUTS {
+        // Mostly so short that the cut falls into the very next writes, sometimes into a reload.
+        let exponent = rng.random_range(0..8);
+        flash.power(Some(1 + rng.random_range(0..1 << exponent)));
+        flash = block_on(async {
+            let mut store = store(flash);
+            match run(
+                &mut store,
+                &mut rng,
+                &mut lowest_unused,
+                &mut used,
+                &mut written_member,
+            )
+            .await
+            {
+                Err(StoreError::Flash(PowerLoss)) => cuts += 1,
+                other => panic!("{other:?} after {cuts} cuts"),
+            }
+            store.into_flash()
+        });
+    }
+    assert!(
+        used > 1_000_000,
+        "{used} frames are too few to prove anything"
+    );
+    assert!(
+        flash.erasures.iter().all(|&erasures| erasures > 10),
+        "{:?}",
+        flash.erasures
+    );
+}
+
+async fn run(
+    store: &mut Store<Flash>,
+    rng: &mut ChaCha8Rng,
+    lowest_unused: &mut u32,
+    used: &mut u64,
+    members: &mut [Option<Member>; 4],
+) -> Result<(), StoreError<PowerLoss>> {
+    let saved = store.load().await?;
+    assert_eq!(saved.active_key, key(1), "after {saved:?}");
+    let mut counter = Counter::resume(saved.counter_limit);
+    loop {
+        for place in 0..4 {
+            let found = store.member(place).await?;
+            assert!(found == members[usize::from(place)] || members[usize::from(place)].is_none());
+        }
+        if rng.random_ratio(1, 4) {
+            let place = rng.random_range(0..4);
+            // Until it is known that the record is whole, it may be the old or the new one.
+            members[usize::from(place)] = None;
+            let new = member(rng.random());
+            store.save(Record::Member(place, Some(new))).await?;
+            members[usize::from(place)] = Some(new);
+        }
+        if let Some(limit) = counter.wanted() {
+            store.save(Record::CounterLimit(limit)).await?;
+            counter.reserved(limit);
+        }
+        for _ in 0..rng.random_range(0..BLOCK) {
+            let Ok(taken) = counter.take() else { break };
+            assert!(taken >= *lowest_unused, "{taken} used before");
+            *lowest_unused = taken + 1;
+            *used += 1;
+        }
+    }
+}
+
+/// Any single bit of the flash may rot, in both directions: the node refuses to start, or starts
+/// above every counter it used.
+#[test]
+fn rot_never_brings_back_a_nonce() {
+    for saves in [1, 5, 9, 14, 23] {
+        let (flash, used_below) = block_on(async {
+            let mut store = store(Flash::new(0));
+            store.provision(key(1), 0).await.unwrap();
+            let mut counter = Counter::resume(0);
+            for _ in 0..saves {
+                let limit = counter.wanted().unwrap();
+                store.save(Record::CounterLimit(limit)).await.unwrap();
+                counter.reserved(limit);
+                while counter.take().is_ok() {}
+            }
+            (store.into_flash(), saves * BLOCK)
+        });
+        let mut refused = 0;
+        for bit in 0..flash.bytes.len() * 8 {
+            let mut rotten = flash.clone();
+            rotten.bytes[bit / 8] ^= 1 << (bit % 8);
+            let loaded = block_on(store(rotten).load());
+            match loaded {
+                Ok(saved) => assert!(
+                    saved.counter_limit >= used_below && saved.active_key == key(1),
+                    "bit {bit} after {saves} saves: {saved:?}"
+                ),
+                Err(_) => refused += 1,
+            }
+        }
+        println!(
+            "{saves} reservations: {refused} of {} flips refused",
+            flash.bytes.len() * 8
+        );
+    }
+}

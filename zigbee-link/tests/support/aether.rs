@@ -1,0 +1,203 @@
+//! Nodes on a lossy medium, in virtual time, without async.
+
+use std::time::Duration;
+
+use rand::{RngExt, SeedableRng};
+use rand_chacha::ChaCha8Rng;
+use zigbee_link::{
+    Instant,
+    network::{Action, Channels, Node, Settings, Status},
+    radio::{Channel, Config, FRAME_MAX},
+    security::{Key, Protection},
+    store::{Member, Record, Saved},
+    wire::{Eui64, ShortAddress},
+};
+
+pub const MEMBERS: usize = 4;
+pub type TestNode = Node<8, 4, MEMBERS>;
+
+pub fn key(index: u8) -> Key {
+    Key::new(index, key_bytes(index)).unwrap()
+}
+
+pub fn key_bytes(index: u8) -> [u8; 16] {
+    core::array::from_fn(|i| 0xC0 + i as u8 + index)
+}
+
+pub fn eui(n: usize) -> Eui64 {
+    Eui64([2, 0, 0, 0, 0, 0, 0, n as u8])
+}
+
+/// A node, its store and its radio. Number 0 is a coordinator, as is every one from 100 on.
+pub struct Station {
+    pub node: TestNode,
+    pub number: usize,
+    pub saved: Saved,
+    pub members: [Option<Member>; MEMBERS],
+    pub config: Option<Config>,
+    /// Neither hears nor is heard.
+    pub is_out_of_range: bool,
+}
+
+/// A frame that was on the air.
+pub struct OnAir {
+    pub at: Instant,
+    pub channel: Channel,
+    pub frame: Vec<u8>,
+}
+
+pub struct Aether {
+    pub stations: Vec<Station>,
+    pub now: Instant,
+    pub loss: f64,
+    pub rng: ChaCha8Rng,
+    pub heard: Vec<OnAir>,
+}
+
+fn settings(number: usize, seed: u64) -> Settings {
+    Settings {
+        extended: eui(number),
+        channels: Channels::only(Channel::new(15).unwrap()).and(Channel::LAST),
+        tx_power: 0,
+        protection: Protection::EncMic64,
+        seed: seed ^ number as u64,
+    }
+}
+
+impl Aether {
+    pub fn new(loss: f64, seed: u64) -> Self {
+        Self {
+            stations: Vec::new(),
+            now: Instant(0),
+            loss,
+            rng: ChaCha8Rng::seed_from_u64(seed),
+            heard: Vec::new(),
+        }
+    }
+
+    /// Adds a station that was provisioned with a key, and returns its place.
+    pub fn add(&mut self, number: usize, key: Key) -> usize {
+        let saved = Saved {
+            counter_limit: 0,
+            active_key: key,
+            next_key: None,
+            network: None,
+        };
+        let members = [None; MEMBERS];
+        let node = self.start(number, &saved, members);
+        self.stations.push(Station {
+            node,
+            number,
+            saved,
+            members,
+            config: None,
+            is_out_of_range: false,
+        });
+        self.stations.len() - 1
+    }
+
+    fn start(
+        &mut self,
+        number: usize,
+        saved: &Saved,
+        members: [Option<Member>; MEMBERS],
+    ) -> TestNode {
+        let settings = settings(number, self.rng.random());
+        if number == 0 || number >= 100 {
+            Node::coordinator(settings, saved, members)
+        } else {
+            Node::device(self.now, settings, saved)
+        }
+    }
+
+    /// Power off and on again: only the store survives.
+    pub fn restart(&mut self, place: usize) {
+        let station = &self.stations[place];
+        let (number, saved, members) = (station.number, station.saved, station.members);
+        self.stations[place].node = self.start(number, &saved, members);
+        self.stations[place].config = None;
+    }
+
+    /// Does the next thing a station wants. Whether there was one.
+    fn act(&mut self, place: usize) -> bool {
+        let mut buffer = [0; FRAME_MAX];
+        let station = &mut self.stations[place];
+        let Some(action) = station.node.poll(self.now, &mut buffer) else {
+            return false;
+        };
+        match action {
+            Action::Save(record) => {
+                match record {
+                    Record::CounterLimit(limit) => station.saved.counter_limit = limit,
+                    Record::ActiveKey(key) => station.saved.active_key = key,
+                    Record::NextKey(key) => station.saved.next_key = key,
+                    Record::Network(network) => station.saved.network = network,
+                    Record::Member(place, member) => station.members[usize::from(place)] = member,
+                }
+                station.node.saved(record);
+            }
+            Action::Configure(config) => station.config = Some(config),
+            Action::Transmit(len) => self.transmit(place, &buffer[..len]),
+        }
+        true
+    }
+
+    fn transmit(&mut self, from: usize, frame: &[u8]) {
+        let config = self.stations[from]
+            .config
+            .expect("sends before it is configured");
+        self.heard.push(OnAir {
+            at: self.now,
+            channel: config.channel,
+            frame: frame.to_vec(),
+        });
+        self.now = self.now + Duration::from_micros(32 * (frame.len() as u64 + 8) + 192);
+        for to in 0..self.stations.len() {
+            let is_lost = self.rng.random_bool(self.loss);
+            let in_range =
+                !self.stations[from].is_out_of_range && !self.stations[to].is_out_of_range;
+            let station = &mut self.stations[to];
+            let on_channel = station
+                .config
+                .is_some_and(|to| to.channel == config.channel);
+            if to != from && on_channel && in_range && !is_lost {
+                station.node.handle(self.now, &mut frame.to_vec());
+            }
+        }
+    }
+
+    /// Runs for a time.
+    pub fn run(&mut self, duration: Duration) {
+        let end = self.now + duration;
+        let mut idle = 0;
+        while self.now < end {
+            let mut acted = false;
+            for place in 0..self.stations.len() {
+                acted |= self.act(place);
+            }
+            let deadlines = self
+                .stations
+                .iter()
+                .filter_map(|station| station.node.deadline());
+            let next = deadlines.min().unwrap_or(end);
+            idle = if acted || next > self.now {
+                0
+            } else {
+                idle + 1
+            };
+            // A deadline in the past that nothing comes of would be a busy loop on a node. A change
+            // of state takes a poll.
+            assert!(idle < 4, "a deadline that nothing comes of");
+            if !acted {
+                self.now = self.now.max(next.min(end));
+            }
+        }
+    }
+
+    pub fn short(&self, place: usize) -> Option<ShortAddress> {
+        match self.stations[place].node.status() {
+            Status::Joined(membership) => Some(membership.short),
+            _ => None,
+        }
+    }
+}

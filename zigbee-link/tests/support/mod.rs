@@ -1,0 +1,9 @@
+//! What the tests of this crate share.
+#![allow(
+    dead_code,
+    unreachable_pub,
+    reason = "every test binary uses a part of this module"
+)]
+
+pub mod aether;
+pub mod flash;
