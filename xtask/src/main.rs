@@ -5,6 +5,7 @@ use xshell::{Shell, cmd};
 
 mod cortex_m;
 mod fuzz;
+mod peers;
 mod setup;
 mod test;
 
@@ -28,6 +29,8 @@ enum Chore {
     },
     /// Instructions of the node's routines on emulated processors
     CortexM,
+    /// Tests against programs of other projects, which are built from source first
+    Peers,
     /// Fuzzes parsers with random and mutated input; needs a nightly compiler
     Fuzz {
         /// Which targets; all by default
@@ -58,6 +61,10 @@ fn main() -> anyhow::Result<()> {
             Ok(())
         }
         Chore::CortexM => count_instructions(&sh),
+        Chore::Peers => {
+            setup::packages(&sh)?;
+            peers::run(&sh)
+        }
         Chore::Fuzz { targets, runs } => fuzz::run(&sh, &targets, runs),
     }
 }

@@ -10,7 +10,13 @@ use xshell::{Shell, cmd};
 pub(crate) const TARGETS: [&str; 2] = ["thumbv7em-none-eabihf", "thumbv6m-none-eabi"];
 
 /// Programs that tests run, and the Debian packages they come in.
-const PROGRAMS: [(&str, &str); 2] = [("qemu-system-arm", "qemu-system-arm"), ("tshark", "tshark")];
+const PROGRAMS: [(&str, &str); 5] = [
+    ("qemu-system-arm", "qemu-system-arm"),
+    ("tshark", "tshark"),
+    ("cmake", "cmake"),
+    ("ninja", "ninja-build"),
+    ("c++", "g++"),
+];
 
 /// The compiler's targets and components, of the toolchain in use.
 pub(crate) fn targets(sh: &Shell) -> Result<()> {

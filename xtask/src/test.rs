@@ -5,18 +5,19 @@ use std::time::Instant;
 use anyhow::{Context, Result};
 use xshell::{Shell, cmd};
 
-use crate::{cortex_m, fuzz, setup};
+use crate::{cortex_m, fuzz, peers, setup};
 
 /// Libraries that run on a node. Each is built for every processor, bare and with all features.
 const FIRMWARE_CRATES: [&str; 3] = ["calib-core", "cmucam2-driver", "zigbee-link"];
 
 type Stage = (&'static str, fn(&Shell) -> Result<()>);
 
-const STAGES: [Stage; 8] = [
+const STAGES: [Stage; 9] = [
     ("set-up", set_up),
     ("format", format),
     ("lint", lint),
     ("test", test),
+    ("test against real peers", peers::run),
     ("fuzz, briefly", |sh| fuzz::run(sh, &[], fuzz::BRIEF)),
     ("document", document),
     ("cross-build", cross_build),

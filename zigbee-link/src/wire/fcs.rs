@@ -4,23 +4,19 @@
 ///
 /// IEEE 802.15.4-2006, 7.2.1.9: the 16-bit ITU-T polynomial `x^16 + x^12 + x^5 + 1`, starting from
 /// zero, bits in the order of transmission (CRC-16/KERMIT).
-///
-/// One nibble at a time: a table of 32 bytes instead of 512.
 pub fn fcs(frame: &[u8]) -> u16 {
-    frame.iter().fold(0, |crc, &byte| {
-        let crc = nibble(crc, byte);
-        nibble(crc, byte >> 4)
-    })
+    frame.iter().copied().fold(0, crc_16)
 }
 
-fn nibble(crc: u16, bits: u8) -> u16 {
-    /// The remainder of each nibble by `x^16 + x^12 + x^5 + 1`, lowest power in the highest bit.
-    const TABLE: [u16; 16] = [
-        0x0000, 0x1081, 0x2102, 0x3183, 0x4204, 0x5285, 0x6306, 0x7387, 0x8408, 0x9489, 0xA50A,
-        0xB58B, 0xC60C, 0xD68D, 0xE70E, 0xF78F,
-    ];
-    let index = usize::from((crc ^ u16::from(bits)) & 0xF);
-    (crc >> 4) ^ TABLE.get(index).copied().unwrap_or(0)
+/// One more byte of a CRC with that polynomial.
+///
+/// The eight steps of a byte at once: with `q = d ^ d << 4`, where `d` is the byte and the low half
+/// of the CRC, each power of the polynomial is one shift of `q`. No table.
+pub(crate) fn crc_16(crc: u16, byte: u8) -> u16 {
+    let [low, high] = crc.to_le_bytes();
+    let d = low ^ byte;
+    let q = u16::from(d ^ d << 4);
+    u16::from(high) ^ q << 8 ^ q << 3 ^ q >> 4
 }
 
 /// Whether the last two bytes are the FCS of the others.

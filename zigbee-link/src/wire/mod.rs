@@ -28,5 +28,6 @@ pub use command::{Association, AssociationStatus, Command, DeviceCapabilities};
 pub use control::{FrameType, Version};
 pub(crate) use cursor::{Reader, Writer};
 pub use error::{EmitError, Malformed};
+pub(crate) use fcs::crc_16;
 pub use fcs::{fcs, has_good_fcs};
 pub use header::{Frame, Header, Panned};

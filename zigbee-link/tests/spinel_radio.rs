@@ -1,0 +1,90 @@
+//! [`SpinelRadio`] on lines that fail.
+
+use std::{cell::Cell, future::pending};
+
+use embassy_futures::block_on;
+use embedded_io_async::{ErrorKind, ErrorType, Read, Write};
+use zigbee_link::{
+    Instant,
+    radio::{Channel, Config, Radio},
+    runner::Clock,
+    spinel::{Error, Fault, Policy, SpinelRadio},
+    wire::{Eui64, PanId, ShortAddress},
+};
+
+const CONFIG: Config = Config {
+    channel: Channel::FIRST,
+    tx_power: 0,
+    pan: PanId(1),
+    short: ShortAddress(2),
+    extended: Eui64([3; 8]),
+    coordinator: false,
+    promiscuous: false,
+};
+
+/// Passes as fast as somebody waits for it.
+struct Leaping(Cell<Instant>);
+
+impl Clock for Leaping {
+    fn now(&self) -> Instant {
+        self.0.get()
+    }
+
+    async fn sleep_until(&self, time: Instant) {
+        self.0.set(time.max(self.0.get()));
+    }
+}
+
+#[derive(Clone, Copy)]
+enum Line {
+    /// Takes nothing: the other end holds the flow control.
+    Stuck,
+    /// Takes everything and says nothing.
+    Mute,
+    Closed,
+    Broken,
+}
+
+impl ErrorType for Line {
+    type Error = ErrorKind;
+}
+
+impl Read for Line {
+    async fn read(&mut self, _: &mut [u8]) -> Result<usize, ErrorKind> {
+        match self {
+            Self::Closed => Ok(0),
+            Self::Broken => Err(ErrorKind::BrokenPipe),
+            Self::Stuck | Self::Mute => pending().await,
+        }
+    }
+}
+
+impl Write for Line {
+    async fn write(&mut self, bytes: &[u8]) -> Result<usize, ErrorKind> {
+        match self {
+            Self::Stuck => pending().await,
+            Self::Mute | Self::Closed | Self::Broken => Ok(bytes.len()),
+        }
+    }
+
+    async fn flush(&mut self) -> Result<(), ErrorKind> {
+        Ok(())
+    }
+}
+
+#[test]
+fn a_failing_line_is_an_error_in_bounded_time() {
+    for (line, error) in [
+        (Line::Stuck, Error::Radio(Fault::Silent)),
+        (Line::Mute, Error::Radio(Fault::Silent)),
+        (Line::Closed, Error::Closed),
+        (Line::Broken, Error::Uart(ErrorKind::BrokenPipe)),
+    ] {
+        let clock = Leaping(Cell::new(Instant(0)));
+        let mut radio: SpinelRadio<_, _> = SpinelRadio::new(line, &clock);
+        assert_eq!(block_on(radio.configure(&CONFIG)), Err(error));
+        assert!(clock.now() <= Instant(0) + 3 * Policy::DEFAULT.reset);
+        let unconfigured = Error::Radio(Fault::NotConfigured);
+        assert_eq!(block_on(radio.transmit(&[1, 2, 3])), Err(unconfigured));
+    }
+}

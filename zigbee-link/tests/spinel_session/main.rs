@@ -1,0 +1,7 @@
+//! The dialogue with co-processors that misbehave.
+
+mod anything;
+mod bench;
+mod commands;
+mod reception;
+mod restarts;
