@@ -12,6 +12,12 @@ use cmucam2_driver::{
     parser::{Expectation, Parser},
 };
 use rand::{Rng, RngExt};
+use zigbee_link::{
+    Instant,
+    radio::FRAME_MAX,
+    security::{self, Key, Protection, Session},
+    wire::{Address, Eui64, FrameType, Header, PanId, Panned, ShortAddress},
+};
 
 use crate::{
     measure::{Bench, Counter, Error},
@@ -72,6 +78,39 @@ pub fn measure_all<C: Counter, W: fmt::Write>(bench: &mut Bench<C, W>) -> Result
         event
     })?;
 
+    // 40 bytes without FCS: 15 of header with an extended source, 6 of security, 8 of MIC.
+    let mut sender = link_session(1);
+    let header = link_header();
+    let mut buffer = [0; FRAME_MAX];
+    bench.measure(
+        "link_seal_40_bytes",
+        RngExt::random::<[u8; 11]>,
+        |payload| {
+            sender
+                .seal(&header, payload, &mut buffer)
+                .map(|sealed| sealed.len)
+        },
+    )?;
+    let mut receiver = link_session(2);
+    bench.measure(
+        "link_open_40_bytes",
+        |random| {
+            let mut buffer = [0; FRAME_MAX];
+            let sealed = sender.seal(&header, &random.random::<[u8; 11]>(), &mut buffer);
+            assert_eq!(sealed.map(|sealed| sealed.len), Ok(40));
+            let mut frame = [0; 40];
+            frame.copy_from_slice(&buffer[..40]);
+            frame
+        },
+        |frame| {
+            // From a stranger, so that the same frame may come again.
+            let mut frame = *frame;
+            receiver
+                .open(Instant(0), &mut frame)
+                .map(|opened| opened.payload.len())
+        },
+    )?;
+
     bench.measure(
         "total_position",
         |random| Scene::<f32>::random(random).bearings(),
@@ -83,6 +122,25 @@ pub fn measure_all<C: Counter, W: fmt::Write>(bench: &mut Bench<C, W>) -> Result
         |(targets, bearings)| total::pose(targets, bearings),
     )?;
     Ok(())
+}
+
+/// A node with all its frame counters before it.
+fn link_session(node: u8) -> Session<16> {
+    let mut counter = security::Counter::resume(0);
+    counter.reserved(u32::MAX);
+    let key = Key::new(1, core::array::from_fn(|i| i as u8)).expect("a usable key");
+    let extended = Eui64([0xAC, 0xDE, 0x48, 0, 0, 0, 0, node]);
+    Session::new(extended, Protection::EncMic64, key, counter)
+}
+
+/// From node 1, by its extended address.
+fn link_header() -> Header<'static> {
+    let extended = Eui64([0xAC, 0xDE, 0x48, 0, 0, 0, 0, 1]);
+    Header {
+        destination: Panned::new(PanId(0xBEEF), Address::Short(ShortAddress(2))),
+        source: Panned::compressed(Address::Extended(extended)),
+        ..Header::new(FrameType::Data, 7)
+    }
 }
 
 /// A T packet as it comes over the line.

@@ -521,7 +521,9 @@ fn ctrl_c_stops_the_stream() {
     let output = probe.wait_with_output().unwrap();
     let told = String::from_utf8(output.stderr).unwrap();
     assert_eq!(output.status.code(), Some(0), "{told}");
-    assert!(told.contains("0 bytes garbled"), "{told}");
+    // The stop may cut the packet under way, and harms nothing else.
+    let clean = ["0 bytes garbled", "garbled: 1 cut short"];
+    assert!(clean.iter().any(|what| told.contains(what)), "{told}");
     // Idle: a carriage return is acknowledged, and nothing else comes.
     let mut port = TTYPort::open(&serialport::new(&camera.port, 115_200)).unwrap();
     port.set_timeout(Duration::from_millis(300)).unwrap();
