@@ -1,16 +1,27 @@
 //! [`SpinelRadio`] against real peers: OpenThread's `ot-rcp` processes, which hear each other over
-//! the loopback interface. `cargo xtask peers` builds one, names it in `OT_RCP` and runs these.
+//! the loopback interface; and whole nodes over that. `cargo xtask peers` builds one, names it in `OT_RCP` and runs these.
 #![cfg(unix)]
 
 mod peer;
+mod support;
 
 use std::time::Duration;
 
-use embassy_futures::join::join;
+use embassy_futures::{
+    join::{join, join4},
+    select::{Either3, select3},
+};
 use embedded_io_async::{Read, Write};
 use peer::{Air, Process, Rcp, StdClock, Uart, block_on, poll_for};
+use support::{
+    aether::eui,
+    node::{provisioned, settings},
+};
 use zigbee_link::{
+    link::Delivery,
+    network,
     radio::{Channel, Config, FRAME_MAX, PSDU_MAX, Radio, Received, TxOutcome},
+    runner::{self, Clock, Shared},
     spinel::{
         Error, Fault, Policy, SpinelRadio,
         frame::{Body, Header, Message, Tid},
@@ -19,6 +30,7 @@ use zigbee_link::{
         status::Status,
         stream::TxFrame,
     },
+    store::Member,
     wire::{Address, AuxHeader, Eui64, FrameType, KeyId, Level, PanId, Panned, ShortAddress},
 };
 
@@ -476,4 +488,69 @@ fn dropped_calls() {
         }
     }
     assert_eq!(a.radio.session().counters(), Default::default());
+}
+
+/// From an empty network to a message each way, with nothing simulated but the air.
+#[test]
+#[ignore = "needs an ot-rcp: cargo xtask peers"]
+fn two_nodes_exchange_messages() {
+    type WholeNode = network::Node<4, 4, 2>;
+    /// It takes about two seconds.
+    const LIMIT: Duration = Duration::from_secs(30);
+
+    let air = Air::new();
+    let clock = StdClock::new();
+    let [(_process0, mut radio0), (_process1, mut radio1)] = [1, 2].map(|node| air.node(node));
+    let [mut store0, mut store1] = [provisioned(), provisioned()];
+    let [saved0, saved1] = [&mut store0, &mut store1].map(|store| block_on(store.load()).unwrap());
+    let mut coordinator = WholeNode::coordinator(settings(0), &saved0, [None; 2]);
+    coordinator.allow(eui(1)).unwrap();
+    let device = WholeNode::device(clock.now(), settings(1), &saved1);
+    let [coordinator, device] = [coordinator, device].map(|node| Shared::new(node, &clock));
+
+    let up = (7_u32, *b"from the device");
+    let down = *b"from the coordinator";
+    let talk = async {
+        let address = loop {
+            if let network::Status::Joined(membership) = device.with(|node, _| node.status()) {
+                break membership.short;
+            }
+            let later = clock.now() + Duration::from_millis(20);
+            clock.sleep_until(later).await;
+        };
+        let results = join4(
+            device.send(ShortAddress::COORDINATOR, &up),
+            coordinator.send(address, &down),
+            coordinator.recv(),
+            device.recv(),
+        )
+        .await;
+        (address, results)
+    };
+    let nodes = select3(
+        talk,
+        runner::run(&coordinator, &mut radio0, &mut store0),
+        runner::run(&device, &mut radio1, &mut store1),
+    );
+    let Some(ended) = poll_for(LIMIT, nodes) else {
+        panic!(
+            "no message each way within {LIMIT:?}: the coordinator is {:?}, the device is {:?}",
+            coordinator.with(|node, _| node.status()),
+            device.with(|node, _| node.status()),
+        );
+    };
+    let (address, (sent1, sent0, received0, received1)) = match ended {
+        Either3::First(exchanged) => exchanged,
+        Either3::Second(stopped) => panic!("the coordinator stopped: {stopped:?}"),
+        Either3::Third(stopped) => panic!("the device stopped: {stopped:?}"),
+    };
+    assert_eq!([sent0, sent1], [Ok(Delivery::Delivered); 2]);
+    assert_eq!(received0, (address, up));
+    assert_eq!(received1, (ShortAddress::COORDINATOR, down));
+    let members: Vec<_> = coordinator.with(|node, _| node.members().collect());
+    let member = Member {
+        extended: eui(1),
+        short: address,
+    };
+    assert_eq!(members, [member]);
 }

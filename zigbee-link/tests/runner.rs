@@ -19,19 +19,19 @@ use embassy_futures::{
 };
 use embedded_hal_async::delay::DelayNs;
 use support::{
-    aether::{eui, key},
+    aether::eui,
     flash::MockFlash,
+    node::{provisioned, settings},
 };
 use zigbee_link::{
     Instant,
     link::Delivery,
-    network::{Channels, Node, Settings, Status},
+    network::{Node, Status},
     radio::{
         Capabilities, Channel, Checksum, Config, Csma, FRAME_MAX, FaultInjector, Faults, Filter,
         PSDU_MAX, Radio, Received, Tracer, TxOutcome,
     },
     runner::{Clock, Shared, run},
-    security::Protection,
     store::Store,
     wire::{Eui64, PanId, ShortAddress, fcs},
 };
@@ -148,16 +148,6 @@ impl Radio for Bare {
     }
 }
 
-fn settings(number: usize) -> Settings {
-    Settings {
-        extended: eui(number),
-        channels: Channels::only(Channel::FIRST),
-        tx_power: 0,
-        protection: Protection::EncMic32,
-        seed: number as u64,
-    }
-}
-
 /// A coordinator and a device with stacked radios form a network and talk over a bad medium, and
 /// what is in their flash then is enough to go on after a restart.
 #[test]
@@ -179,14 +169,7 @@ fn two_nodes_from_flash_to_air() {
     };
     let mut radios = [stack(1), stack(2)];
     let [radio0, radio1] = &mut radios;
-    let flash = || {
-        block_on(async {
-            let mut store = Store::new(MockFlash::<4>::new(0), 0..MockFlash::<4>::LEN).unwrap();
-            store.provision(key(1), 0).await.unwrap();
-            store
-        })
-    };
-    let [mut store0, mut store1] = [flash(), flash()];
+    let [mut store0, mut store1] = [provisioned(), provisioned()];
     for round in 0..3_u32 {
         let (saved0, saved1) = block_on(join(store0.load(), store1.load()));
         let (saved0, saved1) = (saved0.unwrap(), saved1.unwrap());
@@ -233,8 +216,7 @@ fn no_store_no_frames() {
     let clock = VirtualClock::default();
     let medium = Rc::new(RefCell::new(Medium::default()));
     let mut radio = Checksum::new(Bare::new(&medium));
-    let mut store = Store::new(MockFlash::<4>::new(0), 0..MockFlash::<4>::LEN).unwrap();
-    block_on(store.provision(key(1), 0)).unwrap();
+    let mut store = provisioned();
     let saved = block_on(store.load()).unwrap();
     let mut flash = store.into_flash();
     flash.power(Some(0));

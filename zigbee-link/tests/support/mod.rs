@@ -7,3 +7,4 @@
 
 pub mod aether;
 pub mod flash;
+pub mod node;
