@@ -40,12 +40,13 @@ pub(crate) fn run(sh: &Shell, targets: &[String], runs: u32) -> Result<()> {
     for target in if targets.is_empty() { &all } else { targets } {
         let scratch = sh.current_dir().join("target/fuzz-corpus").join(target);
         fs::create_dir_all(&scratch)?;
-        let corpus = sh.current_dir().join("fuzz/corpus").join(target);
+        let corpus = Some(sh.current_dir().join("fuzz/corpus").join(target));
+        let corpus = corpus.filter(|seeds| seeds.is_dir());
         let runs = format!("-runs={runs}");
         let _nightly = sh.push_env("RUSTUP_TOOLCHAIN", "nightly");
         cmd!(
             sh,
-            "{cargo_fuzz} run --fuzz-dir fuzz {target} {scratch} {corpus} -- {runs} -print_final_stats=1"
+            "{cargo_fuzz} run --fuzz-dir fuzz {target} {scratch} {corpus...} -- {runs} -print_final_stats=1"
         )
         .quiet()
         .ignore_stderr()

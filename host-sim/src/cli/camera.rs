@@ -130,9 +130,9 @@ Scenes (--scene FILE.toml):
 Signals: SIGUSR1 switches the camera off and on.
 
 Examples:
-  host-sim camera --pty /tmp/cmucam --verbose
-  host-sim camera --pty /tmp/cmucam --baud 38400 --fault nck=0.02 --fault corrupt_line=0.2
-  host-sim camera --pty /tmp/cmucam --switch origin=0 --switch bounds_order=1";
+  host-sim camera --pty cmucam --verbose
+  host-sim camera --pty cmucam --baud 38400 --fault nck=0.02 --fault corrupt_line=0.2
+  host-sim camera --pty cmucam --switch origin=0 --switch bounds_order=1";
 
 const SECOND: Time = 1_000_000_000;
 /// Start bit, eight data bits, stop bit.
