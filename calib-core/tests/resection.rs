@@ -479,21 +479,21 @@ fn shared_target_error() {
     assert!(wide.row(2).norm() < 1e-12);
 }
 
+fn single_precision(s: Sighting<f64>) -> Sighting<f32> {
+    let ray = Ray {
+        forward: s.ray.forward as f32,
+        left: s.ray.left as f32,
+    };
+    Sighting::new(s.target.cast(), ray, s.bearing_sigma as f32)
+}
+
 /// `f32` against `f64` in ordinary scenes: rounding is far below a sensible bearing noise.
 #[test]
 fn single_precision_is_enough() {
     for seed in 0..2000 {
         let (truth, targets) = regular_scene(seed);
         let sightings = targets.map(|t| sighting(&truth, t, 0.0, 0.005));
-        let single = sightings.map(|s| Sighting {
-            target: s.target.cast::<f32>(),
-            ray: Ray {
-                forward: s.ray.forward as f32,
-                left: s.ray.left as f32,
-            },
-            bearing_sigma: s.bearing_sigma as f32,
-            target_covariance: Matrix2::zeros(),
-        });
+        let single = sightings.map(single_precision);
         let exact = three_point::solve(&sightings).unwrap();
         let rounded = three_point::solve(&single).unwrap();
         let error = (rounded.position.cast::<f64>() - exact.position).norm();
@@ -512,15 +512,7 @@ fn single_precision_is_enough_for_least_squares() {
         let truth = Truth::random(&mut rng);
         let targets: [Point2<f64>; 8] = truth.targets(&mut rng);
         let sightings = targets.map(|t| sighting(&truth, t, 0.005 * normal(&mut rng), 0.005));
-        let single = sightings.map(|s| Sighting {
-            target: s.target.cast::<f32>(),
-            ray: Ray {
-                forward: s.ray.forward as f32,
-                left: s.ray.left as f32,
-            },
-            bearing_sigma: s.bearing_sigma as f32,
-            target_covariance: Matrix2::zeros(),
-        });
+        let single = sightings.map(single_precision);
         let double = resection::solve(&sightings).unwrap();
         let single = resection::solve(&single).unwrap();
         let error = (single.pose.position.cast::<f64>() - double.pose.position).norm();
