@@ -4,7 +4,7 @@ use core::panic::PanicInfo;
 
 use bench_cortex_m::{
     measure::{Bench, Counter, Error},
-    routines,
+    pose, routines,
 };
 use cortex_m::{
     Peripherals,
@@ -71,7 +71,8 @@ fn run() -> Result<(), Error> {
     bench.calibrate(10, || ten_times!(nop()))?;
     bench.calibrate(100, || ten_times!(ten_times!(nop())))?;
     bench.calibrate(1000, || ten_times!(ten_times!(ten_times!(nop()))))?;
-    routines::measure_all(&mut bench)
+    routines::measure_all(&mut bench)?;
+    pose::print_all(&mut bench)
 }
 
 #[cortex_m_rt::entry]

@@ -7,6 +7,7 @@
 //! | module | what it does |
 //! |---|---|
 //! | [`measure`] | counts a routine over many inputs, prints one line |
+//! | [`pose`] | poses to compare between machines |
 //! | [`routines`] | what is counted; **a new routine is one more statement there** |
 //! | [`scene`] | random cameras and targets to count with |
 //! | [`total`] | a published three-object method, to compare with |
@@ -19,6 +20,7 @@
 extern crate std;
 
 pub mod measure;
+pub mod pose;
 pub mod routines;
 pub mod scene;
 pub mod total;

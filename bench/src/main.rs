@@ -8,6 +8,7 @@ use clap::{Parser, ValueEnum};
 mod camera;
 mod cramer_rao;
 mod figure;
+mod network;
 mod precision;
 mod recorded;
 mod stage;
@@ -34,6 +35,8 @@ enum Topic {
     Precision,
     /// The line to an emulated CMUcam2: rates and corruption.
     Camera,
+    /// Whole networks in virtual time: the thesis's 13 cameras, and a thousand.
+    Network,
 }
 
 fn main() -> anyhow::Result<()> {
@@ -49,6 +52,7 @@ fn main() -> anyhow::Result<()> {
             Topic::CramerRao => cramer_rao::run(&mut sheet),
             Topic::Precision => precision::run(&mut sheet),
             Topic::Camera => camera::run(&mut sheet)?,
+            Topic::Network => network::run(&mut sheet)?,
         }
     }
     sheet.close();

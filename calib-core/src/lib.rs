@@ -5,6 +5,7 @@
 //! |---|---|
 //! | [`camera`] | In which direction does a pixel column look? |
 //! | [`resection`] | Where is a camera that saw a target at three or more known places? |
+//! | [`intersection`] | Where is a target that two or more cameras of known pose see? |
 //! | [`mod@reference`] | Where do two cameras look, and where is the target, when only its displacements are known? |
 //! | [`dead_reckoning`] | Where is the target after some more steps? |
 //!
@@ -50,9 +51,11 @@
 pub mod angle;
 pub mod camera;
 pub mod dead_reckoning;
+pub mod intersection;
 pub mod reference;
 pub mod resection;
 
+mod covariance;
 mod minimize;
 mod plane;
 mod pose;
@@ -63,7 +66,7 @@ mod sighting;
 mod subsets;
 
 pub use minimize::Method;
-pub use pose::{Ellipse, Pose};
+pub use pose::{Ellipse, Pose, PoseError};
 pub use real::Real;
 pub use refusal::Refusal;
 pub use sighting::{Ray, Sighting};

@@ -92,6 +92,8 @@ const DAMPING_LIMIT: f64 = 1e9;
 ///
 /// # Errors
 /// [`Refusal::DidNotConverge`] after `limit` steps, or when the cost is not a finite number.
+// Not inlined: large, and its callers have large frames of their own.
+#[inline(never)]
 pub(crate) fn minimize<T: Real, const P: usize>(
     problem: &impl Problem<T, P>,
     start: SVector<T, P>,

@@ -4,7 +4,7 @@ use core::fmt;
 
 use nalgebra::{Matrix2, Matrix3, Point2, Vector2};
 
-use crate::{Real, real::lit};
+use crate::{Real, angle, covariance::is_covariance, real::lit};
 
 /// Where a camera stands and looks, with its uncertainty.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -30,7 +30,62 @@ pub struct Ellipse<T> {
     pub angle: T,
 }
 
+/// Why numbers are no [`Pose`].
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+#[non_exhaustive]
+pub enum PoseError {
+    /// A number is not finite.
+    NotFinite,
+    /// The matrix is not positive semi-definite.
+    NotACovariance,
+}
+
+impl fmt::Display for PoseError {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(match self {
+            Self::NotFinite => "a number of the pose is not finite",
+            Self::NotACovariance => "the pose's covariance is not positive semi-definite",
+        })
+    }
+}
+
+impl core::error::Error for PoseError {}
+
 impl<T: Real> Pose<T> {
+    /// The pose that these numbers, from a message or a memory, describe. `covariance` is the lower
+    /// triangle by rows, as [`covariance_triangle`](Pose::covariance_triangle) gives it; the heading
+    /// may be any finite angle.
+    ///
+    /// # Errors
+    /// A number that is not finite; a matrix that is not, but for rounding, positive semi-definite.
+    pub fn from_parts(
+        position: Point2<T>,
+        heading: T,
+        covariance: [T; 6],
+    ) -> Result<Self, PoseError> {
+        let mut numbers = position.iter().chain([&heading]).chain(&covariance);
+        if !numbers.all(T::is_finite) {
+            return Err(PoseError::NotFinite);
+        }
+        let [xx, xy, yy, xh, yh, hh] = covariance;
+        let covariance = Matrix3::new(xx, xy, xh, xy, yy, yh, xh, yh, hh);
+        if !is_covariance(&covariance) {
+            return Err(PoseError::NotACovariance);
+        }
+        Ok(Self {
+            position,
+            heading: angle::wrap_positive(heading),
+            covariance,
+        })
+    }
+
+    /// The six different numbers of the covariance: `xx, xy, yy, xh, yh, hh`, with `h` the heading.
+    pub fn covariance_triangle(&self) -> [T; 6] {
+        let c = &self.covariance;
+        [c.m11, c.m21, c.m22, c.m31, c.m32, c.m33]
+    }
+
     /// Standard deviation of x.
     pub fn sigma_x(&self) -> T {
         root(self.covariance.m11)
@@ -92,8 +147,7 @@ impl<T: Real> Pose<T> {
     /// averages 3 over many poses whose predictions are right. `None` for a singular covariance.
     pub fn normalised_error(&self, position: Point2<T>, heading: T) -> Option<T> {
         let d: Vector2<T> = self.position - position;
-        let error =
-            nalgebra::Vector3::new(d.x, d.y, crate::angle::wrap_signed(self.heading - heading));
+        let error = nalgebra::Vector3::new(d.x, d.y, angle::wrap_signed(self.heading - heading));
         Some((self.covariance.cholesky()?.solve(&error)).dot(&error))
     }
 }

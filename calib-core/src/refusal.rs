@@ -2,7 +2,7 @@
 
 use core::fmt;
 
-/// Why a pose cannot be told from these sightings.
+/// Why a pose cannot be told from these sightings, or a place from these bearings.
 ///
 /// The texts say what to do about it; [`Refusal::name`] is for machines.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
@@ -18,7 +18,8 @@ pub enum Refusal {
     /// The camera stands, as far as the arithmetic can tell, on the circle through the targets.
     /// There every place of the circle explains the bearings equally well.
     DangerCircle,
-    /// The same for targets on one line, with the camera on it too.
+    /// The same for targets on one line, with the camera on it too; or for two cameras on one line
+    /// with a target.
     DangerLine,
     /// At the minimum some unknown makes no difference to the bearings.
     Undetermined,
@@ -29,7 +30,8 @@ pub enum Refusal {
     NotFinite,
     /// The iteration did not reach a minimum.
     DidNotConverge,
-    /// The sightings contradict each other and no majority of at least four agrees.
+    /// The sightings contradict each other. Where wrong ones may be left out, no majority of at
+    /// least four agrees.
     Inconsistent,
 }
 

@@ -25,9 +25,33 @@ impl<T: Real> Ray<T> {
         Self { forward, left }
     }
 
+    /// The ray along which a camera at `position` that looks along `heading` sees `target`. As long
+    /// as the target is far.
+    pub fn towards(position: Point2<T>, heading: T, target: Point2<T>) -> Self {
+        let ray = plane::mul_conj(target - position, plane::unit(heading));
+        Self {
+            forward: ray.x,
+            left: ray.y,
+        }
+    }
+
     /// The signed offset `phi` from the optical axis, radians in `(-pi, pi]`.
     pub fn bearing(self) -> T {
         self.left.atan2(self.forward)
+    }
+
+    /// World bearing of what lies at `to_target` from the camera, minus that of the ray; wrapped by
+    /// construction.
+    #[inline]
+    pub(crate) fn residual(self, heading: T, to_target: Vector2<T>) -> T {
+        let ray = plane::mul(plane::unit(heading), self.vector());
+        plane::cross(ray, to_target).atan2(plane::dot(ray, to_target))
+    }
+
+    /// Whether it is finite and has a direction.
+    pub(crate) fn is_usable(self) -> bool {
+        let length = plane::taxicab(self.vector());
+        length.is_finite() && length > T::zero()
     }
 
     /// The ray as a complex number, the optical axis being real.
@@ -77,12 +101,9 @@ impl<T: Real> Sighting<T> {
 
     /// Whether every number is usable: finite, the ray not zero, the sigma above zero.
     pub fn is_usable(&self) -> bool {
-        let ray = plane::taxicab(self.ray.vector());
-        let all = plane::taxicab(self.target.coords)
-            + ray
-            + self.bearing_sigma
-            + self.target_covariance.sum();
-        all.is_finite() && ray > T::zero() && self.bearing_sigma > T::zero()
+        let all =
+            plane::taxicab(self.target.coords) + self.bearing_sigma + self.target_covariance.sum();
+        all.is_finite() && self.ray.is_usable() && self.bearing_sigma > T::zero()
     }
 
     /// Variance of the bearing, times the fourth power of the range `|to_target|`: the camera's

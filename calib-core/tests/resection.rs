@@ -117,6 +117,25 @@ proptest! {
         prop_assert!((fitted.pose.covariance - oracle / 2.0).norm() < 1e-4 * oracle.norm());
     }
 
+    /// Foretold from the places and sigmas alone; what was seen has no part in it.
+    #[test]
+    fn prediction_needs_no_bearings(seed: u64) {
+        let (truth, targets) = regular_scene(seed);
+        let mut rng = generator(seed ^ 4);
+        let seen = targets.map(|t| sighting(&truth, t, rng.random_range(-1.0..1.0), 0.01).with_target_sigma(0.02));
+        let oracle = numeric_covariance(&truth, &seen);
+        let now = resection::predict(truth.position(), truth.heading, &seen).unwrap();
+        prop_assert!((now.covariance - oracle).norm() < 1e-4 * oracle.norm());
+        prop_assert_eq!(now.position, truth.position());
+        // Another stop never takes anything away.
+        let [place] = truth.targets::<1>(&mut rng);
+        let next = Sighting::new(place, Ray::towards(truth.position(), truth.heading, place), 0.01);
+        let then = resection::predict(truth.position(), truth.heading, seen.iter().chain([&next])).unwrap();
+        let gain = now.covariance - then.covariance;
+        prop_assert!(gain.symmetric_eigenvalues().min() > -1e-6 * now.covariance.norm());
+        prop_assert!(then.sigma_position() < now.sigma_position());
+    }
+
     /// The length of a ray carries no meaning, and neither does the order of the sightings.
     #[test]
     fn ray_length_and_order_do_not_matter(seed: u64, a in 0.01..100.0, b in 0.01..100.0) {
@@ -537,4 +556,28 @@ fn ellipse_of_a_covariance() {
     assert!((e.semi_minor - (5.991_464_5 * eigen.eigenvalues[1 - i]).sqrt()).abs() < 1e-6);
     let axis = eigen.eigenvectors.column(i);
     assert!((axis.x * e.angle.sin() - axis.y * e.angle.cos()).abs() < 1e-9);
+}
+
+#[test]
+fn predictions_refuse_what_determines_no_pose() {
+    let camera = Point2::new(-1.0, 2.0);
+    let predict = |targets: &[(f64, f64)]| {
+        let seen: Vec<_> = targets
+            .iter()
+            .map(|&(x, y)| Sighting::new(Point2::new(x, y), Ray::from_bearing(0.0), 0.01))
+            .collect();
+        resection::predict(camera, 0.0, &seen)
+    };
+    assert!(predict(&[(3.0, 2.0), (4.0, 1.0), (5.0, 4.0)]).is_ok());
+    assert_eq!(predict(&[(3.0, 2.0), (4.0, 1.0)]), Err(Refusal::TooFew));
+    let circle = [0.3_f64, 1.1, 2.0].map(|a| (3.0 * a.cos() - 4.0, 3.0 * a.sin() + 2.0));
+    let line = [(0.0, 3.0), (1.0, 4.0), (3.0, 6.0)];
+    let coincident = [(3.0, 2.0), (3.0, 2.0), (5.0, 4.0)];
+    for degenerate in [circle, line, coincident] {
+        assert_eq!(predict(&degenerate), Err(Refusal::Undetermined));
+    }
+    let on_the_camera = [(3.0, 2.0), (4.0, 1.0), (-1.0, 2.0)];
+    assert_eq!(predict(&on_the_camera), Err(Refusal::NotFinite));
+    let broken = [(3.0, 2.0), (4.0, 1.0), (f64::NAN, 2.0)];
+    assert_eq!(predict(&broken), Err(Refusal::NotFinite));
 }

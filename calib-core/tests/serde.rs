@@ -5,7 +5,8 @@ use core::fmt::Debug;
 
 use calib_core::{
     Method, Pose, Ray, Refusal, Sighting,
-    dead_reckoning::{Step, Systematic, Track},
+    dead_reckoning::{Place, PlaceParts, Step, Systematic, Track},
+    intersection::Bearing,
     reference::{Known, Stop},
     resection,
 };
@@ -52,6 +53,19 @@ fn values_come_back() {
     track.advance(&step).unwrap();
     comes_back(&step);
     comes_back(&track);
+    let place = track.place(0.02).unwrap();
+    comes_back(&place);
+    let forged = PlaceParts {
+        standing_sigma: -1.0,
+        ..*place.parts()
+    };
+    let text = serde_json::to_string(&forged).unwrap();
+    assert!(serde_json::from_str::<Place<f32>>(&text).is_err());
+    comes_back(&Bearing {
+        pose: solution.pose,
+        ray: sightings[0].ray,
+        bearing_sigma: 0.01,
+    });
 }
 
 /// Files and messages carry the same names as [`Refusal::name`].

@@ -54,12 +54,34 @@ impl Spread {
     }
 }
 
+/// Counts errors within 1, 2 and 3 predicted sigmas.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct WithinSigmas {
+    counts: [usize; 3],
+    total: usize,
+}
+
+impl WithinSigmas {
+    /// Counts an error of so many sigmas.
+    pub fn add(&mut self, sigmas: f64) {
+        self.total += 1;
+        for (count, limit) in self.counts.iter_mut().zip([1.0, 2.0, 3.0]) {
+            *count += usize::from(sigmas <= limit);
+        }
+    }
+
+    /// The shares within 1, 2 and 3; `None` if nothing was counted.
+    pub fn shares(&self) -> Option<[f64; 3]> {
+        (self.total > 0).then(|| self.counts.map(|n| n as f64 / self.total as f64))
+    }
+}
+
 /// Collects comparisons.
 #[derive(Clone, Debug, Default)]
 pub struct Comparisons {
     position: Vec<f64>,
     heading: Vec<f64>,
-    within: [[usize; 3]; 3],
+    within: [WithinSigmas; 3],
     without_truth: usize,
 }
 
@@ -79,10 +101,8 @@ impl Comparisons {
             off.y.abs() / pose.sigma_y(),
             turned / pose.sigma_heading(),
         ];
-        for (counts, sigmas) in self.within.iter_mut().zip(sigmas) {
-            for (count, limit) in counts.iter_mut().zip([1.0, 2.0, 3.0]) {
-                *count += usize::from(sigmas <= limit);
-            }
+        for (within, sigmas) in self.within.iter_mut().zip(sigmas) {
+            within.add(sigmas);
         }
     }
 
@@ -94,7 +114,7 @@ impl Comparisons {
             heading_degrees: Spread::of(&mut self.heading)?,
             within: self
                 .within
-                .map(|counts| counts.map(|n| n as f64 / compared as f64)),
+                .map(|within| within.shares().unwrap_or_default()),
             compared,
             without_truth: self.without_truth,
         })

@@ -8,8 +8,14 @@
 //! | [`answer`] | Gives every recorded case one answer. |
 //! | [`camera`] | Emulates a CMUcam2: bytes in, bytes out. |
 //! | [`accuracy`] | Compares answers with the truth: error quantiles, and how honest the sigmas are. |
-//! | [`report`] | Prints answers as a table or as JSON. |
-//! | [`plot`] | Draws answers on a map. |
+//! | [`world`] | Cameras, targets and obstacles of the plane: what each camera sees, how targets walk. |
+//! | [`scenario`] | Reads scenarios, and plans where targets stop. |
+//! | [`sim`] | Runs firmware in virtual time, on simulated radios, lines and flash. |
+//! | [`network`] | Runs a scenario: every node's firmware, in one world. |
+//! | [`record`] | What one run of a network came to: its data, statistics, verdict; many runs together. |
+//! | [`report`] | Prints answers and runs as tables or as JSON. |
+//! | [`export`] | Writes the poses of a run for other programs: CSV, YAML, ROS 2. |
+//! | [`plot`] | Draws answers and runs. |
 //! | [`probe`] | Talks to a CMUcam2 on a serial port: what it sees, a picture, sightings for a file. |
 
 #![forbid(unsafe_code)]
@@ -17,7 +23,13 @@
 pub mod accuracy;
 pub mod answer;
 pub mod camera;
+pub mod export;
+pub mod network;
 pub mod plot;
 pub mod probe;
+pub mod record;
 pub mod recorded;
 pub mod report;
+pub mod scenario;
+pub mod sim;
+pub mod world;

@@ -1,13 +1,16 @@
 //! `host-sim solve` as people run it.
 
 mod common;
+#[path = "common/recorded.rs"]
+mod recorded;
 
 use std::{
     io::Read,
     process::{Command, Stdio},
 };
 
-use common::{Files, data, run, run_with_input};
+use common::{Files, run, run_with_input};
+use recorded::data;
 use serde_json::{Value, json};
 
 /// A camera at (1, 2) with heading 30 degrees; bearings in radians, from geometry by hand: the

@@ -1,10 +1,13 @@
 //! `host-sim solve-reference` as people run it.
 
 mod common;
+#[path = "common/recorded.rs"]
+mod recorded;
 
 use std::collections::BTreeMap;
 
-use common::{Files, data, run, run_with_input};
+use common::{Files, run, run_with_input};
+use recorded::data;
 use serde_json::Value;
 
 /// Cameras at (0, 0) and (10, 0), headings 45 and 135 degrees; the target stops at (5, 5), (5, 3)

@@ -9,6 +9,7 @@ use std::{
 };
 
 use anyhow::{Context, Result, anyhow, bail, ensure};
+use bench_cortex_m::pose;
 use comfy_table::{CellAlignment, Table, presets::ASCII_MARKDOWN};
 use wait_timeout::ChildExt;
 use xshell::{Shell, cmd};
@@ -68,6 +69,12 @@ pub(crate) fn run(sh: &Shell) -> Result<Vec<Measurement>> {
         let output = emulate(processor, &image)
             .with_context(|| format!("counting instructions on a {}", processor.name))?;
         measurements.extend(parse(processor.name, &output)?);
+        let count = compare_poses(&output)
+            .with_context(|| format!("poses solved by a {}", processor.name))?;
+        println!(
+            "{count} poses solved by a {} have the same bits as this computer's",
+            processor.name
+        );
     }
     Ok(measurements)
 }
@@ -190,11 +197,40 @@ fn parse(processor: &'static str, output: &str) -> Result<Vec<Measurement>> {
             }),
             // The image has checked these itself.
             ["calibration", _, _] => {}
+            // Compared elsewhere.
+            ["pose", ..] => {}
             _ => bail!("{PACKAGE} printed a line that is none of its own: {line}"),
         }
     }
     ensure!(!measurements.is_empty(), "{PACKAGE} counted nothing");
     Ok(measurements)
+}
+
+/// Whether the poses of an image are this computer's, to the last bit; how many there are.
+fn compare_poses(output: &str) -> Result<usize> {
+    let poses: Vec<Vec<u32>> = output
+        .lines()
+        .filter_map(|line| line.strip_prefix("pose "))
+        .map(|line| {
+            line.split(' ')
+                .map(|bits| Ok(u32::from_str_radix(bits, 16)?))
+                .collect()
+        })
+        .collect::<Result<_>>()?;
+    let expected: Vec<_> = pose::scenes().map(|scene| pose::solve(&scene)).collect();
+    ensure!(
+        poses.len() == expected.len(),
+        "{} poses of {} were printed",
+        poses.len(),
+        expected.len()
+    );
+    for (pose, expected) in poses.iter().zip(&expected) {
+        ensure!(
+            pose == expected,
+            "{pose:x?} should be {expected:x?}: the arithmetic differs"
+        );
+    }
+    Ok(poses.len())
 }
 
 #[cfg(test)]
@@ -224,6 +260,22 @@ mod tests {
         ] {
             assert!(parse("M4", bad).is_err(), "{bad}");
         }
+    }
+
+    #[test]
+    fn a_pose_with_another_bit_is_noticed() {
+        let line = |bits: [u32; 9]| {
+            let words = bits.map(|word| format!(" {word:08x}"));
+            format!("pose{}\n", words.concat())
+        };
+        let own: Vec<_> = pose::scenes().map(|scene| pose::solve(&scene)).collect();
+        let output: String = own.iter().copied().map(line).collect();
+        assert_eq!(compare_poses(&output).unwrap(), own.len());
+        let mut other = own;
+        other[7][8] ^= 1;
+        let output: String = other.iter().copied().map(line).collect();
+        assert!(compare_poses(&output).is_err());
+        assert!(compare_poses(OUTPUT).is_err());
     }
 
     #[test]

@@ -4,9 +4,14 @@ use clap::{Parser, Subcommand};
 use xshell::{Shell, cmd};
 
 mod cortex_m;
+mod emulate;
+mod firmware;
+mod flash;
 mod fuzz;
 mod peers;
+mod provision;
 mod setup;
+mod size;
 mod test;
 
 /// The project's chores.
@@ -29,6 +34,19 @@ enum Chore {
     },
     /// Instructions of the node's routines on emulated processors
     CortexM,
+    /// Flash and RAM of the link on a Cortex-M4F
+    Size {
+        /// Names as many of the largest functions of each image
+        #[arg(long, default_value_t = 0)]
+        largest: usize,
+    },
+    /// A node on an emulated board, with an emulated camera and a real radio co-processor
+    Emulate,
+    /// Images for all boards, to target/firmware, with what they take
+    Firmware,
+    Keygen(provision::Keygen),
+    Provision(Box<provision::Provision>),
+    Flash(flash::Flash),
     /// Tests against programs of other projects, which are built from source first
     Peers,
     /// Fuzzes parsers with random and mutated input; needs a nightly compiler
@@ -52,6 +70,7 @@ fn main() -> anyhow::Result<()> {
             cmd!(sh, "cargo run --release --package bench -- {topics...}").run()?;
             if all {
                 count_instructions(&sh)?;
+                measure_size(&sh, 0)?;
                 cmd!(
                     sh,
                     "cargo run --release --package cmucam2-driver --example soak"
@@ -61,6 +80,15 @@ fn main() -> anyhow::Result<()> {
             Ok(())
         }
         Chore::CortexM => count_instructions(&sh),
+        Chore::Size { largest } => measure_size(&sh, largest),
+        Chore::Emulate => {
+            setup::packages(&sh)?;
+            emulate::run(&sh)
+        }
+        Chore::Firmware => firmware::run(&sh),
+        Chore::Keygen(keygen) => keygen.run(),
+        Chore::Provision(provision) => provision.run(),
+        Chore::Flash(flash) => flash.run(&sh),
         Chore::Peers => {
             setup::packages(&sh)?;
             peers::run(&sh)
@@ -75,4 +103,14 @@ fn count_instructions(sh: &Shell) -> anyhow::Result<()> {
     let measurements = cortex_m::run(sh)?;
     println!("{}", cortex_m::table(&measurements));
     cortex_m::within_budget(&measurements)
+}
+
+fn measure_size(sh: &Shell, largest: usize) -> anyhow::Result<()> {
+    setup::targets(sh)?;
+    let measurements = size::run(sh)?;
+    println!("{}", size::table(&measurements));
+    if largest > 0 {
+        println!("{}", size::largest(&measurements, largest)?);
+    }
+    size::within_budget(&measurements)
 }

@@ -56,7 +56,7 @@ pub(crate) fn run(sh: &Shell) -> Result<()> {
 }
 
 /// The program `ot-rcp`.
-fn ot_rcp(sh: &Shell) -> Result<PathBuf> {
+pub(crate) fn ot_rcp(sh: &Shell) -> Result<PathBuf> {
     let directory = sh.current_dir().join(DIRECTORY);
     let build = directory.join(format!("{CRATE}-{VERSION}"));
     let program = build.join("examples/apps/ncp/ot-rcp");

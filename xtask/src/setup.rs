@@ -43,6 +43,14 @@ pub(crate) fn targets(sh: &Shell) -> Result<()> {
     Ok(())
 }
 
+/// The linker of images for nodes: it puts the stack where an overflow is a fault.
+pub(crate) fn linker(sh: &Shell) -> Result<()> {
+    if !is_on_path("flip-link") {
+        cmd!(sh, "cargo install --locked flip-link@0.1.12").run()?;
+    }
+    Ok(())
+}
+
 /// The programs of other projects.
 pub(crate) fn packages(sh: &Shell) -> Result<()> {
     let missing = PROGRAMS
@@ -85,7 +93,7 @@ pub(crate) fn packages(sh: &Shell) -> Result<()> {
         .with_context(|| format!("installing failed; {by_hand}"))
 }
 
-fn is_on_path(program: &str) -> bool {
+pub(crate) fn is_on_path(program: &str) -> bool {
     env::var_os("PATH")
         .is_some_and(|path| env::split_paths(&path).any(|dir| dir.join(program).is_file()))
 }

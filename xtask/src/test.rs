@@ -5,23 +5,31 @@ use std::time::Instant;
 use anyhow::{Context, Result};
 use xshell::{Shell, cmd};
 
-use crate::{cortex_m, fuzz, peers, setup};
+use crate::{cortex_m, emulate, firmware, fuzz, peers, setup, size};
 
 /// Libraries that run on a node. Each is built for every processor, bare and with all features.
-const FIRMWARE_CRATES: [&str; 3] = ["calib-core", "cmucam2-driver", "zigbee-link"];
+const FIRMWARE_CRATES: [&str; 4] = [
+    "calib-core",
+    "cmucam2-driver",
+    "node-firmware",
+    "zigbee-link",
+];
 
 type Stage = (&'static str, fn(&Shell) -> Result<()>);
 
-const STAGES: [Stage; 9] = [
+const STAGES: [Stage; 12] = [
     ("set-up", set_up),
     ("format", format),
     ("lint", lint),
     ("test", test),
     ("test against real peers", peers::run),
+    ("test on an emulated board", emulate::run),
+    ("build and check firmware", firmware::run),
     ("fuzz, briefly", |sh| fuzz::run(sh, &[], fuzz::BRIEF)),
     ("document", document),
     ("cross-build", cross_build),
     ("count instructions on emulated processors", count),
+    ("measure flash and RAM", measure),
 ];
 
 pub(crate) fn run(sh: &Shell) -> Result<()> {
@@ -56,7 +64,15 @@ fn lint(sh: &Shell) -> Result<()> {
         let crates = &firmware_crates();
         cmd!(
             sh,
-            "cargo clippy {crates...} --package bench-cortex-m --target {target} -- --deny warnings"
+            "cargo clippy {crates...} --package bench-cortex-m --package bench-size --target {target} -- --deny warnings"
+        )
+        .run()?;
+    }
+    // One by one: together they would be built with each other's features.
+    for board in firmware::packages() {
+        cmd!(
+            sh,
+            "cargo clippy --package {board} --target thumbv7em-none-eabihf -- --deny warnings"
         )
         .run()?;
     }
@@ -91,6 +107,12 @@ fn count(sh: &Shell) -> Result<()> {
     let measurements = cortex_m::run(sh)?;
     println!("{}", cortex_m::table(&measurements));
     cortex_m::within_budget(&measurements)
+}
+
+fn measure(sh: &Shell) -> Result<()> {
+    let measurements = size::run(sh)?;
+    println!("{}", size::table(&measurements));
+    size::within_budget(&measurements)
 }
 
 fn firmware_crates() -> Vec<&'static str> {

@@ -2,6 +2,8 @@
 
 use core::time::Duration;
 
+use crate::time::micros;
+
 /// A generator for waiting times (`SplitMix64`).
 #[derive(Clone, Debug)]
 pub(crate) struct Jitter(u64);
@@ -11,6 +13,8 @@ impl Jitter {
         Self(seed)
     }
 
+    // 64-bit multiplications, and many callers.
+    #[inline(never)]
     pub(crate) const fn next(&mut self) -> u64 {
         self.0 = self.0.wrapping_add(0x9E37_79B9_7F4A_7C15);
         let mut z = self.0;
@@ -25,13 +29,41 @@ impl Jitter {
     }
 
     /// Less than `bound`.
-    pub(crate) fn up_to(&mut self, bound: Duration) -> Duration {
-        let micros = u32::try_from(bound.as_micros()).unwrap_or(u32::MAX);
-        Duration::from_micros(u64::from(self.below(micros)))
+    pub(crate) const fn up_to(&mut self, bound: Duration) -> Duration {
+        let micros = self.below(saturating(micros(bound)));
+        Duration::from_micros(micros as u64)
     }
 
     /// Between half and one and a half times `mean`.
-    pub(crate) fn around(&mut self, mean: Duration) -> Duration {
-        mean / 2 + self.up_to(mean)
+    pub(crate) const fn around(&mut self, mean: Duration) -> Duration {
+        self.backoff(mean, mean, 0)
+    }
+
+    /// [`around`](Self::around) a mean of `first`, doubled so many times, up to `max`.
+    pub(crate) const fn backoff(
+        &mut self,
+        first: Duration,
+        max: Duration,
+        doublings: u8,
+    ) -> Duration {
+        // 64-bit divisions would be most of the code.
+        let (first, max) = (saturating(micros(first)), saturating(micros(max)));
+        let factor = if doublings < 16 {
+            1 << doublings
+        } else {
+            1 << 16
+        };
+        let doubled = first.saturating_mul(factor);
+        let mean = if doubled < max { doubled } else { max };
+        let drawn = (mean / 2).saturating_add(self.below(mean));
+        Duration::from_micros(drawn as u64)
+    }
+}
+
+const fn saturating(micros: u64) -> u32 {
+    if micros < u32::MAX as u64 {
+        micros as u32
+    } else {
+        u32::MAX
     }
 }

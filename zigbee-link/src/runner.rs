@@ -5,7 +5,11 @@
 //!
 //! Cancelling [`run`] is harmless: the node is as after a loss of power in the same moment.
 
-use core::{cell::RefCell, fmt, future::Future};
+use core::{
+    cell::{Cell, RefCell},
+    fmt,
+    future::Future,
+};
 
 use embassy_futures::select::{Either3, select3};
 use embassy_sync::{blocking_mutex::raw::NoopRawMutex, signal::Signal};
@@ -14,8 +18,8 @@ use serde::{Serialize, de::DeserializeOwned};
 
 use crate::{
     Instant,
-    link::{Delivery, SendError},
-    network::{Action, Node},
+    link::{Delivery, SendError, Ticket},
+    network::{Action, Node, Status},
     radio::{FRAME_MAX, PSDU_MAX, Radio},
     store::{Store, StoreError},
     wire::ShortAddress,
@@ -61,6 +65,18 @@ impl<R, F> fmt::Display for Stopped<R, F> {
 
 impl<R: fmt::Debug, F: fmt::Debug> core::error::Error for Stopped<R, F> {}
 
+/// What happened to a node.
+#[derive(Clone, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub enum Happened<T> {
+    /// A message came.
+    Message(ShortAddress, T),
+    /// A message that was sent has its result.
+    Settled(Ticket, Delivery),
+    /// The node's place in the network changed.
+    Status(Status),
+}
+
 /// A node that [`run`] and the application share.
 pub struct Shared<C, const PEERS: usize, const QUEUE: usize, const MEMBERS: usize> {
     node: RefCell<Node<PEERS, QUEUE, MEMBERS>>,
@@ -71,12 +87,17 @@ pub struct Shared<C, const PEERS: usize, const QUEUE: usize, const MEMBERS: usiz
     received: Signal<NoopRawMutex, ()>,
     /// For whoever waits in [`send`](Self::send).
     settled: Signal<NoopRawMutex, ()>,
+    /// For whoever waits in [`happened`](Self::happened).
+    happened: Signal<NoopRawMutex, ()>,
+    /// The status that it knows.
+    known: Cell<Status>,
 }
 
 impl<C: Clock, const PEERS: usize, const QUEUE: usize, const MEMBERS: usize>
     Shared<C, PEERS, QUEUE, MEMBERS>
 {
     /// Shares a node.
+    #[inline(always)]
     pub const fn new(node: Node<PEERS, QUEUE, MEMBERS>, clock: C) -> Self {
         Self {
             node: RefCell::new(node),
@@ -84,14 +105,34 @@ impl<C: Clock, const PEERS: usize, const QUEUE: usize, const MEMBERS: usize>
             changed: Signal::new(),
             received: Signal::new(),
             settled: Signal::new(),
+            happened: Signal::new(),
+            known: Cell::new(Status::Out),
         }
     }
 
     /// Does something with the node, at the time now.
+    ///
+    /// # Panics
+    /// When `act` itself calls a method of the same [`Shared`].
     pub fn with<T>(&self, act: impl FnOnce(&mut Node<PEERS, QUEUE, MEMBERS>, Instant) -> T) -> T {
         let result = act(&mut self.node.borrow_mut(), self.clock.now());
         self.changed.signal(());
         result
+    }
+
+    /// Wakes who waits for what there is.
+    fn wake(&self) {
+        let node = self.node.borrow();
+        let (result, message) = (node.link.has_result(), node.link.has_message());
+        if result {
+            self.settled.signal(());
+        }
+        if message {
+            self.received.signal(());
+        }
+        if result || message || node.status() != self.known.get() {
+            self.happened.signal(());
+        }
     }
 
     /// Sends a message and waits for its result. One task at a time may wait; others use
@@ -127,6 +168,32 @@ impl<C: Clock, const PEERS: usize, const QUEUE: usize, const MEMBERS: usize>
             }
         }
     }
+
+    /// Waits for whatever happens next: for an application that is one loop. Cancel-safe. One task
+    /// at a time may wait, and nobody in [`send`](Self::send) or [`recv`](Self::recv) meanwhile.
+    ///
+    /// `status` is the one the application knows.
+    pub async fn happened<T: DeserializeOwned>(&self, status: Status) -> Happened<T> {
+        self.known.set(status);
+        loop {
+            match self.take(status) {
+                Some(happened) => return happened,
+                None => self.happened.wait().await,
+            }
+        }
+    }
+
+    fn take<T: DeserializeOwned>(&self, known: Status) -> Option<Happened<T>> {
+        let mut node = self.node.borrow_mut();
+        if let Some((ticket, delivery)) = node.link.result() {
+            return Some(Happened::Settled(ticket, delivery));
+        }
+        if let Some((from, message)) = node.link.recv() {
+            return Some(Happened::Message(from, message));
+        }
+        let status = node.status();
+        (status != known).then_some(Happened::Status(status))
+    }
 }
 
 /// Drives a node. Returns only when something failed.
@@ -152,7 +219,7 @@ where
     loop {
         let now = shared.clock.now();
         let action = shared.node.borrow_mut().poll(now, &mut frame);
-        shared.settled.signal(());
+        shared.wake();
         match action {
             Some(Action::Save(record)) => {
                 if let Err(error) = store.save(record).await {
@@ -193,7 +260,6 @@ where
                         let now = shared.clock.now();
                         let frame = received.get_mut(..reception.len).unwrap_or_default();
                         shared.node.borrow_mut().handle(now, frame);
-                        shared.received.signal(());
                     }
                     Either3::First(Err(error)) => return Stopped::Radio(error),
                     Either3::Second(()) | Either3::Third(()) => {}

@@ -7,9 +7,10 @@ use std::time::Duration;
 use support::aether::{Aether, eui, key};
 use zigbee_link::{
     link::Delivery,
-    network::Status,
+    network::{KeyChange, Status},
+    radio::FRAME_MAX,
     security::{CounterError, Key},
-    wire::{AssociationStatus, Frame, PanId, ShortAddress},
+    wire::{Address, AssociationStatus, Frame, FrameType, Header, PanId, Panned, ShortAddress},
 };
 
 const SECOND: Duration = Duration::from_secs(1);
@@ -214,8 +215,15 @@ fn two_networks_of_one_identifier_part() {
 fn the_key_changes_while_the_network_runs() {
     let mut aether = network(3, 0.3, 5);
     aether.run(60 * SECOND);
+    assert_eq!(aether.stations[0].node.key_change(), None);
     aether.stations[0].node.change_key(key(2)).unwrap();
     aether.run(100 * SECOND);
+    let done = KeyChange {
+        index: 2,
+        is_done: true,
+        unreached: 0,
+    };
+    assert_eq!(aether.stations[0].node.key_change(), Some(done));
     for station in &aether.stations {
         assert_eq!(station.node.link.session.keys.active(), key(2));
         assert_eq!(station.saved.active_key, key(2));
@@ -227,6 +235,62 @@ fn the_key_changes_while_the_network_runs() {
     }
     aether.run(5 * SECOND);
     assert_delivers(&mut aether, 1, 2);
+}
+
+/// Members that a new key does not reach are counted.
+#[test]
+fn a_key_change_tells_whom_it_missed() {
+    let mut aether = network(3, 0.0, 8);
+    aether.run(30 * SECOND);
+    aether.stations[2].is_out_of_range = true;
+    aether.stations[0].node.change_key(key(2)).unwrap();
+    aether.run(60 * SECOND);
+    let change = aether.stations[0].node.key_change().unwrap();
+    assert!(change.is_done);
+    assert_eq!(change.unreached, 1);
+    let keys = [0, 1, 2, 3].map(|place| aether.stations[place].saved.active_key);
+    assert_eq!(keys, [key(2), key(2), key(1), key(2)]);
+}
+
+/// A secured orphan notification of a member is answered with its own address; one of anybody
+/// else, or an unsecured one, with nothing.
+#[test]
+fn orphan_notifications_of_members_are_answered() {
+    let mut aether = network(2, 0.0, 9);
+    aether.run(30 * SECOND);
+    let answers = |aether: &mut Aether, place: usize, secured: bool| {
+        let node = &mut aether.stations[place].node;
+        let header = Header {
+            destination: Panned::new(PanId::BROADCAST, Address::Short(ShortAddress::BROADCAST)),
+            source: Panned::compressed(Address::Extended(eui(place))),
+            ..Header::new(FrameType::Command, 1)
+        };
+        let mut frame = [0; FRAME_MAX];
+        let len = if secured {
+            let sealed = node.link.session.seal(&header, &[0x06], &mut frame);
+            sealed.unwrap().len
+        } else {
+            let len = header.emit(&mut frame).unwrap();
+            frame[len] = 0x06;
+            len + 1
+        };
+        aether.heard.clear();
+        let now = aether.now;
+        aether.stations[0].node.handle(now, &mut frame[..len]);
+        aether.run(SECOND);
+        let is_realignment = |frame: &Frame<'_>| {
+            frame.header().frame_type == FrameType::Command && frame.payload()[0] == 0x08
+        };
+        let frames = aether.heard.iter();
+        let frames = frames.filter_map(|on_air| Frame::parse(&on_air.frame).ok());
+        frames.filter(is_realignment).count()
+    };
+    assert_eq!(answers(&mut aether, 1, true), 1);
+    assert_eq!(answers(&mut aether, 1, false), 0);
+    assert!(aether.short(1).is_some());
+    let now = aether.now;
+    aether.stations[0].node.remove(now, eui(2));
+    assert_eq!(answers(&mut aether, 2, true), 0);
 }
 
 /// The coordinator takes the quieter channel and a free identifier.

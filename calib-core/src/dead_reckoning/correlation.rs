@@ -1,26 +1,35 @@
 //! The pose covariance of a camera that saw dead-reckoned stops, whose errors are correlated.
 
-use nalgebra::{Matrix3, Matrix3x2, Vector2, Vector3};
+use nalgebra::{Matrix3, Matrix3x2, Vector2};
 
-use super::Track;
-use crate::{Pose, Real, Refusal, Sighting, plane};
+use super::Place;
+use crate::{
+    Pose, Real, Refusal, Sighting,
+    resection::information::{self, Row},
+};
 
-/// The same pose with the covariance it has when the stops err as their tracks say: together.
+/// The same pose with the covariance it has when the stops err as their places say: together.
 ///
-/// `pose` is the weighted least squares answer to the sightings; `target_covariance` of each is
-/// what it was weighted by, and counts for nothing else here. With `G_i` the pose's response to
-/// the place of stop `i` and `C_ij` from [`Track::covariance_with`], the result is
-/// `sum G_i C_ij G_j^T`, plus what the bearings' own errors make: the usual propagation of
-/// covariance through a linearised estimator. Exact to first order, whatever the weights.
+/// `pose` is the weighted least squares answer to the sightings, one of each stop;
+/// `target_covariance` of each is what it was weighted by, and counts for nothing else here. With
+/// `G_i` the pose's response to the place of stop `i`, `C_ii` from [`Place::covariance`] and `C_ij`
+/// from [`Place::covariance_with`], the result is `sum G_i C_ij G_j^T`, plus what the bearings' own
+/// errors make: the usual propagation of covariance through a linearised estimator. Exact to first
+/// order, whatever the weights.
 ///
-/// Stops may come in any order and from several fixes. Costs `n^2` products of 2x3 matrices.
+/// Stops may come in any order, from several fixes, and of several walks: `is_one_walk` tells
+/// whether two of them, by their indices, are of one. Those of different walks err independently
+/// of each other. Costs `n^2` products of
+/// 2x3 matrices.
 ///
 /// # Errors
 /// [`Refusal::TooFew`] for fewer than three; [`Refusal::NotFinite`] for unusable sightings or
-/// tracks too wide for the scalar; [`Refusal::Undetermined`] where the stops do not determine the pose.
+/// places too wide for the scalar; [`Refusal::Undetermined`] where the stops do not determine the
+/// pose; [`Refusal::Inconsistent`] for places that are not of one walk.
 pub fn correlate<T: Real>(
     pose: &Pose<T>,
-    seen: &[(Sighting<T>, Track<T>)],
+    seen: &[(Sighting<T>, Place<T>)],
+    is_one_walk: impl Fn(usize, usize) -> bool,
 ) -> Result<Pose<T>, Refusal> {
     if seen.len() < 3 {
         return Err(Refusal::TooFew);
@@ -28,27 +37,31 @@ pub fn correlate<T: Real>(
     if !seen.iter().all(|(sighting, _)| sighting.is_usable()) {
         return Err(Refusal::NotFinite);
     }
-    let mut information = Matrix3::zeros();
-    for (sighting, _) in seen {
-        let (g, weight) = gradient(pose, sighting);
-        information += g * g.transpose() * weight;
-    }
-    let inverse = information.try_inverse().ok_or(Refusal::Undetermined)?;
+    let row = |sighting: &Sighting<T>| Row::new(sighting, sighting.target - pose.position);
+    let inverse = information::covariance(seen.iter().map(|(sighting, _)| row(sighting)))?;
 
     let mut covariance = Matrix3::zeros();
-    for (sighting, track) in seen {
-        let (g, weight) = gradient(pose, sighting);
-        let by_bearing = inverse * g * (weight * sighting.bearing_sigma);
+    for (i, (sighting, place)) in seen.iter().enumerate() {
+        let Row { slope, weight } = row(sighting);
+        let by_bearing = inverse * slope * (weight * sighting.bearing_sigma);
         covariance += by_bearing * by_bearing.transpose();
-        let by_place = response(&inverse, &g, weight);
-        for (other, other_track) in seen {
-            let (g, weight) = gradient(pose, other);
-            let by_other = response(&inverse, &g, weight);
-            covariance += by_place * track.covariance_with(other_track) * by_other.transpose();
+        let by_place = response(&inverse, &row(sighting));
+        for (j, (other, other_place)) in seen.iter().enumerate() {
+            let joint = if i == j {
+                place.covariance()
+            } else if is_one_walk(i, j) {
+                place.covariance_with(other_place)
+            } else {
+                continue;
+            };
+            covariance += by_place * joint * response(&inverse, &row(other)).transpose();
         }
     }
     if !covariance.iter().all(T::is_finite) {
         return Err(Refusal::NotFinite);
+    }
+    if covariance.diagonal().iter().any(|&d| d <= T::zero()) {
+        return Err(Refusal::Inconsistent);
     }
     Ok(Pose {
         covariance,
@@ -56,17 +69,9 @@ pub fn correlate<T: Real>(
     })
 }
 
-/// Derivative of the predicted bearing by the pose, and the weight of the sighting.
-fn gradient<T: Real>(pose: &Pose<T>, sighting: &Sighting<T>) -> (Vector3<T>, T) {
-    let to_target = sighting.target - pose.position;
-    let range2 = plane::dot(to_target, to_target);
-    let g = Vector3::new(to_target.y / range2, -to_target.x / range2, -T::one());
-    let weight = range2 * range2 / sighting.bearing_variance_range4(to_target);
-    (g, weight)
-}
-
 /// How the pose answers to the place of one target. Moving the target changes its bearing by just
 /// the opposite of moving the camera.
-fn response<T: Real>(inverse: &Matrix3<T>, g: &Vector3<T>, weight: T) -> Matrix3x2<T> {
-    inverse * g * (Vector2::new(g.x, g.y) * weight).transpose()
+fn response<T: Real>(inverse: &Matrix3<T>, row: &Row<T>) -> Matrix3x2<T> {
+    let Row { slope, weight } = row;
+    inverse * slope * (Vector2::new(slope.x, slope.y) * *weight).transpose()
 }

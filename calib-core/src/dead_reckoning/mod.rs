@@ -10,15 +10,16 @@
 //! A step counter of another make, or a robot's odometry, feeds the track just as well.
 //!
 //! # From stops to a camera's pose
-//! A [`Track`] is a plain value: its copy at a stop *is* the stop. Between two copies,
-//! [`Track::since`] gives the displacement `P e^{j theta}` of thesis 2.6.1 that the reference
-//! solve needs.
+//! A [`Track`] is a plain value. Between two copies of it, [`Track::since`] gives the displacement
+//! `P e^{j theta}` of thesis 2.6.1 that the reference solve needs. [`Track::place`] makes the
+//! [`Place`] of a stop, which goes to the cameras in a message.
 //!
 //! All stops of one walk inherit the errors made before them. So for a resection from several:
-//! 1. Give each sighting the displacement covariance since the *first* of the stops as its own
-//!    part ([`Sighting::target_covariance`](crate::Sighting::target_covariance)). It is positive
-//!    semi-definite whatever the walk, and zero for the first stop.
-//! 2. The covariance at the first stop is shared by all:
+//! 1. Give each sighting what its place does not share with the *first* of the stops as its own
+//!    part ([`Place::own_covariance`] for
+//!    [`Sighting::target_covariance`](crate::Sighting::target_covariance)). It is positive
+//!    semi-definite whatever the walk.
+//! 2. The covariance at the first stop, but for standing, is shared by all:
 //!    [`Pose::with_shared_target_error`](crate::Pose::with_shared_target_error).
 //!
 //! That needs nothing but 2x2 matrices, and for a walk without [`Systematic`] errors the shared
@@ -38,7 +39,7 @@
 //! that is, fair for few stops and over-confident for many. [`correlate`] replaces step 2 and is
 //! fair for any number and both kinds of errors: it takes all stops with all their
 //! cross-covariances through the same weights to the pose, exact to first order, for the price of
-//! keeping the tracks and `n^2` small products.
+//! keeping the places and `n^2` small products.
 //!
 //! # Example
 //! ```
@@ -67,6 +68,7 @@
 mod correlation;
 mod heading_filter;
 mod pedestrian;
+mod place;
 mod sample;
 mod settings;
 mod step_detector;
@@ -76,6 +78,7 @@ mod track;
 pub use correlation::correlate;
 pub use heading_filter::{HeadingFilter, HeadingSettings, magnetic_north};
 pub use pedestrian::{Pedestrian, PedestrianSettings};
+pub use place::{Place, PlaceParts};
 pub use sample::{ImuError, ImuSample};
 pub use settings::InvalidSetting;
 pub use step_detector::{StepDetector, StepDetectorSettings, Swing};

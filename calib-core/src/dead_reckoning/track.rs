@@ -4,7 +4,8 @@ use core::fmt;
 
 use nalgebra::{Matrix2, Point2, Vector2};
 
-use crate::{Real, plane, real::lit};
+use super::{Place, PlaceParts};
+use crate::{Real, covariance::is_covariance, plane, real::lit};
 
 /// One step: `P e^{j theta}` (thesis 2.6.1), with errors that no other step shares.
 ///
@@ -88,11 +89,26 @@ impl<T: Real> Systematic<T> {
         }
     }
 
-    /// Cross-covariance of two displacements.
-    fn covariance(&self, a: Vector2<T>, b: Vector2<T>) -> Matrix2<T> {
+    pub(super) fn check(&self) -> Result<(), TrackError> {
+        let sigmas = [self.heading_sigma, self.scale_sigma];
+        if !sigmas.iter().all(T::is_finite) {
+            return Err(TrackError::NotFinite);
+        }
+        if sigmas.iter().any(|&sigma| sigma < T::zero()) {
+            return Err(TrackError::Negative);
+        }
+        Ok(())
+    }
+
+    /// Cross-covariance of two displacements of one walk, each with its sigmas. These are equal
+    /// unless a sensor was calibrated in between; the product keeps the joint covariance one.
+    pub(super) fn covariance(
+        (ours, a): (&Self, Vector2<T>),
+        (theirs, b): (&Self, Vector2<T>),
+    ) -> Matrix2<T> {
         let turned = plane::quarter_turn(a) * plane::quarter_turn(b).transpose();
-        turned * (self.heading_sigma * self.heading_sigma)
-            + a * b.transpose() * (self.scale_sigma * self.scale_sigma)
+        turned * (ours.heading_sigma * theirs.heading_sigma)
+            + a * b.transpose() * (ours.scale_sigma * theirs.scale_sigma)
     }
 }
 
@@ -122,8 +138,7 @@ impl<T: Real + defmt::Format> defmt::Format for Displacement<T> {
     }
 }
 
-/// All steps so far, and the covariance of their independent errors. Never reset, so that any two
-/// stops can be compared.
+/// Steps, and the covariance of their independent errors.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 struct Odometer<T: Real> {
@@ -132,15 +147,21 @@ struct Odometer<T: Real> {
 }
 
 impl<T: Real> Odometer<T> {
-    fn since(&self, earlier: &Self) -> Self {
+    fn zero() -> Self {
         Self {
-            walked: self.walked - earlier.walked,
-            random: self.random - earlier.random,
+            walked: Vector2::zeros(),
+            random: Matrix2::zeros(),
         }
+    }
+
+    fn add(&mut self, step: &Step<T>) {
+        self.walked += step.displacement();
+        self.random += step.covariance();
     }
 }
 
-/// A target that walks: where it is, and how sure that is. A copy of it at a stop is the stop.
+/// A target that walks: where it is, and how sure that is. Its [`place`](Track::place) at a stop can
+/// be sent; a copy of it at the stop also gives the [way between](Track::since) two stops.
 ///
 /// Its position errs, to first order, by
 /// ```text
@@ -161,11 +182,13 @@ pub struct Track<T: Real> {
     fixes: u32,
     fix_position: Point2<T>,
     fix_covariance: Matrix2<T>,
-    odometer_at_fix: Odometer<T>,
-    odometer: Odometer<T>,
+    /// Kept beside the other, since the difference of two long sums may round to no covariance.
+    since_fix: Odometer<T>,
+    /// Never reset, so that any two stops can be compared.
+    since_start: Odometer<T>,
 }
 
-/// Why a step or a fix was not taken. The track is as it was before.
+/// Why a step, a fix or a place was not taken. A track is as it was before.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 #[non_exhaustive]
@@ -181,7 +204,9 @@ pub enum TrackError {
 impl fmt::Display for TrackError {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.write_str(match self {
-            Self::NotFinite => "a number of the step or fix is not finite, or too large to add",
+            Self::NotFinite => {
+                "a number of the step, fix or place is not finite, or too large to add"
+            }
             Self::Negative => "a distance and a sigma must not be below zero",
             Self::NotACovariance => "a covariance must be symmetric and positive semi-definite",
         })
@@ -189,6 +214,20 @@ impl fmt::Display for TrackError {
 }
 
 impl core::error::Error for TrackError {}
+
+/// At the origin, which it knows exactly, with steps that share no error.
+impl<T: Real> Default for Track<T> {
+    fn default() -> Self {
+        Self {
+            systematic: Systematic::none(),
+            fixes: 1,
+            fix_position: Point2::origin(),
+            fix_covariance: Matrix2::zeros(),
+            since_fix: Odometer::zero(),
+            since_start: Odometer::zero(),
+        }
+    }
+}
 
 impl<T: Real> Track<T> {
     /// A target at a place known to within a covariance, which then walks with `systematic`
@@ -201,27 +240,32 @@ impl<T: Real> Track<T> {
         covariance: Matrix2<T>,
         systematic: Systematic<T>,
     ) -> Result<Self, TrackError> {
-        let sigmas = [systematic.heading_sigma, systematic.scale_sigma];
-        if !sigmas.iter().all(T::is_finite) {
-            return Err(TrackError::NotFinite);
-        }
-        if sigmas.iter().any(|&sigma| sigma < T::zero()) {
-            return Err(TrackError::Negative);
-        }
-        let nothing = Odometer {
-            walked: Vector2::zeros(),
-            random: Matrix2::zeros(),
-        };
+        systematic.check()?;
         let mut track = Self {
             systematic,
-            fixes: 0,
-            fix_position: Point2::origin(),
-            fix_covariance: Matrix2::zeros(),
-            odometer_at_fix: nothing,
-            odometer: nothing,
+            ..Self::default()
         };
         track.relocate(position, covariance)?;
         Ok(track)
+    }
+
+    /// Goes on from a place that this or another track told of, as if it had never stopped:
+    /// later places of the two share their errors. [`Track::since`] counts from its last fix.
+    pub fn resume(place: &Place<T>) -> Self {
+        let parts = place.parts();
+        let matrix = |&[xx, xy, yy]: &[T; 3]| Matrix2::new(xx, xy, xy, yy);
+        let since_fix = Odometer {
+            walked: parts.walked,
+            random: matrix(&parts.step_covariance),
+        };
+        Self {
+            systematic: parts.systematic,
+            fixes: parts.fix,
+            fix_position: parts.position - parts.walked,
+            fix_covariance: matrix(&parts.fix_covariance),
+            since_fix,
+            since_start: since_fix,
+        }
     }
 
     /// Adds a step.
@@ -231,8 +275,8 @@ impl<T: Real> Track<T> {
     pub fn advance(&mut self, step: &Step<T>) -> Result<(), TrackError> {
         step.check()?;
         let mut next = *self;
-        next.odometer.walked += step.displacement();
-        next.odometer.random += step.covariance();
+        next.since_fix.add(step);
+        next.since_start.add(step);
         next.keep_if_finite(self)
     }
 
@@ -256,12 +300,16 @@ impl<T: Real> Track<T> {
         next.fixes = self.fixes.wrapping_add(1);
         next.fix_position = position;
         next.fix_covariance = covariance;
-        next.odometer_at_fix = self.odometer;
+        next.since_fix = Odometer::zero();
         next.keep_if_finite(self)
     }
 
     fn keep_if_finite(self, kept: &mut Self) -> Result<(), TrackError> {
-        let sum = self.position().coords.sum() + self.covariance().sum();
+        let total = &self.since_start;
+        let sum = self.position().coords.sum()
+            + self.covariance().sum()
+            + total.walked.sum()
+            + total.random.sum();
         if !sum.is_finite() {
             return Err(TrackError::NotFinite);
         }
@@ -269,71 +317,60 @@ impl<T: Real> Track<T> {
         Ok(())
     }
 
-    fn since_fix(&self) -> Odometer<T> {
-        self.odometer.since(&self.odometer_at_fix)
+    /// The place where the target is now, of which the carrier stands within `standing_sigma` in
+    /// x as in y: a stop, to be sent.
+    ///
+    /// # Errors
+    /// A sigma that is not finite, too large to square, or below zero.
+    pub fn place(&self, standing_sigma: T) -> Result<Place<T>, TrackError> {
+        self.reckoned().standing_within(standing_sigma)
+    }
+
+    /// The place as if the carrier stood right on it.
+    fn reckoned(&self) -> Place<T> {
+        let triangle = |m: &Matrix2<T>| [m.m11, m.m21, m.m22];
+        Place::of_track(PlaceParts {
+            position: self.fix_position + self.since_fix.walked,
+            fix: self.fixes,
+            fix_covariance: triangle(&self.fix_covariance),
+            step_covariance: triangle(&self.since_fix.random),
+            walked: self.since_fix.walked,
+            systematic: self.systematic,
+            standing_sigma: T::zero(),
+        })
     }
 
     /// Where the target is.
     pub fn position(&self) -> Point2<T> {
-        self.fix_position + self.since_fix().walked
+        self.reckoned().position()
     }
 
     /// Covariance of [`Track::position`], symmetric.
     pub fn covariance(&self) -> Matrix2<T> {
-        self.covariance_with(self)
+        self.reckoned().covariance()
     }
 
-    /// Cross-covariance `E[e_self e_other^T]` of the position errors of two stops of one walk.
-    ///
-    /// Fixes count as independent of each other.
+    /// Cross-covariance of two stops of one walk, see [`Place::covariance_with`].
     pub fn covariance_with(&self, other: &Self) -> Matrix2<T> {
-        let (a, b) = (self.since_fix(), other.since_fix());
-        let systematic = self.systematic.covariance(a.walked, b.walked);
-        if self.fixes != other.fixes {
-            return systematic;
-        }
-        // Steps up to the earlier of the two are in both. The trace never falls along a walk.
-        let common = if a.random.trace() <= b.random.trace() {
-            a.random
-        } else {
-            b.random
-        };
-        self.fix_covariance + common + systematic
+        self.reckoned().covariance_with(&other.reckoned())
     }
 
     /// The way from an earlier copy of this track to here, by the steps alone: fixes, before or in
     /// between, change neither it nor its covariance.
     pub fn since(&self, earlier: &Self) -> Displacement<T> {
-        let between = self.odometer.since(&earlier.odometer);
+        let (now, then) = (&self.since_start, &earlier.since_start);
+        let vector = now.walked - then.walked;
+        let way = (&self.systematic, vector);
         Displacement {
-            vector: between.walked,
-            covariance: between.random + self.systematic.covariance(between.walked, between.walked),
+            vector,
+            covariance: now.random - then.random + Systematic::covariance(way, way),
         }
     }
-}
-
-/// Symmetric and positive semi-definite, but for rounding.
-fn is_covariance<T: Real>(m: &Matrix2<T>) -> bool {
-    let slack = lit::<T>(1e-4);
-    let largest = m.m11.max(m.m22);
-    m.m11 >= T::zero()
-        && m.m22 >= T::zero()
-        && (m.m12 - m.m21).abs() <= largest * slack
-        && m.m12 * m.m12 <= m.m11 * m.m22 + largest * largest * slack
 }
 
 #[cfg(feature = "defmt")]
 impl<T: Real + defmt::Format> defmt::Format for Track<T> {
     fn format(&self, f: defmt::Formatter<'_>) {
-        let (p, c) = (self.position(), self.covariance());
-        defmt::write!(
-            f,
-            "({}, {}) covariance ({}, {}; {})",
-            p.x,
-            p.y,
-            c.m11,
-            c.m12,
-            c.m22
-        );
+        self.reckoned().format(f);
     }
 }

@@ -35,6 +35,8 @@ const TRIAL_HEADINGS: u8 = 24;
 /// # Errors
 /// Why the closed forms refused, if all did; [`Refusal::TargetBehind`] when circles met only
 /// behind a camera.
+// Not inlined, for the sake of the stack.
+#[inline(never)]
 pub(super) fn propose<T: Real>(problem: &Bearings<'_, T>) -> Result<Proposals<T>, Refusal> {
     let mut best = Best {
         problem,

@@ -66,10 +66,7 @@ impl<T: Real> Stop<T> {
             .rays
             .iter()
             .zip(self.bearing_sigmas)
-            .all(|(ray, sigma)| {
-                let length = ray.forward.abs() + ray.left.abs();
-                length.is_finite() && length > T::zero() && sigma.is_finite() && sigma > T::zero()
-            });
+            .all(|(ray, sigma)| ray.is_usable() && sigma.is_finite() && sigma > T::zero());
         let moved = self.displacement.sum() + self.displacement_covariance.sum();
         rays && moved.is_finite()
     }
@@ -205,6 +202,8 @@ pub const AMBIGUITY: f64 = 9.0;
 /// [`Refusal::CoincidentTargets`] when the target did not move; [`Refusal::TargetBehind`] when no
 /// candidate has the target in front of both cameras; [`Refusal::DidNotConverge`];
 /// [`Refusal::Undetermined`].
+// Not inlined, for the sake of the stack.
+#[inline(never)]
 pub fn solve<T: Real>(
     stops: &[Stop<T>],
     known: &Known<T>,
@@ -246,6 +245,8 @@ pub fn solve<T: Real>(
     })
 }
 
+// Not inlined, for the sake of the stack.
+#[inline(never)]
 fn refine<T: Real>(
     problem: &Bearings<'_, T>,
     start: Vector6<T>,
@@ -307,9 +308,11 @@ fn is_same<T: Real>(a: &Solution<T>, b: &Solution<T>) -> bool {
 }
 
 fn one_norm<T: Real>(matrix: &Matrix6<T>) -> T {
+    // By columns, in which the numbers are kept.
     matrix
-        .column_iter()
-        .map(|column| column.lp_norm(1))
+        .as_slice()
+        .chunks_exact(6)
+        .map(|column| column.iter().fold(T::zero(), |sum, x| sum + x.abs()))
         .fold(T::zero(), nalgebra::RealField::max)
 }
 

@@ -41,9 +41,10 @@ pub(super) fn bounded<T: Real>(
 
 /// The unit vector of the largest variance, by power iteration.
 fn weakest_direction<T: Real>(covariance: &Matrix6<T>) -> Option<Vector6<T>> {
-    let largest = covariance.diagonal().imax();
-    let mut direction = covariance.column(largest).into_owned();
-    for _ in 0..16 {
+    let mut direction = Vector6::zeros();
+    // Begins along the axis of the largest.
+    *direction.get_mut(covariance.diagonal().imax())? = T::one();
+    for _ in 0..17 {
         direction = covariance * direction.try_normalize(T::zero())?;
     }
     direction.try_normalize(T::zero())

@@ -2,13 +2,11 @@
 
 use nalgebra::{Point2, Vector3};
 
-use super::{Solution, three_point};
+use super::{Solution, information::Row, three_point};
 use crate::{
     Pose, Real, Refusal, Sighting, angle,
     minimize::{Method, Minimum, Problem, Quadratic, minimize},
-    plane::{cross, dot, mul, quarter_turn, unit},
     ranking::Ranking,
-    real::lit,
     subsets,
 };
 
@@ -31,17 +29,12 @@ struct Comparison<T: Real> {
 }
 
 fn compare<T: Real>(sighting: &Sighting<T>, position: Point2<T>, heading: T) -> Comparison<T> {
-    let ray = mul(unit(heading), sighting.ray.vector());
     let to_target = sighting.target - position;
-    let range2 = dot(to_target, to_target);
-    let across = quarter_turn(to_target) / range2;
-    // Arithmetic has a noise of its own: it bounds the weight of a claim to be exact.
-    let arithmetic = range2 * range2 * lit(256.0) * T::default_epsilon() * T::default_epsilon();
-    let variance = sighting.bearing_variance_range4(to_target) + arithmetic;
+    let Row { slope, weight } = Row::new(sighting, to_target);
     Comparison {
-        residual: cross(ray, to_target).atan2(dot(ray, to_target)),
-        weight: range2 * range2 / variance,
-        slope: Vector3::new(-across.x, -across.y, -T::one()),
+        residual: sighting.ray.residual(heading, to_target),
+        weight,
+        slope,
     }
 }
 

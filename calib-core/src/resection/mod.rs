@@ -14,13 +14,17 @@
 //!
 //! The covariance is *predicted* from the sigmas given, not fitted to the residuals: three
 //! sightings leave none. [`Solution::chi_squared`] tells whether the prediction was believable.
+//! [`predict`] gives it before anything is seen.
 
 use crate::{Pose, Real, Refusal, Sighting};
 
+pub(crate) mod information;
 mod least_squares;
 mod rejection;
 pub mod slope_form;
 pub mod three_point;
+
+pub use information::predict;
 
 /// A pose, and how it came about.
 #[derive(Clone, Copy, Debug, PartialEq)]

@@ -5,7 +5,10 @@ use cmucam2_driver::{
     packet::{BoundingBox, Tracking},
 };
 
-use super::view::{Region, View};
+use super::{
+    tracked::Tracked,
+    view::{Region, View},
+};
 
 /// Which pixels count.
 #[derive(Clone, Copy, Debug)]
@@ -23,37 +26,6 @@ pub(super) struct Filter {
 impl Filter {
     pub(super) fn accepts(&self, colour: Colour) -> bool {
         self.bounds.is_some_and(|bounds| bounds.contains(colour)) != self.invert
-    }
-
-    /// The runs of counting pixels of one row of a region, as first and last columns.
-    pub(super) fn runs(
-        &self,
-        view: &View<'_>,
-        region: Region,
-        y: u8,
-        pixels: &mut Vec<Colour>,
-        runs: &mut Vec<(u8, u8)>,
-    ) {
-        runs.clear();
-        let span = match self.bounds {
-            _ if self.invert => Some((region.x1, region.x2)),
-            None => None,
-            Some(bounds) => view.candidates(y, region.x1, region.x2, bounds),
-        };
-        let Some((from, to)) = span else {
-            return;
-        };
-        view.row(y, from, to, pixels);
-        let needed = u16::from(self.run.max(1));
-        let mut x = u16::from(from);
-        for run in pixels.chunk_by(|a, b| self.accepts(*a) == self.accepts(*b)) {
-            let length = run.len() as u16;
-            if self.accepts(run[0]) && length >= needed {
-                let skipped = if self.tail_only { needed - 1 } else { 0 };
-                runs.push(((x + skipped) as u8, (x + length - 1) as u8));
-            }
-            x += length;
-        }
     }
 }
 
@@ -89,9 +61,10 @@ impl Blob {
     /// The blob of a region.
     pub(super) fn of(view: &View<'_>, region: Region, filter: &Filter) -> Self {
         let mut blob = Self::default();
-        let (mut pixels, mut runs) = (Vec::new(), Vec::new());
+        let mut tracked = Tracked::new(view, region, filter);
+        let mut runs = Vec::new();
         for y in region.y1..=region.y2 {
-            filter.runs(view, region, y, &mut pixels, &mut runs);
+            tracked.runs(y, &mut runs);
             for &run in &runs {
                 blob.add(y, run);
             }

@@ -334,6 +334,15 @@ impl Emulator {
             .min()
     }
 
+    /// When a host that reads `count` bytes at once need look: so many are complete, or all that
+    /// the camera has said so far, or it acts next.
+    pub fn next_burst(&self, count: usize) -> Option<Time> {
+        if self.to_host.is_some() {
+            return self.next_deadline();
+        }
+        self.wire.complete_at(count).or_else(|| self.act_at())
+    }
+
     /// When the camera takes its next frame for a packet, if it streams. Until then the scene may
     /// be changed.
     pub fn next_frame(&self) -> Option<Time> {

@@ -9,6 +9,7 @@ use super::{
     blob::{self, Filter},
     differencing::level,
     statistics::Levels,
+    tracked::Tracked,
     view::{Region, View},
 };
 
@@ -55,9 +56,10 @@ pub(super) fn row(
 /// Which pixels are tracked: `AA w h`, a bit for each, `AA AA`.
 pub(super) fn bitmap(view: &View<'_>, region: Region, filter: &Filter) -> Vec<Vec<u8>> {
     let mut all = vec![vec![BITMAP, region.width(), region.height()]];
-    let (mut pixels, mut runs) = (Vec::new(), Vec::new());
+    let mut tracked = Tracked::new(view, region, filter);
+    let mut runs = Vec::new();
     for y in region.y1..=region.y2 {
-        filter.runs(view, region, y, &mut pixels, &mut runs);
+        tracked.runs(y, &mut runs);
         let mut bits = vec![0_u8; usize::from(region.width().div_ceil(8))];
         for x in runs.iter().flat_map(|&(first, last)| first..=last) {
             let place = x - region.x1;
@@ -79,9 +81,10 @@ pub(super) fn rows(
     origin: u8,
 ) -> Vec<Vec<u8>> {
     let mut all = vec![vec![LINES, region.height()]];
-    let (mut pixels, mut runs) = (Vec::new(), Vec::new());
+    let mut tracked = Tracked::new(view, region, filter);
+    let mut runs = Vec::new();
     for y in region.y1..=region.y2 {
-        filter.runs(view, region, y, &mut pixels, &mut runs);
+        tracked.runs(y, &mut runs);
         let columns = || runs.iter().flat_map(|&(first, last)| first..=last);
         let count = columns().count() as u32;
         let row = match (runs.first(), runs.last()) {

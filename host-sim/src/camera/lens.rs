@@ -1,17 +1,22 @@
-//! Directions to places in the picture: a pin-hole.
+//! Directions to places in the picture.
+
+use std::f64::consts::{FRAC_PI_2, PI};
+
+use calib_core::camera::Projection;
 
 use super::scene::Extent;
 
 /// Pixels are twice as wide as they are tall.
 const PIXEL_ASPECT: f64 = 2.0;
 
-/// A pin-hole camera of square directions: its field of view, and its columns and rows in low
-/// resolution.
+/// How a camera of square directions spreads them over its picture: projection, field of view, and
+/// its columns and rows in low resolution.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Lens {
+    projection: Projection,
     columns: f64,
     rows: f64,
-    /// Columns for a tangent of 1.
+    /// Columns for a tangent of 1 (pin-hole) or for one radian (equal angles).
     focal: f64,
 }
 
@@ -29,61 +34,146 @@ pub struct Pose {
 }
 
 impl Lens {
-    /// A lens with this field of view from the middle of the first column to that of the last one,
-    /// radians, as [`calib_core::camera::Camera::pin_hole`] has it.
+    /// A pin-hole with this field of view from the middle of the first column to that of the last
+    /// one, radians, as [`calib_core::camera::Camera::pin_hole`] has it.
     ///
     /// `None` unless the field of view is between 0 and pi.
     pub fn new(field_of_view: f64, columns: u8, rows: u8) -> Option<Self> {
+        Self::with_projection(Projection::PinHole, field_of_view, columns, rows)
+    }
+
+    /// [`Lens::new`] with any projection. Equal angles may span up to `2 pi`.
+    pub fn with_projection(
+        projection: Projection,
+        field_of_view: f64,
+        columns: u8,
+        rows: u8,
+    ) -> Option<Self> {
         let (columns, rows) = (f64::from(columns), f64::from(rows));
-        let focal = (columns - 1.0) / 2.0 / (field_of_view / 2.0).tan();
-        let sensible = field_of_view > 0.0 && field_of_view < std::f64::consts::PI;
-        (sensible && focal > 0.0).then_some(Self {
+        let half_view = field_of_view / 2.0;
+        let (half_width, possible) = match projection {
+            Projection::PinHole => (half_view.tan(), half_view < FRAC_PI_2),
+            Projection::EqualAngle => (half_view, half_view <= PI),
+        };
+        let focal = (columns - 1.0) / 2.0 / half_width;
+        (possible && half_view > 0.0 && focal > 0.0).then_some(Self {
+            projection,
             columns,
             rows,
             focal,
         })
     }
 
-    /// How far to the right of the middle a tangent to the left is, in fractions of the width.
-    fn right(&self, tangent: f64) -> f64 {
-        0.5 - tangent * self.focal / self.columns
+    /// Columns of the picture.
+    pub fn columns(&self) -> f64 {
+        self.columns
     }
 
-    fn down(&self, tangent: f64) -> f64 {
-        0.5 - tangent * self.focal * PIXEL_ASPECT / self.rows
+    /// How it spreads directions.
+    pub fn projection(&self) -> Projection {
+        self.projection
+    }
+
+    /// Directions beyond this many radians off the axis are not projected.
+    pub fn limit(&self) -> f64 {
+        match self.projection {
+            Projection::PinHole => FRAC_PI_2,
+            Projection::EqualAngle => PI,
+        }
+    }
+
+    /// Half of what is in the picture, radians: from the axis to its border, half a column beyond
+    /// the middle of the last one.
+    pub fn half_view(&self) -> f64 {
+        self.bearing(-0.5)
+    }
+
+    /// How far off the middle of the picture an angle off the axis is, columns.
+    fn off(&self, angle: f64) -> f64 {
+        self.focal
+            * match self.projection {
+                Projection::PinHole => angle.tan(),
+                Projection::EqualAngle => angle,
+            }
+    }
+
+    /// The column of a bearing, from 0 at the middle of the first one.
+    pub fn column(&self, bearing: f64) -> f64 {
+        (self.columns - 1.0) / 2.0 - self.off(bearing)
+    }
+
+    /// The bearing of a column, from 0 at the middle of the first one; radians.
+    pub fn bearing(&self, column: f64) -> f64 {
+        let left = ((self.columns - 1.0) / 2.0 - column) / self.focal;
+        match self.projection {
+            Projection::PinHole => left.atan(),
+            Projection::EqualAngle => left,
+        }
+    }
+
+    /// Where a bearing is, in fractions of the width.
+    pub fn across(&self, bearing: f64) -> f64 {
+        self.right(self.off(bearing))
+    }
+
+    /// Where an elevation is, in fractions of the height.
+    pub fn down(&self, elevation: f64) -> f64 {
+        self.below(self.off(elevation))
+    }
+
+    /// So many columns to the left of the middle, in fractions of the width.
+    fn right(&self, left: f64) -> f64 {
+        0.5 - left / self.columns
+    }
+
+    /// What is so many columns' widths above the middle, in fractions of the height.
+    fn below(&self, up: f64) -> f64 {
+        0.5 - up * PIXEL_ASPECT / self.rows
     }
 
     /// What fills this width and height around a direction, radians. `None` if any of it is not
     /// before the camera.
     pub fn extent(&self, bearing: f64, elevation: f64, width: f64, height: f64) -> Option<Extent> {
-        const QUARTER: f64 = std::f64::consts::FRAC_PI_2;
         let (left, right) = (bearing + width / 2.0, bearing - width / 2.0);
         let (top, bottom) = (elevation + height / 2.0, elevation - height / 2.0);
         let visible = [left, right, top, bottom]
             .iter()
-            .all(|angle| angle.abs() < QUARTER);
+            .all(|angle| angle.abs() < self.limit());
         visible.then(|| Extent {
-            left: self.right(left.tan()),
-            right: self.right(right.tan()),
-            top: self.down(top.tan()),
-            bottom: self.down(bottom.tan()),
+            left: self.across(left),
+            right: self.across(right),
+            top: self.down(top),
+            bottom: self.down(bottom),
         })
     }
 
-    /// Where a ball is seen. Its outline is taken as that of a disc that faces the image plane,
-    /// which is exact in the middle of the picture. `None` unless all of it is before the camera.
+    /// Where a ball is seen. `None` unless all of it is before the camera.
+    ///
+    /// A pin-hole's outline is taken as that of a disc that faces the image plane, which is exact in
+    /// the middle of the picture.
     pub fn extent_of_ball(&self, pose: &Pose, centre: [f64; 3], radius: f64) -> Option<Extent> {
         let (sin, cos) = pose.heading.sin_cos();
         let (dx, dy) = (centre[0] - pose.x, centre[1] - pose.y);
         let forward = dx * cos + dy * sin;
         let left = dy * cos - dx * sin;
         let up = centre[2] - pose.height;
-        (forward > radius).then(|| Extent {
-            left: self.right((left + radius) / forward),
-            right: self.right((left - radius) / forward),
-            top: self.down((up + radius) / forward),
-            bottom: self.down((up - radius) / forward),
-        })
+        match self.projection {
+            Projection::PinHole => {
+                let across = |left: f64| self.right(self.focal * left / forward);
+                let down = |up: f64| self.below(self.focal * up / forward);
+                (forward > radius).then(|| Extent {
+                    left: across(left + radius),
+                    right: across(left - radius),
+                    top: down(up + radius),
+                    bottom: down(up - radius),
+                })
+            }
+            Projection::EqualAngle => {
+                let ground = left.hypot(forward);
+                let size = 2.0 * (radius / ground.hypot(up)).asin();
+                self.extent(left.atan2(forward), up.atan2(ground), size, size)
+            }
+        }
     }
 }
 
@@ -95,13 +185,33 @@ mod tests {
     /// The column that the library has for a bearing is where the picture shows it.
     #[test]
     fn the_projection_is_that_of_the_library() {
-        let lens = Lens::new(0.8, 88, 143).unwrap();
-        let camera = Camera::pin_hole(88, 0.8_f64).unwrap();
-        for column in [0.0, 20.0, 43.5, 60.25, 87.0] {
-            let extent = lens.extent(camera.bearing(column), 0.0, 0.0, 0.0).unwrap();
-            assert!((extent.left * 88.0 - 0.5 - column).abs() < 1e-9);
-            assert!((extent.top - 0.5).abs() < 1e-12);
+        for projection in [Projection::PinHole, Projection::EqualAngle] {
+            let lens = Lens::with_projection(projection, 0.8, 88, 143).unwrap();
+            let camera = Camera::new(projection, 88, 0.8_f64).unwrap();
+            for column in [0.0, 20.0, 43.5, 60.25, 87.0] {
+                let extent = lens.extent(camera.bearing(column), 0.0, 0.0, 0.0).unwrap();
+                assert!((extent.left * 88.0 - 0.5 - column).abs() < 1e-9);
+                assert!((extent.top - 0.5).abs() < 1e-12);
+            }
+            assert!((camera.bearing(-0.5) - lens.half_view()).abs() < 1e-12);
         }
+    }
+
+    /// Seen all around, a ball behind is at the border; a ball on the axis is as round as before.
+    #[test]
+    fn equal_angles_reach_around() {
+        let lens = Lens::with_projection(Projection::EqualAngle, 2.0 * PI, 88, 143).unwrap();
+        let pose = Pose {
+            x: 0.0,
+            y: 0.0,
+            height: 0.0,
+            heading: 0.0,
+        };
+        let ball = lens.extent_of_ball(&pose, [-2.0, 0.5, 0.0], 0.1).unwrap();
+        assert!(ball.right < 0.1, "{ball:?}");
+        let ball = lens.extent_of_ball(&pose, [2.0, 0.0, 0.0], 0.1).unwrap();
+        let width = 2.0 * (0.1_f64 / 2.0).asin();
+        assert!((ball.right - ball.left - width * 87.0 / (2.0 * PI) / 88.0).abs() < 1e-12);
     }
 
     #[test]

@@ -65,6 +65,7 @@ mod scene_file;
 mod settings;
 mod statistics;
 mod switches;
+mod tracked;
 mod view;
 mod wire;
 

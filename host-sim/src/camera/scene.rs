@@ -247,6 +247,28 @@ pub(super) struct Patch {
 }
 
 impl Patch {
+    /// From where to where it reaches at a height, but for rounding.
+    pub(super) fn span(&self, y: f64) -> Option<[f64; 2]> {
+        let Extent {
+            left,
+            top,
+            right,
+            bottom,
+        } = self.extent;
+        if y < top || y >= bottom {
+            return None;
+        }
+        match self.shape {
+            Shape::Box => Some([left, right]),
+            Shape::Disc => {
+                let down = (2.0 * y - top - bottom) / (bottom - top);
+                let share = (1.0 - down * down).max(0.0).sqrt();
+                let (middle, half) = (f64::midpoint(left, right), (right - left) / 2.0);
+                Some([middle - half * share, middle + half * share])
+            }
+        }
+    }
+
     pub(super) fn covers(&self, x: f64, y: f64) -> bool {
         let Extent {
             left,

@@ -7,6 +7,7 @@ use cmucam2_driver::{
 
 use super::{
     blob::Filter,
+    tracked::Tracked,
     view::{Region, View},
 };
 
@@ -42,9 +43,10 @@ impl Levels {
     /// The pixels of a region that are tracked.
     pub(super) fn of_tracked(view: &View<'_>, region: Region, filter: &Filter) -> Self {
         let mut levels = Self::new();
+        let mut tracked = Tracked::new(view, region, filter);
         let (mut pixels, mut runs) = (Vec::new(), Vec::new());
         for y in region.y1..=region.y2 {
-            filter.runs(view, region, y, &mut pixels, &mut runs);
+            tracked.runs(y, &mut runs);
             for &(first, last) in &runs {
                 view.row(y, first, last, &mut pixels);
                 pixels.iter().for_each(|&colour| levels.add(colour));

@@ -5,7 +5,12 @@ use cmucam2_driver::{
     geometry::Size,
 };
 
-use super::scene::{Background, Patch, Scene};
+use super::{
+    blob::Filter,
+    scene::{Background, Patch, Scene},
+    tracked::Verdict,
+};
+use crate::sim::random::mix;
 
 /// Columns and rows of the frame, from 0, both ends inside.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -155,12 +160,7 @@ impl<'a> View<'a> {
                 .map(|(_, &paint)| paint)
                 .or(backdrop)
                 .unwrap_or_else(|| self.paint(self.background.colour(across, down)));
-            let levels = self.with_noise(paint, row_seed ^ u64::from(x) << 24);
-            if self.layout.luminance_chrominance {
-                luminance_chrominance(levels)
-            } else {
-                levels
-            }
+            self.processed(self.with_noise(paint, row_seed ^ u64::from(x) << 24))
         };
         if !self.layout.difference {
             out.extend((from..=to).map(pixel));
@@ -173,6 +173,14 @@ impl<'a> View<'a> {
             left = here;
             difference
         }));
+    }
+
+    fn processed(&self, levels: Colour) -> Colour {
+        if self.layout.luminance_chrominance {
+            luminance_chrominance(levels)
+        } else {
+            levels
+        }
     }
 
     fn with_noise(&self, paint: Paint, seed: u64) -> Colour {
@@ -196,59 +204,110 @@ impl<'a> View<'a> {
         }
     }
 
-    /// Whether a pixel of this paint could be within bounds.
-    fn may_be(&self, paint: Paint, bounds: ColourBounds) -> bool {
-        let most = ((NOISE_MIDDLE * self.noise) >> 4) + 1;
-        [bounds.red, bounds.green, bounds.blue]
-            .into_iter()
-            .zip(paint)
-            .all(|(range, level)| {
-                clamped(level - most) <= range.max() && range.min() <= clamped(level + most)
-            })
+    fn verdict(&self, paint: Paint, filter: &Filter) -> Verdict {
+        let Some(bounds) = filter.bounds else {
+            return Verdict::sure(filter.invert);
+        };
+        let verdict = if self.layout.difference {
+            Verdict::Perhaps
+        } else if self.noise == 0 {
+            Verdict::sure(bounds.contains(self.processed(self.with_noise(paint, 0))))
+        } else if self.layout.luminance_chrominance {
+            Verdict::Perhaps
+        } else {
+            self.despite_noise(paint, bounds)
+        };
+        if filter.invert {
+            verdict.inverted()
+        } else {
+            verdict
+        }
     }
 
-    /// The columns of a row outside of which no pixel is within bounds, both ends inside. Wider
-    /// than needed at times, never too narrow.
-    pub(super) fn candidates(
-        &self,
-        y: u8,
-        from: u8,
-        to: u8,
-        bounds: ColourBounds,
-    ) -> Option<(u8, u8)> {
-        if self.layout.luminance_chrominance || self.layout.difference {
-            return Some((from, to));
-        }
-        let down = self.place(y, 1);
-        let backdrop_counts = self.background.varies_along_rows()
-            || self.may_be(self.paint(self.background.colour(0.5, down)), bounds);
-        if backdrop_counts {
-            return Some((from, to));
-        }
-        let columns = f64::from(self.layout.picture[0]);
-        let step = f64::from(self.layout.down_sampling[0]);
-        let mut span: Option<(u8, u8)> = None;
-        for (patch, &paint) in self.snapshot.patches.iter().zip(&self.paints) {
-            let extent = patch.extent;
-            if down < extent.top || down >= extent.bottom || !self.may_be(paint, bounds) {
-                continue;
+    fn despite_noise(&self, paint: Paint, bounds: ColourBounds) -> Verdict {
+        let most = ((NOISE_MIDDLE * self.noise) >> 4) + 1;
+        let mut verdict = Verdict::Always;
+        for (range, level) in [bounds.red, bounds.green, bounds.blue]
+            .into_iter()
+            .zip(paint)
+        {
+            let (least, greatest) = (clamped(level - most), clamped(level + most));
+            if greatest < range.min() || range.max() < least {
+                return Verdict::Never;
             }
-            // Saturating casts: what lies outside of the frame is cut.
-            let first = ((extent.left * columns / step) as u8)
-                .saturating_sub(1)
-                .max(from);
-            let last = ((extent.right * columns / step) as u8)
-                .saturating_add(1)
-                .min(to);
-            if first <= last {
-                span = Some(match span {
-                    None => (first, last),
-                    Some((a, b)) => (a.min(first), b.max(last)),
-                });
+            if least < range.min() || range.max() < greatest {
+                verdict = Verdict::Perhaps;
             }
         }
-        span
+        verdict
     }
+
+    /// Of each patch, from back to front.
+    pub(super) fn verdicts(&self, filter: &Filter) -> impl Iterator<Item = Verdict> {
+        self.paints.iter().map(|&paint| self.verdict(paint, filter))
+    }
+
+    /// Of the background, if it is the same in all rows.
+    pub(super) fn backdrop_verdict(&self, filter: &Filter) -> Option<Verdict> {
+        match self.background {
+            Background::Plain(colour) => {
+                Some(self.verdict(self.paint(colour.map(f64::from)), filter))
+            }
+            Background::Gradient { .. } => None,
+            Background::Blocks { .. } => Some(Verdict::Perhaps),
+        }
+    }
+
+    /// Of the background in a row, if it is the same in all columns.
+    pub(super) fn row_verdict(&self, y: u8, filter: &Filter) -> Verdict {
+        let colour = self.background.colour(0.5, self.place(y, 1));
+        self.verdict(self.paint(colour), filter)
+    }
+
+    /// The index of the pixel whose middle is at a place of the picture.
+    fn index(&self, place: f64, axis: usize) -> f64 {
+        let step = f64::from(self.layout.down_sampling[axis]);
+        (place * f64::from(self.layout.picture[axis]) - 0.5) / step
+    }
+
+    /// Rows outside of which there are none of the chosen patches.
+    pub(super) fn rows_of(&self, chosen: impl Iterator<Item = bool>) -> (u8, u8) {
+        let patches = self.snapshot.patches.iter().zip(chosen);
+        let mut rows = (u8::MAX, 0);
+        for (Patch { extent, .. }, _) in patches.filter(|(_, chosen)| *chosen) {
+            // Saturating casts, and one row more for the rounding.
+            let first = (self.index(extent.top, 1) as u8).saturating_sub(1);
+            let last = (self.index(extent.bottom, 1) as u8).saturating_add(1);
+            rows = (rows.0.min(first), rows.1.max(last));
+        }
+        rows
+    }
+
+    /// The columns that a patch covers in a row, both ends inside and within `from..=to`.
+    pub(super) fn columns(&self, patch: usize, y: u8, from: u8, to: u8) -> Option<(u8, u8)> {
+        let patch = self.snapshot.patches.get(patch)?;
+        let down = self.place(y, 1);
+        let [left, right] = patch.span(down)?;
+        let [left, right] = [left, right].map(|edge| self.index(edge, 0));
+        if is_between_pixels(left) && is_between_pixels(right) {
+            let first = (left.ceil() as i32).max(from.into());
+            let last = (right.floor() as i32).min(to.into());
+            return (first <= last).then_some((first as u8, last as u8));
+        }
+        // Saturating casts, and one column more for the rounding.
+        let first = (left as u8).saturating_sub(1).max(from);
+        let last = (right as u8).saturating_add(1).min(to);
+        let covers = |x: &u8| patch.covers(self.place(*x, 0), down);
+        let first = (first..=last).find(covers)?;
+        let last = (first..=last).rev().find(covers)?;
+        Some((first, last))
+    }
+}
+
+/// Whether an edge is farther from the middles of all pixels than it can be wrong: where a disc
+/// ends above or below, the root of a rounding error of 1e-16.
+fn is_between_pixels(edge: f64) -> bool {
+    (edge - edge.round()).abs() > 1e-4
 }
 
 fn clamped(paint: i32) -> u8 {
@@ -279,12 +338,4 @@ fn difference(here: Colour, left: Colour) -> Colour {
         green: level(here.green, left.green),
         blue: level(here.blue, left.blue),
     }
-}
-
-/// A bijection of 64 bits without visible order (the finaliser of `SplitMix64`).
-pub(super) fn mix(value: u64) -> u64 {
-    let value = value.wrapping_add(0x9E37_79B9_7F4A_7C15);
-    let value = (value ^ value >> 30).wrapping_mul(0xBF58_476D_1CE4_E5B9);
-    let value = (value ^ value >> 27).wrapping_mul(0x94D0_49BB_1331_11EB);
-    value ^ value >> 31
 }

@@ -70,6 +70,13 @@ impl Wire {
         self.queue.front().map(|sent| sent.start + self.byte_time())
     }
 
+    /// When so many bytes are complete; if there are fewer, when the last one is.
+    pub(super) fn complete_at(&self, count: usize) -> Option<u64> {
+        let last = self.queue.len().checked_sub(1)?;
+        let sent = self.queue.get(count.saturating_sub(1).min(last))?;
+        Some(sent.start + self.byte_time())
+    }
+
     /// The next byte that is complete, with the time at which it was.
     pub(super) fn receive(&mut self, now: u64) -> Option<(u64, u8)> {
         while let Some(at) = self.next_at().filter(|&at| at <= now) {

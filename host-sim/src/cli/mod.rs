@@ -15,8 +15,14 @@ mod camera;
 mod camera_options;
 mod messages;
 mod probe;
+mod report;
+mod run;
+mod run_outputs;
+mod scenario_options;
 mod solve;
 mod solve_reference;
+mod sweep;
+mod sweep_outputs;
 mod values;
 
 /// Networks of cameras that calibrate themselves: poses from recorded sightings.
@@ -31,8 +37,11 @@ struct Cli {
 enum Command {
     Camera(camera::Arguments),
     Probe(probe::Arguments),
+    Report(report::Arguments),
+    Run(run::Arguments),
     Solve(solve::Arguments),
     SolveReference(solve_reference::Arguments),
+    Sweep(sweep::Arguments),
 }
 
 /// Runs the command line; errors are printed, and become the exit code 2.
@@ -40,8 +49,11 @@ pub(crate) fn main() -> ExitCode {
     let done = match Cli::parse().command {
         Command::Camera(arguments) => camera::run(&arguments),
         Command::Probe(arguments) => probe::run(&arguments),
+        Command::Report(arguments) => report::run(&arguments),
+        Command::Run(arguments) => run::run(&arguments),
         Command::Solve(arguments) => solve::run(&arguments),
         Command::SolveReference(arguments) => solve_reference::run(&arguments),
+        Command::Sweep(arguments) => sweep::run(&arguments),
     };
     match done {
         Ok(code) => code,

@@ -98,7 +98,7 @@ pub(super) struct Arguments {
     /// How many packets the object must stand still for a sighting.
     #[arg(
         long, value_name = "N", default_value_t = 20, requires = "record",
-        value_parser = clap::value_parser!(u16).range(2..=1000)
+        value_parser = clap::value_parser!(u16).range(2..=stops::PACKETS_MAX as i64)
     )]
     packets: u16,
     /// JSON instead of text.
@@ -133,9 +133,10 @@ Bringing up a camera:
 Single sightings without resetting the camera in between (run 3 starts it up):
   host-sim probe --port /dev/ttyUSB0 --fov-deg 45 --record sightings.csv --as-is --at 1.5,-2
 
-FILE.csv gets the columns case, target_x, target_y, column (median, from 0 on the left) and, with
---fov-deg, sigma_rad: rounding to whole columns, and noise. A file with other columns is refused.
-An object that is cut off by the left or right border, lost or moving is refused.
+FILE.csv gets the columns case, target_x, target_y, column (in the direction of the object's
+middle, from 0 on the left) and, with --fov-deg, sigma_rad: rounding of both edges to whole columns,
+and noise. A file with other columns is refused. An object that is cut off by the left or right
+border, lost, moving or partly hidden is refused.
 
 --first-column: whether packets count columns from 0 or from 1 is not certain for every firmware.
 A wrong guess turns all bearings by one column, half a degree; --principal can absorb it. A packet

@@ -24,6 +24,14 @@ pub(super) fn not_negative(text: &str) -> Result<f64, String> {
     }
 }
 
+/// A node's number and the path of a serial port.
+pub(super) fn port(text: &str) -> Result<(u16, String), String> {
+    text.split_once('=')
+        .and_then(|(node, path)| Some((node.parse().ok()?, path.to_owned())))
+        .filter(|(_, path)| !path.is_empty())
+        .ok_or_else(|| "a node and its port are needed, such as 3=/dev/ttyUSB0".to_owned())
+}
+
 /// Something that is either known or to be found.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Known(pub(super) Option<f64>);
@@ -49,5 +57,47 @@ impl Known {
             Ok(value) => Ok(Self(Some(value))),
             Err(why) => Err(format!("{why}, or `{}`", Self::UNKNOWN)),
         }
+    }
+}
+
+/// How fast a simulation runs: so many times real time, or as fast as it can.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct Speed(pub(super) Option<f64>);
+
+/// `max`, `real-time`, `10x`.
+pub(super) fn speed(text: &str) -> Result<Speed, String> {
+    let times = match text {
+        "max" => return Ok(Speed(None)),
+        "real-time" => Some(1.0),
+        other => other
+            .strip_suffix('x')
+            .and_then(|times| times.parse::<f64>().ok()),
+    };
+    match times {
+        Some(times) if times > 0.0 && times.is_finite() => Ok(Speed(Some(times))),
+        _ => Err("give max, real-time, or a number above 0 with an x, such as 10x".to_owned()),
+    }
+}
+
+/// A share, 0 to 1.
+pub(super) fn share(text: &str) -> Result<f64, String> {
+    match text.parse::<f64>() {
+        Ok(share) if (0.0..=1.0).contains(&share) => Ok(share),
+        _ => Err("give a number from 0 to 1".to_owned()),
+    }
+}
+
+/// Seeds of a sweep, both ends included.
+pub(super) type Seeds = std::ops::RangeInclusive<u64>;
+
+/// `1..50`
+pub(super) fn seeds(text: &str) -> Result<Seeds, String> {
+    let ends = text.split_once("..").and_then(|(first, last)| {
+        let ends: (u64, u64) = (first.parse().ok()?, last.parse().ok()?);
+        (ends.0 <= ends.1).then_some(ends)
+    });
+    match ends {
+        Some((first, last)) => Ok(first..=last),
+        None => Err("give the first and the last seed, such as 1..50".to_owned()),
     }
 }

@@ -5,19 +5,23 @@
 //! | [`port`] | The serial port as a UART of the driver; finds the baud rate. |
 //! | [`advice`] | What to check when something fails. |
 //! | [`display`] | A packet as text or JSON, and how a stream went. |
-//! | [`steady`] | When a blob stands still, and where. |
 //! | [`record`] | Sightings at known places, appended to a file for `host-sim solve`. |
 //! | [`picture`] | A frame of the camera as PNG. |
+//!
+//! When a blob stands still, and where, is judged as on a node: [`node_firmware::sight::steady`].
 
 pub mod advice;
 pub mod display;
 pub mod picture;
 pub mod port;
 pub mod record;
-pub mod steady;
 
-use calib_core::camera::Camera;
+use calib_core::{Ray, camera::Camera};
 use cmucam2_driver::{Cmucam2, geometry::Sensor, packet::Tracking};
+use node_firmware::sight::{
+    Blob, Grid,
+    steady::{Direction, Steady},
+};
 
 /// The camera on a serial port.
 pub type Device = Cmucam2<port::Port, port::Sleep>;
@@ -40,13 +44,7 @@ pub struct View {
 }
 
 /// In which direction something was seen, radians, positive to the left.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Bearing {
-    /// The direction.
-    pub bearing: f64,
-    /// Its standard deviation.
-    pub sigma: f64,
-}
+pub type Bearing = Direction<f64>;
 
 impl View {
     /// A view of `columns` columns whose leftmost one has the number `first` in packets, as has the
@@ -75,12 +73,24 @@ impl View {
         i16::from(in_packet) - i16::from(self.first)
     }
 
-    /// The direction of a column whose standard deviation is `column_sigma`.
-    pub fn bearing(&self, column: f64, column_sigma: f64) -> Option<Bearing> {
-        self.camera.map(|camera| Bearing {
-            bearing: camera.bearing(column),
-            sigma: camera.bearing_sigma(column, column_sigma),
-        })
+    /// What a packet shows, if it shows anything.
+    pub fn blob(&self, tracking: &Tracking) -> Option<Blob> {
+        Blob::from_tracking(tracking, Grid::pixels(self.first))
+    }
+
+    /// The direction of a blob that stood still.
+    pub fn bearing(&self, steady: &Steady) -> Option<Bearing> {
+        self.camera.map(|camera| steady.direction(&camera, 0.0))
+    }
+
+    /// The column, from 0, that lies in the direction of a blob that stood still. Without a camera
+    /// it is the middle of the blob's box.
+    pub fn column(&self, steady: &Steady) -> f64 {
+        let middle = f64::from(steady.middle());
+        self.camera
+            .zip(self.bearing(steady))
+            .and_then(|(camera, seen)| camera.column(Ray::from_bearing(seen.bearing)))
+            .unwrap_or(middle)
     }
 
     /// The direction of a whole column, whose sigma is that of rounding.
@@ -88,15 +98,6 @@ impl View {
         self.camera.map(|camera| Bearing {
             bearing: camera.bearing(column),
             sigma: camera.whole_pixel_sigma(column),
-        })
-    }
-
-    /// Whether the target reaches the left or right border, so that its middle is not the middle of
-    /// what is seen. One column more counts on either side: frames may be a column narrower than
-    /// the manual says, and may count from 0 or from 1.
-    pub fn is_clipped(&self, tracking: &Tracking) -> bool {
-        tracking.bounding_box().is_some_and(|found| {
-            u16::from(found.x1) <= 1 || u16::from(found.x2) + 2 >= self.columns
         })
     }
 
@@ -129,20 +130,24 @@ mod tests {
         assert_eq!(View::new(88, 0, None).whole_column_bearing(3.0), None);
     }
 
+    /// A file that is solved with the same camera gives back the direction that was seen.
     #[test]
-    fn what_touches_the_border_is_clipped() {
-        let view = View::new(88, 1, None);
-        for (x1, x2, clipped) in [
-            (0, 9, true),
-            (1, 9, true),
-            (2, 9, false),
-            (70, 85, false),
-            (70, 86, true),
-            (70, 88, true),
-        ] {
-            assert_eq!(view.is_clipped(&seen(x1, x2)), clipped, "{x1}..{x2}");
-        }
-        assert!(!view.is_clipped(&Tracking::LOST));
+    fn the_column_of_a_sighting_lies_in_its_direction() {
+        let camera = Camera::pin_hole(88, 60_f64.to_radians()).unwrap();
+        let steady = Steady {
+            left: 60.5,
+            right: 79.5,
+            column_sigma: 0.2,
+            frames: 5,
+            pixels: 20,
+            confidence: 201,
+        };
+        let view = View::new(88, 1, Some(camera));
+        let column = view.column(&steady);
+        assert!((camera.bearing(column) - view.bearing(&steady).unwrap().bearing).abs() < 1e-12);
+        // Nearer to the axis than the middle of the box.
+        assert!((69.0..69.9).contains(&column), "{column}");
+        assert_eq!(View::new(88, 1, None).column(&steady), 70.0);
     }
 
     #[test]

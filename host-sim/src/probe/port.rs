@@ -143,10 +143,7 @@ impl Port {
         baud_rate: u32,
         interrupted: Arc<AtomicBool>,
     ) -> Result<Self, OpenError> {
-        let port = serialport::new(path, baud_rate)
-            .timeout(WRITE_TIMEOUT)
-            .open()
-            .map_err(|error| open_error(path.to_owned(), &error))?;
+        let port = open(path, baud_rate, WRITE_TIMEOUT)?;
         Ok(Self { port, interrupted })
     }
 
@@ -165,6 +162,18 @@ impl Port {
             }
         }
     }
+}
+
+/// Opens a serial port whose calls wait at most so long.
+pub(crate) fn open(
+    path: &str,
+    baud_rate: u32,
+    timeout: Duration,
+) -> Result<Box<dyn SerialPort>, OpenError> {
+    serialport::new(path, baud_rate)
+        .timeout(timeout)
+        .open()
+        .map_err(|error| open_error(path.to_owned(), &error))
 }
 
 fn open_error(path: String, error: &serialport::Error) -> OpenError {

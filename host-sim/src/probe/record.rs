@@ -6,9 +6,10 @@ use std::{
     path::{Path, PathBuf},
 };
 
+use node_firmware::sight::steady::Steady;
 use serde::Serialize;
 
-use super::{Bearing, steady::Sighting};
+use super::Bearing;
 
 /// A place from what a person types: two numbers with a comma, a semicolon or blanks between.
 ///
@@ -52,24 +53,24 @@ pub struct SightingLine<'a> {
     pub column_sigma: f64,
     /// The direction, radians, positive to the left; `None` without a camera.
     pub bearing_rad: Option<f64>,
-    /// See [`Sighting`].
-    pub packets: usize,
-    /// See [`Sighting`].
+    /// See [`Steady::frames`].
+    pub packets: u16,
+    /// See [`Steady`].
     pub pixels: u8,
-    /// See [`Sighting`].
+    /// See [`Steady`].
     pub confidence: u8,
 }
 
 impl<'a> SightingLine<'a> {
     /// The row with what it was made from.
-    pub fn new(row: Row<'a>, sighting: &Sighting, bearing: Option<Bearing>) -> Self {
+    pub fn new(row: Row<'a>, steady: &Steady, bearing: Option<Bearing>) -> Self {
         Self {
             row,
-            column_sigma: sighting.column_sigma,
+            column_sigma: f64::from(steady.column_sigma),
             bearing_rad: bearing.map(|b| b.bearing),
-            packets: sighting.packets,
-            pixels: sighting.pixels,
-            confidence: sighting.confidence,
+            packets: steady.frames,
+            pixels: steady.pixels,
+            confidence: steady.confidence,
         }
     }
 }

@@ -1,4 +1,6 @@
-//! Answers in print: [`table`] for people, [`json`] for programs.
+//! Answers and runs for people and for programs.
 
 pub mod json;
+pub mod run;
+pub mod sweep;
 pub mod table;

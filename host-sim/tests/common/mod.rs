@@ -52,8 +52,3 @@ impl Files {
         path
     }
 }
-
-/// A file of the repository's recorded data.
-pub(crate) fn data(name: &str) -> String {
-    format!("{}/../tests/data/{name}", env!("CARGO_MANIFEST_DIR"))
-}

@@ -66,8 +66,8 @@ impl Challenges {
     /// Whether to ask this node now. Only when the table is full of open challenges, or this node
     /// was asked just now, the answer is no.
     pub(super) fn may_ask(&mut self, now: Instant, target: Address) -> bool {
-        self.0.retain(|open| now.since(open.asked) < EXPIRY);
-        let just_asked = |open: &Open| open.target == target && now.since(open.asked) < AGAIN;
+        self.0.retain(|open| now < open.asked + EXPIRY);
+        let just_asked = |open: &Open| open.target == target && now < open.asked + AGAIN;
         !self.0.is_full() && !self.0.iter().any(just_asked)
     }
 
@@ -78,10 +78,11 @@ impl Challenges {
             counter,
             asked: now,
         };
-        if self.0.is_full() {
-            self.0.remove(0);
+        if let Err(open) = self.0.push(open)
+            && let Some(oldest) = self.0.iter_mut().min_by_key(|open| open.asked)
+        {
+            *oldest = open;
         }
-        let _ = self.0.push(open);
     }
 
     /// Whether a frame of this node, which repeats `counter`, answers an open challenge. An answer
@@ -94,15 +95,13 @@ impl Challenges {
         counter: u32,
     ) -> bool {
         let names = [Address::Extended(extended), Address::Short(short)];
-        let answered = self.0.iter().position(|open| {
-            open.counter == counter
-                && names.contains(&open.target)
-                && now.since(open.asked) < EXPIRY
+        let answered = self.0.iter().find(|open| {
+            open.counter == counter && names.contains(&open.target) && now < open.asked + EXPIRY
         });
-        if let Some(place) = answered {
-            let target = self.0.remove(place).target;
-            self.0.retain(|open| open.target != target);
-        }
-        answered.is_some()
+        let Some(&Open { target, .. }) = answered else {
+            return false;
+        };
+        self.0.retain(|open| open.target != target);
+        true
     }
 }

@@ -56,6 +56,7 @@ use crate::{
     log::debug,
     radio::FRAME_MAX,
     security::{Key, RotationError, SealError, Session},
+    slots::Slots,
     wire::{Address, Command, Eui64, FrameType, Header, PanId, Panned, ShortAddress},
 };
 
@@ -140,9 +141,9 @@ pub struct Link<const PEERS: usize, const QUEUE: usize> {
     /// Security.
     pub session: Session<PEERS>,
     attachment: Option<Attachment>,
-    outgoing: heapless::Vec<Outgoing, QUEUE>,
+    outgoing: Slots<Outgoing, QUEUE>,
     incoming: heapless::Deque<Incoming, QUEUE>,
-    replies: heapless::Deque<Reply, REPLIES>,
+    replies: Slots<Reply, REPLIES>,
     challenges: Challenges,
     next_ticket: u16,
     sequence: u8,
@@ -153,13 +154,14 @@ pub struct Link<const PEERS: usize, const QUEUE: usize> {
 
 impl<const PEERS: usize, const QUEUE: usize> Link<PEERS, QUEUE> {
     /// A link that is not attached. `seed` should differ between nodes.
+    #[inline(always)]
     pub fn new(session: Session<PEERS>, seed: u64) -> Self {
         Self {
             session,
             attachment: None,
-            outgoing: heapless::Vec::new(),
+            outgoing: Slots::new(),
             incoming: heapless::Deque::new(),
-            replies: heapless::Deque::new(),
+            replies: Slots::new(),
             challenges: Challenges::default(),
             next_ticket: 0,
             sequence: seed as u8,
@@ -185,7 +187,7 @@ impl<const PEERS: usize, const QUEUE: usize> Link<PEERS, QUEUE> {
         self.attachment = None;
         self.replies.clear();
         self.challenges.clear();
-        for outgoing in &mut self.outgoing {
+        for outgoing in self.outgoing.iter_mut() {
             outgoing.result.get_or_insert(Delivery::NoAnswer);
         }
     }
@@ -264,8 +266,9 @@ impl<const PEERS: usize, const QUEUE: usize> Link<PEERS, QUEUE> {
             due: now,
             result: None,
         };
-        let queued = self.outgoing.push(outgoing);
-        queued.map_err(|_| SendError::QueueFull)?;
+        if !self.outgoing.put(outgoing) {
+            return Err(SendError::QueueFull);
+        }
         self.next_ticket = self.next_ticket.wrapping_add(1);
         Ok(ticket)
     }
@@ -286,26 +289,26 @@ impl<const PEERS: usize, const QUEUE: usize> Link<PEERS, QUEUE> {
         self.incoming.pop_front()
     }
 
+    /// Whether [`recv_bytes`](Self::recv_bytes) has something.
+    pub fn has_message(&self) -> bool {
+        !self.incoming.is_empty()
+    }
+
+    /// Whether [`result`](Self::result) has something.
+    pub fn has_result(&self) -> bool {
+        self.outgoing.iter().any(|outgoing| !outgoing.is_waiting())
+    }
+
     /// The result of any message, once. Its place in the queue is free then.
     pub fn result(&mut self) -> Option<(Ticket, Delivery)> {
-        let (place, result) = self
-            .outgoing
-            .iter()
-            .enumerate()
-            .find_map(|(place, outgoing)| Some((place, (outgoing.ticket, outgoing.result?))))?;
-        self.outgoing.remove(place);
-        Some(result)
+        let settled = self.outgoing.take(|outgoing| !outgoing.is_waiting())?;
+        Some((settled.ticket, settled.result?))
     }
 
     /// The result of one message, once. `None` while it is on its way.
     pub fn result_of(&mut self, ticket: Ticket) -> Option<Delivery> {
-        let place = self
-            .outgoing
-            .iter()
-            .position(|outgoing| outgoing.ticket == ticket)?;
-        let result = self.outgoing.get(place)?.result?;
-        self.outgoing.remove(place);
-        Some(result)
+        let is_settled = |outgoing: &Outgoing| outgoing.ticket == ticket && !outgoing.is_waiting();
+        self.outgoing.take(is_settled)?.result
     }
 
     /// Asks a node to prove that its frames are fresh, unless it was asked just now.
@@ -324,7 +327,7 @@ impl<const PEERS: usize, const QUEUE: usize> Link<PEERS, QUEUE> {
             destination,
             due,
         };
-        let _ = self.replies.push_back(reply);
+        let _ = self.replies.put(reply);
     }
 
     /// When to call [`poll_transmit`](Self::poll_transmit) next, unless something else happens.
@@ -333,23 +336,14 @@ impl<const PEERS: usize, const QUEUE: usize> Link<PEERS, QUEUE> {
         let outgoing = self
             .outgoing
             .iter()
-            .enumerate()
-            .filter(|&(place, outgoing)| outgoing.is_waiting() && self.is_first(place))
-            .map(|(_, outgoing)| outgoing.due);
+            .filter(|outgoing| self.is_next(outgoing))
+            .map(|outgoing| outgoing.due);
         replies.chain(outgoing).min()
     }
 
-    /// Whether no earlier message to the same destination is on its way.
-    fn is_first(&self, place: usize) -> bool {
-        let destination = self
-            .outgoing
-            .get(place)
-            .map(|outgoing| outgoing.destination);
-        !self
-            .outgoing
-            .iter()
-            .take(place)
-            .any(|earlier| earlier.is_waiting() && Some(earlier.destination) == destination)
+    /// Whether a message waits, and no earlier one to the same destination does.
+    fn is_next(&self, outgoing: &Outgoing) -> bool {
+        outgoing.is_waiting() && !self.outgoing.iter().any(|other| other.is_before(outgoing))
     }
 
     /// Writes the next frame that is due to `buffer` and returns its length.
@@ -361,9 +355,11 @@ impl<const PEERS: usize, const QUEUE: usize> Link<PEERS, QUEUE> {
         if let Some(len) = self.transmit_reply(now, buffer) {
             return Some(len);
         }
-        for place in 0..self.outgoing.len() {
-            let outgoing = self.outgoing.get(place)?;
-            if !outgoing.is_waiting() || outgoing.due > now || !self.is_first(place) {
+        for place in 0..QUEUE {
+            let Some(outgoing) = self.outgoing.get(place) else {
+                continue;
+            };
+            if outgoing.due > now || !self.is_next(outgoing) {
                 continue;
             }
             match self.transmit_message(place, now, buffer) {
@@ -381,13 +377,7 @@ impl<const PEERS: usize, const QUEUE: usize> Link<PEERS, QUEUE> {
 
     fn transmit_reply(&mut self, now: Instant, buffer: &mut [u8; FRAME_MAX]) -> Option<usize> {
         let short = self.attachment?.short;
-        let due = self.replies.iter().position(|reply| reply.due <= now)?;
-        // Those before it go to the back; the order among replies does not matter.
-        for _ in 0..due {
-            let reply = self.replies.pop_front()?;
-            let _ = self.replies.push_back(reply);
-        }
-        let reply = self.replies.pop_front()?;
+        let reply = self.replies.take(|reply| reply.due <= now)?;
         let (source, packet) = match reply.kind {
             ReplyKind::Acknowledgement { counter } => {
                 (Address::Short(short), Packet::Acknowledgement { counter })
@@ -490,5 +480,19 @@ impl<const PEERS: usize, const QUEUE: usize> Link<PEERS, QUEUE> {
     /// The next key became the one in use, or another was installed, since this was last asked.
     pub(crate) const fn take_keys_changed(&mut self) -> bool {
         core::mem::replace(&mut self.keys_changed, false)
+    }
+}
+
+#[cfg(feature = "defmt")]
+impl<const PEERS: usize, const QUEUE: usize> defmt::Format for Link<PEERS, QUEUE> {
+    /// Where it is attached, and what it counted: the queues would fill the log.
+    fn format(&self, f: defmt::Formatter<'_>) {
+        defmt::write!(
+            f,
+            "{} as {}, {}",
+            self.session.extended(),
+            self.short(),
+            self.counts
+        );
     }
 }

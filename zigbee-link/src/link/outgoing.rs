@@ -81,11 +81,17 @@ impl Outgoing {
         self.result.is_none()
     }
 
+    /// Whether this message has to be settled before another to the same destination is sent.
+    pub(super) const fn is_before(&self, other: &Self) -> bool {
+        // Numbers wrap around; all in a queue are close together.
+        let age = other.ticket.0.wrapping_sub(self.ticket.0);
+        self.is_waiting() && self.destination.0 == other.destination.0 && 0 < age && age < 1 << 15
+    }
+
     /// Takes note of an attempt.
     pub(super) fn attempted(&mut self, now: Instant, jitter: &mut Jitter) {
-        let mean = RETRY_FIRST * (1 << self.attempts.min(5));
+        self.due = now + jitter.backoff(RETRY_FIRST, RETRY_MAX, self.attempts);
         self.attempts += 1;
-        self.due = now + jitter.around(mean.min(RETRY_MAX));
         if self.kind == Kind::Broadcast && self.attempts >= BROADCAST_COPIES {
             self.result = Some(Delivery::Broadcast);
         }

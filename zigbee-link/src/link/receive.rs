@@ -167,7 +167,7 @@ impl<const PEERS: usize, const QUEUE: usize> Link<PEERS, QUEUE> {
                     };
                     self.reply(now, kind, Address::Extended(extended));
                 }
-                for outgoing in &mut self.outgoing {
+                for outgoing in self.outgoing.iter_mut() {
                     if outgoing.destination == short {
                         outgoing.due = outgoing.due.min(now);
                     }

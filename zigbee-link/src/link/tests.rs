@@ -162,6 +162,35 @@ fn a_message_arrives_once_and_its_sender_knows() {
 }
 
 /// An acknowledgement is of the frame whose counter it repeats, not of whatever waits for one.
+/// Whatever place in the queue becomes free, and when the numbers of tickets wrap around.
+#[test]
+fn messages_to_one_receiver_keep_their_order() {
+    let mut aether = Aether::new(2, 0.3, 11);
+    aether.nodes[0].next_ticket = u16::MAX - 20;
+    let (mut sent, mut received) = (0, Vec::new());
+    while received.len() < 60 {
+        let now = aether.now;
+        while sent < 60 && aether.nodes[0].send(now, short(1), &sent).is_ok() {
+            sent += 1;
+        }
+        let mut acted = false;
+        for from in 0..2 {
+            acted |= aether.transmit(from);
+        }
+        while let Some((_, number)) = aether.nodes[1].recv::<u32>() {
+            received.push(number);
+        }
+        // Results are fetched late and out of order.
+        while let (true, Some((_, delivery))) = (aether.rng.random(), aether.nodes[0].result()) {
+            assert_eq!(delivery, Delivery::Delivered);
+        }
+        if !acted {
+            aether.now = aether.now + Duration::from_millis(1);
+        }
+    }
+    assert!(received.is_sorted());
+}
+
 #[test]
 fn an_acknowledgement_of_another_frame_is_none() {
     let mut aether = Aether::new(2, 0.0, 0);

@@ -3,8 +3,8 @@
 use core::time::Duration;
 
 use super::{
-    Node, Role,
-    coordinator::{CONFLICT_PAUSE, Rotation, State},
+    Node, Role, Status,
+    coordinator::{CONFLICT_PAUSE, State},
     scan::Step,
 };
 use crate::{
@@ -63,38 +63,34 @@ impl<const PEERS: usize, const QUEUE: usize, const MEMBERS: usize> Node<PEERS, Q
         let Role::Coordinator(coordinator) = &mut self.role else {
             return;
         };
-        let Some(mut rotation) = coordinator.rotation else {
+        let Some(rotation) = coordinator.rotation.as_mut() else {
             return;
         };
+        if rotation.change.is_done {
+            return;
+        }
         if let Some(ticket) = rotation.ticket {
-            match self.link.result_of(ticket) {
-                None => return,
-                Some(delivery) => {
-                    rotation.unreached += u8::from(delivery != Delivery::Delivered);
-                    rotation.ticket = None;
-                }
-            }
+            let Some(delivery) = self.link.result_of(ticket) else {
+                return;
+            };
+            rotation.change.unreached += u8::from(delivery != Delivery::Delivered);
+            rotation.ticket = None;
         }
         let next = self.link.session.keys.next();
         let mut members = coordinator.members.iter().enumerate().skip(rotation.place);
         let member = members.find_map(|(place, member)| Some((place, (*member)?)));
-        coordinator.rotation = match (member, next) {
-            (Some((place, member)), Some(next)) => {
-                match self.link.send_next_key(now, member.short, &next) {
-                    Err(SendError::QueueFull) => Some(rotation),
-                    sent => Some(Rotation {
-                        place: place + 1,
-                        ticket: sent.ok(),
-                        ..rotation
-                    }),
-                }
+        if let (Some((place, member)), Some(next)) = (member, next) {
+            let sent = self.link.send_next_key(now, member.short, &next);
+            if sent != Err(SendError::QueueFull) {
+                rotation.place = place + 1;
+                rotation.ticket = sent.ok();
+                rotation.change.unreached += u8::from(sent.is_err());
             }
-            _ => {
-                // Not installed means that another key was meanwhile.
-                let _ = self.link.activate_key(rotation.index, now);
-                None
-            }
-        };
+        } else {
+            rotation.change.is_done = true;
+            // Not installed means that another key was meanwhile.
+            let _ = self.link.activate_key(rotation.change.index, now);
+        }
     }
 
     /// Changes the PAN identifier once every announcement has been sent.
@@ -127,7 +123,7 @@ impl<const PEERS: usize, const QUEUE: usize, const MEMBERS: usize> Node<PEERS, Q
         let State::Running(network) = coordinator.state else {
             return;
         };
-        let recent = |last: Instant| now.since(last) < CONFLICT_PAUSE;
+        let recent = |last: Instant| now < last + CONFLICT_PAUSE;
         if coordinator.last_conflict.is_some_and(recent) {
             return;
         }
@@ -169,10 +165,26 @@ impl<const PEERS: usize, const QUEUE: usize, const MEMBERS: usize> Node<PEERS, Q
                         .rename(from, ShortAddress::UNASSIGNED);
                 }
             }
+            Command::Orphan => self.orphaned(now, from),
             Command::PanIdConflict if self.members().any(|member| member.extended == from) => {
                 self.conflict(now);
             }
             _ => {}
+        }
+    }
+
+    /// Tells a member where it belongs.
+    fn orphaned(&mut self, now: Instant, device: Eui64) {
+        let member = self.members().find(|member| member.extended == device);
+        if let (Some(member), Status::Joined(network)) = (member, self.status()) {
+            let command = Command::CoordinatorRealignment {
+                pan: network.pan,
+                coordinator: ShortAddress::COORDINATOR,
+                channel: network.channel.number(),
+                short: member.short,
+                page: None,
+            };
+            self.command(now, Address::Extended(device), command);
         }
     }
 

@@ -50,10 +50,22 @@ pub(super) enum State {
 /// Handing on the next key, one member after the other.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Rotation {
-    pub index: u8,
+    pub change: KeyChange,
     /// The place in the table to serve next.
     pub place: usize,
     pub ticket: Option<Ticket>,
+}
+
+/// A change of key, as a coordinator sees it.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct KeyChange {
+    /// The index of the new key.
+    pub index: u8,
+    /// It has been offered to every member, and is in use.
+    pub is_done: bool,
+    /// Members that did not acknowledge it. They may have it all the same, if only their answers
+    /// were lost; else they must be provisioned anew.
     pub unreached: u8,
 }
 

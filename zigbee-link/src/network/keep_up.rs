@@ -5,7 +5,7 @@ use core::mem;
 use super::{
     Node, Role,
     device::{ALIVE_ATTEMPTS, ALIVE_WAIT, JOIN_ATTEMPTS, JOIN_WAIT, KEEP_ALIVE, State},
-    scan::{Scan, Step},
+    scan::Step,
 };
 use crate::{
     Instant,
@@ -28,10 +28,10 @@ impl<const PEERS: usize, const QUEUE: usize, const MEMBERS: usize> Node<PEERS, Q
             State::Out => {}
             State::Pausing(until) => {
                 if *until <= now {
-                    device.state = State::Scanning(Scan::new(self.settings.channels));
+                    device.scan(self.settings.channels);
                 }
             }
-            State::Scanning(scan) => match scan.step(now) {
+            State::Scanning => match device.scan.step(now) {
                 Step::Request => self.beacon_request_due = true,
                 Step::Listen => {}
                 Step::Done => self.next_candidate(now),
@@ -64,7 +64,7 @@ impl<const PEERS: usize, const QUEUE: usize, const MEMBERS: usize> Node<PEERS, Q
             } if *check <= now => {
                 let coordinator = membership.coordinator;
                 let peer = self.link.session.peers.by_extended(coordinator);
-                match peer.filter(|peer| now.since(peer.heard) < KEEP_ALIVE) {
+                match peer.filter(|peer| now < peer.heard + KEEP_ALIVE) {
                     Some(peer) => {
                         *unanswered = 0;
                         *check = peer.heard + KEEP_ALIVE;
@@ -76,7 +76,7 @@ impl<const PEERS: usize, const QUEUE: usize, const MEMBERS: usize> Node<PEERS, Q
                     }
                     None => {
                         debug!("lost {}", membership.pan);
-                        device.state = State::Scanning(Scan::new(self.settings.channels));
+                        device.scan(self.settings.channels);
                         self.link.detach();
                     }
                 }
@@ -90,20 +90,16 @@ impl<const PEERS: usize, const QUEUE: usize, const MEMBERS: usize> Node<PEERS, Q
         let Role::Device(device) = &mut self.role else {
             return;
         };
-        let (scan, place) = match mem::replace(&mut device.state, State::Out) {
-            State::Scanning(scan) => (scan, 0),
-            State::Joining { scan, place, .. } => (scan, place + 1),
-            other => {
-                device.state = other;
-                return;
-            }
+        let place = match device.state {
+            State::Scanning => 0,
+            State::Joining { place, .. } => place + 1,
+            _ => return,
         };
         self.link.detach();
-        match device.candidate(&scan, place) {
+        match device.candidate(place) {
             Some(candidate) => {
                 device.state = State::Joining {
                     candidate,
-                    scan,
                     place,
                     is_fresh: false,
                     attempts: 0,

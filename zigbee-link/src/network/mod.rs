@@ -15,7 +15,8 @@
 //! [`security`](crate::security)); only then the association request and its answer count. A device
 //! asks a silent coordinator every [`KEEP_ALIVE`] whether it is there. When it is not, the device
 //! is an orphan: it scans and joins again, and gets the same short address. The orphan scan of the
-//! standard is not used: it would find the same coordinator with one frame less.
+//! standard is not used: it would find the same coordinator with one frame less. A coordinator
+//! answers the orphan notification of a member all the same, if it is secured.
 //!
 //! # PAN conflict
 //! A coordinator that hears a beacon with its own identifier, or is told so by a member, takes
@@ -36,7 +37,7 @@ use self::{
     scan::{Found, Scan, beacon_payload, parse_beacon},
 };
 pub use self::{
-    coordinator::{JOIN_WINDOW_MAX, MembersFull},
+    coordinator::{JOIN_WINDOW_MAX, KeyChange, MembersFull},
     device::KEEP_ALIVE,
     scan::{Channels, SCAN_TIME},
 };
@@ -44,12 +45,13 @@ use crate::{
     Instant,
     jitter::Jitter,
     link::Link,
-    radio::{Config, FRAME_MAX},
+    radio::{Channel, Config, FRAME_MAX},
     security::{Counter, Key, Protection, RotationError, Session},
+    slots::Slots,
     store::{Member, Membership, Record, Saved},
     wire::{
         Address, AssociationStatus, Beacon, Command, Eui64, Frame, FrameType, Header, PanId,
-        Panned, ShortAddress, Superframe,
+        Panned, ShortAddress, Superframe, is_secured,
     },
 };
 
@@ -116,14 +118,15 @@ struct Outbound {
 /// One node: a link and its place in a network.
 ///
 /// `PEERS` nodes can be talked to, `QUEUE` messages queue each way, and a coordinator has up to
-/// `MEMBERS` members, at most [`MEMBERS_MAX`](crate::store::MEMBERS_MAX).
+/// `MEMBERS` members, at most [`MEMBERS_MAX`](crate::store::MEMBERS_MAX). With 0 members, a node is
+/// a device, and the code of a coordinator is left out.
 #[derive(Debug)]
 pub struct Node<const PEERS: usize, const QUEUE: usize, const MEMBERS: usize> {
     /// Messages.
     pub link: Link<PEERS, QUEUE>,
     settings: Settings,
     role: Role<MEMBERS>,
-    commands: heapless::Deque<Outbound, COMMANDS>,
+    commands: Slots<Outbound, COMMANDS>,
     records: heapless::Deque<Record, RECORDS>,
     configured: Option<Config>,
     beacon_request_due: bool,
@@ -134,12 +137,13 @@ pub struct Node<const PEERS: usize, const QUEUE: usize, const MEMBERS: usize> {
 
 impl<const PEERS: usize, const QUEUE: usize, const MEMBERS: usize> Node<PEERS, QUEUE, MEMBERS> {
     /// A coordinator with what its store remembers.
+    #[inline(always)]
     pub fn coordinator(
         settings: Settings,
         saved: &Saved,
         members: [Option<Member>; MEMBERS],
     ) -> Self {
-        const { assert!(MEMBERS <= crate::store::MEMBERS_MAX) };
+        const { assert!(MEMBERS > 0 && MEMBERS <= crate::store::MEMBERS_MAX) };
         let state = match saved.network {
             Some(network) => coordinator::State::Running(network),
             None => coordinator::State::Scanning(Scan::new(settings.channels)),
@@ -156,6 +160,7 @@ impl<const PEERS: usize, const QUEUE: usize, const MEMBERS: usize> Node<PEERS, Q
     }
 
     /// A device with what its store remembers. It looks for a network at once.
+    #[inline(always)]
     pub fn device(now: Instant, settings: Settings, saved: &Saved) -> Self {
         let state = match saved.network {
             Some(membership) => device::State::Joined {
@@ -163,19 +168,19 @@ impl<const PEERS: usize, const QUEUE: usize, const MEMBERS: usize> Node<PEERS, Q
                 unanswered: 0,
                 check: now,
             },
-            None => device::State::Scanning(Scan::new(settings.channels)),
+            None => device::State::Scanning,
         };
-        let mut node = Self::new(
-            settings,
-            saved,
-            Role::Device(Device::new(state, saved.network)),
-        );
+        let device = Device::new(state, settings.channels, saved.network);
+        let mut node = Self::new(settings, saved, Role::Device(device));
         if let Some(network) = saved.network {
             node.link.attach(network.pan, network.short);
         }
         node
     }
 
+    // A node is large, and each call that returns one may copy it on the stack: inlined, it is made
+    // in its place.
+    #[inline(always)]
     fn new(settings: Settings, saved: &Saved, role: Role<MEMBERS>) -> Self {
         let counter = Counter::resume(saved.counter_limit);
         let protection = settings.protection;
@@ -188,7 +193,7 @@ impl<const PEERS: usize, const QUEUE: usize, const MEMBERS: usize> Node<PEERS, Q
             link: Link::new(session, settings.seed),
             settings,
             role,
-            commands: heapless::Deque::new(),
+            commands: Slots::new(),
             records: heapless::Deque::new(),
             configured: None,
             beacon_request_due: false,
@@ -276,16 +281,15 @@ impl<const PEERS: usize, const QUEUE: usize, const MEMBERS: usize> Node<PEERS, Q
 
     /// Looks for a network, if the node has none.
     pub fn join(&mut self) {
-        let scan = Scan::new(self.settings.channels);
         if let Role::Device(device) = &mut self.role
             && matches!(device.state, device::State::Out)
         {
-            device.state = device::State::Scanning(scan);
+            device.scan(self.settings.channels);
         }
     }
 
     /// Hands a new key on to all members, one after the other, and then uses it. Members that
-    /// cannot be reached must be provisioned anew. Frames under the former key are accepted for
+    /// cannot be reached must be provisioned anew, [`key_change`](Self::key_change) counts them. Frames under the former key are accepted for
     /// [`KEY_WINDOW`](crate::link::KEY_WINDOW) more. A coordinator that restarts meanwhile has to be
     /// told again.
     ///
@@ -297,13 +301,24 @@ impl<const PEERS: usize, const QUEUE: usize, const MEMBERS: usize> Node<PEERS, Q
         };
         self.link.session.keys.install(next)?;
         coordinator.rotation = Some(Rotation {
-            index: next.index(),
+            change: KeyChange {
+                index: next.index(),
+                is_done: false,
+                unreached: 0,
+            },
             place: 0,
             ticket: None,
-            unreached: 0,
         });
         self.save(Record::NextKey(Some(next)));
         Ok(())
+    }
+
+    /// How the last change of key since the start goes. `None` without one, and for a device.
+    pub fn key_change(&self) -> Option<KeyChange> {
+        match &self.role {
+            Role::Coordinator(coordinator) => Some(coordinator.rotation?.change),
+            Role::Device(_) => None,
+        }
     }
 
     /// The store has written the record down.
@@ -315,15 +330,18 @@ impl<const PEERS: usize, const QUEUE: usize, const MEMBERS: usize> Node<PEERS, Q
         }
     }
 
+    // Not inlined, like the next: a large value is moved, and there are many callers.
+    #[inline(never)]
     fn save(&mut self, record: Record) {
         // Written one after the other as fast as they come; a full queue would mean a store that
         // does not answer, and then nothing else goes on either.
         let _ = self.records.push_back(record);
     }
 
+    #[inline(never)]
     fn command(&mut self, due: Instant, destination: Address, command: Command) {
         // When the queue is full, the peer asks again.
-        let _ = self.commands.push_back(Outbound {
+        let _ = self.commands.put(Outbound {
             destination,
             command,
             due,
@@ -340,7 +358,7 @@ impl<const PEERS: usize, const QUEUE: usize, const MEMBERS: usize> Node<PEERS, Q
             Role::Device(device) => match &device.state {
                 device::State::Out => None,
                 device::State::Pausing(until) => Some(*until),
-                device::State::Scanning(scan) => Some(scan.until()),
+                device::State::Scanning => Some(device.scan.until()),
                 device::State::Joining { due, .. } => Some(*due),
                 device::State::Joined { check, .. } => Some(*check),
             },
@@ -361,7 +379,9 @@ impl<const PEERS: usize, const QUEUE: usize, const MEMBERS: usize> Node<PEERS, Q
             return Some(Action::Save(Record::CounterLimit(limit)));
         }
         match &self.role {
-            Role::Coordinator(_) => self.coordinate(now),
+            // Without members, no node is a coordinator, and its code is left out.
+            Role::Coordinator(_) if MEMBERS > 0 => self.coordinate(now),
+            Role::Coordinator(_) => {}
             Role::Device(_) => self.keep_up(now),
         }
         if self.link.take_keys_changed() {
@@ -395,9 +415,9 @@ impl<const PEERS: usize, const QUEUE: usize, const MEMBERS: usize> Node<PEERS, Q
                 coordinator::State::Scanning(scan) => nowhere(scan.channel()?),
                 coordinator::State::Running(network) => at(network),
             },
-            Role::Device(Device { state, .. }) => match state {
+            Role::Device(Device { state, scan, .. }) => match state {
                 device::State::Out | device::State::Pausing(_) => return None,
-                device::State::Scanning(scan) => nowhere(scan.channel()?),
+                device::State::Scanning => nowhere(scan.channel()?),
                 device::State::Joining { candidate, .. } => {
                     (candidate.channel, candidate.pan, ShortAddress::BROADCAST)
                 }
@@ -438,7 +458,9 @@ impl<const PEERS: usize, const QUEUE: usize, const MEMBERS: usize> Node<PEERS, Q
         let coordinator::State::Running(network) = coordinator.state else {
             return None;
         };
-        coordinator.beacon_due.take_if(|due| *due <= now)?;
+        coordinator
+            .beacon_due
+            .take_if(|due| MEMBERS > 0 && *due <= now)?;
         let header = Header {
             source: Panned::new(network.pan, Address::Extended(self.settings.extended)),
             ..Header::new(FrameType::Beacon, self.link.next_sequence())
@@ -451,16 +473,7 @@ impl<const PEERS: usize, const QUEUE: usize, const MEMBERS: usize> Node<PEERS, Q
     }
 
     fn transmit_command(&mut self, now: Instant, buffer: &mut [u8; FRAME_MAX]) -> Option<usize> {
-        let due = self
-            .commands
-            .iter()
-            .position(|outbound| outbound.due <= now)?;
-        // Those before it go to the back; they are due later.
-        for _ in 0..due {
-            let later = self.commands.pop_front()?;
-            let _ = self.commands.push_back(later);
-        }
-        let outbound = self.commands.pop_front()?;
+        let outbound = self.commands.take(|outbound| outbound.due <= now)?;
         let pan = self.configured?.pan;
         let header = Header {
             destination: Panned::new(pan, outbound.destination),
@@ -476,22 +489,27 @@ impl<const PEERS: usize, const QUEUE: usize, const MEMBERS: usize> Node<PEERS, Q
 
     /// Takes in a frame without FCS, which is decrypted in place.
     pub fn handle(&mut self, now: Instant, frame: &mut [u8]) {
-        if self.handle_open(now, frame) {
+        let Some(config) = self.configured else {
+            return;
+        };
+        // Most of what is heard is secured and for somebody else, which the link sees at once.
+        if !is_secured(frame) && self.handle_open(now, frame, config.channel) {
             return;
         }
         let event = self.link.handle(now, frame);
         match &mut self.role {
-            Role::Coordinator(_) => self.coordinator_event(now, event),
+            Role::Coordinator(_) if MEMBERS > 0 => self.coordinator_event(now, event),
+            Role::Coordinator(_) => {}
             Role::Device(_) => self.device_event(now, event),
         }
     }
 
     /// Beacons and beacon requests, which are not secured. Whether it was one.
-    fn handle_open(&mut self, now: Instant, bytes: &[u8]) -> bool {
-        let (Ok(frame), Some(config)) = (Frame::parse(bytes), self.configured) else {
+    fn handle_open(&mut self, now: Instant, bytes: &[u8], channel: Channel) -> bool {
+        let Ok(frame) = Frame::parse(bytes) else {
             return true;
         };
-        if let Some(found) = parse_beacon(&frame, config.channel) {
+        if let Some(found) = parse_beacon(&frame, channel) {
             self.heard_beacon(now, found);
             return true;
         }
@@ -512,16 +530,19 @@ impl<const PEERS: usize, const QUEUE: usize, const MEMBERS: usize> Node<PEERS, Q
             Role::Coordinator(coordinator) => match &mut coordinator.state {
                 coordinator::State::Scanning(scan) => scan.heard(found),
                 coordinator::State::Running(network) => {
-                    if found.pan == network.pan {
+                    if MEMBERS > 0 && found.pan == network.pan {
                         self.conflict(now);
                     }
                 }
             },
             Role::Device(device) => match &mut device.state {
-                device::State::Scanning(scan) => scan.heard(found),
+                device::State::Scanning => device.scan.heard(found),
                 device::State::Joined { membership, .. } => {
                     let stranger = found.coordinator != Some(membership.coordinator);
-                    if found.pan == membership.pan && stranger && self.commands.is_empty() {
+                    if found.pan == membership.pan
+                        && stranger
+                        && self.commands.iter().next().is_none()
+                    {
                         let coordinator = Address::Extended(membership.coordinator);
                         self.command(now, coordinator, Command::PanIdConflict);
                     }
@@ -529,5 +550,14 @@ impl<const PEERS: usize, const QUEUE: usize, const MEMBERS: usize> Node<PEERS, Q
                 _ => {}
             },
         }
+    }
+}
+
+#[cfg(feature = "defmt")]
+impl<const PEERS: usize, const QUEUE: usize, const MEMBERS: usize> defmt::Format
+    for Node<PEERS, QUEUE, MEMBERS>
+{
+    fn format(&self, f: defmt::Formatter<'_>) {
+        defmt::write!(f, "{}, {}", self.status(), self.link);
     }
 }

@@ -190,3 +190,10 @@ impl fmt::Debug for Keyring {
             .finish_non_exhaustive()
     }
 }
+
+#[cfg(feature = "defmt")]
+impl defmt::Format for Keyring {
+    fn format(&self, f: defmt::Formatter<'_>) {
+        defmt::write!(f, "active {}", self.active.key);
+    }
+}

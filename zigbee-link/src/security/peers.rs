@@ -44,6 +44,7 @@ impl core::error::Error for TableFull {}
 
 /// Up to `N` peers. 40 bytes each on a 32-bit processor.
 #[derive(Clone, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Peers<const N: usize>(heapless::Vec<Peer, N>);
 
 impl<const N: usize> Default for Peers<N> {
@@ -82,38 +83,30 @@ impl<const N: usize> Peers<N> {
         counter: u32,
         now: Instant,
     ) -> Result<(), TableFull> {
-        if self.by_extended(extended).is_none() && self.0.is_full() {
-            let (place, oldest) = self
-                .0
-                .iter()
-                .enumerate()
-                .min_by_key(|(_, peer)| peer.heard)
-                .ok_or(TableFull)?;
-            if now.since(oldest.heard) < EVICT_AFTER {
-                return Err(TableFull);
+        let peer = Peer {
+            extended,
+            short,
+            counter,
+            heard: now,
+            last_unicast: None,
+            last_broadcast: None,
+        };
+        let is_full = self.0.is_full();
+        if let Some(known) = self.by_extended_mut(extended) {
+            known.counter = known.counter.max(counter);
+            known.heard = now;
+        } else if is_full {
+            let oldest = self.0.iter_mut().min_by_key(|peer| peer.heard);
+            match oldest.filter(|oldest| oldest.heard + EVICT_AFTER <= now) {
+                Some(oldest) => *oldest = peer,
+                None => return Err(TableFull),
             }
-            self.0.swap_remove(place);
+        } else {
+            self.0.push(peer).map_err(|_| TableFull)?;
         }
         // An address given to somebody else is no longer its former owner's.
         self.rename(extended, short);
-        match self.by_extended_mut(extended) {
-            Some(peer) => {
-                peer.counter = peer.counter.max(counter);
-                peer.heard = now;
-                Ok(())
-            }
-            None => self
-                .0
-                .push(Peer {
-                    extended,
-                    short,
-                    counter,
-                    heard: now,
-                    last_unicast: None,
-                    last_broadcast: None,
-                })
-                .map_err(|_| TableFull),
-        }
+        Ok(())
     }
 
     /// Gives a peer another short address.

@@ -17,6 +17,7 @@ use crate::{
 
 /// Everything that secures one node's frames: address, keys, counter and up to `PEERS` peers.
 #[derive(Debug)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Session<const PEERS: usize> {
     /// The own extended address.
     extended: Eui64,
@@ -50,6 +51,7 @@ impl Sender {
 
 /// An authentic frame.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Opened<'a> {
     /// Data or command.
     pub frame_type: FrameType,
@@ -171,6 +173,7 @@ impl<const PEERS: usize> Session<PEERS> {
     /// A session without peers.
     ///
     /// `counter` comes from the store, see [`Counter::resume`].
+    #[inline(always)]
     pub fn new(extended: Eui64, protection: Protection, key: Key, counter: Counter) -> Self {
         Self {
             extended,
@@ -234,17 +237,9 @@ impl<const PEERS: usize> Session<PEERS> {
             .split_at_mut_checked(clear_len)
             .ok_or(EmitError::Impossible)?;
         let nonce = nonce(self.extended, counter, level);
-        let code = ccm::seal(
-            self.keys.active_cipher(),
-            self.protection,
-            &nonce,
-            clear,
-            secret,
-        )
-        .map_err(|_| EmitError::NoRoom)?;
-        for (place, byte) in mic.iter_mut().zip(code) {
-            *place = byte;
-        }
+        let cipher = self.keys.active_cipher();
+        ccm::seal(cipher, self.protection, &nonce, clear, secret, mic)
+            .map_err(|_| EmitError::NoRoom)?;
         Ok(Sealed { len, counter })
     }
 

@@ -6,6 +6,7 @@ use core::time::Duration;
 ///
 /// The defaults serve lines from 115200 baud on, where the longest frame takes 28 ms.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Policy {
     /// Silence after which a command was not heard.
     pub answer: Duration,

@@ -1,76 +1,186 @@
-//! A log of fixed-size slots in two banks of a NOR flash.
+//! A log of small records in two banks of a NOR flash, safe against the loss of power.
 //!
-//! At rest one bank is valid and the other erased. Slot 0 of a bank is its header; it is written
-//! last, so a bank with a header is whole. When a bank is full, what is live goes into the other
-//! one, with the next generation, and then this one is erased.
+//! [`Store`](super::Store) is built on it, and an application can keep its own facts in another
+//! range of the same flash. A record has a key; appending one replaces the record of this key. It
+//! is there whole or not at all, whenever the power fails, and pages are worn evenly.
+//!
+//! Every record takes a slot of `SLOT` bytes: 6 of the log and a value of up to `SLOT - 6`. `SLOT`
+//! is a multiple of the flash's read and write size; 128 gives 122 bytes, and 31 records to a page
+//! of 4 KiB.
+//!
+//! # Format, version 1
+//! A slot is: version 1, key, value padded with zeros, CRC-32 (ISO-HDLC) of all that, as
+//! little-endian u32. A bank is half the range. At rest one bank is valid and the other erased.
+//! Slot 0 of a bank is its header: key 255, generation as little-endian u32. It is written last, so
+//! a bank with a header is whole. Records follow, then erased slots. When a bank is full, the
+//! newest record of each key goes into the other one, with the next generation, and then this one
+//! is erased.
+//!
+//! # Several users of one flash
+//! One log borrows the flash as `&mut F`. Users that live side by side each take a
+//! `Partition` of `embassy_embedded_hal::flash::partition`, over one
+//! `embassy_sync::mutex::Mutex<NoopRawMutex, F>`:
+//! ```
+//! # use core::convert::Infallible;
+//! # use embedded_storage_async::nor_flash::{ErrorType, NorFlash, ReadNorFlash};
+//! # struct Nvmc([u8; 4 * 4096]);
+//! # impl ErrorType for Nvmc { type Error = Infallible; }
+//! # impl ReadNorFlash for Nvmc {
+//! #     const READ_SIZE: usize = 4;
+//! #     async fn read(&mut self, at: u32, bytes: &mut [u8]) -> Result<(), Infallible> {
+//! #         bytes.copy_from_slice(&self.0[at as usize..][..bytes.len()]);
+//! #         Ok(())
+//! #     }
+//! #     fn capacity(&self) -> usize { self.0.len() }
+//! # }
+//! # impl NorFlash for Nvmc {
+//! #     const WRITE_SIZE: usize = 4;
+//! #     const ERASE_SIZE: usize = 4096;
+//! #     async fn erase(&mut self, from: u32, to: u32) -> Result<(), Infallible> {
+//! #         self.0[from as usize..to as usize].fill(0xFF);
+//! #         Ok(())
+//! #     }
+//! #     async fn write(&mut self, at: u32, bytes: &[u8]) -> Result<(), Infallible> {
+//! #         self.0[at as usize..][..bytes.len()].copy_from_slice(bytes);
+//! #         Ok(())
+//! #     }
+//! # }
+//! use embassy_embedded_hal::flash::partition::Partition;
+//! use embassy_sync::{blocking_mutex::raw::NoopRawMutex, mutex::Mutex};
+//! use zigbee_link::store::{Store, log::{Entry, Log}};
+//!
+//! # let nvmc = Nvmc([0xFF; 4 * 4096]);
+//! # embassy_futures::block_on(async {
+//! let flash = Mutex::<NoopRawMutex, _>::new(nvmc);
+//! let half = 2 * 4096;
+//! let link = Partition::new(&flash, 0, half);
+//! let facts = Partition::new(&flash, half, half);
+//!
+//! let mut store = Store::new(link, 0..half)?;
+//! let mut log = Log::<_, 128>::new(facts, 0..half)?;
+//! log.open().await?;
+//! let pose = Entry::new(1, b"x 2.5 m, y 7.0 m").ok_or("too long")?;
+//! log.append(&pose).await?;
+//! assert_eq!(log.find(1).await?, Some(pose));
+//! # Ok::<(), Box<dyn core::error::Error>>(())
+//! # }).unwrap();
+//! ```
 
-use core::ops::Range;
+use core::{fmt, ops::Range};
 
 use embedded_storage_async::nor_flash::NorFlash;
 
-use super::StoreError;
-
-/// Bytes of a slot. Every write size that divides it is supported.
-const SLOT: usize = 32;
-/// Bytes of a slot before its checksum.
-const BODY: usize = SLOT - 4;
-/// Bytes of a record's value.
-pub(super) const VALUE_LEN: usize = BODY - 2;
+/// Bytes of a slot before the value, and behind it.
+const HEAD: usize = 2;
+const SUM: usize = 4;
 /// Version of the format, first byte of each slot.
 const VERSION: u8 = 1;
-/// Record key of a bank's header; its value starts with the generation.
+/// Key of a bank's header; its value starts with the generation.
 const HEADER: u8 = 0xFF;
 
 /// A record: its key, and its value padded with zeros.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) struct Entry {
-    pub key: u8,
-    pub value: [u8; VALUE_LEN],
-}
-
-/// What a slot holds.
-#[derive(Clone, Copy)]
-enum Content {
-    Erased,
-    Entry(Entry),
-    /// A write that lost its power, or a record that rotted.
-    Bad,
-}
-
-/// Flash drivers may ask for word-aligned buffers.
+///
+/// It is kept as the bytes of its slot, aligned as flash drivers may ask for.
+#[derive(Clone, Copy, PartialEq, Eq)]
 #[repr(align(4))]
-struct Slot([u8; SLOT]);
+pub struct Entry<const SLOT: usize>([u8; SLOT]);
 
-impl Slot {
-    fn new(entry: Entry) -> Self {
+impl<const SLOT: usize> Entry<SLOT> {
+    /// Bytes of the longest value.
+    pub const VALUE_MAX: usize = {
+        assert!(
+            SLOT >= HEAD + 4 + SUM,
+            "a slot must have room for the header of a bank"
+        );
+        SLOT - HEAD - SUM
+    };
+
+    /// A record. `None` for key 255, which is the log's own, and for more than
+    /// [`VALUE_MAX`](Self::VALUE_MAX) bytes.
+    pub fn new(key: u8, value: &[u8]) -> Option<Self> {
+        let fits = key != HEADER && value.len() <= Self::VALUE_MAX;
+        fits.then(|| Self::filled(key, value))
+    }
+
+    /// A slot whose checksum is right.
+    fn filled(key: u8, value: &[u8]) -> Self {
         let mut slot = [0; SLOT];
-        let body = [VERSION, entry.key].into_iter().chain(entry.value);
-        for (place, byte) in slot.iter_mut().zip(body) {
-            *place = byte;
-        }
-        let sum = crc32(&slot).to_le_bytes();
-        for (place, byte) in slot.iter_mut().skip(BODY).zip(sum) {
-            *place = byte;
+        let content = [VERSION, key].into_iter().chain(value.iter().copied());
+        if let Some((body, sum)) = slot.split_last_chunk_mut() {
+            for (place, byte) in body.iter_mut().zip(content) {
+                *place = byte;
+            }
+            *sum = crc32(body).to_le_bytes();
         }
         Self(slot)
     }
 
-    fn content(&self) -> Content {
+    fn header(generation: u32) -> Self {
+        Self::filled(HEADER, &generation.to_le_bytes())
+    }
+
+    /// The key.
+    pub const fn key(&self) -> u8 {
+        match self.0.as_slice() {
+            [_, key, ..] => *key,
+            _ => HEADER,
+        }
+    }
+
+    /// The value, with zeros behind it: [`VALUE_MAX`](Self::VALUE_MAX) bytes.
+    pub fn value(&self) -> &[u8] {
+        self.0.get(HEAD..HEAD + Self::VALUE_MAX).unwrap_or_default()
+    }
+
+    fn content(self) -> Content<SLOT> {
         if self.0.iter().all(|&byte| byte == 0xFF) {
             return Content::Erased;
         }
-        let [version, key, value @ .., a, b, c, d] = self.0;
-        if version == VERSION && crc32(&self.0) == u32::from_le_bytes([a, b, c, d]) {
-            Content::Entry(Entry { key, value })
-        } else {
-            Content::Bad
+        match self.0.split_last_chunk() {
+            Some((body, sum))
+                if body.first() == Some(&VERSION) && crc32(body).to_le_bytes() == *sum =>
+            {
+                Content::Entry(self)
+            }
+            _ => Content::Bad,
         }
+    }
+
+    /// Of the header of a bank.
+    fn generation(&self) -> Option<u32> {
+        let generation = self
+            .value()
+            .first_chunk()
+            .filter(|_| self.key() == HEADER)?;
+        Some(u32::from_le_bytes(*generation))
     }
 }
 
-/// CRC-32 (ISO-HDLC) of a slot's body, bit by bit: slots are read rarely.
-fn crc32(slot: &[u8; SLOT]) -> u32 {
-    let crc = slot.iter().take(BODY).fold(u32::MAX, |crc, &byte| {
+impl<const SLOT: usize> fmt::Debug for Entry<SLOT> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        // Values may be secrets.
+        write!(f, "Entry {}", self.key())
+    }
+}
+
+#[cfg(feature = "defmt")]
+impl<const SLOT: usize> defmt::Format for Entry<SLOT> {
+    fn format(&self, f: defmt::Formatter<'_>) {
+        defmt::write!(f, "Entry {}", self.key());
+    }
+}
+
+/// What a slot holds.
+enum Content<const SLOT: usize> {
+    Erased,
+    Entry(Entry<SLOT>),
+    /// A write that lost its power, or a record that rotted.
+    Bad,
+}
+
+/// CRC-32 (ISO-HDLC), bit by bit: slots are read rarely.
+fn crc32(bytes: &[u8]) -> u32 {
+    let crc = bytes.iter().fold(u32::MAX, |crc, &byte| {
         (0..8).fold(crc ^ u32::from(byte), |crc, _| {
             (crc >> 1) ^ (0xEDB8_8320 * (crc & 1))
         })
@@ -78,10 +188,50 @@ fn crc32(slot: &[u8; SLOT]) -> u32 {
     !crc
 }
 
+/// Why the log does not serve.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub enum LogError<E> {
+    /// The range is not an even number of erase units of the flash, aligned; or slots are no
+    /// multiple of its read and write units.
+    Layout,
+    /// Neither [`open`](Log::open), [`recover`](Log::recover) nor [`begin`](Log::begin) succeeded,
+    /// or the flash failed since.
+    NotOpen,
+    /// A record was once there and cannot be read. [`Log::begin`] starts anew.
+    Corrupt,
+    /// The records of all keys do not fit a bank together with one more.
+    Full,
+    /// The flash failed.
+    Flash(E),
+}
+
+impl<E> fmt::Display for LogError<E> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(match self {
+            Self::Layout => "the log needs an aligned range of an even number of erase units",
+            Self::NotOpen => "the log is not open",
+            Self::Corrupt => "the log is damaged: begin it anew",
+            Self::Full => "the log is full: give it a larger range",
+            Self::Flash(_) => "the flash failed",
+        })
+    }
+}
+
+impl<E: fmt::Debug> core::error::Error for LogError<E> {}
+
+/// What to do with a slot, or with the bank it is the first of.
+#[derive(Clone, Copy)]
+enum Access {
+    Read,
+    Write,
+    Erase,
+}
+
 /// The valid bank.
 #[derive(Clone, Copy, Debug)]
 struct Active {
-    bank: usize,
+    bank: u32,
     generation: u32,
     /// The first slot that is not used.
     free: u32,
@@ -90,191 +240,252 @@ struct Active {
     torn: bool,
 }
 
-/// The log.
-#[derive(Debug)]
-pub(super) struct Log<F> {
-    flash: F,
-    banks: [Range<u32>; 2],
-    active: Option<Active>,
+/// What is found in a bank, slot by slot.
+#[derive(Clone, Copy, Default)]
+struct Survey {
+    generation: Option<u32>,
+    /// Something is where the header goes.
+    begun: bool,
+    /// Slots that are not erased, and come before the first that is.
+    used: u32,
+    has_records: bool,
+    /// The last of the used ones is bad.
+    torn: bool,
+    /// A bad or an erased slot has others behind it: rot, or reading went wrong.
+    rotten: bool,
 }
 
-impl<F: NorFlash> Log<F> {
-    pub(super) fn new(flash: F, range: Range<u32>) -> Result<Self, StoreError<F::Error>> {
-        let unit = u32::try_from(F::ERASE_SIZE).map_err(|_| StoreError::Layout)?;
-        let len = range
-            .end
-            .checked_sub(range.start)
-            .ok_or(StoreError::Layout)?;
+impl Survey {
+    fn add<const SLOT: usize>(&mut self, slot: u32, content: &Content<SLOT>) {
+        if let Content::Erased = content {
+            return;
+        }
+        self.begun |= slot == 0;
+        self.rotten |= self.torn || self.used < slot;
+        self.used = slot + 1;
+        match content {
+            Content::Entry(entry) if slot == 0 => self.generation = entry.generation(),
+            Content::Entry(_) => self.has_records = true,
+            _ => self.torn = true,
+        }
+    }
+}
+
+/// A log in a range of a flash, in slots of `SLOT` bytes.
+#[derive(Debug)]
+pub struct Log<F, const SLOT: usize> {
+    flash: F,
+    start: u32,
+    /// Bytes of a bank.
+    bank_len: u32,
+    active: Option<Active>,
+    /// Of the slot being read or written.
+    buffer: Entry<SLOT>,
+}
+
+impl<F: NorFlash, const SLOT: usize> Log<F, SLOT> {
+    /// A log in `range` of the flash, bytes from its start. It is not yet open.
+    ///
+    /// # Errors
+    /// [`LogError::Layout`].
+    pub fn new(flash: F, range: Range<u32>) -> Result<Self, LogError<F::Error>> {
+        let unit = u32::try_from(F::ERASE_SIZE).map_err(|_| LogError::Layout)?;
+        let len = range.end.checked_sub(range.start);
+        let len = len.ok_or(LogError::Layout)?;
         let aligned = range.start.is_multiple_of(unit) && len.is_multiple_of(2 * unit);
         let sizes_fit = SLOT.is_multiple_of(F::WRITE_SIZE)
             && SLOT.is_multiple_of(F::READ_SIZE)
-            && F::ERASE_SIZE.is_multiple_of(SLOT);
+            && F::ERASE_SIZE >= SLOT;
         if len == 0 || !aligned || !sizes_fit {
-            return Err(StoreError::Layout);
+            return Err(LogError::Layout);
         }
-        let middle = range.start + len / 2;
         Ok(Self {
             flash,
-            banks: [range.start..middle, middle..range.end],
+            start: range.start,
+            bank_len: len / 2,
             active: None,
+            buffer: Entry([0; SLOT]),
         })
     }
 
-    pub(super) fn into_flash(self) -> F {
+    /// Gives the flash back.
+    pub fn into_flash(self) -> F {
         self.flash
     }
 
-    fn bank(&self, bank: usize) -> Result<Range<u32>, StoreError<F::Error>> {
-        self.banks.get(bank).cloned().ok_or(StoreError::Layout)
+    /// Slots of a bank. What is left at its end is not used.
+    const fn slots(&self) -> u32 {
+        self.bank_len / SLOT as u32
     }
 
-    async fn read(&mut self, bank: usize, slot: u32) -> Result<Content, StoreError<F::Error>> {
-        let range = self.bank(bank)?;
-        let at = range.start + slot * SLOT as u32;
-        if at >= range.end {
-            return Ok(Content::Erased);
-        }
-        let mut bytes = Slot([0; SLOT]);
-        let read = self.flash.read(at, &mut bytes.0).await;
-        read.map_err(StoreError::Flash)?;
-        Ok(bytes.content())
+    const fn place(&self, bank: u32, slot: u32) -> u32 {
+        self.start + bank * self.bank_len + slot * SLOT as u32
     }
 
-    async fn write(
+    /// All there is to do with the flash, in one place: every `await` of a future of its own would
+    /// be code of its own.
+    async fn access(
         &mut self,
-        bank: usize,
+        access: Access,
+        bank: u32,
         slot: u32,
-        entry: Entry,
-    ) -> Result<(), StoreError<F::Error>> {
-        let range = self.bank(bank)?;
-        let at = range.start + slot * SLOT as u32;
-        if at >= range.end {
-            return Err(StoreError::Full);
-        }
-        let written = self.flash.write(at, &Slot::new(entry).0).await;
-        written.map_err(StoreError::Flash)
-    }
-
-    async fn erase(&mut self, bank: usize) -> Result<(), StoreError<F::Error>> {
-        let range = self.bank(bank)?;
-        let erased = self.flash.erase(range.start, range.end).await;
-        erased.map_err(StoreError::Flash)
-    }
-
-    async fn generation(&mut self, bank: usize) -> Result<Option<u32>, StoreError<F::Error>> {
-        Ok(match self.read(bank, 0).await? {
-            Content::Entry(Entry {
-                key: HEADER,
-                value: [a, b, c, d, ..],
-            }) => Some(u32::from_le_bytes([a, b, c, d])),
-            _ => None,
-        })
-    }
-
-    /// Finds the valid bank and finishes what a loss of power interrupted. `Ok(false)` if the log
-    /// was never begun.
-    ///
-    /// `after_tear` is applied to every live record when the last write was torn, which may have
-    /// been of that record.
-    pub(super) async fn recover(
-        &mut self,
-        after_tear: impl Fn(Entry) -> Entry,
-    ) -> Result<bool, StoreError<F::Error>> {
-        self.active = None;
-        let generations = [self.generation(0).await?, self.generation(1).await?];
-        let (bank, generation) = match generations {
-            [Some(first), Some(second)] if second > first => (1, second),
-            [Some(first), _] => (0, first),
-            [None, Some(second)] => (1, second),
-            [None, None] => {
-                let untouched = matches!(self.read(0, 0).await?, Content::Erased)
-                    && matches!(self.read(1, 0).await?, Content::Erased);
-                return if untouched {
-                    Ok(false)
-                } else {
-                    Err(StoreError::Corrupt)
-                };
-            }
+    ) -> Result<(), LogError<F::Error>> {
+        let at = self.place(bank, slot);
+        let done = match access {
+            Access::Read => self.flash.read(at, &mut self.buffer.0).await,
+            Access::Write if slot >= self.slots() => return Err(LogError::Full),
+            Access::Write => self.flash.write(at, &self.buffer.0).await,
+            Access::Erase => self.flash.erase(at, at + self.bank_len).await,
         };
-        let mut free = 1;
-        let mut torn = false;
-        loop {
-            match self.read(bank, free).await? {
-                Content::Erased => break,
-                // Something follows a bad slot.
-                _ if torn => return Err(StoreError::Corrupt),
-                Content::Entry(_) => {}
-                Content::Bad => torn = true,
-            }
-            free += 1;
+        done.map_err(LogError::Flash)
+    }
+
+    /// Content of the slot last read.
+    fn content(&self) -> Content<SLOT> {
+        self.buffer.content()
+    }
+
+    /// Opens the log, for whoever can do with an empty one: it is begun if it never was.
+    ///
+    /// Neither bank having a header and no slot a record counts as that: so an erased range, any
+    /// bytes that are not this log's, and a first opening that lost its power.
+    ///
+    /// # Errors
+    /// [`LogError::Corrupt`], or the flash failed.
+    pub async fn open(&mut self) -> Result<(), LogError<F::Error>> {
+        let mut surveys = [Survey::default(); 2];
+        self.survey(&mut surveys).await?;
+        let is_void = |survey: &Survey| survey.generation.is_none() && !survey.has_records;
+        if surveys.iter().all(is_void) {
+            self.begin(&[]).await
+        } else {
+            self.resume(&surveys, |entry| entry).await
         }
-        self.expect_erased(bank, free).await?;
-        self.active = Some(Active {
-            bank,
-            generation,
-            free,
-            torn,
-        });
-        if torn {
-            self.compact(after_tear).await?;
-        } else if !matches!(self.read(1 - bank, 0).await?, Content::Erased) {
-            self.erase(1 - bank).await?;
+    }
+
+    /// Opens the log, for whoever must not take an empty one for a new one. `Ok(false)` if it was
+    /// never begun.
+    ///
+    /// Finds the valid bank and finishes what a loss of power interrupted. `after_tear` is applied
+    /// to every live record when the last write was torn, which may have been of that record; it
+    /// must not change the key.
+    ///
+    /// # Errors
+    /// [`LogError::Corrupt`], or the flash failed.
+    pub async fn recover(
+        &mut self,
+        after_tear: fn(Entry<SLOT>) -> Entry<SLOT>,
+    ) -> Result<bool, LogError<F::Error>> {
+        let mut surveys = [Survey::default(); 2];
+        self.survey(&mut surveys).await?;
+        if !surveys.iter().any(|survey| survey.begun) {
+            return Ok(false);
         }
+        self.resume(&surveys, after_tear).await?;
         Ok(true)
     }
 
-    /// That nothing is written behind the end: else what looks erased has rotted or was read wrong.
-    async fn expect_erased(&mut self, bank: usize, free: u32) -> Result<(), StoreError<F::Error>> {
-        let range = self.bank(bank)?;
-        for slot in free..(range.end - range.start) / SLOT as u32 {
-            if !matches!(self.read(bank, slot).await?, Content::Erased) {
-                return Err(StoreError::Corrupt);
+    async fn survey(&mut self, surveys: &mut [Survey; 2]) -> Result<(), LogError<F::Error>> {
+        self.active = None;
+        for (bank, survey) in (0..).zip(surveys) {
+            for slot in 0..self.slots() {
+                self.access(Access::Read, bank, slot).await?;
+                survey.add(slot, &self.content());
             }
         }
         Ok(())
     }
 
-    /// Begins the log anew with these records.
-    pub(super) async fn begin(&mut self, entries: &[Entry]) -> Result<(), StoreError<F::Error>> {
+    async fn resume(
+        &mut self,
+        [first, second]: &[Survey; 2],
+        after_tear: fn(Entry<SLOT>) -> Entry<SLOT>,
+    ) -> Result<(), LogError<F::Error>> {
+        let (bank, valid, other) = if second.generation > first.generation {
+            (1, second, first)
+        } else {
+            (0, first, second)
+        };
+        let generation = valid.generation.filter(|_| !valid.rotten);
+        let active = Active {
+            bank,
+            generation: generation.ok_or(LogError::Corrupt)?,
+            free: valid.used,
+            torn: valid.torn,
+        };
+        self.active = Some(active);
+        if valid.torn {
+            self.compact(after_tear).await
+        } else if other.used != 0 {
+            self.access(Access::Erase, 1 - bank, 0).await
+        } else {
+            Ok(())
+        }
+    }
+
+    /// Begins the log anew with these records. What was in it is erased.
+    ///
+    /// # Errors
+    /// The flash failed, or is too small.
+    pub async fn begin(&mut self, entries: &[Entry<SLOT>]) -> Result<(), LogError<F::Error>> {
         self.active = None;
-        self.erase(0).await?;
-        self.erase(1).await?;
-        let mut free = 1;
-        for &entry in entries {
-            self.write(0, free, entry).await?;
-            free += 1;
+        for bank in [0, 1] {
+            self.access(Access::Erase, bank, 0).await?;
         }
-        self.finish(0, 1, free).await
+        for (slot, entry) in (1..).zip(entries) {
+            self.buffer.0.copy_from_slice(&entry.0);
+            self.access(Access::Write, 0, slot).await?;
+        }
+        let generation = 1;
+        self.buffer = Entry::header(generation);
+        self.access(Access::Write, 0, 0).await?;
+        self.active = Some(Active {
+            bank: 0,
+            generation,
+            free: 1 + entries.len() as u32,
+            torn: false,
+        });
+        Ok(())
     }
 
-    /// Appends a record. Call [`recover`](Self::recover) or [`begin`](Self::begin) before.
-    pub(super) async fn append(&mut self, entry: Entry) -> Result<(), StoreError<F::Error>> {
-        for attempt in [1, 2] {
-            let mut active = self.active.ok_or(StoreError::NotProvisioned)?;
-            // A failure in the middle leaves the log as a loss of power would.
-            self.active = None;
-            match self.write(active.bank, active.free, entry).await {
-                Ok(()) => {
-                    active.free += 1;
-                    self.active = Some(active);
-                    return Ok(());
-                }
-                Err(StoreError::Full) if attempt == 1 => {
-                    self.active = Some(active);
-                    self.compact(|entry| entry).await?;
-                }
-                Err(error) => return Err(error),
-            }
+    /// Writes a record, in place of the one with the same key. When this returns `Ok`, a loss of
+    /// power does not undo it; when it does not return, the record is as before or as told.
+    ///
+    /// # Errors
+    /// The log is full, nothing has changed then; or not open; or the flash failed, and the log has
+    /// to be opened again.
+    pub async fn append(&mut self, entry: &Entry<SLOT>) -> Result<(), LogError<F::Error>> {
+        if self
+            .active
+            .is_some_and(|active| active.free >= self.slots())
+        {
+            self.compact(|entry| entry).await?;
         }
-        Err(StoreError::Full)
+        let active = self.active.ok_or(LogError::NotOpen)?;
+        if active.free >= self.slots() {
+            return Err(LogError::Full);
+        }
+        // A failure in the middle leaves the log as a loss of power would.
+        self.active = None;
+        self.buffer.0.copy_from_slice(&entry.0);
+        self.access(Access::Write, active.bank, active.free).await?;
+        self.active = Some(Active {
+            free: active.free + 1,
+            ..active
+        });
+        Ok(())
     }
 
-    /// The newest record with this key.
-    pub(super) async fn find(&mut self, key: u8) -> Result<Option<Entry>, StoreError<F::Error>> {
-        let active = self.active.ok_or(StoreError::NotProvisioned)?;
+    /// The record with this key.
+    ///
+    /// # Errors
+    /// The log is not open, or the flash failed.
+    pub async fn find(&mut self, key: u8) -> Result<Option<Entry<SLOT>>, LogError<F::Error>> {
+        let active = self.active.ok_or(LogError::NotOpen)?;
         for slot in (1..active.free).rev() {
-            match self.read(active.bank, slot).await? {
-                Content::Entry(entry) if entry.key == key => return Ok(Some(entry)),
+            self.access(Access::Read, active.bank, slot).await?;
+            match self.content() {
+                Content::Entry(entry) if entry.key() == key => return Ok(Some(entry)),
                 _ => {}
             }
         }
@@ -284,52 +495,46 @@ impl<F: NorFlash> Log<F> {
     /// Moves what is live to the other bank.
     async fn compact(
         &mut self,
-        change: impl Fn(Entry) -> Entry,
-    ) -> Result<(), StoreError<F::Error>> {
-        let from = self.active.take().ok_or(StoreError::NotProvisioned)?;
+        change: fn(Entry<SLOT>) -> Entry<SLOT>,
+    ) -> Result<(), LogError<F::Error>> {
+        let from = self.active.take().ok_or(LogError::NotOpen)?;
         let to = 1 - from.bank;
-        self.erase(to).await?;
+        self.access(Access::Erase, to, 0).await?;
+        let generation = from.generation.wrapping_add(1);
         let mut copied = [0_u32; 8];
         let mut free = 1;
-        for slot in (1..from.free).rev() {
-            let entry = match self.read(from.bank, slot).await? {
+        // From the newest back to the header, which comes last here too.
+        for slot in (0..from.free).rev() {
+            self.access(Access::Read, from.bank, slot).await?;
+            let entry = match self.content() {
                 Content::Entry(entry) => entry,
                 Content::Bad if from.torn && slot + 1 == from.free => continue,
-                _ => return Err(StoreError::Corrupt),
+                _ => return Err(LogError::Corrupt),
             };
-            let Some(word) = copied.get_mut(usize::from(entry.key / 32)) else {
+            let word = copied.get_mut(usize::from(entry.key() / 32));
+            let word = word.ok_or(LogError::Corrupt)?;
+            let bit = 1 << (entry.key() % 32);
+            if *word & bit != 0 {
                 continue;
-            };
-            let bit = 1 << (entry.key % 32);
-            if *word & bit == 0 {
-                *word |= bit;
-                self.write(to, free, change(entry)).await?;
-                free += 1;
             }
+            *word |= bit;
+            let place = if slot == 0 {
+                self.buffer = Entry::header(generation);
+                0
+            } else {
+                self.buffer = change(entry);
+                free += 1;
+                free - 1
+            };
+            self.access(Access::Write, to, place).await?;
         }
-        self.finish(to, from.generation.wrapping_add(1), free)
-            .await?;
-        self.erase(from.bank).await
-    }
-
-    async fn finish(
-        &mut self,
-        bank: usize,
-        generation: u32,
-        free: u32,
-    ) -> Result<(), StoreError<F::Error>> {
-        let mut value = [0; VALUE_LEN];
-        for (place, byte) in value.iter_mut().zip(generation.to_le_bytes()) {
-            *place = byte;
-        }
-        self.write(bank, 0, Entry { key: HEADER, value }).await?;
         self.active = Some(Active {
-            bank,
+            bank: to,
             generation,
             free,
             torn: false,
         });
-        Ok(())
+        self.access(Access::Erase, from.bank, 0).await
     }
 }
 
@@ -339,9 +544,18 @@ mod tests {
 
     #[test]
     fn check_value_of_crc_32() {
-        // The body "123456789" and zeros; the value from an independent implementation (zlib).
-        let mut slot = [0; SLOT];
-        slot[..9].copy_from_slice(b"123456789");
-        assert_eq!(crc32(&slot), 0x6fde5a4a);
+        assert_eq!(crc32(b"123456789"), 0xCBF4_3926);
+    }
+
+    #[test]
+    fn a_record_is_bounded() {
+        assert_eq!(Entry::<32>::VALUE_MAX, 26);
+        assert!(Entry::<32>::new(254, &[1; 26]).is_some());
+        assert!(Entry::<32>::new(254, &[1; 27]).is_none());
+        assert!(Entry::<32>::new(255, &[]).is_none());
+        let entry = Entry::<96>::new(7, &[1, 2, 3]).unwrap();
+        assert_eq!(entry.key(), 7);
+        assert_eq!(entry.value()[..4], [1, 2, 3, 0]);
+        assert_eq!(entry.value().len(), 90);
     }
 }

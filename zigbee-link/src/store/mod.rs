@@ -10,6 +10,8 @@
 //! ([`Record`]); only this module touches flash, and only it and the runner are async. A blocking
 //! flash serves through `embassy_embedded_hal::adapter::BlockingAsync` or the like.
 //!
+//! The log itself is public, for what else a node should keep: see [`log`].
+//!
 //! Why not a ready-made map: with `sequential-storage` 8.0.2, erasures cut off half-way, which may
 //! leave anything in a page, lost records in the power-cut test of this crate; and it skips records
 //! with a wrong checksum silently, which for a frame counter is a nonce used twice.
@@ -18,9 +20,7 @@
 //! [`BLOCK`] frames: with 10,000 erasures, some 2.5 billion frames.
 //!
 //! # Format, version 1
-//! Slots of 32 bytes: version 1, record key, value of 26 bytes padded with zeros, CRC-32 of these
-//! 28. Numbers are little-endian. Erased slots follow the last one. Slot 0 of a bank is its header,
-//! written last: key 255, generation u32. The later generation is valid.
+//! A [`log`] with slots of 32 bytes. Numbers in values are little-endian.
 //!
 //! | key | value |
 //! |---|---|
@@ -30,13 +30,13 @@
 //! | 3 | network: 1, PAN u16, channel u8, own short address u16, coordinator's EUI-64; 0 for none |
 //! | 16 + n | member n of a coordinator: 1, EUI-64, short address u16; 0 for none |
 
-mod log;
+pub mod log;
 
 use core::{fmt, ops::Range};
 
 use embedded_storage_async::nor_flash::NorFlash;
 
-use self::log::{Entry, Log, VALUE_LEN};
+use self::log::{Log, LogError};
 use crate::{
     radio::Channel,
     security::{BLOCK, Key},
@@ -45,6 +45,11 @@ use crate::{
 
 /// Most members a coordinator can remember, for they have one byte of the format.
 pub const MEMBERS_MAX: usize = 239;
+
+/// Bytes of a slot.
+const SLOT: usize = 32;
+
+type Entry = log::Entry<SLOT>;
 
 const COUNTER: u8 = 0;
 const ACTIVE_KEY: u8 = 1;
@@ -106,6 +111,22 @@ pub struct Saved {
     pub network: Option<Membership>,
 }
 
+impl Saved {
+    /// From the records with keys 0 to 3. `None` if one is not understood, or one of those that
+    /// every node has is missing.
+    fn decode([counter, active, next, network]: &[Option<Entry>; 4]) -> Option<Self> {
+        fn value(entry: &Option<Entry>) -> Option<Reader<'_>> {
+            entry.as_ref().map(|entry| Reader::new(entry.value()))
+        }
+        Some(Self {
+            counter_limit: value(counter)?.u32().ok()?,
+            active_key: decode_key(value(active)?)??,
+            next_key: value(next).map_or(Some(None), decode_key)?,
+            network: value(network).map_or(Some(None), decode_network)?,
+        })
+    }
+}
+
 /// Why the store does not serve.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
@@ -138,9 +159,21 @@ impl<E> fmt::Display for StoreError<E> {
 
 impl<E: fmt::Debug> core::error::Error for StoreError<E> {}
 
+impl<E> From<LogError<E>> for StoreError<E> {
+    fn from(error: LogError<E>) -> Self {
+        match error {
+            LogError::Layout => Self::Layout,
+            LogError::NotOpen => Self::NotProvisioned,
+            LogError::Corrupt => Self::Corrupt,
+            LogError::Full => Self::Full,
+            LogError::Flash(error) => Self::Flash(error),
+        }
+    }
+}
+
 /// The records of one node in a range of a flash.
 #[derive(Debug)]
-pub struct Store<F>(Log<F>);
+pub struct Store<F>(Log<F, SLOT>);
 
 impl<F: NorFlash> Store<F> {
     /// A store in `range` of the flash, bytes from its start.
@@ -148,7 +181,7 @@ impl<F: NorFlash> Store<F> {
     /// # Errors
     /// [`StoreError::Layout`].
     pub fn new(flash: F, range: Range<u32>) -> Result<Self, StoreError<F::Error>> {
-        Log::new(flash, range).map(Self)
+        Ok(Self(Log::new(flash, range)?))
     }
 
     /// Gives the node a site key. Everything else in the store is erased.
@@ -168,7 +201,7 @@ impl<F: NorFlash> Store<F> {
         let records = [Record::CounterLimit(first_counter), Record::ActiveKey(key)];
         let [counter, key] = records.map(encode);
         match (counter, key) {
-            (Some(counter), Some(key)) => self.0.begin(&[counter, key]).await,
+            (Some(counter), Some(key)) => Ok(self.0.begin(&[counter, key]).await?),
             _ => Err(StoreError::Full),
         }
     }
@@ -179,7 +212,8 @@ impl<F: NorFlash> Store<F> {
     /// # Errors
     /// The flash failed or is full.
     pub async fn save(&mut self, record: Record) -> Result<(), StoreError<F::Error>> {
-        self.0.append(encode(record).ok_or(StoreError::Full)?).await
+        let entry = encode(record).ok_or(StoreError::Full)?;
+        Ok(self.0.append(&entry).await?)
     }
 
     /// Reads everything but the members.
@@ -191,14 +225,11 @@ impl<F: NorFlash> Store<F> {
         if !self.0.recover(skip_block).await? {
             return Err(StoreError::NotProvisioned);
         }
-        let counter_limit = self.find(COUNTER, |mut value| value.u32().ok()).await?;
-        let active_key = self.find(ACTIVE_KEY, decode_key).await?;
-        Ok(Saved {
-            counter_limit: counter_limit.ok_or(StoreError::Corrupt)?,
-            active_key: active_key.flatten().ok_or(StoreError::Corrupt)?,
-            next_key: self.find(NEXT_KEY, decode_key).await?.flatten(),
-            network: self.find(NETWORK, decode_network).await?.flatten(),
-        })
+        let mut entries = [None; 4];
+        for (key, entry) in (COUNTER..).zip(&mut entries) {
+            *entry = self.0.find(key).await?;
+        }
+        Saved::decode(&entries).ok_or(StoreError::Corrupt)
     }
 
     /// Reads a place in the coordinator's table.
@@ -209,33 +240,23 @@ impl<F: NorFlash> Store<F> {
         let Some(key) = MEMBERS.checked_add(place) else {
             return Ok(None);
         };
-        Ok(self.find(key, decode_member).await?.flatten())
+        match self.0.find(key).await? {
+            None => Ok(None),
+            Some(entry) => decode_member(Reader::new(entry.value())).ok_or(StoreError::Corrupt),
+        }
     }
 
     /// Gives the flash back.
     pub fn into_flash(self) -> F {
         self.0.into_flash()
     }
-
-    async fn find<T>(
-        &mut self,
-        key: u8,
-        decode: impl Fn(Reader<'_>) -> Option<T>,
-    ) -> Result<Option<T>, StoreError<F::Error>> {
-        match self.0.find(key).await? {
-            None => Ok(None),
-            Some(entry) => decode(Reader::new(&entry.value))
-                .map(Some)
-                .ok_or(StoreError::Corrupt),
-        }
-    }
 }
 
 /// The last write was torn. It may have been of the next reservation, which is one block.
 fn skip_block(entry: Entry) -> Entry {
-    let limit = Reader::new(&entry.value).u32();
+    let limit = Reader::new(entry.value()).u32();
     match limit {
-        Ok(limit) if entry.key == COUNTER => {
+        Ok(limit) if entry.key() == COUNTER => {
             encode(Record::CounterLimit(limit.saturating_add(BLOCK))).unwrap_or(entry)
         }
         _ => entry,
@@ -244,7 +265,7 @@ fn skip_block(entry: Entry) -> Entry {
 
 /// `None` for a member's place beyond [`MEMBERS_MAX`].
 fn encode(record: Record) -> Option<Entry> {
-    let mut value = [0; VALUE_LEN];
+    let mut value = [0; Entry::VALUE_MAX];
     let mut writer = Writer::new(&mut value);
     let key = match record {
         Record::CounterLimit(limit) => {
@@ -283,7 +304,7 @@ fn encode(record: Record) -> Option<Entry> {
             MEMBERS + place
         }
     };
-    Some(Entry { key, value })
+    Entry::new(key, &value)
 }
 
 fn encode_key(key: Key, writer: &mut Writer<'_>) -> Option<()> {

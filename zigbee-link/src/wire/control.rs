@@ -59,6 +59,11 @@ const RESERVED: u16 = 1 << 7;
 const SEQUENCE_SUPPRESSED: u16 = 1 << 8;
 const ELEMENTS: u16 = 1 << 9;
 
+/// Whether the frame says that it is secured.
+pub(crate) const fn is_secured(frame: &[u8]) -> bool {
+    matches!(frame, [first, ..] if *first as u16 & SECURITY != 0)
+}
+
 impl AddressMode {
     const fn from_bits(bits: u16) -> Result<Self, Malformed> {
         match bits & 3 {

@@ -65,6 +65,8 @@ impl<'a> Writer<'a> {
         self.len
     }
 
+    // Every field of every frame is a call: inlined, 2 KB of a coordinator's code.
+    #[inline(never)]
     pub(crate) fn bytes(&mut self, bytes: &[u8]) -> Result<(), EmitError> {
         let place = self
             .buffer

@@ -25,6 +25,7 @@ pub use address::{Address, Eui64, PanId, ShortAddress};
 pub use aux_header::{AuxHeader, KeyId, Level};
 pub use beacon::{Beacon, Superframe};
 pub use command::{Association, AssociationStatus, Command, DeviceCapabilities};
+pub(crate) use control::is_secured;
 pub use control::{FrameType, Version};
 pub(crate) use cursor::{Reader, Writer};
 pub use error::{EmitError, Malformed};

@@ -7,8 +7,9 @@ use crate::camera::{
     blob::Filter,
     modes::{Bounds, ServoPin},
     scene::{Extent, Patch, Scene, Shape},
-    view::{Layout, Snapshot, View, mix},
+    view::{Layout, Snapshot, View},
 };
+use crate::sim::random::mix;
 
 /// Rows that a whole picture would have in high resolution, of which 255 are read.
 const HIGH_RESOLUTION_ROWS: u16 = 286;

@@ -97,22 +97,22 @@ impl Emulator {
     /// Binary rows of a line mode.
     fn rows_before(&self, source: Source, snapshot: &Snapshot) -> Vec<Vec<u8>> {
         let region = self.modes.region(self.switches());
-        let view = self.view(snapshot);
+        let view = || self.view(snapshot);
         match (
             source,
             self.modes.tracking_lines,
             self.modes.statistics_lines,
         ) {
             (Source::Colour, TrackingLines::Bitmap, _) => {
-                frame_dump::bitmap(&view, region, &self.filter())
+                frame_dump::bitmap(&view(), region, &self.filter())
             }
             (Source::Colour, TrackingLines::Rows, _) => {
                 let ((left, _), origin) = (self.corner(), self.switches().origin);
-                frame_dump::rows(&view, region, &self.filter(), left, origin)
+                frame_dump::rows(&view(), region, &self.filter(), left, origin)
             }
-            (Source::Mean, _, StatisticsLines::Means) => frame_dump::means(&view, region, false),
+            (Source::Mean, _, StatisticsLines::Means) => frame_dump::means(&view(), region, false),
             (Source::Mean, _, StatisticsLines::MeansAndDeviations) => {
-                frame_dump::means(&view, region, true)
+                frame_dump::means(&view(), region, true)
             }
             _ => Vec::new(),
         }

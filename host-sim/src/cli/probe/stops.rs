@@ -9,13 +9,16 @@ use cmucam2_driver::{colour::ColourBounds, session::Fault};
 use host_sim::probe::{
     display::Degrees,
     record::{self, Recording, Row, SightingLine},
-    steady::{Sighting, Steadiness, Unsteady},
 };
+use node_firmware::sight::steady::{Shape, Steadiness, Steady, Unsteady};
 
 use super::{Bench, Look, person::Person, spinner, tell};
 
 /// Times the packets of a sighting after which the object is given up.
 const PATIENCE: usize = 5;
+
+/// The most packets of a sighting.
+pub(super) const PACKETS_MAX: usize = 1000;
 
 /// Records one sighting, or one for each line of the standard input.
 pub(super) fn run(
@@ -57,9 +60,11 @@ pub(super) fn run(
 }
 
 /// Tracks until the blob is steady, and leaves the camera idle.
-fn wait(bench: &mut Bench<'_>, bounds: ColourBounds) -> anyhow::Result<Result<Sighting, Unsteady>> {
+fn wait(bench: &mut Bench<'_>, bounds: ColourBounds) -> anyhow::Result<Result<Steady, Unsteady>> {
     let packets = usize::from(bench.arguments.packets);
-    let mut steadiness = Steadiness::new(packets, bench.view);
+    let columns = bench.view.columns();
+    // Not every object is round.
+    let mut steadiness = Steadiness::<PACKETS_MAX>::new(packets, columns, Shape::Any);
     let mut judged = Err(Unsteady::Few);
     let wait = spinner("looking");
     bench
@@ -79,7 +84,7 @@ fn wait(bench: &mut Bench<'_>, bounds: ColourBounds) -> anyhow::Result<Result<Si
         if let Some(remark) = bench.remark(&tracking) {
             wait.suspend(|| tell(remark));
         }
-        judged = steadiness.push(tracking);
+        judged = steadiness.push(bench.view.blob(&tracking));
         match judged {
             Ok(_) => break,
             Err(Unsteady::Few) => {}
@@ -96,14 +101,14 @@ fn keep(
     recording: &mut Recording,
     path: &Path,
     (target_x, target_y): (f64, f64),
-    sighting: &Sighting,
+    sighting: &Steady,
 ) -> anyhow::Result<()> {
-    let bearing = bench.view.bearing(sighting.column, sighting.column_sigma);
+    let bearing = bench.view.bearing(sighting);
     let row = Row {
         case: &bench.arguments.case,
         target_x,
         target_y,
-        column: sighting.column,
+        column: bench.view.column(sighting),
         sigma_rad: bearing.map(|b| b.sigma),
     };
     recording.append(&row)?;

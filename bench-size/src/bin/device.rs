@@ -1,0 +1,4 @@
+//! A device that joins.
+#![cfg_attr(target_os = "none", no_std, no_main)]
+
+bench_size::image!(bench_size::task::device);

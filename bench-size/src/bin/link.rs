@@ -1,0 +1,4 @@
+//! The link without a network.
+#![cfg_attr(target_os = "none", no_std, no_main)]
+
+bench_size::image!(bench_size::task::link);

@@ -1,0 +1,304 @@
+//! The image on the emulated board, with a camera emulator or a PC, a real `ot-rcp` and a panel on
+//! its UARTs, in real time. `cargo xtask emulate` builds what is needed and runs these.
+#![cfg(unix)]
+
+mod machine;
+#[expect(dead_code, reason = "its own tests use more of it")]
+#[path = "../../../../zigbee-link/tests/peer/mod.rs"]
+mod peer;
+#[path = "../../../../zigbee-link/tests/support/mod.rs"]
+mod support;
+
+use std::{cell::Cell, env, future::Future, time::Duration};
+
+use calib_core::dead_reckoning::{Place, PlaceParts, Systematic};
+use embassy_futures::select::{Either, Either4, select, select4};
+use embedded_storage_async::nor_flash::NorFlash;
+use host_sim::camera::Note;
+use machine::{Camera, Console, Machine, Panel, bridge};
+use nalgebra::{Point2, Vector2};
+use node_firmware::{
+    config::{CameraConfig, Config, CoordinatorConfig, Role, SiteKey, Subjects},
+    console::ToPc,
+    message::{Frame, Hello, Kind, Message, PoseParts, Sight, State, Stopped},
+    sight::{ColourWindow, Lens},
+};
+use peer::{Air, Process, StdClock, poll_for};
+use support::{
+    aether::{eui, key_bytes},
+    node::{provisioned, settings},
+};
+use zigbee_link::{
+    link::Delivery,
+    network::{self, Status},
+    radio::{Channel, Radio},
+    runner::{self, Clock, Happened, Shared},
+    security::Protection,
+    store::{Membership, Store},
+    wire::ShortAddress,
+};
+
+/// A node on this computer, and what reaches it.
+type Link<'a> = Shared<&'a StdClock, 4, 4, 1>;
+
+/// The start of a camera takes some six seconds, five of them adapting to the light.
+const LIMIT: Duration = Duration::from_secs(60);
+
+/// What `settings` and `provisioned` have too.
+fn config(number: u8, role: Role) -> Config {
+    Config {
+        id: number.into(),
+        extended: Some(eui(number.into()).0),
+        site_key: SiteKey::new(1, key_bytes(1)),
+        first_counter: 0,
+        channels: 1 << Channel::FIRST.number(),
+        tx_power: 0,
+        protection: Protection::EncMic32,
+        role,
+    }
+}
+
+/// It never used more of its stack than was computed from its code.
+fn check_stack(machine: &Machine) {
+    let used = machine.stack_used();
+    println!("{used} bytes of stack were used");
+    let bound = env::var("STACK_BOUND").expect("STACK_BOUND is not set: `cargo xtask emulate`");
+    let bound: u32 = bound.parse().unwrap();
+    assert!(
+        used <= bound,
+        "{used} bytes of stack were used, computed were {bound}"
+    );
+}
+
+/// Sends a message that must arrive.
+async fn deliver(link: &Link<'_>, to: ShortAddress, message: &Message) {
+    let delivery = link.send(to, message).await;
+    assert!(
+        !matches!(delivery, Ok(Delivery::NoAnswer) | Err(_)),
+        "{delivery:?}"
+    );
+}
+
+/// Runs a story with a node on this computer and what else there is; the story must end, and
+/// nothing else.
+async fn tell<T, R: Radio, F: NorFlash>(
+    machine: &mut Machine,
+    story: impl Future<Output = T>,
+    (link, radio, store): (&Link<'_>, &mut R, &mut Store<F>),
+    co_processor: impl Future<Output = ()>,
+    device: impl Future<Output = ()>,
+) -> T {
+    let all = select4(story, runner::run(link, radio, store), co_processor, device);
+    match select(all, machine.ended()).await {
+        Either::First(Either4::First(result)) => result,
+        Either::First(_) => panic!("a line was closed: {}", machine.log()),
+        Either::Second(status) => panic!("the emulator ended: {status}: {}", machine.log()),
+    }
+}
+
+/// The node forms a network, opens it at the press of a button, and a node on this computer joins
+/// and presents itself, which the PC on the node's line is told. Its flash ends up in a file, from
+/// which a second start goes on: the other node comes back without a button being pressed.
+#[test]
+#[ignore = "needs an image and an ot-rcp: cargo xtask emulate"]
+fn a_coordinator_forms_a_network() {
+    let air = Air::new();
+    let role = Role::Coordinator(CoordinatorConfig::default());
+    let mut machine = Machine::new(&config(0, role));
+    let first = coordinate(&air, &mut machine, Start::First);
+    check_stack(&machine);
+    machine.stop();
+    let second = coordinate(&air, &mut machine, Start::Again);
+    assert_eq!(first, second);
+}
+
+#[derive(Clone, Copy, PartialEq)]
+enum Start {
+    First,
+    Again,
+}
+
+/// Until a node on this computer has joined and presented itself.
+fn coordinate(air: &Air, machine: &mut Machine, start: Start) -> Membership {
+    let clock = StdClock::new();
+    let (_co_processor, mut line) = Process::start(air, 1);
+    let (_process, mut radio) = air.node(2);
+    let lines = machine.start();
+    let mut console = Console::new(lines.device);
+    let mut panel = Panel::new(lines.panel);
+
+    let mut store = provisioned();
+    let saved = poll_for(LIMIT, store.load()).unwrap().unwrap();
+    let device = network::Node::device(clock.now(), settings(1), &saved);
+    let link = Link::new(device, &clock);
+
+    let story = async {
+        panel.until(|lamps| lamps.joined).await;
+        if start == Start::First {
+            panel.press_join_window();
+        }
+        let membership = loop {
+            if let Happened::<Message>::Status(Status::Joined(membership)) =
+                link.happened(Status::Out).await
+            {
+                break membership;
+            }
+            clock
+                .sleep_until(clock.now() + Duration::from_millis(20))
+                .await;
+        };
+        let hello = Hello {
+            id: 1234,
+            kind: Kind::Target,
+        };
+        let message = Message::Hello(hello);
+        deliver(&link, ShortAddress::COORDINATOR, &message).await;
+        let is_told = |told: &ToPc| {
+            *told
+                == ToPc::Member {
+                    address: membership.short.0,
+                    hello,
+                }
+        };
+        console.until(is_told).await;
+        membership
+    };
+    let node = (&link, &mut radio, &mut store);
+    let co_processor = bridge(&lines.radio, &mut line);
+    let told = tell(machine, story, node, co_processor, std::future::pending());
+    let membership = poll_for(LIMIT, told).expect("it takes too long");
+    assert_eq!(membership.coordinator, eui(0));
+    assert_ne!(membership.short, ShortAddress::COORDINATOR);
+    membership
+}
+
+/// The node joins, brings up its camera, looks three times at a ball whose place it is told, and
+/// reports where it stands: at the origin, looking along the x axis.
+#[test]
+#[ignore = "needs an image and an ot-rcp: cargo xtask emulate"]
+fn a_camera_finds_its_pose() {
+    let lens = Lens::pin_hole(88, 45.0);
+    let orange = ColourWindow {
+        red: [170, 240],
+        green: [60, 140],
+        blue: [16, 80],
+    };
+    let subjects = Subjects::Colours([orange].into_iter().collect());
+    let camera_config = CameraConfig::new(lens, subjects);
+    let eye = lens.camera().unwrap();
+    // Columns, and how far away the ball is.
+    let stops = [(15.0, 5.0), (43.5, 2.5), (70.0, 4.0)];
+
+    let air = Air::new();
+    let baud = camera_config.baud;
+    let mut machine = Machine::new(&config(1, Role::Camera(camera_config)));
+    let clock = StdClock::new();
+    let (_co_processor, mut line) = Process::start(&air, 1);
+    let (_process, mut radio) = air.node(2);
+    let lines = machine.start();
+    let mut camera = Camera::new(lines.device, baud);
+    let mut panel = Panel::new(lines.panel);
+
+    let mut store = provisioned();
+    let saved = poll_for(LIMIT, store.load()).unwrap().unwrap();
+    let mut coordinator = network::Node::coordinator(settings(0), &saved, [None]);
+    coordinator.allow(eui(1)).unwrap();
+    let link = Link::new(coordinator, &clock);
+
+    let ball = Cell::new(0.0);
+    let story = async {
+        let member = loop {
+            if let (from, Message::Hello(_)) = link.recv().await {
+                break from;
+            }
+        };
+        let mut pose = None;
+        for (stop, (column, range)) in (0..).zip(stops) {
+            ball.set(column);
+            let ray = eye.ray(column as f32);
+            let [x, y] =
+                [ray.forward, ray.left].map(|part| part * range / ray.forward.hypot(ray.left));
+            let stopped = Message::Stopped(stopped(stop, [x, y]));
+            // A frame that shows the ball where it was before.
+            clock
+                .sleep_until(clock.now() + Duration::from_millis(200))
+                .await;
+            deliver(&link, member, &stopped).await;
+            loop {
+                match link.recv().await.1 {
+                    Message::Look(look) if look.sight == Sight::NotReady => {
+                        clock
+                            .sleep_until(clock.now() + Duration::from_millis(200))
+                            .await;
+                        deliver(&link, member, &stopped).await;
+                    }
+                    Message::Look(look) if look.stop == stop => {
+                        assert_eq!(look.sight, Sight::InView, "stop {stop}");
+                        break;
+                    }
+                    Message::Report(report) => pose = report.pose().copied(),
+                    _ => {}
+                }
+            }
+        }
+        while pose.is_none() {
+            if let Message::Report(report) = link.recv().await.1 {
+                if let State::Refused(refusal) = report.state {
+                    panic!("{refusal}");
+                }
+                pose = report.pose().copied();
+            }
+        }
+        panel.until(|lamps| lamps.calibrated).await;
+        pose
+    };
+    let node = (&link, &mut radio, &mut store);
+    let co_processor = bridge(&lines.radio, &mut line);
+    let told = tell(&mut machine, story, node, co_processor, camera.run(&ball));
+    let pose = poll_for(LIMIT, told).expect("it takes too long");
+    let pose = pose.expect("it was reported");
+    check_pose(&pose);
+    check_stack(&machine);
+
+    let commands = camera.notes.iter().filter_map(|note| match note {
+        Note::Command(command) => Some(command.line().as_bytes().trim_ascii_end().to_vec()),
+        _ => None,
+    });
+    let commands: Vec<_> = commands.collect();
+    assert!(commands.iter().any(|line| line == b"RS"), "{commands:x?}");
+    let refused = |note: &Note| matches!(note, Note::Refused { .. });
+    assert!(!camera.notes.iter().any(refused), "{:?}", camera.notes);
+}
+
+/// The origin and heading zero are within four of its own standard deviations, which are small.
+fn check_pose(pose: &PoseParts) {
+    println!("{pose:?}");
+    let [xx, _, yy, _, _, hh] = pose.covariance;
+    let [x, y] = pose.position;
+    for (value, variance, most) in [(x, xx, 0.1), (y, yy, 0.1), (pose.heading, hh, 0.02)] {
+        let sigma = variance.sqrt();
+        assert!(value.abs() < 4.0 * sigma && sigma < most, "{pose:?}");
+    }
+}
+
+/// A target that knows its place exactly.
+fn stopped(stop: u16, [x, y]: [f32; 2]) -> Stopped {
+    let place = Place::new(PlaceParts {
+        fix: 1,
+        position: Point2::new(x, y),
+        fix_covariance: [0.0; 3],
+        step_covariance: [0.0; 3],
+        walked: Vector2::zeros(),
+        systematic: Systematic {
+            heading_sigma: 0.0,
+            scale_sigma: 0.0,
+        },
+        standing_sigma: 0.0,
+    });
+    Stopped {
+        stop,
+        colour: 0,
+        frame: Frame::Site,
+        place: place.unwrap(),
+    }
+}

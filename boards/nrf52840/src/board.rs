@@ -1,0 +1,118 @@
+//! Which pin is what. The defaults are those of the nRF52840-DK; another board changes this file.
+
+use embassy_nrf::{
+    Peri, Peripherals, bind_interrupts,
+    buffered_uarte::{self, Baudrate, BufferedUarte},
+    config::{HfclkSource, LfclkSource},
+    gpio::{Input, Level, Output, OutputDrive, Pull},
+    peripherals, radio, uarte,
+};
+use static_cell::StaticCell;
+
+use crate::panel::{Lamps, PushButtons};
+
+bind_interrupts!(struct Irqs {
+    RADIO => radio::InterruptHandler<peripherals::RADIO>;
+    UARTE0 => buffered_uarte::InterruptHandler<peripherals::UARTE0>;
+});
+
+/// An erasure of a page stops the processor for up to 85 ms (Product Specification, "NVMC"), in
+/// which 327 bytes come at 38,400 baud; reception stops when both halves are full.
+const UART_RECEIVE: usize = 1024;
+/// Longer than any command to a camera; what goes to a PC waits.
+const UART_SEND: usize = 64;
+
+/// What the chip offers to a node.
+pub(crate) struct Board {
+    pub(crate) line: Line,
+    pub(crate) lamps: Lamps,
+    pub(crate) buttons: PushButtons,
+    pub(crate) radio: radio::ieee802154::Radio<'static>,
+    pub(crate) flash: Peri<'static, peripherals::NVMC>,
+    pub(crate) random: Peri<'static, peripherals::RNG>,
+    pub(crate) watchdog: Peri<'static, peripherals::WDT>,
+}
+
+/// The peripherals of the UART to the camera or the PC, whose rate is not known before the configuration is.
+pub(crate) struct Line {
+    uart: Peri<'static, peripherals::UARTE0>,
+    timer: Peri<'static, peripherals::TIMER1>,
+    channels: (
+        Peri<'static, peripherals::PPI_CH0>,
+        Peri<'static, peripherals::PPI_CH1>,
+    ),
+    group: Peri<'static, peripherals::PPI_GROUP0>,
+    receive: Peri<'static, peripherals::P1_01>,
+    send: Peri<'static, peripherals::P1_02>,
+}
+
+impl Board {
+    pub(crate) fn new() -> Self {
+        let mut config = embassy_nrf::config::Config::default();
+        // The radio needs the crystal's accuracy, and time should pass as it does elsewhere.
+        config.hfclk_source = HfclkSource::ExternalXtal;
+        config.lfclk_source = LfclkSource::ExternalXtal;
+        let p: Peripherals = embassy_nrf::init(config);
+        // Lamps and buttons of the kit connect their pin to ground.
+        let lamp = |pin: Peri<'static, embassy_nrf::gpio::AnyPin>| {
+            Output::new(pin, Level::High, OutputDrive::Standard)
+        };
+        Self {
+            line: Line {
+                uart: p.UARTE0,
+                timer: p.TIMER1,
+                channels: (p.PPI_CH0, p.PPI_CH1),
+                group: p.PPI_GROUP0,
+                receive: p.P1_01,
+                send: p.P1_02,
+            },
+            lamps: Lamps {
+                joined: lamp(p.P0_13.into()),
+                target_seen: lamp(p.P0_14.into()),
+                calibrated: lamp(p.P0_15.into()),
+                may_walk: lamp(p.P0_16.into()),
+            },
+            buttons: PushButtons {
+                join_window: Input::new(p.P0_11, Pull::Up),
+                learn_colour: Input::new(p.P0_12, Pull::Up),
+            },
+            radio: radio::ieee802154::Radio::new(p.RADIO, Irqs),
+            flash: p.NVMC,
+            random: p.RNG,
+            watchdog: p.WDT,
+        }
+    }
+}
+
+impl Line {
+    /// The UART at this rate, if it can have it.
+    pub(crate) fn open(self, baud: u32) -> Option<BufferedUarte<'static>> {
+        static RECEIVE: StaticCell<[u8; UART_RECEIVE]> = StaticCell::new();
+        static SEND: StaticCell<[u8; UART_SEND]> = StaticCell::new();
+        let mut config = uarte::Config::default();
+        config.baudrate = match baud {
+            1_200 => Baudrate::Baud1200,
+            2_400 => Baudrate::Baud2400,
+            4_800 => Baudrate::Baud4800,
+            9_600 => Baudrate::Baud9600,
+            19_200 => Baudrate::Baud19200,
+            38_400 => Baudrate::Baud38400,
+            57_600 => Baudrate::Baud57600,
+            115_200 => Baudrate::Baud115200,
+            _ => return None,
+        };
+        Some(BufferedUarte::new(
+            self.uart,
+            self.timer,
+            self.channels.0,
+            self.channels.1,
+            self.group,
+            self.receive,
+            self.send,
+            Irqs,
+            config,
+            RECEIVE.init([0; UART_RECEIVE]),
+            SEND.init([0; UART_SEND]),
+        ))
+    }
+}

@@ -1,0 +1,273 @@
+//! The radio on the chip, as [`zigbee_link::radio::Radio`].
+//!
+//! A task, [`drive`], owns it and receives whenever it does not send; [`OnChip`] asks the task.
+//! So a dropped future of [`OnChip`] loses no frame, and frames that arrive while nobody listens
+//! are queued. The hardware computes the FCS and makes one clear-channel assessment; backing off
+//! and filtering is left to `zigbee_link`'s wrappers. There are no immediate acknowledgements.
+
+use embassy_futures::select::{Either, select};
+use embassy_nrf::{
+    pac::{self, radio::vals::Crcstatus},
+    radio::ieee802154::{self, Packet},
+};
+use embassy_sync::{blocking_mutex::raw::NoopRawMutex, channel::Channel, signal::Signal};
+use zigbee_link::radio::{
+    Capabilities, Config, FRAME_MAX, FRAME_MIN, PSDU_MAX, Radio, Received, TxOutcome,
+};
+
+/// Received frames that wait.
+const QUEUE: usize = 4;
+
+/// Transmit powers of the chip, dBm, ascending (Product Specification, "RADIO", TXPOWER).
+const POWERS: [i8; 14] = [-40, -20, -16, -12, -8, -4, 0, 2, 3, 4, 5, 6, 7, 8];
+
+/// The chip's measure of a signal, 0 to 63 in use, to the standard's 0 to 255 (Product
+/// Specification, "RADIO", `ED_RSSISCALE`).
+const LQI_SCALE: u8 = 4;
+
+/// What [`OnChip`] and [`drive`] tell each other.
+pub(crate) struct Shared {
+    requests: Channel<NoopRawMutex, Request, 1>,
+    /// The number of the request, and what became of it.
+    answer: Signal<NoopRawMutex, (u32, TxOutcome)>,
+    received: Channel<NoopRawMutex, Frame, QUEUE>,
+}
+
+impl Shared {
+    pub(crate) const fn new() -> Self {
+        Self {
+            requests: Channel::new(),
+            answer: Signal::new(),
+            received: Channel::new(),
+        }
+    }
+}
+
+struct Request {
+    number: u32,
+    kind: Kind,
+}
+
+enum Kind {
+    Configure { channel: u8, power: i8 },
+    Transmit(Frame),
+}
+
+struct Frame {
+    bytes: [u8; FRAME_MAX],
+    len: usize,
+    lqi: u8,
+}
+
+/// Why the radio does not work.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Error {
+    /// There is no configuration: the first one is missing, or the last one was dropped.
+    NotConfigured,
+    /// The frame is too short or too long.
+    FrameLength,
+}
+
+/// The radio, without its task.
+pub(crate) struct OnChip {
+    shared: &'static Shared,
+    config: Option<Config>,
+    number: u32,
+}
+
+impl OnChip {
+    /// `drive` must run with the same.
+    pub(crate) const fn new(shared: &'static Shared) -> Self {
+        Self {
+            shared,
+            config: None,
+            number: 0,
+        }
+    }
+
+    async fn ask(&mut self, kind: Kind) -> TxOutcome {
+        self.number = self.number.wrapping_add(1);
+        let number = self.number;
+        self.shared.requests.send(Request { number, kind }).await;
+        loop {
+            // Answers to dropped calls come first.
+            let (answered, outcome) = self.shared.answer.wait().await;
+            if answered == number {
+                return outcome;
+            }
+        }
+    }
+}
+
+impl Radio for OnChip {
+    type Error = Error;
+
+    fn capabilities(&self) -> Capabilities {
+        Capabilities {
+            fcs: true,
+            rx_queue: true,
+            ..Capabilities::default()
+        }
+    }
+
+    async fn configure(&mut self, config: &Config) -> Result<(), Error> {
+        self.config = None;
+        let kind = Kind::Configure {
+            channel: config.channel.number(),
+            power: nearest_power(config.tx_power),
+        };
+        let _ = self.ask(kind).await;
+        self.config = Some(*config);
+        Ok(())
+    }
+
+    async fn transmit(&mut self, frame: &[u8]) -> Result<TxOutcome, Error> {
+        if self.config.is_none() {
+            return Err(Error::NotConfigured);
+        }
+        let frame = Frame::new(frame, 0).ok_or(Error::FrameLength)?;
+        Ok(self.ask(Kind::Transmit(frame)).await)
+    }
+
+    async fn receive(&mut self, buffer: &mut [u8; PSDU_MAX]) -> Result<Received, Error> {
+        let channel = self.config.ok_or(Error::NotConfigured)?.channel;
+        let frame = self.shared.received.receive().await;
+        for (to, from) in buffer.iter_mut().zip(frame.bytes) {
+            *to = from;
+        }
+        Ok(Received {
+            len: frame.len,
+            channel,
+            rssi: None,
+            lqi: Some(frame.lqi),
+        })
+    }
+}
+
+impl Frame {
+    /// `None` for a length that no frame has.
+    fn new(bytes: &[u8], lqi: u8) -> Option<Self> {
+        let mut frame = Self {
+            bytes: [0; FRAME_MAX],
+            len: bytes.len(),
+            lqi,
+        };
+        let is_possible = bytes.len() >= FRAME_MIN;
+        let place = frame.bytes.get_mut(..bytes.len()).filter(|_| is_possible)?;
+        place.copy_from_slice(bytes);
+        Some(frame)
+    }
+}
+
+fn nearest_power(dbm: i8) -> i8 {
+    let distance = |power: &i8| power.abs_diff(dbm);
+    POWERS.into_iter().min_by_key(distance).unwrap_or(0)
+}
+
+/// Does what [`OnChip`] asks, and receives in between. Never ends.
+pub(crate) async fn drive(radio: ieee802154::Radio<'static>, shared: &'static Shared) {
+    let mut driver = Driver {
+        radio,
+        packet: Packet::new(),
+        shared,
+    };
+    // Nothing is received before the first configuration.
+    let mut request = shared.requests.receive().await;
+    loop {
+        driver.obey(request).await;
+        request = driver.receive_until_asked().await;
+    }
+}
+
+struct Driver {
+    radio: ieee802154::Radio<'static>,
+    packet: Packet,
+    shared: &'static Shared,
+}
+
+impl Driver {
+    async fn obey(&mut self, request: Request) {
+        let outcome = match request.kind {
+            Kind::Configure { channel, power } => {
+                self.radio.set_channel(channel);
+                self.radio.set_transmission_power(power);
+                TxOutcome::Sent
+            }
+            Kind::Transmit(frame) => {
+                let bytes = frame.bytes.get(..frame.len).unwrap_or_default();
+                self.packet.copy_from_slice(bytes);
+                match self.radio.try_send(&mut self.packet).await {
+                    Ok(()) => TxOutcome::Sent,
+                    Err(_) => TxOutcome::ChannelBusy,
+                }
+            }
+        };
+        self.shared.answer.signal((request.number, outcome));
+    }
+
+    async fn receive_until_asked(&mut self) -> Request {
+        loop {
+            match self.receive_one().await {
+                Some(request) => {
+                    // Complete in the moment in which the reception was given up.
+                    if has_received() {
+                        self.deliver();
+                    }
+                    return request;
+                }
+                None => self.deliver(),
+            }
+        }
+    }
+
+    /// A request that came first; otherwise the packet has been received.
+    async fn receive_one(&mut self) -> Option<Request> {
+        let Self {
+            radio,
+            packet,
+            shared,
+        } = self;
+        loop {
+            pac::RADIO.events_framestart().write_value(0);
+            let mut reception = core::pin::pin!(radio.receive(packet));
+            loop {
+                match select(reception.as_mut(), shared.requests.receive()).await {
+                    Either::First(Ok(())) => return None,
+                    // A wrong FCS: as if nothing had come.
+                    Either::First(Err(_)) => break,
+                    // What arrives would be lost, and to the assessment the channel is busy.
+                    Either::Second(Request {
+                        number,
+                        kind: Kind::Transmit(_),
+                    }) if is_receiving() => {
+                        shared.answer.signal((number, TxOutcome::ChannelBusy));
+                    }
+                    Either::Second(request) => return Some(request),
+                }
+            }
+        }
+    }
+
+    /// When the queue is full the frame is lost.
+    fn deliver(&self) {
+        // Of a length that no frame has, the packet must not be looked into.
+        let is_possible = usize::from(self.packet.len()) <= FRAME_MAX;
+        if is_possible
+            && let Some(frame) =
+                Frame::new(&self.packet, self.packet.lqi().saturating_mul(LQI_SCALE))
+        {
+            let _ = self.shared.received.try_send(frame);
+        }
+    }
+}
+
+/// A frame has begun to arrive and is not over.
+fn is_receiving() -> bool {
+    pac::RADIO.events_framestart().read() != 0 && pac::RADIO.events_phyend().read() == 0
+}
+
+/// A frame is over that nobody has looked at, and its FCS is right.
+fn has_received() -> bool {
+    pac::RADIO.events_phyend().read() != 0
+        && pac::RADIO.crcstatus().read().crcstatus() == Crcstatus::CrcOk
+}

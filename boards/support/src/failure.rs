@@ -1,0 +1,25 @@
+//! Why a node cannot go on, in words.
+
+use node_firmware::run::Failure;
+use zigbee_link::{
+    runner::Stopped,
+    store::{StoreError, log::LogError},
+};
+
+/// What failed. Not its `Display`, which brings the formatter along; a board has no room for that.
+pub const fn describe<R, F>(failure: &Failure<R, F>) -> &'static str {
+    match failure {
+        Failure::Link(Stopped::Radio(_)) => "the radio failed",
+        Failure::Link(Stopped::Store(error)) => match error {
+            StoreError::NotProvisioned => "link: no site key",
+            StoreError::Corrupt => "link: damaged",
+            StoreError::Full | StoreError::Layout => "link: wrong size",
+            StoreError::Flash(_) => "link: the flash failed",
+        },
+        Failure::Memory(error) => match error {
+            LogError::Corrupt | LogError::NotOpen => "memory: damaged",
+            LogError::Full | LogError::Layout => "memory: wrong size",
+            LogError::Flash(_) => "memory: the flash failed",
+        },
+    }
+}

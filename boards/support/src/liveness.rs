@@ -1,0 +1,95 @@
+//! Whether every task still runs.
+//!
+//! Each task reports; whoever feeds the watchdog does so only when all have since the last time.
+//! What is proven is that a task is polled and comes back: an endless loop anywhere, or an
+//! executor that stands still, ends the feeding. A task that waits for something that never comes
+//! is no error here: a radio may hear nothing for days.
+
+use core::{
+    future::Future,
+    pin::Pin,
+    sync::atomic::{AtomicU32, Ordering},
+};
+
+use embassy_futures::select::{Either, select};
+use embassy_time::{Duration, Timer};
+
+/// How often a watched task reports at least.
+const PERIOD: Duration = Duration::from_secs(1);
+
+/// Reports of up to 32 tasks.
+#[derive(Debug)]
+pub struct Liveness {
+    expected: u32,
+    reported: AtomicU32,
+}
+
+impl Liveness {
+    /// For tasks 0 to `tasks - 1`, at most 32.
+    pub const fn new(tasks: u32) -> Self {
+        let expected = match 1_u32.checked_shl(tasks) {
+            Some(next) => next - 1,
+            None => u32::MAX,
+        };
+        Self {
+            expected,
+            reported: AtomicU32::new(0),
+        }
+    }
+
+    /// This task runs.
+    pub fn report(&self, task: u32) {
+        let bit = 1_u32.checked_shl(task).unwrap_or(0);
+        self.reported.fetch_or(bit, Ordering::Relaxed);
+    }
+
+    /// Whether all tasks have reported since this was last true.
+    pub fn all_reported(&self) -> bool {
+        let all = self.reported.load(Ordering::Relaxed) & self.expected == self.expected;
+        if all {
+            self.reported.store(0, Ordering::Relaxed);
+        }
+        all
+    }
+
+    /// Runs a future as a task that reports at least once a second, after it was polled.
+    ///
+    /// Pinned by the caller: a future passed by value is kept twice, and that of a node is large.
+    pub async fn watch<F: Future>(&self, task: u32, mut future: Pin<&mut F>) -> F::Output {
+        loop {
+            match select(future.as_mut(), Timer::after(PERIOD)).await {
+                Either::First(output) => return output,
+                Either::Second(()) => self.report(task),
+            }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn all_must_report_each_time() {
+        let liveness = Liveness::new(2);
+        assert!(!liveness.all_reported());
+        liveness.report(0);
+        liveness.report(0);
+        assert!(!liveness.all_reported());
+        liveness.report(1);
+        assert!(liveness.all_reported());
+        assert!(!liveness.all_reported());
+    }
+
+    #[test]
+    fn reports_of_nobody_count_for_nobody() {
+        let liveness = Liveness::new(32);
+        for task in 0..31 {
+            liveness.report(task);
+        }
+        liveness.report(32);
+        assert!(!liveness.all_reported());
+        liveness.report(31);
+        assert!(liveness.all_reported());
+    }
+}

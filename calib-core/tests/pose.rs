@@ -1,0 +1,74 @@
+//! Poses that come from a message or a memory.
+
+use std::f64::consts::TAU;
+
+use calib_core::{Pose, PoseError};
+use nalgebra::{Matrix3, Point2};
+use proptest::prelude::*;
+
+const POSITION: Point2<f64> = Point2::new(3.0, -4.0);
+
+#[test]
+fn the_triangle_goes_by_rows() {
+    let pose = Pose::from_parts(POSITION, 1.0, [4.0, 0.5, 9.0, 0.1, -0.2, 0.01]).unwrap();
+    let expected = Matrix3::new(4.0, 0.5, 0.1, 0.5, 9.0, -0.2, 0.1, -0.2, 0.01);
+    assert_eq!(pose.covariance, expected);
+    assert_eq!(pose.sigma_y(), 3.0);
+    assert_eq!(pose.covariance_triangle(), [4.0, 0.5, 9.0, 0.1, -0.2, 0.01]);
+    let turned = Pose::from_parts(POSITION, -1.0, [0.0; 6]).unwrap();
+    assert_eq!(turned.heading, TAU - 1.0);
+}
+
+#[test]
+fn what_is_no_pose_is_refused() {
+    let good = [4.0, 0.5, 9.0, 0.1, -0.2, 0.01];
+    let nan = f64::NAN;
+    let refused = |place, heading, c| Pose::from_parts(place, heading, c).unwrap_err();
+    assert_eq!(
+        refused(Point2::new(nan, 0.0), 0.0, good),
+        PoseError::NotFinite
+    );
+    assert_eq!(refused(POSITION, f64::INFINITY, good), PoseError::NotFinite);
+    for k in 0..6 {
+        let mut bad = good;
+        bad[k] = nan;
+        assert_eq!(refused(POSITION, 0.0, bad), PoseError::NotFinite);
+    }
+    for bad in [
+        [-4.0, 0.5, 9.0, 0.1, -0.2, 0.01],
+        [4.0, 6.1, 9.0, 0.0, 0.0, 0.01],
+        [4.0, 0.5, 9.0, 0.3, -0.2, 0.01],
+        [4.0, 0.5, 9.0, 0.1, -0.2, 0.0],
+        // Each pair could be, all three together cannot.
+        [1.0, 0.9, 1.0, -0.9, 0.9, 1.0],
+        // Small as the heading's variance is, it cannot err more than wholly with x.
+        [1.0, 0.0, 1.0, 2e-4, 0.0, 1e-8],
+    ] {
+        assert_eq!(
+            refused(POSITION, 0.0, bad),
+            PoseError::NotACovariance,
+            "{bad:?}"
+        );
+    }
+}
+
+proptest! {
+    /// Also where it has no rank, and where it was rounded to single precision on the way.
+    #[test]
+    fn every_covariance_comes_back(
+        factor in prop::array::uniform9(-10.0..10.0_f64), rank in 0_usize..4, heading_unit in 1e-4..1.0_f64,
+    ) {
+        let mut factor = Matrix3::from_column_slice(&factor);
+        for k in rank..3 {
+            factor.column_mut(k).fill(0.0);
+        }
+        factor.row_mut(2).scale_mut(heading_unit);
+        let pose = Pose {
+            position: Point2::new(3.0_f32, -4.0),
+            heading: 1.0,
+            covariance: (factor * factor.transpose()).cast::<f32>(),
+        };
+        let back = Pose::from_parts(pose.position, pose.heading, pose.covariance_triangle());
+        prop_assert_eq!(back, Ok(pose));
+    }
+}

@@ -1,0 +1,216 @@
+//! Messages, lines of the console and events in any order, to a node of any role: no panic, no end
+//! of outputs, no deadline that has passed, and nothing sent that would not decode.
+//!
+//! The first byte selects the role. Then come records: kind, pause in units of 100 ms, sender,
+//! length, and that many bytes.
+#![no_main]
+
+use std::time::Duration;
+
+use libfuzzer_sys::fuzz_target;
+use node_firmware::{
+    config::{CameraConfig, Duty, Reference, Sigmas, Subjects, TargetConfig},
+    console::{Frames, FromPc, ToPc},
+    memory::Fact,
+    message::{Done, Message, Seen, Sight, Tracked},
+    role::{
+        Output, Role,
+        camera::{self, Camera},
+        coordinator::{self, Coordinator},
+        target::{self, Target},
+    },
+    sight::Lens,
+};
+use zigbee_link::{
+    Instant,
+    link::MESSAGE_MAX,
+    radio::Channel,
+    store::Membership,
+    wire::{Eui64, PanId, ShortAddress},
+};
+
+fuzz_target!(|input: &[u8]| {
+    let Some((&selector, records)) = input.split_first() else {
+        return;
+    };
+    let _ = postcard::from_bytes::<Fact>(records);
+    match selector % 5 {
+        0 => {
+            let mut frames = Frames::default();
+            live(records, 0, Coordinator::new(), |bytes| {
+                let wishes = bytes.iter().filter_map(|&byte| frames.push::<FromPc>(byte));
+                wishes.map(coordinator::Event::Pc).collect()
+            });
+        }
+        1 => live(records, 3, Target::new(9, TARGET, 0xFFFE), |bytes| {
+            step(bytes).into_iter().collect()
+        }),
+        2 => live(records, 1, camera(None), |bytes| {
+            look(bytes).into_iter().collect()
+        }),
+        3 => live(records, 1, camera(Some(Duty::First)), |bytes| {
+            look(bytes).into_iter().collect()
+        }),
+        _ => {
+            let mut frames = Frames::default();
+            for &byte in records {
+                let _ = frames.push::<ToPc>(byte);
+            }
+            live(records, 2, camera(Some(Duty::Second)), |bytes| {
+                look(bytes).into_iter().collect()
+            });
+        }
+    }
+});
+
+const TARGET: TargetConfig = TargetConfig {
+    colour: 0,
+    still_after_ms: 1_500,
+    systematic_heading_deg: 0.5,
+    systematic_scale: 0.01,
+    standing_sigma: 0.02,
+    dwell_least_ms: 2_000,
+    dwell_most_ms: 20_000,
+};
+
+fn camera(duty: Option<Duty>) -> Camera {
+    let config = CameraConfig {
+        lens: Lens::pin_hole(88, 45.0),
+        baud: 38_400,
+        first_column: 1,
+        subjects: Subjects::Motion { threshold: 10 },
+        round: true,
+        reference: duty.map(|duty| Reference {
+            duty,
+            position: None,
+        }),
+        may_be_elected: true,
+        baseline: Some(10.0),
+        frame_heading_deg: None,
+        reference_stops: 3,
+        stops: 3,
+        refine: true,
+        good_enough: Sigmas {
+            position: 0.05,
+            heading_deg: 0.25,
+        },
+        weak_sigma: 0.5,
+        sigma_floor_px: 0.1,
+    };
+    Camera::new(7, config)
+}
+
+fn number(bytes: &[u8]) -> Option<(f32, &[u8])> {
+    let (number, rest) = bytes.split_first_chunk()?;
+    Some((f32::from_le_bytes(*number), rest))
+}
+
+fn step(bytes: &[u8]) -> Option<target::Event> {
+    let Some((distance, rest)) = number(bytes) else {
+        return Some(target::Event::SensorFailed);
+    };
+    let (heading, rest) = number(rest)?;
+    let (distance_sigma, rest) = number(rest)?;
+    let (heading_sigma, _) = number(rest)?;
+    Some(target::Event::Step(calib_core::dead_reckoning::Step {
+        distance,
+        heading,
+        distance_sigma,
+        heading_sigma,
+    }))
+}
+
+fn look(bytes: &[u8]) -> Option<camera::Event> {
+    let (&kind, rest) = bytes.split_first()?;
+    match kind {
+        0 => Some(camera::Event::Ready),
+        1 => Some(camera::Event::Looked(
+            postcard::from_bytes::<Sight>(rest).ok()?,
+            None,
+        )),
+        2 => {
+            let (bearing, rest) = number(rest)?;
+            let (sigma, _) = number(rest)?;
+            let seen = Seen { bearing, sigma };
+            Some(camera::Event::Looked(Sight::InView, Some(seen)))
+        }
+        3 => Some(camera::Event::Done(
+            postcard::from_bytes::<Done>(rest).ok()?,
+        )),
+        _ => Some(camera::Event::Tracked(
+            postcard::from_bytes::<Tracked>(rest).ok()?,
+        )),
+    }
+}
+
+fn live<R: Role>(
+    records: &[u8],
+    short: u16,
+    mut role: R,
+    mut events: impl FnMut(&[u8]) -> Vec<R::Event>,
+) {
+    let membership = Membership {
+        pan: PanId(1),
+        channel: Channel::FIRST,
+        short: ShortAddress(short),
+        coordinator: Eui64([2; 8]),
+    };
+    let mut now = Instant(0);
+    let mut errands = Vec::new();
+    role.attached(now, Some(membership));
+    let mut rest = records;
+    while let [kind, pause, from, len, tail @ ..] = rest {
+        now = now + Duration::from_millis(100 * u64::from(*pause));
+        let (bytes, tail) = tail.split_at(tail.len().min(usize::from(*len)));
+        rest = tail;
+        match kind % 8 {
+            0 => {
+                for event in events(bytes) {
+                    role.event(now, event);
+                }
+            }
+            1 => role.attached(now, None),
+            2 => role.attached(now, Some(membership)),
+            3 => {
+                for errand in errands.drain(..) {
+                    role.sent(now, errand, pause % 2 == 0);
+                }
+            }
+            _ => {
+                if let Ok(message) = postcard::from_bytes::<Message>(bytes) {
+                    role.message(now, ShortAddress((*from).into()), &message);
+                }
+            }
+        }
+        let mut outputs = 0;
+        while let Some(output) = role.poll(now) {
+            outputs += 1;
+            assert!(outputs < 200, "it never has enough");
+            match output {
+                Output::Send {
+                    message, errand, ..
+                } => {
+                    check(&message);
+                    errands.extend(errand);
+                }
+                Output::Save(fact) => {
+                    let mut slot = [0; 90];
+                    let bytes = postcard::to_slice(&fact, &mut slot).expect("a fact fits");
+                    assert!(postcard::from_bytes::<Fact>(bytes).is_ok(), "{fact:?}");
+                }
+                Output::Task(_) => {}
+            }
+        }
+        assert!(role.deadline().is_none_or(|deadline| deadline > now));
+        let _ = role.indication();
+    }
+}
+
+fn check(message: &Message) {
+    let mut buffer = [0; MESSAGE_MAX];
+    let bytes = postcard::to_slice(message, &mut buffer).expect("a message fits a frame");
+    assert!(
+        postcard::from_bytes::<Message>(bytes).is_ok(),
+        "{message:?}"
+    );
+}

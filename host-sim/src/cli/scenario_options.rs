@@ -1,0 +1,88 @@
+//! Which scenario, and what the command line changes of it.
+
+use clap::{Args, ValueEnum};
+use host_sim::{
+    scenario::{Overrides, Scenario, planner::Placement},
+    world::Variant,
+};
+
+use super::values;
+
+/// Heading for these options.
+pub(super) const FOR_SCENARIO: &str = "Scenario";
+
+#[derive(Args)]
+pub(super) struct ScenarioOptions {
+    /// `thesis-13`, `lab`, `grid`, or a file.
+    #[arg(value_name = "SCENARIO|FILE.toml")]
+    scenario: String,
+    /// Which of the planned ways the target takes, from 1.
+    #[arg(long, value_name = "K", value_parser = clap::value_parser!(u64).range(1..))]
+    path: Option<u64>,
+    /// Stops that are planned in view of each camera.
+    #[arg(long, value_name = "N")]
+    stops: Option<usize>,
+    /// Where these are: where they help most, or anywhere in view.
+    #[arg(long, value_name = "HOW")]
+    placement: Option<Place>,
+    /// Cameras of a grid.
+    #[arg(long, value_name = "N")]
+    nodes: Option<usize>,
+    /// How pictures come about: rendered and counted, or by a scan of equal angles as in Stage.
+    #[arg(long, value_name = "KIND")]
+    camera: Option<Kind>,
+    /// The lens that all nodes believe to have, whatever they have.
+    #[arg(long, value_name = "LENS")]
+    decode: Option<Decode>,
+    /// Step sensors drift: 1 % of the distance and 0.5 degrees per leg.
+    #[arg(long)]
+    drift: bool,
+    /// Share of the frames that the radio loses, 0 to 1.
+    #[arg(long, value_name = "SHARE", value_parser = values::share)]
+    loss: Option<f64>,
+}
+
+#[derive(Clone, Copy, ValueEnum)]
+enum Place {
+    Planned,
+    Anywhere,
+}
+
+#[derive(Clone, Copy, ValueEnum)]
+enum Kind {
+    Cmucam2,
+    Stage,
+}
+
+#[derive(Clone, Copy, ValueEnum)]
+enum Decode {
+    PinHole,
+    EqualAngle,
+}
+
+impl ScenarioOptions {
+    /// The scenario, with this seed or its own.
+    pub(super) fn load(&self, seed: Option<u64>) -> anyhow::Result<Scenario> {
+        let changes = Overrides {
+            seed,
+            path: self.path,
+            stops: self.stops,
+            placement: self.placement.map(|place| match place {
+                Place::Planned => Placement::Planned,
+                Place::Anywhere => Placement::Anywhere,
+            }),
+            nodes: self.nodes,
+            variant: self.camera.map(|kind| match kind {
+                Kind::Cmucam2 => Variant::Cmucam2,
+                Kind::Stage => Variant::Stage,
+            }),
+            model: self.decode.map(|lens| match lens {
+                Decode::PinHole => calib_core::camera::Projection::PinHole,
+                Decode::EqualAngle => calib_core::camera::Projection::EqualAngle,
+            }),
+            drift: self.drift,
+            loss: self.loss,
+        };
+        Ok(Scenario::load(&self.scenario, &changes)?)
+    }
+}

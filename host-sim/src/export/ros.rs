@@ -1,0 +1,97 @@
+//! A launch file for ROS 2.
+
+use serde::Serialize;
+
+use super::{one_line, to_yaml};
+use crate::record::{Node, RunRecord};
+
+/// Parent of all frames.
+const WORLD: &str = "world";
+
+#[derive(Serialize)]
+struct Launch {
+    launch: Vec<Action>,
+}
+
+#[derive(Serialize)]
+#[serde(rename_all = "snake_case")]
+enum Action {
+    Node(LaunchNode),
+    Let(Let),
+}
+
+/// Starts an executable.
+#[derive(Serialize)]
+struct LaunchNode {
+    pkg: &'static str,
+    exec: &'static str,
+    name: String,
+    args: String,
+}
+
+/// Sets a launch configuration.
+#[derive(Serialize)]
+struct Let {
+    name: String,
+    value: String,
+}
+
+/// A launch file in YAML, for `ros2 launch poses.launch.yaml`: one `static_transform_publisher`
+/// per calibrated camera, from the frame `world` to `camera_<id>`, in metres and radians.
+///
+/// A camera's frame is that of REP 103 for bodies: x along the optical axis, y to the left, z up.
+/// A static transform carries no covariance, so the file also sets the launch configuration
+/// `camera_<id>_covariance`: 36 numbers, the row-major 6 x 6 matrix of
+/// `geometry_msgs/PoseWithCovariance` (x, y, z, roll, pitch, yaw). z, roll and pitch are not
+/// estimated; their variances are 0.
+///
+/// # Errors
+/// Those of the YAML writer.
+pub fn ros_launch(record: &RunRecord) -> Result<String, serde_saphyr::ser::Error> {
+    let metres = record.unit.metres;
+    let actions = record
+        .cameras()
+        .filter_map(|camera| actions(camera, metres));
+    let launch = Launch {
+        launch: actions.flatten().collect(),
+    };
+    let head = format!(
+        "# Static transforms of cameras, metres and radians: {}; unit `{}` taken as {metres} m\n",
+        one_line(&record.title()),
+        one_line(&record.unit.name),
+    );
+    Ok(head + &to_yaml(&launch)?)
+}
+
+fn actions(camera: &Node, metres: f64) -> Option<[Action; 2]> {
+    let estimate = camera.estimate?;
+    let pose = estimate.pose();
+    let (x, y) = (estimate.x * metres, estimate.y * metres);
+    let (id, yaw) = (camera.id, pose.heading);
+    let scale = nalgebra::Vector3::new(metres, metres, 1.0);
+    let c = pose.covariance.component_mul(&(scale * scale.transpose()));
+    // Rows and columns: x, y, z, roll, pitch, yaw.
+    let place = [0, 1, 5];
+    let mut covariance = [0.0; 36];
+    for (row, &to_row) in place.iter().enumerate() {
+        for (column, &to_column) in place.iter().enumerate() {
+            covariance[6 * to_row + to_column] = c[(row, column)];
+        }
+    }
+    let value = covariance.map(|c| c.to_string()).join(" ");
+    Some([
+        Action::Node(LaunchNode {
+            pkg: "tf2_ros",
+            exec: "static_transform_publisher",
+            name: format!("camera_{id}_pose"),
+            args: format!(
+                "--x {x} --y {y} --z 0 --roll 0 --pitch 0 --yaw {yaw} --frame-id {WORLD} \
+                 --child-frame-id camera_{id}"
+            ),
+        }),
+        Action::Let(Let {
+            name: format!("camera_{id}_covariance"),
+            value,
+        }),
+    ])
+}

@@ -1,0 +1,77 @@
+//! What can be wrong with emulated boards.
+
+use std::{io, path::PathBuf, process::ExitStatus};
+
+use node_firmware::config::page::PageError;
+
+use super::{EMULATOR, IMAGE};
+
+/// Why boards cannot be emulated, or why a run with them ended. The texts say what to do.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+pub enum EmulatorError {
+    /// The emulator is not installed.
+    #[error(
+        "{EMULATOR} was not found: install it, on Debian or Ubuntu with \
+         `sudo apt-get install qemu-system-arm`"
+    )]
+    Missing,
+    /// It does not even tell its version.
+    #[error("{EMULATOR} does not start: {said}")]
+    Unusable {
+        /// What it said instead.
+        said: String,
+    },
+    /// There is no image.
+    #[error(
+        "there is no image {}: type `cargo xtask firmware`, which makes {IMAGE}, or name another \
+         one with --image", .0.display()
+    )]
+    NoImage(PathBuf),
+    /// A directory, file or socket for a board cannot be made.
+    #[error("the files of emulated boards cannot be made: {0}")]
+    Files(#[source] io::Error),
+    /// A node's configuration does not fit into a page.
+    #[error("node {id} cannot be configured: {reason}")]
+    Config {
+        /// The node.
+        id: u16,
+        /// Why not.
+        reason: PageError,
+    },
+    /// The process could not be started.
+    #[error("the emulator of node {id} does not start: {reason}")]
+    Start {
+        /// The node.
+        id: u16,
+        /// Why not.
+        reason: io::Error,
+    },
+    /// It runs but does not open its lines.
+    #[error(
+        "the emulator of node {id} did not open its lines within {seconds} s: is the computer \
+         overloaded? Its output is in {}", .files.display()
+    )]
+    Silent {
+        /// The node.
+        id: u16,
+        /// How long it was waited for.
+        seconds: u64,
+        /// Where its files are.
+        files: PathBuf,
+    },
+    /// It ended by itself.
+    #[error(
+        "the emulator of node {id} ended ({status}): 1 is a node that cannot go on or a wrong \
+         option, 2 a panic or a fault. What it printed is in {}, as defmt frames: \
+         `defmt-print -e IMAGE < log`", .files.join("log").display()
+    )]
+    Ended {
+        /// The node.
+        id: u16,
+        /// How.
+        status: ExitStatus,
+        /// Where its files are.
+        files: PathBuf,
+    },
+}

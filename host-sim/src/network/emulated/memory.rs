@@ -1,0 +1,37 @@
+//! What a board's flash holds.
+
+use std::{fs, ops::Range, path::Path};
+
+use embassy_futures::block_on;
+use embedded_storage_async::nor_flash::NorFlash as _;
+use node_firmware::memory::{Fact, Memory};
+
+use crate::sim::{
+    executor::Clock,
+    flash::{Flash, PAGE},
+    random::Root,
+};
+
+/// Where the board keeps the memory of its role.
+const MEMORY: Range<u32> = 0..4 * PAGE as u32;
+
+/// The facts in a file that is a board's flash; none if there is no such file yet.
+///
+/// The board may go on writing: its memory is a log, of which a part is a memory too.
+pub(super) fn facts(file: &Path, clock: &Clock) -> Vec<Fact> {
+    let bytes = fs::read(file).unwrap_or_default();
+    let pages = bytes.len() / PAGE;
+    let mut facts = Vec::new();
+    // A copy: reading may tidy up.
+    let mut flash = Flash::new(clock, pages, Root(0).stream("copy", 0)).programmer();
+    block_on(async {
+        if flash.write(0, &bytes[..pages * PAGE]).await.is_err() {
+            return;
+        }
+        if let Ok(mut memory) = Memory::open(flash, MEMORY).await {
+            // What cannot be read is missing from the record, as from the node's own memory.
+            let _ = memory.recall(|fact| facts.push(*fact)).await;
+        }
+    });
+    facts
+}

@@ -1,0 +1,221 @@
+//! What goes wrong by order of the scenario.
+
+use std::{cell::RefCell, collections::BTreeSet, rc::Rc};
+
+use rand::RngExt;
+use zigbee_link::{radio::Channel, wire::fcs};
+
+use super::{Simulation, node::Hardware, provision};
+use crate::{
+    scenario::{Action, ScriptedEvent},
+    sim::{
+        executor::{Clock, Time},
+        medium::{Disturbance, Event, Kind, Medium, NodeId},
+        random::Root,
+    },
+};
+
+/// A frame that was on the air.
+#[derive(Clone)]
+struct Heard {
+    at: Time,
+    from: NodeId,
+    channel: Channel,
+    psdu: Vec<u8>,
+}
+
+/// Frames of those nodes that some event replays, in their order.
+type Tape = Rc<RefCell<Vec<Heard>>>;
+
+/// Plans all events of the scenario.
+pub(super) fn schedule(simulation: &mut Simulation) {
+    let root = Root(simulation.scenario.seed);
+    let tape = record(simulation);
+    let events = simulation.scenario.events.clone();
+    for (number, event) in (0..).zip(events) {
+        let ScriptedEvent { at_s, action } = event;
+        let at = nanoseconds(at_s);
+        let clock = simulation.executor.clock();
+        let until = |for_s: f64| at.saturating_add(nanoseconds(for_s));
+        match action {
+            Action::Restart { node } => {
+                if let Some(node) = find(simulation, node) {
+                    simulation.executor.spawn(restart(clock, at, node));
+                }
+            }
+            Action::PowerCut {
+                node,
+                for_s,
+                in_flash_write,
+            } => {
+                if let Some(node) = find(simulation, node) {
+                    let share = in_flash_write
+                        .then(|| root.stream("power cut", number).random_range(0.0..1.0));
+                    let cut = power_cut(clock, at, node, nanoseconds(for_s), share);
+                    simulation.executor.spawn(cut);
+                }
+            }
+            Action::Jam {
+                for_s,
+                channel,
+                at: place,
+                reach,
+            } => simulation.medium.disturb(Disturbance {
+                during: at..until(for_s),
+                kind: Kind::Jammer {
+                    channel: channel.and_then(Channel::new),
+                    disk: place.zip(reach),
+                },
+            }),
+            Action::Partition { nodes, for_s } => {
+                let apart: BTreeSet<_> = nodes
+                    .iter()
+                    .filter_map(|&id| Some(find(simulation, id)?.antenna))
+                    .collect();
+                simulation.medium.disturb(Disturbance {
+                    during: at..until(for_s),
+                    kind: Kind::Partition(apart),
+                });
+            }
+            Action::Loss { share, for_s } => simulation.medium.disturb(Disturbance {
+                during: at..until(for_s),
+                kind: Kind::Loss(share),
+            }),
+            Action::UnplugCamera {
+                node,
+                for_s,
+                with_power,
+            } => {
+                if let Some(node) = find(simulation, node) {
+                    let pull = unplug(clock, at..until(for_s), node, with_power);
+                    simulation.executor.spawn(pull);
+                }
+            }
+            Action::StickCamera { node, for_s } => {
+                if let Some(node) = find(simulation, node) {
+                    simulation
+                        .executor
+                        .spawn(stick(clock, at..until(for_s), node));
+                }
+            }
+            Action::Replay { node, last_s } => {
+                if let Some(node) = find(simulation, node) {
+                    let medium = simulation.medium.clone();
+                    let again = replay(clock, at, nanoseconds(last_s), node, medium, tape.clone());
+                    simulation.executor.spawn(again);
+                }
+            }
+        }
+    }
+}
+
+fn nanoseconds(seconds: f64) -> Time {
+    (seconds * 1e9) as Time
+}
+
+/// The node of this number; 0 is the first network's coordinator.
+fn find(simulation: &Simulation, id: u16) -> Option<Rc<Hardware>> {
+    let id = match id {
+        0 => provision::coordinator_id(0),
+        id => id,
+    };
+    simulation.node(id).cloned()
+}
+
+async fn restart(clock: Clock, at: Time, node: Rc<Hardware>) {
+    clock.sleep_until_time(at).await;
+    node.note("is restarted");
+    node.switch_off();
+    node.switch_on();
+}
+
+/// `share`: how much of its next flash operation is done before, if it is to be in one.
+async fn power_cut(clock: Clock, at: Time, node: Rc<Hardware>, lasts: Time, share: Option<f64>) {
+    clock.sleep_until_time(at).await;
+    // When an emulated board writes, nobody here knows.
+    if let Some(share) = share.filter(|_| !node.is_emulated()) {
+        let takes = node.flash().next_operation().await;
+        clock.sleep((takes as f64 * share) as Time).await;
+    }
+    node.note("loses its power");
+    node.switch_off();
+    node.line.unplug(true);
+    clock.sleep(lasts).await;
+    node.note("gets its power back");
+    node.line.plug();
+    node.switch_on();
+}
+
+async fn unplug(clock: Clock, during: std::ops::Range<Time>, node: Rc<Hardware>, with_power: bool) {
+    clock.sleep_until_time(during.start).await;
+    node.note("has its camera unplugged");
+    node.line.unplug(with_power);
+    clock.sleep_until_time(during.end).await;
+    node.note("has its camera back");
+    node.line.plug();
+}
+
+async fn stick(clock: Clock, during: std::ops::Range<Time>, node: Rc<Hardware>) {
+    clock.sleep_until_time(during.start).await;
+    node.note("has a camera that sticks");
+    node.stick_camera(true);
+    clock.sleep_until_time(during.end).await;
+    node.note("has a camera that sees again");
+    node.stick_camera(false);
+}
+
+/// Keeps what nodes send whose frames will be replayed.
+fn record(simulation: &Simulation) -> Tape {
+    let tape = Tape::default();
+    let replayed: BTreeSet<_> = simulation
+        .scenario
+        .events
+        .iter()
+        .filter_map(|event| match event.action {
+            Action::Replay { node, .. } => Some(find(simulation, node)?.antenna),
+            _ => None,
+        })
+        .collect();
+    if !replayed.is_empty() {
+        let tape = tape.clone();
+        simulation.medium.watch(move |at: Time, event: Event<'_>| {
+            if let Event::Sent {
+                from,
+                channel,
+                frame,
+            } = event
+                && replayed.contains(&from)
+            {
+                let mut psdu = frame.to_vec();
+                psdu.extend(fcs(frame).to_le_bytes());
+                tape.borrow_mut().push(Heard {
+                    at,
+                    from,
+                    channel,
+                    psdu,
+                });
+            }
+        });
+    }
+    tape
+}
+
+/// Frames come again with the pauses that they had.
+async fn replay(
+    clock: Clock,
+    at: Time,
+    last: Time,
+    node: Rc<Hardware>,
+    medium: Medium,
+    tape: Tape,
+) {
+    clock.sleep_until_time(at).await;
+    node.note("is heard again");
+    let since = at.saturating_sub(last);
+    let is_meant = |heard: &&Heard| heard.from == node.antenna && heard.at >= since;
+    let again: Vec<Heard> = tape.borrow().iter().filter(is_meant).cloned().collect();
+    for heard in again {
+        clock.sleep_until_time(at + (heard.at - since)).await;
+        medium.inject(heard.from, heard.channel, &heard.psdu);
+    }
+}

@@ -1,0 +1,185 @@
+//! What nodes said and learnt, with times.
+
+use std::{
+    cell::RefCell,
+    collections::{BTreeMap, HashMap},
+    fmt::Arguments,
+    io::Write,
+    rc::Rc,
+};
+
+use nalgebra::Point2;
+use node_firmware::{
+    hardware::Observer,
+    memory::{Fact, KeptSighting, Walk},
+    message::{Frame, Message, State},
+};
+use zigbee_link::wire::ShortAddress;
+
+use crate::sim::executor::{Clock, Time};
+
+pub(super) type SharedJournal = Rc<RefCell<Journal>>;
+
+/// What became known of one stop of a target.
+#[derive(Clone, Debug)]
+pub(super) struct StopEntry {
+    /// When the target first told of it.
+    pub(super) at: Time,
+    /// Where it really stood then.
+    pub(super) truth: Point2<f64>,
+    /// Where it thought it was, in the frame of the site, when it told last.
+    pub(super) believed: Option<calib_core::dead_reckoning::Place<f32>>,
+}
+
+/// What became known of one node.
+#[derive(Clone, Debug, Default)]
+pub(super) struct NodeEntry {
+    /// When it first reported a pose.
+    pub(super) calibrated: Option<Time>,
+    /// A camera's sightings by their place in its list.
+    pub(super) sightings: BTreeMap<u8, KeptSighting>,
+    /// A target's stops by their number.
+    pub(super) stops: BTreeMap<u16, StopEntry>,
+    /// When and where a target's carrier came to stand.
+    pub(super) arrivals: Vec<(Time, Point2<f64>)>,
+    /// Bytes of all messages it handed to its link.
+    pub(super) payload_bytes: u64,
+    /// What kept it from going on, each time.
+    pub(super) failures: Vec<String>,
+}
+
+impl NodeEntry {
+    /// What was read from the memory of a node that nobody watched.
+    pub(super) fn learns_late(&mut self, facts: &[Fact]) {
+        for fact in facts {
+            match fact {
+                Fact::Sighting(place, Some(sighting)) => {
+                    self.sightings.insert(*place, *sighting);
+                }
+                Fact::Walk(walk) => self.number_stops(walk),
+                _ => {}
+            }
+        }
+    }
+
+    /// The last arrival was the last stop that was written down, and none is left out.
+    fn number_stops(&mut self, walk: &Walk) {
+        for (back, (at, truth)) in (0..).zip(self.arrivals.iter().rev()) {
+            let believed = (back == 0 && walk.located).then_some(walk.place);
+            self.stops
+                .entry(walk.stop.wrapping_sub(back))
+                .or_insert(StopEntry {
+                    at: *at,
+                    truth: *truth,
+                    believed,
+                });
+        }
+    }
+}
+
+/// The journal of a run.
+pub(super) struct Journal {
+    clock: Clock,
+    log: Option<Box<dyn Write>>,
+    pub(super) nodes: HashMap<u16, NodeEntry>,
+    /// Stops that targets have left, or ended with.
+    pub(super) stops_ended: usize,
+    /// Targets that have walked their whole way.
+    pub(super) walked: usize,
+}
+
+impl Journal {
+    pub(super) fn new(clock: Clock, log: Option<Box<dyn Write>>) -> Self {
+        Self {
+            clock,
+            log,
+            nodes: HashMap::new(),
+            stops_ended: 0,
+            walked: 0,
+        }
+    }
+
+    pub(super) fn node(&mut self, id: u16) -> &mut NodeEntry {
+        self.nodes.entry(id).or_default()
+    }
+
+    /// A pose of this node is known from now on, if it was not before.
+    pub(super) fn calibrated(&mut self, id: u16) {
+        let now = self.clock.time();
+        self.node(id).calibrated.get_or_insert(now);
+    }
+
+    /// A target's carrier stands here from now on.
+    pub(super) fn arrived(&mut self, id: u16, place: Point2<f64>) {
+        let now = self.clock.time();
+        self.node(id).arrivals.push((now, place));
+    }
+
+    /// A line of the log.
+    pub(super) fn note(&mut self, id: u16, what: Arguments<'_>) {
+        if let Some(log) = &mut self.log {
+            let at = self.clock.time();
+            // A full disk spoils the log, not the run.
+            let _ = writeln!(
+                log,
+                "{}.{:06} node {id}: {what}",
+                at / 1_000_000_000,
+                at / 1_000 % 1_000_000
+            );
+        }
+    }
+}
+
+/// Writes down what a node says and learns.
+pub(super) struct Witness {
+    pub(super) id: u16,
+    pub(super) journal: SharedJournal,
+    /// Where a target really is.
+    pub(super) truth: Box<dyn Fn() -> Option<Point2<f64>>>,
+}
+
+impl Observer for Witness {
+    fn sends(&mut self, to: ShortAddress, message: &Message) {
+        let mut journal = self.journal.borrow_mut();
+        if journal.log.is_some() {
+            journal.note(self.id, format_args!("to {:04x}: {message:?}", to.0));
+        }
+        let now = journal.clock.time();
+        let bytes = postcard::experimental::serialized_size(message).unwrap_or_default();
+        journal.node(self.id).payload_bytes += bytes as u64;
+        match message {
+            Message::Report(report) if matches!(report.state, State::Pose(_)) => {
+                journal.calibrated(self.id);
+            }
+            Message::Stopped(stopped) => {
+                let Some(truth) = (self.truth)() else {
+                    return;
+                };
+                let stops = &mut journal.node(self.id).stops;
+                let stop = stops.entry(stopped.stop).or_insert(StopEntry {
+                    at: now,
+                    truth,
+                    believed: None,
+                });
+                if stopped.frame == Frame::Site {
+                    stop.believed = Some(stopped.place);
+                }
+            }
+            _ => {}
+        }
+    }
+
+    fn learns(&mut self, fact: &Fact) {
+        let mut journal = self.journal.borrow_mut();
+        if journal.log.is_some() {
+            journal.note(self.id, format_args!("learns {fact:?}"));
+        }
+        if let Fact::Sighting(place, sighting) = fact {
+            let sightings = &mut journal.node(self.id).sightings;
+            match sighting {
+                Some(sighting) => sightings.insert(*place, *sighting),
+                None => sightings.remove(place),
+            };
+        }
+    }
+}

@@ -1,0 +1,328 @@
+//! Runs a scenario: the firmware of every node, over emulated cameras and simulated radios, in
+//! virtual time.
+//!
+//! A [`Simulation`] puts up what a [`Scenario`] says and provisions every node as a person would.
+//! Then it only lets time pass: nodes find each other, cameras look, the target walks when its lamp
+//! says so. Poses come in where people get them too, on the coordinator's serial line. The record
+//! of a run compares them with the truth.
+//!
+//! | module | job |
+//! |---|---|
+//! | `provision` | A configuration for every node |
+//! | `node` | One node's hardware, and its firmware running on it |
+//! | `device` | A simulated line, or a real camera in its place |
+//! | `emulated` | The same firmware as machine code on an emulated board |
+//! | `walk` | A target's carrier, and its step sensor |
+//! | `console` | The PC on a coordinator's line |
+//! | `journal` | What nodes said and learnt, with times: the log, and what records are made of |
+//! | `events` | What goes wrong by order of the scenario |
+//! | `outcome` | The record |
+//! | `many` | Many runs on many threads |
+
+mod console;
+mod device;
+mod emulated;
+mod events;
+mod journal;
+mod many;
+mod node;
+mod outcome;
+mod provision;
+mod walk;
+
+use std::{cell::RefCell, io::Write, rc::Rc, time::Duration};
+
+use node_firmware::{
+    config::{Config, Role},
+    memory::Fact,
+};
+
+pub use self::{
+    emulated::{Emulation, EmulatorError, IMAGE},
+    many::run_all,
+};
+
+use self::{
+    console::Console,
+    journal::{Journal, SharedJournal},
+    node::Hardware,
+};
+use crate::{
+    probe::port::{OpenError, open},
+    record::RunRecord,
+    scenario::{RadioTable, Scenario, ScenarioError, Site},
+    sim::{
+        executor::{Ended, Executor, Time, times_real_time},
+        medium::{Capture, LogDistance, Medium, Propagation},
+        random::Root,
+    },
+    world::World,
+};
+
+const SECOND: Time = 1_000_000_000;
+
+/// After the last target has ended its walk, reports still come in.
+const GRACE: Time = 5 * SECOND;
+
+/// The world and where its radios are, for all who move in it.
+type SharedWorld = Rc<RefCell<World>>;
+
+/// How to run.
+#[derive(Default)]
+pub struct Options {
+    /// So many times real time; as fast as possible if `None`. With emulated boards always 1.
+    pub speed: Option<f64>,
+    /// Run the nodes on emulated boards.
+    pub emulation: Option<Emulation>,
+    /// All frames on the air, for Wireshark.
+    pub pcap: Option<Box<dyn Write>>,
+    /// What nodes say and learn, as text.
+    pub log: Option<Box<dyn Write>>,
+}
+
+/// Why a real camera cannot be connected.
+#[derive(Debug, thiserror::Error)]
+pub enum ConnectError {
+    /// Nobody of that number has one.
+    #[error("the scenario has no camera {0}")]
+    NoCamera(u16),
+    /// The port is not to be had.
+    #[error(transparent)]
+    Port(#[from] OpenError),
+}
+
+/// How far a run is.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Progress {
+    /// Simulated seconds.
+    pub seconds: f64,
+    /// Stops that targets have ended.
+    pub stops: usize,
+    /// Stops there are.
+    pub of: usize,
+    /// Cameras that have a pose.
+    pub calibrated: usize,
+    /// Cameras there are.
+    pub cameras: usize,
+}
+
+/// A scenario that is put up and can run.
+pub struct Simulation {
+    scenario: Scenario,
+    site: Site,
+    executor: Executor,
+    medium: Medium,
+    world: SharedWorld,
+    journal: SharedJournal,
+    nodes: Vec<Rc<Hardware>>,
+    consoles: Vec<Console>,
+    emulation: Option<Emulation>,
+    trouble: Trouble,
+}
+
+/// Why emulated boards cannot go on, once that is so.
+type Trouble = Rc<RefCell<Option<EmulatorError>>>;
+
+impl Simulation {
+    /// Puts a scenario up. Nothing has been switched on yet.
+    ///
+    /// # Errors
+    /// The scenario is not possible.
+    pub fn new(scenario: Scenario, options: Options) -> Result<Self, ScenarioError> {
+        let site = scenario.put_up()?;
+        let root = Root(scenario.seed);
+        let mut executor = Executor::new();
+        let real_time = options.emulation.as_ref().map(|_| 1.0);
+        if let Some(speed) = real_time.or(options.speed) {
+            executor.set_pace(times_real_time(speed));
+        }
+        let clock = executor.clock();
+        let medium = Medium::new(&clock, propagation(&scenario.radio), root.seed("medium", 0));
+        if let Some(file) = options.pcap
+            && let Ok(capture) = Capture::new(file)
+        {
+            medium.watch(capture);
+        }
+        let world = Rc::new(RefCell::new(site.world.clone()));
+        let journal = Rc::new(RefCell::new(Journal::new(clock.clone(), options.log)));
+        let mut simulation = Self {
+            scenario,
+            site,
+            executor,
+            medium,
+            world,
+            journal,
+            nodes: Vec::new(),
+            consoles: Vec::new(),
+            emulation: options.emulation,
+            trouble: Trouble::default(),
+        };
+        simulation.put_up(root);
+        events::schedule(&mut simulation);
+        Ok(simulation)
+    }
+
+    fn put_up(&mut self, root: Root) {
+        let configs = provision::all(&self.scenario, &self.site, root);
+        for (network, configs) in self.site.networks.iter().zip(configs) {
+            let coordinator = Hardware::coordinator(self, network, configs.coordinator, root);
+            let cameras = network.cameras.len();
+            let console = Console::new(&coordinator, cameras, self.journal.clone());
+            for (camera, config) in network.cameras.iter().zip(configs.cameras) {
+                let node = Hardware::camera(self, camera, config, root);
+                self.nodes.push(node);
+            }
+            for (target, config) in network.targets.iter().zip(configs.targets) {
+                let node = Hardware::target(self, target, config, root);
+                let walk = walk::Walk::new(self, target, &node, console.roll_call(), root);
+                self.executor.spawn(walk.run());
+                self.nodes.push(node);
+            }
+            self.executor.spawn(console.clone().listen());
+            self.nodes.push(coordinator);
+            self.consoles.push(console);
+        }
+        // Targets are switched on by their carriers.
+        for node in self.nodes.iter().filter(|node| !node.is_target()) {
+            node.switch_on();
+        }
+    }
+
+    /// Puts a real camera on a serial port in the place of a node's simulated one, before anything
+    /// has run. From then on time passes as it really does.
+    ///
+    /// # Errors
+    /// There is no such camera, or the port cannot be opened.
+    pub fn connect_camera(&mut self, node: u16, path: &str) -> Result<(), ConnectError> {
+        let baud = match self.config(node).map(|config| &config.role) {
+            Some(Role::Camera(config)) => config.baud,
+            _ => return Err(ConnectError::NoCamera(node)),
+        };
+        let port = open(path, baud, Duration::ZERO)?;
+        if let Some(node) = self.node(node) {
+            node.connect(port);
+        }
+        self.executor.set_pace(times_real_time(1.0));
+        Ok(())
+    }
+
+    /// Runs to the end: until every target has walked its way and all is said, or emulated boards
+    /// are in [trouble](Self::trouble).
+    ///
+    /// `progress` is called about ten times in a simulated minute.
+    ///
+    /// # Panics
+    /// A node's firmware loops without time passing.
+    pub fn run(&mut self, mut progress: impl FnMut(Progress)) -> RunRecord {
+        let begun = std::time::Instant::now();
+        let targets = self.world.borrow().targets().len();
+        let (journal, trouble) = (self.journal.clone(), self.trouble.clone());
+        let ended = move || journal.borrow().walked == targets || trouble.borrow().is_some();
+        loop {
+            let next = self.executor.clock().time() + 6 * SECOND;
+            let how = self.executor.run_until_time_or(next, &ended);
+            assert!(
+                !matches!(how, Ended::Stuck(_)),
+                "tasks wake one another for ever"
+            );
+            progress(self.progress());
+            if ended() || self.executor.clock().time() >= self.limit() {
+                break;
+            }
+        }
+        let end = self.executor.clock().time() + GRACE;
+        let trouble = self.trouble.clone();
+        let _ = self
+            .executor
+            .run_until_time_or(end, || trouble.borrow().is_some());
+        progress(self.progress());
+        for node in &self.nodes {
+            node.read_memory();
+        }
+        outcome::record(self, begun.elapsed().as_secs_f64())
+    }
+
+    /// Why emulated boards could not go on, if that is so: the record is of what was before.
+    pub fn trouble(&self) -> Option<EmulatorError> {
+        self.trouble.take()
+    }
+
+    /// What a node was configured to.
+    pub fn config(&self, id: u16) -> Option<&Config> {
+        self.node(id).map(|node| node.config())
+    }
+
+    /// What an emulated board's role has written down, in the order of its records. Nothing of
+    /// other nodes.
+    pub fn memory(&self, id: u16) -> Vec<Fact> {
+        self.node(id).map(|node| node.memory()).unwrap_or_default()
+    }
+
+    /// No walk takes longer than all its patience.
+    fn limit(&self) -> Time {
+        let walk = &self.scenario.walk;
+        let longest = self
+            .site
+            .networks
+            .iter()
+            .flat_map(|network| &network.targets)
+            .map(|target| {
+                let way: f64 = target
+                    .stops
+                    .windows(2)
+                    .map(|leg| (leg[1] - leg[0]).norm())
+                    .sum();
+                way / walk.speed + (target.stops.len() + 1) as f64 * (walk.patience_s + 10.0)
+            });
+        (longest.fold(0.0, f64::max) * 1e9) as Time + 120 * SECOND
+    }
+
+    fn progress(&self) -> Progress {
+        let journal = self.journal.borrow();
+        Progress {
+            seconds: self.executor.clock().time() as f64 * 1e-9,
+            stops: journal.stops_ended,
+            of: self
+                .site
+                .networks
+                .iter()
+                .flat_map(|network| &network.targets)
+                .map(|target| target.stops.len())
+                .sum(),
+            calibrated: self.consoles.iter().map(Console::calibrated).sum(),
+            cameras: self.world.borrow().cameras().len(),
+        }
+    }
+
+    /// A number that depends on every frame on the air and its time.
+    fn node(&self, id: u16) -> Option<&Rc<Hardware>> {
+        self.nodes.iter().find(|node| node.id() == id)
+    }
+}
+
+fn propagation(table: &RadioTable) -> Propagation {
+    match *table {
+        RadioTable::UnitDisk { range, loss } => Propagation::UnitDisk { range, loss },
+        RadioTable::LogDistance {
+            metres_per_unit,
+            exponent,
+            shadowing_db,
+            loss,
+        } => {
+            let metres = LogDistance::default();
+            Propagation::LogDistance(LogDistance {
+                // The loss at one metre, told for one unit.
+                loss_at_one: metres.loss_at_one + 10.0 * exponent * metres_per_unit.log10(),
+                exponent,
+                shadowing: shadowing_db,
+                loss,
+                ..metres
+            })
+        }
+    }
+}
+
+/// Where a radio is.
+fn antenna(place: nalgebra::Point2<f64>) -> [f64; 2] {
+    place.into()
+}

@@ -1,0 +1,412 @@
+//! One node's hardware, and its firmware running on it.
+
+use std::{
+    cell::{Cell, RefCell},
+    rc::Rc,
+};
+
+use calib_core::dead_reckoning::Step;
+use embassy_sync::{blocking_mutex::raw::NoopRawMutex, channel::Channel as Queue, signal::Signal};
+use nalgebra::Point2;
+use node_firmware::{
+    config::{Config, Role},
+    hardware::{Indication, Indicator, StepSensor},
+    memory::Fact,
+    run::{Layout, Seams, run},
+};
+use zigbee_link::{
+    radio::{Capabilities, Csma},
+    wire::Eui64,
+};
+
+use super::{
+    SharedWorld, Simulation, Trouble,
+    device::{Device, Serial},
+    emulated::{Board, Surroundings},
+    journal::{SharedJournal, Witness},
+};
+use crate::{
+    camera::{Background, Configuration, Emulator, Rgb, Scene},
+    scenario::{CameraNode, Network, TargetNode},
+    sim::{
+        executor::{Clock, Spawner, TaskId, Time},
+        flash::{Flash, PAGE},
+        line::{Line, Side, Uart},
+        medium::{Medium, NodeId},
+        random::Root,
+    },
+    world::View,
+};
+
+/// What the radio of an nRF52840 and its driver do.
+const RADIO: Capabilities = Capabilities {
+    fcs: true,
+    csma: false,
+    address_filter: true,
+    acknowledge: false,
+    retries: false,
+    rx_queue: true,
+};
+
+/// Two pages for the link, two for the role.
+const PAGES: usize = 4;
+const HALF: u32 = 2 * PAGE as u32;
+
+/// A board that failed restarts after this.
+const RESTART: Time = 1_000_000_000;
+
+/// What cameras see where nothing else is: a grey wall.
+const BACKDROP: Rgb = [110; 3];
+
+/// Tells where a target really is.
+type Whereabouts = Box<dyn Fn() -> Point2<f64>>;
+
+/// Bits per second between a coordinator and its PC.
+const CONSOLE_BAUD: u32 = 115_200;
+
+/// Steps that a sensor keeps while the node is busy.
+const STEPS: usize = 64;
+
+/// What a target's sensor and lamps are connected to.
+pub(super) struct Panel {
+    /// What the lamps show.
+    pub(super) shown: Cell<Indication>,
+    /// They changed.
+    pub(super) changed: Signal<NoopRawMutex, ()>,
+    /// Steps on their way from the sensor.
+    pub(super) steps: Queue<NoopRawMutex, Step<f32>, STEPS>,
+}
+
+impl Panel {
+    pub(super) fn show(&self, indication: Indication) {
+        self.shown.set(indication);
+        self.changed.signal(());
+    }
+}
+
+/// What a camera looks at.
+struct Outlook {
+    world: SharedWorld,
+    index: usize,
+    /// What it saw when it began to stick.
+    stuck: Rc<RefCell<Option<View>>>,
+}
+
+/// The node's end of the lamps.
+struct Lamps(Rc<Hardware>);
+
+impl Indicator for Lamps {
+    fn show(&mut self, indication: Indication) {
+        self.0.panel.show(indication);
+    }
+}
+
+/// The step sensor's end at the node.
+struct Steps(Rc<Hardware>);
+
+impl StepSensor for Steps {
+    type Error = core::convert::Infallible;
+
+    async fn next(&mut self) -> Result<Step<f32>, Self::Error> {
+        Ok(self.0.panel.steps.receive().await)
+    }
+}
+
+/// One node.
+pub(super) struct Hardware {
+    config: Config,
+    clock: Clock,
+    spawner: Spawner,
+    medium: Medium,
+    pub(super) antenna: NodeId,
+    flash: Flash,
+    /// To the camera, or to the PC.
+    pub(super) line: Line,
+    pub(super) panel: Panel,
+    /// A camera's.
+    outlook: Option<Outlook>,
+    journal: SharedJournal,
+    truth: RefCell<Option<Whereabouts>>,
+    root: Root,
+    starts: Cell<u64>,
+    task: Cell<Option<TaskId>>,
+    /// A real camera in the place of what is on the line.
+    real: RefCell<Option<Serial>>,
+    /// What runs the firmware, if not this program.
+    board: Option<Board>,
+    trouble: Trouble,
+}
+
+impl Hardware {
+    fn new(
+        simulation: &Simulation,
+        config: Config,
+        place: Point2<f64>,
+        (line, outlook): (Line, Option<Outlook>),
+        root: Root,
+    ) -> Rc<Self> {
+        let clock = simulation.executor.clock();
+        let id = config.id.into();
+        let emulation = simulation.emulation.as_ref();
+        Rc::new(Self {
+            board: emulation.map(|emulation| emulation.board(&config)),
+            trouble: simulation.trouble.clone(),
+            real: RefCell::default(),
+            flash: Flash::new(&clock, PAGES, root.stream("flash", id)),
+            antenna: simulation.medium.attach(super::antenna(place)),
+            spawner: simulation.executor.spawner(),
+            medium: simulation.medium.clone(),
+            journal: simulation.journal.clone(),
+            panel: Panel {
+                shown: Cell::default(),
+                changed: Signal::new(),
+                steps: Queue::new(),
+            },
+            outlook,
+            truth: RefCell::default(),
+            starts: Cell::new(0),
+            task: Cell::new(None),
+            config,
+            clock,
+            line,
+            root,
+        })
+    }
+
+    pub(super) fn coordinator(
+        simulation: &Simulation,
+        network: &Network,
+        config: Config,
+        root: Root,
+    ) -> Rc<Self> {
+        let uart = Uart::new(CONSOLE_BAUD);
+        let line = Line::between_ports(&simulation.executor.clock(), uart, uart);
+        Self::new(simulation, config, network.coordinator, (line, None), root)
+    }
+
+    pub(super) fn camera(
+        simulation: &Simulation,
+        camera: &CameraNode,
+        config: Config,
+        root: Root,
+    ) -> Rc<Self> {
+        let emulator = Emulator::new(
+            Configuration {
+                sensor: camera.sensor,
+                baud: camera.baud,
+                host_baud: camera.baud,
+                faults: camera.faults,
+                seed: root.seed("camera", camera.id.into()),
+                ..Configuration::default()
+            },
+            Scene {
+                background: Background::Plain(BACKDROP),
+                noise: camera.noise,
+                flicker: camera.flicker,
+                ..Scene::default()
+            },
+        );
+        let index = camera.index;
+        let outlook = Outlook {
+            world: simulation.world.clone(),
+            index,
+            stuck: Rc::default(),
+        };
+        let (world, stuck) = (outlook.world.clone(), outlook.stuck.clone());
+        let mut seen = None;
+        let scene = move |_: Time, scene: &mut Scene| {
+            if let Some(view) = &*stuck.borrow() {
+                seen = None;
+                view.paint(BACKDROP, &mut scene.objects);
+                return;
+            }
+            let world = world.borrow();
+            if seen != Some(world.revision()) {
+                seen = Some(world.revision());
+                world.look(index).paint(BACKDROP, &mut scene.objects);
+            }
+        };
+        let clock = simulation.executor.clock();
+        let line = Line::to_camera(&clock, Uart::new(camera.baud), emulator, scene);
+        let place = simulation.world.borrow().cameras()[index].place;
+        Self::new(simulation, config, place, (line, Some(outlook)), root)
+    }
+
+    pub(super) fn target(
+        simulation: &Simulation,
+        target: &TargetNode,
+        config: Config,
+        root: Root,
+    ) -> Rc<Self> {
+        let uart = Uart::new(CONSOLE_BAUD);
+        let line = Line::between_ports(&simulation.executor.clock(), uart, uart);
+        let world = simulation.world.clone();
+        let index = target.index;
+        let place = world.borrow().targets()[index].place;
+        let node = Self::new(simulation, config, place, (line, None), root);
+        *node.truth.borrow_mut() = Some(Box::new(move || world.borrow().targets()[index].place));
+        node
+    }
+
+    pub(super) fn id(&self) -> u16 {
+        self.config.id
+    }
+
+    /// Whether it is a target.
+    pub(super) fn is_target(&self) -> bool {
+        matches!(self.config.role, Role::Target(_))
+    }
+
+    /// What the medium counts of it.
+    pub(super) fn medium(&self) -> &Medium {
+        &self.medium
+    }
+
+    /// Its flash, of which the next operation may be cut short.
+    pub(super) fn flash(&self) -> &Flash {
+        &self.flash
+    }
+
+    /// Whether its firmware runs on an emulated board.
+    pub(super) fn is_emulated(&self) -> bool {
+        self.board.is_some()
+    }
+
+    /// A line of the log about it.
+    pub(super) fn note(&self, what: &str) {
+        let mut journal = self.journal.borrow_mut();
+        journal.note(self.config.id, format_args!("{what}"));
+    }
+
+    /// A step was made. A node that is off misses it.
+    pub(super) fn step(&self, step: Step<f32>) {
+        if self.task.get().is_some() {
+            let _ = self.panel.steps.try_send(step);
+        }
+    }
+
+    /// Its camera goes on seeing what it sees now, or does not do so any more.
+    pub(super) fn stick_camera(&self, sticks: bool) {
+        if let Some(outlook) = &self.outlook {
+            let view = sticks.then(|| outlook.world.borrow().look(outlook.index));
+            outlook.stuck.replace(view);
+        }
+    }
+
+    /// Starts the firmware, if it does not run.
+    pub(super) fn switch_on(self: &Rc<Self>) {
+        if self.task.get().is_none() {
+            let task = match self.board {
+                None => self.spawner.spawn(self.clone().firmware()),
+                Some(_) => self.spawner.spawn(self.clone().emulated()),
+            };
+            self.task.set(task);
+        }
+    }
+
+    /// Stops the firmware where it is. Flash and what is connected stay.
+    pub(super) fn switch_off(&self) {
+        if let Some(task) = self.task.take() {
+            self.spawner.kill(task);
+            self.panel.show(Indication::default());
+            self.panel.steps.clear();
+        }
+    }
+
+    /// Has a real camera from its next start on.
+    pub(super) fn connect(&self, port: Serial) {
+        self.real.replace(Some(port));
+    }
+
+    /// What is on its UART.
+    fn device(&self) -> Device {
+        let line = || Device::Line(self.line.open(Side::Node));
+        match &*self.real.borrow() {
+            None => line(),
+            Some(port) => Device::real(port, &self.clock).unwrap_or_else(|error| {
+                self.note(&format!("loses its real camera: {error}"));
+                line()
+            }),
+        }
+    }
+
+    /// A random number, another one at each start.
+    fn next_seed(&self) -> u64 {
+        let start = self.starts.replace(self.starts.get() + 1);
+        let id = u64::from(self.config.id);
+        self.root.seed("node", id << 32 | start)
+    }
+
+    /// On an emulated board.
+    async fn emulated(self: Rc<Self>) {
+        let Some(board) = &self.board else {
+            return;
+        };
+        let surroundings = Surroundings {
+            clock: &self.clock,
+            medium: &self.medium,
+            antenna: self.antenna,
+            device: self.device(),
+            panel: &self.panel,
+            seed: self.next_seed(),
+        };
+        let error = board.run(surroundings).await;
+        self.note(&error.to_string());
+        self.trouble.borrow_mut().get_or_insert(error);
+    }
+
+    pub(super) fn config(&self) -> &Config {
+        &self.config
+    }
+
+    /// What an emulated board has written down.
+    pub(super) fn memory(&self) -> Vec<Fact> {
+        let board = self.board.as_ref();
+        board.map_or_else(Vec::new, |board| board.facts(&self.clock))
+    }
+
+    /// Puts into the journal what nobody has seen an emulated board write down.
+    pub(super) fn read_memory(&self) {
+        let facts = self.memory();
+        let mut journal = self.journal.borrow_mut();
+        journal.node(self.config.id).learns_late(&facts);
+    }
+
+    fn failed(&self, why: &str) {
+        let mut journal = self.journal.borrow_mut();
+        journal.note(self.config.id, format_args!("stops: {why}"));
+        let entry = journal.node(self.config.id);
+        entry.failures.push(why.to_owned());
+    }
+
+    async fn firmware(self: Rc<Self>) {
+        loop {
+            let seed = self.next_seed();
+            let radio = self.medium.radio(self.antenna, RADIO);
+            let node = self.clone();
+            let seams = Seams {
+                uart: self.device(),
+                radio: Csma::new(radio, self.clock.clone(), seed),
+                clock: self.clock.clone(),
+                flash: self.flash.clone(),
+                layout: Layout {
+                    link: 0..HALF,
+                    memory: HALF..2 * HALF,
+                },
+                steps: Steps(self.clone()),
+                indicator: Lamps(self.clone()),
+                buttons: (),
+                observer: Witness {
+                    id: self.config.id,
+                    journal: self.journal.clone(),
+                    truth: Box::new(move || node.truth.borrow().as_ref().map(|truth| truth())),
+                },
+                extended: Eui64(super::provision::extended(self.config.id)),
+                seed,
+            };
+            let failure = run(&self.config, seams).await;
+            self.failed(&failure.to_string());
+            self.clock.sleep(RESTART).await;
+        }
+    }
+}

@@ -1,0 +1,129 @@
+//! A target's carrier: walks from stop to stop when the lamp says so.
+
+use std::rc::Rc;
+
+use embassy_futures::select::{Either, select};
+use nalgebra::Point2;
+
+use super::{
+    SECOND, SharedWorld, Simulation, console::RollCall, journal::SharedJournal, node::Hardware,
+};
+use crate::{
+    scenario::TargetNode,
+    sim::{
+        executor::{Clock, Time},
+        medium::Medium,
+        random::Root,
+    },
+    world::{Event, StepSensor, Walker},
+};
+
+/// Whoever sets a network up does not wait longer for a node that does not appear.
+const SET_UP_LIMIT: Time = 120 * SECOND;
+
+/// While a target walks, its radio follows in moves of this length: much less than the reach of a
+/// radio, and often enough.
+const ANTENNA_MOVES: f64 = 1.0;
+
+/// The walk of one target.
+pub(super) struct Walk {
+    walker: Walker,
+    sensor: StepSensor,
+    clock: Clock,
+    world: SharedWorld,
+    index: usize,
+    node: Rc<Hardware>,
+    medium: Medium,
+    antenna_at: Point2<f64>,
+    roll_call: Rc<RollCall>,
+    journal: SharedJournal,
+}
+
+impl Walk {
+    pub(super) fn new(
+        simulation: &Simulation,
+        target: &TargetNode,
+        node: &Rc<Hardware>,
+        roll_call: Rc<RollCall>,
+        root: Root,
+    ) -> Self {
+        let id = target.id.into();
+        let walker = Walker::new(target.gait, target.stops.clone(), root.stream("walk", id));
+        let sensor = StepSensor::new(target.errors, target.axis, root.stream("sensor", id));
+        Self {
+            walker,
+            sensor,
+            clock: simulation.executor.clock(),
+            world: simulation.world.clone(),
+            index: target.index,
+            node: node.clone(),
+            medium: simulation.medium.clone(),
+            antenna_at: Point2::origin(),
+            roll_call,
+            journal: simulation.journal.clone(),
+        }
+    }
+
+    fn move_there(&mut self) {
+        let place = self.walker.place();
+        self.world.borrow_mut().move_target(self.index, place);
+        // Every move costs the renewal of all its links.
+        let moved = (place - self.antenna_at).norm();
+        let stands = self.walker.standing_at().is_some();
+        if moved >= ANTENNA_MOVES || stands && moved > 0.0 {
+            self.antenna_at = place;
+            self.medium
+                .move_to(self.node.antenna, super::antenna(place));
+        }
+    }
+
+    pub(super) async fn run(mut self) {
+        self.move_there();
+        let place = self.walker.place();
+        self.journal.borrow_mut().arrived(self.node.id(), place);
+        // A target is switched on when all cameras have shown up on the coordinator's list.
+        let limit = self.clock.sleep(SET_UP_LIMIT);
+        select(self.roll_call.completed(), limit).await;
+        self.node.switch_on();
+        let mut events = Vec::new();
+        loop {
+            let now = self.clock.time();
+            let lamp = self.node.panel.shown.get().may_walk;
+            if self.walker.is_done() {
+                if lamp {
+                    break;
+                }
+                let patience = self.clock.sleep(60 * SECOND);
+                if let Either::Second(()) = select(self.node.panel.changed.wait(), patience).await {
+                    break;
+                }
+                continue;
+            }
+            self.walker.may_walk(lamp, now);
+            self.walker.advance(now, &mut events);
+            for (_, event) in events.drain(..) {
+                match event {
+                    Event::Step(stride) => {
+                        self.node.step(self.sensor.measure(&stride));
+                    }
+                    Event::Left { .. } => self.journal.borrow_mut().stops_ended += 1,
+                    Event::Arrived { .. } => {
+                        let place = self.walker.place();
+                        self.journal.borrow_mut().arrived(self.node.id(), place);
+                    }
+                }
+            }
+            self.move_there();
+            match self.walker.next_at() {
+                Some(at) => {
+                    let next = self.clock.sleep_until_time(at);
+                    select(self.node.panel.changed.wait(), next).await;
+                }
+                None => continue,
+            }
+        }
+        let mut journal = self.journal.borrow_mut();
+        journal.stops_ended += 1;
+        journal.walked += 1;
+    }
+}

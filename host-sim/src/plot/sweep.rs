@@ -1,0 +1,95 @@
+//! Errors over many runs.
+
+use plotters::prelude::*;
+
+use super::{
+    PlotError,
+    frame::{self, CAMERA, Drawn, Entry, INK, Plane, TARGET, draw_head},
+    panels::{Panels, bar},
+};
+use crate::record::sweep::{Group, Quantity, Row, SweepReport};
+
+/// What the panels show, and in which unit other than the scenario's.
+const PANELS: [(Quantity, Option<&str>); 2] = [
+    (Quantity::Position, None),
+    (Quantity::HeadingDeg, Some("deg")),
+];
+
+/// Quantiles of the errors of every camera over all runs, and of the places targets believed to
+/// stand at, with the predicted sigmas.
+///
+/// # Errors
+/// [`PlotError`]
+pub fn sweep(report: &SweepReport) -> Result<String, PlotError> {
+    let of = |quantity: Quantity, is_chosen: fn(Group) -> bool| {
+        let rows = report.rows.iter();
+        rows.filter(move |(group, row)| is_chosen(*group) && row.quantity == quantity)
+    };
+    let is_camera: fn(Group) -> bool = |group| matches!(group, Group::Camera(_));
+    let is_stop: fn(Group) -> bool = |group| matches!(group, Group::Stop { .. });
+    let names = of(Quantity::Position, is_camera)
+        .map(|(group, _)| match group {
+            Group::Camera(id) => id.to_string(),
+            _ => String::new(),
+        })
+        .collect();
+    let stops: Vec<&Row> = of(Quantity::Position, is_stop)
+        .map(|(_, row)| row)
+        .collect();
+    let has_stops = stops.iter().any(|row| row.calibrated > 0);
+    let panels = Panels::new(2 + u32::from(has_stops), names);
+    let half = 0.5 * (16.0 / panels.pitch()).min(0.7);
+    frame::drawing(panels.size(), |root| {
+        let legend = [
+            Entry::new("25 to 75 %, line: 5 to 95 %", CAMERA),
+            Entry::new("median", INK),
+            Entry::new("predicted sigma (rms)", TARGET),
+        ];
+        let title = format!("Errors over {} runs: {}", report.runs, report.scenario);
+        draw_head(root, &title, &legend)?;
+        for (place, (quantity, unit)) in (0..).zip(PANELS) {
+            let rows: Vec<&Row> = of(quantity, is_camera).map(|(_, row)| row).collect();
+            let unit = unit.unwrap_or(&report.unit);
+            let desc = format!("{} [{unit}]", quantity.name());
+            let plane = panels.panel(root, place, &desc, 0.0..top(&rows))?;
+            for (x, row) in rows.iter().enumerate() {
+                draw_box(&plane, x as f64, half, row)?;
+            }
+        }
+        if has_stops {
+            let last = stops.len() as f64;
+            let plane = panels.free_panel(
+                root,
+                2,
+                ("stops, in order of their numbers", -0.5..last),
+                (&format!("stop [{}]", report.unit), 0.0..top(&stops)),
+            )?;
+            for (x, row) in stops.iter().enumerate() {
+                draw_box(&plane, x as f64, 0.3, row)?;
+            }
+        }
+        Ok(())
+    })
+}
+
+fn top(rows: &[&Row]) -> f64 {
+    let values = rows.iter().flat_map(|row| [row.p95, row.sigma_rms]);
+    let largest = values.flatten().fold(0.0, f64::max);
+    if largest > 0.0 { 1.1 * largest } else { 1.0 }
+}
+
+fn draw_box(plane: &Plane<'_>, x: f64, half: f64, row: &Row) -> Drawn {
+    if let (Some(p05), Some(p25), Some(p50), Some(p75), Some(p95)) =
+        (row.p05, row.p25, row.p50, row.p75, row.p95)
+    {
+        plane.draw(&PathElement::new([(x, p05), (x, p95)], CAMERA))?;
+        bar(plane, x, half, (p25, p75), CAMERA.mix(0.35).filled())?;
+        let median = [(x - half, p50), (x + half, p50)];
+        plane.draw(&PathElement::new(median, INK.stroke_width(2)))?;
+    }
+    if let Some(sigma) = row.sigma_rms {
+        let line = [(x - half, sigma), (x + half, sigma)];
+        plane.draw(&PathElement::new(line, TARGET.stroke_width(2)))?;
+    }
+    Ok(())
+}

@@ -1,0 +1,323 @@
+//! A run as tables for people: the layout of the thesis's Tables 4.1 to 4.5, with its own numbers
+//! beside ours where it has any.
+
+use std::fmt::{self, Write};
+
+use calib_core::Refusal;
+use comfy_table::{CellAlignment, Table, presets::ASCII_MARKDOWN};
+
+use crate::accuracy::GAUSSIAN;
+use crate::record::{
+    Node, PoseError, RunRecord,
+    published::{Published, exchange},
+    summary::{Errors, Statistics},
+    verdict::Verdict,
+};
+
+/// Everything there is to say about one run: table of poses, statistics, traffic, times, verdict.
+pub fn run_report(record: &RunRecord) -> String {
+    let verdict = Verdict::of(record);
+    let parts = [
+        format!("{}\n", record.title()),
+        poses(&[record]),
+        statistics(&[record]),
+        traffic(record),
+        times(record),
+        verdict.to_string(),
+    ];
+    join(&parts)
+}
+
+/// The poses and statistics of several runs together, such as the five placements of the lab.
+pub fn runs_report(records: &[&RunRecord]) -> String {
+    join(&[poses(records), statistics(records)])
+}
+
+fn join(parts: &[String]) -> String {
+    let parts = parts.iter().filter(|part| !part.is_empty());
+    parts.map(String::as_str).collect::<Vec<_>>().join("\n")
+}
+
+/// Rows of numbers, the first column on the left.
+pub(super) fn table(head: &[&str]) -> Table {
+    let mut table = Table::new();
+    table.load_style(ASCII_MARKDOWN).set_header(head);
+    for column in table.column_iter_mut().skip(1) {
+        column.set_cell_alignment(CellAlignment::Right);
+    }
+    table
+}
+
+/// A table, ending with a line feed.
+pub(super) fn print(table: &Table) -> String {
+    format!("{}\n", table.trim_fmt())
+}
+
+/// Tables 4.1 and 4.2: actual and calculated poses, sigmas and errors.
+fn poses(records: &[&RunRecord]) -> String {
+    let Some(unit) = records.first().map(|record| record.unit.name.as_str()) else {
+        return String::new();
+    };
+    let is_published = records
+        .iter()
+        .any(|r| Published::of(&r.scenario, r.path).is_some_and(|p| !p.nodes.is_empty()));
+    let name = if records.len() > 1 {
+        "path, node"
+    } else {
+        "node"
+    };
+    let mut head = vec![
+        name,
+        "actual",
+        "calculated",
+        "predicted sigma",
+        "error",
+        "n",
+    ];
+    if is_published {
+        head.push("error in the thesis");
+    }
+    let mut table = table(&head);
+    let mut has_reference = false;
+    for record in records {
+        let published = Published::of(&record.scenario, record.path);
+        for camera in record.cameras() {
+            has_reference |= camera.reference;
+            let mut row = pose_row(camera);
+            if let (Some(path), true) = (record.path, records.len() > 1) {
+                row[0] = format!("{path}, {}", row[0]);
+            }
+            if is_published {
+                let theirs = published.as_ref().and_then(|p| p.node(camera.id));
+                row.push(theirs.map_or_else(String::new, |node| error(&node.error())));
+            }
+            table.add_row(row);
+        }
+    }
+    let star = if has_reference { "; * reference" } else { "" };
+    format!(
+        "Poses (x, y, heading) in {unit} and degrees; n sightings{star}\n{}",
+        print(&table)
+    )
+}
+
+fn pose_row(camera: &Node) -> Vec<String> {
+    let star = if camera.reference { "*" } else { "" };
+    let mut row = vec![format!("{}{star}", camera.id)];
+    row.push(camera.truth.map_or_else(String::new, |truth| {
+        triple([truth.x, truth.y], truth.heading_deg, [2, 1])
+    }));
+    match &camera.estimate {
+        Some(e) => {
+            row.push(triple([e.x, e.y], e.heading_deg, [3, 2]));
+            row.push(triple([e.sigma_x, e.sigma_y], e.sigma_heading_deg, [3, 2]));
+            row.push(camera.error.as_ref().map_or_else(String::new, error));
+        }
+        None => {
+            let why = camera.refusal.map(Refusal::name);
+            let why = if camera.expected {
+                why.unwrap_or("none")
+            } else {
+                "not planned"
+            };
+            row.extend([why.to_owned(), String::new(), String::new()]);
+        }
+    }
+    row.push(camera.sightings.to_string());
+    row
+}
+
+/// A place with so many digits, a heading with so many.
+fn triple([x, y]: [f64; 2], heading: f64, [place, turn]: [usize; 2]) -> String {
+    format!("({x:.place$}, {y:.place$}, {heading:.turn$})")
+}
+
+fn error(e: &PoseError) -> String {
+    format!("({:+.3}, {:+.3}, {:+.2})", e.x, e.y, e.heading_deg)
+}
+
+/// Tables 4.3 to 4.5, and what says more than a mean of signed errors.
+fn statistics(records: &[&RunRecord]) -> String {
+    let cameras = || records.iter().flat_map(|record| record.cameras());
+    let others = Statistics::of(cameras().filter(|camera| !camera.reference));
+    let all = Statistics::of(cameras());
+    let mut text = String::new();
+    for (name, statistics) in [(", without references", &others), ("", &all)] {
+        let Some(s) = statistics else { continue };
+        let _ = writeln!(text, "Errors of {} cameras{name}", s.count);
+        text += &print(&error_table(s));
+        if let Some(nees) = s.mean_nees {
+            let _ = writeln!(
+                text,
+                "Mean squared error over predicted covariance {nees:.2} (3 is right)"
+            );
+        }
+        text.push('\n');
+    }
+    if let Some(thesis) = records
+        .first()
+        .and_then(|r| Published::of(&r.scenario, r.path))
+    {
+        let ours = if thesis.nodes.is_empty() { others } else { all };
+        text += &beside(&thesis, ours.as_ref());
+    }
+    text
+}
+
+fn error_table(s: &Statistics) -> Table {
+    let mut table = table(&[
+        "component",
+        "rms",
+        "median",
+        "p90",
+        "mean",
+        "sd",
+        "within 1",
+        "2",
+        "3 sigma",
+    ]);
+    let within = &s.within_sigmas;
+    let rows = [
+        ("x", &s.x, within.x, 4),
+        ("y", &s.y, within.y, 4),
+        ("position", &s.position, None, 4),
+        ("heading [deg]", &s.heading_deg, within.heading, 3),
+    ];
+    for (name, e, shares, digits) in rows {
+        let Errors {
+            rms,
+            median,
+            p90,
+            mean,
+            ..
+        } = e;
+        let mut row = vec![name.to_owned()];
+        row.extend([rms, median, p90, mean].map(|v| format!("{v:.digits$}")));
+        row.push(
+            e.standard_deviation
+                .map_or_else(String::new, |v| format!("{v:.digits$}")),
+        );
+        row.extend(per_cent(shares));
+        table.add_row(row);
+    }
+    let mut foretold = vec!["foretold".to_owned()];
+    foretold.extend(vec![String::new(); 5]);
+    foretold.extend(per_cent(Some(GAUSSIAN)));
+    table.add_row(foretold);
+    table
+}
+
+/// Three shares as text, empty if there are none.
+pub(super) fn per_cent(shares: Option<[f64; 3]>) -> [String; 3] {
+    shares.map_or_else(Default::default, |s| {
+        s.map(|s| format!("{:.1} %", 100.0 * s))
+    })
+}
+
+/// The thesis's statistics beside ours.
+fn beside(thesis: &Published, ours: Option<&Statistics>) -> String {
+    let mut table = table(&["", "x", "y", "heading [deg]"]);
+    let mut row = |name: &str, values: [Option<f64>; 3]| {
+        let values = values.map(|v| v.map_or_else(String::new, |v| format!("{v:.4}")));
+        let [x, y, heading] = values;
+        table.add_row(vec![name.to_owned(), x, y, heading]);
+    };
+    let pose = |e: &PoseError| [e.x, e.y, e.heading_deg].map(Some);
+    let of = |get: fn(&Errors) -> Option<f64>| {
+        ours.map_or([None; 3], |s| [&s.x, &s.y, &s.heading_deg].map(get))
+    };
+    row("mean, thesis", pose(&thesis.mean));
+    row("mean, this run", of(|e| Some(e.mean)));
+    row(
+        "standard deviation, thesis",
+        pose(&thesis.standard_deviation),
+    );
+    row("standard deviation, this run", of(|e| e.standard_deviation));
+    if !thesis.nodes.is_empty() {
+        let n = thesis.nodes.len() as f64;
+        let rms = |get: fn(PoseError) -> f64| {
+            let squares: f64 = thesis
+                .nodes
+                .iter()
+                .map(|node| get(node.error()).powi(2))
+                .sum();
+            Some((squares / n).sqrt())
+        };
+        row(
+            "rms, thesis",
+            [rms(|e| e.x), rms(|e| e.y), rms(|e| e.heading_deg)],
+        );
+        row("rms, this run", of(|e| Some(e.rms)));
+    }
+    format!(
+        "Beside the thesis's Table {}\n{}",
+        thesis.table,
+        print(&table)
+    )
+}
+
+/// What a calibrated camera costs, against the thesis's exchange.
+fn traffic(record: &RunRecord) -> String {
+    let calibrated = record.summary.calibrated;
+    let mut text = String::new();
+    if calibrated > 0 {
+        let sum = |of: fn(&Node) -> u64| {
+            let total: u64 = record.nodes.iter().map(of).sum();
+            format!("{:.0}", total as f64 / calibrated as f64)
+        };
+        let mut table = table(&["bytes per calibrated camera", "this run", "thesis"]);
+        let rows = [
+            ("payload", sum(|node| node.payload_bytes), exchange::PAYLOAD),
+            ("on the air", sum(|node| node.bytes_sent), exchange::ON_AIR),
+        ];
+        for (name, ours, theirs) in rows {
+            table.add_row([name.to_owned(), ours, theirs.to_string()]);
+        }
+        text += &print(&table);
+        text += "This run: all nodes together; on the air with joining, security, \
+                 acknowledgements and retries.\nThesis: seven 12-byte packets of its Appendix B, \
+                 none lost, in plain frames.\n";
+    }
+    let radio = &record.radio;
+    let drops: Vec<String> = radio
+        .drops
+        .iter()
+        .map(|(why, n)| format!("{n} {why}"))
+        .collect();
+    let drops = if drops.is_empty() {
+        "none".to_owned()
+    } else {
+        drops.join(", ")
+    };
+    let _ = writeln!(
+        text,
+        "Radio: {} frames, {} bytes, on the air {:.2} % of the time; receptions lost: {drops}",
+        radio.frames,
+        radio.bytes,
+        100.0 * radio.airtime_share
+    );
+    text
+}
+
+fn times(record: &RunRecord) -> String {
+    let sim = record.sim_seconds;
+    match record.wall_seconds {
+        Some(wall) if wall > 0.0 => format!(
+            "Simulated {sim:.0} s in {wall:.2} s: {:.0} times real time\n",
+            sim / wall
+        ),
+        _ => format!("Simulated {sim:.0} s\n"),
+    }
+}
+
+/// A number in a fixed column, or nothing.
+pub(super) struct Maybe(pub(super) Option<f64>, pub(super) usize);
+
+impl fmt::Display for Maybe {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self(Some(value), digits) => write!(f, "{value:.digits$}"),
+            Self(None, _) => Ok(()),
+        }
+    }
+}

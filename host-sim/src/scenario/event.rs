@@ -1,0 +1,119 @@
+//! What goes wrong by order of a script.
+
+use serde::{Deserialize, Serialize};
+
+/// Something that happens at a time: `[[event]]`, `at_s = 60.0`,
+/// `action = { restart = { node = 5 } }`.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct ScriptedEvent {
+    /// When, seconds since the start.
+    pub at_s: f64,
+    /// What.
+    pub action: Action,
+}
+
+/// What happens.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, rename_all = "kebab-case")]
+pub enum Action {
+    /// A node restarts; what is in its flash stays.
+    Restart {
+        /// Its number.
+        node: u16,
+    },
+    /// A node and its camera lose their power.
+    PowerCut {
+        /// Its number.
+        node: u16,
+        /// For how long, seconds.
+        for_s: f64,
+        /// Not before the node next writes its flash, in the middle of that. Default false.
+        #[serde(default)]
+        in_flash_write: bool,
+    },
+    /// A carrier covers a channel.
+    Jam {
+        /// For how long, seconds.
+        for_s: f64,
+        /// Its channel, 11 to 26. Default: all.
+        #[serde(default)]
+        channel: Option<u8>,
+        /// Where it is. Default: everywhere.
+        #[serde(default)]
+        at: Option<[f64; 2]>,
+        /// How far it reaches from there.
+        #[serde(default)]
+        reach: Option<f64>,
+    },
+    /// These nodes and all others do not hear one another.
+    Partition {
+        /// Their numbers.
+        nodes: Vec<u16>,
+        /// For how long, seconds.
+        for_s: f64,
+    },
+    /// All links lose more frames.
+    Loss {
+        /// Share of the frames, 0 to 1.
+        share: f64,
+        /// For how long, seconds.
+        for_s: f64,
+    },
+    /// Somebody pulls the plug between a node and its camera.
+    UnplugCamera {
+        /// The node's number.
+        node: u16,
+        /// For how long, seconds.
+        for_s: f64,
+        /// The camera's power goes with it. Default true.
+        #[serde(default = "yes")]
+        with_power: bool,
+    },
+    /// A camera goes on reporting what it saw at that time.
+    StickCamera {
+        /// The node's number.
+        node: u16,
+        /// For how long, seconds.
+        for_s: f64,
+    },
+    /// Frames that a node sent are heard again.
+    Replay {
+        /// The node's number.
+        node: u16,
+        /// Those of this time before, seconds.
+        last_s: f64,
+    },
+}
+
+fn yes() -> bool {
+    true
+}
+
+impl Action {
+    /// The nodes that it names.
+    pub fn nodes(&self) -> &[u16] {
+        match self {
+            Self::Restart { node }
+            | Self::PowerCut { node, .. }
+            | Self::UnplugCamera { node, .. }
+            | Self::StickCamera { node, .. }
+            | Self::Replay { node, .. } => std::slice::from_ref(node),
+            Self::Partition { nodes, .. } => nodes,
+            Self::Jam { .. } | Self::Loss { .. } => &[],
+        }
+    }
+
+    /// How long it lasts, seconds.
+    pub fn duration_s(&self) -> Option<f64> {
+        match self {
+            Self::Restart { .. } | Self::Replay { .. } => None,
+            Self::PowerCut { for_s, .. }
+            | Self::Jam { for_s, .. }
+            | Self::Partition { for_s, .. }
+            | Self::Loss { for_s, .. }
+            | Self::UnplugCamera { for_s, .. }
+            | Self::StickCamera { for_s, .. } => Some(*for_s),
+        }
+    }
+}

@@ -1,0 +1,68 @@
+//! What a command line changes of a scenario.
+
+use calib_core::camera::Projection;
+
+use super::{
+    check::refuse,
+    error::ScenarioError,
+    file::{Scenario, SensorTable},
+    planner::Placement,
+};
+use crate::world::Variant;
+
+/// Changes to a scenario; nothing by default.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Overrides {
+    /// The seed.
+    pub seed: Option<u64>,
+    /// The path, from 1.
+    pub path: Option<u64>,
+    /// Stops planned in view of each camera.
+    pub stops: Option<usize>,
+    /// How these are chosen.
+    pub placement: Option<Placement>,
+    /// Cameras of a grid.
+    pub nodes: Option<usize>,
+    /// How pictures come about. The real projection follows, unless the file sets it.
+    pub variant: Option<Variant>,
+    /// The projection that all nodes believe in.
+    pub model: Option<Projection>,
+    /// Step sensors drift as [`SensorTable::DRIFT`] says.
+    pub drift: bool,
+    /// Share of frames that the radio loses.
+    pub loss: Option<f64>,
+}
+
+impl Overrides {
+    pub(super) fn apply(&self, scenario: &mut Scenario) -> Result<(), ScenarioError> {
+        scenario.seed = self.seed.unwrap_or(scenario.seed);
+        scenario.path = self.path.unwrap_or(scenario.path);
+        scenario.stops = self.stops.unwrap_or(scenario.stops);
+        scenario.placement = self.placement.unwrap_or(scenario.placement);
+        if let Some(nodes) = self.nodes {
+            match &mut scenario.grid {
+                Some(grid) => grid.nodes = nodes,
+                None => {
+                    let allowed = "left out: only scenarios with a `grid` have it";
+                    return Err(refuse("nodes", nodes, allowed));
+                }
+            }
+        }
+        scenario.camera.variant = self.variant.unwrap_or(scenario.camera.variant);
+        if self.model.is_some() {
+            scenario.camera.model.projection = self.model;
+            for camera in scenario.networks.iter_mut().flat_map(|n| &mut n.cameras) {
+                if let Some(model) = &mut camera.model {
+                    model.projection = self.model;
+                }
+            }
+        }
+        if self.drift {
+            scenario.sensor = SensorTable::DRIFT;
+        }
+        if let Some(share) = self.loss {
+            scenario.radio.set_loss(share);
+        }
+        Ok(())
+    }
+}

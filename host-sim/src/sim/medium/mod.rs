@@ -1,0 +1,166 @@
+//! The radio medium: who hears whom, and what is lost why.
+//!
+//! A [`Medium`] is one piece of air with all sixteen channels. A node [attached](Medium::attach) to
+//! it sends and receives through a [`Radio`], which keeps the contract of [`zigbee_link::radio`].
+//! Nodes whose antennas cannot disturb one another may use several mediums.
+//!
+//! # Times (IEEE 802.15.4-2006, 6.5 and 6.9)
+//! A transmission is a clear-channel assessment of 128 us, the turnaround of 192 us, and 32 us for
+//! each byte: 6 of the PHY header and those of the PSDU, FCS included. The assessment looks at the
+//! channel at its end. So two radios that begin within 192 us of one another do not notice, and
+//! collide.
+//!
+//! # Reception
+//! A receiver locks on to the first frame that it hears and stays with it to its end. What overlaps
+//! destroys that frame unless it is stronger than all others together by the capture threshold of
+//! the [`Propagation`]; the frame that came later is lost in any case. A radio that sends, from its
+//! turnaround on, hears nothing.
+//!
+//! A frame that was destroyed or damaged is dropped by a radio with FCS, and delivered with wrong
+//! bytes by one without. Every drop has a [`Reason`]. The carrier of a sender that loses its power
+//! lasts as long as its frame would have.
+//!
+//! # Chance
+//! Whether a link loses a frame depends on the seed, its two ends and the number of the frame at its
+//! sender: nothing that happens elsewhere changes it.
+
+mod air;
+mod counters;
+mod disturbance;
+mod links;
+mod propagation;
+mod radio;
+mod watch;
+
+use std::{
+    cell::RefCell,
+    rc::{Rc, Weak},
+};
+
+use zigbee_link::radio::{Capabilities, Channel, FCS_LEN, FRAME_MIN, PSDU_MAX};
+
+use self::air::{Air, Due};
+pub use self::{
+    counters::{Counters, Reason},
+    disturbance::{Disturbance, Kind},
+    propagation::{Edge, LogDistance, Propagation},
+    radio::{Radio, RadioError},
+    watch::{Capture, Digest, Event, Watcher},
+};
+use super::executor::{Clock, EventId, Handler, Time};
+
+/// A place in the plane, in the units of the [`Propagation`].
+pub type Place = [f64; 2];
+
+/// A node of a medium.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
+pub struct NodeId(pub u32);
+
+/// Radio medium. See the [module](self).
+#[derive(Clone)]
+pub struct Medium(Rc<Shared>);
+
+/// What the handles share.
+struct Shared {
+    air: RefCell<Air>,
+    clock: Clock,
+    own: Weak<Shared>,
+}
+
+impl Shared {
+    fn plan(&self, at: Time, due: Due) -> EventId {
+        self.clock.call_at(at, self.own.clone(), due.token())
+    }
+}
+
+impl Handler for Shared {
+    fn event(&self, token: u64) {
+        let now = self.clock.time();
+        let planned = self.air.borrow_mut().event(now, Due::of(token));
+        if let Some((at, due)) = planned {
+            let event = self.plan(at, due);
+            self.air.borrow_mut().planned(due, event);
+        }
+    }
+}
+
+impl Medium {
+    /// Air without nodes.
+    pub fn new(clock: &Clock, propagation: Propagation, seed: u64) -> Self {
+        Self(Rc::new_cyclic(|own| Shared {
+            air: RefCell::new(Air::new(propagation, seed)),
+            clock: clock.clone(),
+            own: own.clone(),
+        }))
+    }
+
+    /// Adds a node. Nodes are numbered from 0.
+    pub fn attach(&self, place: Place) -> NodeId {
+        self.0.air.borrow_mut().add(place)
+    }
+
+    /// The radio of a node, which has just been switched on. `abilities` are `fcs`,
+    /// `address_filter` and `rx_queue`; the others are left to wrappers. The radio is switched off
+    /// when it is dropped; a node has one at a time.
+    pub fn radio(&self, node: NodeId, abilities: Capabilities) -> Radio {
+        let abilities = Capabilities {
+            csma: false,
+            acknowledge: false,
+            retries: false,
+            ..abilities
+        };
+        self.0.air.borrow_mut().switch_on(node, abilities);
+        Radio::new(self.0.clone(), node, abilities)
+    }
+
+    /// Where a node is.
+    pub fn place(&self, node: NodeId) -> Place {
+        self.0.air.borrow().links.place(node.0)
+    }
+
+    /// Moves a node.
+    pub fn move_to(&self, node: NodeId, place: Place) {
+        self.0.air.borrow_mut().links.move_to(node.0, place);
+    }
+
+    /// How many nodes may hear a node at full power.
+    pub fn neighbours(&self, node: NodeId) -> usize {
+        self.0.air.borrow_mut().links.of(node.0).len()
+    }
+
+    /// Has something go wrong.
+    pub fn disturb(&self, disturbance: Disturbance) {
+        self.0.air.borrow_mut().disturbances.add(disturbance);
+    }
+
+    /// Puts a PSDU, FCS included, on the air from the antenna of a node, whatever its own radio
+    /// does: a replayed or forged frame.
+    ///
+    /// # Panics
+    /// The PSDU is shorter than an acknowledgement or longer than [`PSDU_MAX`].
+    pub fn inject(&self, from: NodeId, channel: Channel, psdu: &[u8]) {
+        assert!(
+            (FRAME_MIN + FCS_LEN..=PSDU_MAX).contains(&psdu.len()),
+            "no radio sends {} bytes",
+            psdu.len()
+        );
+        let now = self.0.clock.time();
+        let (at, due) = self.0.air.borrow_mut().inject(now, from, channel, psdu);
+        self.0.plan(at, due);
+    }
+
+    /// Has somebody told of all events from now on.
+    pub fn watch(&self, watcher: impl Watcher + 'static) {
+        self.0.air.borrow_mut().watchers.push(Box::new(watcher));
+    }
+
+    /// What a node did so far.
+    pub fn counters(&self, node: NodeId) -> Counters {
+        self.0.air.borrow().counters(node)
+    }
+
+    /// What all nodes did so far.
+    pub fn totals(&self) -> Counters {
+        self.0.air.borrow().totals()
+    }
+}

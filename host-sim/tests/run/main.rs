@@ -1,0 +1,12 @@
+//! What one gets out of a finished run: record, reports, drawings, exports, comparisons, sweeps.
+
+#[path = "../common/mod.rs"]
+mod common;
+
+mod check;
+mod drawings;
+mod exports;
+mod record;
+mod reports;
+mod sample;
+mod sweep;

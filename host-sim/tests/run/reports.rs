@@ -1,0 +1,274 @@
+//! What is printed, and what is said to be done.
+
+use calib_core::{Ray, Sighting, camera::Projection, resection};
+use host_sim::{
+    record::{
+        RunRecord,
+        verdict::{Common, Trouble, Verdict},
+    },
+    report::run::{run_report, runs_report},
+};
+use nalgebra::Point2;
+
+use crate::{
+    common::{Files, run},
+    sample::{CAMERAS, Sample},
+};
+
+/// Whether a camera of the sample sees a place, from geometry.
+fn sees(camera: u16, x: f64, y: f64) -> bool {
+    let (cx, cy, heading) = CAMERAS[usize::from(camera) - 1];
+    let (dx, dy) = (x - cx, y - cy);
+    let bearing = (dy.atan2(dx).to_degrees() - heading + 540.0).rem_euclid(360.0) - 180.0;
+    dx.hypot(dy) < 8.0 && bearing.abs() < 30.0
+}
+
+#[test]
+fn a_complete_run_leaves_nothing_to_do() {
+    let verdict = Verdict::of(&Sample::default().run());
+    assert!(verdict.is_complete());
+    assert_eq!(verdict.exit_code(), 0);
+    assert!(verdict.findings.is_empty() && verdict.next_stops.is_empty());
+    assert_eq!(
+        verdict.to_string(),
+        "13 of 13 cameras are calibrated; nothing is left to do.\n"
+    );
+}
+
+#[test]
+fn cameras_without_a_pose_are_named_with_stops_in_their_view() {
+    let record = Sample {
+        blind: &[4],
+        short: Some((9, 2)),
+        ..Sample::default()
+    }
+    .run();
+    let verdict = Verdict::of(&record);
+    assert_eq!((verdict.calibrated, verdict.exit_code()), (11, 1));
+    let found: Vec<_> = verdict
+        .findings
+        .iter()
+        .map(|f| (f.camera, f.trouble.clone()))
+        .collect();
+    assert_eq!(found, [(4, Trouble::NeverSaw), (9, Trouble::TooFew(2))]);
+    // Three for camera 4, one for camera 9, none of them in view of both.
+    let of = |camera| {
+        let stops = verdict.next_stops.iter();
+        stops.filter(|s| s.seen_by.contains(&camera)).count()
+    };
+    assert_eq!((of(4), of(9), verdict.next_stops.len()), (3, 1, 4));
+    for stop in &verdict.next_stops {
+        assert!(stop.seen_by.iter().all(|&id| sees(id, stop.x, stop.y)));
+    }
+    let text = verdict.to_string();
+    assert!(text.contains("camera 4: not calibrated: it never saw the target standing still"));
+    assert!(text.contains("camera 9: not calibrated: 2 of the 3 sightings it needs"));
+    assert!(text.contains("in view of camera 9\n"));
+}
+
+/// The advice is followed: every weak camera solves again with the sightings of the stops that
+/// were named for it, and knows its place better by far.
+#[test]
+fn the_stops_that_are_asked_for_help() {
+    let mut record = Sample::default().run();
+    record.limits.sigma_position = 0.06;
+    let verdict = Verdict::of(&record);
+    let weak: Vec<u16> = verdict.findings.iter().map(|f| f.camera).collect();
+    assert!(weak.contains(&11) && !verdict.next_stops.is_empty());
+    assert_eq!(verdict.exit_code(), 0);
+    for camera in weak {
+        let node = record.nodes.iter().find(|n| n.id == camera).unwrap();
+        let (x, y, heading) = CAMERAS[usize::from(camera) - 1];
+        let exact = |tx: f64, ty: f64| {
+            let ray = Ray::from_bearing((ty - y).atan2(tx - x) - heading.to_radians());
+            Sighting::new(Point2::new(tx, ty), ray, 0.0038)
+        };
+        let stops = &record.targets[0].stops;
+        let mut sightings: Vec<_> = node
+            .residuals
+            .iter()
+            .map(|r| stops[r.stop as usize])
+            .map(|stop| exact(stop.x, stop.y))
+            .collect();
+        let before = resection::solve(&sightings).unwrap().pose.sigma_position();
+        let named = verdict.next_stops.iter();
+        sightings.extend(
+            named
+                .filter(|s| s.seen_by.contains(&camera))
+                .map(|s| exact(s.x, s.y)),
+        );
+        let after = resection::solve(&sightings).unwrap().pose.sigma_position();
+        assert!(after < 0.75 * before, "{camera}: {before} {after}");
+    }
+}
+
+#[test]
+fn no_stop_is_asked_for_behind_an_obstacle() {
+    let mut record = Sample {
+        blind: &[4],
+        ..Sample::default()
+    }
+    .run();
+    // A wall across the left half of the view of camera 4, at (17, 3) looking along 120 degrees.
+    record.obstacles = vec![vec![[14.0, 3.5], [16.0, 5.0], [15.9, 5.1], [13.9, 3.6]]];
+    let behind = |x: f64, y: f64| {
+        let angle = (y - 3.0).atan2(x - 17.0).to_degrees();
+        let wall = (117.0..170.0).contains(&angle);
+        wall && (x - 17.0).hypot(y - 3.0) > 3.1
+    };
+    let verdict = Verdict::of(&record);
+    assert_eq!(verdict.next_stops.len(), 3);
+    assert!(verdict.next_stops.iter().all(|s| !behind(s.x, s.y)));
+}
+
+fn has_misfit(record: &RunRecord) -> bool {
+    let verdict = Verdict::of(record);
+    verdict
+        .common
+        .iter()
+        .any(|c| matches!(c, Common::Misfit(_)))
+}
+
+#[test]
+fn a_wrong_camera_model_is_noticed_and_a_right_one_is_not_blamed() {
+    let wrong = Sample {
+        projection: Projection::EqualAngle,
+        ..Sample::default()
+    };
+    for seed in 0..20 {
+        assert!(has_misfit(
+            &Sample {
+                seed,
+                stops: 10,
+                ..wrong
+            }
+            .run()
+        ));
+        let verdict = Verdict::of(&Sample { seed, ..wrong }.run());
+        assert!(!verdict.common.is_empty(), "seed {seed}");
+        for stops in [3, 10] {
+            let right = Sample {
+                seed,
+                stops,
+                ..Sample::default()
+            }
+            .run();
+            assert_eq!(Verdict::of(&right).common, [], "seed {seed}");
+        }
+    }
+    let text = Verdict::of(&Sample { stops: 10, ..wrong }.run()).to_string();
+    assert!(text.contains("The residuals do not fit the camera model"));
+}
+
+#[test]
+fn one_wild_sighting_is_one_cameras_trouble() {
+    // One in which chance gives no camera residuals of the rarest in a thousand.
+    let mut record = Sample {
+        seed: 3,
+        stops: 10,
+        ..Sample::default()
+    }
+    .run();
+    assert_eq!(Verdict::of(&record).findings, []);
+    let camera = record.nodes.iter_mut().find(|n| n.id == 7).unwrap();
+    camera.residuals[4].normalised = Some(-12.0);
+    let stop = camera.residuals[4].stop;
+    record.summary = host_sim::record::summary::Summary::of(&record.nodes);
+    let verdict = Verdict::of(&record);
+    assert_eq!(verdict.common, []);
+    let found: Vec<_> = verdict.findings.iter().map(|f| f.camera).collect();
+    assert_eq!(found, [7, 7], "{:?}", verdict.findings);
+    let wild = Trouble::Wild { stop, sigmas: 12.0 };
+    assert_eq!(verdict.findings[1].trouble, wild);
+}
+
+#[test]
+fn the_thesis_stands_beside_our_numbers() {
+    let text = run_report(&Sample::default().run());
+    for part in [
+        // Table 4.2, node 3, path 1, and Table 4.3.
+        "(-1.190, +0.090, -8.42)",
+        "Beside the thesis's Table 4.3",
+        "-0.1131",
+        "3.1069",
+        // Appendix B.
+        "| payload ",
+        "|     84 |",
+        "2710 times real time",
+        "2 collision, 5 loss",
+    ] {
+        assert!(text.contains(part), "{part} is not in\n{text}");
+    }
+    let mut other = Sample::default().run();
+    other.scenario = "grid".to_owned();
+    other.path = None;
+    assert!(!run_report(&other).contains("thesis's Table"));
+}
+
+#[test]
+fn several_runs_make_one_table() {
+    let runs: Vec<RunRecord> = (1..=5)
+        .map(|path| {
+            let mut record = Sample {
+                seed: u64::from(path),
+                ..Sample::default()
+            }
+            .run();
+            record.scenario = "lab".to_owned();
+            record.path = Some(path);
+            record.nodes.retain(|node| node.id <= 3);
+            record
+        })
+        .collect();
+    let text = runs_report(&runs.iter().collect::<Vec<_>>());
+    assert!(text.contains("| 5, 3 "));
+    assert!(text.contains("Errors of 5 cameras, without references"));
+    assert!(text.contains("Beside the thesis's Table 3.1") && text.contains("7.1618"));
+}
+
+#[test]
+fn the_command_makes_everything_from_a_record() {
+    let files = Files::new();
+    let record = Sample {
+        blind: &[4],
+        ..Sample::default()
+    }
+    .run();
+    let text = record.to_json(true).unwrap();
+    let file = files.write("run.json", &text);
+    let made = ["again.json", "poses.csv", "poses.yaml", "poses.launch.yaml"];
+    let [json, csv, yaml, ros] = made.map(|name| files.path(name));
+    let plots = files.path("plots/of/this");
+    let done = run(&[
+        "report", "run", &file, "--json", &json, "--wall", "--plots", &plots, "--csv", &csv,
+        "--yaml", &yaml, "--ros", &ros, "--check", &file,
+    ]);
+    assert_eq!((done.code, done.stderr.as_str()), (1, ""));
+    assert!(done.stdout.contains("12 of 13 cameras are calibrated."));
+    assert!(done.stdout.contains("The runs agree in all"));
+    assert_eq!(std::fs::read_to_string(&json).unwrap(), text);
+    for path in [csv, yaml, ros] {
+        assert!(std::fs::metadata(path).unwrap().len() > 0);
+    }
+    for name in ["map.svg", "errors.svg", "residuals.svg"] {
+        assert!(std::fs::exists(format!("{plots}/{name}")).unwrap());
+    }
+}
+
+#[test]
+fn exit_codes_of_the_command() {
+    let files = Files::new();
+    let write = |name: &str, record: &RunRecord| files.write(name, &record.to_json(false).unwrap());
+    let good = Sample::default();
+    let a = write("a.json", &good.run());
+    let b = write("b.json", &Sample { seed: 8, ..good }.run());
+    let other = files.write("other.json", "{\"format\": 9}");
+    assert_eq!(run(&["report", "run", &a]).code, 0);
+    let differ = run(&["report", "run", &a, "--check", &b]);
+    assert_eq!(differ.code, 1);
+    assert!(differ.stdout.contains("The runs differ in"));
+    assert_eq!(run(&["report", "sweep", &a, &b]).code, 0);
+    let unreadable = run(&["report", "run", &other]);
+    assert_eq!(unreadable.code, 2);
+    assert!(unreadable.stderr.contains("format 9"));
+}

@@ -1,0 +1,9 @@
+//! The machinery of simulated networks: virtual time, radio medium, lines, flash.
+
+mod co_processor;
+mod executor;
+mod flash;
+mod line;
+mod medium;
+mod network;
+mod support;

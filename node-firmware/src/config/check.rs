@@ -1,0 +1,266 @@
+//! Every range of a configuration, in one place.
+
+use core::fmt;
+
+use zigbee_link::network::JOIN_WINDOW_MAX;
+
+use super::{COLOURS_MAX, CameraConfig, Config, CoordinatorConfig, Role, Subjects, TargetConfig};
+use crate::sight::{ColourWindow, LensError};
+
+/// The rates of a CMUcam2's jumpers.
+pub const BAUD_RATES: [u32; 8] = [115_200, 57_600, 38_400, 19_200, 9_600, 4_800, 2_400, 1_200];
+
+/// What of a configuration is wrong. The texts say what it must be.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+#[non_exhaustive]
+pub enum ConfigError {
+    /// The EUI-64 is all zeros or all ones.
+    Extended,
+    /// The site key.
+    SiteKey,
+    /// The first frame counter.
+    FirstCounter,
+    /// The channel mask.
+    Channels,
+    /// The transmit power.
+    TxPower,
+    /// An EUI-64 of the allow-list.
+    Allow,
+    /// The join window.
+    JoinWindow,
+    /// The lens.
+    Lens(LensError),
+    /// The lens has more columns than the camera can count.
+    Columns,
+    /// The baud rate.
+    Baud,
+    /// The number of the first column.
+    FirstColumn,
+    /// The colour windows.
+    Colours,
+    /// The threshold of frame differencing.
+    Threshold,
+    /// The position of a reference.
+    ReferencePosition,
+    /// The baseline.
+    Baseline,
+    /// The heading of the displacements' frame.
+    FrameHeading,
+    /// The stops of the reference solve.
+    ReferenceStops,
+    /// The stops wanted.
+    Stops,
+    /// The sigmas that are good enough.
+    GoodEnough,
+    /// The sigma of a weak pose.
+    WeakSigma,
+    /// The floor of a sighting's sigma.
+    SigmaFloor,
+    /// The target's colour number.
+    TargetColour,
+    /// The time without a step.
+    StillAfter,
+    /// The systematic errors of the step sensor.
+    Systematic,
+    /// How still the target stands.
+    StandingSigma,
+    /// The times of a stop.
+    Dwell,
+}
+
+impl fmt::Display for ConfigError {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(match self {
+            Self::Extended => {
+                "extended must not be all zeros or all ones; leave it out for the chip's"
+            }
+            Self::SiteKey => {
+                "site-key needs an index of 1 to 255 and 16 random bytes: make one with a key \
+                 generator"
+            }
+            Self::FirstCounter => {
+                "first-counter must be below 4294967295: give the site another key"
+            }
+            Self::Channels => "channels must have one or more of the bits 11 to 26, and no others",
+            Self::TxPower => "tx-power must be -40 to 20 dBm",
+            Self::Allow => "allow must not hold an EUI-64 of all zeros or all ones, or one twice",
+            Self::JoinWindow => "join-window-s must be 0 to 600",
+            Self::Lens(error) => return write!(f, "lens: {error}"),
+            Self::Columns => "lens: a CMUcam2 has at most 255 columns",
+            Self::Baud => "baud must be one of 115200, 57600, 38400, 19200, 9600, 4800, 2400, 1200",
+            Self::FirstColumn => "first-column must be 0 or 1",
+            Self::Colours => {
+                "subjects: 1 to 4 colours, each lowest level not above its highest one"
+            }
+            Self::Threshold => "subjects: the threshold must be 1 to 224",
+            Self::ReferencePosition => "reference: the position must be two finite numbers",
+            Self::Baseline => "baseline must be above 0, or left out if it is not known",
+            Self::FrameHeading => {
+                "frame-heading-deg must be -360 to 360, or left out if it is not known"
+            }
+            Self::ReferenceStops => {
+                "reference-stops must be 2 to 16, and 3 or more unless baseline and \
+                 frame-heading-deg are both given"
+            }
+            Self::Stops => "stops must be 3 to 64",
+            Self::GoodEnough => {
+                "good-enough: both sigmas must be above 0, the heading's at most 180"
+            }
+            Self::WeakSigma => "weak-sigma must be at least the good-enough position's",
+            Self::SigmaFloor => "sigma-floor-px must be 0 to 10",
+            Self::TargetColour => "colour must be 0 to 3",
+            Self::StillAfter => "still-after-ms must be 100 to 60000",
+            Self::Systematic => "systematic-heading-deg must be 0 to 180, systematic-scale 0 to 1",
+            Self::StandingSigma => "standing-sigma must be 0 or above",
+            Self::Dwell => "dwell-least-ms must be at most dwell-most-ms, and that at most 3600000",
+        })
+    }
+}
+
+impl core::error::Error for ConfigError {}
+
+impl Config {
+    /// Whether everything is in its range.
+    ///
+    /// # Errors
+    /// What is not, the first of it.
+    pub fn check(&self) -> Result<(), ConfigError> {
+        let all = 0x07FF_F800;
+        require(&[
+            (self.extended.is_none_or(is_address), ConfigError::Extended),
+            (self.site_key.key().is_some(), ConfigError::SiteKey),
+            (self.first_counter < u32::MAX, ConfigError::FirstCounter),
+            (
+                self.channels != 0 && self.channels & !all == 0,
+                ConfigError::Channels,
+            ),
+            ((-40..=20).contains(&self.tx_power), ConfigError::TxPower),
+        ])?;
+        match &self.role {
+            Role::Coordinator(coordinator) => coordinator.check(),
+            Role::Camera(camera) => camera.check(),
+            Role::Target(target) => target.check(),
+        }
+    }
+}
+
+impl CoordinatorConfig {
+    fn check(&self) -> Result<(), ConfigError> {
+        let once = |address: &[u8; 8]| self.allow.iter().filter(|a| *a == address).count() == 1;
+        let window = u64::from(self.join_window_s);
+        require(&[
+            (
+                self.allow.iter().all(|a| is_address(*a) && once(a)),
+                ConfigError::Allow,
+            ),
+            (window <= JOIN_WINDOW_MAX.as_secs(), ConfigError::JoinWindow),
+        ])
+    }
+}
+
+impl CameraConfig {
+    fn check(&self) -> Result<(), ConfigError> {
+        self.lens.camera().map_err(ConfigError::Lens)?;
+        let subjects = match &self.subjects {
+            Subjects::Colours(windows) => (
+                !windows.is_empty() && windows.iter().all(ColourWindow::is_ordered),
+                ConfigError::Colours,
+            ),
+            Subjects::Motion { threshold } => {
+                ((1..=224).contains(threshold), ConfigError::Threshold)
+            }
+        };
+        let place = |reference: super::Reference| {
+            reference.position.iter().flatten().all(|p| p.is_finite())
+        };
+        let fewest = if self.baseline.is_some() && self.frame_heading_deg.is_some() {
+            2
+        } else {
+            3
+        };
+        let good = self.good_enough;
+        require(&[
+            (self.lens.columns <= 255, ConfigError::Columns),
+            (BAUD_RATES.contains(&self.baud), ConfigError::Baud),
+            (self.first_column <= 1, ConfigError::FirstColumn),
+            subjects,
+            (
+                self.reference.is_none_or(place),
+                ConfigError::ReferencePosition,
+            ),
+            (self.baseline.is_none_or(is_positive), ConfigError::Baseline),
+            (
+                self.frame_heading_deg
+                    .is_none_or(|heading| heading.abs() <= 360.0),
+                ConfigError::FrameHeading,
+            ),
+            (
+                (fewest..=16).contains(&self.reference_stops),
+                ConfigError::ReferenceStops,
+            ),
+            ((3..=64).contains(&self.stops), ConfigError::Stops),
+            (
+                is_positive(good.position)
+                    && is_positive(good.heading_deg)
+                    && good.heading_deg <= 180.0,
+                ConfigError::GoodEnough,
+            ),
+            (
+                self.weak_sigma.is_finite() && self.weak_sigma >= good.position,
+                ConfigError::WeakSigma,
+            ),
+            (
+                (0.0..=10.0).contains(&self.sigma_floor_px),
+                ConfigError::SigmaFloor,
+            ),
+        ])
+    }
+}
+
+impl TargetConfig {
+    fn check(&self) -> Result<(), ConfigError> {
+        require(&[
+            (
+                usize::from(self.colour) < COLOURS_MAX,
+                ConfigError::TargetColour,
+            ),
+            (
+                (100..=60_000).contains(&self.still_after_ms),
+                ConfigError::StillAfter,
+            ),
+            (
+                (0.0..=180.0).contains(&self.systematic_heading_deg)
+                    && (0.0..=1.0).contains(&self.systematic_scale),
+                ConfigError::Systematic,
+            ),
+            (
+                self.standing_sigma >= 0.0 && self.standing_sigma.is_finite(),
+                ConfigError::StandingSigma,
+            ),
+            (
+                self.dwell_least_ms <= self.dwell_most_ms && self.dwell_most_ms <= 3_600_000,
+                ConfigError::Dwell,
+            ),
+        ])
+    }
+}
+
+fn require(conditions: &[(bool, ConfigError)]) -> Result<(), ConfigError> {
+    match conditions.iter().find(|(holds, _)| !holds) {
+        Some(&(_, error)) => Err(error),
+        None => Ok(()),
+    }
+}
+
+fn is_address(address: [u8; 8]) -> bool {
+    address != [0; 8] && address != [0xFF; 8]
+}
+
+fn is_positive(value: f32) -> bool {
+    value > 0.0 && value.is_finite()
+}
+
+#[cfg(test)]
+#[path = "check_tests.rs"]
+mod tests;

@@ -1,0 +1,174 @@
+use std::string::ToString;
+
+use super::*;
+use crate::{
+    config::{
+        SiteKey,
+        examples::{ORANGE, camera, coordinator, node, target},
+    },
+    sight::{ColourWindow, Lens},
+};
+
+fn with(change: impl FnOnce(&mut Config)) -> Result<(), ConfigError> {
+    let mut config = node(Role::Target(target()));
+    change(&mut config);
+    config.check()
+}
+
+fn with_camera(change: impl FnOnce(&mut CameraConfig)) -> Result<(), ConfigError> {
+    let mut camera = camera();
+    change(&mut camera);
+    node(Role::Camera(camera)).check()
+}
+
+fn with_target(change: impl FnOnce(&mut TargetConfig)) -> Result<(), ConfigError> {
+    let mut target = target();
+    change(&mut target);
+    node(Role::Target(target)).check()
+}
+
+#[test]
+fn the_examples_are_right() {
+    for role in [
+        Role::Camera(camera()),
+        Role::Target(target()),
+        Role::Coordinator(coordinator(32)),
+        Role::Coordinator(CoordinatorConfig::default()),
+        Role::Target(TargetConfig::default()),
+        Role::Camera(CameraConfig::new(
+            Lens::pin_hole(88, 45.0),
+            Subjects::Motion { threshold: 10 },
+        )),
+    ] {
+        assert_eq!(node(role).check(), Ok(()));
+    }
+}
+
+#[test]
+fn identity_and_radio() {
+    use ConfigError as E;
+    assert_eq!(with(|c| c.extended = Some([0xFF; 8])), Err(E::Extended));
+    assert_eq!(with(|c| c.extended = None), Ok(()));
+    for key in [
+        SiteKey::new(0, *b"0123456789abcdef"),
+        SiteKey::new(1, [0xFF; 16]),
+    ] {
+        assert_eq!(with(|c| c.site_key = key), Err(E::SiteKey));
+    }
+    assert_eq!(with(|c| c.first_counter = u32::MAX), Err(E::FirstCounter));
+    for channels in [0, 1 << 10, 1 << 27, u32::MAX] {
+        assert_eq!(with(|c| c.channels = channels), Err(E::Channels));
+    }
+    assert_eq!(with(|c| c.channels = 1 << 11 | 1 << 26), Ok(()));
+    assert_eq!(with(|c| c.tx_power = 21), Err(E::TxPower));
+}
+
+#[test]
+fn the_channels_are_those_of_the_mask() {
+    use zigbee_link::{network::Channels, radio::Channel};
+    let mut config = node(Role::Target(target()));
+    config.channels = 0x07FF_F800;
+    assert_eq!(config.channels(), Channels::ALL);
+    config.channels = 1 << 15 | 1 << 20;
+    let [a, b] = [15, 20].map(|number| Channel::new(number).unwrap());
+    assert_eq!(config.channels(), Channels::only(a).and(b));
+}
+
+#[test]
+fn coordinators() {
+    let check = |coordinator| node(Role::Coordinator(coordinator)).check();
+    let mut twice = coordinator(3);
+    twice.allow[2] = twice.allow[0];
+    assert_eq!(check(twice), Err(ConfigError::Allow));
+    let mut long = coordinator(0);
+    long.join_window_s = 601;
+    assert_eq!(check(long), Err(ConfigError::JoinWindow));
+}
+
+#[test]
+fn cameras() {
+    use ConfigError as E;
+    let nan = f32::NAN;
+    let lens = with_camera(|c| c.lens.field_of_view_deg = 180.0);
+    assert!(matches!(lens, Err(E::Lens(_))));
+    let text = lens.unwrap_err().to_string();
+    assert!(
+        text.starts_with("lens: ") && text.contains("180 degrees"),
+        "{text}"
+    );
+    assert_eq!(
+        with_camera(|c| c.lens = Lens::pin_hole(256, 45.0)),
+        Err(E::Columns)
+    );
+    assert_eq!(with_camera(|c| c.baud = 38_000), Err(E::Baud));
+    assert_eq!(with_camera(|c| c.first_column = 2), Err(E::FirstColumn));
+    let colours = |windows: &[ColourWindow]| {
+        let windows = windows.iter().copied().collect();
+        with_camera(|c| c.subjects = Subjects::Colours(windows))
+    };
+    assert_eq!(colours(&[]), Err(E::Colours));
+    let inverted = ColourWindow {
+        green: [90, 80],
+        ..ORANGE
+    };
+    assert_eq!(colours(&[ORANGE, inverted]), Err(E::Colours));
+    assert_eq!(
+        with_camera(|c| c.subjects = Subjects::Motion { threshold: 0 }),
+        Err(E::Threshold)
+    );
+    let placed = with_camera(|c| c.reference.as_mut().unwrap().position = Some([0.0, nan]));
+    assert_eq!(placed, Err(E::ReferencePosition));
+    for baseline in [0.0, -1.0, nan, f32::INFINITY] {
+        assert_eq!(
+            with_camera(|c| c.baseline = Some(baseline)),
+            Err(E::Baseline)
+        );
+    }
+    assert_eq!(
+        with_camera(|c| c.frame_heading_deg = Some(nan)),
+        Err(E::FrameHeading)
+    );
+    // Two stops do when nothing but headings and the target is unknown (thesis notes, counting).
+    assert_eq!(
+        with_camera(|c| c.reference_stops = 2),
+        Err(E::ReferenceStops)
+    );
+    let known = with_camera(|c| {
+        c.reference_stops = 2;
+        c.frame_heading_deg = Some(0.0);
+    });
+    assert_eq!(known, Ok(()));
+    assert_eq!(with_camera(|c| c.stops = 2), Err(E::Stops));
+    assert_eq!(
+        with_camera(|c| c.good_enough.heading_deg = 0.0),
+        Err(E::GoodEnough)
+    );
+    assert_eq!(with_camera(|c| c.weak_sigma = 0.01), Err(E::WeakSigma));
+    assert_eq!(with_camera(|c| c.weak_sigma = nan), Err(E::WeakSigma));
+    for floor in [-0.1, nan, 11.0] {
+        assert_eq!(
+            with_camera(|c| c.sigma_floor_px = floor),
+            Err(E::SigmaFloor)
+        );
+    }
+}
+
+#[test]
+fn targets() {
+    use ConfigError as E;
+    assert_eq!(with_target(|t| t.colour = 4), Err(E::TargetColour));
+    assert_eq!(with_target(|t| t.still_after_ms = 99), Err(E::StillAfter));
+    assert_eq!(
+        with_target(|t| t.systematic_scale = -0.1),
+        Err(E::Systematic)
+    );
+    assert_eq!(
+        with_target(|t| t.systematic_heading_deg = f32::NAN),
+        Err(E::Systematic)
+    );
+    assert_eq!(
+        with_target(|t| t.standing_sigma = f32::NAN),
+        Err(E::StandingSigma)
+    );
+    assert_eq!(with_target(|t| t.dwell_least_ms = 120_001), Err(E::Dwell));
+}

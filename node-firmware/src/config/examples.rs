@@ -1,0 +1,74 @@
+//! Configurations for tests.
+
+use super::{
+    CameraConfig, Config, CoordinatorConfig, Duty, Reference, Role, Sigmas, SiteKey, Subjects,
+    TargetConfig,
+};
+use crate::sight::{ColourWindow, Lens};
+use zigbee_link::security::Protection;
+
+pub(crate) const ORANGE: ColourWindow = ColourWindow {
+    red: [170, 240],
+    green: [60, 140],
+    blue: [16, 80],
+};
+
+pub(crate) fn node(role: Role) -> Config {
+    Config {
+        id: 3,
+        extended: Some([0xF4, 0xCE, 0x36, 0, 0, 0, 0, 3]),
+        site_key: SiteKey::new(1, *b"0123456789abcdef"),
+        first_counter: 70_000,
+        channels: 0x0210_8800,
+        tx_power: -4,
+        protection: Protection::EncMic64,
+        role,
+    }
+}
+
+pub(crate) fn camera() -> CameraConfig {
+    CameraConfig {
+        lens: Lens::pin_hole(88, 45.0),
+        baud: 38_400,
+        first_column: 1,
+        subjects: Subjects::Colours([ORANGE].into_iter().collect()),
+        round: true,
+        reference: Some(Reference {
+            duty: Duty::Second,
+            position: Some([10.0, -0.5]),
+        }),
+        may_be_elected: false,
+        baseline: Some(10.0),
+        frame_heading_deg: None,
+        reference_stops: 3,
+        stops: 5,
+        refine: true,
+        good_enough: Sigmas {
+            position: 0.05,
+            heading_deg: 0.25,
+        },
+        weak_sigma: 0.5,
+        sigma_floor_px: 0.0625,
+    }
+}
+
+pub(crate) fn target() -> TargetConfig {
+    TargetConfig {
+        colour: 2,
+        still_after_ms: 1_500,
+        systematic_heading_deg: 0.5,
+        systematic_scale: 0.015_625,
+        standing_sigma: 0.02,
+        dwell_least_ms: 2_000,
+        dwell_most_ms: 120_000,
+    }
+}
+
+pub(crate) fn coordinator(devices: u8) -> CoordinatorConfig {
+    CoordinatorConfig {
+        allow: (1..=devices)
+            .map(|n| [0xF4, 0xCE, 0x36, 0, 0, 0, 0, n])
+            .collect(),
+        join_window_s: 300,
+    }
+}

@@ -1,0 +1,329 @@
+//! What a node is told before it is switched on.
+//!
+//! | module | job |
+//! |---|---|
+//! | here | [`Config`] and its parts |
+//! | [`check`] | Every range, in one place: [`Config::check`] |
+//! | [`page`] | A configuration as a page of flash |
+//!
+//! Angles are degrees here, because people write them; lengths are in the target's unit, whatever
+//! it is. In text formats, names are in kebab case.
+
+pub mod check;
+pub mod page;
+
+mod key;
+
+use heapless::Vec;
+use serde::{Deserialize, Serialize};
+use zigbee_link::{network::Channels, radio::Channel, security::Protection, wire::Eui64};
+
+pub use self::{check::ConfigError, key::SiteKey};
+use crate::sight::{
+    ColourWindow, Judge, Lens, LensError, Patience, Shape, Subject,
+    cmucam2::{Cmucam2Settings, ROWS_PER_COLUMN},
+};
+
+/// The most devices on an allow-list.
+pub const ALLOWED_MAX: usize = 32;
+/// The most target colours a camera can tell apart.
+pub const COLOURS_MAX: usize = 4;
+
+/// All that a node is told.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct Config {
+    /// The number by which people know this node.
+    pub id: u16,
+    /// The EUI-64, most significant byte first, as printed on the device; `None`: the chip's.
+    pub extended: Option<[u8; 8]>,
+    /// The key of the site.
+    pub site_key: SiteKey,
+    /// The frame counter to begin with. It must rise with every provisioning under the same key,
+    /// because a counter that was used may never be used again.
+    pub first_counter: u32,
+    /// The 2.4 GHz channels the network may use: bit n is channel n, 11 to 26.
+    pub channels: u32,
+    /// Transmit power, dBm.
+    pub tx_power: i8,
+    /// How frames are secured.
+    #[serde(with = "protection")]
+    pub protection: Protection,
+    /// What the node is for.
+    pub role: Role,
+}
+
+/// What a node is for.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub enum Role {
+    /// Forms the network and collects poses.
+    Coordinator(CoordinatorConfig),
+    /// Has a camera, and wants to know where it stands.
+    Camera(CameraConfig),
+    /// Is carried about to be seen.
+    Target(TargetConfig),
+}
+
+/// Parameters of a coordinator.
+#[derive(Clone, Debug, PartialEq, Default, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct CoordinatorConfig {
+    /// EUI-64s of the devices that may always join, most significant byte first.
+    pub allow: Vec<[u8; 8], ALLOWED_MAX>,
+    /// How long any device with the site key may join after start-up, seconds; 0: not at all.
+    pub join_window_s: u16,
+}
+
+/// Parameters of a camera.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct CameraConfig {
+    /// Which direction a column is.
+    pub lens: Lens,
+    /// Baud rate that the CMUcam2's jumpers select.
+    pub baud: u32,
+    /// Number of the first column in the CMUcam2's packets, 0 or 1.
+    pub first_column: u8,
+    /// What the target looks like.
+    pub subjects: Subjects,
+    /// Whether a target of a colour is a ball: a blob that is narrower than tall is then partly
+    /// hidden.
+    pub round: bool,
+    /// The duty of a configured reference camera.
+    pub reference: Option<Reference>,
+    /// Whether it may become a reference when none is configured (trigger or helper).
+    pub may_be_elected: bool,
+    /// Distance of the two reference cameras, if it is known.
+    pub baseline: Option<f32>,
+    /// Direction of the x axis of the target's displacements in the frame whose x axis runs from
+    /// the first to the second reference camera, degrees, if it is known.
+    pub frame_heading_deg: Option<f32>,
+    /// Stops after which the reference solve is first tried: 2, or 3 when something above is not
+    /// known.
+    pub reference_stops: u8,
+    /// Stops at which it wants to see the target, at least 3.
+    pub stops: u8,
+    /// Whether it goes on refining its pose after these.
+    pub refine: bool,
+    /// The pose is good enough when both predicted sigmas are below these, and no more stops are
+    /// wanted.
+    pub good_enough: Sigmas,
+    /// Predicted sigma of the position, along its worst axis, above which the pose is called weak
+    /// and another stop is asked for.
+    pub weak_sigma: f32,
+    /// Standard deviation of a sighting that no frame shows, columns.
+    pub sigma_floor_px: f32,
+}
+
+/// How sure a pose is.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct Sigmas {
+    /// Standard deviation of the position along its worst axis.
+    pub position: f32,
+    /// Standard deviation of the heading, degrees.
+    pub heading_deg: f32,
+}
+
+/// A configured reference camera.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct Reference {
+    /// Which of the two.
+    pub duty: Duty,
+    /// Where it stands: x and y, if that is known. Of both, it fixes the frame of the site. Of one
+    /// or none, the first one is the origin and the second one on the x axis.
+    pub position: Option<[f32; 2]>,
+}
+
+/// Which of the two reference cameras.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub enum Duty {
+    /// The one that solves (the trigger).
+    First,
+    /// The one that sends its rays to the first (the helper).
+    Second,
+}
+
+/// What the target looks like to a camera.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub enum Subjects {
+    /// A colour for each target colour number, from 0.
+    Colours(Vec<ColourWindow, COLOURS_MAX>),
+    /// Whatever differs from the background by this many levels.
+    Motion {
+        /// Levels; 5 to 20 is usual.
+        threshold: u8,
+    },
+}
+
+impl Subjects {
+    /// What to look for when a target of this colour number stands somewhere. `None` for a colour
+    /// that is not known here.
+    pub fn of_target(&self, colour: u8) -> Option<Subject> {
+        match self {
+            Self::Colours(windows) => windows
+                .get(usize::from(colour))
+                .copied()
+                .map(Subject::Colour),
+            &Self::Motion { threshold } => Some(Subject::Motion { threshold }),
+        }
+    }
+}
+
+/// Parameters of a target.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct TargetConfig {
+    /// Its colour number, below [`COLOURS_MAX`].
+    pub colour: u8,
+    /// It stands when no step came for so long, milliseconds.
+    pub still_after_ms: u32,
+    /// Standard deviation of the step sensor's constant error of heading, degrees.
+    pub systematic_heading_deg: f32,
+    /// Standard deviation of the step sensor's constant error of distance, as a share of it.
+    pub systematic_scale: f32,
+    /// How still it stands: standard deviation of its place during a stop, each axis.
+    pub standing_sigma: f32,
+    /// The least time of a stop, milliseconds.
+    pub dwell_least_ms: u32,
+    /// The most time of a stop, milliseconds: then it may walk on, whoever has not answered.
+    pub dwell_most_ms: u32,
+}
+
+impl CameraConfig {
+    /// A camera of 38,400 baud that may be elected, for a ball, with usual values for the rest.
+    pub fn new(lens: Lens, subjects: Subjects) -> Self {
+        Self {
+            lens,
+            baud: 38_400,
+            first_column: 1,
+            subjects,
+            round: true,
+            reference: None,
+            may_be_elected: true,
+            baseline: None,
+            frame_heading_deg: None,
+            reference_stops: 3,
+            stops: 3,
+            refine: true,
+            good_enough: Sigmas {
+                position: 0.02,
+                heading_deg: 0.1,
+            },
+            weak_sigma: 0.5,
+            sigma_floor_px: Patience::default().sigma_floor,
+        }
+    }
+
+    /// What the CMUcam2 is told.
+    pub const fn cmucam2(&self) -> Cmucam2Settings {
+        Cmucam2Settings {
+            first_column: self.first_column,
+            ..Cmucam2Settings::new(self.lens.columns)
+        }
+    }
+
+    /// Who judges what it sees.
+    ///
+    /// # Errors
+    /// [`LensError`].
+    pub fn judge(&self) -> Result<Judge, LensError> {
+        let patience = Patience {
+            sigma_floor: self.sigma_floor_px,
+            ..Patience::default()
+        };
+        // Blocks of frame differencing show no shape, and people are not round.
+        let shape = match self.subjects {
+            Subjects::Colours(_) if self.round => Shape::Round {
+                rows_per_column: ROWS_PER_COLUMN,
+            },
+            _ => Shape::Any,
+        };
+        Ok(Judge::new(self.lens.camera()?, patience, shape))
+    }
+}
+
+impl Default for TargetConfig {
+    /// A walking person with a step sensor: stands after 1.5 s without a step; systematic errors
+    /// of half a degree and 1 %; waits up to two minutes.
+    fn default() -> Self {
+        Self {
+            colour: 0,
+            still_after_ms: 1_500,
+            systematic_heading_deg: 0.5,
+            systematic_scale: 0.01,
+            standing_sigma: 0.02,
+            dwell_least_ms: 2_000,
+            dwell_most_ms: 120_000,
+        }
+    }
+}
+
+impl Config {
+    /// The configured extended address.
+    pub fn extended(&self) -> Option<Eui64> {
+        self.extended.map(Eui64)
+    }
+
+    /// The rate of the UART: that of a camera's CMUcam2, or of a coordinator's console.
+    pub const fn baud(&self) -> u32 {
+        match &self.role {
+            Role::Camera(camera) => camera.baud,
+            Role::Coordinator(_) | Role::Target(_) => crate::console::BAUD,
+        }
+    }
+
+    /// The channels as the network takes them; those that do not exist are left out. All channels
+    /// if none is left, which [`Config::check`] refuses.
+    pub fn channels(&self) -> Channels {
+        (11..=26)
+            .filter(|number| self.channels >> number & 1 != 0)
+            .filter_map(Channel::new)
+            .fold(None, |all: Option<Channels>, channel| {
+                Some(all.map_or(Channels::only(channel), |all| all.and(channel)))
+            })
+            .unwrap_or(Channels::ALL)
+    }
+}
+
+/// A [`Protection`] as the security level of IEEE 802.15.4-2006, 7.6.2.2.1: 5 or 6.
+mod protection {
+    use serde::{Deserialize, Deserializer, Serializer, de::Error};
+    use zigbee_link::security::Protection;
+
+    pub(super) fn serialize<S: Serializer>(
+        protection: &Protection,
+        serializer: S,
+    ) -> Result<S::Ok, S::Error> {
+        serializer.serialize_u8(match protection {
+            Protection::EncMic32 => 5,
+            Protection::EncMic64 => 6,
+        })
+    }
+
+    pub(super) fn deserialize<'de, D: Deserializer<'de>>(
+        deserializer: D,
+    ) -> Result<Protection, D::Error> {
+        match u8::deserialize(deserializer)? {
+            5 => Ok(Protection::EncMic32),
+            6 => Ok(Protection::EncMic64),
+            _ => Err(D::Error::custom("the security level must be 5 or 6")),
+        }
+    }
+}
+
+#[cfg(test)]
+pub(crate) mod examples;

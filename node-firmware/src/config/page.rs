@@ -1,0 +1,157 @@
+//! A configuration as a page of flash.
+//!
+//! | bytes | what |
+//! |---|---|
+//! | 0 to 3 | magic: `CNod` |
+//! | 4, 5 | version of the body, little-endian; 1 |
+//! | 6, 7 | length n of the body, little-endian |
+//! | 8 to 7 + n | body: the [`Config`] in postcard's format |
+//! | 8 + n to 11 + n | CRC-32 (ISO-HDLC, that of Ethernet and zip) of all bytes before, little-endian |
+//! | the rest | whatever; 0xFF when written |
+//!
+//! All but the body stays as it is in every version, so that a newer page is told from a damaged
+//! one. The body of a version is frozen by a test with golden bytes.
+
+use core::fmt;
+
+use crc::{CRC_32_ISO_HDLC, Crc, NoTable};
+
+use super::{Config, ConfigError};
+
+/// Bytes of the longest page.
+pub const PAGE_MAX: usize = 512;
+
+/// The version that is written.
+pub const VERSION: u16 = 1;
+
+const MAGIC: [u8; 4] = *b"CNod";
+const HEADER: usize = 8;
+const TRAILER: usize = 4;
+
+/// Without a table: pages are short, flash is dear.
+const CRC: Crc<u32, NoTable> = Crc::<u32, NoTable>::new(&CRC_32_ISO_HDLC);
+
+/// Why there is no configuration in a page, or no page for a configuration. The texts say what to
+/// do.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+#[non_exhaustive]
+pub enum PageError {
+    /// The page is erased.
+    Blank,
+    /// Something else is in its place.
+    Magic,
+    /// The page is shorter than it says.
+    Truncated,
+    /// The bytes were changed.
+    Checksum,
+    /// A version that this firmware does not know.
+    Version {
+        /// It.
+        found: u16,
+    },
+    /// The checksum is right, but the body is no configuration.
+    Body,
+    /// A value out of its range.
+    Value(ConfigError),
+    /// The buffer is too small.
+    Room,
+}
+
+impl fmt::Display for PageError {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(match self {
+            Self::Blank => "the configuration page is blank: provision this node",
+            Self::Magic => {
+                "there is something else in the place of the configuration page: check the \
+                 address, or provision this node"
+            }
+            Self::Truncated => "the configuration page is cut off: write it again, all of it",
+            Self::Checksum => "the configuration page is damaged: write it again",
+            Self::Version { found } => {
+                return write!(
+                    f,
+                    "the configuration page has version {found}, this firmware knows {VERSION}: \
+                     update the firmware, or provision the node with its own tools"
+                );
+            }
+            Self::Body => {
+                "the configuration page holds no configuration: provision this node again"
+            }
+            Self::Value(error) => return error.fmt(f),
+            Self::Room => "a configuration page needs a buffer of 512 bytes",
+        })
+    }
+}
+
+impl core::error::Error for PageError {}
+
+/// Writes a page into `buffer`, and 0xFF behind it. Tells how many bytes count.
+///
+/// # Errors
+/// [`PageError::Value`], [`PageError::Room`].
+pub fn encode(config: &Config, buffer: &mut [u8]) -> Result<usize, PageError> {
+    config.check().map_err(PageError::Value)?;
+    buffer.fill(0xFF);
+    let (header, rest) = buffer.split_at_mut_checked(HEADER).ok_or(PageError::Room)?;
+    let room = rest.len().checked_sub(TRAILER).ok_or(PageError::Room)?;
+    let body = rest.get_mut(..room).ok_or(PageError::Room)?;
+    let length = postcard::to_slice(config, body)
+        .map_err(|_| PageError::Room)?
+        .len();
+    let written = u16::try_from(length).map_err(|_| PageError::Room)?;
+    let [v0, v1] = VERSION.to_le_bytes();
+    let [l0, l1] = written.to_le_bytes();
+    let [m0, m1, m2, m3] = MAGIC;
+    header.copy_from_slice(&[m0, m1, m2, m3, v0, v1, l0, l1]);
+    let (covered, trailer) = buffer
+        .split_at_mut_checked(HEADER + length)
+        .ok_or(PageError::Room)?;
+    let checksum = CRC.checksum(covered).to_le_bytes();
+    let (trailer, rest) = trailer
+        .split_at_mut_checked(TRAILER)
+        .ok_or(PageError::Room)?;
+    trailer.copy_from_slice(&checksum);
+    // Postcard may have used what it then did not count.
+    rest.fill(0xFF);
+    Ok(HEADER + length + TRAILER)
+}
+
+/// Reads a page. What follows it is ignored.
+///
+/// # Errors
+/// [`PageError`].
+pub fn decode(page: &[u8]) -> Result<Config, PageError> {
+    if page.iter().all(|&byte| byte == 0xFF) || page.iter().all(|&byte| byte == 0) {
+        return Err(PageError::Blank);
+    }
+    let [m0, m1, m2, m3, v0, v1, l0, l1] =
+        *page.first_chunk::<HEADER>().ok_or(PageError::Truncated)?;
+    if [m0, m1, m2, m3] != MAGIC {
+        return Err(PageError::Magic);
+    }
+    let length = usize::from(u16::from_le_bytes([l0, l1]));
+    let (covered, rest) = page
+        .split_at_checked(HEADER + length)
+        .ok_or(PageError::Truncated)?;
+    let checksum = rest.first_chunk::<TRAILER>().ok_or(PageError::Truncated)?;
+    if CRC.checksum(covered) != u32::from_le_bytes(*checksum) {
+        return Err(PageError::Checksum);
+    }
+    let found = u16::from_le_bytes([v0, v1]);
+    if found != VERSION {
+        return Err(PageError::Version { found });
+    }
+    let body = covered.get(HEADER..).unwrap_or(&[]);
+    let (config, left): (Config, _) =
+        postcard::take_from_bytes(body).map_err(|_| PageError::Body)?;
+    if !left.is_empty() {
+        return Err(PageError::Body);
+    }
+    config.check().map_err(PageError::Value)?;
+    Ok(config)
+}
+
+#[cfg(test)]
+#[path = "page_tests.rs"]
+mod tests;

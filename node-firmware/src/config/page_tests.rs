@@ -1,0 +1,194 @@
+use std::{format, string::ToString, vec::Vec};
+
+use proptest::prelude::*;
+
+use super::*;
+use crate::{
+    config::{
+        Role, SiteKey, Subjects,
+        examples::{ORANGE, camera, coordinator, node, target},
+    },
+    sight::Lens,
+};
+
+fn page(config: &Config) -> Vec<u8> {
+    let mut buffer = [0; PAGE_MAX];
+    let length = encode(config, &mut buffer).unwrap();
+    buffer[..length].to_vec()
+}
+
+fn hex(bytes: &[u8]) -> std::string::String {
+    bytes.iter().map(|byte| format!("{byte:02x}")).collect()
+}
+
+/// A page with this header and body and the right checksum, by an own bitwise CRC-32.
+fn forged(version: u16, length: u16, body: &[u8]) -> Vec<u8> {
+    let mut page = b"CNod".to_vec();
+    page.extend(version.to_le_bytes());
+    page.extend(length.to_le_bytes());
+    page.extend(body);
+    let checksum = !page.iter().fold(u32::MAX, |crc, &byte| {
+        (0..8).fold(crc ^ u32::from(byte), |crc, _| {
+            crc >> 1 ^ if crc & 1 == 1 { 0xEDB8_8320 } else { 0 }
+        })
+    });
+    page.extend(checksum.to_le_bytes());
+    page
+}
+
+/// The format is an interface: pages out in the field are read for ever.
+#[test]
+fn golden_pages() {
+    let pages = [
+        node(Role::Camera(camera())),
+        node(Role::Target(target())),
+        node(Role::Coordinator(coordinator(2))),
+    ]
+    .map(|config| hex(&page(&config)));
+    assert_eq!(pages, GOLDEN);
+}
+
+#[test]
+fn the_checksum_is_that_of_zip_and_the_rest_is_erased() {
+    let config = node(Role::Camera(camera()));
+    let page = page(&config);
+    let length = u16::from_le_bytes([page[6], page[7]]);
+    assert_eq!(page, forged(1, length, &page[8..page.len() - 4]));
+    let mut buffer = [0; PAGE_MAX];
+    let written = encode(&config, &mut buffer).unwrap();
+    assert!(buffer[written..].iter().all(|&byte| byte == 0xFF));
+    assert_eq!(decode(&buffer), Ok(config));
+}
+
+/// The fullest configurations there are.
+#[test]
+fn everything_fits_into_a_page() {
+    let mut config = node(Role::Coordinator(coordinator(32)));
+    config.id = u16::MAX;
+    config.first_counter = u32::MAX - 1;
+    config.channels = 0x07FF_F800;
+    assert_eq!(decode(&page(&config)), Ok(config.clone()));
+    let mut full = camera();
+    full.lens.principal_column = Some(43.25);
+    full.baud = 115_200;
+    full.frame_heading_deg = Some(-12.5);
+    full.subjects = Subjects::Colours([ORANGE; 4].into_iter().collect());
+    config.role = Role::Camera(full);
+    assert_eq!(decode(&page(&config)), Ok(config.clone()));
+    assert_eq!(encode(&config, &mut [0; 60]), Err(PageError::Room));
+    assert_eq!(encode(&config, &mut [0; 5]), Err(PageError::Room));
+}
+
+#[test]
+fn what_is_no_page_says_what_to_do() {
+    let good = page(&node(Role::Target(target())));
+    let body = &good[8..good.len() - 4];
+    let length = body.len() as u16;
+    let mut damaged = good.clone();
+    damaged[20] ^= 4;
+    let mut other = good.clone();
+    other[0] = b'X';
+    let mut unknown_role = body.to_vec();
+    let at = unknown_role.len() - 24;
+    unknown_role.truncate(at);
+    let with_more = [body, &[0]].concat();
+    for (bytes, error, advice) in [
+        (&[][..], PageError::Blank, "provision"),
+        (&[0xFF; 512], PageError::Blank, "provision"),
+        (&[0; 512], PageError::Blank, "provision"),
+        (&other, PageError::Magic, "address"),
+        (&good[..7], PageError::Truncated, "write it again"),
+        (&good[..good.len() - 1], PageError::Truncated, "again"),
+        (&forged(1, 600, body), PageError::Truncated, "again"),
+        (&damaged, PageError::Checksum, "write it again"),
+        (
+            &forged(2, length, body),
+            PageError::Version { found: 2 },
+            "update the firmware",
+        ),
+        (
+            &forged(1, at as u16, &unknown_role),
+            PageError::Body,
+            "provision",
+        ),
+        (
+            &forged(1, length + 1, &with_more),
+            PageError::Body,
+            "provision",
+        ),
+    ] {
+        assert_eq!(decode(bytes), Err(error));
+        assert!(error.to_string().contains(advice), "{error}");
+    }
+}
+
+/// A page with a right checksum may still hold what nobody may use.
+#[test]
+fn values_are_checked_both_ways() {
+    let mut config = node(Role::Target(target()));
+    config.tx_power = 127;
+    let error = PageError::Value(ConfigError::TxPower);
+    assert_eq!(encode(&config, &mut [0; PAGE_MAX]), Err(error));
+    let mut body = [0; PAGE_MAX];
+    let body = postcard::to_slice(&config, &mut body).unwrap();
+    assert_eq!(decode(&forged(1, body.len() as u16, body)), Err(error));
+}
+
+proptest! {
+    #[test]
+    fn any_bytes_are_taken_without_harm(bytes in prop::collection::vec(any::<u8>(), 0..600)) {
+        let _ = decode(&bytes);
+        // With a right header and checksum, the body is looked at.
+        let forged = forged(1, bytes.len() as u16, &bytes);
+        if let Ok(config) = decode(&forged) {
+            prop_assert_eq!(config.check(), Ok(()));
+        }
+    }
+
+    /// A burst of up to 32 bits is always found, as for any CRC-32.
+    #[test]
+    fn no_damaged_page_is_believed(at in 0_usize..40, flips in 1_u32..) {
+        let good = page(&node(Role::Camera(camera())));
+        let mut bad = good.clone();
+        for (byte, flip) in bad[at..].iter_mut().zip(flips.to_le_bytes()) {
+            *byte ^= flip;
+        }
+        prop_assert!(decode(&bad).is_err());
+    }
+
+    #[test]
+    fn what_is_written_is_read(
+        id: u16, first_counter in 0..u32::MAX, key in any::<[u8; 16]>(), index in 1_u8..,
+        columns in 2_u16..=255, view in 1.0_f32..179.0, devices in 0_u8..=32, kind in 0..3,
+    ) {
+        let mut camera = camera();
+        camera.lens = Lens::pin_hole(columns, view);
+        let role = match kind {
+            0 => Role::Camera(camera),
+            1 => Role::Target(target()),
+            _ => Role::Coordinator(coordinator(devices)),
+        };
+        let mut config = node(role);
+        config.id = id;
+        config.first_counter = first_counter;
+        config.site_key = SiteKey::new(index, key);
+        let mut buffer = [0; PAGE_MAX];
+        match encode(&config, &mut buffer) {
+            Ok(_) => prop_assert_eq!(decode(&buffer), Ok(config)),
+            Err(error) => {
+                prop_assert_eq!(error, PageError::Value(ConfigError::SiteKey));
+                prop_assert!(config.site_key.key().is_none());
+            }
+        }
+    }
+}
+
+const GOLDEN: [&str; 3] = [
+    "434e6f6401005e000301f4ce3600000000030130313233343536373839616263646566f0a20480\
+     90c210fc06015800003442000080ac02010001aaf03c8c10500101010100002041000000bf0001\
+     0000204100030501cdcc4c3d0000803e0000003f0000803db176ff6b",
+    "434e6f64010039000301f4ce3600000000030130313233343536373839616263646566f0a2048090\
+     c210fc060202dc0b0000003f0000803c0ad7a33cd00fc0a90749ff93e7",
+    "434e6f64010038000301f4ce3600000000030130313233343536373839616263646566f0a2048090\
+     c210fc060002f4ce360000000001f4ce360000000002ac02802ff118",
+];

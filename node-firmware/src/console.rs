@@ -1,0 +1,125 @@
+//! What the coordinator and the PC on its serial line tell each other.
+//!
+//! Each message is postcard, COBS-framed, and ends with a zero byte. A frame that does not decode
+//! is skipped. Numbers of variants are the format: variants are only added, at the end.
+
+use serde::{Deserialize, Serialize};
+
+use crate::message::{Address, Command, Done, Hello, Report, Sighted, Tracked};
+
+/// Bits per second of the line.
+pub const BAUD: u32 = 115_200;
+
+/// Bytes of the longest frame, its end included.
+pub const FRAME_MAX: usize = 128;
+
+/// From the coordinator to the PC.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub enum ToPc {
+    /// The network runs; or `None`: the coordinator looks for a free one.
+    Network(Option<Network>),
+    /// A member.
+    Member {
+        /// Its address.
+        address: Address,
+        /// What it says it is.
+        hello: Hello,
+    },
+    /// How far a camera is.
+    Report {
+        /// Its address.
+        address: Address,
+        /// What it reports.
+        report: Report,
+    },
+    /// What came of a command.
+    Done {
+        /// The camera's address.
+        address: Address,
+        /// The result; `success` is also false when the camera could not be reached.
+        done: Done,
+    },
+    /// A raw packet of a camera.
+    Tracked {
+        /// The camera's address.
+        address: Address,
+        /// The packet.
+        tracked: Tracked,
+    },
+    /// A sighting that a camera has.
+    Sighting {
+        /// The camera's address.
+        address: Address,
+        /// The sighting.
+        sighting: Sighted,
+    },
+}
+
+/// The network of a coordinator.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct Network {
+    /// Its PAN identifier.
+    pub pan: u16,
+    /// Its channel, 11 to 26.
+    pub channel: u8,
+}
+
+/// From the PC to the coordinator.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub enum FromPc {
+    /// Tell network, members and reports again.
+    Refresh,
+    /// Let new devices join for so many seconds.
+    JoinWindow(u16),
+    /// Have a camera do something.
+    Command {
+        /// The camera.
+        address: Address,
+        /// What.
+        command: Command,
+    },
+    /// Ask a camera for its sightings.
+    Sightings(Address),
+}
+
+/// Writes a message as a frame; `None` never happens with a buffer of [`FRAME_MAX`].
+pub fn encode<'a>(message: &ToPc, buffer: &'a mut [u8; FRAME_MAX]) -> Option<&'a [u8]> {
+    // In two steps: so the code that encodes messages for the radio serves here too.
+    let mut bytes = [0; FRAME_MAX - 2];
+    let bytes = postcard::to_slice(message, &mut bytes).ok()?;
+    let length = cobs::try_encode(bytes, buffer).ok()?;
+    *buffer.get_mut(length)? = 0;
+    buffer.get(..=length)
+}
+
+/// Collects bytes of a line to frames.
+#[derive(Clone, Debug, Default)]
+pub struct Frames {
+    bytes: heapless::Vec<u8, FRAME_MAX>,
+    too_long: bool,
+}
+
+impl Frames {
+    /// Takes a byte. Returns a message when it was its last one.
+    pub fn push<T: for<'de> Deserialize<'de>>(&mut self, byte: u8) -> Option<T> {
+        if self.bytes.push(byte).is_err() {
+            self.too_long = true;
+            self.bytes.clear();
+        }
+        if byte != 0 {
+            return None;
+        }
+        let frame = &mut self.bytes;
+        let message = if self.too_long {
+            None
+        } else {
+            postcard::from_bytes_cobs(frame).ok()
+        };
+        self.bytes.clear();
+        self.too_long = false;
+        message
+    }
+}

@@ -1,0 +1,49 @@
+//! The firmware of a camera network's nodes, over a few hardware traits.
+//!
+//! A network of small cameras finds out by itself where each camera stands and looks. A friendly
+//! target walks through the scene. Two reference cameras fix the frame and tell the target where
+//! it is; then the target tells every camera that sees it where it stands, and each camera computes
+//! its own pose from three or more such sightings.
+//!
+//! [`run::run`] is a whole node. A board or a simulation supplies the seams and calls it.
+//!
+//! | module | job |
+//! |---|---|
+//! | [`config`] | What a node is told before it is switched on: identity, key, radio, role; and its flash page |
+//! | [`hardware`] | The seams: steps, lamps, buttons |
+//! | [`sight`] | What a camera role needs of its camera: is the target in view, in which direction, how sure |
+//! | [`message`] | What nodes tell each other |
+//! | [`role`] | Coordinator, camera, target, as state machines without input or output |
+//! | [`memory`] | What a role must not forget |
+//! | [`console`] | What the coordinator and a PC tell each other |
+//! | [`run`] | A role connected to the seams |
+//!
+//! # Features
+//! `defmt` and `log` report what is unusual; `defmt` also formats the public types. Without them the
+//! crate is silent.
+#![no_std]
+#![forbid(unsafe_code)]
+#![cfg_attr(
+    not(test),
+    deny(
+        clippy::unwrap_used,
+        clippy::expect_used,
+        clippy::panic,
+        clippy::indexing_slicing
+    )
+)]
+
+#[cfg(test)]
+extern crate std;
+
+pub mod config;
+pub mod console;
+pub mod hardware;
+pub mod memory;
+pub mod message;
+pub mod role;
+pub mod run;
+pub mod sight;
+
+mod arithmetic;
+mod log;

@@ -1,0 +1,176 @@
+//! What a role must not forget over a restart: facts in a log in flash.
+//!
+//! The radio's own records (frame counters, keys, membership) are in another range of the flash,
+//! see [`zigbee_link::store`]. A fact that is lost costs work, never safety: it is learnt again.
+//!
+//! # Format, version 1
+//! One record of the log for each fact. Its key says which, its value is the fact, postcard. The
+//! number of the [`Fact`]'s variant leads the value.
+//!
+//! | key | fact |
+//! |---|---|
+//! | 0 | [`Fact::Report`] |
+//! | 1 | [`Fact::References`] |
+//! | 2 | [`Fact::Walk`] |
+//! | 3 | [`Fact::Posed`] |
+//! | 32 + n | [`Fact::Sighting`] n |
+//! | 64 + n | [`Fact::ReferenceStop`] n |
+//! | 96 + n | [`Fact::Camera`] n |
+
+use core::ops::Range;
+
+use calib_core::dead_reckoning::Place;
+use embedded_storage_async::nor_flash::NorFlash;
+use serde::{Deserialize, Serialize};
+use zigbee_link::store::log::{Entry, Log, LogError};
+
+use crate::log::warning;
+use crate::message::{Address, MEMBERS, PoseParts, References, Report, Seen, StopNumber};
+
+/// One above the highest key.
+const KEYS: u8 = 96 + MEMBERS as u8;
+/// Bytes of a record of the log.
+const SLOT: usize = 96;
+
+/// One thing to remember. Written again, it replaces what was written under the same key.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub enum Fact {
+    /// A camera: how far it is. `None`: nothing.
+    Report(Option<Report>),
+    /// Camera and coordinator: who the references are.
+    References(Option<References>),
+    /// A target: how it walks.
+    Walk(Walk),
+    /// A camera's sighting in this place of its list.
+    Sighting(u8, Option<KeptSighting>),
+    /// A reference camera's stop in this place of its list.
+    ReferenceStop(u8, Option<ReferenceStop>),
+    /// Target and coordinator: a camera in this place of the table.
+    Camera(u8, Option<(Address, Report)>),
+    /// The first reference camera: the pose of the second, which may not have heard it.
+    Posed(Option<PoseParts>),
+}
+
+impl Fact {
+    fn key(&self) -> u8 {
+        let place = |first: u8, index: &u8| first + (*index).min(MEMBERS as u8 - 1);
+        match self {
+            Self::Report(_) => 0,
+            Self::References(_) => 1,
+            Self::Walk(_) => 2,
+            Self::Posed(_) => 3,
+            Self::Sighting(index, _) => place(32, index),
+            Self::ReferenceStop(index, _) => place(64, index),
+            Self::Camera(index, _) => place(96, index),
+        }
+    }
+}
+
+/// A camera's sighting.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct KeptSighting {
+    /// The target.
+    pub target: Address,
+    /// Its stop.
+    pub stop: StopNumber,
+    /// Where it said it stood, in the frame of the site.
+    pub place: Place<f32>,
+    /// Where the camera saw it.
+    pub seen: Seen,
+}
+
+/// A stop that the reference cameras saw before anybody knew where it was.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct ReferenceStop {
+    /// The target.
+    pub target: Address,
+    /// Its stop.
+    pub stop: StopNumber,
+    /// Where it was in the target's own frame, once told.
+    pub place: Option<Place<f32>>,
+    /// Where this camera saw it.
+    pub own: Option<Seen>,
+    /// Where the other reference camera saw it.
+    pub other: Option<Seen>,
+}
+
+/// What a target remembers of its walk. Written at each stop and when it leaves one.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct Walk {
+    /// The number of the last stop.
+    pub stop: StopNumber,
+    /// It stands there. If not, its place is lost by a restart.
+    pub standing: bool,
+    /// Where it stood.
+    pub place: Place<f32>,
+    /// The place is one of the site.
+    pub located: bool,
+    /// Direction of the step sensor's x axis in the frame of the site, radians, if known.
+    pub frame_heading: Option<f32>,
+    /// Its standard deviation.
+    pub frame_heading_sigma: f32,
+}
+
+/// The facts of one node in a range of a flash.
+#[derive(Debug)]
+pub struct Memory<F>(Log<F, SLOT>);
+
+impl<F: NorFlash> Memory<F> {
+    /// Opens the memory in `range` of the flash, bytes from its start, an even number of erase
+    /// units. One that cannot be read is begun anew.
+    ///
+    /// # Errors
+    /// The range does not fit, or the flash failed.
+    pub async fn open(flash: F, range: Range<u32>) -> Result<Self, LogError<F::Error>> {
+        let mut log = Log::new(flash, range)?;
+        match log.open().await {
+            Err(LogError::Corrupt) => {
+                warning!("the memory of the role is damaged: it is begun anew");
+                log.begin(&[]).await?;
+            }
+            other => other?,
+        }
+        Ok(Self(log))
+    }
+
+    /// Every fact that is remembered and understood, to `take`, in the order of their keys.
+    ///
+    /// # Errors
+    /// The flash failed.
+    pub async fn recall(&mut self, mut take: impl FnMut(&Fact)) -> Result<(), LogError<F::Error>> {
+        for key in 0..KEYS {
+            if let Some(entry) = self.0.find(key).await?
+                && let Ok((fact, _)) = postcard::take_from_bytes::<Fact>(entry.value())
+                && fact.key() == key
+            {
+                take(&fact);
+            }
+        }
+        Ok(())
+    }
+
+    /// Writes a fact down. When this returns `Ok`, a loss of power does not undo it.
+    ///
+    /// A memory that is full, with facts of a former role, or that rotted, is begun anew with this
+    /// fact: a node that stopped would find it the same again.
+    ///
+    /// # Errors
+    /// The flash failed.
+    pub async fn save(&mut self, fact: &Fact) -> Result<(), LogError<F::Error>> {
+        let mut value = [0; Entry::<SLOT>::VALUE_MAX];
+        // Every fact fits: a test writes the longest of each kind.
+        let value = postcard::to_slice(fact, &mut value).map_err(|_| LogError::Full)?;
+        let entry = Entry::new(fact.key(), value).ok_or(LogError::Full)?;
+        match self.0.append(&entry).await {
+            Err(LogError::Full | LogError::Corrupt) => {
+                warning!("the memory of the role is full or damaged: it is begun anew");
+                self.0.begin(&[entry]).await
+            }
+            other => other,
+        }
+    }
+}

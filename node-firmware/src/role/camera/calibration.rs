@@ -1,0 +1,230 @@
+//! What a camera learnt of its own pose (thesis 2.6.2).
+
+use calib_core::{
+    Pose, Refusal, Sighting,
+    dead_reckoning::{Place, correlate},
+    resection,
+};
+
+use crate::{
+    arithmetic::root,
+    config::CameraConfig,
+    memory::KeptSighting,
+    message::{Address, PoseParts, Report, State},
+};
+
+/// Sightings a camera keeps. With that many it is done.
+pub const SIGHTINGS: usize = 16;
+
+/// Sightings farther off than so many sigmas are left out, from five on.
+const GATE: f32 = 4.0;
+
+/// The sightings of one camera and the pose they give.
+#[derive(Clone, Debug)]
+pub(super) struct Calibration {
+    kept: heapless::Vec<KeptSighting, SIGHTINGS>,
+}
+
+/// What the sightings give.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct Answer {
+    pub(super) state: State,
+    pub(super) used: usize,
+    pub(super) chi_squared: f32,
+}
+
+impl Calibration {
+    pub(super) const fn new() -> Self {
+        Self {
+            kept: heapless::Vec::new(),
+        }
+    }
+
+    pub(super) fn count(&self) -> usize {
+        self.kept.len()
+    }
+
+    pub(super) fn get(&self, index: usize) -> Option<&KeptSighting> {
+        self.kept.get(index)
+    }
+
+    pub(super) fn clear(&mut self) {
+        self.kept.clear();
+    }
+
+    /// Takes a sighting and tells its index. A stop counts once: told again, with a better place,
+    /// it replaces what was kept of it.
+    pub(super) fn add(&mut self, sighting: KeptSighting) -> Option<usize> {
+        let same =
+            |kept: &KeptSighting| kept.target == sighting.target && kept.stop == sighting.stop;
+        // Of so many without a pose the oldest makes room.
+        let age = |kept: &KeptSighting| sighting.stop.wrapping_sub(kept.stop);
+        let place = match self.kept.iter().position(same) {
+            None if self.kept.is_full() => {
+                let all = self.kept.iter().enumerate();
+                all.max_by_key(|(_, kept)| age(kept))
+                    .map(|(place, _)| place)
+            }
+            known => known,
+        };
+        match place {
+            Some(place) => {
+                *self.kept.get_mut(place)? = sighting;
+                Some(place)
+            }
+            None => {
+                self.kept.push(sighting).ok()?;
+                Some(self.kept.len() - 1)
+            }
+        }
+    }
+
+    /// One of the sightings that share their target and its last fix with the most others.
+    fn common(&self) -> Option<&KeptSighting> {
+        let shared = |one: &&KeptSighting| {
+            let same = |other: &&KeptSighting| {
+                other.target == one.target && other.place.parts().fix == one.place.parts().fix
+            };
+            self.kept.iter().filter(same).count()
+        };
+        self.kept.iter().max_by_key(shared)
+    }
+
+    /// The pose from all sightings.
+    pub(super) fn solve(&self) -> Answer {
+        match self.solution() {
+            Ok(answer) => answer,
+            Err(Refusal::TooFew) => Answer {
+                state: State::Waiting,
+                used: 0,
+                chi_squared: 0.0,
+            },
+            Err(refusal) => Answer {
+                state: State::Refused(refusal),
+                used: 0,
+                chi_squared: 0.0,
+            },
+        }
+    }
+
+    // Not inlined, for the sake of the stack.
+    #[inline(never)]
+    fn solution(&self) -> Result<Answer, Refusal> {
+        let mut sightings = heapless::Vec::<(Sighting<f32>, Place<f32>), SIGHTINGS>::new();
+        let mut targets = heapless::Vec::<Address, SIGHTINGS>::new();
+        let common = self.common().ok_or(Refusal::TooFew)?;
+        for kept in &self.kept {
+            let place = kept.place;
+            // Weighted by what is this stop's own; what most stops share moves the camera with
+            // them.
+            let own = if kept.target == common.target {
+                place.own_covariance(&common.place)
+            } else {
+                place.covariance()
+            };
+            let _ = targets.push(kept.target);
+            let sighting = Sighting {
+                target: place.position(),
+                ray: kept.seen.ray(),
+                bearing_sigma: kept.seen.sigma,
+                target_covariance: own,
+            };
+            let _ = sightings.push((sighting, place));
+        }
+        let seen: heapless::Vec<Sighting<f32>, SIGHTINGS> =
+            sightings.iter().map(|(sighting, _)| *sighting).collect();
+        let mut dropped = [false; SIGHTINGS];
+        let dropped = dropped.get_mut(..seen.len()).unwrap_or_default();
+        let solution = match resection::solve_rejecting(&seen, GATE, dropped) {
+            // No majority agrees: more likely the camera model or a sigma is wrong than half of
+            // the sightings. The residuals tell, and the covariance grows with them.
+            Err(Refusal::Inconsistent) => {
+                dropped.fill(false);
+                resection::solve(&seen)?
+            }
+            other => other?,
+        };
+        let is_used = |place: &mut usize| {
+            *place += 1;
+            dropped.get(*place - 1) == Some(&false)
+        };
+        let mut place = 0;
+        sightings.retain(|_| is_used(&mut place));
+        place = 0;
+        targets.retain(|_| is_used(&mut place));
+        let pose = correlate(&solution.pose, &sightings, |a, b| {
+            targets.get(a) == targets.get(b)
+        })?;
+        let excess = match solution.degrees_of_freedom() {
+            0 => 1.0,
+            degrees => (solution.chi_squared / degrees as f32).max(1.0),
+        };
+        // Up to this, chance explains the residuals.
+        let covariance = if excess > EXCESS {
+            pose.covariance * excess
+        } else {
+            pose.covariance
+        };
+        let parts = PoseParts::from(Pose { covariance, ..pose });
+        // What nobody would accept is not told.
+        if !(parts.is_usable() && solution.chi_squared.is_finite()) {
+            return Err(Refusal::Undetermined);
+        }
+        Ok(Answer {
+            state: State::Pose(parts),
+            used: solution.used,
+            chi_squared: solution.chi_squared,
+        })
+    }
+}
+
+/// Chi squared per degree of freedom above which the sigmas are taken to be too small. With one
+/// degree of freedom chance exceeds it once in 500.
+const EXCESS: f32 = 9.5;
+
+/// Whether a camera needs no more stops.
+pub(super) fn is_done(config: &CameraConfig, sightings: usize, state: &State) -> bool {
+    let State::Pose(pose) = state else {
+        return false;
+    };
+    if sightings >= SIGHTINGS {
+        return true;
+    }
+    let Some(pose) = pose.pose() else {
+        return false;
+    };
+    let position = worst_sigma(&pose);
+    let heading = root(pose.covariance.m33).to_degrees();
+    let enough = config.good_enough;
+    let is_good = position <= enough.position && heading <= enough.heading_deg;
+    sightings >= usize::from(config.stops)
+        && position <= config.weak_sigma
+        && (!config.refine || is_good)
+}
+
+/// Standard deviation of the position along its worst axis.
+fn worst_sigma(pose: &Pose<f32>) -> f32 {
+    let c = &pose.covariance;
+    let mean = (c.m11 + c.m22) * 0.5;
+    let half = (c.m11 - c.m22) * 0.5;
+    root(mean + root(half * half + c.m12 * c.m12))
+}
+
+/// Whether a report says so much more than another that others should hear of it.
+pub(super) fn is_news(old: &Report, new: &Report) -> bool {
+    let (Some(old_pose), Some(new_pose)) = (old.pose(), new.pose()) else {
+        return old.state != new.state || old.done != new.done;
+    };
+    // A tenth less sigma, or a pose that moved by a third of its sigma.
+    let variance = |pose: &PoseParts| pose.covariance[0] + pose.covariance[2];
+    let moved = [0, 1].map(|axis| {
+        let [a, b] =
+            [old_pose, new_pose].map(|pose| pose.position.get(axis).copied().unwrap_or(f32::NAN));
+        (a - b) * (a - b)
+    });
+    old.done != new.done
+        || old.duty != new.duty
+        || variance(new_pose) < 0.81 * variance(old_pose)
+        || new_pose.covariance[5] < 0.81 * old_pose.covariance[5]
+        || moved[0] + moved[1] > 0.1 * variance(new_pose)
+}

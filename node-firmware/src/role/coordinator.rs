@@ -1,0 +1,541 @@
+//! The coordinator: who is there, who the references are, and what people want to know.
+//!
+//! It computes nothing. It tells targets which cameras to expect, appoints the reference cameras
+//! (those configured, or the first two that saw a target), collects poses for the PC on its line,
+//! and hands the PC's commands on, as the coordinator of the thesis did (3.4.4, Appendix A).
+
+use core::time::Duration;
+
+use zigbee_link::{Instant, store::Membership, wire::ShortAddress};
+
+use super::{Outbox, Output, Owed, Role, free_slot};
+use crate::{
+    config::Duty,
+    console::{FromPc, Network, ToPc},
+    hardware::{Button, Indication},
+    memory::Fact,
+    message::{
+        Address, Command, Done, Hello, Kind, MEMBERS, Message, References, Report, StopNumber,
+    },
+};
+
+/// How long a button opens the join window.
+const BUTTON_WINDOW: Duration = Duration::from_secs(60);
+
+/// After a start everybody is asked who they are, and again after these times, for broadcasts may
+/// be lost.
+const ROLL_CALLS: [Duration; 2] = [Duration::from_secs(5), Duration::from_secs(25)];
+
+/// A roster is sent when nobody new came for so long.
+const ROSTER_AFTER: Duration = Duration::from_millis(500);
+
+/// Why the coordinator sends a message of which it must know the result.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub enum Errand {
+    /// A member in this place of the table was asked who it is.
+    Who(u8),
+    /// A target was told which cameras there are.
+    Roster(u8),
+    /// A reference camera was told that it is one.
+    References(Duty),
+    /// A camera was given a command.
+    Command(Address, Command),
+}
+
+/// A task for what surrounds the coordinator.
+#[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub enum Task {
+    /// Tell the PC.
+    Tell(ToPc),
+    /// Let new devices join for a while.
+    OpenJoinWindow(Duration),
+}
+
+/// What surrounds the coordinator tells.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub enum Event {
+    /// The PC wants something.
+    Pc(FromPc),
+    /// A button was pressed.
+    Button(Button),
+}
+
+#[derive(Clone, Copy, Debug, PartialEq)]
+struct Member {
+    address: Address,
+    hello: Option<Hello>,
+    report: Option<Report>,
+    /// Where its report is written down.
+    slot: Option<u8>,
+    /// It has to be asked who it is.
+    who: Owed,
+    /// It is a target that has to be told the roster.
+    roster: Owed,
+}
+
+/// The coordinator's state.
+#[derive(Clone, Debug)]
+pub struct Coordinator {
+    members: heapless::Vec<Member, MEMBERS>,
+    network: Option<Network>,
+    references: Option<References>,
+    told: [Owed; 2],
+    /// The camera that saw a target first, and at which stop.
+    trigger: Option<(Address, Address, StopNumber)>,
+    outbox: Outbox<Errand, 8>,
+    tasks: heapless::Deque<Task, 16>,
+    saves: heapless::Deque<Fact, 8>,
+    refresh: Option<usize>,
+    /// When to ask everybody next who they are, and how often that was done: after a start, the
+    /// members of the former run are known to the link only.
+    roll_call: Option<(Instant, usize)>,
+}
+
+impl Default for Coordinator {
+    fn default() -> Self {
+        Self::new()
+    }
+}
+
+impl Coordinator {
+    /// A coordinator that knows nothing yet.
+    pub const fn new() -> Self {
+        Self {
+            members: heapless::Vec::new(),
+            network: None,
+            references: None,
+            told: [Owed::Nothing, Owed::Nothing],
+            trigger: None,
+            outbox: Outbox::new(),
+            tasks: heapless::Deque::new(),
+            saves: heapless::Deque::new(),
+            refresh: None,
+            roll_call: None,
+        }
+    }
+
+    /// What cameras reported, with their addresses.
+    pub fn reports(&self) -> impl Iterator<Item = (Address, &Report)> {
+        self.members
+            .iter()
+            .filter_map(|member| Some((member.address, member.report.as_ref()?)))
+    }
+
+    fn place(&mut self, address: Address) -> Option<usize> {
+        let known = |member: &Member| member.address == address;
+        match self.members.iter().position(known) {
+            Some(place) => Some(place),
+            None => {
+                let new = Member {
+                    address,
+                    hello: None,
+                    report: None,
+                    slot: None,
+                    who: Owed::Nothing,
+                    roster: Owed::Nothing,
+                };
+                self.members.push(new).ok()?;
+                Some(self.members.len() - 1)
+            }
+        }
+    }
+
+    /// Somebody sent something. A member that never said who it is, is asked.
+    fn meet(&mut self, now: Instant, address: Address) {
+        if let Some(place) = self.place(address)
+            && let Some(member) = self.members.get_mut(place)
+            && member.hello.is_none()
+            && member.who == Owed::Nothing
+        {
+            // It says so by itself when it has just joined.
+            member.who = Owed::Due(now + super::RETRY, 0);
+        }
+    }
+
+    /// Full, the PC misses something until it asks for everything again.
+    fn tell_pc(&mut self, message: ToPc) {
+        let _ = self.tasks.push_back(Task::Tell(message));
+    }
+
+    fn hello(&mut self, now: Instant, address: Address, hello: Hello) {
+        let Some(place) = self.place(address) else {
+            return;
+        };
+        let Some(member) = self.members.get_mut(place) else {
+            return;
+        };
+        member.who = Owed::Nothing;
+        let is_news = member.hello != Some(hello);
+        member.hello = Some(hello);
+        match hello.kind {
+            Kind::Target => member.roster.tell(now),
+            Kind::Camera { .. } if is_news => {
+                for target in &mut self.members {
+                    if matches!(
+                        target.hello,
+                        Some(Hello {
+                            kind: Kind::Target,
+                            ..
+                        })
+                    ) {
+                        target.roster = Owed::Due(now + ROSTER_AFTER, 0);
+                    }
+                }
+            }
+            Kind::Camera { .. } => {}
+        }
+        self.tell_pc(ToPc::Member { address, hello });
+        if matches!(hello.kind, Kind::Camera { reference: Some(_) }) {
+            self.appoint_configured(now);
+        }
+        // It may have missed it.
+        match self
+            .references
+            .and_then(|r| r.duty_of(ShortAddress(address)))
+        {
+            Some(Duty::First) => self.told[0].tell(now),
+            Some(Duty::Second) => self.told[1].tell(now),
+            None => {}
+        }
+    }
+
+    /// The camera that is configured as this reference, and its position.
+    fn camera_with(&self, wanted: Duty) -> Option<(Address, Option<[f32; 2]>)> {
+        self.members
+            .iter()
+            .find_map(|member| match member.hello?.kind {
+                Kind::Camera {
+                    reference: Some(reference),
+                } if reference.duty == wanted => Some((member.address, reference.position)),
+                _ => None,
+            })
+    }
+
+    fn appoint_configured(&mut self, now: Instant) {
+        if let (Some((first, at)), Some((second, to))) = (
+            self.camera_with(Duty::First),
+            self.camera_with(Duty::Second),
+        ) {
+            let references = References {
+                first,
+                second,
+                positions: at.zip(to).map(|(at, to)| [at, to]),
+            };
+            if !references.is_usable() {
+                return;
+            }
+            self.appoint(now, references);
+        }
+    }
+
+    fn appoint(&mut self, now: Instant, references: References) {
+        if self.references != Some(references) {
+            self.references = Some(references);
+            let _ = self.saves.push_back(Fact::References(Some(references)));
+            self.told = [Owed::Due(now, 0); 2];
+        }
+    }
+
+    /// The first camera to see a target triggers; the next one that sees it at the same stop
+    /// becomes its helper (thesis 2.3).
+    fn trigger(&mut self, now: Instant, camera: Address, target: Address, stop: StopNumber) {
+        let is_configured = [Duty::First, Duty::Second]
+            .iter()
+            .any(|&duty| self.camera_with(duty).is_some());
+        if self.references.is_some() || is_configured {
+            return;
+        }
+        match self.trigger {
+            Some((first, of, at)) if (of, at) == (target, stop) => {
+                if first != camera {
+                    let references = References {
+                        first,
+                        second: camera,
+                        positions: None,
+                    };
+                    self.appoint(now, references);
+                }
+            }
+            _ => self.trigger = Some((camera, target, stop)),
+        }
+    }
+
+    fn report(&mut self, address: Address, report: &Report) {
+        let Some(place) = self.place(address) else {
+            return;
+        };
+        let slot = free_slot(|slot| self.members.iter().any(|m| m.slot == Some(slot)));
+        if let Some(member) = self.members.get_mut(place)
+            && member.report != Some(*report)
+        {
+            member.report = Some(*report);
+            if let Some(slot) = member.slot.or(slot) {
+                member.slot = Some(slot);
+                let _ = self
+                    .saves
+                    .push_back(Fact::Camera(slot, Some((address, *report))));
+            }
+        }
+        self.tell_pc(ToPc::Report {
+            address,
+            report: *report,
+        });
+    }
+
+    fn pc(&mut self, now: Instant, wish: FromPc) {
+        match wish {
+            FromPc::Refresh => {
+                self.refresh = Some(0);
+                self.tell_pc(ToPc::Network(self.network));
+            }
+            FromPc::JoinWindow(seconds) => {
+                let duration = Duration::from_secs(seconds.into());
+                let _ = self.tasks.push_back(Task::OpenJoinWindow(duration));
+            }
+            FromPc::Command { address, command } => {
+                let errand = Errand::Command(address, command);
+                let message = Message::Command(command);
+                self.outbox
+                    .push(now, ShortAddress(address), message, Some(errand));
+            }
+            FromPc::Sightings(address) => {
+                self.outbox
+                    .push(now, ShortAddress(address), Message::Sightings, None);
+            }
+        }
+    }
+
+    fn next_roll_call(&self, now: Instant, count: usize) -> Option<(Instant, usize)> {
+        if count > ROLL_CALLS.len() {
+            return None;
+        }
+        let next = match ROLL_CALLS.get(count) {
+            Some(&after) => now + after,
+            None => Instant(u64::MAX),
+        };
+        Some((next, count + 1))
+    }
+
+    /// The next line of the table for the PC, when it asked for everything.
+    fn next_line(&mut self) {
+        let Some(line) = self.refresh else {
+            return;
+        };
+        if !self.tasks.is_empty() {
+            return;
+        }
+        let Some(member) = self.members.get(line).copied() else {
+            self.refresh = None;
+            return;
+        };
+        self.refresh = Some(line + 1);
+        let address = member.address;
+        if let Some(hello) = member.hello {
+            self.tell_pc(ToPc::Member { address, hello });
+        }
+        if let Some(report) = member.report {
+            self.tell_pc(ToPc::Report { address, report });
+        }
+    }
+
+    fn roster(&self) -> heapless::Vec<Address, MEMBERS> {
+        let mut roster = heapless::Vec::new();
+        for member in &self.members {
+            if member.hello.is_some_and(|hello| hello.kind != Kind::Target) {
+                // As many as there are members.
+                let _ = roster.push(member.address);
+            }
+        }
+        roster
+    }
+
+    /// What is owed to members and due.
+    fn debt(&mut self, now: Instant) -> Option<(ShortAddress, Message, Option<Errand>)> {
+        if let Some((at, count)) = self.roll_call
+            && at <= now
+            && let Some(again) = self.next_roll_call(now, count)
+        {
+            self.roll_call = Some(again);
+            return Some((ShortAddress::BROADCAST, Message::WhoIsThere, None));
+        }
+        let roster = self.roster();
+        for (place, member) in self.members.iter_mut().enumerate() {
+            let to = ShortAddress(member.address);
+            if member.who.take(now) {
+                return Some((to, Message::WhoIsThere, Some(Errand::Who(place as u8))));
+            }
+            if member.roster.take(now) {
+                return Some((
+                    to,
+                    Message::Roster(roster),
+                    Some(Errand::Roster(place as u8)),
+                ));
+            }
+        }
+        let references = self.references?;
+        let [first, second] = &mut self.told;
+        if first.take(now) {
+            let to = ShortAddress(references.first);
+            let errand = Some(Errand::References(Duty::First));
+            return Some((to, Message::References(references), errand));
+        }
+        if second.take(now) {
+            let to = ShortAddress(references.second);
+            let errand = Some(Errand::References(Duty::Second));
+            return Some((to, Message::References(references), errand));
+        }
+        None
+    }
+}
+
+impl Role for Coordinator {
+    type Errand = Errand;
+    type Task = Task;
+    type Event = Event;
+
+    fn remember(&mut self, fact: &Fact) {
+        match fact {
+            Fact::References(references) => self.references = *references,
+            Fact::Camera(slot, Some((address, report))) => {
+                if let Some(place) = self.place(*address)
+                    && let Some(member) = self.members.get_mut(place)
+                {
+                    member.report = Some(*report);
+                    member.slot = Some(*slot);
+                }
+            }
+            _ => {}
+        }
+    }
+
+    fn attached(&mut self, now: Instant, network: Option<Membership>) {
+        self.network = network.map(|network| Network {
+            pan: network.pan.0,
+            channel: network.channel.number(),
+        });
+        self.tell_pc(ToPc::Network(self.network));
+        if network.is_some() && self.roll_call.is_none() {
+            self.roll_call = Some((now, 0));
+        }
+    }
+
+    fn message(&mut self, now: Instant, from: ShortAddress, message: &Message) {
+        let address = from.0;
+        self.meet(now, address);
+        match message {
+            Message::Hello(hello) => self.hello(now, address, *hello),
+            Message::Report(report) => self.report(address, report),
+            Message::Trigger { target, stop } => self.trigger(now, address, *target, *stop),
+            Message::Done(done) => self.tell_pc(ToPc::Done {
+                address,
+                done: *done,
+            }),
+            Message::Tracked(tracked) => self.tell_pc(ToPc::Tracked {
+                address,
+                tracked: *tracked,
+            }),
+            Message::Sighting(sighting) => self.tell_pc(ToPc::Sighting {
+                address,
+                sighting: *sighting,
+            }),
+            _ => {}
+        }
+    }
+
+    fn sent(&mut self, now: Instant, errand: Errand, delivered: bool) {
+        match errand {
+            Errand::Who(place) => {
+                if let Some(member) = self.members.get_mut(usize::from(place)) {
+                    // A member that cannot be reached says hello when it is back.
+                    member.who.sent(now, true);
+                }
+            }
+            Errand::Roster(place) => {
+                if let Some(member) = self.members.get_mut(usize::from(place)) {
+                    member.roster.sent(now, delivered);
+                }
+            }
+            Errand::References(duty) => {
+                let [first, second] = &mut self.told;
+                let owed = match duty {
+                    Duty::First => first,
+                    Duty::Second => second,
+                };
+                owed.sent(now, delivered);
+            }
+            Errand::Command(address, command) => {
+                if !delivered {
+                    let done = Done {
+                        command,
+                        success: false,
+                    };
+                    self.tell_pc(ToPc::Done { address, done });
+                }
+            }
+        }
+    }
+
+    fn event(&mut self, now: Instant, event: Event) {
+        match event {
+            Event::Pc(wish) => self.pc(now, wish),
+            Event::Button(Button::JoinWindow) => {
+                let _ = self.tasks.push_back(Task::OpenJoinWindow(BUTTON_WINDOW));
+            }
+            Event::Button(Button::LearnColour) => {}
+        }
+    }
+
+    fn poll(&mut self, now: Instant) -> Option<Output<Errand, Task>> {
+        self.next_line();
+        if let Some(fact) = self.saves.pop_front() {
+            return Some(Output::Save(fact));
+        }
+        if let Some(task) = self.tasks.pop_front() {
+            return Some(Output::Task(task));
+        }
+        self.network?;
+        if let Some((to, message, errand)) = self.outbox.pop(now) {
+            return Some(Output::Send {
+                to,
+                message,
+                errand,
+            });
+        }
+        let (to, message, errand) = self.debt(now)?;
+        Some(Output::Send {
+            to,
+            message,
+            errand,
+        })
+    }
+
+    fn deadline(&self) -> Option<Instant> {
+        self.network?;
+        let members = self
+            .members
+            .iter()
+            .flat_map(|member| [member.who.deadline(), member.roster.deadline()]);
+        let told = self.told.iter().map(Owed::deadline);
+        let roll_call = self
+            .roll_call
+            .map(|(at, _)| at)
+            .filter(|at| *at < Instant(u64::MAX));
+        let rest = [roll_call, self.outbox.deadline()];
+        members.chain(told).chain(rest).flatten().min()
+    }
+
+    fn indication(&self) -> Indication {
+        Indication {
+            joined: self.network.is_some(),
+            target_seen: self.trigger.is_some(),
+            calibrated: self
+                .members
+                .iter()
+                .any(|m| m.report.is_some_and(|report| report.pose().is_some())),
+            may_walk: false,
+        }
+    }
+}

@@ -1,0 +1,58 @@
+//! Messages that wait for being sent.
+
+use zigbee_link::{Instant, wire::ShortAddress};
+
+use crate::{log::debug, message::Message};
+
+/// Answers and other messages that are sent once, each when it is due. Full, a new one is lost:
+/// whoever waits for it asks again.
+#[derive(Clone, Debug)]
+pub(crate) struct Outbox<Errand, const N: usize> {
+    waiting: heapless::Vec<Letter<Errand>, N>,
+}
+
+#[derive(Clone, Debug)]
+struct Letter<Errand> {
+    due: Instant,
+    to: ShortAddress,
+    message: Message,
+    errand: Option<Errand>,
+}
+
+impl<Errand, const N: usize> Outbox<Errand, N> {
+    pub(crate) const fn new() -> Self {
+        Self {
+            waiting: heapless::Vec::new(),
+        }
+    }
+
+    pub(crate) fn push(
+        &mut self,
+        due: Instant,
+        to: ShortAddress,
+        message: Message,
+        errand: Option<Errand>,
+    ) {
+        let letter = Letter {
+            due,
+            to,
+            message,
+            errand,
+        };
+        if self.waiting.push(letter).is_err() {
+            debug!("a message is lost: the outbox is full");
+        }
+    }
+
+    /// The first that is due.
+    pub(crate) fn pop(&mut self, now: Instant) -> Option<(ShortAddress, Message, Option<Errand>)> {
+        let place = self.waiting.iter().position(|letter| letter.due <= now)?;
+        let letter = self.waiting.remove(place);
+        Some((letter.to, letter.message, letter.errand))
+    }
+
+    /// When the next one is due.
+    pub(crate) fn deadline(&self) -> Option<Instant> {
+        self.waiting.iter().map(|letter| letter.due).min()
+    }
+}

@@ -1,0 +1,235 @@
+//! What a target knows of the cameras (Appendix B: camera id, x, y, angle), and who has answered.
+
+use zigbee_link::{Instant, wire::ShortAddress};
+
+use super::{ANSWER_WITHIN, READY_AFTER};
+use crate::message::{Address, Look, MEMBERS, Report, Sight};
+use crate::role::free_slot;
+
+/// Cameras a target knows.
+pub const CAMERAS: usize = MEMBERS;
+
+/// A camera that could not be reached is tried again at every so many-th stop only.
+const AWAY_RETRY: u8 = 4;
+
+/// A camera that does not answer is asked so often at one stop.
+const TRIES: u8 = 3;
+
+/// A camera in the table of a target.
+#[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct CameraEntry {
+    /// Its address.
+    pub address: Address,
+    /// What it told of itself last.
+    pub report: Option<Report>,
+    /// Sightings it counted.
+    pub counted: u8,
+    /// It needs no more stops.
+    pub done: bool,
+    /// Where its report is written down.
+    slot: Option<u8>,
+    question: Question,
+    /// How often it was asked at this stop.
+    tries: u8,
+    /// Stops since it was reached last.
+    away: u8,
+}
+
+/// Where a camera stands with the present stop.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+enum Question {
+    /// It has not answered.
+    Open,
+    /// It is being asked.
+    Asked,
+    /// It was asked and is expected to answer until then.
+    Delivered(Instant),
+    /// It was not ready, or not reached, and is asked again then.
+    Again(Instant),
+    /// It answered, or it cannot be reached.
+    Settled,
+}
+
+#[derive(Clone, Debug)]
+pub(super) struct Table {
+    cameras: heapless::Vec<CameraEntry, CAMERAS>,
+}
+
+impl Table {
+    pub(super) const fn new() -> Self {
+        Self {
+            cameras: heapless::Vec::new(),
+        }
+    }
+
+    pub(super) fn iter(&self) -> impl Iterator<Item = &CameraEntry> {
+        self.cameras.iter()
+    }
+
+    /// The place of a camera, made if there is room.
+    pub(super) fn place(&mut self, address: Address) -> Option<usize> {
+        let known = |camera: &CameraEntry| camera.address == address;
+        match self.cameras.iter().position(known) {
+            Some(place) => Some(place),
+            None => {
+                let new = CameraEntry {
+                    address,
+                    report: None,
+                    counted: 0,
+                    done: false,
+                    slot: None,
+                    question: Question::Open,
+                    tries: 0,
+                    away: 0,
+                };
+                self.cameras.push(new).ok()?;
+                Some(self.cameras.len() - 1)
+            }
+        }
+    }
+
+    /// What was written down in this slot.
+    pub(super) fn restore(&mut self, slot: u8, address: Address, report: Report) {
+        if let Some(camera) = self.place(address).and_then(|at| self.cameras.get_mut(at)) {
+            camera.slot = Some(slot);
+            let _ = self.report(address, report);
+        }
+    }
+
+    /// A camera told how far it is. The slot in which to write it down, if it is new.
+    pub(super) fn report(&mut self, address: Address, report: Report) -> Option<u8> {
+        let free = free_slot(|slot| self.cameras.iter().any(|c| c.slot == Some(slot)));
+        let place = self.place(address)?;
+        let camera = self.cameras.get_mut(place)?;
+        let is_new = camera.report != Some(report);
+        camera.report = Some(report);
+        camera.counted = report.sightings;
+        camera.done = report.done;
+        camera.away = 0;
+        camera.slot = camera.slot.or(free);
+        camera.slot.filter(|_| is_new)
+    }
+
+    /// A camera answered the present stop.
+    pub(super) fn answered(&mut self, now: Instant, address: Address, look: &Look) {
+        if let Some(place) = self.place(address)
+            && let Some(camera) = self.cameras.get_mut(place)
+        {
+            camera.question = match look.sight {
+                Sight::NotReady => Question::Again(now + READY_AFTER),
+                _ => Question::Settled,
+            };
+            camera.counted = look.counted;
+            camera.done = look.done;
+            camera.away = 0;
+        }
+    }
+
+    /// A new stop is told. Where the target does not know its place (`lost`), cameras that are
+    /// done can help, too.
+    pub(super) fn new_stop(&mut self, lost: bool) {
+        for camera in &mut self.cameras {
+            camera.tries = 0;
+            camera.question = if camera.done && !lost {
+                Question::Settled
+            } else {
+                Question::Open
+            };
+            if camera.away > 0 {
+                camera.away = camera.away.wrapping_add(1);
+                if camera.away % AWAY_RETRY != 0 {
+                    camera.question = Question::Settled;
+                }
+            }
+        }
+    }
+
+    /// Cameras that did not answer although they were asked are asked again, a few times; those
+    /// that were not ready are, too.
+    pub(super) fn give_up(&mut self, now: Instant) {
+        for camera in &mut self.cameras {
+            match camera.question {
+                Question::Delivered(until) if until <= now => {
+                    camera.question = if camera.tries < TRIES && camera.away == 0 {
+                        Question::Open
+                    } else {
+                        Question::Settled
+                    };
+                }
+                Question::Again(at) if at <= now => camera.question = Question::Open,
+                _ => {}
+            }
+        }
+    }
+
+    /// Nobody is asked any more at this stop.
+    pub(super) fn close(&mut self) {
+        for camera in &mut self.cameras {
+            if matches!(camera.question, Question::Open | Question::Again(_)) {
+                camera.question = Question::Settled;
+            }
+        }
+    }
+
+    /// Whom to ask next, if fewer than `at_a_time` are being asked.
+    pub(super) fn ask(&mut self, at_a_time: usize) -> Option<(u8, ShortAddress)> {
+        if self.asked_now() >= at_a_time {
+            return None;
+        }
+        let mut cameras = self.cameras.iter_mut().enumerate();
+        let (place, camera) = cameras.find(|(_, camera)| camera.question == Question::Open)?;
+        camera.question = Question::Asked;
+        Some((place as u8, ShortAddress(camera.address)))
+    }
+
+    /// The question was delivered, or not.
+    pub(super) fn asked(&mut self, now: Instant, place: u8, delivered: bool) {
+        if let Some(camera) = self.cameras.get_mut(usize::from(place))
+            && camera.question == Question::Asked
+        {
+            // It may have come through even if nothing came back: then the camera looks now.
+            camera.question = Question::Delivered(now + ANSWER_WITHIN);
+            camera.tries = camera.tries.saturating_add(1);
+            if delivered {
+                camera.away = 0;
+            } else if camera.tries >= TRIES {
+                camera.away = camera.away.max(1);
+            }
+        }
+    }
+
+    /// Nobody is waited for.
+    pub(super) fn is_settled(&self) -> bool {
+        self.cameras
+            .iter()
+            .all(|camera| camera.question == Question::Settled)
+    }
+
+    /// When the patience with the next camera ends.
+    pub(super) fn deadline(&self) -> Option<Instant> {
+        self.cameras
+            .iter()
+            .filter_map(|camera| match camera.question {
+                Question::Delivered(at) | Question::Again(at) => Some(at),
+                _ => None,
+            })
+            .min()
+    }
+
+    /// Whether somebody can be asked now.
+    pub(super) fn can_ask(&self, at_a_time: usize) -> bool {
+        self.asked_now() < at_a_time
+            && self
+                .cameras
+                .iter()
+                .any(|camera| camera.question == Question::Open)
+    }
+
+    /// How many are being asked.
+    fn asked_now(&self) -> usize {
+        let asked = |camera: &&CameraEntry| camera.question == Question::Asked;
+        self.cameras.iter().filter(asked).count()
+    }
+}

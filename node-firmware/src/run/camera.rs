@@ -1,0 +1,224 @@
+//! A camera role and its CMUcam2.
+
+use core::{convert::Infallible, pin::pin};
+
+use cmucam2_driver::Cmucam2;
+use embassy_futures::select::{Either, Either3, select, select3};
+use embedded_io_async::{Read, Write};
+use embedded_storage_async::nor_flash::NorFlash;
+use zigbee_link::{Instant, runner::Clock, store::log::LogError};
+
+use super::{
+    ClockDelay,
+    drive::{Desk, Events, Surroundings, Tasks, drive},
+};
+use crate::{
+    config::{COLOURS_MAX, CameraConfig, Subjects},
+    hardware::{Buttons, Indicator, Observer},
+    log::warning,
+    message::{Command, Done, Seen, Sight, Tracked},
+    role::camera::{Camera, Event, Task},
+    sight::{BlobCamera, Cmucam2Sight, Judge, Look, SightError, look},
+};
+
+/// After a start-up that failed. Doubled each time, up to [`PAUSE_MAX_US`].
+const PAUSE_US: u64 = 1_000_000;
+const PAUSE_MAX_US: u64 = 32_000_000;
+
+pub(super) async fn run<C, F, O, U, B, I>(
+    id: u16,
+    config: &CameraConfig,
+    surroundings: Surroundings<'_, C, F, O>,
+    (uart, mut buttons, mut indicator): (U, B, I),
+) -> LogError<F::Error>
+where
+    C: Clock,
+    F: NorFlash,
+    O: Observer,
+    U: Read + Write,
+    B: Buttons,
+    I: Indicator,
+{
+    let clock = surroundings.clock;
+    let desk = Desk::new();
+    let mut role = Camera::new(id, config.clone());
+    let driven = drive(&mut role, surroundings, &desk, &mut indicator);
+    let camera = Cmucam2Sight::new(Cmucam2::new(uart, ClockDelay(clock)), config.cmucam2());
+    let eye = Eye {
+        camera,
+        config,
+        subjects: config.subjects.clone(),
+        clock,
+    };
+    let watched = eye.serve(desk.tasks.receiver(), desk.events.sender());
+    let pressed = async {
+        loop {
+            let button = buttons.pressed().await;
+            desk.events.send(Event::Button(button)).await;
+        }
+    };
+    match select3(pin!(driven), pin!(watched), pressed).await {
+        Either3::First(error) => error,
+        Either3::Second(never) => match never {},
+        Either3::Third(never) => never,
+    }
+}
+
+/// The camera, and what it looks for.
+struct Eye<'a, K, C> {
+    camera: K,
+    config: &'a CameraConfig,
+    /// Colours may be learnt anew.
+    subjects: Subjects,
+    clock: &'a C,
+}
+
+impl<K: BlobCamera, C: Clock> Eye<'_, K, C> {
+    async fn serve(mut self, tasks: Tasks<'_, Task>, events: Events<'_, Event>) -> Infallible {
+        let Ok(mut judge) = self.config.judge() else {
+            // Refused where configurations are checked.
+            loop {
+                let event = match tasks.receive().await {
+                    Task::Look { .. } => Event::Looked(Sight::Failed, None),
+                    Task::Command(command) => done(command, false),
+                };
+                events.send(event).await;
+            }
+        };
+        self.wake().await;
+        events.send(Event::Ready).await;
+        let mut next = None;
+        loop {
+            let task = match next.take() {
+                Some(task) => task,
+                None => tasks.receive().await,
+            };
+            match task {
+                Task::Look { colour } => {
+                    let (sight, seen) = self.look(colour, &mut judge).await;
+                    events.send(Event::Looked(sight, seen)).await;
+                }
+                Task::Command(Command::Track { colour }) => {
+                    next = self.track(colour, &tasks, &events).await;
+                }
+                Task::Command(command) => {
+                    let success = self.obey(command).await.is_ok_and(|done| done);
+                    events.send(done(command, success)).await;
+                }
+            }
+        }
+    }
+
+    /// Starts the camera, however long it takes; nothing works before.
+    async fn wake(&mut self) {
+        let mut pause = PAUSE_US;
+        while let Err(error) = self.start_up().await {
+            warning!("the camera does not start: {}", error);
+            let now = self.clock.now().0;
+            self.clock
+                .sleep_until(Instant(now.saturating_add(pause)))
+                .await;
+            pause = (pause * 2).min(PAUSE_MAX_US);
+        }
+    }
+
+    async fn start_up(&mut self) -> Result<(), SightError> {
+        self.camera.start_up().await?;
+        // The target is not there yet, or it is and the background is learnt again later.
+        if let Subjects::Motion { .. } = self.subjects {
+            self.camera.learn_background().await?;
+        }
+        Ok(())
+    }
+
+    async fn look(&mut self, colour: u8, judge: &mut Judge) -> (Sight, Option<Seen>) {
+        let Some(subject) = self.subjects.of_target(colour) else {
+            return (Sight::NotInView, None);
+        };
+        match look(&mut self.camera, subject, judge).await {
+            Ok(Look::Steady(seen)) => {
+                let seen = Seen {
+                    bearing: seen.bearing,
+                    sigma: seen.sigma,
+                };
+                (Sight::InView, Some(seen))
+            }
+            Ok(Look::Nothing) => (Sight::NotInView, None),
+            Ok(Look::Clipped | Look::Lopsided) => (Sight::Clipped, None),
+            Ok(Look::Unsteady) => (Sight::Unsteady, None),
+            Err(error) => {
+                warning!("the camera does not look: {}", error);
+                if error.wants_start_up() {
+                    let _ = self.start_up().await;
+                }
+                (Sight::Failed, None)
+            }
+        }
+    }
+
+    /// Whether it could be done.
+    async fn obey(&mut self, command: Command) -> Result<bool, SightError> {
+        match command {
+            Command::Initialise => self.start_up().await?,
+            Command::LearnColour { colour } => {
+                let Subjects::Colours(windows) = &mut self.subjects else {
+                    return Ok(false);
+                };
+                // Colours are numbered without gaps.
+                let place = usize::from(colour);
+                if place > windows.len() || place >= COLOURS_MAX {
+                    return Ok(false);
+                }
+                let window = self.camera.learn_colour().await?;
+                match windows.get_mut(place) {
+                    Some(known) => *known = window,
+                    None => drop(windows.push(window)),
+                }
+            }
+            Command::LearnBackground => self.camera.learn_background().await?,
+            Command::Track { .. } | Command::StopTracking | Command::Forget => {}
+        }
+        Ok(true)
+    }
+
+    /// Streams packets until another task comes, which it returns, or the camera fails.
+    async fn track(
+        &mut self,
+        colour: u8,
+        tasks: &Tasks<'_, Task>,
+        events: &Events<'_, Event>,
+    ) -> Option<Task> {
+        let command = Command::Track { colour };
+        let begun = match self.subjects.of_target(colour) {
+            Some(subject) => self.camera.begin(subject).await.is_ok(),
+            None => false,
+        };
+        events.send(done(command, begun)).await;
+        if !begun {
+            return None;
+        }
+        let next = loop {
+            match select(tasks.receive(), self.camera.next()).await {
+                Either::First(task) => break Some(task),
+                Either::Second(Ok(blob)) => {
+                    let packet = blob.map_or([0; 8], |blob| blob.packet);
+                    let [x, y, x1, y1, x2, y2, pixels, confidence] = packet;
+                    let tracked = Tracked {
+                        middle: [x, y],
+                        edges: [x1, y1, x2, y2],
+                        pixels,
+                        confidence,
+                    };
+                    events.send(Event::Tracked(tracked)).await;
+                }
+                Either::Second(Err(_)) => break None,
+            }
+        };
+        let _ = self.camera.end().await;
+        next
+    }
+}
+
+const fn done(command: Command, success: bool) -> Event {
+    Event::Done(Done { command, success })
+}

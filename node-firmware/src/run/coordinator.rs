@@ -1,0 +1,97 @@
+//! A coordinator, the PC on its line, and the members of its network.
+
+use core::{convert::Infallible, pin::pin, time::Duration};
+
+use embassy_futures::select::{Either, Either3, select, select3};
+use embedded_io_async::{Read, Write};
+use embedded_storage_async::nor_flash::NorFlash;
+use zigbee_link::{runner::Clock, store::log::LogError};
+
+use super::{
+    SharedNode,
+    drive::{Desk, Events, Surroundings, Tasks, drive},
+};
+use crate::{
+    config::CoordinatorConfig,
+    console::{self, FRAME_MAX, Frames},
+    hardware::{Buttons, Indicator, Observer},
+    role::coordinator::{Coordinator, Event, Task},
+};
+
+pub(super) async fn run<C, F, O, U, B, I>(
+    config: &CoordinatorConfig,
+    surroundings: Surroundings<'_, C, F, O>,
+    (uart, mut buttons, mut indicator): (U, B, I),
+) -> LogError<F::Error>
+where
+    C: Clock,
+    F: NorFlash,
+    O: Observer,
+    U: Read + Write,
+    B: Buttons,
+    I: Indicator,
+{
+    let shared = surroundings.shared;
+    let desk = Desk::new();
+    let mut role = Coordinator::new();
+    if config.join_window_s > 0 {
+        let window = Duration::from_secs(config.join_window_s.into());
+        shared.with(|node, now| node.open_join_window(now, window));
+    }
+    let events = desk.events.sender();
+    let driven = drive(&mut role, surroundings, &desk, &mut indicator);
+    let line = line(uart, shared, desk.tasks.receiver(), events);
+    let pressed = async {
+        loop {
+            let button = buttons.pressed().await;
+            events.send(Event::Button(button)).await;
+        }
+    };
+    match select3(pin!(driven), pin!(line), pressed).await {
+        Either3::First(error) => error,
+        Either3::Second(never) => match never {},
+        Either3::Third(never) => never,
+    }
+}
+
+/// The PC, or nobody: what is written to a line without a reader is lost. A line that fails is
+/// tried again with the next task.
+async fn line<C: Clock, U: Read + Write>(
+    mut uart: U,
+    shared: &SharedNode<&C>,
+    tasks: Tasks<'_, Task>,
+    events: Events<'_, Event>,
+) -> Infallible {
+    let mut frames = Frames::default();
+    let mut bytes = [0; 32];
+    let mut is_open = true;
+    loop {
+        let read = async {
+            if is_open {
+                uart.read(&mut bytes).await
+            } else {
+                core::future::pending().await
+            }
+        };
+        match select(tasks.receive(), read).await {
+            Either::First(Task::OpenJoinWindow(window)) => {
+                shared.with(|node, now| node.open_join_window(now, window));
+            }
+            Either::First(Task::Tell(message)) => {
+                let mut frame = [0; FRAME_MAX];
+                if let Some(frame) = console::encode(&message, &mut frame) {
+                    is_open = uart.write_all(frame).await.is_ok();
+                }
+            }
+            Either::Second(Ok(count)) => {
+                is_open = count > 0;
+                for &byte in bytes.get(..count).unwrap_or_default() {
+                    if let Some(wish) = frames.push(byte) {
+                        events.send(Event::Pc(wish)).await;
+                    }
+                }
+            }
+            Either::Second(Err(_)) => is_open = false,
+        }
+    }
+}

@@ -1,0 +1,62 @@
+//! A target and its step sensor.
+
+use core::pin::pin;
+
+use embassy_futures::select::{Either, select};
+use embedded_storage_async::nor_flash::NorFlash;
+use zigbee_link::{runner::Clock, store::log::LogError};
+
+use super::drive::{Desk, Events, Surroundings, drive};
+use crate::{
+    config::TargetConfig,
+    hardware::{Indicator, Observer, StepSensor},
+    log::warning,
+    message::StopNumber,
+    role::target::{Event, Target},
+};
+
+/// After a failure of the sensor.
+const PAUSE_US: u64 = 1_000_000;
+
+pub(super) async fn run<C, F, O, S, I>(
+    (id, first_stop): (u16, StopNumber),
+    config: &TargetConfig,
+    surroundings: Surroundings<'_, C, F, O>,
+    (mut steps, mut indicator): (S, I),
+) -> LogError<F::Error>
+where
+    C: Clock,
+    F: NorFlash,
+    O: Observer,
+    S: StepSensor,
+    I: Indicator,
+{
+    let clock = surroundings.clock;
+    let desk = Desk::new();
+    let mut role = Target::new(id, *config, first_stop);
+    let driven = drive(&mut role, surroundings, &desk, &mut indicator);
+    let sensed = sense(&mut steps, clock, desk.events.sender());
+    match select(pin!(driven), sensed).await {
+        Either::First(error) => error,
+        Either::Second(never) => match never {},
+    }
+}
+
+async fn sense<C: Clock, S: StepSensor>(
+    steps: &mut S,
+    clock: &C,
+    events: Events<'_, Event>,
+) -> core::convert::Infallible {
+    loop {
+        match steps.next().await {
+            Ok(step) => events.send(Event::Step(step)).await,
+            Err(_) => {
+                warning!("the step sensor failed: the target is lost");
+                events.send(Event::SensorFailed).await;
+                let now = clock.now().0;
+                let then = zigbee_link::Instant(now.saturating_add(PAUSE_US));
+                clock.sleep_until(then).await;
+            }
+        }
+    }
+}

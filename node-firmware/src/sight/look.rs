@@ -1,0 +1,203 @@
+//! One look at a standing target.
+
+use core::fmt;
+
+use calib_core::{Ray, camera::Camera};
+use serde::{Deserialize, Serialize};
+
+use super::{
+    Blob, BlobCamera, SightError, Subject,
+    steady::{Shape, Steadiness, Steady, Unsteady},
+};
+
+/// The most frames that are judged together.
+pub const FRAMES_MAX: usize = 16;
+
+/// How long a look takes, and how far it is trusted.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct Patience {
+    /// Frames in a row that must agree, 2 to [`FRAMES_MAX`].
+    pub frames: u8,
+    /// Frames after which the look is over in any case.
+    pub frames_most: u8,
+    /// Standard deviation of what no frame shows, columns, from 0.
+    pub sigma_floor: f32,
+}
+
+impl Default for Patience {
+    /// 5 frames agree, out of 20, and a twentieth of a column.
+    fn default() -> Self {
+        Self {
+            frames: 5,
+            frames_most: 20,
+            sigma_floor: 0.05,
+        }
+    }
+}
+
+/// The target, seen standing.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct Seen {
+    /// Offset from the optical axis, radians, positive to the left.
+    pub bearing: f32,
+    /// Its standard deviation, radians, above 0.
+    pub sigma: f32,
+    /// Column in the middle between its edges.
+    pub column: f32,
+    /// Frames that agreed.
+    pub frames: u8,
+    /// Median of [`Blob::pixels`].
+    pub pixels: u8,
+    /// Median of [`Blob::confidence`].
+    pub confidence: u8,
+}
+
+impl Seen {
+    fn new(steady: &Steady, camera: &Camera<f32>, floor: f32) -> Self {
+        let direction = steady.direction(camera, floor);
+        Self {
+            bearing: direction.bearing,
+            sigma: direction.sigma,
+            column: steady.middle(),
+            frames: u8::try_from(steady.frames).unwrap_or(u8::MAX),
+            pixels: steady.pixels,
+            confidence: steady.confidence,
+        }
+    }
+
+    /// The direction as a ray.
+    pub fn ray(&self) -> Ray<f32> {
+        Ray::from_bearing(self.bearing)
+    }
+}
+
+/// What came of a look.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub enum Look {
+    /// The target stands there.
+    Steady(Seen),
+    /// Nothing of the subject is in view.
+    Nothing,
+    /// It is cut off by the left or right border.
+    Clipped,
+    /// It is partly hidden, or joined by something else.
+    Lopsided,
+    /// It moves, or comes and goes.
+    Unsteady,
+}
+
+impl fmt::Display for Look {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Steady(seen) => write!(
+                f,
+                "seen at {:.2} +/- {:.2} deg",
+                seen.bearing.to_degrees(),
+                seen.sigma.to_degrees()
+            ),
+            Self::Nothing => f.write_str("the target is not in view"),
+            Self::Clipped => f.write_str("the target is cut off by the border of the view"),
+            Self::Lopsided => f.write_str("the target is partly hidden"),
+            Self::Unsteady => f.write_str("the target moves or flickers"),
+        }
+    }
+}
+
+/// Judges the frames of one look.
+#[derive(Clone, Debug)]
+pub struct Judge {
+    camera: Camera<f32>,
+    patience: Patience,
+    steadiness: Steadiness<FRAMES_MAX>,
+    taken: u8,
+}
+
+impl Judge {
+    /// Of the frames of this camera, for a target of this shape.
+    pub fn new(camera: Camera<f32>, patience: Patience, shape: Shape) -> Self {
+        // At most 65536 columns by construction, and the conversion saturates.
+        let columns = (camera.last_column() + 1.0) as u16;
+        Self {
+            camera,
+            patience,
+            steadiness: Steadiness::new(usize::from(patience.frames), columns, shape),
+            taken: 0,
+        }
+    }
+
+    /// Begins a new look.
+    pub fn clear(&mut self) {
+        self.steadiness.clear();
+        self.taken = 0;
+    }
+
+    /// Takes what a frame has. `Some` when the look is over: at the latest after
+    /// [`Patience::frames_most`], or as many as must agree if those are more.
+    ///
+    /// A target that is not in view or cut off in every one of [`Patience::frames`] frames is
+    /// given up at once: it stands, and that will not change.
+    pub fn push(&mut self, blob: Option<Blob>) -> Option<Look> {
+        self.taken = self.taken.saturating_add(1);
+        let judged = self.steadiness.push(blob);
+        let over = self.taken >= self.patience.frames_most || self.steadiness.is_unanimous();
+        match judged {
+            Ok(steady) => Some(Look::Steady(Seen::new(
+                &steady,
+                &self.camera,
+                self.patience.sigma_floor,
+            ))),
+            Err(Unsteady::Few) => None,
+            Err(_) if !over => None,
+            Err(Unsteady::Lost { lost, frames }) if lost == frames => Some(Look::Nothing),
+            Err(Unsteady::Clipped) => Some(Look::Clipped),
+            Err(Unsteady::Lopsided { .. }) => Some(Look::Lopsided),
+            Err(Unsteady::Lost { .. } | Unsteady::Moving { .. }) => Some(Look::Unsteady),
+        }
+    }
+}
+
+/// Looks once for a subject: begins, takes frames until `judge` is sure, ends.
+///
+/// A camera that restarted, fell silent or cannot be understood is started up once and asked again,
+/// unless that would lose the background that the subject needs.
+///
+/// # Errors
+/// [`SightError`] of the camera, the second time.
+pub async fn look<C: BlobCamera>(
+    camera: &mut C,
+    subject: Subject,
+    judge: &mut Judge,
+) -> Result<Look, SightError> {
+    match attempt(camera, subject, judge).await {
+        Err(error) if error.wants_start_up() => {
+            if let Subject::Motion { .. } = subject {
+                return Err(error);
+            }
+            camera.start_up().await?;
+            attempt(camera, subject, judge).await
+        }
+        done => done,
+    }
+}
+
+async fn attempt<C: BlobCamera>(
+    camera: &mut C,
+    subject: Subject,
+    judge: &mut Judge,
+) -> Result<Look, SightError> {
+    judge.clear();
+    camera.begin(subject).await?;
+    loop {
+        if let Some(look) = judge.push(camera.next().await?) {
+            camera.end().await?;
+            return Ok(look);
+        }
+    }
+}
+
+#[cfg(test)]
+#[path = "look_tests.rs"]
+mod tests;

@@ -1,0 +1,40 @@
+//! What is looked for.
+
+use serde::{Deserialize, Serialize};
+
+/// The levels of red, green and blue within which a pixel belongs to the target: each the lowest
+/// and the highest, both inside, the lowest first.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct ColourWindow {
+    /// Lowest and highest level of red.
+    pub red: [u8; 2],
+    /// Lowest and highest level of green.
+    pub green: [u8; 2],
+    /// Lowest and highest level of blue.
+    pub blue: [u8; 2],
+}
+
+impl ColourWindow {
+    /// Whether each lowest level is not above its highest one.
+    pub fn is_ordered(&self) -> bool {
+        [self.red, self.green, self.blue]
+            .iter()
+            .all(|[lowest, highest]| lowest <= highest)
+    }
+}
+
+/// What a camera looks for.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub enum Subject {
+    /// Pixels of a colour.
+    Colour(ColourWindow),
+    /// What differs from the background (frame differencing, thesis 2.5). Coarser than a colour:
+    /// the CMUcam2 compares blocks of a sixteenth of the frame's width.
+    Motion {
+        /// Levels by which it must differ; 5 to 20 is usual.
+        threshold: u8,
+    },
+}

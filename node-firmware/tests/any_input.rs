@@ -1,0 +1,373 @@
+//! Roles that get any messages and events at any times, in any order: no panic, a bounded number of
+//! outputs, deadlines in the future, and nothing sent that does not fit or would not decode.
+
+mod support;
+
+use calib_core::{
+    Refusal,
+    dead_reckoning::{Place, PlaceParts, Step, Systematic},
+};
+use nalgebra::{Point2, Vector2};
+use node_firmware::{
+    config::{Duty, Reference},
+    console::FromPc,
+    hardware::Button,
+    message::{
+        Bearing, Command, Done, Frame, Hello, Kind, Located, Look, Message, PoseParts, References,
+        Report, Seen, Sight, Sighted, State, Stopped, Tracked,
+    },
+    role::{
+        Role,
+        camera::{self, Camera},
+        coordinator::{self, Coordinator},
+        target::{self, Target},
+    },
+};
+use proptest::prelude::*;
+use rand::{RngExt, SeedableRng};
+use rand_chacha::ChaCha8Rng;
+use support::{
+    bus::{Air, AnyStation, Faults, Station},
+    site::{camera_config, target_config},
+};
+use zigbee_link::wire::ShortAddress;
+
+/// Where anything comes from.
+struct Any(ChaCha8Rng);
+
+impl Any {
+    fn below(&mut self, limit: u16) -> u16 {
+        self.0.random_range(0..limit)
+    }
+
+    fn flip(&mut self) -> bool {
+        self.0.random()
+    }
+
+    fn one<T: Copy>(&mut self, of: &[T]) -> T {
+        of[self.0.random_range(0..of.len())]
+    }
+
+    fn address(&mut self) -> u16 {
+        if self.below(20) == 0 {
+            return self.0.random();
+        }
+        self.below(6)
+    }
+
+    fn stop(&mut self) -> u16 {
+        if self.below(20) == 0 {
+            return self.0.random();
+        }
+        self.below(20).wrapping_sub(5)
+    }
+
+    fn number(&mut self) -> f32 {
+        match self.below(40) {
+            0 => self.one(&[
+                f32::NAN,
+                f32::INFINITY,
+                f32::MAX,
+                f32::MIN,
+                1e30,
+                f32::MIN_POSITIVE,
+            ]),
+            1 => 0.0,
+            _ => self.0.random_range(-10.0..10.0),
+        }
+    }
+
+    fn sigma(&mut self) -> f32 {
+        match self.below(20) {
+            0 => self.number(),
+            _ => self.0.random_range(1e-4..0.1),
+        }
+    }
+
+    fn place(&mut self) -> Place<f32> {
+        let spread = self.sigma();
+        let place = Place::new(PlaceParts {
+            position: Point2::new(self.number(), self.number()),
+            fix: self.below(3).into(),
+            fix_covariance: [spread, 0.0, spread],
+            step_covariance: [spread, 0.0, self.sigma()],
+            walked: Vector2::new(self.number(), self.number()),
+            systematic: Systematic {
+                heading_sigma: self.sigma(),
+                scale_sigma: self.sigma(),
+            },
+            standing_sigma: self.sigma(),
+        });
+        // What decodes is sound.
+        place.unwrap_or_else(|_| self.place())
+    }
+
+    fn seen(&mut self) -> Seen {
+        Seen {
+            bearing: self.0.random_range(-0.6..0.6),
+            sigma: self.sigma(),
+        }
+    }
+
+    fn pose(&mut self) -> PoseParts {
+        let spread = self.sigma();
+        PoseParts {
+            position: [self.number(), self.number()],
+            heading: self.number(),
+            covariance: [
+                spread,
+                self.sigma() * spread,
+                spread,
+                0.0,
+                0.0,
+                self.sigma(),
+            ],
+        }
+    }
+
+    fn report(&mut self) -> Report {
+        let state = match self.below(3) {
+            0 => State::Waiting,
+            1 => State::Refused(Refusal::DangerCircle),
+            _ => State::Pose(self.pose()),
+        };
+        Report {
+            id: self.address(),
+            duty: self.one(&[None, Some(Duty::First), Some(Duty::Second)]),
+            sightings: self.0.random(),
+            used: self.0.random(),
+            chi_squared: self.number(),
+            done: self.flip(),
+            state,
+        }
+    }
+
+    fn command(&mut self) -> Command {
+        let colour = self.below(6) as u8;
+        self.one(&[
+            Command::Initialise,
+            Command::LearnColour { colour },
+            Command::LearnBackground,
+            Command::Track { colour },
+            Command::StopTracking,
+            Command::Forget,
+        ])
+    }
+
+    fn sight(&mut self) -> Sight {
+        self.one(&[
+            Sight::InView,
+            Sight::InView,
+            Sight::InView,
+            Sight::NotInView,
+            Sight::Clipped,
+            Sight::Unsteady,
+            Sight::NotLooking,
+            Sight::Failed,
+            Sight::NotReady,
+        ])
+    }
+
+    fn kind(&mut self) -> Kind {
+        let reference = self.flip().then(|| Reference {
+            duty: self.one(&[Duty::First, Duty::Second]),
+            position: self.flip().then(|| [self.number(), self.number()]),
+        });
+        self.one(&[Kind::Target, Kind::Camera { reference }])
+    }
+
+    fn message(&mut self) -> Message {
+        match self.below(20) {
+            0 => Message::Hello(Hello {
+                id: self.address(),
+                kind: self.kind(),
+            }),
+            1 => Message::WhoIsThere,
+            2 => Message::Roster((0..self.below(33)).map(|_| self.address()).collect()),
+            3 | 4 => Message::References(References {
+                first: self.address(),
+                second: self.address(),
+                positions: self
+                    .flip()
+                    .then(|| [[self.number(); 2], [self.number(); 2]]),
+            }),
+            5..=8 => Message::Stopped(Stopped {
+                stop: self.stop(),
+                colour: self.below(4) as u8,
+                frame: self.one(&[Frame::Own, Frame::Site]),
+                place: self.place(),
+            }),
+            9 => Message::Look(Look {
+                stop: self.stop(),
+                sight: self.sight(),
+                counted: self.0.random(),
+                done: self.flip(),
+            }),
+            10 => Message::Trigger {
+                target: self.address(),
+                stop: self.stop(),
+            },
+            11 | 12 => Message::Bearing(Bearing {
+                target: self.address(),
+                stop: self.stop(),
+                seen: self.seen(),
+                pose: self.flip().then(|| self.pose()),
+            }),
+            13 => Message::Located(Located {
+                stop: self.stop(),
+                position: [self.number(), self.number()],
+                covariance: [self.sigma(), self.number() * 1e-3, self.sigma()],
+                frame_heading: self.number(),
+                frame_heading_sigma: self.sigma(),
+            }),
+            14 => Message::Posed(self.pose()),
+            15 => Message::Report(self.report()),
+            16 => Message::Command(self.command()),
+            17 => Message::Done(Done {
+                command: self.command(),
+                success: self.flip(),
+            }),
+            18 => Message::Tracked(Tracked {
+                middle: self.0.random(),
+                edges: self.0.random(),
+                pixels: self.0.random(),
+                confidence: self.0.random(),
+            }),
+            _ if self.flip() => Message::Sightings,
+            _ => Message::Sighting(Sighted {
+                index: self.0.random(),
+                count: self.0.random(),
+                target: self.address(),
+                stop: self.stop(),
+                position: [self.number(), self.number()],
+                position_sigma: self.sigma(),
+                seen: self.seen(),
+            }),
+        }
+    }
+}
+
+/// Any input for a while; the checks are the station's.
+fn live<R: Role>(mut station: Station<R>, any: &mut Any, event: impl Fn(&mut Any) -> R::Event) {
+    let faults = Faults {
+        loss: 0.3,
+        ..Faults::default()
+    };
+    let mut air = Air::new(faults, any.0.random());
+    let mut now = 0_u64;
+    for _ in 0..250 {
+        match any.below(24) {
+            0 => station.restart(now),
+            1 => station.role.attached(zigbee_link::Instant(now), None),
+            2 => station.attach(now),
+            3..=6 => {
+                let event = event(any);
+                station.event(now, event);
+            }
+            _ => {
+                let from = ShortAddress(any.address());
+                let message = any.message();
+                station.hear(now, from, &message);
+            }
+        }
+        let next = station.act(now, &mut air);
+        let _ = station.role.indication();
+        now = match (any.below(3), next) {
+            (0, Some(next)) => next,
+            (1, _) => now + u64::from(any.below(10_000)),
+            _ => now + 1000 * u64::from(any.below(10_000)),
+        };
+    }
+    // Sound or not, what came in: what goes out is sound.
+    for sent in &air.sent {
+        let mut buffer = [0; 256];
+        let bytes = postcard::to_slice(&sent.message, &mut buffer).unwrap();
+        let back = postcard::from_bytes::<Message>(bytes);
+        assert!(back.is_ok(), "{:?}", sent.message);
+    }
+}
+
+fn camera_event(any: &mut Any) -> camera::Event {
+    match any.below(8) {
+        0 => camera::Event::Ready,
+        1 => camera::Event::Button(any.one(&[Button::JoinWindow, Button::LearnColour])),
+        2 => camera::Event::Done(Done {
+            command: any.command(),
+            success: any.flip(),
+        }),
+        3 => camera::Event::Tracked(Tracked {
+            middle: [1; 2],
+            edges: [2; 4],
+            pixels: 3,
+            confidence: 4,
+        }),
+        _ => {
+            let sight = any.sight();
+            camera::Event::Looked(sight, any.flip().then(|| any.seen()))
+        }
+    }
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig { cases: 150, ..ProptestConfig::default() })]
+
+    #[test]
+    fn a_coordinator_survives(seed: u64) {
+        let station = Station::<Coordinator>::new(0, Coordinator::new, Box::new(|_, _| None));
+        live(station, &mut Any(ChaCha8Rng::seed_from_u64(seed)), |any| {
+            match any.below(5) {
+                0 => coordinator::Event::Button(Button::JoinWindow),
+                1 => coordinator::Event::Pc(FromPc::Refresh),
+                2 => coordinator::Event::Pc(FromPc::JoinWindow(any.address())),
+                3 => coordinator::Event::Pc(FromPc::Sightings(any.address())),
+                _ => coordinator::Event::Pc(FromPc::Command {
+                    address: any.address(),
+                    command: any.command(),
+                }),
+            }
+        });
+    }
+
+    #[test]
+    fn a_camera_survives(seed: u64) {
+        let mut any = Any(ChaCha8Rng::seed_from_u64(seed));
+        let mut config = camera_config(any.one(&[None, Some(Duty::First), Some(Duty::Second)]));
+        config.may_be_elected = any.flip();
+        config.refine = any.flip();
+        config.baseline = any.flip().then_some(10.0);
+        config.frame_heading_deg = any.flip().then_some(30.0);
+        config.reference_stops = any.below(14) as u8 + 3;
+        let address = 1 + any.below(2);
+        let station = Station::<Camera>::new(
+            address,
+            move || Camera::new(7, config.clone()),
+            Box::new(|_, _| None),
+        );
+        live(station, &mut any, camera_event);
+    }
+
+    #[test]
+    fn a_target_survives(seed: u64) {
+        let mut any = Any(ChaCha8Rng::seed_from_u64(seed));
+        let mut config = target_config(0);
+        config.dwell_least_ms = u32::from(any.below(3000));
+        config.dwell_most_ms = config.dwell_least_ms + u32::from(any.below(3000));
+        let first = any.stop();
+        let station = Station::<Target>::new(
+            3,
+            move || Target::new(9, config, first),
+            Box::new(|_, ()| None),
+        );
+        live(station, &mut any, |any| {
+            if any.below(8) == 0 {
+                return target::Event::SensorFailed;
+            }
+            target::Event::Step(Step {
+                distance: any.number().abs(),
+                heading: any.number(),
+                distance_sigma: any.sigma(),
+                heading_sigma: any.sigma(),
+            })
+        });
+    }
+}

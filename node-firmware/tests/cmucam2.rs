@@ -1,0 +1,241 @@
+//! The CMUcam2 behind its seam, byte by byte.
+
+// The driver's own scripted UART.
+#[path = "../../cmucam2-driver/tests/common/mod.rs"]
+mod common;
+
+use std::{
+    future::Future,
+    pin::pin,
+    task::{Context, Poll, Waker},
+};
+
+use common::{MockDelay, MockUart, Script};
+use node_firmware::sight::{
+    BlobCamera, Cmucam2Sight, ColourWindow, Judge, Lens, Look, Patience, Shape, SightError,
+    Subject, cmucam2::Cmucam2Settings, look,
+};
+
+type Sight = Cmucam2Sight<MockUart, MockDelay>;
+
+const BANNER: &str = "CMUcam2 v1.00 c6\r:";
+const ORANGE: ColourWindow = ColourWindow {
+    red: [170, 255],
+    green: [60, 140],
+    blue: [0, 80],
+};
+const MOTION: Subject = Subject::Motion { threshold: 12 };
+
+fn wait<T>(future: impl Future<Output = T>) -> T {
+    let mut future = pin!(future);
+    let mut context = Context::from_waker(Waker::noop());
+    loop {
+        if let Poll::Ready(done) = future.as_mut().poll(&mut context) {
+            return done;
+        }
+    }
+}
+
+fn sight(script: Script, columns: u16) -> (Sight, MockUart) {
+    let (camera, line) = script.camera();
+    (Sight::new(camera, Cmucam2Settings::new(columns)), line)
+}
+
+/// All that starting up sends, to an idle camera.
+fn started() -> Script {
+    set_up(
+        Script::idle().on("GV\r", format!("ACK\r{BANNER}")),
+        &["NF 0\r", "HD 1\r", "PM 1\r"],
+    )
+}
+
+fn set_up(script: Script, settings: &[&str]) -> Script {
+    let script = script
+        .on("RS\r", format!("ACK\r{BANNER}"))
+        .on("CR 18 44 19 33\r", "ACK\r:")
+        .on("CR 18 40 19 32\r", "ACK\r:");
+    settings
+        .iter()
+        .fold(script, |script, command| script.on(command, "ACK\r:"))
+}
+
+#[test]
+fn starting_up() {
+    let (mut sight, line) = sight(started(), 88);
+    assert_eq!(wait(sight.start_up()), Ok(()));
+    assert!(line.now() >= 5_000_000);
+    line.assert_finished();
+}
+
+#[test]
+fn many_columns_are_the_high_resolution() {
+    let script = set_up(
+        Script::idle().on("GV\r", format!("ACK\r{BANNER}")),
+        &["HR 1\r", "NF 0\r", "HD 1\r", "PM 1\r"],
+    );
+    let (mut sight, line) = sight(script, 176);
+    assert_eq!(wait(sight.start_up()), Ok(()));
+    line.assert_finished();
+}
+
+/// The sensor is told by the banner; a frame may be one column narrower.
+#[test]
+fn a_lens_of_another_camera_is_refused() {
+    for (columns, banner, expected) in [
+        (88, "c7", Some(160)),
+        (100, "c6", Some(88)),
+        (160, "c6", Some(88)),
+        (176, "c7", Some(160)),
+    ] {
+        let banner = format!("ACK\rCMUcam2 v1.00 {banner}\r:");
+        let (mut sight, line) = sight(Script::idle().on("GV\r", banner), columns);
+        let error = expected.map(|camera| SightError::Columns {
+            camera,
+            lens: columns,
+        });
+        assert_eq!(wait(sight.start_up()).err(), error);
+        line.assert_finished();
+    }
+    let (mut sight, line) = sight(started(), 87);
+    assert_eq!(wait(sight.start_up()), Ok(()));
+    line.assert_finished();
+}
+
+/// Levels beyond the camera's are cut; each packet is asked for; nothing is left to be stopped.
+#[test]
+fn a_colour_is_polled() {
+    let script = started()
+        .on("ST 170 240 60 140 16 80\r", "ACK\r:")
+        .on("TC\r", "ACK\rT 23 50 21 41 28 56 15 200\r:")
+        .on("TC\r", "ACK\rT 0 0 0 0 0 0 0 0\r:");
+    let (mut sight, line) = sight(script, 88);
+    wait(sight.start_up()).unwrap();
+    wait(sight.begin(Subject::Colour(ORANGE))).unwrap();
+    let blob = wait(sight.next()).unwrap().unwrap();
+    assert_eq!((blob.left, blob.right), (19.5, 27.5));
+    assert_eq!(blob.packet, [23, 50, 21, 41, 28, 56, 15, 200]);
+    assert_eq!(wait(sight.next()), Ok(None));
+    assert_eq!(wait(sight.end()), Ok(()));
+    assert_eq!(wait(sight.next()), Err(SightError::NotBegun));
+    line.assert_finished();
+}
+
+#[test]
+fn motion_needs_a_background() {
+    let script = started()
+        .on("LF\r", "ACK\r:")
+        .on("FD 12\r", "ACK\rT 6 8 5 7 6 9 6 255\r:");
+    let (mut sight, line) = sight(script, 88);
+    wait(sight.start_up()).unwrap();
+    assert_eq!(wait(sight.begin(MOTION)), Err(SightError::NoBackground));
+    wait(sight.learn_background()).unwrap();
+    wait(sight.begin(MOTION)).unwrap();
+    let blob = wait(sight.next()).unwrap().unwrap();
+    // Blocks 5 and 6 of 16, each 5.5 columns wide.
+    assert_eq!((blob.left, blob.right), (21.5, 32.5));
+    line.assert_finished();
+}
+
+#[test]
+fn a_colour_is_learnt() {
+    let script = started()
+        .on(
+            "TW\r",
+            "ACK\rS 200 100 46 3 3 3\rT 44 70 40 60 48 80 20 201\r:",
+        )
+        .on("GT\r", "ACK\r170 230 70 130 16 76\r:");
+    let (mut sight, line) = sight(script, 88);
+    wait(sight.start_up()).unwrap();
+    let learnt = ColourWindow {
+        red: [170, 230],
+        green: [70, 130],
+        blue: [16, 76],
+    };
+    assert_eq!(wait(sight.learn_colour()), Ok(learnt));
+    line.assert_finished();
+}
+
+#[test]
+fn nothing_goes_before_starting_up() {
+    let script = Script::idle().on("RS\r", format!("ACK\r{BANNER}"));
+    let (mut sight, line) = sight(script, 88);
+    let colour = Subject::Colour(ORANGE);
+    assert_eq!(wait(sight.begin(colour)), Err(SightError::NotStarted));
+    assert_eq!(wait(sight.learn_colour()), Err(SightError::NotStarted));
+    assert_eq!(wait(sight.learn_background()), Err(SightError::NotStarted));
+    assert_eq!(wait(sight.reset()), Ok(()));
+    assert_eq!(wait(sight.begin(colour)), Err(SightError::NotStarted));
+    line.assert_finished();
+}
+
+#[test]
+fn an_inverted_colour_is_not_sent() {
+    let (mut sight, line) = sight(started(), 88);
+    wait(sight.start_up()).unwrap();
+    let inverted = ColourWindow {
+        green: [90, 80],
+        ..ORANGE
+    };
+    let begun = wait(sight.begin(Subject::Colour(inverted)));
+    assert_eq!(begun, Err(SightError::Colour));
+    line.assert_finished();
+}
+
+/// Silence is told apart from noise, and the same object works again when the camera is back.
+#[test]
+fn a_dead_line_is_survived() {
+    let (mut sight, line) = sight(started(), 88);
+    wait(sight.start_up()).unwrap();
+    wait(async {
+        line.unplug();
+        let begun = sight.begin(Subject::Colour(ORANGE)).await;
+        assert_eq!(begun, Err(SightError::Silent));
+        line.fail_next_read();
+        let error = sight.begin(Subject::Colour(ORANGE)).await.unwrap_err();
+        assert!(matches!(error, SightError::Line(_)), "{error}");
+    });
+}
+
+/// A camera that lost its power streams where poll mode was set. The driver sets all again, but
+/// gain and white balance are no longer what they were, so it is started up.
+#[test]
+fn a_restart_within_a_look_is_survived() {
+    const SEEN: &str = "ACK\rT 44 70 40 60 48 77 20 201\r:";
+    let look_for = |script: Script| {
+        (0..5).fold(script.on("ST 170 240 60 140 16 80\r", "ACK\r:"), |s, _| {
+            s.on("TC\r", SEEN)
+        })
+    };
+    let restored = [
+        "CR 18 40 19 32\r",
+        "HD 1\r",
+        "NF 0\r",
+        "PM 1\r",
+        "ST 170 240 60 140 16 80\r",
+    ];
+    let script = started()
+        .on("ST 170 240 60 140 16 80\r", "ACK\r:")
+        .on("TC\r", SEEN)
+        // Power fails here.
+        .on("TC\r", format!("AC{BANNER}"));
+    let script = restored
+        .iter()
+        .fold(script, |script, command| script.on(command, "ACK\r:"))
+        .on("TC\r", SEEN)
+        // Told of the restart, nobody read that.
+        .on("\r", "ACK\r:")
+        .on("\r", "ACK\r:")
+        .on("GV\r", format!("ACK\r{BANNER}"));
+    let script = look_for(set_up(script, &["NF 0\r", "HD 1\r", "PM 1\r"]));
+    let (mut sight, line) = sight(script, 88);
+    wait(sight.start_up()).unwrap();
+    let camera = Lens::pin_hole(88, 45.0).camera().unwrap();
+    let mut judge = Judge::new(camera, Patience::default(), Shape::Any);
+    let seen = wait(look(&mut sight, Subject::Colour(ORANGE), &mut judge));
+    assert!(
+        matches!(seen, Ok(Look::Steady(seen)) if seen.column == 43.0),
+        "{seen:?}, sent {:?}",
+        line.transcript()
+    );
+    line.assert_finished();
+}

@@ -1,0 +1,317 @@
+//! The memory of a role in a flash that loses its power and rots.
+
+mod support;
+
+use std::collections::BTreeMap;
+
+use calib_core::dead_reckoning::{Place, PlaceParts, Systematic};
+use embassy_futures::block_on;
+use nalgebra::{Point2, Vector2};
+use node_firmware::{
+    config::Duty,
+    memory::{Fact, KeptSighting, Memory, ReferenceStop, Walk},
+    message::{MEMBERS, PoseParts, References, Report, Seen, State},
+    role::camera::{REFERENCE_STOPS, SIGHTINGS},
+};
+use rand::{RngExt, SeedableRng};
+use rand_chacha::ChaCha8Rng;
+use support::flash::{self, MockFlash};
+use zigbee_link::store::log::{Entry, LogError};
+
+/// Two pages of 4 KiB, as on the boards.
+type Flash = MockFlash<32>;
+const SLOT: usize = 96;
+
+fn place() -> Place<f32> {
+    Place::new(PlaceParts {
+        position: Point2::new(1.0, 2.0),
+        fix: u32::MAX,
+        fix_covariance: [1.0, 0.5, 2.0],
+        step_covariance: [2.0, 0.0, 1.0],
+        walked: Vector2::new(0.5, 1.0),
+        systematic: Systematic {
+            heading_sigma: 0.5,
+            scale_sigma: 1.0,
+        },
+        standing_sigma: 2.0,
+    })
+    .unwrap()
+}
+
+fn seen(bearing: f32) -> Seen {
+    Seen {
+        bearing,
+        sigma: 0.5,
+    }
+}
+
+fn pose() -> PoseParts {
+    PoseParts {
+        position: [1.0, 2.0],
+        heading: 0.5,
+        covariance: [1.0, 0.0, 2.0, 0.0, 0.5, 1.0],
+    }
+}
+
+fn report(id: u16) -> Report {
+    Report {
+        id,
+        duty: Some(Duty::Second),
+        sightings: 255,
+        used: 255,
+        chi_squared: 2.0,
+        done: true,
+        state: State::Pose(pose()),
+    }
+}
+
+fn sighting(index: u8, bearing: f32) -> Fact {
+    Fact::Sighting(
+        index,
+        Some(KeptSighting {
+            target: u16::MAX,
+            stop: u16::MAX,
+            place: place(),
+            seen: seen(bearing),
+        }),
+    )
+}
+
+/// The longest of each kind, in the order of their keys.
+fn longest() -> [Fact; 7] {
+    [
+        Fact::Report(Some(report(u16::MAX))),
+        Fact::References(Some(References {
+            first: u16::MAX,
+            second: u16::MAX,
+            positions: Some([[1.0, 2.0], [3.0, 4.0]]),
+        })),
+        Fact::Walk(Walk {
+            stop: u16::MAX,
+            standing: true,
+            place: place(),
+            located: true,
+            frame_heading: Some(1.0),
+            frame_heading_sigma: 0.5,
+        }),
+        Fact::Posed(Some(pose())),
+        sighting(MEMBERS as u8 - 1, 1.0),
+        Fact::ReferenceStop(
+            MEMBERS as u8 - 1,
+            Some(ReferenceStop {
+                target: u16::MAX,
+                stop: u16::MAX,
+                place: Some(place()),
+                own: Some(seen(1.0)),
+                other: Some(seen(2.0)),
+            }),
+        ),
+        Fact::Camera(MEMBERS as u8 - 1, Some((u16::MAX, report(u16::MAX)))),
+    ]
+}
+
+fn recall(flash: &mut Flash) -> Vec<Fact> {
+    block_on(async {
+        let mut memory = Memory::open(flash, 0..Flash::LEN).await.unwrap();
+        let mut facts = Vec::new();
+        memory.recall(|fact| facts.push(*fact)).await.unwrap();
+        facts
+    })
+}
+
+fn save(flash: &mut Flash, facts: &[Fact]) {
+    block_on(async {
+        let mut memory = Memory::open(flash, 0..Flash::LEN).await.unwrap();
+        for fact in facts {
+            memory.save(fact).await.unwrap();
+        }
+    });
+}
+
+#[test]
+fn the_longest_fact_of_each_kind_survives_a_restart() {
+    let mut buffer = [0; 256];
+    for fact in longest() {
+        let length = postcard::to_slice(&fact, &mut buffer).unwrap().len();
+        println!("{length:3} of {}: {fact:?}", Entry::<SLOT>::VALUE_MAX);
+        assert!(length <= Entry::<SLOT>::VALUE_MAX);
+    }
+    let mut flash = Flash::new(0);
+    save(&mut flash, &longest());
+    assert_eq!(recall(&mut flash), longest());
+}
+
+/// Frozen: the value of each kind of fact begins with the number of its variant.
+#[test]
+fn format() {
+    let mut buffer = [0; 256];
+    let mut bytes = |fact: &Fact| postcard::to_slice(fact, &mut buffer).unwrap().to_vec();
+    assert_eq!(bytes(&Fact::Report(None)), [0, 0]);
+    assert_eq!(bytes(&Fact::References(None)), [1, 0]);
+    assert_eq!(bytes(&longest()[2])[..5], [2, 0xFF, 0xFF, 3, 1]);
+    assert_eq!(bytes(&Fact::Sighting(7, None)), [3, 7, 0]);
+    assert_eq!(bytes(&Fact::ReferenceStop(7, None)), [4, 7, 0]);
+    assert_eq!(bytes(&Fact::Camera(7, None)), [5, 7, 0]);
+    assert_eq!(bytes(&Fact::Posed(None)), [6, 0]);
+    let seen = [0x00, 0x00, 0x80, 0x3F, 0x00, 0x00, 0x00, 0x3F];
+    assert!(bytes(&sighting(1, 1.0)).ends_with(&seen));
+}
+
+/// No fact is written over another one.
+#[test]
+fn all_facts_of_a_camera_fit_together() {
+    let mut facts = longest()[..4].to_vec();
+    facts.extend((0..SIGHTINGS as u8).map(|index| sighting(index, f32::from(index))));
+    facts.extend((0..REFERENCE_STOPS as u8).map(|index| match longest()[5] {
+        Fact::ReferenceStop(_, stop) => Fact::ReferenceStop(index, stop),
+        _ => unreachable!(),
+    }));
+    let mut flash = Flash::new(1);
+    for _ in 0..5 {
+        save(&mut flash, &facts);
+    }
+    assert_eq!(recall(&mut flash), facts);
+}
+
+#[test]
+fn all_facts_of_a_target_fit_together() {
+    let mut facts = vec![longest()[2]];
+    facts.extend((0..MEMBERS as u8).map(|n| Fact::Camera(n, Some((n.into(), report(n.into()))))));
+    let mut flash = Flash::new(2);
+    for _ in 0..5 {
+        save(&mut flash, &facts);
+    }
+    assert_eq!(recall(&mut flash), facts);
+}
+
+/// A node that was a camera and becomes a coordinator finds more facts than fit. It goes on.
+#[test]
+fn a_full_memory_is_begun_anew() {
+    let mut flash = Flash::new(3);
+    for n in 0..MEMBERS as u8 {
+        save(&mut flash, &[sighting(n, 1.0)]);
+    }
+    for n in 0..MEMBERS as u8 {
+        let fact = Fact::Camera(n, Some((n.into(), report(n.into()))));
+        save(&mut flash, &[fact]);
+        assert!(recall(&mut flash).contains(&fact));
+    }
+}
+
+/// Whatever bit flips, the memory opens, and what it recalls was once written.
+#[test]
+fn rot_is_survived() {
+    let mut whole = Flash::new(4);
+    save(&mut whole, &longest());
+    let mut rng = ChaCha8Rng::seed_from_u64(0x5071);
+    for _ in 0..300 {
+        let mut flash = whole.clone();
+        for _ in 0..rng.random_range(1..4) {
+            let at = rng.random_range(0..(longest().len() + 2) * SLOT);
+            flash.bytes[at] ^= 1 << rng.random_range(0..8);
+        }
+        let recalled = recall(&mut flash);
+        assert!(recalled.iter().all(|fact| longest().contains(fact)));
+        // And goes on.
+        save(&mut flash, &[sighting(3, 2.0)]);
+        assert!(recall(&mut flash).contains(&sighting(3, 2.0)));
+    }
+}
+
+/// It rots while the node runs, and is noticed when the bank is full.
+#[test]
+fn rot_at_work_is_survived() {
+    let mut rotten = Flash::new(5);
+    save(&mut rotten, &longest());
+    block_on(async {
+        let mut memory = Memory::open(RotsLater(&mut rotten, 60), 0..Flash::LEN)
+            .await
+            .unwrap();
+        for n in 0..200_u8 {
+            memory.save(&sighting(1, f32::from(n))).await.unwrap();
+        }
+    });
+    assert!(recall(&mut rotten).contains(&sighting(1, 199.0)));
+}
+
+/// After so many more writes a bit of a record flips.
+struct RotsLater<'a>(&'a mut Flash, u32);
+
+mod rots_later {
+    use embedded_storage_async::nor_flash::{ErrorType, NorFlash, ReadNorFlash};
+
+    use super::{Flash, RotsLater, SLOT, flash::PowerLoss};
+
+    impl ErrorType for RotsLater<'_> {
+        type Error = PowerLoss;
+    }
+
+    impl ReadNorFlash for RotsLater<'_> {
+        const READ_SIZE: usize = Flash::READ_SIZE;
+
+        async fn read(&mut self, offset: u32, bytes: &mut [u8]) -> Result<(), PowerLoss> {
+            self.0.read(offset, bytes).await
+        }
+
+        fn capacity(&self) -> usize {
+            self.0.capacity()
+        }
+    }
+
+    impl NorFlash for RotsLater<'_> {
+        const WRITE_SIZE: usize = Flash::WRITE_SIZE;
+        const ERASE_SIZE: usize = Flash::ERASE_SIZE;
+
+        async fn erase(&mut self, from: u32, to: u32) -> Result<(), PowerLoss> {
+            self.0.erase(from, to).await
+        }
+
+        async fn write(&mut self, offset: u32, bytes: &[u8]) -> Result<(), PowerLoss> {
+            self.1 = self.1.wrapping_sub(1);
+            if self.1 == 0 {
+                // The records of both banks are there.
+                for bank in [0, self.0.bytes.len() / 2] {
+                    self.0.bytes[bank + 2 * SLOT + 9] ^= 4;
+                }
+            }
+            self.0.write(offset, bytes).await
+        }
+    }
+}
+
+/// The power fails in the middle of writes, of compaction and of opening. Each fact is then the
+/// one last written, or the one that was being written.
+#[test]
+fn power_cuts_are_survived() {
+    let mut rng = ChaCha8Rng::seed_from_u64(0xC075);
+    let mut flash = Flash::new(6);
+    let mut kept: BTreeMap<u8, Fact> = BTreeMap::new();
+    for _ in 0..400 {
+        // Up to a bank's worth of words and pages.
+        let budget = 1 << rng.random_range(0..12);
+        flash.power(Some(rng.random_range(1..=budget)));
+        let mut trying = None;
+        let failed = block_on(async {
+            let mut memory = Memory::open(&mut flash, 0..Flash::LEN).await?;
+            loop {
+                let index = rng.random_range(0..20);
+                let fact = sighting(index, rng.random());
+                trying = Some((index, fact));
+                memory.save(&fact).await?;
+                kept.extend(trying.take());
+            }
+            #[expect(unreachable_code, reason = "tells the type")]
+            Ok::<(), LogError<_>>(())
+        });
+        assert_eq!(failed, Err(LogError::Flash(flash::PowerLoss)));
+        flash.power(None);
+        let recalled = recall(&mut flash);
+        if let Some((index, fact)) = trying
+            && recalled.contains(&fact)
+        {
+            kept.insert(index, fact);
+        }
+        assert!(recalled.iter().eq(kept.values()));
+    }
+    assert!(flash.erasures.iter().all(|&n| n > 2));
+}

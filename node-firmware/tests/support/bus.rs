@@ -1,0 +1,273 @@
+//! Roles, connected directly. The radio in between is ideal, or does what radios do.
+//!
+//! What roles save goes through a real [`Memory`] in a flash of their own, and every message is
+//! encoded and decoded, so a restart and the wire are tested along the way. Three things are
+//! required of every role whenever it wants nothing more: that this took a bounded number of
+//! polls, that its deadline lies in the future, and that all it sent fits a frame.
+
+use std::collections::VecDeque;
+
+use embassy_futures::block_on;
+use node_firmware::{
+    memory::{Fact, Memory},
+    message::Message,
+    role::{Output, Role},
+};
+use rand::{RngExt, SeedableRng};
+use rand_chacha::ChaCha8Rng;
+use zigbee_link::{
+    Instant,
+    link::MESSAGE_MAX,
+    radio::Channel,
+    store::Membership,
+    wire::{Eui64, PanId, ShortAddress},
+};
+
+use super::flash::MockFlash;
+
+type Flash = MockFlash<32>;
+
+/// The most that a role may want at one time.
+const POLLS: usize = 200;
+
+/// What the radio does to messages.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Faults {
+    /// Share of messages that are lost, and of those that arrive, but of which the sender does not
+    /// hear that they did.
+    pub loss: f64,
+    /// Share of messages that come twice.
+    pub double: f64,
+    /// The most a message is late, microseconds. So they overtake each other.
+    pub delay: u64,
+}
+
+struct OnTheWay {
+    at: u64,
+    from: ShortAddress,
+    to: ShortAddress,
+    bytes: Vec<u8>,
+}
+
+/// The radio.
+pub struct Air {
+    pub faults: Faults,
+    pub sent: Vec<Sent>,
+    queue: Vec<OnTheWay>,
+    rng: ChaCha8Rng,
+}
+
+/// A message that was sent, for tests to see.
+#[derive(Clone, Debug)]
+pub struct Sent {
+    pub at: u64,
+    pub from: ShortAddress,
+    pub to: ShortAddress,
+    pub message: Message,
+}
+
+impl Air {
+    pub fn new(faults: Faults, seed: u64) -> Self {
+        Self {
+            faults,
+            sent: Vec::new(),
+            queue: Vec::new(),
+            rng: ChaCha8Rng::seed_from_u64(seed),
+        }
+    }
+
+    /// Whether the sender hears that it arrived.
+    fn send(&mut self, now: u64, from: ShortAddress, to: ShortAddress, message: Message) -> bool {
+        let mut buffer = [0; 256];
+        let bytes = postcard::to_slice(&message, &mut buffer).unwrap();
+        assert!(bytes.len() <= MESSAGE_MAX, "{message:?} is too long");
+        let bytes = bytes.to_vec();
+        self.sent.push(Sent {
+            at: now,
+            from,
+            to,
+            message,
+        });
+        let Faults {
+            loss,
+            double,
+            delay,
+        } = self.faults;
+        let is_broadcast = to == ShortAddress::BROADCAST;
+        if self.rng.random_bool(loss) {
+            return is_broadcast;
+        }
+        for _ in 0..1 + u8::from(self.rng.random_bool(double)) {
+            self.queue.push(OnTheWay {
+                at: now + 5_000 + self.rng.random_range(0..=delay),
+                from,
+                to,
+                bytes: bytes.clone(),
+            });
+        }
+        is_broadcast || !self.rng.random_bool(loss)
+    }
+}
+
+/// What the devices of a role make of a task: an event, and when.
+pub type Devices<R> = Box<dyn FnMut(u64, <R as Role>::Task) -> Option<(u64, <R as Role>::Event)>>;
+
+/// A role with its flash and its devices.
+pub struct Station<R: Role> {
+    pub role: R,
+    pub address: ShortAddress,
+    pub facts: Vec<Fact>,
+    make: Box<dyn Fn() -> R>,
+    devices: Devices<R>,
+    flash: Flash,
+    settled: VecDeque<(u64, R::Errand, bool)>,
+    events: Vec<(u64, R::Event)>,
+    /// Sends nothing and hears nothing.
+    pub is_off: bool,
+    /// Sends nothing.
+    pub is_mute: bool,
+}
+
+impl<R: Role> Station<R> {
+    pub fn new(address: u16, make: impl Fn() -> R + 'static, devices: Devices<R>) -> Self {
+        Self {
+            role: make(),
+            address: ShortAddress(address),
+            facts: Vec::new(),
+            make: Box::new(make),
+            devices,
+            flash: Flash::new(address.into()),
+            settled: VecDeque::new(),
+            events: Vec::new(),
+            is_off: false,
+            is_mute: false,
+        }
+    }
+
+    fn membership(&self) -> Membership {
+        Membership {
+            pan: PanId(0x1234),
+            short: self.address,
+            channel: Channel::new(15).unwrap(),
+            coordinator: Eui64([2, 0, 0, 0, 0, 0, 0, 0]),
+        }
+    }
+
+    pub fn attach(&mut self, now: u64) {
+        self.role.attached(Instant(now), Some(self.membership()));
+    }
+
+    /// Power off and on: the flash is what is left.
+    pub fn restart(&mut self, now: u64) {
+        self.role = (self.make)();
+        self.settled.clear();
+        self.events.clear();
+        let role = &mut self.role;
+        block_on(async {
+            let mut memory = Memory::open(&mut self.flash, 0..Flash::LEN).await.unwrap();
+            memory.recall(|fact| role.remember(fact)).await.unwrap();
+        });
+        self.attach(now);
+    }
+
+    pub fn event(&mut self, at: u64, event: R::Event) {
+        self.events.push((at, event));
+    }
+}
+
+/// A station of whatever role.
+pub trait AnyStation {
+    fn address(&self) -> ShortAddress;
+    fn hear(&mut self, now: u64, from: ShortAddress, message: &Message);
+    /// Does all that is to be done now. When to call it again.
+    fn act(&mut self, now: u64, air: &mut Air) -> Option<u64>;
+}
+
+impl<R: Role> AnyStation for Station<R> {
+    fn address(&self) -> ShortAddress {
+        self.address
+    }
+
+    fn hear(&mut self, now: u64, from: ShortAddress, message: &Message) {
+        if !self.is_off {
+            self.role.message(Instant(now), from, message);
+        }
+    }
+
+    fn act(&mut self, now: u64, air: &mut Air) -> Option<u64> {
+        while let Some(place) = self.settled.iter().position(|(at, ..)| *at <= now) {
+            let (_, errand, delivered) = self.settled.remove(place).unwrap();
+            self.role.sent(Instant(now), errand, delivered);
+        }
+        while let Some(place) = self.events.iter().position(|(at, _)| *at <= now) {
+            let (_, event) = self.events.remove(place);
+            self.role.event(Instant(now), event);
+        }
+        let mut polls = 0;
+        while let Some(output) = self.role.poll(Instant(now)) {
+            polls += 1;
+            assert!(polls < POLLS, "it never has enough");
+            match output {
+                Output::Send {
+                    to,
+                    message,
+                    errand,
+                } => {
+                    let is_heard = !self.is_off && !self.is_mute;
+                    let delivered = is_heard && air.send(now, self.address, to, message);
+                    if let Some(errand) = errand {
+                        let after = if delivered { 10_000 } else { 150_000 };
+                        self.settled.push_back((now + after, errand, delivered));
+                    }
+                }
+                Output::Save(fact) => {
+                    block_on(async {
+                        let mut memory =
+                            Memory::open(&mut self.flash, 0..Flash::LEN).await.unwrap();
+                        memory.save(&fact).await.unwrap();
+                    });
+                    self.facts.push(fact);
+                }
+                Output::Task(task) => self.events.extend((self.devices)(now, task)),
+            }
+        }
+        let deadline = self.role.deadline().map(|deadline| deadline.0);
+        assert!(
+            deadline.is_none_or(|deadline| deadline > now),
+            "it wants nothing, but to be asked again at once"
+        );
+        let settled = self.settled.iter().map(|(at, ..)| *at);
+        let events = self.events.iter().map(|(at, _)| *at);
+        settled.chain(events).chain(deadline).min()
+    }
+}
+
+/// Runs everything that happens until then.
+pub fn run(now: &mut u64, until: u64, air: &mut Air, stations: &mut [&mut dyn AnyStation]) {
+    loop {
+        while let Some(place) = air.queue.iter().position(|on| on.at <= *now) {
+            let OnTheWay {
+                from, to, bytes, ..
+            } = air.queue.remove(place);
+            let message: Message = postcard::from_bytes(&bytes).unwrap();
+            for station in stations.iter_mut() {
+                let is_for = to == station.address() || to == ShortAddress::BROADCAST;
+                if is_for && station.address() != from {
+                    station.hear(*now, from, &message);
+                }
+            }
+        }
+        let next = stations
+            .iter_mut()
+            .filter_map(|station| station.act(*now, air))
+            .min();
+        let next = next.into_iter().chain(air.queue.iter().map(|on| on.at));
+        *now = next
+            .min()
+            .unwrap_or(until)
+            .clamp(*now + 1, until.max(*now + 1));
+        if *now >= until {
+            return;
+        }
+    }
+}

@@ -1,0 +1,253 @@
+//! A whole network of roles on one bus, and a carrier who walks when the target says so.
+
+use std::{cell::RefCell, rc::Rc};
+
+use calib_core::dead_reckoning::Step;
+use nalgebra::{Matrix3, Point2, Vector3};
+use node_firmware::{
+    config::{CameraConfig, Duty},
+    console::ToPc,
+    message::{PoseParts, Report, State},
+    role::{
+        Role,
+        camera::{self, Camera},
+        coordinator::{self, Coordinator},
+        target::{self, Target},
+    },
+};
+
+use super::{
+    bus::{Air, AnyStation, Faults, Station, run},
+    site::{self, CAMERAS, STEP_SIGMAS, STOPS, Shared, Site, Truth, camera_config, target_config},
+};
+
+pub const SECOND: u64 = 1_000_000;
+/// A look takes so long.
+const LOOK: u64 = 600_000;
+/// How the sensor of the target is turned.
+pub const TURN: f64 = 0.7;
+pub const TARGET: u16 = 10;
+
+pub struct Net {
+    pub now: u64,
+    pub air: Air,
+    pub coordinator: Station<Coordinator>,
+    pub cameras: Vec<Station<Camera>>,
+    pub target: Station<Target>,
+    pub told: Rc<RefCell<Vec<ToPc>>>,
+    /// How often each camera looked.
+    pub looks: Rc<RefCell<Vec<u32>>>,
+    pub stops: usize,
+    site: Shared,
+}
+
+/// The two first cameras are configured as references.
+pub fn with_references(n: usize) -> CameraConfig {
+    camera_config(
+        [Some(Duty::First), Some(Duty::Second)]
+            .get(n)
+            .copied()
+            .flatten(),
+    )
+}
+
+/// A pose against the truth: squared error in units of the predicted covariance.
+pub fn nees(pose: &PoseParts, truth: &Truth) -> f64 {
+    let [xx, xy, yy, xh, yh, hh] = pose.covariance.map(f64::from);
+    let covariance = Matrix3::new(xx, xy, xh, xy, yy, yh, xh, yh, hh);
+    let error = error(pose, truth);
+    covariance.cholesky().unwrap().solve(&error).dot(&error)
+}
+
+/// x, y, heading.
+pub fn error(pose: &PoseParts, truth: &Truth) -> Vector3<f64> {
+    use std::f64::consts::PI;
+    let [x, y] = pose.position.map(f64::from);
+    let turn = f64::from(pose.heading) - truth.heading;
+    Vector3::new(
+        x - truth.position.x,
+        y - truth.position.y,
+        (turn + PI).rem_euclid(2.0 * PI) - PI,
+    )
+}
+
+impl Net {
+    pub fn new(faults: Faults, seed: u64, config: impl Fn(usize) -> CameraConfig) -> Self {
+        let site = Site::new(seed);
+        let told = Rc::new(RefCell::new(Vec::new()));
+        let looks = Rc::new(RefCell::new(vec![0; CAMERAS.len()]));
+        let pc = told.clone();
+        let mut coordinator = Station::<Coordinator>::new(
+            0,
+            Coordinator::new,
+            Box::new(move |_, task| {
+                if let coordinator::Task::Tell(message) = task {
+                    pc.borrow_mut().push(message);
+                }
+                None
+            }),
+        );
+        coordinator.attach(0);
+        let mut cameras: Vec<_> = CAMERAS
+            .iter()
+            .enumerate()
+            .map(|(n, &truth)| {
+                let (site, looks, config) = (site.clone(), looks.clone(), config(n));
+                let devices: super::bus::Devices<Camera> = Box::new(move |now, task| {
+                    Some(match task {
+                        camera::Task::Look { colour } => {
+                            looks.borrow_mut()[n] += 1;
+                            let (sight, seen) = site.borrow().look(&truth, colour);
+                            (now + LOOK, camera::Event::Looked(sight, seen))
+                        }
+                        camera::Task::Command(command) => {
+                            let success = true;
+                            let done = node_firmware::message::Done { command, success };
+                            (now + LOOK, camera::Event::Done(done))
+                        }
+                    })
+                });
+                let address = n as u16 + 1;
+                Station::new(
+                    address,
+                    move || Camera::new(100 + address, config.clone()),
+                    devices,
+                )
+            })
+            .collect();
+        for camera in &mut cameras {
+            camera.attach(0);
+            camera.event(SECOND, camera::Event::Ready);
+        }
+        let mut target = Station::<Target>::new(
+            TARGET,
+            // Soon its numbers begin again from zero.
+            || Target::new(TARGET, target_config(0), u16::MAX - 2),
+            Box::new(|_, ()| None),
+        );
+        target.attach(0);
+        let [x, y] = STOPS[0];
+        site.borrow_mut().targets.insert(0, Point2::new(x, y));
+        Self {
+            now: 0,
+            air: Air::new(faults, seed),
+            coordinator,
+            cameras,
+            target,
+            told,
+            looks,
+            stops: 1,
+            site,
+        }
+    }
+
+    pub fn run(&mut self, until: u64) {
+        let mut all: Vec<&mut dyn AnyStation> = vec![&mut self.coordinator, &mut self.target];
+        all.extend(self.cameras.iter_mut().map(|c| c as &mut dyn AnyStation));
+        run(&mut self.now, until, &mut self.air, &mut all);
+    }
+
+    pub fn run_for(&mut self, time: u64) {
+        self.run(self.now + time);
+    }
+
+    /// Until the target says that it may walk.
+    pub fn wait(&mut self) {
+        let limit = self.now + 120 * SECOND;
+        while !self.target.role.indication().may_walk {
+            assert!(self.now < limit, "it may never walk");
+            self.run_for(SECOND / 10);
+        }
+    }
+
+    /// To the next stop, and what follows there.
+    pub fn walk(&mut self) {
+        self.step_to_next();
+        self.run_for(SECOND);
+        self.wait();
+    }
+
+    /// To the next stop.
+    pub fn step_to_next(&mut self) {
+        let [x, y] = STOPS[self.stops % STOPS.len()];
+        let round = 0.15 * (self.stops / STOPS.len()) as f64;
+        self.stops += 1;
+        let to = Point2::new(x + round, y - round);
+        let [distance, heading] = self.site.borrow_mut().walk(0, to, TURN);
+        self.target.event(
+            self.now,
+            target::Event::Step(Step {
+                distance: distance as f32,
+                heading: heading as f32,
+                distance_sigma: STEP_SIGMAS[0] as f32,
+                heading_sigma: STEP_SIGMAS[1] as f32,
+            }),
+        );
+    }
+
+    /// All stops up to this number.
+    pub fn walk_to(&mut self, stops: usize) {
+        self.wait();
+        while self.stops < stops {
+            self.walk();
+        }
+    }
+
+    pub fn reports(&self) -> Vec<Report> {
+        self.cameras
+            .iter()
+            .map(|camera| *camera.role.report())
+            .collect()
+    }
+
+    pub fn poses(&self) -> Vec<Option<PoseParts>> {
+        self.reports()
+            .iter()
+            .map(|report| report.pose().copied())
+            .collect()
+    }
+
+    pub fn are_all_done(&self) -> bool {
+        self.reports().iter().all(|report| report.done)
+    }
+
+    /// Every camera that has a pose is where the pose says, within so many sigmas.
+    pub fn check_poses(&self, frame: impl Fn(&Truth) -> Truth, sigmas: f64) {
+        for (n, (report, truth)) in self.reports().iter().zip(&CAMERAS).enumerate() {
+            let State::Pose(pose) = report.state else {
+                panic!("camera {n}: {report:?}");
+            };
+            let error = error(&pose, &frame(truth));
+            let sigma = [0, 2, 5].map(|i| f64::from(pose.covariance[i]).sqrt());
+            for (error, sigma) in error.iter().zip(sigma) {
+                assert!(
+                    error.abs() <= sigmas * sigma + 1e-4,
+                    "camera {n}: {error} of {sigma}"
+                );
+            }
+            assert!(
+                error.xy().norm() < 0.5 && error.z.abs() < 0.05,
+                "camera {n}: {error} {report:?}"
+            );
+        }
+    }
+}
+
+/// The truth is in the frame of the site.
+pub fn same(truth: &Truth) -> Truth {
+    *truth
+}
+
+/// The frame whose origin is one camera, and whose x axis runs to another.
+pub fn from_to(first: usize, second: usize) -> impl Fn(&Truth) -> Truth {
+    let (first, second) = (
+        site::CAMERAS[first].position,
+        site::CAMERAS[second].position,
+    );
+    let axis = second - first;
+    let turn = axis.y.atan2(axis.x);
+    move |truth| Truth {
+        position: Point2::from(nalgebra::Rotation2::new(-turn) * (truth.position - first)),
+        heading: truth.heading - turn,
+    }
+}

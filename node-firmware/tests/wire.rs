@@ -1,0 +1,666 @@
+//! The wire formats of messages and console, which are interfaces: golden bytes of every variant,
+//! lengths, and that nothing unsound decodes.
+
+use calib_core::{
+    Refusal,
+    dead_reckoning::{Place, PlaceParts, Systematic},
+};
+use nalgebra::{Point2, Vector2};
+use node_firmware::{
+    config::{Duty, Reference},
+    console::{FRAME_MAX, Frames, FromPc, Network, ToPc, encode},
+    message::{
+        Bearing, Command, Done, Frame, Hello, Kind, Located, Look, MEMBERS, Message, PoseParts,
+        References, Report, Seen, Sight, Sighted, State, Stopped, Tracked,
+    },
+};
+use proptest::prelude::*;
+use zigbee_link::link::MESSAGE_MAX;
+
+/// 1.0, 2.0, 0.5 and 0.0 as IEEE 754 has them, little-endian.
+const ONE: &str = "0000803f";
+const TWO: &str = "00000040";
+const HALF: &str = "0000003f";
+const ZERO: &str = "00000000";
+
+fn hex(bytes: &[u8]) -> String {
+    bytes.iter().map(|byte| format!("{byte:02x}")).collect()
+}
+
+fn seen() -> Seen {
+    Seen {
+        bearing: 1.0,
+        sigma: 0.5,
+    }
+}
+
+fn place() -> Place<f32> {
+    Place::new(PlaceParts {
+        position: Point2::new(1.0, 2.0),
+        fix: 300,
+        fix_covariance: [1.0, 0.5, 2.0],
+        step_covariance: [2.0, 0.0, 1.0],
+        walked: Vector2::new(0.5, 1.0),
+        systematic: Systematic {
+            heading_sigma: 0.5,
+            scale_sigma: 1.0,
+        },
+        standing_sigma: 2.0,
+    })
+    .unwrap()
+}
+
+fn pose() -> PoseParts {
+    PoseParts {
+        position: [1.0, 2.0],
+        heading: 0.5,
+        covariance: [1.0, 0.0, 2.0, 0.0, 0.5, 1.0],
+    }
+}
+
+fn report(duty: Option<Duty>, state: State) -> Report {
+    Report {
+        id: 11,
+        duty,
+        sightings: 4,
+        used: 3,
+        chi_squared: 2.0,
+        done: true,
+        state,
+    }
+}
+
+fn place_bytes() -> String {
+    // 300 is ac 02 as a varint.
+    [
+        ONE, TWO, "ac02", ONE, HALF, TWO, TWO, ZERO, ONE, HALF, ONE, HALF, ONE, TWO,
+    ]
+    .concat()
+}
+
+fn pose_bytes() -> String {
+    [ONE, TWO, HALF, ONE, ZERO, TWO, ZERO, HALF, ONE].concat()
+}
+
+fn look(sight: Sight) -> Message {
+    Message::Look(Look {
+        stop: 5,
+        sight,
+        counted: 3,
+        done: false,
+    })
+}
+
+/// Every variant, and every one of the enums inside.
+fn golden() -> Vec<(Message, String)> {
+    let reference = |duty, position| Hello {
+        id: 7,
+        kind: Kind::Camera {
+            reference: Some(Reference { duty, position }),
+        },
+    };
+    let references = |positions| {
+        Message::References(References {
+            first: 1,
+            second: 2,
+            positions,
+        })
+    };
+    let stopped = |frame| {
+        Message::Stopped(Stopped {
+            stop: 5,
+            colour: 2,
+            frame,
+            place: place(),
+        })
+    };
+    let bearing = |pose| {
+        Message::Bearing(Bearing {
+            target: 9,
+            stop: 5,
+            seen: seen(),
+            pose,
+        })
+    };
+    let mut all: Vec<(Message, String)> = [
+        (
+            Message::Hello(Hello {
+                id: 7,
+                kind: Kind::Camera { reference: None },
+            }),
+            "00070000".into(),
+        ),
+        (
+            Message::Hello(reference(Duty::First, None)),
+            "000700010000".into(),
+        ),
+        (
+            Message::Hello(reference(Duty::Second, Some([1.0, 2.0]))),
+            format!("000700010101{ONE}{TWO}"),
+        ),
+        (
+            Message::Hello(Hello {
+                id: 300,
+                kind: Kind::Target,
+            }),
+            "00ac0201".into(),
+        ),
+        (Message::WhoIsThere, "01".into()),
+        (
+            Message::Roster([1, 300].into_iter().collect()),
+            "020201ac02".into(),
+        ),
+        (references(None), "03010200".into()),
+        (
+            references(Some([[1.0, 2.0], [0.5, 0.0]])),
+            format!("03010201{ONE}{TWO}{HALF}{ZERO}"),
+        ),
+        (stopped(Frame::Own), format!("04050200{}", place_bytes())),
+        (stopped(Frame::Site), format!("04050201{}", place_bytes())),
+        (Message::Trigger { target: 9, stop: 5 }, "060905".into()),
+        (bearing(None), format!("070905{ONE}{HALF}00")),
+        (
+            bearing(Some(pose())),
+            format!("070905{ONE}{HALF}01{}", pose_bytes()),
+        ),
+        (
+            Message::Located(Located {
+                stop: 5,
+                position: [1.0, 2.0],
+                covariance: [1.0, 0.5, 2.0],
+                frame_heading: 0.5,
+                frame_heading_sigma: 1.0,
+            }),
+            format!("0805{ONE}{TWO}{ONE}{HALF}{TWO}{HALF}{ONE}"),
+        ),
+        (Message::Posed(pose()), format!("09{}", pose_bytes())),
+        (
+            Message::Report(report(None, State::Waiting)),
+            format!("0a0b000403{TWO}0100"),
+        ),
+        (
+            Message::Report(report(Some(Duty::First), State::Pose(pose()))),
+            format!("0a0b01000403{TWO}0102{}", pose_bytes()),
+        ),
+        (
+            Message::Done(Done {
+                command: Command::Forget,
+                success: true,
+            }),
+            "0c0501".into(),
+        ),
+        (
+            Message::Tracked(Tracked {
+                middle: [1, 2],
+                edges: [3, 4, 5, 200],
+                pixels: 7,
+                confidence: 255,
+            }),
+            "0d01020304 05c807ff".replace(' ', ""),
+        ),
+        (Message::Sightings, "0e".into()),
+        (
+            Message::Sighting(Sighted {
+                index: 1,
+                count: 3,
+                target: 9,
+                stop: 5,
+                position: [1.0, 2.0],
+                position_sigma: 0.5,
+                seen: seen(),
+            }),
+            format!("0f01030905{ONE}{TWO}{HALF}{ONE}{HALF}"),
+        ),
+    ]
+    .into();
+    let sights = [
+        Sight::InView,
+        Sight::NotInView,
+        Sight::Clipped,
+        Sight::Unsteady,
+        Sight::NotLooking,
+        Sight::Failed,
+        Sight::NotReady,
+    ];
+    for (n, sight) in sights.into_iter().enumerate() {
+        all.push((look(sight), format!("0505{n:02x}0300")));
+    }
+    let refusals = [
+        Refusal::TooFew,
+        Refusal::CoincidentTargets,
+        Refusal::DangerCircle,
+        Refusal::DangerLine,
+        Refusal::Undetermined,
+        Refusal::TargetBehind,
+        Refusal::NotFinite,
+        Refusal::DidNotConverge,
+        Refusal::Inconsistent,
+    ];
+    for (n, refusal) in refusals.into_iter().enumerate() {
+        let report = report(Some(Duty::Second), State::Refused(refusal));
+        all.push((
+            Message::Report(report),
+            format!("0a0b01010403{TWO}0101{n:02x}"),
+        ));
+    }
+    let commands = [
+        (Command::Initialise, "00"),
+        (Command::LearnColour { colour: 3 }, "0103"),
+        (Command::LearnBackground, "02"),
+        (Command::Track { colour: 1 }, "0301"),
+        (Command::StopTracking, "04"),
+        (Command::Forget, "05"),
+    ];
+    for (command, bytes) in commands {
+        all.push((Message::Command(command), format!("0b{bytes}")));
+    }
+    all
+}
+
+/// Frozen. Written by hand from postcard's specification, not by the encoder.
+#[test]
+fn messages_are_these_bytes() {
+    for (message, bytes) in golden() {
+        let encoded = postcard::to_allocvec_like(&message);
+        assert_eq!(hex(&encoded), bytes, "{message:?}");
+        assert_eq!(postcard::from_bytes(&encoded), Ok(message));
+    }
+}
+
+/// postcard without its own allocation, as the link does it.
+mod postcard {
+    pub(super) use ::postcard::{from_bytes, from_bytes_cobs};
+
+    pub(super) fn to_allocvec_like<T: serde::Serialize>(value: &T) -> Vec<u8> {
+        let mut buffer = [0; 1024];
+        ::postcard::to_slice(value, &mut buffer).unwrap().to_vec()
+    }
+}
+
+fn tell(message: ToPc) -> String {
+    let mut buffer = [0; FRAME_MAX];
+    let frame = encode(&message, &mut buffer).unwrap().to_vec();
+    let (end, body) = frame.split_last().unwrap();
+    assert_eq!(*end, 0);
+    assert!(!body.contains(&0), "zero bytes end frames");
+    let mut copy = frame.clone();
+    assert_eq!(postcard::from_bytes_cobs::<ToPc>(&mut copy), Ok(message));
+    let mut frames = Frames::default();
+    let told: Vec<ToPc> = frame.iter().filter_map(|&b| frames.push(b)).collect();
+    assert_eq!(told, [message]);
+    hex(&postcard::to_allocvec_like(&message))
+}
+
+#[test]
+fn what_the_pc_is_told_is_these_bytes() {
+    let hello = Hello {
+        id: 7,
+        kind: Kind::Target,
+    };
+    let network = Network {
+        pan: 300,
+        channel: 15,
+    };
+    assert_eq!(tell(ToPc::Network(None)), "0000");
+    assert_eq!(tell(ToPc::Network(Some(network))), "0001ac020f");
+    assert_eq!(tell(ToPc::Member { address: 3, hello }), "01030701");
+    let report = report(None, State::Pose(pose()));
+    assert_eq!(
+        tell(ToPc::Report { address: 3, report }),
+        format!("02030b000403{TWO}0102{}", pose_bytes())
+    );
+    let done = Done {
+        command: Command::LearnBackground,
+        success: false,
+    };
+    assert_eq!(tell(ToPc::Done { address: 3, done }), "03030200");
+    let tracked = Tracked {
+        middle: [1, 2],
+        edges: [3, 4, 5, 6],
+        pixels: 7,
+        confidence: 8,
+    };
+    assert_eq!(
+        tell(ToPc::Tracked {
+            address: 3,
+            tracked
+        }),
+        "04030102030405060708"
+    );
+    let sighting = Sighted {
+        index: 1,
+        count: 3,
+        target: 9,
+        stop: 5,
+        position: [1.0, 2.0],
+        position_sigma: 0.5,
+        seen: seen(),
+    };
+    assert_eq!(
+        tell(ToPc::Sighting {
+            address: 3,
+            sighting
+        }),
+        format!("050301030905{ONE}{TWO}{HALF}{ONE}{HALF}")
+    );
+}
+
+/// Whole frames: COBS puts the distance to the next zero in the place of each.
+#[test]
+fn what_the_pc_wants_is_these_bytes() {
+    let wants: [(FromPc, &[u8]); 4] = [
+        (FromPc::Refresh, &[1, 1, 0]),
+        (FromPc::JoinWindow(300), &[4, 1, 0xAC, 2, 0]),
+        (
+            FromPc::Command {
+                address: 3,
+                command: Command::Track { colour: 1 },
+            },
+            &[5, 2, 3, 3, 1, 0],
+        ),
+        (FromPc::Sightings(3), &[3, 3, 3, 0]),
+    ];
+    let mut frames = Frames::default();
+    for (wish, bytes) in wants {
+        let heard: Vec<FromPc> = bytes.iter().filter_map(|&b| frames.push(b)).collect();
+        assert_eq!(heard, [wish]);
+    }
+}
+
+#[test]
+fn a_console_frame_that_is_bad_costs_only_itself() {
+    for noise in [
+        vec![],
+        vec![9, 9, 9],
+        vec![7; FRAME_MAX - 1],
+        vec![7; FRAME_MAX],
+        vec![7; 5 * FRAME_MAX + 3],
+    ] {
+        let mut frames = Frames::default();
+        let bad = noise.iter().chain(&[0]);
+        assert_eq!(bad.filter_map(|&b| frames.push::<FromPc>(b)).count(), 0);
+        let good: Vec<FromPc> = [1, 1, 0].iter().filter_map(|&b| frames.push(b)).collect();
+        assert_eq!(good, [FromPc::Refresh]);
+    }
+}
+
+/// The longest of each kind: all numbers as large as they get.
+fn longest() -> Vec<(&'static str, Message)> {
+    let far = u16::MAX;
+    let place = Place::new(PlaceParts {
+        fix: u32::MAX,
+        ..*place().parts()
+    })
+    .unwrap();
+    let report = Report {
+        id: far,
+        sightings: 255,
+        used: 255,
+        ..report(Some(Duty::Second), State::Pose(pose()))
+    };
+    vec![
+        (
+            "Hello",
+            Message::Hello(Hello {
+                id: far,
+                kind: Kind::Camera {
+                    reference: Some(Reference {
+                        duty: Duty::Second,
+                        position: Some([1.0, 2.0]),
+                    }),
+                },
+            }),
+        ),
+        ("WhoIsThere", Message::WhoIsThere),
+        (
+            "Roster",
+            Message::Roster([far; MEMBERS].into_iter().collect()),
+        ),
+        (
+            "References",
+            Message::References(References {
+                first: far,
+                second: far,
+                positions: Some([[1.0, 2.0], [3.0, 4.0]]),
+            }),
+        ),
+        (
+            "Stopped",
+            Message::Stopped(Stopped {
+                stop: far,
+                colour: 255,
+                frame: Frame::Site,
+                place,
+            }),
+        ),
+        (
+            "Look",
+            Message::Look(Look {
+                stop: far,
+                sight: Sight::NotReady,
+                counted: 255,
+                done: true,
+            }),
+        ),
+        (
+            "Trigger",
+            Message::Trigger {
+                target: far,
+                stop: far,
+            },
+        ),
+        (
+            "Bearing",
+            Message::Bearing(Bearing {
+                target: far,
+                stop: far,
+                seen: seen(),
+                pose: Some(pose()),
+            }),
+        ),
+        (
+            "Located",
+            Message::Located(Located {
+                stop: far,
+                position: [1.0, 2.0],
+                covariance: [1.0, 0.5, 2.0],
+                frame_heading: 0.5,
+                frame_heading_sigma: 1.0,
+            }),
+        ),
+        ("Posed", Message::Posed(pose())),
+        ("Report", Message::Report(report)),
+        (
+            "Command",
+            Message::Command(Command::LearnColour { colour: 255 }),
+        ),
+        (
+            "Done",
+            Message::Done(Done {
+                command: Command::Track { colour: 255 },
+                success: true,
+            }),
+        ),
+        (
+            "Tracked",
+            Message::Tracked(Tracked {
+                middle: [255; 2],
+                edges: [255; 4],
+                pixels: 255,
+                confidence: 255,
+            }),
+        ),
+        ("Sightings", Message::Sightings),
+        (
+            "Sighting",
+            Message::Sighting(Sighted {
+                index: 255,
+                count: 255,
+                target: far,
+                stop: far,
+                position: [1.0, 2.0],
+                position_sigma: 0.5,
+                seen: seen(),
+            }),
+        ),
+    ]
+}
+
+/// Most bytes of payload per kind. A kind that grows costs airtime, so that should be seen.
+const LENGTHS: [(&str, usize); 16] = [
+    ("Hello", 16),
+    ("WhoIsThere", 1),
+    ("Roster", 98),
+    ("References", 24),
+    ("Stopped", 63),
+    ("Look", 7),
+    ("Trigger", 7),
+    ("Bearing", 52),
+    ("Located", 32),
+    ("Posed", 37),
+    ("Report", 50),
+    ("Command", 3),
+    ("Done", 4),
+    ("Tracked", 9),
+    ("Sightings", 1),
+    ("Sighting", 29),
+];
+
+#[test]
+fn every_message_fits_a_frame() {
+    let lengths: Vec<(&str, usize)> = longest()
+        .iter()
+        .map(|(kind, message)| (*kind, postcard::to_allocvec_like(message).len()))
+        .collect();
+    for (kind, length) in &lengths {
+        println!("{kind:12}{length:4}");
+        assert!(*length <= MESSAGE_MAX, "{kind} has {length} bytes");
+    }
+    assert_eq!(lengths, LENGTHS);
+}
+
+/// Told to the PC, the longest of what cameras send still fits a frame of the console.
+#[test]
+fn every_line_to_the_pc_fits() {
+    let address = u16::MAX;
+    for (kind, message) in longest() {
+        let line = match message {
+            Message::Hello(hello) => ToPc::Member { address, hello },
+            Message::Report(report) => ToPc::Report { address, report },
+            Message::Done(done) => ToPc::Done { address, done },
+            Message::Tracked(tracked) => ToPc::Tracked { address, tracked },
+            Message::Sighting(sighting) => ToPc::Sighting { address, sighting },
+            _ => continue,
+        };
+        let mut buffer = [0; FRAME_MAX];
+        assert!(encode(&line, &mut buffer).is_some(), "{kind}");
+    }
+}
+
+/// What decodes has only finite numbers in it, and is itself when it is sent on.
+fn check(bytes: &[u8]) {
+    let Ok(message) = postcard::from_bytes::<Message>(bytes) else {
+        return;
+    };
+    let shown = format!("{message:?}");
+    // A configured position is checked where references are appointed.
+    if !matches!(message, Message::Hello(_)) {
+        assert!(!shown.contains("NaN") && !shown.contains("inf"), "{shown}");
+    }
+    match &message {
+        Message::Posed(pose) => assert!(pose.pose().is_some()),
+        Message::Bearing(bearing) => {
+            assert!(bearing.seen.is_usable());
+            assert!(bearing.pose.is_none_or(|pose| pose.pose().is_some()));
+        }
+        Message::Report(report) => assert!(report.pose().is_none_or(|p| p.pose().is_some())),
+        _ => {}
+    }
+    let again = postcard::to_allocvec_like(&message);
+    assert!(again.len() <= MESSAGE_MAX);
+    let back = postcard::from_bytes::<Message>(&again).unwrap();
+    assert_eq!(format!("{back:?}"), shown);
+}
+
+/// Every number of every message, one after the other, is spoilt.
+#[test]
+fn spoilt_numbers_do_not_decode() {
+    let mut refused = 0;
+    for (_, message) in longest() {
+        let good = postcard::to_allocvec_like(&message);
+        for at in 0..good.len().saturating_sub(3) {
+            for bad in [f32::NAN, f32::INFINITY, f32::NEG_INFINITY, -1.0] {
+                let mut bytes = good.clone();
+                bytes[at..at + 4].copy_from_slice(&bad.to_le_bytes());
+                check(&bytes);
+                refused += u32::from(postcard::from_bytes::<Message>(&bytes).is_err());
+            }
+        }
+    }
+    assert!(refused > 500, "{refused}");
+}
+
+#[test]
+fn unsound_values_do_not_decode() {
+    let unsound = [
+        Message::Posed(PoseParts {
+            covariance: [1.0, 2.0, 1.0, 0.0, 0.0, 1.0],
+            ..pose()
+        }),
+        Message::Bearing(Bearing {
+            target: 1,
+            stop: 1,
+            seen: Seen {
+                sigma: 0.0,
+                ..seen()
+            },
+            pose: None,
+        }),
+        Message::Report(report(
+            None,
+            State::Pose(PoseParts {
+                heading: f32::NAN,
+                ..pose()
+            }),
+        )),
+        Message::References(References {
+            first: 1,
+            second: 2,
+            positions: Some([[0.0, 0.0], [f32::INFINITY, 0.0]]),
+        }),
+    ];
+    for message in unsound {
+        let bytes = postcard::to_allocvec_like(&message);
+        assert!(
+            postcard::from_bytes::<Message>(&bytes).is_err(),
+            "{message:?}"
+        );
+    }
+}
+
+proptest! {
+    #[test]
+    fn any_bytes_are_a_sound_message_or_none(bytes in prop::collection::vec(any::<u8>(), 0..128)) {
+        check(&bytes);
+    }
+
+    /// Of one kind each, so that the inner parts are reached.
+    #[test]
+    fn any_bytes_behind_a_kind(kind in 0_u8..17, bytes in prop::collection::vec(any::<u8>(), 0..100)) {
+        let mut all = vec![kind];
+        all.extend(bytes);
+        check(&all);
+    }
+
+    #[test]
+    fn any_line_is_survived(bytes in prop::collection::vec(any::<u8>(), 0..400)) {
+        let mut frames = Frames::default();
+        for byte in bytes {
+            let _ = frames.push::<FromPc>(byte);
+        }
+        // Whatever came before, after the end of a frame the next one is heard.
+        let _ = frames.push::<FromPc>(0);
+        let heard: Vec<FromPc> = [1, 1, 0].iter().filter_map(|&b| frames.push(b)).collect();
+        prop_assert_eq!(heard, [FromPc::Refresh]);
+    }
+}

@@ -1,0 +1,123 @@
+//! What goes wrong on the air and on lines makes calibration later, not wrong.
+
+use host_sim::{
+    record::RunRecord,
+    scenario::{Action, Scenario},
+};
+
+use crate::yard::{OTHERS, TARGET, Yard, assert_all_calibrated, moments, node, run, with};
+
+fn yard() -> Scenario {
+    Yard::default().scenario(21)
+}
+
+#[test]
+fn lost_frames_and_corrupted_camera_lines() {
+    let bad = Yard {
+        tables: "[radio]\nmedium = \"unit-disk\"\nrange = 45.0\nloss = 0.3\n\
+                 [camera]\nfaults = { corrupt_line = 0.05 }",
+        ..Yard::default()
+    };
+    for seed in 1..=10 {
+        assert_all_calibrated(&run(bad.scenario(seed)), &format!("seed {seed}"));
+    }
+}
+
+#[test]
+fn a_camera_is_unplugged_for_a_while() {
+    for with_power in [true, false] {
+        for at in moments(&run(yard())).iter().step_by(2) {
+            let unplug = Action::UnplugCamera {
+                node: 4,
+                for_s: 20.0,
+                with_power,
+            };
+            let record = run(with(yard(), *at, unplug));
+            assert_all_calibrated(&record, &format!("unplugged at {at}"));
+        }
+    }
+}
+
+#[test]
+fn a_part_of_the_network_is_not_heard_for_a_while() {
+    for apart in [vec![3, 4], vec![1], vec![TARGET], vec![0]] {
+        for at in moments(&run(yard())).iter().step_by(3) {
+            let partition = Action::Partition {
+                nodes: apart.clone(),
+                for_s: 15.0,
+            };
+            let record = run(with(yard(), *at, partition));
+            assert_all_calibrated(&record, &format!("{apart:?} apart at {at}"));
+        }
+    }
+}
+
+#[test]
+fn a_jammer() {
+    let all = Action::Jam {
+        for_s: 30.0,
+        channel: None,
+        at: None,
+        reach: None,
+    };
+    for at in moments(&run(yard())).iter().step_by(3) {
+        let record = run(with(yard(), *at, all.clone()));
+        assert_all_calibrated(&record, &format!("jammed at {at}"));
+    }
+}
+
+/// A burst of lost frames around a stop.
+#[test]
+fn nearly_all_frames_are_lost_for_a_while() {
+    for at in moments(&run(yard())).iter().step_by(3) {
+        let loss = Action::Loss {
+            share: 0.9,
+            for_s: 10.0,
+        };
+        let record = run(with(yard(), *at, loss));
+        assert_all_calibrated(&record, &format!("loss at {at}"));
+    }
+}
+
+fn learnt(record: &RunRecord) -> Vec<Vec<u32>> {
+    let of = |id: &u16| node(record, *id).residuals.iter().map(|r| r.stop).collect();
+    OTHERS.iter().map(of).collect()
+}
+
+/// Frame counters refuse what was heard before: nobody learns anything from it.
+#[test]
+fn replayed_frames_change_nothing() {
+    let calm = run(yard());
+    let stops = &calm.targets[0].stops;
+    for id in [0, 1, 3, TARGET] {
+        // All of the walk so far, on the way to the sixth stop.
+        let at = f64::midpoint(stops[4].seconds, stops[5].seconds);
+        let replay = Action::Replay {
+            node: id,
+            last_s: at,
+        };
+        let record = run(with(yard(), at, replay));
+        assert_all_calibrated(&record, &format!("replay of node {id}"));
+        assert_eq!(record.targets[0].stops.len(), stops.len());
+        assert_eq!(learnt(&record), learnt(&calm), "replay of node {id}");
+        assert!(record.radio.frames > calm.radio.frames);
+    }
+}
+
+/// It sees the target where it is not any more: the pose is not made better by that, and the
+/// sightings do not fit.
+#[test]
+fn a_camera_that_sticks_does_not_harm_others() {
+    let calm = run(yard());
+    let at = calm.targets[0].stops[4].seconds + 1.0;
+    let stick = Action::StickCamera {
+        node: 5,
+        for_s: 60.0,
+    };
+    let record = run(with(yard(), at, stick));
+    for id in [3, 4] {
+        let [mine, calm] = [&record, &calm].map(|record| node(record, id));
+        assert!(mine.nees.is_some_and(|nees| nees < 30.7));
+        assert_eq!(mine.sightings, calm.sightings);
+    }
+}

@@ -1,0 +1,8 @@
+//! Whole networks, from their seeds: every node's firmware over emulated cameras and a simulated
+//! radio, in virtual time.
+
+mod determinism;
+mod faults;
+mod kinds;
+mod restarts;
+mod yard;

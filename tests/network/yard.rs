@@ -1,0 +1,196 @@
+//! A small site: five cameras around a yard of which all of them see the middle.
+
+use std::{cell::RefCell, collections::BTreeMap, io, rc::Rc};
+
+use host_sim::{
+    network::{Options, Simulation},
+    record::{Node, RunRecord},
+    scenario::{Action, Overrides, Scenario, ScriptedEvent},
+};
+
+/// The cameras that are no references.
+pub(crate) const OTHERS: [u16; 3] = [3, 4, 5];
+/// The target.
+pub(crate) const TARGET: u16 = 20;
+/// The coordinator, in the events of a scenario.
+pub(crate) const COORDINATOR: u16 = 0;
+
+/// What can be different in a yard, as TOML.
+pub(crate) struct Yard<'a> {
+    /// Whole tables.
+    pub(crate) tables: &'a str,
+    /// The network's references.
+    pub(crate) references: &'a str,
+    /// The network's targets.
+    pub(crate) targets: &'a str,
+}
+
+/// Ten stops in view of all.
+pub(crate) const STOPS: &str = "[3.0, 3.2], [5.0, 3.4], [4.2, 5.2], [2.8, 4.8], [5.2, 5.4], [3.4, 4.0], \
+                         [4.6, 4.3], [3.9, 3.1], [4.9, 4.9], [3.2, 5.4]";
+
+impl Default for Yard<'_> {
+    fn default() -> Self {
+        Self {
+            tables: "",
+            references: "cameras = [1, 2]",
+            targets: "{ id = 20, stops = [STOPS] }",
+        }
+    }
+}
+
+impl Yard<'_> {
+    pub(crate) fn scenario(&self, seed: u64) -> Scenario {
+        let targets = self.targets.replace("STOPS", STOPS);
+        let Self {
+            tables, references, ..
+        } = self;
+        let text = format!(
+            r#"
+            name = "yard"
+            [world]
+            low = [-3.0, -3.0]
+            high = [11.0, 11.0]
+            {tables}
+            [[network]]
+            references = {{ {references} }}
+            camera = [
+              {{ id = 1, x = 0.0, y = 0.0, heading_deg = 45.0 }},
+              {{ id = 2, x = 8.0, y = 0.0, heading_deg = 135.0 }},
+              {{ id = 3, x = 4.0, y = 9.0, heading_deg = 270.0 }},
+              {{ id = 4, x = -1.0, y = 5.0, heading_deg = 0.0 }},
+              {{ id = 5, x = 9.0, y = 6.0, heading_deg = 190.0 }},
+            ]
+            target = [{targets}]
+            "#
+        );
+        let seed = Overrides {
+            seed: Some(seed),
+            ..Overrides::default()
+        };
+        Scenario::from_toml(&text, &seed).unwrap()
+    }
+}
+
+/// A writer that others can read.
+#[derive(Clone, Default)]
+struct Pages(Rc<RefCell<Vec<u8>>>);
+
+impl io::Write for Pages {
+    fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
+        self.0.borrow_mut().extend(bytes);
+        Ok(bytes.len())
+    }
+
+    fn flush(&mut self) -> io::Result<()> {
+        Ok(())
+    }
+}
+
+pub(crate) fn run(scenario: Scenario) -> RunRecord {
+    let mut simulation = Simulation::new(scenario, Options::default()).unwrap();
+    simulation.run(|_| ())
+}
+
+/// The record and the log.
+pub(crate) fn logged(scenario: Scenario) -> (RunRecord, String) {
+    let pages = Pages::default();
+    let options = Options {
+        log: Some(Box::new(pages.clone())),
+        ..Options::default()
+    };
+    let record = Simulation::new(scenario, options).unwrap().run(|_| ());
+    (record, String::from_utf8(pages.0.take()).unwrap())
+}
+
+/// The record as JSON, and the log.
+pub(crate) fn written(scenario: Scenario) -> (String, String) {
+    let (record, log) = logged(scenario);
+    (record.to_json(false).unwrap(), log)
+}
+
+/// The scenario with something going wrong.
+pub(crate) fn with(mut scenario: Scenario, at_s: f64, action: Action) -> Scenario {
+    scenario.events.push(ScriptedEvent { at_s, action });
+    scenario
+}
+
+pub(crate) fn node(record: &RunRecord, id: u16) -> &Node {
+    record.nodes.iter().find(|node| node.id == id).unwrap()
+}
+
+/// Squared error over covariance, three numbers: more happens once in a million.
+const NEES_MAX: f64 = 30.7;
+
+/// Every camera has a pose that is as good as it says.
+#[track_caller]
+pub(crate) fn assert_all_calibrated(record: &RunRecord, what: &str) {
+    assert_calibrated_within(record, what, 0.3);
+}
+
+/// The same, where poses cannot be foretold better than this sigma of the position.
+#[track_caller]
+pub(crate) fn assert_calibrated_within(record: &RunRecord, what: &str, widest: f64) {
+    for camera in record.cameras() {
+        let id = camera.id;
+        let (Some(estimate), Some(error)) = (&camera.estimate, camera.error) else {
+            panic!(
+                "{what}: camera {id} is not calibrated, with {} sightings",
+                camera.sightings
+            );
+        };
+        // What is given has no sigma.
+        for (error, sigma) in [
+            (error.x, estimate.sigma_x),
+            (error.y, estimate.sigma_y),
+            (error.heading_deg, estimate.sigma_heading_deg),
+        ] {
+            assert!(
+                error.abs() <= 5.0 * sigma + 1e-6,
+                "{what}: camera {id} errs by {error}, and foretells {sigma}"
+            );
+        }
+        assert!(
+            camera.nees.is_none_or(|nees| nees < NEES_MAX),
+            "{what}: camera {id}"
+        );
+        assert!(
+            estimate.sigma_position() < widest,
+            "{what}: camera {id} is weak"
+        );
+    }
+}
+
+/// No camera ever tells a target of fewer sightings than it told before.
+#[track_caller]
+pub(crate) fn assert_nothing_forgotten(log: &str, what: &str) {
+    let mut most = BTreeMap::new();
+    for line in log.lines() {
+        let answer = line.split_once(": Look(").zip(line.split_once("counted: "));
+        let Some(((sender, _), (_, counted))) = answer else {
+            continue;
+        };
+        let node = sender.split_whitespace().nth(2).unwrap();
+        let digits = counted.split(',').next().unwrap();
+        let counted: u32 = digits.parse().unwrap();
+        let before = most.insert(node.to_owned(), counted).unwrap_or(0);
+        assert!(counted >= before, "{what}: {line}, after {before}");
+    }
+    assert!(
+        most.values().any(|&counted| counted > 2),
+        "{what}: nothing was learnt"
+    );
+}
+
+/// Moments of a run that differ in what nodes are doing: at each stop as it is told, while cameras
+/// look, a while later, and on the way to the next one.
+pub(crate) fn moments(record: &RunRecord) -> Vec<f64> {
+    let stops: Vec<f64> = record.targets[0].stops.iter().map(|s| s.seconds).collect();
+    let ways = stops.windows(2).map(|leg| f64::midpoint(leg[0], leg[1]));
+    let standing = stops
+        .iter()
+        .flat_map(|at| [0.002, 0.05, 0.9].map(|after| at + after));
+    let mut moments: Vec<f64> = standing.chain(ways).collect();
+    moments.sort_by(f64::total_cmp);
+    moments
+}

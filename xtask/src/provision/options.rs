@@ -1,0 +1,171 @@
+//! Parameters of a node as options of the command line.
+
+use anyhow::{Context, Result, ensure};
+use toml::{Table, Value};
+
+use super::node::RoleName;
+
+/// Options stand over what the file says.
+#[derive(clap::Args)]
+pub(super) struct Options {
+    /// What the node is for
+    #[arg(long)]
+    role: Option<RoleName>,
+    /// The number by which people know the node
+    #[arg(long)]
+    id: Option<u16>,
+    /// The node's EUI-64, for example F4:CE:36:00:00:00:00:03; without it, the chip's
+    #[arg(long, value_name = "EUI-64")]
+    extended: Option<String>,
+    /// The 2.4 GHz channels the network may use, 11 to 26; without it, all
+    #[arg(long, value_delimiter = ',', value_name = "N,N")]
+    channels: Option<Vec<u8>>,
+    /// Transmit power
+    #[arg(long, value_name = "DBM", allow_hyphen_values = true)]
+    tx_power: Option<i8>,
+
+    /// Columns of the lens: 88, or 160 with the OV7620
+    #[arg(long, help_heading = "Camera")]
+    columns: Option<u16>,
+    /// Angle from the middle of the first column to that of the last one
+    #[arg(long, value_name = "DEGREES", help_heading = "Camera")]
+    field_of_view: Option<f64>,
+    /// Baud rate that the CMUcam2's jumpers select
+    #[arg(long, help_heading = "Camera")]
+    baud: Option<u32>,
+    /// It is a reference camera: `first` or `second`
+    #[arg(long, value_name = "DUTY", help_heading = "Camera")]
+    reference: Option<String>,
+    /// Where the reference camera stands
+    #[arg(
+        long,
+        value_name = "X,Y",
+        requires = "reference",
+        allow_hyphen_values = true,
+        help_heading = "Camera"
+    )]
+    position: Option<String>,
+    /// Distance of the two reference cameras
+    #[arg(long, value_name = "LENGTH", help_heading = "Camera")]
+    baseline: Option<f64>,
+    /// Stops at which it wants to see the target
+    #[arg(long, help_heading = "Camera")]
+    stops: Option<u8>,
+    /// Lowest and highest levels of red, green and blue of the target; again for the next target
+    /// colour
+    #[arg(long, value_name = "R-R,G-G,B-B", help_heading = "Camera")]
+    colour: Vec<String>,
+    /// It looks for what moves, not for a colour: levels of difference, usually 5 to 20
+    #[arg(
+        long,
+        value_name = "LEVELS",
+        conflicts_with = "colour",
+        help_heading = "Camera"
+    )]
+    motion: Option<u8>,
+
+    /// EUI-64 of a device that may always join; again for the next one
+    #[arg(long, value_name = "EUI-64", help_heading = "Coordinator")]
+    allow: Vec<String>,
+    /// How long any device with the site key may join after start-up
+    #[arg(long, value_name = "SECONDS", help_heading = "Coordinator")]
+    join_window: Option<u16>,
+
+    /// The target's colour number, from 0
+    #[arg(long, value_name = "N", help_heading = "Target")]
+    target_colour: Option<u8>,
+}
+
+impl Options {
+    /// As a file would say it.
+    pub(super) fn table(&self) -> Result<Table> {
+        let mut table = Table::new();
+        let mut put = |name: &str, value: Option<Value>| {
+            if let Some(value) = value {
+                table.insert(name.to_owned(), value);
+            }
+        };
+        put("role", self.role.map(|role| role.to_string().into()));
+        put("id", self.id.map(integer));
+        put("extended", self.extended.clone().map(Value::String));
+        let channels = self.channels.as_ref();
+        put(
+            "channels",
+            channels.map(|all| list(all.iter().copied().map(integer))),
+        );
+        put("tx-power", self.tx_power.map(integer));
+
+        let mut lens = Table::new();
+        lens.extend(self.columns.map(|n| ("columns".to_owned(), integer(n))));
+        let view = self.field_of_view.map(Value::Float);
+        lens.extend(view.map(|view| ("field-of-view-deg".to_owned(), view)));
+        put("lens", some_table(lens));
+        put("baud", self.baud.map(integer));
+        let mut reference = Table::new();
+        let duty = self.reference.clone().map(Value::String);
+        reference.extend(duty.map(|duty| ("duty".to_owned(), duty)));
+        if let Some(text) = &self.position {
+            let position = position(text)?.map(Value::Float).to_vec();
+            reference.insert("position".to_owned(), position.into());
+        }
+        put("reference", some_table(reference));
+        put("baseline", self.baseline.map(Value::Float));
+        put("stops", self.stops.map(integer));
+        put("subjects", self.subjects()?);
+
+        let allow = list(self.allow.iter().cloned().map(Value::String));
+        put("allow", Some(allow).filter(|_| !self.allow.is_empty()));
+        put("join-window-s", self.join_window.map(integer));
+        put("colour", self.target_colour.map(integer));
+        Ok(table)
+    }
+
+    fn subjects(&self) -> Result<Option<Value>> {
+        let mut subjects = Table::new();
+        if let Some(threshold) = self.motion {
+            let motion = Table::from_iter([("threshold".to_owned(), integer(threshold))]);
+            subjects.insert("motion".to_owned(), motion.into());
+        }
+        if !self.colour.is_empty() {
+            let windows = self.colour.iter().map(|text| window(text));
+            let windows = windows.collect::<Result<_>>().map(Value::Array)?;
+            subjects.insert("colours".to_owned(), windows);
+        }
+        Ok(some_table(subjects))
+    }
+}
+
+fn integer(number: impl Into<i64>) -> Value {
+    Value::Integer(number.into())
+}
+
+fn list(values: impl Iterator<Item = Value>) -> Value {
+    Value::Array(values.collect())
+}
+
+fn some_table(table: Table) -> Option<Value> {
+    (!table.is_empty()).then_some(Value::Table(table))
+}
+
+fn position(text: &str) -> Result<[f64; 2]> {
+    let numbers = text.split_once(',');
+    numbers
+        .and_then(|(x, y)| Some([x.trim().parse().ok()?, y.trim().parse().ok()?]))
+        .with_context(|| format!("--position is two numbers, for example 1.5,-2, not `{text}`"))
+}
+
+fn window(text: &str) -> Result<Value> {
+    let level = |text: &str| text.trim().parse::<u8>().ok().map(integer);
+    let range = |text: &str| {
+        let (lowest, highest) = text.split_once('-')?;
+        Some(Value::Array(vec![level(lowest)?, level(highest)?]))
+    };
+    let ranges: Option<Vec<_>> = text.split(',').map(range).collect();
+    let ranges = ranges.unwrap_or_default();
+    ensure!(
+        ranges.len() == 3,
+        "--colour is three ranges of levels, for example 170-240,60-140,16-80, not `{text}`"
+    );
+    let names = ["red", "green", "blue"].map(str::to_owned);
+    Ok(Table::from_iter(names.into_iter().zip(ranges)).into())
+}

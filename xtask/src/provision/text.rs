@@ -1,0 +1,56 @@
+//! A configuration as text.
+
+use anyhow::Result;
+use node_firmware::config::{Config, Role, page};
+use toml::{Table, Value};
+use zigbee_link::security::Protection;
+
+use super::node::address_text;
+
+/// All of a configuration but its key, in the form in which [`config`](super::node::config) takes
+/// it.
+pub(crate) fn text(config: &Config) -> Result<String> {
+    let channels = (11..=26).filter(|channel| config.channels >> channel & 1 == 1);
+    let channels = Value::Array(channels.map(Value::Integer).collect());
+    let protection = match config.protection {
+        Protection::EncMic32 => 5,
+        Protection::EncMic64 => 6,
+    };
+    let extended = config.extended.map_or(String::new(), |extended| {
+        format!("extended = \"{}\"\n", address_text(extended))
+    });
+    let (role, own) = match &config.role {
+        Role::Camera(camera) => ("camera", toml::to_string(camera)?),
+        Role::Target(target) => ("target", toml::to_string(target)?),
+        Role::Coordinator(coordinator) => {
+            let allow: Vec<_> = coordinator
+                .allow
+                .iter()
+                .copied()
+                .map(address_text)
+                .collect();
+            let mut own = Table::new();
+            own.insert("allow".into(), allow.into());
+            let window = i64::from(coordinator.join_window_s);
+            own.insert("join-window-s".into(), window.into());
+            ("coordinator", own.to_string())
+        }
+    };
+    Ok(format!(
+        "# configuration page, version {version}\n\
+         # site key: index {index}, not shown\n\
+         # first frame counter: {counter}\n\
+         role = \"{role}\"\n\
+         id = {id}\n\
+         {extended}\
+         channels = {channels}\n\
+         tx-power = {power}\n\
+         protection = {protection}\n\
+         {own}",
+        version = page::VERSION,
+        index = config.site_key.index(),
+        counter = config.first_counter,
+        id = config.id,
+        power = config.tx_power,
+    ))
+}
