@@ -8,9 +8,8 @@ fn main() {
     if env::var("CARGO_CFG_TARGET_OS").as_deref() != Ok("none") {
         return;
     }
-    println!("cargo:rustc-link-search={}", env!("CARGO_MANIFEST_DIR"));
     // `memory.x` is the workspace's, which the linker finds in its working directory.
-    for argument in ["--nmagic", "-Tlink.x", "-Tdefmt.x", "-Tregions.x"] {
+    for argument in ["--nmagic", "-Tlink.x", "-Tdefmt.x"] {
         println!("cargo:rustc-link-arg-bins={argument}");
     }
 }

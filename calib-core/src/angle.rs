@@ -1,6 +1,14 @@
 //! Angles that wrap.
 
+use nalgebra::Matrix2;
+
 use crate::Real;
+
+/// The matrix that turns vectors counter-clockwise.
+pub fn rotation<T: Real>(angle: T) -> Matrix2<T> {
+    let (sine, cosine) = angle.sine_cosine();
+    Matrix2::new(cosine, -sine, sine, cosine)
+}
 
 /// The same direction in `[0, 2 pi)`, for any finite angle.
 ///

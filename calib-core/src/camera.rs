@@ -75,11 +75,11 @@ impl<T: Real> Camera<T> {
         if columns < 2 {
             return Err(CameraError::Columns);
         }
-        let last_column = lit::<T>(f64::from(columns - 1));
+        let last_column = T::whole(columns - 1);
         let centre = last_column * lit(0.5);
         let half_view = field_of_view * lit(0.5);
         let (possible, half_width) = match projection {
-            Projection::PinHole => (half_view < T::frac_pi_2(), half_view.tan()),
+            Projection::PinHole => (half_view < T::frac_pi_2(), tangent(half_view)),
             Projection::EqualAngle => (half_view <= T::pi(), half_view),
         };
         if !(possible && half_view > T::zero()) {
@@ -198,6 +198,11 @@ impl<T: Real> Camera<T> {
         let column = self.principal_point - left * self.focal_length;
         self.has_column(column).then_some(column)
     }
+}
+
+fn tangent<T: Real>(angle: T) -> T {
+    let (sine, cosine) = angle.sine_cosine();
+    sine / cosine
 }
 
 #[cfg(test)]

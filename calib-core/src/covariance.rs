@@ -2,7 +2,7 @@
 
 use nalgebra::SMatrix;
 
-use crate::{Real, real::lit};
+use crate::{Real, cholesky::Cholesky, real::lit};
 
 /// Rounding, relative to the standard deviations.
 const SLACK: f64 = 1e-4;
@@ -29,5 +29,5 @@ pub(crate) fn is_covariance<T: Real, const N: usize>(m: &SMatrix<T, N, N>) -> bo
             *d += lit(SLACK);
         }
     }
-    correlation.cholesky().is_some()
+    Cholesky::new(correlation).is_some()
 }

@@ -18,7 +18,7 @@ use nalgebra::{ComplexField, Matrix2, Point2, Vector2};
 
 use crate::{
     Pose, Ray, Real, Refusal,
-    minimize::{Method, Minimum, Problem, Quadratic, minimize},
+    minimize::{Descent, Method, Problem, Quadratic},
     plane::{cross, mul, taxicab, unit},
     real::lit,
     resection::information::{rounding, slope},
@@ -123,19 +123,12 @@ pub fn locate<T: Real>(bearings: &[Bearing<T>]) -> Result<Located<T>, Refusal> {
     if bearings.len() == 2 && !all_in_front(bearings, &start) {
         return Err(Refusal::TargetBehind);
     }
-    let Minimum { x, model, .. } = minimize(
-        &Rays(bearings),
-        start.coords,
-        Method::Levenberg,
-        ITERATION_LIMIT,
-    )?;
+    let mut walk = Descent::new(start.coords);
+    walk.run(&Rays(bearings), Method::Levenberg, ITERATION_LIMIT)?;
+    let Descent { x, model } = walk;
     let located = Located {
         position: x.into(),
-        covariance: model
-            .hessian
-            .cholesky()
-            .ok_or(Refusal::Undetermined)?
-            .inverse(),
+        covariance: model.covariance().ok_or(Refusal::Undetermined)?,
         chi_squared: model.cost,
         used: bearings.len(),
     };
@@ -147,7 +140,7 @@ pub fn locate<T: Real>(bearings: &[Bearing<T>]) -> Result<Located<T>, Refusal> {
     if !all_in_front(bearings, &located.position) {
         return Err(Refusal::TargetBehind);
     }
-    let expected = lit::<T>(CONTRADICTION * located.degrees_of_freedom() as f64);
+    let expected = lit::<T>(CONTRADICTION) * T::whole(located.degrees_of_freedom() as u16);
     if bearings.len() > 2 && located.chi_squared > expected {
         return Err(Refusal::Inconsistent);
     }
@@ -236,8 +229,7 @@ fn nearest_to_lines<T: Real>(bearings: &[Bearing<T>]) -> Result<Point2<T>, Refus
 struct Rays<'a, T: Real>(&'a [Bearing<T>]);
 
 impl<T: Real> Problem<T, 2> for Rays<'_, T> {
-    fn model(&self, x: &Vector2<T>) -> Quadratic<T, 2> {
-        let mut model = Quadratic::zero();
+    fn model(&self, x: &Vector2<T>, model: &mut Quadratic<T, 2>) {
         for bearing in self.0 {
             let to_target = x - bearing.pose.position.coords;
             // The target moves the bearing as the camera would, the other way.
@@ -248,7 +240,6 @@ impl<T: Real> Problem<T, 2> for Rays<'_, T> {
                 bearing.weight(to_target),
             );
         }
-        model
     }
 
     fn cost(&self, x: &Vector2<T>, weights_at: &Vector2<T>) -> T {

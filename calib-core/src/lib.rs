@@ -55,6 +55,7 @@ pub mod intersection;
 pub mod reference;
 pub mod resection;
 
+mod cholesky;
 mod covariance;
 mod minimize;
 mod plane;

@@ -37,7 +37,7 @@ pub(crate) fn quarter_turn<T: Real>(a: Vector2<T>) -> Vector2<T> {
 /// The unit vector in a direction.
 #[inline]
 pub(crate) fn unit<T: Real>(angle: T) -> Vector2<T> {
-    let (sin, cos) = angle.sin_cos();
+    let (sin, cos) = angle.sine_cosine();
     Vector2::new(cos, sin)
 }
 

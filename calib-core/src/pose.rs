@@ -4,7 +4,7 @@ use core::fmt;
 
 use nalgebra::{Matrix2, Matrix3, Point2, Vector2};
 
-use crate::{Real, angle, covariance::is_covariance, real::lit};
+use crate::{Real, angle, cholesky::Cholesky, covariance::is_covariance, real::lit};
 
 /// Where a camera stands and looks, with its uncertainty.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -148,7 +148,7 @@ impl<T: Real> Pose<T> {
     pub fn normalised_error(&self, position: Point2<T>, heading: T) -> Option<T> {
         let d: Vector2<T> = self.position - position;
         let error = nalgebra::Vector3::new(d.x, d.y, angle::wrap_signed(self.heading - heading));
-        Some((self.covariance.cholesky()?.solve(&error)).dot(&error))
+        Some((Cholesky::new(self.covariance)?.solve(&error)).dot(&error))
     }
 }
 

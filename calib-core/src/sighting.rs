@@ -21,7 +21,7 @@ pub struct Ray<T> {
 impl<T: Real> Ray<T> {
     /// The ray at an offset `phi` from the optical axis, radians, positive to the left.
     pub fn from_bearing(phi: T) -> Self {
-        let (left, forward) = phi.sin_cos();
+        let (left, forward) = phi.sine_cosine();
         Self { forward, left }
     }
 

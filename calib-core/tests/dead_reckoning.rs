@@ -13,7 +13,7 @@ use calib_core::{
 };
 use nalgebra::{Matrix2, Point2, Vector3};
 use proptest::prelude::*;
-use walker::{Act, Walker, moment};
+use walker::{Act, Walker, moment, reckon, sample, settings};
 
 fn length(steps: &[Step<f64>]) -> f64 {
     steps.iter().map(|step| step.distance).sum()
@@ -24,7 +24,7 @@ fn calibrated() -> StepLength<f64> {
     let mut walker = Walker::new(4711);
     walker.cadence = 1.8;
     walker.act(&[Act::Stand(3.0), Act::Walk(60, 0.0), Act::Stand(2.0)]);
-    let steps = walker.reckon(walker.settings());
+    let steps = reckon(&walker, settings(&walker));
     assert_eq!(steps.len(), 60);
     StepLength::default()
         .calibrated(length(&steps), walker.position.norm())
@@ -46,10 +46,13 @@ fn every_step_is_counted_and_measured() {
     for seed in 0..30 {
         let mut walker = Walker::new(seed);
         walker.act(&round_the_block());
-        let steps = walker.reckon(PedestrianSettings {
-            length: k,
-            ..walker.settings()
-        });
+        let steps = reckon(
+            &walker,
+            PedestrianSettings {
+                length: k,
+                ..settings(&walker)
+            },
+        );
         assert_eq!(steps.len(), 84, "seed {seed}, cadence {}", walker.cadence);
         let truth = 84.0 * walker.step_length;
         let error = length(&steps) / truth - 1.0;
@@ -68,12 +71,12 @@ fn a_slow_sensor_will_do() {
         walker.act(&round_the_block());
         let mut person = Pedestrian::new(PedestrianSettings {
             length: k,
-            ..walker.settings()
+            ..settings(&walker)
         })
         .unwrap();
         let mut steps = Vec::new();
         for (i, reading) in walker.readings.iter().enumerate().step_by(4) {
-            steps.extend(person.update(moment(i), &reading.sample).unwrap());
+            steps.extend(person.update(moment(i), &sample(reading)).unwrap());
         }
         assert_eq!(steps.len(), 84, "seed {seed}");
         let error = length(&steps) / (84.0 * walker.step_length) - 1.0;
@@ -96,10 +99,13 @@ fn a_walk_begins_when_it_is_confirmed() {
     ] {
         let mut walker = Walker::new(3);
         walker.act(&[Act::Stand(3.0), Act::Walk(walked, 0.0), Act::Stand(3.0)]);
-        let steps = walker.reckon(PedestrianSettings {
-            confirmation,
-            ..walker.settings()
-        });
+        let steps = reckon(
+            &walker,
+            PedestrianSettings {
+                confirmation,
+                ..settings(&walker)
+            },
+        );
         assert_eq!(
             steps.len(),
             counted,
@@ -115,9 +121,9 @@ fn heading_keeps_within_its_sigma() {
     for seed in 0..30 {
         let mut walker = Walker::new(seed);
         walker.act(&round_the_block());
-        let mut person = Pedestrian::new(walker.settings()).unwrap();
+        let mut person = Pedestrian::new(settings(&walker)).unwrap();
         for (i, reading) in walker.readings.iter().enumerate() {
-            person.update(moment(i), &reading.sample).unwrap();
+            person.update(moment(i), &sample(reading)).unwrap();
             if i < 100 {
                 continue;
             }
@@ -162,10 +168,13 @@ fn the_track_knows_how_far_it_may_be_off() {
             let mut walker = Walker::new(1000 + seed);
             walker.act(&acts);
             let mut track = Track::start(Point2::origin(), Matrix2::zeros(), systematic).unwrap();
-            for step in walker.reckon(PedestrianSettings {
-                length: k,
-                ..walker.settings()
-            }) {
+            for step in reckon(
+                &walker,
+                PedestrianSettings {
+                    length: k,
+                    ..settings(&walker)
+                },
+            ) {
                 track.advance(&step).unwrap();
             }
             let error = track.position().coords - walker.position;
@@ -182,7 +191,7 @@ fn nobody_walks_at_rest() {
     let mut walker = Walker::new(7);
     walker.acceleration_noise = 0.1;
     walker.act(&[Act::Stand(600.0)]);
-    assert_eq!(walker.reckon(walker.settings()).len(), 0);
+    assert_eq!(reckon(&walker, settings(&walker)).len(), 0);
 }
 
 #[test]
@@ -195,7 +204,7 @@ fn turning_on_the_spot_is_no_step_and_does_not_spoil_the_next() {
         Act::Walk(6, 0.0),
         Act::Stand(2.0),
     ]);
-    let steps = walker.reckon(walker.settings());
+    let steps = reckon(&walker, settings(&walker));
     assert_eq!(steps.len(), 6);
     for step in steps {
         let error = wrap_signed(step.heading - walker.facing);
@@ -211,10 +220,10 @@ fn a_knock_is_no_step() {
             let mut walker = Walker::new(9);
             walker.act(&[Act::Stand(10.0)]);
             for i in 0..duration {
-                walker.readings[500 + i].sample.acceleration.z += strength;
-                walker.readings[500 + duration + i].sample.acceleration.z += strength * rebound;
+                walker.readings[500 + i].acceleration.z += strength;
+                walker.readings[500 + duration + i].acceleration.z += strength * rebound;
             }
-            let steps = walker.reckon(walker.settings());
+            let steps = reckon(&walker, settings(&walker));
             assert_eq!(steps.len(), 0, "{strength} m/s^2, {rebound}");
         }
     }
@@ -237,10 +246,10 @@ fn a_disturbed_compass_is_left_out() {
         walker.disturbance = Vector3::zeros();
         walker.act(&[Act::Walk(10, 0.5)]);
 
-        let mut person = Pedestrian::new(walker.settings()).unwrap();
+        let mut person = Pedestrian::new(settings(&walker)).unwrap();
         let mut disturbed = 0;
         for (i, reading) in walker.readings.iter().enumerate() {
-            person.update(moment(i), &reading.sample).unwrap();
+            person.update(moment(i), &sample(reading)).unwrap();
             let filter = person.heading_filter();
             disturbed += u32::from(filter.is_disturbed());
             if i > 1000 {
@@ -261,10 +270,10 @@ fn a_stronger_field_is_accepted_in_the_end() {
     walker.act(&[Act::Stand(20.0)]);
     walker.disturbance = Vector3::z() * -20.0;
     walker.act(&[Act::Stand(60.0)]);
-    let mut person = Pedestrian::new(walker.settings()).unwrap();
+    let mut person = Pedestrian::new(settings(&walker)).unwrap();
     let mut sigmas = Vec::new();
     for (i, reading) in walker.readings.iter().enumerate() {
-        person.update(moment(i), &reading.sample).unwrap();
+        person.update(moment(i), &sample(reading)).unwrap();
         sigmas.push(person.heading_filter().sigma());
     }
     assert!(sigmas[4900] > 1.5 * sigmas[1900], "nothing was left out");
@@ -313,7 +322,7 @@ fn the_seam_of_the_angles_is_nowhere() {
         let mut walker = Walker::new(12);
         walker.facing = seam;
         walker.act(&[Act::Stand(6.0), Act::Walk(40, 0.0), Act::Stand(2.0)]);
-        let steps = walker.reckon(walker.settings());
+        let steps = reckon(&walker, settings(&walker));
         assert_eq!(steps.len(), 40);
         for step in &steps {
             assert!((0.0..TAU).contains(&step.heading));
@@ -331,7 +340,7 @@ fn the_seam_of_the_angles_is_nowhere() {
 fn a_node_in_f32_walks_the_same_way() {
     let mut walker = Walker::new(21);
     walker.act(&round_the_block());
-    let wide = walker.reckon(walker.settings());
+    let wide = reckon(&walker, settings(&walker));
     let narrow_settings = PedestrianSettings {
         heading: HeadingSettings {
             magnetic_north: walker.north as f32,
@@ -343,9 +352,9 @@ fn a_node_in_f32_walks_the_same_way() {
     let mut narrow = Vec::new();
     for (i, reading) in walker.readings.iter().enumerate() {
         let sample = ImuSample {
-            acceleration: reading.sample.acceleration.cast(),
-            angular_rate: reading.sample.angular_rate.cast(),
-            magnetic_field: reading.sample.magnetic_field.map(nalgebra::Matrix::cast),
+            acceleration: reading.acceleration.cast(),
+            angular_rate: reading.angular_rate.cast(),
+            magnetic_field: reading.magnetic_field.map(nalgebra::Matrix::cast),
         };
         // Hours after the clock's start, where seconds in an f32 would have run out of digits.
         let time = Duration::from_secs(1_000_000) + moment(i);
@@ -366,12 +375,12 @@ fn a_slow_compass_will_do() {
     walker.act(&round_the_block());
     for (i, reading) in walker.readings.iter_mut().enumerate() {
         if i % 10 != 0 {
-            reading.sample.magnetic_field = None;
+            reading.magnetic_field = None;
         }
     }
-    let mut person = Pedestrian::new(walker.settings()).unwrap();
+    let mut person = Pedestrian::new(settings(&walker)).unwrap();
     for (i, reading) in walker.readings.iter().enumerate() {
-        person.update(moment(i), &reading.sample).unwrap();
+        person.update(moment(i), &sample(reading)).unwrap();
     }
     let filter = person.heading_filter();
     assert!(wrap_signed(filter.heading() - walker.facing).abs() < 3.0 * filter.sigma());
@@ -383,12 +392,12 @@ fn a_slow_compass_will_do() {
 fn without_a_compass_the_sigma_says_so() {
     let mut walker = Walker::new(23);
     walker.act(&[Act::Stand(1.0), Act::Walk(20, 1.0), Act::Stand(1.0)]);
-    let mut person = Pedestrian::new(walker.settings()).unwrap();
+    let mut person = Pedestrian::new(settings(&walker)).unwrap();
     person.align(walker.readings[0].facing, 0.01);
     for (i, reading) in walker.readings.iter().enumerate() {
         let sample = ImuSample {
             magnetic_field: None,
-            ..reading.sample
+            ..sample(reading)
         };
         person.update(moment(i), &sample).unwrap();
     }
@@ -404,18 +413,23 @@ fn without_a_compass_the_sigma_says_so() {
 fn time_must_go_on() {
     let mut walker = Walker::new(24);
     walker.act(&[Act::Stand(5.0), Act::Walk(10, 0.0), Act::Stand(2.0)]);
-    let mut person = Pedestrian::new(walker.settings()).unwrap();
+    let mut person = Pedestrian::new(settings(&walker)).unwrap();
     let mut count = 0;
     for (i, reading) in walker.readings.iter().enumerate() {
-        count += usize::from(person.update(moment(i), &reading.sample).unwrap().is_some());
+        count += usize::from(
+            person
+                .update(moment(i), &sample(reading))
+                .unwrap()
+                .is_some(),
+        );
         // Again, and late, and broken: refused, and nothing changes.
         let before = person;
         let broken = ImuSample {
             angular_rate: Vector3::new(0.0, f64::NAN, 0.0),
-            ..reading.sample
+            ..sample(reading)
         };
         assert_eq!(
-            person.update(moment(i), &reading.sample),
+            person.update(moment(i), &sample(reading)),
             Err(ImuError::TimeNotAfter)
         );
         assert_eq!(
@@ -427,7 +441,7 @@ fn time_must_go_on() {
     assert_eq!(count, 10);
 
     // A gap: the heading is open until the compass has told it again.
-    let still = walker.readings[0].sample;
+    let still = sample(&walker.readings[0]);
     let blind = ImuSample {
         magnetic_field: None,
         ..still

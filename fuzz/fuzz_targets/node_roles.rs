@@ -9,7 +9,7 @@ use std::time::Duration;
 
 use libfuzzer_sys::fuzz_target;
 use node_firmware::{
-    config::{CameraConfig, Duty, Reference, Sigmas, Subjects, TargetConfig},
+    config::{CameraConfig, Duty, Reference, SensorConfig, Sigmas, Subjects, TargetConfig},
     console::{Frames, FromPc, ToPc},
     memory::Fact,
     message::{Done, Message, Seen, Sight, Tracked},
@@ -71,6 +71,7 @@ const TARGET: TargetConfig = TargetConfig {
     standing_sigma: 0.02,
     dwell_least_ms: 2_000,
     dwell_most_ms: 20_000,
+    sensor: SensorConfig::UNCALIBRATED,
 };
 
 fn camera(duty: Option<Duty>) -> Camera {
@@ -183,6 +184,7 @@ fn live<R: Role>(
             }
         }
         let mut outputs = 0;
+        role.compute(now);
         while let Some(output) = role.poll(now) {
             outputs += 1;
             assert!(outputs < 200, "it never has enough");

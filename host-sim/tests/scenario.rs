@@ -2,6 +2,7 @@
 
 use calib_core::camera::Projection;
 use host_sim::{
+    network::{Options, Simulation},
     scenario::{BUILT_IN, Overrides, Scenario, SensorTable, Site},
     world::Variant,
 };
@@ -196,12 +197,41 @@ fn scenarios_can_be_written() {
     }
 }
 
+/// So many targets, no two of one colour.
+fn colours(count: u16) -> String {
+    let targets =
+        (0..count).map(|n| format!("{{ id = {}, colour = [{}, 90, 200] }},", 20 + n, 40 * n));
+    targets.collect()
+}
+
+/// Four colours are what a camera can tell apart, and two cameras may stand in one place.
+#[test]
+fn what_is_only_unusual_is_possible() {
+    for text in [
+        small("", &format!("target = [{}]", colours(4))),
+        small("", TARGET).replace("x = 5.0, y = 10.0", "x = 10.0, y = 0.0"),
+        small("", "target = [{ id = 59999 }]"),
+    ] {
+        let scenario = Scenario::from_toml(&text, &Overrides::default()).unwrap();
+        let simulation = Simulation::new(scenario, Options::default());
+        assert!(simulation.is_ok(), "{text}");
+    }
+}
+
 #[test]
 fn what_is_wrong_is_named() {
     let stops = |places: &str| format!("target = [{{ id = 20, stops = [{places}] }}]\n");
     let wall = "[[world.obstacle]]\nwall = [[5.0, 0.0], [5.0, 6.0]]\n";
     for (text, parts) in [
         (small("sed = 1", TARGET), ["sed", "unknown field"]),
+        (
+            small("unit = \"feet\"", TARGET),
+            ["`unit_metres` is missing", "one of the feet in metres"],
+        ),
+        (
+            small("unit_metres = 0.0", TARGET),
+            ["`unit_metres` is 0", "0.0001 to 100000 metres"],
+        ),
         (small("stops = 2", TARGET), ["`stops` is 2", "3 to 100"]),
         (
             small("[camera]\nrange = -1.0", TARGET),
@@ -285,6 +315,74 @@ fn what_is_wrong_is_named() {
                 TARGET,
             ),
             ["event 1.node` is 20", "of a camera"],
+        ),
+        (
+            small("", "target = [{ id = 60000 }]"),
+            [
+                "target 1.id` is 60000",
+                "1 to 59999: larger numbers are those of coordinators",
+            ],
+        ),
+        (
+            small("", "target = [{ id = 0 }]"),
+            ["target 1.id` is 0", "1 to 59999"],
+        ),
+        (
+            small(
+                "",
+                "area = [[9.0, 0.0], [0.0, 9.0]]\ntarget = [{ id = 20 }]",
+            ),
+            ["network 1.area", "the lowest corner"],
+        ),
+        (
+            small("", &format!("target = [{}]", colours(5))),
+            ["different colours)` is 5", "1 to 4"],
+        ),
+        (
+            small("[firmware]\nstops = 65", TARGET),
+            ["`firmware.stops` is 65", "3 to 64"],
+        ),
+        (
+            small(
+                "[firmware]\nweak_sigma = 0.1\ngood_enough_position = 0.2",
+                TARGET,
+            ),
+            ["`firmware.weak_sigma` is 0.1", "0.2 to"],
+        ),
+        (small("path = 0", TARGET), ["`path` is 0", "1 to"]),
+        (small("stops = 0", TARGET), ["`stops` is 0", "3 to 100"]),
+        (
+            small("[walk]\nspeed = nan", TARGET),
+            ["`walk.speed` is NaN", "0.001 to"],
+        ),
+        (
+            small("", TARGET).replace("x = 5.0", "x = nan"),
+            ["camera 3 (x, y)` is (NaN, 10)", "world.low"],
+        ),
+        (
+            small("", TARGET).replace("x = 5.0", "x = inf"),
+            ["camera 3 (x, y)` is (inf, 10)", "world.low"],
+        ),
+        (
+            small("", TARGET).replace("x = 10.0", "x = 0.0"),
+            ["network 1.references", "two cameras at one place"],
+        ),
+        (
+            "name = \"x\"\n[[network]]\nreferences = { cameras = [1, 2] }\ncamera = []\n\
+             target = [{ id = 20 }]"
+                .into(),
+            [
+                "network 1 (cameras and targets)` is 1",
+                "at least two cameras",
+            ],
+        ),
+        (
+            "name = \"x\"\n[camera]\nrange = nan\n[grid]\n".into(),
+            ["`camera.range` is NaN", "0.001"],
+        ),
+        (
+            "name = \"x\"\n[grid]\nnodes = 20000\ncell_nodes = 2\n".into(),
+            ["network (how many)` is 10000", "1 to 5536"],
         ),
         ("name = \"x\"".into(), ["`network` is missing", "grid"]),
         (

@@ -5,7 +5,6 @@
 //! `embedded_storage_async::nor_flash::NorFlash`.
 
 use core::{
-    convert::Infallible,
     fmt::Debug,
     future::{Future, pending},
 };
@@ -27,15 +26,11 @@ pub trait StepSensor {
     fn next(&mut self) -> impl Future<Output = Result<Step<f32>, Self::Error>>;
 }
 
-/// No steps: for nodes that are no targets.
-#[derive(Clone, Copy, Debug, Default)]
-pub struct NoSteps;
+impl<S: StepSensor> StepSensor for &mut S {
+    type Error = S::Error;
 
-impl StepSensor for NoSteps {
-    type Error = Infallible;
-
-    async fn next(&mut self) -> Result<Step<f32>, Infallible> {
-        pending().await
+    fn next(&mut self) -> impl Future<Output = Result<Step<f32>, Self::Error>> {
+        S::next(self)
     }
 }
 

@@ -15,6 +15,7 @@
 //! | [`message`] | What nodes tell each other |
 //! | [`role`] | Coordinator, camera, target, as state machines without input or output |
 //! | [`memory`] | What a role must not forget |
+//! | [`steps`] | A step sensor of an inertial measurement unit on an I2C bus |
 //! | [`console`] | What the coordinator and a PC tell each other |
 //! | [`run`] | A role connected to the seams |
 //!
@@ -44,6 +45,7 @@ pub mod message;
 pub mod role;
 pub mod run;
 pub mod sight;
+pub mod steps;
 
 mod arithmetic;
 mod log;

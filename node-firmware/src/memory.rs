@@ -3,9 +3,11 @@
 //! The radio's own records (frame counters, keys, membership) are in another range of the flash,
 //! see [`zigbee_link::store`]. A fact that is lost costs work, never safety: it is learnt again.
 //!
-//! # Format, version 1
+//! # Format, version 2
 //! One record of the log for each fact. Its key says which, its value is the fact, postcard. The
-//! number of the [`Fact`]'s variant leads the value.
+//! number of the [`Fact`]'s variant leads the value. One more record says of which node and role
+//! the facts are; where it is missing or another's, as in version 1, they are not recalled, and the
+//! memory is begun anew.
 //!
 //! | key | fact |
 //! |---|---|
@@ -13,9 +15,13 @@
 //! | 1 | [`Fact::References`] |
 //! | 2 | [`Fact::Walk`] |
 //! | 3 | [`Fact::Posed`] |
+//! | 4 | [`Fact::Colours`] |
 //! | 32 + n | [`Fact::Sighting`] n |
 //! | 64 + n | [`Fact::ReferenceStop`] n |
 //! | 96 + n | [`Fact::Camera`] n |
+//! | 254 | 2, [`Config::owner`] as little-endian u32 |
+//!
+//! [`Config::owner`]: crate::config::Config::owner
 
 use core::ops::Range;
 
@@ -24,11 +30,17 @@ use embedded_storage_async::nor_flash::NorFlash;
 use serde::{Deserialize, Serialize};
 use zigbee_link::store::log::{Entry, Log, LogError};
 
+use crate::config::COLOURS_MAX;
 use crate::log::warning;
 use crate::message::{Address, MEMBERS, PoseParts, References, Report, Seen, StopNumber};
+use crate::sight::ColourWindow;
 
 /// One above the highest key.
 const KEYS: u8 = 96 + MEMBERS as u8;
+/// Key of the record that says whose the facts are.
+const OWNER: u8 = 254;
+/// First byte of its value.
+const VERSION: u8 = 2;
 /// Bytes of a record of the log.
 const SLOT: usize = 96;
 
@@ -50,6 +62,8 @@ pub enum Fact {
     Camera(u8, Option<(Address, Report)>),
     /// The first reference camera: the pose of the second, which may not have heard it.
     Posed(Option<PoseParts>),
+    /// A camera: the colours it learnt.
+    Colours(Colours),
 }
 
 impl Fact {
@@ -60,6 +74,7 @@ impl Fact {
             Self::References(_) => 1,
             Self::Walk(_) => 2,
             Self::Posed(_) => 3,
+            Self::Colours(_) => 4,
             Self::Sighting(index, _) => place(32, index),
             Self::ReferenceStop(index, _) => place(64, index),
             Self::Camera(index, _) => place(96, index),
@@ -97,6 +112,17 @@ pub struct ReferenceStop {
     pub other: Option<Seen>,
 }
 
+/// Colours that a camera learnt, by their number.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct Colours {
+    /// Checksum of those of its configuration at that time: with others, what was learnt is out of
+    /// date.
+    pub configured: u32,
+    /// Those learnt, which count instead.
+    pub learnt: [Option<ColourWindow>; COLOURS_MAX],
+}
+
 /// What a target remembers of its walk. Written at each stop and when it leaves one.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
@@ -117,24 +143,39 @@ pub struct Walk {
 
 /// The facts of one node in a range of a flash.
 #[derive(Debug)]
-pub struct Memory<F>(Log<F, SLOT>);
+pub struct Memory<F> {
+    log: Log<F, SLOT>,
+    owner: Entry<SLOT>,
+}
 
 impl<F: NorFlash> Memory<F> {
     /// Opens the memory in `range` of the flash, bytes from its start, an even number of erase
-    /// units. One that cannot be read is begun anew.
+    /// units. That of another `owner` is begun anew. A record that rotted is lost alone, but for the
+    /// [limits](zigbee_link::store::log#rot) of the log: of damage to its key and to more, the fact
+    /// that it replaced comes back, and that of another key may be lost. With the record of the
+    /// owner all are lost.
     ///
     /// # Errors
     /// The range does not fit, or the flash failed.
-    pub async fn open(flash: F, range: Range<u32>) -> Result<Self, LogError<F::Error>> {
-        let mut log = Log::new(flash, range)?;
-        match log.open().await {
-            Err(LogError::Corrupt) => {
-                warning!("the memory of the role is damaged: it is begun anew");
-                log.begin(&[]).await?;
-            }
-            other => other?,
+    pub async fn open(flash: F, range: Range<u32>, owner: u32) -> Result<Self, LogError<F::Error>> {
+        let [a, b, c, d] = owner.to_le_bytes();
+        let owner = Entry::new(OWNER, &[VERSION, a, b, c, d]).ok_or(LogError::Full)?;
+        let log = Log::new(flash, range)?;
+        let mut memory = Self { log, owner };
+        memory.log.open().await?;
+        if memory.log.find(OWNER).await? != Some(owner) {
+            memory.forget().await?;
         }
-        Ok(Self(log))
+        Ok(memory)
+    }
+
+    /// Begins the memory anew. To be done before a membership becomes void: addresses in it are
+    /// those of that network.
+    ///
+    /// # Errors
+    /// The flash failed.
+    pub async fn forget(&mut self) -> Result<(), LogError<F::Error>> {
+        self.log.begin(&[self.owner]).await
     }
 
     /// Every fact that is remembered and understood, to `take`, in the order of their keys.
@@ -143,7 +184,7 @@ impl<F: NorFlash> Memory<F> {
     /// The flash failed.
     pub async fn recall(&mut self, mut take: impl FnMut(&Fact)) -> Result<(), LogError<F::Error>> {
         for key in 0..KEYS {
-            if let Some(entry) = self.0.find(key).await?
+            if let Some(entry) = self.log.find(key).await?
                 && let Ok((fact, _)) = postcard::take_from_bytes::<Fact>(entry.value())
                 && fact.key() == key
             {
@@ -155,8 +196,8 @@ impl<F: NorFlash> Memory<F> {
 
     /// Writes a fact down. When this returns `Ok`, a loss of power does not undo it.
     ///
-    /// A memory that is full, with facts of a former role, or that rotted, is begun anew with this
-    /// fact: a node that stopped would find it the same again.
+    /// A memory that is full is begun anew with this fact: a node that stopped would find it the
+    /// same again. Two pages of 4 KiB hold all facts of any role.
     ///
     /// # Errors
     /// The flash failed.
@@ -165,10 +206,10 @@ impl<F: NorFlash> Memory<F> {
         // Every fact fits: a test writes the longest of each kind.
         let value = postcard::to_slice(fact, &mut value).map_err(|_| LogError::Full)?;
         let entry = Entry::new(fact.key(), value).ok_or(LogError::Full)?;
-        match self.0.append(&entry).await {
-            Err(LogError::Full | LogError::Corrupt) => {
-                warning!("the memory of the role is full or damaged: it is begun anew");
-                self.0.begin(&[entry]).await
+        match self.log.append(&entry).await {
+            Err(LogError::Full) => {
+                warning!("the memory of the role is full: it is begun anew");
+                self.log.begin(&[self.owner, entry]).await
             }
             other => other,
         }

@@ -19,28 +19,11 @@ use node_firmware::{
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use support::{
-    bus::{Air, AnyStation, Faults, Station},
-    net::{Net, SECOND, TARGET, from_to, nees, same, with_references},
+    bus::{Air, AnyStation, Faults, PERFECT, Station},
+    net::{Net, SECOND, TARGET, from_to, nees, refining, same, with_references},
     site::{CAMERAS, camera_config, target_config},
 };
 use zigbee_link::{Instant, wire::ShortAddress};
-
-const PERFECT: Faults = Faults {
-    loss: 0.0,
-    double: 0.0,
-    delay: 0,
-};
-
-fn refining(n: usize) -> CameraConfig {
-    CameraConfig {
-        refine: true,
-        good_enough: Sigmas {
-            position: 0.02,
-            heading_deg: 0.15,
-        },
-        ..with_references(n)
-    }
-}
 
 /// Three stops of the references, and with the third one three of everybody else.
 #[test]

@@ -1,5 +1,7 @@
 //! Random scenes with a known truth, made without the code under test.
 
+pub mod walker;
+
 use std::f64::consts::TAU;
 use std::path::PathBuf;
 

@@ -5,24 +5,23 @@ use std::{
     path::{Path, PathBuf, absolute},
 };
 
-use anyhow::{Context, Result, ensure};
+use anyhow::{Context, Result, bail, ensure};
+use board_support::flash::{NRF52840, Regions};
+use node_firmware::config::{
+    Config,
+    page::{self, PAGE_MAX, PageError},
+};
 use xshell::{Cmd, Shell, cmd};
 
-use crate::{provision, setup};
+use crate::{
+    elf, firmware,
+    provision::{self, RoleName},
+    setup,
+};
 
 const INSTALL: &str = "probe-rs is not installed: see https://probe.rs/docs/getting-started/installation/, or \
      type `cargo install probe-rs-tools --locked` (on Debian after `sudo apt-get install \
      pkg-config libudev-dev`)";
-
-/// Where a board's own pages are, as in its `src/memory.rs`.
-struct Layout {
-    /// The chip's name for probe-rs.
-    chip: &'static str,
-    /// What the role and the link must not forget, one behind the other: address and bytes.
-    memory: (u32, usize),
-    /// The configuration page.
-    config: u32,
-}
 
 #[derive(Clone, Copy, clap::ValueEnum)]
 enum Board {
@@ -31,26 +30,30 @@ enum Board {
 }
 
 impl Board {
-    const fn name(self) -> &'static str {
+    const fn package(self) -> &'static str {
         match self {
             Self::Nrf52840 => "nrf52840",
         }
     }
 
-    const fn layout(self) -> Layout {
+    /// The chip's name for probe-rs.
+    const fn chip(self) -> &'static str {
         match self {
-            Self::Nrf52840 => Layout {
-                chip: "nRF52840_xxAA",
-                memory: (0x000f_7000, 32 * 1024),
-                config: 0x000f_f000,
-            },
+            Self::Nrf52840 => "nRF52840_xxAA",
+        }
+    }
+
+    const fn regions(self) -> Regions {
+        match self {
+            Self::Nrf52840 => NRF52840,
         }
     }
 }
 
 /// The image and a configuration page onto a board
 ///
-/// What the node learnt is kept.
+/// Builds the image first. What the node learnt is kept. A page with another site key, role or
+/// number than the one in the board is refused without --erase-memory.
 #[derive(clap::Args)]
 pub(crate) struct Flash {
     /// Which board
@@ -58,14 +61,14 @@ pub(crate) struct Flash {
     /// The page, of `cargo xtask provision`; without it, the node keeps the one it has
     #[arg(long, value_name = "PAGE")]
     config: Option<PathBuf>,
-    /// The image; without it, that of `cargo xtask firmware`
+    /// An image that was built before; without it, it is built now
     #[arg(long, value_name = "ELF")]
     image: Option<PathBuf>,
     /// Which debug probe, as `probe-rs list` names it: VID:PID or VID:PID:SERIAL
     #[arg(long)]
     probe: Option<String>,
-    /// Makes the node forget its network, its place, and which frame counters it used: for another
-    /// site key, or another role. Only with a page made now
+    /// Makes the node forget its network, its place, and which frame counters it used: when it was
+    /// moved, or its memory is damaged. Only with a page made now
     #[arg(long, requires = "config")]
     erase_memory: bool,
     /// Tells the commands, and runs none
@@ -73,49 +76,52 @@ pub(crate) struct Flash {
     dry_run: bool,
 }
 
+/// A page that is to be written.
+struct Page {
+    path: PathBuf,
+    config: Config,
+}
+
 impl Flash {
     pub(crate) fn run(&self, sh: &Shell) -> Result<()> {
-        let board = self.board.name();
-        let firmware = sh.current_dir().canonicalize()?.join("target/firmware");
-        let image = match &self.image {
-            Some(image) => absolute(image)?,
-            None => firmware.join(format!("{board}.elf")),
-        };
-        ensure!(
-            image.is_file(),
-            "there is no image {}: type `cargo xtask firmware`, or use --image ELF",
-            image.display()
-        );
-        let page = self.config.as_deref().map(absolute).transpose()?;
+        let page = self.page()?;
+        let has_probe_rs = setup::is_on_path("probe-rs");
+        ensure!(has_probe_rs || self.dry_run, INSTALL);
+        let image = self.image(sh)?;
         if let Some(page) = &page {
-            let config = provision::read_page(page)?;
-            eprint!("{}", provision::text(&config)?);
-            if self.erase_memory {
-                eprintln!(
-                    "warning: the node forgets which frame counters it used, and begins again \
-                     with {}. If it ran with this page before, or with a later one of the same \
-                     key, make a new page first: a counter used twice gives away what was said \
-                     under it.",
-                    config.first_counter
-                );
-            }
+            eprint!("{}", provision::text(&page.config)?);
         }
-        let erased = firmware.join(format!("{board}-erased.bin"));
-        let commands = self.commands(sh, &image, page.as_deref(), &erased);
+        if let Some(page) = page.as_ref().filter(|_| self.erase_memory) {
+            eprintln!(
+                "warning: the node forgets which frame counters it used, and begins again with \
+                 {}. If it ran with this page before, or with a later one of the same key, make a \
+                 new page first: a counter used twice gives away what was said under it.",
+                page.config.first_counter
+            );
+        }
+        // Beside the images, where nobody looks for what was left over.
+        let erased = firmware::image(sh, self.board.package()).with_extension("erased.bin");
+        let path = page.as_ref().map(|page| page.path.as_path());
+        let commands = self.commands(sh, &image, path, &erased);
+        // With all memory erased, it does not matter what the board was before.
+        let page = page.filter(|_| !self.erase_memory);
         if self.dry_run {
-            for command in &commands {
+            let look = page.map(|_| self.look(sh));
+            for command in look.iter().chain(&commands) {
                 println!("{command}");
             }
-            if !setup::is_on_path("probe-rs") {
+            if !has_probe_rs {
                 eprintln!("{INSTALL}");
             }
             return Ok(());
         }
-        ensure!(setup::is_on_path("probe-rs"), INSTALL);
+        if let Some(page) = page {
+            self.compare(sh, &page.config)?;
+        }
         if self.erase_memory {
-            let (_, bytes) = self.board.layout().memory;
-            sh.create_dir(&firmware)?;
-            fs::write(&erased, vec![0xFF; bytes])
+            let (_, bytes) = self.board.regions().memory();
+            sh.create_dir(erased.parent().context("a folder")?)?;
+            fs::write(&erased, vec![0xFF; bytes as usize])
                 .with_context(|| format!("{} was not written", erased.display()))?;
         }
         for command in commands {
@@ -127,6 +133,102 @@ impl Flash {
         Ok(())
     }
 
+    fn page(&self) -> Result<Option<Page>> {
+        let Some(path) = &self.config else {
+            return Ok(None);
+        };
+        Ok(Some(Page {
+            config: provision::read_page(path)?,
+            path: absolute(path)?,
+        }))
+    }
+
+    /// Where the image is, which is built now or was before, and is for this board.
+    fn image(&self, sh: &Shell) -> Result<PathBuf> {
+        let package = self.board.package();
+        let image = match &self.image {
+            Some(image) => absolute(image)?,
+            None if self.dry_run => {
+                let image = firmware::image(sh, package);
+                if !image.is_file() {
+                    eprintln!("{} is built first", image.display());
+                    return Ok(image);
+                }
+                image
+            }
+            None => firmware::build(sh, package)?,
+        };
+        let end = elf::flash_end(&image)?;
+        let most = self.board.regions().image_end();
+        ensure!(
+            end <= most.into(),
+            "{} reaches up to {end:#x}, into the pages of the node, which begin at {most:#x}: is \
+             it an image for this board?",
+            image.display()
+        );
+        Ok(image)
+    }
+
+    /// Refuses a page that makes another node of the board, which would go on with what the former
+    /// one learnt.
+    fn compare(&self, sh: &Shell, new: &Config) -> Result<()> {
+        let said = self
+            .look(sh)
+            .quiet()
+            .read()
+            .context("nothing was written: see what probe-rs says above")?;
+        let bytes = parse_read(&said);
+        ensure!(
+            bytes.len() == PAGE_MAX,
+            "probe-rs printed {} bytes of the board's page, which has {PAGE_MAX}, and nothing was \
+             written: update probe-rs, or make the board forget with --erase-memory",
+            bytes.len()
+        );
+        let old = match page::decode(&bytes) {
+            Ok(old) => old,
+            Err(PageError::Blank) => return Ok(()),
+            Err(error) => bail!(
+                "the board has a page that cannot be compared with this one ({error}), and nothing \
+                 was written: make it forget what it learnt with --erase-memory and a page made now"
+            ),
+        };
+        let [old_role, new_role] = [&old, new].map(|config| RoleName::from(&config.role));
+        let differences: Vec<_> = [
+            ("site key", old.site_key != new.site_key),
+            ("role", old_role != new_role),
+            ("number", old.id != new.id),
+        ]
+        .into_iter()
+        .filter_map(|(what, differs)| differs.then_some(what))
+        .collect();
+        if !differences.is_empty() {
+            bail!(
+                "the board is node {}, a {old_role}; the page has another {}, and nothing was \
+                 written: take another board, or make this one forget what it learnt with \
+                 --erase-memory and a page made now",
+                old.id,
+                differences.join(", another ")
+            );
+        }
+        Ok(())
+    }
+
+    /// Reads the page that the board has. Its output holds a key: it is not to be shown.
+    fn look<'a>(&self, sh: &'a Shell) -> Cmd<'a> {
+        let probe = &self.probe_options();
+        let address = format!("{:#010x}", self.board.regions().config);
+        let bytes = PAGE_MAX.to_string();
+        cmd!(sh, "probe-rs read {probe...} b8 {address} {bytes}")
+    }
+
+    fn probe_options(&self) -> Vec<&str> {
+        let mut options = vec!["--chip", self.board.chip()];
+        if let Some(selector) = &self.probe {
+            options.extend(["--probe", selector]);
+        }
+        options
+    }
+
     /// The page comes before the memory is erased: should the node start between two commands, it
     /// does not begin again with the former page's counters.
     fn commands<'a>(
@@ -136,16 +238,8 @@ impl Flash {
         page: Option<&Path>,
         erased: &Path,
     ) -> Vec<Cmd<'a>> {
-        let Layout {
-            chip,
-            memory: (memory, _),
-            config,
-        } = self.board.layout();
-        let mut probe = vec!["--chip", chip];
-        if let Some(selector) = &self.probe {
-            probe.extend(["--probe", selector]);
-        }
-        let probe = &probe;
+        let regions = self.board.regions();
+        let probe = &self.probe_options();
         let bytes = |path: &Path, address: u32| {
             let address = format!("{address:#010x}");
             cmd!(
@@ -157,9 +251,19 @@ impl Flash {
             sh,
             "probe-rs download {probe...} --verify --binary-format elf {image}"
         )];
-        commands.extend(page.map(|page| bytes(page, config)));
+        commands.extend(page.map(|page| bytes(page, regions.config)));
+        let (memory, _) = regions.memory();
         commands.extend(self.erase_memory.then(|| bytes(erased, memory)));
         commands.push(cmd!(sh, "probe-rs reset {probe...}"));
         commands
     }
+}
+
+/// The bytes that `probe-rs read b8` prints: hexadecimal numbers, in newer versions with their
+/// address and a colon before each line.
+fn parse_read(said: &str) -> Vec<u8> {
+    said.split_whitespace()
+        .filter(|word| !word.ends_with(':'))
+        .map_while(|word| u8::from_str_radix(word, 16).ok())
+        .collect()
 }

@@ -2,8 +2,14 @@
 
 use std::fs;
 
-use anyhow::{Context, Result, bail};
+use anyhow::{Context, Result, bail, ensure};
 use xshell::{Shell, cmd};
+
+use crate::setup;
+
+/// Targets need the compiler's sanitizers.
+pub(crate) const NO_NIGHTLY: &str =
+    "there is no nightly compiler to fuzz with: type `rustup toolchain install nightly`";
 
 /// Inputs per target that take a few seconds.
 pub(crate) const BRIEF: u32 = 100_000;
@@ -14,24 +20,18 @@ const VERSION: &str = "0.13.1";
 
 /// Tries `runs` inputs on each target, starting from its corpus; what is new stays out of it.
 ///
-/// Without a nightly compiler there is nothing to run it with: that is said, and not an error.
+/// # Errors
+/// A target found something, or there is no nightly compiler and none can be installed.
 pub(crate) fn run(sh: &Shell, targets: &[String], runs: u32) -> Result<()> {
-    if cmd!(sh, "cargo +nightly --version")
-        .quiet()
-        .ignore_stderr()
-        .read()
-        .is_err()
-    {
-        eprintln!("no nightly compiler: not fuzzed; `rustup toolchain install nightly` gets one");
-        return Ok(());
-    }
+    ensure!(setup::nightly(sh), NO_NIGHTLY);
     let cargo_fuzz = format!("{TOOLS}/bin/cargo-fuzz");
     if !sh.path_exists(&cargo_fuzz) {
         cmd!(
             sh,
             "cargo install cargo-fuzz --version {VERSION} --locked --root {TOOLS}"
         )
-        .run()?;
+        .run()
+        .context("this needs a network once")?;
     }
     let all = all_targets(sh)?;
     if let Some(unknown) = targets.iter().find(|&target| !all.contains(target)) {

@@ -1,9 +1,13 @@
 //! The project's chores: `cargo xtask --help`.
 
+use std::path::Path;
+
+use anyhow::Context;
 use clap::{Parser, Subcommand};
 use xshell::{Shell, cmd};
 
 mod cortex_m;
+mod elf;
 mod emulate;
 mod firmware;
 mod flash;
@@ -16,7 +20,7 @@ mod test;
 
 /// The project's chores.
 #[derive(Parser)]
-#[command(name = "cargo xtask")]
+#[command(bin_name = "cargo xtask")]
 struct Arguments {
     #[command(subcommand)]
     chore: Chore,
@@ -62,7 +66,9 @@ enum Chore {
 fn main() -> anyhow::Result<()> {
     let arguments = Arguments::parse();
     let sh = Shell::new()?;
-    sh.change_dir(concat!(env!("CARGO_MANIFEST_DIR"), "/.."));
+    // Whole, because it is shown.
+    let root = Path::new(env!("CARGO_MANIFEST_DIR")).parent();
+    sh.change_dir(root.context("xtask is in the workspace's folder")?);
     match arguments.chore {
         Chore::Test => test::run(&sh),
         Chore::Bench { topics } => {

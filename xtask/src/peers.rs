@@ -86,7 +86,8 @@ fn source(sh: &Shell, directory: &Path) -> Result<PathBuf> {
         "cargo metadata --format-version 1 --manifest-path {manifest}"
     )
     .quiet()
-    .read()?;
+    .read()
+    .with_context(|| format!("the source of {CRATE} {VERSION} is fetched once, over a network"))?;
     let metadata: serde_json::Value = serde_json::from_str(&metadata)?;
     let manifest = metadata["packages"]
         .as_array()

@@ -3,7 +3,7 @@
 
 use std::{env, path::Path};
 
-use anyhow::{Context, Result, bail};
+use anyhow::{Context, Result, bail, ensure};
 use xshell::{Shell, cmd};
 
 /// Processors that firmware is built for: with a floating-point unit, and without.
@@ -18,6 +18,10 @@ const PROGRAMS: [(&str, &str); 5] = [
     ("c++", "g++"),
 ];
 
+/// The linker of images for nodes.
+const LINKER: &str = "flip-link";
+const LINKER_VERSION: &str = "0.1.12";
+
 /// The compiler's targets and components, of the toolchain in use.
 pub(crate) fn targets(sh: &Shell) -> Result<()> {
     let sysroot = cmd!(sh, "rustc --print sysroot").quiet().read()?;
@@ -31,23 +35,60 @@ pub(crate) fn targets(sh: &Shell) -> Result<()> {
         })
         .collect::<Vec<_>>();
     if !missing.is_empty() {
-        cmd!(sh, "rustup target add {missing...}").run().context(
-            "type `rustup toolchain install` here, or install these targets another way",
-        )?;
+        let missing = &missing;
+        cmd!(sh, "rustup target add {missing...}")
+            .run()
+            .with_context(|| {
+                format!(
+                    "the compiler in {sysroot} has no {}: type `rustup toolchain install` here, or \
+                     install that another way",
+                    missing.join(", ")
+                )
+            })?;
     }
     for (component, program) in [("rustfmt", "cargo-fmt"), ("clippy", "cargo-clippy")] {
         if !Path::new(&sysroot).join("bin").join(program).is_file() {
-            cmd!(sh, "rustup component add {component}").run()?;
+            cmd!(sh, "rustup component add {component}")
+                .run()
+                .with_context(|| format!("install `{component}` another way"))?;
         }
     }
     Ok(())
 }
 
+/// Whether there is a nightly compiler, which is installed if it is missing.
+pub(crate) fn nightly(sh: &Shell) -> bool {
+    let is_there = cmd!(sh, "cargo +nightly --version")
+        .quiet()
+        .ignore_stderr()
+        .read()
+        .is_ok();
+    is_there
+        || cmd!(sh, "rustup toolchain install nightly --profile minimal")
+            .run()
+            .is_ok()
+}
+
+/// Whether this runs where nobody reads what was left out.
+pub(crate) fn is_ci() -> bool {
+    env::var_os("CI").is_some_and(|value| !value.is_empty() && value != "false")
+}
+
 /// The linker of images for nodes: it puts the stack where an overflow is a fault.
 pub(crate) fn linker(sh: &Shell) -> Result<()> {
-    if !is_on_path("flip-link") {
-        cmd!(sh, "cargo install --locked flip-link@0.1.12").run()?;
+    if is_on_path(LINKER) {
+        return Ok(());
     }
+    let package = format!("{LINKER}@{LINKER_VERSION}");
+    cmd!(sh, "cargo install --locked {package}")
+        .run()
+        .with_context(|| {
+            format!("type `cargo install --locked {package}` where there is a network")
+        })?;
+    ensure!(
+        is_on_path(LINKER),
+        "{LINKER} is installed, but not found: put the folder that cargo named above on the PATH"
+    );
     Ok(())
 }
 
@@ -87,10 +128,14 @@ pub(crate) fn packages(sh: &Shell) -> Result<()> {
     let update = words(&["apt-get", "update"]);
     let (update, update_rest) = update.split_first().context("a command")?;
     let (install, install_rest) = install.split_first().context("a command")?;
-    cmd!(sh, "{update} {update_rest...}").run()?;
+    let missing = &missing;
+    let failed = || format!("installing {} failed; {by_hand}", missing.join(", "));
+    cmd!(sh, "{update} {update_rest...}")
+        .run()
+        .with_context(failed)?;
     cmd!(sh, "{install} {install_rest...} {missing...}")
         .run()
-        .with_context(|| format!("installing failed; {by_hand}"))
+        .with_context(failed)
 }
 
 pub(crate) fn is_on_path(program: &str) -> bool {

@@ -2,7 +2,7 @@
 
 use std::time::Instant;
 
-use anyhow::{Context, Result};
+use anyhow::{Context, Result, ensure};
 use xshell::{Shell, cmd};
 
 use crate::{cortex_m, emulate, firmware, fuzz, peers, setup, size};
@@ -15,43 +15,94 @@ const FIRMWARE_CRATES: [&str; 4] = [
     "zigbee-link",
 ];
 
-type Stage = (&'static str, fn(&Shell) -> Result<()>);
+/// The workspace of the fuzz targets.
+const FUZZ: &str = "fuzz/Cargo.toml";
+
+type Stage = (&'static str, fn(&Shell) -> Result<Outcome>);
+
+enum Outcome {
+    Passed,
+    /// What is missing here for it. Not in CI: there it is an error.
+    LeftOut(&'static str),
+}
 
 const STAGES: [Stage; 12] = [
-    ("set-up", set_up),
-    ("format", format),
-    ("lint", lint),
-    ("test", test),
-    ("test against real peers", peers::run),
-    ("test on an emulated board", emulate::run),
-    ("build and check firmware", firmware::run),
-    ("fuzz, briefly", |sh| fuzz::run(sh, &[], fuzz::BRIEF)),
-    ("document", document),
-    ("cross-build", cross_build),
-    ("count instructions on emulated processors", count),
-    ("measure flash and RAM", measure),
+    ("set-up", |sh| passed(set_up(sh))),
+    ("format", |sh| passed(format(sh))),
+    ("lint", |sh| passed(lint(sh))),
+    ("test", |sh| passed(test(sh))),
+    ("test against real peers", |sh| passed(peers::run(sh))),
+    ("test on an emulated board", |sh| passed(emulate::run(sh))),
+    ("build and check firmware", |sh| passed(firmware::run(sh))),
+    ("fuzz, briefly", fuzz_briefly),
+    ("document", |sh| passed(document(sh))),
+    ("cross-build", |sh| passed(cross_build(sh))),
+    ("count instructions on emulated processors", |sh| {
+        passed(count(sh))
+    }),
+    ("measure flash and RAM", |sh| passed(measure(sh))),
 ];
 
 pub(crate) fn run(sh: &Shell) -> Result<()> {
+    let whole = Instant::now();
+    let mut summary = String::new();
+    let mut left_out = 0;
     for (name, stage) in STAGES {
         eprintln!("\n==> {name}");
         let start = Instant::now();
-        stage(sh).with_context(|| format!("`cargo xtask test` stopped at: {name}"))?;
-        eprintln!("==> {name}: {:.0} s", start.elapsed().as_secs_f64());
+        let outcome =
+            stage(sh).with_context(|| format!("`cargo xtask test` stopped at: {name}"))?;
+        let seconds = start.elapsed().as_secs_f64();
+        eprintln!("==> {name}: {seconds:.0} s");
+        summary += &format!("{seconds:7.0} s  {name}");
+        if let Outcome::LeftOut(why) = outcome {
+            left_out += 1;
+            summary += &format!(": LEFT OUT: {why}");
+        }
+        summary.push('\n');
     }
-    eprintln!("\nall {} stages passed", STAGES.len());
+    eprint!(
+        "\n{summary}{:7.0} s  in all\n\n",
+        whole.elapsed().as_secs_f64()
+    );
+    match left_out {
+        0 => eprintln!("all {} stages passed", STAGES.len()),
+        _ => eprintln!(
+            "{left_out} of {} stages left out, the others passed",
+            STAGES.len()
+        ),
+    }
     Ok(())
 }
 
+fn passed(result: Result<()>) -> Result<Outcome> {
+    result.map(|()| Outcome::Passed)
+}
+
+/// What later stages need, so that what cannot be installed is told at once. Sources and tools that
+/// are built are fetched where they are needed.
 fn set_up(sh: &Shell) -> Result<()> {
     setup::targets(sh)?;
+    setup::linker(sh)?;
+    ensure!(!setup::is_ci() || setup::nightly(sh), fuzz::NO_NIGHTLY);
     setup::packages(sh)
+}
+
+fn fuzz_briefly(sh: &Shell) -> Result<Outcome> {
+    if setup::nightly(sh) {
+        return passed(fuzz::run(sh, &[], fuzz::BRIEF));
+    }
+    ensure!(!setup::is_ci(), fuzz::NO_NIGHTLY);
+    Ok(Outcome::LeftOut(fuzz::NO_NIGHTLY))
 }
 
 fn format(sh: &Shell) -> Result<()> {
     cmd!(sh, "cargo fmt --all --check")
         .run()
-        .context("type `cargo fmt --all`")
+        .context("type `cargo fmt --all`")?;
+    cmd!(sh, "cargo fmt --manifest-path {FUZZ} --check")
+        .run()
+        .with_context(|| format!("type `cargo fmt --manifest-path {FUZZ}`"))
 }
 
 fn lint(sh: &Shell) -> Result<()> {
@@ -68,6 +119,12 @@ fn lint(sh: &Shell) -> Result<()> {
         )
         .run()?;
     }
+    // Not part of the workspace. It is run by a nightly compiler, and compiles with any.
+    cmd!(
+        sh,
+        "cargo clippy --manifest-path {FUZZ} --target-dir target/fuzz --all-targets -- --deny warnings"
+    )
+    .run()?;
     // One by one: together they would be built with each other's features.
     for board in firmware::packages() {
         cmd!(

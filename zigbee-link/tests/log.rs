@@ -2,10 +2,14 @@
 
 mod support;
 
+use std::{cell::RefCell, rc::Rc};
+
 use embassy_embedded_hal::flash::partition::Partition;
 use embassy_futures::block_on;
 use embassy_sync::{blocking_mutex::raw::NoopRawMutex, mutex::Mutex};
-use rand::{RngExt, SeedableRng};
+use embedded_storage_async::nor_flash::{ErrorType, NorFlash, ReadNorFlash};
+use proptest::prelude::*;
+use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use support::{
     aether::key,
@@ -150,6 +154,173 @@ fn records_survive_power_cuts() {
                 flash = log.into_flash();
             }
         }
+    }
+}
+
+/// Five keys, some of which were written several times.
+fn written() -> (MockFlash<8>, [u8; 5]) {
+    let newest = [40, 31, 22, 33, 44];
+    let flash = block_on(async {
+        let mut log = Log::<_, SLOT>::new(MockFlash::<8>::new(3), 0..MockFlash::<8>::LEN).unwrap();
+        log.open().await.unwrap();
+        for (key, first) in [
+            (0, 10),
+            (1, 31),
+            (2, 22),
+            (0, 40),
+            (3, 13),
+            (4, 44),
+            (3, 33),
+        ] {
+            log.append(&fact(key, first)).await.unwrap();
+        }
+        log.into_flash()
+    });
+    (flash, newest)
+}
+
+fn opened(flash: MockFlash<8>) -> Log<MockFlash<8>, SLOT> {
+    let mut log = Log::new(flash, 0..MockFlash::<8>::LEN).unwrap();
+    block_on(log.open()).unwrap();
+    log
+}
+
+/// Every bit of the flash, in both directions: nothing is lost, and a header is none of it.
+#[test]
+fn any_single_bit_may_rot() {
+    let (flash, newest) = written();
+    for bit in 0..flash.bytes.len() * 8 {
+        let mut rotten = flash.clone();
+        rotten.bytes[bit / 8] ^= 1 << (bit % 8);
+        let mut log = opened(rotten);
+        for (key, &first) in (0..).zip(&newest) {
+            let found = block_on(log.find(key)).unwrap();
+            assert_eq!(found, Some(fact(key, first)), "key {key}, bit {bit}");
+        }
+        assert_eq!(block_on(log.find(5)), Ok(None));
+        // It was put right for good, and goes on.
+        let mut log = opened(log.into_flash());
+        block_on(log.append(&fact(1, 77))).unwrap();
+        assert_eq!(block_on(log.find(1)), Ok(Some(fact(1, 77))));
+        assert_eq!(block_on(log.find(4)), Ok(Some(fact(4, 44))));
+    }
+}
+
+proptest! {
+    /// More of a record rots than can be put right: it alone is lost, and what it replaced does not
+    /// come back. The last record looks torn: there the one before it counts.
+    #[test]
+    fn a_rotten_record_is_lost_alone(
+        slot in 0..8_usize,
+        flips in prop::collection::btree_set(16..SLOT * 8, 2..40),
+    ) {
+        let (mut flash, newest) = written();
+        for flip in flips {
+            flash.bytes[slot * SLOT + flip / 8] ^= 1 << (flip % 8);
+        }
+        let mut log = opened(flash);
+        // Of which key a slot is, and whether its newest; slot 0 is the header.
+        let lost = [None, None, Some(1), Some(2), Some(0), None, Some(4), Some(3)][slot];
+        for _ in 0..2 {
+            for (key, &first) in (0..).zip(&newest) {
+                let found = block_on(log.find(key)).unwrap();
+                let expected = match lost {
+                    Some(3) if key == 3 => Some(fact(3, 13)),
+                    Some(gone) if key == gone => None,
+                    _ => Some(fact(key, first)),
+                };
+                prop_assert_eq!(found, expected, "key {} of slot {}", key, slot);
+            }
+            log = opened(log.into_flash());
+        }
+    }
+}
+
+/// Up to two bits of a key, of every slot: it is known which it was, and nothing is lost.
+#[test]
+fn a_key_may_rot() {
+    let (flash, newest) = written();
+    for slot in 0..8 {
+        for flips in (1_u8..=255).filter(|flips| flips.count_ones() <= 2) {
+            let mut rotten = flash.clone();
+            rotten.bytes[slot * SLOT + 1] ^= flips;
+            let mut log = opened(rotten);
+            for _ in 0..2 {
+                for (key, &first) in (0..).zip(&newest) {
+                    let found = block_on(log.find(key)).unwrap();
+                    let expected = Some(fact(key, first));
+                    assert_eq!(found, expected, "slot {slot}, {flips:#x}, key {key}");
+                }
+                log = opened(log.into_flash());
+            }
+        }
+    }
+}
+
+/// A log that must not lose anything is refused instead.
+#[test]
+fn who_recovers_is_told_of_rot() {
+    let (flash, _) = written();
+    for slot in 0..7 {
+        let mut rotten = flash.clone();
+        rotten.bytes[slot * SLOT + 20] ^= 1;
+        let mut log = Log::<_, SLOT>::new(rotten, 0..MockFlash::<8>::LEN).unwrap();
+        let recovered = block_on(log.recover(|entry| entry));
+        assert_eq!(recovered, Err(LogError::Corrupt), "slot {slot}");
+    }
+    // And of what rots at work, the last record included.
+    for slot in 1..8 {
+        let mut rotten = Shared(Rc::new(RefCell::new(flash.clone())));
+        let mut log = Log::<_, SLOT>::new(rotten.clone(), 0..MockFlash::<8>::LEN).unwrap();
+        assert_eq!(block_on(log.recover(|entry| entry)), Ok(true));
+        rotten.rot(slot * SLOT + 20);
+        assert_eq!(block_on(log.find(9)), Err(LogError::Corrupt));
+        let full = block_on(async {
+            for n in 0..8 {
+                log.append(&fact(2, n)).await?;
+            }
+            Ok(())
+        });
+        assert_eq!(full, Err(LogError::Corrupt), "slot {slot}");
+    }
+}
+
+/// A flash that rots while a log works on it.
+#[derive(Clone)]
+struct Shared(Rc<RefCell<MockFlash<8>>>);
+
+impl Shared {
+    fn rot(&mut self, byte: usize) {
+        self.0.borrow_mut().bytes[byte] ^= 1;
+    }
+}
+
+impl ErrorType for Shared {
+    type Error = PowerLoss;
+}
+
+impl ReadNorFlash for Shared {
+    const READ_SIZE: usize = MockFlash::<8>::READ_SIZE;
+
+    async fn read(&mut self, offset: u32, bytes: &mut [u8]) -> Result<(), PowerLoss> {
+        block_on(self.0.borrow_mut().read(offset, bytes))
+    }
+
+    fn capacity(&self) -> usize {
+        self.0.borrow().capacity()
+    }
+}
+
+impl NorFlash for Shared {
+    const WRITE_SIZE: usize = MockFlash::<8>::WRITE_SIZE;
+    const ERASE_SIZE: usize = MockFlash::<8>::ERASE_SIZE;
+
+    async fn erase(&mut self, from: u32, to: u32) -> Result<(), PowerLoss> {
+        block_on(self.0.borrow_mut().erase(from, to))
+    }
+
+    async fn write(&mut self, offset: u32, bytes: &[u8]) -> Result<(), PowerLoss> {
+        block_on(self.0.borrow_mut().write(offset, bytes))
     }
 }
 

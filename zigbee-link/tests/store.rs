@@ -9,7 +9,10 @@ use support::flash::{MockFlash, PAGE, PowerLoss};
 use zigbee_link::{
     radio::Channel,
     security::{BLOCK, Counter, Key},
-    store::{Member, Membership, Record, Store, StoreError},
+    store::{
+        Member, Membership, Record, Store, StoreError,
+        log::{Entry, Log},
+    },
     wire::{Eui64, PanId, ShortAddress},
 };
 
@@ -66,6 +69,35 @@ fn remembers_everything() {
     });
 }
 
+/// Whichever key comes into use later. Stores of the time before it was written down had no other.
+#[test]
+fn the_key_of_provisioning_is_known() {
+    block_on(async {
+        let mut store = store(Flash::new(0));
+        store.provision(key(1), 7).await.unwrap();
+        store.save(Record::ActiveKey(key(2))).await.unwrap();
+        for n in 0..200 {
+            store.save(Record::CounterLimit(n)).await.unwrap();
+        }
+        let saved = store.load().await.unwrap();
+        assert_eq!(saved.active_key, key(2));
+        assert_eq!(store.first_key().await, Ok(key(1)));
+
+        let mut flash = Flash::new(0);
+        let mut older = Log::<_, 32>::new(&mut flash, 0..Flash::LEN).unwrap();
+        let mut active = vec![1, 3];
+        active.extend((0..16).map(|i| i * 7 + 3));
+        let records = [
+            Entry::new(0, &[9, 0, 0, 0]).unwrap(),
+            Entry::new(1, &active).unwrap(),
+        ];
+        older.begin(&records).await.unwrap();
+        let mut store = Store::new(flash, 0..Flash::LEN).unwrap();
+        assert_eq!(store.load().await.unwrap().counter_limit, 9);
+        assert_eq!(store.first_key().await, Ok(key(3)));
+    });
+}
+
 #[test]
 fn without_a_key_there_is_nothing() {
     let mut store = store(Flash::new(0));
@@ -108,12 +140,16 @@ fn format() {
         store.save(record).await.unwrap();
         store.into_flash()
     });
-    let mut secret = vec![1, 1, 1, 1];
-    secret.extend((0..16).map(|i| i * 7 + 1));
-    let slots: [(&[u8], [u8; 4]); 6] = [
+    let [active, first] = [1, 4].map(|record| {
+        let mut slot = vec![1, record, 1, 1];
+        slot.extend((0..16).map(|i| i * 7 + 1));
+        slot
+    });
+    let slots: [(&[u8], [u8; 4]); 7] = [
         (&[1, 255, 1, 0, 0, 0], [0xEE, 0xBA, 0x87, 0xA8]),
         (&[1, 0, 4, 3, 2, 1], [0xA2, 0x8C, 0xF4, 0xDC]),
-        (&secret, [0xFB, 0x8E, 0x42, 0x39]),
+        (&active, [0xFB, 0x8E, 0x42, 0x39]),
+        (&first, [0xFF, 0xFE, 0x8F, 0x36]),
         (&[1, 2, 0], [0x76, 0xBC, 0xDD, 0x5C]),
         (
             &[1, 3, 1, 0xEF, 0xBE, 26, 0x42, 0, 1, 2, 3, 4, 5, 6, 7, 8],
@@ -254,4 +290,108 @@ fn rot_never_brings_back_a_nonce() {
             flash.bytes.len() * 8
         );
     }
+}
+
+/// A fresh flash, and flashes whose store is in either bank, at rest.
+fn before_provisioning() -> [Flash; 3] {
+    [0, 1, 2].map(|provisions| {
+        block_on(async {
+            let mut store = store(Flash::new(provisions));
+            for _ in 0..provisions {
+                let _ = store.load().await;
+                store.provision(key(1), 0).await.unwrap();
+                store.save(Record::CounterLimit(BLOCK)).await.unwrap();
+                store.save(Record::NextKey(Some(key(2)))).await.unwrap();
+            }
+            store.into_flash()
+        })
+    })
+}
+
+/// The power fails at each moment of a provisioning, and once more when it is repeated: the node is
+/// as before or as told, and is provisioned in the end. Of all counters that any life used under
+/// the key, none is used again.
+#[test]
+fn provisioning_survives_power_cuts() {
+    const PAGE_COUNTER: u32 = 5 * BLOCK;
+    /// As a node starts. The first counter of this life.
+    async fn start(store: &mut Store<Flash>) -> Result<u32, StoreError<PowerLoss>> {
+        let is_newer = match store.load().await {
+            Ok(saved) => saved.counter_limit < PAGE_COUNTER,
+            Err(StoreError::NotProvisioned) => true,
+            Err(error) => return Err(error),
+        };
+        if is_newer {
+            store.provision(key(1), PAGE_COUNTER).await?;
+        }
+        let saved = store.load().await?;
+        assert_eq!((saved.active_key, saved.next_key), (key(1), None));
+        let mut counter = Counter::resume(saved.counter_limit);
+        let limit = counter.wanted().unwrap();
+        store.save(Record::CounterLimit(limit)).await?;
+        counter.reserved(limit);
+        Ok(counter.take().unwrap())
+    }
+    for flash in before_provisioning() {
+        let mut cuts = 0;
+        let mut is_cut = true;
+        while is_cut {
+            cuts += 1;
+            for again in 1..=cuts {
+                let mut flash = flash.clone();
+                let mut counters = Vec::new();
+                for budget in [Some(cuts), Some(again), None, None] {
+                    flash.power(budget);
+                    let mut store = store(flash);
+                    let started = block_on(start(&mut store));
+                    flash = store.into_flash();
+                    if started.is_err() {
+                        let cut = Err(StoreError::Flash(PowerLoss));
+                        assert_eq!(started, cut, "cut at {cuts}, {again}");
+                        assert!(!flash.has_power());
+                    }
+                    counters.extend(started);
+                }
+                assert!(counters.len() >= 2 && counters.is_sorted_by(|a, b| a < b));
+                is_cut = counters.len() < 4;
+            }
+        }
+        assert!(cuts > 30, "{cuts} changes are too few to be all");
+    }
+}
+
+/// A header that rotted is not taken for one that was being written.
+#[test]
+fn a_bad_header_is_refused() {
+    for mut flash in before_provisioning().into_iter().skip(1) {
+        let bank = flash.bytes.len() / 2;
+        let header = if flash.bytes[0] == 0xFF { bank } else { 0 };
+        for byte in 0..4 {
+            flash.bytes[header + 28 + byte] ^= 0x10;
+            let mut store = store(flash.clone());
+            assert_eq!(block_on(store.load()), Err(StoreError::Corrupt));
+        }
+    }
+}
+
+/// Who was told that the node is not provisioned cannot write without doing so.
+#[test]
+fn nothing_is_saved_without_a_key() {
+    let mut flash = Flash::new(0);
+    // Erased, the header that says that provisioning was begun, erased, and records.
+    flash = block_on(async {
+        flash.power(Some(4 + 8 + 4 + 10));
+        let mut store = store(flash);
+        assert!(store.provision(key(1), 0).await.is_err());
+        store.into_flash()
+    });
+    flash.power(None);
+    let mut store = store(flash);
+    for _ in 0..2 {
+        assert_eq!(block_on(store.load()), Err(StoreError::NotProvisioned));
+        let saved = block_on(store.save(Record::CounterLimit(1)));
+        assert_eq!(saved, Err(StoreError::NotProvisioned));
+    }
+    block_on(store.provision(key(1), 0)).unwrap();
+    block_on(store.save(Record::CounterLimit(1))).unwrap();
 }

@@ -7,9 +7,11 @@
 //! | 2 | steps, lamps and buttons: `board_support::panel` |
 //!
 //! The configuration page is loaded to 0x003ff000 (`-device loader,file=page.bin,addr=0x003ff000`).
-//! The flash of the node is in memory, and in a file if one is named (`-append FILE`). Logs are defmt over semihosting, on
-//! the emulator's standard output. The emulator ends with the node, with 1 for a node that stopped
-//! and 2 for a panic or a fault.
+//! Two arguments may follow (`-append 'FILE SEED'`). The flash of the node is in memory, and in that
+//! file if one is named. The seed, a decimal number of 64 bits, is what the node draws its random
+//! numbers from; it should be another one at each start. Logs are defmt over semihosting, on the
+//! emulator's standard output. The emulator ends with the node, with 1 for a node that stopped and
+//! 2 for a panic or a fault.
 //!
 //! | module | |
 //! |---|---|
@@ -31,25 +33,17 @@
     )
 )]
 
-#[cfg(target_os = "none")]
-mod executor;
-#[cfg(target_os = "none")]
-mod flash;
-#[cfg(target_os = "none")]
-mod interrupts;
-#[cfg(target_os = "none")]
-mod node;
-#[cfg(target_os = "none")]
-mod panel;
-#[cfg(target_os = "none")]
-mod register;
-#[cfg(target_os = "none")]
-mod timer;
-#[cfg(target_os = "none")]
-mod uart;
-
-#[cfg(not(target_os = "none"))]
-fn main() {
-    eprintln!("this runs on an emulated board: type `cargo xtask firmware`");
-    std::process::exit(1);
+cfg_if::cfg_if! {
+    if #[cfg(target_os = "none")] {
+        mod executor;
+        mod flash;
+        mod interrupts;
+        mod node;
+        mod panel;
+        mod register;
+        mod timer;
+        mod uart;
+    } else {
+        board_support::not_on_a_computer!("an emulated board");
+    }
 }

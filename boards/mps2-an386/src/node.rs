@@ -2,11 +2,13 @@
 
 use core::{ffi::CStr, panic::PanicInfo};
 
-use board_support::{clock::EmbassyClock, failure::describe};
+use board_support::{
+    clock::EmbassyClock, failure::describe, flash::MPS2_AN386_CONFIG, tasks::spawn,
+};
 use cortex_m_rt::{ExceptionFrame, entry, exception};
 use defmt_semihosting as _;
 use embassy_embedded_hal::adapter::BlockingAsync;
-use embassy_executor::{SpawnError, SpawnToken, Spawner};
+use embassy_executor::Spawner;
 use node_firmware::{
     config::{
         Config,
@@ -61,7 +63,8 @@ fn begin(spawner: Spawner) {
             stop()
         }
     };
-    let Some(flash) = open_flash() else {
+    let arguments = Arguments::read();
+    let Some(flash) = arguments.as_ref().and_then(Arguments::open_flash) else {
         defmt::error!("no flash");
         stop()
     };
@@ -80,21 +83,18 @@ fn begin(spawner: Spawner) {
         buttons: PushButtons,
         observer: (),
         extended,
-        // There is no other source of chance; what happens on the lines differs anyway.
-        seed: u64::from_be_bytes(extended.0),
+        // The emulator has no source of chance, so whoever starts it is asked for a number, another
+        // one for each node. Without one each start has the same, and only what happens on the
+        // lines differs.
+        seed: arguments
+            .and_then(|arguments| arguments.seed)
+            .unwrap_or(u64::from_be_bytes(extended.0)),
     };
     let (receive, send) = PANEL.open().split();
     spawn(spawner, panel::listen(receive));
     spawn(spawner, panel::tell(send));
     spawn(spawner, run_node(config, seams));
     defmt::info!("started");
-}
-
-/// Each task is spawned once, so there is room for it.
-fn spawn<S>(spawner: Spawner, task: Result<SpawnToken<S>, SpawnError>) {
-    if let Ok(task) = task {
-        spawner.spawn(task);
-    }
 }
 
 #[embassy_executor::task]
@@ -106,7 +106,7 @@ async fn run_node(config: &'static Config, seams: NodeSeams) {
 
 /// What the emulator has loaded there.
 fn config_page() -> [u8; PAGE_MAX] {
-    const PAGE: *const [u8; PAGE_MAX] = 0x003f_f000 as *const _;
+    const PAGE: *const [u8; PAGE_MAX] = MPS2_AN386_CONFIG as *const _;
     #[allow(unsafe_code, reason = "memory outside the language")]
     // SAFETY: code memory of 4 MiB begins at 0, the image ends before its first MiB does, and any
     // bytes are a value.
@@ -115,17 +115,35 @@ fn config_page() -> [u8; PAGE_MAX] {
     }
 }
 
-fn open_flash() -> Option<Flash> {
-    const PATH_MAX: usize = 256;
-    let arguments = semihosting::experimental::env::args::<PATH_MAX>().ok()?;
-    let mut path = [0; PATH_MAX + 1];
-    // The image's own name comes first.
-    let argument = (&arguments).nth(1).and_then(Result::ok).unwrap_or_default();
-    for (to, from) in path.iter_mut().zip(argument.bytes()) {
-        *to = from;
+/// What the emulator was told for the node: the name of a file, and a random number.
+struct Arguments {
+    /// Ends with a zero; empty for none.
+    file: [u8; Self::MAX + 1],
+    seed: Option<u64>,
+}
+
+impl Arguments {
+    /// Bytes of all of them together.
+    const MAX: usize = 256;
+
+    /// None if they are too long.
+    fn read() -> Option<Self> {
+        let all = semihosting::experimental::env::args::<{ Self::MAX }>().ok()?;
+        // The first one is the program.
+        let mut arguments = (&all).skip(1).map(Result::unwrap_or_default);
+        let mut file = [0; Self::MAX + 1];
+        let name = arguments.next().unwrap_or_default();
+        for (to, from) in file.iter_mut().zip(name.bytes()) {
+            *to = from;
+        }
+        let seed = arguments.next().and_then(|seed| seed.parse().ok());
+        Some(Self { file, seed })
     }
-    let path = CStr::from_bytes_until_nul(&path).ok()?;
-    Flash::open(Some(path).filter(|path| !path.is_empty())).ok()
+
+    fn open_flash(&self) -> Option<Flash> {
+        let file = CStr::from_bytes_until_nul(&self.file).ok()?;
+        Flash::open(Some(file).filter(|file| !file.is_empty())).ok()
+    }
 }
 
 fn stop() -> ! {

@@ -78,6 +78,8 @@ impl Line {
     /// Takes what has come, as far as there is room.
     fn receive(&self, _: CriticalSection<'_>) {
         let others = ENABLE | SEND_INTERRUPT;
+        // Before the look: a byte that comes while the interrupt is off would never cause one.
+        self.registers.write(CTRL, others | RECEIVE_INTERRUPT);
         while self.registers.read(STATE) & RECEIVE_FULL != 0 {
             if self.received.is_full() {
                 return self.registers.write(CTRL, others);
@@ -86,7 +88,6 @@ impl Line {
             // There is room, and nobody else writes.
             let _ = self.received.try_write(&[byte]);
         }
-        self.registers.write(CTRL, others | RECEIVE_INTERRUPT);
     }
 
     /// Hands over what the UART takes; it says when it takes more.

@@ -9,16 +9,19 @@ use embassy_nrf::{
 };
 use static_cell::StaticCell;
 
-use crate::panel::{Lamps, PushButtons};
+use crate::{
+    panel::{Lamps, PushButtons},
+    sensor_bus::SensorBus,
+};
 
 bind_interrupts!(struct Irqs {
     RADIO => radio::InterruptHandler<peripherals::RADIO>;
     UARTE0 => buffered_uarte::InterruptHandler<peripherals::UARTE0>;
 });
 
-/// An erasure of a page stops the processor for up to 85 ms (Product Specification, "NVMC"), in
-/// which 327 bytes come at 38,400 baud; reception stops when both halves are full.
-const UART_RECEIVE: usize = 1024;
+/// Half of it is free at least. An erasure of a page stops the processor for up to 85 ms (Product
+/// Specification, "NVMC"), in which 979 bytes come at 115,200 baud if the line is never idle.
+const UART_RECEIVE: usize = 2048;
 /// Longer than any command to a camera; what goes to a PC waits.
 const UART_SEND: usize = 64;
 
@@ -27,6 +30,7 @@ pub(crate) struct Board {
     pub(crate) line: Line,
     pub(crate) lamps: Lamps,
     pub(crate) buttons: PushButtons,
+    pub(crate) sensor: SensorBus,
     pub(crate) radio: radio::ieee802154::Radio<'static>,
     pub(crate) flash: Peri<'static, peripherals::NVMC>,
     pub(crate) random: Peri<'static, peripherals::RNG>,
@@ -75,6 +79,12 @@ impl Board {
             buttons: PushButtons {
                 join_window: Input::new(p.P0_11, Pull::Up),
                 learn_colour: Input::new(p.P0_12, Pull::Up),
+            },
+            sensor: SensorBus {
+                peripheral: p.TWISPI0,
+                data: p.P0_26,
+                clock: p.P0_27,
+                idle: false,
             },
             radio: radio::ieee802154::Radio::new(p.RADIO, Irqs),
             flash: p.NVMC,

@@ -4,11 +4,14 @@
 //! |---|---|
 //! | `board` | pins and peripherals, all in one place |
 //! | `identity` | what makes this chip different from others |
-//! | `memory` | the pages of the flash that are the node's own |
+//! | `line` | the UART to the camera or the PC |
+//! | `memory` | the flash, and the configuration in it |
+//! | `node` | the start, and the tasks |
 //! | `panel` | lamps and buttons |
 //! | `radio` | the radio on the chip |
-//! | `watchdog` | the watchdog, and why the chip last started |
 //! | `retained` | what was said before a reset |
+//! | `sensor_bus` | the I2C bus of a target's step sensor |
+//! | `watchdog` | the watchdog, and why the chip last started |
 #![cfg_attr(target_os = "none", no_std, no_main)]
 #![deny(unsafe_code)]
 #![cfg_attr(
@@ -21,25 +24,19 @@
     )
 )]
 
-#[cfg(target_os = "none")]
-mod board;
-#[cfg(target_os = "none")]
-mod identity;
-#[cfg(target_os = "none")]
-mod memory;
-#[cfg(target_os = "none")]
-mod node;
-#[cfg(target_os = "none")]
-mod panel;
-#[cfg(target_os = "none")]
-mod radio;
-#[cfg(target_os = "none")]
-mod retained;
-#[cfg(target_os = "none")]
-mod watchdog;
-
-#[cfg(not(target_os = "none"))]
-fn main() {
-    eprintln!("this runs on an nRF52840: type `cargo xtask firmware`");
-    std::process::exit(1);
+cfg_if::cfg_if! {
+    if #[cfg(target_os = "none")] {
+        mod board;
+        mod identity;
+        mod line;
+        mod memory;
+        mod node;
+        mod panel;
+        mod radio;
+        mod retained;
+        mod sensor_bus;
+        mod watchdog;
+    } else {
+        board_support::not_on_a_computer!("an nRF52840");
+    }
 }

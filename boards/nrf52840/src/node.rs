@@ -2,16 +2,15 @@
 
 use core::pin::pin;
 
-use board_support::{clock::EmbassyClock, failure::describe};
+use board_support::{clock::EmbassyClock, failure::describe, flash::NRF52840, tasks::spawn};
 use defmt_rtt as _;
-use embassy_executor::{SpawnError, SpawnToken, Spawner};
-use embassy_nrf::buffered_uarte::BufferedUarte;
+use embassy_executor::Spawner;
 use embassy_nrf::radio::ieee802154;
 use embassy_time::{Delay, Duration, Timer};
 use node_firmware::{
-    config::{Config, page::PageError},
-    hardware::NoSteps,
+    config::{Config, Role, SensorConfig, page::PageError},
     run::{Seams, run},
+    steps::InertialSteps,
 };
 use static_cell::StaticCell;
 use zigbee_link::radio::{Csma, Filter};
@@ -19,22 +18,25 @@ use zigbee_link::radio::{Csma, Filter};
 use crate::{
     board::Board,
     identity::{factory_address, random},
-    memory::{self, Flash, LAYOUT},
+    line::Lossless,
+    memory::{self, Flash},
     panel::{Lamps, PushButtons},
     radio::{self, OnChip, Shared},
     retained,
+    sensor_bus::SensorBus,
     watchdog::{self, LIVENESS, NODE, RADIO, reset_cause},
 };
 
 defmt::timestamp!("{=u64:us}", embassy_time::Instant::now().as_micros());
 
-/// This board has no step sensor: its target stands still.
+type Steps = InertialSteps<SensorBus, EmbassyClock>;
+
 type NodeSeams = Seams<
-    BufferedUarte<'static>,
+    Lossless,
     Filter<Csma<OnChip, Delay>>,
     EmbassyClock,
     Flash,
-    NoSteps,
+    &'static mut Steps,
     Lamps,
     PushButtons,
     (),
@@ -44,6 +46,7 @@ type NodeSeams = Seams<
 async fn main(spawner: Spawner) {
     static SHARED: StaticCell<Shared> = StaticCell::new();
     static CONFIG: StaticCell<Config> = StaticCell::new();
+    static STEPS: StaticCell<Steps> = StaticCell::new();
     static SEAMS: StaticCell<Option<NodeSeams>> = StaticCell::new();
     let board = Board::new();
     defmt::info!("started: {=str}", reset_cause());
@@ -59,15 +62,24 @@ async fn main(spawner: Spawner) {
         // Refused where configurations are checked.
         return stop(PageError::Body).await;
     };
+    let sensor = match &config.role {
+        Role::Target(target) => &target.sensor,
+        // Nobody looks at it.
+        Role::Coordinator(_) | Role::Camera(_) => &SensorConfig::UNCALIBRATED,
+    };
+    let Ok(steps) = InertialSteps::new(board.sensor, EmbassyClock, sensor) else {
+        // Refused where configurations are checked.
+        return stop(PageError::Body).await;
+    };
     let seed = random(board.random);
     let shared = SHARED.init(Shared::new());
     let seams = SEAMS.init(Some(Seams {
-        uart,
+        uart: Lossless(uart),
         radio: Filter::new(Csma::new(OnChip::new(shared), Delay, seed)),
         clock: EmbassyClock,
         flash,
-        layout: LAYOUT,
-        steps: NoSteps,
+        layout: NRF52840.layout,
+        steps: STEPS.init(steps),
         indicator: board.lamps,
         buttons: board.buttons,
         observer: (),
@@ -77,13 +89,6 @@ async fn main(spawner: Spawner) {
     spawn(spawner, run_radio(board.radio, shared));
     spawn(spawner, run_node(config, seams));
     spawn(spawner, watchdog::feed(board.watchdog));
-}
-
-/// Each task is spawned once, so there is room for it.
-fn spawn<S>(spawner: Spawner, task: Result<SpawnToken<S>, SpawnError>) {
-    if let Ok(task) = task {
-        spawner.spawn(task);
-    }
 }
 
 #[embassy_executor::task]

@@ -4,15 +4,18 @@
 //! So a dropped future of [`OnChip`] loses no frame, and frames that arrive while nobody listens
 //! are queued. The hardware computes the FCS and makes one clear-channel assessment; backing off
 //! and filtering is left to `zigbee_link`'s wrappers. There are no immediate acknowledgements.
+//! The radio takes one frame without the processor: what comes after it, before the task runs
+//! again, is lost as on the air.
 
 use embassy_futures::select::{Either, select};
 use embassy_nrf::{
     pac::{self, radio::vals::Crcstatus},
     radio::ieee802154::{self, Packet},
 };
-use embassy_sync::{blocking_mutex::raw::NoopRawMutex, channel::Channel, signal::Signal};
+use embassy_sync::{blocking_mutex::raw::NoopRawMutex, channel::Channel as Queue, signal::Signal};
+use embassy_time::{Duration, Instant, with_timeout};
 use zigbee_link::radio::{
-    Capabilities, Config, FRAME_MAX, FRAME_MIN, PSDU_MAX, Radio, Received, TxOutcome,
+    Capabilities, Channel, Config, FRAME_MAX, FRAME_MIN, PSDU_MAX, Radio, Received, TxOutcome,
 };
 
 /// Received frames that wait.
@@ -25,20 +28,27 @@ const POWERS: [i8; 14] = [-40, -20, -16, -12, -8, -4, 0, 2, 3, 4, 5, 6, 7, 8];
 /// Specification, "RADIO", `ED_RSSISCALE`).
 const LQI_SCALE: u8 = 4;
 
+/// Longer than any frame takes from its length on: 127 bytes of 32 us, and a symbol or two.
+const FRAME_TIME: Duration = Duration::from_millis(5);
+
+/// Far longer than an assessment and a frame take, also while an erasure of the flash stops the
+/// processor.
+const TRANSMISSION_TIME: Duration = Duration::from_millis(500);
+
 /// What [`OnChip`] and [`drive`] tell each other.
 pub(crate) struct Shared {
-    requests: Channel<NoopRawMutex, Request, 1>,
+    requests: Queue<NoopRawMutex, Request, 1>,
     /// The number of the request, and what became of it.
-    answer: Signal<NoopRawMutex, (u32, TxOutcome)>,
-    received: Channel<NoopRawMutex, Frame, QUEUE>,
+    answer: Signal<NoopRawMutex, (u32, Result<TxOutcome, Error>)>,
+    received: Queue<NoopRawMutex, Heard, QUEUE>,
 }
 
 impl Shared {
     pub(crate) const fn new() -> Self {
         Self {
-            requests: Channel::new(),
+            requests: Queue::new(),
             answer: Signal::new(),
-            received: Channel::new(),
+            received: Queue::new(),
         }
     }
 }
@@ -49,13 +59,20 @@ struct Request {
 }
 
 enum Kind {
-    Configure { channel: u8, power: i8 },
+    Configure { channel: Channel, power: i8 },
     Transmit(Frame),
 }
 
 struct Frame {
     bytes: [u8; FRAME_MAX],
     len: usize,
+}
+
+/// A received frame.
+struct Heard {
+    frame: Frame,
+    /// The queue outlives a change of the channel.
+    channel: Channel,
     lqi: u8,
 }
 
@@ -66,6 +83,9 @@ pub(crate) enum Error {
     NotConfigured,
     /// The frame is too short or too long.
     FrameLength,
+    /// A transmission did not end: the hardware does not do what its manual says. The node ends
+    /// with this, and the watchdog starts it again.
+    Stuck,
 }
 
 /// The radio, without its task.
@@ -85,7 +105,7 @@ impl OnChip {
         }
     }
 
-    async fn ask(&mut self, kind: Kind) -> TxOutcome {
+    async fn ask(&mut self, kind: Kind) -> Result<TxOutcome, Error> {
         self.number = self.number.wrapping_add(1);
         let number = self.number;
         self.shared.requests.send(Request { number, kind }).await;
@@ -113,10 +133,10 @@ impl Radio for OnChip {
     async fn configure(&mut self, config: &Config) -> Result<(), Error> {
         self.config = None;
         let kind = Kind::Configure {
-            channel: config.channel.number(),
+            channel: config.channel,
             power: nearest_power(config.tx_power),
         };
-        let _ = self.ask(kind).await;
+        let _ = self.ask(kind).await?;
         self.config = Some(*config);
         Ok(())
     }
@@ -125,13 +145,17 @@ impl Radio for OnChip {
         if self.config.is_none() {
             return Err(Error::NotConfigured);
         }
-        let frame = Frame::new(frame, 0).ok_or(Error::FrameLength)?;
-        Ok(self.ask(Kind::Transmit(frame)).await)
+        let frame = Frame::new(frame).ok_or(Error::FrameLength)?;
+        self.ask(Kind::Transmit(frame)).await
     }
 
     async fn receive(&mut self, buffer: &mut [u8; PSDU_MAX]) -> Result<Received, Error> {
-        let channel = self.config.ok_or(Error::NotConfigured)?.channel;
-        let frame = self.shared.received.receive().await;
+        self.config.ok_or(Error::NotConfigured)?;
+        let Heard {
+            frame,
+            channel,
+            lqi,
+        } = self.shared.received.receive().await;
         for (to, from) in buffer.iter_mut().zip(frame.bytes) {
             *to = from;
         }
@@ -139,22 +163,24 @@ impl Radio for OnChip {
             len: frame.len,
             channel,
             rssi: None,
-            lqi: Some(frame.lqi),
+            lqi: Some(lqi),
         })
     }
 }
 
 impl Frame {
     /// `None` for a length that no frame has.
-    fn new(bytes: &[u8], lqi: u8) -> Option<Self> {
+    fn new(bytes: &[u8]) -> Option<Self> {
         let mut frame = Self {
             bytes: [0; FRAME_MAX],
             len: bytes.len(),
-            lqi,
         };
         let is_possible = bytes.len() >= FRAME_MIN;
         let place = frame.bytes.get_mut(..bytes.len()).filter(|_| is_possible)?;
-        place.copy_from_slice(bytes);
+        // Both are as long; `copy_from_slice` would keep its branch to a panic.
+        for (to, from) in place.iter_mut().zip(bytes) {
+            *to = *from;
+        }
         Some(frame)
     }
 }
@@ -169,6 +195,7 @@ pub(crate) async fn drive(radio: ieee802154::Radio<'static>, shared: &'static Sh
     let mut driver = Driver {
         radio,
         packet: Packet::new(),
+        channel: Channel::FIRST,
         shared,
     };
     // Nothing is received before the first configuration.
@@ -182,6 +209,7 @@ pub(crate) async fn drive(radio: ieee802154::Radio<'static>, shared: &'static Sh
 struct Driver {
     radio: ieee802154::Radio<'static>,
     packet: Packet,
+    channel: Channel,
     shared: &'static Shared,
 }
 
@@ -189,16 +217,19 @@ impl Driver {
     async fn obey(&mut self, request: Request) {
         let outcome = match request.kind {
             Kind::Configure { channel, power } => {
-                self.radio.set_channel(channel);
+                self.channel = channel;
+                self.radio.set_channel(channel.number());
                 self.radio.set_transmission_power(power);
-                TxOutcome::Sent
+                Ok(TxOutcome::Sent)
             }
             Kind::Transmit(frame) => {
                 let bytes = frame.bytes.get(..frame.len).unwrap_or_default();
                 self.packet.copy_from_slice(bytes);
-                match self.radio.try_send(&mut self.packet).await {
-                    Ok(()) => TxOutcome::Sent,
-                    Err(_) => TxOutcome::ChannelBusy,
+                let sent = self.radio.try_send(&mut self.packet);
+                match with_timeout(TRANSMISSION_TIME, sent).await {
+                    Ok(Ok(())) => Ok(TxOutcome::Sent),
+                    Ok(Err(_)) => Ok(TxOutcome::ChannelBusy),
+                    Err(_) => Err(Error::Stuck),
                 }
             }
         };
@@ -226,9 +257,16 @@ impl Driver {
             radio,
             packet,
             shared,
+            ..
         } = self;
         loop {
             pac::RADIO.events_framestart().write_value(0);
+            let mut frame_over = None;
+            // Not longer than a frame takes: a false start must not end all sending.
+            let mut is_arriving = || {
+                let now = Instant::now();
+                is_receiving() && now < *frame_over.get_or_insert(now + FRAME_TIME)
+            };
             let mut reception = core::pin::pin!(radio.receive(packet));
             loop {
                 match select(reception.as_mut(), shared.requests.receive()).await {
@@ -239,8 +277,9 @@ impl Driver {
                     Either::Second(Request {
                         number,
                         kind: Kind::Transmit(_),
-                    }) if is_receiving() => {
-                        shared.answer.signal((number, TxOutcome::ChannelBusy));
+                    }) if is_arriving() => {
+                        let busy = Ok(TxOutcome::ChannelBusy);
+                        shared.answer.signal((number, busy));
                     }
                     Either::Second(request) => return Some(request),
                 }
@@ -252,11 +291,12 @@ impl Driver {
     fn deliver(&self) {
         // Of a length that no frame has, the packet must not be looked into.
         let is_possible = usize::from(self.packet.len()) <= FRAME_MAX;
-        if is_possible
-            && let Some(frame) =
-                Frame::new(&self.packet, self.packet.lqi().saturating_mul(LQI_SCALE))
-        {
-            let _ = self.shared.received.try_send(frame);
+        if is_possible && let Some(frame) = Frame::new(&self.packet) {
+            let _ = self.shared.received.try_send(Heard {
+                frame,
+                channel: self.channel,
+                lqi: self.packet.lqi().saturating_mul(LQI_SCALE),
+            });
         }
     }
 }

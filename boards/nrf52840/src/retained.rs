@@ -22,20 +22,36 @@ static RETAINED: Retained = Retained(UnsafeCell::new(LastWords::NONE));
 /// What was said before the reset, if anything. Once.
 pub(crate) fn take() -> LastWords {
     interrupt::free(|_| {
-        // SAFETY: nobody else touches it meanwhile, and any bits are a value. Volatile, because
-        // the value is not the initial one that the compiler sees.
+        let mut words = LastWords::NONE;
+        // SAFETY: nobody else touches it meanwhile.
         unsafe {
-            let words = RETAINED.0.get().read_volatile();
-            RETAINED.0.get().write_volatile(LastWords::NONE);
-            words
+            copy(RETAINED.0.get(), &raw mut words);
+            copy(&LastWords::NONE, RETAINED.0.get());
         }
+        words
     })
 }
 
-fn say_and_restart(words: LastWords) -> ! {
+/// Copies words byte by byte: volatile as a whole, each byte would be an instruction of its own.
+///
+/// # Safety
+/// Both places are there, and nobody else touches them meanwhile.
+unsafe fn copy(from: *const LastWords, to: *mut LastWords) {
+    for at in 0..size_of::<LastWords>() {
+        // SAFETY: within both places, and any bits are a value. Volatile, because the value is not
+        // the initial one that the compiler sees.
+        unsafe {
+            let byte = from.cast::<u8>().add(at).read_volatile();
+            to.cast::<u8>().add(at).write_volatile(byte);
+        }
+    }
+}
+
+/// Restarts the chip. What this was for is told after that.
+pub(crate) fn say_and_restart(words: LastWords) -> ! {
     interrupt::disable();
     // SAFETY: nothing else runs any more.
-    unsafe { RETAINED.0.get().write_volatile(words) };
+    unsafe { copy(&raw const words, RETAINED.0.get()) };
     SCB::sys_reset()
 }
 

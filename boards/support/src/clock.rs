@@ -7,6 +7,8 @@ use zigbee_link::runner::Clock;
 pub struct EmbassyClock;
 
 impl Clock for EmbassyClock {
+    // Not inlined: for the sake of flash.
+    #[inline(never)]
     fn now(&self) -> zigbee_link::Instant {
         zigbee_link::Instant(embassy_time::Instant::now().as_micros())
     }

@@ -37,6 +37,13 @@ impl LastWords {
         words.sealed()
     }
 
+    /// Why the program restarts by itself.
+    pub fn decision(reason: &str) -> Self {
+        let mut words = Self::NONE;
+        words.push(reason.as_bytes());
+        words.sealed()
+    }
+
     /// A fault of the processor at this address.
     pub fn fault(address: u32) -> Self {
         let mut words = Self::NONE;
@@ -104,6 +111,7 @@ mod tests {
         assert_eq!(words.text(), Some("src/radio.rs:1204 no frame"));
         let words = LastWords::panic("src/main.rs", 7, None);
         assert_eq!(words.text(), Some("src/main.rs:7"));
+        assert_eq!(LastWords::decision("too late").text(), Some("too late"));
         assert_eq!(
             LastWords::fault(0x00fe_dc01).text(),
             Some("fault at 00fedc01")

@@ -3,10 +3,12 @@
 //! | module | |
 //! |---|---|
 //! | [`clock`] | time and delays from `embassy-time` |
+//! | [`flash`] | which part of a board's flash is whose |
 //! | [`liveness`] | whether every task still runs, for a watchdog |
 //! | [`failure`] | why a node cannot go on, in words |
 //! | [`last_words`] | why a node stopped, kept over its reset |
 //! | [`panel`] | steps, lamps and buttons as messages on a line, for boards that have none |
+//! | `tasks` | spawning, on a board only |
 #![no_std]
 #![forbid(unsafe_code)]
 #![cfg_attr(
@@ -24,6 +26,24 @@ extern crate std;
 
 pub mod clock;
 pub mod failure;
+pub mod flash;
 pub mod last_words;
 pub mod liveness;
 pub mod panel;
+#[cfg(target_os = "none")]
+pub mod tasks;
+
+/// The `main` of a board's image where it is built for a computer: it says what to type instead.
+#[macro_export]
+macro_rules! not_on_a_computer {
+    ($board:literal) => {
+        fn main() {
+            eprintln!(concat!(
+                "this runs on ",
+                $board,
+                ": type `cargo xtask firmware`"
+            ));
+            std::process::exit(1);
+        }
+    };
+}

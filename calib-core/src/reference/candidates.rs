@@ -28,7 +28,7 @@ use crate::{
 pub(super) type Proposals<T> = Ranking<T, Vector6<T>, 6>;
 
 /// Trial headings for a frame whose heading is not known: every 15 degrees.
-const TRIAL_HEADINGS: u8 = 24;
+const TRIAL_HEADINGS: u16 = 24;
 
 /// The candidates that fit all stops best.
 ///
@@ -37,11 +37,11 @@ const TRIAL_HEADINGS: u8 = 24;
 /// behind a camera.
 // Not inlined, for the sake of the stack.
 #[inline(never)]
-pub(super) fn propose<T: Real>(problem: &Bearings<'_, T>) -> Result<Proposals<T>, Refusal> {
-    let mut best = Best {
-        problem,
-        proposals: Ranking::new(),
-    };
+pub(super) fn propose<T: Real>(
+    problem: &Bearings<'_, T>,
+    proposals: &mut Proposals<T>,
+) -> Result<(), Refusal> {
+    let mut best = Best { problem, proposals };
     let known = problem.known;
     let mut refusal = Refusal::TargetBehind;
     match (known.baseline, known.frame_heading) {
@@ -50,8 +50,8 @@ pub(super) fn propose<T: Real>(problem: &Bearings<'_, T>) -> Result<Proposals<T>
             refusal = best.offer_resections().err().unwrap_or(refusal);
             if let (Some(baseline), None) = (baseline, heading) {
                 for k in 0..TRIAL_HEADINGS {
-                    let turn = f64::from(k) / f64::from(TRIAL_HEADINGS);
-                    best.offer_circles(baseline, T::two_pi() * lit(turn));
+                    let turn = T::whole(k) / T::whole(TRIAL_HEADINGS);
+                    best.offer_circles(baseline, T::two_pi() * turn);
                 }
             }
         }
@@ -59,12 +59,12 @@ pub(super) fn propose<T: Real>(problem: &Bearings<'_, T>) -> Result<Proposals<T>
     if best.proposals.iter().next().is_none() {
         return Err(refusal);
     }
-    Ok(best.proposals)
+    Ok(())
 }
 
 struct Best<'a, T: Real> {
     problem: &'a Bearings<'a, T>,
-    proposals: Proposals<T>,
+    proposals: &'a mut Proposals<T>,
 }
 
 impl<T: Real> Best<'_, T> {

@@ -34,7 +34,7 @@ use nalgebra::{Matrix2, Matrix6, Point2, Vector2, Vector6};
 
 use crate::{
     Method, Ray, Real, Refusal, angle,
-    minimize::{Minimum, minimize},
+    minimize::{Descent, STALLED_SIGMAS},
     plane::unit,
     ranking::Ranking,
     real::lit,
@@ -225,24 +225,78 @@ pub fn solve<T: Real>(
     }
 
     let problem = Bearings::new(stops, known);
-    let proposals = candidates::propose(&problem)?;
-    let mut found = Ranking::<_, Solution<T>, 6>::new();
-    let mut failure = Refusal::TargetBehind;
-    for start in proposals.iter() {
-        match refine(&problem, *start, settings) {
-            Ok(solution) if found.iter().any(|s| is_same(s, &solution)) => {}
-            Ok(solution) => found.offer(solution.chi_squared, solution),
-            Err(why) => failure = why,
-        }
-    }
-    let mut ranked = found.iter().copied();
-    let best = ranked.next().ok_or(failure)?;
+    let mut found = Ranking::new();
+    distinct(&problem, settings, &mut found)?;
+    outcome(&problem, settings, &found)
+}
+
+/// The answers that [`distinct`] found.
+type Answers<T> = Ranking<T, Found<T>, 6>;
+
+/// The best answer, and the next best one unless it is ruled out.
+// Not inlined, for the sake of the stack.
+#[inline(never)]
+fn outcome<T: Real>(
+    problem: &Bearings<'_, T>,
+    settings: &Settings,
+    found: &Answers<T>,
+) -> Result<Outcome<T>, Refusal> {
+    let mut ranked = found.iter();
+    let best = ranked.next().ok_or(Refusal::TargetBehind)?;
     let limit = best.chi_squared + lit(AMBIGUITY);
+    let alternative = match ranked.next().filter(|other| other.chi_squared < limit) {
+        Some(other) => Some(refine(problem, other.start, settings)?),
+        None => None,
+    };
     Ok(Outcome {
-        best,
-        alternative: ranked.next().filter(|s| s.chi_squared < limit),
+        best: refine(problem, best.start, settings)?,
+        alternative,
         candidates: found.iter().count(),
     })
+}
+
+/// What tells one answer from another. The answer itself is computed again from its start, which
+/// takes time once instead of stack always.
+#[derive(Clone, Copy)]
+struct Found<T: Real> {
+    start: Vector6<T>,
+    unknowns: Vector6<T>,
+    variances: Vector6<T>,
+    chi_squared: T,
+}
+
+/// Finds the different answers that the candidates lead to, at least one.
+// Not inlined, for the sake of the stack.
+#[inline(never)]
+fn distinct<T: Real>(
+    problem: &Bearings<'_, T>,
+    settings: &Settings,
+    found: &mut Answers<T>,
+) -> Result<(), Refusal> {
+    let mut proposals = Ranking::new();
+    candidates::propose(problem, &mut proposals)?;
+    let mut failure = Refusal::TargetBehind;
+    for &start in proposals.iter() {
+        // By reference: large, and moved it would be on the stack twice.
+        match &refine(problem, start, settings) {
+            Ok(solution) => {
+                let new = Found {
+                    start,
+                    unknowns: solution.unknowns(),
+                    variances: solution.covariance.diagonal(),
+                    chi_squared: solution.chi_squared,
+                };
+                if !found.iter().any(|held| is_same(held, &new)) {
+                    found.offer(new.chi_squared, new);
+                }
+            }
+            Err(why) => failure = *why,
+        }
+    }
+    if found.iter().next().is_none() {
+        return Err(failure);
+    }
+    Ok(())
 }
 
 // Not inlined, for the sake of the stack.
@@ -252,33 +306,26 @@ fn refine<T: Real>(
     start: Vector6<T>,
     settings: &Settings,
 ) -> Result<Solution<T>, Refusal> {
-    let Minimum {
-        x,
-        model,
-        iterations,
-    } = minimize(problem, start, settings.method, settings.iteration_limit)?;
-    if !problem.all_in_front(&x) {
+    let mut walk = Descent::new(start);
+    let iterations = walk.run(problem, settings.method, settings.iteration_limit)?;
+    let Descent { x, model } = &walk;
+    if !problem.all_in_front(x) {
         return Err(Refusal::TargetBehind);
     }
-    let inverse = model
-        .hessian
-        .cholesky()
-        .ok_or(Refusal::Undetermined)?
-        .inverse();
-    let scale = model.hessian.diagonal().map(nalgebra::ComplexField::sqrt);
-    let scaling = scale * scale.transpose();
-    let condition = one_norm(&model.hessian.component_div(&scaling))
-        * one_norm(&inverse.component_mul(&scaling));
+    let mut covariance = model.covariance().ok_or(Refusal::Undetermined)?;
+    let condition = condition(&model.hessian, &covariance);
     // Twice the digits of the scalar are gone: what is left is noise.
     if !(condition < T::one() / T::default_epsilon()) {
         return Err(Refusal::Undetermined);
     }
+    problem.keep_free(&mut covariance);
+    profile::bound(problem, x, &mut covariance);
     Ok(Solution {
         headings: [x.x, x.y].map(angle::wrap_positive),
         first_stop: Point2::new(x.z, x.w),
         frame_heading: angle::wrap_positive(x.a),
         baseline: x.b,
-        covariance: profile::bounded(problem, &x, problem.free_part(&inverse)),
+        covariance,
         chi_squared: model.cost,
         degrees_of_freedom: problem.degrees_of_freedom(),
         iterations,
@@ -288,32 +335,45 @@ fn refine<T: Real>(
 
 /// Whether two refined answers are one minimum: they differ by no more than where an iteration
 /// may stop short, and rounding.
-fn is_same<T: Real>(a: &Solution<T>, b: &Solution<T>) -> bool {
-    let difference = a.unknowns() - b.unknowns();
+fn is_same<T: Real>(a: &Found<T>, b: &Found<T>) -> bool {
+    let difference = a.unknowns - b.unknowns;
     let angles = [difference.x, difference.y, difference.a].map(|d| angle::wrap_signed(d).abs());
     let lengths = [difference.z, difference.w, difference.b].map(nalgebra::ComplexField::abs);
     let near = |d: T, variance: T, size: T| {
-        d <= variance.max(T::zero()).sqrt() * lit(0.05) + size * T::default_epsilon() * lit(256.0)
+        d <= variance.max(T::zero()).sqrt() * lit(2.0 * STALLED_SIGMAS)
+            + size * T::default_epsilon() * lit(256.0)
     };
-    let v = &a.covariance;
+    let v = &a.variances;
     let [angle0, angle1, frame] = angles;
     let [x, y, baseline] = lengths;
-    let size = a.baseline + a.first_stop.x.abs() + a.first_stop.y.abs();
-    near(angle0, v.m11, T::pi())
-        && near(angle1, v.m22, T::pi())
-        && near(frame, v.m55, T::pi())
-        && near(x, v.m33, size)
-        && near(y, v.m44, size)
-        && near(baseline, v.m66, size)
+    let size = a.unknowns.b + a.unknowns.z.abs() + a.unknowns.w.abs();
+    near(angle0, v.x, T::pi())
+        && near(angle1, v.y, T::pi())
+        && near(frame, v.a, T::pi())
+        && near(x, v.z, size)
+        && near(y, v.w, size)
+        && near(baseline, v.b, size)
 }
 
-fn one_norm<T: Real>(matrix: &Matrix6<T>) -> T {
+/// The condition number (1-norm) of a normal matrix scaled to unit diagonal.
+// Not inlined, for the sake of the stack.
+#[inline(never)]
+fn condition<T: Real>(normal: &Matrix6<T>, inverse: &Matrix6<T>) -> T {
+    let scale = normal.diagonal().map(nalgebra::ComplexField::sqrt);
+    let mut norms = [T::zero(); 2];
     // By columns, in which the numbers are kept.
-    matrix
-        .as_slice()
-        .chunks_exact(6)
-        .map(|column| column.iter().fold(T::zero(), |sum, x| sum + x.abs()))
-        .fold(T::zero(), nalgebra::RealField::max)
+    let columns = normal.as_slice().chunks_exact(6);
+    let columns = columns.zip(inverse.as_slice().chunks_exact(6));
+    for ((normal, inverse), of_column) in columns.zip(scale.iter()) {
+        let mut sums = [T::zero(); 2];
+        for ((entry, inverse), of_row) in normal.iter().zip(inverse).zip(scale.iter()) {
+            let scaling = *of_column * *of_row;
+            sums[0] += (*entry / scaling).abs();
+            sums[1] += (*inverse * scaling).abs();
+        }
+        norms = [norms[0].max(sums[0]), norms[1].max(sums[1])];
+    }
+    norms[0] * norms[1]
 }
 
 /// For every stop the displacement since the first one, in the displacements' own frame, and its

@@ -81,9 +81,14 @@ impl<'a, T: Real> Bearings<'a, T> {
         (2 * self.stops.len()).saturating_sub(unknowns)
     }
 
-    /// A covariance without the rows and columns of what is known.
-    pub(super) fn free_part(&self, covariance: &Matrix6<T>) -> Matrix6<T> {
-        covariance.component_mul(&(self.free * self.free.transpose()))
+    /// Clears the rows and columns of what is known.
+    pub(super) fn keep_free(&self, covariance: &mut Matrix6<T>) {
+        let columns = covariance.as_mut_slice().chunks_exact_mut(6);
+        for (column, is_free) in columns.zip(self.free.iter()) {
+            for (entry, other) in column.iter_mut().zip(self.free.iter()) {
+                *entry *= *is_free * *other;
+            }
+        }
     }
 
     /// Whether every ray of both cameras points towards its stop, not away from it.
@@ -177,16 +182,17 @@ impl<T: Real> Sight<'_, T> {
 }
 
 impl<T: Real> Problem<T, 6> for Bearings<'_, T> {
-    fn model(&self, x: &Vector6<T>) -> Quadratic<T, 6> {
-        let mut model = Quadratic::zero();
+    fn model(&self, x: &Vector6<T>, model: &mut Quadratic<T, 6>) {
         for pair in self.pairs(x) {
             for (residual, slope) in pair.residuals.into_iter().zip(&pair.slopes) {
                 model.add(residual, slope, T::one());
             }
         }
         // What is known has no derivative; a unit diagonal keeps the matrix invertible.
-        model.hessian += Matrix6::from_diagonal(&self.free.map(|free| T::one() - free));
-        model
+        let diagonal = model.hessian.as_mut_slice().iter_mut().step_by(6 + 1);
+        for (entry, free) in diagonal.zip(self.free.iter()) {
+            *entry += T::one() - *free;
+        }
     }
 
     fn cost(&self, x: &Vector6<T>, weights_at: &Vector6<T>) -> T {

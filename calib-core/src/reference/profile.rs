@@ -9,25 +9,31 @@
 use nalgebra::{Matrix6, Vector6};
 
 use super::model::Bearings;
-use crate::{Real, minimize::Problem, real::lit};
+use crate::{
+    Real,
+    minimize::{Problem, Quadratic, add_outer},
+    real::lit,
+};
 
-/// The covariance with its weakest direction shortened to what the profile of the cost allows.
-pub(super) fn bounded<T: Real>(
+/// Shortens the covariance's weakest direction to what the profile of the cost allows.
+// Not inlined, for the sake of the stack.
+#[inline(never)]
+pub(super) fn bound<T: Real>(
     problem: &Bearings<'_, T>,
     x: &Vector6<T>,
-    covariance: Matrix6<T>,
-) -> Matrix6<T> {
-    let Some(direction) = weakest_direction(&covariance) else {
-        return covariance;
+    covariance: &mut Matrix6<T>,
+) {
+    let Some(direction) = weakest_direction(covariance) else {
+        return;
     };
     let cost = problem.cost(x, x);
     let rise = |length: T| profile(problem, x, &(direction * length)) - cost;
-    let predicted = (covariance * direction).dot(&direction).sqrt();
+    let predicted = (*covariance * direction).dot(&direction).sqrt();
     let mut sigma = predicted;
     // The milder side counts, and a rise up to 4 is ordinary non-linearity, not a merger.
     let limit = lit::<T>(4.0);
     if rise(sigma).min(rise(-sigma)) <= limit {
-        return covariance;
+        return;
     }
     for _ in 0..60 {
         sigma *= lit(0.75);
@@ -36,7 +42,7 @@ pub(super) fn bounded<T: Real>(
         }
     }
     let excess = predicted * predicted - sigma * sigma;
-    covariance - direction * direction.transpose() * excess
+    add_outer(covariance, &direction, -excess);
 }
 
 /// The unit vector of the largest variance, by power iteration.
@@ -53,11 +59,12 @@ fn weakest_direction<T: Real>(covariance: &Matrix6<T>) -> Option<Vector6<T>> {
 /// The cost `offset` away from `x`, after one step that lowers it in all other directions.
 fn profile<T: Real>(problem: &Bearings<'_, T>, x: &Vector6<T>, offset: &Vector6<T>) -> T {
     let aside = x + offset;
-    let model = problem.model(&aside);
+    let mut model = Quadratic::zero();
+    problem.model(&aside, &mut model);
+    // With the same weights as everywhere else on the profile.
+    let cost = problem.cost(&aside, x);
     let stiffness = model.hessian.trace() / offset.norm_squared();
-    let held = model.hessian + offset * offset.transpose() * (stiffness * lit(1e3));
-    let lowered = held
-        .cholesky()
-        .map(|factor| problem.cost(&(aside - factor.solve(&model.gradient)), x));
-    lowered.map_or(model.cost, |cost| cost.min(model.cost))
+    add_outer(&mut model.hessian, offset, stiffness * lit(1e3));
+    let lowered = model.step(T::zero());
+    lowered.map_or(cost, |step| problem.cost(&(aside + step), x).min(cost))
 }

@@ -4,6 +4,7 @@ use nalgebra::{ComplexField, Matrix3, Point2, Vector2, Vector3};
 
 use crate::{
     Pose, Real, Refusal, Sighting, angle,
+    cholesky::Cholesky,
     plane::{dot, quarter_turn},
     real::lit,
 };
@@ -66,12 +67,9 @@ pub(crate) fn covariance<T: Real>(
         }
     });
     let scaling = scale * scale.transpose();
-    let factor = information
-        .component_mul(&scaling)
-        .cholesky()
-        .ok_or(Refusal::Undetermined)?;
+    let factor = Cholesky::new(information.component_mul(&scaling)).ok_or(Refusal::Undetermined)?;
     let noise = lit::<T>(8.0) * T::default_epsilon();
-    if !factor.l_dirty().diagonal().iter().all(|&l| l * l > noise) {
+    if !factor.diagonal().iter().all(|&l| l * l > noise) {
         return Err(Refusal::Undetermined);
     }
     let covariance = factor.inverse().component_mul(&scaling);

@@ -5,7 +5,7 @@ use nalgebra::{Point2, Vector3};
 use super::{Solution, information::Row, three_point};
 use crate::{
     Pose, Real, Refusal, Sighting, angle,
-    minimize::{Method, Minimum, Problem, Quadratic, minimize},
+    minimize::{Descent, Method, Problem, Quadratic},
     ranking::Ranking,
     subsets,
 };
@@ -59,13 +59,11 @@ impl<T: Real> Bearings<'_, T> {
 }
 
 impl<T: Real> Problem<T, 3> for Bearings<'_, T> {
-    fn model(&self, x: &Vector3<T>) -> Quadratic<T, 3> {
-        let mut model = Quadratic::zero();
+    fn model(&self, x: &Vector3<T>, model: &mut Quadratic<T, 3>) {
         for sighting in self.kept() {
             let c = compare(sighting, x.xy().into(), x.z);
             model.add(c.residual, &c.slope, c.weight);
         }
-        model
     }
 
     fn cost(&self, x: &Vector3<T>, weights_at: &Vector3<T>) -> T {
@@ -88,17 +86,10 @@ pub(super) fn refine<T: Real>(
 ) -> Result<Solution<T>, Refusal> {
     let problem = Bearings { sightings, dropped };
     let start = Vector3::new(start.position.x, start.position.y, start.heading);
-    let Minimum {
-        x,
-        model,
-        iterations,
-    } = minimize(&problem, start, Method::Levenberg, ITERATION_LIMIT)?;
-    let (position, heading) = (Point2::from(x.xy()), x.z);
-    let covariance = model
-        .hessian
-        .cholesky()
-        .ok_or(Refusal::Undetermined)?
-        .inverse();
+    let mut walk = Descent::new(start);
+    let iterations = walk.run(&problem, Method::Levenberg, ITERATION_LIMIT)?;
+    let (position, heading) = (Point2::from(walk.x.xy()), walk.x.z);
+    let covariance = walk.model.covariance().ok_or(Refusal::Undetermined)?;
     let quarter = T::frac_pi_2();
     if problem
         .kept()
@@ -113,7 +104,7 @@ pub(super) fn refine<T: Real>(
             covariance,
         },
         used: problem.kept().count(),
-        chi_squared: model.cost,
+        chi_squared: walk.model.cost,
         iterations,
     })
 }

@@ -89,7 +89,7 @@ pub fn solve<T: Real>(sightings: &[Sighting<T>; 3]) -> Result<SlopeFix<T>, Refus
 /// around exactly when the target would otherwise be behind the camera, which agrees with `atan2`
 /// everywhere.
 pub fn fix_up<T: Real>(fix: &SlopeFix<T>, sightings: &[Sighting<T>; 3]) -> T {
-    let (sin, cos) = fix.theta.sin_cos();
+    let (sin, cos) = fix.theta.sine_cosine();
     let to_target = nearest_to_axis(sightings).target - fix.position;
     let ahead = cos * to_target.x + sin * to_target.y;
     angle::wrap_positive(if ahead < T::zero() {

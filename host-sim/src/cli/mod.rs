@@ -24,8 +24,9 @@ mod solve_reference;
 mod sweep;
 mod sweep_outputs;
 mod values;
+mod writable;
 
-/// Networks of cameras that calibrate themselves: poses from recorded sightings.
+/// Networks of cameras that calibrate themselves: simulated ones, and poses from recorded sightings.
 #[derive(Parser)]
 #[command(version, propagate_version = true, arg_required_else_help = true)]
 struct Cli {
@@ -60,10 +61,26 @@ pub(crate) fn main() -> ExitCode {
         // Whoever read our output has seen enough.
         Err(error) if is_broken_pipe(&error) => ExitCode::SUCCESS,
         Err(error) => {
-            tell(format_args!("host-sim: {error:#}"));
+            complain(&error);
             ExitCode::from(2)
         }
     }
+}
+
+/// Prints an error.
+fn complain(error: &anyhow::Error) {
+    tell(format_args!("host-sim: {}", with_causes(error)));
+}
+
+/// The error with its causes, except those that it tells itself.
+fn with_causes(error: &anyhow::Error) -> String {
+    let mut text = error.to_string();
+    for cause in error.chain().skip(1).map(ToString::to_string) {
+        if !text.contains(&cause) {
+            text = format!("{text}: {cause}");
+        }
+    }
+    text
 }
 
 fn is_broken_pipe(error: &anyhow::Error) -> bool {

@@ -17,7 +17,7 @@ use host_sim::{
 };
 
 use super::{
-    run_outputs::{FOR_RESULTS, RunOutputs, read_record},
+    run_outputs::{FOR_RESULTS, Prepared, RunOutputs, read_record},
     sweep_outputs::SweepOutputs,
 };
 
@@ -72,14 +72,18 @@ Exit codes:
 
 pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
     match &arguments.what {
-        What::Run(one) => finish(&read_record(&one.file)?, &one.outputs),
+        What::Run(one) => {
+            let record = read_record(&one.file)?;
+            let which = (record.scenario.as_str(), record.path);
+            finish(&record, &one.outputs.prepare(which, &[])?)
+        }
         What::Runs(many) => together(&many.files),
         What::Sweep(swept) => sweep(swept),
     }
 }
 
 /// How every run ends: its report on the screen, its files, and its exit code.
-pub(super) fn finish(record: &RunRecord, outputs: &RunOutputs) -> anyhow::Result<ExitCode> {
+pub(super) fn finish(record: &RunRecord, outputs: &Prepared<'_>) -> anyhow::Result<ExitCode> {
     let difference = outputs.write(record)?;
     let mut code = Verdict::of(record).exit_code();
     let mut text = run_report(record);

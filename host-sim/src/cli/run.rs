@@ -1,35 +1,38 @@
 //! `host-sim run`
 
 use std::{
-    fs::File,
-    io::{BufWriter, Write},
+    collections::BTreeSet,
+    io::Write,
     path::{Path, PathBuf},
     process::ExitCode,
+    time::Duration,
 };
 
-use anyhow::{Context, ensure};
+use anyhow::ensure;
 use clap::{Args, ValueEnum};
 use host_sim::network::{Emulation, IMAGE, Options, Progress, Simulation};
 use indicatif::{ProgressBar, ProgressStyle};
 
 use super::{
-    file_name,
+    complain,
     report::finish,
     run_outputs::{FOR_RESULTS, RunOutputs},
     scenario_options::{FOR_SCENARIO, ScenarioOptions},
     values,
+    writable::Late,
 };
 
-/// Lets a network calibrate itself in virtual time, and compares what it found with the truth.
+/// Lets a network calibrate itself, and compares what it found with the truth.
 ///
-/// Every node runs its firmware, over emulated cameras and a simulated radio.
+/// Every node runs its firmware, over emulated cameras and a simulated radio, in virtual time or on
+/// emulated boards.
 #[derive(Args)]
 #[command(after_help = EPILOGUE)]
 pub(super) struct Arguments {
     #[command(flatten, next_help_heading = FOR_SCENARIO)]
     scenario: ScenarioOptions,
     /// The root of all randomness. Default: the scenario's.
-    #[arg(long, value_name = "S")]
+    #[arg(long, value_name = "S", allow_negative_numbers = true)]
     seed: Option<u64>,
     /// `max`, `real-time`, or so many times real time, such as `10x`. Default: `max`, and
     /// `real-time` on emulated boards.
@@ -45,6 +48,10 @@ pub(super) struct Arguments {
     /// The image for emulated boards.
     #[arg(long, value_name = "FILE.elf", default_value = IMAGE)]
     image: PathBuf,
+    /// The run ends with an error when an emulated board shows no life within this time, seconds.
+    /// Default: 30.
+    #[arg(long, value_name = "S", value_parser = values::seconds, allow_negative_numbers = true)]
+    board_timeout: Option<Duration>,
     #[command(flatten, next_help_heading = FOR_RESULTS)]
     outputs: RunOutputs,
     /// All frames on the air, for Wireshark.
@@ -68,10 +75,18 @@ Exit codes:
   0  every camera that should be calibrated is
   1  one is not, or --check found a difference
   2  wrong options, an impossible scenario, a file could not be read or written, or an emulated
-     board ended by itself";
+     board ended by itself: the results are of what was before";
 
 pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
     let scenario = arguments.scenario.load(arguments.seed)?;
+    let besides = [&arguments.pcap, &arguments.log];
+    let besides: Vec<&Path> = besides
+        .into_iter()
+        .flatten()
+        .map(PathBuf::as_path)
+        .collect();
+    let which = (scenario.name.as_str(), scenario.recorded_path());
+    let outputs = arguments.outputs.prepare(which, &besides)?;
     let speed = arguments.speed.as_ref().and_then(|speed| speed.0);
     ensure!(
         arguments.speed.is_none()
@@ -80,15 +95,33 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
         "emulated boards and real cameras have a time of their own: leave out --speed, or say \
          `--speed real-time`"
     );
+    ensure!(
+        arguments.board_timeout.is_none() || arguments.backend == Backend::Qemu,
+        "--board-timeout is for emulated boards: leave it out, or say `--backend qemu`"
+    );
+    let mut nodes = BTreeSet::new();
+    for (node, _) in &arguments.port {
+        ensure!(
+            nodes.insert(node),
+            "node {node} has two ports: leave one out"
+        );
+    }
     let emulation = match arguments.backend {
         Backend::Host => None,
-        Backend::Qemu => Some(Emulation::of(&arguments.image)?),
+        Backend::Qemu => {
+            let emulation = Emulation::of(&arguments.image)?;
+            Some(match arguments.board_timeout {
+                Some(timeout) => emulation.with_timeout(timeout),
+                None => emulation,
+            })
+        }
     };
+    let [pcap, log] = [&arguments.pcap, &arguments.log].map(|path| path.as_deref().map(Late::new));
     let options = Options {
         speed,
         emulation,
-        pcap: arguments.pcap.as_deref().map(create).transpose()?,
-        log: arguments.log.as_deref().map(create).transpose()?,
+        pcap: pcap.clone().map(writer),
+        log: log.clone().map(writer),
     };
     let mut simulation = Simulation::new(scenario, options)?;
     for (node, path) in &arguments.port {
@@ -97,16 +130,27 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
     let bar = bar();
     let record = simulation.run(|progress| show(&bar, &progress));
     bar.finish_and_clear();
-    if let Some(trouble) = simulation.trouble() {
-        return Err(trouble.into());
+    // Each is told, and none keeps the others from being written.
+    let mut ended = finish(&record, &outputs);
+    for file in [pcap, log].into_iter().flatten() {
+        ended = and(ended, file.finish());
     }
-    finish(&record, &arguments.outputs)
+    match simulation.trouble() {
+        Some(trouble) => and(ended, Err(trouble.into())),
+        None => ended,
+    }
 }
 
-fn create(path: &Path) -> anyhow::Result<Box<dyn Write>> {
-    let file = File::create(path);
-    let file = file.with_context(|| format!("{} cannot be written", file_name(path)))?;
-    Ok(Box::new(BufWriter::new(file)))
+/// The last error; one before it is told.
+fn and(before: anyhow::Result<ExitCode>, next: anyhow::Result<()>) -> anyhow::Result<ExitCode> {
+    if let (Err(error), Err(_)) = (&before, &next) {
+        complain(error);
+    }
+    next.and(before)
+}
+
+fn writer(file: Late) -> Box<dyn Write> {
+    Box::new(file)
 }
 
 /// Only where somebody looks: `indicatif` hides it otherwise.

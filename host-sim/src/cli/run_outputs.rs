@@ -12,7 +12,7 @@ use host_sim::{
     record::{RunRecord, difference::Difference},
 };
 
-use super::{file_name, values};
+use super::{file_name, values, writable};
 
 /// Heading for the options of every command that ends with a run's record.
 pub(super) const FOR_RESULTS: &str = "Results";
@@ -47,51 +47,90 @@ pub(super) struct RunOutputs {
     tolerance: f64,
 }
 
+/// Results that can be written, and the record to compare with.
+pub(super) struct Prepared<'a> {
+    outputs: &'a RunOutputs,
+    other: Option<(&'a Path, RunRecord)>,
+}
+
 impl RunOutputs {
+    /// Finds out what would go wrong after a run of this scenario and path before it. `more` are
+    /// files that are written too.
+    pub(super) fn prepare<'a>(
+        &'a self,
+        (scenario, path): (&str, Option<u32>),
+        more: &[&Path],
+    ) -> anyhow::Result<Prepared<'a>> {
+        let files = [&self.json, &self.csv, &self.yaml, &self.ros];
+        let files = files.into_iter().flatten().map(PathBuf::as_path);
+        let files: Vec<&Path> = files.chain(more.iter().copied()).collect();
+        let drawings = DRAWINGS.map(|(name, _)| name);
+        let folder = self.plots.as_deref().map(|folder| (folder, &drawings[..]));
+        writable::check(&files, folder)?;
+        // A file named for both is read before it is written.
+        let other = match &self.check {
+            Some(file) => {
+                let other = read_record(file)?;
+                Difference::is_possible(scenario, path, &other)
+                    .with_context(|| cannot_be_compared(file))?;
+                Some((file.as_path(), other))
+            }
+            None => None,
+        };
+        Ok(Prepared {
+            outputs: self,
+            other,
+        })
+    }
+}
+
+impl Prepared<'_> {
     /// Writes what was asked for, and compares. The comparison, if one was asked for, is for the
     /// screen.
     pub(super) fn write(&self, record: &RunRecord) -> anyhow::Result<Option<Difference>> {
-        // A file named for both is read before it is written.
-        let difference = match &self.check {
-            Some(path) => Some(self.compare(record, path)?),
-            None => None,
-        };
-        if let Some(path) = &self.json {
-            write(path, &record.to_json(self.wall)?)?;
+        let outputs = self.outputs;
+        if let Some(path) = &outputs.json {
+            write(path, &record.to_json(outputs.wall)?)?;
         }
-        if let Some(path) = &self.csv {
+        if let Some(path) = &outputs.csv {
             write(path, &export::csv(record)?)?;
         }
-        if let Some(path) = &self.yaml {
+        if let Some(path) = &outputs.yaml {
             write(path, &export::yaml(record)?)?;
         }
-        if let Some(path) = &self.ros {
+        if let Some(path) = &outputs.ros {
             write(path, &export::ros_launch(record)?)?;
         }
-        if let Some(folder) = &self.plots {
-            let drawings: [(&str, Draw); 3] = [
-                ("map.svg", plot::map),
-                ("errors.svg", plot::errors),
-                ("residuals.svg", plot::residuals),
-            ];
-            for (name, draw) in drawings {
+        if let Some(folder) = &outputs.plots {
+            for (name, draw) in DRAWINGS {
                 let path = folder.join(name);
                 let svg =
                     draw(record).with_context(|| format!("{} is not written", file_name(&path)))?;
                 write_into(folder, &path, &svg)?;
             }
         }
-        Ok(difference)
-    }
-
-    fn compare(&self, record: &RunRecord, path: &Path) -> anyhow::Result<Difference> {
-        let other = read_record(path)?;
-        Difference::between(record, &other, self.tolerance)
-            .with_context(|| format!("the run cannot be compared with {}", file_name(path)))
+        match &self.other {
+            Some((path, other)) => {
+                let difference = Difference::between(record, other, outputs.tolerance);
+                Ok(Some(difference.with_context(|| cannot_be_compared(path))?))
+            }
+            None => Ok(None),
+        }
     }
 }
 
 type Draw = fn(&RunRecord) -> Result<String, plot::PlotError>;
+
+/// What `--plots` makes.
+const DRAWINGS: [(&str, Draw); 3] = [
+    ("map.svg", plot::map),
+    ("errors.svg", plot::errors),
+    ("residuals.svg", plot::residuals),
+];
+
+fn cannot_be_compared(path: &Path) -> String {
+    format!("the run cannot be compared with {}", file_name(path))
+}
 
 /// Reads a record.
 pub(super) fn read_record(path: &Path) -> anyhow::Result<RunRecord> {

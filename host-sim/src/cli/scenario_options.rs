@@ -1,8 +1,9 @@
 //! Which scenario, and what the command line changes of it.
 
+use anyhow::anyhow;
 use clap::{Args, ValueEnum};
 use host_sim::{
-    scenario::{Overrides, Scenario, planner::Placement},
+    scenario::{Overrides, Scenario, ScenarioError, planner::Placement},
     world::Variant,
 };
 
@@ -17,16 +18,16 @@ pub(super) struct ScenarioOptions {
     #[arg(value_name = "SCENARIO|FILE.toml")]
     scenario: String,
     /// Which of the planned ways the target takes, from 1.
-    #[arg(long, value_name = "K", value_parser = clap::value_parser!(u64).range(1..))]
+    #[arg(long, value_name = "K", value_parser = values::path, allow_negative_numbers = true)]
     path: Option<u64>,
     /// Stops that are planned in view of each camera.
-    #[arg(long, value_name = "N")]
+    #[arg(long, value_name = "N", allow_negative_numbers = true)]
     stops: Option<usize>,
     /// Where these are: where they help most, or anywhere in view.
     #[arg(long, value_name = "HOW")]
     placement: Option<Place>,
     /// Cameras of a grid.
-    #[arg(long, value_name = "N")]
+    #[arg(long, value_name = "N", allow_negative_numbers = true)]
     nodes: Option<usize>,
     /// How pictures come about: rendered and counted, or by a scan of equal angles as in Stage.
     #[arg(long, value_name = "KIND")]
@@ -38,7 +39,8 @@ pub(super) struct ScenarioOptions {
     #[arg(long)]
     drift: bool,
     /// Share of the frames that the radio loses, 0 to 1.
-    #[arg(long, value_name = "SHARE", value_parser = values::share)]
+    #[arg(long, value_name = "SHARE", value_parser = values::share,
+        allow_negative_numbers = true)]
     loss: Option<f64>,
 }
 
@@ -83,6 +85,10 @@ impl ScenarioOptions {
             drift: self.drift,
             loss: self.loss,
         };
-        Ok(Scenario::load(&self.scenario, &changes)?)
+        Scenario::load(&self.scenario, &changes).map_err(|error| match error {
+            // These have the name in them.
+            ScenarioError::Unknown { .. } | ScenarioError::File { .. } => error.into(),
+            error => anyhow!("{}: {error}", self.scenario),
+        })
     }
 }

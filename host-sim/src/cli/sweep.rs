@@ -37,7 +37,7 @@ pub(super) struct Arguments {
     seeds: Seeds,
     /// All these paths with every seed, such as `1,2,3`.
     #[arg(long, value_name = "K,...", value_delimiter = ',', conflicts_with = "path",
-        value_parser = clap::value_parser!(u64).range(1..))]
+        value_parser = values::path)]
     paths: Vec<u64>,
     /// Runs at a time. Default: one for each processor.
     #[arg(long, value_name = "N")]
@@ -56,6 +56,7 @@ Exit codes:
 const NAMED: usize = 10;
 
 pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
+    arguments.outputs.check()?;
     let scenarios = scenarios(arguments)?;
     let jobs = match arguments.jobs {
         Some(jobs) => jobs,

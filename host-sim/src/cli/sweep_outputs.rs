@@ -1,12 +1,12 @@
 //! Where the statistics of many runs go besides the screen.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use anyhow::Context;
 use clap::Args;
 use host_sim::{plot, record::sweep::SweepReport};
 
-use super::{file_name, run_outputs};
+use super::{file_name, run_outputs, writable};
 
 #[derive(Args)]
 pub(super) struct SweepOutputs {
@@ -19,6 +19,13 @@ pub(super) struct SweepOutputs {
 }
 
 impl SweepOutputs {
+    /// Finds out what cannot be written before there is anything to write.
+    pub(super) fn check(&self) -> anyhow::Result<()> {
+        let files = [&self.sweep_csv, &self.sweep_plot];
+        let files: Vec<&Path> = files.into_iter().flatten().map(PathBuf::as_path).collect();
+        writable::check(&files, None)
+    }
+
     /// Writes what was asked for.
     pub(super) fn write(&self, report: &SweepReport) -> anyhow::Result<()> {
         if let Some(path) = &self.sweep_csv {

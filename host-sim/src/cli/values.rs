@@ -1,5 +1,12 @@
 //! Values of options, with messages that say what is allowed.
 
+use std::time::Duration;
+
+use host_sim::scenario::PATH_MAX;
+
+/// All scenarios of a sweep are in memory.
+const MOST_SEEDS: u64 = 100_000;
+
 /// A finite number.
 pub(super) fn finite(text: &str) -> Result<f64, String> {
     match text.parse::<f64>() {
@@ -87,6 +94,20 @@ pub(super) fn share(text: &str) -> Result<f64, String> {
     }
 }
 
+/// Which of the ways that are planned.
+pub(super) fn path(text: &str) -> Result<u64, String> {
+    match text.parse() {
+        Ok(path @ 1..=PATH_MAX) => Ok(path),
+        _ => Err(format!("give a number from 1 to {PATH_MAX}")),
+    }
+}
+
+/// A time in seconds, above zero.
+pub(super) fn seconds(text: &str) -> Result<Duration, String> {
+    let seconds = positive(text)?;
+    Duration::try_from_secs_f64(seconds).map_err(|_| "give fewer seconds, such as 60".to_owned())
+}
+
 /// Seeds of a sweep, both ends included.
 pub(super) type Seeds = std::ops::RangeInclusive<u64>;
 
@@ -97,6 +118,9 @@ pub(super) fn seeds(text: &str) -> Result<Seeds, String> {
         (ends.0 <= ends.1).then_some(ends)
     });
     match ends {
+        Some((first, last)) if last - first >= MOST_SEEDS => {
+            Err(format!("give at most {MOST_SEEDS} seeds at once"))
+        }
         Some((first, last)) => Ok(first..=last),
         None => Err("give the first and the last seed, such as 1..50".to_owned()),
     }

@@ -45,7 +45,7 @@ pub(super) struct NodeEntry {
     /// Bytes of all messages it handed to its link.
     pub(super) payload_bytes: u64,
     /// What kept it from going on, each time.
-    pub(super) failures: Vec<String>,
+    pub(super) failures: Vec<(Time, String)>,
 }
 
 impl NodeEntry {
@@ -115,11 +115,18 @@ impl Journal {
         self.node(id).arrivals.push((now, place));
     }
 
+    /// A node cannot go on.
+    pub(super) fn failed(&mut self, id: u16, why: &str) {
+        let now = self.clock.time();
+        self.note(id, format_args!("stops: {why}"));
+        self.node(id).failures.push((now, why.to_owned()));
+    }
+
     /// A line of the log.
     pub(super) fn note(&mut self, id: u16, what: Arguments<'_>) {
         if let Some(log) = &mut self.log {
             let at = self.clock.time();
-            // A full disk spoils the log, not the run.
+            // A full disk spoils the log, not the run. Whoever owns the file learns of it.
             let _ = writeln!(
                 log,
                 "{}.{:06} node {id}: {what}",

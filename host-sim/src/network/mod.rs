@@ -1,5 +1,5 @@
 //! Runs a scenario: the firmware of every node, over emulated cameras and simulated radios, in
-//! virtual time.
+//! virtual time; or on emulated boards, in real time.
 //!
 //! A [`Simulation`] puts up what a [`Scenario`] says and provisions every node as a person would.
 //! Then it only lets time pass: nodes find each other, cameras look, the target walks when its lamp
@@ -44,7 +44,7 @@ pub use self::{
 
 use self::{
     console::Console,
-    journal::{Journal, SharedJournal},
+    journal::{Journal, NodeEntry, SharedJournal},
     node::Hardware,
 };
 use crate::{
@@ -74,9 +74,9 @@ pub struct Options {
     pub speed: Option<f64>,
     /// Run the nodes on emulated boards.
     pub emulation: Option<Emulation>,
-    /// All frames on the air, for Wireshark.
+    /// All frames on the air, for Wireshark. What cannot be written is left out.
     pub pcap: Option<Box<dyn Write>>,
-    /// What nodes say and learn, as text.
+    /// What nodes say and learn, as text. What cannot be written is left out.
     pub log: Option<Box<dyn Write>>,
 }
 
@@ -117,6 +117,8 @@ pub struct Simulation {
     nodes: Vec<Rc<Hardware>>,
     consoles: Vec<Console>,
     emulation: Option<Emulation>,
+    /// Until the run begins.
+    pcap: Option<Box<dyn Write>>,
     trouble: Trouble,
 }
 
@@ -124,7 +126,7 @@ pub struct Simulation {
 type Trouble = Rc<RefCell<Option<EmulatorError>>>;
 
 impl Simulation {
-    /// Puts a scenario up. Nothing has been switched on yet.
+    /// Puts a scenario up. Nothing has run yet, and nothing been written.
     ///
     /// # Errors
     /// The scenario is not possible.
@@ -137,12 +139,7 @@ impl Simulation {
             executor.set_pace(times_real_time(speed));
         }
         let clock = executor.clock();
-        let medium = Medium::new(&clock, propagation(&scenario.radio), root.seed("medium", 0));
-        if let Some(file) = options.pcap
-            && let Ok(capture) = Capture::new(file)
-        {
-            medium.watch(capture);
-        }
+        let medium = Medium::new(&clock, propagation(&scenario), root.seed("medium", 0));
         let world = Rc::new(RefCell::new(site.world.clone()));
         let journal = Rc::new(RefCell::new(Journal::new(clock.clone(), options.log)));
         let mut simulation = Self {
@@ -155,15 +152,16 @@ impl Simulation {
             nodes: Vec::new(),
             consoles: Vec::new(),
             emulation: options.emulation,
+            pcap: options.pcap,
             trouble: Trouble::default(),
         };
-        simulation.put_up(root);
+        simulation.put_up(root)?;
         events::schedule(&mut simulation);
         Ok(simulation)
     }
 
-    fn put_up(&mut self, root: Root) {
-        let configs = provision::all(&self.scenario, &self.site, root);
+    fn put_up(&mut self, root: Root) -> Result<(), ScenarioError> {
+        let configs = provision::all(&self.scenario, &self.site, root)?;
         for (network, configs) in self.site.networks.iter().zip(configs) {
             let coordinator = Hardware::coordinator(self, network, configs.coordinator, root);
             let cameras = network.cameras.len();
@@ -186,6 +184,7 @@ impl Simulation {
         for node in self.nodes.iter().filter(|node| !node.is_target()) {
             node.switch_on();
         }
+        Ok(())
     }
 
     /// Puts a real camera on a serial port in the place of a node's simulated one, before anything
@@ -215,6 +214,11 @@ impl Simulation {
     /// A node's firmware loops without time passing.
     pub fn run(&mut self, mut progress: impl FnMut(Progress)) -> RunRecord {
         let begun = std::time::Instant::now();
+        if let Some(file) = self.pcap.take()
+            && let Ok(capture) = Capture::new(file)
+        {
+            self.medium.watch(capture);
+        }
         let targets = self.world.borrow().targets().len();
         let (journal, trouble) = (self.journal.clone(), self.trouble.clone());
         let ended = move || journal.borrow().walked == targets || trouble.borrow().is_some();
@@ -294,25 +298,29 @@ impl Simulation {
         }
     }
 
-    /// A number that depends on every frame on the air and its time.
     fn node(&self, id: u16) -> Option<&Rc<Hardware>> {
         self.nodes.iter().find(|node| node.id() == id)
     }
+
+    /// What became known of a node.
+    fn entry(&self, id: u16) -> NodeEntry {
+        let journal = self.journal.borrow();
+        journal.nodes.get(&id).cloned().unwrap_or_default()
+    }
 }
 
-fn propagation(table: &RadioTable) -> Propagation {
-    match *table {
+fn propagation(scenario: &Scenario) -> Propagation {
+    match scenario.radio {
         RadioTable::UnitDisk { range, loss } => Propagation::UnitDisk { range, loss },
         RadioTable::LogDistance {
-            metres_per_unit,
             exponent,
             shadowing_db,
             loss,
         } => {
-            let metres = LogDistance::default();
+            let (metres, unit_metres) = (LogDistance::default(), scenario.metres_per_unit());
             Propagation::LogDistance(LogDistance {
                 // The loss at one metre, told for one unit.
-                loss_at_one: metres.loss_at_one + 10.0 * exponent * metres_per_unit.log10(),
+                loss_at_one: metres.loss_at_one + 10.0 * exponent * unit_metres.log10(),
                 exponent,
                 shadowing: shadowing_db,
                 loss,

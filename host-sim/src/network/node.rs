@@ -372,13 +372,6 @@ impl Hardware {
         journal.node(self.config.id).learns_late(&facts);
     }
 
-    fn failed(&self, why: &str) {
-        let mut journal = self.journal.borrow_mut();
-        journal.note(self.config.id, format_args!("stops: {why}"));
-        let entry = journal.node(self.config.id);
-        entry.failures.push(why.to_owned());
-    }
-
     async fn firmware(self: Rc<Self>) {
         loop {
             let seed = self.next_seed();
@@ -405,7 +398,8 @@ impl Hardware {
                 seed,
             };
             let failure = run(&self.config, seams).await;
-            self.failed(&failure.to_string());
+            let why = failure.to_string();
+            self.journal.borrow_mut().failed(self.config.id, &why);
             self.clock.sleep(RESTART).await;
         }
     }

@@ -3,166 +3,185 @@
 use std::collections::BTreeMap;
 
 use calib_core::{Pose, Sighting};
-use nalgebra::{Matrix3, Point2};
+use nalgebra::{Matrix3, Point2, Vector2};
 use node_firmware::{
     config::Duty,
-    memory::KeptSighting,
     message::{PoseParts, State},
 };
 
 use super::{Simulation, console::Console, journal::NodeEntry, provision};
 use crate::{
     record::{
-        Believed, FORMAT, Limits, Node, Place, Radio, Role, RunRecord, Stop, Target, Unit, View,
-        summary::Summary,
+        Believed, FORMAT, Failure, Limits, Node, Place, Radio, Role, RunRecord, Stop, Target, Unit,
+        View, summary::Summary,
     },
     scenario::{CameraNode, Frame, Network},
-    sim::medium::{Medium, Reason},
+    sim::{
+        executor::Time,
+        medium::{Medium, Reason},
+    },
     world::Obstacle,
 };
 
 /// Preamble, start of frame and length.
 const PHY_HEADER: u64 = 6;
 
+/// Scenarios have no limit for the sigma of the heading. A camera with a larger one knows at most on
+/// which side of it things are.
+const WEAK_HEADING_DEG: f64 = 90.0;
+
 pub(super) fn record(simulation: &Simulation, wall_seconds: f64) -> RunRecord {
     let scenario = &simulation.scenario;
     let mut nodes = Vec::new();
     let mut targets = Vec::new();
+    let mut obstacles = Vec::new();
     let networks = simulation.site.networks.iter().zip(&simulation.consoles);
     for (number, (network, console)) in (0..).zip(networks) {
         let references = references(network, console);
         let frame = simulation.site.frame(network, references);
-        let entry = |id: u16| {
-            let journal = simulation.journal.borrow();
-            journal.nodes.get(&id).cloned().unwrap_or_default()
-        };
-        let coordinator = provision::coordinator_id(number);
-        nodes.push(traffic(
-            simulation,
-            Node::new(coordinator, Role::Coordinator),
-            &entry(coordinator),
-        ));
-        // Stops are counted from 1 in the order in which each target told of them.
-        let mut numbers = BTreeMap::new();
+        if number == 0 {
+            let all = simulation.site.world.obstacles().iter();
+            obstacles.extend(all.map(|obstacle| outline(obstacle, &frame)));
+        }
+        let coordinator = Node::new(provision::coordinator_id(number), Role::Coordinator);
+        nodes.push(with_traffic(simulation, coordinator));
+        let mut numbers = Numbers::new();
         for target in &network.targets {
-            let entry = entry(target.id);
-            let mut stops: Vec<_> = entry.stops.iter().collect();
-            stops.sort_by_key(|(_, stop)| stop.at);
-            let stops = (1..).zip(stops).map(|(count, (told, stop))| {
-                numbers.insert((target.id, *told), count);
-                let truth = frame.place(stop.truth);
-                Stop {
-                    stop: count,
-                    seconds: stop.at as f64 * 1e-9,
-                    x: truth.x,
-                    y: truth.y,
-                    believed: stop.believed.as_ref().map(|place| {
-                        let covariance = place.covariance();
-                        Believed {
-                            x: place.position().x.into(),
-                            y: place.position().y.into(),
-                            sigma_x: f64::from(covariance.m11.max(0.0)).sqrt(),
-                            sigma_y: f64::from(covariance.m22.max(0.0)).sqrt(),
-                        }
-                    }),
-                }
-            });
-            let stops: Vec<_> = stops.collect();
+            let stops = stops(
+                &simulation.entry(target.id),
+                target.id,
+                &frame,
+                &mut numbers,
+            );
             targets.push(Target {
                 id: target.id,
                 path: stops.iter().map(|stop| [stop.x, stop.y]).collect(),
                 stops,
             });
-            nodes.push(traffic(
-                simulation,
-                Node::new(target.id, Role::Target),
-                &entry,
-            ));
+            nodes.push(with_traffic(simulation, Node::new(target.id, Role::Target)));
         }
         for (place, camera) in network.cameras.iter().enumerate() {
-            let entry = entry(camera.id);
             let mut node = Node::new(camera.id, Role::Camera);
             node.reference = references.contains(&place);
             node.expected = true;
             describe(&mut node, simulation, &frame, camera);
-            if let Some(report) = console.report(camera.id) {
-                match report.state {
-                    State::Pose(parts) => {
-                        if let Some(pose) = exact(&parts) {
-                            node.set_pose(&pose);
-                        }
-                    }
-                    State::Refused(refusal) => node.refusal = Some(refusal),
-                    State::Waiting => {}
-                }
-                node.sightings = report.sightings.into();
+            take_report(&mut node, console);
+            let entry = simulation.entry(camera.id);
+            let sightings = sightings(&entry, console, &numbers);
+            if !sightings.is_empty() {
+                node.set_sightings(
+                    sightings
+                        .iter()
+                        .map(|(target, stop, s)| (*target, *stop, s)),
+                );
             }
-            let first = |kept: &KeptSighting| {
-                let same = |other: &&KeptSighting| {
-                    other.target == kept.target && other.place.parts().fix == kept.place.parts().fix
-                };
-                entry
-                    .sightings
-                    .values()
-                    .find(same)
-                    .map_or(kept.place, |kept| kept.place)
-            };
-            let kept: Vec<_> = entry
-                .sightings
-                .values()
-                .filter_map(|kept| {
-                    let target = console.id_of(kept.target)?;
-                    let stop = *numbers.get(&(target, kept.stop))?;
-                    let place = &kept.place;
-                    let sighting = Sighting {
-                        target: place.position().cast(),
-                        ray: calib_core::Ray::from_bearing(f64::from(kept.seen.bearing)),
-                        bearing_sigma: kept.seen.sigma.into(),
-                        // What stops share, residuals do not show.
-                        target_covariance: place.own_covariance(&first(kept)).cast(),
-                    };
-                    Some((target, stop, sighting))
-                })
-                .collect();
-            if !kept.is_empty() {
-                node.set_sightings(kept.iter().map(|(target, stop, s)| (*target, *stop, s)));
-            }
-            node.calibrated_seconds = entry.calibrated.map(|at| at as f64 * 1e-9);
-            nodes.push(traffic(simulation, node, &entry));
+            node.calibrated_seconds = entry.calibrated.map(seconds);
+            nodes.push(with_traffic(simulation, node));
         }
     }
     nodes.sort_by_key(|node| node.id);
     targets.sort_by_key(|target| target.id);
-    let sim_seconds = simulation.executor.clock().time() as f64 * 1e-9;
-    let mut record = RunRecord {
+    let sim_seconds = seconds(simulation.executor.clock().time());
+    RunRecord {
         format: FORMAT,
         scenario: scenario.name.clone(),
-        path: u32::try_from(scenario.path).ok(),
+        path: scenario.recorded_path(),
         seed: scenario.seed,
         unit: Unit {
             name: scenario.unit.clone(),
-            metres: 1.0,
+            metres: scenario.metres_per_unit(),
         },
         limits: Limits {
             sigma_position: scenario.firmware.weak_sigma * 2_f64.sqrt(),
-            sigma_heading_deg: f64::MAX,
+            sigma_heading_deg: WEAK_HEADING_DEG,
         },
         summary: Summary::of(&nodes),
         nodes,
         targets,
-        obstacles: simulation
-            .site
-            .world
-            .obstacles()
-            .iter()
-            .map(outline)
-            .collect(),
+        obstacles,
         radio: radio(&simulation.medium, sim_seconds),
         sim_seconds,
         wall_seconds: Some(wall_seconds),
+    }
+}
+
+fn seconds(time: Time) -> f64 {
+    time as f64 * 1e-9
+}
+
+/// Of a target and its own number of a stop: the number of that stop in the record.
+type Numbers = BTreeMap<(u16, u16), u32>;
+
+/// A target's stops, counted from 1 in the order in which it told of them.
+fn stops(entry: &NodeEntry, target: u16, frame: &Frame, numbers: &mut Numbers) -> Vec<Stop> {
+    let mut stops: Vec<_> = entry.stops.iter().collect();
+    stops.sort_by_key(|(_, stop)| stop.at);
+    let counted = (1..).zip(stops).map(|(count, (told, stop))| {
+        numbers.insert((target, *told), count);
+        let truth = frame.place(stop.truth);
+        Stop {
+            stop: count,
+            seconds: seconds(stop.at),
+            x: truth.x,
+            y: truth.y,
+            believed: stop.believed.as_ref().map(believed),
+        }
+    });
+    counted.collect()
+}
+
+fn believed(place: &calib_core::dead_reckoning::Place<f32>) -> Believed {
+    let covariance = place.covariance();
+    Believed {
+        x: place.position().x.into(),
+        y: place.position().y.into(),
+        sigma_x: f64::from(covariance.m11.max(0.0)).sqrt(),
+        sigma_y: f64::from(covariance.m22.max(0.0)).sqrt(),
+    }
+}
+
+/// What a camera has said of itself.
+fn take_report(node: &mut Node, console: &Console) {
+    let Some(report) = console.report(node.id) else {
+        return;
     };
-    record.limits.sigma_heading_deg = record.limits.sigma_heading_deg.min(90.0);
-    record
+    match report.state {
+        State::Pose(parts) => {
+            if let Some(pose) = exact(&parts) {
+                node.set_pose(&pose);
+            }
+        }
+        State::Refused(refusal) => node.refusal = Some(refusal),
+        State::Waiting => {}
+    }
+    node.sightings = report.sightings.into();
+}
+
+/// What a camera has counted, each with its target and stop.
+fn sightings(
+    entry: &NodeEntry,
+    console: &Console,
+    numbers: &Numbers,
+) -> Vec<(u16, u32, Sighting<f64>)> {
+    let kept = || entry.sightings.values();
+    let sightings = kept().filter_map(|sighting| {
+        let target = console.id_of(sighting.target)?;
+        let stop = *numbers.get(&(target, sighting.stop))?;
+        let place = &sighting.place;
+        let first = kept().find(|other| {
+            other.target == sighting.target && other.place.parts().fix == place.parts().fix
+        });
+        let first = first.map_or(*place, |first| first.place);
+        let sighting = Sighting {
+            target: place.position().cast(),
+            ray: calib_core::Ray::from_bearing(f64::from(sighting.seen.bearing)),
+            bearing_sigma: sighting.seen.sigma.into(),
+            // What stops share, residuals do not show.
+            target_covariance: place.own_covariance(&first).cast(),
+        };
+        Some((target, stop, sighting))
+    });
+    sightings.collect()
 }
 
 /// The cameras that became the references, or else those that are meant to: places among the
@@ -204,12 +223,20 @@ fn exact(parts: &PoseParts) -> Option<Pose<f64>> {
     })
 }
 
-fn traffic(simulation: &Simulation, mut node: Node, entry: &NodeEntry) -> Node {
-    node.payload_bytes = entry.payload_bytes;
+/// What a node sent, and what kept it from going on.
+fn with_traffic(simulation: &Simulation, mut node: Node) -> Node {
+    let entry = simulation.entry(node.id);
+    let failures = entry.failures.into_iter().map(|(at, why)| Failure {
+        seconds: seconds(at),
+        why,
+    });
+    node.failures = failures.collect();
     if let Some(hardware) = simulation.node(node.id) {
         let counters = hardware.medium().counters(hardware.antenna);
         node.frames_sent = counters.frames;
         node.bytes_sent = counters.bytes + PHY_HEADER * counters.frames;
+        // Nobody sees what the machine code of a board hands to its link.
+        node.payload_bytes = (!hardware.is_emulated()).then_some(entry.payload_bytes);
     }
     node
 }
@@ -224,19 +251,95 @@ fn radio(medium: &Medium, seconds: f64) -> Radio {
             .map(|&reason| (reason.name().replace(' ', "_"), totals.dropped(reason)))
             .filter(|(_, count)| *count > 0)
             .collect(),
-        airtime_share: totals.airtime as f64 * 1e-9 / seconds,
+        // A run may end before its first moment has passed.
+        airtime_share: match seconds > 0.0 {
+            true => totals.airtime as f64 * 1e-9 / seconds,
+            false => 0.0,
+        },
     }
 }
 
-fn outline(obstacle: &Obstacle) -> Vec<[f64; 2]> {
-    match obstacle {
-        Obstacle::Segment(ends) => ends.iter().map(|end| [end.x, end.y]).collect(),
+fn outline(obstacle: &Obstacle, frame: &Frame) -> Vec<[f64; 2]> {
+    let corners = match obstacle {
+        Obstacle::Segment(ends) => ends.to_vec(),
         Obstacle::Disc { centre, radius } => (0..24)
             .map(|n| {
                 let (sin, cos) = (f64::from(n) * std::f64::consts::TAU / 24.0).sin_cos();
-                [centre.x + radius * cos, centre.y + radius * sin]
+                centre + Vector2::new(cos, sin) * *radius
             })
             .collect(),
-        Obstacle::Polygon(corners) => corners.iter().map(|c| [c.x, c.y]).collect(),
+        Obstacle::Polygon(corners) => corners.clone(),
+    };
+    let corners = corners.into_iter().map(|corner| frame.place(corner));
+    corners.map(Into::into).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::{
+        network::Options,
+        scenario::{Overrides, Scenario},
+    };
+
+    #[test]
+    fn what_kept_a_node_from_going_on_is_in_the_record() {
+        let lab = Scenario::load("lab", &Overrides::default()).unwrap();
+        let mut simulation = Simulation::new(lab, Options::default()).unwrap();
+        let journal = simulation.journal.clone();
+        let clock = simulation.executor.clock();
+        simulation.executor.spawn(async move {
+            for why in ["the radio failed", "the flash failed"] {
+                clock.sleep(2_500_000_000).await;
+                journal.borrow_mut().failed(3, why);
+            }
+        });
+        let record = simulation.run(|_| ());
+        for node in &record.nodes {
+            let failures = node.failures.iter();
+            let failures: Vec<_> = failures.map(|f| (f.seconds, f.why.as_str())).collect();
+            let expected: &[_] = match node.id {
+                3 => &[(2.5, "the radio failed"), (5.0, "the flash failed")],
+                _ => &[],
+            };
+            assert_eq!(failures, expected, "node {}", node.id);
+        }
+    }
+
+    /// A site that is turned by a quarter and moved: a camera three units before a wall.
+    #[test]
+    fn obstacles_are_in_the_frame_of_the_cameras() {
+        let text = r#"
+            name = "turned"
+            unit_metres = 0.5
+            [[world.obstacle]]
+            wall = [[9.0, 1.0], [9.0, 3.0]]
+            [[network]]
+            references = { cameras = [1, 2] }
+            camera = [
+                { id = 1, x = 20.0, y = 5.0, heading_deg = 135.0 },
+                { id = 2, x = 20.0, y = 15.0, heading_deg = 225.0 },
+                { id = 3, x = 12.0, y = 2.0, heading_deg = 90.0 },
+            ]
+            target = [{ id = 20, stops = [[15.0, 10.0], [14.0, 11.0], [15.0, 12.0]] }]
+        "#;
+        let turned = Scenario::from_toml(text, &Overrides::default()).unwrap();
+        let mut simulation = Simulation::new(turned, Options::default()).unwrap();
+        let record = simulation.run(|_| ());
+        assert_eq!(record.unit.metres, 0.5);
+        let truth = record
+            .cameras()
+            .nth(2)
+            .and_then(|camera| camera.truth)
+            .unwrap();
+        // The x axis points along the world's y axis, the y axis against the world's x axis.
+        for (found, expected) in [
+            ([truth.x, truth.y], [-3.0, 8.0]),
+            (record.obstacles[0][0], [-4.0, 11.0]),
+            (record.obstacles[0][1], [-2.0, 11.0]),
+        ] {
+            let off = (found[0] - expected[0]).hypot(found[1] - expected[1]);
+            assert!(off < 1e-9, "{found:?} {expected:?}");
+        }
     }
 }

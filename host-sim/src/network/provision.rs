@@ -4,8 +4,8 @@ use std::collections::BTreeMap;
 
 use node_firmware::{
     config::{
-        CameraConfig, Config, CoordinatorConfig, Duty, Reference, Role, Sigmas, SiteKey, Subjects,
-        TargetConfig,
+        CameraConfig, Config, CoordinatorConfig, Duty, Reference, Role, SensorConfig, Sigmas,
+        SiteKey, Subjects, TargetConfig,
     },
     sight::{ColourWindow, Lens},
 };
@@ -14,7 +14,10 @@ use zigbee_link::security::Protection;
 
 use crate::{
     camera::Rgb,
-    scenario::{CameraNode, FirmwareTable, Network, Scenario, Site, TargetNode},
+    scenario::{
+        CameraNode, FIRST_COORDINATOR, FirmwareTable, Network, Scenario, ScenarioError, Site,
+        TargetNode,
+    },
     sim::random::Root,
     world::World,
 };
@@ -30,7 +33,14 @@ pub(super) struct Configs {
 }
 
 /// Of all networks. All have the same site key.
-pub(super) fn all(scenario: &Scenario, site: &Site, root: Root) -> Vec<Configs> {
+///
+/// # Errors
+/// A node refuses what its scenario asks for.
+pub(super) fn all(
+    scenario: &Scenario,
+    site: &Site,
+    root: Root,
+) -> Result<Vec<Configs>, ScenarioError> {
     let mut secret = [0; 16];
     root.stream("site key", 0).fill_bytes(&mut secret);
     let key = SiteKey::new(1, secret);
@@ -45,8 +55,22 @@ pub(super) fn all(scenario: &Scenario, site: &Site, root: Root) -> Vec<Configs> 
                 key,
             }
             .configs()
+            .checked()
         })
         .collect()
+}
+
+impl Configs {
+    fn checked(self) -> Result<Self, ScenarioError> {
+        let members = self.cameras.iter().chain(&self.targets);
+        for config in members.chain([&self.coordinator]) {
+            config.check().map_err(|reason| ScenarioError::Config {
+                node: config.id,
+                reason,
+            })?;
+        }
+        Ok(self)
+    }
 }
 
 struct Plan<'a> {
@@ -63,9 +87,9 @@ pub(super) fn extended(id: u16) -> [u8; 8] {
     [0x02, 0, 0, 0, 0, 0, high, low]
 }
 
-/// The coordinator's number: above all others'.
+/// The number of a network's coordinator; networks are counted from 0.
 pub(super) const fn coordinator_id(network: u16) -> u16 {
-    60_000 + network
+    FIRST_COORDINATOR + network
 }
 
 impl Plan<'_> {
@@ -197,6 +221,7 @@ impl Plan<'_> {
             standing_sigma: target.standing_sigma as f32,
             dwell_least_ms: 1_000,
             dwell_most_ms: 60_000,
+            sensor: SensorConfig::UNCALIBRATED,
         }
     }
 }

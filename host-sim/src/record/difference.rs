@@ -60,14 +60,28 @@ impl Difference {
         other: &RunRecord,
         tolerance: f64,
     ) -> Result<Self, CompareError> {
-        let name = |record: &RunRecord| (record.scenario.clone(), record.path);
-        if name(one) != name(other) {
-            return Err(CompareError::Scenario(one.title(), other.title()));
-        }
+        Self::is_possible(&one.scenario, one.path, other)?;
         let mut difference = Self::default();
         let (one, other) = (serde_json::to_value(one)?, serde_json::to_value(other)?);
         difference.compare(&one, &other, &Path::default(), tolerance);
         Ok(difference)
+    }
+
+    /// Whether a run of this scenario and path can be compared with this record.
+    ///
+    /// # Errors
+    /// [`CompareError::Scenario`]
+    pub fn is_possible(
+        scenario: &str,
+        path: Option<u32>,
+        other: &RunRecord,
+    ) -> Result<(), CompareError> {
+        if (scenario, path) == (&other.scenario, other.path) {
+            return Ok(());
+        }
+        let [one, other] = [(scenario, path), (&other.scenario, other.path)]
+            .map(|(scenario, path)| super::name(scenario, path));
+        Err(CompareError::Scenario(one, other))
     }
 
     /// Whether nothing differs.

@@ -5,6 +5,9 @@
 //! seconds since the start of the run. What is not known is `null`. A reader refuses a
 //! [`format`](RunRecord::format) that it does not know.
 //!
+//! Places and headings, true ones too, are in the frame of their network: its origin is the first
+//! reference, its x axis points to the second one.
+//!
 //! Two runs of one scenario and seed give the same record, byte for byte. The time the computer
 //! took is the one exception, so [`wall_seconds`](RunRecord::wall_seconds) is `null` unless it was
 //! asked for.
@@ -23,7 +26,7 @@ pub mod verdict;
 use summary::Summary;
 
 /// The format that this library writes, and the only one that it reads.
-pub const FORMAT: u32 = 1;
+pub const FORMAT: u32 = 2;
 
 /// One finished run.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -32,7 +35,7 @@ pub struct RunRecord {
     pub format: u32,
     /// Name of the scenario.
     pub scenario: String,
-    /// Which of its paths, if it has several.
+    /// Which of the ways that are planned for its targets, from 1.
     pub path: Option<u32>,
     /// The root of all randomness of the run.
     pub seed: u64,
@@ -44,7 +47,8 @@ pub struct RunRecord {
     pub nodes: Vec<Node>,
     /// Where the targets went.
     pub targets: Vec<Target>,
-    /// What hides targets from cameras: closed outlines, `[x, y]` a corner.
+    /// What hides targets from cameras: closed outlines, `[x, y]` a corner. In the frame of the
+    /// first network.
     pub obstacles: Vec<Vec<[f64; 2]>>,
     /// Statistics over the cameras, always those of `nodes`.
     pub summary: Summary,
@@ -116,13 +120,25 @@ pub struct Node {
     pub refusal: Option<Refusal>,
     /// When it had its first pose.
     pub calibrated_seconds: Option<f64>,
-    /// Application messages it sent, each counted once, before encryption.
-    pub payload_bytes: u64,
+    /// What kept its firmware from going on, each time. It was then started again.
+    pub failures: Vec<Failure>,
+    /// Application messages it sent, each counted once, before encryption; `null` of a node on an
+    /// emulated board, whose messages nobody sees before encryption.
+    pub payload_bytes: Option<u64>,
     /// Everything it sent, acknowledgements, retries and joining included, from preamble to check
     /// sequence.
     pub bytes_sent: u64,
     /// As `bytes_sent`, in frames.
     pub frames_sent: u64,
+}
+
+/// Why firmware could not go on.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Failure {
+    /// When.
+    pub seconds: f64,
+    /// In words.
+    pub why: String,
 }
 
 /// Where a camera really is.
@@ -196,7 +212,7 @@ pub struct Residual {
 pub struct Target {
     /// Number of its node.
     pub id: u16,
-    /// Corners of its true path, `[x, y]` each.
+    /// The places of its stops, `[x, y]` each, in their order.
     pub path: Vec<[f64; 2]>,
     /// Where it stood.
     pub stops: Vec<Stop>,
@@ -239,7 +255,8 @@ pub struct Radio {
     pub bytes: u64,
     /// Receptions that failed, by reason.
     pub drops: std::collections::BTreeMap<String, u64>,
-    /// Share of the time in which at least one node was sending.
+    /// How long all frames took together, in terms of the run's time: above 1 where many send at
+    /// once, as on several channels.
     pub airtime_share: f64,
 }
 
@@ -330,7 +347,8 @@ impl Node {
             residuals: Vec::new(),
             refusal: None,
             calibrated_seconds: None,
-            payload_bytes: 0,
+            failures: Vec::new(),
+            payload_bytes: None,
             bytes_sent: 0,
             frames_sent: 0,
         }
@@ -449,9 +467,7 @@ impl RunRecord {
 
     /// The scenario with its path and seed, for headings.
     pub fn title(&self) -> String {
-        let path = self.path.map(|path| format!(", path {path}"));
-        let path = path.unwrap_or_default();
-        format!("{}{path}, seed {}", self.scenario, self.seed)
+        format!("{}, seed {}", name(&self.scenario, self.path), self.seed)
     }
 
     /// The stop that a residual is of.
@@ -460,4 +476,10 @@ impl RunRecord {
         let target = targets.find(|target| target.id == residual.target)?;
         target.stops.iter().find(|stop| stop.stop == residual.stop)
     }
+}
+
+/// A scenario with its path.
+fn name(scenario: &str, path: Option<u32>) -> String {
+    let path = path.map(|path| format!(", path {path}"));
+    format!("{scenario}{}", path.unwrap_or_default())
 }

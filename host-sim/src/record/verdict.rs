@@ -4,7 +4,7 @@ use std::fmt;
 
 use calib_core::Refusal;
 
-use super::{Node, RunRecord, next_stop, summary::Fit};
+use super::{Node, Role, RunRecord, next_stop, summary::Fit};
 
 /// A sighting this many sigmas off its camera's pose is worth a look.
 const WILD: f64 = 5.0;
@@ -20,6 +20,8 @@ pub struct Verdict {
     pub findings: Vec<Finding>,
     /// What is the matter with most of them.
     pub common: Vec<Common>,
+    /// Nodes whose firmware could not go on, by ascending number.
+    pub failing: Vec<Failing>,
     /// Where to stop the target next, the best place first.
     pub next_stops: Vec<NextStop>,
     unit: String,
@@ -44,6 +46,9 @@ pub enum Trouble {
     TooFew(usize),
     /// No pose: the solver refused its sightings.
     Refused(Refusal),
+    /// No pose: nobody knows where the target stands before the reference cameras know where they
+    /// look.
+    NoReferences,
     /// No pose, and no reason.
     NoPose,
     /// Its predicted sigmas are above the limits.
@@ -76,6 +81,19 @@ pub enum Common {
     Overconfident(f64),
 }
 
+/// A node whose firmware could not go on, and was started again.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Failing {
+    /// Which.
+    pub node: u16,
+    /// What it is.
+    pub role: Role,
+    /// How often.
+    pub times: usize,
+    /// Why, the last time.
+    pub why: String,
+}
+
 /// A place where the target should stop.
 #[derive(Clone, Debug, PartialEq)]
 pub struct NextStop {
@@ -96,6 +114,9 @@ impl Verdict {
             is_common(|c| matches!(c, Common::Misfit(_))),
             is_common(|c| matches!(c, Common::Overconfident(_))),
         );
+        let references_known = record
+            .cameras()
+            .all(|camera| !camera.reference || camera.estimate.is_some());
         let mut findings = Vec::new();
         for camera in record.cameras().filter(|camera| camera.expected) {
             let mut find = |trouble| {
@@ -105,7 +126,10 @@ impl Verdict {
                 });
             };
             let Some(estimate) = &camera.estimate else {
-                find(why_no_pose(camera));
+                find(match references_known || camera.refusal.is_some() {
+                    true => why_no_pose(camera),
+                    false => Trouble::NoReferences,
+                });
                 continue;
             };
             let sigma_position = estimate.sigma_position();
@@ -137,7 +161,8 @@ impl Verdict {
         }
         let wanting = |camera: &&Node| {
             let mut own = findings.iter().filter(|f| f.camera == camera.id);
-            own.any(|finding| finding.trouble.asks_for_a_stop())
+            let come_first = camera.reference && !references_known;
+            own.any(|finding| come_first || finding.trouble.asks_for_a_stop())
         };
         let next_stops = next_stop::propose(record, record.cameras().filter(wanting));
         Self {
@@ -145,6 +170,7 @@ impl Verdict {
             calibrated: record.summary.calibrated,
             findings,
             common,
+            failing: record.nodes.iter().filter_map(Failing::of).collect(),
             next_stops,
             unit: record.unit.name.clone(),
         }
@@ -163,8 +189,8 @@ impl Verdict {
 
 fn why_no_pose(camera: &Node) -> Trouble {
     match (camera.refusal, camera.sightings) {
-        (_, 0) => Trouble::NeverSaw,
-        (_, few @ 1..=2) => Trouble::TooFew(few),
+        (None | Some(Refusal::TooFew), 0) => Trouble::NeverSaw,
+        (None | Some(Refusal::TooFew), few @ 1..=2) => Trouble::TooFew(few),
         (Some(refusal), _) => Trouble::Refused(refusal),
         (None, _) => Trouble::NoPose,
     }
@@ -201,13 +227,47 @@ impl Trouble {
     pub fn is_uncalibrated(&self) -> bool {
         matches!(
             self,
-            Self::NeverSaw | Self::TooFew(_) | Self::Refused(_) | Self::NoPose
+            Self::NeverSaw | Self::TooFew(_) | Self::Refused(_) | Self::NoReferences | Self::NoPose
         )
     }
 
     /// Whether one more stop would help.
     fn asks_for_a_stop(&self) -> bool {
-        self.is_uncalibrated() || matches!(self, Self::Weak { .. })
+        let waits = matches!(self, Self::NoReferences);
+        !waits && (self.is_uncalibrated() || matches!(self, Self::Weak { .. }))
+    }
+}
+
+impl Failing {
+    fn of(node: &Node) -> Option<Self> {
+        let last = node.failures.last()?;
+        Some(Self {
+            node: node.id,
+            role: node.role,
+            times: node.failures.len(),
+            why: last.why.clone(),
+        })
+    }
+}
+
+impl fmt::Display for Failing {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let role = match self.role {
+            Role::Coordinator => "coordinator",
+            Role::Camera => "camera",
+            Role::Target => "target",
+        };
+        let Self {
+            node, times, why, ..
+        } = self;
+        write!(f, "  {role} {node}: its firmware could not go on ")?;
+        match times {
+            1 => write!(f, "once, and was started again: {why}"),
+            _ => write!(
+                f,
+                "{times} times, and was started again; the last time: {why}"
+            ),
+        }
     }
 }
 
@@ -219,7 +279,16 @@ impl Finding {
                 f.write_str("not calibrated: it never saw the target standing still")
             }
             Trouble::TooFew(n) => write!(f, "not calibrated: {n} of the 3 sightings it needs"),
+            Trouble::Refused(Refusal::Inconsistent) => write!(
+                f,
+                "not calibrated: {}; if that does not help, check the projection and the field of \
+                 view",
+                Refusal::Inconsistent
+            ),
             Trouble::Refused(refusal) => write!(f, "not calibrated: {refusal}"),
+            Trouble::NoReferences => f.write_str(
+                "not calibrated: the two reference cameras come first, and have no answer yet",
+            ),
             Trouble::NoPose => f.write_str("not calibrated: its pose did not arrive"),
             Trouble::Weak {
                 sigma_position,
@@ -252,7 +321,7 @@ impl fmt::Display for Verdict {
             ..
         } = self;
         write!(f, "{calibrated} of {expected} cameras are calibrated")?;
-        if self.findings.is_empty() && self.common.is_empty() {
+        if self.findings.is_empty() && self.common.is_empty() && self.failing.is_empty() {
             return writeln!(f, "; nothing is left to do.");
         }
         writeln!(f, ".")?;
@@ -273,6 +342,9 @@ impl fmt::Display for Verdict {
         for finding in &self.findings {
             finding.write(f, unit)?;
             writeln!(f)?;
+        }
+        for failing in &self.failing {
+            writeln!(f, "{failing}")?;
         }
         for (k, stop) in self.next_stops.iter().enumerate() {
             let lead = if k == 0 { "Next: stop" } else { "Then stop" };

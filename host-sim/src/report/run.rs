@@ -261,14 +261,21 @@ fn traffic(record: &RunRecord) -> String {
     let calibrated = record.summary.calibrated;
     let mut text = String::new();
     if calibrated > 0 {
-        let sum = |of: fn(&Node) -> u64| {
-            let total: u64 = record.nodes.iter().map(of).sum();
-            format!("{:.0}", total as f64 / calibrated as f64)
+        let sum = |of: fn(&Node) -> Option<u64>| {
+            let total: Option<u64> = record.nodes.iter().map(of).sum();
+            total.map_or_else(
+                || "not counted".to_owned(),
+                |total| format!("{:.0}", total as f64 / calibrated as f64),
+            )
         };
         let mut table = table(&["bytes per calibrated camera", "this run", "thesis"]);
         let rows = [
             ("payload", sum(|node| node.payload_bytes), exchange::PAYLOAD),
-            ("on the air", sum(|node| node.bytes_sent), exchange::ON_AIR),
+            (
+                "on the air",
+                sum(|node| Some(node.bytes_sent)),
+                exchange::ON_AIR,
+            ),
         ];
         for (name, ours, theirs) in rows {
             table.add_row([name.to_owned(), ours, theirs.to_string()]);
@@ -291,7 +298,7 @@ fn traffic(record: &RunRecord) -> String {
     };
     let _ = writeln!(
         text,
-        "Radio: {} frames, {} bytes, on the air {:.2} % of the time; receptions lost: {drops}",
+        "Radio: {} frames, {} bytes, together {:.2} % of the run's time; receptions lost: {drops}",
         radio.frames,
         radio.bytes,
         100.0 * radio.airtime_share

@@ -3,6 +3,7 @@
 use std::{collections::BTreeSet, fmt::Display, ops::RangeInclusive};
 
 use super::{
+    FIRST_COORDINATOR, PATH_MAX,
     error::ScenarioError,
     event::Action,
     file::{CameraTable, NetworkTable, ObstacleTable, RadioTable, Scenario, TargetTable},
@@ -12,6 +13,7 @@ use crate::{
     world::Variant,
 };
 use calib_core::camera::Projection;
+use node_firmware::config::{COLOURS_MAX, STOPS_WANTED};
 
 type Checked = Result<(), ScenarioError>;
 
@@ -19,6 +21,8 @@ type Checked = Result<(), ScenarioError>;
 const LARGE: f64 = 1e5;
 /// As short as any length may be.
 const SMALL: f64 = 1e-3;
+/// So many numbers are left for their coordinators.
+const MOST_NETWORKS: f64 = (u16::MAX - FIRST_COORDINATOR) as f64 + 1.0;
 
 pub(super) fn refuse(
     field: impl Into<String>,
@@ -71,7 +75,8 @@ pub(super) fn scenario(scenario: &Scenario) -> Checked {
         3.0..=100.0,
         ": a pose needs three sightings",
     )?;
-    number("path", scenario.path as f64, 1.0..=1e9, "")?;
+    number("path", scenario.path as f64, 1.0..=PATH_MAX as f64, "")?;
+    unit(scenario)?;
     world(scenario)?;
     camera("camera", &scenario.camera)?;
     walk(scenario)?;
@@ -84,11 +89,27 @@ pub(super) fn scenario(scenario: &Scenario) -> Checked {
             "there at least once, unless there is a `grid`",
         ));
     }
+    number(
+        "network (how many)",
+        scenario.networks.len() as f64,
+        1.0..=MOST_NETWORKS,
+        ": in a grid, set fewer `nodes` or more `cell_nodes`",
+    )?;
     let mut ids = BTreeSet::new();
     for (n, network) in (1..).zip(&scenario.networks) {
         self::network(scenario, &format!("network {n}"), network, &mut ids)?;
     }
     events(scenario, &ids)
+}
+
+fn unit(scenario: &Scenario) -> Checked {
+    let is_known = ["units", "metres"].contains(&scenario.unit.as_str());
+    if scenario.unit_metres.is_none() && !is_known {
+        let allowed = format!("the length of one of the {} in metres", scenario.unit);
+        return Err(refuse("unit_metres", "missing", allowed));
+    }
+    let metres = scenario.metres_per_unit();
+    number("unit_metres", metres, 1e-4..=LARGE, " metres")
 }
 
 fn world(scenario: &Scenario) -> Checked {
@@ -140,7 +161,7 @@ fn world(scenario: &Scenario) -> Checked {
     Ok(())
 }
 
-fn camera(name: &str, camera: &CameraTable) -> Checked {
+pub(super) fn camera(name: &str, camera: &CameraTable) -> Checked {
     let projection = camera.projection();
     view(
         &format!("{name}.field_of_view_deg"),
@@ -267,12 +288,10 @@ fn radio(radio: &RadioTable) -> Checked {
             number("radio.loss", loss, 0.0..=1.0, "")
         }
         RadioTable::LogDistance {
-            metres_per_unit,
             exponent,
             shadowing_db,
             loss,
         } => {
-            number("radio.metres_per_unit", metres_per_unit, 1e-4..=LARGE, "")?;
             number(
                 "radio.exponent",
                 exponent,
@@ -291,12 +310,11 @@ fn firmware(scenario: &Scenario) -> Checked {
         number(
             "firmware.stops",
             f64::from(stops),
-            3.0..=255.0,
+            f64::from(*STOPS_WANTED.start())..=f64::from(*STOPS_WANTED.end()),
             ": a pose needs three sightings",
         )?;
     }
     for (field, value) in [
-        ("firmware.weak_sigma", firmware.weak_sigma),
         (
             "firmware.good_enough_position",
             firmware.good_enough_position,
@@ -308,6 +326,12 @@ fn firmware(scenario: &Scenario) -> Checked {
     ] {
         number(field, value, 0.0..=LARGE, " in the unit of the world")?;
     }
+    number(
+        "firmware.weak_sigma",
+        firmware.weak_sigma,
+        firmware.good_enough_position.max(SMALL * SMALL)..=LARGE,
+        " in the unit of the world: not less than `good_enough_position`",
+    )?;
     number(
         "firmware.good_enough_heading_deg",
         firmware.good_enough_heading_deg,
@@ -334,6 +358,14 @@ fn network(
     for corner in network.area.iter().flatten() {
         place(&format!("{name}.area"), *corner, scenario)?;
     }
+    if let Some([low, high]) = network.area
+        && (0..2).any(|i| high[i] <= low[i])
+    {
+        let found = format!("[{low:?}, {high:?}]");
+        let allowed =
+            "the lowest corner and then the highest one, such as [[0.0, 0.0], [9.0, 9.0]]";
+        return Err(refuse(format!("{name}.area"), found, allowed));
+    }
     let members = network.cameras.len() + network.targets.len();
     number(
         format!("{name} (cameras and targets)"),
@@ -342,7 +374,12 @@ fn network(
         ": at least two cameras and a target, at most what a coordinator has room for; make more networks",
     )?;
     let mut take = |field: String, id: u16| {
-        number(field.clone(), f64::from(id), 1.0..=65_000.0, "")?;
+        number(
+            field.clone(),
+            f64::from(id),
+            1.0..=f64::from(FIRST_COORDINATOR - 1),
+            ": larger numbers are those of coordinators",
+        )?;
         if ids.insert(id) {
             Ok(())
         } else {
@@ -373,6 +410,13 @@ fn network(
             "there at least once",
         ));
     }
+    let colours: BTreeSet<_> = network.targets.iter().map(|target| target.colour).collect();
+    number(
+        format!("{name}.target (different colours)"),
+        colours.len() as f64,
+        1.0..=COLOURS_MAX as f64,
+        ": a camera looks for no more; make more networks",
+    )?;
     let references = &network.references;
     for id in references.cameras {
         if !network.cameras.iter().any(|camera| camera.id == id) {
@@ -464,6 +508,9 @@ fn events(scenario: &Scenario, ids: &BTreeSet<u16>) -> Checked {
                     ));
                 }
                 number(name("reach"), reach.unwrap_or(0.0), 0.0..=LARGE, "")?;
+                for coordinate in at.iter().flatten() {
+                    number(name("at"), *coordinate, -LARGE..=LARGE, "")?;
+                }
             }
             Action::Loss { share, .. } => number(name("share"), *share, 0.0..=1.0, "")?,
             Action::Replay { last_s, .. } => seconds(&name("last_s"), *last_s)?,

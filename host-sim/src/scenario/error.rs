@@ -1,5 +1,6 @@
 //! What is wrong with a scenario.
 
+use node_firmware::config::ConfigError;
 use thiserror::Error;
 
 use super::planner::PlanError;
@@ -38,6 +39,14 @@ pub enum ScenarioError {
         found: String,
         /// What it may be, and what to do.
         allowed: String,
+    },
+    /// A node cannot be configured to it.
+    #[error("node {node} cannot be configured: {reason}")]
+    Config {
+        /// Its number.
+        node: u16,
+        /// What of its configuration is wrong.
+        reason: ConfigError,
     },
     /// No stops could be planned.
     #[error("no stops can be planned for network {network}: {source}")]

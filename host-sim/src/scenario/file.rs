@@ -33,6 +33,10 @@ pub struct Scenario {
     /// Name of the unit of length. Default `units`.
     #[serde(default = "units")]
     pub unit: String,
+    /// How long it is, for the radio medium `log-distance` and for exports in metres. Default 1,
+    /// only for `units` and `metres`.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub unit_metres: Option<f64>,
     /// The place.
     #[serde(default)]
     pub world: WorldTable,
@@ -304,9 +308,6 @@ pub enum RadioTable {
     },
     /// Path loss with the logarithm of the distance, shadowing, capture.
     LogDistance {
-        /// Metres in one unit of length. Default 1.
-        #[serde(default = "unity")]
-        metres_per_unit: f64,
         /// 2 in free space. Default 3.
         #[serde(default = "three_point")]
         exponent: f64,
@@ -325,10 +326,6 @@ impl RadioTable {
             Self::UnitDisk { loss, .. } | Self::LogDistance { loss, .. } => *loss = share,
         }
     }
-}
-
-fn unity() -> f64 {
-    1.0
 }
 
 fn three_point() -> f64 {

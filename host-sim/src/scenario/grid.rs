@@ -11,7 +11,7 @@ use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 
 use super::{
-    check::refuse,
+    check::{self, refuse},
     error::ScenarioError,
     file::{GridTable, NetworkTable, PlacedCamera, ReferencesTable, Scenario, TargetTable},
 };
@@ -40,6 +40,7 @@ pub(super) fn expand(scenario: &mut Scenario) -> Result<(), ScenarioError> {
     if !(2..=20_000).contains(&grid.nodes) {
         return Err(refuse("grid.nodes", grid.nodes, "2 to 20000"));
     }
+    check::camera("camera", &scenario.camera)?;
     let least = 3.0 * scenario.camera.range;
     if !(grid.cell_size >= least && grid.cell_size <= 1e4) {
         let allowed = format!("three times the cameras' range, {least}, to 10000");

@@ -48,6 +48,13 @@ pub use file::{
 pub use overrides::Overrides;
 pub use site::{CameraNode, Frame, Network, Site, TargetNode};
 
+/// Coordinators have no numbers in a scenario: the first network's gets this one, the second's the
+/// next one, and so on. All other nodes have lower ones.
+pub const FIRST_COORDINATOR: u16 = 60_000;
+
+/// The last path that can be planned.
+pub const PATH_MAX: u64 = 1_000_000_000;
+
 /// Names and texts of the built-in scenarios.
 pub const BUILT_IN: [(&str, &str); 3] = [
     ("thesis-13", include_str!("../../scenarios/thesis-13.toml")),
@@ -95,6 +102,16 @@ impl Scenario {
     /// Stops at which cameras want to see the target.
     pub fn stops_wanted(&self) -> u8 {
         self.firmware.stops.unwrap_or(self.stops.min(255) as u8)
+    }
+
+    /// How long its unit is.
+    pub fn metres_per_unit(&self) -> f64 {
+        self.unit_metres.unwrap_or(1.0)
+    }
+
+    /// Which path it is in the record of a run.
+    pub fn recorded_path(&self) -> Option<u32> {
+        u32::try_from(self.path).ok()
     }
 
     /// Makes its world, and plans the stops that it does not give.

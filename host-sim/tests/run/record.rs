@@ -2,8 +2,8 @@
 
 use calib_core::{Pose, Ray, Sighting, resection};
 use host_sim::record::{
-    Believed, Estimate, FORMAT, Limits, Node, Place, Radio, RecordError, Role, RunRecord, Stop,
-    Target, Unit, View,
+    Believed, Estimate, FORMAT, Failure, Limits, Node, Place, Radio, RecordError, Role, RunRecord,
+    Stop, Target, Unit, View,
     published::{Published, exchange},
     summary::{Errors, Fit, Summary},
 };
@@ -48,9 +48,14 @@ fn tiny() -> RunRecord {
         normalised: Some(0.5),
     }];
     camera.calibrated_seconds = Some(64.0);
-    (camera.payload_bytes, camera.bytes_sent, camera.frames_sent) = (60, 300, 9);
+    (camera.payload_bytes, camera.bytes_sent, camera.frames_sent) = (Some(60), 300, 9);
     let mut blind = Node::new(4, Role::Camera);
     blind.refusal = Some(calib_core::Refusal::TooFew);
+    blind.payload_bytes = Some(0);
+    blind.failures.push(Failure {
+        seconds: 12.5,
+        why: "the radio failed".to_owned(),
+    });
     let nodes = vec![Node::new(0, Role::Coordinator), camera, blind];
     RunRecord {
         format: FORMAT,
@@ -125,11 +130,13 @@ fn reading_gives_back_every_bit() {
 #[test]
 fn other_formats_and_other_files_are_refused() {
     let text = tiny().to_json(false).unwrap();
-    let newer = text.replacen("\"format\": 1", "\"format\": 2", 1);
-    assert!(matches!(
-        RunRecord::from_json(&newer),
-        Err(RecordError::Format(2))
-    ));
+    for other in [1, 3] {
+        let text = text.replacen("\"format\": 2", &format!("\"format\": {other}"), 1);
+        assert!(matches!(
+            RunRecord::from_json(&text),
+            Err(RecordError::Format(found)) if found == other
+        ));
+    }
     for text in ["", "[]", "{\"case\":7}", &text[..text.len() / 2]] {
         assert!(matches!(
             RunRecord::from_json(text),

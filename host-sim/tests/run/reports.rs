@@ -3,7 +3,7 @@
 use calib_core::{Ray, Sighting, camera::Projection, resection};
 use host_sim::{
     record::{
-        RunRecord,
+        Failure, Node, RunRecord,
         verdict::{Common, Trouble, Verdict},
     },
     report::run::{run_report, runs_report},
@@ -64,6 +64,44 @@ fn cameras_without_a_pose_are_named_with_stops_in_their_view() {
     assert!(text.contains("camera 4: not calibrated: it never saw the target standing still"));
     assert!(text.contains("camera 9: not calibrated: 2 of the 3 sightings it needs"));
     assert!(text.contains("in view of camera 9\n"));
+}
+
+/// A failure leaves poses as they are, but nobody may overlook it.
+#[test]
+fn nodes_that_could_not_go_on_are_named() {
+    let mut record = Sample::default().run();
+    let failure = |seconds, why: &str| Failure {
+        seconds,
+        why: why.to_owned(),
+    };
+    let node = |id| move |node: &&mut Node| node.id == id;
+    let target = record.nodes.iter_mut().find(node(20)).unwrap();
+    target.failures = vec![failure(3.0, "the radio failed"), failure(9.0, "no flash")];
+    let coordinator = record.nodes.iter_mut().find(node(0)).unwrap();
+    coordinator.failures = vec![failure(1.5, "the radio failed")];
+    let verdict = Verdict::of(&record);
+    assert_eq!(verdict.exit_code(), 0);
+    assert_eq!(
+        verdict.to_string(),
+        "13 of 13 cameras are calibrated.\n  \
+         coordinator 0: its firmware could not go on once, and was started again: the radio failed\n  \
+         target 20: its firmware could not go on 2 times, and was started again; the last time: no flash\n"
+    );
+    assert!(run_report(&record).contains("target 20: its firmware could not go on"));
+}
+
+/// What nobody counted is not zero.
+#[test]
+fn payload_that_was_not_counted_is_said_to_be_so() {
+    let mut record = Sample::default().run();
+    let row = |record: &RunRecord| {
+        let report = run_report(record);
+        let mut lines = report.lines().map(str::to_owned);
+        lines.find(|line| line.starts_with("| payload")).unwrap()
+    };
+    assert!(!row(&record).contains("not counted"), "{}", row(&record));
+    record.nodes[3].payload_bytes = None;
+    assert!(row(&record).contains("not counted"), "{}", row(&record));
 }
 
 /// The advice is followed: every weak camera solves again with the sightings of the stops that

@@ -68,6 +68,7 @@ impl Sample {
         let mut random = generator(self.seed);
         let stops = self.stops(&mut random);
         let mut coordinator = Node::new(0, Role::Coordinator);
+        coordinator.payload_bytes = Some(100);
         coordinator.bytes_sent = 2000;
         coordinator.frames_sent = 40;
         let mut nodes = vec![coordinator];
@@ -75,7 +76,7 @@ impl Sample {
             nodes.push(self.camera(id, &stops, &mut random));
         }
         let mut target = Node::new(TARGET, Role::Target);
-        target.payload_bytes = 40 * stops.len() as u64;
+        target.payload_bytes = Some(40 * stops.len() as u64);
         target.bytes_sent = 90 * stops.len() as u64;
         target.frames_sent = 2 * stops.len() as u64;
         nodes.push(target);
@@ -191,7 +192,7 @@ impl Sample {
                 .map(|(stop, sighting)| (TARGET, *stop, sighting)),
         );
         assert!(node.refusal != Some(Refusal::NotFinite));
-        node.payload_bytes = 20 * seen.len() as u64 + 30;
+        node.payload_bytes = Some(20 * seen.len() as u64 + 30);
         node.bytes_sent = 60 * seen.len() as u64 + 300;
         node.frames_sent = 2 * seen.len() as u64 + 8;
         node

@@ -4,8 +4,14 @@ use core::fmt;
 
 use zigbee_link::network::JOIN_WINDOW_MAX;
 
-use super::{COLOURS_MAX, CameraConfig, Config, CoordinatorConfig, Role, Subjects, TargetConfig};
-use crate::sight::{ColourWindow, LensError};
+use super::{
+    COLOURS_MAX, CameraConfig, Config, CoordinatorConfig, Role, STOPS_WANTED, Subjects,
+    TargetConfig,
+};
+use crate::{
+    role::camera::REFERENCE_STOPS,
+    sight::{ColourWindow, LensError},
+};
 
 /// The rates of a CMUcam2's jumpers.
 pub const BAUD_RATES: [u32; 8] = [115_200, 57_600, 38_400, 19_200, 9_600, 4_800, 2_400, 1_200];
@@ -67,6 +73,8 @@ pub enum ConfigError {
     StandingSigma,
     /// The times of a stop.
     Dwell,
+    /// The step sensor's hard iron or step length.
+    Sensor,
 }
 
 impl fmt::Display for ConfigError {
@@ -100,10 +108,16 @@ impl fmt::Display for ConfigError {
                 "frame-heading-deg must be -360 to 360, or left out if it is not known"
             }
             Self::ReferenceStops => {
-                "reference-stops must be 2 to 16, and 3 or more unless baseline and \
-                 frame-heading-deg are both given"
+                return write!(
+                    f,
+                    "reference-stops must be 2 to {REFERENCE_STOPS}, and 3 or more unless baseline \
+                     and frame-heading-deg are both given"
+                );
             }
-            Self::Stops => "stops must be 3 to 64",
+            Self::Stops => {
+                let (fewest, most) = (STOPS_WANTED.start(), STOPS_WANTED.end());
+                return write!(f, "stops must be {fewest} to {most}");
+            }
             Self::GoodEnough => {
                 "good-enough: both sigmas must be above 0, the heading's at most 180"
             }
@@ -114,6 +128,7 @@ impl fmt::Display for ConfigError {
             Self::Systematic => "systematic-heading-deg must be 0 to 180, systematic-scale 0 to 1",
             Self::StandingSigma => "standing-sigma must be 0 or above",
             Self::Dwell => "dwell-least-ms must be at most dwell-most-ms, and that at most 3600000",
+            Self::Sensor => "sensor: hard-iron must be -400 to 400 uT, step-length above 0",
         })
     }
 }
@@ -171,9 +186,6 @@ impl CameraConfig {
                 ((1..=224).contains(threshold), ConfigError::Threshold)
             }
         };
-        let place = |reference: super::Reference| {
-            reference.position.iter().flatten().all(|p| p.is_finite())
-        };
         let fewest = if self.baseline.is_some() && self.frame_heading_deg.is_some() {
             2
         } else {
@@ -186,7 +198,7 @@ impl CameraConfig {
             (self.first_column <= 1, ConfigError::FirstColumn),
             subjects,
             (
-                self.reference.is_none_or(place),
+                self.reference.is_none_or(|reference| reference.is_usable()),
                 ConfigError::ReferencePosition,
             ),
             (self.baseline.is_none_or(is_positive), ConfigError::Baseline),
@@ -196,10 +208,10 @@ impl CameraConfig {
                 ConfigError::FrameHeading,
             ),
             (
-                (fewest..=16).contains(&self.reference_stops),
+                (fewest..=REFERENCE_STOPS).contains(&usize::from(self.reference_stops)),
                 ConfigError::ReferenceStops,
             ),
-            ((3..=64).contains(&self.stops), ConfigError::Stops),
+            (STOPS_WANTED.contains(&self.stops), ConfigError::Stops),
             (
                 is_positive(good.position)
                     && is_positive(good.heading_deg)
@@ -241,6 +253,12 @@ impl TargetConfig {
             (
                 self.dwell_least_ms <= self.dwell_most_ms && self.dwell_most_ms <= 3_600_000,
                 ConfigError::Dwell,
+            ),
+            (
+                // What the compass can measure.
+                self.sensor.hard_iron.iter().all(|iron| iron.abs() <= 400.0)
+                    && is_positive(self.sensor.step_length),
+                ConfigError::Sensor,
             ),
         ])
     }

@@ -3,7 +3,7 @@ use std::string::ToString;
 use super::*;
 use crate::{
     config::{
-        SiteKey,
+        SensorConfig, SiteKey,
         examples::{ORANGE, camera, coordinator, node, target},
     },
     sight::{ColourWindow, Lens},
@@ -138,6 +138,12 @@ fn cameras() {
         c.frame_heading_deg = Some(0.0);
     });
     assert_eq!(known, Ok(()));
+    // With more than a camera keeps it would wait for ever.
+    assert_eq!(with_camera(|c| c.reference_stops = 12), Ok(()));
+    let most = with_camera(|c| c.reference_stops = 13);
+    assert_eq!(most, Err(E::ReferenceStops));
+    let text = most.unwrap_err().to_string();
+    assert!(text.contains("2 to 12"), "{text}");
     assert_eq!(with_camera(|c| c.stops = 2), Err(E::Stops));
     assert_eq!(
         with_camera(|c| c.good_enough.heading_deg = 0.0),
@@ -166,6 +172,22 @@ fn targets() {
         with_target(|t| t.systematic_heading_deg = f32::NAN),
         Err(E::Systematic)
     );
+    for sensor in [
+        SensorConfig {
+            hard_iron: [0.0, f32::NAN, 0.0],
+            ..SensorConfig::UNCALIBRATED
+        },
+        SensorConfig {
+            hard_iron: [-401.0, 0.0, 0.0],
+            ..SensorConfig::UNCALIBRATED
+        },
+        SensorConfig {
+            step_length: 0.0,
+            ..SensorConfig::UNCALIBRATED
+        },
+    ] {
+        assert_eq!(with_target(|t| t.sensor = sensor), Err(E::Sensor));
+    }
     assert_eq!(
         with_target(|t| t.standing_sigma = f32::NAN),
         Err(E::StandingSigma)

@@ -1,8 +1,8 @@
 //! Configurations for tests.
 
 use super::{
-    CameraConfig, Config, CoordinatorConfig, Duty, Reference, Role, Sigmas, SiteKey, Subjects,
-    TargetConfig,
+    CameraConfig, Config, CoordinatorConfig, Duty, Reference, Role, SensorConfig, Sigmas, SiteKey,
+    Subjects, TargetConfig,
 };
 use crate::sight::{ColourWindow, Lens};
 use zigbee_link::security::Protection;
@@ -61,6 +61,10 @@ pub(crate) fn target() -> TargetConfig {
         standing_sigma: 0.02,
         dwell_least_ms: 2_000,
         dwell_most_ms: 120_000,
+        sensor: SensorConfig {
+            hard_iron: [12.5, -30.0, 0.25],
+            step_length: 0.5,
+        },
     }
 }
 

@@ -25,6 +25,11 @@ impl SiteKey {
         self.index
     }
 
+    /// Index and bytes.
+    pub(super) fn parts(&self) -> (u8, &[u8; 16]) {
+        (self.index, &self.bytes)
+    }
+
     /// The key as the network takes it. `None` for index 0, and for bytes that nobody drew at
     /// random.
     pub fn key(&self) -> Option<Key> {

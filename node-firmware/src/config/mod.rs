@@ -14,6 +14,8 @@ pub mod page;
 
 mod key;
 
+use core::ops::RangeInclusive;
+
 use heapless::Vec;
 use serde::{Deserialize, Serialize};
 use zigbee_link::{network::Channels, radio::Channel, security::Protection, wire::Eui64};
@@ -28,6 +30,8 @@ use crate::sight::{
 pub const ALLOWED_MAX: usize = 32;
 /// The most target colours a camera can tell apart.
 pub const COLOURS_MAX: usize = 4;
+/// Stops at which a camera may want to see the target: a pose needs three.
+pub const STOPS_WANTED: RangeInclusive<u8> = 3..=64;
 
 /// All that a node is told.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -104,7 +108,7 @@ pub struct CameraConfig {
     /// the first to the second reference camera, degrees, if it is known.
     pub frame_heading_deg: Option<f32>,
     /// Stops after which the reference solve is first tried: 2, or 3 when something above is not
-    /// known.
+    /// known, up to [`REFERENCE_STOPS`](crate::role::camera::REFERENCE_STOPS).
     pub reference_stops: u8,
     /// Stops at which it wants to see the target, at least 3.
     pub stops: u8,
@@ -143,6 +147,13 @@ pub struct Reference {
     pub position: Option<[f32; 2]>,
 }
 
+impl Reference {
+    /// Whether the position, if told, is finite.
+    pub fn is_usable(&self) -> bool {
+        self.position.iter().flatten().all(|p| p.is_finite())
+    }
+}
+
 /// Which of the two reference cameras.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
@@ -169,6 +180,35 @@ pub enum Subjects {
 }
 
 impl Subjects {
+    /// A checksum of the configured colours.
+    pub(crate) fn checksum(&self) -> u32 {
+        let mut digest = page::CRC.digest();
+        if let Self::Colours(windows) = self {
+            for ColourWindow { red, green, blue } in windows {
+                for levels in [red, green, blue] {
+                    digest.update(levels);
+                }
+            }
+        }
+        digest.finalize()
+    }
+
+    /// Whether a colour can get this number: they are numbered without gaps.
+    pub(crate) fn has_room_for(&self, colour: u8) -> bool {
+        let place = usize::from(colour);
+        matches!(self, Self::Colours(windows) if place <= windows.len() && place < COLOURS_MAX)
+    }
+
+    /// Gives a colour this window, if there is room for it.
+    pub(crate) fn learn(&mut self, colour: u8, window: ColourWindow) {
+        if let Self::Colours(windows) = self {
+            match windows.get_mut(usize::from(colour)) {
+                Some(known) => *known = window,
+                None => drop(windows.push(window)),
+            }
+        }
+    }
+
     /// What to look for when a target of this colour number stands somewhere. `None` for a colour
     /// that is not known here.
     pub fn of_target(&self, colour: u8) -> Option<Subject> {
@@ -201,6 +241,21 @@ pub struct TargetConfig {
     pub dwell_least_ms: u32,
     /// The most time of a stop, milliseconds: then it may walk on, whoever has not answered.
     pub dwell_most_ms: u32,
+    /// Of a step sensor that the board has: other boards do not look at it.
+    pub sensor: SensorConfig,
+}
+
+/// What an inertial step sensor and its carrier are like, see [`steps`](crate::steps).
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct SensorConfig {
+    /// What the compass reads too much on each of its axes, uT: what is magnetic on the breakout and
+    /// on its carrier, worn as it is when walking.
+    pub hard_iron: [f32; 3],
+    /// `K` of [`StepLength`](calib_core::dead_reckoning::StepLength): the carrier's step length, in
+    /// the unit of the site over (m/s^2)^(1/4).
+    pub step_length: f32,
 }
 
 impl CameraConfig {
@@ -268,7 +323,22 @@ impl Default for TargetConfig {
             standing_sigma: 0.02,
             dwell_least_ms: 2_000,
             dwell_most_ms: 120_000,
+            sensor: SensorConfig::UNCALIBRATED,
         }
+    }
+}
+
+impl SensorConfig {
+    /// Nothing magnetic, and an adult's step in metres.
+    pub const UNCALIBRATED: Self = Self {
+        hard_iron: [0.0; 3],
+        step_length: 0.45,
+    };
+}
+
+impl Default for SensorConfig {
+    fn default() -> Self {
+        Self::UNCALIBRATED
     }
 }
 
@@ -276,6 +346,61 @@ impl Config {
     /// The configured extended address.
     pub fn extended(&self) -> Option<Eui64> {
         self.extended.map(Eui64)
+    }
+
+    /// Whose facts the [memory](crate::memory) may hold: a number that changes with the site, the
+    /// node's number and role, and with whatever of a camera gives its sightings and its frame their
+    /// meaning. What was learnt before such a change would be false after it: addresses are those
+    /// of another site, bearings those of another lens. That a node became a member of another
+    /// network of the same site is not seen here: the memory is [begun
+    /// anew](crate::memory::Memory::forget) where a membership becomes void.
+    pub fn owner(&self) -> u32 {
+        // No configuration has this number.
+        let float = |number: Option<f32>| number.unwrap_or(f32::NAN).to_le_bytes();
+        let (index, key) = self.site_key.parts();
+        let [id_low, id_high] = self.id.to_le_bytes();
+        let kind = match &self.role {
+            Role::Coordinator(_) => 0,
+            Role::Camera(_) => 1,
+            Role::Target(_) => 2,
+        };
+        let mut digest = page::CRC.digest();
+        digest.update(key);
+        digest.update(&[index, id_low, id_high, kind]);
+        if let Role::Camera(camera) = &self.role {
+            let lens = &camera.lens;
+            let [columns_low, columns_high] = lens.columns.to_le_bytes();
+            let (duty, position) = match camera.reference {
+                None => (0, None),
+                Some(Reference {
+                    duty: Duty::First,
+                    position,
+                }) => (1, position),
+                Some(Reference {
+                    duty: Duty::Second,
+                    position,
+                }) => (2, position),
+            };
+            let projection = lens.projection as u8;
+            digest.update(&[
+                columns_low,
+                columns_high,
+                projection,
+                camera.first_column,
+                duty,
+            ]);
+            for number in [
+                Some(lens.field_of_view_deg),
+                lens.principal_column,
+                position.map(|[x, _]| x),
+                position.map(|[_, y]| y),
+                camera.baseline,
+                camera.frame_heading_deg,
+            ] {
+                digest.update(&float(number));
+            }
+        }
+        digest.finalize()
     }
 
     /// The rate of the UART: that of a camera's CMUcam2, or of a coordinator's console.

@@ -3,33 +3,36 @@
 //! | bytes | what |
 //! |---|---|
 //! | 0 to 3 | magic: `CNod` |
-//! | 4, 5 | version of the body, little-endian; 1 |
+//! | 4, 5 | version of the body, little-endian; 2 |
 //! | 6, 7 | length n of the body, little-endian |
 //! | 8 to 7 + n | body: the [`Config`] in postcard's format |
 //! | 8 + n to 11 + n | CRC-32 (ISO-HDLC, that of Ethernet and zip) of all bytes before, little-endian |
 //! | the rest | whatever; 0xFF when written |
 //!
 //! All but the body stays as it is in every version, so that a newer page is told from a damaged
-//! one. The body of a version is frozen by a test with golden bytes.
+//! one. The body of a version is frozen by a test with golden bytes. Version 1 has no
+//! [`SensorConfig`] at the end of a target's body; it is still read.
 
 use core::fmt;
 
 use crc::{CRC_32_ISO_HDLC, Crc, NoTable};
 
-use super::{Config, ConfigError};
+use super::{Config, ConfigError, SensorConfig};
 
 /// Bytes of the longest page.
 pub const PAGE_MAX: usize = 512;
 
 /// The version that is written.
-pub const VERSION: u16 = 1;
+pub const VERSION: u16 = 2;
+/// The first one.
+const WITHOUT_SENSOR: u16 = 1;
 
 const MAGIC: [u8; 4] = *b"CNod";
 const HEADER: usize = 8;
 const TRAILER: usize = 4;
 
 /// Without a table: pages are short, flash is dear.
-const CRC: Crc<u32, NoTable> = Crc::<u32, NoTable>::new(&CRC_32_ISO_HDLC);
+pub(super) const CRC: Crc<u32, NoTable> = Crc::<u32, NoTable>::new(&CRC_32_ISO_HDLC);
 
 /// Why there is no configuration in a page, or no page for a configuration. The texts say what to
 /// do.
@@ -138,18 +141,39 @@ pub fn decode(page: &[u8]) -> Result<Config, PageError> {
     if CRC.checksum(covered) != u32::from_le_bytes(*checksum) {
         return Err(PageError::Checksum);
     }
-    let found = u16::from_le_bytes([v0, v1]);
-    if found != VERSION {
-        return Err(PageError::Version { found });
-    }
     let body = covered.get(HEADER..).unwrap_or(&[]);
-    let (config, left): (Config, _) =
-        postcard::take_from_bytes(body).map_err(|_| PageError::Body)?;
-    if !left.is_empty() {
-        return Err(PageError::Body);
-    }
+    let config = match u16::from_le_bytes([v0, v1]) {
+        VERSION => read_body(body)?,
+        WITHOUT_SENSOR => read_body_without_sensor(body)?,
+        found => return Err(PageError::Version { found }),
+    };
     config.check().map_err(PageError::Value)?;
     Ok(config)
+}
+
+fn read_body(body: &[u8]) -> Result<Config, PageError> {
+    match postcard::take_from_bytes(body) {
+        Ok((config, [])) => Ok(config),
+        _ => Err(PageError::Body),
+    }
+}
+
+/// [`SensorConfig::UNCALIBRATED`] as it is in a body: four numbers, of which three are zero.
+const SENSOR: [u8; 16] = {
+    let [a, b, c, d] = SensorConfig::UNCALIBRATED.step_length.to_le_bytes();
+    [0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, a, b, c, d]
+};
+
+/// What a target's body lacks comes last, so that it can be put behind it; other bodies lack nothing.
+fn read_body_without_sensor(body: &[u8]) -> Result<Config, PageError> {
+    read_body(body).or_else(|error| {
+        let mut whole = [0; PAGE_MAX];
+        let whole = whole.get_mut(..body.len() + SENSOR.len()).ok_or(error)?;
+        for (to, from) in whole.iter_mut().zip(body.iter().chain(&SENSOR)) {
+            *to = *from;
+        }
+        read_body(whole)
+    })
 }
 
 #[cfg(test)]

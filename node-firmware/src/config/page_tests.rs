@@ -1,11 +1,12 @@
 use std::{format, string::ToString, vec::Vec};
 
+use calib_core::camera::Projection;
 use proptest::prelude::*;
 
 use super::*;
 use crate::{
     config::{
-        Role, SiteKey, Subjects,
+        CameraConfig, Role, SensorConfig, SiteKey, Subjects, TargetConfig,
         examples::{ORANGE, camera, coordinator, node, target},
     },
     sight::Lens,
@@ -48,12 +49,38 @@ fn golden_pages() {
     assert_eq!(pages, GOLDEN);
 }
 
+/// Nodes in the field keep their pages when their firmware is updated.
+#[test]
+fn pages_of_version_1_are_read() {
+    let without_sensor = TargetConfig {
+        sensor: SensorConfig::UNCALIBRATED,
+        ..target()
+    };
+    let expected = [
+        node(Role::Camera(camera())),
+        node(Role::Target(without_sensor)),
+        node(Role::Coordinator(coordinator(2))),
+    ];
+    for (golden, expected) in GOLDEN_1.into_iter().zip(expected) {
+        let bytes: Vec<_> = (0..golden.len() / 2)
+            .map(|at| u8::from_str_radix(&golden[2 * at..2 * at + 2], 16).unwrap())
+            .collect();
+        assert_eq!(decode(&bytes), Ok(expected));
+        // Neither less nor more.
+        let body = &bytes[8..bytes.len() - 4];
+        for wrong in [&body[..body.len() - 1], &[body, &[0]].concat()] {
+            let page = forged(1, wrong.len() as u16, wrong);
+            assert_eq!(decode(&page), Err(PageError::Body));
+        }
+    }
+}
+
 #[test]
 fn the_checksum_is_that_of_zip_and_the_rest_is_erased() {
     let config = node(Role::Camera(camera()));
     let page = page(&config);
     let length = u16::from_le_bytes([page[6], page[7]]);
-    assert_eq!(page, forged(1, length, &page[8..page.len() - 4]));
+    assert_eq!(page, forged(2, length, &page[8..page.len() - 4]));
     let mut buffer = [0; PAGE_MAX];
     let written = encode(&config, &mut buffer).unwrap();
     assert!(buffer[written..].iter().all(|&byte| byte == 0xFF));
@@ -99,20 +126,20 @@ fn what_is_no_page_says_what_to_do() {
         (&other, PageError::Magic, "address"),
         (&good[..7], PageError::Truncated, "write it again"),
         (&good[..good.len() - 1], PageError::Truncated, "again"),
-        (&forged(1, 600, body), PageError::Truncated, "again"),
+        (&forged(2, 600, body), PageError::Truncated, "again"),
         (&damaged, PageError::Checksum, "write it again"),
         (
-            &forged(2, length, body),
-            PageError::Version { found: 2 },
+            &forged(3, length, body),
+            PageError::Version { found: 3 },
             "update the firmware",
         ),
         (
-            &forged(1, at as u16, &unknown_role),
+            &forged(2, at as u16, &unknown_role),
             PageError::Body,
             "provision",
         ),
         (
-            &forged(1, length + 1, &with_more),
+            &forged(2, length + 1, &with_more),
             PageError::Body,
             "provision",
         ),
@@ -131,7 +158,50 @@ fn values_are_checked_both_ways() {
     assert_eq!(encode(&config, &mut [0; PAGE_MAX]), Err(error));
     let mut body = [0; PAGE_MAX];
     let body = postcard::to_slice(&config, &mut body).unwrap();
-    assert_eq!(decode(&forged(1, body.len() as u16, body)), Err(error));
+    assert_eq!(decode(&forged(2, body.len() as u16, body)), Err(error));
+}
+
+/// What a role remembers is void after some changes, and good after others.
+#[test]
+fn whose_memory_it_is() {
+    let before = node(Role::Camera(camera()));
+    let after = |change: fn(&mut Config)| {
+        let mut config = before.clone();
+        change(&mut config);
+        assert_ne!(config, before);
+        config.owner() != before.owner()
+    };
+    fn of(config: &mut Config) -> &mut CameraConfig {
+        match &mut config.role {
+            Role::Camera(camera) => camera,
+            _ => unreachable!(),
+        }
+    }
+    let voids: [fn(&mut Config); 13] = [
+        |c| c.id += 1,
+        |c| c.site_key = SiteKey::new(2, *b"0123456789abcdef"),
+        |c| c.site_key = SiteKey::new(1, *b"0123456789abcdeF"),
+        |c| c.role = Role::Target(target()),
+        |c| c.role = Role::Coordinator(coordinator(2)),
+        |c| of(c).lens.columns = 87,
+        |c| of(c).lens.field_of_view_deg = 46.0,
+        |c| of(c).lens.principal_column = Some(43.0),
+        |c| of(c).lens.projection = Projection::EqualAngle,
+        |c| of(c).first_column = 0,
+        |c| of(c).reference = None,
+        |c| of(c).baseline = None,
+        |c| of(c).frame_heading_deg = Some(0.0),
+    ];
+    assert_eq!(voids.map(after), [true; 13]);
+    let keeps: [fn(&mut Config); 6] = [
+        |c| c.first_counter += 1,
+        |c| c.tx_power += 1,
+        |c| c.channels ^= 1 << 11,
+        |c| of(c).stops += 1,
+        |c| of(c).weak_sigma += 1.0,
+        |c| of(c).subjects = Subjects::Motion { threshold: 10 },
+    ];
+    assert_eq!(keeps.map(after), [false; 6]);
 }
 
 proptest! {
@@ -139,9 +209,11 @@ proptest! {
     fn any_bytes_are_taken_without_harm(bytes in prop::collection::vec(any::<u8>(), 0..600)) {
         let _ = decode(&bytes);
         // With a right header and checksum, the body is looked at.
-        let forged = forged(1, bytes.len() as u16, &bytes);
-        if let Ok(config) = decode(&forged) {
-            prop_assert_eq!(config.check(), Ok(()));
+        for version in [1, 2] {
+            let forged = forged(version, bytes.len() as u16, &bytes);
+            if let Ok(config) = decode(&forged) {
+                prop_assert_eq!(config.check(), Ok(()));
+            }
         }
     }
 
@@ -183,7 +255,7 @@ proptest! {
     }
 }
 
-const GOLDEN: [&str; 3] = [
+const GOLDEN_1: [&str; 3] = [
     "434e6f6401005e000301f4ce3600000000030130313233343536373839616263646566f0a20480\
      90c210fc06015800003442000080ac02010001aaf03c8c10500101010100002041000000bf0001\
      0000204100030501cdcc4c3d0000803e0000003f0000803db176ff6b",
@@ -191,4 +263,15 @@ const GOLDEN: [&str; 3] = [
      c210fc060202dc0b0000003f0000803c0ad7a33cd00fc0a90749ff93e7",
     "434e6f64010038000301f4ce3600000000030130313233343536373839616263646566f0a2048090\
      c210fc060002f4ce360000000001f4ce360000000002ac02802ff118",
+];
+
+const GOLDEN: [&str; 3] = [
+    "434e6f6402005e000301f4ce3600000000030130313233343536373839616263646566f0a2048090\
+     c210fc06015800003442000080ac02010001aaf03c8c10500101010100002041000000bf00010000\
+     204100030501cdcc4c3d0000803e0000003f0000803d48c9b1d4",
+    "434e6f64020049000301f4ce3600000000030130313233343536373839616263646566f0a2048090\
+     c210fc060202dc0b0000003f0000803c0ad7a33cd00fc0a907000048410000f0c10000803e000000\
+     3fa55dd2fd",
+    "434e6f64020038000301f4ce3600000000030130313233343536373839616263646566f0a2048090\
+     c210fc060002f4ce360000000001f4ce360000000002ac0250baf49c",
 ];

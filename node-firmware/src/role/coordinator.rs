@@ -8,7 +8,7 @@ use core::time::Duration;
 
 use zigbee_link::{Instant, store::Membership, wire::ShortAddress};
 
-use super::{Outbox, Output, Owed, Role, free_slot};
+use super::{Earliest, Outbox, Output, Owed, Role, free_slot};
 use crate::{
     config::Duty,
     console::{FromPc, Network, ToPc},
@@ -68,8 +68,10 @@ struct Member {
     address: Address,
     hello: Option<Hello>,
     report: Option<Report>,
-    /// Where its report is written down.
+    /// Where its report is written down, or is to be.
     slot: Option<u8>,
+    /// It is to be.
+    unsaved: bool,
     /// It has to be asked who it is.
     who: Owed,
     /// It is a target that has to be told the roster.
@@ -82,12 +84,15 @@ pub struct Coordinator {
     members: heapless::Vec<Member, MEMBERS>,
     network: Option<Network>,
     references: Option<References>,
+    /// The references are not written down yet.
+    unsaved: bool,
     told: [Owed; 2],
     /// The camera that saw a target first, and at which stop.
     trigger: Option<(Address, Address, StopNumber)>,
     outbox: Outbox<Errand, 8>,
     tasks: heapless::Deque<Task, 16>,
-    saves: heapless::Deque<Fact, 8>,
+    /// To be opened.
+    join_window: Option<Duration>,
     refresh: Option<usize>,
     /// When to ask everybody next who they are, and how often that was done: after a start, the
     /// members of the former run are known to the link only.
@@ -107,11 +112,12 @@ impl Coordinator {
             members: heapless::Vec::new(),
             network: None,
             references: None,
+            unsaved: false,
             told: [Owed::Nothing, Owed::Nothing],
             trigger: None,
             outbox: Outbox::new(),
             tasks: heapless::Deque::new(),
-            saves: heapless::Deque::new(),
+            join_window: None,
             refresh: None,
             roll_call: None,
         }
@@ -134,6 +140,7 @@ impl Coordinator {
                     hello: None,
                     report: None,
                     slot: None,
+                    unsaved: false,
                     who: Owed::Nothing,
                     roster: Owed::Nothing,
                 };
@@ -155,12 +162,30 @@ impl Coordinator {
         }
     }
 
+    /// The next fact to write down.
+    fn unsaved(&mut self) -> Option<Fact> {
+        if core::mem::take(&mut self.unsaved) {
+            return Some(Fact::References(self.references));
+        }
+        self.members.iter_mut().find_map(|member| {
+            let report = core::mem::take(&mut member.unsaved).then_some(member.report?)?;
+            Some(Fact::Camera(member.slot?, Some((member.address, report))))
+        })
+    }
+
     /// Full, the PC misses something until it asks for everything again.
     fn tell_pc(&mut self, message: ToPc) {
         let _ = self.tasks.push_back(Task::Tell(message));
     }
 
     fn hello(&mut self, now: Instant, address: Address, hello: Hello) {
+        if let Kind::Camera {
+            reference: Some(reference),
+        } = hello.kind
+            && !reference.is_usable()
+        {
+            return;
+        }
         let Some(place) = self.place(address) else {
             return;
         };
@@ -202,10 +227,12 @@ impl Coordinator {
         }
     }
 
-    /// The camera that is configured as this reference, and its position.
+    /// The camera that is configured as this reference, and its position. Of several the one that
+    /// was met last, which is there in place of the others.
     fn camera_with(&self, wanted: Duty) -> Option<(Address, Option<[f32; 2]>)> {
         self.members
             .iter()
+            .rev()
             .find_map(|member| match member.hello?.kind {
                 Kind::Camera {
                     reference: Some(reference),
@@ -224,9 +251,6 @@ impl Coordinator {
                 second,
                 positions: at.zip(to).map(|(at, to)| [at, to]),
             };
-            if !references.is_usable() {
-                return;
-            }
             self.appoint(now, references);
         }
     }
@@ -234,7 +258,7 @@ impl Coordinator {
     fn appoint(&mut self, now: Instant, references: References) {
         if self.references != Some(references) {
             self.references = Some(references);
-            let _ = self.saves.push_back(Fact::References(Some(references)));
+            self.unsaved = true;
             self.told = [Owed::Due(now, 0); 2];
         }
     }
@@ -272,12 +296,8 @@ impl Coordinator {
             && member.report != Some(*report)
         {
             member.report = Some(*report);
-            if let Some(slot) = member.slot.or(slot) {
-                member.slot = Some(slot);
-                let _ = self
-                    .saves
-                    .push_back(Fact::Camera(slot, Some((address, *report))));
-            }
+            member.slot = member.slot.or(slot);
+            member.unsaved = true;
         }
         self.tell_pc(ToPc::Report {
             address,
@@ -292,18 +312,20 @@ impl Coordinator {
                 self.tell_pc(ToPc::Network(self.network));
             }
             FromPc::JoinWindow(seconds) => {
-                let duration = Duration::from_secs(seconds.into());
-                let _ = self.tasks.push_back(Task::OpenJoinWindow(duration));
+                self.join_window = Some(Duration::from_secs(seconds.into()));
             }
             FromPc::Command { address, command } => {
                 let errand = Errand::Command(address, command);
                 let message = Message::Command(command);
-                self.outbox
-                    .push(now, ShortAddress(address), message, Some(errand));
+                let to = ShortAddress(address);
+                if !self.outbox.push(now, to, message, Some(errand)) {
+                    self.sent(now, errand, false);
+                }
             }
             FromPc::Sightings(address) => {
-                self.outbox
-                    .push(now, ShortAddress(address), Message::Sightings, None);
+                // Full, they are asked for again: none came.
+                let to = ShortAddress(address);
+                let _ = self.outbox.push(now, to, Message::Sightings, None);
             }
         }
     }
@@ -482,7 +504,7 @@ impl Role for Coordinator {
         match event {
             Event::Pc(wish) => self.pc(now, wish),
             Event::Button(Button::JoinWindow) => {
-                let _ = self.tasks.push_back(Task::OpenJoinWindow(BUTTON_WINDOW));
+                self.join_window = Some(BUTTON_WINDOW);
             }
             Event::Button(Button::LearnColour) => {}
         }
@@ -490,8 +512,11 @@ impl Role for Coordinator {
 
     fn poll(&mut self, now: Instant) -> Option<Output<Errand, Task>> {
         self.next_line();
-        if let Some(fact) = self.saves.pop_front() {
+        if let Some(fact) = self.unsaved() {
             return Some(Output::Save(fact));
+        }
+        if let Some(window) = self.join_window.take() {
+            return Some(Output::Task(Task::OpenJoinWindow(window)));
         }
         if let Some(task) = self.tasks.pop_front() {
             return Some(Output::Task(task));
@@ -514,17 +539,20 @@ impl Role for Coordinator {
 
     fn deadline(&self) -> Option<Instant> {
         self.network?;
-        let members = self
-            .members
-            .iter()
-            .flat_map(|member| [member.who.deadline(), member.roster.deadline()]);
-        let told = self.told.iter().map(Owed::deadline);
         let roll_call = self
             .roll_call
             .map(|(at, _)| at)
             .filter(|at| *at < Instant(u64::MAX));
-        let rest = [roll_call, self.outbox.deadline()];
-        members.chain(told).chain(rest).flatten().min()
+        let mut next = Earliest::new(roll_call);
+        next.or(self.outbox.deadline());
+        for told in &self.told {
+            next.or(told.deadline());
+        }
+        for member in &self.members {
+            next.or(member.who.deadline());
+            next.or(member.roster.deadline());
+        }
+        next.get()
     }
 
     fn indication(&self) -> Indication {

@@ -76,6 +76,12 @@ pub trait Role {
     /// A device told something.
     fn event(&mut self, now: Instant, event: Self::Event);
 
+    /// Computes what needs time and stack. Call it after the others and before [`poll`](Self::poll),
+    /// from where little of the stack is in use.
+    fn compute(&mut self, now: Instant) {
+        let _ = now;
+    }
+
     /// What is to be done next. Call it until it returns `None`.
     fn poll(&mut self, now: Instant) -> Option<Output<Self::Errand, Self::Task>>;
 
@@ -84,6 +90,29 @@ pub trait Role {
 
     /// What the lamps show.
     fn indication(&self) -> Indication;
+}
+
+/// The earliest of several deadlines.
+pub(crate) struct Earliest(Option<Instant>);
+
+impl Earliest {
+    pub(crate) const fn new(deadline: Option<Instant>) -> Self {
+        Self(deadline)
+    }
+
+    // Not inlined: for the sake of flash.
+    #[inline(never)]
+    pub(crate) fn or(&mut self, other: Option<Instant>) {
+        if let Some(other) = other
+            && self.0.is_none_or(|earliest| other < earliest)
+        {
+            self.0 = Some(other);
+        }
+    }
+
+    pub(crate) const fn get(self) -> Option<Instant> {
+        self.0
+    }
 }
 
 /// A place for another [`Fact::Camera`]. Not its place in a table: a table that was recalled has

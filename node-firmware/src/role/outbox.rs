@@ -4,8 +4,7 @@ use zigbee_link::{Instant, wire::ShortAddress};
 
 use crate::{log::debug, message::Message};
 
-/// Answers and other messages that are sent once, each when it is due. Full, a new one is lost:
-/// whoever waits for it asks again.
+/// Answers and other messages that are sent once, each when it is due.
 #[derive(Clone, Debug)]
 pub(crate) struct Outbox<Errand, const N: usize> {
     waiting: heapless::Vec<Letter<Errand>, N>,
@@ -26,22 +25,25 @@ impl<Errand, const N: usize> Outbox<Errand, N> {
         }
     }
 
+    /// `false` if there is no room: the message is lost, and whoever waits for it asks again.
     pub(crate) fn push(
         &mut self,
         due: Instant,
         to: ShortAddress,
         message: Message,
         errand: Option<Errand>,
-    ) {
+    ) -> bool {
         let letter = Letter {
             due,
             to,
             message,
             errand,
         };
-        if self.waiting.push(letter).is_err() {
+        let has_room = self.waiting.push(letter).is_ok();
+        if !has_room {
             debug!("a message is lost: the outbox is full");
         }
+        has_room
     }
 
     /// The first that is due.

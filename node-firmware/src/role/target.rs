@@ -7,27 +7,23 @@
 //! It does not know where it is before the first reference camera tells it, or before two cameras
 //! that know their poses see it at one stop. From then on it reckons.
 
+mod place;
 mod table;
 
 use core::time::Duration;
 
-use calib_core::{
-    angle,
-    dead_reckoning::{Place, PlaceParts, Step, Systematic, Track},
-    intersection,
-};
-use nalgebra::{Matrix2, Point2, RealField, Rotation2, Vector2};
+use calib_core::dead_reckoning::{Step, Track};
+use nalgebra::{Matrix2, Point2};
 use zigbee_link::{Instant, store::Membership, wire::ShortAddress};
 
-use self::table::Table;
 pub use self::table::{CAMERAS, CameraEntry};
-use super::{COORDINATOR, Output, Owed, Role};
+use self::{place::nowhere, table::Table};
+use super::{COORDINATOR, Earliest, Output, Owed, Role};
 use crate::{
-    arithmetic::root,
     config::TargetConfig,
     hardware::Indication,
     memory::{Fact, Walk},
-    message::{Bearing, Frame, Hello, Kind, Located, Message, Sight, StopNumber, Stopped, matrix},
+    message::{Bearing, Frame, Hello, Kind, Message, Sight, StopNumber, Stopped},
 };
 
 /// After the broadcast of a stop, before cameras that did not answer are asked one by one: a look
@@ -48,10 +44,6 @@ const LOCATED_WITHIN: Duration = Duration::from_secs(2);
 
 /// Stops that the first reference camera may still tell the place of.
 const STOOD: usize = 4;
-
-/// After a camera's bearing, before it is used: those of other cameras make the place better. The
-/// first two may look along one line.
-const BEARINGS_WITHIN: Duration = Duration::from_millis(400);
 
 /// Why a target sends a message of which it must know the result.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -90,15 +82,17 @@ pub struct Target {
     at_stop: Track<f32>,
     /// The same of the last stops, for an answer that comes late.
     stood: heapless::Deque<(StopNumber, Track<f32>), STOOD>,
-    /// The last place found from bearings, for the direction of the sensor: stop and track.
-    found: Option<(Point2<f32>, Track<f32>)>,
+    /// The last place found from bearings, its covariance, and the track there: with another one
+    /// they give the direction of the sensor.
+    found: Option<(Point2<f32>, Matrix2<f32>, Track<f32>)>,
     bearings: heapless::Vec<(ShortAddress, Bearing), 4>,
     /// When to find its place from them.
     locate_at: Option<Instant>,
     table: Table,
     /// The coordinator told which cameras there are, since the start.
     knows_cameras: bool,
-    saves: heapless::Deque<Fact, 8>,
+    /// Its walk is not written down as it is now.
+    unsaved: bool,
     hello: Owed,
     seen: bool,
 }
@@ -114,7 +108,7 @@ enum State {
 #[derive(Clone, Copy, Debug, PartialEq)]
 struct Standing {
     since: Instant,
-    /// Its stop is not written down yet; then it is told to everybody.
+    /// Everybody was told of the stop.
     announced: bool,
     /// Nothing before this.
     ask_at: Instant,
@@ -145,7 +139,7 @@ impl Target {
             locate_at: None,
             table: Table::new(),
             knows_cameras: false,
-            saves: heapless::Deque::new(),
+            unsaved: false,
             hello: Owed::Nothing,
             seen: false,
         }
@@ -159,17 +153,6 @@ impl Target {
     /// Where it reckons to be, and whether that is in the frame of the site.
     pub fn position(&self) -> (Point2<f32>, bool) {
         (self.track.position(), self.located)
-    }
-
-    /// Where it stands, with its own count of fixes: a track that is begun anew does not know of
-    /// those before.
-    fn place(&self) -> Option<Place<f32>> {
-        let reckoned = self.track.place(self.config.standing_sigma).ok()?;
-        Place::new(PlaceParts {
-            fix: self.fixes,
-            ..*reckoned.parts()
-        })
-        .ok()
     }
 
     fn still_after(&self) -> Duration {
@@ -233,60 +216,22 @@ impl Target {
         });
     }
 
-    fn save(&mut self, fact: Fact) {
-        let _ = self.saves.push_back(fact);
-    }
-
-    fn save_walk(&mut self) {
-        let Some(place) = self.place() else {
-            return;
-        };
-        let (heading, sigma) = self.frame_heading.unzip();
-        self.save(Fact::Walk(Walk {
-            stop: self.stop,
-            standing: matches!(self.state, State::Standing(standing) if !standing.may_walk),
-            place,
-            located: self.located,
-            frame_heading: heading,
-            frame_heading_sigma: sigma.unwrap_or_default(),
-        }));
-    }
-
-    fn stepped(&mut self, now: Instant, step: &Step<f32>) {
-        if let State::Standing(standing) = self.state {
-            self.state = State::Walking { last: Some(now) };
-            if !standing.may_walk {
-                self.save_walk();
-            }
+    /// The next fact to write down. None is ever lost: what is written is what is known then.
+    fn unsaved(&mut self) -> Option<Fact> {
+        if core::mem::take(&mut self.unsaved)
+            && let Some(place) = self.place()
+        {
+            let (heading, sigma) = self.frame_heading.unzip();
+            return Some(Fact::Walk(Walk {
+                stop: self.stop,
+                standing: matches!(self.state, State::Standing(standing) if !standing.may_walk),
+                place,
+                located: self.located,
+                frame_heading: heading,
+                frame_heading_sigma: sigma.unwrap_or_default(),
+            }));
         }
-        self.state = State::Walking { last: Some(now) };
-        let turn = match (self.located, self.frame_heading) {
-            (true, Some((heading, _))) => heading,
-            _ => 0.0,
-        };
-        let step = Step {
-            heading: step.heading + turn,
-            ..*step
-        };
-        // A track may also grow too long for a place that can be sent.
-        if self.track.advance(&step).is_err() || self.place().is_none() {
-            self.lose(now);
-        }
-    }
-
-    /// The place is not known any more: the sensor failed, or the target was carried unawares.
-    fn lose(&mut self, now: Instant) {
-        // A sensor that goes on failing makes no new stops.
-        let was_lost = !self.located && self.track == nowhere(&self.config);
-        self.located = false;
-        self.found = None;
-        self.fixes = self.fixes.wrapping_add(1);
-        self.track = nowhere(&self.config);
-        self.at_stop = self.track;
-        self.stood.clear();
-        if matches!(self.state, State::Standing(_)) && !was_lost {
-            self.stand(now);
-        }
+        self.table.unsaved()
     }
 
     fn stand(&mut self, now: Instant) {
@@ -307,7 +252,7 @@ impl Target {
             may_walk: false,
         });
         self.table.new_stop(!self.located);
-        self.save_walk();
+        self.unsaved = true;
     }
 
     /// Told again, since the place is known now.
@@ -320,7 +265,7 @@ impl Target {
             standing.wait_until = None;
             standing.may_walk = false;
         }
-        self.save_walk();
+        self.unsaved = true;
     }
 
     fn stopped(&self) -> Option<Message> {
@@ -334,121 +279,6 @@ impl Target {
             },
             place: self.place()?,
         }))
-    }
-
-    /// The target was found where its track was so. It may have walked on since.
-    fn fix(
-        &mut self,
-        now: Instant,
-        then: &Track<f32>,
-        position: Point2<f32>,
-        covariance: Matrix2<f32>,
-        (heading, heading_sigma): (f32, f32),
-    ) {
-        let turn = Rotation2::new(heading);
-        let since = self.track.since(then);
-        let walked = turn * since.vector;
-        let covariance = covariance + turn * since.covariance * turn.transpose();
-        let systematic_heading = heading_sigma;
-        let track = Track::start(
-            position + walked,
-            symmetric(covariance),
-            systematic(&self.config, systematic_heading),
-        );
-        let Ok(track) = track else {
-            return;
-        };
-        self.fixes = self.fixes.wrapping_add(1);
-        self.track = track;
-        self.at_stop = track;
-        self.stood.clear();
-        self.located = true;
-        self.frame_heading = Some((heading, heading_sigma));
-        if matches!(self.state, State::Standing(standing) if !standing.may_walk) {
-            self.tell_again(now);
-        } else {
-            self.save_walk();
-        }
-    }
-
-    fn located(&mut self, now: Instant, located: &Located) {
-        let then = self.stood.iter().find(|(stop, _)| *stop == located.stop);
-        let Some(&(_, then)) = then.filter(|_| located.is_usable() && !self.located) else {
-            return;
-        };
-        self.fix(
-            now,
-            &then,
-            Point2::from(located.position),
-            matrix(located.covariance),
-            (located.frame_heading, located.frame_heading_sigma),
-        );
-    }
-
-    /// A camera that knows its pose saw this target, which does not know its place.
-    fn bearing(&mut self, now: Instant, from: ShortAddress, bearing: &Bearing) {
-        let is_mine = self.address.is_some_and(|own| own.0 == bearing.target);
-        let is_of_use =
-            bearing.seen.is_usable() && bearing.pose.is_some_and(|p| p.pose().is_some());
-        if self.located || !is_mine || bearing.stop != self.stop || !is_of_use {
-            return;
-        }
-        self.bearings.retain(|(known, _)| *known != from);
-        if self.bearings.is_full() {
-            return;
-        }
-        let _ = self.bearings.push((from, *bearing));
-        let at = now + BEARINGS_WITHIN;
-        self.locate_at = Some(at);
-        if let State::Standing(standing) = &mut self.state {
-            let until = standing.wait_until.map_or(at, |until| until.max(at));
-            standing.wait_until = Some(until);
-        }
-    }
-
-    /// From the bearings of all cameras that saw this target and know their poses.
-    fn locate(&mut self, now: Instant) {
-        if self.located {
-            return;
-        }
-        let mut stations = heapless::Vec::<intersection::Bearing<f32>, 4>::new();
-        for (_, bearing) in &self.bearings {
-            if let Some(pose) = bearing.pose.and_then(|pose| pose.pose()) {
-                // As many as there are bearings.
-                let _ = stations.push(intersection::Bearing {
-                    pose,
-                    ray: bearing.seen.ray(),
-                    bearing_sigma: bearing.seen.sigma,
-                });
-            }
-        }
-        let Ok(found) = intersection::locate(&stations) else {
-            return;
-        };
-        let at_stop = self.at_stop;
-        if let Some(heading) = self.frame_heading {
-            self.fix(now, &at_stop, found.position, found.covariance, heading);
-            return;
-        }
-        // The direction of the sensor follows from two places.
-        if let Some((before, track)) = &self.found {
-            let walked = self.at_stop.since(track);
-            let apart = found.position - before;
-            let distance = root(walked.vector.norm_squared());
-            let sigma = root(found.covariance.trace() * 2.0 + walked.covariance.trace()) / distance;
-            if distance > 0.0 && sigma < HEADING_LIMIT {
-                let heading = angle::wrap_signed(direction(apart) - direction(walked.vector));
-                self.fix(
-                    now,
-                    &at_stop,
-                    found.position,
-                    found.covariance,
-                    (heading, sigma),
-                );
-                return;
-            }
-        }
-        self.found = Some((found.position, self.at_stop));
     }
 
     fn standing(&mut self, now: Instant) -> Option<Output<Errand, ()>> {
@@ -491,33 +321,11 @@ impl Target {
         if is_done || waited >= most {
             standing.may_walk = true;
             // Written down before the lamp goes on: after a restart nobody knows whether it left.
-            self.save_walk();
-            return self.saves.pop_front().map(Output::Save);
+            self.unsaved = true;
+            return self.unsaved().map(Output::Save);
         }
         None
     }
-}
-
-/// The direction of a displacement, radians.
-fn direction(of: Vector2<f32>) -> f32 {
-    RealField::atan2(of.y, of.x)
-}
-
-/// A direction that is not known to this, radians, is none.
-const HEADING_LIMIT: f32 = 0.1;
-
-fn systematic(config: &TargetConfig, frame_heading_sigma: f32) -> Systematic<f32> {
-    let own = config.systematic_heading_deg.to_radians();
-    Systematic {
-        heading_sigma: root(own * own + frame_heading_sigma * frame_heading_sigma),
-        scale_sigma: config.systematic_scale,
-    }
-}
-
-/// A track in the target's own frame, which begins where it is.
-fn nowhere(config: &TargetConfig) -> Track<f32> {
-    let origin = (Point2::origin(), Matrix2::zeros());
-    Track::start(origin.0, origin.1, systematic(config, 0.0)).unwrap_or_default()
 }
 
 impl Role for Target {
@@ -563,11 +371,12 @@ impl Role for Target {
                 }
             }
             Message::Report(report) => {
-                if let Some(slot) = self.table.report(from.0, *report) {
-                    self.save(Fact::Camera(slot, Some((from.0, *report))));
-                }
+                self.table.report(from.0, *report);
             }
-            Message::Located(located) => self.located(now, located),
+            // Nobody else has solved anything.
+            Message::Located(located) if self.table.may_be_first(from.0) => {
+                self.located(now, located);
+            }
             Message::Bearing(bearing) => self.bearing(now, from, bearing),
             Message::Roster(cameras) if from == COORDINATOR => {
                 self.knows_cameras = true;
@@ -608,7 +417,7 @@ impl Role for Target {
         {
             self.stand(now);
         }
-        if let Some(fact) = self.saves.pop_front() {
+        if let Some(fact) = self.unsaved() {
             return Some(Output::Save(fact));
         }
         self.address?;
@@ -632,10 +441,10 @@ impl Role for Target {
             State::Walking { last } => last.map(|last| last + self.still_after()),
             State::Standing(standing) => self.standing_deadline(standing),
         };
-        [state, self.hello.deadline(), self.locate_at]
-            .into_iter()
-            .flatten()
-            .min()
+        let mut next = Earliest::new(state);
+        next.or(self.hello.deadline());
+        next.or(self.locate_at);
+        next.get()
     }
 
     fn indication(&self) -> Indication {
@@ -646,8 +455,4 @@ impl Role for Target {
             may_walk: matches!(self.state, State::Standing(standing) if standing.may_walk),
         }
     }
-}
-
-fn symmetric(matrix: Matrix2<f32>) -> Matrix2<f32> {
-    (matrix + matrix.transpose()) * 0.5
 }

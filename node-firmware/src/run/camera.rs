@@ -10,15 +10,16 @@ use zigbee_link::{Instant, runner::Clock, store::log::LogError};
 
 use super::{
     ClockDelay,
-    drive::{Desk, Events, Surroundings, Tasks, drive},
+    apart::Apart,
+    drive::{Actor, AtDesk, Desk, Events, Surroundings, Tasks, drive},
 };
 use crate::{
-    config::{COLOURS_MAX, CameraConfig, Subjects},
+    config::{CameraConfig, Subjects},
     hardware::{Buttons, Indicator, Observer},
     log::warning,
     message::{Command, Done, Seen, Sight, Tracked},
     role::camera::{Camera, Event, Task},
-    sight::{BlobCamera, Cmucam2Sight, Judge, Look, SightError, look},
+    sight::{BlobCamera, Cmucam2Sight, Judge, Look, SightError, Subject, look},
 };
 
 /// After a start-up that failed. Doubled each time, up to [`PAUSE_MAX_US`].
@@ -28,8 +29,8 @@ const PAUSE_MAX_US: u64 = 32_000_000;
 pub(super) async fn run<C, F, O, U, B, I>(
     id: u16,
     config: &CameraConfig,
-    surroundings: Surroundings<'_, C, F, O>,
-    (uart, mut buttons, mut indicator): (U, B, I),
+    surroundings: Surroundings<'_, C, F, O, I>,
+    (uart, mut buttons): (U, B),
 ) -> LogError<F::Error>
 where
     C: Clock,
@@ -42,7 +43,7 @@ where
     let clock = surroundings.clock;
     let desk = Desk::new();
     let mut role = Camera::new(id, config.clone());
-    let driven = drive(&mut role, surroundings, &desk, &mut indicator);
+    let driven = drive(Actor::Camera(AtDesk::new(&mut role, &desk)), surroundings);
     let camera = Cmucam2Sight::new(Cmucam2::new(uart, ClockDelay(clock)), config.cmucam2());
     let eye = Eye {
         camera,
@@ -57,7 +58,7 @@ where
             desk.events.send(Event::Button(button)).await;
         }
     };
-    match select3(pin!(driven), pin!(watched), pressed).await {
+    match select3(pin!(driven), Apart(pin!(watched)), pressed).await {
         Either3::First(error) => error,
         Either3::Second(never) => match never {},
         Either3::Third(never) => never,
@@ -81,6 +82,7 @@ impl<K: BlobCamera, C: Clock> Eye<'_, K, C> {
                 let event = match tasks.receive().await {
                     Task::Look { .. } => Event::Looked(Sight::Failed, None),
                     Task::Command(command) => done(command, false),
+                    Task::Recall(_) => continue,
                 };
                 events.send(event).await;
             }
@@ -103,7 +105,20 @@ impl<K: BlobCamera, C: Clock> Eye<'_, K, C> {
                 }
                 Task::Command(command) => {
                     let success = self.obey(command).await.is_ok_and(|done| done);
+                    if success
+                        && let Command::LearnColour { colour } = command
+                        && let Some(Subject::Colour(window)) = self.subjects.of_target(colour)
+                    {
+                        events.send(Event::Learnt(colour, window)).await;
+                    }
                     events.send(done(command, success)).await;
+                }
+                Task::Recall(windows) => {
+                    for (colour, window) in (0..).zip(windows) {
+                        if let Some(window) = window {
+                            self.subjects.learn(colour, window);
+                        }
+                    }
                 }
             }
         }
@@ -160,21 +175,11 @@ impl<K: BlobCamera, C: Clock> Eye<'_, K, C> {
     async fn obey(&mut self, command: Command) -> Result<bool, SightError> {
         match command {
             Command::Initialise => self.start_up().await?,
-            Command::LearnColour { colour } => {
-                let Subjects::Colours(windows) = &mut self.subjects else {
-                    return Ok(false);
-                };
-                // Colours are numbered without gaps.
-                let place = usize::from(colour);
-                if place > windows.len() || place >= COLOURS_MAX {
-                    return Ok(false);
-                }
+            Command::LearnColour { colour } if self.subjects.has_room_for(colour) => {
                 let window = self.camera.learn_colour().await?;
-                match windows.get_mut(place) {
-                    Some(known) => *known = window,
-                    None => drop(windows.push(window)),
-                }
+                self.subjects.learn(colour, window);
             }
+            Command::LearnColour { .. } => return Ok(false),
             Command::LearnBackground => self.camera.learn_background().await?,
             Command::Track { .. } | Command::StopTracking | Command::Forget => {}
         }

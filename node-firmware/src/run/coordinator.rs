@@ -5,11 +5,12 @@ use core::{convert::Infallible, pin::pin, time::Duration};
 use embassy_futures::select::{Either, Either3, select, select3};
 use embedded_io_async::{Read, Write};
 use embedded_storage_async::nor_flash::NorFlash;
-use zigbee_link::{runner::Clock, store::log::LogError};
+use zigbee_link::{Instant, runner::Clock, store::log::LogError};
 
 use super::{
     SharedNode,
-    drive::{Desk, Events, Surroundings, Tasks, drive},
+    apart::Apart,
+    drive::{Actor, AtDesk, Desk, Events, Surroundings, Tasks, drive},
 };
 use crate::{
     config::CoordinatorConfig,
@@ -18,10 +19,13 @@ use crate::{
     role::coordinator::{Coordinator, Event, Task},
 };
 
+/// The longest frame takes a tenth of it at 9600 baud.
+const PATIENCE_US: u64 = 1_000_000;
+
 pub(super) async fn run<C, F, O, U, B, I>(
     config: &CoordinatorConfig,
-    surroundings: Surroundings<'_, C, F, O>,
-    (uart, mut buttons, mut indicator): (U, B, I),
+    surroundings: Surroundings<'_, C, F, O, I>,
+    (uart, mut buttons): (U, B),
 ) -> LogError<F::Error>
 where
     C: Clock,
@@ -31,7 +35,7 @@ where
     B: Buttons,
     I: Indicator,
 {
-    let shared = surroundings.shared;
+    let Surroundings { shared, clock, .. } = surroundings;
     let desk = Desk::new();
     let mut role = Coordinator::new();
     if config.join_window_s > 0 {
@@ -39,26 +43,30 @@ where
         shared.with(|node, now| node.open_join_window(now, window));
     }
     let events = desk.events.sender();
-    let driven = drive(&mut role, surroundings, &desk, &mut indicator);
-    let line = line(uart, shared, desk.tasks.receiver(), events);
+    let driven = drive(
+        Actor::Coordinator(AtDesk::new(&mut role, &desk)),
+        surroundings,
+    );
+    let line = line(uart, shared, clock, desk.tasks.receiver(), events);
     let pressed = async {
         loop {
             let button = buttons.pressed().await;
             events.send(Event::Button(button)).await;
         }
     };
-    match select3(pin!(driven), pin!(line), pressed).await {
+    match select3(pin!(driven), Apart(pin!(line)), pressed).await {
         Either3::First(error) => error,
         Either3::Second(never) => match never {},
         Either3::Third(never) => never,
     }
 }
 
-/// The PC, or nobody: what is written to a line without a reader is lost. A line that fails is
-/// tried again with the next task.
+/// The PC, or nobody: what is written to a line without a reader is lost, and what it does not take
+/// within [`PATIENCE_US`]. A line that fails is tried again with the next task.
 async fn line<C: Clock, U: Read + Write>(
     mut uart: U,
     shared: &SharedNode<&C>,
+    clock: &C,
     tasks: Tasks<'_, Task>,
     events: Events<'_, Event>,
 ) -> Infallible {
@@ -80,7 +88,9 @@ async fn line<C: Clock, U: Read + Write>(
             Either::First(Task::Tell(message)) => {
                 let mut frame = [0; FRAME_MAX];
                 if let Some(frame) = console::encode(&message, &mut frame) {
-                    is_open = uart.write_all(frame).await.is_ok();
+                    let until = Instant(clock.now().0.saturating_add(PATIENCE_US));
+                    let written = select(uart.write_all(frame), clock.sleep_until(until)).await;
+                    is_open = !matches!(written, Either::First(Err(_)));
                 }
             }
             Either::Second(Ok(count)) => {

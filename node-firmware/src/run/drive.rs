@@ -1,6 +1,10 @@
 //! A role between its link, its memory and its devices.
 
-use core::future::poll_fn;
+use core::{
+    future::poll_fn,
+    pin::pin,
+    task::{Context, Poll},
+};
 
 use embassy_futures::select::{Either3, select3};
 use embassy_sync::{
@@ -9,6 +13,7 @@ use embassy_sync::{
 };
 use embedded_storage_async::nor_flash::NorFlash;
 use zigbee_link::{
+    Instant,
     link::{Delivery, SendError, Ticket},
     network::Status,
     runner::{Clock, Happened},
@@ -16,13 +21,13 @@ use zigbee_link::{
     wire::ShortAddress,
 };
 
-use super::{QUEUE, SharedNode};
+use super::{QUEUE, SharedNode, apart::Apart};
 use crate::{
     hardware::{Indicator, Observer},
     log::debug,
-    memory::Memory,
+    memory::{Fact, Memory},
     message::Message,
-    role::{Output, Role},
+    role::{Output, Role, camera::Camera, coordinator::Coordinator, target::Target},
 };
 
 /// Tasks or events that wait. Devices that are slower make the role keep its next task to itself;
@@ -44,142 +49,229 @@ impl<T, E> Desk<T, E> {
     }
 }
 
-/// What all roles have around them.
-pub(super) struct Surroundings<'a, C, F, O> {
-    pub(super) shared: &'a SharedNode<&'a C>,
-    pub(super) clock: &'a C,
-    pub(super) memory: &'a mut Memory<F>,
-    pub(super) observer: &'a mut O,
-}
-
 /// The devices' side of a desk.
 pub(super) type Tasks<'a, T> = Receiver<'a, NoopRawMutex, T, WAITING>;
 /// The devices' side of a desk.
 pub(super) type Events<'a, E> = Sender<'a, NoopRawMutex, E, WAITING>;
 
+/// What all roles have around them.
+pub(super) struct Surroundings<'a, C, F, O, I> {
+    pub(super) shared: &'a SharedNode<&'a C>,
+    pub(super) clock: &'a C,
+    pub(super) memory: &'a mut Memory<F>,
+    pub(super) observer: &'a mut O,
+    pub(super) indicator: &'a mut I,
+}
+
+/// Any role at its desk: so [`drive`] is in an image once, not once for each role.
+pub(super) enum Actor<'a> {
+    Coordinator(AtDesk<'a, Coordinator>),
+    Camera(AtDesk<'a, Camera>),
+    Target(AtDesk<'a, Target>),
+}
+
+/// The same with whichever role it is.
+macro_rules! whichever {
+    ($actor:expr, $role:ident => $action:expr) => {
+        match $actor {
+            Actor::Coordinator($role) => $action,
+            Actor::Camera($role) => $action,
+            Actor::Target($role) => $action,
+        }
+    };
+}
+
+/// A role, its desk, and what it waits for.
+pub(super) struct AtDesk<'a, R: Role> {
+    role: &'a mut R,
+    desk: &'a Desk<R::Task, R::Event>,
+    on_the_way: heapless::Vec<(Ticket, R::Errand), QUEUE>,
+    /// For which the link had no room.
+    held: Option<(ShortAddress, Message, Option<R::Errand>)>,
+    /// For which the devices had no time.
+    held_task: Option<R::Task>,
+}
+
+impl<'a, R: Role> AtDesk<'a, R> {
+    pub(super) const fn new(role: &'a mut R, desk: &'a Desk<R::Task, R::Event>) -> Self {
+        Self {
+            role,
+            desk,
+            on_the_way: heapless::Vec::new(),
+            held: None,
+            held_task: None,
+        }
+    }
+}
+
+impl<R: Role> AtDesk<'_, R> {
+    // These are not inlined: the roles need the stack, and each would be there in full, each time.
+
+    #[inline(never)]
+    fn message(&mut self, now: Instant, from: ShortAddress, message: &Message) {
+        self.role.message(now, from, message);
+    }
+
+    /// What became of a message that was posted.
+    #[inline(never)]
+    fn settled(&mut self, now: Instant, ticket: Ticket, delivered: bool) {
+        if let Some(place) = self.on_the_way.iter().position(|(on, _)| *on == ticket) {
+            let (_, errand) = self.on_the_way.swap_remove(place);
+            self.role.sent(now, errand, delivered);
+        }
+    }
+
+    /// Does what the role wants, until it wants nothing more or has to wait for the link or its
+    /// devices. Returns what is to be written down before anything else is done; call it again
+    /// then.
+    #[inline(never)]
+    fn act(
+        &mut self,
+        now: Instant,
+        mut post: impl FnMut(ShortAddress, &Message) -> Result<Ticket, SendError>,
+    ) -> Option<Fact> {
+        // Where it has to wait, for the link or for its devices, it goes on hearing: these may
+        // wait for it, too.
+        loop {
+            if let Some(task) = self.held_task.take()
+                && let Err(TrySendError::Full(task)) = self.desk.tasks.try_send(task)
+            {
+                self.held_task = Some(task);
+                return None;
+            }
+            if self.held.is_none() {
+                match self.role.poll(now)? {
+                    Output::Send {
+                        to,
+                        message,
+                        errand,
+                    } => self.held = Some((to, message, errand)),
+                    Output::Save(fact) => return Some(fact),
+                    Output::Task(task) => {
+                        self.held_task = Some(task);
+                        continue;
+                    }
+                }
+            }
+            if let Some((to, message, errand)) = &self.held {
+                match (post(*to, message), *errand) {
+                    (Err(SendError::QueueFull), _) => return None,
+                    (Ok(ticket), Some(errand)) => {
+                        // As many as the queue of the link has places.
+                        let _ = self.on_the_way.push((ticket, errand));
+                    }
+                    (Err(error), errand) => {
+                        debug!("not sent: {}", error);
+                        if let Some(errand) = errand {
+                            self.role.sent(now, errand, false);
+                        }
+                    }
+                    (Ok(_), None) => {}
+                }
+                self.held = None;
+            }
+        }
+    }
+
+    /// When to act again, if nothing happens before.
+    #[inline(never)]
+    fn deadline(&self) -> Option<Instant> {
+        // Not before the link has room or the devices have time, which is something that happens.
+        let may_act = self.held.is_none() && self.held_task.is_none();
+        self.role.deadline().filter(|_| may_act)
+    }
+
+    /// Ready when there is reason to [`act`](Self::act): the devices told something, or can take
+    /// the task that waits for them.
+    #[inline(never)]
+    fn poll_devices(&mut self, now: Instant, context: &mut Context<'_>) -> Poll<()> {
+        if let Poll::Ready(event) = self.desk.events.poll_receive(context) {
+            self.role.event(now, event);
+            return Poll::Ready(());
+        }
+        match self.held_task {
+            Some(_) => self.desk.tasks.poll_ready_to_send(context),
+            None => Poll::Pending,
+        }
+    }
+}
+
 /// Drives a role. Returns only when its memory failed.
-pub(super) async fn drive<R, C, F, I, O>(
-    role: &mut R,
-    surroundings: Surroundings<'_, C, F, O>,
-    desk: &Desk<R::Task, R::Event>,
-    indicator: &mut I,
+pub(super) async fn drive<C, F, O, I>(
+    mut actor: Actor<'_>,
+    surroundings: Surroundings<'_, C, F, O, I>,
 ) -> LogError<F::Error>
 where
-    R: Role,
     C: Clock,
     F: NorFlash,
-    I: Indicator,
     O: Observer,
+    I: Indicator,
 {
     let Surroundings {
         shared,
         clock,
         memory,
         observer,
+        indicator,
     } = surroundings;
-    if let Err(error) = memory.recall(|fact| role.remember(fact)).await {
+    let recalled = memory.recall(|fact| whichever!(&mut actor, at => at.role.remember(fact)));
+    if let Err(error) = Apart(pin!(recalled)).await {
         return error;
     }
     let mut status = Status::Out;
-    let mut on_the_way = heapless::Vec::<(Ticket, R::Errand), QUEUE>::new();
-    let mut held: Option<(ShortAddress, Message, Option<R::Errand>)> = None;
-    let mut held_task = None;
     let mut shown = None;
     loop {
-        // What the role wants. Where it has to wait, for the link or for its devices, it goes on
-        // hearing: these may wait for it, too.
-        loop {
-            if let Some(task) = held_task.take()
-                && let Err(TrySendError::Full(task)) = desk.tasks.try_send(task)
-            {
-                held_task = Some(task);
-                break;
+        let post = |to, message: &Message| {
+            let ticket = shared.with(|node, now| node.link.send(now, to, message))?;
+            observer.sends(to, message);
+            Ok(ticket)
+        };
+        whichever!(&mut actor, at => at.role.compute(clock.now()));
+        let fact = whichever!(&mut actor, at => at.act(clock.now(), post));
+        if let Some(fact) = fact {
+            observer.learns(&fact);
+            if let Err(error) = Apart(pin!(memory.save(&fact))).await {
+                return error;
             }
-            let now = clock.now();
-            let next = match held.take() {
-                Some(held) => Some(held),
-                None => match role.poll(now) {
-                    Some(Output::Send {
-                        to,
-                        message,
-                        errand,
-                    }) => Some((to, message, errand)),
-                    Some(Output::Save(fact)) => {
-                        observer.learns(&fact);
-                        if let Err(error) = memory.save(&fact).await {
-                            return error;
-                        }
-                        continue;
-                    }
-                    Some(Output::Task(task)) => {
-                        held_task = Some(task);
-                        continue;
-                    }
-                    None => None,
-                },
-            };
-            let Some((to, message, errand)) = next else {
-                break;
-            };
-            match shared.with(|node, now| node.link.send(now, to, &message)) {
-                Ok(ticket) => {
-                    observer.sends(to, &message);
-                    if let Some(errand) = errand {
-                        // As many as the queue of the link has places.
-                        let _ = on_the_way.push((ticket, errand));
-                    }
-                }
-                Err(SendError::QueueFull) => {
-                    held = Some((to, message, errand));
-                    break;
-                }
-                Err(error) => {
-                    debug!("not sent: {}", error);
-                    if let Some(errand) = errand {
-                        role.sent(now, errand, false);
-                    }
-                }
-            }
+            continue;
         }
-        let indication = role.indication();
+        let indication = whichever!(&actor, at => at.role.indication());
         if shown != Some(indication) {
             indicator.show(indication);
             shown = Some(indication);
         }
 
         // What happens.
-        let deadline = role.deadline();
-        let is_held = (held.is_some(), held_task.is_some());
+        let deadline = whichever!(&actor, at => at.deadline());
+        let happened = pin!(shared.happened::<Message>(status));
+        let devices =
+            poll_fn(|context| whichever!(&mut actor, at => at.poll_devices(clock.now(), context)));
         let wake = async {
-            match (deadline, is_held) {
-                (_, (_, true)) => poll_fn(|context| desk.tasks.poll_ready_to_send(context)).await,
-                // Not before the link has room, which is something that happens.
-                (Some(deadline), (false, _)) => clock.sleep_until(deadline).await,
-                _ => core::future::pending().await,
+            match deadline {
+                Some(deadline) => clock.sleep_until(deadline).await,
+                None => core::future::pending().await,
             }
         };
-        let happened = shared.happened::<Message>(status);
-        match select3(happened, desk.events.receive(), wake).await {
-            Either3::First(Happened::Message(from, message)) => {
-                role.message(clock.now(), from, &message);
+        let Either3::First(happened) = select3(Apart(happened), devices, wake).await else {
+            continue;
+        };
+        let now = clock.now();
+        match happened {
+            Happened::Message(from, message) => {
+                whichever!(&mut actor, at => at.message(now, from, &message));
             }
-            Either3::First(Happened::Settled(ticket, delivery)) => {
-                if let Some(place) = on_the_way.iter().position(|(on, _)| *on == ticket) {
-                    let (_, errand) = on_the_way.swap_remove(place);
-                    let delivered = delivery != Delivery::NoAnswer;
-                    role.sent(clock.now(), errand, delivered);
-                }
+            Happened::Settled(ticket, delivery) => {
+                let delivered = delivery != Delivery::NoAnswer;
+                whichever!(&mut actor, at => at.settled(now, ticket, delivered));
             }
-            Either3::First(Happened::Status(new)) => {
+            Happened::Status(new) => {
                 status = new;
                 let network = match new {
                     Status::Joined(membership) => Some(membership),
                     _ => None,
                 };
-                role.attached(clock.now(), network);
+                whichever!(&mut actor, at => at.role.attached(now, network));
             }
-            Either3::Second(event) => role.event(clock.now(), event),
-            Either3::Third(()) => {}
         }
     }
 }

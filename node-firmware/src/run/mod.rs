@@ -3,6 +3,7 @@
 //! [`run`] is all a board or a simulation calls. It returns only when the node cannot go on: then
 //! the board restarts, and the node goes on from what is in its flash.
 
+mod apart;
 mod camera;
 mod coordinator;
 mod drive;
@@ -21,11 +22,11 @@ use zigbee_link::{
     network::{Node, Settings},
     radio::Radio,
     runner::{self, Clock, Shared, Stopped},
-    store::{Member, Saved, Store, StoreError, log::LogError},
+    store::{Member, Record, Saved, Store, StoreError, log::LogError},
     wire::Eui64,
 };
 
-use self::drive::Surroundings;
+use self::{apart::Apart, drive::Surroundings};
 use crate::{
     config::{Config, Role},
     hardware::{Buttons, Indicator, Observer, StepSensor},
@@ -99,6 +100,18 @@ impl<R, F> fmt::Display for Failure<R, F> {
 
 impl<R: fmt::Debug, F: fmt::Debug> core::error::Error for Failure<R, F> {}
 
+impl<R, F> From<StoreError<F>> for Failure<R, F> {
+    fn from(error: StoreError<F>) -> Self {
+        Self::Link(Stopped::Store(error))
+    }
+}
+
+impl<R, F> From<LogError<F>> for Failure<R, F> {
+    fn from(error: LogError<F>) -> Self {
+        Self::Memory(error)
+    }
+}
+
 /// Runs a node. `config` must have been [checked](Config::check).
 ///
 /// # Errors
@@ -124,7 +137,7 @@ where
         flash,
         layout,
         steps,
-        indicator,
+        mut indicator,
         buttons,
         mut observer,
         extended,
@@ -138,30 +151,38 @@ where
     let (link_flash, link_range) = part(&layout.link);
     let (memory_flash, memory_range) = part(&layout.memory);
 
-    let store = open_store(config, link_flash, link_range).await;
+    let extended = config.extended().unwrap_or(extended);
+    let memory = Apart(pin!(Memory::open(
+        memory_flash,
+        memory_range,
+        config.owner()
+    )))
+    .await;
+    let mut memory = match memory {
+        Ok(memory) => memory,
+        Err(error) => return error.into(),
+    };
+    let mut members = [None; MEMBERS];
+    let store = Apart(pin!(open_store(
+        config,
+        extended,
+        (link_flash, link_range),
+        &mut memory,
+        &mut members
+    )))
+    .await;
     let (mut store, saved) = match store {
         Ok(opened) => opened,
-        Err(error) => return Failure::Link(Stopped::Store(error)),
-    };
-    let mut memory = match Memory::open(memory_flash, memory_range).await {
-        Ok(memory) => memory,
-        Err(error) => return Failure::Memory(error),
+        Err(failure) => return failure,
     };
 
     let settings = Settings {
-        extended: config.extended().unwrap_or(extended),
+        extended,
         channels: config.channels(),
         tx_power: config.tx_power,
         protection: config.protection,
         seed,
     };
-    let mut members = [None; MEMBERS];
-    if let Role::Coordinator(_) = &config.role {
-        for (place, member) in members.iter_mut().enumerate() {
-            // A member that cannot be read joins again.
-            *member = store.member(place as u8).await.ok().flatten();
-        }
-    }
     let shared = share_node(&clock, &config.role, settings, &saved, &members);
     if let Role::Coordinator(own) = &config.role {
         for &device in &own.allow {
@@ -177,20 +198,30 @@ where
         clock: &clock,
         memory: &mut memory,
         observer: &mut observer,
+        indicator: &mut indicator,
     };
     let role = async {
         match &config.role {
             Role::Coordinator(own) => {
-                let seams = (uart, buttons, indicator);
-                coordinator::run(own, surroundings, seams).await
+                Apart(pin!(coordinator::run(own, surroundings, (uart, buttons)))).await
             }
             Role::Camera(own) => {
-                let seams = (uart, buttons, indicator);
-                camera::run(config.id, own, surroundings, seams).await
+                Apart(pin!(camera::run(
+                    config.id,
+                    own,
+                    surroundings,
+                    (uart, buttons)
+                )))
+                .await
             }
             Role::Target(own) => {
-                let seams = (steps, indicator);
-                target::run((config.id, seed), own, surroundings, seams).await
+                Apart(pin!(target::run(
+                    (config.id, seed),
+                    own,
+                    surroundings,
+                    steps
+                )))
+                .await
             }
         }
     };
@@ -218,28 +249,65 @@ fn share_node<'a, C: Clock>(
     Shared::new(node, clock)
 }
 
-/// Opens the link's store, and provisions the node if its configuration is newer.
+/// Opens the link's store, and provisions the node if its configuration is newer: if it has another
+/// key than the node was provisioned with, or the same one and a frame counter above all that may
+/// have been used. Memberships are then void.
 ///
-/// A configuration is newer when its frame counter is above all that may have been used: that of
-/// a fresh node, or one provisioned later. So a counter is never used twice under one key, however
-/// often a node is configured.
-async fn open_store<F: NorFlash>(
+/// No nonce occurs twice, however often a node is configured:
+/// - Under the same key, the frame counter only rises. A page whose counter is not above those that
+///   were used, because it is an old one or was made soon after the last, changes nothing.
+/// - Under another key every nonce is new, if this node never had it. In case it had, and the page
+///   is an old one, the frame counter does not fall here either, whatever the page says.
+/// - It is the key of the provisioning that is compared: a node whose network changed its key does
+///   not fall back to that of its page.
+/// - A store that cannot be read is refused, whatever the page says: nobody knows which counters
+///   were used, under which keys.
+///
+/// Another role, or another extended address of a coordinator, keeps the key and the counter, but
+/// is no member of the network that a coordinator formed, or that a device joined, on the same board
+/// before.
+///
+/// With a membership go the facts that the role remembers, and a coordinator's members, for their
+/// addresses are given anew. They go first: where the power fails in between, all this is done again.
+async fn open_store<R, F: NorFlash>(
     config: &Config,
-    flash: F,
-    range: Range<u32>,
-) -> Result<(Store<F>, Saved), StoreError<F::Error>> {
+    extended: Eui64,
+    (flash, range): (F, Range<u32>),
+    memory: &mut Memory<F>,
+    members: &mut [Option<Member>; MEMBERS],
+) -> Result<(Store<F>, Saved), Failure<R, F::Error>> {
     let mut store = Store::new(flash, range)?;
-    let newer = match store.load().await {
-        Ok(saved) if config.first_counter <= saved.counter_limit => return Ok((store, saved)),
-        Ok(_) | Err(StoreError::NotProvisioned) => true,
-        Err(error) => return Err(error),
+    // Refused where configurations are checked; such a node never transmits.
+    let key = config.site_key.key().ok_or(StoreError::NotProvisioned)?;
+    let used = match store.load().await {
+        Ok(saved) if store.first_key().await? != key => Some(saved.counter_limit),
+        Ok(saved) if config.first_counter > saved.counter_limit => Some(0),
+        Err(StoreError::NotProvisioned) => Some(0),
+        other => other.map(|_| None)?,
     };
-    if newer {
-        // Refused where configurations are checked; such a node never transmits.
-        let key = config.site_key.key().ok_or(StoreError::NotProvisioned)?;
-        store.provision(key, config.first_counter).await?;
+    if let Some(used) = used {
+        memory.forget().await?;
+        let first_counter = config.first_counter.max(used);
+        store.provision(key, first_counter).await?;
     }
-    let saved = store.load().await?;
+    let mut saved = store.load().await?;
+    let is_coordinator = matches!(config.role, Role::Coordinator(_));
+    let is_void = saved
+        .network
+        .take_if(|network| (network.coordinator == extended) != is_coordinator)
+        .is_some();
+    if is_void {
+        memory.forget().await?;
+    }
+    for (place, member) in (0..).zip(members) {
+        *member = store.member(place).await?;
+        if saved.network.is_none() && member.take().is_some() {
+            store.save(Record::Member(place, None)).await?;
+        }
+    }
+    if is_void {
+        store.save(Record::Network(None)).await?;
+    }
     Ok((store, saved))
 }
 

@@ -6,7 +6,10 @@ use embassy_futures::select::{Either, select};
 use embedded_storage_async::nor_flash::NorFlash;
 use zigbee_link::{runner::Clock, store::log::LogError};
 
-use super::drive::{Desk, Events, Surroundings, drive};
+use super::{
+    apart::Apart,
+    drive::{Actor, AtDesk, Desk, Events, Surroundings, drive},
+};
 use crate::{
     config::TargetConfig,
     hardware::{Indicator, Observer, StepSensor},
@@ -21,8 +24,8 @@ const PAUSE_US: u64 = 1_000_000;
 pub(super) async fn run<C, F, O, S, I>(
     (id, first_stop): (u16, StopNumber),
     config: &TargetConfig,
-    surroundings: Surroundings<'_, C, F, O>,
-    (mut steps, mut indicator): (S, I),
+    surroundings: Surroundings<'_, C, F, O, I>,
+    mut steps: S,
 ) -> LogError<F::Error>
 where
     C: Clock,
@@ -34,9 +37,9 @@ where
     let clock = surroundings.clock;
     let desk = Desk::new();
     let mut role = Target::new(id, *config, first_stop);
-    let driven = drive(&mut role, surroundings, &desk, &mut indicator);
+    let driven = drive(Actor::Target(AtDesk::new(&mut role, &desk)), surroundings);
     let sensed = sense(&mut steps, clock, desk.events.sender());
-    match select(pin!(driven), sensed).await {
+    match select(pin!(driven), Apart(pin!(sensed))).await {
         Either::First(error) => error,
         Either::Second(never) => match never {},
     }

@@ -5,7 +5,7 @@
 //! required of every role whenever it wants nothing more: that this took a bounded number of
 //! polls, that its deadline lies in the future, and that all it sent fits a frame.
 
-use std::collections::VecDeque;
+use std::collections::{BTreeSet, VecDeque};
 
 use embassy_futures::block_on;
 use node_firmware::{
@@ -27,6 +27,9 @@ use super::flash::MockFlash;
 
 type Flash = MockFlash<32>;
 
+/// A station's memory is its own.
+const OWNER: u32 = 1;
+
 /// The most that a role may want at one time.
 const POLLS: usize = 200;
 
@@ -41,6 +44,13 @@ pub struct Faults {
     /// The most a message is late, microseconds. So they overtake each other.
     pub delay: u64,
 }
+
+/// Nothing.
+pub const PERFECT: Faults = Faults {
+    loss: 0.0,
+    double: 0.0,
+    delay: 0,
+};
 
 struct OnTheWay {
     at: u64,
@@ -164,10 +174,42 @@ impl<R: Role> Station<R> {
         self.events.clear();
         let role = &mut self.role;
         block_on(async {
-            let mut memory = Memory::open(&mut self.flash, 0..Flash::LEN).await.unwrap();
+            let mut memory = Memory::open(&mut self.flash, 0..Flash::LEN, OWNER)
+                .await
+                .unwrap();
             memory.recall(|fact| role.remember(fact)).await.unwrap();
         });
         self.attach(now);
+    }
+
+    /// The record of this fact rots away.
+    pub fn lose(&mut self, fact: &Fact) {
+        let mut value = [0; 96];
+        let value = postcard::to_slice(fact, &mut value).unwrap();
+        // The variant and the place in its list, behind version and key.
+        let banks = self.flash.bytes.chunks_mut(Flash::LEN as usize / 2);
+        let slots = banks.flat_map(|bank| bank.chunks_mut(96));
+        for slot in slots.filter(|slot| slot[0] == 1 && slot[1] < 128 && slot[2..4] == value[..2]) {
+            slot[50] ^= 0xFF;
+            slot[60] ^= 0xFF;
+        }
+    }
+
+    /// How many sightings a restart would find.
+    pub fn recalled_sightings(&mut self) -> usize {
+        let mut stops = BTreeSet::new();
+        block_on(async {
+            let mut memory = Memory::open(&mut self.flash, 0..Flash::LEN, OWNER)
+                .await
+                .unwrap();
+            let mut note = |fact: &Fact| {
+                if let Fact::Sighting(_, Some(kept)) = fact {
+                    stops.insert((kept.target, kept.stop));
+                }
+            };
+            memory.recall(&mut note).await.unwrap();
+        });
+        stops.len()
     }
 
     pub fn event(&mut self, at: u64, event: R::Event) {
@@ -204,6 +246,7 @@ impl<R: Role> AnyStation for Station<R> {
             self.role.event(Instant(now), event);
         }
         let mut polls = 0;
+        self.role.compute(Instant(now));
         while let Some(output) = self.role.poll(Instant(now)) {
             polls += 1;
             assert!(polls < POLLS, "it never has enough");
@@ -222,8 +265,9 @@ impl<R: Role> AnyStation for Station<R> {
                 }
                 Output::Save(fact) => {
                     block_on(async {
-                        let mut memory =
-                            Memory::open(&mut self.flash, 0..Flash::LEN).await.unwrap();
+                        let mut memory = Memory::open(&mut self.flash, 0..Flash::LEN, OWNER)
+                            .await
+                            .unwrap();
                         memory.save(&fact).await.unwrap();
                     });
                     self.facts.push(fact);

@@ -5,7 +5,7 @@ use std::{cell::RefCell, rc::Rc};
 use calib_core::dead_reckoning::Step;
 use nalgebra::{Matrix3, Point2, Vector3};
 use node_firmware::{
-    config::{CameraConfig, Duty},
+    config::{CameraConfig, Duty, Sigmas},
     console::ToPc,
     message::{PoseParts, Report, State},
     role::{
@@ -51,6 +51,18 @@ pub fn with_references(n: usize) -> CameraConfig {
     )
 }
 
+/// The same, which want more than a first pose.
+pub fn refining(n: usize) -> CameraConfig {
+    CameraConfig {
+        refine: true,
+        good_enough: Sigmas {
+            position: 0.02,
+            heading_deg: 0.15,
+        },
+        ..with_references(n)
+    }
+}
+
 /// A pose against the truth: squared error in units of the predicted covariance.
 pub fn nees(pose: &PoseParts, truth: &Truth) -> f64 {
     let [xx, xy, yy, xh, yh, hh] = pose.covariance.map(f64::from);
@@ -88,16 +100,15 @@ impl Net {
             }),
         );
         coordinator.attach(0);
-        let mut cameras: Vec<_> = CAMERAS
-            .iter()
-            .enumerate()
-            .map(|(n, &truth)| {
+        let mut cameras: Vec<_> = (0..CAMERAS.len())
+            .map(|n| {
                 let (site, looks, config) = (site.clone(), looks.clone(), config(n));
                 let devices: super::bus::Devices<Camera> = Box::new(move |now, task| {
                     Some(match task {
+                        camera::Task::Recall(_) => return None,
                         camera::Task::Look { colour } => {
                             looks.borrow_mut()[n] += 1;
-                            let (sight, seen) = site.borrow().look(&truth, colour);
+                            let (sight, seen) = site.borrow().look(n, colour);
                             (now + LOOK, camera::Event::Looked(sight, seen))
                         }
                         camera::Task::Command(command) => {
@@ -158,6 +169,26 @@ impl Net {
             assert!(self.now < limit, "it may never walk");
             self.run_for(SECOND / 10);
         }
+    }
+
+    /// The carrier is moved, and his sensor does not know.
+    pub fn push(&mut self, by: [f64; 2]) {
+        let mut site = self.site.borrow_mut();
+        let target = site.targets.get_mut(&0).unwrap();
+        *target += nalgebra::Vector2::from(by);
+    }
+
+    /// From now on a camera sees something else, or the target again.
+    pub fn show_to(&mut self, camera: usize, what: Option<[f64; 2]>) {
+        let mut site = self.site.borrow_mut();
+        site.mistaken.remove(&camera);
+        site.mistaken
+            .extend(what.map(|[x, y]| (camera, Point2::new(x, y))));
+    }
+
+    /// A camera's directions are too large by this share from now on.
+    pub fn warp(&mut self, camera: usize, share: f64) {
+        self.site.borrow_mut().warped.insert(camera, share);
     }
 
     /// To the next stop, and what follows there.

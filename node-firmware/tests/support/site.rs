@@ -4,7 +4,7 @@ use std::{cell::RefCell, collections::BTreeMap, f64::consts::PI, rc::Rc};
 
 use nalgebra::{Point2, Vector2};
 use node_firmware::{
-    config::{CameraConfig, Duty, Reference, Sigmas, Subjects, TargetConfig},
+    config::{CameraConfig, Duty, Reference, SensorConfig, Sigmas, Subjects, TargetConfig},
     message::{Seen, Sight},
     sight::{ColourWindow, Lens},
 };
@@ -59,6 +59,10 @@ pub const STOPS: [[f64; 2]; 8] = [
 pub struct Site {
     /// Where targets stand, by colour.
     pub targets: BTreeMap<u8, Point2<f64>>,
+    /// What cameras, by their place in [`CAMERAS`], take for a target.
+    pub mistaken: BTreeMap<usize, Point2<f64>>,
+    /// By how much directions of a camera are too large, as a share.
+    pub warped: BTreeMap<usize, f64>,
     seed: u64,
 }
 
@@ -80,13 +84,16 @@ impl Site {
     pub fn new(seed: u64) -> Shared {
         Rc::new(RefCell::new(Self {
             targets: BTreeMap::new(),
+            mistaken: BTreeMap::new(),
+            warped: BTreeMap::new(),
             seed,
         }))
     }
 
     /// What a camera sees of a colour.
-    pub fn look(&self, camera: &Truth, colour: u8) -> (Sight, Option<Seen>) {
-        let Some(target) = self.targets.get(&colour) else {
+    pub fn look(&self, n: usize, colour: u8) -> (Sight, Option<Seen>) {
+        let camera = &CAMERAS[n];
+        let Some(target) = self.mistaken.get(&n).or(self.targets.get(&colour)) else {
             return (Sight::NotInView, None);
         };
         let to = target - camera.position;
@@ -97,8 +104,9 @@ impl Site {
         }
         let words = [camera.position.x, camera.position.y, target.x, target.y].map(f64::to_bits);
         let error = BEARING_SIGMA * noise(&[&words[..], &[self.seed]].concat());
+        let warp = 1.0 + self.warped.get(&n).unwrap_or(&0.0);
         let seen = Seen {
-            bearing: (bearing + error) as f32,
+            bearing: (bearing * warp + error) as f32,
             sigma: BEARING_SIGMA as f32,
         };
         (Sight::InView, Some(seen))
@@ -158,5 +166,6 @@ pub fn target_config(colour: u8) -> TargetConfig {
         standing_sigma: STANDING_SIGMA as f32,
         dwell_least_ms: 2_000,
         dwell_most_ms: 60_000,
+        sensor: SensorConfig::UNCALIBRATED,
     }
 }

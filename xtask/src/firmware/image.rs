@@ -7,17 +7,15 @@ use std::{
 };
 
 use anyhow::{Context, Result};
-use object::{Object, ObjectSection, ObjectSymbol, SectionFlags, SymbolKind, elf};
+use object::{Object, ObjectSection, ObjectSymbol, SymbolKind};
 
 use super::thumb::{Decoder, Effect};
+use crate::elf::{self, Size, is_loaded, is_writable};
 
 /// An image.
 pub(super) struct Image {
     pub(super) path: PathBuf,
-    /// Bytes that are written to the flash: code, constants, and first values of variables.
-    pub(super) flash: u64,
-    /// Bytes of variables.
-    pub(super) ram: u64,
+    pub(super) size: Size,
     /// By address.
     pub(super) functions: BTreeMap<u32, Function>,
     /// Name and bytes of what takes memory.
@@ -58,33 +56,15 @@ impl Image {
             .with_context(|| format!("{} is no image", path.display()))?;
         let mut image = Self {
             path: path.to_owned(),
-            flash: 0,
-            ram: 0,
+            size: elf::size(&file).with_context(|| path.display().to_string())?,
             functions: BTreeMap::new(),
             symbols: symbols(&file),
             vectors: Vec::new(),
             kept: BTreeSet::new(),
         };
-        image.measure(&file);
         image.find_functions(&file);
         image.disassemble(&file)?;
         Ok(image)
-    }
-
-    fn measure(&mut self, file: &object::File<'_>) {
-        for section in file.sections() {
-            if !is_loaded(&section) {
-                continue;
-            }
-            let is_variable = is_writable(&section);
-            // Vectors, code and constants; and variables whose first value is not zero.
-            if !is_variable || section.name() == Ok(".data") {
-                self.flash += section.size();
-            }
-            if is_variable {
-                self.ram += section.size();
-            }
-        }
     }
 
     fn find_functions(&mut self, file: &object::File<'_>) {
@@ -175,22 +155,6 @@ impl Image {
             .filter(is_function)
             .collect();
         Ok(())
-    }
-}
-
-/// It takes memory of the node; names and lines for tools do not.
-fn is_loaded(section: &object::Section<'_, '_>) -> bool {
-    has_flag(section, elf::SHF_ALLOC)
-}
-
-fn is_writable(section: &object::Section<'_, '_>) -> bool {
-    has_flag(section, elf::SHF_WRITE)
-}
-
-fn has_flag(section: &object::Section<'_, '_>, flag: elf::SectionFlags) -> bool {
-    match section.flags() {
-        SectionFlags::Elf { sh_flags, .. } => sh_flags.contains(flag),
-        _ => false,
     }
 }
 

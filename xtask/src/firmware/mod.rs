@@ -3,11 +3,12 @@
 mod allowed;
 mod image;
 mod panics;
+mod parts;
 mod stack;
 mod thumb;
 
 use std::{
-    collections::BTreeMap,
+    collections::{BTreeMap, BTreeSet},
     fs,
     path::{Path, PathBuf},
 };
@@ -47,12 +48,12 @@ const THESIS: (u64, u64) = (64 << 10, 96 << 10);
 const BOARDS: [Board; 2] = [
     Board {
         package: "nrf52840",
-        // The aims for flash and stack are not met. Enforced is what was measured, rounded up, so
-        // that it gets no worse: lower these when the image shrinks.
+        // The aim for flash is not met. Enforced is what was measured, rounded up, so that it gets
+        // no worse: lower it when the image shrinks.
         budget: Some(Budget {
-            flash: 204 << 10,
+            flash: 202 << 10,
             ram: 24 << 10,
-            stack: 14 << 10,
+            stack: 8 << 10,
             aim: [96 << 10, 24 << 10, 8 << 10],
         }),
     },
@@ -80,18 +81,26 @@ pub(crate) fn run(sh: &Shell) -> Result<()> {
     );
     for (image, stack) in images.iter().zip(&stacks) {
         println!("\n{}", largest(image));
+        println!("\nCode of {} by crate:", name(&image.path));
+        for (part, bytes) in parts::by_crate(image)?.iter().take(LARGEST) {
+            println!("{bytes:>6} {part}");
+        }
         println!("\nThe deepest stack of {}:", name(&image.path));
         for (function, bytes) in &stack.path {
             println!("{bytes:>6} {function}");
         }
     }
     let mut failures = Vec::new();
+    let mut grants = BTreeSet::new();
     for ((board, image), stack) in BOARDS.iter().zip(&images).zip(&stacks) {
         failures.extend(over_budget(board, image, stack.bytes));
         let mut reasons = BTreeMap::<_, u32>::new();
         for panic in panics::find(image)? {
-            match panic.reason {
-                Some(reason) => *reasons.entry(reason).or_default() += 1,
+            match panic.grant {
+                Some(grant) => {
+                    *reasons.entry(grant.reason).or_default() += 1;
+                    grants.insert(grant);
+                }
                 None => failures.push(format!("{} may panic: {panic}", board.package)),
             }
         }
@@ -100,6 +109,9 @@ pub(crate) fn run(sh: &Shell) -> Result<()> {
             println!("{count:>6} {reason}");
         }
     }
+    failures.extend(allowed::unused(&grants).into_iter().map(|panic| {
+        format!("xtask/src/firmware/allowed.rs allows what no image has any more: {panic}")
+    }));
     ensure!(failures.is_empty(), "\n  {}", failures.join("\n  "));
     Ok(())
 }
@@ -120,13 +132,18 @@ pub(crate) fn build(sh: &Shell, package: &str) -> Result<PathBuf> {
         "cargo build --config {linker} --profile {PROFILE} --package {package} --target {TARGET}"
     )
     .run()?;
-    let root = sh.current_dir();
-    let built = root.join("target").join(TARGET).join(PROFILE).join(package);
-    let directory = root.join(DIRECTORY);
-    fs::create_dir_all(&directory)?;
-    let image = directory.join(format!("{package}-node.elf"));
+    let built = sh.current_dir().join("target");
+    let built = built.join(TARGET).join(PROFILE).join(package);
+    let image = image(sh, package);
+    sh.create_dir(DIRECTORY)?;
     fs::copy(&built, &image).with_context(|| format!("{} is missing", built.display()))?;
     Ok(image)
+}
+
+/// Where the image of a board is put.
+pub(crate) fn image(sh: &Shell, package: &str) -> PathBuf {
+    let directory = sh.current_dir().join(DIRECTORY);
+    directory.join(format!("{package}-node.elf"))
 }
 
 /// The most bytes of stack that an image can take.
@@ -139,7 +156,7 @@ fn table(images: &[Image], stacks: &[Worst]) -> Table {
     table.load_style(ASCII_MARKDOWN);
     table.set_header(["bytes of", "flash", "static RAM", "stack, computed"]);
     for (image, stack) in images.iter().zip(stacks) {
-        let row = [image.flash, image.ram, stack.bytes];
+        let row = [image.size.flash, image.size.ram, stack.bytes];
         let name = name(&image.path);
         table.add_row([name].into_iter().chain(row.map(|bytes| bytes.to_string())));
     }
@@ -178,8 +195,8 @@ fn over_budget(board: &Board, image: &Image, stack: u64) -> Vec<String> {
         return Vec::new();
     };
     [
-        ("flash", image.flash, budget.flash),
-        ("static RAM", image.ram, budget.ram),
+        ("flash", image.size.flash, budget.flash),
+        ("static RAM", image.size.ram, budget.ram),
         ("stack", stack, budget.stack),
     ]
     .into_iter()

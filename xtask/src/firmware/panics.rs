@@ -9,7 +9,10 @@ use std::{collections::BTreeMap, fmt};
 use addr2line::Loader;
 use anyhow::{Result, anyhow};
 
-use super::{allowed::reason, image::Image};
+use super::{
+    allowed::{Grant, grant},
+    image::Image,
+};
 
 /// How names of functions begin that panic whenever they are called.
 const PANICS: [&str; 9] = [
@@ -24,15 +27,29 @@ const PANICS: [&str; 9] = [
     "__rustc::rust_begin_unwind",
 ];
 
+/// Crates of this project.
+const OURS: [&str; 7] = [
+    "board_support",
+    "calib_core",
+    "cmucam2_driver",
+    "mps2_an386",
+    "node_firmware",
+    "nrf52840::",
+    "zigbee_link",
+];
+
+/// Calls after which the way to a panic is not followed any more.
+const DEEPEST: usize = 8;
+
 /// A branch to a panic.
 #[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub(super) struct Panic {
     /// Which panic.
     pub(super) what: String,
-    /// The functions that lead there by being inlined, outermost last, with where.
+    /// The functions that lead there by being inlined or called, outermost last, with where.
     pub(super) place: Vec<String>,
-    /// The reason if it is allowed.
-    pub(super) reason: Option<&'static str>,
+    /// Why it is never taken, if that is known.
+    pub(super) grant: Option<Grant>,
 }
 
 impl fmt::Display for Panic {
@@ -50,6 +67,11 @@ pub(super) fn is_panic(name: &str) -> bool {
     PANICS.iter().any(|start| name.starts_with(start))
 }
 
+fn is_ours(frame: &str) -> bool {
+    let frame = frame.trim_start_matches(['<', '&']);
+    OURS.iter().any(|name| frame.starts_with(name))
+}
+
 /// All of them, once each.
 pub(super) fn find(image: &Image) -> Result<Vec<Panic>> {
     let lines =
@@ -60,21 +82,46 @@ pub(super) fn find(image: &Image) -> Result<Vec<Panic>> {
         .filter(|(_, function)| is_panic(&function.name))
         .map(|(&address, function)| (address, function.name.as_str()))
         .collect();
-    let mut found = Vec::new();
-    for function in image.functions.values() {
-        if is_panic(&function.name) {
-            continue;
-        }
+    let mut callers = BTreeMap::<u32, Vec<(u32, u32)>>::new();
+    for (&address, function) in &image.functions {
         for call in &function.calls {
-            let Some(what) = panics.get(&call.target) else {
-                continue;
-            };
-            let place = frames(&lines, call.at, &function.name)?;
-            found.push(Panic {
-                what: (*what).to_owned(),
-                reason: reason(what, &place),
-                place,
-            });
+            callers
+                .entry(call.target)
+                .or_default()
+                .push((address, call.at));
+        }
+    }
+    let mut found = Vec::new();
+    for (&panic, what) in &panics {
+        // Functions on the way, the panic first, and the places in them.
+        let mut open = vec![(vec![panic], Vec::new())];
+        while let Some((way, below)) = open.pop() {
+            let callers_of = |callee| callers.get(&callee).into_iter().flatten();
+            for &(address, at) in way.last().copied().into_iter().flat_map(callers_of) {
+                let name = &image.functions[&address].name;
+                if is_panic(name) || way.contains(&address) {
+                    continue;
+                }
+                let mut place: Vec<String> = below.clone();
+                place.extend(frames(&lines, at, name)?);
+                let grant = grant(what, &place);
+                // What several functions of ours share of a library is judged where ours call it.
+                let is_shared = way.len() < DEEPEST
+                    && !place.iter().any(|frame| is_ours(frame))
+                    && !image.kept.contains(&address)
+                    && callers.contains_key(&address);
+                if grant.is_none() && is_shared {
+                    let mut way = way.clone();
+                    way.push(address);
+                    open.push((way, place));
+                } else {
+                    found.push(Panic {
+                        what: (*what).to_owned(),
+                        place,
+                        grant,
+                    });
+                }
+            }
         }
     }
     // A pointer to a panic can be called from anywhere.
@@ -83,7 +130,7 @@ pub(super) fn find(image: &Image) -> Result<Vec<Panic>> {
             found.push(Panic {
                 what: (*what).to_owned(),
                 place: vec!["a pointer".to_owned()],
-                reason: None,
+                grant: None,
             });
         }
     }

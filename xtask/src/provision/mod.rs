@@ -13,7 +13,7 @@ use std::{
     path::{Path, PathBuf},
 };
 
-use anyhow::{Context, Result, bail, ensure};
+use anyhow::{Context, Result, ensure};
 use node_firmware::config::{
     Config, Role,
     page::{self, PAGE_MAX},
@@ -26,7 +26,7 @@ mod options;
 mod site;
 mod text;
 
-pub(crate) use self::{key_file::Keygen, text::text};
+pub(crate) use self::{key_file::Keygen, node::RoleName, text::text};
 
 /// Configuration pages, which tell boards which nodes they are
 ///
@@ -49,6 +49,9 @@ pub(crate) struct Provision {
     /// Where to write; without it, node-ID.page.bin
     #[arg(long, value_name = "PATH")]
     out: Option<PathBuf>,
+    /// Writes over pages that exist
+    #[arg(long)]
+    overwrite: bool,
     /// The first frame counter: above all that nodes used under this key; without it, the seconds
     /// since 2026 began
     #[arg(long, value_name = "N")]
@@ -76,9 +79,14 @@ impl Provision {
                 .with_context(|| file.display().to_string())?;
             let folder = self.out.as_deref().context("--out is missing")?;
             fs::create_dir_all(folder).with_context(|| folder.display().to_string())?;
-            return configs
+            let pages = configs
                 .iter()
-                .try_for_each(|config| write(config, &folder.join(default_name(config))));
+                .map(|config| folder.join(default_name(config)));
+            let pages: Vec<_> = pages.collect();
+            // All or none.
+            pages.iter().try_for_each(|page| self.check_free(page))?;
+            let mut pairs = configs.iter().zip(&pages);
+            return pairs.try_for_each(|(config, page)| self.write(config, page));
         }
         let mut table = match &self.config {
             Some(file) => read_table(file)?,
@@ -87,17 +95,62 @@ impl Provision {
         node::merge(&mut table, options);
         let config = node::config(table, key, counter)?;
         let out = self.out.clone();
-        write(
-            &config,
-            &out.unwrap_or_else(|| default_name(&config).into()),
-        )
+        let out = out.unwrap_or_else(|| default_name(&config).into());
+        self.check_free(&out)?;
+        self.write(&config, &out)
+    }
+
+    fn check_free(&self, path: &Path) -> Result<()> {
+        let name = path.display();
+        ensure!(!path.is_dir(), "{name} is a folder: name a file");
+        ensure!(
+            self.overwrite || !path.exists(),
+            "{name} exists: name another file with --out, or use --overwrite"
+        );
+        Ok(())
+    }
+
+    /// A page holds the key: nobody else may read it.
+    fn write(&self, config: &Config, path: &Path) -> Result<()> {
+        let mut bytes = [0; PAGE_MAX];
+        let length = page::encode(config, &mut bytes)?;
+        let file = key_file::private_file(path, &bytes)?;
+        let written = match self.overwrite {
+            true => file.persist(path),
+            false => file.persist_noclobber(path),
+        };
+        written.with_context(|| format!("{} was not written", path.display()))?;
+        println!("# {}: {length} bytes", path.display());
+        println!("{}", text(config)?);
+        if let Role::Coordinator(coordinator) = &config.role
+            && coordinator.allow.is_empty()
+            && coordinator.join_window_s == 0
+        {
+            eprintln!("Nobody may join this coordinator until its button opens the join window.");
+        }
+        if let Role::Target(target) = &config.role
+            && target.sensor.hard_iron == [0.0; 3]
+        {
+            eprintln!(
+                "Without --hard-iron the compass of this target shows no direction on a real board."
+            );
+        }
+        Ok(())
     }
 }
 
 /// Reads a page that is to be shown or flashed.
 pub(crate) fn read_page(path: &Path) -> Result<Config> {
-    let bytes = fs::read(path).with_context(|| format!("{} cannot be read", path.display()))?;
-    page::decode(&bytes).with_context(|| format!("{} is no page for a node", path.display()))
+    let name = path.display();
+    let bytes = fs::read(path).with_context(|| format!("{name} cannot be read"))?;
+    let config = page::decode(&bytes).with_context(|| format!("{name} is no page for a node"))?;
+    // More would go over what comes behind the page in the flash.
+    ensure!(
+        bytes.len() == PAGE_MAX,
+        "{name} has {} bytes, a page has {PAGE_MAX}: make it again with `cargo xtask provision`",
+        bytes.len()
+    );
+    Ok(config)
 }
 
 fn read_table(path: &Path) -> Result<Table> {
@@ -109,25 +162,4 @@ fn read_table(path: &Path) -> Result<Table> {
 
 fn default_name(config: &Config) -> String {
     format!("node-{}.page.bin", config.id)
-}
-
-/// A page holds the key: nobody else may read it.
-fn write(config: &Config, path: &Path) -> Result<()> {
-    let mut bytes = [0; PAGE_MAX];
-    let length = page::encode(config, &mut bytes)?;
-    if path.is_dir() {
-        bail!("{} is a folder: name a file", path.display());
-    }
-    key_file::private_file(path, &bytes)?
-        .persist(path)
-        .with_context(|| format!("{} was not written", path.display()))?;
-    println!("# {}: {length} bytes", path.display());
-    println!("{}", text(config)?);
-    if let Role::Coordinator(coordinator) = &config.role
-        && coordinator.allow.is_empty()
-        && coordinator.join_window_s == 0
-    {
-        eprintln!("Nobody may join this coordinator until its button opens the join window.");
-    }
-    Ok(())
 }

@@ -43,7 +43,7 @@ const COMMON: [&str; 6] = [
     "protection",
 ];
 /// Tables of which each part has a usual value of its own.
-const PARTS: [&str; 2] = ["lens", "good-enough"];
+const PARTS: [&str; 3] = ["lens", "good-enough", "sensor"];
 
 /// Of a CMUcam2 with the OV6620 and the lens it comes with: the manual says 44 to 50 degrees, by
 /// lens.
@@ -60,10 +60,20 @@ const EPOCH: u64 = 1_767_225_600;
 
 #[derive(Clone, Copy, PartialEq, Eq, Deserialize, clap::ValueEnum)]
 #[serde(rename_all = "kebab-case")]
-pub(super) enum RoleName {
+pub(crate) enum RoleName {
     Camera,
     Coordinator,
     Target,
+}
+
+impl From<&Role> for RoleName {
+    fn from(role: &Role) -> Self {
+        match role {
+            Role::Camera(_) => Self::Camera,
+            Role::Coordinator(_) => Self::Coordinator,
+            Role::Target(_) => Self::Target,
+        }
+    }
 }
 
 impl fmt::Display for RoleName {
@@ -80,7 +90,7 @@ impl fmt::Display for RoleName {
 #[serde(rename_all = "kebab-case")]
 struct Common {
     role: RoleName,
-    id: u16,
+    id: i64,
     extended: Option<String>,
     channels: Option<Vec<u8>>,
     #[serde(default)]
@@ -118,6 +128,8 @@ pub(super) fn config(mut table: Table, site_key: SiteKey, first_counter: u32) ->
         .filter_map(|&name| Some((name.to_owned(), table.remove(name)?)))
         .collect();
     let common: Common = common.try_into()?;
+    let id = u16::try_from(common.id).ok().filter(|&id| id > 0);
+    let id = id.with_context(|| format!("id must be 1 to {}, not {}", u16::MAX, common.id))?;
     let role = match common.role {
         RoleName::Camera => {
             let colours = [ORANGE].into_iter().collect();
@@ -134,7 +146,7 @@ pub(super) fn config(mut table: Table, site_key: SiteKey, first_counter: u32) ->
         }
     };
     let config = Config {
-        id: common.id,
+        id,
         extended: common.extended.as_deref().map(address).transpose()?,
         site_key,
         first_counter,

@@ -11,8 +11,8 @@ pub(super) struct Options {
     /// What the node is for
     #[arg(long)]
     role: Option<RoleName>,
-    /// The number by which people know the node
-    #[arg(long)]
+    /// The number by which people know the node, from 1
+    #[arg(long, value_parser = clap::value_parser!(u16).range(1..))]
     id: Option<u16>,
     /// The node's EUI-64, for example F4:CE:36:00:00:00:00:03; without it, the chip's
     #[arg(long, value_name = "EUI-64")]
@@ -74,6 +74,23 @@ pub(super) struct Options {
     /// The target's colour number, from 0
     #[arg(long, value_name = "N", help_heading = "Target")]
     target_colour: Option<u8>,
+    /// What the compass of its step sensor reads too much on each axis, uT
+    #[arg(
+        long,
+        value_name = "X,Y,Z",
+        allow_hyphen_values = true,
+        help_heading = "Target"
+    )]
+    hard_iron: Option<String>,
+    /// Step length of its carrier, in the unit of the site, at a swing of 1 m/s^2; usually 0.45 m
+    #[arg(long, value_name = "K", help_heading = "Target")]
+    step_length: Option<f64>,
+    /// Standard deviation of its step sensor's constant error of heading
+    #[arg(long, value_name = "DEGREES", help_heading = "Target")]
+    systematic_heading: Option<f64>,
+    /// Standard deviation of its step sensor's constant error of distance, as a share of it
+    #[arg(long, value_name = "SHARE", help_heading = "Target")]
+    systematic_scale: Option<f64>,
 }
 
 impl Options {
@@ -105,8 +122,10 @@ impl Options {
         let duty = self.reference.clone().map(Value::String);
         reference.extend(duty.map(|duty| ("duty".to_owned(), duty)));
         if let Some(text) = &self.position {
-            let position = position(text)?.map(Value::Float).to_vec();
-            reference.insert("position".to_owned(), position.into());
+            let position = numbers::<2>(text).with_context(|| {
+                format!("--position is two numbers, for example 1.5,-2, not `{text}`")
+            })?;
+            reference.insert("position".to_owned(), position);
         }
         put("reference", some_table(reference));
         put("baseline", self.baseline.map(Value::Float));
@@ -117,6 +136,19 @@ impl Options {
         put("allow", Some(allow).filter(|_| !self.allow.is_empty()));
         put("join-window-s", self.join_window.map(integer));
         put("colour", self.target_colour.map(integer));
+        let mut sensor = Table::new();
+        if let Some(text) = &self.hard_iron {
+            let iron = numbers::<3>(text).with_context(|| {
+                format!("--hard-iron is three numbers, for example 12.5,-40,3, not `{text}`")
+            })?;
+            sensor.insert("hard-iron".to_owned(), iron);
+        }
+        let length = self.step_length.map(Value::Float);
+        sensor.extend(length.map(|length| ("step-length".to_owned(), length)));
+        put("sensor", some_table(sensor));
+        let heading = self.systematic_heading.map(Value::Float);
+        put("systematic-heading-deg", heading);
+        put("systematic-scale", self.systematic_scale.map(Value::Float));
         Ok(table)
     }
 
@@ -147,11 +179,11 @@ fn some_table(table: Table) -> Option<Value> {
     (!table.is_empty()).then_some(Value::Table(table))
 }
 
-fn position(text: &str) -> Result<[f64; 2]> {
-    let numbers = text.split_once(',');
-    numbers
-        .and_then(|(x, y)| Some([x.trim().parse().ok()?, y.trim().parse().ok()?]))
-        .with_context(|| format!("--position is two numbers, for example 1.5,-2, not `{text}`"))
+/// So many numbers with commas between them.
+fn numbers<const N: usize>(text: &str) -> Option<Value> {
+    let number = |text: &str| text.trim().parse().ok().map(Value::Float);
+    let all: Vec<_> = text.split(',').map(number).collect::<Option<_>>()?;
+    (all.len() == N).then_some(Value::Array(all))
 }
 
 fn window(text: &str) -> Result<Value> {

@@ -5,7 +5,7 @@ use node_firmware::config::{Config, Role, page};
 use toml::{Table, Value};
 use zigbee_link::security::Protection;
 
-use super::node::address_text;
+use super::node::{RoleName, address_text};
 
 /// All of a configuration but its key, in the form in which [`config`](super::node::config) takes
 /// it.
@@ -19,9 +19,10 @@ pub(crate) fn text(config: &Config) -> Result<String> {
     let extended = config.extended.map_or(String::new(), |extended| {
         format!("extended = \"{}\"\n", address_text(extended))
     });
-    let (role, own) = match &config.role {
-        Role::Camera(camera) => ("camera", toml::to_string(camera)?),
-        Role::Target(target) => ("target", toml::to_string(target)?),
+    let role = RoleName::from(&config.role);
+    let own = match &config.role {
+        Role::Camera(camera) => toml::to_string(camera)?,
+        Role::Target(target) => toml::to_string(target)?,
         Role::Coordinator(coordinator) => {
             let allow: Vec<_> = coordinator
                 .allow
@@ -33,7 +34,7 @@ pub(crate) fn text(config: &Config) -> Result<String> {
             own.insert("allow".into(), allow.into());
             let window = i64::from(coordinator.join_window_s);
             own.insert("join-window-s".into(), window.into());
-            ("coordinator", own.to_string())
+            own.to_string()
         }
     };
     Ok(format!(

@@ -1,36 +1,101 @@
 //! What `cargo xtask flash` has probe-rs do; a script is in its place.
 
-use std::{fs, os::unix::fs::PermissionsExt};
+use std::fs;
+
+use node_firmware::config::page::PAGE_MAX;
 
 use crate::place::Place;
 
-/// Notes how it is called. It fails when it is to fail at that.
-const PROBE_RS: &str = r#"#!/bin/sh
-printf '%s\n' "$*" >> "${0%/*}/calls"
+/// Notes how it is called. It fails when it is to fail at that. What a board has in its flash is in
+/// the file `read`, as probe-rs prints it; otherwise the flash is erased.
+const PROBE_RS: &str = r#"
+here="${0%/*}"
+echo "$*" >> "$here/calls"
 case "$*" in "${FAIL:-never}"*) exit 3 ;; esac
+case "$1" in read)
+    if [ -e "$here/read" ]; then while read -r line; do echo "$line"; done < "$here/read"
+    else at=0; while [ $at -lt 512 ]; do printf 'ff '; at=$((at + 1)); done; fi
+esac
 "#;
+
+/// Where images end at the latest.
+const IMAGE_END: u32 = 0x000f_7000;
 
 fn place() -> Place {
     let place = Place::with_key();
-    place.write("image.elf", "stands for an image");
+    fs::write(place.path("image.elf"), elf(0, IMAGE_END)).unwrap();
+    provision(&place, "target", "page.bin");
+    place
+}
+
+fn provision(place: &Place, role: &str, name: &str) {
     place
         .run(&[
             "provision",
             "--site-key=site.sitekey",
-            "--role=target",
+            &format!("--role={role}"),
             "--id=4",
             "--first-counter=77",
-            "--out=page.bin",
+            &format!("--out={name}"),
+            "--overwrite",
         ])
         .ok();
-    place
+}
+
+/// An image for an ARM processor, of one part of 4 bytes that are put before the end of the flash's
+/// range (System V ABI, "Object files").
+fn elf(virtual_address: u32, end: u32) -> Vec<u8> {
+    let half = |number: u16| number.to_le_bytes().to_vec();
+    let word = |number: u32| number.to_le_bytes().to_vec();
+    let (header, part) = (52, 32);
+    [
+        // 32 bits, little-endian, version 1; executable, ARM.
+        b"\x7fELF\x01\x01\x01\0\0\0\0\0\0\0\0\0".to_vec(),
+        half(2),
+        half(40),
+        word(1),
+        word(0),
+        word(header),
+        word(0),
+        word(0),
+        half(header as u16),
+        half(part as u16),
+        half(1),
+        half(0),
+        half(0),
+        half(0),
+        // To be loaded: offset, addresses, bytes in the file and in memory, readable.
+        word(1),
+        word(header + part),
+        word(virtual_address),
+        word(end - 4),
+        word(4),
+        word(4),
+        word(4),
+        word(4),
+        b"code".to_vec(),
+    ]
+    .concat()
 }
 
 fn install(place: &Place) {
-    let path = place.path("bin/probe-rs");
-    fs::create_dir(place.path("bin")).unwrap();
-    fs::write(&path, PROBE_RS).unwrap();
-    fs::set_permissions(&path, fs::Permissions::from_mode(0o755)).unwrap();
+    place.install("probe-rs", PROBE_RS);
+}
+
+/// The board has this page, printed as old versions of probe-rs do, or as new ones.
+fn board_has(place: &Place, page: &str, with_addresses: bool) {
+    let page = fs::read(place.path(page)).unwrap();
+    let text: String = page
+        .chunks(8)
+        .enumerate()
+        .map(|(line, bytes)| {
+            let address = format!("{:08x}: ", 0x000f_f000 + 8 * line);
+            let bytes: Vec<_> = bytes.iter().map(|byte| format!("{byte:02x}")).collect();
+            let start = if with_addresses { address.as_str() } else { "" };
+            format!("{start}{}\n", bytes.join(" "))
+        })
+        .collect();
+    place.write("bin/read", &text);
 }
 
 /// What probe-rs was called with, without the folder of the test.
@@ -41,6 +106,7 @@ fn calls(place: &Place) -> Vec<String> {
     calls.lines().map(str::to_owned).collect()
 }
 
+const LOOK: &str = "read --chip nRF52840_xxAA b8 0x000ff000 512";
 const IMAGE: &str = "download --chip nRF52840_xxAA --verify --binary-format elf image.elf";
 const PAGE: &str = "download --chip nRF52840_xxAA --verify --binary-format bin \
                     --base-address 0x000ff000 page.bin";
@@ -56,8 +122,10 @@ const FLASH: [&str; 4] = [
 fn image_page_and_reset() {
     let place = place();
     install(&place);
-    place.run(&FLASH).ok();
-    assert_eq!(calls(&place), [IMAGE, PAGE, RESET]);
+    let run = place.run(&FLASH);
+    assert!(run.stderr.contains("role = \"target\""), "{}", run.stderr);
+    run.ok();
+    assert_eq!(calls(&place), [LOOK, IMAGE, PAGE, RESET]);
 }
 
 #[test]
@@ -117,38 +185,142 @@ fn a_dry_run_tells_the_commands() {
     assert_eq!(told, done);
 }
 
+/// As the README says it, with no image named.
+#[test]
+fn a_dry_run_needs_no_image_and_no_compiler() {
+    let place = place();
+    let told = place
+        .run(&["flash", "nrf52840", "--config=page.bin", "--dry-run"])
+        .ok();
+    let image = told.lines().nth(1).unwrap();
+    assert!(
+        image.ends_with("target/firmware/nrf52840-node.elf"),
+        "{image}"
+    );
+}
+
+/// The image is built with cargo, before a board is touched.
+#[test]
+fn without_an_image_it_is_built() {
+    let place = place();
+    install(&place);
+    // A compiler that has everything, and a cargo that only tells that it was called.
+    place.install(
+        "rustc",
+        &format!("echo {}", place.path("sysroot").display()),
+    );
+    place.install("flip-link", "");
+    place.install("cargo", r#"echo "cargo $*" >> "${0%/*}/calls"; exit 4"#);
+    for part in [
+        "lib/rustlib/thumbv7em-none-eabihf",
+        "lib/rustlib/thumbv6m-none-eabi",
+        "bin",
+    ] {
+        fs::create_dir_all(place.path("sysroot").join(part)).unwrap();
+    }
+    place.write("sysroot/bin/cargo-fmt", "");
+    place.write("sysroot/bin/cargo-clippy", "");
+    place
+        .run(&["flash", "nrf52840", "--config=page.bin"])
+        .fails(1, "cargo build");
+    let [build] = calls(&place).try_into().unwrap();
+    assert!(build.contains("--package nrf52840"), "{build}");
+}
+
+/// Another node's board, or this one with what it learnt as another: nothing is written.
+#[test]
+fn a_board_that_is_another_node_is_refused() {
+    for with_addresses in [false, true] {
+        let place = place();
+        install(&place);
+        board_has(&place, "page.bin", with_addresses);
+        place.run(&FLASH).ok();
+        assert_eq!(calls(&place), [LOOK, IMAGE, PAGE, RESET]);
+
+        provision(&place, "camera", "other.bin");
+        board_has(&place, "other.bin", with_addresses);
+        place.run(&FLASH).fails(
+            1,
+            "the board is node 4, a camera; the page has another role, and nothing was written",
+        );
+        fs::remove_file(place.path("site.sitekey")).unwrap();
+        place.run(&["keygen"]).ok();
+        provision(&place, "target", "other.bin");
+        board_has(&place, "other.bin", with_addresses);
+        place.run(&FLASH).fails(1, "another site key, and nothing");
+        assert_eq!(calls(&place)[4..], [LOOK, LOOK]);
+
+        place
+            .run(&[FLASH.as_slice(), &["--erase-memory"]].concat())
+            .ok();
+        assert_eq!(calls(&place).len(), 6 + 4);
+    }
+}
+
+#[test]
+fn a_board_that_cannot_be_compared_is_not_written() {
+    let place = place();
+    install(&place);
+    let something = "12 34 56 78 9a bc de f0 ".repeat(64);
+    let cut = &something[..300];
+    for (read, message) in [
+        (something.as_str(), "cannot be compared"),
+        (cut, "printed 100 bytes"),
+        ("WARN probe: slow", "printed 0 bytes"),
+    ] {
+        place.write("bin/read", &format!("{read}\n"));
+        place.run(&FLASH).fails(1, message);
+        assert_eq!(calls(&place).last().map(String::as_str), Some(LOOK));
+    }
+    place
+        .run(&[FLASH.as_slice(), &["--erase-memory"]].concat())
+        .ok();
+}
+
 #[test]
 fn nothing_is_skipped() {
     let place = place();
     place.run(&FLASH).fails(1, "cargo install probe-rs-tools");
     install(&place);
     place.write("damaged.bin", "not a page");
+    place.write("text.elf", "stands for an image");
+    let page = fs::read(place.path("page.bin")).unwrap();
+    fs::write(place.path("cut.bin"), &page[..20]).unwrap();
+    fs::write(
+        place.path("long.bin"),
+        [page, vec![0xFF; PAGE_MAX]].concat(),
+    )
+    .unwrap();
+    // Nothing of it runs beyond; its first values do.
+    fs::write(place.path("large.elf"), elf(0, IMAGE_END + 1)).unwrap();
+    fs::write(place.path("ram.elf"), elf(0, 0x2000_1000)).unwrap();
+    let mut other = elf(0, IMAGE_END);
+    other[18] = 3;
+    fs::write(place.path("other.elf"), other).unwrap();
     for (status, error, words) in [
+        (1, "none.elf cannot be read", "--image=none.elf"),
+        (1, "text.elf is no image", "--image=text.elf"),
+        (1, "no image for an ARM", "--image=other.elf"),
+        (1, "into the pages of the node", "--image=large.elf"),
+        (1, "into the pages of the node", "--image=ram.elf"),
+        (1, "is no page", "--image=image.elf --config=damaged.bin"),
+        (1, "cut off", "--image=image.elf --config=cut.bin"),
         (
             1,
-            "cargo xtask firmware",
-            "flash nrf52840 --image=none.elf --config=page.bin",
+            "1024 bytes, a page has 512",
+            "--image=image.elf --config=long.bin",
         ),
-        (
-            1,
-            "is no page",
-            "flash nrf52840 --image=image.elf --config=damaged.bin",
-        ),
-        (
-            1,
-            "cannot be read",
-            "flash nrf52840 --image=image.elf --config=none.bin",
-        ),
-        (
-            2,
-            "--config",
-            "flash nrf52840 --image=image.elf --erase-memory",
-        ),
-        (2, "possible values", "flash nrf9160 --config=page.bin"),
+        (1, "cannot be read", "--image=image.elf --config=none.bin"),
+        (2, "--config", "--image=image.elf --erase-memory"),
     ] {
-        let words: Vec<_> = words.split(' ').collect();
+        let words = ["flash", "nrf52840"].into_iter().chain(words.split(' '));
+        let words: Vec<_> = words.collect();
         place.run(&words).fails(status, error);
     }
+    place
+        .run(&["flash", "nrf9160", "--config=page.bin"])
+        .fails(2, "possible values");
+    place.run(&["flash"]).fails(2, "BOARD");
     assert!(calls(&place).is_empty());
 }
 
@@ -160,5 +332,9 @@ fn a_failure_ends_it() {
     place
         .run_with(&FLASH, &[("FAIL", page)])
         .fails(1, "the board is not complete");
-    assert_eq!(calls(&place), [IMAGE, PAGE]);
+    assert_eq!(calls(&place), [LOOK, IMAGE, PAGE]);
+    place
+        .run_with(&FLASH, &[("FAIL", "read")])
+        .fails(1, "nothing was written");
+    assert_eq!(calls(&place)[3..], [LOOK]);
 }

@@ -1,5 +1,7 @@
-//! Commands that make a board a node, run as people run them.
+//! Commands, run as people run them.
 
 mod flash;
+mod help;
 mod place;
 mod provision;
+mod setup;

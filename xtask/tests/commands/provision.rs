@@ -10,8 +10,8 @@ use std::{
 use crate::place::Place;
 use node_firmware::{
     config::{
-        CameraConfig, Config, CoordinatorConfig, Duty, Reference, Role, Sigmas, SiteKey, Subjects,
-        TargetConfig, page,
+        CameraConfig, Config, CoordinatorConfig, Duty, Reference, Role, SensorConfig, Sigmas,
+        SiteKey, Subjects, TargetConfig, page,
     },
     sight::{ColourWindow, Lens},
 };
@@ -55,7 +55,7 @@ fn a_key_is_drawn_once_for_its_owner() {
 #[test]
 fn a_key_that_others_may_read_or_that_was_damaged_is_refused() {
     let place = Place::with_key();
-    let make = || place.run(&["provision", KEY, "--role=target", "--id=3"]);
+    let make = || place.run(&["provision", KEY, "--role=target", "--id=3", "--overwrite"]);
     make().ok();
     let path = place.path("site.sitekey");
     fs::set_permissions(&path, fs::Permissions::from_mode(0o640)).unwrap();
@@ -142,7 +142,9 @@ fn every_role_has_usual_values() {
     let place = Place::with_key();
     let make = |role: &str, more: &str| {
         let role = format!("--role={role}");
-        place.run(&["provision", KEY, &role, "--id=7", more]).ok();
+        let mut run = vec!["provision", KEY, &role, "--id=7", "--overwrite"];
+        run.extend(more.split(' '));
+        place.run(&run).ok();
         decode(&place, "node-7.page.bin")
     };
     let camera = make("camera", "--motion=12");
@@ -162,6 +164,27 @@ fn every_role_has_usual_values() {
             ..TargetConfig::default()
         })
     );
+    let worn = make(
+        "target",
+        "--hard-iron=12.5,-40,3 --step-length=0.5 --systematic-heading=3 --systematic-scale=0.03",
+    );
+    assert_eq!(
+        worn.role,
+        Role::Target(TargetConfig {
+            systematic_heading_deg: 3.0,
+            systematic_scale: 0.03,
+            sensor: SensorConfig {
+                hard_iron: [12.5, -40.0, 3.0],
+                step_length: 0.5,
+            },
+            ..TargetConfig::default()
+        })
+    );
+    let half = make("target", "--step-length=0.5");
+    let Role::Target(half) = half.role else {
+        panic!("{half:?}");
+    };
+    assert_eq!(half.sensor.hard_iron, [0.0; 3]);
     let coordinator = make("coordinator", "--join-window=60");
     assert_eq!(
         coordinator.role,
@@ -268,6 +291,8 @@ fn what_is_wrong_is_told() {
     place.write("typo.toml", "role = 'camera'\nid = 1\n[lens]\nview = 3");
     place.write("key.toml", "role = 'target'\nid = 1\nsite-key = 'x'");
     place.write("syntax.toml", "role = ");
+    place.write("zero.toml", "role = 'target'\nid = 0");
+    place.write("large.toml", "role = 'target'\nid = 70000");
     for (status, error, arguments) in [
         (2, "--site-key", "--role=camera --id=1"),
         (2, "possible values", "KEY --role=lamp --id=1"),
@@ -279,6 +304,15 @@ fn what_is_wrong_is_told() {
             "KEY --colour=1-2,3-4,5-6 --motion=3",
         ),
         (2, "--reference", "KEY --role=camera --id=1 --position=1,2"),
+        (2, "1..=65535", "KEY --role=target --id=0"),
+        (2, "1..=65535", "KEY --role=target --id=65536"),
+        (1, "id must be 1 to 65535, not 0", "KEY --config=zero.toml"),
+        (1, "not 70000", "KEY --config=large.toml"),
+        (
+            1,
+            "none.sitekey cannot be read",
+            "--site-key=none.sitekey --role=target --id=1",
+        ),
         (1, "use --role", "KEY --id=1"),
         (1, "use --id", "KEY --role=camera"),
         (
@@ -321,6 +355,16 @@ fn what_is_wrong_is_told() {
             "two numbers",
             "KEY --role=camera --id=1 --reference=first --position=1",
         ),
+        (
+            1,
+            "three numbers",
+            "KEY --role=target --id=1 --hard-iron=1,2",
+        ),
+        (
+            1,
+            "-400 to 400 uT",
+            "KEY --role=target --id=1 --hard-iron=1,2,500",
+        ),
         (1, "third", "KEY --role=camera --id=1 --reference=third"),
         (
             1,
@@ -359,6 +403,62 @@ fn what_is_wrong_is_told() {
         place.run(&words).fails(status, error);
     }
     assert!(!place.path("node-1.page.bin").exists());
+}
+
+#[test]
+fn no_page_is_written_over() {
+    let place = Place::with_key();
+    place.write("page.bin", "something else");
+    let make = [
+        "provision",
+        KEY,
+        "--role=target",
+        "--id=1",
+        "--out=page.bin",
+    ];
+    place.run(&make).fails(1, "page.bin exists");
+    assert_eq!(
+        fs::read_to_string(place.path("page.bin")).unwrap(),
+        "something else"
+    );
+    place.run(&[&make[..], &["--overwrite"]].concat()).ok();
+    assert_eq!(decode(&place, "page.bin").id, 1);
+    // Of a site all pages are written, or none.
+    place.write("site.toml", SITE);
+    fs::create_dir(place.path("pages")).unwrap();
+    place.write("pages/node-4.page.bin", "");
+    let site = ["provision", KEY, "--site=site.toml", "--out=pages"];
+    place.run(&site).fails(1, "node-4.page.bin exists");
+    assert_eq!(fs::read_dir(place.path("pages")).unwrap().count(), 1);
+    place.run(&[&site[..], &["--overwrite"]].concat()).ok();
+    assert_eq!(fs::read_dir(place.path("pages")).unwrap().count(), 4);
+}
+
+/// A page has 512 bytes: what is shorter was cut off, what is longer does not fit its place.
+#[test]
+fn a_page_of_another_length_is_refused() {
+    let place = Place::with_key();
+    place
+        .run(&[
+            "provision",
+            KEY,
+            "--role=target",
+            "--id=1",
+            "--out=page.bin",
+        ])
+        .ok();
+    let page = fs::read(place.path("page.bin")).unwrap();
+    let show = ["provision", "--show=page.bin"];
+    place.run(&show).ok();
+    for (bytes, error) in [
+        (page[..10].to_vec(), "cut off"),
+        (page[..511].to_vec(), "511 bytes, a page has 512"),
+        ([page.as_slice(), &[0xFF]].concat(), "513 bytes"),
+        (Vec::new(), "blank"),
+    ] {
+        fs::write(place.path("page.bin"), bytes).unwrap();
+        place.run(&show).fails(1, error);
+    }
 }
 
 #[test]
@@ -409,12 +509,24 @@ fn what_is_shown_can_be_provisioned() {
         "--role=coordinator --allow=0200000000000001 --allow=0200000000000002 --join-window=9",
         "--role=target --target-colour=3 --extended=0200000000000003 --tx-power=-20",
     ] {
-        let first = ["provision", KEY, "--id=5", "--first-counter=8", "--out=a"];
+        let first = [
+            "provision",
+            KEY,
+            "--id=5",
+            "--first-counter=8",
+            "--out=a",
+            "--overwrite",
+        ];
         let words: Vec<_> = first.into_iter().chain(options.split(' ')).collect();
         place.run(&words).ok();
         let shown = place.run(&["provision", "--show=a"]).ok();
         place.write("shown.toml", &shown);
-        let again = ["--config=shown.toml", "--first-counter=8", "--out=b"];
+        let again = [
+            "--config=shown.toml",
+            "--first-counter=8",
+            "--out=b",
+            "--overwrite",
+        ];
         place
             .run(&[&["provision", KEY], again.as_slice()].concat())
             .ok();

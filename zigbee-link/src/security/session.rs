@@ -11,7 +11,7 @@ use crate::{
     radio::FRAME_MAX,
     wire::{
         Address, AuxHeader, EmitError, Eui64, Frame, FrameType, Header, KeyId, Malformed, PanId,
-        ShortAddress, Version,
+        ShortAddress, Version, copy,
     },
 };
 
@@ -230,9 +230,10 @@ impl<const PEERS: usize> Session<PEERS> {
             .get_mut(..len)
             .and_then(|frame| frame.split_at_mut_checked(mic_at))
             .ok_or(EmitError::NoRoom)?;
-        body.get_mut(header_len..)
-            .ok_or(EmitError::NoRoom)?
-            .copy_from_slice(payload);
+        copy(
+            body.get_mut(header_len..).ok_or(EmitError::NoRoom)?,
+            payload,
+        );
         let (clear, secret) = body
             .split_at_mut_checked(clear_len)
             .ok_or(EmitError::Impossible)?;

@@ -14,7 +14,20 @@
 //! Slot 0 of a bank is its header: key 255, generation as little-endian u32. It is written last, so
 //! a bank with a header is whole. Records follow, then erased slots. When a bank is full, the
 //! newest record of each key goes into the other one, with the next generation, and then this one
-//! is erased.
+//! is erased. [Beginning](Log::begin) a log anew is the same with other records. Where there was
+//! none, an empty bank of generation 0 comes first: it says that the log is being begun, and that
+//! whatever the other bank holds without a header was never in force.
+//!
+//! # Rot
+//! Flash may lose a bit. Who [recovers](Log::recover) a log is told: nothing that was written is
+//! then taken for something that was not. Who [opens](Log::open) it gets what is left: one flipped
+//! bit of a slot is put right, and so is a wrong key if all else is right, for the checksum tells
+//! which it was (no two of these have the same effect on a CRC-32). A record with more damage is
+//! lost, and with it what was written under its key before: that may be true no more. Its key is
+//! then the one that is read. So where the damage is to the key and to other bytes, what was
+//! written before under the right key comes back, and what was written before under the key that is
+//! read is lost. At the end of the log more damage is taken for a torn write, and what was written
+//! before stands.
 //!
 //! # Several users of one flash
 //! One log borrows the flash as `&mut F`. Users that live side by side each take a
@@ -132,16 +145,15 @@ impl<const SLOT: usize> Entry<SLOT> {
         self.0.get(HEAD..HEAD + Self::VALUE_MAX).unwrap_or_default()
     }
 
-    fn content(self) -> Content<SLOT> {
+    /// With `mends`, one wrong bit or a wrong key is put right.
+    fn content(mut self, mends: bool) -> Content<SLOT> {
         if self.0.iter().all(|&byte| byte == 0xFF) {
             return Content::Erased;
         }
-        match self.0.split_last_chunk() {
-            Some((body, sum))
-                if body.first() == Some(&VERSION) && crc32(body).to_le_bytes() == *sum =>
-            {
-                Content::Entry(self)
-            }
+        let difference = difference(&self.0);
+        let is_whole = difference == 0 || mends && mend(&mut self.0, difference);
+        match self.0.first() {
+            Some(&VERSION) if is_whole => Content::Entry(self, difference != 0),
             _ => Content::Bad,
         }
     }
@@ -173,7 +185,8 @@ impl<const SLOT: usize> defmt::Format for Entry<SLOT> {
 /// What a slot holds.
 enum Content<const SLOT: usize> {
     Erased,
-    Entry(Entry<SLOT>),
+    /// A record, and whether something of it was put right.
+    Entry(Entry<SLOT>, bool),
     /// A write that lost its power, or a record that rotted.
     Bad,
 }
@@ -181,11 +194,59 @@ enum Content<const SLOT: usize> {
 /// CRC-32 (ISO-HDLC), bit by bit: slots are read rarely.
 fn crc32(bytes: &[u8]) -> u32 {
     let crc = bytes.iter().fold(u32::MAX, |crc, &byte| {
-        (0..8).fold(crc ^ u32::from(byte), |crc, _| {
-            (crc >> 1) ^ (0xEDB8_8320 * (crc & 1))
-        })
+        (0..8).fold(crc ^ u32::from(byte), |crc, _| shifted(crc))
     });
     !crc
+}
+
+/// Between the checksum that a slot should have and its own; 0 if it is whole.
+// Not generic, so that logs of several sizes of slots share it.
+#[inline(never)]
+fn difference(slot: &[u8]) -> u32 {
+    match slot.split_last_chunk() {
+        Some((body, sum)) => crc32(body) ^ u32::from_le_bytes(*sum),
+        None => u32::MAX,
+    }
+}
+
+/// Flips the bit of a slot, or the bits of its key, that alone make this difference, if there are
+/// such.
+#[inline(never)]
+fn mend(slot: &mut [u8], difference: u32) -> bool {
+    let body = 8 * slot.len().saturating_sub(SUM);
+    let in_sum = body + difference.trailing_zeros() as usize;
+    let mut wrong = difference.is_power_of_two().then_some((in_sum, 1));
+    // What a flip makes of the checksum is shifted once for each bit that follows.
+    let mut effect = 1;
+    let mut of_key = [0; 8];
+    for bit in (0..body).rev() {
+        effect = shifted(effect);
+        if effect == difference {
+            wrong = Some((bit, 1));
+        }
+        if let Some(place) = bit.checked_sub(8).and_then(|bit| of_key.get_mut(bit)) {
+            *place = effect;
+        }
+    }
+    let key = || {
+        (1..=u8::MAX).find(|flips| {
+            let bits = of_key.iter().enumerate();
+            let bits = bits.filter(|(bit, _)| flips >> bit & 1 != 0);
+            bits.fold(0, |sum, (_, effect)| sum ^ effect) == difference
+        })
+    };
+    // A single bit is the likelier one.
+    let wrong = wrong.or_else(|| Some((8, key()?)));
+    match wrong.and_then(|(bit, flips)| Some((slot.get_mut(bit / 8)?, flips << (bit % 8)))) {
+        Some((byte, flips)) => *byte ^= flips,
+        None => return false,
+    }
+    true
+}
+
+/// A CRC-32 one bit later.
+const fn shifted(crc: u32) -> u32 {
+    (crc >> 1) ^ (0xEDB8_8320 * (crc & 1))
 }
 
 /// Why the log does not serve.
@@ -198,7 +259,8 @@ pub enum LogError<E> {
     /// Neither [`open`](Log::open), [`recover`](Log::recover) nor [`begin`](Log::begin) succeeded,
     /// or the flash failed since.
     NotOpen,
-    /// A record was once there and cannot be read. [`Log::begin`] starts anew.
+    /// A record was once there and cannot be read. [`Log::begin`] starts anew. Not from a log that
+    /// was [opened](Log::open).
     Corrupt,
     /// The records of all keys do not fit a bank together with one more.
     Full,
@@ -235,8 +297,7 @@ struct Active {
     generation: u32,
     /// The first slot that is not used.
     free: u32,
-    /// The last slot used is bad. Nothing is written behind it, so that a bad slot before others
-    /// is always rot.
+    /// The last slot used was torn when the log was opened, see [`Survey::torn`].
     torn: bool,
 }
 
@@ -249,13 +310,21 @@ struct Survey {
     /// Slots that are not erased, and come before the first that is.
     used: u32,
     has_records: bool,
-    /// The last of the used ones is bad.
+    /// The last of the used ones is bad. Nothing is written behind it, so that a bad slot before
+    /// others is always rot.
     torn: bool,
     /// A bad or an erased slot has others behind it: rot, or reading went wrong.
     rotten: bool,
+    /// Something was put right.
+    mended: bool,
 }
 
 impl Survey {
+    /// Nothing, or records without a header, or the header of a log that was being begun.
+    const fn never_begun(&self) -> bool {
+        !self.begun || self.used == 1 && self.generation.is_none()
+    }
+
     fn add<const SLOT: usize>(&mut self, slot: u32, content: &Content<SLOT>) {
         if let Content::Erased = content {
             return;
@@ -264,8 +333,14 @@ impl Survey {
         self.rotten |= self.torn || self.used < slot;
         self.used = slot + 1;
         match content {
-            Content::Entry(entry) if slot == 0 => self.generation = entry.generation(),
-            Content::Entry(_) => self.has_records = true,
+            Content::Entry(entry, mended) => {
+                self.mended |= *mended;
+                if slot == 0 {
+                    self.generation = entry.generation();
+                } else {
+                    self.has_records = true;
+                }
+            }
             _ => self.torn = true,
         }
     }
@@ -279,6 +354,8 @@ pub struct Log<F, const SLOT: usize> {
     /// Bytes of a bank.
     bank_len: u32,
     active: Option<Active>,
+    /// It was opened, not recovered: what rotted is done without.
+    lenient: bool,
     /// Of the slot being read or written.
     buffer: Entry<SLOT>,
 }
@@ -304,6 +381,7 @@ impl<F: NorFlash, const SLOT: usize> Log<F, SLOT> {
             start: range.start,
             bank_len: len / 2,
             active: None,
+            lenient: false,
             buffer: Entry([0; SLOT]),
         })
     }
@@ -342,29 +420,33 @@ impl<F: NorFlash, const SLOT: usize> Log<F, SLOT> {
 
     /// Content of the slot last read.
     fn content(&self) -> Content<SLOT> {
-        self.buffer.content()
+        self.buffer.content(self.lenient)
     }
 
-    /// Opens the log, for whoever can do with an empty one: it is begun if it never was.
+    /// Opens the log, for whoever can do without a record: it is begun if it never was, and what
+    /// [rotted](self#rot) is left out.
     ///
-    /// Neither bank having a header and no slot a record counts as that: so an erased range, any
-    /// bytes that are not this log's, and a first opening that lost its power.
+    /// Neither bank having a header and no slot a record counts as never begun: so an erased range,
+    /// any bytes that are not this log's, and a first opening that lost its power.
     ///
     /// # Errors
-    /// [`LogError::Corrupt`], or the flash failed.
+    /// The flash failed.
     pub async fn open(&mut self) -> Result<(), LogError<F::Error>> {
-        let mut surveys = [Survey::default(); 2];
-        self.survey(&mut surveys).await?;
+        self.lenient = true;
+        let surveys = self.survey().await?;
         let is_void = |survey: &Survey| survey.generation.is_none() && !survey.has_records;
-        if surveys.iter().all(is_void) {
-            self.begin(&[]).await
-        } else {
-            self.resume(&surveys, |entry| entry).await
+        if !surveys.iter().all(is_void) {
+            self.resume(&surveys, |entry| entry).await?;
         }
+        if self.in_force().is_err() {
+            self.begin(&[]).await?;
+        }
+        Ok(())
     }
 
-    /// Opens the log, for whoever must not take an empty one for a new one. `Ok(false)` if it was
-    /// never begun.
+    /// Opens the log, for whoever must take neither an empty one for a new one nor an old record
+    /// for the newest. `Ok(false)` if it was never begun, or that was cut off: it is not open then.
+    /// A torn header counts as this only where nothing else is written.
     ///
     /// Finds the valid bank and finishes what a loss of power interrupted. `after_tear` is applied
     /// to every live record when the last write was torn, which may have been of that record; it
@@ -376,24 +458,31 @@ impl<F: NorFlash, const SLOT: usize> Log<F, SLOT> {
         &mut self,
         after_tear: fn(Entry<SLOT>) -> Entry<SLOT>,
     ) -> Result<bool, LogError<F::Error>> {
-        let mut surveys = [Survey::default(); 2];
-        self.survey(&mut surveys).await?;
-        if !surveys.iter().any(|survey| survey.begun) {
+        self.lenient = false;
+        let surveys = self.survey().await?;
+        if surveys.iter().all(Survey::never_begun) {
             return Ok(false);
         }
         self.resume(&surveys, after_tear).await?;
-        Ok(true)
+        Ok(self.in_force().is_ok())
     }
 
-    async fn survey(&mut self, surveys: &mut [Survey; 2]) -> Result<(), LogError<F::Error>> {
+    /// The valid bank, unless it only says that the log is being begun.
+    fn in_force(&self) -> Result<Active, LogError<F::Error>> {
+        let active = self.active.filter(|active| active.generation != 0);
+        active.ok_or(LogError::NotOpen)
+    }
+
+    async fn survey(&mut self) -> Result<[Survey; 2], LogError<F::Error>> {
         self.active = None;
-        for (bank, survey) in (0..).zip(surveys) {
+        let mut surveys = [Survey::default(); 2];
+        for (bank, survey) in (0..).zip(&mut surveys) {
             for slot in 0..self.slots() {
                 self.access(Access::Read, bank, slot).await?;
                 survey.add(slot, &self.content());
             }
         }
-        Ok(())
+        Ok(surveys)
     }
 
     async fn resume(
@@ -401,20 +490,26 @@ impl<F: NorFlash, const SLOT: usize> Log<F, SLOT> {
         [first, second]: &[Survey; 2],
         after_tear: fn(Entry<SLOT>) -> Entry<SLOT>,
     ) -> Result<(), LogError<F::Error>> {
-        let (bank, valid, other) = if second.generation > first.generation {
+        // Without a header there may be records all the same; they are whole where one was begun.
+        let rank = |survey: &Survey| (survey.generation, survey.has_records, survey.begun);
+        let (bank, valid, other) = if rank(second) > rank(first) {
             (1, second, first)
         } else {
             (0, first, second)
         };
         let generation = valid.generation.filter(|_| !valid.rotten);
-        let active = Active {
+        let generation = match generation {
+            Some(generation) => generation,
+            None if self.lenient => valid.generation.unwrap_or_default(),
+            None => return Err(LogError::Corrupt),
+        };
+        self.active = Some(Active {
             bank,
-            generation: generation.ok_or(LogError::Corrupt)?,
+            generation,
             free: valid.used,
             torn: valid.torn,
-        };
-        self.active = Some(active);
-        if valid.torn {
+        });
+        if valid.torn || valid.rotten || valid.mended || valid.generation.is_none() {
             self.compact(after_tear).await
         } else if other.used != 0 {
             self.access(Access::Erase, 1 - bank, 0).await
@@ -423,29 +518,35 @@ impl<F: NorFlash, const SLOT: usize> Log<F, SLOT> {
         }
     }
 
-    /// Begins the log anew with these records. What was in it is erased.
+    /// Begins the log anew with these records, in place of what was in it. When this returns `Ok`,
+    /// a loss of power does not undo it. When it does not return, the log is as before: not begun if
+    /// it never was. One that was neither [opened](Self::open) nor [recovered](Self::recover) may
+    /// then be damaged.
     ///
     /// # Errors
-    /// The flash failed, or is too small.
+    /// The flash failed, or is too small, and the log has to be opened again.
     pub async fn begin(&mut self, entries: &[Entry<SLOT>]) -> Result<(), LogError<F::Error>> {
-        self.active = None;
-        for bank in [0, 1] {
-            self.access(Access::Erase, bank, 0).await?;
-        }
+        let from = match self.active.take() {
+            Some(active) => active,
+            None => {
+                self.access(Access::Erase, 1, 0).await?;
+                self.buffer = Entry::header(0);
+                self.access(Access::Write, 1, 0).await?;
+                Active {
+                    bank: 1,
+                    generation: 0,
+                    free: 1,
+                    torn: false,
+                }
+            }
+        };
+        let to = 1 - from.bank;
+        self.access(Access::Erase, to, 0).await?;
         for (slot, entry) in (1..).zip(entries) {
             self.buffer.0.copy_from_slice(&entry.0);
-            self.access(Access::Write, 0, slot).await?;
+            self.access(Access::Write, to, slot).await?;
         }
-        let generation = 1;
-        self.buffer = Entry::header(generation);
-        self.access(Access::Write, 0, 0).await?;
-        self.active = Some(Active {
-            bank: 0,
-            generation,
-            free: 1 + entries.len() as u32,
-            torn: false,
-        });
-        Ok(())
+        self.replace(from, 1 + entries.len() as u32).await
     }
 
     /// Writes a record, in place of the one with the same key. When this returns `Ok`, a loss of
@@ -461,7 +562,7 @@ impl<F: NorFlash, const SLOT: usize> Log<F, SLOT> {
         {
             self.compact(|entry| entry).await?;
         }
-        let active = self.active.ok_or(LogError::NotOpen)?;
+        let active = self.in_force()?;
         if active.free >= self.slots() {
             return Err(LogError::Full);
         }
@@ -479,13 +580,17 @@ impl<F: NorFlash, const SLOT: usize> Log<F, SLOT> {
     /// The record with this key.
     ///
     /// # Errors
-    /// The log is not open, or the flash failed.
+    /// The log is not open, has rotted since, or the flash failed.
     pub async fn find(&mut self, key: u8) -> Result<Option<Entry<SLOT>>, LogError<F::Error>> {
-        let active = self.active.ok_or(LogError::NotOpen)?;
+        let active = self.in_force()?;
         for slot in (1..active.free).rev() {
             self.access(Access::Read, active.bank, slot).await?;
             match self.content() {
-                Content::Entry(entry) if entry.key() == key => return Ok(Some(entry)),
+                Content::Entry(entry, _) if entry.key() == key => return Ok(Some(entry)),
+                Content::Entry(..) => {}
+                _ if !self.lenient => return Err(LogError::Corrupt),
+                // What was written before it may be true no more.
+                _ if self.buffer.key() == key => return Ok(None),
                 _ => {}
             }
         }
@@ -500,34 +605,43 @@ impl<F: NorFlash, const SLOT: usize> Log<F, SLOT> {
         let from = self.active.take().ok_or(LogError::NotOpen)?;
         let to = 1 - from.bank;
         self.access(Access::Erase, to, 0).await?;
-        let generation = from.generation.wrapping_add(1);
-        let mut copied = [0_u32; 8];
+        let mut done = [0_u32; 8];
         let mut free = 1;
-        // From the newest back to the header, which comes last here too.
-        for slot in (0..from.free).rev() {
+        // From the newest back.
+        for slot in (1..from.free).rev() {
             self.access(Access::Read, from.bank, slot).await?;
-            let entry = match self.content() {
-                Content::Entry(entry) => entry,
+            let found = match self.content() {
+                Content::Entry(entry, _) => Some(entry),
+                // Torn: the record before it stands.
                 Content::Bad if from.torn && slot + 1 == from.free => continue,
+                _ if self.lenient => None,
                 _ => return Err(LogError::Corrupt),
             };
-            let word = copied.get_mut(usize::from(entry.key() / 32));
+            let key = self.buffer.key();
+            let key = found.as_ref().map_or(key, Entry::key);
+            let word = done.get_mut(usize::from(key / 32));
             let word = word.ok_or(LogError::Corrupt)?;
-            let bit = 1 << (entry.key() % 32);
+            let bit = 1 << (key % 32);
             if *word & bit != 0 {
                 continue;
             }
             *word |= bit;
-            let place = if slot == 0 {
-                self.buffer = Entry::header(generation);
-                0
-            } else {
+            if let Some(entry) = found {
                 self.buffer = change(entry);
+                self.access(Access::Write, to, free).await?;
                 free += 1;
-                free - 1
-            };
-            self.access(Access::Write, to, place).await?;
+            }
         }
+        self.replace(from, free).await
+    }
+
+    /// Puts the other bank in force, which has so many used slots.
+    async fn replace(&mut self, from: Active, free: u32) -> Result<(), LogError<F::Error>> {
+        let to = 1 - from.bank;
+        // No bank outlives so many erasures as to come back to 0.
+        let generation = from.generation.wrapping_add(1);
+        self.buffer = Entry::header(generation);
+        self.access(Access::Write, to, 0).await?;
         self.active = Some(Active {
             bank: to,
             generation,
@@ -545,6 +659,26 @@ mod tests {
     #[test]
     fn check_value_of_crc_32() {
         assert_eq!(crc32(b"123456789"), 0xCBF4_3926);
+    }
+
+    /// Any wrong bit, or any wrong key, in slots of the sizes in use: nothing looks like another.
+    fn is_put_right<const SLOT: usize>() {
+        let whole = Entry::<SLOT>::filled(0x5A, &[1, 2, 3]);
+        let bits = (0..SLOT * 8).map(|bit| (bit / 8, 1 << (bit % 8)));
+        for (byte, flips) in bits.chain((1..=255).map(|flips| (1, flips))) {
+            let mut slot = whole.0;
+            slot[byte] ^= flips;
+            let difference = difference(&slot);
+            assert!(mend(&mut slot, difference));
+            assert_eq!(slot, whole.0, "{flips:#x} of byte {byte}");
+        }
+    }
+
+    #[test]
+    fn a_wrong_bit_or_key_is_put_right() {
+        is_put_right::<32>();
+        is_put_right::<96>();
+        is_put_right::<128>();
     }
 
     #[test]

@@ -28,6 +28,7 @@
 //! | 1 | key in use: 1, index, 16 bytes |
 //! | 2 | next key: the same; 0 for none |
 //! | 3 | network: 1, PAN u16, channel u8, own short address u16, coordinator's EUI-64; 0 for none |
+//! | 4 | key the node was provisioned with, written as that in use; missing in older stores |
 //! | 16 + n | member n of a coordinator: 1, EUI-64, short address u16; 0 for none |
 
 pub mod log;
@@ -55,6 +56,7 @@ const COUNTER: u8 = 0;
 const ACTIVE_KEY: u8 = 1;
 const NEXT_KEY: u8 = 2;
 const NETWORK: u8 = 3;
+const FIRST_KEY: u8 = 4;
 const MEMBERS: u8 = 16;
 
 /// The network a node belongs to.
@@ -189,21 +191,37 @@ impl<F: NorFlash> Store<F> {
     /// `first_counter` is 0 for a key this node has never had. With a key it had before, it must be
     /// above every frame counter it used then.
     ///
-    /// Cut off half-way, the node is not provisioned.
+    /// To be done after [`load`](Self::load), whatever came of it. Cut off half-way, the node is as
+    /// before: not provisioned, or so with the key and the frame counter it had.
     ///
     /// # Errors
-    /// The flash failed.
+    /// The flash failed, and the store has to be loaded again.
     pub async fn provision(
         &mut self,
         key: Key,
         first_counter: u32,
     ) -> Result<(), StoreError<F::Error>> {
         let records = [Record::CounterLimit(first_counter), Record::ActiveKey(key)];
-        let [counter, key] = records.map(encode);
-        match (counter, key) {
-            (Some(counter), Some(key)) => Ok(self.0.begin(&[counter, key]).await?),
-            _ => Err(StoreError::Full),
-        }
+        let [counter, active] = records.map(encode);
+        let (Some(counter), Some(active)) = (counter, active) else {
+            return Err(StoreError::Full);
+        };
+        let first = Entry::new(FIRST_KEY, active.value()).ok_or(StoreError::Full)?;
+        Ok(self.0.begin(&[counter, active, first]).await?)
+    }
+
+    /// The key the node was provisioned with, whichever came into use since. To be asked after
+    /// [`load`](Self::load).
+    ///
+    /// # Errors
+    /// [`StoreError::Corrupt`], or the flash failed.
+    pub async fn first_key(&mut self) -> Result<Key, StoreError<F::Error>> {
+        let first = match self.0.find(FIRST_KEY).await? {
+            Some(first) => Some(first),
+            None => self.0.find(ACTIVE_KEY).await?,
+        };
+        let key = first.and_then(|entry| decode_key(Reader::new(entry.value())));
+        key.flatten().ok_or(StoreError::Corrupt)
     }
 
     /// Writes a record down. When this returns `Ok`, a loss of power does not undo it; when it

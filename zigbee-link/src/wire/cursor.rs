@@ -73,7 +73,7 @@ impl<'a> Writer<'a> {
             .get_mut(self.len..)
             .and_then(|free| free.get_mut(..bytes.len()))
             .ok_or(EmitError::NoRoom)?;
-        place.copy_from_slice(bytes);
+        copy(place, bytes);
         self.len += bytes.len();
         Ok(())
     }
@@ -88,5 +88,13 @@ impl<'a> Writer<'a> {
 
     pub(crate) fn u32(&mut self, value: u32) -> Result<(), EmitError> {
         self.bytes(&value.to_le_bytes())
+    }
+}
+
+/// Copies as much as both have. Unlike `copy_from_slice` it leaves no branch to a panic where it is
+/// not inlined.
+pub(crate) fn copy(to: &mut [u8], from: &[u8]) {
+    for (to, from) in to.iter_mut().zip(from) {
+        *to = *from;
     }
 }

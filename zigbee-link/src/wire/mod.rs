@@ -27,7 +27,7 @@ pub use beacon::{Beacon, Superframe};
 pub use command::{Association, AssociationStatus, Command, DeviceCapabilities};
 pub(crate) use control::is_secured;
 pub use control::{FrameType, Version};
-pub(crate) use cursor::{Reader, Writer};
+pub(crate) use cursor::{Reader, Writer, copy};
 pub use error::{EmitError, Malformed};
 pub(crate) use fcs::crc_16;
 pub use fcs::{fcs, has_good_fcs};

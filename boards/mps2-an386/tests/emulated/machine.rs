@@ -13,7 +13,10 @@ use std::{
     time::{Duration, Instant},
 };
 
-use board_support::panel::{Deframer, FRAME_MAX, FromNode, ToNode, frame};
+use board_support::{
+    flash::MPS2_AN386_CONFIG,
+    panel::{Deframer, FRAME_MAX, FromNode, ToNode, frame},
+};
 use embassy_futures::select::{Either, select};
 use embedded_io_async::{Read, Write};
 use host_sim::camera::{Configuration, Emulator, Extent, Note, Scene, Shape, Time};
@@ -83,6 +86,7 @@ impl Machine {
             UnixListener::bind(path).unwrap()
         });
         let log = fs::File::create(self.directory.path().join("log")).unwrap();
+        let page_loader = format!("loader,file=page.bin,addr={MPS2_AN386_CONFIG:#x}");
         let mut command = Command::new("qemu-system-arm");
         command
             .args(["-M", "mps2-an386", "-cpu", "cortex-m4"])
@@ -90,7 +94,7 @@ impl Machine {
             .args(["-serial", "unix:device", "-serial", "unix:radio"])
             .args(["-serial", "unix:panel"])
             .args(["-semihosting-config", "enable=on,target=native"])
-            .args(["-device", "loader,file=page.bin,addr=0x003ff000"])
+            .args(["-device", &page_loader])
             .args(["-device", "loader,file=paint.bin,addr=0x20000000"])
             .args(["-qmp", "unix:monitor,server=on,wait=off"])
             .args(["-append", "flash.bin"])

@@ -22,6 +22,12 @@ pub enum EmulatorError {
         /// What it said instead.
         said: String,
     },
+    /// Nothing would end the emulators if this program were killed.
+    #[error(
+        "setpriv was not found, or it is too old for --pdeathsig: install util-linux, on Debian or \
+         Ubuntu with `sudo apt-get install util-linux`"
+    )]
+    NoLeash,
     /// There is no image.
     #[error(
         "there is no image {}: type `cargo xtask firmware`, which makes {IMAGE}, or name another \
@@ -47,31 +53,43 @@ pub enum EmulatorError {
         /// Why not.
         reason: io::Error,
     },
-    /// It runs but does not open its lines.
+    /// It runs but does not do what every board does when it is switched on.
     #[error(
-        "the emulator of node {id} did not open its lines within {seconds} s: is the computer \
-         overloaded? Its output is in {}", .files.display()
+        "the emulator of node {id} did not {what} within {seconds} s: if the computer is \
+         overloaded, give it longer with --board-timeout; otherwise the image hangs. Its output is \
+         in {}, until the next run with emulated boards", .log.display()
     )]
     Silent {
         /// The node.
         id: u16,
+        /// What it did not do.
+        what: &'static str,
         /// How long it was waited for.
-        seconds: u64,
-        /// Where its files are.
-        files: PathBuf,
+        seconds: f64,
+        /// What it printed.
+        log: PathBuf,
+    },
+    /// A line is closed, but it runs.
+    #[error(
+        "a line of node {id} was closed while its emulator runs: if it has a real camera, is that \
+         still plugged in?"
+    )]
+    LineClosed {
+        /// The node.
+        id: u16,
     },
     /// It ended by itself.
     #[error(
         "the emulator of node {id} ended ({status}): 1 is a node that cannot go on or a wrong \
-         option, 2 a panic or a fault. What it printed is in {}, as defmt frames: \
-         `defmt-print -e IMAGE < log`", .files.join("log").display()
+         option, 2 a panic or a fault. What it printed is in {}, until the next run with emulated \
+         boards, as defmt frames: `defmt-print -e IMAGE < log`", .log.display()
     )]
     Ended {
         /// The node.
         id: u16,
         /// How.
         status: ExitStatus,
-        /// Where its files are.
-        files: PathBuf,
+        /// What it printed.
+        log: PathBuf,
     },
 }

@@ -5,9 +5,10 @@ use std::{
     io,
     os::unix::net::{UnixListener, UnixStream},
     process::{Child, Command, ExitStatus, Stdio},
-    time::{Duration, Instant},
+    time::Instant,
 };
 
+use board_support::flash::MPS2_AN386_CONFIG;
 use node_firmware::config::page::{self, PAGE_MAX};
 
 use super::{Board, EMULATOR, EmulatorError};
@@ -16,19 +17,51 @@ use crate::sim::executor::{Clock, Time};
 /// The board's flash, a file in its directory.
 pub(super) const FLASH: &str = "flash.bin";
 const PAGE: &str = "page.bin";
-const LOG: &str = "log";
-
-/// Where the board looks for its configuration.
-const PAGE_ADDRESS: &str = "0x003ff000";
+/// What the emulator prints.
+pub(super) const LOG: &str = "log";
 
 /// The emulator's sockets, in the order of the UARTs.
 const LINES: [&str; 3] = ["device", "radio", "panel"];
 
-/// How long an emulator may take to open them, on a computer that starts many at once.
-const PATIENCE: Duration = Duration::from_secs(30);
-
 /// How often a process is looked at.
 const PERIOD: Time = 5_000_000;
+
+/// Replaces itself by a program that ends with the thread that started it, even if that is killed;
+/// part of util-linux. Elsewhere than on Linux, nobody does this.
+const LEASH: Option<(&str, [&str; 2])> = if cfg!(target_os = "linux") {
+    Some(("setpriv", ["--pdeathsig", "KILL"]))
+} else {
+    None
+};
+
+/// A program that does not outlive this thread.
+fn leashed(program: &str) -> Command {
+    match LEASH {
+        Some((leash, options)) => {
+            let mut command = Command::new(leash);
+            command.args(options).arg(program);
+            command
+        }
+        None => Command::new(program),
+    }
+}
+
+/// Whether the emulator can be started.
+pub(super) fn check() -> Result<(), EmulatorError> {
+    let version = |mut command: Command| command.arg("--version").stdin(Stdio::null()).output();
+    match version(Command::new(EMULATOR)) {
+        Ok(output) if output.status.success() => {}
+        Ok(output) => {
+            let said = String::from_utf8_lossy(&output.stderr).into_owned();
+            return Err(EmulatorError::Unusable { said });
+        }
+        Err(_) => return Err(EmulatorError::Missing),
+    }
+    match version(leashed(EMULATOR)) {
+        Ok(output) if output.status.success() => Ok(()),
+        _ => Err(EmulatorError::NoLeash),
+    }
+}
 
 impl Board {
     /// Makes its directory, and writes its configuration page.
@@ -41,24 +74,29 @@ impl Board {
         fs::write(self.directory.join(PAGE), &bytes[..length]).map_err(EmulatorError::Files)
     }
 
-    fn command(&self) -> io::Result<Command> {
+    /// With this random number for this start.
+    fn command(&self, seed: u64) -> io::Result<Command> {
         let log = File::create(self.directory.join(LOG))?;
-        let mut command = Command::new(EMULATOR);
+        let mut command = leashed(EMULATOR);
         command
             .args(["-M", "mps2-an386", "-cpu", "cortex-m4"])
             .args(["-display", "none", "-monitor", "none"]);
         for line in LINES {
             command.args(["-serial", &format!("unix:{line}")]);
         }
+        // Told one by one: the name of the image may have spaces, and the board does not need it.
+        let arguments = format!("arg=node,arg={FLASH},arg={seed}");
         command
-            .args(["-semihosting-config", "enable=on,target=native"])
+            .args([
+                "-semihosting-config",
+                &format!("enable=on,target=native,{arguments}"),
+            ])
             .args([
                 "-device",
-                &format!("loader,file={PAGE},addr={PAGE_ADDRESS}"),
+                &format!("loader,file={PAGE},addr={MPS2_AN386_CONFIG:#x}"),
             ])
-            .args(["-append", FLASH])
             .arg("-kernel")
-            .arg(&self.emulation.image)
+            .arg(&self.image)
             .current_dir(&self.directory)
             .stdin(Stdio::null())
             .stdout(log.try_clone()?)
@@ -67,7 +105,7 @@ impl Board {
     }
 }
 
-/// A running emulator. Ends with its owner.
+/// A running emulator. Ends with its owner, and with the thread that started it.
 pub(super) struct Machine(Child);
 
 impl Machine {
@@ -75,6 +113,7 @@ impl Machine {
     pub(super) async fn start(
         board: &Board,
         clock: &Clock,
+        seed: u64,
     ) -> Result<(Self, [UnixStream; 3]), EmulatorError> {
         board.prepare()?;
         let listeners = LINES.map(|name| {
@@ -89,9 +128,9 @@ impl Machine {
             id: board.id(),
             reason,
         };
-        let child = board.command().map_err(EmulatorError::Files)?.spawn();
+        let child = board.command(seed).map_err(EmulatorError::Files)?.spawn();
         let mut machine = Self(child.map_err(failed)?);
-        let end = Instant::now() + PATIENCE;
+        let started = Instant::now();
         let mut lines = Vec::new();
         for listener in listeners {
             let listener = listener.map_err(EmulatorError::Files)?;
@@ -104,12 +143,8 @@ impl Machine {
                 if let Some(status) = machine.status() {
                     return Err(board.ended(status));
                 }
-                if Instant::now() > end {
-                    return Err(EmulatorError::Silent {
-                        id: board.id(),
-                        seconds: PATIENCE.as_secs(),
-                        files: board.keep_files(),
-                    });
+                if started.elapsed() > board.timeout {
+                    return Err(board.silent("open its lines"));
                 }
                 clock.sleep(PERIOD).await;
             });

@@ -15,10 +15,10 @@ use crate::sim::{
 /// Where the board keeps the memory of its role.
 const MEMORY: Range<u32> = 0..4 * PAGE as u32;
 
-/// The facts in a file that is a board's flash; none if there is no such file yet.
+/// The facts of this owner in a file that is a board's flash; none if there is no such file yet.
 ///
 /// The board may go on writing: its memory is a log, of which a part is a memory too.
-pub(super) fn facts(file: &Path, clock: &Clock) -> Vec<Fact> {
+pub(super) fn facts(file: &Path, owner: u32, clock: &Clock) -> Vec<Fact> {
     let bytes = fs::read(file).unwrap_or_default();
     let pages = bytes.len() / PAGE;
     let mut facts = Vec::new();
@@ -28,7 +28,7 @@ pub(super) fn facts(file: &Path, clock: &Clock) -> Vec<Fact> {
         if flash.write(0, &bytes[..pages * PAGE]).await.is_err() {
             return;
         }
-        if let Ok(mut memory) = Memory::open(flash, MEMORY).await {
+        if let Ok(mut memory) = Memory::open(flash, MEMORY, owner).await {
             // What cannot be read is missing from the record, as from the node's own memory.
             let _ = memory.recall(|fact| facts.push(*fact)).await;
         }

@@ -15,26 +15,33 @@
 //! holds its flash.
 
 mod error;
+mod files;
+mod heard;
 mod machine;
 mod memory;
 mod panel;
 
 use std::{
+    cell::Cell,
+    future::pending,
     path::{Path, PathBuf},
-    process::{Command, Stdio},
+    process::ExitStatus,
     sync::Arc,
+    time::Duration,
 };
 
 use embassy_futures::select::{Either, Either4, select, select4};
 use embedded_io_async::{Read, Write};
 use node_firmware::{config::Config, memory::Fact};
-use tempfile::TempDir;
 
 pub use self::error::EmulatorError;
-use self::machine::Machine;
+use self::{files::Folder, heard::Heard, machine::Machine};
 use super::node::Panel;
 use crate::sim::{
-    co_processor::CoProcessor, executor::Clock, medium::Medium, medium::NodeId, polled::Polled,
+    co_processor::CoProcessor,
+    executor::{Clock, Time},
+    medium::{Medium, NodeId},
+    polled::Polled,
 };
 
 /// The program.
@@ -43,12 +50,20 @@ const EMULATOR: &str = "qemu-system-arm";
 /// Where `cargo xtask firmware` puts the image.
 pub const IMAGE: &str = "target/firmware/mps2-an386-node.elf";
 
-/// What emulated boards need, checked: the emulator and an image.
-#[derive(Clone, Debug)]
+/// How long a board may take to show that it runs, unless told otherwise: many start at once, and
+/// on a computer that does other things too.
+const TIMEOUT: Duration = Duration::from_secs(30);
+
+/// A process that has closed its lines has ended after this.
+const LINGERING: Time = 5_000_000_000;
+
+/// What the emulated boards of one run need, checked: the emulator and an image.
+#[derive(Debug)]
 pub struct Emulation {
     image: PathBuf,
+    timeout: Duration,
     /// Holds a directory for each board.
-    files: Arc<TempDir>,
+    files: Arc<Folder>,
 }
 
 impl Emulation {
@@ -62,31 +77,30 @@ impl Emulation {
             .ok()
             .filter(|image| image.is_file())
             .ok_or_else(|| EmulatorError::NoImage(image.to_owned()))?;
-        let version = Command::new(EMULATOR)
-            .arg("--version")
-            .stdin(Stdio::null())
-            .output();
-        match version {
-            Ok(output) if output.status.success() => {}
-            Ok(output) => {
-                let said = String::from_utf8_lossy(&output.stderr).into_owned();
-                return Err(EmulatorError::Unusable { said });
-            }
-            Err(_) => return Err(EmulatorError::Missing),
-        }
-        let files = TempDir::with_prefix("nodes-").map_err(EmulatorError::Files)?;
+        machine::check()?;
+        let files = Folder::new().map_err(EmulatorError::Files)?;
         Ok(Self {
             image,
+            timeout: TIMEOUT,
             files: Arc::new(files),
         })
+    }
+
+    /// The same, with another time within which each board has to open its lines after it was
+    /// switched on, and then to talk to its radio. A run with one that does not is over.
+    #[must_use]
+    pub fn with_timeout(self, timeout: Duration) -> Self {
+        Self { timeout, ..self }
     }
 
     /// A board that is still switched off, with its configuration.
     pub(super) fn board(&self, config: &Config) -> Board {
         Board {
             config: config.clone(),
+            image: self.image.clone(),
+            timeout: self.timeout,
             directory: self.files.path().join(config.id.to_string()),
-            emulation: self.clone(),
+            files: self.files.clone(),
         }
     }
 }
@@ -94,8 +108,10 @@ impl Emulation {
 /// An emulated board. Its flash outlasts its being switched off.
 pub(super) struct Board {
     config: Config,
-    emulation: Emulation,
+    image: PathBuf,
+    timeout: Duration,
     directory: PathBuf,
+    files: Arc<Folder>,
 }
 
 /// What surrounds a board.
@@ -106,6 +122,7 @@ pub(super) struct Surroundings<'a, U> {
     /// The far end of its UART 0.
     pub(super) device: U,
     pub(super) panel: &'a Panel,
+    /// Random, another one at each start.
     pub(super) seed: u64,
 }
 
@@ -127,11 +144,13 @@ impl Board {
             panel,
             seed,
         } = surroundings;
-        let (mut machine, lines) = match Machine::start(self, clock).await {
+        let (mut machine, lines) = match Machine::start(self, clock, seed).await {
             Ok(started) => started,
             Err(error) => return error,
         };
         let [line, radio, lamps] = lines.map(|line| Polled::new(line, clock.clone()));
+        let is_heard = Cell::new(false);
+        let radio = Heard::new(radio, &is_heard);
         let address = super::provision::extended(self.id());
         let address = zigbee_link::wire::Eui64(address);
         let radio = CoProcessor::new(radio, medium, antenna, clock.clone(), address, seed);
@@ -139,39 +158,55 @@ impl Board {
             bridge(line, device),
             radio.run(),
             panel::connect(lamps, panel),
-            machine.ended(clock),
+            select(machine.ended(clock), self.says_nothing(clock, &is_heard)),
         );
         match connected.await {
-            Either4::Fourth(status) => self.ended(status),
+            Either4::Fourth(Either::First(status)) => self.ended(status),
+            Either4::Fourth(Either::Second(())) => self.silent("talk to its radio"),
             // A line is closed a moment before its process has ended.
-            _ => self.ended(machine.ended(clock).await),
+            _ => match select(machine.ended(clock), clock.sleep(LINGERING)).await {
+                Either::First(status) => self.ended(status),
+                Either::Second(()) => EmulatorError::LineClosed { id: self.id() },
+            },
         }
     }
 
-    fn ended(&self, status: std::process::ExitStatus) -> EmulatorError {
+    /// Returns if nothing has been heard when the time is over.
+    async fn says_nothing(&self, clock: &Clock, is_heard: &Cell<bool>) {
+        let timeout = self.timeout.as_nanos();
+        clock.sleep(timeout.try_into().unwrap_or(Time::MAX)).await;
+        if is_heard.get() {
+            pending::<()>().await;
+        }
+    }
+
+    fn ended(&self, status: ExitStatus) -> EmulatorError {
         EmulatorError::Ended {
             id: self.id(),
             status,
-            files: self.keep_files(),
+            log: self.keep_log(),
         }
     }
 
-    /// Leaves the files for people to look at.
-    fn keep_files(&self) -> PathBuf {
-        let kept = std::env::temp_dir().join(format!(
-            "host-sim-{}-node-{}",
-            std::process::id(),
-            self.id()
-        ));
-        match std::fs::rename(&self.directory, &kept) {
-            Ok(()) => kept,
-            Err(_) => self.directory.clone(),
+    fn silent(&self, what: &'static str) -> EmulatorError {
+        EmulatorError::Silent {
+            id: self.id(),
+            what,
+            seconds: self.timeout.as_secs_f64(),
+            log: self.keep_log(),
         }
+    }
+
+    /// What the emulator printed. It is left for people to look at.
+    fn keep_log(&self) -> PathBuf {
+        self.files.keep();
+        self.directory.join(machine::LOG)
     }
 
     /// What the node's role has written down, in the order of its records.
     pub(super) fn facts(&self, clock: &Clock) -> Vec<Fact> {
-        memory::facts(&self.directory.join(machine::FLASH), clock)
+        let file = self.directory.join(machine::FLASH);
+        memory::facts(&file, self.config.owner(), clock)
     }
 }
 

@@ -71,7 +71,7 @@ impl<W: Write> Watcher for Capture<W> {
         if let Event::Sent { channel, frame, .. } = event
             && let Some(record) = pcap_record(Instant(at / 1000), channel, None, frame)
         {
-            // A full disk spoils the capture, not the run.
+            // A full disk spoils the capture, not the run. Whoever owns the file learns of it.
             let _ = self.0.write_all(&record);
         }
     }

@@ -3,14 +3,15 @@
 use calib_core::{
     Pose, Refusal, Sighting,
     dead_reckoning::{Place, correlate},
-    resection,
+    resection::{self, Solution},
 };
 
+use super::kept::{Kept, OfStop};
 use crate::{
     arithmetic::root,
     config::CameraConfig,
     memory::KeptSighting,
-    message::{Address, PoseParts, Report, State},
+    message::{Address, PoseParts, Report, State, StopNumber},
 };
 
 /// Sightings a camera keeps. With that many it is done.
@@ -22,7 +23,13 @@ const GATE: f32 = 4.0;
 /// The sightings of one camera and the pose they give.
 #[derive(Clone, Debug)]
 pub(super) struct Calibration {
-    kept: heapless::Vec<KeptSighting, SIGHTINGS>,
+    kept: Kept<KeptSighting, SIGHTINGS>,
+}
+
+impl OfStop for KeptSighting {
+    fn key(&self) -> (Address, StopNumber) {
+        (self.target, self.stop)
+    }
 }
 
 /// What the sightings give.
@@ -35,9 +42,7 @@ pub(super) struct Answer {
 
 impl Calibration {
     pub(super) const fn new() -> Self {
-        Self {
-            kept: heapless::Vec::new(),
-        }
+        Self { kept: Kept::new() }
     }
 
     pub(super) fn count(&self) -> usize {
@@ -53,30 +58,21 @@ impl Calibration {
     }
 
     /// Takes a sighting and tells its index. A stop counts once: told again, with a better place,
-    /// it replaces what was kept of it.
+    /// it replaces what was kept of it. Of so many without a pose the one that came first makes
+    /// room.
     pub(super) fn add(&mut self, sighting: KeptSighting) -> Option<usize> {
-        let same =
-            |kept: &KeptSighting| kept.target == sighting.target && kept.stop == sighting.stop;
-        // Of so many without a pose the oldest makes room.
-        let age = |kept: &KeptSighting| sighting.stop.wrapping_sub(kept.stop);
-        let place = match self.kept.iter().position(same) {
-            None if self.kept.is_full() => {
-                let all = self.kept.iter().enumerate();
-                all.max_by_key(|(_, kept)| age(kept))
-                    .map(|(place, _)| place)
-            }
-            known => known,
+        let Some(place) = self.kept.find(sighting.key()) else {
+            return self.kept.add(sighting);
         };
-        match place {
-            Some(place) => {
-                *self.kept.get_mut(place)? = sighting;
-                Some(place)
-            }
-            None => {
-                self.kept.push(sighting).ok()?;
-                Some(self.kept.len() - 1)
-            }
-        }
+        *self.kept.get_mut(place)? = sighting;
+        Some(place)
+    }
+
+    /// Takes a sighting of a former run and tells its index.
+    pub(super) fn restore(&mut self, sighting: KeptSighting) -> Option<usize> {
+        let place = self.add(sighting);
+        self.kept.find_first();
+        place
     }
 
     /// One of the sightings that share their target and its last fix with the most others.
@@ -107,54 +103,12 @@ impl Calibration {
         }
     }
 
-    // Not inlined, for the sake of the stack.
-    #[inline(never)]
     fn solution(&self) -> Result<Answer, Refusal> {
-        let mut sightings = heapless::Vec::<(Sighting<f32>, Place<f32>), SIGHTINGS>::new();
-        let mut targets = heapless::Vec::<Address, SIGHTINGS>::new();
         let common = self.common().ok_or(Refusal::TooFew)?;
-        for kept in &self.kept {
-            let place = kept.place;
-            // Weighted by what is this stop's own; what most stops share moves the camera with
-            // them.
-            let own = if kept.target == common.target {
-                place.own_covariance(&common.place)
-            } else {
-                place.covariance()
-            };
-            let _ = targets.push(kept.target);
-            let sighting = Sighting {
-                target: place.position(),
-                ray: kept.seen.ray(),
-                bearing_sigma: kept.seen.sigma,
-                target_covariance: own,
-            };
-            let _ = sightings.push((sighting, place));
-        }
-        let seen: heapless::Vec<Sighting<f32>, SIGHTINGS> =
-            sightings.iter().map(|(sighting, _)| *sighting).collect();
         let mut dropped = [false; SIGHTINGS];
-        let dropped = dropped.get_mut(..seen.len()).unwrap_or_default();
-        let solution = match resection::solve_rejecting(&seen, GATE, dropped) {
-            // No majority agrees: more likely the camera model or a sigma is wrong than half of
-            // the sightings. The residuals tell, and the covariance grows with them.
-            Err(Refusal::Inconsistent) => {
-                dropped.fill(false);
-                resection::solve(&seen)?
-            }
-            other => other?,
-        };
-        let is_used = |place: &mut usize| {
-            *place += 1;
-            dropped.get(*place - 1) == Some(&false)
-        };
-        let mut place = 0;
-        sightings.retain(|_| is_used(&mut place));
-        place = 0;
-        targets.retain(|_| is_used(&mut place));
-        let pose = correlate(&solution.pose, &sightings, |a, b| {
-            targets.get(a) == targets.get(b)
-        })?;
+        let dropped = dropped.get_mut(..self.kept.len()).unwrap_or_default();
+        let solution = self.fitted(common, dropped)?;
+        let pose = self.correlated(common, dropped, &solution.pose)?;
         let excess = match solution.degrees_of_freedom() {
             0 => 1.0,
             degrees => (solution.chi_squared / degrees as f32).max(1.0),
@@ -175,6 +129,68 @@ impl Calibration {
             used: solution.used,
             chi_squared: solution.chi_squared,
         })
+    }
+
+    /// The pose that fits the sightings best, and which of them it leaves out.
+    // Not inlined, for the sake of the stack.
+    #[inline(never)]
+    fn fitted(
+        &self,
+        common: &KeptSighting,
+        dropped: &mut [bool],
+    ) -> Result<Solution<f32>, Refusal> {
+        let seen = self.kept.iter().map(|kept| sighting(kept, common));
+        let seen: heapless::Vec<Sighting<f32>, SIGHTINGS> = seen.collect();
+        match resection::solve_rejecting(&seen, GATE, dropped) {
+            // No majority agrees: more likely the camera model or a sigma is wrong than half of
+            // the sightings. The residuals tell, and the covariance grows with them.
+            Err(Refusal::Inconsistent) => {
+                dropped.fill(false);
+                resection::solve(&seen)
+            }
+            other => other,
+        }
+    }
+
+    /// The same pose with what the stops' places have in common.
+    // Not inlined, for the sake of the stack.
+    #[inline(never)]
+    fn correlated(
+        &self,
+        common: &KeptSighting,
+        dropped: &[bool],
+        pose: &Pose<f32>,
+    ) -> Result<Pose<f32>, Refusal> {
+        let mut used = heapless::Vec::<(Sighting<f32>, Place<f32>), SIGHTINGS>::new();
+        let mut targets = heapless::Vec::<Address, SIGHTINGS>::new();
+        for (kept, _) in self
+            .kept
+            .iter()
+            .zip(dropped)
+            .filter(|(_, dropped)| !**dropped)
+        {
+            // As many as are kept.
+            let _ = used.push((sighting(kept, common), kept.place));
+            let _ = targets.push(kept.target);
+        }
+        correlate(pose, &used, |a, b| targets.get(a) == targets.get(b))
+    }
+}
+
+/// A sighting weighted by what is its stop's own: what most stops share with the `common` one moves
+/// the camera with them.
+fn sighting(kept: &KeptSighting, common: &KeptSighting) -> Sighting<f32> {
+    let place = kept.place;
+    let own = if kept.target == common.target {
+        place.own_covariance(&common.place)
+    } else {
+        place.covariance()
+    };
+    Sighting {
+        target: place.position(),
+        ray: kept.seen.ray(),
+        bearing_sigma: kept.seen.sigma,
+        target_covariance: own,
     }
 }
 

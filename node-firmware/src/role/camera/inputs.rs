@@ -2,13 +2,13 @@
 
 use zigbee_link::{Instant, store::Membership, wire::ShortAddress};
 
-use super::{Camera, Errand, Event, KnownTarget, LOOK_WITHIN, Task};
+use super::{Camera, Errand, Event, KnownTarget, Task, facts::COLOURS, stops::LOOK_WITHIN};
 use crate::{
     config::Duty,
     hardware::{Button, Indication},
     memory::Fact,
-    message::{Command, Done, Message, Report, Sight, State},
-    role::{COORDINATOR, Output, Owed, Role},
+    message::{Command, Done, Message, Sight, State},
+    role::{COORDINATOR, Earliest, Output, Role},
 };
 
 impl Role for Camera {
@@ -17,24 +17,7 @@ impl Role for Camera {
     type Event = Event;
 
     fn remember(&mut self, fact: &Fact) {
-        match fact {
-            Fact::Report(Some(report)) => {
-                self.report = Report {
-                    id: self.id,
-                    ..*report
-                };
-                self.told = self.report;
-            }
-            Fact::References(references) => self.references = *references,
-            Fact::Sighting(_, Some(sighting)) => {
-                let _ = self.calibration.add(*sighting);
-            }
-            Fact::Posed(second) => self.posed.1 = *second,
-            Fact::ReferenceStop(index, Some(stop)) if self.pose().is_none() => {
-                self.stops.restore(usize::from(*index), *stop);
-            }
-            _ => {}
-        }
+        self.recall(fact);
     }
 
     fn attached(&mut self, now: Instant, network: Option<Membership>) {
@@ -44,9 +27,12 @@ impl Role for Camera {
             if self.report.state != State::Waiting {
                 self.to_coordinator.tell(now);
             }
-            if self.duty() == Some(Duty::Second) && self.pose().is_none() {
+            match self.duty() {
                 // Nobody knows which ones were delivered before a restart.
-                self.owe_bearings(now);
+                Some(Duty::Second) if self.pose().is_none() => self.owe_bearings(now),
+                // Or whether the last ones written down were solved.
+                Some(Duty::First) => self.to_solve = true,
+                _ => {}
             }
         }
     }
@@ -89,16 +75,7 @@ impl Role for Camera {
                     self.outbox
                         .push(now, COORDINATOR, Message::Done(done), None);
                 }
-                other => {
-                    if let Some(command) = self.command.replace(*other) {
-                        let done = Done {
-                            command,
-                            success: false,
-                        };
-                        self.outbox
-                            .push(now, COORDINATOR, Message::Done(done), None);
-                    }
-                }
+                other => self.command(now, *other),
             },
             Message::Sightings if is_coordinator => self.listing = Some(0),
             _ => {}
@@ -157,17 +134,34 @@ impl Role for Camera {
                 self.outbox
                     .push(now, COORDINATOR, Message::Tracked(tracked), None);
             }
+            Event::Learnt(colour, window) => {
+                if let Some(learnt) = self.colours.learnt.get_mut(usize::from(colour))
+                    && *learnt != Some(window)
+                {
+                    *learnt = Some(window);
+                    self.unsaved.add(COLOURS);
+                }
+            }
             Event::Button(Button::LearnColour) => {
-                self.command = Some(Command::LearnColour { colour: 0 });
+                self.command(now, Command::LearnColour { colour: 0 });
             }
             Event::Button(Button::JoinWindow) => {}
             Event::Ready => self.ready = true,
         }
     }
 
+    fn compute(&mut self, now: Instant) {
+        if core::mem::take(&mut self.to_solve) {
+            self.solve_reference(now);
+        }
+    }
+
     fn poll(&mut self, now: Instant) -> Option<Output<Errand, Task>> {
-        if let Some(fact) = self.saves.pop_front().or_else(|| self.erase()) {
+        if let Some(fact) = self.unsaved() {
             return Some(Output::Save(fact));
+        }
+        if core::mem::take(&mut self.recalled) {
+            return Some(Output::Task(Task::Recall(self.colours.learnt)));
         }
         if !self.busy {
             if let Some(command) = self.command.take() {
@@ -207,16 +201,23 @@ impl Role for Camera {
 
     fn deadline(&self) -> Option<Instant> {
         self.address?;
-        let targets = self.to_targets.iter().filter_map(|t| t.report.deadline());
-        let bearings = self.bearings.iter().filter_map(|(_, _, o)| o.deadline());
-        let [hello, report] = [&self.hello, &self.to_coordinator];
-        [hello, report, &self.posed.0, &self.located.0]
-            .into_iter()
-            .filter_map(Owed::deadline)
-            .chain(self.outbox.deadline())
-            .chain(targets)
-            .chain(bearings)
-            .min()
+        let mut next = Earliest::new(self.outbox.deadline());
+        let single = [
+            &self.hello,
+            &self.to_coordinator,
+            &self.posed.0,
+            &self.located.0,
+        ];
+        for owed in single {
+            next.or(owed.deadline());
+        }
+        for target in &self.to_targets {
+            next.or(target.report.deadline());
+        }
+        for (_, _, owed) in &self.bearings {
+            next.or(owed.deadline());
+        }
+        next.get()
     }
 
     fn indication(&self) -> Indication {

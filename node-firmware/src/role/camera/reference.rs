@@ -5,8 +5,9 @@ use calib_core::{
     dead_reckoning::Place,
     reference::{self, Known, Settings, Solution, Stop},
 };
-use nalgebra::{Matrix2, Matrix3, Point2, RealField, Rotation2, Vector2};
+use nalgebra::{Matrix2, Matrix3, Point2, RealField, Vector2};
 
+use super::kept::{Kept, OfStop};
 use crate::{
     arithmetic::{root, sort},
     config::CameraConfig,
@@ -14,11 +15,34 @@ use crate::{
     message::{Address, Located, PoseParts, References, Seen, StopNumber, triangle},
 };
 
-/// Stops a reference camera keeps while the target's place is not known. Full, the oldest goes.
+/// Stops a reference camera keeps while the target's place is not known. Full, what came first goes.
 pub const REFERENCE_STOPS: usize = 12;
+
+/// A stop of a target of which it knows none but up to so many later ones is told late. Farther back
+/// are the numbers of a target that began anew.
+const LATE: StopNumber = 64;
 
 /// Headings that are not known to this, radians, are no answer yet.
 const HEADING_LIMIT: f32 = 0.1;
+
+/// As many stops give an answer even where they contradict each other.
+const LAST_RESORT: usize = 10;
+
+/// A normal number exceeds this once in 1000.
+const CHANCE: f32 = 3.09;
+
+/// Chi squared that chance exceeds once in 1000 solves of so many degrees of freedom (Wilson and
+/// Hilferty, "The distribution of chi-square", 1931: within 4 % for any number of degrees). Without
+/// a degree of freedom nothing can contradict.
+fn chance_limit(degrees: usize) -> f32 {
+    if degrees == 0 {
+        return f32::INFINITY;
+    }
+    let degrees = degrees as f32;
+    let variance = 2.0 / (9.0 * degrees);
+    let cube_root = 1.0 - variance + CHANCE * root(variance);
+    degrees * cube_root * cube_root * cube_root
+}
 
 /// What is known of the frame of the site before the reference solve.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -56,10 +80,26 @@ impl ReferenceFrame {
     }
 }
 
+impl ReferenceFrame {
+    /// Stops that leave a degree of freedom: two equations each, and 4 to 6 unknowns.
+    fn fewest_to_check(&self) -> usize {
+        match (self.baseline, self.sensor_heading) {
+            (None, None) => 4,
+            _ => 3,
+        }
+    }
+}
+
 /// Stops that both references saw, or one of them so far.
 #[derive(Clone, Debug)]
 pub(super) struct ReferenceStops {
-    stops: heapless::Vec<ReferenceStop, REFERENCE_STOPS>,
+    stops: Kept<ReferenceStop, REFERENCE_STOPS>,
+}
+
+impl OfStop for ReferenceStop {
+    fn key(&self) -> (Address, StopNumber) {
+        (self.target, self.stop)
+    }
 }
 
 /// Why there is no answer yet.
@@ -69,6 +109,17 @@ pub(super) enum NotYet {
     Waiting,
     /// They give no answer.
     Refused(Refusal),
+}
+
+/// Which stops of a walk decide.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Attempt {
+    /// All.
+    All,
+    /// So many of the last, if that is not all.
+    Last(usize),
+    /// All, though they contradict each other, if there are [`LAST_RESORT`].
+    LastResort,
 }
 
 /// Both poses and the place of the target.
@@ -83,53 +134,68 @@ pub(super) struct Answer {
 
 impl ReferenceStops {
     pub(super) const fn new() -> Self {
-        Self {
-            stops: heapless::Vec::new(),
-        }
+        Self { stops: Kept::new() }
     }
 
     pub(super) fn clear(&mut self) {
         self.stops.clear();
     }
 
+    /// How many are kept.
+    pub(super) fn len(&self) -> usize {
+        self.stops.len()
+    }
+
+    /// Forgets what the other reference camera saw: it is another one now. Tells how many indices may
+    /// have changed: stops behind one that only the other saw move up.
+    pub(super) fn forget_other(&mut self) -> usize {
+        if self.stops.iter().all(|kept| kept.other.is_none()) {
+            return 0;
+        }
+        let before = self.stops.len();
+        self.stops.retain(|kept| kept.own.is_some());
+        for kept in self.stops.iter_mut() {
+            kept.other = None;
+        }
+        before
+    }
+
     pub(super) fn iter(&self) -> impl Iterator<Item = &ReferenceStop> {
         self.stops.iter()
     }
 
-    pub(super) fn restore(&mut self, index: usize, stop: ReferenceStop) {
-        if let Some(kept) = self.stops.get_mut(index) {
-            *kept = stop;
-        } else {
-            let _ = self.stops.push(stop);
-        }
+    /// Takes a stop of a former run, and tells its index.
+    pub(super) fn restore(&mut self, stop: ReferenceStop) -> Option<usize> {
+        let (index, kept) = self.entry(stop.target, stop.stop)?;
+        *kept = stop;
+        self.stops.find_first();
+        Some(index)
     }
 
-    /// What is known of a stop, to be completed, and its index.
+    /// What is known of a stop, to be completed, and its index. A stop told late is none any more
+    /// when others need the room.
     fn entry(&mut self, target: Address, stop: StopNumber) -> Option<(usize, &mut ReferenceStop)> {
-        let known = |kept: &ReferenceStop| kept.target == target && kept.stop == stop;
-        let index = match self.stops.iter().position(known) {
+        let index = match self.stops.find((target, stop)) {
             Some(index) => index,
-            None => {
-                let new = ReferenceStop {
-                    target,
-                    stop,
-                    place: None,
-                    own: None,
-                    other: None,
-                };
-                if self.stops.is_full() {
-                    let age = |kept: &ReferenceStop| stop.wrapping_sub(kept.stop);
-                    let oldest = self.stops.iter().enumerate().max_by_key(|(_, s)| age(s));
-                    let index = oldest.map(|(index, _)| index)?;
-                    *self.stops.get_mut(index)? = new;
-                    index
-                } else {
-                    let _ = self.stops.push(new);
-                    self.stops.len() - 1
-                }
-            }
+            None if self.stops.is_full() && self.is_late(target, stop) => return None,
+            None => self.stops.add(ReferenceStop {
+                target,
+                stop,
+                place: None,
+                own: None,
+                other: None,
+            })?,
         };
         Some((index, self.stops.get_mut(index)?))
+    }
+
+    /// Whether all that are kept of its target are later.
+    fn is_late(&self, target: Address, stop: StopNumber) -> bool {
+        let of_target = self.stops.iter().filter(|kept| kept.target == target);
+        let mut ahead = of_target
+            .map(|kept| kept.stop.wrapping_sub(stop))
+            .peekable();
+        ahead.peek().is_some() && ahead.all(|ahead| ahead <= LATE)
     }
 
     /// This camera saw the target there. Tells the index of what changed.
@@ -154,20 +220,15 @@ impl ReferenceStops {
     }
 
     /// The walk of which both saw most stops: there may be several targets. Its target, its last
-    /// stop, and the stops as the solve takes them.
+    /// stop, and in `stops` those of its last ones that the attempt takes, as the solve takes them.
     // Not inlined: the solve needs the stack.
     #[inline(never)]
     fn walk(
         &self,
         wanted: usize,
-    ) -> Result<
-        (
-            Address,
-            StopNumber,
-            heapless::Vec<Stop<f32>, REFERENCE_STOPS>,
-        ),
-        NotYet,
-    > {
+        attempt: Attempt,
+        stops: &mut heapless::Vec<Stop<f32>, REFERENCE_STOPS>,
+    ) -> Result<(Address, StopNumber), NotYet> {
         let complete = |kept: &ReferenceStop| {
             let place = kept.place?;
             let walk = (kept.target, place.parts().fix);
@@ -186,20 +247,28 @@ impl ReferenceStops {
             // As many as there are stops.
             let _ = seen.push((stop, place, rays));
         }
-        if seen.len() < wanted.min(REFERENCE_STOPS) {
+        if seen.len() < wanted {
             return Err(NotYet::Waiting);
         }
+        let most = match attempt {
+            Attempt::All => seen.len(),
+            Attempt::Last(most) if most < seen.len() => most,
+            Attempt::LastResort if seen.len() >= LAST_RESORT => seen.len(),
+            // The same again, or too early.
+            _ => return Err(NotYet::Refused(Refusal::Inconsistent)),
+        };
         // Their numbers may have begun again from zero.
         let order = |stop: StopNumber| stop.wrapping_sub(any).cast_signed();
         sort(&mut seen, |(a, ..), (b, ..)| order(*a) < order(*b));
         let last = seen.last().map_or(any, |(stop, ..)| *stop);
+        let seen = seen.get(seen.len().saturating_sub(most)..);
+        let seen = seen.unwrap_or_default();
 
         // The solve adds the covariances of displacements up. What comes of standing beside the
         // place does not grow, so each one is what the way from the first stop has more.
         let (first_stop, first, _) = seen.first().ok_or(NotYet::Waiting)?;
         let mut before = (first.position(), Matrix2::zeros());
-        let mut stops = heapless::Vec::new();
-        for (stop, place, seen) in &seen {
+        for (stop, place, seen) in seen {
             let from_first = if stop == first_stop {
                 Matrix2::zeros()
             } else {
@@ -215,48 +284,48 @@ impl ReferenceStops {
                 displacement_covariance: from_first - covariance,
             });
         }
-        Ok((walk.0, last, stops))
+        Ok((walk.0, last))
     }
 
     /// The answer of the walk of which both saw most stops.
+    ///
+    /// An answer that its own residuals contradict, more than chance would, is none: the target was
+    /// carried on between two stops, or a camera saw something else at one. Then the last stops
+    /// decide alone, now or when more have come: as many as are wanted, and as leave a degree of
+    /// freedom, without which anything fits. Where all of [`LAST_RESORT`] stops or more and the last
+    /// of them contradict each other, it is rather a lens or a sigma that is wrong, as it is at every
+    /// stop: the answer is taken with sigmas as large as the residuals say.
+    pub(super) fn solve(&self, frame: &ReferenceFrame, wanted: usize) -> Result<Answer, NotYet> {
+        match self.attempt(frame, wanted, Attempt::All) {
+            Err(NotYet::Refused(Refusal::Inconsistent)) => {}
+            answer => return answer,
+        }
+        let few = wanted.max(frame.fewest_to_check());
+        for attempt in [Attempt::Last(few), Attempt::LastResort] {
+            // The contradiction is what people should hear of.
+            if let Ok(answer) = self.attempt(frame, wanted, attempt) {
+                return Ok(answer);
+            }
+        }
+        Err(NotYet::Refused(Refusal::Inconsistent))
+    }
+
     // Not inlined, for the sake of the stack.
     #[inline(never)]
-    pub(super) fn solve(&self, frame: &ReferenceFrame, wanted: usize) -> Result<Answer, NotYet> {
-        let (target, last, stops) = self.walk(wanted)?;
+    fn attempt(
+        &self,
+        frame: &ReferenceFrame,
+        wanted: usize,
+        attempt: Attempt,
+    ) -> Result<Answer, NotYet> {
+        let mut stops = heapless::Vec::new();
+        let (target, last) = self.walk(wanted, attempt, &mut stops)?;
         let known = Known {
             baseline: frame.baseline,
             frame_heading: frame.sensor_heading,
         };
-        let outcome =
-            reference::solve(&stops, &known, &Settings::default()).map_err(NotYet::Refused)?;
-        let best = outcome.best;
-        let sure = best.heading_sigmas().iter().all(|&s| s < HEADING_LIMIT);
-        if outcome.alternative.is_some() || !sure {
-            return Err(NotYet::Refused(Refusal::Undetermined));
-        }
-        let (position, covariance) = best
-            .places(&stops)
-            .last()
-            .ok_or(NotYet::Refused(Refusal::TooFew))?;
-        let turn = Rotation2::new(frame.direction);
-        let origin = Point2::from(frame.first);
-        let position = origin + turn * position.coords;
-        let covariance = turn * covariance * turn.transpose();
-        let poses = poses(&best, frame);
-        // What nobody would accept is not told.
-        let located = Located {
-            stop: last,
-            position: position.coords.into(),
-            covariance: triangle(&covariance),
-            frame_heading: angle::wrap_signed(frame.direction + best.frame_heading),
-            frame_heading_sigma: best.frame_heading_sigma(),
-        };
-        let is_sound = poses.iter().all(PoseParts::is_usable)
-            && located.is_usable()
-            && best.chi_squared.is_finite();
-        if !is_sound {
-            return Err(NotYet::Refused(Refusal::Undetermined));
-        }
+        let best = decided(&stops, &known, attempt)?;
+        let (poses, located) = in_frame_of_site(&best, &stops, last, frame)?;
         Ok(Answer {
             poses,
             target,
@@ -267,10 +336,74 @@ impl ReferenceStops {
     }
 }
 
+/// The one answer of these stops. They may contradict each other in the last resort.
+// Not inlined, for the sake of the stack.
+#[inline(never)]
+fn decided(
+    stops: &[Stop<f32>],
+    known: &Known<f32>,
+    attempt: Attempt,
+) -> Result<Solution<f32>, NotYet> {
+    // By reference: large, and moved it would be on the stack twice.
+    let mut solved = reference::solve(stops, known, &Settings::default());
+    let outcome = match &mut solved {
+        Ok(outcome) => outcome,
+        Err(why) => return Err(NotYet::Refused(*why)),
+    };
+    let best = &mut outcome.best;
+    let degrees = best.degrees_of_freedom;
+    if best.chi_squared > chance_limit(degrees) {
+        if attempt != Attempt::LastResort {
+            return Err(NotYet::Refused(Refusal::Inconsistent));
+        }
+        best.covariance *= best.chi_squared / degrees as f32;
+    }
+    let sure = best.heading_sigmas().iter().all(|&s| s < HEADING_LIMIT);
+    if outcome.alternative.is_some() || !sure {
+        return Err(NotYet::Refused(Refusal::Undetermined));
+    }
+    Ok(*best)
+}
+
+/// Both poses, and where the target stood at the last stop.
+// Not inlined, for the sake of the stack.
+#[inline(never)]
+fn in_frame_of_site(
+    best: &Solution<f32>,
+    stops: &[Stop<f32>],
+    last: StopNumber,
+    frame: &ReferenceFrame,
+) -> Result<([PoseParts; 2], Located), NotYet> {
+    let (position, covariance) = best
+        .places(stops)
+        .last()
+        .ok_or(NotYet::Refused(Refusal::TooFew))?;
+    let turn = angle::rotation(frame.direction);
+    let origin = Point2::from(frame.first);
+    let position = origin + turn * position.coords;
+    let covariance = turn * covariance * turn.transpose();
+    let poses = poses(best, frame);
+    let located = Located {
+        stop: last,
+        position: position.coords.into(),
+        covariance: triangle(&covariance),
+        frame_heading: angle::wrap_signed(frame.direction + best.frame_heading),
+        frame_heading_sigma: best.frame_heading_sigma(),
+    };
+    // What nobody would accept is not told.
+    let is_sound = poses.iter().all(PoseParts::is_usable)
+        && located.is_usable()
+        && best.chi_squared.is_finite();
+    if !is_sound {
+        return Err(NotYet::Refused(Refusal::Undetermined));
+    }
+    Ok((poses, located))
+}
+
 /// Both poses in the frame of the site. The first camera is its origin, so only its heading errs;
 /// the second is on the baseline, the length of which errs if it was not known.
 fn poses(solution: &Solution<f32>, frame: &ReferenceFrame) -> [PoseParts; 2] {
-    let along = Rotation2::new(frame.direction) * Vector2::x();
+    let along = angle::rotation(frame.direction) * Vector2::x();
     let origin = Point2::from(frame.first);
     let c = &solution.covariance;
     let first = Matrix3::from_diagonal(&[0.0, 0.0, c.m11].into());
@@ -299,4 +432,81 @@ fn poses(solution: &Solution<f32>, frame: &ReferenceFrame) -> [PoseParts; 2] {
             second,
         ),
     ]
+}
+
+#[cfg(test)]
+mod tests {
+    use calib_core::dead_reckoning::Track;
+
+    use super::*;
+
+    /// Quantiles for 0.999 from any table.
+    #[test]
+    fn chance_is_that_of_the_tables() {
+        for (degrees, quantile) in [
+            (1, 10.828),
+            (2, 13.816),
+            (3, 16.266),
+            (5, 20.515),
+            (10, 29.588),
+            (20, 45.315),
+        ] {
+            let limit = chance_limit(degrees);
+            assert!((limit / quantile - 1.0).abs() < 0.04, "{degrees}: {limit}");
+        }
+        assert!(!(f32::MAX > chance_limit(0)));
+    }
+
+    fn nowhere() -> Place<f32> {
+        Track::default().place(0.0).unwrap()
+    }
+
+    const SEEN: Seen = Seen {
+        bearing: 0.1,
+        sigma: 0.01,
+    };
+
+    fn kept(stops: &ReferenceStops) -> std::vec::Vec<(Address, StopNumber)> {
+        stops.iter().map(OfStop::key).collect()
+    }
+
+    /// The second camera was away, and tells all it saw. Nothing of that is of use any more.
+    #[test]
+    fn what_is_told_late_takes_no_room() {
+        let mut stops = ReferenceStops::new();
+        let first = StopNumber::MAX - 3;
+        let numbers = (0..20).map(|n| first.wrapping_add(n));
+        for stop in numbers.clone() {
+            assert!(stops.own(1, stop, nowhere(), SEEN).is_some());
+        }
+        let before = kept(&stops);
+        for stop in numbers {
+            let is_kept = before.contains(&(1, stop));
+            assert_eq!(stops.other(1, stop, SEEN).is_some(), is_kept, "{stop}");
+        }
+        assert_eq!(kept(&stops), before);
+        assert!(stops.iter().all(|stop| stop.other.is_some()));
+        // A new stop may be told by the other one first; and a target may begin anew.
+        for stop in [first.wrapping_add(20), 30_000, 1_000] {
+            assert!(stops.other(1, stop, SEEN).is_some());
+        }
+    }
+
+    /// Where the numbers of two targets are, to each other, is chance.
+    #[test]
+    fn the_newest_stops_of_two_targets_are_kept() {
+        for second in [0, 20_000, 40_000, 60_000] {
+            let mut stops = ReferenceStops::new();
+            let mut told = std::vec::Vec::new();
+            for n in 0..20 {
+                for (target, stop) in [(1, 100 + n), (2, second + n)] {
+                    stops.own(target, stop, nowhere(), SEEN);
+                    told.push((target, stop));
+                }
+            }
+            let mut kept = kept(&stops);
+            kept.sort_by_key(|key| told.iter().position(|told| told == key));
+            assert_eq!(kept, told[told.len() - REFERENCE_STOPS..]);
+        }
+    }
 }

@@ -3,8 +3,12 @@
 use zigbee_link::{Instant, wire::ShortAddress};
 
 use super::{ANSWER_WITHIN, READY_AFTER};
-use crate::message::{Address, Look, MEMBERS, Report, Sight};
-use crate::role::free_slot;
+use crate::{
+    config::Duty,
+    memory::Fact,
+    message::{Address, Look, MEMBERS, Report, Sight},
+    role::free_slot,
+};
 
 /// Cameras a target knows.
 pub const CAMERAS: usize = MEMBERS;
@@ -27,8 +31,10 @@ pub struct CameraEntry {
     pub counted: u8,
     /// It needs no more stops.
     pub done: bool,
-    /// Where its report is written down.
+    /// Where its report is written down, or is to be.
     slot: Option<u8>,
+    /// It is to be.
+    unsaved: bool,
     question: Question,
     /// How often it was asked at this stop.
     tries: u8,
@@ -50,6 +56,14 @@ enum Question {
     Again(Instant),
     /// It answered, or it cannot be reached.
     Settled,
+}
+
+impl CameraEntry {
+    fn know(&mut self, report: Report) {
+        self.report = Some(report);
+        self.counted = report.sightings;
+        self.done = report.done;
+    }
 }
 
 #[derive(Clone, Debug)]
@@ -80,6 +94,7 @@ impl Table {
                     counted: 0,
                     done: false,
                     slot: None,
+                    unsaved: false,
                     question: Question::Open,
                     tries: 0,
                     away: 0,
@@ -94,22 +109,39 @@ impl Table {
     pub(super) fn restore(&mut self, slot: u8, address: Address, report: Report) {
         if let Some(camera) = self.place(address).and_then(|at| self.cameras.get_mut(at)) {
             camera.slot = Some(slot);
-            let _ = self.report(address, report);
+            camera.know(report);
         }
     }
 
-    /// A camera told how far it is. The slot in which to write it down, if it is new.
-    pub(super) fn report(&mut self, address: Address, report: Report) -> Option<u8> {
+    /// A camera told how far it is.
+    pub(super) fn report(&mut self, address: Address, report: Report) {
         let free = free_slot(|slot| self.cameras.iter().any(|c| c.slot == Some(slot)));
-        let place = self.place(address)?;
-        let camera = self.cameras.get_mut(place)?;
-        let is_new = camera.report != Some(report);
-        camera.report = Some(report);
-        camera.counted = report.sightings;
-        camera.done = report.done;
-        camera.away = 0;
-        camera.slot = camera.slot.or(free);
-        camera.slot.filter(|_| is_new)
+        if let Some(camera) = self.place(address).and_then(|at| self.cameras.get_mut(at)) {
+            camera.unsaved |= camera.report != Some(report);
+            camera.slot = camera.slot.or(free);
+            camera.away = 0;
+            camera.know(report);
+        }
+    }
+
+    /// Whether this camera may be the first reference: one that has told of a pose says so with it.
+    /// What it solves it tells before that report, so the last one may be of the time before; or
+    /// nothing but the roster, or an answer to a stop, says that it is there.
+    pub(super) fn may_be_first(&self, address: Address) -> bool {
+        let mut cameras = self.cameras.iter();
+        let camera = cameras.find(|camera| camera.address == address);
+        camera.is_some_and(|camera| {
+            let pose_of = camera.report.filter(|report| report.pose().is_some());
+            pose_of.is_none_or(|report| report.duty == Some(Duty::First))
+        })
+    }
+
+    /// The next report to write down.
+    pub(super) fn unsaved(&mut self) -> Option<Fact> {
+        self.cameras.iter_mut().find_map(|camera| {
+            let report = core::mem::take(&mut camera.unsaved).then_some(camera.report?)?;
+            Some(Fact::Camera(camera.slot?, Some((camera.address, report))))
+        })
     }
 
     /// A camera answered the present stop.

@@ -1,17 +1,8 @@
-//! Whole nodes on the host: the firmware as a board runs it, over seams that a test supplies.
-//!
-//! This is also how to test firmware of your own. What a test needs is
-//! - a clock that moves only when every node waits: [`Clock`] and [`Bench::run_until`]. Hours pass in
-//!   milliseconds, and the same test always does the same;
-//! - a UART with somebody on its end: [`CameraUart`] answers as a CMUcam2 does, [`PcUart`] is a PC;
-//! - a radio: [`Antenna`] hands frames to all others;
-//! - flash, steps and lamps: a few lines each.
-
-mod support;
+//! The seams, as a test supplies them, and a site of three nodes.
 
 use std::{
     cell::{Cell, RefCell},
-    collections::VecDeque,
+    collections::{BTreeMap, HashSet, VecDeque},
     convert::Infallible,
     future::{Future, poll_fn},
     pin::Pin,
@@ -23,6 +14,10 @@ use std::{
     task::{Context, Poll, Wake},
 };
 
+use crate::support::{
+    flash::{MockFlash, PowerLoss},
+    site::{camera_config, target_config},
+};
 use calib_core::dead_reckoning::Step;
 use embassy_futures::block_on;
 use embedded_io_async::{Read, Write};
@@ -31,30 +26,26 @@ use node_firmware::{
     config::{Config, CoordinatorConfig, Duty, Role, SiteKey},
     console::{Frames, FromPc, ToPc},
     hardware::{Indication, Indicator, Observer, StepSensor},
-    message::{Command, Done, Message, Sight, Tracked},
+    message::{Kind, Message, Sight},
     run::{Layout, Seams, run},
-};
-use support::{
-    flash::{MockFlash, PowerLoss},
-    site::{camera_config, target_config},
 };
 use zigbee_link::{
     Instant,
     radio::{Capabilities, Channel, Filter, PSDU_MAX, Radio, Received, TxOutcome},
     runner,
     security::Protection,
-    wire::{Eui64, ShortAddress},
+    wire::{Eui64, Frame, KeyId, ShortAddress},
 };
 
-const SECOND: u64 = 1_000_000;
+pub(super) const SECOND: u64 = 1_000_000;
 
 /// Virtual time. Whoever sleeps leaves a note of until when.
 #[derive(Clone, Default)]
-struct Clock(Rc<(Cell<u64>, Cell<u64>)>);
+pub(super) struct Clock(Rc<(Cell<u64>, Cell<u64>)>);
 
 impl Clock {
     /// Whether it is that late. If not, time will not jump over it.
-    fn reached(&self, time: u64) -> bool {
+    pub(super) fn reached(&self, time: u64) -> bool {
         let (now, next) = &*self.0;
         if now.get() < time {
             next.set(next.get().min(time));
@@ -62,7 +53,7 @@ impl Clock {
         now.get() >= time
     }
 
-    fn us(&self) -> u64 {
+    pub(super) fn us(&self) -> u64 {
         self.0.0.get()
     }
 }
@@ -83,7 +74,7 @@ impl runner::Clock for Clock {
 
 /// Somebody was woken: there is more to do at the present time.
 #[derive(Default)]
-struct Woken(AtomicBool);
+pub(super) struct Woken(AtomicBool);
 
 impl Wake for Woken {
     fn wake(self: Arc<Self>) {
@@ -93,15 +84,15 @@ impl Wake for Woken {
 
 /// The nodes under test.
 #[derive(Default)]
-struct Bench {
-    clock: Clock,
-    woken: Arc<Woken>,
-    nodes: Vec<Pin<Box<dyn Future<Output = String>>>>,
+pub(super) struct Bench {
+    pub(super) clock: Clock,
+    pub(super) woken: Arc<Woken>,
+    pub(super) nodes: Vec<Pin<Box<dyn Future<Output = String>>>>,
 }
 
 impl Bench {
     /// Runs all nodes until then. Polling everybody at every wake is slow, and simple.
-    fn run_until(&mut self, time: u64) {
+    pub(super) fn run_until(&mut self, time: u64) {
         let waker = self.woken.clone().into();
         let mut context = Context::from_waker(&waker);
         let (now, next) = &*self.clock.0;
@@ -128,16 +119,20 @@ impl Bench {
         }
     }
 
-    fn run_for(&mut self, time: u64) {
+    pub(super) fn run_for(&mut self, time: u64) {
         self.run_until(self.clock.us() + time);
     }
 }
 
 /// Every radio's frames on their way.
-type Ether = Rc<RefCell<Vec<VecDeque<(Channel, Vec<u8>)>>>>;
+pub(super) type Ether = Rc<RefCell<Vec<VecDeque<(Channel, Vec<u8>)>>>>;
 
-struct Antenna {
+/// Sender, index of the key, and frame counter of every frame: no nonce occurs twice.
+pub(super) type Nonces = Rc<RefCell<HashSet<(usize, u8, u32)>>>;
+
+pub(super) struct Antenna {
     ether: Ether,
+    nonces: Nonces,
     number: usize,
     channel: Option<Channel>,
     clock: Clock,
@@ -166,6 +161,13 @@ impl Radio for Antenna {
         let airtime = 32 * (psdu.len() as u64 + 6);
         runner::Clock::sleep_until(&self.clock, Instant(self.clock.us() + airtime)).await;
         let channel = self.channel.unwrap();
+        if let Some(security) = Frame::parse(psdu).unwrap().header().security {
+            let KeyId::Index(key) = security.key else {
+                panic!("no such key");
+            };
+            let nonce = (self.number, key, security.counter.unwrap());
+            assert!(self.nonces.borrow_mut().insert(nonce), "{nonce:?} twice");
+        }
         for (number, frames) in self.ether.borrow_mut().iter_mut().enumerate() {
             if number != self.number {
                 frames.push_back((channel, psdu.to_vec()));
@@ -196,17 +198,17 @@ impl Radio for Antenna {
 
 /// A CMUcam2 that does what it is told and sees what the test says: column, or nothing.
 #[derive(Clone)]
-struct CameraUart {
-    clock: Clock,
-    sees: Rc<Cell<Option<u8>>>,
+pub(super) struct CameraUart {
+    pub(super) clock: Clock,
+    pub(super) sees: Rc<Cell<Option<u8>>>,
     /// Bytes for the node, each with the time at which it comes.
-    answer: Rc<RefCell<VecDeque<(u64, u8)>>>,
-    line: Rc<RefCell<String>>,
-    heard: Rc<RefCell<Vec<String>>>,
+    pub(super) answer: Rc<RefCell<VecDeque<(u64, u8)>>>,
+    pub(super) line: Rc<RefCell<String>>,
+    pub(super) heard: Rc<RefCell<Vec<String>>>,
 }
 
 impl CameraUart {
-    fn new(clock: &Clock) -> Self {
+    pub(super) fn new(clock: &Clock) -> Self {
         Self {
             clock: clock.clone(),
             sees: Rc::default(),
@@ -216,7 +218,7 @@ impl CameraUart {
         }
     }
 
-    fn packet(&self) -> [u8; 8] {
+    pub(super) fn packet(&self) -> [u8; 8] {
         match self.sees.get() {
             Some(column) => [column, 70, column - 4, 61, column + 4, 79, 60, 200],
             None => [0; 8],
@@ -224,12 +226,13 @@ impl CameraUart {
     }
 
     /// The manual's answers, by the letters of the command.
-    fn obey(&self, command: &str) {
+    pub(super) fn obey(&self, command: &str) {
         self.heard.borrow_mut().push(command.to_owned());
         let (after, text) = match command.get(..2) {
             Some("GV") => (1_000, "ACK\rCMUcam2 v1.01 c6\r:".to_owned()),
             Some("RS") => (700_000, "ACK\r\rCMUcam2 v1.01 c6\r:".to_owned()),
-            Some("TC") => {
+            Some("GT") => (1_000, "ACK\r130 190 90 150 40 100\r:".to_owned()),
+            Some("TC" | "TW") => {
                 let numbers = self.packet().map(|n| n.to_string()).join(" ");
                 (60_000, format!("ACK\rT {numbers}\r:"))
             }
@@ -284,14 +287,16 @@ impl Read for CameraUart {
 
 /// A PC, which writes and notes what it is told.
 #[derive(Clone, Default)]
-struct PcUart {
-    wishes: Rc<RefCell<VecDeque<u8>>>,
-    frames: Rc<RefCell<Frames>>,
-    told: Rc<RefCell<Vec<ToPc>>>,
+pub(super) struct PcUart {
+    pub(super) wishes: Rc<RefCell<VecDeque<u8>>>,
+    pub(super) frames: Rc<RefCell<Frames>>,
+    pub(super) told: Rc<RefCell<Vec<ToPc>>>,
+    /// It takes nothing.
+    pub(super) stalled: Rc<Cell<bool>>,
 }
 
 impl PcUart {
-    fn wish(&self, wish: FromPc) {
+    pub(super) fn wish(&self, wish: FromPc) {
         let mut buffer = [0; 64];
         let frame = postcard::to_slice_cobs(&wish, &mut buffer).unwrap();
         self.wishes.borrow_mut().extend(frame.iter());
@@ -304,6 +309,9 @@ impl embedded_io_async::ErrorType for PcUart {
 
 impl Write for PcUart {
     async fn write(&mut self, bytes: &[u8]) -> Result<usize, Infallible> {
+        if self.stalled.get() {
+            std::future::pending::<()>().await;
+        }
         for &byte in bytes {
             let message: Option<ToPc> = self.frames.borrow_mut().push(byte);
             self.told.borrow_mut().extend(message);
@@ -334,7 +342,7 @@ impl Read for PcUart {
 }
 
 /// A target's UART: none.
-struct NoUart;
+pub(super) struct NoUart;
 
 impl embedded_io_async::ErrorType for NoUart {
     type Error = Infallible;
@@ -356,11 +364,31 @@ impl Read for NoUart {
     }
 }
 
-/// A flash that outlives its node: 8 KiB for the link, 8 KiB for the role.
+/// A flash that outlives its node: 8 KiB for the link, 8 KiB for the role. And after how many more
+/// reads one fails.
 #[derive(Clone)]
-struct Flash(Rc<RefCell<MockFlash<64>>>);
+pub(super) struct Flash(
+    pub(super) Rc<RefCell<MockFlash<64>>>,
+    pub(super) Rc<Cell<u32>>,
+);
 
-const HALF: u32 = MockFlash::<64>::LEN / 2;
+impl Flash {
+    pub(super) fn new(chip: MockFlash<64>) -> Self {
+        Self(Rc::new(RefCell::new(chip)), Rc::new(Cell::new(u32::MAX)))
+    }
+
+    /// Another one, with the same in it.
+    pub(super) fn copy(&self) -> Self {
+        Self::new(self.0.borrow().clone())
+    }
+
+    /// The bytes of the link's half.
+    pub(super) fn pages(&self) -> Vec<u8> {
+        self.0.borrow().bytes[..HALF as usize].to_vec()
+    }
+}
+
+pub(super) const HALF: u32 = MockFlash::<64>::LEN / 2;
 
 impl ErrorType for Flash {
     type Error = PowerLoss;
@@ -370,7 +398,11 @@ impl ReadNorFlash for Flash {
     const READ_SIZE: usize = MockFlash::<64>::READ_SIZE;
 
     async fn read(&mut self, offset: u32, bytes: &mut [u8]) -> Result<(), PowerLoss> {
-        block_on(self.0.borrow_mut().read(offset, bytes))
+        self.1.set(self.1.get().wrapping_sub(1));
+        match self.1.get() {
+            0 => Err(PowerLoss),
+            _ => block_on(self.0.borrow_mut().read(offset, bytes)),
+        }
     }
 
     fn capacity(&self) -> usize {
@@ -393,7 +425,7 @@ impl NorFlash for Flash {
 
 /// Steps, as the test wants them.
 #[derive(Clone, Default)]
-struct Steps(Rc<RefCell<VecDeque<Step<f32>>>>);
+pub(super) struct Steps(pub(super) Rc<RefCell<VecDeque<Step<f32>>>>);
 
 impl StepSensor for Steps {
     type Error = Infallible;
@@ -408,7 +440,7 @@ impl StepSensor for Steps {
 }
 
 #[derive(Clone, Default)]
-struct Lamps(Rc<Cell<Indication>>);
+pub(super) struct Lamps(pub(super) Rc<Cell<Indication>>);
 
 impl Indicator for Lamps {
     fn show(&mut self, indication: Indication) {
@@ -418,7 +450,7 @@ impl Indicator for Lamps {
 
 /// What a node sent.
 #[derive(Clone, Default)]
-struct Log(Rc<RefCell<Vec<Message>>>);
+pub(super) struct Log(pub(super) Rc<RefCell<Vec<Message>>>);
 
 impl Observer for Log {
     fn sends(&mut self, _: ShortAddress, message: &Message) {
@@ -427,19 +459,20 @@ impl Observer for Log {
 }
 
 /// A node without its firmware.
-struct Board<U> {
-    config: Config,
-    number: usize,
-    uart: U,
-    ether: Ether,
-    flash: Flash,
-    steps: Steps,
-    lamps: Lamps,
-    log: Log,
+pub(super) struct Board<U> {
+    pub(super) config: Config,
+    pub(super) number: usize,
+    pub(super) uart: U,
+    pub(super) ether: Ether,
+    pub(super) nonces: Nonces,
+    pub(super) flash: Flash,
+    pub(super) steps: Steps,
+    pub(super) lamps: Lamps,
+    pub(super) log: Log,
 }
 
 impl<U: Read + Write + Clone + 'static> Board<U> {
-    fn new(ether: &Ether, uart: U, role: Role) -> Self {
+    pub(super) fn new(ether: &Ether, uart: U, role: Role) -> Self {
         let number = ether.borrow().len();
         ether.borrow_mut().push(VecDeque::new());
         let config = Config {
@@ -458,7 +491,8 @@ impl<U: Read + Write + Clone + 'static> Board<U> {
             number,
             uart,
             ether: ether.clone(),
-            flash: Flash(Rc::new(RefCell::new(MockFlash::new(number as u64)))),
+            nonces: Nonces::default(),
+            flash: Flash::new(MockFlash::new(number as u64)),
             steps: Steps::default(),
             lamps: Lamps::default(),
             log: Log::default(),
@@ -466,9 +500,10 @@ impl<U: Read + Write + Clone + 'static> Board<U> {
     }
 
     /// The firmware from its start, with what is in the flash.
-    fn power(&self, bench: &Bench, seed: u64) -> Pin<Box<dyn Future<Output = String>>> {
+    pub(super) fn power(&self, bench: &Bench, seed: u64) -> Pin<Box<dyn Future<Output = String>>> {
         let antenna = Antenna {
             ether: self.ether.clone(),
+            nonces: self.nonces.clone(),
             number: self.number,
             channel: None,
             clock: bench.clock.clone(),
@@ -502,15 +537,15 @@ impl Clone for NoUart {
 }
 
 /// A coordinator with a PC, a camera with a CMUcam2, and a target.
-struct Site {
-    bench: Bench,
-    coordinator: Board<PcUart>,
-    camera: Board<CameraUart>,
-    target: Board<NoUart>,
+pub(super) struct Site {
+    pub(super) bench: Bench,
+    pub(super) coordinator: Board<PcUart>,
+    pub(super) camera: Board<CameraUart>,
+    pub(super) target: Board<NoUart>,
 }
 
 impl Site {
-    fn new() -> Self {
+    pub(super) fn new() -> Self {
         let mut bench = Bench::default();
         let ether = Ether::default();
         let coordinator = Role::Coordinator(CoordinatorConfig {
@@ -534,12 +569,46 @@ impl Site {
         }
     }
 
-    fn told(&self) -> Vec<ToPc> {
+    /// Switches all off and on again, with the pages they have by then.
+    pub(super) fn restart(&mut self, seed: u64) {
+        self.coordinator.uart.told.borrow_mut().clear();
+        for lamps in [
+            &self.coordinator.lamps,
+            &self.camera.lamps,
+            &self.target.lamps,
+        ] {
+            lamps.0.take();
+        }
+        self.bench.nodes = vec![
+            self.coordinator.power(&self.bench, seed),
+            self.camera.power(&self.bench, seed + 1),
+            self.target.power(&self.bench, seed + 2),
+        ];
+    }
+
+    pub(super) fn configs(&mut self) -> [&mut Config; 3] {
+        [
+            &mut self.coordinator.config,
+            &mut self.camera.config,
+            &mut self.target.config,
+        ]
+    }
+
+    /// What members said they are, by number.
+    pub(super) fn hellos(&self) -> BTreeMap<u16, Kind> {
+        let hellos = self.told().into_iter().filter_map(|told| match told {
+            ToPc::Member { hello, .. } => Some((hello.id, hello.kind)),
+            _ => None,
+        });
+        hellos.collect()
+    }
+
+    pub(super) fn told(&self) -> Vec<ToPc> {
         self.coordinator.uart.told.borrow().clone()
     }
 
     /// What the camera answered to stops.
-    fn looks(&self) -> Vec<Sight> {
+    pub(super) fn looks(&self) -> Vec<Sight> {
         let log = self.camera.log.0.borrow();
         let looks = log.iter().filter_map(|message| match message {
             Message::Look(look) => Some(look.sight),
@@ -547,138 +616,4 @@ impl Site {
         });
         looks.collect()
     }
-}
-
-#[test]
-fn they_join_and_look() {
-    let mut site = Site::new();
-    site.camera.uart.sees.set(Some(40));
-    site.bench.run_for(40 * SECOND);
-    assert!(site.coordinator.lamps.0.get().joined);
-    assert!(site.camera.lamps.0.get().joined);
-    assert!(site.target.lamps.0.get().joined);
-    let members = site.told().into_iter().filter_map(|message| match message {
-        ToPc::Member { hello, .. } => Some(hello.id),
-        _ => None,
-    });
-    let mut members: Vec<u16> = members.collect();
-    members.sort_unstable();
-    members.dedup();
-    assert_eq!(members, [101, 102]);
-
-    // It stood since it was switched on.
-    assert_eq!(site.looks().last(), Some(&Sight::InView));
-    assert!(site.target.lamps.0.get().may_walk);
-    assert!(site.target.lamps.0.get().target_seen);
-    assert!(site.camera.lamps.0.get().target_seen);
-
-    // It goes where the camera does not see it.
-    site.camera.uart.sees.set(None);
-    site.target.steps.0.borrow_mut().push_back(Step {
-        distance: 1.0,
-        heading: 0.5,
-        distance_sigma: 0.01,
-        heading_sigma: 0.01,
-    });
-    site.bench.run_for(SECOND);
-    assert!(!site.target.lamps.0.get().may_walk);
-    site.bench.run_for(20 * SECOND);
-    assert_eq!(site.looks().last(), Some(&Sight::NotInView));
-    assert!(site.target.lamps.0.get().may_walk);
-    let heard = site.camera.uart.heard.borrow();
-    assert!(heard.contains(&"ST 170 240 60 140 16 80".to_owned()));
-}
-
-#[test]
-fn the_pc_commands_a_camera() {
-    let mut site = Site::new();
-    site.camera.uart.sees.set(Some(40));
-    site.bench.run_for(40 * SECOND);
-    let address = site.told().into_iter().find_map(|message| match message {
-        ToPc::Member { address, hello } if hello.id == 101 => Some(address),
-        _ => None,
-    });
-    let address = address.unwrap();
-    let command = Command::Track { colour: 0 };
-    site.coordinator
-        .uart
-        .wish(FromPc::Command { address, command });
-    site.bench.run_for(5 * SECOND);
-    let done = Done {
-        command,
-        success: true,
-    };
-    assert!(site.told().contains(&ToPc::Done { address, done }));
-    let tracked = Tracked {
-        middle: [40, 70],
-        edges: [36, 61, 44, 79],
-        pixels: 60,
-        confidence: 200,
-    };
-    let packet = ToPc::Tracked { address, tracked };
-    assert!(site.told().iter().filter(|told| **told == packet).count() > 20);
-
-    // A colour that would leave a gap is not learnt.
-    let command = Command::LearnColour { colour: 3 };
-    site.coordinator
-        .uart
-        .wish(FromPc::Command { address, command });
-    site.bench.run_for(20 * SECOND);
-    let done = Done {
-        command,
-        success: false,
-    };
-    assert!(site.told().contains(&ToPc::Done { address, done }));
-    let before = site.told().len();
-    site.bench.run_for(20 * SECOND);
-    assert_eq!(site.told().len(), before, "no more packets");
-}
-
-/// Both the coordinator and its line have more to say than the other takes at a time.
-#[test]
-fn a_pc_that_writes_much_does_not_stop_the_coordinator() {
-    let mut site = Site::new();
-    site.bench.run_for(30 * SECOND);
-    for _ in 0..100 {
-        site.coordinator.uart.wish(FromPc::Refresh);
-    }
-    site.bench.run_for(10 * SECOND);
-    site.coordinator.uart.told.borrow_mut().clear();
-    site.coordinator.uart.wish(FromPc::Refresh);
-    site.bench.run_for(SECOND);
-    let told = site.told();
-    assert!(matches!(told.first(), Some(ToPc::Network(Some(_)))));
-    let members = told
-        .iter()
-        .filter(|told| matches!(told, ToPc::Member { .. }));
-    assert_eq!(members.count(), 2);
-}
-
-/// Each loses its power once; the join window is closed by then.
-#[test]
-fn they_come_back_after_a_restart() {
-    let mut site = Site::new();
-    site.camera.uart.sees.set(Some(40));
-    site.bench.run_for(100 * SECOND);
-    for number in 0..3 {
-        site.camera.lamps.0.take();
-        site.target.lamps.0.take();
-        let node = match number {
-            0 => site.coordinator.power(&site.bench, 11),
-            1 => site.camera.power(&site.bench, 12),
-            _ => site.target.power(&site.bench, 13),
-        };
-        site.bench.nodes[number] = node;
-        site.bench.run_for(30 * SECOND);
-    }
-    site.camera.log.0.borrow_mut().clear();
-    site.target.steps.0.borrow_mut().push_back(Step {
-        distance: 1.0,
-        heading: 0.5,
-        distance_sigma: 0.01,
-        heading_sigma: 0.01,
-    });
-    site.bench.run_for(30 * SECOND);
-    assert_eq!(site.looks().last(), Some(&Sight::InView));
-    assert!(site.target.lamps.0.get().may_walk);
 }

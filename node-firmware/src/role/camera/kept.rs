@@ -1,0 +1,148 @@
+//! A list whose places are places in the flash.
+
+use crate::message::{Address, StopNumber};
+
+/// What was learnt at stops of targets.
+pub(super) trait OfStop {
+    /// The target and its stop.
+    fn key(&self) -> (Address, StopNumber);
+}
+
+/// Up to `N`, each in its place until it goes. When there are so many, the one that came first
+/// makes room: the stops of several targets have no other order.
+#[derive(Clone, Debug)]
+pub(super) struct Kept<T, const N: usize> {
+    list: heapless::Vec<T, N>,
+    /// Place of what came first, when all are taken.
+    first: usize,
+}
+
+impl<T: OfStop, const N: usize> Kept<T, N> {
+    pub(super) const fn new() -> Self {
+        Self {
+            list: heapless::Vec::new(),
+            first: 0,
+        }
+    }
+
+    pub(super) fn iter(&self) -> core::slice::Iter<'_, T> {
+        self.list.iter()
+    }
+
+    pub(super) fn iter_mut(&mut self) -> core::slice::IterMut<'_, T> {
+        self.list.iter_mut()
+    }
+
+    pub(super) fn len(&self) -> usize {
+        self.list.len()
+    }
+
+    pub(super) fn is_full(&self) -> bool {
+        self.list.is_full()
+    }
+
+    pub(super) fn get(&self, place: usize) -> Option<&T> {
+        self.list.get(place)
+    }
+
+    pub(super) fn get_mut(&mut self, place: usize) -> Option<&mut T> {
+        self.list.get_mut(place)
+    }
+
+    pub(super) fn clear(&mut self) {
+        self.list.clear();
+        self.first = 0;
+    }
+
+    /// Drops all that are not `wanted`. Those behind them move up.
+    pub(super) fn retain(&mut self, wanted: impl FnMut(&T) -> bool) {
+        self.list.retain(wanted);
+        if !self.list.is_full() {
+            self.first = 0;
+        }
+    }
+
+    /// The place of what is kept of this stop.
+    pub(super) fn find(&self, key: (Address, StopNumber)) -> Option<usize> {
+        self.list.iter().position(|kept| kept.key() == key)
+    }
+
+    /// Takes a new one and tells its place.
+    pub(super) fn add(&mut self, new: T) -> Option<usize> {
+        match self.list.push(new) {
+            Ok(()) => Some(self.list.len() - 1),
+            Err(new) => {
+                let place = self.first;
+                *self.list.get_mut(place)? = new;
+                self.first = (place + 1) % N;
+                Some(place)
+            }
+        }
+    }
+
+    /// After a restart: what came first is where a target's numbers step back.
+    pub(super) fn find_first(&mut self) {
+        let steps_back = |pair: &[T]| match pair {
+            [before, after] => {
+                let ((of, stop), (target, next)) = (before.key(), after.key());
+                of == target && next.wrapping_sub(stop).cast_signed() < 0
+            }
+            _ => false,
+        };
+        let seam = self.list.windows(2).position(steps_back);
+        self.first = seam.map_or(0, |place| place + 1);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::vec::Vec;
+
+    use super::*;
+
+    impl OfStop for (Address, StopNumber) {
+        fn key(&self) -> (Address, StopNumber) {
+            *self
+        }
+    }
+
+    /// Of two targets: the numbers of one say nothing of those of the other.
+    #[test]
+    fn what_came_first_makes_room() {
+        let mut kept = Kept::<_, 3>::new();
+        let stops = [
+            (1, 500),
+            (2, 7),
+            (1, 501),
+            (2, 8),
+            (1, 502),
+            (2, 9),
+            (2, 10),
+        ];
+        let places: Vec<_> = stops.iter().map(|stop| kept.add(*stop)).collect();
+        assert_eq!(places, [0, 1, 2, 0, 1, 2, 0].map(Some));
+        assert!(kept.iter().eq([(2, 10), (1, 502), (2, 9)].iter()));
+        kept.retain(|stop| *stop != (1, 502));
+        let places = [(2, 11), (2, 12)].map(|stop| kept.add(stop));
+        assert_eq!(places, [2, 0].map(Some));
+    }
+
+    #[test]
+    fn what_came_first_is_known_after_a_restart() {
+        for written in 1..=7 {
+            let mut kept = Kept::<(Address, StopNumber), 3>::new();
+            // Over the end of the numbers.
+            let stop = |n: u16| (1, n.wrapping_sub(4));
+            for n in 0..written {
+                kept.add(stop(n));
+            }
+            let mut restored = Kept::<_, 3>::new();
+            for kept in kept.iter() {
+                restored.add(*kept);
+            }
+            restored.find_first();
+            let new = stop(written);
+            assert_eq!(restored.add(new), kept.add(new), "{written}");
+        }
+    }
+}

@@ -1,0 +1,84 @@
+//! Why there are no steps.
+
+use core::fmt;
+
+/// A chip of the step sensor.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub enum Chip {
+    /// The LSM6DSOX: accelerometer and gyroscope.
+    Motion,
+    /// The LIS3MDL: compass.
+    Compass,
+}
+
+impl Chip {
+    pub(super) const fn is(self, fault: Fault) -> SensorError {
+        SensorError { chip: self, fault }
+    }
+}
+
+impl fmt::Display for Chip {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(match self {
+            Self::Motion => "LSM6DSOX (accelerometer and gyroscope)",
+            Self::Compass => "LIS3MDL (compass)",
+        })
+    }
+}
+
+/// What is wrong with a chip.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+#[non_exhaustive]
+pub enum Fault {
+    /// Nobody answers at its address.
+    Absent,
+    /// The bus failed.
+    Bus,
+    /// Another chip is at its address.
+    Identity {
+        /// What it says it is.
+        found: u8,
+    },
+    /// It has measured nothing for half a second: it was reset, or lost its supply.
+    Silent,
+    /// It gives the same numbers again and again.
+    Stuck,
+    /// What comes from it makes no sense.
+    Garbled,
+    /// It has measured more than was taken from it: steps may be lost.
+    Overrun,
+}
+
+/// Why there are no steps. The texts say what to do about it.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct SensorError {
+    /// Which chip.
+    pub chip: Chip,
+    /// What about it.
+    pub fault: Fault,
+}
+
+impl fmt::Display for SensorError {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "the step sensor's {} ", self.chip)?;
+        f.write_str(match self.fault {
+            Fault::Absent => "does not answer: check its supply, its wiring and its address pins",
+            Fault::Bus => "cannot be reached: check the wires of the bus, and their pull-ups",
+            Fault::Identity { found } => {
+                return write!(
+                    f,
+                    "is another chip (identity {found:#04x}): replace the breakout"
+                );
+            }
+            Fault::Silent => "has stopped: check its supply",
+            Fault::Stuck => "is stuck: switch it off and on",
+            Fault::Garbled => "cannot be understood: shorten the wires of the bus",
+            Fault::Overrun => "was not read for too long: steps are lost",
+        })
+    }
+}
+
+impl core::error::Error for SensorError {}

@@ -1,0 +1,184 @@
+//! The LSM6DSOX: accelerometer and gyroscope, and the FIFO in which their samples wait.
+//!
+//! Facts are those of its datasheet, DS12814, by the names of its sections and registers, and of its
+//! application note AN5272.
+
+use nalgebra::Vector3;
+
+use super::{
+    fault::{Chip, Fault, SensorError},
+    triple, vector,
+};
+
+/// Bytes of a word of the FIFO, the tag first ("FIFO reading procedure").
+pub(super) const WORD: usize = 7;
+/// Bytes of a word without its tag.
+pub(super) const DATA: usize = 6;
+
+/// "`CTRL3_C` (12h)": bit 0 resets, bit 2 counts register numbers up in longer reads and writes.
+pub(super) const RESET: [u8; 2] = [0x12, 0x05];
+
+/// After a reset, when the FIFO is off.
+pub(super) const SETTINGS: [[u8; 2]; 6] = [
+    // "`CTRL9_XL` (18h)": as after a reset, and bit 1: no I3C on this bus.
+    [0x18, 0xE2],
+    // "`CTRL3_C` (12h)": bit 6, both bytes of a number are of one sample; bit 2 as above.
+    [0x12, 0x44],
+    // "`FIFO_CTRL3` (09h)": both sensors into the FIFO at 52 Hz.
+    [0x09, 0x33],
+    // "`FIFO_CTRL4` (0Ah)": continuous mode, the oldest goes when it is full.
+    [0x0A, 0x06],
+    // "`CTRL1_XL` (10h)": 52 Hz; 8 g, more than a heel makes at the hip.
+    [0x10, 0x3C],
+    // "`CTRL2_G` (11h)": 52 Hz; 500 degrees a second, faster than anybody turns.
+    [0x11, 0x34],
+];
+
+/// "`FIFO_STATUS1` (3Ah)" and "`FIFO_STATUS2` (3Bh)": words in the FIFO, 10 bits, the low byte first;
+/// in the second byte, bit 3: something was lost since it was last read, bit 6: now.
+pub(super) const FIFO_STATUS: u8 = 0x3A;
+const LOST: u8 = 0x48;
+/// "`FIFO_DATA_OUT_TAG` (78h)" and the six bytes of a word. After the last of these a read goes on
+/// with the tag of the next word (AN5272; Linux's driver `st_lsm6dsx` reads it so).
+pub(super) const FIFO_OUT: u8 = 0x78;
+/// "`INTERNAL_FREQ_FINE` (63h)": how much faster its clock goes than it should, signed, in steps of
+/// 0.15 %.
+pub(super) const FREQUENCY: u8 = 0x63;
+const FREQUENCY_STEP: f32 = 0.0015;
+/// The usual time between two samples: the nominal clock has 6,667 Hz, and 52 Hz is its 128th part
+/// (AN5272, `ODR_Coeff`).
+const PERIOD_US: f32 = 128e6 / 6667.0;
+
+/// "Mechanical characteristics": 0.244 mg at 8 g, 17.5 mdps at 500 dps.
+const ACCELERATION: f32 = 0.244e-3 * 9.806_65;
+const ANGULAR_RATE: f32 = 17.5e-3 * core::f32::consts::PI / 180.0;
+
+/// The time between two samples, us, from the register of the frequency.
+pub(super) fn period_us(fine: u8) -> u64 {
+    let faster = f32::from(i8::from_le_bytes([fine])) * FREQUENCY_STEP;
+    (PERIOD_US / (1.0 + faster)) as u64
+}
+
+/// How many words wait in the FIFO, from its status.
+pub(super) fn waiting([low, high]: [u8; 2]) -> Result<u16, SensorError> {
+    if high & LOST != 0 {
+        return Err(Chip::Motion.is(Fault::Overrun));
+    }
+    Ok(u16::from_le_bytes([low, high & 0x03]))
+}
+
+/// Angular rate and acceleration of a slot's data.
+pub(super) fn in_si(data: &[u8; 2 * DATA]) -> (Vector3<f32>, Vector3<f32>) {
+    let (rate, force) = data.split_at(DATA);
+    let part = |bytes: &[u8], unit| {
+        let numbers = bytes.first_chunk().map(triple).unwrap_or_default();
+        vector(numbers, unit)
+    };
+    (part(rate, ANGULAR_RATE), part(force, ACCELERATION))
+}
+
+/// Puts the two words of a slot of time together.
+#[derive(Debug, Default)]
+pub(super) struct Slots {
+    /// Two bits that count slots.
+    number: u8,
+    gyroscope: Option<[u8; DATA]>,
+    accelerometer: Option<[u8; DATA]>,
+    /// Number of the last slot that was complete.
+    complete: Option<u8>,
+}
+
+impl Slots {
+    /// Takes a word. When its slot is complete, its data: the gyroscope's and the accelerometer's,
+    /// and how many slots after the last complete one it is, 1 to 4.
+    pub(super) fn take(
+        &mut self,
+        word: &[u8; WORD],
+    ) -> Result<Option<([u8; 2 * DATA], u64)>, SensorError> {
+        let [tag, data @ ..] = *word;
+        // "`FIFO_DATA_OUT_TAG` (78h)": sensor, number of the slot, parity.
+        let number = tag >> 1 & 0x03;
+        if number != self.number {
+            self.number = number;
+            self.gyroscope = None;
+            self.accelerometer = None;
+        }
+        match tag >> 3 {
+            1 => self.gyroscope = Some(data),
+            2 => self.accelerometer = Some(data),
+            _ => return Err(Chip::Motion.is(Fault::Garbled)),
+        }
+        let (Some(rate), Some(force)) = (self.gyroscope, self.accelerometer) else {
+            return Ok(None);
+        };
+        self.gyroscope = None;
+        self.accelerometer = None;
+        let last = self.complete.replace(number);
+        let after = last.map_or(1, |last| number.wrapping_sub(last) & 0x03);
+        let mut both = [0; 2 * DATA];
+        for (to, from) in both.iter_mut().zip(rate.iter().chain(&force)) {
+            *to = *from;
+        }
+        Ok(Some((both, if after == 0 { 4 } else { after.into() })))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// 6667 Hz by 128, and 0.15 % for each step.
+    #[test]
+    fn the_clock_of_the_chip() {
+        assert_eq!(period_us(0), 19_199);
+        assert_eq!(period_us(20), 18_639);
+        assert_eq!(period_us(0xEC), 19_792);
+    }
+
+    #[test]
+    fn numbers_in_si() {
+        let data = [1, 0, 0xFF, 0xFF, 0, 0x80, 0, 0x10, 0, 0xF0, 0xFF, 0x7F];
+        let (rate, force) = in_si(&data);
+        let dps = 17.5e-3_f32.to_radians();
+        assert_eq!(rate, Vector3::new(dps, -dps, -32_768.0 * dps));
+        // 4096 are a little less than 1 g, and the most a little less than 8 g.
+        let g = 4096.0 * 0.244e-3 * 9.806_65;
+        let expected = Vector3::new(g, -g, 32_767.0 / 4096.0 * g);
+        assert!((force - expected).norm() < 1e-4, "{force}");
+    }
+
+    #[test]
+    fn slots_are_told_by_their_numbers() {
+        let word = |sensor: u8, slot: u8| [sensor << 3 | slot << 1, slot, 0, 0, 0, 0, sensor];
+        let mut slots = Slots::default();
+        let mut take = |sensor, slot| {
+            slots
+                .take(&word(sensor, slot))
+                .map(|taken| taken.map(|(data, after)| (data[0], data[5], data[11], after)))
+        };
+        assert_eq!(take(1, 3), Ok(None));
+        assert_eq!(take(2, 3), Ok(Some((3, 1, 2, 1))));
+        // In either order.
+        assert_eq!(take(2, 0), Ok(None));
+        assert_eq!(take(1, 0), Ok(Some((0, 1, 2, 1))));
+        // Half of a slot, and then two are missing.
+        assert_eq!(take(1, 1), Ok(None));
+        assert_eq!(take(2, 3), Ok(None));
+        assert_eq!(take(1, 3), Ok(Some((3, 1, 2, 3))));
+        // Three are missing.
+        assert_eq!(take(1, 3), Ok(None));
+        assert_eq!(take(2, 3), Ok(Some((3, 1, 2, 4))));
+        let garbled = Err(Chip::Motion.is(Fault::Garbled));
+        assert_eq!(take(0, 0), garbled);
+        assert_eq!(take(3, 0), garbled);
+    }
+
+    #[test]
+    fn what_was_lost_is_noticed() {
+        assert_eq!(waiting([5, 0]), Ok(5));
+        assert_eq!(waiting([0xFF, 0x81]), Ok(511));
+        for lost in [0x08, 0x40, 0xFF] {
+            assert_eq!(waiting([5, lost]), Err(Chip::Motion.is(Fault::Overrun)));
+        }
+    }
+}

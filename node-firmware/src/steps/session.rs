@@ -1,0 +1,385 @@
+//! Which chip is asked what, and when.
+//!
+//! First comes a script, from a reset on, since nobody knows what the chips did before. Then, again
+//! and again: how many words wait in the FIFO, these words, and the compass.
+
+use core::{ops::Range, time::Duration};
+
+use nalgebra::Vector3;
+use zigbee_link::Instant;
+
+use super::{
+    debug,
+    fault::{Chip, Fault, SensorError},
+    lis3mdl::{self, Extent},
+    lsm6dsox::{self, Slots, WORD},
+    stuck::Stuck,
+    triple, vector,
+};
+
+/// Between two looks at the chips: as often as the compass has something new.
+const POLL: Duration = Duration::from_millis(50);
+/// Chips that were reset have started up (the manufacturer's own examples wait 10 ms for the
+/// LSM6DSOX, and as long as this for the LIS3MDL).
+const START: Duration = Duration::from_millis(20);
+/// Looks in a row at which a chip had nothing new, before it counts as silent: half a second.
+const SILENT: u8 = 10;
+/// First samples that are not used: the gyroscope takes 70 ms to turn on (LSM6DSOX datasheet,
+/// "Mechanical characteristics"), and filters settle for some samples more.
+const SETTLING: u8 = 10;
+/// Samples, and readings of the compass, that are equal to the last bit, before a chip counts as
+/// stuck. Noise is more than a bit in each axis.
+const STUCK_SAMPLES: u8 = 52;
+const STUCK_READINGS: u8 = 20;
+/// Between the samples before a start and those after it: more than
+/// [`Pedestrian`](calib_core::dead_reckoning::Pedestrian) takes for continuous.
+const GAP_US: u64 = 1_000_000;
+/// Readings of the compass between two reports of their extent.
+const REPORT: u8 = 200;
+
+/// Words of the FIFO that are read at once. Of words whose reading was cut off it is not known
+/// whether they have gone. Three slots, of two words each, that are missing between two complete
+/// ones are told by the numbers of slots, which have two bits, and are not yet a gap to
+/// [`Pedestrian`](calib_core::dead_reckoning::Pedestrian). Of more the time of every four is lost:
+/// if two reads in a row are cut off, or one that began in the middle of a slot.
+const WORDS: u16 = 6;
+
+/// The register in which a chip says what it is, of both chips.
+const WHO_AM_I: u8 = 0x0F;
+
+impl Chip {
+    /// With the address pins of the breakout left open, which it pulls to ground (LSM6DSOX datasheet,
+    /// "I2C interface": `SA0`; LIS3MDL datasheet, "I2C operation": `SA1`).
+    pub(super) const fn address(self) -> u8 {
+        match self {
+            Self::Motion => 0x6A,
+            Self::Compass => 0x1C,
+        }
+    }
+
+    /// What it says it is (LSM6DSOX datasheet, "`WHO_AM_I` (0Fh)"; LIS3MDL datasheet, "`WHO_AM_I`
+    /// (0Fh)").
+    const fn identity(self) -> u8 {
+        match self {
+            Self::Motion => 0x6C,
+            Self::Compass => 0x3D,
+        }
+    }
+}
+
+/// What is done next.
+#[derive(Debug)]
+pub(super) enum Want {
+    /// Nothing before this.
+    Wait(Instant),
+    /// A chip is asked for something, or told.
+    Ask(Request),
+}
+
+/// Something that is asked of a chip, or that it is told.
+#[derive(Debug)]
+pub(super) struct Request {
+    pub(super) chip: Chip,
+    what: What,
+}
+
+#[derive(Clone, Copy, Debug)]
+enum What {
+    /// A register gets a value.
+    Set([u8; 2]),
+    /// What it is.
+    Identity,
+    /// How wrong its clock goes.
+    Frequency,
+    /// How many words wait.
+    Waiting,
+    /// So many words.
+    Words(u16),
+    /// Whether there is a new reading.
+    IsNew,
+    /// It.
+    Reading,
+}
+
+impl Request {
+    /// The first register, and how many are read.
+    const fn registers(&self) -> ([u8; 2], usize) {
+        let (register, length) = match self.what {
+            What::Set(register) => return (register, 0),
+            What::Identity => (WHO_AM_I, 1),
+            What::Frequency => (lsm6dsox::FREQUENCY, 1),
+            What::Waiting => (lsm6dsox::FIFO_STATUS, 2),
+            What::Words(words) => (lsm6dsox::FIFO_OUT, words as usize * WORD),
+            What::IsNew => (lis3mdl::STATUS, 1),
+            What::Reading => (lis3mdl::OUT, lis3mdl::DATA),
+        };
+        ([register, 0], length)
+    }
+
+    /// Whether the chip answers something.
+    pub(super) const fn is_read(&self) -> bool {
+        !matches!(self.what, What::Set(_))
+    }
+}
+
+/// How chips are started.
+enum Act {
+    Ask(Chip, What),
+    Pause,
+}
+
+const SCRIPT: [Act; 17] = {
+    use Chip::{Compass, Motion};
+    const fn set(chip: Chip, register: [u8; 2]) -> Act {
+        Act::Ask(chip, What::Set(register))
+    }
+    let [m0, m1, m2, m3, m4, m5] = lsm6dsox::SETTINGS;
+    let [c0, c1, c2, c3, c4] = lis3mdl::SETTINGS;
+    [
+        Act::Ask(Motion, What::Identity),
+        Act::Ask(Compass, What::Identity),
+        set(Motion, lsm6dsox::RESET),
+        set(Compass, lis3mdl::RESET),
+        Act::Pause,
+        set(Motion, m0),
+        set(Motion, m1),
+        set(Motion, m2),
+        set(Motion, m3),
+        set(Motion, m4),
+        set(Motion, m5),
+        Act::Ask(Motion, What::Frequency),
+        set(Compass, c0),
+        set(Compass, c1),
+        set(Compass, c2),
+        set(Compass, c3),
+        set(Compass, c4),
+    ]
+};
+
+/// What was measured at one time, in SI units; the field in uT.
+pub(super) struct Sample {
+    /// In the chip's time, from any moment.
+    pub(super) time_us: u64,
+    pub(super) acceleration: Vector3<f32>,
+    pub(super) angular_rate: Vector3<f32>,
+    pub(super) field: Option<Vector3<f32>>,
+}
+
+/// A conversation with the chips.
+#[derive(Debug)]
+pub(super) struct Session {
+    /// How far the script is.
+    done: u8,
+    /// Nothing is asked before this.
+    wait_until: Option<Instant>,
+    running: Running,
+    buffer: [u8; WORDS as usize * WORD],
+    /// Of the last sample.
+    time_us: u64,
+    extent: Extent,
+    reports: u8,
+}
+
+/// What ends with a new start.
+#[derive(Debug, Default)]
+struct Running {
+    period_us: u64,
+    next: Next,
+    /// Words that are still in the FIFO.
+    waiting: u16,
+    /// Which of the words in the buffer were not yet taken from it.
+    unread: Range<usize>,
+    slots: Slots,
+    /// For the next sample, which is taken right after it.
+    field: Option<Vector3<f32>>,
+    settled: u8,
+    /// Looks since the last sample, and since the last reading of the compass.
+    idle: u8,
+    compass_idle: u8,
+    samples: Stuck<{ 2 * lsm6dsox::DATA }>,
+    readings: Stuck<{ lis3mdl::DATA }>,
+}
+
+/// After the words in the FIFO were read.
+#[derive(Clone, Copy, Debug, Default)]
+enum Next {
+    #[default]
+    Look,
+    AskCompass,
+    ReadCompass,
+}
+
+impl Default for Session {
+    fn default() -> Self {
+        Self {
+            done: 0,
+            wait_until: None,
+            running: Running::default(),
+            buffer: [0; WORDS as usize * WORD],
+            time_us: 0,
+            extent: Extent::default(),
+            reports: 0,
+        }
+    }
+}
+
+impl Session {
+    /// The chips are set up anew; what was not yet read is lost.
+    pub(super) fn begin_anew(&mut self) {
+        self.done = 0;
+        self.wait_until = None;
+        self.running = Running::default();
+        self.time_us = self.time_us.saturating_add(GAP_US);
+    }
+
+    /// What to do when there are no more samples.
+    pub(super) fn want(&mut self, now: Instant) -> Want {
+        if let Some(until) = self.wait_until {
+            if now < until {
+                return Want::Wait(until);
+            }
+            self.wait_until = None;
+        }
+        match SCRIPT.get(usize::from(self.done)) {
+            Some(&Act::Ask(chip, what)) => return Want::Ask(Request { chip, what }),
+            Some(Act::Pause) => {
+                self.done += 1;
+                let until = now + START;
+                self.wait_until = Some(until);
+                return Want::Wait(until);
+            }
+            None => {}
+        }
+        let running = &mut self.running;
+        let (chip, what) = match running.next {
+            _ if running.waiting > 0 => {
+                let words = running.waiting.min(WORDS);
+                // Before the answer: if nobody waits for it, the words may have gone.
+                running.waiting -= words;
+                (Chip::Motion, What::Words(words))
+            }
+            Next::Look => (Chip::Motion, What::Waiting),
+            Next::AskCompass => (Chip::Compass, What::IsNew),
+            Next::ReadCompass => (Chip::Compass, What::Reading),
+        };
+        Want::Ask(Request { chip, what })
+    }
+
+    /// What is sent for a request, and where the answer goes.
+    pub(super) fn buffers<'a>(&'a mut self, request: &Request) -> ([u8; 2], &'a mut [u8]) {
+        let (sent, length) = request.registers();
+        (sent, self.buffer.get_mut(..length).unwrap_or_default())
+    }
+
+    /// The request was answered.
+    pub(super) fn answered(&mut self, request: &Request, now: Instant) -> Result<(), SensorError> {
+        let [first, second, ..] = self.buffer;
+        let running = &mut self.running;
+        match request.what {
+            What::Set(_) => self.done += 1,
+            What::Identity => {
+                self.done += 1;
+                if first != request.chip.identity() {
+                    return Err(request.chip.is(Fault::Identity { found: first }));
+                }
+            }
+            What::Frequency => {
+                self.done += 1;
+                running.period_us = lsm6dsox::period_us(first);
+            }
+            What::Waiting => {
+                running.waiting = lsm6dsox::waiting([first, second])?;
+                running.next = Next::AskCompass;
+                running.looked()?;
+            }
+            What::Words(words) => running.unread = 0..usize::from(words) * WORD,
+            What::IsNew if lis3mdl::is_new(first) => running.next = Next::ReadCompass,
+            What::IsNew => self.rest(now),
+            What::Reading => {
+                self.rest(now);
+                self.take_field()?;
+            }
+        }
+        Ok(())
+    }
+
+    fn rest(&mut self, now: Instant) {
+        self.running.next = Next::Look;
+        self.wait_until = Some(now + POLL);
+    }
+
+    fn take_field(&mut self) -> Result<(), SensorError> {
+        let Some(data) = self.buffer.first_chunk() else {
+            return Ok(());
+        };
+        let running = &mut self.running;
+        running.compass_idle = 0;
+        if running.readings.same(data) >= STUCK_READINGS {
+            return Err(Chip::Compass.is(Fault::Stuck));
+        }
+        let numbers = triple(data);
+        running.field = Some(vector(numbers, lis3mdl::FIELD));
+        self.extent.add(numbers);
+        self.reports += 1;
+        if self.reports == REPORT {
+            self.reports = 0;
+            let [[a, b, c], [x, y, z]] = self.extent.in_ut();
+            debug!(
+                "middle of the compass's readings: {},{},{} uT, half of their extent: {},{},{}",
+                a, b, c, x, y, z
+            );
+        }
+        Ok(())
+    }
+
+    /// The next sample of the words that were read.
+    pub(super) fn sample(&mut self) -> Result<Option<Sample>, SensorError> {
+        let running = &mut self.running;
+        while let Some([word, ..]) = self
+            .buffer
+            .get(running.unread.clone())
+            .map(<[u8]>::as_chunks::<WORD>)
+            .map(|(words, _)| words)
+        {
+            running.unread.start += WORD;
+            let Some((data, periods)) = running.slots.take(word)? else {
+                continue;
+            };
+            running.idle = 0;
+            if running.samples.same(&data) >= STUCK_SAMPLES {
+                return Err(Chip::Motion.is(Fault::Stuck));
+            }
+            let elapsed = running.period_us.saturating_mul(periods);
+            self.time_us = self.time_us.saturating_add(elapsed);
+            if running.settled < SETTLING {
+                running.settled += 1;
+                continue;
+            }
+            let (angular_rate, acceleration) = lsm6dsox::in_si(&data);
+            return Ok(Some(Sample {
+                time_us: self.time_us,
+                acceleration,
+                angular_rate,
+                field: running.field.take(),
+            }));
+        }
+        Ok(None)
+    }
+}
+
+impl Running {
+    /// At how much there is to read.
+    fn looked(&mut self) -> Result<(), SensorError> {
+        self.idle += 1;
+        self.compass_idle += 1;
+        for (chip, idle) in [
+            (Chip::Motion, self.idle),
+            (Chip::Compass, self.compass_idle),
+        ] {
+            if idle > SILENT {
+                return Err(chip.is(Fault::Silent));
+            }
+        }
+        Ok(())
+    }
+}

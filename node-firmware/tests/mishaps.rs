@@ -1,0 +1,303 @@
+//! What goes wrong in a network of roles, and what each of them makes of it: contradictions, memories
+//! with gaps, more news than room, parts that are replaced.
+
+mod support;
+
+use std::{cell::RefCell, rc::Rc, time::Duration};
+
+use calib_core::Refusal;
+use node_firmware::{
+    config::{Duty, Reference, Subjects},
+    console::{FromPc, ToPc},
+    hardware::Button,
+    memory::Fact,
+    message::{Command, Done, Hello, Kind, Message, References, Report, State},
+    role::{
+        Role, camera,
+        coordinator::{self, Coordinator},
+        target::Target,
+    },
+    sight::ColourWindow,
+};
+use support::{
+    bus::{Air, AnyStation, Faults, PERFECT, Station},
+    net::{Net, SECOND, TARGET, error, refining, same, with_references},
+    site::{CAMERAS, camera_config, target_config},
+};
+use zigbee_link::wire::ShortAddress;
+
+/// The carrier is pushed aside between two stops, and his sensor misses it; or one reference camera
+/// takes something else for the target at one stop. What contradicts itself is no answer, and says
+/// why. Stops after that one decide.
+#[test]
+fn references_that_contradict_each_other_want_more_stops() {
+    for seed in 0..20 {
+        for (stop, what) in [(1, "pushed"), (2, "pushed"), (1, "blob"), (2, "blob")] {
+            let mut net = Net::new(PERFECT, 100 + seed, with_references);
+            net.wait();
+            while net.stops < 3 {
+                match what {
+                    "pushed" if net.stops == stop => net.push([0.8, -0.5]),
+                    "blob" => net.show_to(1, (net.stops == stop).then_some([8.2, 4.1])),
+                    _ => {}
+                }
+                net.walk();
+            }
+            let at = format!("{what} at {stop}, seed {seed}");
+            assert!(!net.target.role.indication().calibrated, "{at}");
+            let refused = State::Refused(Refusal::Inconsistent);
+            assert_eq!(net.reports()[0].state, refused, "{at}");
+            net.show_to(1, None);
+            while !net.are_all_done() {
+                assert!(net.stops < 14, "{at}: {:?}", net.reports());
+                net.walk();
+            }
+            net.check_poses(same, 5.0);
+        }
+    }
+}
+
+/// A lens that is not as configured contradicts itself at every stop. There is an answer in the
+/// end, which says how bad it is.
+#[test]
+fn references_with_a_wrong_lens_come_to_an_answer() {
+    let mut net = Net::new(PERFECT, 14, with_references);
+    net.warp(0, 0.12);
+    net.walk_to(9);
+    assert_eq!(
+        net.reports()[0].state,
+        State::Refused(Refusal::Inconsistent)
+    );
+    net.walk_to(10);
+    let report = net.reports()[0];
+    let pose = report.pose().unwrap();
+    let degrees = 20.0 - 5.0;
+    assert!(report.chi_squared > 3.0 * degrees, "{report:?}");
+    let error = error(pose, &CAMERAS[0]).z.abs();
+    let sigma = f64::from(pose.covariance[5]).sqrt();
+    assert!(error < 5.0 * sigma, "{error} of {sigma}");
+}
+
+/// A record in the middle of a camera's facts rots away. What it recalls takes other places, and
+/// what it learns then is written over none of it.
+#[test]
+fn facts_with_a_gap_survive_restarts() {
+    let mut net = Net::new(PERFECT, 15, refining);
+    net.walk_to(9);
+    let camera = &mut net.cameras[2];
+    let before = camera.role.report().sightings;
+    assert!(before >= 5);
+    camera.lose(&Fact::Sighting(1, None));
+    for _ in 0..3 {
+        let camera = &mut net.cameras[2];
+        camera.restart(net.now);
+        camera.event(net.now, camera::Event::Ready);
+        net.walk();
+    }
+    let now = net.now;
+    let camera = &mut net.cameras[2];
+    let sightings = camera.role.report().sightings;
+    // One is lost, three are new.
+    assert_eq!(sightings, before + 2);
+    camera.restart(now);
+    assert_eq!(camera.recalled_sightings(), usize::from(sightings));
+}
+
+/// A camera looks for the colours that it learnt, until its configuration has others.
+#[test]
+fn learnt_colours_survive_a_restart() {
+    let tasks = Rc::new(RefCell::new(Vec::new()));
+    let configured = Rc::new(RefCell::new(camera_config(None)));
+    let (noted, config) = (tasks.clone(), configured.clone());
+    let mut station = Station::<camera::Camera>::new(
+        1,
+        move || camera::Camera::new(101, config.borrow().clone()),
+        Box::new(move |_, task| {
+            noted.borrow_mut().push(task);
+            None
+        }),
+    );
+    let mut air = Air::new(PERFECT, 1);
+    let learnt = ColourWindow {
+        red: [1, 2],
+        green: [3, 4],
+        blue: [5, 6],
+    };
+    for _ in 0..5 {
+        station.event(0, camera::Event::Learnt(1, learnt));
+        station.act(0, &mut air);
+    }
+    assert_eq!(station.facts.len(), 1, "written once");
+    station.restart(1);
+    station.act(1, &mut air);
+    station.act(2, &mut air);
+    let recall = camera::Task::Recall([None, Some(learnt), None, None]);
+    assert_eq!(tasks.take(), [recall]);
+
+    configured.borrow_mut().subjects = Subjects::Colours([learnt].into_iter().collect());
+    station.restart(3);
+    station.act(3, &mut air);
+    assert_eq!(tasks.take(), []);
+}
+
+/// A broadcast of everybody's news comes to the coordinator at once, and it has more to write down
+/// than it had room for once. After a restart it knows all of it.
+#[test]
+fn no_news_is_too_much_to_be_written_down() {
+    let mut station = Station::<Coordinator>::new(0, Coordinator::new, Box::new(|_, _| None));
+    let mut target = Station::<Target>::new(
+        TARGET,
+        || Target::new(TARGET, target_config(0), 7),
+        Box::new(|_, ()| None),
+    );
+    let mut air = Air::new(PERFECT, 1);
+    target.attach(0);
+    for sightings in 1..=2 {
+        for camera in 1..=32 {
+            let report = Report {
+                id: 100 + camera,
+                duty: None,
+                sightings,
+                used: 3,
+                chi_squared: 1.0,
+                done: false,
+                state: State::Refused(Refusal::DangerCircle),
+            };
+            station.hear(0, ShortAddress(camera), &Message::Report(report));
+            target.hear(0, ShortAddress(camera), &Message::Report(report));
+        }
+    }
+    station.act(0, &mut air);
+    target.act(0, &mut air);
+    station.restart(1);
+    target.restart(1);
+    let reports = station.role.reports().map(|(_, report)| report.sightings);
+    assert_eq!(reports.collect::<Vec<_>>(), [2; 32]);
+    let table = target.role.cameras();
+    let reports = table.filter_map(|camera| Some(camera.report?.sightings));
+    assert_eq!(reports.collect::<Vec<_>>(), [2; 32]);
+}
+
+/// The line to the PC is slow. What the PC wanted is done all the same, or it hears that not.
+#[test]
+fn a_pc_is_told_of_every_command() {
+    let told = Rc::new(RefCell::new(Vec::new()));
+    let tasks = told.clone();
+    let mut station = Station::<Coordinator>::new(
+        0,
+        Coordinator::new,
+        Box::new(move |_, task| {
+            tasks.borrow_mut().push(task);
+            None
+        }),
+    );
+    let mut air = Air::new(
+        Faults {
+            loss: 1.0,
+            ..PERFECT
+        },
+        1,
+    );
+    let command = Command::Forget;
+    for address in 0..20 {
+        let wish = FromPc::Command { address, command };
+        station.event(0, coordinator::Event::Pc(wish));
+    }
+    station.event(0, coordinator::Event::Pc(FromPc::JoinWindow(9)));
+    station.act(0, &mut air);
+    station.attach(1);
+    for now in 1..40 {
+        station.act(now * SECOND, &mut air);
+    }
+    let told = told.borrow();
+    let window = coordinator::Task::OpenJoinWindow(Duration::from_secs(9));
+    assert!(told.contains(&window));
+    for address in 0..20 {
+        let done = Done {
+            command,
+            success: false,
+        };
+        let done = coordinator::Task::Tell(ToPc::Done { address, done });
+        assert!(told.contains(&done), "{address}");
+    }
+}
+
+/// A reference camera breaks, and another one comes in its place. One with an impossible position is
+/// none.
+#[test]
+fn a_reference_in_place_of_another_is_appointed() {
+    let mut station = Station::<Coordinator>::new(0, Coordinator::new, Box::new(|_, _| None));
+    let mut air = Air::new(PERFECT, 1);
+    station.attach(0);
+    let hello = |duty, position| {
+        let reference = Some(Reference { duty, position });
+        Message::Hello(Hello {
+            id: 1,
+            kind: Kind::Camera { reference },
+        })
+    };
+    let at = |x| Some([x, 0.0]);
+    for (from, hello) in [
+        (1, hello(Duty::First, at(0.0))),
+        (2, hello(Duty::Second, at(10.0))),
+        (3, hello(Duty::Second, at(9.0))),
+        (4, hello(Duty::Second, at(f32::NAN))),
+    ] {
+        station.hear(0, ShortAddress(from), &hello);
+    }
+    station.act(0, &mut air);
+    let references = References {
+        first: 1,
+        second: 3,
+        positions: Some([[0.0, 0.0], [9.0, 0.0]]),
+    };
+    assert_eq!(station.facts, [Fact::References(Some(references))]);
+}
+
+/// What was solved is not told any more.
+#[test]
+fn a_reference_forgets() {
+    let mut net = Net::new(PERFECT, 16, with_references);
+    net.walk_to(2);
+    net.step_to_next();
+    net.cameras[0].is_mute = true;
+    while net.poses()[0].is_none() {
+        net.run_for(1_000);
+    }
+    let forget = Message::Command(Command::Forget);
+    net.cameras[0].hear(net.now, ShortAddress(0), &forget);
+    net.cameras[0].is_mute = false;
+    let before = net.air.sent.len();
+    net.run_for(40 * SECOND);
+    let told = |message: &Message| matches!(message, Message::Located(_) | Message::Posed(_));
+    assert!(
+        !net.air.sent[before..]
+            .iter()
+            .any(|sent| told(&sent.message))
+    );
+}
+
+/// Of two commands that wait for a camera that is busy, the later one counts, that of a button too;
+/// whoever wanted the other is told.
+#[test]
+fn a_command_that_is_given_up_is_answered() {
+    let mut station = Station::<camera::Camera>::new(
+        1,
+        || camera::Camera::new(101, camera_config(None)),
+        Box::new(|_, _| None),
+    );
+    let mut air = Air::new(PERFECT, 1);
+    station.attach(0);
+    let lost = Command::Track { colour: 0 };
+    for command in [Command::Initialise, lost] {
+        station.hear(0, ShortAddress(0), &Message::Command(command));
+        station.act(0, &mut air);
+    }
+    station.event(1, camera::Event::Button(Button::LearnColour));
+    station.act(1, &mut air);
+    let done = Message::Done(Done {
+        command: lost,
+        success: false,
+    });
+    assert!(air.sent.iter().any(|sent| sent.message == done));
+}

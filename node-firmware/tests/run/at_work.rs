@@ -1,0 +1,170 @@
+//! Nodes that join, look, obey and restart.
+
+use calib_core::dead_reckoning::Step;
+use node_firmware::{
+    console::{FromPc, ToPc},
+    message::{Command, Done, Sight, Tracked},
+};
+
+use crate::bench::{SECOND, Site};
+
+#[test]
+fn they_join_and_look() {
+    let mut site = Site::new();
+    site.camera.uart.sees.set(Some(40));
+    site.bench.run_for(40 * SECOND);
+    assert!(site.coordinator.lamps.0.get().joined);
+    assert!(site.camera.lamps.0.get().joined);
+    assert!(site.target.lamps.0.get().joined);
+    let members = site.told().into_iter().filter_map(|message| match message {
+        ToPc::Member { hello, .. } => Some(hello.id),
+        _ => None,
+    });
+    let mut members: Vec<u16> = members.collect();
+    members.sort_unstable();
+    members.dedup();
+    assert_eq!(members, [101, 102]);
+
+    // It stood since it was switched on.
+    assert_eq!(site.looks().last(), Some(&Sight::InView));
+    assert!(site.target.lamps.0.get().may_walk);
+    assert!(site.target.lamps.0.get().target_seen);
+    assert!(site.camera.lamps.0.get().target_seen);
+
+    // It goes where the camera does not see it.
+    site.camera.uart.sees.set(None);
+    site.target.steps.0.borrow_mut().push_back(Step {
+        distance: 1.0,
+        heading: 0.5,
+        distance_sigma: 0.01,
+        heading_sigma: 0.01,
+    });
+    site.bench.run_for(SECOND);
+    assert!(!site.target.lamps.0.get().may_walk);
+    site.bench.run_for(20 * SECOND);
+    assert_eq!(site.looks().last(), Some(&Sight::NotInView));
+    assert!(site.target.lamps.0.get().may_walk);
+    let heard = site.camera.uart.heard.borrow();
+    assert!(heard.contains(&"ST 170 240 60 140 16 80".to_owned()));
+}
+
+#[test]
+fn the_pc_commands_a_camera() {
+    let mut site = Site::new();
+    site.camera.uart.sees.set(Some(40));
+    site.bench.run_for(40 * SECOND);
+    let address = site.told().into_iter().find_map(|message| match message {
+        ToPc::Member { address, hello } if hello.id == 101 => Some(address),
+        _ => None,
+    });
+    let address = address.unwrap();
+    let command = Command::Track { colour: 0 };
+    site.coordinator
+        .uart
+        .wish(FromPc::Command { address, command });
+    site.bench.run_for(5 * SECOND);
+    let done = Done {
+        command,
+        success: true,
+    };
+    assert!(site.told().contains(&ToPc::Done { address, done }));
+    let tracked = Tracked {
+        middle: [40, 70],
+        edges: [36, 61, 44, 79],
+        pixels: 60,
+        confidence: 200,
+    };
+    let packet = ToPc::Tracked { address, tracked };
+    assert!(site.told().iter().filter(|told| **told == packet).count() > 20);
+
+    // A colour that would leave a gap is not learnt.
+    let command = Command::LearnColour { colour: 3 };
+    site.coordinator
+        .uart
+        .wish(FromPc::Command { address, command });
+    site.bench.run_for(20 * SECOND);
+    let done = Done {
+        command,
+        success: false,
+    };
+    assert!(site.told().contains(&ToPc::Done { address, done }));
+    let before = site.told().len();
+    site.bench.run_for(20 * SECOND);
+    assert_eq!(site.told().len(), before, "no more packets");
+}
+
+/// Both the coordinator and its line have more to say than the other takes at a time.
+#[test]
+fn a_pc_that_writes_much_does_not_stop_the_coordinator() {
+    let mut site = Site::new();
+    site.bench.run_for(30 * SECOND);
+    for _ in 0..100 {
+        site.coordinator.uart.wish(FromPc::Refresh);
+    }
+    site.bench.run_for(10 * SECOND);
+    site.coordinator.uart.told.borrow_mut().clear();
+    site.coordinator.uart.wish(FromPc::Refresh);
+    site.bench.run_for(SECOND);
+    let told = site.told();
+    assert!(matches!(told.first(), Some(ToPc::Network(Some(_)))));
+    let members = told
+        .iter()
+        .filter(|told| matches!(told, ToPc::Member { .. }));
+    assert_eq!(members.count(), 2);
+}
+
+/// Its role goes on meanwhile: a member that comes back hears of the others.
+#[test]
+fn a_pc_that_takes_nothing_does_not_stop_the_coordinator() {
+    let mut site = Site::new();
+    site.camera.uart.sees.set(Some(40));
+    site.bench.run_for(40 * SECOND);
+    site.coordinator.uart.stalled.set(true);
+    for _ in 0..20 {
+        site.coordinator.uart.wish(FromPc::Refresh);
+    }
+    site.bench.run_for(2 * SECOND);
+    site.target.lamps.0.take();
+    site.bench.nodes[2] = site.target.power(&site.bench, 13);
+    site.bench.run_for(100 * SECOND);
+    assert!(site.target.lamps.0.get().target_seen);
+    site.coordinator.uart.stalled.set(false);
+    site.bench.run_for(40 * SECOND);
+    site.coordinator.uart.told.borrow_mut().clear();
+    site.coordinator.uart.wish(FromPc::Refresh);
+    site.bench.run_for(10 * SECOND);
+    let told = site.told();
+    assert!(
+        told.iter()
+            .any(|told| matches!(told, ToPc::Network(Some(_))))
+    );
+}
+
+/// Each loses its power once; the join window is closed by then.
+#[test]
+fn they_come_back_after_a_restart() {
+    let mut site = Site::new();
+    site.camera.uart.sees.set(Some(40));
+    site.bench.run_for(100 * SECOND);
+    for number in 0..3 {
+        site.camera.lamps.0.take();
+        site.target.lamps.0.take();
+        let node = match number {
+            0 => site.coordinator.power(&site.bench, 11),
+            1 => site.camera.power(&site.bench, 12),
+            _ => site.target.power(&site.bench, 13),
+        };
+        site.bench.nodes[number] = node;
+        site.bench.run_for(30 * SECOND);
+    }
+    site.camera.log.0.borrow_mut().clear();
+    site.target.steps.0.borrow_mut().push_back(Step {
+        distance: 1.0,
+        heading: 0.5,
+        distance_sigma: 0.01,
+        heading_sigma: 0.01,
+    });
+    site.bench.run_for(30 * SECOND);
+    assert_eq!(site.looks().last(), Some(&Sight::InView));
+    assert!(site.target.lamps.0.get().may_walk);
+}

@@ -1,0 +1,153 @@
+//! Nodes that get another page, and what they still know then.
+
+use calib_core::dead_reckoning::Step;
+use node_firmware::{
+    config::{CoordinatorConfig, Role, SiteKey},
+    console::{FromPc, ToPc},
+    message::{Command, Done, Kind, Sight},
+};
+
+use crate::{
+    bench::{SECOND, Site},
+    support::site::target_config,
+};
+
+/// Pages with another key are taken, however low their frame counter: a network that had the key
+/// before, and left it, included. That no nonce occurs twice is for the radios to check.
+#[test]
+fn another_key_is_taken() {
+    let mut site = Site::new();
+    site.camera.uart.sees.set(Some(40));
+    site.bench.run_for(100 * SECOND);
+    let old = SiteKey::new(1, *b"0123456789abcdef");
+    let new = SiteKey::new(2, *b"fedcba9876543210");
+    for (round, keys) in [[new, new, old], [new, new, new], [old, old, old]]
+        .into_iter()
+        .enumerate()
+    {
+        for (config, key) in site.configs().into_iter().zip(keys) {
+            config.site_key = key;
+        }
+        site.restart(20 + 10 * round as u64);
+        site.bench.run_for(50 * SECOND);
+        let expected: &[u16] = if round == 0 { &[101] } else { &[101, 102] };
+        assert!(
+            site.hellos().keys().eq(expected),
+            "round {round}: {:?}",
+            site.hellos()
+        );
+        // Memberships under the other key are void: the network is a new one.
+        site.restart(25 + 10 * round as u64);
+        site.bench.run_for(50 * SECOND);
+        assert!(
+            site.hellos().keys().eq(expected),
+            "round {round}: {:?}",
+            site.hellos()
+        );
+    }
+}
+
+/// With the same key, only a page whose frame counter is above all that were used begins anew.
+#[test]
+fn the_same_key_is_taken_with_a_higher_counter_only() {
+    let mut site = Site::new();
+    site.bench.run_for(100 * SECOND);
+    for (first_counter, is_new) in [(2, false), (900, false), (1_000_000, true)] {
+        site.camera.config.first_counter = first_counter;
+        let pages = site.camera.flash.pages();
+        site.bench.nodes[1] = site.camera.power(&site.bench, 30);
+        site.bench.run_for(SECOND / 100);
+        let network = |pages: &[u8]| pages.chunks(32).any(|slot| slot[..3] == [1, 3, 1]);
+        assert!(network(&pages));
+        assert_eq!(
+            network(&site.camera.flash.pages()),
+            !is_new,
+            "{first_counter}"
+        );
+    }
+}
+
+/// The board of the coordinator becomes the target, and that of the target the camera's, and so on,
+/// under one key. No board takes what it was before for what it is now.
+#[test]
+fn boards_change_their_roles() {
+    let mut site = Site::new();
+    site.camera.uart.sees.set(Some(40));
+    site.bench.run_for(100 * SECOND);
+    let coordinator = CoordinatorConfig {
+        join_window_s: 600,
+        ..CoordinatorConfig::default()
+    };
+    // Coordinator and target.
+    site.coordinator.config.role = Role::Target(target_config(0));
+    site.target.config.role = Role::Coordinator(coordinator.clone());
+    site.restart(40);
+    site.bench.run_for(600 * SECOND);
+    for lamps in [
+        &site.coordinator.lamps,
+        &site.camera.lamps,
+        &site.target.lamps,
+    ] {
+        assert!(lamps.0.get().joined);
+    }
+    assert_eq!(site.looks().last(), Some(&Sight::InView));
+    assert!(site.coordinator.lamps.0.get().may_walk);
+    // And back.
+    site.coordinator.config.role = Role::Coordinator(coordinator);
+    site.target.config.role = Role::Target(target_config(0));
+    site.restart(50);
+    site.bench.run_for(600 * SECOND);
+    assert_eq!(site.hellos().get(&102), Some(&Kind::Target));
+    assert!(matches!(site.hellos().get(&101), Some(Kind::Camera { .. })));
+    assert!(site.target.lamps.0.get().may_walk);
+}
+
+/// A camera's colour is learnt, and its power fails.
+#[test]
+fn a_learnt_colour_survives_a_restart() {
+    let mut site = Site::new();
+    site.camera.uart.sees.set(Some(40));
+    site.bench.run_for(40 * SECOND);
+    let address = site.told().into_iter().find_map(|message| match message {
+        ToPc::Member { address, hello } if hello.id == 101 => Some(address),
+        _ => None,
+    });
+    let command = Command::LearnColour { colour: 0 };
+    site.coordinator.uart.wish(FromPc::Command {
+        address: address.unwrap(),
+        command,
+    });
+    site.bench.run_for(30 * SECOND);
+    let done = Done {
+        command,
+        success: true,
+    };
+    let address = address.unwrap();
+    let told = site.told();
+    assert!(told.contains(&ToPc::Done { address, done }), "{told:?}");
+    // The memory is that of a camera of this number only.
+    for (id, window) in [
+        (101, "ST 130 190 90 150 40 100"),
+        (7, "ST 170 240 60 140 16 80"),
+        (101, "ST 170 240 60 140 16 80"),
+    ] {
+        site.camera.config.id = id;
+        site.bench.nodes[1] = site.camera.power(&site.bench, 60);
+        site.camera.uart.heard.borrow_mut().clear();
+        site.bench.run_for(30 * SECOND);
+        site.target.steps.0.borrow_mut().push_back(Step {
+            distance: 1.0,
+            heading: 0.5,
+            distance_sigma: 0.01,
+            heading_sigma: 0.01,
+        });
+        site.bench.run_for(30 * SECOND);
+        let heard = site.camera.uart.heard.borrow();
+        let mut windows = heard
+            .iter()
+            .filter(|line| line.starts_with("ST"))
+            .peekable();
+        assert!(windows.peek().is_some(), "{heard:?}");
+        assert!(windows.all(|line| line == window), "{id}: {heard:?}");
+    }
+}

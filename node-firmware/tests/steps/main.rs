@@ -1,0 +1,305 @@
+//! The inertial step sensor on modelled chips, worn by a simulated person.
+
+mod bench;
+mod chips;
+
+use std::{f64::consts::FRAC_PI_2, rc::Rc};
+
+use bench::{Bench, Faults, Happened};
+use calib_core::dead_reckoning::Step;
+use nalgebra::Vector2;
+use node_firmware::{
+    config::SensorConfig,
+    steps::{Chip, Fault, SensorError},
+};
+use test_support::{
+    turn,
+    walker::{Act, Walker},
+};
+
+const IRON: [f32; 3] = [35.0, -60.0, 20.0];
+
+/// Before the step length is known.
+const USUAL: SensorConfig = SensorConfig {
+    hard_iron: IRON,
+    ..SensorConfig::UNCALIBRATED
+};
+
+/// With the step length of another walk of this kind of person, at another pace, as people find it:
+/// the usual one times the known distance by the one that was reckoned.
+fn calibrated() -> SensorConfig {
+    let mut walker = Walker::new(4711);
+    walker.cadence = 1.8;
+    walker.act(&[Act::Stand(3.0), Act::Walk(60, 0.0), Act::Stand(3.0)]);
+    let known = walker.position.norm();
+    let bench = bench(walker);
+    let reckoned = length(&steps(&bench.until(&mut bench.sensor(&USUAL), f64::MAX)));
+    SensorConfig {
+        step_length: USUAL.step_length * (known / reckoned) as f32,
+        ..USUAL
+    }
+}
+
+fn length(steps: &[Step<f32>]) -> f64 {
+    steps.iter().map(|step| f64::from(step.distance)).sum()
+}
+
+fn person(seed: u64, acts: &[Act]) -> Walker {
+    let mut walker = Walker::new(seed);
+    walker.act(&[Act::Stand(5.0)]);
+    walker.act(acts);
+    walker.act(&[Act::Stand(3.0)]);
+    walker
+}
+
+fn bench(walker: Walker) -> Rc<Bench> {
+    let bench = Bench::new(walker.readings);
+    bench.compass.borrow_mut().hard_iron = nalgebra::Vector3::from(IRON).cast();
+    bench
+}
+
+fn steps(happened: &[Happened]) -> Vec<Step<f32>> {
+    happened.iter().map(|(_, step)| step.unwrap()).collect()
+}
+
+fn sum(steps: &[Step<f32>]) -> Vector2<f64> {
+    steps.iter().map(|step| step.displacement().cast()).sum()
+}
+
+fn failures(happened: &[Happened]) -> Vec<SensorError> {
+    happened.iter().filter_map(|(_, step)| step.err()).collect()
+}
+
+fn straight(steps: u32) -> [Act; 1] {
+    [Act::Walk(steps, 0.0)]
+}
+
+/// Every step, 6 % of the way, and its direction: within 6 degrees, of which the field's wandering
+/// makes most. Whatever the chip's clock is wrong by.
+#[test]
+fn a_walk_comes_out_as_steps() {
+    let config = calibrated();
+    for (seed, fine) in (100..112).zip([0, 33, -33, 20, -20, 7].into_iter().cycle()) {
+        let walker = person(seed, &straight(40));
+        // Headings are counted from magnetic east.
+        let facing = walker.facing - (walker.north - FRAC_PI_2);
+        let truth = walker.position.norm();
+        let bench = bench(walker);
+        bench.motion.borrow_mut().fine = fine;
+        let happened = bench.until(&mut bench.sensor(&config), f64::MAX);
+        let steps = steps(&happened);
+        let walked = sum(&steps);
+        let off = turn(walked.y.atan2(walked.x), facing).to_degrees();
+        let ratio = walked.norm() / truth;
+        println!(
+            "seed {seed}: {} steps, {ratio:.3}, {off:+.1} degrees",
+            steps.len()
+        );
+        assert_eq!(steps.len(), 40, "seed {seed}");
+        assert!((ratio - 1.0).abs() < 0.06, "seed {seed}: {ratio}");
+        assert!(off.abs() < 6.0, "seed {seed}: {off}");
+    }
+}
+
+/// The turn is the gyroscope's: within a second the compass has no say.
+#[test]
+fn a_turn_is_a_turn() {
+    for angle in [1.5, -1.5] {
+        let acts = [Act::Walk(12, 0.0), Act::Walk(12, angle)];
+        let bench = bench(person(7, &acts));
+        let happened = bench.until(&mut bench.sensor(&USUAL), f64::MAX);
+        let steps = steps(&happened);
+        assert_eq!(steps.len(), 24);
+        let turned = turn(steps[18].heading.into(), steps[8].heading.into());
+        assert!((turned - angle).abs() < 0.12, "{turned} {angle}");
+    }
+}
+
+#[test]
+fn nobody_walks_at_rest() {
+    let bench = bench(person(3, &[Act::Stand(120.0)]));
+    let happened = bench.until(&mut bench.sensor(&USUAL), f64::MAX);
+    assert!(happened.is_empty(), "{happened:?}");
+}
+
+/// A node that writes its flash, or is busy otherwise, comes late; the same steps come out.
+#[test]
+fn late_wake_ups_do_not_matter() {
+    let walk = || {
+        let acts = [Act::Walk(20, 0.0), Act::Walk(20, 1.0)];
+        bench(person(21, &acts))
+    };
+    let punctual = walk();
+    let expected = steps(&punctual.until(&mut punctual.sensor(&USUAL), 27.0));
+    assert!(expected.len() >= 30);
+    for late_us in [30_000, 400_000, 2_000_000] {
+        let late = walk();
+        late.faults.borrow_mut().late_us = late_us;
+        let found = steps(&late.until(&mut late.sensor(&USUAL), f64::MAX));
+        assert_eq!(found.len(), 40, "{late_us}");
+        for (found, expected) in found.iter().zip(&expected) {
+            assert!((found.distance - expected.distance).abs() < 0.02);
+            // The compass is read less often.
+            let off = turn(found.heading.into(), expected.heading.into());
+            assert!(off.abs() < 0.2, "{late_us}: {off}");
+        }
+    }
+}
+
+/// Calls are dropped in the middle of a transaction, every second to fifth look at the chips.
+#[test]
+fn calls_that_are_dropped_lose_no_step() {
+    let whole = bench(person(21, &straight(40)));
+    let expected = length(&steps(&whole.until(&mut whole.sensor(&USUAL), f64::MAX)));
+    for most in [600, 300] {
+        let bench = bench(person(21, &straight(40)));
+        let mut sensor = bench.sensor(&USUAL);
+        let mut happened = bench.until(&mut sensor, 4.0);
+        bench.faults.borrow_mut().cut = Some(most);
+        happened.extend(bench.until(&mut sensor, f64::MAX));
+        let steps = steps(&happened);
+        assert_eq!(steps.len(), 40, "{most}");
+        let ratio = length(&steps) / expected;
+        assert!((ratio - 1.0).abs() < 0.03, "{most}: {ratio}");
+    }
+}
+
+#[test]
+fn a_sensor_that_is_not_there_is_reported_until_it_is() {
+    type Change = fn(&Bench, bool);
+    let cases: [(Change, Chip, Fault); 5] = [
+        (
+            |b, bad| b.faults.borrow_mut().no_motion = bad,
+            Chip::Motion,
+            Fault::Absent,
+        ),
+        (
+            |b, bad| b.faults.borrow_mut().no_compass = bad,
+            Chip::Compass,
+            Fault::Absent,
+        ),
+        (
+            |b, bad| b.faults.borrow_mut().broken = bad,
+            Chip::Motion,
+            Fault::Bus,
+        ),
+        (
+            |b, bad| b.motion.borrow_mut().identity = if bad { 0x69 } else { 0x6C },
+            Chip::Motion,
+            Fault::Identity { found: 0x69 },
+        ),
+        (
+            |b, bad| b.compass.borrow_mut().identity = if bad { 0 } else { 0x3D },
+            Chip::Compass,
+            Fault::Identity { found: 0 },
+        ),
+    ];
+    for (change, chip, fault) in cases {
+        let bench = bench(person(5, &straight(20)));
+        let mut sensor = bench.sensor(&USUAL);
+        change(&bench, true);
+        let happened = bench.until(&mut sensor, 2.5);
+        assert_eq!(failures(&happened), vec![SensorError { chip, fault }; 3]);
+        change(&bench, false);
+        let happened = bench.until(&mut sensor, f64::MAX);
+        assert_eq!(steps(&happened).len(), 20, "{chip:?} {fault:?}");
+    }
+}
+
+/// What goes wrong at 12 s of a long walk is said once, soon, and then it goes on.
+#[test]
+fn what_fails_under_way_is_set_up_anew() {
+    type Change = fn(&Bench);
+    let nothing: Change = |_| {};
+    let cases: [(&str, Change, Change, Chip, Fault); 6] = [
+        (
+            "reset",
+            |b| b.motion.borrow_mut().reset(),
+            nothing,
+            Chip::Motion,
+            Fault::Silent,
+        ),
+        (
+            "reset",
+            |b| b.compass.borrow_mut().reset(),
+            nothing,
+            Chip::Compass,
+            Fault::Silent,
+        ),
+        (
+            "stuck",
+            |b| b.motion.borrow_mut().stick(),
+            |b| b.motion.borrow_mut().unstick(),
+            Chip::Motion,
+            Fault::Stuck,
+        ),
+        (
+            "stuck",
+            |b| b.compass.borrow_mut().stick(),
+            |b| b.compass.borrow_mut().unstick(),
+            Chip::Compass,
+            Fault::Stuck,
+        ),
+        (
+            "bus",
+            |b| b.faults.borrow_mut().broken = true,
+            |b| b.faults.borrow_mut().broken = false,
+            Chip::Motion,
+            Fault::Bus,
+        ),
+        (
+            "late",
+            |b| b.faults.borrow_mut().late_us = 12_000_000,
+            |b| b.faults.borrow_mut().late_us = 0,
+            Chip::Motion,
+            Fault::Overrun,
+        ),
+    ];
+    for (name, fail, heal, chip, fault) in cases {
+        let bench = bench(person(9, &straight(80)));
+        let mut sensor = bench.sensor(&USUAL);
+        let before = steps(&bench.until(&mut sensor, 12.0));
+        assert!(before.len() > 8, "{name}");
+        fail(&bench);
+        let mut failed = Vec::new();
+        // A little longer than a second: a failure counts for one.
+        let mut end = 12.0;
+        while failures(&failed).is_empty() && end < 25.0 {
+            end += 0.1;
+            failed.extend(bench.until(&mut sensor, end));
+        }
+        let found = failed.last().and_then(|last| last.1.err());
+        assert_eq!(found.map(|found| found.fault), Some(fault), "{name}");
+        // The bus fails both.
+        let is_blamed = found.is_some_and(|found| found.chip == chip);
+        assert!(is_blamed || fault == Fault::Bus, "{name}: {found:?}");
+        let noticed = failed.last().unwrap().0 - 1.0;
+        assert!(
+            fault == Fault::Overrun || noticed < 14.0,
+            "{name}: {noticed}"
+        );
+        heal(&bench);
+        let after = bench.until(&mut sensor, f64::MAX);
+        // What it was late for does not come out once more.
+        let left = (person(9, &straight(80)).time - 3.0 - end) * 1.5;
+        let after = steps(&after).len();
+        assert!(
+            after > 10 && after as f64 >= left - 4.0,
+            "{name}: {after}, {left}"
+        );
+        assert!(before.len() + after < 80, "{name}");
+    }
+}
+
+/// Random bytes end in an error, never in a panic or a loop without end.
+#[test]
+fn noise_is_noticed() {
+    let bench = bench(person(4, &straight(20)));
+    *bench.faults.borrow_mut() = Faults {
+        noise: true,
+        ..Faults::default()
+    };
+    let happened = bench.until(&mut bench.sensor(&USUAL), f64::MAX);
+    let failures = failures(&happened);
+    assert!(failures.len() > 5, "{happened:?}");
+}

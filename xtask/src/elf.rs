@@ -1,0 +1,88 @@
+//! What of a linked image takes memory.
+
+use std::{fs, path::Path};
+
+use anyhow::{Context, Result, bail};
+use object::{
+    Object, ObjectSection, SectionFlags, SectionKind, elf,
+    read::elf::{ElfFile32, ProgramHeader},
+};
+
+/// Bytes that an image takes.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub(crate) struct Size {
+    /// What is written to the flash: code, constants, and first values of variables.
+    pub(crate) flash: u64,
+    /// Variables.
+    pub(crate) ram: u64,
+}
+
+/// Adds up the sections of an image.
+///
+/// # Errors
+/// It has none that would be written to a flash.
+pub(crate) fn size(file: &object::File<'_>) -> Result<Size> {
+    let mut size = Size::default();
+    for section in file.sections().filter(is_loaded) {
+        if is_writable(&section) {
+            size.ram += section.size();
+        }
+        // Variables that begin with zero, or with anything, are in memory only.
+        if section.kind() != SectionKind::UninitializedData {
+            size.flash += section.size();
+        }
+    }
+    if size.flash == 0 {
+        bail!("there is no code in it");
+    }
+    Ok(size)
+}
+
+/// It takes memory of the node; names and lines for tools do not.
+pub(crate) fn is_loaded(section: &object::Section<'_, '_>) -> bool {
+    has_flag(section, elf::SHF_ALLOC)
+}
+
+/// It holds variables.
+pub(crate) fn is_writable(section: &object::Section<'_, '_>) -> bool {
+    has_flag(section, elf::SHF_WRITE)
+}
+
+fn has_flag(section: &object::Section<'_, '_>, flag: elf::SectionFlags) -> bool {
+    match section.flags() {
+        SectionFlags::Elf { sh_flags, .. } => sh_flags.contains(flag),
+        _ => false,
+    }
+}
+
+/// The first address behind all that a programmer writes to the flash of an image for an ARM
+/// processor.
+pub(crate) fn flash_end(path: &Path) -> Result<u64> {
+    let name = path.display();
+    let bytes = fs::read(path).with_context(|| format!("{name} cannot be read"))?;
+    let file = ElfFile32::<object::Endianness>::parse(&*bytes)
+        .with_context(|| format!("{name} is no image for a board"))?;
+    if file.architecture() != object::Architecture::Arm {
+        bail!("{name} is no image for an ARM processor");
+    }
+    let endian = file.endian();
+    file.elf_program_headers()
+        .iter()
+        .filter(|part| part.p_type(endian) == elf::PT_LOAD && part.p_filesz(endian) > 0)
+        .map(|part| u64::from(part.p_paddr(endian)) + u64::from(part.p_filesz(endian)))
+        .max()
+        .with_context(|| format!("{name} has nothing to write to a flash"))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Of this very program.
+    #[test]
+    fn sections_are_found() {
+        let bytes = fs::read(std::env::current_exe().unwrap()).unwrap();
+        let size = size(&object::File::parse(&*bytes).unwrap()).unwrap();
+        assert!(size.flash > 10_000 && size.ram > 0, "{size:?}");
+    }
+}
