@@ -1,11 +1,11 @@
-//! What the README's first command prints, from the library: real blobs in, poses out.
+//! Recorded blobs in, poses out: what `host-sim solve` does with a file, from the library.
 
 use std::{fs::File, io::BufReader};
 
 use calib_core::camera::Camera;
 use host_sim::{
     accuracy::Comparisons,
-    answer::{Settings, Solver, Status},
+    answer::{Settings, Solver},
     recorded::{self, sightings::Assumptions},
 };
 use test_support::data;
@@ -40,7 +40,8 @@ fn the_camera_model_makes_the_difference() {
         let (mut comparisons, mut chi_squared, mut freedom) = (Comparisons::default(), 0.0, 0);
         for (case, truth) in recording.cases().zip(&truths) {
             let answer = solver.answer(&case);
-            assert_eq!(answer.status, Status::Ok, "node {}", case.id());
+            // Of the wrong model, contradictory.
+            assert!(answer.status.is_kept(), "node {}", case.id());
             let solution = answer.solution.unwrap();
             comparisons.add(&solution.pose, truth.as_ref());
             chi_squared += solution.chi_squared;

@@ -15,7 +15,9 @@ use cmucam2_driver::Cmucam2;
 use host_sim::camera::{Configuration, Emulator, Extent, FaultRates, Place, Scene, Shape};
 use node_firmware::{
     config::{CameraConfig, Subjects},
-    sight::{BlobCamera, Cmucam2Sight, ColourWindow, Lens, Look, Seen, SightError, Subject, look},
+    sight::{
+        BlobCamera, Cmucam2Sight, ColourWindow, Direction, Lens, Look, SightError, Subject, look,
+    },
 };
 
 const BAUD: u32 = 38_400;
@@ -175,7 +177,7 @@ impl Node {
         (looked, (self.bench.now.get() - begun) as f64 * 1e-9)
     }
 
-    fn seen(&mut self) -> Seen {
+    fn seen(&mut self) -> Direction<f32> {
         let (looked, _) = self.look(Subject::Colour(ORANGE));
         let Ok(Look::Steady(seen)) = looked else {
             panic!("{looked:?}");

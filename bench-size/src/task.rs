@@ -142,7 +142,7 @@ fn act<const MEMBERS: usize>(node: &mut Node<PEERS, QUEUE, MEMBERS>, now: Instan
         let device = Eui64(black_box([3; 8]));
         node.open_join_window(now, Duration::from_secs(60));
         black_box(node.allow(device).ok());
-        node.remove(now, device);
+        black_box(node.remove(now, device));
         if let Some(key) = Key::new(black_box(2), black_box([9; 16])) {
             black_box(node.change_key(key).ok());
         }

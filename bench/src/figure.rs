@@ -66,3 +66,24 @@ pub(crate) fn rms(values: impl IntoIterator<Item = f64>) -> f64 {
     }
     (sum / n).sqrt()
 }
+
+/// The largest of values; NaN of none, which reaches no goal.
+pub(crate) fn worst(values: impl IntoIterator<Item = f64>) -> f64 {
+    values.into_iter().fold(f64::NAN, f64::max)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn without_data_no_goal_is_reached() {
+        for nothing in [worst([]), rms([]), quantile(&mut [], 0.5)] {
+            let mut sheet = Sheet::default();
+            sheet.figure("nothing", nothing, "", &Goal::AtMost(1.0));
+            sheet.figure("nothing", nothing, "", &Goal::AtLeast(0.0));
+            assert_eq!(sheet.missed, 2);
+        }
+        assert_eq!(worst([0.25, 0.75, 0.5]), 0.75);
+    }
+}

@@ -9,7 +9,7 @@ use anyhow::{Context, ensure};
 use calib_core::{Sighting, angle};
 use host_sim::{
     accuracy::{Accuracy, Comparisons},
-    answer::{Settings, Solver, Status},
+    answer::{Settings, Solver},
     recorded::{self, sightings::Assumptions, truth::Truth},
 };
 use nalgebra::{Matrix4, Point2, Vector2, Vector4};
@@ -210,7 +210,7 @@ impl Set {
         let (mut comparisons, mut kept) = (Comparisons::default(), 0.0);
         for (case, truth) in self.recording.cases().zip(&self.truths) {
             let answer = solver.answer(&case);
-            if let (Status::Ok, Some(solution)) = (answer.status, answer.solution) {
+            if let (true, Some(solution)) = (answer.status.is_kept(), answer.solution) {
                 comparisons.add(&solution.pose, truth.as_ref());
                 kept += 1.0;
             }

@@ -13,27 +13,12 @@ use calib_core::{
     reference::{self, Known, Settings, Stop},
     resection,
 };
+use host_sim::record::{Place, published::Published};
 use nalgebra::{Matrix2, Point2};
 use serde::Deserialize;
 
-use crate::figure::{Goal, Sheet, full_data, quantile, rms};
+use crate::figure::{Goal, Sheet, full_data, quantile, rms, worst};
 
-/// Table 4.1: x, y, heading in degrees of nodes 1 to 13.
-const CAMERAS: [(f64, f64, f64); 13] = [
-    (0.0, 0.0, 45.0),
-    (10.0, 0.0, 145.0),
-    (15.0, 2.0, 130.0),
-    (17.0, 3.0, 120.0),
-    (21.0, 3.0, 90.0),
-    (25.0, 8.0, 180.0),
-    (24.0, 12.0, 230.0),
-    (17.0, 12.0, 310.0),
-    (22.0, 13.0, 120.0),
-    (16.0, 14.0, 45.0),
-    (13.0, 13.0, 90.0),
-    (9.0, 16.0, 270.0),
-    (4.0, 15.0, 320.0),
-];
 const LAST_COLUMN: u8 = 87;
 /// Stage measures (left + right) / 2 in whole or half columns, of a body 0.3 units wide.
 const COLUMN_SIGMA: f64 = 0.4;
@@ -63,6 +48,14 @@ impl Blob {
     }
 }
 
+/// Where a camera of Table 4.1 really is.
+fn truth(node: usize) -> anyhow::Result<Place> {
+    let thesis = Published::of("thesis-13", Some(1)).context("there is no Table 4.1")?;
+    let node = u16::try_from(node)?;
+    let camera = thesis.node(node);
+    Ok(camera.with_context(|| format!("node {node}"))?.truth)
+}
+
 /// Errors of one camera: distance, x, y in units, heading in degrees.
 struct Errors {
     distance: f64,
@@ -76,7 +69,7 @@ pub(crate) fn run(sheet: &mut Sheet) -> anyhow::Result<()> {
     sheet.heading("Stage blobs, 13 cameras of the thesis, equal angles");
 
     let mut errors = Vec::new();
-    let mut reference_error: f64 = 0.0;
+    let mut reference_errors = Vec::new();
     for seed in [1, 2, 3] {
         let name = format!("stage13/blobs_seed{seed}.csv");
         let own = Some(test_support::data(&name)).filter(|path| path.is_file());
@@ -86,7 +79,7 @@ pub(crate) fn run(sheet: &mut Sheet) -> anyhow::Result<()> {
         };
         let blobs = read(&path)?;
         errors.extend(solve(&blobs, &camera, Some(3))?);
-        reference_error = reference_error.max(worst_reference_heading(&blobs, &camera)?);
+        reference_errors.push(worst_reference_heading(&blobs, &camera)?);
     }
     let quantile = |of: fn(&Errors) -> f64, p| {
         let mut values: Vec<_> = errors.iter().map(of).collect();
@@ -126,7 +119,7 @@ pub(crate) fn run(sheet: &mut Sheet) -> anyhow::Result<()> {
     );
     sheet.figure(
         "reference headings from three stops, worst",
-        reference_error,
+        worst(reference_errors),
         "deg",
         &Goal::AtMost(1.0),
     );
@@ -189,9 +182,9 @@ fn solve(blobs: &[Blob], camera: &Camera<f64>, most: Option<usize>) -> anyhow::R
             let pose = resection::solve(&sightings)
                 .with_context(|| format!("node {node}"))?
                 .pose;
-            let (x, y, heading) = CAMERAS[node - 1];
-            let d = pose.position - Point2::new(x, y);
-            let turned = angle::wrap_signed(pose.heading - f64::to_radians(heading));
+            let truth = truth(node)?;
+            let d = pose.position - truth.position();
+            let turned = angle::wrap_signed(pose.heading - truth.heading_deg.to_radians());
             Ok(Errors {
                 distance: d.norm(),
                 x: d.x,
@@ -225,11 +218,11 @@ fn worst_reference_heading(blobs: &[Blob], camera: &Camera<f64>) -> anyhow::Resu
         frame_heading: Some(0.0),
     };
     let best = reference::solve(&stops, &known, &Settings::default())?.best;
-    let error = |k: usize| {
-        let truth = CAMERAS[k].2.to_radians();
-        angle::wrap_signed(best.headings[k] - truth)
-            .to_degrees()
-            .abs()
+    let [first, second] = best.headings;
+    let error = |node: usize, heading: f64| {
+        let truth = truth(node)?.heading_deg.to_radians();
+        let error = angle::wrap_signed(heading - truth).to_degrees();
+        anyhow::Ok(error.abs())
     };
-    Ok(error(0).max(error(1)))
+    Ok(error(1, first)?.max(error(2, second)?))
 }

@@ -47,7 +47,7 @@ impl<T: Real, const N: usize> Cholesky<T, N> {
 
 /// Column by column, each less what the columns before it explain.
 #[inline(never)]
-fn factor<T: Real>(matrix: &mut [T], n: usize) -> Option<()> {
+pub(crate) fn factor<T: Real>(matrix: &mut [T], n: usize) -> Option<()> {
     for k in 0..n {
         let (before, rest) = matrix.split_at_mut_checked(k * n)?;
         let column = rest.get_mut(..n)?;
@@ -71,7 +71,7 @@ fn factor<T: Real>(matrix: &mut [T], n: usize) -> Option<()> {
 
 /// Forwards through the columns of `L`, then backwards through the rows of its transpose.
 #[inline(never)]
-fn solve<T: Real>(factor: &[T], x: &mut [T]) {
+pub(crate) fn solve<T: Real>(factor: &[T], x: &mut [T]) {
     let n = x.len();
     for (k, column) in factor.chunks_exact(n.max(1)).enumerate() {
         let mut below = x.iter_mut().zip(column).skip(k);

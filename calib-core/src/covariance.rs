@@ -2,7 +2,7 @@
 
 use nalgebra::SMatrix;
 
-use crate::{Real, cholesky::Cholesky, real::lit};
+use crate::{Real, cholesky, real::lit};
 
 /// Rounding, relative to the standard deviations.
 const SLACK: f64 = 1e-4;
@@ -12,22 +12,40 @@ const SMALLEST_SIGMA: f64 = 1e-15;
 /// Symmetric and positive semi-definite, but for rounding.
 ///
 /// Judged on the correlations, so that metres and radians may be mixed.
+#[inline]
 pub(crate) fn is_covariance<T: Real, const N: usize>(m: &SMatrix<T, N, N>) -> bool {
-    if !m.iter().all(T::is_finite) || m.diagonal().iter().any(|&d| d < T::zero()) {
-        return false;
+    judge(m.clone_owned().as_mut_slice(), m.diagonal().as_mut_slice()).is_some()
+}
+
+/// The same for any number of rows, the diagonal aside.
+#[inline(never)]
+fn judge<T: Real>(matrix: &mut [T], diagonal: &mut [T]) -> Option<()> {
+    if !matrix.iter().all(T::is_finite) || diagonal.iter().any(|&d| d < T::zero()) {
+        return None;
     }
-    let sigma = m.diagonal().map(nalgebra::ComplexField::sqrt);
-    let floor = (sigma.max() * T::default_epsilon()).max(lit(SMALLEST_SIGMA));
-    let sigma = sigma.map(|s| s.max(floor));
-    let mut correlation = m.component_div(&(sigma * sigma.transpose()));
-    let skew = correlation - correlation.transpose();
-    if skew.amax() > lit(SLACK) {
-        return false;
+    let mut floor = lit::<T>(SMALLEST_SIGMA);
+    for d in diagonal.iter_mut() {
+        *d = d.sqrt();
+        floor = floor.max(*d * T::default_epsilon());
     }
-    for k in 0..N {
-        if let Some(d) = correlation.get_mut((k, k)) {
-            *d += lit(SLACK);
+    let n = diagonal.len();
+    let slack = lit(SLACK);
+    let columns = matrix.chunks_exact_mut(n.max(1));
+    for (j, (column, of_column)) in columns.zip(diagonal.iter()).enumerate() {
+        for (i, (entry, of_row)) in column.iter_mut().zip(diagonal.iter()).enumerate() {
+            *entry /= of_column.max(floor) * of_row.max(floor);
+            if i == j {
+                *entry += slack;
+            }
         }
     }
-    Cholesky::new(correlation).is_some()
+    for j in 0..n {
+        for i in 0..j {
+            let skew = *matrix.get(j * n + i)? - *matrix.get(i * n + j)?;
+            if skew.abs() > slack {
+                return None;
+            }
+        }
+    }
+    cholesky::factor(matrix, n)
 }

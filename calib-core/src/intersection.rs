@@ -125,11 +125,11 @@ pub fn locate<T: Real>(bearings: &[Bearing<T>]) -> Result<Located<T>, Refusal> {
     }
     let mut walk = Descent::new(start.coords);
     walk.run(&Rays(bearings), Method::Levenberg, ITERATION_LIMIT)?;
-    let Descent { x, model } = walk;
+    let x = walk.x;
     let located = Located {
         position: x.into(),
-        covariance: model.covariance().ok_or(Refusal::Undetermined)?,
-        chi_squared: model.cost,
+        covariance: walk.covariance().ok_or(Refusal::Undetermined)?,
+        chi_squared: walk.cost,
         used: bearings.len(),
     };
     if !(x.iter().all(ComplexField::is_finite)
@@ -228,25 +228,36 @@ fn nearest_to_lines<T: Real>(bearings: &[Bearing<T>]) -> Result<Point2<T>, Refus
 /// The bearings, and the unknowns `(x, y)`.
 struct Rays<'a, T: Real>(&'a [Bearing<T>]);
 
-impl<T: Real> Problem<T, 2> for Rays<'_, T> {
-    fn model(&self, x: &Vector2<T>, model: &mut Quadratic<T, 2>) {
+impl<T: Real> Problem<T> for Rays<'_, T> {
+    fn model(&self, x: &[T], model: &mut Quadratic<'_, T>) {
+        let x = place(x);
         for bearing in self.0 {
             let to_target = x - bearing.pose.position.coords;
             // The target moves the bearing as the camera would, the other way.
             let slope = -slope(to_target).xy();
             model.add(
                 bearing.residual(to_target),
-                &slope,
+                slope.as_slice(),
                 bearing.weight(to_target),
             );
         }
     }
 
-    fn cost(&self, x: &Vector2<T>, weights_at: &Vector2<T>) -> T {
+    fn cost(&self, x: &[T], weights_at: &[T]) -> T {
+        let (x, weights_at) = (place(x), place(weights_at));
         self.0.iter().fold(T::zero(), |sum, bearing| {
             let camera = bearing.pose.position.coords;
             let residual = bearing.residual(x - camera);
             sum + residual * residual * bearing.weight(weights_at - camera)
         })
+    }
+}
+
+/// The unknowns by name.
+fn place<T: Real>(x: &[T]) -> Vector2<T> {
+    match *x {
+        [x, y] => Vector2::new(x, y),
+        // Nobody asks.
+        _ => Vector2::zeros(),
     }
 }

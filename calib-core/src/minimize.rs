@@ -1,8 +1,17 @@
 //! Least squares over a few unknowns: Gauss-Newton, steepest descent, Levenberg-Marquardt.
+//!
+//! Like [`cholesky`], on the numbers of vectors and matrices of any size: a node has the code once.
 
 use nalgebra::{ComplexField, SMatrix, SVector};
 
-use crate::{Real, Refusal, cholesky::Cholesky, real::lit};
+use crate::{
+    Real, Refusal,
+    cholesky::{self, Cholesky},
+    real::lit,
+};
+
+/// Unknowns of the largest problem.
+const MOST: usize = 6;
 
 /// How a least-squares solve walks from its closed-form start to the minimum.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -25,30 +34,156 @@ pub enum Method {
 }
 
 /// The cost around a point, to second order: `cost + 2 gradient . d + d . hessian d`.
-pub(crate) struct Quadratic<T: Real, const P: usize> {
-    /// `J^T W J`
-    pub hessian: SMatrix<T, P, P>,
+pub(crate) struct Quadratic<'a, T> {
+    /// `J^T W J`, by columns.
+    pub hessian: &'a mut [T],
     /// `J^T W r`
-    pub gradient: SVector<T, P>,
+    pub gradient: &'a mut [T],
     /// `r^T W r`
     pub cost: T,
 }
 
-impl<T: Real, const P: usize> Quadratic<T, P> {
-    pub(crate) fn zero() -> Self {
+impl<T: Real> Quadratic<'_, T> {
+    fn clear(&mut self) {
+        self.hessian.fill(T::zero());
+        self.gradient.fill(T::zero());
+        self.cost = T::zero();
+    }
+
+    /// Adds one residual with its derivatives and its weight.
+    #[inline]
+    pub(crate) fn add(&mut self, residual: T, slope: &[T], weight: T) {
+        add_outer(self.hessian, slope, weight);
+        let factor = weight * residual;
+        for (sum, slope) in self.gradient.iter_mut().zip(slope) {
+            *sum += *slope * factor;
+        }
+        self.cost += residual * residual * weight;
+    }
+
+    pub(crate) fn diagonal_mut(&mut self) -> impl Iterator<Item = &mut T> {
+        let next = next_diagonal(self.gradient.len());
+        self.hessian.iter_mut().step_by(next)
+    }
+
+    fn diagonal(&self) -> impl Iterator<Item = &T> {
+        let next = next_diagonal(self.gradient.len());
+        self.hessian.iter().step_by(next)
+    }
+
+    pub(crate) fn trace(&self) -> T {
+        self.diagonal().fold(T::zero(), |sum, h| sum + *h)
+    }
+
+    /// The step to the minimum of the model with its diagonal stretched by `1 + damping`. As many
+    /// of its numbers count as there are unknowns.
+    // Not inlined, for the sake of the stack.
+    #[inline(never)]
+    pub(crate) fn step(&self, damping: T) -> Option<[T; MOST]> {
+        let n = self.gradient.len();
+        let mut factor = [T::zero(); MOST * MOST];
+        let factor = factor.get_mut(..self.hessian.len())?;
+        for (entry, h) in factor.iter_mut().zip(self.hessian.iter()) {
+            *entry = *h;
+        }
+        for entry in factor.iter_mut().step_by(next_diagonal(n)) {
+            *entry += *entry * damping;
+        }
+        cholesky::factor(factor, n)?;
+        let mut step = [T::zero(); MOST];
+        let unknowns = step.get_mut(..n)?;
+        for (entry, g) in unknowns.iter_mut().zip(self.gradient.iter()) {
+            *entry = -*g;
+        }
+        cholesky::solve(factor, unknowns);
+        unknowns.iter().all(ComplexField::is_finite).then_some(step)
+    }
+}
+
+/// How far one number of the diagonal is from the one before.
+#[inline(always)]
+fn next_diagonal(n: usize) -> usize {
+    // Never zero, so that nobody needs to ask.
+    n.saturating_add(1)
+}
+
+/// Adds `weight v v^T`: in place, for the sake of the stack.
+#[inline]
+pub(crate) fn add_outer<T: Real>(matrix: &mut [T], vector: &[T], weight: T) {
+    let columns = matrix.chunks_exact_mut(vector.len().max(1));
+    for (column, factor) in columns.zip(vector) {
+        for (entry, other) in column.iter_mut().zip(vector) {
+            *entry += *other * (*factor * weight);
+        }
+    }
+}
+
+fn dot<T: Real>(a: &[T], b: &[T]) -> T {
+    a.iter().zip(b).fold(T::zero(), |sum, (a, b)| sum + *a * *b)
+}
+
+/// A weighted sum of squares of some unknowns, whose weights may depend on the unknowns.
+pub(crate) trait Problem<T> {
+    /// Adds up the model at `x`, with the weights at `x`.
+    fn model(&self, x: &[T], model: &mut Quadratic<'_, T>);
+
+    /// The cost at `x` with the weights at `weights_at`. Weights are compared only with
+    /// themselves: otherwise a solve would run to where it may be most uncertain.
+    fn cost(&self, x: &[T], weights_at: &[T]) -> T;
+}
+
+/// A walk downhill over `P` unknowns, at most six: where it is, and the cost around there.
+// Walked in place, for the sake of the stack.
+pub(crate) struct Descent<T: Real, const P: usize> {
+    pub x: SVector<T, P>,
+    /// Of where it last looked around, as the two below: at the end within the last, tiny step of
+    /// `x`.
+    pub hessian: SMatrix<T, P, P>,
+    gradient: SVector<T, P>,
+    pub cost: T,
+}
+
+impl<T: Real, const P: usize> Descent<T, P> {
+    pub(crate) fn new(start: SVector<T, P>) -> Self {
         Self {
+            x: start,
             hessian: SMatrix::zeros(),
             gradient: SVector::zeros(),
             cost: T::zero(),
         }
     }
 
-    /// Adds one residual with its derivatives and its weight.
+    /// Walks to the minimum and tells in how many steps.
+    ///
+    /// # Errors
+    /// [`Refusal::DidNotConverge`] after `limit` steps, or when the cost is not a finite number.
     #[inline]
-    pub(crate) fn add(&mut self, residual: T, slope: &SVector<T, P>, weight: T) {
-        add_outer(&mut self.hessian, slope, weight);
-        self.gradient += slope * (weight * residual);
-        self.cost += residual * residual * weight;
+    pub(crate) fn run(
+        &mut self,
+        problem: &impl Problem<T>,
+        method: Method,
+        limit: usize,
+    ) -> Result<usize, Refusal> {
+        let mut model = Quadratic {
+            hessian: self.hessian.as_mut_slice(),
+            gradient: self.gradient.as_mut_slice(),
+            cost: T::zero(),
+        };
+        let iterations = walk(problem, self.x.as_mut_slice(), &mut model, method, limit);
+        self.cost = model.cost;
+        iterations
+    }
+
+    /// The model where it starts.
+    #[inline]
+    pub(crate) fn look(&mut self, problem: &impl Problem<T>) -> Quadratic<'_, T> {
+        let mut model = Quadratic {
+            hessian: self.hessian.as_mut_slice(),
+            gradient: self.gradient.as_mut_slice(),
+            cost: T::zero(),
+        };
+        problem.model(self.x.as_slice(), &mut model);
+        model
     }
 
     /// The covariance of the unknowns where the weights are one over variances.
@@ -57,49 +192,6 @@ impl<T: Real, const P: usize> Quadratic<T, P> {
     pub(crate) fn covariance(&self) -> Option<SMatrix<T, P, P>> {
         Some(Cholesky::new(self.hessian)?.inverse())
     }
-
-    /// The step to the minimum of the model with its diagonal stretched by `1 + damping`.
-    // Not inlined, for the sake of the stack.
-    #[inline(never)]
-    pub(crate) fn step(&self, damping: T) -> Option<SVector<T, P>> {
-        let mut hessian = self.hessian;
-        hessian.set_partial_diagonal(self.hessian.diagonal().iter().map(|h| *h + *h * damping));
-        let step = -Cholesky::new(hessian)?.solve(&self.gradient);
-        step.iter().all(ComplexField::is_finite).then_some(step)
-    }
-}
-
-/// Adds `weight v v^T`: in place, for the sake of the stack.
-#[inline]
-pub(crate) fn add_outer<T: Real, const P: usize>(
-    matrix: &mut SMatrix<T, P, P>,
-    vector: &SVector<T, P>,
-    weight: T,
-) {
-    let columns = matrix.as_mut_slice().chunks_exact_mut(P);
-    for (column, factor) in columns.zip(vector.iter()) {
-        for (entry, other) in column.iter_mut().zip(vector.iter()) {
-            *entry += *other * (*factor * weight);
-        }
-    }
-}
-
-/// A weighted sum of squares of `P` unknowns, whose weights may depend on the unknowns.
-pub(crate) trait Problem<T: Real, const P: usize> {
-    /// Adds up the model at `x`, with the weights at `x`.
-    fn model(&self, x: &SVector<T, P>, model: &mut Quadratic<T, P>);
-
-    /// The cost at `x` with the weights at `weights_at`. Weights are compared only with
-    /// themselves: otherwise a solve would run to where it may be most uncertain.
-    fn cost(&self, x: &SVector<T, P>, weights_at: &SVector<T, P>) -> T;
-}
-
-/// A walk downhill: where it is, and the cost around there.
-// Walked in place, for the sake of the stack.
-pub(crate) struct Descent<T: Real, const P: usize> {
-    pub x: SVector<T, P>,
-    /// Of where it last looked around: at the end within the last, tiny step of `x`.
-    pub model: Quadratic<T, P>,
 }
 
 /// Steps shorter than this many sigmas end the iteration.
@@ -113,84 +205,92 @@ const FLAT_STEPS: usize = 3;
 /// Damping beyond which a step is lost in rounding.
 const DAMPING_LIMIT: f64 = 1e9;
 
-impl<T: Real, const P: usize> Descent<T, P> {
-    pub(crate) fn new(start: SVector<T, P>) -> Self {
-        Self {
-            x: start,
-            model: Quadratic::zero(),
+// Not inlined: large, and its callers have large frames of their own.
+#[inline(never)]
+fn walk<T: Real>(
+    problem: &impl Problem<T>,
+    x: &mut [T],
+    model: &mut Quadratic<'_, T>,
+    method: Method,
+    limit: usize,
+) -> Result<usize, Refusal> {
+    let mut damping = T::zero();
+    let mut previous = None;
+    let mut flat_steps = 0;
+    for iterations in 1..=limit {
+        model.clear();
+        problem.model(x, model);
+        if !model.cost.is_finite() {
+            return Err(Refusal::DidNotConverge);
+        }
+        let fell = previous.map(|cost: T| cost - model.cost);
+        flat_steps = match fell {
+            // Steepest descent creeps; that its cost hardly falls says nothing.
+            Some(fell) if fell.abs() < lit(FLAT) && method != Method::SteepestDescent => {
+                flat_steps + 1
+            }
+            _ => 0,
+        };
+        if flat_steps == FLAT_STEPS {
+            return Ok(iterations);
+        }
+        previous = Some(model.cost);
+        let newton = model.step(T::zero());
+        // What the full step is worth, in squared sigmas.
+        let worth = newton.map(|step| -dot(&step, model.gradient));
+        let within = |sigmas: T| worth.is_some_and(|worth| worth <= sigmas * sigmas);
+        if let (Some(step), true) = (newton, within(lit(CONVERGED_SIGMAS))) {
+            go(x, &step, T::one());
+            return Ok(iterations);
+        }
+        let next = match method {
+            Method::GaussNewton => newton.map(|step| moved(x, &step, T::one())),
+            Method::SteepestDescent => downhill(problem, x, model),
+            Method::Levenberg => damped(problem, x, model, &mut damping),
+        };
+        match next {
+            Some(next) => x.iter_mut().zip(next).for_each(|(x, next)| *x = next),
+            None if within(lit(STALLED_SIGMAS)) => return Ok(iterations),
+            None => return Err(Refusal::DidNotConverge),
         }
     }
+    Err(Refusal::DidNotConverge)
+}
 
-    /// Walks to the minimum and tells in how many steps.
-    ///
-    /// # Errors
-    /// [`Refusal::DidNotConverge`] after `limit` steps, or when the cost is not a finite number.
-    // Not inlined: large, and its callers have large frames of their own.
-    #[inline(never)]
-    pub(crate) fn run(
-        &mut self,
-        problem: &impl Problem<T, P>,
-        method: Method,
-        limit: usize,
-    ) -> Result<usize, Refusal> {
-        let mut damping = T::zero();
-        let mut previous = None;
-        let mut flat_steps = 0;
-        for iterations in 1..=limit {
-            self.model = Quadratic::zero();
-            problem.model(&self.x, &mut self.model);
-            let model = &self.model;
-            if !model.cost.is_finite() {
-                return Err(Refusal::DidNotConverge);
-            }
-            let fell = previous.map(|cost: T| cost - model.cost);
-            flat_steps = match fell {
-                // Steepest descent creeps; that its cost hardly falls says nothing.
-                Some(fell) if fell.abs() < lit(FLAT) && method != Method::SteepestDescent => {
-                    flat_steps + 1
-                }
-                _ => 0,
-            };
-            if flat_steps == FLAT_STEPS {
-                return Ok(iterations);
-            }
-            previous = Some(model.cost);
-            let newton = model.step(T::zero());
-            // What the full step is worth, in squared sigmas.
-            let within = |sigmas: f64| {
-                newton.is_some_and(|step| -step.dot(&model.gradient) <= lit(sigmas * sigmas))
-            };
-            if let (Some(step), true) = (newton, within(CONVERGED_SIGMAS)) {
-                self.x += step;
-                return Ok(iterations);
-            }
-            let next = match method {
-                Method::GaussNewton => newton.map(|step| self.x + step),
-                Method::SteepestDescent => downhill(problem, &self.x, model),
-                Method::Levenberg => damped(problem, &self.x, model, &mut damping),
-            };
-            match next {
-                Some(next) => self.x = next,
-                None if within(STALLED_SIGMAS) => return Ok(iterations),
-                None => return Err(Refusal::DidNotConverge),
-            }
-        }
-        Err(Refusal::DidNotConverge)
+/// Moves `x` along a direction, so many times its length.
+fn go<T: Real>(x: &mut [T], direction: &[T], length: T) {
+    for (x, direction) in x.iter_mut().zip(direction) {
+        *x += *direction * length;
     }
 }
 
+/// Where that leads.
+fn moved<T: Real>(x: &[T], direction: &[T; MOST], length: T) -> [T; MOST] {
+    let mut next = [T::zero(); MOST];
+    for (next, x) in next.iter_mut().zip(x) {
+        *next = *x;
+    }
+    go(&mut next, direction, length);
+    next
+}
+
+/// The cost of one of the places that [`moved`] leads to.
+fn cost_at<T: Real>(problem: &impl Problem<T>, next: &[T; MOST], x: &[T]) -> Option<T> {
+    Some(problem.cost(next.get(..x.len())?, x))
+}
+
 /// The least damping from `damping` on with which the cost falls.
-fn damped<T: Real, const P: usize>(
-    problem: &impl Problem<T, P>,
-    x: &SVector<T, P>,
-    model: &Quadratic<T, P>,
+fn damped<T: Real>(
+    problem: &impl Problem<T>,
+    x: &[T],
+    model: &Quadratic<'_, T>,
     damping: &mut T,
-) -> Option<SVector<T, P>> {
+) -> Option<[T; MOST]> {
     let (first, ten) = (lit::<T>(1e-3), lit::<T>(10.0));
     while *damping < lit(DAMPING_LIMIT) {
         if let Some(step) = model.step(*damping) {
-            let next = x + step;
-            if problem.cost(&next, x) < model.cost {
+            let next = moved(x, &step, T::one());
+            if cost_at(problem, &next, x)? < model.cost {
                 *damping = if *damping > first {
                     *damping / ten
                 } else {
@@ -205,19 +305,29 @@ fn damped<T: Real, const P: usize>(
 }
 
 /// One step against the gradient, by the rule documented at [`Method::SteepestDescent`].
-fn downhill<T: Real, const P: usize>(
-    problem: &impl Problem<T, P>,
-    x: &SVector<T, P>,
-    model: &Quadratic<T, P>,
-) -> Option<SVector<T, P>> {
-    let direction = -model.gradient.component_div(&model.hessian.diagonal());
-    let slope = direction.dot(&model.gradient);
-    let curvature = direction.dot(&(model.hessian * direction));
+fn downhill<T: Real>(
+    problem: &impl Problem<T>,
+    x: &[T],
+    model: &Quadratic<'_, T>,
+) -> Option<[T; MOST]> {
+    let mut direction = [T::zero(); MOST];
+    let scaled = model.gradient.iter().zip(model.diagonal());
+    for (entry, (g, h)) in direction.iter_mut().zip(scaled) {
+        *entry = -*g / *h;
+    }
+    let slope = dot(&direction, model.gradient);
+    let columns = model.hessian.chunks_exact(x.len().max(1));
+    let curvature = direction
+        .iter()
+        .zip(columns)
+        .fold(T::zero(), |sum, (part, column)| {
+            sum + *part * dot(&direction, column)
+        });
     let mut length = -slope / curvature;
     for _ in 0..32 {
-        let next = x + direction * length;
+        let next = moved(x, &direction, length);
         // Twice the slope is the cost's derivative; a tenth of the promise is enough.
-        if problem.cost(&next, x) <= model.cost + slope * length * lit(0.1) {
+        if cost_at(problem, &next, x)? <= model.cost + slope * length * lit(0.1) {
             return Some(next);
         }
         length *= lit(0.5);

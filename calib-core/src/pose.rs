@@ -4,7 +4,12 @@ use core::fmt;
 
 use nalgebra::{Matrix2, Matrix3, Point2, Vector2};
 
-use crate::{Real, angle, cholesky::Cholesky, covariance::is_covariance, real::lit};
+use crate::{
+    Real, angle,
+    cholesky::Cholesky,
+    covariance::is_covariance,
+    real::{lit, root},
+};
 
 /// Where a camera stands and looks, with its uncertainty.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -150,11 +155,6 @@ impl<T: Real> Pose<T> {
         let error = nalgebra::Vector3::new(d.x, d.y, angle::wrap_signed(self.heading - heading));
         Some((Cholesky::new(self.covariance)?.solve(&error)).dot(&error))
     }
-}
-
-/// A variance may come out a rounding error below zero.
-fn root<T: Real>(variance: T) -> T {
-    variance.max(T::zero()).sqrt()
 }
 
 impl<T: Real + fmt::Display> fmt::Display for Pose<T> {

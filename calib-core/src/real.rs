@@ -66,6 +66,23 @@ pub(crate) fn lit<T: Real>(value: f64) -> T {
     nalgebra::convert(value)
 }
 
+/// A variance, or zero if it is below: by rounding, or because a difference of covariances is none.
+/// What is not a number stays so, where `max` would make it zero.
+#[inline(always)]
+pub(crate) fn at_least_zero<T: Real>(variance: T) -> T {
+    if variance < T::zero() {
+        T::zero()
+    } else {
+        variance
+    }
+}
+
+/// The standard deviation of a variance. Of what is not a number there is none: zero would be the
+/// best of all.
+pub(crate) fn root<T: Real>(variance: T) -> T {
+    at_least_zero(variance).sqrt()
+}
+
 #[cfg(test)]
 mod tests {
     use super::Real;

@@ -2,7 +2,7 @@
 
 use nalgebra::{Matrix2, Point2, Vector2};
 
-use crate::{Real, plane};
+use crate::{Real, plane, real::at_least_zero};
 
 /// A direction in the camera's frame, of any positive length.
 ///
@@ -71,7 +71,8 @@ pub struct Sighting<T: Real> {
     pub ray: Ray<T>,
     /// Standard deviation of that direction, radians, above zero.
     pub bearing_sigma: T,
-    /// Covariance of `target`, as far as it is this sighting's own.
+    /// Covariance of `target`, as far as it is this sighting's own. Along a direction in which it
+    /// is below zero it counts as zero.
     ///
     /// An error that all sightings of a solve share (the target started from a place it did not
     /// know well) does not belong here: it moves the camera by just as much, see
@@ -115,9 +116,9 @@ impl<T: Real> Sighting<T> {
         let across = plane::quarter_turn(to_target);
         let c = &self.target_covariance;
         let twice_xy = c.m12 + c.m21;
-        own * own
-            + across.x * (across.x * c.m11 + across.y * twice_xy)
-            + across.y * across.y * c.m22
+        let of_target =
+            across.x * (across.x * c.m11 + across.y * twice_xy) + across.y * across.y * c.m22;
+        own * own + at_least_zero(of_target)
     }
 }
 

@@ -11,21 +11,57 @@ fn source(k: usize, len: usize) -> usize {
 }
 
 /// Index pairs `i < j` over `len` observations, or over 16 of them spread evenly.
-pub(crate) fn pairs(len: usize) -> impl Iterator<Item = [usize; 2]> {
-    let sources = len.min(SOURCES);
-    (0..sources)
-        .flat_map(move |i| (i + 1..sources).map(move |j| [i, j]))
-        .map(move |pair| pair.map(|k| source(k, len)))
+pub(crate) fn pairs(len: usize) -> Subsets<2> {
+    Subsets::new(len)
 }
 
 /// Index triples `i < j < k`, likewise.
-pub(crate) fn triples(len: usize) -> impl Iterator<Item = [usize; 3]> {
-    let sources = len.min(SOURCES);
-    (0..sources)
-        .flat_map(move |i| {
-            (i + 1..sources).flat_map(move |j| (j + 1..sources).map(move |k| [i, j, k]))
-        })
-        .map(move |triple| triple.map(|k| source(k, len)))
+pub(crate) fn triples(len: usize) -> Subsets<3> {
+    Subsets::new(len)
+}
+
+/// All subsets of `K`, in order.
+pub(crate) struct Subsets<const K: usize> {
+    len: usize,
+    next: Option<[usize; K]>,
+}
+
+impl<const K: usize> Subsets<K> {
+    fn new(len: usize) -> Self {
+        let first = core::array::from_fn(|k| k);
+        Self {
+            len,
+            next: (len >= K).then_some(first),
+        }
+    }
+
+    /// The subset of sources after one: the last place that has room goes on by one, and those
+    /// after it follow.
+    fn after(&self, mut subset: [usize; K]) -> Option<[usize; K]> {
+        let sources = self.len.min(SOURCES);
+        for place in (0..K).rev() {
+            let index = *subset.get(place)? + 1;
+            if index + (K - place) <= sources {
+                for (following, entry) in subset.iter_mut().skip(place).enumerate() {
+                    *entry = index + following;
+                }
+                return Some(subset);
+            }
+        }
+        None
+    }
+}
+
+impl<const K: usize> Iterator for Subsets<K> {
+    type Item = [usize; K];
+
+    // Not inlined, for the sake of flash.
+    #[inline(never)]
+    fn next(&mut self) -> Option<[usize; K]> {
+        let subset = self.next?;
+        self.next = self.after(subset);
+        Some(subset.map(|k| source(k, self.len)))
+    }
 }
 
 #[cfg(test)]

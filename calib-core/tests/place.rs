@@ -233,6 +233,27 @@ fn fixes_and_targets_are_told_apart_by_number() {
     assert_eq!(first.own_covariance(&second), first.covariance());
 }
 
+/// A walk begun anew may number its fixes as another one did. No walk makes both of these places:
+/// its uncertainty never falls.
+#[test]
+fn places_that_cannot_be_of_one_walk_share_nothing() {
+    let place = |step_covariance| {
+        Place::new(PlaceParts {
+            step_covariance,
+            ..good_parts()
+        })
+        .unwrap()
+    };
+    for (a, b) in [
+        ([0.1, 0.0, 0.5], [1.0, 0.0, 0.01]),
+        ([0.1, 0.0, 0.1], [0.2, 0.19, 0.2]),
+    ] {
+        let (a, b) = (place(a), place(b));
+        assert_eq!(a.own_covariance(&b), a.covariance());
+        assert_eq!(b.own_covariance(&a), b.covariance());
+    }
+}
+
 #[test]
 fn correlation_refuses_what_determines_no_pose() {
     let track = Track::start(Point2::origin(), Matrix2::zeros(), SYSTEMATIC).unwrap();

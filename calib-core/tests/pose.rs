@@ -72,3 +72,19 @@ proptest! {
         prop_assert_eq!(back, Ok(pose));
     }
 }
+
+/// A sigma of zero would be the best of all.
+#[test]
+fn what_is_not_a_number_has_no_sigma() {
+    let mut pose = Pose::from_parts(POSITION, 1.0, [4.0, 0.5, 9.0, 0.1, -0.2, 0.01]).unwrap();
+    pose.covariance = Matrix3::repeat(f64::NAN);
+    let sigmas = [
+        pose.sigma_x(),
+        pose.sigma_y(),
+        pose.sigma_position(),
+        pose.sigma_heading(),
+    ];
+    assert!(sigmas.iter().all(|sigma| sigma.is_nan()), "{sigmas:?}");
+    let ellipse = pose.ellipse(0.9);
+    assert!(ellipse.semi_major.is_nan() && ellipse.semi_minor.is_nan());
+}

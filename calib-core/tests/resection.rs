@@ -477,6 +477,67 @@ fn of_four_one_wrong_sighting_is_noticed() {
 }
 
 /// An error that all targets share moves the camera by just as much.
+/// A difference of covariances may be none. It makes no sighting better than the camera's own sigma.
+#[test]
+fn an_impossible_target_covariance_adds_nothing() {
+    for seed in 0..50 {
+        let mut rng = generator(seed);
+        let (truth, targets) = regular_scene(seed);
+        let more =
+            [0, 1].map(|_| truth.place(rng.random_range(1.0..8.0), rng.random_range(-0.5..0.5)));
+        let good: Vec<_> = targets
+            .iter()
+            .chain(&more)
+            .map(|&target| sighting(&truth, target, 0.01 * normal(&mut rng), 0.01))
+            .collect();
+        let mut bad = good.clone();
+        for sighting in &mut bad {
+            sighting.target_covariance = Matrix2::new(0.0, 0.0, 0.0, 0.0)
+                - Matrix2::from_diagonal_element(rng.random_range(0.001..0.5));
+        }
+        let mut dropped = [false; 5];
+        assert_eq!(resection::solve(&bad), resection::solve(&good));
+        assert_eq!(
+            resection::solve_rejecting(&bad, 4.0, &mut dropped),
+            resection::solve_rejecting(&good, 4.0, &mut dropped)
+        );
+        let three = |s: &[Sighting<f64>]| resection::solve(&s[..3]);
+        assert_eq!(three(&bad), three(&good));
+    }
+    // What is not a number is still refused.
+    let (truth, targets) = regular_scene(1);
+    let mut three = targets.map(|target| sighting(&truth, target, 0.0, 0.01));
+    three[1].target_covariance = Matrix2::repeat(f64::NAN);
+    assert_eq!(three_point::solve(&three), Err(Refusal::NotFinite));
+}
+
+/// Millimetres are a unit as good as any.
+#[test]
+fn single_precision_bears_any_unit() {
+    let (truth, targets) = regular_scene(3);
+    let solve = |scale: f64| {
+        let truth = Truth {
+            x: truth.x * scale,
+            y: truth.y * scale,
+            ..truth
+        };
+        let three = targets.map(|target| {
+            single_precision(
+                sighting(&truth, target * scale, 0.0, 0.01).with_target_sigma(0.01 * scale),
+            )
+        });
+        three_point::solve(&three)
+    };
+    let unit = solve(1.0).unwrap();
+    for scale in [1e-6, 1e-3, 1e3, 7e4, 1e6] {
+        let pose = solve(scale).unwrap();
+        let ratio = pose.sigma_position() / (unit.sigma_position() * scale as f32);
+        assert!((ratio - 1.0).abs() < 1e-2, "{scale}: {ratio}");
+        let ratio = pose.sigma_heading() / unit.sigma_heading();
+        assert!((ratio - 1.0).abs() < 1e-2, "{scale}: {ratio}");
+    }
+}
+
 #[test]
 fn shared_target_error() {
     let (truth, targets) = regular_scene(3);

@@ -24,12 +24,15 @@
 //! up.
 
 mod commands;
+#[cfg(feature = "images")]
+mod images;
 
 use core::{fmt, pin::pin};
 
 use embassy_futures::select::{Either, select};
 
-pub use commands::Part;
+#[cfg(feature = "images")]
+pub use images::Part;
 
 use crate::session::{Answer, Fault, Modes, Policy, Request, Session};
 
@@ -169,16 +172,6 @@ pub struct Call<'a, U, D, T> {
     convert: Convert<T>,
 }
 
-impl<U, D, T> Call<'_, U, D, T> {
-    fn conclude<E>(
-        convert: Convert<T>,
-        session: &Session,
-        outcome: Result<Answer, Fault>,
-    ) -> Result<T, Error<E>> {
-        convert(outcome?, session.modes()).ok_or(Error::Camera(Fault::Garbage))
-    }
-}
-
 impl<U, D, T> Call<'_, U, D, T>
 where
     U: embedded_io_async::Read + embedded_io_async::Write,
@@ -189,19 +182,33 @@ where
     /// # Errors
     /// [`Error`].
     pub async fn run(self) -> Result<T, Error<U::Error>> {
+        let answer = self
+            .camera
+            .drive(self.request, self.row, self.payload)
+            .await?;
+        let modes = self.camera.session.modes();
+        (self.convert)(answer, modes).ok_or(Error::Camera(Fault::Garbage))
+    }
+}
+
+impl<U, D> Cmucam2<U, D>
+where
+    U: embedded_io_async::Read + embedded_io_async::Write,
+    D: embedded_hal_async::delay::DelayNs,
+{
+    /// For all kinds of answers, so that an image has it once.
+    async fn drive(
+        &mut self,
+        request: Request,
+        row: &mut [u8],
+        payload: &[u8],
+    ) -> Result<Answer, Error<U::Error>> {
         let Self {
-            camera:
-                Cmucam2 {
-                    uart,
-                    delay,
-                    session,
-                    now,
-                    received,
-                },
-            request,
-            row,
-            payload,
-            convert,
+            uart,
+            delay,
+            session,
+            now,
+            received,
         } = self;
         session.begin(request, *now);
         let error = loop {
@@ -210,7 +217,7 @@ where
                 Err(error) => break error,
             }
             if let Some(outcome) = received.feed(session, *now, row) {
-                return Self::conclude(convert, session, outcome);
+                return outcome.map_err(Error::Camera);
             }
             if !session.pending().is_empty() {
                 continue;
@@ -224,7 +231,7 @@ where
                     Either::Second(Ok(bytes)) => {
                         received.filled(bytes);
                         if let Some(outcome) = received.feed(session, *now, row) {
-                            return Self::conclude(convert, session, outcome);
+                            return outcome.map_err(Error::Camera);
                         }
                         if !session.pending().is_empty() || session.payload_due() {
                             break None;
@@ -297,7 +304,8 @@ where
                 break error;
             }
             if let Some(outcome) = received.feed(session, *now, row) {
-                return Self::conclude(convert, session, outcome);
+                let answer = outcome?;
+                return convert(answer, session.modes()).ok_or(Error::Camera(Fault::Garbage));
             }
             if !session.pending().is_empty() || session.payload_due() {
                 continue;

@@ -53,7 +53,8 @@
 //!
 //! # Features
 //! `defmt` and `log` report restarts, retries and restored modes; `defmt` also formats the public
-//! types. Without them the crate is silent.
+//! types. Without them the crate is silent. `images` (frames, line modes) and `raw` (raw output) are
+//! on by default; an image for a node that needs neither is smaller without.
 #![no_std]
 #![forbid(unsafe_code)]
 #![cfg_attr(

@@ -23,7 +23,8 @@
 //!   restarts while nobody reads its banner is not noticed before that.) The [`Modes`] are set again and a colour-tracking or
 //!   statistics stream is started again before the request goes on. A stream tells it with
 //!   [`Fault::Restarted`], because what the camera had adapted to is lost; frame differencing has
-//!   lost its reference and must be begun anew.
+//!   lost its reference and must be begun anew. Any other request that can be repeated just goes
+//!   on: to whom the adaptation matters, [`Session::restarts`] tells.
 //! - Silence under packet filter is [`Answer::Quiet`] when nothing was tracked last.
 
 mod exchange;
@@ -267,6 +268,10 @@ impl Session {
             Request::StartUp(start_up) => Job::Sequence(Sequence::StartUp(start_up)),
             Request::Learn { how, track } => Job::Sequence(Sequence::Learn { how, track }),
         };
+        // One that cannot be begun must not leave the packets of another in its place.
+        if let Job::Start(_) | Job::Sequence(Sequence::Learn { track: true, .. }) = self.job {
+            self.stream = None;
+        }
         self.step = 0;
         self.answer = None;
         self.complete = false;
@@ -432,46 +437,57 @@ impl Session {
     /// Does whatever comes next: first make the camera listen, then give it back what it lost,
     /// then the request.
     fn proceed(&mut self, now: u64) {
+        // Not by calling itself: the stack of a node has a bound.
+        while self.advance(now) {}
+    }
+
+    /// One step of that. Whether another one follows at once.
+    fn advance(&mut self, now: u64) -> bool {
         if let Job::Next { row } = self.job
             && self.restore.is_none()
         {
             if self.stream.is_none() {
-                return self.fail(Fault::NotStreaming);
+                self.fail(Fault::NotStreaming);
+                return false;
             }
             if self.link == Link::Streaming {
                 if let Some(room) = row
                     && usize::from(self.row_bytes) > room
                 {
-                    return self.fail(Fault::RowBuffer {
+                    self.fail(Fault::RowBuffer {
                         needed: self.row_bytes,
                     });
+                    return false;
                 }
-                return self.enter_stream(now);
+                self.enter_stream(now);
+                return false;
             }
         }
         if self.link != Link::Prompt {
-            return self.synchronise_from(now);
+            self.synchronise_from(now);
+            return false;
         }
         if self.complete {
-            return self.completed(now);
+            return self.conclude();
         }
         if self.repeat {
             let (once, starting) = (self.once, self.starting);
             self.send(self.command, now);
             (self.once, self.starting) = (once, starting);
-            return;
+            return false;
         }
         if let Some(mut cursor) = self.restore
             && !self.is_resetting()
         {
             if let Some(command) = self.modes.command(&mut cursor) {
                 self.restore = Some(cursor);
-                return self.send(command, now);
+                self.send(command, now);
+                return false;
             }
             self.restore = None;
             debug!("modes restored");
             if self.interrupted && !self.resume() {
-                return;
+                return false;
             }
         }
         match self.job {
@@ -480,7 +496,11 @@ impl Session {
                 self.asked = true;
                 self.send(command, now);
             }
-            Job::Start(command) => self.start(command, now),
+            Job::Start(command) => {
+                if self.start(command, now) {
+                    self.finish(Answer::Done);
+                }
+            }
             Job::Next { .. } => match self.stream {
                 Some(command) => self.send(command, now),
                 None => self.fail(Fault::NotStreaming),
@@ -489,8 +509,9 @@ impl Session {
                 self.stream = None;
                 self.finish(Answer::Done);
             }
-            Job::Sequence(sequence) => self.sequence(sequence, now),
+            Job::Sequence(sequence) => return self.sequence(sequence, now),
         }
+        false
     }
 
     /// After a restart: whether the request can go on. A sequence begins again.
@@ -509,7 +530,8 @@ impl Session {
         }
     }
 
-    fn sequence(&mut self, sequence: Sequence, now: u64) {
+    /// Does a step of a sequence. Whether [`advance`](Self::advance) must follow at once.
+    fn sequence(&mut self, sequence: Sequence, now: u64) -> bool {
         let answer = self.answer;
         let step = sequence.step(
             self.step,
@@ -524,7 +546,12 @@ impl Session {
                 self.send(command, now);
                 self.once = true;
             }
-            Step::Start(command) => self.start(command, now),
+            Step::Start(command) => {
+                if self.start(command, now) {
+                    self.step += 1;
+                    return true;
+                }
+            }
             Step::Pause(time) => {
                 self.phase = Phase::Wait;
                 self.silence_at = now + time;
@@ -533,11 +560,12 @@ impl Session {
             Step::Restore => {
                 self.step += 1;
                 self.restore = Some(0);
-                self.proceed(now);
+                return true;
             }
             Step::Finish(answer) => self.finish(answer),
             Step::Fail(fault) => self.fail(fault),
         }
+        false
     }
 
     /// A banner: asked for, or the camera restarted.

@@ -147,6 +147,32 @@ both! {
         line.assert_finished();
     }
 
+    /// Otherwise packets of the bounds before would pass for those of the new ones.
+    fn what_could_not_be_begun_is_not_tracked<D>() {
+        const OTHER: [u8; 6] = [20, 30, 40, 50, 60, 70];
+        let other = || ColourBounds::new(OTHER).unwrap();
+        for (poll, first, refused) in [
+            (true, "ST 170 230 70 130 16 46\r", "ST 20 30 40 50 60 70\r"),
+            (false, TC, "TC 20 30 40 50 60 70\r"),
+        ] {
+            let begun = if poll { "ACK\r:" } else { "ACK\r" };
+            let mut script = Script::idle()
+                .on(if poll { "PM 1\r" } else { "PM 0\r" }, "ACK\r:")
+                .on(first, begun);
+            if !poll {
+                script = script.stopped();
+            }
+            let script = (0..4).fold(script, |script, _| script.on(refused, "NCK\r:"));
+            let (mut cam, line) = script.camera();
+            D::drive(cam.poll_mode(poll)).unwrap();
+            D::drive(cam.track_colour(orange())).unwrap();
+            assert_eq!(D::drive(cam.track_colour(other())), camera(Fault::Refused));
+            let next = D::drive(cam.next_tracking()).map(|_| ());
+            assert_eq!(next, camera(Fault::NotStreaming));
+            line.assert_finished();
+        }
+    }
+
     fn silence_under_packet_filter_is_no_error<D>() {
         let script = Script::idle()
             .on("PF 1\r", "ACK\r:")

@@ -3,7 +3,20 @@
 use calib_core::{Refusal, Sighting, resection};
 use indexmap::IndexMap;
 
-use crate::recorded::sightings::Case;
+use crate::{record::summary::Fit, recorded::sightings::Case};
+
+/// Chi squared of one degree of freedom that only one in a thousand exceeds by chance.
+const ONE_IN_A_THOUSAND: f64 = 10.83;
+
+/// Whether measurements contradict each other by more than their sigmas explain: only one in a
+/// thousand answers would fit as badly by chance. What always fits must fit well too.
+pub fn is_contradictory(chi_squared: f64, degrees_of_freedom: usize) -> bool {
+    let fit = Fit {
+        chi_squared,
+        degrees_of_freedom,
+    };
+    fit.is_bad() || (degrees_of_freedom == 0 && chi_squared > ONE_IN_A_THOUSAND)
+}
 
 /// How to solve.
 #[derive(Clone, Copy, Debug, Default)]
@@ -22,6 +35,9 @@ pub enum Status {
     Ok,
     /// It has a pose, but a less certain one than was asked for.
     Uncertain,
+    /// It has a pose that is certain enough if its sigmas are right, which they hardly are: see
+    /// [`is_contradictory`].
+    Contradictory,
     /// One of its rows could not be read.
     Unreadable,
     /// The solver refused it.
@@ -34,9 +50,15 @@ impl Status {
         match self {
             Self::Ok => "ok",
             Self::Uncertain => "uncertain",
+            Self::Contradictory => "contradictory",
             Self::Unreadable => "unreadable",
             Self::Refused(refusal) => refusal.name(),
         }
+    }
+
+    /// Whether there is a pose, as certain as was asked for by its own prediction.
+    pub fn is_kept(self) -> bool {
+        matches!(self, Self::Ok | Self::Contradictory)
     }
 
     /// What is the matter, and what to do about it; nothing for [`Status::Ok`].
@@ -45,6 +67,12 @@ impl Status {
             Self::Ok => None,
             Self::Uncertain => Some(
                 "the predicted sigma is above the limit: stop the target at better places"
+                    .to_owned(),
+            ),
+            Self::Contradictory => Some(
+                "the sightings contradict each other, so neither pose nor sigmas can be relied on: \
+                 look for wrong sightings (--reject 4 leaves them out of five or more), check the \
+                 camera and the sigmas given, or stop the target at more places"
                     .to_owned(),
             ),
             Self::Unreadable => Some("a row of the case could not be read: correct it".to_owned()),
@@ -113,8 +141,16 @@ impl Solver {
         };
         let within = |sigma: f64| self.settings.max_sigma.is_none_or(|limit| sigma <= limit);
         match solved {
-            Ok(solution) if within(solution.pose.sigma_position()) => (Status::Ok, Some(solution)),
-            Ok(solution) => (Status::Uncertain, Some(solution)),
+            Ok(solution) => {
+                let status = if !within(solution.pose.sigma_position()) {
+                    Status::Uncertain
+                } else if is_contradictory(solution.chi_squared, solution.degrees_of_freedom()) {
+                    Status::Contradictory
+                } else {
+                    Status::Ok
+                };
+                (status, Some(solution))
+            }
             Err(refusal) => (Status::Refused(refusal), None),
         }
     }

@@ -16,6 +16,7 @@
 //! | [`report`] | Prints answers and runs as tables or as JSON. |
 //! | [`export`] | Writes the poses of a run for other programs: CSV, YAML, ROS 2. |
 //! | [`plot`] | Draws answers and runs. |
+//! | [`console`] | Talks to the coordinator of a real network: members, poses, commands. |
 //! | [`probe`] | Talks to a CMUcam2 on a serial port: what it sees, a picture, sightings for a file. |
 
 #![forbid(unsafe_code)]
@@ -23,6 +24,7 @@
 pub mod accuracy;
 pub mod answer;
 pub mod camera;
+pub mod console;
 pub mod export;
 pub mod network;
 pub mod plot;

@@ -14,6 +14,7 @@ use frame::{
 use view::View;
 
 mod even_sample;
+mod fine;
 mod frame;
 mod labels;
 mod panels;
@@ -38,7 +39,7 @@ pub struct MapCamera {
     pub name: String,
     /// Where, and how sure.
     pub pose: Pose<f64>,
-    /// Drawn in the weaker colour if not.
+    /// Drawn in the weaker colour if not: uncertain, or contradictory.
     pub is_certain: bool,
 }
 
@@ -138,7 +139,11 @@ impl Drawing<'_> {
                 "cameras, heading, 95 % ellipse",
                 Some(CAMERA),
             ),
-            (uncertain.len(), "uncertain", Some(UNCERTAIN)),
+            (
+                uncertain.len(),
+                "uncertain or contradictory",
+                Some(UNCERTAIN),
+            ),
             (self.targets.len(), "targets", Some(TARGET)),
             (outside, "far outside", None),
         ];

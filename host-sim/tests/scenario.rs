@@ -7,6 +7,7 @@ use host_sim::{
     world::Variant,
 };
 use nalgebra::Point2;
+use node_firmware::{config::Role, role::camera::REFERENCE_STOPS};
 
 fn load(name: &str, changes: &Overrides) -> Site {
     Scenario::load(name, changes).unwrap().put_up().unwrap()
@@ -58,6 +59,52 @@ fn thesis_13_has_the_cameras_of_table_4_1() {
     );
 }
 
+/// A walk that was planned for more stops than nodes count would be left in its middle.
+#[test]
+fn nodes_count_as_many_stops_as_are_planned() {
+    for stops in [3, 8, 9, 12, 16] {
+        let changes = Overrides {
+            stops: Some(stops),
+            ..Overrides::default()
+        };
+        let scenario = Scenario::load("thesis-13", &changes).unwrap();
+        let plan = scenario.put_up().unwrap().networks[0].targets[0]
+            .plan
+            .clone()
+            .unwrap();
+        let planned = plan.stops.iter().filter(|stop| stop.for_references).count();
+        let simulation = Simulation::new(scenario, Options::default()).unwrap();
+        for id in 1..=13 {
+            let Role::Camera(camera) = &simulation.config(id).unwrap().role else {
+                panic!("node {id} is no camera");
+            };
+            assert_eq!(
+                usize::from(camera.reference_stops),
+                planned,
+                "{stops} stops"
+            );
+            assert_eq!(usize::from(camera.stops), stops);
+        }
+    }
+}
+
+/// A target's own numbers of its stops have 16 bits; the record tells stops apart by them.
+#[test]
+fn a_target_has_no_more_stops_than_it_can_count() {
+    let with = |count: usize| {
+        let stops = vec!["[1.0, 1.0]"; count].join(", ");
+        let text = small("", &format!("target = [{{ id = 20, stops = [{stops}] }}]"));
+        Scenario::from_toml(&text, &Overrides::default())
+    };
+    assert!(with(65_535).is_ok());
+    let error = with(65_536).unwrap_err().to_string();
+    assert!(
+        error.contains("`network 1.target 1.stops` is 65536 places"),
+        "{error}"
+    );
+    assert!(error.contains("65535 places or fewer"), "{error}");
+}
+
 /// Every camera of every built-in scenario has its stops in view, all of the ball, away from the
 /// border; so have the references theirs.
 #[test]
@@ -81,7 +128,11 @@ fn planned_stops_are_in_view() {
                         (stop.for_references || !is_reference)
                             && sight.is_some_and(|sight| sight.is_whole())
                     });
-                    assert!(seen.count() >= stops, "{name}, camera {}", camera.id);
+                    let least = match is_reference {
+                        true => stops.min(REFERENCE_STOPS),
+                        false => stops,
+                    };
+                    assert!(seen.count() >= least, "{name}, camera {}", camera.id);
                 }
                 let first: Vec<_> = plan.stops.iter().map(|stop| stop.for_references).collect();
                 assert!(
@@ -232,7 +283,13 @@ fn what_is_wrong_is_named() {
             small("unit_metres = 0.0", TARGET),
             ["`unit_metres` is 0", "0.0001 to 100000 metres"],
         ),
-        (small("stops = 2", TARGET), ["`stops` is 2", "3 to 100"]),
+        (
+            small("stops = 2", TARGET),
+            [
+                "`stops` is 2",
+                "3 to 16: a pose needs three sightings, and a camera keeps 16",
+            ],
+        ),
         (
             small("[camera]\nrange = -1.0", TARGET),
             ["`camera.range` is -1", "0.001"],
@@ -339,8 +396,8 @@ fn what_is_wrong_is_named() {
             ["different colours)` is 5", "1 to 4"],
         ),
         (
-            small("[firmware]\nstops = 65", TARGET),
-            ["`firmware.stops` is 65", "3 to 64"],
+            small("[firmware]\nstops = 17", TARGET),
+            ["`firmware.stops` is 17", "3 to 16"],
         ),
         (
             small(
@@ -350,7 +407,8 @@ fn what_is_wrong_is_named() {
             ["`firmware.weak_sigma` is 0.1", "0.2 to"],
         ),
         (small("path = 0", TARGET), ["`path` is 0", "1 to"]),
-        (small("stops = 0", TARGET), ["`stops` is 0", "3 to 100"]),
+        (small("stops = 0", TARGET), ["`stops` is 0", "3 to 16"]),
+        (small("stops = 17", TARGET), ["`stops` is 17", "3 to 16"]),
         (
             small("[walk]\nspeed = nan", TARGET),
             ["`walk.speed` is NaN", "0.001 to"],

@@ -71,6 +71,7 @@ fn json_has_these_keys_in_this_order() {
         "sigma_heading_rad",
         "sightings",
         "dropped",
+        "chi_squared",
     ];
     let places: Vec<_> = keys.map(|key| first.find(&format!("\"{key}\":"))).to_vec();
     assert!(places.iter().all(Option::is_some) && places.is_sorted());
@@ -83,7 +84,8 @@ fn json_has_these_keys_in_this_order() {
     assert_eq!(
         second.trim_end(),
         "{\"case\":8,\"status\":\"too_few\",\"x\":null,\"y\":null,\"heading_rad\":null,\
-         \"sigma_x\":null,\"sigma_y\":null,\"sigma_heading_rad\":null,\"sightings\":1,\"dropped\":0}"
+         \"sigma_x\":null,\"sigma_y\":null,\"sigma_heading_rad\":null,\"sightings\":1,\"dropped\":0,\
+         \"chi_squared\":null}"
     );
 }
 
@@ -526,4 +528,113 @@ fn real_cameras_are_as_accurate_as_published_methods() {
         assert!(first("position [m]") <= median, "{name}");
         assert!(first("heading [deg]") <= heading, "{name}");
     }
+}
+
+/// Of four sightings one is half a radian off: no pose fits them, and predicted sigmas do not know.
+#[test]
+fn sightings_that_contradict_each_other_are_called_so() {
+    let fourth = |off: f64| format!("1,5,6,{}\n", 15_f64.to_radians() + off);
+    let solve = |off: f64, options: &[&str]| {
+        let input = format!("{HEADER}{}{}", rows("1"), fourth(off));
+        let usual = ["solve", "-", "--bearing-sigma", "0.01"];
+        run_with_input(&[&usual, options].concat(), &input)
+    };
+    let wrong = solve(0.5, &["--json"]);
+    assert_eq!(wrong.code, 0);
+    let answer = &lines(&wrong.stdout)[0];
+    assert_eq!(answer["status"], "contradictory");
+    assert!(answer["chi_squared"].as_f64().unwrap() > 10.8);
+    assert!(answer["x"].is_number(), "the pose is given all the same");
+    for part in [
+        "1 case: 1 contradictory",
+        "contradict each other",
+        "--reject",
+    ] {
+        assert!(wrong.stderr.contains(part), "{part}: {}", wrong.stderr);
+    }
+    let table = solve(0.5, &[]).stdout;
+    assert!(
+        table.lines().next().unwrap().contains("chi squared"),
+        "{table}"
+    );
+    assert!(table.contains("contradictory"), "{table}");
+    let chi_squared = format!("{:.1}", answer["chi_squared"].as_f64().unwrap());
+    assert!(table.contains(&chi_squared), "{chi_squared}: {table}");
+
+    let right = solve(0.005, &["--json"]);
+    assert_eq!(lines(&right.stdout)[0]["status"], "ok");
+    assert!(!right.stderr.contains("contradict"), "{}", right.stderr);
+}
+
+/// What is kept is what is certain enough: whether sigmas were right is another question.
+#[test]
+fn contradictory_answers_are_compared_with_the_truth_too() {
+    let files = Files::new();
+    let fourth = format!("1,5,6,{}\n", 15_f64.to_radians() + 0.5);
+    let sightings = files.write("s.csv", &format!("{HEADER}{}{fourth}", rows("1")));
+    let truth = files.write("t.csv", "case,x,y,theta_rad\n1,1,2,0.5\n");
+    let done = run(&["solve", &sightings, "--truth", &truth]);
+    assert!(done.stdout.contains("contradictory"), "{}", done.stdout);
+    assert!(
+        done.stdout.contains("Kept 100.0 %: 1 of 1 cases"),
+        "{}",
+        done.stdout
+    );
+}
+
+#[test]
+fn a_map_that_cannot_be_written_is_found_before_solving() {
+    let files = Files::new();
+    let sightings = files.write("s.csv", &format!("{HEADER}{}", rows("1")));
+    let nowhere = files.path("no/folder/map.svg");
+    let done = run(&["solve", &sightings, "--plot", &nowhere]);
+    assert_eq!(
+        (done.code, done.stdout.as_str()),
+        (2, ""),
+        "{}",
+        done.stderr
+    );
+    assert!(
+        done.stderr.contains("there is no folder"),
+        "{}",
+        done.stderr
+    );
+}
+
+#[test]
+#[cfg(target_os = "linux")]
+fn a_map_that_fails_hides_nothing() {
+    let files = Files::new();
+    let sightings = files.write("s.csv", &format!("{HEADER}{}", rows("1")));
+    let done = run(&["solve", &sightings, "--plot", "/dev/full"]);
+    assert_eq!(done.code, 2);
+    assert!(done.stderr.contains("1 case: 1 ok"), "{}", done.stderr);
+    assert!(
+        done.stderr.contains("/dev/full cannot be written"),
+        "{}",
+        done.stderr
+    );
+}
+
+#[test]
+fn a_column_that_is_passed_over_is_told() {
+    let with_column = |line: &str| match line {
+        "" => String::new(),
+        line if line.starts_with("case") => format!("{line},column\n"),
+        line => format!("{line},40\n"),
+    };
+    let text = format!("{HEADER}{}", rows("1"));
+    let both: String = text.lines().map(with_column).collect();
+    let bearings = run_with_input(&["solve", "-"], &both).stderr;
+    assert!(bearings.contains("`column` is not used"), "{bearings}");
+    let columns = run_with_input(&["solve", "-", "--fov-deg", "60"], &both).stderr;
+    assert!(columns.contains("`bearing_rad` is not used"), "{columns}");
+    let one = run_with_input(&["solve", "-"], &text).stderr;
+    assert!(!one.contains("not used"), "{one}");
+}
+
+#[test]
+fn the_help_names_no_unit() {
+    let help = run(&["solve", "--help"]).stdout;
+    assert!(help.contains("--max-sigma <LENGTH>"), "{help}");
 }

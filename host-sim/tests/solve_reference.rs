@@ -240,3 +240,66 @@ fn bad_input_names_its_line_and_exits_with_two() {
         );
     }
 }
+
+fn contradictory(options: &[&str], input: &str) -> Value {
+    let done = run_with_input(
+        &[&["solve-reference", "-", "--json"], options].concat(),
+        input,
+    );
+    assert_eq!(done.code, 1, "{}", done.stderr);
+    assert!(
+        done.stderr.contains("contradict each other"),
+        "{}",
+        done.stderr
+    );
+    let line: Value = serde_json::from_str(&done.stdout).unwrap();
+    assert_eq!(line["status"], "contradictory");
+    assert!(line["best"]["heading_0_rad"].is_number());
+    line
+}
+
+/// Two stops and everything known leave no freedom, but may still not fit.
+#[test]
+fn stops_that_contradict_what_is_known_are_called_so() {
+    let sure = ["--bearing-sigma", "0.0087", "--displacement-sigma", "0.01"];
+    let line = contradictory(&[&["--baseline", "14"], &sure[..]].concat(), &exact());
+    assert!(line["best"]["chi_squared"].as_f64().unwrap() > 13.8);
+    assert_eq!(line["best"]["degrees_of_freedom"], 2);
+
+    let text = [&["solve-reference", "-", "--baseline", "14"], &sure[..]].concat();
+    let text = run_with_input(&text, &exact());
+    assert!(text.stdout.contains("chi squared"), "{}", text.stdout);
+    assert!(text.stdout.contains("contradictory"), "{}", text.stdout);
+
+    let two: String = exact().lines().take(3).map(|l| format!("{l}\n")).collect();
+    // Away from the cameras instead of towards them.
+    let wrong = two.replace("0,-2\n", "0,2\n");
+    assert_ne!(two, wrong);
+    let line = contradictory(&[&["--baseline", "10"], &sure[..]].concat(), &wrong);
+    assert!(line["best"]["chi_squared"].as_f64().unwrap() > 10.8);
+    assert_eq!(line["best"]["degrees_of_freedom"], 0);
+
+    let fits = solve(&[&["--baseline", "10"], &sure[..]].concat(), &exact());
+    assert_eq!(fits["status"], "ok");
+}
+
+#[test]
+fn a_column_that_is_passed_over_is_told() {
+    let both: String = exact()
+        .lines()
+        .map(|line| {
+            let more = if line.starts_with("stop") {
+                "column_0,column_1"
+            } else {
+                "40,41"
+            };
+            format!("{line},{more}\n")
+        })
+        .collect();
+    let done = run_with_input(&["solve-reference", "-", "--baseline", "10"], &both);
+    assert!(
+        done.stderr.contains("`column_0` is not used"),
+        "{}",
+        done.stderr
+    );
+}

@@ -5,7 +5,10 @@
 
 use serde::{Deserialize, Serialize};
 
-use crate::message::{Address, Command, Done, Hello, Report, Sighted, Tracked};
+use crate::{
+    config::SiteKey,
+    message::{Address, Command, Done, Hello, Report, Sighted, Tracked},
+};
 
 /// Bits per second of the line.
 pub const BAUD: u32 = 115_200;
@@ -54,6 +57,29 @@ pub enum ToPc {
         /// The sighting.
         sighting: Sighted,
     },
+    /// A member was sent away.
+    Removed {
+        /// Its address.
+        address: Address,
+        /// It was a member.
+        success: bool,
+    },
+    /// How the last change of the site key goes; `None`: none was begun since the coordinator
+    /// started, or what was asked for is impossible. Told when one is asked for, and with all else.
+    KeyChange(Option<KeyChange>),
+}
+
+/// A change of the site key.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct KeyChange {
+    /// The index of the new key.
+    pub index: u8,
+    /// It was offered to every member, and is in use.
+    pub done: bool,
+    /// Members that did not say that they have it. Those that do not come back have to be
+    /// provisioned with it.
+    pub unreached: u8,
 }
 
 /// The network of a coordinator.
@@ -83,6 +109,13 @@ pub enum FromPc {
     },
     /// Ask a camera for its sightings.
     Sightings(Address),
+    /// Send a member away, for good if it is gone: its place is free then. If it is on the
+    /// allow-list, or while a join window is open, it may come back.
+    Remove(Address),
+    /// Give all members another site key, with another index: whoever has only the present one is
+    /// shut out then. It is the PC that draws it, at random, and keeps it: new members are
+    /// provisioned with it.
+    ChangeKey(SiteKey),
 }
 
 /// Writes a message as a frame; `None` never happens with a buffer of [`FRAME_MAX`].

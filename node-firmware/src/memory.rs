@@ -16,6 +16,7 @@
 //! | 2 | [`Fact::Walk`] |
 //! | 3 | [`Fact::Posed`] |
 //! | 4 | [`Fact::Colours`] |
+//! | 5 | [`Fact::Network`] |
 //! | 32 + n | [`Fact::Sighting`] n |
 //! | 64 + n | [`Fact::ReferenceStop`] n |
 //! | 96 + n | [`Fact::Camera`] n |
@@ -64,6 +65,8 @@ pub enum Fact {
     Posed(Option<PoseParts>),
     /// A camera: the colours it learnt.
     Colours(Colours),
+    /// Camera and target: the network that the addresses in all other facts are of.
+    Network(Network),
 }
 
 impl Fact {
@@ -75,6 +78,7 @@ impl Fact {
             Self::Walk(_) => 2,
             Self::Posed(_) => 3,
             Self::Colours(_) => 4,
+            Self::Network(_) => 5,
             Self::Sighting(index, _) => place(32, index),
             Self::ReferenceStop(index, _) => place(64, index),
             Self::Camera(index, _) => place(96, index),
@@ -110,6 +114,18 @@ pub struct ReferenceStop {
     pub own: Option<Seen>,
     /// Where the other reference camera saw it.
     pub other: Option<Seen>,
+}
+
+/// A network, as one of its members knows it.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct Network {
+    /// Its PAN identifier.
+    pub pan: u16,
+    /// The coordinator's EUI-64.
+    pub coordinator: [u8; 8],
+    /// The address that this member has there.
+    pub own: Address,
 }
 
 /// Colours that a camera learnt, by their number.
@@ -183,8 +199,10 @@ impl<F: NorFlash> Memory<F> {
     /// # Errors
     /// The flash failed.
     pub async fn recall(&mut self, mut take: impl FnMut(&Fact)) -> Result<(), LogError<F::Error>> {
-        for key in 0..KEYS {
-            if let Some(entry) = self.log.find(key).await?
+        let mut slots = [0; KEYS as usize];
+        self.log.newest(0, &mut slots).await?;
+        for (key, slot) in (0..).zip(slots) {
+            if let Some(entry) = self.log.read(slot).await?
                 && let Ok((fact, _)) = postcard::take_from_bytes::<Fact>(entry.value())
                 && fact.key() == key
             {

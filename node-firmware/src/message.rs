@@ -48,7 +48,7 @@ pub enum Message {
     WhoIsThere,
     /// The coordinator tells a target which cameras there are.
     Roster(heapless::Vec<Address, MEMBERS>),
-    /// The coordinator tells the reference cameras that they are.
+    /// The coordinator tells reference cameras, and those that were, who they are.
     References(References),
     /// A target stands.
     Stopped(Stopped),

@@ -260,7 +260,8 @@ fn live<R: Role>(mut station: Station<R>, any: &mut Any, event: impl Fn(&mut Any
             0 => station.restart(now),
             1 => station.role.attached(zigbee_link::Instant(now), None),
             2 => station.attach(now),
-            3..=6 => {
+            3 => station.join(now, any.below(2), any.below(3)),
+            4..=7 => {
                 let event = event(any);
                 station.event(now, event);
             }
@@ -315,11 +316,12 @@ proptest! {
     fn a_coordinator_survives(seed: u64) {
         let station = Station::<Coordinator>::new(0, Coordinator::new, Box::new(|_, _| None));
         live(station, &mut Any(ChaCha8Rng::seed_from_u64(seed)), |any| {
-            match any.below(5) {
+            match any.below(6) {
                 0 => coordinator::Event::Button(Button::JoinWindow),
                 1 => coordinator::Event::Pc(FromPc::Refresh),
                 2 => coordinator::Event::Pc(FromPc::JoinWindow(any.address())),
                 3 => coordinator::Event::Pc(FromPc::Sightings(any.address())),
+                4 => coordinator::Event::Pc(FromPc::Remove(any.address())),
                 _ => coordinator::Event::Pc(FromPc::Command {
                     address: any.address(),
                     command: any.command(),

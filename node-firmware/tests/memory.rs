@@ -2,14 +2,14 @@
 
 mod support;
 
-use std::collections::BTreeMap;
+use std::{cell::Cell, collections::BTreeMap};
 
 use calib_core::dead_reckoning::{Place, PlaceParts, Systematic};
 use embassy_futures::block_on;
 use nalgebra::{Point2, Vector2};
 use node_firmware::{
     config::Duty,
-    memory::{Colours, Fact, KeptSighting, Memory, ReferenceStop, Walk},
+    memory::{Colours, Fact, KeptSighting, Memory, Network, ReferenceStop, Walk},
     message::{MEMBERS, PoseParts, References, Report, Seen, State},
     role::camera::{REFERENCE_STOPS, SIGHTINGS},
     sight::ColourWindow,
@@ -92,8 +92,16 @@ fn colours() -> Fact {
     })
 }
 
+fn network() -> Fact {
+    Fact::Network(Network {
+        pan: 0x1234,
+        coordinator: [2, 0, 0, 0, 0, 0, 0, 9],
+        own: u16::MAX,
+    })
+}
+
 /// The longest of each kind, in the order of their keys.
-fn longest() -> [Fact; 8] {
+fn longest() -> [Fact; 9] {
     [
         Fact::Report(Some(report(u16::MAX))),
         Fact::References(Some(References {
@@ -111,6 +119,7 @@ fn longest() -> [Fact; 8] {
         }),
         Fact::Posed(Some(pose())),
         colours(),
+        network(),
         sighting(MEMBERS as u8 - 1, 1.0),
         Fact::ReferenceStop(
             MEMBERS as u8 - 1,
@@ -179,6 +188,8 @@ fn format() {
     assert_eq!(bytes(&Fact::Posed(None)), [6, 0]);
     let learnt = [7, 255, 255, 255, 255, 15, 1, 170, 240, 60, 140, 16, 80, 1];
     assert_eq!(bytes(&colours())[..14], learnt);
+    let network_bytes = [8, 0xB4, 0x24, 2, 0, 0, 0, 0, 0, 0, 9, 0xFF, 0xFF, 3];
+    assert_eq!(bytes(&network()), network_bytes);
     // Whose they are.
     let mut flash = Flash::new(0);
     assert_eq!(recall(&mut flash), []);
@@ -191,9 +202,9 @@ fn format() {
 /// No fact is written over another one.
 #[test]
 fn all_facts_of_a_camera_fit_together() {
-    let mut facts = longest()[..5].to_vec();
+    let mut facts = longest()[..6].to_vec();
     facts.extend((0..SIGHTINGS as u8).map(|index| sighting(index, f32::from(index))));
-    facts.extend((0..REFERENCE_STOPS as u8).map(|index| match longest()[6] {
+    facts.extend((0..REFERENCE_STOPS as u8).map(|index| match longest()[7] {
         Fact::ReferenceStop(_, stop) => Fact::ReferenceStop(index, stop),
         _ => unreachable!(),
     }));
@@ -206,7 +217,7 @@ fn all_facts_of_a_camera_fit_together() {
 
 #[test]
 fn all_facts_of_a_target_fit_together() {
-    let mut facts = vec![longest()[2]];
+    let mut facts = vec![longest()[2], network()];
     facts.extend((0..MEMBERS as u8).map(|n| Fact::Camera(n, Some((n.into(), report(n.into()))))));
     let mut flash = Flash::new(2);
     for _ in 0..5 {
@@ -315,8 +326,71 @@ fn rot_at_work_is_survived() {
         }
     });
     let mut expected = longest().to_vec();
-    expected.insert(5, sighting(1, 199.0));
+    expected.insert(6, sighting(1, 199.0));
     assert_eq!(recall(&mut rotten), expected);
+}
+
+/// However full the memory is, each of its records is read once to find the newest ones, and once
+/// more if it is one.
+#[test]
+fn recalling_reads_each_record_twice_at_most() {
+    for count in [0, 30, 2000] {
+        let mut flash = Flash::new(9);
+        for n in 0..count {
+            save(&mut flash, &[sighting(n as u8 % 20, n as f32)]);
+        }
+        let reads = Cell::new(0);
+        let mut facts = 0;
+        block_on(async {
+            let mut memory = Memory::open(Counting(&mut flash, &reads), 0..Flash::LEN, OWNER)
+                .await
+                .unwrap();
+            reads.set(0);
+            memory.recall(|_| facts += 1).await.unwrap();
+        });
+        assert_eq!(facts, count.min(20));
+        let slots = Flash::LEN as usize / 2 / SLOT;
+        assert!(reads.get() <= 2 * slots, "{}", reads.get());
+    }
+}
+
+/// Counts what is read.
+struct Counting<'a>(&'a mut Flash, &'a Cell<usize>);
+
+mod counting {
+    use embedded_storage_async::nor_flash::{ErrorType, NorFlash, ReadNorFlash};
+
+    use super::{Counting, Flash, flash::PowerLoss};
+
+    impl ErrorType for Counting<'_> {
+        type Error = PowerLoss;
+    }
+
+    impl ReadNorFlash for Counting<'_> {
+        const READ_SIZE: usize = Flash::READ_SIZE;
+
+        async fn read(&mut self, offset: u32, bytes: &mut [u8]) -> Result<(), PowerLoss> {
+            self.1.set(self.1.get() + 1);
+            self.0.read(offset, bytes).await
+        }
+
+        fn capacity(&self) -> usize {
+            self.0.capacity()
+        }
+    }
+
+    impl NorFlash for Counting<'_> {
+        const WRITE_SIZE: usize = Flash::WRITE_SIZE;
+        const ERASE_SIZE: usize = Flash::ERASE_SIZE;
+
+        async fn erase(&mut self, from: u32, to: u32) -> Result<(), PowerLoss> {
+            self.0.erase(from, to).await
+        }
+
+        async fn write(&mut self, offset: u32, bytes: &[u8]) -> Result<(), PowerLoss> {
+            self.0.write(offset, bytes).await
+        }
+    }
 }
 
 /// After so many more writes a bit of a record flips.

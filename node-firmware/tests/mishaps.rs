@@ -5,13 +5,16 @@ mod support;
 
 use std::{cell::RefCell, rc::Rc, time::Duration};
 
-use calib_core::Refusal;
+use calib_core::{Refusal, dead_reckoning::Track};
 use node_firmware::{
-    config::{Duty, Reference, Subjects},
+    config::{CameraConfig, Duty, Reference, Subjects},
     console::{FromPc, ToPc},
     hardware::Button,
     memory::Fact,
-    message::{Command, Done, Hello, Kind, Message, References, Report, State},
+    message::{
+        Command, Done, Frame, Hello, Kind, Message, PoseParts, References, Report, Seen, Sight,
+        State, Stopped,
+    },
     role::{
         Role, camera,
         coordinator::{self, Coordinator},
@@ -21,7 +24,7 @@ use node_firmware::{
 };
 use support::{
     bus::{Air, AnyStation, Faults, PERFECT, Station},
-    net::{Net, SECOND, TARGET, error, refining, same, with_references},
+    net::{Net, SECOND, TARGET, error, from_to, refining, same, with_references},
     site::{CAMERAS, camera_config, target_config},
 };
 use zigbee_link::wire::ShortAddress;
@@ -288,6 +291,8 @@ fn a_command_that_is_given_up_is_answered() {
     );
     let mut air = Air::new(PERFECT, 1);
     station.attach(0);
+    station.event(0, camera::Event::Ready);
+    station.act(0, &mut air);
     let lost = Command::Track { colour: 0 };
     for command in [Command::Initialise, lost] {
         station.hear(0, ShortAddress(0), &Message::Command(command));
@@ -300,4 +305,165 @@ fn a_command_that_is_given_up_is_answered() {
         success: false,
     });
     assert!(air.sent.iter().any(|sent| sent.message == done));
+}
+
+/// Nobody knows when a camera that does not start will, and what is in its view then.
+#[test]
+fn what_a_camera_that_does_not_start_is_told_is_not_done_later() {
+    let tasks = Rc::new(RefCell::new(Vec::new()));
+    let noted = tasks.clone();
+    let mut station = Station::<camera::Camera>::new(
+        1,
+        || camera::Camera::new(101, camera_config(None)),
+        Box::new(move |_, task| {
+            noted.borrow_mut().push(task);
+            None
+        }),
+    );
+    let mut air = Air::new(PERFECT, 1);
+    station.attach(0);
+    let learn = Command::LearnColour { colour: 1 };
+    for (now, command) in [(1, learn), (2, Command::Forget)] {
+        station.hear(now, ShortAddress(0), &Message::Command(command));
+        station.act(now, &mut air);
+        let done = Message::Done(Done {
+            command,
+            success: command == Command::Forget,
+        });
+        assert!(air.sent.iter().any(|sent| sent.message == done));
+    }
+    station.event(3, camera::Event::Button(Button::LearnColour));
+    station.act(3, &mut air);
+    station.event(4, camera::Event::Ready);
+    station.act(4, &mut air);
+    assert_eq!(tasks.take(), []);
+    station.event(5, camera::Event::Button(Button::LearnColour));
+    station.act(5, &mut air);
+    let learn = Command::LearnColour { colour: 0 };
+    assert_eq!(tasks.take(), [camera::Task::Command(learn)]);
+}
+
+/// Two cameras were elected, and two that are configured come later. There is one frame.
+#[test]
+fn former_references_have_no_duty() {
+    for is_restarted in [false, true] {
+        let baseline = (CAMERAS[3].position - CAMERAS[2].position).norm() as f32;
+        let config = |n: usize| CameraConfig {
+            may_be_elected: n < 2,
+            baseline: if n < 2 { Some(10.0) } else { Some(baseline) },
+            ..camera_config(
+                [None, None, Some(Duty::First), Some(Duty::Second)]
+                    .get(n)
+                    .copied()
+                    .flatten(),
+            )
+        };
+        let mut net = Net::new(PERFECT, 17, config);
+        for camera in &mut net.cameras[2..4] {
+            camera.is_off = true;
+        }
+        net.walk_to(2);
+        let duties = |net: &Net| {
+            let facts = net.cameras.iter().map(|camera| camera.facts.iter());
+            let told = facts.map(|mut facts| {
+                facts
+                    .rfind(|fact| matches!(fact, Fact::References(_)))
+                    .copied()
+            });
+            told.collect::<Vec<_>>()
+        };
+        let elected = duties(&net)[0];
+        assert!(elected.is_some());
+        // The news find one of the former ones and the coordinator switched off.
+        net.cameras[0].is_off = is_restarted;
+        for camera in &mut net.cameras[2..4] {
+            camera.is_off = false;
+        }
+        net.run_for(40 * SECOND);
+        if is_restarted {
+            net.coordinator.restart(net.now);
+            net.run_for(5 * SECOND);
+            net.cameras[0].is_off = false;
+            net.cameras[0].restart(net.now);
+            net.cameras[0].event(net.now, camera::Event::Ready);
+            net.run_for(5 * SECOND);
+        }
+        let references = References {
+            first: 3,
+            second: 4,
+            positions: None,
+        };
+        assert_eq!(duties(&net)[0], Some(Fact::References(Some(references))));
+        net.walk_to(9);
+        net.check_poses(from_to(2, 3), 5.0);
+        let own: Vec<_> = net.reports().iter().map(|report| report.duty).collect();
+        assert_eq!(
+            own[..4],
+            [None, None, Some(Duty::First), Some(Duty::Second)]
+        );
+    }
+}
+
+/// It saw the target at stops of known places before the answer of the first one came. It tells of
+/// its stops as a reference, or of these, not of both.
+#[test]
+fn a_reference_drops_its_sightings() {
+    let seen = Seen {
+        bearing: 0.1,
+        sigma: 0.01,
+    };
+    for cut in [None, Some(1), Some(2), Some(3)] {
+        let mut station = Station::<camera::Camera>::new(
+            2,
+            || camera::Camera::new(102, camera_config(None)),
+            Box::new(move |now, _| Some((now, camera::Event::Looked(Sight::InView, Some(seen))))),
+        );
+        let mut air = Air::new(PERFECT, 1);
+        station.attach(0);
+        station.event(0, camera::Event::Ready);
+        let references = References {
+            first: 1,
+            second: 2,
+            positions: None,
+        };
+        let references = Message::References(references);
+        station.hear(0, ShortAddress(0), &references);
+        station.act(0, &mut air);
+        let place = Track::<f32>::default().place(0.01).unwrap();
+        for stop in 1..=2 {
+            let stopped = Message::Stopped(Stopped {
+                stop,
+                colour: 0,
+                frame: Frame::Site,
+                place,
+            });
+            let now = u64::from(stop) * SECOND;
+            station.hear(now, ShortAddress(TARGET), &stopped);
+            station.act(now, &mut air);
+            station.act(now + 1, &mut air);
+        }
+        assert_eq!(station.recalled_sightings(), 2);
+        let posed = Message::Posed(PoseParts {
+            position: [10.0, 0.0],
+            heading: 1.0,
+            covariance: [1e-4, 0.0, 1e-4, 0.0, 0.0, 1e-4],
+        });
+        station.facts_left = cut;
+        station.hear(3 * SECOND, ShortAddress(1), &posed);
+        station.act(3 * SECOND, &mut air);
+        station.facts_left = None;
+        station.restart(4 * SECOND);
+        station.act(4 * SECOND, &mut air);
+        assert_eq!(station.role.report().duty, Some(Duty::Second));
+        assert_eq!(station.recalled_sightings(), 0, "{cut:?}");
+        let before = air.sent.len();
+        station.hear(5 * SECOND, ShortAddress(0), &Message::Sightings);
+        station.act(5 * SECOND, &mut air);
+        let told = air.sent[before..].iter();
+        assert_eq!(
+            told.filter(|sent| matches!(sent.message, Message::Sighting(_)))
+                .count(),
+            0
+        );
+    }
 }

@@ -4,9 +4,9 @@ mod support;
 
 use std::collections::BTreeSet;
 
-use calib_core::Refusal;
+use calib_core::{Refusal, dead_reckoning::Step};
 use node_firmware::{
-    config::{CameraConfig, Duty, Sigmas},
+    config::{CameraConfig, Duty, Sigmas, TargetConfig},
     console::{FromPc, ToPc},
     memory::Fact,
     message::{Command, Frame, Message, Report, State, Stopped},
@@ -81,11 +81,12 @@ fn everybody_knows_the_poses() {
 
 /// Over many worlds the squared errors are what the covariances say: 3 on average for 3 numbers.
 /// The errors of the cameras of one world have those of its references in common, so that the mean
-/// of 40 worlds is good to some tenths only.
+/// of 320 worlds is good to a tenth. It is below 3, because targets here do not move at all while they
+/// stand, and say that they might.
 #[test]
 fn errors_are_as_large_as_predicted() {
     let (mut sum, mut count) = (0.0, 0.0);
-    for seed in 0..40 {
+    for seed in 0..320 {
         let mut net = Net::new(PERFECT, 1000 + seed, with_references);
         net.walk_to(5);
         for (pose, truth) in net.poses().iter().zip(&CAMERAS).skip(2) {
@@ -95,7 +96,7 @@ fn errors_are_as_large_as_predicted() {
     }
     let mean = sum / count;
     println!("mean squared error in units of the covariance: {mean:.2}");
-    assert!((1.8..4.5).contains(&mean), "{mean}");
+    assert!((2.0..2.6).contains(&mean), "{mean}");
 }
 
 /// The first two that see the target become the references; whoever is first is the origin.
@@ -278,6 +279,83 @@ fn a_broken_sensor_does_not_wear_the_flash() {
         net.run_for(SECOND);
     }
     assert_eq!(net.target.facts.len(), written);
+}
+
+/// Nor with cameras that would find the target again after each failure, and again after a step.
+#[test]
+fn a_broken_sensor_is_no_new_stop_each_time_the_target_is_found() {
+    let mut net = Net::new(PERFECT, 8, with_references);
+    net.walk_to(5);
+    for _ in 0..2 {
+        let before = (net.target.facts.len(), net.air.sent.len());
+        for _ in 0..100 {
+            net.target.event(net.now, target::Event::SensorFailed);
+            net.run_for(SECOND);
+        }
+        assert!(!net.target.role.position().1);
+        let told = net.air.sent[before.1..]
+            .iter()
+            .filter(|sent| matches!(sent.message, Message::Stopped(_)) && sent.to.0 > TARGET);
+        assert_eq!(told.count(), 1);
+        let written = net.target.facts.len() - before.0;
+        assert!(written < 10, "{written}");
+        // It works again.
+        net.walk();
+        assert!(net.target.role.position().1);
+        net.check_target(0.2);
+    }
+}
+
+/// What cameras saw before the target was lost says nothing of where it is.
+#[test]
+fn bearings_of_a_stop_are_void_when_the_target_is_lost() {
+    let mut net = Net::new(PERFECT, 8, with_references);
+    net.walk_to(5);
+    net.target.event(net.now, target::Event::SensorFailed);
+    let step = Step {
+        distance: 1.0,
+        heading: 0.0,
+        distance_sigma: 0.01,
+        heading_sigma: 0.01,
+    };
+    net.target.event(net.now, target::Event::Step(step));
+    let bearings = |net: &Net| {
+        let sent = net.air.sent.iter();
+        sent.filter(|sent| sent.to.0 == TARGET && matches!(sent.message, Message::Bearing(_)))
+            .count()
+    };
+    while bearings(&net) < 2 {
+        net.run_for(1_000);
+    }
+    net.run_for(10_000);
+    for event in [
+        target::Event::Step(step),
+        target::Event::SensorFailed,
+        target::Event::Step(step),
+    ] {
+        net.target.event(net.now, event);
+    }
+    net.run_for(SECOND);
+    assert!(!net.target.role.position().1);
+}
+
+/// With a place that nobody can send there is nothing to tell, and nothing to wait for.
+#[test]
+fn a_target_without_a_place_does_not_spin() {
+    let config = TargetConfig {
+        standing_sigma: 1e20,
+        ..target_config(0)
+    };
+    let mut target = Station::<Target>::new(
+        TARGET,
+        move || Target::new(TARGET, config, 7),
+        Box::new(|_, ()| None),
+    );
+    let mut air = Air::new(PERFECT, 1);
+    target.attach(0);
+    for now in 0..20 {
+        target.act(now * SECOND, &mut air);
+    }
 }
 
 /// Nodes lose their power at any time.

@@ -7,8 +7,9 @@ use calib_core::{
 };
 use nalgebra::{Point2, Vector2};
 use node_firmware::{
+    config::SiteKey,
     config::{Duty, Reference},
-    console::{FRAME_MAX, Frames, FromPc, Network, ToPc, encode},
+    console::{FRAME_MAX, Frames, FromPc, KeyChange, Network, ToPc, encode},
     message::{
         Bearing, Command, Done, Frame, Hello, Kind, Located, Look, MEMBERS, Message, PoseParts,
         References, Report, Seen, Sight, Sighted, State, Stopped, Tracked,
@@ -343,12 +344,25 @@ fn what_the_pc_is_told_is_these_bytes() {
         }),
         format!("050301030905{ONE}{TWO}{HALF}{ONE}{HALF}")
     );
+    let removed = ToPc::Removed {
+        address: 300,
+        success: true,
+    };
+    assert_eq!(tell(removed), "06ac0201");
+    let change = KeyChange {
+        index: 2,
+        done: true,
+        unreached: 1,
+    };
+    assert_eq!(tell(ToPc::KeyChange(None)), "0700");
+    assert_eq!(tell(ToPc::KeyChange(Some(change))), "0701020101");
 }
 
 /// Whole frames: COBS puts the distance to the next zero in the place of each.
 #[test]
 fn what_the_pc_wants_is_these_bytes() {
-    let wants: [(FromPc, &[u8]); 4] = [
+    let key = SiteKey::new(2, core::array::from_fn(|i| i as u8 + 1));
+    let wants: [(FromPc, &[u8]); 6] = [
         (FromPc::Refresh, &[1, 1, 0]),
         (FromPc::JoinWindow(300), &[4, 1, 0xAC, 2, 0]),
         (
@@ -359,6 +373,13 @@ fn what_the_pc_wants_is_these_bytes() {
             &[5, 2, 3, 3, 1, 0],
         ),
         (FromPc::Sightings(3), &[3, 3, 3, 0]),
+        (FromPc::Remove(300), &[4, 4, 0xAC, 2, 0]),
+        (
+            FromPc::ChangeKey(key),
+            &[
+                19, 5, 2, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15, 16, 0,
+            ],
+        ),
     ];
     let mut frames = Frames::default();
     for (wish, bytes) in wants {

@@ -8,7 +8,7 @@ use host_sim::{
     scenario::{Overrides, Scenario, ScenarioError},
 };
 
-use crate::yard::{Yard, written};
+use crate::yard::{Yard, run, written};
 
 #[test]
 fn a_seed_gives_the_same_record_and_log_on_any_thread() {
@@ -52,7 +52,23 @@ fn a_sweep_is_the_same_with_any_number_of_jobs() {
     assert_eq!(csv(1), csv(4));
 }
 
-/// One network more is on other channels, and changes nothing for the first.
+/// One network more is on another channel, and changes nothing for the first.
+#[test]
+fn a_network_does_not_notice_its_neighbour() {
+    let first = |nodes| {
+        let changes = Overrides {
+            nodes: Some(nodes),
+            ..Overrides::default()
+        };
+        let mut record = run(Scenario::load("grid", &changes).unwrap());
+        assert_eq!(record.networks.len(), nodes / 13);
+        record.nodes.retain(|node| node.network == 1);
+        record.targets.retain(|target| target.network == 1);
+        (record.nodes, record.targets)
+    };
+    assert_eq!(first(13), first(26));
+}
+
 #[test]
 fn built_in_scenarios_run_the_same_twice() {
     for name in ["lab", "grid"] {

@@ -1,7 +1,10 @@
 //! What goes wrong on the air and on lines makes calibration later, not wrong.
 
 use host_sim::{
-    record::RunRecord,
+    record::{
+        RunRecord,
+        verdict::{Trouble, Verdict},
+    },
     scenario::{Action, Scenario},
 };
 
@@ -120,4 +123,15 @@ fn a_camera_that_sticks_does_not_harm_others() {
         assert!(mine.nees.is_some_and(|nees| nees < 30.7));
         assert_eq!(mine.sightings, calm.sightings);
     }
+    let [stuck, well] = [&record, &calm].map(|record| node(record, 5));
+    assert_ne!(stuck.residuals, well.residuals);
+    let told = |record| {
+        let findings = Verdict::of(record).findings.into_iter();
+        let of_it = findings.filter(|finding| finding.camera == 5);
+        of_it.map(|finding| finding.trouble).collect::<Vec<_>>()
+    };
+    let is_misfit =
+        |trouble: &Trouble| matches!(trouble, Trouble::Misfit(_) | Trouble::Contradicted { .. });
+    assert!(told(&record).iter().any(is_misfit), "{:?}", told(&record));
+    assert_eq!(told(&calm), []);
 }

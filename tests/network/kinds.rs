@@ -4,7 +4,8 @@ use calib_core::camera::Projection;
 use host_sim::{
     record::{
         RunRecord,
-        verdict::{Common, Verdict},
+        summary::Fit,
+        verdict::{Common, Finding, Trouble, Verdict},
     },
     scenario::{Overrides, Scenario},
     world::Variant,
@@ -114,6 +115,91 @@ fn cameras_of_equal_angles_need_that_model() {
         cameras.map_or(f64::INFINITY, |cameras| cameras.position.rms)
     };
     assert!(rms(&wrong) > 2.0 * rms(&right));
+}
+
+/// A reference's answer is made of stops of both, not of the sightings that it kept from before.
+#[test]
+fn references_count_the_stops_of_their_answer() {
+    let changes = Overrides {
+        path: Some(2),
+        seed: Some(8),
+        ..Overrides::default()
+    };
+    let record = run(Scenario::load("thesis-13", &changes).unwrap());
+    for id in [1, 2] {
+        let reference = node(&record, id);
+        assert!(reference.reference);
+        assert_eq!((reference.sightings, reference.residuals.len()), (3, 0));
+    }
+    let others = record.cameras().filter(|camera| !camera.reference);
+    let chi_squared: f64 = others.map(|camera| Fit::of(camera).chi_squared).sum();
+    assert!((record.summary.fit.chi_squared - chi_squared).abs() < 1e-9);
+}
+
+/// Stops on one line leave the references undetermined, and so would a stop that one of them sees.
+#[test]
+fn references_without_an_answer_get_useful_advice() {
+    let yard = Yard {
+        references: "cameras = [1, 2], baseline_known = false, frame_heading_known = false",
+        targets: "{ id = 20, stops = [[4.0, 3.0], [4.0, 4.0], [4.0, 5.0]] }",
+        ..Yard::default()
+    };
+    let record = run(yard.scenario(1));
+    let verdict = Verdict::of(&record);
+    assert_eq!(verdict.calibrated, 0, "{verdict}");
+    assert!(!verdict.next_stops.is_empty(), "{verdict}");
+    for stop in &verdict.next_stops {
+        assert_eq!(stop.seen_by, [1, 2], "{verdict}");
+    }
+    assert!((verdict.next_stops[0].x - 4.0).abs() > 1.0, "{verdict}");
+}
+
+#[test]
+fn nobody_is_blamed_for_what_the_radio_lost() {
+    let changes = Overrides {
+        loss: Some(1.0),
+        ..Overrides::default()
+    };
+    let record = run(Scenario::load("lab", &changes).unwrap());
+    let verdict = Verdict::of(&record);
+    let is_joining = |finding: &Finding| finding.trouble == Trouble::NeverJoined;
+    assert_eq!(verdict.findings.len(), 7);
+    assert!(verdict.findings.iter().all(is_joining), "{verdict}");
+    assert_eq!(
+        (verdict.absent.as_slice(), verdict.next_stops.len()),
+        (&[20][..], 0)
+    );
+}
+
+/// Places are in the frame of the network, which is where it says.
+#[test]
+fn networks_are_told_apart() {
+    let changes = Overrides {
+        nodes: Some(26),
+        ..Overrides::default()
+    };
+    let scenario = Scenario::load("grid", &changes).unwrap();
+    let record = run(scenario.clone());
+    assert_eq!(record.networks.len(), 2);
+    let together = record.in_one_frame();
+    let origin = &scenario.networks[0].cameras[0];
+    for (number, network) in (1..).zip(&scenario.networks) {
+        for placed in &network.cameras {
+            let [own, moved] = [&record, &together].map(|record| node(record, placed.id));
+            assert_eq!(own.network, number);
+            let truth = moved.truth.unwrap();
+            let off = [placed.x - origin.x - truth.x, placed.y - origin.y - truth.y];
+            assert!(off.iter().all(|off| off.abs() < 1e-9), "{off:?}");
+        }
+        let [first, second] = network.references.cameras.map(|id| node(&record, id));
+        let [first, second] = [first, second].map(|node| node.truth.unwrap());
+        assert_eq!((first.x, first.y), (0.0, 0.0));
+        assert!(second.x > 1.0 && second.y.abs() < 1e-9);
+    }
+    for node in record.nodes.iter().filter(|node| !node.is_camera()) {
+        let is_second = node.id == 40_001 || node.id == 60_001;
+        assert_eq!(node.network, 1 + u16::from(is_second), "node {}", node.id);
+    }
 }
 
 /// Refining goes on with more stops, and makes poses better.

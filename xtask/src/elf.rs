@@ -1,6 +1,6 @@
 //! What of a linked image takes memory.
 
-use std::{fs, path::Path};
+use std::{fs, ops::Range, path::Path};
 
 use anyhow::{Context, Result, bail};
 use object::{
@@ -55,9 +55,9 @@ fn has_flag(section: &object::Section<'_, '_>, flag: elf::SectionFlags) -> bool 
     }
 }
 
-/// The first address behind all that a programmer writes to the flash of an image for an ARM
-/// processor.
-pub(crate) fn flash_end(path: &Path) -> Result<u64> {
+/// From the first to behind the last address that a programmer writes to the flash of an image for an
+/// ARM processor.
+pub(crate) fn flash_range(path: &Path) -> Result<Range<u64>> {
     let name = path.display();
     let bytes = fs::read(path).with_context(|| format!("{name} cannot be read"))?;
     let file = ElfFile32::<object::Endianness>::parse(&*bytes)
@@ -66,11 +66,16 @@ pub(crate) fn flash_end(path: &Path) -> Result<u64> {
         bail!("{name} is no image for an ARM processor");
     }
     let endian = file.endian();
-    file.elf_program_headers()
+    let parts = file
+        .elf_program_headers()
         .iter()
         .filter(|part| part.p_type(endian) == elf::PT_LOAD && part.p_filesz(endian) > 0)
-        .map(|part| u64::from(part.p_paddr(endian)) + u64::from(part.p_filesz(endian)))
-        .max()
+        .map(|part| {
+            let start = u64::from(part.p_paddr(endian));
+            start..start + u64::from(part.p_filesz(endian))
+        });
+    parts
+        .reduce(|all, part| all.start.min(part.start)..all.end.max(part.end))
         .with_context(|| format!("{name} has nothing to write to a flash"))
 }
 

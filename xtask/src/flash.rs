@@ -6,7 +6,7 @@ use std::{
 };
 
 use anyhow::{Context, Result, bail, ensure};
-use board_support::flash::{NRF52840, Regions};
+use board_support::flash::{NRF52840, Regions, STM32L476RG};
 use node_firmware::config::{
     Config,
     page::{self, PAGE_MAX, PageError},
@@ -27,12 +27,16 @@ const INSTALL: &str = "probe-rs is not installed: see https://probe.rs/docs/gett
 enum Board {
     /// nRF52840-DK, or another board with this chip
     Nrf52840,
+    /// NUCLEO-L476RG with a radio co-processor, or another board with this chip
+    #[value(name = "nucleo-l476rg")]
+    NucleoL476rg,
 }
 
 impl Board {
     const fn package(self) -> &'static str {
         match self {
             Self::Nrf52840 => "nrf52840",
+            Self::NucleoL476rg => "nucleo-l476rg",
         }
     }
 
@@ -40,12 +44,14 @@ impl Board {
     const fn chip(self) -> &'static str {
         match self {
             Self::Nrf52840 => "nRF52840_xxAA",
+            Self::NucleoL476rg => "STM32L476RGTx",
         }
     }
 
     const fn regions(self) -> Regions {
         match self {
             Self::Nrf52840 => NRF52840,
+            Self::NucleoL476rg => STM32L476RG,
         }
     }
 }
@@ -158,13 +164,22 @@ impl Flash {
             }
             None => firmware::build(sh, package)?,
         };
-        let end = elf::flash_end(&image)?;
-        let most = self.board.regions().image_end();
+        let range = elf::flash_range(&image)?;
+        let regions = self.board.regions();
+        let (least, most) = (regions.start, regions.image_end());
         ensure!(
-            end <= most.into(),
-            "{} reaches up to {end:#x}, into the pages of the node, which begin at {most:#x}: is \
+            range.start >= least.into(),
+            "{} begins at {:#x}, before the board's flash at {least:#x}: is it an image for this \
+             board?",
+            image.display(),
+            range.start
+        );
+        ensure!(
+            range.end <= most.into(),
+            "{} reaches up to {:#x}, into the pages of the node, which begin at {most:#x}: is \
              it an image for this board?",
-            image.display()
+            image.display(),
+            range.end
         );
         Ok(image)
     }
@@ -216,7 +231,7 @@ impl Flash {
     /// Reads the page that the board has. Its output holds a key: it is not to be shown.
     fn look<'a>(&self, sh: &'a Shell) -> Cmd<'a> {
         let probe = &self.probe_options();
-        let address = format!("{:#010x}", self.board.regions().config);
+        let address = format!("{:#010x}", self.board.regions().config_address());
         let bytes = PAGE_MAX.to_string();
         cmd!(sh, "probe-rs read {probe...} b8 {address} {bytes}")
     }
@@ -251,7 +266,7 @@ impl Flash {
             sh,
             "probe-rs download {probe...} --verify --binary-format elf {image}"
         )];
-        commands.extend(page.map(|page| bytes(page, regions.config)));
+        commands.extend(page.map(|page| bytes(page, regions.config_address())));
         let (memory, _) = regions.memory();
         commands.extend(self.erase_memory.then(|| bytes(erased, memory)));
         commands.push(cmd!(sh, "probe-rs reset {probe...}"));

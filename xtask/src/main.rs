@@ -1,6 +1,6 @@
 //! The project's chores: `cargo xtask --help`.
 
-use std::path::Path;
+use std::{env, path::Path, process::ExitCode};
 
 use anyhow::Context;
 use clap::{Parser, Subcommand};
@@ -63,13 +63,23 @@ enum Chore {
     },
 }
 
-fn main() -> anyhow::Result<()> {
-    let arguments = Arguments::parse();
+fn main() -> anyhow::Result<ExitCode> {
+    if let Some(folder) = env::var_os(firmware::LINK_IN) {
+        return firmware::link(&folder);
+    }
+    run(Arguments::parse().chore)?;
+    Ok(ExitCode::SUCCESS)
+}
+
+fn run(chore: Chore) -> anyhow::Result<()> {
     let sh = Shell::new()?;
     // Whole, because it is shown.
     let root = Path::new(env!("CARGO_MANIFEST_DIR")).parent();
     sh.change_dir(root.context("xtask is in the workspace's folder")?);
-    match arguments.chore {
+    if let Chore::Test | Chore::Emulate | Chore::Firmware | Chore::Flash(_) = chore {
+        firmware::prepare_linker(&sh)?;
+    }
+    match chore {
         Chore::Test => test::run(&sh),
         Chore::Bench { topics } => {
             let all = topics.is_empty();

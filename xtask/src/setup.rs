@@ -19,7 +19,7 @@ const PROGRAMS: [(&str, &str); 5] = [
 ];
 
 /// The linker of images for nodes.
-const LINKER: &str = "flip-link";
+pub(crate) const LINKER: &str = "flip-link";
 const LINKER_VERSION: &str = "0.1.12";
 
 /// The compiler's targets and components, of the toolchain in use.

@@ -265,14 +265,14 @@ fn who_recovers_is_told_of_rot() {
         let mut rotten = flash.clone();
         rotten.bytes[slot * SLOT + 20] ^= 1;
         let mut log = Log::<_, SLOT>::new(rotten, 0..MockFlash::<8>::LEN).unwrap();
-        let recovered = block_on(log.recover(|entry| entry));
+        let recovered = block_on(log.recover(|_, _| {}));
         assert_eq!(recovered, Err(LogError::Corrupt), "slot {slot}");
     }
     // And of what rots at work, the last record included.
     for slot in 1..8 {
         let mut rotten = Shared(Rc::new(RefCell::new(flash.clone())));
         let mut log = Log::<_, SLOT>::new(rotten.clone(), 0..MockFlash::<8>::LEN).unwrap();
-        assert_eq!(block_on(log.recover(|entry| entry)), Ok(true));
+        assert_eq!(block_on(log.recover(|_, _| {})), Ok(true));
         rotten.rot(slot * SLOT + 20);
         assert_eq!(block_on(log.find(9)), Err(LogError::Corrupt));
         let full = block_on(async {

@@ -1,18 +1,22 @@
 //! Which pin is what. The defaults are those of the nRF52840-DK; another board changes this file.
 
+use board_support::pins::{Lamps, PushButtons};
 use embassy_nrf::{
     Peri, Peripherals, bind_interrupts,
     buffered_uarte::{self, Baudrate, BufferedUarte},
     config::{HfclkSource, LfclkSource},
-    gpio::{Input, Level, Output, OutputDrive, Pull},
+    gpio::{AnyPin, Input, Level, Output, OutputDrive, Pull},
+    pac::{
+        self,
+        common::{RW, Reg},
+        gpio::{regs::PinCnf, vals},
+    },
     peripherals, radio, uarte,
 };
+use node_firmware::config::{Config, Role};
 use static_cell::StaticCell;
 
-use crate::{
-    panel::{Lamps, PushButtons},
-    sensor_bus::SensorBus,
-};
+use crate::sensor_bus::SensorBus;
 
 bind_interrupts!(struct Irqs {
     RADIO => radio::InterruptHandler<peripherals::RADIO>;
@@ -28,8 +32,8 @@ const UART_SEND: usize = 64;
 /// What the chip offers to a node.
 pub(crate) struct Board {
     pub(crate) line: Line,
-    pub(crate) lamps: Lamps,
-    pub(crate) buttons: PushButtons,
+    pub(crate) lamps: Lamps<Output<'static>, false>,
+    pub(crate) buttons: PushButtons<Input<'static>>,
     pub(crate) sensor: SensorBus,
     pub(crate) radio: radio::ieee802154::Radio<'static>,
     pub(crate) flash: Peri<'static, peripherals::NVMC>,
@@ -46,8 +50,16 @@ pub(crate) struct Line {
         Peri<'static, peripherals::PPI_CH1>,
     ),
     group: Peri<'static, peripherals::PPI_GROUP0>,
-    receive: Peri<'static, peripherals::P1_01>,
-    send: Peri<'static, peripherals::P1_02>,
+    camera: Wires,
+    /// The kit's debug probe makes a serial port of them.
+    console: Wires,
+}
+
+struct Wires {
+    receive: Peri<'static, AnyPin>,
+    /// Of the same pin.
+    configuration: Reg<PinCnf, RW>,
+    send: Peri<'static, AnyPin>,
 }
 
 impl Board {
@@ -56,19 +68,29 @@ impl Board {
         // The radio needs the crystal's accuracy, and time should pass as it does elsewhere.
         config.hfclk_source = HfclkSource::ExternalXtal;
         config.lfclk_source = LfclkSource::ExternalXtal;
+        // Half the current of the receiver, which is always on. A board without the inductor between
+        // DCC and DEC4 must leave this out.
+        config.dcdc.reg1 = true;
         let p: Peripherals = embassy_nrf::init(config);
         // Lamps and buttons of the kit connect their pin to ground.
-        let lamp = |pin: Peri<'static, embassy_nrf::gpio::AnyPin>| {
-            Output::new(pin, Level::High, OutputDrive::Standard)
-        };
+        let lamp =
+            |pin: Peri<'static, AnyPin>| Output::new(pin, Level::High, OutputDrive::Standard);
         Self {
             line: Line {
                 uart: p.UARTE0,
                 timer: p.TIMER1,
                 channels: (p.PPI_CH0, p.PPI_CH1),
                 group: p.PPI_GROUP0,
-                receive: p.P1_01,
-                send: p.P1_02,
+                camera: Wires {
+                    receive: p.P1_01.into(),
+                    configuration: pac::P1.pin_cnf(1),
+                    send: p.P1_02.into(),
+                },
+                console: Wires {
+                    receive: p.P0_08.into(),
+                    configuration: pac::P0.pin_cnf(8),
+                    send: p.P0_06.into(),
+                },
             },
             lamps: Lamps {
                 joined: lamp(p.P0_13.into()),
@@ -95,12 +117,12 @@ impl Board {
 }
 
 impl Line {
-    /// The UART at this rate, if it can have it.
-    pub(crate) fn open(self, baud: u32) -> Option<BufferedUarte<'static>> {
+    /// The UART to the camera, or the PC of a coordinator, if it can have its rate.
+    pub(crate) fn open(self, node: &Config) -> Option<BufferedUarte<'static>> {
         static RECEIVE: StaticCell<[u8; UART_RECEIVE]> = StaticCell::new();
         static SEND: StaticCell<[u8; UART_SEND]> = StaticCell::new();
         let mut config = uarte::Config::default();
-        config.baudrate = match baud {
+        config.baudrate = match node.baud() {
             1_200 => Baudrate::Baud1200,
             2_400 => Baudrate::Baud2400,
             4_800 => Baudrate::Baud4800,
@@ -111,18 +133,26 @@ impl Line {
             115_200 => Baudrate::Baud115200,
             _ => return None,
         };
-        Some(BufferedUarte::new(
+        let wires = match node.role {
+            Role::Coordinator(_) => self.console,
+            Role::Camera(_) | Role::Target(_) => self.camera,
+        };
+        let line = BufferedUarte::new(
             self.uart,
             self.timer,
             self.channels.0,
             self.channels.1,
             self.group,
-            self.receive,
-            self.send,
+            wires.receive,
+            wires.send,
             Irqs,
             config,
             RECEIVE.init([0; UART_RECEIVE]),
             SEND.init([0; UART_SEND]),
-        ))
+        );
+        // Without a camera or a PC the line would float, and what it picks up would be bytes.
+        let configuration = wires.configuration;
+        configuration.modify(|w| w.set_pull(vals::Pull::Pullup));
+        Some(line)
     }
 }

@@ -1,10 +1,8 @@
 //! The UART to the camera or the PC, without lost bytes.
 
-use board_support::last_words::LastWords;
+use board_support::{last_words::LastWords, retained::say_and_restart};
 use embassy_nrf::buffered_uarte::{BufferedUarte, Error};
 use embedded_io_async::{ErrorType, Read, Write};
-
-use crate::retained::say_and_restart;
 
 /// A UART that restarts the node where bytes were lost.
 ///

@@ -7,9 +7,7 @@
 //! | `line` | the UART to the camera or the PC |
 //! | `memory` | the flash, and the configuration in it |
 //! | `node` | the start, and the tasks |
-//! | `panel` | lamps and buttons |
 //! | `radio` | the radio on the chip |
-//! | `retained` | what was said before a reset |
 //! | `sensor_bus` | the I2C bus of a target's step sensor |
 //! | `watchdog` | the watchdog, and why the chip last started |
 #![cfg_attr(target_os = "none", no_std, no_main)]
@@ -31,9 +29,7 @@ cfg_if::cfg_if! {
         mod line;
         mod memory;
         mod node;
-        mod panel;
         mod radio;
-        mod retained;
         mod sensor_bus;
         mod watchdog;
     } else {

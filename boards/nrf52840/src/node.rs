@@ -2,13 +2,23 @@
 
 use core::pin::pin;
 
-use board_support::{clock::EmbassyClock, failure::describe, flash::NRF52840, tasks::spawn};
+use board_support::{
+    clock::EmbassyClock,
+    failure::describe,
+    flash::NRF52840,
+    pins::{Lamps, PushButtons},
+    retained,
+    tasks::{sensor_config, spawn, stop, tell_start},
+};
 use defmt_rtt as _;
 use embassy_executor::Spawner;
-use embassy_nrf::radio::ieee802154;
-use embassy_time::{Delay, Duration, Timer};
+use embassy_nrf::{
+    gpio::{Input, Output},
+    radio::ieee802154,
+};
+use embassy_time::Delay;
 use node_firmware::{
-    config::{Config, Role, SensorConfig, page::PageError},
+    config::{Config, page::PageError},
     run::{Seams, run},
     steps::InertialSteps,
 };
@@ -20,9 +30,7 @@ use crate::{
     identity::{factory_address, random},
     line::Lossless,
     memory::{self, Flash},
-    panel::{Lamps, PushButtons},
     radio::{self, OnChip, Shared},
-    retained,
     sensor_bus::SensorBus,
     watchdog::{self, LIVENESS, NODE, RADIO, reset_cause},
 };
@@ -37,8 +45,8 @@ type NodeSeams = Seams<
     EmbassyClock,
     Flash,
     &'static mut Steps,
-    Lamps,
-    PushButtons,
+    Lamps<Output<'static>, false>,
+    PushButtons<Input<'static>>,
     (),
 >;
 
@@ -49,27 +57,19 @@ async fn main(spawner: Spawner) {
     static STEPS: StaticCell<Steps> = StaticCell::new();
     static SEAMS: StaticCell<Option<NodeSeams>> = StaticCell::new();
     let board = Board::new();
-    defmt::info!("started: {=str}", reset_cause());
-    if let Some(words) = retained::take().text() {
-        defmt::error!("before that: {=str}", words);
-    }
+    tell_start(reset_cause(), &retained::take());
     let (flash, config) = memory::open(board.flash);
     let config = match config {
         Ok(config) => CONFIG.init(config),
-        Err(error) => return stop(error).await,
+        Err(error) => stop(error).await,
     };
-    let Some(uart) = board.line.open(config.baud()) else {
+    let Some(uart) = board.line.open(config) else {
         // Refused where configurations are checked.
-        return stop(PageError::Body).await;
+        stop(PageError::Body).await;
     };
-    let sensor = match &config.role {
-        Role::Target(target) => &target.sensor,
-        // Nobody looks at it.
-        Role::Coordinator(_) | Role::Camera(_) => &SensorConfig::UNCALIBRATED,
-    };
-    let Ok(steps) = InertialSteps::new(board.sensor, EmbassyClock, sensor) else {
+    let Ok(steps) = InertialSteps::new(board.sensor, EmbassyClock, sensor_config(config)) else {
         // Refused where configurations are checked.
-        return stop(PageError::Body).await;
+        stop(PageError::Body).await;
     };
     let seed = random(board.random);
     let shared = SHARED.init(Shared::new());
@@ -107,12 +107,4 @@ async fn run_node(config: &'static Config, seams: &'static mut Option<NodeSeams>
     let failure = LIVENESS.watch(NODE, node).await;
     // Nothing reports any more: the watchdog restarts the node.
     defmt::error!("stopped: {=str}", describe(&failure));
-}
-
-/// Without a configuration there is nothing to do, and a restart would not help.
-async fn stop(error: PageError) {
-    loop {
-        defmt::error!("no configuration: {}", error);
-        Timer::after(Duration::from_secs(10)).await;
-    }
 }

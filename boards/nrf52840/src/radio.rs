@@ -9,7 +9,10 @@
 
 use embassy_futures::select::{Either, select};
 use embassy_nrf::{
-    pac::{self, radio::vals::Crcstatus},
+    pac::{
+        self,
+        radio::vals::{Ccamode, Crcstatus},
+    },
     radio::ieee802154::{self, Packet},
 };
 use embassy_sync::{blocking_mutex::raw::NoopRawMutex, channel::Channel as Queue, signal::Signal};
@@ -34,6 +37,14 @@ const FRAME_TIME: Duration = Duration::from_millis(5);
 /// Far longer than an assessment and a frame take, also while an erasure of the flash stops the
 /// processor.
 const TRANSMISSION_TIME: Duration = Duration::from_millis(500);
+
+/// From this power on the channel is busy, whatever is on it: -75 dBm, the most that the standard
+/// allows (IEEE 802.15.4, "CCA"), in steps of 1 dB from -92 dBm (Product Specification, "RADIO").
+const BUSY_ENERGY: u8 = 17;
+
+/// A carrier is seen where the correlator exceeds this value more often than that: the threshold
+/// is that after a reset, and twice is what radio stacks of this chip take.
+const BUSY_CORRELATION: (u8, u8) = (45, 2);
 
 /// What [`OnChip`] and [`drive`] tell each other.
 pub(crate) struct Shared {
@@ -71,7 +82,6 @@ struct Frame {
 /// A received frame.
 struct Heard {
     frame: Frame,
-    /// The queue outlives a change of the channel.
     channel: Channel,
     lqi: u8,
 }
@@ -150,12 +160,18 @@ impl Radio for OnChip {
     }
 
     async fn receive(&mut self, buffer: &mut [u8; PSDU_MAX]) -> Result<Received, Error> {
-        self.config.ok_or(Error::NotConfigured)?;
+        let config = self.config.ok_or(Error::NotConfigured)?;
+        // The queue outlives a change of the channel: what was heard before is of another network.
         let Heard {
             frame,
             channel,
             lqi,
-        } = self.shared.received.receive().await;
+        } = loop {
+            let heard = self.shared.received.receive().await;
+            if heard.channel == config.channel {
+                break heard;
+            }
+        };
         for (to, from) in buffer.iter_mut().zip(frame.bytes) {
             *to = from;
         }
@@ -190,8 +206,21 @@ fn nearest_power(dbm: i8) -> i8 {
     POWERS.into_iter().min_by_key(distance).unwrap_or(0)
 }
 
+/// The channel is busy with energy, or with a frame, also in the middle of one. The driver's own
+/// setting leaves both thresholds zero, which switches the correlator off.
+fn sense_carriers() {
+    let (threshold, count) = BUSY_CORRELATION;
+    pac::RADIO.ccactrl().write(|w| {
+        w.set_ccamode(Ccamode::CarrierOrEdMode);
+        w.set_ccaedthres(BUSY_ENERGY);
+        w.set_ccacorrthres(threshold);
+        w.set_ccacorrcnt(count);
+    });
+}
+
 /// Does what [`OnChip`] asks, and receives in between. Never ends.
 pub(crate) async fn drive(radio: ieee802154::Radio<'static>, shared: &'static Shared) {
+    sense_carriers();
     let mut driver = Driver {
         radio,
         packet: Packet::new(),

@@ -1,17 +1,18 @@
 //! The I2C bus of the step sensor.
 //!
 //! The peripheral is switched on for each transaction and off after it, however that ends: one that
-//! is given up, because the time is over or nobody waits for it any more, must not go on writing to
-//! memory.
+//! is given up, because the time is over or nobody waits for it any more, is stopped first, and must
+//! not go on writing to memory.
 
+use board_support::i2c::release;
 use embassy_futures::select::{Either, select};
 use embassy_nrf::{
     Peri, bind_interrupts,
-    gpio::{Flex, Level, Output, OutputDrive, Pull},
-    peripherals,
+    gpio::{Flex, OutputDrive, Pull},
+    pac, peripherals,
     twim::{self, Error, Frequency, Twim},
 };
-use embassy_time::{Duration, Timer, block_for};
+use embassy_time::{Duration, Instant, Timer};
 use embedded_hal_async::i2c::{ErrorType, I2c, Operation};
 
 bind_interrupts!(struct Irqs {
@@ -20,10 +21,8 @@ bind_interrupts!(struct Irqs {
 
 /// The longest transaction takes 2 ms.
 const LIMIT: Duration = Duration::from_millis(20);
-/// Half a clock of the release, slow enough for any pull-up.
-const HALF_CLOCK: Duration = Duration::from_micros(50);
-/// Clocks until any byte and its acknowledgement are over.
-const CLOCKS: usize = 9;
+/// A transfer that is stopped takes its byte and a bit; one whose clock is held low never ends.
+const STOP_LIMIT: Duration = Duration::from_millis(1);
 
 /// The bus, with its pins.
 pub(crate) struct SensorBus {
@@ -36,31 +35,33 @@ pub(crate) struct SensorBus {
 }
 
 impl SensorBus {
-    /// Clocks out what a sensor still wants to say, as long as it holds the data line, and ends
-    /// whatever was going on (I2C-bus specification UM10204, "Bus clear" and "STOP condition").
     fn release(&mut self) {
         let drive = OutputDrive::Standard0Disconnect1;
-        let mut clock = Output::new(self.clock.reborrow(), Level::High, drive);
+        let mut clock = Flex::new(self.clock.reborrow());
         let mut data = Flex::new(self.data.reborrow());
-        data.set_high();
-        data.set_as_input_output(Pull::Up, drive);
-        block_for(HALF_CLOCK);
-        for _ in 0..CLOCKS {
-            if data.is_high() {
-                break;
-            }
-            clock.set_low();
-            block_for(HALF_CLOCK);
-            clock.set_high();
-            block_for(HALF_CLOCK);
+        for line in [&mut clock, &mut data] {
+            line.set_high();
+            line.set_as_input_output(Pull::Up, drive);
         }
-        clock.set_low();
-        data.set_low();
-        block_for(HALF_CLOCK);
-        clock.set_high();
-        block_for(HALF_CLOCK);
-        data.set_high();
-        block_for(HALF_CLOCK);
+        release(&mut clock, &mut data);
+    }
+}
+
+/// Before the peripheral is switched off, a transfer under way comes to its end.
+struct Ending {
+    /// The driver has asked for it already, as it does after an error.
+    is_asked_for: bool,
+}
+
+impl Drop for Ending {
+    fn drop(&mut self) {
+        let twim = pac::TWIM0;
+        if !self.is_asked_for {
+            twim.tasks_stop().write_value(1);
+        }
+        let until = Instant::now() + STOP_LIMIT;
+        while twim.events_stopped().read() == 0 && Instant::now() < until {}
+        twim.shorts().write(|_| {});
     }
 }
 
@@ -93,13 +94,23 @@ impl I2c for SensorBus {
             config,
             &mut copy,
         );
+        // Dropped before the driver is, also where nobody waits for the transaction any more.
+        let mut ending = Ending {
+            is_asked_for: false,
+        };
         let transaction = twim.transaction(address, operations);
-        match select(transaction, Timer::after(LIMIT)).await {
+        let result = match select(transaction, Timer::after(LIMIT)).await {
             Either::First(result) => {
-                self.idle = result.is_ok();
+                ending.is_asked_for = true;
                 result
             }
             Either::Second(()) => Err(Error::Timeout),
+        };
+        if result.is_ok() {
+            // It ended by itself.
+            core::mem::forget(ending);
+            self.idle = true;
         }
+        result
     }
 }

@@ -7,7 +7,6 @@ use embassy_nrf::{
     peripherals,
     wdt::{Config, HaltConfig, Watchdog},
 };
-use embassy_time::{Duration, Timer};
 
 /// Tasks that must run.
 pub(crate) const NODE: u32 = 0;
@@ -17,7 +16,6 @@ pub(crate) static LIVENESS: Liveness = Liveness::new(2);
 
 /// Watched tasks report every second; nothing they do takes as long as this.
 const TIMEOUT_S: u32 = 8;
-const LOOK: Duration = Duration::from_secs(2);
 const LFCLK_HZ: u32 = 32_768;
 
 /// Feeds the watchdog as long as all tasks run.
@@ -31,12 +29,7 @@ pub(crate) async fn feed(watchdog: Peri<'static, peripherals::WDT>) {
         // It runs already, otherwise: only another program before this one can have started it.
         return defmt::error!("the watchdog is somebody else's");
     };
-    loop {
-        if LIVENESS.all_reported() {
-            handle.pet();
-        }
-        Timer::after(LOOK).await;
-    }
+    LIVENESS.feed(|| handle.pet()).await;
 }
 
 /// Why the chip started, as far as it tells; then forgotten, or it would add up.

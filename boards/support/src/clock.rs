@@ -2,6 +2,9 @@
 
 use zigbee_link::runner::Clock;
 
+/// Microseconds of a tick of the driver, rounded up.
+const TICK: u64 = 1_000_000_u64.div_ceil(embassy_time::TICK_HZ);
+
 /// The time since the start, from `embassy-time`, with the resolution of its driver.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct EmbassyClock;
@@ -14,8 +17,9 @@ impl Clock for EmbassyClock {
     }
 
     async fn sleep_until(&self, time: zigbee_link::Instant) {
+        // Ticks are rounded down here and in `now`: without one more it would be too early.
         // Saturates where microseconds do not fit the driver's ticks: that is never reached.
-        let at = embassy_time::Instant::try_from_micros(time.0);
+        let at = embassy_time::Instant::try_from_micros(time.0.saturating_add(TICK));
         embassy_time::Timer::at(at.unwrap_or(embassy_time::Instant::MAX)).await;
     }
 }

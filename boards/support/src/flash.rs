@@ -3,8 +3,8 @@
 
 use node_firmware::run::Layout;
 
-/// What is the node's own in the flash of the nRF52840: its last nine pages. `memory.x` keeps images
-/// out of them.
+/// What is the node's own in the flash of the nRF52840: its last nine pages of 4 KiB. `memory.x`
+/// keeps images out of them.
 ///
 /// | address | bytes | what |
 /// |---|---|---|
@@ -12,6 +12,7 @@ use node_firmware::run::Layout;
 /// | 0x000fb000 | 16 KiB | what the link must not forget |
 /// | 0x000ff000 | 4 KiB | the configuration page, written by a programmer |
 pub const NRF52840: Regions = Regions {
+    start: 0,
     layout: Layout {
         memory: 0x000f_7000..0x000f_b000,
         link: 0x000f_b000..0x000f_f000,
@@ -20,32 +21,57 @@ pub const NRF52840: Regions = Regions {
     end: 0x0010_0000,
 };
 
+/// What is the node's own in the flash of the STM32L476RG: its last seventeen pages of 2 KiB. The
+/// `memory.x` of the board keeps images out of them, and out of their bank.
+///
+/// | address | bytes | what |
+/// |---|---|---|
+/// | 0x080f7800 | 16 KiB | what the role must not forget |
+/// | 0x080fb800 | 16 KiB | what the link must not forget |
+/// | 0x080ff800 | 2 KiB | the configuration page, written by a programmer |
+pub const STM32L476RG: Regions = Regions {
+    start: 0x0800_0000,
+    layout: Layout {
+        memory: 0x000f_7800..0x000f_b800,
+        link: 0x000f_b800..0x000f_f800,
+    },
+    config: 0x000f_f800,
+    end: 0x0010_0000,
+};
+
 /// Where the emulator of the mps2-an386 loads the configuration page: into the last page of the
 /// 4 MiB of code memory (ARM application note 386, "Memory map").
 pub const MPS2_AN386_CONFIG: u32 = 0x003f_f000;
 
-/// Addresses of the parts.
+/// The parts, in bytes from the start of the flash, as drivers count.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Regions {
+    /// The address at which the processor, and a programmer, see the start of the flash.
+    pub start: u32,
     /// What the node writes.
     pub layout: Layout,
     /// The configuration page.
     pub config: u32,
-    /// The first address behind the flash.
+    /// The first byte behind the flash.
     pub end: u32,
 }
 
 impl Regions {
-    /// Where images end at the latest.
+    /// The address where images end at the latest.
     pub fn image_end(&self) -> u32 {
-        self.layout.memory.start.min(self.layout.link.start)
+        self.start + self.layout.memory.start.min(self.layout.link.start)
     }
 
     /// The first address and the number of bytes that the node writes.
     pub fn memory(&self) -> (u32, u32) {
         let start = self.image_end();
-        let end = self.layout.memory.end.max(self.layout.link.end);
+        let end = self.start + self.layout.memory.end.max(self.layout.link.end);
         (start, end.saturating_sub(start))
+    }
+
+    /// The address of the configuration page.
+    pub fn config_address(&self) -> u32 {
+        self.start + self.config
     }
 }
 
@@ -53,39 +79,53 @@ impl Regions {
 mod tests {
     use super::*;
 
-    /// `LENGTH` of the region `FLASH`, which begins at 0.
-    fn flash_of_linker() -> u32 {
-        let script = include_str!("../../../memory.x");
-        let line = script.lines().find(|line| line.contains("FLASH (rx)"));
+    /// `ORIGIN` and `LENGTH` of a region.
+    fn region(script: &str, name: &str) -> (u32, u32) {
+        let line = script.lines().find(|line| line.contains(name));
         let (start, length) = line
             .and_then(|line| line.split_once("ORIGIN = "))
             .and_then(|(_, rest)| rest.split_once(", LENGTH = "))
             .unwrap();
-        assert_eq!(start, "0x00000000");
+        let start = u32::from_str_radix(start.strip_prefix("0x").unwrap(), 16).unwrap();
         let kib: u32 = length.trim().strip_suffix('K').unwrap().parse().unwrap();
-        kib * 1024
+        (start, kib * 1024)
     }
 
     #[test]
     fn the_linker_keeps_images_out() {
-        assert_eq!(flash_of_linker(), NRF52840.image_end());
+        let script = include_str!("../../../memory.x");
+        let (start, length) = region(script, "FLASH (rx)");
+        assert_eq!((start, length), (NRF52840.start, NRF52840.image_end()));
     }
 
-    /// Product Specification, "NVMC": pages of 4 KiB, 256 of them.
+    /// Reference manual RM0351, "FLASH main features": two banks of 512 KiB. While the node writes to
+    /// the second one, it runs from the first one.
+    #[test]
+    fn the_linker_keeps_images_in_another_bank() {
+        let script = include_str!("../../nucleo-l476rg/memory.x");
+        let (start, length) = region(script, "FLASH (rx)");
+        let bank = 512 * 1024;
+        assert_eq!((start, length), (STM32L476RG.start, bank));
+        assert!(STM32L476RG.image_end() >= start + bank);
+        // Data sheet, "Memory mapping": SRAM1.
+        assert_eq!(region(script, "RAM   (rwx)"), (0x2000_0000, 96 * 1024));
+    }
+
+    /// Pages and their number: nRF52840 Product Specification, "NVMC"; RM0351, "FLASH main features".
     #[test]
     fn regions_are_pages_one_behind_the_other() {
-        let Layout { memory, link } = NRF52840.layout;
-        for address in [
-            memory.start,
-            memory.end,
-            link.start,
-            link.end,
-            NRF52840.config,
-        ] {
-            assert_eq!(address % 4096, 0);
+        for (regions, page) in [(&NRF52840, 4096), (&STM32L476RG, 2048)] {
+            let Layout { memory, link } = &regions.layout;
+            for part in [memory, link] {
+                // An even number of pages, and the same for both chips.
+                assert_eq!((part.start % page, part.len()), (0, 0x4000));
+            }
+            assert_eq!((memory.end, link.end), (link.start, regions.config));
+            assert_eq!((regions.config + page, regions.end), (1 << 20, 1 << 20));
         }
-        assert_eq!((memory.end, link.end), (link.start, NRF52840.config));
-        assert_eq!((NRF52840.config + 4096, NRF52840.end), (1 << 20, 1 << 20));
         assert_eq!(NRF52840.memory(), (0x000f_7000, 0x8000));
+        assert_eq!(NRF52840.config_address(), 0x000f_f000);
+        assert_eq!(STM32L476RG.memory(), (0x080f_7800, 0x8000));
+        assert_eq!(STM32L476RG.config_address(), 0x080f_f800);
     }
 }

@@ -4,13 +4,18 @@
 //! |---|---|
 //! | [`clock`] | time and delays from `embassy-time` |
 //! | [`flash`] | which part of a board's flash is whose |
+//! | [`memory`] | the flash without long stops, and the configuration in it |
+//! | [`identity`] | an address made of what only one chip has |
 //! | [`liveness`] | whether every task still runs, for a watchdog |
 //! | [`failure`] | why a node cannot go on, in words |
 //! | [`last_words`] | why a node stopped, kept over its reset |
+//! | [`pins`] | lamps and buttons |
+//! | [`i2c`] | a bus that a sensor holds |
 //! | [`panel`] | steps, lamps and buttons as messages on a line, for boards that have none |
-//! | `tasks` | spawning, on a board only |
+//! | `retained` | where last words are kept, and who says them; on a board only |
+//! | `tasks` | what tasks of all boards do; on a board only |
 #![no_std]
-#![forbid(unsafe_code)]
+#![deny(unsafe_code)]
 #![cfg_attr(
     not(test),
     deny(
@@ -27,9 +32,15 @@ extern crate std;
 pub mod clock;
 pub mod failure;
 pub mod flash;
+pub mod i2c;
+pub mod identity;
 pub mod last_words;
 pub mod liveness;
+pub mod memory;
 pub mod panel;
+pub mod pins;
+#[cfg(all(target_os = "none", feature = "retained"))]
+pub mod retained;
 #[cfg(target_os = "none")]
 pub mod tasks;
 

@@ -16,6 +16,8 @@ use embassy_time::{Duration, Timer};
 
 /// How often a watched task reports at least.
 const PERIOD: Duration = Duration::from_secs(1);
+/// How often it is looked whether all have. A watchdog waits longer.
+const LOOK: Duration = Duration::from_secs(2);
 
 /// Reports of up to 32 tasks.
 #[derive(Debug)]
@@ -50,6 +52,16 @@ impl Liveness {
             self.reported.store(0, Ordering::Relaxed);
         }
         all
+    }
+
+    /// Feeds a watchdog as long as all tasks run.
+    pub async fn feed(&self, mut feed: impl FnMut()) -> ! {
+        loop {
+            if self.all_reported() {
+                feed();
+            }
+            Timer::after(LOOK).await;
+        }
     }
 
     /// Runs a future as a task that reports at least once a second, after it was polled.

@@ -1,6 +1,6 @@
 //! The pose covariance of a camera that saw dead-reckoned stops, whose errors are correlated.
 
-use nalgebra::{Matrix3, Matrix3x2, Vector2};
+use nalgebra::{Matrix2, Matrix3};
 
 use super::Place;
 use crate::{
@@ -19,8 +19,7 @@ use crate::{
 ///
 /// Stops may come in any order, from several fixes, and of several walks: `is_one_walk` tells
 /// whether two of them, by their indices, are of one. Those of different walks err independently
-/// of each other. Costs `n^2` products of
-/// 2x3 matrices.
+/// of each other. Costs `n^2` products of a few numbers.
 ///
 /// # Errors
 /// [`Refusal::TooFew`] for fewer than three; [`Refusal::NotFinite`] for unusable sightings or
@@ -40,23 +39,23 @@ pub fn correlate<T: Real>(
     let row = |sighting: &Sighting<T>| Row::new(sighting, sighting.target - pose.position);
     let inverse = information::covariance(seen.iter().map(|(sighting, _)| row(sighting)))?;
 
-    let mut covariance = Matrix3::zeros();
+    // In units of the bearings: `G_i = H^-1 g_i w_i s_i^T` with `H^-1` the `inverse`, so all that
+    // two stops add is one number times `g_i g_j^T`.
+    let mut spread = Matrix3::zeros();
     for (i, (sighting, place)) in seen.iter().enumerate() {
-        let Row { slope, weight } = row(sighting);
-        let by_bearing = inverse * slope * (weight * sighting.bearing_sigma);
-        covariance += by_bearing * by_bearing.transpose();
-        let by_place = response(&inverse, &row(sighting));
+        let a = row(sighting);
+        let sigma = sighting.bearing_sigma;
+        let own = sigma * sigma + joint(&a, &place.covariance(), &a);
+        spread += a.slope * a.slope.transpose() * (a.weight * a.weight * own);
         for (j, (other, other_place)) in seen.iter().enumerate() {
-            let joint = if i == j {
-                place.covariance()
-            } else if is_one_walk(i, j) {
-                place.covariance_with(other_place)
-            } else {
-                continue;
-            };
-            covariance += by_place * joint * response(&inverse, &row(other)).transpose();
+            if i != j && is_one_walk(i, j) {
+                let b = row(other);
+                let shared = joint(&a, &place.covariance_with(other_place), &b);
+                spread += a.slope * b.slope.transpose() * (a.weight * b.weight * shared);
+            }
         }
     }
+    let covariance = inverse * spread * inverse;
     if !covariance.iter().all(T::is_finite) {
         return Err(Refusal::NotFinite);
     }
@@ -69,9 +68,8 @@ pub fn correlate<T: Real>(
     })
 }
 
-/// How the pose answers to the place of one target. Moving the target changes its bearing by just
-/// the opposite of moving the camera.
-fn response<T: Real>(inverse: &Matrix3<T>, row: &Row<T>) -> Matrix3x2<T> {
-    let Row { slope, weight } = row;
-    inverse * slope * (Vector2::new(slope.x, slope.y) * *weight).transpose()
+/// What the errors of two targets' places add to the product of their bearings' errors. Moving a
+/// target changes its bearing by just the opposite of moving the camera.
+fn joint<T: Real>(a: &Row<T>, covariance: &Matrix2<T>, b: &Row<T>) -> T {
+    a.slope.xy().dot(&(covariance * b.slope.xy()))
 }

@@ -127,14 +127,17 @@ impl<T: Real> HeadingFilter<T> {
     /// A setting out of its range.
     pub fn new(settings: HeadingSettings<T>) -> Result<Self, InvalidSetting> {
         let s = &settings;
-        let within = |x: T, low: f64, high: f64| x >= lit(low) && x <= lit(high);
+        let within = |x: T, low: T, high: T| x >= low && x <= high;
         let fraction = |x: T| x > T::zero() && x < T::one();
         require(&[
             (s.magnetic_north.is_finite(), "magnetic_north"),
-            (within(s.time_constant, 0.5, 300.0), "time_constant"),
+            (
+                within(s.time_constant, lit(0.5), lit(300.0)),
+                "time_constant",
+            ),
             (fraction(s.compass_sigma), "compass_sigma"),
             (
-                within(s.compass_correlation, 0.01, 10.0),
+                within(s.compass_correlation, lit(0.01), lit(10.0)),
                 "compass_correlation",
             ),
             (
@@ -143,7 +146,7 @@ impl<T: Real> HeadingFilter<T> {
             ),
             (fraction(s.gyro_bias_sigma), "gyro_bias_sigma"),
             (
-                within(s.tilt_time_constant, 0.1, 60.0),
+                within(s.tilt_time_constant, lit(0.1), lit(60.0)),
                 "tilt_time_constant",
             ),
             (

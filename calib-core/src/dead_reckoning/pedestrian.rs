@@ -169,7 +169,8 @@ impl<T: Real> Pedestrian<T> {
             self.waiting.drop_unconfirmed();
             return Ok(self.waiting.next());
         }
-        let dt = lit(pause.as_secs_f64());
+        // In single precision, which is exact enough for a pause, and cheap on a node.
+        let dt = lit(f64::from(pause.as_secs_f32()));
         self.heading.update(dt, sample);
         self.mean.add(dt, self.heading.heading());
         if let Some(swing) = self.detector.update(dt, sample.acceleration.norm()) {

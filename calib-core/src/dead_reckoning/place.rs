@@ -3,7 +3,7 @@
 use nalgebra::{Matrix2, Point2, Vector2};
 
 use super::{Systematic, TrackError};
-use crate::{Real, covariance::is_covariance};
+use crate::{Real, covariance::is_covariance, real::lit};
 
 /// The numbers of a [`Place`], as they go into a message.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -127,7 +127,7 @@ impl<T: Real> Place<T> {
         let (a, b) = (&self.0, &other.0);
         let systematic =
             Systematic::covariance((&a.systematic, a.walked), (&b.systematic, b.walked));
-        if a.fix != b.fix {
+        if steps_between(a, b).is_none() {
             return systematic;
         }
         let (earlier, _) = in_order(a, b);
@@ -135,20 +135,18 @@ impl<T: Real> Place<T> {
     }
 
     /// The part of this place's covariance that it does not share with `first`: what the walk
-    /// between the two and the standing at this one make. All of it if a fix came in between.
+    /// between the two and the standing at this one make. All of it if a fix came in between, or if
+    /// one walk cannot have made both.
     ///
     /// Meant for [`Sighting::target_covariance`](crate::Sighting::target_covariance), see the
     /// [module](crate::dead_reckoning#from-stops-to-a-cameras-pose).
     pub fn own_covariance(&self, first: &Self) -> Matrix2<T> {
         let (a, b) = (&self.0, &first.0);
-        if a.fix != b.fix {
+        let Some(between) = steps_between(a, b) else {
             return self.covariance();
-        }
-        let (earlier, later) = in_order(a, b);
+        };
         let way = (&a.systematic, a.walked - b.walked);
-        symmetric(&later.step_covariance) - symmetric(&earlier.step_covariance)
-            + Systematic::covariance(way, way)
-            + self.standing()
+        between + Systematic::covariance(way, way) + self.standing()
     }
 
     fn standing(&self) -> Matrix2<T> {
@@ -168,6 +166,20 @@ fn in_order<'a, T: Real>(
     } else {
         (b, a)
     }
+}
+
+/// What the steps between two places add, if both are of one fix. A walk that was begun anew may
+/// number its fixes as another one did: that two places are not of one walk can be seen where
+/// neither is less certain than the other in every direction, for steps add up.
+fn steps_between<T: Real>(a: &PlaceParts<T>, b: &PlaceParts<T>) -> Option<Matrix2<T>> {
+    let (earlier, later) = in_order(a, b);
+    let later = symmetric(&later.step_covariance);
+    let between = later - symmetric(&earlier.step_covariance);
+    // What many small steps may lose to rounding.
+    let rounding = later.trace() * lit(1e-4);
+    let [xx, yy] = [between.m11, between.m22].map(|v| v + rounding);
+    let added = xx >= T::zero() && yy >= T::zero() && xx * yy >= between.m12 * between.m12;
+    (a.fix == b.fix && added).then_some(between)
 }
 
 fn symmetric<T: Real>(&[xx, xy, yy]: &[T; 3]) -> Matrix2<T> {

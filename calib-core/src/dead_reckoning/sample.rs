@@ -27,10 +27,12 @@ impl<T: Real> ImuSample<T> {
     /// Whether every number is finite and one that a sensor can have measured.
     pub fn is_usable(&self) -> bool {
         // A comparison with NaN is false.
-        let within = |v: &Vector3<T>, limit: f64| v.iter().all(|x| x.abs() < lit(limit));
-        within(&self.acceleration, 1e4)
-            && within(&self.angular_rate, 1e4)
-            && self.magnetic_field.is_none_or(|field| within(&field, 1e9))
+        let within = |v: &Vector3<T>, limit: T| v.iter().all(|x| x.abs() < limit);
+        within(&self.acceleration, lit(1e4))
+            && within(&self.angular_rate, lit(1e4))
+            && self
+                .magnetic_field
+                .is_none_or(|field| within(&field, lit(1e9)))
     }
 }
 

@@ -69,7 +69,7 @@ struct Best<'a, T: Real> {
 
 impl<T: Real> Best<'_, T> {
     fn offer(&mut self, x: Vector6<T>) {
-        let cost = self.problem.cost(&x, &x);
+        let cost = self.problem.cost(x.as_slice(), x.as_slice());
         if cost.is_finite() {
             self.proposals.offer(cost, x);
         }

@@ -37,7 +37,7 @@ use crate::{
     minimize::{Descent, STALLED_SIGMAS},
     plane::unit,
     ranking::Ranking,
-    real::lit,
+    real::{lit, root},
 };
 use model::Bearings;
 
@@ -134,17 +134,17 @@ pub struct Solution<T: Real> {
 impl<T: Real> Solution<T> {
     /// Standard deviations of the two headings, radians.
     pub fn heading_sigmas(&self) -> [T; 2] {
-        [self.covariance.m11, self.covariance.m22].map(|v| v.max(T::zero()).sqrt())
+        [self.covariance.m11, self.covariance.m22].map(root)
     }
 
     /// Standard deviation of the baseline; zero where it was known.
     pub fn baseline_sigma(&self) -> T {
-        self.covariance.m66.max(T::zero()).sqrt()
+        root(self.covariance.m66)
     }
 
     /// Standard deviation of the frame heading, radians; zero where it was known.
     pub fn frame_heading_sigma(&self) -> T {
-        self.covariance.m55.max(T::zero()).sqrt()
+        root(self.covariance.m55)
     }
 
     /// Every stop's place with its covariance, in order: the solved first one, displaced. The
@@ -202,12 +202,22 @@ pub const AMBIGUITY: f64 = 9.0;
 /// [`Refusal::CoincidentTargets`] when the target did not move; [`Refusal::TargetBehind`] when no
 /// candidate has the target in front of both cameras; [`Refusal::DidNotConverge`];
 /// [`Refusal::Undetermined`].
-// Not inlined, for the sake of the stack.
-#[inline(never)]
+// Inlined, and the settings passed on by value: what no caller names is then not linked.
+#[inline]
 pub fn solve<T: Real>(
     stops: &[Stop<T>],
     known: &Known<T>,
     settings: &Settings,
+) -> Result<Outcome<T>, Refusal> {
+    solve_checked(stops, known, *settings)
+}
+
+// Not inlined, for the sake of the stack.
+#[inline(never)]
+fn solve_checked<T: Real>(
+    stops: &[Stop<T>],
+    known: &Known<T>,
+    settings: Settings,
 ) -> Result<Outcome<T>, Refusal> {
     let lengths_usable = known
         .baseline
@@ -238,7 +248,7 @@ type Answers<T> = Ranking<T, Found<T>, 6>;
 #[inline(never)]
 fn outcome<T: Real>(
     problem: &Bearings<'_, T>,
-    settings: &Settings,
+    settings: Settings,
     found: &Answers<T>,
 ) -> Result<Outcome<T>, Refusal> {
     let mut ranked = found.iter();
@@ -270,7 +280,7 @@ struct Found<T: Real> {
 #[inline(never)]
 fn distinct<T: Real>(
     problem: &Bearings<'_, T>,
-    settings: &Settings,
+    settings: Settings,
     found: &mut Answers<T>,
 ) -> Result<(), Refusal> {
     let mut proposals = Ranking::new();
@@ -304,29 +314,32 @@ fn distinct<T: Real>(
 fn refine<T: Real>(
     problem: &Bearings<'_, T>,
     start: Vector6<T>,
-    settings: &Settings,
+    settings: Settings,
 ) -> Result<Solution<T>, Refusal> {
     let mut walk = Descent::new(start);
     let iterations = walk.run(problem, settings.method, settings.iteration_limit)?;
-    let Descent { x, model } = &walk;
+    let x = &walk.x;
     if !problem.all_in_front(x) {
         return Err(Refusal::TargetBehind);
     }
-    let mut covariance = model.covariance().ok_or(Refusal::Undetermined)?;
-    let condition = condition(&model.hessian, &covariance);
+    let mut covariance = walk.covariance().ok_or(Refusal::Undetermined)?;
+    let condition = condition(&walk.hessian, &covariance);
     // Twice the digits of the scalar are gone: what is left is noise.
     if !(condition < T::one() / T::default_epsilon()) {
         return Err(Refusal::Undetermined);
     }
     problem.keep_free(&mut covariance);
     profile::bound(problem, x, &mut covariance);
+    if !covariance.diagonal().iter().all(|&v| v >= T::zero()) {
+        return Err(Refusal::Undetermined);
+    }
     Ok(Solution {
         headings: [x.x, x.y].map(angle::wrap_positive),
         first_stop: Point2::new(x.z, x.w),
         frame_heading: angle::wrap_positive(x.a),
         baseline: x.b,
         covariance,
-        chi_squared: model.cost,
+        chi_squared: walk.cost,
         degrees_of_freedom: problem.degrees_of_freedom(),
         iterations,
         condition,
@@ -340,8 +353,7 @@ fn is_same<T: Real>(a: &Found<T>, b: &Found<T>) -> bool {
     let angles = [difference.x, difference.y, difference.a].map(|d| angle::wrap_signed(d).abs());
     let lengths = [difference.z, difference.w, difference.b].map(nalgebra::ComplexField::abs);
     let near = |d: T, variance: T, size: T| {
-        d <= variance.max(T::zero()).sqrt() * lit(2.0 * STALLED_SIGMAS)
-            + size * T::default_epsilon() * lit(256.0)
+        d <= root(variance) * lit(2.0 * STALLED_SIGMAS) + size * T::default_epsilon() * lit(256.0)
     };
     let v = &a.variances;
     let [angle0, angle1, frame] = angles;

@@ -10,7 +10,7 @@ use crate::{
     Ray, Real,
     minimize::{Problem, Quadratic},
     plane::{cross, dot, mul, quarter_turn, unit},
-    real::lit,
+    real::{at_least_zero, lit},
 };
 
 pub(super) struct Bearings<'a, T: Real> {
@@ -171,7 +171,7 @@ impl<T: Real> Sight<'_, T> {
         // Arithmetic has a noise of its own: it bounds the weight of a claim to be exact.
         let arithmetic = lit::<T>(256.0) * T::default_epsilon() * T::default_epsilon();
         let spread0 = self.spread * v0.across;
-        let variance0 = s0 * s0 + arithmetic + dot(v0.across, spread0);
+        let variance0 = s0 * s0 + arithmetic + at_least_zero(dot(v0.across, spread0));
         let l00 = variance0.sqrt();
         let l10 = dot(v1.across, spread0) / l00;
         let variance1 = s1 * s1 + arithmetic + dot(v1.across, self.spread * v1.across);
@@ -181,23 +181,33 @@ impl<T: Real> Sight<'_, T> {
     }
 }
 
-impl<T: Real> Problem<T, 6> for Bearings<'_, T> {
-    fn model(&self, x: &Vector6<T>, model: &mut Quadratic<T, 6>) {
-        for pair in self.pairs(x) {
+/// The unknowns by name.
+fn unknowns<T: Real>(x: &[T]) -> Vector6<T> {
+    match *x {
+        [heading0, heading1, x, y, frame, baseline] => {
+            Vector6::new(heading0, heading1, x, y, frame, baseline)
+        }
+        // Nobody asks.
+        _ => Vector6::zeros(),
+    }
+}
+
+impl<T: Real> Problem<T> for Bearings<'_, T> {
+    fn model(&self, x: &[T], model: &mut Quadratic<'_, T>) {
+        for pair in self.pairs(&unknowns(x)) {
             for (residual, slope) in pair.residuals.into_iter().zip(&pair.slopes) {
-                model.add(residual, slope, T::one());
+                model.add(residual, slope.as_slice(), T::one());
             }
         }
         // What is known has no derivative; a unit diagonal keeps the matrix invertible.
-        let diagonal = model.hessian.as_mut_slice().iter_mut().step_by(6 + 1);
-        for (entry, free) in diagonal.zip(self.free.iter()) {
+        for (entry, free) in model.diagonal_mut().zip(self.free.iter()) {
             *entry += T::one() - *free;
         }
     }
 
-    fn cost(&self, x: &Vector6<T>, weights_at: &Vector6<T>) -> T {
-        self.sights(x)
-            .zip(self.sights(weights_at))
+    fn cost(&self, x: &[T], weights_at: &[T]) -> T {
+        self.sights(&unknowns(x))
+            .zip(self.sights(&unknowns(weights_at)))
             .fold(T::zero(), |sum, (sight, at)| {
                 let w = at.whitening();
                 let [v0, v1] = sight.views;

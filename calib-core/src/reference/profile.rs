@@ -11,7 +11,7 @@ use nalgebra::{Matrix6, Vector6};
 use super::model::Bearings;
 use crate::{
     Real,
-    minimize::{Problem, Quadratic, add_outer},
+    minimize::{Descent, Problem, add_outer},
     real::lit,
 };
 
@@ -26,23 +26,47 @@ pub(super) fn bound<T: Real>(
     let Some(direction) = weakest_direction(covariance) else {
         return;
     };
-    let cost = problem.cost(x, x);
-    let rise = |length: T| profile(problem, x, &(direction * length)) - cost;
+    let cost = problem.cost(x.as_slice(), x.as_slice());
     let predicted = (*covariance * direction).dot(&direction).sqrt();
-    let mut sigma = predicted;
-    // The milder side counts, and a rise up to 4 is ordinary non-linearity, not a merger.
-    let limit = lit::<T>(4.0);
-    if rise(sigma).min(rise(-sigma)) <= limit {
-        return;
+    let sigma = risen_by_one(predicted, |length| {
+        profile(problem, x, &(direction * length)) - cost
+    });
+    if sigma < predicted {
+        let shrink = sigma / predicted;
+        shorten(covariance, &direction, T::one() - shrink * shrink);
     }
-    for _ in 0..60 {
-        sigma *= lit(0.75);
-        if rise(sigma).min(rise(-sigma)) <= T::one() {
-            break;
+}
+
+/// The sigma at which the cost has risen by one, where it is clearly less than predicted.
+fn risen_by_one<T: Real>(predicted: T, rise: impl Fn(T) -> T) -> T {
+    // The milder side counts; and a cost that is not a number has not risen.
+    let is_above = |sigma: T, limit: T| rise(sigma) > limit && rise(-sigma) > limit;
+    let mut sigma = predicted;
+    // A rise up to 4 is ordinary non-linearity, not a merger.
+    if is_above(sigma, lit(4.0)) {
+        for _ in 0..60 {
+            sigma *= lit(0.75);
+            if !is_above(sigma, T::one()) {
+                break;
+            }
         }
     }
-    let excess = predicted * predicted - sigma * sigma;
-    add_outer(covariance, &direction, -excess);
+    sigma
+}
+
+/// Takes this share of the variance along `direction` away, as a measurement of the unknowns along
+/// it would: from a positive definite matrix that never leaves an indefinite one, also where the
+/// direction is no eigenvector.
+fn shorten<T: Real>(covariance: &mut Matrix6<T>, direction: &Vector6<T>, share: T) {
+    let across = *covariance * direction;
+    let variance = across.dot(direction);
+    if variance > T::zero() {
+        add_outer(
+            covariance.as_mut_slice(),
+            across.as_slice(),
+            -share / variance,
+        );
+    }
 }
 
 /// The unit vector of the largest variance, by power iteration.
@@ -59,12 +83,59 @@ fn weakest_direction<T: Real>(covariance: &Matrix6<T>) -> Option<Vector6<T>> {
 /// The cost `offset` away from `x`, after one step that lowers it in all other directions.
 fn profile<T: Real>(problem: &Bearings<'_, T>, x: &Vector6<T>, offset: &Vector6<T>) -> T {
     let aside = x + offset;
-    let mut model = Quadratic::zero();
-    problem.model(&aside, &mut model);
-    // With the same weights as everywhere else on the profile.
-    let cost = problem.cost(&aside, x);
-    let stiffness = model.hessian.trace() / offset.norm_squared();
-    add_outer(&mut model.hessian, offset, stiffness * lit(1e3));
+    // With the same weights everywhere on the profile.
+    let cost = |at: &Vector6<T>| problem.cost(at.as_slice(), x.as_slice());
+    let mut walk = Descent::new(aside);
+    let model = walk.look(problem);
+    let stiffness = model.trace() / offset.norm_squared();
+    add_outer(model.hessian, offset.as_slice(), stiffness * lit(1e3));
+    let here = cost(&aside);
     let lowered = model.step(T::zero());
-    lowered.map_or(cost, |step| problem.cost(&(aside + step), x).min(cost))
+    lowered.map_or(here, |step| cost(&(aside + Vector6::from(step))).min(here))
+}
+
+#[cfg(test)]
+mod tests {
+    use core::cell::Cell;
+
+    use super::*;
+
+    #[test]
+    fn only_a_cost_that_rises_on_both_sides_shortens() {
+        let looks = Cell::new(0);
+        let sigma = |rise: fn(f64) -> f64| {
+            looks.set(0);
+            risen_by_one(1.0, |length| {
+                looks.set(looks.get() + 1);
+                rise(length)
+            })
+        };
+        assert_eq!(sigma(|x| 4.0 * x * x), 1.0);
+        assert_eq!(sigma(|x| if x > 0.0 { 100.0 } else { 1.0 }), 1.0);
+        // Within a step of a quarter.
+        let steep = sigma(|x| 100.0 * x * x);
+        assert!((0.075..0.1).contains(&steep), "{steep}");
+        assert_eq!(sigma(|_| f64::NAN), 1.0);
+        assert_eq!(looks.get(), 1);
+        assert_eq!(sigma(|x| if x > 0.0 { 100.0 } else { f64::NAN }), 1.0);
+    }
+
+    /// Along any direction, not only along an eigenvector of unknowns of one unit.
+    #[test]
+    fn what_is_shortened_stays_positive_definite() {
+        let spread = [1e4, 0.999e4, 1.0, 1e-2, 1e-5, 1e-8];
+        let covariance = Matrix6::from_diagonal(&Vector6::from(spread));
+        for step in 0..6 {
+            let mut direction = Vector6::repeat(0.3);
+            direction[step] = 1.0;
+            direction[(step + 1) % 6] = -0.9;
+            let direction = direction.normalize();
+            let variance = |c: &Matrix6<f64>| (c * direction).dot(&direction);
+            let mut shortened = covariance;
+            shorten(&mut shortened, &direction, 0.9999);
+            let ratio = variance(&shortened) / variance(&covariance);
+            assert!((ratio - 1e-4).abs() < 1e-9, "{ratio}");
+            assert!(shortened.cholesky().is_some(), "direction {step}");
+        }
+    }
 }

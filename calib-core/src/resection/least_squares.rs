@@ -58,20 +58,31 @@ impl<T: Real> Bearings<'_, T> {
     }
 }
 
-impl<T: Real> Problem<T, 3> for Bearings<'_, T> {
-    fn model(&self, x: &Vector3<T>, model: &mut Quadratic<T, 3>) {
+impl<T: Real> Problem<T> for Bearings<'_, T> {
+    fn model(&self, x: &[T], model: &mut Quadratic<'_, T>) {
+        let (position, heading) = pose(x);
         for sighting in self.kept() {
-            let c = compare(sighting, x.xy().into(), x.z);
-            model.add(c.residual, &c.slope, c.weight);
+            let c = compare(sighting, position, heading);
+            model.add(c.residual, c.slope.as_slice(), c.weight);
         }
     }
 
-    fn cost(&self, x: &Vector3<T>, weights_at: &Vector3<T>) -> T {
+    fn cost(&self, x: &[T], weights_at: &[T]) -> T {
+        let ((position, heading), (position_then, heading_then)) = (pose(x), pose(weights_at));
         self.kept().fold(T::zero(), |sum, sighting| {
-            let weight = compare(sighting, weights_at.xy().into(), weights_at.z).weight;
-            let residual = compare(sighting, x.xy().into(), x.z).residual;
+            let weight = compare(sighting, position_then, heading_then).weight;
+            let residual = compare(sighting, position, heading).residual;
             sum + residual * residual * weight
         })
+    }
+}
+
+/// The unknowns by name.
+fn pose<T: Real>(x: &[T]) -> (Point2<T>, T) {
+    match *x {
+        [x, y, heading] => (Point2::new(x, y), heading),
+        // Nobody asks.
+        _ => (Point2::origin(), T::zero()),
     }
 }
 
@@ -89,7 +100,7 @@ pub(super) fn refine<T: Real>(
     let mut walk = Descent::new(start);
     let iterations = walk.run(&problem, Method::Levenberg, ITERATION_LIMIT)?;
     let (position, heading) = (Point2::from(walk.x.xy()), walk.x.z);
-    let covariance = walk.model.covariance().ok_or(Refusal::Undetermined)?;
+    let covariance = walk.covariance().ok_or(Refusal::Undetermined)?;
     let quarter = T::frac_pi_2();
     if problem
         .kept()
@@ -104,7 +115,7 @@ pub(super) fn refine<T: Real>(
             covariance,
         },
         used: problem.kept().count(),
-        chi_squared: walk.model.cost,
+        chi_squared: walk.cost,
         iterations,
     })
 }

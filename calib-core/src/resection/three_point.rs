@@ -60,9 +60,11 @@ impl<T: Real> Fix<T> {
         // the columns of the inverse, times the determinant, are the cross products of the rows.
         let columns = [row2.cross(&row3), row3.cross(&row1), row1.cross(&row2)];
         let determinant = row1.dot(&row2.cross(&row3));
-        let scale = T::one() / (determinant * determinant);
-        let variances =
-            [(s1, d1), (s2, d2), (s3, d3)].map(|(s, d)| s.bearing_variance_range4(d) * scale);
+        // Twice by the determinant: its square leaves single precision where targets are some
+        // 50,000 units away.
+        let scale = determinant.recip();
+        let variances = [(s1, d1), (s2, d2), (s3, d3)]
+            .map(|(s, d)| s.bearing_variance_range4(d) * scale * scale);
         let mut covariance = Matrix3::<T>::zeros();
         for (column, variance) in columns.iter().zip(variances) {
             let weighted = column * variance;

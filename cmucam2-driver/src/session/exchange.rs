@@ -37,8 +37,8 @@ impl Session {
     }
 
     /// Begins a stream. In poll mode there is none: what [`super::Request::Next`] asks for is
-    /// only noted, after what must be told first.
-    pub(super) fn start(&mut self, command: Command, now: u64) {
+    /// only noted, after what must be told first. Whether that is all.
+    pub(super) fn start(&mut self, command: Command, now: u64) -> bool {
         let first = match command {
             _ if !self.modes.poll() || command.reply() == Reply::Frame => Some(command),
             Command::TrackColour(bounds) => bounds.map(Command::SetBounds),
@@ -50,20 +50,21 @@ impl Session {
                 self.send(first, now);
                 self.starting = true;
             }
-            None => self.started(command, now),
+            None => self.stream = Some(repeated(command)),
         }
-        if self.modes.poll() && command.reply() != Reply::Frame {
-            self.stream = Some(repeated(command));
-        }
+        first.is_none()
     }
 
-    /// The stream runs, or is noted in poll mode.
+    /// The stream runs.
     fn started(&mut self, command: Command, now: u64) {
+        self.starting = false;
         self.stream = Some(repeated(command));
         match self.job {
             Job::Sequence(sequence) => {
                 self.step += 1;
-                self.sequence(sequence, now);
+                if self.sequence(sequence, now) {
+                    self.proceed(now);
+                }
             }
             _ => self.finish(Answer::Done),
         }
@@ -150,6 +151,13 @@ impl Session {
 
     /// Command, answer and prompt: all is well.
     pub(super) fn completed(&mut self, now: u64) {
+        if self.conclude() {
+            self.proceed(now);
+        }
+    }
+
+    /// The command is done. Whether [`proceed`](Self::proceed) must follow.
+    pub(super) fn conclude(&mut self) -> bool {
         self.complete = false;
         self.attempts = 0;
         let command = self.command;
@@ -163,16 +171,20 @@ impl Session {
             self.modes.remember(&command);
         }
         if self.restore.is_some() {
-            return self.proceed(now);
+            return true;
+        }
+        if core::mem::take(&mut self.starting) {
+            self.stream = Some(repeated(command));
         }
         match self.job {
             Job::Sequence(_) => {
                 self.step += 1;
-                self.proceed(now);
+                return true;
             }
             Job::Start(_) => self.finish(Answer::Done),
             _ => self.finish(self.answer.unwrap_or(Answer::Done)),
         }
+        false
     }
 
     /// Nothing can be said of what the camera will send next.
@@ -219,7 +231,9 @@ impl Session {
 /// The command that continues a stream: bounds are told once.
 fn repeated(command: Command) -> Command {
     match command {
-        Command::TrackColour(_) | Command::TrackWindow => Command::TrackColour(None),
+        Command::SetBounds(_) | Command::TrackColour(_) | Command::TrackWindow => {
+            Command::TrackColour(None)
+        }
         other => other,
     }
 }

@@ -4,7 +4,7 @@ use super::{Answer, Fault, Job, Link, Phase, Session};
 use crate::{
     command::{Command, Reply},
     packet::{Packet, PacketKind},
-    parser::{Event, RowState},
+    parser::{Event, IMAGES, RowState},
 };
 
 impl Session {
@@ -42,6 +42,8 @@ impl Session {
         }
         match event {
             Event::Packet(packet) => self.packet(packet, now),
+            Event::Header(_) | Event::Pixel(..) | Event::RowCut(_) | Event::ImageEnd { .. }
+                if !IMAGES => {}
             Event::Header(header) => {
                 self.row_bytes = header.row_bytes;
                 self.row_at = 0;

@@ -31,7 +31,7 @@
 //! # { at = 0.0, picture = [0.5, 0.5], size = [0.1, 0.1] }          fractions of the picture
 //! # { at = 0.0, x = 2.0, y = 0.1, height = 0.15, radius = 0.15 }   in the world
 //! ```
-//! Bearings are positive to the left, elevations upwards. A size is one number, or width and
+//! Bearings are positive to the left, elevations upwards. A size is one number above 0, or width and
 //! height. All stops of an object have the same form.
 
 use std::fmt;
@@ -116,7 +116,7 @@ impl Default for CameraTable {
 }
 
 #[derive(Deserialize)]
-#[serde(rename_all = "lowercase")]
+#[serde(rename_all = "lowercase", deny_unknown_fields)]
 enum BackgroundTable {
     Plain(Rgb),
     Gradient {
@@ -149,34 +149,29 @@ enum ShapeName {
     Box,
 }
 
+/// A stop of any form: which one is told by the fields that are there.
 #[derive(Deserialize)]
-#[serde(untagged)]
-enum StopPlace {
-    Picture {
-        picture: [f64; 2],
-        size: SizeField,
-    },
-    Angles {
-        bearing_deg: f64,
-        #[serde(default)]
-        elevation_deg: f64,
-        size_deg: SizeField,
-    },
-    World {
-        x: f64,
-        y: f64,
-        #[serde(default)]
-        height: f64,
-        radius: f64,
-    },
-}
-
-#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
 struct Stop {
     #[serde(default)]
     at: f64,
-    #[serde(flatten)]
-    place: StopPlace,
+    picture: Option<[f64; 2]>,
+    size: Option<SizeField>,
+    bearing_deg: Option<f64>,
+    elevation_deg: Option<f64>,
+    size_deg: Option<SizeField>,
+    x: Option<f64>,
+    y: Option<f64>,
+    height: Option<f64>,
+    radius: Option<f64>,
+}
+
+/// What the four numbers of a stop mean.
+#[derive(Clone, Copy, PartialEq)]
+enum StopForm {
+    Picture,
+    Angles,
+    World,
 }
 
 #[derive(Clone, Copy, Deserialize)]
@@ -230,6 +225,16 @@ impl Scene {
             .iter()
             .all(|factor| (0.0..=16.0).contains(factor));
         sense(light, "light must be three factors from 0 to 16")?;
+        for (name, value) in [
+            ("x", camera.x),
+            ("y", camera.y),
+            ("height", camera.height),
+            ("heading_deg", camera.heading_deg),
+            ("servo_step_deg", camera.servo_step_deg),
+        ] {
+            let why = format!("camera.{name} is {value}: it must be finite");
+            sense(value.is_finite(), why)?;
+        }
         let pose = Pose {
             x: camera.x,
             y: camera.y,
@@ -269,31 +274,26 @@ impl Scene {
 
 impl ObjectTable {
     fn read(&self, number: usize, lens: Lens, pose: Pose) -> Result<Object, SceneError> {
-        let first = self.stops.first().map(|stop| stop.place.form(lens, pose));
-        let Some(form) = first else {
+        let mut stops = Vec::new();
+        let mut form = None;
+        for (place, stop) in (1..).zip(&self.stops) {
+            let wrong = |why| SceneError::Sense(format!("stop {place} of object {number} {why}"));
+            let (its, numbers) = stop.read().map_err(wrong)?;
+            sense(
+                *form.get_or_insert(its) == its,
+                format!("the stops of object {number} are not of one form"),
+            )?;
+            stops.push((stop.at, numbers));
+        }
+        let Some(form) = form else {
             return Err(SceneError::Sense(format!("object {number} has no stops")));
         };
-        let same = self
-            .stops
-            .iter()
-            .all(|stop| stop.place.form(lens, pose) == form);
-        sense(
-            same,
-            format!("the stops of object {number} are not of one form"),
-        )?;
         let ordered = self.stops.windows(2).all(|pair| pair[0].at < pair[1].at)
             && self.stops.iter().all(|stop| stop.at >= 0.0);
         sense(
             ordered,
             format!("the stops of object {number} must be later and later"),
         )?;
-        let stops: Vec<_> = self
-            .stops
-            .iter()
-            .map(|stop| (stop.at, stop.place.numbers()))
-            .collect();
-        let finite = stops.iter().flat_map(|stop| stop.1).all(f64::is_finite);
-        sense(finite, format!("a number of object {number} is not finite"))?;
         Ok(Object {
             colour: self.colour,
             shape: match self.shape {
@@ -301,7 +301,11 @@ impl ObjectTable {
                 ShapeName::Box => Shape::Box,
             },
             place: Place::Moving(Way {
-                form,
+                form: match form {
+                    StopForm::Picture => Form::Picture,
+                    StopForm::Angles => Form::Angles(lens),
+                    StopForm::World => Form::World(lens, pose),
+                },
                 stops,
                 repeat: self.repeat,
             }),
@@ -309,37 +313,55 @@ impl ObjectTable {
     }
 }
 
-impl StopPlace {
-    fn form(&self, lens: Lens, pose: Pose) -> Form {
-        match self {
-            Self::Picture { .. } => Form::Picture,
-            Self::Angles { .. } => Form::Angles(lens),
-            Self::World { .. } => Form::World(lens, pose),
+impl Stop {
+    /// Its form and numbers, or what is wrong with it.
+    fn read(&self) -> Result<(StopForm, [f64; 4]), String> {
+        let picture = self.picture.is_some() || self.size.is_some();
+        let angles =
+            self.bearing_deg.is_some() || self.elevation_deg.is_some() || self.size_deg.is_some();
+        let world = [self.x, self.y, self.height, self.radius]
+            .iter()
+            .any(Option::is_some);
+        let (form, numbers, sizes) = match (picture, angles, world) {
+            (true, false, false) => {
+                let [x, y] = need("picture", self.picture)?;
+                let sizes = need("size", self.size)?.each();
+                (StopForm::Picture, [x, y, sizes[0], sizes[1]], sizes)
+            }
+            (false, true, false) => {
+                let bearing = need("bearing_deg", self.bearing_deg)?;
+                let elevation = self.elevation_deg.unwrap_or(0.0);
+                let sizes = need("size_deg", self.size_deg)?.each();
+                let degrees = [bearing, elevation, sizes[0], sizes[1]];
+                (StopForm::Angles, degrees.map(f64::to_radians), sizes)
+            }
+            (false, false, true) => {
+                let (x, y) = (need("x", self.x)?, need("y", self.y)?);
+                let radius = need("radius", self.radius)?;
+                let height = self.height.unwrap_or(0.0);
+                (StopForm::World, [x, y, height, radius], [radius; 2])
+            }
+            (false, false, false) => return Err("has no place: see `--help`".to_owned()),
+            _ => {
+                return Err(
+                    "has more than one place: give `picture` and `size`, or `bearing_deg`, \
+                     `elevation_deg` and `size_deg`, or `x`, `y`, `height` and `radius`"
+                        .to_owned(),
+                );
+            }
+        };
+        if !numbers.into_iter().all(f64::is_finite) {
+            return Err("has a number that is not finite".to_owned());
         }
+        if !sizes.into_iter().all(|size| size > 0.0) {
+            return Err("has a size or radius that is not above 0".to_owned());
+        }
+        Ok((form, numbers))
     }
+}
 
-    fn numbers(&self) -> [f64; 4] {
-        match *self {
-            Self::Picture { picture, size } => {
-                let [width, height] = size.each();
-                [picture[0], picture[1], width, height]
-            }
-            Self::Angles {
-                bearing_deg,
-                elevation_deg,
-                size_deg,
-            } => {
-                let [width, height] = size_deg.each();
-                [bearing_deg, elevation_deg, width, height].map(f64::to_radians)
-            }
-            Self::World {
-                x,
-                y,
-                height,
-                radius,
-            } => [x, y, height, radius],
-        }
-    }
+fn need<T>(name: &str, value: Option<T>) -> Result<T, String> {
+    value.ok_or_else(|| format!("has no `{name}`"))
 }
 
 #[cfg(test)]
@@ -408,6 +430,63 @@ mod tests {
                      radius = 1 }}, {{ at = 1, bearing_deg = 1, size_deg = 1 }}]\n"
                 ),
                 "not of one form",
+            ),
+            (
+                &format!(
+                    "{background}[[object]]\ncolour = [1, 2, 3]\nstops = [{{ x = 1, y = 1, \
+                     radius = 1, hieght = 0.3 }}]\n"
+                ),
+                "unknown field `hieght`",
+            ),
+            (
+                &format!(
+                    "{background}[[object]]\ncolour = [1, 2, 3]\nstops = [{{ x = 1, y = 1, \
+                     radius = -1 }}]\n"
+                ),
+                "stop 1 of object 1 has a size or radius that is not above 0",
+            ),
+            (
+                &format!(
+                    "{background}[[object]]\ncolour = [1, 2, 3]\nstops = [{{ picture = [0.5, 0.5], \
+                     size = [0.1, 0.0] }}]\n"
+                ),
+                "not above 0",
+            ),
+            (
+                &format!(
+                    "{background}[[object]]\ncolour = [1, 2, 3]\nstops = [{{ x = 1, y = 1 }}]\n"
+                ),
+                "has no `radius`",
+            ),
+            (
+                &format!(
+                    "{background}[[object]]\ncolour = [1, 2, 3]\nstops = [{{ x = 1, y = 1, \
+                     radius = 1, size_deg = 2 }}]\n"
+                ),
+                "more than one place",
+            ),
+            (
+                &format!("{background}[[object]]\ncolour = [1, 2, 3]\nstops = [{{ at = 1 }}]\n"),
+                "no place",
+            ),
+            (
+                "[background.gradient]\ntop = [1, 2, 3]\nbottom = [1, 2, 3]\nmiddle = 1\n",
+                "middle",
+            ),
+            (
+                &format!("{background}[camera]\nheading_deg = inf\n"),
+                "camera.heading_deg is inf: it must be finite",
+            ),
+            (
+                &format!("{background}[camera]\nservo_step_deg = nan\n"),
+                "camera.servo_step_deg is NaN",
+            ),
+            (
+                &format!(
+                    "{background}[camera]\nheight = nan\n[[object]]\ncolour = [1, 2, 3]\n\
+                     stops = [{{ x = 1, y = 1, radius = 1 }}]\n"
+                ),
+                "camera.height is NaN",
             ),
         ] {
             let error = read(text).unwrap_err();

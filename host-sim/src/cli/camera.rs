@@ -23,7 +23,7 @@ use host_sim::camera::{
 };
 use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM, SIGUSR1};
 
-use super::tell;
+use super::{tell, values};
 use pseudo_terminal::PseudoTerminal;
 
 /// A CMUcam2 on a pseudo-terminal, for any program that talks to one.
@@ -50,7 +50,10 @@ pub(super) struct Arguments {
     #[arg(long, value_enum, default_value_t)]
     sensor: SensorOption,
     /// Of noise and faults.
-    #[arg(long, value_name = "N", default_value_t = 0)]
+    #[arg(
+        long, value_name = "N", default_value_t = 0, value_parser = values::seed,
+        allow_negative_numbers = true
+    )]
     seed: u64,
     /// Something that the protocol leaves open; see below. May be repeated.
     #[arg(long, value_name = "NAME=N")]
@@ -124,7 +127,7 @@ Scenes (--scene FILE.toml):
                         picture = [x, y], size                 fractions of the picture
                         bearing_deg, elevation_deg, size_deg   positive to the left and upwards
                         x, y, height, radius                   in the world
-  A size is one number, or [width, height]; a COLOUR is [red, green, blue], 0 to 255.
+  A size is one number above 0, or [width, height]; a COLOUR is [red, green, blue], 0 to 255.
   Examples are in host-sim/scenes: orange-ball.toml, which is the default, and rolling-ball.toml.
 
 Signals: SIGUSR1 switches the camera off and on.

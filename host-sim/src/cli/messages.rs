@@ -72,6 +72,16 @@ pub(super) fn tell_assumed_sigma(path: &Path) {
     ));
 }
 
+/// Names a column of measurements that is not used, because the file has two kinds of them.
+pub(super) fn tell_passed_over(path: &Path, column: Option<&str>) {
+    if let Some(column) = column {
+        tell(format_args!(
+            "{}: `{column}` is not used: pixel columns are read with --fov-deg, bearings without",
+            file_name(path)
+        ));
+    }
+}
+
 /// A bar for solving, if it takes a while, somebody watches, and answers are not on the same
 /// screen.
 pub(super) fn solving_bar(cases: usize) -> ProgressBar {

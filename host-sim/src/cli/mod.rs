@@ -13,6 +13,8 @@ use host_sim::recorded::ReadError;
 
 mod camera;
 mod camera_options;
+mod console;
+mod interrupt;
 mod messages;
 mod probe;
 mod report;
@@ -24,6 +26,7 @@ mod solve_reference;
 mod sweep;
 mod sweep_outputs;
 mod values;
+mod whole_file;
 mod writable;
 
 /// Networks of cameras that calibrate themselves: simulated ones, and poses from recorded sightings.
@@ -37,6 +40,7 @@ struct Cli {
 #[derive(Subcommand)]
 enum Command {
     Camera(camera::Arguments),
+    Console(console::Arguments),
     Probe(probe::Arguments),
     Report(report::Arguments),
     Run(run::Arguments),
@@ -49,6 +53,7 @@ enum Command {
 pub(crate) fn main() -> ExitCode {
     let done = match Cli::parse().command {
         Command::Camera(arguments) => camera::run(&arguments),
+        Command::Console(arguments) => console::run(&arguments),
         Command::Probe(arguments) => probe::run(&arguments),
         Command::Report(arguments) => report::run(&arguments),
         Command::Run(arguments) => run::run(&arguments),
@@ -87,6 +92,31 @@ fn is_broken_pipe(error: &anyhow::Error) -> bool {
     error
         .downcast_ref::<io::Error>()
         .is_some_and(|e| e.kind() == io::ErrorKind::BrokenPipe)
+}
+
+/// Prints a result. Whoever reads it may have seen enough: that changes nothing about the result,
+/// nor the exit code. Names in it come from files; no terminal is to obey them.
+fn print(text: &str) -> io::Result<()> {
+    let plain = |c: char| if c.is_control() && c != '\n' { ' ' } else { c };
+    let text: String = text.chars().map(plain).collect();
+    let mut out = io::stdout().lock();
+    unless_gone(out.write_all(text.as_bytes()).and_then(|()| out.flush()))
+}
+
+/// What became of writing, unless its reader has gone.
+fn unless_gone(written: io::Result<()>) -> io::Result<()> {
+    written.or_else(|error| match error.kind() {
+        io::ErrorKind::BrokenPipe => Ok(()),
+        _ => Err(error),
+    })
+}
+
+/// The last error of two; the one before it is told.
+fn and<T>(before: anyhow::Result<T>, next: anyhow::Result<()>) -> anyhow::Result<T> {
+    if let (Err(error), Err(_)) = (&before, &next) {
+        complain(error);
+    }
+    next.and(before)
 }
 
 /// Prints a line for people on the standard error output.

@@ -2,7 +2,6 @@
 
 use std::{
     borrow::Cow,
-    fs,
     io::{self, Write},
     path::{Path, PathBuf},
     process::ExitCode,
@@ -10,7 +9,7 @@ use std::{
     time::Duration,
 };
 
-use anyhow::{Context, anyhow, bail};
+use anyhow::{anyhow, bail};
 use clap::Args;
 use cmucam2_driver::{
     Error,
@@ -32,9 +31,10 @@ use indicatif::ProgressBar;
 
 use super::{
     camera_options::{CameraOptions, USUAL_COLUMNS},
-    messages, tell, values,
+    interrupt::INTERRUPTED,
+    messages, tell, values, whole_file,
 };
-use person::{INTERRUPTED, Person};
+use person::Person;
 
 mod live;
 mod person;
@@ -76,10 +76,10 @@ pub(super) struct Arguments {
     #[arg(long, value_name = "S", value_parser = values::positive)]
     seconds: Option<f64>,
     /// Take a picture instead of tracking.
-    #[arg(long, value_name = "FILE.png", conflicts_with_all = ["record", "count", "seconds", "colour"])]
+    #[arg(long, value_name = "FILE.png", value_parser = values::result(), conflicts_with_all = ["record", "count", "seconds", "colour"])]
     frame: Option<PathBuf>,
     /// Append sightings of the object at known places, for `host-sim solve`.
-    #[arg(long, value_name = "FILE.csv", conflicts_with_all = ["count", "seconds"])]
+    #[arg(long, value_name = "FILE.csv", value_parser = values::result(), conflicts_with_all = ["count", "seconds"])]
     record: Option<PathBuf>,
     /// Where the object stands now: one sighting. Without it, places are read line by line.
     #[arg(
@@ -373,7 +373,7 @@ impl<'a> Bench<'a> {
         rows.finish_and_clear();
         let picture = taken.map_err(|error| self.failed(error))?;
         let file = picture.png()?;
-        fs::write(path, file).with_context(|| format!("{} cannot be written", path.display()))?;
+        whole_file::write(path, file)?;
         let (columns, rows) = picture.size();
         let damaged = picture.damaged();
         if damaged > 0 {

@@ -1,24 +1,19 @@
 //! `host-sim report`
 
-use std::{
-    io::{self, Write},
-    path::PathBuf,
-    process::ExitCode,
-};
+use std::{collections::HashSet, path::PathBuf, process::ExitCode};
 
-use anyhow::bail;
+use anyhow::{Context, bail, ensure};
 use clap::{Args, Subcommand};
 use host_sim::{
     record::{RunRecord, sweep::Sweep, verdict::Verdict},
-    report::{
-        run::{run_report, runs_report},
-        sweep::sweep_report,
-    },
+    report::run::{run_report, runs_report},
 };
 
 use super::{
+    and, file_name, print,
     run_outputs::{FOR_RESULTS, Prepared, RunOutputs, read_record},
-    sweep_outputs::SweepOutputs,
+    sweep_outputs::{self, Incomplete, SweepOutputs},
+    writable,
 };
 
 /// Tables, drawings and exports from the records of finished runs.
@@ -48,6 +43,7 @@ struct One {
 
 /// Runs of one scenario in one table, such as the five placements of `lab`.
 #[derive(Args)]
+#[command(after_help = MANY_EPILOGUE)]
 struct Many {
     /// What `--json` wrote.
     #[arg(value_name = "RUN.json", required = true)]
@@ -56,6 +52,7 @@ struct Many {
 
 /// Quantiles of the errors over many runs of one scenario.
 #[derive(Args)]
+#[command(after_help = SWEPT_EPILOGUE)]
 struct Swept {
     /// What `--json` wrote.
     #[arg(value_name = "RUN.json", required = true)]
@@ -70,6 +67,18 @@ Exit codes:
   1  one is not, or --check found a difference
   2  wrong options, or a file could not be read or written";
 
+const MANY_EPILOGUE: &str = "\
+Exit codes:
+  0  every camera that should be calibrated is, in every run
+  1  one is not
+  2  wrong options, runs of different scenarios, or a file could not be read";
+
+const SWEPT_EPILOGUE: &str = "\
+Exit codes:
+  0  every camera that should be calibrated is, in every run
+  1  one is not
+  2  wrong options, runs of different scenarios, or a file could not be read or written";
+
 pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
     match &arguments.what {
         What::Run(one) => {
@@ -82,20 +91,37 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
     }
 }
 
-/// How every run ends: its report on the screen, its files, and its exit code.
+/// How every run ends: its report on the screen, its files, and its exit code. The report comes
+/// first, for it may have taken long and no file can be in its way; each failure is told or
+/// returned.
 pub(super) fn finish(record: &RunRecord, outputs: &Prepared<'_>) -> anyhow::Result<ExitCode> {
-    let difference = outputs.write(record)?;
     let mut code = Verdict::of(record).exit_code();
     let mut text = run_report(record);
-    if let Some(difference) = difference {
-        text += &format!("\n{difference}");
-        code = code.max(difference.exit_code());
+    let compared = outputs.compare(record).map(|difference| {
+        if let Some(difference) = difference {
+            text += &format!("\n{difference}");
+            code = code.max(difference.exit_code());
+        }
+    });
+    let ended = and(compared, print(&text).map_err(anyhow::Error::from));
+    and(ended, outputs.write(record)).map(|()| ExitCode::from(code))
+}
+
+/// Refuses a file that is given twice: its run would count twice.
+fn check_different(files: &[PathBuf]) -> anyhow::Result<()> {
+    let mut seen = HashSet::new();
+    for file in files {
+        ensure!(
+            seen.insert(writable::place(file)),
+            "{} is named twice: leave one out",
+            file_name(file)
+        );
     }
-    io::stdout().write_all(text.as_bytes())?;
-    Ok(ExitCode::from(code))
+    Ok(())
 }
 
 fn together(files: &[PathBuf]) -> anyhow::Result<ExitCode> {
+    check_different(files)?;
     let records: Vec<RunRecord> = files
         .iter()
         .map(|f| read_record(f))
@@ -104,8 +130,7 @@ fn together(files: &[PathBuf]) -> anyhow::Result<ExitCode> {
     if records.iter().any(|record| Some(&record.scenario) != first) {
         bail!("the runs are of different scenarios");
     }
-    let text = runs_report(&records.iter().collect::<Vec<_>>());
-    io::stdout().write_all(text.as_bytes())?;
+    print(&runs_report(&records.iter().collect::<Vec<_>>()))?;
     let complete = records
         .iter()
         .all(|record| Verdict::of(record).is_complete());
@@ -113,13 +138,14 @@ fn together(files: &[PathBuf]) -> anyhow::Result<ExitCode> {
 }
 
 fn sweep(swept: &Swept) -> anyhow::Result<ExitCode> {
-    let mut sweep = Sweep::default();
+    check_different(&swept.files)?;
+    swept.outputs.check()?;
+    let (mut sweep, mut incomplete) = (Sweep::default(), Incomplete::default());
     for file in &swept.files {
-        sweep.add(&read_record(file)?)?;
+        let record = read_record(file)?;
+        incomplete.look_at(&record);
+        sweep.add(&record)?;
     }
-    if let Some(report) = sweep.finish() {
-        swept.outputs.write(&report)?;
-        io::stdout().write_all(sweep_report(&report).as_bytes())?;
-    }
-    Ok(ExitCode::SUCCESS)
+    let report = sweep.finish().context("there are no runs")?;
+    sweep_outputs::finish(&report, &incomplete, &swept.outputs)
 }

@@ -14,7 +14,7 @@ use host_sim::network::{Emulation, IMAGE, Options, Progress, Simulation};
 use indicatif::{ProgressBar, ProgressStyle};
 
 use super::{
-    complain,
+    and,
     report::finish,
     run_outputs::{FOR_RESULTS, RunOutputs},
     scenario_options::{FOR_SCENARIO, ScenarioOptions},
@@ -32,11 +32,11 @@ pub(super) struct Arguments {
     #[command(flatten, next_help_heading = FOR_SCENARIO)]
     scenario: ScenarioOptions,
     /// The root of all randomness. Default: the scenario's.
-    #[arg(long, value_name = "S", allow_negative_numbers = true)]
+    #[arg(long, value_name = "S", value_parser = values::seed, allow_negative_numbers = true)]
     seed: Option<u64>,
     /// `max`, `real-time`, or so many times real time, such as `10x`. Default: `max`, and
     /// `real-time` on emulated boards.
-    #[arg(long, value_name = "SPEED", value_parser = values::speed)]
+    #[arg(long, value_name = "SPEED", value_parser = values::speed, allow_negative_numbers = true)]
     speed: Option<values::Speed>,
     /// What runs the firmware of the nodes.
     #[arg(long, value_name = "WHAT", default_value = "host")]
@@ -45,9 +45,9 @@ pub(super) struct Arguments {
     /// in real time, such as `3=/dev/ttyUSB0`. May be repeated.
     #[arg(long, value_name = "NODE=PATH", value_parser = values::port)]
     port: Vec<(u16, String)>,
-    /// The image for emulated boards.
-    #[arg(long, value_name = "FILE.elf", default_value = IMAGE)]
-    image: PathBuf,
+    /// The image for emulated boards. Default: what `cargo xtask firmware` makes.
+    #[arg(long, value_name = "FILE.elf")]
+    image: Option<PathBuf>,
     /// The run ends with an error when an emulated board shows no life within this time, seconds.
     /// Default: 30.
     #[arg(long, value_name = "S", value_parser = values::seconds, allow_negative_numbers = true)]
@@ -55,10 +55,10 @@ pub(super) struct Arguments {
     #[command(flatten, next_help_heading = FOR_RESULTS)]
     outputs: RunOutputs,
     /// All frames on the air, for Wireshark.
-    #[arg(long, value_name = "FILE.pcap")]
+    #[arg(long, value_name = "FILE.pcap", value_parser = values::result())]
     pcap: Option<PathBuf>,
     /// What every node sends and learns, with the time.
-    #[arg(long, value_name = "FILE")]
+    #[arg(long, value_name = "FILE", value_parser = values::result())]
     log: Option<PathBuf>,
 }
 
@@ -99,6 +99,10 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
         arguments.board_timeout.is_none() || arguments.backend == Backend::Qemu,
         "--board-timeout is for emulated boards: leave it out, or say `--backend qemu`"
     );
+    ensure!(
+        arguments.image.is_none() || arguments.backend == Backend::Qemu,
+        "--image is for emulated boards: leave it out, or say `--backend qemu`"
+    );
     let mut nodes = BTreeSet::new();
     for (node, _) in &arguments.port {
         ensure!(
@@ -109,7 +113,8 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
     let emulation = match arguments.backend {
         Backend::Host => None,
         Backend::Qemu => {
-            let emulation = Emulation::of(&arguments.image)?;
+            let image = arguments.image.as_deref().unwrap_or(Path::new(IMAGE));
+            let emulation = Emulation::of(image)?;
             Some(match arguments.board_timeout {
                 Some(timeout) => emulation.with_timeout(timeout),
                 None => emulation,
@@ -123,7 +128,8 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
         pcap: pcap.clone().map(writer),
         log: log.clone().map(writer),
     };
-    let mut simulation = Simulation::new(scenario, options)?;
+    let mut simulation =
+        Simulation::new(scenario, options).map_err(|error| arguments.scenario.named(error))?;
     for (node, path) in &arguments.port {
         simulation.connect_camera(*node, path)?;
     }
@@ -139,14 +145,6 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
         Some(trouble) => and(ended, Err(trouble.into())),
         None => ended,
     }
-}
-
-/// The last error; one before it is told.
-fn and(before: anyhow::Result<ExitCode>, next: anyhow::Result<()>) -> anyhow::Result<ExitCode> {
-    if let (Err(error), Err(_)) = (&before, &next) {
-        complain(error);
-    }
-    next.and(before)
 }
 
 fn writer(file: Late) -> Box<dyn Write> {

@@ -12,7 +12,7 @@ use host_sim::{
     record::{RunRecord, difference::Difference},
 };
 
-use super::{file_name, values, writable};
+use super::{and, file_name, values, whole_file, writable};
 
 /// Heading for the options of every command that ends with a run's record.
 pub(super) const FOR_RESULTS: &str = "Results";
@@ -20,7 +20,7 @@ pub(super) const FOR_RESULTS: &str = "Results";
 #[derive(Args)]
 pub(super) struct RunOutputs {
     /// The whole record: poses, errors, residuals, stops, traffic.
-    #[arg(long, value_name = "FILE.json")]
+    #[arg(long, value_name = "FILE.json", value_parser = values::result())]
     json: Option<PathBuf>,
     /// Put `wall_seconds`, the time the computer took, into the record too.
     ///
@@ -28,22 +28,23 @@ pub(super) struct RunOutputs {
     #[arg(long, requires = "json")]
     wall: bool,
     /// Draw map.svg, errors.svg and residuals.svg into this folder.
-    #[arg(long, value_name = "DIR")]
+    #[arg(long, value_name = "DIR", value_parser = values::result())]
     plots: Option<PathBuf>,
     /// Poses with covariance, truth and errors, one camera per row.
-    #[arg(long, value_name = "FILE.csv")]
+    #[arg(long, value_name = "FILE.csv", value_parser = values::result())]
     csv: Option<PathBuf>,
     /// Poses with covariance.
-    #[arg(long, value_name = "FILE.yaml")]
+    #[arg(long, value_name = "FILE.yaml", value_parser = values::result())]
     yaml: Option<PathBuf>,
     /// A ROS 2 launch file of static transforms, with covariance: `ros2 launch FILE`.
-    #[arg(long, value_name = "FILE.launch.yaml")]
+    #[arg(long, value_name = "FILE.launch.yaml", value_parser = values::result())]
     ros: Option<PathBuf>,
     /// Compare with the record of another run of this scenario; exit code 1 if they differ.
     #[arg(long, value_name = "FILE.json")]
     check: Option<PathBuf>,
     /// Numbers may differ by this times the larger of 1 and their size.
-    #[arg(long, value_name = "X", value_parser = values::not_negative, default_value_t = 0.0)]
+    #[arg(long, value_name = "X", value_parser = values::not_negative, default_value_t = 0.0,
+        requires = "check", allow_negative_numbers = true)]
     tolerance: f64,
 }
 
@@ -70,6 +71,7 @@ impl RunOutputs {
         // A file named for both is read before it is written.
         let other = match &self.check {
             Some(file) => {
+                whole_file::check_regular(file)?;
                 let other = read_record(file)?;
                 Difference::is_possible(scenario, path, &other)
                     .with_context(|| cannot_be_compared(file))?;
@@ -85,33 +87,40 @@ impl RunOutputs {
 }
 
 impl Prepared<'_> {
-    /// Writes what was asked for, and compares. The comparison, if one was asked for, is for the
-    /// screen.
-    pub(super) fn write(&self, record: &RunRecord) -> anyhow::Result<Option<Difference>> {
+    /// Writes what was asked for. Each failure is told or returned, and none keeps the others from
+    /// being written.
+    pub(super) fn write(&self, record: &RunRecord) -> anyhow::Result<()> {
         let outputs = self.outputs;
-        if let Some(path) = &outputs.json {
-            write(path, &record.to_json(outputs.wall)?)?;
-        }
-        if let Some(path) = &outputs.csv {
-            write(path, &export::csv(record)?)?;
-        }
-        if let Some(path) = &outputs.yaml {
-            write(path, &export::yaml(record)?)?;
-        }
-        if let Some(path) = &outputs.ros {
-            write(path, &export::ros_launch(record)?)?;
-        }
-        if let Some(folder) = &outputs.plots {
-            for (name, draw) in DRAWINGS {
-                let path = folder.join(name);
-                let svg =
-                    draw(record).with_context(|| format!("{} is not written", file_name(&path)))?;
-                write_into(folder, &path, &svg)?;
+        let texts: [(&Option<PathBuf>, Make<'_>); 4] = [
+            (&outputs.json, &|| Ok(record.to_json(outputs.wall)?)),
+            (&outputs.csv, &|| Ok(export::csv(record)?)),
+            (&outputs.yaml, &|| Ok(export::yaml(record)?)),
+            (&outputs.ros, &|| Ok(export::ros_launch(record)?)),
+        ];
+        let mut written = Ok(());
+        for (path, make) in texts {
+            if let Some(path) = path {
+                written = and(written, write(path, make()));
             }
         }
+        if let Some(folder) = &outputs.plots {
+            let made = fs::create_dir_all(folder)
+                .with_context(|| format!("the folder {} cannot be made", file_name(folder)));
+            let is_there = made.is_ok();
+            written = and(written, made);
+            for (name, draw) in DRAWINGS.iter().filter(|_| is_there) {
+                let svg = draw(record).map_err(anyhow::Error::from);
+                written = and(written, write(&folder.join(name), svg));
+            }
+        }
+        written
+    }
+
+    /// The comparison for the screen, if one was asked for.
+    pub(super) fn compare(&self, record: &RunRecord) -> anyhow::Result<Option<Difference>> {
         match &self.other {
             Some((path, other)) => {
-                let difference = Difference::between(record, other, outputs.tolerance);
+                let difference = Difference::between(record, other, self.outputs.tolerance);
                 Ok(Some(difference.with_context(|| cannot_be_compared(path))?))
             }
             None => Ok(None),
@@ -119,6 +128,8 @@ impl Prepared<'_> {
     }
 }
 
+/// Makes the text of a result.
+type Make<'m> = &'m dyn Fn() -> anyhow::Result<String>;
 type Draw = fn(&RunRecord) -> Result<String, plot::PlotError>;
 
 /// What `--plots` makes.
@@ -132,21 +143,17 @@ fn cannot_be_compared(path: &Path) -> String {
     format!("the run cannot be compared with {}", file_name(path))
 }
 
+/// Far longer than the record of the largest network, and far less than a computer's memory.
+const RECORD_MAX: u64 = 1 << 30;
+
 /// Reads a record.
 pub(super) fn read_record(path: &Path) -> anyhow::Result<RunRecord> {
-    let name = || file_name(path);
-    let text = fs::read_to_string(path).with_context(|| format!("{} cannot be read", name()))?;
-    RunRecord::from_json(&text).with_context(|| format!("{} cannot be used", name()))
+    let text = whole_file::read(path, RECORD_MAX)?;
+    RunRecord::from_json(&text).with_context(|| format!("{} cannot be used", file_name(path)))
 }
 
-/// Writes a file.
-pub(super) fn write(path: &Path, text: &str) -> anyhow::Result<()> {
-    fs::write(path, text).with_context(|| format!("{} cannot be written", file_name(path)))
-}
-
-/// Writes a file into a folder, which is made if it is not there.
-pub(super) fn write_into(folder: &Path, path: &Path, text: &str) -> anyhow::Result<()> {
-    fs::create_dir_all(folder)
-        .with_context(|| format!("the folder {} cannot be made", file_name(folder)))?;
-    write(path, text)
+/// Writes a file, if its text could be made.
+pub(super) fn write(path: &Path, text: anyhow::Result<String>) -> anyhow::Result<()> {
+    let text = text.with_context(|| format!("{} is not written", file_name(path)))?;
+    whole_file::write(path, text)
 }

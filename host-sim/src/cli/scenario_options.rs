@@ -21,13 +21,13 @@ pub(super) struct ScenarioOptions {
     #[arg(long, value_name = "K", value_parser = values::path, allow_negative_numbers = true)]
     path: Option<u64>,
     /// Stops that are planned in view of each camera.
-    #[arg(long, value_name = "N", allow_negative_numbers = true)]
+    #[arg(long, value_name = "N", value_parser = values::count, allow_negative_numbers = true)]
     stops: Option<usize>,
     /// Where these are: where they help most, or anywhere in view.
     #[arg(long, value_name = "HOW")]
     placement: Option<Place>,
     /// Cameras of a grid.
-    #[arg(long, value_name = "N", allow_negative_numbers = true)]
+    #[arg(long, value_name = "N", value_parser = values::count, allow_negative_numbers = true)]
     nodes: Option<usize>,
     /// How pictures come about: rendered and counted, or by a scan of equal angles as in Stage.
     #[arg(long, value_name = "KIND")]
@@ -85,10 +85,15 @@ impl ScenarioOptions {
             drift: self.drift,
             loss: self.loss,
         };
-        Scenario::load(&self.scenario, &changes).map_err(|error| match error {
+        Scenario::load(&self.scenario, &changes).map_err(|error| self.named(error))
+    }
+
+    /// What is wrong with the scenario, with its name.
+    pub(super) fn named(&self, error: ScenarioError) -> anyhow::Error {
+        match error {
             // These have the name in them.
             ScenarioError::Unknown { .. } | ScenarioError::File { .. } => error.into(),
             error => anyhow!("{}: {error}", self.scenario),
-        })
+        }
     }
 }

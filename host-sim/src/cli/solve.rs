@@ -1,13 +1,12 @@
 //! `host-sim solve`
 
 use std::{
-    fs,
     io::{self, BufWriter, StdoutLock, Write},
     path::{Path, PathBuf},
     process::ExitCode,
 };
 
-use anyhow::{Context, bail};
+use anyhow::bail;
 use clap::Args;
 use host_sim::{
     accuracy::Comparisons,
@@ -28,8 +27,10 @@ use nalgebra::Point2;
 use super::{
     camera_options::{CameraOptions, FOR_COLUMNS, USUAL_COLUMNS},
     file_name,
-    messages::{self, Messages, tell_assumed_sigma},
-    of_file, tell, values,
+    messages::{self, Messages, tell_assumed_sigma, tell_passed_over},
+    of_file,
+    run_outputs::write,
+    tell, unless_gone, values, writable,
 };
 
 /// Poses of cameras from recorded sightings of targets at known places.
@@ -56,13 +57,13 @@ pub(super) struct Arguments {
     #[arg(long, value_name = "SIGMAS", value_parser = values::positive)]
     reject: Option<f64>,
     /// Call poses uncertain whose predicted standard deviation of position is above this.
-    #[arg(long, value_name = "METRES", value_parser = values::positive)]
+    #[arg(long, value_name = "LENGTH", value_parser = values::positive)]
     max_sigma: Option<f64>,
     /// True poses to compare with: columns `case`, `x`, `y`, `theta_rad`.
     #[arg(long, value_name = "FILE.csv")]
     truth: Option<PathBuf>,
     /// Draw a map of the answers.
-    #[arg(long, value_name = "FILE.svg")]
+    #[arg(long, value_name = "FILE.svg", value_parser = values::result())]
     plot: Option<PathBuf>,
     /// One JSON object per line instead of a table.
     #[arg(long)]
@@ -88,8 +89,19 @@ Examples:
   host-sim solve sightings.csv --truth truth.csv --max-sigma 0.5 --plot map.svg
   host-sim solve blobs.csv --fov-deg 60 --columns 88 --projection equal-angle --json
 
-JSON: case, status (ok, uncertain, unreadable, or why it was refused), x, y, heading_rad (0 to
-2 pi), sigma_x, sigma_y, sigma_heading_rad (null where there is no pose), sightings, dropped.
+JSON: case, status, x, y, heading_rad (0 to 2 pi), sigma_x, sigma_y, sigma_heading_rad (null where
+there is no pose), sightings, dropped, chi_squared (about sightings - dropped - 3 where the sigmas
+are right, null where there is no pose).
+
+Status:
+  ok             a pose
+  uncertain      a pose whose predicted sigma is above --max-sigma, contradictory or not
+  contradictory  a pose that the sightings do not fit: only one in a thousand would fit as badly by
+                 chance, so a sighting, the camera or the sigmas given are wrong, and so may be pose
+                 and sigmas; three sightings always fit
+  unreadable     no pose: a row of the case could not be read
+  others         no pose: why it was refused
+--truth compares poses that are ok or contradictory, and counts them as kept.
 Messages, the count of cases and, with --json, the comparison with the truth go to the standard
 error output.
 
@@ -98,16 +110,17 @@ Exit codes:
   2  wrong options, or nothing could be read";
 
 pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
+    writable::check(arguments.plot.as_deref().as_slice(), None)?;
     let recording = read_sightings(arguments)?;
     let truths = match &arguments.truth {
         Some(path) => Some(read_truth(path, &recording)?),
         None => None,
     };
     let report = answer_all(arguments, &recording, truths.as_deref())?;
-    if let (Some(path), Some(cameras)) = (&arguments.plot, report.cameras) {
-        draw(arguments, path, cameras)?;
-    }
     print_summary(&report.tally, &file_name(&arguments.file));
+    if let (Some(path), Some(cameras)) = (&arguments.plot, report.cameras) {
+        write(path, draw(arguments, cameras))?;
+    }
     let nothing_read = report.tally.count(Status::Unreadable) == report.tally.total();
     Ok(ExitCode::from(if nothing_read { 2 } else { 0 }))
 }
@@ -130,6 +143,7 @@ fn read_sightings(arguments: &Arguments) -> anyhow::Result<Recording> {
     if recording.sigma_assumed() {
         tell_assumed_sigma(path);
     }
+    tell_passed_over(path, recording.passed_over());
     Ok(recording)
 }
 
@@ -172,8 +186,7 @@ fn answer_all(
         output.write(&answer)?;
         tally.add(answer.status);
         if let Some(solution) = &answer.solution {
-            let is_certain = answer.status == Status::Ok;
-            if let (Some(truths), true) = (truths, is_certain) {
+            if let (Some(truths), true) = (truths, answer.status.is_kept()) {
                 comparisons.add(&solution.pose, truths.get(place).and_then(Option::as_ref));
             }
             if let Some(cameras) = &mut cameras {
@@ -181,7 +194,7 @@ fn answer_all(
                     let camera = MapCamera {
                         name: answer.case.to_owned(),
                         pose: solution.pose,
-                        is_certain,
+                        is_certain: answer.status == Status::Ok,
                     };
                     (camera, case.sightings().map(|s| s.target).collect())
                 });
@@ -191,14 +204,17 @@ fn answer_all(
     }
     bar.finish_and_clear();
     let comparison = truths.map(|_| describe(comparisons, &tally, &arguments.unit));
-    output.finish(comparison)?;
+    unless_gone(output.finish(comparison))?;
     Ok(Report { tally, cameras })
 }
 
 fn describe(comparisons: Comparisons, tally: &Tally, unit: &str) -> String {
-    let (ok, all) = (tally.count(Status::Ok), tally.total());
-    let kept = 100.0 * ok as f64 / all as f64;
-    let kept = format!("Kept {kept:.1} %: {ok} of {all} cases\n");
+    let all = tally.total();
+    let sorted = tally.sorted();
+    let kept = sorted.iter().filter(|(status, _)| status.is_kept());
+    let kept: usize = kept.map(|(_, count)| count).sum();
+    let share = 100.0 * kept as f64 / all as f64;
+    let kept = format!("Kept {share:.1} %: {kept} of {all} cases\n");
     match comparisons.finish() {
         Some(accuracy) => format!("{}{kept}", accuracy.display(unit)),
         None => {
@@ -282,7 +298,7 @@ fn print_summary(tally: &Tally, file: &str) {
     }
 }
 
-fn draw(arguments: &Arguments, path: &Path, sample: EvenSample<Sketch>) -> anyhow::Result<()> {
+fn draw(arguments: &Arguments, sample: EvenSample<Sketch>) -> anyhow::Result<String> {
     let answered = sample.seen();
     let (cameras, targets): (Vec<_>, Vec<_>) = sample.finish().into_iter().unzip();
     let name = arguments
@@ -297,12 +313,10 @@ fn draw(arguments: &Arguments, path: &Path, sample: EvenSample<Sketch>) -> anyho
     } else {
         format!("Poses from {name}")
     };
-    let svg = plot::svg(&Map {
+    Ok(plot::svg(&Map {
         title,
         unit: arguments.unit.clone(),
         cameras,
         targets: targets.into_iter().flatten().collect(),
-    });
-    let svg = svg.with_context(|| format!("{} is not written", path.display()))?;
-    fs::write(path, svg).with_context(|| format!("{} cannot be written", path.display()))
+    })?)
 }

@@ -22,8 +22,8 @@ use host_sim::{
 use super::{
     camera_options::{CameraOptions, FOR_COLUMNS, USUAL_COLUMNS},
     file_name,
-    messages::tell_assumed_sigma,
-    of_file, tell, values,
+    messages::{tell_assumed_sigma, tell_passed_over},
+    of_file, tell, unless_gone, values,
 };
 
 /// Headings of two reference cameras from stops of a target that both saw.
@@ -78,14 +78,16 @@ Examples:
   host-sim solve-reference stops.csv --baseline 10 --displacement-sigma 0.05
   host-sim solve-reference blobs.csv --baseline unknown --fov-deg 60 --projection equal-angle
 
-JSON: status (ok, ambiguous, or why it was refused), candidates, best and alternative (or null),
+JSON: status (ok, ambiguous, contradictory, or why it was refused), candidates, best and alternative (or null),
 each with heading_0_rad, heading_1_rad, sigma_heading_0_rad, sigma_heading_1_rad, baseline,
 sigma_baseline, frame_heading_rad, sigma_frame_heading_rad (sigmas of what was given are 0), stops
 (stop, x, y, sigma_x, sigma_y), chi_squared, degrees_of_freedom, iterations, condition.
+Contradictory: only one in a thousand answers would fit as badly by chance, so a stop, the baseline,
+the frame heading, the camera or the sigmas given are wrong, and so may be the answer and its sigmas.
 
 Exit codes:
   0  there is an answer, or two that fit as well as each other
-  1  the stops were read, but have no answer
+  1  the stops were read, but have no answer, or only a contradictory one
   2  wrong options, or the file could not be read";
 
 #[derive(Clone, Copy, Default, ValueEnum)]
@@ -128,6 +130,7 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
     if read.sigma_assumed {
         tell_assumed_sigma(path);
     }
+    tell_passed_over(path, read.passed_over);
     let known = Known {
         baseline: arguments.baseline.0,
         frame_heading: arguments.frame_heading_deg.0.map(f64::to_radians),
@@ -135,12 +138,38 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
     let outcome = reference::solve(&read.stops, &known, &arguments.method.settings());
     let line = ReferenceLine::new(&outcome, &read.names, &read.stops);
 
+    unless_gone(write(&line, arguments))?;
+    let name = file_name(path);
+    Ok(match outcome {
+        Ok(outcome) if line.status == ReferenceLine::CONTRADICTORY => {
+            let best = &outcome.best;
+            tell(format_args!(
+                "{name}: {}: the stops contradict each other (chi squared {:.1}, degrees of \
+                 freedom {}), so neither headings nor sigmas can be relied on: check --baseline, \
+                 --frame-heading-deg, the camera and the sigmas given, look for a wrong stop, or \
+                 stop the target at more places",
+                line.status, best.chi_squared, best.degrees_of_freedom
+            ));
+            ExitCode::from(1)
+        }
+        Ok(_) => ExitCode::SUCCESS,
+        Err(refusal) => {
+            tell(format_args!("{name}: {}: {refusal}", refusal.name()));
+            ExitCode::from(1)
+        }
+    })
+}
+
+fn write(line: &ReferenceLine<'_>, arguments: &Arguments) -> io::Result<()> {
     let mut out = BufWriter::new(io::stdout().lock());
     if arguments.json {
-        serde_json::to_writer(&mut out, &line).map_err(io::Error::from)?;
+        serde_json::to_writer(&mut out, line)?;
         writeln!(out)?;
     } else if let Some(best) = &line.best {
         table::write_reference(&mut out, best, &arguments.unit)?;
+        if line.status == ReferenceLine::CONTRADICTORY {
+            writeln!(out, "contradictory: the stops do not fit this answer")?;
+        }
         match &line.alternative {
             None => writeln!(out, "candidates: {}", line.candidates)?,
             Some(other) => {
@@ -153,16 +182,5 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
             }
         }
     }
-    out.flush()?;
-    Ok(match outcome {
-        Ok(_) => ExitCode::SUCCESS,
-        Err(refusal) => {
-            tell(format_args!(
-                "{}: {}: {refusal}",
-                file_name(path),
-                refusal.name()
-            ));
-            ExitCode::from(1)
-        }
-    })
+    out.flush()
 }

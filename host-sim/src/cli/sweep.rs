@@ -1,26 +1,16 @@
 //! `host-sim sweep`
 
-use std::{
-    io::{self, Write},
-    num::NonZeroUsize,
-    process::ExitCode,
-    thread,
-};
+use std::{collections::BTreeSet, num::NonZeroUsize, process::ExitCode, thread};
 
-use anyhow::Context;
+use anyhow::{Context, ensure};
 use clap::Args;
-use host_sim::{
-    network::run_all,
-    record::{RunRecord, sweep::Sweep},
-    report::sweep::sweep_report,
-    scenario::Scenario,
-};
+use host_sim::{network::run_all, record::sweep::Sweep, scenario::Scenario};
 use indicatif::{ProgressBar, ProgressStyle};
 
 use super::{
     run_outputs::FOR_RESULTS,
     scenario_options::{FOR_SCENARIO, ScenarioOptions},
-    sweep_outputs::SweepOutputs,
+    sweep_outputs::{self, Incomplete, SweepOutputs},
     values::{self, Seeds},
 };
 
@@ -33,14 +23,14 @@ pub(super) struct Arguments {
     #[command(flatten, next_help_heading = FOR_SCENARIO)]
     scenario: ScenarioOptions,
     /// The seeds, both ends included: `1..50` are fifty runs.
-    #[arg(long, value_name = "A..B", value_parser = values::seeds)]
+    #[arg(long, value_name = "A..B", value_parser = values::seeds, allow_hyphen_values = true)]
     seeds: Seeds,
     /// All these paths with every seed, such as `1,2,3`.
     #[arg(long, value_name = "K,...", value_delimiter = ',', conflicts_with = "path",
-        value_parser = values::path)]
+        value_parser = values::path, allow_negative_numbers = true)]
     paths: Vec<u64>,
     /// Runs at a time. Default: one for each processor.
-    #[arg(long, value_name = "N")]
+    #[arg(long, value_name = "N", value_parser = values::jobs, allow_negative_numbers = true)]
     jobs: Option<NonZeroUsize>,
     #[command(flatten, next_help_heading = FOR_RESULTS)]
     outputs: SweepOutputs,
@@ -52,9 +42,6 @@ Exit codes:
   1  one is not
   2  wrong options, an impossible scenario, or a file could not be written";
 
-/// Runs that are named when not all of their cameras were calibrated.
-const NAMED: usize = 10;
-
 pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
     arguments.outputs.check()?;
     let scenarios = scenarios(arguments)?;
@@ -63,31 +50,30 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
         None => thread::available_parallelism().unwrap_or(NonZeroUsize::MIN),
     };
     let bar = bar(scenarios.len());
-    let mut sweep = Sweep::default();
-    let mut incomplete = Vec::new();
+    let (mut sweep, mut incomplete) = (Sweep::default(), Incomplete::default());
     run_all(&scenarios, jobs, |record| {
         bar.inc(1);
-        if record.summary.calibrated < record.summary.expected {
-            incomplete.push(name(&record));
-        }
+        incomplete.look_at(&record);
         sweep.add(&record).map_err(anyhow::Error::from)
+    })
+    .map_err(|error| match error.downcast() {
+        Ok(error) => arguments.scenario.named(error),
+        Err(error) => error,
     })?;
     bar.finish_and_clear();
     let report = sweep.finish().context("there are no seeds")?;
-    arguments.outputs.write(&report)?;
-    let mut text = sweep_report(&report);
-    for name in incomplete.iter().take(NAMED) {
-        text += &format!("{name}\n");
-    }
-    if let Some(more @ 1..) = incomplete.len().checked_sub(NAMED) {
-        text += &format!("and {more} runs more\n");
-    }
-    io::stdout().write_all(text.as_bytes())?;
-    Ok(ExitCode::from(u8::from(!incomplete.is_empty())))
+    sweep_outputs::finish(&report, &incomplete, &arguments.outputs)
 }
 
 /// One for every path and seed.
 fn scenarios(arguments: &Arguments) -> anyhow::Result<Vec<Scenario>> {
+    let mut seen = BTreeSet::new();
+    for path in &arguments.paths {
+        ensure!(
+            seen.insert(path),
+            "path {path} is named twice: leave one out"
+        );
+    }
     let paths: Vec<_> = match arguments.paths.as_slice() {
         [] => vec![None],
         paths => paths.iter().copied().map(Some).collect(),
@@ -101,16 +87,6 @@ fn scenarios(arguments: &Arguments) -> anyhow::Result<Vec<Scenario>> {
         }
     }
     Ok(scenarios)
-}
-
-fn name(record: &RunRecord) -> String {
-    let path = record
-        .path
-        .map_or_else(String::new, |path| format!("path {path}, "));
-    format!(
-        "{path}seed {}: {} of {} cameras calibrated",
-        record.seed, record.summary.calibrated, record.summary.expected
-    )
 }
 
 /// Only where somebody looks: `indicatif` hides it otherwise.

@@ -1,11 +1,41 @@
 //! Values of options, with messages that say what is allowed.
 
-use std::time::Duration;
+use std::{num::NonZeroUsize, path::PathBuf, time::Duration};
 
+use clap::builder::{PathBufValueParser, TypedValueParser};
 use host_sim::scenario::PATH_MAX;
 
 /// All scenarios of a sweep are in memory.
 const MOST_SEEDS: u64 = 100_000;
+
+/// Where a result goes. `-` would become a file of that name, for which nobody looks.
+pub(super) fn result() -> impl TypedValueParser<Value = PathBuf> {
+    PathBufValueParser::new().try_map(|path| {
+        if path.as_os_str() == "-" {
+            Err("name a file; /dev/stdout is the screen")
+        } else {
+            Ok(path)
+        }
+    })
+}
+
+/// How many.
+pub(super) fn count(text: &str) -> Result<usize, String> {
+    let needed = |_| "a whole number is needed, such as 3".to_owned();
+    text.parse().map_err(needed)
+}
+
+/// How many at a time.
+pub(super) fn jobs(text: &str) -> Result<NonZeroUsize, String> {
+    let needed = |_| "a whole number from 1 is needed".to_owned();
+    text.parse().map_err(needed)
+}
+
+/// The root of randomness.
+pub(super) fn seed(text: &str) -> Result<u64, String> {
+    let needed = |_| format!("a whole number from 0 to {} is needed", u64::MAX);
+    text.parse().map_err(needed)
+}
 
 /// A finite number.
 pub(super) fn finite(text: &str) -> Result<f64, String> {

@@ -60,7 +60,7 @@ fn check_apart(file: &Path, seen: &mut Vec<PathBuf>) -> anyhow::Result<()> {
 }
 
 /// Where a file is or will be: the same for all of its names.
-fn place(file: &Path) -> PathBuf {
+pub(super) fn place(file: &Path) -> PathBuf {
     let mut place = resolved(file);
     // Left are links to what is not there yet.
     for _ in 0..LINKS_MAX {
@@ -138,7 +138,7 @@ fn try_folder(folder: &Path) -> anyhow::Result<()> {
     Ok(())
 }
 
-fn folder_of(path: &Path) -> &Path {
+pub(super) fn folder_of(path: &Path) -> &Path {
     match path.parent() {
         Some(parent) if !parent.as_os_str().is_empty() => parent,
         _ => Path::new("."),

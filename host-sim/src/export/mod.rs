@@ -13,6 +13,7 @@ pub use ros::ros_launch;
 #[derive(Serialize)]
 struct CsvRow {
     camera: u16,
+    network: u16,
     reference: bool,
     status: &'static str,
     x: Option<f64>,
@@ -36,16 +37,17 @@ struct CsvRow {
     sightings: usize,
 }
 
-/// `calibrated`, or why not: a refusal's name, or `no_pose`.
-fn status(camera: &Node) -> &'static str {
+/// `calibrated`, or why not: `contradicted` by its sightings, a refusal's name, or `no_pose`.
+fn status(record: &RunRecord, camera: &Node) -> &'static str {
     match (&camera.estimate, camera.refusal) {
+        (Some(_), _) if camera.contradicted(&record.limits).is_some() => "contradicted",
         (Some(_), _) => "calibrated",
         (None, Some(refusal)) => refusal.name(),
         (None, None) => "no_pose",
     }
 }
 
-/// One row per camera: `camera`, `reference`, `status` (`calibrated`, or why not), the pose (`x`,
+/// One row per camera: `camera`, `network` (in whose frame the row is), `reference`, `status` (`calibrated`, or why not), the pose (`x`,
 /// `y`, `heading_deg`), its sigmas (`sigma_...`), the upper triangle of its covariance (`cov_xx`,
 /// `cov_xy`, `cov_xt`, `cov_yy`, `cov_yt`, `cov_tt`, headings in degrees), the truth
 /// (`true_...`), the error (`error_...`), and `sightings`.
@@ -58,8 +60,9 @@ pub fn csv(record: &RunRecord) -> Result<String, csv::Error> {
         let covariance = |k: usize| estimate.and_then(|e| e.covariance.get(k).copied());
         CsvRow {
             camera: camera.id,
+            network: camera.network,
             reference: camera.reference,
-            status: status(camera),
+            status: status(record, camera),
             x: estimate.map(|e| e.x),
             y: estimate.map(|e| e.y),
             heading_deg: estimate.map(|e| e.heading_deg),
@@ -96,9 +99,9 @@ pub(crate) fn to_csv(rows: impl Iterator<Item = impl Serialize>) -> Result<Strin
     Ok(String::from_utf8_lossy(&bytes).into_owned())
 }
 
-/// A network's poses in YAML.
+/// Poses in YAML.
 #[derive(Serialize)]
-struct YamlNetwork<'a> {
+struct YamlPoses<'a> {
     format: u32,
     scenario: &'a str,
     seed: u64,
@@ -109,6 +112,7 @@ struct YamlNetwork<'a> {
 #[derive(Serialize)]
 struct YamlCamera {
     id: u16,
+    network: u16,
     reference: bool,
     status: &'static str,
     pose: Option<YamlPose>,
@@ -122,8 +126,8 @@ struct YamlPose {
     covariance: serde_saphyr::FlowSeq<[f64; 9]>,
 }
 
-/// `format` (1), `scenario`, `seed`, `unit` (`name`, `metres`), `cameras`: each with `id`,
-/// `reference`, `status` (`calibrated`, or why not) and `pose`, null without one: `x`, `y` in the
+/// `format` (2), `scenario`, `seed`, `unit` (`name`, `metres`), `cameras`: each with `id`,
+/// `network` (in whose frame it is), `reference`, `status` (`calibrated`, or why not) and `pose`, null without one: `x`, `y` in the
 /// unit, `heading_rad`, and `covariance` of these three, 3 x 3 by rows.
 ///
 /// # Errors
@@ -131,8 +135,9 @@ struct YamlPose {
 pub fn yaml(record: &RunRecord) -> Result<String, serde_saphyr::ser::Error> {
     let cameras = record.cameras().map(|camera| YamlCamera {
         id: camera.id,
+        network: camera.network,
         reference: camera.reference,
-        status: status(camera),
+        status: status(record, camera),
         pose: camera.estimate.map(|estimate| {
             let pose = estimate.pose();
             let c = pose.covariance;
@@ -146,15 +151,15 @@ pub fn yaml(record: &RunRecord) -> Result<String, serde_saphyr::ser::Error> {
             }
         }),
     });
-    let network = YamlNetwork {
-        format: 1,
+    let poses = YamlPoses {
+        format: 2,
         scenario: &record.scenario,
         seed: record.seed,
         unit: &record.unit,
         cameras: cameras.collect(),
     };
     let head = format!("# Camera poses: {}\n", one_line(&record.title()));
-    Ok(head + &to_yaml(&network)?)
+    Ok(head + &to_yaml(&poses)?)
 }
 
 /// One value per line, however long it is.

@@ -5,8 +5,14 @@ use serde::Serialize;
 use super::{one_line, to_yaml};
 use crate::record::{Node, RunRecord};
 
-/// Parent of all frames.
-const WORLD: &str = "world";
+/// The frame of a network, parent of its cameras' frames. Nothing says where the frames of several
+/// networks are to one another.
+fn world(record: &RunRecord, network: u16) -> String {
+    match record.has_networks() {
+        true => format!("world_{network}"),
+        false => "world".to_owned(),
+    }
+}
 
 #[derive(Serialize)]
 struct Launch {
@@ -37,7 +43,8 @@ struct Let {
 }
 
 /// A launch file in YAML, for `ros2 launch poses.launch.yaml`: one `static_transform_publisher`
-/// per calibrated camera, from the frame `world` to `camera_<id>`, in metres and radians.
+/// per calibrated camera, from the frame `world` to `camera_<id>`, in metres and radians. Where there
+/// are several networks, each has a frame `world_<network>` of its own.
 ///
 /// A camera's frame is that of REP 103 for bodies: x along the optical axis, y to the left, z up.
 /// A static transform carries no covariance, so the file also sets the launch configuration
@@ -51,7 +58,8 @@ pub fn ros_launch(record: &RunRecord) -> Result<String, serde_saphyr::ser::Error
     let metres = record.unit.metres;
     let actions = record
         .cameras()
-        .filter_map(|camera| actions(camera, metres));
+        .filter(|camera| camera.contradicted(&record.limits).is_none())
+        .filter_map(|camera| actions(camera, &world(record, camera.network), metres));
     let launch = Launch {
         launch: actions.flatten().collect(),
     };
@@ -63,7 +71,7 @@ pub fn ros_launch(record: &RunRecord) -> Result<String, serde_saphyr::ser::Error
     Ok(head + &to_yaml(&launch)?)
 }
 
-fn actions(camera: &Node, metres: f64) -> Option<[Action; 2]> {
+fn actions(camera: &Node, world: &str, metres: f64) -> Option<[Action; 2]> {
     let estimate = camera.estimate?;
     let pose = estimate.pose();
     let (x, y) = (estimate.x * metres, estimate.y * metres);
@@ -85,7 +93,7 @@ fn actions(camera: &Node, metres: f64) -> Option<[Action; 2]> {
             exec: "static_transform_publisher",
             name: format!("camera_{id}_pose"),
             args: format!(
-                "--x {x} --y {y} --z 0 --roll 0 --pitch 0 --yaw {yaw} --frame-id {WORLD} \
+                "--x {x} --y {y} --z 0 --roll 0 --pitch 0 --yaw {yaw} --frame-id {world} \
                  --child-frame-id camera_{id}"
             ),
         }),

@@ -2,7 +2,7 @@
 
 use std::{
     cell::{Cell, RefCell},
-    collections::BTreeMap,
+    collections::{BTreeMap, BTreeSet},
     future::poll_fn,
     rc::Rc,
     task::{Poll, Waker},
@@ -116,7 +116,9 @@ impl Console {
             ToPc::Member { address, hello } => {
                 let mut members = shared.members.borrow_mut();
                 members.insert(*address, *hello);
-                if members.len() >= shared.expected {
+                // Whoever joined again has two addresses.
+                let present: BTreeSet<u16> = members.values().map(|hello| hello.id).collect();
+                if present.len() >= shared.expected {
                     shared.complete.complete();
                 }
             }
@@ -128,5 +130,35 @@ impl Console {
             }
             _ => {}
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use node_firmware::message::Kind;
+
+    use super::*;
+    use crate::{
+        network::{Options, Simulation},
+        scenario::{Overrides, Scenario},
+    };
+
+    #[test]
+    fn a_camera_that_joins_again_elsewhere_is_counted_once() {
+        let lab = Scenario::load("lab", &Overrides::default()).unwrap();
+        let simulation = Simulation::new(lab, Options::default()).unwrap();
+        let console = &simulation.consoles[0];
+        let tell = |address, id| {
+            let kind = Kind::Camera { reference: None };
+            let hello = Hello { id, kind };
+            console.take(&ToPc::Member { address, hello });
+            console.roll_call().is_complete.get()
+        };
+        assert_eq!(console.0.expected, 7);
+        for id in 1..=6 {
+            assert!(!tell(id, id));
+        }
+        assert!(!tell(9, 1), "camera 7 is missing");
+        assert!(tell(7, 7));
     }
 }

@@ -12,8 +12,8 @@ use node_firmware::{
 use super::{Simulation, console::Console, journal::NodeEntry, provision};
 use crate::{
     record::{
-        Believed, FORMAT, Failure, Limits, Node, Place, Radio, Role, RunRecord, Stop, Target, Unit,
-        View, summary::Summary,
+        self, Believed, FORMAT, Failure, Limits, Node, Place, Radio, Role, RunRecord, Stop, Target,
+        Unit, View, heading_degrees, summary::Summary,
     },
     scenario::{CameraNode, Frame, Network},
     sim::{
@@ -35,15 +35,21 @@ pub(super) fn record(simulation: &Simulation, wall_seconds: f64) -> RunRecord {
     let mut nodes = Vec::new();
     let mut targets = Vec::new();
     let mut obstacles = Vec::new();
+    let mut frames = Vec::new();
     let networks = simulation.site.networks.iter().zip(&simulation.consoles);
     for (number, (network, console)) in (0..).zip(networks) {
         let references = references(network, console);
         let frame = simulation.site.frame(network, references);
+        frames.push(frame);
         if number == 0 {
             let all = simulation.site.world.obstacles().iter();
             obstacles.extend(all.map(|obstacle| outline(obstacle, &frame)));
         }
-        let coordinator = Node::new(provision::coordinator_id(number), Role::Coordinator);
+        let of_network = |id, role| Node {
+            network: number + 1,
+            ..Node::new(id, role)
+        };
+        let coordinator = of_network(provision::coordinator_id(number), Role::Coordinator);
         nodes.push(with_traffic(simulation, coordinator));
         let mut numbers = Numbers::new();
         for target in &network.targets {
@@ -55,20 +61,25 @@ pub(super) fn record(simulation: &Simulation, wall_seconds: f64) -> RunRecord {
             );
             targets.push(Target {
                 id: target.id,
+                network: number + 1,
                 path: stops.iter().map(|stop| [stop.x, stop.y]).collect(),
                 stops,
             });
-            nodes.push(with_traffic(simulation, Node::new(target.id, Role::Target)));
+            nodes.push(with_traffic(
+                simulation,
+                of_network(target.id, Role::Target),
+            ));
         }
         for (place, camera) in network.cameras.iter().enumerate() {
-            let mut node = Node::new(camera.id, Role::Camera);
+            let mut node = of_network(camera.id, Role::Camera);
             node.reference = references.contains(&place);
             node.expected = true;
             describe(&mut node, simulation, &frame, camera);
             take_report(&mut node, console);
             let entry = simulation.entry(camera.id);
             let sightings = sightings(&entry, console, &numbers);
-            if !sightings.is_empty() {
+            // What a reference saw before it had its answer did not make the answer.
+            if !sightings.is_empty() && !node.reference {
                 node.set_sightings(
                     sightings
                         .iter()
@@ -95,6 +106,13 @@ pub(super) fn record(simulation: &Simulation, wall_seconds: f64) -> RunRecord {
             sigma_position: scenario.firmware.weak_sigma * 2_f64.sqrt(),
             sigma_heading_deg: WEAK_HEADING_DEG,
         },
+        networks: (1..)
+            .zip(&frames)
+            .map(|(network, frame)| record::Network {
+                network,
+                frame: within(frame, &frames[0]),
+            })
+            .collect(),
         summary: Summary::of(&nodes),
         nodes,
         targets,
@@ -102,6 +120,16 @@ pub(super) fn record(simulation: &Simulation, wall_seconds: f64) -> RunRecord {
         radio: radio(&simulation.medium, sim_seconds),
         sim_seconds,
         wall_seconds: Some(wall_seconds),
+    }
+}
+
+/// Where a frame is in another one.
+fn within(frame: &Frame, other: &Frame) -> Place {
+    let origin = other.place(frame.origin);
+    Place {
+        x: origin.x,
+        y: origin.y,
+        heading_deg: heading_degrees(other.direction(frame.heading)),
     }
 }
 

@@ -7,6 +7,7 @@ use node_firmware::{
         CameraConfig, Config, CoordinatorConfig, Duty, Reference, Role, SensorConfig, Sigmas,
         SiteKey, Subjects, TargetConfig,
     },
+    role::camera::REFERENCE_STOPS,
     sight::{ColourWindow, Lens},
 };
 use rand::Rng;
@@ -157,6 +158,7 @@ impl Plan<'_> {
             motion,
             ..
         } = self.scenario.firmware;
+        let wanted = self.scenario.stops;
         let network = self.network;
         let known = &network.known;
         let (projection, degrees) = camera.model_lens;
@@ -197,8 +199,10 @@ impl Plan<'_> {
             frame_heading_deg: known
                 .frame_heading
                 .map(|heading| heading.to_degrees() as f32),
-            reference_stops: self.scenario.stops.min(8) as u8,
-            stops: stops.unwrap_or(self.scenario.stops.min(16) as u8),
+            // As many as are planned: their order is that of the whole way.
+            reference_stops: wanted.min(REFERENCE_STOPS) as u8,
+            // The scenario's are checked to be no more than a camera keeps.
+            stops: stops.unwrap_or(wanted as u8),
             refine,
             good_enough: Sigmas {
                 // A scenario's 0 is what no camera reaches; a configuration has no such value.

@@ -10,7 +10,11 @@ use plotters::{
     style::text_anchor::{HPos, Pos, VPos},
 };
 
-use super::{PlotError, view::View};
+use super::{
+    PlotError,
+    fine::{Fine, fine, sized},
+    view::View,
+};
 
 pub(super) const CAMERA: RGBColor = RGBColor(31, 98, 178);
 pub(super) const UNCERTAIN: RGBColor = RGBColor(150, 150, 150);
@@ -26,14 +30,14 @@ pub(super) const X_LABELS: u32 = 46;
 pub(super) const Y_LABELS: u32 = 64;
 pub(super) const LEFT: u32 = 12;
 pub(super) const RIGHT: u32 = 28;
+pub(super) const TICK: u32 = 5;
 const TICK_DISTANCE: f64 = 85.0;
 pub(super) const ARROW: f64 = 24.0;
 
 pub(super) type Drawn = Result<(), Box<dyn Error>>;
-pub(super) type Root<'a> = DrawingArea<SVGBackend<'a>, Shift>;
+pub(super) type Root<'a> = DrawingArea<Fine<'a>, Shift>;
 /// Where things are drawn at places in the world, or at values.
-pub(super) type Plane<'a> =
-    DrawingArea<SVGBackend<'a>, Cartesian2d<RangedCoordf64, RangedCoordf64>>;
+pub(super) type Plane<'a> = DrawingArea<Fine<'a>, Cartesian2d<RangedCoordf64, RangedCoordf64>>;
 
 /// One entry of a legend, without colour for a remark.
 pub(super) struct Entry {
@@ -65,25 +69,33 @@ pub(super) fn drawing(
     let mut text = String::new();
     let failed = |error: Box<dyn Error>| PlotError::Drawing(error.to_string());
     {
-        let root = SVGBackend::with_string(&mut text, size).into_drawing_area();
+        let root = Fine::new(&mut text, size).into_drawing_area();
         root.fill(&WHITE).map_err(|error| failed(error.into()))?;
         draw(&root).map_err(failed)?;
         root.present().map_err(|error| failed(error.into()))?;
     }
-    Ok(text)
+    // No XML may contain them; names come from records, and those from anywhere.
+    text.retain(|c| c == '\n' || !(c.is_control() || matches!(c, '\u{fffe}' | '\u{ffff}')));
+    Ok(sized(&text, size))
+}
+
+/// A place on a drawing, in pixels.
+fn at(x: i32, y: i32) -> (i32, i32) {
+    let pixel = fine(1) as i32;
+    (x * pixel, y * pixel)
 }
 
 /// Title and legend, above the drawing where they hide nothing.
 pub(super) fn draw_head(root: &Root<'_>, title: &str, legend: &[Entry]) -> Drawn {
     let left = (LEFT + Y_LABELS) as i32;
     let style = (FONT, 20).into_font().color(&INK);
-    root.draw(&Text::new(title, (left, 14), style))?;
+    root.draw(&Text::new(title, at(left, 14), style))?;
     // Text is not measured: about seven pixels a letter at this size.
     let width = |entry: &Entry| {
         let dot = if entry.colour.is_some() { 16 } else { 0 };
         dot + entry.text.chars().count() as i32 * 7
     };
-    let right = root.dim_in_pixel().0 as i32;
+    let right = (root.dim_in_pixel().0 / fine(1)) as i32;
     let (mut x, mut line, mut places) = (left, 0, Vec::new());
     for entry in legend {
         if x > left && x + width(entry) > right {
@@ -96,11 +108,11 @@ pub(super) fn draw_head(root: &Root<'_>, title: &str, legend: &[Entry]) -> Drawn
     for (Entry { text, colour }, mut x, line) in places {
         let y = first + 19 * line;
         if let Some(colour) = colour {
-            root.draw(&Circle::new((x + 5, y), 5, colour.filled()))?;
+            root.draw(&Circle::new(at(x + 5, y), 5, colour.filled()))?;
             x += 16;
         }
         let style = (FONT, 14).into_font().color(&INK);
-        root.draw(&Text::new(text.as_str(), (x, y - 6), style))?;
+        root.draw(&Text::new(text.as_str(), at(x, y - 6), style))?;
     }
     Ok(())
 }
@@ -121,17 +133,18 @@ pub(super) fn map_plane<'a>(
     unit: &str,
 ) -> Result<Plane<'a>, Box<dyn Error>> {
     let mut chart = ChartBuilder::on(root)
-        .margin_top(HEAD)
-        .margin_right(RIGHT)
-        .margin_left(LEFT)
-        .margin_bottom(LEFT)
-        .x_label_area_size(X_LABELS)
-        .y_label_area_size(Y_LABELS)
+        .margin_top(fine(HEAD))
+        .margin_right(fine(RIGHT))
+        .margin_left(fine(LEFT))
+        .margin_bottom(fine(LEFT))
+        .x_label_area_size(fine(X_LABELS))
+        .y_label_area_size(fine(Y_LABELS))
         .build_cartesian_2d(view.low.x..view.high.x, view.low.y..view.high.y)?;
     let digits = (1.0 - (TICK_DISTANCE / view.scale).log10()).clamp(1.0, 12.0) as usize;
     let tick = |value: &f64| short(*value, digits);
     chart
         .configure_mesh()
+        .set_all_tick_mark_size(fine(TICK))
         .x_desc(format!("x [{unit}]"))
         .y_desc(format!("y [{unit}]"))
         .axis_desc_style((FONT, 16).into_font().color(&INK))

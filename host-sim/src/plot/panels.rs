@@ -7,7 +7,10 @@ use plotters::{
     style::text_anchor::{HPos, Pos, VPos},
 };
 
-use super::frame::{FONT, GRID, HEAD, INK, LEFT, Plane, RIGHT, Root, Y_LABELS, short};
+use super::{
+    fine::fine,
+    frame::{FONT, GRID, HEAD, INK, LEFT, Plane, RIGHT, Root, TICK, Y_LABELS, short},
+};
 
 /// Height of a panel and of the names below it, pixels.
 const HEIGHT: u32 = 230;
@@ -52,7 +55,7 @@ impl Panels {
         let (_, height) = self.size();
         let top = HEAD + place * (HEIGHT + NAMES);
         root.clone()
-            .margin(top, height - top - HEIGHT - NAMES, 0, 0)
+            .margin(fine(top), fine(height - top - HEIGHT - NAMES), 0, 0)
     }
 
     /// The panel at a place from above, x being 0, 1, 2 for the things by name.
@@ -80,7 +83,7 @@ impl Panels {
             let (x, _) = plane.map_coordinate(&(place as f64, y.start));
             root.draw(&Text::new(
                 name.as_str(),
-                (x, y_pixels.end + 6),
+                (x, y_pixels.end + fine(6) as i32),
                 style.clone(),
             ))?;
         }
@@ -107,17 +110,18 @@ fn axes<'a>(
     x_labels: usize,
 ) -> Result<Plane<'a>, Box<dyn Error>> {
     let mut chart = ChartBuilder::on(area)
-        .margin_right(RIGHT)
-        .margin_left(LEFT)
-        .margin_top(8)
-        .x_label_area_size(NAMES + 2)
-        .y_label_area_size(Y_LABELS)
+        .margin_right(fine(RIGHT))
+        .margin_left(fine(LEFT))
+        .margin_top(fine(8))
+        .x_label_area_size(fine(NAMES + 2))
+        .y_label_area_size(fine(Y_LABELS))
         .build_cartesian_2d(x, y.clone())?;
     let digits = (2.0 - (y.end - y.start).log10()).clamp(0.0, 12.0) as usize;
     let mut mesh = chart.configure_mesh();
     let tick = |value: &f64| short(*value, digits);
     let x_tick = |value: &f64| short(*value, 1);
-    mesh.y_desc(y_desc)
+    mesh.set_all_tick_mark_size(fine(TICK))
+        .y_desc(y_desc)
         .x_desc(x_desc)
         .axis_desc_style((FONT, 14).into_font().color(&INK))
         .label_style((FONT, 12).into_font().color(&INK))

@@ -7,6 +7,7 @@ use plotters::prelude::*;
 
 use super::{
     MOST_NAMES, PlotError,
+    fine::fine,
     frame::{
         self, ARROW, BAD, CAMERA, Drawn, Entry, INK, Plane, Root, TARGET, UNCERTAIN, draw_arrow,
         draw_head, draw_name, draw_outline, ellipse, map_plane, to_pair,
@@ -30,11 +31,21 @@ const MOST_VIEWS: usize = 120;
 
 /// The map of a run: true cameras with their fields of view, estimates with 95 % ellipses, the
 /// targets' ways, their true and believed stops, and obstacles. Where estimates would hide behind
-/// the truth, errors and ellipses are drawn larger than they are, and the map says so.
+/// the truth, errors and ellipses are drawn larger than they are, and the map says so. Several
+/// networks, each of which knows places in a frame of its own only, are drawn where they really are,
+/// in the frame of the first one.
 ///
 /// # Errors
 /// [`PlotError`]
 pub fn map(record: &RunRecord) -> Result<String, PlotError> {
+    if record.has_networks() {
+        map_in_one_frame(&record.in_one_frame())
+    } else {
+        map_in_one_frame(record)
+    }
+}
+
+fn map_in_one_frame(record: &RunRecord) -> Result<String, PlotError> {
     let cameras: Vec<&Node> = record.cameras().collect();
     let truths = cameras.iter().filter_map(|camera| place(camera));
     let positions: Vec<Point2<f64>> = truths.map(|pose| pose.position).collect();
@@ -132,6 +143,12 @@ impl RunMap<'_> {
             legend.push(Entry::new(format!("{lost} not calibrated"), BAD));
         }
         legend.push(Entry::new("way and stops, ring: believed", TARGET));
+        if self.record.has_networks() {
+            let count = self.record.networks.len();
+            legend.push(Entry::remark(format!(
+                "{count} networks where they really are, frame of the first"
+            )));
+        }
         if self.times > 1.0 {
             legend.push(Entry::remark(format!("errors drawn {} x", self.times)));
         }
@@ -269,7 +286,8 @@ pub fn errors(record: &RunRecord) -> Result<String, PlotError> {
             level(&plane, 0.0, INK)?;
             for (x, value) in values.iter().enumerate() {
                 let (x, &Some((error, sigma))) = (x as f64, value) else {
-                    plane.draw(&Cross::new((x as f64, 0.0), 4, BAD.stroke_width(2)))?;
+                    let cross = Cross::new((x as f64, 0.0), fine(4), BAD.stroke_width(2));
+                    plane.draw(&cross)?;
                     continue;
                 };
                 for (times, opacity) in [(2.0, 0.18), (1.0, 0.3)] {

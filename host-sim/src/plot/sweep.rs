@@ -61,11 +61,12 @@ pub fn sweep(report: &SweepReport) -> Result<String, PlotError> {
             let plane = panels.free_panel(
                 root,
                 2,
-                ("stops, in order of their numbers", -0.5..last),
+                ("stops, in order of their numbers", 0.5..last + 0.5),
                 (&format!("stop [{}]", report.unit), 0.0..top(&stops)),
             )?;
-            for (x, row) in stops.iter().enumerate() {
-                draw_box(&plane, x as f64, 0.3, row)?;
+            // Counted from 1, as the table counts them.
+            for (x, row) in (1..).zip(&stops) {
+                draw_box(&plane, f64::from(x), 0.3, row)?;
             }
         }
         Ok(())

@@ -142,6 +142,11 @@ impl Recording {
             .append(true)
             .create(true)
             .open(path)
+            .and_then(|file| match file.metadata()?.is_file() {
+                true => Ok(file),
+                // It may have no end, and its first line cannot be gone back to.
+                false => Err(io::Error::other("it is no regular file")),
+            })
             .map_err(of_file)?;
         let (first, ends_open) = first_line(&file).map_err(of_file)?;
         let wanted = columns(with_sigma).join(",");

@@ -182,7 +182,7 @@ impl Path {
     /// An entry is called by its number if it has one.
     fn entry(&self, place: usize, value: &Value) -> Self {
         let number = |key| value.get(key).and_then(Value::as_u64);
-        let name = match (number("stop"), number("id")) {
+        let name = match (number("stop"), number("id").or(number("network"))) {
             (Some(stop), _) => format!("stop {stop}"),
             (None, Some(id)) => id.to_string(),
             (None, None) => place.to_string(),

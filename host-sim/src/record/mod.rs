@@ -5,15 +5,18 @@
 //! seconds since the start of the run. What is not known is `null`. A reader refuses a
 //! [`format`](RunRecord::format) that it does not know.
 //!
-//! Places and headings, true ones too, are in the frame of their network: its origin is the first
-//! reference, its x axis points to the second one.
+//! Places and headings, true ones too, are in the frame of their node's or target's
+//! [`network`](Node::network): its origin is the first reference, its x axis points to the second
+//! one. Each of the [`networks`](RunRecord::networks) tells where its frame really is.
 //!
 //! Two runs of one scenario and seed give the same record, byte for byte. The time the computer
 //! took is the one exception, so [`wall_seconds`](RunRecord::wall_seconds) is `null` unless it was
 //! asked for.
 
+use std::collections::BTreeSet;
+
 use calib_core::{Pose, Refusal, Sighting, angle};
-use nalgebra::{Matrix3, Point2};
+use nalgebra::{Isometry2, Matrix3, Point2, Vector2};
 use serde::{Deserialize, Serialize};
 
 pub mod difference;
@@ -23,10 +26,10 @@ pub mod summary;
 pub mod sweep;
 pub mod verdict;
 
-use summary::Summary;
+use summary::{Fit, Summary};
 
 /// The format that this library writes, and the only one that it reads.
-pub const FORMAT: u32 = 2;
+pub const FORMAT: u32 = 3;
 
 /// One finished run.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -43,6 +46,8 @@ pub struct RunRecord {
     pub unit: Unit,
     /// Predicted sigmas above these make a camera weak.
     pub limits: Limits,
+    /// The networks by ascending number.
+    pub networks: Vec<Network>,
     /// Coordinator, cameras and targets by ascending number.
     pub nodes: Vec<Node>,
     /// Where the targets went.
@@ -58,6 +63,16 @@ pub struct RunRecord {
     pub sim_seconds: f64,
     /// How long it took the computer; `null` unless asked for, since it is never twice the same.
     pub wall_seconds: Option<f64>,
+}
+
+/// One network.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Network {
+    /// Its number, from 1.
+    pub network: u16,
+    /// Where the origin of its frame really is in the frame of the first network, and the direction
+    /// of its x axis.
+    pub frame: Place,
 }
 
 /// The unit of lengths.
@@ -95,6 +110,8 @@ pub enum Role {
 pub struct Node {
     /// Its number.
     pub id: u16,
+    /// Of which network.
+    pub network: u16,
     /// What it is.
     pub role: Role,
     /// Whether it is one of the two cameras whose places are given or define the frame.
@@ -141,14 +158,14 @@ pub struct Failure {
     pub why: String,
 }
 
-/// Where a camera really is.
+/// Where a camera, or the frame of a network, really is.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Place {
-    /// Its centre.
+    /// Its centre, or origin.
     pub x: f64,
-    /// Its centre.
+    /// Its centre, or origin.
     pub y: f64,
-    /// Direction of the optical axis.
+    /// Direction of the optical axis, or of the x axis.
     pub heading_deg: f64,
 }
 
@@ -212,6 +229,8 @@ pub struct Residual {
 pub struct Target {
     /// Number of its node.
     pub id: u16,
+    /// Of which network.
+    pub network: u16,
     /// The places of its stops, `[x, y]` each, in their order.
     pub path: Vec<[f64; 2]>,
     /// Where it stood.
@@ -277,7 +296,7 @@ impl Place {
 }
 
 /// Degrees in `[0, 360)` of radians in `[0, 2 pi)`, whose product may round up to a whole turn.
-fn heading_degrees(radians: f64) -> f64 {
+pub(crate) fn heading_degrees(radians: f64) -> f64 {
     let degrees = radians.to_degrees();
     if degrees < 360.0 { degrees } else { 0.0 }
 }
@@ -328,13 +347,20 @@ impl Estimate {
     pub fn sigma_position(&self) -> f64 {
         self.sigma_x.hypot(self.sigma_y)
     }
+
+    /// Whether a predicted sigma is above its limit.
+    pub fn is_weak(&self, limits: &Limits) -> bool {
+        self.sigma_position() > limits.sigma_position
+            || self.sigma_heading_deg > limits.sigma_heading_deg
+    }
 }
 
 impl Node {
-    /// A node of which nothing is known yet.
+    /// A node of the first network of which nothing is known yet.
     pub fn new(id: u16, role: Role) -> Self {
         Self {
             id,
+            network: 1,
             role,
             reference: false,
             expected: false,
@@ -393,6 +419,44 @@ impl Node {
         self.sightings = self.residuals.len();
     }
 
+    /// Tells its places in another frame, in which its own one is here.
+    fn move_by(&mut self, frame: &Isometry2<f64>) {
+        let turned = frame.rotation.angle();
+        if let Some(truth) = &mut self.truth {
+            let place = frame * truth.position();
+            let heading = truth.heading_deg.to_radians() + turned;
+            *truth = Place {
+                x: place.x,
+                y: place.y,
+                heading_deg: heading_degrees(angle::wrap_positive(heading)),
+            };
+        }
+        if let Some(estimate) = self.estimate {
+            let pose = estimate.pose();
+            let turn = frame.rotation.to_rotation_matrix().to_homogeneous();
+            self.set_pose(&Pose {
+                position: frame * pose.position,
+                heading: angle::wrap_positive(pose.heading + turned),
+                covariance: turn * pose.covariance * turn.transpose(),
+            });
+        }
+    }
+
+    /// Whether it was never part of a network: it had nobody to say anything to. Not known of a node
+    /// whose messages nobody saw.
+    pub fn never_joined(&self) -> bool {
+        self.payload_bytes == Some(0) && self.estimate.is_none()
+    }
+
+    /// How many times too large the residuals of a pose are that is not to be believed: they are more
+    /// than chance explains, and the pose is weak by its own account. One without the other is no
+    /// reason: a camera leaves out a sighting that all others contradict, and a weak pose may be right.
+    pub fn contradicted(&self, limits: &Limits) -> Option<f64> {
+        self.estimate.filter(|estimate| estimate.is_weak(limits))?;
+        let fit = Fit::of(self);
+        fit.ratio().filter(|_| fit.is_bad())
+    }
+
     /// Whether it has a camera.
     pub fn is_camera(&self) -> bool {
         self.role == Role::Camera
@@ -424,6 +488,15 @@ pub enum RecordError {
     /// A record of another version.
     #[error("it has format {0}, and only format {FORMAT} can be read: make the run again")]
     Format(u32),
+    /// Two nodes, targets or networks with one number, which runs do not have.
+    #[error("it has {0} twice")]
+    Twice(String),
+    /// A node or a target of a network that is not there.
+    #[error("{0} is of network {1}, which is not there")]
+    NoNetwork(String, u16),
+    /// Nothing that could be calibrated.
+    #[error("it has no cameras")]
+    NoCameras,
 }
 
 impl RunRecord {
@@ -444,7 +517,8 @@ impl RunRecord {
         Ok(text)
     }
 
-    /// Reads what [`to_json`](Self::to_json) wrote.
+    /// Reads what [`to_json`](Self::to_json) wrote. The summary is made anew: whatever stands there,
+    /// nobody is told anything else than what the nodes say.
     ///
     /// # Errors
     /// [`RecordError`]
@@ -457,12 +531,98 @@ impl RunRecord {
         if format != FORMAT {
             return Err(RecordError::Format(format));
         }
-        Ok(serde_json::from_str(text)?)
+        let mut record: Self = serde_json::from_str(text)?;
+        record.check()?;
+        record.summary = Summary::of(&record.nodes);
+        Ok(record)
+    }
+
+    /// What else a record relies on.
+    fn check(&self) -> Result<(), RecordError> {
+        let networks = self.networks.iter().map(|n| ("network", n.network));
+        let nodes = self.nodes.iter().map(|n| ("node", n.id));
+        let targets = self.targets.iter().map(|t| ("target", t.id));
+        let mut seen = BTreeSet::new();
+        for (what, id) in networks.chain(nodes).chain(targets) {
+            if !seen.insert((what, id)) {
+                return Err(RecordError::Twice(format!("{what} {id}")));
+            }
+        }
+        let nodes = self.nodes.iter().map(|n| ("node", n.id, n.network));
+        let targets = self.targets.iter().map(|t| ("target", t.id, t.network));
+        for (what, id, network) in nodes.chain(targets) {
+            if !seen.contains(&("network", network)) {
+                return Err(RecordError::NoNetwork(format!("{what} {id}"), network));
+            }
+        }
+        match self.cameras().next() {
+            Some(_) => Ok(()),
+            None => Err(RecordError::NoCameras),
+        }
     }
 
     /// The cameras, by ascending number.
     pub fn cameras(&self) -> impl Iterator<Item = &Node> {
         self.nodes.iter().filter(|node| node.is_camera())
+    }
+
+    /// Whether there are several networks, each with a frame of its own.
+    pub fn has_networks(&self) -> bool {
+        self.networks.len() > 1
+    }
+
+    /// Where the frame of a network is in that of the first one.
+    pub(crate) fn frame(&self, network: u16) -> Isometry2<f64> {
+        let mut networks = self.networks.iter();
+        let own = networks.find(|own| own.network == network);
+        own.map_or_else(Isometry2::identity, |own| {
+            let Place { x, y, heading_deg } = own.frame;
+            Isometry2::new(Vector2::new(x, y), heading_deg.to_radians())
+        })
+    }
+
+    /// The same run with the places of all networks in the frame of the first one, each network
+    /// standing where it really does. How sure targets were of their places stays told along the axes
+    /// of their own network's frame.
+    pub fn in_one_frame(&self) -> Self {
+        let mut record = self.clone();
+        for own in &mut record.networks {
+            own.frame = Place {
+                x: 0.0,
+                y: 0.0,
+                heading_deg: 0.0,
+            };
+        }
+        for node in &mut record.nodes {
+            node.move_by(&self.frame(node.network));
+        }
+        for target in &mut record.targets {
+            let frame = self.frame(target.network);
+            for place in &mut target.path {
+                *place = (frame * Point2::from(*place)).into();
+            }
+            for stop in &mut target.stops {
+                let truth = frame * Point2::new(stop.x, stop.y);
+                (stop.x, stop.y) = (truth.x, truth.y);
+                if let Some(believed) = &mut stop.believed {
+                    let place = frame * Point2::new(believed.x, believed.y);
+                    (believed.x, believed.y) = (place.x, place.y);
+                }
+            }
+        }
+        record
+    }
+
+    /// The outlines of the obstacles in the frame of a network.
+    fn obstacles_of(&self, network: u16) -> Vec<Vec<Point2<f64>>> {
+        let frame = self.frame(network).inverse();
+        let outlines = self.obstacles.iter();
+        outlines
+            .map(|outline| {
+                let corners = outline.iter().map(|&[x, y]| frame * Point2::new(x, y));
+                corners.collect()
+            })
+            .collect()
     }
 
     /// The scenario with its path and seed, for headings.

@@ -4,6 +4,10 @@
 //! camera's information (see [`calib_core::resection`]); the best candidate shrinks the predicted
 //! variances most, each in units of its limit, over all cameras that want a stop. The choice is
 //! greedy: further stops are chosen as if the earlier ones had been made.
+//!
+//! Reference cameras without an answer count only stops that both of them see. All is in the frame
+//! of one network, and near its targets' stops: what is far from all of them nobody can walk to, or
+//! is no place at all, but in the view of a pose that is far off.
 
 use std::f64::consts::PI;
 
@@ -17,10 +21,20 @@ use crate::recorded::sightings::USUAL_BEARING_SIGMA;
 const RANGES: [f64; 4] = [0.3, 0.5, 0.7, 0.9];
 /// Bearings, in parts of half the field of view: blobs at the border would be cut off.
 const BEARINGS: [f64; 7] = [-0.8, -0.5, -0.25, 0.0, 0.25, 0.5, 0.8];
+/// Stops nearer to one another than this part of the range tell nearly the same.
+const APART: f64 = 0.1;
 /// More advice than this is not followed anyway.
 const MOST: usize = 6;
 
 /// A camera that wants to see the target again.
+pub(super) struct Wish<'a> {
+    pub(super) camera: &'a Node,
+    /// Whether its pose says where it is, rather than the place where it was put.
+    pub(super) believes: bool,
+    /// It is a reference without an answer.
+    pub(super) in_pair: bool,
+}
+
 struct Wanting {
     id: u16,
     pose: Pose<f64>,
@@ -28,21 +42,55 @@ struct Wanting {
     information: Matrix3<f64>,
     /// Stops that it certainly still needs.
     missing: usize,
+    in_pair: bool,
 }
 
-/// The best stops for these cameras, at most a handful.
-pub(super) fn propose<'a>(
-    record: &RunRecord,
-    cameras: impl IntoIterator<Item = &'a Node>,
-) -> Vec<NextStop> {
-    let mut wanting: Vec<_> = cameras
-        .into_iter()
-        .filter_map(|camera| Wanting::new(record, camera))
+/// What there is where a network is.
+struct Ground<'a> {
+    limits: &'a Limits,
+    obstacles: Vec<Vec<Point2<f64>>>,
+    /// Where targets stopped, or should have.
+    been: Vec<Point2<f64>>,
+    /// The references, if they have no answer.
+    pair: Vec<Wanting>,
+}
+
+/// The best stops for these cameras of a network, at most a handful.
+pub(super) fn propose(record: &RunRecord, network: u16, wishes: &[Wish<'_>]) -> Vec<NextStop> {
+    let targets = || record.targets.iter().filter(|t| t.network == network);
+    let planned = targets().flat_map(|target| &target.path);
+    let stops = targets().flat_map(|target| &target.stops);
+    let mut ground = Ground {
+        limits: &record.limits,
+        obstacles: record.obstacles_of(network),
+        been: planned
+            .map(|&place| place.into())
+            .chain(stops.map(|stop| Point2::new(stop.x, stop.y)))
+            .collect(),
+        pair: Vec::new(),
+    };
+    if wishes.iter().any(|wish| wish.in_pair) {
+        let references = record.cameras();
+        let references = references.filter(|c| c.network == network && c.reference);
+        ground.pair = references
+            .filter_map(|camera| {
+                let wish = Wish {
+                    camera,
+                    believes: true,
+                    in_pair: true,
+                };
+                Wanting::new(record, &ground, &wish)
+            })
+            .collect();
+    }
+    let wanting = wishes.iter();
+    let mut wanting: Vec<_> = wanting
+        .filter_map(|wish| Wanting::new(record, &ground, wish))
         .collect();
-    let mut stops = Vec::new();
+    let mut stops: Vec<NextStop> = Vec::new();
     while stops.len() < MOST {
         wanting.retain(|camera| camera.missing > 0);
-        let Some(stop) = best(record, &wanting) else {
+        let Some(stop) = ground.best(&wanting, &stops) else {
             break;
         };
         let place = Point2::new(stop.x, stop.y);
@@ -50,36 +98,58 @@ pub(super) fn propose<'a>(
             camera.information += camera.gain(place);
             camera.missing -= 1;
         }
-        stops.push(stop);
+        stops.push(NextStop { network, ..stop });
     }
     stops
 }
 
-fn best(record: &RunRecord, wanting: &[Wanting]) -> Option<NextStop> {
-    let mut best: Option<(f64, NextStop)> = None;
-    for place in wanting.iter().flat_map(Wanting::candidates) {
-        let mut seen_by = Vec::new();
-        let mut score = 0.0;
-        for camera in wanting.iter().filter(|camera| camera.sees(place, record)) {
-            let before = camera.spread(&camera.information, &record.limits);
-            let after = camera.spread(&(camera.information + camera.gain(place)), &record.limits);
-            if let (Some(before), Some(after)) = (before, after) {
-                score += (before / after).ln();
-                seen_by.push(camera.id);
+impl Ground<'_> {
+    fn best(&self, wanting: &[Wanting], earlier: &[NextStop]) -> Option<NextStop> {
+        let mut best: Option<(f64, NextStop)> = None;
+        for (range, place) in wanting.iter().flat_map(Wanting::candidates) {
+            let is_near = |other: Point2<f64>, part: f64| (place - other).norm() < part * range;
+            let mut earlier = earlier.iter().map(|stop| Point2::new(stop.x, stop.y));
+            let is_far = !self.been.is_empty() && !self.been.iter().any(|&been| is_near(been, 1.0));
+            if is_far || earlier.any(|stop| is_near(stop, APART)) {
+                continue;
+            }
+            let mut seen_by = Vec::new();
+            let mut score = 0.0;
+            for camera in wanting.iter().filter(|camera| self.counts(camera, place)) {
+                let before = camera.spread(&camera.information, self.limits);
+                let after = camera.spread(&(camera.information + camera.gain(place)), self.limits);
+                if let (Some(before), Some(after)) = (before, after) {
+                    score += (before / after).ln();
+                    seen_by.push(camera.id);
+                }
+            }
+            if score > best.as_ref().map_or(0.0, |(score, _)| *score) {
+                let (x, y) = (place.x, place.y);
+                let stop = NextStop {
+                    network: 0,
+                    x,
+                    y,
+                    seen_by,
+                };
+                best = Some((score, stop));
             }
         }
-        if score > best.as_ref().map_or(0.0, |(score, _)| *score) {
-            let (x, y) = (place.x, place.y);
-            best = Some((score, NextStop { x, y, seen_by }));
-        }
+        best.map(|(_, stop)| stop)
     }
-    best.map(|(_, stop)| stop)
+
+    /// Whether a stop there is one more for this camera.
+    fn counts(&self, camera: &Wanting, place: Point2<f64>) -> bool {
+        let others = self.pair.iter().filter(|_| camera.in_pair);
+        camera.sees(place, self) && { others }.all(|other| other.sees(place, self))
+    }
 }
 
 impl Wanting {
-    fn new(record: &RunRecord, camera: &Node) -> Option<Self> {
+    fn new(record: &RunRecord, ground: &Ground<'_>, wish: &Wish<'_>) -> Option<Self> {
+        let camera = wish.camera;
         let view = camera.view?;
-        let estimate = camera.estimate.map(|estimate| estimate.pose());
+        let estimate = camera.estimate.filter(|_| wish.believes);
+        let estimate = estimate.map(|estimate| estimate.pose());
         let pose = estimate.or_else(|| camera.truth.map(|truth| truth.pose()))?;
         let known = estimate.and_then(|pose| pose.covariance.try_inverse());
         let mut wanting = Self {
@@ -96,42 +166,52 @@ impl Wanting {
                 Some(_) => 1,
                 None => 3_usize.saturating_sub(camera.sightings).max(1),
             },
+            in_pair: wish.in_pair,
         };
-        match known {
-            Some(information) => wanting.information = information,
-            None => {
-                let stops = camera.residuals.iter().filter_map(|r| record.stop(r));
-                for stop in stops {
-                    wanting.information += wanting.gain(Point2::new(stop.x, stop.y));
+        if let Some(information) = known {
+            wanting.information = information;
+        } else if wish.in_pair {
+            // What references saw is not told before they have an answer.
+            let targets = record.targets.iter();
+            let targets = targets.filter(|target| target.network == camera.network);
+            for stop in targets.flat_map(|target| &target.stops) {
+                let place = Point2::new(stop.x, stop.y);
+                if ground.counts(&wanting, place) {
+                    wanting.information += wanting.gain(place);
                 }
+            }
+        } else {
+            let stops = camera.residuals.iter().filter_map(|r| record.stop(r));
+            for stop in stops {
+                wanting.information += wanting.gain(Point2::new(stop.x, stop.y));
             }
         }
         Some(wanting)
     }
 
-    fn candidates(&self) -> impl Iterator<Item = Point2<f64>> + '_ {
+    /// Each with the range of the camera.
+    fn candidates(&self) -> impl Iterator<Item = (f64, Point2<f64>)> + '_ {
         let half = (self.view.fov_deg / 2.0).to_radians();
         BEARINGS.into_iter().flat_map(move |bearing| {
             let (sin, cos) = (self.pose.heading + bearing * half).sin_cos();
-            RANGES.map(|range| {
-                let range = range * self.view.range;
-                self.pose.position + nalgebra::Vector2::new(cos, sin) * range
+            RANGES.map(|part| {
+                let range = self.view.range;
+                let off = nalgebra::Vector2::new(cos, sin) * range * part;
+                (range, self.pose.position + off)
             })
         })
     }
 
-    fn sees(&self, place: Point2<f64>, record: &RunRecord) -> bool {
+    fn sees(&self, place: Point2<f64>, ground: &Ground<'_>) -> bool {
         let d = place - self.pose.position;
         let bearing = angle::wrap_signed(d.y.atan2(d.x) - self.pose.heading);
         bearing.abs() < 0.9 * (self.view.fov_deg / 2.0).to_radians()
             && d.norm() < 0.95 * self.view.range
             && d.norm() > 0.1 * self.view.range
-            && !record.obstacles.iter().any(|outline| {
-                let corners = outline.iter().map(|&[x, y]| Point2::new(x, y));
-                let next = corners.clone().cycle().skip(1);
-                corners
-                    .zip(next)
-                    .any(|(a, b)| crosses(self.pose.position, place, a, b))
+            && !ground.obstacles.iter().any(|corners| {
+                let next = corners.iter().cycle().skip(1);
+                let mut edges = corners.iter().zip(next);
+                edges.any(|(&a, &b)| crosses(self.pose.position, place, a, b))
             })
     }
 

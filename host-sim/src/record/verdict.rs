@@ -1,10 +1,19 @@
 //! Is the network calibrated, and if not, what is to be done?
 
-use std::fmt;
+use std::{
+    collections::{BTreeMap, BTreeSet},
+    fmt,
+};
 
 use calib_core::Refusal;
 
-use super::{Node, Role, RunRecord, next_stop, summary::Fit};
+use super::{
+    Node, Role, RunRecord,
+    next_stop::{self, Wish},
+    summary::Fit,
+};
+
+const NEVER_JOINED: &str = "it never joined: look at `radio`, at distances and at events";
 
 /// A sighting this many sigmas off its camera's pose is worth a look.
 const WILD: f64 = 5.0;
@@ -14,17 +23,20 @@ const WILD: f64 = 5.0;
 pub struct Verdict {
     /// Cameras that are meant to be calibrated.
     pub expected: usize,
-    /// How many of them have a pose.
+    /// How many of them have a pose that their sightings do not [contradict](Trouble::Contradicted).
     pub calibrated: usize,
     /// What is the matter with single cameras, by ascending number.
     pub findings: Vec<Finding>,
     /// What is the matter with most of them.
     pub common: Vec<Common>,
+    /// Targets that never joined their network, by ascending number.
+    pub absent: Vec<u16>,
     /// Nodes whose firmware could not go on, by ascending number.
     pub failing: Vec<Failing>,
-    /// Where to stop the target next, the best place first.
+    /// Where to stop the target next: by ascending network, the best place first.
     pub next_stops: Vec<NextStop>,
     unit: String,
+    has_networks: bool,
 }
 
 /// What is the matter with a camera.
@@ -40,6 +52,8 @@ pub struct Finding {
 #[derive(Clone, Debug, PartialEq)]
 #[non_exhaustive]
 pub enum Trouble {
+    /// No pose: it never was part of the network.
+    NeverJoined,
     /// No pose: it has not seen the standing target.
     NeverSaw,
     /// No pose: it has seen it at too few stops.
@@ -51,6 +65,14 @@ pub enum Trouble {
     NoReferences,
     /// No pose, and no reason.
     NoPose,
+    /// Its pose is not to be believed: its sightings contradict each other, and it says itself that
+    /// it is weak.
+    Contradicted {
+        /// Residuals are this many times too large.
+        ratio: f64,
+        /// Predicted, of the position.
+        sigma_position: f64,
+    },
     /// Its predicted sigmas are above the limits.
     Weak {
         /// Of the position.
@@ -97,6 +119,8 @@ pub struct Failing {
 /// A place where the target should stop.
 #[derive(Clone, Debug, PartialEq)]
 pub struct NextStop {
+    /// For which network, and in its frame.
+    pub network: u16,
     /// Place.
     pub x: f64,
     /// Place.
@@ -114,9 +138,7 @@ impl Verdict {
             is_common(|c| matches!(c, Common::Misfit(_))),
             is_common(|c| matches!(c, Common::Overconfident(_))),
         );
-        let references_known = record
-            .cameras()
-            .all(|camera| !camera.reference || camera.estimate.is_some());
+        let networks = Networks::of(record);
         let mut findings = Vec::new();
         for camera in record.cameras().filter(|camera| camera.expected) {
             let mut find = |trouble| {
@@ -126,18 +148,25 @@ impl Verdict {
                 });
             };
             let Some(estimate) = &camera.estimate else {
-                find(match references_known || camera.refusal.is_some() {
-                    true => why_no_pose(camera),
-                    false => Trouble::NoReferences,
+                let waits = networks.unanswered.contains(&camera.network);
+                find(match camera.refusal {
+                    _ if camera.never_joined() => Trouble::NeverJoined,
+                    None if waits => Trouble::NoReferences,
+                    _ => why_no_pose(camera),
                 });
                 continue;
             };
             let sigma_position = estimate.sigma_position();
             let sigma_heading_deg = estimate.sigma_heading_deg;
             let limits = &record.limits;
-            if sigma_position > limits.sigma_position
-                || sigma_heading_deg > limits.sigma_heading_deg
-            {
+            if let Some(ratio) = camera.contradicted(limits) {
+                find(Trouble::Contradicted {
+                    ratio,
+                    sigma_position,
+                });
+                continue;
+            }
+            if estimate.is_weak(limits) {
                 find(Trouble::Weak {
                     sigma_position,
                     sigma_heading_deg,
@@ -159,20 +188,35 @@ impl Verdict {
                 find(Trouble::Overconfident(ratio));
             }
         }
-        let wanting = |camera: &&Node| {
-            let mut own = findings.iter().filter(|f| f.camera == camera.id);
-            let come_first = camera.reference && !references_known;
-            own.any(|finding| come_first || finding.trouble.asks_for_a_stop())
-        };
-        let next_stops = next_stop::propose(record, record.cameras().filter(wanting));
+        let mut by_camera = BTreeMap::<u16, Vec<&Trouble>>::new();
+        for finding in &findings {
+            let own = by_camera.entry(finding.camera).or_default();
+            own.push(&finding.trouble);
+        }
+        let mut wishes = BTreeMap::<u16, Vec<Wish<'_>>>::new();
+        for camera in record.cameras() {
+            let troubles = by_camera.get(&camera.id);
+            if let Some(wish) = troubles.and_then(|own| networks.wish(camera, own)) {
+                wishes.entry(camera.network).or_default().push(wish);
+            }
+        }
+        let next_stops = wishes
+            .iter()
+            .flat_map(|(network, wishes)| next_stop::propose(record, *network, wishes))
+            .collect();
+        // Of each there is one such finding.
+        let uncalibrated = findings.iter().filter(|f| f.trouble.is_uncalibrated());
+        let targets = record.nodes.iter().filter(|n| n.role == Role::Target);
         Self {
             expected: record.summary.expected,
-            calibrated: record.summary.calibrated,
-            findings,
+            calibrated: record.summary.expected - uncalibrated.count(),
             common,
+            absent: targets.filter(|t| t.never_joined()).map(|t| t.id).collect(),
             failing: record.nodes.iter().filter_map(Failing::of).collect(),
             next_stops,
+            findings,
             unit: record.unit.name.clone(),
+            has_networks: record.has_networks(),
         }
     }
 
@@ -181,9 +225,56 @@ impl Verdict {
         self.calibrated == self.expected
     }
 
-    /// 0 if every camera that should be calibrated is, otherwise 1. Weak cameras are calibrated.
+    /// 0 if every camera that should be calibrated is, otherwise 1. Weak cameras are calibrated, as
+    /// long as their sightings agree.
     pub fn exit_code(&self) -> u8 {
         u8::from(!self.is_complete())
+    }
+}
+
+/// What of a network decides for all its cameras.
+struct Networks {
+    /// The references have no answer.
+    unanswered: BTreeSet<u16>,
+    /// A reference never joined.
+    halved: BTreeSet<u16>,
+    /// Some target joined, or nobody knows.
+    visited: BTreeSet<u16>,
+}
+
+impl Networks {
+    fn of(record: &RunRecord) -> Self {
+        let of = |nodes: &dyn Fn(&Node) -> bool| {
+            let nodes = record.nodes.iter().filter(|node| nodes(node));
+            nodes.map(|node| node.network).collect::<BTreeSet<_>>()
+        };
+        let is_reference = |node: &Node| node.is_camera() && node.reference;
+        let is_target = |node: &Node| node.role == Role::Target;
+        let empty = of(&|node| is_target(node) && node.never_joined());
+        let visited = of(&|node| is_target(node) && !node.never_joined());
+        Self {
+            unanswered: of(&|node| is_reference(node) && node.estimate.is_none()),
+            halved: of(&|node| is_reference(node) && node.never_joined()),
+            visited: &of(&|_| true) - &(&empty - &visited),
+        }
+    }
+
+    /// What a camera of which this was found asks for. Where to stop is not what is the matter with
+    /// whoever never joined, and the references see nothing together while one of them is missing.
+    fn wish<'a>(&self, camera: &'a Node, troubles: &[&Trouble]) -> Option<Wish<'a>> {
+        let network = &camera.network;
+        let in_pair = camera.reference && self.unanswered.contains(network);
+        let asks = in_pair || troubles.iter().any(|trouble| trouble.asks_for_a_stop());
+        let mut contradicted = troubles.iter();
+        let believes = !contradicted.any(|t| matches!(t, Trouble::Contradicted { .. }));
+        let can_help = !camera.never_joined()
+            && self.visited.contains(network)
+            && !(in_pair && self.halved.contains(network));
+        (asks && can_help).then_some(Wish {
+            camera,
+            believes,
+            in_pair,
+        })
     }
 }
 
@@ -223,17 +314,23 @@ fn common(record: &RunRecord) -> Vec<Common> {
 }
 
 impl Trouble {
-    /// Whether the camera has no pose.
+    /// Whether the camera has no pose, or none to be believed.
     pub fn is_uncalibrated(&self) -> bool {
         matches!(
             self,
-            Self::NeverSaw | Self::TooFew(_) | Self::Refused(_) | Self::NoReferences | Self::NoPose
+            Self::NeverJoined
+                | Self::NeverSaw
+                | Self::TooFew(_)
+                | Self::Refused(_)
+                | Self::NoReferences
+                | Self::NoPose
+                | Self::Contradicted { .. }
         )
     }
 
     /// Whether one more stop would help.
     fn asks_for_a_stop(&self) -> bool {
-        let waits = matches!(self, Self::NoReferences);
+        let waits = matches!(self, Self::NoReferences | Self::NeverJoined);
         !waits && (self.is_uncalibrated() || matches!(self, Self::Weak { .. }))
     }
 }
@@ -275,6 +372,7 @@ impl Finding {
     fn write(&self, f: &mut fmt::Formatter<'_>, unit: &str) -> fmt::Result {
         write!(f, "  camera {}: ", self.camera)?;
         match &self.trouble {
+            Trouble::NeverJoined => write!(f, "not calibrated: {NEVER_JOINED}"),
             Trouble::NeverSaw => {
                 f.write_str("not calibrated: it never saw the target standing still")
             }
@@ -290,6 +388,15 @@ impl Finding {
                 "not calibrated: the two reference cameras come first, and have no answer yet",
             ),
             Trouble::NoPose => f.write_str("not calibrated: its pose did not arrive"),
+            Trouble::Contradicted {
+                ratio,
+                sigma_position,
+            } => write!(
+                f,
+                "not calibrated: its sightings contradict each other, residuals {ratio:.1} times \
+                 too large, predicted sigma {sigma_position:.3} {unit}: look at what it takes for \
+                 the target, and at the camera model"
+            ),
             Trouble::Weak {
                 sigma_position,
                 sigma_heading_deg,
@@ -321,7 +428,8 @@ impl fmt::Display for Verdict {
             ..
         } = self;
         write!(f, "{calibrated} of {expected} cameras are calibrated")?;
-        if self.findings.is_empty() && self.common.is_empty() && self.failing.is_empty() {
+        let nothing = self.findings.is_empty() && self.common.is_empty();
+        if nothing && self.absent.is_empty() && self.failing.is_empty() {
             return writeln!(f, "; nothing is left to do.");
         }
         writeln!(f, ".")?;
@@ -343,14 +451,24 @@ impl fmt::Display for Verdict {
             finding.write(f, unit)?;
             writeln!(f)?;
         }
+        for target in &self.absent {
+            writeln!(f, "  target {target}: {NEVER_JOINED}")?;
+        }
         for failing in &self.failing {
             writeln!(f, "{failing}")?;
         }
-        for (k, stop) in self.next_stops.iter().enumerate() {
-            let lead = if k == 0 { "Next: stop" } else { "Then stop" };
+        let mut before = None;
+        for stop in &self.next_stops {
+            let first = before.replace(stop.network) != Some(stop.network);
+            let lead = if first { "Next" } else { "Then" };
+            match (self.has_networks, first) {
+                (true, _) => write!(f, "{lead} in network {}: stop", stop.network)?,
+                (false, true) => write!(f, "{lead}: stop")?,
+                (false, false) => write!(f, "{lead} stop")?,
+            }
             writeln!(
                 f,
-                "{lead} the target about ({:.1}, {:.1}), in view of {}",
+                " the target about ({:.1}, {:.1}), in view of {}",
                 stop.x,
                 stop.y,
                 cameras(&stop.seen_by)

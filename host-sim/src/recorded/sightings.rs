@@ -45,6 +45,7 @@ pub struct Recording {
     links: Vec<Link>,
     camera: Option<Camera<f64>>,
     sigma_assumed: bool,
+    passed_over: Option<&'static str>,
 }
 
 /// The sightings of one case: a chain through [`Recording::links`], so that millions of cases cost
@@ -107,6 +108,12 @@ impl Recording {
         self.sigma_assumed
     }
 
+    /// The measurements that the file has too, but that were not read: `column` beside
+    /// `bearing_rad`, or the other way round.
+    pub fn passed_over(&self) -> Option<&'static str> {
+        self.passed_over
+    }
+
     /// The cases in the order of their first rows.
     pub fn cases(&self) -> impl ExactSizeIterator<Item = Case<'_>> {
         self.cases.iter().map(|(id, &chain)| Case {
@@ -162,6 +169,7 @@ struct Layout<'a> {
     target_x: Column,
     target_y: Column,
     measured: Column,
+    passed_over: Option<&'static str>,
     bearing_sigma: Option<Column>,
     target_sigma: Option<Column>,
     assumptions: &'a Assumptions,
@@ -181,11 +189,17 @@ impl<'a> Layout<'a> {
         } else {
             return Err(rows.no_column("bearing_rad` or `column"));
         };
+        let other = match assumptions.camera {
+            Some(_) => "bearing_rad",
+            None => "column",
+        };
+        let passed_over = rows.find(other)?.map(|_| other);
         Ok(Self {
             case,
             target_x,
             target_y,
             measured,
+            passed_over,
             bearing_sigma: rows.find("sigma_rad")?,
             target_sigma: rows.find("target_sigma")?,
             assumptions,
@@ -260,6 +274,7 @@ pub fn read(
         sigma_assumed: layout.bearing_sigma.is_none()
             && assumptions.bearing_sigma.is_none()
             && assumptions.camera.is_none(),
+        passed_over: layout.passed_over,
     };
     let mut any = false;
     while let Some(row) = rows.next()? {

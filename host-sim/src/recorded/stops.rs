@@ -43,11 +43,15 @@ pub struct Stops {
     pub stops: Vec<Stop<f64>>,
     /// Whether [`USUAL_BEARING_SIGMA`] had to be assumed.
     pub sigma_assumed: bool,
+    /// The measurements that the file has too, but that were not read: `column_0` beside bearings,
+    /// or `bearing_0_rad` beside columns.
+    pub passed_over: Option<&'static str>,
 }
 
 struct Layout<'a> {
     stop: Column,
     measured: [Column; 2],
+    passed_over: Option<&'static str>,
     displacement: [Column; 2],
     sigma: Option<Column>,
     assumptions: &'a Assumptions,
@@ -65,9 +69,14 @@ impl<'a> Layout<'a> {
         } else {
             return Err(rows.no_column("bearing_0_rad` or `column_0"));
         };
+        let other = match assumptions.camera {
+            Some(_) => "bearing_0_rad",
+            None => "column_0",
+        };
         Ok(Self {
             stop,
             measured,
+            passed_over: rows.find(other)?.map(|_| other),
             displacement: [rows.need("dx")?, rows.need("dy")?],
             sigma: rows.find("sigma_rad")?,
             assumptions,
@@ -128,6 +137,7 @@ pub fn read(input: impl BufRead, assumptions: &Assumptions) -> Result<Stops, Rea
         sigma_assumed: layout.sigma.is_none()
             && assumptions.bearing_sigma.is_none()
             && assumptions.camera.is_none(),
+        passed_over: layout.passed_over,
     };
     while let Some(row) = rows.next()? {
         let stop = layout

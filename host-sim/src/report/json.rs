@@ -6,7 +6,7 @@ use calib_core::{
 };
 use serde::Serialize;
 
-use crate::answer::Answer;
+use crate::answer::{self, Answer};
 
 /// Whole numbers up to here survive every JSON reader, also those that only know doubles.
 const LARGEST_EXACT: i64 = (1 << 53) - 1;
@@ -52,6 +52,9 @@ pub struct PoseLine<'a> {
     pub sightings: usize,
     /// How many of them were dropped as outliers.
     pub dropped: usize,
+    /// Sum of the squared residuals, each over its variance: about `sightings - dropped - 3` where
+    /// the sigmas are right.
+    pub chi_squared: Option<f64>,
 }
 
 impl<'a> PoseLine<'a> {
@@ -69,6 +72,7 @@ impl<'a> PoseLine<'a> {
             sigma_heading_rad: pose.map(|p| p.sigma_heading()),
             sightings: answer.sightings,
             dropped: answer.dropped,
+            chi_squared: answer.solution.map(|s| s.chi_squared),
         }
     }
 }
@@ -76,7 +80,8 @@ impl<'a> PoseLine<'a> {
 /// The answer of a reference solve.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct ReferenceLine<'a> {
-    /// `ok`, `ambiguous` (there is an `alternative`), or the refusal in `snake_case`.
+    /// `ok`, `ambiguous` (there is an `alternative`), [`CONTRADICTORY`](Self::CONTRADICTORY), or
+    /// the refusal in `snake_case`.
     pub status: &'static str,
     /// How many different answers are physically possible; 0 where there is none.
     pub candidates: usize,
@@ -133,6 +138,9 @@ pub struct StopLine<'a> {
 }
 
 impl<'a> ReferenceLine<'a> {
+    /// Status of an answer that does not fit, though no other fits better.
+    pub const CONTRADICTORY: &'static str = "contradictory";
+
     /// The outcome of solving these stops, with their names.
     pub fn new(
         outcome: &Result<reference::Outcome<f64>, Refusal>,
@@ -142,9 +150,14 @@ impl<'a> ReferenceLine<'a> {
         let line = |solution| ReferenceSolution::new(solution, names, stops);
         match outcome {
             Ok(outcome) => Self {
-                status: match outcome.alternative {
-                    Some(_) => "ambiguous",
-                    None => "ok",
+                status: match (&outcome.best, &outcome.alternative) {
+                    (best, _)
+                        if answer::is_contradictory(best.chi_squared, best.degrees_of_freedom) =>
+                    {
+                        Self::CONTRADICTORY
+                    }
+                    (_, Some(_)) => "ambiguous",
+                    (_, None) => "ok",
                 },
                 candidates: outcome.candidates,
                 best: Some(line(&outcome.best)),

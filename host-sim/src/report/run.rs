@@ -30,7 +30,21 @@ pub fn run_report(record: &RunRecord) -> String {
 
 /// The poses and statistics of several runs together, such as the five placements of the lab.
 pub fn runs_report(records: &[&RunRecord]) -> String {
-    join(&[poses(records), statistics(records)])
+    join(&[title(records), poses(records), statistics(records)])
+}
+
+/// The scenario, the path too if it is that of all, and how many runs.
+fn title(records: &[&RunRecord]) -> String {
+    match records {
+        [] => String::new(),
+        [one] => format!("{}\n", one.title()),
+        [first, others @ ..] => {
+            let common = others.iter().all(|record| record.path == first.path);
+            let path = first.path.filter(|_| common);
+            let path = path.map_or_else(String::new, |path| format!(", path {path}"));
+            format!("{}{path}: {} runs\n", first.scenario, records.len())
+        }
+    }
 }
 
 fn join(parts: &[String]) -> String {
@@ -61,10 +75,12 @@ fn poses(records: &[&RunRecord]) -> String {
     let is_published = records
         .iter()
         .any(|r| Published::of(&r.scenario, r.path).is_some_and(|p| !p.nodes.is_empty()));
-    let name = if records.len() > 1 {
-        "path, node"
-    } else {
-        "node"
+    let has_networks = records.iter().any(|record| record.has_networks());
+    let name = match (records.len() > 1, has_networks) {
+        (false, false) => "node",
+        (true, false) => "path, seed, node",
+        (false, true) => "network, node",
+        (true, true) => "path, seed, network, node",
     };
     let mut head = vec![
         name,
@@ -84,8 +100,14 @@ fn poses(records: &[&RunRecord]) -> String {
         for camera in record.cameras() {
             has_reference |= camera.reference;
             let mut row = pose_row(camera);
-            if let (Some(path), true) = (record.path, records.len() > 1) {
-                row[0] = format!("{path}, {}", row[0]);
+            if has_networks {
+                row[0] = format!("{}, {}", camera.network, row[0]);
+            }
+            if records.len() > 1 {
+                let path = record
+                    .path
+                    .map_or_else(|| "-".to_owned(), |p| p.to_string());
+                row[0] = format!("{path}, {}, {}", record.seed, row[0]);
             }
             if is_published {
                 let theirs = published.as_ref().and_then(|p| p.node(camera.id));
@@ -95,8 +117,13 @@ fn poses(records: &[&RunRecord]) -> String {
         }
     }
     let star = if has_reference { "; * reference" } else { "" };
+    let frames = if has_networks {
+        "; in the frame of each network"
+    } else {
+        ""
+    };
     format!(
-        "Poses (x, y, heading) in {unit} and degrees; n sightings{star}\n{}",
+        "Poses (x, y, heading) in {unit} and degrees; n sightings{star}{frames}\n{}",
         print(&table)
     )
 }
@@ -141,9 +168,15 @@ fn statistics(records: &[&RunRecord]) -> String {
     let cameras = || records.iter().flat_map(|record| record.cameras());
     let others = Statistics::of(cameras().filter(|camera| !camera.reference));
     let all = Statistics::of(cameras());
-    let mut text = String::new();
+    let ours_is = if records.len() > 1 {
+        "these runs"
+    } else {
+        "this run"
+    };
+    let mut parts = Vec::new();
     for (name, statistics) in [(", without references", &others), ("", &all)] {
         let Some(s) = statistics else { continue };
+        let mut text = String::new();
         let _ = writeln!(text, "Errors of {} cameras{name}", s.count);
         text += &print(&error_table(s));
         if let Some(nees) = s.mean_nees {
@@ -152,16 +185,16 @@ fn statistics(records: &[&RunRecord]) -> String {
                 "Mean squared error over predicted covariance {nees:.2} (3 is right)"
             );
         }
-        text.push('\n');
+        parts.push(text);
     }
     if let Some(thesis) = records
         .first()
         .and_then(|r| Published::of(&r.scenario, r.path))
     {
         let ours = if thesis.nodes.is_empty() { others } else { all };
-        text += &beside(&thesis, ours.as_ref());
+        parts.push(beside(&thesis, ours.as_ref(), ours_is));
     }
-    text
+    join(&parts)
 }
 
 fn error_table(s: &Statistics) -> Table {
@@ -215,7 +248,7 @@ pub(super) fn per_cent(shares: Option<[f64; 3]>) -> [String; 3] {
 }
 
 /// The thesis's statistics beside ours.
-fn beside(thesis: &Published, ours: Option<&Statistics>) -> String {
+fn beside(thesis: &Published, ours: Option<&Statistics>, ours_is: &str) -> String {
     let mut table = table(&["", "x", "y", "heading [deg]"]);
     let mut row = |name: &str, values: [Option<f64>; 3]| {
         let values = values.map(|v| v.map_or_else(String::new, |v| format!("{v:.4}")));
@@ -227,12 +260,15 @@ fn beside(thesis: &Published, ours: Option<&Statistics>) -> String {
         ours.map_or([None; 3], |s| [&s.x, &s.y, &s.heading_deg].map(get))
     };
     row("mean, thesis", pose(&thesis.mean));
-    row("mean, this run", of(|e| Some(e.mean)));
+    row(&format!("mean, {ours_is}"), of(|e| Some(e.mean)));
     row(
         "standard deviation, thesis",
         pose(&thesis.standard_deviation),
     );
-    row("standard deviation, this run", of(|e| e.standard_deviation));
+    row(
+        &format!("standard deviation, {ours_is}"),
+        of(|e| e.standard_deviation),
+    );
     if !thesis.nodes.is_empty() {
         let n = thesis.nodes.len() as f64;
         let rms = |get: fn(PoseError) -> f64| {
@@ -247,7 +283,7 @@ fn beside(thesis: &Published, ours: Option<&Statistics>) -> String {
             "rms, thesis",
             [rms(|e| e.x), rms(|e| e.y), rms(|e| e.heading_deg)],
         );
-        row("rms, this run", of(|e| Some(e.rms)));
+        row(&format!("rms, {ours_is}"), of(|e| Some(e.rms)));
     }
     format!(
         "Beside the thesis's Table {}\n{}",

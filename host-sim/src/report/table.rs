@@ -23,7 +23,7 @@ impl<W: Write> PoseTable<W> {
         let case_width = longest_case.clamp("case".len(), WIDEST_CASE);
         writeln!(
             out,
-            "{:case_width$}  {:>10} {:>10}  {:>10} {:>10}  {:>9} {:>9}  {:>4} {:>7}  status",
+            "{:case_width$}  {:>10} {:>10}  {:>10} {:>10}  {:>9} {:>9}  {:>4} {:>7} {:>11}  status",
             "case",
             format!("x [{unit}]"),
             "+/-",
@@ -33,6 +33,7 @@ impl<W: Write> PoseTable<W> {
             "+/- [deg]",
             "used",
             "dropped",
+            "chi squared",
         )?;
         Ok(Self { out, case_width })
     }
@@ -65,7 +66,15 @@ impl<W: Write> PoseTable<W> {
                 "-", "-", "-", "-", "-", "-", "-"
             )?,
         }
-        writeln!(out, " {:>7}  {}", answer.dropped, answer.status.name())
+        let chi_squared = answer
+            .solution
+            .map_or_else(|| "-".to_owned(), |s| chi_squared(s.chi_squared));
+        writeln!(
+            out,
+            " {:>7} {chi_squared:>11}  {}",
+            answer.dropped,
+            answer.status.name()
+        )
     }
 
     /// What the table was written to.
@@ -80,6 +89,14 @@ fn length(value: f64) -> String {
         format!("{value:10.3}")
     } else {
         format!("{value:10.2e}")
+    }
+}
+
+fn chi_squared(value: f64) -> String {
+    if value < 1e6 {
+        format!("{value:.1}")
+    } else {
+        format!("{value:.1e}")
     }
 }
 

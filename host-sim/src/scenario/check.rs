@@ -13,7 +13,10 @@ use crate::{
     world::Variant,
 };
 use calib_core::camera::Projection;
-use node_firmware::config::{COLOURS_MAX, STOPS_WANTED};
+use node_firmware::{
+    config::{COLOURS_MAX, STOPS_WANTED},
+    message::StopNumber,
+};
 
 type Checked = Result<(), ScenarioError>;
 
@@ -53,6 +56,13 @@ fn seconds(field: &str, value: f64) -> Checked {
     number(field, value, 0.0..=1e7, " seconds")
 }
 
+/// Stops at which a camera wants to see the target.
+fn stops(field: &str, value: f64) -> Checked {
+    let [least, most] = [STOPS_WANTED.start(), STOPS_WANTED.end()].map(|&stops| f64::from(stops));
+    let advice = format!(": a pose needs three sightings, and a camera keeps {most}");
+    number(field, value, least..=most, &advice)
+}
+
 fn place(field: &str, place: [f64; 2], scenario: &Scenario) -> Checked {
     let world = &scenario.world;
     let inside = (0..2).all(|i| (world.low[i]..=world.high[i]).contains(&place[i]));
@@ -69,12 +79,9 @@ fn place(field: &str, place: [f64; 2], scenario: &Scenario) -> Checked {
 
 /// All but what needs the world to be put up.
 pub(super) fn scenario(scenario: &Scenario) -> Checked {
-    number(
-        "stops",
-        scenario.stops as f64,
-        3.0..=100.0,
-        ": a pose needs three sightings",
-    )?;
+    stops("stops", scenario.stops as f64)?;
+    name("name", &scenario.name)?;
+    name("unit", &scenario.unit)?;
     number("path", scenario.path as f64, 1.0..=PATH_MAX as f64, "")?;
     unit(scenario)?;
     world(scenario)?;
@@ -100,6 +107,16 @@ pub(super) fn scenario(scenario: &Scenario) -> Checked {
         self::network(scenario, &format!("network {n}"), network, &mut ids)?;
     }
     events(scenario, &ids)
+}
+
+/// Names go to terminals, which would obey control characters, and into drawings, which may not
+/// contain them.
+fn name(field: &str, name: &str) -> Checked {
+    if !name.contains(char::is_control) {
+        return Ok(());
+    }
+    let allowed = "text of one line, without control characters";
+    Err(refuse(field, name.escape_debug(), allowed))
 }
 
 fn unit(scenario: &Scenario) -> Checked {
@@ -307,12 +324,7 @@ fn radio(radio: &RadioTable) -> Checked {
 fn firmware(scenario: &Scenario) -> Checked {
     let firmware = &scenario.firmware;
     if let Some(stops) = firmware.stops {
-        number(
-            "firmware.stops",
-            f64::from(stops),
-            f64::from(*STOPS_WANTED.start())..=f64::from(*STOPS_WANTED.end()),
-            ": a pose needs three sightings",
-        )?;
+        self::stops("firmware.stops", f64::from(stops))?;
     }
     for (field, value) in [
         (
@@ -452,6 +464,16 @@ fn target(scenario: &Scenario, name: &str, target: &TargetTable) -> Checked {
             format!("{name}.stops"),
             format!("{} places", stops.len()),
             "three places or more; leave it out to have them planned",
+        ));
+    }
+    if stops.len() > usize::from(StopNumber::MAX) {
+        return Err(refuse(
+            format!("{name}.stops"),
+            format!("{} places", stops.len()),
+            format!(
+                "{} places or fewer: a target counts no further",
+                StopNumber::MAX
+            ),
         ));
     }
     for (n, &stop) in (1..).zip(stops) {

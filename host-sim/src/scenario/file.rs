@@ -24,7 +24,7 @@ pub struct Scenario {
     /// Which of the planned ways targets take, from 1. Default 1.
     #[serde(default = "one")]
     pub path: u64,
-    /// Stops that are planned in view of each camera, 3 to 100. Default 3.
+    /// Stops that are planned in view of each camera, 3 to 16. Default 3.
     #[serde(default = "three")]
     pub stops: usize,
     /// How these are chosen: `planned` (default) or `anywhere`.

@@ -99,11 +99,6 @@ impl Scenario {
         Ok(scenario)
     }
 
-    /// Stops at which cameras want to see the target.
-    pub fn stops_wanted(&self) -> u8 {
-        self.firmware.stops.unwrap_or(self.stops.min(255) as u8)
-    }
-
     /// How long its unit is.
     pub fn metres_per_unit(&self) -> f64 {
         self.unit_metres.unwrap_or(1.0)

@@ -27,11 +27,11 @@ fn options_out_of_their_range() {
         (&["run", "lab", "--path", "-3"], "1 to 1000000000"),
         (
             &["run", "lab", "--stops", "0"],
-            "`stops` is 0: it must be 3 to 100",
+            "`stops` is 0: it must be 3 to 16",
         ),
         (
             &["run", "lab", "--stops", "-1"],
-            "invalid value '-1' for '--stops",
+            "invalid value '-1' for '--stops <N>': a whole number",
         ),
         (
             &["run", "grid", "--nodes", "0"],
@@ -54,7 +54,34 @@ fn options_out_of_their_range() {
         (&["run", "lab", "--speed", "infx"], "such as 10x"),
         (
             &["run", "lab", "--seed", "-1"],
-            "invalid value '-1' for '--seed",
+            "invalid value '-1' for '--seed <S>': a whole number from 0",
+        ),
+        (&["run", "lab", "--seed", "1.5"], "a whole number from 0"),
+        (
+            &["run", "lab", "--check", "x", "--tolerance", "-1"],
+            "invalid value '-1' for '--tolerance <X>': 0 or a number above",
+        ),
+        (
+            &["run", "lab", "--speed", "-5"],
+            "invalid value '-5' for '--speed <SPEED>': give max",
+        ),
+        (&["run", "grid", "--nodes", "-4"], "a whole number"),
+        (&["sweep", "lab", "--seeds", "-1..4"], "such as 1..50"),
+        (
+            &["sweep", "lab", "--seeds", "1..2", "--paths", "-1"],
+            "1 to 1000000000",
+        ),
+        (
+            &["sweep", "lab", "--seeds", "1..2", "--jobs", "0"],
+            "a whole number from 1",
+        ),
+        (
+            &["sweep", "lab", "--seeds", "1..2", "--jobs", "-2"],
+            "a whole number from 1",
+        ),
+        (
+            &["camera", "--pty", "x", "--seed", "-1"],
+            "a whole number from 0",
         ),
         (&["run", "lab", "--board-timeout", "0"], "above 0"),
         (&["run", "lab", "--board-timeout", "1e30"], "fewer seconds"),
@@ -101,6 +128,131 @@ fn files_that_are_no_scenarios() {
         let message = refused(&["run", &file], "No such file");
         assert_eq!(message.matches("No such file").count(), 1, "{message}");
     }
+}
+
+#[test]
+fn options_that_would_do_nothing() {
+    let files = Files::new();
+    let record = Sample::default().run().to_json(false).unwrap();
+    let file = files.write("run.json", &record);
+    fs::create_dir(files.path("sub")).unwrap();
+    let again = files.path("sub/../run.json");
+    for (arguments, expected) in [
+        (&["run", "lab", "--tolerance", "0.1"][..], "--check"),
+        (&["report", "run", &file, "--tolerance", "0.1"], "--check"),
+        (&["run", "lab", "--image", "x.elf"], "say `--backend qemu`"),
+        (
+            &["sweep", "lab", "--seeds", "1..1", "--paths", "1,2,2"],
+            "path 2 is named twice",
+        ),
+        (&["report", "sweep", &file, &again], "is named twice"),
+        (&["report", "runs", &file, &file], "is named twice"),
+    ] {
+        refused(arguments, expected);
+    }
+}
+
+/// It would become a file of that name.
+#[test]
+fn a_dash_is_no_name_for_a_result() {
+    let files = Files::new();
+    let record = files.write("run.json", &Sample::default().run().to_json(false).unwrap());
+    let sightings = files.write("s.csv", "case,target_x,target_y,bearing_rad\n1,1,1,1\n");
+    let advice = "name a file; /dev/stdout is the screen";
+    for option in ["--json", "--csv", "--yaml", "--ros", "--plots"] {
+        refused(&["run", "lab", option, "-"], advice);
+        refused(&["report", "run", &record, option, "-"], advice);
+    }
+    for option in ["--log", "--pcap"] {
+        refused(&["run", "lab", option, "-"], advice);
+    }
+    for option in ["--sweep-csv", "--sweep-plot"] {
+        refused(&["report", "sweep", &record, option, "-"], advice);
+    }
+    refused(&["solve", &sightings, "--plot", "-"], advice);
+    for option in ["--frame", "--record"] {
+        refused(&["probe", "--port", "/nowhere", option, "-"], advice);
+    }
+}
+
+/// Which of several scenarios it was is known from its file.
+#[test]
+fn a_scenario_that_cannot_be_put_up_is_named() {
+    let files = Files::new();
+    let lab = include_str!("../../scenarios/lab.toml");
+    let pillar = "[[world.obstacle]]\npillar = { x = 0.0, y = 0.0, radius = 1.0 }\n";
+    let impossible = files.write("impossible.toml", &format!("{lab}{pillar}"));
+    let start = format!("host-sim: {impossible}: ");
+    for arguments in [
+        &["run", &impossible][..],
+        &["sweep", &impossible, "--seeds", "1..2"],
+    ] {
+        let message = refused(arguments, "outside of obstacle 1");
+        assert!(message.starts_with(&start), "{message}");
+        assert_eq!(message.matches(&impossible).count(), 1, "{message}");
+    }
+}
+
+/// The references of `lab` face each other: turning them would change nothing.
+#[test]
+fn stops_that_the_references_cannot_share_have_all_causes_named() {
+    let files = Files::new();
+    let lab = include_str!("../../scenarios/lab.toml");
+    let wall = "[[world.obstacle]]\nwall = [[-3.0, 1.0], [17.0, 1.0]]\n";
+    let file = files.write("walled.toml", &format!("{lab}{wall}"));
+    let message = refused(&["run", &file], "no stops can be planned for network 1");
+    for cause in [
+        "turn them",
+        "`range`",
+        "`area`",
+        "`world.low`",
+        "obstacles",
+        "`stops`",
+        "`radius`",
+    ] {
+        assert!(message.contains(cause), "{cause}: {message}");
+    }
+}
+
+/// A terminal would obey them, and no drawing may contain them.
+#[test]
+fn names_with_control_characters() {
+    let files = Files::new();
+    let lab = include_str!("../../scenarios/lab.toml");
+    for (field, value) in [("name", "a\\u001b[31mb"), ("unit", "m\\u0000")] {
+        let mut text = String::new();
+        for line in lab.lines() {
+            if line.starts_with(&format!("{field} =")) {
+                text += &format!("{field} = \"{value}\"\n");
+            } else {
+                text += &format!("{line}\n");
+            }
+        }
+        let file = files.write("control.toml", &text);
+        let message = refused(&["run", &file], &format!("`{field}` is "));
+        assert!(message.contains("control characters"), "{message}");
+        assert!(
+            !message.trim_end().contains(char::is_control),
+            "{message:?}"
+        );
+    }
+}
+
+/// They have no end, or nothing that can be gone back to.
+#[test]
+#[cfg(target_os = "linux")]
+fn devices_are_no_records() {
+    refused(&["run", "lab", "--check", "/dev/zero"], "no regular file");
+    refused(&["report", "run", "/dev/zero"], "no regular file");
+    let files = Files::new();
+    let long = files.write("long.json", "");
+    let file = fs::OpenOptions::new().write(true).open(&long).unwrap();
+    file.set_len(1 << 33).unwrap();
+    refused(&["run", "lab", "--check", &long], "more than");
+    refused(
+        &["probe", "--port", "/nowhere", "--record", "/dev/full"],
+        "no regular file",
+    );
 }
 
 /// A run would have made the log.

@@ -7,6 +7,8 @@ mod bad_input;
 mod check;
 mod drawings;
 mod exports;
+mod networks;
+mod outputs;
 mod record;
 mod reports;
 mod sample;

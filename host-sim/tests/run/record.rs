@@ -9,7 +9,7 @@ use host_sim::record::{
 };
 use nalgebra::{Matrix3, Point2};
 
-use crate::sample::Sample;
+use crate::sample::{FIRST, Sample};
 
 /// A run whose numbers are all exact in binary.
 fn tiny() -> RunRecord {
@@ -70,10 +70,12 @@ fn tiny() -> RunRecord {
             sigma_position: 0.5,
             sigma_heading_deg: 3.0,
         },
+        networks: vec![FIRST],
         summary: Summary::of(&nodes),
         nodes,
         targets: vec![Target {
             id: 20,
+            network: 1,
             path: vec![[0.0, 5.0], [2.0, 6.0]],
             stops: vec![Stop {
                 stop: 0,
@@ -130,8 +132,8 @@ fn reading_gives_back_every_bit() {
 #[test]
 fn other_formats_and_other_files_are_refused() {
     let text = tiny().to_json(false).unwrap();
-    for other in [1, 3] {
-        let text = text.replacen("\"format\": 2", &format!("\"format\": {other}"), 1);
+    for other in [1, 2, 4] {
+        let text = text.replacen("\"format\": 3", &format!("\"format\": {other}"), 1);
         assert!(matches!(
             RunRecord::from_json(&text),
             Err(RecordError::Format(found)) if found == other
@@ -142,6 +144,54 @@ fn other_formats_and_other_files_are_refused() {
             RunRecord::from_json(text),
             Err(RecordError::Json(_))
         ));
+    }
+}
+
+/// Whoever reads a record is told what its nodes say, whatever its summary says.
+#[test]
+fn the_summary_is_that_of_the_nodes() {
+    let record = Sample {
+        blind: &[4],
+        ..Sample::default()
+    }
+    .run();
+    let mut told = record.clone();
+    told.summary.calibrated = 3;
+    told.summary.fit.chi_squared = 1e9;
+    told.summary.all = None;
+    let read = RunRecord::from_json(&told.to_json(false).unwrap()).unwrap();
+    assert_eq!(read.summary, record.summary);
+}
+
+#[test]
+fn records_that_no_run_makes_are_refused() {
+    let refused = |change: fn(&mut RunRecord)| {
+        let mut record = Sample::default().run();
+        change(&mut record);
+        let text = record.to_json(false).unwrap();
+        RunRecord::from_json(&text).unwrap_err().to_string()
+    };
+    for (message, expected) in [
+        (refused(|r| r.nodes[4].id = 9), "it has node 9 twice"),
+        (
+            refused(|r| r.targets.push(r.targets[0].clone())),
+            "it has target 20 twice",
+        ),
+        (
+            refused(|r| r.networks.push(r.networks[0])),
+            "it has network 1 twice",
+        ),
+        (
+            refused(|r| r.nodes[4].network = 2),
+            "node 4 is of network 2, which is not there",
+        ),
+        (
+            refused(|r| r.targets[0].network = 2),
+            "target 20 is of network 2, which is not there",
+        ),
+        (refused(|r| r.nodes.clear()), "it has no cameras"),
+    ] {
+        assert_eq!(message, expected);
     }
 }
 

@@ -2,8 +2,10 @@
 
 use calib_core::{Ray, Sighting, camera::Projection, resection};
 use host_sim::{
+    export,
     record::{
         Failure, Node, RunRecord,
+        summary::Summary,
         verdict::{Common, Trouble, Verdict},
     },
     report::run::{run_report, runs_report},
@@ -12,12 +14,12 @@ use nalgebra::Point2;
 
 use crate::{
     common::{Files, run},
-    sample::{CAMERAS, Sample},
+    sample::{self, Sample},
 };
 
 /// Whether a camera of the sample sees a place, from geometry.
 fn sees(camera: u16, x: f64, y: f64) -> bool {
-    let (cx, cy, heading) = CAMERAS[usize::from(camera) - 1];
+    let (cx, cy, heading) = sample::camera(camera);
     let (dx, dy) = (x - cx, y - cy);
     let bearing = (dy.atan2(dx).to_degrees() - heading + 540.0).rem_euclid(360.0) - 180.0;
     dx.hypot(dy) < 8.0 && bearing.abs() < 30.0
@@ -64,6 +66,147 @@ fn cameras_without_a_pose_are_named_with_stops_in_their_view() {
     assert!(text.contains("camera 4: not calibrated: it never saw the target standing still"));
     assert!(text.contains("camera 9: not calibrated: 2 of the 3 sightings it needs"));
     assert!(text.contains("in view of camera 9\n"));
+}
+
+/// A stop counts for the references only if both see the target there, and two of them that are
+/// nearly the same are hardly more than one.
+#[test]
+fn references_without_an_answer_are_asked_for_stops_that_both_see() {
+    let record = Sample {
+        blind: &[1, 2],
+        ..Sample::default()
+    }
+    .run();
+    let verdict = Verdict::of(&record);
+    let stops = &verdict.next_stops;
+    assert_eq!(stops.len(), 3, "{verdict}");
+    for (place, stop) in stops.iter().enumerate() {
+        assert_eq!(stop.seen_by, [1, 2]);
+        assert!(
+            sees(1, stop.x, stop.y) && sees(2, stop.x, stop.y),
+            "{verdict}"
+        );
+        for other in &stops[..place] {
+            let apart = (stop.x - other.x).hypot(stop.y - other.y);
+            assert!(apart >= 0.8, "{verdict}");
+        }
+    }
+}
+
+/// Whoever never joined is not helped by any stop.
+#[test]
+fn nodes_that_never_joined_are_told_so_and_not_walked_to() {
+    let silence = |record: &mut RunRecord, id: u16| {
+        let node = record.nodes.iter_mut().find(|node| node.id == id).unwrap();
+        node.payload_bytes = Some(0);
+        if node.is_camera() {
+            (node.estimate, node.error, node.nees, node.refusal) = (None, None, None, None);
+            (node.residuals, node.sightings) = (Vec::new(), 0);
+        }
+    };
+    let mut record = Sample::default().run();
+    silence(&mut record, 5);
+    let verdict = Verdict::of(&record);
+    assert_eq!((verdict.calibrated, verdict.exit_code()), (12, 1));
+    assert_eq!(verdict.findings.len(), 1);
+    assert_eq!(verdict.findings[0].trouble, Trouble::NeverJoined);
+    assert_eq!(verdict.next_stops, []);
+    assert!(verdict.to_string().contains(
+        "camera 5: not calibrated: it never joined: look at `radio`, at distances and at events"
+    ));
+    // One reference alone has nothing to look at together with.
+    let mut record = Sample {
+        blind: &[2],
+        ..Sample::default()
+    }
+    .run();
+    silence(&mut record, 1);
+    let verdict = Verdict::of(&record);
+    assert_eq!(verdict.next_stops, [], "{verdict}");
+    // Nor does anybody see a target that nobody hears.
+    let mut record = Sample {
+        blind: &[4],
+        ..Sample::default()
+    }
+    .run();
+    silence(&mut record, 20);
+    let verdict = Verdict::of(&record);
+    assert_eq!(
+        (verdict.absent.as_slice(), verdict.next_stops.len()),
+        (&[20][..], 0)
+    );
+    assert!(
+        verdict.to_string().contains("target 20: it never joined"),
+        "{verdict}"
+    );
+}
+
+/// A camera that takes something else for the target: its pose says that it is weak, and its
+/// sightings contradict it.
+#[test]
+fn a_pose_that_its_sightings_contradict_is_none() {
+    let mut record = Sample::default().run();
+    let camera = record.nodes.iter_mut().find(|n| n.id == 7).unwrap();
+    assert!(camera.residuals.len() > 3);
+    for (residual, sigmas) in camera
+        .residuals
+        .iter_mut()
+        .zip([40.0, -35.0, 20.0, -30.0].iter().cycle())
+    {
+        residual.normalised = Some(*sigmas);
+    }
+    let (truth, error) = (camera.truth.unwrap(), camera.error.as_mut().unwrap());
+    let estimate = camera.estimate.as_mut().unwrap();
+    (estimate.x, error.x) = (truth.x - 300.0, -300.0);
+    (estimate.sigma_x, estimate.covariance[0]) = (50.0, 2500.0);
+    let limit = record.limits.sigma_position;
+    record.summary = Summary::of(&record.nodes);
+    let verdict = Verdict::of(&record);
+    assert_eq!(
+        (verdict.calibrated, verdict.exit_code()),
+        (12, 1),
+        "{verdict}"
+    );
+    assert_eq!(verdict.common, []);
+    let [finding] = verdict.findings.as_slice() else {
+        panic!("{verdict}");
+    };
+    assert!(
+        matches!(finding.trouble, Trouble::Contradicted { sigma_position, .. } if sigma_position > limit)
+    );
+    assert!(
+        verdict
+            .to_string()
+            .contains("camera 7: not calibrated: its sightings contradict")
+    );
+    // Where it was put, not where it believes to be.
+    let [stop] = verdict.next_stops.as_slice() else {
+        panic!("{verdict}");
+    };
+    assert!(sees(7, stop.x, stop.y), "{verdict}");
+    assert!(
+        export::csv(&record)
+            .unwrap()
+            .contains("\n7,1,false,contradicted,")
+    );
+    assert!(!export::ros_launch(&record).unwrap().contains("camera_7"));
+    // If they only are not as sure as they say, and the pose is good, it counts.
+    let camera = record.nodes.iter_mut().find(|n| n.id == 7).unwrap();
+    camera.estimate.as_mut().unwrap().sigma_x = 0.01;
+    assert_eq!(Verdict::of(&record).calibrated, 13);
+}
+
+/// In view of a pose that is far off there is nothing.
+#[test]
+fn no_stop_is_asked_for_out_of_reach() {
+    let mut record = Sample::default().run();
+    let camera = record.nodes.iter_mut().find(|n| n.id == 7).unwrap();
+    let estimate = camera.estimate.as_mut().unwrap();
+    (estimate.sigma_x, estimate.covariance[0]) = (5.0, 25.0);
+    assert_eq!(Verdict::of(&record).next_stops.len(), 1);
+    let camera = record.nodes.iter_mut().find(|n| n.id == 7).unwrap();
+    camera.estimate.as_mut().unwrap().x += 60.0;
+    assert_eq!(Verdict::of(&record).next_stops, []);
 }
 
 /// A failure leaves poses as they are, but nobody may overlook it.
@@ -116,7 +259,7 @@ fn the_stops_that_are_asked_for_help() {
     assert_eq!(verdict.exit_code(), 0);
     for camera in weak {
         let node = record.nodes.iter().find(|n| n.id == camera).unwrap();
-        let (x, y, heading) = CAMERAS[usize::from(camera) - 1];
+        let (x, y, heading) = sample::camera(camera);
         let exact = |tx: f64, ty: f64| {
             let ray = Ray::from_bearing((ty - y).atan2(tx - x) - heading.to_radians());
             Sighting::new(Point2::new(tx, ty), ray, 0.0038)
@@ -211,7 +354,7 @@ fn one_wild_sighting_is_one_cameras_trouble() {
     let camera = record.nodes.iter_mut().find(|n| n.id == 7).unwrap();
     camera.residuals[4].normalised = Some(-12.0);
     let stop = camera.residuals[4].stop;
-    record.summary = host_sim::record::summary::Summary::of(&record.nodes);
+    record.summary = Summary::of(&record.nodes);
     let verdict = Verdict::of(&record);
     assert_eq!(verdict.common, []);
     let found: Vec<_> = verdict.findings.iter().map(|f| f.camera).collect();
@@ -259,7 +402,9 @@ fn several_runs_make_one_table() {
         })
         .collect();
     let text = runs_report(&runs.iter().collect::<Vec<_>>());
-    assert!(text.contains("| 5, 3 "));
+    assert!(text.contains("| 5, 5, 3 "));
+    assert!(text.starts_with("lab: 5 runs\n"), "{text}");
+    assert!(text.contains("mean, these runs") && !text.contains("this run"));
     assert!(text.contains("Errors of 5 cameras, without references"));
     assert!(text.contains("Beside the thesis's Table 3.1") && text.contains("7.1618"));
 }
@@ -306,7 +451,56 @@ fn exit_codes_of_the_command() {
     assert_eq!(differ.code, 1);
     assert!(differ.stdout.contains("The runs differ in"));
     assert_eq!(run(&["report", "sweep", &a, &b]).code, 0);
+    assert_eq!(run(&["report", "runs", &a, &b]).code, 0);
+    let blind = Sample {
+        seed: 9,
+        blind: &[4],
+        ..good
+    };
+    let c = write("c.json", &blind.run());
+    let incomplete = run(&["report", "sweep", &a, &c]);
+    assert_eq!(incomplete.code, 1);
+    let named = "path 1, seed 9: 12 of 13 cameras calibrated";
+    assert!(incomplete.stdout.contains(named), "{}", incomplete.stdout);
+    assert_eq!(run(&["report", "runs", &a, &c]).code, 1);
+    for what in ["run", "runs", "sweep"] {
+        let help = run(&["report", what, "--help"]).stdout;
+        assert!(help.contains("Exit codes:\n  0  every camera"), "{help}");
+    }
     let unreadable = run(&["report", "run", &other]);
     assert_eq!(unreadable.code, 2);
     assert!(unreadable.stderr.contains("format 9"));
+}
+
+#[test]
+fn runs_of_two_seeds_are_told_apart() {
+    let runs = [1, 2].map(|seed| {
+        Sample {
+            seed,
+            ..Sample::default()
+        }
+        .run()
+    });
+    let text = runs_report(&runs.iter().collect::<Vec<_>>());
+    assert!(text.starts_with("thesis-13, path 1: 2 runs\n"), "{text}");
+    assert!(text.contains("| path, seed, node |"), "{text}");
+    for row in ["| 1, 1, 3 ", "| 1, 2, 3 "] {
+        assert_eq!(text.matches(row).count(), 1, "{row}: {text}");
+    }
+    let one = runs_report(&[&runs[0]]);
+    assert!(one.starts_with("thesis-13, path 1, seed 1\n"), "{one}");
+    assert!(one.contains("this run"), "{one}");
+}
+
+#[test]
+fn parts_of_a_report_have_one_blank_line_between_them() {
+    let thesis = Sample::default().run();
+    let mut other = thesis.clone();
+    other.scenario = "mine".to_owned();
+    for record in [thesis, other] {
+        for text in [run_report(&record), runs_report(&[&record])] {
+            assert!(!text.contains("\n\n\n"), "{text}");
+            assert!(text.ends_with('\n') && !text.ends_with("\n\n"), "{text:?}");
+        }
+    }
 }

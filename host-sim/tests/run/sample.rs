@@ -7,33 +7,39 @@ use calib_core::{
     resection,
 };
 use host_sim::record::{
-    Believed, FORMAT, Limits, Node, Place, Radio, Role, RunRecord, Stop, Target, Unit, View,
-    summary::Summary,
+    Believed, FORMAT, Limits, Network, Node, Place, Radio, Role, RunRecord, Stop, Target, Unit,
+    View, published::Published, summary::Summary,
 };
 use nalgebra::{Matrix3, Point2};
 use rand::RngExt;
 use test_support::{Random, generator, normal};
 
-/// Table 4.1: x, y, heading in degrees of nodes 1 to 13.
-pub(crate) const CAMERAS: [(f64, f64, f64); 13] = [
-    (0.0, 0.0, 45.0),
-    (10.0, 0.0, 145.0),
-    (15.0, 2.0, 130.0),
-    (17.0, 3.0, 120.0),
-    (21.0, 3.0, 90.0),
-    (25.0, 8.0, 180.0),
-    (24.0, 12.0, 230.0),
-    (17.0, 12.0, 310.0),
-    (22.0, 13.0, 120.0),
-    (16.0, 14.0, 45.0),
-    (13.0, 13.0, 90.0),
-    (9.0, 16.0, 270.0),
-    (4.0, 15.0, 320.0),
-];
+/// Where a camera of Table 4.1 is, and its heading in degrees.
+pub(crate) fn camera(id: u16) -> (f64, f64, f64) {
+    let Place { x, y, heading_deg } = cameras()[usize::from(id) - 1];
+    (x, y, heading_deg)
+}
+
+/// Table 4.1.
+fn cameras() -> Vec<Place> {
+    let thesis = Published::of("thesis-13", Some(1)).unwrap();
+    assert_eq!(thesis.nodes.len(), 13);
+    thesis.nodes.iter().map(|node| node.truth).collect()
+}
+
 const FOV_DEG: f64 = 60.0;
 const RANGE: f64 = 8.0;
 const COLUMNS: u16 = 88;
 pub(crate) const TARGET: u16 = 20;
+/// The only network.
+pub(crate) const FIRST: Network = Network {
+    network: 1,
+    frame: Place {
+        x: 0.0,
+        y: 0.0,
+        heading_deg: 0.0,
+    },
+};
 /// Of a place that the target believes in.
 const STOP_SIGMA: f64 = 0.01;
 
@@ -93,6 +99,7 @@ impl Sample {
                 sigma_position: 0.3,
                 sigma_heading_deg: 3.0,
             },
+            networks: vec![FIRST],
             summary: Summary::of(&nodes),
             radio: Radio {
                 frames: nodes.iter().map(|n| n.frames_sent).sum(),
@@ -103,6 +110,7 @@ impl Sample {
             nodes,
             targets: vec![Target {
                 id: TARGET,
+                network: 1,
                 path: stops.iter().map(|stop| [stop.x, stop.y]).collect(),
                 stops,
             }],
@@ -115,7 +123,7 @@ impl Sample {
     /// Some stops in view of every camera in turn.
     fn stops(self, random: &mut Random) -> Vec<Stop> {
         let mut stops = Vec::new();
-        for (x, y, heading_deg) in CAMERAS {
+        for Place { x, y, heading_deg } in cameras() {
             for k in 0..self.stops {
                 let side = [-0.7, 0.7, 0.0][k as usize % 3];
                 let bearing = 0.4 * (side + random.random_range(-0.25..0.25));
@@ -140,7 +148,7 @@ impl Sample {
     }
 
     fn camera(self, id: u16, stops: &[Stop], random: &mut Random) -> Node {
-        let (x, y, heading_deg) = CAMERAS[usize::from(id) - 1];
+        let (x, y, heading_deg) = camera(id);
         let mut node = Node::new(id, Role::Camera);
         node.reference = id <= 2;
         node.expected = true;

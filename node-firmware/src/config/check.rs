@@ -126,7 +126,7 @@ impl fmt::Display for ConfigError {
             Self::TargetColour => "colour must be 0 to 3",
             Self::StillAfter => "still-after-ms must be 100 to 60000",
             Self::Systematic => "systematic-heading-deg must be 0 to 180, systematic-scale 0 to 1",
-            Self::StandingSigma => "standing-sigma must be 0 or above",
+            Self::StandingSigma => "standing-sigma must be 0 to 1000",
             Self::Dwell => "dwell-least-ms must be at most dwell-most-ms, and that at most 3600000",
             Self::Sensor => "sensor: hard-iron must be -400 to 400 uT, step-length above 0",
         })
@@ -247,7 +247,8 @@ impl TargetConfig {
                 ConfigError::Systematic,
             ),
             (
-                self.standing_sigma >= 0.0 && self.standing_sigma.is_finite(),
+                // Its square must be finite, too.
+                (0.0..=1000.0).contains(&self.standing_sigma),
                 ConfigError::StandingSigma,
             ),
             (

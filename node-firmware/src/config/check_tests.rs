@@ -145,6 +145,9 @@ fn cameras() {
     let text = most.unwrap_err().to_string();
     assert!(text.contains("2 to 12"), "{text}");
     assert_eq!(with_camera(|c| c.stops = 2), Err(E::Stops));
+    // A camera keeps 16 sightings.
+    assert_eq!(with_camera(|c| c.stops = 16), Ok(()));
+    assert_eq!(with_camera(|c| c.stops = 17), Err(E::Stops));
     assert_eq!(
         with_camera(|c| c.good_enough.heading_deg = 0.0),
         Err(E::GoodEnough)
@@ -188,9 +191,13 @@ fn targets() {
     ] {
         assert_eq!(with_target(|t| t.sensor = sensor), Err(E::Sensor));
     }
-    assert_eq!(
-        with_target(|t| t.standing_sigma = f32::NAN),
-        Err(E::StandingSigma)
-    );
+    // Finite is not enough: so must its square be.
+    for sigma in [f32::NAN, -0.1, 1e20, 1001.0] {
+        assert_eq!(
+            with_target(|t| t.standing_sigma = sigma),
+            Err(E::StandingSigma)
+        );
+    }
+    assert!(E::StandingSigma.to_string().contains("0 to 1000"));
     assert_eq!(with_target(|t| t.dwell_least_ms = 120_001), Err(E::Dwell));
 }

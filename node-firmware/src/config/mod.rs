@@ -18,7 +18,9 @@ use core::ops::RangeInclusive;
 
 use heapless::Vec;
 use serde::{Deserialize, Serialize};
-use zigbee_link::{network::Channels, radio::Channel, security::Protection, wire::Eui64};
+use zigbee_link::{
+    network::Channels, radio::Channel, security::Protection, store::log::Crc32, wire::Eui64,
+};
 
 pub use self::{check::ConfigError, key::SiteKey};
 use crate::sight::{
@@ -30,8 +32,9 @@ use crate::sight::{
 pub const ALLOWED_MAX: usize = 32;
 /// The most target colours a camera can tell apart.
 pub const COLOURS_MAX: usize = 4;
-/// Stops at which a camera may want to see the target: a pose needs three.
-pub const STOPS_WANTED: RangeInclusive<u8> = 3..=64;
+/// Stops at which a camera may want to see the target: a pose needs three, and no more sightings
+/// are kept than [`SIGHTINGS`](crate::role::camera::SIGHTINGS).
+pub const STOPS_WANTED: RangeInclusive<u8> = 3..=crate::role::camera::SIGHTINGS as u8;
 
 /// All that a node is told.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -182,15 +185,15 @@ pub enum Subjects {
 impl Subjects {
     /// A checksum of the configured colours.
     pub(crate) fn checksum(&self) -> u32 {
-        let mut digest = page::CRC.digest();
+        let mut sum = Crc32::new();
         if let Self::Colours(windows) = self {
             for ColourWindow { red, green, blue } in windows {
                 for levels in [red, green, blue] {
-                    digest.update(levels);
+                    sum.add(levels);
                 }
             }
         }
-        digest.finalize()
+        sum.sum()
     }
 
     /// Whether a colour can get this number: they are numbered without gaps.
@@ -312,14 +315,14 @@ impl CameraConfig {
 }
 
 impl Default for TargetConfig {
-    /// A walking person with a step sensor: stands after 1.5 s without a step; systematic errors
-    /// of half a degree and 1 %; waits up to two minutes.
+    /// A walking person of whom nothing is known, with a step sensor: stands after 1.5 s without a
+    /// step; systematic errors of 3 degrees and 8 %; waits up to two minutes.
     fn default() -> Self {
         Self {
             colour: 0,
             still_after_ms: 1_500,
-            systematic_heading_deg: 0.5,
-            systematic_scale: 0.01,
+            systematic_heading_deg: 3.0,
+            systematic_scale: 0.08,
             standing_sigma: 0.02,
             dwell_least_ms: 2_000,
             dwell_most_ms: 120_000,
@@ -364,9 +367,9 @@ impl Config {
             Role::Camera(_) => 1,
             Role::Target(_) => 2,
         };
-        let mut digest = page::CRC.digest();
-        digest.update(key);
-        digest.update(&[index, id_low, id_high, kind]);
+        let mut sum = Crc32::new();
+        sum.add(key);
+        sum.add(&[index, id_low, id_high, kind]);
         if let Role::Camera(camera) = &self.role {
             let lens = &camera.lens;
             let [columns_low, columns_high] = lens.columns.to_le_bytes();
@@ -382,7 +385,7 @@ impl Config {
                 }) => (2, position),
             };
             let projection = lens.projection as u8;
-            digest.update(&[
+            sum.add(&[
                 columns_low,
                 columns_high,
                 projection,
@@ -397,10 +400,10 @@ impl Config {
                 camera.baseline,
                 camera.frame_heading_deg,
             ] {
-                digest.update(&float(number));
+                sum.add(&float(number));
             }
         }
-        digest.finalize()
+        sum.sum()
     }
 
     /// The rate of the UART: that of a camera's CMUcam2, or of a coordinator's console.

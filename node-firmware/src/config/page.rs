@@ -9,30 +9,24 @@
 //! | 8 + n to 11 + n | CRC-32 (ISO-HDLC, that of Ethernet and zip) of all bytes before, little-endian |
 //! | the rest | whatever; 0xFF when written |
 //!
-//! All but the body stays as it is in every version, so that a newer page is told from a damaged
-//! one. The body of a version is frozen by a test with golden bytes. Version 1 has no
-//! [`SensorConfig`] at the end of a target's body; it is still read.
+//! All but the body stays as it is in every version, so that a page of another version is told from a
+//! damaged one. The body is frozen by a test with golden bytes.
 
 use core::fmt;
 
-use crc::{CRC_32_ISO_HDLC, Crc, NoTable};
+use zigbee_link::store::log::Crc32;
 
-use super::{Config, ConfigError, SensorConfig};
+use super::{Config, ConfigError};
 
 /// Bytes of the longest page.
 pub const PAGE_MAX: usize = 512;
 
-/// The version that is written.
+/// The version of the body.
 pub const VERSION: u16 = 2;
-/// The first one.
-const WITHOUT_SENSOR: u16 = 1;
 
 const MAGIC: [u8; 4] = *b"CNod";
 const HEADER: usize = 8;
 const TRAILER: usize = 4;
-
-/// Without a table: pages are short, flash is dear.
-pub(super) const CRC: Crc<u32, NoTable> = Crc::<u32, NoTable>::new(&CRC_32_ISO_HDLC);
 
 /// Why there is no configuration in a page, or no page for a configuration. The texts say what to
 /// do.
@@ -71,6 +65,9 @@ impl fmt::Display for PageError {
             }
             Self::Truncated => "the configuration page is cut off: write it again, all of it",
             Self::Checksum => "the configuration page is damaged: write it again",
+            Self::Version { found } if *found < VERSION => {
+                "the configuration page is of an older version: make it anew"
+            }
             Self::Version { found } => {
                 return write!(
                     f,
@@ -110,7 +107,7 @@ pub fn encode(config: &Config, buffer: &mut [u8]) -> Result<usize, PageError> {
     let (covered, trailer) = buffer
         .split_at_mut_checked(HEADER + length)
         .ok_or(PageError::Room)?;
-    let checksum = CRC.checksum(covered).to_le_bytes();
+    let checksum = Crc32::of(covered).to_le_bytes();
     let (trailer, rest) = trailer
         .split_at_mut_checked(TRAILER)
         .ok_or(PageError::Room)?;
@@ -138,42 +135,19 @@ pub fn decode(page: &[u8]) -> Result<Config, PageError> {
         .split_at_checked(HEADER + length)
         .ok_or(PageError::Truncated)?;
     let checksum = rest.first_chunk::<TRAILER>().ok_or(PageError::Truncated)?;
-    if CRC.checksum(covered) != u32::from_le_bytes(*checksum) {
+    if Crc32::of(covered) != u32::from_le_bytes(*checksum) {
         return Err(PageError::Checksum);
     }
     let body = covered.get(HEADER..).unwrap_or(&[]);
     let config = match u16::from_le_bytes([v0, v1]) {
-        VERSION => read_body(body)?,
-        WITHOUT_SENSOR => read_body_without_sensor(body)?,
+        VERSION => match postcard::take_from_bytes::<Config>(body) {
+            Ok((config, [])) => config,
+            _ => return Err(PageError::Body),
+        },
         found => return Err(PageError::Version { found }),
     };
     config.check().map_err(PageError::Value)?;
     Ok(config)
-}
-
-fn read_body(body: &[u8]) -> Result<Config, PageError> {
-    match postcard::take_from_bytes(body) {
-        Ok((config, [])) => Ok(config),
-        _ => Err(PageError::Body),
-    }
-}
-
-/// [`SensorConfig::UNCALIBRATED`] as it is in a body: four numbers, of which three are zero.
-const SENSOR: [u8; 16] = {
-    let [a, b, c, d] = SensorConfig::UNCALIBRATED.step_length.to_le_bytes();
-    [0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, a, b, c, d]
-};
-
-/// What a target's body lacks comes last, so that it can be put behind it; other bodies lack nothing.
-fn read_body_without_sensor(body: &[u8]) -> Result<Config, PageError> {
-    read_body(body).or_else(|error| {
-        let mut whole = [0; PAGE_MAX];
-        let whole = whole.get_mut(..body.len() + SENSOR.len()).ok_or(error)?;
-        for (to, from) in whole.iter_mut().zip(body.iter().chain(&SENSOR)) {
-            *to = *from;
-        }
-        read_body(whole)
-    })
 }
 
 #[cfg(test)]

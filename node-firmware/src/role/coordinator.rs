@@ -8,9 +8,9 @@ use core::time::Duration;
 
 use zigbee_link::{Instant, store::Membership, wire::ShortAddress};
 
-use super::{Earliest, Outbox, Output, Owed, Role, free_slot};
+use super::{Earliest, Outbox, Output, Owed, Reports, Role};
 use crate::{
-    config::Duty,
+    config::{Duty, SiteKey},
     console::{FromPc, Network, ToPc},
     hardware::{Button, Indication},
     memory::Fact,
@@ -33,12 +33,12 @@ const ROSTER_AFTER: Duration = Duration::from_millis(500);
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum Errand {
-    /// A member in this place of the table was asked who it is.
-    Who(u8),
+    /// A member was asked who it is.
+    Who(Address),
     /// A target was told which cameras there are.
-    Roster(u8),
-    /// A reference camera was told that it is one.
-    References(Duty),
+    Roster(Address),
+    /// A camera was told who the references are.
+    References(Address),
     /// A camera was given a command.
     Command(Address, Command),
 }
@@ -51,6 +51,12 @@ pub enum Task {
     Tell(ToPc),
     /// Let new devices join for a while.
     OpenJoinWindow(Duration),
+    /// Send a member away, and tell the PC.
+    Remove(Address),
+    /// Begin to change the site key, and tell the PC.
+    ChangeKey(SiteKey),
+    /// Tell the PC how the change of the site key goes.
+    TellKeyChange,
 }
 
 /// What surrounds the coordinator tells.
@@ -63,30 +69,38 @@ pub enum Event {
     Button(Button),
 }
 
-#[derive(Clone, Copy, Debug, PartialEq)]
-struct Member {
-    address: Address,
+/// What is known of a member besides its report.
+#[derive(Clone, Debug, Default)]
+struct Known {
     hello: Option<Hello>,
-    report: Option<Report>,
-    /// Where its report is written down, or is to be.
-    slot: Option<u8>,
-    /// It is to be.
-    unsaved: bool,
     /// It has to be asked who it is.
     who: Owed,
     /// It is a target that has to be told the roster.
     roster: Owed,
+    /// It is a camera that has to be told who the references are.
+    references: Owed,
+}
+
+impl Known {
+    fn is_camera(&self) -> bool {
+        self.hello.is_some_and(|hello| hello.kind != Kind::Target)
+    }
+
+    fn is_target(&self) -> bool {
+        self.hello.is_some_and(|hello| hello.kind == Kind::Target)
+    }
 }
 
 /// The coordinator's state.
 #[derive(Clone, Debug)]
 pub struct Coordinator {
-    members: heapless::Vec<Member, MEMBERS>,
+    members: Reports<Known>,
     network: Option<Network>,
     references: Option<References>,
     /// The references are not written down yet.
     unsaved: bool,
-    told: [Owed; 2],
+    /// References were appointed in a former run.
+    recalled: bool,
     /// The camera that saw a target first, and at which stop.
     trigger: Option<(Address, Address, StopNumber)>,
     outbox: Outbox<Errand, 8>,
@@ -109,11 +123,11 @@ impl Coordinator {
     /// A coordinator that knows nothing yet.
     pub const fn new() -> Self {
         Self {
-            members: heapless::Vec::new(),
+            members: Reports::new(),
             network: None,
             references: None,
             unsaved: false,
-            told: [Owed::Nothing, Owed::Nothing],
+            recalled: false,
             trigger: None,
             outbox: Outbox::new(),
             tasks: heapless::Deque::new(),
@@ -130,35 +144,14 @@ impl Coordinator {
             .filter_map(|member| Some((member.address, member.report.as_ref()?)))
     }
 
-    fn place(&mut self, address: Address) -> Option<usize> {
-        let known = |member: &Member| member.address == address;
-        match self.members.iter().position(known) {
-            Some(place) => Some(place),
-            None => {
-                let new = Member {
-                    address,
-                    hello: None,
-                    report: None,
-                    slot: None,
-                    unsaved: false,
-                    who: Owed::Nothing,
-                    roster: Owed::Nothing,
-                };
-                self.members.push(new).ok()?;
-                Some(self.members.len() - 1)
-            }
-        }
-    }
-
     /// Somebody sent something. A member that never said who it is, is asked.
     fn meet(&mut self, now: Instant, address: Address) {
-        if let Some(place) = self.place(address)
-            && let Some(member) = self.members.get_mut(place)
-            && member.hello.is_none()
-            && member.who == Owed::Nothing
+        if let Some(member) = self.members.of(address)
+            && member.more.hello.is_none()
+            && member.more.who == Owed::Nothing
         {
             // It says so by itself when it has just joined.
-            member.who = Owed::Due(now + super::RETRY, 0);
+            member.more.who = Owed::Due(now + super::RETRY, 0);
         }
     }
 
@@ -167,10 +160,27 @@ impl Coordinator {
         if core::mem::take(&mut self.unsaved) {
             return Some(Fact::References(self.references));
         }
-        self.members.iter_mut().find_map(|member| {
-            let report = core::mem::take(&mut member.unsaved).then_some(member.report?)?;
-            Some(Fact::Camera(member.slot?, Some((member.address, report))))
-        })
+        self.members.unsaved()
+    }
+
+    /// Knows nothing of a member any more. If it was a reference camera, there are none.
+    fn forget(&mut self, address: Address) {
+        self.members.remove(address);
+        let is_it = |references: &mut References| {
+            let duty = references.duty_of(ShortAddress(address));
+            duty.is_some()
+        };
+        if self.references.take_if(is_it).is_some() {
+            self.unsaved = true;
+        }
+        self.trigger
+            .take_if(|(camera, target, _)| [*camera, *target].contains(&address));
+    }
+
+    /// Whether a camera knows its pose, so that there is a frame of the site.
+    fn is_calibrated(&self) -> bool {
+        let mut reports = self.reports();
+        reports.any(|(_, report)| report.pose().is_some())
     }
 
     /// Full, the PC misses something until it asks for everything again.
@@ -186,28 +196,19 @@ impl Coordinator {
         {
             return;
         }
-        let Some(place) = self.place(address) else {
+        let Some(member) = self.members.of(address) else {
             return;
         };
-        let Some(member) = self.members.get_mut(place) else {
-            return;
-        };
+        let member = &mut member.more;
         member.who = Owed::Nothing;
         let is_news = member.hello != Some(hello);
         member.hello = Some(hello);
         match hello.kind {
             Kind::Target => member.roster.tell(now),
             Kind::Camera { .. } if is_news => {
-                for target in &mut self.members {
-                    if matches!(
-                        target.hello,
-                        Some(Hello {
-                            kind: Kind::Target,
-                            ..
-                        })
-                    ) {
-                        target.roster = Owed::Due(now + ROSTER_AFTER, 0);
-                    }
+                let members = self.members.iter_mut().map(|member| &mut member.more);
+                for target in members.filter(|member| member.is_target()) {
+                    target.roster = Owed::Due(now + ROSTER_AFTER, 0);
                 }
             }
             Kind::Camera { .. } => {}
@@ -216,14 +217,14 @@ impl Coordinator {
         if matches!(hello.kind, Kind::Camera { reference: Some(_) }) {
             self.appoint_configured(now);
         }
-        // It may have missed it.
-        match self
-            .references
-            .and_then(|r| r.duty_of(ShortAddress(address)))
+        // A reference may have missed it, or forgotten. After a restart of this node nobody knows
+        // who was one before, and was not told.
+        if let Some(references) = self.references
+            && hello.kind != Kind::Target
+            && (is_news && self.recalled || references.duty_of(ShortAddress(address)).is_some())
+            && let Some(member) = self.members.get(address)
         {
-            Some(Duty::First) => self.told[0].tell(now),
-            Some(Duty::Second) => self.told[1].tell(now),
-            None => {}
+            member.references.tell(now);
         }
     }
 
@@ -233,7 +234,7 @@ impl Coordinator {
         self.members
             .iter()
             .rev()
-            .find_map(|member| match member.hello?.kind {
+            .find_map(|member| match member.more.hello?.kind {
                 Kind::Camera {
                     reference: Some(reference),
                 } if reference.duty == wanted => Some((member.address, reference.position)),
@@ -256,20 +257,29 @@ impl Coordinator {
     }
 
     fn appoint(&mut self, now: Instant, references: References) {
-        if self.references != Some(references) {
-            self.references = Some(references);
-            self.unsaved = true;
-            self.told = [Owed::Due(now, 0); 2];
+        if self.references == Some(references) {
+            return;
+        }
+        let former = self.references.replace(references);
+        self.unsaved = true;
+        // Those that are none any more, too.
+        for references in former.into_iter().chain([references]) {
+            for camera in [references.first, references.second] {
+                if let Some(member) = self.members.get(camera) {
+                    member.references.tell(now);
+                }
+            }
         }
     }
 
     /// The first camera to see a target triggers; the next one that sees it at the same stop
-    /// becomes its helper (thesis 2.3).
+    /// becomes its helper (thesis 2.3). Not where cameras know their poses, as they may from a former
+    /// network: the target finds its place from them, and a second frame would begin here.
     fn trigger(&mut self, now: Instant, camera: Address, target: Address, stop: StopNumber) {
         let is_configured = [Duty::First, Duty::Second]
             .iter()
             .any(|&duty| self.camera_with(duty).is_some());
-        if self.references.is_some() || is_configured {
+        if self.references.is_some() || is_configured || self.is_calibrated() {
             return;
         }
         match self.trigger {
@@ -288,16 +298,8 @@ impl Coordinator {
     }
 
     fn report(&mut self, address: Address, report: &Report) {
-        let Some(place) = self.place(address) else {
+        if self.members.report(address, *report).is_none() {
             return;
-        };
-        let slot = free_slot(|slot| self.members.iter().any(|m| m.slot == Some(slot)));
-        if let Some(member) = self.members.get_mut(place)
-            && member.report != Some(*report)
-        {
-            member.report = Some(*report);
-            member.slot = member.slot.or(slot);
-            member.unsaved = true;
         }
         self.tell_pc(ToPc::Report {
             address,
@@ -310,6 +312,7 @@ impl Coordinator {
             FromPc::Refresh => {
                 self.refresh = Some(0);
                 self.tell_pc(ToPc::Network(self.network));
+                let _ = self.tasks.push_back(Task::TellKeyChange);
             }
             FromPc::JoinWindow(seconds) => {
                 self.join_window = Some(Duration::from_secs(seconds.into()));
@@ -326,6 +329,15 @@ impl Coordinator {
                 // Full, they are asked for again: none came.
                 let to = ShortAddress(address);
                 let _ = self.outbox.push(now, to, Message::Sightings, None);
+            }
+            // Full, the PC hears nothing of these, and asks again.
+            FromPc::Remove(address) => {
+                if self.tasks.push_back(Task::Remove(address)).is_ok() {
+                    self.forget(address);
+                }
+            }
+            FromPc::ChangeKey(key) => {
+                let _ = self.tasks.push_back(Task::ChangeKey(key));
             }
         }
     }
@@ -349,27 +361,25 @@ impl Coordinator {
         if !self.tasks.is_empty() {
             return;
         }
-        let Some(member) = self.members.get(line).copied() else {
+        let Some(member) = self.members.iter().nth(line) else {
             self.refresh = None;
             return;
         };
+        let (address, report, hello) = (member.address, member.report, member.more.hello);
         self.refresh = Some(line + 1);
-        let address = member.address;
-        if let Some(hello) = member.hello {
+        if let Some(hello) = hello {
             self.tell_pc(ToPc::Member { address, hello });
         }
-        if let Some(report) = member.report {
+        if let Some(report) = report {
             self.tell_pc(ToPc::Report { address, report });
         }
     }
 
     fn roster(&self) -> heapless::Vec<Address, MEMBERS> {
         let mut roster = heapless::Vec::new();
-        for member in &self.members {
-            if member.hello.is_some_and(|hello| hello.kind != Kind::Target) {
-                // As many as there are members.
-                let _ = roster.push(member.address);
-            }
+        for camera in self.members.iter().filter(|member| member.more.is_camera()) {
+            // As many as there are members.
+            let _ = roster.push(camera.address);
         }
         roster
     }
@@ -384,30 +394,23 @@ impl Coordinator {
             return Some((ShortAddress::BROADCAST, Message::WhoIsThere, None));
         }
         let roster = self.roster();
-        for (place, member) in self.members.iter_mut().enumerate() {
-            let to = ShortAddress(member.address);
+        for member in self.members.iter_mut() {
+            let address = member.address;
+            let to = ShortAddress(address);
+            let member = &mut member.more;
             if member.who.take(now) {
-                return Some((to, Message::WhoIsThere, Some(Errand::Who(place as u8))));
+                return Some((to, Message::WhoIsThere, Some(Errand::Who(address))));
             }
             if member.roster.take(now) {
-                return Some((
-                    to,
-                    Message::Roster(roster),
-                    Some(Errand::Roster(place as u8)),
-                ));
+                let errand = Some(Errand::Roster(address));
+                return Some((to, Message::Roster(roster), errand));
             }
-        }
-        let references = self.references?;
-        let [first, second] = &mut self.told;
-        if first.take(now) {
-            let to = ShortAddress(references.first);
-            let errand = Some(Errand::References(Duty::First));
-            return Some((to, Message::References(references), errand));
-        }
-        if second.take(now) {
-            let to = ShortAddress(references.second);
-            let errand = Some(Errand::References(Duty::Second));
-            return Some((to, Message::References(references), errand));
+            if let Some(references) = self.references
+                && member.references.take(now)
+            {
+                let errand = Some(Errand::References(address));
+                return Some((to, Message::References(references), errand));
+            }
         }
         None
     }
@@ -420,14 +423,12 @@ impl Role for Coordinator {
 
     fn remember(&mut self, fact: &Fact) {
         match fact {
-            Fact::References(references) => self.references = *references,
+            Fact::References(references) => {
+                self.references = *references;
+                self.recalled = references.is_some();
+            }
             Fact::Camera(slot, Some((address, report))) => {
-                if let Some(place) = self.place(*address)
-                    && let Some(member) = self.members.get_mut(place)
-                {
-                    member.report = Some(*report);
-                    member.slot = Some(*slot);
-                }
+                let _ = self.members.restore(*slot, *address, *report);
             }
             _ => {}
         }
@@ -469,24 +470,21 @@ impl Role for Coordinator {
 
     fn sent(&mut self, now: Instant, errand: Errand, delivered: bool) {
         match errand {
-            Errand::Who(place) => {
-                if let Some(member) = self.members.get_mut(usize::from(place)) {
+            Errand::Who(address) => {
+                if let Some(member) = self.members.get(address) {
                     // A member that cannot be reached says hello when it is back.
                     member.who.sent(now, true);
                 }
             }
-            Errand::Roster(place) => {
-                if let Some(member) = self.members.get_mut(usize::from(place)) {
+            Errand::Roster(address) => {
+                if let Some(member) = self.members.get(address) {
                     member.roster.sent(now, delivered);
                 }
             }
-            Errand::References(duty) => {
-                let [first, second] = &mut self.told;
-                let owed = match duty {
-                    Duty::First => first,
-                    Duty::Second => second,
-                };
-                owed.sent(now, delivered);
+            Errand::References(address) => {
+                if let Some(member) = self.members.get(address) {
+                    member.references.sent(now, delivered);
+                }
             }
             Errand::Command(address, command) => {
                 if !delivered {
@@ -545,12 +543,11 @@ impl Role for Coordinator {
             .filter(|at| *at < Instant(u64::MAX));
         let mut next = Earliest::new(roll_call);
         next.or(self.outbox.deadline());
-        for told in &self.told {
-            next.or(told.deadline());
-        }
-        for member in &self.members {
-            next.or(member.who.deadline());
-            next.or(member.roster.deadline());
+        for member in self.members.iter() {
+            let known = &member.more;
+            for owed in [&known.who, &known.roster, &known.references] {
+                next.or(owed.deadline());
+            }
         }
         next.get()
     }
@@ -559,10 +556,7 @@ impl Role for Coordinator {
         Indication {
             joined: self.network.is_some(),
             target_seen: self.trigger.is_some(),
-            calibrated: self
-                .members
-                .iter()
-                .any(|m| m.report.is_some_and(|report| report.pose().is_some())),
+            calibrated: self.is_calibrated(),
             may_walk: false,
         }
     }

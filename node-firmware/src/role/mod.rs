@@ -4,23 +4,23 @@
 //! what it wants is asked from it, until it wants nothing more. [`run`](crate::run) connects it to
 //! radio, flash and devices; tests connect roles to each other.
 
+mod home;
 mod outbox;
+mod reports;
 
 pub mod camera;
 pub mod coordinator;
 pub mod target;
 
+pub(crate) use home::Home;
 pub(crate) use outbox::Outbox;
+pub(crate) use reports::Reports;
 
 use core::time::Duration;
 
 use zigbee_link::{Instant, store::Membership, wire::ShortAddress};
 
-use crate::{
-    hardware::Indication,
-    memory::Fact,
-    message::{MEMBERS, Message},
-};
+use crate::{hardware::Indication, memory::Fact, message::Message};
 
 /// The coordinator's address.
 pub const COORDINATOR: ShortAddress = ShortAddress(0);
@@ -113,12 +113,6 @@ impl Earliest {
     pub(crate) const fn get(self) -> Option<Instant> {
         self.0
     }
-}
-
-/// A place for another [`Fact::Camera`]. Not its place in a table: a table that was recalled has
-/// no gaps, and then one camera would be written over another.
-pub(crate) fn free_slot(is_used: impl Fn(u8) -> bool) -> Option<u8> {
-    (0..MEMBERS as u8).find(|&slot| !is_used(slot))
 }
 
 /// Something that has to be told to a member until it is delivered.
@@ -220,11 +214,5 @@ mod tests {
         owed = Owed::Due(at(5), 0);
         owed.sent(at(3), true);
         assert_eq!(owed.deadline(), Some(at(5)));
-    }
-
-    #[test]
-    fn slots_are_given_once() {
-        assert_eq!(free_slot(|slot| [1, 0, 3].contains(&slot)), Some(2));
-        assert_eq!(free_slot(|_| true), None);
     }
 }

@@ -18,12 +18,12 @@ use zigbee_link::{Instant, store::Membership, wire::ShortAddress};
 
 pub use self::table::{CAMERAS, CameraEntry};
 use self::{place::nowhere, table::Table};
-use super::{COORDINATOR, Earliest, Output, Owed, Role};
+use super::{COORDINATOR, Earliest, Home, Output, Owed, Role};
 use crate::{
     config::TargetConfig,
     hardware::Indication,
     memory::{Fact, Walk},
-    message::{Bearing, Frame, Hello, Kind, Message, Sight, StopNumber, Stopped},
+    message::{Address, Bearing, Frame, Hello, Kind, Message, Sight, StopNumber, Stopped},
 };
 
 /// After the broadcast of a stop, before cameras that did not answer are asked one by one: a look
@@ -51,8 +51,8 @@ const STOOD: usize = 4;
 pub enum Errand {
     /// It presents itself.
     Hello,
-    /// It asks a camera of this place in its table for an answer.
-    Ask(u8, StopNumber),
+    /// It asks a camera for an answer.
+    Ask(Address, StopNumber),
 }
 
 /// What the devices of a target tell.
@@ -71,9 +71,12 @@ pub struct Target {
     id: u16,
     config: TargetConfig,
     address: Option<ShortAddress>,
+    home: Home,
     track: Track<f32>,
     fixes: u32,
     located: bool,
+    /// No step came since the sensor failed: wherever it may be found, it may be elsewhere then.
+    sensor_failed: bool,
     /// Direction of the sensor's x axis in the frame of the site, and its sigma.
     frame_heading: Option<(f32, f32)>,
     stop: StopNumber,
@@ -126,9 +129,12 @@ impl Target {
             id,
             config,
             address: None,
+            home: Home::new(),
             track,
-            fixes: 0,
+            // Random as well: what cameras keep of a former walk must not look like one of this.
+            fixes: first_stop.into(),
             located: false,
+            sensor_failed: false,
             frame_heading: None,
             stop: first_stop,
             state: State::Walking { last: None },
@@ -146,7 +152,7 @@ impl Target {
     }
 
     /// The cameras it knows of, with what they told of themselves: the table of Appendix B.
-    pub fn cameras(&self) -> impl Iterator<Item = &CameraEntry> {
+    pub fn cameras(&self) -> impl Iterator<Item = CameraEntry> {
         self.table.iter()
     }
 
@@ -160,6 +166,8 @@ impl Target {
     }
 
     fn standing_deadline(&self, standing: &Standing) -> Option<Instant> {
+        // Without one there is nothing to tell.
+        self.place()?;
         if !standing.announced {
             return Some(standing.since);
         }
@@ -231,7 +239,7 @@ impl Target {
                 frame_heading_sigma: sigma.unwrap_or_default(),
             }));
         }
-        self.table.unsaved()
+        self.table.unsaved().or_else(|| self.home.unsaved())
     }
 
     fn stand(&mut self, now: Instant) {
@@ -307,11 +315,11 @@ impl Target {
             // Whoever is asked now would not have the time to look.
             self.table.close();
         }
-        if let Some((place, address)) = self.table.ask(ASKED_AT_A_TIME) {
+        if let Some(address) = self.table.ask(ASKED_AT_A_TIME) {
             return Some(Output::Send {
-                to: address,
+                to: ShortAddress(address),
                 message,
-                errand: Some(Errand::Ask(place, stop)),
+                errand: Some(Errand::Ask(address, stop)),
             });
         }
         let is_done = self.table.is_settled()
@@ -339,14 +347,23 @@ impl Role for Target {
             Fact::Camera(slot, Some((address, report))) => {
                 self.table.restore(*slot, *address, *report);
             }
+            Fact::Network(network) => self.home.remember(*network),
             _ => {}
         }
     }
 
     fn attached(&mut self, now: Instant, network: Option<Membership>) {
-        self.address = network.map(|network| network.short);
-        if network.is_none() {
+        let own = network.map(|network| network.short);
+        let before = core::mem::replace(&mut self.address, own);
+        let Some(network) = network else {
             return;
+        };
+        if self.home.enter(before.is_some(), &network) {
+            // It stands where it stood, but among others.
+            self.table.clear();
+            self.bearings.clear();
+            self.locate_at = None;
+            self.knows_cameras = false;
         }
         self.hello.tell(now);
         match self.state {
@@ -381,7 +398,7 @@ impl Role for Target {
             Message::Roster(cameras) if from == COORDINATOR => {
                 self.knows_cameras = true;
                 for &camera in cameras {
-                    let _ = self.table.place(camera);
+                    self.table.meet(camera);
                 }
             }
             Message::WhoIsThere if from == COORDINATOR => self.hello.tell(now),
@@ -392,8 +409,8 @@ impl Role for Target {
     fn sent(&mut self, now: Instant, errand: Errand, delivered: bool) {
         match errand {
             Errand::Hello => self.hello.sent(now, delivered),
-            Errand::Ask(place, stop) if stop == self.stop => {
-                self.table.asked(now, place, delivered);
+            Errand::Ask(address, stop) if stop == self.stop => {
+                self.table.asked(now, address, delivered);
             }
             Errand::Ask(..) => {}
         }
@@ -401,8 +418,16 @@ impl Role for Target {
 
     fn event(&mut self, now: Instant, event: Event) {
         match event {
-            Event::Step(step) => self.stepped(now, &step),
-            Event::SensorFailed => self.lose(now),
+            Event::Step(step) => {
+                self.sensor_failed = false;
+                self.stepped(now, &step);
+            }
+            // A sensor that goes on failing makes no new stops.
+            Event::SensorFailed if self.sensor_failed => {}
+            Event::SensorFailed => {
+                self.sensor_failed = true;
+                self.lose(now);
+            }
         }
     }
 

@@ -164,7 +164,8 @@ impl<K: BlobCamera, C: Clock> Eye<'_, K, C> {
             Err(error) => {
                 warning!("the camera does not look: {}", error);
                 if error.wants_start_up() {
-                    let _ = self.start_up().await;
+                    // No more than that: the target is in view, and would be background.
+                    let _ = self.camera.start_up().await;
                 }
                 (Sight::Failed, None)
             }

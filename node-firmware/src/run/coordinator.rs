@@ -5,7 +5,7 @@ use core::{convert::Infallible, pin::pin, time::Duration};
 use embassy_futures::select::{Either, Either3, select, select3};
 use embedded_io_async::{Read, Write};
 use embedded_storage_async::nor_flash::NorFlash;
-use zigbee_link::{Instant, runner::Clock, store::log::LogError};
+use zigbee_link::{Instant, runner::Clock, store::log::LogError, wire::ShortAddress};
 
 use super::{
     SharedNode,
@@ -14,7 +14,7 @@ use super::{
 };
 use crate::{
     config::CoordinatorConfig,
-    console::{self, FRAME_MAX, Frames},
+    console::{self, FRAME_MAX, Frames, KeyChange, ToPc},
     hardware::{Buttons, Indicator, Observer},
     role::coordinator::{Coordinator, Event, Task},
 };
@@ -82,12 +82,11 @@ async fn line<C: Clock, U: Read + Write>(
             }
         };
         match select(tasks.receive(), read).await {
-            Either::First(Task::OpenJoinWindow(window)) => {
-                shared.with(|node, now| node.open_join_window(now, window));
-            }
-            Either::First(Task::Tell(message)) => {
+            Either::First(task) => {
                 let mut frame = [0; FRAME_MAX];
-                if let Some(frame) = console::encode(&message, &mut frame) {
+                if let Some(message) = perform(shared, task)
+                    && let Some(frame) = console::encode(&message, &mut frame)
+                {
                     let until = Instant(clock.now().0.saturating_add(PATIENCE_US));
                     let written = select(uart.write_all(frame), clock.sleep_until(until)).await;
                     is_open = !matches!(written, Either::First(Err(_)));
@@ -104,4 +103,35 @@ async fn line<C: Clock, U: Read + Write>(
             Either::Second(Err(_)) => is_open = false,
         }
     }
+}
+
+/// Does a task as far as it is the network's, and returns what the PC is to be told.
+fn perform<C: Clock>(shared: &SharedNode<&C>, task: Task) -> Option<ToPc> {
+    shared.with(|node, now| {
+        match task {
+            Task::Tell(message) => return Some(message),
+            Task::OpenJoinWindow(window) => {
+                node.open_join_window(now, window);
+                return None;
+            }
+            Task::Remove(address) => {
+                let short = ShortAddress(address);
+                let member = node.members().find(|member| member.short == short);
+                let success = member.is_some_and(|member| node.remove(now, member.extended));
+                return Some(ToPc::Removed { address, success });
+            }
+            Task::ChangeKey(key) => {
+                let begun = key.key().map(|key| node.change_key(key));
+                if !matches!(begun, Some(Ok(()))) {
+                    return Some(ToPc::KeyChange(None));
+                }
+            }
+            Task::TellKeyChange => {}
+        }
+        Some(ToPc::KeyChange(node.key_change().map(|change| KeyChange {
+            index: change.index,
+            done: change.is_done,
+            unreached: change.unreached,
+        })))
+    })
 }

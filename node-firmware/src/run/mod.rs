@@ -299,10 +299,12 @@ async fn open_store<R, F: NorFlash>(
     if is_void {
         memory.forget().await?;
     }
-    for (place, member) in (0..).zip(members) {
-        *member = store.member(place).await?;
-        if saved.network.is_none() && member.take().is_some() {
-            store.save(Record::Member(place, None)).await?;
+    store.members(members).await?;
+    if saved.network.is_none() {
+        for (place, member) in (0..).zip(members) {
+            if member.take().is_some() {
+                store.save(Record::Member(place, None)).await?;
+            }
         }
     }
     if is_void {

@@ -79,6 +79,8 @@ pub struct Cmucam2Sight<U, D> {
     /// It has a background.
     background: bool,
     subject: Option<Subject>,
+    /// How often the camera had restarted when it began to adapt.
+    restarts: u16,
 }
 
 impl<U, D> Cmucam2Sight<U, D> {
@@ -91,17 +93,8 @@ impl<U, D> Cmucam2Sight<U, D> {
             ready: false,
             background: false,
             subject: None,
+            restarts: 0,
         }
-    }
-
-    /// The driver: what was dropped, how often the camera restarted.
-    pub fn driver(&self) -> &Cmucam2<U, D> {
-        &self.camera
-    }
-
-    /// The UART and the delay.
-    pub fn release(self) -> (U, D) {
-        self.camera.release()
     }
 
     fn forget(&mut self) {
@@ -110,7 +103,21 @@ impl<U, D> Cmucam2Sight<U, D> {
         self.subject = None;
     }
 
-    /// Takes notice of what failed.
+    /// Takes notice of what failed, and of a restart that the driver has made up for on its way.
+    fn taken<T, E: embedded_io::Error>(
+        &mut self,
+        outcome: Result<T, Error<E>>,
+    ) -> Result<T, SightError> {
+        let error = match outcome {
+            Ok(_) if self.camera.session().restarts() != self.restarts => {
+                Error::Camera(Fault::Restarted)
+            }
+            Ok(done) => return Ok(done),
+            Err(error) => error,
+        };
+        Err(self.failed(error))
+    }
+
     fn failed<E: embedded_io::Error>(&mut self, error: Error<E>) -> SightError {
         let error = match error {
             Error::Uart(error) => SightError::Line(error.kind()),
@@ -149,12 +156,14 @@ impl<U, D> Cmucam2Sight<U, D> {
 }
 
 impl<U: Read + Write, D: DelayNs> Cmucam2Sight<U, D> {
+    /// Starts it up and sets what a start does not.
     async fn set_up(&mut self) -> Result<(), Error<U::Error>> {
         let start_up = StartUp {
             adapt_ms: self.settings.adapt_ms,
             ..StartUp::default()
         };
         self.camera.start_up(start_up).run().await?;
+        self.restarts = self.camera.session().restarts();
         if self.settings.columns >= HIGH_RESOLUTION {
             self.camera.high_resolution(true).run().await?;
         }
@@ -187,22 +196,16 @@ impl<U: Read + Write, D: DelayNs> BlobCamera for Cmucam2Sight<U, D> {
         self.forget();
         self.rows = u16::from(self.frame().await?.height);
         let set_up = self.set_up().await;
-        set_up.map_err(|error| self.failed(error))?;
+        self.taken(set_up)?;
         self.ready = true;
         Ok(())
-    }
-
-    async fn reset(&mut self) -> Result<(), SightError> {
-        self.forget();
-        let reset = self.camera.reset().run().await;
-        reset.map(|_| ()).map_err(|error| self.failed(error))
     }
 
     async fn learn_colour(&mut self) -> Result<ColourWindow, SightError> {
         self.is_ready()?;
         self.subject = None;
         let learnt = self.camera.learn(Learn::default()).run().await;
-        let bounds = learnt.map_err(|error| self.failed(error))?;
+        let bounds = self.taken(learnt)?;
         let levels = |range: LevelRange| [range.min(), range.max()];
         Ok(ColourWindow {
             red: levels(bounds.red),
@@ -216,7 +219,7 @@ impl<U: Read + Write, D: DelayNs> BlobCamera for Cmucam2Sight<U, D> {
         self.subject = None;
         self.background = false;
         let loaded = self.camera.load_frame().run().await;
-        loaded.map_err(|error| self.failed(error))?;
+        self.taken(loaded)?;
         self.background = true;
         Ok(())
     }
@@ -232,7 +235,7 @@ impl<U: Read + Write, D: DelayNs> BlobCamera for Cmucam2Sight<U, D> {
             Subject::Motion { .. } if !self.background => return Err(SightError::NoBackground),
             Subject::Motion { threshold } => self.camera.track_difference(threshold).run().await,
         };
-        begun.map_err(|error| self.failed(error))?;
+        self.taken(begun)?;
         self.subject = Some(subject);
         Ok(())
     }
@@ -241,14 +244,14 @@ impl<U: Read + Write, D: DelayNs> BlobCamera for Cmucam2Sight<U, D> {
         self.is_ready()?;
         let subject = self.subject.ok_or(SightError::NotBegun)?;
         let tracking = self.camera.next_tracking().run().await;
-        let tracking = tracking.map_err(|error| self.failed(error))?;
+        let tracking = self.taken(tracking)?;
         Ok(tracking.and_then(|tracking| Blob::from_tracking(&tracking, self.grid(subject))))
     }
 
     async fn end(&mut self) -> Result<(), SightError> {
         self.subject = None;
         let stopped = self.camera.stop().run().await;
-        stopped.map_err(|error| self.failed(error))
+        self.taken(stopped)
     }
 }
 

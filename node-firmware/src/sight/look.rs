@@ -2,19 +2,18 @@
 
 use core::fmt;
 
-use calib_core::{Ray, camera::Camera};
-use serde::{Deserialize, Serialize};
+use calib_core::camera::Camera;
 
 use super::{
     Blob, BlobCamera, SightError, Subject,
-    steady::{Shape, Steadiness, Steady, Unsteady},
+    steady::{Direction, Shape, Steadiness, Unsteady},
 };
 
 /// The most frames that are judged together.
 pub const FRAMES_MAX: usize = 16;
 
 /// How long a look takes, and how far it is trusted.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Patience {
     /// Frames in a row that must agree, 2 to [`FRAMES_MAX`].
@@ -36,49 +35,12 @@ impl Default for Patience {
     }
 }
 
-/// The target, seen standing.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
-#[cfg_attr(feature = "defmt", derive(defmt::Format))]
-pub struct Seen {
-    /// Offset from the optical axis, radians, positive to the left.
-    pub bearing: f32,
-    /// Its standard deviation, radians, above 0.
-    pub sigma: f32,
-    /// Column in the middle between its edges.
-    pub column: f32,
-    /// Frames that agreed.
-    pub frames: u8,
-    /// Median of [`Blob::pixels`].
-    pub pixels: u8,
-    /// Median of [`Blob::confidence`].
-    pub confidence: u8,
-}
-
-impl Seen {
-    fn new(steady: &Steady, camera: &Camera<f32>, floor: f32) -> Self {
-        let direction = steady.direction(camera, floor);
-        Self {
-            bearing: direction.bearing,
-            sigma: direction.sigma,
-            column: steady.middle(),
-            frames: u8::try_from(steady.frames).unwrap_or(u8::MAX),
-            pixels: steady.pixels,
-            confidence: steady.confidence,
-        }
-    }
-
-    /// The direction as a ray.
-    pub fn ray(&self) -> Ray<f32> {
-        Ray::from_bearing(self.bearing)
-    }
-}
-
 /// What came of a look.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum Look {
     /// The target stands there.
-    Steady(Seen),
+    Steady(Direction<f32>),
     /// Nothing of the subject is in view.
     Nothing,
     /// It is cut off by the left or right border.
@@ -144,11 +106,10 @@ impl Judge {
         let judged = self.steadiness.push(blob);
         let over = self.taken >= self.patience.frames_most || self.steadiness.is_unanimous();
         match judged {
-            Ok(steady) => Some(Look::Steady(Seen::new(
-                &steady,
-                &self.camera,
-                self.patience.sigma_floor,
-            ))),
+            Ok(steady) => {
+                let direction = steady.direction(&self.camera, self.patience.sigma_floor);
+                Some(Look::Steady(direction))
+            }
             Err(Unsteady::Few) => None,
             Err(_) if !over => None,
             Err(Unsteady::Lost { lost, frames }) if lost == frames => Some(Look::Nothing),

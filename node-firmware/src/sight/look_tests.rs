@@ -1,6 +1,6 @@
 use std::{collections::VecDeque, pin::pin, task::Context, vec::Vec};
 
-use calib_core::camera::Camera;
+use calib_core::{Ray, camera::Camera};
 use cmucam2_driver::packet::Tracking;
 use core::task::{Poll, Waker};
 
@@ -36,7 +36,7 @@ fn five_frames_are_a_look() {
     let Look::Steady(seen) = look else {
         panic!("{look:?}")
     };
-    assert_eq!((frames, seen.frames, seen.column), (5, 5, 43.0));
+    assert_eq!(frames, 5);
     // Half a column left of the axis; sqrt(1/24 + 0.05^2) columns.
     let column = 22.5_f32.to_radians().tan() / 43.5;
     assert!((seen.bearing - 0.5 * column).abs() < 1e-4);
@@ -45,7 +45,6 @@ fn five_frames_are_a_look() {
         "{}",
         seen.sigma / column
     );
-    assert!((seen.ray().bearing() - seen.bearing).abs() < 1e-6);
 }
 
 #[test]
@@ -101,9 +100,6 @@ impl BlobCamera for Script {
         self.asked.push("start up");
         Ok(())
     }
-    async fn reset(&mut self) -> Result<(), SightError> {
-        unreachable!()
-    }
     async fn learn_colour(&mut self) -> Result<ColourWindow, SightError> {
         unreachable!()
     }
@@ -158,7 +154,10 @@ fn a_camera_that_restarted_is_started_up_once() {
         .chain([Err(SightError::Restarted)])
         .chain([Ok(at(60)); 5]);
     let (result, asked) = look_at(COLOUR, restarted);
-    assert!(matches!(result, Ok(Look::Steady(seen)) if seen.column == 60.0));
+    let Ok(Look::Steady(seen)) = result else {
+        panic!("{result:?}")
+    };
+    assert!((lens().column(Ray::from_bearing(seen.bearing)).unwrap() - 60.0).abs() < 0.1);
     assert_eq!(asked, ["begin", "start up", "begin", "end"]);
     let (result, _) = look_at(COLOUR, [Err(SightError::Silent), Err(SightError::Silent)]);
     assert_eq!(result, Err(SightError::Silent));

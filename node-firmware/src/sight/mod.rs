@@ -34,8 +34,8 @@ pub use self::{
     cmucam2::Cmucam2Sight,
     fault::SightError,
     lens::{Lens, LensError},
-    look::{Judge, Look, Patience, Seen, look},
-    steady::Shape,
+    look::{Judge, Look, Patience, look},
+    steady::{Direction, Shape},
     subject::{ColourWindow, Subject},
 };
 
@@ -53,13 +53,6 @@ pub trait BlobCamera {
     /// # Errors
     /// [`SightError`].
     fn start_up(&mut self) -> impl Future<Output = Result<(), SightError>>;
-
-    /// Resets the camera and nothing more. [`BlobCamera::start_up`] must follow before anything
-    /// else.
-    ///
-    /// # Errors
-    /// [`SightError`].
-    fn reset(&mut self) -> impl Future<Output = Result<(), SightError>>;
 
     /// Learns the colour of the object in the middle of the view (thesis Appendix A, "Object
     /// kept"). What was begun is ended.

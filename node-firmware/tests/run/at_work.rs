@@ -2,11 +2,15 @@
 
 use calib_core::dead_reckoning::Step;
 use node_firmware::{
-    console::{FromPc, ToPc},
+    config::{CameraConfig, Duty, Role, SiteKey, Subjects},
+    console::{FromPc, KeyChange, ToPc},
     message::{Command, Done, Sight, Tracked},
 };
 
-use crate::bench::{SECOND, Site};
+use crate::{
+    bench::{SECOND, Site},
+    support::site::camera_config,
+};
 
 #[test]
 fn they_join_and_look() {
@@ -93,6 +97,68 @@ fn the_pc_commands_a_camera() {
     assert_eq!(site.told().len(), before, "no more packets");
 }
 
+/// A person sends a camera away, and shuts everybody out who is not a member: the others go on under
+/// another key.
+#[test]
+fn the_pc_sends_a_member_away_and_changes_the_key() {
+    let mut site = Site::new();
+    site.camera.uart.sees.set(Some(40));
+    site.bench.run_for(400 * SECOND);
+    let address = |site: &Site, id: u16| {
+        let told = site.told().into_iter().rev();
+        let mut members = told.filter_map(|message| match message {
+            ToPc::Member { address, hello } if hello.id == id => Some(address),
+            _ => None,
+        });
+        members.next().unwrap()
+    };
+    let camera = address(&site, 101);
+    site.coordinator.uart.told.borrow_mut().clear();
+    for success in [true, false] {
+        site.coordinator.uart.wish(FromPc::Remove(camera));
+        site.bench.run_for(20 * SECOND);
+        let address = camera;
+        let removed = ToPc::Removed { address, success };
+        assert_eq!(site.told(), [removed]);
+        site.coordinator.uart.told.borrow_mut().clear();
+    }
+    assert!(!site.camera.lamps.0.get().joined);
+    site.coordinator.uart.wish(FromPc::Refresh);
+    site.bench.run_for(SECOND);
+    let is_camera = |told: &ToPc| matches!(told, ToPc::Member { address, .. } | ToPc::Report { address, .. } if *address == camera);
+    assert!(!site.told().iter().any(is_camera));
+    assert!(site.told().contains(&ToPc::KeyChange(None)));
+
+    let key = SiteKey::new(2, core::array::from_fn(|i| 0x30 ^ i as u8));
+    site.coordinator.uart.wish(FromPc::ChangeKey(key));
+    site.bench.run_for(10 * SECOND);
+    let change = |done| {
+        ToPc::KeyChange(Some(KeyChange {
+            index: 2,
+            done,
+            unreached: 0,
+        }))
+    };
+    assert!(site.told().contains(&change(false)));
+    site.coordinator.uart.wish(FromPc::Refresh);
+    site.bench.run_for(SECOND);
+    assert!(site.told().contains(&change(true)));
+    assert!(site.target.lamps.0.get().joined);
+    // The camera, with the former key, is not let in any more; the target is after a restart.
+    site.coordinator.uart.wish(FromPc::JoinWindow(600));
+    site.target.lamps.0.take();
+    site.bench.nodes[2] = site.target.power(&site.bench, 13);
+    site.bench.run_for(200 * SECOND);
+    assert!(site.target.lamps.0.get().joined);
+    assert!(!site.camera.lamps.0.get().joined);
+    // An impossible key is refused.
+    site.coordinator.uart.told.borrow_mut().clear();
+    let bad = SiteKey::new(0, [7; 16]);
+    site.coordinator.uart.wish(FromPc::ChangeKey(bad));
+    site.bench.run_for(SECOND);
+    assert!(site.told().contains(&ToPc::KeyChange(None)));
+}
+
 /// Both the coordinator and its line have more to say than the other takes at a time.
 #[test]
 fn a_pc_that_writes_much_does_not_stop_the_coordinator() {
@@ -167,4 +233,53 @@ fn they_come_back_after_a_restart() {
     site.bench.run_for(30 * SECOND);
     assert_eq!(site.looks().last(), Some(&Sight::InView));
     assert!(site.target.lamps.0.get().may_walk);
+}
+
+/// What differs from the background is the target. A camera that lost its background, with the target
+/// in its view, does not take a new one by itself.
+#[test]
+fn a_background_is_not_learnt_with_the_target_in_view() {
+    let mut site = Site::new();
+    site.camera.config.role = Role::Camera(CameraConfig {
+        subjects: Subjects::Motion { threshold: 10 },
+        ..camera_config(Some(Duty::First))
+    });
+    site.restart(20);
+    let stop = |site: &mut Site| {
+        site.target.steps.0.borrow_mut().push_back(Step {
+            distance: 1.0,
+            heading: 0.5,
+            distance_sigma: 0.01,
+            heading_sigma: 0.01,
+        });
+        site.bench.run_for(30 * SECOND);
+        site.looks().last().copied()
+    };
+    let backgrounds = |site: &Site| {
+        let heard = site.camera.uart.heard.borrow();
+        heard.iter().filter(|line| line.starts_with("LF")).count()
+    };
+    site.camera.uart.sees.set(Some(8));
+    site.bench.run_for(40 * SECOND);
+    assert_eq!(stop(&mut site), Some(Sight::InView));
+    let learnt = backgrounds(&site);
+    site.camera.uart.unplugged.set(true);
+    assert_eq!(stop(&mut site), Some(Sight::Failed));
+    site.camera.uart.unplugged.set(false);
+    for _ in 0..3 {
+        assert_eq!(stop(&mut site), Some(Sight::Failed));
+        assert_eq!(backgrounds(&site), learnt);
+    }
+    // Somebody who sees that the target is elsewhere wants it.
+    let address = site.told().into_iter().find_map(|message| match message {
+        ToPc::Member { address, hello } if hello.id == 101 => Some(address),
+        _ => None,
+    });
+    site.coordinator.uart.wish(FromPc::Command {
+        address: address.unwrap(),
+        command: Command::LearnBackground,
+    });
+    site.bench.run_for(5 * SECOND);
+    assert_eq!(stop(&mut site), Some(Sight::InView));
+    assert_eq!(backgrounds(&site), learnt + 1);
 }

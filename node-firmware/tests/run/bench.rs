@@ -205,6 +205,8 @@ pub(super) struct CameraUart {
     pub(super) answer: Rc<RefCell<VecDeque<(u64, u8)>>>,
     pub(super) line: Rc<RefCell<String>>,
     pub(super) heard: Rc<RefCell<Vec<String>>>,
+    /// It hears nothing.
+    pub(super) unplugged: Rc<Cell<bool>>,
 }
 
 impl CameraUart {
@@ -215,6 +217,7 @@ impl CameraUart {
             answer: Rc::default(),
             line: Rc::default(),
             heard: Rc::default(),
+            unplugged: Rc::default(),
         }
     }
 
@@ -227,13 +230,21 @@ impl CameraUart {
 
     /// The manual's answers, by the letters of the command.
     pub(super) fn obey(&self, command: &str) {
+        if self.unplugged.get() {
+            return;
+        }
         self.heard.borrow_mut().push(command.to_owned());
         let (after, text) = match command.get(..2) {
             Some("GV") => (1_000, "ACK\rCMUcam2 v1.01 c6\r:".to_owned()),
             Some("RS") => (700_000, "ACK\r\rCMUcam2 v1.01 c6\r:".to_owned()),
             Some("GT") => (1_000, "ACK\r130 190 90 150 40 100\r:".to_owned()),
-            Some("TC" | "TW") => {
-                let numbers = self.packet().map(|n| n.to_string()).join(" ");
+            Some(kind @ ("TC" | "TW" | "FD")) => {
+                let mut packet = self.packet();
+                if let ("FD", Some(column)) = (kind, self.sees.get()) {
+                    // Of 16 x 16 blocks.
+                    packet = [column, 8, column - 1, 7, column + 1, 9, 6, 255];
+                }
+                let numbers = packet.map(|n| n.to_string()).join(" ");
                 (60_000, format!("ACK\rT {numbers}\r:"))
             }
             _ => (1_000, "ACK\r:".to_owned()),

@@ -23,7 +23,7 @@ use crate::{
 };
 
 /// What the link's half of a flash says.
-fn link(flash: &Flash) -> (Saved, Vec<Member>) {
+pub(super) fn link(flash: &Flash) -> (Saved, Vec<Member>) {
     block_on(async {
         let mut store = Store::new(flash.copy(), 0..HALF).unwrap();
         let saved = store.load().await.unwrap();

@@ -9,6 +9,7 @@
 
 mod at_work;
 mod bench;
+mod coordinator_anew;
 mod former_networks;
 mod provisioned_again;
 #[path = "../support/mod.rs"]

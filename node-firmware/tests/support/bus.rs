@@ -126,6 +126,8 @@ pub type Devices<R> = Box<dyn FnMut(u64, <R as Role>::Task) -> Option<(u64, <R a
 pub struct Station<R: Role> {
     pub role: R,
     pub address: ShortAddress,
+    /// The network it is in.
+    pub pan: PanId,
     pub facts: Vec<Fact>,
     make: Box<dyn Fn() -> R>,
     devices: Devices<R>,
@@ -136,6 +138,8 @@ pub struct Station<R: Role> {
     pub is_off: bool,
     /// Sends nothing.
     pub is_mute: bool,
+    /// Its power fails when it has written down so many more facts.
+    pub facts_left: Option<usize>,
 }
 
 impl<R: Role> Station<R> {
@@ -143,6 +147,7 @@ impl<R: Role> Station<R> {
         Self {
             role: make(),
             address: ShortAddress(address),
+            pan: PanId(0x1234),
             facts: Vec::new(),
             make: Box::new(make),
             devices,
@@ -151,12 +156,13 @@ impl<R: Role> Station<R> {
             events: Vec::new(),
             is_off: false,
             is_mute: false,
+            facts_left: None,
         }
     }
 
     fn membership(&self) -> Membership {
         Membership {
-            pan: PanId(0x1234),
+            pan: self.pan,
             short: self.address,
             channel: Channel::new(15).unwrap(),
             coordinator: Eui64([2, 0, 0, 0, 0, 0, 0, 0]),
@@ -165,6 +171,23 @@ impl<R: Role> Station<R> {
 
     pub fn attach(&mut self, now: u64) {
         self.role.attached(Instant(now), Some(self.membership()));
+    }
+
+    /// It hears nothing of its network any more.
+    pub fn detach(&mut self, now: u64) {
+        self.role.attached(Instant(now), None);
+    }
+
+    /// It belongs to this network from now on.
+    pub fn join(&mut self, now: u64, pan: u16, address: u16) {
+        (self.pan, self.address) = (PanId(pan), ShortAddress(address));
+        self.attach(now);
+    }
+
+    /// Its flash is erased.
+    pub fn erase(&mut self) {
+        self.flash = Flash::new(self.address.0.into());
+        self.facts.clear();
     }
 
     /// Power off and on: the flash is what is left.
@@ -195,21 +218,26 @@ impl<R: Role> Station<R> {
         }
     }
 
-    /// How many sightings a restart would find.
-    pub fn recalled_sightings(&mut self) -> usize {
-        let mut stops = BTreeSet::new();
+    /// What a restart would find.
+    pub fn recalled(&mut self) -> Vec<Fact> {
+        let mut facts = Vec::new();
         block_on(async {
             let mut memory = Memory::open(&mut self.flash, 0..Flash::LEN, OWNER)
                 .await
                 .unwrap();
-            let mut note = |fact: &Fact| {
-                if let Fact::Sighting(_, Some(kept)) = fact {
-                    stops.insert((kept.target, kept.stop));
-                }
-            };
-            memory.recall(&mut note).await.unwrap();
+            memory.recall(|fact| facts.push(*fact)).await.unwrap();
         });
-        stops.len()
+        facts
+    }
+
+    /// How many sightings a restart would find.
+    pub fn recalled_sightings(&mut self) -> usize {
+        let facts = self.recalled();
+        let stops = facts.iter().filter_map(|fact| match fact {
+            Fact::Sighting(_, Some(kept)) => Some((kept.target, kept.stop)),
+            _ => None,
+        });
+        stops.collect::<BTreeSet<_>>().len()
     }
 
     pub fn event(&mut self, at: u64, event: R::Event) {
@@ -237,6 +265,9 @@ impl<R: Role> AnyStation for Station<R> {
     }
 
     fn act(&mut self, now: u64, air: &mut Air) -> Option<u64> {
+        if self.facts_left == Some(0) {
+            return None;
+        }
         while let Some(place) = self.settled.iter().position(|(at, ..)| *at <= now) {
             let (_, errand, delivered) = self.settled.remove(place).unwrap();
             self.role.sent(Instant(now), errand, delivered);
@@ -271,6 +302,12 @@ impl<R: Role> AnyStation for Station<R> {
                         memory.save(&fact).await.unwrap();
                     });
                     self.facts.push(fact);
+                    if let Some(left) = &mut self.facts_left {
+                        *left -= 1;
+                        if *left == 0 {
+                            return None;
+                        }
+                    }
                 }
                 Output::Task(task) => self.events.extend((self.devices)(now, task)),
             }

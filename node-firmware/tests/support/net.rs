@@ -242,6 +242,15 @@ impl Net {
         self.reports().iter().all(|report| report.done)
     }
 
+    /// The target is where it reckons to be.
+    pub fn check_target(&self, within: f64) {
+        let (position, _) = self.target.role.position();
+        let truth = self.site.borrow().targets[&0];
+        let position = Point2::new(position.x.into(), position.y.into());
+        let error = (position - truth).norm();
+        assert!(error < within, "{error}");
+    }
+
     /// Every camera that has a pose is where the pose says, within so many sigmas.
     pub fn check_poses(&self, frame: impl Fn(&Truth) -> Truth, sigmas: f64) {
         for (n, (report, truth)) in self.reports().iter().zip(&CAMERAS).enumerate() {

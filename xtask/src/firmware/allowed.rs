@@ -6,11 +6,13 @@
 
 use std::collections::BTreeSet;
 
+use super::panics::is_ours;
+
 /// Some branches that are not taken.
 struct Allowed {
     /// The name of the panic.
     panic: &'static str,
-    /// How the name of a function there begins, inlined or not, one of these. None: anywhere.
+    /// How the name of the function there begins, inlined or not, one of these. None: anywhere.
     functions: &'static [&'static str],
     /// How the name of a function farther out begins, one of these, for a function that anybody
     /// might call. None: whoever calls it.
@@ -21,6 +23,7 @@ struct Allowed {
 const BOUNDS: &str = "core::panicking::panic_bounds_check";
 const BORROWED: &str = "core::cell::panic_already_borrowed";
 const BORROWED_MUTABLY: &str = "core::cell::panic_already_mutably_borrowed";
+const DIVISION: &str = "core::panicking::panic_const::panic_const_div_by_zero";
 const LENGTHS: &str = "core::slice::copy_from_slice_impl::len_mismatch_fail";
 const MESSAGE: &str = "core::panicking::panic_fmt";
 const SLICE: &str = "core::slice::index::slice_index_fail";
@@ -28,10 +31,16 @@ const SLICE: &str = "core::slice::index::slice_index_fail";
 const TEXT: &str = "core::panicking::panic";
 
 const BORROWED_ONCE: &str = "borrowed within its lock, by code that does not come back";
+const CLOCKS: &str = "start-up: the clocks are constants of the board";
 const COBS: &str =
     "the frame ends with its zero, and is read up to there only; tested with any bytes";
+const I2C: &str = "the bus has a constant rate, of a clock that is a constant of the board";
 const LOGGER: &str = "nothing that is logged logs, and every frame is acquired and released once";
 const NODE: &str = "the node is borrowed for one statement, by tasks of one executor";
+const PAGES: &str =
+    "the node's part of the flash is whole pages of it, and its writes are whole units";
+const RING: &str = "the library keeps its positions within its ring";
+const TIMEOUT: &str = "the time after which the watchdog acts is a constant that it can have";
 const WRITE: &str = "the UARTs of the boards take at least one byte, and no more than there are";
 
 /// Only on input of the chip itself, of constants, or of other parts of the same library.
@@ -45,7 +54,10 @@ const ALLOWED: &[Allowed] = &[
     },
     Allowed {
         panic: "core::result::unwrap_failed",
-        functions: &["nrf52840::node::__cortex_m_rt_main"],
+        functions: &[
+            "nrf52840::node::__cortex_m_rt_main",
+            "nucleo_l476rg::node::__cortex_m_rt_main",
+        ],
         callers: &[],
         reason: "start-up: the one task is spawned once",
     },
@@ -53,7 +65,9 @@ const ALLOWED: &[Allowed] = &[
         panic: MESSAGE,
         functions: &[
             "embassy_nrf::chip::Peripherals::take_with_cs",
+            "embassy_stm32::_generated::Peripherals::take_with_cs",
             "nrf52840::node::____embassy_main_task",
+            "nucleo_l476rg::node::____embassy_main_task",
         ],
         callers: &[],
         reason: "start-up: peripherals and cells of statics are taken once",
@@ -69,6 +83,39 @@ const ALLOWED: &[Allowed] = &[
         functions: &["embassy_nrf::rng::State::borrow_mut"],
         callers: &[],
         reason: "start-up: borrowed within a critical section, by code that does not come back",
+    },
+    Allowed {
+        panic: "core::option::unwrap_failed",
+        functions: &["embassy_stm32::rcc::init_rcc"],
+        callers: &[],
+        reason: CLOCKS,
+    },
+    Allowed {
+        panic: TEXT,
+        functions: &["embassy_stm32::rcc::init_rcc"],
+        callers: &[],
+        reason: CLOCKS,
+    },
+    Allowed {
+        panic: MESSAGE,
+        functions: &[
+            "embassy_stm32::rcc::init_rcc",
+            "embassy_stm32::time_driver::driver::RtcDriver::init_timer",
+        ],
+        callers: &[],
+        reason: CLOCKS,
+    },
+    Allowed {
+        panic: MESSAGE,
+        functions: &["embassy_stm32::wdg::IndependentWatchdog<T>::new"],
+        callers: &[],
+        reason: TIMEOUT,
+    },
+    Allowed {
+        panic: DIVISION,
+        functions: &["embassy_stm32::wdg::IndependentWatchdog<T>::new"],
+        callers: &[],
+        reason: TIMEOUT,
     },
     Allowed {
         panic: MESSAGE,
@@ -155,7 +202,7 @@ const ALLOWED: &[Allowed] = &[
         panic: TEXT,
         functions: &["embassy_sync::ring_buffer::RingBuffer<_>::wrap"],
         callers: &[],
-        reason: "the library keeps its positions within its ring",
+        reason: RING,
     },
     Allowed {
         panic: MESSAGE,
@@ -176,7 +223,7 @@ const ALLOWED: &[Allowed] = &[
         reason: "the place was found in the same list, or is the first of a full one",
     },
     Allowed {
-        panic: "core::panicking::panic_const::panic_const_div_by_zero",
+        panic: DIVISION,
         functions: &["cmucam2_driver::geometry::DownSampling::apply"],
         callers: &[],
         reason: "a factor of zero is refused where it is made",
@@ -195,6 +242,8 @@ const ALLOWED: &[Allowed] = &[
         functions: &[
             "embassy_nrf::time_driver::RtcDriver::trigger_alarm",
             "<embassy_nrf::time_driver::RtcDriver as embassy_time_driver::Driver>::schedule_wake",
+            "embassy_stm32::time_driver::driver::RtcDriver::trigger_alarm",
+            "<embassy_stm32::time_driver::driver::RtcDriver as embassy_time_driver::Driver>::schedule_wake",
         ],
         callers: &[],
         reason: "borrowed within a critical section, by code that does not come back",
@@ -223,6 +272,92 @@ const ALLOWED: &[Allowed] = &[
         ],
         callers: &[],
         reason: "numbers of ports and pins, which the library makes itself",
+    },
+    Allowed {
+        panic: LENGTHS,
+        functions: &[
+            "embassy_sync::pipe::Pipe<M,_>::try_read_with_context",
+            "embassy_sync::pipe::Pipe<M,_>::try_write_with_context",
+        ],
+        callers: &[],
+        reason: RING,
+    },
+    Allowed {
+        panic: SLICE,
+        functions: &[
+            "embassy_sync::pipe::Pipe<M,_>::try_read_with_context",
+            "embassy_sync::pipe::Pipe<M,_>::try_write_with_context",
+        ],
+        callers: &[],
+        reason: RING,
+    },
+    Allowed {
+        panic: TEXT,
+        functions: &["stm32_metapac::exti::regs::Lines::set_line"],
+        callers: &[],
+        reason: "numbers of ports and pins, which the library makes itself",
+    },
+    Allowed {
+        panic: BOUNDS,
+        functions: &[
+            "embassy_stm32::exti::on_irq",
+            "<embassy_stm32::exti::ExtiInputFuture as core::future::future::Future>::poll",
+        ],
+        callers: &[],
+        reason: "numbers of ports and pins, which the library makes itself",
+    },
+    Allowed {
+        panic: MESSAGE,
+        functions: &[
+            "embassy_stm32::rcc::RccInfo::disable_with_cs",
+            "embassy_stm32::rcc::RccInfo::enable_and_reset_with_cs",
+        ],
+        callers: &[],
+        reason: "numbers of peripherals, which the library makes itself",
+    },
+    Allowed {
+        panic: TEXT,
+        functions: &["embassy_stm32::i2c::_version::Timings::new"],
+        callers: &[],
+        reason: I2C,
+    },
+    Allowed {
+        panic: MESSAGE,
+        functions: &[
+            "embassy_stm32::i2c::_version::Timings::new",
+            "embassy_stm32::i2c::I2c<M,embassy_stm32::i2c::mode::Master>::new_inner",
+        ],
+        callers: &[],
+        reason: I2C,
+    },
+    Allowed {
+        panic: DIVISION,
+        functions: &["embassy_stm32::i2c::_version::Timings::new"],
+        callers: &[],
+        reason: I2C,
+    },
+    Allowed {
+        panic: SLICE,
+        functions: &[
+            "embassy_stm32::i2c::_version::<impl embassy_stm32::i2c::I2c<M,IM>>::blocking_transaction",
+        ],
+        callers: &[],
+        reason: "groups of operations end where the list does",
+    },
+    Allowed {
+        panic: MESSAGE,
+        functions: &[
+            "embassy_stm32::flash::common::get_sector",
+            "embassy_stm32::flash::common::write_chunk_unlocked",
+        ],
+        callers: &[],
+        reason: PAGES,
+    },
+    Allowed {
+        panic: DIVISION,
+        functions: &["embassy_stm32::flash::common::get_sector"],
+        callers: &[],
+        reason: "the sizes of banks and pages are constants of the library",
     },
     Allowed {
         panic: MESSAGE,
@@ -283,8 +418,8 @@ const ALLOWED: &[Allowed] = &[
     },
     Allowed {
         panic: TEXT,
-        functions: &["board_support::panel::frame"],
-        callers: &[],
+        functions: &["postcard::ser::serialize_with_flavor"],
+        callers: &["board_support::panel::frame"],
         reason: "every message of the panel fits its buffer",
     },
     Allowed {
@@ -305,6 +440,7 @@ const ALLOWED: &[Allowed] = &[
         panic: LENGTHS,
         functions: &[
             "<embassy_nrf::nvmc::Nvmc as embedded_storage::nor_flash::ReadNorFlash>::read",
+            "embassy_stm32::flash::common::blocking_read",
         ],
         callers: &[],
         reason: "it takes as many bytes as it was asked for",
@@ -366,13 +502,33 @@ pub(super) fn grant(panic: &str, place: &[String]) -> Option<Grant> {
             return None;
         }
         let mut functions = allowed.functions.iter();
-        let function = functions.position(|start| place.iter().any(|name| name.starts_with(start)));
+        let there = innermost(place);
+        let function = functions.position(|start| there.iter().any(|name| name.starts_with(start)));
         let function = function.or(allowed.functions.is_empty().then_some(0))?;
         Some(Grant {
             reason: allowed.reason,
             entry: (entry, function),
         })
     })
+}
+
+/// The functions that an entry can speak of: those of libraries up to the first function of this
+/// project, and that one too where only the language's own library stands between. Who calls
+/// these has its own reasons.
+fn innermost(place: &[String]) -> &[String] {
+    let is_of_language = |name: &String| {
+        ["core::", "<core::", "<u8>::"]
+            .iter()
+            .any(|start| name.starts_with(start))
+    };
+    let libraries = place.iter().take_while(|name| !is_ours(name)).count();
+    let language = place.iter().take_while(|name| is_of_language(name)).count();
+    let end = if language == libraries {
+        libraries + 1
+    } else {
+        libraries
+    };
+    place.get(..end).unwrap_or(place)
 }
 
 /// What is allowed and does not occur.
@@ -411,6 +567,13 @@ mod tests {
             grant_of(BORROWED, &place("other::zigbee_link::runner::run")),
             None
         );
+    }
+
+    #[test]
+    fn not_for_what_is_called_from_there() {
+        let mut list = place("heapless::vec::VecInner<T,LenT,S>::push").to_vec();
+        list.push("zigbee_link::runner::run (src/a.rs:1)".to_owned());
+        assert_eq!(grant(BORROWED, &list), None);
     }
 
     #[test]

@@ -28,13 +28,14 @@ const PANICS: [&str; 9] = [
 ];
 
 /// Crates of this project.
-const OURS: [&str; 7] = [
+const OURS: [&str; 8] = [
     "board_support",
     "calib_core",
     "cmucam2_driver",
     "mps2_an386",
     "node_firmware",
     "nrf52840::",
+    "nucleo_l476rg::",
     "zigbee_link",
 ];
 
@@ -67,7 +68,8 @@ pub(super) fn is_panic(name: &str) -> bool {
     PANICS.iter().any(|start| name.starts_with(start))
 }
 
-fn is_ours(frame: &str) -> bool {
+/// Whether a function is one of this project.
+pub(super) fn is_ours(frame: &str) -> bool {
     let frame = frame.trim_start_matches(['<', '&']);
     OURS.iter().any(|name| frame.starts_with(name))
 }

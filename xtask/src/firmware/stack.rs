@@ -24,16 +24,6 @@ const EXCEPTION: u64 = 108;
 /// How many pointers deep calls go: the executor to a task, the task to a waker.
 const LEVELS: usize = 2;
 
-/// Functions that call themselves by way of others, and how many of their calls are under way at
-/// most.
-const ROUNDS: [(&str, u64); 2] = [
-    // For the command that is complete, for the sequence that then begins to restore modes, and
-    // for the first of these.
-    ("cmucam2_driver::session::Session::proceed", 3),
-    // A sequence starts one stream, which may be noted only, and goes on.
-    ("cmucam2_driver::session::Session::sequence", 2),
-];
-
 /// The deepest stack.
 pub(super) struct Worst {
     /// All of it.
@@ -72,6 +62,9 @@ struct Graph<'a> {
     /// Bytes from there on, and where they go next.
     known: BTreeMap<Place, (u64, Option<Place>)>,
     under_way: Vec<u32>,
+    /// The outermost of those under way at which the way was cut since this was last looked at: what
+    /// was found on the way holds only within that one.
+    cut: Option<usize>,
 }
 
 impl<'a> Graph<'a> {
@@ -90,7 +83,13 @@ impl<'a> Graph<'a> {
             kept,
             known: BTreeMap::new(),
             under_way: Vec::new(),
+            cut: None,
         }
+    }
+
+    /// The way ends here, as this function is under way already, as the `first` of them.
+    fn cut(&mut self, first: usize) {
+        self.cut = Some(self.cut.map_or(first, |other| other.min(first)));
     }
 
     fn depth(&mut self, address: u32, pointers: usize) -> Result<u64> {
@@ -109,9 +108,6 @@ impl<'a> Graph<'a> {
             let names: Vec<_> = round
                 .map(|other| self.image.functions[other].name.as_str())
                 .collect();
-            if names.iter().any(|name| rounds(name) > 1) {
-                return Ok(0); // counted where it began
-            }
             bail!(
                 "functions that call each other round, so that the stack has no bound:\n  {}",
                 names.join("\n  ")
@@ -130,10 +126,15 @@ impl<'a> Graph<'a> {
             };
             next.extend(called.into_iter().map(|address| (address, pointers - 1)));
         }
+        let cut_before = self.cut.take();
         let mut deepest = (0, None);
         for (address, pointers) in next {
             // Already on the way here: it would come round by a pointer.
-            if pointers < LEVELS && self.under_way.contains(&address) && self.is_kept(address) {
+            if pointers < LEVELS
+                && self.is_kept(address)
+                && let Some(first) = self.under_way.iter().position(|&other| other == address)
+            {
+                self.cut(first);
                 continue;
             }
             let bytes = self.depth(address, pointers)?;
@@ -142,9 +143,15 @@ impl<'a> Graph<'a> {
             }
         }
         self.under_way.pop();
-        let once = deepest.0 + u64::from(function.frame);
-        let bytes = once * rounds(&function.name);
-        self.known.insert((address, pointers), (bytes, deepest.1));
+        let bytes = deepest.0 + u64::from(function.frame);
+        // From elsewhere more of it may be open.
+        if self.cut.is_none_or(|first| first >= self.under_way.len()) {
+            self.known.insert((address, pointers), (bytes, deepest.1));
+            self.cut = None;
+        }
+        if let Some(first) = cut_before {
+            self.cut(first);
+        }
         Ok(bytes)
     }
 
@@ -163,12 +170,4 @@ impl<'a> Graph<'a> {
         }
         path
     }
-}
-
-/// How many calls of a function are under way at most.
-fn rounds(name: &str) -> u64 {
-    ROUNDS
-        .iter()
-        .find(|(function, _)| *function == name)
-        .map_or(1, |(_, rounds)| *rounds)
 }

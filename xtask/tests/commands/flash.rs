@@ -128,6 +128,42 @@ fn image_page_and_reset() {
     assert_eq!(calls(&place), [LOOK, IMAGE, PAGE, RESET]);
 }
 
+/// Its flash is elsewhere, and so are its pages: 0x080f7800 to 0x080fffff.
+#[test]
+fn another_board() {
+    let place = place();
+    install(&place);
+    let chip = "--chip STM32L476RGTx";
+    let words = [
+        "flash",
+        "nucleo-l476rg",
+        "--image=image.elf",
+        "--config=page.bin",
+        "--erase-memory",
+    ];
+    // That of the other board, and one that is too long.
+    place.run(&words).fails(1, "before the board's flash");
+    fs::write(place.path("image.elf"), elf(0x0800_0000, 0x080f_7801)).unwrap();
+    place.run(&words).fails(1, "into the pages of the node");
+    assert!(calls(&place).is_empty());
+    fs::write(place.path("image.elf"), elf(0x0800_0000, 0x080f_7800)).unwrap();
+    place.run(&words[..4]).ok();
+    place.run(&words).ok();
+    let image = format!("download {chip} --verify --binary-format elf image.elf");
+    let bytes = format!("download {chip} --verify --binary-format bin --base-address");
+    let page = format!("{bytes} 0x080ff800 page.bin");
+    let reset = format!("reset {chip}");
+    let look = format!("read {chip} b8 0x080ff800 512");
+    let mut calls = calls(&place);
+    let erase = calls.remove(6);
+    let expected = [&look, &image, &page, &reset, &image, &page, &reset];
+    assert_eq!(calls, expected.map(String::clone));
+    let (start, file) = erase.rsplit_once(' ').unwrap();
+    assert_eq!(start, format!("{bytes} 0x080f7800"));
+    assert!(file.ends_with("nucleo-l476rg-node.erased.bin"), "{file}");
+    assert!(fs::read(file).unwrap() == vec![0xFF; 0x8000]);
+}
+
 #[test]
 fn an_image_alone_for_one_of_several_probes() {
     let place = place();

@@ -17,9 +17,17 @@ const CHALLENGES: usize = 8;
 /// What a reply is.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum ReplyKind {
-    Acknowledgement { counter: u32 },
-    Challenge,
-    Response { counter: u32, challenges: bool },
+    Acknowledgement {
+        counter: u32,
+    },
+    /// Under the next key, if it says so and there is one.
+    Challenge {
+        under_next: bool,
+    },
+    Response {
+        counter: u32,
+        challenges: bool,
+    },
 }
 
 /// A frame that is only a header and a few bytes.
@@ -35,7 +43,7 @@ impl Reply {
     pub(super) const fn asks(&self) -> bool {
         matches!(
             self.kind,
-            ReplyKind::Challenge
+            ReplyKind::Challenge { .. }
                 | ReplyKind::Response {
                     challenges: true,
                     ..
@@ -53,8 +61,8 @@ struct Open {
 
 /// Challenges that were sent and not answered.
 ///
-/// Anybody can make a node send challenges, by frames from addresses nobody knows. That costs
-/// airtime, no more than the frames themselves, and one of a few places for a short time.
+/// Anybody can make a node send challenges, by frames from addresses nobody knows, by forged and by
+/// repeated ones. That costs airtime, no more than the frames themselves, and one of a few places for a short time.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Challenges(heapless::Vec<Open, CHALLENGES>);
 

@@ -182,9 +182,11 @@ impl<const PEERS: usize, const QUEUE: usize> Link<PEERS, QUEUE> {
         self.attachment = Some(Attachment { pan, short });
     }
 
-    /// Leaves the PAN. Every message on its way is reported as unanswered.
+    /// Leaves the PAN. Every message on its way is reported as unanswered. Peers stay known, their
+    /// short addresses do not: in the next network they are somebody else's.
     pub fn detach(&mut self) {
         self.attachment = None;
+        self.session.peers.forget_addresses();
         self.replies.clear();
         self.challenges.clear();
         for outgoing in self.outgoing.iter_mut() {
@@ -219,7 +221,8 @@ impl<const PEERS: usize, const QUEUE: usize> Link<PEERS, QUEUE> {
     }
 
     /// Hands the next key on to a member, as reliably as a message. It is accepted there at once
-    /// and used from the first frame under it on.
+    /// and used from the first frame under it on, challenges apart. Only
+    /// [`result_of`](Self::result_of) tells what became of it.
     ///
     /// # Errors
     /// The message was not taken, see [`SendError`].
@@ -296,13 +299,19 @@ impl<const PEERS: usize, const QUEUE: usize> Link<PEERS, QUEUE> {
 
     /// Whether [`result`](Self::result) has something.
     pub fn has_result(&self) -> bool {
-        self.outgoing.iter().any(|outgoing| !outgoing.is_waiting())
+        self.outgoing.iter().any(Outgoing::is_settled_message)
     }
 
-    /// The result of any message, once. Its place in the queue is free then.
+    /// The result of any message, once. Its place in the queue is free then. Keys that are handed
+    /// on are no messages: whoever sent them waits for just theirs.
     pub fn result(&mut self) -> Option<(Ticket, Delivery)> {
-        let settled = self.outgoing.take(|outgoing| !outgoing.is_waiting())?;
+        let settled = self.outgoing.take(Outgoing::is_settled_message)?;
         Some((settled.ticket, settled.result?))
+    }
+
+    /// Gives up a message, or its result.
+    pub(crate) fn withdraw(&mut self, ticket: Ticket) {
+        let _ = self.outgoing.take(|outgoing| outgoing.ticket == ticket);
     }
 
     /// The result of one message, once. `None` while it is on its way.
@@ -313,10 +322,17 @@ impl<const PEERS: usize, const QUEUE: usize> Link<PEERS, QUEUE> {
 
     /// Asks a node to prove that its frames are fresh, unless it was asked just now.
     pub fn challenge(&mut self, now: Instant, target: Address) {
-        let waits =
-            |reply: &Reply| reply.kind == ReplyKind::Challenge && reply.destination == target;
+        self.ask(now, target, false);
+    }
+
+    /// A [`challenge`](Self::challenge), under the next key if that is wanted and there is one: the
+    /// key may have come into use unheard, and the one in use here may be accepted no longer.
+    pub(crate) fn ask(&mut self, now: Instant, target: Address, under_next: bool) {
+        let waits = |reply: &Reply| {
+            matches!(reply.kind, ReplyKind::Challenge { .. }) && reply.destination == target
+        };
         if !self.replies.iter().any(waits) && self.challenges.may_ask(now, target) {
-            self.reply(now, ReplyKind::Challenge, target);
+            self.reply(now, ReplyKind::Challenge { under_next }, target);
         }
     }
 
@@ -383,7 +399,7 @@ impl<const PEERS: usize, const QUEUE: usize> Link<PEERS, QUEUE> {
                 (Address::Short(short), Packet::Acknowledgement { counter })
             }
             // From the extended address, which gives the nonce to who knows nobody.
-            ReplyKind::Challenge => (self.own_extended(), Packet::Challenge),
+            ReplyKind::Challenge { .. } => (self.own_extended(), Packet::Challenge),
             ReplyKind::Response {
                 counter,
                 challenges,
@@ -399,7 +415,9 @@ impl<const PEERS: usize, const QUEUE: usize> Link<PEERS, QUEUE> {
         let mut payload = [0; 8];
         let len = packet.emit(&mut payload).ok()?;
         // Without a frame counter the reply is lost, and the peer asks again.
-        let sealed = self.seal(source, reply.destination, payload.get(..len)?, buffer);
+        let under_next = matches!(reply.kind, ReplyKind::Challenge { under_next: true });
+        let payload = payload.get(..len)?;
+        let sealed = self.seal(under_next, source, reply.destination, payload, buffer);
         let (len, counter) = sealed.ok()?;
         if reply.asks() {
             self.challenges.asked(now, reply.destination, counter);
@@ -439,7 +457,7 @@ impl<const PEERS: usize, const QUEUE: usize> Link<PEERS, QUEUE> {
         };
         let len = packet.emit(&mut payload).ok()?;
         let source = Address::Short(self.attachment?.short);
-        let sealed = self.seal(source, target, payload.get(..len)?, buffer);
+        let sealed = self.seal(false, source, target, payload.get(..len)?, buffer);
         let outgoing = self.outgoing.get_mut(place)?;
         // Without a frame counter, too: the attempts come to an end.
         outgoing.attempted(now, &mut self.jitter);
@@ -454,6 +472,7 @@ impl<const PEERS: usize, const QUEUE: usize> Link<PEERS, QUEUE> {
 
     fn seal(
         &mut self,
+        under_next: bool,
         source: Address,
         destination: Address,
         payload: &[u8],
@@ -467,7 +486,9 @@ impl<const PEERS: usize, const QUEUE: usize> Link<PEERS, QUEUE> {
             source: Panned::compressed(source),
             ..Header::new(FrameType::Data, self.next_sequence())
         };
-        let sealed = self.session.seal(&header, payload, buffer)?;
+        let sealed = self
+            .session
+            .seal_under(under_next, &header, payload, buffer)?;
         Ok((sealed.len, sealed.counter))
     }
 

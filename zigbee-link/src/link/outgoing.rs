@@ -81,6 +81,11 @@ impl Outgoing {
         self.result.is_none()
     }
 
+    /// Whether the application may have the result.
+    pub(super) fn is_settled_message(&self) -> bool {
+        !self.is_waiting() && self.kind != Kind::Control
+    }
+
     /// Whether this message has to be settled before another to the same destination is sent.
     pub(super) const fn is_before(&self, other: &Self) -> bool {
         // Numbers wrap around; all in a queue are close together.

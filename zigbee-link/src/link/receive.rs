@@ -10,14 +10,17 @@ use super::{
 use crate::{
     Instant,
     log::debug,
-    security::{Key, Opened, Refused, Sender},
-    wire::{Address, Command, Eui64, Frame, FrameType, Malformed, PanId, ShortAddress},
+    security::{Envelope, Key, Opened, Refused, Sender},
+    wire::{Address, Command, Eui64, FrameType, Malformed, PanId, Panned, ShortAddress},
 };
 
 impl<const PEERS: usize, const QUEUE: usize> Link<PEERS, QUEUE> {
     /// Takes in a frame without FCS, which is decrypted in place.
     pub fn handle(&mut self, now: Instant, frame: &mut [u8]) -> Event {
-        let Some(broadcast) = self.is_for_us(frame) else {
+        let Ok(envelope) = Envelope::parse(frame) else {
+            return Event::Nothing;
+        };
+        let Some(broadcast) = self.is_for_us(envelope.destination) else {
             return Event::Nothing;
         };
         // Everybody hears a broadcast at once, and would answer at once.
@@ -26,12 +29,14 @@ impl<const PEERS: usize, const QUEUE: usize> Link<PEERS, QUEUE> {
         } else {
             now
         };
-        let opened = match self.session.open(now, frame) {
+        let opened = match self.session.open_parsed(now, &envelope, frame) {
             Ok(opened) => opened,
             Err(refused) => {
                 count(&mut self.counts.refused);
                 debug!("refused: {}", refused);
-                if let Refused::UnknownShort(short) = refused
+                // A wrong code or an old counter: the address may be somebody else's meanwhile.
+                if let Refused::UnknownShort(_) | Refused::Mic | Refused::Replayed = refused
+                    && let Some(Address::Short(short)) = envelope.source
                     && short.is_unicast()
                 {
                     self.challenge(answer_at, Address::Short(short));
@@ -39,11 +44,8 @@ impl<const PEERS: usize, const QUEUE: usize> Link<PEERS, QUEUE> {
                 return Event::Nothing;
             }
         };
-        if let Sender::Peer(_) = opened.sender {
-            self.follow_key(now, opened.key);
-        }
         let event = match opened.frame_type {
-            FrameType::Command => self.command(answer_at, &opened),
+            FrameType::Command => self.command(now, answer_at, &opened),
             _ => self.packet(now, answer_at, broadcast, &opened),
         };
         event.unwrap_or_else(|malformed| {
@@ -54,10 +56,8 @@ impl<const PEERS: usize, const QUEUE: usize> Link<PEERS, QUEUE> {
     }
 
     /// Whether a frame is for this node, and whether for all.
-    fn is_for_us(&self, frame: &[u8]) -> Option<bool> {
+    fn is_for_us(&self, destination: Panned) -> Option<bool> {
         let attachment = self.attachment?;
-        let frame = Frame::parse(frame).ok()?;
-        let destination = frame.header().destination;
         if ![attachment.pan, PanId::BROADCAST].contains(&destination.pan?) {
             return None;
         }
@@ -69,23 +69,34 @@ impl<const PEERS: usize, const QUEUE: usize> Link<PEERS, QUEUE> {
         }
     }
 
-    /// A peer speaks the next key: everybody has it.
+    /// A peer speaks the next key, in other words than a challenge: everybody has it. Only the
+    /// coordinator knows that first, and follows nobody.
     fn follow_key(&mut self, now: Instant, index: u8) {
         let is_next = |next: Key| next.index() == index;
-        if self.session.keys.next().is_some_and(is_next) {
+        if self.session.keys.next().is_some_and(is_next)
+            && self.short() != Some(ShortAddress::COORDINATOR)
+        {
             // It is installed.
             let _ = self.activate_key(index, now);
         }
     }
 
-    fn command(&mut self, answer_at: Instant, opened: &Opened<'_>) -> Result<Event, Malformed> {
+    fn command(
+        &mut self,
+        now: Instant,
+        answer_at: Instant,
+        opened: &Opened<'_>,
+    ) -> Result<Event, Malformed> {
         let command = Command::parse(opened.payload)?;
         match opened.sender {
-            Sender::Peer(from) => Ok(Event::Command {
-                from,
-                source: opened.source,
-                command,
-            }),
+            Sender::Peer(from) => {
+                self.follow_key(now, opened.key);
+                Ok(Event::Command {
+                    from,
+                    source: opened.source,
+                    command,
+                })
+            }
             Sender::Stranger(extended) => {
                 self.challenge(answer_at, Address::Extended(extended));
                 Ok(Event::Nothing)
@@ -101,7 +112,13 @@ impl<const PEERS: usize, const QUEUE: usize> Link<PEERS, QUEUE> {
         opened: &Opened<'_>,
     ) -> Result<Event, Malformed> {
         let extended = opened.sender.extended();
-        match (Packet::parse(opened.payload)?, opened.sender) {
+        let packet = Packet::parse(opened.payload)?;
+        if let Sender::Peer(_) = opened.sender
+            && packet != Packet::Challenge
+        {
+            self.follow_key(now, opened.key);
+        }
+        match (packet, opened.sender) {
             (Packet::Message { kind, age, bytes }, Sender::Peer(_)) => {
                 if broadcast != (kind == Kind::Broadcast) {
                     return Err(Malformed::Reserved);
@@ -152,6 +169,7 @@ impl<const PEERS: usize, const QUEUE: usize> Link<PEERS, QUEUE> {
                 if !self.challenges.is_answered(now, extended, short, counter) {
                     return Ok(Event::Nothing);
                 }
+                self.follow_key(now, opened.key);
                 let entered = self
                     .session
                     .peers

@@ -210,7 +210,7 @@ fn an_acknowledgement_of_another_frame_is_none() {
         let len = packet.emit(&mut payload).unwrap();
         let [sender, receiver] = [short(1), short(0)].map(Address::Short);
         let payload = &payload[..len];
-        let sealed = aether.nodes[1].seal(sender, receiver, payload, &mut buffer);
+        let sealed = aether.nodes[1].seal(false, sender, receiver, payload, &mut buffer);
         let len = sealed.unwrap().0;
         aether.nodes[0].handle(aether.now, &mut buffer[..len]);
         aether.nodes[0].result_of(second)
@@ -420,6 +420,55 @@ fn replayed_challenges_cost_little() {
         }
     }
     assert!((1..=50).contains(&sent), "{sent} frames in 10 s");
+}
+
+/// Two nodes change addresses, and the others know them by their former ones.
+#[test]
+fn whoever_has_an_address_now_is_asked_who_it_is() {
+    let mut aether = Aether::new(3, 0.0, 0);
+    for n in [1, 2] {
+        aether.nodes[n].send(aether.now, short(0), &0_u8).unwrap();
+    }
+    aether.run();
+    while aether.nodes[0].recv_bytes().is_some() {}
+    for (n, other) in [(1, 2), (2, 1)] {
+        aether.nodes[n].attach(PAN, short(other));
+    }
+    // One whose frame counters are ahead of the other's, and one whose are behind.
+    for (n, other) in [(1, 2), (2, 1)] {
+        let ticket = aether.nodes[n].send(aether.now, short(0), &n).unwrap();
+        aether.run();
+        assert_eq!(aether.nodes[0].recv(), Some((short(other), n)));
+        assert_eq!(aether.nodes[n].result_of(ticket), Some(Delivery::Delivered));
+    }
+}
+
+/// Who asks under the next key has not heard that it is in use, and nobody takes it for that.
+#[test]
+fn nobody_follows_a_challenge() {
+    let mut aether = Aether::new(3, 0.0, 0);
+    for n in [0, 1, 2] {
+        aether.nodes[n].session.keys.install(key(2)).unwrap();
+    }
+    aether.nodes[1].send(aether.now, short(2), &0_u8).unwrap();
+    aether.run();
+    for to in [0, 2] {
+        let now = aether.now;
+        aether.nodes[1].ask(now, Address::Short(short(to)), true);
+        aether.run();
+    }
+    for node in &aether.nodes {
+        assert_eq!(node.session.keys.active(), key(1));
+    }
+    // The coordinator does not follow anybody.
+    let now = aether.now;
+    aether.nodes[1].activate_key(2, now).unwrap();
+    aether.nodes[1].send(now, short(0), &1_u8).unwrap();
+    aether.nodes[1].send(now, short(2), &2_u8).unwrap();
+    aether.run();
+    let keys = aether.nodes.iter().map(|node| node.session.keys.active());
+    assert_eq!(keys.collect::<Vec<_>>(), [key(1), key(2), key(2)]);
+    assert_eq!(aether.nodes[0].recv(), Some((short(1), 1_u8)));
 }
 
 #[test]

@@ -11,7 +11,7 @@ use crate::{
     Instant,
     link::{Delivery, Event, SendError},
     log::debug,
-    store::{Membership, Record},
+    store::{Member, Membership},
     wire::{Address, AssociationStatus, Command, Eui64, PanId, ShortAddress},
 };
 
@@ -54,7 +54,7 @@ impl<const PEERS: usize, const QUEUE: usize, const MEMBERS: usize> Node<PEERS, Q
             coordinator.state = State::Running(network);
             debug!("runs {} on channel {}", network.pan, network.channel);
             self.link.attach(network.pan, network.short);
-            self.save(Record::Network(Some(network)));
+            self.unsaved.network = true;
         }
     }
 
@@ -149,20 +149,18 @@ impl<const PEERS: usize, const QUEUE: usize, const MEMBERS: usize> Node<PEERS, Q
     }
 
     pub(super) fn coordinator_event(&mut self, now: Instant, event: Event) {
-        let Event::Command { from, command, .. } = event else {
-            return;
+        let (from, command) = match event {
+            Event::Command { from, command, .. } => (from, command),
+            Event::Fresh { peer, short } => return self.presented(now, peer, short),
+            Event::Nothing => return,
         };
         match command {
             Command::AssociationRequest(_) => self.requested(now, from),
             Command::Disassociation { .. } => {
                 if let Role::Coordinator(coordinator) = &mut self.role
-                    && let Some(record) = coordinator.remove(from)
+                    && coordinator.remove(from)
                 {
-                    self.save(record);
-                    self.link
-                        .session
-                        .peers
-                        .rename(from, ShortAddress::UNASSIGNED);
+                    self.link.session.peers.forget(from);
                 }
             }
             Command::Orphan => self.orphaned(now, from),
@@ -171,6 +169,26 @@ impl<const PEERS: usize, const QUEUE: usize, const MEMBERS: usize> Node<PEERS, Q
             }
             _ => {}
         }
+    }
+
+    /// Somebody is there, and says which address it has. If nobody has that, it missed that it was
+    /// sent away.
+    fn presented(&mut self, now: Instant, device: Eui64, short: ShortAddress) {
+        let member = Member {
+            extended: device,
+            short,
+        };
+        if short.is_unicast() && !self.members().any(|other| other == member) {
+            self.dismiss(now, device);
+        }
+    }
+
+    /// Sends a device away. Nobody acknowledges that, so the device is a stranger from now on: when
+    /// it is next heard it has to present itself, and is told again.
+    pub(super) fn dismiss(&mut self, now: Instant, device: Eui64) {
+        let command = Command::Disassociation { reason: 1 };
+        self.command(now, Address::Extended(device), command);
+        self.link.session.peers.forget(device);
     }
 
     /// Tells a member where it belongs.
@@ -192,14 +210,11 @@ impl<const PEERS: usize, const QUEUE: usize, const MEMBERS: usize> Node<PEERS, Q
         let Role::Coordinator(coordinator) = &mut self.role else {
             return;
         };
-        let (association, record) = coordinator.admit(now, device);
+        let association = coordinator.admit(now, device);
         if association.status == AssociationStatus::Successful {
             self.link.session.peers.rename(device, association.short);
         }
         // Before the answer goes out, it is written down.
-        if let Some(record) = record {
-            self.save(record);
-        }
         let command = Command::AssociationResponse(association);
         self.command(now, Address::Extended(device), command);
     }

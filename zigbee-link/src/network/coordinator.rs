@@ -33,6 +33,11 @@ pub(super) struct Coordinator<const MEMBERS: usize> {
     pub state: State,
     /// A place keeps its number, by which the store knows it.
     pub members: [Option<Member>; MEMBERS],
+    /// Places that are to be written down.
+    pub unsaved: [bool; MEMBERS],
+    /// The address given last. They are given in turn: whoever had one may not have heard yet that
+    /// it is no longer a member.
+    last: ShortAddress,
     allowed: heapless::Vec<Eui64, MEMBERS>,
     window: Option<Instant>,
     pub rotation: Option<Rotation>,
@@ -70,10 +75,18 @@ pub struct KeyChange {
 }
 
 impl<const MEMBERS: usize> Coordinator<MEMBERS> {
-    pub(super) const fn new(state: State, members: [Option<Member>; MEMBERS]) -> Self {
+    // Inlined like the node it is part of.
+    #[inline(always)]
+    pub(super) fn new(state: State, members: [Option<Member>; MEMBERS]) -> Self {
+        let mut last = ShortAddress::COORDINATOR;
+        for member in members.iter().flatten() {
+            last = last.max(member.short);
+        }
         Self {
             state,
+            last,
             members,
+            unsaved: [false; MEMBERS],
             allowed: heapless::Vec::new(),
             window: None,
             rotation: None,
@@ -110,14 +123,11 @@ impl<const MEMBERS: usize> Coordinator<MEMBERS> {
         self.admits_anybody(now) || !self.allowed.is_empty()
     }
 
-    /// Decides on a device, and what to write down first.
-    pub(super) fn admit(&mut self, now: Instant, device: Eui64) -> (Association, Option<Record>) {
-        let refuse = |status| {
-            let association = Association {
-                short: ShortAddress::BROADCAST,
-                status,
-            };
-            (association, None)
+    /// Decides on a device. What changes has to be written down before it is told.
+    pub(super) fn admit(&mut self, now: Instant, device: Eui64) -> Association {
+        let refuse = |status| Association {
+            short: ShortAddress::BROADCAST,
+            status,
         };
         let welcome = |short| Association {
             short,
@@ -125,39 +135,62 @@ impl<const MEMBERS: usize> Coordinator<MEMBERS> {
         };
         let known = self.members.iter().flatten();
         if let Some(member) = known.clone().find(|member| member.extended == device) {
-            return (welcome(member.short), None);
+            return welcome(member.short);
         }
         if !self.admits_anybody(now) && !self.allowed.contains(&device) {
             return refuse(AssociationStatus::Denied);
         }
-        let used = |short| known.clone().any(|member| member.short == short);
-        let short = (1..ShortAddress::UNASSIGNED.0)
-            .map(ShortAddress)
-            .find(|&short| !used(short));
-        let place = self.members.iter().position(Option::is_none);
-        let number = place.and_then(|place| u8::try_from(place).ok());
-        match (
+        let mut short = after(self.last);
+        while known.clone().any(|member| member.short == short) {
+            short = after(short);
+        }
+        let mut places = self.members.iter_mut().zip(&mut self.unsaved);
+        let Some((place, unsaved)) = places.find(|(place, _)| place.is_none()) else {
+            return refuse(AssociationStatus::AtCapacity);
+        };
+        *place = Some(Member {
+            extended: device,
             short,
-            number,
-            place.and_then(|place| self.members.get_mut(place)),
-        ) {
-            (Some(short), Some(number), Some(place)) => {
-                let member = Member {
-                    extended: device,
-                    short,
-                };
-                *place = Some(member);
-                (welcome(short), Some(Record::Member(number, Some(member))))
+        });
+        *unsaved = true;
+        self.last = short;
+        welcome(short)
+    }
+
+    /// Strikes a member off. Whether it was one.
+    pub(super) fn remove(&mut self, device: Eui64) -> bool {
+        let is_it = |member: &Member| member.extended == device;
+        let mut places = self.members.iter_mut().zip(&mut self.unsaved);
+        match places.find(|(place, _)| place.as_ref().is_some_and(is_it)) {
+            Some((place, unsaved)) => {
+                *place = None;
+                *unsaved = true;
+                true
             }
-            _ => refuse(AssociationStatus::AtCapacity),
+            None => false,
         }
     }
 
-    /// Strikes a member off, and what to write down then.
-    pub(super) fn remove(&mut self, device: Eui64) -> Option<Record> {
-        let is_it = |member: &Option<Member>| member.is_some_and(|it| it.extended == device);
-        let place = self.members.iter().position(is_it)?;
-        *self.members.get_mut(place)? = None;
-        Some(Record::Member(u8::try_from(place).ok()?, None))
+    /// The next place to write down.
+    pub(super) fn unsaved(&self) -> Option<Record> {
+        let place = self.unsaved.iter().position(|&unsaved| unsaved)?;
+        let number = u8::try_from(place).ok()?;
+        Some(Record::Member(number, *self.members.get(place)?))
+    }
+
+    /// A place has been written down as it is.
+    pub(super) fn saved(&mut self, number: u8) {
+        if let Some(unsaved) = self.unsaved.get_mut(usize::from(number)) {
+            *unsaved = false;
+        }
+    }
+}
+
+/// The next address. A table never has as many members as there are addresses.
+const fn after(ShortAddress(last): ShortAddress) -> ShortAddress {
+    if last + 1 < ShortAddress::UNASSIGNED.0 {
+        ShortAddress(last + 1)
+    } else {
+        ShortAddress(1)
     }
 }

@@ -12,7 +12,7 @@ use crate::{
     link::Event,
     log::debug,
     radio::Channel,
-    store::{Membership, Record},
+    store::Membership,
     wire::{
         Address, Association, AssociationStatus, Command, DeviceCapabilities, Eui64, PanId,
         ShortAddress,
@@ -54,7 +54,7 @@ impl<const PEERS: usize, const QUEUE: usize, const MEMBERS: usize> Node<PEERS, Q
                     let request = Command::AssociationRequest(DeviceCapabilities::LISTENING);
                     self.command(now, to, request);
                 } else {
-                    self.link.challenge(now, to);
+                    self.link.ask(now, to, *attempts > JOIN_ATTEMPTS / 2);
                 }
             }
             State::Joined {
@@ -72,7 +72,9 @@ impl<const PEERS: usize, const QUEUE: usize, const MEMBERS: usize> Node<PEERS, Q
                     None if *unanswered < ALIVE_ATTEMPTS => {
                         *unanswered += 1;
                         *check = now + self.jitter.around(ALIVE_WAIT);
-                        self.link.challenge(now, Address::Extended(coordinator));
+                        let under_next = *unanswered > ALIVE_ATTEMPTS / 2;
+                        self.link
+                            .ask(now, Address::Extended(coordinator), under_next);
                     }
                     None => {
                         debug!("lost {}", membership.pan);
@@ -117,7 +119,7 @@ impl<const PEERS: usize, const QUEUE: usize, const MEMBERS: usize> Node<PEERS, Q
             device.state = state;
             device.home = None;
             self.link.detach();
-            self.save(Record::Network(None));
+            self.unsaved.network = true;
         }
     }
 
@@ -220,7 +222,7 @@ impl<const PEERS: usize, const QUEUE: usize, const MEMBERS: usize> Node<PEERS, Q
             device.pauses = 0;
             device.refusal = None;
             self.link.attach(membership.pan, membership.short);
-            self.save(Record::Network(Some(membership)));
+            self.unsaved.network = true;
         }
     }
 }

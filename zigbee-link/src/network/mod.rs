@@ -9,6 +9,12 @@
 //! admits devices whose EUI-64 is on the allow-list, or any that holds the site key while a join
 //! window is open; members may come back at any time. A full table answers "at capacity".
 //!
+//! A member that is [removed](Node::remove) is told so once. If it misses that, it is told again as
+//! soon as it has to prove itself to the coordinator, which it has to with its next frame, at the
+//! latest when it asks whether the coordinator is there. Meanwhile nobody else gets its address:
+//! addresses are given in turn, after a restart of the coordinator from behind the highest one in
+//! the table.
+//!
 //! # Device
 //! It scans, and tries the networks it heard, its former one first. Joining is authenticated both
 //! ways: device and coordinator first prove freshness to each other with the site key (see
@@ -57,8 +63,6 @@ use crate::{
 
 /// Commands waiting to be sent.
 const COMMANDS: usize = 8;
-/// Records waiting to be written.
-const RECORDS: usize = 8;
 
 /// What a node is built for.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -107,6 +111,15 @@ enum Role<const MEMBERS: usize> {
     Device(Device),
 }
 
+/// What changed and is not yet written down, members apart. What it is now, the node knows: so
+/// nothing queues, and nothing is lost however much changes.
+#[derive(Clone, Copy, Debug, Default)]
+struct Unsaved {
+    active_key: bool,
+    next_key: bool,
+    network: bool,
+}
+
 /// A secured command on its way out.
 #[derive(Clone, Copy, Debug)]
 struct Outbound {
@@ -127,7 +140,7 @@ pub struct Node<const PEERS: usize, const QUEUE: usize, const MEMBERS: usize> {
     settings: Settings,
     role: Role<MEMBERS>,
     commands: Slots<Outbound, COMMANDS>,
-    records: heapless::Deque<Record, RECORDS>,
+    unsaved: Unsaved,
     configured: Option<Config>,
     beacon_request_due: bool,
     jitter: Jitter,
@@ -194,7 +207,7 @@ impl<const PEERS: usize, const QUEUE: usize, const MEMBERS: usize> Node<PEERS, Q
             settings,
             role,
             commands: Slots::new(),
-            records: heapless::Deque::new(),
+            unsaved: Unsaved::default(),
             configured: None,
             beacon_request_due: false,
             jitter: Jitter::new(!settings.seed),
@@ -252,19 +265,18 @@ impl<const PEERS: usize, const QUEUE: usize, const MEMBERS: usize> Node<PEERS, Q
         }
     }
 
-    /// Sends a member away. It may come back if it is on the allow-list or a window is open; to
+    /// Sends a member away; a device that does not hear it is told again when it is next heard.
+    /// Whether it was a member. It may come back if it is on the allow-list or a window is open; to
     /// keep out a captured node, [change the key](Self::change_key) for all others.
-    pub fn remove(&mut self, now: Instant, device: Eui64) {
-        let Role::Coordinator(coordinator) = &mut self.role else {
-            return;
+    pub fn remove(&mut self, now: Instant, device: Eui64) -> bool {
+        let is_removed = match &mut self.role {
+            Role::Coordinator(coordinator) => coordinator.remove(device),
+            Role::Device(_) => false,
         };
-        if let Some(record) = coordinator.remove(device) {
-            self.save(record);
-            let command = Command::Disassociation { reason: 1 };
-            self.command(now, Address::Extended(device), command);
-            let unassigned = ShortAddress::UNASSIGNED;
-            self.link.session.peers.rename(device, unassigned);
+        if is_removed {
+            self.dismiss(now, device);
         }
+        is_removed
     }
 
     /// Leaves the network and looks for no other until [`join`](Self::join).
@@ -289,9 +301,9 @@ impl<const PEERS: usize, const QUEUE: usize, const MEMBERS: usize> Node<PEERS, Q
     }
 
     /// Hands a new key on to all members, one after the other, and then uses it. Members that
-    /// cannot be reached must be provisioned anew, [`key_change`](Self::key_change) counts them. Frames under the former key are accepted for
-    /// [`KEY_WINDOW`](crate::link::KEY_WINDOW) more. A coordinator that restarts meanwhile has to be
-    /// told again.
+    /// cannot be reached must be provisioned anew, [`key_change`](Self::key_change) counts them.
+    /// Frames under the former key are accepted for [`KEY_WINDOW`](crate::link::KEY_WINDOW) more. A
+    /// coordinator that restarts meanwhile has to be told again.
     ///
     /// # Errors
     /// The key in use has this index, or this node is no coordinator.
@@ -300,6 +312,9 @@ impl<const PEERS: usize, const QUEUE: usize, const MEMBERS: usize> Node<PEERS, Q
             return Err(RotationError::NotInstalled);
         };
         self.link.session.keys.install(next)?;
+        if let Some(ticket) = coordinator.rotation.and_then(|former| former.ticket) {
+            self.link.withdraw(ticket);
+        }
         coordinator.rotation = Some(Rotation {
             change: KeyChange {
                 index: next.index(),
@@ -309,7 +324,7 @@ impl<const PEERS: usize, const QUEUE: usize, const MEMBERS: usize> Node<PEERS, Q
             place: 0,
             ticket: None,
         });
-        self.save(Record::NextKey(Some(next)));
+        self.unsaved.next_key = true;
         Ok(())
     }
 
@@ -324,20 +339,55 @@ impl<const PEERS: usize, const QUEUE: usize, const MEMBERS: usize> Node<PEERS, Q
     /// The store has written the record down.
     pub fn saved(&mut self, record: Record) {
         if let Record::CounterLimit(limit) = record {
-            self.link.session.counter.reserved(limit);
-        } else if self.records.front() == Some(&record) {
-            self.records.pop_front();
+            return self.link.session.counter.reserved(limit);
+        }
+        // What changed meanwhile has to be written again.
+        if self.unsaved() != Some(record) {
+            return;
+        }
+        match record {
+            Record::CounterLimit(_) => {}
+            Record::ActiveKey(_) => self.unsaved.active_key = false,
+            Record::NextKey(_) => self.unsaved.next_key = false,
+            Record::Network(_) => self.unsaved.network = false,
+            Record::Member(place, _) => {
+                if let Role::Coordinator(coordinator) = &mut self.role {
+                    coordinator.saved(place);
+                }
+            }
         }
     }
 
-    // Not inlined, like the next: a large value is moved, and there are many callers.
+    /// The next record to write down.
     #[inline(never)]
-    fn save(&mut self, record: Record) {
-        // Written one after the other as fast as they come; a full queue would mean a store that
-        // does not answer, and then nothing else goes on either.
-        let _ = self.records.push_back(record);
+    fn unsaved(&self) -> Option<Record> {
+        let keys = &self.link.session.keys;
+        // The key in use first: without a next key, it is the one that was next.
+        if self.unsaved.active_key {
+            Some(Record::ActiveKey(keys.active()))
+        } else if self.unsaved.next_key {
+            Some(Record::NextKey(keys.next()))
+        } else if self.unsaved.network {
+            Some(Record::Network(self.network()))
+        } else if let Role::Coordinator(coordinator) = &self.role {
+            coordinator.unsaved()
+        } else {
+            None
+        }
     }
 
+    /// The network to remember.
+    const fn network(&self) -> Option<Membership> {
+        match &self.role {
+            Role::Coordinator(coordinator) => match coordinator.state {
+                coordinator::State::Scanning(_) => None,
+                coordinator::State::Running(network) => Some(network),
+            },
+            Role::Device(device) => device.home,
+        }
+    }
+
+    // Not inlined: a large value is moved, and there are many callers.
     #[inline(never)]
     fn command(&mut self, due: Instant, destination: Address, command: Command) {
         // When the queue is full, the peer asks again.
@@ -385,9 +435,10 @@ impl<const PEERS: usize, const QUEUE: usize, const MEMBERS: usize> Node<PEERS, Q
             Role::Device(_) => self.keep_up(now),
         }
         if self.link.take_keys_changed() {
-            self.save_keys();
+            self.unsaved.active_key = true;
+            self.unsaved.next_key = true;
         }
-        if let Some(&record) = self.records.front() {
+        if let Some(record) = self.unsaved() {
             return Some(Action::Save(record));
         }
         if let Some(config) = self.config()
@@ -397,13 +448,6 @@ impl<const PEERS: usize, const QUEUE: usize, const MEMBERS: usize> Node<PEERS, Q
             return Some(Action::Configure(config));
         }
         self.transmit(now, buffer).map(Action::Transmit)
-    }
-
-    fn save_keys(&mut self) {
-        let keys = &self.link.session.keys;
-        let (active, next) = (keys.active(), keys.next());
-        self.save(Record::ActiveKey(active));
-        self.save(Record::NextKey(next));
     }
 
     /// How the radio should be configured now; `None` for as it is.

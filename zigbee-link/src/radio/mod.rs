@@ -87,7 +87,7 @@ pub trait Radio {
     /// Why the radio does not work.
     type Error: fmt::Debug;
 
-    /// What the radio does by itself. Never changes.
+    /// What the radio does by itself. Never changes. For whoever stacks radios; nothing here asks.
     fn capabilities(&self) -> Capabilities;
 
     /// Takes over the channel, the power and the addresses, and starts to receive.
@@ -110,6 +110,29 @@ pub trait Radio {
         &mut self,
         buffer: &mut [u8; PSDU_MAX],
     ) -> impl Future<Output = Result<Received, Self::Error>>;
+}
+
+impl<R: Radio> Radio for &mut R {
+    type Error = R::Error;
+
+    fn capabilities(&self) -> Capabilities {
+        R::capabilities(self)
+    }
+
+    fn configure(&mut self, config: &Config) -> impl Future<Output = Result<(), Self::Error>> {
+        R::configure(self, config)
+    }
+
+    fn transmit(&mut self, frame: &[u8]) -> impl Future<Output = Result<TxOutcome, Self::Error>> {
+        R::transmit(self, frame)
+    }
+
+    fn receive(
+        &mut self,
+        buffer: &mut [u8; PSDU_MAX],
+    ) -> impl Future<Output = Result<Received, Self::Error>> {
+        R::receive(self, buffer)
+    }
 }
 
 /// What a radio does by itself. What it does not, a wrapper does or nobody needs.
@@ -154,11 +177,6 @@ impl Channel {
     /// The number, 11 to 26.
     pub const fn number(self) -> u8 {
         self.0
-    }
-
-    /// The centre frequency, MHz.
-    pub const fn frequency_mhz(self) -> u16 {
-        2405 + 5 * (self.0 as u16 - 11)
     }
 }
 

@@ -164,8 +164,13 @@ impl Keyring {
         }
     }
 
-    pub(super) const fn active_cipher(&self) -> &Aes128 {
-        &self.active.cipher
+    /// Index and cipher for a frame to send: of the next key if that is wanted and there is one.
+    pub(super) const fn speaker(&self, wants_next: bool) -> (u8, &Aes128) {
+        let ready = match &self.other {
+            Some(Other::Next(next)) if wants_next => next,
+            _ => &self.active,
+        };
+        (ready.key.index, &ready.cipher)
     }
 
     /// The cipher for a received frame, if its key is acceptable now.

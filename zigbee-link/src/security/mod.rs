@@ -4,7 +4,9 @@
 //! Anybody without the site key: nothing of theirs is accepted, read, replayed or stored. Not
 //! against a captured node: the key is one for all, so its owner can speak in every member's name.
 //! It cannot make a node forget a key, send more than one answer per frame, or fill more than the
-//! fixed tables; [`Keyring`] exists to shut it out again.
+//! fixed tables; [`Keyring`] exists to shut it out again. That helps against a node that is out of
+//! range while the key changes: the next key travels under the present one, and whoever has that
+//! and listens learns it. Against such a one, all nodes have to be provisioned anew.
 //!
 //! # Nonces
 //! A nonce is the sender's EUI-64, its frame counter and the level; for one key it must never
@@ -20,7 +22,15 @@
 //! frames then have smaller counters. So neither side's restart opens a door, flash is not worn by
 //! reception, and evicting an entry is harmless. The price is one exchange per pair and restart.
 //!
-//! Every frame that repeats a counter serves as such an answer, acknowledgements too.
+//! A frame that is refused for its counter or its code, under a short address, leads to a challenge
+//! too: the address may have been given to somebody else. Acknowledgements repeat a counter, but
+//! answer no challenge: those of strangers are ignored.
+//!
+//! # Changes of key
+//! A member that has the next key uses it from the first frame under it on that is no challenge. If
+//! it missed all of them, and its coordinator no longer hears it, it asks under the next key, and
+//! the answer tells which one is in use. Challenges under the next key make nobody follow, and the
+//! coordinator follows nobody: it is the first to know.
 
 mod ccm;
 mod counter;
@@ -34,6 +44,7 @@ pub use ccm::Protection;
 pub use counter::{BLOCK, Counter, CounterError};
 pub use key::{Key, Keyring, RotationError};
 pub use peers::{EVICT_AFTER, Peer, Peers, TableFull};
+pub(crate) use session::Envelope;
 pub use session::{Opened, Refused, SealError, Sealed, Sender, Session};
 #[cfg(test)]
 pub(crate) use tests::storm;

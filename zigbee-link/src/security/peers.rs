@@ -109,6 +109,20 @@ impl<const N: usize> Peers<N> {
         Ok(())
     }
 
+    /// Whoever leaves a network knows nobody's short address in the next one.
+    pub(crate) fn forget_addresses(&mut self) {
+        for peer in &mut self.0 {
+            peer.short = ShortAddress::UNASSIGNED;
+        }
+    }
+
+    /// Makes a peer a stranger.
+    pub(crate) fn forget(&mut self, extended: Eui64) {
+        if let Some(place) = self.0.iter().position(|peer| peer.extended == extended) {
+            self.0.swap_remove(place);
+        }
+    }
+
     /// Gives a peer another short address.
     pub(crate) fn rename(&mut self, extended: Eui64, short: ShortAddress) {
         for peer in &mut self.0 {

@@ -11,7 +11,7 @@ use crate::{
     radio::FRAME_MAX,
     wire::{
         Address, AuxHeader, EmitError, Eui64, Frame, FrameType, Header, KeyId, Malformed, PanId,
-        ShortAddress, Version, copy,
+        Panned, ShortAddress, Version, copy,
     },
 };
 
@@ -46,6 +46,32 @@ impl Sender {
         match self {
             Self::Peer(extended) | Self::Stranger(extended) => extended,
         }
+    }
+}
+
+/// What is written on a frame, parsed once for all who decide on it.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Envelope {
+    frame_type: FrameType,
+    version: Version,
+    pub destination: Panned,
+    pub source: Option<Address>,
+    security: Option<AuxHeader>,
+    header_len: usize,
+}
+
+impl Envelope {
+    pub(crate) fn parse(frame: &[u8]) -> Result<Self, Malformed> {
+        let parsed = Frame::parse(frame)?;
+        let header = parsed.header();
+        Ok(Self {
+            frame_type: header.frame_type,
+            version: header.version,
+            destination: header.destination,
+            source: header.source.address,
+            security: header.security,
+            header_len: parsed.header_bytes().len(),
+        })
     }
 }
 
@@ -207,16 +233,28 @@ impl<const PEERS: usize> Session<PEERS> {
         payload: &[u8],
         buffer: &mut [u8; FRAME_MAX],
     ) -> Result<Sealed, SealError> {
+        self.seal_under(false, header, payload, buffer)
+    }
+
+    /// The same, with the next key if `wants_next` and there is one.
+    pub(crate) fn seal_under(
+        &mut self,
+        wants_next: bool,
+        header: &Header<'_>,
+        payload: &[u8],
+        buffer: &mut [u8; FRAME_MAX],
+    ) -> Result<Sealed, SealError> {
         let kind = matches!(header.frame_type, FrameType::Data | FrameType::Command);
         if !kind || header.version != Version::V2006 {
             return Err(EmitError::Impossible.into());
         }
         let level = self.protection.level();
         let counter = self.counter.take().map_err(SealError::Counter)?;
+        let (key, cipher) = self.keys.speaker(wants_next);
         let secured = Header {
             security: Some(AuxHeader {
                 level,
-                key: KeyId::Index(self.keys.active().index()),
+                key: KeyId::Index(key),
                 counter: Some(counter),
                 asn_in_nonce: false,
             }),
@@ -238,7 +276,6 @@ impl<const PEERS: usize> Session<PEERS> {
             .split_at_mut_checked(clear_len)
             .ok_or(EmitError::Impossible)?;
         let nonce = nonce(self.extended, counter, level);
-        let cipher = self.keys.active_cipher();
         ccm::seal(cipher, self.protection, &nonce, clear, secret, mic)
             .map_err(|_| EmitError::NoRoom)?;
         Ok(Sealed { len, counter })
@@ -253,14 +290,23 @@ impl<const PEERS: usize> Session<PEERS> {
     /// The frame is not authentic, or not new; nothing has changed. The buffer's content is then
     /// undefined, but no plaintext.
     pub fn open<'f>(&mut self, now: Instant, frame: &'f mut [u8]) -> Result<Opened<'f>, Refused> {
-        let parsed = Frame::parse(frame)?;
-        let header = parsed.header();
-        let frame_type = header.frame_type;
+        let envelope = Envelope::parse(frame)?;
+        self.open_parsed(now, &envelope, frame)
+    }
+
+    /// The same with a header that was parsed already.
+    pub(crate) fn open_parsed<'f>(
+        &mut self,
+        now: Instant,
+        envelope: &Envelope,
+        frame: &'f mut [u8],
+    ) -> Result<Opened<'f>, Refused> {
+        let frame_type = envelope.frame_type;
         if !matches!(frame_type, FrameType::Data | FrameType::Command) {
             return Err(Refused::NotForSecurity);
         }
-        let security = header.security.ok_or(Refused::Unsecured)?;
-        if header.version != Version::V2006 {
+        let security = envelope.security.ok_or(Refused::Unsecured)?;
+        if envelope.version != Version::V2006 {
             return Err(Refused::NotForSecurity);
         }
         let level = self.protection.level();
@@ -271,7 +317,7 @@ impl<const PEERS: usize> Session<PEERS> {
             return Err(Refused::Key);
         };
         let cipher = self.keys.cipher(key, now).ok_or(Refused::Key)?;
-        let source = header.source.address.ok_or(Refused::NoSource)?;
+        let source = envelope.source.ok_or(Refused::NoSource)?;
         let extended = match source {
             Address::Extended(extended) => extended,
             Address::Short(short) => {
@@ -286,9 +332,7 @@ impl<const PEERS: usize> Session<PEERS> {
         if counter == u32::MAX || peer.is_some_and(|peer| counter <= peer.counter) {
             return Err(Refused::Replayed);
         }
-        let pan = header.destination.pan;
-        let destination = header.destination.address;
-        let header_len = parsed.header_bytes().len();
+        let header_len = envelope.header_len;
         let clear_len = header_len + open_payload(frame_type);
         let mic_at = frame
             .len()
@@ -314,8 +358,8 @@ impl<const PEERS: usize> Session<PEERS> {
             frame_type,
             sender,
             source,
-            pan,
-            destination,
+            pan: envelope.destination.pan,
+            destination: envelope.destination.address,
             counter,
             key,
             payload: body.get(header_len..).ok_or(Malformed::Truncated)?,

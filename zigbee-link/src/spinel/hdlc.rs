@@ -97,7 +97,7 @@ impl Encoder {
     }
 }
 
-/// Frames that were not delivered.
+/// Frames that were not delivered. Counters stay at their maximum.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Dropped {
@@ -159,7 +159,7 @@ impl<const N: usize> Decoder<N> {
                     return self.buffer.get(..len - CRC_LEN);
                 }
                 if state != State::Lost && !is_empty {
-                    self.dropped.damaged = self.dropped.damaged.wrapping_add(1);
+                    self.dropped.damaged = self.dropped.damaged.saturating_add(1);
                 }
             }
             (_, State::Lost) => {}
@@ -186,7 +186,7 @@ impl<const N: usize> Decoder<N> {
             self.crc = crc_16(self.crc, byte);
         } else {
             self.state = State::Lost;
-            self.dropped.oversized = self.dropped.oversized.wrapping_add(1);
+            self.dropped.oversized = self.dropped.oversized.saturating_add(1);
         }
     }
 }
@@ -277,6 +277,19 @@ mod tests {
         assert!(decode(&mut decoder, b"a\x7Eab\x7Eab\x7D\x7E\x00\x00\x7E").is_empty());
         assert_eq!(decoder.dropped().damaged, 4);
         assert_eq!(decode(&mut decoder, &encoded(b"good")), [b"good"]);
+    }
+
+    #[test]
+    fn counters_stay_at_their_maximum() {
+        let mut decoder = Decoder::<8>::new();
+        let full = Dropped {
+            damaged: u32::MAX,
+            oversized: u32::MAX,
+        };
+        decoder.dropped = full;
+        let line = [&[FLAG, 1, 2, 3, FLAG][..], &[9; 20], &[FLAG]].concat();
+        assert!(decode(&mut decoder, &line).is_empty());
+        assert_eq!(decoder.dropped(), full);
     }
 
     proptest! {

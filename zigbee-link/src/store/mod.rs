@@ -264,6 +264,27 @@ impl<F: NorFlash> Store<F> {
         }
     }
 
+    /// Reads the first places of the coordinator's table, all in two passes over the store.
+    ///
+    /// # Errors
+    /// As of [`member`](Self::member).
+    pub async fn members<const PLACES: usize>(
+        &mut self,
+        members: &mut [Option<Member>; PLACES],
+    ) -> Result<(), StoreError<F::Error>> {
+        let mut slots = [0; PLACES];
+        self.0.newest(MEMBERS, &mut slots).await?;
+        for (member, slot) in members.iter_mut().zip(slots) {
+            *member = match self.0.read(slot).await? {
+                None => None,
+                Some(entry) => {
+                    decode_member(Reader::new(entry.value())).ok_or(StoreError::Corrupt)?
+                }
+            };
+        }
+        Ok(())
+    }
+
     /// Gives the flash back.
     pub fn into_flash(self) -> F {
         self.0.into_flash()
@@ -271,13 +292,11 @@ impl<F: NorFlash> Store<F> {
 }
 
 /// The last write was torn. It may have been of the next reservation, which is one block.
-fn skip_block(entry: Entry) -> Entry {
-    let limit = Reader::new(entry.value()).u32();
-    match limit {
-        Ok(limit) if entry.key() == COUNTER => {
-            encode(Record::CounterLimit(limit.saturating_add(BLOCK))).unwrap_or(entry)
-        }
-        _ => entry,
+fn skip_block(key: u8, value: &mut [u8]) {
+    if let (COUNTER, Some(limit)) = (key, value.first_chunk_mut()) {
+        *limit = u32::from_le_bytes(*limit)
+            .saturating_add(BLOCK)
+            .to_le_bytes();
     }
 }
 

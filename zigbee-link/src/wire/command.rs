@@ -11,16 +11,6 @@ impl DeviceCapabilities {
     /// A full-function device, mains powered or not, that listens always, speaks secured frames
     /// and wants a short address.
     pub const LISTENING: Self = Self(0b1100_1010);
-
-    /// The device listens when it does not send.
-    pub const fn rx_on_when_idle(self) -> bool {
-        self.0 & 1 << 3 != 0
-    }
-
-    /// The device wants a short address.
-    pub const fn allocate_address(self) -> bool {
-        self.0 & 1 << 7 != 0
-    }
 }
 
 /// How a coordinator decides on a joining device.

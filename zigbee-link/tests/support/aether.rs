@@ -52,6 +52,8 @@ pub struct Aether {
     pub loss: f64,
     pub rng: ChaCha8Rng,
     pub heard: Vec<OnAir>,
+    /// Every application fetches every result as soon as it is there.
+    pub fetches_results: bool,
 }
 
 fn settings(number: usize, seed: u64) -> Settings {
@@ -72,6 +74,7 @@ impl Aether {
             loss,
             rng: ChaCha8Rng::seed_from_u64(seed),
             heard: Vec::new(),
+            fetches_results: false,
         }
     }
 
@@ -122,7 +125,9 @@ impl Aether {
     fn act(&mut self, place: usize) -> bool {
         let mut buffer = [0; FRAME_MAX];
         let station = &mut self.stations[place];
-        let Some(action) = station.node.poll(self.now, &mut buffer) else {
+        let action = station.node.poll(self.now, &mut buffer);
+        while self.fetches_results && station.node.link.result().is_some() {}
+        let Some(action) = action else {
             return false;
         };
         match action {

@@ -13,13 +13,8 @@ use std::{
 
 use anyhow::Context;
 use host_sim::probe::port::PortError;
-use signal_hook::{
-    consts::{SIGHUP, SIGINT, SIGTERM},
-    flag,
-};
 
-/// What a shell reports for a program that Ctrl-C ended.
-pub(super) const INTERRUPTED: u8 = 130;
+use super::super::interrupt;
 
 /// How long Ctrl-C goes unnoticed while a line is awaited.
 const PATIENCE: Duration = Duration::from_millis(50);
@@ -31,21 +26,10 @@ pub(super) struct Person {
 }
 
 impl Person {
-    /// From now on Ctrl-C, and what else ends a program, only sets a flag; while it is set, a
-    /// second one ends the program at once.
+    /// From now on Ctrl-C only sets a flag.
     pub(super) fn new() -> anyhow::Result<Self> {
-        let interrupted = Arc::new(AtomicBool::new(false));
-        for signal in [SIGINT, SIGTERM, SIGHUP] {
-            flag::register_conditional_shutdown(
-                signal,
-                INTERRUPTED.into(),
-                Arc::clone(&interrupted),
-            )
-            .and_then(|_| flag::register(signal, Arc::clone(&interrupted)))
-            .context("Ctrl-C cannot be watched")?;
-        }
         Ok(Self {
-            interrupted,
+            interrupted: interrupt::watch()?,
             lines: None,
         })
     }

@@ -40,6 +40,7 @@ use serde::{Deserialize, Serialize};
 use thiserror::Error;
 
 use crate::world::World;
+use node_firmware::role::camera::REFERENCE_STOPS;
 
 mod exchange;
 mod first_sightings;
@@ -92,7 +93,7 @@ pub struct Task<'a> {
     pub cameras: &'a [usize],
     /// Radius of the target.
     pub radius: f64,
-    /// Stops in view of each camera, 3 or more, and of both references.
+    /// Stops in view of each camera, 3 or more, and of both references up to [`REFERENCE_STOPS`].
     pub stops: usize,
     /// How they are chosen.
     pub placement: Placement,
@@ -135,8 +136,10 @@ pub struct Plan {
 pub enum PlanError {
     /// The references have too few places in common.
     #[error(
-        "the reference cameras see too few places together for {stops} stops: turn them towards \
-         each other, bring them nearer, or choose other references"
+        "the reference cameras see too few places together where the target can stand for {stops} \
+         stops: turn them towards each other, bring them nearer or choose others; look at their \
+         `range`, the network's `area`, `world.low` and `world.high`, and obstacles; or want fewer \
+         `stops`, or a target of smaller `radius`"
     )]
     References {
         /// How many were wanted.
@@ -296,9 +299,10 @@ impl Task<'_> {
                 })
             },
         };
-        let refused = PlanError::References { stops: self.stops };
+        let stops = self.stops.min(REFERENCE_STOPS);
+        let refused = PlanError::References { stops };
         let mut designs: Vec<Design<6>> = (0..STARTS)
-            .filter_map(|_| choice.best(self.stops, 1, random))
+            .filter_map(|_| choice.best(stops, 1, random))
             .collect();
         designs.sort_by(|a, b| a.score.total_cmp(&b.score));
         designs

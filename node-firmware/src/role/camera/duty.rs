@@ -94,18 +94,23 @@ impl Camera {
         let pair = |of: &References| (of.first, of.second);
         if self.references.as_ref().map(pair) != Some(pair(&references)) {
             // What another camera saw, or its pose, is nothing to this one.
+            if self.posed.1.is_some() {
+                self.unsaved.add(POSED);
+            }
             self.posed = (Owed::Nothing, None);
-            self.unsaved.add(POSED);
             let kept = self.stops.forget_other();
             self.rewrite(kept);
         }
         self.references = Some(references);
         self.bearings.clear();
         self.unsaved.add(REFERENCES);
-        match self.duty() {
-            Some(Duty::First) => self.to_solve = true,
-            Some(Duty::Second) => self.owe_bearings(now),
-            None => {}
+        self.to_solve = self.duty() == Some(Duty::First);
+        if !self.to_solve {
+            // Where the target stood, another one tells it.
+            self.located = (Owed::Nothing, None);
+        }
+        if self.duty() == Some(Duty::Second) {
+            self.owe_bearings(now);
         }
     }
 

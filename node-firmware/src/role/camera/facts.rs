@@ -3,7 +3,11 @@
 use zigbee_link::Instant;
 
 use super::{Camera, REFERENCE_STOPS, SIGHTINGS, nothing_known};
-use crate::{memory::Fact, message::Report, role::Owed};
+use crate::{
+    memory::Fact,
+    message::Report,
+    role::{Outbox, Owed},
+};
 
 // Facts are numbered in the order in which they are written: a report counts sightings, so these
 // are there before it; and a camera that forgets reports that only when nothing is left. Other
@@ -52,7 +56,10 @@ impl Unsaved {
 impl Camera {
     /// The next fact to write down.
     pub(super) fn unsaved(&mut self) -> Option<Fact> {
-        Some(match self.unsaved.take()? {
+        let Some(number) = self.unsaved.take() else {
+            return self.home.unsaved();
+        };
+        Some(match number {
             REFERENCES => Fact::References(self.references),
             COLOURS => Fact::Colours(self.colours),
             number @ SIGHTING..REFERENCE_STOP => {
@@ -67,10 +74,10 @@ impl Camera {
             POSED => Fact::Posed(self.posed.1),
             _ => {
                 if self.report.duty.is_some() {
-                    // The stops it came of go after it: they are what a cut in between leaves.
-                    let kept = self.stops.len();
-                    self.stops.clear();
-                    self.rewrite(kept);
+                    // The stops it came of go after it: they are what a cut in between leaves. So do
+                    // sightings, which it did not come of.
+                    self.drop_stops();
+                    self.drop_sightings();
                 }
                 Fact::Report(Some(self.report))
             }
@@ -82,6 +89,19 @@ impl Camera {
         for index in 0..stops {
             self.unsaved.add(reference_stop(index));
         }
+    }
+
+    fn drop_stops(&mut self) {
+        let kept = self.stops.len();
+        self.stops.clear();
+        self.rewrite(kept);
+    }
+
+    fn drop_sightings(&mut self) {
+        for index in 0..self.calibration.count() {
+            self.unsaved.add(sighting(index));
+        }
+        self.calibration.clear();
     }
 
     /// Takes a fact of a former run. They come in the order of the memory's keys, the report first.
@@ -99,6 +119,11 @@ impl Camera {
             Fact::Colours(colours) if colours.configured == self.colours.configured => {
                 self.colours = *colours;
                 self.recalled = true;
+            }
+            Fact::Network(network) => self.home.remember(*network),
+            // A cut left it, after the report that it has no part in.
+            Fact::Sighting(index, Some(_)) if self.report.duty.is_some() => {
+                self.unsaved.add(sighting((*index).into()));
             }
             Fact::Sighting(index, Some(kept)) => {
                 let place = self.calibration.restore(*kept);
@@ -123,6 +148,39 @@ impl Camera {
             self.unsaved.add(place);
             self.unsaved.add(written);
         }
+    }
+
+    /// Addresses are those of others now. A camera that is done stands where it stood; of sightings
+    /// of others, nobody knows the target any more.
+    // Not inlined, for the sake of the stack.
+    #[inline(never)]
+    pub(super) fn forget_network(&mut self) {
+        if self.references.take().is_some() {
+            self.unsaved.add(REFERENCES);
+        }
+        // A first reference that stays alone with its pose is of no use to anybody.
+        let is_finished = self.report.done && self.posed.0 == Owed::Nothing;
+        if self.posed.1.is_some() {
+            self.unsaved.add(POSED);
+        }
+        self.posed = (Owed::Nothing, None);
+        self.located = (Owed::Nothing, None);
+        self.drop_stops();
+        self.to_solve = false;
+        self.bearings.clear();
+        self.last.clear();
+        self.to_targets.clear();
+        self.outbox = Outbox::new();
+        // A look that goes on has nobody to be told.
+        self.looking = None;
+        self.next = None;
+        self.listing = None;
+        if !is_finished {
+            self.drop_sightings();
+            self.report = nothing_known(self.id);
+            self.unsaved.add(REPORT);
+        }
+        self.told = self.report;
     }
 
     /// Forgets pose and sightings.

@@ -21,19 +21,24 @@ impl Role for Camera {
     }
 
     fn attached(&mut self, now: Instant, network: Option<Membership>) {
-        self.address = network.map(|network| network.short);
-        if network.is_some() {
-            self.hello.tell(now);
-            if self.report.state != State::Waiting {
-                self.to_coordinator.tell(now);
-            }
-            match self.duty() {
-                // Nobody knows which ones were delivered before a restart.
-                Some(Duty::Second) if self.pose().is_none() => self.owe_bearings(now),
-                // Or whether the last ones written down were solved.
-                Some(Duty::First) => self.to_solve = true,
-                _ => {}
-            }
+        let own = network.map(|network| network.short);
+        let before = core::mem::replace(&mut self.address, own);
+        let Some(network) = network else {
+            return;
+        };
+        if self.home.enter(before.is_some(), &network) {
+            self.forget_network();
+        }
+        self.hello.tell(now);
+        if self.report.state != State::Waiting {
+            self.to_coordinator.tell(now);
+        }
+        match self.duty() {
+            // Nobody knows which ones were delivered before a restart.
+            Some(Duty::Second) if self.pose().is_none() => self.owe_bearings(now),
+            // Or whether the last ones written down were solved.
+            Some(Duty::First) => self.to_solve = true,
+            _ => {}
         }
     }
 

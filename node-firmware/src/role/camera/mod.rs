@@ -31,7 +31,7 @@ use self::{
     facts::{REPORT, Unsaved},
     reference::ReferenceStops,
 };
-use super::{COORDINATOR, Outbox, Owed};
+use super::{COORDINATOR, Home, Outbox, Owed};
 use crate::{
     arithmetic::root,
     config::{COLOURS_MAX, CameraConfig, Duty},
@@ -136,6 +136,7 @@ pub struct Camera {
     id: u16,
     config: CameraConfig,
     address: Option<ShortAddress>,
+    home: Home,
     references: Option<References>,
     calibration: Calibration,
     stops: ReferenceStops,
@@ -184,6 +185,7 @@ impl Camera {
             id,
             config,
             address: None,
+            home: Home::new(),
             references: None,
             calibration: Calibration::new(),
             stops: ReferenceStops::new(),
@@ -251,9 +253,15 @@ impl Camera {
         }
     }
 
-    /// Has a command carried out next. Another one that waits is given up.
+    /// Has a command carried out next. Another one that waits is given up; and before the camera has
+    /// started, this one: nobody knows when it will, and what is in its view then.
     fn command(&mut self, now: Instant, command: Command) {
-        if let Some(command) = self.command.replace(command) {
+        let given_up = if self.ready {
+            self.command.replace(command)
+        } else {
+            Some(command)
+        };
+        if let Some(command) = given_up {
             let done = Done {
                 command,
                 success: false,

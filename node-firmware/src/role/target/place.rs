@@ -37,13 +37,10 @@ impl Target {
     }
 
     pub(super) fn stepped(&mut self, now: Instant, step: &Step<f32>) {
-        if let State::Standing(standing) = self.state {
-            self.state = State::Walking { last: Some(now) };
-            if !standing.may_walk {
-                self.unsaved = true;
-            }
+        let before = core::mem::replace(&mut self.state, State::Walking { last: Some(now) });
+        if matches!(before, State::Standing(standing) if !standing.may_walk) {
+            self.unsaved = true;
         }
-        self.state = State::Walking { last: Some(now) };
         let turn = match (self.located, self.frame_heading) {
             (true, Some((heading, _))) => heading,
             _ => 0.0,
@@ -60,15 +57,15 @@ impl Target {
 
     /// The place is not known any more: the sensor failed, or the target was carried unawares.
     pub(super) fn lose(&mut self, now: Instant) {
-        // A sensor that goes on failing makes no new stops.
-        let was_lost = !self.located && self.track == nowhere(&self.config);
         self.located = false;
         self.found = None;
+        self.bearings.clear();
+        self.locate_at = None;
         self.fixes = self.fixes.wrapping_add(1);
         self.track = nowhere(&self.config);
         self.at_stop = self.track;
         self.stood.clear();
-        if matches!(self.state, State::Standing(_)) && !was_lost {
+        if matches!(self.state, State::Standing(_)) {
             self.stand(now);
         }
     }
@@ -110,7 +107,8 @@ impl Target {
     /// The first reference camera solved, and tells where this target stood.
     pub(super) fn located(&mut self, now: Instant, located: &Located) {
         let then = self.stood.iter().find(|(stop, _)| *stop == located.stop);
-        let Some(&(_, then)) = then.filter(|_| located.is_usable() && !self.located) else {
+        let is_of_use = located.is_usable() && !self.located && !self.sensor_failed;
+        let Some(&(_, then)) = then.filter(|_| is_of_use) else {
             return;
         };
         self.fix(
@@ -127,7 +125,8 @@ impl Target {
         let is_mine = self.address.is_some_and(|own| own.0 == bearing.target);
         let is_of_use =
             bearing.seen.is_usable() && bearing.pose.is_some_and(|p| p.pose().is_some());
-        if self.located || !is_mine || bearing.stop != self.stop || !is_of_use {
+        if self.located || self.sensor_failed || !is_mine || bearing.stop != self.stop || !is_of_use
+        {
             return;
         }
         self.bearings.retain(|(known, _)| *known != from);

@@ -1,13 +1,13 @@
 //! What a target knows of the cameras (Appendix B: camera id, x, y, angle), and who has answered.
 
-use zigbee_link::{Instant, wire::ShortAddress};
+use zigbee_link::Instant;
 
 use super::{ANSWER_WITHIN, READY_AFTER};
 use crate::{
     config::Duty,
     memory::Fact,
     message::{Address, Look, MEMBERS, Report, Sight},
-    role::free_slot,
+    role::Reports,
 };
 
 /// Cameras a target knows.
@@ -31,10 +31,13 @@ pub struct CameraEntry {
     pub counted: u8,
     /// It needs no more stops.
     pub done: bool,
-    /// Where its report is written down, or is to be.
-    slot: Option<u8>,
-    /// It is to be.
-    unsaved: bool,
+}
+
+/// What is known of a camera besides its report.
+#[derive(Clone, Debug, Default)]
+struct Answers {
+    counted: u8,
+    done: bool,
     question: Question,
     /// How often it was asked at this stop.
     tries: u8,
@@ -43,10 +46,10 @@ pub struct CameraEntry {
 }
 
 /// Where a camera stands with the present stop.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 enum Question {
     /// It has not answered.
+    #[default]
     Open,
     /// It is being asked.
     Asked,
@@ -58,9 +61,8 @@ enum Question {
     Settled,
 }
 
-impl CameraEntry {
-    fn know(&mut self, report: Report) {
-        self.report = Some(report);
+impl Answers {
+    const fn know(&mut self, report: &Report) {
         self.counted = report.sightings;
         self.done = report.done;
     }
@@ -68,60 +70,48 @@ impl CameraEntry {
 
 #[derive(Clone, Debug)]
 pub(super) struct Table {
-    cameras: heapless::Vec<CameraEntry, CAMERAS>,
+    cameras: Reports<Answers>,
 }
 
 impl Table {
     pub(super) const fn new() -> Self {
         Self {
-            cameras: heapless::Vec::new(),
+            cameras: Reports::new(),
         }
     }
 
-    pub(super) fn iter(&self) -> impl Iterator<Item = &CameraEntry> {
-        self.cameras.iter()
+    pub(super) fn iter(&self) -> impl Iterator<Item = CameraEntry> {
+        self.cameras.iter().map(|camera| CameraEntry {
+            address: camera.address,
+            report: camera.report,
+            counted: camera.more.counted,
+            done: camera.more.done,
+        })
     }
 
-    /// The place of a camera, made if there is room.
-    pub(super) fn place(&mut self, address: Address) -> Option<usize> {
-        let known = |camera: &CameraEntry| camera.address == address;
-        match self.cameras.iter().position(known) {
-            Some(place) => Some(place),
-            None => {
-                let new = CameraEntry {
-                    address,
-                    report: None,
-                    counted: 0,
-                    done: false,
-                    slot: None,
-                    unsaved: false,
-                    question: Question::Open,
-                    tries: 0,
-                    away: 0,
-                };
-                self.cameras.push(new).ok()?;
-                Some(self.cameras.len() - 1)
-            }
-        }
+    /// There is a camera with this address.
+    pub(super) fn meet(&mut self, address: Address) {
+        let _ = self.cameras.of(address);
     }
 
     /// What was written down in this slot.
     pub(super) fn restore(&mut self, slot: u8, address: Address, report: Report) {
-        if let Some(camera) = self.place(address).and_then(|at| self.cameras.get_mut(at)) {
-            camera.slot = Some(slot);
-            camera.know(report);
+        if let Some(camera) = self.cameras.restore(slot, address, report) {
+            camera.know(&report);
         }
     }
 
     /// A camera told how far it is.
     pub(super) fn report(&mut self, address: Address, report: Report) {
-        let free = free_slot(|slot| self.cameras.iter().any(|c| c.slot == Some(slot)));
-        if let Some(camera) = self.place(address).and_then(|at| self.cameras.get_mut(at)) {
-            camera.unsaved |= camera.report != Some(report);
-            camera.slot = camera.slot.or(free);
+        if let Some(camera) = self.cameras.report(address, report) {
             camera.away = 0;
-            camera.know(report);
+            camera.know(&report);
         }
+    }
+
+    /// Nobody is known any more.
+    pub(super) fn clear(&mut self) {
+        self.cameras.clear();
     }
 
     /// Whether this camera may be the first reference: one that has told of a pose says so with it.
@@ -138,17 +128,13 @@ impl Table {
 
     /// The next report to write down.
     pub(super) fn unsaved(&mut self) -> Option<Fact> {
-        self.cameras.iter_mut().find_map(|camera| {
-            let report = core::mem::take(&mut camera.unsaved).then_some(camera.report?)?;
-            Some(Fact::Camera(camera.slot?, Some((camera.address, report))))
-        })
+        self.cameras.unsaved()
     }
 
     /// A camera answered the present stop.
     pub(super) fn answered(&mut self, now: Instant, address: Address, look: &Look) {
-        if let Some(place) = self.place(address)
-            && let Some(camera) = self.cameras.get_mut(place)
-        {
+        if let Some(camera) = self.cameras.of(address) {
+            let camera = &mut camera.more;
             camera.question = match look.sight {
                 Sight::NotReady => Question::Again(now + READY_AFTER),
                 _ => Question::Settled,
@@ -162,7 +148,7 @@ impl Table {
     /// A new stop is told. Where the target does not know its place (`lost`), cameras that are
     /// done can help, too.
     pub(super) fn new_stop(&mut self, lost: bool) {
-        for camera in &mut self.cameras {
+        for camera in self.answers() {
             camera.tries = 0;
             camera.question = if camera.done && !lost {
                 Question::Settled
@@ -181,7 +167,7 @@ impl Table {
     /// Cameras that did not answer although they were asked are asked again, a few times; those
     /// that were not ready are, too.
     pub(super) fn give_up(&mut self, now: Instant) {
-        for camera in &mut self.cameras {
+        for camera in self.answers() {
             match camera.question {
                 Question::Delivered(until) if until <= now => {
                     camera.question = if camera.tries < TRIES && camera.away == 0 {
@@ -198,7 +184,7 @@ impl Table {
 
     /// Nobody is asked any more at this stop.
     pub(super) fn close(&mut self) {
-        for camera in &mut self.cameras {
+        for camera in self.answers() {
             if matches!(camera.question, Question::Open | Question::Again(_)) {
                 camera.question = Question::Settled;
             }
@@ -206,19 +192,19 @@ impl Table {
     }
 
     /// Whom to ask next, if fewer than `at_a_time` are being asked.
-    pub(super) fn ask(&mut self, at_a_time: usize) -> Option<(u8, ShortAddress)> {
+    pub(super) fn ask(&mut self, at_a_time: usize) -> Option<Address> {
         if self.asked_now() >= at_a_time {
             return None;
         }
-        let mut cameras = self.cameras.iter_mut().enumerate();
-        let (place, camera) = cameras.find(|(_, camera)| camera.question == Question::Open)?;
-        camera.question = Question::Asked;
-        Some((place as u8, ShortAddress(camera.address)))
+        let mut cameras = self.cameras.iter_mut();
+        let camera = cameras.find(|camera| camera.more.question == Question::Open)?;
+        camera.more.question = Question::Asked;
+        Some(camera.address)
     }
 
     /// The question was delivered, or not.
-    pub(super) fn asked(&mut self, now: Instant, place: u8, delivered: bool) {
-        if let Some(camera) = self.cameras.get_mut(usize::from(place))
+    pub(super) fn asked(&mut self, now: Instant, address: Address, delivered: bool) {
+        if let Some(camera) = self.cameras.get(address)
             && camera.question == Question::Asked
         {
             // It may have come through even if nothing came back: then the camera looks now.
@@ -236,14 +222,14 @@ impl Table {
     pub(super) fn is_settled(&self) -> bool {
         self.cameras
             .iter()
-            .all(|camera| camera.question == Question::Settled)
+            .all(|camera| camera.more.question == Question::Settled)
     }
 
     /// When the patience with the next camera ends.
     pub(super) fn deadline(&self) -> Option<Instant> {
         self.cameras
             .iter()
-            .filter_map(|camera| match camera.question {
+            .filter_map(|camera| match camera.more.question {
                 Question::Delivered(at) | Question::Again(at) => Some(at),
                 _ => None,
             })
@@ -256,12 +242,18 @@ impl Table {
             && self
                 .cameras
                 .iter()
-                .any(|camera| camera.question == Question::Open)
+                .any(|camera| camera.more.question == Question::Open)
     }
 
     /// How many are being asked.
     fn asked_now(&self) -> usize {
-        let asked = |camera: &&CameraEntry| camera.question == Question::Asked;
-        self.cameras.iter().filter(asked).count()
+        let asked = self.cameras.iter();
+        asked
+            .filter(|camera| camera.more.question == Question::Asked)
+            .count()
+    }
+
+    fn answers(&mut self) -> impl Iterator<Item = &mut Answers> {
+        self.cameras.iter_mut().map(|camera| &mut camera.more)
     }
 }

@@ -445,5 +445,5 @@ fn wants_acknowledgement(frame: &[u8]) -> bool {
 }
 
 fn count(counter: &mut u32) {
-    *counter = counter.wrapping_add(1);
+    *counter = counter.saturating_add(1);
 }

@@ -6,9 +6,10 @@
 
 use core::{cell::UnsafeCell, panic::PanicInfo};
 
-use board_support::last_words::LastWords;
 use cortex_m::{interrupt, peripheral::SCB};
 use cortex_m_rt::{ExceptionFrame, exception};
+
+use crate::last_words::LastWords;
 
 struct Retained(UnsafeCell<LastWords>);
 
@@ -20,7 +21,7 @@ unsafe impl Sync for Retained {}
 static RETAINED: Retained = Retained(UnsafeCell::new(LastWords::NONE));
 
 /// What was said before the reset, if anything. Once.
-pub(crate) fn take() -> LastWords {
+pub fn take() -> LastWords {
     interrupt::free(|_| {
         let mut words = LastWords::NONE;
         // SAFETY: nobody else touches it meanwhile.
@@ -48,7 +49,7 @@ unsafe fn copy(from: *const LastWords, to: *mut LastWords) {
 }
 
 /// Restarts the chip. What this was for is told after that.
-pub(crate) fn say_and_restart(words: LastWords) -> ! {
+pub fn say_and_restart(words: LastWords) -> ! {
     interrupt::disable();
     // SAFETY: nothing else runs any more.
     unsafe { copy(&raw const words, RETAINED.0.get()) };
@@ -64,7 +65,8 @@ fn panic(info: &PanicInfo<'_>) -> ! {
 }
 
 /// A stack that overflows ends here too: `flip-link` puts it where nothing is below. Where there is
-/// no stack left for this handler the processor locks up, which restarts it as well.
+/// no stack left for this handler the processor locks up: the chip restarts then, or its watchdog does
+/// that.
 #[exception]
 unsafe fn HardFault(frame: &ExceptionFrame) -> ! {
     say_and_restart(LastWords::fault(frame.pc()))

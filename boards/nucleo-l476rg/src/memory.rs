@@ -1,0 +1,50 @@
+//! The flash, and the configuration in it. Its pages are those of [`board_support::flash`].
+
+use board_support::{
+    flash::STM32L476RG,
+    last_words::LastWords,
+    memory::{Paged, read_config},
+    retained::say_and_restart,
+};
+use cortex_m_rt::exception;
+use embassy_stm32::{
+    Peri,
+    flash::{self, Blocking, FLASH_BASE, FLASH_SIZE, MAX_ERASE_SIZE},
+    pac::FLASH,
+    peripherals,
+};
+use node_firmware::config::{Config, page::PageError};
+
+// The chip has the flash that is divided there.
+const _: () = assert!(STM32L476RG.start as usize == FLASH_BASE);
+const _: () = assert!(STM32L476RG.end as usize == FLASH_SIZE);
+const _: () = assert!(STM32L476RG.config as usize == FLASH_SIZE - MAX_ERASE_SIZE);
+
+/// The flash. Erasing a page stops the program for up to 25 ms, but no interrupt: the program is in
+/// the other bank.
+pub(crate) type Flash = Paged<flash::Flash<'static, Blocking>>;
+
+/// The flash and the configuration in it.
+pub(crate) fn open(flash: Peri<'static, peripherals::FLASH>) -> (Flash, Result<Config, PageError>) {
+    // The cache of data knows nothing of what is erased, and writing to one bank while the program
+    // reads from the other can spoil it (errata sheet ES0250, "Data cache might be corrupted during
+    // Flash memory read while write operation").
+    FLASH.acr().modify(|access| access.set_dcen(false));
+    let mut flash = flash::Flash::new_blocking(flash);
+    let config = read_config(&mut flash, STM32L476RG.config);
+    (Paged(flash), config)
+}
+
+/// Among others, what was read from the flash has two wrong bits. Where power was lost in the middle
+/// of a write this is no surprise, and the store knows what to make of such bytes.
+#[allow(unsafe_code, reason = "an exception")]
+#[exception]
+unsafe fn NonMaskableInt() {
+    let error = FLASH.eccr().read();
+    // The program is in the first bank.
+    if !(error.eccd() && error.bk_ecc()) {
+        say_and_restart(LastWords::decision("not maskable interrupt"));
+    }
+    // Writing it back clears it.
+    FLASH.eccr().write_value(error);
+}

@@ -1,0 +1,49 @@
+//! The watchdog, and why the chip last started.
+
+use board_support::liveness::Liveness;
+use embassy_stm32::{
+    Peri,
+    pac::{DBGMCU, RCC},
+    peripherals,
+    wdg::IndependentWatchdog,
+};
+
+/// The one task that must run. It talks to the radio, too.
+pub(crate) const NODE: u32 = 0;
+/// Its reports.
+pub(crate) static LIVENESS: Liveness = Liveness::new(1);
+
+/// Watched tasks report every second; nothing they do takes as long as this. Its clock errs by some
+/// percent.
+const TIMEOUT_US: u32 = 8_000_000;
+
+/// Feeds the watchdog as long as all tasks run.
+#[embassy_executor::task]
+pub(crate) async fn feed(watchdog: Peri<'static, peripherals::IWDG>) {
+    // Somebody looks at the node.
+    DBGMCU.apb1fzr1().modify(|freeze| freeze.set_iwdg(true));
+    let mut watchdog = IndependentWatchdog::new(watchdog, TIMEOUT_US);
+    watchdog.unleash();
+    LIVENESS.feed(|| watchdog.pet()).await;
+}
+
+/// Why the chip started, as far as it tells; then forgotten, or it would add up.
+pub(crate) fn reset_cause() -> &'static str {
+    let cause = RCC.csr().read();
+    RCC.csr().modify(|state| state.set_rmvf(true));
+    // The first that explains the others: each reset pulls at the pin (reference manual RM0351,
+    // "System reset").
+    if cause.iwdgrstf() {
+        "watchdog"
+    } else if cause.sftrstf() {
+        "restart by the program"
+    } else if cause.borrstf() {
+        "power-on"
+    } else if cause.lpwrrstf() || cause.wwdgrstf() || cause.fwrstf() || cause.oblrstf() {
+        "option bytes, firewall, other watchdog or low power"
+    } else if cause.pinrstf() {
+        "reset pin"
+    } else {
+        "woken up"
+    }
+}

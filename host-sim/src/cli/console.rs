@@ -1,0 +1,311 @@
+//! `host-sim console`
+
+use std::{
+    io::{self, IsTerminal, Write},
+    path::PathBuf,
+    process::ExitCode,
+    sync::{Arc, atomic::AtomicBool},
+    thread,
+    time::{Duration, Instant},
+};
+
+use anyhow::{Context, anyhow, bail};
+use clap::Args;
+use embedded_io::{Read, ReadReady, Write as _};
+use host_sim::{
+    console::{
+        key_file, output,
+        session::{Failure, Session, Wish, frame},
+    },
+    probe::port::{Port, PortError},
+};
+use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
+use node_firmware::{console::BAUD, message::Command};
+
+use super::{and, file_name, interrupt, run_outputs::write, tell, values, writable};
+
+/// Talks to the coordinator of a real network: its members, their poses, and what you want of them.
+///
+/// Prints what changes, on a terminal with the list of members below, until Ctrl-C; then the list.
+/// With something to do it ends when that is confirmed, unless --seconds or --until-calibrated is
+/// given too. Things are done in this order: --join-window, --remove, --change-key, --command.
+#[derive(Args)]
+#[command(after_long_help = EPILOGUE)]
+pub(super) struct Arguments {
+    /// The serial port of the coordinator, such as /dev/ttyACM0.
+    #[arg(long, value_name = "DEV")]
+    port: String,
+    /// Bits per second.
+    #[arg(long, value_name = "RATE", default_value_t = BAUD, value_parser = clap::value_parser!(u32).range(1..))]
+    baud: u32,
+    /// Stop after so many seconds.
+    #[arg(long, value_name = "N", value_parser = values::seconds)]
+    seconds: Option<Duration>,
+    /// Stop when every camera has a pose; exit code 1 if --seconds are over before.
+    #[arg(long)]
+    until_calibrated: bool,
+    /// The same, and there are at least so many cameras.
+    #[arg(long, value_name = "N", value_parser = values::count, default_value_t = 1, requires = "until_calibrated")]
+    cameras: usize,
+    /// Poses with covariance, one camera per row.
+    #[arg(long, value_name = "FILE.csv", value_parser = values::result(), help_heading = "Results")]
+    csv: Option<PathBuf>,
+    /// Network, members and poses with covariance.
+    #[arg(long, value_name = "FILE.json", value_parser = values::result(), help_heading = "Results")]
+    json: Option<PathBuf>,
+    /// Let new nodes join for so long; 0 lets nobody.
+    #[arg(long, value_name = "SECONDS", help_heading = "Things to do")]
+    join_window: Option<u16>,
+    /// Send a member away: its place is free then. Can be given several times.
+    #[arg(long, value_name = "ID", help_heading = "Things to do")]
+    remove: Vec<u16>,
+    /// Give all members the site key of this file, made by `cargo xtask keygen --index N`.
+    #[arg(long, value_name = "FILE", help_heading = "Things to do")]
+    change_key: Option<PathBuf>,
+    /// Have a camera do something: initialise, learn-colour, learn-background, forget. Can be given
+    /// several times.
+    #[arg(long, value_name = "ID:NAME", value_parser = command, help_heading = "Things to do")]
+    command: Vec<(u16, Command)>,
+}
+
+const EPILOGUE: &str = "\
+Examples:
+  host-sim console --port /dev/ttyACM0 --until-calibrated --csv poses.csv
+  host-sim console --port /dev/ttyACM0 --join-window 60 --seconds 60
+  host-sim console --port /dev/ttyACM0 --command 2:learn-colour
+  host-sim console --port /dev/ttyACM0 --join-window 0 --remove 3 --change-key new.sitekey
+
+Commands: `initialise` resets the camera and lets it adapt to the light; `learn-colour` takes the
+object in the middle of the view as the first colour, `learn-colour=1` as the second, and so on;
+`learn-background` takes the present view as the background; `forget` drops pose and sightings.
+
+Lengths are in the unit in which the site was configured; headings, also in covariances, in degrees.
+--csv has these columns as those of `host-sim run --csv`: camera, reference, status, x, y,
+heading_deg, sigma_..., cov_..., sightings. Its others are: used (sightings that the pose uses),
+chi_squared, done (needs no more sightings), address.
+
+The coordinator does not say whether the join window is open, only that it got what came after the
+wish. No key is ever printed.
+
+Exit codes:
+  0    done, or listening was ended with Ctrl-C
+  1    --seconds were over before all cameras had poses
+  2    wrong options, something could not be done, or the line or a file failed
+  130  Ctrl-C before what was asked for was done";
+
+/// How long a quiet line is left alone.
+const POLL: Duration = Duration::from_millis(10);
+
+/// `2:learn-colour`
+fn command(text: &str) -> Result<(u16, Command), String> {
+    let parse = || {
+        let (id, name) = text.split_once(':')?;
+        let command = match name {
+            "initialise" => Command::Initialise,
+            "learn-colour" => Command::LearnColour { colour: 0 },
+            "learn-background" => Command::LearnBackground,
+            "forget" => Command::Forget,
+            other => Command::LearnColour {
+                colour: other.strip_prefix("learn-colour=")?.parse().ok()?,
+            },
+        };
+        Some((id.parse().ok()?, command))
+    };
+    parse().ok_or_else(|| {
+        "a camera and initialise, learn-colour, learn-background or forget are needed, such as \
+         2:learn-colour"
+            .to_owned()
+    })
+}
+
+/// How it ended.
+#[derive(Clone, Copy, PartialEq, Eq)]
+enum End {
+    Done,
+    /// There are cameras without pose.
+    TimeIsUp,
+    /// Listening was ended.
+    Enough,
+    /// Something is left to do.
+    Interrupted,
+}
+
+pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
+    // What is wrong with a file is told before anyone waits for the coordinator.
+    let files: Vec<_> = [&arguments.csv, &arguments.json]
+        .into_iter()
+        .flatten()
+        .map(PathBuf::as_path)
+        .collect();
+    writable::check(&files, None)?;
+    let mut session = Session::new(wishes(arguments)?);
+    let interrupted = interrupt::watch()?;
+    let mut screen = Screen::new();
+    let ended = talk(arguments, &mut session, &mut screen, interrupted);
+    let finished = screen.finish(&session);
+    let mut ended = and(ended, finished.map_err(Into::into));
+    if session.has_answered() {
+        ended = and(ended, results(arguments, &session));
+    }
+    Ok(match ended? {
+        End::Done | End::Enough => ExitCode::SUCCESS,
+        End::TimeIsUp => {
+            tell("the time is over, and there are cameras without pose");
+            ExitCode::from(1)
+        }
+        End::Interrupted => {
+            tell("interrupted");
+            ExitCode::from(interrupt::INTERRUPTED)
+        }
+    })
+}
+
+fn wishes(arguments: &Arguments) -> anyhow::Result<Vec<Wish>> {
+    let mut wishes: Vec<_> = arguments
+        .join_window
+        .map(Wish::JoinWindow)
+        .into_iter()
+        .collect();
+    wishes.extend(arguments.remove.iter().copied().map(Wish::Remove));
+    if let Some(path) = &arguments.change_key {
+        let key = key_file::read(path)
+            .with_context(|| format!("{} gives no site key", file_name(path)))?;
+        wishes.push(Wish::ChangeKey(key));
+    }
+    let commands = arguments.command.iter();
+    wishes.extend(commands.map(|&(id, command)| Wish::Command(id, command)));
+    Ok(wishes)
+}
+
+fn results(arguments: &Arguments, session: &Session) -> anyhow::Result<()> {
+    let mut written = Ok(());
+    if let Some(path) = &arguments.csv {
+        let csv = output::csv(session.known()).map_err(anyhow::Error::from);
+        written = and(written, write(path, csv));
+    }
+    if let Some(path) = &arguments.json {
+        let json = output::json(session.known()).map_err(anyhow::Error::from);
+        written = and(written, write(path, json));
+    }
+    written
+}
+
+/// Talks to the coordinator until there is nothing left to do.
+fn talk(
+    arguments: &Arguments,
+    session: &mut Session,
+    screen: &mut Screen,
+    interrupted: Arc<AtomicBool>,
+) -> anyhow::Result<End> {
+    let has_wishes = !session.is_done();
+    let mut port = Port::open(&arguments.port, arguments.baud, interrupted)?;
+    let failed = |error| anyhow!("{}: the line failed: {error}", arguments.port);
+    let begin = Instant::now();
+    loop {
+        let now = begin.elapsed();
+        match exchange(&mut port, session, now) {
+            Ok(Ok(())) => {}
+            Ok(Err(failure)) => {
+                // What came last may tell more.
+                screen.show(now, session)?;
+                bail!("{}: {failure}", arguments.port);
+            }
+            Err(PortError::Interrupted) if session.is_done() && !arguments.until_calibrated => {
+                return Ok(End::Enough);
+            }
+            Err(PortError::Interrupted) => return Ok(End::Interrupted),
+            Err(error) => return Err(failed(error)),
+        }
+        screen.show(now, session)?;
+        if session.is_done() {
+            if arguments.until_calibrated {
+                if session.is_calibrated(now, arguments.cameras) {
+                    return Ok(End::Done);
+                }
+            } else if has_wishes && arguments.seconds.is_none() {
+                return Ok(End::Done);
+            }
+        }
+        if arguments.seconds.is_some_and(|seconds| now >= seconds) {
+            if !session.has_answered() {
+                bail!("{}: {}", arguments.port, session.why_nothing());
+            }
+            if !session.is_done() {
+                bail!("--seconds were over before everything was done");
+            }
+            return Ok(if arguments.until_calibrated {
+                End::TimeIsUp
+            } else {
+                End::Done
+            });
+        }
+        thread::sleep(POLL);
+    }
+}
+
+/// Reads what has come, and sends what is to be sent.
+fn exchange(
+    port: &mut Port,
+    session: &mut Session,
+    now: Duration,
+) -> Result<Result<(), Failure>, PortError> {
+    let mut bytes = [0; 512];
+    while port.read_ready()? {
+        let count = port.read(&mut bytes)?;
+        session.heard(now, &bytes[..count]);
+    }
+    loop {
+        match session.poll(now) {
+            Ok(Some(message)) => port.write_all(&frame(&message))?,
+            Ok(None) => return Ok(Ok(())),
+            Err(failure) => return Ok(Err(failure)),
+        }
+    }
+}
+
+/// Where news go: lines, and on a terminal the list of members below them.
+struct Screen(Option<ProgressBar>);
+
+impl Screen {
+    fn new() -> Self {
+        let style = ProgressStyle::with_template("{msg}");
+        Self(io::stdout().is_terminal().then(|| {
+            let bar = ProgressBar::with_draw_target(None, ProgressDrawTarget::stdout());
+            // What came too soon after the last drawing is drawn then.
+            bar.enable_steady_tick(Duration::from_secs(1));
+            bar.with_style(style.unwrap_or_else(|_| ProgressStyle::default_spinner()))
+        }))
+    }
+
+    fn show(&mut self, now: Duration, session: &mut Session) -> io::Result<()> {
+        let mut is_news = false;
+        while let Some(news) = session.news() {
+            is_news = true;
+            let line = format!("{:8.1} s  {news}", now.as_secs_f64());
+            match &self.0 {
+                Some(bar) => bar.suspend(|| print_line(&line))?,
+                None => print_line(&line)?,
+            }
+        }
+        if let Some(bar) = self.0.as_ref().filter(|_| is_news) {
+            bar.set_message(output::table(session.known()).trim_end().to_owned());
+        }
+        Ok(())
+    }
+
+    fn finish(self, session: &Session) -> io::Result<()> {
+        if let Some(bar) = &self.0 {
+            bar.finish_and_clear();
+        }
+        if session.has_answered() {
+            print_line(output::table(session.known()).trim_end())?;
+        }
+        Ok(())
+    }
+}
+
+fn print_line(line: &str) -> io::Result<()> {
+    let mut out = io::stdout().lock();
+    writeln!(out, "{line}")?;
+    out.flush()
+}

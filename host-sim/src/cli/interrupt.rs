@@ -1,0 +1,24 @@
+//! Ctrl-C, for commands that have something to finish.
+
+use std::sync::{Arc, atomic::AtomicBool};
+
+use anyhow::Context;
+use signal_hook::{
+    consts::{SIGHUP, SIGINT, SIGTERM},
+    flag,
+};
+
+/// What a shell reports for a program that Ctrl-C ended.
+pub(super) const INTERRUPTED: u8 = 130;
+
+/// From now on Ctrl-C, and what else ends a program, only sets a flag; while it is set, a second
+/// one ends the program at once.
+pub(super) fn watch() -> anyhow::Result<Arc<AtomicBool>> {
+    let interrupted = Arc::new(AtomicBool::new(false));
+    for signal in [SIGINT, SIGTERM, SIGHUP] {
+        flag::register_conditional_shutdown(signal, INTERRUPTED.into(), Arc::clone(&interrupted))
+            .and_then(|_| flag::register(signal, Arc::clone(&interrupted)))
+            .context("Ctrl-C cannot be watched")?;
+    }
+    Ok(interrupted)
+}

@@ -1,0 +1,111 @@
+//! Files that are read or written in one piece.
+
+use std::{
+    fs::{self, File, Metadata},
+    io::{self, Read, Write},
+    path::Path,
+};
+
+use anyhow::{Context, ensure};
+
+use super::{file_name, unless_gone, writable};
+
+/// Writes a file in whole or not at all, so that a full disk leaves what was there before.
+pub(super) fn write(path: &Path, bytes: impl AsRef<[u8]>) -> anyhow::Result<()> {
+    replace(path, bytes.as_ref()).with_context(|| format!("{} cannot be written", file_name(path)))
+}
+
+fn replace(path: &Path, bytes: &[u8]) -> io::Result<()> {
+    let known = match fs::metadata(path) {
+        // Whatever it leads to, what was printed before stays.
+        Ok(known) if is_open_as(&known, io::stdout()) => {
+            let mut out = io::stdout().lock();
+            return unless_gone(out.write_all(bytes).and_then(|()| out.flush()));
+        }
+        Ok(known) if is_open_as(&known, io::stderr()) => return io::stderr().write_all(bytes),
+        // A device or a pipe is written to, never replaced.
+        Ok(known) if !known.is_file() => return fs::write(path, bytes),
+        Ok(known) => Some(known),
+        Err(_) => None,
+    };
+    // A link stays, and points to the new file.
+    let place = writable::place(path);
+    let Ok(mut new) = beside(&place, known.as_ref()) else {
+        // Whoever may write the file may not make others in its folder.
+        return fs::write(path, bytes);
+    };
+    new.write_all(bytes)?;
+    new.flush()?;
+    new.persist(&place).map_err(|error| error.error)?;
+    Ok(())
+}
+
+/// Whether a file is the one that an output of this program leads to.
+#[cfg(unix)]
+fn is_open_as(file: &Metadata, output: impl std::os::fd::AsFd) -> bool {
+    use std::os::unix::fs::MetadataExt;
+    rustix::fs::fstat(output)
+        .is_ok_and(|open| (open.st_dev, open.st_ino) == (file.dev(), file.ino()))
+}
+
+#[cfg(not(unix))]
+fn is_open_as<T>(_: &Metadata, _: T) -> bool {
+    false
+}
+
+/// A file in the same folder, with the permissions of the file that it will replace.
+fn beside(place: &Path, known: Option<&Metadata>) -> io::Result<tempfile::NamedTempFile> {
+    let mut builder = tempfile::Builder::new();
+    builder.prefix(".host-sim-");
+    #[cfg(unix)]
+    if known.is_none() {
+        use std::os::unix::fs::PermissionsExt;
+        // As other programs make files: less what the user's mask takes away.
+        builder.permissions(fs::Permissions::from_mode(0o666));
+    }
+    let new = builder.tempfile_in(writable::folder_of(place))?;
+    if let Some(known) = known {
+        new.as_file().set_permissions(known.permissions())?;
+    }
+    Ok(new)
+}
+
+/// Refuses what is no regular file: devices may have no end, pipes may wait for ever.
+pub(super) fn check_regular(path: &Path) -> anyhow::Result<()> {
+    let check = || {
+        ensure!(fs::metadata(path)?.is_file(), "it is no regular file");
+        Ok(())
+    };
+    check().with_context(|| format!("{} cannot be read", file_name(path)))
+}
+
+/// Reads a text of so many bytes at most from a file, or from a pipe as of `<(xz -dc FILE)`.
+pub(super) fn read(path: &Path, most: u64) -> anyhow::Result<String> {
+    read_text(path, most).with_context(|| format!("{} cannot be read", file_name(path)))
+}
+
+fn read_text(path: &Path, most: u64) -> anyhow::Result<String> {
+    let file = File::open(path)?;
+    let known = file.metadata()?;
+    ensure!(known.is_file() || is_pipe(&known), "it is no regular file");
+    let check = |length| {
+        ensure!(length <= most, "it has more than {most} bytes");
+        Ok(())
+    };
+    check(known.len())?;
+    let mut text = String::new();
+    // Of a pipe nobody knows the length before.
+    check(file.take(most + 1).read_to_string(&mut text)? as u64)?;
+    Ok(text)
+}
+
+#[cfg(unix)]
+fn is_pipe(file: &Metadata) -> bool {
+    use std::os::unix::fs::FileTypeExt;
+    file.file_type().is_fifo()
+}
+
+#[cfg(not(unix))]
+fn is_pipe(_: &Metadata) -> bool {
+    false
+}

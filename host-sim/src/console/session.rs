@@ -1,0 +1,625 @@
+//! The talk with a coordinator: bytes in, bytes out, and what the time is.
+//!
+//! The coordinator answers in the order in which it was asked, so an answer belongs to the last
+//! question if the line was quiet before. That is why a wish waits until the list of members has
+//! come to its end.
+
+use std::{collections::VecDeque, time::Duration};
+
+use node_firmware::{
+    config::SiteKey,
+    console::{FRAME_MAX, Frames, FromPc, KeyChange, ToPc},
+    message::{Command, Done},
+};
+
+use super::known::Known;
+
+/// Silence after which nobody is there.
+const FIRST_ANSWER: Duration = Duration::from_secs(5);
+/// How soon everything is asked for again that was not answered.
+const ASK_AGAIN: Duration = Duration::from_secs(1);
+/// How often everything is asked for: what the coordinator could not tell comes then.
+const REFRESH: Duration = Duration::from_secs(10);
+/// The same while the site key is handed on, which is told only when asked for.
+const REFRESH_KEY: Duration = Duration::from_secs(2);
+/// Silence after which it is told that the coordinator does not answer any more.
+const LOST: Duration = Duration::from_secs(20);
+/// The list of members is at its end when nothing of it came for so long.
+const SETTLED: Duration = Duration::from_secs(1);
+/// How long a member is waited for that is not on the list.
+const MISSING: Duration = Duration::from_secs(10);
+
+/// What a person wants.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Wish {
+    /// Let new devices join for so many seconds.
+    JoinWindow(u16),
+    /// Send a node away.
+    Remove(u16),
+    /// Give all members another site key.
+    ChangeKey(SiteKey),
+    /// Have a camera do something.
+    Command(u16, Command),
+}
+
+impl Wish {
+    /// How long an answer may take; of one that has begun, the end.
+    fn patience(&self, step: Step) -> Duration {
+        Duration::from_secs(match self {
+            Self::JoinWindow(_) | Self::Remove(_) => 10,
+            // A camera adapts to the light for seconds, and may be asked again by radio.
+            Self::Command(..) => 60,
+            // One member after the other, also those that are not there.
+            Self::ChangeKey(_) if matches!(step, Step::Begun(_)) => 600,
+            Self::ChangeKey(_) => 10,
+        })
+    }
+}
+
+/// Why it does not go on.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+pub enum Failure {
+    /// Nothing came.
+    #[error(
+        "no coordinator answers: check that this is its port, the baud rate, that it is switched on, \
+         and that its role is coordinator"
+    )]
+    Silence,
+    /// Bytes came, but no message.
+    #[error(
+        "what comes makes no sense: check the baud rate, and that this is the port of a coordinator \
+         of this version"
+    )]
+    Garbage,
+    /// Commands of the camera came.
+    #[error(
+        "this node talks to a camera here: its role is camera, not coordinator; take the port of \
+         the coordinator"
+    )]
+    CameraNode,
+    /// No such member.
+    #[error("node {id} is no member{}", list(.members))]
+    NoMember {
+        /// Who was asked for.
+        id: u16,
+        /// Who is there.
+        members: Vec<u16>,
+    },
+    /// Only cameras do commands.
+    #[error("node {0} is no camera")]
+    NoCamera(u16),
+    /// No answer within the time.
+    #[error("no confirmation came within {} s: {}", .0.as_secs(), .1)]
+    Unconfirmed(Duration, &'static str),
+    /// A camera did not do what it was told.
+    #[error(
+        "camera {0} did not do it, or cannot be reached: check that it is switched on, and for \
+         learning that the object is in the middle of its view"
+    )]
+    CommandFailed(u16),
+    /// The coordinator does not take the key.
+    #[error(
+        "the coordinator refuses the key: the one in use has index {0} too; make one with another \
+         index (`cargo xtask keygen --index`)"
+    )]
+    KeyRefused(u8),
+    /// It forgot about it.
+    #[error("the coordinator started again before key {0} was in use: change it once more")]
+    KeyLost(u8),
+}
+
+fn list(members: &[u16]) -> String {
+    if members.is_empty() {
+        return ": there are none".to_owned();
+    }
+    let members: Vec<_> = members.iter().map(u16::to_string).collect();
+    format!("; there are {}", members.join(", "))
+}
+
+/// What becomes of the wish whose turn it is.
+#[derive(Clone, Copy, Debug)]
+enum Step {
+    /// It waits for the end of the list, or since then for a member.
+    Looking(Option<Duration>),
+    /// It was sent.
+    Sent(Duration),
+    /// The coordinator is at it.
+    Begun(Duration),
+}
+
+/// The talk with a coordinator. Times are since its begin.
+#[derive(Debug)]
+pub struct Session {
+    frames: Frames,
+    known: Known,
+    wishes: VecDeque<Wish>,
+    step: Step,
+    /// When everything was asked for.
+    asked: Option<Duration>,
+    /// It was answered.
+    answered: bool,
+    /// When a message came.
+    heard: Option<Duration>,
+    /// When the list of members last grew, or an answer came.
+    listed: Duration,
+    /// It was told that nobody answers any more.
+    lost: bool,
+    bytes: usize,
+    /// Of these, those of text.
+    text: usize,
+    failed: Option<Failure>,
+    news: VecDeque<String>,
+}
+
+impl Session {
+    /// A talk in which these things are wished for, one after the other.
+    pub fn new(wishes: impl IntoIterator<Item = Wish>) -> Self {
+        Self {
+            frames: Frames::default(),
+            known: Known::default(),
+            wishes: wishes.into_iter().collect(),
+            step: Step::Looking(None),
+            asked: None,
+            answered: false,
+            heard: None,
+            listed: Duration::ZERO,
+            lost: false,
+            bytes: 0,
+            text: 0,
+            failed: None,
+            news: VecDeque::new(),
+        }
+    }
+
+    /// What is known of the network.
+    pub fn known(&self) -> &Known {
+        &self.known
+    }
+
+    /// Whether the coordinator has told anything.
+    pub fn has_answered(&self) -> bool {
+        self.heard.is_some()
+    }
+
+    /// Whether every wish was confirmed.
+    pub fn is_done(&self) -> bool {
+        self.wishes.is_empty()
+    }
+
+    /// Whether all members are listed, there are so many cameras (one at least), and all have poses.
+    pub fn is_calibrated(&self, now: Duration, cameras: usize) -> bool {
+        self.is_settled(now) && self.known.is_calibrated(cameras)
+    }
+
+    /// The next thing to tell people.
+    pub fn news(&mut self) -> Option<String> {
+        self.news.pop_front()
+    }
+
+    /// Takes what came on the line.
+    pub fn heard(&mut self, now: Duration, bytes: &[u8]) {
+        for &byte in bytes {
+            self.bytes += 1;
+            if matches!(byte, b' '..=b'~' | b'\r' | b'\n') {
+                self.text += 1;
+            }
+            if let Some(message) = self.frames.push(byte) {
+                self.take(now, &message);
+            }
+        }
+    }
+
+    fn take(&mut self, now: Duration, message: &ToPc) {
+        self.heard = Some(now);
+        if std::mem::take(&mut self.lost) {
+            self.news
+                .push_back("the coordinator answers again".to_owned());
+        }
+        let members = self.known.members().len();
+        // Before the member is forgotten.
+        let removed = match *message {
+            ToPc::Removed { address, .. } => {
+                let mut members = self.known.members().iter();
+                members.find(|m| m.address == address).map(|m| m.id)
+            }
+            _ => None,
+        };
+        self.news.extend(self.known.take(message));
+        match message {
+            ToPc::KeyChange(_) => {
+                self.answered = true;
+                self.listed = now;
+            }
+            ToPc::Network(_) => self.listed = now,
+            _ if self.known.members().len() > members => self.listed = now,
+            _ => {}
+        }
+        if let (Some(wish), Step::Sent(_) | Step::Begun(_)) = (self.wishes.front(), self.step) {
+            self.confirm(now, *wish, message, removed);
+        }
+    }
+
+    /// Whether a message says what became of the wish.
+    fn confirm(&mut self, now: Duration, wish: Wish, message: &ToPc, removed: Option<u16>) {
+        match (wish, *message) {
+            // It says nothing of its own about this, but it answers what came after it.
+            (Wish::JoinWindow(seconds), ToPc::Network(_)) => {
+                self.news.push_back(match seconds {
+                    0 => "join window: asked to close it".to_owned(),
+                    _ => format!("join window: asked to open it for {seconds} s"),
+                });
+                self.confirmed();
+            }
+            (Wish::Remove(id), ToPc::Removed { .. }) if removed == Some(id) => {
+                if self.known.addresses(id).is_empty() {
+                    self.confirmed();
+                } else {
+                    self.step = Step::Looking(None);
+                }
+            }
+            (Wish::Command(id, command), ToPc::Done { address, done })
+                if self.known.addresses(id).last() == Some(&address) && done.command == command =>
+            {
+                let Done { success, .. } = done;
+                if success {
+                    self.confirmed();
+                } else {
+                    self.failed = Some(Failure::CommandFailed(id));
+                }
+            }
+            (Wish::ChangeKey(key), ToPc::KeyChange(change)) => {
+                let index = key.index();
+                match (change, self.step) {
+                    (Some(KeyChange { index: i, done, .. }), _) if i == index => {
+                        if done {
+                            self.confirmed();
+                        } else if let Step::Sent(_) = self.step {
+                            self.step = Step::Begun(now);
+                        }
+                    }
+                    (_, Step::Begun(_)) => self.failed = Some(Failure::KeyLost(index)),
+                    _ => self.failed = Some(Failure::KeyRefused(index)),
+                }
+            }
+            _ => {}
+        }
+    }
+
+    fn confirmed(&mut self) {
+        self.wishes.pop_front();
+        self.step = Step::Looking(None);
+    }
+
+    fn is_settled(&self, now: Duration) -> bool {
+        self.answered && now.saturating_sub(self.listed) >= SETTLED
+    }
+
+    /// What to send now, as often as there is something.
+    ///
+    /// # Errors
+    /// [`Failure`]: nothing is to be expected any more.
+    pub fn poll(&mut self, now: Duration) -> Result<Option<FromPc>, Failure> {
+        if let Some(failed) = self.failed.take() {
+            return Err(failed);
+        }
+        match self.heard {
+            None if now >= FIRST_ANSWER => return Err(self.why_nothing()),
+            Some(heard) if now.saturating_sub(heard) >= LOST && !self.lost => {
+                self.lost = true;
+                let news = "the coordinator does not answer any more";
+                self.news.push_back(news.to_owned());
+            }
+            _ => {}
+        }
+        if let Some(&wish) = self.wishes.front()
+            && let Some(sent) = self.pursue(now, wish)?
+        {
+            return Ok(Some(sent));
+        }
+        Ok(self.refresh(now))
+    }
+
+    /// Why nothing was understood so far.
+    pub fn why_nothing(&self) -> Failure {
+        match (self.bytes, self.text) {
+            (0, _) => Failure::Silence,
+            (bytes, text) if bytes == text => Failure::CameraNode,
+            _ => Failure::Garbage,
+        }
+    }
+
+    fn refresh(&mut self, now: Duration) -> Option<FromPc> {
+        let every = match (self.wishes.front(), self.step) {
+            // What it answers now belongs to the key.
+            (Some(Wish::ChangeKey(_)), Step::Sent(_)) => return None,
+            _ if !self.answered => ASK_AGAIN,
+            (Some(Wish::ChangeKey(_)), Step::Begun(_)) => REFRESH_KEY,
+            _ => REFRESH,
+        };
+        let is_due = self
+            .asked
+            .is_none_or(|asked| now.saturating_sub(asked) >= every);
+        is_due.then(|| {
+            self.asked = Some(now);
+            self.answered = false;
+            FromPc::Refresh
+        })
+    }
+
+    fn pursue(&mut self, now: Duration, wish: Wish) -> Result<Option<FromPc>, Failure> {
+        let since = match self.step {
+            Step::Looking(since) if self.is_settled(now) => since.unwrap_or(now),
+            Step::Looking(_) => return Ok(None),
+            Step::Sent(since) | Step::Begun(since) => {
+                let patience = wish.patience(self.step);
+                if now.saturating_sub(since) < patience {
+                    return Ok(None);
+                }
+                let why = match wish {
+                    Wish::JoinWindow(_) => "whether new nodes may join is not known",
+                    Wish::Remove(_) => "type it again; whoever is away is removed all the same",
+                    Wish::ChangeKey(_) => {
+                        "keep both keys; listen to hear when the new one is in use"
+                    }
+                    Wish::Command(..) => "check that the camera is switched on",
+                };
+                return Err(Failure::Unconfirmed(patience, why));
+            }
+        };
+        let address = match wish {
+            Wish::Remove(id) => self.known.addresses(id).first().copied(),
+            Wish::Command(id, _) => self.known.addresses(id).last().copied(),
+            Wish::JoinWindow(_) | Wish::ChangeKey(_) => Some(0),
+        };
+        let Some(address) = address else {
+            self.step = Step::Looking(Some(since));
+            return match wish {
+                Wish::Remove(id) | Wish::Command(id, _) if now.saturating_sub(since) >= MISSING => {
+                    let members = self.known.present().iter().map(|m| m.id).collect();
+                    Err(Failure::NoMember { id, members })
+                }
+                _ => Ok(None),
+            };
+        };
+        let sent = match wish {
+            Wish::JoinWindow(seconds) => {
+                // Its answer says that this came, too.
+                self.asked = None;
+                FromPc::JoinWindow(seconds)
+            }
+            Wish::Remove(_) => FromPc::Remove(address),
+            Wish::ChangeKey(key) => FromPc::ChangeKey(key),
+            Wish::Command(id, command) => {
+                let mut members = self.known.present().into_iter();
+                if !members.any(|member| member.id == id && member.is_camera()) {
+                    return Err(Failure::NoCamera(id));
+                }
+                FromPc::Command { address, command }
+            }
+        };
+        self.step = Step::Sent(now);
+        Ok(Some(sent))
+    }
+}
+
+/// A message as bytes for the line. A zero before it ends what noise may have begun.
+pub fn frame(message: &FromPc) -> Vec<u8> {
+    let mut buffer = [0; FRAME_MAX];
+    let frame = postcard::to_slice_cobs(message, &mut buffer);
+    // The longest message has a third of that.
+    let frame = frame.map_or(&[][..], |frame| &*frame);
+    [&[0], frame].concat()
+}
+
+#[cfg(test)]
+mod tests {
+    use node_firmware::{
+        console::{Network, encode},
+        message::Kind,
+    };
+
+    use super::*;
+    use crate::console::known::tests::{CAMERA, member, pose, reported};
+
+    const NETWORK: ToPc = ToPc::Network(Some(Network {
+        pan: 1,
+        channel: 11,
+    }));
+
+    fn at(milliseconds: u64) -> Duration {
+        Duration::from_millis(milliseconds)
+    }
+
+    fn tell(session: &mut Session, now: u64, messages: &[ToPc]) {
+        for message in messages {
+            session.heard(at(now), encode(message, &mut [0; FRAME_MAX]).unwrap());
+        }
+    }
+
+    /// A talk in which camera 7 at address 1 and target 4 at address 2 were listed within 100 ms.
+    fn listed(wishes: &[Wish]) -> Session {
+        let mut session = Session::new(wishes.iter().copied());
+        assert_eq!(session.poll(at(0)), Ok(Some(FromPc::Refresh)));
+        let messages = [
+            NETWORK,
+            ToPc::KeyChange(None),
+            member(1, 7, CAMERA),
+            member(2, 4, Kind::Target),
+        ];
+        tell(&mut session, 100, &messages);
+        assert_eq!(session.poll(at(1_000)), Ok(None), "the list may go on");
+        session
+    }
+
+    #[test]
+    fn why_nobody_is_understood() {
+        for (bytes, failure) in [
+            (&b""[..], Failure::Silence),
+            (b"GV\rRS\r", Failure::CameraNode),
+            (b"\xF8\x80\x00\x1C", Failure::Garbage),
+        ] {
+            let mut session = Session::new([]);
+            session.heard(at(10), bytes);
+            for second in 0..5 {
+                let sent = session.poll(at(1_000 * second));
+                assert_eq!(sent, Ok(Some(FromPc::Refresh)), "asked again");
+            }
+            assert_eq!(session.poll(at(5_000)), Err(failure));
+            assert!(!session.has_answered());
+        }
+    }
+
+    #[test]
+    fn everything_is_asked_for_now_and_then_and_silence_is_told() {
+        let mut session = listed(&[]);
+        assert_eq!(session.poll(at(9_999)), Ok(None));
+        assert_eq!(session.poll(at(10_000)), Ok(Some(FromPc::Refresh)));
+        while session.news().is_some() {}
+        session.poll(at(20_100)).unwrap();
+        let news = session.news().unwrap();
+        assert!(news.contains("not answer any more"), "{news}");
+        session.poll(at(20_200)).unwrap();
+        assert_eq!(session.news(), None, "told once");
+        tell(&mut session, 30_000, &[NETWORK]);
+        let news = session.news().unwrap();
+        assert!(news.contains("answers again"), "{news}");
+    }
+
+    #[test]
+    fn calibrated_when_the_list_is_at_its_end() {
+        let mut session = listed(&[]);
+        tell(&mut session, 200, &[reported(1, 7, pose())]);
+        assert!(!session.is_calibrated(at(900), 1));
+        assert!(session.is_calibrated(at(1_200), 1));
+        // One more joins.
+        tell(&mut session, 1_300, &[member(3, 8, CAMERA)]);
+        assert!(!session.is_calibrated(at(3_000), 1));
+    }
+
+    #[test]
+    fn the_join_window_is_confirmed_by_the_next_answer() {
+        let mut session = listed(&[Wish::JoinWindow(60)]);
+        assert_eq!(session.poll(at(1_200)), Ok(Some(FromPc::JoinWindow(60))));
+        assert_eq!(session.poll(at(1_200)), Ok(Some(FromPc::Refresh)));
+        assert!(!session.is_done());
+        tell(&mut session, 1_300, &[NETWORK]);
+        assert!(session.is_done());
+    }
+
+    #[test]
+    fn every_address_of_a_node_is_sent_away() {
+        let mut session = listed(&[Wish::Remove(7)]);
+        tell(&mut session, 1_100, &[member(3, 7, CAMERA)]);
+        for (now, address) in [(2_200, 1), (2_400, 3)] {
+            assert_eq!(session.poll(at(now)), Ok(Some(FromPc::Remove(address))));
+            let removed = |address| ToPc::Removed {
+                address,
+                success: true,
+            };
+            tell(&mut session, now, &[removed(2)]);
+            assert!(!session.is_done());
+            tell(&mut session, now, &[removed(address)]);
+        }
+        assert!(session.is_done());
+        assert!(session.known().addresses(7).is_empty());
+    }
+
+    #[test]
+    fn who_is_no_member_is_waited_for_a_while() {
+        let mut session = listed(&[Wish::Remove(9)]);
+        assert_eq!(session.poll(at(1_200)), Ok(None));
+        session.poll(at(10_900)).unwrap();
+        tell(&mut session, 10_900, &[NETWORK, ToPc::KeyChange(None)]);
+        let members = vec![4, 7];
+        let failure = Failure::NoMember { id: 9, members };
+        assert_eq!(session.poll(at(12_000)), Err(failure));
+    }
+
+    #[test]
+    fn a_command_is_confirmed_by_its_camera_only() {
+        let forget = Wish::Command(7, Command::Forget);
+        for success in [true, false] {
+            let mut session = listed(&[forget]);
+            let sent = FromPc::Command {
+                address: 1,
+                command: Command::Forget,
+            };
+            assert_eq!(session.poll(at(1_200)), Ok(Some(sent)));
+            let done = |address, command| {
+                let done = Done { command, success };
+                ToPc::Done { address, done }
+            };
+            tell(&mut session, 1_300, &[done(3, Command::Forget)]);
+            tell(&mut session, 1_300, &[done(1, Command::Initialise)]);
+            assert_eq!(session.poll(at(1_400)), Ok(None));
+            assert!(!session.is_done());
+            tell(&mut session, 1_500, &[done(1, Command::Forget)]);
+            assert_eq!(session.is_done(), success);
+            if !success {
+                assert_eq!(session.poll(at(1_600)), Err(Failure::CommandFailed(7)));
+            }
+        }
+        let mut session = listed(&[forget]);
+        session.poll(at(1_200)).unwrap();
+        session.poll(at(10_000)).unwrap();
+        let failure = session.poll(at(61_200)).unwrap_err();
+        assert!(matches!(failure, Failure::Unconfirmed(..)), "{failure:?}");
+        let mut session = listed(&[Wish::Command(4, Command::Forget)]);
+        assert_eq!(session.poll(at(1_200)), Err(Failure::NoCamera(4)));
+    }
+
+    #[test]
+    fn a_key_is_changed_when_it_is_in_use() {
+        let key = SiteKey::new(2, *b"sixteen secrets!");
+        let change = |index, done| {
+            ToPc::KeyChange(Some(KeyChange {
+                index,
+                done,
+                unreached: 1,
+            }))
+        };
+        let begin = || {
+            let mut session = listed(&[Wish::ChangeKey(key)]);
+            let sent = session.poll(at(1_200));
+            assert_eq!(sent, Ok(Some(FromPc::ChangeKey(key))));
+            // Its answer would be taken for that of the key.
+            assert_eq!(session.poll(at(11_000)), Ok(None));
+            assert!(matches!(
+                session.poll(at(11_200)),
+                Err(Failure::Unconfirmed(..))
+            ));
+            session
+        };
+        let mut session = begin();
+        tell(&mut session, 11_100, &[change(2, false)]);
+        assert!(!session.is_done());
+        assert_eq!(session.poll(at(11_200)), Ok(Some(FromPc::Refresh)));
+        tell(&mut session, 11_300, &[NETWORK, change(2, true)]);
+        assert!(session.is_done());
+        let news = std::iter::from_fn(|| session.news()).last().unwrap();
+        assert_eq!(
+            news,
+            "site key 2: in use; 1 members did not say that they have it"
+        );
+
+        let mut session = begin();
+        tell(&mut session, 11_100, &[ToPc::KeyChange(None)]);
+        assert_eq!(session.poll(at(11_200)), Err(Failure::KeyRefused(2)));
+        let mut session = begin();
+        tell(&mut session, 11_100, &[change(2, false)]);
+        tell(&mut session, 11_200, &[ToPc::KeyChange(None)]);
+        assert_eq!(session.poll(at(11_200)), Err(Failure::KeyLost(2)));
+    }
+
+    #[test]
+    fn noise_before_a_frame_is_ended() {
+        let mut frames = Frames::default();
+        let message = FromPc::Command {
+            address: 0xFFFF,
+            command: Command::LearnColour { colour: 3 },
+        };
+        let bytes = [&b"noise"[..], &frame(&message)].concat();
+        let came: Vec<FromPc> = bytes.iter().filter_map(|&b| frames.push(b)).collect();
+        assert_eq!(came, [message]);
+    }
+}

@@ -1,0 +1,407 @@
+//! `host-sim console` as people run it, against the coordinator's own state machine behind a
+//! pseudo-terminal, and against lines that fail.
+
+#![cfg(unix)]
+
+mod common;
+
+use std::{
+    fs,
+    io::{BufRead, BufReader, ErrorKind, Read, Write},
+    os::unix::fs::PermissionsExt,
+    process::{Command, Stdio},
+    thread,
+    time::{Duration, Instant},
+};
+
+use calib_core::Refusal;
+use common::{Done, Files, run};
+use node_firmware::{
+    console::{FRAME_MAX, Frames, FromPc, KeyChange, ToPc, encode},
+    message::{self, Hello, Kind, Message, PoseParts, Report, State},
+    role::{
+        Output, Role,
+        coordinator::{Coordinator, Event, Task},
+    },
+};
+use serde_json::Value;
+use serialport::{SerialPort, TTYPort};
+use zigbee_link::{
+    radio::Channel,
+    store::Membership,
+    wire::{Eui64, PanId, ShortAddress},
+};
+
+/// Both ends of a line: what the coordinator would hold, and the name of the port.
+fn line() -> (TTYPort, TTYPort, String) {
+    let (coordinator, port) = TTYPort::pair().unwrap();
+    let name = port.name().unwrap();
+    (coordinator, port, name)
+}
+
+/// The network of a coordinator: cameras 2 and 3 at addresses 1 and 2, target 4 at address 3. Goes
+/// on until its line is closed.
+struct Site {
+    line: TTYPort,
+    role: Coordinator,
+    begin: Instant,
+    key: Option<KeyChange>,
+    /// The second camera gets a pose when this command reaches it.
+    answers: message::Command,
+}
+
+impl Site {
+    /// Starts it, with these states of its cameras. Keeps the line open as long as it is kept.
+    fn start(states: [State; 2]) -> (TTYPort, String) {
+        let (line, port, name) = line();
+        let mut site = Self {
+            line,
+            role: Coordinator::new(),
+            begin: Instant::now(),
+            key: None,
+            answers: message::Command::Initialise,
+        };
+        site.role.attached(
+            site.now(),
+            Some(Membership {
+                pan: PanId(0x1234),
+                channel: Channel::new(15).unwrap(),
+                short: ShortAddress(0),
+                coordinator: Eui64([2; 8]),
+            }),
+        );
+        let camera = Kind::Camera { reference: None };
+        for (address, id, kind) in [(1, 2, camera), (2, 3, camera), (3, 4, Kind::Target)] {
+            site.hears(address, &Message::Hello(Hello { id, kind }));
+        }
+        for (address, state) in (1..).zip(states) {
+            site.hears(address, &Message::Report(report(address + 1, state)));
+        }
+        thread::spawn(move || site.run());
+        (port, name)
+    }
+
+    fn now(&self) -> zigbee_link::Instant {
+        zigbee_link::Instant(self.begin.elapsed().as_micros().try_into().unwrap())
+    }
+
+    fn hears(&mut self, from: u16, message: &Message) {
+        self.role.message(self.now(), ShortAddress(from), message);
+        self.work();
+    }
+
+    fn run(mut self) {
+        let mut frames = Frames::default();
+        let mut byte = [0];
+        loop {
+            match self.line.read(&mut byte) {
+                Ok(_) => {
+                    if let Some(wish) = frames.push::<FromPc>(byte[0]) {
+                        self.role.event(self.now(), Event::Pc(wish));
+                    }
+                }
+                Err(error) if error.kind() == ErrorKind::TimedOut => {}
+                // The test is over.
+                Err(_) => break,
+            }
+            self.work();
+        }
+    }
+
+    /// Does what the role wants, as its surroundings on a node would.
+    fn work(&mut self) {
+        while let Some(output) = self.role.poll(self.now()) {
+            match output {
+                Output::Task(task) => self.task(task),
+                Output::Send { to, message, .. } => {
+                    if let Message::Command(command) = message {
+                        let success = command == self.answers;
+                        self.hears(to.0, &Message::Done(message::Done { command, success }));
+                    }
+                }
+                Output::Save(_) => {}
+            }
+        }
+    }
+
+    fn task(&mut self, task: Task) {
+        match task {
+            Task::Tell(message) => self.tell(message),
+            Task::Remove(address) => self.tell(ToPc::Removed {
+                address,
+                success: true,
+            }),
+            Task::ChangeKey(key) => {
+                self.key = (key.index() != 1).then_some(KeyChange {
+                    index: key.index(),
+                    done: false,
+                    unreached: 0,
+                });
+                self.tell(ToPc::KeyChange(self.key));
+                if let Some(key) = &mut self.key {
+                    key.done = true;
+                }
+            }
+            Task::TellKeyChange => self.tell(ToPc::KeyChange(self.key)),
+            Task::OpenJoinWindow(window) => {
+                // Somebody joins at once.
+                assert_eq!(window, Duration::from_secs(60));
+                let kind = Kind::Camera { reference: None };
+                self.hears(9, &Message::Hello(Hello { id: 12, kind }));
+            }
+        }
+    }
+
+    fn tell(&mut self, message: ToPc) {
+        // Nobody may have opened the port yet, or any more.
+        let _ = self
+            .line
+            .write_all(encode(&message, &mut [0; FRAME_MAX]).unwrap());
+    }
+}
+
+fn report(id: u16, state: State) -> Report {
+    Report {
+        id,
+        duty: None,
+        sightings: 5,
+        used: 4,
+        chi_squared: 2.5,
+        done: true,
+        state,
+    }
+}
+
+fn pose() -> State {
+    State::Pose(PoseParts {
+        position: [1.5, -2.0],
+        heading: core::f32::consts::FRAC_PI_2,
+        covariance: [0.25, 0.125, 1.0, 0.0, 0.0, 0.0001],
+    })
+}
+
+fn console(port: &str, arguments: &[&str]) -> Done {
+    run(&[&["console", "--port", port], arguments].concat())
+}
+
+/// A run that fails, and what it says.
+fn failure(port: &str, arguments: &[&str]) -> String {
+    let done = console(port, arguments);
+    assert_eq!(done.code, 2, "{}{}", done.stdout, done.stderr);
+    done.stderr
+}
+
+/// A run that succeeds, and what it prints.
+fn success(port: &str, arguments: &[&str]) -> String {
+    let done = console(port, arguments);
+    assert_eq!(done.code, 0, "{}{}", done.stdout, done.stderr);
+    done.stdout
+}
+
+/// The row of the final list with this address.
+fn row<'a>(text: &'a str, address: &str) -> Option<&'a str> {
+    let mut rows = text.lines().filter(|line| line.starts_with('|'));
+    rows.find(|row| row.contains(&format!(" {address} ")))
+}
+
+#[test]
+fn poses_of_a_calibrated_network() {
+    let files = Files::new();
+    let (_port, name) = Site::start([pose(), pose()]);
+    let (csv, json) = (files.path("poses.csv"), files.path("poses.json"));
+    let text = success(
+        &name,
+        &["--until-calibrated", "--csv", &csv, "--json", &json],
+    );
+    for part in [
+        "network 1234 on channel 15",
+        "target 4: member with address 0003",
+        "camera 3: x 1.500 +/- 0.500, y -2.000 +/- 1.000, heading 90.00 +/- 0.57 deg",
+    ] {
+        assert!(text.contains(part), "no {part} in {text}");
+    }
+    let row = row(&text, "0002").unwrap();
+    assert!(
+        row.contains("calibrated") && row.contains("-2.000"),
+        "{row}"
+    );
+
+    let mut reader = csv::Reader::from_path(&csv).unwrap();
+    let head = reader.headers().unwrap().clone();
+    let rows: Vec<_> = reader.records().map(Result::unwrap).collect();
+    assert_eq!(rows.len(), 2, "cameras only");
+    let value = |name: &str| {
+        let column = head.iter().position(|title| title == name);
+        rows[1].get(column.unwrap()).unwrap().to_owned()
+    };
+    assert_eq!(value("camera"), "3");
+    assert_eq!(value("status"), "calibrated");
+    assert_eq!(value("x"), "1.5");
+    assert_eq!(value("cov_xy"), "0.125");
+    assert_eq!(value("sightings"), "5");
+    // A variance of headings, in squared degrees.
+    let variance: f64 = value("cov_tt").parse().unwrap();
+    assert!((variance - 0.3283).abs() < 1e-3, "{variance}");
+
+    let json: Value = serde_json::from_str(&fs::read_to_string(&json).unwrap()).unwrap();
+    assert_eq!(json["network"]["channel"], 15);
+    assert_eq!(json["nodes"][0]["estimate"]["y"], -2.0);
+    assert_eq!(json["nodes"][2]["role"], "target");
+    assert_eq!(json["nodes"][2]["estimate"], Value::Null);
+}
+
+/// A refused camera, or one that is missing, is no calibrated network: exit code 1, and the poses
+/// that there are.
+#[test]
+fn time_is_over_before_all_have_poses() {
+    let files = Files::new();
+    let (_port, name) = Site::start([pose(), State::Refused(Refusal::DangerCircle)]);
+    let csv = files.path("poses.csv");
+    let done = console(
+        &name,
+        &["--until-calibrated", "--seconds", "3", "--csv", &csv],
+    );
+    assert_eq!(done.code, 1, "{}{}", done.stdout, done.stderr);
+    assert!(done.stderr.contains("without pose"), "{}", done.stderr);
+    let csv = fs::read_to_string(csv).unwrap();
+    assert!(csv.contains("\n3,false,danger_circle,,,"), "{csv}");
+
+    let (_port, name) = Site::start([pose(), pose()]);
+    let arguments = ["--until-calibrated", "--cameras", "3", "--seconds", "3"];
+    assert_eq!(console(&name, &arguments).code, 1);
+}
+
+/// Ctrl-C ends listening, which is what was asked for, and results are written all the same.
+#[test]
+fn ctrl_c_ends_listening() {
+    let files = Files::new();
+    let (_port, name) = Site::start([pose(), State::Waiting]);
+    for (arguments, code) in [(&[][..], 0), (&["--until-calibrated"], 130)] {
+        let csv = files.path(&format!("{code}.csv"));
+        let mut child = Command::new(env!("CARGO_BIN_EXE_host-sim"))
+            .args(["console", "--port", &name, "--csv", &csv])
+            .args(arguments)
+            .stdout(Stdio::piped())
+            .spawn()
+            .unwrap();
+        let mut lines = BufReader::new(child.stdout.take().unwrap()).lines();
+        assert!(lines.any(|line| line.unwrap().contains("camera 2: x")));
+        let mut kill = Command::new("kill");
+        let kill = kill.args(["-INT", &child.id().to_string()]).status();
+        assert!(kill.unwrap().success());
+        lines.for_each(drop);
+        assert_eq!(child.wait().unwrap().code(), Some(code));
+        let csv = fs::read_to_string(csv).unwrap();
+        assert!(csv.contains("\n2,false,calibrated,1.5,"), "{csv}");
+    }
+}
+
+#[test]
+fn wishes_are_done_and_confirmed() {
+    let files = Files::new();
+    let (_port, name) = Site::start([pose(), State::Waiting]);
+    let text = success(&name, &["--command", "3:initialise"]);
+    assert!(text.contains("camera 3: Initialise: done"), "{text}");
+    let text = failure(&name, &["--command", "3:learn-colour=1"]);
+    assert!(text.contains("camera 3 did not do it"), "{text}");
+    let text = failure(&name, &["--command", "4:forget"]);
+    assert!(text.contains("node 4 is no camera"), "{text}");
+
+    let text = success(&name, &["--join-window", "60"]);
+    assert!(text.contains("asked to open it for 60 s"), "{text}");
+    assert!(text.contains("camera 12: member"), "{text}");
+
+    // Both in one go.
+    let key = key_file(&files, "new.sitekey", SECOND);
+    let text = success(&name, &["--remove", "3", "--change-key", &key]);
+    assert!(text.contains("camera 3: removed"), "{text}");
+    assert!(text.contains("site key 7: in use"), "{text}");
+    assert!(!text.contains("001122"), "{text}");
+    assert!(
+        row(&text, "0001").is_some() && row(&text, "0002").is_none(),
+        "{text}"
+    );
+    let text = failure(&name, &["--remove", "3"]);
+    assert!(
+        text.contains("node 3 is no member; there are 2, 4, 12"),
+        "{text}"
+    );
+}
+
+/// Keys of which the checksums are right.
+const SECOND: &str = "site-key 1 7 00112233445566778899aabbccddeeff 17238689\n";
+
+fn key_file(files: &Files, name: &str, text: &str) -> String {
+    let path = files.write(name, text);
+    fs::set_permissions(&path, fs::Permissions::from_mode(0o600)).unwrap();
+    path
+}
+
+#[test]
+fn nobody_answers() {
+    let (_coordinator, _port, name) = line();
+    let files = Files::new();
+    let csv = files.path("poses.csv");
+    let text = failure(&name, &["--csv", &csv]);
+    assert!(text.contains("no coordinator answers"), "{text}");
+    for check in ["port", "baud", "role"] {
+        assert!(text.contains(check), "no {check} in {text}");
+    }
+    assert!(!fs::exists(csv).unwrap(), "there are no poses");
+}
+
+/// Something else talks: at another rate, or a node that has a camera on this line.
+#[test]
+fn no_coordinator_talks() {
+    for (bytes, words) in [
+        (&b"\xF8\x00\x1C:\xE6\x80"[..], "check the baud rate"),
+        (b"\rGV\r", "its role is camera"),
+    ] {
+        let (mut other, _port, name) = line();
+        thread::spawn(move || {
+            let mut byte = [0];
+            loop {
+                match other.read(&mut byte) {
+                    Ok(_) => other.write_all(bytes).unwrap(),
+                    Err(error) if error.kind() == ErrorKind::TimedOut => {}
+                    // The test is over.
+                    Err(_) => break,
+                }
+            }
+        });
+        let text = failure(&name, &[]);
+        assert!(text.contains(words), "no {words} in {text}");
+    }
+}
+
+#[test]
+fn wrong_options_and_files_are_told_before_the_port_is_opened() {
+    let files = Files::new();
+    let port = files.path("ttyACM0");
+    let text = failure(&port, &[]);
+    assert!(text.contains("ttyACM0 does not exist"), "{text}");
+    let public = files.write("public.sitekey", SECOND);
+    fs::set_permissions(&public, fs::Permissions::from_mode(0o644)).unwrap();
+    let changed = key_file(&files, "changed.sitekey", &SECOND.replace("0011", "1011"));
+    let missing = files.path("missing.sitekey");
+    for (arguments, word) in [
+        (&["--command", "2"][..], "2:learn-colour"),
+        (&["--command", "2:dance"], "2:learn-colour"),
+        (&["--command", "2:learn-colour="], "2:learn-colour"),
+        (&["--join-window", "70000"], "65535"),
+        (&["--remove", "camera"], "invalid"),
+        (&["--seconds", "0"], "above 0"),
+        (&["--baud", "0"], "1.."),
+        (&["--cameras", "3"], "--until-calibrated"),
+        (&["--csv", "-"], "name a file"),
+        (&["--csv", "no/such/folder/a.csv"], "no folder"),
+        (&["--csv", "a.csv", "--json", "a.csv"], "two results"),
+        (&["--change-key", &public], "others may read it"),
+        (&["--change-key", &changed], "holds no site key"),
+        (&["--change-key", &missing], "cannot be read"),
+    ] {
+        let text = failure(&port, arguments);
+        assert!(text.contains(word), "no {word} in {text}");
+        assert!(!text.contains("00112233"), "{text}");
+    }
+}
