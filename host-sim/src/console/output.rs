@@ -59,7 +59,7 @@ pub fn table(known: &Known) -> String {
 }
 
 /// One camera in CSV. What `host-sim run --csv` writes too has the same name there.
-#[derive(Serialize)]
+#[derive(Default, Serialize)]
 struct CsvRow {
     camera: u16,
     reference: bool,
@@ -92,32 +92,40 @@ struct CsvRow {
 /// Those of the CSV writer.
 pub fn csv(known: &Known) -> Result<String, csv::Error> {
     let cameras = known.present().into_iter().filter(|m| m.is_camera());
-    to_csv(cameras.map(|camera| {
-        let (estimate, report) = (camera.estimate(), camera.report);
-        let covariance = |k: usize| estimate.map(|e| e.covariance[k]);
-        CsvRow {
-            camera: camera.id,
-            reference: camera.is_reference(),
-            status: camera.status(),
-            x: estimate.map(|e| e.x),
-            y: estimate.map(|e| e.y),
-            heading_deg: estimate.map(|e| e.heading_deg),
-            sigma_x: estimate.map(|e| e.sigma_x),
-            sigma_y: estimate.map(|e| e.sigma_y),
-            sigma_heading_deg: estimate.map(|e| e.sigma_heading_deg),
-            cov_xx: covariance(0),
-            cov_xy: covariance(1),
-            cov_xt: covariance(2),
-            cov_yy: covariance(3),
-            cov_yt: covariance(4),
-            cov_tt: covariance(5),
-            sightings: report.map_or(0, |report| report.sightings),
-            used: report.map_or(0, |report| report.used),
-            chi_squared: report.map(|report| report.chi_squared),
-            done: report.is_some_and(|report| report.done),
-            address: camera.address,
-        }
-    }))
+    let rows: Vec<_> = cameras.map(row).collect();
+    if rows.is_empty() {
+        // Without rows, the names of the columns all the same.
+        let names = to_csv([CsvRow::default()].iter())?;
+        return Ok(names.split_inclusive('\n').take(1).collect());
+    }
+    to_csv(rows.iter())
+}
+
+fn row(camera: &Member) -> CsvRow {
+    let (estimate, report) = (camera.estimate(), camera.report);
+    let covariance = |k: usize| estimate.map(|e| e.covariance[k]);
+    CsvRow {
+        camera: camera.id,
+        reference: camera.is_reference(),
+        status: camera.status(),
+        x: estimate.map(|e| e.x),
+        y: estimate.map(|e| e.y),
+        heading_deg: estimate.map(|e| e.heading_deg),
+        sigma_x: estimate.map(|e| e.sigma_x),
+        sigma_y: estimate.map(|e| e.sigma_y),
+        sigma_heading_deg: estimate.map(|e| e.sigma_heading_deg),
+        cov_xx: covariance(0),
+        cov_xy: covariance(1),
+        cov_xt: covariance(2),
+        cov_yy: covariance(3),
+        cov_yt: covariance(4),
+        cov_tt: covariance(5),
+        sightings: report.map_or(0, |report| report.sightings),
+        used: report.map_or(0, |report| report.used),
+        chi_squared: report.map(|report| report.chi_squared),
+        done: report.is_some_and(|report| report.done),
+        address: camera.address,
+    }
 }
 
 #[derive(Serialize)]
@@ -182,4 +190,16 @@ pub fn json(known: &Known) -> Result<String, serde_json::Error> {
         nodes,
     };
     Ok(serde_json::to_string_pretty(&json)? + "\n")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_table_without_cameras_has_its_columns() {
+        let text = csv(&Known::default()).unwrap();
+        assert!(text.starts_with("camera,reference,status,x,y,"), "{text}");
+        assert_eq!(text.lines().count(), 1);
+    }
 }

@@ -172,6 +172,10 @@ impl Coordinator {
         };
         if self.references.take_if(is_it).is_some() {
             self.unsaved = true;
+            // Nobody is to be told any more: what stays due would keep the node awake.
+            for member in self.members.iter_mut() {
+                member.more.references = Owed::Nothing;
+            }
         }
         self.trigger
             .take_if(|(camera, target, _)| [*camera, *target].contains(&address));
