@@ -18,11 +18,12 @@ pub(crate) const BRIEF: u32 = 100_000;
 const TOOLS: &str = "target/tools";
 const VERSION: &str = "0.13.1";
 
-/// Tries `runs` inputs on each target, starting from its corpus; what is new stays out of it.
+/// Tries `runs` inputs on each target, starting from its corpus; what is new stays out of it. With a
+/// `seed`, the same ones each time as long as the target and what was found before are the same.
 ///
 /// # Errors
 /// A target found something, or there is no nightly compiler and none can be installed.
-pub(crate) fn run(sh: &Shell, targets: &[String], runs: u32) -> Result<()> {
+pub(crate) fn run(sh: &Shell, targets: &[String], runs: u32, seed: Option<u32>) -> Result<()> {
     ensure!(setup::nightly(sh), NO_NIGHTLY);
     let cargo_fuzz = format!("{TOOLS}/bin/cargo-fuzz");
     if !sh.path_exists(&cargo_fuzz) {
@@ -43,10 +44,11 @@ pub(crate) fn run(sh: &Shell, targets: &[String], runs: u32) -> Result<()> {
         let corpus = Some(sh.current_dir().join("fuzz/corpus").join(target));
         let corpus = corpus.filter(|seeds| seeds.is_dir());
         let runs = format!("-runs={runs}");
+        let seed = seed.map(|seed| format!("-seed={seed}"));
         let _nightly = sh.push_env("RUSTUP_TOOLCHAIN", "nightly");
         cmd!(
             sh,
-            "{cargo_fuzz} run --fuzz-dir fuzz {target} {scratch} {corpus...} -- {runs} -print_final_stats=1"
+            "{cargo_fuzz} run --fuzz-dir fuzz {target} {scratch} {corpus...} -- {runs} {seed...} -print_final_stats=1"
         )
         .quiet()
         .ignore_stderr()

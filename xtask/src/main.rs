@@ -109,7 +109,7 @@ fn run(chore: Chore) -> anyhow::Result<()> {
             setup::packages(&sh)?;
             peers::run(&sh)
         }
-        Chore::Fuzz { targets, runs } => fuzz::run(&sh, &targets, runs),
+        Chore::Fuzz { targets, runs } => fuzz::run(&sh, &targets, runs, None),
     }
 }
 
