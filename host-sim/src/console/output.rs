@@ -174,7 +174,7 @@ impl JsonNode {
 }
 
 /// `format` (1), `network` (`pan`, `channel`; `null` while there is none), and `nodes`: each with
-/// what [`csv`] has of a camera, and `estimate` as in the record of a run.
+/// what [`csv()`] has of a camera, and `estimate` as in the record of a run.
 ///
 /// # Errors
 /// Those of the JSON writer.
