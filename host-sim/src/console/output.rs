@@ -4,7 +4,10 @@ use comfy_table::{CellAlignment, Table, presets::ASCII_MARKDOWN};
 use serde::Serialize;
 
 use super::known::{Known, Member};
-use crate::{export::to_csv, record::Estimate};
+use crate::{
+    export::{CsvPose, to_csv},
+    record::Estimate,
+};
 
 /// The members as a table. Lengths are in the unit in which the site was configured.
 pub fn table(known: &Known) -> String {
@@ -58,24 +61,17 @@ pub fn table(known: &Known) -> String {
     format!("{}\n", table.trim_fmt())
 }
 
-/// One camera in CSV. What `host-sim run --csv` writes too has the same name there.
+/// Which camera, in CSV. What `host-sim run --csv` writes too has the same name there.
 #[derive(Default, Serialize)]
-struct CsvRow {
+struct CsvCamera {
     camera: u16,
     reference: bool,
     status: &'static str,
-    x: Option<f64>,
-    y: Option<f64>,
-    heading_deg: Option<f64>,
-    sigma_x: Option<f64>,
-    sigma_y: Option<f64>,
-    sigma_heading_deg: Option<f64>,
-    cov_xx: Option<f64>,
-    cov_xy: Option<f64>,
-    cov_xt: Option<f64>,
-    cov_yy: Option<f64>,
-    cov_yt: Option<f64>,
-    cov_tt: Option<f64>,
+}
+
+/// What it reports of its pose.
+#[derive(Default, Serialize)]
+struct CsvReport {
     sightings: u8,
     used: u8,
     chi_squared: Option<f32>,
@@ -95,37 +91,27 @@ pub fn csv(known: &Known) -> Result<String, csv::Error> {
     let rows: Vec<_> = cameras.map(row).collect();
     if rows.is_empty() {
         // Without rows, the names of the columns all the same.
-        let names = to_csv([CsvRow::default()].iter())?;
+        let names = to_csv([<(CsvCamera, CsvPose, CsvReport)>::default()].iter())?;
         return Ok(names.split_inclusive('\n').take(1).collect());
     }
     to_csv(rows.iter())
 }
 
-fn row(camera: &Member) -> CsvRow {
-    let (estimate, report) = (camera.estimate(), camera.report);
-    let covariance = |k: usize| estimate.map(|e| e.covariance[k]);
-    CsvRow {
+fn row(camera: &Member) -> (CsvCamera, CsvPose, CsvReport) {
+    let report = camera.report;
+    let which = CsvCamera {
         camera: camera.id,
         reference: camera.is_reference(),
         status: camera.status(),
-        x: estimate.map(|e| e.x),
-        y: estimate.map(|e| e.y),
-        heading_deg: estimate.map(|e| e.heading_deg),
-        sigma_x: estimate.map(|e| e.sigma_x),
-        sigma_y: estimate.map(|e| e.sigma_y),
-        sigma_heading_deg: estimate.map(|e| e.sigma_heading_deg),
-        cov_xx: covariance(0),
-        cov_xy: covariance(1),
-        cov_xt: covariance(2),
-        cov_yy: covariance(3),
-        cov_yt: covariance(4),
-        cov_tt: covariance(5),
+    };
+    let reported = CsvReport {
         sightings: report.map_or(0, |report| report.sightings),
         used: report.map_or(0, |report| report.used),
         chi_squared: report.map(|report| report.chi_squared),
         done: report.is_some_and(|report| report.done),
         address: camera.address,
-    }
+    };
+    (which, CsvPose::from(camera.estimate()), reported)
 }
 
 #[derive(Serialize)]

@@ -2,20 +2,16 @@
 
 use serde::Serialize;
 
-use crate::record::{Node, RunRecord, Unit};
+use crate::record::{Estimate, Node, RunRecord, Unit};
 
 mod ros;
 
 pub use ros::ros_launch;
 
-/// One camera in CSV. Empty where not known. Lengths in the run's unit, angles in degrees, also
-/// in the covariance.
-#[derive(Serialize)]
-struct CsvRow {
-    camera: u16,
-    network: u16,
-    reference: bool,
-    status: &'static str,
+/// A pose in CSV, between columns before and behind it: a row is a tuple of such structures. Empty
+/// where not known. Lengths in the unit of the site, angles in degrees, also in the covariance.
+#[derive(Default, Serialize)]
+pub(crate) struct CsvPose {
     x: Option<f64>,
     y: Option<f64>,
     heading_deg: Option<f64>,
@@ -28,6 +24,43 @@ struct CsvRow {
     cov_yy: Option<f64>,
     cov_yt: Option<f64>,
     cov_tt: Option<f64>,
+}
+
+impl From<Option<Estimate>> for CsvPose {
+    fn from(estimate: Option<Estimate>) -> Self {
+        let Some(e) = estimate else {
+            return Self::default();
+        };
+        let [cov_xx, cov_xy, cov_xt, cov_yy, cov_yt, cov_tt] = e.covariance.map(Some);
+        Self {
+            x: Some(e.x),
+            y: Some(e.y),
+            heading_deg: Some(e.heading_deg),
+            sigma_x: Some(e.sigma_x),
+            sigma_y: Some(e.sigma_y),
+            sigma_heading_deg: Some(e.sigma_heading_deg),
+            cov_xx,
+            cov_xy,
+            cov_xt,
+            cov_yy,
+            cov_yt,
+            cov_tt,
+        }
+    }
+}
+
+/// Which camera of a run, in CSV.
+#[derive(Serialize)]
+struct CsvCamera {
+    camera: u16,
+    network: u16,
+    reference: bool,
+    status: &'static str,
+}
+
+/// How right its pose is.
+#[derive(Serialize)]
+struct CsvTruth {
     true_x: Option<f64>,
     true_y: Option<f64>,
     true_heading_deg: Option<f64>,
@@ -47,8 +80,8 @@ fn status(record: &RunRecord, camera: &Node) -> &'static str {
     }
 }
 
-/// One row per camera: `camera`, `network` (in whose frame the row is), `reference`, `status` (`calibrated`, or why not), the pose (`x`,
-/// `y`, `heading_deg`), its sigmas (`sigma_...`), the upper triangle of its covariance (`cov_xx`,
+/// One row per camera: `camera`, `network` (in whose frame the row is), `reference`, `status`
+/// (`calibrated`, or why not), the pose (`x`, `y`, `heading_deg`), its sigmas (`sigma_...`), the upper triangle of its covariance (`cov_xx`,
 /// `cov_xy`, `cov_xt`, `cov_yy`, `cov_yt`, `cov_tt`, headings in degrees), the truth
 /// (`true_...`), the error (`error_...`), and `sightings`.
 ///
@@ -56,25 +89,14 @@ fn status(record: &RunRecord, camera: &Node) -> &'static str {
 /// Those of the CSV writer.
 pub fn csv(record: &RunRecord) -> Result<String, csv::Error> {
     to_csv(record.cameras().map(|camera| {
-        let (estimate, truth, error) = (camera.estimate, camera.truth, camera.error);
-        let covariance = |k: usize| estimate.and_then(|e| e.covariance.get(k).copied());
-        CsvRow {
+        let (truth, error) = (camera.truth, camera.error);
+        let which = CsvCamera {
             camera: camera.id,
             network: camera.network,
             reference: camera.reference,
             status: status(record, camera),
-            x: estimate.map(|e| e.x),
-            y: estimate.map(|e| e.y),
-            heading_deg: estimate.map(|e| e.heading_deg),
-            sigma_x: estimate.map(|e| e.sigma_x),
-            sigma_y: estimate.map(|e| e.sigma_y),
-            sigma_heading_deg: estimate.map(|e| e.sigma_heading_deg),
-            cov_xx: covariance(0),
-            cov_xy: covariance(1),
-            cov_xt: covariance(2),
-            cov_yy: covariance(3),
-            cov_yt: covariance(4),
-            cov_tt: covariance(5),
+        };
+        let rightness = CsvTruth {
             true_x: truth.map(|t| t.x),
             true_y: truth.map(|t| t.y),
             true_heading_deg: truth.map(|t| t.heading_deg),
@@ -82,7 +104,8 @@ pub fn csv(record: &RunRecord) -> Result<String, csv::Error> {
             error_y: error.map(|e| e.y),
             error_heading_deg: error.map(|e| e.heading_deg),
             sightings: camera.sightings,
-        }
+        };
+        (which, CsvPose::from(camera.estimate), rightness)
     }))
 }
 
