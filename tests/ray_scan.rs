@@ -1,10 +1,8 @@
 //! Blobs of the real Stage 4.3, and those of host-sim's ray scan for the same cameras and places.
 
-use host_sim::{
-    scenario::{Overrides, Scenario},
-    world::{Target, Variant, World},
-};
 use nalgebra::Point2;
+use site::world::{Target, Variant, World};
+use site::{Overrides, Scenario};
 
 /// Of a disc that holds the body, a square of 0.3 units.
 const RADIUS: f64 = 0.2122;

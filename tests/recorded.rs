@@ -2,12 +2,10 @@
 
 use std::{fs::File, io::BufReader};
 
+use answers::accuracy::Comparisons;
+use answers::answer::{Settings, Solver};
+use answers::recorded::{self, sightings::Assumptions};
 use calib_core::camera::Camera;
-use host_sim::{
-    accuracy::Comparisons,
-    answer::{Settings, Solver},
-    recorded::{self, sightings::Assumptions},
-};
 use test_support::data;
 
 fn open(name: &str) -> BufReader<File> {

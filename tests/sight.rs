@@ -12,7 +12,7 @@ use std::{
 };
 
 use cmucam2_driver::Cmucam2;
-use host_sim::camera::{Configuration, Emulator, Extent, FaultRates, Place, Scene, Shape};
+use cmucam2_emulator::{Configuration, Emulator, Extent, FaultRates, Place, Scene, Shape};
 use node_firmware::{
     config::{CameraConfig, Subjects},
     sight::{

@@ -2,7 +2,7 @@
 
 use std::path::PathBuf;
 
-use host_sim::accuracy;
+use answers::accuracy;
 
 /// Prints figures as they come and remembers whether any missed its goal.
 #[derive(Default)]

@@ -2,17 +2,15 @@
 
 use std::{num::NonZeroUsize, thread, time::Instant};
 
-use calib_core::{Refusal, camera::Projection};
-use host_sim::{
-    network::{Options, Simulation, run_all},
-    record::{
-        RunRecord,
-        sweep::{Group, Quantity, Row, Sweep, SweepReport},
-        verdict::{Common, Finding, Trouble, Verdict},
-    },
-    scenario::{Overrides, Scenario},
-    world::Variant,
+use answers::record::{
+    RunRecord,
+    sweep::{Group, Quantity, Row, Sweep, SweepReport},
+    verdict::{Common, Finding, Trouble, Verdict},
 };
+use calib_core::{Refusal, camera::Projection};
+use host_sim::network::{Options, Simulation, run_all};
+use site::world::Variant;
+use site::{Overrides, Scenario};
 
 use crate::figure::{Goal, Sheet};
 

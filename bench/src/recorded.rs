@@ -5,13 +5,11 @@
 
 use std::path::Path;
 
+use answers::accuracy::{Accuracy, Comparisons};
+use answers::answer::{Settings, Solver};
+use answers::recorded::{self, sightings::Assumptions, truth::Truth};
 use anyhow::{Context, ensure};
 use calib_core::{Sighting, angle};
-use host_sim::{
-    accuracy::{Accuracy, Comparisons},
-    answer::{Settings, Solver},
-    recorded::{self, sightings::Assumptions, truth::Truth},
-};
 use nalgebra::{Matrix4, Point2, Vector2, Vector4};
 
 use crate::figure::{Goal, Sheet, full_data, quantile};

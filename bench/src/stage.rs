@@ -6,6 +6,7 @@
 use std::collections::BTreeMap;
 use std::path::Path;
 
+use answers::record::{Place, published::Published};
 use anyhow::Context;
 use calib_core::{
     Sighting, angle,
@@ -13,7 +14,6 @@ use calib_core::{
     reference::{self, Known, Settings, Stop},
     resection,
 };
-use host_sim::record::{Place, published::Published};
 use nalgebra::{Matrix2, Point2};
 use serde::Deserialize;
 

@@ -4,20 +4,19 @@
 use std::{cell::Cell, rc::Rc, time::Instant};
 
 use cmucam2_driver::{colour::ColourBounds, device::Cmucam2, session::StartUp};
+use cmucam2_emulator::{Configuration, Emulator, Extent, Scene, Shape, measure::track_for};
 use embassy_futures::select::select;
-use host_sim::{
-    camera::{Configuration, Emulator, Extent, Scene, Shape, measure::track_for},
-    sim::{
-        executor::{Effort, Executor, Time},
-        line::{Line, Side, Uart},
-        medium::{Medium, Propagation},
-        random::Root,
-    },
+use host_sim::network::CameraDevice;
+use virtual_bench::{
+    executor::{Effort, Executor, Time},
+    line::{Line, Side, Uart},
+    medium::{Medium, Propagation},
+    random::Root,
 };
 
 use support::{MILLISECOND, Network, SECOND};
 
-#[path = "../tests/simulation/support.rs"]
+#[path = "../../virtual-bench/tests/bench/support.rs"]
 #[allow(dead_code, reason = "a part of it is enough here")]
 mod support;
 
@@ -151,7 +150,11 @@ fn cameras(count: u64, seconds: Time, interval: Option<Time>) {
         let ball = Extent::centred(0.43, 0.5, 0.1, 0.1);
         let scene = Scene::with_object([220, 110, 40], Shape::Disc, ball);
         let camera = Emulator::new(configuration, scene);
-        let line = Line::to_camera(&clock, Uart::new(BAUD), camera, |_, _| ());
+        let line = Line::to_device(
+            &clock,
+            Uart::new(BAUD),
+            CameraDevice::new(camera, |_, _| ()),
+        );
         executor.spawn(async move {
             let mut camera = Cmucam2::new(line.open(Side::Node), clock.clone());
             let start_up = StartUp {

@@ -12,11 +12,8 @@ use std::{
     time::Duration,
 };
 
-use host_sim::{
-    network::{Emulation, EmulatorError, Options, Simulation},
-    record::{Role as Part, RunRecord},
-    scenario::{Overrides, Scenario},
-};
+use answers::record::{Role as Part, RunRecord};
+use host_sim::network::{Emulation, EmulatorError, Options, Simulation};
 use node_firmware::{
     config::Role as Configured,
     memory::{Fact, KeptSighting},
@@ -26,6 +23,7 @@ use node_firmware::{
         camera::{Camera, Event, Task},
     },
 };
+use site::{Overrides, Scenario};
 use tempfile::TempDir;
 use zigbee_link::{Instant, wire::ShortAddress};
 

@@ -8,13 +8,11 @@ use calib_core::{
     reference::{self, Settings, Stop},
     resection,
 };
-use host_sim::{
-    scenario::{Network, Overrides, Scenario, Site, planner::Placement},
-    world::{Event, Variant, Walker, World},
-};
 use nalgebra::{Matrix2, Point2, Vector2};
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
+use site::world::{Event, Variant, Walker, World};
+use site::{Network, Overrides, Scenario, Site, planner::Placement};
 
 const SEEDS: u64 = 50;
 

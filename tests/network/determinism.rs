@@ -2,11 +2,9 @@
 
 use std::thread;
 
-use host_sim::{
-    network::run_all,
-    record::sweep::Sweep,
-    scenario::{Overrides, Scenario, ScenarioError},
-};
+use answers::record::sweep::Sweep;
+use host_sim::network::run_all;
+use site::{Overrides, Scenario, ScenarioError};
 
 use crate::yard::{Yard, run, written};
 

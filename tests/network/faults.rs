@@ -1,12 +1,10 @@
 //! What goes wrong on the air and on lines makes calibration later, not wrong.
 
-use host_sim::{
-    record::{
-        RunRecord,
-        verdict::{Trouble, Verdict},
-    },
-    scenario::{Action, Scenario},
+use answers::record::{
+    RunRecord,
+    verdict::{Trouble, Verdict},
 };
+use site::{Action, Scenario};
 
 use crate::yard::{OTHERS, TARGET, Yard, assert_all_calibrated, moments, node, run, with};
 

@@ -1,15 +1,13 @@
 //! Networks of every kind.
 
-use calib_core::camera::Projection;
-use host_sim::{
-    record::{
-        RunRecord,
-        summary::Fit,
-        verdict::{Common, Finding, Trouble, Verdict},
-    },
-    scenario::{Overrides, Scenario},
-    world::Variant,
+use answers::record::{
+    RunRecord,
+    summary::Fit,
+    verdict::{Common, Finding, Trouble, Verdict},
 };
+use calib_core::camera::Projection;
+use site::world::Variant;
+use site::{Overrides, Scenario};
 
 use crate::yard::{TARGET, Yard, assert_all_calibrated, assert_calibrated_within, node, run};
 

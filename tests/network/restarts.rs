@@ -1,6 +1,6 @@
 //! Any node may restart or lose its power at any moment: what was learnt is in its flash.
 
-use host_sim::scenario::{Action, Scenario};
+use site::{Action, Scenario};
 
 use crate::yard::{
     COORDINATOR, OTHERS, TARGET, Yard, assert_all_calibrated, assert_nothing_forgotten, logged,

@@ -2,11 +2,9 @@
 
 use std::{cell::RefCell, collections::BTreeMap, io, rc::Rc};
 
-use host_sim::{
-    network::{Options, Simulation},
-    record::{Node, RunRecord},
-    scenario::{Action, Overrides, Scenario, ScriptedEvent},
-};
+use answers::record::{Node, RunRecord};
+use host_sim::network::{Options, Simulation};
+use site::{Action, Overrides, Scenario, ScriptedEvent};
 
 /// The cameras that are no references.
 pub(crate) const OTHERS: [u16; 3] = [3, 4, 5];

@@ -18,7 +18,7 @@ use std::{
 use anyhow::{Context, bail};
 use clap::{Args, ValueEnum};
 use cmucam2_driver::geometry::Sensor;
-use host_sim::camera::{
+use cmucam2_emulator::{
     BAUD_RATES, Configuration, Emulator, FaultRates, Note, Scene, Setting, Switches, Time,
 };
 use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM, SIGUSR1};
@@ -102,7 +102,7 @@ fn table<T: Display + Default + PartialEq>(settings: &[Setting<T>]) -> String {
 }
 
 /// The built-in scene, which is also the example of the format.
-const USUAL_SCENE: &str = include_str!("../../scenes/orange-ball.toml");
+const USUAL_SCENE: &str = include_str!("../../../cmucam2-emulator/scenes/orange-ball.toml");
 
 fn epilogue() -> String {
     format!(

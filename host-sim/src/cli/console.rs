@@ -12,13 +12,11 @@ use std::{
 use anyhow::{Context, anyhow, bail};
 use clap::Args;
 use embedded_io::{Read, ReadReady, Write as _};
-use host_sim::{
-    console::{
-        key_file, output,
-        session::{Failure, Session, Wish, frame},
-    },
-    probe::port::{Port, PortError},
+use host_sim::console::{
+    key_file, output,
+    session::{Failure, Session, Wish, frame},
 };
+use host_sim::probe::port::{Port, PortError};
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 use node_firmware::{console::BAUD, message::Command};
 

@@ -2,12 +2,10 @@
 
 use std::{collections::HashSet, path::PathBuf, process::ExitCode};
 
+use answers::record::{RunRecord, sweep::Sweep, verdict::Verdict};
+use answers::report::run::{run_report, runs_report};
 use anyhow::{Context, bail, ensure};
 use clap::{Args, Subcommand};
-use host_sim::{
-    record::{RunRecord, sweep::Sweep, verdict::Verdict},
-    report::run::{run_report, runs_report},
-};
 
 use super::{
     and, file_name, print,

@@ -5,12 +5,11 @@ use std::{
     path::{Path, PathBuf},
 };
 
+use answers::export;
+use answers::plot;
+use answers::record::{RunRecord, difference::Difference};
 use anyhow::Context;
 use clap::Args;
-use host_sim::{
-    export, plot,
-    record::{RunRecord, difference::Difference},
-};
 
 use super::{and, file_name, values, whole_file, writable};
 

@@ -2,10 +2,8 @@
 
 use anyhow::anyhow;
 use clap::{Args, ValueEnum};
-use host_sim::{
-    scenario::{Overrides, Scenario, ScenarioError, planner::Placement},
-    world::Variant,
-};
+use site::world::Variant;
+use site::{Overrides, Scenario, ScenarioError, planner::Placement};
 
 use super::values;
 

@@ -6,22 +6,20 @@ use std::{
     process::ExitCode,
 };
 
+use answers::accuracy::Comparisons;
+use answers::answer::{Answer, Settings, Solver, Status, Tally};
+use answers::plot::{self, EvenSample, Map, MapCamera};
+use answers::recorded::{
+    self,
+    sightings::{self, Assumptions, Recording},
+    truth::{self, Truth},
+};
+use answers::report::{
+    json::{CaseName, PoseLine, whole_number},
+    table::PoseTable,
+};
 use anyhow::bail;
 use clap::Args;
-use host_sim::{
-    accuracy::Comparisons,
-    answer::{Answer, Settings, Solver, Status, Tally},
-    plot::{self, EvenSample, Map, MapCamera},
-    recorded::{
-        self,
-        sightings::{self, Assumptions, Recording},
-        truth::{self, Truth},
-    },
-    report::{
-        json::{CaseName, PoseLine, whole_number},
-        table::PoseTable,
-    },
-};
 use nalgebra::Point2;
 
 use super::{

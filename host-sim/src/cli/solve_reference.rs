@@ -6,18 +6,16 @@ use std::{
     process::ExitCode,
 };
 
+use answers::recorded::{
+    self,
+    stops::{self, Assumptions},
+};
+use answers::report::{json::ReferenceLine, table};
 use calib_core::{
     Method,
     reference::{self, Known, Settings},
 };
 use clap::{Args, ValueEnum};
-use host_sim::{
-    recorded::{
-        self,
-        stops::{self, Assumptions},
-    },
-    report::{json::ReferenceLine, table},
-};
 
 use super::{
     camera_options::{CameraOptions, FOR_COLUMNS, USUAL_COLUMNS},

@@ -2,10 +2,12 @@
 
 use std::{collections::BTreeSet, num::NonZeroUsize, process::ExitCode, thread};
 
+use answers::record::sweep::Sweep;
 use anyhow::{Context, ensure};
 use clap::Args;
-use host_sim::{network::run_all, record::sweep::Sweep, scenario::Scenario};
+use host_sim::network::run_all;
 use indicatif::{ProgressBar, ProgressStyle};
+use site::Scenario;
 
 use super::{
     run_outputs::FOR_RESULTS,

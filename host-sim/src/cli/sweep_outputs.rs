@@ -5,12 +5,10 @@ use std::{
     process::ExitCode,
 };
 
+use answers::plot;
+use answers::record::{RunRecord, sweep::SweepReport};
+use answers::report::sweep::sweep_report;
 use clap::Args;
-use host_sim::{
-    plot,
-    record::{RunRecord, sweep::SweepReport},
-    report::sweep::sweep_report,
-};
 
 use super::{and, print, run_outputs::write, values, writable};
 

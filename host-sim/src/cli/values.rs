@@ -3,7 +3,7 @@
 use std::{num::NonZeroUsize, path::PathBuf, time::Duration};
 
 use clap::builder::{PathBufValueParser, TypedValueParser};
-use host_sim::scenario::PATH_MAX;
+use site::PATH_MAX;
 
 /// All scenarios of a sweep are in memory.
 const MOST_SEEDS: u64 = 100_000;

@@ -8,7 +8,7 @@ use node_firmware::{
     message::{Address, Hello, Kind, PoseParts, Report, State},
 };
 
-use crate::record::Estimate;
+use answers::record::Estimate;
 
 /// A member.
 #[derive(Clone, Copy, Debug, PartialEq)]

@@ -4,10 +4,8 @@ use comfy_table::{CellAlignment, Table, presets::ASCII_MARKDOWN};
 use serde::Serialize;
 
 use super::known::{Known, Member};
-use crate::{
-    export::{CsvPose, to_csv},
-    record::Estimate,
-};
+use answers::export::{CsvPose, to_csv};
+use answers::record::Estimate;
 
 /// The members as a table. Lengths are in the unit in which the site was configured.
 pub fn table(known: &Known) -> String {

@@ -15,7 +15,7 @@ use node_firmware::{
 };
 
 use super::{journal::SharedJournal, node::Hardware};
-use crate::sim::line::{Port, Side};
+use virtual_bench::line::{Port, Side};
 
 /// What a PC knows of a network.
 #[derive(Clone)]
@@ -138,10 +138,8 @@ mod tests {
     use node_firmware::message::Kind;
 
     use super::*;
-    use crate::{
-        network::{Options, Simulation},
-        scenario::{Overrides, Scenario},
-    };
+    use crate::network::{Options, Simulation};
+    use site::{Overrides, Scenario};
 
     #[test]
     fn a_camera_that_joins_again_elsewhere_is_counted_once() {

@@ -6,13 +6,11 @@ use rand::RngExt;
 use zigbee_link::{radio::Channel, wire::fcs};
 
 use super::{Simulation, node::Hardware, provision};
-use crate::{
-    scenario::{Action, ScriptedEvent},
-    sim::{
-        executor::{Clock, Time},
-        medium::{Disturbance, Event, Kind, Medium, NodeId},
-        random::Root,
-    },
+use site::{Action, ScriptedEvent};
+use virtual_bench::{
+    executor::{Clock, Time},
+    medium::{Disturbance, Event, Kind, Medium, NodeId},
+    random::Root,
 };
 
 /// A frame that was on the air.

@@ -16,7 +16,7 @@ use node_firmware::{
 };
 use zigbee_link::wire::ShortAddress;
 
-use crate::sim::executor::{Clock, Time};
+use virtual_bench::executor::{Clock, Time};
 
 pub(super) type SharedJournal = Rc<RefCell<Journal>>;
 

@@ -11,10 +11,8 @@ use std::{
 };
 
 use super::{Options, Simulation};
-use crate::{
-    record::RunRecord,
-    scenario::{Scenario, ScenarioError},
-};
+use answers::record::RunRecord;
+use site::{Scenario, ScenarioError};
 
 /// Runs every scenario, `jobs` at a time, and hands the records to `take` in their order.
 ///

@@ -10,6 +10,7 @@
 //! |---|---|
 //! | `provision` | A configuration for every node |
 //! | `node` | One node's hardware, and its firmware running on it |
+//! | `camera` | An emulated camera at the far end of a line |
 //! | `device` | A simulated line, or a real camera in its place |
 //! | `emulated` | The same firmware as machine code on an emulated board |
 //! | `walk` | A target's carrier, and its step sensor |
@@ -19,6 +20,7 @@
 //! | `outcome` | The record |
 //! | `many` | Many runs on many threads |
 
+mod camera;
 mod console;
 mod device;
 mod emulated;
@@ -38,6 +40,7 @@ use node_firmware::{
 };
 
 pub use self::{
+    camera::CameraDevice,
     emulated::{Emulation, EmulatorError, IMAGE},
     many::run_all,
 };
@@ -47,16 +50,14 @@ use self::{
     journal::{Journal, NodeEntry, SharedJournal},
     node::Hardware,
 };
-use crate::{
-    probe::port::{OpenError, open},
-    record::RunRecord,
-    scenario::{RadioTable, Scenario, ScenarioError, Site},
-    sim::{
-        executor::{Ended, Executor, Time, times_real_time},
-        medium::{Capture, LogDistance, Medium, Propagation},
-        random::Root,
-    },
-    world::World,
+use crate::probe::port::{OpenError, open};
+use answers::record::RunRecord;
+use site::world::World;
+use site::{RadioTable, Scenario, ScenarioError, Site};
+use virtual_bench::{
+    executor::{Ended, Executor, Time, times_real_time},
+    medium::{Capture, LogDistance, Medium, Propagation},
+    random::Root,
 };
 
 const SECOND: Time = 1_000_000_000;

@@ -20,22 +20,20 @@ use zigbee_link::{
 };
 
 use super::{
-    SharedWorld, Simulation, Trouble,
+    CameraDevice, SharedWorld, Simulation, Trouble,
     device::{Device, Serial},
     emulated::{Board, Surroundings},
     journal::{SharedJournal, Witness},
 };
-use crate::{
-    camera::{Background, Configuration, Emulator, Rgb, Scene},
-    scenario::{CameraNode, Network, TargetNode},
-    sim::{
-        executor::{Clock, Spawner, TaskId, Time},
-        flash::{Flash, PAGE},
-        line::{Line, Side, Uart},
-        medium::{Medium, NodeId},
-        random::Root,
-    },
-    world::View,
+use cmucam2_emulator::{Background, Configuration, Emulator, Rgb, Scene};
+use site::world::View;
+use site::{CameraNode, Network, TargetNode};
+use virtual_bench::{
+    executor::{Clock, Spawner, TaskId, Time},
+    flash::{Flash, PAGE},
+    line::{Line, Side, Uart},
+    medium::{Medium, NodeId},
+    random::Root,
 };
 
 /// What the radio of an nRF52840 and its driver do.
@@ -227,7 +225,11 @@ impl Hardware {
             }
         };
         let clock = simulation.executor.clock();
-        let line = Line::to_camera(&clock, Uart::new(camera.baud), emulator, scene);
+        let line = Line::to_device(
+            &clock,
+            Uart::new(camera.baud),
+            CameraDevice::new(emulator, scene),
+        );
         let place = simulation.world.borrow().cameras()[index].place;
         Self::new(simulation, config, place, (line, Some(outlook)), root)
     }

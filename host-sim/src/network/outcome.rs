@@ -10,17 +10,15 @@ use node_firmware::{
 };
 
 use super::{Simulation, console::Console, journal::NodeEntry, provision};
-use crate::{
-    record::{
-        self, Believed, FORMAT, Failure, Limits, Node, Place, Radio, Role, RunRecord, Stop, Target,
-        Unit, View, heading_degrees, summary::Summary,
-    },
-    scenario::{CameraNode, Frame, Network},
-    sim::{
-        executor::Time,
-        medium::{Medium, Reason},
-    },
-    world::Obstacle,
+use answers::record::{
+    self, Believed, FORMAT, Failure, Limits, Node, Place, Radio, Role, RunRecord, Stop, Target,
+    Unit, View, heading_degrees, summary::Summary,
+};
+use site::world::Obstacle;
+use site::{CameraNode, Frame, Network};
+use virtual_bench::{
+    executor::Time,
+    medium::{Medium, Reason},
 };
 
 /// Preamble, start of frame and length.
@@ -305,10 +303,8 @@ fn outline(obstacle: &Obstacle, frame: &Frame) -> Vec<[f64; 2]> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::{
-        network::Options,
-        scenario::{Overrides, Scenario},
-    };
+    use crate::network::Options;
+    use site::{Overrides, Scenario};
 
     #[test]
     fn what_kept_a_node_from_going_on_is_in_the_record() {

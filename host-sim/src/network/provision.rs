@@ -13,15 +13,13 @@ use node_firmware::{
 use rand::Rng;
 use zigbee_link::security::Protection;
 
-use crate::{
-    camera::Rgb,
-    scenario::{
-        CameraNode, FIRST_COORDINATOR, FirmwareTable, Network, Scenario, ScenarioError, Site,
-        TargetNode,
-    },
-    sim::random::Root,
-    world::World,
+use cmucam2_emulator::Rgb;
+use site::world::World;
+use site::{
+    CameraNode, FIRST_COORDINATOR, FirmwareTable, Network, Scenario, ScenarioError, Site,
+    TargetNode,
 };
+use virtual_bench::random::Root;
 
 /// How far from a target's colour a pixel may be, levels.
 const COLOUR_WIDTH: u8 = 45;

@@ -8,14 +8,12 @@ use nalgebra::Point2;
 use super::{
     SECOND, SharedWorld, Simulation, console::RollCall, journal::SharedJournal, node::Hardware,
 };
-use crate::{
-    scenario::TargetNode,
-    sim::{
-        executor::{Clock, Time},
-        medium::Medium,
-        random::Root,
-    },
-    world::{Event, StepSensor, Walker},
+use site::TargetNode;
+use site::world::{Event, StepSensor, Walker};
+use virtual_bench::{
+    executor::{Clock, Time},
+    medium::Medium,
+    random::Root,
 };
 
 /// Whoever sets a network up does not wait longer for a node that does not appear.

@@ -3,7 +3,7 @@
 
 use std::fs;
 
-use host_sim::record::RunRecord;
+use answers::record::RunRecord;
 
 use crate::{
     common::{Files, run},
@@ -111,7 +111,7 @@ fn options_out_of_their_range() {
 #[test]
 fn files_that_are_no_scenarios() {
     let files = Files::new();
-    let lab = include_str!("../../scenarios/lab.toml");
+    let lab = include_str!("../../../site/scenarios/lab.toml");
     for (content, expected) in [
         (&b""[..], "missing field `name`"),
         (&lab.as_bytes()[..lab.len() / 2], "bad.toml: "),
@@ -179,7 +179,7 @@ fn a_dash_is_no_name_for_a_result() {
 #[test]
 fn a_scenario_that_cannot_be_put_up_is_named() {
     let files = Files::new();
-    let lab = include_str!("../../scenarios/lab.toml");
+    let lab = include_str!("../../../site/scenarios/lab.toml");
     let pillar = "[[world.obstacle]]\npillar = { x = 0.0, y = 0.0, radius = 1.0 }\n";
     let impossible = files.write("impossible.toml", &format!("{lab}{pillar}"));
     let start = format!("host-sim: {impossible}: ");
@@ -197,7 +197,7 @@ fn a_scenario_that_cannot_be_put_up_is_named() {
 #[test]
 fn stops_that_the_references_cannot_share_have_all_causes_named() {
     let files = Files::new();
-    let lab = include_str!("../../scenarios/lab.toml");
+    let lab = include_str!("../../../site/scenarios/lab.toml");
     let wall = "[[world.obstacle]]\nwall = [[-3.0, 1.0], [17.0, 1.0]]\n";
     let file = files.write("walled.toml", &format!("{lab}{wall}"));
     let message = refused(&["run", &file], "no stops can be planned for network 1");
@@ -218,7 +218,7 @@ fn stops_that_the_references_cannot_share_have_all_causes_named() {
 #[test]
 fn names_with_control_characters() {
     let files = Files::new();
-    let lab = include_str!("../../scenarios/lab.toml");
+    let lab = include_str!("../../../site/scenarios/lab.toml");
     for (field, value) in [("name", "a\\u001b[31mb"), ("unit", "m\\u0000")] {
         let mut text = String::new();
         for line in lab.lines() {
@@ -279,7 +279,7 @@ fn results_that_cannot_be_written_are_found_before_the_run() {
         assert!(!fs::exists(&log).unwrap(), "{option} {path}");
     }
     // A camera within an obstacle, which only the world shows.
-    let lab = include_str!("../../scenarios/lab.toml");
+    let lab = include_str!("../../../site/scenarios/lab.toml");
     let pillar = "[[world.obstacle]]\npillar = { x = 0.0, y = 0.0, radius = 1.0 }\n";
     let impossible = files.write("impossible.toml", &format!("{lab}{pillar}"));
     refused(

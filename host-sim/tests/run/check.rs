@@ -1,6 +1,6 @@
 //! Two runs against each other.
 
-use host_sim::record::difference::{CompareError, Difference};
+use answers::record::difference::{CompareError, Difference};
 
 use crate::sample::Sample;
 

@@ -1,9 +1,7 @@
 //! Drawings: well-formed, complete, and possible for odd runs too.
 
-use host_sim::{
-    plot,
-    record::{RunRecord, summary::Summary, sweep::Sweep},
-};
+use answers::plot;
+use answers::record::{RunRecord, summary::Summary, sweep::Sweep};
 use roxmltree::Document;
 
 use crate::{

@@ -2,7 +2,8 @@
 
 use std::collections::BTreeMap;
 
-use host_sim::{export, record::RunRecord};
+use answers::export;
+use answers::record::RunRecord;
 use serde::Deserialize;
 
 use crate::sample::Sample;
@@ -13,7 +14,7 @@ fn sample() -> RunRecord {
         ..Sample::default()
     }
     .run();
-    record.unit = host_sim::record::Unit {
+    record.unit = answers::record::Unit {
         name: "in".to_owned(),
         metres: 0.0254,
     };

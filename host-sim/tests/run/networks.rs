@@ -2,16 +2,15 @@
 
 use std::collections::BTreeMap;
 
-use calib_core::angle;
-use host_sim::{
-    export, plot,
-    record::{
-        Network, Place, RunRecord, Stop,
-        summary::Summary,
-        verdict::{Trouble, Verdict},
-    },
-    report::run::run_report,
+use answers::export;
+use answers::plot;
+use answers::record::{
+    Network, Place, RunRecord, Stop,
+    summary::Summary,
+    verdict::{Trouble, Verdict},
 };
+use answers::report::run::run_report;
+use calib_core::angle;
 use nalgebra::{Point2, Vector2};
 use roxmltree::Document;
 

@@ -1,12 +1,12 @@
 //! The record itself, its JSON, and its statistics.
 
-use calib_core::{Pose, Ray, Sighting, resection};
-use host_sim::record::{
+use answers::record::{
     Believed, Estimate, FORMAT, Failure, Limits, Node, Place, Radio, RecordError, Role, RunRecord,
     Stop, Target, Unit, View,
     published::{Published, exchange},
     summary::{Errors, Fit, Summary},
 };
+use calib_core::{Pose, Ray, Sighting, resection};
 use nalgebra::{Matrix3, Point2};
 
 use crate::sample::{FIRST, Sample};
@@ -33,14 +33,14 @@ fn tiny() -> RunRecord {
         sigma_heading_deg: 2.0,
         covariance: [0.25, 0.0, 0.125, 0.0625, 0.0, 4.0],
     });
-    camera.error = Some(host_sim::record::PoseError {
+    camera.error = Some(answers::record::PoseError {
         x: 0.5,
         y: -0.25,
         heading_deg: 1.0,
     });
     camera.nees = Some(2.25);
     camera.sightings = 1;
-    camera.residuals = vec![host_sim::record::Residual {
+    camera.residuals = vec![answers::record::Residual {
         target: 20,
         stop: 0,
         bearing_deg: -12.5,
@@ -205,9 +205,9 @@ fn the_statistics_are_those_of_the_thesis() {
         let errors: Vec<_> = thesis
             .nodes
             .iter()
-            .map(host_sim::record::published::PublishedNode::error)
+            .map(answers::record::published::PublishedNode::error)
             .collect();
-        let of = |get: fn(&host_sim::record::PoseError) -> f64| {
+        let of = |get: fn(&answers::record::PoseError) -> f64| {
             let values: Vec<f64> = errors.iter().map(get).collect();
             Errors::of(&values).unwrap()
         };

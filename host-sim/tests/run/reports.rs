@@ -1,15 +1,13 @@
 //! What is printed, and what is said to be done.
 
-use calib_core::{Ray, Sighting, camera::Projection, resection};
-use host_sim::{
-    export,
-    record::{
-        Failure, Node, RunRecord,
-        summary::Summary,
-        verdict::{Common, Trouble, Verdict},
-    },
-    report::run::{run_report, runs_report},
+use answers::export;
+use answers::record::{
+    Failure, Node, RunRecord,
+    summary::Summary,
+    verdict::{Common, Trouble, Verdict},
 };
+use answers::report::run::{run_report, runs_report};
+use calib_core::{Ray, Sighting, camera::Projection, resection};
 use nalgebra::Point2;
 
 use crate::{

@@ -1,14 +1,14 @@
 //! Runs as they could have been: the thesis's cameras see the target through whole-pixel columns,
 //! and their poses are solved from that.
 
+use answers::record::{
+    Believed, FORMAT, Limits, Network, Node, Place, Radio, Role, RunRecord, Stop, Target, Unit,
+    View, published::Published, summary::Summary,
+};
 use calib_core::{
     Pose, Ray, Refusal, Sighting,
     camera::{Camera, Projection},
     resection,
-};
-use host_sim::record::{
-    Believed, FORMAT, Limits, Network, Node, Place, Radio, Role, RunRecord, Stop, Target, Unit,
-    View, published::Published, summary::Summary,
 };
 use nalgebra::{Matrix3, Point2};
 use rand::RngExt;

@@ -2,10 +2,8 @@
 
 use std::collections::BTreeMap;
 
-use host_sim::{
-    record::sweep::{Group, Quantity, Sweep, SweepReport},
-    report::sweep::sweep_report,
-};
+use answers::record::sweep::{Group, Quantity, Sweep, SweepReport};
+use answers::report::sweep::sweep_report;
 
 use crate::sample::Sample;
 
@@ -58,7 +56,7 @@ fn shares_within_sigmas_are_about_what_is_foretold() {
         let row = report.find(Group::Cameras, quantity).unwrap();
         assert_eq!(row.calibrated, 660);
         let shares = [row.within_1, row.within_2, row.within_3].map(Option::unwrap);
-        for (share, foretold) in shares.iter().zip(host_sim::accuracy::GAUSSIAN) {
+        for (share, foretold) in shares.iter().zip(answers::accuracy::GAUSSIAN) {
             assert!((share - foretold).abs() < 0.08, "{quantity:?} {shares:?}");
         }
     }

@@ -17,9 +17,9 @@ use board_support::{
     flash::MPS2_AN386_CONFIG,
     panel::{Deframer, FRAME_MAX, FromNode, ToNode, frame},
 };
+use cmucam2_emulator::{Configuration, Emulator, Extent, Note, Scene, Shape, Time};
 use embassy_futures::select::{Either, select};
 use embedded_io_async::{Read, Write};
-use host_sim::camera::{Configuration, Emulator, Extent, Note, Scene, Shape, Time};
 use node_firmware::{
     config::{
         Config,

@@ -12,9 +12,9 @@ mod support;
 use std::{cell::Cell, env, future::Future, time::Duration};
 
 use calib_core::dead_reckoning::{Place, PlaceParts, Systematic};
+use cmucam2_emulator::Note;
 use embassy_futures::select::{Either, Either4, select, select4};
 use embedded_storage_async::nor_flash::NorFlash;
-use host_sim::camera::Note;
 use machine::{Camera, Console, Machine, Panel, bridge};
 use nalgebra::{Point2, Vector2};
 use node_firmware::{

@@ -12,7 +12,7 @@ use board_support::flash::MPS2_AN386_CONFIG;
 use node_firmware::config::page::{self, PAGE_MAX};
 
 use super::{Board, EMULATOR, EmulatorError};
-use crate::sim::executor::{Clock, Time};
+use virtual_bench::executor::{Clock, Time};
 
 /// The board's flash, a file in its directory.
 pub(super) const FLASH: &str = "flash.bin";

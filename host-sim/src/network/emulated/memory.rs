@@ -6,7 +6,7 @@ use embassy_futures::block_on;
 use embedded_storage_async::nor_flash::NorFlash as _;
 use node_firmware::memory::{Fact, Memory};
 
-use crate::sim::{
+use virtual_bench::{
     executor::Clock,
     flash::{Flash, PAGE},
     random::Root,

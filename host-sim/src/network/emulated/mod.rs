@@ -37,7 +37,7 @@ use node_firmware::{config::Config, memory::Fact};
 pub use self::error::EmulatorError;
 use self::{files::Folder, heard::Heard, machine::Machine};
 use super::node::Panel;
-use crate::sim::{
+use virtual_bench::{
     co_processor::CoProcessor,
     executor::{Clock, Time},
     medium::{Medium, NodeId},

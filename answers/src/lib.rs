@@ -1,0 +1,24 @@
+//! What a calibration came to.
+//!
+//! The same answers for recorded sightings, a rehearsed network and a real one: poses with their
+//! status, how well sightings fit them, a verdict with the next stop, records, drawings and exports.
+//!
+//! | module | job |
+//! |---|---|
+//! | [`recorded`] | Reads sightings, true poses and stops from CSV files. |
+//! | [`answer`] | Gives every recorded case one answer. |
+//! | [`accuracy`] | Compares answers with the truth: error quantiles, and how honest the sigmas are. |
+//! | [`record`] | What one run of a network came to: its data, statistics, verdict; many runs together. |
+//! | [`report`] | Prints answers and runs as tables or as JSON. |
+//! | [`export`] | Writes the poses of a run for other programs: CSV, YAML, ROS 2. |
+//! | [`plot`] | Draws answers and runs. |
+
+#![forbid(unsafe_code)]
+
+pub mod accuracy;
+pub mod answer;
+pub mod export;
+pub mod plot;
+pub mod record;
+pub mod recorded;
+pub mod report;

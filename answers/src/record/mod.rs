@@ -1,0 +1,645 @@
+//! The record of one finished run: everything its reports, maps and exports are made of.
+//!
+//! A record is JSON, and its names and their meaning are an interface. Lengths are in the
+//! scenario's [`unit`](RunRecord::unit), angles in degrees (headings in `[0, 360)`), times in
+//! seconds since the start of the run. What is not known is `null`. A reader refuses a
+//! [`format`](RunRecord::format) that it does not know.
+//!
+//! Places and headings, true ones too, are in the frame of their node's or target's
+//! [`network`](Node::network): its origin is the first reference, its x axis points to the second
+//! one. Each of the [`networks`](RunRecord::networks) tells where its frame really is.
+//!
+//! Two runs of one scenario and seed give the same record, byte for byte. The time the computer
+//! took is the one exception, so [`wall_seconds`](RunRecord::wall_seconds) is `null` unless it was
+//! asked for.
+
+use std::collections::BTreeSet;
+
+use calib_core::{Pose, Refusal, Sighting, angle};
+use nalgebra::{Isometry2, Matrix3, Point2, Vector2};
+use serde::{Deserialize, Serialize};
+
+pub mod difference;
+mod next_stop;
+pub mod published;
+pub mod summary;
+pub mod sweep;
+pub mod verdict;
+
+use summary::{Fit, Summary};
+
+/// The format that this library writes, and the only one that it reads.
+pub const FORMAT: u32 = 3;
+
+/// One finished run.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct RunRecord {
+    /// [`FORMAT`]
+    pub format: u32,
+    /// Name of the scenario.
+    pub scenario: String,
+    /// Which of the ways that are planned for its targets, from 1.
+    pub path: Option<u32>,
+    /// The root of all randomness of the run.
+    pub seed: u64,
+    /// The unit of lengths.
+    pub unit: Unit,
+    /// Predicted sigmas above these make a camera weak.
+    pub limits: Limits,
+    /// The networks by ascending number.
+    pub networks: Vec<Network>,
+    /// Coordinator, cameras and targets by ascending number.
+    pub nodes: Vec<Node>,
+    /// Where the targets went.
+    pub targets: Vec<Target>,
+    /// What hides targets from cameras: closed outlines, `[x, y]` a corner. In the frame of the
+    /// first network.
+    pub obstacles: Vec<Vec<[f64; 2]>>,
+    /// Statistics over the cameras, always those of `nodes`.
+    pub summary: Summary,
+    /// What was on the air.
+    pub radio: Radio,
+    /// How long the run took the simulated nodes.
+    pub sim_seconds: f64,
+    /// How long it took the computer; `null` unless asked for, since it is never twice the same.
+    pub wall_seconds: Option<f64>,
+}
+
+/// One network.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Network {
+    /// Its number, from 1.
+    pub network: u16,
+    /// Where the origin of its frame really is in the frame of the first network, and the direction
+    /// of its x axis.
+    pub frame: Place,
+}
+
+/// The unit of lengths.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Unit {
+    /// For headings and axes.
+    pub name: String,
+    /// How long it is; 1 where a scenario does not say.
+    pub metres: f64,
+}
+
+/// The largest predicted sigmas of a camera that needs no further stop.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Limits {
+    /// Of [`Estimate::sigma_position`].
+    pub sigma_position: f64,
+    /// Of the heading.
+    pub sigma_heading_deg: f64,
+}
+
+/// What a node is.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Role {
+    /// Forms the network and collects poses.
+    Coordinator,
+    /// Has a camera.
+    Camera,
+    /// Is carried about and seen.
+    Target,
+}
+
+/// One node.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Node {
+    /// Its number.
+    pub id: u16,
+    /// Of which network.
+    pub network: u16,
+    /// What it is.
+    pub role: Role,
+    /// Whether it is one of the two cameras whose places are given or define the frame.
+    pub reference: bool,
+    /// Whether the scenario means it to be calibrated.
+    pub expected: bool,
+    /// Where it really is; cameras only.
+    pub truth: Option<Place>,
+    /// What it sees; cameras only.
+    pub view: Option<View>,
+    /// Where it says it is.
+    pub estimate: Option<Estimate>,
+    /// Estimate minus truth.
+    pub error: Option<PoseError>,
+    /// The squared error in units of the predicted covariance: 3 on average where predictions are
+    /// right. `null` where part of the pose was given, since that part has no covariance.
+    pub nees: Option<f64>,
+    /// How many sightings it counted.
+    pub sightings: usize,
+    /// Each of them against the estimate.
+    pub residuals: Vec<Residual>,
+    /// Why it has no pose.
+    pub refusal: Option<Refusal>,
+    /// When it had its first pose.
+    pub calibrated_seconds: Option<f64>,
+    /// What kept its firmware from going on, each time. It was then started again.
+    pub failures: Vec<Failure>,
+    /// Application messages it sent, each counted once, before encryption; `null` of a node on an
+    /// emulated board, whose messages nobody sees before encryption.
+    pub payload_bytes: Option<u64>,
+    /// Everything it sent, acknowledgements, retries and joining included, from preamble to check
+    /// sequence.
+    pub bytes_sent: u64,
+    /// As `bytes_sent`, in frames.
+    pub frames_sent: u64,
+}
+
+/// Why firmware could not go on.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Failure {
+    /// When.
+    pub seconds: f64,
+    /// In words.
+    pub why: String,
+}
+
+/// Where a camera, or the frame of a network, really is.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Place {
+    /// Its centre, or origin.
+    pub x: f64,
+    /// Its centre, or origin.
+    pub y: f64,
+    /// Direction of the optical axis, or of the x axis.
+    pub heading_deg: f64,
+}
+
+/// What a camera sees.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct View {
+    /// Full angle, the optical axis in its middle.
+    pub fov_deg: f64,
+    /// Farthest distance.
+    pub range: f64,
+}
+
+/// A pose with its predicted uncertainty.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Estimate {
+    /// Its centre.
+    pub x: f64,
+    /// Its centre.
+    pub y: f64,
+    /// Direction of the optical axis.
+    pub heading_deg: f64,
+    /// Predicted standard deviation; 0 where `x` was given.
+    pub sigma_x: f64,
+    /// Predicted standard deviation; 0 where `y` was given.
+    pub sigma_y: f64,
+    /// Predicted standard deviation.
+    pub sigma_heading_deg: f64,
+    /// Upper triangle of the covariance of `(x, y, heading)`, by rows: xx, xy, xt, yy, yt, tt.
+    /// Headings in degrees here too.
+    pub covariance: [f64; 6],
+}
+
+/// Estimate minus truth.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct PoseError {
+    /// Signed.
+    pub x: f64,
+    /// Signed.
+    pub y: f64,
+    /// Signed, in `[-180, 180)`.
+    pub heading_deg: f64,
+}
+
+/// One sighting, and how well it fits.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Residual {
+    /// Of which target.
+    pub target: u16,
+    /// At which of its stops.
+    pub stop: u32,
+    /// Where it was seen, positive to the left of the optical axis.
+    pub bearing_deg: f64,
+    /// Bearing foretold by the estimate minus the one seen; `null` without an estimate.
+    pub residual_deg: Option<f64>,
+    /// The same over its standard deviation, the target's share included.
+    pub normalised: Option<f64>,
+}
+
+/// Where a target went.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Target {
+    /// Number of its node.
+    pub id: u16,
+    /// Of which network.
+    pub network: u16,
+    /// The places of its stops, `[x, y]` each, in their order.
+    pub path: Vec<[f64; 2]>,
+    /// Where it stood.
+    pub stops: Vec<Stop>,
+}
+
+/// One stop of a target.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Stop {
+    /// Its number.
+    pub stop: u32,
+    /// When it began.
+    pub seconds: f64,
+    /// Where it really was.
+    pub x: f64,
+    /// Where it really was.
+    pub y: f64,
+    /// Where the target thought it was in the end; `null` if it never knew.
+    pub believed: Option<Believed>,
+}
+
+/// A place with its predicted uncertainty.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Believed {
+    /// Place.
+    pub x: f64,
+    /// Place.
+    pub y: f64,
+    /// Predicted standard deviation.
+    pub sigma_x: f64,
+    /// Predicted standard deviation.
+    pub sigma_y: f64,
+}
+
+/// What was on the air.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct Radio {
+    /// Frames sent by anybody, acknowledgements included.
+    pub frames: u64,
+    /// Bytes sent by anybody, from preamble to check sequence.
+    pub bytes: u64,
+    /// Receptions that failed, by reason.
+    pub drops: std::collections::BTreeMap<String, u64>,
+    /// How long all frames took together, in terms of the run's time: above 1 where many send at
+    /// once, as on several channels.
+    pub airtime_share: f64,
+}
+
+impl Place {
+    /// Its centre.
+    pub fn position(&self) -> Point2<f64> {
+        Point2::new(self.x, self.y)
+    }
+
+    /// The pose, exact.
+    fn pose(&self) -> Pose<f64> {
+        Pose {
+            position: self.position(),
+            heading: angle::wrap_positive(self.heading_deg.to_radians()),
+            covariance: Matrix3::zeros(),
+        }
+    }
+}
+
+/// Degrees in `[0, 360)` of radians in `[0, 2 pi)`, whose product may round up to a whole turn.
+pub fn heading_degrees(radians: f64) -> f64 {
+    let degrees = radians.to_degrees();
+    if degrees < 360.0 { degrees } else { 0.0 }
+}
+
+impl Estimate {
+    /// The estimate as it stands in a record; `None` if a number is not finite.
+    pub fn new(pose: &Pose<f64>) -> Option<Self> {
+        let per_radian = 1_f64.to_degrees();
+        let c = &pose.covariance;
+        let estimate = Self {
+            x: pose.position.x,
+            y: pose.position.y,
+            heading_deg: heading_degrees(pose.heading),
+            sigma_x: pose.sigma_x(),
+            sigma_y: pose.sigma_y(),
+            sigma_heading_deg: pose.sigma_heading().to_degrees(),
+            covariance: [
+                c.m11,
+                c.m12,
+                c.m13 * per_radian,
+                c.m22,
+                c.m23 * per_radian,
+                c.m33 * per_radian * per_radian,
+            ],
+        };
+        let place = estimate.x + estimate.y + estimate.heading_deg;
+        let all = place + estimate.covariance.iter().sum::<f64>();
+        all.is_finite().then_some(estimate)
+    }
+
+    /// The pose in radians.
+    pub fn pose(&self) -> Pose<f64> {
+        let per_degree = 1_f64.to_radians();
+        let [xx, xy, xt, yy, yt, tt] = self.covariance;
+        let (xt, yt, tt) = (
+            xt * per_degree,
+            yt * per_degree,
+            tt * per_degree * per_degree,
+        );
+        Pose {
+            position: Point2::new(self.x, self.y),
+            heading: angle::wrap_positive(self.heading_deg.to_radians()),
+            covariance: Matrix3::new(xx, xy, xt, xy, yy, yt, xt, yt, tt),
+        }
+    }
+
+    /// See [`Pose::sigma_position`].
+    pub fn sigma_position(&self) -> f64 {
+        self.sigma_x.hypot(self.sigma_y)
+    }
+
+    /// Whether a predicted sigma is above its limit.
+    pub fn is_weak(&self, limits: &Limits) -> bool {
+        self.sigma_position() > limits.sigma_position
+            || self.sigma_heading_deg > limits.sigma_heading_deg
+    }
+}
+
+impl Node {
+    /// A node of the first network of which nothing is known yet.
+    pub fn new(id: u16, role: Role) -> Self {
+        Self {
+            id,
+            network: 1,
+            role,
+            reference: false,
+            expected: false,
+            truth: None,
+            view: None,
+            estimate: None,
+            error: None,
+            nees: None,
+            sightings: 0,
+            residuals: Vec::new(),
+            refusal: None,
+            calibrated_seconds: None,
+            failures: Vec::new(),
+            payload_bytes: None,
+            bytes_sent: 0,
+            frames_sent: 0,
+        }
+    }
+
+    /// Takes a pose over and compares it with the truth.
+    pub fn set_pose(&mut self, pose: &Pose<f64>) {
+        self.estimate = Estimate::new(pose);
+        (self.error, self.nees) = match (&self.estimate, &self.truth) {
+            (Some(estimate), Some(truth)) => {
+                let true_heading = truth.heading_deg.to_radians();
+                let error = PoseError {
+                    x: estimate.x - truth.x,
+                    y: estimate.y - truth.y,
+                    heading_deg: angle::wrap_signed(pose.heading - true_heading).to_degrees(),
+                };
+                let nees = pose.normalised_error(truth.position(), true_heading);
+                (Some(error), nees.filter(|nees| nees.is_finite()))
+            }
+            _ => (None, None),
+        };
+    }
+
+    /// Takes sightings over, each with the number of its target and stop, and compares them with
+    /// the estimate; so [`set_pose`](Self::set_pose) first.
+    pub fn set_sightings<'a>(
+        &mut self,
+        sightings: impl IntoIterator<Item = (u16, u32, &'a Sighting<f64>)>,
+    ) {
+        let pose = self.estimate.map(|estimate| estimate.pose());
+        let residuals = sightings.into_iter().map(|(target, stop, sighting)| {
+            let off = pose.map(|pose| residual(&pose, sighting));
+            Residual {
+                target,
+                stop,
+                bearing_deg: sighting.ray.bearing().to_degrees(),
+                residual_deg: off.map(|(residual, _)| residual.to_degrees()),
+                normalised: off.map(|(residual, sigma)| residual / sigma),
+            }
+        });
+        self.residuals = residuals.collect();
+        self.sightings = self.residuals.len();
+    }
+
+    /// Tells its places in another frame, in which its own one is here.
+    fn move_by(&mut self, frame: &Isometry2<f64>) {
+        let turned = frame.rotation.angle();
+        if let Some(truth) = &mut self.truth {
+            let place = frame * truth.position();
+            let heading = truth.heading_deg.to_radians() + turned;
+            *truth = Place {
+                x: place.x,
+                y: place.y,
+                heading_deg: heading_degrees(angle::wrap_positive(heading)),
+            };
+        }
+        if let Some(estimate) = self.estimate {
+            let pose = estimate.pose();
+            let turn = frame.rotation.to_rotation_matrix().to_homogeneous();
+            self.set_pose(&Pose {
+                position: frame * pose.position,
+                heading: angle::wrap_positive(pose.heading + turned),
+                covariance: turn * pose.covariance * turn.transpose(),
+            });
+        }
+    }
+
+    /// Whether it was never part of a network: it had nobody to say anything to. Not known of a node
+    /// whose messages nobody saw.
+    pub fn never_joined(&self) -> bool {
+        self.payload_bytes == Some(0) && self.estimate.is_none()
+    }
+
+    /// How many times too large the residuals of a pose are that is not to be believed: they are more
+    /// than chance explains, and the pose is weak by its own account. One without the other is no
+    /// reason: a camera leaves out a sighting that all others contradict, and a weak pose may be right.
+    pub fn contradicted(&self, limits: &Limits) -> Option<f64> {
+        self.estimate.filter(|estimate| estimate.is_weak(limits))?;
+        let fit = Fit::of(self);
+        fit.ratio().filter(|_| fit.is_bad())
+    }
+
+    /// Whether it has a camera.
+    pub fn is_camera(&self) -> bool {
+        self.role == Role::Camera
+    }
+}
+
+/// A sighting's residual and its standard deviation, radians, as the [least
+/// squares](calib_core::resection) see them.
+fn residual(pose: &Pose<f64>, sighting: &Sighting<f64>) -> (f64, f64) {
+    let to_target = sighting.target - pose.position;
+    let range = to_target.norm();
+    let foretold = to_target.y.atan2(to_target.x) - pose.heading;
+    let across = nalgebra::Vector2::new(-to_target.y, to_target.x) / range;
+    let sideways = across.dot(&(sighting.target_covariance * across)).max(0.0) / (range * range);
+    let own = sighting.bearing_sigma * sighting.bearing_sigma;
+    (
+        angle::wrap_signed(foretold - sighting.ray.bearing()),
+        (own + sideways).sqrt(),
+    )
+}
+
+/// Why a record cannot be read.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+pub enum RecordError {
+    /// Not the JSON of a record.
+    #[error("it is not the record of a run: {0}")]
+    Json(#[from] serde_json::Error),
+    /// A record of another version.
+    #[error("it has format {0}, and only format {FORMAT} can be read: make the run again")]
+    Format(u32),
+    /// Two nodes, targets or networks with one number, which runs do not have.
+    #[error("it has {0} twice")]
+    Twice(String),
+    /// A node or a target of a network that is not there.
+    #[error("{0} is of network {1}, which is not there")]
+    NoNetwork(String, u16),
+    /// Nothing that could be calibrated.
+    #[error("it has no cameras")]
+    NoCameras,
+}
+
+impl RunRecord {
+    /// The record as JSON, ending with a line feed. With `wall_time` also the time it took.
+    ///
+    /// # Errors
+    /// Those of the JSON writer, which a record does not give cause for.
+    pub fn to_json(&self, wall_time: bool) -> Result<String, serde_json::Error> {
+        let mut text = if wall_time || self.wall_seconds.is_none() {
+            serde_json::to_string_pretty(self)?
+        } else {
+            serde_json::to_string_pretty(&Self {
+                wall_seconds: None,
+                ..self.clone()
+            })?
+        };
+        text.push('\n');
+        Ok(text)
+    }
+
+    /// Reads what [`to_json`](Self::to_json) wrote. The summary is made anew: whatever stands there,
+    /// nobody is told anything else than what the nodes say.
+    ///
+    /// # Errors
+    /// [`RecordError`]
+    pub fn from_json(text: &str) -> Result<Self, RecordError> {
+        #[derive(Deserialize)]
+        struct Version {
+            format: u32,
+        }
+        let Version { format } = serde_json::from_str(text)?;
+        if format != FORMAT {
+            return Err(RecordError::Format(format));
+        }
+        let mut record: Self = serde_json::from_str(text)?;
+        record.check()?;
+        record.summary = Summary::of(&record.nodes);
+        Ok(record)
+    }
+
+    /// What else a record relies on.
+    fn check(&self) -> Result<(), RecordError> {
+        let networks = self.networks.iter().map(|n| ("network", n.network));
+        let nodes = self.nodes.iter().map(|n| ("node", n.id));
+        let targets = self.targets.iter().map(|t| ("target", t.id));
+        let mut seen = BTreeSet::new();
+        for (what, id) in networks.chain(nodes).chain(targets) {
+            if !seen.insert((what, id)) {
+                return Err(RecordError::Twice(format!("{what} {id}")));
+            }
+        }
+        let nodes = self.nodes.iter().map(|n| ("node", n.id, n.network));
+        let targets = self.targets.iter().map(|t| ("target", t.id, t.network));
+        for (what, id, network) in nodes.chain(targets) {
+            if !seen.contains(&("network", network)) {
+                return Err(RecordError::NoNetwork(format!("{what} {id}"), network));
+            }
+        }
+        match self.cameras().next() {
+            Some(_) => Ok(()),
+            None => Err(RecordError::NoCameras),
+        }
+    }
+
+    /// The cameras, by ascending number.
+    pub fn cameras(&self) -> impl Iterator<Item = &Node> {
+        self.nodes.iter().filter(|node| node.is_camera())
+    }
+
+    /// Whether there are several networks, each with a frame of its own.
+    pub fn has_networks(&self) -> bool {
+        self.networks.len() > 1
+    }
+
+    /// Where the frame of a network is in that of the first one.
+    pub(crate) fn frame(&self, network: u16) -> Isometry2<f64> {
+        let mut networks = self.networks.iter();
+        let own = networks.find(|own| own.network == network);
+        own.map_or_else(Isometry2::identity, |own| {
+            let Place { x, y, heading_deg } = own.frame;
+            Isometry2::new(Vector2::new(x, y), heading_deg.to_radians())
+        })
+    }
+
+    /// The same run with the places of all networks in the frame of the first one, each network
+    /// standing where it really does. How sure targets were of their places stays told along the axes
+    /// of their own network's frame.
+    pub fn in_one_frame(&self) -> Self {
+        let mut record = self.clone();
+        for own in &mut record.networks {
+            own.frame = Place {
+                x: 0.0,
+                y: 0.0,
+                heading_deg: 0.0,
+            };
+        }
+        for node in &mut record.nodes {
+            node.move_by(&self.frame(node.network));
+        }
+        for target in &mut record.targets {
+            let frame = self.frame(target.network);
+            for place in &mut target.path {
+                *place = (frame * Point2::from(*place)).into();
+            }
+            for stop in &mut target.stops {
+                let truth = frame * Point2::new(stop.x, stop.y);
+                (stop.x, stop.y) = (truth.x, truth.y);
+                if let Some(believed) = &mut stop.believed {
+                    let place = frame * Point2::new(believed.x, believed.y);
+                    (believed.x, believed.y) = (place.x, place.y);
+                }
+            }
+        }
+        record
+    }
+
+    /// The outlines of the obstacles in the frame of a network.
+    fn obstacles_of(&self, network: u16) -> Vec<Vec<Point2<f64>>> {
+        let frame = self.frame(network).inverse();
+        let outlines = self.obstacles.iter();
+        outlines
+            .map(|outline| {
+                let corners = outline.iter().map(|&[x, y]| frame * Point2::new(x, y));
+                corners.collect()
+            })
+            .collect()
+    }
+
+    /// The scenario with its path and seed, for headings.
+    pub fn title(&self) -> String {
+        format!("{}, seed {}", name(&self.scenario, self.path), self.seed)
+    }
+
+    /// The stop that a residual is of.
+    fn stop(&self, residual: &Residual) -> Option<&Stop> {
+        let mut targets = self.targets.iter();
+        let target = targets.find(|target| target.id == residual.target)?;
+        target.stops.iter().find(|stop| stop.stop == residual.stop)
+    }
+}
+
+/// A scenario with its path.
+fn name(scenario: &str, path: Option<u32>) -> String {
+    let path = path.map(|path| format!(", path {path}"));
+    format!("{scenario}{}", path.unwrap_or_default())
+}

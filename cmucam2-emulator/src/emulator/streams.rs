@@ -1,0 +1,279 @@
+//! Packets and frames, one after the other.
+
+use cmucam2_driver::{
+    colour::{Channel, ColourBounds},
+    command::{StatisticsLines, TrackingLines},
+    packet::{Packet, PacketKind},
+    servo::{ServoAxis, ServoPosition},
+};
+
+use super::{Activity, Dump, Emulator, Note, Source, Stream, Time};
+use crate::{
+    blob::{self, Blob},
+    differencing::Grid,
+    frame_dump,
+    modes::ServoPin,
+    statistics::Levels,
+    view::Snapshot,
+};
+
+/// The most frames a second of frame differencing.
+const DIFFERENCES_PER_SECOND: u64 = 26;
+const SECOND: Time = 1_000_000_000;
+/// How far `TW` goes to either side of the mean.
+const LEARN_MARGIN: u8 = 30;
+
+impl Emulator {
+    /// How long one frame takes.
+    fn frame_time(&self, source: Source) -> Time {
+        let time = self.modes.frame_time(self.switches());
+        match source {
+            Source::Difference(_) => time.max(SECOND / DIFFERENCES_PER_SECOND),
+            Source::Colour | Source::Mean | Source::Histogram(_) => time,
+        }
+    }
+
+    /// When the first frame is complete that is not over before this time.
+    pub(super) fn next_frame_from(&self, source: Source, from: Time) -> Time {
+        let time = self.frame_time(source);
+        from.div_ceil(time) * time
+    }
+
+    /// The frame is complete: its packet, if there is one.
+    pub(super) fn next_packet(&mut self, mut stream: Stream) {
+        let now = stream.next_at;
+        self.answer_at = now;
+        let snapshot = self.capture(now);
+        if stream.learn {
+            stream.learn = false;
+            self.learn(&snapshot);
+        }
+        let packet = match stream.source {
+            Source::Colour => self.track(&snapshot),
+            Source::Difference(threshold) => self.compare(&snapshot, threshold),
+            Source::Mean => self.measure(&snapshot),
+            Source::Histogram(channel) => self.count(&snapshot, channel),
+        };
+        let lost = matches!(packet, Packet::Tracking(tracking) if tracking.is_lost());
+        let first_counts = self.switches().filter_first == 1;
+        let skip = lost && stream.lost.unwrap_or(!first_counts);
+        if !(self.modes.packet_filter && skip) {
+            for row in self.rows_before(stream.source, &snapshot) {
+                self.say(&row);
+            }
+            self.send_packet(packet);
+        }
+        if self.breaks_down(now, self.wire.free_at().max(now)) {
+            return;
+        }
+        if packet.is_of(PacketKind::Tracking) {
+            stream.lost = Some(lost);
+        }
+        if stream.single {
+            self.activity = Activity::Command;
+            return self.prompt();
+        }
+        let skipped = u64::from(self.modes.packet_skip) * self.frame_time(stream.source);
+        stream.next_at =
+            self.next_frame_from(stream.source, (now + skipped + 1).max(self.wire.free_at()));
+        self.activity = Activity::Stream(stream);
+    }
+
+    fn send_packet(&mut self, packet: Packet) {
+        let other = !matches!(packet, Packet::Tracking(_));
+        let raw =
+            self.modes.raw.output() && !(other && self.configuration.switches.raw_packets == 0);
+        let line = if raw { packet.raw() } else { packet.line() };
+        let mut bytes = line.as_bytes();
+        if self.faults.cut.strikes() {
+            self.note(|| Note::Fault("cut"));
+            bytes = &bytes[..self.faults.cut.pick(bytes.len() as u64) as usize];
+        }
+        self.say(bytes);
+        let end = self.wire.free_at();
+        self.note(|| Note::Packet { packet, end });
+    }
+
+    /// Binary rows of a line mode.
+    fn rows_before(&self, source: Source, snapshot: &Snapshot) -> Vec<Vec<u8>> {
+        let region = self.modes.region(self.switches());
+        let view = || self.view(snapshot);
+        match (
+            source,
+            self.modes.tracking_lines,
+            self.modes.statistics_lines,
+        ) {
+            (Source::Colour, TrackingLines::Bitmap, _) => {
+                frame_dump::bitmap(&view(), region, &self.filter())
+            }
+            (Source::Colour, TrackingLines::Rows, _) => {
+                let ((left, _), origin) = (self.corner(), self.switches().origin);
+                frame_dump::rows(&view(), region, &self.filter(), left, origin)
+            }
+            (Source::Mean, _, StatisticsLines::Means) => frame_dump::means(&view(), region, false),
+            (Source::Mean, _, StatisticsLines::MeansAndDeviations) => {
+                frame_dump::means(&view(), region, true)
+            }
+            _ => Vec::new(),
+        }
+    }
+
+    /// The column and row from which coordinates count.
+    fn corner(&self) -> (u8, u8) {
+        let switches = self.switches();
+        if switches.window_relative == 0 {
+            return (0, 0);
+        }
+        let region = self.modes.region(switches);
+        (region.x1, region.y1)
+    }
+
+    fn learn(&mut self, snapshot: &Snapshot) {
+        let middle = self.modes.region(self.switches()).middle();
+        let statistics = Levels::of(&self.view(snapshot), middle).statistics();
+        if let Some(mean) = statistics.mean() {
+            self.learned(ColourBounds::around(mean, LEARN_MARGIN));
+        }
+        if self.switches().window_mean == 1 {
+            let packet = Packet::Statistics(statistics.masked(self.modes.statistics_mask));
+            self.send_packet(packet);
+        }
+    }
+
+    fn track(&mut self, snapshot: &Snapshot) -> Packet {
+        let region = self.modes.region(self.switches());
+        let view = self.view(snapshot);
+        let blob = Blob::of(&view, region, &self.filter());
+        let frame = view.frame();
+        let pixels = blob::pixels(blob.count());
+        let tracking = blob.packet(self.corner(), self.switches().origin, pixels);
+        let mask = self.modes.servo_mask;
+        let pan = mask.reports_pan().then(|| self.modes.servo_value(0));
+        let tilt = mask.reports_tilt().then(|| self.modes.servo_value(1));
+        if let Some((x, y)) = blob.middle() {
+            let parameters = self.modes.servo_parameters;
+            if mask.controls_pan() {
+                self.follow(0, parameters.pan, i16::from(x) - i16::from(frame.width / 2));
+            }
+            if mask.controls_tilt() {
+                self.follow(
+                    1,
+                    parameters.tilt,
+                    i16::from(frame.height / 2) - i16::from(y),
+                );
+            }
+        }
+        Packet::Tracking(tracking.masked(self.modes.tracking_mask, pan, tilt))
+    }
+
+    /// Turns a servo towards a target that is so many pixels off.
+    fn follow(&mut self, servo: usize, axis: ServoAxis, off: i16) {
+        let ServoPin::Position(position) = self.modes.servos[servo] else {
+            return;
+        };
+        let step = match off.unsigned_abs() {
+            far if far > u16::from(axis.far) => axis.step,
+            near if near > u16::from(axis.near) => axis.step / 2,
+            _ => 0,
+        };
+        let next = if off > 0 {
+            position.get().saturating_add(step)
+        } else {
+            position.get().saturating_sub(step)
+        };
+        // At the end of its travel it stays.
+        if let Ok(next) = ServoPosition::new(next) {
+            self.modes.servos[servo] = ServoPin::Position(next);
+        }
+    }
+
+    fn compare(&mut self, snapshot: &Snapshot, threshold: u8) -> Packet {
+        let region = self.modes.region(self.switches());
+        let channel = self.modes.difference_channel;
+        let now = Grid::of(&self.view(snapshot), region, channel, self.modes.fine_grid);
+        let blob = now.blob(&self.reference, &self.masked, threshold);
+        let pixels = if self.switches().difference_pixels == 1 {
+            blob::pixels(blob.count())
+        } else {
+            u8::try_from(blob.count()).unwrap_or(u8::MAX)
+        };
+        let tracking = blob.packet((0, 0), self.switches().origin, pixels);
+        Packet::Tracking(tracking.masked(self.modes.tracking_mask, None, None))
+    }
+
+    fn measure(&self, snapshot: &Snapshot) -> Packet {
+        let region = self.modes.region(self.switches());
+        let statistics = Levels::of(&self.view(snapshot), region).statistics();
+        Packet::Statistics(statistics.masked(self.modes.statistics_mask))
+    }
+
+    fn count(&self, snapshot: &Snapshot, channel: Channel) -> Packet {
+        let region = self.modes.region(self.switches());
+        let view = self.view(snapshot);
+        let levels = if self.modes.histogram_tracked {
+            Levels::of_tracked(&view, region, &self.filter())
+        } else {
+            Levels::of(&view, region)
+        };
+        let (bins, scale) = (self.modes.histogram_bins, self.modes.histogram_scale);
+        Packet::Histogram(levels.histogram(channel, bins, scale))
+    }
+
+    pub(super) fn begin_dump(&mut self, channel: Option<Channel>, now: Time) {
+        self.acknowledge();
+        self.dump_next_frame(channel, now);
+    }
+
+    fn dump_next_frame(&mut self, channel: Option<Channel>, now: Time) {
+        let from = now.max(self.wire.free_at());
+        let next_at = self.next_frame_from(Source::Mean, from);
+        self.activity = Activity::Dump(Box::new(Dump {
+            // Taken when its time has come.
+            snapshot: Snapshot::default(),
+            channel,
+            row: None,
+            next_at,
+            stopped: false,
+        }));
+    }
+
+    /// The next row of a frame, when the one before has left.
+    pub(super) fn next_row(&mut self, now: Time) {
+        self.answer_at = now;
+        let Activity::Dump(mut dump) = std::mem::replace(&mut self.activity, Activity::Command)
+        else {
+            return;
+        };
+        let region = self.modes.region(self.switches());
+        let Some(y) = dump.row else {
+            if self.breaks_down(now, now) {
+                return;
+            }
+            dump.snapshot = self.capture(now);
+            self.say(&frame_dump::header(region));
+            dump.row = Some(region.y1);
+            dump.next_at = self.wire.free_at();
+            self.activity = Activity::Dump(dump);
+            return;
+        };
+        let lead = y > region.y1 || self.switches().first_row_mark == 1;
+        let row = frame_dump::row(&self.view(&dump.snapshot), region, y, dump.channel, lead);
+        self.say(&row);
+        if y < region.y2 {
+            dump.row = Some(y + 1);
+            dump.next_at = self.wire.free_at();
+            self.activity = Activity::Dump(dump);
+            return;
+        }
+        self.say(frame_dump::end(self.switches().last_row_mark == 1));
+        if self.modes.frame_stream && !dump.stopped {
+            return self.dump_next_frame(dump.channel, now);
+        }
+        self.prompt();
+        if dump.stopped && !self.modes.frame_stream {
+            // The carriage return has waited; it finds the camera idle.
+            self.acknowledge();
+            self.prompt();
+        }
+    }
+}

@@ -1,0 +1,84 @@
+//! A CMUcam2 that any program can talk to.
+//!
+//! [`Emulator`] is the camera at the level of bytes: what the host sends goes in with its time,
+//! what the camera sends comes out with the time at which its stop bit is over. It has no clock
+//! and no thread; `host-sim camera` runs it in real time on a pseudo-terminal, tests and
+//! simulated networks run it in virtual time. The same configuration, scene and input give the
+//! same bytes.
+//!
+//! Commands and packets are those of `cmucam2-driver`. What the camera sees is a [`Scene`], of
+//! which only those pixels are computed that a command needs. What public sources leave open is
+//! one of [`Switches`] each, and what goes wrong one of [`FaultRates`].
+//!
+//! # Example
+//! A ball is put somewhere else before each frame, as a simulated network does it.
+//! ```
+//! use cmucam2_emulator::{Configuration, Emulator, Extent, Place, Scene, Shape};
+//!
+//! let ball = Extent::centred(0.5, 0.5, 0.1, 0.1);
+//! let scene = Scene::with_object([220, 110, 40], Shape::Disc, ball);
+//! let mut camera = Emulator::new(Configuration::default(), scene);
+//! let second = 1_000_000_000;
+//! // Once it has started, a host types.
+//! for byte in *b"TC 170 240 60 180 16 100\r" {
+//!     camera.receive(byte, second);
+//! }
+//! let mut heard = Vec::new();
+//! while let Some(now) = camera.next_deadline().filter(|&now| now < 2 * second) {
+//!     if camera.next_frame() == Some(now) {
+//!         let x = 0.5 + 0.2 * (now as f64 * 1e-9).sin();
+//!         camera.scene_mut().objects[0].place = Place::At(Extent::centred(x, 0.5, 0.1, 0.1));
+//!     }
+//!     heard.extend(camera.transmit(now).map(|(_, byte)| byte));
+//! }
+//! assert!(heard.starts_with(b"CMUcam2 v1.00 c6\r:ACK\rT "));
+//! ```
+//!
+//! # Decided here, because no source tells
+//! - Registers after a reset: 18 is 40 (no automatic white balance), 19 is 33 (automatic gain).
+//!   Registers 5, 6 and 16 are 128, which leaves the picture as it is.
+//! - `SP` after a reset is 16 8 5 16 8 5.
+//! - A histogram bin is its share of the pixels in 1/256, doubled `scale` times.
+//! - `HR` and `DS` set the virtual window back to the whole frame.
+//! - A new `MD` replaces the mask of the one before; `LF` keeps it. A change of `HD` loses reference
+//!   and mask.
+//! - Bytes that come while the camera starts, wakes or fills an upload are not commands. A line
+//!   feed is ignored.
+//! - A window makes the sensor at most eight times as fast.
+//! - Raw input (`RM 4`): its format is not known; the camera obeys nothing until its power is
+//!   cycled.
+//! - A high-resolution frame shows the upper 255 of 286 rows.
+
+mod blob;
+mod differencing;
+mod emulator;
+mod faults;
+mod frame_dump;
+mod framing;
+mod lens;
+mod light;
+mod link;
+pub mod measure;
+mod modes;
+mod noise;
+mod scene;
+mod scene_file;
+mod settings;
+mod statistics;
+mod switches;
+mod tracked;
+mod view;
+mod wire;
+
+pub use emulator::{Configuration, Emulator, Note, Time};
+pub use faults::FaultRates;
+pub use lens::{Lens, Pose};
+pub use light::Light;
+pub use link::Link;
+pub use modes::{Modes, ServoPin};
+pub use scene::{Background, Extent, Form, Object, Place, Rgb, Scene, Shape, Way};
+pub use scene_file::SceneError;
+pub use settings::{Setting, SettingError};
+pub use switches::Switches;
+pub use view::Region;
+pub use wire::BAUD_RATES;

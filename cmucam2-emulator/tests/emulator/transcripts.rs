@@ -1,0 +1,422 @@
+//! What a person at a terminal reads.
+
+use cmucam2_driver::geometry::Sensor;
+use cmucam2_emulator::{Configuration, FaultRates, Switches};
+use rand::{RngExt, SeedableRng};
+use rand_chacha::ChaCha8Rng;
+
+use crate::support::{MILLISECOND, ORANGE_TC, SECOND, Terminal, orange_box};
+
+fn terminal() -> Terminal {
+    let mut terminal = Terminal::new(Configuration::default(), orange_box([30, 49], [40, 79]));
+    terminal.freeze();
+    terminal
+}
+
+#[test]
+fn the_command_line() {
+    let mut terminal = terminal();
+    for (typed, read) in [
+        ("\r", "ACK\r:"),
+        ("GV\r", "ACK\rCMUcam2 v1.00 c6\r:"),
+        ("gv\r", "ACK\rCMUcam2 v1.00 c6\r:"),
+        ("gV \r", "ACK\rCMUcam2 v1.00 c6\r:"),
+        ("\n", ""),
+        ("XY\r", "NCK\r:"),
+        ("GV 1\r", "NCK\r:"),
+        ("TC 1 2 3\r", "NCK\r:"),
+        ("TC 240 16 16 240 16 240\r", "NCK\r:"),
+        ("SV 0 300\r", "NCK\r:"),
+        ("GW\r", "ACK\r1 1 88 143\r:"),
+        ("VW 10 20 40 50\r", "ACK\r:"),
+        ("GW\r", "ACK\r10 20 40 50\r:"),
+        ("VW 10 20 200 200\r", "ACK\r:"),
+        ("GW\r", "ACK\r10 20 88 143\r:"),
+        ("VW\r", "ACK\r:"),
+        ("DS 2 3\r", "ACK\r:"),
+        ("GW\r", "ACK\r1 1 44 48\r:"),
+        ("DS 1 1\r", "ACK\r:"),
+        ("HR 1\r", "ACK\r:"),
+        ("GW\r", "ACK\r1 1 176 255\r:"),
+        ("HR 0\r", "ACK\r:"),
+        ("ST 30 60 90 120 150 180\r", "ACK\r:"),
+        ("GT\r", "ACK\r30 60 90 120 150 180\r:"),
+        ("GB\r", "ACK\r0\r:"),
+        ("GI\r", "ACK\r0\r:"),
+        ("GS 3\r", "ACK\r128\r:"),
+        ("SV 3 200\r", "ACK\r:"),
+        ("GS 3\r", "ACK\r200\r:"),
+        ("SO 3 1\r", "ACK\r:"),
+        ("GS 3\r", "ACK\r1\r:"),
+    ] {
+        assert_eq!(terminal.types(typed), read, "after {typed:?}");
+    }
+}
+
+/// The answers after a reset show that everything is back at the reference's defaults.
+#[test]
+fn a_reset_answers_with_a_banner_and_forgets_everything() {
+    let mut terminal = terminal();
+    for set in [
+        "VW 5 5 9 9\r",
+        "SV 1 60\r",
+        "OM 0 3\r",
+        "RM 1\r",
+        "PM 1\r",
+        "NF 9\r",
+    ] {
+        assert_eq!(terminal.types(set), "ACK\r:");
+    }
+    assert_eq!(terminal.types("RS\r"), "ACK\r");
+    assert_eq!(
+        terminal.types("GV\r"),
+        "",
+        "it does not listen while it starts"
+    );
+    assert_eq!(terminal.read(SECOND), b"CMUcam2 v1.00 c6\r:");
+    assert_eq!(terminal.types("GW\r"), "ACK\r1 1 88 143\r:");
+    assert_eq!(terminal.types("GS 1\r"), "ACK\r128\r:");
+    assert_eq!(terminal.types("GT\r"), "ACK\r16 240 16 240 16 240\r:");
+    terminal.freeze();
+    let stream = terminal.types(ORANGE_TC);
+    assert!(
+        stream.starts_with("ACK\rT 40 60 31 41 50 80 100 255\rT "),
+        "{stream}"
+    );
+}
+
+#[test]
+fn inputs_and_the_button_are_read() {
+    let mut terminal = terminal();
+    terminal.camera.press_button();
+    terminal.camera.set_inputs(0b1010);
+    assert_eq!(terminal.types("GB\r"), "ACK\r1\r:");
+    assert_eq!(terminal.types("GB\r"), "ACK\r0\r:");
+    assert_eq!(terminal.types("GI\r"), "ACK\r10\r:");
+}
+
+/// 50 frames a second, and a T packet of 28 bytes takes 2.4 ms: a stop within one cuts it.
+#[test]
+fn a_stop_cuts_the_packet_under_way() {
+    let packet = "T 40 60 31 41 50 80 100 255\r";
+    for (within, answer) in [(1, "T 40 60 3:"), (0, "T 40 60 31 41 50 80 100 255\r:")] {
+        let switches = Switches {
+            stop_within_packet: within,
+            ..Switches::default()
+        };
+        let mut terminal = Terminal::with_switches(switches, orange_box([30, 49], [40, 79]));
+        terminal.freeze();
+        let mut heard = String::new();
+        for byte in ORANGE_TC.bytes() {
+            terminal.camera.receive(byte, terminal.now);
+        }
+        heard += &String::from_utf8(terminal.read(25 * MILLISECOND)).unwrap();
+        assert_eq!(heard, format!("ACK\r{packet}"));
+        // The next frame, and nine bytes of its packet: the tenth has begun when the stop comes.
+        let frame = 20 * MILLISECOND;
+        let byte = SECOND / 11_520;
+        terminal.now = terminal.now.div_ceil(frame) * frame + 8 * byte + byte / 2;
+        terminal.camera.receive(b'\r', terminal.now);
+        assert_eq!(String::from_utf8(terminal.read(SECOND)).unwrap(), answer,);
+        assert_eq!(terminal.types("\r"), "ACK\r:");
+    }
+}
+
+#[test]
+fn poll_mode_sends_one_packet_for_each_command() {
+    let mut terminal = terminal();
+    assert_eq!(terminal.types("PM 1\r"), "ACK\r:");
+    assert_eq!(
+        terminal.types(ORANGE_TC),
+        "ACK\rT 40 60 31 41 50 80 100 255\r:"
+    );
+    assert_eq!(
+        terminal.types("TC\r"),
+        "ACK\rT 40 60 31 41 50 80 100 255\r:"
+    );
+    assert_eq!(terminal.types("OM 0 3\r"), "ACK\r:");
+    assert_eq!(terminal.types("TC\r"), "ACK\rT 40 60\r:");
+    assert_eq!(terminal.types("SM 12\r"), "ACK\r:");
+    assert_eq!(terminal.types("TC\r"), "ACK\rT 40 60 128 128\r:");
+    assert_eq!(terminal.types("RM 1\r"), "ACK\r:");
+    assert_eq!(terminal.bytes("TC\r"), b"ACK\r\xFFT\x28\x3C\x80\x80:");
+}
+
+/// 255 is the mark of raw packets, so it is never a number in them.
+#[test]
+fn raw_numbers_stop_at_254() {
+    let mut terminal = terminal();
+    terminal.types("PM 1\r");
+    terminal.types("RM 1\r");
+    assert_eq!(
+        terminal.bytes(ORANGE_TC),
+        b"ACK\r\xFFT\x28\x3C\x1F\x29\x32\x50\x64\xFE:"
+    );
+}
+
+#[test]
+fn replies_can_be_suppressed_and_raw_input_makes_the_camera_deaf() {
+    let mut terminal = terminal();
+    assert_eq!(terminal.types("RM 2\r"), ":");
+    assert_eq!(terminal.types("\r"), ":");
+    assert_eq!(terminal.types("XY\r"), ":");
+    assert_eq!(terminal.types("RM 4\r"), "ACK\r:");
+    assert_eq!(terminal.types("RM 0"), "");
+    terminal.camera.power_cycle(terminal.now);
+    assert_eq!(terminal.read(SECOND), b"CMUcam2 v1.00 c6\r:");
+    assert_eq!(terminal.types("GB\r"), "ACK\r0\r:");
+}
+
+/// Buffer mode holds what was seen until `RF`.
+#[test]
+fn buffer_mode_holds_a_frame() {
+    let mut terminal = terminal();
+    terminal.types("PM 1\r");
+    assert_eq!(terminal.types("BM 1\r"), "ACK\r:");
+    *terminal.camera.scene_mut() = orange_box([10, 19], [10, 29]);
+    let held = "ACK\rT 40 60 31 41 50 80 100 255\r:";
+    assert_eq!(terminal.types(ORANGE_TC), held);
+    assert_eq!(terminal.types("TC\r"), held);
+    assert_eq!(terminal.types("RF\r"), "ACK\r:");
+    assert_eq!(terminal.types("TC\r"), "ACK\rT 15 20 11 11 20 30 25 255\r:");
+    *terminal.camera.scene_mut() = orange_box([50, 59], [10, 29]);
+    assert_eq!(terminal.types("BM 0\r"), "ACK\r:");
+    assert_eq!(terminal.types("TC\r"), "ACK\rT 55 20 51 11 60 30 25 255\r:");
+}
+
+/// Under packet filter only the first empty packet is sent.
+#[test]
+fn packet_filter_and_packet_skip() {
+    let here = "T 40 60 31 41 50 80 100 255\r";
+    let lost = "T 0 0 0 0 0 0 0 0\r";
+    let mut terminal = terminal();
+    terminal.types("PF 1\r");
+    let stream = terminal.types(ORANGE_TC);
+    assert!(stream.matches(here).count() >= 4, "{stream}");
+    terminal.camera.scene_mut().objects.clear();
+    let stream = String::from_utf8(terminal.read(SECOND)).unwrap();
+    assert_eq!(stream.matches(lost).count(), 1, "{stream}");
+    assert!(stream.ends_with(lost));
+    terminal.types("\r");
+    terminal.types("PF 0\r");
+    terminal.types("PS 4\r");
+    terminal.types("TC\r");
+    let stream = String::from_utf8(terminal.read(SECOND)).unwrap();
+    assert_eq!(stream, lost.repeat(10), "every fifth of 50 frames");
+}
+
+#[test]
+fn the_frame_rate_follows_the_clock_divider_and_the_window() {
+    let mut terminal = terminal();
+    let mut rate = |set: &str, start: &str| {
+        terminal.types(set);
+        terminal.types(start);
+        let stream = terminal.read(10 * SECOND);
+        terminal.types("\r");
+        stream.iter().filter(|byte| **byte == b'T').count()
+    };
+    for (divider, frames) in [
+        (0, 50),
+        (1, 26),
+        (2, 17),
+        (3, 13),
+        (4, 11),
+        (5, 9),
+        (6, 8),
+        (7, 7),
+        (8, 6),
+        (10, 5),
+    ] {
+        let counted = rate(&format!("CR 17 {divider}\r"), ORANGE_TC);
+        assert!(counted.abs_diff(10 * frames) <= 1, "{divider}: {counted}");
+    }
+    rate("CR 17 0\r", "LF\r");
+    assert!(rate("LF\r", "FD 10\r").abs_diff(260) <= 1);
+    // Half the rows, twice the rate; the bytes of 100 packets take 0.2 s.
+    assert!(rate("VW 1 1 88 71\r", ORANGE_TC).abs_diff(1007) <= 10);
+}
+
+/// Ten bit times for each byte, and the delay of `DM`.
+#[test]
+fn every_byte_has_its_time() {
+    for baud in cmucam2_emulator::BAUD_RATES {
+        let configuration = Configuration {
+            baud,
+            host_baud: baud,
+            ..Configuration::default()
+        };
+        let mut terminal = Terminal::new(configuration, orange_box([30, 49], [40, 79]));
+        terminal.read(5 * SECOND);
+        let mut duration = |command: &str| {
+            for byte in command.bytes() {
+                terminal.camera.receive(byte, terminal.now);
+            }
+            terminal.now += 5 * SECOND;
+            let times: Vec<u64> = std::iter::from_fn(|| terminal.camera.transmit(terminal.now))
+                .map(|(at, _)| at)
+                .collect();
+            (times.len() as u64, times[times.len() - 1] - times[0])
+        };
+        let bit = SECOND / u64::from(baud);
+        let (bytes, time) = duration("GV\r");
+        assert_eq!((bytes, time), (22, 21 * 10 * bit), "at {baud}");
+        duration("DM 7\r");
+        assert_eq!(duration("GV\r").1, 21 * 17 * bit, "at {baud}");
+    }
+}
+
+/// Any byte wakes it; it listens again after about 10 ms.
+#[test]
+fn sleep() {
+    for (prompt, asleep, awake) in [(1, "ACK\r:", ""), (0, "ACK\r", ":")] {
+        for command in ["SL\r", "SD\r"] {
+            let switches = Switches {
+                sleep_prompt: prompt,
+                ..Switches::default()
+            };
+            let mut terminal = Terminal::with_switches(switches, orange_box([30, 49], [40, 79]));
+            assert_eq!(terminal.types(command), asleep);
+            terminal.camera.receive(b'\r', terminal.now);
+            terminal.now += 5 * MILLISECOND;
+            terminal.camera.receive(b'X', terminal.now);
+            assert_eq!(terminal.read(20 * MILLISECOND), awake.as_bytes());
+            assert_eq!(terminal.types("GB\r"), "ACK\r0\r:");
+        }
+    }
+}
+
+/// Bounds turned round: nobody knows.
+#[test]
+fn inverted_bounds_are_refused_or_track_nothing() {
+    let switches = Switches {
+        inverted_bounds: 1,
+        ..Switches::default()
+    };
+    let mut terminal = Terminal::with_switches(switches, orange_box([30, 49], [40, 79]));
+    terminal.types("PM 1\r");
+    assert_eq!(
+        terminal.types("TC 240 170 60 150 16 90\r"),
+        "ACK\rT 0 0 0 0 0 0 0 0\r:"
+    );
+    assert_eq!(terminal.types("ST 240 170 60 150 16 90\r"), "ACK\r:");
+    assert_eq!(terminal.types("GT\r"), "ACK\r240 170 60 150 16 90\r:");
+}
+
+#[test]
+fn learning_in_the_window_says_what_it_saw() {
+    let mut terminal = Terminal::new(Configuration::default(), orange_box([0, 87], [0, 142]));
+    terminal.freeze();
+    let stream = terminal.types("TW\r");
+    let mean = stream.split('\r').nth(1).unwrap().to_owned();
+    assert!(mean.starts_with("S ") && mean.ends_with(" 0 0 0"), "{mean}");
+    assert!(
+        stream.contains("\rT 44 72 1 1 88 143 255 255\r"),
+        "{stream}"
+    );
+    terminal.types("\r");
+    let levels: Vec<u8> = mean
+        .split(' ')
+        .skip(1)
+        .map(|n| n.parse().unwrap())
+        .collect();
+    let bounds: Vec<String> = levels[..3]
+        .iter()
+        .flat_map(|level| {
+            [
+                level.saturating_sub(30).max(16),
+                level.saturating_add(30).min(240),
+            ]
+        })
+        .map(|bound| bound.to_string())
+        .collect();
+    assert_eq!(
+        terminal.types("GT\r"),
+        format!("ACK\r{}\r:", bounds.join(" "))
+    );
+}
+
+/// Whatever is typed, a reset leads back to a camera that answers.
+#[test]
+fn no_input_breaks_it() {
+    let mut random = ChaCha8Rng::seed_from_u64(3);
+    let letters = "BMCRCTCPDCDMDSFDFSGBGHGIGMGSGTGVGWHCHDHRHTL0L1LFLMMDNFOMPDPFPMPSRFRSSDSFSLSMSOSPSTSVTCTITWUDVW";
+    for seed in 0..400 {
+        let mut faults = FaultRates::default();
+        let mut switches = Switches::default();
+        for switch in Switches::TABLE {
+            let position = random.random_range(0..=switch.greatest);
+            switches.set(switch.name, position).unwrap();
+        }
+        if seed % 2 == 1 {
+            for fault in FaultRates::TABLE {
+                faults.set(fault.name, 0.02).unwrap();
+            }
+        }
+        let sensor = [Sensor::Ov6620, Sensor::Ov7620][usize::from(seed % 3 == 2)];
+        let configuration = Configuration {
+            sensor,
+            switches,
+            faults,
+            seed,
+            watched: true,
+            ..Configuration::default()
+        };
+        let mut terminal = Terminal::new(configuration, orange_box([80, 95], [130, 150]));
+        for _ in 0..60 {
+            let place = random.random_range(0..letters.len() / 2) * 2;
+            let mut line = letters[place..place + 2].to_owned();
+            for _ in 0..random.random_range(0..7) {
+                let number = match random.random_range(0..4) {
+                    0 => random.random_range(0..2),
+                    1 => random.random_range(16..=240),
+                    _ => random.random_range(0..=255),
+                };
+                line += &format!(" {number}");
+            }
+            line.push('\r');
+            terminal.bytes(&line);
+            if random.random_bool(0.1) {
+                for _ in 0..20 {
+                    let byte: u8 = random.random_range(0..=255);
+                    terminal.camera.receive(byte, terminal.now);
+                }
+            }
+            if random.random_bool(0.5) {
+                terminal.bytes("\r");
+            }
+        }
+        terminal.camera.set_faults(&FaultRates::default());
+        terminal.camera.power_cycle(terminal.now);
+        terminal.read(SECOND);
+        assert!(terminal.types("GV\r").starts_with("ACK\rCMUcam2 v1.0"));
+    }
+}
+
+#[test]
+fn the_same_seed_and_commands_give_the_same_bytes() {
+    let run = |seed: u64| {
+        let mut faults = FaultRates::default();
+        for fault in FaultRates::TABLE {
+            faults.set(fault.name, 0.01).unwrap();
+        }
+        let configuration = Configuration {
+            seed,
+            faults,
+            ..Configuration::default()
+        };
+        let mut scene = orange_box([30, 49], [40, 79]);
+        scene.noise = 3.0;
+        scene.flicker = 0.1;
+        let mut terminal = Terminal::new(configuration, scene);
+        let mut all = Vec::new();
+        for line in [
+            "GV\r", "TC\r", "\r", "GM\r", "\r", "SF 1\r", "\r", ORANGE_TC,
+        ] {
+            all.extend(terminal.bytes(line));
+            all.extend(terminal.read(SECOND));
+        }
+        all
+    };
+    assert_eq!(run(1), run(1));
+    assert_ne!(run(1), run(2));
+}

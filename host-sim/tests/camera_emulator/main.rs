@@ -1,8 +1,0 @@
-//! The emulated CMUcam2: its command line, its pictures, its faults, and the driver against it.
-
-mod commands;
-mod faults;
-mod pictures;
-mod pseudo_terminal;
-mod support;
-mod transcripts;

@@ -1,0 +1,120 @@
+//! What is simulated: TOML files, and three that are built in.
+//!
+//! A scenario says where cameras, targets and obstacles are, what the nodes are configured to, and
+//! what goes wrong when. [`Scenario::load`] reads and checks it, [`Scenario::put_up`] makes the
+//! world of it and plans the targets' stops where the file does not give them.
+//!
+//! | built in | what |
+//! |---|---|
+//! | `thesis-13` | Thesis, sections 4.2 to 4.4: the 13 cameras of Table 4.1. |
+//! | `lab` | Thesis, sections 3.4 and 3.5: two references and a camera at five placements. |
+//! | `grid` | Sites of any size: [`grid`]. |
+//!
+//! The files are in `host-sim/scenarios`; each is an example of the format. Unknown fields are
+//! refused, and a wrong value is named with its range.
+//!
+//! # Random numbers
+//! Stops are planned from the number of the path alone. All else comes from the seed.
+//!
+//! # Example
+//! ```
+//! use site::{Overrides, Scenario};
+//!
+//! let changes = Overrides { path: Some(2), ..Overrides::default() };
+//! let site = Scenario::load("thesis-13", &changes)?.put_up()?;
+//! let network = &site.networks[0];
+//! assert_eq!(network.cameras.len(), 13);
+//! let plan = network.targets[0].plan.as_ref().unwrap();
+//! assert!(plan.stops[0].for_references);
+//! # Ok::<(), site::ScenarioError>(())
+//! ```
+
+mod check;
+mod error;
+mod event;
+mod file;
+pub mod grid;
+mod overrides;
+pub mod planner;
+mod put_up;
+pub mod world;
+
+pub use error::ScenarioError;
+pub use event::{Action, ScriptedEvent};
+pub use file::{
+    CameraTable, FirmwareTable, GridTable, ModelTable, NetworkTable, ObstacleTable, PlacedCamera,
+    RadioTable, ReferencesTable, Scenario, SensorName, SensorTable, TargetTable, WalkTable,
+    WorldTable,
+};
+pub use overrides::Overrides;
+pub use put_up::{CameraNode, Frame, Network, Site, TargetNode};
+
+/// Coordinators have no numbers in a scenario: the first network's gets this one, the second's the
+/// next one, and so on. All other nodes have lower ones.
+pub const FIRST_COORDINATOR: u16 = 60_000;
+
+/// The last path that can be planned.
+pub const PATH_MAX: u64 = 1_000_000_000;
+
+/// Names and texts of the built-in scenarios.
+pub const BUILT_IN: [(&str, &str); 3] = [
+    ("thesis-13", include_str!("../scenarios/thesis-13.toml")),
+    ("lab", include_str!("../scenarios/lab.toml")),
+    ("grid", include_str!("../scenarios/grid.toml")),
+];
+
+impl Scenario {
+    /// A built-in scenario, or one from a file whose name ends in `.toml`.
+    ///
+    /// # Errors
+    /// [`ScenarioError`].
+    pub fn load(name: &str, changes: &Overrides) -> Result<Self, ScenarioError> {
+        if let Some((_, text)) = BUILT_IN.iter().find(|(known, _)| *known == name) {
+            return Self::from_toml(text, changes);
+        }
+        let is_file = std::path::Path::new(name)
+            .extension()
+            .is_some_and(|extension| extension.eq_ignore_ascii_case("toml"));
+        if !is_file {
+            return Err(ScenarioError::Unknown {
+                name: name.into(),
+                known: BUILT_IN.iter().map(|(known, _)| *known).collect(),
+            });
+        }
+        let text = std::fs::read_to_string(name).map_err(|source| ScenarioError::File {
+            path: name.into(),
+            source,
+        })?;
+        Self::from_toml(&text, changes)
+    }
+
+    /// A scenario from the text of a file, changed and checked, with the networks of its grid.
+    ///
+    /// # Errors
+    /// [`ScenarioError`].
+    pub fn from_toml(text: &str, changes: &Overrides) -> Result<Self, ScenarioError> {
+        let mut scenario: Self = toml::from_str(text)?;
+        changes.apply(&mut scenario)?;
+        grid::expand(&mut scenario)?;
+        check::scenario(&scenario)?;
+        Ok(scenario)
+    }
+
+    /// How long its unit is.
+    pub fn metres_per_unit(&self) -> f64 {
+        self.unit_metres.unwrap_or(1.0)
+    }
+
+    /// Which path it is in the record of a run.
+    pub fn recorded_path(&self) -> Option<u32> {
+        u32::try_from(self.path).ok()
+    }
+
+    /// Makes its world, and plans the stops that it does not give.
+    ///
+    /// # Errors
+    /// No plan is possible, a camera stands in an obstacle, or a target would walk through one.
+    pub fn put_up(&self) -> Result<Site, ScenarioError> {
+        put_up::put_up(self)
+    }
+}

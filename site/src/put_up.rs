@@ -1,0 +1,419 @@
+//! A scenario put up: the world, and what stands and walks in it.
+
+use std::f64::consts::PI;
+
+use calib_core::{
+    camera::{Camera as Optics, Projection},
+    reference::Known,
+};
+use cmucam2_driver::geometry::{Sensor, Size};
+use nalgebra::{Point2, Rotation2, Vector2};
+
+use super::{
+    check::{fault_rates, refuse},
+    error::ScenarioError,
+    file::{
+        CameraTable, NetworkTable, ObstacleTable, PlacedCamera, Scenario, SensorName, TargetTable,
+    },
+    planner::{self, Noise, Plan, PlanError, Task},
+};
+use crate::world::{Camera, Gait, Obstacle, SensorErrors, Target, World};
+use cmucam2_emulator::{FaultRates, Lens};
+
+/// What the planner counts with: a column that is uniform within itself, at both edges of a blob,
+/// and a little noise.
+const COLUMN_SIGMA: f64 = 0.25;
+
+/// All of a scenario, with planned stops.
+#[derive(Clone, Debug)]
+pub struct Site {
+    /// Cameras, targets and obstacles. A target stands at its first stop.
+    pub world: World,
+    /// The networks.
+    pub networks: Vec<Network>,
+}
+
+/// One network of a site.
+#[derive(Clone, Debug)]
+pub struct Network {
+    /// Its channel.
+    pub channel: u8,
+    /// Where its coordinator stands.
+    pub coordinator: Point2<f64>,
+    /// Its cameras.
+    pub cameras: Vec<CameraNode>,
+    /// Which of them are the references: indices of `cameras`.
+    pub references: [usize; 2],
+    /// The references are to be elected.
+    pub elected: bool,
+    /// What is known beforehand.
+    pub known: Known<f64>,
+    /// The frame in which the network reports.
+    pub frame: Frame,
+    /// Its targets.
+    pub targets: Vec<TargetNode>,
+}
+
+/// A node with a camera.
+#[derive(Clone, Debug)]
+pub struct CameraNode {
+    /// Its number.
+    pub id: u16,
+    /// The world's camera.
+    pub index: usize,
+    /// Its image sensor.
+    pub sensor: Sensor,
+    /// Baud rate of its line.
+    pub baud: u32,
+    /// What goes wrong on it.
+    pub faults: FaultRates,
+    /// Noise of its pixels, levels, and change of the light, as in a
+    /// [`Scene`](cmucam2_emulator::Scene).
+    pub noise: f64,
+    /// See `noise`.
+    pub flicker: f64,
+    /// The lens that the node believes to have.
+    pub model: Optics<f64>,
+    /// Its projection and field of view, degrees.
+    pub model_lens: (Projection, f64),
+}
+
+/// A node with a target.
+#[derive(Clone, Debug)]
+pub struct TargetNode {
+    /// Its number.
+    pub id: u16,
+    /// The world's target.
+    pub index: usize,
+    /// How it walks.
+    pub gait: Gait,
+    /// Where it stops, in the world.
+    pub stops: Vec<Point2<f64>>,
+    /// What to expect, if its stops were planned.
+    pub plan: Option<Plan>,
+    /// How its step sensor errs.
+    pub errors: SensorErrors,
+    /// Direction of the x axis of its step sensor in the world, radians.
+    pub axis: f64,
+    /// How far it may stand off the place that it tells, standard deviation of each axis.
+    pub standing_sigma: f64,
+}
+
+/// The frame in which a network reports poses.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Frame {
+    /// The first reference.
+    pub origin: Point2<f64>,
+    /// Direction from the first reference to the second one in the world, radians.
+    pub heading: f64,
+}
+
+impl Frame {
+    /// Of references at these places of the world.
+    fn between([origin, other]: [Point2<f64>; 2]) -> Self {
+        let baseline = other - origin;
+        Self {
+            origin,
+            heading: baseline.y.atan2(baseline.x),
+        }
+    }
+
+    /// A place of the world in this frame.
+    pub fn place(&self, world: Point2<f64>) -> Point2<f64> {
+        Point2::from(Rotation2::new(-self.heading) * (world - self.origin))
+    }
+
+    /// A direction of the world in this frame, radians in `[0, 2 pi)`.
+    pub fn direction(&self, world: f64) -> f64 {
+        calib_core::angle::wrap_positive(world - self.heading)
+    }
+}
+
+impl Site {
+    /// The frame in which a network reports when these of its cameras are its references.
+    pub fn frame(&self, network: &Network, references: [usize; 2]) -> Frame {
+        let place = |camera: usize| self.world.cameras()[network.cameras[camera].index].place;
+        Frame::between(references.map(place))
+    }
+}
+
+/// The camera of the world that one of a file is.
+fn camera(
+    name: &str,
+    table: &CameraTable,
+    placed: &PlacedCamera,
+) -> Result<(Camera, CameraNode), ScenarioError> {
+    let sensor = match table.sensor {
+        SensorName::Ov6620 => Sensor::Ov6620,
+        SensorName::Ov7620 => Sensor::Ov7620,
+    };
+    let size = Size::of(sensor, false);
+    let projection = table.projection();
+    let degrees = table.field_of_view_deg;
+    let impossible = |field: &str, degrees: f64| {
+        refuse(
+            format!("{name}.{field}"),
+            degrees,
+            "a field of view that this projection can have",
+        )
+    };
+    let lens = Lens::with_projection(projection, degrees.to_radians(), size.width, size.height)
+        .ok_or_else(|| impossible("field_of_view_deg", degrees))?;
+    let model_lens = (
+        table.model.projection.unwrap_or(projection),
+        table.model.field_of_view_deg.unwrap_or(degrees),
+    );
+    let model = Optics::new(
+        model_lens.0,
+        u16::from(size.width),
+        model_lens.1.to_radians(),
+    )
+    .map_err(|_| impossible("model.field_of_view_deg", model_lens.1))?;
+    let camera = Camera {
+        place: Point2::new(placed.x, placed.y),
+        heading: placed.heading_deg.to_radians(),
+        lens,
+        range: table.range,
+        variant: table.variant,
+    };
+    let node = CameraNode {
+        id: placed.id,
+        index: 0,
+        sensor,
+        baud: table.baud,
+        faults: fault_rates(name, &table.faults)?,
+        noise: table.noise,
+        flicker: table.flicker,
+        model,
+        model_lens,
+    };
+    Ok((camera, node))
+}
+
+fn obstacle(table: &ObstacleTable) -> Obstacle {
+    match table {
+        ObstacleTable::Wall(ends) => Obstacle::Segment(ends.map(Point2::from)),
+        &ObstacleTable::Pillar { x, y, radius } => Obstacle::Disc {
+            centre: Point2::new(x, y),
+            radius,
+        },
+        ObstacleTable::Block(corners) => {
+            Obstacle::Polygon(corners.iter().copied().map(Point2::from).collect())
+        }
+    }
+}
+
+/// How far short of its goal a target ends, standard deviation of each axis: uniform within the
+/// distance at which it stops, on the side that it comes from, which is any.
+fn standing_sigma(arrive_within: f64) -> f64 {
+    arrive_within / 6_f64.sqrt()
+}
+
+/// Puts a checked scenario up.
+pub(super) fn put_up(scenario: &Scenario) -> Result<Site, ScenarioError> {
+    let obstacles: Vec<_> = scenario.world.obstacles.iter().map(obstacle).collect();
+    let mut cameras = Vec::new();
+    let mut targets = Vec::new();
+    let mut networks = Vec::new();
+    for (n, table) in (1..).zip(&scenario.networks) {
+        let mut nodes = Vec::new();
+        for (c, placed) in (1..).zip(&table.cameras) {
+            let name = format!("network {n}.camera {c}");
+            let (camera, mut node) = camera(&name, &scenario.camera.for_camera(placed), placed)?;
+            if let Some(o) = obstacles.iter().position(|o| o.contains(camera.place)) {
+                let allowed = format!("outside of obstacle {}", o + 1);
+                return Err(refuse(
+                    format!("{name} (x, y)"),
+                    format!("({}, {})", placed.x, placed.y),
+                    allowed,
+                ));
+            }
+            node.index = cameras.len();
+            cameras.push(camera);
+            nodes.push(node);
+        }
+        let first_target = targets.len();
+        targets.extend(table.targets.iter().map(|target| Target {
+            place: Point2::origin(),
+            radius: target.radius,
+            colour: target.colour,
+        }));
+        networks.push(network(scenario, n, table, nodes, first_target, &cameras)?);
+    }
+    let mut world = World::new(cameras, obstacles, targets);
+    for (n, (network, table)) in (1..).zip(networks.iter_mut().zip(&scenario.networks)) {
+        stops(scenario, n, table, network, &world)?;
+        for target in &network.targets {
+            if let Some(&first) = target.stops.first() {
+                world.move_target(target.index, first);
+            }
+        }
+    }
+    Ok(Site { world, networks })
+}
+
+fn network(
+    scenario: &Scenario,
+    number: usize,
+    table: &NetworkTable,
+    nodes: Vec<CameraNode>,
+    first_target: usize,
+    cameras: &[Camera],
+) -> Result<Network, ScenarioError> {
+    let own = |id: u16| nodes.iter().position(|node| node.id == id).unwrap_or(0);
+    let references = table.references.cameras.map(own);
+    let [origin, other] = references.map(|index| cameras[nodes[index].index].place);
+    let baseline = other - origin;
+    if !(baseline.norm() > 0.0) {
+        return Err(refuse(
+            format!("network {number}.references"),
+            "two cameras at one place",
+            "two places",
+        ));
+    }
+    let frame = Frame::between([origin, other]);
+    let middle = nodes
+        .iter()
+        .map(|node| cameras[node.index].place.coords)
+        .sum::<Vector2<f64>>()
+        / nodes.len() as f64;
+    let axis = if table.references.frame_heading_known {
+        frame.heading
+    } else {
+        table.references.compass_deg.to_radians()
+    };
+    let standing_sigma = scenario
+        .firmware
+        .standing_sigma
+        .unwrap_or_else(|| standing_sigma(scenario.walk.arrive_within));
+    Ok(Network {
+        channel: table.channel,
+        coordinator: table.coordinator.map_or(Point2::from(middle), Point2::from),
+        references,
+        elected: table.references.elected,
+        known: Known {
+            baseline: table.references.baseline_known.then(|| baseline.norm()),
+            frame_heading: table.references.frame_heading_known.then_some(0.0),
+        },
+        frame,
+        targets: (first_target..)
+            .zip(&table.targets)
+            .map(|(index, target)| TargetNode {
+                id: target.id,
+                index,
+                gait: gait(scenario),
+                stops: Vec::new(),
+                plan: None,
+                errors: errors(scenario),
+                axis,
+                standing_sigma: if scenario.sensor.measures {
+                    0.0
+                } else {
+                    standing_sigma
+                },
+            })
+            .collect(),
+        cameras: nodes,
+    })
+}
+
+fn gait(scenario: &Scenario) -> Gait {
+    let walk = &scenario.walk;
+    Gait {
+        speed: walk.speed,
+        arrive_within: walk.arrive_within,
+        step_length: walk.step_length,
+        patience: (walk.patience_s * 1e9) as u64,
+        ..Gait::default()
+    }
+}
+
+fn errors(scenario: &Scenario) -> SensorErrors {
+    let sensor = &scenario.sensor;
+    SensorErrors {
+        measures: sensor.measures,
+        leg_distance: sensor.leg_distance,
+        leg_heading: sensor.leg_heading_deg * PI / 180.0,
+        step_distance: sensor.step_distance,
+        step_heading: sensor.step_heading_deg * PI / 180.0,
+        scale_bias: sensor.scale_bias,
+        heading_bias: sensor.heading_bias_deg * PI / 180.0,
+    }
+}
+
+/// Gives every target of a network its stops.
+fn stops(
+    scenario: &Scenario,
+    number: usize,
+    table: &NetworkTable,
+    network: &mut Network,
+    world: &World,
+) -> Result<(), ScenarioError> {
+    let index = |camera: usize| network.cameras[camera].index;
+    let references = network.references.map(index);
+    let others: Vec<_> = (0..network.cameras.len())
+        .map(index)
+        .filter(|index| !references.contains(index))
+        .collect();
+    let [low, high] = table
+        .area
+        .unwrap_or([scenario.world.low, scenario.world.high]);
+    let (cameras, targets) = (&network.cameras, &mut network.targets);
+    let id_of = |index| {
+        let node = cameras.iter().find(|node| node.index == index);
+        node.map_or(0, |node| node.id)
+    };
+    for (target, own) in targets.iter_mut().zip(&table.targets) {
+        if let Some(stops) = &own.stops {
+            target.stops = stops.iter().copied().map(Point2::from).collect();
+            clear_way(own, &target.stops, world)?;
+            continue;
+        }
+        let task = Task {
+            world,
+            bounds: [low, high].map(Point2::from),
+            references,
+            known: network.known,
+            cameras: &others,
+            radius: own.radius,
+            stops: scenario.stops,
+            placement: scenario.placement,
+            noise: Noise {
+                columns: COLUMN_SIGMA,
+                standing: standing_sigma(scenario.walk.arrive_within),
+            },
+            path: scenario.path,
+            target: target.index as u64,
+        };
+        let plan = planner::plan(&task).map_err(|why| match why {
+            PlanError::Camera { camera, stops } => ScenarioError::Unseen {
+                camera: id_of(camera),
+                stops,
+            },
+            source => ScenarioError::Plan {
+                network: number,
+                source,
+            },
+        })?;
+        target.stops = plan.stops.iter().map(|stop| stop.place).collect();
+        target.plan = Some(plan);
+    }
+    Ok(())
+}
+
+fn clear_way(
+    target: &TargetTable,
+    stops: &[Point2<f64>],
+    world: &World,
+) -> Result<(), ScenarioError> {
+    for (stop, leg) in (1..).zip(stops.windows(2)) {
+        if let Some(obstacle) = world.obstacle_on_way(leg[0], leg[1], target.radius) {
+            return Err(ScenarioError::Blocked {
+                target: target.id,
+                obstacle: obstacle + 1,
+                stop,
+            });
+        }
+    }
+    Ok(())
+}

@@ -1,0 +1,263 @@
+//! The plane that cameras look over: what each of them sees at a moment.
+//!
+//! Everything stands on one level, so that the world has two dimensions, as the thesis has
+//! (section 2.4). Lengths are in the scenario's unit, angles in radians, times in nanoseconds as in
+//! the camera [emulator](cmucam2_emulator::Emulator).
+//!
+//! | part | job |
+//! |---|---|
+//! | [`World`] | Cameras, targets and obstacles, and who sees whom. |
+//! | [`View`] | What one camera sees, ready to be painted into its [`Scene`](cmucam2_emulator::Scene). |
+//! | [`Walker`] | Moves a target along its stops. |
+//! | [`StepSensor`] | What the target's step sensor measures on the way. |
+//!
+//! # What a target looks like
+//! A ball at the height of the lenses: from a distance `d` its outline reaches `asin(r / d)` to both
+//! sides of its bearing. So the middle of the *angles* of its two edges is its bearing, while the
+//! middle of their columns is not quite, for a pin-hole camera.
+//!
+//! # Example
+//! ```
+//! use cmucam2_emulator::Lens;
+//! use site::world::{Camera, Target, Variant, World};
+//! use nalgebra::Point2;
+//!
+//! let camera = Camera {
+//!     place: Point2::new(0.0, 0.0),
+//!     heading: 0.0,
+//!     lens: Lens::new(60_f64.to_radians(), 88, 143).unwrap(),
+//!     range: 8.0,
+//!     variant: Variant::Cmucam2,
+//! };
+//! let ball = Target { place: Point2::new(3.0, 0.0), radius: 0.15, colour: [230, 105, 35] };
+//! let mut world = World::new(vec![camera], vec![], vec![ball]);
+//! let mut scene = cmucam2_emulator::Scene::default();
+//! world.look(0).paint([110, 110, 110], &mut scene.objects);
+//! assert_eq!(scene.objects.len(), 1);
+//! world.move_target(0, Point2::new(-3.0, 0.0));
+//! assert!(world.look(0).sights.is_empty());
+//! ```
+
+use std::f64::consts::FRAC_PI_2;
+
+use nalgebra::{Point2, Vector2};
+use rstar::{
+    AABB, RTree,
+    primitives::{GeomWithData, Rectangle},
+};
+
+use cmucam2_emulator::{Lens, Rgb};
+
+mod obstacle;
+mod ray_scan;
+mod sight;
+mod step_sensor;
+mod walker;
+
+pub use obstacle::Obstacle;
+pub use sight::{Patch, Sight, View};
+pub use step_sensor::{SensorErrors, StepSensor};
+pub use walker::{Event, Gait, Stride, Walker};
+
+/// Nanoseconds since the start of the simulation.
+pub type Time = cmucam2_emulator::Time;
+
+/// How a camera's picture comes about.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, serde::Serialize, serde::Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Variant {
+    /// The outline as it is; the emulator renders and counts pixels.
+    Cmucam2,
+    /// A scan with one ray for each column, as the blob finder of the Stage simulator: what the
+    /// emulator is given are boxes whose borders are exactly those columns whose rays hit.
+    Stage,
+}
+
+/// A camera of the world.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Camera {
+    /// Its place.
+    pub place: Point2<f64>,
+    /// Direction of its optical axis, radians counter-clockwise from the x axis.
+    pub heading: f64,
+    /// Its real lens, whatever its node believes.
+    pub lens: Lens,
+    /// How far it sees.
+    pub range: f64,
+    /// How its picture comes about.
+    pub variant: Variant,
+}
+
+/// A coloured ball.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Target {
+    /// Its middle.
+    pub place: Point2<f64>,
+    /// Its radius.
+    pub radius: f64,
+    /// Its colour.
+    pub colour: Rgb,
+}
+
+type Spot = GeomWithData<[f64; 2], usize>;
+type Area = GeomWithData<Rectangle<[f64; 2]>, usize>;
+
+/// Everything there is. A view of one camera costs what stands near it, not what there is.
+#[derive(Clone, Debug)]
+pub struct World {
+    cameras: Vec<Camera>,
+    obstacles: Vec<Obstacle>,
+    targets: Vec<Target>,
+    camera_areas: RTree<Area>,
+    obstacle_areas: RTree<Area>,
+    target_spots: RTree<Spot>,
+    largest_target: f64,
+    revision: u64,
+}
+
+impl World {
+    /// A world in which only targets will move. All numbers must be finite.
+    pub fn new(cameras: Vec<Camera>, obstacles: Vec<Obstacle>, targets: Vec<Target>) -> Self {
+        let camera_areas = cameras.iter().enumerate().map(|(index, camera)| {
+            let reach = Vector2::repeat(camera.range);
+            area(camera.place - reach, camera.place + reach, index)
+        });
+        let obstacle_areas = obstacles.iter().enumerate().map(|(index, obstacle)| {
+            let (low, high) = obstacle.bounds();
+            area(low, high, index)
+        });
+        let target_spots = targets
+            .iter()
+            .enumerate()
+            .map(|(index, target)| Spot::new(target.place.into(), index));
+        Self {
+            camera_areas: RTree::bulk_load(camera_areas.collect()),
+            obstacle_areas: RTree::bulk_load(obstacle_areas.collect()),
+            target_spots: RTree::bulk_load(target_spots.collect()),
+            largest_target: targets.iter().map(|t| t.radius).fold(0.0, f64::max),
+            cameras,
+            obstacles,
+            targets,
+            revision: 0,
+        }
+    }
+
+    /// Its cameras.
+    pub fn cameras(&self) -> &[Camera] {
+        &self.cameras
+    }
+
+    /// Its obstacles.
+    pub fn obstacles(&self) -> &[Obstacle] {
+        &self.obstacles
+    }
+
+    /// Its targets, where they are now.
+    pub fn targets(&self) -> &[Target] {
+        &self.targets
+    }
+
+    /// Changes whenever a target moves: as long as it is the same, so is every view.
+    pub fn revision(&self) -> u64 {
+        self.revision
+    }
+
+    /// Puts a target somewhere else.
+    ///
+    /// # Panics
+    /// There is no such target.
+    pub fn move_target(&mut self, index: usize, place: Point2<f64>) {
+        let target = &mut self.targets[index];
+        if target.place == place {
+            return;
+        }
+        self.target_spots
+            .remove(&Spot::new(target.place.into(), index));
+        target.place = place;
+        self.target_spots.insert(Spot::new(place.into(), index));
+        self.revision += 1;
+    }
+
+    /// What a camera sees now.
+    ///
+    /// # Panics
+    /// There is no such camera.
+    pub fn look(&self, camera: usize) -> View {
+        let camera = &self.cameras[camera];
+        let reach = Vector2::repeat(camera.range + self.largest_target);
+        let mut near: Vec<_> = self
+            .target_spots
+            .locate_in_envelope(envelope(camera.place - reach, camera.place + reach))
+            .map(|spot| spot.data)
+            .collect();
+        // The tree's order depends on what moved before.
+        near.sort_unstable();
+        match camera.variant {
+            Variant::Cmucam2 => sight::look(self, camera, &near),
+            Variant::Stage => ray_scan::look(self, camera, &near),
+        }
+    }
+
+    /// What a camera would see of a ball, were there no targets. `None` out of range, out of the
+    /// picture or hidden by obstacles.
+    ///
+    /// # Panics
+    /// There is no such camera.
+    pub fn sight(&self, camera: usize, place: Point2<f64>, radius: f64) -> Option<Sight> {
+        sight::sight(self, &self.cameras[camera], place, radius)
+    }
+
+    /// The cameras that would see something of a ball, in ascending order.
+    pub fn cameras_that_see(&self, place: Point2<f64>, radius: f64) -> Vec<usize> {
+        let mut cameras: Vec<_> = self
+            .camera_areas
+            .locate_in_envelope_intersecting(envelope(place, place))
+            .map(|area| area.data)
+            .filter(|&camera| self.sight(camera, place, radius).is_some())
+            .collect();
+        cameras.sort_unstable();
+        cameras
+    }
+
+    /// The obstacle that comes nearer than `clearance` to the straight way between two places.
+    pub fn obstacle_on_way(
+        &self,
+        from: Point2<f64>,
+        to: Point2<f64>,
+        clearance: f64,
+    ) -> Option<usize> {
+        self.obstacles_near(from, to, clearance)
+            .into_iter()
+            .find(|&index| self.obstacles[index].distance_to_way(from, to) < clearance)
+    }
+
+    fn obstacles_near(&self, a: Point2<f64>, b: Point2<f64>, margin: f64) -> Vec<usize> {
+        let margin = Vector2::repeat(margin);
+        let low = a.inf(&b) - margin;
+        let high = a.sup(&b) + margin;
+        let mut near: Vec<_> = self
+            .obstacle_areas
+            .locate_in_envelope_intersecting(envelope(low, high))
+            .map(|area| area.data)
+            .collect();
+        near.sort_unstable();
+        near
+    }
+}
+
+fn envelope(low: Point2<f64>, high: Point2<f64>) -> AABB<[f64; 2]> {
+    AABB::from_corners(low.into(), high.into())
+}
+
+fn area(low: Point2<f64>, high: Point2<f64>, index: usize) -> Area {
+    Area::new(Rectangle::from_aabb(envelope(low, high)), index)
+}
+
+/// Half the angle under which a ball is seen, radians; all before the eye from within.
+fn half_width(distance: f64, radius: f64) -> f64 {
+    if distance > radius {
+        (radius / distance).asin()
+    } else {
+        FRAC_PI_2
+    }
+}

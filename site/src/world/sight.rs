@@ -1,0 +1,246 @@
+//! Outlines and what hides them.
+
+use nalgebra::{Point2, Vector2};
+
+use super::{Camera, World, half_width, obstacle::Shadow};
+use cmucam2_emulator::{Extent, Object, Place, Rgb, Shape};
+
+/// What a camera sees of one ball.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Sight {
+    /// Distance of its middle.
+    pub distance: f64,
+    /// Bearing of its middle, radians, positive to the left of the axis.
+    pub bearing: f64,
+    /// Half the angle under which all of it is seen, radians.
+    pub half_width: f64,
+    /// The bearings of what is in the picture and not hidden, each from right to left, ascending. Of
+    /// a ray scan: of the columns that hit, which seldom reach both edges of the ball.
+    pub visible: Vec<[f64; 2]>,
+}
+
+impl Sight {
+    /// Whether all of its width is in the picture and nothing hides any of it.
+    pub fn is_whole(&self) -> bool {
+        let [right, left] = [
+            self.bearing - self.half_width,
+            self.bearing + self.half_width,
+        ];
+        matches!(self.visible[..], [[a, b]] if a <= right && b >= left)
+    }
+
+    /// How much of its width is in the picture and not hidden, 0 to 1.
+    pub fn visible_share(&self) -> f64 {
+        let seen: f64 = self.visible.iter().map(|[right, left]| left - right).sum();
+        (seen / (2.0 * self.half_width)).min(1.0)
+    }
+}
+
+/// What a camera sees.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct View {
+    /// Number of a target and what is seen of it, the farthest first.
+    pub sights: Vec<(usize, Sight)>,
+    /// From back to front.
+    pub(super) patches: Vec<Patch>,
+}
+
+/// A part of the picture.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Patch {
+    /// Of a target. `None`: what hides a target here looks like the backdrop.
+    pub colour: Option<Rgb>,
+    /// Its outline.
+    pub shape: Shape,
+    /// Its place.
+    pub extent: Extent,
+}
+
+impl View {
+    /// What is seen of a target.
+    pub fn of(&self, target: usize) -> Option<&Sight> {
+        let found = self.sights.iter().find(|(index, _)| *index == target);
+        found.map(|(_, sight)| sight)
+    }
+
+    /// Where it is in the picture, from back to front.
+    pub fn patches(&self) -> &[Patch] {
+        &self.patches
+    }
+
+    /// Puts it into a scene, in place of all objects there. Obstacles have the colour of the
+    /// `backdrop`: they are in the picture before a target comes, as is all else that is not one.
+    pub fn paint(&self, backdrop: Rgb, objects: &mut Vec<Object>) {
+        objects.clear();
+        objects.extend(self.patches.iter().map(|patch| Object {
+            colour: patch.colour.unwrap_or(backdrop),
+            shape: patch.shape,
+            place: Place::At(patch.extent),
+        }));
+    }
+}
+
+/// The targets `near` as they are.
+pub(super) fn look(world: &World, camera: &Camera, near: &[usize]) -> View {
+    let mut balls: Vec<_> = near
+        .iter()
+        .filter_map(|&index| {
+            let target = &world.targets[index];
+            let ball = Ball::new(camera, target.place, target.radius)?;
+            Some((index, ball))
+        })
+        .collect();
+    balls.sort_by(|(_, a), (_, b)| b.distance.total_cmp(&a.distance));
+    let mut view = View::default();
+    for (n, (index, ball)) in balls.iter().enumerate() {
+        let mut shadows = ball.shadows(world, camera);
+        let lens = &camera.lens;
+        let limit = lens.limit() - 1e-6;
+        let clamped = |bearing: f64| lens.across(bearing.clamp(-limit, limit));
+        let vertical = ball.half_width.min(limit);
+        let extent = Extent {
+            left: clamped(ball.bearing + ball.half_width),
+            right: clamped(ball.bearing - ball.half_width),
+            top: lens.down(vertical),
+            bottom: lens.down(-vertical),
+        };
+        view.patches.push(Patch {
+            colour: Some(world.targets[*index].colour),
+            shape: Shape::Disc,
+            extent,
+        });
+        // Before the ball, but behind the nearer balls that come later.
+        for [right, left] in &shadows {
+            let cover = Extent {
+                left: clamped(ball.bearing + left.min(ball.half_width)),
+                right: clamped(ball.bearing + right.max(-ball.half_width)),
+                top: 0.0,
+                bottom: 1.0,
+            };
+            if cover.left < cover.right {
+                view.patches.push(Patch {
+                    colour: None,
+                    shape: Shape::Box,
+                    extent: cover,
+                });
+            }
+        }
+        for (_, nearer) in &balls[n + 1..] {
+            let off = wrapped(nearer.bearing - ball.bearing);
+            shadows.push([off - nearer.half_width, off + nearer.half_width]);
+        }
+        if let Some(sight) = ball.seen(camera, shadows) {
+            view.sights.push((*index, sight));
+        }
+    }
+    view
+}
+
+/// A ball alone.
+pub(super) fn sight(
+    world: &World,
+    camera: &Camera,
+    place: Point2<f64>,
+    radius: f64,
+) -> Option<Sight> {
+    let ball = Ball::new(camera, place, radius)?;
+    ball.seen(camera, ball.shadows(world, camera))
+}
+
+struct Ball {
+    place: Point2<f64>,
+    distance: f64,
+    bearing: f64,
+    half_width: f64,
+}
+
+impl Ball {
+    /// `None` out of range or beside the picture.
+    fn new(camera: &Camera, place: Point2<f64>, radius: f64) -> Option<Self> {
+        let to = place - camera.place;
+        let distance = to.norm();
+        let ball = Self {
+            place,
+            distance,
+            bearing: wrapped(to.y.atan2(to.x) - camera.heading),
+            half_width: half_width(distance, radius),
+        };
+        let in_view = distance <= camera.range
+            && ball.bearing.abs() - ball.half_width < camera.lens.half_view();
+        in_view.then_some(ball)
+    }
+
+    /// Of obstacles, relative to the bearing.
+    fn shadows(&self, world: &World, camera: &Camera) -> Vec<Shadow> {
+        let mut shadows = Vec::new();
+        let radius = self.distance * self.half_width.sin();
+        let ahead: Vector2<f64> = (self.place - camera.place) / self.distance;
+        for index in world.obstacles_near(camera.place, self.place, radius) {
+            world.obstacles[index].shadows(
+                camera.place,
+                ahead,
+                self.distance,
+                self.half_width,
+                &mut shadows,
+            );
+        }
+        shadows
+    }
+
+    fn seen(&self, camera: &Camera, shadows: Vec<Shadow>) -> Option<Sight> {
+        let border = camera.lens.half_view();
+        let whole = [
+            (self.bearing - self.half_width).max(-border),
+            (self.bearing + self.half_width).min(border),
+        ];
+        let shadows = shadows
+            .into_iter()
+            .map(|shadow| shadow.map(|side| side + self.bearing))
+            .collect();
+        let visible = without(whole, shadows);
+        (!visible.is_empty()).then_some(Sight {
+            distance: self.distance,
+            bearing: self.bearing,
+            half_width: self.half_width,
+            visible,
+        })
+    }
+}
+
+/// What is left of an interval when shadows are taken away.
+fn without([mut from, to]: [f64; 2], mut shadows: Vec<Shadow>) -> Vec<[f64; 2]> {
+    shadows.sort_by(|a, b| a[0].total_cmp(&b[0]));
+    let mut left = Vec::new();
+    for [begin, end] in shadows {
+        if begin >= to {
+            break;
+        }
+        if begin > from {
+            left.push([from, begin]);
+        }
+        from = from.max(end);
+    }
+    if from < to {
+        left.push([from, to]);
+    }
+    left
+}
+
+pub(super) fn wrapped(angle: f64) -> f64 {
+    calib_core::angle::wrap_signed(angle)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn shadows_are_taken_away() {
+        let rest = |shadows: &[Shadow]| without([0.0, 1.0], shadows.to_vec());
+        assert_eq!(rest(&[]), [[0.0, 1.0]]);
+        assert_eq!(rest(&[[0.4, 0.5], [0.45, 0.6]]), [[0.0, 0.4], [0.6, 1.0]]);
+        assert_eq!(rest(&[[-1.0, 0.2], [0.9, 3.0]]), [[0.2, 0.9]]);
+        assert!(rest(&[[-1.0, 0.7], [0.6, 3.0]]).is_empty());
+        assert_eq!(rest(&[[0.2, 0.8], [0.3, 0.4]]), [[0.0, 0.2], [0.8, 1.0]]);
+    }
+}

@@ -1,0 +1,364 @@
+//! Virtual time, and the tasks that live in it.
+//!
+//! Tasks are futures, polled on one thread in the order in which they were woken. Time stands
+//! still while a task is ready, then jumps to the next event. Nothing depends on the wall clock,
+//! on addresses or on hash order: the same tasks give the same run.
+//!
+//! A task that is [killed](Executor::kill) is dropped where it waits, as a processor that loses its
+//! power. Whatever outlasts that (flash, antenna, line) is not in the task.
+
+mod clock;
+mod pace;
+mod timers;
+
+use std::{
+    cell::{Cell, RefCell},
+    collections::VecDeque,
+    future::Future,
+    pin::Pin,
+    rc::{Rc, Weak},
+    sync::{
+        Arc, Mutex, MutexGuard, PoisonError,
+        atomic::{AtomicBool, Ordering},
+    },
+    task::{Context, Wake, Waker},
+};
+
+pub use clock::{Clock, Sleep};
+pub use pace::times_real_time;
+pub use timers::{EventId, Handler};
+
+use clock::Timing;
+use timers::Action;
+
+/// Nanoseconds since the start of the simulation.
+pub type Time = u64;
+
+/// Polls per task within one instant, from which on it is a loop without end.
+const STUCK: u64 = 10_000;
+
+type Boxed = Pin<Box<dyn Future<Output = ()>>>;
+
+/// A task.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub struct TaskId {
+    slot: u32,
+    generation: u32,
+}
+
+/// Why a run ended.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[must_use]
+pub enum Ended {
+    /// The time has come.
+    TimeUp,
+    /// The condition holds.
+    ConditionMet,
+    /// Tasks wake one another without time passing; this one was polled last.
+    Stuck(TaskId),
+}
+
+/// What a run has cost.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Effort {
+    /// Timers and calls that came.
+    pub events: u64,
+    /// Polls of tasks.
+    pub polls: u64,
+}
+
+/// Tasks that were woken, in order.
+#[derive(Default)]
+struct Ready(Mutex<VecDeque<TaskId>>);
+
+impl Ready {
+    fn queue(&self) -> MutexGuard<'_, VecDeque<TaskId>> {
+        self.0.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}
+
+struct TaskWaker {
+    task: TaskId,
+    queued: AtomicBool,
+    ready: Arc<Ready>,
+}
+
+impl Wake for TaskWaker {
+    fn wake(self: Arc<Self>) {
+        self.wake_by_ref();
+    }
+
+    fn wake_by_ref(self: &Arc<Self>) {
+        if !self.queued.swap(true, Ordering::Relaxed) {
+            self.ready.queue().push_back(self.task);
+        }
+    }
+}
+
+struct Body {
+    future: Boxed,
+    shared: Arc<TaskWaker>,
+    waker: Waker,
+}
+
+#[derive(Default)]
+struct Slot {
+    generation: u32,
+    is_alive: bool,
+    /// Absent while it is polled.
+    body: Option<Body>,
+}
+
+#[derive(Default)]
+struct Tasks {
+    slots: RefCell<Vec<Slot>>,
+    free: RefCell<Vec<u32>>,
+    ready: Arc<Ready>,
+    alive: Cell<usize>,
+}
+
+impl Tasks {
+    fn spawn(&self, future: Boxed) -> TaskId {
+        let mut slots = self.slots.borrow_mut();
+        let index = self.free.borrow_mut().pop().unwrap_or_else(|| {
+            slots.push(Slot::default());
+            (slots.len() - 1) as u32
+        });
+        let slot = &mut slots[index as usize];
+        let task = TaskId {
+            slot: index,
+            generation: slot.generation,
+        };
+        let shared = Arc::new(TaskWaker {
+            task,
+            queued: AtomicBool::new(false),
+            ready: self.ready.clone(),
+        });
+        shared.wake_by_ref();
+        let waker = Waker::from(shared.clone());
+        slot.is_alive = true;
+        slot.body = Some(Body {
+            future,
+            shared,
+            waker,
+        });
+        self.alive.set(self.alive.get() + 1);
+        task
+    }
+
+    fn is_alive(&self, task: TaskId) -> bool {
+        let slots = self.slots.borrow();
+        slots
+            .get(task.slot as usize)
+            .is_some_and(|slot| slot.generation == task.generation && slot.is_alive)
+    }
+
+    fn kill(&self, task: TaskId) {
+        if !self.is_alive(task) {
+            return;
+        }
+        let mut slots = self.slots.borrow_mut();
+        let slot = &mut slots[task.slot as usize];
+        slot.generation += 1;
+        slot.is_alive = false;
+        let body = slot.body.take();
+        self.free.borrow_mut().push(task.slot);
+        self.alive.set(self.alive.get() - 1);
+        // What the future drops may spawn and kill.
+        drop(slots);
+        drop(body);
+    }
+
+    /// Whether there was something to poll.
+    fn poll(&self, task: TaskId) -> bool {
+        let taken = {
+            let mut slots = self.slots.borrow_mut();
+            let slot = &mut slots[task.slot as usize];
+            let is_current = slot.generation == task.generation;
+            is_current.then(|| slot.body.take()).flatten()
+        };
+        let Some(mut body) = taken else {
+            return false;
+        };
+        body.shared.queued.store(false, Ordering::Relaxed);
+        let mut context = Context::from_waker(&body.waker);
+        if body.future.as_mut().poll(&mut context).is_ready() {
+            drop(body);
+            self.kill(task);
+            return true;
+        }
+        let mut slots = self.slots.borrow_mut();
+        let slot = &mut slots[task.slot as usize];
+        if slot.generation == task.generation {
+            slot.body = Some(body);
+        } else {
+            drop(slots);
+            drop(body);
+        }
+        true
+    }
+}
+
+/// Spawns and kills tasks from within tasks.
+#[derive(Clone)]
+pub struct Spawner(Weak<Tasks>);
+
+impl Spawner {
+    /// Starts a task. `None` when the executor is gone.
+    pub fn spawn(&self, future: impl Future<Output = ()> + 'static) -> Option<TaskId> {
+        Some(self.0.upgrade()?.spawn(Box::pin(future)))
+    }
+
+    /// Drops a task where it waits. One that kills itself ends at its next await.
+    pub fn kill(&self, task: TaskId) {
+        if let Some(tasks) = self.0.upgrade() {
+            tasks.kill(task);
+        }
+    }
+
+    /// Whether a task has neither ended nor been killed.
+    pub fn is_alive(&self, task: TaskId) -> bool {
+        self.0.upgrade().is_some_and(|tasks| tasks.is_alive(task))
+    }
+}
+
+/// Runs tasks in virtual time. See the [module](self).
+///
+/// # Example
+/// ```
+/// use virtual_bench::executor::{Ended, Executor};
+///
+/// let mut executor = Executor::new();
+/// let clock = executor.clock();
+/// executor.spawn(async move { clock.sleep(3_600_000_000_000).await });
+/// assert_eq!(executor.run_until(7_200_000_000_000), Ended::TimeUp);
+/// assert_eq!(executor.tasks(), 0);
+/// ```
+pub struct Executor {
+    tasks: Rc<Tasks>,
+    clock: Clock,
+    effort: Effort,
+    pace: Option<Box<dyn FnMut(Time)>>,
+    batch: VecDeque<TaskId>,
+}
+
+impl Default for Executor {
+    fn default() -> Self {
+        Self::new()
+    }
+}
+
+impl Executor {
+    /// Without tasks, at time 0.
+    pub fn new() -> Self {
+        Self {
+            tasks: Rc::new(Tasks::default()),
+            clock: Clock::new(Rc::new(Timing::default())),
+            effort: Effort::default(),
+            pace: None,
+            batch: VecDeque::new(),
+        }
+    }
+
+    /// The time.
+    pub fn clock(&self) -> Clock {
+        self.clock.clone()
+    }
+
+    /// For tasks that spawn tasks.
+    pub fn spawner(&self) -> Spawner {
+        Spawner(Rc::downgrade(&self.tasks))
+    }
+
+    /// Starts a task: it is polled when the executor runs.
+    pub fn spawn(&mut self, future: impl Future<Output = ()> + 'static) -> TaskId {
+        self.tasks.spawn(Box::pin(future))
+    }
+
+    /// Drops a task where it waits.
+    pub fn kill(&mut self, task: TaskId) {
+        self.tasks.kill(task);
+    }
+
+    /// Whether a task has neither ended nor been killed.
+    pub fn is_alive(&self, task: TaskId) -> bool {
+        self.tasks.is_alive(task)
+    }
+
+    /// How many tasks there are.
+    pub fn tasks(&self) -> usize {
+        self.tasks.alive.get()
+    }
+
+    /// What it has cost so far.
+    pub fn effort(&self) -> Effort {
+        self.effort
+    }
+
+    /// Is called with the time of the next event before time jumps there, and may wait. Without
+    /// one, time passes as fast as it can. See [`times_real_time`].
+    pub fn set_pace(&mut self, pace: impl FnMut(Time) + 'static) {
+        self.pace = Some(Box::new(pace));
+    }
+
+    /// Runs until a time, which is the time afterwards.
+    pub fn run_until(&mut self, end: Time) -> Ended {
+        self.run_until_time_or(end, || false)
+    }
+
+    /// Runs until a time or, if that is earlier, until a condition holds. It is asked in each
+    /// instant when nothing is ready any more.
+    pub fn run_until_time_or(&mut self, end: Time, mut condition: impl FnMut() -> bool) -> Ended {
+        loop {
+            if let Some(task) = self.settle() {
+                return Ended::Stuck(task);
+            }
+            if condition() {
+                return Ended::ConditionMet;
+            }
+            let next = self.clock.timing.timers.borrow().next_at();
+            let is_due = next.is_some_and(|at| at <= end);
+            let at = if is_due { next.unwrap_or(end) } else { end };
+            if at > self.clock.time() {
+                if let Some(pace) = &mut self.pace {
+                    pace(at);
+                }
+                self.clock.timing.now.set(at);
+            }
+            if !is_due {
+                return Ended::TimeUp;
+            }
+            let event = self.clock.timing.timers.borrow_mut().pop();
+            self.effort.events += 1;
+            match event {
+                Some((_, Action::Wake(waker))) => waker.wake(),
+                Some((_, Action::Call(handler, token))) => {
+                    if let Some(handler) = handler.upgrade() {
+                        handler.event(token);
+                    }
+                }
+                None => {}
+            }
+        }
+    }
+
+    /// Polls until nothing is ready, or returns the task that was polled last.
+    fn settle(&mut self) -> Option<TaskId> {
+        let limit = STUCK * (self.tasks() as u64 + 1);
+        let mut polls = 0;
+        loop {
+            std::mem::swap(&mut self.batch, &mut *self.tasks.ready.queue());
+            if self.batch.is_empty() {
+                self.effort.polls += polls;
+                return None;
+            }
+            while let Some(task) = self.batch.pop_front() {
+                polls += u64::from(self.tasks.poll(task));
+                if polls > limit {
+                    self.effort.polls += polls;
+                    return Some(task);
+                }
+            }
+        }
+    }
+}

@@ -1,0 +1,649 @@
+//! All transmissions and receptions of a medium.
+
+use std::{collections::VecDeque, task::Waker};
+
+use zigbee_link::{
+    radio::{Capabilities, Channel, Config, FCS_LEN, FRAME_MIN, PSDU_MAX, Received, TxOutcome},
+    wire::{fcs, has_good_fcs},
+};
+
+use super::{
+    Counters, Event, NodeId, Place, Reason, Watcher,
+    disturbance::Disturbances,
+    links::Links,
+    propagation::{Link, Propagation, Thresholds},
+};
+use crate::{
+    executor::{EventId, Time},
+    random::{mix, share},
+};
+
+const MICROSECOND: Time = 1_000;
+/// Eight symbols.
+const ASSESSMENT: Time = 128 * MICROSECOND;
+/// `aTurnaroundTime`, twelve symbols.
+const TURNAROUND: Time = 192 * MICROSECOND;
+const BYTE: Time = 32 * MICROSECOND;
+/// Preamble, delimiter and length.
+const PHY_HEADER: usize = 6;
+/// Frames that a radio with a queue holds.
+const QUEUE: usize = 8;
+/// LQI grows to 255 over so many dB above the sensitivity.
+const LQI_SPAN: f32 = 40.0;
+/// The sensitivity that LQI refers to where the model has none, dBm.
+const LQI_ZERO: f32 = -95.0;
+
+/// What is due: one event of a transmission.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Due {
+    /// A node has looked at the channel.
+    Assessed(u32),
+    /// A node begins to send.
+    Start(u32),
+    /// A transmission is over.
+    End(u32),
+}
+
+impl Due {
+    pub(super) fn token(self) -> u64 {
+        let (kind, number) = match self {
+            Self::Assessed(node) => (0, node),
+            Self::Start(node) => (1, node),
+            Self::End(transmission) => (2, transmission),
+        };
+        u64::from(number) << 2 | kind
+    }
+
+    pub(super) fn of(token: u64) -> Self {
+        let number = (token >> 2) as u32;
+        match token & 3 {
+            0 => Self::Assessed(number),
+            1 => Self::Start(number),
+            _ => Self::End(number),
+        }
+    }
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Sending {
+    Idle,
+    Assessing,
+    Turning,
+    OnAir(u32),
+}
+
+/// A carrier at a receiver.
+#[derive(Clone, Copy)]
+struct Carrier {
+    transmission: u32,
+    strength: f32,
+}
+
+/// The frame that a receiver stays with.
+struct Lock {
+    transmission: u32,
+    strength: f32,
+    loss: f32,
+    broken: Option<Reason>,
+}
+
+pub(super) struct Node {
+    pub(super) config: Option<Config>,
+    abilities: Capabilities,
+    counters: Counters,
+    carriers: Vec<Carrier>,
+    lock: Option<Lock>,
+    sending: Sending,
+    /// The event that a power cut takes off the plan.
+    event: Option<EventId>,
+    /// What it sends next: PSDU as handed over, channel, power.
+    frame: Vec<u8>,
+    channel: Channel,
+    power: i8,
+    pub(super) outcome: Option<TxOutcome>,
+    pub(super) sender: Option<Waker>,
+    pub(super) queue: VecDeque<(Received, [u8; PSDU_MAX])>,
+    pub(super) receiver: Option<Waker>,
+}
+
+impl Node {
+    pub(super) fn is_idle(&self) -> bool {
+        self.sending == Sending::Idle
+    }
+
+    fn finish(&mut self, outcome: TxOutcome) {
+        self.sending = Sending::Idle;
+        self.outcome = Some(outcome);
+        if let Some(waker) = self.sender.take() {
+            waker.wake();
+        }
+    }
+
+    /// Whether a frame of this strength stands out from all others, dBm.
+    fn stands_out(&self, transmission: u32, strength: f32, thresholds: Thresholds) -> bool {
+        let others = self
+            .carriers
+            .iter()
+            .filter(|carrier| carrier.transmission != transmission);
+        let Some(capture) = thresholds.capture else {
+            return others.count() == 0;
+        };
+        let milliwatts = |dbm: f32| libm::exp10f(dbm / 10.0);
+        let sum: f32 = others.map(|carrier| milliwatts(carrier.strength)).sum();
+        sum == 0.0 || milliwatts(strength - capture) >= sum
+    }
+}
+
+struct Transmission {
+    from: u32,
+    /// Of the frames of its sender.
+    number: u64,
+    channel: Channel,
+    start: Time,
+    /// PSDU, FCS included unless `is_sealed`.
+    bytes: Vec<u8>,
+    /// The radio appends a correct FCS, which nobody need compute.
+    is_sealed: bool,
+    is_cut: bool,
+    /// Who hears at least a carrier.
+    hearers: Vec<u32>,
+}
+
+impl Transmission {
+    /// Without FCS.
+    fn frame(&self) -> &[u8] {
+        if self.is_sealed {
+            &self.bytes
+        } else {
+            &self.bytes[..self.bytes.len() - FCS_LEN]
+        }
+    }
+
+    fn is_intact(&self) -> bool {
+        self.is_sealed || has_good_fcs(&self.bytes)
+    }
+
+    fn psdu_len(&self) -> usize {
+        self.frame().len() + FCS_LEN
+    }
+}
+
+pub(super) struct Air {
+    pub(super) links: Links,
+    pub(super) disturbances: Disturbances,
+    pub(super) watchers: Vec<Box<dyn Watcher>>,
+    seed: u64,
+    thresholds: Thresholds,
+    nodes: Vec<Node>,
+    transmissions: Vec<Transmission>,
+    is_live: Vec<bool>,
+    free: Vec<u32>,
+    /// Radios on each channel.
+    listeners: [u64; CHANNELS],
+}
+
+const CHANNELS: usize = (Channel::LAST.number() - Channel::FIRST.number()) as usize + 1;
+
+fn index(channel: Channel) -> usize {
+    usize::from(channel.number() - Channel::FIRST.number())
+}
+
+impl Air {
+    pub(super) fn new(propagation: Propagation, seed: u64) -> Self {
+        Self {
+            thresholds: propagation.thresholds(),
+            links: Links::new(propagation, seed),
+            disturbances: Disturbances::default(),
+            watchers: Vec::new(),
+            seed,
+            nodes: Vec::new(),
+            transmissions: Vec::new(),
+            is_live: Vec::new(),
+            free: Vec::new(),
+            listeners: [0; CHANNELS],
+        }
+    }
+
+    pub(super) fn add(&mut self, place: Place) -> NodeId {
+        self.nodes.push(Node {
+            config: None,
+            abilities: Capabilities::default(),
+            counters: Counters::default(),
+            carriers: Vec::new(),
+            lock: None,
+            sending: Sending::Idle,
+            event: None,
+            frame: Vec::new(),
+            channel: Channel::FIRST,
+            power: 0,
+            outcome: None,
+            sender: None,
+            queue: VecDeque::new(),
+            receiver: None,
+        });
+        NodeId(self.links.add(place))
+    }
+
+    pub(super) fn node(&self, node: NodeId) -> &Node {
+        &self.nodes[node.0 as usize]
+    }
+
+    pub(super) fn node_mut(&mut self, node: NodeId) -> &mut Node {
+        &mut self.nodes[node.0 as usize]
+    }
+
+    pub(super) fn counters(&self, node: NodeId) -> Counters {
+        self.node(node).counters
+    }
+
+    pub(super) fn totals(&self) -> Counters {
+        let mut totals = Counters::default();
+        for node in &self.nodes {
+            totals += node.counters;
+        }
+        totals
+    }
+
+    fn tell(&mut self, at: Time, event: Event<'_>) {
+        for watcher in &mut self.watchers {
+            watcher.event(at, event);
+        }
+    }
+
+    fn drop_at(&mut self, now: Time, by: u32, from: u32, reason: Reason) {
+        self.nodes[by as usize].counters.drop(reason, 1);
+        let (from, by) = (NodeId(from), NodeId(by));
+        self.tell(now, Event::Dropped { from, by, reason });
+    }
+
+    pub(super) fn switch_on(&mut self, node: NodeId, abilities: Capabilities) {
+        self.node_mut(node).abilities = abilities;
+    }
+
+    /// Returns an event that must not come any more.
+    pub(super) fn switch_off(&mut self, node: NodeId) -> Option<EventId> {
+        let node = &mut self.nodes[node.0 as usize];
+        if let Some(config) = node.config.take() {
+            self.listeners[index(config.channel)] -= 1;
+        }
+        node.carriers.clear();
+        node.lock = None;
+        node.queue.clear();
+        node.outcome = None;
+        node.sender = None;
+        node.receiver = None;
+        let event = node.event.take();
+        match std::mem::replace(&mut node.sending, Sending::Idle) {
+            Sending::OnAir(transmission) => {
+                self.transmissions[transmission as usize].is_cut = true;
+                None
+            }
+            Sending::Idle | Sending::Assessing | Sending::Turning => event,
+        }
+    }
+
+    pub(super) fn configure(&mut self, id: NodeId, config: Config) {
+        let old = self.node_mut(id).config.replace(config);
+        if old.is_some_and(|old| old.channel == config.channel) {
+            return;
+        }
+        if let Some(old) = old {
+            self.listeners[index(old.channel)] -= 1;
+        }
+        self.listeners[index(config.channel)] += 1;
+        let node = &mut self.nodes[id.0 as usize];
+        node.lock = None;
+        node.carriers.clear();
+        // Carriers on the new channel are heard; their frames began too early.
+        for (number, transmission) in (0..).zip(&mut self.transmissions) {
+            if !self.is_live[number as usize] || transmission.channel != config.channel {
+                continue;
+            }
+            let power = self.nodes[transmission.from as usize].power;
+            let links = self.links.of(transmission.from);
+            let Ok(at) = links.binary_search_by_key(&id.0, |link| link.to) else {
+                continue;
+            };
+            let link = links[at];
+            transmission.hearers.push(id.0);
+            self.nodes[id.0 as usize].carriers.push(Carrier {
+                transmission: number,
+                strength: self.links.propagation.received(link, power),
+            });
+        }
+    }
+
+    /// Takes over a frame to be sent. What is due when.
+    pub(super) fn begin(&mut self, now: Time, id: NodeId, frame: &[u8]) -> (Time, Due) {
+        let node = self.node_mut(id);
+        node.sending = Sending::Assessing;
+        node.outcome = None;
+        node.frame.clear();
+        node.frame.extend_from_slice(frame);
+        if let Some(config) = &node.config {
+            (node.channel, node.power) = (config.channel, config.tx_power);
+        }
+        (now + ASSESSMENT, Due::Assessed(id.0))
+    }
+
+    pub(super) fn planned(&mut self, due: Due, event: EventId) {
+        if let Due::Assessed(node) | Due::Start(node) = due {
+            self.nodes[node as usize].event = Some(event);
+        }
+    }
+
+    /// Something is due. What is due next, and when.
+    pub(super) fn event(&mut self, now: Time, due: Due) -> Option<(Time, Due)> {
+        match due {
+            Due::Assessed(node) => self.assessed(now, node),
+            Due::Start(node) => Some(self.start(now, node)),
+            Due::End(transmission) => {
+                self.end(now, transmission);
+                None
+            }
+        }
+    }
+
+    fn assessed(&mut self, now: Time, id: u32) -> Option<(Time, Due)> {
+        let clear = self.thresholds.clear_channel;
+        let node = &mut self.nodes[id as usize];
+        let is_jammed = self
+            .disturbances
+            .jams(now..now, node.channel, self.links.place(id));
+        if is_jammed
+            || node
+                .carriers
+                .iter()
+                .any(|carrier| carrier.strength >= clear)
+        {
+            node.finish(TxOutcome::ChannelBusy);
+            self.drop_at(now, id, id, Reason::Busy);
+            return None;
+        }
+        node.sending = Sending::Turning;
+        if let Some(lock) = node.lock.take() {
+            let from = self.transmissions[lock.transmission as usize].from;
+            self.drop_at(now, id, from, Reason::HalfDuplex);
+        }
+        Some((now + TURNAROUND, Due::Start(id)))
+    }
+
+    fn start(&mut self, now: Time, id: u32) -> (Time, Due) {
+        let node = &mut self.nodes[id as usize];
+        let channel = node.channel;
+        let is_sealed = node.abilities.fcs;
+        let frame = std::mem::take(&mut node.frame);
+        let number = self.put(now, id, channel, &frame, is_sealed);
+        let node = &mut self.nodes[id as usize];
+        node.frame = frame;
+        node.sending = Sending::OnAir(number);
+        (self.end_of(number), Due::End(number))
+    }
+
+    pub(super) fn inject(
+        &mut self,
+        now: Time,
+        from: NodeId,
+        channel: Channel,
+        psdu: &[u8],
+    ) -> (Time, Due) {
+        let number = self.put(now, from.0, channel, psdu, false);
+        (self.end_of(number), Due::End(number))
+    }
+
+    fn end_of(&self, number: u32) -> Time {
+        let transmission = &self.transmissions[number as usize];
+        transmission.start + (PHY_HEADER + transmission.psdu_len()) as Time * BYTE
+    }
+
+    /// Puts a frame on the air.
+    fn put(
+        &mut self,
+        now: Time,
+        from: u32,
+        channel: Channel,
+        bytes: &[u8],
+        is_sealed: bool,
+    ) -> u32 {
+        let slot = self.free.pop().unwrap_or_else(|| {
+            self.transmissions.push(Transmission {
+                from,
+                number: 0,
+                channel,
+                start: now,
+                bytes: Vec::new(),
+                is_sealed,
+                is_cut: false,
+                hearers: Vec::new(),
+            });
+            self.is_live.push(false);
+            (self.transmissions.len() - 1) as u32
+        });
+        self.is_live[slot as usize] = true;
+        let transmission = &mut self.transmissions[slot as usize];
+        let counters = &mut self.nodes[from as usize].counters;
+        counters.frames += 1;
+        transmission.from = from;
+        transmission.number = counters.frames;
+        transmission.channel = channel;
+        transmission.start = now;
+        transmission.bytes.clear();
+        transmission.bytes.extend_from_slice(bytes);
+        transmission.is_sealed = is_sealed;
+        transmission.is_cut = false;
+        transmission.hearers.clear();
+        let len = transmission.psdu_len();
+        counters.bytes += len as u64;
+        counters.airtime += (PHY_HEADER + len) as Time * BYTE;
+        for watcher in &mut self.watchers {
+            let (from, frame) = (NodeId(from), transmission.frame());
+            watcher.event(
+                now,
+                Event::Sent {
+                    from,
+                    channel,
+                    frame,
+                },
+            );
+        }
+        self.spread(now, slot);
+        slot
+    }
+
+    /// Everybody in reach hears a new carrier.
+    fn spread(&mut self, now: Time, slot: u32) {
+        let Transmission { from, channel, .. } = self.transmissions[slot as usize];
+        let power = self.nodes[from as usize].power;
+        let mut audible = 0;
+        let links = self.links.of(from).len();
+        for at in 0..links {
+            let link = self.links.of(from)[at];
+            let config = self.nodes[link.to as usize].config;
+            if config.is_none_or(|config| config.channel != channel) {
+                continue;
+            }
+            let strength = self.links.propagation.received(link, power);
+            if strength < self.thresholds.floor {
+                continue;
+            }
+            if self.disturbances.separates(now, from, link.to) {
+                audible += 1;
+                self.drop_at(now, link.to, from, Reason::Partitioned);
+                continue;
+            }
+            self.transmissions[slot as usize].hearers.push(link.to);
+            let is_strong = strength >= self.thresholds.sensitivity;
+            audible += u64::from(is_strong);
+            if let Some(reason) = self.hear(slot, link, strength, is_strong) {
+                self.drop_at(now, link.to, from, reason);
+            }
+        }
+        let is_own = self.nodes[from as usize]
+            .config
+            .is_some_and(|config| config.channel == channel);
+        let others = self.listeners[index(channel)] - u64::from(is_own);
+        let counters = &mut self.nodes[from as usize].counters;
+        counters.drop(Reason::OutOfRange, others - audible);
+    }
+
+    /// A carrier begins at a receiver. Why its frame is lost already.
+    fn hear(&mut self, slot: u32, link: Link, strength: f32, is_strong: bool) -> Option<Reason> {
+        let thresholds = self.thresholds;
+        let node = &mut self.nodes[link.to as usize];
+        node.carriers.push(Carrier {
+            transmission: slot,
+            strength,
+        });
+        if matches!(node.sending, Sending::Turning | Sending::OnAir(_)) {
+            return is_strong.then_some(Reason::HalfDuplex);
+        }
+        if let Some(mut lock) = node.lock.take() {
+            if !node.stands_out(lock.transmission, lock.strength, thresholds) {
+                lock.broken = lock.broken.or(Some(Reason::Collision));
+            }
+            node.lock = Some(lock);
+            return is_strong.then_some(Reason::Collision);
+        }
+        if is_strong {
+            let stands_out = node.stands_out(slot, strength, thresholds);
+            node.lock = Some(Lock {
+                transmission: slot,
+                strength,
+                loss: link.loss,
+                broken: (!stands_out).then_some(Reason::Collision),
+            });
+        }
+        None
+    }
+
+    fn end(&mut self, now: Time, slot: u32) {
+        let placeholder = Transmission {
+            from: 0,
+            number: 0,
+            channel: Channel::FIRST,
+            start: now,
+            bytes: Vec::new(),
+            is_sealed: true,
+            is_cut: false,
+            hearers: Vec::new(),
+        };
+        let transmission = std::mem::replace(&mut self.transmissions[slot as usize], placeholder);
+        let sender = &mut self.nodes[transmission.from as usize];
+        if sender.sending == Sending::OnAir(slot) {
+            sender.finish(TxOutcome::Sent);
+        }
+        for &hearer in &transmission.hearers {
+            let node = &mut self.nodes[hearer as usize];
+            node.carriers.retain(|carrier| carrier.transmission != slot);
+            if let Some(lock) = node.lock.take_if(|lock| lock.transmission == slot) {
+                match self.arrive(now, hearer, &transmission, &lock) {
+                    Some(reason) => self.drop_at(now, hearer, transmission.from, reason),
+                    None => {
+                        self.nodes[hearer as usize].counters.received += 1;
+                        let (from, by) = (NodeId(transmission.from), NodeId(hearer));
+                        self.tell(now, Event::Received { from, by });
+                    }
+                }
+            }
+        }
+        self.transmissions[slot as usize] = transmission;
+        self.is_live[slot as usize] = false;
+        self.free.push(slot);
+    }
+
+    /// A frame is over at the receiver that stayed with it. Why it is lost, if it is.
+    fn arrive(
+        &mut self,
+        now: Time,
+        by: u32,
+        transmission: &Transmission,
+        lock: &Lock,
+    ) -> Option<Reason> {
+        let chance = mix(self.seed ^ mix(transmission.number))
+            ^ u64::from(transmission.from) << 32
+            ^ u64::from(by);
+        let [lost, flipped] = self.disturbances.shares(now);
+        let kept = (1.0 - f64::from(lock.loss)) * (1.0 - lost);
+        if share(mix(chance)) >= kept {
+            return Some(Reason::Loss);
+        }
+        let place = self.links.place(by);
+        let during = transmission.start..now;
+        let damage = if transmission.is_cut {
+            Some(Reason::CutOff)
+        } else if lock.broken.is_some() {
+            lock.broken
+        } else if self.disturbances.jams(during, transmission.channel, place) {
+            Some(Reason::Jammed)
+        } else {
+            (share(mix(chance ^ 1 << 63)) < flipped).then_some(Reason::Corrupted)
+        };
+        let node = &mut self.nodes[by as usize];
+        let config = node.config?;
+        if node.abilities.fcs && damage.is_some() {
+            return damage;
+        }
+        if node.abilities.fcs && !transmission.is_intact() {
+            return Some(Reason::Corrupted);
+        }
+        let is_wanted = !node.abilities.address_filter
+            || config.promiscuous
+            || config.accepts(transmission.frame());
+        if !is_wanted {
+            return Some(Reason::Filtered);
+        }
+        if !node.abilities.rx_queue && node.receiver.is_none() {
+            return Some(Reason::NotListening);
+        }
+        if node.queue.len() >= if node.abilities.rx_queue { QUEUE } else { 1 } {
+            return Some(Reason::QueueFull);
+        }
+        let frame = transmission.frame();
+        let mut bytes = [0; PSDU_MAX];
+        bytes[..frame.len()].copy_from_slice(frame);
+        let mut len = frame.len();
+        if !node.abilities.fcs {
+            len = transmission.psdu_len();
+            let check = if transmission.is_sealed {
+                fcs(frame).to_le_bytes()
+            } else {
+                [transmission.bytes[len - 2], transmission.bytes[len - 1]]
+            };
+            bytes[frame.len()..len].copy_from_slice(&check);
+            if let Some(reason) = damage {
+                spoil(&mut bytes[..len], reason, chance);
+            }
+        }
+        let zero = if self.thresholds.sensitivity.is_finite() {
+            self.thresholds.sensitivity
+        } else {
+            LQI_ZERO
+        };
+        let received = Received {
+            len,
+            channel: transmission.channel,
+            // Saturating casts.
+            rssi: Some(lock.strength.round() as i8),
+            lqi: Some(((lock.strength - zero) * 255.0 / LQI_SPAN) as u8),
+        };
+        node.queue.push_back((received, bytes));
+        if let Some(waker) = &node.receiver {
+            waker.wake_by_ref();
+        }
+        damage
+    }
+}
+
+/// Damages the bytes of a frame: one bit, or the second half.
+fn spoil(bytes: &mut [u8], reason: Reason, chance: u64) {
+    let random = mix(chance ^ 1 << 62);
+    if reason == Reason::Corrupted {
+        let bit = random as usize % (8 * bytes.len());
+        bytes[bit / 8] ^= 1 << (bit % 8);
+    } else {
+        let half = (bytes.len() / 2).max(FRAME_MIN).min(bytes.len());
+        for (place, byte) in (0..).zip(&mut bytes[half..]) {
+            *byte = mix(random ^ place) as u8;
+        }
+    }
+}

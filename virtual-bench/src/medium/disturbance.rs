@@ -1,0 +1,83 @@
+//! What goes wrong on the air by order of a script.
+
+use std::{collections::BTreeSet, ops::Range};
+
+use zigbee_link::radio::Channel;
+
+use super::{NodeId, Place};
+use crate::executor::Time;
+
+/// Something that goes wrong for a while.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Disturbance {
+    /// When, nanoseconds.
+    pub during: Range<Time>,
+    /// What.
+    pub kind: Kind,
+}
+
+/// What goes wrong.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Kind {
+    /// A carrier: receivers in reach lose what they receive and find the channel busy.
+    Jammer {
+        /// Its channel, or all.
+        channel: Option<Channel>,
+        /// Where it is and how far it reaches, or everywhere.
+        disk: Option<(Place, f64)>,
+    },
+    /// These nodes neither hear the others nor are heard by them.
+    Partition(BTreeSet<NodeId>),
+    /// Every link loses this share of its frames besides, 0 to 1.
+    Loss(f64),
+    /// A bit is flipped in this share of the received frames, 0 to 1.
+    BitFlips(f64),
+}
+
+/// All that was ordered.
+#[derive(Default)]
+pub(super) struct Disturbances(Vec<Disturbance>);
+
+impl Disturbances {
+    pub(super) fn add(&mut self, disturbance: Disturbance) {
+        self.0.push(disturbance);
+    }
+
+    fn within(&self, time: Range<Time>) -> impl Iterator<Item = &Kind> {
+        let overlaps =
+            move |d: &&Disturbance| d.during.start <= time.end && time.start < d.during.end;
+        self.0.iter().filter(overlaps).map(|d| &d.kind)
+    }
+
+    pub(super) fn jams(&self, time: Range<Time>, at: Channel, place: Place) -> bool {
+        self.within(time).any(|kind| match kind {
+            Kind::Jammer { channel, disk } => {
+                channel.is_none_or(|channel| channel == at)
+                    && disk.is_none_or(|(centre, reach)| {
+                        libm::hypot(place[0] - centre[0], place[1] - centre[1]) <= reach
+                    })
+            }
+            _ => false,
+        })
+    }
+
+    pub(super) fn separates(&self, now: Time, a: u32, b: u32) -> bool {
+        self.within(now..now).any(|kind| match kind {
+            Kind::Partition(nodes) => nodes.contains(&NodeId(a)) != nodes.contains(&NodeId(b)),
+            _ => false,
+        })
+    }
+
+    /// The shares of frames lost and of frames with a flipped bit.
+    pub(super) fn shares(&self, now: Time) -> [f64; 2] {
+        let mut kept = [1.0, 1.0];
+        for kind in self.within(now..now) {
+            match kind {
+                Kind::Loss(share) => kept[0] *= 1.0 - share,
+                Kind::BitFlips(share) => kept[1] *= 1.0 - share,
+                Kind::Jammer { .. } | Kind::Partition(_) => {}
+            }
+        }
+        kept.map(|kept| 1.0 - kept)
+    }
+}

@@ -1,0 +1,465 @@
+//! The radio medium.
+
+use std::{cell::RefCell, collections::BTreeSet, rc::Rc};
+
+use embassy_futures::select::select;
+use virtual_bench::{
+    executor::{Ended, Executor, Time},
+    medium::{
+        Capture, Disturbance, Edge, Kind, LogDistance, Medium, NodeId, Place, Propagation, Radio,
+        RadioError, Reason,
+    },
+};
+use zigbee_link::{
+    radio::{Capabilities, Channel, Config, FRAME_MAX, PSDU_MAX, Radio as _, Received, TxOutcome},
+    wire::{Eui64, PanId, ShortAddress, has_good_fcs},
+};
+
+use crate::support::{ABILITIES, MICROSECOND, MILLISECOND, SECOND};
+
+const CHANNEL: Channel = Channel::FIRST;
+/// Assessment and turnaround before a frame, by hand from the standard.
+const LEAD: Time = (128 + 192) * MICROSECOND;
+
+fn config(node: NodeId) -> Config {
+    Config {
+        channel: CHANNEL,
+        tx_power: 0,
+        pan: PanId(0xBEEF),
+        short: ShortAddress(node.0 as u16),
+        extended: Eui64([0; 8]),
+        coordinator: false,
+        promiscuous: true,
+    }
+}
+
+/// A frame of so many bytes.
+fn frame(len: usize) -> Vec<u8> {
+    let mut frame = vec![0x41, 0x98, 1, 0xEF, 0xBE, 0xFF, 0xFF, 9, 0];
+    frame.resize(len, 0x55);
+    frame
+}
+
+type Heard = Rc<RefCell<Vec<(Time, Received, Vec<u8>)>>>;
+
+struct Bench {
+    executor: Executor,
+    medium: Medium,
+}
+
+impl Bench {
+    fn new(propagation: Propagation) -> Self {
+        let executor = Executor::new();
+        let medium = Medium::new(&executor.clock(), propagation, 1);
+        Self { executor, medium }
+    }
+
+    fn disk(range: f64, loss: f64) -> Self {
+        Self::new(Propagation::UnitDisk { range, loss })
+    }
+
+    async fn switched_on(medium: Medium, node: NodeId, abilities: Capabilities) -> Radio {
+        let mut radio = medium.radio(node, abilities);
+        radio.configure(&config(node)).await.unwrap();
+        radio
+    }
+
+    /// A node that sends frames of so many bytes, beginning at these times.
+    fn sender(
+        &mut self,
+        place: Place,
+        sent: &[(Time, usize)],
+    ) -> (NodeId, Rc<RefCell<Vec<TxOutcome>>>) {
+        let node = self.medium.attach(place);
+        let (medium, clock, sent) = (self.medium.clone(), self.executor.clock(), sent.to_vec());
+        let outcomes = Rc::new(RefCell::new(Vec::new()));
+        let list = outcomes.clone();
+        self.executor.spawn(async move {
+            let mut radio = Self::switched_on(medium, node, ABILITIES).await;
+            for (at, len) in sent {
+                clock.sleep_until_time(at).await;
+                let outcome = radio.transmit(&frame(len)).await.unwrap();
+                list.borrow_mut().push(outcome);
+            }
+            std::future::pending::<()>().await;
+        });
+        (node, outcomes)
+    }
+
+    /// A node that writes down what it hears.
+    fn listener(&mut self, place: Place, abilities: Capabilities) -> (NodeId, Heard) {
+        let node = self.medium.attach(place);
+        let heard = Heard::default();
+        let (medium, clock, list) = (self.medium.clone(), self.executor.clock(), heard.clone());
+        self.executor.spawn(async move {
+            let mut radio = Self::switched_on(medium, node, abilities).await;
+            let mut buffer = [0; PSDU_MAX];
+            loop {
+                let received = radio.receive(&mut buffer).await.unwrap();
+                let bytes = buffer[..received.len].to_vec();
+                list.borrow_mut().push((clock.time(), received, bytes));
+            }
+        });
+        (node, heard)
+    }
+
+    fn run(&mut self, until: Time) {
+        assert_eq!(self.executor.run_until(until), Ended::TimeUp);
+    }
+
+    fn dropped(&self, node: NodeId, reason: Reason) -> u64 {
+        self.medium.counters(node).dropped(reason)
+    }
+}
+
+/// A frame of 20 bytes has a PSDU of 22 and takes (6 + 22) * 32 us = 896 us.
+#[test]
+fn airtime_by_hand() {
+    let mut bench = Bench::disk(10.0, 0.0);
+    let (sender, outcomes) = bench.sender([0.0, 0.0], &[(MILLISECOND, 20)]);
+    let (listener, heard) = bench.listener([3.0, 4.0], ABILITIES);
+    bench.run(SECOND);
+    let heard = heard.borrow();
+    assert_eq!(heard.len(), 1);
+    let (at, received, bytes) = &heard[0];
+    assert_eq!(*at, MILLISECOND + LEAD + 896 * MICROSECOND);
+    assert_eq!((bytes, received.channel), (&frame(20), CHANNEL));
+    assert_eq!(received.rssi, Some(-65));
+    assert_eq!(*outcomes.borrow(), [TxOutcome::Sent]);
+    let counters = bench.medium.counters(sender);
+    assert_eq!(
+        (counters.frames, counters.bytes, counters.airtime),
+        (1, 22, 896 * MICROSECOND)
+    );
+    assert_eq!(bench.medium.counters(listener).received, 1);
+    assert_eq!(bench.medium.totals().frames, 1);
+}
+
+/// Two radios that begin within the turnaround collide; one that begins later hears the other.
+#[test]
+fn collisions_and_the_busy_channel() {
+    for (later, collide) in [(0, true), (191, true), (200, false)] {
+        let mut bench = Bench::disk(10.0, 0.0);
+        let (a, first) = bench.sender([0.0, 0.0], &[(MILLISECOND, 20)]);
+        let (b, second) = bench.sender([1.0, 0.0], &[(MILLISECOND + later * MICROSECOND, 20)]);
+        let (listener, heard) = bench.listener([0.0, 1.0], ABILITIES);
+        bench.run(SECOND);
+        assert_eq!(*first.borrow(), [TxOutcome::Sent]);
+        if collide {
+            assert_eq!(*second.borrow(), [TxOutcome::Sent]);
+            assert_eq!(heard.borrow().len(), 0);
+            assert_eq!(bench.dropped(listener, Reason::Collision), 2);
+            assert_eq!(bench.dropped(a, Reason::HalfDuplex), 1);
+            assert_eq!(bench.dropped(b, Reason::HalfDuplex), 1);
+        } else {
+            assert_eq!(*second.borrow(), [TxOutcome::ChannelBusy]);
+            assert_eq!(bench.dropped(b, Reason::Busy), 1);
+            assert_eq!(heard.borrow().len(), 1);
+        }
+    }
+}
+
+/// Two who do not hear one another collide at the one between them, whenever they overlap.
+#[test]
+fn hidden_terminal() {
+    let mut bench = Bench::disk(10.0, 0.0);
+    let frames = [(MILLISECOND, 100), (20 * MILLISECOND, 100)];
+    let (a, left) = bench.sender([-8.0, 0.0], &frames);
+    let late = [(3 * MILLISECOND, 100), (30 * MILLISECOND, 100)];
+    let (_, right) = bench.sender([8.0, 0.0], &late);
+    let (middle, heard) = bench.listener([0.0, 0.0], ABILITIES);
+    bench.run(SECOND);
+    assert_eq!(*left.borrow(), [TxOutcome::Sent; 2]);
+    assert_eq!(*right.borrow(), [TxOutcome::Sent; 2]);
+    assert_eq!(bench.dropped(middle, Reason::Collision), 2);
+    assert_eq!(heard.borrow().len(), 2);
+    // Each is out of the other's range.
+    assert_eq!(bench.dropped(a, Reason::OutOfRange), 2);
+}
+
+/// The frame that is received survives a later one that is 6 dB weaker, but not one that is 2 dB
+/// weaker; a later one is lost even if it is stronger.
+#[test]
+fn capture() {
+    for (later, survives) in [(-56.0, true), (-52.0, false), (-40.0, false)] {
+        let ends = |a, b| [NodeId(a), NodeId(b)];
+        let edge = |ends, strength| Edge {
+            ends,
+            strength,
+            loss: 0.0,
+        };
+        let mut bench = Bench::new(Propagation::Edges {
+            edges: vec![edge(ends(0, 2), -50.0), edge(ends(2, 1), later)],
+            capture: Some(3.0),
+        });
+        bench.sender([0.0; 2], &[(MILLISECOND, 100)]);
+        bench.sender([0.0; 2], &[(2 * MILLISECOND, 20)]);
+        let (listener, heard) = bench.listener([0.0; 2], ABILITIES);
+        bench.run(SECOND);
+        let expected = (usize::from(survives), 2 - u64::from(survives));
+        let lost = bench.dropped(listener, Reason::Collision);
+        assert_eq!((heard.borrow().len(), lost), expected, "{later} dBm");
+    }
+}
+
+/// 30 % of 10,000 frames: within four standard deviations (0.46 %) of that. Another node changes
+/// nothing.
+#[test]
+fn loss_is_as_asked_and_independent_of_others() {
+    let arrivals = |nodes: usize| {
+        let mut bench = Bench::disk(10.0, 0.3);
+        let times: Vec<_> = (1..=10_000).map(|n| (n * 5 * MILLISECOND, 20)).collect();
+        bench.sender([0.0, 0.0], &times);
+        let (listener, heard) = bench.listener([1.0, 0.0], ABILITIES);
+        for n in 0..nodes {
+            bench.listener([0.0, n as f64], ABILITIES);
+        }
+        bench.run(60 * SECOND);
+        let lost = bench.dropped(listener, Reason::Loss);
+        assert_eq!(heard.borrow().len() as u64 + lost, 10_000);
+        assert!(
+            (lost as f64 / 10_000.0 - 0.3).abs() < 4.0 * 0.0046,
+            "{lost}"
+        );
+        let times: Vec<Time> = heard.borrow().iter().map(|(at, ..)| *at).collect();
+        times
+    };
+    assert_eq!(arrivals(0), arrivals(3));
+}
+
+/// What becomes of frames that nobody waits for, and that are for others.
+#[test]
+fn queues_and_filters() {
+    let times: Vec<_> = (1..=12).map(|n| (n * 5 * MILLISECOND, 20)).collect();
+    let mut bench = Bench::disk(10.0, 0.0);
+    bench.sender([0.0, 0.0], &times);
+    let off = bench.medium.attach([1.0, 0.0]);
+    let deaf = bench.medium.attach([2.0, 0.0]);
+    let full = bench.medium.attach([3.0, 0.0]);
+    let other = bench.medium.attach([4.0, 0.0]);
+    let medium = bench.medium.clone();
+    let late = Rc::new(RefCell::new(0));
+    let (count, clock) = (late.clone(), bench.executor.clock());
+    bench.executor.spawn(async move {
+        let no_queue = Capabilities {
+            rx_queue: false,
+            ..ABILITIES
+        };
+        let _deaf = Bench::switched_on(medium.clone(), deaf, no_queue).await;
+        let mut full = Bench::switched_on(medium.clone(), full, ABILITIES).await;
+        let mut other = medium.radio(other, ABILITIES);
+        let foreign = Config {
+            pan: PanId(0x1234),
+            promiscuous: false,
+            ..config(off)
+        };
+        other.configure(&foreign).await.unwrap();
+        clock.sleep(SECOND / 2).await;
+        let mut buffer = [0; PSDU_MAX];
+        let drain = async {
+            loop {
+                full.receive(&mut buffer).await.unwrap();
+                *count.borrow_mut() += 1;
+            }
+        };
+        select(drain, clock.sleep(SECOND)).await;
+    });
+    bench.run(SECOND);
+    assert_eq!(bench.dropped(deaf, Reason::NotListening), 12);
+    assert_eq!(
+        (bench.dropped(full, Reason::QueueFull), *late.borrow()),
+        (4, 8)
+    );
+    assert_eq!(bench.dropped(other, Reason::Filtered), 12);
+    assert_eq!(bench.medium.counters(off), Default::default());
+}
+
+#[test]
+fn scripted_disturbances() {
+    let times: Vec<_> = (0..60)
+        .map(|n| (10 * MILLISECOND + n * SECOND / 10, 20))
+        .collect();
+    let mut bench = Bench::disk(10.0, 0.0);
+    let raw = Capabilities {
+        fcs: false,
+        ..ABILITIES
+    };
+    let (sender, outcomes) = bench.sender([0.0, 0.0], &times);
+    let (listener, heard) = bench.listener([5.0, 0.0], ABILITIES);
+    let (_, damaged) = bench.listener([5.0, 0.0], raw);
+    let kinds = [
+        Kind::Partition(BTreeSet::from([listener])),
+        Kind::Loss(1.0),
+        Kind::BitFlips(1.0),
+        // Reaches the listeners, not the sender.
+        Kind::Jammer {
+            channel: Some(CHANNEL),
+            disk: Some(([7.0, 0.0], 3.0)),
+        },
+        Kind::Jammer {
+            channel: None,
+            disk: None,
+        },
+    ];
+    for (second, kind) in (1..).zip(kinds) {
+        let during = second * SECOND..(second + 1) * SECOND;
+        bench.medium.disturb(Disturbance { during, kind });
+    }
+    bench.run(10 * SECOND);
+    let reasons = [
+        (Reason::Partitioned, 10),
+        (Reason::Loss, 10),
+        (Reason::Corrupted, 10),
+        (Reason::Jammed, 10),
+    ];
+    for (reason, count) in reasons {
+        assert_eq!(bench.dropped(listener, reason), count, "{reason:?}");
+    }
+    assert_eq!(bench.dropped(sender, Reason::Busy), 10);
+    assert_eq!(outcomes.borrow()[50..], [TxOutcome::ChannelBusy; 10]);
+    assert_eq!(heard.borrow().len(), 10);
+    // A radio without FCS gets what the air made of it.
+    let intact = |second: u64| -> Vec<bool> {
+        let during = second * SECOND..(second + 1) * SECOND;
+        let damaged = damaged.borrow();
+        let within = damaged.iter().filter(|(at, ..)| during.contains(at));
+        within.map(|(_, _, bytes)| has_good_fcs(bytes)).collect()
+    };
+    assert_eq!(intact(0), [true; 10]);
+    assert_eq!(intact(1), [true; 10]);
+    assert_eq!(intact(3), [false; 10]);
+    assert_eq!(intact(4), [false; 10]);
+    for (at, _, bytes) in &*damaged.borrow() {
+        let bits: u32 = bytes
+            .iter()
+            .zip(frame(20))
+            .map(|(a, b)| (a ^ b).count_ones())
+            .sum();
+        assert!(*at < 3 * SECOND || *at > 4 * SECOND || bits <= 1);
+    }
+}
+
+/// Rules 1, 8 and 9 of the contract.
+#[test]
+fn radios_that_are_used_against_their_contract() {
+    let mut bench = Bench::disk(10.0, 0.0);
+    let (_, heard) = bench.listener([5.0, 0.0], ABILITIES);
+    let node = bench.medium.attach([0.0, 0.0]);
+    let (medium, clock) = (bench.medium.clone(), bench.executor.clock());
+    bench.executor.spawn(async move {
+        let mut radio = medium.radio(node, ABILITIES);
+        let refused = radio.transmit(&frame(20)).await;
+        assert_eq!(refused, Err(RadioError::NotConfigured));
+        let refused = radio.receive(&mut [0; PSDU_MAX]).await;
+        assert_eq!(refused.err(), Some(RadioError::NotConfigured));
+        radio.configure(&config(node)).await.unwrap();
+        for length in [2, FRAME_MAX + 1] {
+            let refused = radio.transmit(&vec![0; length]).await;
+            assert_eq!(refused, Err(RadioError::Length(length)));
+        }
+        select(radio.transmit(&frame(60)), clock.sleep(MILLISECOND)).await;
+        assert_eq!(radio.transmit(&frame(20)).await, Ok(TxOutcome::Sent));
+        // The first frame, begun at 0, went out; the second followed it.
+        let first = LEAD + (6 + 62) * 32 * MICROSECOND;
+        let second = LEAD + (6 + 22) * 32 * MICROSECOND;
+        assert_eq!(clock.time(), first + second);
+    });
+    bench.run(SECOND);
+    assert_eq!(bench.executor.tasks(), 1);
+    let lengths: Vec<_> = heard.borrow().iter().map(|(_, r, _)| r.len).collect();
+    assert_eq!(lengths, [60, 20]);
+}
+
+#[test]
+fn a_power_cut_within_a_frame() {
+    let mut bench = Bench::disk(10.0, 0.0);
+    let (listener, heard) = bench.listener([5.0, 0.0], ABILITIES);
+    let node = bench.medium.attach([0.0, 0.0]);
+    let medium = bench.medium.clone();
+    let task = bench.executor.spawn(async move {
+        let mut radio = Bench::switched_on(medium, node, ABILITIES).await;
+        let _ = radio.transmit(&frame(100)).await;
+    });
+    bench.run(2 * MILLISECOND);
+    bench.executor.kill(task);
+    // It is switched on again before the end of what it had begun.
+    let medium = bench.medium.clone();
+    bench.executor.spawn(async move {
+        let mut radio = Bench::switched_on(medium, node, ABILITIES).await;
+        assert_eq!(radio.transmit(&frame(20)).await, Ok(TxOutcome::Sent));
+    });
+    bench.run(SECOND);
+    assert_eq!(bench.executor.tasks(), 1);
+    assert_eq!(bench.dropped(listener, Reason::CutOff), 1);
+    assert_eq!(
+        heard.borrow().len() as u64 + bench.dropped(listener, Reason::Collision),
+        1
+    );
+}
+
+/// By hand, without shadowing: 10 m with exponent 3 is 40.2 + 30 dB; 80 m is 97.3 dB, too weak.
+#[test]
+fn log_distance() {
+    let model = LogDistance {
+        shadowing: 0.0,
+        ..LogDistance::default()
+    };
+    let mut bench = Bench::new(Propagation::LogDistance(model));
+    let (sender, _) = bench.sender([0.0, 0.0], &[(MILLISECOND, 20)]);
+    let (_, near) = bench.listener([6.0, 8.0], ABILITIES);
+    let (_, far) = bench.listener([80.0, 0.0], ABILITIES);
+    bench.run(SECOND);
+    assert_eq!(near.borrow()[0].1.rssi, Some(-70));
+    // 24.8 dB above the sensitivity.
+    assert_eq!(near.borrow()[0].1.lqi, Some(158));
+    assert_eq!(far.borrow().len(), 0);
+    assert_eq!(bench.dropped(sender, Reason::OutOfRange), 1);
+}
+
+#[test]
+fn a_node_that_moves_away_is_no_longer_heard() {
+    let mut bench = Bench::disk(10.0, 0.0);
+    let times = [(MILLISECOND, 20), (2 * SECOND, 20), (4 * SECOND, 20)];
+    let (sender, _) = bench.sender([0.0, 0.0], &times);
+    let (_, heard) = bench.listener([5.0, 0.0], ABILITIES);
+    bench.run(SECOND);
+    bench.medium.move_to(sender, [500.0, 0.0]);
+    bench.run(3 * SECOND);
+    assert_eq!(heard.borrow().len(), 1);
+    bench.medium.move_to(sender, [0.0, 3.0]);
+    bench.run(5 * SECOND);
+    assert_eq!(heard.borrow().len(), 2);
+    assert_eq!(bench.medium.neighbours(sender), 1);
+}
+
+#[derive(Clone, Default)]
+struct File(Rc<RefCell<Vec<u8>>>);
+
+impl std::io::Write for File {
+    fn write(&mut self, bytes: &[u8]) -> std::io::Result<usize> {
+        self.0.borrow_mut().extend_from_slice(bytes);
+        Ok(bytes.len())
+    }
+
+    fn flush(&mut self) -> std::io::Result<()> {
+        Ok(())
+    }
+}
+
+/// One record for each frame, however many hear it, at the time of its beginning.
+#[test]
+fn captures() {
+    let mut bench = Bench::disk(10.0, 0.0);
+    bench.sender([0.0, 0.0], &[(MILLISECOND, 20), (2 * SECOND, 30)]);
+    bench.listener([5.0, 0.0], ABILITIES);
+    bench.listener([6.0, 0.0], ABILITIES);
+    let file = File::default();
+    bench.medium.watch(Capture::new(file.clone()).unwrap());
+    bench.run(3 * SECOND);
+    let bytes = file.0.borrow();
+    // Header; two records of 16 bytes, TAP header of 20, frame and FCS.
+    assert_eq!(bytes.len(), 24 + (16 + 20 + 22) + (16 + 20 + 32));
+    let number = |at: usize| u32::from_le_bytes(bytes[at..at + 4].try_into().unwrap());
+    assert_eq!((number(24), number(28)), (0, 1320));
+    assert_eq!((number(82), number(86)), (2, 320));
+}
