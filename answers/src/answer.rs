@@ -42,6 +42,11 @@ impl Reason {
     }
 }
 
+/// Whether there is a pose, as certain as was asked for by its own prediction.
+pub fn is_kept(status: Status) -> bool {
+    matches!(status, Status::Calibrated | Status::Doubtful)
+}
+
 /// What is the matter, and what to do about it; nothing for [`Status::Calibrated`].
 pub fn advice(status: Status, reason: Option<Reason>) -> Option<String> {
     let advice = match (status, reason) {

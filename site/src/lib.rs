@@ -54,7 +54,7 @@ pub use file::{
 };
 pub use firmware::FirmwareTable;
 pub use overrides::Overrides;
-pub use put_up::{CameraNode, Frame, Network, Site, TargetNode};
+pub use put_up::{CameraNode, Frame, Network, Site, TargetNode, obstacles};
 
 /// Coordinators have no numbers in a scenario: the first network's gets this one, the second's the
 /// next one, and so on. All other nodes have lower ones.

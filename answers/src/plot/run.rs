@@ -1,7 +1,7 @@
 //! Drawings of one run: a map like the thesis's Figures 4.2 to 4.8, errors against predicted
 //! sigmas, and residuals.
 
-use calib_core::Pose;
+use calib_core::{Pose, Status};
 use nalgebra::{Matrix3, Point2, Vector2};
 use plotters::prelude::*;
 
@@ -14,6 +14,7 @@ use super::{
     },
     labels::Labels,
     panels::{Panels, bar, level},
+    style::{draw_mark, style},
     view::View,
 };
 use crate::accuracy::quantile;

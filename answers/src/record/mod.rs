@@ -9,7 +9,7 @@
 //!
 //! Places and headings, true ones too, are in the frame of their node's or target's
 //! [`network`](Node::network): its origin is the first reference, its x axis points to the second
-//! one. Each of the [`networks`](RunRecord::networks) tells where its frame is in the building.
+//! one. Each of the [`networks`](RunRecord::networks) tells where its frame is.
 //!
 //! Two runs of one scenario and seed give the same record, byte for byte. The time the computer
 //! took is the one exception, so [`wall_seconds`](RunRecord::wall_seconds) is `null` unless it was
@@ -73,8 +73,15 @@ pub struct RunRecord {
 pub struct Network {
     /// Its number, from 1.
     pub network: u16,
-    /// Where the origin of its frame is in the building, and the direction of its x axis there.
+    /// Where the origin of its frame really is in the frame of the first network, and the direction
+    /// of its x axis.
+    pub frame: Place,
+    /// Where the site file says that its frame is in the building.
     pub building: Option<Place>,
+    /// Its PAN identifier, once it has one.
+    pub pan: Option<u16>,
+    /// Its channel.
+    pub channel: Option<u8>,
 }
 
 /// The unit of lengths.
@@ -303,6 +310,12 @@ impl Place {
         Point2::new(self.x, self.y)
     }
 
+    /// The place as a frame.
+    fn isometry(&self) -> Isometry2<f64> {
+        let Self { x, y, heading_deg } = *self;
+        Isometry2::new(Vector2::new(x, y), heading_deg.to_radians())
+    }
+
     /// The pose, exact.
     fn pose(&self) -> Pose<f64> {
         Pose {
@@ -462,10 +475,14 @@ impl Node {
         }
     }
 
-    /// Whether it was never part of a network: it had nobody to say anything to. Not known of a node
-    /// whose messages nobody saw.
+    /// Whether it was never part of a network: it had nobody to say anything to, and is on no list
+    /// of members.
     pub fn never_joined(&self) -> bool {
-        self.payload_bytes == Some(0) && self.estimate.is_none()
+        let said_nothing = match self.payload_bytes {
+            Some(bytes) => bytes == 0,
+            None => self.address.is_none() && self.role != Role::Coordinator,
+        };
+        said_nothing && self.estimate.is_none()
     }
 
     /// Whether it is a camera that counts as calibrated.
@@ -626,26 +643,25 @@ impl RunRecord {
         self.networks.len() > 1
     }
 
+    /// Where the frame of a network is in that of the first one.
+    pub(crate) fn frame(&self, network: u16) -> Isometry2<f64> {
+        let mut networks = self.networks.iter();
+        let own = networks.find(|own| own.network == network);
+        own.map_or_else(Isometry2::identity, |own| own.frame.isometry())
+    }
+
     /// Where the frame of a network is in the building, if that is known.
     fn building(&self, network: u16) -> Option<Isometry2<f64>> {
         let mut networks = self.networks.iter();
-        let Place { x, y, heading_deg } = networks.find(|own| own.network == network)?.building?;
-        Some(Isometry2::new(Vector2::new(x, y), heading_deg.to_radians()))
-    }
-
-    /// Where the frame of a network is in that of the first one. Where nobody knows, it is the same.
-    pub(crate) fn frame(&self, network: u16) -> Isometry2<f64> {
-        let first = self.networks.first().map(|first| first.network);
-        let frames = first.and_then(|first| self.building(first)).zip(self.building(network));
-        frames.map_or_else(Isometry2::identity, |(first, own)| first.inv_mul(&own))
+        let own = networks.find(|own| own.network == network)?;
+        Some(own.building?.isometry())
     }
 
     /// The same run with the places of all networks in the frame of the first one, each network
     /// standing where it really does. How sure targets were of their places stays told along the axes
     /// of their own network's frame.
     pub fn in_one_frame(&self) -> Self {
-        let first = self.networks.first().and_then(|first| first.building);
-        self.moved(first, |network| self.frame(network))
+        self.moved(|network| self.frame(network))
     }
 
     /// The same run with all places in the coordinates of the building; `None` if nobody knows where
@@ -653,21 +669,21 @@ impl RunRecord {
     /// places stay along the axes of their network.
     pub fn in_building(&self) -> Option<Self> {
         let all_known = self.networks.iter().all(|own| own.building.is_some());
-        let origin = Place {
-            x: 0.0,
-            y: 0.0,
-            heading_deg: 0.0,
-        };
         let frame = |network| self.building(network).unwrap_or_else(Isometry2::identity);
-        all_known.then(|| self.moved(Some(origin), frame))
+        all_known.then(|| self.moved(frame))
     }
 
-    /// The same run with the places of every network moved; afterwards the frames of all are here
-    /// in the building.
-    fn moved(&self, building: Option<Place>, by: impl Fn(u16) -> Isometry2<f64>) -> Self {
+    /// The same run with the places of every network moved into one frame.
+    fn moved(&self, by: impl Fn(u16) -> Isometry2<f64>) -> Self {
         let mut record = self.clone();
         for own in &mut record.networks {
-            own.building = building;
+            own.frame = Place {
+                x: 0.0,
+                y: 0.0,
+                heading_deg: 0.0,
+            };
+            // What was the frame of the network is none any more.
+            own.building = None;
         }
         // Obstacles are told in the frame of the first network.
         let first = self.networks.first().map(|first| by(first.network));

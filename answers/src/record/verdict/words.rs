@@ -6,7 +6,11 @@ use calib_core::{Refusal, Status};
 
 use super::{Common, Failing, Finding, InView, Role, Trouble, Verdict};
 
-const NEVER_JOINED: &str = "it never joined: look at `radio`, at distances and at events";
+/// What to look at, in a rehearsal and of a real node.
+const NEVER_JOINED: [&str; 2] = [
+    "it never joined: look at `radio`, at distances and at events",
+    "it never joined: check its power, its site key, the join window and its distance",
+];
 
 /// A status, with the reason where there is one, as people are told: what is the matter and what to
 /// do.
@@ -60,10 +64,15 @@ impl fmt::Display for Failing {
 }
 
 impl Finding {
-    fn write(&self, f: &mut fmt::Formatter<'_>, unit: &str) -> fmt::Result {
+    fn write(
+        &self,
+        f: &mut fmt::Formatter<'_>,
+        unit: &str,
+        never_joined: &str,
+    ) -> fmt::Result {
         write!(f, "  camera {}: ", self.camera)?;
         match &self.trouble {
-            Trouble::NeverJoined => write!(f, "not calibrated: {NEVER_JOINED}"),
+            Trouble::NeverJoined => write!(f, "not calibrated: {never_joined}"),
             Trouble::Fails(_) => f.write_str("not calibrated: its board fails, see below"),
             Trouble::Silent(since) => write!(f, "{}", Since(*since)),
             Trouble::NeverSaw(in_view) => {
@@ -169,6 +178,7 @@ impl fmt::Display for Verdict {
             unit,
             ..
         } = self;
+        let never_joined = NEVER_JOINED[usize::from(!self.is_rehearsal)];
         write!(f, "{calibrated} of {expected} cameras are calibrated")?;
         let nothing = self.findings.is_empty() && self.common.is_empty();
         let others = self.absent.len() + self.silent.len() + self.failing.len();
@@ -180,11 +190,11 @@ impl fmt::Display for Verdict {
             self.write_common(f, *common)?;
         }
         for finding in &self.findings {
-            finding.write(f, unit)?;
+            finding.write(f, unit, never_joined)?;
             writeln!(f)?;
         }
         for target in &self.absent {
-            writeln!(f, "  target {target}: {NEVER_JOINED}")?;
+            writeln!(f, "  target {target}: {never_joined}")?;
         }
         for (id, who, since) in &self.silent {
             writeln!(f, "  {} {id}: {}", role(*who), Since(*since))?;
