@@ -8,8 +8,8 @@ use nalgebra::{Point2, Rotation2, Vector2};
 use plotters::prelude::*;
 
 use frame::{
-    ARROW, Drawn, Entry, Root, TARGET, draw_arrow, draw_head, draw_name,
-    draw_outline, ellipse, map_plane, to_pair,
+    ARROW, Drawn, Entry, Root, TARGET, draw_arrow, draw_head, draw_name, draw_outline, ellipse,
+    map_plane, to_pair,
 };
 use style::{draw_mark, style};
 use view::View;

@@ -159,7 +159,11 @@ pub fn csv(record: &RunRecord, frame: Frame) -> Result<String, ExportError> {
             status: camera.status,
             reason: camera.reason.map(Refusal::name),
         };
-        (which, CsvPose::from(camera.estimate), CsvTruth::from(camera))
+        (
+            which,
+            CsvPose::from(camera.estimate),
+            CsvTruth::from(camera),
+        )
     };
     let text = to_csv(record.cameras().map(row))?;
     if text.is_empty() {

@@ -131,7 +131,9 @@ impl RunMap<'_> {
     fn legend(&self) -> Vec<Entry> {
         let of = |status| {
             let cameras = self.cameras.iter();
-            cameras.filter(|c| c.estimate.is_some() && c.status == Some(status)).count()
+            cameras
+                .filter(|c| c.estimate.is_some() && c.status == Some(status))
+                .count()
         };
         let lost = self.lost().count();
         let mut legend = vec![

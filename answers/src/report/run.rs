@@ -22,7 +22,10 @@ pub fn run_report(record: &RunRecord) -> String {
         format!("{}\n", record.title()),
         poses(&[record]),
         statistics(&[record]),
-        record.radio.as_ref().map_or_else(String::new, |radio| traffic(record, radio)),
+        record
+            .radio
+            .as_ref()
+            .map_or_else(String::new, |radio| traffic(record, radio)),
         times(record),
         verdict.to_string(),
     ];
@@ -310,11 +313,7 @@ fn traffic(record: &RunRecord, radio: &Radio) -> String {
         let mut table = table(&["bytes per calibrated camera", "this run", "thesis"]);
         let rows = [
             ("payload", sum(|node| node.payload_bytes), exchange::PAYLOAD),
-            (
-                "on the air",
-                sum(|node| node.bytes_sent),
-                exchange::ON_AIR,
-            ),
+            ("on the air", sum(|node| node.bytes_sent), exchange::ON_AIR),
         ];
         for (name, ours, theirs) in rows {
             table.add_row([name.to_owned(), ours, theirs.to_string()]);

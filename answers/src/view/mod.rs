@@ -74,7 +74,8 @@ impl Member {
 
     /// How far it is.
     pub fn status(&self) -> Status {
-        self.report.map_or(Status::Waiting, |report| report.status())
+        self.report
+            .map_or(Status::Waiting, |report| report.status())
     }
 
     /// Why it has no pose.
@@ -224,7 +225,9 @@ impl NetworkView {
         let news = self.learn(now, message);
         let told = match *message {
             // The coordinator tells these again when it is asked, whoever is there.
-            ToPc::Member { address, .. } | ToPc::Report { address, .. } if news.is_some() => address,
+            ToPc::Member { address, .. } | ToPc::Report { address, .. } if news.is_some() => {
+                address
+            }
             ToPc::Done { address, done } if done.success => address,
             ToPc::Tracked { address, .. } | ToPc::Sighting { address, .. } => address,
             _ => return news,
@@ -450,7 +453,10 @@ mod tests {
             reported(1, 7, State::Refused(Refusal::DangerCircle)),
             reported(1, 7, pose()),
         ];
-        let news: Vec<_> = messages.iter().map(|m| known.take(NOW, m).unwrap()).collect();
+        let news: Vec<_> = messages
+            .iter()
+            .map(|m| known.take(NOW, m).unwrap())
+            .collect();
         assert_eq!(news[1], "network 0abc on channel 15");
         assert_eq!(news[2], "camera 7: member with address 0001");
         assert_eq!(
@@ -496,10 +502,13 @@ mod tests {
         assert!(known.is_calibrated(0));
         // Its place is given to another node.
         let success = true;
-        known.take(NOW, &ToPc::Removed {
-            address: 5,
-            success,
-        });
+        known.take(
+            NOW,
+            &ToPc::Removed {
+                address: 5,
+                success,
+            },
+        );
         known.take(NOW, &member(5, 8, CAMERA));
         assert_eq!(known.addresses(7), [3]);
         assert_eq!(known.addresses(8), [5]);

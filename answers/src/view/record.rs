@@ -90,7 +90,9 @@ impl NetworkView {
             let told: Vec<_> = member.sightings.values().map(|s| (self, s)).collect();
             let sightings: Vec<_> = told
                 .iter()
-                .filter_map(|(view, told)| Some((view.id_of(told.target)?, told.stop, sighting(told))))
+                .filter_map(|(view, told)| {
+                    Some((view.id_of(told.target)?, told.stop, sighting(told)))
+                })
                 .collect();
             if !sightings.is_empty() {
                 let count = node.sightings;
@@ -104,7 +106,11 @@ impl NetworkView {
     /// Where the targets said they stood, as far as cameras told.
     fn targets(&self) -> Vec<Target> {
         let mut targets = BTreeMap::<u16, BTreeMap<u16, Sighted>>::new();
-        for member in self.present().iter().filter(|m| m.kind == Some(Kind::Target)) {
+        for member in self
+            .present()
+            .iter()
+            .filter(|m| m.kind == Some(Kind::Target))
+        {
             targets.entry(member.id).or_default();
         }
         for told in self.cameras().iter().flat_map(|c| c.sightings.values()) {

@@ -5,10 +5,7 @@ use node_firmware::{
     config::{CameraConfig, Role as Configured, SiteKey, Subjects},
     sight::Lens,
 };
-use site::{
-    Frame, NetworkTable, Scenario, ScenarioError,
-    world::Obstacle,
-};
+use site::{Frame, NetworkTable, Scenario, ScenarioError, world::Obstacle};
 
 use crate::record::{Limits, Node, Place, Role, Unit, View, heading_degrees};
 
@@ -33,11 +30,14 @@ impl SitePlan {
     /// The file is none of which nodes can be configured.
     pub fn new(scenario: &Scenario, members: &[u16]) -> Result<Option<Self>, ScenarioError> {
         // No key is needed to know what else nodes are configured to.
-        let configs = site::configs(scenario, SiteKey::new(1, [1; 16]), 1)?;
+        let configs = site::configs(scenario, SiteKey::new(1, *b"no key is needed"), 1)?;
         let belong = |network: &NetworkTable| {
             let cameras = network.cameras.iter().map(|camera| camera.id);
             let targets = network.targets.iter().map(|target| target.id);
-            cameras.chain(targets).filter(|id| members.contains(id)).count()
+            cameras
+                .chain(targets)
+                .filter(|id| members.contains(id))
+                .count()
         };
         let networks = scenario.networks.iter().zip(&configs);
         // Of several with as many, the first.
@@ -141,7 +141,9 @@ pub fn outline(obstacle: &Obstacle, frame: &Frame) -> Vec<[f64; 2]> {
             .collect(),
         Obstacle::Polygon(corners) => corners.clone(),
     };
-    let corners = corners.into_iter().map(|corner: Point2<f64>| frame.place(corner));
+    let corners = corners
+        .into_iter()
+        .map(|corner: Point2<f64>| frame.place(corner));
     corners.map(Into::into).collect()
 }
 

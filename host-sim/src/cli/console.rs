@@ -140,8 +140,7 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
     arguments.outputs.check(&[])?;
     let site = arguments.site.as_deref().map(read_site).transpose()?;
     let mut session = Session::new(wishes(arguments)?);
-    let listens =
-        session.is_done() || arguments.until_calibrated || arguments.seconds.is_some();
+    let listens = session.is_done() || arguments.until_calibrated || arguments.seconds.is_some();
     if listens {
         session = session.with_sightings();
     }
@@ -207,11 +206,7 @@ fn read_site(name: &str) -> anyhow::Result<Scenario> {
 }
 
 /// What is known of the network.
-fn record(
-    session: &Session,
-    now: Duration,
-    site: Option<&Scenario>,
-) -> anyhow::Result<RunRecord> {
+fn record(session: &Session, now: Duration, site: Option<&Scenario>) -> anyhow::Result<RunRecord> {
     let view = session.known();
     let members: Vec<u16> = view.members().iter().map(|member| member.id).collect();
     let plan = match site {

@@ -167,7 +167,10 @@ fn write(line: &ReferenceLine<'_>, arguments: &Arguments) -> io::Result<()> {
     } else if let Some(best) = &line.best {
         table::write_reference(&mut out, best, &arguments.unit)?;
         if line.reason == Some(ReferenceLine::CONTRADICTORY) {
-            writeln!(out, "doubtful, contradictory: the stops do not fit this answer")?;
+            writeln!(
+                out,
+                "doubtful, contradictory: the stops do not fit this answer"
+            )?;
         }
         match &line.alternative {
             None => writeln!(out, "candidates: {}", line.candidates)?,

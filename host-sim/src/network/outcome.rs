@@ -73,12 +73,7 @@ pub(super) fn record(simulation: &Simulation, wall_seconds: f64) -> RunRecord {
         let mut numbers = Numbers::new();
         for target in &network.targets {
             let entry = simulation.entry(target.id);
-            let stops = stops(
-                &entry,
-                target.id,
-                &frame,
-                &mut numbers,
-            );
+            let stops = stops(&entry, target.id, &frame, &mut numbers);
             targets.push(Target {
                 id: target.id,
                 network: number + 1,
@@ -188,7 +183,10 @@ fn believed(place: &calib_core::dead_reckoning::Place<f32>) -> Believed {
 /// Whether a camera said nothing though a target that stopped asked for it. Not known of one on an
 /// emulated board.
 fn is_silent(simulation: &Simulation, network: &Network, entry: &NodeEntry) -> bool {
-    let entries = network.targets.iter().map(|target| simulation.entry(target.id));
+    let entries = network
+        .targets
+        .iter()
+        .map(|target| simulation.entry(target.id));
     let asked = entries.flat_map(|entry| entry.stops.into_values().map(|stop| stop.at));
     has_missed(simulation, entry, asked)
 }
@@ -205,7 +203,9 @@ fn has_missed(
 ) -> bool {
     let end = simulation.executor.clock().time();
     let is_late = |said, at| at > said && at + ANSWER < end;
-    entry.said.is_some_and(|said| moments.any(|at| is_late(said, at)))
+    entry
+        .said
+        .is_some_and(|said| moments.any(|at| is_late(said, at)))
 }
 
 /// What a camera has counted, each with its target and stop.

@@ -28,14 +28,20 @@ pub(super) fn deceives(camera: &Node) -> Option<f64> {
 /// What is bad as a whole, and not only because of the worst quarter of the cameras.
 pub(super) fn common(record: &RunRecord) -> Vec<Common> {
     let mut common = Vec::new();
-    let lens = most(record.cameras().filter_map(|camera| true_bearings(record, camera)));
+    let lens = most(
+        record
+            .cameras()
+            .filter_map(|camera| true_bearings(record, camera)),
+    );
     common.extend(lens.map(Common::Lens));
     // A wrong lens makes places wrong, and either one residuals large: one cause is enough.
     if common.is_empty() {
         let carriers = record.targets.iter();
-        common.extend(carriers.filter_map(|target| {
-            believed(target).map(|ratio| Common::Carrier(target.id, ratio))
-        }));
+        common.extend(
+            carriers.filter_map(|target| {
+                believed(target).map(|ratio| Common::Carrier(target.id, ratio))
+            }),
+        );
     }
     if common.is_empty() {
         let residuals = record.cameras().map(Node::fit);
@@ -79,7 +85,10 @@ fn believed(target: &Target) -> Option<f64> {
     let errors = target.stops.iter().filter_map(|stop| {
         let believed = stop.believed?;
         let off = |error: f64, sigma: f64| (sigma > 0.0).then(|| (error / sigma).powi(2));
-        Some(off(believed.x - stop.x, believed.sigma_x)? + off(believed.y - stop.y, believed.sigma_y)?)
+        Some(
+            off(believed.x - stop.x, believed.sigma_x)?
+                + off(believed.y - stop.y, believed.sigma_y)?,
+        )
     });
     let errors: Vec<f64> = errors.collect();
     let mean = errors.iter().sum::<f64>() / errors.len() as f64;
@@ -95,7 +104,6 @@ fn errors(record: &RunRecord) -> Option<Common> {
     if 3.0 * ratio * ratio > one_in_a_thousand(3) {
         Some(Common::Overconfident(ratio))
     } else {
-        (fits.len() >= MANY && ratio * TOO_SMALL < 1.0)
-            .then(|| Common::Underconfident(1.0 / ratio))
+        (fits.len() >= MANY && ratio * TOO_SMALL < 1.0).then(|| Common::Underconfident(1.0 / ratio))
     }
 }

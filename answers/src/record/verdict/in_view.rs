@@ -33,7 +33,10 @@ pub(super) fn of(record: &RunRecord, camera: &Node) -> InView {
     let (Some(place), Some(view)) = (camera.truth.or(camera.planned), camera.view) else {
         return InView::Unknown;
     };
-    let targets = record.targets.iter().filter(|t| t.network == camera.network);
+    let targets = record
+        .targets
+        .iter()
+        .filter(|t| t.network == camera.network);
     let way: Vec<Point2<f64>> = targets
         .flat_map(|target| {
             let stops = target.stops.iter().map(|stop| Point2::new(stop.x, stop.y));

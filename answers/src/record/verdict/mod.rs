@@ -187,7 +187,9 @@ impl Verdict {
         Self {
             expected: record.summary.expected,
             calibrated: record.summary.calibrated,
-            deceives: findings.iter().any(|f| matches!(f.trouble, Trouble::Deceives(_)))
+            deceives: findings
+                .iter()
+                .any(|f| matches!(f.trouble, Trouble::Deceives(_)))
                 || common.iter().any(|c| matches!(c, Common::Overconfident(_))),
             common,
             absent: others()
@@ -351,10 +353,7 @@ impl Trouble {
     fn is_hopeless(&self) -> bool {
         matches!(
             self,
-            Self::NeverJoined
-                | Self::Fails(_)
-                | Self::Silent(_)
-                | Self::NeverSaw(InView::Sealed)
+            Self::NeverJoined | Self::Fails(_) | Self::Silent(_) | Self::NeverSaw(InView::Sealed)
         )
     }
 }

@@ -64,12 +64,7 @@ impl fmt::Display for Failing {
 }
 
 impl Finding {
-    fn write(
-        &self,
-        f: &mut fmt::Formatter<'_>,
-        unit: &str,
-        never_joined: &str,
-    ) -> fmt::Result {
+    fn write(&self, f: &mut fmt::Formatter<'_>, unit: &str, never_joined: &str) -> fmt::Result {
         write!(f, "  camera {}: ", self.camera)?;
         match &self.trouble {
             Trouble::NeverJoined => write!(f, "not calibrated: {never_joined}"),
