@@ -29,25 +29,32 @@
 //! # Ok::<(), site::ScenarioError>(())
 //! ```
 
+mod assume;
 mod check;
+mod configs;
 mod error;
 mod event;
 mod file;
+mod firmware;
 pub mod grid;
 mod overrides;
 pub mod planner;
 mod put_up;
+mod scatter;
 pub mod world;
 
+pub use assume::{Assumption, Purpose};
+pub use configs::{NetworkConfigs, configs, coordinator_id, extended};
 pub use error::ScenarioError;
 pub use event::{Action, ScriptedEvent};
 pub use file::{
-    CameraTable, FirmwareTable, GridTable, ModelTable, NetworkTable, ObstacleTable, PlacedCamera,
-    RadioTable, ReferencesTable, Scenario, SensorName, SensorTable, TargetTable, WalkTable,
-    WorldTable,
+    CameraTable, FrameTable, GridTable, ModelTable, NetworkTable, ObstacleTable, PlacedCamera,
+    RadioTable, ReferencesTable, ScatterTable, Scenario, SensorName, SensorTable, TargetTable,
+    WalkTable, WorldTable,
 };
+pub use firmware::FirmwareTable;
 pub use overrides::Overrides;
-pub use put_up::{CameraNode, Frame, Network, Site, TargetNode};
+pub use put_up::{CameraNode, Frame, Network, Site, TargetNode, obstacles};
 
 /// Coordinators have no numbers in a scenario: the first network's gets this one, the second's the
 /// next one, and so on. All other nodes have lower ones.

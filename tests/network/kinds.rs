@@ -2,10 +2,10 @@
 
 use answers::record::{
     RunRecord,
-    summary::Fit,
     verdict::{Common, Finding, Trouble, Verdict},
 };
 use calib_core::camera::Projection;
+use nalgebra::Vector2;
 use site::world::Variant;
 use site::{Overrides, Scenario};
 
@@ -102,12 +102,12 @@ fn stage(model: Projection) -> RunRecord {
 fn cameras_of_equal_angles_need_that_model() {
     let right = stage(Projection::EqualAngle);
     assert_all_calibrated(&right, "equal angles");
-    let is_misfit = |common: &Common| matches!(common, Common::Misfit(_));
-    assert!(!Verdict::of(&right).common.iter().any(is_misfit));
+    let is_lens = |common: &Common| matches!(common, Common::Lens(_));
+    assert!(!Verdict::of(&right).common.iter().any(is_lens));
 
     let wrong = stage(Projection::PinHole);
     let verdict = Verdict::of(&wrong);
-    assert!(verdict.common.iter().any(is_misfit), "{verdict}");
+    assert!(verdict.common.iter().any(is_lens), "{verdict}");
     let rms = |record: &RunRecord| {
         let cameras = record.summary.cameras.as_ref();
         cameras.map_or(f64::INFINITY, |cameras| cameras.position.rms)
@@ -130,7 +130,7 @@ fn references_count_the_stops_of_their_answer() {
         assert_eq!((reference.sightings, reference.residuals.len()), (3, 0));
     }
     let others = record.cameras().filter(|camera| !camera.reference);
-    let chi_squared: f64 = others.map(|camera| Fit::of(camera).chi_squared).sum();
+    let chi_squared: f64 = others.map(|camera| camera.fit().chi_squared).sum();
     assert!((record.summary.fit.chi_squared - chi_squared).abs() < 1e-9);
 }
 
@@ -180,14 +180,14 @@ fn networks_are_told_apart() {
     let record = run(scenario.clone());
     assert_eq!(record.networks.len(), 2);
     let together = record.in_one_frame();
-    let origin = &scenario.networks[0].cameras[0];
+    let origin = scenario.networks[0].cameras[0].place().unwrap();
     for (number, network) in (1..).zip(&scenario.networks) {
         for placed in &network.cameras {
             let [own, moved] = [&record, &together].map(|record| node(record, placed.id));
             assert_eq!(own.network, number);
             let truth = moved.truth.unwrap();
-            let off = [placed.x - origin.x - truth.x, placed.y - origin.y - truth.y];
-            assert!(off.iter().all(|off| off.abs() < 1e-9), "{off:?}");
+            let off = placed.place().unwrap() - origin - Vector2::new(truth.x, truth.y);
+            assert!(off.norm() < 1e-9, "{off:?}");
         }
         let [first, second] = network.references.cameras.map(|id| node(&record, id));
         let [first, second] = [first, second].map(|node| node.truth.unwrap());

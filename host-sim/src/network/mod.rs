@@ -8,7 +8,6 @@
 //!
 //! | module | job |
 //! |---|---|
-//! | `provision` | A configuration for every node |
 //! | `node` | One node's hardware, and its firmware running on it |
 //! | `camera` | An emulated camera at the far end of a line |
 //! | `device` | A simulated line, or a real camera in its place |
@@ -29,18 +28,18 @@ mod journal;
 mod many;
 mod node;
 mod outcome;
-mod provision;
 mod walk;
 
 use std::{cell::RefCell, io::Write, rc::Rc, time::Duration};
 
 use node_firmware::{
-    config::{Config, Role},
+    config::{Config, Role, SiteKey},
     memory::Fact,
 };
 
 pub use self::{
     camera::CameraDevice,
+    console::Terminal,
     emulated::{Emulation, EmulatorError, IMAGE},
     many::run_all,
 };
@@ -52,8 +51,9 @@ use self::{
 };
 use crate::probe::port::{OpenError, open};
 use answers::record::RunRecord;
+use rand::Rng;
 use site::world::World;
-use site::{RadioTable, Scenario, ScenarioError, Site};
+use site::{NetworkTable, RadioTable, Scenario, ScenarioError, Site};
 use virtual_bench::{
     executor::{Ended, Executor, Time, times_real_time},
     medium::{Capture, LogDistance, Medium, Propagation},
@@ -87,6 +87,9 @@ pub enum ConnectError {
     /// Nobody of that number has one.
     #[error("the scenario has no camera {0}")]
     NoCamera(u16),
+    /// There are fewer.
+    #[error("the scenario has no network {0}: they are counted from 1")]
+    NoNetwork(usize),
     /// The port is not to be had.
     #[error(transparent)]
     Port(#[from] OpenError),
@@ -101,7 +104,7 @@ pub struct Progress {
     pub stops: usize,
     /// Stops there are.
     pub of: usize,
-    /// Cameras that have a pose.
+    /// How many cameras are.
     pub calibrated: usize,
     /// Cameras there are.
     pub cameras: usize,
@@ -110,6 +113,10 @@ pub struct Progress {
 /// A scenario that is put up and can run.
 pub struct Simulation {
     scenario: Scenario,
+    /// The networks as the file has them, where cameras stand as they are meant to.
+    written: Vec<NetworkTable>,
+    /// A speed was given.
+    has_pace: bool,
     site: Site,
     executor: Executor,
     medium: Medium,
@@ -132,6 +139,8 @@ impl Simulation {
     /// # Errors
     /// The scenario is not possible.
     pub fn new(scenario: Scenario, options: Options) -> Result<Self, ScenarioError> {
+        let written = scenario.networks.clone();
+        let scenario = scenario.scattered();
         let site = scenario.put_up()?;
         let root = Root(scenario.seed);
         let mut executor = Executor::new();
@@ -145,6 +154,8 @@ impl Simulation {
         let journal = Rc::new(RefCell::new(Journal::new(clock.clone(), options.log)));
         let mut simulation = Self {
             scenario,
+            written,
+            has_pace: options.speed.is_some(),
             site,
             executor,
             medium,
@@ -162,11 +173,14 @@ impl Simulation {
     }
 
     fn put_up(&mut self, root: Root) -> Result<(), ScenarioError> {
-        let configs = provision::all(&self.scenario, &self.site, root)?;
+        let mut secret = [0; 16];
+        root.stream("site key", 0).fill_bytes(&mut secret);
+        let configs = site::configs(&self.scenario, SiteKey::new(1, secret), 1)?;
         for (network, configs) in self.site.networks.iter().zip(configs) {
             let coordinator = Hardware::coordinator(self, network, configs.coordinator, root);
             let cameras = network.cameras.len();
-            let console = Console::new(&coordinator, cameras, self.journal.clone());
+            let clock = self.executor.clock();
+            let console = Console::new(&coordinator, cameras, clock, self.journal.clone());
             for (camera, config) in network.cameras.iter().zip(configs.cameras) {
                 let node = Hardware::camera(self, camera, config, root);
                 self.nodes.push(node);
@@ -203,6 +217,28 @@ impl Simulation {
             node.connect(port);
         }
         self.executor.set_pace(times_real_time(1.0));
+        Ok(())
+    }
+
+    /// Connects a terminal to the line of a network's coordinator, before anything has run; networks
+    /// are counted from 1. What the coordinator tells its PC comes out of it, and what is typed goes
+    /// to the coordinator. Unless a speed was given, time passes as it really does from then on.
+    ///
+    /// # Errors
+    /// There is no such network.
+    pub fn connect_console(
+        &mut self,
+        network: usize,
+        terminal: impl Terminal + 'static,
+    ) -> Result<(), ConnectError> {
+        let number = network.checked_sub(1);
+        let console = number.and_then(|number| self.consoles.get(number));
+        console
+            .ok_or(ConnectError::NoNetwork(network))?
+            .connect(Box::new(terminal));
+        if !self.has_pace {
+            self.executor.set_pace(times_real_time(1.0));
+        }
         Ok(())
     }
 
@@ -294,7 +330,11 @@ impl Simulation {
                 .flat_map(|network| &network.targets)
                 .map(|target| target.stops.len())
                 .sum(),
-            calibrated: self.consoles.iter().map(Console::calibrated).sum(),
+            calibrated: self
+                .consoles
+                .iter()
+                .map(|console| console.view().calibrated())
+                .sum(),
             cameras: self.world.borrow().cameras().len(),
         }
     }
