@@ -4,7 +4,6 @@ use calib_core::camera::Projection;
 use host_sim::{
     record::{
         RunRecord,
-        summary::Fit,
         verdict::{Common, Finding, Trouble, Verdict},
     },
     scenario::{Overrides, Scenario},
@@ -132,7 +131,7 @@ fn references_count_the_stops_of_their_answer() {
         assert_eq!((reference.sightings, reference.residuals.len()), (3, 0));
     }
     let others = record.cameras().filter(|camera| !camera.reference);
-    let chi_squared: f64 = others.map(|camera| Fit::of(camera).chi_squared).sum();
+    let chi_squared: f64 = others.map(|camera| camera.fit().chi_squared).sum();
     assert!((record.summary.fit.chi_squared - chi_squared).abs() < 1e-9);
 }
 

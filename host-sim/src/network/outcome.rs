@@ -26,10 +26,6 @@ use crate::{
 /// Preamble, start of frame and length.
 const PHY_HEADER: u64 = 6;
 
-/// Scenarios have no limit for the sigma of the heading. A camera with a larger one knows at most on
-/// which side of it things are.
-const WEAK_HEADING_DEG: f64 = 90.0;
-
 pub(super) fn record(simulation: &Simulation, wall_seconds: f64) -> RunRecord {
     let scenario = &simulation.scenario;
     let mut nodes = Vec::new();
@@ -103,8 +99,8 @@ pub(super) fn record(simulation: &Simulation, wall_seconds: f64) -> RunRecord {
             metres: scenario.metres_per_unit(),
         },
         limits: Limits {
-            sigma_position: scenario.firmware.weak_sigma * 2_f64.sqrt(),
-            sigma_heading_deg: WEAK_HEADING_DEG,
+            sigma_position: scenario.firmware.weak_sigma,
+            sigma_heading_deg: provision::WEAK_HEADING_DEG,
         },
         networks: (1..)
             .zip(&frames)
@@ -174,7 +170,7 @@ fn take_report(node: &mut Node, console: &Console) {
         return;
     };
     match report.state {
-        State::Pose(parts) => {
+        State::Calibrated(parts) | State::Weak(parts) | State::Doubtful(parts) => {
             if let Some(pose) = exact(&parts) {
                 node.set_pose(&pose);
             }

@@ -26,6 +26,10 @@ use crate::{
 /// How far from a target's colour a pixel may be, levels.
 const COLOUR_WIDTH: u8 = 45;
 
+/// Scenarios have no limit for the sigma of the heading. A camera with a larger one knows at most on
+/// which side of it things are.
+pub(super) const WEAK_HEADING_DEG: f64 = 90.0;
+
 /// Configurations of a network.
 pub(super) struct Configs {
     pub(super) coordinator: Config,
@@ -209,7 +213,10 @@ impl Plan<'_> {
                 position: (good_enough_position as f32).max(f32::MIN_POSITIVE),
                 heading_deg: (good_enough_heading_deg as f32).max(f32::MIN_POSITIVE),
             },
-            weak_sigma: weak_sigma as f32,
+            weak: Sigmas {
+                position: weak_sigma as f32,
+                heading_deg: WEAK_HEADING_DEG as f32,
+            },
             sigma_floor_px: 0.05,
         }
     }

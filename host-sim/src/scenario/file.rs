@@ -354,8 +354,8 @@ pub struct FirmwareTable {
     pub stops: Option<u8>,
     /// Cameras go on refining their poses after these. Default true.
     pub refine: bool,
-    /// A pose whose sigma of the position is larger is weak: another stop is asked for. Default
-    /// 0.15.
+    /// A pose whose [sigma of the position](calib_core::Pose::sigma_position) is larger is weak:
+    /// another stop is asked for. Default 0.21.
     pub weak_sigma: f64,
     /// A pose needs no more stops when this sigma of the position, 0 for never, ...
     pub good_enough_position: f64,
@@ -373,7 +373,7 @@ impl Default for FirmwareTable {
         Self {
             stops: None,
             refine: true,
-            weak_sigma: 0.15,
+            weak_sigma: 0.21,
             good_enough_position: 0.0,
             good_enough_heading_deg: 0.0,
             standing_sigma: None,
