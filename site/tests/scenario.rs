@@ -430,7 +430,7 @@ fn what_is_wrong_is_named() {
             ),
             [
                 "node 1 cannot be configured",
-                "weak-sigma must be at least the good-enough",
+                "weak: both sigmas must be at least the good-enough",
             ],
         ),
         (small("path = 0", TARGET), ["`path` is 0", "1 to"]),

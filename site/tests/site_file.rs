@@ -124,7 +124,8 @@ fn every_parameter_arrives() {
     assert_eq!(all.lens.principal_column, Some(43.0));
     assert_eq!(all.lens.field_of_view_deg, 58.0);
     let own = camera(&network.cameras[0]);
-    assert_eq!((own.weak_sigma, all.weak_sigma), (0.8, 0.7));
+    assert_eq!((own.weak.position, all.weak.position), (0.8, 0.7));
+    assert_eq!(own.weak.heading_deg, 9.0);
     assert_eq!((own.lens.columns, own.baud), (160, 57_600));
     assert_eq!(own.lens.field_of_view_deg, 61.5);
     let expected = TargetConfig {

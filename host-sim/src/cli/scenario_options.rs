@@ -12,7 +12,7 @@ pub(super) const FOR_SCENARIO: &str = "Scenario";
 
 #[derive(Args)]
 pub(super) struct ScenarioOptions {
-    /// `thesis-13`, `lab`, `grid`, or a file.
+    /// `thesis-13`, `lab`, `grid`, `office`, or a file.
     #[arg(value_name = "SCENARIO|FILE.toml")]
     scenario: String,
     /// Which of the planned ways the target takes, from 1.
