@@ -116,9 +116,18 @@ fn files_that_are_no_scenarios() {
         (&b""[..], "missing field `name`"),
         (&lab.as_bytes()[..lab.len() / 2], "bad.toml: "),
         (b"\xff\xfe", "valid UTF-8"),
-        (b"name = \"x\"\nnmae = 3", "unknown field `nmae`"),
-        (b"name = \"x\"\nseed = -1", "invalid value: integer `-1`"),
-        (b"name = \"x\"\nstops = 3.5", "expected usize"),
+        (
+            b"name = \"x\"\nnmae = 3",
+            "line 2: there is no key `nmae` at the top of the file: did you mean `name`?",
+        ),
+        (
+            b"name = \"x\"\nseed = -1",
+            "line 2: `seed` is -1: it must be a whole number",
+        ),
+        (
+            b"name = \"x\"\nstops = 3.5",
+            "line 2: `stops` is 3.5: it must be a whole number, 3 to 16",
+        ),
     ] {
         let file = files.path("bad.toml");
         fs::write(&file, content).unwrap();

@@ -187,14 +187,11 @@ fn round(value: &toml::Value) -> String {
 pub(crate) fn check_number(path: &str, value: f64) -> Result<(), ScenarioError> {
     let key = KEYS.iter().find(|key| key.path == path);
     match key.map(|key| key.kind) {
-        Some(Kind::Number(low, high, _) | Kind::Whole(low, high, _))
+        Some(Kind::Number(low, high, advice) | Kind::Whole(low, high, advice))
             if !(low..=high).contains(&value) =>
         {
-            Err(super::check::refuse(
-                path,
-                value,
-                key.map_or(String::new(), |key| key.kind.to_string()),
-            ))
+            let allowed = format!("{low} to {high}{advice}");
+            Err(super::check::refuse(path, value, allowed))
         }
         _ => Ok(()),
     }
