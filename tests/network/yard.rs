@@ -17,6 +17,8 @@ pub(crate) const COORDINATOR: u16 = 0;
 pub(crate) struct Yard<'a> {
     /// Whole tables.
     pub(crate) tables: &'a str,
+    /// Sigmas of the carrier's systematic errors: degrees, and a share of the distance.
+    pub(crate) systematic: (&'a str, &'a str),
     /// The network's references.
     pub(crate) references: &'a str,
     /// The network's targets.
@@ -31,6 +33,7 @@ impl Default for Yard<'_> {
     fn default() -> Self {
         Self {
             tables: "",
+            systematic: ("0.0", "0.0"),
             references: "cameras = [1, 2]",
             targets: "{ id = 20, stops = [STOPS] }",
         }
@@ -41,7 +44,10 @@ impl Yard<'_> {
     pub(crate) fn scenario(&self, seed: u64) -> Scenario {
         let targets = self.targets.replace("STOPS", STOPS);
         let Self {
-            tables, references, ..
+            tables,
+            systematic: (heading, scale),
+            references,
+            ..
         } = self;
         let text = format!(
             r#"
@@ -51,8 +57,8 @@ impl Yard<'_> {
             high = [11.0, 11.0]
             # The target reports the way from goal to goal.
             [firmware]
-            systematic_heading_deg = 0.0
-            systematic_scale = 0.0
+            systematic_heading_deg = {heading}
+            systematic_scale = {scale}
             standing_sigma = 0.008165
             {tables}
             [[network]]

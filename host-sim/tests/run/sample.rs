@@ -32,8 +32,8 @@ const RANGE: f64 = 8.0;
 const COLUMNS: u16 = 88;
 pub(crate) const TARGET: u16 = 20;
 const LIMITS: Limits = Limits {
-    sigma_position: 0.3,
-    sigma_heading_deg: 3.0,
+    sigma_position: 1.0,
+    sigma_heading_deg: 10.0,
 };
 /// The only network.
 pub(crate) const FIRST: Network = Network {
