@@ -17,7 +17,7 @@ use host_sim::network::{Emulation, EmulatorError, Options, Simulation};
 use node_firmware::{
     config::Role as Configured,
     memory::{Fact, KeptSighting},
-    message::{Frame, Message, Report, Sight, State, Stopped},
+    message::{Frame, Message, Report, Sight, Stopped},
     role::{
         Output as Wish, Role,
         camera::{Camera, Event, Task},

@@ -76,7 +76,7 @@ fn two_targets_of_two_colours() {
 #[test]
 fn targets_that_are_found_by_motion() {
     let yard = Yard {
-        tables: "[firmware]\nmotion = true",
+        firmware: "motion = true",
         targets: "{ id = 20, radius = 0.4, colour = [240, 240, 240], stops = [[4.0, -2.5], STOPS] }",
         ..Yard::default()
     };

@@ -15,6 +15,8 @@ pub(crate) const COORDINATOR: u16 = 0;
 
 /// What can be different in a yard, as TOML.
 pub(crate) struct Yard<'a> {
+    /// More of what the nodes are configured to.
+    pub(crate) firmware: &'a str,
     /// Whole tables.
     pub(crate) tables: &'a str,
     /// Sigmas of the carrier's systematic errors: degrees, and a share of the distance.
@@ -32,6 +34,7 @@ pub(crate) const STOPS: &str = "[3.0, 3.2], [5.0, 3.4], [4.2, 5.2], [2.8, 4.8], 
 impl Default for Yard<'_> {
     fn default() -> Self {
         Self {
+            firmware: "",
             tables: "",
             systematic: ("0.0", "0.0"),
             references: "cameras = [1, 2]",
@@ -46,6 +49,7 @@ impl Yard<'_> {
         let Self {
             tables,
             systematic: (heading, scale),
+            firmware,
             references,
             ..
         } = self;
@@ -60,6 +64,7 @@ impl Yard<'_> {
             systematic_heading_deg = {heading}
             systematic_scale = {scale}
             standing_sigma = 0.008165
+            {firmware}
             {tables}
             [[network]]
             references = {{ {references} }}
