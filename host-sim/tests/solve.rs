@@ -63,6 +63,7 @@ fn json_has_these_keys_in_this_order() {
     let keys = [
         "case",
         "status",
+        "reason",
         "x",
         "y",
         "heading_rad",
@@ -125,15 +126,30 @@ fn every_case_gets_its_answer_whatever_is_wrong_with_it() {
     let expected = [
         ("good", "calibrated"),
         ("text", "refused"),
-        ("nan", "not_finite"),
-        ("inf", "not_finite"),
+        ("nan", "refused"),
+        ("inf", "refused"),
         ("two", "waiting"),
-        ("same", "coincident_targets"),
+        ("same", "refused"),
         ("short", "refused"),
         ("last", "calibrated"),
     ];
     let expected = expected.map(|(case, status)| (case.to_owned(), status.to_owned()));
     assert_eq!(statuses(&done.stdout), expected);
+    let answers = lines(&done.stdout);
+    let reasons = answers.iter().map(|line| line["reason"].as_str());
+    assert_eq!(
+        reasons.collect::<Vec<_>>(),
+        [
+            None,
+            Some("unreadable"),
+            Some("not_finite"),
+            Some("not_finite"),
+            Some("too_few"),
+            Some("coincident_targets"),
+            Some("unreadable"),
+            None
+        ]
+    );
     for (line, part) in [
         (5, "\"here\""),
         (9, "\"nan\" is refused"),
@@ -145,7 +161,11 @@ fn every_case_gets_its_answer_whatever_is_wrong_with_it() {
         let message = done.stderr.lines().find(|l| l.starts_with(&start));
         assert!(message.is_some_and(|m| m.contains(part)), "{}", done.stderr);
     }
-    assert!(done.stderr.contains("8 cases: 2 ok, 2 "), "{}", done.stderr);
+    assert!(
+        done.stderr.contains("8 cases: 2 calibrated, 2 refused"),
+        "{}",
+        done.stderr
+    );
 
     // The table has the same cases in the same order.
     let table = run(&["solve", &file]).stdout;
@@ -481,7 +501,7 @@ fn the_map_is_well_formed_and_shows_every_camera() {
         "x [m]",
         "y [m]",
         "targets",
-        "uncertain",
+        "weak",
     ] {
         assert!(texts.iter().any(|text| text.contains(part)), "{part}");
     }
@@ -607,7 +627,11 @@ fn a_map_that_fails_hides_nothing() {
     let sightings = files.write("s.csv", &format!("{HEADER}{}", rows("1")));
     let done = run(&["solve", &sightings, "--plot", "/dev/full"]);
     assert_eq!(done.code, 2);
-    assert!(done.stderr.contains("1 case: 1 ok"), "{}", done.stderr);
+    assert!(
+        done.stderr.contains("1 case: 1 calibrated"),
+        "{}",
+        done.stderr
+    );
     assert!(
         done.stderr.contains("/dev/full cannot be written"),
         "{}",

@@ -19,6 +19,8 @@ pub(crate) struct Yard<'a> {
     pub(crate) firmware: &'a str,
     /// Whole tables.
     pub(crate) tables: &'a str,
+    /// Sigmas of the carrier's systematic errors: degrees, and a share of the distance.
+    pub(crate) systematic: (&'a str, &'a str),
     /// The network's references.
     pub(crate) references: &'a str,
     /// The network's targets.
@@ -34,6 +36,7 @@ impl Default for Yard<'_> {
         Self {
             firmware: "",
             tables: "",
+            systematic: ("0.0", "0.0"),
             references: "cameras = [1, 2]",
             targets: "{ id = 20, stops = [STOPS] }",
         }
@@ -44,8 +47,9 @@ impl Yard<'_> {
     pub(crate) fn scenario(&self, seed: u64) -> Scenario {
         let targets = self.targets.replace("STOPS", STOPS);
         let Self {
-            firmware,
             tables,
+            systematic: (heading, scale),
+            firmware,
             references,
             ..
         } = self;
@@ -57,8 +61,8 @@ impl Yard<'_> {
             high = [11.0, 11.0]
             # The target reports the way from goal to goal.
             [firmware]
-            systematic_heading_deg = 0.0
-            systematic_scale = 0.0
+            systematic_heading_deg = {heading}
+            systematic_scale = {scale}
             standing_sigma = 0.008165
             {firmware}
             {tables}

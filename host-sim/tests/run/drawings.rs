@@ -44,7 +44,7 @@ fn the_map_names_every_camera_and_shows_every_stop() {
         assert!(texts.contains(&id.to_string()));
     }
     assert!(texts.contains(&"1*".to_owned()) && texts.contains(&record.title()));
-    assert!(texts.contains(&"1 not calibrated".to_owned()));
+    assert!(texts.contains(&"1 without pose (cross)".to_owned()));
     // A dot and a ring each, and one in the legend.
     assert_eq!(circles(&svg, TARGET), 2 * record.targets[0].stops.len() + 1);
     // The blind camera and the legend.

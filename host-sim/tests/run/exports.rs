@@ -75,7 +75,7 @@ fn yaml_has_poses_with_covariance() {
     let record = sample();
     let text = export::yaml(&record, Frame::Network).unwrap();
     let network: Network = serde_saphyr::from_str(&text).unwrap();
-    assert_eq!(network.format, 2);
+    assert_eq!(network.format, 3);
     assert_eq!(network.scenario, record.scenario);
     assert_eq!(network.unit["name"], "in");
     assert_eq!(network.cameras.len(), 13);

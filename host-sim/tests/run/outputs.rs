@@ -124,7 +124,7 @@ fn the_screen_is_a_place_for_results_too() {
     let done = run(&["report", "run", &record, "--csv", "/dev/stdout"]);
     assert_eq!(done.code, 0, "{}", done.stderr);
     assert!(
-        done.stdout.contains("camera,network,reference"),
+        done.stdout.contains("camera,network,frame,reference"),
         "{}",
         done.stdout
     );
@@ -150,7 +150,7 @@ fn an_output_sent_to_a_file_gets_report_and_result() {
     assert!(status.success());
     let all = fs::read_to_string(&all).unwrap();
     let report = all.find("cameras are calibrated");
-    let result = all.find("camera,network,reference");
+    let result = all.find("camera,network,frame,reference");
     assert!(report.is_some() && report < result, "{all}");
 }
 

@@ -50,12 +50,16 @@ fn cameras_without_a_pose_are_named_with_stops_in_their_view() {
         .iter()
         .map(|f| (f.camera, f.trouble.clone()))
         .collect();
-    assert_eq!(
-        found,
-        [
-            (4, Trouble::NeverSaw(InView::Stops(3))),
-            (9, Trouble::TooFew(2))
-        ]
+    // Its own stops, and some of those of others.
+    assert!(
+        matches!(
+            found[..],
+            [
+                (4, Trouble::NeverSaw(InView::Stops(3..))),
+                (9, Trouble::TooFew(2))
+            ]
+        ),
+        "{found:?}"
     );
     // Three for camera 4, one for camera 9, none of them in view of both.
     let of = |camera| {
@@ -238,12 +242,12 @@ fn a_references_heading_can_deceive() {
 #[test]
 fn errors_that_are_too_large_together_fail_the_run() {
     let mut record = Sample::default().run();
-    for (sigma, ratio) in [(3.9, None), (4.3, Some(4.3))] {
+    for (sigma, ratio) in [(3.7, None), (3.95, Some(()))] {
         for node in record.nodes.iter_mut().filter(|node| node.is_camera()) {
             if let (None, Some(error)) = (node.nees, &mut node.error) {
                 error.heading_deg = sigma * node.estimate.unwrap().sigma_heading_deg;
             } else {
-                node.nees = Some(3.0 * sigma * sigma / 3.0);
+                node.nees = Some(sigma * sigma);
             }
         }
         let verdict = Verdict::of(&record);
@@ -312,9 +316,9 @@ fn a_sealed_room_is_named() {
     open.push(open[0]);
     let walls: Vec<Vec<[f64; 2]>> = open.windows(2).map(<[_]>::to_vec).collect();
     record.obstacles = walls.clone();
-    assert_eq!(
-        Verdict::of(&record).findings[0].trouble,
-        Trouble::NeverSaw(InView::Stops(3)),
+    let trouble = Verdict::of(&record).findings[0].trouble.clone();
+    assert!(
+        matches!(trouble, Trouble::NeverSaw(InView::Stops(3..))),
         "stops are in the room"
     );
     // Nobody goes into the room, whose wall on the right has a door.

@@ -7,7 +7,7 @@ use calib_core::{
 
 use super::{
     super::{Node, RunRecord, Target},
-    Common,
+    Cause, Common,
 };
 
 /// Chi squared that is exceeded as rarely as five sigmas by a normal number: of 1, 2 and 3 degrees
@@ -60,6 +60,19 @@ fn most(fits: impl Iterator<Item = Fit<f64>>) -> Option<f64> {
     let rest = fits.get(fits.len().div_ceil(4)..).unwrap_or_default();
     let ratio = sum(&fits).ratio();
     ratio.filter(|_| sum(rest).degrees_of_freedom > 0 && sum(rest).is_bad())
+}
+
+/// Why the sightings of a camera contradict each other; `None` where nobody knows the truth, or it
+/// tells nothing.
+pub(super) fn of_doubt(record: &RunRecord, camera: &Node) -> Option<Cause> {
+    if true_bearings(record, camera)?.is_bad() {
+        return Some(Cause::Sight);
+    }
+    let mut targets = record.targets.iter();
+    let saw = |target: &Target| camera.residuals.iter().any(|r| r.target == target.id);
+    targets
+        .any(|target| saw(target) && believed(target).is_some())
+        .then_some(Cause::Carrier)
 }
 
 /// The bearings of a camera against those under which the target really was.

@@ -88,6 +88,8 @@ pub enum Trouble {
         ratio: Option<f64>,
         /// Predicted, of the position.
         sigma_position: f64,
+        /// What it is because of, where a rehearsal tells.
+        cause: Option<Cause>,
     },
     /// Its predicted sigmas are above the limits.
     Weak {
@@ -106,6 +108,16 @@ pub enum Trouble {
     /// Its pose is this many predicted sigmas off the truth: beyond five, as chance allows in one of
     /// two million poses.
     Deceives(f64),
+}
+
+/// Why sightings of one camera contradict each other.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[non_exhaustive]
+pub enum Cause {
+    /// It does not see the target where it is: its lens, or what it takes for the target.
+    Sight,
+    /// The target was not where it believed to be.
+    Carrier,
 }
 
 /// What can be the matter with the whole network.
@@ -238,6 +250,7 @@ fn troubles(record: &RunRecord, networks: &Networks, camera: &Node) -> Vec<Troub
         Some(Status::Doubtful) => troubles.push(Trouble::Doubtful {
             ratio: camera.fit().ratio(),
             sigma_position,
+            cause: causes::of_doubt(record, camera),
         }),
         Some(Status::Weak) => troubles.push(Trouble::Weak {
             sigma_position,

@@ -4,7 +4,7 @@ use std::fmt;
 
 use calib_core::{Refusal, Status};
 
-use super::{Common, Failing, Finding, InView, Role, Trouble, Verdict};
+use super::{Cause, Common, Failing, Finding, InView, Role, Trouble, Verdict};
 
 /// What to look at, in a rehearsal and of a real node.
 const NEVER_JOINED: [&str; 2] = [
@@ -87,6 +87,11 @@ impl Finding {
                 }
             }
             Trouble::TooFew(n) => write!(f, "not calibrated: {n} of the 3 sightings it needs"),
+            Trouble::Refused(Refusal::Inconsistent) => write!(
+                f,
+                "not calibrated: {}; if that does not help, check lenses and the carrier",
+                Refusal::Inconsistent
+            ),
             Trouble::Refused(refusal) => write!(f, "not calibrated: {refusal}"),
             Trouble::NoReferences => f.write_str(
                 "not calibrated: the two reference cameras come first, and have no answer yet",
@@ -95,16 +100,23 @@ impl Finding {
             Trouble::Doubtful {
                 ratio,
                 sigma_position,
+                cause,
             } => {
                 f.write_str("not calibrated: doubtful, its sightings contradict each other")?;
                 if let Some(ratio) = ratio {
                     write!(f, ", residuals {ratio:.1} times too large")?;
                 }
-                write!(
-                    f,
-                    ", predicted sigma {sigma_position:.3} {unit}: look at what it takes for the \
-                     target, and at its lens"
-                )
+                let advice = match cause {
+                    Some(Cause::Sight) => {
+                        "it does not see the target where it is: look at its lens, and at what it \
+                         takes for the target"
+                    }
+                    Some(Cause::Carrier) => {
+                        "the target was not where it believed to be: look at the carrier"
+                    }
+                    None => "look at what it takes for the target, at its lens, and at the carrier",
+                };
+                write!(f, ", predicted sigma {sigma_position:.3} {unit}: {advice}")
             }
             Trouble::Weak {
                 sigma_position,
