@@ -242,7 +242,8 @@ pub struct PlacedCamera {
 pub struct WalkTable {
     /// Units per second. Default 0.2 (thesis 4.3).
     pub speed: f64,
-    /// A leg ends so near to its goal. Default 0.02.
+    /// How far off a stop a target may come to stand, evenly on the disc of this radius: a standard
+    /// deviation of half of it along each axis. Default 0.02.
     pub arrive_within: f64,
     /// How far a step goes. Default 0.1.
     pub step_length: f64,

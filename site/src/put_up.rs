@@ -203,12 +203,6 @@ fn obstacle(table: &ObstacleTable) -> Obstacle {
     }
 }
 
-/// How far short of its goal a target ends, standard deviation of each axis: uniform within the
-/// distance at which it stops, on the side that it comes from, which is any.
-fn standing_sigma(arrive_within: f64) -> f64 {
-    arrive_within / 6_f64.sqrt()
-}
-
 /// Puts a checked scenario up.
 pub(super) fn put_up(scenario: &Scenario) -> Result<Site, ScenarioError> {
     let obstacles: Vec<_> = scenario.world.obstacles.iter().map(obstacle).collect();
@@ -285,7 +279,7 @@ fn network(
     let standing_sigma = scenario
         .firmware
         .standing_sigma
-        .unwrap_or_else(|| standing_sigma(scenario.walk.arrive_within));
+        .unwrap_or_else(|| gait(scenario).standing_sigma());
     Ok(Network {
         channel: table.channel,
         coordinator: table.coordinator.map_or(Point2::from(middle), Point2::from),
@@ -380,7 +374,7 @@ fn stops(
             placement: scenario.placement,
             noise: Noise {
                 columns: COLUMN_SIGMA,
-                standing: standing_sigma(scenario.walk.arrive_within),
+                standing: target.gait.standing_sigma(),
             },
             path: scenario.path,
             target: target.index as u64,
