@@ -50,7 +50,7 @@ impl Blob {
 
 /// Where a camera of Table 4.1 really is.
 fn truth(node: usize) -> anyhow::Result<Place> {
-    let thesis = Published::of("thesis-13", Some(1)).context("there is no Table 4.1")?;
+    let thesis = Published::named("thesis-4.1", Some(1)).context("there is no Table 4.1")?;
     let node = u16::try_from(node)?;
     let camera = thesis.node(node);
     Ok(camera.with_context(|| format!("node {node}"))?.truth)

@@ -82,6 +82,10 @@ pub(super) fn scenario(scenario: &Scenario) -> Checked {
     name("unit", &scenario.unit)?;
     number("path", scenario.path as f64, 1.0..=PATH_MAX as f64, "")?;
     unit(scenario)?;
+    let scatter = &scenario.scatter;
+    number("scatter.position", scatter.position, 0.0..=LARGE, "")?;
+    number("scatter.heading_deg", scatter.heading_deg, 0.0..=180.0, "")?;
+    published(scenario)?;
     world(scenario)?;
     camera("camera", &scenario.camera)?;
     walk(scenario)?;
@@ -105,6 +109,19 @@ pub(super) fn scenario(scenario: &Scenario) -> Checked {
         self::network(scenario, &format!("network {n}"), network, &mut ids)?;
     }
     events(scenario, &ids)
+}
+
+/// Results that a site may have beside its own.
+const PUBLISHED: [&str; 2] = ["thesis-4.1", "thesis-3.1"];
+
+fn published(scenario: &Scenario) -> Checked {
+    match scenario.published.as_deref() {
+        Some(name) if !PUBLISHED.contains(&name) => {
+            let allowed = format!("{}, or left out", PUBLISHED.join(" or "));
+            Err(refuse("published", format!("`{name}`"), allowed))
+        }
+        _ => Ok(()),
+    }
 }
 
 /// Names go to terminals, which would obey control characters, and into drawings, which may not

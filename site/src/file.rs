@@ -38,6 +38,13 @@ pub struct Scenario {
     /// only for `units` and `metres`.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub unit_metres: Option<f64>,
+    /// How far cameras stand from where this file has them.
+    #[serde(default, skip_serializing_if = "ScatterTable::is_none")]
+    pub scatter: ScatterTable,
+    /// Which of the thesis's results stand beside this site's: `thesis-4.1` (the simulation's, by
+    /// path) or `thesis-3.1` (the laboratory's). Default: none.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub published: Option<String>,
     /// The place.
     #[serde(default)]
     pub world: WorldTable,
@@ -132,6 +139,16 @@ pub enum SensorName {
     Ov6620,
     /// 160 columns.
     Ov7620,
+}
+
+/// How far cameras stand from where the file has them, standard deviations. Default: not at all.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct ScatterTable {
+    /// Of x and of y.
+    pub position: f64,
+    /// Of the heading, degrees.
+    pub heading_deg: f64,
 }
 
 /// What all cameras are.

@@ -14,7 +14,8 @@
 //! refused, and a wrong value is named with its range.
 //!
 //! # Random numbers
-//! Stops are planned from the number of the path alone. All else comes from the seed.
+//! Stops are planned from the number of the path alone, unless cameras are scattered. All else comes
+//! from the seed.
 //!
 //! # Example
 //! ```
@@ -37,14 +38,15 @@ pub mod grid;
 mod overrides;
 pub mod planner;
 mod put_up;
+mod scatter;
 pub mod world;
 
 pub use error::ScenarioError;
 pub use event::{Action, ScriptedEvent};
 pub use file::{
     CameraTable, FirmwareTable, GridTable, ModelTable, NetworkTable, ObstacleTable, PlacedCamera,
-    RadioTable, ReferencesTable, Scenario, SensorName, SensorTable, TargetTable, WalkTable,
-    WorldTable,
+    RadioTable, ReferencesTable, ScatterTable, Scenario, SensorName, SensorTable, TargetTable,
+    WalkTable, WorldTable,
 };
 pub use overrides::Overrides;
 pub use put_up::{CameraNode, Frame, Network, Site, TargetNode};
@@ -110,7 +112,9 @@ impl Scenario {
         u32::try_from(self.path).ok()
     }
 
-    /// Makes its world, and plans the stops that it does not give.
+    /// Makes its world, with its cameras moved as [`scatter`](Scenario::scatter) says, and plans the
+    /// stops that it does not give. Cameras that are moved so that no stops can be planned are moved
+    /// otherwise, ten times at most.
     ///
     /// # Errors
     /// No plan is possible, a camera stands in an obstacle, or a target would walk through one.

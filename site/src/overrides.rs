@@ -5,7 +5,7 @@ use calib_core::camera::Projection;
 use super::{
     check::refuse,
     error::ScenarioError,
-    file::{Scenario, SensorTable},
+    file::{ScatterTable, Scenario, SensorTable},
     planner::Placement,
 };
 use crate::world::Variant;
@@ -21,6 +21,8 @@ pub struct Overrides {
     pub stops: Option<usize>,
     /// How these are chosen.
     pub placement: Option<Placement>,
+    /// How far cameras stand from where the file has them.
+    pub scatter: Option<ScatterTable>,
     /// Cameras of a grid.
     pub nodes: Option<usize>,
     /// How pictures come about. The real projection follows, unless the file sets it.
@@ -39,6 +41,7 @@ impl Overrides {
         scenario.path = self.path.unwrap_or(scenario.path);
         scenario.stops = self.stops.unwrap_or(scenario.stops);
         scenario.placement = self.placement.unwrap_or(scenario.placement);
+        scenario.scatter = self.scatter.unwrap_or(scenario.scatter);
         if let Some(nodes) = self.nodes {
             match &mut scenario.grid {
                 Some(grid) => grid.nodes = nodes,

@@ -16,13 +16,10 @@ use super::{
         CameraTable, NetworkTable, ObstacleTable, PlacedCamera, Scenario, SensorName, TargetTable,
     },
     planner::{self, Noise, Plan, PlanError, Task},
+    scatter::scattered,
 };
 use crate::world::{Camera, Gait, Obstacle, SensorErrors, Target, World};
 use cmucam2_emulator::{FaultRates, Lens};
-
-/// What the planner counts with: a column that is uniform within itself, at both edges of a blob,
-/// and a little noise.
-const COLUMN_SIGMA: f64 = 0.25;
 
 /// All of a scenario, with planned stops.
 #[derive(Clone, Debug)]
@@ -203,8 +200,21 @@ fn obstacle(table: &ObstacleTable) -> Obstacle {
     }
 }
 
+/// Cameras are drawn anew so many times where no stops can be planned for them.
+const ATTEMPTS: u64 = 10;
+
 /// Puts a checked scenario up.
 pub(super) fn put_up(scenario: &Scenario) -> Result<Site, ScenarioError> {
+    if scenario.scatter.is_none() {
+        return as_it_is(scenario);
+    }
+    let obstacles = scenario.world.obstacles.iter().map(obstacle).collect();
+    let world = World::new(Vec::new(), obstacles, Vec::new());
+    let attempt = |attempt| as_it_is(&scattered(scenario, &world, attempt));
+    (1..ATTEMPTS).fold(attempt(0), |site, next| site.or_else(|_| attempt(next)))
+}
+
+fn as_it_is(scenario: &Scenario) -> Result<Site, ScenarioError> {
     let obstacles: Vec<_> = scenario.world.obstacles.iter().map(obstacle).collect();
     let mut cameras = Vec::new();
     let mut targets = Vec::new();
@@ -373,10 +383,15 @@ fn stops(
             stops: scenario.stops,
             placement: scenario.placement,
             noise: Noise {
-                columns: COLUMN_SIGMA,
+                columns: Noise::COLUMNS,
                 standing: target.gait.standing_sigma(),
             },
             path: scenario.path,
+            seed: if scenario.scatter.is_none() {
+                0
+            } else {
+                scenario.seed
+            },
             target: target.index as u64,
         };
         let plan = planner::plan(&task).map_err(|why| match why {

@@ -5,7 +5,7 @@ use host_sim::network::{Options, Simulation};
 use nalgebra::Point2;
 use node_firmware::{config::Role, role::camera::REFERENCE_STOPS};
 use site::world::Variant;
-use site::{BUILT_IN, Overrides, Scenario, SensorTable, Site};
+use site::{BUILT_IN, Overrides, ScatterTable, Scenario, SensorTable, Site};
 
 fn load(name: &str, changes: &Overrides) -> Site {
     Scenario::load(name, changes).unwrap().put_up().unwrap()
@@ -55,6 +55,61 @@ fn thesis_13_has_the_cameras_of_table_4_1() {
         network.frame.place(Point2::new(3.0, 4.0)),
         Point2::new(3.0, 4.0)
     );
+}
+
+/// By the two sigmas, drawn from the seed; and the target's way with them.
+#[test]
+fn scattered_cameras_stand_about_where_the_file_has_them() {
+    let scattered = |seed| Overrides {
+        seed: Some(seed),
+        scatter: Some(ScatterTable::USUAL),
+        ..Overrides::default()
+    };
+    let plain = load("thesis-13", &Overrides::default());
+    let (mut squares, mut turns, mut n) = (0.0, 0.0, 0.0);
+    for seed in 1..=20 {
+        let site = load("thesis-13", &scattered(seed));
+        for (moved, camera) in site.world.cameras().iter().zip(plain.world.cameras()) {
+            squares += (moved.place - camera.place).norm_squared() / 2.0;
+            turns += calib_core::angle::wrap_signed(moved.heading - camera.heading).powi(2);
+            n += 1.0;
+        }
+        let stops = |site: &Site| site.networks[0].targets[0].stops.clone();
+        assert_ne!(stops(&site)[..3], stops(&plain)[..3]);
+        let again = load("thesis-13", &scattered(seed));
+        assert_eq!(site.world.cameras(), again.world.cameras());
+        assert_eq!(stops(&site), stops(&again));
+    }
+    // A variance of n normal numbers has the relative standard error sqrt(2 / n); of 2 n, less.
+    for (what, variance, sigma, numbers) in [
+        ("place", squares / n, 0.3_f64, 2.0 * n),
+        ("heading", turns / n, 3_f64.to_radians(), n),
+    ] {
+        let off = variance / sigma.powi(2) - 1.0;
+        assert!(
+            off.abs() < 4.0 * (2.0_f64 / numbers).sqrt(),
+            "{what}: {off}"
+        );
+    }
+}
+
+/// Nobody moves a camera through a wall.
+#[test]
+fn a_scattered_camera_stays_in_its_room() {
+    let walls = "[[world.obstacle]]\nwall = [[-1.0, 10.2], [11.0, 10.2]]\n\
+                 [scatter]\nposition = 0.5\nheading_deg = 1.0\n";
+    let text = small("", &format!("{TARGET}{walls}"));
+    let mut places = Vec::new();
+    for seed in 1..=20 {
+        let changes = Overrides {
+            seed: Some(seed),
+            ..Overrides::default()
+        };
+        let site = Scenario::from_toml(&text, &changes).unwrap().put_up();
+        places.push(site.unwrap().world.cameras()[2].place.y);
+    }
+    assert!(places.iter().all(|&y| y < 10.2), "{places:?}");
+    assert!(places.iter().any(|&y| y > 10.0), "{places:?}");
 }
 
 /// A walk that was planned for more stops than nodes count would be left in its middle.

@@ -80,6 +80,7 @@ impl ScenarioOptions {
                 Decode::PinHole => calib_core::camera::Projection::PinHole,
                 Decode::EqualAngle => calib_core::camera::Projection::EqualAngle,
             }),
+            scatter: None,
             drift: self.drift,
             loss: self.loss,
         };
