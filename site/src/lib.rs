@@ -30,10 +30,13 @@
 //! # Ok::<(), site::ScenarioError>(())
 //! ```
 
+mod assume;
 mod check;
+mod configs;
 mod error;
 mod event;
 mod file;
+mod firmware;
 pub mod grid;
 mod overrides;
 pub mod planner;
@@ -41,13 +44,16 @@ mod put_up;
 mod scatter;
 pub mod world;
 
+pub use assume::{Assumption, Purpose};
+pub use configs::{NetworkConfigs, configs, coordinator_id, extended};
 pub use error::ScenarioError;
 pub use event::{Action, ScriptedEvent};
 pub use file::{
-    CameraTable, FirmwareTable, GridTable, ModelTable, NetworkTable, ObstacleTable, PlacedCamera,
+    CameraTable, FrameTable, GridTable, ModelTable, NetworkTable, ObstacleTable, PlacedCamera,
     RadioTable, ReferencesTable, ScatterTable, Scenario, SensorName, SensorTable, TargetTable,
     WalkTable, WorldTable,
 };
+pub use firmware::FirmwareTable;
 pub use overrides::Overrides;
 pub use put_up::{CameraNode, Frame, Network, Site, TargetNode};
 
@@ -112,9 +118,8 @@ impl Scenario {
         u32::try_from(self.path).ok()
     }
 
-    /// Makes its world, with its cameras moved as [`scatter`](Scenario::scatter) says, and plans the
-    /// stops that it does not give. Cameras that are moved so that no stops can be planned are moved
-    /// otherwise, ten times at most.
+    /// Makes its world, with its cameras where the file has them, and plans the stops that it does not
+    /// give.
     ///
     /// # Errors
     /// No plan is possible, a camera stands in an obstacle, or a target would walk through one.

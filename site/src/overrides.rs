@@ -21,11 +21,10 @@ pub struct Overrides {
     pub stops: Option<usize>,
     /// How these are chosen.
     pub placement: Option<Placement>,
-    /// How far cameras stand from where the file has them.
-    pub scatter: Option<ScatterTable>,
     /// Cameras of a grid.
     pub nodes: Option<usize>,
-    /// How pictures come about. The real projection follows, unless the file sets it.
+    /// How pictures come about. With `stage` the real projection follows; otherwise unless the file
+    /// sets it.
     pub variant: Option<Variant>,
     /// The projection that all nodes believe in.
     pub model: Option<Projection>,
@@ -33,6 +32,8 @@ pub struct Overrides {
     pub drift: bool,
     /// Share of frames that the radio loses.
     pub loss: Option<f64>,
+    /// How far cameras stand from where the file has them.
+    pub scatter: Option<ScatterTable>,
 }
 
 impl Overrides {
@@ -52,6 +53,10 @@ impl Overrides {
             }
         }
         scenario.camera.variant = self.variant.unwrap_or(scenario.camera.variant);
+        if self.variant == Some(Variant::Stage) {
+            // Stage has no other.
+            scenario.camera.projection = None;
+        }
         if self.model.is_some() {
             scenario.camera.model.projection = self.model;
             for camera in scenario.networks.iter_mut().flat_map(|n| &mut n.cameras) {
@@ -61,7 +66,9 @@ impl Overrides {
             }
         }
         if self.drift {
-            scenario.sensor = SensorTable::DRIFT;
+            scenario.sensor = Some(SensorTable::DRIFT);
+            // It measures where it stands, too.
+            scenario.firmware.standing_sigma = Some(0.0);
         }
         if let Some(share) = self.loss {
             scenario.radio.set_loss(share);

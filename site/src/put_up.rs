@@ -6,17 +6,14 @@ use calib_core::{
     camera::{Camera as Optics, Projection},
     reference::Known,
 };
-use cmucam2_driver::geometry::{Sensor, Size};
+use cmucam2_driver::geometry::Sensor;
 use nalgebra::{Point2, Rotation2, Vector2};
 
 use super::{
     check::{fault_rates, refuse},
     error::ScenarioError,
-    file::{
-        CameraTable, NetworkTable, ObstacleTable, PlacedCamera, Scenario, SensorName, TargetTable,
-    },
+    file::{CameraTable, NetworkTable, ObstacleTable, PlacedCamera, Scenario, TargetTable},
     planner::{self, Noise, Plan, PlanError, Task},
-    scatter::scattered,
 };
 use crate::world::{Camera, Gait, Obstacle, SensorErrors, Target, World};
 use cmucam2_emulator::{FaultRates, Lens};
@@ -33,8 +30,6 @@ pub struct Site {
 /// One network of a site.
 #[derive(Clone, Debug)]
 pub struct Network {
-    /// Its channel.
-    pub channel: u8,
     /// Where its coordinator stands.
     pub coordinator: Point2<f64>,
     /// Its cameras.
@@ -43,7 +38,7 @@ pub struct Network {
     pub references: [usize; 2],
     /// The references are to be elected.
     pub elected: bool,
-    /// What is known beforehand.
+    /// What its nodes are told of the frame beforehand.
     pub known: Known<f64>,
     /// The frame in which the network reports.
     pub frame: Frame,
@@ -92,7 +87,7 @@ pub struct TargetNode {
     pub errors: SensorErrors,
     /// Direction of the x axis of its step sensor in the world, radians.
     pub axis: f64,
-    /// How far it may stand off the place that it tells, standard deviation of each axis.
+    /// How far it believes to stand off the place that it tells, standard deviation of each axis.
     pub standing_sigma: f64,
 }
 
@@ -107,7 +102,7 @@ pub struct Frame {
 
 impl Frame {
     /// Of references at these places of the world.
-    fn between([origin, other]: [Point2<f64>; 2]) -> Self {
+    pub fn between([origin, other]: [Point2<f64>; 2]) -> Self {
         let baseline = other - origin;
         Self {
             origin,
@@ -140,13 +135,19 @@ fn camera(
     table: &CameraTable,
     placed: &PlacedCamera,
 ) -> Result<(Camera, CameraNode), ScenarioError> {
-    let sensor = match table.sensor {
-        SensorName::Ov6620 => Sensor::Ov6620,
-        SensorName::Ov7620 => Sensor::Ov7620,
+    let missing = |field: &str| {
+        let allowed = "there in a rehearsal, which puts this camera somewhere; only nodes are \
+                       configured without it";
+        refuse(format!("{name}.{field}"), "missing", allowed)
     };
-    let size = Size::of(sensor, false);
+    let place = Point2::new(
+        placed.x.ok_or_else(|| missing("x"))?,
+        placed.y.ok_or_else(|| missing("y"))?,
+    );
+    let heading_deg = placed.heading_deg.ok_or_else(|| missing("heading_deg"))?;
+    let size = table.size();
     let projection = table.projection();
-    let degrees = table.field_of_view_deg;
+    let degrees = table.field_of_view_deg();
     let impossible = |field: &str, degrees: f64| {
         refuse(
             format!("{name}.{field}"),
@@ -156,8 +157,9 @@ fn camera(
     };
     let lens = Lens::with_projection(projection, degrees.to_radians(), size.width, size.height)
         .ok_or_else(|| impossible("field_of_view_deg", degrees))?;
+    let believed = table.believed();
     let model_lens = (
-        table.model.projection.unwrap_or(projection),
+        believed.projection,
         table.model.field_of_view_deg.unwrap_or(degrees),
     );
     let model = Optics::new(
@@ -166,9 +168,16 @@ fn camera(
         model_lens.1.to_radians(),
     )
     .map_err(|_| impossible("model.field_of_view_deg", model_lens.1))?;
+    let model = match table.model.principal_column {
+        None => model,
+        Some(column) => model.with_principal_point(column).map_err(|_| {
+            let allowed = format!("a column of the lens, 0 to {}", size.width - 1);
+            refuse(format!("{name}.model.principal_column"), column, allowed)
+        })?,
+    };
     let camera = Camera {
-        place: Point2::new(placed.x, placed.y),
-        heading: placed.heading_deg.to_radians(),
+        place,
+        heading: heading_deg.to_radians(),
         lens,
         range: table.range,
         variant: table.variant,
@@ -176,8 +185,8 @@ fn camera(
     let node = CameraNode {
         id: placed.id,
         index: 0,
-        sensor,
-        baud: table.baud,
+        sensor: table.sensor.into(),
+        baud: table.baud(),
         faults: fault_rates(name, &table.faults)?,
         noise: table.noise,
         flicker: table.flicker,
@@ -187,9 +196,15 @@ fn camera(
     Ok((camera, node))
 }
 
-fn obstacle(table: &ObstacleTable) -> Obstacle {
-    match table {
-        ObstacleTable::Wall(ends) => Obstacle::Segment(ends.map(Point2::from)),
+/// A wall is a segment between each two of its corners.
+pub(super) fn obstacles(table: &ObstacleTable) -> Vec<Obstacle> {
+    let one = match table {
+        ObstacleTable::Wall(corners) => {
+            let segments = corners.windows(2);
+            let segment =
+                |ends: &[[f64; 2]]| Obstacle::Segment([ends[0], ends[1]].map(Point2::from));
+            return segments.map(segment).collect();
+        }
         &ObstacleTable::Pillar { x, y, radius } => Obstacle::Disc {
             centre: Point2::new(x, y),
             radius,
@@ -197,25 +212,25 @@ fn obstacle(table: &ObstacleTable) -> Obstacle {
         ObstacleTable::Block(corners) => {
             Obstacle::Polygon(corners.iter().copied().map(Point2::from).collect())
         }
-    }
+    };
+    vec![one]
 }
 
-/// Cameras are drawn anew so many times where no stops can be planned for them.
-const ATTEMPTS: u64 = 10;
+/// The number in the file, from 1, of the table that an obstacle of the world is of.
+fn number_in_file(scenario: &Scenario, obstacle: usize) -> usize {
+    let mut before = 0;
+    let tables = scenario.world.obstacles.iter();
+    let number = tables.take_while(|table| {
+        before += obstacles(table).len();
+        before <= obstacle
+    });
+    number.count() + 1
+}
 
 /// Puts a checked scenario up.
 pub(super) fn put_up(scenario: &Scenario) -> Result<Site, ScenarioError> {
-    if scenario.scatter.is_none() {
-        return as_it_is(scenario);
-    }
-    let obstacles = scenario.world.obstacles.iter().map(obstacle).collect();
-    let world = World::new(Vec::new(), obstacles, Vec::new());
-    let attempt = |attempt| as_it_is(&scattered(scenario, &world, attempt));
-    (1..ATTEMPTS).fold(attempt(0), |site, next| site.or_else(|_| attempt(next)))
-}
-
-fn as_it_is(scenario: &Scenario) -> Result<Site, ScenarioError> {
-    let obstacles: Vec<_> = scenario.world.obstacles.iter().map(obstacle).collect();
+    let tables = scenario.world.obstacles.iter();
+    let obstacles: Vec<_> = tables.flat_map(obstacles).collect();
     let mut cameras = Vec::new();
     let mut targets = Vec::new();
     let mut networks = Vec::new();
@@ -225,12 +240,9 @@ fn as_it_is(scenario: &Scenario) -> Result<Site, ScenarioError> {
             let name = format!("network {n}.camera {c}");
             let (camera, mut node) = camera(&name, &scenario.camera.for_camera(placed), placed)?;
             if let Some(o) = obstacles.iter().position(|o| o.contains(camera.place)) {
-                let allowed = format!("outside of obstacle {}", o + 1);
-                return Err(refuse(
-                    format!("{name} (x, y)"),
-                    format!("({}, {})", placed.x, placed.y),
-                    allowed,
-                ));
+                let allowed = format!("outside of obstacle {}", number_in_file(scenario, o));
+                let found = format!("({}, {})", camera.place.x, camera.place.y);
+                return Err(refuse(format!("{name} (x, y)"), found, allowed));
             }
             node.index = cameras.len();
             cameras.push(camera);
@@ -281,24 +293,16 @@ fn network(
         .map(|node| cameras[node.index].place.coords)
         .sum::<Vector2<f64>>()
         / nodes.len() as f64;
-    let axis = if table.references.frame_heading_known {
-        frame.heading
-    } else {
-        table.references.compass_deg.to_radians()
+    let axis = match table.references.compass_deg {
+        Some(degrees) => degrees.to_radians(),
+        None if table.references.frame_heading_known() => frame.heading,
+        None => 0.0,
     };
-    let standing_sigma = scenario
-        .firmware
-        .standing_sigma
-        .unwrap_or_else(|| gait(scenario).standing_sigma());
     Ok(Network {
-        channel: table.channel,
         coordinator: table.coordinator.map_or(Point2::from(middle), Point2::from),
         references,
         elected: table.references.elected,
-        known: Known {
-            baseline: table.references.baseline_known.then(|| baseline.norm()),
-            frame_heading: table.references.frame_heading_known.then_some(0.0),
-        },
+        known: table.known(&format!("network {number}"))?,
         frame,
         targets: (first_target..)
             .zip(&table.targets)
@@ -310,11 +314,7 @@ fn network(
                 plan: None,
                 errors: errors(scenario),
                 axis,
-                standing_sigma: if scenario.sensor.measures {
-                    0.0
-                } else {
-                    standing_sigma
-                },
+                standing_sigma: scenario.target_config(target).standing_sigma.into(),
             })
             .collect(),
         cameras: nodes,
@@ -333,7 +333,7 @@ fn gait(scenario: &Scenario) -> Gait {
 }
 
 fn errors(scenario: &Scenario) -> SensorErrors {
-    let sensor = &scenario.sensor;
+    let sensor = scenario.sensor.unwrap_or_default();
     SensorErrors {
         measures: sensor.measures,
         leg_distance: sensor.leg_distance,
@@ -367,17 +367,23 @@ fn stops(
         let node = cameras.iter().find(|node| node.index == index);
         node.map_or(0, |node| node.id)
     };
+    // As it is: the planner has the true displacements in the true frame.
+    let [first, second] = references.map(|index| world.cameras()[index].place);
+    let known = Known {
+        baseline: network.known.baseline.map(|_| (second - first).norm()),
+        frame_heading: network.known.frame_heading.map(|_| 0.0),
+    };
     for (target, own) in targets.iter_mut().zip(&table.targets) {
         if let Some(stops) = &own.stops {
             target.stops = stops.iter().copied().map(Point2::from).collect();
-            clear_way(own, &target.stops, world)?;
+            clear_way(scenario, own, &target.stops, world)?;
             continue;
         }
         let task = Task {
             world,
             bounds: [low, high].map(Point2::from),
             references,
-            known: network.known,
+            known,
             cameras: &others,
             radius: own.radius,
             stops: scenario.stops,
@@ -387,11 +393,7 @@ fn stops(
                 standing: target.gait.standing_sigma(),
             },
             path: scenario.path,
-            seed: if scenario.scatter.is_none() {
-                0
-            } else {
-                scenario.seed
-            },
+            seed: scenario.scattered_by.unwrap_or(0),
             target: target.index as u64,
         };
         let plan = planner::plan(&task).map_err(|why| match why {
@@ -411,6 +413,7 @@ fn stops(
 }
 
 fn clear_way(
+    scenario: &Scenario,
     target: &TargetTable,
     stops: &[Point2<f64>],
     world: &World,
@@ -419,7 +422,7 @@ fn clear_way(
         if let Some(obstacle) = world.obstacle_on_way(leg[0], leg[1], target.radius) {
             return Err(ScenarioError::Blocked {
                 target: target.id,
-                obstacle: obstacle + 1,
+                obstacle: number_in_file(scenario, obstacle),
                 stop,
             });
         }

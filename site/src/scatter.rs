@@ -1,17 +1,25 @@
-//! Cameras that do not stand exactly where the file has them.
+//! Cameras that do not stand where the file has them.
 
 use nalgebra::{Point2, Vector2};
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use rand_distr::{Distribution, StandardNormal};
 
-use super::file::{ScatterTable, Scenario};
+use super::{
+    error::ScenarioError,
+    file::{PlacedCamera, ScatterTable, Scenario},
+    put_up::{Site, obstacles},
+};
 use crate::world::World;
 
-/// Draws of one camera's place until one is inside the world and on the same side of every obstacle.
-const DRAWS: usize = 100;
+/// The first stream of this generator that no grid uses.
+const STREAM: u64 = 1 << 32;
+/// Places that are tried for a camera.
+const TRIES: usize = 100;
 /// So near to an obstacle it does not get.
 const CLEARANCE: f64 = 0.01;
+/// Cameras are all drawn anew so many times where no stops can be planned for them.
+const ATTEMPTS: u64 = 10;
 
 impl ScatterTable {
     /// By how much a sweep moves cameras where the file does not say it: no two seeds are then
@@ -27,30 +35,59 @@ impl ScatterTable {
     }
 }
 
-/// The scenario with its cameras moved, by normal distributions; other numbers of the `attempt` are
-/// other draws. A camera stays where it was if no place for it is found.
-pub(super) fn scattered(scenario: &Scenario, world: &World, attempt: u64) -> Scenario {
-    let mut moved = scenario.clone();
-    let ScatterTable {
-        position,
-        heading_deg,
-    } = scenario.scatter;
-    let [low, high] = [scenario.world.low, scenario.world.high].map(Point2::from);
-    for camera in moved.networks.iter_mut().flat_map(|n| &mut n.cameras) {
-        // Each camera has a stream of its own, and none that a grid's cells have: one camera more
-        // changes nothing for the others.
-        let mut random = ChaCha8Rng::seed_from_u64(scenario.seed);
-        random.set_stream(u64::MAX - (attempt << 16 | u64::from(camera.id)));
-        let mut normal = || -> f64 { StandardNormal.sample(&mut random) };
-        camera.heading_deg = (camera.heading_deg + heading_deg * normal()).rem_euclid(360.0);
-        let place = Point2::new(camera.x, camera.y);
-        let mut draws = (0..DRAWS).map(|_| place + Vector2::new(normal(), normal()) * position);
-        let found = draws.find(|to| {
-            *to >= low && *to <= high && world.obstacle_on_way(place, *to, CLEARANCE).is_none()
-        });
-        if let Some(place) = found {
-            (camera.x, camera.y) = (place.x, place.y);
+impl Scenario {
+    /// The site as it may really be, and put up: each camera stands as far from where the file has it
+    /// as [`Scenario::scatter`] says, by normal distributions drawn from the seed, and other stops are
+    /// planned. All else follows: the frame of the network, and the references' distance unless the
+    /// file states it. A place outside of the world, or beyond an obstacle, is drawn again; all of
+    /// them are, ten times at most, where no stops can be planned.
+    ///
+    /// # Errors
+    /// As [`Scenario::put_up`].
+    pub fn rehearsed(&self) -> Result<(Self, Site), ScenarioError> {
+        let attempt = |number| {
+            let site = self.scattered(number);
+            let world = site.put_up()?;
+            Ok((site, world))
+        };
+        match attempt(0) {
+            Err(_) if !self.scatter.is_none() => {
+                (1..ATTEMPTS).fold(attempt(1), |site, next| site.or_else(|_| attempt(next)))
+            }
+            only => only,
         }
     }
-    moved
+
+    fn scattered(&self, attempt: u64) -> Self {
+        let mut site = self.clone();
+        let by = std::mem::take(&mut site.scatter);
+        if by.is_none() {
+            return site;
+        }
+        site.scattered_by = Some(self.seed);
+        let solid = self.world.obstacles.iter().flat_map(obstacles).collect();
+        let solid = World::new(Vec::new(), solid, Vec::new());
+        let [low, high] = [self.world.low, self.world.high].map(Point2::from);
+        for camera in site.networks.iter_mut().flat_map(|n| &mut n.cameras) {
+            // By their numbers, so that one camera more moves no other.
+            let mut random = ChaCha8Rng::seed_from_u64(self.seed);
+            random.set_stream(STREAM * (1 + attempt) + u64::from(camera.id));
+            let mut drawn = || -> f64 { StandardNormal.sample(&mut random) };
+            let turn = by.heading_deg * drawn();
+            camera.heading_deg = camera.heading_deg.map(|heading| heading + turn);
+            let Some(place) = PlacedCamera::place(camera) else {
+                continue;
+            };
+            let mut draws =
+                (0..TRIES).map(|_| place + Vector2::new(drawn(), drawn()) * by.position);
+            let found = draws.find(|to| {
+                let inside = *to >= low && *to <= high;
+                inside && solid.obstacle_on_way(place, *to, CLEARANCE).is_none()
+            });
+            if let Some(place) = found {
+                (camera.x, camera.y) = (Some(place.x), Some(place.y));
+            }
+        }
+        site
+    }
 }

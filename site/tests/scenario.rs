@@ -1,14 +1,32 @@
 //! Scenario files: what they make, and what they say when something is wrong.
 
 use calib_core::camera::Projection;
-use host_sim::network::{Options, Simulation};
 use nalgebra::Point2;
-use node_firmware::{config::Role, role::camera::REFERENCE_STOPS};
+use node_firmware::{
+    config::{CameraConfig, Config, Role, SiteKey},
+    role::camera::REFERENCE_STOPS,
+};
 use site::world::Variant;
-use site::{BUILT_IN, Overrides, ScatterTable, Scenario, SensorTable, Site};
+use site::{BUILT_IN, NetworkConfigs, Overrides, ScatterTable, Scenario, SensorTable, Site};
 
 fn load(name: &str, changes: &Overrides) -> Site {
     Scenario::load(name, changes).unwrap().put_up().unwrap()
+}
+
+fn configs(scenario: &Scenario) -> Vec<NetworkConfigs> {
+    site::configs(scenario, SiteKey::new(1, *b"0123456789abcdef"), 1).unwrap()
+}
+
+fn camera(config: &Config) -> &CameraConfig {
+    match &config.role {
+        Role::Camera(camera) => camera,
+        other => panic!("node {} is {other:?}", config.id),
+    }
+}
+
+fn rehearsed(name: &str, changes: &Overrides) -> Site {
+    let scenario = Scenario::load(name, changes).unwrap();
+    scenario.rehearsed().unwrap().1
 }
 
 /// A network of three cameras, with some more lines.
@@ -26,7 +44,12 @@ const TARGET: &str = "target = [{ id = 20 }]\n";
 
 fn error(text: &str) -> String {
     let scenario = Scenario::from_toml(text, &Overrides::default());
-    match scenario.and_then(|scenario| scenario.put_up()) {
+    let key = SiteKey::new(1, *b"0123456789abcdef");
+    let put_up = |scenario: Scenario| {
+        scenario.put_up()?;
+        site::configs(&scenario, key, 1)
+    };
+    match scenario.and_then(put_up) {
         Ok(_) => panic!("nothing is wrong with\n{text}"),
         Err(error) => error.to_string(),
     }
@@ -68,7 +91,7 @@ fn scattered_cameras_stand_about_where_the_file_has_them() {
     let plain = load("thesis-13", &Overrides::default());
     let (mut squares, mut turns, mut n) = (0.0, 0.0, 0.0);
     for seed in 1..=20 {
-        let site = load("thesis-13", &scattered(seed));
+        let site = rehearsed("thesis-13", &scattered(seed));
         for (moved, camera) in site.world.cameras().iter().zip(plain.world.cameras()) {
             squares += (moved.place - camera.place).norm_squared() / 2.0;
             turns += calib_core::angle::wrap_signed(moved.heading - camera.heading).powi(2);
@@ -76,7 +99,7 @@ fn scattered_cameras_stand_about_where_the_file_has_them() {
         }
         let stops = |site: &Site| site.networks[0].targets[0].stops.clone();
         assert_ne!(stops(&site)[..3], stops(&plain)[..3]);
-        let again = load("thesis-13", &scattered(seed));
+        let again = rehearsed("thesis-13", &scattered(seed));
         assert_eq!(site.world.cameras(), again.world.cameras());
         assert_eq!(stops(&site), stops(&again));
     }
@@ -105,8 +128,9 @@ fn a_scattered_camera_stays_in_its_room() {
             seed: Some(seed),
             ..Overrides::default()
         };
-        let site = Scenario::from_toml(&text, &changes).unwrap().put_up();
-        places.push(site.unwrap().world.cameras()[2].place.y);
+        let scenario = Scenario::from_toml(&text, &changes).unwrap();
+        let (_, site) = scenario.rehearsed().unwrap();
+        places.push(site.world.cameras()[2].place.y);
     }
     assert!(places.iter().all(|&y| y < 10.2), "{places:?}");
     assert!(places.iter().any(|&y| y > 10.0), "{places:?}");
@@ -126,11 +150,8 @@ fn nodes_count_as_many_stops_as_are_planned() {
             .clone()
             .unwrap();
         let planned = plan.stops.iter().filter(|stop| stop.for_references).count();
-        let simulation = Simulation::new(scenario, Options::default()).unwrap();
-        for id in 1..=13 {
-            let Role::Camera(camera) = &simulation.config(id).unwrap().role else {
-                panic!("node {id} is no camera");
-            };
+        for config in &configs(&scenario).remove(0).cameras {
+            let camera = camera(config);
             assert_eq!(
                 usize::from(camera.reference_stops),
                 planned,
@@ -268,7 +289,7 @@ fn the_command_line_changes_a_scenario() {
         ..Overrides::default()
     };
     let scenario = Scenario::load("thesis-13", &changes).unwrap();
-    assert_eq!(scenario.sensor, SensorTable::DRIFT);
+    assert_eq!(scenario.sensor, Some(SensorTable::DRIFT));
     let site = scenario.put_up().unwrap();
     let node = &site.networks[0].cameras[4];
     let camera = &site.world.cameras()[node.index];
@@ -317,8 +338,8 @@ fn what_is_only_unusual_is_possible() {
         small("", "target = [{ id = 59999 }]"),
     ] {
         let scenario = Scenario::from_toml(&text, &Overrides::default()).unwrap();
-        let simulation = Simulation::new(scenario, Options::default());
-        assert!(simulation.is_ok(), "{text}");
+        assert!(scenario.put_up().is_ok(), "{text}");
+        assert!(!configs(&scenario).is_empty(), "{text}");
     }
 }
 
@@ -457,7 +478,10 @@ fn what_is_wrong_is_named() {
                 "[firmware]\nweak_sigma = 0.1\ngood_enough_position = 0.2",
                 TARGET,
             ),
-            ["`firmware.weak_sigma` is 0.1", "0.2 to"],
+            [
+                "node 1 cannot be configured",
+                "weak-sigma must be at least the good-enough",
+            ],
         ),
         (small("path = 0", TARGET), ["`path` is 0", "1 to"]),
         (small("stops = 0", TARGET), ["`stops` is 0", "3 to 16"]),

@@ -80,9 +80,9 @@ impl ScenarioOptions {
                 Decode::PinHole => calib_core::camera::Projection::PinHole,
                 Decode::EqualAngle => calib_core::camera::Projection::EqualAngle,
             }),
-            scatter: None,
             drift: self.drift,
             loss: self.loss,
+            scatter: None,
         };
         Scenario::load(&self.scenario, &changes).map_err(|error| self.named(error))
     }

@@ -8,7 +8,6 @@
 //!
 //! | module | job |
 //! |---|---|
-//! | `provision` | A configuration for every node |
 //! | `node` | One node's hardware, and its firmware running on it |
 //! | `camera` | An emulated camera at the far end of a line |
 //! | `device` | A simulated line, or a real camera in its place |
@@ -29,13 +28,12 @@ mod journal;
 mod many;
 mod node;
 mod outcome;
-mod provision;
 mod walk;
 
 use std::{cell::RefCell, io::Write, rc::Rc, time::Duration};
 
 use node_firmware::{
-    config::{Config, Role},
+    config::{Config, Role, SiteKey},
     memory::Fact,
 };
 
@@ -52,6 +50,7 @@ use self::{
 };
 use crate::probe::port::{OpenError, open};
 use answers::record::RunRecord;
+use rand::Rng;
 use site::world::World;
 use site::{RadioTable, Scenario, ScenarioError, Site};
 use virtual_bench::{
@@ -132,7 +131,7 @@ impl Simulation {
     /// # Errors
     /// The scenario is not possible.
     pub fn new(scenario: Scenario, options: Options) -> Result<Self, ScenarioError> {
-        let site = scenario.put_up()?;
+        let (scenario, site) = scenario.rehearsed()?;
         let root = Root(scenario.seed);
         let mut executor = Executor::new();
         let real_time = options.emulation.as_ref().map(|_| 1.0);
@@ -162,7 +161,9 @@ impl Simulation {
     }
 
     fn put_up(&mut self, root: Root) -> Result<(), ScenarioError> {
-        let configs = provision::all(&self.scenario, &self.site, root)?;
+        let mut secret = [0; 16];
+        root.stream("site key", 0).fill_bytes(&mut secret);
+        let configs = site::configs(&self.scenario, SiteKey::new(1, secret), 1)?;
         for (network, configs) in self.site.networks.iter().zip(configs) {
             let coordinator = Hardware::coordinator(self, network, configs.coordinator, root);
             let cameras = network.cameras.len();

@@ -151,7 +151,7 @@ impl Board {
         let [line, radio, lamps] = lines.map(|line| Polled::new(line, clock.clone()));
         let is_heard = Cell::new(false);
         let radio = Heard::new(radio, &is_heard);
-        let address = super::provision::extended(self.id());
+        let address = site::extended(self.id());
         let address = zigbee_link::wire::Eui64(address);
         let radio = CoProcessor::new(radio, medium, antenna, clock.clone(), address, seed);
         let connected = select4(
