@@ -3,21 +3,7 @@
 use calib_core::{Refusal, Sighting, resection};
 use indexmap::IndexMap;
 
-use crate::record::summary::Fit;
 use crate::recorded::sightings::Case;
-
-/// Chi squared of one degree of freedom that only one in a thousand exceeds by chance.
-const ONE_IN_A_THOUSAND: f64 = 10.83;
-
-/// Whether measurements contradict each other by more than their sigmas explain: only one in a
-/// thousand answers would fit as badly by chance. What always fits must fit well too.
-pub fn is_contradictory(chi_squared: f64, degrees_of_freedom: usize) -> bool {
-    let fit = Fit {
-        chi_squared,
-        degrees_of_freedom,
-    };
-    fit.is_bad() || (degrees_of_freedom == 0 && chi_squared > ONE_IN_A_THOUSAND)
-}
 
 /// How to solve.
 #[derive(Clone, Copy, Debug, Default)]
@@ -37,7 +23,7 @@ pub enum Status {
     /// It has a pose, but a less certain one than was asked for.
     Uncertain,
     /// It has a pose that is certain enough if its sigmas are right, which they hardly are: see
-    /// [`is_contradictory`].
+    /// [`Fit::is_bad`](calib_core::fit::Fit::is_bad).
     Contradictory,
     /// One of its rows could not be read.
     Unreadable,
@@ -145,7 +131,7 @@ impl Solver {
             Ok(solution) => {
                 let status = if !within(solution.pose.sigma_position()) {
                     Status::Uncertain
-                } else if is_contradictory(solution.chi_squared, solution.degrees_of_freedom()) {
+                } else if solution.fit().is_bad() {
                     Status::Contradictory
                 } else {
                     Status::Ok

@@ -173,7 +173,7 @@ fn report(id: u16, state: State) -> Report {
 }
 
 fn pose() -> State {
-    State::Pose(PoseParts {
+    State::Calibrated(PoseParts {
         position: [1.5, -2.0],
         heading: core::f32::consts::FRAC_PI_2,
         covariance: [0.25, 0.125, 1.0, 0.0, 0.0, 0.0001],

@@ -2,7 +2,6 @@
 
 use answers::record::{
     RunRecord,
-    summary::Fit,
     verdict::{Common, Finding, Trouble, Verdict},
 };
 use calib_core::camera::Projection;
@@ -131,7 +130,7 @@ fn references_count_the_stops_of_their_answer() {
         assert_eq!((reference.sightings, reference.residuals.len()), (3, 0));
     }
     let others = record.cameras().filter(|camera| !camera.reference);
-    let chi_squared: f64 = others.map(|camera| Fit::of(camera).chi_squared).sum();
+    let chi_squared: f64 = others.map(|camera| camera.fit().chi_squared).sum();
     assert!((record.summary.fit.chi_squared - chi_squared).abs() < 1e-9);
 }
 

@@ -15,7 +15,7 @@
 
 use std::collections::BTreeSet;
 
-use calib_core::{Pose, Refusal, Sighting, angle};
+use calib_core::{Pose, Refusal, Sighting, angle, fit::Fit};
 use nalgebra::{Isometry2, Matrix3, Point2, Vector2};
 use serde::{Deserialize, Serialize};
 
@@ -26,7 +26,7 @@ pub mod summary;
 pub mod sweep;
 pub mod verdict;
 
-use summary::{Fit, Summary};
+use summary::Summary;
 
 /// The format that this library writes, and the only one that it reads.
 pub const FORMAT: u32 = 3;
@@ -457,8 +457,20 @@ impl Node {
     /// reason: a camera leaves out a sighting that all others contradict, and a weak pose may be right.
     pub fn contradicted(&self, limits: &Limits) -> Option<f64> {
         self.estimate.filter(|estimate| estimate.is_weak(limits))?;
-        let fit = Fit::of(self);
+        let fit = self.fit();
         fit.ratio().filter(|_| fit.is_bad())
+    }
+
+    /// How well its sightings fit its pose. Degrees of freedom are sightings beyond those that always
+    /// fit: three of a camera, two of a reference.
+    pub fn fit(&self) -> Fit<f64> {
+        let normalised: Vec<f64> = self.residuals.iter().filter_map(|r| r.normalised).collect();
+        // Two references have a heading each and the target's first place in common.
+        let unknowns = if self.reference { 2 } else { 3 };
+        Fit {
+            chi_squared: normalised.iter().map(|n| n * n).sum(),
+            degrees_of_freedom: normalised.len().saturating_sub(unknowns),
+        }
     }
 
     /// Whether it has a camera.

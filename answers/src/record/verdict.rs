@@ -5,12 +5,11 @@ use std::{
     fmt,
 };
 
-use calib_core::Refusal;
+use calib_core::{Refusal, fit::Fit};
 
 use super::{
     Node, Role, RunRecord,
     next_stop::{self, Wish},
-    summary::Fit,
 };
 
 const NEVER_JOINED: &str = "it never joined: look at `radio`, at distances and at events";
@@ -172,7 +171,7 @@ impl Verdict {
                     sigma_heading_deg,
                 });
             }
-            let fit = Fit::of(camera);
+            let fit = camera.fit();
             if let (false, true, Some(ratio)) = (all_misfit, fit.is_bad(), fit.ratio()) {
                 find(Trouble::Misfit(ratio));
                 for residual in &camera.residuals {
@@ -288,7 +287,7 @@ fn why_no_pose(camera: &Node) -> Trouble {
 }
 
 /// The true error against the predicted covariance, as a fit of three numbers.
-fn truth_fit(camera: &Node) -> Option<Fit> {
+fn truth_fit(camera: &Node) -> Option<Fit<f64>> {
     camera.nees.map(|chi_squared| Fit {
         chi_squared,
         degrees_of_freedom: 3,
@@ -297,13 +296,15 @@ fn truth_fit(camera: &Node) -> Option<Fit> {
 
 /// What is bad as a whole, and not only because of the worst quarter of the cameras.
 fn common(record: &RunRecord) -> Vec<Common> {
-    let judge = |mut fits: Vec<Fit>| {
-        fits.sort_by(|a, b| f64::total_cmp(&b.excess(), &a.excess()));
-        let sum = |fits: &[Fit]| fits.iter().copied().fold(Fit::default(), Fit::and);
+    let judge = |mut fits: Vec<Fit<f64>>| {
+        // How much larger than foretold chi squared is.
+        let excess = |fit: &Fit<f64>| fit.chi_squared - fit.degrees_of_freedom as f64;
+        fits.sort_by(|a, b| f64::total_cmp(&excess(b), &excess(a)));
+        let sum = |fits: &[Fit<f64>]| fits.iter().copied().fold(Fit::default(), Fit::and);
         let rest = fits.get(fits.len().div_ceil(4)..).unwrap_or_default();
         sum(&fits).ratio().filter(|_| sum(rest).is_bad())
     };
-    let residuals = record.cameras().map(Fit::of);
+    let residuals = record.cameras().map(Node::fit);
     let residuals = judge(residuals.filter(|f| f.degrees_of_freedom > 0).collect());
     let errors = judge(record.cameras().filter_map(truth_fit).collect());
     let misfit = residuals.map(Common::Misfit);

@@ -6,7 +6,7 @@ use calib_core::{
 };
 use serde::Serialize;
 
-use crate::answer::{self, Answer};
+use crate::answer::Answer;
 
 /// Whole numbers up to here survive every JSON reader, also those that only know doubles.
 const LARGEST_EXACT: i64 = (1 << 53) - 1;
@@ -151,11 +151,7 @@ impl<'a> ReferenceLine<'a> {
         match outcome {
             Ok(outcome) => Self {
                 status: match (&outcome.best, &outcome.alternative) {
-                    (best, _)
-                        if answer::is_contradictory(best.chi_squared, best.degrees_of_freedom) =>
-                    {
-                        Self::CONTRADICTORY
-                    }
+                    (best, _) if best.fit().is_bad() => Self::CONTRADICTORY,
                     (_, Some(_)) => "ambiguous",
                     (_, None) => "ok",
                 },

@@ -45,12 +45,13 @@ impl Member {
         estimate(self.report?.pose()?)
     }
 
-    /// `calibrated`, or why not: a refusal's name, or `no_pose`.
+    /// The name of its [`Status`](calib_core::Status) with a pose; without, a refusal's, or
+    /// `no_pose`.
     pub fn status(&self) -> &'static str {
         match self.report.map(|report| report.state) {
-            Some(State::Pose(_)) => "calibrated",
             Some(State::Refused(refusal)) => refusal.name(),
             Some(State::Waiting) | None => "no_pose",
+            Some(state) => state.status().name(),
         }
     }
 
@@ -292,7 +293,7 @@ pub(crate) mod tests {
     }
 
     pub(crate) fn pose() -> State {
-        State::Pose(PoseParts {
+        State::Calibrated(PoseParts {
             position: [1.0, -2.0],
             heading: core::f32::consts::FRAC_PI_2,
             covariance: [0.04, 0.0, 0.09, 0.0, 0.0, 0.0001],

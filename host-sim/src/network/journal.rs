@@ -12,7 +12,7 @@ use nalgebra::Point2;
 use node_firmware::{
     hardware::Observer,
     memory::{Fact, KeptSighting, Walk},
-    message::{Frame, Message, State},
+    message::{Frame, Message},
 };
 use zigbee_link::wire::ShortAddress;
 
@@ -155,7 +155,7 @@ impl Observer for Witness {
         let bytes = postcard::experimental::serialized_size(message).unwrap_or_default();
         journal.node(self.id).payload_bytes += bytes as u64;
         match message {
-            Message::Report(report) if matches!(report.state, State::Pose(_)) => {
+            Message::Report(report) if report.pose().is_some() => {
                 journal.calibrated(self.id);
             }
             Message::Stopped(stopped) => {

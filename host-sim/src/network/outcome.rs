@@ -25,19 +25,18 @@ use virtual_bench::{
 const PHY_HEADER: u64 = 6;
 
 /// What the first camera was told.
-fn weak_sigma(simulation: &Simulation) -> f64 {
-    let cameras = simulation.nodes.iter().filter_map(|node| {
-        let Configured::Camera(camera) = &node.config().role else {
-            return None;
-        };
-        Some(f64::from(camera.weak_sigma))
+fn limits(simulation: &Simulation) -> Limits {
+    let cameras = simulation.nodes.iter();
+    let mut weak = cameras.filter_map(|node| match &node.config().role {
+        Configured::Camera(camera) => Some(camera.weak),
+        _ => None,
     });
-    cameras.take(1).sum()
+    let weak = weak.next();
+    Limits {
+        sigma_position: weak.map_or(0.0, |weak| weak.position.into()),
+        sigma_heading_deg: weak.map_or(0.0, |weak| weak.heading_deg.into()),
+    }
 }
-
-/// Scenarios have no limit for the sigma of the heading. A camera with a larger one knows at most on
-/// which side of it things are.
-const WEAK_HEADING_DEG: f64 = 90.0;
 
 pub(super) fn record(simulation: &Simulation, wall_seconds: f64) -> RunRecord {
     let scenario = &simulation.scenario;
@@ -112,10 +111,7 @@ pub(super) fn record(simulation: &Simulation, wall_seconds: f64) -> RunRecord {
             name: scenario.unit.clone(),
             metres: scenario.metres_per_unit(),
         },
-        limits: Limits {
-            sigma_position: weak_sigma(simulation) * 2_f64.sqrt(),
-            sigma_heading_deg: WEAK_HEADING_DEG,
-        },
+        limits: limits(simulation),
         networks: (1..)
             .zip(&frames)
             .map(|(network, frame)| record::Network {
@@ -184,7 +180,7 @@ fn take_report(node: &mut Node, console: &Console) {
         return;
     };
     match report.state {
-        State::Pose(parts) => {
+        State::Calibrated(parts) | State::Weak(parts) | State::Doubtful(parts) => {
             if let Some(pose) = exact(&parts) {
                 node.set_pose(&pose);
             }

@@ -2,7 +2,7 @@
 //!
 //! A node is a table of TOML: `role` and `id`, then what all nodes have, then what its role has.
 //! Names are those of [`Config`] and its roles, in kebab case. What is left out has its usual
-//! value, also within `lens` and `good-enough`. Addresses are texts, channels a list of numbers.
+//! value, also within `lens`, `good-enough` and `weak`. Addresses are texts, channels a list of numbers.
 //!
 //! ```toml
 //! role = "camera"
@@ -43,7 +43,7 @@ const COMMON: [&str; 6] = [
     "protection",
 ];
 /// Tables of which each part has a usual value of its own.
-const PARTS: [&str; 3] = ["lens", "good-enough", "sensor"];
+const PARTS: [&str; 4] = ["lens", "good-enough", "weak", "sensor"];
 
 /// Of a CMUcam2 with the OV6620 and the lens it comes with: the manual says 44 to 50 degrees, by
 /// lens.
