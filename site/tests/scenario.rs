@@ -480,7 +480,7 @@ fn what_is_wrong_is_named() {
             ),
             [
                 "node 1 cannot be configured",
-                "weak-sigma must be at least the good-enough",
+                "both sigmas must be at least the good-enough",
             ],
         ),
         (small("path = 0", TARGET), ["`path` is 0", "1 to"]),
