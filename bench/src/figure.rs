@@ -166,11 +166,12 @@ impl Sheet {
     }
 }
 
-/// A file of the full data sets beside the repository, if it is there.
-pub(crate) fn full_data(name: &str) -> Option<PathBuf> {
+/// A file of the full data sets beside the repository, if it is there. In brief, what is everywhere
+/// has to do.
+pub(crate) fn full_data(name: &str, is_brief: bool) -> Option<PathBuf> {
     let root = concat!(env!("CARGO_MANIFEST_DIR"), "/../../shared/data");
     let path: PathBuf = [root, name].iter().collect();
-    path.is_file().then_some(path)
+    (path.is_file() && !is_brief).then_some(path)
 }
 
 /// A quantile of values in any order; NaN of none.

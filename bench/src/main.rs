@@ -63,15 +63,15 @@ fn main() -> anyhow::Result<ExitCode> {
             continue;
         }
         match topic {
-            Topic::Recorded => recorded::run(&mut sheet)?,
-            Topic::Stage => stage::run(&mut sheet)?,
+            Topic::Recorded => recorded::run(&mut sheet, false)?,
+            Topic::Stage => stage::run(&mut sheet, false)?,
             Topic::CramerRao => cramer_rao::run(&mut sheet, false),
             Topic::Precision => precision::run(&mut sheet, false),
             Topic::Camera => camera::run(&mut sheet)?,
             Topic::Network => network::run(&mut sheet)?,
             Topic::Brief => {
-                recorded::run(&mut sheet)?;
-                stage::run(&mut sheet)?;
+                recorded::run(&mut sheet, true)?;
+                stage::run(&mut sheet, true)?;
                 cramer_rao::run(&mut sheet, true);
                 precision::run(&mut sheet, true);
                 network::brief(&mut sheet)?;

@@ -44,7 +44,7 @@ struct Gate {
     p99: Goal,
 }
 
-pub(crate) fn run(sheet: &mut Sheet) -> anyhow::Result<()> {
+pub(crate) fn run(sheet: &mut Sheet, is_brief: bool) -> anyhow::Result<()> {
     let open = |p99| Gate {
         bearing_sigma: BEARING_SIGMA,
         limit: None,
@@ -59,9 +59,10 @@ pub(crate) fn run(sheet: &mut Sheet) -> anyhow::Result<()> {
     };
     mrclam(
         sheet,
+        is_brief,
         ["mrclam1", "mrclam1_every30th"],
         // Least squares in the data's README: 0.044, 0.38 deg.
-        &(Goal::AtMost(0.044), Goal::AtMost(0.38)),
+        &(Goal::AtMost(0.044), Goal::Open(0.38, OTHER_CASES)),
         &[
             open(1.09),
             gate(BEARING_SIGMA, 96.0, Goal::Open(0.24, HALF_A_CENTIMETRE)),
@@ -69,6 +70,7 @@ pub(crate) fn run(sheet: &mut Sheet) -> anyhow::Result<()> {
     )?;
     mrclam(
         sheet,
+        is_brief,
         ["mrclam9", "mrclam9_every5th"],
         // Betke 97 in the data's README: 0.076, 1.24 deg.
         &(Goal::AtMost(0.076), Goal::AtMost(1.24)),
@@ -79,9 +81,9 @@ pub(crate) fn run(sheet: &mut Sheet) -> anyhow::Result<()> {
         ],
     )?;
     sheet.heading("Roh, rotating detector, four beacons, 200 measurements a place");
-    roh(sheet, "x1.5_y1.5", Some(BETKE_AT_FIRST_PLACE))?;
+    roh(sheet, is_brief, "x1.5_y1.5", Some(BETKE_AT_FIRST_PLACE))?;
     for place in ["x1.5_y4.5", "x3.0_y3.0", "x4.5_y1.5", "x4.5_y4.5"] {
-        roh(sheet, place, None)?;
+        roh(sheet, is_brief, place, None)?;
     }
     Ok(())
 }
@@ -89,15 +91,17 @@ pub(crate) fn run(sheet: &mut Sheet) -> anyhow::Result<()> {
 /// A set of the data, whole if it is there, the repository's subset otherwise.
 fn mrclam(
     sheet: &mut Sheet,
+    is_brief: bool,
     [whole, subset]: [&str; 2],
     medians: &(Goal, Goal),
     gates: &[Gate],
 ) -> anyhow::Result<()> {
     let file = |name: &str, kind: &str| format!("mrclam/{name}_{kind}.csv");
     let paths = |kind| {
-        full_data(&file(whole, kind)).unwrap_or_else(|| test_support::data(&file(subset, kind)))
+        full_data(&file(whole, kind), is_brief)
+            .unwrap_or_else(|| test_support::data(&file(subset, kind)))
     };
-    let used = if full_data(&file(whole, "truth")).is_some() {
+    let used = if full_data(&file(whole, "truth"), is_brief).is_some() {
         whole
     } else {
         subset
@@ -155,11 +159,16 @@ fn mrclam(
     Ok(())
 }
 
-fn roh(sheet: &mut Sheet, place: &str, betke: Option<(f64, f64)>) -> anyhow::Result<()> {
+fn roh(
+    sheet: &mut Sheet,
+    is_brief: bool,
+    place: &str,
+    betke: Option<(f64, f64)>,
+) -> anyhow::Result<()> {
     let file = |kind: &str| format!("roh/roh_{place}_{kind}.csv");
     let path = |kind: &str| {
         let own = Some(test_support::data(&file(kind))).filter(|path| path.is_file());
-        full_data(&file(kind)).or(own)
+        full_data(&file(kind), is_brief).or(own)
     };
     let (Some(sightings), Some(truth)) = (path("sightings"), path("truth")) else {
         sheet.note(&format!("roh {place} is not there: left out"));
