@@ -6,7 +6,7 @@
 use std::path::Path;
 
 use answers::accuracy::{Accuracy, Comparisons};
-use answers::answer::{Settings, Solver};
+use answers::answer::{Settings, Solver, is_kept};
 use answers::recorded::{self, sightings::Assumptions, truth::Truth};
 use anyhow::{Context, ensure};
 use calib_core::{Sighting, angle};
@@ -28,6 +28,8 @@ const ROH_TARGET_SIGMA: f64 = 0.2;
 /// The row of Betke 97 in the data's README, for the place (1.5, 1.5): metres, degrees.
 const BETKE_AT_FIRST_PLACE: (f64, f64) = (0.066, 0.66);
 
+/// Why MRCLAM 1 misses the aim of its heading.
+const OTHER_CASES: &str = "the aim is of 2,000 random cases; all of them have a median of 0.388";
 /// Why MRCLAM 1 misses its aim under a limit.
 const HALF_A_CENTIMETRE: &str =
     "published of 2,000 random cases as 0.232; of all cases it is 0.242";
@@ -244,7 +246,7 @@ impl Set {
         let (mut comparisons, mut kept) = (Comparisons::default(), 0.0);
         for (case, truth) in self.recording.cases().zip(&self.truths) {
             let answer = solver.answer(&case);
-            if let (true, Some(solution)) = (answer.status.is_kept(), answer.solution) {
+            if let (true, Some(solution)) = (is_kept(answer.status), answer.solution) {
                 comparisons.add(&solution.pose, truth.as_ref());
                 kept += 1.0;
             }

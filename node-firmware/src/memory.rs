@@ -28,8 +28,8 @@ use core::ops::Range;
 
 use calib_core::dead_reckoning::Place;
 use embedded_storage_async::nor_flash::NorFlash;
+use flash_log::{Entry, Log, LogError};
 use serde::{Deserialize, Serialize};
-use zigbee_link::store::log::{Entry, Log, LogError};
 
 use crate::config::COLOURS_MAX;
 use crate::log::warning;
@@ -167,7 +167,7 @@ pub struct Memory<F> {
 impl<F: NorFlash> Memory<F> {
     /// Opens the memory in `range` of the flash, bytes from its start, an even number of erase
     /// units. That of another `owner` is begun anew. A record that rotted is lost alone, but for the
-    /// [limits](zigbee_link::store::log#rot) of the log: of damage to its key and to more, the fact
+    /// [limits](flash_log#rot) of the log: of damage to its key and to more, the fact
     /// that it replaced comes back, and that of another key may be lost. With the record of the
     /// owner all are lost.
     ///

@@ -80,40 +80,32 @@ fn thesis_13_has_the_cameras_of_table_4_1() {
     );
 }
 
-/// By the two sigmas, drawn from the seed; and the target's way with them.
+/// Other stops are planned for scattered cameras, by the seed: even a camera that hardly moved would
+/// otherwise see the target in the same columns for every seed.
 #[test]
-fn scattered_cameras_stand_about_where_the_file_has_them() {
-    let scattered = |seed| Overrides {
-        seed: Some(seed),
-        scatter: Some(ScatterTable::USUAL),
-        ..Overrides::default()
+fn the_way_is_another_for_every_seed() {
+    let first_stops = |seed| {
+        let changes = Overrides {
+            seed: Some(seed),
+            scatter: Some(ScatterTable {
+                position: 1e-6,
+                heading_deg: 1e-6,
+            }),
+            ..Overrides::default()
+        };
+        let site = rehearsed("thesis-13", &changes);
+        site.networks[0].targets[0].stops[..3].to_vec()
     };
-    let plain = load("thesis-13", &Overrides::default());
-    let (mut squares, mut turns, mut n) = (0.0, 0.0, 0.0);
-    for seed in 1..=20 {
-        let site = rehearsed("thesis-13", &scattered(seed));
-        for (moved, camera) in site.world.cameras().iter().zip(plain.world.cameras()) {
-            squares += (moved.place - camera.place).norm_squared() / 2.0;
-            turns += calib_core::angle::wrap_signed(moved.heading - camera.heading).powi(2);
-            n += 1.0;
-        }
-        let stops = |site: &Site| site.networks[0].targets[0].stops.clone();
-        assert_ne!(stops(&site)[..3], stops(&plain)[..3]);
-        let again = rehearsed("thesis-13", &scattered(seed));
-        assert_eq!(site.world.cameras(), again.world.cameras());
-        assert_eq!(stops(&site), stops(&again));
-    }
-    // A variance of n normal numbers has the relative standard error sqrt(2 / n); of 2 n, less.
-    for (what, variance, sigma, numbers) in [
-        ("place", squares / n, 0.3_f64, 2.0 * n),
-        ("heading", turns / n, 3_f64.to_radians(), n),
-    ] {
-        let off = variance / sigma.powi(2) - 1.0;
-        assert!(
-            off.abs() < 4.0 * (2.0_f64 / numbers).sqrt(),
-            "{what}: {off}"
-        );
-    }
+    let [one, two, again] = [1, 2, 1].map(first_stops);
+    assert_eq!(one, again);
+    let nearest = |stop: &Point2<f64>| {
+        let ways = two.iter().map(|other| (stop - other).norm());
+        ways.fold(f64::INFINITY, f64::min)
+    };
+    assert!(
+        one.iter().any(|stop| nearest(stop) > 0.1),
+        "{one:?} {two:?}"
+    );
 }
 
 /// Nobody moves a camera through a wall.
@@ -213,8 +205,13 @@ fn planned_stops_are_in_view() {
                     first.is_sorted_by(|a, b| a >= b),
                     "the references' stops come first"
                 );
-                // The budget of the figures, with a margin (lab: in inches).
-                let limit = if name == "lab" { 0.3 } else { 0.05 };
+                // The budget of the figures, with a margin (lab: in inches; office: cameras that see
+                // farther, of a larger place).
+                let limit = match name {
+                    "lab" => 0.3,
+                    "office" => 0.1,
+                    _ => 0.05,
+                };
                 for (camera, bound) in &plan.cameras {
                     let bound = bound.unwrap();
                     let place = (bound.m11 + bound.m22).sqrt();
@@ -348,10 +345,16 @@ fn what_is_wrong_is_named() {
     let stops = |places: &str| format!("target = [{{ id = 20, stops = [{places}] }}]\n");
     let wall = "[[world.obstacle]]\nwall = [[5.0, 0.0], [5.0, 6.0]]\n";
     for (text, parts) in [
-        (small("sed = 1", TARGET), ["sed", "unknown field"]),
+        (
+            small("sed = 1", TARGET),
+            [
+                "line 2: there is no key `sed` at the top",
+                "did you mean `seed`?",
+            ],
+        ),
         (
             small("unit = \"feet\"", TARGET),
-            ["`unit_metres` is missing", "one of the feet in metres"],
+            ["`unit_metres` is missing", "as `unit` is \"feet\""],
         ),
         (
             small("unit_metres = 0.0", TARGET),
@@ -401,7 +404,7 @@ fn what_is_wrong_is_named() {
         ),
         (
             small("", &stops("[0.0, 1.0]")),
-            ["target 1.stops", "three places"],
+            ["target 1.stops` is 1 place", "3 places"],
         ),
         (
             small("", &stops("[0.0, 1.0], [50.0, 1.0], [1.0, 1.0]")),
@@ -492,11 +495,11 @@ fn what_is_wrong_is_named() {
         ),
         (
             small("", TARGET).replace("x = 5.0", "x = nan"),
-            ["camera 3 (x, y)` is (NaN, 10)", "world.low"],
+            ["camera 3.x` is NaN", "-100000 to 100000"],
         ),
         (
             small("", TARGET).replace("x = 5.0", "x = inf"),
-            ["camera 3 (x, y)` is (inf, 10)", "world.low"],
+            ["camera 3.x` is inf", "-100000 to 100000"],
         ),
         (
             small("", TARGET).replace("x = 10.0", "x = 0.0"),
@@ -533,7 +536,10 @@ fn what_is_wrong_is_named() {
     let unknown = Scenario::load("thesis", &Overrides::default())
         .unwrap_err()
         .to_string();
-    assert!(unknown.contains("thesis-13, lab, grid"), "{unknown}");
+    assert!(
+        unknown.contains("thesis-13, lab, grid, office"),
+        "{unknown}"
+    );
 }
 
 /// A pillar on the site: no leg comes near it, and no stop is behind it.

@@ -119,7 +119,7 @@ fn stands(node: &Node, believes: bool) -> Option<Camera> {
     let estimate = estimate.map(|estimate| estimate.pose());
     let Pose {
         position, heading, ..
-    } = estimate.or_else(|| node.truth.map(|truth| truth.pose()))?;
+    } = estimate.or_else(|| node.truth.or(node.planned).map(|place| place.pose()))?;
     let [columns, rows] = PICTURE;
     let lens = |of| Lens::with_projection(of, fov_deg.to_radians(), columns, rows);
     use calib_core::camera::Projection::{EqualAngle, PinHole};

@@ -11,7 +11,7 @@ use crate::accuracy::{Spread, WithinSigmas};
 pub struct Summary {
     /// Cameras that are meant to be calibrated, references included.
     pub expected: usize,
-    /// How many of them have a pose.
+    /// How many of them are: their [status](Node::status) is `calibrated`.
     pub calibrated: usize,
     /// Cameras that are no references; `null` if none of them can be compared.
     pub cameras: Option<Statistics>,
@@ -74,7 +74,7 @@ impl Summary {
         let expected = || cameras().filter(|camera| camera.expected);
         Self {
             expected: expected().count(),
-            calibrated: expected().filter(|c| c.estimate.is_some()).count(),
+            calibrated: expected().filter(|c| c.is_calibrated()).count(),
             cameras: Statistics::of(cameras().filter(|camera| !camera.reference)),
             all: Statistics::of(cameras()),
             fit: cameras().map(Node::fit).fold(Fit::default(), Fit::and),

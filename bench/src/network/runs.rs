@@ -2,8 +2,8 @@
 
 use std::{collections::BTreeMap, num::NonZeroUsize, thread};
 
-use answers::record::{Node, RunRecord};
-use calib_core::{Limits, Status};
+use answers::record::RunRecord;
+use calib_core::Status;
 use host_sim::network::run_all;
 use site::Scenario;
 
@@ -39,19 +39,6 @@ struct Run {
     nees: f64,
 }
 
-/// How far a camera is, by the one status of poses.
-pub(super) fn status(record: &RunRecord, camera: &Node) -> Status {
-    let limits = Limits {
-        position: record.limits.sigma_position,
-        heading: record.limits.sigma_heading_deg.to_radians(),
-    };
-    match (&camera.estimate, camera.refusal) {
-        (Some(estimate), _) => Status::of(&estimate.pose(), &camera.fit(), &limits),
-        (None, Some(refusal)) => refusal.into(),
-        (None, None) => Status::Waiting,
-    }
-}
-
 impl Tally {
     /// Every scenario, on all processors; `look` sees each record too.
     pub(super) fn of(
@@ -72,7 +59,7 @@ impl Tally {
         let mut run = Run::default();
         let (mut complete, mut doubting) = (true, false);
         for camera in record.cameras().filter(|camera| camera.expected) {
-            let status = status(record, camera);
+            let status = camera.status.unwrap_or(Status::Waiting);
             *self.statuses.entry(status.name()).or_default() += 1;
             self.expected += 1;
             complete &= status == Status::Calibrated;

@@ -17,6 +17,7 @@ mod console;
 mod interrupt;
 mod messages;
 mod probe;
+mod pseudo_terminal;
 mod report;
 mod run;
 mod run_outputs;

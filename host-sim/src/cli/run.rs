@@ -12,13 +12,15 @@ use anyhow::ensure;
 use clap::{Args, ValueEnum};
 use host_sim::network::{Emulation, IMAGE, Options, Progress, Simulation};
 use indicatif::{ProgressBar, ProgressStyle};
+use node_firmware::console::BAUD;
 
 use super::{
     and,
+    pseudo_terminal::PseudoTerminal,
     report::finish,
     run_outputs::{FOR_RESULTS, RunOutputs},
     scenario_options::{FOR_SCENARIO, ScenarioOptions},
-    values,
+    tell, values,
     writable::Late,
 };
 
@@ -45,6 +47,11 @@ pub(super) struct Arguments {
     /// in real time, such as `3=/dev/ttyUSB0`. May be repeated.
     #[arg(long, value_name = "NODE=PATH", value_parser = values::port)]
     port: Vec<(u16, String)>,
+    /// The line of a coordinator on a pseudo-terminal, at this link, for `host-sim console --port
+    /// PTY`; of the first network, or of network N with `N:PTY`. In real time, unless --speed is given.
+    /// May be repeated.
+    #[arg(long, value_name = "PTY", value_parser = values::console)]
+    console: Vec<(usize, PathBuf)>,
     /// The image for emulated boards. Default: what `cargo xtask firmware` makes.
     #[arg(long, value_name = "FILE.elf")]
     image: Option<PathBuf>,
@@ -72,8 +79,9 @@ enum Backend {
 
 const EPILOGUE: &str = "\
 Exit codes:
-  0  every camera that should be calibrated is
-  1  one is not, or --check found a difference
+  0  every camera that should be calibrated is, and true errors are what the sigmas foretell
+  1  one is not, or a pose is more than five predicted sigmas off, or all together are too far off,
+     or --check found a difference
   2  wrong options, an impossible scenario, a file could not be read or written, or an emulated
      board ended by itself: the results are of what was before";
 
@@ -132,6 +140,14 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
         Simulation::new(scenario, options).map_err(|error| arguments.scenario.named(error))?;
     for (node, path) in &arguments.port {
         simulation.connect_camera(*node, path)?;
+    }
+    for (network, link) in &arguments.console {
+        let terminal = PseudoTerminal::open(link, BAUD)?;
+        tell(format_args!(
+            "network {network}: host-sim console --port {}",
+            link.display()
+        ));
+        simulation.connect_console(*network, terminal)?;
     }
     let bar = bar();
     let record = simulation.run(|progress| show(&bar, &progress));

@@ -5,39 +5,109 @@ use std::{
     path::{Path, PathBuf},
 };
 
-use answers::export;
+use answers::export::{self, Frame};
 use answers::plot;
 use answers::record::{RunRecord, difference::Difference};
 use anyhow::Context;
-use clap::Args;
+use clap::{Args, ValueEnum};
 
 use super::{and, file_name, values, whole_file, writable};
 
 /// Heading for the options of every command that ends with a run's record.
 pub(super) const FOR_RESULTS: &str = "Results";
 
+/// What can be made of every record, of a rehearsal and of a real network.
 #[derive(Args)]
-pub(super) struct RunOutputs {
-    /// The whole record: poses, errors, residuals, stops, traffic.
+pub(super) struct RecordOutputs {
+    /// The whole record: poses, status, errors, residuals, stops, traffic.
     #[arg(long, value_name = "FILE.json", value_parser = values::result())]
     json: Option<PathBuf>,
+    /// Draw map.svg, errors.svg and residuals.svg into this folder.
+    #[arg(long, value_name = "DIR", value_parser = values::result())]
+    plots: Option<PathBuf>,
+    /// Poses with status and covariance, truth and errors where known, one camera per row.
+    #[arg(long, value_name = "FILE.csv", value_parser = values::result())]
+    csv: Option<PathBuf>,
+    /// Poses with status and covariance.
+    #[arg(long, value_name = "FILE.yaml", value_parser = values::result())]
+    yaml: Option<PathBuf>,
+    /// A ROS 2 launch file of static transforms of calibrated cameras, with covariance: `ros2 launch
+    /// FILE`.
+    #[arg(long, value_name = "FILE.launch.yaml", value_parser = values::result())]
+    ros: Option<PathBuf>,
+    /// In whose coordinates --csv, --yaml and --ros tell poses.
+    #[arg(long, value_name = "WHOSE", default_value = "network")]
+    frame: FrameOption,
+}
+
+#[derive(Clone, Copy, ValueEnum)]
+enum FrameOption {
+    /// Each network's: the first reference is the origin, the second one on the x axis.
+    Network,
+    /// The building's, in which the site file has its places.
+    Building,
+}
+
+impl From<FrameOption> for Frame {
+    fn from(option: FrameOption) -> Self {
+        match option {
+            FrameOption::Network => Self::Network,
+            FrameOption::Building => Self::Building,
+        }
+    }
+}
+
+impl RecordOutputs {
+    /// Finds out what cannot be written before there is anything to write. `more` are files that are
+    /// written too.
+    pub(super) fn check(&self, more: &[&Path]) -> anyhow::Result<()> {
+        let files = [&self.json, &self.csv, &self.yaml, &self.ros];
+        let files = files.into_iter().flatten().map(PathBuf::as_path);
+        let files: Vec<&Path> = files.chain(more.iter().copied()).collect();
+        let drawings = DRAWINGS.map(|(name, _)| name);
+        let folder = self.plots.as_deref().map(|folder| (folder, &drawings[..]));
+        writable::check(&files, folder)
+    }
+
+    /// Writes what was asked for. Each failure is told or returned, and none keeps the others from
+    /// being written.
+    pub(super) fn write(&self, record: &RunRecord, wall: bool) -> anyhow::Result<()> {
+        let frame = self.frame.into();
+        let texts: [(&Option<PathBuf>, Make<'_>); 4] = [
+            (&self.json, &|| Ok(record.to_json(wall)?)),
+            (&self.csv, &|| Ok(export::csv(record, frame)?)),
+            (&self.yaml, &|| Ok(export::yaml(record, frame)?)),
+            (&self.ros, &|| Ok(export::ros_launch(record, frame)?)),
+        ];
+        let mut written = Ok(());
+        for (path, make) in texts {
+            if let Some(path) = path {
+                written = and(written, write(path, make()));
+            }
+        }
+        if let Some(folder) = &self.plots {
+            let made = fs::create_dir_all(folder)
+                .with_context(|| format!("the folder {} cannot be made", file_name(folder)));
+            let is_there = made.is_ok();
+            written = and(written, made);
+            for (name, draw) in DRAWINGS.iter().filter(|_| is_there) {
+                let svg = draw(record).map_err(anyhow::Error::from);
+                written = and(written, write(&folder.join(name), svg));
+            }
+        }
+        written
+    }
+}
+
+#[derive(Args)]
+pub(super) struct RunOutputs {
+    #[command(flatten)]
+    record: RecordOutputs,
     /// Put `wall_seconds`, the time the computer took, into the record too.
     ///
     /// Without it the record of a scenario and seed is the same every time, byte for byte.
     #[arg(long, requires = "json")]
     wall: bool,
-    /// Draw map.svg, errors.svg and residuals.svg into this folder.
-    #[arg(long, value_name = "DIR", value_parser = values::result())]
-    plots: Option<PathBuf>,
-    /// Poses with covariance, truth and errors, one camera per row.
-    #[arg(long, value_name = "FILE.csv", value_parser = values::result())]
-    csv: Option<PathBuf>,
-    /// Poses with covariance.
-    #[arg(long, value_name = "FILE.yaml", value_parser = values::result())]
-    yaml: Option<PathBuf>,
-    /// A ROS 2 launch file of static transforms, with covariance: `ros2 launch FILE`.
-    #[arg(long, value_name = "FILE.launch.yaml", value_parser = values::result())]
-    ros: Option<PathBuf>,
     /// Compare with the record of another run of this scenario; exit code 1 if they differ.
     #[arg(long, value_name = "FILE.json")]
     check: Option<PathBuf>,
@@ -61,12 +131,7 @@ impl RunOutputs {
         (scenario, path): (&str, Option<u32>),
         more: &[&Path],
     ) -> anyhow::Result<Prepared<'a>> {
-        let files = [&self.json, &self.csv, &self.yaml, &self.ros];
-        let files = files.into_iter().flatten().map(PathBuf::as_path);
-        let files: Vec<&Path> = files.chain(more.iter().copied()).collect();
-        let drawings = DRAWINGS.map(|(name, _)| name);
-        let folder = self.plots.as_deref().map(|folder| (folder, &drawings[..]));
-        writable::check(&files, folder)?;
+        self.record.check(more)?;
         // A file named for both is read before it is written.
         let other = match &self.check {
             Some(file) => {
@@ -89,30 +154,7 @@ impl Prepared<'_> {
     /// Writes what was asked for. Each failure is told or returned, and none keeps the others from
     /// being written.
     pub(super) fn write(&self, record: &RunRecord) -> anyhow::Result<()> {
-        let outputs = self.outputs;
-        let texts: [(&Option<PathBuf>, Make<'_>); 4] = [
-            (&outputs.json, &|| Ok(record.to_json(outputs.wall)?)),
-            (&outputs.csv, &|| Ok(export::csv(record)?)),
-            (&outputs.yaml, &|| Ok(export::yaml(record)?)),
-            (&outputs.ros, &|| Ok(export::ros_launch(record)?)),
-        ];
-        let mut written = Ok(());
-        for (path, make) in texts {
-            if let Some(path) = path {
-                written = and(written, write(path, make()));
-            }
-        }
-        if let Some(folder) = &outputs.plots {
-            let made = fs::create_dir_all(folder)
-                .with_context(|| format!("the folder {} cannot be made", file_name(folder)));
-            let is_there = made.is_ok();
-            written = and(written, made);
-            for (name, draw) in DRAWINGS.iter().filter(|_| is_there) {
-                let svg = draw(record).map_err(anyhow::Error::from);
-                written = and(written, write(&folder.join(name), svg));
-            }
-        }
-        written
+        self.outputs.record.write(record, self.outputs.wall)
     }
 
     /// The comparison for the screen, if one was asked for.

@@ -17,11 +17,10 @@ mod key;
 use core::ops::RangeInclusive;
 
 use calib_core::Limits;
+use flash_log::Crc32;
 use heapless::Vec;
 use serde::{Deserialize, Serialize};
-use zigbee_link::{
-    network::Channels, radio::Channel, security::Protection, store::log::Crc32, wire::Eui64,
-};
+use zigbee_link::{network::Channels, radio::Channel, security::Protection, wire::Eui64};
 
 pub use self::{check::ConfigError, key::SiteKey};
 use crate::sight::{

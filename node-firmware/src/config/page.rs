@@ -14,7 +14,7 @@
 
 use core::fmt;
 
-use zigbee_link::store::log::Crc32;
+use flash_log::Crc32;
 
 use super::{Config, ConfigError};
 
