@@ -1,25 +1,78 @@
 //! One line a figure, with its goal where it has one.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use answers::accuracy;
+use serde::Serialize;
 
-/// Prints figures as they come and remembers whether any missed its goal.
+/// Prints figures as they come, and remembers them and their goals.
 #[derive(Default)]
 pub(crate) struct Sheet {
-    missed: usize,
+    topic: String,
+    figures: Vec<Figure>,
+}
+
+/// A figure, as the machine-readable list has it.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+struct Figure {
+    topic: String,
+    name: String,
+    value: f64,
+    /// Of a figure that is the mean of random runs.
+    standard_error: Option<f64>,
+    unit: String,
+    at_least: Option<f64>,
+    at_most: Option<f64>,
+    /// `reached` or `missed`; `open` for what is known to miss its aim; empty without any.
+    state: &'static str,
+    /// Why it is known to miss its aim.
+    reason: &'static str,
 }
 
 /// What a figure is to be.
+#[derive(Clone, Copy, Debug)]
 pub(crate) enum Goal {
     AtMost(f64),
     AtLeast(f64),
+    /// No less than the first, no more than the second.
+    Within(f64, f64),
     /// For information.
     None,
+    /// At most this is aimed at, but known not to be reached, for this reason: no goal.
+    Open(f64, &'static str),
+}
+
+/// A mean of random runs.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct Estimate {
+    pub(crate) value: f64,
+    pub(crate) standard_error: f64,
+}
+
+/// Where few runs decide, a goal is missed only by so many standard errors.
+const STANDARD_ERRORS: f64 = 4.0;
+
+impl Goal {
+    fn limits(&self) -> [Option<f64>; 2] {
+        match *self {
+            Self::AtMost(most) | Self::Open(most, _) => [None, Some(most)],
+            Self::AtLeast(least) => [Some(least), None],
+            Self::Within(least, most) => [Some(least), Some(most)],
+            Self::None => [None, None],
+        }
+    }
+
+    /// Whether a value is as it is to be, within a slack. NaN never is.
+    fn is_reached(&self, value: f64, slack: f64) -> bool {
+        let [least, most] = self.limits();
+        least.is_none_or(|least| value + slack >= least)
+            && most.is_none_or(|most| value - slack <= most)
+    }
 }
 
 impl Sheet {
-    pub(crate) fn heading(&self, text: &str) {
+    pub(crate) fn heading(&mut self, text: &str) {
+        text.clone_into(&mut self.topic);
         println!("\n{text}");
     }
 
@@ -29,26 +82,96 @@ impl Sheet {
 
     /// Prints a figure; a missed goal is marked and remembered.
     pub(crate) fn figure(&mut self, name: &str, value: f64, unit: &str, goal: &Goal) {
-        let (text, reached) = match *goal {
-            Goal::AtMost(limit) => (format!("<= {limit:.4}"), value <= limit),
-            Goal::AtLeast(limit) => (format!(">= {limit:.4}"), value >= limit),
-            Goal::None => (String::new(), true),
-        };
-        let mark = if reached { "" } else { "  MISSED" };
-        self.missed += usize::from(!reached);
-        println!("  {name:<58} {value:>10.4} {unit:<6} {text:<10}{mark}");
+        self.add(name, value, None, unit, goal, 0.0);
     }
 
-    pub(crate) fn close(&self) {
-        println!("\n{} figures missed their goal", self.missed);
+    /// The same of a mean. With `lenient`, chance alone misses no goal.
+    pub(crate) fn estimate(
+        &mut self,
+        name: &str,
+        estimate: Estimate,
+        unit: &str,
+        goal: &Goal,
+        lenient: bool,
+    ) {
+        let Estimate {
+            value,
+            standard_error,
+        } = estimate;
+        let slack = if lenient && standard_error.is_finite() {
+            STANDARD_ERRORS * standard_error
+        } else {
+            0.0
+        };
+        self.add(name, value, Some(standard_error), unit, goal, slack);
+    }
+
+    fn add(
+        &mut self,
+        name: &str,
+        value: f64,
+        standard_error: Option<f64>,
+        unit: &str,
+        goal: &Goal,
+        slack: f64,
+    ) {
+        let reached = goal.is_reached(value, slack);
+        let (state, reason) = match goal {
+            Goal::None => ("", ""),
+            Goal::Open(_, reason) => ("open", *reason),
+            _ if reached => ("reached", ""),
+            _ => ("missed", ""),
+        };
+        let [at_least, at_most] = goal.limits();
+        let text = match (at_least, at_most) {
+            (Some(least), Some(most)) => format!("{least:.2} to {most:.2}"),
+            (Some(least), None) => format!(">= {least:.4}"),
+            (None, Some(most)) => format!("<= {most:.4}"),
+            (None, None) => String::new(),
+        };
+        let mark = match (state, reached) {
+            ("missed", _) => "  MISSED".to_owned(),
+            ("open", true) => "  reached: make it a goal".to_owned(),
+            ("open", false) => format!("  aim, not reached: {reason}"),
+            _ => String::new(),
+        };
+        println!("  {name:<62} {value:>10.4} {unit:<6} {text:<12}{mark}");
+        self.figures.push(Figure {
+            topic: self.topic.clone(),
+            name: name.to_owned(),
+            value,
+            standard_error,
+            unit: unit.to_owned(),
+            at_least,
+            at_most,
+            state,
+            reason,
+        });
+    }
+
+    /// All figures and goals as CSV.
+    pub(crate) fn write(&self, path: &Path) -> anyhow::Result<()> {
+        let mut writer = csv::Writer::from_path(path)?;
+        for figure in &self.figures {
+            writer.serialize(figure)?;
+        }
+        Ok(writer.flush()?)
+    }
+
+    /// How many goals were missed.
+    pub(crate) fn missed(&self) -> usize {
+        { self.figures.iter() }
+            .filter(|figure| figure.state == "missed")
+            .count()
     }
 }
 
-/// A file of the full data sets beside the repository, if it is there.
-pub(crate) fn full_data(name: &str) -> Option<PathBuf> {
+/// A file of the full data sets beside the repository, if it is there. In brief, what is everywhere
+/// has to do.
+pub(crate) fn full_data(name: &str, is_brief: bool) -> Option<PathBuf> {
     let root = concat!(env!("CARGO_MANIFEST_DIR"), "/../../shared/data");
     let path: PathBuf = [root, name].iter().collect();
-    path.is_file().then_some(path)
+    (path.is_file() && !is_brief).then_some(path)
 }
 
 /// A quantile of values in any order; NaN of none.
@@ -82,8 +205,34 @@ mod tests {
             let mut sheet = Sheet::default();
             sheet.figure("nothing", nothing, "", &Goal::AtMost(1.0));
             sheet.figure("nothing", nothing, "", &Goal::AtLeast(0.0));
-            assert_eq!(sheet.missed, 2);
+            let nothing = Estimate {
+                value: nothing,
+                standard_error: f64::NAN,
+            };
+            sheet.estimate("nothing", nothing, "", &Goal::Within(0.0, 1.0), true);
+            assert_eq!(sheet.missed(), 3);
         }
         assert_eq!(worst([0.25, 0.75, 0.5]), 0.75);
+    }
+
+    /// A band has two sides, and few runs are given the benefit of chance.
+    #[test]
+    fn goals_have_their_sides() {
+        let missed = |value, lenient, goal: &Goal| {
+            let mut sheet = Sheet::default();
+            let estimate = Estimate {
+                value,
+                standard_error: 0.1,
+            };
+            sheet.estimate("a", estimate, "", goal, lenient);
+            sheet.missed() == 1
+        };
+        let band = Goal::Within(2.5, 3.5);
+        assert!(missed(2.4, false, &band) && missed(3.6, false, &band));
+        assert!(!missed(2.4, true, &band) && !missed(3.6, true, &band));
+        assert!(missed(2.0, true, &band) && missed(4.0, true, &band));
+        assert!(!missed(3.0, false, &band));
+        assert!(!missed(9.0, false, &Goal::Open(1.0, "no data")));
+        assert!(missed(1.05, false, &Goal::AtMost(1.0)) && !missed(1.05, true, &Goal::AtMost(1.0)));
     }
 }

@@ -1,7 +1,13 @@
-//! Computes the figures that the README states, next to what they are to reach.
+//! Computes the figures of `docs/accuracy.md`, next to what they are to reach, and fails if one of
+//! them misses its goal.
+//!
+//! A figure that is known to miss what is aimed at is no goal but an open one: the code says why.
+//! `--csv` writes all figures and goals for machines.
 //!
 //! The full recorded sets are read from `../shared/data` beside the repository where they are
 //! there; otherwise the subsets in `tests/data`, whose figures differ a little.
+
+use std::{path::PathBuf, process::ExitCode};
 
 use clap::{Parser, ValueEnum};
 
@@ -15,12 +21,15 @@ mod stage;
 
 use figure::Sheet;
 
-/// The figures of the README, computed again.
+/// The figures of `docs/accuracy.md`, computed again.
 #[derive(Parser)]
 struct Arguments {
-    /// Which figures; all by default.
+    /// Which figures; all but the brief ones by default.
     #[arg(value_enum)]
     topics: Vec<Topic>,
+    /// Figures and goals, one row each.
+    #[arg(long, value_name = "FILE.csv")]
+    csv: Option<PathBuf>,
 }
 
 #[derive(Clone, Copy, PartialEq, ValueEnum)]
@@ -37,24 +46,41 @@ enum Topic {
     Camera,
     /// Whole networks in virtual time: the thesis's 13 cameras, and a thousand.
     Network,
+    /// The main goals again, from few runs: a minute. A goal is missed only by what chance does not
+    /// explain.
+    Brief,
 }
 
-fn main() -> anyhow::Result<()> {
-    let topics = Arguments::parse().topics;
+fn main() -> anyhow::Result<ExitCode> {
+    let Arguments { topics, csv } = Arguments::parse();
     let mut sheet = Sheet::default();
     for topic in Topic::value_variants() {
-        if !topics.is_empty() && !topics.contains(topic) {
+        let is_wanted = match topics.is_empty() {
+            true => *topic != Topic::Brief,
+            false => topics.contains(topic),
+        };
+        if !is_wanted {
             continue;
         }
         match topic {
-            Topic::Recorded => recorded::run(&mut sheet)?,
-            Topic::Stage => stage::run(&mut sheet)?,
-            Topic::CramerRao => cramer_rao::run(&mut sheet),
-            Topic::Precision => precision::run(&mut sheet),
+            Topic::Recorded => recorded::run(&mut sheet, false)?,
+            Topic::Stage => stage::run(&mut sheet, false)?,
+            Topic::CramerRao => cramer_rao::run(&mut sheet, false),
+            Topic::Precision => precision::run(&mut sheet, false),
             Topic::Camera => camera::run(&mut sheet)?,
             Topic::Network => network::run(&mut sheet)?,
+            Topic::Brief => {
+                recorded::run(&mut sheet, true)?;
+                stage::run(&mut sheet, true)?;
+                cramer_rao::run(&mut sheet, true);
+                precision::run(&mut sheet, true);
+                network::brief(&mut sheet)?;
+            }
         }
     }
-    sheet.close();
-    Ok(())
+    if let Some(path) = csv {
+        sheet.write(&path)?;
+    }
+    println!("\n{} figures missed their goal", sheet.missed());
+    Ok(ExitCode::from(u8::from(sheet.missed() > 0)))
 }

@@ -10,16 +10,20 @@ use test_support::{Truth, generator};
 
 use crate::figure::{Goal, Sheet, quantile};
 
-const GEOMETRIES: usize = 1_000_000;
+/// In full, and in brief.
+const GEOMETRIES: [usize; 2] = [1_000_000, 100_000];
 /// Upper ends of the classes, in units of length per radian of bearing noise.
 const CLASSES: [f64; 5] = [10.0, 30.0, 100.0, 1000.0, f64::INFINITY];
 
-pub(crate) fn run(sheet: &mut Sheet) {
-    sheet.heading("f32 against f64, 10^6 random geometries, as equivalent bearing noise");
+pub(crate) fn run(sheet: &mut Sheet, is_brief: bool) {
+    let geometries = GEOMETRIES[usize::from(is_brief)];
+    sheet.heading(&format!(
+        "f32 against f64, {geometries} random geometries, as equivalent bearing noise"
+    ));
     let mut rng = generator(32);
     let mut by_class: [Vec<f64>; CLASSES.len()] = Default::default();
-    let (mut refused, mut all) = (0, Vec::with_capacity(GEOMETRIES));
-    for _ in 0..GEOMETRIES {
+    let (mut refused, mut all) = (0, Vec::with_capacity(geometries));
+    for _ in 0..geometries {
         let truth = Truth::random(&mut rng);
         let targets: [_; 3] = truth.targets(&mut rng);
         // A sigma of one radian: the covariance is per radian.
@@ -47,7 +51,7 @@ pub(crate) fn run(sheet: &mut Sheet) {
     let mut lower = 0.0;
     for (upper, mut noises) in CLASSES.into_iter().zip(by_class) {
         if !noises.is_empty() {
-            let share = noises.len() as f64 / GEOMETRIES as f64 * 100.0;
+            let share = noises.len() as f64 / geometries as f64 * 100.0;
             let name = format!("{lower} to {upper} units per rad ({share:.1} %)");
             for (what, p) in [("median", 0.5), ("p99.9", 0.999)] {
                 let value = quantile(&mut noises, p);
@@ -58,6 +62,6 @@ pub(crate) fn run(sheet: &mut Sheet) {
     }
     let p999 = quantile(&mut all, 0.999);
     sheet.figure("all, p99.9", p999 * 1e6, "urad", &Goal::AtMost(1.0));
-    let share = f64::from(refused) / GEOMETRIES as f64 * 100.0;
+    let share = f64::from(refused) / geometries as f64 * 100.0;
     sheet.figure("refused by one or the other", share, "%", &Goal::None);
 }

@@ -50,7 +50,7 @@ impl Blob {
 
 /// Where a camera of Table 4.1 really is.
 fn truth(node: usize) -> anyhow::Result<Place> {
-    let thesis = Published::of("thesis-13", Some(1)).context("there is no Table 4.1")?;
+    let thesis = Published::named("thesis-4.1", Some(1)).context("there is no Table 4.1")?;
     let node = u16::try_from(node)?;
     let camera = thesis.node(node);
     Ok(camera.with_context(|| format!("node {node}"))?.truth)
@@ -64,7 +64,7 @@ struct Errors {
     heading: f64,
 }
 
-pub(crate) fn run(sheet: &mut Sheet) -> anyhow::Result<()> {
+pub(crate) fn run(sheet: &mut Sheet, is_brief: bool) -> anyhow::Result<()> {
     let camera = Camera::equal_angle(88, 60_f64.to_radians())?;
     sheet.heading("Stage blobs, 13 cameras of the thesis, equal angles");
 
@@ -73,7 +73,7 @@ pub(crate) fn run(sheet: &mut Sheet) -> anyhow::Result<()> {
     for seed in [1, 2, 3] {
         let name = format!("stage13/blobs_seed{seed}.csv");
         let own = Some(test_support::data(&name)).filter(|path| path.is_file());
-        let Some(path) = full_data(&name).or(own) else {
+        let Some(path) = full_data(&name, is_brief).or(own) else {
             sheet.note(&format!("{name} is not there: left out"));
             continue;
         };
@@ -124,7 +124,7 @@ pub(crate) fn run(sheet: &mut Sheet) -> anyhow::Result<()> {
         &Goal::AtMost(1.0),
     );
 
-    let Some(path) = full_data("stage13/blobs_seed11.csv") else {
+    let Some(path) = full_data("stage13/blobs_seed11.csv", is_brief) else {
         sheet.note("stage13/blobs_seed11.csv is not there: left out");
         return Ok(());
     };

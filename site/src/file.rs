@@ -47,6 +47,13 @@ pub struct Scenario {
     /// How far cameras stand from where this file has them.
     #[serde(default, skip_serializing_if = "ScatterTable::is_none")]
     pub scatter: ScatterTable,
+    /// The seed by which cameras were moved; see [`Scenario::rehearsed`].
+    #[serde(skip)]
+    pub scattered_by: Option<u64>,
+    /// Which of the thesis's results stand beside this site's: `thesis-4.1` (the simulation's, by
+    /// path) or `thesis-3.1` (the laboratory's). Default: none.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub published: Option<String>,
     /// The place.
     #[serde(default)]
     pub world: WorldTable,
@@ -176,12 +183,6 @@ pub struct ScatterTable {
     pub position: f64,
     /// Of the heading, degrees.
     pub heading_deg: f64,
-}
-
-impl ScatterTable {
-    fn is_none(&self) -> bool {
-        *self == Self::default()
-    }
 }
 
 /// What all cameras are.
@@ -337,7 +338,8 @@ impl PlacedCamera {
 pub struct WalkTable {
     /// Units per second. Default 0.2 (thesis 4.3).
     pub speed: f64,
-    /// A leg ends so near to its goal. Default 0.02.
+    /// How far off a stop a target may come to stand, evenly on the disc of this radius: a standard
+    /// deviation of half of it along each axis. Default 0.02.
     pub arrive_within: f64,
     /// How far a step goes. Default 0.1.
     pub step_length: f64,

@@ -18,7 +18,8 @@
 //! its line and its range.
 //!
 //! # Random numbers
-//! Stops are planned from the number of the path alone. All else comes from the seed.
+//! Stops are planned from the number of the path alone, unless cameras are scattered. All else comes
+//! from the seed.
 //!
 //! # Example
 //! ```
@@ -153,7 +154,8 @@ impl Scenario {
         u32::try_from(self.path).ok()
     }
 
-    /// Makes its world, and plans the stops that it does not give.
+    /// Makes its world, with its cameras where the file has them, and plans the stops that it does not
+    /// give.
     ///
     /// # Errors
     /// No plan is possible, a camera stands in an obstacle, or a target would walk through one.

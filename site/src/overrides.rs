@@ -55,8 +55,8 @@ impl Overrides {
         scenario.seed = self.seed.unwrap_or(scenario.seed);
         scenario.path = self.path.unwrap_or(scenario.path);
         scenario.stops = self.stops.unwrap_or(scenario.stops);
-        scenario.scatter = self.scatter.unwrap_or(scenario.scatter);
         scenario.placement = self.placement.unwrap_or(scenario.placement);
+        scenario.scatter = self.scatter.unwrap_or(scenario.scatter);
         if let Some(nodes) = self.nodes {
             match &mut scenario.grid {
                 Some(grid) => grid.nodes = nodes,

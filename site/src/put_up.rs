@@ -18,10 +18,6 @@ use super::{
 use crate::world::{Camera, Gait, Obstacle, SensorErrors, Target, World};
 use cmucam2_emulator::{FaultRates, Lens};
 
-/// What the planner counts with: a column that is uniform within itself, at both edges of a blob,
-/// and a little noise.
-const COLUMN_SIGMA: f64 = 0.25;
-
 /// All of a scenario, with planned stops.
 #[derive(Clone, Debug)]
 pub struct Site {
@@ -231,12 +227,6 @@ fn number_in_file(scenario: &Scenario, obstacle: usize) -> usize {
     number.count() + 1
 }
 
-/// How far short of its goal a target ends, standard deviation of each axis: uniform within the
-/// distance at which it stops, on the side that it comes from, which is any.
-fn standing_sigma(arrive_within: f64) -> f64 {
-    arrive_within / 6_f64.sqrt()
-}
-
 /// Puts a checked scenario up.
 pub(super) fn put_up(scenario: &Scenario) -> Result<Site, ScenarioError> {
     let tables = scenario.world.obstacles.iter();
@@ -399,10 +389,11 @@ fn stops(
             stops: scenario.stops,
             placement: scenario.placement,
             noise: Noise {
-                columns: COLUMN_SIGMA,
-                standing: standing_sigma(scenario.walk.arrive_within),
+                columns: Noise::COLUMNS,
+                standing: target.gait.standing_sigma(),
             },
             path: scenario.path,
+            seed: scenario.scattered_by.unwrap_or(0),
             target: target.index as u64,
         };
         let plan = planner::plan(&task).map_err(|why| match why {

@@ -7,7 +7,7 @@ use node_firmware::{
     role::camera::REFERENCE_STOPS,
 };
 use site::world::Variant;
-use site::{BUILT_IN, NetworkConfigs, Overrides, Scenario, SensorTable, Site};
+use site::{BUILT_IN, NetworkConfigs, Overrides, ScatterTable, Scenario, SensorTable, Site};
 
 fn load(name: &str, changes: &Overrides) -> Site {
     Scenario::load(name, changes).unwrap().put_up().unwrap()
@@ -22,6 +22,11 @@ fn camera(config: &Config) -> &CameraConfig {
         Role::Camera(camera) => camera,
         other => panic!("node {} is {other:?}", config.id),
     }
+}
+
+fn rehearsed(name: &str, changes: &Overrides) -> Site {
+    let scenario = Scenario::load(name, changes).unwrap();
+    scenario.rehearsed().unwrap().1
 }
 
 /// A network of three cameras, with some more lines.
@@ -73,6 +78,54 @@ fn thesis_13_has_the_cameras_of_table_4_1() {
         network.frame.place(Point2::new(3.0, 4.0)),
         Point2::new(3.0, 4.0)
     );
+}
+
+/// Other stops are planned for scattered cameras, by the seed: even a camera that hardly moved would
+/// otherwise see the target in the same columns for every seed.
+#[test]
+fn the_way_is_another_for_every_seed() {
+    let first_stops = |seed| {
+        let changes = Overrides {
+            seed: Some(seed),
+            scatter: Some(ScatterTable {
+                position: 1e-6,
+                heading_deg: 1e-6,
+            }),
+            ..Overrides::default()
+        };
+        let site = rehearsed("thesis-13", &changes);
+        site.networks[0].targets[0].stops[..3].to_vec()
+    };
+    let [one, two, again] = [1, 2, 1].map(first_stops);
+    assert_eq!(one, again);
+    let nearest = |stop: &Point2<f64>| {
+        let ways = two.iter().map(|other| (stop - other).norm());
+        ways.fold(f64::INFINITY, f64::min)
+    };
+    assert!(
+        one.iter().any(|stop| nearest(stop) > 0.1),
+        "{one:?} {two:?}"
+    );
+}
+
+/// Nobody moves a camera through a wall.
+#[test]
+fn a_scattered_camera_stays_in_its_room() {
+    let walls = "[[world.obstacle]]\nwall = [[-1.0, 10.2], [11.0, 10.2]]\n\
+                 [scatter]\nposition = 0.5\nheading_deg = 1.0\n";
+    let text = small("", &format!("{TARGET}{walls}"));
+    let mut places = Vec::new();
+    for seed in 1..=20 {
+        let changes = Overrides {
+            seed: Some(seed),
+            ..Overrides::default()
+        };
+        let scenario = Scenario::from_toml(&text, &changes).unwrap();
+        let (_, site) = scenario.rehearsed().unwrap();
+        places.push(site.world.cameras()[2].place.y);
+    }
+    assert!(places.iter().all(|&y| y < 10.2), "{places:?}");
+    assert!(places.iter().any(|&y| y > 10.0), "{places:?}");
 }
 
 /// A walk that was planned for more stops than nodes count would be left in its middle.

@@ -282,6 +282,51 @@ fn a_walk_goes_as_the_thesis_has_it() {
     }
 }
 
+/// What a target tells of its stops has no systematic error: along the way that it came and across it
+/// stands off by zero on average, with the sigma that the gait says, and anew at each stop.
+#[test]
+fn it_stands_off_its_stops_on_any_side() {
+    let gait = Gait::default();
+    let stops = vec![p(0.0, 0.0), p(1.0, 0.0), p(1.5, 0.0), p(1.6, 0.0)];
+    let sigma = gait.standing_sigma();
+    assert_eq!(sigma, 0.01);
+    let walks = 2000_u32;
+    let (mut sum, mut squares, mut repeats) = ([0.0; 2], [0.0; 2], [0.0; 2]);
+    for seed in 0..u64::from(walks) {
+        let mut walker = Walker::new(gait, stops.clone(), random(seed));
+        let mut before = walker.place() - stops[0];
+        let mut events = Vec::new();
+        while let Some(at) = walker.next_at() {
+            walker.advance(at, &mut events);
+            let Some((_, Event::Arrived { stop })) = events.pop() else {
+                continue;
+            };
+            let off = walker.place() - stops[stop];
+            for axis in 0..2 {
+                sum[axis] += off[axis] / sigma;
+                squares[axis] += (off[axis] / sigma).powi(2);
+                repeats[axis] += off[axis] * before[axis] / sigma.powi(2);
+            }
+            before = off;
+        }
+    }
+    let n = f64::from(3 * walks);
+    // In units of sigma: the mean of n offsets, of their squares and of the products of neighbours
+    // each have the standard error 1 / sqrt(n) on an even disc. Four of them.
+    for (axis, name) in ["along", "across"].into_iter().enumerate() {
+        for (what, found, right) in [
+            ("mean", sum[axis] / n, 0.0),
+            ("square", squares[axis] / n, 1.0),
+            ("repeats", repeats[axis] / n, 0.0),
+        ] {
+            assert!(
+                (found - right).abs() < 4.0 / n.sqrt(),
+                "{what} {name}: {found}"
+            );
+        }
+    }
+}
+
 /// The lamp must go on while it stands: that it is still on for the stop before does not count.
 #[test]
 fn it_walks_on_when_it_is_told() {

@@ -9,21 +9,27 @@ use nalgebra::Vector2;
 use site::world::Variant;
 use site::{Overrides, Scenario};
 
-use crate::yard::{TARGET, Yard, assert_all_calibrated, assert_calibrated_within, node, run};
+use crate::yard::{
+    TARGET, Yard, assert_all_calibrated, assert_calibrated_within, assert_fair, node, run,
+};
 
 #[test]
 fn references_that_are_given() {
+    let mut records = Vec::new();
     for seed in 1..=5 {
         let record = run(Yard::default().scenario(seed));
         assert_all_calibrated(&record, &format!("seed {seed}"));
         assert!(node(&record, 1).reference && node(&record, 2).reference);
+        records.push(record);
     }
+    assert_fair(&records);
 }
 
 /// Nobody knows who the references are, how far they are from each other, or where the target's
 /// compass points. The frame is that of whoever was elected.
 #[test]
 fn references_that_are_elected() {
+    let mut records = Vec::new();
     for seed in 1..=5 {
         let yard = Yard {
             references: "cameras = [1, 2], elected = true, baseline_known = false, \
@@ -39,11 +45,14 @@ fn references_that_are_elected() {
             .filter_map(|camera| camera.truth)
             .filter(|truth| truth.x == 0.0 && truth.y == 0.0);
         assert_eq!(origin.count(), 1);
+        records.push(record);
     }
+    assert_fair(&records);
 }
 
 #[test]
 fn two_targets_of_two_colours() {
+    let mut records = Vec::new();
     for seed in 1..=5 {
         let yard = Yard {
             targets: "{ id = 20, stops = [STOPS] }, { id = 21, colour = [40, 200, 60], stops = \
@@ -68,7 +77,9 @@ fn two_targets_of_two_colours() {
             cameras.all(|camera| camera.residuals.iter().any(|r| r.target == id))
         };
         assert!(seen_by_all(TARGET) || seen_by_all(21));
+        records.push(record);
     }
+    assert_fair(&records);
 }
 
 /// The background is learnt while the target is still outside. Blocks of pixels are compared, in
@@ -80,10 +91,13 @@ fn targets_that_are_found_by_motion() {
         targets: "{ id = 20, radius = 0.4, colour = [240, 240, 240], stops = [[4.0, -2.5], STOPS] }",
         ..Yard::default()
     };
+    let mut records = Vec::new();
     for seed in 1..=3 {
         let record = run(yard.scenario(seed));
         assert_calibrated_within(&record, &format!("seed {seed}"), 0.6);
+        records.push(record);
     }
+    assert_fair(&records);
 }
 
 /// The thesis's cameras, and what their nodes take them for.

@@ -5,6 +5,7 @@ use std::{cell::RefCell, collections::BTreeMap, io, rc::Rc};
 use answers::record::{Node, RunRecord};
 use host_sim::network::{Options, Simulation};
 use site::{Action, Overrides, Scenario, ScriptedEvent};
+use test_support::chi_squared_band;
 
 /// The cameras that are no references.
 pub(crate) const OTHERS: [u16; 3] = [3, 4, 5];
@@ -63,7 +64,7 @@ impl Yard<'_> {
             [firmware]
             systematic_heading_deg = {heading}
             systematic_scale = {scale}
-            standing_sigma = 0.008165
+            standing_sigma = 0.01
             {firmware}
             {tables}
             [[network]]
@@ -140,6 +141,21 @@ const NEES_MAX: f64 = 30.7;
 #[track_caller]
 pub(crate) fn assert_all_calibrated(record: &RunRecord, what: &str) {
     assert_calibrated_within(record, what, 0.3);
+}
+
+/// Over several runs poses err as much as they say, no more and no less: the cameras of a run have the
+/// error of its references in common, so that each run counts as three independent numbers only.
+#[track_caller]
+pub(crate) fn assert_fair(records: &[RunRecord]) {
+    let mut chi_squared = 0.0;
+    for record in records {
+        let nees: Vec<f64> = record.cameras().filter_map(|camera| camera.nees).collect();
+        assert!(!nees.is_empty());
+        chi_squared += nees.iter().sum::<f64>() / nees.len() as f64;
+    }
+    let band = chi_squared_band(3.0 * records.len() as f64);
+    println!("chi squared {chi_squared:.2}, between {band:.2?}");
+    assert!(band.contains(&chi_squared), "{chi_squared}, not {band:?}");
 }
 
 /// The same, where poses cannot be foretold better than this sigma of the position.

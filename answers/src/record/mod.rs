@@ -42,6 +42,10 @@ pub struct RunRecord {
     pub scenario: String,
     /// Which of the ways that are planned for its targets, from 1.
     pub path: Option<u32>,
+    /// Which of the thesis's results stand beside these, such as `thesis-4.1`. Left out if none, as
+    /// where cameras were moved from the thesis's places.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub published: Option<String>,
     /// The root of all randomness of the run; `null` of a real network.
     pub seed: Option<u64>,
     /// The unit of lengths.

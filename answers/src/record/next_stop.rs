@@ -1,28 +1,22 @@
-//! Where to stop the target next, so that the cameras that want it learn most.
+//! Where to stop the target next, so that the cameras that want it learn most: the planner's
+//! [`Advice`], of cameras that stand where they are believed to.
 //!
-//! Each candidate is a place in view of a camera. A sighting there adds `g g^T / v` to the
-//! camera's information (see [`calib_core::resection`]); the best candidate shrinks the predicted
-//! variances most, each in units of its limit, over all cameras that want a stop. The choice is
-//! greedy: further stops are chosen as if the earlier ones had been made.
-//!
-//! Reference cameras without an answer count only stops that both of them see. All is in the frame
-//! of one network, and near its targets' stops: what is far from all of them nobody can walk to, or
-//! is no place at all, but in the view of a pose that is far off.
+//! All is in the frame of one network. What cameras know already counts: the information of their
+//! poses, or that of the stops they saw; and each measures as well as its sightings show.
 
-use std::f64::consts::PI;
+use calib_core::Pose;
+use cmucam2_emulator::Lens;
+use nalgebra::Point2;
+use site::planner::{self, Advice, Noise, PairWish};
+use site::world::{Camera, Obstacle, Variant, World};
 
-use calib_core::{Pose, angle};
-use nalgebra::{Matrix3, Point2, Vector3};
+use super::{Node, RunRecord, View, verdict::NextStop};
 
-use super::{Limits, Node, RunRecord, View, verdict::NextStop};
-use crate::recorded::sightings::USUAL_BEARING_SIGMA;
-
-/// Places along the optical axis, in parts of the range.
-const RANGES: [f64; 4] = [0.3, 0.5, 0.7, 0.9];
-/// Bearings, in parts of half the field of view: blobs at the border would be cut off.
-const BEARINGS: [f64; 7] = [-0.8, -0.5, -0.25, 0.0, 0.25, 0.5, 0.8];
-/// Stops nearer to one another than this part of the range tell nearly the same.
-const APART: f64 = 0.1;
+/// A record does not tell how large a target is: about as large as the thesis's, as a part of the
+/// camera's range.
+const RADIUS: f64 = 1.0 / 50.0;
+/// Nor how many columns and rows a picture has: those of the smaller sensor.
+const PICTURE: [u8; 2] = [88, 143];
 /// More advice than this is not followed anyway.
 const MOST: usize = 6;
 
@@ -35,221 +29,128 @@ pub(super) struct Wish<'a> {
     pub(super) in_pair: bool,
 }
 
-struct Wanting {
-    id: u16,
-    pose: Pose<f64>,
-    view: View,
-    information: Matrix3<f64>,
-    /// Stops that it certainly still needs.
-    missing: usize,
-    in_pair: bool,
-}
-
-/// What there is where a network is.
-struct Ground<'a> {
-    limits: &'a Limits,
-    obstacles: Vec<Vec<Point2<f64>>>,
-    /// Where targets stopped, or should have.
-    been: Vec<Point2<f64>>,
-    /// The references, if they have no answer.
-    pair: Vec<Wanting>,
-}
-
 /// The best stops for these cameras of a network, at most a handful.
 pub(super) fn propose(record: &RunRecord, network: u16, wishes: &[Wish<'_>]) -> Vec<NextStop> {
+    let (own, paired): (Vec<_>, Vec<_>) = wishes.iter().partition(|wish| !wish.in_pair);
+    let references: Vec<&Node> = { record.cameras() }
+        .filter(|camera| camera.network == network && camera.reference && !paired.is_empty())
+        .collect();
+    // The cameras of the planner's world: those who wish, then the references.
+    let own: Vec<_> = own
+        .into_iter()
+        .filter_map(|wish| Some((wish, stands(wish.camera, wish.believes)?)))
+        .collect();
+    let pair: Option<Vec<Camera>> = references.iter().map(|node| stands(node, true)).collect();
+    let pair = pair.filter(|pair| pair.len() == 2);
+    let mut cameras: Vec<Camera> = own.iter().map(|(_, camera)| *camera).collect();
+    let mut ids: Vec<u16> = own.iter().map(|(wish, _)| wish.camera.id).collect();
+    let first = cameras.len();
+    if let Some(pair) = &pair {
+        cameras.extend(pair);
+        ids.extend(references.iter().map(|node| node.id));
+    }
+    let obstacles = { record.obstacles_of(network) }
+        .into_iter()
+        .map(|outline| match outline[..] {
+            [a, b] => Obstacle::Segment([a, b]),
+            _ => Obstacle::Polygon(outline),
+        });
+    let Some(range) = cameras.iter().map(|camera| camera.range).reduce(f64::min) else {
+        return Vec::new();
+    };
+    let world = World::new(cameras, obstacles.collect(), Vec::new());
+    let radius = RADIUS * range;
+
     let targets = || record.targets.iter().filter(|t| t.network == network);
     let planned = targets().flat_map(|target| &target.path);
-    let stops = targets().flat_map(|target| &target.stops);
-    let mut ground = Ground {
-        limits: &record.limits,
-        obstacles: record.obstacles_of(network),
-        been: planned
-            .map(|&place| place.into())
-            .chain(stops.map(|stop| Point2::new(stop.x, stop.y)))
-            .collect(),
-        pair: Vec::new(),
-    };
-    if wishes.iter().any(|wish| wish.in_pair) {
-        let references = record.cameras();
-        let references = references.filter(|c| c.network == network && c.reference);
-        ground.pair = references
-            .filter_map(|camera| {
-                let wish = Wish {
-                    camera,
-                    believes: true,
-                    in_pair: true,
-                };
-                Wanting::new(record, &ground, &wish)
-            })
-            .collect();
-    }
-    let wanting = wishes.iter();
-    let mut wanting: Vec<_> = wanting
-        .filter_map(|wish| Wanting::new(record, &ground, wish))
-        .collect();
-    let mut stops: Vec<NextStop> = Vec::new();
-    while stops.len() < MOST {
-        wanting.retain(|camera| camera.missing > 0);
-        let Some(stop) = ground.best(&wanting, &stops) else {
-            break;
-        };
-        let place = Point2::new(stop.x, stop.y);
-        for camera in wanting.iter_mut().filter(|c| stop.seen_by.contains(&c.id)) {
-            camera.information += camera.gain(place);
-            camera.missing -= 1;
-        }
-        stops.push(NextStop { network, ..stop });
-    }
-    stops
-}
-
-impl Ground<'_> {
-    fn best(&self, wanting: &[Wanting], earlier: &[NextStop]) -> Option<NextStop> {
-        let mut best: Option<(f64, NextStop)> = None;
-        for (range, place) in wanting.iter().flat_map(Wanting::candidates) {
-            let is_near = |other: Point2<f64>, part: f64| (place - other).norm() < part * range;
-            let mut earlier = earlier.iter().map(|stop| Point2::new(stop.x, stop.y));
-            let is_far = !self.been.is_empty() && !self.been.iter().any(|&been| is_near(been, 1.0));
-            if is_far || earlier.any(|stop| is_near(stop, APART)) {
-                continue;
-            }
-            let mut seen_by = Vec::new();
-            let mut score = 0.0;
-            for camera in wanting.iter().filter(|camera| self.counts(camera, place)) {
-                let before = camera.spread(&camera.information, self.limits);
-                let after = camera.spread(&(camera.information + camera.gain(place)), self.limits);
-                if let (Some(before), Some(after)) = (before, after) {
-                    score += (before / after).ln();
-                    seen_by.push(camera.id);
-                }
-            }
-            if score > best.as_ref().map_or(0.0, |(score, _)| *score) {
-                let (x, y) = (place.x, place.y);
-                let stop = NextStop {
-                    network: 0,
-                    x,
-                    y,
-                    seen_by,
-                };
-                best = Some((score, stop));
-            }
-        }
-        best.map(|(_, stop)| stop)
-    }
-
-    /// Whether a stop there is one more for this camera.
-    fn counts(&self, camera: &Wanting, place: Point2<f64>) -> bool {
-        let others = self.pair.iter().filter(|_| camera.in_pair);
-        camera.sees(place, self) && { others }.all(|other| other.sees(place, self))
-    }
-}
-
-impl Wanting {
-    fn new(record: &RunRecord, ground: &Ground<'_>, wish: &Wish<'_>) -> Option<Self> {
-        let camera = wish.camera;
-        let view = camera.view?;
-        let estimate = camera.estimate.filter(|_| wish.believes);
-        let estimate = estimate.map(|estimate| estimate.pose());
-        let stands = camera.truth.or(camera.planned);
-        let pose = estimate.or_else(|| stands.map(|place| place.pose()))?;
-        let known = estimate.and_then(|pose| pose.covariance.try_inverse());
-        let mut wanting = Self {
-            id: camera.id,
-            pose,
-            view,
-            // Somewhere about here, looking anywhere.
-            information: Matrix3::from_diagonal(&Vector3::new(
-                view.range.powi(-2),
-                view.range.powi(-2),
-                PI.powi(-2),
-            )),
+    let stops = || { targets().flat_map(|target| &target.stops) }.map(|s| Point2::new(s.x, s.y));
+    let been: Vec<Point2<f64>> = planned.map(|&p| p.into()).chain(stops()).collect();
+    let wishes = own.iter().enumerate().map(|(index, (wish, camera))| {
+        let noise = noise(wish.camera, camera);
+        let pose = wish.camera.estimate.filter(|_| wish.believes);
+        let known = pose.and_then(|pose| pose.pose().covariance.try_inverse());
+        let seen = wish.camera.residuals.iter().filter_map(|r| record.stop(r));
+        let seen = seen.map(|s| planner::of_sighting(camera, Point2::new(s.x, s.y), &noise));
+        planner::Wish {
+            camera: index,
             missing: match known {
                 Some(_) => 1,
-                None => 3_usize.saturating_sub(camera.sightings).max(1),
+                None => 3_usize.saturating_sub(wish.camera.sightings).max(1),
             },
-            in_pair: wish.in_pair,
-        };
-        if let Some(information) = known {
-            wanting.information = information;
-        } else if wish.in_pair {
-            // What references saw is not told before they have an answer.
-            let targets = record.targets.iter();
-            let targets = targets.filter(|target| target.network == camera.network);
-            for stop in targets.flat_map(|target| &target.stops) {
-                let place = Point2::new(stop.x, stop.y);
-                if ground.counts(&wanting, place) {
-                    wanting.information += wanting.gain(place);
-                }
-            }
-        } else {
-            let stops = camera.residuals.iter().filter_map(|r| record.stop(r));
-            for stop in stops {
-                wanting.information += wanting.gain(Point2::new(stop.x, stop.y));
-            }
+            known: known.unwrap_or_else(|| {
+                seen.fold(planner::Wish::nothing_known(camera.range), |a, b| a + b)
+            }),
+            noise,
         }
-        Some(wanting)
-    }
+    });
+    let advice = Advice {
+        world: &world,
+        radius,
+        been: &been,
+        wishes: wishes.collect(),
+        pair: pair.map(|_| {
+            let cameras = [first, first + 1];
+            let see = |place: &Point2<f64>| {
+                { cameras.iter() }.all(|&camera| world.sight(camera, *place, radius).is_some())
+            };
+            let sightings = references.iter().map(|node| node.sightings).min();
+            PairWish {
+                cameras,
+                // What references saw is not told before they have an answer.
+                made: stops().filter(see).collect(),
+                noise: UNSEEN,
+                missing: 3_usize.saturating_sub(sightings.unwrap_or(0)).max(1),
+            }
+        }),
+    };
+    let named = |(place, seen_by): (Point2<f64>, Vec<usize>)| NextStop {
+        network,
+        x: place.x,
+        y: place.y,
+        seen_by: seen_by.into_iter().map(|camera| ids[camera]).collect(),
+    };
+    advice.stops(MOST).into_iter().map(named).collect()
+}
 
-    /// Each with the range of the camera.
-    fn candidates(&self) -> impl Iterator<Item = (f64, Point2<f64>)> + '_ {
-        let half = (self.view.fov_deg / 2.0).to_radians();
-        BEARINGS.into_iter().flat_map(move |bearing| {
-            let (sin, cos) = (self.pose.heading + bearing * half).sin_cos();
-            RANGES.map(|part| {
-                let range = self.view.range;
-                let off = nalgebra::Vector2::new(cos, sin) * range * part;
-                (range, self.pose.position + off)
-            })
+/// Where it is believed to stand, or was put; `None` if nobody knows, or what it sees.
+fn stands(node: &Node, believes: bool) -> Option<Camera> {
+    let View { fov_deg, range } = node.view?;
+    let estimate = node.estimate.filter(|_| believes);
+    let estimate = estimate.map(|estimate| estimate.pose());
+    let Pose {
+        position, heading, ..
+    } = estimate.or_else(|| node.truth.or(node.planned).map(|place| place.pose()))?;
+    let [columns, rows] = PICTURE;
+    let lens = |of| Lens::with_projection(of, fov_deg.to_radians(), columns, rows);
+    use calib_core::camera::Projection::{EqualAngle, PinHole};
+    Some(Camera {
+        place: position,
+        heading,
+        lens: lens(PinHole).or_else(|| lens(EqualAngle))?,
+        range,
+        variant: Variant::Cmucam2,
+    })
+}
+
+/// Before anything is seen.
+const UNSEEN: Noise = Noise {
+    columns: Noise::COLUMNS,
+    standing: 0.0,
+};
+
+/// How a camera measures: the median of its sightings' sigmas, in columns, with what the target's
+/// places had in them.
+fn noise(node: &Node, camera: &Camera) -> Noise {
+    let mut columns: Vec<f64> = { node.residuals.iter() }
+        .filter_map(|seen| {
+            let sigma = (seen.residual_deg? / seen.normalised?).to_radians();
+            let column = planner::column_angle(camera, seen.bearing_deg.to_radians());
+            Some(sigma / column).filter(|sigma| sigma.is_finite() && *sigma > 0.0)
         })
-    }
-
-    fn sees(&self, place: Point2<f64>, ground: &Ground<'_>) -> bool {
-        let d = place - self.pose.position;
-        let bearing = angle::wrap_signed(d.y.atan2(d.x) - self.pose.heading);
-        bearing.abs() < 0.9 * (self.view.fov_deg / 2.0).to_radians()
-            && d.norm() < 0.95 * self.view.range
-            && d.norm() > 0.1 * self.view.range
-            && !ground.obstacles.iter().any(|corners| {
-                let next = corners.iter().cycle().skip(1);
-                let mut edges = corners.iter().zip(next);
-                edges.any(|(&a, &b)| crosses(self.pose.position, place, a, b))
-            })
-    }
-
-    /// The information of a sighting of a target there.
-    fn gain(&self, place: Point2<f64>) -> Matrix3<f64> {
-        let d = place - self.pose.position;
-        let range2 = d.norm_squared();
-        let slope = Vector3::new(d.y / range2, -d.x / range2, -1.0);
-        slope * slope.transpose() / USUAL_BEARING_SIGMA.powi(2)
-    }
-
-    /// The predicted variances in units of their limits; `None` of no information.
-    fn spread(&self, information: &Matrix3<f64>, limits: &Limits) -> Option<f64> {
-        let covariance = information.cholesky()?.inverse();
-        let heading_limit = limits.sigma_heading_deg.to_radians();
-        Some(
-            (covariance.m11 + covariance.m22) / limits.sigma_position.powi(2)
-                + covariance.m33 / heading_limit.powi(2),
-        )
-    }
-}
-
-/// Whether two segments cross.
-pub(super) fn crosses(a: Point2<f64>, b: Point2<f64>, c: Point2<f64>, d: Point2<f64>) -> bool {
-    let side = |from: Point2<f64>, to: Point2<f64>, p: Point2<f64>| (to - from).perp(&(p - from));
-    side(a, b, c) * side(a, b, d) < 0.0 && side(c, d, a) * side(c, d, b) < 0.0
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn only_segments_that_meet_between_their_ends_cross() {
-        let p = Point2::new;
-        assert!(crosses(p(0.0, 0.0), p(2.0, 2.0), p(0.0, 2.0), p(2.0, 0.0)));
-        assert!(!crosses(p(0.0, 0.0), p(2.0, 2.0), p(3.0, 0.0), p(5.0, 9.0)));
-        assert!(!crosses(p(0.0, 0.0), p(1.0, 0.0), p(0.0, 1.0), p(1.0, 1.0)));
+        .collect();
+    columns.sort_unstable_by(f64::total_cmp);
+    Noise {
+        columns: crate::accuracy::quantile(&columns, 0.5).unwrap_or(UNSEEN.columns),
+        ..UNSEEN
     }
 }

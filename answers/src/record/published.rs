@@ -1,14 +1,14 @@
-//! The thesis's own results, to stand beside a run of the same scenario.
+//! The thesis's own results, to stand beside a run of the same site.
 
 use serde::Deserialize;
 
-use super::{Place, PoseError};
+use super::{Place, PoseError, RunRecord};
 use calib_core::angle;
 
 const TABLE_4_1: &str = include_str!("../../data/thesis_table_4_1.csv");
 const STATISTICS: &str = include_str!("../../data/thesis_statistics.csv");
 
-/// What the thesis prints about a scenario.
+/// What the thesis prints about a site.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Published {
     /// Number of the table of its statistics.
@@ -49,7 +49,7 @@ impl PublishedNode {
 
 #[derive(Deserialize)]
 struct StatisticsRow {
-    scenario: String,
+    results: String,
     path: Option<u32>,
     table: String,
     mean_x: f64,
@@ -61,14 +61,21 @@ struct StatisticsRow {
 }
 
 impl Published {
-    /// The results for a scenario and its path; `None` for one that is not the thesis's.
+    /// The results to stand beside those of a run; `None` if there are none.
+    pub fn beside(record: &RunRecord) -> Option<Self> {
+        Self::named(record.published.as_deref()?, record.path)
+    }
+
+    /// The results of this name, as a scenario's `published` has it, for a path; `None` for one that
+    /// the thesis does not have.
     ///
-    /// For `thesis-13`, paths 1 to 3. For `lab`, one result for all placements together.
-    pub fn of(scenario: &str, path: Option<u32>) -> Option<Self> {
+    /// `thesis-4.1`: the simulation's 13 cameras, paths 1 to 3. `thesis-3.1`: the laboratory's, one
+    /// result for all placements together.
+    pub fn named(name: &str, path: Option<u32>) -> Option<Self> {
         let row = csv::Reader::from_reader(STATISTICS.as_bytes())
             .into_deserialize::<StatisticsRow>()
             .filter_map(Result::ok)
-            .find(|row| row.scenario == scenario && (row.path.is_none() || row.path == path))?;
+            .find(|row| row.results == name && (row.path.is_none() || row.path == path))?;
         let nodes = match row.path {
             Some(path) => table_4_1(path),
             None => Vec::new(),

@@ -80,7 +80,7 @@ fn poses(records: &[&RunRecord]) -> String {
     };
     let is_published = records
         .iter()
-        .any(|r| Published::of(&r.scenario, r.path).is_some_and(|p| !p.nodes.is_empty()));
+        .any(|r| Published::beside(r).is_some_and(|p| !p.nodes.is_empty()));
     let has_networks = records.iter().any(|record| record.has_networks());
     let name = match (records.len() > 1, has_networks) {
         (false, false) => "node",
@@ -103,7 +103,7 @@ fn poses(records: &[&RunRecord]) -> String {
     let mut table = table(&head);
     let mut has_reference = false;
     for record in records {
-        let published = Published::of(&record.scenario, record.path);
+        let published = Published::beside(record);
         for camera in record.cameras() {
             has_reference |= camera.reference;
             let mut row = pose_row(camera);
@@ -193,10 +193,7 @@ fn statistics(records: &[&RunRecord]) -> String {
         }
         parts.push(text);
     }
-    if let Some(thesis) = records
-        .first()
-        .and_then(|r| Published::of(&r.scenario, r.path))
-    {
+    if let Some(thesis) = records.first().and_then(|r| Published::beside(r)) {
         let ours = if thesis.nodes.is_empty() { others } else { all };
         parts.push(beside(&thesis, ours.as_ref(), ours_is));
     }

@@ -40,6 +40,7 @@ impl NetworkView {
         RunRecord {
             format: FORMAT,
             scenario: site.map_or_else(|| "network".to_owned(), |site| site.name.clone()),
+            published: None,
             path: None,
             seed: None,
             unit: site.map_or_else(

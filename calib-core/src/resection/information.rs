@@ -79,6 +79,17 @@ pub(crate) fn covariance<T: Real>(
     Ok(covariance)
 }
 
+/// What one sighting tells a camera that stands at `position` about its `(x, y, heading)`: its Fisher
+/// information. Sums of it, inverted, are the covariance that [`predict`] gives.
+///
+/// Of the sighting, the place and the sigmas count, as in `predict`. Not finite for a target right on
+/// the camera, or for an unusable number.
+#[must_use]
+pub fn information<T: Real>(position: Point2<T>, sighting: &Sighting<T>) -> Matrix3<T> {
+    let Row { slope, weight } = Row::new(sighting, sighting.target - position);
+    slope * slope.transpose() * weight
+}
+
 /// The pose of a camera known to stand at `position` and to look along `heading`, with the
 /// covariance that these sightings would give it: the Cramer-Rao bound, in which no noise has a
 /// part.

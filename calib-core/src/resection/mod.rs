@@ -14,7 +14,7 @@
 //!
 //! The covariance is *predicted* from the sigmas given, not fitted to the residuals: three
 //! sightings leave none. [`Solution::fit`] tells whether the prediction was believable.
-//! [`predict`] gives it before anything is seen.
+//! [`predict`] gives it before anything is seen, [`information()`] what one sighting adds.
 
 use crate::{Pose, Real, Refusal, Sighting, fit::Fit};
 
@@ -24,7 +24,7 @@ mod rejection;
 pub mod slope_form;
 pub mod three_point;
 
-pub use information::predict;
+pub use information::{information, predict};
 
 /// A pose, and how it came about.
 #[derive(Clone, Copy, Debug, PartialEq)]

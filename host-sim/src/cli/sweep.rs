@@ -7,7 +7,7 @@ use anyhow::{Context, ensure};
 use clap::Args;
 use host_sim::network::run_all;
 use indicatif::{ProgressBar, ProgressStyle};
-use site::Scenario;
+use site::{ScatterTable, Scenario};
 
 use super::{
     run_outputs::FOR_RESULTS,
@@ -31,6 +31,11 @@ pub(super) struct Arguments {
     #[arg(long, value_name = "K,...", value_delimiter = ',', conflicts_with = "path",
         value_parser = values::path, allow_negative_numbers = true)]
     paths: Vec<u64>,
+    /// How far cameras stand from where the scenario has them, standard deviations in its unit and in
+    /// degrees, drawn for each seed; 0 for not at all. Default: the scenario's own `scatter`, or 0.3
+    /// and 3, so that seeds are not all of one geometry.
+    #[arg(long, value_name = "D,DEG", value_parser = values::scatter, allow_hyphen_values = true)]
+    scatter: Option<ScatterTable>,
     /// Runs at a time. Default: one for each processor.
     #[arg(long, value_name = "N", value_parser = values::jobs, allow_negative_numbers = true)]
     jobs: Option<NonZeroUsize>,
@@ -86,6 +91,10 @@ fn scenarios(arguments: &Arguments) -> anyhow::Result<Vec<Scenario>> {
         for seed in arguments.seeds.clone() {
             let mut scenario = arguments.scenario.load(Some(seed))?;
             scenario.path = path.unwrap_or(scenario.path);
+            scenario.scatter = arguments.scatter.unwrap_or(match scenario.scatter {
+                own if !own.is_none() => own,
+                _ => ScatterTable::USUAL,
+            });
             scenarios.push(scenario);
         }
     }

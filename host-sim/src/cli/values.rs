@@ -3,7 +3,7 @@
 use std::{num::NonZeroUsize, path::PathBuf, time::Duration};
 
 use clap::builder::{PathBufValueParser, TypedValueParser};
-use site::PATH_MAX;
+use site::{PATH_MAX, ScatterTable};
 
 /// All scenarios of a sweep are in memory.
 const MOST_SEEDS: u64 = 100_000;
@@ -58,6 +58,18 @@ pub(super) fn not_negative(text: &str) -> Result<f64, String> {
     match finite(text) {
         Ok(value) if value >= 0.0 => Ok(value),
         _ => Err("0 or a number above it is needed, such as 0.5".to_owned()),
+    }
+}
+
+/// How far cameras stand from where a file has them, in the unit and in degrees.
+pub(super) fn scatter(text: &str) -> Result<ScatterTable, String> {
+    let (position, heading) = text.split_once(',').unwrap_or((text, "0"));
+    match [position, heading].map(not_negative) {
+        [Ok(position), Ok(heading_deg)] => Ok(ScatterTable {
+            position,
+            heading_deg,
+        }),
+        _ => Err("a length and degrees are needed, such as 0.3,3; or 0".to_owned()),
     }
 }
 

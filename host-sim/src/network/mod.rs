@@ -140,8 +140,7 @@ impl Simulation {
     /// The scenario is not possible.
     pub fn new(scenario: Scenario, options: Options) -> Result<Self, ScenarioError> {
         let written = scenario.networks.clone();
-        let scenario = scenario.scattered();
-        let site = scenario.put_up()?;
+        let (scenario, site) = scenario.rehearsed()?;
         let root = Root(scenario.seed);
         let mut executor = Executor::new();
         let real_time = options.emulation.as_ref().map(|_| 1.0);

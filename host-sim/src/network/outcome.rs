@@ -118,6 +118,7 @@ pub(super) fn record(simulation: &Simulation, wall_seconds: f64) -> RunRecord {
         format: FORMAT,
         scenario: scenario.name.clone(),
         path: scenario.recorded_path(),
+        published: { scenario.published.clone() }.filter(|_| scenario.scattered_by.is_none()),
         seed: Some(scenario.seed),
         unit: Unit {
             name: scenario.unit.clone(),

@@ -64,6 +64,7 @@ fn tiny() -> RunRecord {
         format: FORMAT,
         scenario: "tiny".to_owned(),
         path: None,
+        published: None,
         seed: Some(42),
         unit: Unit {
             name: "in".to_owned(),
@@ -202,7 +203,7 @@ fn records_that_no_run_makes_are_refused() {
 #[test]
 fn the_statistics_are_those_of_the_thesis() {
     for path in 1..=3 {
-        let thesis = Published::of("thesis-13", Some(path)).unwrap();
+        let thesis = Published::named("thesis-4.1", Some(path)).unwrap();
         assert_eq!(thesis.table, format!("4.{}", path + 2));
         assert_eq!(thesis.nodes.len(), 13);
         let errors: Vec<_> = thesis
@@ -226,9 +227,12 @@ fn the_statistics_are_those_of_the_thesis() {
             assert!((ours - sd).abs() < 2e-3, "{ours} {sd}");
         }
     }
-    assert!(Published::of("thesis-13", Some(4)).is_none());
-    assert_eq!(Published::of("lab", Some(2)).unwrap().mean.y, 0.936);
-    assert!(Published::of("grid", None).is_none());
+    assert!(Published::named("thesis-4.1", Some(4)).is_none());
+    assert_eq!(
+        Published::named("thesis-3.1", Some(2)).unwrap().mean.y,
+        0.936
+    );
+    assert!(Published::named("thesis-13", Some(1)).is_none());
     assert_eq!(exchange::PAYLOAD, 84);
 }
 

@@ -590,6 +590,7 @@ fn several_runs_make_one_table() {
             }
             .run();
             record.scenario = "lab".to_owned();
+            record.published = Some("thesis-3.1".to_owned());
             record.path = Some(path);
             record.nodes.retain(|node| node.id <= 3);
             record
@@ -601,6 +602,10 @@ fn several_runs_make_one_table() {
     assert!(text.contains("mean, these runs") && !text.contains("this run"));
     assert!(text.contains("Errors of 5 cameras, without references"));
     assert!(text.contains("Beside the thesis's Table 3.1") && text.contains("7.1618"));
+    // Whatever the scenario is called.
+    let mut other = runs[0].clone();
+    other.published = None;
+    assert!(!run_report(&other).contains("thesis's Table"));
 }
 
 #[test]

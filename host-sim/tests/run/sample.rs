@@ -22,7 +22,7 @@ pub(crate) fn camera(id: u16) -> (f64, f64, f64) {
 
 /// Table 4.1.
 fn cameras() -> Vec<Place> {
-    let thesis = Published::of("thesis-13", Some(1)).unwrap();
+    let thesis = Published::named("thesis-4.1", Some(1)).unwrap();
     assert_eq!(thesis.nodes.len(), 13);
     thesis.nodes.iter().map(|node| node.truth).collect()
 }
@@ -101,6 +101,7 @@ impl Sample {
             format: FORMAT,
             scenario: "thesis-13".to_owned(),
             path: Some(1),
+            published: Some("thesis-4.1".to_owned()),
             seed: Some(self.seed),
             unit: Unit {
                 name: "units".to_owned(),

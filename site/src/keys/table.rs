@@ -82,6 +82,7 @@ pub const KEYS: &[Key] = &[
     key("sensor", Table, Is("assumed: reports the way from goal to goal"), Rehearsal, "How step sensors err."),
     key("radio", Table, Is("`unit-disk` of range 45"), Rehearsal, "The radio medium."),
     key("scatter", Table, Is(""), Rehearsal, "How far cameras stand from where this file has them, drawn from the seed."),
+    key("published", Choice(&["thesis-4.1", "thesis-3.1"]), Is("none"), Rehearsal, "Which of the thesis's results stand beside this site's: the simulation's, by path, or the laboratory's."),
     key("event[]", Tables, Is("none"), Rehearsal, "Something that happens by order of a script."),
     key("grid", Table, Is("none"), Rehearsal, "Networks to be made, in place of `network`."),
 

@@ -1,7 +1,7 @@
 //! How much a stop tells: Fisher information, whose inverse bounds the covariance (Cramer-Rao).
 
-use calib_core::reference::Known;
-use nalgebra::{Matrix2, Matrix2x6, Matrix3, Matrix6, Point2, SMatrix, Vector2, Vector3};
+use calib_core::{Ray, Sighting, angle, reference::Known, resection};
+use nalgebra::{Matrix2, Matrix2x6, Matrix3, Matrix6, Point2, SMatrix, Vector2};
 
 use crate::world::Camera;
 
@@ -14,42 +14,35 @@ pub struct Noise {
     pub standing: f64,
 }
 
-/// Of a place seen from a camera.
-#[derive(Clone, Copy, Debug)]
-struct Line {
-    /// Derivative of the bearing with respect to the target's place.
-    across: Vector2<f64>,
-    /// Of the bearing, from the column alone.
-    variance: f64,
+impl Noise {
+    /// What the planner counts with before anything is seen: a column that is uniform within itself,
+    /// at both edges of a blob, and a little noise.
+    pub const COLUMNS: f64 = 0.25;
 }
 
-impl Line {
-    fn new(camera: &Camera, place: Point2<f64>, noise: &Noise) -> Self {
-        let to = place - camera.place;
-        let range2 = to.norm_squared();
-        let lens = &camera.lens;
-        let column = lens.column(calib_core::angle::wrap_signed(
-            to.y.atan2(to.x) - camera.heading,
-        ));
-        let per_column = lens.bearing(column - 0.5) - lens.bearing(column + 0.5);
-        Self {
-            across: Vector2::new(-to.y, to.x) / range2,
-            variance: (noise.columns * per_column).powi(2),
-        }
-    }
+/// Angle of one column of a camera's picture at a bearing, radians.
+pub fn column_angle(camera: &Camera, bearing: f64) -> f64 {
+    let lens = &camera.lens;
+    let column = lens.column(bearing);
+    lens.bearing(column - 0.5) - lens.bearing(column + 0.5)
+}
+
+/// A target that a camera would see there.
+fn sighting(camera: &Camera, place: Point2<f64>, noise: &Noise) -> Sighting<f64> {
+    let to = place - camera.place;
+    let bearing = angle::wrap_signed(to.y.atan2(to.x) - camera.heading);
+    let sigma = noise.columns * column_angle(camera, bearing);
+    Sighting::new(place, Ray::from_bearing(bearing), sigma).with_target_sigma(noise.standing)
+}
+
+/// About `(x, y, heading)` of a camera, from one sighting of a target that tells its place.
+pub fn of_sighting(camera: &Camera, place: Point2<f64>, noise: &Noise) -> Matrix3<f64> {
+    resection::information(camera.place, &sighting(camera, place, noise))
 }
 
 /// Standard deviation of a bearing, radians: of the column, and of where the target stands.
 pub(super) fn bearing_sigma(camera: &Camera, place: Point2<f64>, noise: &Noise) -> f64 {
-    let line = Line::new(camera, place, noise);
-    (line.variance + noise.standing.powi(2) * line.across.norm_squared()).sqrt()
-}
-
-/// About `(x, y, heading)` of a camera, from one sighting of a target that tells its place.
-pub(super) fn of_sighting(camera: &Camera, place: Point2<f64>, noise: &Noise) -> Matrix3<f64> {
-    let line = Line::new(camera, place, noise);
-    let slope = Vector3::new(-line.across.x, -line.across.y, -1.0);
-    slope * slope.transpose() / bearing_sigma(camera, place, noise).powi(2)
+    of_sighting(camera, place, noise).m33.sqrt().recip()
 }
 
 /// About `(heading 0, heading 1, x, y, frame heading, baseline)`, from one stop that both references
@@ -63,16 +56,21 @@ pub(super) fn of_reference_stop(
     let baseline = cameras[1].place - cameras[0].place;
     let pivot = nalgebra::center(&cameras[0].place, &cameras[1].place);
     let arm = place - pivot;
-    let lines = cameras.map(|camera| Line::new(camera, place, noise));
-    let across = Matrix2::from_rows(&lines.map(|line| line.across.transpose()));
+    // Derivatives of the bearings with respect to the target's place.
+    let across = cameras.map(|camera| {
+        let to = place - camera.place;
+        Vector2::new(-to.y, to.x) / to.norm_squared()
+    });
+    let own = cameras.map(|camera| sighting(camera, place, noise).bearing_sigma.powi(2));
+    let across = Matrix2::from_rows(&across.map(|across| across.transpose()));
     let mut slopes = Matrix2x6::zeros();
     slopes[(0, 0)] = -1.0;
     slopes[(1, 1)] = -1.0;
     slopes.fixed_columns_mut::<2>(2).copy_from(&across);
     slopes.set_column(4, &(across * Vector2::new(-arm.y, arm.x)));
-    slopes[(1, 5)] = -lines[1].across.dot(&baseline.normalize());
+    slopes[(1, 5)] = -across.row(1).transpose().dot(&baseline.normalize());
     // Both see the target where it really stands.
-    let own = Matrix2::from_diagonal(&Vector2::from(lines.map(|line| line.variance)));
+    let own = Matrix2::from_diagonal(&Vector2::from(own));
     let covariance = own + across * across.transpose() * noise.standing.powi(2);
     let weight = covariance.try_inverse().unwrap_or_else(Matrix2::zeros);
     slopes.transpose() * weight * slopes

@@ -22,19 +22,23 @@
 //!    such as stops for others in a corner of their view: what a camera first reports should be
 //!    within [`FIRST`] of what it can get from `k` stops.
 //!
+//! Where to stop once more, [`Advice`], comes of the same candidates and the same information.
+//!
 //! [`Placement::Anywhere`] leaves out steps 3 and 4 and the detours: the thesis's target stops "at three
 //! distinct locations in the field of view" of each camera (section 4.3), and no more is said of
 //! them.
 //!
 //! All random numbers come from the number of the path: other paths are other local optima, and the
-//! same path is the same on every run, whatever the scenario's seed.
+//! same path is the same on every run, whatever the scenario's seed; only where cameras are scattered
+//! does the seed matter too, so that no two seeds have stops in the same directions of a camera, whose
+//! columns would round them alike.
 
 use calib_core::{
     Ray,
     reference::{self, Known, Settings, Stop},
 };
 use nalgebra::{Matrix2, Matrix3, Matrix6, Point2, Vector2};
-use rand::{RngExt, SeedableRng};
+use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use serde::{Deserialize, Serialize};
 use thiserror::Error;
@@ -44,26 +48,24 @@ use node_firmware::role::camera::REFERENCE_STOPS;
 
 mod exchange;
 mod first_sightings;
+mod ground;
 mod information;
+mod next;
 mod route;
 
-use exchange::{Candidate, Choice, Design};
+use exchange::{Choice, Design};
 use first_sightings::FirstSightings;
-pub use information::Noise;
+use ground::Ground;
+pub use ground::NEAREST;
+pub use information::{Noise, column_angle, of_sighting};
+pub use next::{Advice, PairWish, Wish};
 use route::Route;
 
-/// Stops are not nearer to a camera than so many radii of the ball.
-pub const NEAREST: f64 = 8.0;
 /// Sharing stops may cost this factor of the score.
 pub const SHARING: f64 = 1.25;
 /// The first sightings may cost this factor of the score.
 pub const FIRST: f64 = 2.0;
 
-/// Columns that stay free between blob and border: firmware refuses a blob within three, for it may
-/// be cut off, and the target stands up to a column beside its place.
-const BORDER_COLUMNS: f64 = 4.0;
-/// Places to choose from, of each camera.
-const CANDIDATES: usize = 96;
 /// Random starts of an exchange.
 const STARTS: usize = 6;
 
@@ -101,6 +103,8 @@ pub struct Task<'a> {
     pub noise: Noise,
     /// Number of the path.
     pub path: u64,
+    /// Another way on the same path: 0, or a scenario's seed where its cameras are scattered.
+    pub seed: u64,
     /// Number of the target: each takes a way of its own.
     pub target: u64,
 }
@@ -177,7 +181,8 @@ pub enum PlanError {
 /// # Panics
 /// A camera that the world does not have.
 pub fn plan(task: &Task<'_>) -> Result<Plan, PlanError> {
-    let mut random = ChaCha8Rng::seed_from_u64(task.path);
+    // Paths are less than 2^32.
+    let mut random = ChaCha8Rng::seed_from_u64(task.path ^ task.seed.rotate_left(32));
     random.set_stream(task.target);
     let (reference_stops, references) = task.for_references(&mut random)?;
     let first = reference_stops.len();
@@ -221,60 +226,31 @@ fn score_of_pose(information: &Matrix3<f64>, range: f64) -> f64 {
     information::bound(information).map_or(f64::INFINITY, |v| score_of(v.m11 + v.m22, v.m33, range))
 }
 
+/// Of the references' headings, and of places that they find.
+fn score_of_pair(information: &Matrix6<f64>, range: f64) -> f64 {
+    information::bound(information).map_or(f64::INFINITY, |v| {
+        // The frame's heading moves what is far away.
+        let place = v.m33 + v.m44 + v.m55 * (2.0 * range).powi(2);
+        score_of(place, v.m11 + v.m22, range)
+    })
+}
+
 impl Task<'_> {
+    fn ground(&self) -> Ground<'_> {
+        Ground {
+            world: self.world,
+            bounds: self.bounds,
+            radius: self.radius,
+        }
+    }
+
     fn separation(&self) -> f64 {
         2.0 * self.radius
     }
 
-    /// Whether a camera would measure a ball there well.
+    /// See [`Ground::suits`].
     fn suits(&self, camera: usize, place: Point2<f64>) -> bool {
-        let Some(sight) = self.world.sight(camera, place, self.radius) else {
-            return false;
-        };
-        let camera = &self.world.cameras()[camera];
-        let border = camera.lens.bearing(BORDER_COLUMNS - 0.5);
-        sight.is_whole()
-            && sight.bearing.abs() + sight.half_width <= border
-            && sight.distance >= NEAREST * self.radius
-            && sight.distance + self.radius <= camera.range
-    }
-
-    fn is_free(&self, place: Point2<f64>) -> bool {
-        let [low, high] = self.bounds;
-        let margin = Vector2::repeat(self.radius);
-        let inside = place >= low + margin && place <= high - margin;
-        inside
-            && self
-                .world
-                .obstacle_on_way(place, place, 2.0 * self.radius)
-                .is_none()
-    }
-
-    /// A random place in view of a camera.
-    fn draw(&self, camera: usize, random: &mut ChaCha8Rng) -> Point2<f64> {
-        let camera = &self.world.cameras()[camera];
-        let distance =
-            random.random_range(NEAREST * self.radius..camera.range.max(10.0 * self.radius));
-        let border = camera.lens.half_view();
-        let direction = camera.heading + random.random_range(-border..border);
-        camera.place + Vector2::new(direction.cos(), direction.sin()) * distance
-    }
-
-    /// Some places that suit cameras, drawn in view of the first one.
-    fn candidates<const N: usize>(
-        &self,
-        cameras: &[usize],
-        random: &mut ChaCha8Rng,
-        tells: impl Fn(Point2<f64>) -> nalgebra::SMatrix<f64, N, N>,
-    ) -> Vec<Candidate<N>> {
-        (0..40 * CANDIDATES)
-            .map(|_| self.draw(cameras[0], random))
-            .filter(|&place| {
-                self.is_free(place) && cameras.iter().all(|&camera| self.suits(camera, place))
-            })
-            .take(CANDIDATES)
-            .map(|place| (place, tells(place)))
-            .collect()
+        self.ground().suits(camera, place)
     }
 
     fn for_references(
@@ -282,7 +258,7 @@ impl Task<'_> {
         random: &mut ChaCha8Rng,
     ) -> Result<(Vec<Point2<f64>>, Matrix6<f64>), PlanError> {
         let cameras = self.references.map(|index| &self.world.cameras()[index]);
-        let candidates = self.candidates(&self.references, random, |place| {
+        let candidates = self.ground().candidates(&self.references, random, |place| {
             information::of_reference_stop(cameras, place, &self.noise)
         });
         let range = cameras[0].range.min(cameras[1].range);
@@ -291,13 +267,7 @@ impl Task<'_> {
             before: information::known_beforehand(&self.known),
             taken: &[],
             separation: self.separation(),
-            score: |information: &Matrix6<f64>| {
-                information::bound(information).map_or(f64::INFINITY, |v| {
-                    // The frame's heading moves what is far away.
-                    let place = v.m33 + v.m44 + v.m55 * (2.0 * range).powi(2);
-                    score_of(place, v.m11 + v.m22, range)
-                })
-            },
+            score: |information: &Matrix6<f64>| score_of_pair(information, range),
         };
         let stops = self.stops.min(REFERENCE_STOPS);
         let refused = PlanError::References { stops };
@@ -433,7 +403,7 @@ impl Task<'_> {
         random: &mut ChaCha8Rng,
     ) -> Result<(Vec<Point2<f64>>, f64), PlanError> {
         let camera = &self.world.cameras()[index];
-        let candidates = self.candidates(&[index], random, |place| {
+        let candidates = self.ground().candidates(&[index], random, |place| {
             information::of_sighting(camera, place, &self.noise)
         });
         let score = |information: &Matrix3<f64>| score_of_pose(information, camera.range);

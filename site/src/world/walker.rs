@@ -1,10 +1,8 @@
 //! A target that walks from stop to stop.
 
-use std::f64::consts::TAU;
-
 use nalgebra::{Point2, Vector2};
-use rand::RngExt;
 use rand_chacha::ChaCha8Rng;
+use rand_distr::{Distribution, UnitDisc};
 
 use super::Time;
 
@@ -17,7 +15,7 @@ pub struct Gait {
     pub speed: f64,
     /// It moves on in steps of this time (Euler's method), nanoseconds.
     pub tick: Time,
-    /// A leg ends as soon as the goal is as near as this.
+    /// How far off a stop it may come to stand: anywhere on the disc of this radius about it, evenly.
     pub arrive_within: f64,
     /// How far it goes for one step of its step sensor.
     pub step_length: f64,
@@ -25,9 +23,18 @@ pub struct Gait {
     pub patience: Time,
 }
 
+impl Gait {
+    /// How far it stands off its stops, standard deviation of each axis; the mean is zero. Half the
+    /// radius of the disc, for points that lie evenly on it.
+    pub fn standing_sigma(&self) -> f64 {
+        self.arrive_within / 2.0
+    }
+}
+
 impl Default for Gait {
     /// The thesis's simulation (section 4.3, in Stage): 0.2 units a second every 100 ms, to within
-    /// 0.02 units. Steps of 0.1 units, ten minutes' patience.
+    /// 0.02 units. Steps of 0.1 units, ten minutes' patience. Where the thesis's robot stops as soon
+    /// as it is so near, always short of its goal, this one stands as far off on any side.
     fn default() -> Self {
         Self {
             speed: 0.2,
@@ -80,8 +87,8 @@ enum State {
     },
     Walking {
         next_tick: Time,
-        /// How much of the next tick it walks.
-        share: f64,
+        /// Where it will stand.
+        goal: Point2<f64>,
         /// Steps made on this leg.
         made: usize,
         of: usize,
@@ -95,8 +102,8 @@ enum State {
 /// A target's carrier: it walks straight from stop to stop, and stands at each until it is told to
 /// walk on. The first stop is where it begins.
 ///
-/// It leaves at a random moment between two ticks, so that it ends each leg anywhere within the last
-/// stride before its goal. Where it begins, it stands as if it had come from somewhere.
+/// It stands a little off every stop, the first one too, by an error of its own each time that is
+/// even on a disc (see [`Gait::arrive_within`]): there it goes, exactly.
 ///
 /// Like the emulator it has no clock: [`Walker::next_at`] says when [`Walker::advance`] has
 /// something to do.
@@ -115,12 +122,10 @@ pub struct Walker {
 impl Walker {
     /// It stands at the first of its stops from time 0 on. Without any it stands at the origin.
     pub fn new(gait: Gait, stops: Vec<Point2<f64>>, mut random: ChaCha8Rng) -> Self {
-        let short = gait.arrive_within * random.random_range(0.0..1.0);
-        let (sin, cos) = random.random_range(0.0..TAU).sin_cos();
         let first = stops.first().copied().unwrap_or_default();
         Self {
             gait,
-            place: first + Vector2::new(cos, sin) * short,
+            place: near(first, &gait, &mut random),
             stops,
             random,
             stop: 0,
@@ -186,32 +191,29 @@ impl Walker {
         }
     }
 
-    fn goal(&self) -> Point2<f64> {
-        self.stops[self.stop + 1]
-    }
-
-    /// From goal to goal.
+    /// From stop to stop.
     fn planned(&self) -> Vector2<f64> {
-        self.goal() - self.stops[self.stop]
+        self.stops[self.stop + 1] - self.stops[self.stop]
     }
 
     fn leave(&mut self, now: Time) {
         let steps = (self.planned().norm() / self.gait.step_length).ceil();
+        let goal = near(self.stops[self.stop + 1], &self.gait, &mut self.random);
         self.state = State::Walking {
             next_tick: now + self.gait.tick,
-            share: self.random.random_range(0.0..1.0),
+            goal,
             made: 0,
             of: steps.max(1.0) as usize,
             step_from: self.place,
-            length: (self.goal() - self.place).norm(),
+            length: (goal - self.place).norm(),
         };
     }
 
     fn walk(&mut self, now: Time, events: &mut Vec<(Time, Event)>) {
-        let (goal, planned, leg) = (self.goal(), self.planned(), self.stop);
+        let (planned, leg) = (self.planned(), self.stop);
         let State::Walking {
             next_tick,
-            share,
+            goal,
             made,
             of,
             step_from,
@@ -220,16 +222,17 @@ impl Walker {
         else {
             return;
         };
-        let stride = self.gait.speed * self.gait.tick as f64 / SECOND * *share;
-        *share = 1.0;
-        let to_goal = goal - self.place;
+        let stride = self.gait.speed * self.gait.tick as f64 / SECOND;
+        let to_goal = *goal - self.place;
         let distance = to_goal.norm();
-        if distance > self.gait.arrive_within {
-            self.place += to_goal * (stride / distance).min(1.0);
-        }
-        let left = (goal - self.place).norm();
-        let arrived = left <= self.gait.arrive_within;
-        let done = if arrived { 1.0 } else { 1.0 - left / *length };
+        let arrived = distance <= stride;
+        let done = if arrived {
+            self.place = *goal;
+            1.0
+        } else {
+            self.place += to_goal * (stride / distance);
+            1.0 - (distance - stride) / *length
+        };
         while *made < *of && (*made + 1) as f64 <= done * *of as f64 {
             let walked = self.place - *step_from;
             *step_from = self.place;
@@ -252,4 +255,9 @@ impl Walker {
             events.push((now, Event::Arrived { stop: self.stop }));
         }
     }
+}
+
+/// Where it comes to stand for a stop.
+fn near(stop: Point2<f64>, gait: &Gait, random: &mut ChaCha8Rng) -> Point2<f64> {
+    stop + Vector2::from(UnitDisc.sample(random)) * gait.arrive_within
 }

@@ -5,7 +5,7 @@ use std::collections::VecDeque;
 use calib_core::angle;
 use nalgebra::{Point2, Vector2};
 
-use super::super::{Node, RunRecord, next_stop::crosses};
+use super::super::{Node, RunRecord};
 
 /// What of the target's way a camera has in view.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -168,5 +168,24 @@ impl<'a> Floor<'a> {
             }
         }
         reached
+    }
+}
+
+/// Whether two segments cross.
+fn crosses(a: Point2<f64>, b: Point2<f64>, c: Point2<f64>, d: Point2<f64>) -> bool {
+    let side = |from: Point2<f64>, to: Point2<f64>, p: Point2<f64>| (to - from).perp(&(p - from));
+    side(a, b, c) * side(a, b, d) < 0.0 && side(c, d, a) * side(c, d, b) < 0.0
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn only_segments_that_meet_between_their_ends_cross() {
+        let p = Point2::new;
+        assert!(crosses(p(0.0, 0.0), p(2.0, 2.0), p(0.0, 2.0), p(2.0, 0.0)));
+        assert!(!crosses(p(0.0, 0.0), p(2.0, 2.0), p(3.0, 0.0), p(5.0, 9.0)));
+        assert!(!crosses(p(0.0, 0.0), p(1.0, 0.0), p(0.0, 1.0), p(1.0, 1.0)));
     }
 }
