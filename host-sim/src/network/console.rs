@@ -12,6 +12,7 @@ use embedded_io_async::Read;
 use node_firmware::{
     console::{Frames, ToPc},
     message::{Address, Hello, Report},
+    role::COORDINATOR,
 };
 
 use super::{journal::SharedJournal, node::Hardware};
@@ -24,6 +25,7 @@ pub(super) struct Console(Rc<Shared>);
 struct Shared {
     id: u16,
     port: RefCell<Option<Port>>,
+    pan: Cell<Option<u16>>,
     members: RefCell<BTreeMap<Address, Hello>>,
     reports: RefCell<BTreeMap<u16, Report>>,
     expected: usize,
@@ -62,6 +64,7 @@ impl Console {
         Self(Rc::new(Shared {
             id: coordinator.id(),
             port: RefCell::new(Some(coordinator.line.open(Side::Far))),
+            pan: Cell::default(),
             members: RefCell::default(),
             reports: RefCell::default(),
             expected,
@@ -93,6 +96,14 @@ impl Console {
         Some(self.0.members.borrow().get(&address)?.id)
     }
 
+    /// The network's PAN identifier, and every short address in it with the number of its node.
+    pub(super) fn addresses(&self) -> Option<(u16, Vec<(Address, u16)>)> {
+        let members = self.0.members.borrow();
+        let members = members.iter().map(|(address, hello)| (*address, hello.id));
+        let coordinator = (COORDINATOR.0, self.0.id);
+        Some((self.0.pan.get()?, members.chain([coordinator]).collect()))
+    }
+
     pub(super) async fn listen(self) {
         let Some(mut port) = self.0.port.take() else {
             return;
@@ -113,6 +124,7 @@ impl Console {
         let mut journal = shared.journal.borrow_mut();
         journal.note(shared.id, format_args!("to the PC: {message:?}"));
         match message {
+            ToPc::Network(Some(network)) => shared.pan.set(Some(network.pan)),
             ToPc::Member { address, hello } => {
                 let mut members = shared.members.borrow_mut();
                 members.insert(*address, *hello);

@@ -22,6 +22,7 @@
 
 mod camera;
 mod console;
+mod decryption;
 mod device;
 mod emulated;
 mod events;

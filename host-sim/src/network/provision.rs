@@ -31,6 +31,16 @@ pub(super) struct Configs {
     pub(super) targets: Vec<Config>,
 }
 
+/// The index of the simulation's key.
+pub(super) const KEY_INDEX: u8 = 1;
+
+/// The simulation's own site key, drawn from its seed: no key of anybody's site.
+pub(super) fn secret(root: Root) -> [u8; 16] {
+    let mut secret = [0; 16];
+    root.stream("site key", 0).fill_bytes(&mut secret);
+    secret
+}
+
 /// Of all networks. All have the same site key.
 ///
 /// # Errors
@@ -40,9 +50,7 @@ pub(super) fn all(
     site: &Site,
     root: Root,
 ) -> Result<Vec<Configs>, ScenarioError> {
-    let mut secret = [0; 16];
-    root.stream("site key", 0).fill_bytes(&mut secret);
-    let key = SiteKey::new(1, secret);
+    let key = SiteKey::new(KEY_INDEX, secret(root));
     let networks = (0..).zip(&site.networks);
     networks
         .map(|(number, network)| {
