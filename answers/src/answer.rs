@@ -1,6 +1,6 @@
 //! One answer for every recorded case, whatever is wrong with it.
 
-use calib_core::{Refusal, Sighting, resection};
+use calib_core::{Refusal, resection};
 use indexmap::IndexMap;
 
 use crate::record::summary::Fit;
@@ -97,11 +97,10 @@ pub struct Answer<'a> {
     pub dropped: usize,
 }
 
-/// Solves cases, keeping its buffers from one to the next.
+/// Solves cases, keeping its buffer from one to the next.
 #[derive(Debug, Default)]
 pub struct Solver {
     settings: Settings,
-    sightings: Vec<Sighting<f64>>,
     dropped: Vec<bool>,
 }
 
@@ -114,31 +113,29 @@ impl Solver {
         }
     }
 
-    /// Solves one case.
-    pub fn answer<'a>(&mut self, case: &Case<'a>) -> Answer<'a> {
+    /// Solves the case of this name.
+    pub fn answer<'a>(&mut self, id: &'a str, case: &Case) -> Answer<'a> {
         let (status, solution) = self.solve(case);
-        let dropped = solution.map_or(0, |s| self.sightings.len().saturating_sub(s.used));
+        let dropped = solution.map_or(0, |s| case.sightings.len().saturating_sub(s.used));
         Answer {
-            case: case.id(),
+            case: id,
             status,
             solution,
-            sightings: case.rows(),
+            sightings: case.sightings.len() + case.unreadable,
             dropped,
         }
     }
 
-    fn solve(&mut self, case: &Case<'_>) -> (Status, Option<resection::Solution<f64>>) {
-        if !case.is_readable() {
+    fn solve(&mut self, case: &Case) -> (Status, Option<resection::Solution<f64>>) {
+        if case.unreadable > 0 {
             return (Status::Unreadable, None);
         }
-        self.sightings.clear();
-        self.sightings.extend(case.sightings());
         let solved = match self.settings.reject {
             Some(gate) => {
-                self.dropped.resize(self.sightings.len(), false);
-                resection::solve_rejecting(&self.sightings, gate, &mut self.dropped)
+                self.dropped.resize(case.sightings.len(), false);
+                resection::solve_rejecting(&case.sightings, gate, &mut self.dropped)
             }
-            None => resection::solve(&self.sightings),
+            None => resection::solve(&case.sightings),
         };
         let within = |sigma: f64| self.settings.max_sigma.is_none_or(|limit| sigma <= limit);
         match solved {

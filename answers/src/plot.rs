@@ -4,43 +4,42 @@
 use std::collections::HashSet;
 
 use calib_core::Pose;
-use nalgebra::{Point2, Rotation2, Vector2};
-use plotters::prelude::*;
+use nalgebra::Point2;
 
-use frame::{
-    ARROW, CAMERA, Drawn, Entry, Root, TARGET, UNCERTAIN, draw_arrow, draw_head, draw_name,
-    draw_outline, ellipse, map_plane, to_pair,
-};
+use cameras::{ARROW, Worth, behind, draw_estimate};
+use canvas::{Entry, TARGET, dot, text};
+use labels::Labels;
 use view::View;
 
-mod even_sample;
-mod fine;
-mod frame;
+use crate::answer::Status;
+
+mod cameras;
+mod canvas;
 mod labels;
 mod panels;
 mod run;
+mod seen;
 mod sweep;
 mod view;
 
-pub use even_sample::EvenSample;
 pub use run::{errors, map, residuals};
 pub use sweep::sweep;
 
-/// Cameras beyond this number hide each other.
+/// Cameras beyond this number hide each other: who has more chooses some.
 pub const MOST_CAMERAS: usize = 500;
 
-/// Of more cameras than this, names would hide more than they tell.
-const MOST_NAMES: usize = 40;
+/// Up to so many cameras all have their names on a map; of more, those for whose names there is room.
+const ALL_NAMED: usize = 40;
 
 /// A camera on the map.
 #[derive(Clone, Debug)]
 pub struct MapCamera {
-    /// Printed beside it, if there are only a few.
+    /// Printed beside it, if there is room.
     pub name: String,
     /// Where, and how sure.
     pub pose: Pose<f64>,
-    /// Drawn in the weaker colour if not: uncertain, or contradictory.
-    pub is_certain: bool,
+    /// What the pose is worth: tells colour and shape.
+    pub status: Status,
 }
 
 /// What to draw.
@@ -56,16 +55,13 @@ pub struct Map {
     pub targets: Vec<Point2<f64>>,
 }
 
-/// Why there is no map.
+/// Why there is no drawing.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[non_exhaustive]
 pub enum PlotError {
     /// The places are too far apart for numbers, or too close to each other for their size.
     #[error("the places to draw span too much, or too little, to be drawn on one map")]
     Span,
-    /// The drawing library failed.
-    #[error("drawing failed: {0}")]
-    Drawing(String),
 }
 
 /// Draws the map. Cameras far outside of where nearly all of the others and the targets are
@@ -82,83 +78,65 @@ pub fn svg(map: &Map) -> Result<String, PlotError> {
     let inside = map.cameras.iter();
     let mut cameras: Vec<_> = inside
         .filter(|camera| view.contains(camera.pose.position, ARROW))
+        .map(|camera| (Worth::of_answer(camera.status), camera))
         .collect();
-    // The certain ones on top.
-    cameras.sort_by_key(|camera| camera.is_certain);
-    let size = frame::map_size(&view);
-    let drawing = Drawing {
-        map,
-        cameras,
-        targets,
-        view,
-    };
-    frame::drawing(size, |root| drawing.draw(root))
-}
+    // The best ones on top.
+    cameras.sort_by_key(|(worth, _)| std::cmp::Reverse(*worth));
 
-/// What is on the map in the end.
-struct Drawing<'a> {
-    map: &'a Map,
-    cameras: Vec<&'a MapCamera>,
-    targets: Vec<Point2<f64>>,
-    view: View,
-}
-
-impl Drawing<'_> {
-    fn draw(&self, root: &Root<'_>) -> Drawn {
-        let view = &self.view;
-        draw_head(root, &self.map.title, &self.legend())?;
-        let plane = map_plane(root, view, &self.map.unit)?;
-        for camera in &self.cameras {
-            let inside = if camera.is_certain { 0.1 } else { 0.05 };
-            let outline = ellipse(&camera.pose, 1.0);
-            draw_outline(&plane, view, outline, camera.colour(), [inside, 0.5])?;
-        }
-        for &target in &self.targets {
-            plane.draw(&Circle::new(to_pair(target), 5, TARGET.filled()))?;
-        }
-        for camera in &self.cameras {
-            let (pose, colour) = (&camera.pose, camera.colour());
-            draw_arrow(&plane, pose, view, colour)?;
-            plane.draw(&Circle::new(to_pair(pose.position), 3, colour.filled()))?;
-            if self.cameras.len() <= MOST_NAMES {
-                // Behind the camera, where its arrow is not.
-                let behind = Rotation2::new(pose.heading) * Vector2::new(-13.0, 0.0);
-                draw_name(&plane, &camera.name, pose.position + behind / view.scale)?;
-            }
-        }
-        Ok(())
+    let outside = map.cameras.len() - cameras.len();
+    let mut legend = count(&cameras.iter().map(|(worth, _)| *worth));
+    legend.push(Entry::remark("arrow: heading, ellipse: 95 %"));
+    if !targets.is_empty() {
+        legend.push(Entry::dot(format!("{} targets", targets.len()), TARGET));
     }
-
-    fn legend(&self) -> Vec<Entry> {
-        let (certain, uncertain): (Vec<&MapCamera>, Vec<&MapCamera>) =
-            self.cameras.iter().partition(|camera| camera.is_certain);
-        let outside = self.map.cameras.len() - self.cameras.len();
-        let entries = [
-            (
-                certain.len(),
-                "cameras, heading, 95 % ellipse",
-                Some(CAMERA),
-            ),
-            (
-                uncertain.len(),
-                "uncertain or contradictory",
-                Some(UNCERTAIN),
-            ),
-            (self.targets.len(), "targets", Some(TARGET)),
-            (outside, "far outside", None),
-        ];
-        let entries = entries.into_iter().filter(|(count, ..)| *count > 0);
-        entries
-            .map(|(count, name, colour)| Entry {
-                text: format!("{count} {name}"),
-                colour,
-            })
-            .collect()
+    if outside > 0 {
+        legend.push(Entry::remark(format!("{outside} far outside")));
     }
+    let (canvas, mut plane) = view.map(&map.title, &legend, &map.unit)?;
+    let is_large = cameras.len() > ALL_NAMED;
+    let mut labels = Labels::default();
+    for &target in &targets {
+        let at = plane.place(target);
+        labels.keep_clear(at, 5.0);
+        plane.add(dot(at, 4.0, TARGET));
+    }
+    for (worth, camera) in &cameras {
+        keep_clear(
+            &mut labels,
+            plane.place(camera.pose.position),
+            camera.pose.heading,
+        );
+        draw_estimate(&mut plane, &camera.pose, view.scale, *worth, is_large);
+    }
+    for (_, camera) in &cameras {
+        let (at, letters) = (
+            plane.place(camera.pose.position),
+            camera.name.chars().count(),
+        );
+        let (favourite, must) = (behind(camera.pose.heading), !is_large);
+        if let Some(place) = labels.place(letters, 13.0, at, favourite, must) {
+            plane.add(text(&camera.name, place, 13.0));
+        }
+    }
+    Ok(canvas.finish([plane]))
 }
 
-impl MapCamera {
-    fn colour(&self) -> RGBColor {
-        if self.is_certain { CAMERA } else { UNCERTAIN }
+/// Entries of a legend: how many cameras are worth what.
+fn count(cameras: &(impl Iterator<Item = Worth> + Clone)) -> Vec<Entry> {
+    let counts = Worth::ALL.into_iter().map(|worth| {
+        let count = cameras.clone().filter(|other| *other == worth).count();
+        (worth, count)
+    });
+    let some = counts.filter(|(_, count)| *count > 0);
+    some.map(|(worth, count)| worth.entry(count)).collect()
+}
+
+/// Nothing should be written over a camera and its arrow.
+fn keep_clear(labels: &mut Labels, at: Point2<f64>, heading: f64) {
+    labels.keep_clear(at, 6.0);
+    let (sin, cos) = heading.sin_cos();
+    for along in [0.4, 0.8] {
+        let arrow = nalgebra::Vector2::new(cos, -sin) * ARROW * along;
+        labels.keep_clear(at + arrow, 5.0);
     }
 }

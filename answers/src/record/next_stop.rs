@@ -15,7 +15,7 @@ use calib_core::{Pose, angle};
 use nalgebra::{Matrix3, Point2, Vector3};
 
 use super::{Limits, Node, RunRecord, View, verdict::NextStop};
-use crate::recorded::sightings::USUAL_BEARING_SIGMA;
+use crate::recorded::USUAL_BEARING_SIGMA;
 
 /// Places along the optical axis, in parts of the range.
 const RANGES: [f64; 4] = [0.3, 0.5, 0.7, 0.9];
