@@ -36,10 +36,10 @@ fn the_camera_model_makes_the_difference() {
         .unwrap();
         let mut solver = Solver::new(Settings::default());
         let (mut comparisons, mut chi_squared, mut freedom) = (Comparisons::default(), 0.0, 0);
-        for (case, truth) in recording.cases().zip(&truths) {
-            let answer = solver.answer(&case);
+        for ((id, case), truth) in recording.cases().zip(&truths) {
+            let answer = solver.answer(id, case);
             // Of the wrong model, doubtful.
-            assert!(is_kept(answer.status), "node {}", case.id());
+            assert!(is_kept(answer.status), "node {id}");
             let solution = answer.solution.unwrap();
             comparisons.add(&solution.pose, truth.as_ref());
             chi_squared += solution.chi_squared;

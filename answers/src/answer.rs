@@ -1,6 +1,6 @@
 //! One answer for every recorded case, whatever is wrong with it.
 
-use calib_core::{Limits, Refusal, Sighting, Status, resection};
+use calib_core::{Limits, Refusal, Status, resection};
 use indexmap::IndexMap;
 
 use crate::recorded::sightings::Case;
@@ -82,11 +82,10 @@ pub struct Answer<'a> {
     pub dropped: usize,
 }
 
-/// Solves cases, keeping its buffers from one to the next.
+/// Solves cases, keeping its buffer from one to the next.
 #[derive(Debug, Default)]
 pub struct Solver {
     settings: Settings,
-    sightings: Vec<Sighting<f64>>,
     dropped: Vec<bool>,
 }
 
@@ -99,8 +98,8 @@ impl Solver {
         }
     }
 
-    /// Solves one case.
-    pub fn answer<'a>(&mut self, case: &Case<'a>) -> Answer<'a> {
+    /// Solves the case of this name.
+    pub fn answer<'a>(&mut self, id: &'a str, case: &Case) -> Answer<'a> {
         let solved = self.solve(case);
         let solution = solved.ok();
         let reason = solved.err();
@@ -112,29 +111,27 @@ impl Solver {
             Ok(solution) => Status::of(&solution.pose, &solution.fit(), &limits),
             Err(reason) => reason.status(),
         };
-        let dropped = solution.map_or(0, |s| self.sightings.len().saturating_sub(s.used));
+        let dropped = solution.map_or(0, |s| case.sightings.len().saturating_sub(s.used));
         Answer {
-            case: case.id(),
+            case: id,
             status,
             reason,
             solution,
-            sightings: case.rows(),
+            sightings: case.sightings.len() + case.unreadable,
             dropped,
         }
     }
 
-    fn solve(&mut self, case: &Case<'_>) -> Result<resection::Solution<f64>, Reason> {
-        if !case.is_readable() {
+    fn solve(&mut self, case: &Case) -> Result<resection::Solution<f64>, Reason> {
+        if case.unreadable > 0 {
             return Err(Reason::Unreadable);
         }
-        self.sightings.clear();
-        self.sightings.extend(case.sightings());
         let solved = match self.settings.reject {
             Some(gate) => {
-                self.dropped.resize(self.sightings.len(), false);
-                resection::solve_rejecting(&self.sightings, gate, &mut self.dropped)
+                self.dropped.resize(case.sightings.len(), false);
+                resection::solve_rejecting(&case.sightings, gate, &mut self.dropped)
             }
-            None => resection::solve(&self.sightings),
+            None => resection::solve(&case.sightings),
         };
         solved.map_err(Reason::Refusal)
     }

@@ -4,44 +4,39 @@
 use std::collections::HashSet;
 
 use calib_core::{Pose, Status};
-use nalgebra::{Point2, Rotation2, Vector2};
-use plotters::prelude::*;
+use nalgebra::Point2;
 
-use frame::{
-    ARROW, Drawn, Entry, Root, TARGET, draw_arrow, draw_head, draw_name, draw_outline, ellipse,
-    map_plane, to_pair,
-};
-use style::{draw_mark, style};
+use cameras::{ARROW, Worth, behind, draw_estimate};
+use canvas::{Entry, TARGET, dot, text};
+use labels::Labels;
 use view::View;
 
-mod even_sample;
-mod fine;
-mod frame;
+mod cameras;
+mod canvas;
 mod labels;
 mod panels;
 mod run;
-mod style;
+mod seen;
 mod sweep;
 mod view;
 
-pub use even_sample::EvenSample;
 pub use run::{errors, map, residuals};
 pub use sweep::sweep;
 
-/// Cameras beyond this number hide each other.
+/// Cameras beyond this number hide each other: who has more chooses some.
 pub const MOST_CAMERAS: usize = 500;
 
-/// Of more cameras than this, names would hide more than they tell.
-const MOST_NAMES: usize = 40;
+/// Up to so many cameras all have their names on a map; of more, those for whose names there is room.
+const ALL_NAMED: usize = 40;
 
 /// A camera on the map.
 #[derive(Clone, Debug)]
 pub struct MapCamera {
-    /// Printed beside it, if there are only a few.
+    /// Printed beside it, if there is room.
     pub name: String,
     /// Where, and how sure.
     pub pose: Pose<f64>,
-    /// What the pose is worth: it has a colour and a shape.
+    /// What the pose is worth: tells colour and shape.
     pub status: Status,
 }
 
@@ -58,16 +53,13 @@ pub struct Map {
     pub targets: Vec<Point2<f64>>,
 }
 
-/// Why there is no map.
+/// Why there is no drawing.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[non_exhaustive]
 pub enum PlotError {
     /// The places are too far apart for numbers, or too close to each other for their size.
     #[error("the places to draw span too much, or too little, to be drawn on one map")]
     Span,
-    /// The drawing library failed.
-    #[error("drawing failed: {0}")]
-    Drawing(String),
 }
 
 /// Draws the map. Cameras far outside of where nearly all of the others and the targets are
@@ -84,88 +76,65 @@ pub fn svg(map: &Map) -> Result<String, PlotError> {
     let inside = map.cameras.iter();
     let mut cameras: Vec<_> = inside
         .filter(|camera| view.contains(camera.pose.position, ARROW))
+        .map(|camera| (Worth::from(camera.status), camera))
         .collect();
-    // The certain ones on top.
-    cameras.sort_by_key(|camera| camera.is_calibrated());
-    let size = frame::map_size(&view);
-    let drawing = Drawing {
-        map,
-        cameras,
-        targets,
-        view,
-    };
-    frame::drawing(size, |root| drawing.draw(root))
+    // The best ones on top.
+    cameras.sort_by_key(|(worth, _)| std::cmp::Reverse(*worth));
+
+    let outside = map.cameras.len() - cameras.len();
+    let mut legend = count(&cameras.iter().map(|(worth, _)| *worth));
+    legend.push(Entry::remark("arrow: heading, ellipse: 95 %"));
+    if !targets.is_empty() {
+        legend.push(Entry::dot(format!("{} targets", targets.len()), TARGET));
+    }
+    if outside > 0 {
+        legend.push(Entry::remark(format!("{outside} far outside")));
+    }
+    let (canvas, mut plane) = view.map(&map.title, &legend, &map.unit)?;
+    let is_large = cameras.len() > ALL_NAMED;
+    let mut labels = Labels::default();
+    for &target in &targets {
+        let at = plane.place(target);
+        labels.keep_clear(at, 5.0);
+        plane.add(dot(at, 4.0, TARGET));
+    }
+    for (worth, camera) in &cameras {
+        keep_clear(
+            &mut labels,
+            plane.place(camera.pose.position),
+            camera.pose.heading,
+        );
+        draw_estimate(&mut plane, &camera.pose, view.scale, *worth, is_large);
+    }
+    for (_, camera) in &cameras {
+        let (at, letters) = (
+            plane.place(camera.pose.position),
+            camera.name.chars().count(),
+        );
+        let (favourite, must) = (behind(camera.pose.heading), !is_large);
+        if let Some(place) = labels.place(letters, 13.0, at, favourite, must) {
+            plane.add(text(&camera.name, place, 13.0));
+        }
+    }
+    Ok(canvas.finish([plane]))
 }
 
-/// What is on the map in the end.
-struct Drawing<'a> {
-    map: &'a Map,
-    cameras: Vec<&'a MapCamera>,
-    targets: Vec<Point2<f64>>,
-    view: View,
+/// Entries of a legend: how many cameras are worth what.
+fn count(cameras: &(impl Iterator<Item = Worth> + Clone)) -> Vec<Entry> {
+    let counts = Worth::ALL.into_iter().map(|worth| {
+        let count = cameras.clone().filter(|other| *other == worth).count();
+        (worth, count)
+    });
+    let some = counts.filter(|(_, count)| *count > 0);
+    some.map(|(worth, count)| worth.entry(count)).collect()
 }
 
-impl Drawing<'_> {
-    fn draw(&self, root: &Root<'_>) -> Drawn {
-        let view = &self.view;
-        draw_head(root, &self.map.title, &self.legend())?;
-        let plane = map_plane(root, view, &self.map.unit)?;
-        for camera in &self.cameras {
-            let inside = if camera.is_calibrated() { 0.1 } else { 0.05 };
-            let outline = ellipse(&camera.pose, 1.0);
-            draw_outline(&plane, view, outline, camera.colour(), [inside, 0.5])?;
-        }
-        for &target in &self.targets {
-            plane.draw(&Circle::new(to_pair(target), 5, TARGET.filled()))?;
-        }
-        for camera in &self.cameras {
-            let (pose, colour) = (&camera.pose, camera.colour());
-            draw_arrow(&plane, pose, view, colour)?;
-            draw_mark(&plane, to_pair(pose.position), style(camera.status))?;
-            if self.cameras.len() <= MOST_NAMES {
-                // Behind the camera, where its arrow is not.
-                let behind = Rotation2::new(pose.heading) * Vector2::new(-13.0, 0.0);
-                draw_name(&plane, &camera.name, pose.position + behind / view.scale)?;
-            }
-        }
-        Ok(())
-    }
-
-    fn legend(&self) -> Vec<Entry> {
-        let outside = self.map.cameras.len() - self.cameras.len();
-        let of = |status| self.cameras.iter().filter(|c| c.status == status).count();
-        let colour = |status| Some(style(status).colour);
-        let entries = [
-            (
-                of(Status::Calibrated),
-                "calibrated, heading, 95 % ellipse",
-                colour(Status::Calibrated),
-            ),
-            (of(Status::Weak), "weak (ring)", colour(Status::Weak)),
-            (
-                of(Status::Doubtful),
-                "doubtful (triangle)",
-                colour(Status::Doubtful),
-            ),
-            (self.targets.len(), "targets", Some(TARGET)),
-            (outside, "far outside", None),
-        ];
-        let entries = entries.into_iter().filter(|(count, ..)| *count > 0);
-        entries
-            .map(|(count, name, colour)| Entry {
-                text: format!("{count} {name}"),
-                colour,
-            })
-            .collect()
-    }
-}
-
-impl MapCamera {
-    fn is_calibrated(&self) -> bool {
-        self.status == Status::Calibrated
-    }
-
-    fn colour(&self) -> RGBColor {
-        style(self.status).colour
+/// Nothing should be written over a camera and its arrow.
+fn keep_clear(labels: &mut Labels, at: Point2<f64>, heading: f64) {
+    labels.keep_clear(at, 6.0);
+    let (sin, cos) = heading.sin_cos();
+    for along in [0.4, 0.8] {
+        let arrow = nalgebra::Vector2::new(cos, -sin) * ARROW * along;
+        labels.keep_clear(at + arrow, 5.0);
     }
 }

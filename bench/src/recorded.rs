@@ -244,8 +244,8 @@ impl Set {
             max_sigma,
         });
         let (mut comparisons, mut kept) = (Comparisons::default(), 0.0);
-        for (case, truth) in self.recording.cases().zip(&self.truths) {
-            let answer = solver.answer(&case);
+        for ((id, case), truth) in self.recording.cases().zip(&self.truths) {
+            let answer = solver.answer(id, case);
             if let (true, Some(solution)) = (is_kept(answer.status), answer.solution) {
                 comparisons.add(&solution.pose, truth.as_ref());
                 kept += 1.0;
@@ -258,9 +258,8 @@ impl Set {
     /// Medians of the errors in place and heading (degrees) of the algebraic method.
     fn algebraic(&self) -> (f64, f64) {
         let (mut places, mut headings) = (Vec::new(), Vec::new());
-        for (case, truth) in self.recording.cases().zip(&self.truths) {
-            let sightings: Vec<_> = case.sightings().collect();
-            if let (Some((place, heading)), Some(truth)) = (algebraic(&sightings), truth) {
+        for ((_, case), truth) in self.recording.cases().zip(&self.truths) {
+            if let (Some((place, heading)), Some(truth)) = (algebraic(&case.sightings), truth) {
                 places.push((place - truth.position).norm());
                 let turned = angle::wrap_signed(heading - truth.heading);
                 headings.push(turned.abs().to_degrees());

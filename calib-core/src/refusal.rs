@@ -69,10 +69,10 @@ impl fmt::Display for Refusal {
                 "these stops leave something undetermined: stop the target elsewhere too"
             }
             Self::TargetBehind => {
-                "the only pose that fits has a target behind the camera: a sighting is wrong"
+                "the only pose that fits has a target behind the camera: take the wrong sighting out"
             }
-            Self::NotFinite => "a number is not finite, a ray is zero or a sigma is not above zero",
-            Self::DidNotConverge => "the iteration found no minimum: check the sightings",
+            Self::NotFinite => "a number is not finite, a ray is zero or a sigma is not above zero: correct it",
+            Self::DidNotConverge => "no pose fits these sightings well enough to settle on: stop the target elsewhere too",
             Self::Inconsistent => {
                 "the sightings contradict each other: stop the target at more places"
             }

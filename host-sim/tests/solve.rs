@@ -36,11 +36,8 @@ fn statuses(json: &str) -> Vec<(String, String)> {
     lines(json)
         .iter()
         .map(|line| {
-            let case = line["case"].as_str().map(str::to_owned);
-            (
-                case.unwrap_or_else(|| line["case"].to_string()),
-                line["status"].as_str().unwrap().to_owned(),
-            )
+            let text = |name: &str| line[name].as_str().unwrap().to_owned();
+            (text("case"), text("status"))
         })
         .collect()
 }
@@ -78,26 +75,72 @@ fn json_has_these_keys_in_this_order() {
     assert!(places.iter().all(Option::is_some) && places.is_sorted());
     let answer = &lines(first)[0];
     assert_eq!(answer.as_object().unwrap().len(), keys.len());
-    assert_eq!(answer["case"], json!(7));
+    assert_eq!(answer["case"], json!("7"));
     assert_near(&answer["x"], 1.0, 1e-9);
     assert_near(&answer["y"], 2.0, 1e-9);
     assert_near(&answer["heading_rad"], 30_f64.to_radians(), 1e-9);
     assert_eq!(
         second.trim_end(),
-        "{\"case\":8,\"status\":\"waiting\",\"reason\":\"too_few\",\"x\":null,\"y\":null,\"heading_rad\":null,\
+        "{\"case\":\"8\",\"status\":\"waiting\",\"reason\":\"too_few\",\"x\":null,\"y\":null,\"heading_rad\":null,\
          \"sigma_x\":null,\"sigma_y\":null,\"sigma_heading_rad\":null,\"sightings\":1,\"dropped\":0,\
          \"chi_squared\":null}"
     );
 }
 
 #[test]
-fn one_name_that_is_no_number_makes_all_names_text() {
-    let input = format!("{HEADER}{}{}", rows("7"), rows("08"));
+fn names_of_cases_are_text_whatever_the_others_are() {
+    let input = format!("{HEADER}{}{}{}", rows("7"), rows("08"), rows("hall"));
     let done = run_with_input(&["solve", "-", "--json"], &input);
     let answers = lines(&done.stdout);
     assert_eq!(
-        [&answers[0]["case"], &answers[1]["case"]],
-        [&json!("7"), &json!("08")]
+        [0, 1, 2].map(|place| &answers[place]["case"]),
+        [&json!("7"), &json!("08"), &json!("hall")]
+    );
+}
+
+/// Three sightings always fit, so nothing but the size of the numbers tells degrees from radians.
+#[test]
+fn degrees_are_not_taken_for_radians() {
+    let in_degrees = |name: &str| {
+        let header = HEADER.replace("bearing_rad", name);
+        let rows = rows("7");
+        let rows = rows.lines().map(|row| {
+            let (before, bearing) = row.rsplit_once(',').unwrap();
+            format!(
+                "{before},{}\n",
+                bearing.parse::<f64>().unwrap().to_degrees()
+            )
+        });
+        format!("{header}{}", rows.collect::<String>())
+    };
+    let wrong = run_with_input(&["solve", "-"], &in_degrees("bearing_rad"));
+    assert_eq!((wrong.code, &*wrong.stdout), (2, ""));
+    assert!(
+        wrong.stderr.contains("call the column `bearing_deg`"),
+        "{}",
+        wrong.stderr
+    );
+    let right = run_with_input(&["solve", "-", "--json"], &in_degrees("bearing_deg"));
+    assert_eq!(right.code, 0, "{}", right.stderr);
+    let answer = &lines(&right.stdout)[0];
+    assert_near(&answer["x"], 1.0, 1e-9);
+    assert_near(&answer["heading_rad"], 30_f64.to_radians(), 1e-9);
+    // One bad bearing among many spoils its own case only.
+    let many: String = (0..10).map(|case| rows(&case.to_string())).collect();
+    let one = run_with_input(
+        &["solve", "-", "--json"],
+        &format!("{HEADER}{many}3,1,1,45\n"),
+    );
+    assert_eq!(one.code, 0);
+    let unreadable = statuses(&one.stdout)
+        .into_iter()
+        .filter(|(_, status)| status == "unreadable");
+    let unreadable: Vec<_> = unreadable.map(|(case, _)| case).collect();
+    assert_eq!(unreadable, ["3"]);
+    assert!(
+        one.stderr.contains("more than a whole turn"),
+        "{}",
+        one.stderr
     );
 }
 
@@ -189,7 +232,7 @@ fn a_file_that_cannot_be_used_says_what_is_needed() {
         ("case;target_x;target_y\n1;2;3\n", "separated by commas"),
         (
             "case,target_x,target_y\n1,2,3\n",
-            "no column `bearing_rad` or `column`",
+            "no column `bearing_rad`, `bearing_deg` or `column`",
         ),
         ("case,target_x,target_y,column\n1,2,3,4\n", "--fov-deg"),
         (
@@ -507,9 +550,9 @@ fn the_map_is_well_formed_and_shows_every_camera() {
     }
     let finite = svg.descendants().flat_map(|node| node.attributes());
     assert!(!finite.into_iter().any(|a| a.value().contains("NaN")));
-    // Two outlines and an arrow head for each of the 363 poses.
-    let outlines = svg.descendants().filter(|n| n.has_tag_name("polygon"));
-    assert!(outlines.count() > 2 * 300);
+    // One for each of the 363 poses, but those far outside.
+    let ellipses = svg.descendants().filter(|n| n.has_tag_name("ellipse"));
+    assert!(ellipses.count() > 300);
 }
 
 /// Most of a map's cameras are left out, and it says so.

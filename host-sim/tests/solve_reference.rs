@@ -220,7 +220,7 @@ fn bad_input_names_its_line_and_exits_with_two() {
         (header.to_owned(), "no rows"),
         (
             "stop,dx,dy\n1,2,3\n".to_owned(),
-            "`bearing_0_rad` or `column_0`",
+            "`bearing_0_rad`, `bearing_0_deg` or `column_0`",
         ),
         (
             "stop,column_0,column_1,dx,dy\n1,2,3,4,5\n".to_owned(),

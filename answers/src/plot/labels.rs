@@ -1,58 +1,77 @@
 //! Names beside things, so that they hide each other as little as may be.
 
+use std::collections::HashMap;
+
 use nalgebra::{Point2, Vector2};
 
-/// About what a letter takes, in pixels, at the size of names.
-const LETTER: f64 = 8.0;
-const HEIGHT: f64 = 14.0;
 /// Directions that are tried.
 const DIRECTIONS: u8 = 16;
+/// What is taken is looked up in squares of this size, pixels.
+const SQUARE: f64 = 64.0;
 
-/// What is taken, in pixels: boxes by their middle and half size.
+/// A box by its middle and half size, pixels.
+type Taken = (Point2<f64>, Vector2<f64>);
+
+/// What is taken, by the squares that it touches.
 #[derive(Default)]
-pub(super) struct Labels {
-    taken: Vec<(Point2<f64>, Vector2<f64>)>,
-}
+pub(super) struct Labels(HashMap<(i64, i64), Vec<Taken>>);
 
 impl Labels {
     /// Nothing should be written over this.
     pub(super) fn keep_clear(&mut self, middle: Point2<f64>, half: f64) {
-        self.taken.push((middle, Vector2::repeat(half)));
+        self.take((middle, Vector2::repeat(half)));
     }
 
-    /// Where to write a name beside a thing, as near to a favourite direction as it is free.
+    fn take(&mut self, taken: Taken) {
+        for square in squares(taken) {
+            self.0.entry(square).or_default().push(taken);
+        }
+    }
+
+    /// How much of a box is taken, about: what touches two squares counts in both.
+    fn covered(&self, wanted: Taken) -> f64 {
+        let near = squares(wanted).filter_map(|square| self.0.get(&square));
+        near.flatten().map(|taken| overlap(wanted, *taken)).sum()
+    }
+
+    /// Where to write a name of some letters, `size` pixels high, beside a thing: as near to a
+    /// favourite direction as it is free. Where nothing is, nowhere, or if it `must` be written,
+    /// where it hides least.
     pub(super) fn place(
         &mut self,
-        name: &str,
+        letters: usize,
+        size: f64,
         thing: Point2<f64>,
-        distance: f64,
         favourite: f64,
-    ) -> Point2<f64> {
-        let half = Vector2::new(name.chars().count() as f64 * LETTER, HEIGHT) / 2.0;
+        must: bool,
+    ) -> Option<Point2<f64>> {
+        let half = Vector2::new(0.62 * letters as f64, 1.0) * size / 2.0;
         let options = (0..DIRECTIONS).flat_map(|k| {
             let turn = f64::from(k) * std::f64::consts::TAU / f64::from(DIRECTIONS);
             let (sin, cos) = (favourite + turn).sin_cos();
-            // A little cost for every bit farther off the favourite place.
-            let cost = 1.0 - turn.cos();
             [1.0, 1.6].map(|times| {
-                let middle = thing + Vector2::new(cos, sin) * distance * times;
-                (middle, 4.0 * (cost + times))
+                let middle = thing + Vector2::new(cos, sin) * (size * 0.75 + 4.0) * times;
+                let covered = self.covered((middle, half));
+                // A little cost for every bit farther off the favourite place.
+                (covered + 4.0 * (1.0 - turn.cos() + times), covered, middle)
             })
         });
-        let mut best = (f64::INFINITY, thing);
-        for (middle, cost) in options {
-            let covered: f64 = self.taken.iter().map(|b| overlap((middle, half), *b)).sum();
-            if covered + cost < best.0 {
-                best = (covered + cost, middle);
-            }
-        }
-        self.taken.push((best.1, half));
-        best.1
+        let (_, covered, middle) = options.min_by(|a, b| a.0.total_cmp(&b.0))?;
+        (must || covered < 1.0).then(|| {
+            self.take((middle, half));
+            middle
+        })
     }
 }
 
+fn squares((middle, half): Taken) -> impl Iterator<Item = (i64, i64)> {
+    let square = |corner: Point2<f64>| corner.coords.map(|v| (v / SQUARE).floor() as i64);
+    let (low, high) = (square(middle - half), square(middle + half));
+    (low.x..=high.x).flat_map(move |x| (low.y..=high.y).map(move |y| (x, y)))
+}
+
 /// The area that two boxes share.
-fn overlap(a: (Point2<f64>, Vector2<f64>), b: (Point2<f64>, Vector2<f64>)) -> f64 {
+fn overlap(a: Taken, b: Taken) -> f64 {
     let gap = (a.0 - b.0).abs();
     let shared = (a.1 + b.1 - gap).inf(&(a.1.inf(&b.1) * 2.0));
     shared.x.max(0.0) * shared.y.max(0.0)
@@ -65,11 +84,14 @@ mod tests {
     #[test]
     fn a_name_takes_its_favourite_place_until_that_is_taken() {
         let mut labels = Labels::default();
-        let thing = Point2::new(100.0, 100.0);
-        let first = labels.place("12", thing, 15.0, 0.0);
-        assert!((first - Point2::new(115.0, 100.0)).norm() < 1e-9);
-        let second = labels.place("13", thing, 15.0, 0.0);
-        let half = Vector2::new(LETTER, HEIGHT / 2.0);
-        assert!(overlap((first, half), (second, half)) < 8.0);
+        let thing = Point2::new(60.0, 60.0);
+        let mut place = |must| labels.place(2, 12.0, thing, 0.0, must);
+        let first = place(false).unwrap();
+        assert!((first - Point2::new(73.0, 60.0)).norm() < 1e-9);
+        let second = place(false).unwrap();
+        assert!((second - first).amax() > 12.0);
+        labels.keep_clear(thing, 60.0);
+        assert_eq!(labels.place(2, 12.0, thing, 0.0, false), None);
+        assert!(labels.place(2, 12.0, thing, 0.0, true).is_some());
     }
 }

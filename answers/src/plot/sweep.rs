@@ -1,11 +1,9 @@
 //! Errors over many runs.
 
-use plotters::prelude::*;
-
 use super::{
     PlotError,
-    frame::{self, CAMERA, Drawn, Entry, INK, Plane, TARGET, draw_head},
-    panels::{Panels, bar},
+    canvas::{CAMERA, Entry, INK, Plane, TARGET, bar, line},
+    panels::Panels,
 };
 use crate::record::sweep::{Group, Quantity, Row, SweepReport};
 
@@ -37,40 +35,37 @@ pub fn sweep(report: &SweepReport) -> Result<String, PlotError> {
         .map(|(_, row)| row)
         .collect();
     let has_stops = stops.iter().any(|row| row.calibrated > 0);
-    let panels = Panels::new(2 + u32::from(has_stops), names);
+    let legend = [
+        Entry::dot("25 to 75 %, line: 5 to 95 %", CAMERA),
+        Entry::dot("median", INK),
+        Entry::dot("predicted sigma (rms)", TARGET),
+    ];
+    let title = format!("Errors over {} runs: {}", report.runs, report.scenario);
+    let mut panels = Panels::new(2 + u8::from(has_stops), names, &title, &legend);
     let half = 0.5 * (16.0 / panels.pitch()).min(0.7);
-    frame::drawing(panels.size(), |root| {
-        let legend = [
-            Entry::new("25 to 75 %, line: 5 to 95 %", CAMERA),
-            Entry::new("median", INK),
-            Entry::new("predicted sigma (rms)", TARGET),
-        ];
-        let title = format!("Errors over {} runs: {}", report.runs, report.scenario);
-        draw_head(root, &title, &legend)?;
-        for (place, (quantity, unit)) in (0..).zip(PANELS) {
-            let rows: Vec<&Row> = of(quantity, is_camera).map(|(_, row)| row).collect();
-            let unit = unit.unwrap_or(&report.unit);
-            let desc = format!("{} [{unit}]", quantity.name());
-            let plane = panels.panel(root, place, &desc, 0.0..top(&rows))?;
-            for (x, row) in rows.iter().enumerate() {
-                draw_box(&plane, x as f64, half, row)?;
-            }
+    for (quantity, unit) in PANELS {
+        let rows: Vec<&Row> = of(quantity, is_camera).map(|(_, row)| row).collect();
+        let unit = unit.unwrap_or(&report.unit);
+        let name = format!("{} [{unit}]", quantity.name());
+        let mut plane = panels.panel(&name, 0.0..top(&rows))?;
+        for (x, row) in rows.iter().enumerate() {
+            draw_box(&mut plane, x as f64, half, row);
         }
-        if has_stops {
-            let last = stops.len() as f64;
-            let plane = panels.free_panel(
-                root,
-                2,
-                ("stops, in order of their numbers", 0.5..last + 0.5),
-                (&format!("stop [{}]", report.unit), 0.0..top(&stops)),
-            )?;
-            // Counted from 1, as the table counts them.
-            for (x, row) in (1..).zip(&stops) {
-                draw_box(&plane, f64::from(x), 0.3, row)?;
-            }
+        panels.add(plane);
+    }
+    if has_stops {
+        let last = stops.len() as f64;
+        let mut plane = panels.free_panel(
+            ("stops, in order of their numbers", 0.5..last + 0.5),
+            (&format!("stop [{}]", report.unit), 0.0..top(&stops)),
+        )?;
+        // Counted from 1, as the table counts them.
+        for (x, row) in (1..).zip(&stops) {
+            draw_box(&mut plane, f64::from(x), 0.3, row);
         }
-        Ok(())
-    })
+        panels.add(plane);
+    }
+    Ok(panels.finish())
 }
 
 fn top(rows: &[&Row]) -> f64 {
@@ -79,18 +74,17 @@ fn top(rows: &[&Row]) -> f64 {
     if largest > 0.0 { 1.1 * largest } else { 1.0 }
 }
 
-fn draw_box(plane: &Plane<'_>, x: f64, half: f64, row: &Row) -> Drawn {
+fn draw_box(plane: &mut Plane, x: f64, half: f64, row: &Row) {
+    let level = |plane: &Plane, y| [plane.at(x - half, y), plane.at(x + half, y)];
     if let (Some(p05), Some(p25), Some(p50), Some(p75), Some(p95)) =
         (row.p05, row.p25, row.p50, row.p75, row.p95)
     {
-        plane.draw(&PathElement::new([(x, p05), (x, p95)], CAMERA))?;
-        bar(plane, x, half, (p25, p75), CAMERA.mix(0.35).filled())?;
-        let median = [(x - half, p50), (x + half, p50)];
-        plane.draw(&PathElement::new(median, INK.stroke_width(2)))?;
+        plane.add(line(&[plane.at(x, p05), plane.at(x, p95)], CAMERA, 1.0));
+        let (low, high) = (plane.at(x - half, p25), plane.at(x + half, p75));
+        plane.add(bar(low, high, CAMERA, 0.35));
+        plane.add(line(&level(plane, p50), INK, 2.0));
     }
     if let Some(sigma) = row.sigma_rms {
-        let line = [(x - half, sigma), (x + half, sigma)];
-        plane.draw(&PathElement::new(line, TARGET.stroke_width(2)))?;
+        plane.add(line(&level(plane, sigma), TARGET, 2.0));
     }
-    Ok(())
 }

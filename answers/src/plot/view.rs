@@ -2,12 +2,20 @@
 
 use nalgebra::{Point2, Vector2};
 
-use super::PlotError;
+use super::{
+    PlotError,
+    canvas::{Axis, BELOW, Canvas, Entry, HEAD, LEFT, Plane, RIGHT},
+};
 use crate::accuracy::quantile;
 
 // All in pixels.
 const LARGEST: Vector2<f64> = Vector2::new(1000.0, 760.0);
 const SMALLEST: Vector2<f64> = Vector2::new(560.0, 320.0);
+/// So many cameras have room on the largest map; it grows with more, up to so many times.
+const ROOMY: f64 = 80.0;
+const MOST_TIMES: f64 = 4.0;
+/// Pixels from one number of an axis to the next.
+const TICK_DISTANCE: f64 = 85.0;
 /// Room around what is drawn.
 const RIM: f64 = 34.0;
 
@@ -43,7 +51,8 @@ impl View {
         if !(span.max() > size * 1e-9 && span.max() < 1e150) {
             return Err(PlotError::Span);
         }
-        let room = LARGEST - Vector2::repeat(2.0 * RIM);
+        let times = (cameras.len() as f64 / ROOMY).sqrt().clamp(1.0, MOST_TIMES);
+        let room = LARGEST * times - Vector2::repeat(2.0 * RIM);
         let scale = room.component_div(&span).min();
         let pixels = (span * scale + Vector2::repeat(2.0 * RIM))
             .sup(&SMALLEST)
@@ -58,6 +67,27 @@ impl View {
         })
     }
 
+    /// Paper for a map of it, with its axes.
+    pub(super) fn map(
+        &self,
+        title: &str,
+        legend: &[Entry],
+        unit: &str,
+    ) -> Result<(Canvas, Plane), PlotError> {
+        let size = self.pixels + Vector2::new(LEFT + RIGHT, HEAD + BELOW);
+        let mut canvas = Canvas::new(size.into(), title, legend);
+        let names = ["x", "y"].map(|axis| format!("{axis} [{unit}]"));
+        let axis = |of: usize| Axis {
+            name: &names[of],
+            low: self.low[of],
+            high: self.high[of],
+            ticks: self.pixels[of] / TICK_DISTANCE,
+        };
+        let axes = [axis(0), axis(1)];
+        let plane = canvas.plane(Point2::new(LEFT, HEAD), self.pixels, axes)?;
+        Ok((canvas, plane))
+    }
+
     /// Whether a place is inside, at least so many pixels from the border.
     pub(super) fn contains(&self, p: Point2<f64>, pixels: f64) -> bool {
         let rim = pixels / self.scale;
@@ -65,34 +95,6 @@ impl View {
             && p.x < self.high.x - rim
             && p.y > self.low.y + rim
             && p.y < self.high.y - rim
-    }
-
-    /// The part of a convex outline that is inside (Sutherland and Hodgman, CACM 17(1), 1974).
-    pub(super) fn clip(&self, outline: Vec<Point2<f64>>) -> Vec<Point2<f64>> {
-        // Each border as a direction inwards and the distance from the origin along it.
-        let borders = [
-            (Vector2::x(), self.low.x),
-            (-Vector2::x(), -self.high.x),
-            (Vector2::y(), self.low.y),
-            (-Vector2::y(), -self.high.y),
-        ];
-        borders
-            .into_iter()
-            .fold(outline, |outline, (inwards, at): (Vector2<f64>, f64)| {
-                let depth = |p: &Point2<f64>| inwards.dot(&p.coords) - at;
-                let mut kept = Vec::with_capacity(outline.len() + 1);
-                let follows = outline.iter().cycle().skip(1);
-                for (a, b) in outline.iter().zip(follows) {
-                    let (da, db) = (depth(a), depth(b));
-                    if da >= 0.0 {
-                        kept.push(*a);
-                    }
-                    if (da >= 0.0) != (db >= 0.0) {
-                        kept.push(a + (b - a) * (da / (da - db)));
-                    }
-                }
-                kept
-            })
     }
 }
 
@@ -134,28 +136,5 @@ mod tests {
         assert_eq!(View::of(&[place], &[place]).unwrap_err(), PlotError::Span);
         let ends = [Point2::new(-1e300, 0.0), Point2::new(1e300, 0.0)];
         assert_eq!(View::of(&ends, &[]).unwrap_err(), PlotError::Span);
-    }
-
-    /// A square turned by 45 degrees, half of it beyond the right border: a triangle stays.
-    #[test]
-    fn outlines_end_at_the_border() {
-        let view = View::of(&[Point2::origin()], &[Point2::new(10.0, 10.0)]).unwrap();
-        let middle = Point2::new(view.high.x, 5.0);
-        let square = [(1.0, 0.0), (0.0, 1.0), (-1.0, 0.0), (0.0, -1.0)];
-        let outline = square.map(|(x, y)| middle + Vector2::new(x, y)).to_vec();
-        let clipped = view.clip(outline);
-        let area: f64 = clipped
-            .iter()
-            .zip(clipped.iter().cycle().skip(1))
-            .map(|(a, b)| a.coords.perp(&b.coords) / 2.0)
-            .sum();
-        assert!((area - 1.0).abs() < 1e-9);
-        assert!(clipped.iter().all(|p| p.x <= view.high.x + 1e-9));
-        let far = vec![
-            Point2::new(1e3, 0.0),
-            Point2::new(1e3, 1.0),
-            Point2::new(2e3, 0.0),
-        ];
-        assert!(view.clip(far).is_empty());
     }
 }

@@ -716,7 +716,7 @@ impl RunRecord {
     }
 
     /// The outlines of the obstacles in the frame of a network.
-    fn obstacles_of(&self, network: u16) -> Vec<Vec<Point2<f64>>> {
+    pub(crate) fn obstacles_of(&self, network: u16) -> Vec<Vec<Point2<f64>>> {
         let frame = self.frame(network).inverse();
         let outlines = self.obstacles.iter();
         outlines

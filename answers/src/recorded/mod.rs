@@ -15,10 +15,13 @@ use std::{
     path::Path,
 };
 
+mod directions;
 mod rows;
 pub mod sightings;
 pub mod stops;
 pub mod truth;
+
+pub use directions::USUAL_BEARING_SIGMA;
 
 /// Why a file as a whole cannot be used.
 #[derive(Debug, thiserror::Error)]
@@ -61,9 +64,17 @@ pub enum ReadError {
         /// The longest line there may be, bytes.
         limit: usize,
     },
-    /// More rows or cases than are counted in 32 bits.
-    #[error("has more than 4294967295 rows: split it")]
-    TooLong,
+    /// Bearings beyond what radians can be.
+    #[error(
+        "gives bearings as `{radians}` that are no radians, which go from -3.14 to 3.14 (or to 6.28): \
+         are they degrees? Then call the column `{degrees}`"
+    )]
+    Degrees {
+        /// What the column is called.
+        radians: &'static str,
+        /// What it may have to be called.
+        degrees: &'static str,
+    },
     /// One row is wrong, in a file whose rows depend on each other.
     #[error("cannot be used: {0}")]
     Row(Complaint),

@@ -2,10 +2,10 @@
 
 use std::{
     borrow::Cow,
-    io::{BufRead, Read},
+    io::{BufRead, Cursor, Read, SeekFrom},
 };
 
-use csv_core::{ReadRecordResult, Reader, ReaderBuilder, Terminator};
+use csv::{ByteRecord, Position, Reader, ReaderBuilder, Terminator};
 
 use super::{Complaint, ReadError};
 
@@ -20,8 +20,9 @@ pub(super) struct Rows<R> {
     input: R,
     names: Vec<String>,
     line: u64,
-    raw: Vec<u8>,
-    splitter: Splitter,
+    /// Of the line that is read.
+    splitter: Reader<Cursor<Vec<u8>>>,
+    cells: ByteRecord,
 }
 
 /// One row.
@@ -29,23 +30,28 @@ pub(super) struct Rows<R> {
 pub(super) struct Row<'a> {
     line: u64,
     names: &'a [String],
-    cells: &'a [u8],
-    ends: &'a [usize],
+    cells: &'a ByteRecord,
 }
 
 /// A column that was asked for: where it is in a row.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, Default)]
 pub(super) struct Column(usize);
 
 impl<R: BufRead> Rows<R> {
     /// Reads the column names.
     pub(super) fn new(input: R) -> Result<Self, ReadError> {
+        let splitter = ReaderBuilder::new()
+            .has_headers(false)
+            .flexible(true)
+            .terminator(Terminator::Any(b'\n'))
+            .buffer_capacity(1 << 10)
+            .from_reader(Cursor::default());
         let mut rows = Self {
             input,
             names: Vec::new(),
             line: 0,
-            raw: Vec::new(),
-            splitter: Splitter::new(),
+            splitter,
+            cells: ByteRecord::new(),
         };
         let names = match rows.next()? {
             Some(first) => first.all().map(Cow::into_owned).collect(),
@@ -81,11 +87,12 @@ impl<R: BufRead> Rows<R> {
     /// The next row that is not blank.
     pub(super) fn next(&mut self) -> Result<Option<Row<'_>>, ReadError> {
         loop {
-            self.raw.clear();
+            let line = self.splitter.get_mut().get_mut();
+            line.clear();
             let limit = LINE_LIMIT as u64 + 1;
             let read = Read::by_ref(&mut self.input)
                 .take(limit)
-                .read_until(b'\n', &mut self.raw)?;
+                .read_until(b'\n', line)?;
             if read == 0 {
                 return Ok(None);
             }
@@ -96,35 +103,34 @@ impl<R: BufRead> Rows<R> {
                     limit: LINE_LIMIT,
                 });
             }
-            if self
-                .raw
+            if line
                 .iter()
                 .any(|b| !matches!(b, b',' | b' ' | b'\t' | b'\r' | b'\n'))
             {
+                line.truncate(line.trim_ascii_end().len());
                 break;
             }
         }
-        let count = self.splitter.split(self.raw.trim_ascii_end());
+        let split = self.splitter.seek_raw(SeekFrom::Start(0), Position::new());
+        split
+            .and_then(|()| self.splitter.read_byte_record(&mut self.cells))
+            .map_err(std::io::Error::from)?;
         Ok(Some(Row {
             line: self.line,
             names: &self.names,
-            cells: &self.splitter.cells,
-            ends: self.splitter.ends.get(..count).unwrap_or_default(),
+            cells: &self.cells,
         }))
     }
 }
 
 impl<'a> Row<'a> {
     fn bytes(&self, place: usize) -> Option<&'a [u8]> {
-        let end = *self.ends.get(place)?;
-        let start = place
-            .checked_sub(1)
-            .map_or(Some(0), |before| self.ends.get(before).copied())?;
-        Some(self.cells.get(start..end)?.trim_ascii())
+        self.cells.get(place).map(<[u8]>::trim_ascii)
     }
 
-    fn all(&self) -> impl Iterator<Item = Cow<'a, str>> + '_ {
-        (0..self.ends.len()).filter_map(|place| self.bytes(place).map(String::from_utf8_lossy))
+    fn all(&self) -> impl Iterator<Item = Cow<'a, str>> + use<'a> {
+        let cells = self.cells.iter();
+        cells.map(|cell| String::from_utf8_lossy(cell.trim_ascii()))
     }
 
     /// A cell's text, empty if the row ends before it.
@@ -144,7 +150,7 @@ impl<'a> Row<'a> {
                 None => format!(
                     "the row ends before `{name}`: every row needs {} cells, this one has {}",
                     self.names.len(),
-                    self.ends.len()
+                    self.cells.len()
                 ),
                 Some([]) => format!("`{name}` is empty: a number belongs there"),
                 Some(text) => format!(
@@ -172,46 +178,6 @@ pub(super) fn shortened(text: &str) -> String {
         format!("{:?}", start + "...")
     } else {
         format!("{text:?}")
-    }
-}
-
-/// Splits one line, keeping its buffers.
-struct Splitter {
-    core: Reader,
-    cells: Vec<u8>,
-    ends: Vec<usize>,
-}
-
-impl Splitter {
-    fn new() -> Self {
-        Self {
-            core: ReaderBuilder::new()
-                .terminator(Terminator::Any(b'\n'))
-                .build(),
-            cells: Vec::new(),
-            ends: Vec::new(),
-        }
-    }
-
-    /// How many cells the line has; their text and ends are in `self`.
-    fn split(&mut self, mut line: &[u8]) -> usize {
-        // Cells are never longer than the line, nor more than its bytes and one.
-        self.cells.resize(self.cells.len().max(line.len()), 0);
-        self.ends.resize(self.ends.len().max(line.len() + 1), 0);
-        self.core.reset();
-        let (mut written, mut count) = (0, 0);
-        loop {
-            let (result, read, wrote, ended) =
-                self.core
-                    .read_record(line, &mut self.cells[written..], &mut self.ends[count..]);
-            line = &line[read..];
-            written += wrote;
-            count += ended;
-            // The second call, with nothing left, ends the last cell.
-            if result != ReadRecordResult::InputEmpty {
-                return count;
-            }
-        }
     }
 }
 

@@ -8,32 +8,11 @@ use serde::Serialize;
 
 use crate::answer::{Answer, Reason};
 
-/// Whole numbers up to here survive every JSON reader, also those that only know doubles.
-const LARGEST_EXACT: i64 = (1 << 53) - 1;
-
-/// The name of a case: a JSON number if all names of a file are whole numbers, otherwise a string.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
-#[serde(untagged)]
-pub enum CaseName<'a> {
-    /// In a file of whole numbers.
-    Number(i64),
-    /// In any other file.
-    Text(&'a str),
-}
-
-/// The name as a whole number, if it is written exactly as that number is (not `007`, not `1.0`).
-pub fn whole_number(name: &str) -> Option<i64> {
-    let number: i64 = name.parse().ok()?;
-    let canonical =
-        number.unsigned_abs() <= LARGEST_EXACT.unsigned_abs() && number.to_string() == name;
-    canonical.then_some(number)
-}
-
 /// One case's answer. Values are null where there is no pose.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct PoseLine<'a> {
-    /// Whose.
-    pub case: CaseName<'a>,
+    /// Whose, as it stands in the file; always a string.
+    pub case: &'a str,
     /// What became of it.
     pub status: Status,
     /// Why there is no pose: `unreadable` (a row of the case), or the name of a refusal.
@@ -60,11 +39,11 @@ pub struct PoseLine<'a> {
 }
 
 impl<'a> PoseLine<'a> {
-    /// The answer under the name given.
-    pub fn new(case: CaseName<'a>, answer: &Answer<'_>) -> Self {
+    /// The line of this answer.
+    pub fn new(answer: &Answer<'a>) -> Self {
         let pose = answer.solution.map(|s| s.pose);
         Self {
-            case,
+            case: answer.case,
             status: answer.status,
             reason: answer.reason.map(Reason::name),
             x: pose.map(|p| p.position.x),
@@ -215,31 +194,6 @@ impl<'a> ReferenceSolution<'a> {
             degrees_of_freedom: solution.degrees_of_freedom,
             iterations: solution.iterations,
             condition: solution.condition,
-        }
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn only_canonical_whole_numbers_are_numbers() {
-        for (name, number) in [
-            ("0", Some(0)),
-            ("-17", Some(-17)),
-            ("9007199254740991", Some(LARGEST_EXACT)),
-            ("9007199254740992", None),
-            ("-9223372036854775808", None),
-            ("-0", None),
-            ("+1", None),
-            ("007", None),
-            ("1.0", None),
-            ("1e3", None),
-            ("", None),
-            ("a", None),
-        ] {
-            assert_eq!(whole_number(name), number, "{name}");
         }
     }
 }

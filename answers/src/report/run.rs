@@ -320,10 +320,10 @@ fn traffic(record: &RunRecord, radio: &Radio) -> String {
                  acknowledgements and retries.\nThesis: seven 12-byte packets of its Appendix B, \
                  none lost, in plain frames.\n";
     }
-    let drops: Vec<String> = radio
-        .drops
-        .iter()
-        .map(|(why, n)| format!("{n} {why}"))
+    // That a frame for others is not taken in is no failure.
+    let drops = radio.drops.iter().filter(|(why, _)| *why != "filtered");
+    let drops: Vec<String> = drops
+        .map(|(why, n)| format!("{n} {}", why.replace('_', " ")))
         .collect();
     let drops = if drops.is_empty() {
         "none".to_owned()
@@ -332,7 +332,8 @@ fn traffic(record: &RunRecord, radio: &Radio) -> String {
     };
     let _ = writeln!(
         text,
-        "Radio: {} frames, {} bytes, together {:.2} % of the run's time; receptions lost: {drops}",
+        "Radio: {} frames, {} bytes, together {:.2} % of the run's time\n\
+         Receptions that failed, which is what retries are for: {drops}",
         radio.frames,
         radio.bytes,
         100.0 * radio.airtime_share

@@ -33,6 +33,7 @@ pub(super) struct CameraOptions {
 enum ProjectionOption {
     /// Equal steps of the tangent: ordinary lenses, the CMUcam2.
     #[default]
+    #[value(alias = "pin-hole")]
     Pinhole,
     /// Equal steps of the angle: scanning sensors, the blob finder of the Stage simulator.
     EqualAngle,

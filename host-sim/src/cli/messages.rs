@@ -5,7 +5,7 @@ use std::{
     path::Path,
 };
 
-use answers::recorded::{Complaint, sightings::USUAL_BEARING_SIGMA};
+use answers::recorded::{Complaint, USUAL_BEARING_SIGMA};
 use indicatif::{ProgressBar, ProgressStyle};
 
 use super::{file_name, tell};

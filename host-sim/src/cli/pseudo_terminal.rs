@@ -177,7 +177,10 @@ fn replace_link(device: &Path, link: &Path) -> anyhow::Result<()> {
         }
         fs::remove_file(link).with_context(|| format!("{} cannot be replaced", link.display()))?;
     } else if link.exists() {
-        bail!("{} exists and is no link", link.display());
+        bail!(
+            "{} exists and is no link: give --pty a name that is free",
+            link.display()
+        );
     }
     symlink(device, link).with_context(|| format!("{} cannot be made", link.display()))
 }

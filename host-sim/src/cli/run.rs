@@ -18,7 +18,7 @@ use super::{
     and,
     pseudo_terminal::PseudoTerminal,
     report::finish,
-    run_outputs::{FOR_RESULTS, RunOutputs},
+    run_outputs::{FOR_RESULTS, RunOutputs, write},
     scenario_options::{FOR_SCENARIO, ScenarioOptions},
     tell, values,
     writable::Late,
@@ -61,7 +61,7 @@ pub(super) struct Arguments {
     board_timeout: Option<Duration>,
     #[command(flatten, next_help_heading = FOR_RESULTS)]
     outputs: RunOutputs,
-    /// All frames on the air, for Wireshark.
+    /// All frames on the air, for Wireshark; and FILE.pcap.sh, which shows them decrypted.
     #[arg(long, value_name = "FILE.pcap", value_parser = values::result())]
     pcap: Option<PathBuf>,
     /// What every node sends and learns, with the time.
@@ -87,7 +87,8 @@ Exit codes:
 
 pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
     let scenario = arguments.scenario.load(arguments.seed)?;
-    let besides = [&arguments.pcap, &arguments.log];
+    let script = arguments.pcap.as_deref().and_then(script_of);
+    let besides = [&arguments.pcap, &script, &arguments.log];
     let besides: Vec<&Path> = besides
         .into_iter()
         .flatten()
@@ -157,10 +158,21 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
     for file in [pcap, log].into_iter().flatten() {
         ended = and(ended, file.finish());
     }
+    if let Some(script) = &script {
+        ended = and(ended, write(script, Ok(simulation.decryption_script())));
+    }
     match simulation.trouble() {
         Some(trouble) => and(ended, Err(trouble.into())),
         None => ended,
     }
+}
+
+/// What shows a capture decrypted stands beside it, if that is a file.
+fn script_of(pcap: &Path) -> Option<PathBuf> {
+    let is_other = pcap.metadata().is_ok_and(|pcap| !pcap.is_file());
+    let mut script = pcap.as_os_str().to_owned();
+    script.push(".sh");
+    (!is_other).then(|| script.into())
 }
 
 fn writer(file: Late) -> Box<dyn Write> {

@@ -8,20 +8,19 @@ use std::{
 
 use answers::accuracy::Comparisons;
 use answers::answer::{self, Answer, Reason, Settings, Solver, Tally};
-use answers::plot::{self, EvenSample, Map, MapCamera};
+use answers::plot::{self, Map, MapCamera};
 use answers::recorded::{
     self,
     sightings::{self, Assumptions, Recording},
     truth::{self, Truth},
 };
 use answers::report::{
-    json::{CaseName, PoseLine, whole_number},
+    json::PoseLine,
     table::{PoseTable, Words},
 };
 use anyhow::bail;
 use calib_core::Status;
 use clap::Args;
-use nalgebra::Point2;
 
 use super::{
     camera_options::{CameraOptions, FOR_COLUMNS, USUAL_COLUMNS},
@@ -79,6 +78,7 @@ FILE.csv: the first line names the columns, in any order; columns not listed her
   case                whose sightings belong together: any text
   target_x, target_y  where the target stood
   bearing_rad         the direction it was seen in, radians, positive to the left
+  bearing_deg         or the same in degrees
   column              or the pixel column, from 0 on the left: needs --fov-deg
   sigma_rad           optional: standard deviation of the direction, radians
   target_sigma        optional: standard deviation of the target's place in x and in y
@@ -88,7 +88,7 @@ Examples:
   host-sim solve sightings.csv --truth truth.csv --max-sigma 0.5 --plot map.svg
   host-sim solve blobs.csv --fov-deg 60 --columns 88 --projection equal-angle --json
 
-JSON: case, status, reason (why there is no pose, otherwise null), x, y, heading_rad (0 to 2 pi), sigma_x, sigma_y, sigma_heading_rad (null where
+JSON: case (always a string, as it stands in the file), status, reason (why there is no pose, otherwise null), x, y, heading_rad (0 to 2 pi), sigma_x, sigma_y, sigma_heading_rad (null where
 there is no pose), sightings, dropped, chi_squared (about sightings - dropped - 3 where the sigmas
 are right, null where there is no pose).
 
@@ -118,8 +118,8 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
     };
     let report = answer_all(arguments, &recording, truths.as_deref())?;
     print_summary(&report.tally, &file_name(&arguments.file));
-    if let (Some(path), Some(cameras)) = (&arguments.plot, report.cameras) {
-        write(path, draw(arguments, cameras))?;
+    if let Some(path) = &arguments.plot {
+        write(path, draw(arguments, &recording, &report.answered))?;
     }
     let nothing_read = report.tally.because(Reason::Unreadable) == report.tally.total();
     Ok(ExitCode::from(if nothing_read { 2 } else { 0 }))
@@ -155,13 +155,11 @@ fn read_truth(path: &Path, recording: &Recording) -> anyhow::Result<Vec<Option<T
     truths.map_err(|error| of_file(path, error))
 }
 
-/// A camera on the map and the targets it saw.
-type Sketch = (MapCamera, Vec<Point2<f64>>);
-
 /// What is left to be said after the answers.
 struct Report {
     tally: Tally,
-    cameras: Option<EvenSample<Sketch>>,
+    /// Which cases have a pose.
+    answered: Vec<usize>,
 }
 
 fn answer_all(
@@ -170,42 +168,27 @@ fn answer_all(
     truths: Option<&[Option<Truth>]>,
 ) -> anyhow::Result<Report> {
     let mut output = Output::begin(arguments, recording)?;
-    let mut solver = Solver::new(Settings {
-        reject: arguments.reject,
-        max_sigma: arguments.max_sigma,
-    });
+    let mut solver = solver(arguments);
     let mut tally = Tally::default();
     let mut comparisons = Comparisons::default();
-    let mut cameras = arguments
-        .plot
-        .as_ref()
-        .map(|_| EvenSample::new(plot::MOST_CAMERAS));
+    let mut answered = Vec::new();
     let bar = messages::solving_bar(recording.len());
-    for (place, case) in recording.cases().enumerate() {
-        let answer = solver.answer(&case);
+    for (place, (id, case)) in recording.cases().enumerate() {
+        let answer = solver.answer(id, case);
         output.write(&answer)?;
         tally.add(&answer);
         if let Some(solution) = &answer.solution {
             if let (Some(truths), true) = (truths, answer::is_kept(answer.status)) {
                 comparisons.add(&solution.pose, truths.get(place).and_then(Option::as_ref));
             }
-            if let Some(cameras) = &mut cameras {
-                cameras.offer(|| {
-                    let camera = MapCamera {
-                        name: answer.case.to_owned(),
-                        pose: solution.pose,
-                        status: answer.status,
-                    };
-                    (camera, case.sightings().map(|s| s.target).collect())
-                });
-            }
+            answered.push(place);
         }
         bar.inc(1);
     }
     bar.finish_and_clear();
     let comparison = truths.map(|_| describe(comparisons, &tally, &arguments.unit));
     unless_gone(output.finish(comparison))?;
-    Ok(Report { tally, cameras })
+    Ok(Report { tally, answered })
 }
 
 fn describe(comparisons: Comparisons, tally: &Tally, unit: &str) -> String {
@@ -228,20 +211,16 @@ fn describe(comparisons: Comparisons, tally: &Tally, unit: &str) -> String {
 /// Where answers go.
 enum Output<'a> {
     Table(PoseTable<BufWriter<StdoutLock<'a>>>),
-    Json {
-        out: BufWriter<StdoutLock<'a>>,
-        numbered: bool,
-    },
+    Json(BufWriter<StdoutLock<'a>>),
 }
 
 impl Output<'_> {
     fn begin(arguments: &Arguments, recording: &Recording) -> io::Result<Self> {
         let out = BufWriter::with_capacity(1 << 16, io::stdout().lock());
         if arguments.json {
-            let numbered = recording.cases().all(|c| whole_number(c.id()).is_some());
-            return Ok(Self::Json { out, numbered });
+            return Ok(Self::Json(out));
         }
-        let widths = recording.cases().map(|c| c.id().chars().count());
+        let widths = recording.cases().map(|(id, _)| id.chars().count());
         let widest = widths.max().unwrap_or_default();
         PoseTable::begin(out, &arguments.unit, widest).map(Self::Table)
     }
@@ -249,12 +228,8 @@ impl Output<'_> {
     fn write(&mut self, answer: &Answer<'_>) -> io::Result<()> {
         match self {
             Self::Table(table) => table.row(answer),
-            Self::Json { out, numbered } => {
-                let name = match whole_number(answer.case) {
-                    Some(number) if *numbered => CaseName::Number(number),
-                    _ => CaseName::Text(answer.case),
-                };
-                serde_json::to_writer(&mut *out, &PoseLine::new(name, answer))?;
+            Self::Json(out) => {
+                serde_json::to_writer(&mut *out, &PoseLine::new(answer))?;
                 out.write_all(b"\n")
             }
         }
@@ -270,7 +245,7 @@ impl Output<'_> {
                 }
                 out.flush()
             }
-            Self::Json { mut out, .. } => {
+            Self::Json(mut out) => {
                 out.flush()?;
                 if let Some(text) = comparison {
                     tell(text.trim_end());
@@ -305,18 +280,34 @@ fn words((status, reason): (Status, Option<Reason>)) -> Words {
     Words(status, reason.map(Reason::name))
 }
 
-fn draw(arguments: &Arguments, sample: EvenSample<Sketch>) -> anyhow::Result<String> {
-    let answered = sample.seen();
-    let (cameras, targets): (Vec<_>, Vec<_>) = sample.finish().into_iter().unzip();
+fn solver(arguments: &Arguments) -> Solver {
+    Solver::new(Settings {
+        reject: arguments.reject,
+        max_sigma: arguments.max_sigma,
+    })
+}
+
+/// A map of the cases that have a pose, or of some of them.
+fn draw(arguments: &Arguments, recording: &Recording, all: &[usize]) -> anyhow::Result<String> {
+    let count = all.len().min(plot::MOST_CAMERAS);
+    let chosen = (0..count).filter_map(|k| all.get(k * all.len() / count));
+    let mut solver = solver(arguments);
+    let (mut cameras, mut targets) = (Vec::new(), Vec::new());
+    for (id, case) in chosen.filter_map(|&place| recording.case(place)) {
+        let answer = solver.answer(id, case);
+        cameras.extend(answer.solution.map(|solution| MapCamera {
+            name: id.to_owned(),
+            pose: solution.pose,
+            status: answer.status,
+        }));
+        targets.extend(case.sightings.iter().map(|sighting| sighting.target));
+    }
     let name = arguments
         .file
         .file_name()
         .map_or_else(|| "standard input".into(), |name| name.to_string_lossy());
-    let title = if cameras.len() < answered {
-        format!(
-            "Poses from {name}: {} of {answered}, evenly chosen",
-            cameras.len()
-        )
+    let title = if count < all.len() {
+        format!("Poses from {name}: {count} of {}, evenly chosen", all.len())
     } else {
         format!("Poses from {name}")
     };
@@ -324,6 +315,6 @@ fn draw(arguments: &Arguments, sample: EvenSample<Sketch>) -> anyhow::Result<Str
         title,
         unit: arguments.unit.clone(),
         cameras,
-        targets: targets.into_iter().flatten().collect(),
+        targets,
     })?)
 }

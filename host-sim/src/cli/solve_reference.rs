@@ -68,6 +68,7 @@ FILE.csv: the first line names the columns, in any order; columns not listed her
   stop                          the name of the stop: any text
   bearing_0_rad, bearing_1_rad  the directions in which the cameras saw the target, radians,
                                 positive to the left
+  bearing_0_deg, bearing_1_deg  or the same in degrees
   column_0, column_1            or the pixel columns, from 0 on the left: needs --fov-deg
   dx, dy                        displacement from the previous stop; ignored in the first row
   sigma_rad                     optional: standard deviation of both directions, radians

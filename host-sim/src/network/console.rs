@@ -101,6 +101,11 @@ impl Console {
         self.0.view.borrow()
     }
 
+    /// The number of the coordinator.
+    pub(super) fn id(&self) -> u16 {
+        self.0.id
+    }
+
     pub(super) async fn listen(self) {
         let Some(mut port) = self.0.port.take() else {
             return;

@@ -21,6 +21,7 @@
 
 mod camera;
 mod console;
+mod decryption;
 mod device;
 mod emulated;
 mod events;
@@ -172,9 +173,8 @@ impl Simulation {
     }
 
     fn put_up(&mut self, root: Root) -> Result<(), ScenarioError> {
-        let mut secret = [0; 16];
-        root.stream("site key", 0).fill_bytes(&mut secret);
-        let configs = site::configs(&self.scenario, SiteKey::new(1, secret), 1)?;
+        let key = SiteKey::new(KEY_INDEX, secret(root));
+        let configs = site::configs(&self.scenario, key, 1)?;
         for (network, configs) in self.site.networks.iter().zip(configs) {
             let coordinator = Hardware::coordinator(self, network, configs.coordinator, root);
             let cameras = network.cameras.len();
@@ -347,6 +347,16 @@ impl Simulation {
         let journal = self.journal.borrow();
         journal.nodes.get(&id).cloned().unwrap_or_default()
     }
+}
+
+/// The index of the simulation's key.
+const KEY_INDEX: u8 = 1;
+
+/// The simulation's own site key, drawn from its seed: no key of anybody's site.
+fn secret(root: Root) -> [u8; 16] {
+    let mut secret = [0; 16];
+    root.stream("site key", 0).fill_bytes(&mut secret);
+    secret
 }
 
 fn propagation(scenario: &Scenario) -> Propagation {

@@ -2,6 +2,7 @@
 
 use answers::plot;
 use answers::record::{RunRecord, summary::Summary, sweep::Sweep};
+use calib_core::Status;
 use roxmltree::Document;
 
 use crate::{
@@ -44,7 +45,12 @@ fn the_map_names_every_camera_and_shows_every_stop() {
         assert!(texts.contains(&id.to_string()));
     }
     assert!(texts.contains(&"1*".to_owned()) && texts.contains(&record.title()));
-    assert!(texts.contains(&"1 without pose (cross)".to_owned()));
+    assert!(texts.contains(&"12 calibrated".to_owned()));
+    assert!(texts.contains(&"1 waiting".to_owned()));
+    // Every stop has its number beside it.
+    for stop in &record.targets[0].stops {
+        assert!(texts.contains(&stop.stop.to_string()));
+    }
     // A dot and a ring each, and one in the legend.
     assert_eq!(circles(&svg, TARGET), 2 * record.targets[0].stops.len() + 1);
     // The blind camera and the legend.
@@ -58,7 +64,7 @@ fn small_errors_are_magnified_and_large_ones_are_not() {
         let texts = texts(&plot::map(record).unwrap());
         texts
             .into_iter()
-            .find(|text| text.starts_with("errors drawn"))
+            .find(|text| text.starts_with("errors and ellipses drawn"))
     };
     let record = Sample::default().run();
     assert!(scale(&record).is_some());
@@ -176,62 +182,152 @@ fn stops_of_a_sweep_are_over_their_numbers() {
     }
 }
 
-/// How far coordinates of evenly drawn corners are at most off those of an ellipse: a constant, a
-/// cosine and a sine.
-fn off_ellipse(coordinates: impl Iterator<Item = f64> + Clone) -> f64 {
-    let n = coordinates.clone().count() as f64;
-    let turns = (0..).map(|k| (f64::from(k) * std::f64::consts::TAU / n).sin_cos());
-    let values = coordinates.zip(turns);
-    let (mut mean, mut sine, mut cosine) = (0.0, 0.0, 0.0);
-    for (value, (sin, cos)) in values.clone() {
-        mean += value / n;
-        sine += 2.0 * value * sin / n;
-        cosine += 2.0 * value * cos / n;
-    }
-    values
-        .map(|(value, (sin, cos))| (value - mean - sine * sin - cosine * cos).abs())
-        .fold(0.0, f64::max)
+/// Where a run's estimates are drawn, and how large, the names of attributes as they stand there.
+fn ellipses(svg: &str) -> Vec<[f64; 4]> {
+    let document = Document::parse(svg).unwrap();
+    let ellipses = document.descendants().filter(|n| n.has_tag_name("ellipse"));
+    let number = |n: &roxmltree::Node<'_, '_>, name: &str| n.attribute(name)?.parse().ok();
+    ellipses
+        .map(|n| ["cx", "cy", "rx", "ry"].map(|name| number(&n, name).unwrap()))
+        .collect()
 }
 
-/// Corners of whole pixels make small ellipses lumpy.
 #[test]
-fn ellipses_are_round() {
+fn ellipses_are_as_large_as_the_map_says() {
     let record = Sample::default().run();
     let svg = plot::map(&record).unwrap();
     let document = Document::parse(&svg).unwrap();
-    let root = document.root_element();
-    let box_width = root
-        .attribute("viewBox")
-        .unwrap()
-        .split(' ')
-        .nth(2)
-        .unwrap();
-    let [box_width, width] = [box_width, root.attribute("width").unwrap()];
-    let grid = box_width.parse::<f64>().unwrap() / width.parse::<f64>().unwrap();
-    let mut small = 0;
-    for polygon in document.descendants().filter(|n| n.has_tag_name("polygon")) {
-        let points: Vec<(f64, f64)> = polygon
-            .attribute("points")
-            .unwrap()
-            .split_whitespace()
-            .map(|pair| pair.split_once(',').unwrap())
-            .map(|(x, y)| (x.parse().unwrap(), y.parse().unwrap()))
-            .collect();
-        if points.len() != 48 {
-            continue;
-        }
-        small += 1;
-        let corners: Vec<_> = points.iter().map(|&(x, y)| [x, y]).collect();
-        for axis in 0..2 {
-            let off = off_ellipse(corners.iter().map(|corner| corner[axis])) / grid;
-            assert!(off < 0.15, "{off} pixels: {corners:?}");
-        }
-    }
-    assert!(small >= 11);
-    // Its size is what it was.
-    let size = ["width", "height"].map(|name| root.attribute(name).unwrap());
+    let size = ["width", "height"].map(|name| document.root_element().attribute(name).unwrap());
     let size = size.map(|text| text.parse::<f64>().unwrap());
     assert!((400.0..1200.0).contains(&size[0]) && (300.0..1000.0).contains(&size[1]));
+    let times = texts(&svg).into_iter().find_map(|text| {
+        let times = text.strip_prefix("errors and ellipses drawn ")?;
+        times.strip_suffix(" x")?.parse::<f64>().ok()
+    });
+    let drawn = ellipses(&svg);
+    let cameras: Vec<_> = record.cameras().filter(|c| c.estimate.is_some()).collect();
+    assert_eq!(drawn.len(), cameras.len());
+    // The scale of the map: two cameras, and how far from each other they are drawn.
+    let place = |camera: usize| {
+        let (truth, error) = (
+            cameras[camera].truth.unwrap(),
+            cameras[camera].error.unwrap(),
+        );
+        let times = times.unwrap();
+        [truth.x + times * error.x, truth.y + times * error.y]
+    };
+    let far = |a: [f64; 2], b: [f64; 2]| (a[0] - b[0]).hypot(a[1] - b[1]);
+    let on_paper = |camera: usize| [drawn[camera][0], drawn[camera][1]];
+    let scale = far(on_paper(2), on_paper(9)) / far(place(2), place(9));
+    for (camera, [.., long, short]) in cameras.iter().zip(&drawn) {
+        let ellipse = camera.estimate.unwrap().pose().ellipse(0.95);
+        for (drawn, axis) in [(long, ellipse.semi_major), (short, ellipse.semi_minor)] {
+            let expected = axis * times.unwrap() * scale;
+            assert!((drawn - expected).abs() < 0.02 + 0.001 * expected);
+        }
+    }
+}
+
+/// What a camera's estimate is worth, it tells by colour and by shape.
+#[test]
+fn the_map_tells_what_estimates_are_worth() {
+    let mut record = Sample::default().run();
+    let cameras: Vec<_> = (0..record.nodes.len())
+        .filter(|&node| record.nodes[node].is_camera())
+        .collect();
+    for (camera, status) in [(3, Status::Refused), (4, Status::Waiting)] {
+        let node = &mut record.nodes[cameras[camera]];
+        (node.estimate, node.error, node.nees) = (None, None, None);
+        node.status = Some(status);
+    }
+    for (camera, status) in [(6, Status::Weak), (7, Status::Doubtful)] {
+        record.nodes[cameras[camera]].status = Some(status);
+    }
+    let svg = plot::map(&record).unwrap();
+    let texts = texts(&svg);
+    for text in [
+        "9 calibrated",
+        "1 weak",
+        "1 doubtful",
+        "1 refused",
+        "1 waiting",
+    ] {
+        assert!(texts.contains(&text.to_owned()), "{text}: {texts:?}");
+    }
+    let document = Document::parse(&svg).unwrap();
+    let marks = |tag: &str, colour: &str| {
+        let nodes = document.descendants().filter(|n| n.has_tag_name(tag));
+        nodes
+            .filter(|n| {
+                n.attribute("fill") == Some(colour) || n.attribute("stroke") == Some(colour)
+            })
+            .count()
+    };
+    // An arrow head and a mark each, and the legend's.
+    assert_eq!(
+        [marks("polygon", "#7B3FA0"), marks("polygon", "#D0108A")],
+        [3, 3]
+    );
+    assert_eq!([marks("polyline", BAD), marks("circle", BAD)], [2, 2]);
+}
+
+/// A wall in front of a camera ends what it sees.
+#[test]
+fn fields_of_view_end_at_walls() {
+    let mut record = Sample::default().run();
+    record.obstacles.clear();
+    let outlines = |record: &RunRecord| {
+        let svg = plot::map(record).unwrap();
+        let document = Document::parse(&svg).unwrap();
+        let outlines = document.descendants().filter(|n| n.has_tag_name("polygon"));
+        let views = outlines.filter(|n| n.attribute("fill-opacity") == Some("0.05"));
+        let corners = views.map(|n| n.attribute("points").unwrap().to_owned());
+        corners.collect::<Vec<_>>()
+    };
+    let free = outlines(&record);
+    let camera = record.cameras().nth(5).unwrap();
+    let (truth, range) = (camera.truth.unwrap(), camera.view.unwrap().range);
+    let (sin, cos) = truth.heading_deg.to_radians().sin_cos();
+    let at = |ahead: f64, left: f64| {
+        [
+            truth.x + ahead * cos - left * sin,
+            truth.y + ahead * sin + left * cos,
+        ]
+    };
+    let near = 0.05 * range;
+    record.obstacles.push(vec![at(near, -near), at(near, near)]);
+    let walled = outlines(&record);
+    assert_eq!((free.len(), walled.len()), (13, 13));
+    let reach = |outline: &str| {
+        let corners: Vec<[f64; 2]> = outline
+            .split(' ')
+            .map(|pair| pair.split_once(',').unwrap())
+            .map(|(x, y)| [x.parse().unwrap(), y.parse().unwrap()])
+            .collect();
+        let far = |c: &[f64; 2]| (c[0] - corners[0][0]).hypot(c[1] - corners[0][1]);
+        corners.iter().map(far).fold(0.0, f64::max)
+    };
+    assert!(reach(&walled[5]) < 0.1 * reach(&free[5]));
+}
+
+/// Names of a thousand cameras in one place would hide it: those are written for which there is room.
+#[test]
+fn a_thousand_cameras_make_a_larger_map_and_are_not_all_named() {
+    let mut record = Sample::default().run();
+    let camera = record.nodes[5].clone();
+    record.nodes.extend((100..1100).map(|id| {
+        let mut camera = camera.clone();
+        camera.id = id;
+        camera
+    }));
+    let svg = plot::map(&record).unwrap();
+    let document = Document::parse(&svg).unwrap();
+    let width = document.root_element().attribute("width").unwrap();
+    assert!(width.parse::<f64>().unwrap() > 1500.0);
+    let texts = texts(&svg);
+    let named = (100..1100).filter(|id: &u16| texts.contains(&id.to_string()));
+    assert!((1..100).contains(&named.count()));
+    assert!(texts.contains(&"1*".to_owned()) && texts.contains(&"13".to_owned()));
 }
 
 /// Records come from anywhere.

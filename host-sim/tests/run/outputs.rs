@@ -195,3 +195,52 @@ fn a_reader_that_has_gone_changes_no_exit_code() {
     code_without_a_reader(&["report", "run", &bad, "--csv", &csv]);
     assert!(fs::exists(&csv).unwrap());
 }
+
+/// What stands beside a capture makes tshark read it: with every frame of the air decrypted that is
+/// secured, those of a sighting among them.
+#[test]
+fn a_capture_comes_with_what_decrypts_it() {
+    let files = Files::new();
+    let pcap = files.path("it's the air.pcap");
+    let done = run(&["run", "lab", "--pcap", &pcap]);
+    assert_eq!(done.code, 0, "{}", done.stderr);
+    let script = format!("{pcap}.sh");
+    let text = fs::read_to_string(&script).unwrap();
+    assert!(text.contains("uat:ieee802154_keys:"), "{text}");
+    // Nine nodes: a coordinator, seven cameras, a target.
+    assert_eq!(text.matches("uat:802154_addresses:").count(), 9, "{text}");
+    if Command::new("tshark").arg("--version").output().is_err() {
+        assert!(
+            std::env::var("CI").as_deref() != Ok("true"),
+            "tshark is missing"
+        );
+        eprintln!("tshark is missing, so the capture was not read: apt-get install tshark");
+        return;
+    }
+    let frames = |filter: &str| {
+        let arguments = ["-Y", filter, "-T", "fields", "-e", "data.data"];
+        let shown = Command::new("sh")
+            .arg(&script)
+            .args(arguments)
+            .output()
+            .unwrap();
+        let errors = String::from_utf8_lossy(&shown.stderr);
+        assert!(shown.status.success(), "{errors}");
+        let text = String::from_utf8(shown.stdout).unwrap();
+        text.lines().map(str::to_owned).collect::<Vec<_>>()
+    };
+    assert_eq!(frames("wpan.decrypt_error"), [""; 0]);
+    let secured = frames("wpan.security == 1 && wpan.frame_type == 1");
+    assert!(secured.len() > 100 && secured.iter().all(|data| !data.is_empty()));
+}
+
+/// Of a capture that goes elsewhere than into a file nothing is left lying about.
+#[test]
+#[cfg(target_os = "linux")]
+fn a_capture_that_is_no_file_has_nothing_beside_it() {
+    let files = Files::new();
+    let link = files.path("air");
+    std::os::unix::fs::symlink("/dev/null", &link).unwrap();
+    assert_eq!(run(&["run", "lab", "--pcap", &link]).code, 0);
+    assert!(!fs::exists(format!("{link}.sh")).unwrap());
+}
