@@ -34,8 +34,12 @@ mod error;
 mod event;
 mod file;
 pub mod grid;
+pub mod key_file;
+pub mod node;
 mod overrides;
+pub mod page_file;
 pub mod planner;
+mod private_file;
 mod put_up;
 pub mod world;
 

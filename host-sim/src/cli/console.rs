@@ -13,14 +13,15 @@ use anyhow::{Context, anyhow, bail};
 use clap::Args;
 use embedded_io::{Read, ReadReady, Write as _};
 use host_sim::console::{
-    key_file, output,
+    output,
     session::{Failure, Session, Wish, frame},
 };
 use host_sim::probe::port::{Port, PortError};
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 use node_firmware::{console::BAUD, message::Command};
+use site::key_file;
 
-use super::{and, file_name, interrupt, run_outputs::write, tell, values, writable};
+use super::{and, file_name, files::Files, interrupt, run_outputs::write, tell, values};
 
 /// Talks to the coordinator of a real network: its members, their poses, and what you want of them.
 ///
@@ -57,7 +58,7 @@ pub(super) struct Arguments {
     /// Send a member away: its place is free then. Can be given several times.
     #[arg(long, value_name = "ID", help_heading = "Things to do")]
     remove: Vec<u16>,
-    /// Give all members the site key of this file, made by `cargo xtask keygen --index N`.
+    /// Give all members the site key of this file, made by `host-sim keygen --index N`.
     #[arg(long, value_name = "FILE", help_heading = "Things to do")]
     change_key: Option<PathBuf>,
     /// Have a camera do something: initialise, learn-colour, learn-background, forget. Can be given
@@ -130,12 +131,11 @@ enum End {
 
 pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
     // What is wrong with a file is told before anyone waits for the coordinator.
-    let files: Vec<_> = [&arguments.csv, &arguments.json]
-        .into_iter()
-        .flatten()
-        .map(PathBuf::as_path)
-        .collect();
-    writable::check(&files, None)?;
+    Files::default()
+        .reads([&arguments.port])
+        .reads(&arguments.change_key)
+        .writes([&arguments.csv, &arguments.json].into_iter().flatten())
+        .check()?;
     let mut session = Session::new(wishes(arguments)?);
     let interrupted = interrupt::watch()?;
     let mut screen = Screen::new();

@@ -14,9 +14,14 @@ use clap::{Parser, Subcommand};
 mod camera;
 mod camera_options;
 mod console;
+mod files;
+mod flash;
 mod interrupt;
+mod keygen;
+mod late;
 mod messages;
 mod probe;
+mod provision;
 mod report;
 mod run;
 mod run_outputs;
@@ -27,9 +32,9 @@ mod sweep;
 mod sweep_outputs;
 mod values;
 mod whole_file;
-mod writable;
 
-/// Networks of cameras that calibrate themselves: simulated ones, and poses from recorded sightings.
+/// Networks of cameras that calibrate themselves: rehearsed, deployed, and poses from recorded
+/// sightings.
 #[derive(Parser)]
 #[command(version, propagate_version = true, arg_required_else_help = true)]
 struct Cli {
@@ -41,7 +46,10 @@ struct Cli {
 enum Command {
     Camera(camera::Arguments),
     Console(console::Arguments),
+    Flash(flash::Arguments),
+    Keygen(keygen::Arguments),
     Probe(probe::Arguments),
+    Provision(Box<provision::Arguments>),
     Report(report::Arguments),
     Run(run::Arguments),
     Solve(solve::Arguments),
@@ -54,7 +62,10 @@ pub(crate) fn main() -> ExitCode {
     let done = match Cli::parse().command {
         Command::Camera(arguments) => camera::run(&arguments),
         Command::Console(arguments) => console::run(&arguments),
+        Command::Flash(arguments) => flash::run(&arguments),
+        Command::Keygen(arguments) => keygen::run(&arguments),
         Command::Probe(arguments) => probe::run(&arguments),
+        Command::Provision(arguments) => provision::run(&arguments),
         Command::Report(arguments) => report::run(&arguments),
         Command::Run(arguments) => run::run(&arguments),
         Command::Solve(arguments) => solve::run(&arguments),

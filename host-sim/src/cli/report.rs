@@ -1,17 +1,18 @@
 //! `host-sim report`
 
-use std::{collections::HashSet, path::PathBuf, process::ExitCode};
+use std::{path::PathBuf, process::ExitCode};
 
 use answers::record::{RunRecord, sweep::Sweep, verdict::Verdict};
 use answers::report::run::{run_report, runs_report};
-use anyhow::{Context, bail, ensure};
+use anyhow::{Context, bail};
 use clap::{Args, Subcommand};
 
 use super::{
-    and, file_name, print,
+    and,
+    files::{Files, check_different},
+    print,
     run_outputs::{FOR_RESULTS, Prepared, RunOutputs, read_record},
     sweep_outputs::{self, Incomplete, SweepOutputs},
-    writable,
 };
 
 /// Tables, drawings and exports from the records of finished runs.
@@ -82,7 +83,8 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
         What::Run(one) => {
             let record = read_record(&one.file)?;
             let which = (record.scenario.as_str(), record.path);
-            finish(&record, &one.outputs.prepare(which, &[])?)
+            let files = Files::default().reads([&one.file]);
+            finish(&record, &one.outputs.prepare(which, files)?)
         }
         What::Runs(many) => together(&many.files),
         What::Sweep(swept) => sweep(swept),
@@ -105,20 +107,8 @@ pub(super) fn finish(record: &RunRecord, outputs: &Prepared<'_>) -> anyhow::Resu
     and(ended, outputs.write(record)).map(|()| ExitCode::from(code))
 }
 
-/// Refuses a file that is given twice: its run would count twice.
-fn check_different(files: &[PathBuf]) -> anyhow::Result<()> {
-    let mut seen = HashSet::new();
-    for file in files {
-        ensure!(
-            seen.insert(writable::place(file)),
-            "{} is named twice: leave one out",
-            file_name(file)
-        );
-    }
-    Ok(())
-}
-
 fn together(files: &[PathBuf]) -> anyhow::Result<ExitCode> {
+    // A run would count twice.
     check_different(files)?;
     let records: Vec<RunRecord> = files
         .iter()
@@ -137,7 +127,7 @@ fn together(files: &[PathBuf]) -> anyhow::Result<ExitCode> {
 
 fn sweep(swept: &Swept) -> anyhow::Result<ExitCode> {
     check_different(&swept.files)?;
-    swept.outputs.check()?;
+    swept.outputs.check(Files::default().reads(&swept.files))?;
     let (mut sweep, mut incomplete) = (Sweep::default(), Incomplete::default());
     for file in &swept.files {
         let record = read_record(file)?;

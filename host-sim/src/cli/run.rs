@@ -15,11 +15,12 @@ use indicatif::{ProgressBar, ProgressStyle};
 
 use super::{
     and,
+    files::Files,
+    late::Late,
     report::finish,
     run_outputs::{FOR_RESULTS, RunOutputs},
     scenario_options::{FOR_SCENARIO, ScenarioOptions},
     values,
-    writable::Late,
 };
 
 /// Lets a network calibrate itself, and compares what it found with the truth.
@@ -79,14 +80,14 @@ Exit codes:
 
 pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
     let scenario = arguments.scenario.load(arguments.seed)?;
-    let besides = [&arguments.pcap, &arguments.log];
-    let besides: Vec<&Path> = besides
-        .into_iter()
-        .flatten()
-        .map(PathBuf::as_path)
-        .collect();
+    let image = arguments.image.as_deref().unwrap_or(Path::new(IMAGE));
+    let files = Files::default()
+        .reads(arguments.scenario.file())
+        .reads(arguments.port.iter().map(|(_, path)| path))
+        .reads([image])
+        .writes([&arguments.pcap, &arguments.log].into_iter().flatten());
     let which = (scenario.name.as_str(), scenario.recorded_path());
-    let outputs = arguments.outputs.prepare(which, &besides)?;
+    let outputs = arguments.outputs.prepare(which, files)?;
     let speed = arguments.speed.as_ref().and_then(|speed| speed.0);
     ensure!(
         arguments.speed.is_none()
@@ -113,7 +114,6 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
     let emulation = match arguments.backend {
         Backend::Host => None,
         Backend::Qemu => {
-            let image = arguments.image.as_deref().unwrap_or(Path::new(IMAGE));
             let emulation = Emulation::of(image)?;
             Some(match arguments.board_timeout {
                 Some(timeout) => emulation.with_timeout(timeout),

@@ -11,7 +11,7 @@ use answers::record::{RunRecord, difference::Difference};
 use anyhow::Context;
 use clap::Args;
 
-use super::{and, file_name, values, whole_file, writable};
+use super::{and, file_name, files::Files, values, whole_file};
 
 /// Heading for the options of every command that ends with a run's record.
 pub(super) const FOR_RESULTS: &str = "Results";
@@ -54,20 +54,18 @@ pub(super) struct Prepared<'a> {
 }
 
 impl RunOutputs {
-    /// Finds out what would go wrong after a run of this scenario and path before it. `more` are
-    /// files that are written too.
+    /// Finds out what would go wrong after a run of this scenario and path before it. There may be
+    /// other files besides the results.
     pub(super) fn prepare<'a>(
         &'a self,
         (scenario, path): (&str, Option<u32>),
-        more: &[&Path],
+        others: Files<'a>,
     ) -> anyhow::Result<Prepared<'a>> {
-        let files = [&self.json, &self.csv, &self.yaml, &self.ros];
-        let files = files.into_iter().flatten().map(PathBuf::as_path);
-        let files: Vec<&Path> = files.chain(more.iter().copied()).collect();
-        let drawings = DRAWINGS.map(|(name, _)| name);
-        let folder = self.plots.as_deref().map(|folder| (folder, &drawings[..]));
-        writable::check(&files, folder)?;
-        // A file named for both is read before it is written.
+        let results = [&self.json, &self.csv, &self.yaml, &self.ros];
+        let files = others
+            .reads(&self.check)
+            .writes(results.into_iter().flatten());
+        files.writes_into(&self.plots, &DRAWING_NAMES).check()?;
         let other = match &self.check {
             Some(file) => {
                 whole_file::check_regular(file)?;
@@ -137,6 +135,8 @@ const DRAWINGS: [(&str, Draw); 3] = [
     ("errors.svg", plot::errors),
     ("residuals.svg", plot::residuals),
 ];
+
+const DRAWING_NAMES: [&str; 3] = [DRAWINGS[0].0, DRAWINGS[1].0, DRAWINGS[2].0];
 
 fn cannot_be_compared(path: &Path) -> String {
     format!("the run cannot be compared with {}", file_name(path))

@@ -10,6 +10,7 @@ use indicatif::{ProgressBar, ProgressStyle};
 use site::Scenario;
 
 use super::{
+    files::Files,
     run_outputs::FOR_RESULTS,
     scenario_options::{FOR_SCENARIO, ScenarioOptions},
     sweep_outputs::{self, Incomplete, SweepOutputs},
@@ -45,7 +46,8 @@ Exit codes:
   2  wrong options, an impossible scenario, or a file could not be written";
 
 pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
-    arguments.outputs.check()?;
+    let files = Files::default().reads(arguments.scenario.file());
+    arguments.outputs.check(files)?;
     let scenarios = scenarios(arguments)?;
     let jobs = match arguments.jobs {
         Some(jobs) => jobs,

@@ -1,16 +1,13 @@
 //! Where the statistics of many runs go.
 
-use std::{
-    path::{Path, PathBuf},
-    process::ExitCode,
-};
+use std::{path::PathBuf, process::ExitCode};
 
 use answers::plot;
 use answers::record::{RunRecord, sweep::SweepReport};
 use answers::report::sweep::sweep_report;
 use clap::Args;
 
-use super::{and, print, run_outputs::write, values, writable};
+use super::{and, files::Files, print, run_outputs::write, values};
 
 #[derive(Args)]
 pub(super) struct SweepOutputs {
@@ -23,11 +20,10 @@ pub(super) struct SweepOutputs {
 }
 
 impl SweepOutputs {
-    /// Finds out what cannot be written before there is anything to write.
-    pub(super) fn check(&self) -> anyhow::Result<()> {
-        let files = [&self.sweep_csv, &self.sweep_plot];
-        let files: Vec<&Path> = files.into_iter().flatten().map(PathBuf::as_path).collect();
-        writable::check(&files, None)
+    /// Finds out what cannot be written before there is anything to write. Some files are read.
+    pub(super) fn check<'a>(&'a self, read: Files<'a>) -> anyhow::Result<()> {
+        let results = [&self.sweep_csv, &self.sweep_plot];
+        read.writes(results.into_iter().flatten()).check()
     }
 
     /// Writes what was asked for. Each failure is told or returned, and none keeps the others from

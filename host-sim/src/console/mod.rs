@@ -6,9 +6,7 @@
 //! | [`known`] | What the coordinator has told: network, members, poses. |
 //! | [`session`] | Bytes in, bytes out: asks for everything, and for one wish after the other. |
 //! | [`output`] | What is known as a table, CSV and JSON. |
-//! | [`key_file`] | Reads a site key. |
 
-pub mod key_file;
 pub mod known;
 pub mod output;
 pub mod session;

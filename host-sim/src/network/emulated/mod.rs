@@ -35,7 +35,7 @@ use embedded_io_async::{Read, Write};
 use node_firmware::{config::Config, memory::Fact};
 
 pub use self::error::EmulatorError;
-use self::{files::Folder, heard::Heard, machine::Machine};
+use self::{files::Folder, heard::Heard};
 use super::node::Panel;
 use virtual_bench::{
     co_processor::CoProcessor,
@@ -43,9 +43,6 @@ use virtual_bench::{
     medium::{Medium, NodeId},
     polled::Polled,
 };
-
-/// The program.
-const EMULATOR: &str = "qemu-system-arm";
 
 /// Where `cargo xtask firmware` puts the image.
 pub const IMAGE: &str = "target/firmware/mps2-an386-node.elf";
@@ -77,7 +74,7 @@ impl Emulation {
             .ok()
             .filter(|image| image.is_file())
             .ok_or_else(|| EmulatorError::NoImage(image.to_owned()))?;
-        machine::check()?;
+        board_emulator::check()?;
         let files = Folder::new().map_err(EmulatorError::Files)?;
         Ok(Self {
             image,
@@ -144,7 +141,7 @@ impl Board {
             panel,
             seed,
         } = surroundings;
-        let (mut machine, lines) = match Machine::start(self, clock, seed).await {
+        let (mut machine, lines) = match self.start(clock, seed).await {
             Ok(started) => started,
             Err(error) => return error,
         };
@@ -158,13 +155,16 @@ impl Board {
             bridge(line, device),
             radio.run(),
             panel::connect(lamps, panel),
-            select(machine.ended(clock), self.says_nothing(clock, &is_heard)),
+            select(
+                machine::ended(&mut machine, clock),
+                self.says_nothing(clock, &is_heard),
+            ),
         );
         match connected.await {
             Either4::Fourth(Either::First(status)) => self.ended(status),
             Either4::Fourth(Either::Second(())) => self.silent("talk to its radio"),
             // A line is closed a moment before its process has ended.
-            _ => match select(machine.ended(clock), clock.sleep(LINGERING)).await {
+            _ => match select(machine::ended(&mut machine, clock), clock.sleep(LINGERING)).await {
                 Either::First(status) => self.ended(status),
                 Either::Second(()) => EmulatorError::LineClosed { id: self.id() },
             },

@@ -1,0 +1,6 @@
+//! Keys, pages and boards, by the commands that people type.
+#![cfg(unix)]
+
+mod flash;
+mod place;
+mod provision;
