@@ -85,6 +85,7 @@ pub(super) fn scenario(scenario: &Scenario) -> Checked {
     world(scenario)?;
     camera("camera", &scenario.camera)?;
     walk(scenario)?;
+    scatter(scenario)?;
     radio(&scenario.radio)?;
     firmware(scenario)?;
     if scenario.networks.is_empty() {
@@ -118,7 +119,7 @@ fn name(field: &str, name: &str) -> Checked {
 }
 
 fn unit(scenario: &Scenario) -> Checked {
-    let is_known = ["units", "metres"].contains(&scenario.unit.as_str());
+    let is_known = ["units", "m", "metres"].contains(&scenario.unit.as_str());
     if scenario.unit_metres.is_none() && !is_known {
         let allowed = format!("the length of one of the {} in metres", scenario.unit);
         return Err(refuse("unit_metres", "missing", allowed));
@@ -155,7 +156,14 @@ fn world(scenario: &Scenario) -> Checked {
     for (n, obstacle) in (1..).zip(&world.obstacles) {
         let name = |field: &str| format!("world.obstacle {n}.{field}");
         let corners: &[[f64; 2]] = match obstacle {
-            ObstacleTable::Wall(ends) => ends,
+            ObstacleTable::Wall(corners) if corners.len() < 2 => {
+                return Err(refuse(
+                    name("wall"),
+                    format!("{} corners", corners.len()),
+                    "two corners or more",
+                ));
+            }
+            ObstacleTable::Wall(corners) => corners,
             ObstacleTable::Pillar { x, y, radius } => {
                 number(name("pillar.radius"), *radius, SMALL..=LARGE, "")?;
                 &[[*x, *y]]
@@ -180,7 +188,7 @@ pub(super) fn camera(name: &str, camera: &CameraTable) -> Checked {
     let projection = camera.projection();
     view(
         &format!("{name}.field_of_view_deg"),
-        camera.field_of_view_deg,
+        camera.field_of_view_deg(),
         projection,
     )?;
     let model = camera.model;
@@ -210,11 +218,11 @@ pub(super) fn camera(name: &str, camera: &CameraTable) -> Checked {
         0.0..=1.0,
         " of the light",
     )?;
-    if !BAUD_RATES.contains(&camera.baud) {
+    if !BAUD_RATES.contains(&camera.baud()) {
         let rates = BAUD_RATES.map(|rate| rate.to_string()).join(", ");
         return Err(refuse(
             format!("{name}.baud"),
-            camera.baud,
+            camera.baud(),
             format!("one of {rates}"),
         ));
     }
@@ -255,7 +263,7 @@ pub(super) fn fault_rates(
 }
 
 fn walk(scenario: &Scenario) -> Checked {
-    let (walk, sensor) = (&scenario.walk, &scenario.sensor);
+    let (walk, sensor) = (&scenario.walk, scenario.sensor.unwrap_or_default());
     number("walk.speed", walk.speed, 1e-3..=1e3, " units a second")?;
     number(
         "walk.arrive_within",
@@ -287,6 +295,17 @@ fn walk(scenario: &Scenario) -> Checked {
         "sensor.heading_bias_deg",
         sensor.heading_bias_deg,
         -180.0..=180.0,
+        " degrees",
+    )
+}
+
+fn scatter(scenario: &Scenario) -> Checked {
+    let scatter = &scenario.scatter;
+    number("scatter.position", scatter.position, 0.0..=LARGE, "")?;
+    number(
+        "scatter.heading_deg",
+        scatter.heading_deg,
+        0.0..=180.0,
         " degrees",
     )
 }
@@ -329,22 +348,19 @@ fn firmware(scenario: &Scenario) -> Checked {
             "firmware.good_enough_position",
             firmware.good_enough_position,
         ),
-        (
-            "firmware.standing_sigma",
-            firmware.standing_sigma.unwrap_or(0.0),
-        ),
+        ("firmware.standing_sigma", firmware.standing_sigma),
+        ("firmware.weak_sigma", firmware.weak_sigma),
     ] {
-        number(field, value, 0.0..=LARGE, " in the unit of the world")?;
+        number(
+            field,
+            value.unwrap_or(0.0),
+            0.0..=LARGE,
+            " in the unit of the world",
+        )?;
     }
     number(
-        "firmware.weak_sigma",
-        firmware.weak_sigma,
-        firmware.good_enough_position.max(SMALL * SMALL)..=LARGE,
-        " in the unit of the world: not less than `good_enough_position`",
-    )?;
-    number(
         "firmware.good_enough_heading_deg",
-        firmware.good_enough_heading_deg,
+        firmware.good_enough_heading_deg.unwrap_or(0.0),
         0.0..=180.0,
         " degrees",
     )
@@ -356,12 +372,14 @@ fn network(
     network: &NetworkTable,
     ids: &mut BTreeSet<u16>,
 ) -> Checked {
-    number(
-        format!("{name}.channel"),
-        f64::from(network.channel),
-        11.0..=26.0,
-        ": a channel of the 2.4 GHz band",
-    )?;
+    for channel in network.channels() {
+        number(
+            format!("{name}.channel"),
+            f64::from(channel),
+            11.0..=26.0,
+            ": a channel of the 2.4 GHz band",
+        )?;
+    }
     if let Some(at) = network.coordinator {
         place(&format!("{name}.coordinator"), at, scenario)?;
     }
@@ -399,10 +417,12 @@ fn network(
     for (n, camera) in (1..).zip(&network.cameras) {
         let name = format!("{name}.camera {n}");
         take(format!("{name}.id"), camera.id)?;
-        place(&format!("{name} (x, y)"), [camera.x, camera.y], scenario)?;
+        if let Some(at) = camera.place() {
+            place(&format!("{name} (x, y)"), at.into(), scenario)?;
+        }
         number(
             format!("{name}.heading_deg"),
-            camera.heading_deg,
+            camera.heading_deg.unwrap_or(0.0),
             -360.0..=360.0,
             " degrees",
         )?;
@@ -446,7 +466,7 @@ fn network(
     }
     number(
         format!("{name}.references.compass_deg"),
-        references.compass_deg,
+        references.compass_deg.unwrap_or(0.0),
         -360.0..=360.0,
         " degrees",
     )

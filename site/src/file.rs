@@ -3,14 +3,17 @@
 use std::collections::BTreeMap;
 
 use calib_core::camera::Projection;
+use cmucam2_driver::geometry::{Sensor, Size};
+use nalgebra::Point2;
+use node_firmware::sight::ColourWindow;
 use serde::{Deserialize, Serialize};
 
-use super::{event::ScriptedEvent, planner::Placement};
+use super::{event::ScriptedEvent, firmware::FirmwareTable, planner::Placement};
 use crate::world::Variant;
 use cmucam2_emulator::Rgb;
 
-/// A scenario. Every table but `network` (or `grid`) may be missing; what is missing has its
-/// default.
+/// A site, and what only a rehearsal of it knows. Every table but `network` (or `grid`) may be
+/// missing; what is missing has its default.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Scenario {
@@ -35,9 +38,15 @@ pub struct Scenario {
     #[serde(default = "units")]
     pub unit: String,
     /// How long it is, for the radio medium `log-distance` and for exports in metres. Default 1,
-    /// only for `units` and `metres`.
+    /// only for `units`, `m` and `metres`.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub unit_metres: Option<f64>,
+    /// Name of the file with the site's key, next to this file.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub key_file: Option<String>,
+    /// How far cameras stand from where this file has them.
+    #[serde(default, skip_serializing_if = "ScatterTable::is_none")]
+    pub scatter: ScatterTable,
     /// The place.
     #[serde(default)]
     pub world: WorldTable,
@@ -47,9 +56,9 @@ pub struct Scenario {
     /// How targets walk.
     #[serde(default)]
     pub walk: WalkTable,
-    /// How step sensors err.
-    #[serde(default)]
-    pub sensor: SensorTable,
+    /// How step sensors err. Assumed if missing: not at all.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub sensor: Option<SensorTable>,
     /// The radio medium.
     #[serde(default)]
     pub radio: RadioTable,
@@ -66,6 +75,9 @@ pub struct Scenario {
     #[serde(default, rename = "event", skip_serializing_if = "Vec::is_empty")]
     pub events: Vec<ScriptedEvent>,
 }
+
+/// What a rehearsal takes a lens to be of which nobody says anything: the thesis's.
+pub(crate) const ASSUMED_FIELD_OF_VIEW_DEG: f64 = 60.0;
 
 fn one() -> u64 {
     1
@@ -102,13 +114,13 @@ impl Default for WorldTable {
     }
 }
 
-/// An obstacle: `wall = [[x, y], [x, y]]`, `pillar = { x, y, radius }` or
+/// An obstacle: `wall = [[x, y], [x, y], ...]`, `pillar = { x, y, radius }` or
 /// `block = [[x, y], ...]` of three corners or more.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, rename_all = "kebab-case")]
 pub enum ObstacleTable {
-    /// A thin wall.
-    Wall([[f64; 2]; 2]),
+    /// A thin wall, with two corners or more.
+    Wall(Vec<[f64; 2]>),
     /// A disc.
     #[serde(rename_all = "kebab-case")]
     Pillar {
@@ -134,6 +146,31 @@ pub enum SensorName {
     Ov7620,
 }
 
+impl From<SensorName> for Sensor {
+    fn from(name: SensorName) -> Self {
+        match name {
+            SensorName::Ov6620 => Self::Ov6620,
+            SensorName::Ov7620 => Self::Ov7620,
+        }
+    }
+}
+
+/// How far cameras stand from where the file has them, standard deviations. Default: not at all.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct ScatterTable {
+    /// Of x and of y.
+    pub position: f64,
+    /// Of the heading, degrees.
+    pub heading_deg: f64,
+}
+
+impl ScatterTable {
+    fn is_none(&self) -> bool {
+        *self == Self::default()
+    }
+}
+
 /// What all cameras are.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
@@ -142,16 +179,18 @@ pub struct CameraTable {
     pub variant: Variant,
     /// Its image sensor: `ov6620` (default) or `ov7620`.
     pub sensor: SensorName,
-    /// `pin-hole` or `equal-angle`. Default: that of the variant, `equal-angle` for `stage`.
+    /// `pin-hole` or `equal-angle`. Assumed if missing: that of the variant, `equal-angle` for
+    /// `stage`.
     pub projection: Option<Projection>,
-    /// Angle from the middle of the first column to that of the last one, degrees. Default 60.
-    pub field_of_view_deg: f64,
+    /// Angle from the middle of the first column to that of the last one, degrees. Assumed if
+    /// missing: 60.
+    pub field_of_view_deg: Option<f64>,
     /// How far it sees. Default 8.
     pub range: f64,
     /// The lens that nodes believe to have, where it is not the real one.
     pub model: ModelTable,
-    /// Baud rate of the line between node and camera. Default 38400.
-    pub baud: u32,
+    /// Baud rate of the line between node and camera. Default: the firmware's.
+    pub baud: Option<u32>,
     /// Noise of a pixel, standard deviation, levels. Default 2.
     pub noise: f64,
     /// Change of the light from frame to frame, as a fraction. Default 0.01.
@@ -166,10 +205,10 @@ impl Default for CameraTable {
             variant: Variant::Cmucam2,
             sensor: SensorName::default(),
             projection: None,
-            field_of_view_deg: 60.0,
+            field_of_view_deg: None,
             range: 8.0,
             model: ModelTable::default(),
-            baud: 38_400,
+            baud: None,
             noise: 2.0,
             flicker: 0.01,
             faults: BTreeMap::new(),
@@ -186,16 +225,29 @@ impl CameraTable {
         })
     }
 
+    /// The real lens's, degrees.
+    pub fn field_of_view_deg(&self) -> f64 {
+        self.field_of_view_deg.unwrap_or(ASSUMED_FIELD_OF_VIEW_DEG)
+    }
+
+    /// Columns and rows of its frames.
+    pub fn size(&self) -> Size {
+        Size::of(self.sensor.into(), false)
+    }
+
     /// What one camera is.
     #[must_use]
     pub fn for_camera(&self, camera: &PlacedCamera) -> Self {
-        let own = self.clone();
+        let all = self.clone();
         Self {
-            field_of_view_deg: camera.field_of_view_deg.unwrap_or(own.field_of_view_deg),
-            range: camera.range.unwrap_or(own.range),
-            model: camera.model.unwrap_or(own.model),
-            faults: camera.faults.clone().unwrap_or(own.faults),
-            ..own
+            sensor: camera.sensor.unwrap_or(all.sensor),
+            projection: camera.projection.or(all.projection),
+            field_of_view_deg: camera.field_of_view_deg.or(all.field_of_view_deg),
+            range: camera.range.unwrap_or(all.range),
+            model: camera.model.unwrap_or(all.model),
+            baud: camera.baud.or(all.baud),
+            faults: camera.faults.clone().unwrap_or(all.faults),
+            ..all
         }
     }
 }
@@ -205,23 +257,40 @@ impl CameraTable {
 #[serde(deny_unknown_fields, default)]
 pub struct ModelTable {
     /// Default: the real one.
+    #[serde(skip_serializing_if = "Option::is_none")]
     pub projection: Option<Projection>,
     /// Degrees. Default: the real one.
+    #[serde(skip_serializing_if = "Option::is_none")]
     pub field_of_view_deg: Option<f64>,
+    /// Column of the optical axis. Default: in the middle.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub principal_column: Option<f64>,
 }
 
 /// A camera of a network.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct PlacedCamera {
     /// Number of its node.
     pub id: u16,
-    /// True place.
-    pub x: f64,
-    /// True place.
-    pub y: f64,
-    /// True heading, degrees.
-    pub heading_deg: f64,
+    /// Where it stands in the building. Needed of references, and of all in a rehearsal.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub x: Option<f64>,
+    /// Where it stands.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub y: Option<f64>,
+    /// Where it looks, degrees. Needed in a rehearsal.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub heading_deg: Option<f64>,
+    /// Its EUI-64. Default: one made of its number.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub extended: Option<String>,
+    /// In place of [`CameraTable::sensor`].
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub sensor: Option<SensorName>,
+    /// In place of [`CameraTable::projection`].
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub projection: Option<Projection>,
     /// In place of [`CameraTable::field_of_view_deg`].
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub field_of_view_deg: Option<f64>,
@@ -231,9 +300,22 @@ pub struct PlacedCamera {
     /// In place of [`CameraTable::model`].
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub model: Option<ModelTable>,
+    /// In place of [`CameraTable::baud`].
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub baud: Option<u32>,
     /// In place of [`CameraTable::faults`].
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub faults: Option<BTreeMap<String, f64>>,
+    /// Its own parameters, over those of [`Scenario::firmware`].
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub firmware: Option<FirmwareTable>,
+}
+
+impl PlacedCamera {
+    /// Where it stands, if the file says so.
+    pub fn place(&self) -> Option<Point2<f64>> {
+        Some(Point2::new(self.x?, self.y?))
+    }
 }
 
 /// How targets walk.
@@ -347,52 +429,28 @@ impl Default for RadioTable {
     }
 }
 
-/// What the nodes are configured to.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields, default)]
-pub struct FirmwareTable {
-    /// Stops at which a camera wants to see the target. Default: the scenario's `stops`.
-    pub stops: Option<u8>,
-    /// Cameras go on refining their poses after these. Default true.
-    pub refine: bool,
-    /// A pose whose sigma of the position is larger is weak: another stop is asked for. Default
-    /// 0.15.
-    pub weak_sigma: f64,
-    /// A pose needs no more stops when this sigma of the position, 0 for never, ...
-    pub good_enough_position: f64,
-    /// ... and this one of the heading, degrees, are reached.
-    pub good_enough_heading_deg: f64,
-    /// How far a target may stand off the place that it tells, standard deviation of each axis.
-    /// Default: what `walk.arrive_within` makes of it.
-    pub standing_sigma: Option<f64>,
-    /// Cameras look for what differs from the background instead of for a colour. Default false.
-    pub motion: bool,
-}
-
-impl Default for FirmwareTable {
-    fn default() -> Self {
-        Self {
-            stops: None,
-            refine: true,
-            weak_sigma: 0.15,
-            good_enough_position: 0.0,
-            good_enough_heading_deg: 0.0,
-            standing_sigma: None,
-            motion: false,
-        }
-    }
-}
-
 /// A network: one coordinator and what joins it, one hop apart.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct NetworkTable {
-    /// Its channel, 11 to 26.
-    #[serde(default = "channel")]
-    pub channel: u8,
+    /// Its channel, 11 to 26. Default 15.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub channel: Option<u8>,
+    /// Several channels, of which its coordinator takes the quietest, in place of `channel`.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub channels: Option<Vec<u8>>,
     /// Where its coordinator stands. Default: in the middle of its cameras.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub coordinator: Option<[f64; 2]>,
+    /// Its coordinator's EUI-64. Default: one made of its number.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub coordinator_extended: Option<String>,
+    /// EUI-64s of further devices that may join.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub allow: Vec<String>,
+    /// Its frame in the building, where its references have no places there.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub frame: Option<FrameTable>,
     /// Lowest and highest corner of where its targets may go. Default: the world's.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub area: Option<[[f64; 2]; 2]>,
@@ -406,13 +464,36 @@ pub struct NetworkTable {
     pub targets: Vec<TargetTable>,
 }
 
-fn channel() -> u8 {
-    15
+impl NetworkTable {
+    /// The channels that it may use.
+    pub fn channels(&self) -> Vec<u8> {
+        match (&self.channels, self.channel) {
+            (Some(channels), _) => channels.clone(),
+            (None, channel) => vec![channel.unwrap_or(15)],
+        }
+    }
+
+    /// Its camera of this number.
+    pub fn camera(&self, id: u16) -> Option<&PlacedCamera> {
+        self.cameras.iter().find(|camera| camera.id == id)
+    }
+}
+
+/// Where a network's frame is in the building.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct FrameTable {
+    /// Its origin: the first reference.
+    pub x: f64,
+    /// Its origin.
+    pub y: f64,
+    /// Direction of its x axis, from the first reference to the second, degrees.
+    pub heading_deg: f64,
 }
 
 /// The two cameras that span a network's frame: its origin is the first one, its x axis points to
 /// the second one.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct ReferencesTable {
     /// The node numbers of the first and the second one. Where they are elected: of those in whose
@@ -421,20 +502,32 @@ pub struct ReferencesTable {
     /// They are not configured; trigger and helper are elected. Default false.
     #[serde(default)]
     pub elected: bool,
-    /// Their distance is known. Default true.
-    #[serde(default = "yes")]
-    pub baseline_known: bool,
-    /// The step sensor's headings count from the frame's x axis. Default true.
-    #[serde(default = "yes")]
-    pub frame_heading_known: bool,
-    /// Direction of the step sensor's x axis in the world where it is not that of the frame,
-    /// degrees. Default 0.
-    #[serde(default)]
-    pub compass_deg: f64,
+    /// Their distance is known. Default: true, unless they are elected.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub baseline_known: Option<bool>,
+    /// Their distance as it was measured. Default: that of their places.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub baseline: Option<f64>,
+    /// It is known from where the step sensor's headings count. Default: true, unless the
+    /// references are elected.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub frame_heading_known: Option<bool>,
+    /// Direction from which the step sensor's headings count, in the building, degrees. Default: the
+    /// frame's x axis where it is known, otherwise 0.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub compass_deg: Option<f64>,
 }
 
-fn yes() -> bool {
-    true
+impl ReferencesTable {
+    /// Whether nodes are told their distance.
+    pub fn baseline_known(&self) -> bool {
+        self.baseline_known.unwrap_or(!self.elected)
+    }
+
+    /// Whether nodes are told from where headings count.
+    pub fn frame_heading_known(&self) -> bool {
+        self.frame_heading_known.unwrap_or(!self.elected)
+    }
 }
 
 /// A target.
@@ -452,6 +545,15 @@ pub struct TargetTable {
     /// Where it stops, the first one being where it begins. Default: planned.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub stops: Option<Vec<[f64; 2]>>,
+    /// What it looks like to cameras. Default: made of `colour` and the `colour_tolerance`.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub window: Option<ColourWindow>,
+    /// Its EUI-64. Default: one made of its number.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub extended: Option<String>,
+    /// Its own parameters, over those of [`Scenario::firmware`].
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub firmware: Option<FirmwareTable>,
 }
 
 fn orange() -> Rgb {

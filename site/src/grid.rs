@@ -68,13 +68,10 @@ fn network(grid: &GridTable, cell: usize, side: usize, scenario: &Scenario) -> N
     let nodes = grid.cell_nodes.min(grid.nodes - first).max(2);
     let at = |id: usize, x: f64, y: f64, heading_deg: f64| PlacedCamera {
         id: id as u16,
-        x: corner[0] + x,
-        y: corner[1] + y,
-        heading_deg,
-        field_of_view_deg: None,
-        range: None,
-        model: None,
-        faults: None,
+        x: Some(corner[0] + x),
+        y: Some(corner[1] + y),
+        heading_deg: Some(heading_deg),
+        ..PlacedCamera::default()
     };
     let (begin, end) = (
         size / 2.0 - scenario.camera.range * 0.6,
@@ -93,15 +90,16 @@ fn network(grid: &GridTable, cell: usize, side: usize, scenario: &Scenario) -> N
         cameras.push(at(id, x, y, heading));
     }
     NetworkTable {
-        channel: CHANNELS[(column % 4 + 4 * (row % 4)) % CHANNELS.len()],
+        channel: Some(CHANNELS[(column % 4 + 4 * (row % 4)) % CHANNELS.len()]),
+        channels: None,
+        coordinator_extended: None,
+        allow: Vec::new(),
+        frame: None,
         coordinator: Some([corner[0] + size / 2.0, corner[1] + size / 2.0]),
         area: Some([corner, corner.map(|low| low + size)]),
         references: ReferencesTable {
             cameras: [first as u16 + 1, first as u16 + 2],
-            elected: false,
-            baseline_known: true,
-            frame_heading_known: true,
-            compass_deg: 0.0,
+            ..ReferencesTable::default()
         },
         cameras,
         targets: vec![TargetTable {
@@ -109,6 +107,9 @@ fn network(grid: &GridTable, cell: usize, side: usize, scenario: &Scenario) -> N
             colour: COLOURS[column % 2 + 2 * (row % 2)],
             radius: 0.15,
             stops: None,
+            window: None,
+            extended: None,
+            firmware: None,
         }],
     }
 }

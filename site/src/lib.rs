@@ -29,10 +29,13 @@
 //! # Ok::<(), site::ScenarioError>(())
 //! ```
 
+mod assume;
 mod check;
+mod configs;
 mod error;
 mod event;
 mod file;
+mod firmware;
 pub mod grid;
 pub mod key_file;
 pub mod node;
@@ -41,15 +44,19 @@ pub mod page_file;
 pub mod planner;
 mod private_file;
 mod put_up;
+mod scatter;
 pub mod world;
 
+pub use assume::{Assumption, Purpose};
+pub use configs::{NetworkConfigs, configs, coordinator_id, extended};
 pub use error::ScenarioError;
 pub use event::{Action, ScriptedEvent};
 pub use file::{
-    CameraTable, FirmwareTable, GridTable, ModelTable, NetworkTable, ObstacleTable, PlacedCamera,
-    RadioTable, ReferencesTable, Scenario, SensorName, SensorTable, TargetTable, WalkTable,
-    WorldTable,
+    CameraTable, FrameTable, GridTable, ModelTable, NetworkTable, ObstacleTable, PlacedCamera,
+    RadioTable, ReferencesTable, ScatterTable, Scenario, SensorName, SensorTable, TargetTable,
+    WalkTable, WorldTable,
 };
+pub use firmware::FirmwareTable;
 pub use overrides::Overrides;
 pub use put_up::{CameraNode, Frame, Network, Site, TargetNode};
 

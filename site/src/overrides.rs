@@ -5,7 +5,7 @@ use calib_core::camera::Projection;
 use super::{
     check::refuse,
     error::ScenarioError,
-    file::{Scenario, SensorTable},
+    file::{ScatterTable, Scenario, SensorTable},
     planner::Placement,
 };
 use crate::world::Variant;
@@ -23,7 +23,8 @@ pub struct Overrides {
     pub placement: Option<Placement>,
     /// Cameras of a grid.
     pub nodes: Option<usize>,
-    /// How pictures come about. The real projection follows, unless the file sets it.
+    /// How pictures come about. With `stage` the real projection follows; otherwise unless the file
+    /// sets it.
     pub variant: Option<Variant>,
     /// The projection that all nodes believe in.
     pub model: Option<Projection>,
@@ -31,6 +32,8 @@ pub struct Overrides {
     pub drift: bool,
     /// Share of frames that the radio loses.
     pub loss: Option<f64>,
+    /// How far cameras stand from where the file has them.
+    pub scatter: Option<ScatterTable>,
 }
 
 impl Overrides {
@@ -38,6 +41,7 @@ impl Overrides {
         scenario.seed = self.seed.unwrap_or(scenario.seed);
         scenario.path = self.path.unwrap_or(scenario.path);
         scenario.stops = self.stops.unwrap_or(scenario.stops);
+        scenario.scatter = self.scatter.unwrap_or(scenario.scatter);
         scenario.placement = self.placement.unwrap_or(scenario.placement);
         if let Some(nodes) = self.nodes {
             match &mut scenario.grid {
@@ -49,6 +53,10 @@ impl Overrides {
             }
         }
         scenario.camera.variant = self.variant.unwrap_or(scenario.camera.variant);
+        if self.variant == Some(Variant::Stage) {
+            // Stage has no other.
+            scenario.camera.projection = None;
+        }
         if self.model.is_some() {
             scenario.camera.model.projection = self.model;
             for camera in scenario.networks.iter_mut().flat_map(|n| &mut n.cameras) {
@@ -58,7 +66,9 @@ impl Overrides {
             }
         }
         if self.drift {
-            scenario.sensor = SensorTable::DRIFT;
+            scenario.sensor = Some(SensorTable::DRIFT);
+            // It measures where it stands, too.
+            scenario.firmware.standing_sigma = Some(0.0);
         }
         if let Some(share) = self.loss {
             scenario.radio.set_loss(share);

@@ -6,15 +6,13 @@ use calib_core::{
     camera::{Camera as Optics, Projection},
     reference::Known,
 };
-use cmucam2_driver::geometry::{Sensor, Size};
+use cmucam2_driver::geometry::Sensor;
 use nalgebra::{Point2, Rotation2, Vector2};
 
 use super::{
     check::{fault_rates, refuse},
     error::ScenarioError,
-    file::{
-        CameraTable, NetworkTable, ObstacleTable, PlacedCamera, Scenario, SensorName, TargetTable,
-    },
+    file::{CameraTable, NetworkTable, ObstacleTable, PlacedCamera, Scenario, TargetTable},
     planner::{self, Noise, Plan, PlanError, Task},
 };
 use crate::world::{Camera, Gait, Obstacle, SensorErrors, Target, World};
@@ -36,8 +34,6 @@ pub struct Site {
 /// One network of a site.
 #[derive(Clone, Debug)]
 pub struct Network {
-    /// Its channel.
-    pub channel: u8,
     /// Where its coordinator stands.
     pub coordinator: Point2<f64>,
     /// Its cameras.
@@ -46,7 +42,7 @@ pub struct Network {
     pub references: [usize; 2],
     /// The references are to be elected.
     pub elected: bool,
-    /// What is known beforehand.
+    /// What its nodes are told of the frame beforehand.
     pub known: Known<f64>,
     /// The frame in which the network reports.
     pub frame: Frame,
@@ -95,7 +91,7 @@ pub struct TargetNode {
     pub errors: SensorErrors,
     /// Direction of the x axis of its step sensor in the world, radians.
     pub axis: f64,
-    /// How far it may stand off the place that it tells, standard deviation of each axis.
+    /// How far it believes to stand off the place that it tells, standard deviation of each axis.
     pub standing_sigma: f64,
 }
 
@@ -110,7 +106,7 @@ pub struct Frame {
 
 impl Frame {
     /// Of references at these places of the world.
-    fn between([origin, other]: [Point2<f64>; 2]) -> Self {
+    pub fn between([origin, other]: [Point2<f64>; 2]) -> Self {
         let baseline = other - origin;
         Self {
             origin,
@@ -143,13 +139,19 @@ fn camera(
     table: &CameraTable,
     placed: &PlacedCamera,
 ) -> Result<(Camera, CameraNode), ScenarioError> {
-    let sensor = match table.sensor {
-        SensorName::Ov6620 => Sensor::Ov6620,
-        SensorName::Ov7620 => Sensor::Ov7620,
+    let missing = |field: &str| {
+        let allowed = "there in a rehearsal, which puts this camera somewhere; only nodes are \
+                       configured without it";
+        refuse(format!("{name}.{field}"), "missing", allowed)
     };
-    let size = Size::of(sensor, false);
+    let place = Point2::new(
+        placed.x.ok_or_else(|| missing("x"))?,
+        placed.y.ok_or_else(|| missing("y"))?,
+    );
+    let heading_deg = placed.heading_deg.ok_or_else(|| missing("heading_deg"))?;
+    let size = table.size();
     let projection = table.projection();
-    let degrees = table.field_of_view_deg;
+    let degrees = table.field_of_view_deg();
     let impossible = |field: &str, degrees: f64| {
         refuse(
             format!("{name}.{field}"),
@@ -159,8 +161,9 @@ fn camera(
     };
     let lens = Lens::with_projection(projection, degrees.to_radians(), size.width, size.height)
         .ok_or_else(|| impossible("field_of_view_deg", degrees))?;
+    let believed = table.believed();
     let model_lens = (
-        table.model.projection.unwrap_or(projection),
+        believed.projection,
         table.model.field_of_view_deg.unwrap_or(degrees),
     );
     let model = Optics::new(
@@ -169,9 +172,16 @@ fn camera(
         model_lens.1.to_radians(),
     )
     .map_err(|_| impossible("model.field_of_view_deg", model_lens.1))?;
+    let model = match table.model.principal_column {
+        None => model,
+        Some(column) => model.with_principal_point(column).map_err(|_| {
+            let allowed = format!("a column of the lens, 0 to {}", size.width - 1);
+            refuse(format!("{name}.model.principal_column"), column, allowed)
+        })?,
+    };
     let camera = Camera {
-        place: Point2::new(placed.x, placed.y),
-        heading: placed.heading_deg.to_radians(),
+        place,
+        heading: heading_deg.to_radians(),
         lens,
         range: table.range,
         variant: table.variant,
@@ -179,8 +189,8 @@ fn camera(
     let node = CameraNode {
         id: placed.id,
         index: 0,
-        sensor,
-        baud: table.baud,
+        sensor: table.sensor.into(),
+        baud: table.baud(),
         faults: fault_rates(name, &table.faults)?,
         noise: table.noise,
         flicker: table.flicker,
@@ -190,9 +200,15 @@ fn camera(
     Ok((camera, node))
 }
 
-fn obstacle(table: &ObstacleTable) -> Obstacle {
-    match table {
-        ObstacleTable::Wall(ends) => Obstacle::Segment(ends.map(Point2::from)),
+/// A wall is a segment between each two of its corners.
+pub(super) fn obstacles(table: &ObstacleTable) -> Vec<Obstacle> {
+    let one = match table {
+        ObstacleTable::Wall(corners) => {
+            let segments = corners.windows(2);
+            let segment =
+                |ends: &[[f64; 2]]| Obstacle::Segment([ends[0], ends[1]].map(Point2::from));
+            return segments.map(segment).collect();
+        }
         &ObstacleTable::Pillar { x, y, radius } => Obstacle::Disc {
             centre: Point2::new(x, y),
             radius,
@@ -200,7 +216,19 @@ fn obstacle(table: &ObstacleTable) -> Obstacle {
         ObstacleTable::Block(corners) => {
             Obstacle::Polygon(corners.iter().copied().map(Point2::from).collect())
         }
-    }
+    };
+    vec![one]
+}
+
+/// The number in the file, from 1, of the table that an obstacle of the world is of.
+fn number_in_file(scenario: &Scenario, obstacle: usize) -> usize {
+    let mut before = 0;
+    let tables = scenario.world.obstacles.iter();
+    let number = tables.take_while(|table| {
+        before += obstacles(table).len();
+        before <= obstacle
+    });
+    number.count() + 1
 }
 
 /// How far short of its goal a target ends, standard deviation of each axis: uniform within the
@@ -211,7 +239,8 @@ fn standing_sigma(arrive_within: f64) -> f64 {
 
 /// Puts a checked scenario up.
 pub(super) fn put_up(scenario: &Scenario) -> Result<Site, ScenarioError> {
-    let obstacles: Vec<_> = scenario.world.obstacles.iter().map(obstacle).collect();
+    let tables = scenario.world.obstacles.iter();
+    let obstacles: Vec<_> = tables.flat_map(obstacles).collect();
     let mut cameras = Vec::new();
     let mut targets = Vec::new();
     let mut networks = Vec::new();
@@ -221,12 +250,9 @@ pub(super) fn put_up(scenario: &Scenario) -> Result<Site, ScenarioError> {
             let name = format!("network {n}.camera {c}");
             let (camera, mut node) = camera(&name, &scenario.camera.for_camera(placed), placed)?;
             if let Some(o) = obstacles.iter().position(|o| o.contains(camera.place)) {
-                let allowed = format!("outside of obstacle {}", o + 1);
-                return Err(refuse(
-                    format!("{name} (x, y)"),
-                    format!("({}, {})", placed.x, placed.y),
-                    allowed,
-                ));
+                let allowed = format!("outside of obstacle {}", number_in_file(scenario, o));
+                let found = format!("({}, {})", camera.place.x, camera.place.y);
+                return Err(refuse(format!("{name} (x, y)"), found, allowed));
             }
             node.index = cameras.len();
             cameras.push(camera);
@@ -277,24 +303,16 @@ fn network(
         .map(|node| cameras[node.index].place.coords)
         .sum::<Vector2<f64>>()
         / nodes.len() as f64;
-    let axis = if table.references.frame_heading_known {
-        frame.heading
-    } else {
-        table.references.compass_deg.to_radians()
+    let axis = match table.references.compass_deg {
+        Some(degrees) => degrees.to_radians(),
+        None if table.references.frame_heading_known() => frame.heading,
+        None => 0.0,
     };
-    let standing_sigma = scenario
-        .firmware
-        .standing_sigma
-        .unwrap_or_else(|| standing_sigma(scenario.walk.arrive_within));
     Ok(Network {
-        channel: table.channel,
         coordinator: table.coordinator.map_or(Point2::from(middle), Point2::from),
         references,
         elected: table.references.elected,
-        known: Known {
-            baseline: table.references.baseline_known.then(|| baseline.norm()),
-            frame_heading: table.references.frame_heading_known.then_some(0.0),
-        },
+        known: table.known(&format!("network {number}"))?,
         frame,
         targets: (first_target..)
             .zip(&table.targets)
@@ -306,11 +324,7 @@ fn network(
                 plan: None,
                 errors: errors(scenario),
                 axis,
-                standing_sigma: if scenario.sensor.measures {
-                    0.0
-                } else {
-                    standing_sigma
-                },
+                standing_sigma: scenario.target_config(target).standing_sigma.into(),
             })
             .collect(),
         cameras: nodes,
@@ -329,7 +343,7 @@ fn gait(scenario: &Scenario) -> Gait {
 }
 
 fn errors(scenario: &Scenario) -> SensorErrors {
-    let sensor = &scenario.sensor;
+    let sensor = scenario.sensor.unwrap_or_default();
     SensorErrors {
         measures: sensor.measures,
         leg_distance: sensor.leg_distance,
@@ -363,17 +377,23 @@ fn stops(
         let node = cameras.iter().find(|node| node.index == index);
         node.map_or(0, |node| node.id)
     };
+    // As it is: the planner has the true displacements in the true frame.
+    let [first, second] = references.map(|index| world.cameras()[index].place);
+    let known = Known {
+        baseline: network.known.baseline.map(|_| (second - first).norm()),
+        frame_heading: network.known.frame_heading.map(|_| 0.0),
+    };
     for (target, own) in targets.iter_mut().zip(&table.targets) {
         if let Some(stops) = &own.stops {
             target.stops = stops.iter().copied().map(Point2::from).collect();
-            clear_way(own, &target.stops, world)?;
+            clear_way(scenario, own, &target.stops, world)?;
             continue;
         }
         let task = Task {
             world,
             bounds: [low, high].map(Point2::from),
             references,
-            known: network.known,
+            known,
             cameras: &others,
             radius: own.radius,
             stops: scenario.stops,
@@ -402,6 +422,7 @@ fn stops(
 }
 
 fn clear_way(
+    scenario: &Scenario,
     target: &TargetTable,
     stops: &[Point2<f64>],
     world: &World,
@@ -410,7 +431,7 @@ fn clear_way(
         if let Some(obstacle) = world.obstacle_on_way(leg[0], leg[1], target.radius) {
             return Err(ScenarioError::Blocked {
                 target: target.id,
-                obstacle: obstacle + 1,
+                obstacle: number_in_file(scenario, obstacle),
                 stop,
             });
         }

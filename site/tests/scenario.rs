@@ -1,14 +1,27 @@
 //! Scenario files: what they make, and what they say when something is wrong.
 
 use calib_core::camera::Projection;
-use host_sim::network::{Options, Simulation};
 use nalgebra::Point2;
-use node_firmware::{config::Role, role::camera::REFERENCE_STOPS};
+use node_firmware::{
+    config::{CameraConfig, Config, Role, SiteKey},
+    role::camera::REFERENCE_STOPS,
+};
 use site::world::Variant;
-use site::{BUILT_IN, Overrides, Scenario, SensorTable, Site};
+use site::{BUILT_IN, NetworkConfigs, Overrides, Scenario, SensorTable, Site};
 
 fn load(name: &str, changes: &Overrides) -> Site {
     Scenario::load(name, changes).unwrap().put_up().unwrap()
+}
+
+fn configs(scenario: &Scenario) -> Vec<NetworkConfigs> {
+    site::configs(scenario, SiteKey::new(1, *b"0123456789abcdef"), 1).unwrap()
+}
+
+fn camera(config: &Config) -> &CameraConfig {
+    match &config.role {
+        Role::Camera(camera) => camera,
+        other => panic!("node {} is {other:?}", config.id),
+    }
 }
 
 /// A network of three cameras, with some more lines.
@@ -26,7 +39,12 @@ const TARGET: &str = "target = [{ id = 20 }]\n";
 
 fn error(text: &str) -> String {
     let scenario = Scenario::from_toml(text, &Overrides::default());
-    match scenario.and_then(|scenario| scenario.put_up()) {
+    let key = SiteKey::new(1, *b"0123456789abcdef");
+    let put_up = |scenario: Scenario| {
+        scenario.put_up()?;
+        site::configs(&scenario, key, 1)
+    };
+    match scenario.and_then(put_up) {
         Ok(_) => panic!("nothing is wrong with\n{text}"),
         Err(error) => error.to_string(),
     }
@@ -71,11 +89,8 @@ fn nodes_count_as_many_stops_as_are_planned() {
             .clone()
             .unwrap();
         let planned = plan.stops.iter().filter(|stop| stop.for_references).count();
-        let simulation = Simulation::new(scenario, Options::default()).unwrap();
-        for id in 1..=13 {
-            let Role::Camera(camera) = &simulation.config(id).unwrap().role else {
-                panic!("node {id} is no camera");
-            };
+        for config in &configs(&scenario).remove(0).cameras {
+            let camera = camera(config);
             assert_eq!(
                 usize::from(camera.reference_stops),
                 planned,
@@ -213,7 +228,7 @@ fn the_command_line_changes_a_scenario() {
         ..Overrides::default()
     };
     let scenario = Scenario::load("thesis-13", &changes).unwrap();
-    assert_eq!(scenario.sensor, SensorTable::DRIFT);
+    assert_eq!(scenario.sensor, Some(SensorTable::DRIFT));
     let site = scenario.put_up().unwrap();
     let node = &site.networks[0].cameras[4];
     let camera = &site.world.cameras()[node.index];
@@ -262,8 +277,8 @@ fn what_is_only_unusual_is_possible() {
         small("", "target = [{ id = 59999 }]"),
     ] {
         let scenario = Scenario::from_toml(&text, &Overrides::default()).unwrap();
-        let simulation = Simulation::new(scenario, Options::default());
-        assert!(simulation.is_ok(), "{text}");
+        assert!(scenario.put_up().is_ok(), "{text}");
+        assert!(!configs(&scenario).is_empty(), "{text}");
     }
 }
 
@@ -402,7 +417,10 @@ fn what_is_wrong_is_named() {
                 "[firmware]\nweak_sigma = 0.1\ngood_enough_position = 0.2",
                 TARGET,
             ),
-            ["`firmware.weak_sigma` is 0.1", "0.2 to"],
+            [
+                "node 1 cannot be configured",
+                "weak-sigma must be at least the good-enough",
+            ],
         ),
         (small("path = 0", TARGET), ["`path` is 0", "1 to"]),
         (small("stops = 0", TARGET), ["`stops` is 0", "3 to 16"]),

@@ -6,6 +6,7 @@ use answers::record::{
     verdict::{Common, Finding, Trouble, Verdict},
 };
 use calib_core::camera::Projection;
+use nalgebra::Vector2;
 use site::world::Variant;
 use site::{Overrides, Scenario};
 
@@ -180,14 +181,14 @@ fn networks_are_told_apart() {
     let record = run(scenario.clone());
     assert_eq!(record.networks.len(), 2);
     let together = record.in_one_frame();
-    let origin = &scenario.networks[0].cameras[0];
+    let origin = scenario.networks[0].cameras[0].place().unwrap();
     for (number, network) in (1..).zip(&scenario.networks) {
         for placed in &network.cameras {
             let [own, moved] = [&record, &together].map(|record| node(record, placed.id));
             assert_eq!(own.network, number);
             let truth = moved.truth.unwrap();
-            let off = [placed.x - origin.x - truth.x, placed.y - origin.y - truth.y];
-            assert!(off.iter().all(|off| off.abs() < 1e-9), "{off:?}");
+            let off = placed.place().unwrap() - origin - Vector2::new(truth.x, truth.y);
+            assert!(off.norm() < 1e-9, "{off:?}");
         }
         let [first, second] = network.references.cameras.map(|id| node(&record, id));
         let [first, second] = [first, second].map(|node| node.truth.unwrap());

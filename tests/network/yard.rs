@@ -49,6 +49,11 @@ impl Yard<'_> {
             [world]
             low = [-3.0, -3.0]
             high = [11.0, 11.0]
+            # The target reports the way from goal to goal.
+            [firmware]
+            systematic_heading_deg = 0.0
+            systematic_scale = 0.0
+            standing_sigma = 0.008165
             {tables}
             [[network]]
             references = {{ {references} }}

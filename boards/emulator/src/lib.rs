@@ -10,7 +10,10 @@ use std::{
     fmt,
     fs::{self, File},
     io::{self, ErrorKind},
-    os::unix::net::{UnixListener, UnixStream},
+    os::unix::{
+        net::{UnixListener, UnixStream},
+        process::CommandExt,
+    },
     path::{Path, PathBuf},
     process::{Child, ChildStdout, Command, ExitStatus, Output, Stdio},
 };
@@ -123,6 +126,8 @@ impl Emulator {
             .arg("-kernel")
             .arg(image)
             .current_dir(folder)
+            // Ctrl-C is for the owner, who ends it then.
+            .process_group(0)
             .stdin(Stdio::null())
             .stdout(Stdio::null());
         Self {

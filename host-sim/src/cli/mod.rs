@@ -14,6 +14,7 @@ use clap::{Parser, Subcommand};
 mod camera;
 mod camera_options;
 mod console;
+mod end;
 mod files;
 mod flash;
 mod interrupt;

@@ -9,9 +9,10 @@ use clap::{Args, Subcommand};
 
 use super::{
     and,
+    end::End,
     files::{Files, check_different},
     print,
-    run_outputs::{FOR_RESULTS, Prepared, RunOutputs, read_record},
+    run_outputs::{FOR_RESULTS, Prepared, RunOutputs, read_record, read_whole},
     sweep_outputs::{self, Incomplete, SweepOutputs},
 };
 
@@ -63,7 +64,7 @@ struct Swept {
 const RUN_EPILOGUE: &str = "\
 Exit codes:
   0  every camera that should be calibrated is
-  1  one is not, or --check found a difference
+  1  one is not, the run was cut short, or --check found a difference
   2  wrong options, or a file could not be read or written";
 
 const MANY_EPILOGUE: &str = "\
@@ -81,10 +82,10 @@ Exit codes:
 pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
     match &arguments.what {
         What::Run(one) => {
-            let record = read_record(&one.file)?;
+            let (record, end) = read_record(&one.file)?;
             let which = (record.scenario.as_str(), record.path);
             let files = Files::default().reads([&one.file]);
-            finish(&record, &one.outputs.prepare(which, files)?)
+            finish(&record, &one.outputs.prepare(which, files)?, &end)
         }
         What::Runs(many) => together(&many.files),
         What::Sweep(swept) => sweep(swept),
@@ -94,9 +95,16 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
 /// How every run ends: its report on the screen, its files, and its exit code. The report comes
 /// first, for it may have taken long and no file can be in its way; each failure is told or
 /// returned.
-pub(super) fn finish(record: &RunRecord, outputs: &Prepared<'_>) -> anyhow::Result<ExitCode> {
+pub(super) fn finish(
+    record: &RunRecord,
+    outputs: &Prepared<'_>,
+    end: &End,
+) -> anyhow::Result<ExitCode> {
     let mut code = Verdict::of(record).exit_code();
-    let mut text = run_report(record);
+    let mut text = end.mark_text(run_report(record));
+    if *end != End::Whole {
+        code = code.max(1);
+    }
     let compared = outputs.compare(record).map(|difference| {
         if let Some(difference) = difference {
             text += &format!("\n{difference}");
@@ -104,7 +112,7 @@ pub(super) fn finish(record: &RunRecord, outputs: &Prepared<'_>) -> anyhow::Resu
         }
     });
     let ended = and(compared, print(&text).map_err(anyhow::Error::from));
-    and(ended, outputs.write(record)).map(|()| ExitCode::from(code))
+    and(ended, outputs.write(record, end)).map(|()| ExitCode::from(code))
 }
 
 fn together(files: &[PathBuf]) -> anyhow::Result<ExitCode> {
@@ -112,7 +120,7 @@ fn together(files: &[PathBuf]) -> anyhow::Result<ExitCode> {
     check_different(files)?;
     let records: Vec<RunRecord> = files
         .iter()
-        .map(|f| read_record(f))
+        .map(|f| read_whole(f))
         .collect::<Result<_, _>>()?;
     let first = records.first().map(|record| &record.scenario);
     if records.iter().any(|record| Some(&record.scenario) != first) {
@@ -130,10 +138,10 @@ fn sweep(swept: &Swept) -> anyhow::Result<ExitCode> {
     swept.outputs.check(Files::default().reads(&swept.files))?;
     let (mut sweep, mut incomplete) = (Sweep::default(), Incomplete::default());
     for file in &swept.files {
-        let record = read_record(file)?;
+        let record = read_whole(file)?;
         incomplete.look_at(&record);
         sweep.add(&record)?;
     }
     let report = sweep.finish().context("there are no runs")?;
-    sweep_outputs::finish(&report, &incomplete, &swept.outputs)
+    sweep_outputs::finish(&report, &incomplete, &swept.outputs, &End::Whole)
 }

@@ -5,6 +5,7 @@ use std::{
     io::Write,
     path::{Path, PathBuf},
     process::ExitCode,
+    sync::atomic::Ordering,
     time::Duration,
 };
 
@@ -15,7 +16,9 @@ use indicatif::{ProgressBar, ProgressStyle};
 
 use super::{
     and,
+    end::End,
     files::Files,
+    interrupt,
     late::Late,
     report::finish,
     run_outputs::{FOR_RESULTS, RunOutputs},
@@ -73,10 +76,14 @@ enum Backend {
 
 const EPILOGUE: &str = "\
 Exit codes:
-  0  every camera that should be calibrated is
-  1  one is not, or --check found a difference
-  2  wrong options, an impossible scenario, a file could not be read or written, or an emulated
-     board ended by itself: the results are of what was before";
+  0    every camera that should be calibrated is
+  1    one is not, or --check found a difference
+  2    wrong options, an impossible scenario, a file could not be read or written, or an emulated
+       board stalled or ended by itself
+  130  ended by Ctrl-C or SIGTERM; a second one ends it at once
+
+Results of a run that was ended, or whose board failed, are of what was before, and say so: the
+report and the record at their beginning (`cut_short`), other files in their last line.";
 
 pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
     let scenario = arguments.scenario.load(arguments.seed)?;
@@ -122,9 +129,11 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
         }
     };
     let [pcap, log] = [&arguments.pcap, &arguments.log].map(|path| path.as_deref().map(Late::new));
+    let stop = interrupt::watch()?;
     let options = Options {
         speed,
         emulation,
+        stop: stop.clone(),
         pcap: pcap.clone().map(writer),
         log: log.clone().map(writer),
     };
@@ -136,12 +145,22 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
     let bar = bar();
     let record = simulation.run(|progress| show(&bar, &progress));
     bar.finish_and_clear();
+    let trouble = simulation.trouble();
+    let is_stopped = stop.swap(false, Ordering::Relaxed);
+    let end = match &trouble {
+        _ if is_stopped => {
+            End::CutShort(format!("interrupted after {:.1} s", simulation.seconds()))
+        }
+        Some(trouble) => End::CutShort(trouble.to_string()),
+        None => End::Whole,
+    };
     // Each is told, and none keeps the others from being written.
-    let mut ended = finish(&record, &outputs);
+    let mut ended = finish(&record, &outputs, &end);
     for file in [pcap, log].into_iter().flatten() {
         ended = and(ended, file.finish());
     }
-    match simulation.trouble() {
+    match trouble {
+        _ if is_stopped => ended.map(|_| interrupt::told()),
         Some(trouble) => and(ended, Err(trouble.into())),
         None => ended,
     }

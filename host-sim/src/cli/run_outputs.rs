@@ -8,10 +8,10 @@ use std::{
 use answers::export;
 use answers::plot;
 use answers::record::{RunRecord, difference::Difference};
-use anyhow::Context;
+use anyhow::{Context, bail};
 use clap::Args;
 
-use super::{and, file_name, files::Files, values, whole_file};
+use super::{and, end::End, file_name, files::Files, values, whole_file};
 
 /// Heading for the options of every command that ends with a run's record.
 pub(super) const FOR_RESULTS: &str = "Results";
@@ -69,7 +69,7 @@ impl RunOutputs {
         let other = match &self.check {
             Some(file) => {
                 whole_file::check_regular(file)?;
-                let other = read_record(file)?;
+                let other = read_whole(file)?;
                 Difference::is_possible(scenario, path, &other)
                     .with_context(|| cannot_be_compared(file))?;
                 Some((file.as_path(), other))
@@ -86,13 +86,17 @@ impl RunOutputs {
 impl Prepared<'_> {
     /// Writes what was asked for. Each failure is told or returned, and none keeps the others from
     /// being written.
-    pub(super) fn write(&self, record: &RunRecord) -> anyhow::Result<()> {
+    pub(super) fn write(&self, record: &RunRecord, end: &End) -> anyhow::Result<()> {
         let outputs = self.outputs;
         let texts: [(&Option<PathBuf>, Make<'_>); 4] = [
-            (&outputs.json, &|| Ok(record.to_json(outputs.wall)?)),
-            (&outputs.csv, &|| Ok(export::csv(record)?)),
-            (&outputs.yaml, &|| Ok(export::yaml(record)?)),
-            (&outputs.ros, &|| Ok(export::ros_launch(record)?)),
+            (&outputs.json, &|| {
+                Ok(end.mark_json(record.to_json(outputs.wall)?))
+            }),
+            (&outputs.csv, &|| Ok(end.mark_lines(export::csv(record)?))),
+            (&outputs.yaml, &|| Ok(end.mark_lines(export::yaml(record)?))),
+            (&outputs.ros, &|| {
+                Ok(end.mark_lines(export::ros_launch(record)?))
+            }),
         ];
         let mut written = Ok(());
         for (path, make) in texts {
@@ -106,7 +110,8 @@ impl Prepared<'_> {
             let is_there = made.is_ok();
             written = and(written, made);
             for (name, draw) in DRAWINGS.iter().filter(|_| is_there) {
-                let svg = draw(record).map_err(anyhow::Error::from);
+                let svg = draw(record).map(|svg| end.mark_svg(svg));
+                let svg = svg.map_err(anyhow::Error::from);
                 written = and(written, write(&folder.join(name), svg));
             }
         }
@@ -145,10 +150,25 @@ fn cannot_be_compared(path: &Path) -> String {
 /// Far longer than the record of the largest network, and far less than a computer's memory.
 const RECORD_MAX: u64 = 1 << 30;
 
-/// Reads a record.
-pub(super) fn read_record(path: &Path) -> anyhow::Result<RunRecord> {
+/// Reads a record, and how its run ended.
+pub(super) fn read_record(path: &Path) -> anyhow::Result<(RunRecord, End)> {
     let text = whole_file::read(path, RECORD_MAX)?;
-    RunRecord::from_json(&text).with_context(|| format!("{} cannot be used", file_name(path)))
+    let record = RunRecord::from_json(&text).map_err(anyhow::Error::from);
+    let both = record.and_then(|record| Ok((record, End::of_json(&text)?)));
+    both.with_context(|| format!("{} cannot be used", file_name(path)))
+}
+
+/// Reads the record of a run that was not cut short: others are not compared nor counted.
+pub(super) fn read_whole(path: &Path) -> anyhow::Result<RunRecord> {
+    match read_record(path)? {
+        (record, End::Whole) => Ok(record),
+        (_, End::CutShort(why)) => {
+            let name = file_name(path);
+            bail!(
+                "{name} cannot be used: its run was cut short, {why}: leave it out, or run it again"
+            )
+        }
+    }
 }
 
 /// Writes a file, if its text could be made.

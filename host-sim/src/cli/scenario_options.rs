@@ -90,6 +90,7 @@ impl ScenarioOptions {
             }),
             drift: self.drift,
             loss: self.loss,
+            scatter: None,
         };
         Scenario::load(&self.scenario, &changes).map_err(|error| self.named(error))
     }

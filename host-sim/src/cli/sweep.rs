@@ -1,16 +1,20 @@
 //! `host-sim sweep`
 
-use std::{collections::BTreeSet, num::NonZeroUsize, process::ExitCode, thread};
+use std::{
+    collections::BTreeSet, num::NonZeroUsize, process::ExitCode, sync::atomic::Ordering, thread,
+};
 
 use answers::record::sweep::Sweep;
 use anyhow::{Context, ensure};
 use clap::Args;
-use host_sim::network::run_all;
+use host_sim::network::run_all_until;
 use indicatif::{ProgressBar, ProgressStyle};
 use site::Scenario;
 
 use super::{
+    end::End,
     files::Files,
+    interrupt,
     run_outputs::FOR_RESULTS,
     scenario_options::{FOR_SCENARIO, ScenarioOptions},
     sweep_outputs::{self, Incomplete, SweepOutputs},
@@ -41,9 +45,11 @@ pub(super) struct Arguments {
 
 const EPILOGUE: &str = "\
 Exit codes:
-  0  every camera that should be calibrated is, in every run
-  1  one is not
-  2  wrong options, an impossible scenario, or a file could not be written";
+  0    every camera that should be calibrated is, in every run
+  1    one is not
+  2    wrong options, an impossible scenario, or a file could not be written
+  130  ended by Ctrl-C or SIGTERM: the results are of the runs before, and say so; a second one ends
+       it at once";
 
 pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
     let files = Files::default().reads(arguments.scenario.file());
@@ -55,8 +61,11 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
     };
     let bar = bar(scenarios.len());
     let (mut sweep, mut incomplete) = (Sweep::default(), Incomplete::default());
-    run_all(&scenarios, jobs, |record| {
+    let stop = interrupt::watch()?;
+    let mut runs = 0;
+    run_all_until(&scenarios, jobs, &stop, |record| {
         bar.inc(1);
+        runs += 1;
         incomplete.look_at(&record);
         sweep.add(&record).map_err(anyhow::Error::from)
     })
@@ -65,8 +74,20 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
         Err(error) => error,
     })?;
     bar.finish_and_clear();
+    let is_stopped = stop.swap(false, Ordering::Relaxed) && runs < scenarios.len();
+    let end = match is_stopped {
+        true => End::CutShort(format!(
+            "interrupted after {runs} of {} runs",
+            scenarios.len()
+        )),
+        false => End::Whole,
+    };
+    if is_stopped && runs == 0 {
+        return Ok(interrupt::told());
+    }
     let report = sweep.finish().context("there are no seeds")?;
-    sweep_outputs::finish(&report, &incomplete, &arguments.outputs)
+    let ended = sweep_outputs::finish(&report, &incomplete, &arguments.outputs, &end)?;
+    Ok(if is_stopped { interrupt::told() } else { ended })
 }
 
 /// One for every path and seed.

@@ -7,7 +7,7 @@ use answers::record::{RunRecord, sweep::SweepReport};
 use answers::report::sweep::sweep_report;
 use clap::Args;
 
-use super::{and, files::Files, print, run_outputs::write, values};
+use super::{and, end::End, files::Files, print, run_outputs::write, values};
 
 #[derive(Args)]
 pub(super) struct SweepOutputs {
@@ -28,14 +28,16 @@ impl SweepOutputs {
 
     /// Writes what was asked for. Each failure is told or returned, and none keeps the others from
     /// being written.
-    fn write(&self, report: &SweepReport) -> anyhow::Result<()> {
+    fn write(&self, report: &SweepReport, end: &End) -> anyhow::Result<()> {
         let mut written = Ok(());
         if let Some(path) = &self.sweep_csv {
-            let csv = report.to_csv().map_err(anyhow::Error::from);
+            let csv = report.to_csv().map(|csv| end.mark_lines(csv));
+            let csv = csv.map_err(anyhow::Error::from);
             written = and(written, write(path, csv));
         }
         if let Some(path) = &self.sweep_plot {
-            let svg = plot::sweep(report).map_err(anyhow::Error::from);
+            let svg = plot::sweep(report).map(|svg| end.mark_svg(svg));
+            let svg = svg.map_err(anyhow::Error::from);
             written = and(written, write(path, svg));
         }
         written
@@ -70,9 +72,10 @@ pub(super) fn finish(
     report: &SweepReport,
     incomplete: &Incomplete,
     outputs: &SweepOutputs,
+    end: &End,
 ) -> anyhow::Result<ExitCode> {
     let Incomplete(names) = incomplete;
-    let mut text = sweep_report(report);
+    let mut text = end.mark_text(sweep_report(report));
     for name in names.iter().take(Incomplete::NAMED) {
         text += &format!("{name}\n");
     }
@@ -80,6 +83,6 @@ pub(super) fn finish(
         text += &format!("and {more} runs more\n");
     }
     let printed = print(&text).map_err(anyhow::Error::from);
-    and(printed, outputs.write(report))?;
+    and(printed, outputs.write(report, end))?;
     Ok(ExitCode::from(u8::from(!names.is_empty())))
 }

@@ -5,7 +5,7 @@ use std::{cell::RefCell, collections::BTreeSet, rc::Rc};
 use rand::RngExt;
 use zigbee_link::{radio::Channel, wire::fcs};
 
-use super::{Simulation, node::Hardware, provision};
+use super::{Simulation, node::Hardware};
 use site::{Action, ScriptedEvent};
 use virtual_bench::{
     executor::{Clock, Time},
@@ -114,7 +114,7 @@ fn nanoseconds(seconds: f64) -> Time {
 /// The node of this number; 0 is the first network's coordinator.
 fn find(simulation: &Simulation, id: u16) -> Option<Rc<Hardware>> {
     let id = match id {
-        0 => provision::coordinator_id(0),
+        0 => site::coordinator_id(0),
         id => id,
     };
     simulation.node(id).cloned()

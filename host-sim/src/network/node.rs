@@ -396,7 +396,7 @@ impl Hardware {
                     journal: self.journal.clone(),
                     truth: Box::new(move || node.truth.borrow().as_ref().map(|truth| truth())),
                 },
-                extended: Eui64(super::provision::extended(self.config.id)),
+                extended: Eui64(site::extended(self.config.id)),
                 seed,
             };
             let failure = run(&self.config, seams).await;

@@ -5,11 +5,11 @@ use std::collections::BTreeMap;
 use calib_core::{Pose, Sighting};
 use nalgebra::{Matrix3, Point2, Vector2};
 use node_firmware::{
-    config::Duty,
+    config::{Duty, Role as Configured},
     message::{PoseParts, State},
 };
 
-use super::{Simulation, console::Console, journal::NodeEntry, provision};
+use super::{Simulation, console::Console, journal::NodeEntry};
 use answers::record::{
     self, Believed, FORMAT, Failure, Limits, Node, Place, Radio, Role, RunRecord, Stop, Target,
     Unit, View, heading_degrees, summary::Summary,
@@ -23,6 +23,17 @@ use virtual_bench::{
 
 /// Preamble, start of frame and length.
 const PHY_HEADER: u64 = 6;
+
+/// What the first camera was told.
+fn weak_sigma(simulation: &Simulation) -> f64 {
+    let cameras = simulation.nodes.iter().filter_map(|node| {
+        let Configured::Camera(camera) = &node.config().role else {
+            return None;
+        };
+        Some(f64::from(camera.weak_sigma))
+    });
+    cameras.take(1).sum()
+}
 
 /// Scenarios have no limit for the sigma of the heading. A camera with a larger one knows at most on
 /// which side of it things are.
@@ -47,7 +58,7 @@ pub(super) fn record(simulation: &Simulation, wall_seconds: f64) -> RunRecord {
             network: number + 1,
             ..Node::new(id, role)
         };
-        let coordinator = of_network(provision::coordinator_id(number), Role::Coordinator);
+        let coordinator = of_network(site::coordinator_id(number), Role::Coordinator);
         nodes.push(with_traffic(simulation, coordinator));
         let mut numbers = Numbers::new();
         for target in &network.targets {
@@ -101,7 +112,7 @@ pub(super) fn record(simulation: &Simulation, wall_seconds: f64) -> RunRecord {
             metres: scenario.metres_per_unit(),
         },
         limits: Limits {
-            sigma_position: scenario.firmware.weak_sigma * 2_f64.sqrt(),
+            sigma_position: weak_sigma(simulation) * 2_f64.sqrt(),
             sigma_heading_deg: WEAK_HEADING_DEG,
         },
         networks: (1..)

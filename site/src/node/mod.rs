@@ -36,6 +36,7 @@ use toml::{Table, Value};
 use zigbee_link::security::Protection;
 
 pub use self::text::text;
+use crate::configs;
 
 /// Why a table is no node.
 #[derive(Debug, Error)]
@@ -350,16 +351,8 @@ fn allow_list(devices: &[[u8; 8]]) -> Result<heapless::Vec<[u8; 8], ALLOWED_MAX>
     heapless::Vec::from_slice(devices).map_err(|_| NodeError::TooMany(devices.len()))
 }
 
-/// Eight bytes in hexadecimal, most significant first, with or without colons or hyphens between
-/// them.
 fn address(text: &str) -> Result<[u8; 8], NodeError> {
-    let digits: String = text.chars().filter(|c| !matches!(c, ':' | '-')).collect();
-    let well_formed = digits.len() == 16 && digits.bytes().all(|byte| byte.is_ascii_hexdigit());
-    let number = u64::from_str_radix(&digits, 16)
-        .ok()
-        .filter(|_| well_formed);
-    let number = number.ok_or_else(|| NodeError::Address(text.to_owned()))?;
-    Ok(number.to_be_bytes())
+    configs::address(text).ok_or_else(|| NodeError::Address(text.to_owned()))
 }
 
 /// As it is printed on devices.

@@ -9,31 +9,45 @@ use std::{
     time::{SystemTime, UNIX_EPOCH},
 };
 
-use anyhow::{Context, Result, ensure};
+use anyhow::{Context, Result, anyhow, bail, ensure};
 use clap::Args;
-use node_firmware::config::{Config, Role};
-use site::{key_file, node, page_file};
+use node_firmware::config::{Config, Role, SiteKey};
+use site::{
+    NetworkConfigs, Overrides, Purpose, Scenario, ScenarioError, key_file, node, page_file,
+};
 use toml::Table;
 
-use super::{file_name, files::Files, print, tell, values};
+use super::{
+    file_name,
+    files::{Files, folder_of},
+    print, tell, values,
+};
 
 /// 2026-01-01 00:00:00 UTC, seconds of Unix.
 const EPOCH: u64 = 1_767_225_600;
 
 /// Makes configuration pages, which tell boards which nodes they are.
 ///
-/// Makes a page, or tells what is in one. The site key is never shown.
+/// Makes a page, or those of a whole site, or tells what is in one. The site key is never shown.
 #[derive(Args)]
 pub(super) struct Arguments {
     /// Tells what is in a page.
     #[arg(long, value_name = "PAGE", exclusive = true)]
     show: Option<PathBuf>,
-    /// The site's key, of `host-sim keygen`.
-    #[arg(long, value_name = "FILE", required_unless_present = "show")]
+    /// The site's key, of `host-sim keygen`; without it, the `key_file` of the site.
+    #[arg(long, value_name = "FILE", required_unless_present_any = ["show", "site"])]
     site_key: Option<PathBuf>,
     /// A node's parameters; options stand over them.
     #[arg(long, value_name = "FILE.toml")]
     config: Option<PathBuf>,
+    /// All nodes of a site, from the file that `host-sim run` rehearses; --out is then a folder.
+    #[arg(
+        long,
+        value_name = "FILE.toml",
+        requires = "out",
+        conflicts_with = "config"
+    )]
+    site: Option<PathBuf>,
     /// Where to write; without it, node-ID.page.bin.
     #[arg(long, value_name = "PATH", value_parser = values::result())]
     out: Option<PathBuf>,
@@ -53,14 +67,17 @@ pub(super) fn run(arguments: &Arguments) -> Result<ExitCode> {
         print(&node::text(&read_page(path)?)?)?;
         return Ok(ExitCode::SUCCESS);
     }
-    arguments.one_node()?;
+    match &arguments.site {
+        Some(file) => arguments.whole_site(file)?,
+        None => arguments.one_node()?,
+    }
     Ok(ExitCode::SUCCESS)
 }
 
 impl Arguments {
     fn one_node(&self) -> Result<()> {
         let path = self.site_key.as_deref().context("--site-key is missing")?;
-        let key = key_file::read(path).with_context(|| file_name(path))?;
+        let key = read_key(path)?;
         let counter = self.first_counter.map_or_else(counter_now, Ok)?;
         let mut table = match &self.config {
             Some(file) => read_table(file)?,
@@ -70,13 +87,48 @@ impl Arguments {
         let config = node::config(table, key, counter)?;
         let out = self.out.clone();
         let out = out.unwrap_or_else(|| default_name(&config).into());
-        self.write_all(&[(config, out)])
+        self.write_all(path, &[(config, out)])
+    }
+
+    fn whole_site(&self, file: &Path) -> Result<()> {
+        let name = file_name(file);
+        ensure!(
+            self.options.table()?.is_empty(),
+            "a site's nodes have their parameters in its file, not in options"
+        );
+        let scenario =
+            Scenario::load(&name, &Overrides::default()).map_err(|error| named(&name, error))?;
+        let open = scenario.assumptions(Purpose::Deployment);
+        if !open.is_empty() {
+            let open: String = open.iter().map(|one| format!("\n  {one}")).collect();
+            bail!("{name} leaves open what real nodes have to be told:{open}");
+        }
+        let path = match (&self.site_key, &scenario.key_file) {
+            (Some(path), _) => path.clone(),
+            (None, Some(key)) => folder_of(file).join(key),
+            (None, None) => bail!(
+                "which key has the site? Say --site-key FILE, or write `key_file = \"FILE\"` into \
+                 {name}; `host-sim keygen FILE` makes one"
+            ),
+        };
+        let key = read_key(&path)?;
+        let counter = self.first_counter.map_or_else(counter_now, Ok)?;
+        let networks =
+            site::configs(&scenario, key, counter).map_err(|error| named(&name, error))?;
+        let folder = self.out.as_deref().context("--out is missing")?;
+        let nodes = networks.iter().flat_map(NetworkConfigs::iter);
+        let pages = nodes.map(|config| (config.clone(), folder.join(default_name(config))));
+        let pages: Vec<_> = pages.collect();
+        fs::create_dir_all(folder)
+            .with_context(|| format!("the folder {} cannot be made", file_name(folder)))?;
+        self.write_all(&path, &pages)
     }
 
     /// Writes all pages or, when one cannot be written, none.
-    fn write_all(&self, pages: &[(Config, PathBuf)]) -> Result<()> {
-        let read = [&self.site_key, &self.config];
+    fn write_all(&self, key: &Path, pages: &[(Config, PathBuf)]) -> Result<()> {
+        let read = [&self.site, &self.config];
         Files::default()
+            .reads([key])
             .reads(read.into_iter().flatten())
             .writes(pages.iter().map(|(_, page)| page))
             .check()?;
@@ -118,6 +170,19 @@ impl Arguments {
 /// Reads a page that is to be shown or flashed.
 pub(super) fn read_page(path: &Path) -> Result<Config> {
     page_file::read(path).with_context(|| file_name(path))
+}
+
+fn read_key(path: &Path) -> Result<SiteKey> {
+    key_file::read(path).with_context(|| file_name(path))
+}
+
+/// What is wrong with a site's file, with its name.
+fn named(name: &str, error: ScenarioError) -> anyhow::Error {
+    match error {
+        // These have the name in them.
+        ScenarioError::Unknown { .. } | ScenarioError::File { .. } => error.into(),
+        error => anyhow!("{name}: {error}"),
+    }
 }
 
 fn read_table(path: &Path) -> Result<Table> {

@@ -1,0 +1,342 @@
+//! The configuration of every node: for a rehearsal and for the boards alike.
+
+use calib_core::reference::Known;
+use nalgebra::Point2;
+use node_firmware::{
+    config::{
+        CameraConfig, Config, CoordinatorConfig, Duty, Reference, Role, SiteKey, Subjects,
+        TargetConfig,
+    },
+    role::camera::REFERENCE_STOPS,
+    sight::{ColourWindow, Lens},
+};
+use zigbee_link::security::Protection;
+
+use super::{
+    FIRST_COORDINATOR, Frame,
+    check::refuse,
+    error::ScenarioError,
+    file::{NetworkTable, PlacedCamera, Scenario, TargetTable},
+    firmware::FirmwareTable,
+};
+use cmucam2_emulator::Rgb;
+
+/// Configurations of the nodes of one network.
+#[derive(Clone, Debug, PartialEq)]
+pub struct NetworkConfigs {
+    /// Of its coordinator, which lets all the others join.
+    pub coordinator: Config,
+    /// Of its cameras, in the order of the file.
+    pub cameras: Vec<Config>,
+    /// Of its targets, in the order of the file.
+    pub targets: Vec<Config>,
+}
+
+impl NetworkConfigs {
+    /// All of them, the coordinator's first.
+    pub fn iter(&self) -> impl Iterator<Item = &Config> {
+        let members = self.cameras.iter().chain(&self.targets);
+        std::iter::once(&self.coordinator).chain(members)
+    }
+}
+
+/// The configurations of all nodes of all networks, each of them checked.
+///
+/// They come from the file alone: cameras that are no references need no places. What the file
+/// leaves out has the firmware's default; [`Scenario::assumptions`] tells which of these should
+/// rather have been said.
+///
+/// # Errors
+/// A node cannot be configured to what the file says.
+pub fn configs(
+    scenario: &Scenario,
+    key: SiteKey,
+    first_counter: u32,
+) -> Result<Vec<NetworkConfigs>, ScenarioError> {
+    let networks = (0..).zip(&scenario.networks);
+    let maker = |(number, network)| {
+        Maker {
+            scenario,
+            network,
+            number,
+            key,
+            first_counter,
+        }
+        .configs()
+    };
+    networks.map(maker).collect()
+}
+
+/// A locally administered EUI-64, for nodes that have no other.
+pub fn extended(id: u16) -> [u8; 8] {
+    let [high, low] = id.to_be_bytes();
+    [0x02, 0, 0, 0, 0, 0, high, low]
+}
+
+/// The number of a network's coordinator; networks are counted from 0.
+pub const fn coordinator_id(network: u16) -> u16 {
+    FIRST_COORDINATOR + network
+}
+
+/// Eight bytes in hexadecimal, most significant first, with or without colons or hyphens between
+/// them.
+pub(crate) fn address(text: &str) -> Option<[u8; 8]> {
+    let digits: String = text.chars().filter(|c| !matches!(c, ':' | '-')).collect();
+    let well_formed = digits.len() == 16 && digits.bytes().all(|byte| byte.is_ascii_hexdigit());
+    let number = u64::from_str_radix(&digits, 16).ok();
+    number.filter(|_| well_formed).map(u64::to_be_bytes)
+}
+
+impl NetworkTable {
+    /// Its frame in the building when these of its cameras are its references: between their places,
+    /// or what [`NetworkTable::frame`] says. `None` if the file tells neither.
+    pub fn frame_between(&self, references: [u16; 2]) -> Option<Frame> {
+        let [first, second] = references.map(|id| self.camera(id).and_then(PlacedCamera::place));
+        match (first, second) {
+            (Some(first), Some(second)) => Some(Frame::between([first, second])),
+            _ => self.frame.map(|frame| Frame {
+                origin: Point2::new(frame.x, frame.y),
+                heading: frame.heading_deg.to_radians(),
+            }),
+        }
+    }
+
+    /// Its frame in the building, as [`NetworkTable::frame_between`] its configured references.
+    pub fn building_frame(&self) -> Option<Frame> {
+        self.frame_between(self.references.cameras)
+    }
+
+    /// What its nodes are told of its frame.
+    ///
+    /// # Errors
+    /// They are to be told what the file does not say. `name` is what the network is called.
+    pub(crate) fn known(&self, name: &str) -> Result<Known<f64>, ScenarioError> {
+        let references = &self.references;
+        let places = references.cameras.map(|id| self.camera(id)?.place());
+        let measured = match places {
+            [Some(first), Some(second)] => Some((second - first).norm()),
+            _ => None,
+        };
+        let baseline = references.baseline.or(measured);
+        if references.baseline_known() && baseline.is_none() {
+            let allowed = "their distance, or give both cameras `x` and `y`, or say \
+                           `baseline_known = false`";
+            return Err(refuse(
+                format!("{name}.references.baseline"),
+                "missing",
+                allowed,
+            ));
+        }
+        let turned = match (references.compass_deg, self.building_frame()) {
+            (None, _) => Some(0.0),
+            (Some(compass), Some(frame)) => Some(compass.to_radians() - frame.heading),
+            (Some(_), None) => None,
+        };
+        if references.frame_heading_known() && turned.is_none() {
+            let allowed = "there where `compass_deg` is: where the compass points, seen from the \
+                           network, depends on it; or give both references `x` and `y`";
+            return Err(refuse(format!("{name}.frame"), "missing", allowed));
+        }
+        Ok(Known {
+            baseline: baseline.filter(|_| references.baseline_known()),
+            frame_heading: turned
+                .filter(|_| references.frame_heading_known())
+                .map(calib_core::angle::wrap_signed),
+        })
+    }
+
+    /// The different colours of its targets, each with a window if one is given.
+    fn colours(&self) -> Vec<(Rgb, Option<ColourWindow>)> {
+        let mut colours: Vec<(Rgb, Option<ColourWindow>)> = Vec::new();
+        for target in &self.targets {
+            match colours.iter_mut().find(|(c, _)| *c == target.colour) {
+                Some((_, window)) => *window = window.or(target.window),
+                None => colours.push((target.colour, target.window)),
+            }
+        }
+        colours
+    }
+}
+
+struct Maker<'a> {
+    scenario: &'a Scenario,
+    network: &'a NetworkTable,
+    /// From 0.
+    number: u16,
+    key: SiteKey,
+    first_counter: u32,
+}
+
+impl Maker<'_> {
+    fn configs(&self) -> Result<NetworkConfigs, ScenarioError> {
+        let network = self.network;
+        let known = network.known(&format!("network {}", self.number + 1))?;
+        let cameras = network.cameras.iter().map(|camera| {
+            let firmware = self.firmware(camera.firmware);
+            let role = Role::Camera(self.camera(camera, &firmware, &known));
+            self.node(camera.id, camera.extended.as_deref(), &firmware, role)
+        });
+        let targets = network.targets.iter().map(|target| {
+            let firmware = self.firmware(target.firmware);
+            let role = Role::Target(self.target(target));
+            self.node(target.id, target.extended.as_deref(), &firmware, role)
+        });
+        let cameras = cameras.collect::<Result<Vec<_>, _>>()?;
+        let targets = targets.collect::<Result<Vec<_>, _>>()?;
+        let members = cameras.iter().chain(&targets);
+        let guests = network.allow.iter().filter_map(|text| address(text));
+        let mut coordinator = CoordinatorConfig {
+            allow: members
+                .filter_map(|node| node.extended)
+                .chain(guests)
+                .collect(),
+            ..CoordinatorConfig::default()
+        };
+        if let Some(seconds) = self.scenario.firmware.join_window_s {
+            coordinator.join_window_s = seconds;
+        }
+        let coordinator = self.node(
+            coordinator_id(self.number),
+            network.coordinator_extended.as_deref(),
+            &self.scenario.firmware,
+            Role::Coordinator(coordinator),
+        )?;
+        Ok(NetworkConfigs {
+            coordinator,
+            cameras,
+            targets,
+        })
+    }
+
+    /// A node's parameters.
+    fn firmware(&self, own: Option<FirmwareTable>) -> FirmwareTable {
+        own.unwrap_or_default().over(self.scenario.firmware)
+    }
+
+    fn node(
+        &self,
+        id: u16,
+        own: Option<&str>,
+        firmware: &FirmwareTable,
+        role: Role,
+    ) -> Result<Config, ScenarioError> {
+        let config = Config {
+            id,
+            extended: Some(own.and_then(address).unwrap_or_else(|| extended(id))),
+            site_key: self.key,
+            first_counter: self.first_counter,
+            channels: channel_mask(&self.network.channels()),
+            tx_power: firmware.tx_power.unwrap_or(0),
+            protection: match firmware.protection {
+                Some(5) => Protection::EncMic32,
+                _ => Protection::EncMic64,
+            },
+            role,
+        };
+        match config.check() {
+            Ok(()) => Ok(config),
+            Err(reason) => Err(ScenarioError::Config { node: id, reason }),
+        }
+    }
+
+    fn camera(
+        &self,
+        placed: &PlacedCamera,
+        firmware: &FirmwareTable,
+        known: &Known<f64>,
+    ) -> CameraConfig {
+        let table = self.scenario.camera.for_camera(placed);
+        let subjects = firmware.motion().unwrap_or_else(|| {
+            let colours = self.network.colours().into_iter();
+            let tolerance = firmware.colour_tolerance();
+            let windows =
+                colours.map(|(colour, own)| own.unwrap_or_else(|| window(colour, tolerance)));
+            Subjects::Colours(windows.collect())
+        });
+        let mut camera = CameraConfig::new(table.believed(), subjects);
+        if let Some(baud) = table.baud {
+            camera.baud = baud;
+        }
+        let references = &self.network.references;
+        let duty = match references.cameras.iter().position(|&id| id == placed.id) {
+            Some(0) => Some(Duty::First),
+            Some(_) => Some(Duty::Second),
+            None => None,
+        };
+        camera.reference = duty.filter(|_| !references.elected).map(|duty| Reference {
+            duty,
+            position: known.baseline.map(|baseline| match duty {
+                Duty::First => [0.0; 2],
+                Duty::Second => [baseline as f32, 0.0],
+            }),
+        });
+        camera.may_be_elected = references.elected && firmware.may_be_elected.unwrap_or(true);
+        camera.baseline = known.baseline.map(|baseline| baseline as f32);
+        camera.frame_heading_deg = known
+            .frame_heading
+            .map(|heading| heading.to_degrees() as f32);
+        // Checked to be no more than a camera keeps. For the references as many as are planned:
+        // their order is that of the whole way.
+        camera.stops = self.scenario.stops as u8;
+        camera.reference_stops = self.scenario.stops.min(REFERENCE_STOPS) as u8;
+        firmware.configure_camera(&mut camera);
+        camera
+    }
+
+    fn target(&self, table: &TargetTable) -> TargetConfig {
+        let colours = self.network.colours();
+        let colour = colours.iter().position(|(c, _)| *c == table.colour);
+        TargetConfig {
+            colour: colour.unwrap_or(0) as u8,
+            ..self.scenario.target_config(table)
+        }
+    }
+}
+
+impl Scenario {
+    /// A target's parameters but for the number of its colour.
+    pub(crate) fn target_config(&self, table: &TargetTable) -> TargetConfig {
+        let mut target = TargetConfig::default();
+        let own = table.firmware.unwrap_or_default();
+        own.over(self.firmware).configure_target(&mut target);
+        target
+    }
+}
+
+impl super::file::CameraTable {
+    /// Baud rate of the line between node and camera.
+    pub fn baud(&self) -> u32 {
+        let usual = || CameraConfig::new(self.believed(), Subjects::Motion { threshold: 1 }).baud;
+        self.baud.unwrap_or_else(usual)
+    }
+
+    /// The lens that the node believes to have.
+    pub(crate) fn believed(&self) -> Lens {
+        let model = &self.model;
+        Lens {
+            columns: u16::from(self.size().width),
+            field_of_view_deg: model
+                .field_of_view_deg
+                .unwrap_or_else(|| self.field_of_view_deg()) as f32,
+            projection: model.projection.unwrap_or_else(|| self.projection()),
+            principal_column: model.principal_column.map(|column| column as f32),
+        }
+    }
+}
+
+fn channel_mask(channels: &[u8]) -> u32 {
+    channels
+        .iter()
+        .fold(0, |mask, channel| mask | 1 << channel.min(&31))
+}
+
+fn window(colour: Rgb, tolerance: u8) -> ColourWindow {
+    let [red, green, blue] = colour.map(|level| {
+        // What a CMUcam2 can see: 16 to 240.
+        [
+            level.saturating_sub(tolerance).clamp(16, 240),
+            level.saturating_add(tolerance).clamp(16, 240),
+        ]
+    });
+    ColourWindow { red, green, blue }
+}
