@@ -198,6 +198,11 @@ impl Emulator {
     /// # Errors
     /// A socket cannot be made, or the program cannot be started.
     pub fn start(mut self) -> io::Result<Running> {
+        let mut semihosting = "enable=on,target=native".to_owned();
+        for argument in &self.arguments {
+            semihosting += &format!(",arg={argument}");
+        }
+        self.command.args(["-semihosting-config", &semihosting]);
         let mut listeners = Vec::new();
         for name in &self.lines {
             let path = self.folder.join(name);
@@ -215,11 +220,6 @@ impl Emulator {
         if self.lines.is_empty() {
             self.command.args(["-serial", "none"]);
         }
-        let mut semihosting = "enable=on,target=native".to_owned();
-        for argument in &self.arguments {
-            semihosting += &format!(",arg={argument}");
-        }
-        self.command.args(["-semihosting-config", &semihosting]);
         Ok(Running {
             child: self.command.spawn()?,
             listeners,

@@ -4,3 +4,4 @@
 mod flash;
 mod place;
 mod provision;
+mod site;

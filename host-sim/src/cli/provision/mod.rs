@@ -17,11 +17,7 @@ use site::{
 };
 use toml::Table;
 
-use super::{
-    file_name,
-    files::{Files, folder_of},
-    print, tell, values,
-};
+use super::{file_name, files::Files, print, tell, values};
 
 /// 2026-01-01 00:00:00 UTC, seconds of Unix.
 const EPOCH: u64 = 1_767_225_600;
@@ -105,7 +101,7 @@ impl Arguments {
         }
         let path = match (&self.site_key, &scenario.key_file) {
             (Some(path), _) => path.clone(),
-            (None, Some(key)) => folder_of(file).join(key),
+            (None, Some(key)) => file.with_file_name(key),
             (None, None) => bail!(
                 "which key has the site? Say --site-key FILE, or write `key_file = \"FILE\"` into \
                  {name}; `host-sim keygen FILE` makes one"
