@@ -56,8 +56,8 @@ impl<'a> Files<'a> {
         let read: Vec<_> = self.read.iter().map(|file| Known::of(file)).collect();
         let mut seen = Vec::new();
         for file in &self.written {
-            check_apart(file, &read, &mut seen)?;
             check_file(file)?;
+            check_apart(file, &read, &mut seen)?;
         }
         for &(folder, names) in &self.folders {
             let files: Vec<_> = names.iter().map(|name| folder.join(name)).collect();

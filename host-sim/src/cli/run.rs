@@ -146,7 +146,7 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
     let record = simulation.run(|progress| show(&bar, &progress));
     bar.finish_and_clear();
     let trouble = simulation.trouble();
-    let is_stopped = stop.swap(false, Ordering::Relaxed);
+    let is_stopped = stop.load(Ordering::Relaxed);
     let end = match &trouble {
         _ if is_stopped => {
             End::CutShort(format!("interrupted after {:.1} s", simulation.seconds()))

@@ -1,7 +1,11 @@
 //! `host-sim sweep`
 
 use std::{
-    collections::BTreeSet, num::NonZeroUsize, process::ExitCode, sync::atomic::Ordering, thread,
+    collections::BTreeSet,
+    num::NonZeroUsize,
+    process::ExitCode,
+    sync::atomic::{AtomicBool, Ordering},
+    thread,
 };
 
 use answers::record::sweep::Sweep;
@@ -54,14 +58,14 @@ Exit codes:
 pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
     let files = Files::default().reads(arguments.scenario.file());
     arguments.outputs.check(files)?;
-    let scenarios = scenarios(arguments)?;
+    let stop = interrupt::watch()?;
+    let scenarios = scenarios(arguments, &stop)?;
     let jobs = match arguments.jobs {
         Some(jobs) => jobs,
         None => thread::available_parallelism().unwrap_or(NonZeroUsize::MIN),
     };
     let bar = bar(scenarios.len());
     let (mut sweep, mut incomplete) = (Sweep::default(), Incomplete::default());
-    let stop = interrupt::watch()?;
     let mut runs = 0;
     run_all_until(&scenarios, jobs, &stop, |record| {
         bar.inc(1);
@@ -74,12 +78,11 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
         Err(error) => error,
     })?;
     bar.finish_and_clear();
-    let is_stopped = stop.swap(false, Ordering::Relaxed) && runs < scenarios.len();
+    let seeds = arguments.seeds.clone().count();
+    let all = seeds * arguments.paths.len().max(1);
+    let is_stopped = stop.load(Ordering::Relaxed) && runs < all;
     let end = match is_stopped {
-        true => End::CutShort(format!(
-            "interrupted after {runs} of {} runs",
-            scenarios.len()
-        )),
+        true => End::CutShort(format!("interrupted after {runs} of {all} runs")),
         false => End::Whole,
     };
     if is_stopped && runs == 0 {
@@ -90,8 +93,8 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
     Ok(if is_stopped { interrupt::told() } else { ended })
 }
 
-/// One for every path and seed.
-fn scenarios(arguments: &Arguments) -> anyhow::Result<Vec<Scenario>> {
+/// One for every path and seed, until somebody stops this.
+fn scenarios(arguments: &Arguments, stop: &AtomicBool) -> anyhow::Result<Vec<Scenario>> {
     let mut seen = BTreeSet::new();
     for path in &arguments.paths {
         ensure!(
@@ -106,6 +109,9 @@ fn scenarios(arguments: &Arguments) -> anyhow::Result<Vec<Scenario>> {
     let mut scenarios = Vec::new();
     for path in paths {
         for seed in arguments.seeds.clone() {
+            if stop.load(Ordering::Relaxed) {
+                return Ok(scenarios);
+            }
             let mut scenario = arguments.scenario.load(Some(seed))?;
             scenario.path = path.unwrap_or(scenario.path);
             scenarios.push(scenario);

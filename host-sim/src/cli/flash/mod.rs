@@ -4,7 +4,7 @@ mod image;
 
 use std::{
     env, fs,
-    path::{Path, PathBuf, absolute},
+    path::{Path, PathBuf},
     process::ExitCode,
 };
 
@@ -158,15 +158,15 @@ impl Arguments {
         };
         Ok(Some(Page {
             config: read_page(path)?,
-            path: absolute(path)?,
+            path: path.clone(),
         }))
     }
 
     /// Where the image is, which is for this board.
     fn image(&self) -> Result<PathBuf> {
         let image = match &self.image {
-            Some(image) => absolute(image)?,
-            None => absolute(Path::new(IMAGES).join(self.board.image()))?,
+            Some(image) => image.clone(),
+            None => Path::new(IMAGES).join(self.board.image()),
         };
         if self.image.is_none() && !image.is_file() {
             let missing = format!(
