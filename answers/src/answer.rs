@@ -1,23 +1,9 @@
 //! One answer for every recorded case, whatever is wrong with it.
 
-use calib_core::{Refusal, Sighting, resection};
+use calib_core::{Limits, Refusal, Sighting, Status, resection};
 use indexmap::IndexMap;
 
-use crate::record::summary::Fit;
 use crate::recorded::sightings::Case;
-
-/// Chi squared of one degree of freedom that only one in a thousand exceeds by chance.
-const ONE_IN_A_THOUSAND: f64 = 10.83;
-
-/// Whether measurements contradict each other by more than their sigmas explain: only one in a
-/// thousand answers would fit as badly by chance. What always fits must fit well too.
-pub fn is_contradictory(chi_squared: f64, degrees_of_freedom: usize) -> bool {
-    let fit = Fit {
-        chi_squared,
-        degrees_of_freedom,
-    };
-    fit.is_bad() || (degrees_of_freedom == 0 && chi_squared > ONE_IN_A_THOUSAND)
-}
 
 /// How to solve.
 #[derive(Clone, Copy, Debug, Default)]
@@ -25,61 +11,58 @@ pub struct Settings {
     /// Sightings more than this many sigmas off the pose that most others agree on are dropped.
     pub reject: Option<f64>,
     /// Poses whose predicted [`sigma_position`](calib_core::Pose::sigma_position) is above this
-    /// are [`Status::Uncertain`].
+    /// are [`Status::Weak`].
     pub max_sigma: Option<f64>,
 }
 
-/// What became of a case.
+/// Why a case has no pose.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
-pub enum Status {
-    /// It has a pose.
-    Ok,
-    /// It has a pose, but a less certain one than was asked for.
-    Uncertain,
-    /// It has a pose that is certain enough if its sigmas are right, which they hardly are: see
-    /// [`is_contradictory`].
-    Contradictory,
+pub enum Reason {
     /// One of its rows could not be read.
     Unreadable,
     /// The solver refused it.
-    Refused(Refusal),
+    Refusal(Refusal),
 }
 
-impl Status {
-    /// The status in `snake_case`, as it stands in files. Stable.
+impl Reason {
+    /// The reason in `snake_case`, as it stands in files. Stable.
     pub fn name(self) -> &'static str {
         match self {
-            Self::Ok => "ok",
-            Self::Uncertain => "uncertain",
-            Self::Contradictory => "contradictory",
             Self::Unreadable => "unreadable",
-            Self::Refused(refusal) => refusal.name(),
+            Self::Refusal(refusal) => refusal.name(),
         }
     }
 
-    /// Whether there is a pose, as certain as was asked for by its own prediction.
-    pub fn is_kept(self) -> bool {
-        matches!(self, Self::Ok | Self::Contradictory)
-    }
-
-    /// What is the matter, and what to do about it; nothing for [`Status::Ok`].
-    pub fn advice(self) -> Option<String> {
+    /// What it comes to.
+    fn status(self) -> Status {
         match self {
-            Self::Ok => None,
-            Self::Uncertain => Some(
-                "the predicted sigma is above the limit: stop the target at better places"
-                    .to_owned(),
-            ),
-            Self::Contradictory => Some(
-                "the sightings contradict each other, so neither pose nor sigmas can be relied on: \
-                 look for wrong sightings (--reject 4 leaves them out of five or more), check the \
-                 camera and the sigmas given, or stop the target at more places"
-                    .to_owned(),
-            ),
-            Self::Unreadable => Some("a row of the case could not be read: correct it".to_owned()),
-            Self::Refused(refusal) => Some(refusal.to_string()),
+            Self::Unreadable => Status::Refused,
+            Self::Refusal(refusal) => refusal.into(),
         }
     }
+}
+
+/// Whether there is a pose, as certain as was asked for by its own prediction.
+pub fn is_kept(status: Status) -> bool {
+    matches!(status, Status::Calibrated | Status::Doubtful)
+}
+
+/// What is the matter, and what to do about it; nothing for [`Status::Calibrated`].
+pub fn advice(status: Status, reason: Option<Reason>) -> Option<String> {
+    let advice = match (status, reason) {
+        (_, Some(Reason::Refusal(refusal))) => return Some(refusal.to_string()),
+        (_, Some(Reason::Unreadable)) => "a row of the case could not be read: correct it",
+        (Status::Weak, None) => {
+            "the predicted sigma is above the limit: stop the target at better places"
+        }
+        (Status::Doubtful, None) => {
+            "the sightings contradict each other, so neither pose nor sigmas can be relied on: \
+             look for wrong sightings (--reject 4 leaves them out of five or more), check the \
+             camera and the sigmas given, or stop the target at more places"
+        }
+        _ => return None,
+    };
+    Some(advice.to_owned())
 }
 
 /// The answer for one case.
@@ -89,6 +72,8 @@ pub struct Answer<'a> {
     pub case: &'a str,
     /// What became of it.
     pub status: Status,
+    /// Why it has no pose.
+    pub reason: Option<Reason>,
     /// The pose, if there is one.
     pub solution: Option<resection::Solution<f64>>,
     /// How many sightings were recorded, whether used, dropped or unreadable.
@@ -116,20 +101,31 @@ impl Solver {
 
     /// Solves one case.
     pub fn answer<'a>(&mut self, case: &Case<'a>) -> Answer<'a> {
-        let (status, solution) = self.solve(case);
+        let solved = self.solve(case);
+        let solution = solved.ok();
+        let reason = solved.err();
+        let limits = Limits {
+            position: self.settings.max_sigma.unwrap_or(f64::INFINITY),
+            heading: f64::INFINITY,
+        };
+        let status = match &solved {
+            Ok(solution) => Status::of(&solution.pose, &solution.fit(), &limits),
+            Err(reason) => reason.status(),
+        };
         let dropped = solution.map_or(0, |s| self.sightings.len().saturating_sub(s.used));
         Answer {
             case: case.id(),
             status,
+            reason,
             solution,
             sightings: case.rows(),
             dropped,
         }
     }
 
-    fn solve(&mut self, case: &Case<'_>) -> (Status, Option<resection::Solution<f64>>) {
+    fn solve(&mut self, case: &Case<'_>) -> Result<resection::Solution<f64>, Reason> {
         if !case.is_readable() {
-            return (Status::Unreadable, None);
+            return Err(Reason::Unreadable);
         }
         self.sightings.clear();
         self.sightings.extend(case.sightings());
@@ -140,36 +136,31 @@ impl Solver {
             }
             None => resection::solve(&self.sightings),
         };
-        let within = |sigma: f64| self.settings.max_sigma.is_none_or(|limit| sigma <= limit);
-        match solved {
-            Ok(solution) => {
-                let status = if !within(solution.pose.sigma_position()) {
-                    Status::Uncertain
-                } else if is_contradictory(solution.chi_squared, solution.degrees_of_freedom()) {
-                    Status::Contradictory
-                } else {
-                    Status::Ok
-                };
-                (status, Some(solution))
-            }
-            Err(refusal) => (Status::Refused(refusal), None),
-        }
+        solved.map_err(Reason::Refusal)
     }
 }
 
 /// How many cases came to what.
 #[derive(Clone, Debug, Default)]
-pub struct Tally(IndexMap<Status, usize>);
+pub struct Tally(IndexMap<(Status, Option<Reason>), usize>);
 
 impl Tally {
     /// Counts one.
-    pub fn add(&mut self, status: Status) {
-        *self.0.entry(status).or_default() += 1;
+    pub fn add(&mut self, answer: &Answer<'_>) {
+        *self.0.entry((answer.status, answer.reason)).or_default() += 1;
+    }
+
+    /// How many have this reason.
+    pub fn because(&self, reason: Reason) -> usize {
+        let all = self.0.iter();
+        let of_it = all.filter(|((_, why), _)| *why == Some(reason));
+        of_it.map(|(_, n)| n).sum()
     }
 
     /// How many came to this.
     pub fn count(&self, status: Status) -> usize {
-        self.0.get(&status).copied().unwrap_or_default()
+        let all = self.0.iter().filter(|((of, _), _)| *of == status);
+        all.map(|(_, n)| n).sum()
     }
 
     /// How many there were.
@@ -177,10 +168,10 @@ impl Tally {
         self.0.values().sum()
     }
 
-    /// Every status that occurred with its count: [`Status::Ok`] first, then the most frequent.
-    pub fn sorted(&self) -> Vec<(Status, usize)> {
+    /// All that occurred, with its count: [`Status::Calibrated`] first, then the most frequent.
+    pub fn sorted(&self) -> Vec<((Status, Option<Reason>), usize)> {
         let mut all: Vec<_> = self.0.iter().map(|(&s, &n)| (s, n)).collect();
-        all.sort_by_key(|&(status, n)| (status != Status::Ok, std::cmp::Reverse(n)));
+        all.sort_by_key(|&((status, _), n)| (status != Status::Calibrated, std::cmp::Reverse(n)));
         all
     }
 }

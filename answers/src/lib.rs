@@ -10,7 +10,8 @@
 //! | [`accuracy`] | Compares answers with the truth: error quantiles, and how honest the sigmas are. |
 //! | [`record`] | What one run of a network came to: its data, statistics, verdict; many runs together. |
 //! | [`report`] | Prints answers and runs as tables or as JSON. |
-//! | [`export`] | Writes the poses of a run for other programs: CSV, YAML, ROS 2. |
+//! | [`view`] | What a PC on a coordinator's line knows of its network, simulated or real. |
+//! | [`export`] | Writes the poses of a network for other programs: CSV, YAML, ROS 2. |
 //! | [`plot`] | Draws answers and runs. |
 
 #![forbid(unsafe_code)]
@@ -22,3 +23,4 @@ pub mod plot;
 pub mod record;
 pub mod recorded;
 pub mod report;
+pub mod view;

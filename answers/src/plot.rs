@@ -3,14 +3,15 @@
 
 use std::collections::HashSet;
 
-use calib_core::Pose;
+use calib_core::{Pose, Status};
 use nalgebra::{Point2, Rotation2, Vector2};
 use plotters::prelude::*;
 
 use frame::{
-    ARROW, CAMERA, Drawn, Entry, Root, TARGET, UNCERTAIN, draw_arrow, draw_head, draw_name,
-    draw_outline, ellipse, map_plane, to_pair,
+    ARROW, Drawn, Entry, Root, TARGET, draw_arrow, draw_head, draw_name, draw_outline, ellipse,
+    map_plane, to_pair,
 };
+use style::{draw_mark, style};
 use view::View;
 
 mod even_sample;
@@ -19,6 +20,7 @@ mod frame;
 mod labels;
 mod panels;
 mod run;
+mod style;
 mod sweep;
 mod view;
 
@@ -39,8 +41,8 @@ pub struct MapCamera {
     pub name: String,
     /// Where, and how sure.
     pub pose: Pose<f64>,
-    /// Drawn in the weaker colour if not: uncertain, or contradictory.
-    pub is_certain: bool,
+    /// What the pose is worth: it has a colour and a shape.
+    pub status: Status,
 }
 
 /// What to draw.
@@ -84,7 +86,7 @@ pub fn svg(map: &Map) -> Result<String, PlotError> {
         .filter(|camera| view.contains(camera.pose.position, ARROW))
         .collect();
     // The certain ones on top.
-    cameras.sort_by_key(|camera| camera.is_certain);
+    cameras.sort_by_key(|camera| camera.is_calibrated());
     let size = frame::map_size(&view);
     let drawing = Drawing {
         map,
@@ -109,7 +111,7 @@ impl Drawing<'_> {
         draw_head(root, &self.map.title, &self.legend())?;
         let plane = map_plane(root, view, &self.map.unit)?;
         for camera in &self.cameras {
-            let inside = if camera.is_certain { 0.1 } else { 0.05 };
+            let inside = if camera.is_calibrated() { 0.1 } else { 0.05 };
             let outline = ellipse(&camera.pose, 1.0);
             draw_outline(&plane, view, outline, camera.colour(), [inside, 0.5])?;
         }
@@ -119,7 +121,7 @@ impl Drawing<'_> {
         for camera in &self.cameras {
             let (pose, colour) = (&camera.pose, camera.colour());
             draw_arrow(&plane, pose, view, colour)?;
-            plane.draw(&Circle::new(to_pair(pose.position), 3, colour.filled()))?;
+            draw_mark(&plane, to_pair(pose.position), style(camera.status))?;
             if self.cameras.len() <= MOST_NAMES {
                 // Behind the camera, where its arrow is not.
                 let behind = Rotation2::new(pose.heading) * Vector2::new(-13.0, 0.0);
@@ -130,19 +132,20 @@ impl Drawing<'_> {
     }
 
     fn legend(&self) -> Vec<Entry> {
-        let (certain, uncertain): (Vec<&MapCamera>, Vec<&MapCamera>) =
-            self.cameras.iter().partition(|camera| camera.is_certain);
         let outside = self.map.cameras.len() - self.cameras.len();
+        let of = |status| self.cameras.iter().filter(|c| c.status == status).count();
+        let colour = |status| Some(style(status).colour);
         let entries = [
             (
-                certain.len(),
-                "cameras, heading, 95 % ellipse",
-                Some(CAMERA),
+                of(Status::Calibrated),
+                "calibrated, heading, 95 % ellipse",
+                colour(Status::Calibrated),
             ),
+            (of(Status::Weak), "weak (ring)", colour(Status::Weak)),
             (
-                uncertain.len(),
-                "uncertain or contradictory",
-                Some(UNCERTAIN),
+                of(Status::Doubtful),
+                "doubtful (triangle)",
+                colour(Status::Doubtful),
             ),
             (self.targets.len(), "targets", Some(TARGET)),
             (outside, "far outside", None),
@@ -158,7 +161,11 @@ impl Drawing<'_> {
 }
 
 impl MapCamera {
+    fn is_calibrated(&self) -> bool {
+        self.status == Status::Calibrated
+    }
+
     fn colour(&self) -> RGBColor {
-        if self.is_certain { CAMERA } else { UNCERTAIN }
+        style(self.status).colour
     }
 }

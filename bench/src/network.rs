@@ -196,7 +196,7 @@ fn stage(sheet: &mut Sheet) -> anyhow::Result<()> {
                 |record| {
                     let verdict = Verdict::of(record);
                     all += 1;
-                    let misfit = |common: &Common| matches!(common, Common::Misfit(_));
+                    let misfit = |common: &Common| matches!(common, Common::Lens(_));
                     let refused = |finding: &Finding| {
                         matches!(finding.trouble, Trouble::Refused(Refusal::Inconsistent))
                     };

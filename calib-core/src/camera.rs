@@ -75,7 +75,7 @@ impl<T: Real> Camera<T> {
         if columns < 2 {
             return Err(CameraError::Columns);
         }
-        let last_column = T::whole(columns - 1);
+        let last_column = T::whole(u32::from(columns - 1));
         let centre = last_column * lit(0.5);
         let half_view = field_of_view * lit(0.5);
         let (possible, half_width) = match projection {

@@ -18,6 +18,7 @@ use nalgebra::{ComplexField, Matrix2, Point2, Vector2};
 
 use crate::{
     Pose, Ray, Real, Refusal,
+    fit::Fit,
     minimize::{Descent, Method, Problem, Quadratic},
     plane::{cross, mul, taxicab, unit},
     real::lit,
@@ -57,6 +58,14 @@ impl<T: Real> Located<T> {
     pub fn degrees_of_freedom(&self) -> usize {
         self.used.saturating_sub(2)
     }
+
+    /// How well the bearings fit it.
+    pub fn fit(&self) -> Fit<T> {
+        Fit {
+            chi_squared: self.chi_squared,
+            degrees_of_freedom: self.degrees_of_freedom(),
+        }
+    }
 }
 
 #[cfg(feature = "defmt")]
@@ -77,9 +86,6 @@ impl<T: Real + defmt::Format> defmt::Format for Located<T> {
     }
 }
 
-/// Chi squared, per degree of freedom, above which bearings contradict each other: five sigmas.
-pub const CONTRADICTION: f64 = 25.0;
-
 /// Iterations after which a solve is given up. Three are usual.
 const ITERATION_LIMIT: usize = 30;
 
@@ -90,7 +96,8 @@ const ITERATION_LIMIT: usize = 30;
 /// [`Refusal::DangerLine`] for cameras that look along one line, [`Refusal::Undetermined`] for ones
 /// that look along parallel lines, as far as the arithmetic can tell: poor geometry that is not
 /// quite degenerate is *answered*, with a covariance that says so; [`Refusal::TargetBehind`] where
-/// the lines meet behind a camera; [`Refusal::Inconsistent`] above [`CONTRADICTION`];
+/// the lines meet behind a camera; [`Refusal::Inconsistent`] where
+/// they [contradict each other](Fit::is_bad);
 /// [`Refusal::DidNotConverge`].
 ///
 /// # Example
@@ -140,8 +147,7 @@ pub fn locate<T: Real>(bearings: &[Bearing<T>]) -> Result<Located<T>, Refusal> {
     if !all_in_front(bearings, &located.position) {
         return Err(Refusal::TargetBehind);
     }
-    let expected = lit::<T>(CONTRADICTION) * T::whole(located.degrees_of_freedom() as u16);
-    if bearings.len() > 2 && located.chi_squared > expected {
+    if located.fit().is_bad() {
         return Err(Refusal::Inconsistent);
     }
     Ok(located)

@@ -8,6 +8,7 @@
 //! | [`intersection`] | Where is a target that two or more cameras of known pose see? |
 //! | [`mod@reference`] | Where do two cameras look, and where is the target, when only its displacements are known? |
 //! | [`dead_reckoning`] | Where is the target after some more steps? |
+//! | [`fit`] | Do the measurements agree with the answer? |
 //!
 //! Everything works in the plane, as in the thesis this project builds on (section 2.4), allocates
 //! nothing, and is generic over the scalar ([`Real`]): `f32` on a node, `f64` on a computer, from
@@ -20,6 +21,7 @@
 //! - Lengths are in whatever unit the target's places are in.
 //! - Every sigma is one standard deviation.
 //! - What cannot be answered is [refused](Refusal) with a reason. No function returns NaN.
+//! - What a pose is worth is one word: its [`Status`].
 //!
 //! # Example
 //! A camera of 88 columns and 60 degrees saw the target at three places.
@@ -51,6 +53,7 @@
 pub mod angle;
 pub mod camera;
 pub mod dead_reckoning;
+pub mod fit;
 pub mod intersection;
 pub mod reference;
 pub mod resection;
@@ -64,6 +67,7 @@ mod ranking;
 mod real;
 mod refusal;
 mod sighting;
+mod status;
 mod subsets;
 
 pub use minimize::Method;
@@ -71,3 +75,4 @@ pub use pose::{Ellipse, Pose, PoseError};
 pub use real::Real;
 pub use refusal::Refusal;
 pub use sighting::{Ray, Sighting};
+pub use status::{Limits, Status};

@@ -7,8 +7,8 @@ pub trait Real: RealField + Copy {
     /// Sine and cosine of an angle in radians; not a number for an infinite one.
     fn sine_cosine(self) -> (Self, Self);
 
-    /// A whole number.
-    fn whole(number: u16) -> Self;
+    /// A whole number, or the nearest there is.
+    fn whole(number: u32) -> Self;
 }
 
 impl Real for f32 {
@@ -45,8 +45,8 @@ impl Real for f32 {
         }
     }
 
-    fn whole(number: u16) -> Self {
-        number.into()
+    fn whole(number: u32) -> Self {
+        number as Self
     }
 }
 
@@ -55,7 +55,7 @@ impl Real for f64 {
         ComplexField::sin_cos(self)
     }
 
-    fn whole(number: u16) -> Self {
+    fn whole(number: u32) -> Self {
         number.into()
     }
 }

@@ -149,6 +149,11 @@ fn refusals_name_the_reason() {
     let fair = locate(&three(0.017)).unwrap();
     assert!(fair.chi_squared > 0.5 && fair.chi_squared < 3.0, "{fair:?}");
     assert_eq!(refusal(&three(0.5)), Refusal::Inconsistent);
+    // The limit is that of one degree of freedom, 10.83.
+    let off = |chi_squared: f64| 0.017 * (chi_squared / fair.chi_squared).sqrt();
+    let nearly = locate(&three(off(10.7))).unwrap();
+    assert!((nearly.chi_squared - 10.7).abs() < 0.05, "{nearly:?}");
+    assert_eq!(refusal(&three(off(10.95))), Refusal::Inconsistent);
     let mut broken = [right, away];
     broken[0].bearing_sigma = 0.0;
     assert_eq!(refusal(&broken), Refusal::NotFinite);

@@ -4,7 +4,7 @@
 use core::fmt::Debug;
 
 use calib_core::{
-    Method, Pose, Ray, Refusal, Sighting,
+    Limits, Method, Pose, Ray, Refusal, Sighting, Status,
     dead_reckoning::{Place, PlaceParts, Step, Systematic, Track},
     intersection::Bearing,
     reference::{Known, Stop},
@@ -28,6 +28,12 @@ fn values_come_back() {
     comes_back(&sightings);
     comes_back::<Pose<f32>>(&solution.pose);
     comes_back(&solution);
+    comes_back(&solution.fit());
+    comes_back(&Limits {
+        position: 0.5_f32,
+        heading: 0.1,
+    });
+    comes_back(&Status::Doubtful);
     comes_back(&Stop {
         rays: [sightings[0].ray, sightings[1].ray],
         bearing_sigmas: [0.01_f32; 2],

@@ -95,7 +95,10 @@ fn camera(duty: Option<Duty>) -> Camera {
             position: 0.05,
             heading_deg: 0.25,
         },
-        weak_sigma: 0.5,
+        weak: Sigmas {
+            position: 0.5,
+            heading_deg: 10.0,
+        },
         sigma_floor_px: 0.1,
     };
     Camera::new(7, config)

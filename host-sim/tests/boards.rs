@@ -19,7 +19,7 @@ use host_sim::network::{Emulation, EmulatorError, Options, Simulation};
 use node_firmware::{
     config::Role as Configured,
     memory::{Fact, KeptSighting},
-    message::{Frame, Message, Report, Sight, State, Stopped},
+    message::{Frame, Message, Report, Sight, Stopped},
     role::{
         Output as Wish, Role,
         camera::{Camera, Event, Task},
@@ -181,7 +181,7 @@ fn check_arithmetic(simulation: &Simulation, record: &RunRecord) {
             .filter(|fact| matches!(fact, Fact::Sighting(_, Some(_))))
             .collect();
         let here = again(Camera::new(node.id, config.clone()), &sightings);
-        assert!(matches!(here.state, State::Pose(_)));
+        assert!(here.pose().is_some());
         assert_eq!(here, there);
         checked += 1;
     }

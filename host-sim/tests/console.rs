@@ -173,7 +173,7 @@ fn report(id: u16, state: State) -> Report {
 }
 
 fn pose() -> State {
-    State::Pose(PoseParts {
+    State::Calibrated(PoseParts {
         position: [1.5, -2.0],
         heading: core::f32::consts::FRAC_PI_2,
         covariance: [0.25, 0.125, 1.0, 0.0, 0.0, 0.0001],
@@ -216,10 +216,11 @@ fn poses_of_a_calibrated_network() {
     for part in [
         "network 1234 on channel 15",
         "target 4: member with address 0003",
-        "camera 3: x 1.500 +/- 0.500, y -2.000 +/- 1.000, heading 90.00 +/- 0.57 deg",
+        "camera 3: calibrated: x 1.500 +/- 0.500, y -2.000 +/- 1.000, heading 90.00 +/- 0.57 deg",
     ] {
         assert!(text.contains(part), "no {part} in {text}");
     }
+    assert!(text.contains("2 of 2 cameras are calibrated"), "{text}");
     let row = row(&text, "0002").unwrap();
     assert!(
         row.contains("calibrated") && row.contains("-2.000"),
@@ -244,8 +245,10 @@ fn poses_of_a_calibrated_network() {
     assert!((variance - 0.3283).abs() < 1e-3, "{variance}");
 
     let json: Value = serde_json::from_str(&fs::read_to_string(&json).unwrap()).unwrap();
-    assert_eq!(json["network"]["channel"], 15);
+    assert_eq!(json["networks"][0]["channel"], 15);
     assert_eq!(json["nodes"][0]["estimate"]["y"], -2.0);
+    assert_eq!(json["nodes"][0]["status"], "calibrated");
+    assert_eq!(json["seed"], Value::Null);
     assert_eq!(json["nodes"][2]["role"], "target");
     assert_eq!(json["nodes"][2]["estimate"], Value::Null);
 }
@@ -262,21 +265,35 @@ fn time_is_over_before_all_have_poses() {
         &["--until-calibrated", "--seconds", "3", "--csv", &csv],
     );
     assert_eq!(done.code, 1, "{}{}", done.stdout, done.stderr);
-    assert!(done.stderr.contains("without pose"), "{}", done.stderr);
+    assert!(
+        done.stderr.contains("not every camera is calibrated"),
+        "{}",
+        done.stderr
+    );
+    assert!(
+        done.stdout
+            .contains("camera 3: not calibrated: the camera is on the circle"),
+        "{}",
+        done.stdout
+    );
     let csv = fs::read_to_string(csv).unwrap();
-    assert!(csv.contains("\n3,false,danger_circle,,,"), "{csv}");
+    assert!(
+        csv.contains("\n3,1,network,false,refused,danger_circle,,,"),
+        "{csv}"
+    );
 
     let (_port, name) = Site::start([pose(), pose()]);
     let arguments = ["--until-calibrated", "--cameras", "3", "--seconds", "3"];
     assert_eq!(console(&name, &arguments).code, 1);
 }
 
-/// Ctrl-C ends listening, which is what was asked for, and results are written all the same.
+/// Ctrl-C ends listening, which is what was asked for, and results are written all the same. The exit
+/// code is that of the verdict: camera 3 is not calibrated.
 #[test]
 fn ctrl_c_ends_listening() {
     let files = Files::new();
     let (_port, name) = Site::start([pose(), State::Waiting]);
-    for (arguments, code) in [(&[][..], 0), (&["--until-calibrated"], 130)] {
+    for (arguments, code) in [(&[][..], 1), (&["--until-calibrated"], 130)] {
         let csv = files.path(&format!("{code}.csv"));
         let mut child = Command::new(env!("CARGO_BIN_EXE_host-sim"))
             .args(["console", "--port", &name, "--csv", &csv])
@@ -285,14 +302,17 @@ fn ctrl_c_ends_listening() {
             .spawn()
             .unwrap();
         let mut lines = BufReader::new(child.stdout.take().unwrap()).lines();
-        assert!(lines.any(|line| line.unwrap().contains("camera 2: x")));
+        assert!(lines.any(|line| line.unwrap().contains("camera 2: calibrated: x")));
         let mut kill = Command::new("kill");
         let kill = kill.args(["-INT", &child.id().to_string()]).status();
         assert!(kill.unwrap().success());
         lines.for_each(drop);
         assert_eq!(child.wait().unwrap().code(), Some(code));
         let csv = fs::read_to_string(csv).unwrap();
-        assert!(csv.contains("\n2,false,calibrated,1.5,"), "{csv}");
+        assert!(
+            csv.contains("\n2,1,network,false,calibrated,,1.5,"),
+            "{csv}"
+        );
     }
 }
 
@@ -404,4 +424,64 @@ fn wrong_options_and_files_are_told_before_the_port_is_opened() {
         assert!(text.contains(word), "no {word} in {text}");
         assert!(!text.contains("00112233"), "{text}");
     }
+}
+
+/// Two programs: a rehearsal whose coordinator is on a pseudo-terminal, and the console there. In the
+/// end they know the same poses, and the console says what else a real network tells.
+#[test]
+fn a_rehearsals_console_knows_the_poses_of_its_record() {
+    let files = Files::new();
+    let [pty, run_csv, csv, json] =
+        ["site.pty", "run.csv", "console.csv", "console.json"].map(|name| files.path(name));
+    let mut rehearsal = Command::new(env!("CARGO_BIN_EXE_host-sim"))
+        .args([
+            "run",
+            "lab",
+            "--speed",
+            "8x",
+            "--console",
+            &pty,
+            "--csv",
+            &run_csv,
+        ])
+        .stdout(Stdio::null())
+        .stderr(Stdio::null())
+        .spawn()
+        .unwrap();
+    let begin = Instant::now();
+    while fs::symlink_metadata(&pty).is_err() {
+        assert!(begin.elapsed() < Duration::from_secs(60), "no line");
+        thread::sleep(Duration::from_millis(10));
+    }
+    let arguments = ["--site", "lab", "--csv", &csv, "--json", &json];
+    let done = console(&pty, &arguments);
+    assert_eq!(rehearsal.wait().unwrap().code(), Some(0));
+    // The rehearsal took the line with it.
+    assert_eq!(done.code, 2, "{}{}", done.stdout, done.stderr);
+    assert!(
+        done.stdout.contains("7 of 7 cameras are calibrated"),
+        "{}",
+        done.stdout
+    );
+    let rows = |path: &str| {
+        let text = fs::read_to_string(path).unwrap();
+        let lines = text.lines().map(|line| {
+            let cells: Vec<String> = line.split(',').map(str::to_owned).collect();
+            // Up to the covariance: what follows is the truth.
+            (cells[..18].to_vec(), cells[24].clone())
+        });
+        lines.collect::<Vec<_>>()
+    };
+    let (told, kept) = (rows(&csv), rows(&run_csv));
+    assert_eq!(told.len(), 8);
+    assert_eq!(told[0].0.last().map(String::as_str), Some("cov_tt"));
+    assert_eq!(told[0].1, "sightings");
+    assert_eq!(told, kept);
+    let json: Value = serde_json::from_str(&fs::read_to_string(&json).unwrap()).unwrap();
+    assert_eq!(json["networks"][0]["building"]["heading_deg"], 0.0);
+    assert_eq!(json["nodes"][2]["truth"], Value::Null);
+    assert_eq!(json["nodes"][2]["planned"]["x"], 7.0);
+    let told = json["nodes"].as_array().unwrap().iter();
+    let residuals: usize = told.map(|n| n["residuals"].as_array().unwrap().len()).sum();
+    assert!(residuals > 0, "cameras were asked for their sightings");
 }

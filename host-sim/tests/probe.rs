@@ -364,7 +364,7 @@ fn record_then_solve() {
     let pose: Value = serde_json::from_str(&done.stdout).unwrap();
     assert_eq!(
         (&pose["case"], &pose["status"]),
-        (&"north".into(), &"ok".into())
+        (&"north".into(), &"calibrated".into())
     );
     assert!((number(&pose, "x") - 1.0).abs() < 0.15, "{pose}");
     assert!((number(&pose, "y") - 2.0).abs() < 0.15, "{pose}");

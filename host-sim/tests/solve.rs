@@ -83,7 +83,7 @@ fn json_has_these_keys_in_this_order() {
     assert_near(&answer["heading_rad"], 30_f64.to_radians(), 1e-9);
     assert_eq!(
         second.trim_end(),
-        "{\"case\":8,\"status\":\"too_few\",\"x\":null,\"y\":null,\"heading_rad\":null,\
+        "{\"case\":8,\"status\":\"waiting\",\"reason\":\"too_few\",\"x\":null,\"y\":null,\"heading_rad\":null,\
          \"sigma_x\":null,\"sigma_y\":null,\"sigma_heading_rad\":null,\"sightings\":1,\"dropped\":0,\
          \"chi_squared\":null}"
     );
@@ -123,14 +123,14 @@ fn every_case_gets_its_answer_whatever_is_wrong_with_it() {
     let done = run(&["solve", &file, "--json"]);
     assert_eq!(done.code, 0);
     let expected = [
-        ("good", "ok"),
-        ("text", "unreadable"),
+        ("good", "calibrated"),
+        ("text", "refused"),
         ("nan", "not_finite"),
         ("inf", "not_finite"),
-        ("two", "too_few"),
+        ("two", "waiting"),
         ("same", "coincident_targets"),
-        ("short", "unreadable"),
-        ("last", "ok"),
+        ("short", "refused"),
+        ("last", "calibrated"),
     ];
     let expected = expected.map(|(case, status)| (case.to_owned(), status.to_owned()));
     assert_eq!(statuses(&done.stdout), expected);
@@ -298,7 +298,7 @@ fn pixel_columns_are_those_of_the_thesis() {
     let outside = input.clone() + "3,88,1,1\n";
     let done = run_with_input(&["solve", "-", "--fov-deg", "60", "--json"], &outside);
     assert_eq!(done.code, 2);
-    assert_eq!(lines(&done.stdout)[0]["status"], "unreadable");
+    assert_eq!(lines(&done.stdout)[0]["reason"], "unreadable");
     assert!(done.stderr.contains("input:5: "), "{}", done.stderr);
     assert!(done.stderr.contains("from 0 to 87"), "{}", done.stderr);
 }
@@ -415,7 +415,7 @@ fn errors_and_coverage_are_those_computed_by_hand() {
 }
 
 #[test]
-fn uncertain_answers_keep_their_values() {
+fn weak_answers_keep_their_values() {
     let input = format!("{HEADER}{}", rows("1"));
     let status = |limit: &str| {
         let options = [
@@ -430,12 +430,15 @@ fn uncertain_answers_keep_their_values() {
         lines(&run_with_input(&options, &input).stdout).remove(0)
     };
     let certain = status("10");
-    assert_eq!(certain["status"], "ok");
+    assert_eq!(certain["status"], "calibrated");
     let sigma = |key: &str| certain[key].as_f64().unwrap();
     let predicted = sigma("sigma_x").hypot(sigma("sigma_y"));
-    assert_eq!(status(&(predicted * 1.001).to_string())["status"], "ok");
+    assert_eq!(
+        status(&(predicted * 1.001).to_string())["status"],
+        "calibrated"
+    );
     let uncertain = status(&(predicted * 0.999).to_string());
-    assert_eq!(uncertain["status"], "uncertain");
+    assert_eq!(uncertain["status"], "weak");
     assert_eq!(uncertain["x"], certain["x"]);
 }
 
@@ -542,14 +545,10 @@ fn sightings_that_contradict_each_other_are_called_so() {
     let wrong = solve(0.5, &["--json"]);
     assert_eq!(wrong.code, 0);
     let answer = &lines(&wrong.stdout)[0];
-    assert_eq!(answer["status"], "contradictory");
+    assert_eq!(answer["status"], "doubtful");
     assert!(answer["chi_squared"].as_f64().unwrap() > 10.8);
     assert!(answer["x"].is_number(), "the pose is given all the same");
-    for part in [
-        "1 case: 1 contradictory",
-        "contradict each other",
-        "--reject",
-    ] {
+    for part in ["1 case: 1 doubtful", "contradict each other", "--reject"] {
         assert!(wrong.stderr.contains(part), "{part}: {}", wrong.stderr);
     }
     let table = solve(0.5, &[]).stdout;
@@ -557,24 +556,24 @@ fn sightings_that_contradict_each_other_are_called_so() {
         table.lines().next().unwrap().contains("chi squared"),
         "{table}"
     );
-    assert!(table.contains("contradictory"), "{table}");
+    assert!(table.contains("doubtful"), "{table}");
     let chi_squared = format!("{:.1}", answer["chi_squared"].as_f64().unwrap());
     assert!(table.contains(&chi_squared), "{chi_squared}: {table}");
 
     let right = solve(0.005, &["--json"]);
-    assert_eq!(lines(&right.stdout)[0]["status"], "ok");
+    assert_eq!(lines(&right.stdout)[0]["status"], "calibrated");
     assert!(!right.stderr.contains("contradict"), "{}", right.stderr);
 }
 
 /// What is kept is what is certain enough: whether sigmas were right is another question.
 #[test]
-fn contradictory_answers_are_compared_with_the_truth_too() {
+fn doubtful_answers_are_compared_with_the_truth_too() {
     let files = Files::new();
     let fourth = format!("1,5,6,{}\n", 15_f64.to_radians() + 0.5);
     let sightings = files.write("s.csv", &format!("{HEADER}{}{fourth}", rows("1")));
     let truth = files.write("t.csv", "case,x,y,theta_rad\n1,1,2,0.5\n");
     let done = run(&["solve", &sightings, "--truth", &truth]);
-    assert!(done.stdout.contains("contradictory"), "{}", done.stdout);
+    assert!(done.stdout.contains("doubtful"), "{}", done.stdout);
     assert!(
         done.stdout.contains("Kept 100.0 %: 1 of 1 cases"),
         "{}",

@@ -53,7 +53,8 @@ pub struct Indication {
     pub joined: bool,
     /// A camera saw the target at the last stop; a target was seen at it.
     pub target_seen: bool,
-    /// A camera knows its pose; a target knows its place.
+    /// A camera is [calibrated](calib_core::Status::Calibrated), of a coordinator's one or more; a
+    /// target knows its place.
     pub calibrated: bool,
     /// A target may walk on: everybody has looked.
     pub may_walk: bool,

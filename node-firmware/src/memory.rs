@@ -3,10 +3,10 @@
 //! The radio's own records (frame counters, keys, membership) are in another range of the flash,
 //! see [`zigbee_link::store`]. A fact that is lost costs work, never safety: it is learnt again.
 //!
-//! # Format, version 2
+//! # Format, version 3
 //! One record of the log for each fact. Its key says which, its value is the fact, postcard. The
 //! number of the [`Fact`]'s variant leads the value. One more record says of which node and role
-//! the facts are; where it is missing or another's, as in version 1, they are not recalled, and the
+//! the facts are; where it is missing or another's, as in versions 1 and 2, they are not recalled, and the
 //! memory is begun anew.
 //!
 //! | key | fact |
@@ -20,7 +20,7 @@
 //! | 32 + n | [`Fact::Sighting`] n |
 //! | 64 + n | [`Fact::ReferenceStop`] n |
 //! | 96 + n | [`Fact::Camera`] n |
-//! | 254 | 2, [`Config::owner`] as little-endian u32 |
+//! | 254 | 3, [`Config::owner`] as little-endian u32 |
 //!
 //! [`Config::owner`]: crate::config::Config::owner
 
@@ -28,12 +28,12 @@ use core::ops::Range;
 
 use calib_core::dead_reckoning::Place;
 use embedded_storage_async::nor_flash::NorFlash;
+use flash_log::{Entry, Log, LogError};
 use serde::{Deserialize, Serialize};
-use zigbee_link::store::log::{Entry, Log, LogError};
 
 use crate::config::COLOURS_MAX;
 use crate::log::warning;
-use crate::message::{Address, MEMBERS, PoseParts, References, Report, Seen, StopNumber};
+use crate::message::{Address, MEMBERS, Posed, References, Report, Seen, StopNumber};
 use crate::sight::ColourWindow;
 
 /// One above the highest key.
@@ -41,7 +41,7 @@ const KEYS: u8 = 96 + MEMBERS as u8;
 /// Key of the record that says whose the facts are.
 const OWNER: u8 = 254;
 /// First byte of its value.
-const VERSION: u8 = 2;
+const VERSION: u8 = 3;
 /// Bytes of a record of the log.
 const SLOT: usize = 96;
 
@@ -62,7 +62,7 @@ pub enum Fact {
     /// Target and coordinator: a camera in this place of the table.
     Camera(u8, Option<(Address, Report)>),
     /// The first reference camera: the pose of the second, which may not have heard it.
-    Posed(Option<PoseParts>),
+    Posed(Option<Posed>),
     /// A camera: the colours it learnt.
     Colours(Colours),
     /// Camera and target: the network that the addresses in all other facts are of.
@@ -167,7 +167,7 @@ pub struct Memory<F> {
 impl<F: NorFlash> Memory<F> {
     /// Opens the memory in `range` of the flash, bytes from its start, an even number of erase
     /// units. That of another `owner` is begun anew. A record that rotted is lost alone, but for the
-    /// [limits](zigbee_link::store::log#rot) of the log: of damage to its key and to more, the fact
+    /// [limits](flash_log#rot) of the log: of damage to its key and to more, the fact
     /// that it replaced comes back, and that of another key may be lost. With the record of the
     /// owner all are lost.
     ///

@@ -22,7 +22,7 @@
 //! | frames exchanged by the references (2.3) | [`Message::Bearing`] |
 //! | the target's location told by node 0 (2.6.1) | [`Message::Located`] |
 
-use calib_core::{Pose, Ray, Refusal, dead_reckoning::Place};
+use calib_core::{Limits, Pose, Ray, Refusal, Status, dead_reckoning::Place, fit::Fit};
 use nalgebra::{Matrix2, Point2};
 use serde::{Deserialize, Deserializer, Serialize, Serializer, de::Error};
 use zigbee_link::wire::ShortAddress;
@@ -67,7 +67,7 @@ pub enum Message {
     /// The first reference camera tells a target where it stands.
     Located(Located),
     /// The first reference camera tells the second one its pose.
-    Posed(PoseParts),
+    Posed(Posed),
     /// A camera tells how far it is: to the coordinator and to targets.
     Report(Report),
     /// The coordinator wants something done by a camera.
@@ -258,6 +258,20 @@ pub struct PoseParts {
     pub covariance: [f32; 6],
 }
 
+/// The pose of the second reference camera, and what the solve is worth that it came of: which
+/// [`Status`] that is, the camera judges by its own limits.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(remote = "Self")]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct Posed {
+    /// The pose.
+    pub pose: PoseParts,
+    /// Stops of the solve.
+    pub stops: u8,
+    /// How well they fit.
+    pub fit: Fit<f32>,
+}
+
 /// How far a camera is.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(remote = "Self")]
@@ -279,7 +293,7 @@ pub struct Report {
     pub state: State,
 }
 
-/// What a camera knows about itself.
+/// What a camera knows about itself: a [`Status`], and what belongs to it.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum State {
@@ -287,8 +301,63 @@ pub enum State {
     Waiting,
     /// The sightings give no pose.
     Refused(Refusal),
-    /// A pose.
-    Pose(PoseParts),
+    /// A pose as certain as the camera was told to be, which the sightings fit.
+    Calibrated(PoseParts),
+    /// A pose that the sightings fit, less certain than that.
+    Weak(PoseParts),
+    /// A pose that the sightings contradict.
+    Doubtful(PoseParts),
+}
+
+impl State {
+    /// A pose, judged. Numbers that are no pose's leave it undetermined.
+    pub fn judged(parts: PoseParts, fit: &Fit<f32>, limits: &Limits<f32>) -> Self {
+        let Some(pose) = parts.pose() else {
+            return Self::Refused(Refusal::Undetermined);
+        };
+        match Status::of(&pose, fit, limits) {
+            Status::Calibrated => Self::Calibrated(parts),
+            Status::Doubtful => Self::Doubtful(parts),
+            _ => Self::Weak(parts),
+        }
+    }
+
+    /// The same by other limits.
+    #[must_use]
+    pub fn judged_again(self, limits: &Limits<f32>) -> Self {
+        match self {
+            Self::Calibrated(parts) | Self::Weak(parts) => {
+                Self::judged(parts, &Fit::default(), limits)
+            }
+            other => other,
+        }
+    }
+
+    /// What it comes to.
+    pub const fn status(&self) -> Status {
+        match self {
+            Self::Waiting => Status::Waiting,
+            Self::Refused(_) => Status::Refused,
+            Self::Calibrated(_) => Status::Calibrated,
+            Self::Weak(_) => Status::Weak,
+            Self::Doubtful(_) => Status::Doubtful,
+        }
+    }
+
+    /// The pose, if there is one, whatever it is worth.
+    pub const fn pose(&self) -> Option<&PoseParts> {
+        match self {
+            Self::Calibrated(pose) | Self::Weak(pose) | Self::Doubtful(pose) => Some(pose),
+            Self::Waiting | Self::Refused(_) => None,
+        }
+    }
+}
+
+impl Posed {
+    /// Whether the pose is one, and chi squared is finite and not below zero.
+    pub fn is_usable(&self) -> bool {
+        self.pose.is_usable() && self.fit.chi_squared.is_finite() && self.fit.chi_squared >= 0.0
+    }
 }
 
 impl Report {
@@ -297,12 +366,14 @@ impl Report {
         self.chi_squared.is_finite() && self.chi_squared >= 0.0
     }
 
-    /// The pose, if there is one.
+    /// What the camera's pose is worth, or why there is none.
+    pub const fn status(&self) -> Status {
+        self.state.status()
+    }
+
+    /// The pose, if there is one, whatever it is worth.
     pub const fn pose(&self) -> Option<&PoseParts> {
-        match &self.state {
-            State::Pose(pose) => Some(pose),
-            State::Waiting | State::Refused(_) => None,
-        }
+        self.state.pose()
     }
 }
 
@@ -394,7 +465,7 @@ macro_rules! sound {
     )+};
 }
 
-sound!(References, Seen, Located, PoseParts, Report, Sighted);
+sound!(References, Seen, Located, PoseParts, Posed, Report, Sighted);
 
 fn all_finite<'a>(numbers: impl IntoIterator<Item = &'a f32>) -> bool {
     numbers.into_iter().all(|number| number.is_finite())

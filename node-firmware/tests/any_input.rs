@@ -6,6 +6,7 @@ mod support;
 use calib_core::{
     Refusal,
     dead_reckoning::{Place, PlaceParts, Step, Systematic},
+    fit::Fit,
 };
 use nalgebra::{Point2, Vector2};
 use node_firmware::{
@@ -13,8 +14,8 @@ use node_firmware::{
     console::FromPc,
     hardware::Button,
     message::{
-        Bearing, Command, Done, Frame, Hello, Kind, Located, Look, Message, PoseParts, References,
-        Report, Seen, Sight, Sighted, State, Stopped, Tracked,
+        Bearing, Command, Done, Frame, Hello, Kind, Located, Look, Message, PoseParts, Posed,
+        References, Report, Seen, Sight, Sighted, State, Stopped, Tracked,
     },
     role::{
         Role,
@@ -125,11 +126,24 @@ impl Any {
         }
     }
 
+    fn posed(&mut self) -> Posed {
+        Posed {
+            pose: self.pose(),
+            stops: self.0.random(),
+            fit: Fit {
+                chi_squared: self.number(),
+                degrees_of_freedom: self.below(30).into(),
+            },
+        }
+    }
+
     fn report(&mut self) -> Report {
-        let state = match self.below(3) {
+        let state = match self.below(5) {
             0 => State::Waiting,
             1 => State::Refused(Refusal::DangerCircle),
-            _ => State::Pose(self.pose()),
+            2 => State::Calibrated(self.pose()),
+            3 => State::Weak(self.pose()),
+            _ => State::Doubtful(self.pose()),
         };
         Report {
             id: self.address(),
@@ -220,7 +234,7 @@ impl Any {
                 frame_heading: self.number(),
                 frame_heading_sigma: self.sigma(),
             }),
-            14 => Message::Posed(self.pose()),
+            14 => Message::Posed(self.posed()),
             15 => Message::Report(self.report()),
             16 => Message::Command(self.command()),
             17 => Message::Done(Done {

@@ -4,13 +4,16 @@ mod support;
 
 use std::{cell::Cell, collections::BTreeMap};
 
-use calib_core::dead_reckoning::{Place, PlaceParts, Systematic};
+use calib_core::{
+    dead_reckoning::{Place, PlaceParts, Systematic},
+    fit::Fit,
+};
 use embassy_futures::block_on;
 use nalgebra::{Point2, Vector2};
 use node_firmware::{
     config::Duty,
     memory::{Colours, Fact, KeptSighting, Memory, Network, ReferenceStop, Walk},
-    message::{MEMBERS, PoseParts, References, Report, Seen, State},
+    message::{MEMBERS, PoseParts, Posed, References, Report, Seen, State},
     role::camera::{REFERENCE_STOPS, SIGHTINGS},
     sight::ColourWindow,
 };
@@ -64,7 +67,7 @@ fn report(id: u16) -> Report {
         used: 255,
         chi_squared: 2.0,
         done: true,
-        state: State::Pose(pose()),
+        state: State::Doubtful(pose()),
     }
 }
 
@@ -117,7 +120,14 @@ fn longest() -> [Fact; 9] {
             frame_heading: Some(1.0),
             frame_heading_sigma: 0.5,
         }),
-        Fact::Posed(Some(pose())),
+        Fact::Posed(Some(Posed {
+            pose: pose(),
+            stops: 255,
+            fit: Fit {
+                chi_squared: 2.0,
+                degrees_of_freedom: u16::MAX.into(),
+            },
+        })),
         colours(),
         network(),
         sighting(MEMBERS as u8 - 1, 1.0),
@@ -194,7 +204,7 @@ fn format() {
     let mut flash = Flash::new(0);
     assert_eq!(recall(&mut flash), []);
     let owner = &flash.bytes[bank(&flash) + SLOT..][..8];
-    assert_eq!(owner, [1, 254, 2, 0x67, 0x45, 0x23, 0x01, 0]);
+    assert_eq!(owner, [1, 254, 3, 0x67, 0x45, 0x23, 0x01, 0]);
     let seen = [0x00, 0x00, 0x80, 0x3F, 0x00, 0x00, 0x00, 0x3F];
     assert!(bytes(&sighting(1, 1.0)).ends_with(&seen));
 }

@@ -5,15 +5,15 @@ mod support;
 
 use std::{cell::RefCell, rc::Rc, time::Duration};
 
-use calib_core::{Refusal, dead_reckoning::Track};
+use calib_core::{Refusal, Status, dead_reckoning::Track, fit::Fit};
 use node_firmware::{
-    config::{CameraConfig, Duty, Reference, Subjects},
+    config::{CameraConfig, Duty, Reference, Sigmas, Subjects},
     console::{FromPc, ToPc},
     hardware::Button,
     memory::Fact,
     message::{
-        Command, Done, Frame, Hello, Kind, Message, PoseParts, References, Report, Seen, Sight,
-        State, Stopped,
+        Command, Done, Frame, Hello, Kind, Message, PoseParts, Posed, References, Report, Seen,
+        Sight, State, Stopped,
     },
     role::{
         Role, camera,
@@ -25,7 +25,7 @@ use node_firmware::{
 use support::{
     bus::{Air, AnyStation, Faults, PERFECT, Station},
     net::{Net, SECOND, TARGET, error, from_to, refining, same, with_references},
-    site::{CAMERAS, camera_config, target_config},
+    site::{CAMERAS, STOPS, camera_config, noise, target_config},
 };
 use zigbee_link::wire::ShortAddress;
 
@@ -61,7 +61,7 @@ fn references_that_contradict_each_other_want_more_stops() {
 }
 
 /// A lens that is not as configured contradicts itself at every stop. There is an answer in the
-/// end, which says how bad it is.
+/// end, which says how bad it is: neither of both is calibrated.
 #[test]
 fn references_with_a_wrong_lens_come_to_an_answer() {
     let mut net = Net::new(PERFECT, 14, with_references);
@@ -79,6 +79,119 @@ fn references_with_a_wrong_lens_come_to_an_answer() {
     let error = error(pose, &CAMERAS[0]).z.abs();
     let sigma = f64::from(pose.covariance[5]).sqrt();
     assert!(error < 5.0 * sigma, "{error} of {sigma}");
+    for camera in &net.cameras[..2] {
+        assert_eq!(camera.role.report().status(), Status::Doubtful);
+        assert!(!camera.role.indication().calibrated);
+        assert_eq!(camera.role.report().chi_squared, report.chi_squared);
+    }
+}
+
+/// A camera whose sightings are far worse than it takes them for has a pose that they contradict, and
+/// says so, whatever its sigmas, to the end.
+#[test]
+fn a_doubtful_camera_is_none_that_is_calibrated() {
+    let config = |n| CameraConfig {
+        stops: camera::SIGHTINGS as u8,
+        ..with_references(n)
+    };
+    let mut net = Net::new(PERFECT, 16, config);
+    while net.reports()[2].sightings < camera::SIGHTINGS as u8 {
+        let [x, y] = STOPS[net.stops % STOPS.len()];
+        let off = [1, 2].map(|axis| 0.5 * noise(&[net.stops as u64, axis]));
+        net.show_to(2, Some([x + off[0], y + off[1]]));
+        net.walk();
+        let [doubtful, right] = [2, 3].map(|n| net.reports()[n]);
+        // Of fewer, most may agree by chance.
+        if doubtful.sightings >= 8 {
+            assert_eq!(doubtful.status(), Status::Doubtful, "{doubtful:?}");
+            assert!(!net.cameras[2].role.indication().calibrated);
+        }
+        if right.sightings >= 3 {
+            assert_eq!(right.status(), Status::Calibrated);
+            assert!(net.cameras[3].role.indication().calibrated);
+        }
+    }
+    let report = net.reports()[2];
+    assert!(report.done, "it can take no more");
+    // The PC is told, and the next start knows it.
+    let told = net.told.borrow().iter().rev().find_map(|told| match told {
+        ToPc::Report { address: 3, report } => Some(report.status()),
+        _ => None,
+    });
+    assert_eq!(told, Some(Status::Doubtful));
+    net.cameras[2].restart(net.now);
+    assert_eq!(*net.cameras[2].role.report(), report);
+}
+
+/// Of four sightings, nobody can tell which one is wrong. The fifth one decides.
+#[test]
+fn a_wrong_sighting_is_outvoted_in_the_end() {
+    let config = |n| CameraConfig {
+        stops: 4,
+        ..with_references(n)
+    };
+    let mut net = Net::new(PERFECT, 17, config);
+    let mut statuses = Vec::new();
+    net.wait();
+    while !net.are_all_done() {
+        let before = net.reports()[2].sightings;
+        net.show_to(2, (before == 3).then_some([7.5, 5.0]));
+        net.walk();
+        let report = net.reports()[2];
+        if report.sightings > before {
+            statuses.push((report.status(), report.done, report.used));
+        }
+    }
+    let [.., third, fourth, fifth] = statuses[..] else {
+        panic!("{statuses:?}")
+    };
+    assert_eq!(third, (Status::Calibrated, false, 3));
+    assert_eq!(fourth, (Status::Doubtful, false, 4));
+    assert_eq!(fifth, (Status::Calibrated, true, 4));
+    net.check_poses(same, 5.0);
+}
+
+/// A camera that was calibrated is told to be more certain than it is.
+#[test]
+fn what_is_remembered_is_judged_by_the_limits_of_today() {
+    let pose = PoseParts {
+        position: [1.0, 2.0],
+        heading: 1.0,
+        covariance: [9e-4, 0.0, 16e-4, 0.0, 0.0, 1e-4],
+    };
+    let recalled = |state, weak, duty| {
+        let config = CameraConfig {
+            weak,
+            ..camera_config(None)
+        };
+        let mut camera = camera::Camera::new(101, config);
+        camera.remember(&Fact::Report(Some(Report {
+            id: 101,
+            duty,
+            sightings: 4,
+            used: 4,
+            chi_squared: 1.0,
+            done: true,
+            state,
+        })));
+        (camera.report().status(), camera.report().done)
+    };
+    // Its sigmas are 0.05 and 0.57 degrees.
+    for (position, heading_deg, expected) in [
+        (0.051, 0.6, (Status::Calibrated, true)),
+        (0.049, 0.6, (Status::Weak, false)),
+        (0.051, 0.5, (Status::Weak, false)),
+    ] {
+        let weak = Sigmas {
+            position,
+            heading_deg,
+        };
+        assert_eq!(recalled(State::Calibrated(pose), weak, None), expected);
+        let (status, done) = recalled(State::Weak(pose), weak, Some(Duty::First));
+        assert_eq!((status, done), (expected.0, true));
+        let doubtful = recalled(State::Doubtful(pose), weak, None);
+        assert_eq!(doubtful, (Status::Doubtful, false));
+    }
 }
 
 /// A record in the middle of a camera's facts rots away. What it recalls takes other places, and
@@ -443,10 +556,14 @@ fn a_reference_drops_its_sightings() {
             station.act(now + 1, &mut air);
         }
         assert_eq!(station.recalled_sightings(), 2);
-        let posed = Message::Posed(PoseParts {
-            position: [10.0, 0.0],
-            heading: 1.0,
-            covariance: [1e-4, 0.0, 1e-4, 0.0, 0.0, 1e-4],
+        let posed = Message::Posed(Posed {
+            pose: PoseParts {
+                position: [10.0, 0.0],
+                heading: 1.0,
+                covariance: [1e-4, 0.0, 1e-4, 0.0, 0.0, 1e-4],
+            },
+            stops: 3,
+            fit: Fit::default(),
         });
         station.facts_left = cut;
         station.hear(3 * SECOND, ShortAddress(1), &posed);

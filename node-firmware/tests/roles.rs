@@ -4,7 +4,7 @@ mod support;
 
 use std::collections::BTreeSet;
 
-use calib_core::{Refusal, dead_reckoning::Step};
+use calib_core::{Refusal, Status, dead_reckoning::Step};
 use node_firmware::{
     config::{CameraConfig, Duty, Sigmas, TargetConfig},
     console::{FromPc, ToPc},
@@ -225,7 +225,10 @@ fn refining_goes_on_until_it_is_good_enough() {
 #[test]
 fn a_weak_pose_asks_for_more() {
     let config = |n| CameraConfig {
-        weak_sigma: 0.035,
+        weak: Sigmas {
+            position: 0.035,
+            heading_deg: 5.0,
+        },
         good_enough: Sigmas {
             position: 0.03,
             heading_deg: 5.0,
@@ -234,11 +237,11 @@ fn a_weak_pose_asks_for_more() {
     };
     let mut net = Net::new(PERFECT, 6, config);
     net.walk_to(5);
-    let weak = net.reports()[2..]
-        .iter()
-        .filter(|report| !report.done)
-        .count();
-    assert!(weak > 0);
+    let reports = net.reports();
+    let (done, weak): (Vec<&Report>, Vec<&Report>) = reports.iter().partition(|report| report.done);
+    assert!(!weak.is_empty());
+    assert!(weak.iter().all(|r| r.status() == Status::Weak), "{weak:?}");
+    assert!(done.iter().all(|r| r.status() == Status::Calibrated));
     // What was seen is kept.
     assert!(sightings(&net).iter().all(|&n| n >= 3));
     net.walk_to(18);

@@ -386,7 +386,7 @@ fn a_place_is_taken_from_the_first_reference_only() {
             state,
         })
     };
-    let pose = State::Pose(pose_of(&CAMERAS[0]));
+    let pose = State::Calibrated(pose_of(&CAMERAS[0]));
     target.hear(now, ShortAddress(2), &report(102, Some(Duty::Second), pose));
     target.hear(now, ShortAddress(3), &report(103, None, pose));
     let located = Message::Located(Located {

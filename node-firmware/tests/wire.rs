@@ -2,8 +2,9 @@
 //! lengths, and that nothing unsound decodes.
 
 use calib_core::{
-    Refusal,
+    Refusal, Status,
     dead_reckoning::{Place, PlaceParts, Systematic},
+    fit::Fit,
 };
 use nalgebra::{Point2, Vector2};
 use node_firmware::{
@@ -12,7 +13,7 @@ use node_firmware::{
     console::{FRAME_MAX, Frames, FromPc, KeyChange, Network, ToPc, encode},
     message::{
         Bearing, Command, Done, Frame, Hello, Kind, Located, Look, MEMBERS, Message, PoseParts,
-        References, Report, Seen, Sight, Sighted, State, Stopped, Tracked,
+        Posed, References, Report, Seen, Sight, Sighted, State, Stopped, Tracked,
     },
 };
 use proptest::prelude::*;
@@ -68,6 +69,17 @@ fn report(duty: Option<Duty>, state: State) -> Report {
         chi_squared: 2.0,
         done: true,
         state,
+    }
+}
+
+fn posed() -> Posed {
+    Posed {
+        pose: pose(),
+        stops: 3,
+        fit: Fit {
+            chi_squared: 2.0,
+            degrees_of_freedom: 300,
+        },
     }
 }
 
@@ -174,14 +186,25 @@ fn golden() -> Vec<(Message, String)> {
             }),
             format!("0805{ONE}{TWO}{ONE}{HALF}{TWO}{HALF}{ONE}"),
         ),
-        (Message::Posed(pose()), format!("09{}", pose_bytes())),
+        (
+            Message::Posed(posed()),
+            format!("09{}03{TWO}ac02", pose_bytes()),
+        ),
         (
             Message::Report(report(None, State::Waiting)),
             format!("0a0b000403{TWO}0100"),
         ),
         (
-            Message::Report(report(Some(Duty::First), State::Pose(pose()))),
+            Message::Report(report(Some(Duty::First), State::Calibrated(pose()))),
             format!("0a0b01000403{TWO}0102{}", pose_bytes()),
+        ),
+        (
+            Message::Report(report(None, State::Weak(pose()))),
+            format!("0a0b000403{TWO}0103{}", pose_bytes()),
+        ),
+        (
+            Message::Report(report(None, State::Doubtful(pose()))),
+            format!("0a0b000403{TWO}0104{}", pose_bytes()),
         ),
         (
             Message::Done(Done {
@@ -305,7 +328,7 @@ fn what_the_pc_is_told_is_these_bytes() {
     assert_eq!(tell(ToPc::Network(None)), "0000");
     assert_eq!(tell(ToPc::Network(Some(network))), "0001ac020f");
     assert_eq!(tell(ToPc::Member { address: 3, hello }), "01030701");
-    let report = report(None, State::Pose(pose()));
+    let report = report(None, State::Calibrated(pose()));
     assert_eq!(
         tell(ToPc::Report { address: 3, report }),
         format!("02030b000403{TWO}0102{}", pose_bytes())
@@ -417,7 +440,7 @@ fn longest() -> Vec<(&'static str, Message)> {
         id: far,
         sightings: 255,
         used: 255,
-        ..report(Some(Duty::Second), State::Pose(pose()))
+        ..report(Some(Duty::Second), State::Doubtful(pose()))
     };
     vec![
         (
@@ -489,7 +512,17 @@ fn longest() -> Vec<(&'static str, Message)> {
                 frame_heading_sigma: 1.0,
             }),
         ),
-        ("Posed", Message::Posed(pose())),
+        (
+            "Posed",
+            Message::Posed(Posed {
+                stops: 255,
+                fit: Fit {
+                    chi_squared: 2.0,
+                    degrees_of_freedom: u16::MAX.into(),
+                },
+                ..posed()
+            }),
+        ),
         ("Report", Message::Report(report)),
         (
             "Command",
@@ -538,7 +571,7 @@ const LENGTHS: [(&str, usize); 16] = [
     ("Trigger", 7),
     ("Bearing", 52),
     ("Located", 32),
-    ("Posed", 37),
+    ("Posed", 45),
     ("Report", 50),
     ("Command", 3),
     ("Done", 4),
@@ -589,7 +622,7 @@ fn check(bytes: &[u8]) {
         assert!(!shown.contains("NaN") && !shown.contains("inf"), "{shown}");
     }
     match &message {
-        Message::Posed(pose) => assert!(pose.pose().is_some()),
+        Message::Posed(posed) => assert!(posed.pose.is_usable()),
         Message::Bearing(bearing) => {
             assert!(bearing.seen.is_usable());
             assert!(bearing.pose.is_none_or(|pose| pose.pose().is_some()));
@@ -624,9 +657,19 @@ fn spoilt_numbers_do_not_decode() {
 #[test]
 fn unsound_values_do_not_decode() {
     let unsound = [
-        Message::Posed(PoseParts {
-            covariance: [1.0, 2.0, 1.0, 0.0, 0.0, 1.0],
-            ..pose()
+        Message::Posed(Posed {
+            pose: PoseParts {
+                covariance: [1.0, 2.0, 1.0, 0.0, 0.0, 1.0],
+                ..pose()
+            },
+            ..posed()
+        }),
+        Message::Posed(Posed {
+            fit: Fit {
+                chi_squared: -1.0,
+                degrees_of_freedom: 3,
+            },
+            ..posed()
         }),
         Message::Bearing(Bearing {
             target: 1,
@@ -639,7 +682,7 @@ fn unsound_values_do_not_decode() {
         }),
         Message::Report(report(
             None,
-            State::Pose(PoseParts {
+            State::Weak(PoseParts {
                 heading: f32::NAN,
                 ..pose()
             }),
@@ -656,6 +699,23 @@ fn unsound_values_do_not_decode() {
             postcard::from_bytes::<Message>(&bytes).is_err(),
             "{message:?}"
         );
+    }
+}
+
+/// A report says of a pose what it is worth, and of no pose that it is worth anything.
+#[test]
+fn a_report_has_a_status() {
+    for (state, status) in [
+        (State::Waiting, Status::Waiting),
+        (State::Refused(Refusal::DangerLine), Status::Refused),
+        (State::Calibrated(pose()), Status::Calibrated),
+        (State::Weak(pose()), Status::Weak),
+        (State::Doubtful(pose()), Status::Doubtful),
+    ] {
+        let report = report(None, state);
+        assert_eq!(report.status(), status);
+        let has_pose = !matches!(status, Status::Waiting | Status::Refused);
+        assert_eq!(report.pose().is_some(), has_pose, "{status}");
     }
 }
 

@@ -14,6 +14,7 @@ use zigbee_link::security::Protection;
 
 use super::{
     FIRST_COORDINATOR, Frame,
+    assume::Purpose,
     check::refuse,
     error::ScenarioError,
     file::{NetworkTable, PlacedCamera, Scenario, TargetTable},
@@ -65,6 +66,22 @@ pub fn configs(
         .configs()
     };
     networks.map(maker).collect()
+}
+
+/// As [`configs`], for real nodes: nothing that matters is assumed.
+///
+/// # Errors
+/// [`ScenarioError::Open`], and those of [`configs`].
+pub fn provision(
+    scenario: &Scenario,
+    key: SiteKey,
+    first_counter: u32,
+) -> Result<Vec<NetworkConfigs>, ScenarioError> {
+    let open = scenario.assumptions(Purpose::Deployment);
+    if !open.is_empty() {
+        return Err(ScenarioError::Open(open));
+    }
+    configs(scenario, key, first_counter)
 }
 
 /// A locally administered EUI-64, for nodes that have no other.
@@ -235,7 +252,14 @@ impl Maker<'_> {
         };
         match config.check() {
             Ok(()) => Ok(config),
-            Err(reason) => Err(ScenarioError::Config { node: id, reason }),
+            Err(reason) => {
+                let node = id;
+                Err(self.scenario.located(ScenarioError::Config {
+                    line: None,
+                    node,
+                    reason,
+                }))
+            }
         }
     }
 

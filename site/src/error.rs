@@ -3,7 +3,17 @@
 use node_firmware::config::ConfigError;
 use thiserror::Error;
 
-use super::planner::PlanError;
+use super::{assume::Assumption, planner::PlanError};
+
+/// Where something is, before what is wrong with it.
+fn on(line: Option<usize>) -> String {
+    line.map_or(String::new(), |line| format!("line {line}: "))
+}
+
+fn list(open: &[Assumption]) -> String {
+    let lines: Vec<_> = open.iter().map(|one| format!("  {one}")).collect();
+    lines.join("\n")
+}
 
 /// Why a scenario cannot be run.
 #[derive(Debug, Error)]
@@ -27,12 +37,30 @@ pub enum ScenarioError {
         /// Why.
         source: std::io::Error,
     },
-    /// It is not TOML, or has fields that a scenario does not have.
+    /// It is not TOML, or something that it needs is not there.
     #[error(transparent)]
     Toml(#[from] toml::de::Error),
+    /// It has a key that there is not.
+    #[error(
+        "{}there is no key `{key}` {place}{}",
+        on(*line),
+        nearest.as_ref().map_or(String::new(), |nearest| format!(": did you mean `{nearest}`?"))
+    )]
+    Key {
+        /// The key.
+        key: String,
+        /// Where it is.
+        place: String,
+        /// The key that was probably meant.
+        nearest: Option<String>,
+        /// Its line in the file, from 1.
+        line: Option<usize>,
+    },
     /// A value makes no sense.
-    #[error("`{field}` is {found}: it must be {allowed}")]
+    #[error("{}`{field}` is {found}: it must be {allowed}", on(*line))]
     Value {
+        /// Its line in the file, from 1, or that of the table where it should be.
+        line: Option<usize>,
         /// Where it is.
         field: String,
         /// What it is.
@@ -41,13 +69,18 @@ pub enum ScenarioError {
         allowed: String,
     },
     /// A node cannot be configured to it.
-    #[error("node {node} cannot be configured: {reason}")]
+    #[error("{}node {node} cannot be configured: {reason}", on(*line))]
     Config {
+        /// The line in the file where the node is, from 1.
+        line: Option<usize>,
         /// Its number.
         node: u16,
         /// What of its configuration is wrong.
         reason: ConfigError,
     },
+    /// Something that matters is not said.
+    #[error("the file leaves open what nodes must know:\n{}", list(.0))]
+    Open(Vec<Assumption>),
     /// No stops could be planned.
     #[error("no stops can be planned for network {network}: {source}")]
     Plan {
@@ -81,4 +114,16 @@ pub enum ScenarioError {
         /// Number of the stop before it, from 1.
         stop: usize,
     },
+}
+
+impl ScenarioError {
+    /// With the line of the file that it is about, if it has none yet.
+    pub(crate) fn at_line(mut self, number: usize) -> Self {
+        if let Self::Key { line, .. } | Self::Value { line, .. } | Self::Config { line, .. } =
+            &mut self
+        {
+            *line = line.or(Some(number));
+        }
+        self
+    }
 }

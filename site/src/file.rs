@@ -74,6 +74,19 @@ pub struct Scenario {
     /// What happens by order of a script.
     #[serde(default, rename = "event", skip_serializing_if = "Vec::is_empty")]
     pub events: Vec<ScriptedEvent>,
+    /// Where it comes from.
+    #[serde(skip)]
+    pub(crate) source: Source,
+}
+
+/// The text of a file, to tell lines of it. Two scenarios are the same whatever they come from.
+#[derive(Clone, Debug, Default)]
+pub(crate) struct Source(pub(crate) std::sync::Arc<str>);
+
+impl PartialEq for Source {
+    fn eq(&self, _: &Self) -> bool {
+        true
+    }
 }
 
 /// What a rehearsal takes a lens to be of which nobody says anything: the thesis's.

@@ -51,6 +51,8 @@ parameters! {
     first_column: u8,
     /// A pose whose sigma of the position is larger is weak: another stop is asked for.
     weak_sigma: f64,
+    /// The same of the heading, degrees.
+    weak_heading_deg: f64,
     /// A pose needs no more stops when this sigma of the position, 0 for never, ...
     good_enough_position: f64,
     /// ... and this one of the heading, degrees, are reached.
@@ -102,7 +104,8 @@ impl FirmwareTable {
         put(&mut camera.refine, self.refine);
         put(&mut camera.round, self.round);
         put(&mut camera.first_column, self.first_column);
-        put_f32(&mut camera.weak_sigma, self.weak_sigma);
+        put_f32(&mut camera.weak.position, self.weak_sigma);
+        put_f32(&mut camera.weak.heading_deg, self.weak_heading_deg);
         put_f32(&mut camera.sigma_floor_px, self.sigma_floor_px);
         let Sigmas {
             position,

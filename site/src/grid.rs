@@ -33,13 +33,6 @@ pub(super) fn expand(scenario: &mut Scenario) -> Result<(), ScenarioError> {
     if !scenario.networks.is_empty() {
         return Err(refuse("grid", "there beside `network`", "one or the other"));
     }
-    if !(2..=30).contains(&grid.cell_nodes) {
-        let allowed = "2 to 30: a coordinator has room for 32, and a target joins too";
-        return Err(refuse("grid.cell_nodes", grid.cell_nodes, allowed));
-    }
-    if !(2..=20_000).contains(&grid.nodes) {
-        return Err(refuse("grid.nodes", grid.nodes, "2 to 20000"));
-    }
     check::camera("camera", &scenario.camera)?;
     let least = 3.0 * scenario.camera.range;
     if !(grid.cell_size >= least && grid.cell_size <= 1e4) {

@@ -1,17 +1,21 @@
-//! What is simulated: TOML files, and three that are built in.
+//! A site in one file: what is deployed, and what a rehearsal of it adds.
 //!
-//! A scenario says where cameras, targets and obstacles are, what the nodes are configured to, and
-//! what goes wrong when. [`Scenario::load`] reads and checks it, [`Scenario::put_up`] makes the
-//! world of it and plans the targets' stops where the file does not give them.
+//! A file says where cameras, targets and obstacles are, what the nodes are configured to, and what
+//! goes wrong when. [`Scenario::load`] reads and checks it. [`configs`] makes the configuration of
+//! every node of it, the same for a rehearsal and for boards; [`provision`] refuses to do so for
+//! boards while something that matters is left open. [`Scenario::put_up`] makes the world of it and
+//! plans the targets' stops where the file does not give them.
 //!
 //! | built in | what |
 //! |---|---|
 //! | `thesis-13` | Thesis, sections 4.2 to 4.4: the 13 cameras of Table 4.1. |
 //! | `lab` | Thesis, sections 3.4 and 3.5: two references and a camera at five placements. |
 //! | `grid` | Sites of any size: [`grid`]. |
+//! | `office` | An L-shaped floor of 20 cameras, and a person with a step sensor. |
 //!
-//! The files are in `host-sim/scenarios`; each is an example of the format. Unknown fields are
-//! refused, and a wrong value is named with its range.
+//! The files are in `site/scenarios`; each is an example of the format, which `docs/site.md`
+//! describes. Every key is in [`keys::KEYS`]; others are refused, and a wrong value is named with
+//! its line and its range.
 //!
 //! # Random numbers
 //! Stops are planned from the number of the path alone. All else comes from the seed.
@@ -38,6 +42,7 @@ mod file;
 mod firmware;
 pub mod grid;
 pub mod key_file;
+pub mod keys;
 pub mod node;
 mod overrides;
 pub mod page_file;
@@ -48,9 +53,10 @@ mod scatter;
 pub mod world;
 
 pub use assume::{Assumption, Purpose};
-pub use configs::{NetworkConfigs, configs, coordinator_id, extended};
+pub use configs::{NetworkConfigs, configs, coordinator_id, extended, provision};
 pub use error::ScenarioError;
 pub use event::{Action, ScriptedEvent};
+use file::Source;
 pub use file::{
     CameraTable, FrameTable, GridTable, ModelTable, NetworkTable, ObstacleTable, PlacedCamera,
     RadioTable, ReferencesTable, ScatterTable, Scenario, SensorName, SensorTable, TargetTable,
@@ -58,7 +64,7 @@ pub use file::{
 };
 pub use firmware::FirmwareTable;
 pub use overrides::Overrides;
-pub use put_up::{CameraNode, Frame, Network, Site, TargetNode};
+pub use put_up::{CameraNode, Frame, Network, Site, TargetNode, obstacles};
 
 /// Coordinators have no numbers in a scenario: the first network's gets this one, the second's the
 /// next one, and so on. All other nodes have lower ones.
@@ -68,10 +74,11 @@ pub const FIRST_COORDINATOR: u16 = 60_000;
 pub const PATH_MAX: u64 = 1_000_000_000;
 
 /// Names and texts of the built-in scenarios.
-pub const BUILT_IN: [(&str, &str); 3] = [
+pub const BUILT_IN: [(&str, &str); 4] = [
     ("thesis-13", include_str!("../scenarios/thesis-13.toml")),
     ("lab", include_str!("../scenarios/lab.toml")),
     ("grid", include_str!("../scenarios/grid.toml")),
+    ("office", include_str!("../scenarios/office.toml")),
 ];
 
 impl Scenario {
@@ -104,11 +111,40 @@ impl Scenario {
     /// # Errors
     /// [`ScenarioError`].
     pub fn from_toml(text: &str, changes: &Overrides) -> Result<Self, ScenarioError> {
+        keys::check(text)?;
         let mut scenario: Self = toml::from_str(text)?;
         changes.apply(&mut scenario)?;
+        scenario.source = Source(text.into());
         grid::expand(&mut scenario)?;
-        check::scenario(&scenario)?;
+        check::scenario(&scenario).map_err(|error| scenario.located(error))?;
         Ok(scenario)
+    }
+
+    /// An error with its line in the file.
+    fn located(&self, error: ScenarioError) -> ScenarioError {
+        let field = match &error {
+            ScenarioError::Value { field, .. } => Some(field.clone()),
+            ScenarioError::Config { node, .. } => self.named(*node),
+            _ => None,
+        };
+        let line = field.and_then(|field| keys::line_of(&self.source.0, &field));
+        match line {
+            Some(line) => error.at_line(line),
+            None => error,
+        }
+    }
+
+    /// What people call a node in the file, such as `network 1.camera 3`.
+    fn named(&self, node: u16) -> Option<String> {
+        (1..).zip(&self.networks).find_map(|(n, network)| {
+            let cameras = network.cameras.iter().map(|camera| ("camera", camera.id));
+            let camera = (1..).zip(cameras);
+            let targets = network.targets.iter().map(|target| ("target", target.id));
+            let target = (1..).zip(targets);
+            let mut all = camera.chain(target);
+            let (place, (kind, _)) = all.find(|(_, (_, id))| *id == node)?;
+            Some(format!("network {n}.{kind} {place}"))
+        })
     }
 
     /// How long its unit is.
@@ -126,6 +162,6 @@ impl Scenario {
     /// # Errors
     /// No plan is possible, a camera stands in an obstacle, or a target would walk through one.
     pub fn put_up(&self) -> Result<Site, ScenarioError> {
-        put_up::put_up(self)
+        put_up::put_up(self).map_err(|error| self.located(error))
     }
 }

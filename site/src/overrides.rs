@@ -6,6 +6,7 @@ use super::{
     check::refuse,
     error::ScenarioError,
     file::{ScatterTable, Scenario, SensorTable},
+    keys,
     planner::Placement,
 };
 use crate::world::Variant;
@@ -38,6 +39,19 @@ pub struct Overrides {
 
 impl Overrides {
     pub(super) fn apply(&self, scenario: &mut Scenario) -> Result<(), ScenarioError> {
+        let scatter = self.scatter.unwrap_or_default();
+        for (key, value) in [
+            ("path", self.path.map(|path| path as f64)),
+            ("stops", self.stops.map(|stops| stops as f64)),
+            ("grid.nodes", self.nodes.map(|nodes| nodes as f64)),
+            ("radio.loss", self.loss),
+            ("scatter.position", Some(scatter.position)),
+            ("scatter.heading_deg", Some(scatter.heading_deg)),
+        ] {
+            if let Some(value) = value {
+                keys::check_number(key, value)?;
+            }
+        }
         scenario.seed = self.seed.unwrap_or(scenario.seed);
         scenario.path = self.path.unwrap_or(scenario.path);
         scenario.stops = self.stops.unwrap_or(scenario.stops);

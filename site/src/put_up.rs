@@ -200,8 +200,8 @@ fn camera(
     Ok((camera, node))
 }
 
-/// A wall is a segment between each two of its corners.
-pub(super) fn obstacles(table: &ObstacleTable) -> Vec<Obstacle> {
+/// What an obstacle of a file consists of: a wall is a segment between each two of its corners.
+pub fn obstacles(table: &ObstacleTable) -> Vec<Obstacle> {
     let one = match table {
         ObstacleTable::Wall(corners) => {
             let segments = corners.windows(2);

@@ -44,7 +44,7 @@ fn a_sweep_is_the_same_with_any_number_of_jobs() {
             Ok(())
         })
         .unwrap();
-        assert_eq!(seeds, [1, 2, 3, 4, 5, 6]);
+        assert_eq!(seeds, [1, 2, 3, 4, 5, 6].map(Some));
         sweep.finish().unwrap().to_csv().unwrap()
     };
     assert_eq!(csv(1), csv(4));

@@ -2,7 +2,6 @@
 
 use answers::record::{
     RunRecord,
-    summary::Fit,
     verdict::{Common, Finding, Trouble, Verdict},
 };
 use calib_core::camera::Projection;
@@ -77,7 +76,7 @@ fn two_targets_of_two_colours() {
 #[test]
 fn targets_that_are_found_by_motion() {
     let yard = Yard {
-        tables: "[firmware]\nmotion = true",
+        firmware: "motion = true",
         targets: "{ id = 20, radius = 0.4, colour = [240, 240, 240], stops = [[4.0, -2.5], STOPS] }",
         ..Yard::default()
     };
@@ -103,12 +102,12 @@ fn stage(model: Projection) -> RunRecord {
 fn cameras_of_equal_angles_need_that_model() {
     let right = stage(Projection::EqualAngle);
     assert_all_calibrated(&right, "equal angles");
-    let is_misfit = |common: &Common| matches!(common, Common::Misfit(_));
-    assert!(!Verdict::of(&right).common.iter().any(is_misfit));
+    let is_lens = |common: &Common| matches!(common, Common::Lens(_));
+    assert!(!Verdict::of(&right).common.iter().any(is_lens));
 
     let wrong = stage(Projection::PinHole);
     let verdict = Verdict::of(&wrong);
-    assert!(verdict.common.iter().any(is_misfit), "{verdict}");
+    assert!(verdict.common.iter().any(is_lens), "{verdict}");
     let rms = |record: &RunRecord| {
         let cameras = record.summary.cameras.as_ref();
         cameras.map_or(f64::INFINITY, |cameras| cameras.position.rms)
@@ -131,7 +130,7 @@ fn references_count_the_stops_of_their_answer() {
         assert_eq!((reference.sightings, reference.residuals.len()), (3, 0));
     }
     let others = record.cameras().filter(|camera| !camera.reference);
-    let chi_squared: f64 = others.map(|camera| Fit::of(camera).chi_squared).sum();
+    let chi_squared: f64 = others.map(|camera| camera.fit().chi_squared).sum();
     assert!((record.summary.fit.chi_squared - chi_squared).abs() < 1e-9);
 }
 

@@ -100,7 +100,7 @@ fn a_lost_target_is_found_by_calibrated_cameras() {
     let calm = run(yard());
     let stops = &calm.targets[0].stops;
     // On the way from the sixth stop to the seventh: all are calibrated.
-    let at = f64::midpoint(stops[5].seconds, stops[6].seconds);
+    let at = f64::midpoint(stops[5].seconds.unwrap(), stops[6].seconds.unwrap());
     let record = run(with(yard(), at, Action::Restart { node: TARGET }));
     assert_all_calibrated(&record, "restart on the way");
     let last = record.targets[0].stops.last().unwrap();

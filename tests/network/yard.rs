@@ -15,6 +15,8 @@ pub(crate) const COORDINATOR: u16 = 0;
 
 /// What can be different in a yard, as TOML.
 pub(crate) struct Yard<'a> {
+    /// More of what the nodes are configured to.
+    pub(crate) firmware: &'a str,
     /// Whole tables.
     pub(crate) tables: &'a str,
     /// The network's references.
@@ -30,6 +32,7 @@ pub(crate) const STOPS: &str = "[3.0, 3.2], [5.0, 3.4], [4.2, 5.2], [2.8, 4.8], 
 impl Default for Yard<'_> {
     fn default() -> Self {
         Self {
+            firmware: "",
             tables: "",
             references: "cameras = [1, 2]",
             targets: "{ id = 20, stops = [STOPS] }",
@@ -41,7 +44,10 @@ impl Yard<'_> {
     pub(crate) fn scenario(&self, seed: u64) -> Scenario {
         let targets = self.targets.replace("STOPS", STOPS);
         let Self {
-            tables, references, ..
+            firmware,
+            tables,
+            references,
+            ..
         } = self;
         let text = format!(
             r#"
@@ -54,6 +60,7 @@ impl Yard<'_> {
             systematic_heading_deg = 0.0
             systematic_scale = 0.0
             standing_sigma = 0.008165
+            {firmware}
             {tables}
             [[network]]
             references = {{ {references} }}
@@ -188,7 +195,11 @@ pub(crate) fn assert_nothing_forgotten(log: &str, what: &str) {
 /// Moments of a run that differ in what nodes are doing: at each stop as it is told, while cameras
 /// look, a while later, and on the way to the next one.
 pub(crate) fn moments(record: &RunRecord) -> Vec<f64> {
-    let stops: Vec<f64> = record.targets[0].stops.iter().map(|s| s.seconds).collect();
+    let stops: Vec<f64> = record.targets[0]
+        .stops
+        .iter()
+        .filter_map(|s| s.seconds)
+        .collect();
     let ways = stops.windows(2).map(|leg| f64::midpoint(leg[0], leg[1]));
     let standing = stops
         .iter()

@@ -1,8 +1,12 @@
-//! The poses of a run for other programs: CSV, YAML and ROS 2. Covariance is in all of them.
+//! The poses of a network for other programs, simulated or real: CSV, YAML and ROS 2. Covariance and
+//! status are in all of them.
 
+use std::borrow::Cow;
+
+use calib_core::{Refusal, Status};
 use serde::Serialize;
 
-use crate::record::{Estimate, Node, RunRecord, Unit};
+use crate::record::{Estimate, Node, Role, RunRecord, Unit};
 
 mod ros;
 
@@ -11,7 +15,7 @@ pub use ros::ros_launch;
 /// A pose in CSV, between columns before and behind it: a row is a tuple of such structures. Empty
 /// where not known. Lengths in the unit of the site, angles in degrees, also in the covariance.
 #[derive(Default, Serialize)]
-pub struct CsvPose {
+struct CsvPose {
     x: Option<f64>,
     y: Option<f64>,
     heading_deg: Option<f64>,
@@ -49,16 +53,58 @@ impl From<Option<Estimate>> for CsvPose {
     }
 }
 
-/// Which camera of a run, in CSV.
+/// In whose coordinates poses are exported.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Frame {
+    /// Those of each network: the first reference is the origin, the second one on the x axis.
+    #[default]
+    Network,
+    /// Those of the building, in which the site file tells where cameras are.
+    Building,
+}
+
+impl Frame {
+    /// The record in these coordinates; `None` if it does not know where a network is in the
+    /// building.
+    pub fn of(self, record: &RunRecord) -> Option<Cow<'_, RunRecord>> {
+        match self {
+            Self::Network => Some(Cow::Borrowed(record)),
+            Self::Building => record.in_building().map(Cow::Owned),
+        }
+    }
+}
+
+/// Why there is no export.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+pub enum ExportError {
+    /// Nobody knows where a network is.
+    #[error(
+        "where the network is in the building is not known: give the site file (--site), with the \
+         places of both reference cameras, or take --frame network"
+    )]
+    NoBuilding,
+    /// That of the CSV writer.
+    #[error(transparent)]
+    Csv(#[from] csv::Error),
+    /// That of the YAML writer.
+    #[error(transparent)]
+    Yaml(#[from] serde_saphyr::ser::Error),
+}
+
+/// Which camera, in CSV.
 #[derive(Serialize)]
 struct CsvCamera {
     camera: u16,
     network: u16,
+    frame: Frame,
     reference: bool,
-    status: &'static str,
+    status: Option<Status>,
+    reason: Option<&'static str>,
 }
 
-/// How right its pose is.
+/// How right its pose is, and what it was made of.
 #[derive(Serialize)]
 struct CsvTruth {
     true_x: Option<f64>,
@@ -68,35 +114,16 @@ struct CsvTruth {
     error_y: Option<f64>,
     error_heading_deg: Option<f64>,
     sightings: usize,
+    used: usize,
+    chi_squared: Option<f64>,
+    done: bool,
+    address: Option<u16>,
 }
 
-/// `calibrated`, or why not: `contradicted` by its sightings, a refusal's name, or `no_pose`.
-fn status(record: &RunRecord, camera: &Node) -> &'static str {
-    match (&camera.estimate, camera.refusal) {
-        (Some(_), _) if camera.contradicted(&record.limits).is_some() => "contradicted",
-        (Some(_), _) => "calibrated",
-        (None, Some(refusal)) => refusal.name(),
-        (None, None) => "no_pose",
-    }
-}
-
-/// One row per camera: `camera`, `network` (in whose frame the row is), `reference`, `status`
-/// (`calibrated`, or why not), the pose (`x`, `y`, `heading_deg`), its sigmas (`sigma_...`), the upper triangle of its covariance (`cov_xx`,
-/// `cov_xy`, `cov_xt`, `cov_yy`, `cov_yt`, `cov_tt`, headings in degrees), the truth
-/// (`true_...`), the error (`error_...`), and `sightings`.
-///
-/// # Errors
-/// Those of the CSV writer.
-pub fn csv(record: &RunRecord) -> Result<String, csv::Error> {
-    to_csv(record.cameras().map(|camera| {
+impl From<&Node> for CsvTruth {
+    fn from(camera: &Node) -> Self {
         let (truth, error) = (camera.truth, camera.error);
-        let which = CsvCamera {
-            camera: camera.id,
-            network: camera.network,
-            reference: camera.reference,
-            status: status(record, camera),
-        };
-        let rightness = CsvTruth {
+        Self {
             true_x: truth.map(|t| t.x),
             true_y: truth.map(|t| t.y),
             true_heading_deg: truth.map(|t| t.heading_deg),
@@ -104,9 +131,47 @@ pub fn csv(record: &RunRecord) -> Result<String, csv::Error> {
             error_y: error.map(|e| e.y),
             error_heading_deg: error.map(|e| e.heading_deg),
             sightings: camera.sightings,
+            used: camera.used,
+            chi_squared: camera.chi_squared,
+            done: camera.done,
+            address: camera.address,
+        }
+    }
+}
+
+/// One row per camera: `camera`, `network`, `frame` (in whose coordinates the row is: `network` or
+/// `building`), `reference`, `status`, `reason` (why there is no pose), the pose (`x`, `y`,
+/// `heading_deg`), its sigmas (`sigma_...`), the upper triangle of its covariance (`cov_xx`,
+/// `cov_xy`, `cov_xt`, `cov_yy`, `cov_yt`, `cov_tt`, headings in degrees), the truth (`true_...`) and
+/// the error (`error_...`) where they are known, `sightings`, how many of them the pose uses
+/// (`used`), `chi_squared`, `done` (it needs no more), and its `address`.
+///
+/// # Errors
+/// [`ExportError`]
+pub fn csv(record: &RunRecord, frame: Frame) -> Result<String, ExportError> {
+    let record = frame.of(record).ok_or(ExportError::NoBuilding)?;
+    let row = |camera: &Node| {
+        let which = CsvCamera {
+            camera: camera.id,
+            network: camera.network,
+            frame,
+            reference: camera.reference,
+            status: camera.status,
+            reason: camera.reason.map(Refusal::name),
         };
-        (which, CsvPose::from(camera.estimate), rightness)
-    }))
+        (
+            which,
+            CsvPose::from(camera.estimate),
+            CsvTruth::from(camera),
+        )
+    };
+    let text = to_csv(record.cameras().map(row))?;
+    if text.is_empty() {
+        // Without cameras, the names of the columns all the same.
+        let names = to_csv(std::iter::once(row(&Node::new(0, Role::Camera))))?;
+        return Ok(names.split_inclusive('\n').take(1).collect());
+    }
+    Ok(text)
 }
 
 /// Rows under a heading of their fields' names.
@@ -127,7 +192,8 @@ pub fn to_csv(rows: impl Iterator<Item = impl Serialize>) -> Result<String, csv:
 struct YamlPoses<'a> {
     format: u32,
     scenario: &'a str,
-    seed: u64,
+    seed: Option<u64>,
+    frame: Frame,
     unit: &'a Unit,
     cameras: Vec<YamlCamera>,
 }
@@ -137,7 +203,8 @@ struct YamlCamera {
     id: u16,
     network: u16,
     reference: bool,
-    status: &'static str,
+    status: Option<Status>,
+    reason: Option<&'static str>,
     pose: Option<YamlPose>,
 }
 
@@ -149,18 +216,21 @@ struct YamlPose {
     covariance: serde_saphyr::FlowSeq<[f64; 9]>,
 }
 
-/// `format` (2), `scenario`, `seed`, `unit` (`name`, `metres`), `cameras`: each with `id`,
-/// `network` (in whose frame it is), `reference`, `status` (`calibrated`, or why not) and `pose`, null without one: `x`, `y` in the
-/// unit, `heading_rad`, and `covariance` of these three, 3 x 3 by rows.
+/// `format` (3), `scenario`, `seed` (null of a real network), `frame` (in whose coordinates poses
+/// are: `network` or `building`), `unit` (`name`, `metres`), `cameras`: each with `id`, `network`,
+/// `reference`, `status`, `reason` (why there is no pose) and `pose`, null without one: `x`, `y` in
+/// the unit, `heading_rad`, and `covariance` of these three, 3 x 3 by rows.
 ///
 /// # Errors
-/// Those of the YAML writer.
-pub fn yaml(record: &RunRecord) -> Result<String, serde_saphyr::ser::Error> {
+/// [`ExportError`]
+pub fn yaml(record: &RunRecord, frame: Frame) -> Result<String, ExportError> {
+    let record = frame.of(record).ok_or(ExportError::NoBuilding)?;
     let cameras = record.cameras().map(|camera| YamlCamera {
         id: camera.id,
         network: camera.network,
         reference: camera.reference,
-        status: status(record, camera),
+        status: camera.status,
+        reason: camera.reason.map(Refusal::name),
         pose: camera.estimate.map(|estimate| {
             let pose = estimate.pose();
             let c = pose.covariance;
@@ -175,9 +245,10 @@ pub fn yaml(record: &RunRecord) -> Result<String, serde_saphyr::ser::Error> {
         }),
     });
     let poses = YamlPoses {
-        format: 2,
+        format: 3,
         scenario: &record.scenario,
         seed: record.seed,
+        frame,
         unit: &record.unit,
         cameras: cameras.collect(),
     };

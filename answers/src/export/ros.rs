@@ -2,15 +2,16 @@
 
 use serde::Serialize;
 
-use super::{one_line, to_yaml};
+use super::{ExportError, Frame, one_line, to_yaml};
 use crate::record::{Node, RunRecord};
 
-/// The frame of a network, parent of its cameras' frames. Nothing says where the frames of several
-/// networks are to one another.
-fn world(record: &RunRecord, network: u16) -> String {
-    match record.has_networks() {
-        true => format!("world_{network}"),
-        false => "world".to_owned(),
+/// The parent of a camera's frame. Nothing says where the frames of several networks are to one
+/// another, unless all is told in the coordinates of the building.
+fn world(record: &RunRecord, network: u16, frame: Frame) -> String {
+    match frame {
+        Frame::Building => "building".to_owned(),
+        Frame::Network if record.has_networks() => format!("world_{network}"),
+        Frame::Network => "world".to_owned(),
     }
 }
 
@@ -44,7 +45,8 @@ struct Let {
 
 /// A launch file in YAML, for `ros2 launch poses.launch.yaml`: one `static_transform_publisher`
 /// per calibrated camera, from the frame `world` to `camera_<id>`, in metres and radians. Where there
-/// are several networks, each has a frame `world_<network>` of its own.
+/// are several networks, each has a frame `world_<network>` of its own. In the coordinates of the
+/// building the one frame is `building`.
 ///
 /// A camera's frame is that of REP 103 for bodies: x along the optical axis, y to the left, z up.
 /// A static transform carries no covariance, so the file also sets the launch configuration
@@ -53,13 +55,14 @@ struct Let {
 /// estimated; their variances are 0.
 ///
 /// # Errors
-/// Those of the YAML writer.
-pub fn ros_launch(record: &RunRecord) -> Result<String, serde_saphyr::ser::Error> {
+/// [`ExportError`]
+pub fn ros_launch(record: &RunRecord, frame: Frame) -> Result<String, ExportError> {
+    let record = frame.of(record).ok_or(ExportError::NoBuilding)?;
     let metres = record.unit.metres;
     let actions = record
         .cameras()
-        .filter(|camera| camera.contradicted(&record.limits).is_none())
-        .filter_map(|camera| actions(camera, &world(record, camera.network), metres));
+        .filter(|camera| camera.is_calibrated())
+        .filter_map(|camera| actions(camera, &world(&record, camera.network, frame), metres));
     let launch = Launch {
         launch: actions.flatten().collect(),
     };

@@ -19,6 +19,7 @@ use super::{
 pub(super) const CAMERA: RGBColor = RGBColor(31, 98, 178);
 pub(super) const UNCERTAIN: RGBColor = RGBColor(150, 150, 150);
 pub(super) const TARGET: RGBColor = RGBColor(230, 110, 20);
+pub(super) const DOUBT: RGBColor = RGBColor(160, 60, 170);
 pub(super) const BAD: RGBColor = RGBColor(200, 30, 50);
 pub(super) const INK: RGBColor = RGBColor(50, 50, 50);
 pub(super) const GRID: RGBColor = RGBColor(225, 225, 225);

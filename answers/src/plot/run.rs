@@ -1,7 +1,7 @@
 //! Drawings of one run: a map like the thesis's Figures 4.2 to 4.8, errors against predicted
 //! sigmas, and residuals.
 
-use calib_core::Pose;
+use calib_core::{Pose, Status};
 use nalgebra::{Matrix3, Point2, Vector2};
 use plotters::prelude::*;
 
@@ -14,6 +14,7 @@ use super::{
     },
     labels::Labels,
     panels::{Panels, bar, level},
+    style::{draw_mark, style},
     view::View,
 };
 use crate::accuracy::quantile;
@@ -128,17 +129,31 @@ impl RunMap<'_> {
     }
 
     fn legend(&self) -> Vec<Entry> {
-        let calibrated = self.cameras.iter().filter(|c| c.estimate.is_some()).count();
+        let of = |status| {
+            let cameras = self.cameras.iter();
+            cameras
+                .filter(|c| c.estimate.is_some() && c.status == Some(status))
+                .count()
+        };
         let lost = self.lost().count();
         let mut legend = vec![
             Entry::new("true camera, field of view", INK),
-            Entry::new(format!("{calibrated} estimates, 95 % ellipse"), CAMERA),
+            Entry::new(
+                format!("{} calibrated, 95 % ellipse", of(Status::Calibrated)),
+                style(Status::Calibrated).colour,
+            ),
         ];
+        for (status, shape) in [(Status::Weak, "ring"), (Status::Doubtful, "triangle")] {
+            if let count @ 1.. = of(status) {
+                let text = format!("{count} {status} ({shape})");
+                legend.push(Entry::new(text, style(status).colour));
+            }
+        }
         if self.cameras.iter().any(|camera| camera.reference) {
             legend.push(Entry::remark("* reference"));
         }
         if lost > 0 {
-            legend.push(Entry::new(format!("{lost} not calibrated"), BAD));
+            legend.push(Entry::new(format!("{lost} without pose (cross)"), BAD));
         }
         legend.push(Entry::new("way and stops, ring: believed", TARGET));
         if self.record.has_networks() {
@@ -190,13 +205,19 @@ impl RunMap<'_> {
         draw_arrow(plane, &truth, &self.view, colour)?;
         plane.draw(&Circle::new(at, 4, WHITE.filled()))?;
         plane.draw(&Circle::new(at, 4, colour.stroke_width(2)))?;
+        if camera.estimate.is_none()
+            && let Some(status) = camera.status
+        {
+            draw_mark(plane, at, style(status))?;
+        }
         if let Some(estimate) = &camera.estimate {
             let mut pose = estimate.pose();
             pose.position = truth.position + (pose.position - truth.position) * self.times;
             let outline = ellipse(&pose, self.times);
-            draw_outline(plane, &self.view, outline, CAMERA, [0.16, 0.8])?;
-            draw_arrow(plane, &pose, &self.view, CAMERA)?;
-            plane.draw(&Circle::new(to_pair(pose.position), 2, CAMERA.filled()))?;
+            let style = style(camera.status.unwrap_or(Status::Waiting));
+            draw_outline(plane, &self.view, outline, style.colour, [0.16, 0.8])?;
+            draw_arrow(plane, &pose, &self.view, style.colour)?;
+            draw_mark(plane, to_pair(pose.position), style)?;
         }
         Ok(())
     }

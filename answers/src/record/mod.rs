@@ -1,5 +1,7 @@
 //! The record of one finished run: everything its reports, maps and exports are made of.
 //!
+//! Of a real network it has what its coordinator told; see [`view`](crate::view).
+//!
 //! A record is JSON, and its names and their meaning are an interface. Lengths are in the
 //! scenario's [`unit`](RunRecord::unit), angles in degrees (headings in `[0, 360)`), times in
 //! seconds since the start of the run. What is not known is `null`. A reader refuses a
@@ -7,7 +9,7 @@
 //!
 //! Places and headings, true ones too, are in the frame of their node's or target's
 //! [`network`](Node::network): its origin is the first reference, its x axis points to the second
-//! one. Each of the [`networks`](RunRecord::networks) tells where its frame really is.
+//! one. Each of the [`networks`](RunRecord::networks) tells where its frame is.
 //!
 //! Two runs of one scenario and seed give the same record, byte for byte. The time the computer
 //! took is the one exception, so [`wall_seconds`](RunRecord::wall_seconds) is `null` unless it was
@@ -15,7 +17,7 @@
 
 use std::collections::BTreeSet;
 
-use calib_core::{Pose, Refusal, Sighting, angle};
+use calib_core::{Pose, Refusal, Sighting, Status, angle, fit::Fit};
 use nalgebra::{Isometry2, Matrix3, Point2, Vector2};
 use serde::{Deserialize, Serialize};
 
@@ -26,25 +28,26 @@ pub mod summary;
 pub mod sweep;
 pub mod verdict;
 
-use summary::{Fit, Summary};
+use summary::Summary;
 
 /// The format that this library writes, and the only one that it reads.
-pub const FORMAT: u32 = 3;
+pub const FORMAT: u32 = 4;
 
 /// One finished run.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct RunRecord {
     /// [`FORMAT`]
     pub format: u32,
-    /// Name of the scenario.
+    /// Name of the scenario, or of the site.
     pub scenario: String,
     /// Which of the ways that are planned for its targets, from 1.
     pub path: Option<u32>,
-    /// The root of all randomness of the run.
-    pub seed: u64,
+    /// The root of all randomness of the run; `null` of a real network.
+    pub seed: Option<u64>,
     /// The unit of lengths.
     pub unit: Unit,
-    /// Predicted sigmas above these make a camera weak.
+    /// Predicted sigmas above these make a camera weak. It is the camera that judges: these are only
+    /// told.
     pub limits: Limits,
     /// The networks by ascending number.
     pub networks: Vec<Network>,
@@ -57,9 +60,9 @@ pub struct RunRecord {
     pub obstacles: Vec<Vec<[f64; 2]>>,
     /// Statistics over the cameras, always those of `nodes`.
     pub summary: Summary,
-    /// What was on the air.
-    pub radio: Radio,
-    /// How long the run took the simulated nodes.
+    /// What was on the air; `null` of a real network.
+    pub radio: Option<Radio>,
+    /// How long the run took the simulated nodes; of a real network, how long it was listened to.
     pub sim_seconds: f64,
     /// How long it took the computer; `null` unless asked for, since it is never twice the same.
     pub wall_seconds: Option<f64>,
@@ -73,6 +76,12 @@ pub struct Network {
     /// Where the origin of its frame really is in the frame of the first network, and the direction
     /// of its x axis.
     pub frame: Place,
+    /// Where the site file says that its frame is in the building.
+    pub building: Option<Place>,
+    /// Its PAN identifier, once it has one.
+    pub pan: Option<u16>,
+    /// Its channel.
+    pub channel: Option<u8>,
 }
 
 /// The unit of lengths.
@@ -120,9 +129,15 @@ pub struct Node {
     pub expected: bool,
     /// Where it really is; cameras only.
     pub truth: Option<Place>,
+    /// Where the site file says that it is, of a real camera: nobody measured that.
+    pub planned: Option<Place>,
     /// What it sees; cameras only.
     pub view: Option<View>,
-    /// Where it says it is.
+    /// How far it is, as it says itself; cameras only. Only `calibrated` counts as calibrated.
+    pub status: Option<Status>,
+    /// Why it has no pose.
+    pub reason: Option<Refusal>,
+    /// Where it says it is, whatever that is worth.
     pub estimate: Option<Estimate>,
     /// Estimate minus truth.
     pub error: Option<PoseError>,
@@ -131,22 +146,32 @@ pub struct Node {
     pub nees: Option<f64>,
     /// How many sightings it counted.
     pub sightings: usize,
-    /// Each of them against the estimate.
+    /// How many of them its pose uses.
+    pub used: usize,
+    /// Sum of the squared residuals of these, each over its variance, as it says itself.
+    pub chi_squared: Option<f64>,
+    /// It needs no more sightings.
+    pub done: bool,
+    /// Each sighting against the estimate.
     pub residuals: Vec<Residual>,
-    /// Why it has no pose.
-    pub refusal: Option<Refusal>,
     /// When it had its first pose.
     pub calibrated_seconds: Option<f64>,
+    /// When it was last heard; `null` of whoever never was, and of nodes on emulated boards.
+    pub heard_seconds: Option<f64>,
+    /// It was spoken to since then, and did not answer.
+    pub silent: bool,
+    /// Its address in the network, if it is a member.
+    pub address: Option<u16>,
     /// What kept its firmware from going on, each time. It was then started again.
     pub failures: Vec<Failure>,
     /// Application messages it sent, each counted once, before encryption; `null` of a node on an
     /// emulated board, whose messages nobody sees before encryption.
     pub payload_bytes: Option<u64>,
     /// Everything it sent, acknowledgements, retries and joining included, from preamble to check
-    /// sequence.
-    pub bytes_sent: u64,
+    /// sequence; `null` of a real node.
+    pub bytes_sent: Option<u64>,
     /// As `bytes_sent`, in frames.
-    pub frames_sent: u64,
+    pub frames_sent: Option<u64>,
 }
 
 /// Why firmware could not go on.
@@ -242,11 +267,11 @@ pub struct Target {
 pub struct Stop {
     /// Its number.
     pub stop: u32,
-    /// When it began.
-    pub seconds: f64,
-    /// Where it really was.
+    /// When it began; `null` where nobody saw that.
+    pub seconds: Option<f64>,
+    /// Where it really was; of a real network, where the target believed to be.
     pub x: f64,
-    /// Where it really was.
+    /// As `x`.
     pub y: f64,
     /// Where the target thought it was in the end; `null` if it never knew.
     pub believed: Option<Believed>,
@@ -283,6 +308,12 @@ impl Place {
     /// Its centre.
     pub fn position(&self) -> Point2<f64> {
         Point2::new(self.x, self.y)
+    }
+
+    /// The place as a frame.
+    fn isometry(&self) -> Isometry2<f64> {
+        let Self { x, y, heading_deg } = *self;
+        Isometry2::new(Vector2::new(x, y), heading_deg.to_radians())
     }
 
     /// The pose, exact.
@@ -347,12 +378,6 @@ impl Estimate {
     pub fn sigma_position(&self) -> f64 {
         self.sigma_x.hypot(self.sigma_y)
     }
-
-    /// Whether a predicted sigma is above its limit.
-    pub fn is_weak(&self, limits: &Limits) -> bool {
-        self.sigma_position() > limits.sigma_position
-            || self.sigma_heading_deg > limits.sigma_heading_deg
-    }
 }
 
 impl Node {
@@ -365,18 +390,26 @@ impl Node {
             reference: false,
             expected: false,
             truth: None,
+            planned: None,
             view: None,
+            status: (role == Role::Camera).then_some(Status::Waiting),
+            reason: None,
             estimate: None,
             error: None,
             nees: None,
             sightings: 0,
+            used: 0,
+            chi_squared: None,
+            done: false,
             residuals: Vec::new(),
-            refusal: None,
             calibrated_seconds: None,
+            heard_seconds: None,
+            silent: false,
+            address: None,
             failures: Vec::new(),
             payload_bytes: None,
-            bytes_sent: 0,
-            frames_sent: 0,
+            bytes_sent: None,
+            frames_sent: None,
         }
     }
 
@@ -442,19 +475,58 @@ impl Node {
         }
     }
 
-    /// Whether it was never part of a network: it had nobody to say anything to. Not known of a node
-    /// whose messages nobody saw.
+    /// Whether it was never part of a network: it had nobody to say anything to, and is on no list
+    /// of members.
     pub fn never_joined(&self) -> bool {
-        self.payload_bytes == Some(0) && self.estimate.is_none()
+        let said_nothing = match self.payload_bytes {
+            Some(bytes) => bytes == 0,
+            None => self.address.is_none() && self.role != Role::Coordinator,
+        };
+        said_nothing && self.estimate.is_none()
     }
 
-    /// How many times too large the residuals of a pose are that is not to be believed: they are more
-    /// than chance explains, and the pose is weak by its own account. One without the other is no
-    /// reason: a camera leaves out a sighting that all others contradict, and a weak pose may be right.
-    pub fn contradicted(&self, limits: &Limits) -> Option<f64> {
-        self.estimate.filter(|estimate| estimate.is_weak(limits))?;
-        let fit = Fit::of(self);
-        fit.ratio().filter(|_| fit.is_bad())
+    /// Whether it is a camera that counts as calibrated.
+    pub fn is_calibrated(&self) -> bool {
+        self.status == Some(Status::Calibrated)
+    }
+
+    /// How well all its sightings fit its pose, also those that the pose leaves out.
+    pub fn fit(&self) -> Fit<f64> {
+        let normalised = self.residuals.iter().filter_map(|r| r.normalised);
+        let (mut count, mut chi_squared) = (0_usize, 0.0);
+        for normalised in normalised {
+            count += 1;
+            chi_squared += normalised * normalised;
+        }
+        // Two references have a heading each and the target's first place in common.
+        let unknowns = if self.reference { 2 } else { 3 };
+        Fit {
+            chi_squared,
+            degrees_of_freedom: count.saturating_sub(unknowns),
+        }
+    }
+
+    /// How well its true error fits its predicted covariance, of what of its pose was not given;
+    /// `None` without a pose and a truth.
+    pub fn truth_fit(&self) -> Option<Fit<f64>> {
+        if let Some(nees) = self.nees {
+            return Some(Fit {
+                chi_squared: nees,
+                degrees_of_freedom: 3,
+            });
+        }
+        let (estimate, error) = (self.estimate?, self.error?);
+        let parts = [
+            (error.x, estimate.sigma_x),
+            (error.y, estimate.sigma_y),
+            (error.heading_deg, estimate.sigma_heading_deg),
+        ];
+        let estimated = parts.iter().filter(|(_, sigma)| *sigma > 0.0);
+        let one = |&(error, sigma): &(f64, f64)| Fit {
+            chi_squared: (error / sigma).powi(2),
+            degrees_of_freedom: 1,
+        };
+        estimated.map(one).reduce(Fit::and)
     }
 
     /// Whether it has a camera.
@@ -575,16 +647,34 @@ impl RunRecord {
     pub(crate) fn frame(&self, network: u16) -> Isometry2<f64> {
         let mut networks = self.networks.iter();
         let own = networks.find(|own| own.network == network);
-        own.map_or_else(Isometry2::identity, |own| {
-            let Place { x, y, heading_deg } = own.frame;
-            Isometry2::new(Vector2::new(x, y), heading_deg.to_radians())
-        })
+        own.map_or_else(Isometry2::identity, |own| own.frame.isometry())
+    }
+
+    /// Where the frame of a network is in the building, if that is known.
+    fn building(&self, network: u16) -> Option<Isometry2<f64>> {
+        let mut networks = self.networks.iter();
+        let own = networks.find(|own| own.network == network)?;
+        Some(own.building?.isometry())
     }
 
     /// The same run with the places of all networks in the frame of the first one, each network
     /// standing where it really does. How sure targets were of their places stays told along the axes
     /// of their own network's frame.
     pub fn in_one_frame(&self) -> Self {
+        self.moved(|network| self.frame(network))
+    }
+
+    /// The same run with all places in the coordinates of the building; `None` if nobody knows where
+    /// a network's frame is in it. As in [`in_one_frame`](Self::in_one_frame), sigmas of targets'
+    /// places stay along the axes of their network.
+    pub fn in_building(&self) -> Option<Self> {
+        let all_known = self.networks.iter().all(|own| own.building.is_some());
+        let frame = |network| self.building(network).unwrap_or_else(Isometry2::identity);
+        all_known.then(|| self.moved(frame))
+    }
+
+    /// The same run with the places of every network moved into one frame.
+    fn moved(&self, by: impl Fn(u16) -> Isometry2<f64>) -> Self {
         let mut record = self.clone();
         for own in &mut record.networks {
             own.frame = Place {
@@ -592,12 +682,20 @@ impl RunRecord {
                 y: 0.0,
                 heading_deg: 0.0,
             };
+            // What was the frame of the network is none any more.
+            own.building = None;
+        }
+        // Obstacles are told in the frame of the first network.
+        let first = self.networks.first().map(|first| by(first.network));
+        for corner in record.obstacles.iter_mut().flatten() {
+            let place = first.unwrap_or_else(Isometry2::identity) * Point2::from(*corner);
+            *corner = place.into();
         }
         for node in &mut record.nodes {
-            node.move_by(&self.frame(node.network));
+            node.move_by(&by(node.network));
         }
         for target in &mut record.targets {
-            let frame = self.frame(target.network);
+            let frame = by(target.network);
             for place in &mut target.path {
                 *place = (frame * Point2::from(*place)).into();
             }
@@ -627,7 +725,11 @@ impl RunRecord {
 
     /// The scenario with its path and seed, for headings.
     pub fn title(&self) -> String {
-        format!("{}, seed {}", name(&self.scenario, self.path), self.seed)
+        let name = name(&self.scenario, self.path);
+        match self.seed {
+            Some(seed) => format!("{name}, seed {seed}"),
+            None => name,
+        }
     }
 
     /// The stop that a residual is of.

@@ -150,7 +150,8 @@ impl Wanting {
         let view = camera.view?;
         let estimate = camera.estimate.filter(|_| wish.believes);
         let estimate = estimate.map(|estimate| estimate.pose());
-        let pose = estimate.or_else(|| camera.truth.map(|truth| truth.pose()))?;
+        let stands = camera.truth.or(camera.planned);
+        let pose = estimate.or_else(|| stands.map(|place| place.pose()))?;
         let known = estimate.and_then(|pose| pose.covariance.try_inverse());
         let mut wanting = Self {
             id: camera.id,
@@ -235,7 +236,7 @@ impl Wanting {
 }
 
 /// Whether two segments cross.
-fn crosses(a: Point2<f64>, b: Point2<f64>, c: Point2<f64>, d: Point2<f64>) -> bool {
+pub(super) fn crosses(a: Point2<f64>, b: Point2<f64>, c: Point2<f64>, d: Point2<f64>) -> bool {
     let side = |from: Point2<f64>, to: Point2<f64>, p: Point2<f64>| (to - from).perp(&(p - from));
     side(a, b, c) * side(a, b, d) < 0.0 && side(c, d, a) * side(c, d, b) < 0.0
 }

@@ -1,5 +1,6 @@
 //! Statistics over the cameras of a run.
 
+use calib_core::fit::Fit;
 use serde::{Deserialize, Serialize};
 
 use super::{Node, PoseError};
@@ -10,14 +11,14 @@ use crate::accuracy::{Spread, WithinSigmas};
 pub struct Summary {
     /// Cameras that are meant to be calibrated, references included.
     pub expected: usize,
-    /// How many of them have a pose.
+    /// How many of them are: their [status](Node::status) is `calibrated`.
     pub calibrated: usize,
     /// Cameras that are no references; `null` if none of them can be compared.
     pub cameras: Option<Statistics>,
     /// All cameras, as in the thesis's Tables 4.3 to 4.5.
     pub all: Option<Statistics>,
     /// How well the sightings of all cameras fit their poses.
-    pub fit: Fit,
+    pub fit: Fit<f64>,
 }
 
 /// Statistics of errors, over the cameras with a pose and a truth.
@@ -66,59 +67,6 @@ pub struct Within {
     pub heading: Option<[f64; 3]>,
 }
 
-/// How well sightings fit poses.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
-pub struct Fit {
-    /// Sum of the squared normalised residuals.
-    pub chi_squared: f64,
-    /// Sightings beyond those that always fit: three of a camera, two of a reference.
-    pub degrees_of_freedom: usize,
-}
-
-impl Fit {
-    /// Of one camera.
-    pub fn of(node: &Node) -> Self {
-        let normalised: Vec<f64> = node.residuals.iter().filter_map(|r| r.normalised).collect();
-        // Two references have a heading each and the target's first place in common.
-        let unknowns = if node.reference { 2 } else { 3 };
-        Self {
-            chi_squared: normalised.iter().map(|n| n * n).sum(),
-            degrees_of_freedom: normalised.len().saturating_sub(unknowns),
-        }
-    }
-
-    pub(super) fn and(self, other: Self) -> Self {
-        Self {
-            chi_squared: self.chi_squared + other.chi_squared,
-            degrees_of_freedom: self.degrees_of_freedom + other.degrees_of_freedom,
-        }
-    }
-
-    /// How many times larger than foretold the residuals are: 1 if all is well. `None` if there
-    /// are no more sightings than a pose needs.
-    pub fn ratio(&self) -> Option<f64> {
-        (self.degrees_of_freedom > 0)
-            .then(|| (self.chi_squared / self.degrees_of_freedom as f64).sqrt())
-    }
-
-    /// How much larger than foretold chi squared is.
-    pub(super) fn excess(&self) -> f64 {
-        self.chi_squared - self.degrees_of_freedom as f64
-    }
-
-    /// Whether only one in a thousand fits would be as bad by chance.
-    ///
-    /// The quantile of chi squared is that of Wilson and Hilferty, "The distribution of
-    /// chi-square", PNAS 17(12), 1931; 3 % too large for one degree of freedom, better for more.
-    pub fn is_bad(&self) -> bool {
-        const NORMAL_QUANTILE: f64 = 3.090_232_306;
-        let freedom = self.degrees_of_freedom as f64;
-        let part = 2.0 / (9.0 * freedom);
-        let limit = freedom * (1.0 - part + NORMAL_QUANTILE * part.sqrt()).powi(3);
-        self.degrees_of_freedom > 0 && self.chi_squared > limit
-    }
-}
-
 impl Summary {
     /// Of a run's nodes.
     pub fn of(nodes: &[Node]) -> Self {
@@ -126,10 +74,10 @@ impl Summary {
         let expected = || cameras().filter(|camera| camera.expected);
         Self {
             expected: expected().count(),
-            calibrated: expected().filter(|c| c.estimate.is_some()).count(),
+            calibrated: expected().filter(|c| c.is_calibrated()).count(),
             cameras: Statistics::of(cameras().filter(|camera| !camera.reference)),
             all: Statistics::of(cameras()),
-            fit: cameras().map(Fit::of).fold(Fit::default(), Fit::and),
+            fit: cameras().map(Node::fit).fold(Fit::default(), Fit::and),
         }
     }
 }

@@ -71,6 +71,7 @@ impl Quantity {
 #[derive(Clone, Debug, Default)]
 struct Samples {
     expected: usize,
+    calibrated: usize,
     components: [Component; 4],
 }
 
@@ -101,7 +102,8 @@ pub struct Row {
     pub quantity: Quantity,
     /// Poses there should be.
     pub expected: usize,
-    /// Poses there are.
+    /// How many of them are: cameras whose status is `calibrated`, stops that a target had a place
+    /// for. What follows is of all poses, whatever they are worth.
     pub calibrated: usize,
     /// Root of the mean square of the errors, as all that follows; empty where there are none.
     pub rms: Option<f64>,
@@ -167,6 +169,7 @@ impl Sweep {
             for group in groups {
                 let samples = self.groups.entry(group).or_default();
                 samples.expected += 1;
+                samples.calibrated += usize::from(camera.is_calibrated());
                 let (Some(estimate), Some(error)) = (&camera.estimate, camera.error) else {
                     continue;
                 };
@@ -186,6 +189,7 @@ impl Sweep {
                 let samples = self.groups.entry(group).or_default();
                 samples.expected += 1;
                 if let Some(believed) = &stop.believed {
+                    samples.calibrated += 1;
                     let (dx, dy) = (believed.x - stop.x, believed.y - stop.y);
                     let [x, y, position, _] = &mut samples.components;
                     x.add(dx, believed.sigma_x);
@@ -203,9 +207,10 @@ impl Sweep {
         let mut rows = Vec::new();
         for (group, samples) in self.groups {
             let is_stop = matches!(group, Group::Stop { .. });
+            let counts = [samples.expected, samples.calibrated];
             for (quantity, component) in Quantity::ALL.into_iter().zip(samples.components) {
                 if !(is_stop && quantity == Quantity::HeadingDeg) {
-                    rows.push((group, row(group, quantity, samples.expected, component)));
+                    rows.push((group, row(group, quantity, counts, component)));
                 }
             }
         }
@@ -219,7 +224,12 @@ impl Sweep {
     }
 }
 
-fn row(group: Group, quantity: Quantity, expected: usize, component: Component) -> Row {
+fn row(
+    group: Group,
+    quantity: Quantity,
+    [expected, calibrated]: [usize; 2],
+    component: Component,
+) -> Row {
     let Component {
         mut errors,
         mut sigmas,
@@ -247,7 +257,7 @@ fn row(group: Group, quantity: Quantity, expected: usize, component: Component) 
         },
         quantity,
         expected,
-        calibrated: errors.len(),
+        calibrated,
         rms: rms(&errors),
         p05: p(0.05),
         p25: p(0.25),

@@ -1,12 +1,12 @@
 //! Answers as JSON. The names and their meaning are an interface: they stay.
 
 use calib_core::{
-    Refusal,
+    Refusal, Status,
     reference::{self, Stop},
 };
 use serde::Serialize;
 
-use crate::answer::{self, Answer};
+use crate::answer::{Answer, Reason};
 
 /// Whole numbers up to here survive every JSON reader, also those that only know doubles.
 const LARGEST_EXACT: i64 = (1 << 53) - 1;
@@ -34,8 +34,10 @@ pub fn whole_number(name: &str) -> Option<i64> {
 pub struct PoseLine<'a> {
     /// Whose.
     pub case: CaseName<'a>,
-    /// See [`Status::name`](crate::answer::Status::name).
-    pub status: &'static str,
+    /// What became of it.
+    pub status: Status,
+    /// Why there is no pose: `unreadable` (a row of the case), or the name of a refusal.
+    pub reason: Option<&'static str>,
     /// In the unit of the targets' places, as all lengths here.
     pub x: Option<f64>,
     /// As `x`.
@@ -63,7 +65,8 @@ impl<'a> PoseLine<'a> {
         let pose = answer.solution.map(|s| s.pose);
         Self {
             case,
-            status: answer.status.name(),
+            status: answer.status,
+            reason: answer.reason.map(Reason::name),
             x: pose.map(|p| p.position.x),
             y: pose.map(|p| p.position.y),
             heading_rad: pose.map(|p| p.heading),
@@ -80,9 +83,11 @@ impl<'a> PoseLine<'a> {
 /// The answer of a reference solve.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct ReferenceLine<'a> {
-    /// `ok`, `ambiguous` (there is an `alternative`), [`CONTRADICTORY`](Self::CONTRADICTORY), or
-    /// the refusal in `snake_case`.
-    pub status: &'static str,
+    /// What became of it: `calibrated`, `doubtful`, `refused` or `waiting`.
+    pub status: Status,
+    /// Why it is not calibrated: [`CONTRADICTORY`](Self::CONTRADICTORY),
+    /// [`AMBIGUOUS`](Self::AMBIGUOUS), or the name of a refusal.
+    pub reason: Option<&'static str>,
     /// How many different answers are physically possible; 0 where there is none.
     pub candidates: usize,
     /// The answer that fits best.
@@ -138,8 +143,10 @@ pub struct StopLine<'a> {
 }
 
 impl<'a> ReferenceLine<'a> {
-    /// Status of an answer that does not fit, though no other fits better.
+    /// Reason of doubt: the answer does not fit, though no other fits better.
     pub const CONTRADICTORY: &'static str = "contradictory";
+    /// Reason of doubt: there is an `alternative` that is not ruled out.
+    pub const AMBIGUOUS: &'static str = "ambiguous";
 
     /// The outcome of solving these stops, with their names.
     pub fn new(
@@ -149,22 +156,23 @@ impl<'a> ReferenceLine<'a> {
     ) -> Self {
         let line = |solution| ReferenceSolution::new(solution, names, stops);
         match outcome {
-            Ok(outcome) => Self {
-                status: match (&outcome.best, &outcome.alternative) {
-                    (best, _)
-                        if answer::is_contradictory(best.chi_squared, best.degrees_of_freedom) =>
-                    {
-                        Self::CONTRADICTORY
-                    }
-                    (_, Some(_)) => "ambiguous",
-                    (_, None) => "ok",
-                },
-                candidates: outcome.candidates,
-                best: Some(line(&outcome.best)),
-                alternative: outcome.alternative.as_ref().map(line),
-            },
+            Ok(outcome) => {
+                let reason = if outcome.best.fit().is_bad() {
+                    Some(Self::CONTRADICTORY)
+                } else {
+                    outcome.alternative.as_ref().map(|_| Self::AMBIGUOUS)
+                };
+                Self {
+                    status: reason.map_or(Status::Calibrated, |_| Status::Doubtful),
+                    reason,
+                    candidates: outcome.candidates,
+                    best: Some(line(&outcome.best)),
+                    alternative: outcome.alternative.as_ref().map(line),
+                }
+            }
             Err(refusal) => Self {
-                status: refusal.name(),
+                status: (*refusal).into(),
+                reason: Some(refusal.name()),
                 candidates: 0,
                 best: None,
                 alternative: None,

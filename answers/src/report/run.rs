@@ -3,12 +3,13 @@
 
 use std::fmt::{self, Write};
 
-use calib_core::Refusal;
+use calib_core::{Refusal, Status};
 use comfy_table::{CellAlignment, Table, presets::ASCII_MARKDOWN};
 
+use super::table::Words;
 use crate::accuracy::GAUSSIAN;
 use crate::record::{
-    Node, PoseError, RunRecord,
+    Node, PoseError, Radio, RunRecord,
     published::{Published, exchange},
     summary::{Errors, Statistics},
     verdict::Verdict,
@@ -21,7 +22,10 @@ pub fn run_report(record: &RunRecord) -> String {
         format!("{}\n", record.title()),
         poses(&[record]),
         statistics(&[record]),
-        traffic(record),
+        record
+            .radio
+            .as_ref()
+            .map_or_else(String::new, |radio| traffic(record, radio)),
         times(record),
         verdict.to_string(),
     ];
@@ -56,8 +60,10 @@ fn join(parts: &[String]) -> String {
 pub(super) fn table(head: &[&str]) -> Table {
     let mut table = Table::new();
     table.load_style(ASCII_MARKDOWN).set_header(head);
-    for column in table.column_iter_mut().skip(1) {
-        column.set_cell_alignment(CellAlignment::Right);
+    for (name, column) in head.iter().zip(table.column_iter_mut()).skip(1) {
+        if *name != "status" {
+            column.set_cell_alignment(CellAlignment::Right);
+        }
     }
     table
 }
@@ -84,6 +90,7 @@ fn poses(records: &[&RunRecord]) -> String {
     };
     let mut head = vec![
         name,
+        "status",
         "actual",
         "calculated",
         "predicted sigma",
@@ -107,7 +114,10 @@ fn poses(records: &[&RunRecord]) -> String {
                 let path = record
                     .path
                     .map_or_else(|| "-".to_owned(), |p| p.to_string());
-                row[0] = format!("{path}, {}, {}", record.seed, row[0]);
+                let seed = record
+                    .seed
+                    .map_or_else(|| "-".to_owned(), |seed| seed.to_string());
+                row[0] = format!("{path}, {seed}, {}", row[0]);
             }
             if is_published {
                 let theirs = published.as_ref().and_then(|p| p.node(camera.id));
@@ -130,7 +140,11 @@ fn poses(records: &[&RunRecord]) -> String {
 
 fn pose_row(camera: &Node) -> Vec<String> {
     let star = if camera.reference { "*" } else { "" };
-    let mut row = vec![format!("{}{star}", camera.id)];
+    let status = Words(
+        camera.status.unwrap_or(Status::Waiting),
+        camera.reason.map(Refusal::name),
+    );
+    let mut row = vec![format!("{}{star}", camera.id), status.to_string()];
     row.push(camera.truth.map_or_else(String::new, |truth| {
         triple([truth.x, truth.y], truth.heading_deg, [2, 1])
     }));
@@ -140,15 +154,7 @@ fn pose_row(camera: &Node) -> Vec<String> {
             row.push(triple([e.sigma_x, e.sigma_y], e.sigma_heading_deg, [3, 2]));
             row.push(camera.error.as_ref().map_or_else(String::new, error));
         }
-        None => {
-            let why = camera.refusal.map(Refusal::name);
-            let why = if camera.expected {
-                why.unwrap_or("none")
-            } else {
-                "not planned"
-            };
-            row.extend([why.to_owned(), String::new(), String::new()]);
-        }
+        None => row.extend([String::new(), String::new(), String::new()]),
     }
     row.push(camera.sightings.to_string());
     row
@@ -293,7 +299,7 @@ fn beside(thesis: &Published, ours: Option<&Statistics>, ours_is: &str) -> Strin
 }
 
 /// What a calibrated camera costs, against the thesis's exchange.
-fn traffic(record: &RunRecord) -> String {
+fn traffic(record: &RunRecord, radio: &Radio) -> String {
     let calibrated = record.summary.calibrated;
     let mut text = String::new();
     if calibrated > 0 {
@@ -307,11 +313,7 @@ fn traffic(record: &RunRecord) -> String {
         let mut table = table(&["bytes per calibrated camera", "this run", "thesis"]);
         let rows = [
             ("payload", sum(|node| node.payload_bytes), exchange::PAYLOAD),
-            (
-                "on the air",
-                sum(|node| Some(node.bytes_sent)),
-                exchange::ON_AIR,
-            ),
+            ("on the air", sum(|node| node.bytes_sent), exchange::ON_AIR),
         ];
         for (name, ours, theirs) in rows {
             table.add_row([name.to_owned(), ours, theirs.to_string()]);
@@ -321,7 +323,6 @@ fn traffic(record: &RunRecord) -> String {
                  acknowledgements and retries.\nThesis: seven 12-byte packets of its Appendix B, \
                  none lost, in plain frames.\n";
     }
-    let radio = &record.radio;
     let drops: Vec<String> = radio
         .drops
         .iter()
@@ -349,7 +350,8 @@ fn times(record: &RunRecord) -> String {
             "Simulated {sim:.0} s in {wall:.2} s: {:.0} times real time\n",
             sim / wall
         ),
-        _ => format!("Simulated {sim:.0} s\n"),
+        _ if record.seed.is_some() => format!("Simulated {sim:.0} s\n"),
+        _ => format!("Listened for {sim:.0} s\n"),
     }
 }
 

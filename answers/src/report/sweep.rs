@@ -59,7 +59,7 @@ fn is_main(quantity: Quantity) -> bool {
 const HEAD: [&str; 12] = [
     "errors",
     "of",
-    "poses",
+    "calibrated",
     "rms",
     "median",
     "p90",

@@ -1,8 +1,13 @@
 //! Answers as tables for people: lengths in a named unit, angles in degrees.
 
-use std::io::{self, Write};
+use std::{
+    fmt,
+    io::{self, Write},
+};
 
-use crate::answer::Answer;
+use calib_core::Status;
+
+use crate::answer::{Answer, Reason};
 use crate::report::json::ReferenceSolution;
 
 /// Longer names of cases push their row to the right rather than widen every row.
@@ -74,13 +79,25 @@ impl<W: Write> PoseTable<W> {
             out,
             " {:>7} {chi_squared:>11}  {}",
             answer.dropped,
-            answer.status.name()
+            Words(answer.status, answer.reason.map(Reason::name))
         )
     }
 
     /// What the table was written to.
     pub fn into_inner(self) -> W {
         self.out
+    }
+}
+
+/// A status with its reason: `refused: danger_circle`.
+pub struct Words(pub Status, pub Option<&'static str>);
+
+impl fmt::Display for Words {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self(status, Some(reason)) => write!(f, "{status}: {}", reason.replace('_', " ")),
+            Self(status, None) => write!(f, "{status}"),
+        }
     }
 }
 

@@ -28,7 +28,7 @@ use crate::{
 pub(super) type Proposals<T> = Ranking<T, Vector6<T>, 6>;
 
 /// Trial headings for a frame whose heading is not known: every 15 degrees.
-const TRIAL_HEADINGS: u16 = 24;
+const TRIAL_HEADINGS: u32 = 24;
 
 /// The candidates that fit all stops best.
 ///

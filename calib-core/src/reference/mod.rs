@@ -34,6 +34,7 @@ use nalgebra::{Matrix2, Matrix6, Point2, Vector2, Vector6};
 
 use crate::{
     Method, Ray, Real, Refusal, angle,
+    fit::{Fit, one_in_a_thousand},
     minimize::{Descent, STALLED_SIGMAS},
     plane::unit,
     ranking::Ranking,
@@ -137,6 +138,14 @@ impl<T: Real> Solution<T> {
         [self.covariance.m11, self.covariance.m22].map(root)
     }
 
+    /// How well the bearings fit it.
+    pub fn fit(&self) -> Fit<T> {
+        Fit {
+            chi_squared: self.chi_squared,
+            degrees_of_freedom: self.degrees_of_freedom,
+        }
+    }
+
     /// Standard deviation of the baseline; zero where it was known.
     pub fn baseline_sigma(&self) -> T {
         root(self.covariance.m66)
@@ -185,15 +194,12 @@ impl<T: Real + defmt::Format> defmt::Format for Solution<T> {
 pub struct Outcome<T: Real> {
     /// The answer with the least residuals.
     pub best: Solution<T>,
-    /// A different one that fits nearly as well: its chi squared is less than
-    /// [`AMBIGUITY`] above the best one's. One more stop, or a glance at the scene, decides.
+    /// A different one that is not ruled out: its chi squared is above the best one's by less than
+    /// the [limit](one_in_a_thousand) of one degree of freedom. One more stop, or a glance at the scene, decides.
     pub alternative: Option<Solution<T>>,
     /// How many different, physically possible answers the candidates led to.
     pub candidates: usize,
 }
-
-/// Chi squared by which a worse answer must be worse to be ruled out: three sigmas.
-pub const AMBIGUITY: f64 = 9.0;
 
 /// Finds the headings of both cameras and the places of the target.
 ///
@@ -253,7 +259,7 @@ fn outcome<T: Real>(
 ) -> Result<Outcome<T>, Refusal> {
     let mut ranked = found.iter();
     let best = ranked.next().ok_or(Refusal::TargetBehind)?;
-    let limit = best.chi_squared + lit(AMBIGUITY);
+    let limit = best.chi_squared + one_in_a_thousand(1);
     let alternative = match ranked.next().filter(|other| other.chi_squared < limit) {
         Some(other) => Some(refine(problem, other.start, settings)?),
         None => None,

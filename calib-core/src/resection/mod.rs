@@ -13,10 +13,10 @@
 //! [`Pose::with_shared_target_error`].
 //!
 //! The covariance is *predicted* from the sigmas given, not fitted to the residuals: three
-//! sightings leave none. [`Solution::chi_squared`] tells whether the prediction was believable.
+//! sightings leave none. [`Solution::fit`] tells whether the prediction was believable.
 //! [`predict`] gives it before anything is seen.
 
-use crate::{Pose, Real, Refusal, Sighting};
+use crate::{Pose, Real, Refusal, Sighting, fit::Fit};
 
 pub(crate) mod information;
 mod least_squares;
@@ -47,6 +47,14 @@ impl<T: Real> Solution<T> {
     /// Sightings beyond the three that a pose needs.
     pub fn degrees_of_freedom(&self) -> usize {
         self.used.saturating_sub(3)
+    }
+
+    /// How well the sightings fit it.
+    pub fn fit(&self) -> Fit<T> {
+        Fit {
+            chi_squared: self.chi_squared,
+            degrees_of_freedom: self.degrees_of_freedom(),
+        }
     }
 }
 

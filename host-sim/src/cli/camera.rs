@@ -1,7 +1,5 @@
 //! `host-sim camera`
 
-mod pseudo_terminal;
-
 use std::{
     collections::VecDeque,
     fmt::Display,
@@ -23,8 +21,7 @@ use cmucam2_emulator::{
 };
 use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM, SIGUSR1};
 
-use super::{tell, values};
-use pseudo_terminal::PseudoTerminal;
+use super::{pseudo_terminal::PseudoTerminal, tell, values};
 
 /// A CMUcam2 on a pseudo-terminal, for any program that talks to one.
 ///

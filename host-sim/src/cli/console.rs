@@ -9,6 +9,8 @@ use std::{
     time::{Duration, Instant},
 };
 
+use answers::record::{RunRecord, verdict::Verdict};
+use answers::view::SitePlan;
 use anyhow::{Context, anyhow, bail};
 use clap::Args;
 use embedded_io::{Read, ReadReady, Write as _};
@@ -19,9 +21,15 @@ use host_sim::console::{
 use host_sim::probe::port::{Port, PortError};
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 use node_firmware::{console::BAUD, message::Command};
-use site::key_file;
+use site::{BUILT_IN, Overrides, Scenario, key_file};
 
-use super::{and, file_name, files::Files, interrupt, run_outputs::write, tell, values};
+use super::{
+    and, end, file_name,
+    files::Files,
+    interrupt, print,
+    run_outputs::{FOR_RESULTS, RecordOutputs},
+    tell, values,
+};
 
 /// Talks to the coordinator of a real network: its members, their poses, and what you want of them.
 ///
@@ -40,18 +48,19 @@ pub(super) struct Arguments {
     /// Stop after so many seconds.
     #[arg(long, value_name = "N", value_parser = values::seconds)]
     seconds: Option<Duration>,
-    /// Stop when every camera has a pose; exit code 1 if --seconds are over before.
+    /// Stop when every camera is calibrated, of --site all that it names; exit code 1 if --seconds are
+    /// over before.
     #[arg(long)]
     until_calibrated: bool,
     /// The same, and there are at least so many cameras.
     #[arg(long, value_name = "N", value_parser = values::count, default_value_t = 1, requires = "until_calibrated")]
     cameras: usize,
-    /// Poses with covariance, one camera per row.
-    #[arg(long, value_name = "FILE.csv", value_parser = values::result(), help_heading = "Results")]
-    csv: Option<PathBuf>,
-    /// Network, members and poses with covariance.
-    #[arg(long, value_name = "FILE.json", value_parser = values::result(), help_heading = "Results")]
-    json: Option<PathBuf>,
+    /// The file of which the nodes were provisioned: it tells who is expected, the unit, lenses and
+    /// walls (for advice where to stop next), and the place in the building.
+    #[arg(long, value_name = "FILE.toml")]
+    site: Option<String>,
+    #[command(flatten, next_help_heading = FOR_RESULTS)]
+    outputs: RecordOutputs,
     /// Let new nodes join for so long; 0 lets nobody.
     #[arg(long, value_name = "SECONDS", help_heading = "Things to do")]
     join_window: Option<u16>,
@@ -69,7 +78,7 @@ pub(super) struct Arguments {
 
 const EPILOGUE: &str = "\
 Examples:
-  host-sim console --port /dev/ttyACM0 --until-calibrated --csv poses.csv
+  host-sim console --port /dev/ttyACM0 --site office.toml --until-calibrated --csv poses.csv
   host-sim console --port /dev/ttyACM0 --join-window 60 --seconds 60
   host-sim console --port /dev/ttyACM0 --command 2:learn-colour
   host-sim console --port /dev/ttyACM0 --join-window 0 --remove 3 --change-key new.sitekey
@@ -78,17 +87,16 @@ Commands: `initialise` resets the camera and lets it adapt to the light; `learn-
 object in the middle of the view as the first colour, `learn-colour=1` as the second, and so on;
 `learn-background` takes the present view as the background; `forget` drops pose and sightings.
 
-Lengths are in the unit in which the site was configured; headings, also in covariances, in degrees.
---csv has these columns as those of `host-sim run --csv`: camera, reference, status, x, y,
-heading_deg, sigma_..., cov_..., sightings. Its others are: used (sightings that the pose uses),
-chi_squared, done (needs no more sightings), address.
+Lengths are in the unit in which the site was configured. Results are those of `host-sim run`, with
+what a real network does not tell left empty; `host-sim report run` reads --json. In the end there is
+the verdict: what is the matter with whom, and where to stop the target next.
 
 The coordinator does not say whether the join window is open, only that it got what came after the
 wish. No key is ever printed.
 
 Exit codes:
-  0    done, or listening was ended with Ctrl-C
-  1    --seconds were over before all cameras had poses
+  0    what was asked for is done; of listening: every camera is calibrated
+  1    listening was ended, by --seconds or Ctrl-C, and a camera is not calibrated
   2    wrong options, something could not be done, or the line or a file failed
   130  Ctrl-C before what was asked for was done";
 
@@ -121,7 +129,7 @@ fn command(text: &str) -> Result<(u16, Command), String> {
 #[derive(Clone, Copy, PartialEq, Eq)]
 enum End {
     Done,
-    /// There are cameras without pose.
+    /// There are cameras that are not calibrated.
     TimeIsUp,
     /// Listening was ended.
     Enough,
@@ -131,24 +139,47 @@ enum End {
 
 pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
     // What is wrong with a file is told before anyone waits for the coordinator.
-    Files::default()
+    let site = arguments.site.as_deref();
+    let file = site.filter(|name| !BUILT_IN.iter().any(|(known, _)| known == name));
+    let files = Files::default()
         .reads([&arguments.port])
-        .reads(&arguments.change_key)
-        .writes([&arguments.csv, &arguments.json].into_iter().flatten())
-        .check()?;
+        .reads(file)
+        .reads(&arguments.change_key);
+    arguments.outputs.check(files)?;
+    let site = site.map(read_site).transpose()?;
     let mut session = Session::new(wishes(arguments)?);
+    let listens = session.is_done() || arguments.until_calibrated || arguments.seconds.is_some();
+    if listens {
+        session = session.with_sightings();
+    }
     let interrupted = interrupt::watch()?;
     let mut screen = Screen::new();
-    let ended = talk(arguments, &mut session, &mut screen, interrupted);
+    let begin = Instant::now();
+    let ended = talk(
+        arguments,
+        site.as_ref(),
+        &mut session,
+        &mut screen,
+        (begin, interrupted),
+    );
     let finished = screen.finish(&session);
     let mut ended = and(ended, finished.map_err(Into::into));
+    let mut code = 0;
     if session.has_answered() {
-        ended = and(ended, results(arguments, &session));
+        let result = record(&session, begin.elapsed(), site.as_ref());
+        let verdict = result.as_ref().ok().map(Verdict::of);
+        if let (true, Some(verdict)) = (listens, verdict) {
+            let calibrated = verdict.expected > 0 && verdict.is_good();
+            code = u8::from(!calibrated);
+            ended = and(ended, print(&format!("\n{verdict}")).map_err(Into::into));
+        }
+        let written = result.and_then(|record| arguments.outputs.write(&record, false, &end::End::Whole));
+        ended = and(ended, written);
     }
     Ok(match ended? {
-        End::Done | End::Enough => ExitCode::SUCCESS,
+        End::Done | End::Enough => ExitCode::from(code),
         End::TimeIsUp => {
-            tell("the time is over, and there are cameras without pose");
+            tell("the time is over, and not every camera is calibrated");
             ExitCode::from(1)
         }
         End::Interrupted => {
@@ -175,30 +206,41 @@ fn wishes(arguments: &Arguments) -> anyhow::Result<Vec<Wish>> {
     Ok(wishes)
 }
 
-fn results(arguments: &Arguments, session: &Session) -> anyhow::Result<()> {
-    let mut written = Ok(());
-    if let Some(path) = &arguments.csv {
-        let csv = output::csv(session.known()).map_err(anyhow::Error::from);
-        written = and(written, write(path, csv));
-    }
-    if let Some(path) = &arguments.json {
-        let json = output::json(session.known()).map_err(anyhow::Error::from);
-        written = and(written, write(path, json));
-    }
-    written
+fn read_site(name: &str) -> anyhow::Result<Scenario> {
+    let site = Scenario::load(name, &Overrides::default())?;
+    // What is wrong with it is told before anyone waits.
+    SitePlan::new(&site, &[])?;
+    Ok(site)
+}
+
+/// What is known of the network.
+fn record(session: &Session, now: Duration, site: Option<&Scenario>) -> anyhow::Result<RunRecord> {
+    let view = session.known();
+    let members: Vec<u16> = view.members().iter().map(|member| member.id).collect();
+    let plan = match site {
+        Some(site) => SitePlan::new(site, &members)?,
+        None => None,
+    };
+    Ok(view.record(now, plan.as_ref()))
+}
+
+/// Whether all cameras of the site are calibrated.
+fn is_complete(session: &Session, now: Duration, site: Option<&Scenario>) -> bool {
+    let summary = record(session, now, site).map(|record| record.summary);
+    summary.is_ok_and(|summary| summary.calibrated == summary.expected)
 }
 
 /// Talks to the coordinator until there is nothing left to do.
 fn talk(
     arguments: &Arguments,
+    site: Option<&Scenario>,
     session: &mut Session,
     screen: &mut Screen,
-    interrupted: Arc<AtomicBool>,
+    (begin, interrupted): (Instant, Arc<AtomicBool>),
 ) -> anyhow::Result<End> {
     let has_wishes = !session.is_done();
     let mut port = Port::open(&arguments.port, arguments.baud, interrupted)?;
     let failed = |error| anyhow!("{}: the line failed: {error}", arguments.port);
-    let begin = Instant::now();
     loop {
         let now = begin.elapsed();
         match exchange(&mut port, session, now) {
@@ -217,7 +259,10 @@ fn talk(
         screen.show(now, session)?;
         if session.is_done() {
             if arguments.until_calibrated {
-                if session.is_calibrated(now, arguments.cameras) {
+                if session.is_calibrated(now, arguments.cameras)
+                    && session.has_sightings(now)
+                    && site.is_none_or(|_| is_complete(session, now, site))
+                {
                     return Ok(End::Done);
                 }
             } else if has_wishes && arguments.seconds.is_none() {

@@ -23,6 +23,7 @@ mod late;
 mod messages;
 mod probe;
 mod provision;
+mod pseudo_terminal;
 mod report;
 mod run;
 mod run_outputs;

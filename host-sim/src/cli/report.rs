@@ -63,20 +63,22 @@ struct Swept {
 
 const RUN_EPILOGUE: &str = "\
 Exit codes:
-  0  every camera that should be calibrated is
-  1  one is not, the run was cut short, or --check found a difference
+  0  every camera that should be calibrated is, and true errors are what the sigmas foretell
+  1  one is not, or errors are larger, the run was cut short, or --check found a difference
   2  wrong options, or a file could not be read or written";
 
 const MANY_EPILOGUE: &str = "\
 Exit codes:
-  0  every camera that should be calibrated is, in every run
-  1  one is not
+  0  every camera that should be calibrated is, in every run, and true errors are what the sigmas
+     foretell
+  1  one is not, or errors are larger
   2  wrong options, runs of different scenarios, or a file could not be read";
 
 const SWEPT_EPILOGUE: &str = "\
 Exit codes:
-  0  every camera that should be calibrated is, in every run
-  1  one is not
+  0  every camera that should be calibrated is, in every run, and true errors are what the sigmas
+     foretell
+  1  one is not, or errors are larger
   2  wrong options, runs of different scenarios, or a file could not be read or written";
 
 pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
@@ -127,10 +129,8 @@ fn together(files: &[PathBuf]) -> anyhow::Result<ExitCode> {
         bail!("the runs are of different scenarios");
     }
     print(&runs_report(&records.iter().collect::<Vec<_>>()))?;
-    let complete = records
-        .iter()
-        .all(|record| Verdict::of(record).is_complete());
-    Ok(ExitCode::from(u8::from(!complete)))
+    let codes = records.iter().map(|record| Verdict::of(record).exit_code());
+    Ok(ExitCode::from(codes.max().unwrap_or_default()))
 }
 
 fn sweep(swept: &Swept) -> anyhow::Result<ExitCode> {

@@ -13,6 +13,7 @@ use anyhow::ensure;
 use clap::{Args, ValueEnum};
 use host_sim::network::{Emulation, IMAGE, Options, Progress, Simulation};
 use indicatif::{ProgressBar, ProgressStyle};
+use node_firmware::console::BAUD;
 
 use super::{
     and,
@@ -20,10 +21,11 @@ use super::{
     files::Files,
     interrupt,
     late::Late,
+    pseudo_terminal::PseudoTerminal,
     report::finish,
     run_outputs::{FOR_RESULTS, RunOutputs},
     scenario_options::{FOR_SCENARIO, ScenarioOptions},
-    values,
+    tell, values,
 };
 
 /// Lets a network calibrate itself, and compares what it found with the truth.
@@ -49,6 +51,11 @@ pub(super) struct Arguments {
     /// in real time, such as `3=/dev/ttyUSB0`. May be repeated.
     #[arg(long, value_name = "NODE=PATH", value_parser = values::port)]
     port: Vec<(u16, String)>,
+    /// The line of a coordinator on a pseudo-terminal, at this link, for `host-sim console --port
+    /// PTY`; of the first network, or of network N with `N:PTY`. In real time, unless --speed is given.
+    /// May be repeated.
+    #[arg(long, value_name = "PTY", value_parser = values::console)]
+    console: Vec<(usize, PathBuf)>,
     /// The image for emulated boards. Default: what `cargo xtask firmware` makes.
     #[arg(long, value_name = "FILE.elf")]
     image: Option<PathBuf>,
@@ -76,8 +83,9 @@ enum Backend {
 
 const EPILOGUE: &str = "\
 Exit codes:
-  0    every camera that should be calibrated is
-  1    one is not, or --check found a difference
+  0    every camera that should be calibrated is, and true errors are what the sigmas foretell
+  1    one is not, or a pose is more than five predicted sigmas off, or all together are too far off,
+       or --check found a difference
   2    wrong options, an impossible scenario, a file could not be read or written, or an emulated
        board stalled or ended by itself
   130  ended by Ctrl-C or SIGTERM; a second one ends it at once
@@ -91,6 +99,7 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
     let files = Files::default()
         .reads(arguments.scenario.file())
         .reads(arguments.port.iter().map(|(_, path)| path))
+        .reads(arguments.console.iter().map(|(_, link)| link))
         .reads([image])
         .writes([&arguments.pcap, &arguments.log].into_iter().flatten());
     let which = (scenario.name.as_str(), scenario.recorded_path());
@@ -141,6 +150,14 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
         Simulation::new(scenario, options).map_err(|error| arguments.scenario.named(error))?;
     for (node, path) in &arguments.port {
         simulation.connect_camera(*node, path)?;
+    }
+    for (network, link) in &arguments.console {
+        let terminal = PseudoTerminal::open(link, BAUD)?;
+        tell(format_args!(
+            "network {network}: host-sim console --port {}",
+            link.display()
+        ));
+        simulation.connect_console(*network, terminal)?;
     }
     let bar = bar();
     let record = simulation.run(|progress| show(&bar, &progress));

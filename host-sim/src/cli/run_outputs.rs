@@ -5,39 +5,107 @@ use std::{
     path::{Path, PathBuf},
 };
 
-use answers::export;
+use answers::export::{self, Frame};
 use answers::plot;
 use answers::record::{RunRecord, difference::Difference};
 use anyhow::{Context, bail};
-use clap::Args;
+use clap::{Args, ValueEnum};
 
 use super::{and, end::End, file_name, files::Files, values, whole_file};
 
 /// Heading for the options of every command that ends with a run's record.
 pub(super) const FOR_RESULTS: &str = "Results";
 
+/// What can be made of every record, of a rehearsal and of a real network.
 #[derive(Args)]
-pub(super) struct RunOutputs {
-    /// The whole record: poses, errors, residuals, stops, traffic.
+pub(super) struct RecordOutputs {
+    /// The whole record: poses, status, errors, residuals, stops, traffic.
     #[arg(long, value_name = "FILE.json", value_parser = values::result())]
     json: Option<PathBuf>,
+    /// Draw map.svg, errors.svg and residuals.svg into this folder.
+    #[arg(long, value_name = "DIR", value_parser = values::result())]
+    plots: Option<PathBuf>,
+    /// Poses with status and covariance, truth and errors where known, one camera per row.
+    #[arg(long, value_name = "FILE.csv", value_parser = values::result())]
+    csv: Option<PathBuf>,
+    /// Poses with status and covariance.
+    #[arg(long, value_name = "FILE.yaml", value_parser = values::result())]
+    yaml: Option<PathBuf>,
+    /// A ROS 2 launch file of static transforms of calibrated cameras, with covariance: `ros2 launch
+    /// FILE`.
+    #[arg(long, value_name = "FILE.launch.yaml", value_parser = values::result())]
+    ros: Option<PathBuf>,
+    /// In whose coordinates --csv, --yaml and --ros tell poses.
+    #[arg(long, value_name = "WHOSE", default_value = "network")]
+    frame: FrameOption,
+}
+
+#[derive(Clone, Copy, ValueEnum)]
+enum FrameOption {
+    /// Each network's: the first reference is the origin, the second one on the x axis.
+    Network,
+    /// The building's, in which the site file has its places.
+    Building,
+}
+
+impl From<FrameOption> for Frame {
+    fn from(option: FrameOption) -> Self {
+        match option {
+            FrameOption::Network => Self::Network,
+            FrameOption::Building => Self::Building,
+        }
+    }
+}
+
+impl RecordOutputs {
+    /// Finds out what cannot be written before there is anything to write. There may be other files
+    /// besides.
+    pub(super) fn check<'a>(&'a self, others: Files<'a>) -> anyhow::Result<()> {
+        let results = [&self.json, &self.csv, &self.yaml, &self.ros];
+        let files = others.writes(results.into_iter().flatten());
+        files.writes_into(&self.plots, &DRAWING_NAMES).check()
+    }
+
+    /// Writes what was asked for. Each failure is told or returned, and none keeps the others from
+    /// being written.
+    pub(super) fn write(&self, record: &RunRecord, wall: bool, end: &End) -> anyhow::Result<()> {
+        let frame = self.frame.into();
+        let texts: [(&Option<PathBuf>, Make<'_>); 4] = [
+            (&self.json, &|| Ok(end.mark_json(record.to_json(wall)?))),
+            (&self.csv, &|| Ok(end.mark_lines(export::csv(record, frame)?))),
+            (&self.yaml, &|| Ok(end.mark_lines(export::yaml(record, frame)?))),
+            (&self.ros, &|| Ok(end.mark_lines(export::ros_launch(record, frame)?))),
+        ];
+        let mut written = Ok(());
+        for (path, make) in texts {
+            if let Some(path) = path {
+                written = and(written, write(path, make()));
+            }
+        }
+        if let Some(folder) = &self.plots {
+            let made = fs::create_dir_all(folder)
+                .with_context(|| format!("the folder {} cannot be made", file_name(folder)));
+            let is_there = made.is_ok();
+            written = and(written, made);
+            for (name, draw) in DRAWINGS.iter().filter(|_| is_there) {
+                let svg = draw(record).map(|svg| end.mark_svg(svg));
+                let svg = svg.map_err(anyhow::Error::from);
+                written = and(written, write(&folder.join(name), svg));
+            }
+        }
+        written
+    }
+}
+
+#[derive(Args)]
+pub(super) struct RunOutputs {
+    #[command(flatten)]
+    record: RecordOutputs,
     /// Put `wall_seconds`, the time the computer took, into the record too.
     ///
     /// Without it the record of a scenario and seed is the same every time, byte for byte.
     #[arg(long, requires = "json")]
     wall: bool,
-    /// Draw map.svg, errors.svg and residuals.svg into this folder.
-    #[arg(long, value_name = "DIR", value_parser = values::result())]
-    plots: Option<PathBuf>,
-    /// Poses with covariance, truth and errors, one camera per row.
-    #[arg(long, value_name = "FILE.csv", value_parser = values::result())]
-    csv: Option<PathBuf>,
-    /// Poses with covariance.
-    #[arg(long, value_name = "FILE.yaml", value_parser = values::result())]
-    yaml: Option<PathBuf>,
-    /// A ROS 2 launch file of static transforms, with covariance: `ros2 launch FILE`.
-    #[arg(long, value_name = "FILE.launch.yaml", value_parser = values::result())]
-    ros: Option<PathBuf>,
     /// Compare with the record of another run of this scenario; exit code 1 if they differ.
     #[arg(long, value_name = "FILE.json")]
     check: Option<PathBuf>,
@@ -61,11 +129,7 @@ impl RunOutputs {
         (scenario, path): (&str, Option<u32>),
         others: Files<'a>,
     ) -> anyhow::Result<Prepared<'a>> {
-        let results = [&self.json, &self.csv, &self.yaml, &self.ros];
-        let files = others
-            .reads(&self.check)
-            .writes(results.into_iter().flatten());
-        files.writes_into(&self.plots, &DRAWING_NAMES).check()?;
+        self.record.check(others.reads(&self.check))?;
         let other = match &self.check {
             Some(file) => {
                 whole_file::check_regular(file)?;
@@ -87,35 +151,7 @@ impl Prepared<'_> {
     /// Writes what was asked for. Each failure is told or returned, and none keeps the others from
     /// being written.
     pub(super) fn write(&self, record: &RunRecord, end: &End) -> anyhow::Result<()> {
-        let outputs = self.outputs;
-        let texts: [(&Option<PathBuf>, Make<'_>); 4] = [
-            (&outputs.json, &|| {
-                Ok(end.mark_json(record.to_json(outputs.wall)?))
-            }),
-            (&outputs.csv, &|| Ok(end.mark_lines(export::csv(record)?))),
-            (&outputs.yaml, &|| Ok(end.mark_lines(export::yaml(record)?))),
-            (&outputs.ros, &|| {
-                Ok(end.mark_lines(export::ros_launch(record)?))
-            }),
-        ];
-        let mut written = Ok(());
-        for (path, make) in texts {
-            if let Some(path) = path {
-                written = and(written, write(path, make()));
-            }
-        }
-        if let Some(folder) = &outputs.plots {
-            let made = fs::create_dir_all(folder)
-                .with_context(|| format!("the folder {} cannot be made", file_name(folder)));
-            let is_there = made.is_ok();
-            written = and(written, made);
-            for (name, draw) in DRAWINGS.iter().filter(|_| is_there) {
-                let svg = draw(record).map(|svg| end.mark_svg(svg));
-                let svg = svg.map_err(anyhow::Error::from);
-                written = and(written, write(&folder.join(name), svg));
-            }
-        }
-        written
+        self.outputs.record.write(record, self.outputs.wall, end)
     }
 
     /// The comparison for the screen, if one was asked for.

@@ -7,7 +7,7 @@ use std::{
 };
 
 use answers::accuracy::Comparisons;
-use answers::answer::{Answer, Settings, Solver, Status, Tally};
+use answers::answer::{self, Answer, Reason, Settings, Solver, Tally};
 use answers::plot::{self, EvenSample, Map, MapCamera};
 use answers::recorded::{
     self,
@@ -16,9 +16,10 @@ use answers::recorded::{
 };
 use answers::report::{
     json::{CaseName, PoseLine, whole_number},
-    table::PoseTable,
+    table::{PoseTable, Words},
 };
 use anyhow::bail;
+use calib_core::Status;
 use clap::Args;
 use nalgebra::Point2;
 
@@ -55,7 +56,7 @@ pub(super) struct Arguments {
     /// Needs five sightings of a case to find a wrong one, four to notice it. 3 to 5 are usual.
     #[arg(long, value_name = "SIGMAS", value_parser = values::positive)]
     reject: Option<f64>,
-    /// Call poses uncertain whose predicted standard deviation of position is above this.
+    /// Call poses weak whose predicted standard deviation of position is above this.
     #[arg(long, value_name = "LENGTH", value_parser = values::positive)]
     max_sigma: Option<f64>,
     /// True poses to compare with: columns `case`, `x`, `y`, `theta_rad`.
@@ -88,19 +89,20 @@ Examples:
   host-sim solve sightings.csv --truth truth.csv --max-sigma 0.5 --plot map.svg
   host-sim solve blobs.csv --fov-deg 60 --columns 88 --projection equal-angle --json
 
-JSON: case, status, x, y, heading_rad (0 to 2 pi), sigma_x, sigma_y, sigma_heading_rad (null where
+JSON: case, status, reason (why there is no pose, otherwise null), x, y, heading_rad (0 to 2 pi), sigma_x, sigma_y, sigma_heading_rad (null where
 there is no pose), sightings, dropped, chi_squared (about sightings - dropped - 3 where the sigmas
 are right, null where there is no pose).
 
 Status:
-  ok             a pose
-  uncertain      a pose whose predicted sigma is above --max-sigma, contradictory or not
-  contradictory  a pose that the sightings do not fit: only one in a thousand would fit as badly by
-                 chance, so a sighting, the camera or the sigmas given are wrong, and so may be pose
-                 and sigmas; three sightings always fit
-  unreadable     no pose: a row of the case could not be read
-  others         no pose: why it was refused
---truth compares poses that are ok or contradictory, and counts them as kept.
+  calibrated  a pose
+  weak        a pose whose predicted sigma is above --max-sigma
+  doubtful    a pose that the sightings do not fit: only one in a thousand would fit as badly by
+              chance, so a sighting, the camera or the sigmas given are wrong, and so may be pose and
+              sigmas; three sightings always fit
+  refused     no pose: a row of the case could not be read (reason unreadable), or the reason why the
+              sightings give none
+  waiting     no pose: fewer than three sightings
+--truth compares poses that are calibrated or doubtful, and counts them as kept.
 Messages, the count of cases and, with --json, the comparison with the truth go to the standard
 error output.
 
@@ -124,7 +126,7 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
     if let (Some(path), Some(cameras)) = (&arguments.plot, report.cameras) {
         write(path, draw(arguments, cameras))?;
     }
-    let nothing_read = report.tally.count(Status::Unreadable) == report.tally.total();
+    let nothing_read = report.tally.because(Reason::Unreadable) == report.tally.total();
     Ok(ExitCode::from(if nothing_read { 2 } else { 0 }))
 }
 
@@ -187,9 +189,9 @@ fn answer_all(
     for (place, case) in recording.cases().enumerate() {
         let answer = solver.answer(&case);
         output.write(&answer)?;
-        tally.add(answer.status);
+        tally.add(&answer);
         if let Some(solution) = &answer.solution {
-            if let (Some(truths), true) = (truths, answer.status.is_kept()) {
+            if let (Some(truths), true) = (truths, answer::is_kept(answer.status)) {
                 comparisons.add(&solution.pose, truths.get(place).and_then(Option::as_ref));
             }
             if let Some(cameras) = &mut cameras {
@@ -197,7 +199,7 @@ fn answer_all(
                     let camera = MapCamera {
                         name: answer.case.to_owned(),
                         pose: solution.pose,
-                        is_certain: answer.status == Status::Ok,
+                        status: answer.status,
                     };
                     (camera, case.sightings().map(|s| s.target).collect())
                 });
@@ -214,7 +216,9 @@ fn answer_all(
 fn describe(comparisons: Comparisons, tally: &Tally, unit: &str) -> String {
     let all = tally.total();
     let sorted = tally.sorted();
-    let kept = sorted.iter().filter(|(status, _)| status.is_kept());
+    let kept = sorted
+        .iter()
+        .filter(|((status, _), _)| answer::is_kept(*status));
     let kept: usize = kept.map(|(_, count)| count).sum();
     let share = 100.0 * kept as f64 / all as f64;
     let kept = format!("Kept {share:.1} %: {kept} of {all} cases\n");
@@ -286,7 +290,7 @@ fn print_summary(tally: &Tally, file: &str) {
     let counts: Vec<String> = tally
         .sorted()
         .iter()
-        .map(|(status, count)| format!("{count} {}", status.name()))
+        .map(|(what, count)| format!("{count} {}", words(*what)))
         .collect();
     let cases = if tally.total() == 1 { "case" } else { "cases" };
     tell(format_args!(
@@ -294,11 +298,16 @@ fn print_summary(tally: &Tally, file: &str) {
         tally.total(),
         counts.join(", ")
     ));
-    for (status, _) in tally.sorted() {
-        if let Some(advice) = status.advice() {
-            tell(format_args!("  {}: {advice}", status.name()));
+    for (what, _) in tally.sorted() {
+        let (status, reason) = what;
+        if let Some(advice) = answer::advice(status, reason) {
+            tell(format_args!("  {}: {advice}", words(what)));
         }
     }
+}
+
+fn words((status, reason): (Status, Option<Reason>)) -> Words {
+    Words(status, reason.map(Reason::name))
 }
 
 fn draw(arguments: &Arguments, sample: EvenSample<Sketch>) -> anyhow::Result<String> {

@@ -76,11 +76,12 @@ Examples:
   host-sim solve-reference stops.csv --baseline 10 --displacement-sigma 0.05
   host-sim solve-reference blobs.csv --baseline unknown --fov-deg 60 --projection equal-angle
 
-JSON: status (ok, ambiguous, contradictory, or why it was refused), candidates, best and alternative (or null),
-each with heading_0_rad, heading_1_rad, sigma_heading_0_rad, sigma_heading_1_rad, baseline,
+JSON: status (calibrated, doubtful, refused, or waiting with fewer than three stops), reason
+(contradictory or ambiguous where it is doubtful, or why it was refused; otherwise null), candidates,
+best and alternative (or null), each with heading_0_rad, heading_1_rad, sigma_heading_0_rad, sigma_heading_1_rad, baseline,
 sigma_baseline, frame_heading_rad, sigma_frame_heading_rad (sigmas of what was given are 0), stops
 (stop, x, y, sigma_x, sigma_y), chi_squared, degrees_of_freedom, iterations, condition.
-Contradictory: only one in a thousand answers would fit as badly by chance, so a stop, the baseline,
+Ambiguous: the alternative is not ruled out. Contradictory: only one in a thousand answers would fit as badly by chance, so a stop, the baseline,
 the frame heading, the camera or the sigmas given are wrong, and so may be the answer and its sigmas.
 
 Exit codes:
@@ -139,7 +140,7 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
     unless_gone(write(&line, arguments))?;
     let name = file_name(path);
     Ok(match outcome {
-        Ok(outcome) if line.status == ReferenceLine::CONTRADICTORY => {
+        Ok(outcome) if line.reason == Some(ReferenceLine::CONTRADICTORY) => {
             let best = &outcome.best;
             tell(format_args!(
                 "{name}: {}: the stops contradict each other (chi squared {:.1}, degrees of \
@@ -152,7 +153,7 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
         }
         Ok(_) => ExitCode::SUCCESS,
         Err(refusal) => {
-            tell(format_args!("{name}: {}: {refusal}", refusal.name()));
+            tell(format_args!("{name}: {}: {refusal}", line.status));
             ExitCode::from(1)
         }
     })
@@ -165,8 +166,11 @@ fn write(line: &ReferenceLine<'_>, arguments: &Arguments) -> io::Result<()> {
         writeln!(out)?;
     } else if let Some(best) = &line.best {
         table::write_reference(&mut out, best, &arguments.unit)?;
-        if line.status == ReferenceLine::CONTRADICTORY {
-            writeln!(out, "contradictory: the stops do not fit this answer")?;
+        if line.reason == Some(ReferenceLine::CONTRADICTORY) {
+            writeln!(
+                out,
+                "doubtful, contradictory: the stops do not fit this answer"
+            )?;
         }
         match &line.alternative {
             None => writeln!(out, "candidates: {}", line.candidates)?,

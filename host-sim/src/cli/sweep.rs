@@ -49,8 +49,9 @@ pub(super) struct Arguments {
 
 const EPILOGUE: &str = "\
 Exit codes:
-  0    every camera that should be calibrated is, in every run
-  1    one is not
+  0    every camera that should be calibrated is, in every run, and true errors are what the sigmas
+       foretell
+  1    one is not, or errors are larger
   2    wrong options, an impossible scenario, or a file could not be written
   130  ended by Ctrl-C or SIGTERM: the results are of the runs before, and say so; a second one ends
        it at once";

@@ -3,7 +3,7 @@
 use std::{path::PathBuf, process::ExitCode};
 
 use answers::plot;
-use answers::record::{RunRecord, sweep::SweepReport};
+use answers::record::{RunRecord, sweep::SweepReport, verdict::Verdict};
 use answers::report::sweep::sweep_report;
 use clap::Args;
 
@@ -44,7 +44,7 @@ impl SweepOutputs {
     }
 }
 
-/// Runs not all of whose cameras were calibrated.
+/// Runs not all of whose cameras were calibrated, or whose true errors are not what the sigmas foretell.
 #[derive(Default)]
 pub(super) struct Incomplete(Vec<String>);
 
@@ -55,13 +55,20 @@ impl Incomplete {
     /// Keeps the name of such a run.
     pub(super) fn look_at(&mut self, record: &RunRecord) {
         let summary = &record.summary;
-        if summary.calibrated < summary.expected {
+        let verdict = Verdict::of(record);
+        if !verdict.is_good() {
             let path = record
                 .path
                 .map_or_else(String::new, |path| format!("path {path}, "));
+            let seed = record.seed.unwrap_or_default();
+            let errors = if verdict.deceives {
+                "; true errors are larger than foretold"
+            } else {
+                ""
+            };
             self.0.push(format!(
-                "{path}seed {}: {} of {} cameras calibrated",
-                record.seed, summary.calibrated, summary.expected
+                "{path}seed {seed}: {} of {} cameras calibrated{errors}",
+                summary.calibrated, summary.expected
             ));
         }
     }

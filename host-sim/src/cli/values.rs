@@ -69,6 +69,17 @@ pub(super) fn port(text: &str) -> Result<(u16, String), String> {
         .ok_or_else(|| "a node and its port are needed, such as 3=/dev/ttyUSB0".to_owned())
 }
 
+/// The link of a network's console: `PTY`, or `N:PTY`.
+pub(super) fn console(text: &str) -> Result<(usize, PathBuf), String> {
+    let numbered = text.split_once(':');
+    let numbered = numbered.and_then(|(network, link)| Some((network.parse().ok()?, link)));
+    let (network, link) = numbered.unwrap_or((1, text));
+    match (network, link.is_empty()) {
+        (1.., false) => Ok((network, link.into())),
+        _ => Err("the name of a link is needed, such as `site.pty`, or 2:site.pty".to_owned()),
+    }
+}
+
 /// Something that is either known or to be found.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Known(pub(super) Option<f64>);

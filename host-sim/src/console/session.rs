@@ -4,15 +4,18 @@
 //! question if the line was quiet before. That is why a wish waits until the list of members has
 //! come to its end.
 
-use std::{collections::VecDeque, time::Duration};
+use std::{
+    collections::{BTreeMap, VecDeque},
+    time::Duration,
+};
 
 use node_firmware::{
     config::SiteKey,
     console::{FRAME_MAX, Frames, FromPc, KeyChange, ToPc},
-    message::{Command, Done},
+    message::{Address, Command, Done},
 };
 
-use super::known::Known;
+use answers::view::NetworkView;
 
 /// Silence after which nobody is there.
 const FIRST_ANSWER: Duration = Duration::from_secs(5);
@@ -26,6 +29,11 @@ const REFRESH_KEY: Duration = Duration::from_secs(2);
 const LOST: Duration = Duration::from_secs(20);
 /// The list of members is at its end when nothing of it came for so long.
 const SETTLED: Duration = Duration::from_secs(1);
+/// How often a camera is asked for sightings that it has not told: they are sent by radio, one by
+/// one.
+const ASK_FOR_SIGHTINGS: Duration = Duration::from_secs(10);
+/// How long a camera takes to tell them all.
+const LISTING: Duration = Duration::from_secs(5);
 /// How long a member is waited for that is not on the list.
 const MISSING: Duration = Duration::from_secs(10);
 
@@ -131,7 +139,7 @@ enum Step {
 #[derive(Debug)]
 pub struct Session {
     frames: Frames,
-    known: Known,
+    known: NetworkView,
     wishes: VecDeque<Wish>,
     step: Step,
     /// When everything was asked for.
@@ -149,6 +157,9 @@ pub struct Session {
     text: usize,
     failed: Option<Failure>,
     news: VecDeque<String>,
+    /// When a camera was last asked for its sightings, by its address.
+    listed_sightings: BTreeMap<Address, Duration>,
+    wants_sightings: bool,
 }
 
 impl Session {
@@ -156,7 +167,7 @@ impl Session {
     pub fn new(wishes: impl IntoIterator<Item = Wish>) -> Self {
         Self {
             frames: Frames::default(),
-            known: Known::default(),
+            known: NetworkView::default(),
             wishes: wishes.into_iter().collect(),
             step: Step::Looking(None),
             asked: None,
@@ -168,11 +179,33 @@ impl Session {
             text: 0,
             failed: None,
             news: VecDeque::new(),
+            listed_sightings: BTreeMap::new(),
+            wants_sightings: false,
         }
     }
 
+    /// Asks every camera for its sightings too, when it has new ones.
+    #[must_use]
+    pub fn with_sightings(self) -> Self {
+        Self {
+            wants_sightings: true,
+            ..self
+        }
+    }
+
+    /// Whether every camera has told the sightings that it was asked for, or will not.
+    pub fn has_sightings(&self, now: Duration) -> bool {
+        let mut cameras = self.known.cameras().into_iter();
+        let asked = |address| self.listed_sightings.get(&address);
+        !self.wants_sightings
+            || cameras.all(|camera| {
+                let waited = |at: &Duration| now.saturating_sub(*at) >= LISTING;
+                !camera.has_untold_sightings() || asked(camera.address).is_some_and(waited)
+            })
+    }
+
     /// What is known of the network.
-    pub fn known(&self) -> &Known {
+    pub fn known(&self) -> &NetworkView {
         &self.known
     }
 
@@ -224,7 +257,7 @@ impl Session {
             }
             _ => None,
         };
-        self.news.extend(self.known.take(message));
+        self.news.extend(self.known.take(now, message));
         match message {
             ToPc::KeyChange(_) => {
                 self.answered = true;
@@ -316,7 +349,23 @@ impl Session {
         {
             return Ok(Some(sent));
         }
-        Ok(self.refresh(now))
+        Ok(self.refresh(now).or_else(|| self.ask_for_sightings(now)))
+    }
+
+    fn ask_for_sightings(&mut self, now: Duration) -> Option<FromPc> {
+        if !self.wants_sightings || !self.wishes.is_empty() || !self.is_settled(now) {
+            return None;
+        }
+        let is_due = |address| {
+            let asked = self.listed_sightings.get(&address);
+            asked.is_none_or(|&at| now.saturating_sub(at) >= ASK_FOR_SIGHTINGS)
+        };
+        let cameras = self.known.cameras().into_iter();
+        let mut untold = cameras.filter(|camera| camera.has_untold_sightings());
+        let address = untold.find(|camera| is_due(camera.address))?.address;
+        self.listed_sightings.insert(address, now);
+        self.known.asks(now, address);
+        Some(FromPc::Sightings(address))
     }
 
     /// Why nothing was understood so far.
@@ -415,11 +464,38 @@ pub fn frame(message: &FromPc) -> Vec<u8> {
 mod tests {
     use node_firmware::{
         console::{Network, encode},
-        message::Kind,
+        message::{Address, Hello, Kind, PoseParts, Report, State},
     };
 
     use super::*;
-    use crate::console::known::tests::{CAMERA, member, pose, reported};
+
+    const CAMERA: Kind = Kind::Camera { reference: None };
+
+    fn member(address: Address, id: u16, kind: Kind) -> ToPc {
+        let hello = Hello { id, kind };
+        ToPc::Member { address, hello }
+    }
+
+    fn reported(address: Address, id: u16, state: State) -> ToPc {
+        let report = Report {
+            id,
+            duty: None,
+            sightings: 4,
+            used: 3,
+            chi_squared: 1.5,
+            done: false,
+            state,
+        };
+        ToPc::Report { address, report }
+    }
+
+    fn pose() -> State {
+        State::Calibrated(PoseParts {
+            position: [1.0, -2.0],
+            heading: core::f32::consts::FRAC_PI_2,
+            covariance: [0.04, 0.0, 0.09, 0.0, 0.0, 0.0001],
+        })
+    }
 
     const NETWORK: ToPc = ToPc::Network(Some(Network {
         pan: 1,

@@ -1,21 +1,30 @@
-//! The PC on a coordinator's line: collects what people would.
+//! The PC on a coordinator's line: knows what people would.
 
 use std::{
-    cell::{Cell, RefCell},
-    collections::{BTreeMap, BTreeSet},
+    cell::{Cell, Ref, RefCell},
     future::poll_fn,
+    io,
     rc::Rc,
     task::{Poll, Waker},
+    time::Duration,
 };
 
-use embedded_io_async::Read;
-use node_firmware::{
-    console::{Frames, ToPc},
-    message::{Address, Hello, Report},
-};
+use answers::view::NetworkView;
+use embassy_futures::select::{Either, select};
+use embedded_io_async::{Read, Write};
+use node_firmware::console::{Frames, ToPc};
 
 use super::{journal::SharedJournal, node::Hardware};
-use virtual_bench::line::{Port, Side};
+use virtual_bench::{
+    executor::Clock,
+    line::{Port, Side},
+    polled::Polled,
+};
+
+/// A terminal on which somebody else listens to the coordinator, and talks to it.
+pub trait Terminal: io::Read + io::Write {}
+
+impl<T: io::Read + io::Write> Terminal for T {}
 
 /// What a PC knows of a network.
 #[derive(Clone)]
@@ -24,8 +33,9 @@ pub(super) struct Console(Rc<Shared>);
 struct Shared {
     id: u16,
     port: RefCell<Option<Port>>,
-    members: RefCell<BTreeMap<Address, Hello>>,
-    reports: RefCell<BTreeMap<u16, Report>>,
+    terminal: RefCell<Option<Polled<Box<dyn Terminal>>>>,
+    view: RefCell<NetworkView>,
+    clock: Clock,
     expected: usize,
     complete: Rc<RollCall>,
     journal: SharedJournal,
@@ -58,52 +68,71 @@ impl RollCall {
 }
 
 impl Console {
-    pub(super) fn new(coordinator: &Hardware, expected: usize, journal: SharedJournal) -> Self {
+    pub(super) fn new(
+        coordinator: &Hardware,
+        expected: usize,
+        clock: Clock,
+        journal: SharedJournal,
+    ) -> Self {
         Self(Rc::new(Shared {
             id: coordinator.id(),
             port: RefCell::new(Some(coordinator.line.open(Side::Far))),
-            members: RefCell::default(),
-            reports: RefCell::default(),
+            terminal: RefCell::default(),
+            view: RefCell::default(),
+            clock,
             expected,
             complete: Rc::default(),
             journal,
         }))
     }
 
+    /// Lets somebody else on the line too.
+    pub(super) fn connect(&self, terminal: Box<dyn Terminal>) {
+        let polled = Polled::new(terminal, self.0.clock.clone());
+        *self.0.terminal.borrow_mut() = Some(polled);
+    }
+
     pub(super) fn roll_call(&self) -> Rc<RollCall> {
         self.0.complete.clone()
     }
 
-    /// Cameras that reported a pose.
-    pub(super) fn calibrated(&self) -> usize {
-        let reports = self.0.reports.borrow();
-        reports
-            .values()
-            .filter(|report| report.pose().is_some())
-            .count()
-    }
-
-    /// The last report of a camera.
-    pub(super) fn report(&self, id: u16) -> Option<Report> {
-        self.0.reports.borrow().get(&id).copied()
-    }
-
-    /// The number of the member with this address.
-    pub(super) fn id_of(&self, address: Address) -> Option<u16> {
-        Some(self.0.members.borrow().get(&address)?.id)
+    /// What the coordinator has told.
+    pub(super) fn view(&self) -> Ref<'_, NetworkView> {
+        self.0.view.borrow()
     }
 
     pub(super) async fn listen(self) {
         let Some(mut port) = self.0.port.take() else {
             return;
         };
+        // There may be none yet, but there is one before anything runs.
+        let mut terminal = None;
         let mut frames = Frames::default();
         let mut bytes = [0; 256];
-        while let Ok(count @ 1..) = port.read(&mut bytes).await {
-            for &byte in &bytes[..count] {
-                if let Some(message) = frames.push(byte) {
-                    self.take(&message);
+        let mut typed = [0; 256];
+        loop {
+            terminal = terminal.or_else(|| self.0.terminal.take());
+            let came = match &mut terminal {
+                Some(terminal) => select(port.read(&mut bytes), terminal.read(&mut typed)).await,
+                None => Either::First(port.read(&mut bytes).await),
+            };
+            match came {
+                Either::First(Ok(count @ 1..)) => {
+                    for &byte in &bytes[..count] {
+                        if let Some(message) = frames.push(byte) {
+                            self.take(&message);
+                        }
+                    }
+                    if let Some(terminal) = &mut terminal {
+                        // Whoever listens there is no part of the rehearsal.
+                        let _ = terminal.write_all(&bytes[..count]).await;
+                    }
                 }
+                Either::Second(Ok(count)) => {
+                    let _ = port.write_all(&typed[..count]).await;
+                }
+                Either::Second(Err(_)) => terminal = None,
+                Either::First(_) => break,
             }
         }
     }
@@ -112,22 +141,14 @@ impl Console {
         let shared = &self.0;
         let mut journal = shared.journal.borrow_mut();
         journal.note(shared.id, format_args!("to the PC: {message:?}"));
+        let now = Duration::from_nanos(shared.clock.time());
+        let mut view = shared.view.borrow_mut();
+        let _ = view.take(now, message);
         match message {
-            ToPc::Member { address, hello } => {
-                let mut members = shared.members.borrow_mut();
-                members.insert(*address, *hello);
-                // Whoever joined again has two addresses.
-                let present: BTreeSet<u16> = members.values().map(|hello| hello.id).collect();
-                if present.len() >= shared.expected {
-                    shared.complete.complete();
-                }
+            ToPc::Member { .. } if view.present().len() >= shared.expected => {
+                shared.complete.complete();
             }
-            ToPc::Report { report, .. } => {
-                if report.pose().is_some() {
-                    journal.calibrated(report.id);
-                }
-                shared.reports.borrow_mut().insert(report.id, *report);
-            }
+            ToPc::Report { report, .. } if report.pose().is_some() => journal.calibrated(report.id),
             _ => {}
         }
     }
@@ -135,7 +156,7 @@ impl Console {
 
 #[cfg(test)]
 mod tests {
-    use node_firmware::message::Kind;
+    use node_firmware::message::{Hello, Kind};
 
     use super::*;
     use crate::network::{Options, Simulation};

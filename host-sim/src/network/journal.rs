@@ -12,7 +12,7 @@ use nalgebra::Point2;
 use node_firmware::{
     hardware::Observer,
     memory::{Fact, KeptSighting, Walk},
-    message::{Frame, Message, State},
+    message::{Frame, Message},
 };
 use zigbee_link::wire::ShortAddress;
 
@@ -44,6 +44,8 @@ pub(super) struct NodeEntry {
     pub(super) arrivals: Vec<(Time, Point2<f64>)>,
     /// Bytes of all messages it handed to its link.
     pub(super) payload_bytes: u64,
+    /// When it last said anything.
+    pub(super) said: Option<Time>,
     /// What kept it from going on, each time.
     pub(super) failures: Vec<(Time, String)>,
 }
@@ -151,9 +153,11 @@ impl Observer for Witness {
         }
         let now = journal.clock.time();
         let bytes = postcard::experimental::serialized_size(message).unwrap_or_default();
-        journal.node(self.id).payload_bytes += bytes as u64;
+        let node = journal.node(self.id);
+        node.payload_bytes += bytes as u64;
+        node.said = Some(now);
         match message {
-            Message::Report(report) if matches!(report.state, State::Pose(_)) => {
+            Message::Report(report) if report.pose().is_some() => {
                 journal.calibrated(self.id);
             }
             Message::Stopped(stopped) => {

@@ -48,6 +48,7 @@ use node_firmware::{
 
 pub use self::{
     camera::CameraDevice,
+    console::Terminal,
     emulated::{Emulation, EmulatorError, IMAGE},
     many::{run_all, run_all_until},
 };
@@ -61,7 +62,7 @@ use crate::probe::port::{OpenError, open};
 use answers::record::RunRecord;
 use rand::Rng;
 use site::world::World;
-use site::{RadioTable, Scenario, ScenarioError, Site};
+use site::{NetworkTable, RadioTable, Scenario, ScenarioError, Site};
 use virtual_bench::{
     executor::{Ended, Executor, Time, times_real_time},
     medium::{Capture, LogDistance, Medium, Propagation},
@@ -97,6 +98,9 @@ pub enum ConnectError {
     /// Nobody of that number has one.
     #[error("the scenario has no camera {0}")]
     NoCamera(u16),
+    /// There are fewer.
+    #[error("the scenario has no network {0}: they are counted from 1")]
+    NoNetwork(usize),
     /// The port is not to be had.
     #[error(transparent)]
     Port(#[from] OpenError),
@@ -111,7 +115,7 @@ pub struct Progress {
     pub stops: usize,
     /// Stops there are.
     pub of: usize,
-    /// Cameras that have a pose.
+    /// How many cameras are.
     pub calibrated: usize,
     /// Cameras there are.
     pub cameras: usize,
@@ -120,6 +124,10 @@ pub struct Progress {
 /// A scenario that is put up and can run.
 pub struct Simulation {
     scenario: Scenario,
+    /// The networks as the file has them, where cameras stand as they are meant to.
+    written: Vec<NetworkTable>,
+    /// A speed was given.
+    has_pace: bool,
     site: Site,
     executor: Executor,
     medium: Medium,
@@ -143,6 +151,7 @@ impl Simulation {
     /// # Errors
     /// The scenario is not possible.
     pub fn new(scenario: Scenario, options: Options) -> Result<Self, ScenarioError> {
+        let written = scenario.networks.clone();
         let scenario = scenario.scattered();
         let site = scenario.put_up()?;
         let root = Root(scenario.seed);
@@ -157,6 +166,8 @@ impl Simulation {
         let journal = Rc::new(RefCell::new(Journal::new(clock.clone(), options.log)));
         let mut simulation = Self {
             scenario,
+            written,
+            has_pace: options.speed.is_some(),
             site,
             executor,
             medium,
@@ -181,7 +192,8 @@ impl Simulation {
         for (network, configs) in self.site.networks.iter().zip(configs) {
             let coordinator = Hardware::coordinator(self, network, configs.coordinator, root);
             let cameras = network.cameras.len();
-            let console = Console::new(&coordinator, cameras, self.journal.clone());
+            let clock = self.executor.clock();
+            let console = Console::new(&coordinator, cameras, clock, self.journal.clone());
             for (camera, config) in network.cameras.iter().zip(configs.cameras) {
                 let node = Hardware::camera(self, camera, config, root);
                 self.nodes.push(node);
@@ -218,6 +230,28 @@ impl Simulation {
             node.connect(port);
         }
         self.executor.set_pace(times_real_time(1.0));
+        Ok(())
+    }
+
+    /// Connects a terminal to the line of a network's coordinator, before anything has run; networks
+    /// are counted from 1. What the coordinator tells its PC comes out of it, and what is typed goes
+    /// to the coordinator. Unless a speed was given, time passes as it really does from then on.
+    ///
+    /// # Errors
+    /// There is no such network.
+    pub fn connect_console(
+        &mut self,
+        network: usize,
+        terminal: impl Terminal + 'static,
+    ) -> Result<(), ConnectError> {
+        let number = network.checked_sub(1);
+        let console = number.and_then(|number| self.consoles.get(number));
+        console
+            .ok_or(ConnectError::NoNetwork(network))?
+            .connect(Box::new(terminal));
+        if !self.has_pace {
+            self.executor.set_pace(times_real_time(1.0));
+        }
         Ok(())
     }
 
@@ -313,7 +347,11 @@ impl Simulation {
                 .flat_map(|network| &network.targets)
                 .map(|target| target.stops.len())
                 .sum(),
-            calibrated: self.consoles.iter().map(Console::calibrated).sum(),
+            calibrated: self
+                .consoles
+                .iter()
+                .map(|console| console.view().calibrated())
+                .sum(),
             cameras: self.world.borrow().cameras().len(),
         }
     }

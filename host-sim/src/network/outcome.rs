@@ -2,19 +2,15 @@
 
 use std::collections::BTreeMap;
 
-use calib_core::{Pose, Sighting};
-use nalgebra::{Matrix3, Point2, Vector2};
-use node_firmware::{
-    config::{Duty, Role as Configured},
-    message::{PoseParts, State},
-};
+use answers::view;
+use calib_core::Sighting;
+use node_firmware::config::{Duty, Role as Configured};
 
 use super::{Simulation, console::Console, journal::NodeEntry};
 use answers::record::{
     self, Believed, FORMAT, Failure, Limits, Node, Place, Radio, Role, RunRecord, Stop, Target,
     Unit, View, heading_degrees, summary::Summary,
 };
-use site::world::Obstacle;
 use site::{CameraNode, Frame, Network};
 use virtual_bench::{
     executor::Time,
@@ -24,35 +20,49 @@ use virtual_bench::{
 /// Preamble, start of frame and length.
 const PHY_HEADER: u64 = 6;
 
+/// A camera answers within this time when a target has stopped.
+const ANSWER: Time = 10_000_000_000;
+
 /// What the first camera was told.
-fn weak_sigma(simulation: &Simulation) -> f64 {
-    let cameras = simulation.nodes.iter().filter_map(|node| {
+fn limits(simulation: &Simulation) -> Limits {
+    let mut cameras = simulation.nodes.iter().filter_map(|node| {
         let Configured::Camera(camera) = &node.config().role else {
             return None;
         };
-        Some(f64::from(camera.weak_sigma))
+        Some(view::limits(camera))
     });
-    cameras.take(1).sum()
+    cameras.next().unwrap_or(Limits {
+        sigma_position: 0.0,
+        sigma_heading_deg: 0.0,
+    })
 }
-
-/// Scenarios have no limit for the sigma of the heading. A camera with a larger one knows at most on
-/// which side of it things are.
-const WEAK_HEADING_DEG: f64 = 90.0;
 
 pub(super) fn record(simulation: &Simulation, wall_seconds: f64) -> RunRecord {
     let scenario = &simulation.scenario;
     let mut nodes = Vec::new();
     let mut targets = Vec::new();
     let mut obstacles = Vec::new();
-    let mut frames = Vec::new();
+    let mut first = None;
+    let mut records = Vec::new();
     let networks = simulation.site.networks.iter().zip(&simulation.consoles);
     for (number, (network, console)) in (0..).zip(networks) {
         let references = references(network, console);
         let frame = simulation.site.frame(network, references);
-        frames.push(frame);
+        let first = *first.get_or_insert(frame);
+        let known = console.view().network();
+        let written = simulation.written.get(usize::from(number));
+        let meant = references.map(|place| network.cameras[place].id);
+        let meant = written.and_then(|written| written.frame_between(meant));
+        records.push(record::Network {
+            network: number + 1,
+            frame: within(&frame, &first),
+            building: meant.as_ref().map(view::building_place),
+            pan: known.map(|network| network.pan),
+            channel: known.map(|network| network.channel),
+        });
         if number == 0 {
             let all = simulation.site.world.obstacles().iter();
-            obstacles.extend(all.map(|obstacle| outline(obstacle, &frame)));
+            obstacles.extend(all.map(|obstacle| view::outline(obstacle, &frame)));
         }
         let of_network = |id, role| Node {
             network: number + 1,
@@ -62,29 +72,30 @@ pub(super) fn record(simulation: &Simulation, wall_seconds: f64) -> RunRecord {
         nodes.push(with_traffic(simulation, coordinator));
         let mut numbers = Numbers::new();
         for target in &network.targets {
-            let stops = stops(
-                &simulation.entry(target.id),
-                target.id,
-                &frame,
-                &mut numbers,
-            );
+            let entry = simulation.entry(target.id);
+            let stops = stops(&entry, target.id, &frame, &mut numbers);
             targets.push(Target {
                 id: target.id,
                 network: number + 1,
                 path: stops.iter().map(|stop| [stop.x, stop.y]).collect(),
                 stops,
             });
-            nodes.push(with_traffic(
-                simulation,
-                of_network(target.id, Role::Target),
-            ));
+            let mut node = of_network(target.id, Role::Target);
+            if let Some(member) = console.view().member(node.id) {
+                member.describe(&mut node);
+            }
+            // Its carrier led it on, and it said nothing.
+            node.silent = has_missed(simulation, &entry, arrivals(&entry));
+            nodes.push(with_traffic(simulation, node));
         }
         for (place, camera) in network.cameras.iter().enumerate() {
             let mut node = of_network(camera.id, Role::Camera);
             node.reference = references.contains(&place);
             node.expected = true;
             describe(&mut node, simulation, &frame, camera);
-            take_report(&mut node, console);
+            if let Some(member) = console.view().member(node.id) {
+                member.describe(&mut node);
+            }
             let entry = simulation.entry(camera.id);
             let sightings = sightings(&entry, console, &numbers);
             // What a reference saw before it had its answer did not make the answer.
@@ -95,6 +106,7 @@ pub(super) fn record(simulation: &Simulation, wall_seconds: f64) -> RunRecord {
                         .map(|(target, stop, s)| (*target, *stop, s)),
                 );
             }
+            node.silent = is_silent(simulation, network, &entry);
             node.calibrated_seconds = entry.calibrated.map(seconds);
             nodes.push(with_traffic(simulation, node));
         }
@@ -106,27 +118,18 @@ pub(super) fn record(simulation: &Simulation, wall_seconds: f64) -> RunRecord {
         format: FORMAT,
         scenario: scenario.name.clone(),
         path: scenario.recorded_path(),
-        seed: scenario.seed,
+        seed: Some(scenario.seed),
         unit: Unit {
             name: scenario.unit.clone(),
             metres: scenario.metres_per_unit(),
         },
-        limits: Limits {
-            sigma_position: weak_sigma(simulation) * 2_f64.sqrt(),
-            sigma_heading_deg: WEAK_HEADING_DEG,
-        },
-        networks: (1..)
-            .zip(&frames)
-            .map(|(network, frame)| record::Network {
-                network,
-                frame: within(frame, &frames[0]),
-            })
-            .collect(),
+        limits: limits(simulation),
+        networks: records,
         summary: Summary::of(&nodes),
         nodes,
         targets,
         obstacles,
-        radio: radio(&simulation.medium, sim_seconds),
+        radio: Some(radio(&simulation.medium, sim_seconds)),
         sim_seconds,
         wall_seconds: Some(wall_seconds),
     }
@@ -158,7 +161,7 @@ fn stops(entry: &NodeEntry, target: u16, frame: &Frame, numbers: &mut Numbers) -
         let truth = frame.place(stop.truth);
         Stop {
             stop: count,
-            seconds: seconds(stop.at),
+            seconds: Some(seconds(stop.at)),
             x: truth.x,
             y: truth.y,
             believed: stop.believed.as_ref().map(believed),
@@ -177,21 +180,32 @@ fn believed(place: &calib_core::dead_reckoning::Place<f32>) -> Believed {
     }
 }
 
-/// What a camera has said of itself.
-fn take_report(node: &mut Node, console: &Console) {
-    let Some(report) = console.report(node.id) else {
-        return;
-    };
-    match report.state {
-        State::Pose(parts) => {
-            if let Some(pose) = exact(&parts) {
-                node.set_pose(&pose);
-            }
-        }
-        State::Refused(refusal) => node.refusal = Some(refusal),
-        State::Waiting => {}
-    }
-    node.sightings = report.sightings.into();
+/// Whether a camera said nothing though a target that stopped asked for it. Not known of one on an
+/// emulated board.
+fn is_silent(simulation: &Simulation, network: &Network, entry: &NodeEntry) -> bool {
+    let entries = network
+        .targets
+        .iter()
+        .map(|target| simulation.entry(target.id));
+    let asked = entries.flat_map(|entry| entry.stops.into_values().map(|stop| stop.at));
+    has_missed(simulation, entry, asked)
+}
+
+fn arrivals(entry: &NodeEntry) -> impl Iterator<Item = Time> + '_ {
+    entry.arrivals.iter().map(|(at, _)| *at)
+}
+
+/// Whether something of this happened after a node last said anything, and long enough ago.
+fn has_missed(
+    simulation: &Simulation,
+    entry: &NodeEntry,
+    mut moments: impl Iterator<Item = Time>,
+) -> bool {
+    let end = simulation.executor.clock().time();
+    let is_late = |said, at| at > said && at + ANSWER < end;
+    entry
+        .said
+        .is_some_and(|said| moments.any(|at| is_late(said, at)))
 }
 
 /// What a camera has counted, each with its target and stop.
@@ -202,7 +216,7 @@ fn sightings(
 ) -> Vec<(u16, u32, Sighting<f64>)> {
     let kept = || entry.sightings.values();
     let sightings = kept().filter_map(|sighting| {
-        let target = console.id_of(sighting.target)?;
+        let target = console.view().id_of(sighting.target)?;
         let stop = *numbers.get(&(target, sighting.stop))?;
         let place = &sighting.place;
         let first = kept().find(|other| {
@@ -226,7 +240,8 @@ fn sightings(
 fn references(network: &Network, console: &Console) -> [usize; 2] {
     let has = |duty: Duty| {
         network.cameras.iter().position(|camera| {
-            let report = console.report(camera.id);
+            let view = console.view();
+            let report = view.member(camera.id).and_then(|member| member.report);
             report.is_some_and(|report| report.duty == Some(duty))
         })
     };
@@ -250,19 +265,12 @@ fn describe(node: &mut Node, simulation: &Simulation, frame: &Frame, camera: &Ca
     });
 }
 
-/// The pose as the node sent it.
-fn exact(parts: &PoseParts) -> Option<Pose<f64>> {
-    let pose = parts.pose()?;
-    Some(Pose {
-        position: Point2::new(pose.position.x.into(), pose.position.y.into()),
-        heading: pose.heading.into(),
-        covariance: Matrix3::from_iterator(pose.covariance.iter().map(|&c| f64::from(c))),
-    })
-}
-
 /// What a node sent, and what kept it from going on.
 fn with_traffic(simulation: &Simulation, mut node: Node) -> Node {
     let entry = simulation.entry(node.id);
+    if let Some(said) = entry.said {
+        node.heard_seconds = Some(seconds(said));
+    }
     let failures = entry.failures.into_iter().map(|(at, why)| Failure {
         seconds: seconds(at),
         why,
@@ -270,8 +278,8 @@ fn with_traffic(simulation: &Simulation, mut node: Node) -> Node {
     node.failures = failures.collect();
     if let Some(hardware) = simulation.node(node.id) {
         let counters = hardware.medium().counters(hardware.antenna);
-        node.frames_sent = counters.frames;
-        node.bytes_sent = counters.bytes + PHY_HEADER * counters.frames;
+        node.frames_sent = Some(counters.frames);
+        node.bytes_sent = Some(counters.bytes + PHY_HEADER * counters.frames);
         // Nobody sees what the machine code of a board hands to its link.
         node.payload_bytes = (!hardware.is_emulated()).then_some(entry.payload_bytes);
     }
@@ -294,21 +302,6 @@ fn radio(medium: &Medium, seconds: f64) -> Radio {
             false => 0.0,
         },
     }
-}
-
-fn outline(obstacle: &Obstacle, frame: &Frame) -> Vec<[f64; 2]> {
-    let corners = match obstacle {
-        Obstacle::Segment(ends) => ends.to_vec(),
-        Obstacle::Disc { centre, radius } => (0..24)
-            .map(|n| {
-                let (sin, cos) = (f64::from(n) * std::f64::consts::TAU / 24.0).sin_cos();
-                centre + Vector2::new(cos, sin) * *radius
-            })
-            .collect(),
-        Obstacle::Polygon(corners) => corners.clone(),
-    };
-    let corners = corners.into_iter().map(|corner| frame.place(corner));
-    corners.map(Into::into).collect()
 }
 
 #[cfg(test)]

@@ -229,7 +229,7 @@ fn a_file_sets_everything_and_options_stand_over_it() {
         stops = 6
         refine = false
         good-enough = { heading-deg = 0.5 }
-        weak-sigma = 0.75
+        weak = { position = 0.75 }
         sigma-floor-px = 0.25
         [lens]
         field-of-view-deg = 45
@@ -276,7 +276,10 @@ fn a_file_sets_everything_and_options_stand_over_it() {
             position: 0.02,
             heading_deg: 0.5,
         },
-        weak_sigma: 0.75,
+        weak: Sigmas {
+            position: 0.75,
+            heading_deg: 10.0,
+        },
         sigma_floor_px: 0.25,
     };
     assert_eq!(*camera, expected);
@@ -453,7 +456,10 @@ fn a_page_is_shown_without_its_key() {
                 duty: Duty::Second,
                 position: Some([10.0, -0.5]),
             }),
-            weak_sigma: 0.3,
+            weak: Sigmas {
+                position: 0.3,
+                heading_deg: 7.5,
+            },
             ..CameraConfig::new(Lens::pin_hole(88, 47.5), Subjects::Motion { threshold: 8 })
         }),
     };

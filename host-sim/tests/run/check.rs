@@ -21,7 +21,7 @@ fn what_differs_is_named() {
     let mut other = one.clone();
     other.nodes[3].estimate.as_mut().unwrap().x += 0.001;
     other.nodes[5].estimate.as_mut().unwrap().x += 0.25;
-    other.nodes[6].refusal = Some(calib_core::Refusal::TooFew);
+    other.nodes[6].reason = Some(calib_core::Refusal::TooFew);
     other.targets[0].stops.pop();
     let difference = Difference::between(&one, &other, 0.0).unwrap();
     assert_eq!(difference.exit_code(), 1);
@@ -32,7 +32,7 @@ fn what_differs_is_named() {
     assert_eq!(
         difference.others,
         [
-            "nodes[6].refusal: null and \"too_few\"",
+            "nodes[6].reason: null and \"too_few\"",
             "targets[20].stops has 39 and 38 entries"
         ]
     );
@@ -45,9 +45,9 @@ fn what_differs_is_named() {
 fn large_whole_numbers_differ_too() {
     let one = Sample::default().run();
     let mut other = one.clone();
-    other.seed = u64::MAX - 1;
+    other.seed = Some(u64::MAX - 1);
     let mut third = one.clone();
-    third.seed = u64::MAX;
+    third.seed = Some(u64::MAX);
     let difference = Difference::between(&other, &third, 0.0).unwrap();
     assert!(!difference.is_none());
 }

@@ -2,7 +2,7 @@
 
 use std::collections::BTreeMap;
 
-use answers::export;
+use answers::export::{self, Frame};
 use answers::record::RunRecord;
 use serde::Deserialize;
 
@@ -25,7 +25,7 @@ fn sample() -> RunRecord {
 #[test]
 fn csv_has_a_row_for_every_camera() {
     let record = sample();
-    let text = export::csv(&record).unwrap();
+    let text = export::csv(&record, Frame::Network).unwrap();
     let mut reader = csv::Reader::from_reader(text.as_bytes());
     let rows: Vec<BTreeMap<String, String>> =
         reader.deserialize().collect::<Result<_, _>>().unwrap();
@@ -33,7 +33,8 @@ fn csv_has_a_row_for_every_camera() {
     for (row, camera) in rows.iter().zip(record.cameras()) {
         assert_eq!(row["camera"], camera.id.to_string());
         let Some(estimate) = camera.estimate else {
-            assert_eq!((row["status"].as_str(), row["x"].as_str()), ("too_few", ""));
+            let told = ["status", "reason", "x"].map(|name| row[name].as_str());
+            assert_eq!(told, ["waiting", "too_few", ""]);
             continue;
         };
         let number = |name: &str| row[name].parse::<f64>().unwrap();
@@ -57,6 +58,7 @@ struct Network {
 struct Camera {
     id: u16,
     status: String,
+    reason: Option<String>,
     pose: Option<Pose>,
 }
 
@@ -71,7 +73,7 @@ struct Pose {
 #[test]
 fn yaml_has_poses_with_covariance() {
     let record = sample();
-    let text = export::yaml(&record).unwrap();
+    let text = export::yaml(&record, Frame::Network).unwrap();
     let network: Network = serde_saphyr::from_str(&text).unwrap();
     assert_eq!(network.format, 2);
     assert_eq!(network.scenario, record.scenario);
@@ -81,7 +83,8 @@ fn yaml_has_poses_with_covariance() {
         assert_eq!(read.id, camera.id);
         let (Some(pose), Some(estimate)) = (&read.pose, camera.estimate) else {
             assert!(read.pose.is_none() && camera.estimate.is_none());
-            assert_eq!(read.status, "too_few");
+            assert_eq!(read.status, "waiting");
+            assert_eq!(read.reason.as_deref(), Some("too_few"));
             continue;
         };
         assert_eq!((pose.x, pose.y), (estimate.x, estimate.y));
@@ -101,9 +104,9 @@ struct Launch {
 #[test]
 fn ros_gets_static_transforms_in_metres_and_their_covariance() {
     let record = sample();
-    let text = export::ros_launch(&record).unwrap();
+    let text = export::ros_launch(&record, Frame::Network).unwrap();
     let launch: Launch = serde_saphyr::from_str(&text).unwrap();
-    let calibrated: Vec<_> = record.cameras().filter(|c| c.estimate.is_some()).collect();
+    let calibrated: Vec<_> = record.cameras().filter(|c| c.is_calibrated()).collect();
     assert_eq!(launch.launch.len(), 2 * calibrated.len());
     for (actions, camera) in launch.launch.chunks(2).zip(calibrated) {
         let estimate = camera.estimate.unwrap();
@@ -141,4 +144,41 @@ fn ros_gets_static_transforms_in_metres_and_their_covariance() {
             assert!((values[place] - expected).abs() < 1e-12, "{place}");
         }
     }
+}
+
+/// A quarter turn about the building's place of the first reference.
+#[test]
+fn poses_in_the_coordinates_of_the_building() {
+    let mut record = sample();
+    let text = export::csv(&record, Frame::Building).unwrap();
+    let mut reader = csv::Reader::from_reader(text.as_bytes());
+    let rows: Vec<BTreeMap<String, String>> =
+        reader.deserialize().collect::<Result<_, _>>().unwrap();
+    for (row, camera) in rows.iter().zip(record.cameras()) {
+        assert_eq!(row["frame"], "building");
+        let Some(estimate) = camera.estimate else {
+            continue;
+        };
+        let near = |name: &str, expected: f64| {
+            let value: f64 = row[name].parse().unwrap();
+            assert!(
+                (value - expected).abs() < 1e-9,
+                "{name}: {value} {expected}"
+            );
+        };
+        near("x", 10.0 - estimate.y);
+        near("y", -4.0 + estimate.x);
+        near(
+            "heading_deg",
+            (estimate.heading_deg + 90.0).rem_euclid(360.0),
+        );
+        near("sigma_x", estimate.sigma_y);
+        near("cov_xy", -estimate.covariance[1]);
+        near("error_x", -camera.error.unwrap().y);
+    }
+    let ros = export::ros_launch(&record, Frame::Building).unwrap();
+    assert!(ros.contains("--frame-id building "), "{ros}");
+    record.networks[0].building = None;
+    let refused = export::yaml(&record, Frame::Building).unwrap_err();
+    assert!(refused.to_string().contains("--site"), "{refused}");
 }

@@ -2,19 +2,19 @@
 
 use std::collections::BTreeMap;
 
-use answers::export;
+use answers::export::{self, Frame};
 use answers::plot;
 use answers::record::{
     Network, Place, RunRecord, Stop,
     summary::Summary,
-    verdict::{Trouble, Verdict},
+    verdict::{InView, Trouble, Verdict},
 };
 use answers::report::run::run_report;
-use calib_core::angle;
+use calib_core::{Status, angle};
 use nalgebra::{Point2, Vector2};
 use roxmltree::Document;
 
-use crate::sample::{self, Sample};
+use crate::sample::{self, FIRST, Sample};
 
 /// Numbers of the second network are those of the first one and so much.
 const SECOND: u16 = 100;
@@ -31,6 +31,8 @@ fn two(first: Sample, second: Sample) -> RunRecord {
     record.networks.push(Network {
         network: 2,
         frame: NORTH,
+        building: None,
+        ..FIRST
     });
     for mut node in other.nodes {
         (node.id, node.network) = (node.id + SECOND, 2);
@@ -68,17 +70,18 @@ fn references_of_one_network_do_not_excuse_another() {
     let mut record = two(lost, short);
     // Nobody of the first network has a pose while its references have none, nor a reason of its own.
     for node in record.nodes.iter_mut().filter(|n| n.network == 1) {
-        (node.estimate, node.error, node.nees, node.refusal) = (None, None, None, None);
+        (node.estimate, node.error, node.nees, node.reason) = (None, None, None, None);
+        node.status = node.status.map(|_| Status::Waiting);
     }
     for node in record.nodes.iter_mut().filter(|n| n.id == 4 + SECOND) {
-        node.refusal = None;
+        node.reason = None;
     }
     let found = of(&record);
     assert_eq!(found.len(), 14, "{found:?}");
     for id in 1..=13 {
         assert_eq!(found[&id], [Trouble::NoReferences]);
     }
-    assert_eq!(found[&(4 + SECOND)], [Trouble::NeverSaw]);
+    assert_eq!(found[&(4 + SECOND)], [Trouble::NeverSaw(InView::Stops(3))]);
     // Stops are those of each network, in its frame: both are the same site.
     let verdict = Verdict::of(&record);
     for stop in &verdict.next_stops {
@@ -218,12 +221,13 @@ fn the_map_shows_networks_where_they_are() {
 #[test]
 fn exports_tell_networks_apart() {
     let record = two(Sample::default(), Sample::default());
-    let csv = export::csv(&record).unwrap();
+    let csv = export::csv(&record, Frame::Network).unwrap();
     let mut reader = csv::Reader::from_reader(csv.as_bytes());
     let rows: Vec<BTreeMap<String, String>> =
         reader.deserialize().collect::<Result<_, _>>().unwrap();
-    let yaml: serde_json::Value = serde_saphyr::from_str(&export::yaml(&record).unwrap()).unwrap();
-    let ros = export::ros_launch(&record).unwrap();
+    let yaml: serde_json::Value =
+        serde_saphyr::from_str(&export::yaml(&record, Frame::Network).unwrap()).unwrap();
+    let ros = export::ros_launch(&record, Frame::Network).unwrap();
     assert_eq!(rows.len(), 26);
     for (place, (row, camera)) in rows.iter().zip(record.cameras()).enumerate() {
         let (id, network) = (camera.id, camera.network);

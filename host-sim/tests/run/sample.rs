@@ -6,7 +6,7 @@ use answers::record::{
     View, published::Published, summary::Summary,
 };
 use calib_core::{
-    Pose, Ray, Refusal, Sighting,
+    Pose, Ray, Refusal, Sighting, Status,
     camera::{Camera, Projection},
     resection,
 };
@@ -31,6 +31,10 @@ const FOV_DEG: f64 = 60.0;
 const RANGE: f64 = 8.0;
 const COLUMNS: u16 = 88;
 pub(crate) const TARGET: u16 = 20;
+const LIMITS: Limits = Limits {
+    sigma_position: 0.3,
+    sigma_heading_deg: 3.0,
+};
 /// The only network.
 pub(crate) const FIRST: Network = Network {
     network: 1,
@@ -39,6 +43,13 @@ pub(crate) const FIRST: Network = Network {
         y: 0.0,
         heading_deg: 0.0,
     },
+    building: Some(Place {
+        x: 10.0,
+        y: -4.0,
+        heading_deg: 90.0,
+    }),
+    pan: Some(0x1234),
+    channel: Some(15),
 };
 /// Of a place that the target believes in.
 const STOP_SIGMA: f64 = 0.01;
@@ -75,38 +86,35 @@ impl Sample {
         let stops = self.stops(&mut random);
         let mut coordinator = Node::new(0, Role::Coordinator);
         coordinator.payload_bytes = Some(100);
-        coordinator.bytes_sent = 2000;
-        coordinator.frames_sent = 40;
+        coordinator.bytes_sent = Some(2000);
+        coordinator.frames_sent = Some(40);
         let mut nodes = vec![coordinator];
         for id in 1..=13 {
             nodes.push(self.camera(id, &stops, &mut random));
         }
         let mut target = Node::new(TARGET, Role::Target);
         target.payload_bytes = Some(40 * stops.len() as u64);
-        target.bytes_sent = 90 * stops.len() as u64;
-        target.frames_sent = 2 * stops.len() as u64;
+        target.bytes_sent = Some(90 * stops.len() as u64);
+        target.frames_sent = Some(2 * stops.len() as u64);
         nodes.push(target);
         RunRecord {
             format: FORMAT,
             scenario: "thesis-13".to_owned(),
             path: Some(1),
-            seed: self.seed,
+            seed: Some(self.seed),
             unit: Unit {
                 name: "units".to_owned(),
                 metres: 1.0,
             },
-            limits: Limits {
-                sigma_position: 0.3,
-                sigma_heading_deg: 3.0,
-            },
+            limits: LIMITS,
             networks: vec![FIRST],
             summary: Summary::of(&nodes),
-            radio: Radio {
-                frames: nodes.iter().map(|n| n.frames_sent).sum(),
-                bytes: nodes.iter().map(|n| n.bytes_sent).sum(),
+            radio: Some(Radio {
+                frames: nodes.iter().filter_map(|n| n.frames_sent).sum(),
+                bytes: nodes.iter().filter_map(|n| n.bytes_sent).sum(),
                 drops: [("collision".to_owned(), 2), ("loss".to_owned(), 5)].into(),
                 airtime_share: 0.0031,
-            },
+            }),
             nodes,
             targets: vec![Target {
                 id: TARGET,
@@ -132,7 +140,7 @@ impl Sample {
                 let (x, y) = (x + range * angle.cos(), y + range * angle.sin());
                 stops.push(Stop {
                     stop: stops.len() as u32,
-                    seconds: 20.0 * (stops.len() + 1) as f64,
+                    seconds: Some(20.0 * (stops.len() + 1) as f64),
                     x,
                     y,
                     believed: Some(Believed {
@@ -193,18 +201,34 @@ impl Sample {
                 node.set_pose(&pose);
                 node.calibrated_seconds = seen.get(2).map(|(stop, _)| 20.0 * f64::from(*stop + 1));
             }
-            Err(refusal) => node.refusal = Some(refusal),
+            Err(refusal) => {
+                node.status = Some(refusal.into());
+                node.reason = Some(refusal);
+            }
         }
         node.set_sightings(
             seen.iter()
                 .map(|(stop, sighting)| (TARGET, *stop, sighting)),
         );
-        assert!(node.refusal != Some(Refusal::NotFinite));
+        if node.estimate.is_some() {
+            judge(&mut node);
+        }
+        assert!(node.reason != Some(Refusal::NotFinite));
         node.payload_bytes = Some(20 * seen.len() as u64 + 30);
-        node.bytes_sent = 60 * seen.len() as u64 + 300;
-        node.frames_sent = 2 * seen.len() as u64 + 8;
+        node.bytes_sent = Some(60 * seen.len() as u64 + 300);
+        node.frames_sent = Some(2 * seen.len() as u64 + 8);
         node
     }
+}
+
+/// What a camera says of its own pose.
+pub(crate) fn judge(node: &mut Node) {
+    let limits = calib_core::Limits {
+        position: LIMITS.sigma_position,
+        heading: LIMITS.sigma_heading_deg.to_radians(),
+    };
+    let pose = node.estimate.unwrap().pose();
+    node.status = Some(Status::of(&pose, &node.fit(), &limits));
 }
 
 /// A reference's place is given, its heading is not.

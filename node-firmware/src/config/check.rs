@@ -59,8 +59,8 @@ pub enum ConfigError {
     Stops,
     /// The sigmas that are good enough.
     GoodEnough,
-    /// The sigma of a weak pose.
-    WeakSigma,
+    /// The sigmas of a weak pose.
+    Weak,
     /// The floor of a sighting's sigma.
     SigmaFloor,
     /// The target's colour number.
@@ -121,7 +121,9 @@ impl fmt::Display for ConfigError {
             Self::GoodEnough => {
                 "good-enough: both sigmas must be above 0, the heading's at most 180"
             }
-            Self::WeakSigma => "weak-sigma must be at least the good-enough position's",
+            Self::Weak => {
+                "weak: both sigmas must be at least the good-enough ones, the heading's at most 180"
+            }
             Self::SigmaFloor => "sigma-floor-px must be 0 to 10",
             Self::TargetColour => "colour must be 0 to 3",
             Self::StillAfter => "still-after-ms must be 100 to 60000",
@@ -191,7 +193,7 @@ impl CameraConfig {
         } else {
             3
         };
-        let good = self.good_enough;
+        let (good, weak) = (self.good_enough, self.weak);
         require(&[
             (self.lens.columns <= 255, ConfigError::Columns),
             (BAUD_RATES.contains(&self.baud), ConfigError::Baud),
@@ -219,8 +221,10 @@ impl CameraConfig {
                 ConfigError::GoodEnough,
             ),
             (
-                self.weak_sigma.is_finite() && self.weak_sigma >= good.position,
-                ConfigError::WeakSigma,
+                weak.position.is_finite()
+                    && weak.position >= good.position
+                    && (good.heading_deg..=180.0).contains(&weak.heading_deg),
+                ConfigError::Weak,
             ),
             (
                 (0.0..=10.0).contains(&self.sigma_floor_px),

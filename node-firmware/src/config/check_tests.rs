@@ -3,7 +3,7 @@ use std::string::ToString;
 use super::*;
 use crate::{
     config::{
-        SensorConfig, SiteKey,
+        SensorConfig, Sigmas, SiteKey,
         examples::{ORANGE, camera, coordinator, node, target},
     },
     sight::{ColourWindow, Lens},
@@ -152,8 +152,23 @@ fn cameras() {
         with_camera(|c| c.good_enough.heading_deg = 0.0),
         Err(E::GoodEnough)
     );
-    assert_eq!(with_camera(|c| c.weak_sigma = 0.01), Err(E::WeakSigma));
-    assert_eq!(with_camera(|c| c.weak_sigma = nan), Err(E::WeakSigma));
+    // The good-enough ones are 0.05 and 0.25.
+    for (position, heading_deg, expected) in [
+        (0.05, 0.25, Ok(())),
+        (1e30, 180.0, Ok(())),
+        (0.04, 0.25, Err(E::Weak)),
+        (0.05, 0.24, Err(E::Weak)),
+        (0.05, 180.5, Err(E::Weak)),
+        (nan, 8.0, Err(E::Weak)),
+        (0.5, nan, Err(E::Weak)),
+        (f32::INFINITY, 8.0, Err(E::Weak)),
+    ] {
+        let weak = Sigmas {
+            position,
+            heading_deg,
+        };
+        assert_eq!(with_camera(|c| c.weak = weak), expected, "{weak:?}");
+    }
     for floor in [-0.1, nan, 11.0] {
         assert_eq!(
             with_camera(|c| c.sigma_floor_px = floor),

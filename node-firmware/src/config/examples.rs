@@ -47,7 +47,10 @@ pub(crate) fn camera() -> CameraConfig {
             position: 0.05,
             heading_deg: 0.25,
         },
-        weak_sigma: 0.5,
+        weak: Sigmas {
+            position: 0.5,
+            heading_deg: 8.0,
+        },
         sigma_floor_px: 0.0625,
     }
 }

@@ -16,11 +16,11 @@ mod key;
 
 use core::ops::RangeInclusive;
 
+use calib_core::Limits;
+use flash_log::Crc32;
 use heapless::Vec;
 use serde::{Deserialize, Serialize};
-use zigbee_link::{
-    network::Channels, radio::Channel, security::Protection, store::log::Crc32, wire::Eui64,
-};
+use zigbee_link::{network::Channels, radio::Channel, security::Protection, wire::Eui64};
 
 pub use self::{check::ConfigError, key::SiteKey};
 use crate::sight::{
@@ -117,12 +117,12 @@ pub struct CameraConfig {
     pub stops: u8,
     /// Whether it goes on refining its pose after these.
     pub refine: bool,
-    /// The pose is good enough when both predicted sigmas are below these, and no more stops are
+    /// The pose is good enough when both predicted sigmas are within these, and no more stops are
     /// wanted.
     pub good_enough: Sigmas,
-    /// Predicted sigma of the position, along its worst axis, above which the pose is called weak
-    /// and another stop is asked for.
-    pub weak_sigma: f32,
+    /// A predicted sigma above these makes the pose [weak](calib_core::Status::Weak), and another
+    /// stop is asked for.
+    pub weak: Sigmas,
     /// Standard deviation of a sighting that no frame shows, columns.
     pub sigma_floor_px: f32,
 }
@@ -132,10 +132,20 @@ pub struct CameraConfig {
 #[serde(rename_all = "kebab-case")]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Sigmas {
-    /// Standard deviation of the position along its worst axis.
+    /// Standard deviation of the position: [`Pose::sigma_position`](calib_core::Pose::sigma_position).
     pub position: f32,
     /// Standard deviation of the heading, degrees.
     pub heading_deg: f32,
+}
+
+impl Sigmas {
+    /// As the limits of a pose.
+    pub fn limits(&self) -> Limits<f32> {
+        Limits {
+            position: self.position,
+            heading: self.heading_deg.to_radians(),
+        }
+    }
 }
 
 /// A configured reference camera.
@@ -281,7 +291,10 @@ impl CameraConfig {
                 position: 0.02,
                 heading_deg: 0.1,
             },
-            weak_sigma: 0.5,
+            weak: Sigmas {
+                position: 0.5,
+                heading_deg: 10.0,
+            },
             sigma_floor_px: Patience::default().sigma_floor,
         }
     }

@@ -6,6 +6,7 @@
 
 use core::time::Duration;
 
+use calib_core::Status;
 use zigbee_link::{Instant, store::Membership, wire::ShortAddress};
 
 use super::{Earliest, Outbox, Output, Owed, Reports, Role};
@@ -182,7 +183,7 @@ impl Coordinator {
     }
 
     /// Whether a camera knows its pose, so that there is a frame of the site.
-    fn is_calibrated(&self) -> bool {
+    fn has_frame(&self) -> bool {
         let mut reports = self.reports();
         reports.any(|(_, report)| report.pose().is_some())
     }
@@ -283,7 +284,7 @@ impl Coordinator {
         let is_configured = [Duty::First, Duty::Second]
             .iter()
             .any(|&duty| self.camera_with(duty).is_some());
-        if self.references.is_some() || is_configured || self.is_calibrated() {
+        if self.references.is_some() || is_configured || self.has_frame() {
             return;
         }
         match self.trigger {
@@ -560,7 +561,9 @@ impl Role for Coordinator {
         Indication {
             joined: self.network.is_some(),
             target_seen: self.trigger.is_some(),
-            calibrated: self.is_calibrated(),
+            calibrated: self
+                .reports()
+                .any(|(_, report)| report.status() == Status::Calibrated),
             may_walk: false,
         }
     }

@@ -6,7 +6,8 @@ use cmucam2_driver::Cmucam2;
 use embassy_futures::select::{Either, Either3, select, select3};
 use embedded_io_async::{Read, Write};
 use embedded_storage_async::nor_flash::NorFlash;
-use zigbee_link::{Instant, runner::Clock, store::log::LogError};
+use flash_log::LogError;
+use zigbee_link::{Instant, runner::Clock};
 
 use super::{
     ClockDelay,

@@ -5,7 +5,8 @@ use core::{convert::Infallible, pin::pin, time::Duration};
 use embassy_futures::select::{Either, Either3, select, select3};
 use embedded_io_async::{Read, Write};
 use embedded_storage_async::nor_flash::NorFlash;
-use zigbee_link::{Instant, runner::Clock, store::log::LogError, wire::ShortAddress};
+use flash_log::LogError;
+use zigbee_link::{Instant, runner::Clock, wire::ShortAddress};
 
 use super::{
     SharedNode,

@@ -12,12 +12,12 @@ use embassy_sync::{
     channel::{Channel, Receiver, Sender, TrySendError},
 };
 use embedded_storage_async::nor_flash::NorFlash;
+use flash_log::LogError;
 use zigbee_link::{
     Instant,
     link::{Delivery, SendError, Ticket},
     network::Status,
     runner::{Clock, Happened},
-    store::log::LogError,
     wire::ShortAddress,
 };
 

@@ -4,7 +4,8 @@ use core::pin::pin;
 
 use embassy_futures::select::{Either, select};
 use embedded_storage_async::nor_flash::NorFlash;
-use zigbee_link::{runner::Clock, store::log::LogError};
+use flash_log::LogError;
+use zigbee_link::runner::Clock;
 
 use super::{
     apart::Apart,

@@ -7,7 +7,7 @@ use nalgebra::{Matrix3, Point2, Vector3};
 use node_firmware::{
     config::{CameraConfig, Duty, Sigmas},
     console::ToPc,
-    message::{PoseParts, Report, State},
+    message::{PoseParts, Report},
     role::{
         Role,
         camera::{self, Camera},
@@ -254,10 +254,10 @@ impl Net {
     /// Every camera that has a pose is where the pose says, within so many sigmas.
     pub fn check_poses(&self, frame: impl Fn(&Truth) -> Truth, sigmas: f64) {
         for (n, (report, truth)) in self.reports().iter().zip(&CAMERAS).enumerate() {
-            let State::Pose(pose) = report.state else {
+            let Some(pose) = report.pose() else {
                 panic!("camera {n}: {report:?}");
             };
-            let error = error(&pose, &frame(truth));
+            let error = error(pose, &frame(truth));
             let sigma = [0, 2, 5].map(|i| f64::from(pose.covariance[i]).sqrt());
             for (error, sigma) in error.iter().zip(sigma) {
                 assert!(

@@ -152,7 +152,10 @@ pub fn camera_config(reference: Option<Duty>) -> CameraConfig {
             position: 0.05,
             heading_deg: 0.3,
         },
-        weak_sigma: 0.5,
+        weak: Sigmas {
+            position: 0.5,
+            heading_deg: 10.0,
+        },
         sigma_floor_px: 0.0625,
     }
 }

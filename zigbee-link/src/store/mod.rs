@@ -10,17 +10,13 @@
 //! ([`Record`]); only this module touches flash, and only it and the runner are async. A blocking
 //! flash serves through `embassy_embedded_hal::adapter::BlockingAsync` or the like.
 //!
-//! The log itself is public, for what else a node should keep: see [`log`].
-//!
-//! Why not a ready-made map: with `sequential-storage` 8.0.2, erasures cut off half-way, which may
-//! leave anything in a page, lost records in the power-cut test of this crate; and it skips records
-//! with a wrong checksum silently, which for a frame counter is a nonce used twice.
+//! The log is [`flash_log`], which also serves what else a node should keep.
 //!
 //! A page of 4 KiB holds 127 records and a counter reservation comes once per
 //! [`BLOCK`] frames: with 10,000 erasures, some 2.5 billion frames.
 //!
 //! # Format, version 1
-//! A [`log`] with slots of 32 bytes. Numbers in values are little-endian.
+//! A [log](flash_log) with slots of 32 bytes. Numbers in values are little-endian.
 //!
 //! | key | value |
 //! |---|---|
@@ -31,18 +27,18 @@
 //! | 4 | key the node was provisioned with, written as that in use; missing in older stores |
 //! | 16 + n | member n of a coordinator: 1, EUI-64, short address u16; 0 for none |
 
-pub mod log;
+pub use flash_log as log;
 
 use core::{fmt, ops::Range};
 
 use embedded_storage_async::nor_flash::NorFlash;
 
-use self::log::{Log, LogError};
 use crate::{
     radio::Channel,
     security::{BLOCK, Key},
     wire::{Eui64, PanId, Reader, ShortAddress, Writer},
 };
+use flash_log::{Log, LogError};
 
 /// Most members a coordinator can remember, for they have one byte of the format.
 pub const MEMBERS_MAX: usize = 239;
@@ -50,7 +46,7 @@ pub const MEMBERS_MAX: usize = 239;
 /// Bytes of a slot.
 const SLOT: usize = 32;
 
-type Entry = log::Entry<SLOT>;
+type Entry = flash_log::Entry<SLOT>;
 
 const COUNTER: u8 = 0;
 const ACTIVE_KEY: u8 = 1;

@@ -12,7 +12,7 @@ use crate::{
     config::Duty,
     log::debug,
     memory::ReferenceStop,
-    message::{Address, Bearing, PoseParts, References, Report, State, StopNumber},
+    message::{Address, Bearing, Posed, References, Report, State, StopNumber},
     role::Owed,
 };
 
@@ -37,17 +37,15 @@ impl Camera {
         let wanted = usize::from(self.config.reference_stops);
         match self.stops.solve(&frame, wanted) {
             Ok(answer) => {
-                let [first, second] = answer.poses;
+                let [first, second] = answer.poses.map(|pose| Posed {
+                    pose,
+                    stops: answer.stops as u8,
+                    fit: answer.fit,
+                });
                 self.posed = (Owed::Due(now, 0), Some(second));
                 self.unsaved.add(POSED);
                 self.located = (Owed::Due(now, 0), Some((answer.target, answer.located)));
-                self.posed_as(
-                    now,
-                    Duty::First,
-                    first,
-                    answer.stops as u8,
-                    answer.chi_squared,
-                );
+                self.posed_as(now, Duty::First, &first);
             }
             Err(why) => {
                 debug!("no reference solve yet");
@@ -66,21 +64,14 @@ impl Camera {
     }
 
     /// This reference camera now knows its pose.
-    pub(super) fn posed_as(
-        &mut self,
-        now: Instant,
-        duty: Duty,
-        pose: PoseParts,
-        stops: u8,
-        chi: f32,
-    ) {
+    pub(super) fn posed_as(&mut self, now: Instant, duty: Duty, posed: &Posed) {
         let report = Report {
             duty: Some(duty),
-            sightings: stops,
-            used: stops,
-            chi_squared: chi,
+            sightings: posed.stops,
+            used: posed.stops,
+            chi_squared: posed.fit.chi_squared,
             done: true,
-            state: State::Pose(pose),
+            state: State::judged(posed.pose, &posed.fit, &self.config.weak.limits()),
             ..self.report
         };
         // The stops are erased when this is written down.

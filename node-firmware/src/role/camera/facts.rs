@@ -2,7 +2,7 @@
 
 use zigbee_link::Instant;
 
-use super::{Camera, REFERENCE_STOPS, SIGHTINGS, nothing_known};
+use super::{Camera, REFERENCE_STOPS, SIGHTINGS, calibration::is_done, nothing_known};
 use crate::{
     memory::Fact,
     message::Report,
@@ -108,8 +108,14 @@ impl Camera {
     pub(super) fn recall(&mut self, fact: &Fact) {
         match fact {
             Fact::Report(Some(report)) => {
+                // The limits may be others since.
+                let state = report.state.judged_again(&self.config.weak.limits());
+                let is_done =
+                    report.duty.is_some() || is_done(&self.config, report.sightings.into(), &state);
                 self.report = Report {
                     id: self.id,
+                    done: report.done && is_done,
+                    state,
                     ..*report
                 };
                 self.told = self.report;

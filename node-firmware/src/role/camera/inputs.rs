@@ -1,5 +1,6 @@
 //! A camera as a [`Role`]: what comes in, what goes out.
 
+use calib_core::Status;
 use zigbee_link::{Instant, store::Membership, wire::ShortAddress};
 
 use super::{Camera, Errand, Event, KnownTarget, Task, facts::COLOURS, stops::LOOK_WITHIN};
@@ -50,18 +51,13 @@ impl Role for Camera {
             Message::Bearing(bearing) if self.references.is_some_and(|r| r.second == from.0) => {
                 self.bearing(now, bearing);
             }
-            Message::Posed(pose)
+            Message::Posed(posed)
                 if self.duty() == Some(Duty::Second)
                     && self.references.is_some_and(|r| r.first == from.0)
-                    && pose.pose().is_some() =>
+                    && posed.is_usable() =>
             {
-                if self.report.duty == Some(Duty::Second) && self.pose() == Some(*pose) {
-                    // Told twice: the stops that made it are not here any more to be counted.
-                    return;
-                }
-                let stops = self.stops.iter().filter(|stop| stop.own.is_some()).count();
                 self.bearings.clear();
-                self.posed_as(now, Duty::Second, *pose, stops as u8, 0.0);
+                self.posed_as(now, Duty::Second, posed);
             }
             Message::WhoIsThere if is_coordinator => {
                 let due = now + self.slot();
@@ -229,7 +225,7 @@ impl Role for Camera {
         Indication {
             joined: self.address.is_some(),
             target_seen: self.target_seen,
-            calibrated: self.pose().is_some(),
+            calibrated: self.report.status() == Status::Calibrated,
             may_walk: false,
         }
     }

@@ -3,6 +3,7 @@
 use calib_core::{
     Pose, Refusal, angle,
     dead_reckoning::Place,
+    fit::Fit,
     reference::{self, Known, Settings, Solution, Stop},
 };
 use nalgebra::{Matrix2, Matrix3, Point2, RealField, Vector2};
@@ -27,22 +28,6 @@ const HEADING_LIMIT: f32 = 0.1;
 
 /// As many stops give an answer even where they contradict each other.
 const LAST_RESORT: usize = 10;
-
-/// A normal number exceeds this once in 1000.
-const CHANCE: f32 = 3.09;
-
-/// Chi squared that chance exceeds once in 1000 solves of so many degrees of freedom (Wilson and
-/// Hilferty, "The distribution of chi-square", 1931: within 4 % for any number of degrees). Without
-/// a degree of freedom nothing can contradict.
-fn chance_limit(degrees: usize) -> f32 {
-    if degrees == 0 {
-        return f32::INFINITY;
-    }
-    let degrees = degrees as f32;
-    let variance = 2.0 / (9.0 * degrees);
-    let cube_root = 1.0 - variance + CHANCE * root(variance);
-    degrees * cube_root * cube_root * cube_root
-}
 
 /// What is known of the frame of the site before the reference solve.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -129,7 +114,7 @@ pub(super) struct Answer {
     pub(super) target: Address,
     pub(super) located: Located,
     pub(super) stops: usize,
-    pub(super) chi_squared: f32,
+    pub(super) fit: Fit<f32>,
 }
 
 impl ReferenceStops {
@@ -289,7 +274,7 @@ impl ReferenceStops {
 
     /// The answer of the walk of which both saw most stops.
     ///
-    /// An answer that its own residuals contradict, more than chance would, is none: the target was
+    /// An answer that its own residuals [contradict](Fit::is_bad) is none: the target was
     /// carried on between two stops, or a camera saw something else at one. Then the last stops
     /// decide alone, now or when more have come: as many as are wanted, and as leave a degree of
     /// freedom, without which anything fits. Where all of [`LAST_RESORT`] stops or more and the last
@@ -331,7 +316,7 @@ impl ReferenceStops {
             target,
             located,
             stops: stops.len(),
-            chi_squared: best.chi_squared,
+            fit: best.fit(),
         })
     }
 }
@@ -351,13 +336,11 @@ fn decided(
         Err(why) => return Err(NotYet::Refused(*why)),
     };
     let best = &mut outcome.best;
-    let degrees = best.degrees_of_freedom;
-    if best.chi_squared > chance_limit(degrees) {
-        if attempt != Attempt::LastResort {
-            return Err(NotYet::Refused(Refusal::Inconsistent));
-        }
-        best.covariance *= best.chi_squared / degrees as f32;
+    let fit = best.fit();
+    if fit.is_bad() && attempt != Attempt::LastResort {
+        return Err(NotYet::Refused(Refusal::Inconsistent));
     }
+    best.covariance *= fit.inflation();
     let sure = best.heading_sigmas().iter().all(|&s| s < HEADING_LIMIT);
     if outcome.alternative.is_some() || !sure {
         return Err(NotYet::Refused(Refusal::Undetermined));
@@ -439,23 +422,6 @@ mod tests {
     use calib_core::dead_reckoning::Track;
 
     use super::*;
-
-    /// Quantiles for 0.999 from any table.
-    #[test]
-    fn chance_is_that_of_the_tables() {
-        for (degrees, quantile) in [
-            (1, 10.828),
-            (2, 13.816),
-            (3, 16.266),
-            (5, 20.515),
-            (10, 29.588),
-            (20, 45.315),
-        ] {
-            let limit = chance_limit(degrees);
-            assert!((limit / quantile - 1.0).abs() < 0.04, "{degrees}: {limit}");
-        }
-        assert!(!(f32::MAX > chance_limit(0)));
-    }
 
     fn nowhere() -> Place<f32> {
         Track::default().place(0.0).unwrap()

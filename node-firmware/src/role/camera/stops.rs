@@ -167,7 +167,7 @@ impl Camera {
             return;
         };
         self.unsaved.add(sighting(index));
-        let answer = self.calibration.solve();
+        let answer = self.calibration.solve(&self.config.weak.limits());
         let count = self.calibration.count();
         self.know(
             now,

@@ -1,6 +1,7 @@
 //! The end of a pseudo-terminal that plays the device.
 
 use std::{
+    collections::VecDeque,
     fs, io,
     os::{
         fd::OwnedFd,
@@ -30,6 +31,8 @@ pub(super) struct PseudoTerminal {
     link: PathBuf,
     /// A program has it open.
     connected: bool,
+    /// What came and was not read yet.
+    received: VecDeque<u8>,
 }
 
 impl PseudoTerminal {
@@ -56,6 +59,7 @@ impl PseudoTerminal {
             device,
             link: link.to_owned(),
             connected: false,
+            received: VecDeque::new(),
         })
     }
 
@@ -123,6 +127,35 @@ impl PseudoTerminal {
     }
 }
 
+/// With nothing to read it fails with [`io::ErrorKind::WouldBlock`].
+impl io::Read for PseudoTerminal {
+    fn read(&mut self, buffer: &mut [u8]) -> io::Result<usize> {
+        if self.received.is_empty() {
+            self.received = self.receive(Duration::ZERO)?.into();
+        }
+        let count = self.received.len().min(buffer.len());
+        for (place, byte) in buffer.iter_mut().zip(self.received.drain(..count)) {
+            *place = byte;
+        }
+        match count {
+            0 => Err(io::ErrorKind::WouldBlock.into()),
+            count => Ok(count),
+        }
+    }
+}
+
+/// What there is no room for is lost.
+impl io::Write for PseudoTerminal {
+    fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
+        self.send(bytes)?;
+        Ok(bytes.len())
+    }
+
+    fn flush(&mut self) -> io::Result<()> {
+        Ok(())
+    }
+}
+
 impl Drop for PseudoTerminal {
     fn drop(&mut self) {
         // Somebody else's link by now, perhaps.
@@ -137,7 +170,7 @@ fn replace_link(device: &Path, link: &Path) -> anyhow::Result<()> {
     if let Ok(target) = fs::read_link(link) {
         if target.exists() {
             bail!(
-                "{} points to {}, which is in use: remove it first if it is not another camera",
+                "{} points to {}, which is in use: remove it first if it is not another device",
                 link.display(),
                 target.display()
             );

@@ -5,11 +5,10 @@ use core::ops::Range;
 
 use embedded_storage_async::nor_flash::NorFlash;
 
-use super::{
-    LogError, SLOT_MAX,
+use crate::{
+    LogError, SLOT_MAX, copy,
     slot::{self, Content},
 };
-use crate::wire::copy;
 
 /// What to do with a slot, or with the bank it is the first of.
 #[derive(Clone, Copy)]

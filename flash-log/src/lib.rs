@@ -1,7 +1,6 @@
 //! A log of small records in two banks of a NOR flash, safe against the loss of power.
 //!
-//! [`Store`](super::Store) is built on it, and an application can keep its own facts in another
-//! range of the same flash. A record has a key; appending one replaces the record of this key. It
+//! A record has a key; appending one replaces the record of this key. It
 //! is there whole or not at all, whenever the power fails, and pages are worn evenly.
 //!
 //! Every record takes a slot of `SLOT` bytes: 6 of the log and a value of up to `SLOT - 6`. `SLOT`
@@ -60,17 +59,17 @@
 //! # }
 //! use embassy_embedded_hal::flash::partition::Partition;
 //! use embassy_sync::{blocking_mutex::raw::NoopRawMutex, mutex::Mutex};
-//! use zigbee_link::store::{Store, log::{Entry, Log}};
+//! use flash_log::{Entry, Log};
 //!
 //! # let nvmc = Nvmc([0xFF; 4 * 4096]);
 //! # embassy_futures::block_on(async {
 //! let flash = Mutex::<NoopRawMutex, _>::new(nvmc);
 //! let half = 2 * 4096;
-//! let link = Partition::new(&flash, 0, half);
-//! let facts = Partition::new(&flash, half, half);
+//! let [poses, counters] = [0, half].map(|start| Partition::new(&flash, start, half));
 //!
-//! let mut store = Store::new(link, 0..half)?;
-//! let mut log = Log::<_, 128>::new(facts, 0..half)?;
+//! let mut counters = Log::<_, 32>::new(counters, 0..half)?;
+//! counters.open().await?;
+//! let mut log = Log::<_, 128>::new(poses, 0..half)?;
 //! log.open().await?;
 //! let pose = Entry::new(1, b"x 2.5 m, y 7.0 m").ok_or("too long")?;
 //! log.append(&pose).await?;
@@ -78,6 +77,17 @@
 //! # Ok::<(), Box<dyn core::error::Error>>(())
 //! # }).unwrap();
 //! ```
+//!
+//! # Why not a ready-made map
+//! With `sequential-storage` 8.0.2, erasures cut off half-way, which may
+//! leave anything in a page, lost records in the power-cut test of this crate; and it skips records
+//! with a wrong checksum silently, which for a frame counter is a nonce used twice.
+
+#![no_std]
+#![forbid(unsafe_code)]
+
+#[cfg(test)]
+extern crate std;
 
 mod banks;
 mod crc;
@@ -92,7 +102,6 @@ use self::{
     banks::Banks,
     slot::{HEAD, HEADER, SUM},
 };
-use crate::wire::copy;
 
 /// Bytes of the longest slot.
 pub const SLOT_MAX: usize = 128;
@@ -308,5 +317,13 @@ mod tests {
         assert_eq!(entry.key(), 7);
         assert_eq!(entry.value()[..4], [1, 2, 3, 0]);
         assert_eq!(entry.value().len(), 90);
+    }
+}
+
+/// Copies as much as both have. Unlike `copy_from_slice` it leaves no branch to a panic where it is
+/// not inlined.
+fn copy(to: &mut [u8], from: &[u8]) {
+    for (to, from) in to.iter_mut().zip(from) {
+        *to = *from;
     }
 }

@@ -1,17 +1,30 @@
-//! What the coordinator has told.
+//! What a PC on a coordinator's line knows of its network, simulated or real.
+//!
+//! [`NetworkView`] takes the messages of the coordinator and the time. It tells members, poses and
+//! sightings, and makes a [`RunRecord`](crate::record::RunRecord) of them, so that tables, verdict,
+//! drawings and exports of a real network are those of a simulated one. A site file adds what nobody
+//! tells a PC: lenses, walls, the place in the building. A simulation adds the truth itself.
 
-use std::fmt;
+use std::{collections::BTreeMap, fmt, time::Duration};
 
-use calib_core::Pose;
+use calib_core::{Pose, Refusal, Status};
 use node_firmware::{
     console::{KeyChange, Network, ToPc},
-    message::{Address, Hello, Kind, PoseParts, Report, State},
+    message::{Address, Hello, Kind, PoseParts, Report, Sighted, State},
 };
 
-use answers::record::Estimate;
+use crate::record::{Estimate, Node, verdict::status_words};
+
+mod record;
+mod site;
+
+pub use site::{SitePlan, building_place, limits, outline};
+
+/// A camera that was asked for its sightings does not wait longer with its answer.
+const PATIENCE: Duration = Duration::from_secs(15);
 
 /// A member.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq)]
 pub struct Member {
     /// Its address.
     pub address: Address,
@@ -23,6 +36,14 @@ pub struct Member {
     pub report: Option<Report>,
     /// It joined again since, and has another address.
     pub replaced: bool,
+    /// When something new of it was heard.
+    pub heard: Option<Duration>,
+    /// When it first reported a pose.
+    pub posed: Option<Duration>,
+    /// The sightings that it told when it was asked, by their place in its list.
+    pub sightings: BTreeMap<u8, Sighted>,
+    /// When it was asked for them, and has not answered since.
+    asked: Option<Duration>,
 }
 
 impl Member {
@@ -40,17 +61,28 @@ impl Member {
             || self.report.is_some_and(|report| report.duty.is_some())
     }
 
-    /// Its pose, if it has one.
-    pub fn estimate(&self) -> Option<Estimate> {
-        estimate(self.report?.pose()?)
+    /// Its pose, whatever that is worth.
+    pub fn pose(&self) -> Option<Pose<f64>> {
+        let report = self.report?;
+        exact(report.pose()?)
     }
 
-    /// `calibrated`, or why not: a refusal's name, or `no_pose`.
-    pub fn status(&self) -> &'static str {
-        match self.report.map(|report| report.state) {
-            Some(State::Pose(_)) => "calibrated",
-            Some(State::Refused(refusal)) => refusal.name(),
-            Some(State::Waiting) | None => "no_pose",
+    /// Its pose with sigmas, if it has one.
+    pub fn estimate(&self) -> Option<Estimate> {
+        Estimate::new(&self.pose()?)
+    }
+
+    /// How far it is.
+    pub fn status(&self) -> Status {
+        self.report
+            .map_or(Status::Waiting, |report| report.status())
+    }
+
+    /// Why it has no pose.
+    pub fn reason(&self) -> Option<Refusal> {
+        match self.report?.state {
+            State::Refused(refusal) => Some(refusal),
+            _ => None,
         }
     }
 
@@ -64,11 +96,45 @@ impl Member {
             "unknown"
         }
     }
+
+    /// Whether it did not answer, though it was asked.
+    pub fn is_silent(&self, now: Duration) -> bool {
+        let waited = |asked: Duration| now.saturating_sub(asked) >= PATIENCE;
+        self.asked.is_some_and(waited)
+    }
+
+    /// Whether it has sightings to tell that it has not told.
+    pub fn has_untold_sightings(&self) -> bool {
+        let report = self.report.filter(|report| report.duty.is_none());
+        report.is_some_and(|report| self.sightings.len() != usize::from(report.sightings))
+    }
+
+    /// Tells what is known of it. Where it really is has to be there before.
+    pub fn describe(&self, node: &mut Node) {
+        node.address = Some(self.address);
+        node.heard_seconds = self.heard.map(|at| at.as_secs_f64());
+        node.calibrated_seconds = self.posed.map(|at| at.as_secs_f64());
+        if !self.is_camera() {
+            return;
+        }
+        node.status = Some(self.status());
+        node.reason = self.reason();
+        if let Some(pose) = self.pose() {
+            node.set_pose(&pose);
+        }
+        if let Some(report) = self.report {
+            node.sightings = report.sightings.into();
+            node.used = report.used.into();
+            node.chi_squared = Some(report.chi_squared.into());
+            node.done = report.done;
+        }
+    }
 }
 
-fn estimate(pose: &PoseParts) -> Option<Estimate> {
-    let pose = pose.pose()?;
-    Estimate::new(&Pose {
+/// The pose as the node sent it.
+fn exact(parts: &PoseParts) -> Option<Pose<f64>> {
+    let pose = parts.pose()?;
+    Some(Pose {
         position: pose.position.map(f64::from),
         heading: pose.heading.into(),
         covariance: pose.covariance.map(f64::from),
@@ -77,13 +143,13 @@ fn estimate(pose: &PoseParts) -> Option<Estimate> {
 
 /// What the coordinator has told.
 #[derive(Clone, Debug, Default)]
-pub struct Known {
+pub struct NetworkView {
     network: Option<Option<Network>>,
     members: Vec<Member>,
     key_change: Option<KeyChange>,
 }
 
-impl Known {
+impl NetworkView {
     /// Its network, if it has one.
     pub fn network(&self) -> Option<Network> {
         self.network.flatten()
@@ -114,18 +180,66 @@ impl Known {
         self.key_change
     }
 
-    /// Whether there are so many cameras, one at least, and all have a pose.
+    /// The present member of this number.
+    pub fn member(&self, id: u16) -> Option<&Member> {
+        let mut members = self.members.iter();
+        members.find(|member| member.id == id && !member.replaced)
+    }
+
+    /// The number of the node that has, or had, this address.
+    pub fn id_of(&self, address: Address) -> Option<u16> {
+        let mut members = self.members.iter();
+        Some(members.find(|member| member.address == address)?.id)
+    }
+
+    /// The cameras that are there, by number.
+    pub fn cameras(&self) -> Vec<&Member> {
+        let present = self.present().into_iter();
+        present.filter(|member| member.is_camera()).collect()
+    }
+
+    /// How many cameras have the status `calibrated`.
+    pub fn calibrated(&self) -> usize {
+        let cameras = self.cameras().into_iter();
+        cameras
+            .filter(|camera| camera.status() == Status::Calibrated)
+            .count()
+    }
+
+    /// Whether there are so many cameras, one at least, and all are calibrated.
     pub fn is_calibrated(&self, cameras: usize) -> bool {
-        let all: Vec<_> = self
-            .present()
-            .into_iter()
-            .filter(|m| m.is_camera())
-            .collect();
-        all.len() >= cameras.max(1) && all.iter().all(|camera| camera.estimate().is_some())
+        let all = self.cameras().len();
+        all >= cameras.max(1) && self.calibrated() == all
+    }
+
+    /// The member at this address is asked for its sightings.
+    pub fn asks(&mut self, now: Duration, address: Address) {
+        let mut members = self.members.iter_mut();
+        if let Some(member) = members.find(|member| member.address == address) {
+            member.asked.get_or_insert(now);
+        }
     }
 
     /// Takes a message. Returns what is new in words for people, if anything is.
-    pub fn take(&mut self, message: &ToPc) -> Option<String> {
+    pub fn take(&mut self, now: Duration, message: &ToPc) -> Option<String> {
+        let news = self.learn(now, message);
+        let told = match *message {
+            // The coordinator tells these again when it is asked, whoever is there.
+            ToPc::Member { address, .. } | ToPc::Report { address, .. } if news.is_some() => {
+                address
+            }
+            ToPc::Done { address, done } if done.success => address,
+            ToPc::Tracked { address, .. } | ToPc::Sighting { address, .. } => address,
+            _ => return news,
+        };
+        let mut members = self.members.iter_mut();
+        if let Some(member) = members.find(|member| member.address == told) {
+            member.heard = Some(now);
+        }
+        news
+    }
+
+    fn learn(&mut self, now: Duration, message: &ToPc) -> Option<String> {
         match *message {
             ToPc::Network(network) => {
                 let is_news = self.network.replace(network) != Some(network);
@@ -137,7 +251,7 @@ impl Known {
                 })
             }
             ToPc::Member { address, hello } => self.hello(address, hello),
-            ToPc::Report { address, report } => self.report(address, report),
+            ToPc::Report { address, report } => self.report(now, address, report),
             ToPc::Done { address, done } => {
                 let result = if done.success { "done" } else { "failed" };
                 Some(format!(
@@ -161,8 +275,12 @@ impl Known {
                     .filter(|_| is_news)
                     .map(|change| KeyNews(change).to_string())
             }
+            ToPc::Sighting { address, sighting } => {
+                self.sighting(address, sighting);
+                None
+            }
             // Nobody asks for these here.
-            ToPc::Tracked { .. } | ToPc::Sighting { .. } => None,
+            ToPc::Tracked { .. } => None,
         }
     }
 
@@ -175,7 +293,7 @@ impl Known {
     }
 
     /// The member at an address, if it is this node; made if there was none. Whether it was made.
-    fn member(&mut self, address: Address, id: u16) -> (&mut Member, bool) {
+    fn member_at(&mut self, address: Address, id: u16) -> (&mut Member, bool) {
         let known = |member: &Member| (member.address, member.id) == (address, id);
         let place = self.members.iter().position(known);
         if place.is_none() {
@@ -190,6 +308,10 @@ impl Known {
                 kind: None,
                 report: None,
                 replaced: false,
+                heard: None,
+                posed: None,
+                sightings: BTreeMap::new(),
+                asked: None,
             });
         }
         let last = self.members.len() - 1;
@@ -197,9 +319,8 @@ impl Known {
     }
 
     fn hello(&mut self, address: Address, hello: Hello) -> Option<String> {
-        let (member, is_new) = self.member(address, hello.id);
+        let (member, is_new) = self.member_at(address, hello.id);
         let is_news = member.kind.replace(hello.kind) != Some(hello.kind) || is_new;
-        let member = *member;
         is_news.then(|| {
             let reference = if member.is_reference() {
                 ", reference"
@@ -214,10 +335,26 @@ impl Known {
         })
     }
 
-    fn report(&mut self, address: Address, report: Report) -> Option<String> {
-        let (member, _) = self.member(address, report.id);
+    fn report(&mut self, now: Duration, address: Address, report: Report) -> Option<String> {
+        let (member, _) = self.member_at(address, report.id);
         let is_news = member.report.replace(report) != Some(report);
+        if report.pose().is_some() {
+            member.posed.get_or_insert(now);
+        }
         is_news.then(|| Progress(member).to_string())
+    }
+}
+
+impl NetworkView {
+    /// A camera lists all that it has, from the first to the last.
+    fn sighting(&mut self, address: Address, sighting: Sighted) {
+        let mut members = self.members.iter_mut();
+        if let Some(member) = members.find(|member| member.address == address) {
+            member.asked = None;
+            member.sightings.insert(sighting.index, sighting);
+            // It may have forgotten others since.
+            member.sightings.retain(|index, _| *index < sighting.count);
+        }
     }
 }
 
@@ -228,13 +365,14 @@ impl fmt::Display for Progress<'_> {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let member = self.0;
         write!(f, "camera {}: ", member.id)?;
+        let status = member.status();
         match member.estimate() {
             Some(e) => write!(
                 f,
-                "x {:.3} +/- {:.3}, y {:.3} +/- {:.3}, heading {:.2} +/- {:.2} deg",
+                "{status}: x {:.3} +/- {:.3}, y {:.3} +/- {:.3}, heading {:.2} +/- {:.2} deg",
                 e.x, e.sigma_x, e.y, e.sigma_y, e.heading_deg, e.sigma_heading_deg
             )?,
-            None => f.write_str(member.status())?,
+            None => f.write_str(&status_words(status, member.reason()))?,
         }
         if let Some(report) = member.report {
             write!(f, "; {} sightings", report.sightings)?;
@@ -266,19 +404,21 @@ impl fmt::Display for KeyNews {
 }
 
 #[cfg(test)]
-pub(crate) mod tests {
+mod tests {
     use calib_core::Refusal;
 
     use super::*;
 
-    pub(crate) const CAMERA: Kind = Kind::Camera { reference: None };
+    const NOW: Duration = Duration::ZERO;
 
-    pub(crate) fn member(address: Address, id: u16, kind: Kind) -> ToPc {
+    const CAMERA: Kind = Kind::Camera { reference: None };
+
+    fn member(address: Address, id: u16, kind: Kind) -> ToPc {
         let hello = Hello { id, kind };
         ToPc::Member { address, hello }
     }
 
-    pub(crate) fn reported(address: Address, id: u16, state: State) -> ToPc {
+    fn reported(address: Address, id: u16, state: State) -> ToPc {
         let report = Report {
             id,
             duty: None,
@@ -291,8 +431,8 @@ pub(crate) mod tests {
         ToPc::Report { address, report }
     }
 
-    pub(crate) fn pose() -> State {
-        State::Pose(PoseParts {
+    fn pose() -> State {
+        State::Calibrated(PoseParts {
             position: [1.0, -2.0],
             heading: core::f32::consts::FRAC_PI_2,
             covariance: [0.04, 0.0, 0.09, 0.0, 0.0, 0.0001],
@@ -301,7 +441,7 @@ pub(crate) mod tests {
 
     #[test]
     fn only_changes_are_news() {
-        let mut known = Known::default();
+        let mut known = NetworkView::default();
         let messages = [
             ToPc::Network(None),
             ToPc::Network(Some(Network {
@@ -313,56 +453,66 @@ pub(crate) mod tests {
             reported(1, 7, State::Refused(Refusal::DangerCircle)),
             reported(1, 7, pose()),
         ];
-        let news: Vec<_> = messages.iter().map(|m| known.take(m).unwrap()).collect();
+        let news: Vec<_> = messages
+            .iter()
+            .map(|m| known.take(NOW, m).unwrap())
+            .collect();
         assert_eq!(news[1], "network 0abc on channel 15");
         assert_eq!(news[2], "camera 7: member with address 0001");
-        assert_eq!(news[4], "camera 7: danger_circle; 4 sightings");
+        assert_eq!(
+            news[4],
+            "camera 7: no pose: the camera is on the circle through the targets: stop the target \
+             nearer or farther; 4 sightings"
+        );
         assert_eq!(
             news[5],
-            "camera 7: x 1.000 +/- 0.200, y -2.000 +/- 0.300, heading 90.00 +/- 0.57 deg; 4 sightings"
+            "camera 7: calibrated: x 1.000 +/- 0.200, y -2.000 +/- 0.300, heading 90.00 +/- 0.57 deg; 4 sightings"
         );
         for message in [&messages[1], &messages[2], &messages[5]] {
-            assert_eq!(known.take(message), None);
+            assert_eq!(known.take(NOW, message), None);
         }
     }
 
     #[test]
     fn calibrated_is_who_has_poses_only() {
-        let mut known = Known::default();
+        let mut known = NetworkView::default();
         assert!(!known.is_calibrated(0), "there is no camera");
-        known.take(&member(9, 4, Kind::Target));
-        known.take(&member(1, 7, CAMERA));
+        known.take(NOW, &member(9, 4, Kind::Target));
+        known.take(NOW, &member(1, 7, CAMERA));
         assert!(!known.is_calibrated(0));
-        known.take(&reported(1, 7, pose()));
+        known.take(NOW, &reported(1, 7, pose()));
         assert!(known.is_calibrated(0));
         assert!(!known.is_calibrated(2), "another one is awaited");
-        known.take(&reported(2, 8, State::Refused(Refusal::TooFew)));
+        known.take(NOW, &reported(2, 8, State::Refused(Refusal::TooFew)));
         assert!(!known.is_calibrated(0));
-        known.take(&reported(2, 8, pose()));
+        known.take(NOW, &reported(2, 8, pose()));
         assert!(known.is_calibrated(2));
     }
 
     #[test]
     fn who_joins_again_has_one_present_address() {
-        let mut known = Known::default();
-        known.take(&member(5, 7, CAMERA));
-        known.take(&member(3, 7, CAMERA));
-        known.take(&reported(3, 7, pose()));
+        let mut known = NetworkView::default();
+        known.take(NOW, &member(5, 7, CAMERA));
+        known.take(NOW, &member(3, 7, CAMERA));
+        known.take(NOW, &reported(3, 7, pose()));
         // A refresh tells the former address first, every time.
-        assert_eq!(known.take(&member(5, 7, CAMERA)), None);
+        assert_eq!(known.take(NOW, &member(5, 7, CAMERA)), None);
         assert_eq!(known.addresses(7), [5, 3]);
         assert_eq!(known.present().len(), 1);
         assert!(known.is_calibrated(0));
         // Its place is given to another node.
         let success = true;
-        known.take(&ToPc::Removed {
-            address: 5,
-            success,
-        });
-        known.take(&member(5, 8, CAMERA));
+        known.take(
+            NOW,
+            &ToPc::Removed {
+                address: 5,
+                success,
+            },
+        );
+        known.take(NOW, &member(5, 8, CAMERA));
         assert_eq!(known.addresses(7), [3]);
         assert_eq!(known.addresses(8), [5]);
-        known.take(&member(3, 9, CAMERA));
+        known.take(NOW, &member(3, 9, CAMERA));
         assert!(
             known.addresses(7).is_empty(),
             "another node has its address"

@@ -1,6 +1,6 @@
 //! The bytes of a slot, whatever its size.
 
-use super::crc::{Crc32, shifted};
+use crate::crc::{Crc32, shifted};
 
 /// Bytes of a slot before the value, and behind it.
 pub(super) const HEAD: usize = 2;

@@ -1,0 +1,109 @@
+//! What is the matter with most cameras, or their true errors.
+
+use calib_core::{
+    angle,
+    fit::{Fit, one_in_a_thousand},
+};
+
+use super::{
+    super::{Node, RunRecord, Target},
+    Common,
+};
+
+/// Chi squared that is exceeded as rarely as five sigmas by a normal number: of 1, 2 and 3 degrees
+/// of freedom, from the incomplete gamma function.
+const FIVE_SIGMAS: [f64; 3] = [25.0, 28.744, 31.812];
+/// So many cameras at least tell whether sigmas are too large.
+const MANY: usize = 10;
+/// Errors this many times smaller than foretold are not chance, among many cameras.
+const TOO_SMALL: f64 = 2.0;
+
+/// How many predicted sigmas the pose is off, if these are more than five are to one number.
+pub(super) fn deceives(camera: &Node) -> Option<f64> {
+    let fit = camera.truth_fit()?;
+    let limit = FIVE_SIGMAS.get(fit.degrees_of_freedom.checked_sub(1)?)?;
+    (!(fit.chi_squared <= *limit)).then(|| fit.chi_squared.sqrt())
+}
+
+/// What is bad as a whole, and not only because of the worst quarter of the cameras.
+pub(super) fn common(record: &RunRecord) -> Vec<Common> {
+    let mut common = Vec::new();
+    let lens = most(
+        record
+            .cameras()
+            .filter_map(|camera| true_bearings(record, camera)),
+    );
+    common.extend(lens.map(Common::Lens));
+    // A wrong lens makes places wrong, and either one residuals large: one cause is enough.
+    if common.is_empty() {
+        let carriers = record.targets.iter();
+        common.extend(
+            carriers.filter_map(|target| {
+                believed(target).map(|ratio| Common::Carrier(target.id, ratio))
+            }),
+        );
+    }
+    if common.is_empty() {
+        let residuals = record.cameras().map(Node::fit);
+        common.extend(most(residuals).map(Common::Misfit));
+    }
+    common.extend(errors(record));
+    common
+}
+
+/// How many times too large, where also without the worst quarter the fit is bad.
+fn most(fits: impl Iterator<Item = Fit<f64>>) -> Option<f64> {
+    let mut fits: Vec<_> = fits.filter(|fit| fit.degrees_of_freedom > 0).collect();
+    let excess = |fit: &Fit<f64>| fit.chi_squared - fit.degrees_of_freedom as f64;
+    fits.sort_by(|a, b| f64::total_cmp(&excess(b), &excess(a)));
+    let sum = |fits: &[Fit<f64>]| fits.iter().copied().fold(Fit::default(), Fit::and);
+    let rest = fits.get(fits.len().div_ceil(4)..).unwrap_or_default();
+    let ratio = sum(&fits).ratio();
+    ratio.filter(|_| sum(rest).degrees_of_freedom > 0 && sum(rest).is_bad())
+}
+
+/// The bearings of a camera against those under which the target really was.
+fn true_bearings(record: &RunRecord, camera: &Node) -> Option<Fit<f64>> {
+    let truth = camera.truth?;
+    let fits = camera.residuals.iter().filter_map(|residual| {
+        let stop = record.stop(residual)?;
+        let (off, sigmas) = (residual.residual_deg?, residual.normalised?);
+        let sigma = off / sigmas;
+        let real = (stop.y - truth.y).atan2(stop.x - truth.x).to_degrees() - truth.heading_deg;
+        let error = angle::wrap_signed((residual.bearing_deg - real).to_radians()).to_degrees();
+        (sigma > 0.0).then(|| Fit {
+            chi_squared: (error / sigma).powi(2),
+            degrees_of_freedom: 1,
+        })
+    });
+    fits.reduce(Fit::and)
+}
+
+/// How many times farther off than foretold a target believed to be. What its stops have in common
+/// they err in together, so that their mean counts like one of them.
+fn believed(target: &Target) -> Option<f64> {
+    let errors = target.stops.iter().filter_map(|stop| {
+        let believed = stop.believed?;
+        let off = |error: f64, sigma: f64| (sigma > 0.0).then(|| (error / sigma).powi(2));
+        Some(
+            off(believed.x - stop.x, believed.sigma_x)?
+                + off(believed.y - stop.y, believed.sigma_y)?,
+        )
+    });
+    let errors: Vec<f64> = errors.collect();
+    let mean = errors.iter().sum::<f64>() / errors.len() as f64;
+    (mean > one_in_a_thousand(2)).then(|| (mean / 2.0).sqrt())
+}
+
+/// The true errors of all cameras. They err together in what they learnt from one target, so that
+/// their mean counts like that of one camera, of three degrees of freedom.
+fn errors(record: &RunRecord) -> Option<Common> {
+    let fits: Vec<_> = record.cameras().filter_map(Node::truth_fit).collect();
+    let all = fits.iter().copied().fold(Fit::default(), Fit::and);
+    let ratio = all.ratio()?;
+    if 3.0 * ratio * ratio > one_in_a_thousand(3) {
+        Some(Common::Overconfident(ratio))
+    } else {
+        (fits.len() >= MANY && ratio * TOO_SMALL < 1.0).then(|| Common::Underconfident(1.0 / ratio))
+    }
+}

@@ -1,0 +1,371 @@
+//! Is the network calibrated, and if not, what is to be done?
+//!
+//! | module | job |
+//! |---|---|
+//! | `causes` | What is the matter with most cameras: lens, carrier, sigmas |
+//! | `in_view` | Whether a camera could have seen the target, or stands in a sealed room |
+//! | `words` | The verdict in sentences |
+
+use std::collections::{BTreeMap, BTreeSet};
+
+use calib_core::{Refusal, Status};
+
+use super::{
+    Node, Role, RunRecord,
+    next_stop::{self, Wish},
+};
+
+mod causes;
+mod in_view;
+mod words;
+
+pub use in_view::InView;
+pub use words::status_words;
+
+/// A sighting this many sigmas off its camera's pose is worth a look.
+const WILD: f64 = 5.0;
+
+/// What there is to say about a run, or a real network.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Verdict {
+    /// Cameras that are meant to be calibrated.
+    pub expected: usize,
+    /// How many of them have the status `calibrated`.
+    pub calibrated: usize,
+    /// Whether true errors are known and are not what the sigmas foretell: one is beyond five of
+    /// them, or all together are too large. Whoever relies on such poses is deceived.
+    pub deceives: bool,
+    /// What is the matter with single cameras, by ascending number.
+    pub findings: Vec<Finding>,
+    /// What is the matter with most of them.
+    pub common: Vec<Common>,
+    /// Targets that never joined their network, by ascending number.
+    pub absent: Vec<u16>,
+    /// Coordinators and targets that do not answer any more, and when they were last heard.
+    pub silent: Vec<(u16, Role, Option<f64>)>,
+    /// Nodes whose firmware could not go on, by ascending number.
+    pub failing: Vec<Failing>,
+    /// Where to stop the target next: by ascending network, the best place first.
+    pub next_stops: Vec<NextStop>,
+    unit: String,
+    has_networks: bool,
+    is_rehearsal: bool,
+}
+
+/// What is the matter with a camera.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Finding {
+    /// Which.
+    pub camera: u16,
+    /// What.
+    pub trouble: Trouble,
+}
+
+/// What can be the matter with a camera.
+#[derive(Clone, Debug, PartialEq)]
+#[non_exhaustive]
+pub enum Trouble {
+    /// No pose: it never was part of the network.
+    NeverJoined,
+    /// No pose: its board fails again and again, this often.
+    Fails(usize),
+    /// It does not answer any more; when it was last heard, seconds.
+    Silent(Option<f64>),
+    /// No pose: it has not seen the standing target.
+    NeverSaw(InView),
+    /// No pose: it has seen it at too few stops.
+    TooFew(usize),
+    /// No pose: the solver refused its sightings.
+    Refused(Refusal),
+    /// No pose: nobody knows where the target stands before the reference cameras know where they
+    /// look.
+    NoReferences,
+    /// No pose, and no reason.
+    NoPose,
+    /// Its sightings contradict each other, so neither pose nor sigmas can be relied on.
+    Doubtful {
+        /// Residuals are this many times too large, as far as that is known.
+        ratio: Option<f64>,
+        /// Predicted, of the position.
+        sigma_position: f64,
+    },
+    /// Its predicted sigmas are above the limits.
+    Weak {
+        /// Of the position.
+        sigma_position: f64,
+        /// Of the heading.
+        sigma_heading_deg: f64,
+    },
+    /// One sighting is this many sigmas off. A camera leaves such ones out.
+    Wild {
+        /// At which stop.
+        stop: u32,
+        /// How far.
+        sigmas: f64,
+    },
+    /// Its pose is this many predicted sigmas off the truth: beyond five, as chance allows in one of
+    /// two million poses.
+    Deceives(f64),
+}
+
+/// What can be the matter with the whole network.
+#[derive(Clone, Copy, Debug, PartialEq)]
+#[non_exhaustive]
+pub enum Common {
+    /// The cameras do not see the target where they would with their lenses: true bearings are this
+    /// many times farther off than foretold. Only a rehearsal can tell.
+    Lens(f64),
+    /// This target believed to be where it was not: this many times farther off than foretold. Only a
+    /// rehearsal can tell.
+    Carrier(u16, f64),
+    /// Residuals are this many times larger than foretold, for whatever reason.
+    Misfit(f64),
+    /// True errors are this many times larger than foretold.
+    Overconfident(f64),
+    /// True errors are this many times smaller than foretold. Nobody is deceived by that.
+    Underconfident(f64),
+}
+
+/// A node whose firmware could not go on, and was started again.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Failing {
+    /// Which.
+    pub node: u16,
+    /// What it is.
+    pub role: Role,
+    /// How often.
+    pub times: usize,
+    /// Why, the last time.
+    pub why: String,
+}
+
+/// A place where the target should stop.
+#[derive(Clone, Debug, PartialEq)]
+pub struct NextStop {
+    /// For which network, and in its frame.
+    pub network: u16,
+    /// Place.
+    pub x: f64,
+    /// Place.
+    pub y: f64,
+    /// The cameras that want to see it there.
+    pub seen_by: Vec<u16>,
+}
+
+impl Verdict {
+    /// On a run, or a real network.
+    pub fn of(record: &RunRecord) -> Self {
+        let networks = Networks::of(record);
+        let mut by_camera = BTreeMap::<u16, Vec<Trouble>>::new();
+        for camera in record.cameras().filter(|camera| camera.expected) {
+            let troubles = troubles(record, &networks, camera);
+            if !troubles.is_empty() {
+                by_camera.insert(camera.id, troubles);
+            }
+        }
+        let mut wishes = BTreeMap::<u16, Vec<Wish<'_>>>::new();
+        for camera in record.cameras() {
+            let troubles = by_camera.get(&camera.id);
+            if let Some(wish) = troubles.and_then(|own| networks.wish(camera, own)) {
+                wishes.entry(camera.network).or_default().push(wish);
+            }
+        }
+        let next_stops = wishes
+            .iter()
+            .flat_map(|(network, wishes)| next_stop::propose(record, *network, wishes))
+            .collect();
+        let findings: Vec<_> = by_camera
+            .into_iter()
+            .flat_map(|(camera, troubles)| {
+                let finding = move |trouble| Finding { camera, trouble };
+                troubles.into_iter().map(finding)
+            })
+            .collect();
+        let common = causes::common(record);
+        let others = || record.nodes.iter().filter(|node| !node.is_camera());
+        let is_target = |node: &&Node| node.role == Role::Target;
+        Self {
+            expected: record.summary.expected,
+            calibrated: record.summary.calibrated,
+            deceives: findings
+                .iter()
+                .any(|f| matches!(f.trouble, Trouble::Deceives(_)))
+                || common.iter().any(|c| matches!(c, Common::Overconfident(_))),
+            common,
+            absent: others()
+                .filter(|node| is_target(node) && node.never_joined())
+                .map(|target| target.id)
+                .collect(),
+            silent: others()
+                .filter(|node| node.silent)
+                .map(|node| (node.id, node.role, node.heard_seconds))
+                .collect(),
+            failing: record.nodes.iter().filter_map(Failing::of).collect(),
+            next_stops,
+            findings,
+            unit: record.unit.name.clone(),
+            has_networks: record.has_networks(),
+            is_rehearsal: record.seed.is_some(),
+        }
+    }
+
+    /// Whether every camera that should be calibrated is.
+    pub fn is_complete(&self) -> bool {
+        self.calibrated == self.expected
+    }
+
+    /// Whether every camera that should be calibrated is, and no true error is known that the sigmas
+    /// do not foretell.
+    pub fn is_good(&self) -> bool {
+        self.is_complete() && !self.deceives
+    }
+
+    /// 0 if [all is good](Self::is_good), otherwise 1.
+    pub fn exit_code(&self) -> u8 {
+        u8::from(!self.is_good())
+    }
+}
+
+/// What is the matter with a camera that should be calibrated.
+fn troubles(record: &RunRecord, networks: &Networks, camera: &Node) -> Vec<Trouble> {
+    let mut troubles = Vec::new();
+    let Some(estimate) = &camera.estimate else {
+        troubles.push(why_no_pose(record, networks, camera));
+        return troubles;
+    };
+    let sigma_position = estimate.sigma_position();
+    match camera.status {
+        Some(Status::Doubtful) => troubles.push(Trouble::Doubtful {
+            ratio: camera.fit().ratio(),
+            sigma_position,
+        }),
+        Some(Status::Weak) => troubles.push(Trouble::Weak {
+            sigma_position,
+            sigma_heading_deg: estimate.sigma_heading_deg,
+        }),
+        _ => {}
+    }
+    if camera.fit().is_bad() {
+        for residual in &camera.residuals {
+            let sigmas = residual.normalised.unwrap_or_default().abs();
+            if sigmas > WILD {
+                let stop = residual.stop;
+                troubles.push(Trouble::Wild { stop, sigmas });
+            }
+        }
+    }
+    if let Some(sigmas) = causes::deceives(camera) {
+        troubles.push(Trouble::Deceives(sigmas));
+    }
+    if camera.silent {
+        troubles.push(Trouble::Silent(camera.heard_seconds));
+    }
+    troubles
+}
+
+/// The first cause that the data do not exclude.
+fn why_no_pose(record: &RunRecord, networks: &Networks, camera: &Node) -> Trouble {
+    if camera.never_joined() {
+        return Trouble::NeverJoined;
+    }
+    if !camera.failures.is_empty() {
+        return Trouble::Fails(camera.failures.len());
+    }
+    if camera.silent {
+        return Trouble::Silent(camera.heard_seconds);
+    }
+    let waits = networks.unanswered.contains(&camera.network);
+    match (camera.reason, camera.sightings) {
+        (None, _) if waits && !camera.reference => Trouble::NoReferences,
+        (None | Some(Refusal::TooFew), 0) => match in_view::of(record, camera) {
+            // They are seen together, or not at all.
+            InView::Stops(_) | InView::Unknown if waits => Trouble::NoReferences,
+            in_view => Trouble::NeverSaw(in_view),
+        },
+        (None | Some(Refusal::TooFew), few @ 1..=2) => Trouble::TooFew(few),
+        (Some(refusal), _) => Trouble::Refused(refusal),
+        (None, _) if waits => Trouble::NoReferences,
+        (None, _) => Trouble::NoPose,
+    }
+}
+
+/// What of a network decides for all its cameras.
+struct Networks {
+    /// The references have no answer.
+    unanswered: BTreeSet<u16>,
+    /// A reference never joined.
+    halved: BTreeSet<u16>,
+    /// Some target joined, or nobody knows.
+    visited: BTreeSet<u16>,
+}
+
+impl Networks {
+    fn of(record: &RunRecord) -> Self {
+        let of = |nodes: &dyn Fn(&Node) -> bool| {
+            let nodes = record.nodes.iter().filter(|node| nodes(node));
+            nodes.map(|node| node.network).collect::<BTreeSet<_>>()
+        };
+        let is_reference = |node: &Node| node.is_camera() && node.reference;
+        let is_target = |node: &Node| node.role == Role::Target;
+        let empty = of(&|node| is_target(node) && node.never_joined());
+        let visited = of(&|node| is_target(node) && !node.never_joined());
+        Self {
+            unanswered: of(&|node| is_reference(node) && node.estimate.is_none()),
+            halved: of(&|node| is_reference(node) && node.never_joined()),
+            visited: &of(&|_| true) - &(&empty - &visited),
+        }
+    }
+
+    /// What a camera of which this was found asks for. Where to stop is not what is the matter with
+    /// whoever never joined, and the references see nothing together while one of them is missing.
+    fn wish<'a>(&self, camera: &'a Node, troubles: &[Trouble]) -> Option<Wish<'a>> {
+        let network = &camera.network;
+        let in_pair = camera.reference && self.unanswered.contains(network);
+        let helped = troubles.iter().any(Trouble::asks_for_a_stop);
+        let hopeless = troubles.iter().any(Trouble::is_hopeless);
+        let can_help = !camera.never_joined()
+            && !hopeless
+            && self.visited.contains(network)
+            && !(in_pair && self.halved.contains(network));
+        ((in_pair || helped) && can_help).then_some(Wish {
+            camera,
+            believes: camera.status != Some(Status::Doubtful),
+            in_pair,
+        })
+    }
+}
+
+impl Trouble {
+    /// Whether one more stop would help.
+    fn asks_for_a_stop(&self) -> bool {
+        matches!(
+            self,
+            Self::NeverSaw(_)
+                | Self::TooFew(_)
+                | Self::Refused(_)
+                | Self::NoPose
+                | Self::Doubtful { .. }
+                | Self::Weak { .. }
+        )
+    }
+
+    /// Whether no stop at all would help.
+    fn is_hopeless(&self) -> bool {
+        matches!(
+            self,
+            Self::NeverJoined | Self::Fails(_) | Self::Silent(_) | Self::NeverSaw(InView::Sealed)
+        )
+    }
+}
+
+impl Failing {
+    fn of(node: &Node) -> Option<Self> {
+        let last = node.failures.last()?;
+        Some(Self {
+            node: node.id,
+            role: node.role,
+            times: node.failures.len(),
+            why: last.why.clone(),
+        })
+    }
+}

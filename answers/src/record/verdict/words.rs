@@ -1,0 +1,229 @@
+//! The verdict in sentences.
+
+use std::fmt;
+
+use calib_core::{Refusal, Status};
+
+use super::{Common, Failing, Finding, InView, Role, Trouble, Verdict};
+
+/// What to look at, in a rehearsal and of a real node.
+const NEVER_JOINED: [&str; 2] = [
+    "it never joined: look at `radio`, at distances and at events",
+    "it never joined: check its power, its site key, the join window and its distance",
+];
+
+/// A status, with the reason where there is one, as people are told: what is the matter and what to
+/// do.
+pub fn status_words(status: Status, reason: Option<Refusal>) -> String {
+    match (status, reason) {
+        (Status::Refused, Some(refusal)) => format!("no pose: {refusal}"),
+        (Status::Refused, None) => "no pose: its sightings give none".to_owned(),
+        (Status::Waiting, _) => "waits for sightings: stop the target in its view".to_owned(),
+        (Status::Weak, _) => "weak: less certain than asked for".to_owned(),
+        (Status::Doubtful, _) => "doubtful: its sightings contradict each other".to_owned(),
+        (Status::Calibrated, _) => "calibrated".to_owned(),
+    }
+}
+
+fn role(role: Role) -> &'static str {
+    match role {
+        Role::Coordinator => "coordinator",
+        Role::Camera => "camera",
+        Role::Target => "target",
+    }
+}
+
+/// When a node was last heard.
+struct Since(Option<f64>);
+
+impl fmt::Display for Since {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str("it does not answer: check its power and its radio; ")?;
+        match self.0 {
+            Some(seconds) => write!(f, "last heard at {seconds:.0} s"),
+            None => f.write_str("it was never heard"),
+        }
+    }
+}
+
+impl fmt::Display for Failing {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let role = role(self.role);
+        let Self {
+            node, times, why, ..
+        } = self;
+        write!(f, "  {role} {node}: its firmware could not go on ")?;
+        match times {
+            1 => write!(f, "once, and was started again: {why}"),
+            _ => write!(
+                f,
+                "{times} times, and was started again; the last time: {why}"
+            ),
+        }
+    }
+}
+
+impl Finding {
+    fn write(&self, f: &mut fmt::Formatter<'_>, unit: &str, never_joined: &str) -> fmt::Result {
+        write!(f, "  camera {}: ", self.camera)?;
+        match &self.trouble {
+            Trouble::NeverJoined => write!(f, "not calibrated: {never_joined}"),
+            Trouble::Fails(_) => f.write_str("not calibrated: its board fails, see below"),
+            Trouble::Silent(since) => write!(f, "{}", Since(*since)),
+            Trouble::NeverSaw(in_view) => {
+                f.write_str("not calibrated: it never saw the target standing still")?;
+                match in_view {
+                    InView::Stops(count) => write!(
+                        f,
+                        ", though {count} of its stops are in its view: check the camera, and the \
+                         colour that it looks for"
+                    ),
+                    InView::Elsewhere => f.write_str(", and no stop is in its view"),
+                    InView::Sealed => f.write_str(
+                        ": it is in a sealed room; no place of the target's path, nor any that can \
+                         be walked to from there, is in its view",
+                    ),
+                    InView::Unknown => Ok(()),
+                }
+            }
+            Trouble::TooFew(n) => write!(f, "not calibrated: {n} of the 3 sightings it needs"),
+            Trouble::Refused(refusal) => write!(f, "not calibrated: {refusal}"),
+            Trouble::NoReferences => f.write_str(
+                "not calibrated: the two reference cameras come first, and have no answer yet",
+            ),
+            Trouble::NoPose => f.write_str("not calibrated: its pose did not arrive"),
+            Trouble::Doubtful {
+                ratio,
+                sigma_position,
+            } => {
+                f.write_str("not calibrated: doubtful, its sightings contradict each other")?;
+                if let Some(ratio) = ratio {
+                    write!(f, ", residuals {ratio:.1} times too large")?;
+                }
+                write!(
+                    f,
+                    ", predicted sigma {sigma_position:.3} {unit}: look at what it takes for the \
+                     target, and at its lens"
+                )
+            }
+            Trouble::Weak {
+                sigma_position,
+                sigma_heading_deg,
+            } => write!(
+                f,
+                "not calibrated: weak, predicted sigma {sigma_position:.3} {unit}, \
+                 {sigma_heading_deg:.2} deg"
+            ),
+            Trouble::Wild { stop, sigmas } => {
+                write!(f, "its sighting at stop {stop} is {sigmas:.0} sigmas off")
+            }
+            Trouble::Deceives(sigmas) => write!(
+                f,
+                "its pose is {sigmas:.1} predicted sigmas off the truth: whoever relies on it is \
+                 deceived"
+            ),
+        }
+    }
+}
+
+impl Verdict {
+    fn write_common(&self, f: &mut fmt::Formatter<'_>, common: Common) -> fmt::Result {
+        match common {
+            Common::Lens(ratio) => writeln!(
+                f,
+                "  The cameras see the target {ratio:.1} times farther off than foretold from where \
+                 it is: their lenses are not what they are configured to. Check the projection and \
+                 the field of view."
+            ),
+            Common::Carrier(target, ratio) => writeln!(
+                f,
+                "  Target {target} believed to be {ratio:.1} times farther off than foretold from \
+                 where it was: its carrier's steps or compass err by more than their sigmas. Give \
+                 larger systematic sigmas, or calibrate the carrier."
+            ),
+            Common::Misfit(ratio) if self.is_rehearsal => writeln!(
+                f,
+                "  The residuals are {ratio:.1} times larger than foretold, though neither lenses \
+                 nor the target's places are wrong: the sigmas of sightings are too small."
+            ),
+            Common::Misfit(ratio) => writeln!(
+                f,
+                "  The residuals are {ratio:.1} times larger than foretold: check projection and \
+                 field of view of the cameras first, then the carrier's step length and compass."
+            ),
+            Common::Overconfident(ratio) => writeln!(
+                f,
+                "  The true errors are {ratio:.1} times larger than foretold: whoever relies on \
+                 these poses is deceived."
+            ),
+            Common::Underconfident(ratio) => writeln!(
+                f,
+                "  The true errors are {ratio:.1} times smaller than foretold: the sigmas configured \
+                 are larger than what was rehearsed."
+            ),
+        }
+    }
+}
+
+impl fmt::Display for Verdict {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Self {
+            expected,
+            calibrated,
+            unit,
+            ..
+        } = self;
+        let never_joined = NEVER_JOINED[usize::from(!self.is_rehearsal)];
+        write!(f, "{calibrated} of {expected} cameras are calibrated")?;
+        let nothing = self.findings.is_empty() && self.common.is_empty();
+        let others = self.absent.len() + self.silent.len() + self.failing.len();
+        if nothing && others == 0 {
+            return writeln!(f, "; nothing is left to do.");
+        }
+        writeln!(f, ".")?;
+        for common in &self.common {
+            self.write_common(f, *common)?;
+        }
+        for finding in &self.findings {
+            finding.write(f, unit, never_joined)?;
+            writeln!(f)?;
+        }
+        for target in &self.absent {
+            writeln!(f, "  target {target}: {never_joined}")?;
+        }
+        for (id, who, since) in &self.silent {
+            writeln!(f, "  {} {id}: {}", role(*who), Since(*since))?;
+        }
+        for failing in &self.failing {
+            writeln!(f, "{failing}")?;
+        }
+        let mut before = None;
+        for stop in &self.next_stops {
+            let first = before.replace(stop.network) != Some(stop.network);
+            let lead = if first { "Next" } else { "Then" };
+            match (self.has_networks, first) {
+                (true, _) => write!(f, "{lead} in network {}: stop", stop.network)?,
+                (false, true) => write!(f, "{lead}: stop")?,
+                (false, false) => write!(f, "{lead} stop")?,
+            }
+            writeln!(
+                f,
+                " the target about ({:.1}, {:.1}), in view of {}",
+                stop.x,
+                stop.y,
+                cameras(&stop.seen_by)
+            )?;
+        }
+        Ok(())
+    }
+}
+
+/// `camera 3`, `cameras 3 and 4`, `cameras 3, 4 and 5`
+fn cameras(ids: &[u16]) -> String {
+    let names: Vec<String> = ids.iter().map(u16::to_string).collect();
+    match names.split_last() {
+        Some((last, [])) => format!("camera {last}"),
+        Some((last, rest)) => format!("cameras {} and {last}", rest.join(", ")),
+        None => "no camera".to_owned(),
+    }
+}

@@ -1,0 +1,164 @@
+//! A real network as a record.
+
+use std::{collections::BTreeMap, time::Duration};
+
+use calib_core::{Ray, Sighting};
+use nalgebra::{Matrix2, Point2};
+use node_firmware::{
+    config::Duty,
+    message::{Kind, Sighted},
+};
+
+use super::{Member, NetworkView, SitePlan, site::usual_limits};
+use crate::record::{
+    self, Believed, FORMAT, Node, Place, Role, RunRecord, Stop, Target, Unit, summary::Summary,
+};
+
+impl NetworkView {
+    /// What is known as the record of a network without truth. What the site file does not tell, or
+    /// where there is none, is not known, but that a weak pose is one by the firmware's own limits.
+    pub fn record(&self, now: Duration, site: Option<&SitePlan>) -> RunRecord {
+        let site = site.map(|site| site.with_references(self.references()));
+        let site = site.as_ref();
+        let mut nodes: Vec<Node> = site.map(SitePlan::nodes).unwrap_or_default();
+        for member in self.present() {
+            let role = match member.kind {
+                _ if member.is_camera() => Role::Camera,
+                Some(Kind::Target) => Role::Target,
+                // It has not said what it is.
+                _ => continue,
+            };
+            let place = nodes.iter().position(|node| node.id == member.id);
+            let place = place.unwrap_or_else(|| {
+                nodes.push(Node::new(member.id, role));
+                nodes.len() - 1
+            });
+            self.describe(now, member, &mut nodes[place]);
+        }
+        nodes.sort_by_key(|node| node.id);
+        let weak = usual_limits();
+        RunRecord {
+            format: FORMAT,
+            scenario: site.map_or_else(|| "network".to_owned(), |site| site.name.clone()),
+            path: None,
+            seed: None,
+            unit: site.map_or_else(
+                || Unit {
+                    name: "units".to_owned(),
+                    metres: 1.0,
+                },
+                |site| site.unit.clone(),
+            ),
+            limits: site.map_or(weak, |site| site.limits),
+            networks: vec![record::Network {
+                network: 1,
+                frame: Place {
+                    x: 0.0,
+                    y: 0.0,
+                    heading_deg: 0.0,
+                },
+                building: site.and_then(|site| site.building()),
+                pan: self.network().map(|network| network.pan),
+                channel: self.network().map(|network| network.channel),
+            }],
+            summary: Summary::of(&nodes),
+            nodes,
+            targets: self.targets(),
+            obstacles: site.map(SitePlan::obstacles).unwrap_or_default(),
+            radio: None,
+            sim_seconds: now.as_secs_f64(),
+            wall_seconds: None,
+        }
+    }
+
+    /// The numbers of the cameras that became the references, if both did.
+    fn references(&self) -> Option<[u16; 2]> {
+        let has = |duty: Duty| {
+            let mut cameras = self.cameras().into_iter();
+            let is_it = |m: &&Member| m.report.is_some_and(|report| report.duty == Some(duty));
+            cameras.find(is_it).map(|camera| camera.id)
+        };
+        Some([has(Duty::First)?, has(Duty::Second)?])
+    }
+
+    fn describe(&self, now: Duration, member: &Member, node: &mut Node) {
+        member.describe(node);
+        node.silent = member.is_silent(now);
+        if node.is_camera() {
+            node.expected = true;
+            node.reference |= member.is_reference();
+            let told: Vec<_> = member.sightings.values().map(|s| (self, s)).collect();
+            let sightings: Vec<_> = told
+                .iter()
+                .filter_map(|(view, told)| {
+                    Some((view.id_of(told.target)?, told.stop, sighting(told)))
+                })
+                .collect();
+            if !sightings.is_empty() {
+                let count = node.sightings;
+                let all = sightings.iter();
+                node.set_sightings(all.map(|(target, stop, s)| (*target, u32::from(*stop), s)));
+                node.sightings = count;
+            }
+        }
+    }
+
+    /// Where the targets said they stood, as far as cameras told.
+    fn targets(&self) -> Vec<Target> {
+        let mut targets = BTreeMap::<u16, BTreeMap<u16, Sighted>>::new();
+        for member in self
+            .present()
+            .iter()
+            .filter(|m| m.kind == Some(Kind::Target))
+        {
+            targets.entry(member.id).or_default();
+        }
+        for told in self.cameras().iter().flat_map(|c| c.sightings.values()) {
+            if let Some(target) = self.id_of(told.target) {
+                targets.entry(target).or_default().insert(told.stop, *told);
+            }
+        }
+        let targets = targets.into_iter().map(|(id, told)| {
+            let stops: Vec<Stop> = told.values().map(stop).collect();
+            Target {
+                id,
+                network: 1,
+                path: stops.iter().map(|stop| [stop.x, stop.y]).collect(),
+                stops,
+            }
+        });
+        targets.collect()
+    }
+}
+
+fn stop(told: &Sighted) -> Stop {
+    let [x, y] = told.position.map(f64::from);
+    let sigma = each_axis(told);
+    Stop {
+        stop: told.stop.into(),
+        seconds: None,
+        x,
+        y,
+        believed: Some(Believed {
+            x,
+            y,
+            sigma_x: sigma,
+            sigma_y: sigma,
+        }),
+    }
+}
+
+/// The camera tells that of both axes together.
+fn each_axis(told: &Sighted) -> f64 {
+    f64::from(told.position_sigma) / 2_f64.sqrt()
+}
+
+fn sighting(told: &Sighted) -> Sighting<f64> {
+    let sigma = each_axis(told);
+    Sighting {
+        target: Point2::from(told.position.map(f64::from)),
+        ray: Ray::from_bearing(f64::from(told.seen.bearing)),
+        bearing_sigma: told.seen.sigma.into(),
+        target_covariance: Matrix2::identity() * (sigma * sigma),
+    }
+}

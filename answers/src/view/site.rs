@@ -1,0 +1,163 @@
+//! What a site file tells of a network beside what the network tells itself.
+
+use nalgebra::{Point2, Vector2};
+use node_firmware::{
+    config::{CameraConfig, Role as Configured, SiteKey, Subjects},
+    sight::Lens,
+};
+use site::{Frame, NetworkTable, Scenario, ScenarioError, world::Obstacle};
+
+use crate::record::{Limits, Node, Place, Role, Unit, View, heading_degrees};
+
+/// Corners of a pillar's outline.
+const PILLAR: u8 = 24;
+
+/// A site file, for one of its networks.
+#[derive(Clone, Debug)]
+pub struct SitePlan {
+    pub(super) name: String,
+    pub(super) unit: Unit,
+    pub(super) limits: Limits,
+    scenario: Scenario,
+    network: NetworkTable,
+    frame: Option<Frame>,
+}
+
+impl SitePlan {
+    /// The network of a site to which most of these numbers belong; `None` if it has no network.
+    ///
+    /// # Errors
+    /// The file is none of which nodes can be configured.
+    pub fn new(scenario: &Scenario, members: &[u16]) -> Result<Option<Self>, ScenarioError> {
+        // No key is needed to know what else nodes are configured to.
+        let configs = site::configs(scenario, SiteKey::new(1, *b"no key is needed"), 1)?;
+        let belong = |network: &NetworkTable| {
+            let cameras = network.cameras.iter().map(|camera| camera.id);
+            let targets = network.targets.iter().map(|target| target.id);
+            cameras
+                .chain(targets)
+                .filter(|id| members.contains(id))
+                .count()
+        };
+        let networks = scenario.networks.iter().zip(&configs);
+        // Of several with as many, the first.
+        let best = networks.rev().max_by_key(|(network, _)| belong(network));
+        let Some((network, configs)) = best else {
+            return Ok(None);
+        };
+        let weak = configs.cameras.first().map(|config| &config.role);
+        let limits = match weak {
+            Some(Configured::Camera(camera)) => limits(camera),
+            _ => usual_limits(),
+        };
+        Ok(Some(Self {
+            name: scenario.name.clone(),
+            unit: Unit {
+                name: scenario.unit.clone(),
+                metres: scenario.metres_per_unit(),
+            },
+            limits,
+            frame: network.building_frame(),
+            network: network.clone(),
+            scenario: scenario.clone(),
+        }))
+    }
+
+    /// The same when these cameras are the references, if that is known.
+    pub(super) fn with_references(&self, references: Option<[u16; 2]>) -> Self {
+        let mut plan = self.clone();
+        if let Some(references) = references {
+            plan.frame = self.network.frame_between(references);
+        }
+        plan
+    }
+
+    /// Where the frame of the network is in the building.
+    pub(super) fn building(&self) -> Option<Place> {
+        self.frame.as_ref().map(building_place)
+    }
+
+    /// The cameras and targets that there should be.
+    pub(super) fn nodes(&self) -> Vec<Node> {
+        let cameras = self.network.cameras.iter().map(|placed| {
+            let mut node = Node::new(placed.id, Role::Camera);
+            let table = self.scenario.camera.for_camera(placed);
+            node.expected = true;
+            node.reference = !self.network.references.elected
+                && self.network.references.cameras.contains(&placed.id);
+            node.view = Some(View {
+                fov_deg: table.field_of_view_deg(),
+                range: table.range,
+            });
+            node.planned = self.frame.zip(placed.place()).zip(placed.heading_deg).map(
+                |((frame, place), heading_deg)| {
+                    let place = frame.place(place);
+                    Place {
+                        x: place.x,
+                        y: place.y,
+                        heading_deg: heading_degrees(frame.direction(heading_deg.to_radians())),
+                    }
+                },
+            );
+            node
+        });
+        let targets = self.network.targets.iter();
+        let targets = targets.map(|target| Node::new(target.id, Role::Target));
+        cameras.chain(targets).collect()
+    }
+
+    /// The outlines of what hides targets, in the frame of the network; none if nobody knows where
+    /// that is.
+    pub(super) fn obstacles(&self) -> Vec<Vec<[f64; 2]>> {
+        let Some(frame) = &self.frame else {
+            return Vec::new();
+        };
+        let all = self.scenario.world.obstacles.iter();
+        all.flat_map(site::obstacles)
+            .map(|obstacle| outline(&obstacle, frame))
+            .collect()
+    }
+}
+
+/// Where a frame is in the building.
+pub fn building_place(frame: &Frame) -> Place {
+    Place {
+        x: frame.origin.x,
+        y: frame.origin.y,
+        heading_deg: heading_degrees(calib_core::angle::wrap_positive(frame.heading)),
+    }
+}
+
+/// The outline of an obstacle in a frame.
+pub fn outline(obstacle: &Obstacle, frame: &Frame) -> Vec<[f64; 2]> {
+    let corners = match obstacle {
+        Obstacle::Segment(ends) => ends.to_vec(),
+        Obstacle::Disc { centre, radius } => (0..PILLAR)
+            .map(|n| {
+                let turn = f64::from(n) / f64::from(PILLAR) * std::f64::consts::TAU;
+                let (sin, cos) = turn.sin_cos();
+                centre + Vector2::new(cos, sin) * *radius
+            })
+            .collect(),
+        Obstacle::Polygon(corners) => corners.clone(),
+    };
+    let corners = corners
+        .into_iter()
+        .map(|corner: Point2<f64>| frame.place(corner));
+    corners.map(Into::into).collect()
+}
+
+/// What a camera was told about weak poses.
+pub fn limits(camera: &CameraConfig) -> Limits {
+    Limits {
+        sigma_position: camera.weak.position.into(),
+        sigma_heading_deg: camera.weak.heading_deg.into(),
+    }
+}
+
+/// What cameras are told where nobody says otherwise.
+pub(super) fn usual_limits() -> Limits {
+    // They do not depend on these.
+    let (lens, subjects) = (Lens::pin_hole(88, 45.0), Subjects::Motion { threshold: 12 });
+    limits(&CameraConfig::new(lens, subjects))
+}

@@ -1,0 +1,334 @@
+//! Whether values of a file make sense together. What each may be alone is in `keys`.
+
+mod events;
+
+use std::{collections::BTreeSet, fmt::Display, ops::RangeInclusive};
+
+use calib_core::camera::Projection;
+use cmucam2_emulator::FaultRates;
+use nalgebra::Vector2;
+use node_firmware::config::COLOURS_MAX;
+
+use super::{
+    FIRST_COORDINATOR,
+    error::ScenarioError,
+    file::{CameraTable, NetworkTable, PlacedCamera, Scenario, TargetTable},
+};
+use crate::world::Variant;
+
+type Checked = Result<(), ScenarioError>;
+
+/// So many numbers are left for their coordinators.
+const MOST_NETWORKS: f64 = (u16::MAX - FIRST_COORDINATOR) as f64 + 1.0;
+
+pub(super) fn refuse(
+    field: impl Into<String>,
+    found: impl Display,
+    allowed: impl Into<String>,
+) -> ScenarioError {
+    ScenarioError::Value {
+        line: None,
+        field: field.into(),
+        found: found.to_string(),
+        allowed: allowed.into(),
+    }
+}
+
+fn number(
+    field: impl Into<String>,
+    value: f64,
+    range: RangeInclusive<f64>,
+    advice: &str,
+) -> Checked {
+    if range.contains(&value) {
+        return Ok(());
+    }
+    let allowed = format!("{} to {}{advice}", range.start(), range.end());
+    Err(refuse(field, value, allowed))
+}
+
+fn place(field: &str, place: [f64; 2], scenario: &Scenario) -> Checked {
+    let world = &scenario.world;
+    let inside = (0..2).all(|i| (world.low[i]..=world.high[i]).contains(&place[i]));
+    if inside {
+        return Ok(());
+    }
+    let found = format!("({}, {})", place[0], place[1]);
+    let allowed = format!(
+        "between `world.low` ({}, {}) and `world.high` ({}, {}): move it, or make the world larger",
+        world.low[0], world.low[1], world.high[0], world.high[1]
+    );
+    Err(refuse(field, found, allowed))
+}
+
+/// All but what needs the world to be put up.
+pub(super) fn scenario(scenario: &Scenario) -> Checked {
+    unit(scenario)?;
+    world(scenario)?;
+    camera("camera", &scenario.camera)?;
+    if scenario.networks.is_empty() {
+        return Err(refuse(
+            "network",
+            "missing",
+            "there at least once, unless there is a `grid`",
+        ));
+    }
+    number(
+        "network (how many)",
+        scenario.networks.len() as f64,
+        1.0..=MOST_NETWORKS,
+        ": in a grid, set fewer `nodes` or more `cell_nodes`",
+    )?;
+    let mut ids = BTreeSet::new();
+    for (n, network) in (1..).zip(&scenario.networks) {
+        self::network(scenario, &format!("network {n}"), network, &mut ids)?;
+    }
+    events::check(scenario, &ids)
+}
+
+fn unit(scenario: &Scenario) -> Checked {
+    let is_known = ["units", "m", "metres"].contains(&scenario.unit.as_str());
+    if scenario.unit_metres.is_some() || is_known {
+        return Ok(());
+    }
+    let allowed = format!(
+        "how many metres one unit of length is, as `unit` is \"{}\"; `m` and `metres` need no \
+         `unit_metres`",
+        scenario.unit
+    );
+    Err(refuse("unit_metres", "missing", allowed))
+}
+
+fn world(scenario: &Scenario) -> Checked {
+    let world = &scenario.world;
+    for (i, axis) in [(0, "x"), (1, "y")] {
+        if world.high[i] <= world.low[i] {
+            let allowed = format!("above `world.low`, {}", world.low[i]);
+            return Err(refuse(
+                format!("world.high ({axis})"),
+                world.high[i],
+                allowed,
+            ));
+        }
+    }
+    Ok(())
+}
+
+pub(super) fn camera(name: &str, camera: &CameraTable) -> Checked {
+    let projection = camera.projection();
+    let degrees = camera.field_of_view_deg();
+    view(&format!("{name}.field_of_view_deg"), degrees, projection)?;
+    let believed = camera.believed();
+    if let Some(degrees) = camera.model.field_of_view_deg {
+        let field = format!("{name}.model.field_of_view_deg");
+        view(&field, degrees, believed.projection)?;
+    }
+    let last = f64::from(believed.columns) - 1.0;
+    number(
+        format!("{name}.model.principal_column"),
+        camera.model.principal_column.unwrap_or(0.0),
+        0.0..=last,
+        ": a column of the lens",
+    )?;
+    if camera.variant == Variant::Stage && projection != Projection::EqualAngle {
+        return Err(refuse(
+            format!("{name}.projection"),
+            "pin-hole",
+            "`equal-angle` for the variant `stage`; `camera.model.projection` is what nodes believe",
+        ));
+    }
+    fault_rates(name, &camera.faults).map(|_| ())
+}
+
+fn view(field: &str, degrees: f64, projection: Projection) -> Checked {
+    let most = match projection {
+        Projection::PinHole => 170.0,
+        Projection::EqualAngle => 360.0,
+    };
+    number(field, degrees, 1.0..=most, " degrees for such a lens")
+}
+
+/// The rates by their names.
+pub(super) fn fault_rates(
+    name: &str,
+    table: &std::collections::BTreeMap<String, f64>,
+) -> Result<FaultRates, ScenarioError> {
+    let mut rates = FaultRates::default();
+    for (fault, &rate) in table {
+        rates.set(fault, rate).map_err(|why| {
+            refuse(
+                format!("{name}.faults.{fault}"),
+                rate,
+                format!("a fault and its rate: {why}"),
+            )
+        })?;
+    }
+    Ok(rates)
+}
+
+fn network(
+    scenario: &Scenario,
+    name: &str,
+    network: &NetworkTable,
+    ids: &mut BTreeSet<u16>,
+) -> Checked {
+    if let Some(at) = network.coordinator {
+        place(&format!("{name}.coordinator"), at, scenario)?;
+    }
+    for corner in network.area.iter().flatten() {
+        place(&format!("{name}.area"), *corner, scenario)?;
+    }
+    if let Some([low, high]) = network.area
+        && (0..2).any(|i| high[i] <= low[i])
+    {
+        let found = format!("[{low:?}, {high:?}]");
+        let allowed =
+            "the lowest corner and then the highest one, such as [[0.0, 0.0], [9.0, 9.0]]";
+        return Err(refuse(format!("{name}.area"), found, allowed));
+    }
+    let members = network.cameras.len() + network.targets.len();
+    number(
+        format!("{name} (cameras and targets)"),
+        members as f64,
+        3.0..=32.0,
+        ": at least two cameras and a target; a coordinator has room for 32: with more, make two networks, \
+         each with references of its own",
+    )?;
+    let mut take = |field: String, id: u16| match ids.insert(id) {
+        true => Ok(()),
+        false => Err(refuse(field, id, "a number that no other node has")),
+    };
+    for (n, camera) in (1..).zip(&network.cameras) {
+        let name = format!("{name}.camera {n}");
+        take(format!("{name}.id"), camera.id)?;
+        if let Some(at) = camera.place() {
+            place(&format!("{name} (x, y)"), at.into(), scenario)?;
+        }
+        self::camera(&name, &scenario.camera.for_camera(camera))?;
+    }
+    for (n, target) in (1..).zip(&network.targets) {
+        let name = format!("{name}.target {n}");
+        take(format!("{name}.id"), target.id)?;
+        self::target(scenario, &name, target)?;
+    }
+    if network.targets.is_empty() {
+        return Err(refuse(
+            format!("{name}.target"),
+            "missing",
+            "there at least once",
+        ));
+    }
+    let colours: BTreeSet<_> = network.targets.iter().map(|target| target.colour).collect();
+    number(
+        format!("{name}.target (different colours)"),
+        colours.len() as f64,
+        1.0..=COLOURS_MAX as f64,
+        ": a camera looks for no more; make more networks",
+    )?;
+    let references = &network.references;
+    for id in references.cameras {
+        if !network.cameras.iter().any(|camera| camera.id == id) {
+            return Err(refuse(
+                format!("{name}.references.cameras"),
+                id,
+                "the `id` of a camera of this network",
+            ));
+        }
+    }
+    if references.cameras[0] == references.cameras[1] {
+        return Err(refuse(
+            format!("{name}.references.cameras"),
+            "the same camera twice",
+            "two cameras",
+        ));
+    }
+    self::references(scenario, name, network)?;
+    network.known(name).map(|_| ())
+}
+
+/// References that can be some.
+fn references(scenario: &Scenario, name: &str, network: &NetworkTable) -> Checked {
+    let references = &network.references;
+    for (key, is_known) in [
+        ("baseline_known", references.baseline_known()),
+        ("frame_heading_known", references.frame_heading_known()),
+    ] {
+        if references.elected && is_known {
+            let allowed = "`false` or left out where the references are `elected`: nobody knows \
+                           beforehand which two cameras they will be";
+            return Err(refuse(format!("{name}.references.{key}"), true, allowed));
+        }
+    }
+    if references.elected && references.baseline.is_some() {
+        let allowed = "left out where the references are `elected`";
+        return Err(refuse(
+            format!("{name}.references.baseline"),
+            "given",
+            allowed,
+        ));
+    }
+    let cameras = references.cameras.map(|id| network.camera(id));
+    let [Some(first), Some(second)] = cameras else {
+        return Ok(());
+    };
+    let (Some(origin), Some(other)) = (first.place(), second.place()) else {
+        return Ok(());
+    };
+    if origin == other {
+        return Err(refuse(
+            format!("{name}.references"),
+            "two cameras at one place",
+            "two places: their distance gives the network its scale",
+        ));
+    }
+    let sector = |camera: &PlacedCamera| {
+        let view = scenario.camera.for_camera(camera).field_of_view_deg();
+        Some((camera.heading_deg?.to_radians(), view.to_radians()))
+    };
+    if let (Some(first), Some(second)) = (sector(first), sector(second))
+        && !views_meet(other - origin, first, second)
+    {
+        return Err(refuse(
+            format!("{name}.references"),
+            "two cameras whose views never meet",
+            "two that see a common area, in which the walk begins: turn them, or take others",
+        ));
+    }
+    Ok(())
+}
+
+/// Whether two cameras, the second one so far from the first, look at anything in common, were
+/// there no walls and no range. Both are told by their headings and fields of view, radians.
+fn views_meet(baseline: Vector2<f64>, first: (f64, f64), second: (f64, f64)) -> bool {
+    const RAYS: i32 = 32;
+    let rays = |(heading, view): (f64, f64)| {
+        (0..=RAYS).map(move |ray| {
+            let angle = heading + view * (f64::from(ray) / f64::from(RAYS) - 0.5);
+            Vector2::new(angle.cos(), angle.sin())
+        })
+    };
+    rays(first).any(|a| {
+        rays(second).any(|b| {
+            let across = a.perp(&b);
+            // Where the two rays meet, in front of both.
+            baseline.perp(&b) / across > 0.0 && baseline.perp(&a) / across > 0.0
+        })
+    })
+}
+
+fn target(scenario: &Scenario, name: &str, target: &TargetTable) -> Checked {
+    for (n, &stop) in (1..).zip(target.stops.iter().flatten()) {
+        place(&format!("{name}.stops, place {n}"), stop, scenario)?;
+    }
+    if let Some(window) = target.window
+        && !window.is_ordered()
+    {
+        let allowed = "of each colour the lowest level, and then the highest one";
+        return Err(refuse(
+            format!("{name}.window"),
+            "in another order",
+            allowed,
+        ));
+    }
+    Ok(())
+}

@@ -1,0 +1,284 @@
+//! A file against the list of its keys.
+
+use toml::{
+    Spanned,
+    de::{DeTable, DeValue},
+};
+
+use super::{KEYS, Key, Kind};
+use crate::{check::refuse, configs::address, error::ScenarioError};
+
+type Value<'a> = Spanned<DeValue<'a>>;
+
+/// Refuses a key that there is not, and a value that a key may not have.
+pub(crate) fn check(text: &str) -> Result<(), ScenarioError> {
+    let document = DeTable::parse(text)?;
+    table(document.get_ref(), "", "").map_err(|(error, at)| error.at_line(line(text, at)))
+}
+
+type Checked = Result<(), (ScenarioError, usize)>;
+
+/// `path` is that of the key list, `name` what people call the table.
+fn table(table: &DeTable<'_>, path: &str, name: &str) -> Checked {
+    for (key, value) in table {
+        let own = key.get_ref().as_ref();
+        let field = join(name, own);
+        let Some(known) = find(path, own) else {
+            let error = ScenarioError::Key {
+                key: own.into(),
+                place: match name {
+                    "" => "at the top of the file".into(),
+                    name => format!("in `{name}`"),
+                },
+                nearest: nearest(path, own),
+                line: None,
+            };
+            return Err((error, key.span().start));
+        };
+        self::value(value, known, known.path, &field)?;
+    }
+    Ok(())
+}
+
+fn join(name: &str, own: &str) -> String {
+    match name {
+        "" => own.into(),
+        name => format!("{name}.{own}"),
+    }
+}
+
+/// The key of this name in a table.
+fn find(path: &str, own: &str) -> Option<&'static Key> {
+    siblings(path).find(|key| name_of(key) == own)
+}
+
+fn siblings(path: &str) -> impl Iterator<Item = &'static Key> {
+    KEYS.iter()
+        .filter(move |key| key.path.rsplit_once('.').map_or("", |(parent, _)| parent) == path)
+}
+
+fn name_of(key: &Key) -> &'static str {
+    let name = key.path.rsplit_once('.').map_or(key.path, |(_, name)| name);
+    name.trim_end_matches("[]")
+}
+
+/// The key that was probably meant.
+fn nearest(path: &str, own: &str) -> Option<String> {
+    let likeness = |key: &Key| strsim::jaro_winkler(name_of(key), own);
+    let best = siblings(path).max_by(|a, b| likeness(a).total_cmp(&likeness(b)))?;
+    if likeness(best) > 0.7 {
+        return Some(name_of(best).into());
+    }
+    // It may belong elsewhere.
+    let elsewhere = KEYS.iter().find(|key| name_of(key) == own)?;
+    Some(elsewhere.path.into())
+}
+
+fn value(value: &Value<'_>, key: &Key, path: &str, field: &str) -> Checked {
+    let wrong = |found: String| {
+        let error = refuse(field, found, key.kind.to_string());
+        Err((error, value.span().start))
+    };
+    let found = value.get_ref();
+    match key.kind {
+        Kind::Same(other) => match KEYS.iter().find(|key| key.path == other) {
+            Some(same) => self::value(value, same, other, field),
+            None => Ok(()),
+        },
+        Kind::Number(low, high, _) => match number(found) {
+            Some(number) if (low..=high).contains(&number) => Ok(()),
+            _ => wrong(show(found)),
+        },
+        Kind::Whole(low, high, _) => match whole(found) {
+            Some(number) if (low..=high).contains(&number) => Ok(()),
+            _ => wrong(show(found)),
+        },
+        Kind::Wholes(low, high, _) => match list(found, whole) {
+            Some(all) if !all.is_empty() && all.iter().all(|n| (low..=high).contains(n)) => Ok(()),
+            _ => wrong(show(found)),
+        },
+        Kind::Numbers(count, low, high, _) => match list(found, number) {
+            Some(all) if all.len() == count && all.iter().all(|n| (low..=high).contains(n)) => {
+                Ok(())
+            }
+            _ => wrong(show(found)),
+        },
+        Kind::Levels(count, low, high, _) => match list(found, whole) {
+            Some(all) if all.len() == count && all.iter().all(|n| (low..=high).contains(n)) => {
+                Ok(())
+            }
+            _ => wrong(show(found)),
+        },
+        Kind::Places(least, most, _) => {
+            let Some(places) = found.as_array() else {
+                return wrong(show(found));
+            };
+            for (n, place) in (1..).zip(places.iter()) {
+                let pair = list(place.get_ref(), number);
+                let is_place = |pair: &Vec<f64>| {
+                    pair.len() == 2 && pair.iter().all(|c| (-LARGE..=LARGE).contains(c))
+                };
+                if !pair.as_ref().is_some_and(is_place) {
+                    let allowed =
+                        format!("a place `[x, y]`: two numbers, each {} to {LARGE}", -LARGE);
+                    let error = refuse(
+                        format!("{field}, place {n}"),
+                        show(place.get_ref()),
+                        allowed,
+                    );
+                    return Err((error, place.span().start));
+                }
+            }
+            match places.len() {
+                count if (least..=most).contains(&count) => Ok(()),
+                1 => wrong("1 place".into()),
+                count if count > most => {
+                    let allowed = format!("{most} places or fewer: a target counts no further");
+                    let error = refuse(field, format!("{count} places"), allowed);
+                    Err((error, value.span().start))
+                }
+                count => wrong(format!("{count} places")),
+            }
+        }
+        Kind::Flag if found.is_bool() => Ok(()),
+        Kind::Text
+            if found
+                .as_str()
+                .is_some_and(|text| !text.contains(char::is_control)) =>
+        {
+            Ok(())
+        }
+        Kind::Texts if found.is_str() => Ok(()),
+        Kind::Address if found.as_str().is_some_and(|text| address(text).is_some()) => Ok(()),
+        Kind::Addresses => {
+            let is_address = |one: &DeValue<'_>| Some(address(one.as_str()?)?);
+            match list(found, is_address) {
+                Some(_) => Ok(()),
+                None => wrong(show(found)),
+            }
+        }
+        Kind::Choice(names) if found.as_str().is_some_and(|text| names.contains(&text)) => Ok(()),
+        Kind::OneOf(all) => match whole(found) {
+            Some(number) if all.iter().any(|&one| f64::from(one) == number) => Ok(()),
+            _ => wrong(show(found)),
+        },
+        Kind::Table => match found.as_table() {
+            Some(own) => table(own, path, field),
+            None => wrong(show(found)),
+        },
+        Kind::Tables => {
+            let Some(all) = found.as_array() else {
+                return wrong(show(found));
+            };
+            for (n, one) in (1..).zip(all.iter()) {
+                let name = format!("{field} {n}");
+                match one.get_ref().as_table() {
+                    Some(own) => table(own, path, &name)?,
+                    None => {
+                        let error = refuse(name, show(one.get_ref()), "a table");
+                        return Err((error, one.span().start));
+                    }
+                }
+            }
+            Ok(())
+        }
+        Kind::Rates => {
+            let Some(rates) = found.as_table() else {
+                return wrong(show(found));
+            };
+            let mut all = rates.iter();
+            match all.find(|(_, rate)| number(rate.get_ref()).is_none()) {
+                Some((name, rate)) => {
+                    let field = format!("{field}.{}", name.get_ref());
+                    let error = refuse(field, show(rate.get_ref()), "a number");
+                    Err((error, rate.span().start))
+                }
+                None => Ok(()),
+            }
+        }
+        Kind::Flag | Kind::Text | Kind::Texts | Kind::Address | Kind::Choice(_) => {
+            wrong(show(found))
+        }
+    }
+}
+
+/// The longest length and the like: far from where f32 on the nodes loses digits.
+const LARGE: f64 = super::table::LARGE;
+
+fn whole(value: &DeValue<'_>) -> Option<f64> {
+    let integer = value.as_integer()?;
+    let number = i128::from_str_radix(integer.as_str(), integer.radix()).ok()?;
+    Some(number as f64)
+}
+
+fn number(value: &DeValue<'_>) -> Option<f64> {
+    match value.as_float() {
+        Some(float) => float.as_str().parse().ok(),
+        None => whole(value),
+    }
+}
+
+fn list<T>(value: &DeValue<'_>, one: impl Fn(&DeValue<'_>) -> Option<T>) -> Option<Vec<T>> {
+    let all = value.as_array()?.iter();
+    all.map(|value| one(value.get_ref())).collect()
+}
+
+/// As it may stand in a message.
+fn show(value: &DeValue<'_>) -> String {
+    match value {
+        DeValue::Array(all) => {
+            let all: Vec<_> = all.iter().map(|one| show(one.get_ref())).collect();
+            format!("[{}]", all.join(", "))
+        }
+        DeValue::Table(_) => "a table".into(),
+        DeValue::String(text) => text.escape_debug().to_string(),
+        value => number(value).map_or_else(|| shown(value), |number| number.to_string()),
+    }
+}
+
+fn shown(value: &DeValue<'_>) -> String {
+    match value.as_bool() {
+        Some(flag) => flag.to_string(),
+        None => value.type_str().into(),
+    }
+}
+
+fn line(text: &str, at: usize) -> usize {
+    1 + text.bytes().take(at).filter(|&byte| byte == b'\n').count()
+}
+
+/// The line of what people call so, such as `network 1.camera 3.x`: its own, or that of the table
+/// where it should be. `None` if not even that is in the file.
+pub(crate) fn line_of(text: &str, field: &str) -> Option<usize> {
+    let document = DeTable::parse(text).ok()?;
+    let mut here = document.get_ref();
+    let mut found = None;
+    let field = field.split([',', '(']).next().unwrap_or(field).trim_end();
+    for part in field.split('.') {
+        let (name, number) = match part.split_once(' ') {
+            Some((name, number)) => (name, number.parse::<usize>().ok()),
+            None => (part, None),
+        };
+        // What an event does is a table in the event.
+        let action = || {
+            let action = here.get("action")?.get_ref().as_table()?;
+            let (_, what) = action.iter().next()?;
+            what.get_ref().as_table()?.get(name)
+        };
+        let Some(mut value) = here.get(name).or_else(action) else {
+            break;
+        };
+        if let (Some(number), Some(all)) = (number, value.get_ref().as_array()) {
+            match all.get(number.wrapping_sub(1)) {
+                Some(one) => value = one,
+                None => break,
+            }
+        }
+        found = Some(line(text, value.span().start));
+        match value.get_ref().as_table() {
+            Some(table) => here = table,
+            None => break,
+        }
+    }
+    found
+}

@@ -1,0 +1,239 @@
+//! The list of the keys.
+
+use node_firmware::{config::check::BAUD_RATES, message::StopNumber};
+
+use super::{
+    Key,
+    Kind::{
+        Address, Addresses, Choice, Flag, Levels, Number, Numbers, OneOf, Places, Rates, Same,
+        Table, Tables, Text, Texts, Whole, Wholes,
+    },
+    Used::{Both, Nodes, Rehearsal},
+    Without::{Camera, Coordinator, Is, Needed, Target},
+};
+use crate::{FIRST_COORDINATOR, PATH_MAX};
+
+/// The longest length and the like: far from where f32 on the nodes loses digits.
+pub(super) const LARGE: f64 = 1e5;
+/// As short as any length may be.
+const SMALL: f64 = 1e-3;
+
+const STOPS: super::Kind = Whole(
+    3.0,
+    16.0,
+    ": a pose needs three sightings, and a camera keeps 16",
+);
+const LENGTH: super::Kind = Number(SMALL, LARGE, " in the unit of the site");
+const COORDINATE: super::Kind = Number(-LARGE, LARGE, " in the unit of the site");
+const SIGMA: super::Kind = Number(0.0, LARGE, " in the unit of the site");
+const DIRECTION: super::Kind = Number(-360.0, 360.0, " degrees");
+const SPREAD: super::Kind = Number(0.0, 180.0, " degrees");
+const SHARE: super::Kind = Number(0.0, 1.0, "");
+const SECONDS: super::Kind = Number(0.0, 1e7, " seconds");
+const DURATION: super::Kind = Number(1e-3, 1e7, " seconds");
+const CHANNEL: super::Kind = Whole(11.0, 26.0, ": a channel of the 2.4 GHz band");
+const NODE: super::Kind = Whole(
+    1.0,
+    FIRST_COORDINATOR as f64 - 1.0,
+    ": larger numbers are those of coordinators",
+);
+/// Of events: 0 is a coordinator.
+const ANY_NODE: super::Kind = Whole(
+    0.0,
+    FIRST_COORDINATOR as f64 - 1.0,
+    ": the `id` of a camera or a target, or 0 for the first network's coordinator",
+);
+const LEVEL: super::Kind = Levels(2, 0.0, 255.0, ": the lowest level and the highest one");
+const MOST: usize = usize::MAX;
+
+const fn key(
+    path: &'static str,
+    kind: super::Kind,
+    default: super::Without,
+    used: super::Used,
+    what: &'static str,
+) -> Key {
+    Key {
+        path,
+        kind,
+        default,
+        used,
+        what,
+    }
+}
+
+/// All of them, in the order of `docs/site.md`.
+#[rustfmt::skip]
+pub const KEYS: &[Key] = &[
+    key("name", Text, Needed, Both, "What the site is called."),
+    key("about", Texts, Is(""), Both, "What it is, for people."),
+    key("unit", Text, Is("units"), Both, "Name of the unit of length; all lengths are in it. `m`, `metres` and `units` are one metre long."),
+    key("unit_metres", Number(1e-4, LARGE, " metres"), Is("1, for `m`, `metres` and `units`"), Both, "How many metres one unit is: for exports in metres and for the medium `log-distance`."),
+    key("key_file", Text, Is("asked for"), Nodes, "Name of the file with the site's key, from where this file is. Never the key itself."),
+    key("seed", Whole(0.0, 9.3e18, ""), Is("1"), Rehearsal, "The seed of every random number."),
+    key("path", Whole(1.0, PATH_MAX as f64, ""), Is("1"), Rehearsal, "Which of the planned ways targets take."),
+    key("stops", STOPS, Is("3"), Both, "Stops that are planned in view of each camera, and that each camera waits for."),
+    key("placement", Choice(&["planned", "anywhere"]), Is("planned"), Rehearsal, "How stops are chosen: where they help most, or anywhere in view."),
+    key("world", Table, Is(""), Rehearsal, "The place."),
+    key("camera", Table, Is(""), Both, "What all cameras are, unless one says otherwise."),
+    key("firmware", Table, Is(""), Nodes, "What all nodes are configured to, unless one says otherwise."),
+    key("network[]", Tables, Is("there, unless there is a `grid`"), Both, "A coordinator and what joins it, one hop apart; again for the next network."),
+    key("walk", Table, Is(""), Rehearsal, "How targets walk."),
+    key("sensor", Table, Is("assumed: reports the way from goal to goal"), Rehearsal, "How step sensors err."),
+    key("radio", Table, Is("`unit-disk` of range 45"), Rehearsal, "The radio medium."),
+    key("scatter", Table, Is(""), Rehearsal, "How far cameras stand from where this file has them, drawn from the seed."),
+    key("event[]", Tables, Is("none"), Rehearsal, "Something that happens by order of a script."),
+    key("grid", Table, Is("none"), Rehearsal, "Networks to be made, in place of `network`."),
+
+    key("network[].channel", CHANNEL, Is("15"), Nodes, "Its radio channel."),
+    key("network[].channels", Wholes(11.0, 26.0, ": channels of the 2.4 GHz band"), Is("`channel` alone"), Nodes, "Several, of which its coordinator takes the quietest; in place of `channel`."),
+    key("network[].references", Table, Needed, Both, "The two cameras that span its frame."),
+    key("network[].camera[]", Tables, Needed, Both, "Its cameras, two or more."),
+    key("network[].target[]", Tables, Needed, Both, "Its targets, one or more. A network has 32 members at most."),
+    key("network[].frame", Table, Is("from the places of the references"), Both, "Where its frame is in the building, if its references have no `x` and `y`."),
+    key("network[].coordinator", Numbers(2, -LARGE, LARGE, ": x and y"), Is("the middle of its cameras"), Rehearsal, "Where its coordinator stands."),
+    key("network[].coordinator_extended", Address, Is("made of its number"), Nodes, "EUI-64 of its coordinator."),
+    key("network[].allow", Addresses, Is("none"), Nodes, "EUI-64s of devices that may join besides its own cameras and targets."),
+    key("network[].area", Places(2, 2, ": the lowest corner and the highest one"), Is("the world"), Rehearsal, "Where its targets may go."),
+
+    key("network[].references.cameras", Levels(2, 1.0, FIRST_COORDINATOR as f64 - 1.0, ": the `id`s of two cameras of this network"), Needed, Both, "The first one is the origin of the frame, the x axis points to the second one. Where they are elected: those in whose view the walk begins."),
+    key("network[].references.elected", Flag, Is("false"), Nodes, "They are not configured; who sees the target first becomes one."),
+    key("network[].references.baseline_known", Flag, Is("true, unless `elected`"), Nodes, "Nodes are told the distance of the two."),
+    key("network[].references.baseline", LENGTH, Is("that of their `x` and `y`"), Nodes, "That distance as it was measured."),
+    key("network[].references.frame_heading_known", Flag, Is("true, unless `elected`"), Nodes, "Nodes are told from which direction the step sensor's headings count."),
+    key("network[].references.compass_deg", DIRECTION, Is("the frame's x axis; 0 if not known"), Both, "That direction in the building."),
+
+    key("network[].frame.x", COORDINATE, Needed, Both, "The first reference's place in the building."),
+    key("network[].frame.y", COORDINATE, Needed, Both, "The first reference's place in the building."),
+    key("network[].frame.heading_deg", DIRECTION, Needed, Both, "Direction from the first reference to the second one in the building."),
+
+    key("network[].camera[].id", NODE, Needed, Both, "Number of the node; no other of the site has it."),
+    key("network[].camera[].x", COORDINATE, Is("only needed in a rehearsal"), Both, "Where it stands in the building. Of the references, nodes are told what follows from it."),
+    key("network[].camera[].y", COORDINATE, Is("only needed in a rehearsal"), Both, "Where it stands in the building."),
+    key("network[].camera[].heading_deg", DIRECTION, Is("only needed in a rehearsal"), Rehearsal, "Where it looks: counter-clockwise from the x axis."),
+    key("network[].camera[].extended", Address, Is("made of its number"), Nodes, "Its EUI-64."),
+    key("network[].camera[].sensor", Same("camera.sensor"), Is("`[camera]`'s"), Both, "Its own image sensor."),
+    key("network[].camera[].projection", Same("camera.projection"), Is("`[camera]`'s"), Both, "Its own lens."),
+    key("network[].camera[].field_of_view_deg", Same("camera.field_of_view_deg"), Is("`[camera]`'s"), Both, "Its own lens."),
+    key("network[].camera[].range", Same("camera.range"), Is("`[camera]`'s"), Rehearsal, "How far this one sees."),
+    key("network[].camera[].model", Same("camera.model"), Is("`[camera]`'s"), Nodes, "What its own node believes."),
+    key("network[].camera[].baud", Same("camera.baud"), Is("`[camera]`'s"), Both, "Its own line."),
+    key("network[].camera[].faults", Same("camera.faults"), Is("`[camera]`'s"), Rehearsal, "Its own faults."),
+    key("network[].camera[].firmware", Same("firmware"), Is("`[firmware]`'s"), Nodes, "Its own parameters; what is not in it comes from `[firmware]`."),
+
+    key("network[].target[].id", NODE, Needed, Both, "Number of the node; no other of the site has it."),
+    key("network[].target[].colour", Levels(3, 0.0, 255.0, ": red, green and blue"), Is("[230, 105, 35], orange"), Both, "Its colour. Targets of one colour look the same to a camera, which tells four apart."),
+    key("network[].target[].window", Table, Is("`colour`, and `colour_tolerance` around it"), Nodes, "Levels that cameras take for its colour, where they were measured."),
+    key("network[].target[].radius", LENGTH, Is("0.15"), Rehearsal, "Its radius."),
+    key("network[].target[].stops", Places(3, StopNumber::MAX as usize, "; leave it out to have them planned"), Is("planned"), Rehearsal, "Where it stops, first where it begins."),
+    key("network[].target[].extended", Address, Is("made of its number"), Nodes, "Its EUI-64."),
+    key("network[].target[].firmware", Same("firmware"), Is("`[firmware]`'s"), Nodes, "Its own parameters, such as its carrier's; what is not in it comes from `[firmware]`."),
+    key("network[].target[].window.red", LEVEL, Needed, Nodes, "Of red."),
+    key("network[].target[].window.green", LEVEL, Needed, Nodes, "Of green."),
+    key("network[].target[].window.blue", LEVEL, Needed, Nodes, "Of blue."),
+
+    key("camera.field_of_view_deg", Number(1.0, 360.0, " degrees: below 170 for a pin-hole"), Is("asked for; a rehearsal assumes 60"), Both, "Angle from the middle of the first column to that of the last one."),
+    key("camera.projection", Choice(&["pin-hole", "equal-angle"]), Is("asked for; a rehearsal assumes that of the variant"), Both, "How directions are spread over the columns."),
+    key("camera.sensor", Choice(&["ov6620", "ov7620"]), Is("ov6620"), Both, "The image sensor: 88 columns or 160."),
+    key("camera.baud", OneOf(&BAUD_RATES), Camera("baud"), Both, "Baud rate that the camera's jumpers select."),
+    key("camera.model", Table, Is("the real lens"), Nodes, "The lens that nodes believe to have, where it is not the real one."),
+    key("camera.range", LENGTH, Is("8"), Rehearsal, "How far cameras see."),
+    key("camera.variant", Choice(&["cmucam2", "stage"]), Is("cmucam2"), Rehearsal, "How pictures come about: rendered and counted, or by a scan of equal angles as in Stage."),
+    key("camera.noise", Number(0.0, 100.0, " levels"), Is("2"), Rehearsal, "Noise of a pixel, standard deviation."),
+    key("camera.flicker", Number(0.0, 1.0, " of the light"), Is("0.01"), Rehearsal, "Change of the light from frame to frame."),
+    key("camera.faults", Rates, Is("none"), Rehearsal, "How often a fault of the camera or its line happens, by name."),
+    key("camera.model.projection", Choice(&["pin-hole", "equal-angle"]), Is("the real one"), Nodes, "How directions are spread over the columns."),
+    key("camera.model.field_of_view_deg", Number(1.0, 360.0, " degrees: below 170 for a pin-hole"), Is("the real one"), Nodes, "As it was measured."),
+    key("camera.model.principal_column", Number(0.0, 254.0, ": a column of the lens"), Is("the middle"), Nodes, "Column of the optical axis."),
+
+    key("firmware.tx_power", Whole(-40.0, 20.0, " dBm"), Is("0"), Nodes, "Transmit power."),
+    key("firmware.protection", Whole(5.0, 6.0, ": a security level of IEEE 802.15.4"), Is("6"), Nodes, "How frames are secured: 5 with 32 bits of integrity, 6 with 64."),
+    key("firmware.join_window_s", Whole(0.0, 600.0, " seconds"), Coordinator("join-window-s"), Nodes, "Coordinator: how long any device with the site's key may join after start-up."),
+    key("firmware.stops", STOPS, Is("`stops` of the site"), Nodes, "Camera: stops at which it wants to see the target."),
+    key("firmware.reference_stops", Whole(2.0, 12.0, ": 3 or more unless baseline and compass are known"), Is("`stops` of the site, at most 12"), Nodes, "Reference: stops after which it first solves."),
+    key("firmware.refine", Flag, Camera("refine"), Nodes, "Camera: goes on refining its pose after these."),
+    key("firmware.good_enough_position", SIGMA, Camera("good-enough.position"), Nodes, "Camera: wants no more stops when the sigma of its position, 0 for never, ..."),
+    key("firmware.good_enough_heading_deg", SPREAD, Camera("good-enough.heading-deg"), Nodes, "... and that of its heading are within these."),
+    key("firmware.weak_sigma", SIGMA, Camera("weak-sigma"), Nodes, "Camera: with a larger sigma of the position its pose is weak, and it asks for another stop."),
+    key("firmware.sigma_floor_px", Number(0.0, 10.0, " columns"), Camera("sigma-floor-px"), Nodes, "Camera: standard deviation of a sighting that no frame shows."),
+    key("firmware.first_column", Whole(0.0, 1.0, ""), Camera("first-column"), Nodes, "Camera: number of the first column in its packets."),
+    key("firmware.round", Flag, Camera("round"), Nodes, "Camera: targets are balls, so a blob that is narrower than tall is partly hidden."),
+    key("firmware.may_be_elected", Flag, Is("true"), Nodes, "Camera: may become a reference where these are `elected`."),
+    key("firmware.motion", Flag, Is("false"), Nodes, "Camera: looks for what differs from the background instead of for a colour."),
+    key("firmware.motion_threshold", Whole(1.0, 224.0, " levels"), Is("12"), Nodes, "Camera: by how much it must differ; 5 to 20 is usual."),
+    key("firmware.colour_tolerance", Whole(1.0, 120.0, " levels"), Is("45"), Nodes, "Camera: how far from a target's colour a pixel may be."),
+    key("firmware.systematic_heading_deg", SPREAD, Target("systematic-heading-deg"), Nodes, "Target: standard deviation of its step sensor's constant error of heading. Asked for."),
+    key("firmware.systematic_scale", SHARE, Target("systematic-scale"), Nodes, "Target: standard deviation of its step sensor's constant error of distance, as a share of it. Asked for."),
+    key("firmware.standing_sigma", Number(0.0, 1000.0, " in the unit of the site"), Target("standing-sigma"), Nodes, "Target: how still it stands, and how far from where it says; each axis."),
+    key("firmware.still_after_ms", Whole(100.0, 60_000.0, " milliseconds"), Target("still-after-ms"), Nodes, "Target: stands when no step came for so long."),
+    key("firmware.dwell_least_ms", Whole(0.0, 3.6e6, " milliseconds, at most `dwell_most_ms`"), Target("dwell-least-ms"), Nodes, "Target: the least time of a stop."),
+    key("firmware.dwell_most_ms", Whole(0.0, 3.6e6, " milliseconds"), Target("dwell-most-ms"), Nodes, "Target: the most time of a stop, whoever has not answered."),
+    key("firmware.hard_iron", Numbers(3, -400.0, 400.0, " uT"), Target("sensor.hard-iron"), Nodes, "Target: what the compass of its board reads too much on each axis. A board needs it."),
+    key("firmware.step_length", Number(1e-4, LARGE, " in the unit of the site"), Target("sensor.step-length"), Nodes, "Target: its carrier's step length at a swing of 1 m/s^2, on a board. Asked for where the unit is not the metre."),
+
+    key("world.low", Numbers(2, -LARGE, LARGE, ": x and y"), Is("[-2, -2]"), Rehearsal, "Its lowest corner."),
+    key("world.high", Numbers(2, -LARGE, LARGE, ": x and y"), Is("[28, 28]"), Rehearsal, "Its highest corner."),
+    key("world.obstacle[]", Tables, Is("none"), Rehearsal, "What blocks sight and ways: one of the three that follow."),
+    key("world.obstacle[].wall", Places(2, MOST, ""), Is(""), Rehearsal, "A thin wall along these corners."),
+    key("world.obstacle[].block", Places(3, MOST, "; two make a `wall`"), Is(""), Rehearsal, "A polygon."),
+    key("world.obstacle[].pillar", Table, Is(""), Rehearsal, "A disc."),
+    key("world.obstacle[].pillar.x", COORDINATE, Needed, Rehearsal, "Its middle."),
+    key("world.obstacle[].pillar.y", COORDINATE, Needed, Rehearsal, "Its middle."),
+    key("world.obstacle[].pillar.radius", LENGTH, Needed, Rehearsal, "Its radius."),
+
+    key("walk.speed", Number(1e-3, 1e3, " units a second"), Is("0.2"), Rehearsal, "How fast."),
+    key("walk.arrive_within", Number(1e-4, 1e3, " units"), Is("0.02"), Rehearsal, "A leg ends so near to its goal."),
+    key("walk.step_length", Number(1e-3, 1e3, " units"), Is("0.1"), Rehearsal, "How far a step goes."),
+    key("walk.patience_s", SECONDS, Is("600"), Rehearsal, "How long a target stands when nobody tells it to walk on."),
+
+    key("sensor.measures", Flag, Is("false"), Rehearsal, "It measures what was walked; otherwise it reports the way from goal to goal, as in the thesis."),
+    key("sensor.leg_distance", Number(0.0, 1.0, " of the distance"), Is("0"), Rehearsal, "Error of all distances of a leg, standard deviation."),
+    key("sensor.leg_heading_deg", SPREAD, Is("0"), Rehearsal, "Error of all headings of a leg, standard deviation."),
+    key("sensor.step_distance", Number(0.0, 1.0, " of the distance"), Is("0"), Rehearsal, "Error of each step's distance, standard deviation."),
+    key("sensor.step_heading_deg", SPREAD, Is("0"), Rehearsal, "Error of each step's heading, standard deviation."),
+    key("sensor.scale_bias", Number(-0.9, 9.0, " of the distance"), Is("0"), Rehearsal, "Constant error of distances. Within twice `systematic_scale`, nodes expect it."),
+    key("sensor.heading_bias_deg", Number(-180.0, 180.0, " degrees"), Is("0"), Rehearsal, "Constant error of headings. Within twice `systematic_heading_deg`, nodes expect it."),
+
+    key("radio.medium", Choice(&["unit-disk", "log-distance"]), Needed, Rehearsal, "Everybody within a distance is heard; or path loss with the logarithm of the distance, shadowing and capture."),
+    key("radio.range", LENGTH, Is("needed for `unit-disk`"), Rehearsal, "That distance, only for `unit-disk`."),
+    key("radio.exponent", Number(1.0, 8.0, ": 2 in free space, 3 indoors"), Is("3"), Rehearsal, "Of the path loss, only for `log-distance`."),
+    key("radio.shadowing_db", Number(0.0, 30.0, " dB"), Is("4"), Rehearsal, "Standard deviation for each link, only for `log-distance`."),
+    key("radio.loss", SHARE, Is("0"), Rehearsal, "Share of the frames that are lost besides."),
+
+    key("scatter.position", SIGMA, Is("0"), Rehearsal, "Standard deviation of x and of y."),
+    key("scatter.heading_deg", SPREAD, Is("0"), Rehearsal, "Standard deviation of the heading."),
+
+    key("event[].at_s", SECONDS, Needed, Rehearsal, "When, since the start."),
+    key("event[].action", Table, Needed, Rehearsal, "What: one of those that follow."),
+    key("event[].action.restart", Table, Is(""), Rehearsal, "A node restarts; what is in its flash stays."),
+    key("event[].action.restart.node", ANY_NODE, Needed, Rehearsal, "Which."),
+    key("event[].action.power-cut", Table, Is(""), Rehearsal, "A node and its camera lose their power."),
+    key("event[].action.power-cut.node", ANY_NODE, Needed, Rehearsal, "Which."),
+    key("event[].action.power-cut.for_s", DURATION, Needed, Rehearsal, "For how long."),
+    key("event[].action.power-cut.in_flash_write", Flag, Is("false"), Rehearsal, "Not before it next writes its flash, in the middle of that."),
+    key("event[].action.jam", Table, Is(""), Rehearsal, "A carrier covers a channel."),
+    key("event[].action.jam.for_s", DURATION, Needed, Rehearsal, "For how long."),
+    key("event[].action.jam.channel", CHANNEL, Is("all"), Rehearsal, "Which."),
+    key("event[].action.jam.at", Numbers(2, -LARGE, LARGE, ": x and y"), Is("everywhere"), Rehearsal, "Where it is; `reach` belongs to it."),
+    key("event[].action.jam.reach", LENGTH, Is("everywhere"), Rehearsal, "How far it reaches from `at`."),
+    key("event[].action.partition", Table, Is(""), Rehearsal, "Some nodes and all others do not hear one another."),
+    key("event[].action.partition.nodes", Wholes(0.0, FIRST_COORDINATOR as f64 - 1.0, ": some nodes, 0 for the first network's coordinator"), Needed, Rehearsal, "Which."),
+    key("event[].action.partition.for_s", DURATION, Needed, Rehearsal, "For how long."),
+    key("event[].action.loss", Table, Is(""), Rehearsal, "All links lose more frames."),
+    key("event[].action.loss.share", SHARE, Needed, Rehearsal, "Share of the frames."),
+    key("event[].action.loss.for_s", DURATION, Needed, Rehearsal, "For how long."),
+    key("event[].action.unplug-camera", Table, Is(""), Rehearsal, "Somebody pulls the plug between a node and its camera."),
+    key("event[].action.unplug-camera.node", NODE, Needed, Rehearsal, "Whose."),
+    key("event[].action.unplug-camera.for_s", DURATION, Needed, Rehearsal, "For how long."),
+    key("event[].action.unplug-camera.with_power", Flag, Is("true"), Rehearsal, "The camera's power goes with it."),
+    key("event[].action.stick-camera", Table, Is(""), Rehearsal, "A camera goes on reporting what it saw at that time."),
+    key("event[].action.stick-camera.node", NODE, Needed, Rehearsal, "Whose."),
+    key("event[].action.stick-camera.for_s", DURATION, Needed, Rehearsal, "For how long."),
+    key("event[].action.replay", Table, Is(""), Rehearsal, "Frames that a node sent are heard again."),
+    key("event[].action.replay.node", ANY_NODE, Needed, Rehearsal, "Whose."),
+    key("event[].action.replay.last_s", DURATION, Needed, Rehearsal, "Those of this time before."),
+
+    key("grid.nodes", Whole(2.0, 20_000.0, ""), Is("52"), Rehearsal, "Cameras in all."),
+    key("grid.cell_nodes", Whole(2.0, 30.0, ": a coordinator has room for 32, and a target joins too"), Is("13"), Rehearsal, "Cameras of a cell; each cell is a network."),
+    key("grid.cell_size", Number(SMALL, 1e4, ": three times the cameras' range or more"), Is("24"), Rehearsal, "Side of a cell."),
+];
