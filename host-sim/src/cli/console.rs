@@ -173,7 +173,8 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
             code = u8::from(!calibrated);
             ended = and(ended, print(&format!("\n{verdict}")).map_err(Into::into));
         }
-        let written = result.and_then(|record| arguments.outputs.write(&record, false, &end::End::Whole));
+        let written =
+            result.and_then(|record| arguments.outputs.write(&record, false, &end::End::Whole));
         ended = and(ended, written);
     }
     Ok(match ended? {

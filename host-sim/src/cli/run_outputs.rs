@@ -72,9 +72,15 @@ impl RecordOutputs {
         let frame = self.frame.into();
         let texts: [(&Option<PathBuf>, Make<'_>); 4] = [
             (&self.json, &|| Ok(end.mark_json(record.to_json(wall)?))),
-            (&self.csv, &|| Ok(end.mark_lines(export::csv(record, frame)?))),
-            (&self.yaml, &|| Ok(end.mark_lines(export::yaml(record, frame)?))),
-            (&self.ros, &|| Ok(end.mark_lines(export::ros_launch(record, frame)?))),
+            (&self.csv, &|| {
+                Ok(end.mark_lines(export::csv(record, frame)?))
+            }),
+            (&self.yaml, &|| {
+                Ok(end.mark_lines(export::yaml(record, frame)?))
+            }),
+            (&self.ros, &|| {
+                Ok(end.mark_lines(export::ros_launch(record, frame)?))
+            }),
         ];
         let mut written = Ok(());
         for (path, make) in texts {

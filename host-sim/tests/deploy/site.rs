@@ -74,7 +74,7 @@ fn what_nobody_can_guess_is_asked() {
         run.fails(asked);
         assert!(!place.path("pages").exists(), "{start}");
     }
-    place.write("room.toml", &format!("{}\nspeed = 1\n", file));
+    place.write("room.toml", &format!("{file}\nspeed = 1\n"));
     place.run(&PROVISION).fails("speed");
     place.write("room.toml", &file);
     place
