@@ -3,16 +3,18 @@
 
 use std::{
     cell::RefCell,
-    env, fs, io,
-    os::unix::fs::PermissionsExt,
+    env, fs,
+    io::{self, Write as _},
+    os::unix::{fs::PermissionsExt, net::UnixStream},
     path::{Path, PathBuf},
     process::{Child, Command},
     rc::Rc,
     thread,
-    time::Duration,
+    time::{Duration, Instant as Moment},
 };
 
 use answers::record::{Role as Part, RunRecord};
+use board_support::panel::{FRAME_MAX, FromNode, frame};
 use host_sim::network::{Emulation, EmulatorError, Options, Simulation};
 use node_firmware::{
     config::Role as Configured,
@@ -367,7 +369,12 @@ fn an_emulator_that_ends_is_told_with_its_status() {
     let message = refused(command.arg("--json").arg(&json), "ended (exit status: 3)");
     assert!(log(&message).exists());
     assert_eq!(programs.left().len(), 1);
-    let record = RunRecord::from_json(&fs::read_to_string(json).unwrap()).unwrap();
+    let json = fs::read_to_string(json).unwrap();
+    assert!(
+        json.contains("\"cut_short\": \"the emulator of node"),
+        "{json}"
+    );
+    let record = RunRecord::from_json(&json).unwrap();
     assert_eq!((record.scenario.as_str(), record.nodes.len()), ("lab", 9));
     assert!(
         record
@@ -375,6 +382,70 @@ fn an_emulator_that_ends_is_told_with_its_status() {
             .iter()
             .all(|node| node.calibrated_seconds.is_none())
     );
+}
+
+/// No table pretends to be a result.
+#[test]
+fn a_run_whose_board_failed_says_that_it_is_not_complete() {
+    let programs = Programs::with_emulator("exit 3\n");
+    let csv = programs.files.path().join("poses.csv");
+    let output = programs.host_sim("lab").arg("--csv").arg(&csv).output();
+    let output = output.unwrap();
+    assert_eq!(output.status.code(), Some(2));
+    let stdout = String::from_utf8(output.stdout).unwrap();
+    let first = stdout.lines().next().unwrap();
+    assert!(
+        first.starts_with("NOT COMPLETE: the emulator of node "),
+        "{stdout}"
+    );
+    let csv = fs::read_to_string(csv).unwrap();
+    let last = csv.lines().last().unwrap();
+    assert!(
+        last.starts_with("# not complete: the emulator of node "),
+        "{csv}"
+    );
+}
+
+/// What stands for an emulator in [`a_board_that_stalls_ends_the_run`]: it opens its lines, says
+/// something to its radio, and shows its lamps for two seconds. Elsewhere it does nothing.
+#[test]
+#[cfg(target_os = "linux")]
+fn stands_for_a_board_that_stalls() {
+    if env::var_os("STALLS").is_none() {
+        return;
+    }
+    let line = |name| UnixStream::connect(name).unwrap();
+    let [_device, mut radio, mut panel] = ["device", "radio", "panel"].map(line);
+    radio.write_all(&[0x7e]).unwrap();
+    let lamps = FromNode::Lamps {
+        joined: false,
+        target_seen: false,
+        calibrated: false,
+        may_walk: false,
+    };
+    for _ in 0..20 {
+        let mut buffer = [0; FRAME_MAX];
+        panel.write_all(frame(&lamps, &mut buffer)).unwrap();
+        thread::sleep(Duration::from_millis(100));
+    }
+    thread::sleep(Duration::from_secs(1000));
+}
+
+/// Long after it was switched on.
+#[test]
+#[cfg(target_os = "linux")]
+fn a_board_that_stalls_ends_the_run() {
+    let this = env::current_exe().unwrap();
+    let script = format!(
+        "exec {} --exact stands_for_a_board_that_stalls\n",
+        this.display()
+    );
+    let programs = Programs::with_emulator(&script);
+    let mut command = programs.host_sim("lab");
+    command.args(["--board-timeout", "1.5"]).env("STALLS", "");
+    let begin = Moment::now();
+    refused(&mut command, "did not tell what its lamps show");
+    assert!(begin.elapsed() > Duration::from_secs(3));
 }
 
 /// An emulator that says which process it is, and does nothing.

@@ -1,41 +1,41 @@
 //! Instruction counts of the node's routines on emulated processors.
 
 use std::{
-    io::{ErrorKind, Read},
+    io::Read,
     path::{Path, PathBuf},
-    process::{Command, Stdio},
     thread,
-    time::Duration,
+    time::{Duration, Instant},
 };
 
 use anyhow::{Context, Result, anyhow, bail, ensure};
 use bench_cortex_m::pose;
+use board_emulator::{Emulator, Machine, PROGRAM};
 use comfy_table::{CellAlignment, Table, presets::ASCII_MARKDOWN};
-use wait_timeout::ChildExt;
 use xshell::{Shell, cmd};
 
 const PACKAGE: &str = "bench-cortex-m";
-const EMULATOR: &str = "qemu-system-arm";
 
 /// A run takes seconds; one that takes this long hangs.
 const TIMEOUT: Duration = Duration::from_secs(120);
+/// How often it is looked at.
+const PERIOD: Duration = Duration::from_millis(5);
 
 struct Processor {
     name: &'static str,
     target: &'static str,
-    machine: &'static [&'static str],
+    machine: Machine,
 }
 
 const PROCESSORS: [Processor; 2] = [
     Processor {
         name: "Cortex-M4F",
         target: "thumbv7em-none-eabihf",
-        machine: &["-M", "mps2-an386", "-cpu", "cortex-m4"],
+        machine: Machine::Mps2An386,
     },
     Processor {
         name: "Cortex-M0",
         target: "thumbv6m-none-eabi",
-        machine: &["-M", "microbit"],
+        machine: Machine::Microbit,
     },
 ];
 
@@ -147,39 +147,34 @@ fn build(sh: &Shell, processor: &Processor) -> Result<PathBuf> {
 
 /// What the image prints.
 fn emulate(processor: &Processor, image: &Path) -> Result<String> {
-    let mut child = Command::new(EMULATOR)
-        .args(processor.machine)
-        // An instruction takes a nanosecond, and time depends on nothing else.
-        .args(["-icount", "shift=0"])
-        .args(["-display", "none", "-monitor", "none", "-serial", "none"])
-        .args(["-semihosting-config", "enable=on,target=native"])
-        .arg("-kernel")
-        .arg(image)
-        .stdin(Stdio::null())
-        .stdout(Stdio::piped())
-        .spawn()
-        .map_err(|error| match error.kind() {
-            ErrorKind::NotFound => {
-                anyhow!("{EMULATOR} is not installed: type `sudo apt-get install {EMULATOR}`")
-            }
-            _ => error.into(),
-        })?;
-    let mut stdout = child.stdout.take().context("the output is piped")?;
+    board_emulator::check()?;
+    let mut running = Emulator::new(processor.machine, image, Path::new("."))
+        .counting()
+        .print_to_owner()
+        .start()?;
+    let mut stdout = running.printed().context("the output is piped")?;
     let reader = thread::spawn(move || {
         let mut output = String::new();
         stdout.read_to_string(&mut output).map(|_| output)
     });
-    let Some(status) = child.wait_timeout(TIMEOUT)? else {
-        child.kill()?;
-        child.wait()?;
-        bail!("{EMULATOR} was stopped after {} s", TIMEOUT.as_secs());
+    let begin = Instant::now();
+    let status = loop {
+        if let Some(status) = running.status() {
+            break status;
+        }
+        let seconds = TIMEOUT.as_secs();
+        ensure!(
+            begin.elapsed() < TIMEOUT,
+            "{PROGRAM} was stopped after {seconds} s"
+        );
+        thread::sleep(PERIOD);
     };
     let output = reader
         .join()
-        .map_err(|_| anyhow!("reading the output of {EMULATOR} panicked"))??;
+        .map_err(|_| anyhow!("reading the output of {PROGRAM} panicked"))??;
     ensure!(
         status.success(),
-        "{EMULATOR} ended with {status} after printing:\n{output}"
+        "{PROGRAM} ended with {status} after printing:\n{output}"
     );
     Ok(output)
 }

@@ -1,12 +1,7 @@
 //! What of a linked image takes memory.
 
-use std::{fs, ops::Range, path::Path};
-
-use anyhow::{Context, Result, bail};
-use object::{
-    Object, ObjectSection, SectionFlags, SectionKind, elf,
-    read::elf::{ElfFile32, ProgramHeader},
-};
+use anyhow::{Result, bail};
+use object::{Object, ObjectSection, SectionFlags, SectionKind, elf};
 
 /// Bytes that an image takes.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -55,32 +50,10 @@ fn has_flag(section: &object::Section<'_, '_>, flag: elf::SectionFlags) -> bool 
     }
 }
 
-/// From the first to behind the last address that a programmer writes to the flash of an image for an
-/// ARM processor.
-pub(crate) fn flash_range(path: &Path) -> Result<Range<u64>> {
-    let name = path.display();
-    let bytes = fs::read(path).with_context(|| format!("{name} cannot be read"))?;
-    let file = ElfFile32::<object::Endianness>::parse(&*bytes)
-        .with_context(|| format!("{name} is no image for a board"))?;
-    if file.architecture() != object::Architecture::Arm {
-        bail!("{name} is no image for an ARM processor");
-    }
-    let endian = file.endian();
-    let parts = file
-        .elf_program_headers()
-        .iter()
-        .filter(|part| part.p_type(endian) == elf::PT_LOAD && part.p_filesz(endian) > 0)
-        .map(|part| {
-            let start = u64::from(part.p_paddr(endian));
-            start..start + u64::from(part.p_filesz(endian))
-        });
-    parts
-        .reduce(|all, part| all.start.min(part.start)..all.end.max(part.end))
-        .with_context(|| format!("{name} has nothing to write to a flash"))
-}
-
 #[cfg(test)]
 mod tests {
+    use std::fs;
+
     use super::*;
 
     /// Of this very program.

@@ -10,10 +10,8 @@ mod cortex_m;
 mod elf;
 mod emulate;
 mod firmware;
-mod flash;
 mod fuzz;
 mod peers;
-mod provision;
 mod setup;
 mod size;
 mod test;
@@ -48,9 +46,6 @@ enum Chore {
     Emulate,
     /// Images for all boards, to target/firmware, with what they take
     Firmware,
-    Keygen(provision::Keygen),
-    Provision(Box<provision::Provision>),
-    Flash(flash::Flash),
     /// Tests against programs of other projects, which are built from source first
     Peers,
     /// Fuzzes parsers with random and mutated input; needs a nightly compiler
@@ -76,7 +71,7 @@ fn run(chore: Chore) -> anyhow::Result<()> {
     // Whole, because it is shown.
     let root = Path::new(env!("CARGO_MANIFEST_DIR")).parent();
     sh.change_dir(root.context("xtask is in the workspace's folder")?);
-    if let Chore::Test | Chore::Emulate | Chore::Firmware | Chore::Flash(_) = chore {
+    if let Chore::Test | Chore::Emulate | Chore::Firmware = chore {
         firmware::prepare_linker(&sh)?;
     }
     match chore {
@@ -102,9 +97,6 @@ fn run(chore: Chore) -> anyhow::Result<()> {
             emulate::run(&sh)
         }
         Chore::Firmware => firmware::run(&sh),
-        Chore::Keygen(keygen) => keygen.run(),
-        Chore::Provision(provision) => provision.run(),
-        Chore::Flash(flash) => flash.run(&sh),
         Chore::Peers => {
             setup::packages(&sh)?;
             peers::run(&sh)

@@ -2,11 +2,12 @@
 
 use core::convert::Infallible;
 
-use board_support::panel::{Deframer, FRAME_MAX, FromNode, ToNode, frame};
+use board_support::panel::{Deframer, FRAME_MAX, FromNode, PERIOD_MS, ToNode, frame};
 use calib_core::dead_reckoning::Step;
 use embassy_sync::{
     blocking_mutex::raw::CriticalSectionRawMutex, channel::Channel, signal::Signal,
 };
+use embassy_time::{Duration, with_timeout};
 use embedded_io_async::{Read as _, Write as _};
 use node_firmware::hardware::{Button, Buttons, Indication, Indicator, StepSensor};
 
@@ -15,6 +16,8 @@ use crate::uart::Uart;
 /// Steps that wait. When a node does not ask for them the line waits too.
 const STEPS: usize = 8;
 const PRESSES: usize = 4;
+/// Lamps that do not change are told again after this.
+const AGAIN: Duration = Duration::from_millis(PERIOD_MS as u64);
 
 static STEPPED: Channel<CriticalSectionRawMutex, Step<f32>, STEPS> = Channel::new();
 static PRESSED: Channel<CriticalSectionRawMutex, Button, PRESSES> = Channel::new();
@@ -44,12 +47,15 @@ pub(crate) async fn listen(mut line: Uart) {
     }
 }
 
-/// Puts lamps on the line.
+/// Puts lamps on the line: when they change, and again before anybody thinks that the board stalls.
 #[embassy_executor::task]
 pub(crate) async fn tell(mut line: Uart) {
     let mut buffer = [0; FRAME_MAX];
+    let mut lamps = FromNode::from(Indication::default());
     loop {
-        let lamps = FromNode::from(SHOWN.wait().await);
+        if let Ok(changed) = with_timeout(AGAIN, SHOWN.wait()).await {
+            lamps = changed.into();
+        }
         let Ok(()) = line.write_all(frame(&lamps, &mut buffer)).await;
     }
 }

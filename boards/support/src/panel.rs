@@ -20,6 +20,9 @@ use serde::{Deserialize, Serialize, de::DeserializeOwned};
 /// Bytes of the longest frame, with its 0.
 pub const FRAME_MAX: usize = 19;
 
+/// How often a node tells its lamps, changed or not, milliseconds.
+pub const PERIOD_MS: u32 = 1_000;
+
 /// What happens to a node.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub enum ToNode {
@@ -40,7 +43,8 @@ impl From<Button> for ToNode {
     }
 }
 
-/// What a node shows. Sent whenever it changes.
+/// What a node shows. Sent whenever it changes, and every [`PERIOD_MS`]: who hears nothing for much
+/// longer knows that the board stalls.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub enum FromNode {
     /// Its lamps.

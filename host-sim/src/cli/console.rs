@@ -15,16 +15,18 @@ use anyhow::{Context, anyhow, bail};
 use clap::Args;
 use embedded_io::{Read, ReadReady, Write as _};
 use host_sim::console::{
-    key_file, output,
+    output,
     session::{Failure, Session, Wish, frame},
 };
 use host_sim::probe::port::{Port, PortError};
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 use node_firmware::{console::BAUD, message::Command};
-use site::{Overrides, Scenario};
+use site::{BUILT_IN, Overrides, Scenario, key_file};
 
 use super::{
-    and, file_name, interrupt, print,
+    and, end, file_name,
+    files::Files,
+    interrupt, print,
     run_outputs::{FOR_RESULTS, RecordOutputs},
     tell, values,
 };
@@ -65,7 +67,7 @@ pub(super) struct Arguments {
     /// Send a member away: its place is free then. Can be given several times.
     #[arg(long, value_name = "ID", help_heading = "Things to do")]
     remove: Vec<u16>,
-    /// Give all members the site key of this file, made by `cargo xtask keygen --index N`.
+    /// Give all members the site key of this file, made by `host-sim keygen --index N`.
     #[arg(long, value_name = "FILE", help_heading = "Things to do")]
     change_key: Option<PathBuf>,
     /// Have a camera do something: initialise, learn-colour, learn-background, forget. Can be given
@@ -137,8 +139,14 @@ enum End {
 
 pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
     // What is wrong with a file is told before anyone waits for the coordinator.
-    arguments.outputs.check(&[])?;
-    let site = arguments.site.as_deref().map(read_site).transpose()?;
+    let site = arguments.site.as_deref();
+    let file = site.filter(|name| !BUILT_IN.iter().any(|(known, _)| known == name));
+    let files = Files::default()
+        .reads([&arguments.port])
+        .reads(file)
+        .reads(&arguments.change_key);
+    arguments.outputs.check(files)?;
+    let site = site.map(read_site).transpose()?;
     let mut session = Session::new(wishes(arguments)?);
     let listens = session.is_done() || arguments.until_calibrated || arguments.seconds.is_some();
     if listens {
@@ -165,7 +173,8 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
             code = u8::from(!calibrated);
             ended = and(ended, print(&format!("\n{verdict}")).map_err(Into::into));
         }
-        let written = result.and_then(|record| arguments.outputs.write(&record, false));
+        let written =
+            result.and_then(|record| arguments.outputs.write(&record, false, &end::End::Whole));
         ended = and(ended, written);
     }
     Ok(match ended? {

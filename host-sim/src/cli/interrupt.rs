@@ -1,6 +1,9 @@
 //! Ctrl-C, for commands that have something to finish.
 
-use std::sync::{Arc, atomic::AtomicBool};
+use std::{
+    process::ExitCode,
+    sync::{Arc, atomic::AtomicBool},
+};
 
 use anyhow::Context;
 use signal_hook::{
@@ -8,8 +11,16 @@ use signal_hook::{
     flag,
 };
 
+use super::tell;
+
 /// What a shell reports for a program that Ctrl-C ended.
 pub(super) const INTERRUPTED: u8 = 130;
+
+/// Tells that it was so, after all results were written.
+pub(super) fn told() -> ExitCode {
+    tell("interrupted");
+    ExitCode::from(INTERRUPTED)
+}
 
 /// From now on Ctrl-C, and what else ends a program, only sets a flag; while it is set, a second
 /// one ends the program at once.

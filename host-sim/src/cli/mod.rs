@@ -14,9 +14,15 @@ use clap::{Parser, Subcommand};
 mod camera;
 mod camera_options;
 mod console;
+mod end;
+mod files;
+mod flash;
 mod interrupt;
+mod keygen;
+mod late;
 mod messages;
 mod probe;
+mod provision;
 mod pseudo_terminal;
 mod report;
 mod run;
@@ -28,9 +34,9 @@ mod sweep;
 mod sweep_outputs;
 mod values;
 mod whole_file;
-mod writable;
 
-/// Networks of cameras that calibrate themselves: simulated ones, and poses from recorded sightings.
+/// Networks of cameras that calibrate themselves: rehearsed, deployed, and poses from recorded
+/// sightings.
 #[derive(Parser)]
 #[command(version, propagate_version = true, arg_required_else_help = true)]
 struct Cli {
@@ -42,7 +48,10 @@ struct Cli {
 enum Command {
     Camera(camera::Arguments),
     Console(console::Arguments),
+    Flash(flash::Arguments),
+    Keygen(keygen::Arguments),
     Probe(probe::Arguments),
+    Provision(Box<provision::Arguments>),
     Report(report::Arguments),
     Run(run::Arguments),
     Solve(solve::Arguments),
@@ -55,7 +64,10 @@ pub(crate) fn main() -> ExitCode {
     let done = match Cli::parse().command {
         Command::Camera(arguments) => camera::run(&arguments),
         Command::Console(arguments) => console::run(&arguments),
+        Command::Flash(arguments) => flash::run(&arguments),
+        Command::Keygen(arguments) => keygen::run(&arguments),
         Command::Probe(arguments) => probe::run(&arguments),
+        Command::Provision(arguments) => provision::run(&arguments),
         Command::Report(arguments) => report::run(&arguments),
         Command::Run(arguments) => run::run(&arguments),
         Command::Solve(arguments) => solve::run(&arguments),
@@ -142,5 +154,81 @@ fn of_file(path: &Path, error: ReadError) -> anyhow::Error {
         ReadError::Io(error) => anyhow!("{name} cannot be read: {error}"),
         ReadError::Row(complaint) => anyhow!("{name}:{}: {}", complaint.line, complaint.text),
         error => anyhow!("{name} {error}"),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::{fs, path::Path};
+
+    use clap::CommandFactory;
+
+    use super::*;
+
+    /// Lines of code blocks, those that end with a backslash with the next one.
+    fn code(text: &str) -> Vec<String> {
+        let mut lines = Vec::new();
+        let (mut is_fenced, mut begun) = (false, String::new());
+        for line in text.lines() {
+            if line.trim_start().starts_with("```") {
+                is_fenced = !is_fenced;
+            } else if is_fenced || line.starts_with("    ") {
+                begun += line.trim();
+                match begun.strip_suffix('\\') {
+                    Some(start) => begun = start.to_owned(),
+                    None => lines.push(std::mem::take(&mut begun)),
+                }
+            }
+        }
+        lines
+    }
+
+    /// The words of a command of this program, as a shell takes them.
+    fn words(line: &str) -> Option<Vec<String>> {
+        let line = line.strip_prefix("$ ").unwrap_or(line);
+        let of_cargo = "cargo run --release -p host-sim -- ";
+        let line = line.replacen(of_cargo, "host-sim ", 1);
+        line.starts_with("host-sim ").then(|| {
+            let mut words = Vec::new();
+            for word in line.split_whitespace() {
+                match word {
+                    word if word.starts_with('#') => break,
+                    "|" | ">" | "&&" | "&" | ";" => break,
+                    word => words.push(word.trim_matches(['\'', '"']).to_owned()),
+                }
+            }
+            words
+        })
+    }
+
+    #[test]
+    fn every_command_in_the_documentation_can_be_typed() {
+        let root = Path::new(env!("CARGO_MANIFEST_DIR")).parent().unwrap();
+        let pages = fs::read_dir(root.join("docs")).unwrap();
+        let pages = pages.map(|page| page.unwrap().path());
+        let pages = pages.filter(|page| page.extension().is_some_and(|end| end == "md"));
+        let mut count = 0;
+        for page in pages.chain([root.join("README.md")]) {
+            let text = fs::read_to_string(&page).unwrap();
+            for words in code(&text).iter().filter_map(|line| words(line)) {
+                let parsed = Cli::command().try_get_matches_from(&words);
+                let is_help = |error: &clap::Error| !error.use_stderr();
+                if let Err(error) = parsed.map(drop)
+                    && !is_help(&error)
+                {
+                    panic!("{}: {}\n{error}", page.display(), words.join(" "));
+                }
+                count += 1;
+            }
+        }
+        assert!(count > 20, "{count} commands");
+    }
+
+    #[test]
+    fn commands_are_found_in_code() {
+        let text =
+            "host-sim run\n\n    host-sim a \\\n      b   # c\n```sh\n$ host-sim d | less\n```\n";
+        let found: Vec<_> = code(text).iter().filter_map(|line| words(line)).collect();
+        assert_eq!(found, [vec!["host-sim", "a", "b"], vec!["host-sim", "d"]]);
     }
 }

@@ -31,6 +31,7 @@ use indicatif::ProgressBar;
 
 use super::{
     camera_options::{CameraOptions, USUAL_COLUMNS},
+    files::Files,
     interrupt::INTERRUPTED,
     messages, tell, values, whole_file,
 };
@@ -196,6 +197,10 @@ fn is_interruption(error: &anyhow::Error) -> bool {
 
 fn probe(arguments: &Arguments) -> anyhow::Result<()> {
     // What is wrong with a file is told before anyone waits for the camera.
+    Files::default()
+        .reads([&arguments.port])
+        .writes(&arguments.frame)
+        .check()?;
     let recording = match &arguments.record {
         Some(path) => Some((
             path.as_path(),
@@ -203,12 +208,6 @@ fn probe(arguments: &Arguments) -> anyhow::Result<()> {
         )),
         None => None,
     };
-    if let Some(folder) = arguments.frame.as_deref().and_then(Path::parent)
-        && !folder.as_os_str().is_empty()
-        && !folder.is_dir()
-    {
-        bail!("there is no folder {}", folder.display());
-    }
     let person = Person::new()?;
     let mut bench = Bench::begin(arguments, person)?;
     let done = bench.work(recording);

@@ -1,17 +1,19 @@
 //! `host-sim report`
 
-use std::{collections::HashSet, path::PathBuf, process::ExitCode};
+use std::{path::PathBuf, process::ExitCode};
 
 use answers::record::{RunRecord, sweep::Sweep, verdict::Verdict};
 use answers::report::run::{run_report, runs_report};
-use anyhow::{Context, bail, ensure};
+use anyhow::{Context, bail};
 use clap::{Args, Subcommand};
 
 use super::{
-    and, file_name, print,
-    run_outputs::{FOR_RESULTS, Prepared, RunOutputs, read_record},
+    and,
+    end::End,
+    files::{Files, check_different},
+    print,
+    run_outputs::{FOR_RESULTS, Prepared, RunOutputs, read_record, read_whole},
     sweep_outputs::{self, Incomplete, SweepOutputs},
-    writable,
 };
 
 /// Tables, drawings and exports from the records of finished runs.
@@ -62,7 +64,7 @@ struct Swept {
 const RUN_EPILOGUE: &str = "\
 Exit codes:
   0  every camera that should be calibrated is, and true errors are what the sigmas foretell
-  1  one is not, or errors are larger, or --check found a difference
+  1  one is not, or errors are larger, the run was cut short, or --check found a difference
   2  wrong options, or a file could not be read or written";
 
 const MANY_EPILOGUE: &str = "\
@@ -82,9 +84,10 @@ Exit codes:
 pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
     match &arguments.what {
         What::Run(one) => {
-            let record = read_record(&one.file)?;
+            let (record, end) = read_record(&one.file)?;
             let which = (record.scenario.as_str(), record.path);
-            finish(&record, &one.outputs.prepare(which, &[])?)
+            let files = Files::default().reads([&one.file]);
+            finish(&record, &one.outputs.prepare(which, files)?, &end)
         }
         What::Runs(many) => together(&many.files),
         What::Sweep(swept) => sweep(swept),
@@ -94,9 +97,16 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
 /// How every run ends: its report on the screen, its files, and its exit code. The report comes
 /// first, for it may have taken long and no file can be in its way; each failure is told or
 /// returned.
-pub(super) fn finish(record: &RunRecord, outputs: &Prepared<'_>) -> anyhow::Result<ExitCode> {
+pub(super) fn finish(
+    record: &RunRecord,
+    outputs: &Prepared<'_>,
+    end: &End,
+) -> anyhow::Result<ExitCode> {
     let mut code = Verdict::of(record).exit_code();
-    let mut text = run_report(record);
+    let mut text = end.mark_text(run_report(record));
+    if *end != End::Whole {
+        code = code.max(1);
+    }
     let compared = outputs.compare(record).map(|difference| {
         if let Some(difference) = difference {
             text += &format!("\n{difference}");
@@ -104,27 +114,15 @@ pub(super) fn finish(record: &RunRecord, outputs: &Prepared<'_>) -> anyhow::Resu
         }
     });
     let ended = and(compared, print(&text).map_err(anyhow::Error::from));
-    and(ended, outputs.write(record)).map(|()| ExitCode::from(code))
-}
-
-/// Refuses a file that is given twice: its run would count twice.
-fn check_different(files: &[PathBuf]) -> anyhow::Result<()> {
-    let mut seen = HashSet::new();
-    for file in files {
-        ensure!(
-            seen.insert(writable::place(file)),
-            "{} is named twice: leave one out",
-            file_name(file)
-        );
-    }
-    Ok(())
+    and(ended, outputs.write(record, end)).map(|()| ExitCode::from(code))
 }
 
 fn together(files: &[PathBuf]) -> anyhow::Result<ExitCode> {
+    // A run would count twice.
     check_different(files)?;
     let records: Vec<RunRecord> = files
         .iter()
-        .map(|f| read_record(f))
+        .map(|f| read_whole(f))
         .collect::<Result<_, _>>()?;
     let first = records.first().map(|record| &record.scenario);
     if records.iter().any(|record| Some(&record.scenario) != first) {
@@ -137,13 +135,13 @@ fn together(files: &[PathBuf]) -> anyhow::Result<ExitCode> {
 
 fn sweep(swept: &Swept) -> anyhow::Result<ExitCode> {
     check_different(&swept.files)?;
-    swept.outputs.check()?;
+    swept.outputs.check(Files::default().reads(&swept.files))?;
     let (mut sweep, mut incomplete) = (Sweep::default(), Incomplete::default());
     for file in &swept.files {
-        let record = read_record(file)?;
+        let record = read_whole(file)?;
         incomplete.look_at(&record);
         sweep.add(&record)?;
     }
     let report = sweep.finish().context("there are no runs")?;
-    sweep_outputs::finish(&report, &incomplete, &swept.outputs)
+    sweep_outputs::finish(&report, &incomplete, &swept.outputs, &End::Whole)
 }

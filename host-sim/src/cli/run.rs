@@ -5,6 +5,7 @@ use std::{
     io::Write,
     path::{Path, PathBuf},
     process::ExitCode,
+    sync::atomic::Ordering,
     time::Duration,
 };
 
@@ -16,12 +17,15 @@ use node_firmware::console::BAUD;
 
 use super::{
     and,
+    end::End,
+    files::Files,
+    interrupt,
+    late::Late,
     pseudo_terminal::PseudoTerminal,
     report::finish,
     run_outputs::{FOR_RESULTS, RunOutputs, write},
     scenario_options::{FOR_SCENARIO, ScenarioOptions},
     tell, values,
-    writable::Late,
 };
 
 /// Lets a network calibrate itself, and compares what it found with the truth.
@@ -79,23 +83,32 @@ enum Backend {
 
 const EPILOGUE: &str = "\
 Exit codes:
-  0  every camera that should be calibrated is, and true errors are what the sigmas foretell
-  1  one is not, or a pose is more than five predicted sigmas off, or all together are too far off,
-     or --check found a difference
-  2  wrong options, an impossible scenario, a file could not be read or written, or an emulated
-     board ended by itself: the results are of what was before";
+  0    every camera that should be calibrated is, and true errors are what the sigmas foretell
+  1    one is not, or a pose is more than five predicted sigmas off, or all together are too far off,
+       or --check found a difference
+  2    wrong options, an impossible scenario, a file could not be read or written, or an emulated
+       board stalled or ended by itself
+  130  ended by Ctrl-C or SIGTERM; a second one ends it at once
+
+Results of a run that was ended, or whose board failed, are of what was before, and say so: the
+report and the record at their beginning (`cut_short`), other files in their last line.";
 
 pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
     let scenario = arguments.scenario.load(arguments.seed)?;
     let script = arguments.pcap.as_deref().and_then(script_of);
-    let besides = [&arguments.pcap, &script, &arguments.log];
-    let besides: Vec<&Path> = besides
-        .into_iter()
-        .flatten()
-        .map(PathBuf::as_path)
-        .collect();
+    let image = arguments.image.as_deref().unwrap_or(Path::new(IMAGE));
+    let files = Files::default()
+        .reads(arguments.scenario.file())
+        .reads(arguments.port.iter().map(|(_, path)| path))
+        .reads(arguments.console.iter().map(|(_, link)| link))
+        .reads([image])
+        .writes(
+            [&arguments.pcap, &script, &arguments.log]
+                .into_iter()
+                .flatten(),
+        );
     let which = (scenario.name.as_str(), scenario.recorded_path());
-    let outputs = arguments.outputs.prepare(which, &besides)?;
+    let outputs = arguments.outputs.prepare(which, files)?;
     let speed = arguments.speed.as_ref().and_then(|speed| speed.0);
     ensure!(
         arguments.speed.is_none()
@@ -122,7 +135,6 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
     let emulation = match arguments.backend {
         Backend::Host => None,
         Backend::Qemu => {
-            let image = arguments.image.as_deref().unwrap_or(Path::new(IMAGE));
             let emulation = Emulation::of(image)?;
             Some(match arguments.board_timeout {
                 Some(timeout) => emulation.with_timeout(timeout),
@@ -131,9 +143,11 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
         }
     };
     let [pcap, log] = [&arguments.pcap, &arguments.log].map(|path| path.as_deref().map(Late::new));
+    let stop = interrupt::watch()?;
     let options = Options {
         speed,
         emulation,
+        stop: stop.clone(),
         pcap: pcap.clone().map(writer),
         log: log.clone().map(writer),
     };
@@ -153,15 +167,25 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
     let bar = bar();
     let record = simulation.run(|progress| show(&bar, &progress));
     bar.finish_and_clear();
+    let trouble = simulation.trouble();
+    let is_stopped = stop.load(Ordering::Relaxed);
+    let end = match &trouble {
+        _ if is_stopped => {
+            End::CutShort(format!("interrupted after {:.1} s", simulation.seconds()))
+        }
+        Some(trouble) => End::CutShort(trouble.to_string()),
+        None => End::Whole,
+    };
     // Each is told, and none keeps the others from being written.
-    let mut ended = finish(&record, &outputs);
+    let mut ended = finish(&record, &outputs, &end);
     for file in [pcap, log].into_iter().flatten() {
         ended = and(ended, file.finish());
     }
     if let Some(script) = &script {
         ended = and(ended, write(script, Ok(simulation.decryption_script())));
     }
-    match simulation.trouble() {
+    match trouble {
+        _ if is_stopped => ended.map(|_| interrupt::told()),
         Some(trouble) => and(ended, Err(trouble.into())),
         None => ended,
     }

@@ -8,10 +8,10 @@ use std::{
 use answers::export::{self, Frame};
 use answers::plot;
 use answers::record::{RunRecord, difference::Difference};
-use anyhow::Context;
+use anyhow::{Context, bail};
 use clap::{Args, ValueEnum};
 
-use super::{and, file_name, values, whole_file, writable};
+use super::{and, end::End, file_name, files::Files, values, whole_file};
 
 /// Heading for the options of every command that ends with a run's record.
 pub(super) const FOR_RESULTS: &str = "Results";
@@ -58,26 +58,29 @@ impl From<FrameOption> for Frame {
 }
 
 impl RecordOutputs {
-    /// Finds out what cannot be written before there is anything to write. `more` are files that are
-    /// written too.
-    pub(super) fn check(&self, more: &[&Path]) -> anyhow::Result<()> {
-        let files = [&self.json, &self.csv, &self.yaml, &self.ros];
-        let files = files.into_iter().flatten().map(PathBuf::as_path);
-        let files: Vec<&Path> = files.chain(more.iter().copied()).collect();
-        let drawings = DRAWINGS.map(|(name, _)| name);
-        let folder = self.plots.as_deref().map(|folder| (folder, &drawings[..]));
-        writable::check(&files, folder)
+    /// Finds out what cannot be written before there is anything to write. There may be other files
+    /// besides.
+    pub(super) fn check<'a>(&'a self, others: Files<'a>) -> anyhow::Result<()> {
+        let results = [&self.json, &self.csv, &self.yaml, &self.ros];
+        let files = others.writes(results.into_iter().flatten());
+        files.writes_into(&self.plots, &DRAWING_NAMES).check()
     }
 
     /// Writes what was asked for. Each failure is told or returned, and none keeps the others from
     /// being written.
-    pub(super) fn write(&self, record: &RunRecord, wall: bool) -> anyhow::Result<()> {
+    pub(super) fn write(&self, record: &RunRecord, wall: bool, end: &End) -> anyhow::Result<()> {
         let frame = self.frame.into();
         let texts: [(&Option<PathBuf>, Make<'_>); 4] = [
-            (&self.json, &|| Ok(record.to_json(wall)?)),
-            (&self.csv, &|| Ok(export::csv(record, frame)?)),
-            (&self.yaml, &|| Ok(export::yaml(record, frame)?)),
-            (&self.ros, &|| Ok(export::ros_launch(record, frame)?)),
+            (&self.json, &|| Ok(end.mark_json(record.to_json(wall)?))),
+            (&self.csv, &|| {
+                Ok(end.mark_lines(export::csv(record, frame)?))
+            }),
+            (&self.yaml, &|| {
+                Ok(end.mark_lines(export::yaml(record, frame)?))
+            }),
+            (&self.ros, &|| {
+                Ok(end.mark_lines(export::ros_launch(record, frame)?))
+            }),
         ];
         let mut written = Ok(());
         for (path, make) in texts {
@@ -91,7 +94,8 @@ impl RecordOutputs {
             let is_there = made.is_ok();
             written = and(written, made);
             for (name, draw) in DRAWINGS.iter().filter(|_| is_there) {
-                let svg = draw(record).map_err(anyhow::Error::from);
+                let svg = draw(record).map(|svg| end.mark_svg(svg));
+                let svg = svg.map_err(anyhow::Error::from);
                 written = and(written, write(&folder.join(name), svg));
             }
         }
@@ -124,19 +128,18 @@ pub(super) struct Prepared<'a> {
 }
 
 impl RunOutputs {
-    /// Finds out what would go wrong after a run of this scenario and path before it. `more` are
-    /// files that are written too.
+    /// Finds out what would go wrong after a run of this scenario and path before it. There may be
+    /// other files besides the results.
     pub(super) fn prepare<'a>(
         &'a self,
         (scenario, path): (&str, Option<u32>),
-        more: &[&Path],
+        others: Files<'a>,
     ) -> anyhow::Result<Prepared<'a>> {
-        self.record.check(more)?;
-        // A file named for both is read before it is written.
+        self.record.check(others.reads(&self.check))?;
         let other = match &self.check {
             Some(file) => {
                 whole_file::check_regular(file)?;
-                let other = read_record(file)?;
+                let other = read_whole(file)?;
                 Difference::is_possible(scenario, path, &other)
                     .with_context(|| cannot_be_compared(file))?;
                 Some((file.as_path(), other))
@@ -153,8 +156,8 @@ impl RunOutputs {
 impl Prepared<'_> {
     /// Writes what was asked for. Each failure is told or returned, and none keeps the others from
     /// being written.
-    pub(super) fn write(&self, record: &RunRecord) -> anyhow::Result<()> {
-        self.outputs.record.write(record, self.outputs.wall)
+    pub(super) fn write(&self, record: &RunRecord, end: &End) -> anyhow::Result<()> {
+        self.outputs.record.write(record, self.outputs.wall, end)
     }
 
     /// The comparison for the screen, if one was asked for.
@@ -180,6 +183,8 @@ const DRAWINGS: [(&str, Draw); 3] = [
     ("residuals.svg", plot::residuals),
 ];
 
+const DRAWING_NAMES: [&str; 3] = [DRAWINGS[0].0, DRAWINGS[1].0, DRAWINGS[2].0];
+
 fn cannot_be_compared(path: &Path) -> String {
     format!("the run cannot be compared with {}", file_name(path))
 }
@@ -187,10 +192,25 @@ fn cannot_be_compared(path: &Path) -> String {
 /// Far longer than the record of the largest network, and far less than a computer's memory.
 const RECORD_MAX: u64 = 1 << 30;
 
-/// Reads a record.
-pub(super) fn read_record(path: &Path) -> anyhow::Result<RunRecord> {
+/// Reads a record, and how its run ended.
+pub(super) fn read_record(path: &Path) -> anyhow::Result<(RunRecord, End)> {
     let text = whole_file::read(path, RECORD_MAX)?;
-    RunRecord::from_json(&text).with_context(|| format!("{} cannot be used", file_name(path)))
+    let record = RunRecord::from_json(&text).map_err(anyhow::Error::from);
+    let both = record.and_then(|record| Ok((record, End::of_json(&text)?)));
+    both.with_context(|| format!("{} cannot be used", file_name(path)))
+}
+
+/// Reads the record of a run that was not cut short: others are not compared nor counted.
+pub(super) fn read_whole(path: &Path) -> anyhow::Result<RunRecord> {
+    match read_record(path)? {
+        (record, End::Whole) => Ok(record),
+        (_, End::CutShort(why)) => {
+            let name = file_name(path);
+            bail!(
+                "{name} cannot be used: its run was cut short, {why}: leave it out, or run it again"
+            )
+        }
+    }
 }
 
 /// Writes a file, if its text could be made.

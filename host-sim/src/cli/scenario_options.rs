@@ -1,9 +1,11 @@
 //! Which scenario, and what the command line changes of it.
 
+use std::path::Path;
+
 use anyhow::anyhow;
 use clap::{Args, ValueEnum};
 use site::world::Variant;
-use site::{Overrides, Scenario, ScenarioError, planner::Placement};
+use site::{BUILT_IN, Overrides, Scenario, ScenarioError, planner::Placement};
 
 use super::values;
 
@@ -61,6 +63,12 @@ enum Decode {
 }
 
 impl ScenarioOptions {
+    /// The file that is read, if the scenario is not built in.
+    pub(super) fn file(&self) -> Option<&Path> {
+        let is_built_in = BUILT_IN.iter().any(|(name, _)| *name == self.scenario);
+        (!is_built_in).then_some(Path::new(&self.scenario))
+    }
+
     /// The scenario, with this seed or its own.
     pub(super) fn load(&self, seed: Option<u64>) -> anyhow::Result<Scenario> {
         let changes = Overrides {

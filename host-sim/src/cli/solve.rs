@@ -25,10 +25,11 @@ use clap::Args;
 use super::{
     camera_options::{CameraOptions, FOR_COLUMNS, USUAL_COLUMNS},
     file_name,
+    files::Files,
     messages::{self, Messages, tell_assumed_sigma, tell_passed_over},
     of_file,
     run_outputs::write,
-    tell, unless_gone, values, writable,
+    tell, unless_gone, values,
 };
 
 /// Poses of cameras from recorded sightings of targets at known places.
@@ -110,7 +111,11 @@ Exit codes:
   2  wrong options, or nothing could be read";
 
 pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
-    writable::check(arguments.plot.as_deref().as_slice(), None)?;
+    Files::default()
+        .reads([&arguments.file])
+        .reads(&arguments.truth)
+        .writes(&arguments.plot)
+        .check()?;
     let recording = read_sightings(arguments)?;
     let truths = match &arguments.truth {
         Some(path) => Some(read_truth(path, &recording)?),

@@ -1,15 +1,24 @@
 //! `host-sim sweep`
 
-use std::{collections::BTreeSet, num::NonZeroUsize, process::ExitCode, thread};
+use std::{
+    collections::BTreeSet,
+    num::NonZeroUsize,
+    process::ExitCode,
+    sync::atomic::{AtomicBool, Ordering},
+    thread,
+};
 
 use answers::record::sweep::Sweep;
 use anyhow::{Context, ensure};
 use clap::Args;
-use host_sim::network::run_all;
+use host_sim::network::run_all_until;
 use indicatif::{ProgressBar, ProgressStyle};
 use site::{ScatterTable, Scenario};
 
 use super::{
+    end::End,
+    files::Files,
+    interrupt,
     run_outputs::FOR_RESULTS,
     scenario_options::{FOR_SCENARIO, ScenarioOptions},
     sweep_outputs::{self, Incomplete, SweepOutputs},
@@ -45,22 +54,28 @@ pub(super) struct Arguments {
 
 const EPILOGUE: &str = "\
 Exit codes:
-  0  every camera that should be calibrated is, in every run, and true errors are what the sigmas
-     foretell
-  1  one is not, or errors are larger
-  2  wrong options, an impossible scenario, or a file could not be written";
+  0    every camera that should be calibrated is, in every run, and true errors are what the sigmas
+       foretell
+  1    one is not, or errors are larger
+  2    wrong options, an impossible scenario, or a file could not be written
+  130  ended by Ctrl-C or SIGTERM: the results are of the runs before, and say so; a second one ends
+       it at once";
 
 pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
-    arguments.outputs.check()?;
-    let scenarios = scenarios(arguments)?;
+    let files = Files::default().reads(arguments.scenario.file());
+    arguments.outputs.check(files)?;
+    let stop = interrupt::watch()?;
+    let scenarios = scenarios(arguments, &stop)?;
     let jobs = match arguments.jobs {
         Some(jobs) => jobs,
         None => thread::available_parallelism().unwrap_or(NonZeroUsize::MIN),
     };
     let bar = bar(scenarios.len());
     let (mut sweep, mut incomplete) = (Sweep::default(), Incomplete::default());
-    run_all(&scenarios, jobs, |record| {
+    let mut runs = 0;
+    run_all_until(&scenarios, jobs, &stop, |record| {
         bar.inc(1);
+        runs += 1;
         incomplete.look_at(&record);
         sweep.add(&record).map_err(anyhow::Error::from)
     })
@@ -69,12 +84,23 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
         Err(error) => error,
     })?;
     bar.finish_and_clear();
+    let seeds = arguments.seeds.clone().count();
+    let all = seeds * arguments.paths.len().max(1);
+    let is_stopped = stop.load(Ordering::Relaxed) && runs < all;
+    let end = match is_stopped {
+        true => End::CutShort(format!("interrupted after {runs} of {all} runs")),
+        false => End::Whole,
+    };
+    if is_stopped && runs == 0 {
+        return Ok(interrupt::told());
+    }
     let report = sweep.finish().context("there are no seeds")?;
-    sweep_outputs::finish(&report, &incomplete, &arguments.outputs)
+    let ended = sweep_outputs::finish(&report, &incomplete, &arguments.outputs, &end)?;
+    Ok(if is_stopped { interrupt::told() } else { ended })
 }
 
-/// One for every path and seed.
-fn scenarios(arguments: &Arguments) -> anyhow::Result<Vec<Scenario>> {
+/// One for every path and seed, until somebody stops this.
+fn scenarios(arguments: &Arguments, stop: &AtomicBool) -> anyhow::Result<Vec<Scenario>> {
     let mut seen = BTreeSet::new();
     for path in &arguments.paths {
         ensure!(
@@ -89,6 +115,9 @@ fn scenarios(arguments: &Arguments) -> anyhow::Result<Vec<Scenario>> {
     let mut scenarios = Vec::new();
     for path in paths {
         for seed in arguments.seeds.clone() {
+            if stop.load(Ordering::Relaxed) {
+                return Ok(scenarios);
+            }
             let mut scenario = arguments.scenario.load(Some(seed))?;
             scenario.path = path.unwrap_or(scenario.path);
             scenario.scatter = arguments.scatter.unwrap_or(match scenario.scatter {

@@ -1,16 +1,13 @@
 //! Where the statistics of many runs go.
 
-use std::{
-    path::{Path, PathBuf},
-    process::ExitCode,
-};
+use std::{path::PathBuf, process::ExitCode};
 
 use answers::plot;
 use answers::record::{RunRecord, sweep::SweepReport, verdict::Verdict};
 use answers::report::sweep::sweep_report;
 use clap::Args;
 
-use super::{and, print, run_outputs::write, values, writable};
+use super::{and, end::End, files::Files, print, run_outputs::write, values};
 
 #[derive(Args)]
 pub(super) struct SweepOutputs {
@@ -23,23 +20,24 @@ pub(super) struct SweepOutputs {
 }
 
 impl SweepOutputs {
-    /// Finds out what cannot be written before there is anything to write.
-    pub(super) fn check(&self) -> anyhow::Result<()> {
-        let files = [&self.sweep_csv, &self.sweep_plot];
-        let files: Vec<&Path> = files.into_iter().flatten().map(PathBuf::as_path).collect();
-        writable::check(&files, None)
+    /// Finds out what cannot be written before there is anything to write. Some files are read.
+    pub(super) fn check<'a>(&'a self, read: Files<'a>) -> anyhow::Result<()> {
+        let results = [&self.sweep_csv, &self.sweep_plot];
+        read.writes(results.into_iter().flatten()).check()
     }
 
     /// Writes what was asked for. Each failure is told or returned, and none keeps the others from
     /// being written.
-    fn write(&self, report: &SweepReport) -> anyhow::Result<()> {
+    fn write(&self, report: &SweepReport, end: &End) -> anyhow::Result<()> {
         let mut written = Ok(());
         if let Some(path) = &self.sweep_csv {
-            let csv = report.to_csv().map_err(anyhow::Error::from);
+            let csv = report.to_csv().map(|csv| end.mark_lines(csv));
+            let csv = csv.map_err(anyhow::Error::from);
             written = and(written, write(path, csv));
         }
         if let Some(path) = &self.sweep_plot {
-            let svg = plot::sweep(report).map_err(anyhow::Error::from);
+            let svg = plot::sweep(report).map(|svg| end.mark_svg(svg));
+            let svg = svg.map_err(anyhow::Error::from);
             written = and(written, write(path, svg));
         }
         written
@@ -81,9 +79,10 @@ pub(super) fn finish(
     report: &SweepReport,
     incomplete: &Incomplete,
     outputs: &SweepOutputs,
+    end: &End,
 ) -> anyhow::Result<ExitCode> {
     let Incomplete(names) = incomplete;
-    let mut text = sweep_report(report);
+    let mut text = end.mark_text(sweep_report(report));
     for name in names.iter().take(Incomplete::NAMED) {
         text += &format!("{name}\n");
     }
@@ -91,6 +90,6 @@ pub(super) fn finish(
         text += &format!("and {more} runs more\n");
     }
     let printed = print(&text).map_err(anyhow::Error::from);
-    and(printed, outputs.write(report))?;
+    and(printed, outputs.write(report, end))?;
     Ok(ExitCode::from(u8::from(!names.is_empty())))
 }

@@ -8,7 +8,7 @@ use std::{
 
 use anyhow::{Context, ensure};
 
-use super::{file_name, unless_gone, writable};
+use super::{file_name, files, unless_gone};
 
 /// Writes a file in whole or not at all, so that a full disk leaves what was there before.
 pub(super) fn write(path: &Path, bytes: impl AsRef<[u8]>) -> anyhow::Result<()> {
@@ -29,7 +29,7 @@ fn replace(path: &Path, bytes: &[u8]) -> io::Result<()> {
         Err(_) => None,
     };
     // A link stays, and points to the new file.
-    let place = writable::place(path);
+    let place = files::place(path);
     let Ok(mut new) = beside(&place, known.as_ref()) else {
         // Whoever may write the file may not make others in its folder.
         return fs::write(path, bytes);
@@ -63,7 +63,7 @@ fn beside(place: &Path, known: Option<&Metadata>) -> io::Result<tempfile::NamedT
         // As other programs make files: less what the user's mask takes away.
         builder.permissions(fs::Permissions::from_mode(0o666));
     }
-    let new = builder.tempfile_in(writable::folder_of(place))?;
+    let new = builder.tempfile_in(files::folder_of(place))?;
     if let Some(known) = known {
         new.as_file().set_permissions(known.permissions())?;
     }

@@ -6,8 +6,6 @@
 //! |---|---|
 //! | [`session`] | Bytes in, bytes out: asks for everything, and for one wish after the other. |
 //! | [`output`] | The members as a table. |
-//! | [`key_file`] | Reads a site key. |
 
-pub mod key_file;
 pub mod output;
 pub mod session;

@@ -108,7 +108,7 @@ pub enum Failure {
     /// The coordinator does not take the key.
     #[error(
         "the coordinator refuses the key: the one in use has index {0} too; make one with another \
-         index (`cargo xtask keygen --index`)"
+         index (`host-sim keygen --index`)"
     )]
     KeyRefused(u8),
     /// It forgot about it.

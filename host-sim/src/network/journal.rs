@@ -128,13 +128,11 @@ impl Journal {
     pub(super) fn note(&mut self, id: u16, what: Arguments<'_>) {
         if let Some(log) = &mut self.log {
             let at = self.clock.time();
-            // A full disk spoils the log, not the run. Whoever owns the file learns of it.
-            let _ = writeln!(
-                log,
-                "{}.{:06} node {id}: {what}",
-                at / 1_000_000_000,
-                at / 1_000 % 1_000_000
-            );
+            let (seconds, micros) = (at / 1_000_000_000, at / 1_000 % 1_000_000);
+            let line = format!("{seconds}.{micros:06} node {id}: {what}\n");
+            // In one piece, so that whoever is killed leaves whole lines. A full disk spoils the
+            // log, not the run. Whoever owns the file learns of it.
+            let _ = log.write_all(line.as_bytes());
         }
     }
 }

@@ -4,6 +4,7 @@ use std::{
     collections::BTreeMap,
     num::NonZeroUsize,
     sync::{
+        Arc,
         atomic::{AtomicBool, AtomicUsize, Ordering},
         mpsc,
     },
@@ -23,6 +24,19 @@ use site::{Scenario, ScenarioError};
 pub fn run_all<E: From<ScenarioError>>(
     scenarios: &[Scenario],
     jobs: NonZeroUsize,
+    take: impl FnMut(RunRecord) -> Result<(), E>,
+) -> Result<(), E> {
+    run_all_until(scenarios, jobs, &Arc::default(), take)
+}
+
+/// The same until somebody sets `stop`: runs that are under way then are left out.
+///
+/// # Errors
+/// Those of [`run_all`].
+pub fn run_all_until<E: From<ScenarioError>>(
+    scenarios: &[Scenario],
+    jobs: NonZeroUsize,
+    stop: &Arc<AtomicBool>,
     mut take: impl FnMut(RunRecord) -> Result<(), E>,
 ) -> Result<(), E> {
     let next = AtomicUsize::new(0);
@@ -37,8 +51,15 @@ pub fn run_all<E: From<ScenarioError>>(
                     let Some(scenario) = scenarios.get(number) else {
                         break;
                     };
-                    let simulation = Simulation::new(scenario.clone(), Options::default());
+                    let options = Options {
+                        stop: stop.clone(),
+                        ..Options::default()
+                    };
+                    let simulation = Simulation::new(scenario.clone(), options);
                     let record = simulation.map(|mut simulation| simulation.run(|_| ()));
+                    if stop.load(Ordering::Relaxed) {
+                        break;
+                    }
                     if done.send((number, record)).is_err() {
                         break;
                     }
@@ -67,5 +88,6 @@ fn in_order<E: From<ScenarioError>>(
             expected += 1;
         }
     }
-    Ok(())
+    // Behind one that was stopped.
+    early.into_values().try_for_each(|record| take(record?))
 }

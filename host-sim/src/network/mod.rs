@@ -31,7 +31,16 @@ mod node;
 mod outcome;
 mod walk;
 
-use std::{cell::RefCell, io::Write, rc::Rc, time::Duration};
+use std::{
+    cell::RefCell,
+    io::Write,
+    rc::Rc,
+    sync::{
+        Arc,
+        atomic::{AtomicBool, Ordering},
+    },
+    time::Duration,
+};
 
 use node_firmware::{
     config::{Config, Role, SiteKey},
@@ -42,7 +51,7 @@ pub use self::{
     camera::CameraDevice,
     console::Terminal,
     emulated::{Emulation, EmulatorError, IMAGE},
-    many::run_all,
+    many::{run_all, run_all_until},
 };
 
 use self::{
@@ -76,6 +85,8 @@ pub struct Options {
     pub speed: Option<f64>,
     /// Run the nodes on emulated boards.
     pub emulation: Option<Emulation>,
+    /// Ends the run, as far as it is, once somebody sets it.
+    pub stop: Arc<AtomicBool>,
     /// All frames on the air, for Wireshark. What cannot be written is left out.
     pub pcap: Option<Box<dyn Write>>,
     /// What nodes say and learn, as text. What cannot be written is left out.
@@ -126,6 +137,7 @@ pub struct Simulation {
     nodes: Vec<Rc<Hardware>>,
     consoles: Vec<Console>,
     emulation: Option<Emulation>,
+    stop: Arc<AtomicBool>,
     /// Until the run begins.
     pcap: Option<Box<dyn Write>>,
     trouble: Trouble,
@@ -164,6 +176,7 @@ impl Simulation {
             nodes: Vec::new(),
             consoles: Vec::new(),
             emulation: options.emulation,
+            stop: options.stop,
             pcap: options.pcap,
             trouble: Trouble::default(),
         };
@@ -241,8 +254,8 @@ impl Simulation {
         Ok(())
     }
 
-    /// Runs to the end: until every target has walked its way and all is said, or emulated boards
-    /// are in [trouble](Self::trouble).
+    /// Runs to the end: until every target has walked its way and all is said, emulated boards
+    /// are in [trouble](Self::trouble), or it is [stopped](Options::stop).
     ///
     /// `progress` is called about ten times in a simulated minute.
     ///
@@ -257,7 +270,9 @@ impl Simulation {
         }
         let targets = self.world.borrow().targets().len();
         let (journal, trouble) = (self.journal.clone(), self.trouble.clone());
-        let ended = move || journal.borrow().walked == targets || trouble.borrow().is_some();
+        let stop = self.stop.clone();
+        let is_over = move || trouble.borrow().is_some() || stop.load(Ordering::Relaxed);
+        let ended = || journal.borrow().walked == targets || is_over();
         loop {
             let next = self.executor.clock().time() + 6 * SECOND;
             let how = self.executor.run_until_time_or(next, &ended);
@@ -271,15 +286,17 @@ impl Simulation {
             }
         }
         let end = self.executor.clock().time() + GRACE;
-        let trouble = self.trouble.clone();
-        let _ = self
-            .executor
-            .run_until_time_or(end, || trouble.borrow().is_some());
+        let _ = self.executor.run_until_time_or(end, &is_over);
         progress(self.progress());
         for node in &self.nodes {
             node.read_memory();
         }
         outcome::record(self, begun.elapsed().as_secs_f64())
+    }
+
+    /// How far the time is, seconds.
+    pub fn seconds(&self) -> f64 {
+        self.executor.clock().time() as f64 * 1e-9
     }
 
     /// Why emulated boards could not go on, if that is so: the record is of what was before.
@@ -320,7 +337,7 @@ impl Simulation {
     fn progress(&self) -> Progress {
         let journal = self.journal.borrow();
         Progress {
-            seconds: self.executor.clock().time() as f64 * 1e-9,
+            seconds: self.seconds(),
             stops: journal.stops_ended,
             of: self
                 .site

@@ -7,6 +7,7 @@ mod bad_input;
 mod check;
 mod drawings;
 mod exports;
+mod kept;
 mod networks;
 mod outputs;
 mod record;

@@ -1,7 +1,5 @@
 //! Commands, run as people run them.
 
-mod flash;
 mod help;
 mod place;
-mod provision;
 mod setup;

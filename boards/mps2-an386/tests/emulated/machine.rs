@@ -5,14 +5,15 @@ use std::{
     env, fs,
     future::Future,
     io::{BufRead as _, BufReader, ErrorKind, Read as _, Write as _},
-    os::unix::net::{UnixListener, UnixStream},
+    os::unix::net::UnixStream,
     path::{Path, PathBuf},
-    process::{Child, Command, ExitStatus, Stdio},
+    process::ExitStatus,
     task::Poll,
     thread,
     time::{Duration, Instant},
 };
 
+use board_emulator::{Emulator as Board, Running};
 use board_support::{
     flash::MPS2_AN386_CONFIG,
     panel::{Deframer, FRAME_MAX, FromNode, ToNode, frame},
@@ -42,9 +43,11 @@ pub(crate) struct Machine {
     image: PathBuf,
     /// Bytes between the end of the stack and its start.
     stack: u32,
-    child: Option<Child>,
+    running: Option<Running>,
 }
 
+/// A board opens its lines within this.
+const PATIENCE: Duration = Duration::from_secs(30);
 /// Where the board's memory begins, and the stack ends.
 const MEMORY: u32 = 0x2000_0000;
 /// What the stack is painted with.
@@ -73,43 +76,39 @@ impl Machine {
             directory,
             image,
             stack,
-            child: None,
+            running: None,
         }
     }
 
     /// Switches it on. Its flash is as it was.
     pub(crate) fn start(&mut self) -> Lines {
-        let listeners = ["device", "radio", "panel"].map(|name| {
-            let path = self.directory.path().join(name);
-            // Of the last time.
-            let _ = fs::remove_file(&path);
-            UnixListener::bind(path).unwrap()
-        });
-        let log = fs::File::create(self.directory.path().join("log")).unwrap();
-        let page_loader = format!("loader,file=page.bin,addr={MPS2_AN386_CONFIG:#x}");
-        let mut command = Command::new("qemu-system-arm");
-        command
-            .args(["-M", "mps2-an386", "-cpu", "cortex-m4"])
-            .args(["-display", "none", "-monitor", "none"])
-            .args(["-serial", "unix:device", "-serial", "unix:radio"])
-            .args(["-serial", "unix:panel"])
-            .args(["-semihosting-config", "enable=on,target=native"])
-            .args(["-device", &page_loader])
-            .args(["-device", "loader,file=paint.bin,addr=0x20000000"])
-            .args(["-qmp", "unix:monitor,server=on,wait=off"])
-            .args(["-append", "flash.bin"])
-            .arg("-kernel")
-            .arg(&self.image)
-            .current_dir(self.directory.path())
-            .stdin(Stdio::null())
-            .stdout(log.try_clone().unwrap())
-            .stderr(log);
-        self.child = Some(command.spawn().expect("qemu-system-arm does not start"));
-        let [device, radio, panel] = listeners.map(|listener| {
-            let (line, _) = listener.accept().unwrap();
-            line.set_nonblocking(true).unwrap();
-            line
-        });
+        let mut running = Board::new(
+            board_emulator::Machine::Mps2An386,
+            &self.image,
+            self.directory.path(),
+        )
+        .print_to("log")
+        .unwrap()
+        .line("device")
+        .line("radio")
+        .line("panel")
+        .load("page.bin", MPS2_AN386_CONFIG)
+        .load("paint.bin", MEMORY)
+        .monitor("monitor")
+        .argument("node")
+        .argument("flash.bin")
+        .start()
+        .expect("the emulator does not start");
+        let started = Instant::now();
+        let lines = loop {
+            if let Some(lines) = running.lines().unwrap() {
+                break lines;
+            }
+            assert!(started.elapsed() < PATIENCE, "it opens no lines");
+            thread::sleep(Duration::from_millis(5));
+        };
+        self.running = Some(running);
+        let [device, radio, panel] = lines.try_into().unwrap();
         Lines {
             device,
             radio,
@@ -119,11 +118,7 @@ impl Machine {
 
     /// Switches it off.
     pub(crate) fn stop(&mut self) {
-        if let Some(mut child) = self.child.take() {
-            // It may have ended already.
-            let _ = child.kill();
-            let _ = child.wait();
-        }
+        self.running = None;
     }
 
     /// How many bytes of its stack it has used since it was switched on.
@@ -151,8 +146,8 @@ impl Machine {
 
     /// When the emulator ends by itself.
     pub(crate) fn ended(&mut self) -> impl Future<Output = ExitStatus> {
-        let child = self.child.as_mut().expect("it was started");
-        std::future::poll_fn(|_| match child.try_wait().unwrap() {
+        let running = self.running.as_mut().expect("it was started");
+        std::future::poll_fn(|_| match running.status() {
             Some(status) => Poll::Ready(status),
             None => Poll::Pending,
         })
@@ -162,12 +157,6 @@ impl Machine {
     pub(crate) fn log(&self) -> String {
         let bytes = fs::read(self.directory.path().join("log")).unwrap_or_default();
         bytes.escape_ascii().to_string()
-    }
-}
-
-impl Drop for Machine {
-    fn drop(&mut self) {
-        self.stop();
     }
 }
 

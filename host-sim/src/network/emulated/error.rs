@@ -2,32 +2,18 @@
 
 use std::{io, path::PathBuf, process::ExitStatus};
 
+use board_emulator::Unavailable;
 use node_firmware::config::page::PageError;
 
-use super::{EMULATOR, IMAGE};
+use super::IMAGE;
 
 /// Why boards cannot be emulated, or why a run with them ended. The texts say what to do.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum EmulatorError {
-    /// The emulator is not installed.
-    #[error(
-        "{EMULATOR} was not found: install it, on Debian or Ubuntu with \
-         `sudo apt-get install qemu-system-arm`"
-    )]
-    Missing,
-    /// It does not even tell its version.
-    #[error("{EMULATOR} does not start: {said}")]
-    Unusable {
-        /// What it said instead.
-        said: String,
-    },
-    /// Nothing would end the emulators if this program were killed.
-    #[error(
-        "setpriv was not found, or it is too old for --pdeathsig: install util-linux, on Debian or \
-         Ubuntu with `sudo apt-get install util-linux`"
-    )]
-    NoLeash,
+    /// The emulator, or what it needs, is not installed.
+    #[error(transparent)]
+    Unavailable(#[from] Unavailable),
     /// There is no image.
     #[error(
         "there is no image {}: type `cargo xtask firmware`, which makes {IMAGE}, or name another \

@@ -1,18 +1,20 @@
-//! Whether anything has come from a line.
+//! When something came from a line.
 
 use std::cell::Cell;
 
 use embedded_io_async::{ErrorType, Read, Write};
+use virtual_bench::executor::{Clock, Time};
 
-/// A line, and a note of whether anything has come from it.
+/// A line, and a note of when something came from it last.
 pub(super) struct Heard<'a, U> {
     line: U,
-    is_heard: &'a Cell<bool>,
+    clock: &'a Clock,
+    last: &'a Cell<Option<Time>>,
 }
 
 impl<'a, U> Heard<'a, U> {
-    pub(super) const fn new(line: U, is_heard: &'a Cell<bool>) -> Self {
-        Self { line, is_heard }
+    pub(super) const fn new(line: U, clock: &'a Clock, last: &'a Cell<Option<Time>>) -> Self {
+        Self { line, clock, last }
     }
 }
 
@@ -24,7 +26,7 @@ impl<U: Read> Read for Heard<'_, U> {
     async fn read(&mut self, buffer: &mut [u8]) -> Result<usize, U::Error> {
         let count = self.line.read(buffer).await?;
         if count > 0 {
-            self.is_heard.set(true);
+            self.last.set(Some(self.clock.time()));
         }
         Ok(count)
     }

@@ -23,7 +23,6 @@ mod panel;
 
 use std::{
     cell::Cell,
-    future::pending,
     path::{Path, PathBuf},
     process::ExitStatus,
     sync::Arc,
@@ -35,7 +34,7 @@ use embedded_io_async::{Read, Write};
 use node_firmware::{config::Config, memory::Fact};
 
 pub use self::error::EmulatorError;
-use self::{files::Folder, heard::Heard, machine::Machine};
+use self::{files::Folder, heard::Heard};
 use super::node::Panel;
 use virtual_bench::{
     co_processor::CoProcessor,
@@ -43,9 +42,6 @@ use virtual_bench::{
     medium::{Medium, NodeId},
     polled::Polled,
 };
-
-/// The program.
-const EMULATOR: &str = "qemu-system-arm";
 
 /// Where `cargo xtask firmware` puts the image.
 pub const IMAGE: &str = "target/firmware/mps2-an386-node.elf";
@@ -77,7 +73,7 @@ impl Emulation {
             .ok()
             .filter(|image| image.is_file())
             .ok_or_else(|| EmulatorError::NoImage(image.to_owned()))?;
-        machine::check()?;
+        board_emulator::check()?;
         let files = Folder::new().map_err(EmulatorError::Files)?;
         Ok(Self {
             image,
@@ -87,7 +83,8 @@ impl Emulation {
     }
 
     /// The same, with another time within which each board has to open its lines after it was
-    /// switched on, and then to talk to its radio. A run with one that does not is over.
+    /// switched on, and then to talk to its radio, and which may pass until it tells its lamps
+    /// again. A run with one that does not is over.
     #[must_use]
     pub fn with_timeout(self, timeout: Duration) -> Self {
         Self { timeout, ..self }
@@ -144,13 +141,14 @@ impl Board {
             panel,
             seed,
         } = surroundings;
-        let (mut machine, lines) = match Machine::start(self, clock, seed).await {
+        let (mut machine, lines) = match self.start(clock, seed).await {
             Ok(started) => started,
             Err(error) => return error,
         };
         let [line, radio, lamps] = lines.map(|line| Polled::new(line, clock.clone()));
-        let is_heard = Cell::new(false);
-        let radio = Heard::new(radio, &is_heard);
+        let (from_radio, from_panel) = (Cell::new(None), Cell::new(None));
+        let radio = Heard::new(radio, clock, &from_radio);
+        let lamps = Heard::new(lamps, clock, &from_panel);
         let address = site::extended(self.id());
         let address = zigbee_link::wire::Eui64(address);
         let radio = CoProcessor::new(radio, medium, antenna, clock.clone(), address, seed);
@@ -158,26 +156,43 @@ impl Board {
             bridge(line, device),
             radio.run(),
             panel::connect(lamps, panel),
-            select(machine.ended(clock), self.says_nothing(clock, &is_heard)),
+            select(
+                machine::ended(&mut machine, clock),
+                self.stalls(clock, &from_radio, &from_panel),
+            ),
         );
         match connected.await {
             Either4::Fourth(Either::First(status)) => self.ended(status),
-            Either4::Fourth(Either::Second(())) => self.silent("talk to its radio"),
+            Either4::Fourth(Either::Second(what)) => self.silent(what),
             // A line is closed a moment before its process has ended.
-            _ => match select(machine.ended(clock), clock.sleep(LINGERING)).await {
+            _ => match select(machine::ended(&mut machine, clock), clock.sleep(LINGERING)).await {
                 Either::First(status) => self.ended(status),
                 Either::Second(()) => EmulatorError::LineClosed { id: self.id() },
             },
         }
     }
 
-    /// Returns if nothing has been heard when the time is over.
-    async fn says_nothing(&self, clock: &Clock, is_heard: &Cell<bool>) {
-        let timeout = self.timeout.as_nanos();
-        clock.sleep(timeout.try_into().unwrap_or(Time::MAX)).await;
-        if is_heard.get() {
-            pending::<()>().await;
+    /// Returns when nothing has come for too long, at any time, with what did not come: a board
+    /// tells its lamps every second.
+    async fn stalls(
+        &self,
+        clock: &Clock,
+        radio: &Cell<Option<Time>>,
+        panel: &Cell<Option<Time>>,
+    ) -> &'static str {
+        let timeout = Time::try_from(self.timeout.as_nanos()).unwrap_or(Time::MAX);
+        clock.sleep(timeout).await;
+        if radio.get().is_none() {
+            return "talk to its radio";
         }
+        while let Some(last) = panel.get() {
+            let end = last.saturating_add(timeout);
+            match end.checked_sub(clock.time()) {
+                None | Some(0) => break,
+                Some(left) => clock.sleep(left).await,
+            }
+        }
+        "tell what its lamps show, as a board does every second,"
     }
 
     fn ended(&self, status: ExitStatus) -> EmulatorError {

@@ -10,12 +10,16 @@ use super::super::node::Panel;
 /// Carries steps to the node and its lamps to the panel, until the line is closed or fails.
 pub(super) async fn connect<U: Read + Write>(mut line: U, panel: &Panel) {
     let mut deframer = Deframer::new();
+    let mut shown = None;
     let mut bytes = [0; 64];
     loop {
         match select(line.read(&mut bytes), panel.steps.receive()).await {
             Either::First(Ok(count @ 1..)) => {
                 for &byte in &bytes[..count] {
-                    if let Some(lamps) = deframer.push(byte) {
+                    let told = deframer.push(byte);
+                    // They are told again and again.
+                    if let Some(lamps) = told.filter(|told| shown != Some(*told)) {
+                        shown = Some(lamps);
                         panel.show(indication(lamps));
                     }
                 }

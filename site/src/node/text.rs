@@ -1,15 +1,16 @@
 //! A configuration as text.
 
-use anyhow::Result;
 use node_firmware::config::{Config, Role, page};
 use toml::{Table, Value};
 use zigbee_link::security::Protection;
 
-use super::node::{RoleName, address_text};
+use super::{NodeError, RoleName, address_text};
 
-/// All of a configuration but its key, in the form in which [`config`](super::node::config) takes
-/// it.
-pub(crate) fn text(config: &Config) -> Result<String> {
+/// All of a configuration but its key, in the form in which [`config`](super::config) takes it.
+///
+/// # Errors
+/// [`NodeError::Usual`]: a value that TOML cannot say.
+pub fn text(config: &Config) -> Result<String, NodeError> {
     let channels = (11..=26).filter(|channel| config.channels >> channel & 1 == 1);
     let channels = Value::Array(channels.map(Value::Integer).collect());
     let protection = match config.protection {

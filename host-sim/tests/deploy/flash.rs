@@ -1,10 +1,10 @@
-//! What `cargo xtask flash` has probe-rs do; a script is in its place.
+//! What `host-sim flash` has probe-rs do; a script is in its place.
 
 use std::fs;
 
 use node_firmware::config::page::PAGE_MAX;
 
-use crate::place::Place;
+use crate::place::{CARRIER, Place};
 
 /// Notes how it is called. It fails when it is to fail at that. What a board has in its flash is in
 /// the file `read`, as probe-rs prints it; otherwise the flash is erased.
@@ -29,17 +29,22 @@ fn place() -> Place {
 }
 
 fn provision(place: &Place, role: &str, name: &str) {
-    place
-        .run(&[
-            "provision",
-            "--site-key=site.sitekey",
-            &format!("--role={role}"),
-            "--id=4",
-            "--first-counter=77",
-            &format!("--out={name}"),
-            "--overwrite",
-        ])
-        .ok();
+    let role_option = format!("--role={role}");
+    let out = format!("--out={name}");
+    let words = [
+        "provision",
+        "--site-key=site.sitekey",
+        &role_option,
+        "--id=4",
+        "--first-counter=77",
+        &out,
+        "--overwrite",
+    ];
+    let asked: &[_] = match role {
+        "camera" => &["--field-of-view=45"],
+        _ => &CARRIER,
+    };
+    place.run(&[&words[..], asked].concat()).ok();
 }
 
 /// An image for an ARM processor, of one part of 4 bytes that are put before the end of the flash's
@@ -142,9 +147,9 @@ fn another_board() {
         "--erase-memory",
     ];
     // That of the other board, and one that is too long.
-    place.run(&words).fails(1, "before the board's flash");
+    place.run(&words).fails("before the board's flash");
     fs::write(place.path("image.elf"), elf(0x0800_0000, 0x080f_7801)).unwrap();
-    place.run(&words).fails(1, "into the pages of the node");
+    place.run(&words).fails("into the pages of the node");
     assert!(calls(&place).is_empty());
     fs::write(place.path("image.elf"), elf(0x0800_0000, 0x080f_7800)).unwrap();
     place.run(&words[..4]).ok();
@@ -160,8 +165,8 @@ fn another_board() {
     assert_eq!(calls, expected.map(String::clone));
     let (start, file) = erase.rsplit_once(' ').unwrap();
     assert_eq!(start, format!("{bytes} 0x080f7800"));
-    assert!(file.ends_with("nucleo-l476rg-node.erased.bin"), "{file}");
-    assert!(fs::read(file).unwrap() == vec![0xFF; 0x8000]);
+    assert!(file.ends_with("image.erased.bin"), "{file}");
+    assert!(fs::read(place.path(file)).unwrap() == vec![0xFF; 0x8000]);
 }
 
 #[test]
@@ -196,7 +201,7 @@ fn the_memory_is_erased_last_and_with_a_warning() {
         start,
         "download --chip nRF52840_xxAA --verify --binary-format bin --base-address 0x000f7000"
     );
-    assert!(fs::read(file).unwrap() == vec![0xFF; 0x8000]);
+    assert!(fs::read(place.path(file)).unwrap() == vec![0xFF; 0x8000]);
 }
 
 #[test]
@@ -223,44 +228,26 @@ fn a_dry_run_tells_the_commands() {
 
 /// As the README says it, with no image named.
 #[test]
-fn a_dry_run_needs_no_image_and_no_compiler() {
+fn the_image_is_where_it_was_built() {
     let place = place();
-    let told = place
-        .run(&["flash", "nrf52840", "--config=page.bin", "--dry-run"])
-        .ok();
+    let flash = ["flash", "nrf52840", "--config=page.bin"];
+    let built = "target/firmware/nrf52840-node.elf";
+    let missing = "nrf52840-node.elf: type `cargo xtask firmware`";
+    let run = place.run(&[&flash[..], &["--dry-run"]].concat());
+    assert!(run.stderr.contains(missing), "{}", run.stderr);
+    let told = run.ok();
     let image = told.lines().nth(1).unwrap();
-    assert!(
-        image.ends_with("target/firmware/nrf52840-node.elf"),
-        "{image}"
-    );
-}
-
-/// The image is built with cargo, before a board is touched.
-#[test]
-fn without_an_image_it_is_built() {
-    let place = place();
+    assert!(image.ends_with(built), "{image}");
     install(&place);
-    // A compiler that has everything, and a cargo that only tells that it was called.
-    place.install(
-        "rustc",
-        &format!("echo {}", place.path("sysroot").display()),
+    place.run(&flash).fails(missing);
+    assert!(calls(&place).is_empty());
+    fs::create_dir_all(place.path("target/firmware")).unwrap();
+    fs::rename(place.path("image.elf"), place.path(built)).unwrap();
+    place.run(&flash).ok();
+    assert_eq!(
+        calls(&place),
+        [LOOK, &IMAGE.replace("image.elf", built), PAGE, RESET]
     );
-    place.install("flip-link", "");
-    place.install("cargo", r#"echo "cargo $*" >> "${0%/*}/calls"; exit 4"#);
-    for part in [
-        "lib/rustlib/thumbv7em-none-eabihf",
-        "lib/rustlib/thumbv6m-none-eabi",
-        "bin",
-    ] {
-        fs::create_dir_all(place.path("sysroot").join(part)).unwrap();
-    }
-    place.write("sysroot/bin/cargo-fmt", "");
-    place.write("sysroot/bin/cargo-clippy", "");
-    place
-        .run(&["flash", "nrf52840", "--config=page.bin"])
-        .fails(1, "cargo build");
-    let [build] = calls(&place).try_into().unwrap();
-    assert!(build.contains("--package nrf52840"), "{build}");
 }
 
 /// Another node's board, or this one with what it learnt as another: nothing is written.
@@ -276,14 +263,13 @@ fn a_board_that_is_another_node_is_refused() {
         provision(&place, "camera", "other.bin");
         board_has(&place, "other.bin", with_addresses);
         place.run(&FLASH).fails(
-            1,
             "the board is node 4, a camera; the page has another role, and nothing was written",
         );
         fs::remove_file(place.path("site.sitekey")).unwrap();
         place.run(&["keygen"]).ok();
         provision(&place, "target", "other.bin");
         board_has(&place, "other.bin", with_addresses);
-        place.run(&FLASH).fails(1, "another site key, and nothing");
+        place.run(&FLASH).fails("another site key, and nothing");
         assert_eq!(calls(&place)[4..], [LOOK, LOOK]);
 
         place
@@ -305,7 +291,7 @@ fn a_board_that_cannot_be_compared_is_not_written() {
         ("WARN probe: slow", "printed 0 bytes"),
     ] {
         place.write("bin/read", &format!("{read}\n"));
-        place.run(&FLASH).fails(1, message);
+        place.run(&FLASH).fails(message);
         assert_eq!(calls(&place).last().map(String::as_str), Some(LOOK));
     }
     place
@@ -316,7 +302,7 @@ fn a_board_that_cannot_be_compared_is_not_written() {
 #[test]
 fn nothing_is_skipped() {
     let place = place();
-    place.run(&FLASH).fails(1, "cargo install probe-rs-tools");
+    place.run(&FLASH).fails("cargo install probe-rs-tools");
     install(&place);
     place.write("damaged.bin", "not a page");
     place.write("text.elf", "stands for an image");
@@ -333,30 +319,29 @@ fn nothing_is_skipped() {
     let mut other = elf(0, IMAGE_END);
     other[18] = 3;
     fs::write(place.path("other.elf"), other).unwrap();
-    for (status, error, words) in [
-        (1, "none.elf cannot be read", "--image=none.elf"),
-        (1, "text.elf is no image", "--image=text.elf"),
-        (1, "no image for an ARM", "--image=other.elf"),
-        (1, "into the pages of the node", "--image=large.elf"),
-        (1, "into the pages of the node", "--image=ram.elf"),
-        (1, "is no page", "--image=image.elf --config=damaged.bin"),
-        (1, "cut off", "--image=image.elf --config=cut.bin"),
+    for (error, words) in [
+        ("none.elf cannot be read", "--image=none.elf"),
+        ("text.elf is no image", "--image=text.elf"),
+        ("no image for an ARM", "--image=other.elf"),
+        ("into the pages of the node", "--image=large.elf"),
+        ("into the pages of the node", "--image=ram.elf"),
+        ("is no page", "--image=image.elf --config=damaged.bin"),
+        ("cut off", "--image=image.elf --config=cut.bin"),
         (
-            1,
             "1024 bytes, a page has 512",
             "--image=image.elf --config=long.bin",
         ),
-        (1, "cannot be read", "--image=image.elf --config=none.bin"),
-        (2, "--config", "--image=image.elf --erase-memory"),
+        ("cannot be read", "--image=image.elf --config=none.bin"),
+        ("--config", "--image=image.elf --erase-memory"),
     ] {
         let words = ["flash", "nrf52840"].into_iter().chain(words.split(' '));
         let words: Vec<_> = words.collect();
-        place.run(&words).fails(status, error);
+        place.run(&words).fails(error);
     }
     place
         .run(&["flash", "nrf9160", "--config=page.bin"])
-        .fails(2, "possible values");
-    place.run(&["flash"]).fails(2, "BOARD");
+        .fails("possible values");
+    place.run(&["flash"]).fails("BOARD");
     assert!(calls(&place).is_empty());
 }
 
@@ -367,10 +352,10 @@ fn a_failure_ends_it() {
     let page = PAGE.strip_suffix("page.bin").unwrap().trim_end();
     place
         .run_with(&FLASH, &[("FAIL", page)])
-        .fails(1, "the board is not complete");
+        .fails("the board is not complete");
     assert_eq!(calls(&place), [LOOK, IMAGE, PAGE]);
     place
         .run_with(&FLASH, &[("FAIL", "read")])
-        .fails(1, "nothing was written");
+        .fails("nothing was written");
     assert_eq!(calls(&place)[3..], [LOOK]);
 }

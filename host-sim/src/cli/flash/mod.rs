@@ -1,42 +1,47 @@
-//! `cargo xtask flash`: an image, and the page that says which node it is, onto a board.
+//! `host-sim flash`: an image, and the page that says which node it is, onto a board.
+
+mod image;
 
 use std::{
-    fs,
-    path::{Path, PathBuf, absolute},
+    env, fs,
+    path::{Path, PathBuf},
+    process::ExitCode,
 };
 
 use anyhow::{Context, Result, bail, ensure};
 use board_support::flash::{NRF52840, Regions, STM32L476RG};
+use clap::{Args, ValueEnum};
 use node_firmware::config::{
     Config,
     page::{self, PAGE_MAX, PageError},
 };
+use site::node::{self, RoleName};
 use xshell::{Cmd, Shell, cmd};
 
-use crate::{
-    elf, firmware,
-    provision::{self, RoleName},
-    setup,
-};
+use super::{files::Files, print, provision::read_page, tell};
+
+/// Where `cargo xtask firmware` puts images.
+const IMAGES: &str = "target/firmware";
 
 const INSTALL: &str = "probe-rs is not installed: see https://probe.rs/docs/getting-started/installation/, or \
      type `cargo install probe-rs-tools --locked` (on Debian after `sudo apt-get install \
      pkg-config libudev-dev`)";
 
-#[derive(Clone, Copy, clap::ValueEnum)]
+#[derive(Clone, Copy, ValueEnum)]
 enum Board {
-    /// nRF52840-DK, or another board with this chip
+    /// nRF52840-DK, or another board with this chip.
     Nrf52840,
-    /// NUCLEO-L476RG with a radio co-processor, or another board with this chip
+    /// NUCLEO-L476RG with a radio co-processor, or another board with this chip.
     #[value(name = "nucleo-l476rg")]
     NucleoL476rg,
 }
 
 impl Board {
-    const fn package(self) -> &'static str {
+    /// The name of its image.
+    const fn image(self) -> &'static str {
         match self {
-            Self::Nrf52840 => "nrf52840",
-            Self::NucleoL476rg => "nucleo-l476rg",
+            Self::Nrf52840 => "nrf52840-node.elf",
+            Self::NucleoL476rg => "nucleo-l476rg-node.elf",
         }
     }
 
@@ -56,28 +61,28 @@ impl Board {
     }
 }
 
-/// The image and a configuration page onto a board
+/// Writes an image and a configuration page onto a board.
 ///
-/// Builds the image first. What the node learnt is kept. A page with another site key, role or
-/// number than the one in the board is refused without --erase-memory.
-#[derive(clap::Args)]
-pub(crate) struct Flash {
-    /// Which board
+/// What the node learnt is kept. A page with another site key, role or number than the one in the
+/// board is refused without --erase-memory.
+#[derive(Args)]
+pub(super) struct Arguments {
+    /// Which board.
     board: Board,
-    /// The page, of `cargo xtask provision`; without it, the node keeps the one it has
+    /// The page, of `host-sim provision`; without it, the node keeps the one it has.
     #[arg(long, value_name = "PAGE")]
     config: Option<PathBuf>,
-    /// An image that was built before; without it, it is built now
+    /// The image; without it, what `cargo xtask firmware` makes in target/firmware.
     #[arg(long, value_name = "ELF")]
     image: Option<PathBuf>,
-    /// Which debug probe, as `probe-rs list` names it: VID:PID or VID:PID:SERIAL
+    /// Which debug probe, as `probe-rs list` names it: VID:PID or VID:PID:SERIAL.
     #[arg(long)]
     probe: Option<String>,
     /// Makes the node forget its network, its place, and which frame counters it used: when it was
-    /// moved, or its memory is damaged. Only with a page made now
+    /// moved, or its memory is damaged. Only with a page made now.
     #[arg(long, requires = "config")]
     erase_memory: bool,
-    /// Tells the commands, and runs none
+    /// Tells the commands, and runs none.
     #[arg(long)]
     dry_run: bool,
 }
@@ -88,25 +93,34 @@ struct Page {
     config: Config,
 }
 
-impl Flash {
-    pub(crate) fn run(&self, sh: &Shell) -> Result<()> {
+pub(super) fn run(arguments: &Arguments) -> Result<ExitCode> {
+    arguments.flash(&Shell::new()?)?;
+    Ok(ExitCode::SUCCESS)
+}
+
+impl Arguments {
+    fn flash(&self, sh: &Shell) -> Result<()> {
         let page = self.page()?;
-        let has_probe_rs = setup::is_on_path("probe-rs");
+        let has_probe_rs = is_on_path("probe-rs");
         ensure!(has_probe_rs || self.dry_run, INSTALL);
-        let image = self.image(sh)?;
+        let image = self.image()?;
+        // Beside the image, where nobody looks for what was left over.
+        let erased = image.with_extension("erased.bin");
+        if self.erase_memory {
+            let files = Files::default().reads([&image]).reads(&self.config);
+            files.writes([&erased]).check()?;
+        }
         if let Some(page) = &page {
-            eprint!("{}", provision::text(&page.config)?);
+            tell(node::text(&page.config)?.trim_end());
         }
         if let Some(page) = page.as_ref().filter(|_| self.erase_memory) {
-            eprintln!(
+            tell(format_args!(
                 "warning: the node forgets which frame counters it used, and begins again with \
                  {}. If it ran with this page before, or with a later one of the same key, make a \
                  new page first: a counter used twice gives away what was said under it.",
                 page.config.first_counter
-            );
+            ));
         }
-        // Beside the images, where nobody looks for what was left over.
-        let erased = firmware::image(sh, self.board.package()).with_extension("erased.bin");
         let path = page.as_ref().map(|page| page.path.as_path());
         let commands = self.commands(sh, &image, path, &erased);
         // With all memory erased, it does not matter what the board was before.
@@ -114,10 +128,10 @@ impl Flash {
         if self.dry_run {
             let look = page.map(|_| self.look(sh));
             for command in look.iter().chain(&commands) {
-                println!("{command}");
+                print(&format!("{command}\n"))?;
             }
             if !has_probe_rs {
-                eprintln!("{INSTALL}");
+                tell(INSTALL);
             }
             return Ok(());
         }
@@ -126,7 +140,6 @@ impl Flash {
         }
         if self.erase_memory {
             let (_, bytes) = self.board.regions().memory();
-            sh.create_dir(erased.parent().context("a folder")?)?;
             fs::write(&erased, vec![0xFF; bytes as usize])
                 .with_context(|| format!("{} was not written", erased.display()))?;
         }
@@ -144,27 +157,28 @@ impl Flash {
             return Ok(None);
         };
         Ok(Some(Page {
-            config: provision::read_page(path)?,
-            path: absolute(path)?,
+            config: read_page(path)?,
+            path: path.clone(),
         }))
     }
 
-    /// Where the image is, which is built now or was before, and is for this board.
-    fn image(&self, sh: &Shell) -> Result<PathBuf> {
-        let package = self.board.package();
+    /// Where the image is, which is for this board.
+    fn image(&self) -> Result<PathBuf> {
         let image = match &self.image {
-            Some(image) => absolute(image)?,
-            None if self.dry_run => {
-                let image = firmware::image(sh, package);
-                if !image.is_file() {
-                    eprintln!("{} is built first", image.display());
-                    return Ok(image);
-                }
-                image
-            }
-            None => firmware::build(sh, package)?,
+            Some(image) => image.clone(),
+            None => Path::new(IMAGES).join(self.board.image()),
         };
-        let range = elf::flash_range(&image)?;
+        if self.image.is_none() && !image.is_file() {
+            let missing = format!(
+                "there is no image {}: type `cargo xtask firmware`, which makes it, or name one with \
+                 --image",
+                image.display()
+            );
+            ensure!(self.dry_run, missing);
+            tell(missing);
+            return Ok(image);
+        }
+        let range = image::flash_range(&image)?;
         let regions = self.board.regions();
         let (least, most) = (regions.start, regions.image_end());
         ensure!(
@@ -281,4 +295,9 @@ fn parse_read(said: &str) -> Vec<u8> {
         .filter(|word| !word.ends_with(':'))
         .map_while(|word| u8::from_str_radix(word, 16).ok())
         .collect()
+}
+
+fn is_on_path(program: &str) -> bool {
+    env::var_os("PATH")
+        .is_some_and(|path| env::split_paths(&path).any(|folder| folder.join(program).is_file()))
 }

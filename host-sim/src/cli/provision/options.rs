@@ -3,40 +3,44 @@
 use anyhow::{Context, Result, ensure};
 use toml::{Table, Value};
 
-use super::node::RoleName;
+use clap::builder::{PossibleValuesParser, TypedValueParser};
+use site::node::RoleName;
 
 /// Options stand over what the file says.
 #[derive(clap::Args)]
 pub(super) struct Options {
-    /// What the node is for
-    #[arg(long)]
+    /// What the node is for.
+    #[arg(long, value_parser = role())]
     role: Option<RoleName>,
-    /// The number by which people know the node, from 1
+    /// The number by which people know the node, from 1.
     #[arg(long, value_parser = clap::value_parser!(u16).range(1..))]
     id: Option<u16>,
-    /// The node's EUI-64, for example F4:CE:36:00:00:00:00:03; without it, the chip's
+    /// The node's EUI-64, for example F4:CE:36:00:00:00:00:03; without it, the chip's.
     #[arg(long, value_name = "EUI-64")]
     extended: Option<String>,
-    /// The 2.4 GHz channels the network may use, 11 to 26; without it, all
+    /// The 2.4 GHz channels the network may use, 11 to 26; without it, all.
     #[arg(long, value_delimiter = ',', value_name = "N,N")]
     channels: Option<Vec<u8>>,
-    /// Transmit power
+    /// Transmit power.
     #[arg(long, value_name = "DBM", allow_hyphen_values = true)]
     tx_power: Option<i8>,
 
-    /// Columns of the lens: 88, or 160 with the OV7620
+    /// Columns of the lens: 88, or 160 with the OV7620.
     #[arg(long, help_heading = "Camera")]
     columns: Option<u16>,
-    /// Angle from the middle of the first column to that of the last one
+    /// Angle from the middle of the first column to that of the last one.
     #[arg(long, value_name = "DEGREES", help_heading = "Camera")]
     field_of_view: Option<f64>,
-    /// Baud rate that the CMUcam2's jumpers select
+    /// Which direction a column is: `pin-hole` as real lenses, or `equal-angle`.
+    #[arg(long, value_name = "KIND", help_heading = "Camera")]
+    projection: Option<String>,
+    /// Baud rate that the CMUcam2's jumpers select.
     #[arg(long, help_heading = "Camera")]
     baud: Option<u32>,
-    /// It is a reference camera: `first` or `second`
+    /// It is a reference camera: `first` or `second`.
     #[arg(long, value_name = "DUTY", help_heading = "Camera")]
     reference: Option<String>,
-    /// Where the reference camera stands
+    /// Where the reference camera stands.
     #[arg(
         long,
         value_name = "X,Y",
@@ -45,17 +49,17 @@ pub(super) struct Options {
         help_heading = "Camera"
     )]
     position: Option<String>,
-    /// Distance of the two reference cameras
+    /// Distance of the two reference cameras.
     #[arg(long, value_name = "LENGTH", help_heading = "Camera")]
     baseline: Option<f64>,
-    /// Stops at which it wants to see the target
+    /// Stops at which it wants to see the target.
     #[arg(long, help_heading = "Camera")]
     stops: Option<u8>,
     /// Lowest and highest levels of red, green and blue of the target; again for the next target
-    /// colour
+    /// colour.
     #[arg(long, value_name = "R-R,G-G,B-B", help_heading = "Camera")]
     colour: Vec<String>,
-    /// It looks for what moves, not for a colour: levels of difference, usually 5 to 20
+    /// It looks for what moves, not for a colour: levels of difference, usually 5 to 20.
     #[arg(
         long,
         value_name = "LEVELS",
@@ -64,17 +68,17 @@ pub(super) struct Options {
     )]
     motion: Option<u8>,
 
-    /// EUI-64 of a device that may always join; again for the next one
+    /// EUI-64 of a device that may always join; again for the next one.
     #[arg(long, value_name = "EUI-64", help_heading = "Coordinator")]
     allow: Vec<String>,
-    /// How long any device with the site key may join after start-up
+    /// How long any device with the site key may join after start-up.
     #[arg(long, value_name = "SECONDS", help_heading = "Coordinator")]
     join_window: Option<u16>,
 
-    /// The target's colour number, from 0
+    /// The target's colour number, from 0.
     #[arg(long, value_name = "N", help_heading = "Target")]
     target_colour: Option<u8>,
-    /// What the compass of its step sensor reads too much on each axis, uT
+    /// What the compass of its step sensor reads too much on each axis, uT.
     #[arg(
         long,
         value_name = "X,Y,Z",
@@ -82,14 +86,14 @@ pub(super) struct Options {
         help_heading = "Target"
     )]
     hard_iron: Option<String>,
-    /// Step length of its carrier, in the unit of the site, at a swing of 1 m/s^2; usually 0.45 m
+    /// Step length of its carrier, in the unit of the site, at a swing of 1 m/s^2; usually 0.45 m.
     #[arg(long, value_name = "K", help_heading = "Target")]
     step_length: Option<f64>,
-    /// Standard deviation of its step sensor's constant error of heading; usually 3
+    /// Standard deviation of its step sensor's constant error of heading; usually 3.
     #[arg(long, value_name = "DEGREES", help_heading = "Target")]
     systematic_heading: Option<f64>,
     /// Standard deviation of its step sensor's constant error of distance, as a share of it;
-    /// usually 0.08, for a measured step length 0.03
+    /// usually 0.08, for a measured step length 0.03.
     #[arg(long, value_name = "SHARE", help_heading = "Target")]
     systematic_scale: Option<f64>,
 }
@@ -117,6 +121,8 @@ impl Options {
         lens.extend(self.columns.map(|n| ("columns".to_owned(), integer(n))));
         let view = self.field_of_view.map(Value::Float);
         lens.extend(view.map(|view| ("field-of-view-deg".to_owned(), view)));
+        let projection = self.projection.clone().map(Value::String);
+        lens.extend(projection.map(|kind| ("projection".to_owned(), kind)));
         put("lens", some_table(lens));
         put("baud", self.baud.map(integer));
         let mut reference = Table::new();
@@ -166,6 +172,12 @@ impl Options {
         }
         Ok(some_table(subjects))
     }
+}
+
+/// A role's name.
+fn role() -> impl TypedValueParser<Value = RoleName> {
+    PossibleValuesParser::new(RoleName::ALL.map(RoleName::name))
+        .try_map(|name| name.parse().map_err(|()| "there is no such role"))
 }
 
 fn integer(number: impl Into<i64>) -> Value {

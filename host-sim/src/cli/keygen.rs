@@ -1,0 +1,31 @@
+//! `host-sim keygen`
+
+use std::{path::PathBuf, process::ExitCode};
+
+use anyhow::Context;
+use clap::Args;
+use site::key_file;
+
+use super::{file_name, print, values};
+
+/// Draws a new site key, into a file.
+#[derive(Args)]
+pub(super) struct Arguments {
+    /// The file; it must not exist.
+    #[arg(default_value = "site.sitekey", value_parser = values::result())]
+    file: PathBuf,
+    /// The index by which frames name the key; the next key of a site needs another one.
+    #[arg(long, default_value_t = 1, value_parser = clap::value_parser!(u8).range(1..))]
+    index: u8,
+}
+
+pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
+    let name = file_name(&arguments.file);
+    key_file::create(&arguments.file, arguments.index).with_context(|| name.clone())?;
+    print(&format!(
+        "{name}: a site key with index {}\n\
+         Keep a copy in a safe place: every node of the site needs it. Publish it nowhere.\n",
+        arguments.index
+    ))?;
+    Ok(ExitCode::SUCCESS)
+}

@@ -1,0 +1,78 @@
+//! Files that grow while a command works.
+
+use std::{
+    cell::RefCell,
+    fs::File,
+    io::{self, ErrorKind, Write},
+    mem,
+    path::{Path, PathBuf},
+    rc::Rc,
+};
+
+use anyhow::Context;
+
+use super::file_name;
+
+/// A file that is made when something is written to it: not for a run that cannot begin. What is
+/// written goes to the file at once, so that whole lines and packets are there whatever ends the
+/// program. After an error it takes nothing more.
+#[derive(Clone)]
+pub(super) struct Late {
+    path: PathBuf,
+    /// Of all clones.
+    state: Rc<RefCell<State>>,
+}
+
+enum State {
+    NotMade,
+    Open(File),
+    Failed(io::Error),
+}
+
+impl Late {
+    pub(super) fn new(path: &Path) -> Self {
+        Self {
+            path: path.to_owned(),
+            state: Rc::new(RefCell::new(State::NotMade)),
+        }
+    }
+
+    /// Tells what went wrong first.
+    pub(super) fn finish(self) -> anyhow::Result<()> {
+        if let State::Failed(error) = &mut *self.state.borrow_mut() {
+            let kind = error.kind();
+            return Err(mem::replace(error, kind.into()))
+                .with_context(|| format!("{} cannot be written", file_name(&self.path)));
+        }
+        Ok(())
+    }
+}
+
+impl Write for Late {
+    fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
+        let mut state = self.state.borrow_mut();
+        if let State::NotMade = *state {
+            *state = match File::create(&self.path) {
+                Ok(file) => State::Open(file),
+                Err(error) => State::Failed(error),
+            };
+        }
+        let done = match &mut *state {
+            State::Open(file) => file.write(bytes),
+            State::Failed(error) => return Err(error.kind().into()),
+            State::NotMade => return Err(ErrorKind::NotFound.into()),
+        };
+        done.map_err(|error| {
+            let kind = error.kind();
+            if kind != ErrorKind::Interrupted {
+                *state = State::Failed(error);
+            }
+            kind.into()
+        })
+    }
+
+    /// There is nothing left to do.
+    fn flush(&mut self) -> io::Result<()> {
+        Ok(())
+    }
+}

@@ -1,0 +1,206 @@
+//! `host-sim provision`
+
+mod options;
+
+use std::{
+    fs,
+    path::{Path, PathBuf},
+    process::ExitCode,
+    time::{SystemTime, UNIX_EPOCH},
+};
+
+use anyhow::{Context, Result, anyhow, bail, ensure};
+use clap::Args;
+use node_firmware::config::{Config, Role, SiteKey};
+use site::{
+    NetworkConfigs, Overrides, Purpose, Scenario, ScenarioError, key_file, node, page_file,
+};
+use toml::Table;
+
+use super::{file_name, files::Files, print, tell, values};
+
+/// 2026-01-01 00:00:00 UTC, seconds of Unix.
+const EPOCH: u64 = 1_767_225_600;
+
+/// Makes configuration pages, which tell boards which nodes they are.
+///
+/// Makes a page, or those of a whole site, or tells what is in one. The site key is never shown.
+#[derive(Args)]
+pub(super) struct Arguments {
+    /// Tells what is in a page.
+    #[arg(long, value_name = "PAGE", exclusive = true)]
+    show: Option<PathBuf>,
+    /// The site's key, of `host-sim keygen`; without it, the `key_file` of the site.
+    #[arg(long, value_name = "FILE", required_unless_present_any = ["show", "site"])]
+    site_key: Option<PathBuf>,
+    /// A node's parameters; options stand over them.
+    #[arg(long, value_name = "FILE.toml")]
+    config: Option<PathBuf>,
+    /// All nodes of a site, from the file that `host-sim run` rehearses; --out is then a folder.
+    #[arg(
+        long,
+        value_name = "FILE.toml",
+        requires = "out",
+        conflicts_with = "config"
+    )]
+    site: Option<PathBuf>,
+    /// Where to write; without it, node-ID.page.bin.
+    #[arg(long, value_name = "PATH", value_parser = values::result())]
+    out: Option<PathBuf>,
+    /// Writes over pages that exist.
+    #[arg(long)]
+    overwrite: bool,
+    /// The first frame counter: above all that nodes used under this key; without it, the seconds
+    /// since 2026 began.
+    #[arg(long, value_name = "N")]
+    first_counter: Option<u32>,
+    #[command(flatten)]
+    options: options::Options,
+}
+
+pub(super) fn run(arguments: &Arguments) -> Result<ExitCode> {
+    if let Some(path) = &arguments.show {
+        print(&node::text(&read_page(path)?)?)?;
+        return Ok(ExitCode::SUCCESS);
+    }
+    match &arguments.site {
+        Some(file) => arguments.whole_site(file)?,
+        None => arguments.one_node()?,
+    }
+    Ok(ExitCode::SUCCESS)
+}
+
+impl Arguments {
+    fn one_node(&self) -> Result<()> {
+        let path = self.site_key.as_deref().context("--site-key is missing")?;
+        let key = read_key(path)?;
+        let counter = self.first_counter.map_or_else(counter_now, Ok)?;
+        let mut table = match &self.config {
+            Some(file) => read_table(file)?,
+            None => Table::new(),
+        };
+        node::merge(&mut table, self.options.table()?);
+        let config = node::config(table, key, counter)?;
+        let out = self.out.clone();
+        let out = out.unwrap_or_else(|| default_name(&config).into());
+        self.write_all(path, &[(config, out)])
+    }
+
+    fn whole_site(&self, file: &Path) -> Result<()> {
+        let name = file_name(file);
+        ensure!(
+            self.options.table()?.is_empty(),
+            "a site's nodes have their parameters in its file, not in options"
+        );
+        let scenario =
+            Scenario::load(&name, &Overrides::default()).map_err(|error| named(&name, error))?;
+        let open = scenario.assumptions(Purpose::Deployment);
+        if !open.is_empty() {
+            let open: String = open.iter().map(|one| format!("\n  {one}")).collect();
+            bail!("{name} leaves open what real nodes have to be told:{open}");
+        }
+        let path = match (&self.site_key, &scenario.key_file) {
+            (Some(path), _) => path.clone(),
+            (None, Some(key)) => file.with_file_name(key),
+            (None, None) => bail!(
+                "which key has the site? Say --site-key FILE, or write `key_file = \"FILE\"` into \
+                 {name}; `host-sim keygen FILE` makes one"
+            ),
+        };
+        let key = read_key(&path)?;
+        let counter = self.first_counter.map_or_else(counter_now, Ok)?;
+        let networks =
+            site::configs(&scenario, key, counter).map_err(|error| named(&name, error))?;
+        let folder = self.out.as_deref().context("--out is missing")?;
+        let nodes = networks.iter().flat_map(NetworkConfigs::iter);
+        let pages = nodes.map(|config| (config.clone(), folder.join(default_name(config))));
+        let pages: Vec<_> = pages.collect();
+        fs::create_dir_all(folder)
+            .with_context(|| format!("the folder {} cannot be made", file_name(folder)))?;
+        self.write_all(&path, &pages)
+    }
+
+    /// Writes all pages or, when one cannot be written, none.
+    fn write_all(&self, key: &Path, pages: &[(Config, PathBuf)]) -> Result<()> {
+        let read = [&self.site, &self.config];
+        Files::default()
+            .reads([key])
+            .reads(read.into_iter().flatten())
+            .writes(pages.iter().map(|(_, page)| page))
+            .check()?;
+        for (_, page) in pages {
+            ensure!(
+                self.overwrite || !page.exists(),
+                "{} exists: name another file with --out, or use --overwrite",
+                file_name(page)
+            );
+        }
+        pages
+            .iter()
+            .try_for_each(|(config, page)| self.write(config, page))
+    }
+
+    fn write(&self, config: &Config, path: &Path) -> Result<()> {
+        let name = file_name(path);
+        let length =
+            page_file::write(path, config, self.overwrite).with_context(|| name.clone())?;
+        print(&format!(
+            "# {name}: {length} bytes\n{}\n",
+            node::text(config)?
+        ))?;
+        match &config.role {
+            Role::Coordinator(coordinator)
+                if coordinator.allow.is_empty() && coordinator.join_window_s == 0 =>
+            {
+                tell("Nobody may join this coordinator until its button opens the join window.");
+            }
+            Role::Target(target) if target.sensor.hard_iron == [0.0; 3] => tell(
+                "Without --hard-iron the compass of this target shows no direction on a real board.",
+            ),
+            _ => {}
+        }
+        Ok(())
+    }
+}
+
+/// Reads a page that is to be shown or flashed.
+pub(super) fn read_page(path: &Path) -> Result<Config> {
+    page_file::read(path).with_context(|| file_name(path))
+}
+
+fn read_key(path: &Path) -> Result<SiteKey> {
+    key_file::read(path).with_context(|| file_name(path))
+}
+
+/// What is wrong with a site's file, with its name.
+fn named(name: &str, error: ScenarioError) -> anyhow::Error {
+    match error {
+        // These have the name in them.
+        ScenarioError::Unknown { .. } | ScenarioError::File { .. } => error.into(),
+        error => anyhow!("{name}: {error}"),
+    }
+}
+
+fn read_table(path: &Path) -> Result<Table> {
+    let name = file_name(path);
+    let text = fs::read_to_string(path).with_context(|| format!("{name} cannot be read"))?;
+    text.parse().with_context(|| format!("{name} is not TOML"))
+}
+
+fn default_name(config: &Config) -> String {
+    format!("node-{}.page.bin", config.id)
+}
+
+/// The frame counter that a node provisioned now begins with: seconds since 2026-01-01 UTC.
+///
+/// A node takes a new key and counter only if the counter is above all it may have used, and no
+/// counter may be used twice under one key. Time rises with every provisioning, without a record
+/// of all nodes, as long as a node sends less than one frame a second on average.
+fn counter_now() -> Result<u32> {
+    SystemTime::now()
+        .duration_since(UNIX_EPOCH)
+        .ok()
+        .and_then(|since| since.as_secs().checked_sub(EPOCH))
+        .and_then(|seconds| u32::try_from(seconds).ok())
+        .context("this computer's clock is not right: set it, or use --first-counter N")
+}

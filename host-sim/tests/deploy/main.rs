@@ -1,0 +1,7 @@
+//! Keys, pages and boards, by the commands that people type.
+#![cfg(unix)]
+
+mod flash;
+mod place;
+mod provision;
+mod site;

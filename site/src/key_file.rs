@@ -1,0 +1,177 @@
+//! Site keys in files.
+//!
+//! A key file is one line of ASCII, ended by a line feed:
+//!
+//! ```text
+//! site-key 1 INDEX KEY CHECKSUM
+//! ```
+//!
+//! `1` is the version of the format, INDEX the key's index in decimal (1 to 255), KEY its 16 bytes
+//! and CHECKSUM the CRC-32 (ISO-HDLC) of all characters before it, both in lower-case hexadecimal.
+//! Only its owner may read it. No message tells what is in it.
+
+use std::{
+    fs,
+    io::{self, ErrorKind},
+    path::Path,
+};
+
+use crc::{CRC_32_ISO_HDLC, Crc};
+use node_firmware::config::SiteKey;
+use thiserror::Error;
+
+use crate::private_file;
+
+const START: &str = "site-key 1 ";
+const CRC: Crc<u32> = Crc::<u32>::new(&CRC_32_ISO_HDLC);
+/// More than the longest line.
+const LENGTH_MAX: u64 = 128;
+
+/// Why a file gives no key, or why there is no new one. No message has the file's name.
+#[derive(Debug, Error)]
+pub enum KeyFileError {
+    /// The operating system's answer.
+    #[error("it cannot be read; `host-sim keygen FILE` makes the key of a new site")]
+    Read(#[source] io::Error),
+    /// It is not only its owner's.
+    #[error(
+        "others may read it, so it is not a secret: type `chmod 600` and its name if nobody did, or \
+         make another key with `host-sim keygen`"
+    )]
+    Public,
+    /// It is something else, or was changed.
+    #[error(
+        "it holds no site key ({0}): take the copy that was kept, or make another key with \
+         `host-sim keygen`"
+    )]
+    NoKey(&'static str),
+    /// Such as sixteen zeros.
+    #[error("nobody drew this key at random: make another one with `host-sim keygen`")]
+    NotRandom,
+    /// There are no random numbers.
+    #[error("the system gave no random numbers")]
+    NoRandomness,
+    /// A key is never written over.
+    #[error("it exists, and is not overwritten: its key may be in use; name another file")]
+    Exists,
+    /// The operating system's answer.
+    #[error("it was not written")]
+    Write(#[source] io::Error),
+}
+
+/// Reads a key.
+///
+/// # Errors
+/// [`KeyFileError`]
+pub fn read(path: &Path) -> Result<SiteKey, KeyFileError> {
+    let known = fs::metadata(path).map_err(KeyFileError::Read)?;
+    if !known.is_file() || known.len() > LENGTH_MAX {
+        return Err(KeyFileError::NoKey("it is no file of one line"));
+    }
+    #[cfg(unix)]
+    {
+        use std::os::unix::fs::PermissionsExt;
+        if known.permissions().mode() & 0o077 != 0 {
+            return Err(KeyFileError::Public);
+        }
+    }
+    let bytes = fs::read(path).map_err(KeyFileError::Read)?;
+    let key = parse(&bytes).map_err(KeyFileError::NoKey)?;
+    key.key().map(|_| key).ok_or(KeyFileError::NotRandom)
+}
+
+/// Draws a new key with this index, 1 to 255, and writes it into a file that does not exist yet.
+///
+/// # Errors
+/// [`KeyFileError`]
+pub fn create(path: &Path, index: u8) -> Result<(), KeyFileError> {
+    let mut bytes = [0; 16];
+    getrandom::fill(&mut bytes).map_err(|_| KeyFileError::NoRandomness)?;
+    if SiteKey::new(index, bytes).key().is_none() {
+        return Err(KeyFileError::NoRandomness);
+    }
+    private_file::write(path, text(index, &bytes).as_bytes(), false).map_err(|error| {
+        match error.kind() {
+            ErrorKind::AlreadyExists => KeyFileError::Exists,
+            _ => KeyFileError::Write(error),
+        }
+    })
+}
+
+fn text(index: u8, bytes: &[u8; 16]) -> String {
+    let mut text = format!("{START}{index} ");
+    text.extend(bytes.iter().map(|byte| format!("{byte:02x}")));
+    text.push(' ');
+    let checksum = CRC.checksum(text.as_bytes());
+    text + &format!("{checksum:08x}\n")
+}
+
+/// Errors tell nothing of the contents.
+fn parse(contents: &[u8]) -> Result<SiteKey, &'static str> {
+    let text = str::from_utf8(contents).map_err(|_| "it is not text")?;
+    let fields = text
+        .strip_prefix(START)
+        .ok_or("it does not begin with `site-key 1`")?;
+    let fields: Vec<_> = fields.trim_end().split(' ').collect();
+    let &[index, digits, _] = fields.as_slice() else {
+        return Err("it is not whole");
+    };
+    let index = index.parse().map_err(|_| "its index is not 1 to 255")?;
+    let mut bytes = [0; 16];
+    if digits.len() != 32 || !digits.is_ascii() {
+        return Err("its key is not 16 bytes");
+    }
+    for (place, byte) in bytes.iter_mut().enumerate() {
+        *byte = u8::from_str_radix(&digits[2 * place..][..2], 16)
+            .map_err(|_| "its key is not hexadecimal")?;
+    }
+    // One text for each key: what is written otherwise was changed.
+    if self::text(index, &bytes) != text {
+        return Err("its checksum is wrong");
+    }
+    Ok(SiteKey::new(index, bytes))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// The checksum by `zlib.crc32` of Python.
+    const GOLDEN: &str = "site-key 1 7 00112233445566778899aabbccddeeff 17238689\n";
+    const BYTES: [u8; 16] = [
+        0x00, 0x11, 0x22, 0x33, 0x44, 0x55, 0x66, 0x77, 0x88, 0x99, 0xaa, 0xbb, 0xcc, 0xdd, 0xee,
+        0xff,
+    ];
+
+    #[test]
+    fn golden_file() {
+        assert_eq!(text(7, &BYTES), GOLDEN);
+        assert_eq!(parse(GOLDEN.as_bytes()), Ok(SiteKey::new(7, BYTES)));
+    }
+
+    /// Every change of one character, and every shortened file.
+    #[test]
+    fn a_changed_file_is_refused() {
+        for place in 0..GOLDEN.len() {
+            assert!(parse(&GOLDEN.as_bytes()[..place]).is_err());
+            for character in [b'0', b'1', b'9', b'a', b'F', b' ', b'\n', 0xFF] {
+                let mut other = GOLDEN.as_bytes().to_vec();
+                if other[place] != character {
+                    other[place] = character;
+                    assert!(parse(&other).is_err(), "{place}");
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn what_is_drawn_is_read() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("key");
+        create(&path, 3).unwrap();
+        let key = read(&path).unwrap();
+        assert_eq!(key.index(), 3);
+        assert!(matches!(create(&path, 4), Err(KeyFileError::Exists)));
+        assert_eq!(read(&path).unwrap(), key);
+    }
+}

@@ -1,0 +1,371 @@
+//! What people write of one node, and the configuration made of it.
+//!
+//! A node is a table of TOML: `role` and `id`, then what all nodes have, then what its role has.
+//! Names are those of [`Config`] and its roles, in kebab case. What is left out has its usual
+//! value, also within `lens` and `good-enough`, except what nobody can guess: a camera's field of
+//! view, and how wrong a target's step sensor may be. Addresses are texts, channels a list of
+//! numbers. [`text()`] writes the same form.
+//!
+//! ```toml
+//! role = "camera"
+//! id = 3
+//! extended = "F4:CE:36:00:00:00:00:03"     # default: the chip's
+//! channels = [15, 20, 25, 26]              # default: all, 11 to 26
+//! tx-power = 0                             # dBm
+//! protection = 6                           # security level of IEEE 802.15.4, 5 or 6
+//! stops = 4
+//! lens = { field-of-view-deg = 47.0 }
+//! reference = { duty = "first", position = [0.0, 0.0] }
+//! subjects = { colours = [{ red = [170, 240], green = [60, 140], blue = [16, 80] }] }
+//! ```
+
+mod text;
+
+use std::{fmt, str::FromStr};
+
+use node_firmware::{
+    config::{
+        ALLOWED_MAX, CameraConfig, Config, ConfigError, CoordinatorConfig, Role, SiteKey, Subjects,
+        TargetConfig,
+    },
+    sight::{ColourWindow, Lens},
+};
+use serde::{Deserialize, Serialize, de::DeserializeOwned};
+use thiserror::Error;
+use toml::{Table, Value};
+use zigbee_link::security::Protection;
+
+pub use self::text::text;
+use crate::configs;
+
+/// Why a table is no node.
+#[derive(Debug, Error)]
+pub enum NodeError {
+    /// What does not belong there.
+    #[error("`{name}` does not belong into a file that is shown around: use {instead}")]
+    Secret {
+        /// Its name.
+        name: &'static str,
+        /// Where it belongs.
+        instead: &'static str,
+    },
+    /// What only people can know.
+    #[error("a {of} needs `{name}`: use {option}, or write it into the file{why}")]
+    Missing {
+        /// A node, or which one.
+        of: &'static str,
+        /// What is missing.
+        name: &'static str,
+        /// The option of `host-sim provision`.
+        option: &'static str,
+        /// What to choose.
+        why: &'static str,
+    },
+    /// A value of another kind.
+    #[error(transparent)]
+    Toml(#[from] toml::de::Error),
+    /// A value that is not among the usual ones.
+    #[error(transparent)]
+    Usual(#[from] toml::ser::Error),
+    /// The number of the node.
+    #[error("id must be 1 to 65535, not {0}")]
+    Id(i64),
+    /// Names that would have no effect.
+    #[error("a {role} has no parameter {names}")]
+    Unknown {
+        /// Of what.
+        role: RoleName,
+        /// The names.
+        names: String,
+    },
+    /// A text that is no address.
+    #[error("`{0}` is no EUI-64: it has 8 bytes, for example F4:CE:36:00:00:00:00:03")]
+    Address(String),
+    /// More than there are.
+    #[error("a coordinator's network has at most {ALLOWED_MAX} other nodes, not {0}")]
+    TooMany(usize),
+    /// A number that is no channel.
+    #[error("there is no channel {0}: the 2.4 GHz channels are 11 to 26")]
+    Channel(u8),
+    /// A level that is not supported.
+    #[error("protection must be 5 or 6")]
+    Protection,
+    /// A value out of its range.
+    #[error(transparent)]
+    Config(#[from] ConfigError),
+}
+
+/// What all nodes have, without the site key and the counter, which no file holds.
+const COMMON: [&str; 6] = [
+    "role",
+    "id",
+    "extended",
+    "channels",
+    "tx-power",
+    "protection",
+];
+/// Tables of which each part has a usual value of its own.
+const PARTS: [&str; 4] = ["lens", "good-enough", "weak", "sensor"];
+
+/// Of a CMUcam2 with the OV6620. The field of view is always given.
+const LENS: Lens = Lens::pin_hole(88, 45.0);
+/// An orange target's. Light differs: it is meant to be learnt anew at the site.
+const ORANGE: ColourWindow = ColourWindow {
+    red: [170, 240],
+    green: [60, 140],
+    blue: [16, 80],
+};
+
+/// What a node is for, by name.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum RoleName {
+    /// `camera`
+    Camera,
+    /// `coordinator`
+    Coordinator,
+    /// `target`
+    Target,
+}
+
+impl RoleName {
+    /// All there are.
+    pub const ALL: [Self; 3] = [Self::Camera, Self::Coordinator, Self::Target];
+
+    /// As it is written.
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Camera => "camera",
+            Self::Coordinator => "coordinator",
+            Self::Target => "target",
+        }
+    }
+}
+
+impl From<&Role> for RoleName {
+    fn from(role: &Role) -> Self {
+        match role {
+            Role::Camera(_) => Self::Camera,
+            Role::Coordinator(_) => Self::Coordinator,
+            Role::Target(_) => Self::Target,
+        }
+    }
+}
+
+impl fmt::Display for RoleName {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(self.name())
+    }
+}
+
+impl FromStr for RoleName {
+    type Err = ();
+
+    fn from_str(text: &str) -> Result<Self, ()> {
+        let named = Self::ALL.into_iter().find(|role| role.name() == text);
+        named.ok_or(())
+    }
+}
+
+#[derive(Deserialize)]
+#[serde(rename_all = "kebab-case")]
+struct Common {
+    role: RoleName,
+    id: i64,
+    extended: Option<String>,
+    channels: Option<Vec<u8>>,
+    #[serde(default)]
+    tx_power: i8,
+    protection: Option<u8>,
+}
+
+/// A coordinator's parameters, with addresses as people write them.
+#[derive(Default, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+struct Coordinator {
+    allow: Vec<String>,
+    join_window_s: u16,
+}
+
+/// What nobody can guess: its role, the table in the node's, its name there, as people know it, the
+/// option, and what to choose.
+const ASKED: [(RoleName, &str, &str, &str, &str, &str); 3] = [
+    (
+        RoleName::Camera,
+        "lens",
+        "field-of-view-deg",
+        "lens.field-of-view-deg",
+        "--field-of-view",
+        ". The CMUcam2's manual says 44 to 50 degrees, by lens; docs/deploy.md tells how to measure it",
+    ),
+    (
+        RoleName::Target,
+        "",
+        "systematic-heading-deg",
+        "systematic-heading-deg",
+        "--systematic-heading",
+        ". It is usually 3: how far its compass may be off all the time, degrees (one sigma)",
+    ),
+    (
+        RoleName::Target,
+        "",
+        "systematic-scale",
+        "systematic-scale",
+        "--systematic-scale",
+        ". It is usually 0.08, with a measured step length 0.03: by which share its steps may be too \
+         long all the time (one sigma)",
+    ),
+];
+
+/// Makes a configuration, and checks it.
+///
+/// # Errors
+/// [`NodeError`]
+pub fn config(
+    mut table: Table,
+    site_key: SiteKey,
+    first_counter: u32,
+) -> Result<Config, NodeError> {
+    for (name, instead) in [
+        ("site-key", "--site-key FILE"),
+        ("first-counter", "--first-counter N"),
+    ] {
+        if table.contains_key(name) {
+            return Err(NodeError::Secret { name, instead });
+        }
+    }
+    for (name, option) in [("role", "--role"), ("id", "--id")] {
+        if !table.contains_key(name) {
+            return Err(NodeError::Missing {
+                of: "node",
+                name,
+                option,
+                why: "",
+            });
+        }
+    }
+    let common: Table = COMMON
+        .iter()
+        .filter_map(|&name| Some((name.to_owned(), table.remove(name)?)))
+        .collect();
+    let common: Common = common.try_into()?;
+    let id = u16::try_from(common.id).ok().filter(|&id| id > 0);
+    let id = id.ok_or(NodeError::Id(common.id))?;
+    for (role, part, key, name, option, why) in ASKED {
+        let given = match part {
+            "" => table.contains_key(key),
+            part => table.get(part).is_some_and(|part| part.get(key).is_some()),
+        };
+        if role == common.role && !given {
+            return Err(NodeError::Missing {
+                of: role.name(),
+                name,
+                option,
+                why,
+            });
+        }
+    }
+    let role = match common.role {
+        RoleName::Camera => {
+            let colours = [ORANGE].into_iter().collect();
+            let usual = CameraConfig::new(LENS, Subjects::Colours(colours));
+            Role::Camera(parameters(common.role, &usual, table)?)
+        }
+        RoleName::Coordinator => {
+            let own = parameters(common.role, &Coordinator::default(), table)?;
+            Role::Coordinator(own.try_into()?)
+        }
+        RoleName::Target => {
+            let own: TargetConfig = parameters(common.role, &TargetConfig::default(), table)?;
+            Role::Target(own)
+        }
+    };
+    let config = Config {
+        id,
+        extended: common.extended.as_deref().map(address).transpose()?,
+        site_key,
+        first_counter,
+        channels: channel_mask(common.channels)?,
+        tx_power: common.tx_power,
+        protection: match common.protection {
+            None | Some(6) => Protection::EncMic64,
+            Some(5) => Protection::EncMic32,
+            Some(_) => return Err(NodeError::Protection),
+        },
+        role,
+    };
+    config.check()?;
+    Ok(config)
+}
+
+/// The usual parameters, and over them those that are given. A name that nobody knows is refused:
+/// it would be a parameter that has no effect.
+fn parameters<T: Serialize + DeserializeOwned>(
+    role: RoleName,
+    usual: &T,
+    given: Table,
+) -> Result<T, NodeError> {
+    let mut table = Table::try_from(usual)?;
+    merge(&mut table, given);
+    let mut unknown = Vec::new();
+    let parameters = serde_ignored::deserialize(Value::Table(table), |path| {
+        unknown.push(format!("`{path}`"));
+    })?;
+    if !unknown.is_empty() {
+        let names = unknown.join(", ");
+        return Err(NodeError::Unknown { role, names });
+    }
+    Ok(parameters)
+}
+
+/// Puts one table over another, part by part where each has a usual value.
+pub fn merge(table: &mut Table, over: Table) {
+    for (name, value) in over {
+        let value = match (table.remove(&name), value) {
+            (Some(Value::Table(mut parts)), Value::Table(over))
+                if PARTS.contains(&name.as_str()) =>
+            {
+                parts.extend(over);
+                Value::Table(parts)
+            }
+            (_, value) => value,
+        };
+        table.insert(name, value);
+    }
+}
+
+impl TryFrom<Coordinator> for CoordinatorConfig {
+    type Error = NodeError;
+
+    fn try_from(own: Coordinator) -> Result<Self, NodeError> {
+        let allow = own.allow.iter().map(|text| address(text));
+        Ok(Self {
+            allow: allow_list(allow.collect::<Result<Vec<_>, _>>()?.as_slice())?,
+            join_window_s: own.join_window_s,
+        })
+    }
+}
+
+/// As many as a network has.
+fn allow_list(devices: &[[u8; 8]]) -> Result<heapless::Vec<[u8; 8], ALLOWED_MAX>, NodeError> {
+    heapless::Vec::from_slice(devices).map_err(|_| NodeError::TooMany(devices.len()))
+}
+
+fn address(text: &str) -> Result<[u8; 8], NodeError> {
+    configs::address(text).ok_or_else(|| NodeError::Address(text.to_owned()))
+}
+
+/// As it is printed on devices.
+fn address_text(address: [u8; 8]) -> String {
+    address.map(|byte| format!("{byte:02X}")).join(":")
+}
+
+fn channel_mask(channels: Option<Vec<u8>>) -> Result<u32, NodeError> {
+    let channels = channels.unwrap_or_else(|| (11..=26).collect());
+    channels.into_iter().try_fold(0, |mask, channel| {
+        if !(11..=26).contains(&channel) {
+            return Err(NodeError::Channel(channel));
+        }
+        Ok(mask | 1 << channel)
+    })
+}

@@ -1,0 +1,67 @@
+//! Configuration pages in files.
+//!
+//! A page file is a page as it stands in a board's flash, [`PAGE_MAX`] bytes. It holds the site's
+//! key, so only its owner may read it.
+
+use std::{
+    fs,
+    io::{self, ErrorKind},
+    path::Path,
+};
+
+use node_firmware::config::{
+    Config,
+    page::{self, PAGE_MAX, PageError},
+};
+use thiserror::Error;
+
+use crate::private_file;
+
+/// Why there is no configuration in a file, or why none was written. No message has the file's
+/// name.
+#[derive(Debug, Error)]
+pub enum PageFileError {
+    /// The operating system's answer.
+    #[error("it cannot be read")]
+    Read(#[source] io::Error),
+    /// What is wrong with its bytes.
+    #[error("it is no page for a node: {0}")]
+    Page(PageError),
+    /// More would go over what comes behind the page in the flash; less was cut off.
+    #[error("it has {0} bytes, a page has {PAGE_MAX}: make it again with `host-sim provision`")]
+    Length(usize),
+    /// A page is not written over by accident.
+    #[error("it exists: name another file with --out, or use --overwrite")]
+    Exists,
+    /// The operating system's answer.
+    #[error("it was not written")]
+    Write(#[source] io::Error),
+}
+
+/// Reads a page that is to be shown or flashed.
+///
+/// # Errors
+/// [`PageFileError`]
+pub fn read(path: &Path) -> Result<Config, PageFileError> {
+    let bytes = fs::read(path).map_err(PageFileError::Read)?;
+    let config = page::decode(&bytes).map_err(PageFileError::Page)?;
+    if bytes.len() != PAGE_MAX {
+        return Err(PageFileError::Length(bytes.len()));
+    }
+    Ok(config)
+}
+
+/// Writes a page, which replaces a file only with `overwrite`. Returns how many of its bytes the
+/// configuration takes.
+///
+/// # Errors
+/// [`PageFileError`]
+pub fn write(path: &Path, config: &Config, overwrite: bool) -> Result<usize, PageFileError> {
+    let mut bytes = [0; PAGE_MAX];
+    let length = page::encode(config, &mut bytes).map_err(PageFileError::Page)?;
+    private_file::write(path, &bytes, overwrite).map_err(|error| match error.kind() {
+        ErrorKind::AlreadyExists => PageFileError::Exists,
+        _ => PageFileError::Write(error),
+    })?;
+    Ok(length)
+}
