@@ -43,7 +43,7 @@ use self::air::{Air, Due};
 pub use self::{
     counters::{Counters, Reason},
     disturbance::{Disturbance, Kind},
-    propagation::{Edge, LogDistance, Propagation},
+    propagation::{LogDistance, Propagation},
     radio::{Radio, RadioError},
     watch::{Capture, Digest, Event, Watcher},
 };
@@ -121,11 +121,6 @@ impl Medium {
     /// Moves a node.
     pub fn move_to(&self, node: NodeId, place: Place) {
         self.0.air.borrow_mut().links.move_to(node.0, place);
-    }
-
-    /// How many nodes may hear a node at full power.
-    pub fn neighbours(&self, node: NodeId) -> usize {
-        self.0.air.borrow_mut().links.of(node.0).len()
     }
 
     /// Has something go wrong.

@@ -6,7 +6,7 @@ use embassy_futures::select::select;
 use virtual_bench::{
     executor::{Ended, Executor, Time},
     medium::{
-        Capture, Disturbance, Edge, Kind, LogDistance, Medium, NodeId, Place, Propagation, Radio,
+        Capture, Disturbance, Kind, LogDistance, Medium, NodeId, Place, Propagation, Radio,
         RadioError, Reason,
     },
 };
@@ -178,22 +178,21 @@ fn hidden_terminal() {
 }
 
 /// The frame that is received survives a later one that is 6 dB weaker, but not one that is 2 dB
-/// weaker; a later one is lost even if it is stronger.
+/// weaker; a later one is lost even if it is stronger. At 10 units the exponent makes -50 dBm.
 #[test]
 fn capture() {
     for (later, survives) in [(-56.0, true), (-52.0, false), (-40.0, false)] {
-        let ends = |a, b| [NodeId(a), NodeId(b)];
-        let edge = |ends, strength| Edge {
-            ends,
-            strength,
-            loss: 0.0,
-        };
-        let mut bench = Bench::new(Propagation::Edges {
-            edges: vec![edge(ends(0, 2), -50.0), edge(ends(2, 1), later)],
-            capture: Some(3.0),
-        });
-        bench.sender([0.0; 2], &[(MILLISECOND, 100)]);
-        bench.sender([0.0; 2], &[(2 * MILLISECOND, 20)]);
+        let mut bench = Bench::new(Propagation::LogDistance(LogDistance {
+            loss_at_one: 30.0,
+            exponent: 2.0,
+            shadowing: 0.0,
+            // They do not wait for one another.
+            clear_channel: 0.0,
+            ..LogDistance::default()
+        }));
+        let away = 10_f64.powf((-later - 30.0) / 20.0);
+        bench.sender([10.0, 0.0], &[(MILLISECOND, 100)]);
+        bench.sender([0.0, away], &[(2 * MILLISECOND, 20)]);
         let (listener, heard) = bench.listener([0.0; 2], ABILITIES);
         bench.run(SECOND);
         let expected = (usize::from(survives), 2 - u64::from(survives));
@@ -290,7 +289,6 @@ fn scripted_disturbances() {
     let kinds = [
         Kind::Partition(BTreeSet::from([listener])),
         Kind::Loss(1.0),
-        Kind::BitFlips(1.0),
         // Reaches the listeners, not the sender.
         Kind::Jammer {
             channel: Some(CHANNEL),
@@ -309,15 +307,14 @@ fn scripted_disturbances() {
     let reasons = [
         (Reason::Partitioned, 10),
         (Reason::Loss, 10),
-        (Reason::Corrupted, 10),
         (Reason::Jammed, 10),
     ];
     for (reason, count) in reasons {
         assert_eq!(bench.dropped(listener, reason), count, "{reason:?}");
     }
     assert_eq!(bench.dropped(sender, Reason::Busy), 10);
-    assert_eq!(outcomes.borrow()[50..], [TxOutcome::ChannelBusy; 10]);
-    assert_eq!(heard.borrow().len(), 10);
+    assert_eq!(outcomes.borrow()[40..50], [TxOutcome::ChannelBusy; 10]);
+    assert_eq!(heard.borrow().len(), 20);
     // A radio without FCS gets what the air made of it.
     let intact = |second: u64| -> Vec<bool> {
         let during = second * SECOND..(second + 1) * SECOND;
@@ -328,15 +325,7 @@ fn scripted_disturbances() {
     assert_eq!(intact(0), [true; 10]);
     assert_eq!(intact(1), [true; 10]);
     assert_eq!(intact(3), [false; 10]);
-    assert_eq!(intact(4), [false; 10]);
-    for (at, _, bytes) in &*damaged.borrow() {
-        let bits: u32 = bytes
-            .iter()
-            .zip(frame(20))
-            .map(|(a, b)| (a ^ b).count_ones())
-            .sum();
-        assert!(*at < 3 * SECOND || *at > 4 * SECOND || bits <= 1);
-    }
+    assert_eq!(intact(5), [true; 10]);
 }
 
 /// Rules 1, 8 and 9 of the contract.
@@ -429,7 +418,6 @@ fn a_node_that_moves_away_is_no_longer_heard() {
     bench.medium.move_to(sender, [0.0, 3.0]);
     bench.run(5 * SECOND);
     assert_eq!(heard.borrow().len(), 2);
-    assert_eq!(bench.medium.neighbours(sender), 1);
 }
 
 #[derive(Clone, Default)]
