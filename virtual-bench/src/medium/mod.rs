@@ -52,6 +52,16 @@ use super::executor::{Clock, EventId, Handler, Time};
 /// A place in the plane, in the units of the [`Propagation`].
 pub type Place = [f64; 2];
 
+/// What the radio of an nRF52840 does, with a queue in its driver and a filter.
+pub const NRF52840: Capabilities = Capabilities {
+    fcs: true,
+    csma: false,
+    address_filter: true,
+    acknowledge: false,
+    retries: false,
+    rx_queue: true,
+};
+
 /// A node of a medium.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub struct NodeId(pub u32);

@@ -6,8 +6,8 @@ use embassy_futures::select::select;
 use virtual_bench::{
     executor::{Ended, Executor, Time},
     medium::{
-        Capture, Disturbance, Kind, LogDistance, Medium, NodeId, Place, Propagation, Radio,
-        RadioError, Reason,
+        Capture, Disturbance, Kind, LogDistance, Medium, NRF52840, NodeId, Place, Propagation,
+        Radio, RadioError, Reason,
     },
 };
 use zigbee_link::{
@@ -15,7 +15,7 @@ use zigbee_link::{
     wire::{Eui64, PanId, ShortAddress, has_good_fcs},
 };
 
-use crate::support::{ABILITIES, MICROSECOND, MILLISECOND, SECOND};
+use crate::support::{MICROSECOND, MILLISECOND, SECOND};
 
 const CHANNEL: Channel = Channel::FIRST;
 /// Assessment and turnaround before a frame, by hand from the standard.
@@ -75,7 +75,7 @@ impl Bench {
         let outcomes = Rc::new(RefCell::new(Vec::new()));
         let list = outcomes.clone();
         self.executor.spawn(async move {
-            let mut radio = Self::switched_on(medium, node, ABILITIES).await;
+            let mut radio = Self::switched_on(medium, node, NRF52840).await;
             for (at, len) in sent {
                 clock.sleep_until_time(at).await;
                 let outcome = radio.transmit(&frame(len)).await.unwrap();
@@ -117,7 +117,7 @@ impl Bench {
 fn airtime_by_hand() {
     let mut bench = Bench::disk(10.0, 0.0);
     let (sender, outcomes) = bench.sender([0.0, 0.0], &[(MILLISECOND, 20)]);
-    let (listener, heard) = bench.listener([3.0, 4.0], ABILITIES);
+    let (listener, heard) = bench.listener([3.0, 4.0], NRF52840);
     bench.run(SECOND);
     let heard = heard.borrow();
     assert_eq!(heard.len(), 1);
@@ -142,7 +142,7 @@ fn collisions_and_the_busy_channel() {
         let mut bench = Bench::disk(10.0, 0.0);
         let (a, first) = bench.sender([0.0, 0.0], &[(MILLISECOND, 20)]);
         let (b, second) = bench.sender([1.0, 0.0], &[(MILLISECOND + later * MICROSECOND, 20)]);
-        let (listener, heard) = bench.listener([0.0, 1.0], ABILITIES);
+        let (listener, heard) = bench.listener([0.0, 1.0], NRF52840);
         bench.run(SECOND);
         assert_eq!(*first.borrow(), [TxOutcome::Sent]);
         if collide {
@@ -167,7 +167,7 @@ fn hidden_terminal() {
     let (a, left) = bench.sender([-8.0, 0.0], &frames);
     let late = [(3 * MILLISECOND, 100), (30 * MILLISECOND, 100)];
     let (_, right) = bench.sender([8.0, 0.0], &late);
-    let (middle, heard) = bench.listener([0.0, 0.0], ABILITIES);
+    let (middle, heard) = bench.listener([0.0, 0.0], NRF52840);
     bench.run(SECOND);
     assert_eq!(*left.borrow(), [TxOutcome::Sent; 2]);
     assert_eq!(*right.borrow(), [TxOutcome::Sent; 2]);
@@ -193,7 +193,7 @@ fn capture() {
         let away = 10_f64.powf((-later - 30.0) / 20.0);
         bench.sender([10.0, 0.0], &[(MILLISECOND, 100)]);
         bench.sender([0.0, away], &[(2 * MILLISECOND, 20)]);
-        let (listener, heard) = bench.listener([0.0; 2], ABILITIES);
+        let (listener, heard) = bench.listener([0.0; 2], NRF52840);
         bench.run(SECOND);
         let expected = (usize::from(survives), 2 - u64::from(survives));
         let lost = bench.dropped(listener, Reason::Collision);
@@ -209,9 +209,9 @@ fn loss_is_as_asked_and_independent_of_others() {
         let mut bench = Bench::disk(10.0, 0.3);
         let times: Vec<_> = (1..=10_000).map(|n| (n * 5 * MILLISECOND, 20)).collect();
         bench.sender([0.0, 0.0], &times);
-        let (listener, heard) = bench.listener([1.0, 0.0], ABILITIES);
+        let (listener, heard) = bench.listener([1.0, 0.0], NRF52840);
         for n in 0..nodes {
-            bench.listener([0.0, n as f64], ABILITIES);
+            bench.listener([0.0, n as f64], NRF52840);
         }
         bench.run(60 * SECOND);
         let lost = bench.dropped(listener, Reason::Loss);
@@ -242,11 +242,11 @@ fn queues_and_filters() {
     bench.executor.spawn(async move {
         let no_queue = Capabilities {
             rx_queue: false,
-            ..ABILITIES
+            ..NRF52840
         };
         let _deaf = Bench::switched_on(medium.clone(), deaf, no_queue).await;
-        let mut full = Bench::switched_on(medium.clone(), full, ABILITIES).await;
-        let mut other = medium.radio(other, ABILITIES);
+        let mut full = Bench::switched_on(medium.clone(), full, NRF52840).await;
+        let mut other = medium.radio(other, NRF52840);
         let foreign = Config {
             pan: PanId(0x1234),
             promiscuous: false,
@@ -281,10 +281,10 @@ fn scripted_disturbances() {
     let mut bench = Bench::disk(10.0, 0.0);
     let raw = Capabilities {
         fcs: false,
-        ..ABILITIES
+        ..NRF52840
     };
     let (sender, outcomes) = bench.sender([0.0, 0.0], &times);
-    let (listener, heard) = bench.listener([5.0, 0.0], ABILITIES);
+    let (listener, heard) = bench.listener([5.0, 0.0], NRF52840);
     let (_, damaged) = bench.listener([5.0, 0.0], raw);
     let kinds = [
         Kind::Partition(BTreeSet::from([listener])),
@@ -332,11 +332,11 @@ fn scripted_disturbances() {
 #[test]
 fn radios_that_are_used_against_their_contract() {
     let mut bench = Bench::disk(10.0, 0.0);
-    let (_, heard) = bench.listener([5.0, 0.0], ABILITIES);
+    let (_, heard) = bench.listener([5.0, 0.0], NRF52840);
     let node = bench.medium.attach([0.0, 0.0]);
     let (medium, clock) = (bench.medium.clone(), bench.executor.clock());
     bench.executor.spawn(async move {
-        let mut radio = medium.radio(node, ABILITIES);
+        let mut radio = medium.radio(node, NRF52840);
         let refused = radio.transmit(&frame(20)).await;
         assert_eq!(refused, Err(RadioError::NotConfigured));
         let refused = radio.receive(&mut [0; PSDU_MAX]).await;
@@ -362,11 +362,11 @@ fn radios_that_are_used_against_their_contract() {
 #[test]
 fn a_power_cut_within_a_frame() {
     let mut bench = Bench::disk(10.0, 0.0);
-    let (listener, heard) = bench.listener([5.0, 0.0], ABILITIES);
+    let (listener, heard) = bench.listener([5.0, 0.0], NRF52840);
     let node = bench.medium.attach([0.0, 0.0]);
     let medium = bench.medium.clone();
     let task = bench.executor.spawn(async move {
-        let mut radio = Bench::switched_on(medium, node, ABILITIES).await;
+        let mut radio = Bench::switched_on(medium, node, NRF52840).await;
         let _ = radio.transmit(&frame(100)).await;
     });
     bench.run(2 * MILLISECOND);
@@ -374,7 +374,7 @@ fn a_power_cut_within_a_frame() {
     // It is switched on again before the end of what it had begun.
     let medium = bench.medium.clone();
     bench.executor.spawn(async move {
-        let mut radio = Bench::switched_on(medium, node, ABILITIES).await;
+        let mut radio = Bench::switched_on(medium, node, NRF52840).await;
         assert_eq!(radio.transmit(&frame(20)).await, Ok(TxOutcome::Sent));
     });
     bench.run(SECOND);
@@ -395,8 +395,8 @@ fn log_distance() {
     };
     let mut bench = Bench::new(Propagation::LogDistance(model));
     let (sender, _) = bench.sender([0.0, 0.0], &[(MILLISECOND, 20)]);
-    let (_, near) = bench.listener([6.0, 8.0], ABILITIES);
-    let (_, far) = bench.listener([80.0, 0.0], ABILITIES);
+    let (_, near) = bench.listener([6.0, 8.0], NRF52840);
+    let (_, far) = bench.listener([80.0, 0.0], NRF52840);
     bench.run(SECOND);
     assert_eq!(near.borrow()[0].1.rssi, Some(-70));
     // 24.8 dB above the sensitivity.
@@ -410,7 +410,7 @@ fn a_node_that_moves_away_is_no_longer_heard() {
     let mut bench = Bench::disk(10.0, 0.0);
     let times = [(MILLISECOND, 20), (2 * SECOND, 20), (4 * SECOND, 20)];
     let (sender, _) = bench.sender([0.0, 0.0], &times);
-    let (_, heard) = bench.listener([5.0, 0.0], ABILITIES);
+    let (_, heard) = bench.listener([5.0, 0.0], NRF52840);
     bench.run(SECOND);
     bench.medium.move_to(sender, [500.0, 0.0]);
     bench.run(3 * SECOND);
@@ -439,8 +439,8 @@ impl std::io::Write for File {
 fn captures() {
     let mut bench = Bench::disk(10.0, 0.0);
     bench.sender([0.0, 0.0], &[(MILLISECOND, 20), (2 * SECOND, 30)]);
-    bench.listener([5.0, 0.0], ABILITIES);
-    bench.listener([6.0, 0.0], ABILITIES);
+    bench.listener([5.0, 0.0], NRF52840);
+    bench.listener([6.0, 0.0], NRF52840);
     let file = File::default();
     bench.medium.watch(Capture::new(file.clone()).unwrap());
     bench.run(3 * SECOND);

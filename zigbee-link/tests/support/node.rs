@@ -3,11 +3,11 @@
 use embassy_futures::block_on;
 use virtual_bench::{
     executor::Clock,
-    medium::{Medium, NodeId, Propagation, Radio},
+    medium::{Medium, NRF52840, NodeId, Propagation, Radio},
 };
 use zigbee_link::{
     network::{Channels, Settings},
-    radio::{Capabilities, Channel, Csma},
+    radio::{Channel, Csma},
     security::Protection,
     store::Store,
 };
@@ -45,11 +45,5 @@ pub fn air(clock: &Clock, loss: f64) -> Medium {
 
 /// The radio of an nRF52840, switched on.
 pub fn radio(medium: &Medium, node: NodeId, clock: &Clock, seed: u64) -> Csma<Radio, Clock> {
-    let abilities = Capabilities {
-        fcs: true,
-        address_filter: true,
-        rx_queue: true,
-        ..Capabilities::default()
-    };
-    Csma::new(medium.radio(node, abilities), clock.clone(), seed)
+    Csma::new(medium.radio(node, NRF52840), clock.clone(), seed)
 }
