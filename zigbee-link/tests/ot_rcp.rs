@@ -15,7 +15,7 @@ use embedded_io_async::{Read, Write};
 use peer::{Air, Process, Rcp, StdClock, Uart, block_on, poll_for};
 use support::{
     aether::eui,
-    node::{LEN, provisioned, settings},
+    node::{provisioned, settings},
 };
 use zigbee_link::{
     link::Delivery,
@@ -30,7 +30,7 @@ use zigbee_link::{
         status::Status,
         stream::TxFrame,
     },
-    store::{Member, Store},
+    store::Member,
     wire::{Address, AuxHeader, Eui64, FrameType, KeyId, Level, PanId, Panned, ShortAddress},
 };
 
@@ -501,7 +501,7 @@ fn two_nodes_exchange_messages() {
     let air = Air::new();
     let clock = StdClock::new();
     let [(_process0, mut radio0), (_process1, mut radio1)] = [1, 2].map(|node| air.node(node));
-    let [mut store0, mut store1] = [(); 2].map(|()| Store::new(provisioned(), 0..LEN).unwrap());
+    let [mut store0, mut store1] = [provisioned(), provisioned()];
     let [saved0, saved1] = [&mut store0, &mut store1].map(|store| block_on(store.load()).unwrap());
     let mut coordinator = WholeNode::coordinator(settings(0), &saved0, [None; 2]);
     coordinator.allow(eui(1)).unwrap();

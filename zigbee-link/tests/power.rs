@@ -177,7 +177,7 @@ impl Nodes {
             executor,
             world,
             nonces,
-            flashes: core::array::from_fn(|_| provisioned()),
+            flashes: core::array::from_fn(|_| provisioned().into_flash()),
             lives: [None; NODES],
         };
         for node in 0..NODES {

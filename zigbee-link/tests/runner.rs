@@ -105,7 +105,7 @@ fn two_nodes_from_flash_to_air() {
         rx_queue: true,
         ..Capabilities::default()
     };
-    let flashes = [provisioned(), provisioned()];
+    let flashes = [provisioned(), provisioned()].map(Store::into_flash);
     for round in 0..3_u32 {
         let [mut store0, store1] = [0, 1].map(|node: usize| {
             let mut store = Store::new(flashes[node].clone(), 0..LEN).unwrap();
@@ -164,10 +164,11 @@ fn no_store_no_frames() {
     let bare = Bare::default();
     let attempts = bare.attempts.clone();
     let mut radio = Checksum::new(bare);
-    let flash = provisioned();
-    let mut store = Store::new(flash.clone(), 0..LEN).unwrap();
+    let mut store = provisioned();
     let saved = block_on(store.load()).unwrap();
+    let flash = store.into_flash();
     flash.power(Some(0));
+    let mut store = Store::new(flash, 0..LEN).unwrap();
     let node = Node::<4, 4, 2>::coordinator(settings(0), &saved, [None; 2]);
     executor.spawn(async move {
         let shared = Shared::new(node, clock);

@@ -3,7 +3,7 @@
 use node_firmware::{
     config::{CameraConfig, Duty, Role, SiteKey, Subjects},
     console::{FromPc, KeyChange, ToPc},
-    message::{Command, Done, Sight, Tracked},
+    message::{Command, Sight, Tracked},
 };
 
 use crate::{
@@ -55,23 +55,9 @@ fn the_pc_commands_a_camera() {
     let mut site = Site::new();
     site.camera.sees(Some(40));
     site.bench.run_for(40 * SECOND);
-    let address = site
-        .pc
-        .told()
-        .into_iter()
-        .find_map(|message| match message {
-            ToPc::Member { address, hello } if hello.id == 101 => Some(address),
-            _ => None,
-        });
-    let address = address.unwrap();
+    let address = site.camera_address();
     let command = Command::Track { colour: 0 };
-    site.pc.wish(FromPc::Command { address, command });
-    site.bench.run_for(5 * SECOND);
-    let done = Done {
-        command,
-        success: true,
-    };
-    assert!(site.pc.told().contains(&ToPc::Done { address, done }));
+    assert!(site.command(command, 5 * SECOND));
     let tracked = Tracked {
         middle: [40, 70],
         edges: [36, 61, 44, 79],
@@ -79,24 +65,12 @@ fn the_pc_commands_a_camera() {
         confidence: 200,
     };
     let packet = ToPc::Tracked { address, tracked };
-    assert!(
-        site.pc
-            .told()
-            .iter()
-            .filter(|told| **told == packet)
-            .count()
-            > 20
-    );
+    let told = site.pc.told();
+    assert!(told.iter().filter(|told| **told == packet).count() > 20);
 
     // A colour that would leave a gap is not learnt.
     let command = Command::LearnColour { colour: 3 };
-    site.pc.wish(FromPc::Command { address, command });
-    site.bench.run_for(20 * SECOND);
-    let done = Done {
-        command,
-        success: false,
-    };
-    assert!(site.pc.told().contains(&ToPc::Done { address, done }));
+    assert!(!site.command(command, 20 * SECOND));
     let before = site.pc.told().len();
     site.bench.run_for(20 * SECOND);
     assert_eq!(site.pc.told().len(), before, "no more packets");
@@ -109,15 +83,7 @@ fn the_pc_sends_a_member_away_and_changes_the_key() {
     let mut site = Site::new();
     site.camera.sees(Some(40));
     site.bench.run_for(400 * SECOND);
-    let address = |site: &Site, id: u16| {
-        let told = site.pc.told().into_iter().rev();
-        let mut members = told.filter_map(|message| match message {
-            ToPc::Member { address, hello } if hello.id == id => Some(address),
-            _ => None,
-        });
-        members.next().unwrap()
-    };
-    let camera = address(&site, 101);
+    let camera = site.camera_address();
     site.pc.forget();
     for success in [true, false] {
         site.pc.wish(FromPc::Remove(camera));
@@ -265,19 +231,7 @@ fn a_background_is_not_learnt_with_the_target_in_view() {
         assert_eq!(backgrounds(&site), learnt);
     }
     // Somebody who sees that the target is elsewhere wants it.
-    let address = site
-        .pc
-        .told()
-        .into_iter()
-        .find_map(|message| match message {
-            ToPc::Member { address, hello } if hello.id == 101 => Some(address),
-            _ => None,
-        });
-    site.pc.wish(FromPc::Command {
-        address: address.unwrap(),
-        command: Command::LearnBackground,
-    });
-    site.bench.run_for(5 * SECOND);
+    assert!(site.command(Command::LearnBackground, 5 * SECOND));
     assert_eq!(stop(&mut site), Some(Sight::InView));
     assert_eq!(backgrounds(&site), learnt + 1);
 }

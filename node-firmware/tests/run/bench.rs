@@ -21,7 +21,7 @@ use node_firmware::{
     config::{Config, CoordinatorConfig, Duty, Role, SiteKey},
     console::{Frames, FromPc, ToPc},
     hardware::{Indication, Indicator, Observer, StepSensor},
-    message::{Kind, Message, Sight},
+    message::{Command, Done, Kind, Message, Sight},
     run::{Layout, Seams, run},
 };
 use virtual_bench::{
@@ -426,6 +426,30 @@ impl Site {
             _ => None,
         });
         hellos.collect()
+    }
+
+    /// The camera's, which it had last.
+    pub(super) fn camera_address(&self) -> u16 {
+        let mut told = self.pc.told().into_iter().rev();
+        let address = told.find_map(|message| match message {
+            ToPc::Member { address, hello } if hello.id == self.camera.config.id => Some(address),
+            _ => None,
+        });
+        address.unwrap()
+    }
+
+    /// The PC commands the camera, which answers in this time. Whether it succeeded.
+    pub(super) fn command(&mut self, command: Command, within: Time) -> bool {
+        let address = self.camera_address();
+        self.pc.wish(FromPc::Command { address, command });
+        self.bench.run_for(within);
+        let told = self.pc.told();
+        let [failed, done] = [false, true].map(|success| {
+            let done = Done { command, success };
+            told.contains(&ToPc::Done { address, done })
+        });
+        assert!(done != failed, "{told:?}");
+        done
     }
 
     /// What the camera answered to stops.

@@ -2,8 +2,7 @@
 
 use node_firmware::{
     config::{CoordinatorConfig, Role, SiteKey},
-    console::{FromPc, ToPc},
-    message::{Command, Done, Kind, Sight},
+    message::{Command, Kind, Sight},
 };
 
 use crate::{
@@ -112,27 +111,8 @@ fn a_learnt_colour_survives_a_restart() {
     let mut site = Site::new();
     site.camera.sees(Some(40));
     site.bench.run_for(40 * SECOND);
-    let address = site
-        .pc
-        .told()
-        .into_iter()
-        .find_map(|message| match message {
-            ToPc::Member { address, hello } if hello.id == 101 => Some(address),
-            _ => None,
-        });
     let command = Command::LearnColour { colour: 0 };
-    site.pc.wish(FromPc::Command {
-        address: address.unwrap(),
-        command,
-    });
-    site.bench.run_for(30 * SECOND);
-    let done = Done {
-        command,
-        success: true,
-    };
-    let address = address.unwrap();
-    let told = site.pc.told();
-    assert!(told.contains(&ToPc::Done { address, done }), "{told:?}");
+    assert!(site.command(command, 30 * SECOND));
     // The memory is that of a camera of this number only.
     for (id, window) in [
         (101, "ST 130 190 90 150 40 100"),

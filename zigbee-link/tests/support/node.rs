@@ -30,12 +30,11 @@ pub fn settings(number: usize) -> Settings {
     }
 }
 
-/// A flash that knows nothing but the site key.
-pub fn provisioned() -> Flash {
-    let flash = chip(4, 0);
-    let mut store = Store::new(flash.clone(), 0..LEN).unwrap();
+/// A store that knows nothing but the site key.
+pub fn provisioned() -> Store<Flash> {
+    let mut store = Store::new(chip(4, 0), 0..LEN).unwrap();
     block_on(store.provision(key(1), 0)).unwrap();
-    flash
+    store
 }
 
 /// Air in which all hear each other, but for a share of the frames.
