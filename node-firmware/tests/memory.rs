@@ -2,7 +2,7 @@
 
 mod support;
 
-use std::{cell::Cell, collections::BTreeMap};
+use std::collections::BTreeMap;
 
 use calib_core::{
     dead_reckoning::{Place, PlaceParts, Systematic},
@@ -19,11 +19,12 @@ use node_firmware::{
 };
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
-use support::flash::{self, MockFlash};
+use support::flash::{self, Flash};
+use virtual_bench::flash::FlashError;
 use zigbee_link::store::log::{Entry, Log, LogError};
 
 /// Two pages of 4 KiB, as on the boards.
-type Flash = MockFlash<32>;
+const LEN: u32 = flash::length(32);
 const SLOT: usize = 96;
 /// Whose facts they are.
 const OWNER: u32 = 0x0123_4567;
@@ -147,7 +148,7 @@ fn longest() -> [Fact; 9] {
 
 fn recall(flash: &mut Flash) -> Vec<Fact> {
     block_on(async {
-        let mut memory = Memory::open(flash, 0..Flash::LEN, OWNER).await.unwrap();
+        let mut memory = Memory::open(flash, 0..LEN, OWNER).await.unwrap();
         let mut facts = Vec::new();
         memory.recall(|fact| facts.push(*fact)).await.unwrap();
         facts
@@ -156,15 +157,15 @@ fn recall(flash: &mut Flash) -> Vec<Fact> {
 
 /// Where the bank in force starts, of a flash at rest.
 fn bank(flash: &Flash) -> usize {
-    match flash.bytes[..2] {
+    match flash.bytes()[..2] {
         [1, 255] => 0,
-        _ => flash.bytes.len() / 2,
+        _ => LEN as usize / 2,
     }
 }
 
 fn save(flash: &mut Flash, facts: &[Fact]) {
     block_on(async {
-        let mut memory = Memory::open(flash, 0..Flash::LEN, OWNER).await.unwrap();
+        let mut memory = Memory::open(flash, 0..LEN, OWNER).await.unwrap();
         for fact in facts {
             memory.save(fact).await.unwrap();
         }
@@ -179,7 +180,7 @@ fn the_longest_fact_of_each_kind_survives_a_restart() {
         println!("{length:3} of {}: {fact:?}", Entry::<SLOT>::VALUE_MAX);
         assert!(length <= Entry::<SLOT>::VALUE_MAX);
     }
-    let mut flash = Flash::new(0);
+    let mut flash = flash::chip(32, 0);
     save(&mut flash, &longest());
     assert_eq!(recall(&mut flash), longest());
 }
@@ -201,10 +202,13 @@ fn format() {
     let network_bytes = [8, 0xB4, 0x24, 2, 0, 0, 0, 0, 0, 0, 9, 0xFF, 0xFF, 3];
     assert_eq!(bytes(&network()), network_bytes);
     // Whose they are.
-    let mut flash = Flash::new(0);
+    let mut flash = flash::chip(32, 0);
     assert_eq!(recall(&mut flash), []);
-    let owner = &flash.bytes[bank(&flash) + SLOT..][..8];
-    assert_eq!(owner, [1, 254, 3, 0x67, 0x45, 0x23, 0x01, 0]);
+    let owner = bank(&flash) + SLOT;
+    assert_eq!(
+        flash.bytes()[owner..][..8],
+        [1, 254, 3, 0x67, 0x45, 0x23, 0x01, 0]
+    );
     let seen = [0x00, 0x00, 0x80, 0x3F, 0x00, 0x00, 0x00, 0x3F];
     assert!(bytes(&sighting(1, 1.0)).ends_with(&seen));
 }
@@ -218,7 +222,7 @@ fn all_facts_of_a_camera_fit_together() {
         Fact::ReferenceStop(_, stop) => Fact::ReferenceStop(index, stop),
         _ => unreachable!(),
     }));
-    let mut flash = Flash::new(1);
+    let mut flash = flash::chip(32, 1);
     for _ in 0..5 {
         save(&mut flash, &facts);
     }
@@ -229,7 +233,7 @@ fn all_facts_of_a_camera_fit_together() {
 fn all_facts_of_a_target_fit_together() {
     let mut facts = vec![longest()[2], network()];
     facts.extend((0..MEMBERS as u8).map(|n| Fact::Camera(n, Some((n.into(), report(n.into()))))));
-    let mut flash = Flash::new(2);
+    let mut flash = flash::chip(32, 2);
     for _ in 0..5 {
         save(&mut flash, &facts);
     }
@@ -239,7 +243,7 @@ fn all_facts_of_a_target_fit_together() {
 /// More facts than fit, which no role has. It goes on.
 #[test]
 fn a_full_memory_is_begun_anew() {
-    let mut flash = Flash::new(3);
+    let mut flash = flash::chip(32, 3);
     for n in 0..MEMBERS as u8 {
         save(&mut flash, &[sighting(n, 1.0)]);
     }
@@ -254,14 +258,12 @@ fn a_full_memory_is_begun_anew() {
 /// of the former version has.
 #[test]
 fn facts_of_others_are_dropped() {
-    let mut flash = Flash::new(7);
+    let mut flash = flash::chip(32, 7);
     save(&mut flash, &longest());
     for owner in [OWNER + 1, OWNER] {
         let mut facts = 0;
         block_on(async {
-            let mut memory = Memory::open(&mut flash, 0..Flash::LEN, owner)
-                .await
-                .unwrap();
+            let mut memory = Memory::open(&mut flash, 0..LEN, owner).await.unwrap();
             memory.recall(|_| facts += 1).await.unwrap();
             memory.save(&sighting(1, 1.0)).await.unwrap();
         });
@@ -271,9 +273,9 @@ fn facts_of_others_are_dropped() {
 
     let mut value = [0; 90];
     let value = postcard::to_slice(&sighting(1, 1.0), &mut value).unwrap();
-    let mut flash = Flash::new(8);
+    let mut flash = flash::chip(32, 8);
     block_on(async {
-        let mut log = Log::<_, SLOT>::new(&mut flash, 0..Flash::LEN).unwrap();
+        let mut log = Log::<_, SLOT>::new(&mut flash, 0..LEN).unwrap();
         log.open().await.unwrap();
         log.append(&Entry::new(33, value).unwrap()).await.unwrap();
     });
@@ -286,24 +288,24 @@ fn facts_of_others_are_dropped() {
 /// what it replaced does not come back; to that of the owner, all are.
 #[test]
 fn rot_is_survived() {
-    let mut whole = Flash::new(4);
+    let mut whole = flash::chip(32, 4);
     save(&mut whole, &[sighting(MEMBERS as u8 - 1, 7.0)]);
     save(&mut whole, &longest());
     let mut rng = ChaCha8Rng::seed_from_u64(0x5071);
     // The header, the owner, and what was replaced come first.
     let slots = longest().len() + 3;
     for bit in (0..slots * SLOT * 8).step_by(13) {
-        let mut flash = whole.clone();
-        flash.bytes[bank(&whole) + bit / 8] ^= 1 << (bit % 8);
+        let mut flash = whole.copy();
+        flash.bytes_mut()[bank(&whole) + bit / 8] ^= 1 << (bit % 8);
         assert_eq!(recall(&mut flash), longest(), "bit {bit}");
     }
     for round in 0..300 {
-        let mut flash = whole.clone();
+        let mut flash = whole.copy();
         let slot = round % slots;
         for _ in 0..rng.random_range(2..20) {
             // But for the key, which tells what is lost.
             let at = bank(&whole) + slot * SLOT + rng.random_range(2..SLOT);
-            flash.bytes[at] ^= 1 << rng.random_range(0..8);
+            flash.bytes_mut()[at] ^= 1 << rng.random_range(0..8);
         }
         let recalled = recall(&mut flash);
         let mut expected = longest().to_vec();
@@ -326,12 +328,18 @@ fn rot_is_survived() {
 /// It rots while the node runs, and is put right when the bank is full.
 #[test]
 fn rot_at_work_is_survived() {
-    let mut rotten = Flash::new(5);
+    let mut rotten = flash::chip(32, 5);
     save(&mut rotten, &longest());
     block_on(async {
-        let flash = RotsLater(&mut rotten, 60);
-        let mut memory = Memory::open(flash, 0..Flash::LEN, OWNER).await.unwrap();
+        let chip = rotten.clone();
+        let mut memory = Memory::open(&mut rotten, 0..LEN, OWNER).await.unwrap();
         for n in 0..200_u8 {
+            if n == 60 {
+                // The records of both banks are there.
+                for bank in [0, LEN as usize / 2] {
+                    chip.bytes_mut()[bank + 2 * SLOT + 9] ^= 4;
+                }
+            }
             memory.save(&sighting(1, f32::from(n))).await.unwrap();
         }
     });
@@ -345,106 +353,21 @@ fn rot_at_work_is_survived() {
 #[test]
 fn recalling_reads_each_record_twice_at_most() {
     for count in [0, 30, 2000] {
-        let mut flash = Flash::new(9);
+        let mut flash = flash::chip(32, 9);
         for n in 0..count {
             save(&mut flash, &[sighting(n as u8 % 20, n as f32)]);
         }
-        let reads = Cell::new(0);
+        let chip = flash.clone();
         let mut facts = 0;
-        block_on(async {
-            let mut memory = Memory::open(Counting(&mut flash, &reads), 0..Flash::LEN, OWNER)
-                .await
-                .unwrap();
-            reads.set(0);
+        let reads = block_on(async {
+            let mut memory = Memory::open(&mut flash, 0..LEN, OWNER).await.unwrap();
+            let before = chip.wear().reads;
             memory.recall(|_| facts += 1).await.unwrap();
+            chip.wear().reads - before
         });
         assert_eq!(facts, count.min(20));
-        let slots = Flash::LEN as usize / 2 / SLOT;
-        assert!(reads.get() <= 2 * slots, "{}", reads.get());
-    }
-}
-
-/// Counts what is read.
-struct Counting<'a>(&'a mut Flash, &'a Cell<usize>);
-
-mod counting {
-    use embedded_storage_async::nor_flash::{ErrorType, NorFlash, ReadNorFlash};
-
-    use super::{Counting, Flash, flash::PowerLoss};
-
-    impl ErrorType for Counting<'_> {
-        type Error = PowerLoss;
-    }
-
-    impl ReadNorFlash for Counting<'_> {
-        const READ_SIZE: usize = Flash::READ_SIZE;
-
-        async fn read(&mut self, offset: u32, bytes: &mut [u8]) -> Result<(), PowerLoss> {
-            self.1.set(self.1.get() + 1);
-            self.0.read(offset, bytes).await
-        }
-
-        fn capacity(&self) -> usize {
-            self.0.capacity()
-        }
-    }
-
-    impl NorFlash for Counting<'_> {
-        const WRITE_SIZE: usize = Flash::WRITE_SIZE;
-        const ERASE_SIZE: usize = Flash::ERASE_SIZE;
-
-        async fn erase(&mut self, from: u32, to: u32) -> Result<(), PowerLoss> {
-            self.0.erase(from, to).await
-        }
-
-        async fn write(&mut self, offset: u32, bytes: &[u8]) -> Result<(), PowerLoss> {
-            self.0.write(offset, bytes).await
-        }
-    }
-}
-
-/// After so many more writes a bit of a record flips.
-struct RotsLater<'a>(&'a mut Flash, u32);
-
-mod rots_later {
-    use embedded_storage_async::nor_flash::{ErrorType, NorFlash, ReadNorFlash};
-
-    use super::{Flash, RotsLater, SLOT, flash::PowerLoss};
-
-    impl ErrorType for RotsLater<'_> {
-        type Error = PowerLoss;
-    }
-
-    impl ReadNorFlash for RotsLater<'_> {
-        const READ_SIZE: usize = Flash::READ_SIZE;
-
-        async fn read(&mut self, offset: u32, bytes: &mut [u8]) -> Result<(), PowerLoss> {
-            self.0.read(offset, bytes).await
-        }
-
-        fn capacity(&self) -> usize {
-            self.0.capacity()
-        }
-    }
-
-    impl NorFlash for RotsLater<'_> {
-        const WRITE_SIZE: usize = Flash::WRITE_SIZE;
-        const ERASE_SIZE: usize = Flash::ERASE_SIZE;
-
-        async fn erase(&mut self, from: u32, to: u32) -> Result<(), PowerLoss> {
-            self.0.erase(from, to).await
-        }
-
-        async fn write(&mut self, offset: u32, bytes: &[u8]) -> Result<(), PowerLoss> {
-            self.1 = self.1.wrapping_sub(1);
-            if self.1 == 0 {
-                // The records of both banks are there.
-                for bank in [0, self.0.bytes.len() / 2] {
-                    self.0.bytes[bank + 2 * SLOT + 9] ^= 4;
-                }
-            }
-            self.0.write(offset, bytes).await
-        }
+        let slots = u64::from(LEN) / 2 / SLOT as u64;
+        assert!(reads <= 2 * slots, "{reads}");
     }
 }
 
@@ -453,7 +376,7 @@ mod rots_later {
 #[test]
 fn power_cuts_are_survived() {
     let mut rng = ChaCha8Rng::seed_from_u64(0xC075);
-    let mut flash = Flash::new(6);
+    let mut flash = flash::chip(32, 6);
     let mut kept: BTreeMap<u8, Fact> = BTreeMap::new();
     for _ in 0..400 {
         // Up to a bank's worth of words and pages.
@@ -461,7 +384,7 @@ fn power_cuts_are_survived() {
         flash.power(Some(rng.random_range(1..=budget)));
         let mut trying = None;
         let failed = block_on(async {
-            let mut memory = Memory::open(&mut flash, 0..Flash::LEN, OWNER).await?;
+            let mut memory = Memory::open(&mut flash, 0..LEN, OWNER).await?;
             loop {
                 let index = rng.random_range(0..20);
                 let fact = sighting(index, rng.random());
@@ -472,7 +395,7 @@ fn power_cuts_are_survived() {
             #[expect(unreachable_code, reason = "tells the type")]
             Ok::<(), LogError<_>>(())
         });
-        assert_eq!(failed, Err(LogError::Flash(flash::PowerLoss)));
+        assert_eq!(failed, Err(LogError::Flash(FlashError::Failed)));
         flash.power(None);
         let recalled = recall(&mut flash);
         if let Some((index, fact)) = trying
@@ -482,5 +405,5 @@ fn power_cuts_are_survived() {
         }
         assert!(recalled.iter().eq(kept.values()));
     }
-    assert!(flash.erasures.iter().all(|&n| n > 2));
+    assert!(flash.wear().erasures.iter().all(|&n| n > 2));
 }

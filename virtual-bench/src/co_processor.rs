@@ -10,10 +10,7 @@ use std::future::pending;
 use embassy_futures::select::{Either, select};
 use embedded_io_async::{Read, Write};
 use zigbee_link::{
-    radio::{
-        Capabilities, Channel, Config, Csma, FCS_LEN, FRAME_MIN, PSDU_MAX, Radio as _, Received,
-        TxOutcome,
-    },
+    radio::{Channel, Config, Csma, FCS_LEN, FRAME_MIN, PSDU_MAX, Radio as _, Received, TxOutcome},
     spinel::{
         frame::{Body, Header, Message, Tid},
         hdlc::{self, Decoder},
@@ -26,16 +23,7 @@ use zigbee_link::{
 
 use super::{
     executor::Clock,
-    medium::{Medium, NodeId, Radio},
-};
-
-const ABILITIES: Capabilities = Capabilities {
-    fcs: true,
-    csma: false,
-    address_filter: true,
-    acknowledge: false,
-    retries: false,
-    rx_queue: true,
+    medium::{Medium, NRF52840, NodeId, Radio},
 };
 
 /// OpenThread's.
@@ -177,7 +165,7 @@ impl<U: Read + Write> CoProcessor<U> {
         match *property {
             Property::PhyEnabled(false) => self.radio = None,
             Property::PhyEnabled(true) if self.radio.is_none() => {
-                let radio = self.medium.radio(self.antenna, ABILITIES);
+                let radio = self.medium.radio(self.antenna, NRF52840);
                 self.radio = Some(Csma::new(radio, self.clock.clone(), self.seed));
             }
             Property::PhyEnabled(true) | Property::MacSourceMatch(_) => {}

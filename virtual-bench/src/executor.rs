@@ -24,6 +24,8 @@ use std::{
     task::{Context, Wake, Waker},
 };
 
+use slab::Slab;
+
 pub use clock::{Clock, Sleep};
 pub use pace::times_real_time;
 pub use timers::{EventId, Handler};
@@ -42,8 +44,9 @@ type Boxed = Pin<Box<dyn Future<Output = ()>>>;
 /// A task.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub struct TaskId {
-    slot: u32,
-    generation: u32,
+    slot: usize,
+    /// Of all tasks that there ever were: a place serves many.
+    number: u64,
 }
 
 /// Why a run ended.
@@ -101,100 +104,76 @@ struct Body {
     waker: Waker,
 }
 
-#[derive(Default)]
-struct Slot {
-    generation: u32,
-    is_alive: bool,
+struct Task {
+    id: TaskId,
     /// Absent while it is polled.
     body: Option<Body>,
 }
 
 #[derive(Default)]
 struct Tasks {
-    slots: RefCell<Vec<Slot>>,
-    free: RefCell<Vec<u32>>,
+    all: RefCell<Slab<Task>>,
     ready: Arc<Ready>,
-    alive: Cell<usize>,
+    spawned: Cell<u64>,
 }
 
 impl Tasks {
     fn spawn(&self, future: Boxed) -> TaskId {
-        let mut slots = self.slots.borrow_mut();
-        let index = self.free.borrow_mut().pop().unwrap_or_else(|| {
-            slots.push(Slot::default());
-            (slots.len() - 1) as u32
-        });
-        let slot = &mut slots[index as usize];
-        let task = TaskId {
-            slot: index,
-            generation: slot.generation,
+        let mut all = self.all.borrow_mut();
+        let place = all.vacant_entry();
+        let id = TaskId {
+            slot: place.key(),
+            number: self.spawned.replace(self.spawned.get() + 1),
         };
         let shared = Arc::new(TaskWaker {
-            task,
+            task: id,
             queued: AtomicBool::new(false),
             ready: self.ready.clone(),
         });
         shared.wake_by_ref();
-        let waker = Waker::from(shared.clone());
-        slot.is_alive = true;
-        slot.body = Some(Body {
+        let body = Body {
             future,
+            waker: shared.clone().into(),
             shared,
-            waker,
-        });
-        self.alive.set(self.alive.get() + 1);
-        task
+        };
+        let body = Some(body);
+        place.insert(Task { id, body });
+        id
     }
 
-    fn is_alive(&self, task: TaskId) -> bool {
-        let slots = self.slots.borrow();
-        slots
-            .get(task.slot as usize)
-            .is_some_and(|slot| slot.generation == task.generation && slot.is_alive)
+    /// What to do to a task, while it is alive.
+    fn with<T>(&self, id: TaskId, act: impl FnOnce(&mut Task) -> T) -> Option<T> {
+        let mut all = self.all.borrow_mut();
+        all.get_mut(id.slot).filter(|task| task.id == id).map(act)
     }
 
-    fn kill(&self, task: TaskId) {
-        if !self.is_alive(task) {
-            return;
+    fn is_alive(&self, id: TaskId) -> bool {
+        self.with(id, |_| ()).is_some()
+    }
+
+    fn kill(&self, id: TaskId) {
+        if self.is_alive(id) {
+            let task = self.all.borrow_mut().remove(id.slot);
+            // What the future drops may spawn and kill.
+            drop(task);
         }
-        let mut slots = self.slots.borrow_mut();
-        let slot = &mut slots[task.slot as usize];
-        slot.generation += 1;
-        slot.is_alive = false;
-        let body = slot.body.take();
-        self.free.borrow_mut().push(task.slot);
-        self.alive.set(self.alive.get() - 1);
-        // What the future drops may spawn and kill.
-        drop(slots);
-        drop(body);
     }
 
     /// Whether there was something to poll.
-    fn poll(&self, task: TaskId) -> bool {
-        let taken = {
-            let mut slots = self.slots.borrow_mut();
-            let slot = &mut slots[task.slot as usize];
-            let is_current = slot.generation == task.generation;
-            is_current.then(|| slot.body.take()).flatten()
-        };
-        let Some(mut body) = taken else {
+    fn poll(&self, id: TaskId) -> bool {
+        let Some(mut body) = self.with(id, |task| task.body.take()).flatten() else {
             return false;
         };
         body.shared.queued.store(false, Ordering::Relaxed);
         let mut context = Context::from_waker(&body.waker);
         if body.future.as_mut().poll(&mut context).is_ready() {
             drop(body);
-            self.kill(task);
+            self.kill(id);
             return true;
         }
-        let mut slots = self.slots.borrow_mut();
-        let slot = &mut slots[task.slot as usize];
-        if slot.generation == task.generation {
-            slot.body = Some(body);
-        } else {
-            drop(slots);
-            drop(body);
-        }
+        // One that killed itself is dropped here.
+        let mut body = Some(body);
+        self.with(id, |task| task.body = body.take());
         true
     }
 }
@@ -287,7 +266,7 @@ impl Executor {
 
     /// How many tasks there are.
     pub fn tasks(&self) -> usize {
-        self.tasks.alive.get()
+        self.tasks.all.borrow().len()
     }
 
     /// What it has cost so far.
@@ -331,8 +310,8 @@ impl Executor {
             let event = self.clock.timing.timers.borrow_mut().pop();
             self.effort.events += 1;
             match event {
-                Some((_, Action::Wake(waker))) => waker.wake(),
-                Some((_, Action::Call(handler, token))) => {
+                Some(Action::Wake(waker)) => waker.wake(),
+                Some(Action::Call(handler, token)) => {
                     if let Some(handler) = handler.upgrade() {
                         handler.event(token);
                     }

@@ -3,14 +3,20 @@
 //! A [`Flash`] is a handle to a chip; the scenario keeps one, and the node that runs gets
 //! another. Times are those of the nRF52840 (product specification 1.7, 6.16.9: word write 41 us,
 //! page erase 85 ms). The processor of that part stands still meanwhile; here only the caller
-//! waits.
+//! waits. A handle [without time](Flash::programmer) is done at once.
 //!
+//! Words are read and written whole, each once between two erasures of its page: what the strictest
+//! of the boards' flashes asks for.
+//!
+//! # What goes wrong
 //! An operation whose future is dropped before its end, as when the node is killed, is torn: what
-//! had its time is done, the word or page under way has some of its bits.
+//! had its time is done, the word or page under way has some of its bits. So is the last of the
+//! changes that [`Flash::power`] has left; whatever follows it fails. A [read](Flash::fail_read) can
+//! fail too, and the bytes can [rot](Flash::bytes_mut).
 
 use std::{
-    cell::{Ref, RefCell},
-    fmt,
+    cell::{Ref, RefCell, RefMut},
+    error, fmt,
     future::poll_fn,
     rc::Rc,
     task::{Poll, Waker},
@@ -24,36 +30,41 @@ use rand_chacha::ChaCha8Rng;
 
 use super::executor::{Clock, Time};
 
-/// Bytes that are erased at once.
+/// Bytes that are erased at once by the flash of an nRF52840.
 pub const PAGE: usize = 4096;
-/// Bytes that are written at once.
+/// Bytes that are read and written at once.
 pub const WORD: usize = 4;
 /// Nanoseconds to write a word.
 pub const WORD_TIME: Time = 41_000;
 /// Nanoseconds to erase a page.
 pub const PAGE_TIME: Time = 85_000_000;
 
-/// The call does not fit the flash.
+/// Why a call failed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct FlashError(NorFlashErrorKind);
+pub enum FlashError {
+    /// It is not of whole words, or not of whole pages.
+    NotAligned,
+    /// The flash ends before.
+    OutOfBounds,
+    /// The power failed, or the read that was to fail.
+    Failed,
+}
 
 impl fmt::Display for FlashError {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        self.0.fmt(f)
+        self.kind().fmt(f)
     }
 }
 
-impl std::error::Error for FlashError {}
+impl error::Error for FlashError {}
 
 impl NorFlashError for FlashError {
     fn kind(&self) -> NorFlashErrorKind {
-        self.0
-    }
-}
-
-impl From<NorFlashErrorKind> for FlashError {
-    fn from(kind: NorFlashErrorKind) -> Self {
-        Self(kind)
+        match self {
+            Self::NotAligned => NorFlashErrorKind::NotAligned,
+            Self::OutOfBounds => NorFlashErrorKind::OutOfBounds,
+            Self::Failed => NorFlashErrorKind::Other,
+        }
     }
 }
 
@@ -66,12 +77,21 @@ pub struct Wear {
     pub words: u64,
     /// Operations that lost their power.
     pub torn: u64,
+    /// Calls that read.
+    pub reads: u64,
 }
 
-struct Chip {
+#[derive(Clone)]
+struct Chip<const PAGE_LEN: usize> {
     bytes: Vec<u8>,
+    /// Of each word, whether it has been written since it was erased.
+    is_written: Vec<bool>,
     wear: Wear,
     random: ChaCha8Rng,
+    /// Words and pages that may still be changed before the power fails.
+    power: Option<u32>,
+    /// Reads up to the one that fails.
+    reads_left: Option<u32>,
     /// Operations begun, and who waits for the next.
     begun: u64,
     /// Time of the operation that began last.
@@ -79,54 +99,88 @@ struct Chip {
     watchers: Vec<Waker>,
 }
 
-impl Chip {
+impl<const PAGE_LEN: usize> Chip<PAGE_LEN> {
     fn write_word(&mut self, at: usize, word: &[u8], whole: bool) {
         self.wear.words += 1;
-        for (old, new) in self.bytes[at..].iter_mut().zip(word) {
+        let bytes = &mut self.bytes[at..][..WORD];
+        for (old, new) in bytes.iter_mut().zip(word) {
             // Only some of the bits that should fall have fallen.
             let kept = if whole { 0 } else { self.random.random::<u8>() };
             *old &= new | kept;
         }
+        // A torn word that looks erased is one to everybody.
+        self.is_written[at / WORD] = whole || bytes != [0xFF; WORD];
     }
 
     fn erase_page(&mut self, page: usize, whole: bool) {
         self.wear.erasures[page] += 1;
-        for byte in &mut self.bytes[page * PAGE..][..PAGE] {
+        for byte in &mut self.bytes[page * PAGE_LEN..][..PAGE_LEN] {
             *byte |= if whole {
                 0xFF
             } else {
                 self.random.next_u32() as u8
             };
         }
+        let words = PAGE_LEN / WORD;
+        self.is_written[page * words..][..words].fill(false);
+    }
+
+    /// Takes changes from those that the power lasts for. How many there are, and whether the last
+    /// of them is torn.
+    fn spend(&mut self, changes: usize) -> Result<(usize, bool), FlashError> {
+        let Some(left) = self.power else {
+            return Ok((changes, false));
+        };
+        if left == 0 {
+            return Err(FlashError::Failed);
+        }
+        let done = changes.min(left as usize);
+        self.power = Some(left - done as u32);
+        Ok((done, done == left as usize))
     }
 }
 
-/// A handle to a flash chip. See the [module](self).
+/// A handle to a flash chip with pages of so many bytes. See the [module](self).
 #[derive(Clone)]
-pub struct Flash {
-    chip: Rc<RefCell<Chip>>,
-    clock: Clock,
-    takes_time: bool,
+pub struct Flash<const PAGE_LEN: usize = PAGE> {
+    chip: Rc<RefCell<Chip<PAGE_LEN>>>,
+    /// Absent if operations take no time.
+    clock: Option<Clock>,
 }
 
 impl Flash {
     /// An erased chip of so many pages. `random` decides what torn operations leave.
     pub fn new(clock: &Clock, pages: usize, random: ChaCha8Rng) -> Self {
-        let chip = Chip {
-            bytes: vec![0xFF; pages * PAGE],
+        Self {
+            clock: Some(clock.clone()),
+            ..Self::without_time(pages, random)
+        }
+    }
+}
+
+impl<const PAGE_LEN: usize> Flash<PAGE_LEN> {
+    /// The same with pages of any size, whose operations take no time.
+    pub fn without_time(pages: usize, random: ChaCha8Rng) -> Self {
+        Self::of(Chip {
+            bytes: vec![0xFF; pages * PAGE_LEN],
+            is_written: vec![false; pages * PAGE_LEN / WORD],
             wear: Wear {
                 erasures: vec![0; pages],
                 ..Wear::default()
             },
             random,
+            power: None,
+            reads_left: None,
             begun: 0,
             takes: 0,
             watchers: Vec::new(),
-        };
+        })
+    }
+
+    fn of(chip: Chip<PAGE_LEN>) -> Self {
         Self {
             chip: Rc::new(RefCell::new(chip)),
-            clock: clock.clone(),
-            takes_time: true,
+            clock: None,
         }
     }
 
@@ -135,9 +189,19 @@ impl Flash {
     #[must_use]
     pub fn programmer(&self) -> Self {
         Self {
-            takes_time: false,
-            ..self.clone()
+            chip: self.chip.clone(),
+            clock: None,
         }
+    }
+
+    /// Another chip with the same on it, whose operations take no time.
+    #[must_use]
+    pub fn copy(&self) -> Self {
+        let chip = self.chip.borrow();
+        Self::of(Chip {
+            watchers: Vec::new(),
+            ..chip.clone()
+        })
     }
 
     /// All bytes.
@@ -145,9 +209,30 @@ impl Flash {
         Ref::map(self.chip.borrow(), |chip| chip.bytes.as_slice())
     }
 
+    /// All bytes, to let them rot.
+    pub fn bytes_mut(&self) -> RefMut<'_, [u8]> {
+        RefMut::map(self.chip.borrow_mut(), |chip| chip.bytes.as_mut_slice())
+    }
+
     /// How much it has been used.
     pub fn wear(&self) -> Wear {
         self.chip.borrow().wear.clone()
+    }
+
+    /// Power on: for good, or for so many more changes of a word or a page. The last of them is
+    /// torn, and it and whatever follows fail.
+    pub fn power(&self, changes: Option<u32>) {
+        self.chip.borrow_mut().power = changes;
+    }
+
+    /// Whether the power has not failed.
+    pub fn has_power(&self) -> bool {
+        self.chip.borrow().power != Some(0)
+    }
+
+    /// Has one read fail: the next is number 1.
+    pub fn fail_read(&self, number: u32) {
+        self.chip.borrow_mut().reads_left = Some(number);
     }
 
     /// Returns when the next write or erasure begins, with how long it takes: to plan a power cut
@@ -165,38 +250,42 @@ impl Flash {
         .await
     }
 
-    fn check(&self, offset: u32, len: usize, unit: usize) -> Result<usize, NorFlashErrorKind> {
+    fn check(&self, offset: u32, len: usize, unit: usize) -> Result<usize, FlashError> {
         let from = offset as usize;
         if !from.is_multiple_of(unit) || !len.is_multiple_of(unit) {
-            return Err(NorFlashErrorKind::NotAligned);
+            return Err(FlashError::NotAligned);
         }
         if from + len > self.chip.borrow().bytes.len() {
-            return Err(NorFlashErrorKind::OutOfBounds);
+            return Err(FlashError::OutOfBounds);
         }
         Ok(from)
     }
 
-    async fn run(&self, job: Job<'_>) {
-        let step = match job {
-            _ if !self.takes_time => 0,
-            Job::Write { .. } => WORD_TIME,
-            Job::Erase { .. } => PAGE_TIME,
-        };
+    async fn run(&self, job: Job<'_>) -> Result<(), FlashError> {
+        let (steps, is_last_torn) = self.chip.borrow_mut().spend(job.steps())?;
         let operation = Operation {
             flash: self,
-            steps: job.steps(),
-            step,
-            begun: self.clock.time(),
+            steps,
+            whole: steps - usize::from(is_last_torn),
+            begun: self.clock.as_ref().map_or(0, Clock::time),
             job,
         };
-        let takes = operation.steps as Time * step;
-        {
-            let mut chip = self.chip.borrow_mut();
-            chip.begun += 1;
-            chip.takes = takes;
-            chip.watchers.drain(..).for_each(Waker::wake);
+        if let Some(clock) = &self.clock {
+            let takes = operation.steps as Time * operation.job.step_time();
+            {
+                let mut chip = self.chip.borrow_mut();
+                chip.begun += 1;
+                chip.takes = takes;
+                chip.watchers.drain(..).for_each(Waker::wake);
+            }
+            clock.sleep(takes).await;
         }
-        self.clock.sleep(takes).await;
+        drop(operation);
+        if is_last_torn {
+            Err(FlashError::Failed)
+        } else {
+            Ok(())
+        }
     }
 }
 
@@ -212,23 +301,31 @@ impl Job<'_> {
             Self::Erase { pages, .. } => *pages,
         }
     }
+
+    fn step_time(&self) -> Time {
+        match self {
+            Self::Write { .. } => WORD_TIME,
+            Self::Erase { .. } => PAGE_TIME,
+        }
+    }
 }
 
-/// Takes effect when it is dropped, as far as its time went.
-struct Operation<'a> {
-    flash: &'a Flash,
+/// Takes effect when it is dropped, as far as its time and its power went.
+struct Operation<'a, const PAGE_LEN: usize> {
+    flash: &'a Flash<PAGE_LEN>,
     steps: usize,
-    step: Time,
+    /// Of these, those that the power lasts for.
+    whole: usize,
     begun: Time,
     job: Job<'a>,
 }
 
-impl Drop for Operation<'_> {
+impl<const PAGE_LEN: usize> Drop for Operation<'_, PAGE_LEN> {
     fn drop(&mut self) {
-        let passed = self.flash.clock.time() - self.begun;
-        let done = passed
-            .checked_div(self.step)
-            .map_or(self.steps, |done| (done as usize).min(self.steps));
+        let done = self.flash.clock.as_ref().map_or(self.whole, |clock| {
+            let passed = (clock.time() - self.begun) / self.job.step_time();
+            self.whole.min(passed as usize)
+        });
         let mut chip = self.flash.chip.borrow_mut();
         let is_torn = done < self.steps;
         chip.wear.torn += u64::from(is_torn);
@@ -245,16 +342,22 @@ impl Drop for Operation<'_> {
     }
 }
 
-impl ErrorType for Flash {
+impl<const PAGE_LEN: usize> ErrorType for Flash<PAGE_LEN> {
     type Error = FlashError;
 }
 
-impl ReadNorFlash for Flash {
-    const READ_SIZE: usize = 1;
+impl<const PAGE_LEN: usize> ReadNorFlash for Flash<PAGE_LEN> {
+    const READ_SIZE: usize = WORD;
 
     async fn read(&mut self, offset: u32, bytes: &mut [u8]) -> Result<(), FlashError> {
-        let from = self.check(offset, bytes.len(), 1)?;
-        bytes.copy_from_slice(&self.chip.borrow().bytes[from..][..bytes.len()]);
+        let from = self.check(offset, bytes.len(), WORD)?;
+        let chip = &mut *self.chip.borrow_mut();
+        chip.wear.reads += 1;
+        chip.reads_left = chip.reads_left.and_then(|left| left.checked_sub(1));
+        if chip.reads_left == Some(0) || chip.power == Some(0) {
+            return Err(FlashError::Failed);
+        }
+        bytes.copy_from_slice(&chip.bytes[from..][..bytes.len()]);
         Ok(())
     }
 
@@ -263,21 +366,27 @@ impl ReadNorFlash for Flash {
     }
 }
 
-impl NorFlash for Flash {
+impl<const PAGE_LEN: usize> NorFlash for Flash<PAGE_LEN> {
     const WRITE_SIZE: usize = WORD;
-    const ERASE_SIZE: usize = PAGE;
+    const ERASE_SIZE: usize = PAGE_LEN;
 
     async fn erase(&mut self, from: u32, to: u32) -> Result<(), FlashError> {
-        let len = to.checked_sub(from).ok_or(NorFlashErrorKind::OutOfBounds)? as usize;
-        let first = self.check(from, len, PAGE)? / PAGE;
-        let pages = len / PAGE;
-        self.run(Job::Erase { first, pages }).await;
-        Ok(())
+        let len = to.checked_sub(from).ok_or(FlashError::OutOfBounds)? as usize;
+        let first = self.check(from, len, PAGE_LEN)? / PAGE_LEN;
+        let pages = len / PAGE_LEN;
+        self.run(Job::Erase { first, pages }).await
     }
 
+    /// # Panics
+    /// A word has been written since it was erased.
     async fn write(&mut self, offset: u32, bytes: &[u8]) -> Result<(), FlashError> {
         let from = self.check(offset, bytes.len(), WORD)?;
-        self.run(Job::Write { from, bytes }).await;
-        Ok(())
+        {
+            let chip = self.chip.borrow();
+            let mut words = from / WORD..(from + bytes.len()) / WORD;
+            let twice = words.find(|&word| chip.is_written[word]);
+            assert_eq!(twice, None, "the word of this number is written twice");
+        }
+        self.run(Job::Write { from, bytes }).await
     }
 }

@@ -2,30 +2,29 @@
 
 mod support;
 
-use std::{cell::RefCell, rc::Rc};
-
 use embassy_embedded_hal::flash::partition::Partition;
 use embassy_futures::block_on;
 use embassy_sync::{blocking_mutex::raw::NoopRawMutex, mutex::Mutex};
-use embedded_storage_async::nor_flash::{ErrorType, NorFlash, ReadNorFlash};
 use proptest::prelude::*;
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use support::{
     aether::key,
-    flash::{MockFlash, PAGE, PowerLoss},
+    flash::{Flash, PAGE, chip, length},
 };
+use virtual_bench::flash::FlashError;
 use zigbee_link::store::{
     Record, Store,
     log::{Entry, Log, LogError},
 };
 
 const SLOT: usize = 96;
-type Flash = MockFlash<4>;
+const SMALL: u32 = length(4);
+const LARGE: u32 = length(8);
 type Facts = Log<Flash, SLOT>;
 
 fn log(flash: Flash) -> Facts {
-    Log::new(flash, 0..Flash::LEN).unwrap()
+    Log::new(flash, 0..SMALL).unwrap()
 }
 
 fn fact(key: u8, first: u8) -> Entry<SLOT> {
@@ -37,8 +36,8 @@ fn fact(key: u8, first: u8) -> Entry<SLOT> {
 fn an_unused_range_is_an_empty_log() {
     // What no log has written is no log either.
     for byte in [0xFF, 0, 0x5A] {
-        let mut flash = Flash::new(0);
-        flash.bytes.fill(byte);
+        let flash = chip(4, 0);
+        flash.bytes_mut().fill(byte);
         block_on(async {
             let mut log = log(flash);
             assert_eq!(log.find(1).await, Err(LogError::NotOpen));
@@ -55,7 +54,7 @@ fn an_unused_range_is_an_empty_log() {
 #[test]
 fn format() {
     let flash = block_on(async {
-        let mut log = log(Flash::new(0));
+        let mut log = log(chip(4, 0));
         log.open().await.unwrap();
         log.append(&fact(9, 1)).await.unwrap();
         log.into_flash()
@@ -66,8 +65,8 @@ fn format() {
     expected.extend([1, 9]);
     expected.extend(1..=90);
     expected.extend(FACT_SUM);
-    expected.resize(flash.bytes.len(), 0xFF);
-    assert_eq!(flash.bytes, expected);
+    expected.resize(SMALL as usize, 0xFF);
+    assert_eq!(*flash.bytes(), *expected);
 }
 
 const HEADER_SUM: [u8; 4] = [0x35, 0xFB, 0xB2, 0x99];
@@ -77,7 +76,7 @@ const FACT_SUM: [u8; 4] = [0x54, 0x10, 0x5F, 0x8E];
 #[test]
 fn full_is_full_and_stays_open() {
     block_on(async {
-        let mut log = log(Flash::new(0));
+        let mut log = log(chip(4, 0));
         log.open().await.unwrap();
         for key in 0..4 {
             log.append(&fact(key, key)).await.unwrap();
@@ -94,17 +93,17 @@ fn full_is_full_and_stays_open() {
 
 #[test]
 fn a_layout_that_does_not_fit_is_refused() {
-    let len = Flash::LEN;
+    let len = SMALL;
     assert!(matches!(
-        Log::<_, 30>::new(Flash::new(0), 0..len),
+        Log::<_, 30>::new(chip(4, 0), 0..len),
         Err(LogError::Layout)
     ));
     assert!(matches!(
-        Log::<_, { 2 * PAGE }>::new(Flash::new(0), 0..len),
+        Log::<_, { 2 * PAGE }>::new(chip(4, 0), 0..len),
         Err(LogError::Layout)
     ));
     assert!(matches!(
-        Log::<_, 32>::new(Flash::new(0), 0..len - PAGE as u32),
+        Log::<_, 32>::new(chip(4, 0), 0..len - PAGE as u32),
         Err(LogError::Layout)
     ));
 }
@@ -116,7 +115,7 @@ fn records_survive_power_cuts() {
     const KEYS: u8 = 3;
     let mut rng = ChaCha8Rng::seed_from_u64(0xFAC7);
     for round in 0..40 {
-        let mut flash = Flash::new(round);
+        let mut flash = chip(4, round);
         let mut kept = [None; KEYS as usize];
         for _ in 0..100 {
             let exponent = rng.random_range(0..9);
@@ -136,14 +135,14 @@ fn records_survive_power_cuts() {
                     kept[usize::from(entry.key())] = trying.take();
                 }
                 #[expect(unreachable_code, reason = "tells the type")]
-                Ok::<(), LogError<PowerLoss>>(())
+                Ok::<(), LogError<FlashError>>(())
             });
-            assert_eq!(failed, Err(LogError::Flash(PowerLoss)));
+            assert_eq!(failed, Err(LogError::Flash(FlashError::Failed)));
             flash = log.into_flash();
             flash.power(None);
             if let Some(entry) = trying {
                 // Old or new, but from now on always the same.
-                let mut log = Log::new(flash, 0..Flash::LEN).unwrap();
+                let mut log = Log::new(flash, 0..SMALL).unwrap();
                 let found = block_on(async {
                     log.open().await.unwrap();
                     log.find(entry.key()).await.unwrap()
@@ -158,10 +157,10 @@ fn records_survive_power_cuts() {
 }
 
 /// Five keys, some of which were written several times.
-fn written() -> (MockFlash<8>, [u8; 5]) {
+fn written() -> (Flash, [u8; 5]) {
     let newest = [40, 31, 22, 33, 44];
     let flash = block_on(async {
-        let mut log = Log::<_, SLOT>::new(MockFlash::<8>::new(3), 0..MockFlash::<8>::LEN).unwrap();
+        let mut log = Log::<_, SLOT>::new(chip(8, 3), 0..LARGE).unwrap();
         log.open().await.unwrap();
         for (key, first) in [
             (0, 10),
@@ -179,8 +178,8 @@ fn written() -> (MockFlash<8>, [u8; 5]) {
     (flash, newest)
 }
 
-fn opened(flash: MockFlash<8>) -> Log<MockFlash<8>, SLOT> {
-    let mut log = Log::new(flash, 0..MockFlash::<8>::LEN).unwrap();
+fn opened(flash: Flash) -> Log<Flash, SLOT> {
+    let mut log = Log::new(flash, 0..LARGE).unwrap();
     block_on(log.open()).unwrap();
     log
 }
@@ -189,9 +188,9 @@ fn opened(flash: MockFlash<8>) -> Log<MockFlash<8>, SLOT> {
 #[test]
 fn any_single_bit_may_rot() {
     let (flash, newest) = written();
-    for bit in 0..flash.bytes.len() * 8 {
-        let mut rotten = flash.clone();
-        rotten.bytes[bit / 8] ^= 1 << (bit % 8);
+    for bit in 0..LARGE as usize * 8 {
+        let rotten = flash.copy();
+        rotten.bytes_mut()[bit / 8] ^= 1 << (bit % 8);
         let mut log = opened(rotten);
         for (key, &first) in (0..).zip(&newest) {
             let found = block_on(log.find(key)).unwrap();
@@ -214,9 +213,9 @@ proptest! {
         slot in 0..8_usize,
         flips in prop::collection::btree_set(16..SLOT * 8, 2..40),
     ) {
-        let (mut flash, newest) = written();
+        let (flash, newest) = written();
         for flip in flips {
-            flash.bytes[slot * SLOT + flip / 8] ^= 1 << (flip % 8);
+            flash.bytes_mut()[slot * SLOT + flip / 8] ^= 1 << (flip % 8);
         }
         let mut log = opened(flash);
         // Of which key a slot is, and whether its newest; slot 0 is the header.
@@ -242,8 +241,8 @@ fn a_key_may_rot() {
     let (flash, newest) = written();
     for slot in 0..8 {
         for flips in (1_u8..=255).filter(|flips| flips.count_ones() <= 2) {
-            let mut rotten = flash.clone();
-            rotten.bytes[slot * SLOT + 1] ^= flips;
+            let rotten = flash.copy();
+            rotten.bytes_mut()[slot * SLOT + 1] ^= flips;
             let mut log = opened(rotten);
             for _ in 0..2 {
                 for (key, &first) in (0..).zip(&newest) {
@@ -262,18 +261,18 @@ fn a_key_may_rot() {
 fn who_recovers_is_told_of_rot() {
     let (flash, _) = written();
     for slot in 0..7 {
-        let mut rotten = flash.clone();
-        rotten.bytes[slot * SLOT + 20] ^= 1;
-        let mut log = Log::<_, SLOT>::new(rotten, 0..MockFlash::<8>::LEN).unwrap();
+        let rotten = flash.copy();
+        rotten.bytes_mut()[slot * SLOT + 20] ^= 1;
+        let mut log = Log::<_, SLOT>::new(rotten, 0..LARGE).unwrap();
         let recovered = block_on(log.recover(|_, _| {}));
         assert_eq!(recovered, Err(LogError::Corrupt), "slot {slot}");
     }
     // And of what rots at work, the last record included.
     for slot in 1..8 {
-        let mut rotten = Shared(Rc::new(RefCell::new(flash.clone())));
-        let mut log = Log::<_, SLOT>::new(rotten.clone(), 0..MockFlash::<8>::LEN).unwrap();
+        let rotten = flash.copy();
+        let mut log = Log::<_, SLOT>::new(rotten.clone(), 0..LARGE).unwrap();
         assert_eq!(block_on(log.recover(|_, _| {})), Ok(true));
-        rotten.rot(slot * SLOT + 20);
+        rotten.bytes_mut()[slot * SLOT + 20] ^= 1;
         assert_eq!(block_on(log.find(9)), Err(LogError::Corrupt));
         let full = block_on(async {
             for n in 0..8 {
@@ -285,49 +284,10 @@ fn who_recovers_is_told_of_rot() {
     }
 }
 
-/// A flash that rots while a log works on it.
-#[derive(Clone)]
-struct Shared(Rc<RefCell<MockFlash<8>>>);
-
-impl Shared {
-    fn rot(&mut self, byte: usize) {
-        self.0.borrow_mut().bytes[byte] ^= 1;
-    }
-}
-
-impl ErrorType for Shared {
-    type Error = PowerLoss;
-}
-
-impl ReadNorFlash for Shared {
-    const READ_SIZE: usize = MockFlash::<8>::READ_SIZE;
-
-    async fn read(&mut self, offset: u32, bytes: &mut [u8]) -> Result<(), PowerLoss> {
-        block_on(self.0.borrow_mut().read(offset, bytes))
-    }
-
-    fn capacity(&self) -> usize {
-        self.0.borrow().capacity()
-    }
-}
-
-impl NorFlash for Shared {
-    const WRITE_SIZE: usize = MockFlash::<8>::WRITE_SIZE;
-    const ERASE_SIZE: usize = MockFlash::<8>::ERASE_SIZE;
-
-    async fn erase(&mut self, from: u32, to: u32) -> Result<(), PowerLoss> {
-        block_on(self.0.borrow_mut().erase(from, to))
-    }
-
-    async fn write(&mut self, offset: u32, bytes: &[u8]) -> Result<(), PowerLoss> {
-        block_on(self.0.borrow_mut().write(offset, bytes))
-    }
-}
-
 #[test]
 fn a_link_and_an_application_share_a_flash() {
-    let flash = Mutex::<NoopRawMutex, _>::new(MockFlash::<8>::new(0));
-    let half = MockFlash::<8>::LEN / 2;
+    let flash = Mutex::<NoopRawMutex, _>::new(chip(8, 0));
+    let half = LARGE / 2;
     let mut store = Store::new(Partition::new(&flash, 0, half), 0..half).unwrap();
     let mut facts = Log::<_, SLOT>::new(Partition::new(&flash, half, half), 0..half).unwrap();
     block_on(async {

@@ -6,96 +6,44 @@ use std::{
     cell::{Cell, RefCell},
     collections::VecDeque,
     convert::Infallible,
-    future::{Future, poll_fn},
+    future::pending,
     rc::Rc,
-    task::Poll,
-    time::Duration,
 };
 
-use embassy_futures::{
-    block_on,
-    join::join,
-    select::{Either, select, select4},
-};
-use embedded_hal_async::delay::DelayNs;
+use embassy_futures::{block_on, join::join, select::select};
 use support::{
     aether::eui,
-    flash::MockFlash,
-    node::{provisioned, settings},
+    node::{LEN, air, provisioned, settings},
 };
+use virtual_bench::executor::{Ended, Executor};
 use zigbee_link::{
-    Instant,
     link::Delivery,
     network::{Node, Status},
     radio::{
         Capabilities, Channel, Checksum, Config, Csma, FRAME_MAX, FaultInjector, Faults, Filter,
         PSDU_MAX, Radio, Received, Tracer, TxOutcome,
     },
-    runner::{Clock, Shared, run},
+    runner::{Clock as _, Shared, run},
     store::Store,
     wire::{Eui64, PanId, ShortAddress, fcs},
 };
 
-/// Time that passes a little with every poll of [`VirtualClock::tick`].
+const SECOND: u64 = 1_000_000_000;
+
+/// A radio that hears what it is told, and notes what it sends: PSDUs with FCS, one assessment, no
+/// filter.
 #[derive(Clone, Default)]
-struct VirtualClock(Rc<Cell<u64>>);
-
-impl Clock for VirtualClock {
-    fn now(&self) -> Instant {
-        Instant(self.0.get())
-    }
-
-    fn sleep_until(&self, time: Instant) -> impl Future<Output = ()> {
-        poll_fn(move |_| {
-            if self.now() >= time {
-                Poll::Ready(())
-            } else {
-                Poll::Pending
-            }
-        })
-    }
-}
-
-impl VirtualClock {
-    async fn tick(&self) {
-        poll_fn::<(), _>(|_| {
-            self.0.set(self.0.get() + 100);
-            Poll::Pending
-        })
-        .await;
-    }
-}
-
-impl DelayNs for VirtualClock {
-    async fn delay_ns(&mut self, ns: u32) {
-        let end = self.now() + Duration::from_nanos(ns.into());
-        self.sleep_until(end).await;
-    }
-}
-
-#[derive(Default)]
-struct Medium {
-    queues: Vec<VecDeque<(Channel, Vec<u8>)>>,
-    channels: Vec<Option<Channel>>,
-    busy_for: u32,
-    attempts: u32,
-}
-
-/// A bare radio: PSDUs with FCS, one assessment, no filter.
 struct Bare {
-    medium: Rc<RefCell<Medium>>,
-    number: usize,
+    heard: Rc<RefCell<VecDeque<Vec<u8>>>>,
+    sent: Rc<RefCell<Vec<Vec<u8>>>>,
+    attempts: Rc<Cell<u32>>,
+    /// The channel is so for so many attempts.
+    busy_for: Rc<Cell<u32>>,
 }
 
 impl Bare {
-    fn new(medium: &Rc<RefCell<Medium>>) -> Self {
-        let mut inner = medium.borrow_mut();
-        inner.queues.push(VecDeque::new());
-        inner.channels.push(None);
-        Self {
-            medium: medium.clone(),
-            number: inner.queues.len() - 1,
-        }
+    fn hear(&self, psdu: &[u8]) {
+        self.heard.borrow_mut().push_back(psdu.to_vec());
     }
 }
 
@@ -109,42 +57,31 @@ impl Radio for Bare {
         }
     }
 
-    async fn configure(&mut self, config: &Config) -> Result<(), Infallible> {
-        self.medium.borrow_mut().channels[self.number] = Some(config.channel);
+    async fn configure(&mut self, _: &Config) -> Result<(), Infallible> {
         Ok(())
     }
 
     async fn transmit(&mut self, psdu: &[u8]) -> Result<TxOutcome, Infallible> {
-        let medium = &mut *self.medium.borrow_mut();
-        medium.attempts += 1;
-        if medium.busy_for > 0 {
-            medium.busy_for -= 1;
+        self.attempts.update(|attempts| attempts + 1);
+        if let Some(left) = self.busy_for.get().checked_sub(1) {
+            self.busy_for.set(left);
             return Ok(TxOutcome::ChannelBusy);
         }
-        let channel = medium.channels[self.number].unwrap();
-        for (number, queue) in medium.queues.iter_mut().enumerate() {
-            if number != self.number && medium.channels[number] == Some(channel) {
-                queue.push_back((channel, psdu.to_vec()));
-            }
-        }
+        self.sent.borrow_mut().push(psdu.to_vec());
         Ok(TxOutcome::Sent)
     }
 
     async fn receive(&mut self, buffer: &mut [u8; PSDU_MAX]) -> Result<Received, Infallible> {
-        poll_fn(|_| {
-            let queue = &mut self.medium.borrow_mut().queues[self.number];
-            let Some((channel, psdu)) = queue.pop_front() else {
-                return Poll::Pending;
-            };
-            buffer[..psdu.len()].copy_from_slice(&psdu);
-            Poll::Ready(Ok(Received {
-                len: psdu.len(),
-                channel,
-                rssi: Some(-40),
-                lqi: None,
-            }))
+        let Some(psdu) = self.heard.borrow_mut().pop_front() else {
+            return pending().await;
+        };
+        buffer[..psdu.len()].copy_from_slice(&psdu);
+        Ok(Received {
+            len: psdu.len(),
+            channel: Channel::FIRST,
+            rssi: Some(-40),
+            lqi: None,
         })
-        .await
     }
 }
 
@@ -152,9 +89,11 @@ impl Radio for Bare {
 /// what is in their flash then is enough to go on after a restart.
 #[test]
 fn two_nodes_from_flash_to_air() {
-    let clock = VirtualClock::default();
-    let medium = Rc::new(RefCell::new(Medium::default()));
-    let captured = RefCell::new(0);
+    let mut executor = Executor::new();
+    let clock = executor.clock();
+    let medium = air(&clock, 0.0);
+    let antennas = [medium.attach([0.0; 2]), medium.attach([0.0; 2])];
+    let captured = Rc::new(Cell::new(0));
     let faults = Faults {
         tx_lost: 50,
         rx_lost: 100,
@@ -162,72 +101,82 @@ fn two_nodes_from_flash_to_air() {
         rx_truncated: 50,
         rx_doubled: 100,
     };
-    let stack = |seed| {
-        let bad = FaultInjector::new(Bare::new(&medium), faults, seed);
-        let radio = Filter::new(Checksum::new(Csma::new(bad, clock.clone(), seed)));
-        Tracer::new(radio, clock.clone(), |_: &[u8]| *captured.borrow_mut() += 1)
+    let bare = Capabilities {
+        rx_queue: true,
+        ..Capabilities::default()
     };
-    let mut radios = [stack(1), stack(2)];
-    let [radio0, radio1] = &mut radios;
-    let [mut store0, mut store1] = [provisioned(), provisioned()];
+    let flashes = [provisioned(), provisioned()].map(Store::into_flash);
     for round in 0..3_u32 {
-        let (saved0, saved1) = block_on(join(store0.load(), store1.load()));
-        let (saved0, saved1) = (saved0.unwrap(), saved1.unwrap());
-        let mut members = [None; 2];
-        for (place, member) in members.iter_mut().enumerate() {
-            *member = block_on(store0.member(place as u8)).unwrap();
-        }
+        let [mut store0, store1] = [0, 1].map(|node: usize| {
+            let mut store = Store::new(flashes[node].clone(), 0..LEN).unwrap();
+            (block_on(store.load()).unwrap(), store)
+        });
+        let members = [0, 1].map(|place| block_on(store0.1.member(place)).unwrap());
         assert_eq!(members[0].is_some(), round > 0);
-        let mut coordinator = Node::<4, 4, 2>::coordinator(settings(0), &saved0, members);
+        let mut coordinator = Node::<4, 4, 2>::coordinator(settings(0), &store0.0, members);
         coordinator.allow(eui(1)).unwrap();
-        let device = Node::<4, 4, 2>::device(clock.now(), settings(1), &saved1);
-        let shared0 = Shared::new(coordinator, clock.clone());
-        let shared1 = Shared::new(device, clock.clone());
-        let talk = async {
-            while !matches!(shared1.with(|node, _| node.status()), Status::Joined(_)) {
-                let later = clock.now() + Duration::from_millis(100);
-                clock.sleep_until(later).await;
+        let device = Node::<4, 4, 2>::device(clock.now(), settings(1), &store1.0);
+        let nodes = [coordinator, device].map(|node| Rc::new(Shared::new(node, clock.clone())));
+        let mut tasks = Vec::new();
+        for (n, (_, mut store)) in (0..).zip([store0, store1]) {
+            let (node, clock, captured) = (nodes[n].clone(), clock.clone(), captured.clone());
+            let seed = n as u64 + 1;
+            let bad = FaultInjector::new(medium.radio(antennas[n], bare), faults, seed);
+            let radio = Filter::new(Checksum::new(Csma::new(bad, clock.clone(), seed)));
+            tasks.push(executor.spawn(async move {
+                let count = |_: &[u8]| captured.update(|count| count + 1);
+                let mut radio = Tracer::new(radio, clock, count);
+                panic!("{:?}", run(&node, &mut radio, &mut store).await);
+            }));
+        }
+        let is_done = Rc::new(Cell::new(false));
+        let (done, later) = (is_done.clone(), clock.clone());
+        let [coordinator, device] = nodes;
+        tasks.push(executor.spawn(async move {
+            while !matches!(device.with(|node, _| node.status()), Status::Joined(_)) {
+                later.sleep(SECOND / 10).await;
             }
             for number in 0..20 {
                 let message = (round, number, [0x5A_u8; 30]);
                 let (sent, received) = join(
-                    shared1.send(ShortAddress::COORDINATOR, &message),
-                    shared0.recv(),
+                    device.send(ShortAddress::COORDINATOR, &message),
+                    coordinator.recv(),
                 )
                 .await;
                 assert_eq!(sent, Ok(Delivery::Delivered));
                 assert_eq!(received, (ShortAddress(1), message));
             }
-        };
-        let runners = select(
-            run(&shared0, radio0, &mut store0),
-            run(&shared1, radio1, &mut store1),
-        );
-        let deadline = clock.sleep_until(clock.now() + Duration::from_secs(600));
-        let done = block_on(select4(talk, runners, clock.tick(), deadline));
-        assert!(matches!(done, embassy_futures::select::Either4::First(())));
+            done.set(true);
+        }));
+        let limit = clock.time() + 600 * SECOND;
+        let ended = executor.run_until_time_or(limit, || is_done.get());
+        assert_eq!(ended, Ended::ConditionMet);
+        tasks.into_iter().for_each(|task| executor.kill(task));
     }
-    assert!(*captured.borrow() > 200);
+    assert!(captured.get() > 200);
 }
 
 /// A flash that fails stops the node: nothing goes out under counters that are not written down.
 #[test]
 fn no_store_no_frames() {
-    let clock = VirtualClock::default();
-    let medium = Rc::new(RefCell::new(Medium::default()));
-    let mut radio = Checksum::new(Bare::new(&medium));
+    let mut executor = Executor::new();
+    let clock = executor.clock();
+    let bare = Bare::default();
+    let attempts = bare.attempts.clone();
+    let mut radio = Checksum::new(bare);
     let mut store = provisioned();
     let saved = block_on(store.load()).unwrap();
-    let mut flash = store.into_flash();
+    let flash = store.into_flash();
     flash.power(Some(0));
-    let mut store = Store::new(flash, 0..MockFlash::<4>::LEN).unwrap();
-    let shared = Shared::new(
-        Node::<4, 4, 2>::coordinator(settings(0), &saved, [None; 2]),
-        clock.clone(),
-    );
-    let stopped = block_on(select(run(&shared, &mut radio, &mut store), clock.tick()));
-    assert!(matches!(stopped, Either::First(_)));
-    assert_eq!(medium.borrow().attempts, 0);
+    let mut store = Store::new(flash, 0..LEN).unwrap();
+    let node = Node::<4, 4, 2>::coordinator(settings(0), &saved, [None; 2]);
+    executor.spawn(async move {
+        let shared = Shared::new(node, clock);
+        run(&shared, &mut radio, &mut store).await;
+    });
+    assert_eq!(executor.run_until(600 * SECOND), Ended::TimeUp);
+    assert_eq!(executor.tasks(), 0);
+    assert_eq!(attempts.get(), 0);
 }
 
 fn config() -> Config {
@@ -244,25 +193,27 @@ fn config() -> Config {
 
 #[test]
 fn csma_tries_five_times_and_waits_between() {
-    let clock = VirtualClock::default();
-    let medium = Rc::new(RefCell::new(Medium::default()));
-    let mut radio = Csma::new(Bare::new(&medium), clock.clone(), 1);
-    assert!(radio.capabilities().csma);
-    block_on(radio.configure(&config())).unwrap();
-    let mut send = |busy_for| {
-        medium.borrow_mut().busy_for = busy_for;
-        medium.borrow_mut().attempts = 0;
-        match block_on(select(radio.transmit(&[1, 2, 3]), clock.tick())) {
-            Either::First(outcome) => (outcome.unwrap(), medium.borrow().attempts),
-            Either::Second(()) => unreachable!(),
-        }
-    };
-    assert_eq!(send(0), (TxOutcome::Sent, 1));
-    assert_eq!(send(4), (TxOutcome::Sent, 5));
-    let before = clock.now();
-    assert_eq!(send(9), (TxOutcome::ChannelBusy, 5));
-    // At most 7 + 15 + 31 + 31 + 31 units of 320 us, and the ticks of the clock.
-    assert!(clock.now().since(before) <= Duration::from_micros(115 * 320 + 5 * 200));
+    for (busy_for, outcome, attempts) in [
+        (0, TxOutcome::Sent, 1),
+        (4, TxOutcome::Sent, 5),
+        (9, TxOutcome::ChannelBusy, 5),
+    ] {
+        let mut executor = Executor::new();
+        let clock = executor.clock();
+        let bare = Bare::default();
+        bare.busy_for.set(busy_for);
+        let mut radio = Csma::new(bare.clone(), clock.clone(), 1);
+        assert!(radio.capabilities().csma);
+        executor.spawn(async move {
+            radio.configure(&config()).await.unwrap();
+            assert_eq!(radio.transmit(&[1, 2, 3]).await, Ok(outcome));
+            // At most 7 + 15 + 31 + 31 + 31 units of 320 us.
+            assert!(clock.time() <= 115 * 320_000);
+            assert!(busy_for == 0 || clock.time() > 0);
+        });
+        assert_eq!(executor.run_until(SECOND), Ended::TimeUp);
+        assert_eq!((executor.tasks(), bare.attempts.get()), (0, attempts));
+    }
 }
 
 #[test]
@@ -329,16 +280,15 @@ fn filter() {
     }
     // The wrapper delivers these only, and all when promiscuous.
     for promiscuous in [false, true] {
-        let medium = Rc::new(RefCell::new(Medium::default()));
-        let mut radio = Filter::new(Bare::new(&medium));
+        let bare = Bare::default();
+        let mut radio = Filter::new(bare.clone());
         let own = Config {
             promiscuous,
             ..config
         };
         block_on(radio.configure(&own)).unwrap();
         for (frame, _) in cases {
-            let queue = &mut medium.borrow_mut().queues[0];
-            queue.push_back((Channel::FIRST, frame.to_vec()));
+            bare.hear(frame);
         }
         let mut delivered = 0;
         let mut buffer = [0; PSDU_MAX];
@@ -356,31 +306,21 @@ fn filter() {
 
 #[test]
 fn checksum() {
-    let medium = Rc::new(RefCell::new(Medium::default()));
-    let mut sender = Checksum::new(Bare::new(&medium));
-    let mut receiver = Checksum::new(Bare::new(&medium));
-    assert!(sender.capabilities().fcs);
-    block_on(join(
-        sender.configure(&config()),
-        receiver.configure(&config()),
-    ))
-    .0
-    .unwrap();
-    assert!(block_on(sender.transmit(&[0; FRAME_MAX + 1])).is_err());
-    assert_eq!(
-        block_on(sender.transmit(&[0x02, 0x00, 0x6A])),
-        Ok(TxOutcome::Sent)
-    );
-    assert_eq!(
-        medium.borrow().queues[1][0].1,
-        [0x02, 0x00, 0x6A, 0xE4, 0x79]
-    );
+    let bare = Bare::default();
+    let mut radio = Checksum::new(bare.clone());
+    assert!(radio.capabilities().fcs);
+    block_on(radio.configure(&config())).unwrap();
+    assert!(block_on(radio.transmit(&[0; FRAME_MAX + 1])).is_err());
+    let sent = block_on(radio.transmit(&[0x02, 0x00, 0x6A]));
+    assert_eq!(sent, Ok(TxOutcome::Sent));
+    let intact = [0x02, 0x00, 0x6A, 0xE4, 0x79];
+    assert_eq!(*bare.sent.borrow(), [intact]);
     let damaged = [&[0x02, 0x00, 0x6B, 0xE4, 0x79][..], &[1], &[]];
-    for psdu in damaged {
-        medium.borrow_mut().queues[1].push_front((Channel::FIRST, psdu.to_vec()));
+    for psdu in damaged.into_iter().chain([&intact[..]]) {
+        bare.hear(psdu);
     }
     let mut buffer = [0; PSDU_MAX];
-    let received = block_on(receiver.receive(&mut buffer)).unwrap();
+    let received = block_on(radio.receive(&mut buffer)).unwrap();
     assert_eq!(buffer[..received.len], [0x02, 0x00, 0x6A]);
 }
 
@@ -388,17 +328,17 @@ fn checksum() {
 #[test]
 fn faults_are_reproducible() {
     let receive = |seed| {
-        let medium = Rc::new(RefCell::new(Medium::default()));
+        let bare = Bare::default();
         let faults = Faults {
             rx_lost: 300,
             rx_flipped: 300,
             ..Faults::default()
         };
-        let mut radio = FaultInjector::new(Bare::new(&medium), faults, seed);
+        let mut radio = FaultInjector::new(bare.clone(), faults, seed);
         for n in 0..2000_u16 {
             let mut frame = n.to_le_bytes().to_vec();
             frame.extend(fcs(&frame).to_le_bytes());
-            medium.borrow_mut().queues[0].push_back((Channel::FIRST, frame));
+            bare.hear(&frame);
         }
         let mut received = Vec::new();
         let mut buffer = [0; PSDU_MAX];

@@ -1,13 +1,11 @@
 //! [`SpinelRadio`] on lines that fail.
 
-use std::{cell::Cell, future::pending};
+use std::future::pending;
 
-use embassy_futures::block_on;
 use embedded_io_async::{ErrorKind, ErrorType, Read, Write};
+use virtual_bench::executor::{Ended, Executor};
 use zigbee_link::{
-    Instant,
     radio::{Channel, Config, Radio},
-    runner::Clock,
     spinel::{Error, Fault, Policy, SpinelRadio},
     wire::{Eui64, PanId, ShortAddress},
 };
@@ -21,19 +19,6 @@ const CONFIG: Config = Config {
     coordinator: false,
     promiscuous: false,
 };
-
-/// Passes as fast as somebody waits for it.
-struct Leaping(Cell<Instant>);
-
-impl Clock for Leaping {
-    fn now(&self) -> Instant {
-        self.0.get()
-    }
-
-    async fn sleep_until(&self, time: Instant) {
-        self.0.set(time.max(self.0.get()));
-    }
-}
 
 #[derive(Clone, Copy)]
 enum Line {
@@ -80,11 +65,16 @@ fn a_failing_line_is_an_error_in_bounded_time() {
         (Line::Closed, Error::Closed),
         (Line::Broken, Error::Uart(ErrorKind::BrokenPipe)),
     ] {
-        let clock = Leaping(Cell::new(Instant(0)));
-        let mut radio: SpinelRadio<_, _> = SpinelRadio::new(line, &clock);
-        assert_eq!(block_on(radio.configure(&CONFIG)), Err(error));
-        assert!(clock.now() <= Instant(0) + 3 * Policy::DEFAULT.reset);
-        let unconfigured = Error::Radio(Fault::NotConfigured);
-        assert_eq!(block_on(radio.transmit(&[1, 2, 3])), Err(unconfigured));
+        let mut executor = Executor::new();
+        let clock = executor.clock();
+        executor.spawn(async move {
+            let mut radio: SpinelRadio<_, _> = SpinelRadio::new(line, &clock);
+            assert_eq!(radio.configure(&CONFIG).await, Err(error));
+            let unconfigured = Error::Radio(Fault::NotConfigured);
+            assert_eq!(radio.transmit(&[1, 2, 3]).await, Err(unconfigured));
+        });
+        let bound = 3 * Policy::DEFAULT.reset.as_nanos() as u64;
+        assert_eq!(executor.run_until(bound), Ended::TimeUp);
+        assert_eq!(executor.tasks(), 0);
     }
 }

@@ -5,7 +5,8 @@ mod support;
 use embassy_futures::block_on;
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
-use support::flash::{MockFlash, PAGE, PowerLoss};
+use support::flash::{self, Flash, PAGE};
+use virtual_bench::flash::FlashError;
 use zigbee_link::{
     radio::Channel,
     security::{BLOCK, Counter, Key},
@@ -16,14 +17,19 @@ use zigbee_link::{
     wire::{Eui64, PanId, ShortAddress},
 };
 
-type Flash = MockFlash<8>;
+const LEN: u32 = flash::length(8);
+const CUT: StoreError<FlashError> = StoreError::Flash(FlashError::Failed);
+
+fn chip(seed: u64) -> Flash {
+    flash::chip(8, seed)
+}
 
 fn key(index: u8) -> Key {
     Key::new(index, core::array::from_fn(|i| i as u8 * 7 + index)).unwrap()
 }
 
 fn store(flash: Flash) -> Store<Flash> {
-    Store::new(flash, 0..Flash::LEN).unwrap()
+    Store::new(flash, 0..LEN).unwrap()
 }
 
 fn member(n: u8) -> Member {
@@ -42,7 +48,7 @@ fn remembers_everything() {
         coordinator: Eui64([8; 8]),
     };
     let flash = block_on(async {
-        let mut store = store(Flash::new(0));
+        let mut store = store(chip(0));
         store.provision(key(1), 7).await.unwrap();
         store.save(Record::CounterLimit(5000)).await.unwrap();
         store.save(Record::NextKey(Some(key(2)))).await.unwrap();
@@ -73,7 +79,7 @@ fn remembers_everything() {
 #[test]
 fn the_key_of_provisioning_is_known() {
     block_on(async {
-        let mut store = store(Flash::new(0));
+        let mut store = store(chip(0));
         store.provision(key(1), 7).await.unwrap();
         store.save(Record::ActiveKey(key(2))).await.unwrap();
         for n in 0..200 {
@@ -83,8 +89,8 @@ fn the_key_of_provisioning_is_known() {
         assert_eq!(saved.active_key, key(2));
         assert_eq!(store.first_key().await, Ok(key(1)));
 
-        let mut flash = Flash::new(0);
-        let mut older = Log::<_, 32>::new(&mut flash, 0..Flash::LEN).unwrap();
+        let mut flash = chip(0);
+        let mut older = Log::<_, 32>::new(&mut flash, 0..LEN).unwrap();
         let mut active = vec![1, 3];
         active.extend((0..16).map(|i| i * 7 + 3));
         let records = [
@@ -92,7 +98,7 @@ fn the_key_of_provisioning_is_known() {
             Entry::new(1, &active).unwrap(),
         ];
         older.begin(&records).await.unwrap();
-        let mut store = Store::new(flash, 0..Flash::LEN).unwrap();
+        let mut store = Store::new(flash, 0..LEN).unwrap();
         assert_eq!(store.load().await.unwrap().counter_limit, 9);
         assert_eq!(store.first_key().await, Ok(key(3)));
     });
@@ -100,7 +106,7 @@ fn the_key_of_provisioning_is_known() {
 
 #[test]
 fn without_a_key_there_is_nothing() {
-    let mut store = store(Flash::new(0));
+    let mut store = store(chip(0));
     assert_eq!(block_on(store.load()), Err(StoreError::NotProvisioned));
     for bytes in [[0; 16], [0xFF; 16], [0x5A; 16]] {
         assert_eq!(Key::new(1, bytes), None);
@@ -114,10 +120,10 @@ fn the_range_is_checked() {
         0..0,
         0..3 * PAGE as u32,
         4..4 + 4 * PAGE as u32,
-        0..Flash::LEN - 4,
+        0..LEN - 4,
         PAGE as u32..0,
     ] {
-        let store = Store::new(Flash::new(0), range);
+        let store = Store::new(chip(0), range);
         assert!(matches!(store, Err(StoreError::Layout)));
     }
 }
@@ -126,7 +132,7 @@ fn the_range_is_checked() {
 #[test]
 fn format() {
     let flash = block_on(async {
-        let mut store = store(Flash::new(0));
+        let mut store = store(chip(0));
         store.provision(key(1), 0x0102_0304).await.unwrap();
         store.save(Record::NextKey(None)).await.unwrap();
         let network = Membership {
@@ -167,8 +173,8 @@ fn format() {
         expected.resize(start + 28, 0);
         expected.extend(sum);
     }
-    expected.resize(flash.bytes.len(), 0xFF);
-    assert_eq!(flash.bytes, expected);
+    expected.resize(LEN as usize, 0xFF);
+    assert_eq!(*flash.bytes(), *expected);
 }
 
 /// 10,000 power cuts, each in the middle of changing a word or a page: every counter that is ever
@@ -177,7 +183,7 @@ fn format() {
 fn no_nonce_twice_through_power_cuts() {
     const CUTS: u32 = 10_000;
     let mut rng = ChaCha8Rng::seed_from_u64(0x5eed);
-    let mut flash = Flash::new(1);
+    let mut flash = chip(1);
     flash = block_on(async {
         let mut store = store(flash);
         store.provision(key(1), 0).await.unwrap();
@@ -202,7 +208,7 @@ fn no_nonce_twice_through_power_cuts() {
             )
             .await
             {
-                Err(StoreError::Flash(PowerLoss)) => cuts += 1,
+                Err(CUT) => cuts += 1,
                 other => panic!("{other:?} after {cuts} cuts"),
             }
             store.into_flash()
@@ -212,11 +218,8 @@ fn no_nonce_twice_through_power_cuts() {
         used > 1_000_000,
         "{used} frames are too few to prove anything"
     );
-    assert!(
-        flash.erasures.iter().all(|&erasures| erasures > 10),
-        "{:?}",
-        flash.erasures
-    );
+    let erasures = flash.wear().erasures;
+    assert!(erasures.iter().all(|&count| count > 10), "{erasures:?}");
 }
 
 async fn run(
@@ -225,7 +228,7 @@ async fn run(
     lowest_unused: &mut u32,
     used: &mut u64,
     members: &mut [Option<Member>; 4],
-) -> Result<(), StoreError<PowerLoss>> {
+) -> Result<(), StoreError<FlashError>> {
     let saved = store.load().await?;
     assert_eq!(saved.active_key, key(1), "after {saved:?}");
     let mut counter = Counter::resume(saved.counter_limit);
@@ -261,7 +264,7 @@ async fn run(
 fn rot_never_brings_back_a_nonce() {
     for saves in [1, 5, 9, 14, 23] {
         let (flash, used_below) = block_on(async {
-            let mut store = store(Flash::new(0));
+            let mut store = store(chip(0));
             store.provision(key(1), 0).await.unwrap();
             let mut counter = Counter::resume(0);
             for _ in 0..saves {
@@ -273,9 +276,9 @@ fn rot_never_brings_back_a_nonce() {
             (store.into_flash(), saves * BLOCK)
         });
         let mut refused = 0;
-        for bit in 0..flash.bytes.len() * 8 {
-            let mut rotten = flash.clone();
-            rotten.bytes[bit / 8] ^= 1 << (bit % 8);
+        for bit in 0..LEN as usize * 8 {
+            let rotten = flash.copy();
+            rotten.bytes_mut()[bit / 8] ^= 1 << (bit % 8);
             let loaded = block_on(store(rotten).load());
             match loaded {
                 Ok(saved) => assert!(
@@ -287,7 +290,7 @@ fn rot_never_brings_back_a_nonce() {
         }
         println!(
             "{saves} reservations: {refused} of {} flips refused",
-            flash.bytes.len() * 8
+            LEN * 8
         );
     }
 }
@@ -296,7 +299,7 @@ fn rot_never_brings_back_a_nonce() {
 fn before_provisioning() -> [Flash; 3] {
     [0, 1, 2].map(|provisions| {
         block_on(async {
-            let mut store = store(Flash::new(provisions));
+            let mut store = store(chip(provisions));
             for _ in 0..provisions {
                 let _ = store.load().await;
                 store.provision(key(1), 0).await.unwrap();
@@ -315,7 +318,7 @@ fn before_provisioning() -> [Flash; 3] {
 fn provisioning_survives_power_cuts() {
     const PAGE_COUNTER: u32 = 5 * BLOCK;
     /// As a node starts. The first counter of this life.
-    async fn start(store: &mut Store<Flash>) -> Result<u32, StoreError<PowerLoss>> {
+    async fn start(store: &mut Store<Flash>) -> Result<u32, StoreError<FlashError>> {
         let is_newer = match store.load().await {
             Ok(saved) => saved.counter_limit < PAGE_COUNTER,
             Err(StoreError::NotProvisioned) => true,
@@ -338,7 +341,7 @@ fn provisioning_survives_power_cuts() {
         while is_cut {
             cuts += 1;
             for again in 1..=cuts {
-                let mut flash = flash.clone();
+                let mut flash = flash.copy();
                 let mut counters = Vec::new();
                 for budget in [Some(cuts), Some(again), None, None] {
                     flash.power(budget);
@@ -346,8 +349,7 @@ fn provisioning_survives_power_cuts() {
                     let started = block_on(start(&mut store));
                     flash = store.into_flash();
                     if started.is_err() {
-                        let cut = Err(StoreError::Flash(PowerLoss));
-                        assert_eq!(started, cut, "cut at {cuts}, {again}");
+                        assert_eq!(started, Err(CUT), "cut at {cuts}, {again}");
                         assert!(!flash.has_power());
                     }
                     counters.extend(started);
@@ -363,12 +365,12 @@ fn provisioning_survives_power_cuts() {
 /// A header that rotted is not taken for one that was being written.
 #[test]
 fn a_bad_header_is_refused() {
-    for mut flash in before_provisioning().into_iter().skip(1) {
-        let bank = flash.bytes.len() / 2;
-        let header = if flash.bytes[0] == 0xFF { bank } else { 0 };
+    for flash in before_provisioning().into_iter().skip(1) {
+        let bank = LEN as usize / 2;
+        let header = if flash.bytes()[0] == 0xFF { bank } else { 0 };
         for byte in 0..4 {
-            flash.bytes[header + 28 + byte] ^= 0x10;
-            let mut store = store(flash.clone());
+            flash.bytes_mut()[header + 28 + byte] ^= 0x10;
+            let mut store = store(flash.copy());
             assert_eq!(block_on(store.load()), Err(StoreError::Corrupt));
         }
     }
@@ -377,7 +379,7 @@ fn a_bad_header_is_refused() {
 /// Who was told that the node is not provisioned cannot write without doing so.
 #[test]
 fn nothing_is_saved_without_a_key() {
-    let mut flash = Flash::new(0);
+    let mut flash = chip(0);
     // Erased, the header that says that provisioning was begun, erased, and records.
     flash = block_on(async {
         flash.power(Some(4 + 8 + 4 + 10));

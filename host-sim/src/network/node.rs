@@ -14,10 +14,7 @@ use node_firmware::{
     memory::Fact,
     run::{Layout, Seams, run},
 };
-use zigbee_link::{
-    radio::{Capabilities, Csma},
-    wire::Eui64,
-};
+use zigbee_link::{radio::Csma, wire::Eui64};
 
 use super::{
     CameraDevice, SharedWorld, Simulation, Trouble,
@@ -32,18 +29,8 @@ use virtual_bench::{
     executor::{Clock, Spawner, TaskId, Time},
     flash::{Flash, PAGE},
     line::{Line, Side, Uart},
-    medium::{Medium, NodeId},
+    medium::{Medium, NRF52840, NodeId},
     random::Root,
-};
-
-/// What the radio of an nRF52840 and its driver do.
-const RADIO: Capabilities = Capabilities {
-    fcs: true,
-    csma: false,
-    address_filter: true,
-    acknowledge: false,
-    retries: false,
-    rx_queue: true,
 };
 
 /// Two pages for the link, two for the role.
@@ -377,7 +364,7 @@ impl Hardware {
     async fn firmware(self: Rc<Self>) {
         loop {
             let seed = self.next_seed();
-            let radio = self.medium.radio(self.antenna, RADIO);
+            let radio = self.medium.radio(self.antenna, NRF52840);
             let node = self.clone();
             let seams = Seams {
                 uart: self.device(),

@@ -1,10 +1,9 @@
 //! Nodes that join, look, obey and restart.
 
-use calib_core::dead_reckoning::Step;
 use node_firmware::{
     config::{CameraConfig, Duty, Role, SiteKey, Subjects},
     console::{FromPc, KeyChange, ToPc},
-    message::{Command, Done, Sight, Tracked},
+    message::{Command, Sight, Tracked},
 };
 
 use crate::{
@@ -15,15 +14,19 @@ use crate::{
 #[test]
 fn they_join_and_look() {
     let mut site = Site::new();
-    site.camera.uart.sees.set(Some(40));
+    site.camera.sees(Some(40));
     site.bench.run_for(40 * SECOND);
     assert!(site.coordinator.lamps.0.get().joined);
     assert!(site.camera.lamps.0.get().joined);
     assert!(site.target.lamps.0.get().joined);
-    let members = site.told().into_iter().filter_map(|message| match message {
-        ToPc::Member { hello, .. } => Some(hello.id),
-        _ => None,
-    });
+    let members = site
+        .pc
+        .told()
+        .into_iter()
+        .filter_map(|message| match message {
+            ToPc::Member { hello, .. } => Some(hello.id),
+            _ => None,
+        });
     let mut members: Vec<u16> = members.collect();
     members.sort_unstable();
     members.dedup();
@@ -36,42 +39,25 @@ fn they_join_and_look() {
     assert!(site.camera.lamps.0.get().target_seen);
 
     // It goes where the camera does not see it.
-    site.camera.uart.sees.set(None);
-    site.target.steps.0.borrow_mut().push_back(Step {
-        distance: 1.0,
-        heading: 0.5,
-        distance_sigma: 0.01,
-        heading_sigma: 0.01,
-    });
+    site.camera.sees(None);
+    site.target.step(1.0, 0.5);
     site.bench.run_for(SECOND);
     assert!(!site.target.lamps.0.get().may_walk);
     site.bench.run_for(20 * SECOND);
     assert_eq!(site.looks().last(), Some(&Sight::NotInView));
     assert!(site.target.lamps.0.get().may_walk);
-    let heard = site.camera.uart.heard.borrow();
+    let heard = site.camera.heard();
     assert!(heard.contains(&"ST 170 240 60 140 16 80".to_owned()));
 }
 
 #[test]
 fn the_pc_commands_a_camera() {
     let mut site = Site::new();
-    site.camera.uart.sees.set(Some(40));
+    site.camera.sees(Some(40));
     site.bench.run_for(40 * SECOND);
-    let address = site.told().into_iter().find_map(|message| match message {
-        ToPc::Member { address, hello } if hello.id == 101 => Some(address),
-        _ => None,
-    });
-    let address = address.unwrap();
+    let address = site.camera_address();
     let command = Command::Track { colour: 0 };
-    site.coordinator
-        .uart
-        .wish(FromPc::Command { address, command });
-    site.bench.run_for(5 * SECOND);
-    let done = Done {
-        command,
-        success: true,
-    };
-    assert!(site.told().contains(&ToPc::Done { address, done }));
+    assert!(site.command(command, 5 * SECOND));
     let tracked = Tracked {
         middle: [40, 70],
         edges: [36, 61, 44, 79],
@@ -79,22 +65,15 @@ fn the_pc_commands_a_camera() {
         confidence: 200,
     };
     let packet = ToPc::Tracked { address, tracked };
-    assert!(site.told().iter().filter(|told| **told == packet).count() > 20);
+    let told = site.pc.told();
+    assert!(told.iter().filter(|told| **told == packet).count() > 20);
 
     // A colour that would leave a gap is not learnt.
     let command = Command::LearnColour { colour: 3 };
-    site.coordinator
-        .uart
-        .wish(FromPc::Command { address, command });
+    assert!(!site.command(command, 20 * SECOND));
+    let before = site.pc.told().len();
     site.bench.run_for(20 * SECOND);
-    let done = Done {
-        command,
-        success: false,
-    };
-    assert!(site.told().contains(&ToPc::Done { address, done }));
-    let before = site.told().len();
-    site.bench.run_for(20 * SECOND);
-    assert_eq!(site.told().len(), before, "no more packets");
+    assert_eq!(site.pc.told().len(), before, "no more packets");
 }
 
 /// A person sends a camera away, and shuts everybody out who is not a member: the others go on under
@@ -102,35 +81,27 @@ fn the_pc_commands_a_camera() {
 #[test]
 fn the_pc_sends_a_member_away_and_changes_the_key() {
     let mut site = Site::new();
-    site.camera.uart.sees.set(Some(40));
+    site.camera.sees(Some(40));
     site.bench.run_for(400 * SECOND);
-    let address = |site: &Site, id: u16| {
-        let told = site.told().into_iter().rev();
-        let mut members = told.filter_map(|message| match message {
-            ToPc::Member { address, hello } if hello.id == id => Some(address),
-            _ => None,
-        });
-        members.next().unwrap()
-    };
-    let camera = address(&site, 101);
-    site.coordinator.uart.told.borrow_mut().clear();
+    let camera = site.camera_address();
+    site.pc.forget();
     for success in [true, false] {
-        site.coordinator.uart.wish(FromPc::Remove(camera));
+        site.pc.wish(FromPc::Remove(camera));
         site.bench.run_for(20 * SECOND);
         let address = camera;
         let removed = ToPc::Removed { address, success };
-        assert_eq!(site.told(), [removed]);
-        site.coordinator.uart.told.borrow_mut().clear();
+        assert_eq!(site.pc.told(), [removed]);
+        site.pc.forget();
     }
     assert!(!site.camera.lamps.0.get().joined);
-    site.coordinator.uart.wish(FromPc::Refresh);
+    site.pc.wish(FromPc::Refresh);
     site.bench.run_for(SECOND);
     let is_camera = |told: &ToPc| matches!(told, ToPc::Member { address, .. } | ToPc::Report { address, .. } if *address == camera);
-    assert!(!site.told().iter().any(is_camera));
-    assert!(site.told().contains(&ToPc::KeyChange(None)));
+    assert!(!site.pc.told().iter().any(is_camera));
+    assert!(site.pc.told().contains(&ToPc::KeyChange(None)));
 
     let key = SiteKey::new(2, core::array::from_fn(|i| 0x30 ^ i as u8));
-    site.coordinator.uart.wish(FromPc::ChangeKey(key));
+    site.pc.wish(FromPc::ChangeKey(key));
     site.bench.run_for(10 * SECOND);
     let change = |done| {
         ToPc::KeyChange(Some(KeyChange {
@@ -139,24 +110,24 @@ fn the_pc_sends_a_member_away_and_changes_the_key() {
             unreached: 0,
         }))
     };
-    assert!(site.told().contains(&change(false)));
-    site.coordinator.uart.wish(FromPc::Refresh);
+    assert!(site.pc.told().contains(&change(false)));
+    site.pc.wish(FromPc::Refresh);
     site.bench.run_for(SECOND);
-    assert!(site.told().contains(&change(true)));
+    assert!(site.pc.told().contains(&change(true)));
     assert!(site.target.lamps.0.get().joined);
     // The camera, with the former key, is not let in any more; the target is after a restart.
-    site.coordinator.uart.wish(FromPc::JoinWindow(600));
+    site.pc.wish(FromPc::JoinWindow(600));
     site.target.lamps.0.take();
-    site.bench.nodes[2] = site.target.power(&site.bench, 13);
+    site.target.power(&mut site.bench, 13);
     site.bench.run_for(200 * SECOND);
     assert!(site.target.lamps.0.get().joined);
     assert!(!site.camera.lamps.0.get().joined);
     // An impossible key is refused.
-    site.coordinator.uart.told.borrow_mut().clear();
+    site.pc.forget();
     let bad = SiteKey::new(0, [7; 16]);
-    site.coordinator.uart.wish(FromPc::ChangeKey(bad));
+    site.pc.wish(FromPc::ChangeKey(bad));
     site.bench.run_for(SECOND);
-    assert!(site.told().contains(&ToPc::KeyChange(None)));
+    assert!(site.pc.told().contains(&ToPc::KeyChange(None)));
 }
 
 /// Both the coordinator and its line have more to say than the other takes at a time.
@@ -165,13 +136,13 @@ fn a_pc_that_writes_much_does_not_stop_the_coordinator() {
     let mut site = Site::new();
     site.bench.run_for(30 * SECOND);
     for _ in 0..100 {
-        site.coordinator.uart.wish(FromPc::Refresh);
+        site.pc.wish(FromPc::Refresh);
     }
     site.bench.run_for(10 * SECOND);
-    site.coordinator.uart.told.borrow_mut().clear();
-    site.coordinator.uart.wish(FromPc::Refresh);
+    site.pc.forget();
+    site.pc.wish(FromPc::Refresh);
     site.bench.run_for(SECOND);
-    let told = site.told();
+    let told = site.pc.told();
     assert!(matches!(told.first(), Some(ToPc::Network(Some(_)))));
     let members = told
         .iter()
@@ -183,23 +154,23 @@ fn a_pc_that_writes_much_does_not_stop_the_coordinator() {
 #[test]
 fn a_pc_that_takes_nothing_does_not_stop_the_coordinator() {
     let mut site = Site::new();
-    site.camera.uart.sees.set(Some(40));
+    site.camera.sees(Some(40));
     site.bench.run_for(40 * SECOND);
-    site.coordinator.uart.stalled.set(true);
+    site.coordinator.stalled.set(true);
     for _ in 0..20 {
-        site.coordinator.uart.wish(FromPc::Refresh);
+        site.pc.wish(FromPc::Refresh);
     }
     site.bench.run_for(2 * SECOND);
     site.target.lamps.0.take();
-    site.bench.nodes[2] = site.target.power(&site.bench, 13);
+    site.target.power(&mut site.bench, 13);
     site.bench.run_for(100 * SECOND);
     assert!(site.target.lamps.0.get().target_seen);
-    site.coordinator.uart.stalled.set(false);
+    site.coordinator.stalled.set(false);
     site.bench.run_for(40 * SECOND);
-    site.coordinator.uart.told.borrow_mut().clear();
-    site.coordinator.uart.wish(FromPc::Refresh);
+    site.pc.forget();
+    site.pc.wish(FromPc::Refresh);
     site.bench.run_for(10 * SECOND);
-    let told = site.told();
+    let told = site.pc.told();
     assert!(
         told.iter()
             .any(|told| matches!(told, ToPc::Network(Some(_))))
@@ -210,26 +181,20 @@ fn a_pc_that_takes_nothing_does_not_stop_the_coordinator() {
 #[test]
 fn they_come_back_after_a_restart() {
     let mut site = Site::new();
-    site.camera.uart.sees.set(Some(40));
+    site.camera.sees(Some(40));
     site.bench.run_for(100 * SECOND);
     for number in 0..3 {
         site.camera.lamps.0.take();
         site.target.lamps.0.take();
-        let node = match number {
-            0 => site.coordinator.power(&site.bench, 11),
-            1 => site.camera.power(&site.bench, 12),
-            _ => site.target.power(&site.bench, 13),
-        };
-        site.bench.nodes[number] = node;
+        match number {
+            0 => site.coordinator.power(&mut site.bench, 11),
+            1 => site.camera.power(&mut site.bench, 12),
+            _ => site.target.power(&mut site.bench, 13),
+        }
         site.bench.run_for(30 * SECOND);
     }
     site.camera.log.0.borrow_mut().clear();
-    site.target.steps.0.borrow_mut().push_back(Step {
-        distance: 1.0,
-        heading: 0.5,
-        distance_sigma: 0.01,
-        heading_sigma: 0.01,
-    });
+    site.target.step(1.0, 0.5);
     site.bench.run_for(30 * SECOND);
     assert_eq!(site.looks().last(), Some(&Sight::InView));
     assert!(site.target.lamps.0.get().may_walk);
@@ -246,40 +211,27 @@ fn a_background_is_not_learnt_with_the_target_in_view() {
     });
     site.restart(20);
     let stop = |site: &mut Site| {
-        site.target.steps.0.borrow_mut().push_back(Step {
-            distance: 1.0,
-            heading: 0.5,
-            distance_sigma: 0.01,
-            heading_sigma: 0.01,
-        });
+        site.target.step(1.0, 0.5);
         site.bench.run_for(30 * SECOND);
         site.looks().last().copied()
     };
     let backgrounds = |site: &Site| {
-        let heard = site.camera.uart.heard.borrow();
+        let heard = site.camera.heard();
         heard.iter().filter(|line| line.starts_with("LF")).count()
     };
-    site.camera.uart.sees.set(Some(8));
+    site.camera.sees(Some(8));
     site.bench.run_for(40 * SECOND);
     assert_eq!(stop(&mut site), Some(Sight::InView));
     let learnt = backgrounds(&site);
-    site.camera.uart.unplugged.set(true);
+    site.camera.line.unplug(false);
     assert_eq!(stop(&mut site), Some(Sight::Failed));
-    site.camera.uart.unplugged.set(false);
+    site.camera.line.plug();
     for _ in 0..3 {
         assert_eq!(stop(&mut site), Some(Sight::Failed));
         assert_eq!(backgrounds(&site), learnt);
     }
     // Somebody who sees that the target is elsewhere wants it.
-    let address = site.told().into_iter().find_map(|message| match message {
-        ToPc::Member { address, hello } if hello.id == 101 => Some(address),
-        _ => None,
-    });
-    site.coordinator.uart.wish(FromPc::Command {
-        address: address.unwrap(),
-        command: Command::LearnBackground,
-    });
-    site.bench.run_for(5 * SECOND);
+    assert!(site.command(Command::LearnBackground, 5 * SECOND));
     assert_eq!(stop(&mut site), Some(Sight::InView));
     assert_eq!(backgrounds(&site), learnt + 1);
 }

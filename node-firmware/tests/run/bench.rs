@@ -2,451 +2,210 @@
 
 use std::{
     cell::{Cell, RefCell},
-    collections::{BTreeMap, HashSet, VecDeque},
+    collections::{BTreeMap, HashSet},
     convert::Infallible,
-    future::{Future, poll_fn},
+    future::{Future, pending},
     pin::Pin,
     rc::Rc,
-    sync::{
-        Arc,
-        atomic::{AtomicBool, Ordering},
-    },
-    task::{Context, Poll, Wake},
 };
 
 use crate::support::{
-    flash::{MockFlash, PowerLoss},
+    flash::{Flash, chip, length},
     site::{camera_config, target_config},
 };
 use calib_core::dead_reckoning::Step;
 use embassy_futures::block_on;
-use embedded_io_async::{Read, Write};
-use embedded_storage_async::nor_flash::{ErrorType, NorFlash, ReadNorFlash};
+use embassy_sync::{blocking_mutex::raw::NoopRawMutex, channel::Channel};
+use embedded_io_async::{ErrorType, Read, Write};
 use node_firmware::{
     config::{Config, CoordinatorConfig, Duty, Role, SiteKey},
     console::{Frames, FromPc, ToPc},
     hardware::{Indication, Indicator, Observer, StepSensor},
-    message::{Kind, Message, Sight},
+    message::{Command, Done, Kind, Message, Sight},
     run::{Layout, Seams, run},
 };
+use virtual_bench::{
+    executor::{Clock, Ended, Executor, TaskId, Time},
+    line::{Line, Port, PortError, Side, Uart},
+    medium::{Event, Medium, NRF52840, NodeId, Propagation},
+};
 use zigbee_link::{
-    Instant,
-    radio::{Capabilities, Channel, Filter, PSDU_MAX, Radio, Received, TxOutcome},
-    runner,
+    radio::Csma,
     security::Protection,
     wire::{Eui64, Frame, KeyId, ShortAddress},
 };
 
-pub(super) const SECOND: u64 = 1_000_000;
+pub(super) const SECOND: Time = 1_000_000_000;
 
-/// Virtual time. Whoever sleeps leaves a note of until when.
-#[derive(Clone, Default)]
-pub(super) struct Clock(Rc<(Cell<u64>, Cell<u64>)>);
+/// Sender, index of the key, and frame counter of every frame: no nonce occurs twice.
+type Nonces = Rc<RefCell<HashSet<(NodeId, u8, u32)>>>;
 
-impl Clock {
-    /// Whether it is that late. If not, time will not jump over it.
-    pub(super) fn reached(&self, time: u64) -> bool {
-        let (now, next) = &*self.0;
-        if now.get() < time {
-            next.set(next.get().min(time));
-        }
-        now.get() >= time
-    }
-
-    pub(super) fn us(&self) -> u64 {
-        self.0.0.get()
-    }
-}
-
-impl runner::Clock for Clock {
-    fn now(&self) -> Instant {
-        Instant(self.us())
-    }
-
-    async fn sleep_until(&self, time: Instant) {
-        poll_fn(|_| match self.reached(time.0) {
-            true => Poll::Ready(()),
-            false => Poll::Pending,
-        })
-        .await;
-    }
-}
-
-/// Somebody was woken: there is more to do at the present time.
-#[derive(Default)]
-pub(super) struct Woken(AtomicBool);
-
-impl Wake for Woken {
-    fn wake(self: Arc<Self>) {
-        self.0.store(true, Ordering::Relaxed);
-    }
-}
-
-/// The nodes under test.
-#[derive(Default)]
+/// What the nodes under test run on.
 pub(super) struct Bench {
+    executor: Executor,
     pub(super) clock: Clock,
-    pub(super) woken: Arc<Woken>,
-    pub(super) nodes: Vec<Pin<Box<dyn Future<Output = String>>>>,
+    medium: Medium,
+    nonces: Nonces,
+    running: BTreeMap<NodeId, TaskId>,
 }
 
 impl Bench {
-    /// Runs all nodes until then. Polling everybody at every wake is slow, and simple.
-    pub(super) fn run_until(&mut self, time: u64) {
-        let waker = self.woken.clone().into();
-        let mut context = Context::from_waker(&waker);
-        let (now, next) = &*self.clock.0;
-        while now.get() < time {
-            let mut rounds = 0;
-            loop {
-                next.set(time);
-                self.woken.0.store(false, Ordering::Relaxed);
-                for node in &mut self.nodes {
-                    if let Poll::Ready(failure) = node.as_mut().poll(&mut context) {
-                        panic!("a node stopped: {failure}");
-                    }
-                }
-                if !self.woken.0.load(Ordering::Relaxed) {
-                    break;
-                }
-                rounds += 1;
-                assert!(
-                    rounds < 10_000,
-                    "they keep each other busy, and time stands"
-                );
+    pub(super) fn new() -> Self {
+        let executor = Executor::new();
+        let clock = executor.clock();
+        let air = Propagation::UnitDisk {
+            range: 1.0,
+            loss: 0.0,
+        };
+        let medium = Medium::new(&clock, air, 1);
+        let nonces = Nonces::default();
+        let all = nonces.clone();
+        medium.watch(move |_, event: Event<'_>| {
+            if let Event::Sent { from, frame, .. } = event
+                && let Some(security) = Frame::parse(frame).unwrap().header().security
+            {
+                let KeyId::Index(key) = security.key else {
+                    panic!("no such key");
+                };
+                let nonce = (from, key, security.counter.unwrap());
+                assert!(all.borrow_mut().insert(nonce), "{nonce:?} twice");
             }
-            now.set(next.get());
+        });
+        Self {
+            executor,
+            clock,
+            medium,
+            nonces,
+            running: BTreeMap::new(),
         }
     }
 
-    pub(super) fn run_for(&mut self, time: u64) {
-        self.run_until(self.clock.us() + time);
-    }
-}
-
-/// Every radio's frames on their way.
-pub(super) type Ether = Rc<RefCell<Vec<VecDeque<(Channel, Vec<u8>)>>>>;
-
-/// Sender, index of the key, and frame counter of every frame: no nonce occurs twice.
-pub(super) type Nonces = Rc<RefCell<HashSet<(usize, u8, u32)>>>;
-
-pub(super) struct Antenna {
-    ether: Ether,
-    nonces: Nonces,
-    number: usize,
-    channel: Option<Channel>,
-    clock: Clock,
-    woken: Arc<Woken>,
-}
-
-impl Radio for Antenna {
-    type Error = Infallible;
-
-    fn capabilities(&self) -> Capabilities {
-        Capabilities {
-            fcs: true,
-            csma: true,
-            rx_queue: true,
-            ..Capabilities::default()
-        }
+    pub(super) fn run_for(&mut self, time: Time) {
+        let ended = self.executor.run_until(self.clock.time() + time);
+        assert_eq!(ended, Ended::TimeUp);
     }
 
-    async fn configure(&mut self, config: &zigbee_link::radio::Config) -> Result<(), Infallible> {
-        self.channel = Some(config.channel);
-        Ok(())
-    }
-
-    async fn transmit(&mut self, psdu: &[u8]) -> Result<TxOutcome, Infallible> {
-        // 250 kbit/s, and six bytes before the frame.
-        let airtime = 32 * (psdu.len() as u64 + 6);
-        runner::Clock::sleep_until(&self.clock, Instant(self.clock.us() + airtime)).await;
-        let channel = self.channel.unwrap();
-        if let Some(security) = Frame::parse(psdu).unwrap().header().security {
-            let KeyId::Index(key) = security.key else {
-                panic!("no such key");
-            };
-            let nonce = (self.number, key, security.counter.unwrap());
-            assert!(self.nonces.borrow_mut().insert(nonce), "{nonce:?} twice");
-        }
-        for (number, frames) in self.ether.borrow_mut().iter_mut().enumerate() {
-            if number != self.number {
-                frames.push_back((channel, psdu.to_vec()));
-            }
-        }
-        self.woken.clone().wake();
-        Ok(TxOutcome::Sent)
-    }
-
-    async fn receive(&mut self, buffer: &mut [u8; PSDU_MAX]) -> Result<Received, Infallible> {
-        poll_fn(|_| {
-            while let Some((channel, psdu)) = self.ether.borrow_mut()[self.number].pop_front() {
-                if Some(channel) == self.channel {
-                    buffer[..psdu.len()].copy_from_slice(&psdu);
-                    return Poll::Ready(Ok(Received {
-                        len: psdu.len(),
-                        channel,
-                        rssi: None,
-                        lqi: None,
-                    }));
-                }
-            }
-            Poll::Pending
-        })
-        .await
+    /// The frame counters that a node has used so far.
+    pub(super) fn counters(&self, board: &Board) -> HashSet<(u8, u32)> {
+        let nonces = self.nonces.borrow();
+        let own = nonces.iter().filter(|(from, ..)| *from == board.antenna);
+        own.map(|&(_, key, counter)| (key, counter)).collect()
     }
 }
 
 /// A CMUcam2 that does what it is told and sees what the test says: column, or nothing.
-#[derive(Clone)]
-pub(super) struct CameraUart {
-    pub(super) clock: Clock,
-    pub(super) sees: Rc<Cell<Option<u8>>>,
-    /// Bytes for the node, each with the time at which it comes.
-    pub(super) answer: Rc<RefCell<VecDeque<(u64, u8)>>>,
-    pub(super) line: Rc<RefCell<String>>,
-    pub(super) heard: Rc<RefCell<Vec<String>>>,
-    /// It hears nothing.
-    pub(super) unplugged: Rc<Cell<bool>>,
+#[derive(Default)]
+pub(super) struct Camera {
+    sees: Cell<Option<u8>>,
+    heard: RefCell<Vec<String>>,
 }
 
-impl CameraUart {
-    pub(super) fn new(clock: &Clock) -> Self {
-        Self {
-            clock: clock.clone(),
-            sees: Rc::default(),
-            answer: Rc::default(),
-            line: Rc::default(),
-            heard: Rc::default(),
-            unplugged: Rc::default(),
+impl Camera {
+    async fn run(self: Rc<Self>, mut uart: Port, clock: Clock) {
+        let mut line = String::new();
+        loop {
+            let mut byte = [0];
+            uart.read(&mut byte).await.unwrap();
+            if byte != *b"\r" {
+                line.push(byte[0].into());
+                continue;
+            }
+            let (after, answer) = self.obey(&line);
+            self.heard.borrow_mut().push(std::mem::take(&mut line));
+            clock.sleep(after).await;
+            uart.write_all(answer.as_bytes()).await.unwrap();
         }
     }
 
-    pub(super) fn packet(&self) -> [u8; 8] {
-        match self.sees.get() {
-            Some(column) => [column, 70, column - 4, 61, column + 4, 79, 60, 200],
-            None => [0; 8],
-        }
-    }
-
-    /// The manual's answers, by the letters of the command.
-    pub(super) fn obey(&self, command: &str) {
-        if self.unplugged.get() {
-            return;
-        }
-        self.heard.borrow_mut().push(command.to_owned());
-        let (after, text) = match command.get(..2) {
-            Some("GV") => (1_000, "ACK\rCMUcam2 v1.01 c6\r:".to_owned()),
-            Some("RS") => (700_000, "ACK\r\rCMUcam2 v1.01 c6\r:".to_owned()),
-            Some("GT") => (1_000, "ACK\r130 190 90 150 40 100\r:".to_owned()),
+    /// The manual's answers, by the letters of the command, and after which time.
+    fn obey(&self, command: &str) -> (Time, String) {
+        const MILLISECOND: Time = SECOND / 1000;
+        match command.get(..2) {
+            Some("GV") => (MILLISECOND, "ACK\rCMUcam2 v1.01 c6\r:".to_owned()),
+            Some("RS") => (700 * MILLISECOND, "ACK\r\rCMUcam2 v1.01 c6\r:".to_owned()),
+            Some("GT") => (MILLISECOND, "ACK\r130 190 90 150 40 100\r:".to_owned()),
             Some(kind @ ("TC" | "TW" | "FD")) => {
-                let mut packet = self.packet();
-                if let ("FD", Some(column)) = (kind, self.sees.get()) {
+                let packet = match self.sees.get() {
                     // Of 16 x 16 blocks.
-                    packet = [column, 8, column - 1, 7, column + 1, 9, 6, 255];
-                }
+                    Some(x) if kind == "FD" => [x, 8, x - 1, 7, x + 1, 9, 6, 255],
+                    Some(x) => [x, 70, x - 4, 61, x + 4, 79, 60, 200],
+                    None => [0; 8],
+                };
                 let numbers = packet.map(|n| n.to_string()).join(" ");
-                (60_000, format!("ACK\rT {numbers}\r:"))
+                (60 * MILLISECOND, format!("ACK\rT {numbers}\r:"))
             }
-            _ => (1_000, "ACK\r:".to_owned()),
-        };
-        // 38,400 baud.
-        let first = self.clock.us() + after;
-        let timed = text.bytes().enumerate();
-        let timed = timed.map(|(n, byte)| (first + 260 * n as u64, byte));
-        self.answer.borrow_mut().extend(timed);
-    }
-}
-
-impl embedded_io_async::ErrorType for CameraUart {
-    type Error = Infallible;
-}
-
-impl Write for CameraUart {
-    async fn write(&mut self, bytes: &[u8]) -> Result<usize, Infallible> {
-        for &byte in bytes {
-            if byte == b'\r' {
-                let command = self.line.take();
-                self.obey(&command);
-            } else {
-                self.line.borrow_mut().push(byte.into());
-            }
+            _ => (MILLISECOND, "ACK\r:".to_owned()),
         }
-        Ok(bytes.len())
-    }
-
-    async fn flush(&mut self) -> Result<(), Infallible> {
-        Ok(())
-    }
-}
-
-impl Read for CameraUart {
-    async fn read(&mut self, buffer: &mut [u8]) -> Result<usize, Infallible> {
-        poll_fn(|_| {
-            let mut answer = self.answer.borrow_mut();
-            match answer.front().copied() {
-                Some((at, byte)) if self.clock.reached(at) => {
-                    answer.pop_front();
-                    buffer[0] = byte;
-                    Poll::Ready(Ok(1))
-                }
-                _ => Poll::Pending,
-            }
-        })
-        .await
     }
 }
 
 /// A PC, which writes and notes what it is told.
-#[derive(Clone, Default)]
-pub(super) struct PcUart {
-    pub(super) wishes: Rc<RefCell<VecDeque<u8>>>,
-    pub(super) frames: Rc<RefCell<Frames>>,
-    pub(super) told: Rc<RefCell<Vec<ToPc>>>,
-    /// It takes nothing.
-    pub(super) stalled: Rc<Cell<bool>>,
-}
+pub(super) struct Pc(RefCell<(Port, Frames, Vec<ToPc>)>);
 
-impl PcUart {
+impl Pc {
+    fn new(uart: Port) -> Self {
+        Self(RefCell::new((uart, Frames::default(), Vec::new())))
+    }
+
     pub(super) fn wish(&self, wish: FromPc) {
         let mut buffer = [0; 64];
         let frame = postcard::to_slice_cobs(&wish, &mut buffer).unwrap();
-        self.wishes.borrow_mut().extend(frame.iter());
+        block_on(self.0.borrow_mut().0.write_all(frame)).unwrap();
+    }
+
+    pub(super) fn told(&self) -> Vec<ToPc> {
+        let (uart, frames, told) = &mut *self.0.borrow_mut();
+        let come = uart.received().into_iter();
+        told.extend(come.filter_map(|byte| frames.push::<ToPc>(byte)));
+        told.clone()
+    }
+
+    pub(super) fn forget(&self) {
+        self.told();
+        self.0.borrow_mut().2.clear();
     }
 }
 
-impl embedded_io_async::ErrorType for PcUart {
-    type Error = Infallible;
+/// A node's end of a line, behind which nobody may take anything.
+pub(super) struct NodeUart {
+    port: Port,
+    stalled: Rc<Cell<bool>>,
 }
 
-impl Write for PcUart {
-    async fn write(&mut self, bytes: &[u8]) -> Result<usize, Infallible> {
+impl ErrorType for NodeUart {
+    type Error = PortError;
+}
+
+impl Write for NodeUart {
+    async fn write(&mut self, bytes: &[u8]) -> Result<usize, PortError> {
         if self.stalled.get() {
-            std::future::pending::<()>().await;
+            pending::<()>().await;
         }
-        for &byte in bytes {
-            let message: Option<ToPc> = self.frames.borrow_mut().push(byte);
-            self.told.borrow_mut().extend(message);
-        }
-        Ok(bytes.len())
+        self.port.write(bytes).await
     }
 
-    async fn flush(&mut self) -> Result<(), Infallible> {
-        Ok(())
+    async fn flush(&mut self) -> Result<(), PortError> {
+        self.port.flush().await
     }
 }
 
-impl Read for PcUart {
-    async fn read(&mut self, buffer: &mut [u8]) -> Result<usize, Infallible> {
-        poll_fn(|_| {
-            let mut wishes = self.wishes.borrow_mut();
-            let count = wishes.len().min(buffer.len());
-            if count == 0 {
-                return Poll::Pending;
-            }
-            for place in &mut buffer[..count] {
-                *place = wishes.pop_front().unwrap();
-            }
-            Poll::Ready(Ok(count))
-        })
-        .await
+impl Read for NodeUart {
+    async fn read(&mut self, buffer: &mut [u8]) -> Result<usize, PortError> {
+        self.port.read(buffer).await
     }
 }
 
-/// A target's UART: none.
-pub(super) struct NoUart;
-
-impl embedded_io_async::ErrorType for NoUart {
-    type Error = Infallible;
-}
-
-impl Write for NoUart {
-    async fn write(&mut self, bytes: &[u8]) -> Result<usize, Infallible> {
-        Ok(bytes.len())
-    }
-
-    async fn flush(&mut self) -> Result<(), Infallible> {
-        Ok(())
-    }
-}
-
-impl Read for NoUart {
-    async fn read(&mut self, _: &mut [u8]) -> Result<usize, Infallible> {
-        std::future::pending().await
-    }
-}
-
-/// A flash that outlives its node: 8 KiB for the link, 8 KiB for the role. And after how many more
-/// reads one fails.
-#[derive(Clone)]
-pub(super) struct Flash(
-    pub(super) Rc<RefCell<MockFlash<64>>>,
-    pub(super) Rc<Cell<u32>>,
-);
-
-impl Flash {
-    pub(super) fn new(chip: MockFlash<64>) -> Self {
-        Self(Rc::new(RefCell::new(chip)), Rc::new(Cell::new(u32::MAX)))
-    }
-
-    /// Another one, with the same in it.
-    pub(super) fn copy(&self) -> Self {
-        Self::new(self.0.borrow().clone())
-    }
-
-    /// The bytes of the link's half.
-    pub(super) fn pages(&self) -> Vec<u8> {
-        self.0.borrow().bytes[..HALF as usize].to_vec()
-    }
-}
-
-pub(super) const HALF: u32 = MockFlash::<64>::LEN / 2;
-
-impl ErrorType for Flash {
-    type Error = PowerLoss;
-}
-
-impl ReadNorFlash for Flash {
-    const READ_SIZE: usize = MockFlash::<64>::READ_SIZE;
-
-    async fn read(&mut self, offset: u32, bytes: &mut [u8]) -> Result<(), PowerLoss> {
-        self.1.set(self.1.get().wrapping_sub(1));
-        match self.1.get() {
-            0 => Err(PowerLoss),
-            _ => block_on(self.0.borrow_mut().read(offset, bytes)),
-        }
-    }
-
-    fn capacity(&self) -> usize {
-        self.0.borrow().capacity()
-    }
-}
-
-impl NorFlash for Flash {
-    const WRITE_SIZE: usize = MockFlash::<64>::WRITE_SIZE;
-    const ERASE_SIZE: usize = MockFlash::<64>::ERASE_SIZE;
-
-    async fn erase(&mut self, from: u32, to: u32) -> Result<(), PowerLoss> {
-        block_on(self.0.borrow_mut().erase(from, to))
-    }
-
-    async fn write(&mut self, offset: u32, bytes: &[u8]) -> Result<(), PowerLoss> {
-        block_on(self.0.borrow_mut().write(offset, bytes))
-    }
-}
+pub(super) const HALF: u32 = length(32);
 
 /// Steps, as the test wants them.
-#[derive(Clone, Default)]
-pub(super) struct Steps(pub(super) Rc<RefCell<VecDeque<Step<f32>>>>);
+#[derive(Clone)]
+pub(super) struct Steps(Rc<Channel<NoopRawMutex, Step<f32>, 4>>);
 
 impl StepSensor for Steps {
     type Error = Infallible;
 
     async fn next(&mut self) -> Result<Step<f32>, Infallible> {
-        poll_fn(|_| match self.0.borrow_mut().pop_front() {
-            Some(step) => Poll::Ready(Ok(step)),
-            None => Poll::Pending,
-        })
-        .await
+        Ok(self.0.receive().await)
     }
 }
 
@@ -470,25 +229,26 @@ impl Observer for Log {
 }
 
 /// A node without its firmware.
-pub(super) struct Board<U> {
+pub(super) struct Board {
     pub(super) config: Config,
-    pub(super) number: usize,
-    pub(super) uart: U,
-    pub(super) ether: Ether,
-    pub(super) nonces: Nonces,
+    antenna: NodeId,
+    pub(super) line: Line,
+    /// What is on its line takes nothing.
+    pub(super) stalled: Rc<Cell<bool>>,
+    camera: Rc<Camera>,
+    /// Of 8 KiB for the link, and 8 KiB for the role.
     pub(super) flash: Flash,
-    pub(super) steps: Steps,
+    steps: Steps,
     pub(super) lamps: Lamps,
     pub(super) log: Log,
 }
 
-impl<U: Read + Write + Clone + 'static> Board<U> {
-    pub(super) fn new(ether: &Ether, uart: U, role: Role) -> Self {
-        let number = ether.borrow().len();
-        ether.borrow_mut().push(VecDeque::new());
+impl Board {
+    pub(super) fn new(bench: &mut Bench, role: Role) -> Self {
+        let antenna = bench.medium.attach([0.0; 2]);
         let config = Config {
-            id: 100 + number as u16,
-            extended: Some([2, 0, 0, 0, 0, 0, 0, number as u8]),
+            id: 100 + antenna.0 as u16,
+            extended: Some([2, 0, 0, 0, 0, 0, 0, antenna.0 as u8]),
             site_key: SiteKey::new(1, *b"0123456789abcdef"),
             first_counter: 1,
             channels: 1 << 15,
@@ -497,33 +257,53 @@ impl<U: Read + Write + Clone + 'static> Board<U> {
             role,
         };
         config.check().unwrap();
+        let is_camera = matches!(config.role, Role::Camera(_));
+        let uart = Uart::new(if is_camera { 38_400 } else { 115_200 });
+        // The test looks at times what has come.
+        let far = Uart {
+            receive_buffer: 1 << 20,
+            transmit_buffer: 1 << 10,
+            ..uart
+        };
+        let line = Line::between_ports(&bench.clock, uart, far);
+        let camera = Rc::new(Camera::default());
+        if is_camera {
+            let running = camera
+                .clone()
+                .run(line.open(Side::Far), bench.clock.clone());
+            bench.executor.spawn(running);
+        }
         Self {
             config,
-            number,
-            uart,
-            ether: ether.clone(),
-            nonces: Nonces::default(),
-            flash: Flash::new(MockFlash::new(number as u64)),
-            steps: Steps::default(),
+            antenna,
+            line,
+            stalled: Rc::default(),
+            camera,
+            flash: chip(64, antenna.0.into()),
+            steps: Steps(Rc::new(Channel::new())),
             lamps: Lamps::default(),
             log: Log::default(),
         }
     }
 
     /// The firmware from its start, with what is in the flash.
-    pub(super) fn power(&self, bench: &Bench, seed: u64) -> Pin<Box<dyn Future<Output = String>>> {
-        let antenna = Antenna {
-            ether: self.ether.clone(),
-            nonces: self.nonces.clone(),
-            number: self.number,
-            channel: None,
-            clock: bench.clock.clone(),
-            woken: bench.woken.clone(),
-        };
+    pub(super) fn firmware(
+        &self,
+        bench: &Bench,
+        seed: u64,
+    ) -> Pin<Box<dyn Future<Output = String>>> {
+        let clock = bench.clock.clone();
         let seams = Seams {
-            uart: self.uart.clone(),
-            radio: Filter::new(antenna),
-            clock: bench.clock.clone(),
+            uart: NodeUart {
+                port: self.line.open(Side::Node),
+                stalled: self.stalled.clone(),
+            },
+            radio: Csma::new(
+                bench.medium.radio(self.antenna, NRF52840),
+                clock.clone(),
+                seed,
+            ),
+            clock,
             flash: self.flash.clone(),
             layout: Layout {
                 link: 0..HALF,
@@ -539,62 +319,96 @@ impl<U: Read + Write + Clone + 'static> Board<U> {
         let config = self.config.clone();
         Box::pin(async move { run(&config, seams).await.to_string() })
     }
-}
 
-impl Clone for NoUart {
-    fn clone(&self) -> Self {
-        Self
+    pub(super) fn switch_off(&self, bench: &mut Bench) {
+        if let Some(task) = bench.running.remove(&self.antenna) {
+            bench.executor.kill(task);
+        }
+    }
+
+    /// Off, if it was on, and on again.
+    pub(super) fn power(&self, bench: &mut Bench, seed: u64) {
+        self.switch_off(bench);
+        let firmware = self.firmware(bench, seed);
+        let task = bench.executor.spawn(async move {
+            panic!("a node stopped: {}", firmware.await);
+        });
+        bench.running.insert(self.antenna, task);
+    }
+
+    /// What its camera sees from now on.
+    pub(super) fn sees(&self, column: Option<u8>) {
+        self.camera.sees.set(column);
+    }
+
+    /// What its camera was told, from now on or since it was last forgotten.
+    pub(super) fn heard(&self) -> Vec<String> {
+        self.camera.heard.borrow().clone()
+    }
+
+    pub(super) fn forget_heard(&self) {
+        self.camera.heard.borrow_mut().clear();
+    }
+
+    /// Its carrier goes so far, in that direction.
+    pub(super) fn step(&self, distance: f32, heading: f32) {
+        let step = Step {
+            distance,
+            heading,
+            distance_sigma: 0.01,
+            heading_sigma: 0.01,
+        };
+        self.steps.0.try_send(step).unwrap();
     }
 }
 
 /// A coordinator with a PC, a camera with a CMUcam2, and a target.
 pub(super) struct Site {
     pub(super) bench: Bench,
-    pub(super) coordinator: Board<PcUart>,
-    pub(super) camera: Board<CameraUart>,
-    pub(super) target: Board<NoUart>,
+    pub(super) pc: Pc,
+    pub(super) coordinator: Board,
+    pub(super) camera: Board,
+    pub(super) target: Board,
 }
 
 impl Site {
     pub(super) fn new() -> Self {
-        let mut bench = Bench::default();
-        let ether = Ether::default();
+        let mut bench = Bench::new();
         let coordinator = Role::Coordinator(CoordinatorConfig {
             join_window_s: 60,
             ..CoordinatorConfig::default()
         });
-        let coordinator = Board::new(&ether, PcUart::default(), coordinator);
+        let coordinator = Board::new(&mut bench, coordinator);
         let camera = Role::Camera(camera_config(Some(Duty::First)));
-        let camera = Board::new(&ether, CameraUart::new(&bench.clock), camera);
-        let target = Board::new(&ether, NoUart, Role::Target(target_config(0)));
-        bench.nodes = vec![
-            coordinator.power(&bench, 1),
-            camera.power(&bench, 2),
-            target.power(&bench, 3),
-        ];
-        Self {
+        let camera = Board::new(&mut bench, camera);
+        let target = Board::new(&mut bench, Role::Target(target_config(0)));
+        let mut site = Self {
             bench,
+            pc: Pc::new(coordinator.line.open(Side::Far)),
             coordinator,
             camera,
             target,
+        };
+        site.restart(1);
+        site
+    }
+
+    /// Switches all off.
+    pub(super) fn switch_off(&mut self) {
+        for board in [&self.coordinator, &self.camera, &self.target] {
+            board.switch_off(&mut self.bench);
+            board.lamps.0.take();
         }
     }
 
     /// Switches all off and on again, with the pages they have by then.
     pub(super) fn restart(&mut self, seed: u64) {
-        self.coordinator.uart.told.borrow_mut().clear();
-        for lamps in [
-            &self.coordinator.lamps,
-            &self.camera.lamps,
-            &self.target.lamps,
-        ] {
-            lamps.0.take();
+        self.switch_off();
+        self.pc.forget();
+        let boards = [&self.coordinator, &self.camera, &self.target];
+        for (seed, board) in (seed..).zip(boards) {
+            board.power(&mut self.bench, seed);
         }
-        self.bench.nodes = vec![
-            self.coordinator.power(&self.bench, seed),
-            self.camera.power(&self.bench, seed + 1),
-            self.target.power(&self.bench, seed + 2),
-        ];
     }
 
     pub(super) fn configs(&mut self) -> [&mut Config; 3] {
@@ -607,15 +421,35 @@ impl Site {
 
     /// What members said they are, by number.
     pub(super) fn hellos(&self) -> BTreeMap<u16, Kind> {
-        let hellos = self.told().into_iter().filter_map(|told| match told {
+        let hellos = self.pc.told().into_iter().filter_map(|told| match told {
             ToPc::Member { hello, .. } => Some((hello.id, hello.kind)),
             _ => None,
         });
         hellos.collect()
     }
 
-    pub(super) fn told(&self) -> Vec<ToPc> {
-        self.coordinator.uart.told.borrow().clone()
+    /// The camera's, which it had last.
+    pub(super) fn camera_address(&self) -> u16 {
+        let mut told = self.pc.told().into_iter().rev();
+        let address = told.find_map(|message| match message {
+            ToPc::Member { address, hello } if hello.id == self.camera.config.id => Some(address),
+            _ => None,
+        });
+        address.unwrap()
+    }
+
+    /// The PC commands the camera, which answers in this time. Whether it succeeded.
+    pub(super) fn command(&mut self, command: Command, within: Time) -> bool {
+        let address = self.camera_address();
+        self.pc.wish(FromPc::Command { address, command });
+        self.bench.run_for(within);
+        let told = self.pc.told();
+        let [failed, done] = [false, true].map(|success| {
+            let done = Done { command, success };
+            told.contains(&ToPc::Done { address, done })
+        });
+        assert!(done != failed, "{told:?}");
+        done
     }
 
     /// What the camera answered to stops.

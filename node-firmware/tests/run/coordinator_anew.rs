@@ -1,21 +1,18 @@
 //! Only the coordinator is provisioned anew. The others go on, in another network.
 
-use std::future::pending;
-
-use calib_core::dead_reckoning::Step;
 use node_firmware::config::{CameraConfig, CoordinatorConfig, Role};
 
 use crate::{
-    bench::{Bench, Board, CameraUart, Ether, NoUart, PcUart, SECOND},
+    bench::{Bench, Board, SECOND},
     former_networks::link,
     support::site::{CAMERAS, STOPS, camera_config, target_config},
 };
 
 struct Site {
     bench: Bench,
-    coordinator: Board<PcUart>,
-    cameras: [Board<CameraUart>; 2],
-    target: Board<NoUart>,
+    coordinator: Board,
+    cameras: [Board; 2],
+    target: Board,
     stops: usize,
 }
 
@@ -31,28 +28,25 @@ fn column(camera: usize, [x, y]: [f64; 2]) -> u8 {
 impl Site {
     /// Two cameras that may be elected, and a target.
     fn new() -> Self {
-        let mut bench = Bench::default();
-        let ether = Ether::default();
+        let mut bench = Bench::new();
         let coordinator = Role::Coordinator(CoordinatorConfig {
             join_window_s: 600,
             ..CoordinatorConfig::default()
         });
-        let coordinator = Board::new(&ether, PcUart::default(), coordinator);
-        let camera = || {
-            Role::Camera(CameraConfig {
+        let coordinator = Board::new(&mut bench, coordinator);
+        let cameras = [(); 2].map(|()| {
+            let config = CameraConfig {
                 may_be_elected: true,
                 ..camera_config(None)
-            })
-        };
-        let cameras = [(); 2].map(|()| Board::new(&ether, CameraUart::new(&bench.clock), camera()));
-        let target = Board::new(&ether, NoUart, Role::Target(target_config(0)));
-        bench.nodes = vec![
-            coordinator.power(&bench, 1),
-            cameras[0].power(&bench, 2),
-            cameras[1].power(&bench, 3),
-            target.power(&bench, 4),
-        ];
-        let mut site = Self {
+            };
+            Board::new(&mut bench, Role::Camera(config))
+        });
+        let target = Board::new(&mut bench, Role::Target(target_config(0)));
+        let [first, second] = &cameras;
+        for (seed, board) in (1..).zip([&coordinator, first, second, &target]) {
+            board.power(&mut bench, seed);
+        }
+        let site = Self {
             bench,
             coordinator,
             cameras,
@@ -63,9 +57,9 @@ impl Site {
         site
     }
 
-    fn show(&mut self) {
+    fn show(&self) {
         for (n, camera) in self.cameras.iter().enumerate() {
-            camera.uart.sees.set(Some(column(n, STOPS[self.stops])));
+            camera.sees(Some(column(n, STOPS[self.stops])));
         }
     }
 
@@ -74,12 +68,8 @@ impl Site {
         self.stops += 1;
         let to = STOPS[self.stops];
         let (dx, dy) = (to[0] - from[0], to[1] - from[1]);
-        self.target.steps.0.borrow_mut().push_back(Step {
-            distance: dx.hypot(dy) as f32,
-            heading: dy.atan2(dx) as f32,
-            distance_sigma: 0.01,
-            heading_sigma: 0.01,
-        });
+        let (distance, heading) = (dx.hypot(dy), dy.atan2(dx));
+        self.target.step(distance as f32, heading as f32);
         self.show();
         self.bench.run_for(20 * SECOND);
     }
@@ -90,7 +80,7 @@ impl Site {
         self.walk();
         assert!(!self.are_calibrated());
         self.coordinator.config.first_counter = 1_000_000;
-        self.bench.nodes[0] = self.coordinator.power(&self.bench, 11);
+        self.coordinator.power(&mut self.bench, 11);
     }
 
     /// All are in the new network.
@@ -121,14 +111,12 @@ fn a_site_is_calibrated_with_a_coordinator_that_begins_anew() {
         let mut site = Site::new();
         site.begin();
         // All others are switched off, and on again: this one at last.
-        for node in &mut site.bench.nodes[1..] {
-            *node = Box::pin(pending());
+        let others = [&site.cameras[0], &site.cameras[1], &site.target];
+        for board in others {
+            board.switch_off(&mut site.bench);
         }
         for node in (1..=3).filter(|node| *node != last).chain([last]) {
-            site.bench.nodes[node] = match node {
-                1 | 2 => site.cameras[node - 1].power(&site.bench, 11 + node as u64),
-                _ => site.target.power(&site.bench, 14),
-            };
+            others[node - 1].power(&mut site.bench, 11 + node as u64);
             site.bench.run_for(100 * SECOND);
         }
         site.end();

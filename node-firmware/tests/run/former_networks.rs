@@ -5,7 +5,6 @@ use std::task::{Context, Poll, Waker};
 use embassy_embedded_hal::flash::partition::Partition;
 use embassy_futures::block_on;
 use embassy_sync::{blocking_mutex::raw::NoopRawMutex, mutex::Mutex};
-use embedded_io_async::{Read, Write};
 use embedded_storage_async::nor_flash::NorFlash as _;
 use node_firmware::{
     config::{Role, SiteKey},
@@ -18,8 +17,8 @@ use zigbee_link::{
 };
 
 use crate::{
-    bench::{Bench, Board, Flash, HALF, SECOND, Site},
-    support::site::target_config,
+    bench::{Bench, Board, HALF, SECOND, Site},
+    support::{flash::Flash, site::target_config},
 };
 
 /// What the link's half of a flash says.
@@ -36,7 +35,7 @@ pub(super) fn link(flash: &Flash) -> (Saved, Vec<Member>) {
 }
 
 /// What a role remembers.
-fn facts<U>(board: &Board<U>) -> Vec<Fact> {
+fn facts(board: &Board) -> Vec<Fact> {
     let flash = Mutex::<NoopRawMutex, _>::new(board.flash.copy());
     let part = Partition::new(&flash, HALF, HALF);
     let mut facts = Vec::new();
@@ -49,8 +48,8 @@ fn facts<U>(board: &Board<U>) -> Vec<Fact> {
 }
 
 /// All that a node does before it waits for the first time.
-fn start<U: Read + Write + Clone + 'static>(board: &Board<U>, bench: &Bench) -> Poll<String> {
-    let mut node = board.power(bench, 77);
+fn start(board: &Board, bench: &Bench) -> Poll<String> {
+    let mut node = board.firmware(bench, 77);
     node.as_mut().poll(&mut Context::from_waker(Waker::noop()))
 }
 
@@ -63,7 +62,7 @@ fn references() -> Fact {
     }))
 }
 
-fn remember<U>(board: &Board<U>) {
+fn remember(board: &Board) {
     let flash = Mutex::<NoopRawMutex, _>::new(board.flash.clone());
     let part = Partition::new(&flash, HALF, HALF);
     block_on(async {
@@ -75,16 +74,16 @@ fn remember<U>(board: &Board<U>) {
 /// A site at work for a while, and switched off.
 fn site() -> Site {
     let mut site = Site::new();
-    site.camera.uart.sees.set(Some(40));
+    site.camera.sees(Some(40));
     site.bench.run_for(100 * SECOND);
-    site.bench.nodes.clear();
+    site.switch_off();
     remember(&site.coordinator);
     remember(&site.camera);
     site
 }
 
 fn erase_link(flash: &Flash) {
-    block_on(flash.0.borrow_mut().erase(0, HALF)).unwrap();
+    block_on(flash.clone().erase(0, HALF)).unwrap();
 }
 
 /// A network is void with a page that is taken, with a link range that was erased, with another
@@ -177,9 +176,9 @@ fn a_flash_that_fails_at_the_start_stops_the_node() {
     loop {
         reads += 1;
         board.flash = before.copy();
-        board.flash.1.set(reads);
+        board.flash.fail_read(reads);
         let started = start(board, &site.bench);
-        if (1..=reads).contains(&board.flash.1.get()) {
+        if board.flash.wear().reads - before.wear().reads < reads.into() {
             assert!(started.is_pending());
             break;
         }
@@ -198,7 +197,7 @@ fn power_cuts_at_the_start_are_survived() {
     let board = &mut site.coordinator;
     let before = board.flash.copy();
     let fresh = before.copy();
-    block_on(fresh.0.borrow_mut().erase(0, 2 * HALF)).unwrap();
+    block_on(fresh.clone().erase(0, 2 * HALF)).unwrap();
     let (old, new) = (board.config.site_key, SiteKey::new(2, *b"fedcba9876543210"));
     for (flash, key, counter, lowest) in [
         (&fresh, old, 1, 1),
@@ -211,10 +210,10 @@ fn power_cuts_at_the_start_are_survived() {
         loop {
             cuts += 1;
             board.flash = flash.copy();
-            board.flash.0.borrow_mut().power(Some(cuts));
+            board.flash.power(Some(cuts));
             let started = start(board, &site.bench);
-            let is_cut = !board.flash.0.borrow().has_power();
-            board.flash.0.borrow_mut().power(None);
+            let is_cut = !board.flash.has_power();
+            board.flash.power(None);
             if is_cut {
                 assert!(started.is_ready());
             }
@@ -237,14 +236,14 @@ fn power_cuts_at_the_start_are_survived() {
 fn the_counter_goes_on_above_the_former_limit() {
     let mut site = site();
     let limit = link(&site.camera.flash).0.counter_limit;
-    let before = site.camera.nonces.borrow().clone();
-    assert!(before.iter().all(|&(_, _, counter)| counter < limit));
+    let before = site.bench.counters(&site.camera);
+    assert!(before.iter().all(|&(_, counter)| counter < limit));
     site.camera.config.first_counter = limit + 1;
     // The coordinator's window is open again.
     site.restart(30);
     site.bench.run_for(50 * SECOND);
-    let nonces = site.camera.nonces.borrow();
-    let mut counters: Vec<_> = nonces.difference(&before).map(|nonce| nonce.2).collect();
+    let used = site.bench.counters(&site.camera);
+    let mut counters: Vec<_> = used.difference(&before).map(|used| used.1).collect();
     counters.sort_unstable();
     assert!(counters.len() > 10);
     assert_eq!(counters[0], limit + 1);

@@ -1,15 +1,13 @@
 //! Nodes that get another page, and what they still know then.
 
-use calib_core::dead_reckoning::Step;
 use node_firmware::{
     config::{CoordinatorConfig, Role, SiteKey},
-    console::{FromPc, ToPc},
-    message::{Command, Done, Kind, Sight},
+    message::{Command, Kind, Sight},
 };
 
 use crate::{
-    bench::{SECOND, Site},
-    support::site::target_config,
+    bench::{HALF, SECOND, Site},
+    support::{flash::Flash, site::target_config},
 };
 
 /// Pages with another key are taken, however low their frame counter: a network that had the key
@@ -17,7 +15,7 @@ use crate::{
 #[test]
 fn another_key_is_taken() {
     let mut site = Site::new();
-    site.camera.uart.sees.set(Some(40));
+    site.camera.sees(Some(40));
     site.bench.run_for(100 * SECOND);
     let old = SiteKey::new(1, *b"0123456789abcdef");
     let new = SiteKey::new(2, *b"fedcba9876543210");
@@ -47,6 +45,11 @@ fn another_key_is_taken() {
     }
 }
 
+/// The bytes of the link's half.
+fn link_pages(flash: &Flash) -> Vec<u8> {
+    flash.bytes()[..HALF as usize].to_vec()
+}
+
 /// With the same key, only a page whose frame counter is above all that were used begins anew.
 #[test]
 fn the_same_key_is_taken_with_a_higher_counter_only() {
@@ -54,13 +57,13 @@ fn the_same_key_is_taken_with_a_higher_counter_only() {
     site.bench.run_for(100 * SECOND);
     for (first_counter, is_new) in [(2, false), (900, false), (1_000_000, true)] {
         site.camera.config.first_counter = first_counter;
-        let pages = site.camera.flash.pages();
-        site.bench.nodes[1] = site.camera.power(&site.bench, 30);
+        let pages = link_pages(&site.camera.flash);
+        site.camera.power(&mut site.bench, 30);
         site.bench.run_for(SECOND / 100);
         let network = |pages: &[u8]| pages.chunks(32).any(|slot| slot[..3] == [1, 3, 1]);
         assert!(network(&pages));
         assert_eq!(
-            network(&site.camera.flash.pages()),
+            network(&link_pages(&site.camera.flash)),
             !is_new,
             "{first_counter}"
         );
@@ -72,7 +75,7 @@ fn the_same_key_is_taken_with_a_higher_counter_only() {
 #[test]
 fn boards_change_their_roles() {
     let mut site = Site::new();
-    site.camera.uart.sees.set(Some(40));
+    site.camera.sees(Some(40));
     site.bench.run_for(100 * SECOND);
     let coordinator = CoordinatorConfig {
         join_window_s: 600,
@@ -106,25 +109,10 @@ fn boards_change_their_roles() {
 #[test]
 fn a_learnt_colour_survives_a_restart() {
     let mut site = Site::new();
-    site.camera.uart.sees.set(Some(40));
+    site.camera.sees(Some(40));
     site.bench.run_for(40 * SECOND);
-    let address = site.told().into_iter().find_map(|message| match message {
-        ToPc::Member { address, hello } if hello.id == 101 => Some(address),
-        _ => None,
-    });
     let command = Command::LearnColour { colour: 0 };
-    site.coordinator.uart.wish(FromPc::Command {
-        address: address.unwrap(),
-        command,
-    });
-    site.bench.run_for(30 * SECOND);
-    let done = Done {
-        command,
-        success: true,
-    };
-    let address = address.unwrap();
-    let told = site.told();
-    assert!(told.contains(&ToPc::Done { address, done }), "{told:?}");
+    assert!(site.command(command, 30 * SECOND));
     // The memory is that of a camera of this number only.
     for (id, window) in [
         (101, "ST 130 190 90 150 40 100"),
@@ -132,17 +120,12 @@ fn a_learnt_colour_survives_a_restart() {
         (101, "ST 170 240 60 140 16 80"),
     ] {
         site.camera.config.id = id;
-        site.bench.nodes[1] = site.camera.power(&site.bench, 60);
-        site.camera.uart.heard.borrow_mut().clear();
+        site.camera.power(&mut site.bench, 60);
+        site.camera.forget_heard();
         site.bench.run_for(30 * SECOND);
-        site.target.steps.0.borrow_mut().push_back(Step {
-            distance: 1.0,
-            heading: 0.5,
-            distance_sigma: 0.01,
-            heading_sigma: 0.01,
-        });
+        site.target.step(1.0, 0.5);
         site.bench.run_for(30 * SECOND);
-        let heard = site.camera.uart.heard.borrow();
+        let heard = site.camera.heard();
         let mut windows = heard
             .iter()
             .filter(|line| line.starts_with("ST"))

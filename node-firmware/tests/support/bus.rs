@@ -23,9 +23,10 @@ use zigbee_link::{
     wire::{Eui64, PanId, ShortAddress},
 };
 
-use super::flash::MockFlash;
+use super::flash::{Flash, chip, length};
 
-type Flash = MockFlash<32>;
+/// Two pages of 4 KiB, as on the boards.
+const LEN: u32 = length(32);
 
 /// A station's memory is its own.
 const OWNER: u32 = 1;
@@ -151,7 +152,7 @@ impl<R: Role> Station<R> {
             facts: Vec::new(),
             make: Box::new(make),
             devices,
-            flash: Flash::new(address.into()),
+            flash: chip(32, address.into()),
             settled: VecDeque::new(),
             events: Vec::new(),
             is_off: false,
@@ -186,7 +187,7 @@ impl<R: Role> Station<R> {
 
     /// Its flash is erased.
     pub fn erase(&mut self) {
-        self.flash = Flash::new(self.address.0.into());
+        self.flash = chip(32, self.address.0.into());
         self.facts.clear();
     }
 
@@ -197,9 +198,7 @@ impl<R: Role> Station<R> {
         self.events.clear();
         let role = &mut self.role;
         block_on(async {
-            let mut memory = Memory::open(&mut self.flash, 0..Flash::LEN, OWNER)
-                .await
-                .unwrap();
+            let mut memory = Memory::open(&mut self.flash, 0..LEN, OWNER).await.unwrap();
             memory.recall(|fact| role.remember(fact)).await.unwrap();
         });
         self.attach(now);
@@ -210,7 +209,8 @@ impl<R: Role> Station<R> {
         let mut value = [0; 96];
         let value = postcard::to_slice(fact, &mut value).unwrap();
         // The variant and the place in its list, behind version and key.
-        let banks = self.flash.bytes.chunks_mut(Flash::LEN as usize / 2);
+        let mut bytes = self.flash.bytes_mut();
+        let banks = bytes.chunks_mut(LEN as usize / 2);
         let slots = banks.flat_map(|bank| bank.chunks_mut(96));
         for slot in slots.filter(|slot| slot[0] == 1 && slot[1] < 128 && slot[2..4] == value[..2]) {
             slot[50] ^= 0xFF;
@@ -222,9 +222,7 @@ impl<R: Role> Station<R> {
     pub fn recalled(&mut self) -> Vec<Fact> {
         let mut facts = Vec::new();
         block_on(async {
-            let mut memory = Memory::open(&mut self.flash, 0..Flash::LEN, OWNER)
-                .await
-                .unwrap();
+            let mut memory = Memory::open(&mut self.flash, 0..LEN, OWNER).await.unwrap();
             memory.recall(|fact| facts.push(*fact)).await.unwrap();
         });
         facts
@@ -296,9 +294,8 @@ impl<R: Role> AnyStation for Station<R> {
                 }
                 Output::Save(fact) => {
                     block_on(async {
-                        let mut memory = Memory::open(&mut self.flash, 0..Flash::LEN, OWNER)
-                            .await
-                            .unwrap();
+                        let mut memory =
+                            Memory::open(&mut self.flash, 0..LEN, OWNER).await.unwrap();
                         memory.save(&fact).await.unwrap();
                     });
                     self.facts.push(fact);

@@ -2,6 +2,7 @@
 
 use std::{collections::VecDeque, task::Waker};
 
+use slab::Slab;
 use zigbee_link::{
     radio::{Capabilities, Channel, Config, FCS_LEN, FRAME_MIN, PSDU_MAX, Received, TxOutcome},
     wire::{fcs, has_good_fcs},
@@ -175,9 +176,10 @@ pub(super) struct Air {
     seed: u64,
     thresholds: Thresholds,
     nodes: Vec<Node>,
-    transmissions: Vec<Transmission>,
-    is_live: Vec<bool>,
-    free: Vec<u32>,
+    /// Those on the air.
+    transmissions: Slab<Transmission>,
+    /// Bytes and hearers of those that are over.
+    spare: Vec<(Vec<u8>, Vec<u32>)>,
     /// Radios on each channel.
     listeners: [u64; CHANNELS],
 }
@@ -197,9 +199,8 @@ impl Air {
             watchers: Vec::new(),
             seed,
             nodes: Vec::new(),
-            transmissions: Vec::new(),
-            is_live: Vec::new(),
-            free: Vec::new(),
+            transmissions: Slab::new(),
+            spare: Vec::new(),
             listeners: [0; CHANNELS],
         }
     }
@@ -295,8 +296,8 @@ impl Air {
         node.lock = None;
         node.carriers.clear();
         // Carriers on the new channel are heard; their frames began too early.
-        for (number, transmission) in (0..).zip(&mut self.transmissions) {
-            if !self.is_live[number as usize] || transmission.channel != config.channel {
+        for (number, transmission) in &mut self.transmissions {
+            if transmission.channel != config.channel {
                 continue;
             }
             let power = self.nodes[transmission.from as usize].power;
@@ -307,7 +308,7 @@ impl Air {
             let link = links[at];
             transmission.hearers.push(id.0);
             self.nodes[id.0 as usize].carriers.push(Carrier {
-                transmission: number,
+                transmission: number as u32,
                 strength: self.links.propagation.received(link, power),
             });
         }
@@ -405,33 +406,20 @@ impl Air {
         bytes: &[u8],
         is_sealed: bool,
     ) -> u32 {
-        let slot = self.free.pop().unwrap_or_else(|| {
-            self.transmissions.push(Transmission {
-                from,
-                number: 0,
-                channel,
-                start: now,
-                bytes: Vec::new(),
-                is_sealed,
-                is_cut: false,
-                hearers: Vec::new(),
-            });
-            self.is_live.push(false);
-            (self.transmissions.len() - 1) as u32
-        });
-        self.is_live[slot as usize] = true;
-        let transmission = &mut self.transmissions[slot as usize];
         let counters = &mut self.nodes[from as usize].counters;
         counters.frames += 1;
-        transmission.from = from;
-        transmission.number = counters.frames;
-        transmission.channel = channel;
-        transmission.start = now;
-        transmission.bytes.clear();
-        transmission.bytes.extend_from_slice(bytes);
-        transmission.is_sealed = is_sealed;
-        transmission.is_cut = false;
-        transmission.hearers.clear();
+        let (mut buffer, hearers) = self.spare.pop().unwrap_or_default();
+        buffer.extend_from_slice(bytes);
+        let transmission = Transmission {
+            from,
+            number: counters.frames,
+            channel,
+            start: now,
+            bytes: buffer,
+            is_sealed,
+            is_cut: false,
+            hearers,
+        };
         let len = transmission.psdu_len();
         counters.bytes += len as u64;
         counters.airtime += (PHY_HEADER + len) as Time * BYTE;
@@ -446,6 +434,7 @@ impl Air {
                 },
             );
         }
+        let slot = self.transmissions.insert(transmission) as u32;
         self.spread(now, slot);
         slot
     }
@@ -517,17 +506,7 @@ impl Air {
     }
 
     fn end(&mut self, now: Time, slot: u32) {
-        let placeholder = Transmission {
-            from: 0,
-            number: 0,
-            channel: Channel::FIRST,
-            start: now,
-            bytes: Vec::new(),
-            is_sealed: true,
-            is_cut: false,
-            hearers: Vec::new(),
-        };
-        let transmission = std::mem::replace(&mut self.transmissions[slot as usize], placeholder);
+        let transmission = self.transmissions.remove(slot as usize);
         let sender = &mut self.nodes[transmission.from as usize];
         if sender.sending == Sending::OnAir(slot) {
             sender.finish(TxOutcome::Sent);
@@ -546,9 +525,14 @@ impl Air {
                 }
             }
         }
-        self.transmissions[slot as usize] = transmission;
-        self.is_live[slot as usize] = false;
-        self.free.push(slot);
+        let Transmission {
+            mut bytes,
+            mut hearers,
+            ..
+        } = transmission;
+        bytes.clear();
+        hearers.clear();
+        self.spare.push((bytes, hearers));
     }
 
     /// A frame is over at the receiver that stayed with it. Why it is lost, if it is.
@@ -562,8 +546,7 @@ impl Air {
         let chance = mix(self.seed ^ mix(transmission.number))
             ^ u64::from(transmission.from) << 32
             ^ u64::from(by);
-        let [lost, flipped] = self.disturbances.shares(now);
-        let kept = (1.0 - f64::from(lock.loss)) * (1.0 - lost);
+        let kept = (1.0 - f64::from(lock.loss)) * (1.0 - self.disturbances.loss(now));
         if share(mix(chance)) >= kept {
             return Some(Reason::Loss);
         }
@@ -573,10 +556,9 @@ impl Air {
             Some(Reason::CutOff)
         } else if lock.broken.is_some() {
             lock.broken
-        } else if self.disturbances.jams(during, transmission.channel, place) {
-            Some(Reason::Jammed)
         } else {
-            (share(mix(chance ^ 1 << 63)) < flipped).then_some(Reason::Corrupted)
+            let is_jammed = self.disturbances.jams(during, transmission.channel, place);
+            is_jammed.then_some(Reason::Jammed)
         };
         let node = &mut self.nodes[by as usize];
         let config = node.config?;
@@ -610,8 +592,8 @@ impl Air {
                 [transmission.bytes[len - 2], transmission.bytes[len - 1]]
             };
             bytes[frame.len()..len].copy_from_slice(&check);
-            if let Some(reason) = damage {
-                spoil(&mut bytes[..len], reason, chance);
+            if damage.is_some() {
+                spoil(&mut bytes[..len], chance);
             }
         }
         let zero = if self.thresholds.sensitivity.is_finite() {
@@ -634,16 +616,11 @@ impl Air {
     }
 }
 
-/// Damages the bytes of a frame: one bit, or the second half.
-fn spoil(bytes: &mut [u8], reason: Reason, chance: u64) {
+/// Damages the second half of a frame.
+fn spoil(bytes: &mut [u8], chance: u64) {
     let random = mix(chance ^ 1 << 62);
-    if reason == Reason::Corrupted {
-        let bit = random as usize % (8 * bytes.len());
-        bytes[bit / 8] ^= 1 << (bit % 8);
-    } else {
-        let half = (bytes.len() / 2).max(FRAME_MIN).min(bytes.len());
-        for (place, byte) in (0..).zip(&mut bytes[half..]) {
-            *byte = mix(random ^ place) as u8;
-        }
+    let half = (bytes.len() / 2).max(FRAME_MIN).min(bytes.len());
+    for (place, byte) in (0..).zip(&mut bytes[half..]) {
+        *byte = mix(random ^ place) as u8;
     }
 }

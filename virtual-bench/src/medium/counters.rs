@@ -23,7 +23,7 @@ pub enum Reason {
     NotListening,
     /// The queue of the receiver was full.
     QueueFull,
-    /// Bits were flipped.
+    /// It was sent with a wrong FCS.
     Corrupted,
     /// A jammer.
     Jammed,

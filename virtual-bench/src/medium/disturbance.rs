@@ -30,8 +30,6 @@ pub enum Kind {
     Partition(BTreeSet<NodeId>),
     /// Every link loses this share of its frames besides, 0 to 1.
     Loss(f64),
-    /// A bit is flipped in this share of the received frames, 0 to 1.
-    BitFlips(f64),
 }
 
 /// All that was ordered.
@@ -68,16 +66,12 @@ impl Disturbances {
         })
     }
 
-    /// The shares of frames lost and of frames with a flipped bit.
-    pub(super) fn shares(&self, now: Time) -> [f64; 2] {
-        let mut kept = [1.0, 1.0];
-        for kind in self.within(now..now) {
-            match kind {
-                Kind::Loss(share) => kept[0] *= 1.0 - share,
-                Kind::BitFlips(share) => kept[1] *= 1.0 - share,
-                Kind::Jammer { .. } | Kind::Partition(_) => {}
-            }
-        }
-        kept.map(|kept| 1.0 - kept)
+    /// The share of frames lost.
+    pub(super) fn loss(&self, now: Time) -> f64 {
+        let kept = self.within(now..now).map(|kind| match kind {
+            Kind::Loss(share) => 1.0 - share,
+            Kind::Jammer { .. } | Kind::Partition(_) => 1.0,
+        });
+        1.0 - kept.product::<f64>()
     }
 }

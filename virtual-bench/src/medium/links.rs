@@ -93,37 +93,18 @@ impl Links {
             }
         }
         links.clear();
-        if let Propagation::Edges { edges, .. } = &self.propagation {
-            for edge in edges {
-                let [a, b] = edge.ends.map(|end| end.0);
-                let to = match node {
-                    _ if a == node => b,
-                    _ if b == node => a,
-                    _ => continue,
-                };
-                if (to as usize) < self.places.len() && to != node {
-                    links.push(Link {
-                        to,
-                        gain: edge.strength as f32,
-                        loss: edge.loss as f32,
-                    });
-                }
-            }
-        } else {
-            self.move_cell(node);
-            let [x, y] = self.cell_of[index];
-            let here = (node, self.places[index]);
-            for cell in (x - 1..=x + 1).flat_map(|x| (y - 1..=y + 1).map(move |y| [x, y])) {
-                for &other in self.cells.get(&cell).into_iter().flatten() {
-                    let there = (other, self.places[other as usize]);
-                    if other != node {
-                        links.extend(self.propagation.link(self.seed, here, there));
-                    }
+        self.move_cell(node);
+        let [x, y] = self.cell_of[index];
+        let here = (node, self.places[index]);
+        for cell in (x - 1..=x + 1).flat_map(|x| (y - 1..=y + 1).map(move |y| [x, y])) {
+            for &other in self.cells.get(&cell).into_iter().flatten() {
+                let there = (other, self.places[other as usize]);
+                if other != node {
+                    links.extend(self.propagation.link(self.seed, here, there));
                 }
             }
         }
         links.sort_unstable_by_key(|link| link.to);
-        links.dedup_by_key(|link| link.to);
         for link in &links {
             let others = &mut self.links[link.to as usize];
             if let Err(at) = others.binary_search_by_key(&node, |other| other.to) {

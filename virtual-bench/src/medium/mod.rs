@@ -43,7 +43,7 @@ use self::air::{Air, Due};
 pub use self::{
     counters::{Counters, Reason},
     disturbance::{Disturbance, Kind},
-    propagation::{Edge, LogDistance, Propagation},
+    propagation::{LogDistance, Propagation},
     radio::{Radio, RadioError},
     watch::{Capture, Digest, Event, Watcher},
 };
@@ -51,6 +51,16 @@ use super::executor::{Clock, EventId, Handler, Time};
 
 /// A place in the plane, in the units of the [`Propagation`].
 pub type Place = [f64; 2];
+
+/// What the radio of an nRF52840 does, with a queue in its driver and a filter.
+pub const NRF52840: Capabilities = Capabilities {
+    fcs: true,
+    csma: false,
+    address_filter: true,
+    acknowledge: false,
+    retries: false,
+    rx_queue: true,
+};
 
 /// A node of a medium.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
@@ -121,11 +131,6 @@ impl Medium {
     /// Moves a node.
     pub fn move_to(&self, node: NodeId, place: Place) {
         self.0.air.borrow_mut().links.move_to(node.0, place);
-    }
-
-    /// How many nodes may hear a node at full power.
-    pub fn neighbours(&self, node: NodeId) -> usize {
-        self.0.air.borrow_mut().links.of(node.0).len()
     }
 
     /// Has something go wrong.

@@ -1,6 +1,6 @@
 //! How strongly one radio hears another.
 
-use super::{NodeId, Place};
+use super::Place;
 use crate::random::{mix, normal};
 
 /// Shadowing is cut off at so many standard deviations, so that range has an end.
@@ -24,13 +24,6 @@ pub enum Propagation {
     },
     /// Path loss with the logarithm of the distance, and shadowing.
     LogDistance(LogDistance),
-    /// Those links and no others. Places do not matter.
-    Edges {
-        /// The links.
-        edges: Vec<Edge>,
-        /// As in [`LogDistance::capture`]; `None`: any overlap loses both frames.
-        capture: Option<f64>,
-    },
 }
 
 /// Log-distance path loss with log-normal shadowing (Rappaport, Wireless Communications, 4.9):
@@ -69,17 +62,6 @@ impl Default for LogDistance {
     }
 }
 
-/// A link.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Edge {
-    /// Its two ends.
-    pub ends: [NodeId; 2],
-    /// How strongly either hears the other, dBm.
-    pub strength: f64,
-    /// The share of frames lost, 0 to 1.
-    pub loss: f64,
-}
-
 /// What a receiver can make of a carrier, dBm.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Thresholds {
@@ -102,17 +84,12 @@ pub(super) struct Link {
 
 impl Propagation {
     pub(super) fn thresholds(&self) -> Thresholds {
-        let all = Thresholds {
-            sensitivity: f32::NEG_INFINITY,
-            clear_channel: f32::NEG_INFINITY,
-            floor: f32::NEG_INFINITY,
-            capture: None,
-        };
         match self {
-            Self::UnitDisk { .. } => all,
-            Self::Edges { capture, .. } => Thresholds {
-                capture: capture.map(|db| db as f32),
-                ..all
+            Self::UnitDisk { .. } => Thresholds {
+                sensitivity: f32::NEG_INFINITY,
+                clear_channel: f32::NEG_INFINITY,
+                floor: f32::NEG_INFINITY,
+                capture: None,
             },
             Self::LogDistance(model) => Thresholds {
                 sensitivity: model.sensitivity as f32,
@@ -127,7 +104,7 @@ impl Propagation {
     pub(super) fn received(&self, link: Link, power: i8) -> f32 {
         match self {
             Self::LogDistance(_) => link.gain + f32::from(power).min(POWER_MAX as f32),
-            Self::UnitDisk { .. } | Self::Edges { .. } => link.gain,
+            Self::UnitDisk { .. } => link.gain,
         }
     }
 
@@ -141,11 +118,10 @@ impl Propagation {
                 let db = POWER_MAX - floor - model.loss_at_one + spread;
                 libm::pow(10.0, db / (10.0 * model.exponent))
             }
-            Self::Edges { .. } => f64::INFINITY,
         }
     }
 
-    /// The link between two places, if there is any. Not for [`Propagation::Edges`].
+    /// The link between two places, if there is any.
     pub(super) fn link(&self, seed: u64, a: (u32, Place), b: (u32, Place)) -> Option<Link> {
         let distance = libm::hypot(a.1[0] - b.1[0], a.1[1] - b.1[1]);
         let (gain, loss) = match self {
@@ -163,7 +139,6 @@ impl Propagation {
                 let floor = model.sensitivity - DISTURBANCE;
                 (gain + POWER_MAX >= floor).then_some((gain, model.loss))
             }
-            Self::Edges { .. } => None,
         }?;
         Some(Link {
             to: b.0,

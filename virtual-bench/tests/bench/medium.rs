@@ -6,8 +6,8 @@ use embassy_futures::select::select;
 use virtual_bench::{
     executor::{Ended, Executor, Time},
     medium::{
-        Capture, Disturbance, Edge, Kind, LogDistance, Medium, NodeId, Place, Propagation, Radio,
-        RadioError, Reason,
+        Capture, Disturbance, Kind, LogDistance, Medium, NRF52840, NodeId, Place, Propagation,
+        Radio, RadioError, Reason,
     },
 };
 use zigbee_link::{
@@ -15,7 +15,7 @@ use zigbee_link::{
     wire::{Eui64, PanId, ShortAddress, has_good_fcs},
 };
 
-use crate::support::{ABILITIES, MICROSECOND, MILLISECOND, SECOND};
+use crate::support::{MICROSECOND, MILLISECOND, SECOND};
 
 const CHANNEL: Channel = Channel::FIRST;
 /// Assessment and turnaround before a frame, by hand from the standard.
@@ -75,7 +75,7 @@ impl Bench {
         let outcomes = Rc::new(RefCell::new(Vec::new()));
         let list = outcomes.clone();
         self.executor.spawn(async move {
-            let mut radio = Self::switched_on(medium, node, ABILITIES).await;
+            let mut radio = Self::switched_on(medium, node, NRF52840).await;
             for (at, len) in sent {
                 clock.sleep_until_time(at).await;
                 let outcome = radio.transmit(&frame(len)).await.unwrap();
@@ -117,7 +117,7 @@ impl Bench {
 fn airtime_by_hand() {
     let mut bench = Bench::disk(10.0, 0.0);
     let (sender, outcomes) = bench.sender([0.0, 0.0], &[(MILLISECOND, 20)]);
-    let (listener, heard) = bench.listener([3.0, 4.0], ABILITIES);
+    let (listener, heard) = bench.listener([3.0, 4.0], NRF52840);
     bench.run(SECOND);
     let heard = heard.borrow();
     assert_eq!(heard.len(), 1);
@@ -142,7 +142,7 @@ fn collisions_and_the_busy_channel() {
         let mut bench = Bench::disk(10.0, 0.0);
         let (a, first) = bench.sender([0.0, 0.0], &[(MILLISECOND, 20)]);
         let (b, second) = bench.sender([1.0, 0.0], &[(MILLISECOND + later * MICROSECOND, 20)]);
-        let (listener, heard) = bench.listener([0.0, 1.0], ABILITIES);
+        let (listener, heard) = bench.listener([0.0, 1.0], NRF52840);
         bench.run(SECOND);
         assert_eq!(*first.borrow(), [TxOutcome::Sent]);
         if collide {
@@ -167,7 +167,7 @@ fn hidden_terminal() {
     let (a, left) = bench.sender([-8.0, 0.0], &frames);
     let late = [(3 * MILLISECOND, 100), (30 * MILLISECOND, 100)];
     let (_, right) = bench.sender([8.0, 0.0], &late);
-    let (middle, heard) = bench.listener([0.0, 0.0], ABILITIES);
+    let (middle, heard) = bench.listener([0.0, 0.0], NRF52840);
     bench.run(SECOND);
     assert_eq!(*left.borrow(), [TxOutcome::Sent; 2]);
     assert_eq!(*right.borrow(), [TxOutcome::Sent; 2]);
@@ -178,23 +178,22 @@ fn hidden_terminal() {
 }
 
 /// The frame that is received survives a later one that is 6 dB weaker, but not one that is 2 dB
-/// weaker; a later one is lost even if it is stronger.
+/// weaker; a later one is lost even if it is stronger. At 10 units the exponent makes -50 dBm.
 #[test]
 fn capture() {
     for (later, survives) in [(-56.0, true), (-52.0, false), (-40.0, false)] {
-        let ends = |a, b| [NodeId(a), NodeId(b)];
-        let edge = |ends, strength| Edge {
-            ends,
-            strength,
-            loss: 0.0,
-        };
-        let mut bench = Bench::new(Propagation::Edges {
-            edges: vec![edge(ends(0, 2), -50.0), edge(ends(2, 1), later)],
-            capture: Some(3.0),
-        });
-        bench.sender([0.0; 2], &[(MILLISECOND, 100)]);
-        bench.sender([0.0; 2], &[(2 * MILLISECOND, 20)]);
-        let (listener, heard) = bench.listener([0.0; 2], ABILITIES);
+        let mut bench = Bench::new(Propagation::LogDistance(LogDistance {
+            loss_at_one: 30.0,
+            exponent: 2.0,
+            shadowing: 0.0,
+            // They do not wait for one another.
+            clear_channel: 0.0,
+            ..LogDistance::default()
+        }));
+        let away = 10_f64.powf((-later - 30.0) / 20.0);
+        bench.sender([10.0, 0.0], &[(MILLISECOND, 100)]);
+        bench.sender([0.0, away], &[(2 * MILLISECOND, 20)]);
+        let (listener, heard) = bench.listener([0.0; 2], NRF52840);
         bench.run(SECOND);
         let expected = (usize::from(survives), 2 - u64::from(survives));
         let lost = bench.dropped(listener, Reason::Collision);
@@ -210,9 +209,9 @@ fn loss_is_as_asked_and_independent_of_others() {
         let mut bench = Bench::disk(10.0, 0.3);
         let times: Vec<_> = (1..=10_000).map(|n| (n * 5 * MILLISECOND, 20)).collect();
         bench.sender([0.0, 0.0], &times);
-        let (listener, heard) = bench.listener([1.0, 0.0], ABILITIES);
+        let (listener, heard) = bench.listener([1.0, 0.0], NRF52840);
         for n in 0..nodes {
-            bench.listener([0.0, n as f64], ABILITIES);
+            bench.listener([0.0, n as f64], NRF52840);
         }
         bench.run(60 * SECOND);
         let lost = bench.dropped(listener, Reason::Loss);
@@ -243,11 +242,11 @@ fn queues_and_filters() {
     bench.executor.spawn(async move {
         let no_queue = Capabilities {
             rx_queue: false,
-            ..ABILITIES
+            ..NRF52840
         };
         let _deaf = Bench::switched_on(medium.clone(), deaf, no_queue).await;
-        let mut full = Bench::switched_on(medium.clone(), full, ABILITIES).await;
-        let mut other = medium.radio(other, ABILITIES);
+        let mut full = Bench::switched_on(medium.clone(), full, NRF52840).await;
+        let mut other = medium.radio(other, NRF52840);
         let foreign = Config {
             pan: PanId(0x1234),
             promiscuous: false,
@@ -282,15 +281,14 @@ fn scripted_disturbances() {
     let mut bench = Bench::disk(10.0, 0.0);
     let raw = Capabilities {
         fcs: false,
-        ..ABILITIES
+        ..NRF52840
     };
     let (sender, outcomes) = bench.sender([0.0, 0.0], &times);
-    let (listener, heard) = bench.listener([5.0, 0.0], ABILITIES);
+    let (listener, heard) = bench.listener([5.0, 0.0], NRF52840);
     let (_, damaged) = bench.listener([5.0, 0.0], raw);
     let kinds = [
         Kind::Partition(BTreeSet::from([listener])),
         Kind::Loss(1.0),
-        Kind::BitFlips(1.0),
         // Reaches the listeners, not the sender.
         Kind::Jammer {
             channel: Some(CHANNEL),
@@ -309,15 +307,14 @@ fn scripted_disturbances() {
     let reasons = [
         (Reason::Partitioned, 10),
         (Reason::Loss, 10),
-        (Reason::Corrupted, 10),
         (Reason::Jammed, 10),
     ];
     for (reason, count) in reasons {
         assert_eq!(bench.dropped(listener, reason), count, "{reason:?}");
     }
     assert_eq!(bench.dropped(sender, Reason::Busy), 10);
-    assert_eq!(outcomes.borrow()[50..], [TxOutcome::ChannelBusy; 10]);
-    assert_eq!(heard.borrow().len(), 10);
+    assert_eq!(outcomes.borrow()[40..50], [TxOutcome::ChannelBusy; 10]);
+    assert_eq!(heard.borrow().len(), 20);
     // A radio without FCS gets what the air made of it.
     let intact = |second: u64| -> Vec<bool> {
         let during = second * SECOND..(second + 1) * SECOND;
@@ -328,26 +325,18 @@ fn scripted_disturbances() {
     assert_eq!(intact(0), [true; 10]);
     assert_eq!(intact(1), [true; 10]);
     assert_eq!(intact(3), [false; 10]);
-    assert_eq!(intact(4), [false; 10]);
-    for (at, _, bytes) in &*damaged.borrow() {
-        let bits: u32 = bytes
-            .iter()
-            .zip(frame(20))
-            .map(|(a, b)| (a ^ b).count_ones())
-            .sum();
-        assert!(*at < 3 * SECOND || *at > 4 * SECOND || bits <= 1);
-    }
+    assert_eq!(intact(5), [true; 10]);
 }
 
 /// Rules 1, 8 and 9 of the contract.
 #[test]
 fn radios_that_are_used_against_their_contract() {
     let mut bench = Bench::disk(10.0, 0.0);
-    let (_, heard) = bench.listener([5.0, 0.0], ABILITIES);
+    let (_, heard) = bench.listener([5.0, 0.0], NRF52840);
     let node = bench.medium.attach([0.0, 0.0]);
     let (medium, clock) = (bench.medium.clone(), bench.executor.clock());
     bench.executor.spawn(async move {
-        let mut radio = medium.radio(node, ABILITIES);
+        let mut radio = medium.radio(node, NRF52840);
         let refused = radio.transmit(&frame(20)).await;
         assert_eq!(refused, Err(RadioError::NotConfigured));
         let refused = radio.receive(&mut [0; PSDU_MAX]).await;
@@ -373,11 +362,11 @@ fn radios_that_are_used_against_their_contract() {
 #[test]
 fn a_power_cut_within_a_frame() {
     let mut bench = Bench::disk(10.0, 0.0);
-    let (listener, heard) = bench.listener([5.0, 0.0], ABILITIES);
+    let (listener, heard) = bench.listener([5.0, 0.0], NRF52840);
     let node = bench.medium.attach([0.0, 0.0]);
     let medium = bench.medium.clone();
     let task = bench.executor.spawn(async move {
-        let mut radio = Bench::switched_on(medium, node, ABILITIES).await;
+        let mut radio = Bench::switched_on(medium, node, NRF52840).await;
         let _ = radio.transmit(&frame(100)).await;
     });
     bench.run(2 * MILLISECOND);
@@ -385,7 +374,7 @@ fn a_power_cut_within_a_frame() {
     // It is switched on again before the end of what it had begun.
     let medium = bench.medium.clone();
     bench.executor.spawn(async move {
-        let mut radio = Bench::switched_on(medium, node, ABILITIES).await;
+        let mut radio = Bench::switched_on(medium, node, NRF52840).await;
         assert_eq!(radio.transmit(&frame(20)).await, Ok(TxOutcome::Sent));
     });
     bench.run(SECOND);
@@ -406,8 +395,8 @@ fn log_distance() {
     };
     let mut bench = Bench::new(Propagation::LogDistance(model));
     let (sender, _) = bench.sender([0.0, 0.0], &[(MILLISECOND, 20)]);
-    let (_, near) = bench.listener([6.0, 8.0], ABILITIES);
-    let (_, far) = bench.listener([80.0, 0.0], ABILITIES);
+    let (_, near) = bench.listener([6.0, 8.0], NRF52840);
+    let (_, far) = bench.listener([80.0, 0.0], NRF52840);
     bench.run(SECOND);
     assert_eq!(near.borrow()[0].1.rssi, Some(-70));
     // 24.8 dB above the sensitivity.
@@ -421,7 +410,7 @@ fn a_node_that_moves_away_is_no_longer_heard() {
     let mut bench = Bench::disk(10.0, 0.0);
     let times = [(MILLISECOND, 20), (2 * SECOND, 20), (4 * SECOND, 20)];
     let (sender, _) = bench.sender([0.0, 0.0], &times);
-    let (_, heard) = bench.listener([5.0, 0.0], ABILITIES);
+    let (_, heard) = bench.listener([5.0, 0.0], NRF52840);
     bench.run(SECOND);
     bench.medium.move_to(sender, [500.0, 0.0]);
     bench.run(3 * SECOND);
@@ -429,7 +418,6 @@ fn a_node_that_moves_away_is_no_longer_heard() {
     bench.medium.move_to(sender, [0.0, 3.0]);
     bench.run(5 * SECOND);
     assert_eq!(heard.borrow().len(), 2);
-    assert_eq!(bench.medium.neighbours(sender), 1);
 }
 
 #[derive(Clone, Default)]
@@ -451,8 +439,8 @@ impl std::io::Write for File {
 fn captures() {
     let mut bench = Bench::disk(10.0, 0.0);
     bench.sender([0.0, 0.0], &[(MILLISECOND, 20), (2 * SECOND, 30)]);
-    bench.listener([5.0, 0.0], ABILITIES);
-    bench.listener([6.0, 0.0], ABILITIES);
+    bench.listener([5.0, 0.0], NRF52840);
+    bench.listener([6.0, 0.0], NRF52840);
     let file = File::default();
     bench.medium.watch(Capture::new(file.clone()).unwrap());
     bench.run(3 * SECOND);

@@ -6,12 +6,12 @@ use embassy_futures::block_on;
 use virtual_bench::{
     executor::{Clock, Executor, TaskId, Time},
     flash::{Flash, PAGE},
-    medium::{Medium, NodeId},
+    medium::{Medium, NRF52840, NodeId},
     random::Root,
 };
 use zigbee_link::{
     network::{Channels, Node, Settings, Status},
-    radio::{Capabilities, Channel, Csma},
+    radio::{Channel, Csma},
     runner::{Shared, run},
     security::{Key, Protection},
     store::Store,
@@ -21,16 +21,6 @@ use zigbee_link::{
 pub(crate) const MICROSECOND: Time = 1_000;
 pub(crate) const MILLISECOND: Time = 1_000_000;
 pub(crate) const SECOND: Time = 1_000_000_000;
-
-/// What the radio of an nRF52840 does, with a queue in its driver and a filter.
-pub(crate) const ABILITIES: Capabilities = Capabilities {
-    fcs: true,
-    csma: false,
-    address_filter: true,
-    acknowledge: false,
-    retries: false,
-    rx_queue: true,
-};
 
 pub(crate) type SharedNode = Shared<Clock, 33, 8, 32>;
 
@@ -88,7 +78,7 @@ pub(crate) async fn firmware(
     };
     let shared = Rc::new(SharedNode::new(node, clock.clone()));
     *window.borrow_mut() = Some(shared.clone());
-    let radio = medium.radio(id, ABILITIES);
+    let radio = medium.radio(id, NRF52840);
     let mut radio = Csma::new(radio, clock, root.seed("csma", id.0.into()));
     let stopped = run(&shared, &mut radio, &mut store).await;
     panic!("node {} stopped: {stopped:?}", id.0);

@@ -1,17 +1,24 @@
-//! What a whole node is made of, besides its radio and its clock.
+//! What a whole node is made of.
 
 use embassy_futures::block_on;
+use virtual_bench::{
+    executor::Clock,
+    medium::{Medium, NRF52840, NodeId, Propagation, Radio},
+};
 use zigbee_link::{
     network::{Channels, Settings},
-    radio::Channel,
+    radio::{Channel, Csma},
     security::Protection,
     store::Store,
 };
 
 use super::{
     aether::{eui, key},
-    flash::MockFlash,
+    flash::{Flash, chip, length},
 };
+
+/// Bytes of a node's flash.
+pub const LEN: u32 = length(4);
 
 pub fn settings(number: usize) -> Settings {
     Settings {
@@ -24,8 +31,18 @@ pub fn settings(number: usize) -> Settings {
 }
 
 /// A store that knows nothing but the site key.
-pub fn provisioned() -> Store<MockFlash<4>> {
-    let mut store = Store::new(MockFlash::new(0), 0..MockFlash::<4>::LEN).unwrap();
+pub fn provisioned() -> Store<Flash> {
+    let mut store = Store::new(chip(4, 0), 0..LEN).unwrap();
     block_on(store.provision(key(1), 0)).unwrap();
     store
+}
+
+/// Air in which all hear each other, but for a share of the frames.
+pub fn air(clock: &Clock, loss: f64) -> Medium {
+    Medium::new(clock, Propagation::UnitDisk { range: 1.0, loss }, 1)
+}
+
+/// The radio of an nRF52840, switched on.
+pub fn radio(medium: &Medium, node: NodeId, clock: &Clock, seed: u64) -> Csma<Radio, Clock> {
+    Csma::new(medium.radio(node, NRF52840), clock.clone(), seed)
 }
