@@ -37,10 +37,18 @@ enum Topic {
     Camera,
     /// Whole networks in virtual time: the thesis's 13 cameras, and a thousand.
     Network,
+    /// Those of the above that take a few seconds.
+    Brief,
 }
 
+/// What is brief.
+const BRIEF: [Topic; 3] = [Topic::Recorded, Topic::Precision, Topic::Camera];
+
 fn main() -> anyhow::Result<()> {
-    let topics = Arguments::parse().topics;
+    let mut topics = Arguments::parse().topics;
+    if topics.contains(&Topic::Brief) {
+        topics.extend(BRIEF);
+    }
     let mut sheet = Sheet::default();
     for topic in Topic::value_variants() {
         if !topics.is_empty() && !topics.contains(topic) {
@@ -53,6 +61,7 @@ fn main() -> anyhow::Result<()> {
             Topic::Precision => precision::run(&mut sheet),
             Topic::Camera => camera::run(&mut sheet)?,
             Topic::Network => network::run(&mut sheet)?,
+            Topic::Brief => {}
         }
     }
     sheet.close();
