@@ -1,17 +1,11 @@
 //! Fuzz targets under `fuzz/`, built by cargo-fuzz.
 
-use std::{
-    fs,
-    path::Path,
-    process::Command,
-    sync::atomic::{AtomicUsize, Ordering},
-    thread,
-};
+use std::{fs, path::Path, process::Command};
 
 use anyhow::{Context, Result, bail, ensure};
 use xshell::{Shell, cmd};
 
-use crate::setup;
+use crate::{harness, setup};
 
 /// Inputs per target that take a few seconds.
 pub(crate) const BRIEF: u32 = 100_000;
@@ -63,28 +57,8 @@ pub(crate) fn run(sh: &Shell, targets: &[String], runs: u32, seed: Option<u32>) 
     .context("the fuzz targets do not compile")?;
     let root = &sh.current_dir();
     let built = &root.join(BUILT).join(host).join("release");
-    side_by_side(targets, |target| {
+    harness::side_by_side(targets, |target| {
         try_inputs(root, &built.join(target), target, runs, seed)
-    })
-}
-
-/// Does the same for each of them, as many at once as there are processors.
-fn side_by_side(names: &[String], work: impl Fn(&str) -> Result<()> + Sync) -> Result<()> {
-    let next = AtomicUsize::new(0);
-    let in_turn = || -> Result<()> {
-        while let Some(name) = names.get(next.fetch_add(1, Ordering::Relaxed)) {
-            work(name)?;
-        }
-        Ok(())
-    };
-    let threads = thread::available_parallelism()?.get().min(names.len());
-    thread::scope(|scope| {
-        let threads: Vec<_> = (0..threads).map(|_| scope.spawn(in_turn)).collect();
-        threads.into_iter().try_for_each(|thread| {
-            thread
-                .join()
-                .unwrap_or_else(|panic| std::panic::resume_unwind(panic))
-        })
     })
 }
 
@@ -196,23 +170,5 @@ mod tests {
         assert_eq!(told.matches("seed corpus").count(), TAIL - 3);
         let told = finding("killed", "wire", Path::new("b/wire"));
         assert!(told.contains("it left no input"), "{told}");
-    }
-
-    #[test]
-    fn one_that_fails_is_noticed() {
-        let names: Vec<_> = (0..20).map(|n| n.to_string()).collect();
-        let done = AtomicUsize::new(0);
-        side_by_side(&names, |_| {
-            done.fetch_add(1, Ordering::Relaxed);
-            Ok(())
-        })
-        .unwrap();
-        assert_eq!(done.into_inner(), names.len());
-        let failed = side_by_side(&names, |name| {
-            ensure!(name != "7", "seven");
-            Ok(())
-        });
-        assert_eq!(failed.unwrap_err().to_string(), "seven");
-        assert!(side_by_side(&[], |_| Ok(())).is_ok());
     }
 }

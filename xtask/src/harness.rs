@@ -4,6 +4,8 @@ use std::{
     io::{BufRead, BufReader, Write},
     path::{Path, PathBuf},
     process::{Command, Stdio},
+    sync::atomic::{AtomicUsize, Ordering},
+    thread,
 };
 
 use anyhow::{Context, Result, bail, ensure};
@@ -32,7 +34,7 @@ struct Counts {
 /// A test program that cargo built.
 struct Program {
     path: PathBuf,
-    /// The folder of its package, where cargo runs it.
+    /// The folder of its package, where cargo runs it too.
     folder: PathBuf,
     tests: Tests,
 }
@@ -47,23 +49,44 @@ struct Tests {
     ignored: usize,
 }
 
-/// Runs the tests of all members of the workspace.
+/// Runs the tests of all members of the workspace, as many programs at once as there are processors,
+/// and the examples of their documentation.
 ///
 /// # Errors
 /// One fails, a member has none, one is ignored that no other stage runs, or fewer ran than there are.
 pub(crate) fn workspace(sh: &Shell) -> Result<()> {
     let members = members(sh)?;
-    let tests = programs(sh, &members)?
-        .into_iter()
-        .map(|program| count(sh, program))
-        .collect::<Result<Vec<_>>>()?;
+    let programs = programs(sh, &members, &[])?;
     let names: Vec<_> = members.iter().map(|(name, _)| name.as_str()).collect();
+    let tests: Vec<_> = programs.iter().map(|program| &program.tests).collect();
     complete(&names, &tests)?;
-    let counts = run(cmd!(sh, "cargo test --locked --workspace --all-features"))?;
-    all_ran(&tests, counts)?;
+    side_by_side(&programs, |program| {
+        let output = Command::new(&program.path)
+            .current_dir(&program.folder)
+            .env("CARGO_MANIFEST_DIR", &program.folder)
+            .output()?;
+        let said = String::from_utf8_lossy(&output.stdout);
+        let Tests { package, suite, .. } = &program.tests;
+        // At once: others run beside it.
+        println!("\n{package}, {suite}{said}");
+        let errors = String::from_utf8_lossy(&output.stderr);
+        ensure!(
+            output.status.success(),
+            "{errors}`{suite}` of `{package}` failed: {}",
+            output.status
+        );
+        all_ran(&program.tests, Counts::of(&said))
+    })?;
+    let examples = run(cmd!(
+        sh,
+        "cargo test --locked --workspace --all-features --doc"
+    ))?;
+    ensure!(examples.passed > 0, "no example of the documentation ran");
+    let ran: usize = tests.iter().map(|tests| tests.all - tests.ignored).sum();
     eprintln!(
-        "{} tests of {} programs passed",
-        counts.passed, counts.programs
+        "{ran} tests of {} programs and {} examples of the documentation passed",
+        tests.len(),
+        examples.passed
     );
     Ok(())
 }
@@ -74,16 +97,29 @@ pub(crate) fn workspace(sh: &Shell) -> Result<()> {
 /// # Errors
 /// One fails, or there is none.
 pub(crate) fn ignored(sh: &Shell, suite: &str) -> Result<()> {
-    let counts = run(cmd!(
-        sh,
-        "cargo test --locked --workspace --all-features --test {suite} -- --ignored --nocapture"
-    ))?;
-    ensure!(counts.passed > 0, "no test of `{suite}` ran");
+    let programs = programs(sh, &members(sh)?, &["--test", suite])?;
+    let [program] = &programs[..] else {
+        bail!("{} suites are called `{suite}`", programs.len());
+    };
+    let Program {
+        path,
+        folder,
+        tests,
+    } = program;
+    let _there = sh.push_dir(folder);
+    let tests_run = cmd!(sh, "{path} --ignored --nocapture").env("CARGO_MANIFEST_DIR", folder);
+    let counts = run(tests_run)?;
+    ensure!(
+        counts.passed > 0 && counts.passed == tests.ignored,
+        "{} tests of `{suite}` passed, there are {}",
+        counts.passed,
+        tests.ignored
+    );
     eprintln!("{suite}: {} tests passed", counts.passed);
     Ok(())
 }
 
-/// Runs tests, shows what they say, and counts them.
+/// Runs tests, shows what they say while they do, and counts them.
 fn run(command: Cmd<'_>) -> Result<Counts> {
     let shown = command.to_string();
     eprintln!("$ {shown}");
@@ -92,42 +128,46 @@ fn run(command: Cmd<'_>) -> Result<Counts> {
         .spawn()
         .with_context(|| shown.clone())?;
     let mut output = BufReader::new(child.stdout.take().context("the output is piped")?);
-    let mut counts = Counts::default();
-    let mut line = Vec::new();
-    while output.read_until(b'\n', &mut line)? > 0 {
-        std::io::stdout().write_all(&line)?;
-        counts.add(&String::from_utf8_lossy(&line));
-        line.clear();
+    let mut said = Vec::new();
+    let mut from = 0;
+    while output.read_until(b'\n', &mut said)? > 0 {
+        std::io::stdout().write_all(&said[from..])?;
+        from = said.len();
     }
     let status = child.wait()?;
     ensure!(status.success(), "`{shown}`: {status}");
+    let counts = Counts::of(&String::from_utf8_lossy(&said));
     ensure!(counts.failed == 0, "{} tests failed", counts.failed);
     Ok(counts)
 }
 
 impl Counts {
-    /// Adds the line that a test program ends with; others say nothing.
-    fn add(&mut self, line: &str) {
-        let result = line.trim_end().strip_prefix("test result: ");
-        let Some((_, numbers)) = result.and_then(|result| result.split_once(". ")) else {
-            return;
-        };
-        self.programs += 1;
-        for number in numbers.split("; ") {
-            let counter = match number.split_once(' ') {
-                Some((_, "passed")) => &mut self.passed,
-                Some((_, "failed")) => &mut self.failed,
-                Some((_, "ignored")) => &mut self.ignored,
-                _ => continue,
+    /// Reads what test programs said: the line that each ends with.
+    fn of(said: &str) -> Self {
+        let mut counts = Self::default();
+        for line in said.lines() {
+            let result = line.strip_prefix("test result: ");
+            let Some((_, numbers)) = result.and_then(|result| result.split_once(". ")) else {
+                continue;
             };
-            let count = number.split(' ').next();
-            *counter += count.and_then(|n| n.parse::<usize>().ok()).unwrap_or(0);
+            counts.programs += 1;
+            for number in numbers.split("; ") {
+                let (number, what) = number.split_once(' ').unwrap_or_default();
+                let counter = match what {
+                    "passed" => &mut counts.passed,
+                    "failed" => &mut counts.failed,
+                    "ignored" => &mut counts.ignored,
+                    _ => continue,
+                };
+                *counter += number.parse().unwrap_or(0);
+            }
         }
+        counts
     }
 }
 
 /// Whether each member has tests, and each test a stage that runs it.
-fn complete(members: &[&str], tests: &[Tests]) -> Result<()> {
+fn complete(members: &[&str], tests: &[&Tests]) -> Result<()> {
     for &member in members {
         let own = tests.iter().filter(|tests| tests.package == member);
         let count: usize = own.map(|tests| tests.all).sum();
@@ -150,16 +190,20 @@ fn complete(members: &[&str], tests: &[Tests]) -> Result<()> {
     Ok(())
 }
 
-/// Whether all that were there have run. Examples in the documentation come on top.
-fn all_ran(tests: &[Tests], counts: Counts) -> Result<()> {
-    let expected: usize = tests.iter().map(|tests| tests.all - tests.ignored).sum();
-    ensure!(expected > 0, "there is no test");
+/// Whether all tests of a program have run.
+fn all_ran(tests: &Tests, counts: Counts) -> Result<()> {
+    let Tests { all, ignored, .. } = *tests;
+    let expected = Counts {
+        programs: 1,
+        passed: all - ignored,
+        failed: 0,
+        ignored,
+    };
     ensure!(
-        counts.programs >= tests.len() && counts.passed >= expected,
-        "{} tests of {} programs passed, there are {expected} of {}",
-        counts.passed,
-        counts.programs,
-        tests.len()
+        counts == expected,
+        "`{}` of `{}` ended with {counts:?}, where its list tells {expected:?}",
+        tests.suite,
+        tests.package
     );
     Ok(())
 }
@@ -184,12 +228,15 @@ fn members(sh: &Shell) -> Result<Vec<(String, String)>> {
     Ok(members)
 }
 
-/// Builds the test programs.
-fn programs(sh: &Shell, members: &[(String, String)]) -> Result<Vec<Program>> {
+/// Builds test programs, all or what the options choose, and asks each for its tests. Always with the same
+/// features, so that what all have in common is built once.
+fn programs(sh: &Shell, members: &[(String, String)], options: &[&str]) -> Result<Vec<Program>> {
     let messages = cmd!(
         sh,
-        "cargo test --locked --workspace --all-features --no-run --message-format json-render-diagnostics"
+        "cargo test --locked --workspace --all-features --no-run --message-format json-render-diagnostics {options...}"
     )
+    // What it keeps to build parts of a crate again costs time, and this builds everything.
+    .env("CARGO_INCREMENTAL", "0")
     .read()?;
     let mut programs = Vec::new();
     for message in messages.lines() {
@@ -204,37 +251,49 @@ fn programs(sh: &Shell, members: &[(String, String)]) -> Result<Vec<Program>> {
         let Some((package, _)) = members.iter().find(|(_, path)| path == manifest) else {
             bail!("{path} is of no member of the workspace: {manifest}");
         };
+        let folder = Path::new(manifest).with_file_name("");
+        let suite = message["target"]["name"].as_str().unwrap_or_default();
+        let count = |options: &[&str]| -> Result<usize> {
+            let _there = sh.push_dir(&folder);
+            let list = cmd!(sh, "{path} --list --format terse {options...}");
+            let list = list.quiet().read()?;
+            Ok(list.lines().filter(|line| line.ends_with(": test")).count())
+        };
         programs.push(Program {
             path: path.into(),
-            folder: Path::new(manifest).with_file_name(""),
             tests: Tests {
                 package: package.clone(),
-                suite: message["target"]["name"]
-                    .as_str()
-                    .unwrap_or_default()
-                    .into(),
-                all: 0,
-                ignored: 0,
+                suite: suite.to_owned(),
+                all: count(&[])?,
+                ignored: count(&["--ignored"])?,
             },
+            folder,
         });
     }
     Ok(programs)
 }
 
-/// Asks a program for its tests.
-fn count(sh: &Shell, program: Program) -> Result<Tests> {
-    let _there = sh.push_dir(&program.folder);
-    let path = &program.path;
-    let tests = |options: &[&str]| -> Result<usize> {
-        let list = cmd!(sh, "{path} --list --format terse {options...}")
-            .quiet()
-            .read()?;
-        Ok(list.lines().filter(|line| line.ends_with(": test")).count())
+/// Does the same with each of them, as many at once as there are processors. After an error, none is
+/// begun.
+pub(crate) fn side_by_side<T: Sync>(
+    items: &[T],
+    work: impl Fn(&T) -> Result<()> + Sync,
+) -> Result<()> {
+    let next = AtomicUsize::new(0);
+    let in_turn = || -> Result<()> {
+        while let Some(item) = items.get(next.fetch_add(1, Ordering::Relaxed)) {
+            work(item).inspect_err(|_| next.store(items.len(), Ordering::Relaxed))?;
+        }
+        Ok(())
     };
-    Ok(Tests {
-        all: tests(&[])?,
-        ignored: tests(&["--ignored"])?,
-        ..program.tests
+    let threads = thread::available_parallelism()?.get().min(items.len());
+    thread::scope(|scope| {
+        let threads: Vec<_> = (0..threads).map(|_| scope.spawn(in_turn)).collect();
+        threads.into_iter().try_for_each(|thread| {
+            thread
+                .join()
+                .unwrap_or_else(|panic| std::panic::resume_unwind(panic))
+        })
     })
 }
 
@@ -254,14 +313,6 @@ test result: ok. 0 passed; 0 failed; 0 ignored; 0 measured; 15 filtered out; fin
 test result: FAILED. 4 passed; 1 failed; 0 ignored; 0 measured; 0 filtered out; finished in 1.00s
 ";
 
-    fn counted(said: &str) -> Counts {
-        let mut counts = Counts::default();
-        for line in said.lines() {
-            counts.add(line);
-        }
-        counts
-    }
-
     fn tests(package: &str, suite: &str, all: usize, ignored: usize) -> Tests {
         Tests {
             package: package.into(),
@@ -279,44 +330,65 @@ test result: FAILED. 4 passed; 1 failed; 0 ignored; 0 measured; 0 filtered out; 
             failed: 1,
             ignored: 1,
         };
-        assert_eq!(counted(SAID), counts);
+        assert_eq!(Counts::of(SAID), counts);
         for nothing in ["", "running 0 tests", "test result: ok", "test result: "] {
-            assert_eq!(counted(nothing), Counts::default(), "{nothing}");
+            assert_eq!(Counts::of(nothing), Counts::default(), "{nothing}");
         }
     }
 
     #[test]
-    fn fewer_than_there_are_is_an_error() {
-        let there = [tests("a", "a", 3, 1), tests("a", "b", 2, 0)];
-        let ran = |programs, passed| Counts {
-            programs,
-            passed,
-            ..Counts::default()
+    fn other_than_there_are_is_an_error() {
+        let there = tests("a", "a", 3, 1);
+        let ran = |programs, passed, ignored| {
+            let counts = Counts {
+                programs,
+                passed,
+                ignored,
+                ..Counts::default()
+            };
+            all_ran(&there, counts).is_ok()
         };
-        assert!(all_ran(&there, ran(2, 4)).is_ok());
-        // With examples in the documentation.
-        assert!(all_ran(&there, ran(3, 7)).is_ok());
-        assert!(all_ran(&there, ran(2, 3)).is_err());
-        assert!(all_ran(&there, ran(1, 4)).is_err());
-        assert!(all_ran(&[], ran(0, 0)).is_err());
-        assert!(all_ran(&[tests("a", "a", 1, 1)], ran(1, 0)).is_err());
+        assert!(ran(1, 2, 1));
+        assert!(!ran(0, 0, 0));
+        assert!(!ran(1, 1, 1));
+        assert!(!ran(1, 3, 0));
+        assert!(!ran(2, 2, 1));
     }
 
     #[test]
     fn a_member_without_tests_is_noticed() {
-        let there = [tests("a", "a", 0, 0), tests("a", "b", 2, 0)];
-        assert!(complete(&["a"], &there).is_ok());
-        assert!(complete(&["a", WITHOUT_TESTS[0]], &there).is_ok());
-        assert!(complete(&["a", "c"], &there).is_err());
-        assert!(complete(&["a"], &there[..1]).is_err());
-        assert!(complete(&[WITHOUT_TESTS[0]], &[tests(WITHOUT_TESTS[0], "a", 1, 0)]).is_err());
+        let (none, two) = (&tests("a", "a", 0, 0), &tests("a", "b", 2, 0));
+        let without = WITHOUT_TESTS[0];
+        assert!(complete(&["a"], &[none, two]).is_ok());
+        assert!(complete(&["a", without], &[none, two]).is_ok());
+        assert!(complete(&["a", "c"], &[none, two]).is_err());
+        assert!(complete(&["a"], &[none]).is_err());
+        assert!(complete(&[without], &[&tests(without, "a", 1, 0)]).is_err());
     }
 
     #[test]
     fn an_ignored_test_that_no_stage_runs_is_noticed() {
         for suite in ignored_suites() {
-            assert!(complete(&["a"], &[tests("a", suite, 2, 2)]).is_ok());
+            assert!(complete(&["a"], &[&tests("a", suite, 2, 2)]).is_ok());
         }
-        assert!(complete(&["a"], &[tests("a", "a", 2, 1)]).is_err());
+        assert!(complete(&["a"], &[&tests("a", "a", 2, 1)]).is_err());
+    }
+
+    #[test]
+    fn one_that_fails_is_noticed() {
+        let numbers: Vec<_> = (0..20).collect();
+        let done = AtomicUsize::new(0);
+        side_by_side(&numbers, |_| {
+            done.fetch_add(1, Ordering::Relaxed);
+            Ok(())
+        })
+        .unwrap();
+        assert_eq!(done.into_inner(), numbers.len());
+        let failed = side_by_side(&numbers, |&number| {
+            ensure!(number != 7, "seven");
+            Ok(())
+        });
+        assert_eq!(failed.unwrap_err().to_string(), "seven");
+        assert!(side_by_side::<u8>(&[], |_| Ok(())).is_ok());
     }
 }
