@@ -3,12 +3,7 @@
 mod support;
 
 use std::{
-    collections::BTreeMap,
-    fmt::Write as _,
-    fs,
-    path::PathBuf,
-    process::{Command, Stdio},
-    time::Duration,
+    collections::BTreeMap, fmt::Write as _, fs, path::PathBuf, process::Command, time::Duration,
 };
 
 use support::aether::{Aether, eui, key, key_bytes};
