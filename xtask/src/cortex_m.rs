@@ -131,7 +131,7 @@ fn build(sh: &Shell, processor: &Processor) -> Result<PathBuf> {
     let target = processor.target;
     let messages = cmd!(
         sh,
-        "cargo build --release --package {PACKAGE} --target {target} --message-format json-render-diagnostics"
+        "cargo build --locked --release --package {PACKAGE} --target {target} --message-format json-render-diagnostics"
     )
     .read()?;
     for message in messages.lines() {

@@ -1,15 +1,11 @@
-//! Fuzz targets under `fuzz/`, run by cargo-fuzz.
+//! Fuzz targets under `fuzz/`, built by cargo-fuzz.
 
-use std::fs;
+use std::{fs, path::Path, process::Command};
 
 use anyhow::{Context, Result, bail, ensure};
 use xshell::{Shell, cmd};
 
-use crate::setup;
-
-/// Targets need the compiler's sanitizers.
-pub(crate) const NO_NIGHTLY: &str =
-    "there is no nightly compiler to fuzz with: type `rustup toolchain install nightly`";
+use crate::{harness, setup};
 
 /// Inputs per target that take a few seconds.
 pub(crate) const BRIEF: u32 = 100_000;
@@ -18,18 +14,26 @@ pub(crate) const BRIEF: u32 = 100_000;
 const TOOLS: &str = "target/tools";
 const VERSION: &str = "0.13.1";
 
+/// Where everything is built for fuzzing, and for its lint.
+pub(crate) const BUILT: &str = "target/fuzz";
+
+/// How much of what a target said is shown of a finding.
+const TAIL: usize = 40;
+
 /// Tries `runs` inputs on each target, starting from its corpus; what is new stays out of it. With a
 /// `seed`, the same ones each time as long as the target and what was found before are the same.
 ///
 /// # Errors
-/// A target found something, or there is no nightly compiler and none can be installed.
+/// A target does not compile, found something or tried fewer inputs, or there is no nightly compiler
+/// and none can be installed.
 pub(crate) fn run(sh: &Shell, targets: &[String], runs: u32, seed: Option<u32>) -> Result<()> {
-    ensure!(setup::nightly(sh), NO_NIGHTLY);
+    let nightly = setup::nightly(sh)?;
     let cargo_fuzz = format!("{TOOLS}/bin/cargo-fuzz");
     if !sh.path_exists(&cargo_fuzz) {
+        // Without optimisation: it only starts others.
         cmd!(
             sh,
-            "cargo install cargo-fuzz --version {VERSION} --locked --root {TOOLS}"
+            "cargo install --locked --debug cargo-fuzz --version {VERSION} --root {TOOLS}"
         )
         .run()
         .context("this needs a network once")?;
@@ -38,25 +42,85 @@ pub(crate) fn run(sh: &Shell, targets: &[String], runs: u32, seed: Option<u32>) 
     if let Some(unknown) = targets.iter().find(|&target| !all.contains(target)) {
         bail!("no fuzz target {unknown}; there are {}", all.join(", "));
     }
-    for target in if targets.is_empty() { &all } else { targets } {
-        let scratch = sh.current_dir().join("target/fuzz-corpus").join(target);
-        fs::create_dir_all(&scratch)?;
-        let corpus = Some(sh.current_dir().join("fuzz/corpus").join(target));
-        let corpus = corpus.filter(|seeds| seeds.is_dir());
-        let runs = format!("-runs={runs}");
-        let seed = seed.map(|seed| format!("-seed={seed}"));
-        let _nightly = sh.push_env("RUSTUP_TOOLCHAIN", "nightly");
-        cmd!(
-            sh,
-            "{cargo_fuzz} run --fuzz-dir fuzz {target} {scratch} {corpus...} -- {runs} {seed...} -print_final_stats=1"
-        )
-        .quiet()
-        .ignore_stderr()
-        .run()
-        .with_context(|| format!("{target} found something: `cargo xtask fuzz {target}` shows it"))?;
-        eprintln!("{target}: {runs} without a finding");
+    let targets = if targets.is_empty() { &all } else { targets };
+    // cargo-fuzz knows no `--locked`.
+    setup::locked(sh, setup::FUZZ)?;
+    let host = host(sh, nightly)?;
+    // One is built alone, and all together: cargo-fuzz takes no other number.
+    let only = (targets.len() == 1).then(|| &targets[0]);
+    cmd!(
+        sh,
+        "{cargo_fuzz} build --fuzz-dir fuzz --target-dir {BUILT} --target {host} {only...}"
+    )
+    .env("RUSTUP_TOOLCHAIN", nightly)
+    .run()
+    .context("the fuzz targets do not compile")?;
+    let root = &sh.current_dir();
+    let built = &root.join(BUILT).join(host).join("release");
+    harness::side_by_side(targets, |target| {
+        try_inputs(root, &built.join(target), target, runs, seed)
+    })
+}
+
+/// Tries inputs on one target.
+fn try_inputs(
+    root: &Path,
+    program: &Path,
+    target: &str,
+    runs: u32,
+    seed: Option<u32>,
+) -> Result<()> {
+    let scratch = root.join("target/fuzz-corpus").join(target);
+    let findings = root.join("fuzz/artifacts").join(target);
+    fs::create_dir_all(&scratch)?;
+    fs::create_dir_all(&findings)?;
+    let corpus = Some(root.join("fuzz/corpus").join(target)).filter(|corpus| corpus.is_dir());
+    let output = Command::new(program)
+        .current_dir(root)
+        .arg(format!("-artifact_prefix={}/", findings.display()))
+        .arg(format!("-runs={runs}"))
+        .args(seed.map(|seed| format!("-seed={seed}")))
+        // One that takes a minute hangs.
+        .args(["-timeout=60", "-print_final_stats=1"])
+        .arg(scratch)
+        .args(corpus)
+        .output()
+        .with_context(|| program.display().to_string())?;
+    let said = String::from_utf8_lossy(&output.stderr);
+    if !output.status.success() {
+        bail!(finding(&said, target, program));
     }
+    let tried = tried(&said).with_context(|| format!("{target} does not tell what it tried"))?;
+    ensure!(
+        tried >= runs,
+        "{target} tried {tried} inputs in place of {runs}"
+    );
+    eprintln!("{target}: {tried} inputs without a finding");
     Ok(())
+}
+
+/// How many inputs a target tried.
+fn tried(said: &str) -> Option<u32> {
+    said.lines()
+        .find_map(|line| line.strip_prefix("stat::number_of_executed_units:"))?
+        .trim()
+        .parse()
+        .ok()
+}
+
+/// What a target found, and how to see it again.
+fn finding(said: &str, target: &str, program: &Path) -> String {
+    let lines: Vec<_> = said.lines().collect();
+    let tail = lines[lines.len().saturating_sub(TAIL)..].join("\n");
+    let program = program.display();
+    let again = lines
+        .iter()
+        .find_map(|line| line.split_once("Test unit written to "))
+        .map_or_else(
+            || format!("it left no input: `cargo xtask fuzz {target}` tries others"),
+            |(_, input)| format!("the input is {input}\nto try it again, type `{program} {input}`"),
+        );
+    format!("{target} found something; the last that it said is\n{tail}\n\n{again}")
 }
 
 /// The names of the files in `fuzz/fuzz_targets`.
@@ -67,5 +131,44 @@ fn all_targets(sh: &Shell) -> Result<Vec<String>> {
         .filter_map(|path| Some(path.file_stem()?.to_str()?.to_owned()))
         .collect();
     names.sort();
+    ensure!(!names.is_empty(), "there is no fuzz target");
     Ok(names)
+}
+
+/// The name of this computer's kind, which is that of a folder of what is built.
+fn host(sh: &Shell, nightly: &str) -> Result<String> {
+    let version = cmd!(sh, "rustc -vV")
+        .env("RUSTUP_TOOLCHAIN", nightly)
+        .quiet()
+        .read()?;
+    let host = version.lines().find_map(|line| line.strip_prefix("host: "));
+    Ok(host.context("the compiler tells no host")?.to_owned())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_a_target_tried() {
+        let said = "Done 100000 runs in 1 second(s)\nstat::number_of_executed_units: 100000\n\
+                    stat::average_exec_per_sec:     50000\n";
+        assert_eq!(tried(said), Some(100_000));
+        for nothing in ["", "stat::number_of_executed_units: many"] {
+            assert_eq!(tried(nothing), None);
+        }
+    }
+
+    #[test]
+    fn a_finding_tells_how_to_see_it_again() {
+        let mut said = "INFO: seed corpus\n".repeat(100);
+        said += "==1== ERROR: libFuzzer: deadly signal\n\
+                 artifact_prefix='a/'; Test unit written to a/crash-12\nBase64: AA==\n";
+        let told = finding(&said, "wire", Path::new("b/wire"));
+        assert!(told.contains("ERROR: libFuzzer: deadly signal"));
+        assert!(told.contains("type `b/wire a/crash-12`"), "{told}");
+        assert_eq!(told.matches("seed corpus").count(), TAIL - 3);
+        let told = finding("killed", "wire", Path::new("b/wire"));
+        assert!(told.contains("it left no input"), "{told}");
+    }
 }

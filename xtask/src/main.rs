@@ -11,6 +11,7 @@ mod elf;
 mod emulate;
 mod firmware;
 mod fuzz;
+mod harness;
 mod peers;
 mod setup;
 mod size;
@@ -26,9 +27,7 @@ struct Arguments {
 
 #[derive(Subcommand)]
 enum Chore {
-    /// Everything: installs what is missing, formats, lints, tests, documents, cross-builds, and
-    /// counts instructions on emulated processors
-    Test,
+    Test(test::Test),
     /// Every figure of the README again, with its goal
     Bench {
         /// Passed to the bench of accuracy, for example `recorded`
@@ -58,33 +57,49 @@ enum Chore {
     },
 }
 
-fn main() -> anyhow::Result<ExitCode> {
-    if let Some(folder) = env::var_os(firmware::LINK_IN) {
-        return firmware::link(&folder);
-    }
-    run(Arguments::parse().chore)?;
-    Ok(ExitCode::SUCCESS)
+fn main() -> ExitCode {
+    let done = match env::var_os(firmware::LINK_IN) {
+        Some(folder) => firmware::link(&folder),
+        None => run(Arguments::parse().chore),
+    };
+    done.unwrap_or_else(|error| {
+        complain(&error);
+        ExitCode::FAILURE
+    })
 }
 
-fn run(chore: Chore) -> anyhow::Result<()> {
+/// Prints an error and its causes. Where in this program it arose helps nobody, whatever
+/// `RUST_BACKTRACE` is.
+fn complain(error: &anyhow::Error) {
+    eprintln!("Error: {error}");
+    for cause in error.chain().skip(1) {
+        eprintln!("  caused by: {cause}");
+    }
+}
+
+fn run(chore: Chore) -> anyhow::Result<ExitCode> {
     let sh = Shell::new()?;
     // Whole, because it is shown.
     let root = Path::new(env!("CARGO_MANIFEST_DIR")).parent();
     sh.change_dir(root.context("xtask is in the workspace's folder")?);
-    if let Chore::Test | Chore::Emulate | Chore::Firmware = chore {
+    if let Chore::Test(_) | Chore::Emulate | Chore::Firmware = chore {
         firmware::prepare_linker(&sh)?;
     }
-    match chore {
-        Chore::Test => test::run(&sh),
+    let done = match chore {
+        Chore::Test(test) => return Ok(test.run(&sh)),
         Chore::Bench { topics } => {
             let all = topics.is_empty();
-            cmd!(sh, "cargo run --release --package bench -- {topics...}").run()?;
+            cmd!(
+                sh,
+                "cargo run --locked --release --package bench -- {topics...}"
+            )
+            .run()?;
             if all {
                 count_instructions(&sh)?;
                 measure_size(&sh, 0)?;
                 cmd!(
                     sh,
-                    "cargo run --release --package cmucam2-driver --example soak"
+                    "cargo run --locked --release --package cmucam2-driver --example soak"
                 )
                 .run()?;
             }
@@ -102,7 +117,8 @@ fn run(chore: Chore) -> anyhow::Result<()> {
             peers::run(&sh)
         }
         Chore::Fuzz { targets, runs } => fuzz::run(&sh, &targets, runs, None),
-    }
+    };
+    done.map(|()| ExitCode::SUCCESS)
 }
 
 fn count_instructions(sh: &Shell) -> anyhow::Result<()> {

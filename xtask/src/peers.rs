@@ -1,4 +1,4 @@
-//! Tests against programs of other projects, built from source.
+//! Tests against programs of other projects: tshark, and one that is built from source.
 //!
 //! `ot-rcp` is OpenThread's radio co-processor, here its simulation for a computer: it speaks
 //! Spinel on its standard input and output, and its medium is multicast on the loopback interface.
@@ -6,7 +6,6 @@
 //! part of this project.
 
 use std::{
-    fs,
     path::{Path, PathBuf},
     time::Instant,
 };
@@ -14,23 +13,17 @@ use std::{
 use anyhow::{Context, Result, ensure};
 use xshell::{Shell, cmd};
 
+use crate::harness;
+
+/// A package that only names the crate, so that cargo fetches it and tells where it is.
+const MANIFEST: &str = "xtask/peers/Cargo.toml";
+/// The crate, whose version `xtask/peers/Cargo.lock` tells.
 const CRATE: &str = "openthread-sys";
-const VERSION: &str = "0.4.0";
+
+pub(crate) const SUITES: [&str; 2] = ["ot_rcp", "capture"];
 
 /// Kept until it is deleted.
 const DIRECTORY: &str = "target/peers";
-
-/// A package only so that cargo fetches the crate and tells where it is.
-const MANIFEST: &str = r#"[package]
-name = "peers"
-version = "0.0.0"
-edition = "2024"
-
-[workspace]
-
-[dependencies]
-CRATE = { version = "=VERSION", default-features = false }
-"#;
 
 /// Only the radio co-processor, for the simulation.
 const OPTIONS: [&str; 8] = [
@@ -47,22 +40,19 @@ const OPTIONS: [&str; 8] = [
 /// Builds what is missing, and runs the tests that need it.
 pub(crate) fn run(sh: &Shell) -> Result<()> {
     let _peer = sh.push_env("OT_RCP", ot_rcp(sh)?);
-    cmd!(
-        sh,
-        "cargo test --package zigbee-link --test ot_rcp -- --ignored"
-    )
-    .run()?;
-    Ok(())
+    SUITES
+        .into_iter()
+        .try_for_each(|suite| harness::ignored(sh, suite))
 }
 
 /// The program `ot-rcp`.
 pub(crate) fn ot_rcp(sh: &Shell) -> Result<PathBuf> {
     let directory = sh.current_dir().join(DIRECTORY);
-    let build = directory.join(format!("{CRATE}-{VERSION}"));
+    let (version, source) = source(sh)?;
+    let build = directory.join(format!("{CRATE}-{version}"));
     let program = build.join("examples/apps/ncp/ot-rcp");
     if !program.is_file() {
         let start = Instant::now();
-        let source = source(sh, &directory)?;
         cmd!(sh, "cmake -GNinja {OPTIONS...} -S {source} -B {build}").run()?;
         cmd!(sh, "ninja -C {build} ot-rcp").run()?;
         ensure!(program.is_file(), "{} was not built", program.display());
@@ -71,32 +61,24 @@ pub(crate) fn ot_rcp(sh: &Shell) -> Result<PathBuf> {
     Ok(program)
 }
 
-/// Where cargo has put OpenThread's source.
-fn source(sh: &Shell, directory: &Path) -> Result<PathBuf> {
-    let package = directory.join("source");
-    let manifest = package.join("Cargo.toml");
-    fs::create_dir_all(package.join("src"))?;
-    fs::write(package.join("src/lib.rs"), "")?;
-    fs::write(
-        &manifest,
-        MANIFEST.replace("CRATE", CRATE).replace("VERSION", VERSION),
-    )?;
+/// The version of OpenThread's crate, and where cargo has put the source.
+fn source(sh: &Shell) -> Result<(String, PathBuf)> {
     let metadata = cmd!(
         sh,
-        "cargo metadata --format-version 1 --manifest-path {manifest}"
+        "cargo metadata --locked --format-version 1 --manifest-path {MANIFEST}"
     )
     .quiet()
     .read()
-    .with_context(|| format!("the source of {CRATE} {VERSION} is fetched once, over a network"))?;
+    .with_context(|| format!("the source of {CRATE} is fetched once, over a network"))?;
     let metadata: serde_json::Value = serde_json::from_str(&metadata)?;
-    let manifest = metadata["packages"]
+    let package = metadata["packages"]
         .as_array()
         .into_iter()
         .flatten()
-        .find(|package| package["name"] == CRATE && package["version"] == VERSION)
-        .and_then(|package| package["manifest_path"].as_str())
-        .with_context(|| format!("cargo tells nothing of {CRATE} {VERSION}"))?;
-    let source = Path::new(manifest).with_file_name("openthread");
+        .find(|package| package["name"] == CRATE)
+        .with_context(|| format!("cargo tells nothing of {CRATE}"))?;
+    let text = |key: &str| package[key].as_str().unwrap_or_default();
+    let source = Path::new(text("manifest_path")).with_file_name("openthread");
     ensure!(source.is_dir(), "{} is missing", source.display());
-    Ok(source)
+    Ok((text("version").to_owned(), source))
 }

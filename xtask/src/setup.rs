@@ -1,7 +1,7 @@
 //! What the chores need and a fresh machine may lack: installed where that is allowed, otherwise
 //! named with what to type.
 
-use std::{env, path::Path};
+use std::{env, ffi::OsStr, path::Path};
 
 use anyhow::{Context, Result, bail, ensure};
 use xshell::{Shell, cmd};
@@ -21,6 +21,30 @@ const PROGRAMS: [(&str, &str); 5] = [
 /// The linker of images for nodes.
 pub(crate) const LINKER: &str = "flip-link";
 const LINKER_VERSION: &str = "0.1.12";
+
+/// The nightly compiler, of which everybody uses this one: rustup's name of it, and the commit that it
+/// is made from.
+const NIGHTLY: (&str, &str) = ("nightly-2026-05-20", "e50aa6fba");
+
+/// The workspace of the fuzz targets.
+pub(crate) const FUZZ: &str = "fuzz/Cargo.toml";
+
+/// Whether the `Cargo.lock` beside a manifest fits it. No chore changes one.
+pub(crate) fn locked(sh: &Shell, manifest: &str) -> Result<()> {
+    cmd!(
+        sh,
+        "cargo tree --locked --quiet --depth 0 --manifest-path {manifest}"
+    )
+    .quiet()
+    .ignore_stdout()
+    .run()
+    .with_context(|| {
+        format!(
+            "where its Cargo.lock no longer fits {manifest}, type `cargo update --workspace \
+             --manifest-path {manifest}`, and keep what changed"
+        )
+    })
+}
 
 /// The compiler's targets and components, of the toolchain in use.
 pub(crate) fn targets(sh: &Shell) -> Result<()> {
@@ -56,22 +80,45 @@ pub(crate) fn targets(sh: &Shell) -> Result<()> {
     Ok(())
 }
 
-/// Whether there is a nightly compiler, which is installed if it is missing.
-pub(crate) fn nightly(sh: &Shell) -> bool {
-    let is_there = cmd!(sh, "cargo +nightly --version")
-        .quiet()
-        .ignore_stderr()
-        .read()
-        .is_ok();
-    is_there
-        || cmd!(sh, "rustup toolchain install nightly --profile minimal")
-            .run()
-            .is_ok()
+/// What rustup calls the nightly compiler here: by its date, or `nightly` if that is the same one. It is
+/// installed if it is missing.
+pub(crate) fn nightly(sh: &Shell) -> Result<&'static str> {
+    let (name, commit) = NIGHTLY;
+    let is_there = |name: &str| {
+        cmd!(sh, "rustc --version")
+            .env("RUSTUP_TOOLCHAIN", name)
+            .env("RUSTUP_AUTO_INSTALL", "0")
+            .quiet()
+            .ignore_stderr()
+            .read()
+            .is_ok_and(|version| is_made_from(commit, &version))
+    };
+    let either = [name, "nightly"].into_iter().find(|name| is_there(name));
+    if let Some(name) = either {
+        return Ok(name);
+    }
+    let install = cmd!(sh, "rustup toolchain install {name} --profile minimal");
+    ensure!(
+        install.run().is_ok() && is_there(name),
+        "the nightly compiler of commit {commit} is missing: type `rustup toolchain install {name}` \
+         where there is a network"
+    );
+    Ok(name)
 }
 
-/// Whether this runs where nobody reads what was left out.
+/// Whether a compiler that tells this version is made from a commit.
+fn is_made_from(commit: &str, version: &str) -> bool {
+    let told = version.split_once('(').map(|(_, told)| told);
+    told.and_then(|told| told.split(' ').next()) == Some(commit)
+}
+
+/// Whether this runs where nobody reads what was left out. Nothing else in this project asks for `CI`.
 pub(crate) fn is_ci() -> bool {
-    env::var_os("CI").is_some_and(|value| !value.is_empty() && value != "false")
+    says_ci(env::var_os("CI").as_deref())
+}
+
+fn says_ci(value: Option<&OsStr>) -> bool {
+    value.is_some_and(|value| !["", "0", "false"].map(OsStr::new).contains(&value))
 }
 
 /// The linker of images for nodes: it puts the stack where an overflow is a fault.
@@ -141,4 +188,66 @@ pub(crate) fn packages(sh: &Shell) -> Result<()> {
 pub(crate) fn is_on_path(program: &str) -> bool {
     env::var_os("PATH")
         .is_some_and(|path| env::split_paths(&path).any(|dir| dir.join(program).is_file()))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn only_one_nightly_compiler_will_do() {
+        let (name, commit) = NIGHTLY;
+        assert!(name.starts_with("nightly-20"));
+        let version = format!("rustc 1.97.0-nightly ({commit} 2026-05-19)");
+        assert!(is_made_from(commit, &version));
+        for other in [
+            "",
+            "/usr/lib/rust",
+            "rustc 1.95.0 (59807616e 2026-04-14)",
+            "rustc 1.97.0-nightly",
+        ] {
+            assert!(!is_made_from(commit, other), "{other}");
+        }
+    }
+
+    #[test]
+    fn what_says_that_this_is_ci() {
+        for (value, is_ci) in [
+            (None, false),
+            (Some(""), false),
+            (Some("0"), false),
+            (Some("false"), false),
+            (Some("1"), true),
+            (Some("true"), true),
+            (Some("woodpecker"), true),
+        ] {
+            assert_eq!(says_ci(value.map(OsStr::new)), is_ci, "{value:?}");
+        }
+    }
+
+    /// A chore that changes `Cargo.lock` would test what nobody else gets.
+    #[test]
+    fn every_call_of_cargo_is_locked() {
+        let mut folders = vec![Path::new(env!("CARGO_MANIFEST_DIR")).join("src")];
+        let mut calls = 0;
+        while let Some(folder) = folders.pop() {
+            for entry in std::fs::read_dir(folder).unwrap() {
+                let path = entry.unwrap().path();
+                if path.is_dir() {
+                    folders.push(path);
+                    continue;
+                }
+                let text = std::fs::read_to_string(&path).unwrap();
+                // As `cmd!` has them, on the same line or the next.
+                for call in text.split("cmd!(").skip(1) {
+                    let command = call.split('"').nth(1).unwrap_or_default();
+                    if command.starts_with("cargo ") && !command.starts_with("cargo fmt ") {
+                        calls += 1;
+                        assert!(command.contains(" --locked"), "{path:?}: {command}");
+                    }
+                }
+            }
+        }
+        assert!(calls > 10, "{calls}");
+    }
 }

@@ -141,7 +141,7 @@ pub(crate) fn largest(measurements: &[Measurement], count: usize) -> Result<Stri
 fn build(sh: &Shell) -> Result<Vec<PathBuf>> {
     let messages = cmd!(
         sh,
-        "cargo build --profile size --package {PACKAGE} --target {TARGET} --message-format json-render-diagnostics"
+        "cargo build --locked --profile size --package {PACKAGE} --target {TARGET} --message-format json-render-diagnostics"
     )
     .read()?;
     let mut images = Vec::new();

@@ -150,7 +150,7 @@ pub(crate) fn build(sh: &Shell, package: &str) -> Result<PathBuf> {
     let linker = format!("target.{TARGET}.linker='{}'", linker(sh).display());
     cmd!(
         sh,
-        "cargo build --config {linker} --profile {PROFILE} --package {package} --target {TARGET}"
+        "cargo build --locked --config {linker} --profile {PROFILE} --package {package} --target {TARGET}"
     )
     .env(LINK_IN, folder)
     .run()?;

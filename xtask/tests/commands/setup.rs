@@ -119,5 +119,5 @@ fn fuzzing_without_a_nightly_compiler_is_an_error() {
     place.install("cargo", "exit 1");
     place
         .run(&["fuzz"])
-        .fails(1, "type `rustup toolchain install nightly`");
+        .fails(1, "type `rustup toolchain install nightly-20");
 }

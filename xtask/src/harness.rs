@@ -1,0 +1,394 @@
+//! Tests as cargo runs them, and how many ran: where none did, nothing has passed.
+
+use std::{
+    io::{BufRead, BufReader, Write},
+    path::{Path, PathBuf},
+    process::{Command, Stdio},
+    sync::atomic::{AtomicUsize, Ordering},
+    thread,
+};
+
+use anyhow::{Context, Result, bail, ensure};
+use serde_json::Value;
+use xshell::{Cmd, Shell, cmd};
+
+use crate::{emulate, peers};
+
+/// Members of the workspace that have no test of their own.
+const WITHOUT_TESTS: [&str; 3] = ["bench-size", "nrf52840", "nucleo-l476rg"];
+
+/// Tests that need what the stages of their own build first, and that are left out elsewhere.
+fn ignored_suites() -> impl Iterator<Item = &'static str> {
+    peers::SUITES.into_iter().chain(emulate::SUITES)
+}
+
+/// What test programs said of themselves, all together.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+struct Counts {
+    programs: usize,
+    passed: usize,
+    failed: usize,
+    ignored: usize,
+}
+
+/// A test program that cargo built.
+struct Program {
+    path: PathBuf,
+    /// The folder of its package, where cargo runs it too.
+    folder: PathBuf,
+    tests: Tests,
+}
+
+/// What a program would run.
+#[derive(Clone, Debug, PartialEq)]
+struct Tests {
+    package: String,
+    /// The name of its target.
+    suite: String,
+    all: usize,
+    ignored: usize,
+}
+
+/// Runs the tests of all members of the workspace, as many programs at once as there are processors,
+/// and the examples of their documentation.
+///
+/// # Errors
+/// One fails, a member has none, one is ignored that no other stage runs, or fewer ran than there are.
+pub(crate) fn workspace(sh: &Shell) -> Result<()> {
+    let members = members(sh)?;
+    let programs = programs(sh, &members, &[])?;
+    let names: Vec<_> = members.iter().map(|(name, _)| name.as_str()).collect();
+    let tests: Vec<_> = programs.iter().map(|program| &program.tests).collect();
+    complete(&names, &tests)?;
+    side_by_side(&programs, |program| {
+        let output = Command::new(&program.path)
+            .current_dir(&program.folder)
+            .env("CARGO_MANIFEST_DIR", &program.folder)
+            .output()?;
+        let said = String::from_utf8_lossy(&output.stdout);
+        let Tests { package, suite, .. } = &program.tests;
+        // At once: others run beside it.
+        println!("\n{package}, {suite}{said}");
+        let errors = String::from_utf8_lossy(&output.stderr);
+        ensure!(
+            output.status.success(),
+            "{errors}`{suite}` of `{package}` failed: {}",
+            output.status
+        );
+        all_ran(&program.tests, Counts::of(&said))
+    })?;
+    let examples = run(cmd!(
+        sh,
+        "cargo test --locked --workspace --all-features --doc"
+    ))?;
+    ensure!(examples.passed > 0, "no example of the documentation ran");
+    let ran: usize = tests.iter().map(|tests| tests.all - tests.ignored).sum();
+    eprintln!(
+        "{ran} tests of {} programs and {} examples of the documentation passed",
+        tests.len(),
+        examples.passed
+    );
+    Ok(())
+}
+
+/// Runs the tests of a suite that are ignored elsewhere. They are built as those of the workspace are:
+/// with other features, cargo would build everything again.
+///
+/// # Errors
+/// One fails, or there is none.
+pub(crate) fn ignored(sh: &Shell, suite: &str) -> Result<()> {
+    let programs = programs(sh, &members(sh)?, &["--test", suite])?;
+    let [program] = &programs[..] else {
+        bail!("{} suites are called `{suite}`", programs.len());
+    };
+    let Program {
+        path,
+        folder,
+        tests,
+    } = program;
+    let _there = sh.push_dir(folder);
+    let tests_run = cmd!(sh, "{path} --ignored --nocapture").env("CARGO_MANIFEST_DIR", folder);
+    let counts = run(tests_run)?;
+    ensure!(
+        counts.passed > 0 && counts.passed == tests.ignored,
+        "{} tests of `{suite}` passed, there are {}",
+        counts.passed,
+        tests.ignored
+    );
+    eprintln!("{suite}: {} tests passed", counts.passed);
+    Ok(())
+}
+
+/// Runs tests, shows what they say while they do, and counts them.
+fn run(command: Cmd<'_>) -> Result<Counts> {
+    let shown = command.to_string();
+    eprintln!("$ {shown}");
+    let mut child = Command::from(command)
+        .stdout(Stdio::piped())
+        .spawn()
+        .with_context(|| shown.clone())?;
+    let mut output = BufReader::new(child.stdout.take().context("the output is piped")?);
+    let mut said = Vec::new();
+    let mut from = 0;
+    while output.read_until(b'\n', &mut said)? > 0 {
+        std::io::stdout().write_all(&said[from..])?;
+        from = said.len();
+    }
+    let status = child.wait()?;
+    ensure!(status.success(), "`{shown}`: {status}");
+    let counts = Counts::of(&String::from_utf8_lossy(&said));
+    ensure!(counts.failed == 0, "{} tests failed", counts.failed);
+    Ok(counts)
+}
+
+impl Counts {
+    /// Reads what test programs said: the line that each ends with.
+    fn of(said: &str) -> Self {
+        let mut counts = Self::default();
+        for line in said.lines() {
+            let result = line.strip_prefix("test result: ");
+            let Some((_, numbers)) = result.and_then(|result| result.split_once(". ")) else {
+                continue;
+            };
+            counts.programs += 1;
+            for number in numbers.split("; ") {
+                let (number, what) = number.split_once(' ').unwrap_or_default();
+                let counter = match what {
+                    "passed" => &mut counts.passed,
+                    "failed" => &mut counts.failed,
+                    "ignored" => &mut counts.ignored,
+                    _ => continue,
+                };
+                *counter += number.parse().unwrap_or(0);
+            }
+        }
+        counts
+    }
+}
+
+/// Whether each member has tests, and each test a stage that runs it.
+fn complete(members: &[&str], tests: &[&Tests]) -> Result<()> {
+    for &member in members {
+        let own = tests.iter().filter(|tests| tests.package == member);
+        let count: usize = own.map(|tests| tests.all).sum();
+        let without = WITHOUT_TESTS.contains(&member);
+        ensure!(count > 0 || without, "`{member}` has no test");
+        ensure!(
+            count == 0 || !without,
+            "`{member}` has tests now: take it out of WITHOUT_TESTS"
+        );
+    }
+    for tests in tests {
+        ensure!(
+            tests.ignored == 0 || ignored_suites().any(|suite| suite == tests.suite),
+            "`{}` of `{}` has {} ignored tests, which no stage runs",
+            tests.suite,
+            tests.package,
+            tests.ignored
+        );
+    }
+    Ok(())
+}
+
+/// Whether all tests of a program have run.
+fn all_ran(tests: &Tests, counts: Counts) -> Result<()> {
+    let Tests { all, ignored, .. } = *tests;
+    let expected = Counts {
+        programs: 1,
+        passed: all - ignored,
+        failed: 0,
+        ignored,
+    };
+    ensure!(
+        counts == expected,
+        "`{}` of `{}` ended with {counts:?}, where its list tells {expected:?}",
+        tests.suite,
+        tests.package
+    );
+    Ok(())
+}
+
+/// The packages of the workspace, with their manifests.
+fn members(sh: &Shell) -> Result<Vec<(String, String)>> {
+    let metadata = cmd!(
+        sh,
+        "cargo metadata --locked --no-deps --format-version 1 --quiet"
+    )
+    .quiet()
+    .read()?;
+    let metadata: Value = serde_json::from_str(&metadata)?;
+    let packages = metadata["packages"].as_array().into_iter().flatten();
+    let members: Vec<_> = packages
+        .filter_map(|package| {
+            let text = |key: &str| Some(package[key].as_str()?.to_owned());
+            Some((text("name")?, text("manifest_path")?))
+        })
+        .collect();
+    ensure!(!members.is_empty(), "cargo names no package");
+    Ok(members)
+}
+
+/// Builds test programs, all or what the options choose, and asks each for its tests. Always with the same
+/// features, so that what all have in common is built once.
+fn programs(sh: &Shell, members: &[(String, String)], options: &[&str]) -> Result<Vec<Program>> {
+    let messages = cmd!(
+        sh,
+        "cargo test --locked --workspace --all-features --no-run --message-format json-render-diagnostics {options...}"
+    )
+    // What it keeps to build parts of a crate again costs time, and this builds everything.
+    .env("CARGO_INCREMENTAL", "0")
+    .read()?;
+    let mut programs = Vec::new();
+    for message in messages.lines() {
+        let message: Value = serde_json::from_str(message)?;
+        let (Some(path), Some(true)) = (
+            message["executable"].as_str(),
+            message["profile"]["test"].as_bool(),
+        ) else {
+            continue;
+        };
+        let manifest = message["manifest_path"].as_str().unwrap_or_default();
+        let Some((package, _)) = members.iter().find(|(_, path)| path == manifest) else {
+            bail!("{path} is of no member of the workspace: {manifest}");
+        };
+        let folder = Path::new(manifest).with_file_name("");
+        let suite = message["target"]["name"].as_str().unwrap_or_default();
+        let count = |options: &[&str]| -> Result<usize> {
+            let _there = sh.push_dir(&folder);
+            let list = cmd!(sh, "{path} --list --format terse {options...}");
+            let list = list.quiet().read()?;
+            Ok(list.lines().filter(|line| line.ends_with(": test")).count())
+        };
+        programs.push(Program {
+            path: path.into(),
+            tests: Tests {
+                package: package.clone(),
+                suite: suite.to_owned(),
+                all: count(&[])?,
+                ignored: count(&["--ignored"])?,
+            },
+            folder,
+        });
+    }
+    Ok(programs)
+}
+
+/// Does the same with each of them, as many at once as there are processors. After an error, none is
+/// begun.
+pub(crate) fn side_by_side<T: Sync>(
+    items: &[T],
+    work: impl Fn(&T) -> Result<()> + Sync,
+) -> Result<()> {
+    let next = AtomicUsize::new(0);
+    let in_turn = || -> Result<()> {
+        while let Some(item) = items.get(next.fetch_add(1, Ordering::Relaxed)) {
+            work(item).inspect_err(|_| next.store(items.len(), Ordering::Relaxed))?;
+        }
+        Ok(())
+    };
+    let threads = thread::available_parallelism()?.get().min(items.len());
+    thread::scope(|scope| {
+        let threads: Vec<_> = (0..threads).map(|_| scope.spawn(in_turn)).collect();
+        threads.into_iter().try_for_each(|thread| {
+            thread
+                .join()
+                .unwrap_or_else(|panic| std::panic::resume_unwind(panic))
+        })
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const SAID: &str = "
+running 3 tests
+test a ... ok
+test b ... ignored, needs an ot-rcp: cargo xtask peers
+a test says: test result: ok. 9 passed
+
+test result: ok. 2 passed; 0 failed; 1 ignored; 0 measured; 0 filtered out; finished in 0.01s
+
+test result: ok. 0 passed; 0 failed; 0 ignored; 0 measured; 15 filtered out; finished in 0.00s
+test result: FAILED. 4 passed; 1 failed; 0 ignored; 0 measured; 0 filtered out; finished in 1.00s
+";
+
+    fn tests(package: &str, suite: &str, all: usize, ignored: usize) -> Tests {
+        Tests {
+            package: package.into(),
+            suite: suite.into(),
+            all,
+            ignored,
+        }
+    }
+
+    #[test]
+    fn only_the_last_line_of_a_program_counts() {
+        let counts = Counts {
+            programs: 3,
+            passed: 6,
+            failed: 1,
+            ignored: 1,
+        };
+        assert_eq!(Counts::of(SAID), counts);
+        for nothing in ["", "running 0 tests", "test result: ok", "test result: "] {
+            assert_eq!(Counts::of(nothing), Counts::default(), "{nothing}");
+        }
+    }
+
+    #[test]
+    fn other_than_there_are_is_an_error() {
+        let there = tests("a", "a", 3, 1);
+        let ran = |programs, passed, ignored| {
+            let counts = Counts {
+                programs,
+                passed,
+                ignored,
+                ..Counts::default()
+            };
+            all_ran(&there, counts).is_ok()
+        };
+        assert!(ran(1, 2, 1));
+        assert!(!ran(0, 0, 0));
+        assert!(!ran(1, 1, 1));
+        assert!(!ran(1, 3, 0));
+        assert!(!ran(2, 2, 1));
+    }
+
+    #[test]
+    fn a_member_without_tests_is_noticed() {
+        let (none, two) = (&tests("a", "a", 0, 0), &tests("a", "b", 2, 0));
+        let without = WITHOUT_TESTS[0];
+        assert!(complete(&["a"], &[none, two]).is_ok());
+        assert!(complete(&["a", without], &[none, two]).is_ok());
+        assert!(complete(&["a", "c"], &[none, two]).is_err());
+        assert!(complete(&["a"], &[none]).is_err());
+        assert!(complete(&[without], &[&tests(without, "a", 1, 0)]).is_err());
+    }
+
+    #[test]
+    fn an_ignored_test_that_no_stage_runs_is_noticed() {
+        for suite in ignored_suites() {
+            assert!(complete(&["a"], &[&tests("a", suite, 2, 2)]).is_ok());
+        }
+        assert!(complete(&["a"], &[&tests("a", "a", 2, 1)]).is_err());
+    }
+
+    #[test]
+    fn one_that_fails_is_noticed() {
+        let numbers: Vec<_> = (0..20).collect();
+        let done = AtomicUsize::new(0);
+        side_by_side(&numbers, |_| {
+            done.fetch_add(1, Ordering::Relaxed);
+            Ok(())
+        })
+        .unwrap();
+        assert_eq!(done.into_inner(), numbers.len());
+        let failed = side_by_side(&numbers, |&number| {
+            ensure!(number != 7, "seven");
+            Ok(())
+        });
+        assert_eq!(failed.unwrap_err().to_string(), "seven");
+        assert!(side_by_side::<u8>(&[], |_| Ok(())).is_ok());
+    }
+}
