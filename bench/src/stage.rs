@@ -17,7 +17,7 @@ use calib_core::{
 use nalgebra::{Matrix2, Point2};
 use serde::Deserialize;
 
-use crate::figure::{Goal, Sheet, full_data, quantile, rms, worst};
+use crate::figure::{Estimate, Goal, Sheet, full_data, quantile, rms, worst};
 
 const LAST_COLUMN: u8 = 87;
 /// Stage measures (left + right) / 2 in whole or half columns, of a body 0.3 units wide.
@@ -87,11 +87,18 @@ pub(crate) fn run(sheet: &mut Sheet, is_brief: bool) -> anyhow::Result<()> {
     };
     let name = "three planned stops,";
     let median = |of| quantile(of, 0.5);
-    sheet.figure(
+    let distance = median(|e| e.distance);
+    // Of a Rayleigh distribution, about that of distances.
+    let distance = Estimate {
+        value: distance,
+        standard_error: 0.72 * distance / (errors.len() as f64).sqrt(),
+    };
+    sheet.estimate(
         &format!("{name} median distance"),
-        median(|e| e.distance),
+        distance,
         "units",
         &Goal::AtMost(0.08),
+        is_brief,
     );
     sheet.figure(
         &format!("{name} median heading"),
