@@ -139,8 +139,9 @@ impl Simulation {
     /// # Errors
     /// The scenario is not possible.
     pub fn new(scenario: Scenario, options: Options) -> Result<Self, ScenarioError> {
-        let written = scenario.networks.clone();
-        let scenario = scenario.scattered();
+        let scattered = scenario.scattered();
+        let written = scenario.networks;
+        let scenario = scattered;
         let site = scenario.put_up()?;
         let root = Root(scenario.seed);
         let mut executor = Executor::new();
