@@ -58,7 +58,7 @@ impl NetworkView {
                     y: 0.0,
                     heading_deg: 0.0,
                 },
-                building: site.and_then(|site| site.building()),
+                building: site.and_then(SitePlan::building),
                 pan: self.network().map(|network| network.pan),
                 channel: self.network().map(|network| network.channel),
             }],

@@ -336,10 +336,9 @@ impl Networks {
         let in_pair = camera.reference && self.unanswered.contains(network);
         let helped = troubles.iter().any(Trouble::asks_for_a_stop);
         let hopeless = troubles.iter().any(Trouble::is_hopeless);
-        let can_help = !camera.never_joined()
-            && !hopeless
-            && self.visited.contains(network)
-            && !(in_pair && self.halved.contains(network));
+        let is_alone = in_pair && self.halved.contains(network);
+        let is_out_of_reach = hopeless || is_alone || camera.never_joined();
+        let can_help = self.visited.contains(network) && !is_out_of_reach;
         ((in_pair || helped) && can_help).then_some(Wish {
             camera,
             believes: camera.status != Some(Status::Doubtful),
