@@ -209,7 +209,8 @@ impl<const PAGE_LEN: usize> Flash<PAGE_LEN> {
         Ref::map(self.chip.borrow(), |chip| chip.bytes.as_slice())
     }
 
-    /// All bytes, to let them rot.
+    /// All bytes, to let them rot, or to put there what another flash holds. Whether a word has been
+    /// written does not change.
     pub fn bytes_mut(&self) -> RefMut<'_, [u8]> {
         RefMut::map(self.chip.borrow_mut(), |chip| chip.bytes.as_mut_slice())
     }
