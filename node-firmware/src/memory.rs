@@ -33,7 +33,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::config::COLOURS_MAX;
 use crate::log::warning;
-use crate::message::{Address, MEMBERS, Posed, References, Report, Seen, StopNumber};
+use crate::message::{Address, MEMBERS, References, Report, Seen, StopNumber};
 use crate::sight::ColourWindow;
 
 /// One above the highest key.
@@ -61,8 +61,8 @@ pub enum Fact {
     ReferenceStop(u8, Option<ReferenceStop>),
     /// Target and coordinator: a camera in this place of the table.
     Camera(u8, Option<(Address, Report)>),
-    /// The first reference camera: the pose of the second, which may not have heard it.
-    Posed(Option<Posed>),
+    /// The first reference camera: how far the second is, which may not have heard it.
+    Posed(Option<Report>),
     /// A camera: the colours it learnt.
     Colours(Colours),
     /// Camera and target: the network that the addresses in all other facts are of.

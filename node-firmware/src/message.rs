@@ -66,8 +66,8 @@ pub enum Message {
     Bearing(Bearing),
     /// The first reference camera tells a target where it stands.
     Located(Located),
-    /// The first reference camera tells the second one its pose.
-    Posed(Posed),
+    /// The first reference camera tells the second one how far that is: what it solved for it.
+    Posed(Report),
     /// A camera tells how far it is: to the coordinator and to targets.
     Report(Report),
     /// The coordinator wants something done by a camera.
@@ -258,20 +258,6 @@ pub struct PoseParts {
     pub covariance: [f32; 6],
 }
 
-/// The pose of the second reference camera, and what the solve is worth that it came of: which
-/// [`Status`] that is, the camera judges by its own limits.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(remote = "Self")]
-#[cfg_attr(feature = "defmt", derive(defmt::Format))]
-pub struct Posed {
-    /// The pose.
-    pub pose: PoseParts,
-    /// Stops of the solve.
-    pub stops: u8,
-    /// How well they fit.
-    pub fit: Fit<f32>,
-}
-
 /// How far a camera is.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(remote = "Self")]
@@ -294,7 +280,7 @@ pub struct Report {
 }
 
 /// What a camera knows about itself: a [`Status`], and what belongs to it.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, Serialize, Deserialize)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum State {
     /// Fewer sightings than a pose needs.
@@ -307,6 +293,15 @@ pub enum State {
     Weak(PoseParts),
     /// A pose that the sightings contradict.
     Doubtful(PoseParts),
+}
+
+// Derived, it would compare poses in three places, each in flash.
+impl PartialEq for State {
+    fn eq(&self, other: &Self) -> bool {
+        self.status() == other.status()
+            && self.refusal() == other.refusal()
+            && self.pose() == other.pose()
+    }
 }
 
 impl State {
@@ -344,19 +339,20 @@ impl State {
         }
     }
 
+    /// Why there is no pose, if it was refused.
+    pub const fn refusal(&self) -> Option<Refusal> {
+        match self {
+            Self::Refused(refusal) => Some(*refusal),
+            _ => None,
+        }
+    }
+
     /// The pose, if there is one, whatever it is worth.
     pub const fn pose(&self) -> Option<&PoseParts> {
         match self {
             Self::Calibrated(pose) | Self::Weak(pose) | Self::Doubtful(pose) => Some(pose),
             Self::Waiting | Self::Refused(_) => None,
         }
-    }
-}
-
-impl Posed {
-    /// Whether the pose is one, and chi squared is finite and not below zero.
-    pub fn is_usable(&self) -> bool {
-        self.pose.is_usable() && self.fit.chi_squared.is_finite() && self.fit.chi_squared >= 0.0
     }
 }
 
@@ -465,7 +461,7 @@ macro_rules! sound {
     )+};
 }
 
-sound!(References, Seen, Located, PoseParts, Posed, Report, Sighted);
+sound!(References, Seen, Located, PoseParts, Report, Sighted);
 
 fn all_finite<'a>(numbers: impl IntoIterator<Item = &'a f32>) -> bool {
     numbers.into_iter().all(|number| number.is_finite())

@@ -6,7 +6,6 @@ mod support;
 use calib_core::{
     Refusal,
     dead_reckoning::{Place, PlaceParts, Step, Systematic},
-    fit::Fit,
 };
 use nalgebra::{Point2, Vector2};
 use node_firmware::{
@@ -14,8 +13,8 @@ use node_firmware::{
     console::FromPc,
     hardware::Button,
     message::{
-        Bearing, Command, Done, Frame, Hello, Kind, Located, Look, Message, PoseParts, Posed,
-        References, Report, Seen, Sight, Sighted, State, Stopped, Tracked,
+        Bearing, Command, Done, Frame, Hello, Kind, Located, Look, Message, PoseParts, References,
+        Report, Seen, Sight, Sighted, State, Stopped, Tracked,
     },
     role::{
         Role,
@@ -126,17 +125,6 @@ impl Any {
         }
     }
 
-    fn posed(&mut self) -> Posed {
-        Posed {
-            pose: self.pose(),
-            stops: self.0.random(),
-            fit: Fit {
-                chi_squared: self.number(),
-                degrees_of_freedom: self.below(30).into(),
-            },
-        }
-    }
-
     fn report(&mut self) -> Report {
         let state = match self.below(5) {
             0 => State::Waiting,
@@ -234,7 +222,7 @@ impl Any {
                 frame_heading: self.number(),
                 frame_heading_sigma: self.sigma(),
             }),
-            14 => Message::Posed(self.posed()),
+            14 => Message::Posed(self.report()),
             15 => Message::Report(self.report()),
             16 => Message::Command(self.command()),
             17 => Message::Done(Done {

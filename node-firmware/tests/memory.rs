@@ -4,16 +4,13 @@ mod support;
 
 use std::collections::BTreeMap;
 
-use calib_core::{
-    dead_reckoning::{Place, PlaceParts, Systematic},
-    fit::Fit,
-};
+use calib_core::dead_reckoning::{Place, PlaceParts, Systematic};
 use embassy_futures::block_on;
 use nalgebra::{Point2, Vector2};
 use node_firmware::{
     config::Duty,
     memory::{Colours, Fact, KeptSighting, Memory, Network, ReferenceStop, Walk},
-    message::{MEMBERS, PoseParts, Posed, References, Report, Seen, State},
+    message::{MEMBERS, PoseParts, References, Report, Seen, State},
     role::camera::{REFERENCE_STOPS, SIGHTINGS},
     sight::ColourWindow,
 };
@@ -121,14 +118,7 @@ fn longest() -> [Fact; 9] {
             frame_heading: Some(1.0),
             frame_heading_sigma: 0.5,
         }),
-        Fact::Posed(Some(Posed {
-            pose: pose(),
-            stops: 255,
-            fit: Fit {
-                chi_squared: 2.0,
-                degrees_of_freedom: u16::MAX.into(),
-            },
-        })),
+        Fact::Posed(Some(report(u16::MAX))),
         colours(),
         network(),
         sighting(MEMBERS as u8 - 1, 1.0),

@@ -5,15 +5,15 @@ mod support;
 
 use std::{cell::RefCell, rc::Rc, time::Duration};
 
-use calib_core::{Refusal, Status, dead_reckoning::Track, fit::Fit};
+use calib_core::{Refusal, Status, dead_reckoning::Track};
 use node_firmware::{
     config::{CameraConfig, Duty, Reference, Sigmas, Subjects},
     console::{FromPc, ToPc},
     hardware::Button,
     memory::Fact,
     message::{
-        Command, Done, Frame, Hello, Kind, Message, PoseParts, Posed, References, Report, Seen,
-        Sight, State, Stopped,
+        Command, Done, Frame, Hello, Kind, Message, PoseParts, References, Report, Seen, Sight,
+        State, Stopped,
     },
     role::{
         Role, camera,
@@ -556,14 +556,19 @@ fn a_reference_drops_its_sightings() {
             station.act(now + 1, &mut air);
         }
         assert_eq!(station.recalled_sightings(), 2);
-        let posed = Message::Posed(Posed {
-            pose: PoseParts {
-                position: [10.0, 0.0],
-                heading: 1.0,
-                covariance: [1e-4, 0.0, 1e-4, 0.0, 0.0, 1e-4],
-            },
-            stops: 3,
-            fit: Fit::default(),
+        let pose = PoseParts {
+            position: [10.0, 0.0],
+            heading: 1.0,
+            covariance: [1e-4, 0.0, 1e-4, 0.0, 0.0, 1e-4],
+        };
+        let posed = Message::Posed(Report {
+            id: 101,
+            duty: None,
+            sightings: 3,
+            used: 3,
+            chi_squared: 1.0,
+            done: false,
+            state: State::Calibrated(pose),
         });
         station.facts_left = cut;
         station.hear(3 * SECOND, ShortAddress(1), &posed);

@@ -4,7 +4,6 @@
 use calib_core::{
     Refusal, Status,
     dead_reckoning::{Place, PlaceParts, Systematic},
-    fit::Fit,
 };
 use nalgebra::{Point2, Vector2};
 use node_firmware::{
@@ -13,7 +12,7 @@ use node_firmware::{
     console::{FRAME_MAX, Frames, FromPc, KeyChange, Network, ToPc, encode},
     message::{
         Bearing, Command, Done, Frame, Hello, Kind, Located, Look, MEMBERS, Message, PoseParts,
-        Posed, References, Report, Seen, Sight, Sighted, State, Stopped, Tracked,
+        References, Report, Seen, Sight, Sighted, State, Stopped, Tracked,
     },
 };
 use proptest::prelude::*;
@@ -69,17 +68,6 @@ fn report(duty: Option<Duty>, state: State) -> Report {
         chi_squared: 2.0,
         done: true,
         state,
-    }
-}
-
-fn posed() -> Posed {
-    Posed {
-        pose: pose(),
-        stops: 3,
-        fit: Fit {
-            chi_squared: 2.0,
-            degrees_of_freedom: 300,
-        },
     }
 }
 
@@ -187,8 +175,8 @@ fn golden() -> Vec<(Message, String)> {
             format!("0805{ONE}{TWO}{ONE}{HALF}{TWO}{HALF}{ONE}"),
         ),
         (
-            Message::Posed(posed()),
-            format!("09{}03{TWO}ac02", pose_bytes()),
+            Message::Posed(report(Some(Duty::First), State::Doubtful(pose()))),
+            format!("090b01000403{TWO}0104{}", pose_bytes()),
         ),
         (
             Message::Report(report(None, State::Waiting)),
@@ -512,17 +500,7 @@ fn longest() -> Vec<(&'static str, Message)> {
                 frame_heading_sigma: 1.0,
             }),
         ),
-        (
-            "Posed",
-            Message::Posed(Posed {
-                stops: 255,
-                fit: Fit {
-                    chi_squared: 2.0,
-                    degrees_of_freedom: u16::MAX.into(),
-                },
-                ..posed()
-            }),
-        ),
+        ("Posed", Message::Posed(report)),
         ("Report", Message::Report(report)),
         (
             "Command",
@@ -571,7 +549,7 @@ const LENGTHS: [(&str, usize); 16] = [
     ("Trigger", 7),
     ("Bearing", 52),
     ("Located", 32),
-    ("Posed", 45),
+    ("Posed", 50),
     ("Report", 50),
     ("Command", 3),
     ("Done", 4),
@@ -622,12 +600,13 @@ fn check(bytes: &[u8]) {
         assert!(!shown.contains("NaN") && !shown.contains("inf"), "{shown}");
     }
     match &message {
-        Message::Posed(posed) => assert!(posed.pose.is_usable()),
         Message::Bearing(bearing) => {
             assert!(bearing.seen.is_usable());
             assert!(bearing.pose.is_none_or(|pose| pose.pose().is_some()));
         }
-        Message::Report(report) => assert!(report.pose().is_none_or(|p| p.pose().is_some())),
+        Message::Posed(report) | Message::Report(report) => {
+            assert!(report.pose().is_none_or(|p| p.pose().is_some()));
+        }
         _ => {}
     }
     let again = postcard::to_allocvec_like(&message);
@@ -657,19 +636,16 @@ fn spoilt_numbers_do_not_decode() {
 #[test]
 fn unsound_values_do_not_decode() {
     let unsound = [
-        Message::Posed(Posed {
-            pose: PoseParts {
+        Message::Posed(report(
+            None,
+            State::Calibrated(PoseParts {
                 covariance: [1.0, 2.0, 1.0, 0.0, 0.0, 1.0],
                 ..pose()
-            },
-            ..posed()
-        }),
-        Message::Posed(Posed {
-            fit: Fit {
-                chi_squared: -1.0,
-                degrees_of_freedom: 3,
-            },
-            ..posed()
+            }),
+        )),
+        Message::Posed(Report {
+            chi_squared: -1.0,
+            ..report(None, State::Calibrated(pose()))
         }),
         Message::Bearing(Bearing {
             target: 1,

@@ -6,13 +6,13 @@ use zigbee_link::Instant;
 use super::{
     Camera,
     facts::{POSED, REFERENCES, reference_stop},
-    reference::{NotYet, ReferenceFrame},
+    reference::{Answer, NotYet, ReferenceFrame},
 };
 use crate::{
     config::Duty,
     log::debug,
     memory::ReferenceStop,
-    message::{Address, Bearing, Posed, References, Report, State, StopNumber},
+    message::{Address, Bearing, References, Report, State, StopNumber},
     role::Owed,
 };
 
@@ -35,12 +35,22 @@ impl Camera {
         };
         let frame = ReferenceFrame::new(references, &self.config);
         let wanted = usize::from(self.config.reference_stops);
-        match self.stops.solve(&frame, wanted) {
+        let solved = self.stops.solve(&frame, wanted);
+        self.solved(now, &solved);
+    }
+
+    // Not inlined: what it takes of the stack is not there while solving.
+    #[inline(never)]
+    fn solved(&mut self, now: Instant, solved: &Result<Answer, NotYet>) {
+        match solved {
             Ok(answer) => {
-                let [first, second] = answer.poses.map(|pose| Posed {
-                    pose,
-                    stops: answer.stops as u8,
-                    fit: answer.fit,
+                let limits = self.config.weak.limits();
+                let [first, second] = answer.poses.map(|pose| Report {
+                    sightings: answer.stops as u8,
+                    used: answer.stops as u8,
+                    chi_squared: answer.fit.chi_squared,
+                    state: State::judged(pose, &answer.fit, &limits),
+                    ..self.report
                 });
                 self.posed = (Owed::Due(now, 0), Some(second));
                 self.unsaved.add(POSED);
@@ -50,7 +60,7 @@ impl Camera {
             Err(why) => {
                 debug!("no reference solve yet");
                 if let NotYet::Refused(refusal) = why {
-                    let state = State::Refused(refusal);
+                    let state = State::Refused(*refusal);
                     self.know(
                         now,
                         Report {
@@ -64,15 +74,13 @@ impl Camera {
     }
 
     /// This reference camera now knows its pose.
-    pub(super) fn posed_as(&mut self, now: Instant, duty: Duty, posed: &Posed) {
+    pub(super) fn posed_as(&mut self, now: Instant, duty: Duty, solved: &Report) {
         let report = Report {
+            id: self.id,
             duty: Some(duty),
-            sightings: posed.stops,
-            used: posed.stops,
-            chi_squared: posed.fit.chi_squared,
             done: true,
-            state: State::judged(posed.pose, &posed.fit, &self.config.weak.limits()),
-            ..self.report
+            state: solved.state.judged_again(&self.config.weak.limits()),
+            ..*solved
         };
         // The stops are erased when this is written down.
         self.know(now, report);

@@ -8,7 +8,7 @@ use crate::{
     config::Duty,
     hardware::{Button, Indication},
     memory::Fact,
-    message::{Command, Done, Message, Sight, State},
+    message::{Command, Done, Message, PoseParts, Sight, State},
     role::{COORDINATOR, Earliest, Output, Role},
 };
 
@@ -51,13 +51,14 @@ impl Role for Camera {
             Message::Bearing(bearing) if self.references.is_some_and(|r| r.second == from.0) => {
                 self.bearing(now, bearing);
             }
-            Message::Posed(posed)
+            Message::Posed(solved)
                 if self.duty() == Some(Duty::Second)
                     && self.references.is_some_and(|r| r.first == from.0)
-                    && posed.is_usable() =>
+                    && solved.is_usable()
+                    && solved.pose().is_some_and(PoseParts::is_usable) =>
             {
                 self.bearings.clear();
-                self.posed_as(now, Duty::Second, posed);
+                self.posed_as(now, Duty::Second, solved);
             }
             Message::WhoIsThere if is_coordinator => {
                 let due = now + self.slot();

@@ -39,7 +39,7 @@ use crate::{
     memory::Colours,
     message::{
         Address, Bearing, Command, Done, Frame, Hello, Kind, Located, MEMBERS, Message, PoseParts,
-        Posed, References, Report, Seen, Sight, Sighted, State, StopNumber, Stopped, Tracked,
+        References, Report, Seen, Sight, Sighted, State, StopNumber, Stopped, Tracked,
     },
     sight::ColourWindow,
 };
@@ -157,7 +157,7 @@ pub struct Camera {
     hello: Owed,
     to_coordinator: Owed,
     to_targets: heapless::Vec<KnownTarget, TARGETS>,
-    posed: (Owed, Option<Posed>),
+    posed: (Owed, Option<Report>),
     located: (Owed, Option<(Address, Located)>),
     bearings: heapless::Vec<(Address, StopNumber, Owed), REFERENCE_STOPS>,
     /// The next of its sightings that the coordinator asked for.
