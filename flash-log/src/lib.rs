@@ -303,6 +303,14 @@ impl<F: NorFlash, const SLOT: usize> Log<F, SLOT> {
     }
 }
 
+/// Copies as much as both have. Unlike `copy_from_slice` it leaves no branch to a panic where it is
+/// not inlined.
+fn copy(to: &mut [u8], from: &[u8]) {
+    for (to, from) in to.iter_mut().zip(from) {
+        *to = *from;
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -317,13 +325,5 @@ mod tests {
         assert_eq!(entry.key(), 7);
         assert_eq!(entry.value()[..4], [1, 2, 3, 0]);
         assert_eq!(entry.value().len(), 90);
-    }
-}
-
-/// Copies as much as both have. Unlike `copy_from_slice` it leaves no branch to a panic where it is
-/// not inlined.
-fn copy(to: &mut [u8], from: &[u8]) {
-    for (to, from) in to.iter_mut().zip(from) {
-        *to = *from;
     }
 }

@@ -134,7 +134,7 @@ fn degrees_are_not_taken_for_radians() {
     assert_eq!(one.code, 0);
     let unreadable = statuses(&one.stdout)
         .into_iter()
-        .filter(|(_, status)| status == "unreadable");
+        .filter(|(_, status)| status == "refused");
     let unreadable: Vec<_> = unreadable.map(|(case, _)| case).collect();
     assert_eq!(unreadable, ["3"]);
     assert!(

@@ -50,6 +50,8 @@ fn references_that_are_elected() {
     assert_fair(&records);
 }
 
+/// The second one's last stop is beside the lines of sight to the first one's: a ball that is half
+/// hidden by the other one is a matter of its own, which nodes do not always notice.
 #[test]
 fn two_targets_of_two_colours() {
     let mut records = Vec::new();
@@ -57,7 +59,7 @@ fn two_targets_of_two_colours() {
         let yard = Yard {
             targets: "{ id = 20, stops = [STOPS] }, { id = 21, colour = [40, 200, 60], stops = \
                       [[5.0, 4.1], [3.1, 4.4], [4.0, 3.4], [3.5, 5.1], [5.3, 4.6], [4.4, 3.7], \
-                      [2.9, 3.8], [4.7, 5.5]] }",
+                      [2.9, 3.8], [5.6, 3.6]] }",
             ..Yard::default()
         };
         let record = run(yard.scenario(seed));

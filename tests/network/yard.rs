@@ -182,7 +182,8 @@ pub(crate) fn assert_calibrated_within(record: &RunRecord, what: &str, widest: f
         }
         assert!(
             camera.nees.is_none_or(|nees| nees < NEES_MAX),
-            "{what}: camera {id}"
+            "{what}: camera {id}: squared error over predicted covariance {:?}",
+            camera.nees
         );
         assert!(
             estimate.sigma_position() < widest,

@@ -3,11 +3,14 @@
 use cmucam2_emulator::{Emulator, Scene};
 use virtual_bench::{executor::Time, line::Device};
 
+/// Puts things where they are at a time.
+type Stage = Box<dyn FnMut(Time, &mut Scene)>;
+
 /// A camera that sees a scene which changes with time.
 pub struct CameraDevice {
     /// The camera.
     pub emulator: Emulator,
-    scene: Box<dyn FnMut(Time, &mut Scene)>,
+    scene: Stage,
 }
 
 impl CameraDevice {

@@ -152,8 +152,8 @@ impl Simulation {
     /// # Errors
     /// The scenario is not possible.
     pub fn new(scenario: Scenario, options: Options) -> Result<Self, ScenarioError> {
-        let written = scenario.networks.clone();
-        let (scenario, site) = scenario.rehearsed()?;
+        let (rehearsed, site) = scenario.rehearsed()?;
+        let (written, scenario) = (scenario.networks, rehearsed);
         let root = Root(scenario.seed);
         let mut executor = Executor::new();
         let real_time = options.emulation.as_ref().map(|_| 1.0);

@@ -3,7 +3,10 @@
 use std::collections::BTreeSet;
 
 use super::{Checked, refuse};
-use crate::{event::Action, file::Scenario};
+use crate::{
+    event::Action,
+    file::{NetworkTable, Scenario},
+};
 
 /// `ids` are the numbers of all cameras and targets.
 pub(super) fn check(scenario: &Scenario, ids: &BTreeSet<u16>) -> Checked {
@@ -13,10 +16,7 @@ pub(super) fn check(scenario: &Scenario, ids: &BTreeSet<u16>) -> Checked {
         .flat_map(|network| &network.targets)
         .map(|target| target.id)
         .collect();
-    let channels: BTreeSet<_> = networks
-        .iter()
-        .flat_map(|network| network.channels())
-        .collect();
+    let channels: BTreeSet<_> = networks.iter().flat_map(NetworkTable::channels).collect();
     for (n, event) in (1..).zip(&scenario.events) {
         let name = |field: &str| format!("event {n}.{field}");
         let is_camera_only = matches!(

@@ -151,7 +151,7 @@ fn value(value: &Value<'_>, key: &Key, path: &str, field: &str) -> Checked {
         Kind::Texts if found.is_str() => Ok(()),
         Kind::Address if found.as_str().is_some_and(|text| address(text).is_some()) => Ok(()),
         Kind::Addresses => {
-            let is_address = |one: &DeValue<'_>| Some(address(one.as_str()?)?);
+            let is_address = |one: &DeValue<'_>| address(one.as_str()?);
             match list(found, is_address) {
                 Some(_) => Ok(()),
                 None => wrong(show(found)),
