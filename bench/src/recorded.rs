@@ -36,7 +36,7 @@ const HALF_A_CENTIMETRE: &str =
 /// Why MRCLAM 9 does with the sigma of the other robots.
 const TOLD_TOO_LITTLE: &str = "this robot errs by 0.0119 rad: the solver is told less, and trusts";
 /// Why the first place of Roh does.
-const BETKE: &str = "published for Betke's method of 1997; weights for far and near beacons differ";
+const BETKE: &str = "published for the method of Betke, 1997";
 
 /// What a set is to reach: kept share in per cent and p99 of position in metres, per sigma limit.
 struct Gate {

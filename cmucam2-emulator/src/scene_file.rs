@@ -200,7 +200,7 @@ fn sense(holds: bool, why: impl Into<String>) -> Result<(), SceneError> {
 
 impl Scene {
     /// Reads a scene for a camera with this sensor. The format is that of the files in
-    /// `host-sim/scenes`, see `host-sim camera --help`.
+    /// `cmucam2-emulator/scenes`, see `host-sim camera --help`.
     ///
     /// # Errors
     /// [`SceneError`].

@@ -40,6 +40,10 @@ enum Carrier {
     Unknown,
 }
 
+/// Why a wrong lens is not always told.
+const LENS: &str =
+    "three sightings always fit, also those of a wrong lens, which no node estimates";
+
 /// A row of the table.
 struct Case {
     name: &'static str,
@@ -55,6 +59,8 @@ struct Case {
     calibrated: Goal,
     /// The share of the runs with contradicting sightings.
     doubting: Goal,
+    /// The share of the cameras that are called calibrated and are five sigmas off.
+    deceived: Goal,
 }
 
 const NO_GOALS: [Goal; 3] = [Goal::None, Goal::None, Goal::None];
@@ -71,6 +77,7 @@ impl Default for Case {
             nees: Goal::None,
             calibrated: Goal::None,
             doubting: Goal::None,
+            deceived: Goal::AtMost(0.001),
         }
     }
 }
@@ -170,6 +177,7 @@ fn cases() -> Vec<Case> {
         Case {
             name: "Stage's cameras taken for pin-holes, 3 stops",
             changes: stage(Projection::PinHole, 3),
+            deceived: Goal::Open(0.001, LENS),
             seeds: [30, 5],
             // One geometry in ninety hides it from the references: 0.989 measured.
             doubting: Goal::AtLeast(0.95),
@@ -178,6 +186,7 @@ fn cases() -> Vec<Case> {
         Case {
             name: "Stage's cameras taken for pin-holes, 10 stops",
             changes: stage(Projection::PinHole, 10),
+            deceived: Goal::Open(0.001, LENS),
             // One geometry in ninety hides it from the references: 0.989 measured.
             doubting: Goal::AtLeast(0.95),
             ..Case::default()
@@ -300,7 +309,7 @@ fn row(sheet: &mut Sheet, case: &Case, is_brief: bool) -> anyhow::Result<()> {
     let without = tally.share(Status::Refused) + tally.share(Status::Waiting);
     sheet.figure("cameras without a pose", without, "", &Goal::None);
     let name = "cameras called calibrated, 5 sigmas off";
-    sheet.figure(name, tally.deceived(), "", &Goal::AtMost(0.001));
+    sheet.figure(name, tally.deceived(), "", &case.deceived);
     let name = "runs with every camera calibrated";
     sheet.figure(name, tally.complete(), "", &Goal::None);
     let name = "runs told that sightings contradict each other";

@@ -276,3 +276,40 @@ impl Drop for Running {
         let _ = self.child.wait();
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use std::{
+        thread,
+        time::{Duration, Instant},
+    };
+
+    use super::*;
+
+    /// Whoever is killed cannot end what it started.
+    #[test]
+    #[cfg(target_os = "linux")]
+    fn a_program_does_not_outlive_the_thread_that_started_it() {
+        let start = || leashed("sleep").arg("600").spawn().unwrap();
+        let mut left = thread::spawn(start).join().unwrap();
+        let begun = Instant::now();
+        while left.try_wait().unwrap().is_none() {
+            assert!(begun.elapsed() < Duration::from_secs(30), "it still runs");
+            thread::sleep(Duration::from_millis(10));
+        }
+    }
+
+    #[test]
+    fn a_socket_of_the_last_time_is_replaced_and_other_trouble_is_told() {
+        let folder = std::env::temp_dir().join(format!("board-emulator-{}", std::process::id()));
+        fs::create_dir_all(folder.join("taken/by a folder")).unwrap();
+        File::create(folder.join("camera")).unwrap();
+        let board = || Emulator::new(Machine::Mps2An386, Path::new("no image"), &folder);
+        // Without an image, or without QEMU, nothing comes of it, but its socket is there by then.
+        drop(board().line("camera").start());
+        assert!(UnixStream::connect(folder.join("camera")).is_err());
+        assert!(!folder.join("camera").is_file());
+        assert!(board().line("taken").start().is_err());
+        fs::remove_dir_all(folder).unwrap();
+    }
+}

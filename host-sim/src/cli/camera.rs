@@ -125,7 +125,7 @@ Scenes (--scene FILE.toml):
                         bearing_deg, elevation_deg, size_deg   positive to the left and upwards
                         x, y, height, radius                   in the world
   A size is one number above 0, or [width, height]; a COLOUR is [red, green, blue], 0 to 255.
-  Examples are in host-sim/scenes: orange-ball.toml, which is the default, and rolling-ball.toml.
+  Examples are in cmucam2-emulator/scenes: orange-ball.toml, which is the default, and rolling-ball.toml.
 
 Signals: SIGUSR1 switches the camera off and on.
 

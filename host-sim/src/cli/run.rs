@@ -95,6 +95,7 @@ report and the record at their beginning (`cut_short`), other files in their las
 
 pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
     let scenario = arguments.scenario.load(arguments.seed)?;
+    arguments.scenario.tell_assumptions(&scenario);
     let script = arguments.pcap.as_deref().and_then(script_of);
     let image = arguments.image.as_deref().unwrap_or(Path::new(IMAGE));
     let files = Files::default()

@@ -5,9 +5,9 @@ use std::path::Path;
 use anyhow::anyhow;
 use clap::{Args, ValueEnum};
 use site::world::Variant;
-use site::{BUILT_IN, Overrides, Scenario, ScenarioError, planner::Placement};
+use site::{BUILT_IN, Overrides, Purpose, Scenario, ScenarioError, planner::Placement};
 
-use super::values;
+use super::{tell, values};
 
 /// Heading for these options.
 pub(super) const FOR_SCENARIO: &str = "Scenario";
@@ -93,6 +93,13 @@ impl ScenarioOptions {
             scatter: None,
         };
         Scenario::load(&self.scenario, &changes).map_err(|error| self.named(error))
+    }
+
+    /// Tells what the scenario leaves open that matters, and what is assumed.
+    pub(super) fn tell_assumptions(&self, scenario: &Scenario) {
+        for assumption in scenario.assumptions(Purpose::Rehearsal) {
+            tell(format_args!("{}: {assumption}", self.scenario));
+        }
     }
 
     /// What is wrong with the scenario, with its name.

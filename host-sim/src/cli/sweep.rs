@@ -127,6 +127,9 @@ fn scenarios(arguments: &Arguments, stop: &AtomicBool) -> anyhow::Result<Vec<Sce
             scenarios.push(scenario);
         }
     }
+    if let Some(first) = scenarios.first() {
+        arguments.scenario.tell_assumptions(first);
+    }
     Ok(scenarios)
 }
 
