@@ -290,7 +290,15 @@ mod tests {
     #[test]
     #[cfg(target_os = "linux")]
     fn a_program_does_not_outlive_the_thread_that_started_it() {
-        let start = || leashed("sleep").arg("600").spawn().unwrap();
+        let start = || {
+            let child = leashed("sleep").arg("600").spawn().unwrap();
+            // Whoever is killed before this is another matter.
+            let name = format!("/proc/{}/comm", child.id());
+            while fs::read_to_string(&name).unwrap() != "sleep\n" {
+                thread::sleep(Duration::from_millis(1));
+            }
+            child
+        };
         let mut left = thread::spawn(start).join().unwrap();
         let begun = Instant::now();
         while left.try_wait().unwrap().is_none() {
