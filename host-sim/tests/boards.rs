@@ -42,6 +42,7 @@ low = [-12.0, -4.0]
 high = [26.0, 30.0]
 
 [camera]
+projection = "pin-hole"
 field_of_view_deg = 45.0
 range = 40.0
 
@@ -54,8 +55,14 @@ step_length = 1.0
 medium = "unit-disk"
 range = 100.0
 
+[sensor]
+measures = false
+
 [firmware]
-weak_sigma = 1.0
+systematic_heading_deg = 0.0
+systematic_scale = 0.0
+standing_sigma = 0.05
+weak_sigma = 1.4
 
 [[network]]
 channel = 20
