@@ -20,7 +20,7 @@ const MANIFEST: &str = "xtask/peers/Cargo.toml";
 /// The crate, whose version `xtask/peers/Cargo.lock` tells.
 const CRATE: &str = "openthread-sys";
 
-pub(crate) const SUITES: [&str; 2] = ["ot_rcp", "capture"];
+pub(crate) const SUITES: [&str; 3] = ["ot_rcp", "capture", "decryption"];
 
 /// Kept until it is deleted.
 const DIRECTORY: &str = "target/peers";

