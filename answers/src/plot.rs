@@ -1,4 +1,4 @@
-//! Drawings as SVG: [maps of answers](svg), [maps of runs](map) with their [errors] and
+//! Drawings as SVG: [maps of answers](svg()), [maps of runs](map) with their [errors] and
 //! [residuals], and [errors over many runs](sweep()).
 
 use std::collections::HashSet;

@@ -4,7 +4,10 @@ use std::collections::BTreeMap;
 
 use answers::view;
 use calib_core::Sighting;
-use node_firmware::config::{Duty, Role as Configured};
+use node_firmware::{
+    config::{Duty, Role as Configured},
+    memory::KeptSighting,
+};
 
 use super::{Simulation, console::Console, journal::NodeEntry};
 use answers::record::{
@@ -216,20 +219,24 @@ fn sightings(
     numbers: &Numbers,
 ) -> Vec<(u16, u32, Sighting<f64>)> {
     let kept = || entry.sightings.values();
+    // The place that most of them share their errors with, as the camera chooses it: residuals are
+    // in units of the sigmas with which it weighs its sightings.
+    let fix = |sighting: &KeptSighting| (sighting.target, sighting.place.parts().fix);
+    let shared = |one: &&KeptSighting| kept().filter(|other| fix(other) == fix(one)).count();
+    let common = kept().max_by_key(shared);
     let sightings = kept().filter_map(|sighting| {
         let target = console.view().id_of(sighting.target)?;
         let stop = *numbers.get(&(target, sighting.stop))?;
         let place = &sighting.place;
-        let first = kept().find(|other| {
-            other.target == sighting.target && other.place.parts().fix == place.parts().fix
-        });
-        let first = first.map_or(*place, |first| first.place);
+        let own = match common {
+            Some(common) if common.target == sighting.target => place.own_covariance(&common.place),
+            _ => place.covariance(),
+        };
         let sighting = Sighting {
             target: place.position().cast(),
             ray: calib_core::Ray::from_bearing(f64::from(sighting.seen.bearing)),
             bearing_sigma: sighting.seen.sigma.into(),
-            // What stops share, residuals do not show.
-            target_covariance: place.own_covariance(&first).cast(),
+            target_covariance: own.cast(),
         };
         Some((target, stop, sighting))
     });

@@ -16,7 +16,7 @@
 //! [`BLOCK`] frames: with 10,000 erasures, some 2.5 billion frames.
 //!
 //! # Format, version 1
-//! A [log](flash_log) with slots of 32 bytes. Numbers in values are little-endian.
+//! A log ([`flash_log`]) with slots of 32 bytes. Numbers in values are little-endian.
 //!
 //! | key | value |
 //! |---|---|
