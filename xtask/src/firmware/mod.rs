@@ -148,9 +148,10 @@ pub(crate) fn build(sh: &Shell, package: &str) -> Result<PathBuf> {
     // Only here: other programs of this target have their own layout of the memory. The same for all
     // boards: with another linker cargo would build all crates again.
     let linker = format!("target.{TARGET}.linker='{}'", linker(sh).display());
+    let flags = format!("target.{TARGET}.rustflags=[{}]", short_paths()?.join(", "));
     cmd!(
         sh,
-        "cargo build --locked --config {linker} --profile {PROFILE} --package {package} --target {TARGET}"
+        "cargo build --locked --config {linker} --config {flags} --profile {PROFILE} --package {package} --target {TARGET}"
     )
     .env(LINK_IN, folder)
     .run()?;
@@ -160,6 +161,25 @@ pub(crate) fn build(sh: &Shell, package: &str) -> Result<PathBuf> {
     sh.create_dir(DIRECTORY)?;
     fs::copy(&built, &image).with_context(|| format!("{} is missing", built.display()))?;
     Ok(image)
+}
+
+/// Flags for the compiler, in quotes. Panics tell where they are: an image is not to have the names
+/// of its builder's folders in it, nor to be as long as these. Only what is linked: debug information
+/// keeps them.
+fn short_paths() -> Result<Vec<String>> {
+    let home = env::var_os("CARGO_HOME").map(PathBuf::from);
+    let usual = || env::home_dir().map(|home| home.join(".cargo"));
+    let sources = home.or_else(usual).map(|home| home.join("registry/src"));
+    let mut flags = vec!["'--remap-path-scope=macro'".to_owned()];
+    let Some(folders) = sources.filter(|sources| sources.is_dir()) else {
+        return Ok(flags);
+    };
+    for folder in fs::read_dir(folders)? {
+        let folder = folder?.path();
+        flags.push(format!("'--remap-path-prefix={}='", folder.display()));
+    }
+    flags.sort();
+    Ok(flags)
 }
 
 fn linker(sh: &Shell) -> PathBuf {
