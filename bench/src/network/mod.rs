@@ -41,8 +41,7 @@ enum Carrier {
 }
 
 /// Why a wrong lens is not always told.
-const LENS: &str =
-    "three sightings always fit, also those of a wrong lens, which no node estimates";
+const LENS: &str = "sightings may fit a wrong lens, which no node estimates";
 
 /// A row of the table.
 struct Case {
