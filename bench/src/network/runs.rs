@@ -2,15 +2,12 @@
 
 use std::{collections::BTreeMap, num::NonZeroUsize, thread};
 
-use answers::record::RunRecord;
+use answers::record::{RunRecord, verdict::deceives};
 use calib_core::Status;
 use host_sim::network::run_all;
 use site::Scenario;
 
 use crate::figure::Estimate;
-
-/// Squared error over predicted covariance, of three numbers: more happens once in a million.
-const FIVE_SIGMA: f64 = 30.7;
 
 /// What the cameras of many runs came to. Errors are those of the cameras that are no references,
 /// whatever their poses are worth; a run's cameras share the error of its references, so runs are
@@ -68,7 +65,8 @@ impl Tally {
                 continue;
             };
             let nees = camera.nees.unwrap_or(0.0);
-            self.deceived += usize::from(status == Status::Calibrated && nees > FIVE_SIGMA);
+            self.deceived +=
+                usize::from(status == Status::Calibrated && deceives(camera).is_some());
             if camera.reference {
                 continue;
             }

@@ -19,7 +19,7 @@ const MANY: usize = 10;
 const TOO_SMALL: f64 = 2.0;
 
 /// How many predicted sigmas the pose is off, if these are more than five are to one number.
-pub(super) fn deceives(camera: &Node) -> Option<f64> {
+pub fn deceives(camera: &Node) -> Option<f64> {
     let fit = camera.truth_fit()?;
     let limit = FIVE_SIGMAS.get(fit.degrees_of_freedom.checked_sub(1)?)?;
     (!(fit.chi_squared <= *limit)).then(|| fit.chi_squared.sqrt())

@@ -19,6 +19,7 @@ mod causes;
 mod in_view;
 mod words;
 
+pub use causes::deceives;
 pub use in_view::InView;
 pub use words::status_words;
 
