@@ -9,6 +9,7 @@
 //!
 //! | module | job |
 //! |---|---|
+//! | [`limits`] | Numbers that the others share: members, colours, sightings |
 //! | [`config`] | What a node is told before it is switched on: identity, key, radio, role; and its flash page |
 //! | [`hardware`] | The seams: steps, lamps, buttons |
 //! | [`sight`] | What a camera role needs of its camera: is the target in view, in which direction, how sure |
@@ -40,6 +41,7 @@ extern crate std;
 pub mod config;
 pub mod console;
 pub mod hardware;
+pub mod limits;
 pub mod memory;
 pub mod message;
 pub mod role;

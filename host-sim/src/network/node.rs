@@ -11,6 +11,7 @@ use nalgebra::Point2;
 use node_firmware::{
     config::{Config, Role},
     hardware::{Indication, Indicator, StepSensor},
+    limits::CONSOLE_BAUD,
     memory::Fact,
     run::{Layout, Seams, run},
 };
@@ -45,9 +46,6 @@ const BACKDROP: Rgb = [110; 3];
 
 /// Tells where a target really is.
 type Whereabouts = Box<dyn Fn() -> Point2<f64>>;
-
-/// Bits per second between a coordinator and its PC.
-const CONSOLE_BAUD: u32 = 115_200;
 
 /// Steps that a sensor keeps while the node is busy.
 const STEPS: usize = 64;

@@ -30,9 +30,9 @@ use self::{apart::Apart, drive::Surroundings};
 use crate::{
     config::{Config, Role},
     hardware::{Buttons, Indicator, Observer, StepSensor},
+    limits::MEMBERS,
     log::warning,
     memory::Memory,
-    message::MEMBERS,
 };
 
 /// Nodes that one talks to: all members and the coordinator.

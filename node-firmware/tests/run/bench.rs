@@ -18,10 +18,10 @@ use embassy_futures::block_on;
 use embassy_sync::{blocking_mutex::raw::NoopRawMutex, channel::Channel};
 use embedded_io_async::{ErrorType, Read, Write};
 use node_firmware::{
-    config::{Config, CoordinatorConfig, Duty, Role, SiteKey},
+    config::{Config, CoordinatorConfig, Role, SiteKey},
     console::{Frames, FromPc, ToPc},
     hardware::{Indication, Indicator, Observer, StepSensor},
-    message::{Command, Done, Kind, Message, Sight},
+    message::{Command, Done, Duty, Kind, Message, Sight},
     run::{Layout, Seams, run},
 };
 use virtual_bench::{
