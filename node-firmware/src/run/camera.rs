@@ -2,6 +2,7 @@
 
 use core::{convert::Infallible, pin::pin};
 
+use calib_core::camera::Camera;
 use cmucam2_driver::Cmucam2;
 use embassy_futures::select::{Either, Either3, select, select3};
 use flash_log::LogError;
@@ -17,7 +18,7 @@ use crate::{
     hardware::{Buttons, Hardware},
     log::warning,
     message::{Command, Done, Seen, Sight, Tracked},
-    role::camera::{Camera, Event, Task},
+    role::camera::{self, Event, Task},
     sight::{BlobCamera, Cmucam2Sight, Judge, Look, SightError, Subject, look},
 };
 
@@ -26,20 +27,20 @@ const PAUSE_US: u64 = 1_000_000;
 const PAUSE_MAX_US: u64 = 32_000_000;
 
 pub(super) async fn run<H: Hardware>(
-    id: u16,
+    (id, optics): (u16, Camera<f32>),
     config: &CameraConfig,
     services: Services<'_, H>,
     (uart, mut buttons): (H::Uart, H::Buttons),
 ) -> LogError<FlashError<H>> {
     let clock = services.clock;
     let channels = DeviceChannels::new();
-    let mut role = Camera::new(id, config.clone());
+    let mut role = camera::Camera::new(id, config.clone());
     let driver = AnyDriver::Camera(RoleDriver::new(&mut role, &channels));
     let driven = drive(driver, services);
     let camera = Cmucam2Sight::new(Cmucam2::new(uart, ClockDelay(clock)), config.cmucam2());
     let device = CameraDevice {
         camera,
-        config,
+        judge: config.judge(optics),
         subjects: config.subjects.clone(),
         clock,
     };
@@ -60,7 +61,7 @@ pub(super) async fn run<H: Hardware>(
 /// The camera, and what it looks for.
 struct CameraDevice<'a, K, C> {
     camera: K,
-    config: &'a CameraConfig,
+    judge: Judge,
     /// Colours may be learnt anew.
     subjects: Subjects,
     clock: &'a C,
@@ -68,17 +69,6 @@ struct CameraDevice<'a, K, C> {
 
 impl<K: BlobCamera, C: Clock> CameraDevice<'_, K, C> {
     async fn serve(mut self, tasks: Tasks<'_, Task>, events: Events<'_, Event>) -> Infallible {
-        let Ok(mut judge) = self.config.judge() else {
-            // Refused where configurations are checked.
-            loop {
-                let event = match tasks.receive().await {
-                    Task::Look { .. } => Event::Looked(Sight::Failed, None),
-                    Task::Command(command) => done(command, false),
-                    Task::Recall(_) => continue,
-                };
-                events.send(event).await;
-            }
-        };
         self.wake().await;
         events.send(Event::Ready).await;
         let mut next = None;
@@ -89,7 +79,7 @@ impl<K: BlobCamera, C: Clock> CameraDevice<'_, K, C> {
             };
             match task {
                 Task::Look { colour } => {
-                    let (sight, seen) = self.look(colour, &mut judge).await;
+                    let (sight, seen) = self.look(colour).await;
                     events.send(Event::Looked(sight, seen)).await;
                 }
                 Task::Command(Command::Track { colour }) => {
@@ -138,11 +128,11 @@ impl<K: BlobCamera, C: Clock> CameraDevice<'_, K, C> {
         Ok(())
     }
 
-    async fn look(&mut self, colour: u8, judge: &mut Judge) -> (Sight, Option<Seen>) {
+    async fn look(&mut self, colour: u8) -> (Sight, Option<Seen>) {
         let Some(subject) = self.subjects.of_target(colour) else {
             return (Sight::NotInView, None);
         };
-        match look(&mut self.camera, subject, judge).await {
+        match look(&mut self.camera, subject, &mut self.judge).await {
             Ok(Look::Steady(seen)) => {
                 let seen = Seen {
                     bearing: seen.bearing,
