@@ -2,7 +2,7 @@
 
 use core::fmt;
 
-use crate::{Ray, Real, real::lit};
+use crate::{Ray, Real, numerics::real::lit};
 
 /// How a camera spreads directions over its columns.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

@@ -106,7 +106,7 @@ fn resection_nees(stops: usize, systematic: Systematic<f64>, standing: f64) -> N
             .map(|&(s, p)| (s, with_standing(&p, 0.0)))
             .collect();
         let answers = [
-            pose.with_shared_target_error(&first.covariance_with(&first)),
+            with_shared_error(pose, &first.covariance_with(&first)),
             correlate(&pose, &seen, one_walk).unwrap(),
             correlate(&pose, &denied, one_walk).unwrap(),
         ];
@@ -120,6 +120,13 @@ fn resection_nees(stops: usize, systematic: Systematic<f64>, standing: f64) -> N
         correlated,
         denied,
     }
+}
+
+/// The pose as if all stops erred by one and the same displacement of this covariance.
+fn with_shared_error(mut pose: Pose<f64>, covariance: &Matrix2<f64>) -> Pose<f64> {
+    let mut of_place = pose.covariance.fixed_view_mut::<2, 2>(0, 0);
+    of_place += covariance;
+    pose
 }
 
 fn with_standing(place: &Place<f64>, standing_sigma: f64) -> Place<f64> {

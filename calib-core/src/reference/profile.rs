@@ -11,8 +11,10 @@ use nalgebra::{Matrix6, Vector6};
 use super::model::Bearings;
 use crate::{
     Real,
-    minimize::{Descent, Problem, add_outer},
-    real::lit,
+    numerics::{
+        minimize::{Descent, Problem, add_outer},
+        real::lit,
+    },
 };
 
 /// Shortens the covariance's weakest direction to what the profile of the cost allows.

@@ -3,10 +3,13 @@
 use nalgebra::{ComplexField, Matrix3, Point2, Vector2, Vector3};
 
 use crate::{
-    Pose, Real, Refusal, Sighting, angle,
-    cholesky::Cholesky,
-    plane::{dot, quarter_turn},
-    real::lit,
+    Pose, Real, Refusal, Sighting,
+    numerics::{
+        angle,
+        cholesky::Cholesky,
+        plane::{dot, quarter_turn},
+        real::lit,
+    },
 };
 
 /// How a sighting counts in a least squares fit.

@@ -4,7 +4,7 @@ use calib_core::{
     Pose, Refusal, angle,
     dead_reckoning::Place,
     fit::Fit,
-    reference::{self, Known, Settings, Solution, Stop},
+    reference::{self, Known, ReferenceSettings, ReferenceSolution, Stop},
 };
 use nalgebra::{Matrix2, Matrix3, Point2, RealField, Vector2};
 
@@ -328,9 +328,9 @@ fn decided(
     stops: &[Stop<f32>],
     known: &Known<f32>,
     attempt: Attempt,
-) -> Result<Solution<f32>, NotYet> {
+) -> Result<ReferenceSolution<f32>, NotYet> {
     // By reference: large, and moved it would be on the stack twice.
-    let mut solved = reference::solve(stops, known, &Settings::default());
+    let mut solved = reference::solve(stops, known, &ReferenceSettings::default());
     let outcome = match &mut solved {
         Ok(outcome) => outcome,
         Err(why) => return Err(NotYet::Refused(*why)),
@@ -352,7 +352,7 @@ fn decided(
 // Not inlined, for the sake of the stack.
 #[inline(never)]
 fn in_frame_of_site(
-    best: &Solution<f32>,
+    best: &ReferenceSolution<f32>,
     stops: &[Stop<f32>],
     last: StopNumber,
     frame: &ReferenceFrame,
@@ -385,7 +385,7 @@ fn in_frame_of_site(
 
 /// Both poses in the frame of the site. The first camera is its origin, so only its heading errs;
 /// the second is on the baseline, the length of which errs if it was not known.
-fn poses(solution: &Solution<f32>, frame: &ReferenceFrame) -> [PoseParts; 2] {
+fn poses(solution: &ReferenceSolution<f32>, frame: &ReferenceFrame) -> [PoseParts; 2] {
     let along = angle::rotation(frame.direction) * Vector2::x();
     let origin = Point2::from(frame.first);
     let c = &solution.covariance;

@@ -147,11 +147,11 @@ impl Target {
         if self.located {
             return;
         }
-        let mut stations = heapless::Vec::<intersection::Bearing<f32>, 4>::new();
+        let mut stations = heapless::Vec::<intersection::StationBearing<f32>, 4>::new();
         for (_, bearing) in &self.bearings {
             if let Some(pose) = bearing.pose.and_then(|pose| pose.pose()) {
                 // As many as there are bearings.
-                let _ = stations.push(intersection::Bearing {
+                let _ = stations.push(intersection::StationBearing {
                     pose,
                     ray: bearing.seen.ray(),
                     bearing_sigma: bearing.seen.sigma,

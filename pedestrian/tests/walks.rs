@@ -6,12 +6,13 @@ use std::{f64::consts::TAU, time::Duration};
 
 use calib_core::{
     angle::wrap_signed,
-    dead_reckoning::{
-        HeadingFilter, HeadingSettings, ImuError, ImuSample, Pedestrian, PedestrianSettings, Step,
-        StepLength, Systematic, Track, magnetic_north,
-    },
+    dead_reckoning::{Step, Systematic, Track},
 };
 use nalgebra::{Matrix2, Point2, Vector3};
+use pedestrian::{
+    HeadingFilter, HeadingSettings, ImuError, ImuSample, Pedestrian, PedestrianSettings,
+    StepLength, magnetic_north,
+};
 use proptest::prelude::*;
 use walker::{Act, Walker, moment, reckon, sample, settings};
 

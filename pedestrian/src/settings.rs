@@ -19,7 +19,7 @@ impl fmt::Display for InvalidSetting {
 impl core::error::Error for InvalidSetting {}
 
 /// `Ok` if every one of the named conditions holds.
-pub(super) fn require(conditions: &[(bool, &'static str)]) -> Result<(), InvalidSetting> {
+pub(crate) fn require(conditions: &[(bool, &'static str)]) -> Result<(), InvalidSetting> {
     match conditions.iter().find(|(holds, _)| !holds) {
         Some(&(_, name)) => Err(InvalidSetting { name }),
         None => Ok(()),

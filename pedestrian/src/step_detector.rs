@@ -1,7 +1,8 @@
 //! Was that a step?
 
-use super::{InvalidSetting, settings::require};
-use crate::{Real, real::lit};
+use calib_core::{Real, lit};
+
+use crate::{InvalidSetting, settings::require};
 
 /// Settings of a [`StepDetector`].
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -54,7 +55,7 @@ pub struct Swing<T> {
 /// taken for another, and never below [`StepDetectorSettings::smallest_swing`]. Dynamic threshold
 /// and time window are those of N. Zhao, "Full-featured pedometer design realized with 3-axis
 /// digital accelerometer", Analog Dialogue 44-06, 2010; his demand for several steps in a row is
-/// made by [`Pedestrian`](super::Pedestrian), which knows what to do with those held back.
+/// made by [`Pedestrian`](crate::Pedestrian), which knows what to do with those held back.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct StepDetector<T> {
     settings: StepDetectorSettings<T>,

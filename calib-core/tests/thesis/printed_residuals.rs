@@ -1,4 +1,4 @@
-//! The six residuals of thesis 2.6.1, for study.
+//! The six residuals of thesis 2.6.1, as they are in print.
 //!
 //! Unknowns `x = (theta_0, theta_1, lambda_0^0, lambda_0^1, lambda_1^0, lambda_1^1)`: two headings
 //! and the distance from each camera `k` to the target at each stop `n`. With signed offsets and
@@ -17,33 +17,30 @@
 //! **The Jacobian of these six has rank 4.** r5 and r6 come from adding (3) and (4), from which the
 //! displacement cancels, and follow from r1 to r4. Whatever the headings are, distances exist that
 //! make all six zero, so (5) inverts a singular matrix and (6) stays where it was started.
-//! [`reference::solve`](super::solve) uses the displacement instead.
+//! `reference::solve` uses the displacement instead.
 
 use nalgebra::{Matrix6, Vector6};
 
-use crate::Real;
-
 /// What the printed residuals are made of.
 #[derive(Clone, Copy, Debug, PartialEq)]
-#[cfg_attr(feature = "defmt", derive(defmt::Format))]
-pub struct Offsets<T> {
+pub(crate) struct Offsets {
     /// `phi_0^0` and `phi_0^1`: camera 0 at both stops, radians, signed.
-    pub camera0: [T; 2],
+    pub(crate) camera0: [f64; 2],
     /// `phi_1^0` and `phi_1^1`.
-    pub camera1: [T; 2],
+    pub(crate) camera1: [f64; 2],
     /// Distance `d` between the cameras.
-    pub baseline: T,
+    pub(crate) baseline: f64,
 }
 
-impl<T: Real> Offsets<T> {
+impl Offsets {
     /// The world bearings `b_0^0, b_0^1, b_1^0, b_1^1`.
-    fn bearings(&self, x: &Vector6<T>) -> [T; 4] {
+    fn bearings(&self, x: &Vector6<f64>) -> [f64; 4] {
         let ([a, b], [c, d]) = (self.camera0, self.camera1);
         [x.x + a, x.x + b, x.y + c, x.y + d]
     }
 
     /// `(r1, ..., r6)` at `x`.
-    pub fn residuals(&self, x: &Vector6<T>) -> Vector6<T> {
+    pub(crate) fn residuals(&self, x: &Vector6<f64>) -> Vector6<f64> {
         let [b00, b01, b10, b11] = self.bearings(x);
         let (l00, l01, l10, l11) = (x.z, x.w, x.a, x.b);
         let d = self.baseline;
@@ -60,11 +57,11 @@ impl<T: Real> Offsets<T> {
     }
 
     /// Derivatives of the residuals (rows) by the unknowns (columns). Rank 4 at every solution.
-    pub fn jacobian(&self, x: &Vector6<T>) -> Matrix6<T> {
+    pub(crate) fn jacobian(&self, x: &Vector6<f64>) -> Matrix6<f64> {
         let [b00, b01, b10, b11] = self.bearings(x);
         let (l00, l01, l10, l11) = (x.z, x.w, x.a, x.b);
         let d = self.baseline;
-        let o = T::zero();
+        let o = 0.0;
         let (s0, c0) = (b10 - b00).sin_cos();
         let (s1, c1) = (b11 - b01).sin_cos();
         let (s00, c00) = b00.sin_cos();
@@ -96,7 +93,7 @@ impl<T: Real> Offsets<T> {
                 ]
                 .into(),
             ]
-            .map(|row: Vector6<T>| row.transpose()),
+            .map(|row: Vector6<f64>| row.transpose()),
         )
     }
 }

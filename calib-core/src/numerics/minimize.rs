@@ -6,8 +6,10 @@ use nalgebra::{ComplexField, SMatrix, SVector};
 
 use crate::{
     Real, Refusal,
-    cholesky::{self, Cholesky},
-    real::lit,
+    numerics::{
+        cholesky::{self, Cholesky},
+        real::lit,
+    },
 };
 
 /// Unknowns of the largest problem.

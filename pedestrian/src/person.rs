@@ -2,14 +2,16 @@
 
 use core::time::Duration;
 
-use super::{
-    HeadingFilter, HeadingSettings, ImuError, ImuSample, InvalidSetting, Step, StepDetector,
-    StepDetectorSettings, StepLength, Swing, settings::require,
-};
-use crate::{
+use calib_core::{
     Real,
     angle::{wrap_positive, wrap_signed},
-    real::lit,
+    dead_reckoning::Step,
+    lit,
+};
+
+use crate::{
+    HeadingFilter, HeadingSettings, ImuError, ImuSample, InvalidSetting, StepDetector,
+    StepDetectorSettings, StepLength, Swing, settings::require,
 };
 
 /// A pause longer than this between two samples is a gap: what happened in it is not known.
@@ -32,7 +34,7 @@ pub struct PedestrianSettings<T> {
     pub heading: HeadingSettings<T>,
     /// Standard deviation, radians, zero or above, of the direction of a single step against
     /// where the body faces. Default 0.05 (3 degrees): people sway. A constant part belongs to
-    /// [`Systematic::heading_sigma`](super::Systematic::heading_sigma).
+    /// [`Systematic::heading_sigma`](calib_core::dead_reckoning::Systematic::heading_sigma).
     pub sway_sigma: T,
     /// How many swings in a row make a walk, 1 to 4. The first ones are held back until then, and
     /// lost if no more follow. Default 2: a knock is not walking, and moving over by two steps is.
@@ -61,7 +63,7 @@ impl<T: Real> Default for PedestrianSettings<T> {
 ///
 /// # Example
 /// ```
-/// use calib_core::dead_reckoning::{ImuSample, Pedestrian, PedestrianSettings};
+/// use pedestrian::{ImuSample, Pedestrian, PedestrianSettings};
 /// use core::time::Duration;
 /// use nalgebra::Vector3;
 ///

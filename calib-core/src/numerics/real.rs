@@ -60,9 +60,9 @@ impl Real for f64 {
     }
 }
 
-/// A literal in the scalar at hand. Folds to a constant.
+/// The scalar nearest to a literal. Folds to a constant.
 #[inline(always)]
-pub(crate) fn lit<T: Real>(value: f64) -> T {
+pub fn lit<T: Real>(value: f64) -> T {
     nalgebra::convert(value)
 }
 

@@ -2,15 +2,16 @@
 
 use core::fmt;
 
-use super::{InvalidSetting, settings::require};
-use crate::{Real, real::lit};
+use calib_core::{Real, lit};
+
+use crate::{InvalidSetting, settings::require};
 
 /// Step length from the swing of the vertical acceleration: `K (a_max - a_min)^(1/4)`.
 ///
 /// H. Weinberg, "Using the ADXL202 in pedometer and personal navigation applications", Analog
 /// Devices AN-602, 2002. The hip rises and falls more in a longer step, and so does its
 /// acceleration; the fourth root makes the result forgiving of errors in the swing. The swing is
-/// the one after the [detector](super::StepDetector)'s low-pass, which takes more from quick steps
+/// the one after the [detector](crate::StepDetector)'s low-pass, which takes more from quick steps
 /// than from slow ones: over 1.5 to 2.2 steps a second that alone is 5 % of the length. Calibrate
 /// at the pace that will be walked.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -23,7 +24,7 @@ pub struct StepLength<T> {
     pub k: T,
     /// Standard deviation of a single step's length relative to it, zero or above. Default 0.1:
     /// no two steps are alike. The error of `k` itself is the track's, see
-    /// [`Systematic::scale_sigma`](super::Systematic::scale_sigma).
+    /// [`Systematic::scale_sigma`](calib_core::dead_reckoning::Systematic::scale_sigma).
     pub relative_sigma: T,
 }
 
@@ -62,7 +63,7 @@ impl fmt::Display for StepLengthError {
 impl core::error::Error for StepLengthError {}
 
 impl<T: Real> StepLength<T> {
-    pub(super) fn check(&self) -> Result<(), InvalidSetting> {
+    pub(crate) fn check(&self) -> Result<(), InvalidSetting> {
         require(&[
             (self.k > T::zero() && self.k.is_finite(), "k"),
             (

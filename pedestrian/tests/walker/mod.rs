@@ -2,9 +2,8 @@
 
 use std::time::Duration;
 
-use calib_core::dead_reckoning::{
-    HeadingSettings, ImuSample, Pedestrian, PedestrianSettings, Step,
-};
+use calib_core::dead_reckoning::Step;
+use pedestrian::{HeadingSettings, ImuSample, Pedestrian, PedestrianSettings};
 pub(crate) use test_support::walker::{Act, Reading, Walker};
 
 /// A reading as a sample.

@@ -2,7 +2,10 @@
 
 use nalgebra::SMatrix;
 
-use crate::{Real, cholesky, real::lit};
+use crate::{
+    Real,
+    numerics::{cholesky, real::lit},
+};
 
 /// Rounding, relative to the standard deviations.
 const SLACK: f64 = 1e-4;

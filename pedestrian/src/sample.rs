@@ -4,7 +4,7 @@ use core::fmt;
 
 use nalgebra::Vector3;
 
-use crate::{Real, real::lit};
+use calib_core::{Real, lit};
 
 /// One reading of the sensors, all in one body frame: x forward (the way the person walks), y
 /// left, z up, right-handed. The sensor may lean from that by some ten degrees; the filters find

@@ -1,13 +1,13 @@
 //! Which way does the body face?
 
-use nalgebra::Vector3;
-
-use super::{ImuSample, InvalidSetting, settings::require};
-use crate::{
+use calib_core::{
     Real,
     angle::{wrap_positive, wrap_signed},
-    real::lit,
+    lit,
 };
+use nalgebra::Vector3;
+
+use crate::{ImuSample, InvalidSetting, settings::require};
 
 /// Settings of a [`HeadingFilter`].
 #[derive(Clone, Copy, Debug, PartialEq)]
