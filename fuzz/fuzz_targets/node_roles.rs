@@ -9,10 +9,10 @@ use std::time::Duration;
 
 use libfuzzer_sys::fuzz_target;
 use node_firmware::{
-    config::{CameraConfig, Duty, Reference, SensorConfig, Sigmas, Subjects, TargetConfig},
+    config::{CameraConfig, SensorConfig, Sigmas, Subjects, TargetConfig},
     console::{Frames, FromPc, ToPc},
     memory::Fact,
-    message::{Done, Message, Seen, Sight, Tracked},
+    message::{Done, Duty, Message, Reference, Seen, Sight, Tracked},
     role::{
         Output, Role,
         camera::{self, Camera},

@@ -10,9 +10,6 @@ use crate::{
     message::{Address, Command, Done, Hello, Report, Sighted, Tracked},
 };
 
-/// Bits per second of the line.
-pub const BAUD: u32 = 115_200;
-
 /// Bytes of the longest frame, its end included.
 pub const FRAME_MAX: usize = 128;
 

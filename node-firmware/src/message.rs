@@ -27,10 +27,7 @@ use nalgebra::{Matrix2, Point2};
 use serde::{Deserialize, Deserializer, Serialize, Serializer, de::Error};
 use zigbee_link::wire::ShortAddress;
 
-use crate::config::{Duty, Reference};
-
-/// Most members of a network, coordinator not counted.
-pub const MEMBERS: usize = 32;
+use crate::limits::MEMBERS;
 
 /// Numbers the stops of one target. Never repeats.
 pub type StopNumber = u16;
@@ -93,6 +90,36 @@ pub enum Kind {
     },
     /// A target.
     Target,
+}
+
+/// A configured reference camera.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct Reference {
+    /// Which of the two.
+    pub duty: Duty,
+    /// Where it stands: x and y, if that is known. Of both, it fixes the frame of the site. Of one
+    /// or none, the first one is the origin and the second one on the x axis.
+    pub position: Option<[f32; 2]>,
+}
+
+impl Reference {
+    /// Whether the position, if told, is finite.
+    pub fn is_usable(&self) -> bool {
+        all_finite(self.position.iter().flatten())
+    }
+}
+
+/// Which of the two reference cameras.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub enum Duty {
+    /// The one that solves (the trigger).
+    First,
+    /// The one that sends its rays to the first (the helper).
+    Second,
 }
 
 /// A member presents itself.

@@ -9,12 +9,11 @@ use calib_core::{
 };
 use nalgebra::{Point2, Vector2};
 use node_firmware::{
-    config::{Duty, Reference},
     console::FromPc,
     hardware::Button,
     message::{
-        Bearing, Command, Done, Frame, Hello, Kind, Located, Look, Message, PoseParts, References,
-        Report, Seen, Sight, Sighted, State, Stopped, Tracked,
+        Bearing, Command, Done, Duty, Frame, Hello, Kind, Located, Look, Message, PoseParts,
+        Reference, References, Report, Seen, Sight, Sighted, State, Stopped, Tracked,
     },
     role::{
         Role,

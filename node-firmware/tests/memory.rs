@@ -8,10 +8,9 @@ use calib_core::dead_reckoning::{Place, PlaceParts, Systematic};
 use embassy_futures::block_on;
 use nalgebra::{Point2, Vector2};
 use node_firmware::{
-    config::Duty,
+    limits::{MEMBERS, REFERENCE_STOPS, SIGHTINGS},
     memory::{Colours, Fact, KeptSighting, Memory, Network, ReferenceStop, Walk},
-    message::{MEMBERS, PoseParts, References, Report, Seen, State},
-    role::camera::{REFERENCE_STOPS, SIGHTINGS},
+    message::{Duty, PoseParts, References, Report, Seen, State},
     sight::ColourWindow,
 };
 use rand::{RngExt, SeedableRng};

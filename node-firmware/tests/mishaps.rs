@@ -7,13 +7,14 @@ use std::{cell::RefCell, rc::Rc, time::Duration};
 
 use calib_core::{Refusal, Status, dead_reckoning::Track};
 use node_firmware::{
-    config::{CameraConfig, Duty, Reference, Sigmas, Subjects},
+    config::{CameraConfig, Sigmas, Subjects},
     console::{FromPc, ToPc},
     hardware::Button,
+    limits::SIGHTINGS,
     memory::Fact,
     message::{
-        Command, Done, Frame, Hello, Kind, Message, PoseParts, References, Report, Seen, Sight,
-        State, Stopped,
+        Command, Done, Duty, Frame, Hello, Kind, Message, PoseParts, Reference, References, Report,
+        Seen, Sight, State, Stopped,
     },
     role::{
         Role, camera,
@@ -91,11 +92,11 @@ fn references_with_a_wrong_lens_come_to_an_answer() {
 #[test]
 fn a_doubtful_camera_is_none_that_is_calibrated() {
     let config = |n| CameraConfig {
-        stops: camera::SIGHTINGS as u8,
+        stops: SIGHTINGS as u8,
         ..with_references(n)
     };
     let mut net = Net::new(PERFECT, 16, config);
-    while net.reports()[2].sightings < camera::SIGHTINGS as u8 {
+    while net.reports()[2].sightings < SIGHTINGS as u8 {
         let [x, y] = STOPS[net.stops % STOPS.len()];
         let off = [1, 2].map(|axis| 0.5 * noise(&[net.stops as u64, axis]));
         net.show_to(2, Some([x + off[0], y + off[1]]));

@@ -65,7 +65,7 @@ fn references_of_a_former_network_are_none() {
         net.wait();
         net.walk_to(10);
         assert!(net.are_all_done(), "{:?}", net.reports());
-        if net.reports()[0].duty == Some(node_firmware::config::Duty::First) {
+        if net.reports()[0].duty == Some(node_firmware::message::Duty::First) {
             net.check_poses(from_to(0, 1), 5.0);
         } else {
             net.check_poses(from_to(1, 0), 5.0);
@@ -148,7 +148,7 @@ fn nobody_is_elected_where_poses_are_known() {
     let appointed = |fact: &Fact| matches!(fact, Fact::References(Some(_)));
     assert!(!net.coordinator.facts.iter().any(appointed));
     assert!(net.are_all_done(), "{:?}", net.reports());
-    if duty == Some(node_firmware::config::Duty::First) {
+    if duty == Some(node_firmware::message::Duty::First) {
         net.check_poses(from_to(0, 1), 5.0);
     } else {
         net.check_poses(from_to(1, 0), 5.0);

@@ -6,10 +6,10 @@ use std::collections::BTreeSet;
 
 use calib_core::{Refusal, Status, dead_reckoning::Step};
 use node_firmware::{
-    config::{CameraConfig, Duty, Sigmas, TargetConfig},
+    config::{CameraConfig, Sigmas, TargetConfig},
     console::{FromPc, ToPc},
     memory::Fact,
-    message::{Command, Frame, Message, Report, State, Stopped},
+    message::{Command, Duty, Frame, Message, Report, State, Stopped},
     role::{
         Role, camera,
         coordinator::{self, Coordinator},

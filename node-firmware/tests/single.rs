@@ -11,11 +11,12 @@ use calib_core::{
 };
 use nalgebra::{Point2, Vector2};
 use node_firmware::{
-    config::{CameraConfig, Duty},
+    config::CameraConfig,
+    limits::REFERENCE_STOPS,
     memory::Fact,
     message::{
-        Bearing, Frame, Located, Look, Message, PoseParts, References, Report, Seen, Sight, State,
-        StopNumber, Stopped,
+        Bearing, Duty, Frame, Located, Look, Message, PoseParts, References, Report, Seen, Sight,
+        State, StopNumber, Stopped,
     },
     role::{
         Role,
@@ -285,7 +286,7 @@ fn a_cut_while_a_solve_is_written_down_loses_nothing() {
         // As a memory recalls them: the last of each kind, the report first.
         let mut report = None;
         let mut others = Vec::new();
-        let mut stops = [None; camera::REFERENCE_STOPS];
+        let mut stops = [None; REFERENCE_STOPS];
         for fact in &facts[..cut] {
             match fact {
                 Fact::Report(_) => report = Some(*fact),

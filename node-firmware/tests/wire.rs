@@ -8,11 +8,11 @@ use calib_core::{
 use nalgebra::{Point2, Vector2};
 use node_firmware::{
     config::SiteKey,
-    config::{Duty, Reference},
     console::{FRAME_MAX, Frames, FromPc, KeyChange, Network, ToPc, encode},
+    limits::MEMBERS,
     message::{
-        Bearing, Command, Done, Frame, Hello, Kind, Located, Look, MEMBERS, Message, PoseParts,
-        References, Report, Seen, Sight, Sighted, State, Stopped, Tracked,
+        Bearing, Command, Done, Duty, Frame, Hello, Kind, Located, Look, Message, PoseParts,
+        Reference, References, Report, Seen, Sight, Sighted, State, Stopped, Tracked,
     },
 };
 use proptest::prelude::*;

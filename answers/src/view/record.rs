@@ -4,10 +4,7 @@ use std::{collections::BTreeMap, time::Duration};
 
 use calib_core::{Ray, Sighting};
 use nalgebra::{Matrix2, Point2};
-use node_firmware::{
-    config::Duty,
-    message::{Kind, Sighted},
-};
+use node_firmware::message::{Duty, Kind, Sighted};
 
 use super::{Member, NetworkView, SitePlan, site::usual_limits};
 use crate::record::{

@@ -20,7 +20,7 @@ use host_sim::console::{
 };
 use host_sim::probe::port::{Port, PortError};
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
-use node_firmware::{console::BAUD, message::Command};
+use node_firmware::{limits::CONSOLE_BAUD, message::Command};
 use site::{BUILT_IN, Overrides, Scenario, key_file};
 
 use super::{
@@ -43,7 +43,7 @@ pub(super) struct Arguments {
     #[arg(long, value_name = "DEV")]
     port: String,
     /// Bits per second.
-    #[arg(long, value_name = "RATE", default_value_t = BAUD, value_parser = clap::value_parser!(u32).range(1..))]
+    #[arg(long, value_name = "RATE", default_value_t = CONSOLE_BAUD, value_parser = clap::value_parser!(u32).range(1..))]
     baud: u32,
     /// Stop after so many seconds.
     #[arg(long, value_name = "N", value_parser = values::seconds)]

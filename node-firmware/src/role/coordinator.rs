@@ -11,13 +11,12 @@ use zigbee_link::{Instant, store::Membership, wire::ShortAddress};
 
 use super::{Earliest, Outbox, Output, Owed, Reports, Role};
 use crate::{
-    config::{Duty, SiteKey},
+    config::SiteKey,
     console::{FromPc, Network, ToPc},
     hardware::{Button, Indication},
+    limits::MEMBERS,
     memory::Fact,
-    message::{
-        Address, Command, Done, Hello, Kind, MEMBERS, Message, References, Report, StopNumber,
-    },
+    message::{Address, Command, Done, Duty, Hello, Kind, Message, References, Report, StopNumber},
 };
 
 /// How long a button opens the join window.

@@ -1,8 +1,9 @@
 //! What members told of themselves: a table that is written down.
 
 use crate::{
+    limits::MEMBERS,
     memory::Fact,
-    message::{Address, MEMBERS, Report},
+    message::{Address, Report},
 };
 
 /// A member: its report, and what else is known of it.

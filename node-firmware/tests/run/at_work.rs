@@ -1,9 +1,9 @@
 //! Nodes that join, look, obey and restart.
 
 use node_firmware::{
-    config::{CameraConfig, Duty, Role, SiteKey, Subjects},
+    config::{CameraConfig, Role, SiteKey, Subjects},
     console::{FromPc, KeyChange, ToPc},
-    message::{Command, Sight, Tracked},
+    message::{Command, Duty, Sight, Tracked},
 };
 
 use crate::{

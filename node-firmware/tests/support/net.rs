@@ -5,9 +5,9 @@ use std::{cell::RefCell, rc::Rc};
 use calib_core::dead_reckoning::Step;
 use nalgebra::{Matrix3, Point2, Vector3};
 use node_firmware::{
-    config::{CameraConfig, Duty, Sigmas},
+    config::{CameraConfig, Sigmas},
     console::ToPc,
-    message::{PoseParts, Report},
+    message::{Duty, PoseParts, Report},
     role::{
         Role,
         camera::{self, Camera},

@@ -9,12 +9,10 @@ use calib_core::{
 use super::kept::{Kept, OfStop};
 use crate::{
     config::CameraConfig,
+    limits::SIGHTINGS,
     memory::KeptSighting,
     message::{Address, PoseParts, Report, State, StopNumber},
 };
-
-/// Sightings a camera keeps. With that many it is done.
-pub const SIGHTINGS: usize = 16;
 
 /// Sightings farther off than so many sigmas are left out, from five on. This asks of each whether it
 /// belongs to the others, where the [fit](calib_core::fit) asks of all that are left whether they

@@ -9,10 +9,9 @@ use super::{
     reference::{Answer, NotYet, ReferenceFrame},
 };
 use crate::{
-    config::Duty,
     log::debug,
     memory::ReferenceStop,
-    message::{Address, Bearing, References, Report, State, StopNumber},
+    message::{Address, Bearing, Duty, References, Report, State, StopNumber},
     role::Owed,
 };
 

@@ -2,8 +2,9 @@
 
 use zigbee_link::Instant;
 
-use super::{Camera, REFERENCE_STOPS, SIGHTINGS, calibration::is_done, nothing_known};
+use super::{Camera, calibration::is_done, nothing_known};
 use crate::{
+    limits::{REFERENCE_STOPS, SIGHTINGS},
     memory::Fact,
     message::Report,
     role::{Outbox, Owed},

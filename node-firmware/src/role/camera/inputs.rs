@@ -5,10 +5,9 @@ use zigbee_link::{Instant, store::Membership, wire::ShortAddress};
 
 use super::{Camera, Errand, Event, KnownTarget, Task, facts::COLOURS, stops::LOOK_WITHIN};
 use crate::{
-    config::Duty,
     hardware::{Button, Indication},
     memory::Fact,
-    message::{Command, Done, Message, PoseParts, Sight, State},
+    message::{Command, Done, Duty, Message, PoseParts, Sight, State},
     role::{COORDINATOR, Earliest, Output, Role},
 };
 

@@ -25,7 +25,6 @@ use core::time::Duration;
 
 use zigbee_link::{Instant, wire::ShortAddress};
 
-pub use self::{calibration::SIGHTINGS, reference::REFERENCE_STOPS};
 use self::{
     calibration::{Calibration, is_news},
     facts::{REPORT, Unsaved},
@@ -34,18 +33,16 @@ use self::{
 use super::{COORDINATOR, Home, Outbox, Owed};
 use crate::{
     arithmetic::root,
-    config::{COLOURS_MAX, CameraConfig, Duty},
+    config::CameraConfig,
     hardware::Button,
+    limits::{COLOURS_MAX, MEMBERS, REFERENCE_STOPS, TARGETS},
     memory::Colours,
     message::{
-        Address, Bearing, Command, Done, Frame, Hello, Kind, Located, MEMBERS, Message, PoseParts,
+        Address, Bearing, Command, Done, Duty, Frame, Hello, Kind, Located, Message, PoseParts,
         References, Report, Seen, Sight, Sighted, State, StopNumber, Stopped, Tracked,
     },
     sight::ColourWindow,
 };
-
-/// Targets a camera knows at a time. The one heard least recently makes room.
-pub const TARGETS: usize = 4;
 
 /// Room for an answer of some 40 bytes, its acknowledgement of 36, both ways' turnaround and
 /// clear-channel assessment.

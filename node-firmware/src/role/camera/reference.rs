@@ -12,12 +12,10 @@ use super::kept::{Kept, OfStop};
 use crate::{
     arithmetic::{root, sort},
     config::CameraConfig,
+    limits::REFERENCE_STOPS,
     memory::ReferenceStop,
     message::{Address, Located, PoseParts, References, Seen, StopNumber, triangle},
 };
-
-/// Stops a reference camera keeps while the target's place is not known. Full, what came first goes.
-pub const REFERENCE_STOPS: usize = 12;
 
 /// A stop of a target of which it knows none but up to so many later ones is told late. Farther back
 /// are the numbers of a target that began anew.

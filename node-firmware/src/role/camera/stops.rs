@@ -10,10 +10,10 @@ use super::{
     facts::{reference_stop, sighting},
 };
 use crate::{
-    config::Duty,
     memory::KeptSighting,
     message::{
-        Address, Bearing, Frame, Look, Message, Report, Seen, Sight, State, StopNumber, Stopped,
+        Address, Bearing, Duty, Frame, Look, Message, Report, Seen, Sight, State, StopNumber,
+        Stopped,
     },
 };
 

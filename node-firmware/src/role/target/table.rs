@@ -4,9 +4,9 @@ use zigbee_link::Instant;
 
 use super::{ANSWER_WITHIN, READY_AFTER};
 use crate::{
-    config::Duty,
+    limits::MEMBERS,
     memory::Fact,
-    message::{Address, Look, MEMBERS, Report, Sight},
+    message::{Address, Duty, Look, Report, Sight},
     role::Reports,
 };
 
