@@ -17,7 +17,7 @@ use crate::{
     config::CoordinatorConfig,
     console::{self, FRAME_MAX, Frames, KeyChange, ToPc},
     hardware::{Buttons, Indicator, Observer},
-    role::coordinator::{Coordinator, Event, Task},
+    role::coordinator::{CoordinatorEvent, CoordinatorRole, CoordinatorTask},
 };
 
 /// The longest frame takes a tenth of it at 9600 baud.
@@ -38,7 +38,7 @@ where
 {
     let Surroundings { shared, clock, .. } = surroundings;
     let desk = Desk::new();
-    let mut role = Coordinator::new();
+    let mut role = CoordinatorRole::new();
     if config.join_window_s > 0 {
         let window = Duration::from_secs(config.join_window_s.into());
         shared.with(|node, now| node.open_join_window(now, window));
@@ -52,7 +52,7 @@ where
     let pressed = async {
         loop {
             let button = buttons.pressed().await;
-            events.send(Event::Button(button)).await;
+            events.send(CoordinatorEvent::Button(button)).await;
         }
     };
     match select3(pin!(driven), Apart(pin!(line)), pressed).await {
@@ -68,8 +68,8 @@ async fn line<C: Clock, U: Read + Write>(
     mut uart: U,
     shared: &SharedNode<&C>,
     clock: &C,
-    tasks: Tasks<'_, Task>,
-    events: Events<'_, Event>,
+    tasks: Tasks<'_, CoordinatorTask>,
+    events: Events<'_, CoordinatorEvent>,
 ) -> Infallible {
     let mut frames = Frames::default();
     let mut bytes = [0; 32];
@@ -97,7 +97,7 @@ async fn line<C: Clock, U: Read + Write>(
                 is_open = count > 0;
                 for &byte in bytes.get(..count).unwrap_or_default() {
                     if let Some(wish) = frames.push(byte) {
-                        events.send(Event::Pc(wish)).await;
+                        events.send(CoordinatorEvent::Pc(wish)).await;
                     }
                 }
             }
@@ -107,27 +107,27 @@ async fn line<C: Clock, U: Read + Write>(
 }
 
 /// Does a task as far as it is the network's, and returns what the PC is to be told.
-fn perform<C: Clock>(shared: &SharedNode<&C>, task: Task) -> Option<ToPc> {
+fn perform<C: Clock>(shared: &SharedNode<&C>, task: CoordinatorTask) -> Option<ToPc> {
     shared.with(|node, now| {
         match task {
-            Task::Tell(message) => return Some(message),
-            Task::OpenJoinWindow(window) => {
+            CoordinatorTask::Tell(message) => return Some(message),
+            CoordinatorTask::OpenJoinWindow(window) => {
                 node.open_join_window(now, window);
                 return None;
             }
-            Task::Remove(address) => {
+            CoordinatorTask::Remove(address) => {
                 let short = ShortAddress(address);
                 let member = node.members().find(|member| member.short == short);
                 let success = member.is_some_and(|member| node.remove(now, member.extended));
                 return Some(ToPc::Removed { address, success });
             }
-            Task::ChangeKey(key) => {
+            CoordinatorTask::ChangeKey(key) => {
                 let begun = key.key().map(|key| node.change_key(key));
                 if !matches!(begun, Some(Ok(()))) {
                     return Some(ToPc::KeyChange(None));
                 }
             }
-            Task::TellKeyChange => {}
+            CoordinatorTask::TellKeyChange => {}
         }
         Some(ToPc::KeyChange(node.key_change().map(|change| KeyChange {
             index: change.index,

@@ -27,7 +27,9 @@ use crate::{
     log::debug,
     memory::{Fact, Memory},
     message::Message,
-    role::{Output, Role, camera::Camera, coordinator::Coordinator, target::Target},
+    role::{
+        Output, Role, camera::CameraRole, coordinator::CoordinatorRole, moving_target::TargetRole,
+    },
 };
 
 /// Tasks or events that wait. Devices that are slower make the role keep its next task to itself;
@@ -65,9 +67,9 @@ pub(super) struct Surroundings<'a, C, F, O, I> {
 
 /// Any role at its desk: so [`drive`] is in an image once, not once for each role.
 pub(super) enum Actor<'a> {
-    Coordinator(AtDesk<'a, Coordinator>),
-    Camera(AtDesk<'a, Camera>),
-    Target(AtDesk<'a, Target>),
+    Coordinator(AtDesk<'a, CoordinatorRole>),
+    Camera(AtDesk<'a, CameraRole>),
+    Target(AtDesk<'a, TargetRole>),
 }
 
 /// The same with whichever role it is.
@@ -85,9 +87,9 @@ macro_rules! whichever {
 pub(super) struct AtDesk<'a, R: Role> {
     role: &'a mut R,
     desk: &'a Desk<R::Task, R::Event>,
-    on_the_way: heapless::Vec<(Ticket, R::Errand), QUEUE>,
+    on_the_way: heapless::Vec<(Ticket, R::Notification), QUEUE>,
     /// For which the link had no room.
-    held: Option<(ShortAddress, Message, Option<R::Errand>)>,
+    held: Option<(ShortAddress, Message, Option<R::Notification>)>,
     /// For which the devices had no time.
     held_task: Option<R::Task>,
 }
@@ -109,15 +111,15 @@ impl<R: Role> AtDesk<'_, R> {
 
     #[inline(never)]
     fn message(&mut self, now: Instant, from: ShortAddress, message: &Message) {
-        self.role.message(now, from, message);
+        self.role.on_message(now, from, message);
     }
 
     /// What became of a message that was posted.
     #[inline(never)]
     fn settled(&mut self, now: Instant, ticket: Ticket, delivered: bool) {
         if let Some(place) = self.on_the_way.iter().position(|(on, _)| *on == ticket) {
-            let (_, errand) = self.on_the_way.swap_remove(place);
-            self.role.sent(now, errand, delivered);
+            let (_, notification) = self.on_the_way.swap_remove(place);
+            self.role.on_sent(now, notification, delivered);
         }
     }
 
@@ -144,8 +146,8 @@ impl<R: Role> AtDesk<'_, R> {
                     Output::Send {
                         to,
                         message,
-                        errand,
-                    } => self.held = Some((to, message, errand)),
+                        notification,
+                    } => self.held = Some((to, message, notification)),
                     Output::Save(fact) => return Some(fact),
                     Output::Task(task) => {
                         self.held_task = Some(task);
@@ -153,17 +155,17 @@ impl<R: Role> AtDesk<'_, R> {
                     }
                 }
             }
-            if let Some((to, message, errand)) = &self.held {
-                match (post(*to, message), *errand) {
+            if let Some((to, message, notification)) = &self.held {
+                match (post(*to, message), *notification) {
                     (Err(SendError::QueueFull), _) => return None,
-                    (Ok(ticket), Some(errand)) => {
+                    (Ok(ticket), Some(notification)) => {
                         // As many as the queue of the link has places.
-                        let _ = self.on_the_way.push((ticket, errand));
+                        let _ = self.on_the_way.push((ticket, notification));
                     }
-                    (Err(error), errand) => {
+                    (Err(error), notification) => {
                         debug!("not sent: {}", error);
-                        if let Some(errand) = errand {
-                            self.role.sent(now, errand, false);
+                        if let Some(notification) = notification {
+                            self.role.on_sent(now, notification, false);
                         }
                     }
                     (Ok(_), None) => {}
@@ -178,7 +180,7 @@ impl<R: Role> AtDesk<'_, R> {
     fn deadline(&self) -> Option<Instant> {
         // Not before the link has room or the devices have time, which is something that happens.
         let may_act = self.held.is_none() && self.held_task.is_none();
-        self.role.deadline().filter(|_| may_act)
+        self.role.next_deadline().filter(|_| may_act)
     }
 
     /// Ready when there is reason to [`act`](Self::act): the devices told something, or can take
@@ -186,7 +188,7 @@ impl<R: Role> AtDesk<'_, R> {
     #[inline(never)]
     fn poll_devices(&mut self, now: Instant, context: &mut Context<'_>) -> Poll<()> {
         if let Poll::Ready(event) = self.desk.events.poll_receive(context) {
-            self.role.event(now, event);
+            self.role.on_event(now, event);
             return Poll::Ready(());
         }
         match self.held_task {
@@ -214,7 +216,7 @@ where
         observer,
         indicator,
     } = surroundings;
-    let recalled = memory.recall(|fact| whichever!(&mut actor, at => at.role.remember(fact)));
+    let recalled = memory.recall(|fact| whichever!(&mut actor, at => at.role.restore(fact)));
     if let Err(error) = Apart(pin!(recalled)).await {
         return error;
     }
@@ -270,7 +272,7 @@ where
                     Status::Joined(membership) => Some(membership),
                     _ => None,
                 };
-                whichever!(&mut actor, at => at.role.attached(now, network));
+                whichever!(&mut actor, at => at.role.on_attached(now, network));
             }
         }
     }

@@ -7,7 +7,7 @@ mod apart;
 mod camera;
 mod coordinator;
 mod drive;
-mod target;
+mod moving_target;
 
 use core::{fmt, ops::Range, pin::pin};
 
@@ -215,7 +215,7 @@ where
                 .await
             }
             Role::Target(own) => {
-                Apart(pin!(target::run(
+                Apart(pin!(moving_target::run(
                     (config.id, seed),
                     own,
                     surroundings,

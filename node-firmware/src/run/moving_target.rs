@@ -16,7 +16,7 @@ use crate::{
     hardware::{Indicator, Observer, StepSensor},
     log::warning,
     message::StopNumber,
-    role::target::{Event, Target},
+    role::moving_target::{TargetEvent, TargetRole},
 };
 
 /// After a failure of the sensor.
@@ -37,7 +37,7 @@ where
 {
     let clock = surroundings.clock;
     let desk = Desk::new();
-    let mut role = Target::new(id, *config, first_stop);
+    let mut role = TargetRole::new(id, *config, first_stop);
     let driven = drive(Actor::Target(AtDesk::new(&mut role, &desk)), surroundings);
     let sensed = sense(&mut steps, clock, desk.events.sender());
     match select(pin!(driven), Apart(pin!(sensed))).await {
@@ -49,14 +49,14 @@ where
 async fn sense<C: Clock, S: StepSensor>(
     steps: &mut S,
     clock: &C,
-    events: Events<'_, Event>,
+    events: Events<'_, TargetEvent>,
 ) -> core::convert::Infallible {
     loop {
         match steps.next().await {
-            Ok(step) => events.send(Event::Step(step)).await,
+            Ok(step) => events.send(TargetEvent::Step(step)).await,
             Err(_) => {
                 warning!("the step sensor failed: the target is lost");
-                events.send(Event::SensorFailed).await;
+                events.send(TargetEvent::SensorFailed).await;
                 let now = clock.now().0;
                 let then = zigbee_link::Instant(now.saturating_add(PAUSE_US));
                 clock.sleep_until(then).await;
