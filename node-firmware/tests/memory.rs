@@ -10,7 +10,7 @@ use nalgebra::{Point2, Vector2};
 use node_firmware::{
     limits::{MEMBERS, REFERENCE_STOPS, SIGHTINGS},
     memory::{Colours, Fact, KeptSighting, Memory, Network, ReferenceStop, Walk},
-    message::{Duty, PoseParts, References, Report, Seen, State},
+    message::{CameraState, Duty, PoseParts, References, Report, Seen},
     sight::ColourWindow,
 };
 use rand::{RngExt, SeedableRng};
@@ -64,7 +64,7 @@ fn report(id: u16) -> Report {
         used: 255,
         chi_squared: 2.0,
         done: true,
-        state: State::Doubtful(pose()),
+        state: CameraState::Doubtful(pose()),
     }
 }
 

@@ -132,7 +132,7 @@ mod tests {
     use std::vec::Vec;
 
     use super::*;
-    use crate::message::State;
+    use crate::message::CameraState;
 
     const fn report(id: u16) -> Report {
         Report {
@@ -142,7 +142,7 @@ mod tests {
             used: 0,
             chi_squared: 0.0,
             done: false,
-            state: State::Waiting,
+            state: CameraState::Waiting,
         }
     }
 

@@ -6,8 +6,8 @@
 mod camera;
 mod coordinator;
 mod drive;
+mod moving_target;
 mod outlined;
-mod target;
 
 use core::{fmt, ops::Range, pin::pin};
 
@@ -171,7 +171,13 @@ pub async fn run<H: Hardware>(
                 Outlined(pin!(camera::run(config.id, own, services, (uart, buttons)))).await
             }
             Role::Target(own) => {
-                Outlined(pin!(target::run((config.id, seed), own, services, steps))).await
+                Outlined(pin!(moving_target::run(
+                    (config.id, seed),
+                    own,
+                    services,
+                    steps
+                )))
+                .await
             }
         }
     };

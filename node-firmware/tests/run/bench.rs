@@ -21,7 +21,7 @@ use node_firmware::{
     config::{Config, CoordinatorConfig, Role, SiteKey},
     console::{Frames, FromPc, ToPc},
     hardware::{FlashLayout, Hardware, Indication, Indicator, Observer, Peripherals, StepSensor},
-    message::{Command, Done, Duty, Kind, Message, Sight},
+    message::{CameraCommand, CommandResult, Duty, MemberKind, Message, Sight},
     run::run,
 };
 use virtual_bench::{
@@ -431,7 +431,7 @@ impl Site {
     }
 
     /// What members said they are, by number.
-    pub(super) fn hellos(&self) -> BTreeMap<u16, Kind> {
+    pub(super) fn hellos(&self) -> BTreeMap<u16, MemberKind> {
         let hellos = self.pc.told().into_iter().filter_map(|told| match told {
             ToPc::Member { hello, .. } => Some((hello.id, hello.kind)),
             _ => None,
@@ -450,13 +450,13 @@ impl Site {
     }
 
     /// The PC commands the camera, which answers in this time. Whether it succeeded.
-    pub(super) fn command(&mut self, command: Command, within: Time) -> bool {
+    pub(super) fn command(&mut self, command: CameraCommand, within: Time) -> bool {
         let address = self.camera_address();
         self.pc.wish(FromPc::Command { address, command });
         self.bench.run_for(within);
         let told = self.pc.told();
         let [failed, done] = [false, true].map(|success| {
-            let done = Done { command, success };
+            let done = CommandResult { command, success };
             told.contains(&ToPc::Done { address, done })
         });
         assert!(done != failed, "{told:?}");

@@ -11,7 +11,7 @@ use crate::{
     config::CameraConfig,
     limits::SIGHTINGS,
     memory::KeptSighting,
-    message::{Address, PoseParts, Report, State, StopNumber},
+    message::{Address, CameraState, PoseParts, Report, StopNumber},
 };
 
 /// Sightings farther off than so many sigmas are left out, from five on. This asks of each whether it
@@ -34,7 +34,7 @@ impl OfStop for KeptSighting {
 /// What the sightings give.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Answer {
-    pub(super) state: State,
+    pub(super) state: CameraState,
     pub(super) used: usize,
     pub(super) chi_squared: f32,
 }
@@ -90,12 +90,12 @@ impl Calibration {
         match self.solution(limits) {
             Ok(answer) => answer,
             Err(Refusal::TooFew) => Answer {
-                state: State::Waiting,
+                state: CameraState::Waiting,
                 used: 0,
                 chi_squared: 0.0,
             },
             Err(refusal) => Answer {
-                state: State::Refused(refusal),
+                state: CameraState::Refused(refusal),
                 used: 0,
                 chi_squared: 0.0,
             },
@@ -116,7 +116,7 @@ impl Calibration {
             return Err(Refusal::Undetermined);
         }
         Ok(Answer {
-            state: State::judged(parts, &fit, limits),
+            state: CameraState::judged(parts, &fit, limits),
             used: solution.used,
             chi_squared: solution.chi_squared,
         })
@@ -187,7 +187,7 @@ fn sighting(kept: &KeptSighting, common: &KeptSighting) -> Sighting<f32> {
 
 /// Whether a camera needs no more stops: it is calibrated, and as certain as it was told to become.
 /// With any pose it is done when it can take no more sightings.
-pub(super) fn is_done(config: &CameraConfig, sightings: usize, state: &State) -> bool {
+pub(super) fn is_done(config: &CameraConfig, sightings: usize, state: &CameraState) -> bool {
     let Some(pose) = state.pose().and_then(PoseParts::pose) else {
         return false;
     };

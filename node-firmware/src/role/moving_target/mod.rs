@@ -23,7 +23,10 @@ use crate::{
     config::TargetConfig,
     hardware::Indication,
     memory::{Fact, Walk},
-    message::{Address, Bearing, Frame, Hello, Kind, Message, Sight, StopNumber, Stopped},
+    message::{
+        Address, CoordinateFrame, Hello, MemberKind, Message, Sight, StopBearing, StopNumber,
+        Stopped,
+    },
 };
 
 /// After the broadcast of a stop, before cameras that did not answer are asked one by one: a look
@@ -48,7 +51,7 @@ const STOOD: usize = 4;
 /// Why a target sends a message of which it must know the result.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
-pub enum Errand {
+pub enum TargetNotification {
     /// It presents itself.
     Hello,
     /// It asks a camera for an answer.
@@ -58,7 +61,7 @@ pub enum Errand {
 /// What the devices of a target tell.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
-pub enum Event {
+pub enum TargetEvent {
     /// A step.
     Step(Step<f32>),
     /// The step sensor failed: from now on nobody knows where the target is.
@@ -67,7 +70,7 @@ pub enum Event {
 
 /// A target's state.
 #[derive(Clone, Debug)]
-pub struct Target {
+pub struct TargetRole {
     id: u16,
     config: TargetConfig,
     address: Option<ShortAddress>,
@@ -88,7 +91,7 @@ pub struct Target {
     /// The last place found from bearings, its covariance, and the track there: with another one
     /// they give the direction of the sensor.
     found: Option<(Point2<f32>, Matrix2<f32>, Track<f32>)>,
-    bearings: heapless::Vec<(ShortAddress, Bearing), 4>,
+    bearings: heapless::Vec<(ShortAddress, StopBearing), 4>,
     /// When to find its place from them.
     locate_at: Option<Instant>,
     table: Table,
@@ -120,7 +123,7 @@ struct Standing {
     may_walk: bool,
 }
 
-impl Target {
+impl TargetRole {
     /// A target that knows nothing yet. `first_stop` should be random: a target that lost its
     /// memory must not use the numbers of former stops again.
     pub fn new(id: u16, config: TargetConfig, first_stop: StopNumber) -> Self {
@@ -281,15 +284,15 @@ impl Target {
             stop: self.stop,
             colour: self.config.colour,
             frame: if self.located {
-                Frame::Site
+                CoordinateFrame::Site
             } else {
-                Frame::Own
+                CoordinateFrame::Own
             },
             place: self.place()?,
         }))
     }
 
-    fn standing(&mut self, now: Instant) -> Option<Output<Errand, ()>> {
+    fn standing(&mut self, now: Instant) -> Option<Output<TargetNotification, ()>> {
         let message = self.stopped()?;
         let stop = self.stop;
         let State::Standing(standing) = &mut self.state else {
@@ -301,7 +304,7 @@ impl Target {
             return Some(Output::Send {
                 to: ShortAddress::BROADCAST,
                 message,
-                errand: None,
+                notification: None,
             });
         }
         // The carrier may have left already: nobody must look now.
@@ -319,7 +322,7 @@ impl Target {
             return Some(Output::Send {
                 to: ShortAddress(address),
                 message,
-                errand: Some(Errand::Ask(address, stop)),
+                notification: Some(TargetNotification::Ask(address, stop)),
             });
         }
         let is_done = self.table.is_settled()
@@ -336,12 +339,12 @@ impl Target {
     }
 }
 
-impl Role for Target {
-    type Errand = Errand;
+impl Role for TargetRole {
+    type Notification = TargetNotification;
     type Task = ();
-    type Event = Event;
+    type Event = TargetEvent;
 
-    fn remember(&mut self, fact: &Fact) {
+    fn restore(&mut self, fact: &Fact) {
         match fact {
             Fact::Walk(walk) => self.resume(walk),
             Fact::Camera(slot, Some((address, report))) => {
@@ -352,7 +355,7 @@ impl Role for Target {
         }
     }
 
-    fn attached(&mut self, now: Instant, network: Option<Membership>) {
+    fn on_attached(&mut self, now: Instant, network: Option<Membership>) {
         let own = network.map(|network| network.short);
         let before = core::mem::replace(&mut self.address, own);
         let Some(network) = network else {
@@ -375,7 +378,7 @@ impl Role for Target {
         }
     }
 
-    fn message(&mut self, now: Instant, from: ShortAddress, message: &Message) {
+    fn on_message(&mut self, now: Instant, from: ShortAddress, message: &Message) {
         match message {
             Message::Look(look) if look.stop == self.stop => {
                 self.table.answered(now, from.0, look);
@@ -406,32 +409,32 @@ impl Role for Target {
         }
     }
 
-    fn sent(&mut self, now: Instant, errand: Errand, delivered: bool) {
-        match errand {
-            Errand::Hello => self.hello.sent(now, delivered),
-            Errand::Ask(address, stop) if stop == self.stop => {
+    fn on_sent(&mut self, now: Instant, notification: TargetNotification, delivered: bool) {
+        match notification {
+            TargetNotification::Hello => self.hello.sent(now, delivered),
+            TargetNotification::Ask(address, stop) if stop == self.stop => {
                 self.table.asked(now, address, delivered);
             }
-            Errand::Ask(..) => {}
+            TargetNotification::Ask(..) => {}
         }
     }
 
-    fn event(&mut self, now: Instant, event: Event) {
+    fn on_event(&mut self, now: Instant, event: TargetEvent) {
         match event {
-            Event::Step(step) => {
+            TargetEvent::Step(step) => {
                 self.sensor_failed = false;
                 self.stepped(now, &step);
             }
             // A sensor that goes on failing makes no new stops.
-            Event::SensorFailed if self.sensor_failed => {}
-            Event::SensorFailed => {
+            TargetEvent::SensorFailed if self.sensor_failed => {}
+            TargetEvent::SensorFailed => {
                 self.sensor_failed = true;
                 self.lose(now);
             }
         }
     }
 
-    fn poll(&mut self, now: Instant) -> Option<Output<Errand, ()>> {
+    fn poll(&mut self, now: Instant) -> Option<Output<TargetNotification, ()>> {
         if self.locate_at.is_some_and(|at| at <= now) {
             self.locate_at = None;
             self.locate(now);
@@ -449,18 +452,18 @@ impl Role for Target {
         if self.hello.take(now) {
             let hello = Hello {
                 id: self.id,
-                kind: Kind::Target,
+                kind: MemberKind::Target,
             };
             return Some(Output::Send {
                 to: COORDINATOR,
                 message: Message::Hello(hello),
-                errand: Some(Errand::Hello),
+                notification: Some(TargetNotification::Hello),
             });
         }
         self.standing(now)
     }
 
-    fn deadline(&self) -> Option<Instant> {
+    fn next_deadline(&self) -> Option<Instant> {
         self.address?;
         let state = match &self.state {
             State::Walking { last } => last.map(|last| last + self.still_after()),

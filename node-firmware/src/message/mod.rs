@@ -15,10 +15,10 @@
 //! | trigger signal (2.3) | [`Message::Trigger`] |
 //! | `20 40`, "you are in my field of view" (Fig. G) | [`Message::Look`] with [`Sight::InView`] |
 //! | `20 30`, "in range, not in my field of view" (Fig. L) | [`Message::Look`] with [`Sight::NotInView`] and its kin |
-//! | `20 'S' x y id` (Fig. H) | [`Message::Stopped`] in [`Frame::Site`] |
-//! | `20 'M' 0 ... id`, "no location for you" (Fig. M) | [`Message::Stopped`] in [`Frame::Own`]; a camera that is done is not asked |
+//! | `20 'S' x y id` (Fig. H) | [`Message::Stopped`] in [`CoordinateFrame::Site`] |
+//! | `20 'M' 0 ... id`, "no location for you" (Fig. M) | [`Message::Stopped`] in [`CoordinateFrame::Own`]; a camera that is done is not asked |
 //! | `id x y heading` (Fig. J) | [`Message::Report`] |
-//! | counters of given and taken locations | [`Look::counted`]: the camera's own count, repeated with each answer |
+//! | counters of given and taken locations | [`StopAnswer::counted`]: the camera's own count, repeated with each answer |
 //! | frames exchanged by the references (2.3) | [`Message::Bearing`] |
 //! | the target's location told by node 0 (2.6.1) | [`Message::Located`] |
 
@@ -50,7 +50,7 @@ pub enum Message {
     /// A target stands.
     Stopped(Stopped),
     /// A camera's answer to [`Message::Stopped`].
-    Look(Look),
+    Look(StopAnswer),
     /// A camera without duty sees a target that does not know its place: to the coordinator.
     Trigger {
         /// The target.
@@ -60,29 +60,29 @@ pub enum Message {
     },
     /// What a camera saw at a stop of which the target does not know the place: to the first
     /// reference camera, or, from a camera that knows its own pose, to the target.
-    Bearing(Bearing),
+    Bearing(StopBearing),
     /// The first reference camera tells a target where it stands.
-    Located(Located),
+    Located(TargetLocation),
     /// The first reference camera tells the second one how far that is: what it solved for it.
     Posed(Report),
     /// A camera tells how far it is: to the coordinator and to targets.
     Report(Report),
     /// The coordinator wants something done by a camera.
-    Command(Command),
-    /// What came of a [`Command`].
-    Done(Done),
+    Command(CameraCommand),
+    /// What came of a [`CameraCommand`].
+    Done(CommandResult),
     /// A raw packet of a camera that streams to the coordinator.
-    Tracked(Tracked),
+    Tracked(TrackedBlob),
     /// The coordinator asks a camera for [`Message::Sighting`]s.
     Sightings,
     /// One sighting of a camera.
-    Sighting(Sighted),
+    Sighting(ListedSighting),
 }
 
 /// What a member is.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
-pub enum Kind {
+pub enum MemberKind {
     /// A camera.
     Camera {
         /// Its duty as a reference, if one is configured.
@@ -129,7 +129,7 @@ pub struct Hello {
     /// The number by which people know the node.
     pub id: u16,
     /// What it is.
-    pub kind: Kind,
+    pub kind: MemberKind,
 }
 
 /// The two reference cameras.
@@ -168,7 +168,7 @@ pub struct Stopped {
     /// Which of the cameras' colours the target wears.
     pub colour: u8,
     /// What `place` refers to.
-    pub frame: Frame,
+    pub frame: CoordinateFrame,
     /// Where. Its numbers are checked when it is decoded.
     pub place: Place<f32>,
 }
@@ -176,7 +176,7 @@ pub struct Stopped {
 /// What a place refers to.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
-pub enum Frame {
+pub enum CoordinateFrame {
     /// Only to other stops of this target with the same [`fix`](calib_core::dead_reckoning::PlaceParts::fix): the target does not
     /// know where it is.
     Own,
@@ -207,7 +207,7 @@ pub enum Sight {
 /// A camera's answer to a stop.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
-pub struct Look {
+pub struct StopAnswer {
     /// Which stop.
     pub stop: StopNumber,
     /// What was seen.
@@ -244,7 +244,7 @@ impl Seen {
 /// What a camera saw of a target that does not know its place.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
-pub struct Bearing {
+pub struct StopBearing {
     /// The target.
     pub target: Address,
     /// Its stop.
@@ -259,7 +259,7 @@ pub struct Bearing {
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(remote = "Self")]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
-pub struct Located {
+pub struct TargetLocation {
     /// At which stop.
     pub stop: StopNumber,
     /// x and y in the frame of the site.
@@ -303,13 +303,13 @@ pub struct Report {
     /// It needs no more stops.
     pub done: bool,
     /// What it knows.
-    pub state: State,
+    pub state: CameraState,
 }
 
 /// What a camera knows about itself: a [`Status`], and what belongs to it.
 #[derive(Clone, Copy, Debug, Serialize, Deserialize)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
-pub enum State {
+pub enum CameraState {
     /// Fewer sightings than a pose needs.
     Waiting,
     /// The sightings give no pose.
@@ -323,7 +323,7 @@ pub enum State {
 }
 
 // Derived, it would compare poses in three places, each in flash.
-impl PartialEq for State {
+impl PartialEq for CameraState {
     fn eq(&self, other: &Self) -> bool {
         self.status() == other.status()
             && self.refusal() == other.refusal()
@@ -331,7 +331,7 @@ impl PartialEq for State {
     }
 }
 
-impl State {
+impl CameraState {
     /// A pose, judged. Numbers that are no pose's leave it undetermined.
     pub fn judged(parts: PoseParts, fit: &Fit<f32>, limits: &Limits<f32>) -> Self {
         let Some(pose) = parts.pose() else {
@@ -403,7 +403,7 @@ impl Report {
 /// What the coordinator wants a camera to do, as the thesis's PC program did (Appendix A).
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
-pub enum Command {
+pub enum CameraCommand {
     /// "Initialize": reset, adapt to the light, then fix gain and white balance.
     Initialise,
     /// "Object kept": learn the colour of the object in the middle of the view.
@@ -427,9 +427,9 @@ pub enum Command {
 /// What came of a command.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
-pub struct Done {
+pub struct CommandResult {
     /// The command.
-    pub command: Command,
+    pub command: CameraCommand,
     /// It worked.
     pub success: bool,
 }
@@ -437,7 +437,7 @@ pub struct Done {
 /// A blob as the camera told it; all zero when nothing was tracked.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
-pub struct Tracked {
+pub struct TrackedBlob {
     /// Middle mass column and row.
     pub middle: [u8; 2],
     /// Left, upper, right, lower edge.
@@ -452,7 +452,7 @@ pub struct Tracked {
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(remote = "Self")]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
-pub struct Sighted {
+pub struct ListedSighting {
     /// Its number among the camera's.
     pub index: u8,
     /// How many the camera has.
@@ -488,7 +488,14 @@ macro_rules! sound {
     )+};
 }
 
-sound!(References, Seen, Located, PoseParts, Report, Sighted);
+sound!(
+    References,
+    Seen,
+    TargetLocation,
+    PoseParts,
+    Report,
+    ListedSighting
+);
 
 fn all_finite<'a>(numbers: impl IntoIterator<Item = &'a f32>) -> bool {
     numbers.into_iter().all(|number| number.is_finite())
@@ -511,7 +518,7 @@ impl References {
     }
 }
 
-impl Located {
+impl TargetLocation {
     /// Whether the numbers are finite and the sigma is not below zero.
     pub fn is_usable(&self) -> bool {
         let angles = [self.frame_heading, self.frame_heading_sigma];
@@ -520,7 +527,7 @@ impl Located {
     }
 }
 
-impl Sighted {
+impl ListedSighting {
     /// Whether the numbers are finite and the sigma is not below zero.
     pub fn is_usable(&self) -> bool {
         all_finite(self.position.iter().chain([&self.position_sigma])) && self.position_sigma >= 0.0

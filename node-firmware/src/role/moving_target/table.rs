@@ -6,7 +6,7 @@ use super::{ANSWER_WITHIN, READY_AFTER};
 use crate::{
     limits::MEMBERS,
     memory::Fact,
-    message::{Address, Duty, Look, Report, Sight},
+    message::{Address, Duty, Report, Sight, StopAnswer},
     role::Reports,
 };
 
@@ -132,7 +132,7 @@ impl Table {
     }
 
     /// A camera answered the present stop.
-    pub(super) fn answered(&mut self, now: Instant, address: Address, look: &Look) {
+    pub(super) fn answered(&mut self, now: Instant, address: Address, look: &StopAnswer) {
         if let Some(camera) = self.cameras.of(address) {
             let camera = &mut camera.more;
             camera.question = match look.sight {

@@ -16,7 +16,10 @@ use crate::{
     hardware::{Button, Indication},
     limits::MEMBERS,
     memory::Fact,
-    message::{Address, Command, Done, Duty, Hello, Kind, Message, References, Report, StopNumber},
+    message::{
+        Address, CameraCommand, CommandResult, Duty, Hello, MemberKind, Message, References,
+        Report, StopNumber,
+    },
 };
 
 /// How long a button opens the join window.
@@ -32,7 +35,7 @@ const ROSTER_AFTER: Duration = Duration::from_millis(500);
 /// Why the coordinator sends a message of which it must know the result.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
-pub enum Errand {
+pub enum CoordinatorNotification {
     /// A member was asked who it is.
     Who(Address),
     /// A target was told which cameras there are.
@@ -40,13 +43,13 @@ pub enum Errand {
     /// A camera was told who the references are.
     References(Address),
     /// A camera was given a command.
-    Command(Address, Command),
+    Command(Address, CameraCommand),
 }
 
 /// A task for what surrounds the coordinator.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
-pub enum Task {
+pub enum CoordinatorTask {
     /// Tell the PC.
     Tell(ToPc),
     /// Let new devices join for a while.
@@ -62,7 +65,7 @@ pub enum Task {
 /// What surrounds the coordinator tells.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
-pub enum Event {
+pub enum CoordinatorEvent {
     /// The PC wants something.
     Pc(FromPc),
     /// A button was pressed.
@@ -83,17 +86,19 @@ struct Known {
 
 impl Known {
     fn is_camera(&self) -> bool {
-        self.hello.is_some_and(|hello| hello.kind != Kind::Target)
+        self.hello
+            .is_some_and(|hello| hello.kind != MemberKind::Target)
     }
 
     fn is_target(&self) -> bool {
-        self.hello.is_some_and(|hello| hello.kind == Kind::Target)
+        self.hello
+            .is_some_and(|hello| hello.kind == MemberKind::Target)
     }
 }
 
 /// The coordinator's state.
 #[derive(Clone, Debug)]
-pub struct Coordinator {
+pub struct CoordinatorRole {
     members: Reports<Known>,
     network: Option<Network>,
     references: Option<References>,
@@ -103,8 +108,8 @@ pub struct Coordinator {
     recalled: bool,
     /// The camera that saw a target first, and at which stop.
     trigger: Option<(Address, Address, StopNumber)>,
-    outbox: Outbox<Errand, 8>,
-    tasks: heapless::Deque<Task, 16>,
+    outbox: Outbox<CoordinatorNotification, 8>,
+    tasks: heapless::Deque<CoordinatorTask, 16>,
     /// To be opened.
     join_window: Option<Duration>,
     refresh: Option<usize>,
@@ -113,13 +118,13 @@ pub struct Coordinator {
     roll_call: Option<(Instant, usize)>,
 }
 
-impl Default for Coordinator {
+impl Default for CoordinatorRole {
     fn default() -> Self {
         Self::new()
     }
 }
 
-impl Coordinator {
+impl CoordinatorRole {
     /// A coordinator that knows nothing yet.
     pub const fn new() -> Self {
         Self {
@@ -189,11 +194,11 @@ impl Coordinator {
 
     /// Full, the PC misses something until it asks for everything again.
     fn tell_pc(&mut self, message: ToPc) {
-        let _ = self.tasks.push_back(Task::Tell(message));
+        let _ = self.tasks.push_back(CoordinatorTask::Tell(message));
     }
 
     fn hello(&mut self, now: Instant, address: Address, hello: Hello) {
-        if let Kind::Camera {
+        if let MemberKind::Camera {
             reference: Some(reference),
         } = hello.kind
             && !reference.is_usable()
@@ -208,23 +213,23 @@ impl Coordinator {
         let is_news = member.hello != Some(hello);
         member.hello = Some(hello);
         match hello.kind {
-            Kind::Target => member.roster.tell(now),
-            Kind::Camera { .. } if is_news => {
+            MemberKind::Target => member.roster.tell(now),
+            MemberKind::Camera { .. } if is_news => {
                 let members = self.members.iter_mut().map(|member| &mut member.more);
                 for target in members.filter(|member| member.is_target()) {
                     target.roster = Owed::Due(now + ROSTER_AFTER, 0);
                 }
             }
-            Kind::Camera { .. } => {}
+            MemberKind::Camera { .. } => {}
         }
         self.tell_pc(ToPc::Member { address, hello });
-        if matches!(hello.kind, Kind::Camera { reference: Some(_) }) {
+        if matches!(hello.kind, MemberKind::Camera { reference: Some(_) }) {
             self.appoint_configured(now);
         }
         // A reference may have missed it, or forgotten. After a restart of this node nobody knows
         // who was one before, and was not told.
         if let Some(references) = self.references
-            && hello.kind != Kind::Target
+            && hello.kind != MemberKind::Target
             && (is_news && self.recalled || references.duty_of(ShortAddress(address)).is_some())
             && let Some(member) = self.members.get(address)
         {
@@ -239,7 +244,7 @@ impl Coordinator {
             .iter()
             .rev()
             .find_map(|member| match member.more.hello?.kind {
-                Kind::Camera {
+                MemberKind::Camera {
                     reference: Some(reference),
                 } if reference.duty == wanted => Some((member.address, reference.position)),
                 _ => None,
@@ -316,17 +321,17 @@ impl Coordinator {
             FromPc::Refresh => {
                 self.refresh = Some(0);
                 self.tell_pc(ToPc::Network(self.network));
-                let _ = self.tasks.push_back(Task::TellKeyChange);
+                let _ = self.tasks.push_back(CoordinatorTask::TellKeyChange);
             }
             FromPc::JoinWindow(seconds) => {
                 self.join_window = Some(Duration::from_secs(seconds.into()));
             }
             FromPc::Command { address, command } => {
-                let errand = Errand::Command(address, command);
+                let notification = CoordinatorNotification::Command(address, command);
                 let message = Message::Command(command);
                 let to = ShortAddress(address);
-                if !self.outbox.push(now, to, message, Some(errand)) {
-                    self.sent(now, errand, false);
+                if !self.outbox.push(now, to, message, Some(notification)) {
+                    self.on_sent(now, notification, false);
                 }
             }
             FromPc::Sightings(address) => {
@@ -336,12 +341,16 @@ impl Coordinator {
             }
             // Full, the PC hears nothing of these, and asks again.
             FromPc::Remove(address) => {
-                if self.tasks.push_back(Task::Remove(address)).is_ok() {
+                if self
+                    .tasks
+                    .push_back(CoordinatorTask::Remove(address))
+                    .is_ok()
+                {
                     self.forget(address);
                 }
             }
             FromPc::ChangeKey(key) => {
-                let _ = self.tasks.push_back(Task::ChangeKey(key));
+                let _ = self.tasks.push_back(CoordinatorTask::ChangeKey(key));
             }
         }
     }
@@ -389,7 +398,10 @@ impl Coordinator {
     }
 
     /// What is owed to members and due.
-    fn debt(&mut self, now: Instant) -> Option<(ShortAddress, Message, Option<Errand>)> {
+    fn debt(
+        &mut self,
+        now: Instant,
+    ) -> Option<(ShortAddress, Message, Option<CoordinatorNotification>)> {
         if let Some((at, count)) = self.roll_call
             && at <= now
             && let Some(again) = self.next_roll_call(now, count)
@@ -403,29 +415,33 @@ impl Coordinator {
             let to = ShortAddress(address);
             let member = &mut member.more;
             if member.who.take(now) {
-                return Some((to, Message::WhoIsThere, Some(Errand::Who(address))));
+                return Some((
+                    to,
+                    Message::WhoIsThere,
+                    Some(CoordinatorNotification::Who(address)),
+                ));
             }
             if member.roster.take(now) {
-                let errand = Some(Errand::Roster(address));
-                return Some((to, Message::Roster(roster), errand));
+                let notification = Some(CoordinatorNotification::Roster(address));
+                return Some((to, Message::Roster(roster), notification));
             }
             if let Some(references) = self.references
                 && member.references.take(now)
             {
-                let errand = Some(Errand::References(address));
-                return Some((to, Message::References(references), errand));
+                let notification = Some(CoordinatorNotification::References(address));
+                return Some((to, Message::References(references), notification));
             }
         }
         None
     }
 }
 
-impl Role for Coordinator {
-    type Errand = Errand;
-    type Task = Task;
-    type Event = Event;
+impl Role for CoordinatorRole {
+    type Notification = CoordinatorNotification;
+    type Task = CoordinatorTask;
+    type Event = CoordinatorEvent;
 
-    fn remember(&mut self, fact: &Fact) {
+    fn restore(&mut self, fact: &Fact) {
         match fact {
             Fact::References(references) => {
                 self.references = *references;
@@ -438,7 +454,7 @@ impl Role for Coordinator {
         }
     }
 
-    fn attached(&mut self, now: Instant, network: Option<Membership>) {
+    fn on_attached(&mut self, now: Instant, network: Option<Membership>) {
         self.network = network.map(|network| Network {
             pan: network.pan.0,
             channel: network.channel.number(),
@@ -449,7 +465,7 @@ impl Role for Coordinator {
         }
     }
 
-    fn message(&mut self, now: Instant, from: ShortAddress, message: &Message) {
+    fn on_message(&mut self, now: Instant, from: ShortAddress, message: &Message) {
         let address = from.0;
         self.meet(now, address);
         match message {
@@ -472,27 +488,27 @@ impl Role for Coordinator {
         }
     }
 
-    fn sent(&mut self, now: Instant, errand: Errand, delivered: bool) {
-        match errand {
-            Errand::Who(address) => {
+    fn on_sent(&mut self, now: Instant, notification: CoordinatorNotification, delivered: bool) {
+        match notification {
+            CoordinatorNotification::Who(address) => {
                 if let Some(member) = self.members.get(address) {
                     // A member that cannot be reached says hello when it is back.
                     member.who.sent(now, true);
                 }
             }
-            Errand::Roster(address) => {
+            CoordinatorNotification::Roster(address) => {
                 if let Some(member) = self.members.get(address) {
                     member.roster.sent(now, delivered);
                 }
             }
-            Errand::References(address) => {
+            CoordinatorNotification::References(address) => {
                 if let Some(member) = self.members.get(address) {
                     member.references.sent(now, delivered);
                 }
             }
-            Errand::Command(address, command) => {
+            CoordinatorNotification::Command(address, command) => {
                 if !delivered {
-                    let done = Done {
+                    let done = CommandResult {
                         command,
                         success: false,
                     };
@@ -502,44 +518,44 @@ impl Role for Coordinator {
         }
     }
 
-    fn event(&mut self, now: Instant, event: Event) {
+    fn on_event(&mut self, now: Instant, event: CoordinatorEvent) {
         match event {
-            Event::Pc(wish) => self.pc(now, wish),
-            Event::Button(Button::JoinWindow) => {
+            CoordinatorEvent::Pc(wish) => self.pc(now, wish),
+            CoordinatorEvent::Button(Button::JoinWindow) => {
                 self.join_window = Some(BUTTON_WINDOW);
             }
-            Event::Button(Button::LearnColour) => {}
+            CoordinatorEvent::Button(Button::LearnColour) => {}
         }
     }
 
-    fn poll(&mut self, now: Instant) -> Option<Output<Errand, Task>> {
+    fn poll(&mut self, now: Instant) -> Option<Output<CoordinatorNotification, CoordinatorTask>> {
         self.next_line();
         if let Some(fact) = self.unsaved() {
             return Some(Output::Save(fact));
         }
         if let Some(window) = self.join_window.take() {
-            return Some(Output::Task(Task::OpenJoinWindow(window)));
+            return Some(Output::Task(CoordinatorTask::OpenJoinWindow(window)));
         }
         if let Some(task) = self.tasks.pop_front() {
             return Some(Output::Task(task));
         }
         self.network?;
-        if let Some((to, message, errand)) = self.outbox.pop(now) {
+        if let Some((to, message, notification)) = self.outbox.pop(now) {
             return Some(Output::Send {
                 to,
                 message,
-                errand,
+                notification,
             });
         }
-        let (to, message, errand) = self.debt(now)?;
+        let (to, message, notification) = self.debt(now)?;
         Some(Output::Send {
             to,
             message,
-            errand,
+            notification,
         })
     }
 
-    fn deadline(&self) -> Option<Instant> {
+    fn next_deadline(&self) -> Option<Instant> {
         self.network?;
         let roll_call = self
             .roll_call

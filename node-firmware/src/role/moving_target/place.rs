@@ -10,11 +10,11 @@ use calib_core::{
 use nalgebra::{Matrix2, Point2, RealField, Vector2};
 use zigbee_link::{Instant, wire::ShortAddress};
 
-use super::{State, Target};
+use super::{State, TargetRole};
 use crate::{
     arithmetic::root,
     config::TargetConfig,
-    message::{Bearing, Located, matrix},
+    message::{StopBearing, TargetLocation, matrix},
 };
 
 /// After a camera's bearing, before it is used: those of other cameras make the place better. The
@@ -24,7 +24,7 @@ const BEARINGS_WITHIN: Duration = Duration::from_millis(400);
 /// A direction that is not known to this, radians, is none.
 const HEADING_LIMIT: f32 = 0.1;
 
-impl Target {
+impl TargetRole {
     /// Where it stands, with its own count of fixes: a track that is begun anew does not know of
     /// those before.
     pub(super) fn place(&self) -> Option<Place<f32>> {
@@ -105,7 +105,7 @@ impl Target {
     }
 
     /// The first reference camera solved, and tells where this target stood.
-    pub(super) fn located(&mut self, now: Instant, located: &Located) {
+    pub(super) fn located(&mut self, now: Instant, located: &TargetLocation) {
         let then = self.stood.iter().find(|(stop, _)| *stop == located.stop);
         let is_of_use = located.is_usable() && !self.located && !self.sensor_failed;
         let Some(&(_, then)) = then.filter(|_| is_of_use) else {
@@ -121,7 +121,7 @@ impl Target {
     }
 
     /// A camera that knows its pose saw this target, which does not know its place.
-    pub(super) fn bearing(&mut self, now: Instant, from: ShortAddress, bearing: &Bearing) {
+    pub(super) fn bearing(&mut self, now: Instant, from: ShortAddress, bearing: &StopBearing) {
         let is_mine = self.address.is_some_and(|own| own.0 == bearing.target);
         let is_of_use =
             bearing.seen.is_usable() && bearing.pose.is_some_and(|p| p.pose().is_some());

@@ -16,7 +16,7 @@ use crate::{
     hardware::{Hardware, StepSensor},
     log::warning,
     message::StopNumber,
-    role::target::{Event, Target},
+    role::moving_target::{TargetEvent, TargetRole},
 };
 
 /// After a failure of the sensor.
@@ -30,7 +30,7 @@ pub(super) async fn run<H: Hardware>(
 ) -> LogError<FlashError<H>> {
     let clock = services.clock;
     let channels = DeviceChannels::new();
-    let mut role = Target::new(id, *config, first_stop);
+    let mut role = TargetRole::new(id, *config, first_stop);
     let driver = AnyDriver::Target(RoleDriver::new(&mut role, &channels));
     let driven = drive(driver, services);
     let sensed = sense(&mut steps, clock, channels.events.sender());
@@ -43,14 +43,14 @@ pub(super) async fn run<H: Hardware>(
 async fn sense<C: Clock, S: StepSensor>(
     steps: &mut S,
     clock: &C,
-    events: Events<'_, Event>,
+    events: Events<'_, TargetEvent>,
 ) -> core::convert::Infallible {
     loop {
         match steps.next().await {
-            Ok(step) => events.send(Event::Step(step)).await,
+            Ok(step) => events.send(TargetEvent::Step(step)).await,
             Err(_) => {
                 warning!("the step sensor failed: the target is lost");
-                events.send(Event::SensorFailed).await;
+                events.send(TargetEvent::SensorFailed).await;
                 let now = clock.now().0;
                 let then = zigbee_link::Instant(now.saturating_add(PAUSE_US));
                 clock.sleep_until(then).await;
