@@ -19,8 +19,8 @@ use node_firmware::{
     run::run,
     steps::InertialSteps,
 };
+use spinel_radio::SpinelRadio;
 use static_cell::StaticCell;
-use zigbee_link::spinel::SpinelRadio;
 
 use crate::{
     board::Board,

@@ -16,12 +16,13 @@ use embassy_futures::select::{Either, select};
 use embassy_sync::{blocking_mutex::raw::NoopRawMutex, mutex::Mutex};
 use embedded_hal_async::delay::DelayNs;
 use embedded_storage_async::nor_flash::{ErrorType, NorFlash};
+use flash_log::LogError;
 use zigbee_link::{
     Instant,
     network::{Node, Settings},
     radio::Radio,
     runner::{self, Clock, Shared, Stopped},
-    store::{Member, Record, Saved, Store, StoreError, log::LogError},
+    store::{Member, Record, Saved, Store, StoreError},
     wire::Eui64,
 };
 

@@ -4,7 +4,7 @@
 
 mod machine;
 #[expect(dead_code, reason = "its own tests use more of it")]
-#[path = "../../../../zigbee-link/tests/peer/mod.rs"]
+#[path = "../../../../spinel-radio/tests/peer/mod.rs"]
 mod peer;
 #[path = "../../../../zigbee-link/tests/support/mod.rs"]
 mod support;

@@ -3,6 +3,7 @@
 #![cfg(unix)]
 
 mod peer;
+#[path = "../../zigbee-link/tests/support/mod.rs"]
 mod support;
 
 use std::time::Duration;
@@ -13,6 +14,14 @@ use embassy_futures::{
 };
 use embedded_io_async::{Read, Write};
 use peer::{Air, Process, Rcp, StdClock, Uart, block_on, poll_for};
+use spinel_radio::{
+    RcpError, RcpFault, RcpPolicy, SpinelRadio,
+    frame::{Body, SpinelHeader, SpinelMessage, Tid},
+    hdlc,
+    property::{Property, PropertyKey},
+    status::SpinelStatus,
+    stream::TxFrame,
+};
 use support::{
     aether::eui,
     node::{provisioned, settings},
@@ -22,14 +31,6 @@ use zigbee_link::{
     network,
     radio::{Channel, Config, FRAME_MAX, PSDU_MAX, Radio, Received, TxOutcome},
     runner::{self, Clock, Shared},
-    spinel::{
-        Error, Fault, Policy, SpinelRadio,
-        frame::{Body, Header, Message, Tid},
-        hdlc,
-        property::{Key, Property},
-        status::Status,
-        stream::TxFrame,
-    },
     store::Member,
     wire::{Address, AuxHeader, Eui64, FrameType, KeyId, Level, PanId, Panned, ShortAddress},
 };
@@ -330,7 +331,11 @@ fn impossible_lengths_are_refused_here_and_there() {
     let [mut a, mut b] = pair(&air);
     for len in [0, 2, FRAME_MAX + 1, PSDU_MAX + 1, 1000] {
         let refused = block_on(a.radio.transmit(&vec![0x41; len]));
-        assert_eq!(refused, Err(Error::Radio(Fault::FrameLength)), "{len}");
+        assert_eq!(
+            refused,
+            Err(RcpError::Radio(RcpFault::FrameLength)),
+            "{len}"
+        );
     }
     let good = data(PAN, short(2), true, 1, b"still there");
     a.deliver(&good);
@@ -341,14 +346,17 @@ fn impossible_lengths_are_refused_here_and_there() {
     let tid = Tid::new(7).unwrap();
     let send = TxFrame::new(&[0x41; PSDU_MAX + 1], 11);
     let answer = ask(&mut uart, tid, Body::Set(Property::Send(send)));
-    assert_eq!(answer, Some((Key::LAST_STATUS, Some(Status::PARSE_ERROR))));
+    assert_eq!(
+        answer,
+        Some((PropertyKey::LAST_STATUS, Some(SpinelStatus::PARSE_ERROR)))
+    );
 }
 
 /// The property of the answer, and the status if it is one.
-fn ask(uart: &mut Uart, tid: Tid, body: Body<'_>) -> Option<(Key, Option<Status>)> {
+fn ask(uart: &mut Uart, tid: Tid, body: Body<'_>) -> Option<(PropertyKey, Option<SpinelStatus>)> {
     let mut content = [0; 256];
-    let header = Header::new(tid);
-    let len = Message { header, body }.emit(&mut content).unwrap();
+    let header = SpinelHeader::new(tid);
+    let len = SpinelMessage { header, body }.emit(&mut content).unwrap();
     let line: Vec<u8> = hdlc::encode(&content[..len]).collect();
     block_on(async {
         uart.write_all(&line).await.unwrap();
@@ -359,8 +367,8 @@ fn ask(uart: &mut Uart, tid: Tid, body: Body<'_>) -> Option<(Key, Option<Status>
             let Some(content) = decoder.push(byte[0]) else {
                 continue;
             };
-            match Message::parse(content).unwrap() {
-                Message {
+            match SpinelMessage::parse(content).unwrap() {
+                SpinelMessage {
                     header,
                     body: Body::Is(property),
                 } if header.tid == tid => {
@@ -394,7 +402,7 @@ fn killed_and_restarted_while_listening() {
                 while buffer[..frame.len()] != frame {
                     b.radio.receive(&mut buffer).await?;
                 }
-                Ok::<_, Error<_>>(())
+                Ok::<_, RcpError<_>>(())
             },
         ));
         assert_eq!(received, Ok(()));
@@ -422,11 +430,11 @@ fn killed_and_restarted_between_transmissions() {
 fn dead_is_an_error_and_works_again_later() {
     let air = Air::new();
     let (process, uart) = Process::start(&air, 1);
-    let impatient = Policy {
+    let impatient = RcpPolicy {
         answer: Duration::from_millis(200),
         transmission: Duration::from_millis(500),
         reset: Duration::from_millis(500),
-        ..Policy::default()
+        ..RcpPolicy::default()
     };
     let mut a = Node {
         process,
@@ -437,13 +445,13 @@ fn dead_is_an_error_and_works_again_later() {
     b.configure(&config(2));
     let frame = data(PAN, short(2), true, 1, b"alive");
     let mut buffer = [0; PSDU_MAX];
-    let unconfigured = Error::Radio(Fault::NotConfigured);
+    let unconfigured = RcpError::Radio(RcpFault::NotConfigured);
     assert_eq!(block_on(a.radio.transmit(&frame)), Err(unconfigured));
     assert_eq!(block_on(a.radio.receive(&mut buffer)), Err(unconfigured));
 
     a.configure(&config(1));
     a.process.kill();
-    let silent = Error::Radio(Fault::Silent);
+    let silent = RcpError::Radio(RcpFault::Silent);
     assert_eq!(block_on(a.radio.transmit(&frame)), Err(silent));
     assert_eq!(block_on(a.radio.receive(&mut buffer)), Err(silent));
     a.process.restart();

@@ -3,10 +3,8 @@
 use heapless::{Deque, Vec};
 
 use super::{Counters, count};
-use crate::{
-    radio::{Channel, Config, FCS_LEN, FRAME_MAX, FRAME_MIN, PSDU_MAX, Received},
-    spinel::stream::RxFrame,
-};
+use crate::stream::RxFrame;
+use zigbee_link::radio::{Channel, Config, FCS_LEN, FRAME_MAX, FRAME_MIN, PSDU_MAX, Received};
 
 /// A frame without its FCS, and what is known of it.
 #[derive(Clone, Debug)]

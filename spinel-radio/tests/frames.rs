@@ -1,16 +1,14 @@
 //! Spinel frames: golden bytes, and that reading what was written gives the same.
 
 use proptest::{collection::vec, option, prelude::*};
-use zigbee_link::{
-    spinel::{
-        frame::{Body, Header, Message, Reset, Tid},
-        hdlc,
-        property::{Capabilities, Key, Promiscuity, Property, TxReport},
-        status::Status,
-        stream::{RxFrame, TxFrame},
-    },
-    wire::{EmitError, Eui64, Malformed, PanId, ShortAddress},
+use spinel_radio::{
+    frame::{Body, Reset, SpinelHeader, SpinelMessage, Tid},
+    hdlc,
+    property::{Capabilities, Promiscuity, Property, PropertyKey, TxReport},
+    status::SpinelStatus,
+    stream::{RxFrame, TxFrame},
 };
+use zigbee_link::wire::{EmitError, Eui64, Malformed, PanId, ShortAddress};
 
 fn hex(text: &str) -> Vec<u8> {
     text.split_whitespace()
@@ -18,23 +16,23 @@ fn hex(text: &str) -> Vec<u8> {
         .collect()
 }
 
-fn emit(message: &Message<'_>) -> Vec<u8> {
+fn emit(message: &SpinelMessage<'_>) -> Vec<u8> {
     let mut buffer = [0; 400];
     let len = message.emit(&mut buffer).unwrap();
     buffer[..len].to_vec()
 }
 
-fn is(tid: u8, property: Property<'_>) -> Message<'_> {
-    Message {
-        header: Header::new(Tid::new(tid).unwrap()),
+fn is(tid: u8, property: Property<'_>) -> SpinelMessage<'_> {
+    SpinelMessage {
+        header: SpinelHeader::new(Tid::new(tid).unwrap()),
         body: Body::Is(property),
     }
 }
 
 #[track_caller]
-fn assert_golden(text: &str, message: &Message<'_>) {
+fn assert_golden(text: &str, message: &SpinelMessage<'_>) {
     let bytes = hex(text);
-    assert_eq!(Message::parse(&bytes), Ok(*message));
+    assert_eq!(SpinelMessage::parse(&bytes), Ok(*message));
     assert_eq!(emit(message), bytes);
     let mut buffer = [0; 400];
     for room in 0..bytes.len() {
@@ -47,9 +45,9 @@ fn assert_golden(text: &str, message: &Message<'_>) {
 fn recorded_answers() {
     assert_golden(
         "80 06 00 70",
-        &is(0, Property::LastStatus(Status(112), None)),
+        &is(0, Property::LastStatus(SpinelStatus(112), None)),
     );
-    assert!(Status(112).is_reset());
+    assert!(SpinelStatus(112).is_reset());
     assert_golden(
         "82 06 01 04 03",
         &is(2, Property::ProtocolVersion { major: 4, minor: 3 }),
@@ -67,7 +65,7 @@ fn recorded_answers() {
         "83 06 02 4F 50 45 4E 54 48 52 45 41 44 2F 00",
         &is(3, firmware),
     );
-    let unknown = Property::LastStatus(Status::PROPERTY_NOT_FOUND, None);
+    let unknown = Property::LastStatus(SpinelStatus::PROPERTY_NOT_FOUND, None);
     assert_golden("83 06 00 0D", &is(3, unknown));
 }
 
@@ -87,7 +85,10 @@ fn recorded_frames() {
         "80 06 71 0D 00 61 88 07 34 12 02 00 01 00 68 69 B8 60 EC 80 00 00 \
          0A 00 0B 00 75 8E 31 B3 01 00 00 00 01 00 00 05 00 00 00 00 00 00",
     );
-    assert_eq!(Message::parse(&told), Ok(is(0, Property::Received(frame))));
+    assert_eq!(
+        SpinelMessage::parse(&told),
+        Ok(is(0, Property::Received(frame)))
+    );
 
     // Sent and acknowledged; sent to all; sent and not acknowledged.
     let acknowledged = hex("8B 06 00 00 00 01 05 00 02 00 07 07 C1 00 80 00 00 \
@@ -102,8 +103,8 @@ fn recorded_frames() {
             ..RxFrame::new(&[0x02, 0x00, 0x07, 0x07, 0xC1])
         }),
     };
-    let expected = Property::LastStatus(Status::OK, Some(report));
-    assert_eq!(Message::parse(&acknowledged), Ok(is(11, expected)));
+    let expected = Property::LastStatus(SpinelStatus::OK, Some(report));
+    assert_eq!(SpinelMessage::parse(&acknowledged), Ok(is(11, expected)));
 
     let sent = hex("8D 06 00 00 00 01 00 00 00 80 00 00 \
          0A 00 00 00 00 00 00 00 00 00 00 00 01 00 00 05 00 00 00 00 00 00");
@@ -114,8 +115,8 @@ fn recorded_frames() {
         }),
         ..report
     };
-    let expected = Property::LastStatus(Status::OK, Some(report));
-    assert_eq!(Message::parse(&sent), Ok(is(13, expected)));
+    let expected = Property::LastStatus(SpinelStatus::OK, Some(report));
+    assert_eq!(SpinelMessage::parse(&sent), Ok(is(13, expected)));
 
     let report = TxReport {
         acknowledgement: None,
@@ -123,7 +124,7 @@ fn recorded_frames() {
     };
     assert_golden(
         "8C 06 00 11 00 01",
-        &is(12, Property::LastStatus(Status::NO_ACK, Some(report))),
+        &is(12, Property::LastStatus(SpinelStatus::NO_ACK, Some(report))),
     );
 }
 
@@ -143,17 +144,20 @@ fn properties() {
         ("85 06 37 00", Property::MacRawStream(false)),
         ("85 06 38 02", Property::MacPromiscuous(Promiscuity::Full)),
         ("85 06 83 26 01", Property::MacSourceMatch(true)),
-        ("85 06 B9 0A AB", Property::Other(Key(1337), &[0xAB])),
+        (
+            "85 06 B9 0A AB",
+            Property::Other(PropertyKey(1337), &[0xAB]),
+        ),
     ] {
         assert_golden(text, &is(5, property));
-        let set = Message {
+        let set = SpinelMessage {
             body: Body::Set(property),
             ..is(5, property)
         };
         assert_golden(&text.replacen("06", "03", 1), &set);
     }
     let reserved = hex("85 06 38 03");
-    assert_eq!(Message::parse(&reserved), Err(Malformed::Reserved));
+    assert_eq!(SpinelMessage::parse(&reserved), Err(Malformed::Reserved));
 }
 
 /// Metadata may end after any field; what is missing is what `new` says.
@@ -171,14 +175,14 @@ fn partial_metadata() {
         channel_after: 12,
         ..TxFrame::new(&[1, 2, 3], 11)
     };
-    let bytes = emit(&Message {
-        header: Header::default(),
+    let bytes = emit(&SpinelMessage {
+        header: SpinelHeader::default(),
         body: Body::Set(Property::Send(full)),
     });
     let mut good = 0;
     for len in 0..=bytes.len() {
-        match Message::parse(&bytes[..len]) {
-            Ok(Message {
+        match SpinelMessage::parse(&bytes[..len]) {
+            Ok(SpinelMessage {
                 body: Body::Set(Property::Send(frame)),
                 ..
             }) => {
@@ -201,15 +205,18 @@ fn partial_metadata() {
     assert_eq!(good, 10);
     let bare = hex("80 06 71 03 00 01 02 03");
     let expected = Property::Received(RxFrame::new(&[1, 2, 3]));
-    assert_eq!(Message::parse(&bare).unwrap().body, Body::Is(expected));
+    assert_eq!(
+        SpinelMessage::parse(&bare).unwrap().body,
+        Body::Is(expected)
+    );
 }
 
 #[test]
 fn numbers_that_cannot_be_written() {
     let mut buffer = [0; 70_000];
     for property in [
-        Property::LastStatus(Status(1 << 21), None),
-        Property::Other(Key(1 << 21), &[]),
+        Property::LastStatus(SpinelStatus(1 << 21), None),
+        Property::Other(PropertyKey(1 << 21), &[]),
         Property::Received(RxFrame::new(&[0; 65_536])),
     ] {
         assert_eq!(
@@ -274,9 +281,10 @@ fn body() -> impl Strategy<Value = Body<'static>> {
             Just(Reset::Other(9))
         ]
         .prop_map(Body::Reset),
-        (0..PACKED).prop_map(|key| Body::Get(Key(key))),
-        (0..PACKED, option::of(report))
-            .prop_map(|(status, report)| Body::Is(Property::LastStatus(Status(status), report))),
+        (0..PACKED).prop_map(|key| Body::Get(PropertyKey(key))),
+        (0..PACKED, option::of(report)).prop_map(|(status, report)| Body::Is(
+            Property::LastStatus(SpinelStatus(status), report)
+        )),
         (0..PACKED, 0..PACKED)
             .prop_map(|(major, minor)| Body::Is(Property::ProtocolVersion { major, minor })),
         (0..127_usize).prop_map(|len| Body::Is(Property::NcpVersion(&PSDU[..len]))),
@@ -290,10 +298,10 @@ fn body() -> impl Strategy<Value = Body<'static>> {
 proptest! {
     #[test]
     fn emitting_then_parsing_is_the_identity(body in body(), interface in 0..4_u8, tid in 0..16_u8) {
-        let header = Header::on_interface(interface, Tid::new(tid).unwrap()).unwrap();
-        let message = Message { header, body };
+        let header = SpinelHeader::on_interface(interface, Tid::new(tid).unwrap()).unwrap();
+        let message = SpinelMessage { header, body };
         let bytes = emit(&message);
-        prop_assert_eq!(Message::parse(&bytes), Ok(message));
+        prop_assert_eq!(SpinelMessage::parse(&bytes), Ok(message));
     }
 
     /// Any bytes: no panic, and what was understood stays the same when written and read again.
@@ -302,15 +310,15 @@ proptest! {
         // Most random bytes are no header, no command and no property.
         let starts: [&[u8]; 4] = [&[], &[0x80, 6, 0], &[0x81, 6, 0x71, 20, 0], &[0x82, 3, 0x71, 20, 0]];
         bytes.splice(..0, starts[start].iter().copied());
-        if let Ok(message) = Message::parse(&bytes) {
+        if let Ok(message) = SpinelMessage::parse(&bytes) {
             let again = emit(&message);
-            prop_assert_eq!(Message::parse(&again), Ok(message));
+            prop_assert_eq!(SpinelMessage::parse(&again), Ok(message));
         }
     }
 
     #[test]
     fn over_a_line(body in body()) {
-        let content = emit(&Message { header: Header::default(), body });
+        let content = emit(&SpinelMessage { header: SpinelHeader::default(), body });
         let mut decoder = hdlc::Decoder::<400>::new();
         let frames: Vec<_> = hdlc::encode(&content)
             .filter_map(|byte| decoder.push(byte).map(<[u8]>::to_vec))

@@ -1,14 +1,14 @@
 //! What is asked of a session, and what comes of it.
 
-use crate::radio::{Config, TxOutcome};
+use zigbee_link::radio::{Config, TxOutcome};
 
 /// What the caller wants.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
-pub enum Request<'a> {
-    /// Work like this. Ends with [`Outcome::Configured`].
+pub enum RcpRequest<'a> {
+    /// Work like this. Ends with [`RcpOutcome::Configured`].
     Configure(Config),
-    /// Send this frame, which has no FCS. Ends with [`Outcome::Transmitted`].
+    /// Send this frame, which has no FCS. Ends with [`RcpOutcome::Transmitted`].
     Transmit(&'a [u8]),
     /// Receive. Ends only when it fails.
     Listen,
@@ -18,7 +18,7 @@ pub enum Request<'a> {
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 #[must_use]
-pub enum Outcome {
+pub enum RcpOutcome {
     /// The co-processor works as it was told.
     Configured,
     /// What became of the frame.

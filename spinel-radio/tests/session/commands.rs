@@ -2,17 +2,14 @@
 
 use std::collections::VecDeque;
 
-use zigbee_link::{
-    radio::TxOutcome,
-    spinel::{
-        Fault,
-        frame::{Body, Message},
-        property::{Capabilities, Key, Property},
-        session::{Outcome, Request},
-        status::Status,
-    },
-    wire::Eui64,
+use spinel_radio::{
+    RcpFault,
+    frame::{Body, SpinelMessage},
+    property::{Capabilities, Property, PropertyKey},
+    session::{RcpOutcome, RcpRequest},
+    status::SpinelStatus,
 };
+use zigbee_link::{radio::TxOutcome, wire::Eui64};
 
 use crate::bench::{
     ACKNOWLEDGED, BROADCAST, Bench, CONFIG, POLICY, UNICAST, key, line, status, works,
@@ -22,8 +19,8 @@ use crate::bench::{
 fn configuring_byte_for_byte() {
     let mut bench = Bench::new();
     assert_eq!(
-        bench.run(Request::Configure(CONFIG), works),
-        Ok(Outcome::Configured)
+        bench.run(RcpRequest::Configure(CONFIG), works),
+        Ok(RcpOutcome::Configured)
     );
     let expected: [&[u8]; 14] = [
         &[0x80, 1, 2],
@@ -49,8 +46,8 @@ fn configuring_byte_for_byte() {
     // A later one needs no reset.
     bench.heard.clear();
     assert_eq!(
-        bench.run(Request::Configure(CONFIG), works),
-        Ok(Outcome::Configured)
+        bench.run(RcpRequest::Configure(CONFIG), works),
+        Ok(RcpOutcome::Configured)
     );
     assert_eq!(bench.heard.len(), 9);
 }
@@ -58,7 +55,10 @@ fn configuring_byte_for_byte() {
 #[test]
 fn transmitting_byte_for_byte() {
     let mut bench = Bench::configured();
-    assert_eq!(bench.run(Request::Transmit(UNICAST), works), ACKNOWLEDGED);
+    assert_eq!(
+        bench.run(RcpRequest::Transmit(UNICAST), works),
+        ACKNOWLEDGED
+    );
     let mut expected = vec![0x8E, 3, 0x71, 13, 0];
     expected.extend(UNICAST);
     // FCS; channel, backoffs, retries, CSMA, header updated, no repetition, secured; no delay;
@@ -69,25 +69,29 @@ fn transmitting_byte_for_byte() {
 
 #[test]
 fn results_of_a_transmission() {
-    let sent = Ok(Outcome::Transmitted(TxOutcome::Sent));
+    let sent = Ok(RcpOutcome::Transmitted(TxOutcome::Sent));
     let mut bench = Bench::configured();
-    assert_eq!(bench.run(Request::Transmit(BROADCAST), works), sent);
+    assert_eq!(bench.run(RcpRequest::Transmit(BROADCAST), works), sent);
     for (told, outcome) in [
-        (Status::NO_ACK, TxOutcome::NotAcknowledged),
-        (Status::CCA_FAILURE, TxOutcome::ChannelBusy),
+        (SpinelStatus::NO_ACK, TxOutcome::NotAcknowledged),
+        (SpinelStatus::CCA_FAILURE, TxOutcome::ChannelBusy),
     ] {
-        let outcome = Ok(Outcome::Transmitted(outcome));
-        let answer = |message: &Message<'_>| status(message.header.tid, told);
-        assert_eq!(bench.run(Request::Transmit(UNICAST), answer), outcome);
+        let outcome = Ok(RcpOutcome::Transmitted(outcome));
+        let answer = |message: &SpinelMessage<'_>| status(message.header.tid, told);
+        assert_eq!(bench.run(RcpRequest::Transmit(UNICAST), answer), outcome);
     }
-    let refused = Err(Fault::Refused {
-        key: Key::STREAM_RAW,
-        status: Status::PARSE_ERROR,
+    let refused = Err(RcpFault::Refused {
+        key: PropertyKey::STREAM_RAW,
+        status: SpinelStatus::PARSE_ERROR,
     });
-    let answer = |message: &Message<'_>| status(message.header.tid, Status::PARSE_ERROR);
-    assert_eq!(bench.run(Request::Transmit(UNICAST), answer), refused);
+    let answer =
+        |message: &SpinelMessage<'_>| status(message.header.tid, SpinelStatus::PARSE_ERROR);
+    assert_eq!(bench.run(RcpRequest::Transmit(UNICAST), answer), refused);
     // Refusing one frame says nothing about the next one.
-    assert_eq!(bench.run(Request::Transmit(UNICAST), works), ACKNOWLEDGED);
+    assert_eq!(
+        bench.run(RcpRequest::Transmit(UNICAST), works),
+        ACKNOWLEDGED
+    );
     assert_eq!(bench.commands(), vec!["set 0x71"; 5]);
 }
 
@@ -97,7 +101,7 @@ fn any_command_or_answer_may_be_lost() {
     for lost in 0..15 {
         let mut bench = Bench::new();
         let mut number = 0;
-        let mut peer = |message: &Message<'_>| {
+        let mut peer = |message: &SpinelMessage<'_>| {
             number += 1;
             if number == lost + 1 {
                 Vec::new()
@@ -106,11 +110,11 @@ fn any_command_or_answer_may_be_lost() {
             }
         };
         assert_eq!(
-            bench.run(Request::Configure(CONFIG), &mut peer),
-            Ok(Outcome::Configured)
+            bench.run(RcpRequest::Configure(CONFIG), &mut peer),
+            Ok(RcpOutcome::Configured)
         );
         assert_eq!(
-            bench.run(Request::Transmit(UNICAST), &mut peer),
+            bench.run(RcpRequest::Transmit(UNICAST), &mut peer),
             ACKNOWLEDGED
         );
         assert_eq!(bench.heard.len(), 16);
@@ -125,12 +129,12 @@ fn any_command_or_answer_may_be_lost() {
 
 #[test]
 fn silence_is_an_error_in_bounded_time() {
-    let silent = |_: &Message<'_>| Vec::new();
+    let silent = |_: &SpinelMessage<'_>| Vec::new();
     let mut bench = Bench::new();
     let start = bench.now;
     assert_eq!(
-        bench.run(Request::Configure(CONFIG), silent),
-        Err(Fault::Silent)
+        bench.run(RcpRequest::Configure(CONFIG), silent),
+        Err(RcpFault::Silent)
     );
     assert_eq!(bench.now.since(start), 3 * POLICY.reset);
     // The last resort is the reset of the whole processor.
@@ -140,61 +144,64 @@ fn silence_is_an_error_in_bounded_time() {
     );
     assert_eq!(bench.session.deadline(), None);
     assert_eq!(
-        bench.run(Request::Listen, silent),
-        Err(Fault::NotConfigured)
+        bench.run(RcpRequest::Listen, silent),
+        Err(RcpFault::NotConfigured)
     );
 
     let mut bench = Bench::configured();
     let start = bench.now;
     assert_eq!(
-        bench.run(Request::Transmit(UNICAST), silent),
-        Err(Fault::Silent)
+        bench.run(RcpRequest::Transmit(UNICAST), silent),
+        Err(RcpFault::Silent)
     );
     assert_eq!(bench.now.since(start), 3 * POLICY.transmission);
-    assert_eq!(bench.run(Request::Listen, silent), Err(Fault::Silent));
+    assert_eq!(bench.run(RcpRequest::Listen, silent), Err(RcpFault::Silent));
     // It is there again: set up, then the frame.
     bench.heard.clear();
-    assert_eq!(bench.run(Request::Transmit(UNICAST), works), ACKNOWLEDGED);
+    assert_eq!(
+        bench.run(RcpRequest::Transmit(UNICAST), works),
+        ACKNOWLEDGED
+    );
     assert_eq!(bench.heard.len(), 15);
 }
 
 #[test]
 fn busy_is_asked_again_after_a_pause() {
     let mut bench = Bench::configured();
-    let mut answers = VecDeque::from([Status::BUSY, Status::NO_MEMORY]);
+    let mut answers = VecDeque::from([SpinelStatus::BUSY, SpinelStatus::NO_MEMORY]);
     let start = bench.now;
-    let peer = |message: &Message<'_>| match answers.pop_front() {
+    let peer = |message: &SpinelMessage<'_>| match answers.pop_front() {
         Some(answer) => status(message.header.tid, answer),
         None => works(message),
     };
-    assert_eq!(bench.run(Request::Transmit(UNICAST), peer), ACKNOWLEDGED);
+    assert_eq!(bench.run(RcpRequest::Transmit(UNICAST), peer), ACKNOWLEDGED);
     assert_eq!(bench.now.since(start), 2 * POLICY.pause);
 
-    let peer = |message: &Message<'_>| status(message.header.tid, Status::BUSY);
-    let refused = Err(Fault::Refused {
-        key: Key::STREAM_RAW,
-        status: Status::BUSY,
+    let peer = |message: &SpinelMessage<'_>| status(message.header.tid, SpinelStatus::BUSY);
+    let refused = Err(RcpFault::Refused {
+        key: PropertyKey::STREAM_RAW,
+        status: SpinelStatus::BUSY,
     });
-    assert_eq!(bench.run(Request::Transmit(UNICAST), peer), refused);
+    assert_eq!(bench.run(RcpRequest::Transmit(UNICAST), peer), refused);
 }
 
 #[test]
 fn only_a_radio_of_this_protocol() {
-    let other = |message: &Message<'_>| match message.body {
-        Body::Get(Key::PROTOCOL_VERSION) => {
+    let other = |message: &SpinelMessage<'_>| match message.body {
+        Body::Get(PropertyKey::PROTOCOL_VERSION) => {
             let version = Property::ProtocolVersion { major: 5, minor: 0 };
             line(message.header.tid, version)
         }
         _ => works(message),
     };
-    let fault = Fault::Version { major: 5, minor: 0 };
+    let fault = RcpFault::Version { major: 5, minor: 0 };
     assert_eq!(
-        Bench::new().run(Request::Configure(CONFIG), other),
+        Bench::new().run(RcpRequest::Configure(CONFIG), other),
         Err(fault)
     );
 
-    let no_radio = |message: &Message<'_>| match message.body {
-        Body::Get(Key::CAPS) => {
+    let no_radio = |message: &SpinelMessage<'_>| match message.body {
+        Body::Get(PropertyKey::CAPS) => {
             let capabilities = Capabilities(&[5, 34, 0x80, 0x04]);
             line(message.header.tid, Property::Capabilities(capabilities))
         }
@@ -202,41 +209,41 @@ fn only_a_radio_of_this_protocol() {
     };
     let mut bench = Bench::new();
     assert_eq!(
-        bench.run(Request::Configure(CONFIG), no_radio),
-        Err(Fault::NoRadio)
+        bench.run(RcpRequest::Configure(CONFIG), no_radio),
+        Err(RcpFault::NoRadio)
     );
     assert_eq!(bench.session.identity(), None);
     assert_eq!(
-        bench.run(Request::Transmit(UNICAST), works),
-        Err(Fault::NotConfigured)
+        bench.run(RcpRequest::Transmit(UNICAST), works),
+        Err(RcpFault::NotConfigured)
     );
 }
 
 #[test]
 fn what_a_radio_may_lack() {
     for (refused, may) in [
-        (Key::PHY_TX_POWER, true),
-        (Key::MAC_SRC_MATCH_ENABLED, true),
-        (Key::PHY_CHAN, false),
-        (Key::MAC_15_4_LADDR, false),
-        (Key::MAC_RAW_STREAM_ENABLED, false),
+        (PropertyKey::PHY_TX_POWER, true),
+        (PropertyKey::MAC_SRC_MATCH_ENABLED, true),
+        (PropertyKey::PHY_CHAN, false),
+        (PropertyKey::MAC_15_4_LADDR, false),
+        (PropertyKey::MAC_RAW_STREAM_ENABLED, false),
     ] {
-        let peer = |message: &Message<'_>| {
+        let peer = |message: &SpinelMessage<'_>| {
             if key(message) == Some(refused) {
-                status(message.header.tid, Status::UNIMPLEMENTED)
+                status(message.header.tid, SpinelStatus::UNIMPLEMENTED)
             } else {
                 works(message)
             }
         };
-        let outcome = Bench::new().run(Request::Configure(CONFIG), peer);
-        let fault = Fault::Refused {
+        let outcome = Bench::new().run(RcpRequest::Configure(CONFIG), peer);
+        let fault = RcpFault::Refused {
             key: refused,
-            status: Status::UNIMPLEMENTED,
+            status: SpinelStatus::UNIMPLEMENTED,
         };
         assert_eq!(
             outcome,
             if may {
-                Ok(Outcome::Configured)
+                Ok(RcpOutcome::Configured)
             } else {
                 Err(fault)
             }

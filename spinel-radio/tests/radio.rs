@@ -3,10 +3,10 @@
 use std::future::pending;
 
 use embedded_io_async::{ErrorKind, ErrorType, Read, Write};
+use spinel_radio::{RcpError, RcpFault, RcpPolicy, SpinelRadio};
 use virtual_bench::executor::{Ended, Executor};
 use zigbee_link::{
     radio::{Channel, Config, Radio},
-    spinel::{Error, Fault, Policy, SpinelRadio},
     wire::{Eui64, PanId, ShortAddress},
 };
 
@@ -60,20 +60,20 @@ impl Write for Line {
 #[test]
 fn a_failing_line_is_an_error_in_bounded_time() {
     for (line, error) in [
-        (Line::Stuck, Error::Radio(Fault::Silent)),
-        (Line::Mute, Error::Radio(Fault::Silent)),
-        (Line::Closed, Error::Closed),
-        (Line::Broken, Error::Uart(ErrorKind::BrokenPipe)),
+        (Line::Stuck, RcpError::Radio(RcpFault::Silent)),
+        (Line::Mute, RcpError::Radio(RcpFault::Silent)),
+        (Line::Closed, RcpError::Closed),
+        (Line::Broken, RcpError::Uart(ErrorKind::BrokenPipe)),
     ] {
         let mut executor = Executor::new();
         let clock = executor.clock();
         executor.spawn(async move {
             let mut radio: SpinelRadio<_, _> = SpinelRadio::new(line, &clock);
             assert_eq!(radio.configure(&CONFIG).await, Err(error));
-            let unconfigured = Error::Radio(Fault::NotConfigured);
+            let unconfigured = RcpError::Radio(RcpFault::NotConfigured);
             assert_eq!(radio.transmit(&[1, 2, 3]).await, Err(unconfigured));
         });
-        let bound = 3 * Policy::DEFAULT.reset.as_nanos() as u64;
+        let bound = 3 * RcpPolicy::DEFAULT.reset.as_nanos() as u64;
         assert_eq!(executor.run_until(bound), Ended::TimeUp);
         assert_eq!(executor.tasks(), 0);
     }

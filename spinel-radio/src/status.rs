@@ -5,9 +5,9 @@ use core::fmt;
 /// A status code.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
-pub struct Status(pub u32);
+pub struct SpinelStatus(pub u32);
 
-impl Status {
+impl SpinelStatus {
     /// It worked.
     pub const OK: Self = Self(0);
     /// It failed.
@@ -57,7 +57,7 @@ impl Status {
     }
 }
 
-impl fmt::Display for Status {
+impl fmt::Display for SpinelStatus {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self.name() {
             Some(name) => write!(f, "{name} ({})", self.0),

@@ -1,25 +1,25 @@
 //! From one command to the next.
 
 use super::{
-    Goal, MAJOR, Outcome, QUESTIONS, Session, Step, Waiting, count,
+    Goal, MAJOR, QUESTIONS, RcpOutcome, RcpSession, Step, Waiting, count,
     setting::{Need, setting},
 };
-use crate::spinel::{
-    fault::Fault,
-    frame::{Body, Header, Message, Reset, Tid},
+use crate::{
+    fault::RcpFault,
+    frame::{Body, Reset, SpinelHeader, SpinelMessage, Tid},
     hdlc::Encoder,
-    property::Key,
-    status::Status,
+    property::PropertyKey,
+    status::SpinelStatus,
 };
-use crate::{Instant, radio::TxOutcome};
+use zigbee_link::{Instant, radio::TxOutcome};
 
-impl<const QUEUE: usize> Session<QUEUE> {
+impl<const QUEUE: usize> RcpSession<QUEUE> {
     pub(super) fn enter(&mut self, step: Step, now: Instant) {
         self.step = step;
         self.attempts = 0;
         if let (Step::Transmit, Goal::Transmit { tries }) = (step, &mut self.goal) {
             if *tries > self.policy.retries {
-                self.fail(Fault::Restarting);
+                self.fail(RcpFault::Restarting);
                 return;
             }
             *tries += 1;
@@ -58,10 +58,10 @@ impl<const QUEUE: usize> Session<QUEUE> {
                 .map(|(property, _)| Body::Set(property)),
             Step::Transmit => None,
         };
-        let mut header = Header::default();
+        let mut header = SpinelHeader::default();
         if self.step != Step::Reset {
             self.tid = self.tid.next();
-            header = Header::new(self.tid);
+            header = SpinelHeader::new(self.tid);
             waiting = Waiting::Answer(self.tid);
         }
         if self.step == Step::Transmit {
@@ -70,7 +70,7 @@ impl<const QUEUE: usize> Session<QUEUE> {
                 *first = header.to_byte();
             }
         } else if let Some(body) = body {
-            let message = Message { header, body };
+            let message = SpinelMessage { header, body };
             self.command_len = message.emit(&mut self.command).unwrap_or(0);
         } else {
             self.halt();
@@ -93,7 +93,7 @@ impl<const QUEUE: usize> Session<QUEUE> {
         // One that has just got power tells that, and then the reset it is told to make.
         if self.waiting != Waiting::Restart {
             if self.restarts >= self.policy.restarts {
-                self.fail(Fault::Restarting);
+                self.fail(RcpFault::Restarting);
                 return;
             }
             self.restarts += 1;
@@ -104,7 +104,7 @@ impl<const QUEUE: usize> Session<QUEUE> {
     pub(super) fn concluded(
         &mut self,
         tid: Tid,
-        status: Status,
+        status: SpinelStatus,
         frame_pending: bool,
         now: Instant,
     ) {
@@ -128,31 +128,35 @@ impl<const QUEUE: usize> Session<QUEUE> {
                 Some((property, need)) => (property.key(), need == Need::Wish),
                 None => return,
             },
-            Step::Transmit => (Key::STREAM_RAW, false),
+            Step::Transmit => (PropertyKey::STREAM_RAW, false),
         };
         match (status, self.step) {
-            (Status::BUSY | Status::NO_MEMORY, _) if self.attempts < self.policy.retries => {
+            (SpinelStatus::BUSY | SpinelStatus::NO_MEMORY, _)
+                if self.attempts < self.policy.retries =>
+            {
                 self.attempts += 1;
                 self.waiting = Waiting::Pause;
                 self.deadline = Some(now + self.policy.pause);
             }
-            (Status::OK, Step::Transmit) => self.transmitted(if self.wants_acknowledgement {
+            (SpinelStatus::OK, Step::Transmit) => self.transmitted(if self.wants_acknowledgement {
                 TxOutcome::Acknowledged { frame_pending }
             } else {
                 TxOutcome::Sent
             }),
-            (Status::NO_ACK, Step::Transmit) => self.transmitted(TxOutcome::NotAcknowledged),
-            (Status::CCA_FAILURE, Step::Transmit) => self.transmitted(TxOutcome::ChannelBusy),
-            (Status::INVALID_STATE, Step::Transmit) => {
+            (SpinelStatus::NO_ACK, Step::Transmit) => self.transmitted(TxOutcome::NotAcknowledged),
+            (SpinelStatus::CCA_FAILURE, Step::Transmit) => self.transmitted(TxOutcome::ChannelBusy),
+            (SpinelStatus::INVALID_STATE, Step::Transmit) => {
                 self.ready = false;
                 self.enter(Step::Reset, now);
             }
-            (status, Step::Set(_)) if may_fail || status == Status::OK => self.told(tid, key, now),
+            (status, Step::Set(_)) if may_fail || status == SpinelStatus::OK => {
+                self.told(tid, key, now)
+            }
             (status, step) => {
                 if step != Step::Transmit {
                     self.ready = false;
                 }
-                self.fail(Fault::Refused { key, status });
+                self.fail(RcpFault::Refused { key, status });
             }
         }
     }
@@ -160,11 +164,11 @@ impl<const QUEUE: usize> Session<QUEUE> {
     fn transmitted(&mut self, outcome: TxOutcome) {
         self.halt();
         self.goal = Goal::None;
-        self.outcome = Some(Ok(Outcome::Transmitted(outcome)));
+        self.outcome = Some(Ok(RcpOutcome::Transmitted(outcome)));
     }
 
     /// A property was told, or set.
-    pub(super) fn told(&mut self, tid: Tid, key: Key, now: Instant) {
+    pub(super) fn told(&mut self, tid: Tid, key: PropertyKey, now: Instant) {
         if self.waiting != Waiting::Answer(tid) {
             return;
         }
@@ -176,10 +180,10 @@ impl<const QUEUE: usize> Session<QUEUE> {
                 }
                 let (major, minor) = self.identity.protocol;
                 match key {
-                    Key::PROTOCOL_VERSION if major != MAJOR => {
-                        self.fail(Fault::Version { major, minor });
+                    PropertyKey::PROTOCOL_VERSION if major != MAJOR => {
+                        self.fail(RcpFault::Version { major, minor });
                     }
-                    Key::CAPS if !self.identity.is_radio => self.fail(Fault::NoRadio),
+                    PropertyKey::CAPS if !self.identity.is_radio => self.fail(RcpFault::NoRadio),
                     _ if usize::from(index) + 1 < QUESTIONS.len() => {
                         self.enter(Step::Ask(index + 1), now);
                     }
@@ -210,13 +214,13 @@ impl<const QUEUE: usize> Session<QUEUE> {
             Goal::None | Goal::Listen => {}
             Goal::Configure => {
                 self.goal = Goal::None;
-                self.outcome = Some(Ok(Outcome::Configured));
+                self.outcome = Some(Ok(RcpOutcome::Configured));
             }
             Goal::Transmit { .. } => self.enter(Step::Transmit, now),
         }
     }
 
-    pub(super) fn fail(&mut self, fault: Fault) {
+    pub(super) fn fail(&mut self, fault: RcpFault) {
         self.halt();
         if self.goal == Goal::Configure {
             self.config = None;

@@ -4,7 +4,7 @@
 //! mean something on the line are escaped. RFC 1662 describes this for PPP; Spinel's form also
 //! escapes XON, XOFF and 0xF8 (draft-rquattle-spinel-unified, HDLC-Lite).
 
-use crate::wire::crc_16;
+use zigbee_link::wire::crc_16;
 
 const FLAG: u8 = 0x7E;
 const ESCAPE: u8 = 0x7D;
@@ -32,7 +32,7 @@ pub fn encode(content: &[u8]) -> impl Iterator<Item = u8> {
 
 /// A frame that is being written. The content is handed in each time.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Encoder {
+pub(crate) struct Encoder {
     place: Place,
     crc: u16,
     /// The second half of an escaped byte.
@@ -49,7 +49,7 @@ enum Place {
 }
 
 impl Encoder {
-    pub(super) const fn new() -> Self {
+    pub(crate) const fn new() -> Self {
         Self {
             place: Place::Opening,
             crc: CRC_START,
@@ -58,11 +58,11 @@ impl Encoder {
     }
 
     /// Whether the closing flag was given.
-    pub(super) const fn is_at_end(&self) -> bool {
+    pub(crate) const fn is_at_end(&self) -> bool {
         matches!(self.place, Place::End)
     }
 
-    pub(super) fn next(&mut self, content: &[u8]) -> Option<u8> {
+    pub(crate) fn next(&mut self, content: &[u8]) -> Option<u8> {
         if let Some(byte) = self.escaped.take() {
             return Some(byte);
         }
@@ -100,7 +100,7 @@ impl Encoder {
 /// Frames that were not delivered. Counters stay at their maximum.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
-pub struct Dropped {
+pub struct DroppedFrames {
     /// Wrong CRC, too short for one, or ended by a flag after an escape.
     pub damaged: u32,
     /// Longer than the buffer.
@@ -116,7 +116,7 @@ pub struct Decoder<const N: usize> {
     len: usize,
     crc: u16,
     state: State,
-    dropped: Dropped,
+    dropped: DroppedFrames,
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -135,7 +135,7 @@ impl<const N: usize> Decoder<N> {
             len: 0,
             crc: CRC_START,
             state: State::Lost,
-            dropped: Dropped {
+            dropped: DroppedFrames {
                 damaged: 0,
                 oversized: 0,
             },
@@ -143,7 +143,7 @@ impl<const N: usize> Decoder<N> {
     }
 
     /// What was not delivered so far.
-    pub const fn dropped(&self) -> Dropped {
+    pub const fn dropped(&self) -> DroppedFrames {
         self.dropped
     }
 
@@ -199,8 +199,6 @@ impl<const N: usize> Default for Decoder<N> {
 
 #[cfg(test)]
 mod tests {
-    extern crate std;
-
     use std::{vec, vec::Vec};
 
     use proptest::{collection::vec as bytes, prelude::*};
@@ -255,7 +253,7 @@ mod tests {
         line.extend(encoded(b"two"));
         let mut decoder = Decoder::<8>::new();
         assert_eq!(decode(&mut decoder, &line), [b"one", b"two"]);
-        assert_eq!(decoder.dropped(), Dropped::default());
+        assert_eq!(decoder.dropped(), DroppedFrames::default());
     }
 
     #[test]
@@ -282,7 +280,7 @@ mod tests {
     #[test]
     fn counters_stay_at_their_maximum() {
         let mut decoder = Decoder::<8>::new();
-        let full = Dropped {
+        let full = DroppedFrames {
             damaged: u32::MAX,
             oversized: u32::MAX,
         };
@@ -300,7 +298,7 @@ mod tests {
             let line: Vec<u8> = contents.iter().flat_map(|content| encode(content)).collect();
             let mut decoder = Decoder::<48>::new();
             prop_assert_eq!(decode(&mut decoder, &line), contents);
-            prop_assert_eq!(decoder.dropped(), Dropped::default());
+            prop_assert_eq!(decoder.dropped(), DroppedFrames::default());
         }
 
         /// Whatever came before: the opening flag ends it.

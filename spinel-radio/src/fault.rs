@@ -2,17 +2,17 @@
 
 use core::fmt;
 
-use super::{property::Key, status::Status};
+use super::{property::PropertyKey, status::SpinelStatus};
 
 /// Why a request failed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 #[non_exhaustive]
-pub enum Fault {
+pub enum RcpFault {
     /// There is no configuration: the first one is missing, or the last one failed or was dropped.
     NotConfigured,
-    /// The frame is shorter than [`FRAME_MIN`](crate::radio::FRAME_MIN) or longer than
-    /// [`FRAME_MAX`](crate::radio::FRAME_MAX) bytes.
+    /// The frame is shorter than [`FRAME_MIN`](zigbee_link::radio::FRAME_MIN) or longer than
+    /// [`FRAME_MAX`](zigbee_link::radio::FRAME_MAX) bytes.
     FrameLength,
     /// No answer, after all repetitions.
     Silent,
@@ -30,13 +30,13 @@ pub enum Fault {
     /// It refuses a property, or to tell or to take it.
     Refused {
         /// Which.
-        key: Key,
+        key: PropertyKey,
         /// Why.
-        status: Status,
+        status: SpinelStatus,
     },
 }
 
-impl fmt::Display for Fault {
+impl fmt::Display for RcpFault {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             Self::NotConfigured => f.write_str("the radio is not configured"),
@@ -58,4 +58,4 @@ impl fmt::Display for Fault {
     }
 }
 
-impl core::error::Error for Fault {}
+impl core::error::Error for RcpFault {}

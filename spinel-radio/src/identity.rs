@@ -3,7 +3,7 @@
 use heapless::Vec;
 
 use super::property::{Capabilities, Property};
-use crate::wire::Eui64;
+use zigbee_link::wire::Eui64;
 
 const FIRMWARE_MAX: usize = 64;
 
@@ -21,7 +21,7 @@ pub struct Identity {
 }
 
 impl Identity {
-    pub(super) const UNKNOWN: Self = Self {
+    pub(crate) const UNKNOWN: Self = Self {
         protocol: (0, 0),
         is_radio: false,
         address: Eui64([0; 8]),
@@ -34,7 +34,7 @@ impl Identity {
     }
 
     /// Takes what an answer tells.
-    pub(super) fn learn(&mut self, property: &Property<'_>) {
+    pub(crate) fn learn(&mut self, property: &Property<'_>) {
         match *property {
             Property::ProtocolVersion { major, minor } => self.protocol = (major, minor),
             Property::Capabilities(capabilities) => {

@@ -2,21 +2,13 @@
 
 mod support;
 
-use embassy_embedded_hal::flash::partition::Partition;
 use embassy_futures::block_on;
-use embassy_sync::{blocking_mutex::raw::NoopRawMutex, mutex::Mutex};
+use flash_log::{Entry, Log, LogError};
 use proptest::prelude::*;
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
-use support::{
-    aether::key,
-    flash::{Flash, PAGE, chip, length},
-};
+use support::{Flash, PAGE, chip, length};
 use virtual_bench::flash::FlashError;
-use zigbee_link::store::{
-    Record, Store,
-    log::{Entry, Log, LogError},
-};
 
 const SLOT: usize = 96;
 const SMALL: u32 = length(4);
@@ -282,23 +274,4 @@ fn who_recovers_is_told_of_rot() {
         });
         assert_eq!(full, Err(LogError::Corrupt), "slot {slot}");
     }
-}
-
-#[test]
-fn a_link_and_an_application_share_a_flash() {
-    let flash = Mutex::<NoopRawMutex, _>::new(chip(8, 0));
-    let half = LARGE / 2;
-    let mut store = Store::new(Partition::new(&flash, 0, half), 0..half).unwrap();
-    let mut facts = Log::<_, SLOT>::new(Partition::new(&flash, half, half), 0..half).unwrap();
-    block_on(async {
-        store.provision(key(1), 0).await.unwrap();
-        facts.open().await.unwrap();
-        for n in 0..50 {
-            store.save(Record::CounterLimit(n)).await.unwrap();
-            facts.append(&fact(n as u8 % 2, n as u8)).await.unwrap();
-        }
-        assert_eq!(store.load().await.unwrap().counter_limit, 49);
-        assert_eq!(facts.find(0).await, Ok(Some(fact(0, 48))));
-        assert_eq!(facts.find(1).await, Ok(Some(fact(1, 49))));
-    });
 }

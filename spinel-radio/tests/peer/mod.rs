@@ -21,8 +21,9 @@ use rustix::{
     pty::{OpenptFlags, grantpt, openpt, ptsname, unlockpt},
     termios::{OptionalActions, tcgetattr, tcsetattr},
 };
+use spinel_radio::SpinelRadio;
 use tempfile::TempDir;
-use zigbee_link::{runner::Clock, spinel::SpinelRadio};
+use zigbee_link::runner::Clock;
 
 /// Nothing here takes a second; what takes this long hangs.
 const HANGS: Duration = Duration::from_secs(60);

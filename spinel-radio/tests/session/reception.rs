@@ -1,14 +1,12 @@
 //! Received frames.
 
-use zigbee_link::{
-    radio::{Channel, FRAME_MAX, PSDU_MAX},
-    spinel::{
-        frame::{Body, Header, Message, Tid},
-        hdlc,
-        property::Property,
-        stream::RxFrame,
-    },
+use spinel_radio::{
+    frame::{Body, SpinelHeader, SpinelMessage, Tid},
+    hdlc,
+    property::Property,
+    stream::RxFrame,
 };
+use zigbee_link::radio::{Channel, FRAME_MAX, PSDU_MAX};
 
 use crate::bench::{BROADCAST, Bench, CONFIG, UNICAST, line, received, with_fcs};
 
@@ -63,8 +61,8 @@ fn what_is_not_delivered() {
         .session
         .input(&received(&with_fcs(UNICAST)), bench.now);
     // Another interface.
-    let message = Message {
-        header: Header::on_interface(1, Tid::UNSOLICITED).unwrap(),
+    let message = SpinelMessage {
+        header: SpinelHeader::on_interface(1, Tid::UNSOLICITED).unwrap(),
         body: Body::Is(Property::Received(RxFrame::new(&psdu))),
     };
     let mut content = [0; 64];

@@ -3,11 +3,11 @@
 use std::time::Duration;
 
 use proptest::{collection::vec, prelude::*};
-use zigbee_link::spinel::{
+use spinel_radio::{
     frame::Tid,
     hdlc,
-    session::{Outcome, Request},
-    status::Status,
+    session::{RcpOutcome, RcpRequest},
+    status::SpinelStatus,
 };
 
 use crate::bench::{ACKNOWLEDGED, BROADCAST, Bench, CONFIG, UNICAST, restart, status, works};
@@ -17,7 +17,7 @@ enum Happening {
     Begin(u8),
     Answer,
     Restart,
-    Status(u8, u32),
+    SpinelStatus(u8, u32),
     Noise(Vec<u8>),
     Frame(Vec<u8>),
     Pause,
@@ -30,19 +30,19 @@ fn happening() -> impl Strategy<Value = Happening> {
         Just(Happening::Answer),
         Just(Happening::Answer),
         Just(Happening::Restart),
-        (0..16_u8, 0..120_u32).prop_map(|(tid, status)| Happening::Status(tid, status)),
+        (0..16_u8, 0..120_u32).prop_map(|(tid, status)| Happening::SpinelStatus(tid, status)),
         vec(any::<u8>(), 0..50).prop_map(Happening::Noise),
         vec(any::<u8>(), 0..140).prop_map(Happening::Frame),
         Just(Happening::Pause),
     ]
 }
 
-fn request(number: u8) -> Request<'static> {
+fn request(number: u8) -> RcpRequest<'static> {
     match number {
-        0 => Request::Configure(CONFIG),
-        1 => Request::Transmit(BROADCAST),
-        2 => Request::Transmit(UNICAST),
-        _ => Request::Listen,
+        0 => RcpRequest::Configure(CONFIG),
+        1 => RcpRequest::Transmit(BROADCAST),
+        2 => RcpRequest::Transmit(UNICAST),
+        _ => RcpRequest::Listen,
     }
 }
 
@@ -58,8 +58,8 @@ proptest! {
                     bench.exchange(&mut works);
                 }
                 Happening::Restart => bench.session.input(&restart(), bench.now),
-                Happening::Status(tid, code) => {
-                    let told = status(Tid::new(tid).unwrap(), Status(code));
+                Happening::SpinelStatus(tid, code) => {
+                    let told = status(Tid::new(tid).unwrap(), SpinelStatus(code));
                     bench.session.input(&told, bench.now);
                 }
                 Happening::Noise(bytes) => bench.session.input(&bytes, bench.now),
@@ -76,8 +76,8 @@ proptest! {
             }
         }
         // What is left over of the last command may spoil one exchange, not the request.
-        prop_assert_eq!(bench.run(Request::Configure(CONFIG), works), Ok(Outcome::Configured));
-        prop_assert_eq!(bench.run(Request::Transmit(UNICAST), works), ACKNOWLEDGED);
+        prop_assert_eq!(bench.run(RcpRequest::Configure(CONFIG), works), Ok(RcpOutcome::Configured));
+        prop_assert_eq!(bench.run(RcpRequest::Transmit(UNICAST), works), ACKNOWLEDGED);
     }
 
     /// Nothing but time: every request that waits for something ends.
@@ -102,7 +102,7 @@ proptest! {
                         bench.session.tick(deadline);
                     }
                     None => {
-                        prop_assert_eq!(request(number), Request::Listen);
+                        prop_assert_eq!(request(number), RcpRequest::Listen);
                         break;
                     }
                 }

@@ -1,7 +1,7 @@
 //! What stands in a frame: header, command and what the command carries.
 
-use super::property::{Key, Property};
-use crate::wire::{EmitError, Malformed, Reader, Writer};
+use super::property::{Property, PropertyKey};
+use zigbee_link::wire::{EmitError, Malformed, Reader, Writer};
 
 /// A transaction identifier: which answer belongs to which command.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
@@ -32,13 +32,13 @@ impl Tid {
 /// The first byte of a frame.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
-pub struct Header {
+pub struct SpinelHeader {
     interface: u8,
     /// Which exchange it belongs to.
     pub tid: Tid,
 }
 
-impl Header {
+impl SpinelHeader {
     /// On the first interface.
     pub const fn new(tid: Tid) -> Self {
         Self { interface: 0, tid }
@@ -58,7 +58,7 @@ impl Header {
         self.interface
     }
 
-    pub(super) const fn to_byte(self) -> u8 {
+    pub(crate) const fn to_byte(self) -> u8 {
         0x80 | self.interface << 4 | self.tid.0
     }
 
@@ -97,7 +97,7 @@ pub enum Body<'a> {
     /// Restart. The answer is an unsolicited [`Property::LastStatus`].
     Reset(Reset),
     /// Tell this property.
-    Get(Key),
+    Get(PropertyKey),
     /// Make the property this. The answer tells it, or a [`Property::LastStatus`].
     Set(Property<'a>),
     /// The property is this: an answer, or unasked.
@@ -107,9 +107,9 @@ pub enum Body<'a> {
 /// A frame.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
-pub struct Message<'a> {
+pub struct SpinelMessage<'a> {
     /// Whose it is.
-    pub header: Header,
+    pub header: SpinelHeader,
     /// What it says.
     pub body: Body<'a>,
 }
@@ -120,7 +120,7 @@ const GET: u32 = 2;
 const SET: u32 = 3;
 const IS: u32 = 6;
 
-impl<'a> Message<'a> {
+impl<'a> SpinelMessage<'a> {
     /// Reads the content of an HDLC frame.
     ///
     /// Bytes after the fields that are known are ignored, as the protocol demands.
@@ -130,7 +130,7 @@ impl<'a> Message<'a> {
     /// number of more than 21 bits, [`Malformed::Unsupported`] for any other command.
     pub fn parse(content: &'a [u8]) -> Result<Self, Malformed> {
         let mut reader = Reader::new(content);
-        let header = Header::from_byte(reader.u8()?).ok_or(Malformed::Reserved)?;
+        let header = SpinelHeader::from_byte(reader.u8()?).ok_or(Malformed::Reserved)?;
         let body = match read_packed(&mut reader)? {
             NOOP => Body::Noop,
             RESET => Body::Reset(match reader.u8() {
@@ -139,7 +139,7 @@ impl<'a> Message<'a> {
                 Ok(2) => Reset::Stack,
                 Ok(other) => Reset::Other(other),
             }),
-            GET => Body::Get(Key(read_packed(&mut reader)?)),
+            GET => Body::Get(PropertyKey(read_packed(&mut reader)?)),
             SET => Body::Set(Property::parse_set(&mut reader)?),
             IS => Body::Is(Property::parse_is(&mut reader)?),
             _ => return Err(Malformed::Unsupported),
@@ -187,7 +187,7 @@ impl<'a> Message<'a> {
 const PACKED_BITS: u32 = 21;
 
 /// A number in groups of seven bits, lowest first; the highest bit of a byte says that more follow.
-pub(super) fn read_packed(reader: &mut Reader<'_>) -> Result<u32, Malformed> {
+pub(crate) fn read_packed(reader: &mut Reader<'_>) -> Result<u32, Malformed> {
     let mut value = 0;
     for shift in (0..PACKED_BITS).step_by(7) {
         let byte = reader.u8()?;
@@ -199,7 +199,7 @@ pub(super) fn read_packed(reader: &mut Reader<'_>) -> Result<u32, Malformed> {
     Err(Malformed::Reserved)
 }
 
-pub(super) fn write_packed(writer: &mut Writer<'_>, value: u32) -> Result<(), EmitError> {
+pub(crate) fn write_packed(writer: &mut Writer<'_>, value: u32) -> Result<(), EmitError> {
     if value >> PACKED_BITS != 0 {
         return Err(EmitError::Impossible);
     }
@@ -213,8 +213,6 @@ pub(super) fn write_packed(writer: &mut Writer<'_>, value: u32) -> Result<(), Em
 
 #[cfg(test)]
 mod tests {
-    extern crate std;
-
     use std::{vec, vec::Vec};
 
     use proptest::prelude::*;
@@ -265,7 +263,7 @@ mod tests {
             assert_eq!(tid.number(), expected);
         }
         assert_eq!(Tid::new(16), None);
-        assert_eq!(Header::on_interface(4, tid), None);
+        assert_eq!(SpinelHeader::on_interface(4, tid), None);
     }
 
     #[test]
@@ -276,24 +274,30 @@ mod tests {
             (&[0x81, 1, 1], Body::Reset(Reset::Platform)),
             (&[0x81, 1, 2], Body::Reset(Reset::Stack)),
             (&[0x81, 1, 3], Body::Reset(Reset::Other(3))),
-            (&[0x81, 2, 0x83, 0x26], Body::Get(Key(0x1303))),
+            (&[0x81, 2, 0x83, 0x26], Body::Get(PropertyKey(0x1303))),
         ] {
-            let header = Header::new(Tid(1));
-            assert_eq!(Message::parse(bytes), Ok(Message { header, body }));
+            let header = SpinelHeader::new(Tid(1));
+            assert_eq!(
+                SpinelMessage::parse(bytes),
+                Ok(SpinelMessage { header, body })
+            );
             let mut buffer = [0; 8];
-            let len = Message { header, body }.emit(&mut buffer).unwrap();
+            let len = SpinelMessage { header, body }.emit(&mut buffer).unwrap();
             assert_eq!(&buffer[..len], bytes);
         }
-        assert_eq!(Message::parse(&[]), Err(Malformed::Truncated));
-        assert_eq!(Message::parse(&[0x81]), Err(Malformed::Truncated));
-        assert_eq!(Message::parse(&[0x41, 0]), Err(Malformed::Reserved));
-        assert_eq!(Message::parse(&[0x81, 18]), Err(Malformed::Unsupported));
+        assert_eq!(SpinelMessage::parse(&[]), Err(Malformed::Truncated));
+        assert_eq!(SpinelMessage::parse(&[0x81]), Err(Malformed::Truncated));
+        assert_eq!(SpinelMessage::parse(&[0x41, 0]), Err(Malformed::Reserved));
+        assert_eq!(
+            SpinelMessage::parse(&[0x81, 18]),
+            Err(Malformed::Unsupported)
+        );
     }
 
     proptest! {
         #[test]
         fn every_header(byte: u8) {
-            match Header::from_byte(byte) {
+            match SpinelHeader::from_byte(byte) {
                 Some(header) => prop_assert_eq!(header.to_byte(), byte),
                 None => prop_assert!(!(0x80..0xC0).contains(&byte)),
             }

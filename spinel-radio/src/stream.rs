@@ -4,7 +4,7 @@ use super::{
     frame::{read_packed, write_packed},
     property::{read_bool, read_i8, write_i8},
 };
-use crate::{
+use zigbee_link::{
     radio::{CSMA_BACKOFFS, FRAME_RETRIES},
     wire::{EmitError, Malformed, Reader, Writer},
 };
@@ -58,7 +58,7 @@ impl<'a> TxFrame<'a> {
         }
     }
 
-    pub(super) fn parse(reader: &mut Reader<'a>) -> Result<Self, Malformed> {
+    pub(crate) fn parse(reader: &mut Reader<'a>) -> Result<Self, Malformed> {
         let psdu = read_data(reader)?;
         let mut frame = Self::new(psdu, reader.u8()?);
         optional(reader, &mut frame.csma_backoffs, Reader::u8)?;
@@ -73,7 +73,7 @@ impl<'a> TxFrame<'a> {
         Ok(frame)
     }
 
-    pub(super) fn emit(&self, writer: &mut Writer<'_>) -> Result<(), EmitError> {
+    pub(crate) fn emit(&self, writer: &mut Writer<'_>) -> Result<(), EmitError> {
         write_len(writer, self.psdu.len())?;
         writer.bytes(self.psdu)?;
         writer.u8(self.channel)?;
@@ -135,7 +135,7 @@ impl<'a> RxFrame<'a> {
         }
     }
 
-    pub(super) fn parse(reader: &mut Reader<'a>) -> Result<Self, Malformed> {
+    pub(crate) fn parse(reader: &mut Reader<'a>) -> Result<Self, Malformed> {
         let mut frame = Self::new(read_data(reader)?);
         optional(reader, &mut frame.rssi, read_i8)?;
         optional(reader, &mut frame.noise, read_i8)?;
@@ -155,7 +155,7 @@ impl<'a> RxFrame<'a> {
         Ok(frame)
     }
 
-    pub(super) fn emit(&self, writer: &mut Writer<'_>) -> Result<(), EmitError> {
+    pub(crate) fn emit(&self, writer: &mut Writer<'_>) -> Result<(), EmitError> {
         write_len(writer, self.psdu.len())?;
         writer.bytes(self.psdu)?;
         write_i8(writer, self.rssi)?;

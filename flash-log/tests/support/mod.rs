@@ -1,4 +1,8 @@
-//! Flashes with pages so small that logs are often full.
+//! Flashes with pages so small that logs are often full. Tests of other crates use this file, too.
+#![allow(
+    unreachable_pub,
+    reason = "where it is a module of a test, nothing is public"
+)]
 
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;

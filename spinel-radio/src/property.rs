@@ -2,17 +2,17 @@
 
 use super::{
     frame::{read_packed, write_packed},
-    status::Status,
+    status::SpinelStatus,
     stream::{RxFrame, TxFrame},
 };
-use crate::wire::{EmitError, Eui64, Malformed, PanId, Reader, ShortAddress, Writer};
+use zigbee_link::wire::{EmitError, Eui64, Malformed, PanId, Reader, ShortAddress, Writer};
 
 /// Which property.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
-pub struct Key(pub u32);
+pub struct PropertyKey(pub u32);
 
-impl Key {
+impl PropertyKey {
     /// How the last command ended.
     pub const LAST_STATUS: Self = Self(0);
     /// Version of the protocol.
@@ -89,7 +89,7 @@ pub struct TxReport<'a> {
     /// The frame was sent with the counter and key that the host had put in.
     pub header_updated: bool,
     /// The acknowledgement; its PSDU is empty when none was requested. Absent unless the status is
-    /// [`Status::OK`].
+    /// [`SpinelStatus::OK`].
     pub acknowledgement: Option<RxFrame<'a>>,
 }
 
@@ -97,92 +97,92 @@ pub struct TxReport<'a> {
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum Property<'a> {
-    /// [`Key::LAST_STATUS`]; with a report if it is the result of a transmission.
-    LastStatus(Status, Option<TxReport<'a>>),
-    /// [`Key::PROTOCOL_VERSION`].
+    /// [`PropertyKey::LAST_STATUS`]; with a report if it is the result of a transmission.
+    LastStatus(SpinelStatus, Option<TxReport<'a>>),
+    /// [`PropertyKey::PROTOCOL_VERSION`].
     ProtocolVersion {
         /// Changes when the protocol becomes another one. 4 is OpenThread's.
         major: u32,
         /// Changes when something is added.
         minor: u32,
     },
-    /// [`Key::NCP_VERSION`], UTF-8 without the zero at its end.
+    /// [`PropertyKey::NCP_VERSION`], UTF-8 without the zero at its end.
     NcpVersion(&'a [u8]),
-    /// [`Key::CAPS`].
+    /// [`PropertyKey::CAPS`].
     Capabilities(Capabilities<'a>),
-    /// [`Key::HWADDR`].
+    /// [`PropertyKey::HWADDR`].
     HardwareAddress(Eui64),
-    /// [`Key::PHY_ENABLED`].
+    /// [`PropertyKey::PHY_ENABLED`].
     PhyEnabled(bool),
-    /// [`Key::PHY_CHAN`].
+    /// [`PropertyKey::PHY_CHAN`].
     PhyChannel(u8),
-    /// [`Key::PHY_TX_POWER`], dBm.
+    /// [`PropertyKey::PHY_TX_POWER`], dBm.
     PhyTxPower(i8),
-    /// [`Key::MAC_15_4_LADDR`].
+    /// [`PropertyKey::MAC_15_4_LADDR`].
     MacExtended(Eui64),
-    /// [`Key::MAC_15_4_SADDR`].
+    /// [`PropertyKey::MAC_15_4_SADDR`].
     MacShort(ShortAddress),
-    /// [`Key::MAC_15_4_PANID`].
+    /// [`PropertyKey::MAC_15_4_PANID`].
     MacPan(PanId),
-    /// [`Key::MAC_RAW_STREAM_ENABLED`].
+    /// [`PropertyKey::MAC_RAW_STREAM_ENABLED`].
     MacRawStream(bool),
-    /// [`Key::MAC_PROMISCUOUS_MODE`].
+    /// [`PropertyKey::MAC_PROMISCUOUS_MODE`].
     MacPromiscuous(Promiscuity),
-    /// [`Key::MAC_SRC_MATCH_ENABLED`].
+    /// [`PropertyKey::MAC_SRC_MATCH_ENABLED`].
     MacSourceMatch(bool),
-    /// [`Key::STREAM_RAW`] when it is set: send this.
+    /// [`PropertyKey::STREAM_RAW`] when it is set: send this.
     Send(TxFrame<'a>),
-    /// [`Key::STREAM_RAW`] when it is told: this was received.
+    /// [`PropertyKey::STREAM_RAW`] when it is told: this was received.
     Received(RxFrame<'a>),
     /// Anything else, uninterpreted.
-    Other(Key, &'a [u8]),
+    Other(PropertyKey, &'a [u8]),
 }
 
 impl<'a> Property<'a> {
     /// Which property it is.
-    pub const fn key(&self) -> Key {
+    pub const fn key(&self) -> PropertyKey {
         match self {
-            Self::LastStatus(..) => Key::LAST_STATUS,
-            Self::ProtocolVersion { .. } => Key::PROTOCOL_VERSION,
-            Self::NcpVersion(_) => Key::NCP_VERSION,
-            Self::Capabilities(_) => Key::CAPS,
-            Self::HardwareAddress(_) => Key::HWADDR,
-            Self::PhyEnabled(_) => Key::PHY_ENABLED,
-            Self::PhyChannel(_) => Key::PHY_CHAN,
-            Self::PhyTxPower(_) => Key::PHY_TX_POWER,
-            Self::MacExtended(_) => Key::MAC_15_4_LADDR,
-            Self::MacShort(_) => Key::MAC_15_4_SADDR,
-            Self::MacPan(_) => Key::MAC_15_4_PANID,
-            Self::MacRawStream(_) => Key::MAC_RAW_STREAM_ENABLED,
-            Self::MacPromiscuous(_) => Key::MAC_PROMISCUOUS_MODE,
-            Self::MacSourceMatch(_) => Key::MAC_SRC_MATCH_ENABLED,
-            Self::Send(_) | Self::Received(_) => Key::STREAM_RAW,
+            Self::LastStatus(..) => PropertyKey::LAST_STATUS,
+            Self::ProtocolVersion { .. } => PropertyKey::PROTOCOL_VERSION,
+            Self::NcpVersion(_) => PropertyKey::NCP_VERSION,
+            Self::Capabilities(_) => PropertyKey::CAPS,
+            Self::HardwareAddress(_) => PropertyKey::HWADDR,
+            Self::PhyEnabled(_) => PropertyKey::PHY_ENABLED,
+            Self::PhyChannel(_) => PropertyKey::PHY_CHAN,
+            Self::PhyTxPower(_) => PropertyKey::PHY_TX_POWER,
+            Self::MacExtended(_) => PropertyKey::MAC_15_4_LADDR,
+            Self::MacShort(_) => PropertyKey::MAC_15_4_SADDR,
+            Self::MacPan(_) => PropertyKey::MAC_15_4_PANID,
+            Self::MacRawStream(_) => PropertyKey::MAC_RAW_STREAM_ENABLED,
+            Self::MacPromiscuous(_) => PropertyKey::MAC_PROMISCUOUS_MODE,
+            Self::MacSourceMatch(_) => PropertyKey::MAC_SRC_MATCH_ENABLED,
+            Self::Send(_) | Self::Received(_) => PropertyKey::STREAM_RAW,
             Self::Other(key, _) => *key,
         }
     }
 
     /// Of a command that sets it.
-    pub(super) fn parse_set(reader: &mut Reader<'a>) -> Result<Self, Malformed> {
-        let key = Key(read_packed(reader)?);
-        if key == Key::STREAM_RAW {
+    pub(crate) fn parse_set(reader: &mut Reader<'a>) -> Result<Self, Malformed> {
+        let key = PropertyKey(read_packed(reader)?);
+        if key == PropertyKey::STREAM_RAW {
             return Ok(Self::Send(TxFrame::parse(reader)?));
         }
         Self::parse_value(key, reader)
     }
 
     /// Of a command that tells it.
-    pub(super) fn parse_is(reader: &mut Reader<'a>) -> Result<Self, Malformed> {
-        let key = Key(read_packed(reader)?);
-        if key == Key::STREAM_RAW {
+    pub(crate) fn parse_is(reader: &mut Reader<'a>) -> Result<Self, Malformed> {
+        let key = PropertyKey(read_packed(reader)?);
+        if key == PropertyKey::STREAM_RAW {
             return Ok(Self::Received(RxFrame::parse(reader)?));
         }
         Self::parse_value(key, reader)
     }
 
-    fn parse_value(key: Key, reader: &mut Reader<'a>) -> Result<Self, Malformed> {
+    fn parse_value(key: PropertyKey, reader: &mut Reader<'a>) -> Result<Self, Malformed> {
         Ok(match key {
-            Key::LAST_STATUS => {
-                let status = Status(read_packed(reader)?);
+            PropertyKey::LAST_STATUS => {
+                let status = SpinelStatus(read_packed(reader)?);
                 let report = if reader.rest().is_empty() {
                     None
                 } else {
@@ -190,35 +190,35 @@ impl<'a> Property<'a> {
                 };
                 Self::LastStatus(status, report)
             }
-            Key::PROTOCOL_VERSION => Self::ProtocolVersion {
+            PropertyKey::PROTOCOL_VERSION => Self::ProtocolVersion {
                 major: read_packed(reader)?,
                 minor: read_packed(reader)?,
             },
-            Key::NCP_VERSION => {
+            PropertyKey::NCP_VERSION => {
                 let text = reader.rest().split(|&byte| byte == 0).next();
                 Self::NcpVersion(text.unwrap_or_default())
             }
-            Key::CAPS => Self::Capabilities(Capabilities(reader.rest())),
-            Key::HWADDR => Self::HardwareAddress(Eui64(reader.array()?)),
-            Key::PHY_ENABLED => Self::PhyEnabled(read_bool(reader)?),
-            Key::PHY_CHAN => Self::PhyChannel(reader.u8()?),
-            Key::PHY_TX_POWER => Self::PhyTxPower(read_i8(reader)?),
-            Key::MAC_15_4_LADDR => Self::MacExtended(Eui64(reader.array()?)),
-            Key::MAC_15_4_SADDR => Self::MacShort(ShortAddress(reader.u16()?)),
-            Key::MAC_15_4_PANID => Self::MacPan(PanId(reader.u16()?)),
-            Key::MAC_RAW_STREAM_ENABLED => Self::MacRawStream(read_bool(reader)?),
-            Key::MAC_PROMISCUOUS_MODE => Self::MacPromiscuous(match reader.u8()? {
+            PropertyKey::CAPS => Self::Capabilities(Capabilities(reader.rest())),
+            PropertyKey::HWADDR => Self::HardwareAddress(Eui64(reader.array()?)),
+            PropertyKey::PHY_ENABLED => Self::PhyEnabled(read_bool(reader)?),
+            PropertyKey::PHY_CHAN => Self::PhyChannel(reader.u8()?),
+            PropertyKey::PHY_TX_POWER => Self::PhyTxPower(read_i8(reader)?),
+            PropertyKey::MAC_15_4_LADDR => Self::MacExtended(Eui64(reader.array()?)),
+            PropertyKey::MAC_15_4_SADDR => Self::MacShort(ShortAddress(reader.u16()?)),
+            PropertyKey::MAC_15_4_PANID => Self::MacPan(PanId(reader.u16()?)),
+            PropertyKey::MAC_RAW_STREAM_ENABLED => Self::MacRawStream(read_bool(reader)?),
+            PropertyKey::MAC_PROMISCUOUS_MODE => Self::MacPromiscuous(match reader.u8()? {
                 0 => Promiscuity::Off,
                 1 => Promiscuity::Network,
                 2 => Promiscuity::Full,
                 _ => return Err(Malformed::Reserved),
             }),
-            Key::MAC_SRC_MATCH_ENABLED => Self::MacSourceMatch(read_bool(reader)?),
+            PropertyKey::MAC_SRC_MATCH_ENABLED => Self::MacSourceMatch(read_bool(reader)?),
             key => Self::Other(key, reader.rest()),
         })
     }
 
-    pub(super) fn emit(&self, writer: &mut Writer<'_>) -> Result<(), EmitError> {
+    pub(crate) fn emit(&self, writer: &mut Writer<'_>) -> Result<(), EmitError> {
         write_packed(writer, self.key().0)?;
         match *self {
             Self::LastStatus(status, ref report) => {
@@ -278,14 +278,14 @@ impl<'a> TxReport<'a> {
     }
 }
 
-pub(super) fn read_bool(reader: &mut Reader<'_>) -> Result<bool, Malformed> {
+pub(crate) fn read_bool(reader: &mut Reader<'_>) -> Result<bool, Malformed> {
     reader.u8().map(|byte| byte != 0)
 }
 
-pub(super) fn read_i8(reader: &mut Reader<'_>) -> Result<i8, Malformed> {
+pub(crate) fn read_i8(reader: &mut Reader<'_>) -> Result<i8, Malformed> {
     reader.array().map(i8::from_le_bytes)
 }
 
-pub(super) fn write_i8(writer: &mut Writer<'_>, value: i8) -> Result<(), EmitError> {
+pub(crate) fn write_i8(writer: &mut Writer<'_>, value: i8) -> Result<(), EmitError> {
     writer.bytes(&value.to_le_bytes())
 }

@@ -1,7 +1,7 @@
 //! How a configuration becomes properties.
 
-use crate::radio::Config;
-use crate::spinel::property::{Promiscuity, Property};
+use crate::property::{Promiscuity, Property};
+use zigbee_link::radio::Config;
 
 #[derive(Clone, Copy, PartialEq, Eq)]
 pub(super) enum Need {

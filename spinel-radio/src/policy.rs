@@ -7,7 +7,7 @@ use core::time::Duration;
 /// The defaults serve lines from 115200 baud on, where the longest frame takes 28 ms.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
-pub struct Policy {
+pub struct RcpPolicy {
     /// Silence after which a command was not heard.
     pub answer: Duration,
     /// Silence after which a transmission has failed. Must be longer than the longest one: 5
@@ -25,7 +25,7 @@ pub struct Policy {
     pub restarts: u8,
 }
 
-impl Policy {
+impl RcpPolicy {
     /// What [`Default`] gives.
     pub const DEFAULT: Self = Self {
         answer: Duration::from_millis(500),
@@ -37,7 +37,7 @@ impl Policy {
     };
 }
 
-impl Default for Policy {
+impl Default for RcpPolicy {
     fn default() -> Self {
         Self::DEFAULT
     }

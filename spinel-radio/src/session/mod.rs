@@ -1,11 +1,11 @@
 //! The dialogue with a co-processor as a state machine: no input, no output, no clock.
 //!
-//! 1. [`begin`](Session::begin) a request;
-//! 2. send what [`output`](Session::output) gives until it gives nothing;
-//! 3. give all bytes that come to [`input`](Session::input), and call [`tick`](Session::tick) when
-//!    the [`deadline`](Session::deadline) is reached;
-//! 4. after each of these look for the [`outcome`](Session::outcome), and for
-//!    [received](Session::receive) frames.
+//! 1. [`begin`](RcpSession::begin) a request;
+//! 2. send what [`output`](RcpSession::output) gives until it gives nothing;
+//! 3. give all bytes that come to [`input`](RcpSession::input), and call [`tick`](RcpSession::tick) when
+//!    the [`deadline`](RcpSession::deadline) is reached;
+//! 4. after each of these look for the [`outcome`](RcpSession::outcome), and for
+//!    [received](RcpSession::receive) frames.
 //!
 //! The next `begin` may come at any moment; what was under way is then given up.
 //!
@@ -28,22 +28,22 @@ mod request;
 mod setting;
 mod steps;
 
-pub use request::{Counters, Outcome, Request};
+pub use request::{Counters, RcpOutcome, RcpRequest};
 
 use arrival::{Arrival, arrived};
 use heapless::Deque;
 
 use super::{
-    fault::Fault,
-    frame::{Body, Header, Message, Tid},
-    hdlc::{Decoder, Dropped, Encoder},
+    fault::RcpFault,
+    frame::{Body, SpinelHeader, SpinelMessage, Tid},
+    hdlc::{Decoder, DroppedFrames, Encoder},
     identity::Identity,
-    policy::Policy,
-    property::{Key, Property},
-    status::Status,
+    policy::RcpPolicy,
+    property::{Property, PropertyKey},
+    status::SpinelStatus,
     stream::TxFrame,
 };
-use crate::{
+use zigbee_link::{
     Instant,
     radio::{Config, FCS_LEN, FRAME_MAX, FRAME_MIN, PSDU_MAX, Received},
 };
@@ -51,7 +51,7 @@ use crate::{
 /// The protocol version this is for.
 const MAJOR: u32 = 4;
 
-/// Header, command, property, and length of the PSDU; then the metadata.
+/// SpinelHeader, command, property, and length of the PSDU; then the metadata.
 const STREAM_MAX: usize = 3 + 2 + PSDU_MAX + 16;
 /// The longest other command sets an extended address.
 const COMMAND_MAX: usize = 16;
@@ -59,11 +59,11 @@ const COMMAND_MAX: usize = 16;
 const CONTENT_MAX: usize = 192;
 
 /// What the co-processor is asked after a reset.
-const QUESTIONS: [Key; 4] = [
-    Key::PROTOCOL_VERSION,
-    Key::CAPS,
-    Key::HWADDR,
-    Key::NCP_VERSION,
+const QUESTIONS: [PropertyKey; 4] = [
+    PropertyKey::PROTOCOL_VERSION,
+    PropertyKey::CAPS,
+    PropertyKey::HWADDR,
+    PropertyKey::NCP_VERSION,
 ];
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -106,19 +106,19 @@ enum Event {
     Restarted,
     Status {
         tid: Tid,
-        status: Status,
+        status: SpinelStatus,
         frame_pending: bool,
     },
     Told {
         tid: Tid,
-        key: Key,
+        key: PropertyKey,
     },
 }
 
 /// The state machine. See the [module](self).
 #[derive(Clone, Debug)]
-pub struct Session<const QUEUE: usize> {
-    policy: Policy,
+pub struct RcpSession<const QUEUE: usize> {
+    policy: RcpPolicy,
     decoder: Decoder<{ CONTENT_MAX + 2 }>,
     queue: Deque<Arrival, QUEUE>,
     counters: Counters,
@@ -127,7 +127,7 @@ pub struct Session<const QUEUE: usize> {
     /// The co-processor works as `config` says.
     ready: bool,
     goal: Goal,
-    outcome: Option<Result<Outcome, Fault>>,
+    outcome: Option<Result<RcpOutcome, RcpFault>>,
     step: Step,
     waiting: Waiting,
     deadline: Option<Instant>,
@@ -146,9 +146,9 @@ pub struct Session<const QUEUE: usize> {
     encoder: Option<Encoder>,
 }
 
-impl<const QUEUE: usize> Session<QUEUE> {
+impl<const QUEUE: usize> RcpSession<QUEUE> {
     /// With a co-processor of which nothing is known.
-    pub const fn new(policy: Policy) -> Self {
+    pub const fn new(policy: RcpPolicy) -> Self {
         Self {
             policy,
             decoder: Decoder::new(),
@@ -192,22 +192,22 @@ impl<const QUEUE: usize> Session<QUEUE> {
     }
 
     /// What was on the line that was no frame.
-    pub const fn dropped(&self) -> Dropped {
+    pub const fn dropped(&self) -> DroppedFrames {
         self.decoder.dropped()
     }
 
     /// Begins a request, and gives up the one before.
-    pub fn begin(&mut self, request: Request<'_>, now: Instant) {
+    pub fn begin(&mut self, request: RcpRequest<'_>, now: Instant) {
         self.give_up();
         self.outcome = None;
         self.restarts = 0;
         let begun = match request {
-            Request::Configure(config) => {
+            RcpRequest::Configure(config) => {
                 self.begin_configuring(config, now);
                 Ok(())
             }
-            Request::Transmit(frame) => self.begin_transmitting(frame, now),
-            Request::Listen => self.begin_listening(now),
+            RcpRequest::Transmit(frame) => self.begin_transmitting(frame, now),
+            RcpRequest::Listen => self.begin_listening(now),
         };
         if let Err(fault) = begun {
             self.outcome = Some(Err(fault));
@@ -215,7 +215,7 @@ impl<const QUEUE: usize> Session<QUEUE> {
     }
 
     /// How the request ended, once.
-    pub fn outcome(&mut self) -> Option<Result<Outcome, Fault>> {
+    pub fn outcome(&mut self) -> Option<Result<RcpOutcome, RcpFault>> {
         self.outcome.take()
     }
 
@@ -274,10 +274,10 @@ impl<const QUEUE: usize> Session<QUEUE> {
             let Some(content) = self.decoder.push(byte) else {
                 continue;
             };
-            let event = match Message::parse(content) {
+            let event = match SpinelMessage::parse(content) {
                 // Another interface's, or what a host would say.
                 Ok(message) if message.header.interface() != 0 => None,
-                Ok(Message {
+                Ok(SpinelMessage {
                     header,
                     body: Body::Is(property),
                 }) => {
@@ -341,7 +341,7 @@ impl<const QUEUE: usize> Session<QUEUE> {
                     self.send(now);
                 } else {
                     self.ready = false;
-                    self.fail(Fault::Silent);
+                    self.fail(RcpFault::Silent);
                 }
             }
         }
@@ -359,17 +359,17 @@ impl<const QUEUE: usize> Session<QUEUE> {
         }
     }
 
-    fn begin_transmitting(&mut self, frame: &[u8], now: Instant) -> Result<(), Fault> {
-        let config = self.config.ok_or(Fault::NotConfigured)?;
+    fn begin_transmitting(&mut self, frame: &[u8], now: Instant) -> Result<(), RcpFault> {
+        let config = self.config.ok_or(RcpFault::NotConfigured)?;
         if !(FRAME_MIN..=FRAME_MAX).contains(&frame.len()) {
-            return Err(Fault::FrameLength);
+            return Err(RcpFault::FrameLength);
         }
         let mut psdu = [0; PSDU_MAX];
         for (place, &byte) in psdu.iter_mut().zip(frame) {
             *place = byte;
         }
-        let message = Message {
-            header: Header::default(),
+        let message = SpinelMessage {
+            header: SpinelHeader::default(),
             body: Body::Set(Property::Send(TxFrame {
                 // What the host has secured, nobody else is to touch.
                 header_updated: true,
@@ -392,9 +392,9 @@ impl<const QUEUE: usize> Session<QUEUE> {
         Ok(())
     }
 
-    fn begin_listening(&mut self, now: Instant) -> Result<(), Fault> {
+    fn begin_listening(&mut self, now: Instant) -> Result<(), RcpFault> {
         if self.config.is_none() {
-            return Err(Fault::NotConfigured);
+            return Err(RcpFault::NotConfigured);
         }
         self.goal = Goal::Listen;
         if !self.ready {
