@@ -527,3 +527,45 @@ fn single_precision() {
         }
     }
 }
+
+/// Without noise the best answer fits exactly, and chi squared of the other one is in inverse
+/// proportion to the bearings' variance: so the sigma decides whether it is ruled out.
+#[test]
+fn another_answer_is_told_of_until_one_in_a_thousand_fits_so_badly() {
+    const LIMIT: f64 = 10.828;
+    let mut found = 0;
+    for seed in 0..200 {
+        let scene = scene(seed, 3);
+        let solve = |sigma: f64| {
+            let stops: Vec<_> = scene
+                .exact(0.0)
+                .into_iter()
+                .map(|stop| Stop {
+                    bearing_sigmas: [sigma; 2],
+                    ..stop
+                })
+                .collect();
+            let known = ALL_KNOWN(scene.baseline);
+            reference::solve(&stops, &known, &ReferenceSettings::default()).ok()
+        };
+        // With poor bearings nothing is ruled out, and with better ones chi squared is known better.
+        let other = |sigma| Some(solve(sigma)?.alternative?.chi_squared * sigma * sigma);
+        let Some(scale) = other(0.5).and_then(|scale| other((scale / 2.0).sqrt())) else {
+            continue;
+        };
+        let sigma_of = |chi_squared: f64| (scale / chi_squared).sqrt();
+        // Poorer ones lead to less than a minimum.
+        if sigma_of(LIMIT) > 0.03 {
+            continue;
+        }
+        found += 1;
+        let told = |chi_squared| solve(sigma_of(chi_squared)).unwrap().alternative;
+        let just = told(0.97 * LIMIT).expect("not ruled out");
+        assert!(
+            (just.chi_squared / LIMIT - 0.97).abs() < 1e-3,
+            "seed {seed}"
+        );
+        assert_eq!(told(1.03 * LIMIT), None, "seed {seed}");
+    }
+    assert!(found >= 5, "{found} scenes have another answer");
+}

@@ -405,7 +405,43 @@ fn of_four_one_wrong_sighting_is_noticed() {
     assert!(solution.chi_squared > 100.0 && solution.degrees_of_freedom() == 1);
 }
 
-/// An error that all targets share moves the camera by just as much.
+/// Half of the sightings fit one pose exactly, half another one: nobody has the majority.
+#[test]
+fn half_is_no_majority() {
+    let (one, other) = (
+        Truth {
+            x: 0.0,
+            y: 0.0,
+            heading: 0.3,
+        },
+        Truth {
+            x: 2.0,
+            y: -1.0,
+            heading: 0.9,
+        },
+    );
+    let places = [
+        (4.0, -0.3),
+        (5.0, 0.4),
+        (3.0, 0.1),
+        (7.0, -0.1),
+        (6.0, 0.25),
+    ];
+    let seen = |by: &Truth| places.map(|(r, b)| sighting(by, one.place(r, b), 0.0, 0.005));
+    let (first, second) = (seen(&one), seen(&other));
+    let four_each: Vec<_> = first[..4].iter().chain(&second[..4]).copied().collect();
+    let mut dropped = [false; 9];
+    assert_eq!(
+        resection::solve_rejecting(&four_each, 4.0, &mut dropped[..8]),
+        Err(Refusal::Inconsistent)
+    );
+    // One more makes it five of nine.
+    let five: Vec<_> = first.iter().chain(&second[..4]).copied().collect();
+    let solution = resection::solve_rejecting(&five, 4.0, &mut dropped).unwrap();
+    assert_eq!(dropped, [[false; 5].as_slice(), &[true; 4]].concat()[..]);
+    assert_pose(&solution.pose, &one, 1e-9);
+}
+
 /// A difference of covariances may be none. It makes no sighting better than the camera's own sigma.
 #[test]
 fn an_impossible_target_covariance_adds_nothing() {

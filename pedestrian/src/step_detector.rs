@@ -318,6 +318,34 @@ mod tests {
         assert_eq!(swings(walk.chain(rest(1.0))).len(), 27);
     }
 
+    /// A bump of a quarter of the swing belongs to the step, one of a third and more is another:
+    /// seen without the low-pass, which would make either smaller.
+    #[test]
+    fn the_threshold_is_three_tenths_of_the_swing() {
+        let count = |bump: f64| {
+            let mut detector = StepDetector::new(StepDetectorSettings {
+                cutoff: 20.0,
+                ..StepDetectorSettings::default()
+            })
+            .unwrap();
+            // From peak to valley, a bump, the valley again, and up to the next peak.
+            let corners = [10.0, 0.0, bump * 10.0, 0.0, 10.0];
+            (0..20 * 1600)
+                .filter(|i| {
+                    let at = f64::from(i % 1600) / 400.0;
+                    let corner = at as usize;
+                    let way = (1.0 - (core::f64::consts::PI * at.fract()).cos()) / 2.0;
+                    let x = corners[corner] + (corners[corner + 1] - corners[corner]) * way;
+                    detector.update(0.001, x).is_some()
+                })
+                .count()
+        };
+        assert_eq!(count(0.0), 19);
+        assert_eq!(count(0.25), 19);
+        // Two of every three, since the usual swing is then the mean of both.
+        assert!((28..=39).contains(&count(0.36)), "{}", count(0.36));
+    }
+
     #[test]
     fn trembling_faster_than_anyone_steps_is_not_walking() {
         assert!(swings(rest(1.0).chain(sine(12.0, 6.0, 10.0))).len() <= 2);

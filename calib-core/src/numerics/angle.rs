@@ -10,6 +10,12 @@ pub fn rotation<T: Real>(angle: T) -> Matrix2<T> {
     Matrix2::new(cosine, -sine, sine, cosine)
 }
 
+/// The covariance of a vector that is turned by a [`rotation`].
+#[inline(never)] // size
+pub fn turned<T: Real>(covariance: &Matrix2<T>, rotation: &Matrix2<T>) -> Matrix2<T> {
+    rotation * covariance * rotation.transpose()
+}
+
 /// The same direction in `[0, 2 pi)`, for any finite angle.
 ///
 /// ```

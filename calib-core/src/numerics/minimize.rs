@@ -8,6 +8,7 @@ use crate::{
     Real, Refusal,
     numerics::{
         cholesky::{self, Cholesky},
+        matrix::{add_outer, dot},
         real::lit,
     },
 };
@@ -109,21 +110,6 @@ fn next_diagonal(n: usize) -> usize {
     n.saturating_add(1)
 }
 
-/// Adds `weight v v^T`: in place, for the sake of the stack.
-#[inline]
-pub(crate) fn add_outer<T: Real>(matrix: &mut [T], vector: &[T], weight: T) {
-    let columns = matrix.chunks_exact_mut(vector.len().max(1));
-    for (column, factor) in columns.zip(vector) {
-        for (entry, other) in column.iter_mut().zip(vector) {
-            *entry += *other * (*factor * weight);
-        }
-    }
-}
-
-fn dot<T: Real>(a: &[T], b: &[T]) -> T {
-    a.iter().zip(b).fold(T::zero(), |sum, (a, b)| sum + *a * *b)
-}
-
 /// A weighted sum of squares of some unknowns, whose weights may depend on the unknowns.
 pub(crate) trait Problem<T> {
     /// Adds up the model at `x`, with the weights at `x`.
@@ -207,8 +193,6 @@ const FLAT_STEPS: usize = 3;
 /// Damping beyond which a step is lost in rounding.
 const DAMPING_LIMIT: f64 = 1e9;
 
-// Not inlined: large, and its callers have large frames of their own.
-#[inline(never)]
 fn walk<T: Real>(
     problem: &impl Problem<T>,
     x: &mut [T],
@@ -216,47 +200,98 @@ fn walk<T: Real>(
     method: Method,
     limit: usize,
 ) -> Result<usize, Refusal> {
-    let mut damping = T::zero();
-    let mut previous = None;
-    let mut flat_steps = 0;
+    let mut pace = Pace::new();
     for iterations in 1..=limit {
         model.clear();
         problem.model(x, model);
-        if !model.cost.is_finite() {
-            return Err(Refusal::DidNotConverge);
-        }
-        let fell = previous.map(|cost: T| cost - model.cost);
-        flat_steps = match fell {
-            // Steepest descent creeps; that its cost hardly falls says nothing.
-            Some(fell) if fell.abs() < lit(FLAT) && method != Method::SteepestDescent => {
-                flat_steps + 1
-            }
-            _ => 0,
+        let Some(newton) = pace.look(x, model, method)? else {
+            return Ok(iterations);
         };
-        if flat_steps == FLAT_STEPS {
-            return Ok(iterations);
-        }
-        previous = Some(model.cost);
-        let newton = model.step(T::zero());
-        // What the full step is worth, in squared sigmas.
-        let worth = newton.map(|step| -dot(&step, model.gradient));
-        let within = |sigmas: T| worth.is_some_and(|worth| worth <= sigmas * sigmas);
-        if let (Some(step), true) = (newton, within(lit(CONVERGED_SIGMAS))) {
-            go(x, &step, T::one());
-            return Ok(iterations);
-        }
         let next = match method {
-            Method::GaussNewton => newton.map(|step| moved(x, &step, T::one())),
+            Method::GaussNewton => newton.step.map(|step| moved(x, &step, T::one())),
             Method::SteepestDescent => downhill(problem, x, model),
-            Method::Levenberg => damped(problem, x, model, &mut damping),
+            Method::Levenberg => damped(problem, x, model, &mut pace.damping),
         };
         match next {
             Some(next) => x.iter_mut().zip(next).for_each(|(x, next)| *x = next),
-            None if within(lit(STALLED_SIGMAS)) => return Ok(iterations),
+            None if newton.is_within(lit(STALLED_SIGMAS)) => return Ok(iterations),
             None => return Err(Refusal::DidNotConverge),
         }
     }
     Err(Refusal::DidNotConverge)
+}
+
+/// What a walk remembers from step to step. It knows no problem, so that a node has its code once.
+struct Pace<T> {
+    damping: T,
+    /// The cost before the last step.
+    previous: Option<T>,
+    flat_steps: usize,
+}
+
+/// The full step, which may not exist, and what it is worth.
+struct Newton<T> {
+    step: Option<[T; MOST]>,
+    /// By how much the cost would fall, in squared sigmas.
+    worth: Option<T>,
+}
+
+impl<T: Real> Newton<T> {
+    #[inline(never)] // stack
+    fn new(model: &Quadratic<'_, T>) -> Self {
+        let step = model.step(T::zero());
+        let worth = step.map(|step| -dot(&step, model.gradient));
+        Self { step, worth }
+    }
+
+    fn is_within(&self, sigmas: T) -> bool {
+        self.worth.is_some_and(|worth| worth <= sigmas * sigmas)
+    }
+}
+
+impl<T: Real> Pace<T> {
+    fn new() -> Self {
+        Self {
+            damping: T::zero(),
+            previous: None,
+            flat_steps: 0,
+        }
+    }
+
+    /// The full step from `x`, about which the model is. None at the minimum, to which `x` has
+    /// gone if that was a tiny step away.
+    ///
+    /// # Errors
+    /// [`Refusal::DidNotConverge`] when the cost is not a finite number.
+    #[inline(never)] // size
+    fn look(
+        &mut self,
+        x: &mut [T],
+        model: &Quadratic<'_, T>,
+        method: Method,
+    ) -> Result<Option<Newton<T>>, Refusal> {
+        if !model.cost.is_finite() {
+            return Err(Refusal::DidNotConverge);
+        }
+        let fell = self.previous.map(|cost| cost - model.cost);
+        self.flat_steps = match fell {
+            // Steepest descent creeps; that its cost hardly falls says nothing.
+            Some(fell) if fell.abs() < lit(FLAT) && method != Method::SteepestDescent => {
+                self.flat_steps + 1
+            }
+            _ => 0,
+        };
+        if self.flat_steps == FLAT_STEPS {
+            return Ok(None);
+        }
+        self.previous = Some(model.cost);
+        let newton = Newton::new(model);
+        if let (Some(step), true) = (&newton.step, newton.is_within(lit(CONVERGED_SIGMAS))) {
+            go(x, step, T::one());
+            return Ok(None);
+        }
+        Ok(Some(newton))
+    }
 }
 
 /// Moves `x` along a direction, so many times its length.
@@ -290,20 +325,25 @@ fn damped<T: Real>(
 ) -> Option<[T; MOST]> {
     let (first, ten) = (lit::<T>(1e-3), lit::<T>(10.0));
     while *damping < lit(DAMPING_LIMIT) {
-        if let Some(step) = model.step(*damping) {
-            let next = moved(x, &step, T::one());
-            if cost_at(problem, &next, x)? < model.cost {
-                *damping = if *damping > first {
-                    *damping / ten
-                } else {
-                    T::zero()
-                };
-                return Some(next);
-            }
+        if let Some(next) = trial(x, model, *damping)
+            && cost_at(problem, &next, x)? < model.cost
+        {
+            *damping = if *damping > first {
+                *damping / ten
+            } else {
+                T::zero()
+            };
+            return Some(next);
         }
         *damping = (*damping * ten).max(first);
     }
     None
+}
+
+/// Where the step with this damping leads.
+#[inline(never)] // size
+fn trial<T: Real>(x: &[T], model: &Quadratic<'_, T>, damping: T) -> Option<[T; MOST]> {
+    Some(moved(x, &model.step(damping)?, T::one()))
 }
 
 /// One step against the gradient, by the rule documented at [`Method::SteepestDescent`].

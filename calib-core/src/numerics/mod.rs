@@ -5,6 +5,7 @@
 //! | `real` | the scalar, and functions of it |
 //! | [`angle`] | angles that wrap |
 //! | `plane` | vectors of the plane as complex numbers |
+//! | `matrix` | products |
 //! | `cholesky` | symmetric positive definite systems of up to six unknowns |
 //! | `covariance` | whether a matrix can be one |
 //! | `minimize` | least squares: Gauss-Newton, steepest descent, Levenberg-Marquardt |
@@ -18,6 +19,7 @@
 pub mod angle;
 pub(crate) mod cholesky;
 pub(crate) mod covariance;
+pub(crate) mod matrix;
 pub(crate) mod minimize;
 pub(crate) mod plane;
 pub(crate) mod ranking;

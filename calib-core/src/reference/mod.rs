@@ -30,10 +30,10 @@
 //! therefore somewhat too sure. Where two answers merge, or noise makes the circles of two stops
 //! miss each other, the prediction is bounded by the profile of the cost instead of its slope.
 
-use nalgebra::{Matrix2, Matrix6, Point2, Vector2, Vector6};
+use nalgebra::{Matrix2, Matrix3, Matrix6, Point2, Vector2, Vector3, Vector6};
 
 use crate::{
-    Method, Ray, Real, Refusal,
+    Method, Pose, Ray, Real, Refusal,
     fit::{Fit, one_in_a_thousand},
     numerics::{
         angle,
@@ -164,6 +164,44 @@ impl<T: Real> ReferenceSolution<T> {
         let turn = unit(self.frame_heading);
         displacements_from_first(stops)
             .map(move |(sum, spread)| model::place(self, turn, sum, spread))
+    }
+
+    /// Both cameras' poses in a frame in which the first one stands at `origin` and the second one
+    /// in `direction` of it, radians, both known exactly.
+    ///
+    /// The first camera is where the frame begins, so only its heading errs; the second one is on
+    /// the baseline, the length of which errs if it was not known.
+    pub fn poses(&self, origin: Point2<T>, direction: T) -> [Pose<T>; 2] {
+        let along = unit(direction);
+        let c = &self.covariance;
+        let zero = T::zero();
+        let [xx, xy, yy] = [
+            along.x * along.x * c.m66,
+            along.x * along.y * c.m66,
+            along.y * along.y * c.m66,
+        ];
+        let [x_heading, y_heading] = [along.x * c.m26, along.y * c.m26];
+        let second = Matrix3::new(
+            xx, xy, x_heading, //
+            xy, yy, y_heading, //
+            x_heading, y_heading, c.m22,
+        );
+        let first = Matrix3::from_diagonal(&Vector3::new(zero, zero, c.m11));
+        let [heading0, heading1] = self
+            .headings
+            .map(|heading| angle::wrap_positive(direction + heading));
+        [
+            Pose {
+                position: origin,
+                heading: heading0,
+                covariance: first,
+            },
+            Pose {
+                position: origin + along * self.baseline,
+                heading: heading1,
+                covariance: second,
+            },
+        ]
     }
 
     fn unknowns(&self) -> Vector6<T> {
@@ -415,5 +453,5 @@ fn displacements_from_first<T: Real>(
 /// A covariance in a frame turned by a unit vector.
 fn turned<T: Real>(covariance: &Matrix2<T>, turn: Vector2<T>) -> Matrix2<T> {
     let rotation = Matrix2::new(turn.x, -turn.y, turn.y, turn.x);
-    rotation * covariance * rotation.transpose()
+    angle::turned(covariance, &rotation)
 }
