@@ -23,7 +23,7 @@ use node_firmware::{
     steps::InertialSteps,
 };
 use static_cell::StaticCell;
-use zigbee_link::radio::{Csma, Filter};
+use zigbee_link::radio::Csma;
 
 use crate::{
     board::Board,
@@ -41,7 +41,7 @@ type Steps = InertialSteps<SensorBus, EmbassyClock>;
 
 type NodeSeams = Seams<
     Lossless,
-    Filter<Csma<OnChip, Delay>>,
+    Csma<OnChip, Delay>,
     EmbassyClock,
     Flash,
     &'static mut Steps,
@@ -75,7 +75,7 @@ async fn main(spawner: Spawner) {
     let shared = SHARED.init(Shared::new());
     let seams = SEAMS.init(Some(Seams {
         uart: Lossless(uart),
-        radio: Filter::new(Csma::new(OnChip::new(shared), Delay, seed)),
+        radio: Csma::new(OnChip::new(shared), Delay, seed),
         clock: EmbassyClock,
         flash,
         layout: NRF52840.layout,

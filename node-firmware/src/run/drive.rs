@@ -16,7 +16,7 @@ use flash_log::LogError;
 use zigbee_link::{
     Instant,
     link::{Delivery, SendError, Ticket},
-    network::Status,
+    network::NetworkStatus,
     runner::{Clock, Happened},
     wire::ShortAddress,
 };
@@ -218,7 +218,7 @@ where
     if let Err(error) = Apart(pin!(recalled)).await {
         return error;
     }
-    let mut status = Status::Out;
+    let mut status = NetworkStatus::Out;
     let mut shown = None;
     loop {
         let post = |to, message: &Message| {
@@ -267,7 +267,7 @@ where
             Happened::Status(new) => {
                 status = new;
                 let network = match new {
-                    Status::Joined(membership) => Some(membership),
+                    NetworkStatus::Joined(membership) => Some(membership),
                     _ => None,
                 };
                 whichever!(&mut actor, at => at.role.attached(now, network));
