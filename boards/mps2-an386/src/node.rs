@@ -18,8 +18,9 @@ use node_firmware::{
     run::run,
 };
 use semihosting::process::ExitCode;
+use spinel_radio::SpinelRadio;
 use static_cell::StaticCell;
-use zigbee_link::{spinel::SpinelRadio, wire::Eui64};
+use zigbee_link::wire::Eui64;
 
 use crate::{
     executor,

@@ -16,8 +16,8 @@ use node_firmware::{
     hardware::{Hardware, Peripherals},
     steps::InertialSteps,
 };
+use spinel_radio::SpinelRadio;
 use static_cell::StaticCell;
-use zigbee_link::spinel::SpinelRadio;
 
 use crate::{
     board::Board,
@@ -59,7 +59,7 @@ async fn main(spawner: Spawner) {
         clock: EmbassyClock,
         flash: Paged(flash),
         layout: STM32L476RG.layout,
-        steps: STEPS.init(step_sensor(board.sensor, config)),
+        steps: STEPS.init(step_sensor(board.sensor, config).await),
         indicator: board.lamps,
         buttons: board.buttons,
         observer: (),

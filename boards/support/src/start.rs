@@ -6,7 +6,7 @@ use embassy_time::{Duration, Timer};
 use embedded_hal_async::i2c::I2c;
 use embedded_storage::nor_flash::ReadNorFlash;
 use node_firmware::{
-    config::{CheckedConfig, page::PageError},
+    config::{CheckedConfig, ConfigError, page::PageError},
     hardware::{Hardware, Peripherals},
     run::run,
     steps::InertialSteps,
@@ -48,9 +48,12 @@ async fn stop(error: PageError) -> ! {
 }
 
 /// The step sensor on a bus, if there is one.
-pub fn step_sensor<B: I2c>(bus: B, config: &CheckedConfig) -> InertialSteps<B, EmbassyClock> {
-    let hard_iron = config.sensor().hard_iron;
-    InertialSteps::new(bus, EmbassyClock, hard_iron, config.carrier())
+pub async fn step_sensor<B: I2c>(bus: B, config: &CheckedConfig) -> InertialSteps<B, EmbassyClock> {
+    match InertialSteps::new(bus, EmbassyClock, config.sensor()) {
+        Ok(sensor) => sensor,
+        // It may know more of its settings than the check of configurations.
+        Err(_) => stop(PageError::Value(ConfigError::Sensor)).await,
+    }
 }
 
 /// Runs the node, and reports that it runs. When it cannot go on nothing reports any more, and the

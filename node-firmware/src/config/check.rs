@@ -2,7 +2,7 @@
 
 use core::{fmt, ops::Deref};
 
-use calib_core::{camera::Camera, dead_reckoning::Pedestrian};
+use calib_core::camera::Camera;
 use zigbee_link::{
     network::{Channels, JOIN_WINDOW_MAX},
     radio::Channel,
@@ -27,7 +27,6 @@ pub struct CheckedConfig {
     channels: Channels,
     baud: BaudRate,
     optics: Camera<f32>,
-    carrier: Pedestrian<f32>,
 }
 
 impl Deref for CheckedConfig {
@@ -66,12 +65,10 @@ impl CheckedConfig {
 
     /// Of a target its step sensor; of others, who have none, any.
     pub const fn sensor(&self) -> &SensorConfig {
-        self.config.role.sensor()
-    }
-
-    /// Who carries the step sensor.
-    pub const fn carrier(&self) -> Pedestrian<f32> {
-        self.carrier
+        match &self.config.role {
+            RoleConfig::Target(target) => &target.sensor,
+            RoleConfig::Coordinator(_) | RoleConfig::Camera(_) => &SensorConfig::UNCALIBRATED,
+        }
     }
 }
 
@@ -271,8 +268,6 @@ impl Config {
         };
         let optics = lens.camera().map_err(ConfigError::Lens)?;
         let baud = baud.ok_or(ConfigError::Baud)?;
-        let carrier = self.role.sensor().carrier();
-        let carrier = carrier.map_err(|_| ConfigError::Sensor)?;
         match &self.role {
             RoleConfig::Coordinator(coordinator) => coordinator.check(),
             RoleConfig::Camera(camera) => camera.check(),
@@ -284,18 +279,7 @@ impl Config {
             channels,
             baud,
             optics,
-            carrier,
         })
-    }
-}
-
-impl RoleConfig {
-    /// Of a target its step sensor; of others, who have none, any.
-    const fn sensor(&self) -> &SensorConfig {
-        match self {
-            Self::Target(target) => &target.sensor,
-            Self::Coordinator(_) | Self::Camera(_) => &SensorConfig::UNCALIBRATED,
-        }
     }
 }
 
@@ -406,7 +390,8 @@ impl TargetConfig {
             ),
             (
                 // What the compass can measure.
-                self.sensor.hard_iron.iter().all(|iron| iron.abs() <= 400.0),
+                self.sensor.hard_iron.iter().all(|iron| iron.abs() <= 400.0)
+                    && is_positive(self.sensor.step_length),
                 ConfigError::Sensor,
             ),
         ])

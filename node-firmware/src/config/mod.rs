@@ -14,11 +14,7 @@ pub mod page;
 
 mod key;
 
-use calib_core::{
-    Limits,
-    camera::Camera,
-    dead_reckoning::{InvalidSetting, Pedestrian, PedestrianSettings, StepLength},
-};
+use calib_core::{Limits, camera::Camera};
 use flash_log::Crc32;
 use heapless::Vec;
 use serde::{Deserialize, Serialize};
@@ -236,7 +232,7 @@ pub struct SensorConfig {
     /// What the compass reads too much on each of its axes, uT: what is magnetic on the breakout and
     /// on its carrier, worn as it is when walking.
     pub hard_iron: [f32; 3],
-    /// `K` of [`StepLength`](calib_core::dead_reckoning::StepLength): the carrier's step length, in
+    /// `K` of [`StepLength`](pedestrian::StepLength): the carrier's step length, in
     /// the unit of the site over (m/s^2)^(1/4).
     pub step_length: f32,
 }
@@ -317,20 +313,6 @@ impl SensorConfig {
         hard_iron: [0.0; 3],
         step_length: 0.45,
     };
-
-    /// The sensor's carrier, of whom nothing but this is known.
-    ///
-    /// # Errors
-    /// The step length is out of its range.
-    pub fn carrier(&self) -> Result<Pedestrian<f32>, InvalidSetting> {
-        Pedestrian::new(PedestrianSettings {
-            length: StepLength {
-                k: self.step_length,
-                ..StepLength::default()
-            },
-            ..PedestrianSettings::default()
-        })
-    }
 }
 
 impl Default for SensorConfig {

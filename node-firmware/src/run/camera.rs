@@ -17,8 +17,8 @@ use crate::{
     config::{CameraConfig, Subjects},
     hardware::{Buttons, Hardware},
     log::warning,
-    message::{Command, Done, Seen, Sight, Tracked},
-    role::camera::{self, Event, Task},
+    message::{CameraCommand, CommandResult, Seen, Sight, TrackedBlob},
+    role::camera::{CameraEvent, CameraRole, CameraTask},
     sight::{BlobCamera, Cmucam2Sight, Judge, Look, SightError, Subject, look},
 };
 
@@ -34,13 +34,14 @@ pub(super) async fn run<H: Hardware>(
 ) -> LogError<FlashError<H>> {
     let clock = services.clock;
     let channels = DeviceChannels::new();
-    let mut role = camera::Camera::new(id, config.clone());
+    let mut role = CameraRole::new(id, config.clone());
     let driver = AnyDriver::Camera(RoleDriver::new(&mut role, &channels));
     let driven = drive(driver, services);
     let camera = Cmucam2Sight::new(Cmucam2::new(uart, ClockDelay(clock)), config.cmucam2());
     let device = CameraDevice {
         camera,
-        judge: config.judge(optics),
+        config,
+        optics,
         subjects: config.subjects.clone(),
         clock,
     };
@@ -48,7 +49,7 @@ pub(super) async fn run<H: Hardware>(
     let pressed = async {
         loop {
             let button = buttons.pressed().await;
-            channels.events.send(Event::Button(button)).await;
+            channels.events.send(CameraEvent::Button(button)).await;
         }
     };
     match select3(pin!(driven), Outlined(pin!(watched)), pressed).await {
@@ -61,16 +62,22 @@ pub(super) async fn run<H: Hardware>(
 /// The camera, and what it looks for.
 struct CameraDevice<'a, K, C> {
     camera: K,
-    judge: Judge,
+    config: &'a CameraConfig,
+    optics: Camera<f32>,
     /// Colours may be learnt anew.
     subjects: Subjects,
     clock: &'a C,
 }
 
 impl<K: BlobCamera, C: Clock> CameraDevice<'_, K, C> {
-    async fn serve(mut self, tasks: Tasks<'_, Task>, events: Events<'_, Event>) -> Infallible {
+    async fn serve(
+        mut self,
+        tasks: Tasks<'_, CameraTask>,
+        events: Events<'_, CameraEvent>,
+    ) -> Infallible {
+        let mut judge = self.config.judge(self.optics);
         self.wake().await;
-        events.send(Event::Ready).await;
+        events.send(CameraEvent::Ready).await;
         let mut next = None;
         loop {
             let task = match next.take() {
@@ -78,24 +85,24 @@ impl<K: BlobCamera, C: Clock> CameraDevice<'_, K, C> {
                 None => tasks.receive().await,
             };
             match task {
-                Task::Look { colour } => {
-                    let (sight, seen) = self.look(colour).await;
-                    events.send(Event::Looked(sight, seen)).await;
+                CameraTask::Look { colour } => {
+                    let (sight, seen) = self.look(colour, &mut judge).await;
+                    events.send(CameraEvent::Looked(sight, seen)).await;
                 }
-                Task::Command(Command::Track { colour }) => {
+                CameraTask::Command(CameraCommand::Track { colour }) => {
                     next = self.track(colour, &tasks, &events).await;
                 }
-                Task::Command(command) => {
+                CameraTask::Command(command) => {
                     let success = self.obey(command).await.is_ok_and(|done| done);
                     if success
-                        && let Command::LearnColour { colour } = command
+                        && let CameraCommand::LearnColour { colour } = command
                         && let Some(Subject::Colour(window)) = self.subjects.of_target(colour)
                     {
-                        events.send(Event::Learnt(colour, window)).await;
+                        events.send(CameraEvent::Learnt(colour, window)).await;
                     }
                     events.send(done(command, success)).await;
                 }
-                Task::Recall(windows) => {
+                CameraTask::Recall(windows) => {
                     for (colour, window) in (0..).zip(windows) {
                         if let Some(window) = window {
                             self.subjects.learn(colour, window);
@@ -128,11 +135,11 @@ impl<K: BlobCamera, C: Clock> CameraDevice<'_, K, C> {
         Ok(())
     }
 
-    async fn look(&mut self, colour: u8) -> (Sight, Option<Seen>) {
+    async fn look(&mut self, colour: u8, judge: &mut Judge) -> (Sight, Option<Seen>) {
         let Some(subject) = self.subjects.of_target(colour) else {
             return (Sight::NotInView, None);
         };
-        match look(&mut self.camera, subject, &mut self.judge).await {
+        match look(&mut self.camera, subject, judge).await {
             Ok(Look::Steady(seen)) => {
                 let seen = Seen {
                     bearing: seen.bearing,
@@ -155,16 +162,16 @@ impl<K: BlobCamera, C: Clock> CameraDevice<'_, K, C> {
     }
 
     /// Whether it could be done.
-    async fn obey(&mut self, command: Command) -> Result<bool, SightError> {
+    async fn obey(&mut self, command: CameraCommand) -> Result<bool, SightError> {
         match command {
-            Command::Initialise => self.start_up().await?,
-            Command::LearnColour { colour } if self.subjects.has_room_for(colour) => {
+            CameraCommand::Initialise => self.start_up().await?,
+            CameraCommand::LearnColour { colour } if self.subjects.has_room_for(colour) => {
                 let window = self.camera.learn_colour().await?;
                 self.subjects.learn(colour, window);
             }
-            Command::LearnColour { .. } => return Ok(false),
-            Command::LearnBackground => self.camera.learn_background().await?,
-            Command::Track { .. } | Command::StopTracking | Command::Forget => {}
+            CameraCommand::LearnColour { .. } => return Ok(false),
+            CameraCommand::LearnBackground => self.camera.learn_background().await?,
+            CameraCommand::Track { .. } | CameraCommand::StopTracking | CameraCommand::Forget => {}
         }
         Ok(true)
     }
@@ -173,10 +180,10 @@ impl<K: BlobCamera, C: Clock> CameraDevice<'_, K, C> {
     async fn track(
         &mut self,
         colour: u8,
-        tasks: &Tasks<'_, Task>,
-        events: &Events<'_, Event>,
-    ) -> Option<Task> {
-        let command = Command::Track { colour };
+        tasks: &Tasks<'_, CameraTask>,
+        events: &Events<'_, CameraEvent>,
+    ) -> Option<CameraTask> {
+        let command = CameraCommand::Track { colour };
         let begun = match self.subjects.of_target(colour) {
             Some(subject) => self.camera.begin(subject).await.is_ok(),
             None => false,
@@ -191,13 +198,13 @@ impl<K: BlobCamera, C: Clock> CameraDevice<'_, K, C> {
                 Either::Second(Ok(blob)) => {
                     let packet = blob.map_or([0; 8], |blob| blob.packet);
                     let [x, y, x1, y1, x2, y2, pixels, confidence] = packet;
-                    let tracked = Tracked {
+                    let tracked = TrackedBlob {
                         middle: [x, y],
                         edges: [x1, y1, x2, y2],
                         pixels,
                         confidence,
                     };
-                    events.send(Event::Tracked(tracked)).await;
+                    events.send(CameraEvent::Tracked(tracked)).await;
                 }
                 Either::Second(Err(_)) => break None,
             }
@@ -207,6 +214,6 @@ impl<K: BlobCamera, C: Clock> CameraDevice<'_, K, C> {
     }
 }
 
-const fn done(command: Command, success: bool) -> Event {
-    Event::Done(Done { command, success })
+const fn done(command: CameraCommand, success: bool) -> CameraEvent {
+    CameraEvent::Done(CommandResult { command, success })
 }

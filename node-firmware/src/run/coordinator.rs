@@ -16,7 +16,7 @@ use crate::{
     config::CoordinatorConfig,
     console::{self, FRAME_MAX, Frames, KeyChange, ToPc},
     hardware::{Buttons, Hardware},
-    role::coordinator::{Coordinator, Event, Task},
+    role::coordinator::{CoordinatorEvent, CoordinatorRole, CoordinatorTask},
 };
 
 /// The longest frame takes a tenth of it at 9600 baud.
@@ -29,7 +29,7 @@ pub(super) async fn run<H: Hardware>(
 ) -> LogError<FlashError<H>> {
     let Services { shared, clock, .. } = services;
     let channels = DeviceChannels::new();
-    let mut role = Coordinator::new();
+    let mut role = CoordinatorRole::new();
     if config.join_window_s > 0 {
         let window = Duration::from_secs(config.join_window_s.into());
         shared.with(|node, now| node.open_join_window(now, window));
@@ -41,7 +41,7 @@ pub(super) async fn run<H: Hardware>(
     let pressed = async {
         loop {
             let button = buttons.pressed().await;
-            events.send(Event::Button(button)).await;
+            events.send(CoordinatorEvent::Button(button)).await;
         }
     };
     match select3(pin!(driven), Outlined(pin!(line)), pressed).await {
@@ -57,8 +57,8 @@ async fn line<H: Hardware>(
     mut uart: H::Uart,
     shared: &SharedNode<'_, H>,
     clock: &H::Clock,
-    tasks: Tasks<'_, Task>,
-    events: Events<'_, Event>,
+    tasks: Tasks<'_, CoordinatorTask>,
+    events: Events<'_, CoordinatorEvent>,
 ) -> Infallible {
     let mut frames = Frames::default();
     let mut bytes = [0; 32];
@@ -86,7 +86,7 @@ async fn line<H: Hardware>(
                 is_open = count > 0;
                 for &byte in bytes.get(..count).unwrap_or_default() {
                     if let Some(wish) = frames.push(byte) {
-                        events.send(Event::Pc(wish)).await;
+                        events.send(CoordinatorEvent::Pc(wish)).await;
                     }
                 }
             }
@@ -96,27 +96,27 @@ async fn line<H: Hardware>(
 }
 
 /// Does a task as far as it is the network's, and returns what the PC is to be told.
-fn perform<H: Hardware>(shared: &SharedNode<'_, H>, task: Task) -> Option<ToPc> {
+fn perform<H: Hardware>(shared: &SharedNode<'_, H>, task: CoordinatorTask) -> Option<ToPc> {
     shared.with(|node, now| {
         match task {
-            Task::Tell(message) => return Some(message),
-            Task::OpenJoinWindow(window) => {
+            CoordinatorTask::Tell(message) => return Some(message),
+            CoordinatorTask::OpenJoinWindow(window) => {
                 node.open_join_window(now, window);
                 return None;
             }
-            Task::Remove(address) => {
+            CoordinatorTask::Remove(address) => {
                 let short = ShortAddress(address);
                 let member = node.members().find(|member| member.short == short);
                 let success = member.is_some_and(|member| node.remove(now, member.extended));
                 return Some(ToPc::Removed { address, success });
             }
-            Task::ChangeKey(key) => {
+            CoordinatorTask::ChangeKey(key) => {
                 let begun = key.key().map(|key| node.change_key(key));
                 if !matches!(begun, Some(Ok(()))) {
                     return Some(ToPc::KeyChange(None));
                 }
             }
-            Task::TellKeyChange => {}
+            CoordinatorTask::TellKeyChange => {}
         }
         Some(ToPc::KeyChange(node.key_change().map(|change| KeyChange {
             index: change.index,

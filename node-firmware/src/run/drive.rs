@@ -16,7 +16,7 @@ use flash_log::LogError;
 use zigbee_link::{
     Instant,
     link::{Delivery, SendError, Ticket},
-    network::Status,
+    network::NetworkStatus,
     runner::{Clock, Happened},
     wire::ShortAddress,
 };
@@ -27,7 +27,9 @@ use crate::{
     log::debug,
     memory::{Fact, Memory},
     message::Message,
-    role::{Output, Role, camera::Camera, coordinator::Coordinator, target::Target},
+    role::{
+        Output, Role, camera::CameraRole, coordinator::CoordinatorRole, moving_target::TargetRole,
+    },
 };
 
 /// Tasks or events that wait. Devices that are slower make the role keep its next task to itself;
@@ -65,9 +67,9 @@ pub(super) struct Services<'a, H: Hardware> {
 
 /// The driver of whichever role a node has: so [`drive`] is in an image once, not once for each.
 pub(super) enum AnyDriver<'a> {
-    Coordinator(RoleDriver<'a, Coordinator>),
-    Camera(RoleDriver<'a, Camera>),
-    Target(RoleDriver<'a, Target>),
+    Coordinator(RoleDriver<'a, CoordinatorRole>),
+    Camera(RoleDriver<'a, CameraRole>),
+    Target(RoleDriver<'a, TargetRole>),
 }
 
 /// The same with whichever role it is.
@@ -86,9 +88,9 @@ pub(super) struct RoleDriver<'a, R: Role> {
     role: &'a mut R,
     devices: &'a DeviceChannels<R::Task, R::Event>,
     /// Messages with the link of which the role wants to know the result.
-    in_flight: heapless::Vec<(Ticket, R::Errand), QUEUE>,
+    in_flight: heapless::Vec<(Ticket, R::Notification), QUEUE>,
     /// A message for which the link had no room.
-    pending_message: Option<(ShortAddress, Message, Option<R::Errand>)>,
+    pending_message: Option<(ShortAddress, Message, Option<R::Notification>)>,
     /// A task for which the devices had no time.
     pending_task: Option<R::Task>,
 }
@@ -113,15 +115,15 @@ impl<R: Role> RoleDriver<'_, R> {
 
     #[inline(never)] // stack
     fn on_message(&mut self, now: Instant, from: ShortAddress, message: &Message) {
-        self.role.message(now, from, message);
+        self.role.on_message(now, from, message);
     }
 
     /// What became of a message that was posted.
     #[inline(never)] // stack
     fn on_settled(&mut self, now: Instant, ticket: Ticket, delivered: bool) {
         if let Some(place) = self.in_flight.iter().position(|(on, _)| *on == ticket) {
-            let (_, errand) = self.in_flight.swap_remove(place);
-            self.role.sent(now, errand, delivered);
+            let (_, notification) = self.in_flight.swap_remove(place);
+            self.role.on_sent(now, notification, delivered);
         }
     }
 
@@ -148,8 +150,8 @@ impl<R: Role> RoleDriver<'_, R> {
                     Output::Send {
                         to,
                         message,
-                        errand,
-                    } => self.pending_message = Some((to, message, errand)),
+                        notification,
+                    } => self.pending_message = Some((to, message, notification)),
                     Output::Save(fact) => return Some(fact),
                     Output::Task(task) => {
                         self.pending_task = Some(task);
@@ -157,17 +159,17 @@ impl<R: Role> RoleDriver<'_, R> {
                     }
                 }
             }
-            if let Some((to, message, errand)) = &self.pending_message {
-                match (post(*to, message), *errand) {
+            if let Some((to, message, notification)) = &self.pending_message {
+                match (post(*to, message), *notification) {
                     (Err(SendError::QueueFull), _) => return None,
-                    (Ok(ticket), Some(errand)) => {
+                    (Ok(ticket), Some(notification)) => {
                         // As many as the queue of the link has places.
-                        let _ = self.in_flight.push((ticket, errand));
+                        let _ = self.in_flight.push((ticket, notification));
                     }
-                    (Err(error), errand) => {
+                    (Err(error), notification) => {
                         debug!("not sent: {}", error);
-                        if let Some(errand) = errand {
-                            self.role.sent(now, errand, false);
+                        if let Some(notification) = notification {
+                            self.role.on_sent(now, notification, false);
                         }
                     }
                     (Ok(_), None) => {}
@@ -182,7 +184,7 @@ impl<R: Role> RoleDriver<'_, R> {
     fn deadline(&self) -> Option<Instant> {
         // Not before the link has room or the devices have time, which is something that happens.
         let may_act = self.pending_message.is_none() && self.pending_task.is_none();
-        self.role.deadline().filter(|_| may_act)
+        self.role.next_deadline().filter(|_| may_act)
     }
 
     /// Ready when there is reason to [`act`](Self::act): the devices told something, or can take
@@ -190,7 +192,7 @@ impl<R: Role> RoleDriver<'_, R> {
     #[inline(never)] // stack
     fn poll_devices(&mut self, now: Instant, context: &mut Context<'_>) -> Poll<()> {
         if let Poll::Ready(event) = self.devices.events.poll_receive(context) {
-            self.role.event(now, event);
+            self.role.on_event(now, event);
             return Poll::Ready(());
         }
         match self.pending_task {
@@ -212,11 +214,11 @@ pub(super) async fn drive<H: Hardware>(
         observer,
         indicator,
     } = services;
-    let recalled = memory.recall(|fact| whichever!(&mut any, driver => driver.role.remember(fact)));
+    let recalled = memory.recall(|fact| whichever!(&mut any, driver => driver.role.restore(fact)));
     if let Err(error) = Outlined(pin!(recalled)).await {
         return error;
     }
-    let mut status = Status::Out;
+    let mut status = NetworkStatus::Out;
     let mut shown = None;
     loop {
         let post = |to, message: &Message| {
@@ -266,10 +268,10 @@ pub(super) async fn drive<H: Hardware>(
             Happened::Status(new) => {
                 status = new;
                 let network = match new {
-                    Status::Joined(membership) => Some(membership),
+                    NetworkStatus::Joined(membership) => Some(membership),
                     _ => None,
                 };
-                whichever!(&mut any, driver => driver.role.attached(now, network));
+                whichever!(&mut any, driver => driver.role.on_attached(now, network));
             }
         }
     }

@@ -6,8 +6,8 @@
 mod camera;
 mod coordinator;
 mod drive;
+mod moving_target;
 mod outlined;
-mod target;
 
 use core::{fmt, ops::Range, pin::pin};
 
@@ -16,12 +16,13 @@ use embassy_futures::select::{Either, select};
 use embassy_sync::{blocking_mutex::raw::NoopRawMutex, mutex::Mutex};
 use embedded_hal_async::delay::DelayNs;
 use embedded_storage_async::nor_flash::{ErrorType, NorFlash};
+use flash_log::LogError;
 use zigbee_link::{
     Instant,
-    network::{Node, Settings},
+    network::{NetworkSettings, Node},
     radio::Radio,
-    runner::{self, Clock, Shared, Stopped},
-    store::{Member, Record, Saved, Store, StoreError, log::LogError},
+    runner::{self, Clock, RunnerError, Shared},
+    store::{Member, Record, Saved, Store, StoreError},
     wire::Eui64,
 };
 
@@ -56,7 +57,7 @@ pub type FlashError<H> = partition::Error<<<H as Hardware>::Flash as ErrorType>:
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum Failure<R, F> {
     /// The radio failed, or the link's part of the flash.
-    Link(Stopped<R, F>),
+    Link(RunnerError<R, F>),
     /// The role's part of the flash failed.
     Memory(LogError<F>),
 }
@@ -74,7 +75,7 @@ impl<R: fmt::Debug, F: fmt::Debug> core::error::Error for Failure<R, F> {}
 
 impl<R, F> From<StoreError<F>> for Failure<R, F> {
     fn from(error: StoreError<F>) -> Self {
-        Self::Link(Stopped::Store(error))
+        Self::Link(RunnerError::Store(error))
     }
 }
 
@@ -138,7 +139,7 @@ pub async fn run<H: Hardware>(
         Err(failure) => return failure,
     };
 
-    let settings = Settings {
+    let settings = NetworkSettings {
         extended,
         channels: config.channels(),
         tx_power: config.tx_power,
@@ -177,7 +178,13 @@ pub async fn run<H: Hardware>(
                 .await
             }
             RoleConfig::Target(own) => {
-                Outlined(pin!(target::run((config.id, seed), own, services, steps))).await
+                Outlined(pin!(moving_target::run(
+                    (config.id, seed),
+                    own,
+                    services,
+                    steps
+                )))
+                .await
             }
         }
     };
@@ -194,7 +201,7 @@ pub async fn run<H: Hardware>(
 fn share_node<'a, H: Hardware>(
     clock: &'a H::Clock,
     role: &RoleConfig,
-    settings: Settings,
+    settings: NetworkSettings,
     saved: &Saved,
     members: &[Option<Member>; MEMBERS],
 ) -> SharedNode<'a, H> {

@@ -23,8 +23,7 @@
 //! # What must be told
 //! The compass's hard iron, of which the chip alone may have 100 uT (LIS3MDL datasheet, "Magnetic
 //! characteristics", zero-gauss level) beside the earth's 20 across the vertical: without it there
-//! is no heading. See
-//! [`SensorConfig::hard_iron`](crate::config::SensorConfig::hard_iron). The gyroscope's bias is estimated all the time.
+//! is no heading. See [`SensorConfig::hard_iron`]. The gyroscope's bias is estimated all the time.
 //!
 //! Headings are counter-clockwise from magnetic east. How the site lies to that, the reference
 //! cameras find out.
@@ -37,14 +36,16 @@ mod stuck;
 
 use core::time::Duration;
 
-use calib_core::dead_reckoning::{ImuSample, Pedestrian, Step};
+use calib_core::dead_reckoning::Step;
 use embedded_hal_async::i2c::{Error, ErrorKind, I2c, Operation};
 use nalgebra::Vector3;
+use pedestrian::{ImuSample, InvalidSetting, Pedestrian, PedestrianSettings, StepLength};
 use zigbee_link::runner::Clock;
 
-pub use self::fault::{Chip, Fault, SensorError};
+pub use self::fault::{Chip, SensorError, SensorFault};
 use self::session::{Session, Want};
 use crate::{
+    config::SensorConfig,
     hardware::StepSensor,
     log::{debug, warning},
 };
@@ -66,17 +67,25 @@ pub struct InertialSteps<I, C> {
 }
 
 impl<I: I2c, C: Clock> InertialSteps<I, C> {
-    /// What the compass reads too much on each of its axes, uT, see
-    /// [`SensorConfig::hard_iron`](crate::config::SensorConfig::hard_iron), and who carries the
-    /// sensor. The chips are first spoken to by [`StepSensor::next`].
-    pub fn new(bus: I, clock: C, hard_iron: [f32; 3], carrier: Pedestrian<f32>) -> Self {
-        Self {
+    /// The chips are first spoken to by [`StepSensor::next`].
+    ///
+    /// # Errors
+    /// A step length out of its range.
+    pub fn new(bus: I, clock: C, config: &SensorConfig) -> Result<Self, InvalidSetting> {
+        let settings = PedestrianSettings {
+            length: StepLength {
+                k: config.step_length,
+                ..StepLength::default()
+            },
+            ..PedestrianSettings::default()
+        };
+        Ok(Self {
             bus,
             clock,
-            hard_iron: Vector3::from(hard_iron),
-            person: carrier,
+            hard_iron: Vector3::from(config.hard_iron),
+            person: Pedestrian::new(settings)?,
             session: Session::default(),
-        }
+        })
     }
 
     /// What is to be done before there can be a step; or a step.
@@ -121,8 +130,8 @@ impl<I: I2c, C: Clock> InertialSteps<I, C> {
             let result = self.bus.transaction(address, operations).await;
             if let Err(error) = result {
                 return Err(request.chip.is(match error.kind() {
-                    ErrorKind::NoAcknowledge(_) => Fault::Absent,
-                    _ => Fault::Bus,
+                    ErrorKind::NoAcknowledge(_) => SensorFault::Absent,
+                    _ => SensorFault::Bus,
                 }));
             }
             self.session.answered(&request, self.clock.now())?;

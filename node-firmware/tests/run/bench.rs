@@ -21,7 +21,7 @@ use node_firmware::{
     config::{Config, CoordinatorConfig, RoleConfig, SiteKey},
     console::{Frames, FromPc, ToPc},
     hardware::{FlashLayout, Hardware, Indication, Indicator, Observer, Peripherals, StepSensor},
-    message::{Command, Done, Duty, Kind, Message, Sight},
+    message::{CameraCommand, CommandResult, Duty, MemberKind, Message, Sight},
     run::run,
 };
 use virtual_bench::{
@@ -32,7 +32,7 @@ use virtual_bench::{
 use zigbee_link::{
     radio::Csma,
     security::Protection,
-    wire::{Eui64, Frame, KeyId, ShortAddress},
+    wire::{Eui64, Frame, ShortAddress},
 };
 
 pub(super) const SECOND: Time = 1_000_000_000;
@@ -64,10 +64,7 @@ impl Bench {
             if let Event::Sent { from, frame, .. } = event
                 && let Some(security) = Frame::parse(frame).unwrap().header().security
             {
-                let KeyId::Index(key) = security.key else {
-                    panic!("no such key");
-                };
-                let nonce = (from, key, security.counter.unwrap());
+                let nonce = (from, security.key_index, security.counter);
                 assert!(all.borrow_mut().insert(nonce), "{nonce:?} twice");
             }
         });
@@ -430,7 +427,7 @@ impl Site {
     }
 
     /// What members said they are, by number.
-    pub(super) fn hellos(&self) -> BTreeMap<u16, Kind> {
+    pub(super) fn hellos(&self) -> BTreeMap<u16, MemberKind> {
         let hellos = self.pc.told().into_iter().filter_map(|told| match told {
             ToPc::Member { hello, .. } => Some((hello.id, hello.kind)),
             _ => None,
@@ -449,13 +446,13 @@ impl Site {
     }
 
     /// The PC commands the camera, which answers in this time. Whether it succeeded.
-    pub(super) fn command(&mut self, command: Command, within: Time) -> bool {
+    pub(super) fn command(&mut self, command: CameraCommand, within: Time) -> bool {
         let address = self.camera_address();
         self.pc.wish(FromPc::Command { address, command });
         self.bench.run_for(within);
         let told = self.pc.told();
         let [failed, done] = [false, true].map(|success| {
-            let done = Done { command, success };
+            let done = CommandResult { command, success };
             told.contains(&ToPc::Done { address, done })
         });
         assert!(done != failed, "{told:?}");

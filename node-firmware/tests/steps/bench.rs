@@ -92,7 +92,7 @@ impl Bench {
 
     pub(crate) fn sensor(self: &Rc<Self>, config: &SensorConfig) -> Sensor {
         let (bus, clock) = (Wires(self.clone()), Time(self.clone()));
-        InertialSteps::new(bus, clock, config.hard_iron, config.carrier().unwrap())
+        InertialSteps::new(bus, clock, config).unwrap()
     }
 
     /// All that happens until this time, or until the recording ends.
