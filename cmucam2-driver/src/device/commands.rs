@@ -1,6 +1,6 @@
 //! What can be asked of the camera.
 
-use super::{Call, Cmucam2};
+use super::{Call, Cmucam2, Convert};
 use crate::{
     colour::{Channel, ColourBounds},
     command::{Command, LedMode, OutputMask},
@@ -87,7 +87,7 @@ fn histogram(answer: Answer, _: &Modes) -> Option<Histogram> {
 impl<U, D> Cmucam2<U, D> {
     /// Resets the camera. All modes are back to their defaults, here too.
     pub fn reset(&mut self) -> Call<'_, U, D, Version> {
-        self.call(Request::Do(Command::Reset), version)
+        self.ask(Command::Reset, version)
     }
 
     /// Resets the camera and sets all modes again, for one that no longer understands anything.
@@ -118,17 +118,25 @@ impl<U, D> Cmucam2<U, D> {
 
     /// Any single command. Of one that answers with packets, one is taken and the camera is
     /// stopped if it goes on.
+    #[inline(always)] // size
     pub fn command(&mut self, command: Command) -> Call<'_, U, D, Answer> {
-        self.call(Request::Do(command), answer)
+        self.ask(command, answer)
     }
 
     /// Any stream.
+    #[inline(always)] // size
     pub fn stream(&mut self, command: Command) -> Call<'_, U, D, ()> {
-        self.call(Request::Start(command), done)
+        self.call(Request::Start(command.order()), done)
     }
 
+    #[inline(always)] // size
     pub(super) fn simple(&mut self, command: Command) -> Call<'_, U, D, ()> {
-        self.call(Request::Do(command), done)
+        self.ask(command, done)
+    }
+
+    #[inline(always)] // size
+    fn ask<T>(&mut self, command: Command, convert: Convert<T>) -> Call<'_, U, D, T> {
+        self.call(Request::Do(command.order()), convert)
     }
 }
 
@@ -141,7 +149,7 @@ impl<U, D> Cmucam2<U, D> {
 
     /// The firmware version.
     pub fn version(&mut self) -> Call<'_, U, D, Version> {
-        self.call(Request::Do(Command::GetVersion), version)
+        self.ask(Command::GetVersion, version)
     }
 
     /// Tells the camera which sensor is mounted.
@@ -151,12 +159,12 @@ impl<U, D> Cmucam2<U, D> {
 
     /// Whether the button was pressed since the last time.
     pub fn button(&mut self) -> Call<'_, U, D, bool> {
-        self.call(Request::Do(Command::GetButton), button)
+        self.ask(Command::GetButton, button)
     }
 
     /// The auxiliary inputs, one in each of the lower four bits.
     pub fn inputs(&mut self) -> Call<'_, U, D, u8> {
-        self.call(Request::Do(Command::GetInputs), value)
+        self.ask(Command::GetInputs, value)
     }
 
     /// What LED 0 does.
@@ -252,7 +260,7 @@ impl<U, D> Cmucam2<U, D> {
 
     /// The bounds that the camera has.
     pub fn tracking_bounds(&mut self) -> Call<'_, U, D, ColourBounds> {
-        self.call(Request::Do(Command::GetTrackingBounds), bounds)
+        self.ask(Command::GetTrackingBounds, bounds)
     }
 
     /// Tracks what is outside the bounds.
@@ -280,7 +288,7 @@ impl<U, D> Cmucam2<U, D> {
 
     /// The window that the camera has.
     pub fn current_window(&mut self) -> Call<'_, U, D, Window> {
-        self.call(Request::Do(Command::GetWindow), window)
+        self.ask(Command::GetWindow, window)
     }
 
     /// 176 x 255 instead of 88 x 143 (OV6620 only).
@@ -328,7 +336,7 @@ impl<U, D> Cmucam2<U, D> {
 
     /// Binary packets: shorter, but hardly any corruption can be detected. Firmware 1.00 has bugs
     /// here.
-    #[cfg(feature = "raw")]
+    #[cfg(feature = "full")]
     pub fn raw_output(&mut self, on: bool) -> Call<'_, U, D, ()> {
         use crate::command::RawMode;
         self.simple(Command::RawMode(if on {
@@ -348,7 +356,7 @@ impl<U, D> Cmucam2<U, D> {
 impl<U, D> Cmucam2<U, D> {
     /// Mean colour and deviation of the window, once.
     pub fn mean(&mut self) -> Call<'_, U, D, Statistics> {
-        self.call(Request::Do(Command::GetMean), statistics)
+        self.ask(Command::GetMean, statistics)
     }
 
     /// Mean colour and deviation as a stream, for [`Cmucam2::next_packet`].
@@ -358,7 +366,7 @@ impl<U, D> Cmucam2<U, D> {
 
     /// The histogram of a channel, once.
     pub fn histogram(&mut self, channel: Channel) -> Call<'_, U, D, Histogram> {
-        self.call(Request::Do(Command::GetHistogram(channel)), histogram)
+        self.ask(Command::GetHistogram(channel), histogram)
     }
 
     /// Bins and scale of the histogram, as numbers of the firmware.
@@ -418,7 +426,7 @@ impl<U, D> Cmucam2<U, D> {
 
     /// Where a servo is.
     pub fn servo(&mut self, servo: Servo) -> Call<'_, U, D, u8> {
-        self.call(Request::Do(Command::GetServo(servo)), value)
+        self.ask(Command::GetServo(servo), value)
     }
 
     /// A servo pin as a digital output.

@@ -5,7 +5,7 @@ use core::fmt;
 use super::{Learn, StartUp};
 use crate::{
     colour::ColourBounds,
-    command::Command,
+    command::Order,
     packet::{Packet, Version},
     parser::ImageHeader,
 };
@@ -16,10 +16,10 @@ use crate::{
 pub enum Request {
     /// Exchange one command. Of a command that answers with packets, one is taken and the camera
     /// is stopped if it goes on.
-    Do(Command),
+    Do(Order),
     /// Begin a stream of packets or a frame, to be read with [`Request::Next`]. In poll mode
     /// nothing streams: each `Next` asks for a packet.
-    Start(Command),
+    Start(Order),
     /// The next packet of the stream; images between packets are skipped.
     Next,
     /// The next part of a frame or of the rows between packets, or the next packet. Rows go into

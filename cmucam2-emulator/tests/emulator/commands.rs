@@ -69,9 +69,12 @@ fn steps() -> Vec<(Request, Expect)> {
     let again = Command::TrackColour(None);
     let mut steps = vec![
         (Request::StartUp(StartUp::default()), E::Done),
-        (Request::Do(Command::CameraType(Sensor::Ov6620)), E::Done),
+        (
+            Request::Do(Command::CameraType(Sensor::Ov6620).into()),
+            E::Done,
+        ),
     ];
-    let mut with = |command: Command, expect: E| steps.push((Request::Do(command), expect));
+    let mut with = |command: Command, expect: E| steps.push((Request::Do(command.into()), expect));
     with(Command::Idle, E::Done);
     with(Command::GetVersion, E::Version);
     with(Command::GetWindow, E::Window(None));
@@ -235,24 +238,24 @@ fn steps() -> Vec<(Request, Expect)> {
             Command::FrameStream(false),
         ),
     ] {
-        steps.push((Request::Do(set), E::Done));
-        steps.push((Request::Start(start), E::Image(kind, bytes)));
+        steps.push((Request::Do(set.into()), E::Done));
+        steps.push((Request::Start(start.into()), E::Image(kind, bytes)));
         steps.push((Request::Stop, E::Done));
-        steps.push((Request::Do(back), E::Done));
+        steps.push((Request::Do(back.into()), E::Done));
     }
     // Streams.
-    steps.push((Request::Start(track), E::Done));
+    steps.push((Request::Start(track.into()), E::Done));
     steps.push((Request::Next, E::Target));
     steps.push((Request::Next, E::Target));
-    steps.push((Request::Do(Command::GetVersion), E::Version));
+    steps.push((Request::Do(Command::GetVersion.into()), E::Version));
     steps.push((Request::Next, E::Target));
     steps.push((Request::Stop, E::Done));
-    steps.push((Request::Do(Command::PacketFilter(true)), E::Done));
+    steps.push((Request::Do(Command::PacketFilter(true).into()), E::Done));
     let nothing = ColourBounds::new([16, 20, 230, 240, 16, 20]).unwrap();
     let nowhere = Command::TrackColour(Some(nothing));
-    steps.push((Request::Start(nowhere), E::Done));
-    steps.push((Request::Do(Command::GetButton), E::Value(0)));
-    steps.push((Request::Do(Command::PacketFilter(false)), E::Done));
+    steps.push((Request::Start(nowhere.into()), E::Done));
+    steps.push((Request::Do(Command::GetButton.into()), E::Value(0)));
+    steps.push((Request::Do(Command::PacketFilter(false).into()), E::Done));
     steps.push((Request::Next, E::Lost));
     steps.push((Request::Stop, E::Done));
     // Learning, sleep, and the end.
@@ -276,7 +279,7 @@ fn steps() -> Vec<(Request, Expect)> {
             Command::GetButton => E::Value(0),
             _ => E::Done,
         };
-        steps.push((Request::Do(command), expect));
+        steps.push((Request::Do(command.into()), expect));
     }
     for (command, expect) in [
         (Command::CameraPower(false), E::Done),
@@ -293,10 +296,10 @@ fn steps() -> Vec<(Request, Expect)> {
         (Command::TrackColour(None), E::Target),
         (Command::Registers(Registers::DEFAULTS), E::Done),
     ] {
-        steps.push((Request::Do(command), expect));
+        steps.push((Request::Do(command.into()), expect));
     }
     steps.push((Request::Recover, E::Done));
-    steps.push((Request::Do(Command::Reset), E::Version));
+    steps.push((Request::Do(Command::Reset.into()), E::Version));
     steps
 }
 

@@ -279,7 +279,7 @@ fn statistics_and_histograms_are_those_of_the_pixels() {
 fn rows_of(link: &mut Link, start: Command, length: usize) -> Vec<Vec<u8>> {
     let mut row = vec![0; length];
     let mut rows = Vec::new();
-    link.ask(Request::Start(start)).unwrap();
+    link.ask(Request::Start(start.into())).unwrap();
     loop {
         let request = Request::NextPart { row: length };
         match link.ask_with(request, &mut row, &[]).unwrap() {
@@ -457,7 +457,7 @@ fn the_camera_follows_with_its_servos() {
     let mut link = frozen(configuration, scene);
     let mask = cmucam2_driver::servo::ServoMask::new(0b0101).unwrap();
     command(&mut link, Command::ServoMask(mask)).unwrap();
-    link.ask(Request::Start(Command::TrackColour(Some(orange()))))
+    link.ask(Request::Start(Command::TrackColour(Some(orange())).into()))
         .unwrap();
     let mut last = None;
     for _ in 0..60 {

@@ -26,13 +26,10 @@ pub use expectation::{Expectation, ImageExpectation};
 pub use image::{ImageHeader, ImageKind, RowState};
 
 use crate::{
+    features::FULL,
     packet::{BANNER, BINS_MAX, Histogram, Packet, PacketError, Statistics, Tracking, Version},
     parser::{dropped::Reason, image::Image},
 };
-
-/// Whether what the features name is wanted.
-pub(crate) const IMAGES: bool = cfg!(feature = "images");
-const RAW: bool = cfg!(feature = "raw");
 
 /// Something that the camera said.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -240,9 +237,9 @@ impl Parser {
     fn push_other(&mut self, byte: u8) -> Option<Event> {
         match self.state {
             State::Number(kind) => self.separator(kind, byte),
-            State::Image if IMAGES => self.image(byte),
-            State::RawLead if RAW => self.raw_lead(byte),
-            State::Raw(kind, missing) if RAW => self.raw(kind, missing, byte),
+            State::Image if FULL => self.image(byte),
+            State::RawLead if FULL => self.raw_lead(byte),
+            State::Raw(kind, missing) if FULL => self.raw(kind, missing, byte),
             _ if byte == b':' => self.prompt(),
             _ => self.text(byte),
         }
@@ -340,8 +337,8 @@ impl Parser {
             b'A' => State::Word(Word::Ack, 1),
             b'N' => State::Word(Word::Nck, 1),
             b'C' => State::Banner(1),
-            0xFF if RAW && self.expectation.raw => State::RawLead,
-            _ if !IMAGES => return false,
+            0xFF if FULL && self.expectation.raw => State::RawLead,
+            _ if !FULL => return false,
             _ => match Image::begin(byte, &self.expectation) {
                 Some(image) => {
                     self.image = image;
@@ -359,7 +356,7 @@ impl Parser {
 
     /// The event that is due right after the first byte, if any.
     fn begun(&self) -> Option<Event> {
-        if !IMAGES || self.state != State::Image {
+        if !FULL || self.state != State::Image {
             return None;
         }
         self.image.header_without_sizes().map(Event::Header)

@@ -24,14 +24,14 @@
 //! up.
 
 mod commands;
-#[cfg(feature = "images")]
+#[cfg(feature = "full")]
 mod images;
 
 use core::{fmt, pin::pin};
 
 use embassy_futures::select::{Either, select};
 
-#[cfg(feature = "images")]
+#[cfg(feature = "full")]
 pub use images::Part;
 
 use crate::session::{Answer, Fault, Modes, Policy, Request, Session};

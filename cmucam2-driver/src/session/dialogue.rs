@@ -1,0 +1,675 @@
+//! What follows what: the parts of a session put together.
+
+use core::ops::ControlFlow;
+
+use super::{
+    Answer, Fault, Modes, Policy, Request,
+    exchange::{Awaited, Exchange, Purpose, Reaction},
+    modes::Cursor,
+    port::Port,
+    script::{Step, Task},
+    stream::Stream,
+    synchronisation::{self, Outcome, Resume, Synchronisation},
+};
+use crate::{
+    command::{Effect, Order, Reply},
+    fmt::{debug, warning},
+    geometry::{Sensor, Size},
+    packet::{Packet, PacketKind, Version},
+    parser::{Event, Expectation},
+};
+
+/// A request goes on, or has its outcome.
+pub(super) type Flow<T = ()> = ControlFlow<Result<Answer, Fault>, T>;
+
+/// What is known of the camera's end of the line.
+#[derive(Clone, Copy, Debug)]
+enum Link {
+    Unknown,
+    /// It waits for a command.
+    Prompt,
+    /// It sends.
+    Streaming(Stream),
+}
+
+/// What the session is doing for a request.
+#[derive(Clone, Copy, Debug)]
+pub(super) enum Doing {
+    /// The camera is made to listen.
+    Synchronise(Synchronisation, Resume),
+    /// A command, or the stream that it began.
+    Exchange(Exchange, Awaited),
+    /// Time passes before a command is repeated.
+    Pause(Exchange),
+    /// Time passes because the script says so.
+    Wait,
+}
+
+/// All but the request under way.
+#[derive(Clone, Debug)]
+pub(super) struct Dialogue {
+    pub(super) port: Port,
+    policy: Policy,
+    modes: Modes,
+    /// As the banner named it.
+    sensor: Option<Sensor>,
+    link: Link,
+    /// What [`Request::Next`] reads; it may have to be told to the camera again.
+    stream: Option<Order>,
+    /// The camera has lost its modes: how far it has them again.
+    restore: Option<Cursor>,
+    pub(super) restarts: u16,
+    pub(super) retries: u16,
+}
+
+impl Dialogue {
+    pub(super) fn new(policy: Policy) -> Self {
+        Self {
+            port: Port::new(),
+            policy,
+            modes: Modes::default(),
+            sensor: None,
+            link: Link::Unknown,
+            stream: None,
+            restore: None,
+            restarts: 0,
+            retries: 0,
+        }
+    }
+
+    pub(super) fn modes(&self) -> &Modes {
+        &self.modes
+    }
+
+    pub(super) fn policy(&self) -> &Policy {
+        &self.policy
+    }
+
+    pub(super) fn frame(&self) -> Size {
+        self.modes.frame(self.sensor)
+    }
+
+    pub(super) fn payload_sent(&mut self, now: u64) {
+        self.port.payload_sent(now, &self.policy);
+    }
+
+    /// Begins a request.
+    pub(super) fn begin(&mut self, request: Request, now: u64) -> (Task, Flow<Doing>) {
+        let mut task = Task::new(request, self.restore.is_some());
+        // One that cannot be begun must not leave the packets of another in its place.
+        if task.begins() {
+            self.stream = None;
+        }
+        self.port.turn();
+        self.restore = self.restore.map(|_| Cursor::default());
+        if let Request::Do(order) = &task.request
+            && !self.modes.has_room(order)
+        {
+            return (task, Flow::Break(Err(Fault::TooManyRegisters)));
+        }
+        let begun = self.plan(&mut task, None, now);
+        (task, begun)
+    }
+
+    /// A request is given up.
+    pub(super) fn abandon(&mut self, doing: &Doing) {
+        if !matches!(doing, Doing::Exchange(_, Awaited::Packet)) {
+            self.link = Link::Unknown;
+        }
+    }
+
+    /// Something came while no request was under way.
+    pub(super) fn on_event_between(&mut self, event: Event) {
+        if let Event::Banner(version) = event {
+            self.recognise(version);
+            self.forgotten();
+        }
+    }
+
+    pub(super) fn on_event(
+        &mut self,
+        task: &mut Task,
+        doing: &mut Doing,
+        event: Event,
+        now: u64,
+        row: &mut [u8],
+    ) -> Flow {
+        if let Event::Banner(version) = event {
+            return self.on_banner(task, doing, version, now);
+        }
+        match doing {
+            Doing::Synchronise(synchronisation, resume) => {
+                if synchronisation.on_event(&event, &mut self.port, &self.policy, now) {
+                    let exchange = resume.exchange().copied();
+                    *resume = Resume::Plan;
+                    self.forgotten();
+                    task.on_restart(exchange.as_ref(), self.policy.retries)?;
+                }
+            }
+            Doing::Exchange(exchange, Awaited::Packet) => {
+                let exchange = *exchange;
+                return self.on_stream(task, doing, &exchange, event, now, row);
+            }
+            Doing::Exchange(exchange, Awaited::Prompt(answer)) => {
+                let (exchange, answer) = (*exchange, *answer);
+                match event {
+                    Event::Prompt => {
+                        self.link = Link::Prompt;
+                        *doing = self.conclude(task, &exchange, Some(answer), now)?;
+                    }
+                    Event::Packet(_) | Event::Header(_) => {
+                        *doing = self.on_further_packet(task, exchange, answer, now)?;
+                    }
+                    _ => {}
+                }
+            }
+            Doing::Exchange(exchange, awaited) => {
+                let exchange = *exchange;
+                match exchange.on_event(awaited, &event) {
+                    Reaction::Nothing => {}
+                    Reaction::Await(next) => {
+                        *awaited = next;
+                        self.await_reply(&exchange, awaited, now);
+                    }
+                    Reaction::Sends => {
+                        *doing = self.sends(task, exchange, now)?;
+                        if let Event::Packet(_) = event {
+                            return self.on_stream(task, doing, &exchange, event, now, row);
+                        }
+                    }
+                    Reaction::Done(answer) => {
+                        // One that sleeps must be woken first.
+                        self.link = match exchange.order.reply() {
+                            Reply::Sleep => Link::Unknown,
+                            _ => Link::Prompt,
+                        };
+                        *doing = self.conclude(task, &exchange, answer, now)?;
+                    }
+                    Reaction::Refused => {
+                        self.link = Link::Prompt;
+                        *doing = self.failed(task, exchange, Fault::Refused, now)?;
+                    }
+                    Reaction::Irregular => {
+                        self.link = Link::Unknown;
+                        *doing = self.failed(task, exchange, Fault::Garbage, now)?;
+                    }
+                }
+            }
+            Doing::Pause(_) | Doing::Wait => {}
+        }
+        Flow::Continue(())
+    }
+
+    pub(super) fn on_timeout(&mut self, task: &mut Task, doing: &mut Doing, now: u64) -> Flow {
+        if self.port.is_silent(now) {
+            self.port.parser.gap();
+        }
+        *doing = match doing {
+            Doing::Synchronise(synchronisation, resume) => {
+                match synchronisation.on_timeout(&mut self.port, &self.policy, now) {
+                    Outcome::Again => return Flow::Continue(()),
+                    Outcome::Listens => {}
+                    // It does not listen; perhaps it still obeys.
+                    Outcome::Failed if task.is_resetting() && task.failures == 0 => {
+                        task.failures = 1;
+                    }
+                    Outcome::Failed => {
+                        self.link = Link::Unknown;
+                        return Flow::Break(Err(match self.port.nothing_useful() {
+                            Fault::Silence if task.restarts > 0 => Fault::Restarted,
+                            fault => fault,
+                        }));
+                    }
+                }
+                self.link = Link::Prompt;
+                match *resume {
+                    Resume::Plan => self.plan(task, None, now)?,
+                    Resume::Repeat(exchange) => self.send(exchange, now),
+                    Resume::Conclude(exchange, answer) => {
+                        self.conclude(task, &exchange, Some(answer), now)?
+                    }
+                }
+            }
+            &mut Doing::Exchange(exchange, Awaited::Packet) => {
+                self.stream_timeout(task, exchange, now)?
+            }
+            &mut Doing::Exchange(exchange, Awaited::Prompt(answer)) => {
+                self.stop(Resume::Conclude(exchange, answer), now)
+            }
+            Doing::Exchange(exchange, awaited) => {
+                let exchange = *exchange;
+                match (&awaited, exchange.order.reply()) {
+                    (Awaited::Reply(_), Reply::Sleep) => {
+                        self.link = Link::Unknown;
+                        self.conclude(task, &exchange, None, now)?
+                    }
+                    (Awaited::Ack, Reply::Upload) if self.port.ask_payload() => {
+                        self.port.wait(now, self.policy.reply_us);
+                        return Flow::Continue(());
+                    }
+                    (awaited, _) => {
+                        let fault = match awaited {
+                            Awaited::Refused => Fault::Refused,
+                            _ => self.port.nothing_useful(),
+                        };
+                        self.link = Link::Unknown;
+                        self.failed(task, exchange, fault, now)?
+                    }
+                }
+            }
+            &mut Doing::Pause(exchange) => match self.link {
+                Link::Prompt => self.send(exchange, now),
+                Link::Unknown | Link::Streaming(_) => self.stop(Resume::Repeat(exchange), now),
+            },
+            Doing::Wait => {
+                task.advance();
+                self.plan(task, None, now)?
+            }
+        };
+        Flow::Continue(())
+    }
+
+    /// Does whatever comes next: first makes the camera listen, then gives it back what it lost,
+    /// then follows the request. `answer`: of the step before.
+    fn plan(&mut self, task: &mut Task, mut answer: Option<Answer>, now: u64) -> Flow<Doing> {
+        loop {
+            if task.reads() && self.restore.is_none() {
+                if self.stream.is_none() {
+                    return Flow::Break(Err(Fault::NotStreaming));
+                }
+                if let Link::Streaming(stream) = &self.link {
+                    if let Some(room) = task.room()
+                        && let Err(fault) = stream.fits(room)
+                    {
+                        return Flow::Break(Err(fault));
+                    }
+                    let exchange = Exchange {
+                        order: stream.order,
+                        purpose: Purpose::Next,
+                    };
+                    return Flow::Continue(self.await_packet(exchange, now));
+                }
+            }
+            if !matches!(self.link, Link::Prompt) {
+                return Flow::Continue(self.stop(Resume::Plan, now));
+            }
+            if let Some(cursor) = &mut self.restore
+                && !task.is_resetting()
+            {
+                if let Some(order) = self.modes.next(cursor) {
+                    let purpose = Purpose::Restore;
+                    return Flow::Continue(self.send(Exchange { order, purpose }, now));
+                }
+                self.restore = None;
+                debug!("modes restored");
+                if task.was_interrupted() {
+                    self.go_on(task)?;
+                }
+            }
+            match task.next(answer.take(), &mut self.modes, self.sensor) {
+                Step::Send(order, purpose) => {
+                    return Flow::Continue(self.send(Exchange { order, purpose }, now));
+                }
+                Step::Begin(order) => {
+                    let purpose = Purpose::Begin;
+                    let Some(order) = self.first_of(order) else {
+                        self.stream = Some(order.continued());
+                        return Flow::Break(Ok(task.begun(&self.modes)));
+                    };
+                    return Flow::Continue(self.send(Exchange { order, purpose }, now));
+                }
+                Step::Read => {
+                    let Some(order) = self.stream else {
+                        return Flow::Break(Err(Fault::NotStreaming));
+                    };
+                    let purpose = Purpose::Next;
+                    return Flow::Continue(self.send(Exchange { order, purpose }, now));
+                }
+                Step::Stop => {
+                    self.stream = None;
+                    return Flow::Break(Ok(Answer::Done));
+                }
+                Step::Wait(time) => {
+                    self.port.pause(now, time);
+                    return Flow::Continue(Doing::Wait);
+                }
+                Step::Restore => {
+                    task.advance();
+                    self.restore = Some(Cursor::default());
+                }
+                Step::Finish(answer) => return Flow::Break(Ok(answer)),
+                Step::Fail(fault) => return Flow::Break(Err(fault)),
+            }
+        }
+    }
+
+    /// After a restart, with all modes set again: whether the request can go on.
+    fn go_on(&mut self, task: &Task) -> Flow {
+        let lost = task.reads() && !self.stream_can_resume();
+        if lost {
+            self.stream = None;
+        }
+        if lost || !task.may_go_on() {
+            return Flow::Break(Err(Fault::Restarted));
+        }
+        Flow::Continue(())
+    }
+
+    /// Whether the stream means the same after a restart of the camera.
+    fn stream_can_resume(&self) -> bool {
+        match self.stream.map(|order| order.reply()) {
+            Some(Reply::Packets(PacketKind::Tracking)) => self.modes.bounds().is_some(),
+            Some(Reply::Packets(PacketKind::Statistics | PacketKind::Histogram)) => true,
+            _ => false,
+        }
+    }
+
+    /// What must be told to begin a stream. In poll mode nothing streams: what
+    /// [`Request::Next`] asks for is only noted, after the bounds.
+    fn first_of(&self, order: Order) -> Option<Order> {
+        if !self.modes.poll() || order.reply() == Reply::Frame {
+            return Some(order);
+        }
+        match order.effect() {
+            Effect::Bounds if order.arguments().is_empty() => None,
+            Effect::Bounds => Some(Order::set_bounds(order.arguments())),
+            Effect::OwnBounds => Some(order),
+            _ => None,
+        }
+    }
+
+    fn send(&mut self, exchange: Exchange, now: u64) -> Doing {
+        let order = &exchange.order;
+        self.port.send(order);
+        self.port.turn();
+        let strict = self.policy.strict;
+        let expectation = self.modes.expectation(order, self.sensor, strict);
+        self.port.parser.expect(expectation);
+        self.await_reply(&exchange, &Awaited::Ack, now);
+        Doing::Exchange(exchange, Awaited::Ack)
+    }
+
+    fn await_reply(&mut self, exchange: &Exchange, awaited: &Awaited, now: u64) {
+        if let (Awaited::Reply(_), Reply::Upload) = (awaited, exchange.order.reply()) {
+            self.port.ask_payload();
+        }
+        let patience = match (awaited, exchange.order.effect()) {
+            (Awaited::Ack | Awaited::Reply(None), Effect::Reset) => self.policy.reset_us,
+            _ => self.policy.reply_us,
+        };
+        self.port.wait(now, patience);
+    }
+
+    fn await_packet(&mut self, exchange: Exchange, now: u64) -> Doing {
+        self.port.listen();
+        let packets = u32::from(self.modes.packet_skip()) + 1;
+        let patience = self.policy.packet_us.saturating_mul(packets);
+        self.port.wait(now, patience);
+        Doing::Exchange(exchange, Awaited::Packet)
+    }
+
+    /// Makes the camera listen.
+    fn stop(&mut self, resume: Resume, now: u64) -> Doing {
+        let purpose = match &self.link {
+            Link::Streaming(stream) if stream.order.reply() == Reply::Frame => {
+                synchronisation::Purpose::Frame
+            }
+            _ => synchronisation::Purpose::Stop,
+        };
+        self.synchronise(purpose, resume, now)
+    }
+
+    fn synchronise(
+        &mut self,
+        purpose: synchronisation::Purpose,
+        resume: Resume,
+        now: u64,
+    ) -> Doing {
+        // A frame that is stopped does not go on.
+        self.stream = self.stream.filter(|order| order.reply() != Reply::Frame);
+        self.port.listen();
+        self.port.parser.expect(Expectation::default());
+        let begun = Synchronisation::begin(purpose, &mut self.port, &self.policy, now);
+        Doing::Synchronise(begun, resume)
+    }
+
+    /// The command was accepted, the camera sends.
+    fn sends(&mut self, task: &mut Task, exchange: Exchange, now: u64) -> Flow<Doing> {
+        let order = exchange.order;
+        let dropped = self.port.parser.dropped().bytes;
+        self.link = Link::Streaming(Stream::new(order, dropped));
+        task.window_mean = None;
+        let polled = self.modes.poll() && !exchange.is_frame();
+        match exchange.purpose {
+            Purpose::Begin if !polled => {
+                self.modes.remember(&order);
+                self.stream = Some(order.continued());
+                Flow::Break(Ok(task.begun(&self.modes)))
+            }
+            Purpose::Next if task.was_interrupted() => Flow::Break(Err(Fault::Restarted)),
+            _ => Flow::Continue(self.await_packet(exchange, now)),
+        }
+    }
+
+    /// Whether one packet ends the exchange.
+    fn takes_one(&self, exchange: &Exchange) -> bool {
+        self.modes.poll() || exchange.purpose != Purpose::Next
+    }
+
+    fn on_stream(
+        &mut self,
+        task: &mut Task,
+        doing: &mut Doing,
+        exchange: &Exchange,
+        event: Event,
+        now: u64,
+        row: &mut [u8],
+    ) -> Flow {
+        if event == Event::Prompt {
+            return self.on_unexpected_prompt(task, doing, *exchange, now);
+        }
+        if let (Event::Packet(Packet::Statistics(statistics)), Effect::OwnBounds) =
+            (event, exchange.order.effect())
+        {
+            task.window_mean = statistics.mean();
+        }
+        let dropped = self.port.parser.dropped().bytes;
+        let Link::Streaming(stream) = &mut self.link else {
+            debug_assert!(false, "packets are awaited of a camera that does not send");
+            return Flow::Continue(());
+        };
+        let Some(answer) = stream.on_event(exchange, event, row, dropped) else {
+            return Flow::Continue(());
+        };
+        let is_last = match answer {
+            Answer::Packet(_) => self.takes_one(exchange),
+            Answer::End { .. } if exchange.is_frame() && !self.modes.frame_stream() => {
+                self.stream = None;
+                true
+            }
+            _ if task.room().is_none() => return Flow::Continue(()),
+            _ => false,
+        };
+        if !is_last {
+            return Flow::Break(Ok(answer));
+        }
+        self.port.wait(now, self.policy.settle_us);
+        *doing = Doing::Exchange(*exchange, Awaited::Prompt(answer));
+        Flow::Continue(())
+    }
+
+    /// One packet was wanted and another one comes.
+    fn on_further_packet(
+        &mut self,
+        task: &mut Task,
+        exchange: Exchange,
+        answer: Answer,
+        now: u64,
+    ) -> Flow<Doing> {
+        if !self.modes.poll() || exchange.is_frame() {
+            return Flow::Continue(self.stop(Resume::Conclude(exchange, answer), now));
+        }
+        // In poll mode it would not: the camera has forgotten that, so it has restarted.
+        self.forgotten();
+        task.on_restart(Some(&exchange), self.policy.retries)?;
+        Flow::Continue(self.stop(Resume::Plan, now))
+    }
+
+    /// In a stream a damaged character may look like a prompt, so only what must be followed by
+    /// one believes it. If it was real, silence follows.
+    fn on_unexpected_prompt(
+        &mut self,
+        task: &mut Task,
+        doing: &mut Doing,
+        exchange: Exchange,
+        now: u64,
+    ) -> Flow {
+        if exchange.is_frame() {
+            self.link = Link::Prompt;
+            self.stream = None;
+            return Flow::Break(Err(Fault::Garbage));
+        }
+        if !self.takes_one(&exchange) {
+            return Flow::Continue(());
+        }
+        *doing = if self.may_be_quiet() {
+            self.link = Link::Prompt;
+            self.conclude(task, &exchange, Some(Answer::Quiet), now)?
+        } else {
+            self.link = Link::Unknown;
+            self.failed(task, exchange, Fault::Garbage, now)?
+        };
+        Flow::Continue(())
+    }
+
+    fn may_be_quiet(&self) -> bool {
+        let dropped = self.port.parser.dropped().bytes;
+        self.modes.packet_filter()
+            && matches!(&self.link, Link::Streaming(stream) if stream.may_be_quiet(dropped))
+    }
+
+    fn stream_timeout(&mut self, task: &mut Task, exchange: Exchange, now: u64) -> Flow<Doing> {
+        let fault = self.port.nothing_useful();
+        if exchange.is_frame() {
+            self.link = Link::Unknown;
+            self.stream = None;
+            return Flow::Break(Err(fault));
+        }
+        if self.may_be_quiet() {
+            if exchange.purpose != Purpose::Next {
+                return Flow::Continue(self.stop(Resume::Conclude(exchange, Answer::Quiet), now));
+            }
+            if let Link::Streaming(stream) = &mut self.link
+                && stream.count_quiet() <= self.policy.quiet_calls
+            {
+                return Flow::Break(Ok(Answer::Quiet));
+            }
+        } else if exchange.purpose != Purpose::Next {
+            self.link = Link::Unknown;
+            return self.failed(task, exchange, fault, now);
+        } else if task.failures > 0 {
+            self.link = Link::Unknown;
+            return Flow::Break(Err(fault));
+        }
+        // Stop the stream and start it again: that tells a camera that left it from one that is
+        // gone.
+        task.failures = task.failures.saturating_add(1);
+        self.link = Link::Unknown;
+        let purpose = synchronisation::Purpose::Probe;
+        Flow::Continue(self.synchronise(purpose, Resume::Plan, now))
+    }
+
+    /// Command, answer and prompt: all is well.
+    fn conclude(
+        &mut self,
+        task: &mut Task,
+        exchange: &Exchange,
+        answer: Option<Answer>,
+        now: u64,
+    ) -> Flow<Doing> {
+        task.failures = 0;
+        let order = &exchange.order;
+        if order.effect() == Effect::Reset {
+            self.restore = None;
+            if !matches!(task.request, Request::Recover) {
+                self.stream = None;
+                self.modes.remember(order);
+            }
+        } else if exchange.purpose != Purpose::Once {
+            self.modes.remember(order);
+        }
+        match exchange.purpose {
+            Purpose::Whole | Purpose::Next => Flow::Break(Ok(answer.unwrap_or(Answer::Done))),
+            Purpose::Begin => {
+                self.stream = Some(order.continued());
+                Flow::Break(Ok(task.begun(&self.modes)))
+            }
+            Purpose::Step | Purpose::Once => {
+                task.advance();
+                self.plan(task, answer, now)
+            }
+            Purpose::Restore => self.plan(task, None, now),
+        }
+    }
+
+    /// An attempt failed: it is repeated, or the request fails.
+    fn failed(
+        &mut self,
+        task: &mut Task,
+        exchange: Exchange,
+        fault: Fault,
+        now: u64,
+    ) -> Flow<Doing> {
+        task.failures = task.failures.saturating_add(1);
+        let repeatable = exchange.order.is_idempotent() || fault == Fault::Refused;
+        if task.failures > self.policy.retries || !repeatable {
+            return Flow::Break(Err(fault));
+        }
+        self.retries = self.retries.saturating_add(1);
+        debug!("repeated after {:?}", fault);
+        self.port.wait(now, self.policy.pause_us);
+        Flow::Continue(Doing::Pause(exchange))
+    }
+
+    /// A banner: asked for, or the camera restarted.
+    fn on_banner(
+        &mut self,
+        task: &mut Task,
+        doing: &mut Doing,
+        version: Version,
+        now: u64,
+    ) -> Flow {
+        self.recognise(version);
+        let exchange = match doing {
+            Doing::Exchange(exchange, awaited) if exchange.asks_for_banner(awaited) => {
+                *awaited = Awaited::Reply(Some(Answer::Version(version)));
+                self.port.wait(now, self.policy.reply_us);
+                return Flow::Continue(());
+            }
+            Doing::Exchange(exchange, _) | Doing::Pause(exchange) => Some(&*exchange),
+            Doing::Synchronise(_, resume) => resume.exchange(),
+            Doing::Wait => None,
+        };
+        self.forgotten();
+        task.on_restart(exchange, self.policy.retries)?;
+        let before = match doing {
+            Doing::Synchronise(before, _) => Some(*before),
+            _ => None,
+        };
+        let booting = Synchronisation::booting(before, &mut self.port, &self.policy, now);
+        *doing = Doing::Synchronise(booting, Resume::Plan);
+        Flow::Continue(())
+    }
+
+    fn recognise(&mut self, version: Version) {
+        self.sensor = version.sensor().or(self.sensor);
+    }
+
+    /// The camera has restarted and forgotten its modes.
+    fn forgotten(&mut self) {
+        warning!("the camera restarted");
+        self.restarts = self.restarts.saturating_add(1);
+        self.link = Link::Unknown;
+        self.restore = Some(Cursor::default());
+    }
+}
