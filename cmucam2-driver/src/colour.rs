@@ -10,7 +10,7 @@ pub const LEVEL_MAX: u8 = 240;
 /// One of the three colour channels. In YCrCb mode they carry Cr, Y and Cb.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
-pub enum Channel {
+pub enum ColourChannel {
     /// Channel 0.
     Red,
     /// Channel 1.
@@ -19,7 +19,7 @@ pub enum Channel {
     Blue,
 }
 
-impl Channel {
+impl ColourChannel {
     /// The number that the camera gives this channel.
     pub const fn number(self) -> u8 {
         match self {
@@ -30,7 +30,7 @@ impl Channel {
     }
 }
 
-impl TryFrom<u8> for Channel {
+impl TryFrom<u8> for ColourChannel {
     type Error = ArgumentError;
 
     fn try_from(number: u8) -> Result<Self, ArgumentError> {

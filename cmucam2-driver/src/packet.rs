@@ -487,7 +487,7 @@ impl Packet {
 /// What the banner says: `CMUcam2 v1.00 c6`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
-pub struct Version {
+pub struct FirmwareVersion {
     /// Before the point.
     pub major: u8,
     /// After the point, in hundredths: 1 for `1.01`, 10 for `1.1`.
@@ -496,7 +496,7 @@ pub struct Version {
     pub module: Option<u8>,
 }
 
-impl Version {
+impl FirmwareVersion {
     /// The sensor, if the banner names a known one.
     pub fn sensor(self) -> Option<Sensor> {
         self.module.and_then(uncertain::sensor_of_module)

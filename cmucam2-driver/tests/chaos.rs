@@ -6,7 +6,7 @@ mod random;
 
 use cmucam2_driver::{
     Command,
-    colour::{Channel, ColourBounds},
+    colour::{ColourBounds, ColourChannel},
     command::{LineMode, TrackingLines},
     register::Registers,
     session::{Answer, Fault, Learn, Policy, Request, Session, StartUp},
@@ -42,7 +42,7 @@ fn request(random: &mut Random) -> Request {
         8 => Request::Do(Command::LineMode(LineMode::Tracking(TrackingLines::Bitmap)).into()),
         9 => Request::Start(Command::TrackColour(Some(bounds)).into()),
         10 => Request::Start(Command::TrackWindow.into()),
-        11 => Request::Start(Command::SendFrame(Some(Channel::Red)).into()),
+        11 => Request::Start(Command::SendFrame(Some(ColourChannel::Red)).into()),
         12 => Request::Stop,
         13 => Request::Recover,
         14 => Request::StartUp(StartUp {

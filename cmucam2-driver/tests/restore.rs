@@ -10,7 +10,7 @@ use std::{
 
 use cmucam2_driver::{
     Command,
-    colour::{Channel, ColourBounds},
+    colour::{ColourBounds, ColourChannel},
     command::{
         LedMode, LineMode, OutputMask, RawMode, StatisticsLines, StatisticsMask, TrackingLines,
     },
@@ -38,7 +38,7 @@ fn modes() -> Vec<Command> {
         Command::DownSample(DownSampling::new(2, 2).unwrap()),
         Command::VirtualWindow(Some(Window::new(1, 2, 30, 40).unwrap())),
         Command::BufferMode(true),
-        Command::DifferenceChannel(Channel::Red),
+        Command::DifferenceChannel(ColourChannel::Red),
         Command::CharacterDelay(3),
         Command::HighResolutionDifference(true),
         Command::HistogramConfiguration { bins: 1, scale: 1 },

@@ -16,7 +16,7 @@ pub(crate) use order::{Effect, Mode};
 pub use parse::CommandError;
 
 use crate::{
-    colour::{Channel, ColourBounds},
+    colour::{ColourBounds, ColourChannel},
     geometry::{DownSampling, Sensor, Window},
     packet::PacketKind,
     register::{PAIRS_MAX, Registers},
@@ -46,7 +46,7 @@ pub enum Command {
     /// `CT`: which sensor is mounted.
     CameraType(Sensor),
     /// `DC`: the channel that frame differencing looks at.
-    DifferenceChannel(Channel),
+    DifferenceChannel(ColourChannel),
     /// `DM`: delay between two characters, bit times.
     CharacterDelay(u8),
     /// `DS`: count only every so many columns and rows.
@@ -58,7 +58,7 @@ pub enum Command {
     /// `GB`: whether the button was pressed since the last time.
     GetButton,
     /// `GH`: histogram of a channel.
-    GetHistogram(Channel),
+    GetHistogram(ColourChannel),
     /// `GI`: the four auxiliary inputs.
     GetInputs,
     /// `GM`: mean colour and deviation of the window.
@@ -115,7 +115,7 @@ pub enum Command {
     /// `SD`: deep sleep.
     DeepSleep,
     /// `SF`: send a frame, of one channel or all three.
-    SendFrame(Option<Channel>),
+    SendFrame(Option<ColourChannel>),
     /// `SL`: sleep.
     Sleep,
     /// `SM`: what the camera does with pan and tilt.

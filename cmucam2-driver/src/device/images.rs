@@ -2,7 +2,7 @@
 
 use super::{Call, Cmucam2};
 use crate::{
-    colour::Channel,
+    colour::ColourChannel,
     command::{Command, LineMode, StatisticsLines, TrackingLines},
     packet::Packet,
     parser::ImageHeader,
@@ -47,30 +47,30 @@ fn part(answer: Answer, _: &Modes) -> Option<Part> {
 }
 
 /// Images.
-impl<U, D> Cmucam2<U, D> {
+impl<U, D, K> Cmucam2<U, D, K> {
     /// Sends a frame of one channel or all three: [`Cmucam2::next_part`] reads it row by row.
-    pub fn send_frame(&mut self, channel: Option<Channel>) -> Call<'_, U, D, ()> {
+    pub fn send_frame(&mut self, channel: Option<ColourChannel>) -> Call<'_, U, D, (), K> {
         self.stream(Command::SendFrame(channel))
     }
 
     /// Whether further frames follow the first.
-    pub fn frame_stream(&mut self, on: bool) -> Call<'_, U, D, ()> {
+    pub fn frame_stream(&mut self, on: bool) -> Call<'_, U, D, (), K> {
         self.simple(Command::FrameStream(on))
     }
 
     /// Row data before each colour-tracking packet.
-    pub fn tracking_lines(&mut self, lines: TrackingLines) -> Call<'_, U, D, ()> {
+    pub fn tracking_lines(&mut self, lines: TrackingLines) -> Call<'_, U, D, (), K> {
         self.simple(Command::LineMode(LineMode::Tracking(lines)))
     }
 
     /// Row data before each statistics packet.
-    pub fn statistics_lines(&mut self, lines: StatisticsLines) -> Call<'_, U, D, ()> {
+    pub fn statistics_lines(&mut self, lines: StatisticsLines) -> Call<'_, U, D, (), K> {
         self.simple(Command::LineMode(LineMode::Statistics(lines)))
     }
 
     /// The next part of a frame or of a stream with line mode. A row goes into `row`, which must
     /// hold [`ImageHeader::row_bytes`]; a full colour row of 176 pixels has 528.
-    pub fn next_part<'a>(&'a mut self, row: &'a mut [u8]) -> Call<'a, U, D, Part> {
+    pub fn next_part<'a>(&'a mut self, row: &'a mut [u8]) -> Call<'a, U, D, Part, K> {
         let request = Request::NextPart { row: row.len() };
         Call {
             row,

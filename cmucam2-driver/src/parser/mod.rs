@@ -15,26 +15,28 @@
 //! # Never delivered
 //! A packet with a wrong number of fields, with anything but single spaces and plain decimal
 //! numbers up to 255, with coordinates out of order or outside the frame. What was dropped, and
-//! why, is counted in [`Dropped`]. What cannot be detected: see the [crate's](crate) description.
+//! why, is counted in [`DroppedBytes`]. What cannot be detected: see the [crate's](crate) description.
 
 mod dropped;
 mod expectation;
 mod image;
 
-pub use dropped::Dropped;
+pub use dropped::DroppedBytes;
 pub use expectation::{Expectation, ImageExpectation};
 pub use image::{ImageHeader, ImageKind, RowState};
 
 use crate::{
     features::FULL,
-    packet::{BANNER, BINS_MAX, Histogram, Packet, PacketError, Statistics, Tracking, Version},
+    packet::{
+        BANNER, BINS_MAX, FirmwareVersion, Histogram, Packet, PacketError, Statistics, Tracking,
+    },
     parser::{dropped::Reason, image::Image},
 };
 
 /// Something that the camera said.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
-pub enum Event {
+pub enum Token {
     /// A command was accepted.
     Ack,
     /// A command was refused.
@@ -42,7 +44,7 @@ pub enum Event {
     /// The camera waits for a command.
     Prompt,
     /// The camera has started, or says its version.
-    Banner(Version),
+    Banner(FirmwareVersion),
     /// A packet.
     Packet(Packet),
     /// The answer to a query: as many numbers as [`Expectation::values`], the rest is zero.
@@ -88,10 +90,10 @@ impl Word {
         }
     }
 
-    const fn event(self) -> Event {
+    const fn event(self) -> Token {
         match self {
-            Self::Ack => Event::Ack,
-            Self::Nck => Event::Nck,
+            Self::Ack => Token::Ack,
+            Self::Nck => Token::Nck,
         }
     }
 }
@@ -138,9 +140,9 @@ pub struct Parser {
     digits: u8,
     /// Bytes of the line so far. No line that is not yet refused is longer than a histogram.
     held: u8,
-    version: Version,
+    version: FirmwareVersion,
     image: Image,
-    dropped: Dropped,
+    dropped: DroppedBytes,
 }
 
 impl Default for Parser {
@@ -160,13 +162,13 @@ impl Parser {
             value: NO_DIGIT,
             digits: 0,
             held: 0,
-            version: Version {
+            version: FirmwareVersion {
                 major: 0,
                 minor: 0,
                 module: None,
             },
             image: Image::NONE,
-            dropped: Dropped::NOTHING,
+            dropped: DroppedBytes::NOTHING,
         }
     }
 
@@ -185,7 +187,7 @@ impl Parser {
     }
 
     /// What was dropped since the parser was made.
-    pub fn dropped(&self) -> &Dropped {
+    pub fn dropped(&self) -> &DroppedBytes {
         &self.dropped
     }
 
@@ -205,7 +207,7 @@ impl Parser {
 
     /// Takes one byte.
     #[inline]
-    pub fn push(&mut self, byte: u8) -> Option<Event> {
+    pub fn push(&mut self, byte: u8) -> Option<Token> {
         // Nearly all bytes of a stream are digits and the spaces between numbers: these take the
         // shortest way.
         if !matches!(self.state, State::Number(_)) {
@@ -234,7 +236,7 @@ impl Parser {
     }
 
     #[inline(never)]
-    fn push_other(&mut self, byte: u8) -> Option<Event> {
+    fn push_other(&mut self, byte: u8) -> Option<Token> {
         match self.state {
             State::Number(kind) => self.separator(kind, byte),
             State::Image if FULL => self.image(byte),
@@ -245,7 +247,7 @@ impl Parser {
         }
     }
 
-    fn text(&mut self, byte: u8) -> Option<Event> {
+    fn text(&mut self, byte: u8) -> Option<Token> {
         self.held = self.held.wrapping_add(1);
         match self.state {
             State::Start => self.start(byte),
@@ -264,12 +266,12 @@ impl Parser {
         }
     }
 
-    fn go(&mut self, state: State) -> Option<Event> {
+    fn go(&mut self, state: State) -> Option<Token> {
         self.state = state;
         None
     }
 
-    fn deliver(&mut self, event: Event) -> Option<Event> {
+    fn deliver(&mut self, event: Token) -> Option<Token> {
         self.state = State::Start;
         self.held = 0;
         Some(event)
@@ -281,17 +283,17 @@ impl Parser {
         self.held = 0;
     }
 
-    fn prompt(&mut self) -> Option<Event> {
+    fn prompt(&mut self) -> Option<Token> {
         match self.state {
             State::Start => {}
             State::Junk => self.state = State::Start,
             _ => self.drop_held(Reason::Cut),
         }
-        self.deliver(Event::Prompt)
+        self.deliver(Token::Prompt)
     }
 
     /// Drops the line, then looks whether the byte that made it impossible begins another.
-    fn refuse(&mut self, reason: Reason, byte: u8) -> Option<Event> {
+    fn refuse(&mut self, reason: Reason, byte: u8) -> Option<Token> {
         self.held = self.held.saturating_sub(1);
         self.drop_held(reason);
         self.held = 1;
@@ -299,7 +301,7 @@ impl Parser {
         self.junk(byte)
     }
 
-    fn junk(&mut self, byte: u8) -> Option<Event> {
+    fn junk(&mut self, byte: u8) -> Option<Token> {
         if byte == b'\r' {
             self.state = State::Start;
         } else if self.begin(byte) {
@@ -310,7 +312,7 @@ impl Parser {
         None
     }
 
-    fn start(&mut self, byte: u8) -> Option<Event> {
+    fn start(&mut self, byte: u8) -> Option<Token> {
         if byte == b'\r' {
             self.held = 0;
             return None;
@@ -355,15 +357,15 @@ impl Parser {
     }
 
     /// The event that is due right after the first byte, if any.
-    fn begun(&self) -> Option<Event> {
+    fn begun(&self) -> Option<Token> {
         if !FULL || self.state != State::Image {
             return None;
         }
-        self.image.header_without_sizes().map(Event::Header)
+        self.image.header_without_sizes().map(Token::Header)
     }
 
     /// What follows the digits of a number.
-    fn separator(&mut self, kind: Kind, byte: u8) -> Option<Event> {
+    fn separator(&mut self, kind: Kind, byte: u8) -> Option<Token> {
         if byte == b':' {
             return self.prompt();
         }
@@ -396,7 +398,7 @@ impl Parser {
     }
 
     /// All numbers are there.
-    fn end(&mut self, kind: Kind) -> Option<Event> {
+    fn end(&mut self, kind: Kind) -> Option<Token> {
         match self.decode(kind) {
             Ok(event) => self.deliver(event),
             Err(error) => {
@@ -411,7 +413,7 @@ impl Parser {
         }
     }
 
-    fn decode(&self, kind: Kind) -> Result<Event, PacketError> {
+    fn decode(&self, kind: Kind) -> Result<Token, PacketError> {
         let numbers = self.numbers.get(..usize::from(self.len)).unwrap_or(&[]);
         let expectation = &self.expectation;
         Ok(match kind {
@@ -421,9 +423,9 @@ impl Parser {
                 if expectation.strict && !tracking.is_consistent() {
                     return Err(PacketError::Arithmetic);
                 }
-                Event::Packet(Packet::Tracking(tracking))
+                Token::Packet(Packet::Tracking(tracking))
             }
-            Kind::Statistics => Event::Packet(Packet::Statistics(Statistics::from_fields(
+            Kind::Statistics => Token::Packet(Packet::Statistics(Statistics::from_fields(
                 numbers,
                 expectation.statistics,
             )?)),
@@ -431,7 +433,7 @@ impl Parser {
                 if expectation.bins.is_some_and(|bins| bins != self.len) {
                     return Err(PacketError::FieldCount);
                 }
-                Event::Packet(Packet::Histogram(Histogram::new(numbers)?))
+                Token::Packet(Packet::Histogram(Histogram::new(numbers)?))
             }
             Kind::Values => {
                 let mut values = [0; 6];
@@ -439,12 +441,12 @@ impl Parser {
                     Some(part) if self.len == expectation.values => part.copy_from_slice(numbers),
                     _ => return Err(PacketError::FieldCount),
                 }
-                Event::Values(values)
+                Token::Values(values)
             }
         })
     }
 
-    fn word(&mut self, word: Word, at: u8, byte: u8) -> Option<Event> {
+    fn word(&mut self, word: Word, at: u8, byte: u8) -> Option<Token> {
         match word.text().get(usize::from(at)) {
             Some(&next) if next == byte && next == b'\r' => self.deliver(word.event()),
             Some(&next) if next == byte => self.go(State::Word(word, at + 1)),
@@ -452,7 +454,7 @@ impl Parser {
         }
     }
 
-    fn banner(&mut self, at: u8, byte: u8) -> Option<Event> {
+    fn banner(&mut self, at: u8, byte: u8) -> Option<Token> {
         if BANNER.get(usize::from(at)) != Some(&byte) {
             return self.refuse(Reason::Malformed, byte);
         }
@@ -464,9 +466,9 @@ impl Parser {
     }
 
     /// The constant part of the banner is over.
-    fn version(&mut self) -> Option<Event> {
+    fn version(&mut self) -> Option<Token> {
         self.digits = 0;
-        self.version = Version {
+        self.version = FirmwareVersion {
             major: 0,
             minor: 0,
             module: None,
@@ -474,7 +476,7 @@ impl Parser {
         self.go(State::Major)
     }
 
-    fn major(&mut self, byte: u8) -> Option<Event> {
+    fn major(&mut self, byte: u8) -> Option<Token> {
         match byte {
             b'0'..=b'9' if self.digits < 2 => {
                 self.version.major = self.version.major * 10 + (byte - b'0');
@@ -486,7 +488,7 @@ impl Parser {
         }
     }
 
-    fn minor(&mut self, digits: u8, byte: u8) -> Option<Event> {
+    fn minor(&mut self, digits: u8, byte: u8) -> Option<Token> {
         match (byte, digits) {
             (b'0'..=b'9', 0) => {
                 self.version.minor = (byte - b'0') * 10;
@@ -497,24 +499,24 @@ impl Parser {
                 self.go(State::Minor(2))
             }
             (b' ', 1..) => self.go(State::Module(false)),
-            (b'\r', 1..) => self.deliver(Event::Banner(self.version)),
+            (b'\r', 1..) => self.deliver(Token::Banner(self.version)),
             _ => self.refuse(Reason::Malformed, byte),
         }
     }
 
     /// The banner is delivered with its last character, because a prompt may follow at once.
-    fn module(&mut self, seen: bool, byte: u8) -> Option<Event> {
+    fn module(&mut self, seen: bool, byte: u8) -> Option<Token> {
         match (seen, byte) {
             (false, b'c') => self.go(State::Module(true)),
             (true, b'0'..=b'9') => {
                 self.version.module = Some(byte - b'0');
-                self.deliver(Event::Banner(self.version))
+                self.deliver(Token::Banner(self.version))
             }
             _ => self.refuse(Reason::Malformed, byte),
         }
     }
 
-    fn raw_lead(&mut self, byte: u8) -> Option<Event> {
+    fn raw_lead(&mut self, byte: u8) -> Option<Token> {
         self.held = self.held.wrapping_add(1);
         let expectation = &self.expectation;
         if expectation.values > 0 {
@@ -535,7 +537,7 @@ impl Parser {
         self.go(State::Raw(kind, count))
     }
 
-    fn raw(&mut self, kind: Kind, missing: u8, byte: u8) -> Option<Event> {
+    fn raw(&mut self, kind: Kind, missing: u8, byte: u8) -> Option<Token> {
         self.held = self.held.wrapping_add(1);
         // Raw output never sends 255 as a number, so this is the beginning of the next packet.
         if byte == 0xFF || !self.keep(byte) {
@@ -547,11 +549,11 @@ impl Parser {
         self.end(kind)
     }
 
-    fn image(&mut self, byte: u8) -> Option<Event> {
+    fn image(&mut self, byte: u8) -> Option<Token> {
         let step = self.image.push(byte, &self.expectation);
         match step {
-            image::Step::Event(event) => {
-                if let Event::Pixel(_, RowState::Damaged) | Event::RowCut(_) = event {
+            image::Step::Token(event) => {
+                if let Token::Pixel(_, RowState::Damaged) | Token::RowCut(_) = event {
                     self.dropped.count(Reason::Image);
                 }
                 Some(event)
@@ -561,7 +563,7 @@ impl Parser {
                 if !intact {
                     self.dropped.count(Reason::Image);
                 }
-                self.deliver(Event::ImageEnd { rows, intact })
+                self.deliver(Token::ImageEnd { rows, intact })
             }
             image::Step::EndBefore { rows } => {
                 self.dropped.count(Reason::Image);
@@ -569,7 +571,7 @@ impl Parser {
                 self.held = 1;
                 // Whatever begins here goes on; the event that is due is the end of the image.
                 let _ = self.junk(byte);
-                Some(Event::ImageEnd {
+                Some(Token::ImageEnd {
                     rows,
                     intact: false,
                 })

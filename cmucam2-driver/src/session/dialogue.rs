@@ -15,8 +15,8 @@ use crate::{
     command::{Effect, Order, Reply},
     fmt::{debug, warning},
     geometry::{Sensor, Size},
-    packet::{Packet, PacketKind, Version},
-    parser::{Event, Expectation},
+    packet::{FirmwareVersion, Packet, PacketKind},
+    parser::{Expectation, Token},
 };
 
 /// A request goes on, or has its outcome.
@@ -58,6 +58,8 @@ pub(super) struct Dialogue {
     stream: Option<Order>,
     /// The camera has lost its modes: how far it has them again.
     restore: Option<Cursor>,
+    /// When the last packet that was asked for came.
+    pub(super) packet_at: Option<u64>,
     pub(super) restarts: u16,
     pub(super) retries: u16,
 }
@@ -72,6 +74,7 @@ impl Dialogue {
             link: Link::Unknown,
             stream: None,
             restore: None,
+            packet_at: None,
             restarts: 0,
             retries: 0,
         }
@@ -119,8 +122,8 @@ impl Dialogue {
     }
 
     /// Something came while no request was under way.
-    pub(super) fn on_event_between(&mut self, event: Event) {
-        if let Event::Banner(version) = event {
+    pub(super) fn on_event_between(&mut self, event: Token) {
+        if let Token::Banner(version) = event {
             self.recognise(version);
             self.forgotten();
         }
@@ -130,11 +133,11 @@ impl Dialogue {
         &mut self,
         task: &mut Task,
         doing: &mut Doing,
-        event: Event,
+        event: Token,
         now: u64,
         row: &mut [u8],
     ) -> Flow {
-        if let Event::Banner(version) = event {
+        if let Token::Banner(version) = event {
             return self.on_banner(task, doing, version, now);
         }
         match doing {
@@ -153,11 +156,11 @@ impl Dialogue {
             Doing::Exchange(exchange, Awaited::Prompt(answer)) => {
                 let (exchange, answer) = (*exchange, *answer);
                 match event {
-                    Event::Prompt => {
+                    Token::Prompt => {
                         self.link = Link::Prompt;
                         *doing = self.conclude(task, &exchange, Some(answer), now)?;
                     }
-                    Event::Packet(_) | Event::Header(_) => {
+                    Token::Packet(_) | Token::Header(_) => {
                         *doing = self.on_further_packet(task, exchange, answer, now)?;
                     }
                     _ => {}
@@ -173,7 +176,7 @@ impl Dialogue {
                     }
                     Reaction::Sends => {
                         *doing = self.sends(task, exchange, now)?;
-                        if let Event::Packet(_) = event {
+                        if let Token::Packet(_) = event {
                             return self.on_stream(task, doing, &exchange, event, now, row);
                         }
                     }
@@ -461,14 +464,14 @@ impl Dialogue {
         task: &mut Task,
         doing: &mut Doing,
         exchange: &Exchange,
-        event: Event,
+        event: Token,
         now: u64,
         row: &mut [u8],
     ) -> Flow {
-        if event == Event::Prompt {
+        if event == Token::Prompt {
             return self.on_unexpected_prompt(task, doing, *exchange, now);
         }
-        if let (Event::Packet(Packet::Statistics(statistics)), Effect::OwnBounds) =
+        if let (Token::Packet(Packet::Statistics(statistics)), Effect::OwnBounds) =
             (event, exchange.order.effect())
         {
             task.window_mean = statistics.mean();
@@ -482,7 +485,10 @@ impl Dialogue {
             return Flow::Continue(());
         };
         let is_last = match answer {
-            Answer::Packet(_) => self.takes_one(exchange),
+            Answer::Packet(_) => {
+                self.packet_at = Some(now);
+                self.takes_one(exchange)
+            }
             Answer::End { .. } if exchange.is_frame() && !self.modes.frame_stream() => {
                 self.stream = None;
                 true
@@ -636,7 +642,7 @@ impl Dialogue {
         &mut self,
         task: &mut Task,
         doing: &mut Doing,
-        version: Version,
+        version: FirmwareVersion,
         now: u64,
     ) -> Flow {
         self.recognise(version);
@@ -661,7 +667,7 @@ impl Dialogue {
         Flow::Continue(())
     }
 
-    fn recognise(&mut self, version: Version) {
+    fn recognise(&mut self, version: FirmwareVersion) {
         self.sensor = version.sensor().or(self.sensor);
     }
 

@@ -4,7 +4,7 @@ use super::request::Answer;
 use crate::{
     command::{Effect, Order, Reply},
     packet::Packet,
-    parser::Event,
+    parser::Token,
 };
 
 /// A command on its way.
@@ -83,28 +83,28 @@ impl Exchange {
     }
 
     /// What to make of an event while no packets are awaited.
-    pub(super) fn on_event(&self, awaited: &mut Awaited, event: &Event) -> Reaction {
+    pub(super) fn on_event(&self, awaited: &mut Awaited, event: &Token) -> Reaction {
         let reply = self.order.reply();
         match (awaited, event) {
-            (Awaited::Ack, Event::Ack) => match reply {
+            (Awaited::Ack, Token::Ack) => match reply {
                 Reply::Packets(_) | Reply::Frame => Reaction::Sends,
                 _ => Reaction::Await(Awaited::Reply(None)),
             },
-            (Awaited::Ack | Awaited::Reply(_), Event::Nck) => Reaction::Await(Awaited::Refused),
+            (Awaited::Ack | Awaited::Reply(_), Token::Nck) => Reaction::Await(Awaited::Refused),
             // The acknowledgement was damaged, but this is what it promised.
-            (Awaited::Ack, Event::Packet(packet)) if self.asks_for(packet) => Reaction::Sends,
-            (Awaited::Ack, Event::Prompt) => Reaction::Irregular,
-            (Awaited::Reply(answer), Event::Values(values)) => {
+            (Awaited::Ack, Token::Packet(packet)) if self.asks_for(packet) => Reaction::Sends,
+            (Awaited::Ack, Token::Prompt) => Reaction::Irregular,
+            (Awaited::Reply(answer), Token::Values(values)) => {
                 *answer = Some(Answer::Values(*values));
                 Reaction::Nothing
             }
-            (Awaited::Reply(None), Event::Prompt)
+            (Awaited::Reply(None), Token::Prompt)
                 if matches!(reply, Reply::Values(_) | Reply::Banner) =>
             {
                 Reaction::Irregular
             }
-            (Awaited::Reply(answer), Event::Prompt) => Reaction::Done(*answer),
-            (Awaited::Refused, Event::Prompt) => Reaction::Refused,
+            (Awaited::Reply(answer), Token::Prompt) => Reaction::Done(*answer),
+            (Awaited::Refused, Token::Prompt) => Reaction::Refused,
             _ => Reaction::Nothing,
         }
     }

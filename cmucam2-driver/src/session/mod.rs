@@ -55,7 +55,7 @@ pub use policy::Policy;
 pub use request::{Answer, Fault, Request};
 pub use script::{Learn, StartUp};
 
-use crate::{geometry::Size, parser::Dropped};
+use crate::{geometry::Size, parser::DroppedBytes};
 use dialogue::{Dialogue, Doing};
 use script::Task;
 
@@ -99,7 +99,7 @@ impl Session {
     }
 
     /// What came and made no sense.
-    pub fn dropped(&self) -> &Dropped {
+    pub fn dropped(&self) -> &DroppedBytes {
         self.dialogue.port.parser.dropped()
     }
 
@@ -111,6 +111,12 @@ impl Session {
     /// How often a command was repeated.
     pub fn retries(&self) -> u16 {
         self.dialogue.retries
+    }
+
+    /// When the last byte of the last packet that was answered was received, in the time of
+    /// [`receive`](Self::receive). `None` before the first one.
+    pub fn packet_at(&self) -> Option<u64> {
+        self.dialogue.packet_at
     }
 
     /// Begins a request. One that was not finished is abandoned.

@@ -4,7 +4,7 @@ use super::{Fault, Policy};
 use crate::{
     command::{CommandLine, Order},
     features::FULL,
-    parser::{Event, Parser},
+    parser::{Parser, Token},
 };
 
 /// The longest pause within a line: at 1200 baud a character and the greatest delay after it take
@@ -99,7 +99,7 @@ impl Port {
 
     /// Takes one byte. `waits_for_it`: a byte puts off the end of the silence.
     #[inline]
-    pub(super) fn hear(&mut self, byte: u8, now: u64, waits_for_it: bool) -> Option<Event> {
+    pub(super) fn hear(&mut self, byte: u8, now: u64, waits_for_it: bool) -> Option<Token> {
         self.heard = true;
         if now.saturating_sub(self.heard_at) > PAUSE_IN_LINE_US && !self.parser.is_in_image() {
             self.parser.gap();

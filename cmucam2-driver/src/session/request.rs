@@ -6,7 +6,7 @@ use super::{Learn, StartUp};
 use crate::{
     colour::ColourBounds,
     command::Order,
-    packet::{Packet, Version},
+    packet::{FirmwareVersion, Packet},
     parser::ImageHeader,
 };
 
@@ -52,7 +52,7 @@ pub enum Answer {
     /// The numbers asked for; the rest is zero.
     Values([u8; 6]),
     /// The banner.
-    Version(Version),
+    Version(FirmwareVersion),
     /// A packet.
     Packet(Packet),
     /// Nothing, and that is right: packet filter is on and nothing was tracked last.

@@ -5,7 +5,7 @@ use crate::{
     command::{Order, Reply},
     features::FULL,
     packet::{Packet, PacketKind},
-    parser::{Event, RowState},
+    parser::{RowState, Token},
 };
 
 /// A camera that sends, until it is stopped or the prompt comes.
@@ -54,24 +54,24 @@ impl Stream {
     pub(super) fn on_event(
         &mut self,
         exchange: &Exchange,
-        event: Event,
+        event: Token,
         row: &mut [u8],
         dropped: u32,
     ) -> Option<Answer> {
         match event {
-            Event::Packet(packet) if exchange.asks_for(&packet) => {
+            Token::Packet(packet) if exchange.asks_for(&packet) => {
                 self.lost = matches!(packet, Packet::Tracking(tracking) if tracking.is_lost());
                 self.quiet = 0;
                 self.dropped_then = dropped;
                 Some(Answer::Packet(packet))
             }
             _ if !FULL => None,
-            Event::Header(header) => {
+            Token::Header(header) => {
                 self.row_bytes = header.row_bytes;
                 self.row_at = 0;
                 Some(Answer::Header(header))
             }
-            Event::Pixel(byte, state) => {
+            Token::Pixel(byte, state) => {
                 if let Some(place) = row.get_mut(usize::from(self.row_at)) {
                     *place = byte;
                 }
@@ -85,23 +85,23 @@ impl Stream {
                     intact: state == RowState::Full,
                 })
             }
-            Event::RowCut(bytes) => {
+            Token::RowCut(bytes) => {
                 self.row_at = 0;
                 Some(Answer::Row {
                     bytes,
                     intact: false,
                 })
             }
-            Event::ImageEnd { rows, intact } => {
+            Token::ImageEnd { rows, intact } => {
                 self.row_bytes = 0;
                 Some(Answer::End { rows, intact })
             }
-            Event::Ack
-            | Event::Nck
-            | Event::Prompt
-            | Event::Banner(_)
-            | Event::Packet(_)
-            | Event::Values(_) => None,
+            Token::Ack
+            | Token::Nck
+            | Token::Prompt
+            | Token::Banner(_)
+            | Token::Packet(_)
+            | Token::Values(_) => None,
         }
     }
 

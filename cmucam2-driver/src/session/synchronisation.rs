@@ -2,7 +2,7 @@
 //! dropped, another carriage return, `ACK` and prompt required, and a moment of silence.
 
 use super::{Policy, exchange::Exchange, port::Port, request::Answer};
-use crate::{command::Order, parser::Event};
+use crate::{command::Order, parser::Token};
 
 /// What is being waited for.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -97,14 +97,14 @@ impl Synchronisation {
     /// Takes what came. Whether it shows that the camera has restarted.
     pub(super) fn on_event(
         &mut self,
-        event: &Event,
+        event: &Token,
         port: &mut Port,
         policy: &Policy,
         now: u64,
     ) -> bool {
         match (&mut self.stage, event) {
-            (Stage::Drain { ack } | Stage::Confirm { ack }, Event::Ack) => *ack = true,
-            (&mut Stage::Drain { ack }, Event::Prompt) => {
+            (Stage::Drain { ack } | Stage::Confirm { ack }, Token::Ack) => *ack = true,
+            (&mut Stage::Drain { ack }, Token::Prompt) => {
                 self.stage = Stage::Confirm { ack: false };
                 port.send(&Order::IDLE);
                 port.wait(now, policy.drain_us);
@@ -116,7 +116,7 @@ impl Synchronisation {
                 }
                 return ack && probe;
             }
-            (Stage::Confirm { ack: true } | Stage::Boot, Event::Prompt) => {
+            (Stage::Confirm { ack: true } | Stage::Boot, Token::Prompt) => {
                 self.stage = Stage::Settle;
                 port.wait(now, policy.settle_us);
             }

@@ -3,7 +3,7 @@
 use std::collections::BTreeSet;
 
 use cmucam2_driver::{
-    colour::{Channel, ColourBounds},
+    colour::{ColourBounds, ColourChannel},
     command::{
         Command, CommandError, LedMode, LineMode, OutputMask, RawMode, StatisticsLines,
         StatisticsMask, TrackingLines,
@@ -120,7 +120,7 @@ fn steps() -> Vec<(Request, Expect)> {
     with(Command::PollMode(true), E::Done);
     with(again, E::Target);
     with(Command::GetMean, E::Mean);
-    with(Command::GetHistogram(Channel::Green), E::Bins);
+    with(Command::GetHistogram(ColourChannel::Green), E::Bins);
     with(Command::PollMode(false), E::Done);
     with(Command::PacketSkip(2), E::Done);
     with(again, E::Target);
@@ -138,7 +138,7 @@ fn steps() -> Vec<(Request, Expect)> {
     with(Command::RawMode(RawMode::OUTPUT), E::Done);
     with(again, E::Target);
     with(Command::GetMean, E::Mean);
-    with(Command::GetHistogram(Channel::Blue), E::Bins);
+    with(Command::GetHistogram(ColourChannel::Blue), E::Bins);
     with(Command::GetWindow, E::Window(None));
     with(Command::GetTrackingBounds, E::Bounds(orange()));
     with(Command::RawMode(RawMode::OFF), E::Done);
@@ -171,17 +171,17 @@ fn steps() -> Vec<(Request, Expect)> {
         Command::OutputMask(OutputMask::Statistics(StatisticsMask::ALL)),
         E::Done,
     );
-    with(Command::GetHistogram(Channel::Red), E::Bins);
+    with(Command::GetHistogram(ColourChannel::Red), E::Bins);
     with(Command::HistogramTracked(true), E::Done);
-    with(Command::GetHistogram(Channel::Red), E::Bins);
+    with(Command::GetHistogram(ColourChannel::Red), E::Bins);
     with(Command::HistogramTracked(false), E::Done);
     with(
         Command::HistogramConfiguration { bins: 1, scale: 2 },
         E::Done,
     );
-    with(Command::GetHistogram(Channel::Red), E::Bins);
+    with(Command::GetHistogram(ColourChannel::Red), E::Bins);
     // Frame differencing.
-    with(Command::DifferenceChannel(Channel::Red), E::Done);
+    with(Command::DifferenceChannel(ColourChannel::Red), E::Done);
     with(Command::LoadFrame, E::Done);
     with(Command::FrameDifference(10), E::Lost);
     with(Command::UploadDifference, E::Done);
@@ -225,7 +225,7 @@ fn steps() -> Vec<(Request, Expect)> {
         ),
         (
             Command::FrameStream(true),
-            Command::SendFrame(Some(Channel::Green)),
+            Command::SendFrame(Some(ColourChannel::Green)),
             ImageKind::Frame(1),
             88,
             Command::FrameStream(false),
