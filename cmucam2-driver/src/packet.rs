@@ -40,7 +40,8 @@ pub enum Packet {
     Tracking(Tracking),
     /// `S`: the mean colour and its deviation.
     Statistics(Statistics),
-    /// `H`: a histogram.
+    /// `H`: a histogram. With the feature `full`.
+    #[cfg(feature = "full")]
     Histogram(Histogram),
 }
 
@@ -457,20 +458,19 @@ impl Packet {
 
     /// Whether a stream of this kind carries such a packet.
     pub fn is_of(&self, kind: PacketKind) -> bool {
-        matches!(
-            (self, kind),
-            (
-                Self::Tracking(_),
-                PacketKind::Tracking | PacketKind::Difference
-            ) | (Self::Statistics(_), PacketKind::Statistics)
-                | (Self::Histogram(_), PacketKind::Histogram)
-        )
+        match self {
+            Self::Tracking(_) => matches!(kind, PacketKind::Tracking | PacketKind::Difference),
+            Self::Statistics(_) => kind == PacketKind::Statistics,
+            #[cfg(feature = "full")]
+            Self::Histogram(_) => kind == PacketKind::Histogram,
+        }
     }
 
     const fn letter(&self) -> u8 {
         match self {
             Self::Tracking(_) => b'T',
             Self::Statistics(_) => b'S',
+            #[cfg(feature = "full")]
             Self::Histogram(_) => b'H',
         }
     }
@@ -479,6 +479,7 @@ impl Packet {
         match self {
             Self::Tracking(packet) => packet.numbers().for_each(write),
             Self::Statistics(packet) => packet.numbers().for_each(write),
+            #[cfg(feature = "full")]
             Self::Histogram(packet) => packet.bins().iter().copied().for_each(write),
         }
     }

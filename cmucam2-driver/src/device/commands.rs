@@ -3,11 +3,11 @@
 use super::{Call, Cmucam2, Convert};
 use crate::{
     colour::{ColourBounds, ColourChannel},
-    command::{Command, LedMode, OutputMask},
+    command::{Command, LedMode},
     geometry::{DownSampling, Sensor, Window},
-    packet::{FirmwareVersion, Histogram, Packet, Statistics, Tracking},
+    packet::{FirmwareVersion, Packet, Statistics, Tracking},
     register::{ColourMode, FrameRate, Register, Registers},
-    servo::{Servo, ServoMask, ServoParameters, ServoPosition},
+    servo::{Servo, ServoParameters, ServoPosition},
     session::{Answer, Learn, Modes, Request, StartUp},
     uncertain,
 };
@@ -76,13 +76,6 @@ fn statistics(answer: Answer, _: &Modes) -> Option<Statistics> {
     }
 }
 
-fn histogram(answer: Answer, _: &Modes) -> Option<Histogram> {
-    match answer {
-        Answer::Packet(Packet::Histogram(histogram)) => Some(histogram),
-        _ => None,
-    }
-}
-
 /// Whole dialogues.
 impl<U, D, K> Cmucam2<U, D, K> {
     /// Resets the camera. All modes are back to their defaults, here too.
@@ -135,7 +128,7 @@ impl<U, D, K> Cmucam2<U, D, K> {
     }
 
     #[inline(always)] // size
-    fn ask<T>(&mut self, command: Command, convert: Convert<T>) -> Call<'_, U, D, T, K> {
+    pub(super) fn ask<T>(&mut self, command: Command, convert: Convert<T>) -> Call<'_, U, D, T, K> {
         self.call(Request::Do(command.order()), convert)
     }
 }
@@ -329,23 +322,6 @@ impl<U, D, K> Cmucam2<U, D, K> {
         self.simple(Command::PacketSkip(packets))
     }
 
-    /// Which fields packets carry.
-    pub fn output_mask(&mut self, mask: OutputMask) -> Call<'_, U, D, (), K> {
-        self.simple(Command::OutputMask(mask))
-    }
-
-    /// Binary packets: shorter, but hardly any corruption can be detected. Firmware 1.00 has bugs
-    /// here.
-    #[cfg(feature = "full")]
-    pub fn raw_output(&mut self, on: bool) -> Call<'_, U, D, (), K> {
-        use crate::command::RawMode;
-        self.simple(Command::RawMode(if on {
-            RawMode::OUTPUT
-        } else {
-            RawMode::OFF
-        }))
-    }
-
     /// Delay between two characters, bit times, for hosts without a receive buffer.
     pub fn character_delay(&mut self, bit_times: u8) -> Call<'_, U, D, (), K> {
         self.simple(Command::CharacterDelay(bit_times))
@@ -362,21 +338,6 @@ impl<U, D, K> Cmucam2<U, D, K> {
     /// Mean colour and deviation as a stream, for [`Cmucam2::next_packet`].
     pub fn stream_mean(&mut self) -> Call<'_, U, D, (), K> {
         self.stream(Command::GetMean)
-    }
-
-    /// The histogram of a channel, once.
-    pub fn histogram(&mut self, channel: ColourChannel) -> Call<'_, U, D, Histogram, K> {
-        self.ask(Command::GetHistogram(channel), histogram)
-    }
-
-    /// Bins and scale of the histogram, as numbers of the firmware.
-    pub fn histogram_configuration(&mut self, bins: u8, scale: u8) -> Call<'_, U, D, (), K> {
-        self.simple(Command::HistogramConfiguration { bins, scale })
-    }
-
-    /// Histogram of tracked pixels only.
-    pub fn histogram_tracked(&mut self, on: bool) -> Call<'_, U, D, (), K> {
-        self.simple(Command::HistogramTracked(on))
     }
 }
 
@@ -407,14 +368,6 @@ impl<U, D, K> Cmucam2<U, D, K> {
     pub fn mask_difference(&mut self, threshold: u8) -> Call<'_, U, D, (), K> {
         self.simple(Command::MaskDifference(threshold))
     }
-
-    /// Sends a reference frame: one level for each block of the 8 x 8 grid, row by row.
-    pub fn upload_difference<'a>(&'a mut self, blocks: &'a [u8; 64]) -> Call<'a, U, D, (), K> {
-        Call {
-            payload: blocks,
-            ..self.simple(Command::UploadDifference)
-        }
-    }
 }
 
 /// Servos.
@@ -436,11 +389,6 @@ impl<U, D, K> Cmucam2<U, D, K> {
     /// A servo pin as a digital output.
     pub fn servo_output(&mut self, servo: Servo, high: bool) -> Call<'_, U, D, (), K> {
         self.simple(Command::ServoOutput(servo, high))
-    }
-
-    /// What the camera does with pan and tilt while it tracks.
-    pub fn servo_mask(&mut self, mask: ServoMask) -> Call<'_, U, D, (), K> {
-        self.simple(Command::ServoMask(mask))
     }
 
     /// How pan and tilt follow the target.

@@ -30,7 +30,7 @@
 mod clock;
 mod commands;
 #[cfg(feature = "full")]
-mod images;
+mod full;
 
 use core::{fmt, pin::pin};
 
@@ -38,7 +38,7 @@ use embassy_futures::select::{Either, select};
 
 pub use clock::{Clock, SummedDelays};
 #[cfg(feature = "full")]
-pub use images::Part;
+pub use full::Part;
 
 use crate::session::{Answer, Fault, Modes, Policy, Request, Session};
 

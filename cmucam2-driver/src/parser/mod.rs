@@ -26,9 +26,11 @@ pub use expectation::{Expectation, ImageExpectation};
 pub use image::{ImageHeader, ImageKind, RowState};
 
 use crate::{
+    command::StatisticsMask,
     features::FULL,
     packet::{
-        BANNER, BINS_MAX, FirmwareVersion, Histogram, Packet, PacketError, Statistics, Tracking,
+        BANNER, BINS_MAX, FirmwareVersion, Packet, PacketError, Statistics, Tracking,
+        TrackingFields,
     },
     parser::{dropped::Reason, image::Image},
 };
@@ -72,6 +74,7 @@ const NO_DIGIT: u16 = u16::MAX;
 enum Kind {
     Tracking,
     Statistics,
+    #[cfg(feature = "full")]
     Histogram,
     Values,
 }
@@ -335,6 +338,7 @@ impl Parser {
         let state = match byte {
             b'T' => State::Letter(Kind::Tracking),
             b'S' => State::Letter(Kind::Statistics),
+            #[cfg(feature = "full")]
             b'H' => State::Letter(Kind::Histogram),
             b'A' => State::Word(Word::Ack, 1),
             b'N' => State::Word(Word::Nck, 1),
@@ -416,24 +420,29 @@ impl Parser {
     fn decode(&self, kind: Kind) -> Result<Token, PacketError> {
         let numbers = self.numbers.get(..usize::from(self.len)).unwrap_or(&[]);
         let expectation = &self.expectation;
+        // Only what the features name can have been asked for.
+        let (tracking, statistics) = if FULL {
+            (expectation.tracking, expectation.statistics)
+        } else {
+            (TrackingFields::ALL, StatisticsMask::ALL)
+        };
         Ok(match kind {
             Kind::Tracking => {
-                let tracking =
-                    Tracking::from_fields(numbers, expectation.tracking, expectation.frame)?;
+                let tracking = Tracking::from_fields(numbers, tracking, expectation.frame)?;
                 if expectation.strict && !tracking.is_consistent() {
                     return Err(PacketError::Arithmetic);
                 }
                 Token::Packet(Packet::Tracking(tracking))
             }
             Kind::Statistics => Token::Packet(Packet::Statistics(Statistics::from_fields(
-                numbers,
-                expectation.statistics,
+                numbers, statistics,
             )?)),
+            #[cfg(feature = "full")]
             Kind::Histogram => {
                 if expectation.bins.is_some_and(|bins| bins != self.len) {
                     return Err(PacketError::FieldCount);
                 }
-                Token::Packet(Packet::Histogram(Histogram::new(numbers)?))
+                Token::Packet(Packet::Histogram(crate::packet::Histogram::new(numbers)?))
             }
             Kind::Values => {
                 let mut values = [0; 6];
@@ -528,6 +537,7 @@ impl Parser {
                 Kind::Statistics,
                 expectation.statistics.bits().count_ones() as u8,
             ),
+            #[cfg(feature = "full")]
             b'H' => (Kind::Histogram, expectation.bins.unwrap_or(BINS_MAX as u8)),
             _ => return self.refuse(Reason::Malformed, byte),
         };

@@ -20,7 +20,7 @@ use crate::{
 };
 
 /// A request goes on, or has its outcome.
-pub(super) type Flow<T = ()> = ControlFlow<Result<Answer, Fault>, T>;
+pub(super) type Flow = ControlFlow<Result<Answer, Fault>>;
 
 /// What is known of the camera's end of the line.
 #[derive(Clone, Copy, Debug)]
@@ -97,21 +97,22 @@ impl Dialogue {
     }
 
     /// Begins a request.
-    pub(super) fn begin(&mut self, request: Request, now: u64) -> (Task, Flow<Doing>) {
-        let mut task = Task::new(request, self.restore.is_some());
+    pub(super) fn begin(&mut self, task: &mut Task, doing: &mut Doing, now: u64) -> Flow {
         // One that cannot be begun must not leave the packets of another in its place.
         if task.begins() {
             self.stream = None;
         }
         self.port.turn();
-        self.restore = self.restore.map(|_| Cursor::default());
+        if self.restore.is_some() {
+            self.restore = Some(Cursor::default());
+            task.on_lost_modes();
+        }
         if let Request::Do(order) = &task.request
             && !self.modes.has_room(order)
         {
-            return (task, Flow::Break(Err(Fault::TooManyRegisters)));
+            return Flow::Break(Err(Fault::TooManyRegisters));
         }
-        let begun = self.plan(&mut task, None, now);
-        (task, begun)
+        self.plan(task, doing, None, now)
     }
 
     /// A request is given up.
@@ -158,10 +159,10 @@ impl Dialogue {
                 match event {
                     Token::Prompt => {
                         self.link = Link::Prompt;
-                        *doing = self.conclude(task, &exchange, Some(answer), now)?;
+                        return self.conclude(task, doing, &exchange, Some(answer), now);
                     }
                     Token::Packet(_) | Token::Header(_) => {
-                        *doing = self.on_further_packet(task, exchange, answer, now)?;
+                        return self.on_further_packet(task, doing, exchange, answer, now);
                     }
                     _ => {}
                 }
@@ -175,7 +176,7 @@ impl Dialogue {
                         self.await_reply(&exchange, awaited, now);
                     }
                     Reaction::Sends => {
-                        *doing = self.sends(task, exchange, now)?;
+                        self.sends(task, doing, exchange, now)?;
                         if let Token::Packet(_) = event {
                             return self.on_stream(task, doing, &exchange, event, now, row);
                         }
@@ -186,15 +187,15 @@ impl Dialogue {
                             Reply::Sleep => Link::Unknown,
                             _ => Link::Prompt,
                         };
-                        *doing = self.conclude(task, &exchange, answer, now)?;
+                        return self.conclude(task, doing, &exchange, answer, now);
                     }
                     Reaction::Refused => {
                         self.link = Link::Prompt;
-                        *doing = self.failed(task, exchange, Fault::Refused, now)?;
+                        return self.failed(task, doing, exchange, Fault::Refused, now);
                     }
                     Reaction::Irregular => {
                         self.link = Link::Unknown;
-                        *doing = self.failed(task, exchange, Fault::Garbage, now)?;
+                        return self.failed(task, doing, exchange, Fault::Garbage, now);
                     }
                 }
             }
@@ -207,7 +208,7 @@ impl Dialogue {
         if self.port.is_silent(now) {
             self.port.parser.gap();
         }
-        *doing = match doing {
+        match doing {
             Doing::Synchronise(synchronisation, resume) => {
                 match synchronisation.on_timeout(&mut self.port, &self.policy, now) {
                     Outcome::Again => return Flow::Continue(()),
@@ -226,29 +227,28 @@ impl Dialogue {
                 }
                 self.link = Link::Prompt;
                 match *resume {
-                    Resume::Plan => self.plan(task, None, now)?,
-                    Resume::Repeat(exchange) => self.send(exchange, now),
+                    Resume::Plan => return self.plan(task, doing, None, now),
+                    Resume::Repeat(exchange) => self.send(doing, exchange, now),
                     Resume::Conclude(exchange, answer) => {
-                        self.conclude(task, &exchange, Some(answer), now)?
+                        return self.conclude(task, doing, &exchange, Some(answer), now);
                     }
                 }
             }
             &mut Doing::Exchange(exchange, Awaited::Packet) => {
-                self.stream_timeout(task, exchange, now)?
+                return self.stream_timeout(task, doing, exchange, now);
             }
             &mut Doing::Exchange(exchange, Awaited::Prompt(answer)) => {
-                self.stop(Resume::Conclude(exchange, answer), now)
+                self.stop(doing, Resume::Conclude(exchange, answer), now);
             }
             Doing::Exchange(exchange, awaited) => {
                 let exchange = *exchange;
                 match (&awaited, exchange.order.reply()) {
                     (Awaited::Reply(_), Reply::Sleep) => {
                         self.link = Link::Unknown;
-                        self.conclude(task, &exchange, None, now)?
+                        return self.conclude(task, doing, &exchange, None, now);
                     }
                     (Awaited::Ack, Reply::Upload) if self.port.ask_payload() => {
                         self.port.wait(now, self.policy.reply_us);
-                        return Flow::Continue(());
                     }
                     (awaited, _) => {
                         let fault = match awaited {
@@ -256,25 +256,33 @@ impl Dialogue {
                             _ => self.port.nothing_useful(),
                         };
                         self.link = Link::Unknown;
-                        self.failed(task, exchange, fault, now)?
+                        return self.failed(task, doing, exchange, fault, now);
                     }
                 }
             }
             &mut Doing::Pause(exchange) => match self.link {
-                Link::Prompt => self.send(exchange, now),
-                Link::Unknown | Link::Streaming(_) => self.stop(Resume::Repeat(exchange), now),
+                Link::Prompt => self.send(doing, exchange, now),
+                Link::Unknown | Link::Streaming(_) => {
+                    self.stop(doing, Resume::Repeat(exchange), now);
+                }
             },
             Doing::Wait => {
                 task.advance();
-                self.plan(task, None, now)?
+                return self.plan(task, doing, None, now);
             }
-        };
+        }
         Flow::Continue(())
     }
 
     /// Does whatever comes next: first makes the camera listen, then gives it back what it lost,
     /// then follows the request. `answer`: of the step before.
-    fn plan(&mut self, task: &mut Task, mut answer: Option<Answer>, now: u64) -> Flow<Doing> {
+    fn plan(
+        &mut self,
+        task: &mut Task,
+        doing: &mut Doing,
+        mut answer: Option<Answer>,
+        now: u64,
+    ) -> Flow {
         loop {
             if task.reads() && self.restore.is_none() {
                 if self.stream.is_none() {
@@ -290,18 +298,21 @@ impl Dialogue {
                         order: stream.order,
                         purpose: Purpose::Next,
                     };
-                    return Flow::Continue(self.await_packet(exchange, now));
+                    self.await_packet(doing, exchange, now);
+                    return Flow::Continue(());
                 }
             }
             if !matches!(self.link, Link::Prompt) {
-                return Flow::Continue(self.stop(Resume::Plan, now));
+                self.stop(doing, Resume::Plan, now);
+                return Flow::Continue(());
             }
             if let Some(cursor) = &mut self.restore
                 && !task.is_resetting()
             {
                 if let Some(order) = self.modes.next(cursor) {
                     let purpose = Purpose::Restore;
-                    return Flow::Continue(self.send(Exchange { order, purpose }, now));
+                    self.send(doing, Exchange { order, purpose }, now);
+                    return Flow::Continue(());
                 }
                 self.restore = None;
                 debug!("modes restored");
@@ -309,41 +320,42 @@ impl Dialogue {
                     self.go_on(task)?;
                 }
             }
-            match task.next(answer.take(), &mut self.modes, self.sensor) {
-                Step::Send(order, purpose) => {
-                    return Flow::Continue(self.send(Exchange { order, purpose }, now));
-                }
-                Step::Begin(order) => {
-                    let purpose = Purpose::Begin;
-                    let Some(order) = self.first_of(order) else {
-                        self.stream = Some(order.continued());
-                        return Flow::Break(Ok(task.begun(&self.modes)));
-                    };
-                    return Flow::Continue(self.send(Exchange { order, purpose }, now));
-                }
-                Step::Read => {
-                    let Some(order) = self.stream else {
-                        return Flow::Break(Err(Fault::NotStreaming));
-                    };
-                    let purpose = Purpose::Next;
-                    return Flow::Continue(self.send(Exchange { order, purpose }, now));
-                }
+            let (order, purpose) = match task.next(answer.take(), &mut self.modes, self.sensor) {
+                Step::Send(order, purpose) => (order, purpose),
+                Step::Begin(order) => match self.first_of(order) {
+                    Some(first) => (first, Purpose::Begin),
+                    None => return self.begun(task, &order),
+                },
+                Step::Read => match self.stream {
+                    Some(order) => (order, Purpose::Next),
+                    None => return Flow::Break(Err(Fault::NotStreaming)),
+                },
                 Step::Stop => {
                     self.stream = None;
                     return Flow::Break(Ok(Answer::Done));
                 }
                 Step::Wait(time) => {
                     self.port.pause(now, time);
-                    return Flow::Continue(Doing::Wait);
+                    *doing = Doing::Wait;
+                    return Flow::Continue(());
                 }
                 Step::Restore => {
                     task.advance();
                     self.restore = Some(Cursor::default());
+                    continue;
                 }
                 Step::Finish(answer) => return Flow::Break(Ok(answer)),
                 Step::Fail(fault) => return Flow::Break(Err(fault)),
-            }
+            };
+            self.send(doing, Exchange { order, purpose }, now);
+            return Flow::Continue(());
         }
+    }
+
+    /// The stream that the request begins runs, or will when it is read.
+    fn begun(&mut self, task: &Task, order: &Order) -> Flow {
+        self.stream = Some(order.continued());
+        Flow::Break(Ok(task.begun(&self.modes)))
     }
 
     /// After a restart, with all modes set again: whether the request can go on.
@@ -381,7 +393,7 @@ impl Dialogue {
         }
     }
 
-    fn send(&mut self, exchange: Exchange, now: u64) -> Doing {
+    fn send(&mut self, doing: &mut Doing, exchange: Exchange, now: u64) {
         let order = &exchange.order;
         self.port.send(order);
         self.port.turn();
@@ -389,7 +401,7 @@ impl Dialogue {
         let expectation = self.modes.expectation(order, self.sensor, strict);
         self.port.parser.expect(expectation);
         self.await_reply(&exchange, &Awaited::Ack, now);
-        Doing::Exchange(exchange, Awaited::Ack)
+        *doing = Doing::Exchange(exchange, Awaited::Ack);
     }
 
     fn await_reply(&mut self, exchange: &Exchange, awaited: &Awaited, now: u64) {
@@ -403,41 +415,42 @@ impl Dialogue {
         self.port.wait(now, patience);
     }
 
-    fn await_packet(&mut self, exchange: Exchange, now: u64) -> Doing {
+    fn await_packet(&mut self, doing: &mut Doing, exchange: Exchange, now: u64) {
         self.port.listen();
         let packets = u32::from(self.modes.packet_skip()) + 1;
         let patience = self.policy.packet_us.saturating_mul(packets);
         self.port.wait(now, patience);
-        Doing::Exchange(exchange, Awaited::Packet)
+        *doing = Doing::Exchange(exchange, Awaited::Packet);
     }
 
     /// Makes the camera listen.
-    fn stop(&mut self, resume: Resume, now: u64) -> Doing {
+    fn stop(&mut self, doing: &mut Doing, resume: Resume, now: u64) {
         let purpose = match &self.link {
             Link::Streaming(stream) if stream.order.reply() == Reply::Frame => {
                 synchronisation::Purpose::Frame
             }
             _ => synchronisation::Purpose::Stop,
         };
-        self.synchronise(purpose, resume, now)
+        self.synchronise(doing, purpose, resume, now);
     }
 
     fn synchronise(
         &mut self,
+        doing: &mut Doing,
         purpose: synchronisation::Purpose,
         resume: Resume,
         now: u64,
-    ) -> Doing {
+    ) {
         // A frame that is stopped does not go on.
         self.stream = self.stream.filter(|order| order.reply() != Reply::Frame);
         self.port.listen();
         self.port.parser.expect(Expectation::default());
         let begun = Synchronisation::begin(purpose, &mut self.port, &self.policy, now);
-        Doing::Synchronise(begun, resume)
+        *doing = Doing::Synchronise(begun, resume);
     }
 
     /// The command was accepted, the camera sends.
-    fn sends(&mut self, task: &mut Task, exchange: Exchange, now: u64) -> Flow<Doing> {
+    fn sends(&mut self, task: &mut Task, doing: &mut Doing, exchange: Exchange, now: u64) -> Flow {
         let order = exchange.order;
         let dropped = self.port.parser.dropped().bytes;
         self.link = Link::Streaming(Stream::new(order, dropped));
@@ -446,11 +459,13 @@ impl Dialogue {
         match exchange.purpose {
             Purpose::Begin if !polled => {
                 self.modes.remember(&order);
-                self.stream = Some(order.continued());
-                Flow::Break(Ok(task.begun(&self.modes)))
+                self.begun(task, &order)
             }
             Purpose::Next if task.was_interrupted() => Flow::Break(Err(Fault::Restarted)),
-            _ => Flow::Continue(self.await_packet(exchange, now)),
+            _ => {
+                self.await_packet(doing, exchange, now);
+                Flow::Continue(())
+            }
         }
     }
 
@@ -508,17 +523,20 @@ impl Dialogue {
     fn on_further_packet(
         &mut self,
         task: &mut Task,
+        doing: &mut Doing,
         exchange: Exchange,
         answer: Answer,
         now: u64,
-    ) -> Flow<Doing> {
+    ) -> Flow {
         if !self.modes.poll() || exchange.is_frame() {
-            return Flow::Continue(self.stop(Resume::Conclude(exchange, answer), now));
+            self.stop(doing, Resume::Conclude(exchange, answer), now);
+            return Flow::Continue(());
         }
         // In poll mode it would not: the camera has forgotten that, so it has restarted.
         self.forgotten();
         task.on_restart(Some(&exchange), self.policy.retries)?;
-        Flow::Continue(self.stop(Resume::Plan, now))
+        self.stop(doing, Resume::Plan, now);
+        Flow::Continue(())
     }
 
     /// In a stream a damaged character may look like a prompt, so only what must be followed by
@@ -538,14 +556,12 @@ impl Dialogue {
         if !self.takes_one(&exchange) {
             return Flow::Continue(());
         }
-        *doing = if self.may_be_quiet() {
+        if self.may_be_quiet() {
             self.link = Link::Prompt;
-            self.conclude(task, &exchange, Some(Answer::Quiet), now)?
-        } else {
-            self.link = Link::Unknown;
-            self.failed(task, exchange, Fault::Garbage, now)?
-        };
-        Flow::Continue(())
+            return self.conclude(task, doing, &exchange, Some(Answer::Quiet), now);
+        }
+        self.link = Link::Unknown;
+        self.failed(task, doing, exchange, Fault::Garbage, now)
     }
 
     fn may_be_quiet(&self) -> bool {
@@ -554,7 +570,13 @@ impl Dialogue {
             && matches!(&self.link, Link::Streaming(stream) if stream.may_be_quiet(dropped))
     }
 
-    fn stream_timeout(&mut self, task: &mut Task, exchange: Exchange, now: u64) -> Flow<Doing> {
+    fn stream_timeout(
+        &mut self,
+        task: &mut Task,
+        doing: &mut Doing,
+        exchange: Exchange,
+        now: u64,
+    ) -> Flow {
         let fault = self.port.nothing_useful();
         if exchange.is_frame() {
             self.link = Link::Unknown;
@@ -563,7 +585,8 @@ impl Dialogue {
         }
         if self.may_be_quiet() {
             if exchange.purpose != Purpose::Next {
-                return Flow::Continue(self.stop(Resume::Conclude(exchange, Answer::Quiet), now));
+                self.stop(doing, Resume::Conclude(exchange, Answer::Quiet), now);
+                return Flow::Continue(());
             }
             if let Link::Streaming(stream) = &mut self.link
                 && stream.count_quiet() <= self.policy.quiet_calls
@@ -572,7 +595,7 @@ impl Dialogue {
             }
         } else if exchange.purpose != Purpose::Next {
             self.link = Link::Unknown;
-            return self.failed(task, exchange, fault, now);
+            return self.failed(task, doing, exchange, fault, now);
         } else if task.failures > 0 {
             self.link = Link::Unknown;
             return Flow::Break(Err(fault));
@@ -582,17 +605,19 @@ impl Dialogue {
         task.failures = task.failures.saturating_add(1);
         self.link = Link::Unknown;
         let purpose = synchronisation::Purpose::Probe;
-        Flow::Continue(self.synchronise(purpose, Resume::Plan, now))
+        self.synchronise(doing, purpose, Resume::Plan, now);
+        Flow::Continue(())
     }
 
     /// Command, answer and prompt: all is well.
     fn conclude(
         &mut self,
         task: &mut Task,
+        doing: &mut Doing,
         exchange: &Exchange,
         answer: Option<Answer>,
         now: u64,
-    ) -> Flow<Doing> {
+    ) -> Flow {
         task.failures = 0;
         let order = &exchange.order;
         if order.effect() == Effect::Reset {
@@ -606,15 +631,12 @@ impl Dialogue {
         }
         match exchange.purpose {
             Purpose::Whole | Purpose::Next => Flow::Break(Ok(answer.unwrap_or(Answer::Done))),
-            Purpose::Begin => {
-                self.stream = Some(order.continued());
-                Flow::Break(Ok(task.begun(&self.modes)))
-            }
+            Purpose::Begin => self.begun(task, order),
             Purpose::Step | Purpose::Once => {
                 task.advance();
-                self.plan(task, answer, now)
+                self.plan(task, doing, answer, now)
             }
-            Purpose::Restore => self.plan(task, None, now),
+            Purpose::Restore => self.plan(task, doing, None, now),
         }
     }
 
@@ -622,10 +644,11 @@ impl Dialogue {
     fn failed(
         &mut self,
         task: &mut Task,
+        doing: &mut Doing,
         exchange: Exchange,
         fault: Fault,
         now: u64,
-    ) -> Flow<Doing> {
+    ) -> Flow {
         task.failures = task.failures.saturating_add(1);
         let repeatable = exchange.order.is_idempotent() || fault == Fault::Refused;
         if task.failures > self.policy.retries || !repeatable {
@@ -634,7 +657,8 @@ impl Dialogue {
         self.retries = self.retries.saturating_add(1);
         debug!("repeated after {:?}", fault);
         self.port.wait(now, self.policy.pause_us);
-        Flow::Continue(Doing::Pause(exchange))
+        *doing = Doing::Pause(exchange);
+        Flow::Continue(())
     }
 
     /// A banner: asked for, or the camera restarted.

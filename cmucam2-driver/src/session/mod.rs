@@ -122,11 +122,11 @@ impl Session {
     /// Begins a request. One that was not finished is abandoned.
     pub fn begin(&mut self, request: Request, now: u64) {
         self.abandon();
-        let (task, begun) = self.dialogue.begin(request, now);
-        self.state = match begun {
-            ControlFlow::Continue(doing) => State::Busy(task, doing),
-            ControlFlow::Break(outcome) => State::Over(outcome),
-        };
+        self.state = State::Busy(Task::new(request), Doing::Wait);
+        if let State::Busy(task, doing) = &mut self.state {
+            let flow = self.dialogue.begin(task, doing, now);
+            self.follow(flow);
+        }
     }
 
     /// Bytes to send.

@@ -102,9 +102,8 @@ pub(super) struct Task {
 }
 
 impl Task {
-    /// `forgetful`: the camera has lost its modes since the last request.
-    pub(super) fn new(request: Request, forgetful: bool) -> Self {
-        let mut task = Self {
+    pub(super) fn new(request: Request) -> Self {
+        Self {
             request: match request {
                 Request::Start(order) if !order.streams() => Request::Do(order),
                 request => request,
@@ -114,11 +113,14 @@ impl Task {
             restarts: 0,
             interruption: Interruption::None,
             window_mean: None,
-        };
-        if forgetful && task.reads() {
-            task.interruption = Interruption::Early;
         }
-        task
+    }
+
+    /// The camera has lost its modes since the request before.
+    pub(super) fn on_lost_modes(&mut self) {
+        if self.reads() {
+            self.interruption = Interruption::Early;
+        }
     }
 
     /// Whether it reads a stream.

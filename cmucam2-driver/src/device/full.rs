@@ -1,11 +1,13 @@
-//! Frames and line modes.
+//! What only the feature `full` can ask for, because its replies are of another form: frames, line
+//! modes, raw output, masked packets, reports of servos, histograms, uploads.
 
 use super::{Call, Cmucam2};
 use crate::{
     colour::ColourChannel,
-    command::{Command, LineMode, StatisticsLines, TrackingLines},
-    packet::Packet,
+    command::{Command, LineMode, OutputMask, RawMode, StatisticsLines, TrackingLines},
+    packet::{Histogram, Packet},
     parser::ImageHeader,
+    servo::ServoMask,
     session::{Answer, Modes, Request},
 };
 
@@ -46,6 +48,13 @@ fn part(answer: Answer, _: &Modes) -> Option<Part> {
     })
 }
 
+fn histogram(answer: Answer, _: &Modes) -> Option<Histogram> {
+    match answer {
+        Answer::Packet(Packet::Histogram(histogram)) => Some(histogram),
+        _ => None,
+    }
+}
+
 /// Images.
 impl<U, D, K> Cmucam2<U, D, K> {
     /// Sends a frame of one channel or all three: [`Cmucam2::next_part`] reads it row by row.
@@ -76,5 +85,51 @@ impl<U, D, K> Cmucam2<U, D, K> {
             row,
             ..self.call(request, part)
         }
+    }
+}
+
+/// Packets of another form.
+impl<U, D, K> Cmucam2<U, D, K> {
+    /// Binary packets: shorter, but hardly any corruption can be detected. Firmware 1.00 has bugs
+    /// here.
+    pub fn raw_output(&mut self, on: bool) -> Call<'_, U, D, (), K> {
+        self.simple(Command::RawMode(if on {
+            RawMode::OUTPUT
+        } else {
+            RawMode::OFF
+        }))
+    }
+
+    /// Which fields packets carry.
+    pub fn output_mask(&mut self, mask: OutputMask) -> Call<'_, U, D, (), K> {
+        self.simple(Command::OutputMask(mask))
+    }
+
+    /// The histogram of a channel, once.
+    pub fn histogram(&mut self, channel: ColourChannel) -> Call<'_, U, D, Histogram, K> {
+        self.ask(Command::GetHistogram(channel), histogram)
+    }
+
+    /// Bins and scale of the histogram, as numbers of the firmware.
+    pub fn histogram_configuration(&mut self, bins: u8, scale: u8) -> Call<'_, U, D, (), K> {
+        self.simple(Command::HistogramConfiguration { bins, scale })
+    }
+
+    /// Histogram of tracked pixels only.
+    pub fn histogram_tracked(&mut self, on: bool) -> Call<'_, U, D, (), K> {
+        self.simple(Command::HistogramTracked(on))
+    }
+
+    /// Sends a reference frame: one level for each block of the 8 x 8 grid, row by row.
+    pub fn upload_difference<'a>(&'a mut self, blocks: &'a [u8; 64]) -> Call<'a, U, D, (), K> {
+        Call {
+            payload: blocks,
+            ..self.simple(Command::UploadDifference)
+        }
+    }
+
+    /// What the camera does with pan and tilt while it tracks.
+    pub fn servo_mask(&mut self, mask: ServoMask) -> Call<'_, U, D, (), K> {
+        self.simple(Command::ServoMask(mask))
     }
 }
