@@ -6,7 +6,7 @@ use node_firmware::{
     config::{CameraConfig, Config, CoordinatorConfig, Role, SiteKey, Subjects, TargetConfig},
     limits::REFERENCE_STOPS,
     message::{Duty, Reference},
-    sight::{ColourWindow, Lens},
+    vision::{ColourWindow, Lens},
 };
 use zigbee_link::security::Protection;
 

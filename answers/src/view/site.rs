@@ -3,7 +3,7 @@
 use nalgebra::{Point2, Vector2};
 use node_firmware::{
     config::{CameraConfig, Role as Configured, SiteKey, Subjects},
-    sight::Lens,
+    vision::Lens,
 };
 use site::{Frame, NetworkTable, Scenario, ScenarioError, world::Obstacle};
 

@@ -37,10 +37,10 @@ enum Link {
 pub(super) enum Doing {
     /// The camera is made to listen.
     Synchronise(Synchronisation, Resume),
-    /// A command, or the stream that it began.
-    Exchange(Exchange, Awaited),
-    /// Time passes before a command is repeated.
-    Pause(Exchange),
+    /// The command that was sent last is answered, or the stream that it began goes on.
+    Exchange(Awaited),
+    /// Time passes before that command is repeated.
+    Pause,
     /// Time passes because the script says so.
     Wait,
 }
@@ -54,6 +54,8 @@ pub(super) struct Dialogue {
     /// As the banner named it.
     sensor: Option<Sensor>,
     link: Link,
+    /// The command that was sent last, and why.
+    exchange: Exchange,
     /// What [`Request::Next`] reads; it may have to be told to the camera again.
     stream: Option<Order>,
     /// The camera has lost its modes: how far it has them again.
@@ -72,6 +74,10 @@ impl Dialogue {
             modes: Modes::default(),
             sensor: None,
             link: Link::Unknown,
+            exchange: Exchange {
+                order: Order::IDLE,
+                purpose: Purpose::Whole,
+            },
             stream: None,
             restore: None,
             packet_at: None,
@@ -117,7 +123,7 @@ impl Dialogue {
 
     /// A request is given up.
     pub(super) fn abandon(&mut self, doing: &Doing) {
-        if !matches!(doing, Doing::Exchange(_, Awaited::Packet)) {
+        if !matches!(doing, Doing::Exchange(Awaited::Packet)) {
             self.link = Link::Unknown;
         }
     }
@@ -144,62 +150,57 @@ impl Dialogue {
         match doing {
             Doing::Synchronise(synchronisation, resume) => {
                 if synchronisation.on_event(&event, &mut self.port, &self.policy, now) {
-                    let exchange = resume.exchange().copied();
+                    let asked = self.exchange.answers(!matches!(resume, Resume::Plan));
                     *resume = Resume::Plan;
                     self.forgotten();
-                    task.on_restart(exchange.as_ref(), self.policy.retries)?;
+                    task.on_restart(asked, self.policy.retries)?;
                 }
             }
-            Doing::Exchange(exchange, Awaited::Packet) => {
-                let exchange = *exchange;
-                return self.on_stream(task, doing, &exchange, event, now, row);
+            Doing::Exchange(Awaited::Packet) => {
+                return self.on_stream(task, doing, event, now, row);
             }
-            Doing::Exchange(exchange, Awaited::Prompt(answer)) => {
-                let (exchange, answer) = (*exchange, *answer);
-                match event {
-                    Token::Prompt => {
-                        self.link = Link::Prompt;
-                        return self.conclude(task, doing, &exchange, Some(answer), now);
-                    }
-                    Token::Packet(_) | Token::Header(_) => {
-                        return self.on_further_packet(task, doing, exchange, answer, now);
-                    }
-                    _ => {}
+            &mut Doing::Exchange(Awaited::Prompt(answer)) => match event {
+                Token::Prompt => {
+                    self.link = Link::Prompt;
+                    return self.conclude(task, doing, Some(answer), now);
                 }
-            }
-            Doing::Exchange(exchange, awaited) => {
-                let exchange = *exchange;
-                match exchange.on_event(awaited, &event) {
+                Token::Packet(_) | Token::Header(_) => {
+                    return self.on_further_packet(task, doing, answer, now);
+                }
+                _ => {}
+            },
+            Doing::Exchange(awaited) => {
+                match self.exchange.on_event(awaited, &event) {
                     Reaction::Nothing => {}
                     Reaction::Await(next) => {
                         *awaited = next;
-                        self.await_reply(&exchange, awaited, now);
+                        self.await_reply(awaited, now);
                     }
                     Reaction::Sends => {
-                        self.sends(task, doing, exchange, now)?;
+                        self.sends(task, doing, now)?;
                         if let Token::Packet(_) = event {
-                            return self.on_stream(task, doing, &exchange, event, now, row);
+                            return self.on_stream(task, doing, event, now, row);
                         }
                     }
                     Reaction::Done(answer) => {
                         // One that sleeps must be woken first.
-                        self.link = match exchange.order.reply() {
+                        self.link = match self.exchange.order.reply() {
                             Reply::Sleep => Link::Unknown,
                             _ => Link::Prompt,
                         };
-                        return self.conclude(task, doing, &exchange, answer, now);
+                        return self.conclude(task, doing, answer, now);
                     }
                     Reaction::Refused => {
                         self.link = Link::Prompt;
-                        return self.failed(task, doing, exchange, Fault::Refused, now);
+                        return self.failed(task, doing, Fault::Refused, now);
                     }
                     Reaction::Irregular => {
                         self.link = Link::Unknown;
-                        return self.failed(task, doing, exchange, Fault::Garbage, now);
+                        return self.failed(task, doing, Fault::Garbage, now);
                     }
                 }
             }
-            Doing::Pause(_) | Doing::Wait => {}
+            Doing::Pause | Doing::Wait => {}
         }
         Flow::Continue(())
     }
@@ -228,42 +229,39 @@ impl Dialogue {
                 self.link = Link::Prompt;
                 match *resume {
                     Resume::Plan => return self.plan(task, doing, None, now),
-                    Resume::Repeat(exchange) => self.send(doing, exchange, now),
-                    Resume::Conclude(exchange, answer) => {
-                        return self.conclude(task, doing, &exchange, Some(answer), now);
+                    Resume::Repeat => self.send(doing, now),
+                    Resume::Conclude(answer) => {
+                        return self.conclude(task, doing, Some(answer), now);
                     }
                 }
             }
-            &mut Doing::Exchange(exchange, Awaited::Packet) => {
-                return self.stream_timeout(task, doing, exchange, now);
+            &mut Doing::Exchange(Awaited::Packet) => {
+                return self.stream_timeout(task, doing, now);
             }
-            &mut Doing::Exchange(exchange, Awaited::Prompt(answer)) => {
-                self.stop(doing, Resume::Conclude(exchange, answer), now);
+            &mut Doing::Exchange(Awaited::Prompt(answer)) => {
+                self.stop(doing, Resume::Conclude(answer), now);
             }
-            Doing::Exchange(exchange, awaited) => {
-                let exchange = *exchange;
-                match (&awaited, exchange.order.reply()) {
-                    (Awaited::Reply(_), Reply::Sleep) => {
-                        self.link = Link::Unknown;
-                        return self.conclude(task, doing, &exchange, None, now);
-                    }
-                    (Awaited::Ack, Reply::Upload) if self.port.ask_payload() => {
-                        self.port.wait(now, self.policy.reply_us);
-                    }
-                    (awaited, _) => {
-                        let fault = match awaited {
-                            Awaited::Refused => Fault::Refused,
-                            _ => self.port.nothing_useful(),
-                        };
-                        self.link = Link::Unknown;
-                        return self.failed(task, doing, exchange, fault, now);
-                    }
+            Doing::Exchange(awaited) => match (&awaited, self.exchange.order.reply()) {
+                (Awaited::Reply(_), Reply::Sleep) => {
+                    self.link = Link::Unknown;
+                    return self.conclude(task, doing, None, now);
                 }
-            }
-            &mut Doing::Pause(exchange) => match self.link {
-                Link::Prompt => self.send(doing, exchange, now),
+                (Awaited::Ack, Reply::Upload) if self.port.ask_payload() => {
+                    self.port.wait(now, self.policy.reply_us);
+                }
+                (awaited, _) => {
+                    let fault = match awaited {
+                        Awaited::Refused => Fault::Refused,
+                        _ => self.port.nothing_useful(),
+                    };
+                    self.link = Link::Unknown;
+                    return self.failed(task, doing, fault, now);
+                }
+            },
+            Doing::Pause => match self.link {
+                Link::Prompt => self.send(doing, now),
                 Link::Unknown | Link::Streaming(_) => {
-                    self.stop(doing, Resume::Repeat(exchange), now);
+                    self.stop(doing, Resume::Repeat, now);
                 }
             },
             Doing::Wait => {
@@ -294,11 +292,11 @@ impl Dialogue {
                     {
                         return Flow::Break(Err(fault));
                     }
-                    let exchange = Exchange {
+                    self.exchange = Exchange {
                         order: stream.order,
                         purpose: Purpose::Next,
                     };
-                    self.await_packet(doing, exchange, now);
+                    self.await_packet(doing, now);
                     return Flow::Continue(());
                 }
             }
@@ -311,7 +309,8 @@ impl Dialogue {
             {
                 if let Some(order) = self.modes.next(cursor) {
                     let purpose = Purpose::Restore;
-                    self.send(doing, Exchange { order, purpose }, now);
+                    self.exchange = Exchange { order, purpose };
+                    self.send(doing, now);
                     return Flow::Continue(());
                 }
                 self.restore = None;
@@ -324,7 +323,7 @@ impl Dialogue {
                 Step::Send(order, purpose) => (order, purpose),
                 Step::Begin(order) => match self.first_of(order) {
                     Some(first) => (first, Purpose::Begin),
-                    None => return self.begun(task, &order),
+                    None => return self.begun(task, order),
                 },
                 Step::Read => match self.stream {
                     Some(order) => (order, Purpose::Next),
@@ -347,13 +346,14 @@ impl Dialogue {
                 Step::Finish(answer) => return Flow::Break(Ok(answer)),
                 Step::Fail(fault) => return Flow::Break(Err(fault)),
             };
-            self.send(doing, Exchange { order, purpose }, now);
+            self.exchange = Exchange { order, purpose };
+            self.send(doing, now);
             return Flow::Continue(());
         }
     }
 
     /// The stream that the request begins runs, or will when it is read.
-    fn begun(&mut self, task: &Task, order: &Order) -> Flow {
+    fn begun(&mut self, task: &Task, order: Order) -> Flow {
         self.stream = Some(order.continued());
         Flow::Break(Ok(task.begun(&self.modes)))
     }
@@ -393,34 +393,36 @@ impl Dialogue {
         }
     }
 
-    fn send(&mut self, doing: &mut Doing, exchange: Exchange, now: u64) {
-        let order = &exchange.order;
+    /// Sends the command that is to be exchanged.
+    fn send(&mut self, doing: &mut Doing, now: u64) {
+        let order = &self.exchange.order;
         self.port.send(order);
         self.port.turn();
         let strict = self.policy.strict;
         let expectation = self.modes.expectation(order, self.sensor, strict);
         self.port.parser.expect(expectation);
-        self.await_reply(&exchange, &Awaited::Ack, now);
-        *doing = Doing::Exchange(exchange, Awaited::Ack);
+        self.await_reply(&Awaited::Ack, now);
+        *doing = Doing::Exchange(Awaited::Ack);
     }
 
-    fn await_reply(&mut self, exchange: &Exchange, awaited: &Awaited, now: u64) {
-        if let (Awaited::Reply(_), Reply::Upload) = (awaited, exchange.order.reply()) {
+    fn await_reply(&mut self, awaited: &Awaited, now: u64) {
+        let order = &self.exchange.order;
+        if let (Awaited::Reply(_), Reply::Upload) = (awaited, order.reply()) {
             self.port.ask_payload();
         }
-        let patience = match (awaited, exchange.order.effect()) {
+        let patience = match (awaited, order.effect()) {
             (Awaited::Ack | Awaited::Reply(None), Effect::Reset) => self.policy.reset_us,
             _ => self.policy.reply_us,
         };
         self.port.wait(now, patience);
     }
 
-    fn await_packet(&mut self, doing: &mut Doing, exchange: Exchange, now: u64) {
+    fn await_packet(&mut self, doing: &mut Doing, now: u64) {
         self.port.listen();
         let packets = u32::from(self.modes.packet_skip()) + 1;
         let patience = self.policy.packet_us.saturating_mul(packets);
         self.port.wait(now, patience);
-        *doing = Doing::Exchange(exchange, Awaited::Packet);
+        *doing = Doing::Exchange(Awaited::Packet);
     }
 
     /// Makes the camera listen.
@@ -450,44 +452,43 @@ impl Dialogue {
     }
 
     /// The command was accepted, the camera sends.
-    fn sends(&mut self, task: &mut Task, doing: &mut Doing, exchange: Exchange, now: u64) -> Flow {
-        let order = exchange.order;
+    fn sends(&mut self, task: &mut Task, doing: &mut Doing, now: u64) -> Flow {
+        let order = self.exchange.order;
         let dropped = self.port.parser.dropped().bytes;
         self.link = Link::Streaming(Stream::new(order, dropped));
         task.window_mean = None;
-        let polled = self.modes.poll() && !exchange.is_frame();
-        match exchange.purpose {
+        let polled = self.modes.poll() && !self.exchange.is_frame();
+        match self.exchange.purpose {
             Purpose::Begin if !polled => {
                 self.modes.remember(&order);
-                self.begun(task, &order)
+                self.begun(task, order)
             }
             Purpose::Next if task.was_interrupted() => Flow::Break(Err(Fault::Restarted)),
             _ => {
-                self.await_packet(doing, exchange, now);
+                self.await_packet(doing, now);
                 Flow::Continue(())
             }
         }
     }
 
     /// Whether one packet ends the exchange.
-    fn takes_one(&self, exchange: &Exchange) -> bool {
-        self.modes.poll() || exchange.purpose != Purpose::Next
+    fn takes_one(&self) -> bool {
+        self.modes.poll() || self.exchange.purpose != Purpose::Next
     }
 
     fn on_stream(
         &mut self,
         task: &mut Task,
         doing: &mut Doing,
-        exchange: &Exchange,
         event: Token,
         now: u64,
         row: &mut [u8],
     ) -> Flow {
         if event == Token::Prompt {
-            return self.on_unexpected_prompt(task, doing, *exchange, now);
+            return self.on_unexpected_prompt(task, doing, now);
         }
         if let (Token::Packet(Packet::Statistics(statistics)), Effect::OwnBounds) =
-            (event, exchange.order.effect())
+            (event, self.exchange.order.effect())
         {
             task.window_mean = statistics.mean();
         }
@@ -496,15 +497,15 @@ impl Dialogue {
             debug_assert!(false, "packets are awaited of a camera that does not send");
             return Flow::Continue(());
         };
-        let Some(answer) = stream.on_event(exchange, event, row, dropped) else {
+        let Some(answer) = stream.on_event(&self.exchange, event, row, dropped) else {
             return Flow::Continue(());
         };
         let is_last = match answer {
             Answer::Packet(_) => {
                 self.packet_at = Some(now);
-                self.takes_one(exchange)
+                self.takes_one()
             }
-            Answer::End { .. } if exchange.is_frame() && !self.modes.frame_stream() => {
+            Answer::End { .. } if self.exchange.is_frame() && !self.modes.frame_stream() => {
                 self.stream = None;
                 true
             }
@@ -515,7 +516,7 @@ impl Dialogue {
             return Flow::Break(Ok(answer));
         }
         self.port.wait(now, self.policy.settle_us);
-        *doing = Doing::Exchange(*exchange, Awaited::Prompt(answer));
+        *doing = Doing::Exchange(Awaited::Prompt(answer));
         Flow::Continue(())
     }
 
@@ -524,44 +525,37 @@ impl Dialogue {
         &mut self,
         task: &mut Task,
         doing: &mut Doing,
-        exchange: Exchange,
         answer: Answer,
         now: u64,
     ) -> Flow {
-        if !self.modes.poll() || exchange.is_frame() {
-            self.stop(doing, Resume::Conclude(exchange, answer), now);
+        if !self.modes.poll() || self.exchange.is_frame() {
+            self.stop(doing, Resume::Conclude(answer), now);
             return Flow::Continue(());
         }
         // In poll mode it would not: the camera has forgotten that, so it has restarted.
         self.forgotten();
-        task.on_restart(Some(&exchange), self.policy.retries)?;
+        task.on_restart(self.exchange.answers(true), self.policy.retries)?;
         self.stop(doing, Resume::Plan, now);
         Flow::Continue(())
     }
 
     /// In a stream a damaged character may look like a prompt, so only what must be followed by
     /// one believes it. If it was real, silence follows.
-    fn on_unexpected_prompt(
-        &mut self,
-        task: &mut Task,
-        doing: &mut Doing,
-        exchange: Exchange,
-        now: u64,
-    ) -> Flow {
-        if exchange.is_frame() {
+    fn on_unexpected_prompt(&mut self, task: &mut Task, doing: &mut Doing, now: u64) -> Flow {
+        if self.exchange.is_frame() {
             self.link = Link::Prompt;
             self.stream = None;
             return Flow::Break(Err(Fault::Garbage));
         }
-        if !self.takes_one(&exchange) {
+        if !self.takes_one() {
             return Flow::Continue(());
         }
         if self.may_be_quiet() {
             self.link = Link::Prompt;
-            return self.conclude(task, doing, &exchange, Some(Answer::Quiet), now);
+            return self.conclude(task, doing, Some(Answer::Quiet), now);
         }
         self.link = Link::Unknown;
-        self.failed(task, doing, exchange, Fault::Garbage, now)
+        self.failed(task, doing, Fault::Garbage, now)
     }
 
     fn may_be_quiet(&self) -> bool {
@@ -570,22 +564,16 @@ impl Dialogue {
             && matches!(&self.link, Link::Streaming(stream) if stream.may_be_quiet(dropped))
     }
 
-    fn stream_timeout(
-        &mut self,
-        task: &mut Task,
-        doing: &mut Doing,
-        exchange: Exchange,
-        now: u64,
-    ) -> Flow {
+    fn stream_timeout(&mut self, task: &mut Task, doing: &mut Doing, now: u64) -> Flow {
         let fault = self.port.nothing_useful();
-        if exchange.is_frame() {
+        if self.exchange.is_frame() {
             self.link = Link::Unknown;
             self.stream = None;
             return Flow::Break(Err(fault));
         }
         if self.may_be_quiet() {
-            if exchange.purpose != Purpose::Next {
-                self.stop(doing, Resume::Conclude(exchange, Answer::Quiet), now);
+            if self.exchange.purpose != Purpose::Next {
+                self.stop(doing, Resume::Conclude(Answer::Quiet), now);
                 return Flow::Continue(());
             }
             if let Link::Streaming(stream) = &mut self.link
@@ -593,9 +581,9 @@ impl Dialogue {
             {
                 return Flow::Break(Ok(Answer::Quiet));
             }
-        } else if exchange.purpose != Purpose::Next {
+        } else if self.exchange.purpose != Purpose::Next {
             self.link = Link::Unknown;
-            return self.failed(task, doing, exchange, fault, now);
+            return self.failed(task, doing, fault, now);
         } else if task.failures > 0 {
             self.link = Link::Unknown;
             return Flow::Break(Err(fault));
@@ -614,22 +602,21 @@ impl Dialogue {
         &mut self,
         task: &mut Task,
         doing: &mut Doing,
-        exchange: &Exchange,
         answer: Option<Answer>,
         now: u64,
     ) -> Flow {
         task.failures = 0;
-        let order = &exchange.order;
+        let order = self.exchange.order;
         if order.effect() == Effect::Reset {
             self.restore = None;
             if !matches!(task.request, Request::Recover) {
                 self.stream = None;
-                self.modes.remember(order);
+                self.modes.remember(&order);
             }
-        } else if exchange.purpose != Purpose::Once {
-            self.modes.remember(order);
+        } else if self.exchange.purpose != Purpose::Once {
+            self.modes.remember(&order);
         }
-        match exchange.purpose {
+        match self.exchange.purpose {
             Purpose::Whole | Purpose::Next => Flow::Break(Ok(answer.unwrap_or(Answer::Done))),
             Purpose::Begin => self.begun(task, order),
             Purpose::Step | Purpose::Once => {
@@ -641,23 +628,16 @@ impl Dialogue {
     }
 
     /// An attempt failed: it is repeated, or the request fails.
-    fn failed(
-        &mut self,
-        task: &mut Task,
-        doing: &mut Doing,
-        exchange: Exchange,
-        fault: Fault,
-        now: u64,
-    ) -> Flow {
+    fn failed(&mut self, task: &mut Task, doing: &mut Doing, fault: Fault, now: u64) -> Flow {
         task.failures = task.failures.saturating_add(1);
-        let repeatable = exchange.order.is_idempotent() || fault == Fault::Refused;
+        let repeatable = self.exchange.order.is_idempotent() || fault == Fault::Refused;
         if task.failures > self.policy.retries || !repeatable {
             return Flow::Break(Err(fault));
         }
         self.retries = self.retries.saturating_add(1);
         debug!("repeated after {:?}", fault);
         self.port.wait(now, self.policy.pause_us);
-        *doing = Doing::Pause(exchange);
+        *doing = Doing::Pause;
         Flow::Continue(())
     }
 
@@ -670,18 +650,17 @@ impl Dialogue {
         now: u64,
     ) -> Flow {
         self.recognise(version);
-        let exchange = match doing {
-            Doing::Exchange(exchange, awaited) if exchange.asks_for_banner(awaited) => {
+        let asked = match doing {
+            Doing::Exchange(awaited) if self.exchange.asks_for_banner(awaited) => {
                 *awaited = Awaited::Reply(Some(Answer::Version(version)));
                 self.port.wait(now, self.policy.reply_us);
                 return Flow::Continue(());
             }
-            Doing::Exchange(exchange, _) | Doing::Pause(exchange) => Some(&*exchange),
-            Doing::Synchronise(_, resume) => resume.exchange(),
-            Doing::Wait => None,
+            Doing::Wait | Doing::Synchronise(_, Resume::Plan) => false,
+            Doing::Exchange(_) | Doing::Pause | Doing::Synchronise(..) => true,
         };
         self.forgotten();
-        task.on_restart(exchange, self.policy.retries)?;
+        task.on_restart(self.exchange.answers(asked), self.policy.retries)?;
         let before = match doing {
             Doing::Synchronise(before, _) => Some(*before),
             _ => None,

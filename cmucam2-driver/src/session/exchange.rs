@@ -69,6 +69,12 @@ impl Exchange {
         }
     }
 
+    /// Whether the camera may have done already what the request is about. `under_way`: this is not
+    /// over.
+    pub(super) fn answers(&self, under_way: bool) -> bool {
+        under_way && self.purpose == Purpose::Whole
+    }
+
     pub(super) fn is_frame(&self) -> bool {
         self.order.reply() == Reply::Frame
     }

@@ -170,7 +170,7 @@ impl Session {
     /// Takes one byte. `row` is the buffer of [`Request::NextPart`], empty otherwise.
     pub fn receive(&mut self, byte: u8, now: u64, row: &mut [u8]) {
         let waits_for_it = match self.state {
-            State::Busy(_, Doing::Pause(_) | Doing::Wait) => false,
+            State::Busy(_, Doing::Pause | Doing::Wait) => false,
             State::Busy(..) | State::Idle | State::Over(_) => true,
         };
         let Some(event) = self.dialogue.port.hear(byte, now, waits_for_it) else {

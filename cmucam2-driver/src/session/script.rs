@@ -2,11 +2,7 @@
 
 use core::ops::ControlFlow;
 
-use super::{
-    Answer, Fault, Request,
-    exchange::{Exchange, Purpose},
-    modes::Modes,
-};
+use super::{Answer, Fault, Request, exchange::Purpose, modes::Modes};
 use crate::{
     colour::{Colour, ColourBounds},
     command::{Command, Order},
@@ -153,15 +149,14 @@ impl Task {
         }
     }
 
-    /// The camera restarted while this exchange, if any, was under way. A script begins again.
+    /// The camera restarted, perhaps after it had done what was `asked`. A script begins again.
     pub(super) fn on_restart(
         &mut self,
-        exchange: Option<&Exchange>,
+        asked: bool,
         retries: u8,
     ) -> ControlFlow<Result<Answer, Fault>> {
         self.step = 0;
         self.failures = 0;
-        let asked = exchange.is_some_and(|exchange| exchange.purpose == Purpose::Whole);
         if asked {
             self.interruption = Interruption::Late;
         } else if self.interruption == Interruption::None {

@@ -1,7 +1,7 @@
 //! Making the camera listen, whatever it was doing: a carriage return, all bytes up to the prompt
 //! dropped, another carriage return, `ACK` and prompt required, and a moment of silence.
 
-use super::{Policy, exchange::Exchange, port::Port, request::Answer};
+use super::{Policy, port::Port, request::Answer};
 use crate::{command::Order, parser::Token};
 
 /// What is being waited for.
@@ -41,10 +41,10 @@ pub(super) struct Synchronisation {
 pub(super) enum Resume {
     /// Whatever the request wants next.
     Plan,
-    /// A command that is to be sent again.
-    Repeat(Exchange),
-    /// A command that was answered: only the prompt was missing.
-    Conclude(Exchange, Answer),
+    /// The command that was sent last is sent again.
+    Repeat,
+    /// That command was answered: only the prompt was missing.
+    Conclude(Answer),
 }
 
 /// What came of silence.
@@ -136,15 +136,5 @@ impl Synchronisation {
         }
         self.drain(port, policy, now);
         Outcome::Again
-    }
-}
-
-impl Resume {
-    /// The command that is not over yet.
-    pub(super) fn exchange(&self) -> Option<&Exchange> {
-        match self {
-            Self::Plan => None,
-            Self::Repeat(exchange) | Self::Conclude(exchange, _) => Some(exchange),
-        }
     }
 }

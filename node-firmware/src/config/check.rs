@@ -7,7 +7,7 @@ use zigbee_link::network::JOIN_WINDOW_MAX;
 use super::{CameraConfig, Config, CoordinatorConfig, Role, Subjects, TargetConfig};
 use crate::{
     limits::{COLOURS_MAX, REFERENCE_STOPS, STOPS_WANTED},
-    sight::{ColourWindow, LensError},
+    vision::{ColourWindow, LensError},
 };
 
 /// The rates of a CMUcam2's jumpers.

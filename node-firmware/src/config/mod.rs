@@ -23,7 +23,7 @@ use zigbee_link::{network::Channels, radio::Channel, security::Protection, wire:
 pub use self::{check::ConfigError, key::SiteKey};
 use crate::limits::{COLOURS_MAX, CONSOLE_BAUD, MEMBERS};
 use crate::message::{Duty, Reference};
-use crate::sight::{
+use crate::vision::{
     ColourWindow, Judge, Lens, LensError, Patience, Shape, Subject,
     cmucam2::{Cmucam2Settings, ROWS_PER_COLUMN},
 };

@@ -9,7 +9,7 @@ use crate::{
         CameraConfig, Role, SiteKey, Subjects,
         examples::{ORANGE, camera, coordinator, node, target},
     },
-    sight::Lens,
+    vision::Lens,
 };
 
 fn page(config: &Config) -> Vec<u8> {

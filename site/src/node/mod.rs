@@ -28,7 +28,7 @@ use node_firmware::{
         CameraConfig, Config, ConfigError, CoordinatorConfig, Role, SiteKey, Subjects, TargetConfig,
     },
     limits::MEMBERS,
-    sight::{ColourWindow, Lens},
+    vision::{ColourWindow, Lens},
 };
 use serde::{Deserialize, Serialize, de::DeserializeOwned};
 use thiserror::Error;
