@@ -26,13 +26,13 @@ pub enum PacketKind {
     Tracking,
     /// T packets of frame differencing, on a grid of 8 x 8 or 16 x 16 blocks.
     Difference,
-    /// S packets.
+    /// S packets of `GM`, levels.
     Statistics,
-    /// H packets.
+    /// H packets of `GH`, scaled counts.
     Histogram,
 }
 
-/// One packet.
+/// A packet of any of the three letters.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum Packet {
@@ -112,18 +112,18 @@ impl TrackingFields {
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct BoundingBox {
-    /// Leftmost column.
+    /// Leftmost column, from 0 or 1: see [`uncertain::last_coordinate`].
     pub x1: u8,
-    /// Uppermost row.
+    /// Uppermost row, counted as the columns are.
     pub y1: u8,
-    /// Rightmost column.
+    /// Rightmost column, at least `x1`.
     pub x2: u8,
-    /// Lowermost row.
+    /// Lowermost row, at least `y1`.
     pub y2: u8,
 }
 
 impl BoundingBox {
-    /// Pixels inside.
+    /// Pixels inside, both corners included.
     pub const fn area(self) -> u32 {
         (self.x2.saturating_sub(self.x1) as u32 + 1) * (self.y2.saturating_sub(self.y1) as u32 + 1)
     }

@@ -9,9 +9,9 @@ use crate::argument::ArgumentError;
 pub struct Register(pub u8);
 
 impl Register {
-    /// Contrast.
+    /// Contrast, 0 to 255.
     pub const CONTRAST: Self = Self(5);
-    /// Brightness.
+    /// Brightness, 0 to 255.
     pub const BRIGHTNESS: Self = Self(6);
     /// Exposure, when auto gain is off.
     pub const EXPOSURE: Self = Self(16);
@@ -113,14 +113,14 @@ impl Registers {
         Ok(all)
     }
 
-    /// One register.
+    /// A single register with its value.
     pub const fn one(pair: (Register, u8)) -> Self {
         let mut pairs = [[0; 2]; PAIRS_MAX];
         pairs[0] = [pair.0.0, pair.1];
         Self { pairs, len: 1 }
     }
 
-    /// Two registers.
+    /// Two registers with their values, in this order.
     pub const fn two(first: (Register, u8), second: (Register, u8)) -> Self {
         let mut pairs = [[0; 2]; PAIRS_MAX];
         pairs[0] = [first.0.0, first.1];

@@ -84,9 +84,9 @@ pub enum Command {
     HighResolution(bool),
     /// `HT`: histogram of tracked pixels only.
     HistogramTracked(bool),
-    /// `L0`.
+    /// `L0`: what LED 0 shows.
     Led0(LedMode),
-    /// `L1`.
+    /// `L1`: what LED 1 shows.
     Led1(LedMode),
     /// `LF`: take the reference frame of frame differencing.
     LoadFrame,
@@ -144,7 +144,7 @@ pub enum Command {
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum Reply {
-    /// The prompt.
+    /// The prompt follows at once.
     Nothing,
     /// A line of so many numbers, then the prompt.
     Values(u8),

@@ -2,7 +2,7 @@
 
 /// The time, microseconds from any origin. It must not run backwards.
 pub trait Clock {
-    /// Now.
+    /// Microseconds since the origin.
     fn now(&self) -> u64;
 
     /// The driver has let at least so many microseconds pass. For clocks that have nothing else to

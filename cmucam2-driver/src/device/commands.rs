@@ -76,7 +76,7 @@ fn statistics(answer: Answer, _: &Modes) -> Option<Statistics> {
     }
 }
 
-/// Whole dialogues.
+/// Dialogues of several commands, and any command.
 impl<U, D, K> Cmucam2<U, D, K> {
     /// Resets the camera. All modes are back to their defaults, here too.
     pub fn reset(&mut self) -> Call<'_, U, D, FirmwareVersion, K> {
@@ -116,7 +116,8 @@ impl<U, D, K> Cmucam2<U, D, K> {
         self.ask(command, answer)
     }
 
-    /// Any stream.
+    /// Begins the stream of any command that answers with packets or frames, for
+    /// [`Cmucam2::next_packet`].
     #[inline(always)] // size
     pub fn stream(&mut self, command: Command) -> Call<'_, U, D, (), K> {
         self.call(Request::Start(command.order()), done)
@@ -194,7 +195,7 @@ impl<U, D, K> Cmucam2<U, D, K> {
         self.simple(Command::Registers(registers))
     }
 
-    /// Automatic gain.
+    /// Automatic gain: on after a reset.
     pub fn auto_gain(&mut self, on: bool) -> Call<'_, U, D, (), K> {
         self.registers(Registers::one(Register::auto_gain(on)))
     }
@@ -217,7 +218,7 @@ impl<U, D, K> Cmucam2<U, D, K> {
     }
 }
 
-/// Tracking.
+/// Colour tracking: begin, then ask for packets.
 impl<U, D, K> Cmucam2<U, D, K> {
     /// Tracks a colour: [`Cmucam2::next_tracking`] tells where it is.
     pub fn track_colour(&mut self, bounds: ColourBounds) -> Call<'_, U, D, (), K> {
@@ -328,7 +329,7 @@ impl<U, D, K> Cmucam2<U, D, K> {
     }
 }
 
-/// Statistics.
+/// Colours of the window.
 impl<U, D, K> Cmucam2<U, D, K> {
     /// Mean colour and deviation of the window, once.
     pub fn mean(&mut self) -> Call<'_, U, D, Statistics, K> {
@@ -370,7 +371,7 @@ impl<U, D, K> Cmucam2<U, D, K> {
     }
 }
 
-/// Servos.
+/// The five servo outputs.
 impl<U, D, K> Cmucam2<U, D, K> {
     /// Moves a servo.
     pub fn servo_position(

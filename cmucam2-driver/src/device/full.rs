@@ -31,7 +31,7 @@ pub enum Part {
         /// Whether all of it was as announced.
         intact: bool,
     },
-    /// A packet.
+    /// A packet between images.
     Packet(Packet),
     /// Nothing is tracked, and packet filter is on.
     Quiet,
@@ -55,7 +55,7 @@ fn histogram(answer: Answer, _: &Modes) -> Option<Histogram> {
     }
 }
 
-/// Images.
+/// Frames, and rows between packets.
 impl<U, D, K> Cmucam2<U, D, K> {
     /// Sends a frame of one channel or all three: [`Cmucam2::next_part`] reads it row by row.
     pub fn send_frame(&mut self, channel: Option<ColourChannel>) -> Call<'_, U, D, (), K> {

@@ -47,7 +47,7 @@ pub enum Token {
     Prompt,
     /// The camera has started, or says its version.
     Banner(FirmwareVersion),
-    /// A packet.
+    /// A packet whose fields are in order and inside the frame.
     Packet(Packet),
     /// The answer to a query: as many numbers as [`Expectation::values`], the rest is zero.
     Values([u8; 6]),
@@ -238,7 +238,7 @@ impl Parser {
         self.push_other(byte)
     }
 
-    #[inline(never)]
+    #[inline(never)] // size
     fn push_other(&mut self, byte: u8) -> Option<Token> {
         match self.state {
             State::Number(kind) => self.separator(kind, byte),

@@ -368,7 +368,7 @@ impl Modes {
             self.value(Mode::TrackingMask).unwrap_or(0xFF),
             servos
                 .and_then(|bits| ServoMask::new(bits).ok())
-                .unwrap_or_default(),
+                .unwrap_or_default(), // nothing is reported
         );
         expectation.statistics = self
             .value(Mode::StatisticsMask)

@@ -51,9 +51,10 @@ pub enum Answer {
     Done,
     /// The numbers asked for; the rest is zero.
     Values([u8; 6]),
-    /// The banner.
+    /// What the banner says.
     Version(FirmwareVersion),
-    /// A packet.
+    /// The packet that was asked for: when it came tells
+    /// [`Session::packet_at`](super::Session::packet_at).
     Packet(Packet),
     /// Nothing, and that is right: packet filter is on and nothing was tracked last.
     Quiet,
@@ -95,7 +96,7 @@ pub enum Fault {
     NotStreaming,
     /// The row buffer is too small.
     RowBuffer {
-        /// Bytes needed.
+        /// Bytes of a row of this image.
         needed: u16,
     },
     /// More than [`REGISTERS_MAX`](super::REGISTERS_MAX) different registers: they could not be set again.

@@ -200,9 +200,12 @@ impl Task {
         &self,
         answer: Option<Answer>,
         modes: &mut Modes,
+        #[cfg_attr(
+            not(feature = "full"),
+            expect(unused_variables, reason = "only the mean of a window needs its frame")
+        )]
         sensor: Option<Sensor>,
     ) -> Step {
-        let _ = sensor;
         match self.request {
             Request::Do(order) => Step::Send(order, Purpose::Whole),
             Request::Start(order) => Step::Begin(order),

@@ -110,7 +110,7 @@ pub enum Unsteady {
     Few,
     /// Nothing was tracked.
     Lost {
-        /// Empty frames.
+        /// Frames in which nothing was tracked.
         lost: u16,
         /// Of so many.
         frames: u16,
@@ -184,8 +184,8 @@ impl<const N: usize> Steadiness<N> {
         if self.window.len() >= self.frames {
             self.window.pop_front();
         }
-        // There is room: a place was just made.
-        let _ = self.window.push_back(blob);
+        let pushed = self.window.push_back(blob);
+        debug_assert!(pushed.is_ok(), "a place was just made");
         self.judge()
     }
 
