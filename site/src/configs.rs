@@ -9,7 +9,7 @@ use node_firmware::{
     },
     limits::REFERENCE_STOPS,
     message::{Duty, Reference},
-    sight::{ColourWindow, Lens},
+    vision::{ColourWindow, Lens},
 };
 use zigbee_link::security::Protection;
 

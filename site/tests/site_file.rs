@@ -7,7 +7,7 @@ use node_firmware::{
         TargetConfig,
     },
     message::Duty,
-    sight::{ColourWindow, Lens},
+    vision::{ColourWindow, Lens},
 };
 use site::{Overrides, Purpose, ScatterTable, Scenario, ScenarioError};
 

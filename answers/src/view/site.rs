@@ -1,7 +1,10 @@
 //! What a site file tells of a network beside what the network tells itself.
 
 use nalgebra::{Point2, Vector2};
-use node_firmware::{config::{CameraConfig, RoleConfig as Configured, SiteKey, Subjects}, sight::Lens};
+use node_firmware::{
+    config::{CameraConfig, RoleConfig as Configured, SiteKey, Subjects},
+    vision::Lens,
+};
 use site::{Frame, NetworkTable, Scenario, ScenarioError, world::Obstacle};
 
 use crate::record::{Limits, Node, Place, Role, Unit, View, heading_degrees};

@@ -14,7 +14,7 @@ use node_firmware::{
         Subjects, TargetConfig, page,
     },
     message::{Duty, Reference},
-    sight::{ColourWindow, Lens},
+    vision::{ColourWindow, Lens},
 };
 use zigbee_link::security::Protection;
 

@@ -15,7 +15,7 @@ use super::{
 };
 use crate::{
     limits::{COLOURS_MAX, CONSOLE_BAUD, REFERENCE_STOPS, STOPS_WANTED},
-    sight::{ColourWindow, Lens, LensError},
+    vision::{ColourWindow, Lens, LensError},
 };
 
 /// A configuration in which everything is in its range, and what follows from that: what a node runs

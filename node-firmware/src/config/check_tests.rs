@@ -6,7 +6,7 @@ use crate::{
         SensorConfig, Sigmas, SiteKey,
         examples::{ORANGE, camera, coordinator, node, target},
     },
-    sight::{ColourWindow, Lens},
+    vision::{ColourWindow, Lens},
 };
 
 fn with(change: impl FnOnce(&mut Config)) -> Result<(), ConfigError> {

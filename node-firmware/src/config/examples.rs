@@ -5,7 +5,7 @@ use super::{
     TargetConfig,
 };
 use crate::message::{Duty, Reference};
-use crate::sight::{ColourWindow, Lens};
+use crate::vision::{ColourWindow, Lens};
 use zigbee_link::security::Protection;
 
 pub(crate) const ORANGE: ColourWindow = ColourWindow {

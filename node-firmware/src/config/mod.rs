@@ -26,7 +26,7 @@ pub use self::{
 };
 use crate::limits::{COLOURS_MAX, MEMBERS};
 use crate::message::{Duty, Reference};
-use crate::sight::{
+use crate::vision::{
     ColourWindow, Judge, Lens, Patience, Shape, Subject,
     cmucam2::{Cmucam2Settings, ROWS_PER_COLUMN},
 };

@@ -9,7 +9,7 @@ use crate::{
         CameraConfig, RoleConfig, SiteKey, Subjects,
         examples::{ORANGE, camera, coordinator, node, target},
     },
-    sight::Lens,
+    vision::Lens,
 };
 
 fn checked(config: &Config) -> CheckedConfig {

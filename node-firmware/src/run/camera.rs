@@ -19,7 +19,7 @@ use crate::{
     log::warning,
     message::{CameraCommand, CommandResult, Seen, Sight, TrackedBlob},
     role::camera::{CameraEvent, CameraRole, CameraTask},
-    sight::{BlobCamera, Cmucam2Sight, Judge, Look, SightError, Subject, look},
+    vision::{BlobCamera, Cmucam2BlobCamera, Judge, Look, Subject, VisionError, look},
 };
 
 /// After a start-up that failed. Doubled each time, up to [`PAUSE_MAX_US`].
@@ -37,7 +37,7 @@ pub(super) async fn run<H: Hardware>(
     let mut role = CameraRole::new(id, config.clone());
     let driver = AnyDriver::Camera(RoleDriver::new(&mut role, &channels));
     let driven = drive(driver, services);
-    let camera = Cmucam2Sight::new(Cmucam2::new(uart, ClockDelay(clock)), config.cmucam2());
+    let camera = Cmucam2BlobCamera::new(Cmucam2::new(uart, ClockDelay(clock)), config.cmucam2());
     let device = CameraDevice {
         camera,
         config,
@@ -126,7 +126,7 @@ impl<K: BlobCamera, C: Clock> CameraDevice<'_, K, C> {
         }
     }
 
-    async fn start_up(&mut self) -> Result<(), SightError> {
+    async fn start_up(&mut self) -> Result<(), VisionError> {
         self.camera.start_up().await?;
         // The target is not there yet, or it is and the background is learnt again later.
         if let Subjects::Motion { .. } = self.subjects {
@@ -140,13 +140,7 @@ impl<K: BlobCamera, C: Clock> CameraDevice<'_, K, C> {
             return (Sight::NotInView, None);
         };
         match look(&mut self.camera, subject, judge).await {
-            Ok(Look::Steady(seen)) => {
-                let seen = Seen {
-                    bearing: seen.bearing,
-                    sigma: seen.sigma,
-                };
-                (Sight::InView, Some(seen))
-            }
+            Ok(Look::Steady(seen)) => (Sight::InView, Some(seen)),
             Ok(Look::Nothing) => (Sight::NotInView, None),
             Ok(Look::Clipped | Look::Lopsided) => (Sight::Clipped, None),
             Ok(Look::Unsteady) => (Sight::Unsteady, None),
@@ -162,7 +156,7 @@ impl<K: BlobCamera, C: Clock> CameraDevice<'_, K, C> {
     }
 
     /// Whether it could be done.
-    async fn obey(&mut self, command: CameraCommand) -> Result<bool, SightError> {
+    async fn obey(&mut self, command: CameraCommand) -> Result<bool, VisionError> {
         match command {
             CameraCommand::Initialise => self.start_up().await?,
             CameraCommand::LearnColour { colour } if self.subjects.has_room_for(colour) => {

@@ -29,7 +29,7 @@ use node_firmware::{
         Subjects, TargetConfig,
     },
     limits::MEMBERS,
-    sight::{ColourWindow, Lens},
+    vision::{ColourWindow, Lens},
 };
 use serde::{Deserialize, Serialize, de::DeserializeOwned};
 use thiserror::Error;

@@ -23,7 +23,7 @@ use node_firmware::{
     message::{
         CameraState, CoordinateFrame, Hello, MemberKind, Message, PoseParts, Sight, Stopped,
     },
-    sight::{ColourWindow, Lens},
+    vision::{ColourWindow, Lens},
 };
 use peer::{Air, Process, StdClock, poll_for};
 use support::{
