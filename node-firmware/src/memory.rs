@@ -31,10 +31,13 @@ use embedded_storage_async::nor_flash::NorFlash;
 use flash_log::{Entry, Log, LogError};
 use serde::{Deserialize, Serialize};
 
-use crate::config::COLOURS_MAX;
+use crate::limits::COLOURS_MAX;
 use crate::log::warning;
-use crate::message::{Address, MEMBERS, References, Report, Seen, StopNumber};
 use crate::sight::ColourWindow;
+use crate::{
+    limits::MEMBERS,
+    message::{Address, References, Report, Seen, StopNumber},
+};
 
 /// One above the highest key.
 const KEYS: u8 = 96 + MEMBERS as u8;

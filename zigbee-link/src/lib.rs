@@ -97,7 +97,6 @@ pub mod network;
 pub mod radio;
 pub mod runner;
 pub mod security;
-pub mod spinel;
 pub mod store;
 pub mod wire;
 

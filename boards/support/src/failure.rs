@@ -1,10 +1,8 @@
 //! Why a node cannot go on, in words.
 
+use flash_log::LogError;
 use node_firmware::run::Failure;
-use zigbee_link::{
-    runner::Stopped,
-    store::{StoreError, log::LogError},
-};
+use zigbee_link::{runner::Stopped, store::StoreError};
 
 /// What failed. Not its `Display`, which brings the formatter along; a board has no room for that.
 pub const fn describe<R, F>(failure: &Failure<R, F>) -> &'static str {

@@ -1,4 +1,4 @@
-//! What nodes do: coordinator, camera, target.
+//! What nodes do: coordinator, camera, moving target.
 //!
 //! A role is a state machine without input or output. What happens is told to it with the time;
 //! what it wants is asked from it, until it wants nothing more. [`run`](crate::run) connects it to
@@ -10,7 +10,7 @@ mod reports;
 
 pub mod camera;
 pub mod coordinator;
-pub mod target;
+pub mod moving_target;
 
 pub(crate) use home::Home;
 pub(crate) use outbox::Outbox;
@@ -36,15 +36,15 @@ const RETRY_DOUBLINGS: u8 = 4;
 #[derive(Clone, Debug, PartialEq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 #[must_use]
-pub enum Output<Errand, Task> {
-    /// Send a message. With an errand, say what became of it: [`Role::sent`].
+pub enum Output<Notification, Task> {
+    /// Send a message. With a `notification`, tell what became of it: [`Role::on_sent`].
     Send {
-        /// To whom.
+        /// The receiver, or [`ShortAddress::BROADCAST`].
         to: ShortAddress,
-        /// What.
+        /// What it is told.
         message: Message,
         /// Handed back with the result.
-        errand: Option<Errand>,
+        notification: Option<Notification>,
     },
     /// Write this down before anything else is done.
     Save(Fact),
@@ -54,39 +54,37 @@ pub enum Output<Errand, Task> {
 
 /// The state machine of a node.
 pub trait Role {
-    /// Why a message is sent.
-    type Errand: Copy;
+    /// Names a message of which the role must know whether it was delivered.
+    type Notification: Copy;
     /// What the devices of this role are asked to do.
     type Task;
     /// What they tell.
     type Event;
 
-    /// Remembers something written down before a restart. Called before all others.
-    fn remember(&mut self, fact: &Fact);
+    /// Takes a fact that was written down before a restart. Called before all others.
+    fn restore(&mut self, fact: &Fact);
 
     /// The node joined, or formed, this network, or lost it.
-    fn attached(&mut self, now: Instant, network: Option<Membership>);
+    fn on_attached(&mut self, now: Instant, network: Option<Membership>);
 
     /// A message came.
-    fn message(&mut self, now: Instant, from: ShortAddress, message: &Message);
+    fn on_message(&mut self, now: Instant, from: ShortAddress, message: &Message);
 
     /// A message was delivered, or not. A broadcast counts as delivered.
-    fn sent(&mut self, now: Instant, errand: Self::Errand, delivered: bool);
+    fn on_sent(&mut self, now: Instant, notification: Self::Notification, delivered: bool);
 
     /// A device told something.
-    fn event(&mut self, now: Instant, event: Self::Event);
+    fn on_event(&mut self, now: Instant, event: Self::Event);
 
     /// Computes what needs time and stack. Call it after the others and before [`poll`](Self::poll),
     /// from where little of the stack is in use.
-    fn compute(&mut self, now: Instant) {
-        let _ = now;
-    }
+    fn compute(&mut self, _now: Instant) {}
 
     /// What is to be done next. Call it until it returns `None`.
-    fn poll(&mut self, now: Instant) -> Option<Output<Self::Errand, Self::Task>>;
+    fn poll(&mut self, now: Instant) -> Option<Output<Self::Notification, Self::Task>>;
 
     /// When to call [`poll`](Self::poll) again, if nothing happens before.
-    fn deadline(&self) -> Option<Instant>;
+    fn next_deadline(&self) -> Option<Instant>;
 
     /// What the lamps show.
     fn indication(&self) -> Indication;

@@ -6,19 +6,19 @@ use crate::{log::debug, message::Message};
 
 /// Answers and other messages that are sent once, each when it is due.
 #[derive(Clone, Debug)]
-pub(crate) struct Outbox<Errand, const N: usize> {
-    waiting: heapless::Vec<Letter<Errand>, N>,
+pub(crate) struct Outbox<Notification, const N: usize> {
+    waiting: heapless::Vec<Letter<Notification>, N>,
 }
 
 #[derive(Clone, Debug)]
-struct Letter<Errand> {
+struct Letter<Notification> {
     due: Instant,
     to: ShortAddress,
     message: Message,
-    errand: Option<Errand>,
+    notification: Option<Notification>,
 }
 
-impl<Errand, const N: usize> Outbox<Errand, N> {
+impl<Notification, const N: usize> Outbox<Notification, N> {
     pub(crate) const fn new() -> Self {
         Self {
             waiting: heapless::Vec::new(),
@@ -31,13 +31,13 @@ impl<Errand, const N: usize> Outbox<Errand, N> {
         due: Instant,
         to: ShortAddress,
         message: Message,
-        errand: Option<Errand>,
+        notification: Option<Notification>,
     ) -> bool {
         let letter = Letter {
             due,
             to,
             message,
-            errand,
+            notification,
         };
         let has_room = self.waiting.push(letter).is_ok();
         if !has_room {
@@ -47,10 +47,13 @@ impl<Errand, const N: usize> Outbox<Errand, N> {
     }
 
     /// The first that is due.
-    pub(crate) fn pop(&mut self, now: Instant) -> Option<(ShortAddress, Message, Option<Errand>)> {
+    pub(crate) fn pop(
+        &mut self,
+        now: Instant,
+    ) -> Option<(ShortAddress, Message, Option<Notification>)> {
         let place = self.waiting.iter().position(|letter| letter.due <= now)?;
         let letter = self.waiting.remove(place);
-        Some((letter.to, letter.message, letter.errand))
+        Some((letter.to, letter.message, letter.notification))
     }
 
     /// When the next one is due.

@@ -1,8 +1,9 @@
 //! What members told of themselves: a table that is written down.
 
 use crate::{
+    limits::MEMBERS,
     memory::Fact,
-    message::{Address, MEMBERS, Report},
+    message::{Address, Report},
 };
 
 /// A member: its report, and what else is known of it.
@@ -131,7 +132,7 @@ mod tests {
     use std::vec::Vec;
 
     use super::*;
-    use crate::message::State;
+    use crate::message::CameraState;
 
     const fn report(id: u16) -> Report {
         Report {
@@ -141,7 +142,7 @@ mod tests {
             used: 0,
             chi_squared: 0.0,
             done: false,
-            state: State::Waiting,
+            state: CameraState::Waiting,
         }
     }
 

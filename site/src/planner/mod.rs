@@ -44,7 +44,7 @@ use serde::{Deserialize, Serialize};
 use thiserror::Error;
 
 use crate::world::World;
-use node_firmware::role::camera::REFERENCE_STOPS;
+use node_firmware::limits::REFERENCE_STOPS;
 
 mod exchange;
 mod first_sightings;

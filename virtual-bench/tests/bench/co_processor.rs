@@ -3,6 +3,7 @@
 use std::{cell::Cell, future::Future, rc::Rc};
 
 use embassy_futures::join::join;
+use spinel_radio::SpinelRadio;
 use virtual_bench::{
     co_processor::CoProcessor,
     executor::{Clock, Executor},
@@ -11,7 +12,6 @@ use virtual_bench::{
 };
 use zigbee_link::{
     radio::{Channel, Config, PSDU_MAX, Radio, TxOutcome},
-    spinel::SpinelRadio,
     wire::{PanId, ShortAddress},
 };
 

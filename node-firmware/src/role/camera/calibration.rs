@@ -9,12 +9,10 @@ use calib_core::{
 use super::kept::{Kept, OfStop};
 use crate::{
     config::CameraConfig,
+    limits::SIGHTINGS,
     memory::KeptSighting,
-    message::{Address, PoseParts, Report, State, StopNumber},
+    message::{Address, CameraState, PoseParts, Report, StopNumber},
 };
-
-/// Sightings a camera keeps. With that many it is done.
-pub const SIGHTINGS: usize = 16;
 
 /// Sightings farther off than so many sigmas are left out, from five on. This asks of each whether it
 /// belongs to the others, where the [fit](calib_core::fit) asks of all that are left whether they
@@ -36,7 +34,7 @@ impl OfStop for KeptSighting {
 /// What the sightings give.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Answer {
-    pub(super) state: State,
+    pub(super) state: CameraState,
     pub(super) used: usize,
     pub(super) chi_squared: f32,
 }
@@ -92,12 +90,12 @@ impl Calibration {
         match self.solution(limits) {
             Ok(answer) => answer,
             Err(Refusal::TooFew) => Answer {
-                state: State::Waiting,
+                state: CameraState::Waiting,
                 used: 0,
                 chi_squared: 0.0,
             },
             Err(refusal) => Answer {
-                state: State::Refused(refusal),
+                state: CameraState::Refused(refusal),
                 used: 0,
                 chi_squared: 0.0,
             },
@@ -118,7 +116,7 @@ impl Calibration {
             return Err(Refusal::Undetermined);
         }
         Ok(Answer {
-            state: State::judged(parts, &fit, limits),
+            state: CameraState::judged(parts, &fit, limits),
             used: solution.used,
             chi_squared: solution.chi_squared,
         })
@@ -189,7 +187,7 @@ fn sighting(kept: &KeptSighting, common: &KeptSighting) -> Sighting<f32> {
 
 /// Whether a camera needs no more stops: it is calibrated, and as certain as it was told to become.
 /// With any pose it is done when it can take no more sightings.
-pub(super) fn is_done(config: &CameraConfig, sightings: usize, state: &State) -> bool {
+pub(super) fn is_done(config: &CameraConfig, sightings: usize, state: &CameraState) -> bool {
     let Some(pose) = state.pose().and_then(PoseParts::pose) else {
         return false;
     };

@@ -4,19 +4,18 @@
 use zigbee_link::Instant;
 
 use super::{
-    Camera,
+    CameraRole,
     facts::{POSED, REFERENCES, reference_stop},
     reference::{Answer, NotYet, ReferenceFrame},
 };
 use crate::{
-    config::Duty,
     log::debug,
     memory::ReferenceStop,
-    message::{Address, Bearing, References, Report, State, StopNumber},
+    message::{Address, CameraState, Duty, References, Report, StopBearing, StopNumber},
     role::Owed,
 };
 
-impl Camera {
+impl CameraRole {
     pub(super) fn owe_bearing(&mut self, now: Instant, target: Address, stop: StopNumber) {
         if self.bearings.is_full() {
             self.bearings.remove(0);
@@ -49,7 +48,7 @@ impl Camera {
                     sightings: answer.stops as u8,
                     used: answer.stops as u8,
                     chi_squared: answer.fit.chi_squared,
-                    state: State::judged(pose, &answer.fit, &limits),
+                    state: CameraState::judged(pose, &answer.fit, &limits),
                     ..self.report
                 });
                 self.posed = (Owed::Due(now, 0), Some(second));
@@ -60,7 +59,7 @@ impl Camera {
             Err(why) => {
                 debug!("no reference solve yet");
                 if let NotYet::Refused(refusal) = why {
-                    let state = State::Refused(*refusal);
+                    let state = CameraState::Refused(*refusal);
                     self.know(
                         now,
                         Report {
@@ -123,7 +122,7 @@ impl Camera {
         }
     }
 
-    pub(super) fn bearing(&mut self, now: Instant, bearing: &Bearing) {
+    pub(super) fn bearing(&mut self, now: Instant, bearing: &StopBearing) {
         if self.duty() != Some(Duty::First) || !bearing.seen.is_usable() {
             return;
         }

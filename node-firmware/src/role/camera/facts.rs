@@ -2,8 +2,9 @@
 
 use zigbee_link::Instant;
 
-use super::{Camera, REFERENCE_STOPS, SIGHTINGS, calibration::is_done, nothing_known};
+use super::{CameraRole, calibration::is_done, nothing_known};
 use crate::{
+    limits::{REFERENCE_STOPS, SIGHTINGS},
     memory::Fact,
     message::Report,
     role::{Outbox, Owed},
@@ -53,7 +54,7 @@ impl Unsaved {
     }
 }
 
-impl Camera {
+impl CameraRole {
     /// The next fact to write down.
     pub(super) fn unsaved(&mut self) -> Option<Fact> {
         let Some(number) = self.unsaved.take() else {

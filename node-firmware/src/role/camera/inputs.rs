@@ -3,25 +3,27 @@
 use calib_core::Status;
 use zigbee_link::{Instant, store::Membership, wire::ShortAddress};
 
-use super::{Camera, Errand, Event, KnownTarget, Task, facts::COLOURS, stops::LOOK_WITHIN};
+use super::{
+    CameraEvent, CameraNotification, CameraRole, CameraTask, KnownTarget, facts::COLOURS,
+    stops::LOOK_WITHIN,
+};
 use crate::{
-    config::Duty,
     hardware::{Button, Indication},
     memory::Fact,
-    message::{Command, Done, Message, PoseParts, Sight, State},
+    message::{CameraCommand, CameraState, CommandResult, Duty, Message, PoseParts, Sight},
     role::{COORDINATOR, Earliest, Output, Role},
 };
 
-impl Role for Camera {
-    type Errand = Errand;
-    type Task = Task;
-    type Event = Event;
+impl Role for CameraRole {
+    type Notification = CameraNotification;
+    type Task = CameraTask;
+    type Event = CameraEvent;
 
-    fn remember(&mut self, fact: &Fact) {
+    fn restore(&mut self, fact: &Fact) {
         self.recall(fact);
     }
 
-    fn attached(&mut self, now: Instant, network: Option<Membership>) {
+    fn on_attached(&mut self, now: Instant, network: Option<Membership>) {
         let own = network.map(|network| network.short);
         let before = core::mem::replace(&mut self.address, own);
         let Some(network) = network else {
@@ -31,7 +33,7 @@ impl Role for Camera {
             self.forget_network();
         }
         self.hello.tell(now);
-        if self.report.state != State::Waiting {
+        if self.report.state != CameraState::Waiting {
             self.to_coordinator.tell(now);
         }
         match self.duty() {
@@ -43,7 +45,7 @@ impl Role for Camera {
         }
     }
 
-    fn message(&mut self, now: Instant, from: ShortAddress, message: &Message) {
+    fn on_message(&mut self, now: Instant, from: ShortAddress, message: &Message) {
         let is_coordinator = from == COORDINATOR;
         match message {
             Message::Stopped(stopped) => self.stopped(now, from.0, stopped),
@@ -63,14 +65,14 @@ impl Role for Camera {
             Message::WhoIsThere if is_coordinator => {
                 let due = now + self.slot();
                 self.hello.tell(due);
-                if self.report.state != State::Waiting {
+                if self.report.state != CameraState::Waiting {
                     self.to_coordinator.tell(due);
                 }
             }
             Message::Command(command) if is_coordinator => match command {
-                Command::Forget => {
+                CameraCommand::Forget => {
                     self.forget(now);
-                    let done = Done {
+                    let done = CommandResult {
                         command: *command,
                         success: true,
                     };
@@ -84,11 +86,11 @@ impl Role for Camera {
         }
     }
 
-    fn sent(&mut self, now: Instant, errand: Errand, delivered: bool) {
-        match errand {
-            Errand::Hello => self.hello.sent(now, delivered),
-            Errand::ReportToCoordinator => self.to_coordinator.sent(now, delivered),
-            Errand::ReportTo(target) => {
+    fn on_sent(&mut self, now: Instant, notification: CameraNotification, delivered: bool) {
+        match notification {
+            CameraNotification::Hello => self.hello.sent(now, delivered),
+            CameraNotification::ReportToCoordinator => self.to_coordinator.sent(now, delivered),
+            CameraNotification::ReportTo(target) => {
                 let known = |known: &&mut KnownTarget| known.address == target;
                 if let Some(target) = self.to_targets.iter_mut().find(known) {
                     // A target that is away is told when it is heard again.
@@ -96,9 +98,9 @@ impl Role for Camera {
                     target.missed_report = !delivered;
                 }
             }
-            Errand::Posed => self.posed.0.sent(now, delivered),
-            Errand::Located => self.located.0.sent(now, delivered),
-            Errand::Bearing(target, stop) => {
+            CameraNotification::Posed => self.posed.0.sent(now, delivered),
+            CameraNotification::Located => self.located.0.sent(now, delivered),
+            CameraNotification::Bearing(target, stop) => {
                 for (_, _, owed) in self
                     .bearings
                     .iter_mut()
@@ -113,9 +115,9 @@ impl Role for Camera {
         }
     }
 
-    fn event(&mut self, now: Instant, event: Event) {
+    fn on_event(&mut self, now: Instant, event: CameraEvent) {
         match event {
-            Event::Looked(sight, seen) => {
+            CameraEvent::Looked(sight, seen) => {
                 self.busy = false;
                 match self.looking.take() {
                     // The target may have left meanwhile.
@@ -127,16 +129,16 @@ impl Role for Camera {
                     None => {}
                 }
             }
-            Event::Done(done) => {
-                self.busy &= matches!(done.command, Command::Track { .. });
+            CameraEvent::Done(done) => {
+                self.busy &= matches!(done.command, CameraCommand::Track { .. });
                 self.outbox
                     .push(now, COORDINATOR, Message::Done(done), None);
             }
-            Event::Tracked(tracked) => {
+            CameraEvent::Tracked(tracked) => {
                 self.outbox
                     .push(now, COORDINATOR, Message::Tracked(tracked), None);
             }
-            Event::Learnt(colour, window) => {
+            CameraEvent::Learnt(colour, window) => {
                 if let Some(learnt) = self.colours.learnt.get_mut(usize::from(colour))
                     && *learnt != Some(window)
                 {
@@ -144,11 +146,11 @@ impl Role for Camera {
                     self.unsaved.add(COLOURS);
                 }
             }
-            Event::Button(Button::LearnColour) => {
-                self.command(now, Command::LearnColour { colour: 0 });
+            CameraEvent::Button(Button::LearnColour) => {
+                self.command(now, CameraCommand::LearnColour { colour: 0 });
             }
-            Event::Button(Button::JoinWindow) => {}
-            Event::Ready => self.ready = true,
+            CameraEvent::Button(Button::JoinWindow) => {}
+            CameraEvent::Ready => self.ready = true,
         }
     }
 
@@ -158,50 +160,50 @@ impl Role for Camera {
         }
     }
 
-    fn poll(&mut self, now: Instant) -> Option<Output<Errand, Task>> {
+    fn poll(&mut self, now: Instant) -> Option<Output<CameraNotification, CameraTask>> {
         if let Some(fact) = self.unsaved() {
             return Some(Output::Save(fact));
         }
         if core::mem::take(&mut self.recalled) {
-            return Some(Output::Task(Task::Recall(self.colours.learnt)));
+            return Some(Output::Task(CameraTask::Recall(self.colours.learnt)));
         }
         if !self.busy {
             if let Some(command) = self.command.take() {
                 // Tracking goes on until the next task.
-                self.busy = !matches!(command, Command::Track { .. });
-                return Some(Output::Task(Task::Command(command)));
+                self.busy = !matches!(command, CameraCommand::Track { .. });
+                return Some(Output::Task(CameraTask::Command(command)));
             }
             if let Some(asked) = self.next.take() {
                 self.busy = true;
                 self.looking = Some(asked);
                 let colour = asked.stopped.colour;
-                return Some(Output::Task(Task::Look { colour }));
+                return Some(Output::Task(CameraTask::Look { colour }));
             }
         }
         self.address?;
-        if let Some((to, message, errand)) = self.outbox.pop(now) {
+        if let Some((to, message, notification)) = self.outbox.pop(now) {
             return Some(Output::Send {
                 to,
                 message,
-                errand,
+                notification,
             });
         }
-        if let Some((to, message, errand)) = self.debt(now) {
-            let errand = Some(errand);
+        if let Some((to, message, notification)) = self.debt(now) {
+            let notification = Some(notification);
             return Some(Output::Send {
                 to,
                 message,
-                errand,
+                notification,
             });
         }
         self.list().map(|message| Output::Send {
             to: COORDINATOR,
             message,
-            errand: None,
+            notification: None,
         })
     }
 
-    fn deadline(&self) -> Option<Instant> {
+    fn next_deadline(&self) -> Option<Instant> {
         self.address?;
         let mut next = Earliest::new(self.outbox.deadline());
         let single = [

@@ -25,7 +25,6 @@ use core::time::Duration;
 
 use zigbee_link::{Instant, wire::ShortAddress};
 
-pub use self::{calibration::SIGHTINGS, reference::REFERENCE_STOPS};
 use self::{
     calibration::{Calibration, is_news},
     facts::{REPORT, Unsaved},
@@ -34,35 +33,34 @@ use self::{
 use super::{COORDINATOR, Home, Outbox, Owed};
 use crate::{
     arithmetic::root,
-    config::{COLOURS_MAX, CameraConfig, Duty},
+    config::CameraConfig,
     hardware::Button,
+    limits::{COLOURS_MAX, MEMBERS, REFERENCE_STOPS, TARGETS},
     memory::Colours,
     message::{
-        Address, Bearing, Command, Done, Frame, Hello, Kind, Located, MEMBERS, Message, PoseParts,
-        References, Report, Seen, Sight, Sighted, State, StopNumber, Stopped, Tracked,
+        Address, CameraCommand, CameraState, CommandResult, CoordinateFrame, Duty, Hello,
+        ListedSighting, MemberKind, Message, PoseParts, References, Report, Seen, Sight,
+        StopBearing, StopNumber, Stopped, TargetLocation, TrackedBlob,
     },
     sight::ColourWindow,
 };
-
-/// Targets a camera knows at a time. The one heard least recently makes room.
-pub const TARGETS: usize = 4;
 
 /// Room for an answer of some 40 bytes, its acknowledgement of 36, both ways' turnaround and
 /// clear-channel assessment.
 const SLOT: Duration = Duration::from_millis(5);
 
 /// A task for the camera's hardware. One at a time is given; the next one after its event. Only
-/// [`Command::Track`] goes on until the next task.
+/// [`CameraCommand::Track`] goes on until the next task.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
-pub enum Task {
+pub enum CameraTask {
     /// Look whether a target of this colour stands in view.
     Look {
         /// The colour.
         colour: u8,
     },
     /// A command of the coordinator or a button.
-    Command(Command),
+    Command(CameraCommand),
     /// Colours were learnt in a former run: look for these. No event ends this.
     Recall([Option<ColourWindow>; COLOURS_MAX]),
 }
@@ -70,13 +68,13 @@ pub enum Task {
 /// What the camera's hardware tells.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
-pub enum Event {
-    /// The end of [`Task::Look`].
+pub enum CameraEvent {
+    /// The end of [`CameraTask::Look`].
     Looked(Sight, Option<Seen>),
-    /// The end of [`Task::Command`].
-    Done(Done),
+    /// The end of [`CameraTask::Command`].
+    Done(CommandResult),
     /// A packet while tracking for the coordinator.
-    Tracked(Tracked),
+    Tracked(TrackedBlob),
     /// This colour is looked for in this window from now on.
     Learnt(u8, ColourWindow),
     /// A button was pressed.
@@ -88,7 +86,7 @@ pub enum Event {
 /// Why a camera sends a message of which it must know the result.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
-pub enum Errand {
+pub enum CameraNotification {
     /// It presents itself.
     Hello,
     /// Its report to the coordinator.
@@ -125,14 +123,14 @@ struct LastLook {
     target: Address,
     stop: StopNumber,
     /// The answer was about this frame; the same stop may be told again in the other one.
-    frame: Frame,
+    frame: CoordinateFrame,
     sight: Sight,
     seen: Option<Seen>,
 }
 
 /// A camera's state.
 #[derive(Clone, Debug)]
-pub struct Camera {
+pub struct CameraRole {
     id: u16,
     config: CameraConfig,
     address: Option<ShortAddress>,
@@ -150,15 +148,15 @@ pub struct Camera {
     busy: bool,
     looking: Option<Asked>,
     next: Option<Asked>,
-    command: Option<Command>,
+    command: Option<CameraCommand>,
     last: heapless::Vec<LastLook, TARGETS>,
 
-    outbox: Outbox<Errand, 8>,
+    outbox: Outbox<CameraNotification, 8>,
     hello: Owed,
     to_coordinator: Owed,
     to_targets: heapless::Vec<KnownTarget, TARGETS>,
     posed: (Owed, Option<Report>),
-    located: (Owed, Option<(Address, Located)>),
+    located: (Owed, Option<(Address, TargetLocation)>),
     bearings: heapless::Vec<(Address, StopNumber, Owed), REFERENCE_STOPS>,
     /// The next of its sightings that the coordinator asked for.
     listing: Option<usize>,
@@ -173,7 +171,7 @@ pub struct Camera {
     to_solve: bool,
 }
 
-impl Camera {
+impl CameraRole {
     /// A camera that knows nothing yet.
     pub fn new(id: u16, config: CameraConfig) -> Self {
         let report = nothing_known(id);
@@ -255,14 +253,14 @@ impl Camera {
 
     /// Has a command carried out next. Another one that waits is given up; and before the camera has
     /// started, this one: nobody knows when it will, and what is in its view then.
-    fn command(&mut self, now: Instant, command: Command) {
+    fn command(&mut self, now: Instant, command: CameraCommand) {
         let given_up = if self.ready {
             self.command.replace(command)
         } else {
             Some(command)
         };
         if let Some(command) = given_up {
-            let done = Done {
+            let done = CommandResult {
                 command,
                 success: false,
             };
@@ -278,7 +276,7 @@ impl Camera {
             return None;
         };
         self.listing = Some(index + 1);
-        Some(Message::Sighting(Sighted {
+        Some(Message::Sighting(ListedSighting {
             index: index as u8,
             count: self.calibration.count() as u8,
             target: kept.target,
@@ -290,27 +288,31 @@ impl Camera {
     }
 
     /// What is owed to others and due.
-    fn debt(&mut self, now: Instant) -> Option<(ShortAddress, Message, Errand)> {
+    fn debt(&mut self, now: Instant) -> Option<(ShortAddress, Message, CameraNotification)> {
         if self.hello.take(now) {
             let hello = Hello {
                 id: self.id,
-                kind: Kind::Camera {
+                kind: MemberKind::Camera {
                     reference: self.config.reference,
                 },
             };
-            return Some((COORDINATOR, Message::Hello(hello), Errand::Hello));
+            return Some((
+                COORDINATOR,
+                Message::Hello(hello),
+                CameraNotification::Hello,
+            ));
         }
         if self.located.0.take(now)
             && let Some((target, located)) = self.located.1
         {
             let to = ShortAddress(target);
-            return Some((to, Message::Located(located), Errand::Located));
+            return Some((to, Message::Located(located), CameraNotification::Located));
         }
         if self.posed.0.take(now)
             && let (Some(pose), Some(references)) = (self.posed.1, self.references)
         {
             let to = ShortAddress(references.second);
-            return Some((to, Message::Posed(pose), Errand::Posed));
+            return Some((to, Message::Posed(pose), CameraNotification::Posed));
         }
         if let Some(references) = self.references {
             let stops = &self.stops;
@@ -327,27 +329,31 @@ impl Camera {
                 bearings.find_map(|(target, stop, owed)| owed.take(now).then_some((*target, *stop)))
                 && let Some(seen) = seen_at(target, stop)
             {
-                let bearing = Bearing {
+                let bearing = StopBearing {
                     target,
                     stop,
                     seen,
                     pose: None,
                 };
                 let to = ShortAddress(references.first);
-                let errand = Errand::Bearing(target, stop);
-                return Some((to, Message::Bearing(bearing), errand));
+                let notification = CameraNotification::Bearing(target, stop);
+                return Some((to, Message::Bearing(bearing), notification));
             }
         }
         if self.to_coordinator.take(now) {
             let message = Message::Report(self.report);
-            return Some((COORDINATOR, message, Errand::ReportToCoordinator));
+            return Some((
+                COORDINATOR,
+                message,
+                CameraNotification::ReportToCoordinator,
+            ));
         }
         let report = self.report;
         self.to_targets.iter_mut().find_map(|target| {
             target.report.take(now).then_some((
                 ShortAddress(target.address),
                 Message::Report(report),
-                Errand::ReportTo(target.address),
+                CameraNotification::ReportTo(target.address),
             ))
         })
     }
@@ -361,6 +367,6 @@ const fn nothing_known(id: u16) -> Report {
         used: 0,
         chi_squared: 0.0,
         done: false,
-        state: State::Waiting,
+        state: CameraState::Waiting,
     }
 }

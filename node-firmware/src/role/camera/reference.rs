@@ -12,12 +12,10 @@ use super::kept::{Kept, OfStop};
 use crate::{
     arithmetic::{root, sort},
     config::CameraConfig,
+    limits::REFERENCE_STOPS,
     memory::ReferenceStop,
-    message::{Address, Located, PoseParts, References, Seen, StopNumber, triangle},
+    message::{Address, PoseParts, References, Seen, StopNumber, TargetLocation, triangle},
 };
-
-/// Stops a reference camera keeps while the target's place is not known. Full, what came first goes.
-pub const REFERENCE_STOPS: usize = 12;
 
 /// A stop of a target of which it knows none but up to so many later ones is told late. Farther back
 /// are the numbers of a target that began anew.
@@ -112,7 +110,7 @@ enum Attempt {
 pub(super) struct Answer {
     pub(super) poses: [PoseParts; 2],
     pub(super) target: Address,
-    pub(super) located: Located,
+    pub(super) located: TargetLocation,
     pub(super) stops: usize,
     pub(super) fit: Fit<f32>,
 }
@@ -356,7 +354,7 @@ fn in_frame_of_site(
     stops: &[Stop<f32>],
     last: StopNumber,
     frame: &ReferenceFrame,
-) -> Result<([PoseParts; 2], Located), NotYet> {
+) -> Result<([PoseParts; 2], TargetLocation), NotYet> {
     let (position, covariance) = best
         .places(stops)
         .last()
@@ -366,7 +364,7 @@ fn in_frame_of_site(
     let position = origin + turn * position.coords;
     let covariance = angle::turned(&covariance, &turn);
     let poses = best.poses(origin, frame.direction).map(PoseParts::from);
-    let located = Located {
+    let located = TargetLocation {
         stop: last,
         position: position.coords.into(),
         covariance: triangle(&covariance),

@@ -5,15 +5,15 @@ use core::time::Duration;
 use zigbee_link::{Instant, wire::ShortAddress};
 
 use super::{
-    Asked, COORDINATOR, Camera, KnownTarget, LastLook, Owed,
+    Asked, COORDINATOR, CameraRole, KnownTarget, LastLook, Owed,
     calibration::is_done,
     facts::{reference_stop, sighting},
 };
 use crate::{
-    config::Duty,
     memory::KeptSighting,
     message::{
-        Address, Bearing, Frame, Look, Message, Report, Seen, Sight, State, StopNumber, Stopped,
+        Address, CameraState, CoordinateFrame, Duty, Message, Report, Seen, Sight, StopAnswer,
+        StopBearing, StopNumber, Stopped,
     },
 };
 
@@ -25,13 +25,13 @@ const OVERTAKEN: StopNumber = 8;
 /// seen it leave.
 pub(super) const LOOK_WITHIN: Duration = Duration::from_millis(3_500);
 
-impl Camera {
+impl CameraRole {
     /// Whether a look at this stop would be of use.
     fn wants(&self, stopped: &Stopped) -> bool {
         match stopped.frame {
-            Frame::Site => !self.report.done && self.report.duty.is_none(),
-            Frame::Own if self.pose().is_some() => true,
-            Frame::Own => match self.references {
+            CoordinateFrame::Site => !self.report.done && self.report.duty.is_none(),
+            CoordinateFrame::Own if self.pose().is_some() => true,
+            CoordinateFrame::Own => match self.references {
                 Some(_) => self.duty().is_some(),
                 None => self.config.reference.is_some() || self.config.may_be_elected,
             },
@@ -94,7 +94,7 @@ impl Camera {
                 KnownTarget {
                     address: target,
                     report: Owed::Nothing,
-                    missed_report: self.report.state != State::Waiting,
+                    missed_report: self.report.state != CameraState::Waiting,
                 }
             }
         };
@@ -110,7 +110,7 @@ impl Camera {
     /// answers would begin in the same moment.
     pub(super) fn answer(&mut self, now: Instant, target: Address, stop: StopNumber, sight: Sight) {
         let due = now + self.slot();
-        let look = Look {
+        let look = StopAnswer {
             stop,
             sight,
             counted: self.report.sightings,
@@ -131,8 +131,8 @@ impl Camera {
         }
         if let Some(seen) = seen {
             match stopped.frame {
-                Frame::Site => self.sighted(now, target, &stopped, seen),
-                Frame::Own => self.sighted_lost(now, target, &stopped, seen),
+                CoordinateFrame::Site => self.sighted(now, target, &stopped, seen),
+                CoordinateFrame::Own => self.sighted_lost(now, target, &stopped, seen),
             }
         }
         let last = LastLook {
@@ -188,7 +188,7 @@ impl Camera {
     fn sighted_lost(&mut self, now: Instant, target: Address, stopped: &Stopped, seen: Seen) {
         let stop = stopped.stop;
         if let Some(pose) = self.pose() {
-            let bearing = Bearing {
+            let bearing = StopBearing {
                 target,
                 stop,
                 seen,
