@@ -17,11 +17,11 @@ use spinel_radio::{
 };
 use zigbee_link::{
     Instant,
-    radio::{Channel, Config, PSDU_MAX},
+    radio::{Channel, FRAME_MAX, FRAME_MIN, PSDU_MAX, RadioConfig},
     wire::{Eui64, PanId, ShortAddress},
 };
 
-const CONFIG: Config = Config {
+const CONFIG: RadioConfig = RadioConfig {
     channel: Channel::FIRST,
     tx_power: 0,
     pan: PanId(0x3412),
@@ -89,7 +89,7 @@ impl Bench {
             let _ = self.session.outcome();
             let mut buffer = [0; PSDU_MAX];
             if let Some(received) = self.session.receive(&mut buffer) {
-                assert!(CONFIG.accepts(&buffer[..received.len]));
+                assert!((FRAME_MIN..=FRAME_MAX).contains(&received.len));
             }
         }
     }

@@ -25,12 +25,12 @@
 //! # Example
 //! ```
 //! use spinel_radio::{RcpError, SpinelRadio};
-//! use zigbee_link::radio::{Config, PSDU_MAX, Radio};
+//! use zigbee_link::radio::{RadioConfig, PSDU_MAX, Radio};
 //! # use embedded_io_async::{Read, Write};
 //! # use zigbee_link::runner::Clock;
 //!
 //! # async fn listen<U: Read + Write, C: Clock>(
-//! #     uart: U, clock: C, config: Config, mut show: impl FnMut(&[u8]),
+//! #     uart: U, clock: C, config: RadioConfig, mut show: impl FnMut(&[u8]),
 //! # ) -> Result<(), RcpError<U::Error>> {
 //! let mut radio: SpinelRadio<_, _> = SpinelRadio::new(uart, clock);
 //! radio.configure(&config).await?;
@@ -78,7 +78,7 @@ pub use policy::RcpPolicy;
 
 use session::{RcpOutcome, RcpRequest, RcpSession};
 use zigbee_link::{
-    radio::{Capabilities, Config, PSDU_MAX, Radio, Received, TxOutcome},
+    radio::{PSDU_MAX, Radio, RadioConfig, Received, TxOutcome},
     runner::Clock,
 };
 
@@ -232,18 +232,7 @@ async fn send<U: Write, const QUEUE: usize>(
 impl<U: Read + Write, C: Clock, const QUEUE: usize> Radio for SpinelRadio<U, C, QUEUE> {
     type Error = RcpError<U::Error>;
 
-    fn capabilities(&self) -> Capabilities {
-        Capabilities {
-            fcs: true,
-            csma: true,
-            address_filter: true,
-            acknowledge: true,
-            retries: true,
-            rx_queue: true,
-        }
-    }
-
-    async fn configure(&mut self, config: &Config) -> Result<(), Self::Error> {
+    async fn configure(&mut self, config: &RadioConfig) -> Result<(), Self::Error> {
         self.run(RcpRequest::Configure(*config)).await.map(|_| ())
     }
 

@@ -5,9 +5,12 @@ use super::{
     property::{read_bool, read_i8, write_i8},
 };
 use zigbee_link::{
-    radio::{CSMA_BACKOFFS, FRAME_RETRIES},
+    radio::CSMA_BACKOFFS,
     wire::{EmitError, Malformed, Reader, Writer},
 };
+
+/// `macMaxFrameRetries`: repetitions of a frame that asks for an acknowledgement and gets none.
+const FRAME_RETRIES: u8 = 3;
 
 /// A frame to be sent, and how.
 ///

@@ -10,7 +10,7 @@ use std::time::Duration;
 
 use embassy_futures::{
     join::{join, join4},
-    select::{Either3, select3},
+    select::{Either, Either3, select, select3},
 };
 use embedded_io_async::{Read, Write};
 use peer::{Air, Process, Rcp, StdClock, Uart, block_on, poll_for};
@@ -29,19 +29,16 @@ use support::{
 use zigbee_link::{
     link::Delivery,
     network,
-    radio::{Channel, Config, FRAME_MAX, PSDU_MAX, Radio, Received, TxOutcome},
+    radio::{Channel, FRAME_MAX, PSDU_MAX, Radio, RadioConfig, Received, TxOutcome},
     runner::{self, Clock, Shared},
     store::Member,
-    wire::{Address, AuxHeader, Eui64, FrameType, KeyId, Level, PanId, Panned, ShortAddress},
+    wire::{Address, AuxHeader, Eui64, FrameType, Level, PanId, Panned, ShortAddress},
 };
 
 const PAN: PanId = PanId(0x1234);
-const ACKNOWLEDGED: TxOutcome = TxOutcome::Acknowledged {
-    frame_pending: false,
-};
 
-fn config(node: u8) -> Config {
-    Config {
+fn config(node: u8) -> RadioConfig {
+    RadioConfig {
         channel: Channel::FIRST,
         tx_power: 0,
         pan: PAN,
@@ -61,20 +58,18 @@ fn short(node: u16) -> Address {
 }
 
 /// A data frame from node 1.
-fn data(pan: PanId, to: Address, ack_request: bool, sequence: u8, payload: &[u8]) -> Vec<u8> {
-    secured(pan, to, ack_request, sequence, payload, None)
+fn data(pan: PanId, to: Address, sequence: u8, payload: &[u8]) -> Vec<u8> {
+    secured(pan, to, sequence, payload, None)
 }
 
 fn secured(
     pan: PanId,
     to: Address,
-    ack_request: bool,
     sequence: u8,
     payload: &[u8],
     security: Option<AuxHeader>,
 ) -> Vec<u8> {
     let header = zigbee_link::wire::Header {
-        ack_request,
         destination: Panned::new(pan, to),
         source: Panned::compressed(short(1)),
         security,
@@ -91,20 +86,15 @@ fn secured(
 struct Node {
     process: Process,
     radio: Rcp,
-    last: Vec<u8>,
 }
 
 impl Node {
     fn new(air: &Air, node: u8) -> Self {
         let (process, radio) = air.node(node);
-        Self {
-            process,
-            radio,
-            last: Vec::new(),
-        }
+        Self { process, radio }
     }
 
-    fn configure(&mut self, config: &Config) {
+    fn configure(&mut self, config: &RadioConfig) {
         block_on(self.radio.configure(config)).unwrap();
     }
 
@@ -112,26 +102,15 @@ impl Node {
         block_on(self.radio.transmit(frame)).unwrap()
     }
 
-    /// Transmits what is to be acknowledged. On a busy computer the other process may be too late
-    /// for all four times, as a radio never is.
     #[track_caller]
-    fn deliver(&mut self, frame: &[u8]) {
-        let mut outcomes = (0..20).map(|_| self.transmit(frame));
-        let outcome = outcomes.find(|outcome| *outcome != TxOutcome::NotAcknowledged);
-        assert_eq!(outcome, Some(ACKNOWLEDGED));
+    fn send(&mut self, frame: &[u8]) {
+        assert_eq!(self.transmit(frame), TxOutcome::Sent);
     }
 
     fn receive_with_info(&mut self) -> (Vec<u8>, Received) {
         let mut buffer = [0; PSDU_MAX];
-        loop {
-            let received = block_on(self.radio.receive(&mut buffer)).unwrap();
-            let frame = &buffer[..received.len];
-            // Repeated because its acknowledgement was late.
-            if frame != self.last {
-                self.last = frame.to_vec();
-                return (self.last.clone(), received);
-            }
-        }
+        let received = block_on(self.radio.receive(&mut buffer)).unwrap();
+        (buffer[..received.len].to_vec(), received)
     }
 
     fn receive(&mut self) -> Vec<u8> {
@@ -166,16 +145,16 @@ fn tells_who_it_is() {
 
 #[test]
 #[ignore = "needs an ot-rcp: cargo xtask peers"]
-fn frames_both_ways_with_acknowledgement() {
+fn frames_both_ways() {
     let air = Air::new();
     let [mut a, mut b] = pair(&air);
     for sequence in 0..20 {
-        let there = data(PAN, short(2), true, sequence, &[sequence; 20]);
+        let there = data(PAN, short(2), sequence, &[sequence; 20]);
         let mut buffer = [0; PSDU_MAX];
         // The receiver waits already; afterwards the frame is queued.
         let waiting = poll_for(Duration::ZERO, b.radio.receive(&mut buffer));
         assert!(waiting.is_none());
-        a.deliver(&there);
+        a.send(&there);
         let (received, info) = b.receive_with_info();
         assert_eq!(received, there);
         assert_eq!(info.channel, Channel::FIRST);
@@ -183,8 +162,8 @@ fn frames_both_ways_with_acknowledgement() {
         assert_eq!((info.rssi, info.lqi), (Some(-20), None));
 
         let specials = [0x7E, 0x7D, 0x11, 0x13, 0xF8];
-        let back = data(PAN, short(1), true, sequence, &specials);
-        b.deliver(&back);
+        let back = data(PAN, short(1), sequence, &specials);
+        b.send(&back);
         assert_eq!(a.receive(), back);
     }
     for node in [&a, &b] {
@@ -198,7 +177,7 @@ fn frames_both_ways_with_acknowledgement() {
 fn received_while_waiting() {
     let air = Air::new();
     let [mut a, mut b] = pair(&air);
-    let frame = data(PAN, short(0xFFFF), false, 1, b"at once");
+    let frame = data(PAN, short(0xFFFF), 1, b"at once");
     let mut buffer = [0; PSDU_MAX];
     let both = join(b.radio.receive(&mut buffer), a.radio.transmit(&frame));
     let (received, outcome) = block_on(both);
@@ -211,14 +190,14 @@ fn received_while_waiting() {
 fn every_length_arrives_unchanged() {
     let air = Air::new();
     let [mut a, mut b] = pair(&air);
-    let header = data(PAN, short(2), true, 0, &[]).len();
+    let header = data(PAN, short(2), 0, &[]).len();
     for len in (0..FRAME_MAX - header)
         .step_by(9)
         .chain([FRAME_MAX - header])
     {
         let payload: Vec<u8> = (0..len).map(|i| (i * 37) as u8).collect();
-        let frame = data(PAN, short(2), true, len as u8, &payload);
-        a.deliver(&frame);
+        let frame = data(PAN, short(2), len as u8, &payload);
+        a.send(&frame);
         assert_eq!(b.receive(), frame);
     }
 }
@@ -229,24 +208,19 @@ fn every_length_arrives_unchanged() {
 fn secured_frames_are_left_alone() {
     let air = Air::new();
     let [mut a, mut b] = pair(&air);
-    let keys = [KeyId::Index(9), KeyId::Implicit];
-    for (sequence, key) in (0..).zip(keys) {
-        let security = AuxHeader {
-            level: Level::EncMic64,
-            key,
-            counter: Some(0x0102_0304),
-            asn_in_nonce: false,
-        };
-        let payload = [0xA5; 30];
-        let frame = secured(PAN, short(2), true, sequence, &payload, Some(security));
-        a.deliver(&frame);
-        assert_eq!(b.receive(), frame);
-    }
+    let security = AuxHeader {
+        level: Level::EncMic64,
+        counter: 0x0102_0304,
+        key_index: 9,
+    };
+    let frame = secured(PAN, short(2), 1, &[0xA5; 30], Some(security));
+    a.send(&frame);
+    assert_eq!(b.receive(), frame);
 }
 
 #[test]
 #[ignore = "needs an ot-rcp: cargo xtask peers"]
-fn frames_for_others_are_neither_delivered_nor_acknowledged() {
+fn frames_for_others_are_not_delivered() {
     let air = Air::new();
     let [mut a, mut b] = pair(&air);
     for (pan, to) in [
@@ -254,40 +228,37 @@ fn frames_for_others_are_neither_delivered_nor_acknowledged() {
         (PAN, short(3)),
         (PAN, Address::Extended(extended(3))),
     ] {
-        let frame = data(pan, to, true, 1, b"for another");
-        assert_eq!(a.transmit(&frame), TxOutcome::NotAcknowledged);
+        let frame = data(pan, to, 1, b"for another");
+        a.send(&frame);
     }
     for (sequence, pan, to) in [
         (2, PAN, short(2)),
         (3, PAN, Address::Extended(extended(2))),
         (4, PanId::BROADCAST, short(2)),
     ] {
-        let frame = data(pan, to, true, sequence, b"for node 2");
-        a.deliver(&frame);
+        let frame = data(pan, to, sequence, b"for node 2");
+        a.send(&frame);
         assert_eq!(b.receive(), frame);
     }
-    let everybody = data(PAN, short(0xFFFF), false, 5, b"for all");
-    assert_eq!(a.transmit(&everybody), TxOutcome::Sent);
+    let everybody = data(PAN, short(0xFFFF), 5, b"for all");
+    a.send(&everybody);
     assert_eq!(b.receive(), everybody);
 }
 
 #[test]
 #[ignore = "needs an ot-rcp: cargo xtask peers"]
-fn promiscuous_hears_everything_and_acknowledges_nothing() {
+fn promiscuous_hears_everything() {
     let air = Air::new();
     let [mut a, mut b] = pair(&air);
-    let curious = Config {
+    let curious = RadioConfig {
         promiscuous: true,
         ..config(2)
     };
     b.configure(&curious);
-    let frame = data(PAN, short(2), true, 1, b"unheard");
-    assert_eq!(a.transmit(&frame), TxOutcome::NotAcknowledged);
-    // The frame and its three repetitions.
-    for _ in 0..4 {
-        let mut buffer = [0; PSDU_MAX];
-        let received = block_on(b.radio.receive(&mut buffer)).unwrap();
-        assert_eq!(buffer[..received.len], frame);
+    for (sequence, to) in [(1, 2), (2, 3)] {
+        let frame = data(PAN, short(to), sequence, b"overheard");
+        a.send(&frame);
+        assert_eq!(b.receive(), frame);
     }
 }
 
@@ -296,19 +267,19 @@ fn promiscuous_hears_everything_and_acknowledges_nothing() {
 fn another_channel_is_another_world() {
     let air = Air::new();
     let [mut a, mut b] = pair(&air);
-    let elsewhere = Config {
+    let elsewhere = RadioConfig {
         channel: Channel::LAST,
         ..config(2)
     };
     b.configure(&elsewhere);
-    let lost = data(PAN, short(2), true, 1, b"lost");
-    assert_eq!(a.transmit(&lost), TxOutcome::NotAcknowledged);
-    a.configure(&Config {
+    let lost = data(PAN, short(2), 1, b"lost");
+    a.send(&lost);
+    a.configure(&RadioConfig {
         channel: Channel::LAST,
         ..config(1)
     });
-    let found = data(PAN, short(2), true, 2, b"found");
-    a.deliver(&found);
+    let found = data(PAN, short(2), 2, b"found");
+    a.send(&found);
     assert_eq!(b.receive(), found);
 }
 
@@ -318,10 +289,11 @@ fn nobody_there() {
     let air = Air::new();
     let mut node = Node::new(&air, 1);
     node.configure(&config(1));
-    let wanted = data(PAN, short(2), true, 1, b"anybody?");
-    assert_eq!(node.transmit(&wanted), TxOutcome::NotAcknowledged);
-    let unwanted = data(PAN, short(2), false, 1, b"whoever");
-    assert_eq!(node.transmit(&unwanted), TxOutcome::Sent);
+    let mut frame = data(PAN, short(2), 1, b"anybody?");
+    node.send(&frame);
+    // With a request for an acknowledgement: sent four times.
+    frame[0] |= 0x20;
+    node.send(&frame);
 }
 
 #[test]
@@ -337,8 +309,8 @@ fn impossible_lengths_are_refused_here_and_there() {
             "{len}"
         );
     }
-    let good = data(PAN, short(2), true, 1, b"still there");
-    a.deliver(&good);
+    let good = data(PAN, short(2), 1, b"still there");
+    a.send(&good);
     assert_eq!(b.receive(), good);
 
     // The same asked of the co-processor itself.
@@ -392,11 +364,15 @@ fn killed_and_restarted_while_listening() {
     let [mut a, mut b] = pair(&air);
     for sequence in 0..3 {
         b.process.kill();
-        let frame = data(PAN, short(2), true, sequence, b"are you back?");
-        assert_eq!(a.transmit(&frame), TxOutcome::NotAcknowledged);
+        let frame = data(PAN, short(2), sequence, b"are you back?");
+        a.send(&frame);
         b.process.restart();
-        let (_, received) = block_on(join(
-            async { while a.radio.transmit(&frame).await != Ok(ACKNOWLEDGED) {} },
+        let received = block_on(select(
+            async {
+                loop {
+                    assert_eq!(a.radio.transmit(&frame).await, Ok(TxOutcome::Sent));
+                }
+            },
             async {
                 let mut buffer = [0; PSDU_MAX];
                 while buffer[..frame.len()] != frame {
@@ -405,6 +381,7 @@ fn killed_and_restarted_while_listening() {
                 Ok::<_, RcpError<_>>(())
             },
         ));
+        let Either::Second(received) = received;
         assert_eq!(received, Ok(()));
         let restarts = b.radio.session().counters().restarts;
         assert_eq!(restarts, u32::from(sequence) + 1);
@@ -419,8 +396,8 @@ fn killed_and_restarted_between_transmissions() {
     for sequence in 0..3 {
         a.process.kill();
         a.process.restart();
-        let frame = data(PAN, short(2), true, sequence, b"after the restart");
-        a.deliver(&frame);
+        let frame = data(PAN, short(2), sequence, b"after the restart");
+        a.send(&frame);
         assert_eq!(b.receive(), frame);
     }
 }
@@ -439,11 +416,10 @@ fn dead_is_an_error_and_works_again_later() {
     let mut a = Node {
         process,
         radio: SpinelRadio::with_policy(uart, StdClock::new(), impatient),
-        last: Vec::new(),
     };
     let mut b = Node::new(&air, 2);
     b.configure(&config(2));
-    let frame = data(PAN, short(2), true, 1, b"alive");
+    let frame = data(PAN, short(2), 1, b"alive");
     let mut buffer = [0; PSDU_MAX];
     let unconfigured = RcpError::Radio(RcpFault::NotConfigured);
     assert_eq!(block_on(a.radio.transmit(&frame)), Err(unconfigured));
@@ -455,7 +431,7 @@ fn dead_is_an_error_and_works_again_later() {
     assert_eq!(block_on(a.radio.transmit(&frame)), Err(silent));
     assert_eq!(block_on(a.radio.receive(&mut buffer)), Err(silent));
     a.process.restart();
-    a.deliver(&frame);
+    a.send(&frame);
     assert_eq!(b.receive(), frame);
 
     // The other configuration failed, and the one before is no longer wanted.
@@ -464,7 +440,7 @@ fn dead_is_an_error_and_works_again_later() {
     assert_eq!(block_on(a.radio.transmit(&frame)), Err(unconfigured));
     a.process.restart();
     a.configure(&config(1));
-    a.deliver(&frame);
+    a.send(&frame);
 }
 
 /// However far a call has come when it is dropped, the next one concerns only its own frame.
@@ -478,11 +454,11 @@ fn dropped_calls() {
         // To a node that is there, in steps of its 4 ms; to nobody, in steps of some 100 ms.
         let (to, step) = if round % 2 == 0 { (2, 150) } else { (3, 4000) };
         let time = Duration::from_micros(step * u64::from(round));
-        let dropped = data(PAN, short(to), true, 2 * round, b"dropped");
+        let dropped = data(PAN, short(to), 2 * round, b"dropped");
         let _ = poll_for(time, a.radio.transmit(&dropped));
         sent.push(dropped);
-        let frame = data(PAN, short(2), true, 2 * round + 1, &[round; 10]);
-        a.deliver(&frame);
+        let frame = data(PAN, short(2), 2 * round + 1, &[round; 10]);
+        a.send(&frame);
         sent.push(frame);
         // Nothing is lost when `receive` is dropped, however often.
         let mut buffer = [0; PSDU_MAX];
@@ -520,7 +496,8 @@ fn two_nodes_exchange_messages() {
     let down = *b"from the coordinator";
     let talk = async {
         let address = loop {
-            if let network::Status::Joined(membership) = device.with(|node, _| node.status()) {
+            if let network::NetworkStatus::Joined(membership) = device.with(|node, _| node.status())
+            {
                 break membership.short;
             }
             let later = clock.now() + Duration::from_millis(20);

@@ -6,11 +6,11 @@ use embedded_io_async::{ErrorKind, ErrorType, Read, Write};
 use spinel_radio::{RcpError, RcpFault, RcpPolicy, SpinelRadio};
 use virtual_bench::executor::{Ended, Executor};
 use zigbee_link::{
-    radio::{Channel, Config, Radio},
+    radio::{Channel, Radio, RadioConfig},
     wire::{Eui64, PanId, ShortAddress},
 };
 
-const CONFIG: Config = Config {
+const CONFIG: RadioConfig = RadioConfig {
     channel: Channel::FIRST,
     tx_power: 0,
     pan: PanId(1),

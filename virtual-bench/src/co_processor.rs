@@ -17,7 +17,9 @@ use spinel_radio::{
     stream::{RxFrame, TxFrame},
 };
 use zigbee_link::{
-    radio::{Channel, Config, Csma, FCS_LEN, FRAME_MIN, PSDU_MAX, Radio as _, Received, TxOutcome},
+    radio::{
+        Channel, Csma, FCS_LEN, FRAME_MIN, PSDU_MAX, Radio as _, RadioConfig, Received, TxOutcome,
+    },
     wire::{Eui64, PanId, ShortAddress, fcs},
 };
 
@@ -47,7 +49,7 @@ pub struct CoProcessor<U> {
     clock: Clock,
     address: Eui64,
     seed: u64,
-    config: Config,
+    config: RadioConfig,
     streams: bool,
     /// While it is enabled.
     radio: Option<Csma<Radio, Clock>>,
@@ -256,8 +258,8 @@ impl<U: Read + Write> CoProcessor<U> {
 }
 
 /// After a reset.
-fn initial() -> Config {
-    Config {
+fn initial() -> RadioConfig {
+    RadioConfig {
         channel: Channel::FIRST,
         tx_power: 0,
         pan: PanId::BROADCAST,

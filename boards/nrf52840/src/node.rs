@@ -24,7 +24,7 @@ use node_firmware::{
     steps::InertialSteps,
 };
 use static_cell::StaticCell;
-use zigbee_link::radio::{Csma, Filter};
+use zigbee_link::radio::Csma;
 
 use crate::{
     board::Board,
@@ -42,7 +42,7 @@ type Steps = InertialSteps<SensorBus, EmbassyClock>;
 
 impl Hardware for Board {
     type Uart = Lossless;
-    type Radio = Filter<Csma<OnChip, Delay>>;
+    type Radio = Csma<OnChip, Delay>;
     type Clock = EmbassyClock;
     type Flash = Flash;
     type Steps = &'static mut Steps;
@@ -76,7 +76,7 @@ async fn main(spawner: Spawner) {
     let shared = SHARED.init(Shared::new());
     let peripherals = PERIPHERALS.init(Some(Peripherals {
         uart: Lossless(uart),
-        radio: Filter::new(Csma::new(OnChip::new(shared), Delay, seed)),
+        radio: Csma::new(OnChip::new(shared), Delay, seed),
         clock: EmbassyClock,
         flash,
         layout: NRF52840.layout,

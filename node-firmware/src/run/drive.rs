@@ -16,7 +16,7 @@ use flash_log::LogError;
 use zigbee_link::{
     Instant,
     link::{Delivery, SendError, Ticket},
-    network::Status,
+    network::NetworkStatus,
     runner::{Clock, Happened},
     wire::ShortAddress,
 };
@@ -218,7 +218,7 @@ pub(super) async fn drive<H: Hardware>(
     if let Err(error) = Outlined(pin!(recalled)).await {
         return error;
     }
-    let mut status = Status::Out;
+    let mut status = NetworkStatus::Out;
     let mut shown = None;
     loop {
         let post = |to, message: &Message| {
@@ -268,7 +268,7 @@ pub(super) async fn drive<H: Hardware>(
             Happened::Status(new) => {
                 status = new;
                 let network = match new {
-                    Status::Joined(membership) => Some(membership),
+                    NetworkStatus::Joined(membership) => Some(membership),
                     _ => None,
                 };
                 whichever!(&mut any, driver => driver.role.on_attached(now, network));

@@ -19,9 +19,9 @@ use embedded_storage_async::nor_flash::{ErrorType, NorFlash};
 use flash_log::LogError;
 use zigbee_link::{
     Instant,
-    network::{Node, Settings},
+    network::{NetworkSettings, Node},
     radio::Radio,
-    runner::{self, Clock, Shared, Stopped},
+    runner::{self, Clock, RunnerError, Shared},
     store::{Member, Record, Saved, Store, StoreError},
     wire::Eui64,
 };
@@ -57,7 +57,7 @@ pub type FlashError<H> = partition::Error<<<H as Hardware>::Flash as ErrorType>:
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum Failure<R, F> {
     /// The radio failed, or the link's part of the flash.
-    Link(Stopped<R, F>),
+    Link(RunnerError<R, F>),
     /// The role's part of the flash failed.
     Memory(LogError<F>),
 }
@@ -75,7 +75,7 @@ impl<R: fmt::Debug, F: fmt::Debug> core::error::Error for Failure<R, F> {}
 
 impl<R, F> From<StoreError<F>> for Failure<R, F> {
     fn from(error: StoreError<F>) -> Self {
-        Self::Link(Stopped::Store(error))
+        Self::Link(RunnerError::Store(error))
     }
 }
 
@@ -139,7 +139,7 @@ pub async fn run<H: Hardware>(
         Err(failure) => return failure,
     };
 
-    let settings = Settings {
+    let settings = NetworkSettings {
         extended,
         channels: config.channels(),
         tx_power: config.tx_power,
@@ -195,7 +195,7 @@ pub async fn run<H: Hardware>(
 fn share_node<'a, H: Hardware>(
     clock: &'a H::Clock,
     role: &Role,
-    settings: Settings,
+    settings: NetworkSettings,
     saved: &Saved,
     members: &[Option<Member>; MEMBERS],
 ) -> SharedNode<'a, H> {

@@ -32,7 +32,7 @@ use virtual_bench::{
 use zigbee_link::{
     radio::Csma,
     security::Protection,
-    wire::{Eui64, Frame, KeyId, ShortAddress},
+    wire::{Eui64, Frame, ShortAddress},
 };
 
 pub(super) const SECOND: Time = 1_000_000_000;
@@ -64,10 +64,7 @@ impl Bench {
             if let Event::Sent { from, frame, .. } = event
                 && let Some(security) = Frame::parse(frame).unwrap().header().security
             {
-                let KeyId::Index(key) = security.key else {
-                    panic!("no such key");
-                };
-                let nonce = (from, key, security.counter.unwrap());
+                let nonce = (from, security.key_index, security.counter);
                 assert!(all.borrow_mut().insert(nonce), "{nonce:?} twice");
             }
         });

@@ -4,7 +4,7 @@ use heapless::{Deque, Vec};
 
 use super::{Counters, count};
 use crate::stream::RxFrame;
-use zigbee_link::radio::{Channel, Config, FCS_LEN, FRAME_MAX, FRAME_MIN, PSDU_MAX, Received};
+use zigbee_link::radio::{Channel, FCS_LEN, FRAME_MAX, FRAME_MIN, PSDU_MAX, RadioConfig, Received};
 
 /// A frame without its FCS, and what is known of it.
 #[derive(Clone, Debug)]
@@ -14,11 +14,11 @@ pub(super) struct Arrival {
 }
 
 impl Arrival {
-    /// What is to be delivered of a frame: nothing if it is for another device.
+    /// A frame as it is to be delivered.
     ///
     /// # Errors
     /// It was received with an error, or its length is impossible.
-    fn new(frame: &RxFrame<'_>, config: &Config) -> Result<Option<Self>, Unusable> {
+    fn new(frame: &RxFrame<'_>, config: &RadioConfig) -> Result<Self, Unusable> {
         if frame.error != 0 || frame.flags & RxFrame::BAD_FCS != 0 {
             return Err(Unusable);
         }
@@ -28,10 +28,7 @@ impl Arrival {
             return Err(Unusable);
         }
         let bytes = Vec::from_slice(bytes).map_err(|_| Unusable)?;
-        if !config.promiscuous && !config.accepts(&bytes) {
-            return Ok(None);
-        }
-        Ok(Some(Self {
+        Ok(Self {
             frame: bytes,
             received: Received {
                 len,
@@ -39,7 +36,7 @@ impl Arrival {
                 rssi: (frame.rssi != RxFrame::NO_RSSI).then_some(frame.rssi),
                 lqi: (frame.lqi != 0).then_some(frame.lqi),
             },
-        }))
+        })
     }
 
     /// Writes the frame to the start of `buffer`.
@@ -56,13 +53,12 @@ struct Unusable;
 /// Queues a frame, or counts why not.
 pub(super) fn arrived<const QUEUE: usize>(
     frame: &RxFrame<'_>,
-    config: &Config,
+    config: &RadioConfig,
     queue: &mut Deque<Arrival, QUEUE>,
     counters: &mut Counters,
 ) {
     match Arrival::new(frame, config) {
-        Ok(None) => {}
-        Ok(Some(arrival)) => {
+        Ok(arrival) => {
             if queue.push_back(arrival).is_err() {
                 count(&mut counters.queue_full);
             }

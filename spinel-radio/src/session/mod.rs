@@ -20,8 +20,8 @@
 //! - After silence the next request begins with a reset.
 //! - A transmission that was given up is waited for before the next one, because a co-processor
 //!   has one buffer for both.
-//! - Received frames are checked with [`Config::accepts`] again, because a co-processor does not
-//!   know whether it is a coordinator's, and queued. When the queue is full, what arrives is lost.
+//! - Received frames are queued. When the queue is full, what arrives is lost. Which of them to
+//!   receive is left to the address filter of the co-processor.
 
 mod arrival;
 mod request;
@@ -45,7 +45,7 @@ use super::{
 };
 use zigbee_link::{
     Instant,
-    radio::{Config, FCS_LEN, FRAME_MAX, FRAME_MIN, PSDU_MAX, Received},
+    radio::{FCS_LEN, FRAME_MAX, FRAME_MIN, PSDU_MAX, RadioConfig, Received},
 };
 
 /// The protocol version this is for.
@@ -104,15 +104,8 @@ enum Waiting {
 /// What a frame of the co-processor means for the dialogue.
 enum Event {
     Restarted,
-    Status {
-        tid: Tid,
-        status: SpinelStatus,
-        frame_pending: bool,
-    },
-    Told {
-        tid: Tid,
-        key: PropertyKey,
-    },
+    Status { tid: Tid, status: SpinelStatus },
+    Told { tid: Tid, key: PropertyKey },
 }
 
 /// The state machine. See the [module](self).
@@ -123,7 +116,7 @@ pub struct RcpSession<const QUEUE: usize> {
     queue: Deque<Arrival, QUEUE>,
     counters: Counters,
     identity: Identity,
-    config: Option<Config>,
+    config: Option<RadioConfig>,
     /// The co-processor works as `config` says.
     ready: bool,
     goal: Goal,
@@ -141,7 +134,6 @@ pub struct RcpSession<const QUEUE: usize> {
     /// The command that transmits.
     stream: [u8; STREAM_MAX],
     stream_len: usize,
-    wants_acknowledgement: bool,
     /// There are bytes to be sent.
     encoder: Option<Encoder>,
 }
@@ -176,7 +168,6 @@ impl<const QUEUE: usize> RcpSession<QUEUE> {
             command_len: 0,
             stream: [0; STREAM_MAX],
             stream_len: 0,
-            wants_acknowledgement: false,
             encoder: None,
         }
     }
@@ -286,10 +277,9 @@ impl<const QUEUE: usize> RcpSession<QUEUE> {
                         Property::LastStatus(status, _) if status.is_reset() => {
                             Some(Event::Restarted)
                         }
-                        Property::LastStatus(status, report) => Some(Event::Status {
+                        Property::LastStatus(status, _) => Some(Event::Status {
                             tid: header.tid,
                             status,
-                            frame_pending: report.is_some_and(|report| report.frame_pending),
                         }),
                         Property::Received(frame) => {
                             if let Some(config) = &self.config {
@@ -311,11 +301,7 @@ impl<const QUEUE: usize> RcpSession<QUEUE> {
             };
             match event {
                 Some(Event::Restarted) => self.restarted(now),
-                Some(Event::Status {
-                    tid,
-                    status,
-                    frame_pending,
-                }) => self.concluded(tid, status, frame_pending, now),
+                Some(Event::Status { tid, status }) => self.concluded(tid, status, now),
                 Some(Event::Told { tid, key }) => self.told(tid, key, now),
                 None => {}
             }
@@ -347,7 +333,7 @@ impl<const QUEUE: usize> RcpSession<QUEUE> {
         }
     }
 
-    fn begin_configuring(&mut self, config: Config, now: Instant) {
+    fn begin_configuring(&mut self, config: RadioConfig, now: Instant) {
         self.goal = Goal::Configure;
         self.config = Some(config);
         match self.step {
@@ -381,7 +367,6 @@ impl<const QUEUE: usize> RcpSession<QUEUE> {
             })),
         };
         self.stream_len = message.emit(&mut self.stream).unwrap_or(0);
-        self.wants_acknowledgement = wants_acknowledgement(frame);
         self.goal = Goal::Transmit { tries: 0 };
         if self.ready {
             self.enter(Step::Transmit, now);
@@ -437,11 +422,6 @@ impl<const QUEUE: usize> RcpSession<QUEUE> {
         self.deadline = None;
         self.encoder = None;
     }
-}
-
-/// The acknowledgement request of the frame control field.
-fn wants_acknowledgement(frame: &[u8]) -> bool {
-    frame.first().is_some_and(|control| control & 0x20 != 0)
 }
 
 fn count(counter: &mut u32) {

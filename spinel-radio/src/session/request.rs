@@ -1,13 +1,13 @@
 //! What is asked of a session, and what comes of it.
 
-use zigbee_link::radio::{Config, TxOutcome};
+use zigbee_link::radio::{RadioConfig, TxOutcome};
 
 /// What the caller wants.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum RcpRequest<'a> {
     /// Work like this. Ends with [`RcpOutcome::Configured`].
-    Configure(Config),
+    Configure(RadioConfig),
     /// Send this frame, which has no FCS. Ends with [`RcpOutcome::Transmitted`].
     Transmit(&'a [u8]),
     /// Receive. Ends only when it fails.

@@ -1,7 +1,7 @@
 //! How a configuration becomes properties.
 
 use crate::property::{Promiscuity, Property};
-use zigbee_link::radio::Config;
+use zigbee_link::radio::RadioConfig;
 
 #[derive(Clone, Copy, PartialEq, Eq)]
 pub(super) enum Need {
@@ -11,7 +11,7 @@ pub(super) enum Need {
 }
 
 /// What has to be set for a configuration, in this order.
-pub(super) fn setting(config: &Config, index: u8) -> Option<(Property<'static>, Need)> {
+pub(super) fn setting(config: &RadioConfig, index: u8) -> Option<(Property<'static>, Need)> {
     Some(match index {
         0 => (Property::PhyEnabled(true), Need::Must),
         1 => (Property::PhyChannel(config.channel.number()), Need::Must),

@@ -101,13 +101,7 @@ impl<const QUEUE: usize> RcpSession<QUEUE> {
         self.enter(Step::Ask(0), now);
     }
 
-    pub(super) fn concluded(
-        &mut self,
-        tid: Tid,
-        status: SpinelStatus,
-        frame_pending: bool,
-        now: Instant,
-    ) {
+    pub(super) fn concluded(&mut self, tid: Tid, status: SpinelStatus, now: Instant) {
         if self.previous.is_some_and(|(previous, _)| previous == tid) {
             self.previous = None;
             if self.waiting == Waiting::Previous {
@@ -138,12 +132,10 @@ impl<const QUEUE: usize> RcpSession<QUEUE> {
                 self.waiting = Waiting::Pause;
                 self.deadline = Some(now + self.policy.pause);
             }
-            (SpinelStatus::OK, Step::Transmit) => self.transmitted(if self.wants_acknowledgement {
-                TxOutcome::Acknowledged { frame_pending }
-            } else {
-                TxOutcome::Sent
-            }),
-            (SpinelStatus::NO_ACK, Step::Transmit) => self.transmitted(TxOutcome::NotAcknowledged),
+            // It was on the air, which is all that counts.
+            (SpinelStatus::OK | SpinelStatus::NO_ACK, Step::Transmit) => {
+                self.transmitted(TxOutcome::Sent);
+            }
             (SpinelStatus::CCA_FAILURE, Step::Transmit) => self.transmitted(TxOutcome::ChannelBusy),
             (SpinelStatus::INVALID_STATE, Step::Transmit) => {
                 self.ready = false;

@@ -11,11 +11,11 @@ use spinel_radio::{
 };
 use zigbee_link::{
     Instant,
-    radio::{Channel, Config, PSDU_MAX, TxOutcome},
+    radio::{Channel, PSDU_MAX, RadioConfig, TxOutcome},
     wire::{Eui64, PanId, ShortAddress},
 };
 
-pub(crate) const CONFIG: Config = Config {
+pub(crate) const CONFIG: RadioConfig = RadioConfig {
     channel: Channel::FIRST,
     tx_power: -3,
     pan: PanId(0x1234),
@@ -25,13 +25,10 @@ pub(crate) const CONFIG: Config = Config {
     promiscuous: false,
 };
 pub(crate) const POLICY: RcpPolicy = RcpPolicy::DEFAULT;
-/// For everybody of the PAN, without and with a request for an acknowledgement.
+/// For everybody of the PAN, and for one device.
 pub(crate) const BROADCAST: &[u8] = &[0x41, 0x88, 7, 0x34, 0x12, 0xFF, 0xFF, 1, 0, b'h', b'i'];
-pub(crate) const UNICAST: &[u8] = &[0x61, 0x88, 7, 0x34, 0x12, 9, 0, 1, 0, b'h', b'i'];
-pub(crate) const ACKNOWLEDGED: Result<RcpOutcome, RcpFault> =
-    Ok(RcpOutcome::Transmitted(TxOutcome::Acknowledged {
-        frame_pending: true,
-    }));
+pub(crate) const UNICAST: &[u8] = &[0x41, 0x88, 7, 0x34, 0x12, 9, 0, 1, 0, b'h', b'i'];
+pub(crate) const SENT: Result<RcpOutcome, RcpFault> = Ok(RcpOutcome::Transmitted(TxOutcome::Sent));
 
 /// A session and the co-processor at the other end of its line.
 pub(crate) struct Bench {
@@ -152,7 +149,7 @@ pub(crate) fn with_fcs(frame: &[u8]) -> Vec<u8> {
     [frame, &[0xAA, 0xBB]].concat()
 }
 
-/// A co-processor without fault. Every acknowledgement it gets has the pending bit set.
+/// A co-processor without fault.
 pub(crate) fn works(message: &SpinelMessage<'_>) -> Vec<u8> {
     let tid = message.header.tid;
     match message.body {
@@ -168,9 +165,9 @@ pub(crate) fn works(message: &SpinelMessage<'_>) -> Vec<u8> {
         Body::Get(PropertyKey::NCP_VERSION) => line(tid, Property::NcpVersion(b"A/1; B")),
         Body::Set(Property::Send(_)) => {
             let report = TxReport {
-                frame_pending: true,
+                frame_pending: false,
                 header_updated: true,
-                acknowledgement: Some(RxFrame::new(&[0x12, 0, 7, 0, 0])),
+                acknowledgement: Some(RxFrame::new(&[])),
             };
             line(tid, Property::LastStatus(SpinelStatus::OK, Some(report)))
         }

@@ -8,7 +8,7 @@ use spinel_radio::{
 };
 use zigbee_link::radio::{Channel, FRAME_MAX, PSDU_MAX};
 
-use crate::bench::{BROADCAST, Bench, CONFIG, UNICAST, line, received, with_fcs};
+use crate::bench::{BROADCAST, Bench, CONFIG, line, received, with_fcs};
 
 #[test]
 fn the_queue_is_bounded_and_loses_the_newest() {
@@ -56,10 +56,6 @@ fn what_is_not_delivered() {
         bench.session.input(&told, bench.now);
     }
     assert_eq!(bench.session.counters().unusable, 5);
-    // For another device, which the co-processor let through.
-    bench
-        .session
-        .input(&received(&with_fcs(UNICAST)), bench.now);
     // Another interface.
     let message = SpinelMessage {
         header: SpinelHeader::on_interface(1, Tid::UNSOLICITED).unwrap(),

@@ -7,11 +7,10 @@ use spinel_radio::{
     session::{RcpOutcome, RcpRequest},
     status::SpinelStatus,
 };
-use zigbee_link::radio::{Channel, Config};
+use zigbee_link::radio::{Channel, RadioConfig};
 
 use crate::bench::{
-    ACKNOWLEDGED, BROADCAST, Bench, CONFIG, POLICY, UNICAST, received, restart, status, with_fcs,
-    works,
+    BROADCAST, Bench, CONFIG, POLICY, SENT, UNICAST, received, restart, status, with_fcs, works,
 };
 
 #[test]
@@ -26,7 +25,7 @@ fn a_restart_is_repaired_before_the_request_goes_on() {
         }
         _ => works(message),
     };
-    assert_eq!(bench.run(RcpRequest::Transmit(UNICAST), peer), ACKNOWLEDGED);
+    assert_eq!(bench.run(RcpRequest::Transmit(UNICAST), peer), SENT);
     assert_eq!(bench.heard.len(), 3 + 2 * 13);
     assert_eq!(bench.session.counters().restarts, 2);
     assert!(!bench.commands().contains(&"reset Stack".to_owned()));
@@ -34,10 +33,7 @@ fn a_restart_is_repaired_before_the_request_goes_on() {
     // Between two calls.
     bench.heard.clear();
     bench.session.input(&restart(), bench.now);
-    assert_eq!(
-        bench.run(RcpRequest::Transmit(UNICAST), works),
-        ACKNOWLEDGED
-    );
+    assert_eq!(bench.run(RcpRequest::Transmit(UNICAST), works), SENT);
     assert_eq!(bench.heard.len(), 14);
 
     // Its message was lost; that it lacks its configuration shows when it is to transmit.
@@ -50,7 +46,7 @@ fn a_restart_is_repaired_before_the_request_goes_on() {
         }
         _ => works(message),
     };
-    assert_eq!(bench.run(RcpRequest::Transmit(UNICAST), peer), ACKNOWLEDGED);
+    assert_eq!(bench.run(RcpRequest::Transmit(UNICAST), peer), SENT);
     assert_eq!(bench.commands()[1], "reset Stack");
     assert_eq!(bench.heard.len(), 16);
 }
@@ -115,10 +111,7 @@ fn a_repair_that_was_dropped_goes_on() {
         assert_eq!(bench.commands(), [first]);
         bench.heard.clear();
     }
-    assert_eq!(
-        bench.run(RcpRequest::Transmit(UNICAST), works),
-        ACKNOWLEDGED
-    );
+    assert_eq!(bench.run(RcpRequest::Transmit(UNICAST), works), SENT);
     assert_eq!(bench.heard.len(), 12);
 
     // Configured anew while it is being set up: the new one holds.
@@ -127,7 +120,7 @@ fn a_repair_that_was_dropped_goes_on() {
         bench.exchange(&mut works);
     }
     bench.heard.clear();
-    let elsewhere = Config {
+    let elsewhere = RadioConfig {
         channel: Channel::LAST,
         ..CONFIG
     };
@@ -215,7 +208,7 @@ fn a_transmission_that_was_given_up_is_waited_for() {
         .input(&status(first.unwrap(), SpinelStatus::NO_ACK), bench.now);
     assert_eq!(bench.session.outcome(), None);
     assert!(bench.exchange(&mut works));
-    assert_eq!(bench.session.outcome(), Some(ACKNOWLEDGED));
+    assert_eq!(bench.session.outcome(), Some(SENT));
 
     // So may one that was asked twice answer twice.
     let mut answers = 0;
@@ -230,7 +223,7 @@ fn a_transmission_that_was_given_up_is_waited_for() {
             _ => works(message),
         }
     };
-    assert_eq!(bench.run(RcpRequest::Transmit(UNICAST), late), ACKNOWLEDGED);
+    assert_eq!(bench.run(RcpRequest::Transmit(UNICAST), late), SENT);
 
     // A result that never comes holds nothing up for ever.
     bench
@@ -238,10 +231,7 @@ fn a_transmission_that_was_given_up_is_waited_for() {
         .begin(RcpRequest::Transmit(BROADCAST), bench.now);
     bench.exchange(&mut |_| Vec::new());
     let start = bench.now;
-    assert_eq!(
-        bench.run(RcpRequest::Transmit(UNICAST), works),
-        ACKNOWLEDGED
-    );
+    assert_eq!(bench.run(RcpRequest::Transmit(UNICAST), works), SENT);
     assert_eq!(bench.now.since(start), POLICY.transmission);
 
     // A new configuration waits, too: the channel is not changed under it. A restart ends it.
@@ -269,10 +259,7 @@ fn a_transmission_that_was_given_up_is_waited_for() {
         .iter()
         .for_each(|&byte| assert!(bench.decoder.push(byte).is_none()));
     let start = bench.now;
-    assert_eq!(
-        bench.run(RcpRequest::Transmit(UNICAST), works),
-        ACKNOWLEDGED
-    );
+    assert_eq!(bench.run(RcpRequest::Transmit(UNICAST), works), SENT);
     assert_eq!(bench.now, start);
 }
 
@@ -295,10 +282,7 @@ fn a_configuration_that_was_dropped_is_none() {
         bench.run(RcpRequest::Configure(CONFIG), works),
         Ok(RcpOutcome::Configured)
     );
-    assert_eq!(
-        bench.run(RcpRequest::Transmit(UNICAST), works),
-        ACKNOWLEDGED
-    );
+    assert_eq!(bench.run(RcpRequest::Transmit(UNICAST), works), SENT);
 }
 
 #[test]

@@ -204,7 +204,7 @@ impl ReferenceStops {
 
     /// The walk of which both saw most stops: there may be several targets. Its target, its last
     /// stop, and in `stops` those of its last ones that the attempt takes, as the solve takes them.
-    // Not inlined: the solve needs the stack.
+    // stack
     #[inline(never)]
     fn walk(
         &self,
@@ -293,7 +293,7 @@ impl ReferenceStops {
         Err(NotYet::Refused(Refusal::Inconsistent))
     }
 
-    // Not inlined, for the sake of the stack.
+    // stack
     #[inline(never)]
     fn attempt(
         &self,
@@ -320,7 +320,7 @@ impl ReferenceStops {
 }
 
 /// The one answer of these stops. They may contradict each other in the last resort.
-// Not inlined, for the sake of the stack.
+// stack
 #[inline(never)]
 fn decided(
     stops: &[Stop<f32>],
@@ -347,7 +347,7 @@ fn decided(
 }
 
 /// Both poses, and where the target stood at the last stop.
-// Not inlined, for the sake of the stack.
+// stack
 #[inline(never)]
 fn in_frame_of_site(
     best: &ReferenceSolution<f32>,

@@ -9,13 +9,13 @@ use core::time::Duration;
 use calib_core::Status;
 use zigbee_link::{Instant, store::Membership, wire::ShortAddress};
 
-use super::{Earliest, Outbox, Output, Owed, Reports, Role};
+use super::{Notification, Notifications, Outbox, Output, RETRY, Reports, Role, Unsaved, earliest};
 use crate::{
     config::SiteKey,
     console::{FromPc, Network, ToPc},
     hardware::{Button, Indication},
     limits::MEMBERS,
-    memory::Fact,
+    memory::{Fact, FactKey},
     message::{
         Address, CameraCommand, CommandResult, Duty, Hello, MemberKind, Message, References,
         Report, StopNumber,
@@ -32,18 +32,32 @@ const ROLL_CALLS: [Duration; 2] = [Duration::from_secs(5), Duration::from_secs(2
 /// A roster is sent when nobody new came for so long.
 const ROSTER_AFTER: Duration = Duration::from_millis(500);
 
-/// Why the coordinator sends a message of which it must know the result.
+/// A message of which the coordinator must know whether it was delivered.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum CoordinatorNotification {
-    /// A member was asked who it is.
-    Who(Address),
-    /// A target was told which cameras there are.
-    Roster(Address),
-    /// A camera was told who the references are.
-    References(Address),
-    /// A camera was given a command.
+    /// A member has to be told something.
+    Member(Address, MemberNotification),
+    /// A camera is given a command.
     Command(Address, CameraCommand),
+}
+
+/// What a member has to be told.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub enum MemberNotification {
+    /// The question who it is.
+    WhoIsThere,
+    /// A target: which cameras there are.
+    Roster,
+    /// A camera: who the references are.
+    References,
+}
+
+impl Notification for MemberNotification {
+    fn priority(self) -> u8 {
+        self as u8
+    }
 }
 
 /// A task for what surrounds the coordinator.
@@ -76,12 +90,8 @@ pub enum CoordinatorEvent {
 #[derive(Clone, Debug, Default)]
 struct Known {
     hello: Option<Hello>,
-    /// It has to be asked who it is.
-    who: Owed,
-    /// It is a target that has to be told the roster.
-    roster: Owed,
-    /// It is a camera that has to be told who the references are.
-    references: Owed,
+    /// What it has to be told.
+    notifications: Notifications<MemberNotification, 3>,
 }
 
 impl Known {
@@ -96,26 +106,32 @@ impl Known {
     }
 }
 
+/// The first camera that saw a target, at this stop of it.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+struct Trigger {
+    camera: Address,
+    target: Address,
+    stop: StopNumber,
+}
+
 /// The coordinator's state.
 #[derive(Clone, Debug)]
 pub struct CoordinatorRole {
     members: Reports<Known>,
     network: Option<Network>,
     references: Option<References>,
-    /// The references are not written down yet.
-    unsaved: bool,
     /// References were appointed in a former run.
-    recalled: bool,
-    /// The camera that saw a target first, and at which stop.
-    trigger: Option<(Address, Address, StopNumber)>,
+    restored: bool,
+    trigger: Option<Trigger>,
+    /// Facts that are not written down yet.
+    unsaved: Unsaved,
     outbox: Outbox<CoordinatorNotification, 8>,
     tasks: heapless::Deque<CoordinatorTask, 16>,
     /// To be opened.
     join_window: Option<Duration>,
+    /// The PC asked for everything: the next line of the table of members.
     refresh: Option<usize>,
-    /// When to ask everybody next who they are, and how often that was done: after a start, the
-    /// members of the former run are known to the link only.
-    roll_call: Option<(Instant, usize)>,
+    roll_calls: RollCalls,
 }
 
 impl Default for CoordinatorRole {
@@ -131,14 +147,14 @@ impl CoordinatorRole {
             members: Reports::new(),
             network: None,
             references: None,
-            unsaved: false,
-            recalled: false,
+            restored: false,
             trigger: None,
+            unsaved: Unsaved::new(),
             outbox: Outbox::new(),
             tasks: heapless::Deque::new(),
             join_window: None,
             refresh: None,
-            roll_call: None,
+            roll_calls: RollCalls::new(),
         }
     }
 
@@ -153,37 +169,44 @@ impl CoordinatorRole {
     fn meet(&mut self, now: Instant, address: Address) {
         if let Some(member) = self.members.of(address)
             && member.more.hello.is_none()
-            && member.more.who == Owed::Nothing
         {
-            // It says so by itself when it has just joined.
-            member.more.who = Owed::Due(now + super::RETRY, 0);
+            let notifications = &mut member.more.notifications;
+            if !notifications.is_pending(MemberNotification::WhoIsThere) {
+                // It says so by itself when it has just joined.
+                notifications.notify(MemberNotification::WhoIsThere, now + RETRY);
+            }
         }
     }
 
     /// The next fact to write down.
-    fn unsaved(&mut self) -> Option<Fact> {
-        if core::mem::take(&mut self.unsaved) {
-            return Some(Fact::References(self.references));
+    fn unsaved_fact(&mut self) -> Option<Fact> {
+        match self.unsaved.take()? {
+            FactKey::References => Some(Fact::References(self.references)),
+            FactKey::Camera(slot) => Some(self.members.fact(slot)),
+            other => {
+                debug_assert!(false, "no fact of a coordinator: {other:?}");
+                None
+            }
         }
-        self.members.unsaved()
     }
 
     /// Knows nothing of a member any more. If it was a reference camera, there are none.
     fn forget(&mut self, address: Address) {
-        self.members.remove(address);
+        self.members.remove(address, &mut self.unsaved);
         let is_it = |references: &mut References| {
             let duty = references.duty_of(ShortAddress(address));
             duty.is_some()
         };
         if self.references.take_if(is_it).is_some() {
-            self.unsaved = true;
+            self.unsaved.insert(FactKey::References);
             // Nobody is to be told any more: what stays due would keep the node awake.
             for member in self.members.iter_mut() {
-                member.more.references = Owed::Nothing;
+                let notifications = &mut member.more.notifications;
+                notifications.cancel(MemberNotification::References);
             }
         }
         self.trigger
-            .take_if(|(camera, target, _)| [*camera, *target].contains(&address));
+            .take_if(|trigger| [trigger.camera, trigger.target].contains(&address));
     }
 
     /// Whether a camera knows its pose, so that there is a frame of the site.
@@ -197,7 +220,7 @@ impl CoordinatorRole {
         let _ = self.tasks.push_back(CoordinatorTask::Tell(message));
     }
 
-    fn hello(&mut self, now: Instant, address: Address, hello: Hello) {
+    fn on_hello(&mut self, now: Instant, address: Address, hello: Hello) {
         if let MemberKind::Camera {
             reference: Some(reference),
         } = hello.kind
@@ -209,15 +232,16 @@ impl CoordinatorRole {
             return;
         };
         let member = &mut member.more;
-        member.who = Owed::Nothing;
-        let is_news = member.hello != Some(hello);
-        member.hello = Some(hello);
+        let notifications = &mut member.notifications;
+        notifications.cancel(MemberNotification::WhoIsThere);
+        let is_news = member.hello.replace(hello) != Some(hello);
         match hello.kind {
-            MemberKind::Target => member.roster.tell(now),
+            MemberKind::Target => notifications.notify(MemberNotification::Roster, now),
             MemberKind::Camera { .. } if is_news => {
                 let members = self.members.iter_mut().map(|member| &mut member.more);
                 for target in members.filter(|member| member.is_target()) {
-                    target.roster = Owed::Due(now + ROSTER_AFTER, 0);
+                    let due = now + ROSTER_AFTER;
+                    target.notifications.notify(MemberNotification::Roster, due);
                 }
             }
             MemberKind::Camera { .. } => {}
@@ -230,10 +254,16 @@ impl CoordinatorRole {
         // who was one before, and was not told.
         if let Some(references) = self.references
             && hello.kind != MemberKind::Target
-            && (is_news && self.recalled || references.duty_of(ShortAddress(address)).is_some())
-            && let Some(member) = self.members.get(address)
+            && (is_news && self.restored || references.duty_of(ShortAddress(address)).is_some())
         {
-            member.references.tell(now);
+            self.notify(now, address, MemberNotification::References);
+        }
+    }
+
+    /// A member has to be told this.
+    fn notify(&mut self, now: Instant, member: Address, what: MemberNotification) {
+        if let Some(member) = self.members.get(member) {
+            member.notifications.notify(what, now);
         }
     }
 
@@ -270,13 +300,11 @@ impl CoordinatorRole {
             return;
         }
         let former = self.references.replace(references);
-        self.unsaved = true;
+        self.unsaved.insert(FactKey::References);
         // Those that are none any more, too.
         for references in former.into_iter().chain([references]) {
             for camera in [references.first, references.second] {
-                if let Some(member) = self.members.get(camera) {
-                    member.references.tell(now);
-                }
+                self.notify(now, camera, MemberNotification::References);
             }
         }
     }
@@ -284,30 +312,36 @@ impl CoordinatorRole {
     /// The first camera to see a target triggers; the next one that sees it at the same stop
     /// becomes its helper (thesis 2.3). Not where cameras know their poses, as they may from a former
     /// network: the target finds its place from them, and a second frame would begin here.
-    fn trigger(&mut self, now: Instant, camera: Address, target: Address, stop: StopNumber) {
+    fn on_trigger(&mut self, now: Instant, trigger: Trigger) {
         let is_configured = [Duty::First, Duty::Second]
             .iter()
             .any(|&duty| self.camera_with(duty).is_some());
         if self.references.is_some() || is_configured || self.has_frame() {
             return;
         }
+        let Trigger {
+            camera,
+            target,
+            stop,
+        } = trigger;
         match self.trigger {
-            Some((first, of, at)) if (of, at) == (target, stop) => {
-                if first != camera {
+            Some(first) if (first.target, first.stop) == (target, stop) => {
+                if first.camera != camera {
                     let references = References {
-                        first,
+                        first: first.camera,
                         second: camera,
                         positions: None,
                     };
                     self.appoint(now, references);
                 }
             }
-            _ => self.trigger = Some((camera, target, stop)),
+            _ => self.trigger = Some(trigger),
         }
     }
 
-    fn report(&mut self, address: Address, report: &Report) {
-        if self.members.report(address, *report).is_none() {
+    fn on_report(&mut self, address: Address, report: &Report) {
+        let known = self.members.report(address, *report, &mut self.unsaved);
+        if known.is_none() {
             return;
         }
         self.tell_pc(ToPc::Report {
@@ -316,7 +350,7 @@ impl CoordinatorRole {
         });
     }
 
-    fn pc(&mut self, now: Instant, wish: FromPc) {
+    fn on_pc(&mut self, now: Instant, wish: FromPc) {
         match wish {
             FromPc::Refresh => {
                 self.refresh = Some(0);
@@ -355,17 +389,6 @@ impl CoordinatorRole {
         }
     }
 
-    fn next_roll_call(&self, now: Instant, count: usize) -> Option<(Instant, usize)> {
-        if count > ROLL_CALLS.len() {
-            return None;
-        }
-        let next = match ROLL_CALLS.get(count) {
-            Some(&after) => now + after,
-            None => Instant(u64::MAX),
-        };
-        Some((next, count + 1))
-    }
-
     /// The next line of the table for the PC, when it asked for everything.
     fn next_line(&mut self) {
         let Some(line) = self.refresh else {
@@ -391,48 +414,59 @@ impl CoordinatorRole {
     fn roster(&self) -> heapless::Vec<Address, MEMBERS> {
         let mut roster = heapless::Vec::new();
         for camera in self.members.iter().filter(|member| member.more.is_camera()) {
-            // As many as there are members.
-            let _ = roster.push(camera.address);
+            let has_room = roster.push(camera.address).is_ok();
+            debug_assert!(has_room, "it has room for all members");
         }
         roster
     }
 
-    /// What is owed to members and due.
-    fn debt(
-        &mut self,
-        now: Instant,
-    ) -> Option<(ShortAddress, Message, Option<CoordinatorNotification>)> {
-        if let Some((at, count)) = self.roll_call
-            && at <= now
-            && let Some(again) = self.next_roll_call(now, count)
-        {
-            self.roll_call = Some(again);
-            return Some((ShortAddress::BROADCAST, Message::WhoIsThere, None));
+    /// The next message that a member has to be told.
+    fn next_notification(&mut self, now: Instant) -> Option<(Address, MemberNotification)> {
+        self.members.iter_mut().find_map(|member| {
+            let due = member.more.notifications.take_due(now)?;
+            Some((member.address, due))
+        })
+    }
+
+    /// What a member is told, as it is known now.
+    fn message_of(&self, notification: MemberNotification) -> Option<Message> {
+        Some(match notification {
+            MemberNotification::WhoIsThere => Message::WhoIsThere,
+            MemberNotification::Roster => Message::Roster(self.roster()),
+            MemberNotification::References => Message::References(self.references?),
+        })
+    }
+}
+
+/// When everybody is asked who they are.
+#[derive(Clone, Debug)]
+struct RollCalls {
+    made: usize,
+    next: Option<Instant>,
+}
+
+impl RollCalls {
+    const fn new() -> Self {
+        Self {
+            made: 0,
+            next: None,
         }
-        let roster = self.roster();
-        for member in self.members.iter_mut() {
-            let address = member.address;
-            let to = ShortAddress(address);
-            let member = &mut member.more;
-            if member.who.take(now) {
-                return Some((
-                    to,
-                    Message::WhoIsThere,
-                    Some(CoordinatorNotification::Who(address)),
-                ));
-            }
-            if member.roster.take(now) {
-                let notification = Some(CoordinatorNotification::Roster(address));
-                return Some((to, Message::Roster(roster), notification));
-            }
-            if let Some(references) = self.references
-                && member.references.take(now)
-            {
-                let notification = Some(CoordinatorNotification::References(address));
-                return Some((to, Message::References(references), notification));
-            }
+    }
+
+    /// The first one, unless that was before.
+    fn begin(&mut self, now: Instant) {
+        if self.made == 0 {
+            self.next.get_or_insert(now);
         }
-        None
+    }
+
+    fn take_due(&mut self, now: Instant) -> bool {
+        let is_due = self.next.take_if(|at| *at <= now).is_some();
+        if is_due {
+            self.next = ROLL_CALLS.get(self.made).map(|&after| now + after);
+            self.made += 1;
+        }
+        is_due
     }
 }
 
@@ -445,10 +479,11 @@ impl Role for CoordinatorRole {
         match fact {
             Fact::References(references) => {
                 self.references = *references;
-                self.recalled = references.is_some();
+                self.restored = references.is_some();
             }
             Fact::Camera(slot, Some((address, report))) => {
-                let _ = self.members.restore(*slot, *address, *report);
+                let known = self.members.restore(*slot, *address, *report);
+                debug_assert!(known.is_some(), "it has room for all that were written");
             }
             _ => {}
         }
@@ -460,8 +495,8 @@ impl Role for CoordinatorRole {
             channel: network.channel.number(),
         });
         self.tell_pc(ToPc::Network(self.network));
-        if network.is_some() && self.roll_call.is_none() {
-            self.roll_call = Some((now, 0));
+        if network.is_some() {
+            self.roll_calls.begin(now);
         }
     }
 
@@ -469,9 +504,16 @@ impl Role for CoordinatorRole {
         let address = from.0;
         self.meet(now, address);
         match message {
-            Message::Hello(hello) => self.hello(now, address, *hello),
-            Message::Report(report) => self.report(address, report),
-            Message::Trigger { target, stop } => self.trigger(now, address, *target, *stop),
+            Message::Hello(hello) => self.on_hello(now, address, *hello),
+            Message::Report(report) => self.on_report(address, report),
+            Message::Trigger { target, stop } => self.on_trigger(
+                now,
+                Trigger {
+                    camera: address,
+                    target: *target,
+                    stop: *stop,
+                },
+            ),
             Message::Done(done) => self.tell_pc(ToPc::Done {
                 address,
                 done: *done,
@@ -490,20 +532,11 @@ impl Role for CoordinatorRole {
 
     fn on_sent(&mut self, now: Instant, notification: CoordinatorNotification, delivered: bool) {
         match notification {
-            CoordinatorNotification::Who(address) => {
+            CoordinatorNotification::Member(address, what) => {
                 if let Some(member) = self.members.get(address) {
                     // A member that cannot be reached says hello when it is back.
-                    member.who.sent(now, true);
-                }
-            }
-            CoordinatorNotification::Roster(address) => {
-                if let Some(member) = self.members.get(address) {
-                    member.roster.sent(now, delivered);
-                }
-            }
-            CoordinatorNotification::References(address) => {
-                if let Some(member) = self.members.get(address) {
-                    member.references.sent(now, delivered);
+                    let is_settled = delivered || what == MemberNotification::WhoIsThere;
+                    member.notifications.on_sent(what, now, is_settled);
                 }
             }
             CoordinatorNotification::Command(address, command) => {
@@ -520,7 +553,7 @@ impl Role for CoordinatorRole {
 
     fn on_event(&mut self, now: Instant, event: CoordinatorEvent) {
         match event {
-            CoordinatorEvent::Pc(wish) => self.pc(now, wish),
+            CoordinatorEvent::Pc(wish) => self.on_pc(now, wish),
             CoordinatorEvent::Button(Button::JoinWindow) => {
                 self.join_window = Some(BUTTON_WINDOW);
             }
@@ -530,7 +563,7 @@ impl Role for CoordinatorRole {
 
     fn poll(&mut self, now: Instant) -> Option<Output<CoordinatorNotification, CoordinatorTask>> {
         self.next_line();
-        if let Some(fact) = self.unsaved() {
+        if let Some(fact) = self.unsaved_fact() {
             return Some(Output::Save(fact));
         }
         if let Some(window) = self.join_window.take() {
@@ -540,36 +573,37 @@ impl Role for CoordinatorRole {
             return Some(Output::Task(task));
         }
         self.network?;
-        if let Some((to, message, notification)) = self.outbox.pop(now) {
+        if let Some(message) = self.outbox.take_due(now) {
+            return Some(message);
+        }
+        if self.roll_calls.take_due(now) {
             return Some(Output::Send {
-                to,
-                message,
-                notification,
+                to: ShortAddress::BROADCAST,
+                message: Message::WhoIsThere,
+                notification: None,
             });
         }
-        let (to, message, notification) = self.debt(now)?;
-        Some(Output::Send {
-            to,
-            message,
-            notification,
-        })
+        while let Some((member, what)) = self.next_notification(now) {
+            if let Some(message) = self.message_of(what) {
+                return Some(Output::Send {
+                    to: ShortAddress(member),
+                    message,
+                    notification: Some(CoordinatorNotification::Member(member, what)),
+                });
+            }
+            debug_assert!(false, "cancelled when there was nothing to tell: {what:?}");
+            if let Some(member) = self.members.get(member) {
+                member.notifications.cancel(what);
+            }
+        }
+        None
     }
 
     fn next_deadline(&self) -> Option<Instant> {
         self.network?;
-        let roll_call = self
-            .roll_call
-            .map(|(at, _)| at)
-            .filter(|at| *at < Instant(u64::MAX));
-        let mut next = Earliest::new(roll_call);
-        next.or(self.outbox.deadline());
-        for member in self.members.iter() {
-            let known = &member.more;
-            for owed in [&known.who, &known.roster, &known.references] {
-                next.or(owed.deadline());
-            }
-        }
-        next.get()
+        let members = self.members.iter();
+        let members = members.filter_map(|member| member.more.notifications.next_due());
+        earliest([self.roll_calls.next, self.outbox.next_due(), members.min()])
     }
 
     fn indication(&self) -> Indication {

@@ -18,11 +18,13 @@ use zigbee_link::{Instant, store::Membership, wire::ShortAddress};
 
 pub use self::table::{CAMERAS, CameraEntry};
 use self::{place::nowhere, table::Table};
-use super::{COORDINATOR, Earliest, Home, Output, Owed, Role};
+use super::{
+    COORDINATOR, LastNetwork, Notification, Notifications, Output, Role, Unsaved, earliest,
+};
 use crate::{
     config::TargetConfig,
     hardware::Indication,
-    memory::{Fact, Walk},
+    memory::{Fact, FactKey, Walk},
     message::{
         Address, CoordinateFrame, Hello, MemberKind, Message, Sight, StopBearing, StopNumber,
         Stopped,
@@ -48,14 +50,20 @@ const LOCATED_WITHIN: Duration = Duration::from_secs(2);
 /// Stops that the first reference camera may still tell the place of.
 const STOOD: usize = 4;
 
-/// Why a target sends a message of which it must know the result.
+/// A message of which a target must know whether it was delivered.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum TargetNotification {
     /// It presents itself.
     Hello,
-    /// It asks a camera for an answer.
+    /// It asks a camera for its answer to this stop.
     Ask(Address, StopNumber),
+}
+
+impl Notification for TargetNotification {
+    fn priority(self) -> u8 {
+        0
+    }
 }
 
 /// What the devices of a target tell.
@@ -74,7 +82,7 @@ pub struct TargetRole {
     id: u16,
     config: TargetConfig,
     address: Option<ShortAddress>,
-    home: Home,
+    last_network: LastNetwork,
     track: Track<f32>,
     located: bool,
     /// No step came since the sensor failed: wherever it may be found, it may be elsewhere then.
@@ -96,9 +104,10 @@ pub struct TargetRole {
     table: Table,
     /// The coordinator told which cameras there are, since the start.
     knows_cameras: bool,
-    /// Its walk is not written down as it is now.
-    unsaved: bool,
-    hello: Owed,
+    /// Facts that are not written down yet.
+    unsaved: Unsaved,
+    /// [`TargetNotification::Hello`].
+    notifications: Notifications<TargetNotification, 1>,
     seen: bool,
 }
 
@@ -132,7 +141,7 @@ impl TargetRole {
             id,
             config,
             address: None,
-            home: Home::new(),
+            last_network: LastNetwork::new(),
             track,
             located: false,
             sensor_failed: false,
@@ -146,8 +155,8 @@ impl TargetRole {
             locate_at: None,
             table: Table::new(),
             knows_cameras: false,
-            unsaved: false,
-            hello: Owed::Nothing,
+            unsaved: Unsaved::new(),
+            notifications: Notifications::new(),
             seen: false,
         }
     }
@@ -215,7 +224,7 @@ impl TargetRole {
         }
         self.track = Track::resume(&place);
         self.at_stop = self.track;
-        let _ = self.stood.push_back((self.stop, self.track));
+        self.remember_stop();
         self.located = walk.located;
         self.state = State::Standing(Standing {
             since: Instant(0),
@@ -226,22 +235,45 @@ impl TargetRole {
         });
     }
 
-    /// The next fact to write down. None is ever lost: what is written is what is known then.
-    fn unsaved(&mut self) -> Option<Fact> {
-        if core::mem::take(&mut self.unsaved)
-            && let Some(place) = self.place()
-        {
-            let (heading, sigma) = self.frame_heading.unzip();
-            return Some(Fact::Walk(Walk {
-                stop: self.stop,
-                standing: matches!(self.state, State::Standing(standing) if !standing.may_walk),
-                place,
-                located: self.located,
-                frame_heading: heading,
-                frame_heading_sigma: sigma.unwrap_or_default(),
-            }));
+    /// The next fact to write down.
+    fn unsaved_fact(&mut self) -> Option<Fact> {
+        while let Some(key) = self.unsaved.take() {
+            let fact = match key {
+                FactKey::Walk => self.walk().map(Fact::Walk),
+                FactKey::Camera(slot) => Some(self.table.fact(slot)),
+                FactKey::Network => self.last_network.fact(),
+                other => {
+                    debug_assert!(false, "no fact of a target: {other:?}");
+                    None
+                }
+            };
+            if fact.is_some() {
+                return fact;
+            }
         }
-        self.table.unsaved().or_else(|| self.home.unsaved())
+        None
+    }
+
+    /// How it walks, if its place can be told.
+    fn walk(&self) -> Option<Walk> {
+        let (heading, sigma) = self.frame_heading.unzip();
+        Some(Walk {
+            stop: self.stop,
+            standing: matches!(self.state, State::Standing(standing) if !standing.may_walk),
+            place: self.place()?,
+            located: self.located,
+            frame_heading: heading,
+            frame_heading_sigma: sigma.unwrap_or_default(),
+        })
+    }
+
+    /// The first reference camera may still tell the place of this stop. The oldest makes room.
+    fn remember_stop(&mut self) {
+        if self.stood.is_full() {
+            self.stood.pop_front();
+        }
+        let has_room = self.stood.push_back((self.stop, self.track)).is_ok();
+        debug_assert!(has_room);
     }
 
     fn stand(&mut self, now: Instant) {
@@ -249,10 +281,7 @@ impl TargetRole {
         self.bearings.clear();
         self.locate_at = None;
         self.at_stop = self.track;
-        if self.stood.is_full() {
-            let _ = self.stood.pop_front();
-        }
-        let _ = self.stood.push_back((self.stop, self.track));
+        self.remember_stop();
         self.seen = false;
         self.state = State::Standing(Standing {
             since: now,
@@ -262,7 +291,7 @@ impl TargetRole {
             may_walk: false,
         });
         self.table.new_stop(!self.located);
-        self.unsaved = true;
+        self.unsaved.insert(FactKey::Walk);
     }
 
     /// Told again, since the place is known now.
@@ -275,7 +304,7 @@ impl TargetRole {
             standing.wait_until = None;
             standing.may_walk = false;
         }
-        self.unsaved = true;
+        self.unsaved.insert(FactKey::Walk);
     }
 
     fn stopped(&self) -> Option<Message> {
@@ -331,8 +360,8 @@ impl TargetRole {
         if is_done || waited >= most {
             standing.may_walk = true;
             // Written down before the lamp goes on: after a restart nobody knows whether it left.
-            self.unsaved = true;
-            return self.unsaved().map(Output::Save);
+            self.unsaved.insert(FactKey::Walk);
+            return self.unsaved_fact().map(Output::Save);
         }
         None
     }
@@ -349,7 +378,7 @@ impl Role for TargetRole {
             Fact::Camera(slot, Some((address, report))) => {
                 self.table.restore(*slot, *address, *report);
             }
-            Fact::Network(network) => self.home.remember(*network),
+            Fact::Network(network) => self.last_network.restore(*network),
             _ => {}
         }
     }
@@ -360,14 +389,16 @@ impl Role for TargetRole {
         let Some(network) = network else {
             return;
         };
-        if self.home.enter(before.is_some(), &network) {
+        let was_attached = before.is_some();
+        let unsaved = &mut self.unsaved;
+        if (self.last_network).on_attached(was_attached, &network, unsaved) {
             // It stands where it stood, but among others.
-            self.table.clear();
+            self.table.clear(unsaved);
             self.bearings.clear();
             self.locate_at = None;
             self.knows_cameras = false;
         }
-        self.hello.tell(now);
+        self.notifications.notify(TargetNotification::Hello, now);
         match self.state {
             // From now on: it may have stood for long.
             State::Walking { last: None } => self.state = State::Walking { last: Some(now) },
@@ -380,7 +411,7 @@ impl Role for TargetRole {
     fn on_message(&mut self, now: Instant, from: ShortAddress, message: &Message) {
         match message {
             Message::Look(look) if look.stop == self.stop => {
-                self.table.answered(now, from.0, look);
+                self.table.on_answer(now, from.0, look);
                 self.seen |= look.sight == Sight::InView;
                 if let State::Standing(standing) = &mut self.state
                     && !self.located
@@ -390,29 +421,33 @@ impl Role for TargetRole {
                 }
             }
             Message::Report(report) => {
-                self.table.report(from.0, *report);
+                self.table.report(from.0, *report, &mut self.unsaved);
             }
             // Nobody else has solved anything.
             Message::Located(located) if self.table.may_be_first(from.0) => {
-                self.located(now, located);
+                self.on_located(now, located);
             }
-            Message::Bearing(bearing) => self.bearing(now, from, bearing),
+            Message::Bearing(bearing) => self.on_bearing(now, from, bearing),
             Message::Roster(cameras) if from == COORDINATOR => {
                 self.knows_cameras = true;
                 for &camera in cameras {
                     self.table.meet(camera);
                 }
             }
-            Message::WhoIsThere if from == COORDINATOR => self.hello.tell(now),
+            Message::WhoIsThere if from == COORDINATOR => {
+                self.notifications.notify(TargetNotification::Hello, now)
+            }
             _ => {}
         }
     }
 
     fn on_sent(&mut self, now: Instant, notification: TargetNotification, delivered: bool) {
         match notification {
-            TargetNotification::Hello => self.hello.sent(now, delivered),
+            TargetNotification::Hello => {
+                self.notifications.on_sent(notification, now, delivered);
+            }
             TargetNotification::Ask(address, stop) if stop == self.stop => {
-                self.table.asked(now, address, delivered);
+                self.table.on_asked(now, address, delivered);
             }
             TargetNotification::Ask(..) => {}
         }
@@ -422,7 +457,7 @@ impl Role for TargetRole {
         match event {
             TargetEvent::Step(step) => {
                 self.sensor_failed = false;
-                self.stepped(now, &step);
+                self.on_step(now, &step);
             }
             // A sensor that goes on failing makes no new stops.
             TargetEvent::SensorFailed if self.sensor_failed => {}
@@ -444,11 +479,11 @@ impl Role for TargetRole {
         {
             self.stand(now);
         }
-        if let Some(fact) = self.unsaved() {
+        if let Some(fact) = self.unsaved_fact() {
             return Some(Output::Save(fact));
         }
         self.address?;
-        if self.hello.take(now) {
+        if let Some(notification) = self.notifications.take_due(now) {
             let hello = Hello {
                 id: self.id,
                 kind: MemberKind::Target,
@@ -456,7 +491,7 @@ impl Role for TargetRole {
             return Some(Output::Send {
                 to: COORDINATOR,
                 message: Message::Hello(hello),
-                notification: Some(TargetNotification::Hello),
+                notification: Some(notification),
             });
         }
         self.standing(now)
@@ -468,10 +503,7 @@ impl Role for TargetRole {
             State::Walking { last } => last.map(|last| last + self.still_after()),
             State::Standing(standing) => self.standing_deadline(standing),
         };
-        let mut next = Earliest::new(state);
-        next.or(self.hello.deadline());
-        next.or(self.locate_at);
-        next.get()
+        earliest([state, self.notifications.next_due(), self.locate_at])
     }
 
     fn indication(&self) -> Indication {

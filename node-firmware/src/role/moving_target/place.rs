@@ -14,6 +14,7 @@ use super::{State, TargetRole};
 use crate::{
     arithmetic::root,
     config::TargetConfig,
+    memory::FactKey,
     message::{StopBearing, TargetLocation, matrix},
 };
 
@@ -30,10 +31,10 @@ impl TargetRole {
         self.track.place(self.config.standing_sigma).ok()
     }
 
-    pub(super) fn stepped(&mut self, now: Instant, step: &Step<f32>) {
+    pub(super) fn on_step(&mut self, now: Instant, step: &Step<f32>) {
         let before = core::mem::replace(&mut self.state, State::Walking { last: Some(now) });
         if matches!(before, State::Standing(standing) if !standing.may_walk) {
-            self.unsaved = true;
+            self.unsaved.insert(FactKey::Walk);
         }
         let turn = match (self.located, self.frame_heading) {
             (true, Some((heading, _))) => heading,
@@ -97,12 +98,12 @@ impl TargetRole {
         if matches!(self.state, State::Standing(standing) if !standing.may_walk) {
             self.tell_again(now);
         } else {
-            self.unsaved = true;
+            self.unsaved.insert(FactKey::Walk);
         }
     }
 
     /// The first reference camera solved, and tells where this target stood.
-    pub(super) fn located(&mut self, now: Instant, located: &TargetLocation) {
+    pub(super) fn on_located(&mut self, now: Instant, located: &TargetLocation) {
         let then = self.stood.iter().find(|(stop, _)| *stop == located.stop);
         let is_of_use = located.is_usable() && !self.located && !self.sensor_failed;
         let Some(&(_, then)) = then.filter(|_| is_of_use) else {
@@ -118,7 +119,7 @@ impl TargetRole {
     }
 
     /// A camera that knows its pose saw this target, which does not know its place.
-    pub(super) fn bearing(&mut self, now: Instant, from: ShortAddress, bearing: &StopBearing) {
+    pub(super) fn on_bearing(&mut self, now: Instant, from: ShortAddress, bearing: &StopBearing) {
         let is_mine = self.address.is_some_and(|own| own.0 == bearing.target);
         let is_of_use =
             bearing.seen.is_usable() && bearing.pose.is_some_and(|p| p.pose().is_some());
@@ -130,7 +131,8 @@ impl TargetRole {
         if self.bearings.is_full() {
             return;
         }
-        let _ = self.bearings.push((from, *bearing));
+        let has_room = self.bearings.push((from, *bearing)).is_ok();
+        debug_assert!(has_room);
         let at = now + BEARINGS_WITHIN;
         self.locate_at = Some(at);
         if let State::Standing(standing) = &mut self.state {
@@ -147,12 +149,12 @@ impl TargetRole {
         let mut stations = heapless::Vec::<intersection::StationBearing<f32>, 4>::new();
         for (_, bearing) in &self.bearings {
             if let Some(pose) = bearing.pose.and_then(|pose| pose.pose()) {
-                // As many as there are bearings.
-                let _ = stations.push(intersection::StationBearing {
+                let has_room = stations.push(intersection::StationBearing {
                     pose,
                     ray: bearing.seen.ray(),
                     bearing_sigma: bearing.seen.sigma,
                 });
+                debug_assert!(has_room.is_ok(), "as many as there are bearings");
             }
         }
         let Ok(found) = intersection::locate(&stations) else {

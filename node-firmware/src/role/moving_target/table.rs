@@ -7,7 +7,7 @@ use crate::{
     limits::MEMBERS,
     memory::Fact,
     message::{Address, Duty, Report, Sight, StopAnswer},
-    role::Reports,
+    role::{Reports, Unsaved},
 };
 
 /// Cameras a target knows.
@@ -91,7 +91,8 @@ impl Table {
 
     /// There is a camera with this address.
     pub(super) fn meet(&mut self, address: Address) {
-        let _ = self.cameras.of(address);
+        // Where there is no room, it is one camera less to ask.
+        self.cameras.of(address);
     }
 
     /// What was written down in this slot.
@@ -102,16 +103,16 @@ impl Table {
     }
 
     /// A camera told how far it is.
-    pub(super) fn report(&mut self, address: Address, report: Report) {
-        if let Some(camera) = self.cameras.report(address, report) {
+    pub(super) fn report(&mut self, address: Address, report: Report, unsaved: &mut Unsaved) {
+        if let Some(camera) = self.cameras.report(address, report, unsaved) {
             camera.away = 0;
             camera.know(&report);
         }
     }
 
     /// Nobody is known any more.
-    pub(super) fn clear(&mut self) {
-        self.cameras.clear();
+    pub(super) fn clear(&mut self, unsaved: &mut Unsaved) {
+        self.cameras.clear(unsaved);
     }
 
     /// Whether this camera may be the first reference: one that has told of a pose says so with it.
@@ -126,13 +127,13 @@ impl Table {
         })
     }
 
-    /// The next report to write down.
-    pub(super) fn unsaved(&mut self) -> Option<Fact> {
-        self.cameras.unsaved()
+    /// The report to write down in this slot.
+    pub(super) fn fact(&self, slot: u8) -> Fact {
+        self.cameras.fact(slot)
     }
 
     /// A camera answered the present stop.
-    pub(super) fn answered(&mut self, now: Instant, address: Address, look: &StopAnswer) {
+    pub(super) fn on_answer(&mut self, now: Instant, address: Address, look: &StopAnswer) {
         if let Some(camera) = self.cameras.of(address) {
             let camera = &mut camera.more;
             camera.question = match look.sight {
@@ -203,7 +204,7 @@ impl Table {
     }
 
     /// The question was delivered, or not.
-    pub(super) fn asked(&mut self, now: Instant, address: Address, delivered: bool) {
+    pub(super) fn on_asked(&mut self, now: Instant, address: Address, delivered: bool) {
         if let Some(camera) = self.cameras.get(address)
             && camera.question == Question::Asked
         {

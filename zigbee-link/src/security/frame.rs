@@ -10,15 +10,15 @@ use crate::{
     Instant,
     radio::FRAME_MAX,
     wire::{
-        Address, AuxHeader, EmitError, Eui64, Frame, FrameType, Header, KeyId, Malformed, PanId,
-        Panned, ShortAddress, Version, copy,
+        Address, AuxHeader, EmitError, Eui64, Frame, FrameType, Header, Malformed, PanId, Panned,
+        ShortAddress, copy,
     },
 };
 
 /// Everything that secures one node's frames: address, keys, counter and up to `PEERS` peers.
 #[derive(Debug)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
-pub struct Session<const PEERS: usize> {
+pub struct FrameSecurity<const PEERS: usize> {
     /// The own extended address.
     extended: Eui64,
     protection: Protection,
@@ -53,7 +53,6 @@ impl Sender {
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Envelope {
     frame_type: FrameType,
-    version: Version,
     pub destination: Panned,
     pub source: Option<Address>,
     security: Option<AuxHeader>,
@@ -66,7 +65,6 @@ impl Envelope {
         let header = parsed.header();
         Ok(Self {
             frame_type: header.frame_type,
-            version: header.version,
             destination: header.destination,
             source: header.source.address,
             security: header.security,
@@ -104,13 +102,13 @@ pub struct Opened<'a> {
 pub enum Refused {
     /// No frame.
     Malformed(Malformed),
-    /// Neither data nor a command, or not of version 1.
+    /// Neither data nor a command.
     NotForSecurity,
     /// Not secured at all.
     Unsecured,
     /// Another level than this network's, for example without integrity code.
     Level,
-    /// A key identifier mode other than 1, or an index that is not, or no longer, accepted.
+    /// The index of a key that is not, or no longer, accepted.
     Key,
     /// The frame has no source address.
     NoSource,
@@ -134,7 +132,7 @@ impl fmt::Display for Refused {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.write_str(match self {
             Self::Malformed(malformed) => return malformed.fmt(f),
-            Self::NotForSecurity => "not a data or command frame of version 1",
+            Self::NotForSecurity => "neither data nor a command",
             Self::Unsecured => "an unsecured frame",
             Self::Level => "another security level than this network's",
             Self::Key => "a key that is not accepted",
@@ -195,7 +193,7 @@ const fn open_payload(frame_type: FrameType) -> usize {
     }
 }
 
-impl<const PEERS: usize> Session<PEERS> {
+impl<const PEERS: usize> FrameSecurity<PEERS> {
     /// A session without peers.
     ///
     /// `counter` comes from the store, see [`Counter::resume`].
@@ -225,11 +223,11 @@ impl<const PEERS: usize> Session<PEERS> {
     /// `header.security` is filled in here; the payload of a command starts with its identifier.
     ///
     /// # Errors
-    /// No frame counter; or a frame that is too long, not of version 1, or impossible. A counter
+    /// No frame counter; or a frame that is too long or impossible. A counter
     /// may be lost then, never used twice.
     pub fn seal(
         &mut self,
-        header: &Header<'_>,
+        header: &Header,
         payload: &[u8],
         buffer: &mut [u8; FRAME_MAX],
     ) -> Result<Sealed, SealError> {
@@ -240,12 +238,12 @@ impl<const PEERS: usize> Session<PEERS> {
     pub(crate) fn seal_under(
         &mut self,
         wants_next: bool,
-        header: &Header<'_>,
+        header: &Header,
         payload: &[u8],
         buffer: &mut [u8; FRAME_MAX],
     ) -> Result<Sealed, SealError> {
         let kind = matches!(header.frame_type, FrameType::Data | FrameType::Command);
-        if !kind || header.version != Version::V2006 {
+        if !kind {
             return Err(EmitError::Impossible.into());
         }
         let level = self.protection.level();
@@ -254,9 +252,8 @@ impl<const PEERS: usize> Session<PEERS> {
         let secured = Header {
             security: Some(AuxHeader {
                 level,
-                key: KeyId::Index(key),
-                counter: Some(counter),
-                asn_in_nonce: false,
+                counter,
+                key_index: key,
             }),
             ..*header
         };
@@ -306,16 +303,11 @@ impl<const PEERS: usize> Session<PEERS> {
             return Err(Refused::NotForSecurity);
         }
         let security = envelope.security.ok_or(Refused::Unsecured)?;
-        if envelope.version != Version::V2006 {
-            return Err(Refused::NotForSecurity);
-        }
         let level = self.protection.level();
         if security.level != level {
             return Err(Refused::Level);
         }
-        let (KeyId::Index(key), Some(counter)) = (security.key, security.counter) else {
-            return Err(Refused::Key);
-        };
+        let (key, counter) = (security.key_index, security.counter);
         let cipher = self.keys.cipher(key, now).ok_or(Refused::Key)?;
         let source = envelope.source.ok_or(Refused::NoSource)?;
         let extended = match source {
