@@ -146,7 +146,7 @@ struct Outbound {
 /// a device, and the code of a coordinator is left out.
 #[derive(Debug)]
 pub struct Node<const PEERS: usize, const QUEUE: usize, const MEMBERS: usize> {
-    /// Messages.
+    /// The messages of the node, to send and to receive.
     pub link: Link<PEERS, QUEUE>,
     common: Common,
     role: Role<MEMBERS>,
@@ -155,6 +155,7 @@ pub struct Node<const PEERS: usize, const QUEUE: usize, const MEMBERS: usize> {
 
 impl<const PEERS: usize, const QUEUE: usize, const MEMBERS: usize> Node<PEERS, QUEUE, MEMBERS> {
     /// A coordinator with what its store remembers.
+    // stack
     #[inline(always)]
     pub fn coordinator(
         settings: NetworkSettings,
@@ -168,6 +169,7 @@ impl<const PEERS: usize, const QUEUE: usize, const MEMBERS: usize> Node<PEERS, Q
     }
 
     /// A device with what its store remembers. It looks for a network at once.
+    // stack
     #[inline(always)]
     pub fn device(now: Instant, settings: NetworkSettings, saved: &Saved) -> Self {
         let common = Common::new(settings);
@@ -175,7 +177,6 @@ impl<const PEERS: usize, const QUEUE: usize, const MEMBERS: usize> Node<PEERS, Q
         Self::new(saved, common, role)
     }
 
-    // A node is large, and each call that returns one may copy it: inlined, it is made in its place.
     // stack
     #[inline(always)]
     fn new(saved: &Saved, common: Common, role: Role<MEMBERS>) -> Self {

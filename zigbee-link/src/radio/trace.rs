@@ -132,8 +132,7 @@ impl<R: Radio, C: Clock, S: Sink> Radio for Tracer<R, C, S> {
 
     async fn receive(&mut self, buffer: &mut [u8; PSDU_MAX]) -> Result<Received, R::Error> {
         let received = self.radio.receive(buffer).await?;
-        let frame = buffer.get(..received.len).unwrap_or_default();
-        self.trace(received.channel, received.rssi, frame);
+        self.trace(received.channel, received.rssi, received.frame(buffer));
         Ok(received)
     }
 }
