@@ -7,11 +7,8 @@ use serde::{Deserialize, Serialize};
 
 use crate::{
     config::SiteKey,
-    message::{Address, Command, Done, Hello, Report, Sighted, Tracked},
+    message::{Address, CameraCommand, CommandResult, Hello, ListedSighting, Report, TrackedBlob},
 };
-
-/// Bits per second of the line.
-pub const BAUD: u32 = 115_200;
 
 /// Bytes of the longest frame, its end included.
 pub const FRAME_MAX: usize = 128;
@@ -41,21 +38,21 @@ pub enum ToPc {
         /// The camera's address.
         address: Address,
         /// The result; `success` is also false when the camera could not be reached.
-        done: Done,
+        done: CommandResult,
     },
     /// A raw packet of a camera.
     Tracked {
         /// The camera's address.
         address: Address,
         /// The packet.
-        tracked: Tracked,
+        tracked: TrackedBlob,
     },
     /// A sighting that a camera has.
     Sighting {
         /// The camera's address.
         address: Address,
         /// The sighting.
-        sighting: Sighted,
+        sighting: ListedSighting,
     },
     /// A member was sent away.
     Removed {
@@ -105,7 +102,7 @@ pub enum FromPc {
         /// The camera.
         address: Address,
         /// What.
-        command: Command,
+        command: CameraCommand,
     },
     /// Ask a camera for its sightings.
     Sightings(Address),

@@ -9,10 +9,9 @@ use embassy_futures::block_on;
 use flash_log::{Entry, Log, LogError};
 use nalgebra::{Point2, Vector2};
 use node_firmware::{
-    config::Duty,
+    limits::{MEMBERS, REFERENCE_STOPS, SIGHTINGS},
     memory::{Colours, Fact, KeptSighting, Memory, Network, ReferenceStop, Walk},
-    message::{MEMBERS, PoseParts, References, Report, Seen, State},
-    role::camera::{REFERENCE_STOPS, SIGHTINGS},
+    message::{CameraState, Duty, PoseParts, References, Report, Seen},
     sight::ColourWindow,
 };
 use rand::{RngExt, SeedableRng};
@@ -65,7 +64,7 @@ fn report(id: u16) -> Report {
         used: 255,
         chi_squared: 2.0,
         done: true,
-        state: State::Doubtful(pose()),
+        state: CameraState::Doubtful(pose()),
     }
 }
 

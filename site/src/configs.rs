@@ -3,11 +3,9 @@
 use calib_core::reference::Known;
 use nalgebra::Point2;
 use node_firmware::{
-    config::{
-        CameraConfig, Config, CoordinatorConfig, Duty, Reference, Role, SiteKey, Subjects,
-        TargetConfig,
-    },
-    role::camera::REFERENCE_STOPS,
+    config::{CameraConfig, Config, CoordinatorConfig, Role, SiteKey, Subjects, TargetConfig},
+    limits::REFERENCE_STOPS,
+    message::{Duty, Reference},
     sight::{ColourWindow, Lens},
 };
 use zigbee_link::security::Protection;

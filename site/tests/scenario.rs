@@ -4,7 +4,7 @@ use calib_core::camera::Projection;
 use nalgebra::Point2;
 use node_firmware::{
     config::{CameraConfig, Config, Role, SiteKey},
-    role::camera::REFERENCE_STOPS,
+    limits::REFERENCE_STOPS,
 };
 use site::world::Variant;
 use site::{BUILT_IN, NetworkConfigs, Overrides, ScatterTable, Scenario, SensorTable, Site};

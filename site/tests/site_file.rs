@@ -3,9 +3,10 @@
 use nalgebra::Point2;
 use node_firmware::{
     config::{
-        CameraConfig, Config, CoordinatorConfig, Duty, Role, SensorConfig, SiteKey, Subjects,
+        CameraConfig, Config, CoordinatorConfig, Role, SensorConfig, SiteKey, Subjects,
         TargetConfig,
     },
+    message::Duty,
     sight::{ColourWindow, Lens},
 };
 use site::{Overrides, Purpose, ScatterTable, Scenario, ScenarioError};

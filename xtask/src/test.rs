@@ -27,7 +27,7 @@ const FIRMWARE_CRATES: [&str; 6] = [
     "cmucam2-driver",
     "flash-log",
     "node-firmware",
-    "spinel-radio",
+    "pedestrian",
     "zigbee-link",
 ];
 

@@ -10,9 +10,10 @@ use std::{
 use crate::place::{CARRIER, Place};
 use node_firmware::{
     config::{
-        CameraConfig, Config, CoordinatorConfig, Duty, Reference, Role, SensorConfig, Sigmas,
-        SiteKey, Subjects, TargetConfig, page,
+        CameraConfig, Config, CoordinatorConfig, Role, SensorConfig, Sigmas, SiteKey, Subjects,
+        TargetConfig, page,
     },
+    message::{Duty, Reference},
     sight::{ColourWindow, Lens},
 };
 use zigbee_link::security::Protection;

@@ -4,12 +4,9 @@ use core::fmt;
 
 use zigbee_link::network::JOIN_WINDOW_MAX;
 
-use super::{
-    COLOURS_MAX, CameraConfig, Config, CoordinatorConfig, Role, STOPS_WANTED, Subjects,
-    TargetConfig,
-};
+use super::{CameraConfig, Config, CoordinatorConfig, Role, Subjects, TargetConfig};
 use crate::{
-    role::camera::REFERENCE_STOPS,
+    limits::{COLOURS_MAX, REFERENCE_STOPS, STOPS_WANTED},
     sight::{ColourWindow, LensError},
 };
 

@@ -1,9 +1,10 @@
 //! Configurations for tests.
 
 use super::{
-    CameraConfig, Config, CoordinatorConfig, Duty, Reference, Role, SensorConfig, Sigmas, SiteKey,
-    Subjects, TargetConfig,
+    CameraConfig, Config, CoordinatorConfig, Role, SensorConfig, Sigmas, SiteKey, Subjects,
+    TargetConfig,
 };
+use crate::message::{Duty, Reference};
 use crate::sight::{ColourWindow, Lens};
 use zigbee_link::security::Protection;
 

@@ -14,8 +14,6 @@ pub mod page;
 
 mod key;
 
-use core::ops::RangeInclusive;
-
 use calib_core::Limits;
 use flash_log::Crc32;
 use heapless::Vec;
@@ -23,18 +21,12 @@ use serde::{Deserialize, Serialize};
 use zigbee_link::{network::Channels, radio::Channel, security::Protection, wire::Eui64};
 
 pub use self::{check::ConfigError, key::SiteKey};
+use crate::limits::{COLOURS_MAX, CONSOLE_BAUD, MEMBERS};
+use crate::message::{Duty, Reference};
 use crate::sight::{
     ColourWindow, Judge, Lens, LensError, Patience, Shape, Subject,
     cmucam2::{Cmucam2Settings, ROWS_PER_COLUMN},
 };
-
-/// The most devices on an allow-list.
-pub const ALLOWED_MAX: usize = 32;
-/// The most target colours a camera can tell apart.
-pub const COLOURS_MAX: usize = 4;
-/// Stops at which a camera may want to see the target: a pose needs three, and no more sightings
-/// are kept than [`SIGHTINGS`](crate::role::camera::SIGHTINGS).
-pub const STOPS_WANTED: RangeInclusive<u8> = 3..=crate::role::camera::SIGHTINGS as u8;
 
 /// All that a node is told.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -80,7 +72,7 @@ pub enum Role {
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct CoordinatorConfig {
     /// EUI-64s of the devices that may always join, most significant byte first.
-    pub allow: Vec<[u8; 8], ALLOWED_MAX>,
+    pub allow: Vec<[u8; 8], MEMBERS>,
     /// How long any device with the site key may join after start-up, seconds; 0: not at all.
     pub join_window_s: u16,
 }
@@ -111,7 +103,7 @@ pub struct CameraConfig {
     /// the first to the second reference camera, degrees, if it is known.
     pub frame_heading_deg: Option<f32>,
     /// Stops after which the reference solve is first tried: 2, or 3 when something above is not
-    /// known, up to [`REFERENCE_STOPS`](crate::role::camera::REFERENCE_STOPS).
+    /// known, up to [`REFERENCE_STOPS`](crate::limits::REFERENCE_STOPS).
     pub reference_stops: u8,
     /// Stops at which it wants to see the target, at least 3.
     pub stops: u8,
@@ -146,36 +138,6 @@ impl Sigmas {
             heading: self.heading_deg.to_radians(),
         }
     }
-}
-
-/// A configured reference camera.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(rename_all = "kebab-case")]
-#[cfg_attr(feature = "defmt", derive(defmt::Format))]
-pub struct Reference {
-    /// Which of the two.
-    pub duty: Duty,
-    /// Where it stands: x and y, if that is known. Of both, it fixes the frame of the site. Of one
-    /// or none, the first one is the origin and the second one on the x axis.
-    pub position: Option<[f32; 2]>,
-}
-
-impl Reference {
-    /// Whether the position, if told, is finite.
-    pub fn is_usable(&self) -> bool {
-        self.position.iter().flatten().all(|p| p.is_finite())
-    }
-}
-
-/// Which of the two reference cameras.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "kebab-case")]
-#[cfg_attr(feature = "defmt", derive(defmt::Format))]
-pub enum Duty {
-    /// The one that solves (the trigger).
-    First,
-    /// The one that sends its rays to the first (the helper).
-    Second,
 }
 
 /// What the target looks like to a camera.
@@ -240,7 +202,7 @@ impl Subjects {
 #[serde(rename_all = "kebab-case")]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct TargetConfig {
-    /// Its colour number, below [`COLOURS_MAX`].
+    /// Its colour number, below [`COLOURS_MAX`](crate::limits::COLOURS_MAX).
     pub colour: u8,
     /// It stands when no step came for so long, milliseconds.
     pub still_after_ms: u32,
@@ -266,7 +228,7 @@ pub struct SensorConfig {
     /// What the compass reads too much on each of its axes, uT: what is magnetic on the breakout and
     /// on its carrier, worn as it is when walking.
     pub hard_iron: [f32; 3],
-    /// `K` of [`StepLength`](calib_core::dead_reckoning::StepLength): the carrier's step length, in
+    /// `K` of [`StepLength`](pedestrian::StepLength): the carrier's step length, in
     /// the unit of the site over (m/s^2)^(1/4).
     pub step_length: f32,
 }
@@ -423,7 +385,7 @@ impl Config {
     pub const fn baud(&self) -> u32 {
         match &self.role {
             Role::Camera(camera) => camera.baud,
-            Role::Coordinator(_) | Role::Target(_) => crate::console::BAUD,
+            Role::Coordinator(_) | Role::Target(_) => CONSOLE_BAUD,
         }
     }
 

@@ -1,4 +1,4 @@
-//! The seams, as a test supplies them, and a site of three nodes.
+//! The hardware of a node, as a test supplies it, and a site of three nodes.
 
 use std::{
     cell::{Cell, RefCell},
@@ -18,16 +18,16 @@ use embassy_futures::block_on;
 use embassy_sync::{blocking_mutex::raw::NoopRawMutex, channel::Channel};
 use embedded_io_async::{ErrorType, Read, Write};
 use node_firmware::{
-    config::{Config, CoordinatorConfig, Duty, Role, SiteKey},
+    config::{Config, CoordinatorConfig, Role, SiteKey},
     console::{Frames, FromPc, ToPc},
-    hardware::{Indication, Indicator, Observer, StepSensor},
-    message::{Command, Done, Kind, Message, Sight},
-    run::{Layout, Seams, run},
+    hardware::{FlashLayout, Hardware, Indication, Indicator, Observer, Peripherals, StepSensor},
+    message::{CameraCommand, CommandResult, Duty, MemberKind, Message, Sight},
+    run::run,
 };
 use virtual_bench::{
     executor::{Clock, Ended, Executor, TaskId, Time},
     line::{Line, Port, PortError, Side, Uart},
-    medium::{Event, Medium, NRF52840, NodeId, Propagation},
+    medium::{Event, Medium, NRF52840, NodeId, Propagation, Radio},
 };
 use zigbee_link::{
     radio::Csma,
@@ -240,6 +240,17 @@ pub(super) struct Board {
     pub(super) log: Log,
 }
 
+impl Hardware for Board {
+    type Uart = NodeUart;
+    type Radio = Csma<Radio, Clock>;
+    type Clock = Clock;
+    type Flash = Flash;
+    type Steps = Steps;
+    type Indicator = Lamps;
+    type Buttons = ();
+    type Observer = Log;
+}
+
 impl Board {
     pub(super) fn new(bench: &mut Bench, role: Role) -> Self {
         let antenna = bench.medium.attach([0.0; 2]);
@@ -290,7 +301,7 @@ impl Board {
         seed: u64,
     ) -> Pin<Box<dyn Future<Output = String>>> {
         let clock = bench.clock.clone();
-        let seams = Seams {
+        let peripherals = Peripherals::<Self> {
             uart: NodeUart {
                 port: self.line.open(Side::Node),
                 stalled: self.stalled.clone(),
@@ -302,7 +313,7 @@ impl Board {
             ),
             clock,
             flash: self.flash.clone(),
-            layout: Layout {
+            layout: FlashLayout {
                 link: 0..HALF,
                 memory: HALF..2 * HALF,
             },
@@ -314,7 +325,7 @@ impl Board {
             seed,
         };
         let config = self.config.clone();
-        Box::pin(async move { run(&config, seams).await.to_string() })
+        Box::pin(async move { run(&config, peripherals).await.to_string() })
     }
 
     pub(super) fn switch_off(&self, bench: &mut Bench) {
@@ -417,7 +428,7 @@ impl Site {
     }
 
     /// What members said they are, by number.
-    pub(super) fn hellos(&self) -> BTreeMap<u16, Kind> {
+    pub(super) fn hellos(&self) -> BTreeMap<u16, MemberKind> {
         let hellos = self.pc.told().into_iter().filter_map(|told| match told {
             ToPc::Member { hello, .. } => Some((hello.id, hello.kind)),
             _ => None,
@@ -436,13 +447,13 @@ impl Site {
     }
 
     /// The PC commands the camera, which answers in this time. Whether it succeeded.
-    pub(super) fn command(&mut self, command: Command, within: Time) -> bool {
+    pub(super) fn command(&mut self, command: CameraCommand, within: Time) -> bool {
         let address = self.camera_address();
         self.pc.wish(FromPc::Command { address, command });
         self.bench.run_for(within);
         let told = self.pc.told();
         let [failed, done] = [false, true].map(|success| {
-            let done = Done { command, success };
+            let done = CommandResult { command, success };
             told.contains(&ToPc::Done { address, done })
         });
         assert!(done != failed, "{told:?}");

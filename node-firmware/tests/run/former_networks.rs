@@ -8,8 +8,9 @@ use embassy_sync::{blocking_mutex::raw::NoopRawMutex, mutex::Mutex};
 use embedded_storage_async::nor_flash::NorFlash as _;
 use node_firmware::{
     config::{Role, SiteKey},
+    limits::MEMBERS,
     memory::{Fact, Memory},
-    message::{MEMBERS, References},
+    message::References,
 };
 use zigbee_link::{
     store::{Member, Record, Saved, Store},

@@ -2,7 +2,7 @@
 
 use node_firmware::{
     config::{CoordinatorConfig, Role, SiteKey},
-    message::{Command, Kind, Sight},
+    message::{CameraCommand, MemberKind, Sight},
 };
 
 use crate::{
@@ -100,8 +100,11 @@ fn boards_change_their_roles() {
     site.target.config.role = Role::Target(target_config(0));
     site.restart(50);
     site.bench.run_for(600 * SECOND);
-    assert_eq!(site.hellos().get(&102), Some(&Kind::Target));
-    assert!(matches!(site.hellos().get(&101), Some(Kind::Camera { .. })));
+    assert_eq!(site.hellos().get(&102), Some(&MemberKind::Target));
+    assert!(matches!(
+        site.hellos().get(&101),
+        Some(MemberKind::Camera { .. })
+    ));
     assert!(site.target.lamps.0.get().may_walk);
 }
 
@@ -111,7 +114,7 @@ fn a_learnt_colour_survives_a_restart() {
     let mut site = Site::new();
     site.camera.sees(Some(40));
     site.bench.run_for(40 * SECOND);
-    let command = Command::LearnColour { colour: 0 };
+    let command = CameraCommand::LearnColour { colour: 0 };
     assert!(site.command(command, 30 * SECOND));
     // The memory is that of a camera of this number only.
     for (id, window) in [

@@ -4,8 +4,8 @@ use std::{cell::RefCell, collections::BTreeMap, f64::consts::PI, rc::Rc};
 
 use nalgebra::{Point2, Vector2};
 use node_firmware::{
-    config::{CameraConfig, Duty, Reference, SensorConfig, Sigmas, Subjects, TargetConfig},
-    message::{Seen, Sight},
+    config::{CameraConfig, SensorConfig, Sigmas, Subjects, TargetConfig},
+    message::{Duty, Reference, Seen, Sight},
     sight::{ColourWindow, Lens},
 };
 use rand::{RngExt, SeedableRng};

@@ -25,9 +25,9 @@ use std::{fmt, str::FromStr};
 
 use node_firmware::{
     config::{
-        ALLOWED_MAX, CameraConfig, Config, ConfigError, CoordinatorConfig, Role, SiteKey, Subjects,
-        TargetConfig,
+        CameraConfig, Config, ConfigError, CoordinatorConfig, Role, SiteKey, Subjects, TargetConfig,
     },
+    limits::MEMBERS,
     sight::{ColourWindow, Lens},
 };
 use serde::{Deserialize, Serialize, de::DeserializeOwned};
@@ -82,7 +82,7 @@ pub enum NodeError {
     #[error("`{0}` is no EUI-64: it has 8 bytes, for example F4:CE:36:00:00:00:00:03")]
     Address(String),
     /// More than there are.
-    #[error("a coordinator's network has at most {ALLOWED_MAX} other nodes, not {0}")]
+    #[error("a coordinator's network has at most {MEMBERS} other nodes, not {0}")]
     TooMany(usize),
     /// A number that is no channel.
     #[error("there is no channel {0}: the 2.4 GHz channels are 11 to 26")]
@@ -347,7 +347,7 @@ impl TryFrom<Coordinator> for CoordinatorConfig {
 }
 
 /// As many as a network has.
-fn allow_list(devices: &[[u8; 8]]) -> Result<heapless::Vec<[u8; 8], ALLOWED_MAX>, NodeError> {
+fn allow_list(devices: &[[u8; 8]]) -> Result<heapless::Vec<[u8; 8], MEMBERS>, NodeError> {
     heapless::Vec::from_slice(devices).map_err(|_| NodeError::TooMany(devices.len()))
 }
 

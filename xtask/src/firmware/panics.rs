@@ -36,7 +36,7 @@ const OURS: [&str; 9] = [
     "node_firmware",
     "nrf52840::",
     "nucleo_l476rg::",
-    "spinel_radio",
+    "pedestrian",
     "zigbee_link",
 ];
 

@@ -20,7 +20,9 @@ use nalgebra::{Point2, Vector2};
 use node_firmware::{
     config::{CameraConfig, Config, CoordinatorConfig, Role, SiteKey, Subjects},
     console::ToPc,
-    message::{Frame, Hello, Kind, Message, PoseParts, Sight, State, Stopped},
+    message::{
+        CameraState, CoordinateFrame, Hello, MemberKind, Message, PoseParts, Sight, Stopped,
+    },
     sight::{ColourWindow, Lens},
 };
 use peer::{Air, Process, StdClock, poll_for};
@@ -149,7 +151,7 @@ fn coordinate(air: &Air, machine: &mut Machine, start: Start) -> Membership {
         };
         let hello = Hello {
             id: 1234,
-            kind: Kind::Target,
+            kind: MemberKind::Target,
         };
         let message = Message::Hello(hello);
         deliver(&link, ShortAddress::COORDINATOR, &message).await;
@@ -243,7 +245,7 @@ fn a_camera_finds_its_pose() {
         }
         while pose.is_none() {
             if let Message::Report(report) = link.recv().await.1 {
-                if let State::Refused(refusal) = report.state {
+                if let CameraState::Refused(refusal) = report.state {
                     panic!("{refusal}");
                 }
                 pose = report.pose().copied();
@@ -298,7 +300,7 @@ fn stopped(stop: u16, [x, y]: [f32; 2]) -> Stopped {
     Stopped {
         stop,
         colour: 0,
-        frame: Frame::Site,
+        frame: CoordinateFrame::Site,
         place: place.unwrap(),
     }
 }
