@@ -520,6 +520,35 @@ fn slip(aether: &mut Aether, packet: &Packet<'_>) {
     aether.nodes[2].handle(aether.now, &mut buffer[..len]);
 }
 
+#[test]
+fn challenges_are_few_and_not_repeated_at_once() {
+    let target = |n: u64| Address::Short(ShortAddress(n as u16));
+    let at = |ms: u64| Instant(ms * 1000);
+    let mut challenges = Challenges::default();
+    challenges.asked(at(0), target(1), 11);
+    assert!(!challenges.may_ask(Instant(99_999), target(1)));
+    assert!(challenges.may_ask(at(100), target(1)));
+    assert!(challenges.may_ask(at(0), target(2)));
+    for n in 2..=8 {
+        challenges.asked(at(n), target(n), 10 + n as u32);
+    }
+    // Full, until the first one expires.
+    assert!(!challenges.may_ask(Instant(1_999_999), target(9)));
+    assert!(challenges.may_ask(at(2000), target(9)));
+    challenges.asked(at(2000), target(9), 19);
+    // What has to be asked takes the place of the oldest.
+    challenges.asked(at(2000), target(10), 20);
+    let mut is_answered = |n: u16, counter| {
+        let extended = Eui64([2, 0, 0, 0, 0, 0, 0, 9]);
+        challenges.is_answered(at(2000), extended, ShortAddress(n), counter)
+    };
+    assert!(!is_answered(2, 12));
+    assert!(!is_answered(3, 14), "another's counter");
+    assert!(is_answered(3, 13));
+    assert!(!is_answered(3, 13), "once");
+    assert!(is_answered(4, 14) && is_answered(10, 20));
+}
+
 /// Any member could lock the others out otherwise.
 #[test]
 fn only_the_coordinator_hands_on_keys() {
