@@ -7,7 +7,7 @@
 
 use crate::{
     Real,
-    real::{lit, root},
+    numerics::real::{lit, root},
 };
 
 /// How well measurements fit an answer.

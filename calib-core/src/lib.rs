@@ -50,7 +50,6 @@
     )
 )]
 
-pub mod angle;
 pub mod camera;
 pub mod dead_reckoning;
 pub mod fit;
@@ -58,21 +57,18 @@ pub mod intersection;
 pub mod reference;
 pub mod resection;
 
-mod cholesky;
-mod covariance;
-mod minimize;
-mod plane;
+mod numerics;
 mod pose;
-mod ranking;
-mod real;
 mod refusal;
 mod sighting;
 mod status;
-mod subsets;
 
-pub use minimize::Method;
+pub use numerics::{
+    angle,
+    minimize::Method,
+    real::{Real, lit},
+};
 pub use pose::{Ellipse, Pose, PoseError};
-pub use real::Real;
 pub use refusal::Refusal;
 pub use sighting::{Ray, Sighting};
 pub use status::{Limits, Status};

@@ -91,17 +91,18 @@ extern crate std;
 
 mod banks;
 mod crc;
+mod dirty;
 mod slot;
 
 use core::{fmt, ops::Range};
 
 use embedded_storage_async::nor_flash::NorFlash;
 
-pub use self::crc::Crc32;
 use self::{
     banks::Banks,
     slot::{HEAD, HEADER, SUM},
 };
+pub use self::{crc::Crc32, dirty::DirtySet};
 
 /// Bytes of the longest slot.
 pub const SLOT_MAX: usize = 128;

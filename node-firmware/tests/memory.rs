@@ -6,6 +6,7 @@ use std::collections::BTreeMap;
 
 use calib_core::dead_reckoning::{Place, PlaceParts, Systematic};
 use embassy_futures::block_on;
+use flash_log::{Entry, Log, LogError};
 use nalgebra::{Point2, Vector2};
 use node_firmware::{
     limits::{MEMBERS, REFERENCE_STOPS, SIGHTINGS},
@@ -17,7 +18,6 @@ use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use support::flash::{self, Flash};
 use virtual_bench::flash::FlashError;
-use zigbee_link::store::log::{Entry, Log, LogError};
 
 /// Two pages of 4 KiB, as on the boards.
 const LEN: u32 = flash::length(32);

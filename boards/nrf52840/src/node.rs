@@ -19,11 +19,12 @@ use embassy_nrf::{
 use embassy_time::Delay;
 use node_firmware::{
     config::{Config, page::PageError},
-    run::{Seams, run},
+    hardware::{Hardware, Peripherals},
+    run::run,
     steps::InertialSteps,
 };
 use static_cell::StaticCell;
-use zigbee_link::radio::{Csma, Filter};
+use zigbee_link::radio::Csma;
 
 use crate::{
     board::Board,
@@ -39,23 +40,23 @@ defmt::timestamp!("{=u64:us}", embassy_time::Instant::now().as_micros());
 
 type Steps = InertialSteps<SensorBus, EmbassyClock>;
 
-type NodeSeams = Seams<
-    Lossless,
-    Filter<Csma<OnChip, Delay>>,
-    EmbassyClock,
-    Flash,
-    &'static mut Steps,
-    Lamps<Output<'static>, false>,
-    PushButtons<Input<'static>>,
-    (),
->;
+impl Hardware for Board {
+    type Uart = Lossless;
+    type Radio = Csma<OnChip, Delay>;
+    type Clock = EmbassyClock;
+    type Flash = Flash;
+    type Steps = &'static mut Steps;
+    type Indicator = Lamps<Output<'static>, false>;
+    type Buttons = PushButtons<Input<'static>>;
+    type Observer = ();
+}
 
 #[embassy_executor::main]
 async fn main(spawner: Spawner) {
     static SHARED: StaticCell<Shared> = StaticCell::new();
     static CONFIG: StaticCell<Config> = StaticCell::new();
     static STEPS: StaticCell<Steps> = StaticCell::new();
-    static SEAMS: StaticCell<Option<NodeSeams>> = StaticCell::new();
+    static PERIPHERALS: StaticCell<Option<Peripherals<Board>>> = StaticCell::new();
     let board = Board::new();
     tell_start(reset_cause(), &retained::take());
     let (flash, config) = memory::open(board.flash);
@@ -73,9 +74,9 @@ async fn main(spawner: Spawner) {
     };
     let seed = random(board.random);
     let shared = SHARED.init(Shared::new());
-    let seams = SEAMS.init(Some(Seams {
+    let peripherals = PERIPHERALS.init(Some(Peripherals {
         uart: Lossless(uart),
-        radio: Filter::new(Csma::new(OnChip::new(shared), Delay, seed)),
+        radio: Csma::new(OnChip::new(shared), Delay, seed),
         clock: EmbassyClock,
         flash,
         layout: NRF52840.layout,
@@ -87,7 +88,7 @@ async fn main(spawner: Spawner) {
         seed,
     }));
     spawn(spawner, run_radio(board.radio, shared));
-    spawn(spawner, run_node(config, seams));
+    spawn(spawner, run_node(config, peripherals));
     spawn(spawner, watchdog::feed(board.watchdog));
 }
 
@@ -98,12 +99,12 @@ async fn run_radio(radio: ieee802154::Radio<'static>, shared: &'static Shared) {
 }
 
 #[embassy_executor::task]
-async fn run_node(config: &'static Config, seams: &'static mut Option<NodeSeams>) {
+async fn run_node(config: &'static Config, peripherals: &'static mut Option<Peripherals<Board>>) {
     // Not passed by value: the whole future of the node would be copied on the stack with them.
-    let Some(seams) = seams.take() else {
+    let Some(peripherals) = peripherals.take() else {
         return;
     };
-    let node = pin!(run(config, seams));
+    let node = pin!(run(config, peripherals));
     let failure = LIVENESS.watch(NODE, node).await;
     // Nothing reports any more: the watchdog restarts the node.
     defmt::error!("stopped: {=str}", describe(&failure));

@@ -15,11 +15,12 @@ use embassy_executor::Spawner;
 use embassy_stm32::{exti::ExtiInput, gpio::Output, mode::Async};
 use node_firmware::{
     config::{Config, page::PageError},
-    run::{Seams, run},
+    hardware::{Hardware, Peripherals},
+    run::run,
     steps::InertialSteps,
 };
+use spinel_radio::SpinelRadio;
 use static_cell::StaticCell;
-use zigbee_link::spinel::SpinelRadio;
 
 use crate::{
     board::Board,
@@ -35,23 +36,23 @@ defmt::timestamp!("{=u64:us}", embassy_time::Instant::now().as_micros());
 type Radio = SpinelRadio<Uart, EmbassyClock>;
 type Steps = InertialSteps<SensorBus, EmbassyClock>;
 
-type NodeSeams = Seams<
-    Lossless,
-    &'static mut Radio,
-    EmbassyClock,
-    Flash,
-    &'static mut Steps,
-    Lamps<Output<'static>, true>,
-    PushButtons<ExtiInput<'static, Async>>,
-    (),
->;
+impl Hardware for Board {
+    type Uart = Lossless;
+    type Radio = &'static mut Radio;
+    type Clock = EmbassyClock;
+    type Flash = Flash;
+    type Steps = &'static mut Steps;
+    type Indicator = Lamps<Output<'static>, true>;
+    type Buttons = PushButtons<ExtiInput<'static, Async>>;
+    type Observer = ();
+}
 
 #[embassy_executor::main]
 async fn main(spawner: Spawner) {
     static CONFIG: StaticCell<Config> = StaticCell::new();
     static RADIO: StaticCell<Radio> = StaticCell::new();
     static STEPS: StaticCell<Steps> = StaticCell::new();
-    static SEAMS: StaticCell<Option<NodeSeams>> = StaticCell::new();
+    static PERIPHERALS: StaticCell<Option<Peripherals<Board>>> = StaticCell::new();
     let board = Board::new();
     tell_start(reset_cause(), &retained::take());
     let (flash, config) = memory::open(board.flash);
@@ -67,7 +68,7 @@ async fn main(spawner: Spawner) {
         // Refused where configurations are checked.
         stop(PageError::Body).await;
     };
-    let seams = SEAMS.init(Some(Seams {
+    let peripherals = PERIPHERALS.init(Some(Peripherals {
         uart: Lossless(uart),
         radio: RADIO.init(SpinelRadio::new(radio, EmbassyClock)),
         clock: EmbassyClock,
@@ -80,17 +81,17 @@ async fn main(spawner: Spawner) {
         extended: factory_address(),
         seed: random(board.random),
     }));
-    spawn(spawner, run_node(config, seams));
+    spawn(spawner, run_node(config, peripherals));
     spawn(spawner, watchdog::feed(board.watchdog));
 }
 
 #[embassy_executor::task]
-async fn run_node(config: &'static Config, seams: &'static mut Option<NodeSeams>) {
+async fn run_node(config: &'static Config, peripherals: &'static mut Option<Peripherals<Board>>) {
     // Not passed by value: the whole future of the node would be copied on the stack with them.
-    let Some(seams) = seams.take() else {
+    let Some(peripherals) = peripherals.take() else {
         return;
     };
-    let node = pin!(run(config, seams));
+    let node = pin!(run(config, peripherals));
     let failure = LIVENESS.watch(NODE, node).await;
     // Nothing reports any more: the watchdog restarts the node.
     defmt::error!("stopped: {=str}", describe(&failure));

@@ -5,7 +5,10 @@ use core::fmt;
 use nalgebra::{Matrix2, Point2, Vector2};
 
 use super::{Place, PlaceParts};
-use crate::{Real, covariance::is_covariance, plane, real::lit};
+use crate::{
+    Real,
+    numerics::{covariance::is_covariance, plane, real::lit},
+};
 
 /// One step: `P e^{j theta}` (thesis 2.6.1), with errors that no other step shares.
 ///
@@ -23,8 +26,7 @@ pub struct Step<T> {
     /// Standard deviation of the heading, radians, zero or above.
     ///
     /// Where successive headings err together for some time, give the sigma that independent
-    /// errors would need for the same growth over many steps; [`Pedestrian`](super::Pedestrian)
-    /// does.
+    /// errors would need for the same growth over many steps.
     pub heading_sigma: T,
 }
 
@@ -66,8 +68,8 @@ pub struct Systematic<T> {
     /// about what a sensor strapped on by eye and a calibrated compass leave.
     pub heading_sigma: T,
     /// Standard deviation of the constant relative error of step lengths. Default 0.08: a step
-    /// length model that was not calibrated for the person. About 0.03 after
-    /// [`StepLength::calibrated`](super::StepLength::calibrated), if the pace stays.
+    /// length model that was not calibrated for the person. About 0.03 after a walk of known length,
+    /// if the pace stays.
     pub scale_sigma: T,
 }
 

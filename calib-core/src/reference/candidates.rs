@@ -15,12 +15,14 @@ use nalgebra::{Vector2, Vector6};
 use super::{Stop, model::Bearings};
 use crate::{
     Ray, Real, Refusal, Sighting,
-    minimize::Problem,
-    plane::{cross, dot, mul, mul_conj, quarter_turn, taxicab, unit},
-    ranking::Ranking,
-    real::lit,
+    numerics::{
+        minimize::Problem,
+        plane::{cross, dot, mul, mul_conj, quarter_turn, taxicab, unit},
+        ranking::Ranking,
+        real::lit,
+        subsets,
+    },
     resection::three_point::{self, Fix},
-    subsets,
 };
 
 /// Starts for least squares, by how well they fit all stops. Duplicates of one answer come from

@@ -7,7 +7,7 @@
 //! is turned against it.
 //!
 //! # Why not the thesis's equations
-//! The six residuals in print ([`printed`]) determine four of their six unknowns only: the
+//! The six residuals in print (kept in this crate's tests) determine four of their six unknowns only: the
 //! measured displacement has cancelled from them, so every pair of headings solves them perfectly.
 //! Here the displacement is what it was measured for. Bearings of `n` stops are `2 n` equations;
 //!
@@ -30,21 +30,23 @@
 //! therefore somewhat too sure. Where two answers merge, or noise makes the circles of two stops
 //! miss each other, the prediction is bounded by the profile of the cost instead of its slope.
 
-use nalgebra::{Matrix2, Matrix6, Point2, Vector2, Vector6};
+use nalgebra::{Matrix2, Matrix3, Matrix6, Point2, Vector2, Vector3, Vector6};
 
 use crate::{
-    Method, Ray, Real, Refusal, angle,
+    Method, Pose, Ray, Real, Refusal,
     fit::{Fit, one_in_a_thousand},
-    minimize::{Descent, STALLED_SIGMAS},
-    plane::unit,
-    ranking::Ranking,
-    real::{lit, root},
+    numerics::{
+        angle,
+        minimize::{Descent, STALLED_SIGMAS},
+        plane::unit,
+        ranking::Ranking,
+        real::{lit, root},
+    },
 };
 use model::Bearings;
 
 mod candidates;
 mod model;
-pub mod printed;
 mod profile;
 
 /// One stop of the target, seen by both reference cameras.
@@ -89,14 +91,14 @@ pub struct Known<T> {
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
-pub struct Settings {
+pub struct ReferenceSettings {
     /// From the closed-form candidate to the minimum.
     pub method: Method,
     /// Steps after which a candidate is given up.
     pub iteration_limit: usize,
 }
 
-impl Default for Settings {
+impl Default for ReferenceSettings {
     /// Levenberg damping, 50 iterations (4 to 6 are usual). Steepest descent wants thousands.
     fn default() -> Self {
         Self {
@@ -109,7 +111,7 @@ impl Default for Settings {
 /// One answer.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
-pub struct Solution<T: Real> {
+pub struct ReferenceSolution<T: Real> {
     /// Headings of camera 0 and camera 1 against the baseline, radians in `[0, 2 pi)`.
     pub headings: [T; 2],
     /// Where the target stood at the first stop.
@@ -132,7 +134,7 @@ pub struct Solution<T: Real> {
     pub condition: T,
 }
 
-impl<T: Real> Solution<T> {
+impl<T: Real> ReferenceSolution<T> {
     /// Standard deviations of the two headings, radians.
     pub fn heading_sigmas(&self) -> [T; 2] {
         [self.covariance.m11, self.covariance.m22].map(root)
@@ -164,6 +166,44 @@ impl<T: Real> Solution<T> {
             .map(move |(sum, spread)| model::place(self, turn, sum, spread))
     }
 
+    /// Both cameras' poses in a frame in which the first one stands at `origin` and the second one
+    /// in `direction` of it, radians, both known exactly.
+    ///
+    /// The first camera is where the frame begins, so only its heading errs; the second one is on
+    /// the baseline, the length of which errs if it was not known.
+    pub fn poses(&self, origin: Point2<T>, direction: T) -> [Pose<T>; 2] {
+        let along = unit(direction);
+        let c = &self.covariance;
+        let zero = T::zero();
+        let [xx, xy, yy] = [
+            along.x * along.x * c.m66,
+            along.x * along.y * c.m66,
+            along.y * along.y * c.m66,
+        ];
+        let [x_heading, y_heading] = [along.x * c.m26, along.y * c.m26];
+        let second = Matrix3::new(
+            xx, xy, x_heading, //
+            xy, yy, y_heading, //
+            x_heading, y_heading, c.m22,
+        );
+        let first = Matrix3::from_diagonal(&Vector3::new(zero, zero, c.m11));
+        let [heading0, heading1] = self
+            .headings
+            .map(|heading| angle::wrap_positive(direction + heading));
+        [
+            Pose {
+                position: origin,
+                heading: heading0,
+                covariance: first,
+            },
+            Pose {
+                position: origin + along * self.baseline,
+                heading: heading1,
+                covariance: second,
+            },
+        ]
+    }
+
     fn unknowns(&self) -> Vector6<T> {
         let [h0, h1] = self.headings;
         let p = self.first_stop;
@@ -172,7 +212,7 @@ impl<T: Real> Solution<T> {
 }
 
 #[cfg(feature = "defmt")]
-impl<T: Real + defmt::Format> defmt::Format for Solution<T> {
+impl<T: Real + defmt::Format> defmt::Format for ReferenceSolution<T> {
     fn format(&self, f: defmt::Formatter<'_>) {
         let ([h0, h1], [s0, s1]) = (self.headings, self.heading_sigmas());
         defmt::write!(
@@ -191,12 +231,12 @@ impl<T: Real + defmt::Format> defmt::Format for Solution<T> {
 /// The best answer, and another one if the data cannot tell them apart.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
-pub struct Outcome<T: Real> {
+pub struct ReferenceOutcome<T: Real> {
     /// The answer with the least residuals.
-    pub best: Solution<T>,
+    pub best: ReferenceSolution<T>,
     /// A different one that is not ruled out: its chi squared is above the best one's by less than
     /// the [limit](one_in_a_thousand) of one degree of freedom. One more stop, or a glance at the scene, decides.
-    pub alternative: Option<Solution<T>>,
+    pub alternative: Option<ReferenceSolution<T>>,
     /// How many different, physically possible answers the candidates led to.
     pub candidates: usize,
 }
@@ -213,8 +253,8 @@ pub struct Outcome<T: Real> {
 pub fn solve<T: Real>(
     stops: &[Stop<T>],
     known: &Known<T>,
-    settings: &Settings,
-) -> Result<Outcome<T>, Refusal> {
+    settings: &ReferenceSettings,
+) -> Result<ReferenceOutcome<T>, Refusal> {
     solve_checked(stops, known, *settings)
 }
 
@@ -223,8 +263,8 @@ pub fn solve<T: Real>(
 fn solve_checked<T: Real>(
     stops: &[Stop<T>],
     known: &Known<T>,
-    settings: Settings,
-) -> Result<Outcome<T>, Refusal> {
+    settings: ReferenceSettings,
+) -> Result<ReferenceOutcome<T>, Refusal> {
     let lengths_usable = known
         .baseline
         .is_none_or(|b| b.is_finite() && b > T::zero());
@@ -254,9 +294,9 @@ type Answers<T> = Ranking<T, Found<T>, 6>;
 #[inline(never)]
 fn outcome<T: Real>(
     problem: &Bearings<'_, T>,
-    settings: Settings,
+    settings: ReferenceSettings,
     found: &Answers<T>,
-) -> Result<Outcome<T>, Refusal> {
+) -> Result<ReferenceOutcome<T>, Refusal> {
     let mut ranked = found.iter();
     let best = ranked.next().ok_or(Refusal::TargetBehind)?;
     let limit = best.chi_squared + one_in_a_thousand(1);
@@ -264,7 +304,7 @@ fn outcome<T: Real>(
         Some(other) => Some(refine(problem, other.start, settings)?),
         None => None,
     };
-    Ok(Outcome {
+    Ok(ReferenceOutcome {
         best: refine(problem, best.start, settings)?,
         alternative,
         candidates: found.iter().count(),
@@ -286,7 +326,7 @@ struct Found<T: Real> {
 #[inline(never)]
 fn distinct<T: Real>(
     problem: &Bearings<'_, T>,
-    settings: Settings,
+    settings: ReferenceSettings,
     found: &mut Answers<T>,
 ) -> Result<(), Refusal> {
     let mut proposals = Ranking::new();
@@ -320,8 +360,8 @@ fn distinct<T: Real>(
 fn refine<T: Real>(
     problem: &Bearings<'_, T>,
     start: Vector6<T>,
-    settings: Settings,
-) -> Result<Solution<T>, Refusal> {
+    settings: ReferenceSettings,
+) -> Result<ReferenceSolution<T>, Refusal> {
     let mut walk = Descent::new(start);
     let iterations = walk.run(problem, settings.method, settings.iteration_limit)?;
     let x = &walk.x;
@@ -339,7 +379,7 @@ fn refine<T: Real>(
     if !covariance.diagonal().iter().all(|&v| v >= T::zero()) {
         return Err(Refusal::Undetermined);
     }
-    Ok(Solution {
+    Ok(ReferenceSolution {
         headings: [x.x, x.y].map(angle::wrap_positive),
         first_stop: Point2::new(x.z, x.w),
         frame_heading: angle::wrap_positive(x.a),
@@ -413,5 +453,5 @@ fn displacements_from_first<T: Real>(
 /// A covariance in a frame turned by a unit vector.
 fn turned<T: Real>(covariance: &Matrix2<T>, turn: Vector2<T>) -> Matrix2<T> {
     let rotation = Matrix2::new(turn.x, -turn.y, turn.y, turn.x);
-    rotation * covariance * rotation.transpose()
+    angle::turned(covariance, &rotation)
 }

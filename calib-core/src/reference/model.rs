@@ -5,12 +5,14 @@
 
 use nalgebra::{Matrix2, Matrix6, Point2, Vector2, Vector6};
 
-use super::{Known, Solution, Stop, displacements_from_first, turned};
+use super::{Known, ReferenceSolution, Stop, displacements_from_first, turned};
 use crate::{
     Ray, Real,
-    minimize::{Problem, Quadratic},
-    plane::{cross, dot, mul, quarter_turn, unit},
-    real::{at_least_zero, lit},
+    numerics::{
+        minimize::{Problem, Quadratic},
+        plane::{cross, dot, mul, quarter_turn, unit},
+        real::{at_least_zero, lit},
+    },
 };
 
 pub(super) struct Bearings<'a, T: Real> {
@@ -221,7 +223,7 @@ impl<T: Real> Problem<T> for Bearings<'_, T> {
 /// A stop's place and covariance from a solution: the first stop and the frame heading carry their
 /// covariance over, the displacement adds its own.
 pub(super) fn place<T: Real>(
-    solution: &Solution<T>,
+    solution: &ReferenceSolution<T>,
     turn: Vector2<T>,
     sum: Vector2<T>,
     spread: Matrix2<T>,

@@ -4,10 +4,13 @@ use nalgebra::{Point2, Vector3};
 
 use super::{Solution, information::Row, three_point};
 use crate::{
-    Pose, Real, Refusal, Sighting, angle,
-    minimize::{Descent, Method, Problem, Quadratic},
-    ranking::Ranking,
-    subsets,
+    Pose, Real, Refusal, Sighting,
+    numerics::{
+        angle,
+        minimize::{Descent, Method, Problem, Quadratic},
+        ranking::Ranking,
+        subsets,
+    },
 };
 
 /// Iterations after which a start is given up. From a closed-form start, four are usual.

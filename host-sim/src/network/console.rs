@@ -14,7 +14,7 @@ use embassy_futures::select::{Either, select};
 use embedded_io_async::{Read, Write};
 use node_firmware::console::{Frames, ToPc};
 
-use super::{journal::SharedJournal, node::Hardware};
+use super::{journal::SharedJournal, node::Node};
 use virtual_bench::{
     executor::Clock,
     line::{Port, Side},
@@ -69,7 +69,7 @@ impl RollCall {
 
 impl Console {
     pub(super) fn new(
-        coordinator: &Hardware,
+        coordinator: &Node,
         expected: usize,
         clock: Clock,
         journal: SharedJournal,

@@ -10,10 +10,10 @@ use embassy_sync::{blocking_mutex::raw::NoopRawMutex, channel::Channel as Queue,
 use nalgebra::Point2;
 use node_firmware::{
     config::{Config, Role},
-    hardware::{Indication, Indicator, StepSensor},
+    hardware::{FlashLayout, Hardware, Indication, Indicator, Peripherals, StepSensor},
     limits::CONSOLE_BAUD,
     memory::Fact,
-    run::{Layout, Seams, run},
+    run::run,
 };
 use zigbee_link::{radio::Csma, wire::Eui64};
 
@@ -30,7 +30,7 @@ use virtual_bench::{
     executor::{Clock, Spawner, TaskId, Time},
     flash::{Flash, PAGE},
     line::{Line, Side, Uart},
-    medium::{Medium, NRF52840, NodeId},
+    medium::{Medium, NRF52840, NodeId, Radio},
     random::Root,
 };
 
@@ -76,7 +76,7 @@ struct Outlook {
 }
 
 /// The node's end of the lamps.
-struct Lamps(Rc<Hardware>);
+pub(super) struct Lamps(Rc<Node>);
 
 impl Indicator for Lamps {
     fn show(&mut self, indication: Indication) {
@@ -85,7 +85,7 @@ impl Indicator for Lamps {
 }
 
 /// The step sensor's end at the node.
-struct Steps(Rc<Hardware>);
+pub(super) struct Steps(Rc<Node>);
 
 impl StepSensor for Steps {
     type Error = core::convert::Infallible;
@@ -96,7 +96,7 @@ impl StepSensor for Steps {
 }
 
 /// One node.
-pub(super) struct Hardware {
+pub(super) struct Node {
     config: Config,
     clock: Clock,
     spawner: Spawner,
@@ -120,7 +120,19 @@ pub(super) struct Hardware {
     trouble: Trouble,
 }
 
-impl Hardware {
+/// In this program, not on an emulated board.
+impl Hardware for Node {
+    type Uart = Device;
+    type Radio = Csma<Radio, Clock>;
+    type Clock = Clock;
+    type Flash = Flash;
+    type Steps = Steps;
+    type Indicator = Lamps;
+    type Buttons = ();
+    type Observer = Witness;
+}
+
+impl Node {
     fn new(
         simulation: &Simulation,
         config: Config,
@@ -364,12 +376,12 @@ impl Hardware {
             let seed = self.next_seed();
             let radio = self.medium.radio(self.antenna, NRF52840);
             let node = self.clone();
-            let seams = Seams {
+            let peripherals = Peripherals::<Self> {
                 uart: self.device(),
                 radio: Csma::new(radio, self.clock.clone(), seed),
                 clock: self.clock.clone(),
                 flash: self.flash.clone(),
-                layout: Layout {
+                layout: FlashLayout {
                     link: 0..HALF,
                     memory: HALF..2 * HALF,
                 },
@@ -384,7 +396,7 @@ impl Hardware {
                 extended: Eui64(site::extended(self.config.id)),
                 seed,
             };
-            let failure = run(&self.config, seams).await;
+            let failure = run(&self.config, peripherals).await;
             let why = failure.to_string();
             self.journal.borrow_mut().failed(self.config.id, &why);
             self.clock.sleep(RESTART).await;

@@ -228,7 +228,7 @@ pub struct SensorConfig {
     /// What the compass reads too much on each of its axes, uT: what is magnetic on the breakout and
     /// on its carrier, worn as it is when walking.
     pub hard_iron: [f32; 3],
-    /// `K` of [`StepLength`](calib_core::dead_reckoning::StepLength): the carrier's step length, in
+    /// `K` of [`StepLength`](pedestrian::StepLength): the carrier's step length, in
     /// the unit of the site over (m/s^2)^(1/4).
     pub step_length: f32,
 }

@@ -4,19 +4,17 @@ use core::{convert::Infallible, pin::pin};
 
 use cmucam2_driver::Cmucam2;
 use embassy_futures::select::{Either, Either3, select, select3};
-use embedded_io_async::{Read, Write};
-use embedded_storage_async::nor_flash::NorFlash;
 use flash_log::LogError;
 use zigbee_link::{Instant, runner::Clock};
 
 use super::{
-    ClockDelay,
-    apart::Apart,
-    drive::{Actor, AtDesk, Desk, Events, Surroundings, Tasks, drive},
+    ClockDelay, FlashError,
+    drive::{AnyDriver, DeviceChannels, Events, RoleDriver, Services, Tasks, drive},
+    outlined::Outlined,
 };
 use crate::{
     config::{CameraConfig, Subjects},
-    hardware::{Buttons, Indicator, Observer},
+    hardware::{Buttons, Hardware},
     log::warning,
     message::{CameraCommand, CommandResult, Seen, Sight, TrackedBlob},
     role::camera::{CameraEvent, CameraRole, CameraTask},
@@ -27,39 +25,32 @@ use crate::{
 const PAUSE_US: u64 = 1_000_000;
 const PAUSE_MAX_US: u64 = 32_000_000;
 
-pub(super) async fn run<C, F, O, U, B, I>(
+pub(super) async fn run<H: Hardware>(
     id: u16,
     config: &CameraConfig,
-    surroundings: Surroundings<'_, C, F, O, I>,
-    (uart, mut buttons): (U, B),
-) -> LogError<F::Error>
-where
-    C: Clock,
-    F: NorFlash,
-    O: Observer,
-    U: Read + Write,
-    B: Buttons,
-    I: Indicator,
-{
-    let clock = surroundings.clock;
-    let desk = Desk::new();
+    services: Services<'_, H>,
+    (uart, mut buttons): (H::Uart, H::Buttons),
+) -> LogError<FlashError<H>> {
+    let clock = services.clock;
+    let channels = DeviceChannels::new();
     let mut role = CameraRole::new(id, config.clone());
-    let driven = drive(Actor::Camera(AtDesk::new(&mut role, &desk)), surroundings);
+    let driver = AnyDriver::Camera(RoleDriver::new(&mut role, &channels));
+    let driven = drive(driver, services);
     let camera = Cmucam2Sight::new(Cmucam2::new(uart, ClockDelay(clock)), config.cmucam2());
-    let eye = Eye {
+    let device = CameraDevice {
         camera,
         config,
         subjects: config.subjects.clone(),
         clock,
     };
-    let watched = eye.serve(desk.tasks.receiver(), desk.events.sender());
+    let watched = device.serve(channels.tasks.receiver(), channels.events.sender());
     let pressed = async {
         loop {
             let button = buttons.pressed().await;
-            desk.events.send(CameraEvent::Button(button)).await;
+            channels.events.send(CameraEvent::Button(button)).await;
         }
     };
-    match select3(pin!(driven), Apart(pin!(watched)), pressed).await {
+    match select3(pin!(driven), Outlined(pin!(watched)), pressed).await {
         Either3::First(error) => error,
         Either3::Second(never) => match never {},
         Either3::Third(never) => never,
@@ -67,7 +58,7 @@ where
 }
 
 /// The camera, and what it looks for.
-struct Eye<'a, K, C> {
+struct CameraDevice<'a, K, C> {
     camera: K,
     config: &'a CameraConfig,
     /// Colours may be learnt anew.
@@ -75,7 +66,7 @@ struct Eye<'a, K, C> {
     clock: &'a C,
 }
 
-impl<K: BlobCamera, C: Clock> Eye<'_, K, C> {
+impl<K: BlobCamera, C: Clock> CameraDevice<'_, K, C> {
     async fn serve(
         mut self,
         tasks: Tasks<'_, CameraTask>,

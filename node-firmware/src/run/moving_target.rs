@@ -3,17 +3,17 @@
 use core::pin::pin;
 
 use embassy_futures::select::{Either, select};
-use embedded_storage_async::nor_flash::NorFlash;
 use flash_log::LogError;
 use zigbee_link::runner::Clock;
 
 use super::{
-    apart::Apart,
-    drive::{Actor, AtDesk, Desk, Events, Surroundings, drive},
+    FlashError,
+    drive::{AnyDriver, DeviceChannels, Events, RoleDriver, Services, drive},
+    outlined::Outlined,
 };
 use crate::{
     config::TargetConfig,
-    hardware::{Indicator, Observer, StepSensor},
+    hardware::{Hardware, StepSensor},
     log::warning,
     message::StopNumber,
     role::moving_target::{TargetEvent, TargetRole},
@@ -22,25 +22,19 @@ use crate::{
 /// After a failure of the sensor.
 const PAUSE_US: u64 = 1_000_000;
 
-pub(super) async fn run<C, F, O, S, I>(
+pub(super) async fn run<H: Hardware>(
     (id, first_stop): (u16, StopNumber),
     config: &TargetConfig,
-    surroundings: Surroundings<'_, C, F, O, I>,
-    mut steps: S,
-) -> LogError<F::Error>
-where
-    C: Clock,
-    F: NorFlash,
-    O: Observer,
-    S: StepSensor,
-    I: Indicator,
-{
-    let clock = surroundings.clock;
-    let desk = Desk::new();
+    services: Services<'_, H>,
+    mut steps: H::Steps,
+) -> LogError<FlashError<H>> {
+    let clock = services.clock;
+    let channels = DeviceChannels::new();
     let mut role = TargetRole::new(id, *config, first_stop);
-    let driven = drive(Actor::Target(AtDesk::new(&mut role, &desk)), surroundings);
-    let sensed = sense(&mut steps, clock, desk.events.sender());
-    match select(pin!(driven), Apart(pin!(sensed))).await {
+    let driver = AnyDriver::Target(RoleDriver::new(&mut role, &channels));
+    let driven = drive(driver, services);
+    let sensed = sense(&mut steps, clock, channels.events.sender());
+    match select(pin!(driven), Outlined(pin!(sensed))).await {
         Either::First(error) => error,
         Either::Second(never) => match never {},
     }

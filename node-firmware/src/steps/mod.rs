@@ -36,14 +36,13 @@ mod stuck;
 
 use core::time::Duration;
 
-use calib_core::dead_reckoning::{
-    ImuSample, InvalidSetting, Pedestrian, PedestrianSettings, Step, StepLength,
-};
+use calib_core::dead_reckoning::Step;
 use embedded_hal_async::i2c::{Error, ErrorKind, I2c, Operation};
 use nalgebra::Vector3;
+use pedestrian::{ImuSample, InvalidSetting, Pedestrian, PedestrianSettings, StepLength};
 use zigbee_link::runner::Clock;
 
-pub use self::fault::{Chip, Fault, SensorError};
+pub use self::fault::{Chip, SensorError, SensorFault};
 use self::session::{Session, Want};
 use crate::{
     config::SensorConfig,
@@ -131,8 +130,8 @@ impl<I: I2c, C: Clock> InertialSteps<I, C> {
             let result = self.bus.transaction(address, operations).await;
             if let Err(error) = result {
                 return Err(request.chip.is(match error.kind() {
-                    ErrorKind::NoAcknowledge(_) => Fault::Absent,
-                    _ => Fault::Bus,
+                    ErrorKind::NoAcknowledge(_) => SensorFault::Absent,
+                    _ => SensorFault::Bus,
                 }));
             }
             self.session.answered(&request, self.clock.now())?;

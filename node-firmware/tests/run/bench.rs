@@ -1,4 +1,4 @@
-//! The seams, as a test supplies them, and a site of three nodes.
+//! The hardware of a node, as a test supplies it, and a site of three nodes.
 
 use std::{
     cell::{Cell, RefCell},
@@ -20,19 +20,19 @@ use embedded_io_async::{ErrorType, Read, Write};
 use node_firmware::{
     config::{Config, CoordinatorConfig, Role, SiteKey},
     console::{Frames, FromPc, ToPc},
-    hardware::{Indication, Indicator, Observer, StepSensor},
+    hardware::{FlashLayout, Hardware, Indication, Indicator, Observer, Peripherals, StepSensor},
     message::{CameraCommand, CommandResult, Duty, MemberKind, Message, Sight},
-    run::{Layout, Seams, run},
+    run::run,
 };
 use virtual_bench::{
     executor::{Clock, Ended, Executor, TaskId, Time},
     line::{Line, Port, PortError, Side, Uart},
-    medium::{Event, Medium, NRF52840, NodeId, Propagation},
+    medium::{Event, Medium, NRF52840, NodeId, Propagation, Radio},
 };
 use zigbee_link::{
     radio::Csma,
     security::Protection,
-    wire::{Eui64, Frame, KeyId, ShortAddress},
+    wire::{Eui64, Frame, ShortAddress},
 };
 
 pub(super) const SECOND: Time = 1_000_000_000;
@@ -64,10 +64,7 @@ impl Bench {
             if let Event::Sent { from, frame, .. } = event
                 && let Some(security) = Frame::parse(frame).unwrap().header().security
             {
-                let KeyId::Index(key) = security.key else {
-                    panic!("no such key");
-                };
-                let nonce = (from, key, security.counter.unwrap());
+                let nonce = (from, security.key_index, security.counter);
                 assert!(all.borrow_mut().insert(nonce), "{nonce:?} twice");
             }
         });
@@ -243,6 +240,17 @@ pub(super) struct Board {
     pub(super) log: Log,
 }
 
+impl Hardware for Board {
+    type Uart = NodeUart;
+    type Radio = Csma<Radio, Clock>;
+    type Clock = Clock;
+    type Flash = Flash;
+    type Steps = Steps;
+    type Indicator = Lamps;
+    type Buttons = ();
+    type Observer = Log;
+}
+
 impl Board {
     pub(super) fn new(bench: &mut Bench, role: Role) -> Self {
         let antenna = bench.medium.attach([0.0; 2]);
@@ -293,7 +301,7 @@ impl Board {
         seed: u64,
     ) -> Pin<Box<dyn Future<Output = String>>> {
         let clock = bench.clock.clone();
-        let seams = Seams {
+        let peripherals = Peripherals::<Self> {
             uart: NodeUart {
                 port: self.line.open(Side::Node),
                 stalled: self.stalled.clone(),
@@ -305,7 +313,7 @@ impl Board {
             ),
             clock,
             flash: self.flash.clone(),
-            layout: Layout {
+            layout: FlashLayout {
                 link: 0..HALF,
                 memory: HALF..2 * HALF,
             },
@@ -317,7 +325,7 @@ impl Board {
             seed,
         };
         let config = self.config.clone();
-        Box::pin(async move { run(&config, seams).await.to_string() })
+        Box::pin(async move { run(&config, peripherals).await.to_string() })
     }
 
     pub(super) fn switch_off(&self, bench: &mut Bench) {

@@ -161,7 +161,7 @@ const ALLOWED: &[Allowed] = &[
     // One branch for several of the above and below, of which the compiler kept no place.
     Allowed {
         panic: MESSAGE,
-        functions: &["node_firmware::run::drive::AtDesk<R>::poll_devices"],
+        functions: &["node_firmware::run::drive::RoleDriver<R>::poll_devices"],
         callers: &[],
         reason: "nobody polls a future that has ended, nor sends twice what was sent",
     },

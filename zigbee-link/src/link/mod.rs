@@ -55,9 +55,9 @@ use crate::{
     jitter::Jitter,
     log::debug,
     radio::FRAME_MAX,
-    security::{Key, RotationError, SealError, Session},
+    security::{FrameSecurity, Key, RotationError, SealError},
     slots::Slots,
-    wire::{Address, Command, Eui64, FrameType, Header, PanId, Panned, ShortAddress},
+    wire::{Address, Eui64, FrameType, Header, MacCommand, PanId, Panned, ShortAddress},
 };
 
 /// Bytes of the longest message: of a frame without FCS, less header 9, security 6, packet 2 and
@@ -107,17 +107,15 @@ pub struct Incoming {
 /// What a received frame means beyond messages.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
-pub enum Event {
+pub enum LinkEvent {
     /// Nothing.
     Nothing,
     /// A MAC command of a peer.
     Command {
         /// The peer.
         from: Eui64,
-        /// The address it used.
-        source: Address,
         /// The command.
-        command: Command,
+        command: MacCommand,
     },
     /// A peer has just proven that its frames are fresh.
     Fresh {
@@ -139,7 +137,7 @@ struct Attachment {
 #[derive(Debug)]
 pub struct Link<const PEERS: usize, const QUEUE: usize> {
     /// Security.
-    pub session: Session<PEERS>,
+    pub session: FrameSecurity<PEERS>,
     attachment: Option<Attachment>,
     outgoing: Slots<Outgoing, QUEUE>,
     incoming: heapless::Deque<Incoming, QUEUE>,
@@ -155,7 +153,7 @@ pub struct Link<const PEERS: usize, const QUEUE: usize> {
 impl<const PEERS: usize, const QUEUE: usize> Link<PEERS, QUEUE> {
     /// A link that is not attached. `seed` should differ between nodes.
     #[inline(always)]
-    pub fn new(session: Session<PEERS>, seed: u64) -> Self {
+    pub fn new(session: FrameSecurity<PEERS>, seed: u64) -> Self {
         Self {
             session,
             attachment: None,

@@ -29,7 +29,7 @@ fn node(n: usize, counter: u32) -> Node {
     let mut reserved = Counter::resume(counter);
     reserved.reserved(counter + 1_000_000);
     let extended = Eui64([2, 0, 0, 0, 0, 0, 0, n as u8]);
-    let session = Session::new(extended, Protection::EncMic64, key(1), reserved);
+    let session = FrameSecurity::new(extended, Protection::EncMic64, key(1), reserved);
     let mut link = Link::new(session, n as u64);
     link.attach(PAN, short(n));
     link
@@ -386,7 +386,7 @@ fn replays_to_a_restarted_node() {
             _ => {}
         }
         let event = reborn.handle(now, &mut frame);
-        assert_eq!(event, Event::Nothing);
+        assert_eq!(event, LinkEvent::Nothing);
         while reborn.poll_transmit(now, &mut buffer).is_some() {}
         now = now + Duration::from_millis(1);
     }

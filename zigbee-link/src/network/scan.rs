@@ -141,9 +141,9 @@ impl Scan {
         }
     }
 
-    /// Beacons beyond the room there is are forgotten.
-    pub(super) fn heard(&mut self, found: Found) {
+    pub(super) fn on_beacon(&mut self, found: Found) {
         if !self.found.contains(&found) {
+            // Beyond the room there is, PANs are forgotten.
             let _ = self.found.push(found);
         }
     }

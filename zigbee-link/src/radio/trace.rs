@@ -1,6 +1,6 @@
 //! Captures of everything a radio sends and receives.
 
-use super::{Capabilities, Channel, Config, PSDU_MAX, Radio, Received, TxOutcome};
+use super::{Channel, PSDU_MAX, Radio, RadioConfig, Received, TxOutcome};
 use crate::{Instant, runner::Clock, wire::fcs};
 
 /// Bytes of the header of a pcap file.
@@ -87,7 +87,7 @@ impl<F: FnMut(&[u8])> Sink for F {
 
 /// A radio that copies every frame sent and received to a pcap [`Sink`].
 ///
-/// Over a radio with [`Capabilities::fcs`], as frames are recorded with a fresh FCS.
+/// Frames are recorded with a fresh FCS.
 #[derive(Clone, Debug)]
 pub struct Tracer<R, C, S> {
     radio: R,
@@ -117,11 +117,7 @@ impl<R, C: Clock, S: Sink> Tracer<R, C, S> {
 impl<R: Radio, C: Clock, S: Sink> Radio for Tracer<R, C, S> {
     type Error = R::Error;
 
-    fn capabilities(&self) -> Capabilities {
-        self.radio.capabilities()
-    }
-
-    async fn configure(&mut self, config: &Config) -> Result<(), R::Error> {
+    async fn configure(&mut self, config: &RadioConfig) -> Result<(), R::Error> {
         self.channel = config.channel;
         self.radio.configure(config).await
     }

@@ -27,8 +27,6 @@
 //! | 4 | key the node was provisioned with, written as that in use; missing in older stores |
 //! | 16 + n | member n of a coordinator: 1, EUI-64, short address u16; 0 for none |
 
-pub use flash_log as log;
-
 use core::{fmt, ops::Range};
 
 use embedded_storage_async::nor_flash::NorFlash;

@@ -60,7 +60,7 @@ pub struct Association {
 /// A MAC command: the payload of a command frame.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
-pub enum Command {
+pub enum MacCommand {
     /// 0x01: a device wants to join.
     AssociationRequest(DeviceCapabilities),
     /// 0x02: the coordinator's decision.
@@ -93,7 +93,7 @@ pub enum Command {
     },
 }
 
-impl Command {
+impl MacCommand {
     /// The command frame identifier.
     pub const fn id(&self) -> u8 {
         match self {

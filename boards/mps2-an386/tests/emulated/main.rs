@@ -4,7 +4,7 @@
 
 mod machine;
 #[expect(dead_code, reason = "its own tests use more of it")]
-#[path = "../../../../zigbee-link/tests/peer/mod.rs"]
+#[path = "../../../../spinel-radio/tests/peer/mod.rs"]
 mod peer;
 #[path = "../../../../zigbee-link/tests/support/mod.rs"]
 mod support;
@@ -32,7 +32,7 @@ use support::{
 };
 use zigbee_link::{
     link::Delivery,
-    network::{self, Status},
+    network::{self, NetworkStatus},
     radio::{Channel, Radio},
     runner::{self, Clock, Happened, Shared},
     security::Protection,
@@ -140,8 +140,8 @@ fn coordinate(air: &Air, machine: &mut Machine, start: Start) -> Membership {
             panel.press_join_window();
         }
         let membership = loop {
-            if let Happened::<Message>::Status(Status::Joined(membership)) =
-                link.happened(Status::Out).await
+            if let Happened::<Message>::Status(NetworkStatus::Joined(membership)) =
+                link.happened(NetworkStatus::Out).await
             {
                 break membership;
             }

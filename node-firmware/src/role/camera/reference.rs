@@ -1,12 +1,12 @@
 //! The reference solve on the first reference camera (thesis 2.6.1).
 
 use calib_core::{
-    Pose, Refusal, angle,
+    Refusal, angle,
     dead_reckoning::Place,
     fit::Fit,
-    reference::{self, Known, Settings, Solution, Stop},
+    reference::{self, Known, ReferenceSettings, ReferenceSolution, Stop},
 };
-use nalgebra::{Matrix2, Matrix3, Point2, RealField, Vector2};
+use nalgebra::{Matrix2, Point2, RealField};
 
 use super::kept::{Kept, OfStop};
 use crate::{
@@ -326,9 +326,9 @@ fn decided(
     stops: &[Stop<f32>],
     known: &Known<f32>,
     attempt: Attempt,
-) -> Result<Solution<f32>, NotYet> {
+) -> Result<ReferenceSolution<f32>, NotYet> {
     // By reference: large, and moved it would be on the stack twice.
-    let mut solved = reference::solve(stops, known, &Settings::default());
+    let mut solved = reference::solve(stops, known, &ReferenceSettings::default());
     let outcome = match &mut solved {
         Ok(outcome) => outcome,
         Err(why) => return Err(NotYet::Refused(*why)),
@@ -350,7 +350,7 @@ fn decided(
 // stack
 #[inline(never)]
 fn in_frame_of_site(
-    best: &Solution<f32>,
+    best: &ReferenceSolution<f32>,
     stops: &[Stop<f32>],
     last: StopNumber,
     frame: &ReferenceFrame,
@@ -362,8 +362,8 @@ fn in_frame_of_site(
     let turn = angle::rotation(frame.direction);
     let origin = Point2::from(frame.first);
     let position = origin + turn * position.coords;
-    let covariance = turn * covariance * turn.transpose();
-    let poses = poses(best, frame);
+    let covariance = angle::turned(&covariance, &turn);
+    let poses = best.poses(origin, frame.direction).map(PoseParts::from);
     let located = TargetLocation {
         stop: last,
         position: position.coords.into(),
@@ -379,40 +379,6 @@ fn in_frame_of_site(
         return Err(NotYet::Refused(Refusal::Undetermined));
     }
     Ok((poses, located))
-}
-
-/// Both poses in the frame of the site. The first camera is its origin, so only its heading errs;
-/// the second is on the baseline, the length of which errs if it was not known.
-fn poses(solution: &Solution<f32>, frame: &ReferenceFrame) -> [PoseParts; 2] {
-    let along = angle::rotation(frame.direction) * Vector2::x();
-    let origin = Point2::from(frame.first);
-    let c = &solution.covariance;
-    let first = Matrix3::from_diagonal(&[0.0, 0.0, c.m11].into());
-    let mut second = Matrix3::zeros();
-    let place: Matrix2<f32> = along * along.transpose() * c.m66;
-    second.fixed_view_mut::<2, 2>(0, 0).copy_from(&place);
-    second
-        .fixed_view_mut::<2, 1>(0, 2)
-        .copy_from(&(along * c.m26));
-    second
-        .fixed_view_mut::<1, 2>(2, 0)
-        .copy_from(&(along * c.m26).transpose());
-    second.m33 = c.m22;
-    let pose = |position, heading: f32, covariance| {
-        PoseParts::from(Pose {
-            position,
-            heading: angle::wrap_positive(frame.direction + heading),
-            covariance,
-        })
-    };
-    [
-        pose(origin, solution.headings[0], first),
-        pose(
-            origin + along * solution.baseline,
-            solution.headings[1],
-            second,
-        ),
-    ]
 }
 
 #[cfg(test)]

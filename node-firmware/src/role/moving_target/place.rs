@@ -149,10 +149,10 @@ impl TargetRole {
         if self.located {
             return;
         }
-        let mut stations = heapless::Vec::<intersection::Bearing<f32>, 4>::new();
+        let mut stations = heapless::Vec::<intersection::StationBearing<f32>, 4>::new();
         for (_, bearing) in &self.bearings {
             if let Some(pose) = bearing.pose.and_then(|pose| pose.pose()) {
-                let has_room = stations.push(intersection::Bearing {
+                let has_room = stations.push(intersection::StationBearing {
                     pose,
                     ray: bearing.seen.ray(),
                     bearing_sigma: bearing.seen.sigma,
