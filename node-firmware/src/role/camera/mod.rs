@@ -64,7 +64,7 @@ const SLOT: Duration = Duration::from_millis(5);
 pub enum CameraTask {
     /// Look whether a target of this colour stands in view.
     Look {
-        /// The colour.
+        /// Number of the colour in the configuration.
         colour: u8,
     },
     /// A command of the coordinator or a button.

@@ -97,7 +97,7 @@ pub(super) enum NotYet {
 /// Which stops of a walk decide.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Attempt {
-    /// All.
+    /// All of the walk.
     All,
     /// So many of the last, if that is not all.
     Last(usize),
@@ -227,8 +227,8 @@ impl ReferenceStops {
         let mut seen: heapless::Vec<(StopNumber, Place<f32>, [Seen; 2]), REFERENCE_STOPS> =
             heapless::Vec::new();
         for (_, stop, place, rays) in of_walk(walk) {
-            // As many as there are stops.
-            let _ = seen.push((stop, place, rays));
+            let has_room = seen.push((stop, place, rays)).is_ok();
+            debug_assert!(has_room, "as many as there are stops");
         }
         if seen.len() < wanted {
             return Err(NotYet::Waiting);
@@ -245,6 +245,7 @@ impl ReferenceStops {
         sort(&mut seen, |(a, ..), (b, ..)| order(*a) < order(*b));
         let last = seen.last().map_or(any, |(stop, ..)| *stop);
         let seen = seen.get(seen.len().saturating_sub(most)..);
+        debug_assert!(seen.is_some(), "it begins within the list");
         let seen = seen.unwrap_or_default();
 
         // The solve adds the covariances of displacements up. What comes of standing beside the
@@ -260,12 +261,13 @@ impl ReferenceStops {
             };
             let (from, covariance) =
                 core::mem::replace(&mut before, (place.position(), from_first));
-            let _ = stops.push(Stop {
+            let has_room = stops.push(Stop {
                 rays: seen.map(|seen| seen.ray()),
                 bearing_sigmas: seen.map(|seen| seen.sigma),
                 displacement: place.position() - from,
                 displacement_covariance: from_first - covariance,
             });
+            debug_assert!(has_room.is_ok(), "as many as there are stops");
         }
         Ok((walk.0, last))
     }

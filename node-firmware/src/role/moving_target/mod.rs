@@ -9,6 +9,8 @@
 
 mod place;
 mod table;
+#[cfg(test)]
+mod tests;
 
 use core::time::Duration;
 
@@ -70,7 +72,7 @@ impl Notification for TargetNotification {
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum TargetEvent {
-    /// A step.
+    /// Its carrier made a step.
     Step(Step<f32>),
     /// The step sensor failed: from now on nobody knows where the target is.
     SensorFailed,
@@ -107,7 +109,7 @@ pub struct TargetRole {
     knows_cameras: bool,
     /// Facts that are not written down yet.
     unsaved: Unsaved,
-    /// [`TargetNotification::Hello`].
+    /// There is [`TargetNotification::Hello`] alone: whom to ask is in the table.
     notifications: Notifications<TargetNotification, 1>,
     seen: bool,
 }

@@ -23,7 +23,7 @@ const TRIES: u8 = 3;
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct CameraEntry {
-    /// Its address.
+    /// Its address in the network.
     pub address: Address,
     /// What it told of itself last.
     pub report: Option<Report>,
