@@ -19,7 +19,7 @@ use embassy_nrf::{
 use embassy_sync::{blocking_mutex::raw::NoopRawMutex, channel::Channel as Queue, signal::Signal};
 use embassy_time::{Duration, Instant, with_timeout};
 use zigbee_link::radio::{
-    Channel, RadioConfig, FRAME_MAX, FRAME_MIN, PSDU_MAX, Radio, Received, TxOutcome,
+    Channel, FRAME_MAX, FRAME_MIN, PSDU_MAX, Radio, RadioConfig, Received, TxOutcome,
 };
 
 /// Received frames that wait.
