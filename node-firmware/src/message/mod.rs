@@ -32,8 +32,8 @@ use crate::limits::MEMBERS;
 /// Numbers the stops of one target. Never repeats.
 pub type StopNumber = u16;
 
-/// A member's address, as it travels.
-pub type Address = u16;
+/// A member's [`ShortAddress`] as it travels: its number.
+pub type MemberAddress = u16;
 
 /// What one secured frame carries.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -44,7 +44,7 @@ pub enum Message {
     /// The coordinator asks everybody, or one, for [`Message::Hello`] and [`Message::Report`].
     WhoIsThere,
     /// The coordinator tells a target which cameras there are.
-    Roster(heapless::Vec<Address, MEMBERS>),
+    Roster(heapless::Vec<MemberAddress, MEMBERS>),
     /// The coordinator tells reference cameras, and those that were, who they are.
     References(References),
     /// A target stands.
@@ -54,7 +54,7 @@ pub enum Message {
     /// A camera without duty sees a target that does not know its place: to the coordinator.
     Trigger {
         /// Address of the target.
-        target: Address,
+        target: MemberAddress,
         /// At which of its stops.
         stop: StopNumber,
     },
@@ -138,9 +138,9 @@ pub struct Hello {
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct References {
     /// Address of the one that solves.
-    pub first: Address,
+    pub first: MemberAddress,
     /// Address of the one that tells the first what it saw.
-    pub second: Address,
+    pub second: MemberAddress,
     /// Where they stand, if both were told: this fixes the frame of the site. If not, the first
     /// one is its origin and the second one on its x axis.
     pub positions: Option<[[f32; 2]; 2]>,
@@ -246,7 +246,7 @@ impl Seen {
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct StopBearing {
     /// Address of the target.
-    pub target: Address,
+    pub target: MemberAddress,
     /// At which of its stops.
     pub stop: StopNumber,
     /// Where the camera saw it.
@@ -459,7 +459,7 @@ pub struct ListedSighting {
     /// How many the camera has.
     pub count: u8,
     /// Address of the target.
-    pub target: Address,
+    pub target: MemberAddress,
     /// At which of its stops.
     pub stop: StopNumber,
     /// Where the target said it stood.

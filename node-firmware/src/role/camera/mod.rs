@@ -47,8 +47,8 @@ use crate::{
     limits::{COLOURS_MAX, MEMBERS, REFERENCE_STOPS, TARGETS},
     memory::{Fact, FactKey},
     message::{
-        Address, CameraCommand, CommandResult, Duty, Hello, ListedSighting, MemberKind, Message,
-        PoseParts, Report, Seen, Sight, StopBearing, StopNumber, TrackedBlob,
+        CameraCommand, CommandResult, Duty, Hello, ListedSighting, MemberAddress, MemberKind,
+        Message, PoseParts, Report, Seen, Sight, StopBearing, StopNumber, TrackedBlob,
     },
     sight::ColourWindow,
 };
@@ -102,9 +102,9 @@ pub enum CameraNotification {
     /// The pose of the second reference camera, for that one.
     Posed,
     /// What it saw of this target at this stop, for the first reference camera.
-    Bearing(Address, StopNumber),
+    Bearing(MemberAddress, StopNumber),
     /// How far it is, for the coordinator or a target.
-    Report(Address),
+    Report(MemberAddress),
 }
 
 /// Of all these there is one, but for bearings and for reports to targets.

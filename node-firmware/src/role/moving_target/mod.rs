@@ -28,7 +28,7 @@ use crate::{
     hardware::Indication,
     memory::{Fact, FactKey, Walk},
     message::{
-        Address, CoordinateFrame, Hello, MemberKind, Message, Sight, StopBearing, StopNumber,
+        CoordinateFrame, Hello, MemberAddress, MemberKind, Message, Sight, StopBearing, StopNumber,
         Stopped,
     },
 };
@@ -59,7 +59,7 @@ pub enum TargetNotification {
     /// It presents itself.
     Hello,
     /// It asks a camera for its answer to this stop.
-    Ask(Address, StopNumber),
+    Ask(MemberAddress, StopNumber),
 }
 
 impl Notification for TargetNotification {
@@ -438,7 +438,7 @@ impl Role for TargetRole {
                 }
             }
             Message::WhoIsThere if from == COORDINATOR => {
-                self.notifications.notify(TargetNotification::Hello, now)
+                self.notifications.notify(TargetNotification::Hello, now);
             }
             _ => {}
         }
