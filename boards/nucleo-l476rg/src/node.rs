@@ -1,11 +1,13 @@
 //! The tasks. What they do at their start is [`board_support::start`].
 
+use core::pin::pin;
+
 use board_support::{
     clock::EmbassyClock,
     flash::STM32L476RG,
     memory::Paged,
     pins::{Lamps, PushButtons},
-    start::{self, configuration, step_sensor},
+    start::{self, StepSensor},
     tasks::spawn,
 };
 use defmt_rtt as _;
@@ -14,7 +16,7 @@ use embassy_stm32::{exti::ExtiInput, gpio::Output, mode::Async};
 use node_firmware::{
     config::CheckedConfig,
     hardware::{Hardware, Peripherals},
-    steps::InertialSteps,
+    run::run,
 };
 use spinel_radio::SpinelRadio;
 use static_cell::StaticCell;
@@ -31,7 +33,7 @@ use crate::{
 defmt::timestamp!("{=u64:us}", embassy_time::Instant::now().as_micros());
 
 type Radio = SpinelRadio<Uart, EmbassyClock>;
-type Steps = InertialSteps<SensorBus, EmbassyClock>;
+type Steps = StepSensor<SensorBus>;
 
 impl Hardware for Board {
     type Uart = Lossless;
@@ -51,7 +53,11 @@ async fn main(spawner: Spawner) {
     static PERIPHERALS: StaticCell<Option<Peripherals<Board>>> = StaticCell::new();
     let board = Board::new();
     let mut flash = memory::open(board.flash);
-    let config = configuration(reset_cause(), &mut flash, &STM32L476RG).await;
+    let begun = start::begin(reset_cause(), (&mut flash, &STM32L476RG), board.sensor);
+    let (config, steps) = match begun {
+        Ok(begun) => begun,
+        Err(error) => start::stop(error).await,
+    };
     let (uart, radio) = board.lines.open(config);
     let peripherals = PERIPHERALS.init(Some(Peripherals {
         uart: Lossless(uart),
@@ -59,7 +65,7 @@ async fn main(spawner: Spawner) {
         clock: EmbassyClock,
         flash: Paged(flash),
         layout: STM32L476RG.layout,
-        steps: STEPS.init(step_sensor(board.sensor, config).await),
+        steps: STEPS.init(steps),
         indicator: board.lamps,
         buttons: board.buttons,
         observer: (),
@@ -75,5 +81,10 @@ async fn run_node(
     config: &'static CheckedConfig,
     peripherals: &'static mut Option<Peripherals<Board>>,
 ) {
-    start::run_node(config, peripherals, (&LIVENESS, NODE)).await;
+    // Not passed by value: the whole future of the node would be copied on the stack with them.
+    let Some(peripherals) = peripherals.take() else {
+        return;
+    };
+    let node = pin!(run(config, peripherals));
+    start::tell_failure(&LIVENESS.watch(NODE, node).await);
 }

@@ -203,6 +203,7 @@ impl<K: BlobCamera, C: Clock> CameraDevice<'_, K, C> {
                 Either::Second(Err(_)) => break None,
             }
         };
+        // A camera that does not end it is silenced by the next thing that it is asked for.
         let _ = self.camera.end().await;
         next
     }

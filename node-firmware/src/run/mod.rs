@@ -2,6 +2,17 @@
 //!
 //! [`run`] is all a board or a simulation calls. It returns only when the node cannot go on: then
 //! the board restarts, and the node goes on from what is in its flash.
+//!
+//! Three futures run side by side, in one task:
+//!
+//! 1. `zigbee_link::runner` moves frames between radio and link, and writes down what the link must
+//!    not forget. It shares the link with the second one.
+//! 2. `drive` tells the role what comes (messages from the link, results of what was sent, events of
+//!    devices, the time) and asks it what it wants: a message goes to the link, a fact to the flash
+//!    before anything else, a task to the devices.
+//! 3. The devices of the role (`camera`: a CMUcam2; `coordinator`: a PC; `moving_target`: a step
+//!    sensor) take tasks from one channel, and put events into another. A camera and a coordinator
+//!    have buttons besides.
 
 mod camera;
 mod coordinator;
@@ -29,10 +40,9 @@ use zigbee_link::{
 use self::{drive::Services, outlined::Outlined};
 use crate::{
     config::{CheckedConfig, RoleConfig},
+    facts::FactStore,
     hardware::{Hardware, Peripherals},
     limits::MEMBERS,
-    log::warning,
-    memory::Memory,
 };
 
 /// Nodes that one talks to: all members and the coordinator.
@@ -59,14 +69,14 @@ pub enum Failure<R, F> {
     /// The radio failed, or the link's part of the flash.
     Link(RunnerError<R, F>),
     /// The role's part of the flash failed.
-    Memory(LogError<F>),
+    Facts(LogError<F>),
 }
 
 impl<R, F> fmt::Display for Failure<R, F> {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             Self::Link(stopped) => stopped.fmt(f),
-            Self::Memory(error) => error.fmt(f),
+            Self::Facts(error) => error.fmt(f),
         }
     }
 }
@@ -81,7 +91,7 @@ impl<R, F> From<StoreError<F>> for Failure<R, F> {
 
 impl<R, F> From<LogError<F>> for Failure<R, F> {
     fn from(error: LogError<F>) -> Self {
-        Self::Memory(error)
+        Self::Facts(error)
     }
 }
 
@@ -112,17 +122,17 @@ pub async fn run<H: Hardware>(
         (Partition::new(&flash, range.start, size), 0..size)
     };
     let (link_flash, link_range) = part(&layout.link);
-    let (memory_flash, memory_range) = part(&layout.memory);
+    let (memory_flash, memory_range) = part(&layout.facts);
 
     let extended = config.extended().unwrap_or(extended);
-    let memory = Outlined(pin!(Memory::open(
+    let facts = Outlined(pin!(FactStore::open(
         memory_flash,
         memory_range,
         config.owner()
     )))
     .await;
-    let mut memory = match memory {
-        Ok(memory) => memory,
+    let mut facts = match facts {
+        Ok(facts) => facts,
         Err(error) => return error.into(),
     };
     let mut members = [None; MEMBERS];
@@ -130,7 +140,7 @@ pub async fn run<H: Hardware>(
         config,
         extended,
         (link_flash, link_range),
-        &mut memory,
+        &mut facts,
         &mut members
     )))
     .await;
@@ -149,9 +159,11 @@ pub async fn run<H: Hardware>(
     let shared = share_node::<H>(&clock, &config.role, settings, &saved, &members);
     if let RoleConfig::Coordinator(own) = &config.role {
         for &device in &own.allow {
-            if shared.with(|node, _| node.allow(Eui64(device))).is_err() {
-                warning!("the allow-list is longer than the table of members");
-            }
+            let allowed = shared.with(|node, _| node.allow(Eui64(device)));
+            debug_assert!(
+                allowed.is_ok(),
+                "the allow-list is longer than the table of members"
+            );
         }
     }
     let link = runner::run(&shared, &mut radio, &mut store);
@@ -159,7 +171,7 @@ pub async fn run<H: Hardware>(
     let services = Services::<'_, H> {
         shared: &shared,
         clock: &clock,
-        memory: &mut memory,
+        facts: &mut facts,
         observer: &mut observer,
         indicator: &mut indicator,
     };
@@ -191,7 +203,7 @@ pub async fn run<H: Hardware>(
     // Pinned here: a future passed by value is kept twice, and these are large.
     match select(pin!(link), pin!(role)).await {
         Either::First(stopped) => Failure::Link(stopped),
-        Either::Second(error) => Failure::Memory(error),
+        Either::Second(error) => Failure::Facts(error),
     }
 }
 
@@ -236,7 +248,7 @@ async fn open_store<R, F: NorFlash>(
     config: &CheckedConfig,
     extended: Eui64,
     (flash, range): (F, Range<u32>),
-    memory: &mut Memory<F>,
+    facts: &mut FactStore<F>,
     members: &mut [Option<Member>; MEMBERS],
 ) -> Result<(Store<F>, Saved), Failure<R, F::Error>> {
     let mut store = Store::new(flash, range)?;
@@ -248,7 +260,7 @@ async fn open_store<R, F: NorFlash>(
         other => other.map(|_| None)?,
     };
     if let Some(used) = used {
-        memory.forget().await?;
+        facts.forget().await?;
         let first_counter = config.first_counter.max(used);
         store.provision(key, first_counter).await?;
     }
@@ -259,7 +271,7 @@ async fn open_store<R, F: NorFlash>(
         .take_if(|network| (network.coordinator == extended) != is_coordinator)
         .is_some();
     if is_void {
-        memory.forget().await?;
+        facts.forget().await?;
     }
     store.members(members).await?;
     if saved.network.is_none() {

@@ -8,8 +8,8 @@ use embassy_sync::{blocking_mutex::raw::NoopRawMutex, mutex::Mutex};
 use embedded_storage_async::nor_flash::NorFlash as _;
 use node_firmware::{
     config::{RoleConfig, SiteKey},
+    facts::{Fact, FactStore},
     limits::MEMBERS,
-    memory::{Fact, Memory},
     message::References,
 };
 use zigbee_link::{
@@ -41,7 +41,7 @@ fn facts(board: &Board) -> Vec<Fact> {
     let part = Partition::new(&flash, HALF, HALF);
     let mut facts = Vec::new();
     block_on(async {
-        let memory = Memory::open(part, 0..HALF, board.config.owner()).await;
+        let memory = FactStore::open(part, 0..HALF, board.config.owner()).await;
         let recalled = memory.unwrap().recall(|fact| facts.push(*fact)).await;
         recalled.unwrap();
     });
@@ -67,7 +67,7 @@ fn remember(board: &Board) {
     let flash = Mutex::<NoopRawMutex, _>::new(board.flash.clone());
     let part = Partition::new(&flash, HALF, HALF);
     block_on(async {
-        let memory = Memory::open(part, 0..HALF, board.config.owner()).await;
+        let memory = FactStore::open(part, 0..HALF, board.config.owner()).await;
         memory.unwrap().save(&references()).await.unwrap();
     });
 }

@@ -10,9 +10,9 @@ use super::{
 };
 use crate::{
     config::CameraConfig,
+    facts::{Fact, FactKey, ReferenceStop},
     limits::REFERENCE_STOPS,
     log::debug,
-    memory::{Fact, FactKey, ReferenceStop},
     message::{
         CameraState, Duty, MemberAddress, References, Report, Seen, StopBearing, StopNumber,
         TargetLocation,

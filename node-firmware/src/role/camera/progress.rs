@@ -4,8 +4,8 @@ use calib_core::Status;
 
 use crate::{
     config::CameraConfig,
+    facts::FactKey,
     limits::SIGHTINGS,
-    memory::FactKey,
     message::{CameraState, Duty, PoseParts, Report},
     role::Unsaved,
 };

@@ -12,10 +12,10 @@ use zigbee_link::{Instant, store::Membership, wire::ShortAddress};
 use super::{Notification, Notifications, Outbox, Output, RETRY, Reports, Role, Unsaved, earliest};
 use crate::{
     config::SiteKey,
-    console::{FromPc, Network, ToPc},
+    console::{FromPc, NetworkInfo, ToPc},
+    facts::{Fact, FactKey},
     hardware::{Button, Indication},
     limits::MEMBERS,
-    memory::{Fact, FactKey},
     message::{
         CameraCommand, CommandResult, Duty, Hello, MemberAddress, MemberKind, Message, References,
         Report, StopNumber,
@@ -118,7 +118,7 @@ struct Trigger {
 #[derive(Clone, Debug)]
 pub struct CoordinatorRole {
     members: Reports<Known>,
-    network: Option<Network>,
+    network: Option<NetworkInfo>,
     references: Option<References>,
     /// References were appointed in a former run.
     restored: bool,
@@ -490,7 +490,7 @@ impl Role for CoordinatorRole {
     }
 
     fn on_attached(&mut self, now: Instant, network: Option<Membership>) {
-        self.network = network.map(|network| Network {
+        self.network = network.map(|network| NetworkInfo {
             pan: network.pan.0,
             channel: network.channel.number(),
         });
