@@ -200,8 +200,9 @@ pub async fn run<H: Hardware>(
             }
         }
     };
-    // Pinned here: a future passed by value is kept twice, and these are large.
-    match select(pin!(link), pin!(role)).await {
+    // Pinned here: a future passed by value is kept twice, and these are large. The link takes no stack
+    // while the role computes.
+    match select(Outlined(pin!(link)), pin!(role)).await {
         Either::First(stopped) => Failure::Link(stopped),
         Either::Second(error) => Failure::Facts(error),
     }
