@@ -13,7 +13,7 @@
 //! | [`limits`] | Numbers that the others share: members, colours, sightings |
 //! | [`config`] | What a node is told before it is switched on: identity, key, radio, role; and its flash page |
 //! | [`hardware`] | Which drivers a node runs on |
-//! | [`sight`] | What a camera role needs of its camera: is the target in view, in which direction, how sure |
+//! | [`vision`] | What a camera role needs of its camera: is the target in view, in which direction, how sure |
 //! | [`message`] | What nodes tell each other |
 //! | [`role`] | Coordinator, camera, moving target, as state machines without input or output |
 //! | [`memory`] | What a role must not forget |
@@ -51,8 +51,8 @@ pub mod memory;
 pub mod message;
 pub mod role;
 pub mod run;
-pub mod sight;
 pub mod steps;
+pub mod vision;
 
 mod arithmetic;
 mod log;

@@ -33,7 +33,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::limits::COLOURS_MAX;
 use crate::log::warning;
-use crate::sight::ColourWindow;
+use crate::vision::ColourWindow;
 use crate::{
     limits::MEMBERS,
     message::{MemberAddress, References, Report, Seen, StopNumber},

@@ -52,7 +52,7 @@ use crate::{
         CameraCommand, CommandResult, Duty, Hello, ListedSighting, MemberAddress, MemberKind,
         Message, PoseParts, Report, Seen, Sight, StopBearing, StopNumber, TrackedBlob,
     },
-    sight::ColourWindow,
+    vision::ColourWindow,
 };
 
 /// Room for an answer of some 40 bytes, its acknowledgement of 36, both ways' turnaround and

@@ -86,7 +86,6 @@ pub struct TargetRole {
     address: Option<ShortAddress>,
     last_network: LastNetwork,
     track: Track<f32>,
-    fixes: u32,
     located: bool,
     /// No step came since the sensor failed: wherever it may be found, it may be elsewhere then.
     sensor_failed: bool,
@@ -138,15 +137,14 @@ impl TargetRole {
     /// A target that knows nothing yet. `first_stop` should be random: a target that lost its
     /// memory must not use the numbers of former stops again.
     pub fn new(id: u16, config: TargetConfig, first_stop: StopNumber) -> Self {
-        let track = nowhere(&config);
+        // Random as well: what cameras keep of a former walk must not look like one of this.
+        let track = nowhere(&config).numbered(first_stop.into());
         Self {
             id,
             config,
             address: None,
             last_network: LastNetwork::new(),
             track,
-            // Random as well: what cameras keep of a former walk must not look like one of this.
-            fixes: first_stop.into(),
             located: false,
             sensor_failed: false,
             frame_heading: None,
@@ -219,10 +217,11 @@ impl TargetRole {
             self.frame_heading = Some((heading, walk.frame_heading_sigma));
         }
         let place = walk.place;
-        self.fixes = place.parts().fix;
         if !walk.standing {
             // It walked, and nobody counted the steps since.
-            self.fixes = self.fixes.wrapping_add(1);
+            let fix = place.parts().fix.wrapping_add(1);
+            self.track = nowhere(&self.config).numbered(fix);
+            self.at_stop = self.track;
             return;
         }
         self.track = Track::resume(&place);
