@@ -12,7 +12,7 @@ use crate::{
     config::{Sigmas, Subjects},
     limits::SIGHTINGS,
     message::{CameraState, CoordinateFrame, References, Stopped},
-    sight::Lens,
+    vision::Lens,
 };
 
 const TARGET: ShortAddress = ShortAddress(9);
