@@ -23,6 +23,8 @@ mod progress;
 mod reference;
 mod stops;
 mod targets;
+#[cfg(test)]
+mod tests;
 
 use core::time::Duration;
 

@@ -4,6 +4,9 @@
 //! (those configured, or the first two that saw a target), collects poses for the PC on its line,
 //! and hands the PC's commands on, as the coordinator of the thesis did (3.4.4, Appendix A).
 
+#[cfg(test)]
+mod tests;
+
 use core::time::Duration;
 
 use calib_core::Status;
