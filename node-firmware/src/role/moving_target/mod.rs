@@ -9,6 +9,8 @@
 
 mod place;
 mod table;
+#[cfg(test)]
+mod tests;
 
 use core::time::Duration;
 
@@ -26,7 +28,7 @@ use crate::{
     hardware::Indication,
     memory::{Fact, FactKey, Walk},
     message::{
-        Address, CoordinateFrame, Hello, MemberKind, Message, Sight, StopBearing, StopNumber,
+        CoordinateFrame, Hello, MemberAddress, MemberKind, Message, Sight, StopBearing, StopNumber,
         Stopped,
     },
 };
@@ -57,7 +59,7 @@ pub enum TargetNotification {
     /// It presents itself.
     Hello,
     /// It asks a camera for its answer to this stop.
-    Ask(Address, StopNumber),
+    Ask(MemberAddress, StopNumber),
 }
 
 impl Notification for TargetNotification {
@@ -70,7 +72,7 @@ impl Notification for TargetNotification {
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum TargetEvent {
-    /// A step.
+    /// Its carrier made a step.
     Step(Step<f32>),
     /// The step sensor failed: from now on nobody knows where the target is.
     SensorFailed,
@@ -106,7 +108,7 @@ pub struct TargetRole {
     knows_cameras: bool,
     /// Facts that are not written down yet.
     unsaved: Unsaved,
-    /// [`TargetNotification::Hello`].
+    /// There is [`TargetNotification::Hello`] alone: whom to ask is in the table.
     notifications: Notifications<TargetNotification, 1>,
     seen: bool,
 }
@@ -435,7 +437,7 @@ impl Role for TargetRole {
                 }
             }
             Message::WhoIsThere if from == COORDINATOR => {
-                self.notifications.notify(TargetNotification::Hello, now)
+                self.notifications.notify(TargetNotification::Hello, now);
             }
             _ => {}
         }

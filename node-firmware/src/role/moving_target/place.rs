@@ -205,7 +205,9 @@ fn systematic(config: &TargetConfig, frame_heading_sigma: f32) -> Systematic<f32
 /// A track in the target's own frame, which begins where it is.
 pub(super) fn nowhere(config: &TargetConfig) -> Track<f32> {
     let origin = (Point2::origin(), Matrix2::zeros());
-    Track::start(origin.0, origin.1, systematic(config, 0.0)).unwrap_or_default()
+    let track = Track::start(origin.0, origin.1, systematic(config, 0.0));
+    debug_assert!(track.is_ok(), "the configuration was checked");
+    track.unwrap_or_default()
 }
 
 fn symmetric(matrix: Matrix2<f32>) -> Matrix2<f32> {
