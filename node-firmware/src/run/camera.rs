@@ -2,7 +2,7 @@
 
 use core::{convert::Infallible, pin::pin};
 
-use cmucam2_driver::Cmucam2;
+use cmucam2_driver::{Cmucam2, device, session::Policy};
 use embassy_futures::select::{Either, Either3, select, select3};
 use flash_log::LogError;
 use zigbee_link::{Instant, runner::Clock};
@@ -36,7 +36,13 @@ pub(super) async fn run<H: Hardware>(
     let mut role = CameraRole::new(id, config.clone());
     let driver = AnyDriver::Camera(RoleDriver::new(&mut role, &channels));
     let driven = drive(driver, services);
-    let camera = Cmucam2BlobCamera::new(Cmucam2::new(uart, ClockDelay(clock)), config.cmucam2());
+    let driver = Cmucam2::with_clock(
+        uart,
+        ClockDelay(clock),
+        DriverClock(clock),
+        Policy::default(),
+    );
+    let camera = Cmucam2BlobCamera::new(driver, config.cmucam2());
     let device = CameraDevice {
         camera,
         config,
@@ -54,6 +60,15 @@ pub(super) async fn run<H: Hardware>(
         Either3::First(error) => error,
         Either3::Second(never) => match never {},
         Either3::Third(never) => never,
+    }
+}
+
+/// The node's clock, for the driver.
+struct DriverClock<'a, C>(&'a C);
+
+impl<C: Clock> device::Clock for DriverClock<'_, C> {
+    fn now(&self) -> u64 {
+        self.0.now().0
     }
 }
 
