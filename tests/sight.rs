@@ -170,7 +170,7 @@ impl Node {
 
     /// A look, and how long it took, seconds.
     fn look(&mut self, subject: Subject) -> (Result<Look, VisionError>, f64) {
-        let mut judge = self.config.judge().unwrap();
+        let mut judge = self.config.judge(self.config.lens.camera().unwrap());
         let begun = self.bench.now.get();
         let looked = wait(look(&mut self.sight, subject, &mut judge));
         (looked, (self.bench.now.get() - begun) as f64 * 1e-9)

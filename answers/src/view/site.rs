@@ -2,7 +2,7 @@
 
 use nalgebra::{Point2, Vector2};
 use node_firmware::{
-    config::{CameraConfig, Role as Configured, SiteKey, Subjects},
+    config::{CameraConfig, RoleConfig as Configured, SiteKey, Subjects},
     vision::Lens,
 };
 use site::{Frame, NetworkTable, Scenario, ScenarioError, world::Obstacle};

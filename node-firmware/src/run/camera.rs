@@ -2,6 +2,7 @@
 
 use core::{convert::Infallible, pin::pin};
 
+use calib_core::camera::Camera;
 use cmucam2_driver::{Cmucam2, device, session::Policy};
 use embassy_futures::select::{Either, Either3, select, select3};
 use flash_log::LogError;
@@ -26,7 +27,7 @@ const PAUSE_US: u64 = 1_000_000;
 const PAUSE_MAX_US: u64 = 32_000_000;
 
 pub(super) async fn run<H: Hardware>(
-    id: u16,
+    (id, optics): (u16, Camera<f32>),
     config: &CameraConfig,
     services: Services<'_, H>,
     (uart, mut buttons): (H::Uart, H::Buttons),
@@ -36,16 +37,17 @@ pub(super) async fn run<H: Hardware>(
     let mut role = CameraRole::new(id, config.clone());
     let driver = AnyDriver::Camera(RoleDriver::new(&mut role, &channels));
     let driven = drive(driver, services);
-    let driver = Cmucam2::with_clock(
+    let cmucam2 = Cmucam2::with_clock(
         uart,
         ClockDelay(clock),
         DriverClock(clock),
         Policy::default(),
     );
-    let camera = Cmucam2BlobCamera::new(driver, config.cmucam2());
+    let camera = Cmucam2BlobCamera::new(cmucam2, config.cmucam2());
     let device = CameraDevice {
         camera,
         config,
+        optics,
         subjects: config.subjects.clone(),
         clock,
     };
@@ -76,6 +78,7 @@ impl<C: Clock> device::Clock for DriverClock<'_, C> {
 struct CameraDevice<'a, K, C> {
     camera: K,
     config: &'a CameraConfig,
+    optics: Camera<f32>,
     /// Colours may be learnt anew.
     subjects: Subjects,
     clock: &'a C,
@@ -87,17 +90,7 @@ impl<K: BlobCamera, C: Clock> CameraDevice<'_, K, C> {
         tasks: Tasks<'_, CameraTask>,
         events: Events<'_, CameraEvent>,
     ) -> Infallible {
-        let Ok(mut judge) = self.config.judge() else {
-            // Refused where configurations are checked.
-            loop {
-                let event = match tasks.receive().await {
-                    CameraTask::Look { .. } => CameraEvent::Looked(Sight::Failed, None),
-                    CameraTask::Command(command) => done(command, false),
-                    CameraTask::Recall(_) => continue,
-                };
-                events.send(event).await;
-            }
-        };
+        let mut judge = self.config.judge(self.optics);
         self.wake().await;
         events.send(CameraEvent::Ready).await;
         let mut next = None;
