@@ -251,7 +251,7 @@ impl Modes {
         let arguments = self.get(usize::from(mode))?;
         let &(letters, _) = COMMANDS.get(usize::from(mode))?;
         let letters = match arguments {
-            [_, 0 | 1] if letters == SERVO_POSITION => SERVO_OUTPUT,
+            [_, 0 | 1] if FULL && letters == SERVO_POSITION => SERVO_OUTPUT,
             _ => letters,
         };
         Some(Order::bare(letters, Reply::Nothing, Effect::Nothing).with(arguments))
@@ -292,17 +292,20 @@ impl Modes {
 
     /// Silence while nothing is tracked.
     pub fn packet_filter(&self) -> bool {
-        self.value(Mode::PacketFilter).is_some()
+        FULL && self.value(Mode::PacketFilter).is_some()
     }
 
     /// Packets skipped between two that are sent.
     pub fn packet_skip(&self) -> u8 {
-        self.value(Mode::PacketSkip).unwrap_or(0)
+        match self.value(Mode::PacketSkip) {
+            Some(packets) if FULL => packets,
+            _ => 0,
+        }
     }
 
     /// Whether one frame follows the other.
     pub(super) fn frame_stream(&self) -> bool {
-        self.value(Mode::FrameStream) == Some(1)
+        FULL && self.value(Mode::FrameStream) == Some(1)
     }
 
     /// The frame after down-sampling, for a sensor that the banner named.
