@@ -78,6 +78,10 @@
 //! # }).unwrap();
 //! ```
 //!
+//! # Size
+//! Functions that are not inlined, though the compiler would, have several callers and make the image
+//! smaller; they are marked `size`.
+//!
 //! # Why not a ready-made map
 //! With `sequential-storage` 8.0.2, erasures cut off half-way, which may
 //! leave anything in a page, lost records in the power-cut test of this crate; and it skips records
@@ -135,7 +139,7 @@ impl<const SLOT: usize> Entry<SLOT> {
         })
     }
 
-    /// The key.
+    /// The key, 0 to 254.
     pub const fn key(&self) -> u8 {
         slot::key(self.0.as_slice())
     }

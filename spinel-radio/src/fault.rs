@@ -20,18 +20,18 @@ pub enum RcpFault {
     Restarting,
     /// It speaks another version of the protocol than 4.
     Version {
-        /// The version.
+        /// Changes when the protocol becomes another one.
         major: u32,
-        /// What was added to it.
+        /// Changes when something is added.
         minor: u32,
     },
     /// It is no radio co-processor.
     NoRadio,
     /// It refuses a property, or to tell or to take it.
     Refused {
-        /// Which.
+        /// The property that was refused.
         key: PropertyKey,
-        /// Why.
+        /// What the co-processor answered.
         status: SpinelStatus,
     },
 }

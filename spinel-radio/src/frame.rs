@@ -104,7 +104,7 @@ pub enum Body<'a> {
     Is(Property<'a>),
 }
 
-/// A frame.
+/// The content of an HDLC frame: who is asked or answers, and what.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct SpinelMessage<'a> {

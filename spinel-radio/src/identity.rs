@@ -43,7 +43,9 @@ impl Identity {
             Property::HardwareAddress(address) => self.address = address,
             Property::NcpVersion(text) => {
                 let start = text.get(..FIRMWARE_MAX).unwrap_or(text);
-                self.firmware = Vec::from_slice(start).unwrap_or_default();
+                let firmware = Vec::from_slice(start);
+                debug_assert!(firmware.is_ok());
+                self.firmware = firmware.unwrap_or_default();
             }
             _ => {}
         }

@@ -7,7 +7,7 @@ use super::{
 };
 use zigbee_link::wire::{EmitError, Eui64, Malformed, PanId, Reader, ShortAddress, Writer};
 
-/// Which property.
+/// The number by which commands name a property.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct PropertyKey(pub u32);
@@ -25,9 +25,9 @@ impl PropertyKey {
     pub const HWADDR: Self = Self(8);
     /// Whether the radio is on.
     pub const PHY_ENABLED: Self = Self(0x20);
-    /// The channel.
+    /// The number of the channel, 11 to 26.
     pub const PHY_CHAN: Self = Self(0x21);
-    /// Transmit power.
+    /// Transmit power, dBm.
     pub const PHY_TX_POWER: Self = Self(0x25);
     /// The extended address frames are accepted for.
     pub const MAC_15_4_LADDR: Self = Self(0x34);
@@ -76,7 +76,7 @@ pub enum Promiscuity {
     Off,
     /// For everybody of the own PAN.
     Network,
-    /// For everybody.
+    /// For everybody, of whatever PAN.
     Full,
 }
 

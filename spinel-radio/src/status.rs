@@ -8,9 +8,9 @@ use core::fmt;
 pub struct SpinelStatus(pub u32);
 
 impl SpinelStatus {
-    /// It worked.
+    /// The command did what it was to do.
     pub const OK: Self = Self(0);
-    /// It failed.
+    /// The command failed for no particular reason.
     pub const FAILURE: Self = Self(1);
     /// The co-processor cannot do this.
     pub const UNIMPLEMENTED: Self = Self(2);

@@ -21,7 +21,7 @@ const FRAME_RETRIES: u8 = 3;
 pub struct TxFrame<'a> {
     /// The frame and two bytes of any value in the place of its FCS.
     pub psdu: &'a [u8],
-    /// The channel.
+    /// The number of the channel, 11 to 26.
     pub channel: u8,
     /// Backoffs before the channel counts as busy.
     pub csma_backoffs: u8,

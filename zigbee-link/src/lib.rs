@@ -41,6 +41,11 @@
 //! for whoever polls it after its end, and of [`runner::Shared::with`], when it is called from
 //! within itself.
 //!
+//! Functions that are not inlined, though the compiler would, have many callers or move large values,
+//! and make the image smaller; they are marked `size`. Those marked `stack` spare it: constructors that
+//! are always inlined make a value in its place that each return would else copy, and entry points
+//! that never are keep their variables out of the future of whoever calls them.
+//!
 //! # Example
 //! Two nodes without radio: what one sends, the other receives.
 //! ```

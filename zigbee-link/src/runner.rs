@@ -97,6 +97,7 @@ impl<C: Clock, const PEERS: usize, const QUEUE: usize, const MEMBERS: usize>
     Shared<C, PEERS, QUEUE, MEMBERS>
 {
     /// Shares a node.
+    // stack
     #[inline(always)]
     pub const fn new(node: Node<PEERS, QUEUE, MEMBERS>, clock: C) -> Self {
         Self {
@@ -235,6 +236,7 @@ where
             }
             Some(Action::Transmit(len)) => {
                 // Whatever became of it: what matters is acknowledged end to end.
+                debug_assert!(len <= frame.len());
                 let sent = radio.transmit(frame.get(..len).unwrap_or_default()).await;
                 if let Err(error) = sent {
                     return RunnerError::Radio(error);
@@ -258,6 +260,7 @@ where
                 match select3(receive, sleep, shared.changed.wait()).await {
                     Either3::First(Ok(reception)) => {
                         let now = shared.clock.now();
+                        debug_assert!(reception.len <= received.len());
                         let frame = received.get_mut(..reception.len).unwrap_or_default();
                         shared.node.borrow_mut().handle(now, frame);
                     }

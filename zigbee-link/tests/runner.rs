@@ -11,6 +11,7 @@ use std::{
 };
 
 use embassy_futures::{block_on, join::join, select::select};
+use embedded_hal_async::delay::DelayNs;
 use support::{
     aether::eui,
     node::{LEN, air, provisioned, settings},
@@ -214,12 +215,45 @@ fn csma_tries_five_times_and_waits_between() {
     }
 }
 
+/// `macMinBE` 3, `macMaxBE` 5, and a unit of 320 us (IEEE 802.15.4-2006, 7.5.1.4).
+#[test]
+fn csma_waits_longer_each_time() {
+    struct Noted<'a>(&'a RefCell<Vec<u32>>);
+
+    impl DelayNs for Noted<'_> {
+        async fn delay_ns(&mut self, ns: u32) {
+            self.0.borrow_mut().push(ns / 1000);
+        }
+    }
+
+    let waits = RefCell::new(Vec::new());
+    let bare = Bare::default();
+    bare.busy_for.set(u32::MAX);
+    let mut radio = Csma::new(bare, Noted(&waits), 1);
+    for _ in 0..500 {
+        let outcome = block_on(radio.transmit(&[1, 2, 3]));
+        assert_eq!(outcome, Ok(TxOutcome::ChannelBusy));
+    }
+    let waits = waits.into_inner();
+    for (attempt, units) in [8, 16, 32, 32, 32].into_iter().enumerate() {
+        let waited = waits.iter().skip(attempt).step_by(5);
+        let mut drawn: Vec<_> = waited.map(|wait| (wait / 320, wait % 320)).collect();
+        assert_eq!(drawn.len(), 500);
+        drawn.sort_unstable();
+        drawn.dedup();
+        let all: Vec<_> = (0..units).map(|unit| (unit, 0)).collect();
+        assert_eq!(drawn, all, "attempt {attempt}");
+    }
+}
+
 #[test]
 fn checksum() {
     let bare = Bare::default();
     let mut radio = Checksum::new(bare.clone());
     block_on(radio.configure(&config())).unwrap();
     assert!(block_on(radio.transmit(&[0; FRAME_MAX + 1])).is_err());
+    assert!(block_on(radio.transmit(&[0; FRAME_MAX])).is_ok());
+    bare.sent.borrow_mut().clear();
     let sent = block_on(radio.transmit(&[0x02, 0x00, 0x6A]));
     assert_eq!(sent, Ok(TxOutcome::Sent));
     let intact = [0x02, 0x00, 0x6A, 0xE4, 0x79];

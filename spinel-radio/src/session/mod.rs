@@ -225,8 +225,9 @@ impl<const QUEUE: usize> RcpSession<QUEUE> {
         let content = match self.step {
             Step::Transmit => self.stream.get(..self.stream_len),
             _ => self.command.get(..self.command_len),
-        }
-        .unwrap_or_default();
+        };
+        debug_assert!(content.is_some());
+        let content = content.unwrap_or_default();
         let mut len = 0;
         for place in chunk {
             let Some(byte) = encoder.next(content) else {
@@ -354,19 +355,20 @@ impl<const QUEUE: usize> RcpSession<QUEUE> {
         for (place, &byte) in psdu.iter_mut().zip(frame) {
             *place = byte;
         }
+        let psdu = psdu.get(..frame.len() + FCS_LEN);
+        let psdu = psdu.ok_or(RcpFault::FrameLength)?;
         let message = SpinelMessage {
             header: SpinelHeader::default(),
             body: Body::Set(Property::Send(TxFrame {
                 // What the host has secured, nobody else is to touch.
                 header_updated: true,
                 security_processed: true,
-                ..TxFrame::new(
-                    psdu.get(..frame.len() + FCS_LEN).unwrap_or_default(),
-                    config.channel.number(),
-                )
+                ..TxFrame::new(psdu, config.channel.number())
             })),
         };
-        self.stream_len = message.emit(&mut self.stream).unwrap_or(0);
+        let emitted = message.emit(&mut self.stream);
+        debug_assert!(emitted.is_ok(), "STREAM_MAX is too small");
+        self.stream_len = emitted.unwrap_or(0);
         self.goal = Goal::Transmit { tries: 0 };
         if self.ready {
             self.enter(Step::Transmit, now);

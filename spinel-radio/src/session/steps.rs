@@ -71,7 +71,9 @@ impl<const QUEUE: usize> RcpSession<QUEUE> {
             }
         } else if let Some(body) = body {
             let message = SpinelMessage { header, body };
-            self.command_len = message.emit(&mut self.command).unwrap_or(0);
+            let emitted = message.emit(&mut self.command);
+            debug_assert!(emitted.is_ok(), "COMMAND_MAX is too small");
+            self.command_len = emitted.unwrap_or(0);
         } else {
             self.halt();
             return;

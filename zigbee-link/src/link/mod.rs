@@ -96,7 +96,7 @@ fn count(counter: &mut u32) {
 pub struct Incoming {
     /// The sender's short address.
     pub from: ShortAddress,
-    /// The sender.
+    /// The sender's extended address.
     pub extended: Eui64,
     /// Sent to everybody.
     pub broadcast: bool,
@@ -108,18 +108,18 @@ pub struct Incoming {
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum LinkEvent {
-    /// Nothing.
+    /// At most a message, or a reply that is queued: nothing for the layer above.
     Nothing,
-    /// A MAC command of a peer.
+    /// A MAC command of a peer, authentic and new.
     Command {
-        /// The peer.
+        /// Its sender's extended address.
         from: Eui64,
-        /// The command.
+        /// What it says, in clear.
         command: MacCommand,
     },
     /// A peer has just proven that its frames are fresh.
     Fresh {
-        /// The peer.
+        /// Its extended address.
         peer: Eui64,
         /// Its short address, if it has one.
         short: ShortAddress,
@@ -136,7 +136,7 @@ struct Attachment {
 /// The messages of one node, with up to `PEERS` peers and `QUEUE` messages each way.
 #[derive(Debug)]
 pub struct Link<const PEERS: usize, const QUEUE: usize> {
-    /// Security.
+    /// Keys, own frame counter and known peers.
     pub session: FrameSecurity<PEERS>,
     attachment: Option<Attachment>,
     outgoing: Slots<Outgoing, QUEUE>,
@@ -152,6 +152,7 @@ pub struct Link<const PEERS: usize, const QUEUE: usize> {
 
 impl<const PEERS: usize, const QUEUE: usize> Link<PEERS, QUEUE> {
     /// A link that is not attached. `seed` should differ between nodes.
+    // stack
     #[inline(always)]
     pub fn new(session: FrameSecurity<PEERS>, seed: u64) -> Self {
         Self {

@@ -76,8 +76,8 @@ impl<const PEERS: usize, const QUEUE: usize> Link<PEERS, QUEUE> {
         if self.session.keys.next().is_some_and(is_next)
             && self.short() != Some(ShortAddress::COORDINATOR)
         {
-            // It is installed.
-            let _ = self.activate_key(index, now);
+            let activated = self.activate_key(index, now);
+            debug_assert!(activated.is_ok(), "it is the next one");
         }
     }
 

@@ -146,7 +146,7 @@ struct Outbound {
 /// a device, and the code of a coordinator is left out.
 #[derive(Debug)]
 pub struct Node<const PEERS: usize, const QUEUE: usize, const MEMBERS: usize> {
-    /// Messages.
+    /// The messages of the node, to send and to receive.
     pub link: Link<PEERS, QUEUE>,
     common: Common,
     role: Role<MEMBERS>,
@@ -155,6 +155,7 @@ pub struct Node<const PEERS: usize, const QUEUE: usize, const MEMBERS: usize> {
 
 impl<const PEERS: usize, const QUEUE: usize, const MEMBERS: usize> Node<PEERS, QUEUE, MEMBERS> {
     /// A coordinator with what its store remembers.
+    // stack
     #[inline(always)]
     pub fn coordinator(
         settings: NetworkSettings,
@@ -168,6 +169,7 @@ impl<const PEERS: usize, const QUEUE: usize, const MEMBERS: usize> Node<PEERS, Q
     }
 
     /// A device with what its store remembers. It looks for a network at once.
+    // stack
     #[inline(always)]
     pub fn device(now: Instant, settings: NetworkSettings, saved: &Saved) -> Self {
         let common = Common::new(settings);
@@ -175,7 +177,6 @@ impl<const PEERS: usize, const QUEUE: usize, const MEMBERS: usize> Node<PEERS, Q
         Self::new(saved, common, role)
     }
 
-    // A node is large, and each call that returns one may copy it: inlined, it is made in its place.
     // stack
     #[inline(always)]
     fn new(saved: &Saved, common: Common, role: Role<MEMBERS>) -> Self {
@@ -345,6 +346,8 @@ impl<const PEERS: usize, const QUEUE: usize, const MEMBERS: usize> Node<PEERS, Q
     /// What to do next. Call it until it returns `None` and the deadline is not past, then again at
     /// the [`deadline`](Self::deadline), after each received frame and after each call of another
     /// method.
+    // stack
+    #[inline(never)]
     pub fn poll(&mut self, now: Instant, buffer: &mut [u8; FRAME_MAX]) -> Option<Action> {
         if let Some(limit) = self.link.session.counter.wanted() {
             return Some(Action::Save(Record::CounterLimit(limit)));
@@ -430,6 +433,8 @@ impl<const PEERS: usize, const QUEUE: usize, const MEMBERS: usize> Node<PEERS, Q
     }
 
     /// Takes in a frame without FCS, which is decrypted in place.
+    // stack
+    #[inline(never)]
     pub fn handle(&mut self, now: Instant, frame: &mut [u8]) {
         let Some(config) = self.configured else {
             return;

@@ -102,8 +102,9 @@ pub(super) struct Scan {
 pub(super) enum Step {
     /// Send a beacon request on the [`channel`](Scan::channel).
     Request,
-    /// Listen on.
+    /// Wait until [`until`](Scan::until).
     Listen,
+    /// Every channel was listened to.
     Done,
 }
 

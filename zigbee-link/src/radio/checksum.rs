@@ -62,8 +62,7 @@ impl<R: Radio> Radio for Checksum<R> {
         loop {
             let received = self.0.receive(buffer).await;
             let received = received.map_err(ChecksumError::Radio)?;
-            let psdu = buffer.get(..received.len).unwrap_or_default();
-            if has_good_fcs(psdu) {
+            if has_good_fcs(received.frame(buffer)) {
                 return Ok(Received {
                     len: received.len - super::FCS_LEN,
                     ..received

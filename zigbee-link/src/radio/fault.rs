@@ -70,15 +70,13 @@ impl<R: Radio> Radio for FaultInjector<R> {
                 continue;
             }
             if self.happens(self.faults.rx_flipped) {
-                let bits = u32::try_from(received.len * 8).unwrap_or(0);
-                let bit = self.jitter.below(bits) as usize;
+                let bit = self.jitter.below(received.len as u32 * 8) as usize;
                 if let Some(byte) = buffer.get_mut(bit / 8) {
                     *byte ^= 1 << (bit % 8);
                 }
             }
             if self.happens(self.faults.rx_truncated) {
-                let len = u32::try_from(received.len).unwrap_or(0);
-                received.len = self.jitter.below(len) as usize;
+                received.len = self.jitter.below(received.len as u32) as usize;
             }
             if self.happens(self.faults.rx_doubled) {
                 self.again = Some((*buffer, received));

@@ -198,3 +198,11 @@ pub struct Received {
     /// Link quality, 0 worst to 255 best, if the radio measures it.
     pub lqi: Option<u8>,
 }
+
+impl Received {
+    /// The frame in the buffer that it was received into.
+    pub fn frame<'b>(&self, buffer: &'b [u8; PSDU_MAX]) -> &'b [u8] {
+        debug_assert!(self.len <= PSDU_MAX, "{} bytes received", self.len);
+        buffer.get(..self.len).unwrap_or_default()
+    }
+}

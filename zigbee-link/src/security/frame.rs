@@ -22,7 +22,7 @@ pub struct FrameSecurity<const PEERS: usize> {
     /// The own extended address.
     extended: Eui64,
     protection: Protection,
-    /// The keys.
+    /// The key in use and, during a change, one more.
     pub keys: Keyring,
     /// The own frame counter.
     pub counter: Counter,
@@ -100,7 +100,7 @@ pub struct Opened<'a> {
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 #[non_exhaustive]
 pub enum Refused {
-    /// No frame.
+    /// Not a frame that this crate speaks.
     Malformed(Malformed),
     /// Neither data nor a command.
     NotForSecurity,
@@ -197,6 +197,7 @@ impl<const PEERS: usize> FrameSecurity<PEERS> {
     /// A session without peers.
     ///
     /// `counter` comes from the store, see [`Counter::resume`].
+    // stack
     #[inline(always)]
     pub fn new(extended: Eui64, protection: Protection, key: Key, counter: Counter) -> Self {
         Self {

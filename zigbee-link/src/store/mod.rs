@@ -57,9 +57,9 @@ const MEMBERS: u8 = 16;
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Membership {
-    /// The PAN.
+    /// The identifier of its PAN.
     pub pan: PanId,
-    /// Its channel.
+    /// The channel it is on.
     pub channel: Channel,
     /// The own short address.
     pub short: ShortAddress,
@@ -71,7 +71,7 @@ pub struct Membership {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Member {
-    /// The device.
+    /// Its extended address.
     pub extended: Eui64,
     /// The address it was given.
     pub short: ShortAddress,
@@ -87,7 +87,7 @@ pub enum Record {
     ActiveKey(Key),
     /// The next key.
     NextKey(Option<Key>),
-    /// The network.
+    /// The network the node belongs to, if any.
     Network(Option<Membership>),
     /// A place in the coordinator's table, below [`MEMBERS_MAX`].
     Member(u8, Option<Member>),
@@ -103,7 +103,7 @@ pub struct Saved {
     pub active_key: Key,
     /// The next key.
     pub next_key: Option<Key>,
-    /// The network.
+    /// The network the node belongs to, if any.
     pub network: Option<Membership>,
 }
 

@@ -53,7 +53,7 @@ impl AssociationStatus {
 pub struct Association {
     /// The device's short address; meaningless unless successful.
     pub short: ShortAddress,
-    /// The decision.
+    /// Whether it is admitted, and why not.
     pub status: AssociationStatus,
 }
 
@@ -67,7 +67,7 @@ pub enum MacCommand {
     AssociationResponse(Association),
     /// 0x03: a device leaves (reason 2) or is sent away (reason 1).
     Disassociation {
-        /// Why.
+        /// 1: sent away; 2: leaves of its own accord.
         reason: u8,
     },
     /// 0x04: a device asks for what waits for it.

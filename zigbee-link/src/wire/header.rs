@@ -17,13 +17,13 @@ pub struct Panned {
 }
 
 impl Panned {
-    /// Neither.
+    /// Neither field.
     pub const NONE: Self = Self {
         pan: None,
         address: None,
     };
 
-    /// Both fields.
+    /// An address in a PAN: both fields.
     pub const fn new(pan: PanId, address: Address) -> Self {
         Self {
             pan: Some(pan),
@@ -96,9 +96,9 @@ pub struct Header {
     pub ack_request: bool,
     /// The sequence number.
     pub sequence: u8,
-    /// For whom.
+    /// Whom the frame is for; none for the coordinator of the source's PAN.
     pub destination: Panned,
-    /// From whom.
+    /// Whom the frame is from.
     pub source: Panned,
     /// The auxiliary security header of a secured frame.
     pub security: Option<AuxHeader>,
@@ -214,7 +214,7 @@ impl<'a> Frame<'a> {
         })
     }
 
-    /// The header.
+    /// What the header says.
     pub const fn header(&self) -> &Header {
         &self.header
     }
