@@ -3,7 +3,7 @@
 use core::{convert::Infallible, pin::pin};
 
 use calib_core::camera::Camera;
-use cmucam2_driver::{Cmucam2, device, session::Policy};
+use cmucam2_driver::Cmucam2;
 use embassy_futures::select::{Either, Either3, select, select3};
 use flash_log::LogError;
 use zigbee_link::{Instant, runner::Clock};
@@ -37,12 +37,7 @@ pub(super) async fn run<H: Hardware>(
     let mut role = CameraRole::new(id, config.clone());
     let driver = AnyDriver::Camera(RoleDriver::new(&mut role, &channels));
     let driven = drive(driver, services);
-    let cmucam2 = Cmucam2::with_clock(
-        uart,
-        ClockDelay(clock),
-        DriverClock(clock),
-        Policy::default(),
-    );
+    let cmucam2 = Cmucam2::new(uart, ClockDelay(clock));
     let camera = Cmucam2BlobCamera::new(cmucam2, config.cmucam2());
     let device = CameraDevice {
         camera,
@@ -62,15 +57,6 @@ pub(super) async fn run<H: Hardware>(
         Either3::First(error) => error,
         Either3::Second(never) => match never {},
         Either3::Third(never) => never,
-    }
-}
-
-/// The node's clock, for the driver.
-struct DriverClock<'a, C>(&'a C);
-
-impl<C: Clock> device::Clock for DriverClock<'_, C> {
-    fn now(&self) -> u64 {
-        self.0.now().0
     }
 }
 
