@@ -37,7 +37,8 @@ pub(super) async fn run<H: Hardware>(
     let mut role = CameraRole::new(id, config.clone());
     let driver = AnyDriver::Camera(RoleDriver::new(&mut role, &channels));
     let driven = drive(driver, services);
-    let camera = Cmucam2BlobCamera::new(Cmucam2::new(uart, ClockDelay(clock)), config.cmucam2());
+    let cmucam2 = Cmucam2::new(uart, ClockDelay(clock));
+    let camera = Cmucam2BlobCamera::new(cmucam2, config.cmucam2());
     let device = CameraDevice {
         camera,
         config,

@@ -223,12 +223,6 @@ const ALLOWED: &[Allowed] = &[
         reason: "the place was found in the same list, or is the first of a full one",
     },
     Allowed {
-        panic: DIVISION,
-        functions: &["cmucam2_driver::geometry::DownSampling::apply"],
-        callers: &[],
-        reason: "a factor of zero is refused where it is made",
-    },
-    Allowed {
         panic: MESSAGE,
         functions: &[
             "defmt_rtt::RttEncoder::",
