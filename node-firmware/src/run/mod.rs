@@ -183,7 +183,7 @@ pub async fn run<H: Hardware>(
         }
     };
     // Pinned here: a future passed by value is kept twice, and these are large.
-    match select(pin!(link), pin!(role)).await {
+    match select(Outlined(pin!(link)), pin!(role)).await {
         Either::First(stopped) => Failure::Link(stopped),
         Either::Second(error) => Failure::Memory(error),
     }

@@ -262,6 +262,8 @@ fn the_longest_message_fits_its_frame() {
     aether.run();
     assert_eq!(aether.nodes[1].recv(), Some((short(0), message)));
     assert_eq!(aether.heard.iter().map(Vec::len).max(), Some(FRAME_MAX));
+    let longer = aether.nodes[0].send(aether.now, short(1), &(message, 0_u8));
+    assert_eq!(longer, Err(SendError::TooLong));
 }
 
 #[test]
