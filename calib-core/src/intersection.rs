@@ -27,7 +27,7 @@ use crate::{
     resection::information::{rounding, slope},
 };
 
-/// The direction in which one camera saw the target.
+/// The direction in which a camera of known pose, a *station* to surveyors, saw the target.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
@@ -40,18 +40,18 @@ pub struct StationBearing<T: Real> {
     pub bearing_sigma: T,
 }
 
-/// Where the target is.
+/// A target's place from bearings that meet there.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Intersection<T: Real> {
-    /// The target's place.
+    /// Where the bearings meet, in the frame of the cameras' poses.
     pub position: Point2<T>,
-    /// Its covariance, symmetric; to first order.
+    /// Covariance of `position`, symmetric; to first order.
     pub covariance: Matrix2<T>,
     /// Sum of the squared residuals, each over its variance. About
     /// [`degrees_of_freedom`](Intersection::degrees_of_freedom) when poses and sigmas are right.
     pub chi_squared: T,
-    /// How many bearings it rests on.
+    /// How many bearings it rests on: all that were given.
     pub used: usize,
 }
 
@@ -61,7 +61,7 @@ impl<T: Real> Intersection<T> {
         self.used.saturating_sub(2)
     }
 
-    /// How well the bearings fit it.
+    /// Chi squared and the bearings beyond two, for [`Fit::is_bad`].
     pub fn fit(&self) -> Fit<T> {
         Fit {
             chi_squared: self.chi_squared,
@@ -265,7 +265,9 @@ impl<T: Real> Problem<T> for Rays<'_, T> {
 fn place<T: Real>(x: &[T]) -> Vector2<T> {
     match *x {
         [x, y] => Vector2::new(x, y),
-        // Nobody asks.
-        _ => Vector2::zeros(),
+        _ => {
+            debug_assert!(false, "the unknowns of another problem");
+            Vector2::zeros()
+        }
     }
 }

@@ -233,7 +233,7 @@ fn fixes_and_targets_are_told_apart_by_number() {
     assert_eq!(first.covariance_with(&first), Matrix2::identity());
     assert_eq!(first.own_covariance(&first), Matrix2::identity() * 0.25);
     track
-        .relocate(Point2::origin(), Matrix2::identity())
+        .relocate(Point2::origin(), Matrix2::identity(), Systematic::none())
         .unwrap();
     let second = track.place(0.0).unwrap();
     assert_ne!(first.parts().fix, second.parts().fix);
@@ -571,7 +571,8 @@ proptest! {
             Track::start(Point2::new(1.0_f32, 2.0), Matrix2::zeros(), Systematic::default()).unwrap();
         for (i, &[distance, heading, distance_sigma, heading_sigma]) in numbers.iter().enumerate() {
             if i == fix {
-                track.relocate(track.position(), Matrix2::new(0.01, 0.002, 0.002, 0.01)).unwrap();
+                let covariance = Matrix2::new(0.01, 0.002, 0.002, 0.01);
+                track.relocate(track.position(), covariance, Systematic::default()).unwrap();
             }
             let _ = track.advance(&Step { distance, heading, distance_sigma, heading_sigma });
         }

@@ -19,7 +19,7 @@ use node_firmware::{
         coordinator::{self, CoordinatorRole},
         moving_target::{self, TargetRole},
     },
-    sight::Lens,
+    vision::Lens,
 };
 use zigbee_link::{
     Instant,

@@ -17,7 +17,7 @@ use answers::record::{Role as Part, RunRecord};
 use board_support::panel::{FRAME_MAX, FromNode, frame};
 use host_sim::network::{Emulation, EmulatorError, Options, Simulation};
 use node_firmware::{
-    config::Role as Configured,
+    config::RoleConfig as Configured,
     memory::{Fact, KeptSighting},
     message::{CoordinateFrame, Message, Report, Sight, Stopped},
     role::{

@@ -7,7 +7,9 @@ use serde::{Deserialize, Serialize};
 
 use crate::{
     config::SiteKey,
-    message::{Address, CameraCommand, CommandResult, Hello, ListedSighting, Report, TrackedBlob},
+    message::{
+        CameraCommand, CommandResult, Hello, ListedSighting, MemberAddress, Report, TrackedBlob,
+    },
 };
 
 /// Bytes of the longest frame, its end included.
@@ -22,42 +24,42 @@ pub enum ToPc {
     /// A member.
     Member {
         /// Its address.
-        address: Address,
+        address: MemberAddress,
         /// What it says it is.
         hello: Hello,
     },
     /// How far a camera is.
     Report {
         /// Its address.
-        address: Address,
+        address: MemberAddress,
         /// What it reports.
         report: Report,
     },
     /// What came of a command.
     Done {
         /// The camera's address.
-        address: Address,
+        address: MemberAddress,
         /// The result; `success` is also false when the camera could not be reached.
         done: CommandResult,
     },
     /// A raw packet of a camera.
     Tracked {
         /// The camera's address.
-        address: Address,
+        address: MemberAddress,
         /// The packet.
         tracked: TrackedBlob,
     },
     /// A sighting that a camera has.
     Sighting {
         /// The camera's address.
-        address: Address,
+        address: MemberAddress,
         /// The sighting.
         sighting: ListedSighting,
     },
     /// A member was sent away.
     Removed {
         /// Its address.
-        address: Address,
+        address: MemberAddress,
         /// It was a member.
         success: bool,
     },
@@ -100,15 +102,15 @@ pub enum FromPc {
     /// Have a camera do something.
     Command {
         /// The camera.
-        address: Address,
+        address: MemberAddress,
         /// What.
         command: CameraCommand,
     },
     /// Ask a camera for its sightings.
-    Sightings(Address),
+    Sightings(MemberAddress),
     /// Send a member away, for good if it is gone: its place is free then. If it is on the
     /// allow-list, or while a join window is open, it may come back.
-    Remove(Address),
+    Remove(MemberAddress),
     /// Give all members another site key, with another index: whoever has only the present one is
     /// shut out then. It is the PC that draws it, at random, and keeps it: new members are
     /// provisioned with it.

@@ -13,9 +13,9 @@
 //! | [`limits`] | Numbers that the others share: members, colours, sightings |
 //! | [`config`] | What a node is told before it is switched on: identity, key, radio, role; and its flash page |
 //! | [`hardware`] | Which drivers a node runs on |
-//! | [`sight`] | What a camera role needs of its camera: is the target in view, in which direction, how sure |
+//! | [`vision`] | What a camera role needs of its camera: is the target in view, in which direction, how sure |
 //! | [`message`] | What nodes tell each other |
-//! | [`role`] | Coordinator, camera, target, as state machines without input or output |
+//! | [`role`] | Coordinator, camera, moving target, as state machines without input or output |
 //! | [`memory`] | What a role must not forget |
 //! | [`steps`] | A step sensor of an inertial measurement unit on an I2C bus |
 //! | [`console`] | What the coordinator and a PC tell each other |
@@ -24,6 +24,10 @@
 //! # Features
 //! `defmt` and `log` report what is unusual; `defmt` also formats the public types. Without them the
 //! crate is silent.
+//!
+//! # Size
+//! A function marked `size` is not inlined, so that it is in an image once. One marked `stack` is not
+//! inlined, so that what it takes of the stack is there only while it runs, and not in every caller.
 #![no_std]
 #![forbid(unsafe_code)]
 #![cfg_attr(
@@ -47,8 +51,8 @@ pub mod memory;
 pub mod message;
 pub mod role;
 pub mod run;
-pub mod sight;
 pub mod steps;
+pub mod vision;
 
 mod arithmetic;
 mod log;

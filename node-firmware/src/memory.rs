@@ -33,10 +33,10 @@ use serde::{Deserialize, Serialize};
 
 use crate::limits::COLOURS_MAX;
 use crate::log::warning;
-use crate::sight::ColourWindow;
+use crate::vision::ColourWindow;
 use crate::{
     limits::MEMBERS,
-    message::{Address, References, Report, Seen, StopNumber},
+    message::{MemberAddress, References, Report, Seen, StopNumber},
 };
 
 /// One above the highest key.
@@ -63,7 +63,7 @@ pub enum Fact {
     /// A reference camera's stop in this place of its list.
     ReferenceStop(u8, Option<ReferenceStop>),
     /// Target and coordinator: a camera in this place of the table.
-    Camera(u8, Option<(Address, Report)>),
+    Camera(u8, Option<(MemberAddress, Report)>),
     /// The first reference camera: how far the second is, which may not have heard it.
     Posed(Option<Report>),
     /// A camera: the colours it learnt.
@@ -161,7 +161,7 @@ impl Fact {
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct KeptSighting {
     /// The target.
-    pub target: Address,
+    pub target: MemberAddress,
     /// Its stop.
     pub stop: StopNumber,
     /// Where it said it stood, in the frame of the site.
@@ -175,7 +175,7 @@ pub struct KeptSighting {
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct ReferenceStop {
     /// The target.
-    pub target: Address,
+    pub target: MemberAddress,
     /// Its stop.
     pub stop: StopNumber,
     /// Where it was in the target's own frame, once told.
@@ -195,7 +195,7 @@ pub struct Network {
     /// The coordinator's EUI-64.
     pub coordinator: [u8; 8],
     /// The address that this member has there.
-    pub own: Address,
+    pub own: MemberAddress,
 }
 
 /// Colours that a camera learnt, by their number.

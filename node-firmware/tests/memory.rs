@@ -12,7 +12,7 @@ use node_firmware::{
     limits::{MEMBERS, REFERENCE_STOPS, SIGHTINGS},
     memory::{Colours, Fact, KeptSighting, Memory, Network, ReferenceStop, Walk},
     message::{CameraState, Duty, PoseParts, References, Report, Seen},
-    sight::ColourWindow,
+    vision::ColourWindow,
 };
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;

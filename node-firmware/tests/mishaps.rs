@@ -21,7 +21,7 @@ use node_firmware::{
         coordinator::{self, CoordinatorRole},
         moving_target::TargetRole,
     },
-    sight::ColourWindow,
+    vision::ColourWindow,
 };
 use support::{
     bus::{Air, AnyStation, Faults, PERFECT, Station},

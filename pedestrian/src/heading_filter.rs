@@ -266,7 +266,7 @@ impl<T: Real> HeadingFilter<T> {
         }
     }
 
-    /// Predicts.
+    /// The prediction of the Kalman filter: the heading follows the gyroscope, variances grow.
     fn turn(&mut self, dt: T, rate: T) {
         self.heading = wrap_positive(self.heading + rate * dt);
         let s = &self.settings;
@@ -282,7 +282,7 @@ impl<T: Real> HeadingFilter<T> {
         }
     }
 
-    /// Corrects, `since` seconds after the compass reading before.
+    /// Its correction, `since` seconds after the compass reading before.
     fn follow_compass(&mut self, since: T, field: &Vector3<T>, up: &Vector3<T>) {
         let strength = field.norm();
         let vertical = field.dot(up);

@@ -134,7 +134,7 @@ impl<T: Real> Pedestrian<T> {
         &self.heading
     }
 
-    /// [`HeadingFilter::align`].
+    /// The heading is known from elsewhere: [`HeadingFilter::align`].
     pub fn align(&mut self, heading: T, sigma: T) {
         self.heading.align(heading, sigma);
     }
@@ -272,7 +272,8 @@ impl<T> Default for Waiting<T> {
 
 impl<T: Real> Waiting<T> {
     fn push(&mut self, step: Step<T>) {
-        // There is room: a swing takes two readings at least, and each reading hands out a step.
+        // A swing takes two readings at least, and each reading hands out a step.
+        debug_assert!(self.length < MOST_WAITING, "there is room for a step");
         if let Some(slot) = self.steps.get_mut(self.length) {
             *slot = Some(step);
             self.length += 1;

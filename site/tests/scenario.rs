@@ -3,7 +3,7 @@
 use calib_core::camera::Projection;
 use nalgebra::Point2;
 use node_firmware::{
-    config::{CameraConfig, Config, Role, SiteKey},
+    config::{CameraConfig, Config, RoleConfig, SiteKey},
     limits::REFERENCE_STOPS,
 };
 use site::world::Variant;
@@ -19,7 +19,7 @@ fn configs(scenario: &Scenario) -> Vec<NetworkConfigs> {
 
 fn camera(config: &Config) -> &CameraConfig {
     match &config.role {
-        Role::Camera(camera) => camera,
+        RoleConfig::Camera(camera) => camera,
         other => panic!("node {} is {other:?}", config.id),
     }
 }

@@ -10,7 +10,7 @@ use std::{collections::BTreeMap, fmt, time::Duration};
 use calib_core::{Pose, Refusal, Status};
 use node_firmware::{
     console::{KeyChange, Network, ToPc},
-    message::{Address, CameraState, Hello, ListedSighting, MemberKind, PoseParts, Report},
+    message::{CameraState, Hello, ListedSighting, MemberAddress, MemberKind, PoseParts, Report},
 };
 
 use crate::record::{Estimate, Node, verdict::status_words};
@@ -27,7 +27,7 @@ const PATIENCE: Duration = Duration::from_secs(15);
 #[derive(Clone, Debug, PartialEq)]
 pub struct Member {
     /// Its address.
-    pub address: Address,
+    pub address: MemberAddress,
     /// The number by which people know it.
     pub id: u16,
     /// What it is; `None`: it has not said so since the coordinator started.
@@ -168,7 +168,7 @@ impl NetworkView {
     }
 
     /// The addresses of a node, the present one last.
-    pub fn addresses(&self, id: u16) -> Vec<Address> {
+    pub fn addresses(&self, id: u16) -> Vec<MemberAddress> {
         let of_it = self.members.iter().filter(|member| member.id == id);
         let mut of_it: Vec<_> = of_it.collect();
         of_it.sort_by_key(|member| !member.replaced);
@@ -187,7 +187,7 @@ impl NetworkView {
     }
 
     /// The number of the node that has, or had, this address.
-    pub fn id_of(&self, address: Address) -> Option<u16> {
+    pub fn id_of(&self, address: MemberAddress) -> Option<u16> {
         let mut members = self.members.iter();
         Some(members.find(|member| member.address == address)?.id)
     }
@@ -213,7 +213,7 @@ impl NetworkView {
     }
 
     /// The member at this address is asked for its sightings.
-    pub fn asks(&mut self, now: Duration, address: Address) {
+    pub fn asks(&mut self, now: Duration, address: MemberAddress) {
         let mut members = self.members.iter_mut();
         if let Some(member) = members.find(|member| member.address == address) {
             member.asked.get_or_insert(now);
@@ -285,7 +285,7 @@ impl NetworkView {
     }
 
     /// How people call the member at an address.
-    fn name(&self, address: Address) -> String {
+    fn name(&self, address: MemberAddress) -> String {
         match self.members.iter().find(|member| member.address == address) {
             Some(member) => format!("{} {}", member.kind_name(), member.id),
             None => format!("address {address:04x}"),
@@ -293,7 +293,7 @@ impl NetworkView {
     }
 
     /// The member at an address, if it is this node; made if there was none. Whether it was made.
-    fn member_at(&mut self, address: Address, id: u16) -> (&mut Member, bool) {
+    fn member_at(&mut self, address: MemberAddress, id: u16) -> (&mut Member, bool) {
         let known = |member: &Member| (member.address, member.id) == (address, id);
         let place = self.members.iter().position(known);
         if place.is_none() {
@@ -318,7 +318,7 @@ impl NetworkView {
         (&mut self.members[place.unwrap_or(last)], place.is_none())
     }
 
-    fn hello(&mut self, address: Address, hello: Hello) -> Option<String> {
+    fn hello(&mut self, address: MemberAddress, hello: Hello) -> Option<String> {
         let (member, is_new) = self.member_at(address, hello.id);
         let is_news = member.kind.replace(hello.kind) != Some(hello.kind) || is_new;
         is_news.then(|| {
@@ -335,7 +335,7 @@ impl NetworkView {
         })
     }
 
-    fn report(&mut self, now: Duration, address: Address, report: Report) -> Option<String> {
+    fn report(&mut self, now: Duration, address: MemberAddress, report: Report) -> Option<String> {
         let (member, _) = self.member_at(address, report.id);
         let is_news = member.report.replace(report) != Some(report);
         if report.pose().is_some() {
@@ -347,7 +347,7 @@ impl NetworkView {
 
 impl NetworkView {
     /// A camera lists all that it has, from the first to the last.
-    fn sighting(&mut self, address: Address, sighting: ListedSighting) {
+    fn sighting(&mut self, address: MemberAddress, sighting: ListedSighting) {
         let mut members = self.members.iter_mut();
         if let Some(member) = members.find(|member| member.address == address) {
             member.asked = None;
@@ -413,12 +413,12 @@ mod tests {
 
     const CAMERA: MemberKind = MemberKind::Camera { reference: None };
 
-    fn member(address: Address, id: u16, kind: MemberKind) -> ToPc {
+    fn member(address: MemberAddress, id: u16, kind: MemberKind) -> ToPc {
         let hello = Hello { id, kind };
         ToPc::Member { address, hello }
     }
 
-    fn reported(address: Address, id: u16, state: CameraState) -> ToPc {
+    fn reported(address: MemberAddress, id: u16, state: CameraState) -> ToPc {
         let report = Report {
             id,
             duty: None,

@@ -11,7 +11,7 @@ use embassy_embedded_hal::adapter::BlockingAsync;
 use embassy_executor::Spawner;
 use node_firmware::{
     config::{
-        Config,
+        CheckedConfig,
         page::{self, PAGE_MAX},
     },
     hardware::{Hardware, Peripherals},
@@ -58,7 +58,7 @@ fn main() -> ! {
 }
 
 fn begin(spawner: Spawner) {
-    static CONFIG: StaticCell<Config> = StaticCell::new();
+    static CONFIG: StaticCell<CheckedConfig> = StaticCell::new();
     timer::start();
     interrupts::enable();
     let config = match page::decode(&config_page()) {
@@ -103,7 +103,7 @@ fn begin(spawner: Spawner) {
 }
 
 #[embassy_executor::task]
-async fn run_node(config: &'static Config, peripherals: Peripherals<Board>) {
+async fn run_node(config: &'static CheckedConfig, peripherals: Peripherals<Board>) {
     let failure = run(config, peripherals).await;
     defmt::error!("stopped: {=str}", describe(&failure));
     stop()

@@ -1,22 +1,19 @@
-//! The start, and the tasks.
-
-use core::pin::pin;
+//! The tasks. What they do at their start is [`board_support::start`].
 
 use board_support::{
     clock::EmbassyClock,
-    failure::describe,
     flash::STM32L476RG,
+    memory::Paged,
     pins::{Lamps, PushButtons},
-    retained,
-    tasks::{sensor_config, spawn, stop, tell_start},
+    start::{self, configuration, step_sensor},
+    tasks::spawn,
 };
 use defmt_rtt as _;
 use embassy_executor::Spawner;
 use embassy_stm32::{exti::ExtiInput, gpio::Output, mode::Async};
 use node_firmware::{
-    config::{Config, page::PageError},
+    config::CheckedConfig,
     hardware::{Hardware, Peripherals},
-    run::run,
     steps::InertialSteps,
 };
 use spinel_radio::SpinelRadio;
@@ -49,32 +46,20 @@ impl Hardware for Board {
 
 #[embassy_executor::main]
 async fn main(spawner: Spawner) {
-    static CONFIG: StaticCell<Config> = StaticCell::new();
     static RADIO: StaticCell<Radio> = StaticCell::new();
     static STEPS: StaticCell<Steps> = StaticCell::new();
     static PERIPHERALS: StaticCell<Option<Peripherals<Board>>> = StaticCell::new();
     let board = Board::new();
-    tell_start(reset_cause(), &retained::take());
-    let (flash, config) = memory::open(board.flash);
-    let config = match config {
-        Ok(config) => CONFIG.init(config),
-        Err(error) => stop(error).await,
-    };
-    let Some((uart, radio)) = board.lines.open(config) else {
-        // Refused where configurations are checked.
-        stop(PageError::Body).await;
-    };
-    let Ok(steps) = InertialSteps::new(board.sensor, EmbassyClock, sensor_config(config)) else {
-        // Refused where configurations are checked.
-        stop(PageError::Body).await;
-    };
+    let mut flash = memory::open(board.flash);
+    let config = configuration(reset_cause(), &mut flash, &STM32L476RG).await;
+    let (uart, radio) = board.lines.open(config);
     let peripherals = PERIPHERALS.init(Some(Peripherals {
         uart: Lossless(uart),
         radio: RADIO.init(SpinelRadio::new(radio, EmbassyClock)),
         clock: EmbassyClock,
-        flash,
+        flash: Paged(flash),
         layout: STM32L476RG.layout,
-        steps: STEPS.init(steps),
+        steps: STEPS.init(step_sensor(board.sensor, config).await),
         indicator: board.lamps,
         buttons: board.buttons,
         observer: (),
@@ -86,13 +71,9 @@ async fn main(spawner: Spawner) {
 }
 
 #[embassy_executor::task]
-async fn run_node(config: &'static Config, peripherals: &'static mut Option<Peripherals<Board>>) {
-    // Not passed by value: the whole future of the node would be copied on the stack with them.
-    let Some(peripherals) = peripherals.take() else {
-        return;
-    };
-    let node = pin!(run(config, peripherals));
-    let failure = LIVENESS.watch(NODE, node).await;
-    // Nothing reports any more: the watchdog restarts the node.
-    defmt::error!("stopped: {=str}", describe(&failure));
+async fn run_node(
+    config: &'static CheckedConfig,
+    peripherals: &'static mut Option<Peripherals<Board>>,
+) {
+    start::run_node(config, peripherals, (&LIVENESS, NODE)).await;
 }

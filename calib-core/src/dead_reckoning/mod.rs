@@ -50,10 +50,10 @@
 //!         heading_sigma: 0.1,
 //!     })?;
 //! }
-//! let leg = track.since(&first);
+//! let leg = track.since(&first).ok_or("found in between")?;
 //! assert!((leg.vector.y - 7.0).abs() < 1e-12);
 //! assert!(track.covariance().m11 > leg.covariance.m11);
-//! # Ok::<(), calib_core::dead_reckoning::TrackError>(())
+//! # Ok::<(), Box<dyn core::error::Error>>(())
 //! ```
 
 mod correlation;

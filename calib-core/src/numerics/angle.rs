@@ -23,8 +23,7 @@ pub fn turned<T: Real>(covariance: &Matrix2<T>, rotation: &Matrix2<T>) -> Matrix
 /// assert_eq!(wrap_positive(-0.5_f64), core::f64::consts::TAU - 0.5);
 /// assert_eq!(wrap_positive(-1e-30_f64), 0.0); // 2 pi minus nothing is not below 2 pi
 /// ```
-// Not inlined, for the sake of flash.
-#[inline(never)]
+#[inline(never)] // size
 pub fn wrap_positive<T: Real>(angle: T) -> T {
     let turn = T::two_pi();
     let rest = angle - (angle / turn).floor() * turn;
@@ -41,8 +40,7 @@ pub fn wrap_positive<T: Real>(angle: T) -> T {
 /// assert_eq!(wrap_signed(PI), -PI);
 /// assert!((wrap_signed(3.0 - TAU) - 3.0).abs() < 1e-15);
 /// ```
-// Not inlined, for the sake of flash.
-#[inline(never)]
+#[inline(never)] // size
 pub fn wrap_signed<T: Real>(angle: T) -> T {
     let half = T::pi();
     if angle >= -half && angle < half {

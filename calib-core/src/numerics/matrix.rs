@@ -9,7 +9,7 @@ pub(crate) fn dot<T: Real>(a: &[T], b: &[T]) -> T {
     a.iter().zip(b).fold(T::zero(), |sum, (a, b)| sum + *a * *b)
 }
 
-/// Adds `weight v v^T`: in place, for the sake of the stack.
+/// Adds `weight v v^T`.
 #[inline]
 pub(crate) fn add_outer<T: Real>(matrix: &mut [T], vector: &[T], weight: T) {
     let columns = matrix.chunks_exact_mut(vector.len().max(1));

@@ -1,6 +1,6 @@
 //! Least squares over a few unknowns: Gauss-Newton, steepest descent, Levenberg-Marquardt.
 //!
-//! Like [`cholesky`], on the numbers of vectors and matrices of any size: a node has the code once.
+//! Like [`cholesky`], on the numbers of vectors and matrices of any size.
 
 use nalgebra::{ComplexField, SMatrix, SVector};
 
@@ -80,8 +80,7 @@ impl<T: Real> Quadratic<'_, T> {
 
     /// The step to the minimum of the model with its diagonal stretched by `1 + damping`. As many
     /// of its numbers count as there are unknowns.
-    // Not inlined, for the sake of the stack.
-    #[inline(never)]
+    #[inline(never)] // stack
     pub(crate) fn step(&self, damping: T) -> Option<[T; MOST]> {
         let n = self.gradient.len();
         let mut factor = [T::zero(); MOST * MOST];
@@ -121,7 +120,7 @@ pub(crate) trait Problem<T> {
 }
 
 /// A walk downhill over `P` unknowns, at most six: where it is, and the cost around there.
-// Walked in place, for the sake of the stack.
+// Walked in place: its frame is one of the largest.
 pub(crate) struct Descent<T: Real, const P: usize> {
     pub x: SVector<T, P>,
     /// Of where it last looked around, as the two below: at the end within the last, tiny step of
@@ -175,8 +174,7 @@ impl<T: Real, const P: usize> Descent<T, P> {
     }
 
     /// The covariance of the unknowns where the weights are one over variances.
-    // Not inlined, for the sake of the stack.
-    #[inline(never)]
+    #[inline(never)] // stack
     pub(crate) fn covariance(&self) -> Option<SMatrix<T, P, P>> {
         Some(Cholesky::new(self.hessian)?.inverse())
     }

@@ -55,8 +55,7 @@ impl<const K: usize> Subsets<K> {
 impl<const K: usize> Iterator for Subsets<K> {
     type Item = [usize; K];
 
-    // Not inlined, for the sake of flash.
-    #[inline(never)]
+    #[inline(never)] // size
     fn next(&mut self) -> Option<[usize; K]> {
         let subset = self.next?;
         self.next = self.after(subset);

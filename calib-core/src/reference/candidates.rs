@@ -37,8 +37,7 @@ const TRIAL_HEADINGS: u32 = 24;
 /// # Errors
 /// Why the closed forms refused, if all did; [`Refusal::TargetBehind`] when circles met only
 /// behind a camera.
-// Not inlined, for the sake of the stack.
-#[inline(never)]
+#[inline(never)] // stack
 pub(super) fn propose<T: Real>(
     problem: &Bearings<'_, T>,
     proposals: &mut Proposals<T>,

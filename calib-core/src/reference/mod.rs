@@ -75,7 +75,7 @@ impl<T: Real> Stop<T> {
     }
 }
 
-/// What is known beforehand.
+/// What of the frame is known beforehand; see the [table](crate::reference#why-not-the-thesiss-equations).
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
@@ -87,7 +87,7 @@ pub struct Known<T> {
     pub frame_heading: Option<T>,
 }
 
-/// How to solve.
+/// How far the refinement of a candidate goes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
@@ -108,7 +108,7 @@ impl Default for ReferenceSettings {
     }
 }
 
-/// One answer.
+/// Where both cameras look, and where the target stood first.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct ReferenceSolution<T: Real> {
@@ -140,7 +140,7 @@ impl<T: Real> ReferenceSolution<T> {
         [self.covariance.m11, self.covariance.m22].map(root)
     }
 
-    /// How well the bearings fit it.
+    /// Chi squared and the equations beyond the unknowns, for [`Fit::is_bad`].
     pub fn fit(&self) -> Fit<T> {
         Fit {
             chi_squared: self.chi_squared,
@@ -258,8 +258,7 @@ pub fn solve<T: Real>(
     solve_checked(stops, known, *settings)
 }
 
-// Not inlined, for the sake of the stack.
-#[inline(never)]
+#[inline(never)] // stack
 fn solve_checked<T: Real>(
     stops: &[Stop<T>],
     known: &Known<T>,
@@ -290,8 +289,7 @@ fn solve_checked<T: Real>(
 type Answers<T> = Ranking<T, Found<T>, 6>;
 
 /// The best answer, and the next best one unless it is ruled out.
-// Not inlined, for the sake of the stack.
-#[inline(never)]
+#[inline(never)] // stack
 fn outcome<T: Real>(
     problem: &Bearings<'_, T>,
     settings: ReferenceSettings,
@@ -322,8 +320,7 @@ struct Found<T: Real> {
 }
 
 /// Finds the different answers that the candidates lead to, at least one.
-// Not inlined, for the sake of the stack.
-#[inline(never)]
+#[inline(never)] // stack
 fn distinct<T: Real>(
     problem: &Bearings<'_, T>,
     settings: ReferenceSettings,
@@ -355,8 +352,7 @@ fn distinct<T: Real>(
     Ok(())
 }
 
-// Not inlined, for the sake of the stack.
-#[inline(never)]
+#[inline(never)] // stack
 fn refine<T: Real>(
     problem: &Bearings<'_, T>,
     start: Vector6<T>,
@@ -414,8 +410,7 @@ fn is_same<T: Real>(a: &Found<T>, b: &Found<T>) -> bool {
 }
 
 /// The condition number (1-norm) of a normal matrix scaled to unit diagonal.
-// Not inlined, for the sake of the stack.
-#[inline(never)]
+#[inline(never)] // stack
 fn condition<T: Real>(normal: &Matrix6<T>, inverse: &Matrix6<T>) -> T {
     let scale = normal.diagonal().map(nalgebra::ComplexField::sqrt);
     let mut norms = [T::zero(); 2];

@@ -189,8 +189,10 @@ fn unknowns<T: Real>(x: &[T]) -> Vector6<T> {
         [heading0, heading1, x, y, frame, baseline] => {
             Vector6::new(heading0, heading1, x, y, frame, baseline)
         }
-        // Nobody asks.
-        _ => Vector6::zeros(),
+        _ => {
+            debug_assert!(false, "the unknowns of another problem");
+            Vector6::zeros()
+        }
     }
 }
 

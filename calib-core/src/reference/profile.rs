@@ -19,8 +19,7 @@ use crate::{
 };
 
 /// Shortens the covariance's weakest direction to what the profile of the cost allows.
-// Not inlined, for the sake of the stack.
-#[inline(never)]
+#[inline(never)] // stack
 pub(super) fn bound<T: Real>(
     problem: &Bearings<'_, T>,
     x: &Vector6<T>,

@@ -30,9 +30,9 @@ pub use information::{information, predict};
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Solution<T: Real> {
-    /// The camera's pose.
+    /// Where the camera is and looks, with the predicted covariance.
     pub pose: Pose<T>,
-    /// How many sightings it rests on.
+    /// How many sightings it rests on; those that were left out do not count.
     pub used: usize,
     /// Sum of the squared residuals, each over its variance. About
     /// [`degrees_of_freedom`](Solution::degrees_of_freedom) when the sigmas are right; much more
@@ -48,7 +48,7 @@ impl<T: Real> Solution<T> {
         self.used.saturating_sub(3)
     }
 
-    /// How well the sightings fit it.
+    /// Chi squared and the sightings beyond three, for [`Fit::is_bad`].
     pub fn fit(&self) -> Fit<T> {
         Fit {
             chi_squared: self.chi_squared,

@@ -12,7 +12,7 @@ use std::{
 use node_firmware::{
     config::SiteKey,
     console::{FRAME_MAX, Frames, FromPc, KeyChange, ToPc},
-    message::{Address, CameraCommand, CommandResult},
+    message::{CameraCommand, CommandResult, MemberAddress},
 };
 
 use answers::view::NetworkView;
@@ -158,7 +158,7 @@ pub struct Session {
     failed: Option<Failure>,
     news: VecDeque<String>,
     /// When a camera was last asked for its sightings, by its address.
-    listed_sightings: BTreeMap<Address, Duration>,
+    listed_sightings: BTreeMap<MemberAddress, Duration>,
     wants_sightings: bool,
 }
 
@@ -464,19 +464,19 @@ pub fn frame(message: &FromPc) -> Vec<u8> {
 mod tests {
     use node_firmware::{
         console::{Network, encode},
-        message::{Address, CameraState, Hello, MemberKind, PoseParts, Report},
+        message::{CameraState, Hello, MemberAddress, MemberKind, PoseParts, Report},
     };
 
     use super::*;
 
     const CAMERA: MemberKind = MemberKind::Camera { reference: None };
 
-    fn member(address: Address, id: u16, kind: MemberKind) -> ToPc {
+    fn member(address: MemberAddress, id: u16, kind: MemberKind) -> ToPc {
         let hello = Hello { id, kind };
         ToPc::Member { address, hello }
     }
 
-    fn reported(address: Address, id: u16, state: CameraState) -> ToPc {
+    fn reported(address: MemberAddress, id: u16, state: CameraState) -> ToPc {
         let report = Report {
             id,
             duty: None,

@@ -43,7 +43,7 @@ use std::{
 };
 
 use node_firmware::{
-    config::{Config, Role, SiteKey},
+    config::{CheckedConfig, RoleConfig, SiteKey},
     memory::Fact,
 };
 
@@ -221,7 +221,7 @@ impl Simulation {
     /// There is no such camera, or the port cannot be opened.
     pub fn connect_camera(&mut self, node: u16, path: &str) -> Result<(), ConnectError> {
         let baud = match self.config(node).map(|config| &config.role) {
-            Some(Role::Camera(config)) => config.baud,
+            Some(RoleConfig::Camera(config)) => config.baud,
             _ => return Err(ConnectError::NoCamera(node)),
         };
         let port = open(path, baud, Duration::ZERO)?;
@@ -305,7 +305,7 @@ impl Simulation {
     }
 
     /// What a node was configured to.
-    pub fn config(&self, id: u16) -> Option<&Config> {
+    pub fn config(&self, id: u16) -> Option<&CheckedConfig> {
         self.node(id).map(|node| node.config())
     }
 

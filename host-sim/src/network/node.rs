@@ -9,7 +9,7 @@ use calib_core::dead_reckoning::Step;
 use embassy_sync::{blocking_mutex::raw::NoopRawMutex, channel::Channel as Queue, signal::Signal};
 use nalgebra::Point2;
 use node_firmware::{
-    config::{Config, Role},
+    config::{CheckedConfig, RoleConfig},
     hardware::{FlashLayout, Hardware, Indication, Indicator, Peripherals, StepSensor},
     limits::CONSOLE_BAUD,
     memory::Fact,
@@ -97,7 +97,7 @@ impl StepSensor for Steps {
 
 /// One node.
 pub(super) struct Node {
-    config: Config,
+    config: CheckedConfig,
     clock: Clock,
     spawner: Spawner,
     medium: Medium,
@@ -135,7 +135,7 @@ impl Hardware for Node {
 impl Node {
     fn new(
         simulation: &Simulation,
-        config: Config,
+        config: CheckedConfig,
         place: Point2<f64>,
         (line, outlook): (Line, Option<Outlook>),
         root: Root,
@@ -171,7 +171,7 @@ impl Node {
     pub(super) fn coordinator(
         simulation: &Simulation,
         network: &Network,
-        config: Config,
+        config: CheckedConfig,
         root: Root,
     ) -> Rc<Self> {
         let uart = Uart::new(CONSOLE_BAUD);
@@ -182,7 +182,7 @@ impl Node {
     pub(super) fn camera(
         simulation: &Simulation,
         camera: &CameraNode,
-        config: Config,
+        config: CheckedConfig,
         root: Root,
     ) -> Rc<Self> {
         let emulator = Emulator::new(
@@ -234,7 +234,7 @@ impl Node {
     pub(super) fn target(
         simulation: &Simulation,
         target: &TargetNode,
-        config: Config,
+        config: CheckedConfig,
         root: Root,
     ) -> Rc<Self> {
         let uart = Uart::new(CONSOLE_BAUD);
@@ -253,7 +253,7 @@ impl Node {
 
     /// Whether it is a target.
     pub(super) fn is_target(&self) -> bool {
-        matches!(self.config.role, Role::Target(_))
+        matches!(self.config.role, RoleConfig::Target(_))
     }
 
     /// What the medium counts of it.
@@ -354,7 +354,7 @@ impl Node {
         self.trouble.borrow_mut().get_or_insert(error);
     }
 
-    pub(super) fn config(&self) -> &Config {
+    pub(super) fn config(&self) -> &CheckedConfig {
         &self.config
     }
 

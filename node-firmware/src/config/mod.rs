@@ -3,7 +3,7 @@
 //! | module | job |
 //! |---|---|
 //! | here | [`Config`] and its parts |
-//! | [`check`] | Every range, in one place: [`Config::check`] |
+//! | [`check`] | Every range, in one place: [`Config::check`], which makes a [`CheckedConfig`] |
 //! | [`page`] | A configuration as a page of flash |
 //!
 //! Angles are degrees here, because people write them; lengths are in the target's unit, whatever
@@ -14,21 +14,25 @@ pub mod page;
 
 mod key;
 
-use calib_core::Limits;
+use calib_core::{Limits, camera::Camera};
 use flash_log::Crc32;
 use heapless::Vec;
 use serde::{Deserialize, Serialize};
-use zigbee_link::{network::Channels, radio::Channel, security::Protection, wire::Eui64};
+use zigbee_link::security::Protection;
 
-pub use self::{check::ConfigError, key::SiteKey};
-use crate::limits::{COLOURS_MAX, CONSOLE_BAUD, MEMBERS};
+pub use self::{
+    check::{BaudRate, CheckedConfig, ConfigError},
+    key::SiteKey,
+};
+use crate::limits::{COLOURS_MAX, MEMBERS};
 use crate::message::{Duty, Reference};
-use crate::sight::{
-    ColourWindow, Judge, Lens, LensError, Patience, Shape, Subject,
+use crate::vision::{
+    ColourWindow, Judge, Lens, Patience, Shape, Subject,
     cmucam2::{Cmucam2Settings, ROWS_PER_COLUMN},
 };
 
-/// All that a node is told.
+/// All that a node is told, as people and pages have it: values may be out of their range.
+/// [`Config::check`] makes a [`CheckedConfig`] of it.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
@@ -50,14 +54,14 @@ pub struct Config {
     #[serde(with = "protection")]
     pub protection: Protection,
     /// What the node is for.
-    pub role: Role,
+    pub role: RoleConfig,
 }
 
 /// What a node is for.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
-pub enum Role {
+pub enum RoleConfig {
     /// Forms the network and collects poses.
     Coordinator(CoordinatorConfig),
     /// Has a camera, and wants to know where it stands.
@@ -269,11 +273,8 @@ impl CameraConfig {
         }
     }
 
-    /// Who judges what it sees.
-    ///
-    /// # Errors
-    /// [`LensError`].
-    pub fn judge(&self) -> Result<Judge, LensError> {
+    /// Who judges what it sees through the optics of its lens.
+    pub fn judge(&self, optics: Camera<f32>) -> Judge {
         let patience = Patience {
             sigma_floor: self.sigma_floor_px,
             ..Patience::default()
@@ -285,7 +286,7 @@ impl CameraConfig {
             },
             _ => Shape::Any,
         };
-        Ok(Judge::new(self.lens.camera()?, patience, shape))
+        Judge::new(optics, patience, shape)
     }
 }
 
@@ -321,11 +322,6 @@ impl Default for SensorConfig {
 }
 
 impl Config {
-    /// The configured extended address.
-    pub fn extended(&self) -> Option<Eui64> {
-        self.extended.map(Eui64)
-    }
-
     /// Whose facts the [memory](crate::memory) may hold: a number that changes with the site, the
     /// node's number and role, and with whatever of a camera gives its sightings and its frame their
     /// meaning. What was learnt before such a change would be false after it: addresses are those
@@ -338,14 +334,14 @@ impl Config {
         let (index, key) = self.site_key.parts();
         let [id_low, id_high] = self.id.to_le_bytes();
         let kind = match &self.role {
-            Role::Coordinator(_) => 0,
-            Role::Camera(_) => 1,
-            Role::Target(_) => 2,
+            RoleConfig::Coordinator(_) => 0,
+            RoleConfig::Camera(_) => 1,
+            RoleConfig::Target(_) => 2,
         };
         let mut sum = Crc32::new();
         sum.add(key);
         sum.add(&[index, id_low, id_high, kind]);
-        if let Role::Camera(camera) = &self.role {
+        if let RoleConfig::Camera(camera) = &self.role {
             let lens = &camera.lens;
             let [columns_low, columns_high] = lens.columns.to_le_bytes();
             let (duty, position) = match camera.reference {
@@ -379,26 +375,6 @@ impl Config {
             }
         }
         sum.sum()
-    }
-
-    /// The rate of the UART: that of a camera's CMUcam2, or of a coordinator's console.
-    pub const fn baud(&self) -> u32 {
-        match &self.role {
-            Role::Camera(camera) => camera.baud,
-            Role::Coordinator(_) | Role::Target(_) => CONSOLE_BAUD,
-        }
-    }
-
-    /// The channels as the network takes them; those that do not exist are left out. All channels
-    /// if none is left, which [`Config::check`] refuses.
-    pub fn channels(&self) -> Channels {
-        (11..=26)
-            .filter(|number| self.channels >> number & 1 != 0)
-            .filter_map(Channel::new)
-            .fold(None, |all: Option<Channels>, channel| {
-                Some(all.map_or(Channels::only(channel), |all| all.and(channel)))
-            })
-            .unwrap_or(Channels::ALL)
     }
 }
 

@@ -32,10 +32,10 @@ use crate::limits::MEMBERS;
 /// Numbers the stops of one target. Never repeats.
 pub type StopNumber = u16;
 
-/// A member's address, as it travels.
-pub type Address = u16;
+/// A member's [`ShortAddress`] as it travels: its number.
+pub type MemberAddress = u16;
 
-/// One message.
+/// What one secured frame carries.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum Message {
@@ -44,7 +44,7 @@ pub enum Message {
     /// The coordinator asks everybody, or one, for [`Message::Hello`] and [`Message::Report`].
     WhoIsThere,
     /// The coordinator tells a target which cameras there are.
-    Roster(heapless::Vec<Address, MEMBERS>),
+    Roster(heapless::Vec<MemberAddress, MEMBERS>),
     /// The coordinator tells reference cameras, and those that were, who they are.
     References(References),
     /// A target stands.
@@ -53,9 +53,9 @@ pub enum Message {
     Look(StopAnswer),
     /// A camera without duty sees a target that does not know its place: to the coordinator.
     Trigger {
-        /// The target.
-        target: Address,
-        /// Its stop.
+        /// Address of the target.
+        target: MemberAddress,
+        /// At which of its stops.
         stop: StopNumber,
     },
     /// What a camera saw at a stop of which the target does not know the place: to the first
@@ -83,12 +83,12 @@ pub enum Message {
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum MemberKind {
-    /// A camera.
+    /// It looks at targets, and finds out where it stands itself.
     Camera {
         /// Its duty as a reference, if one is configured.
         reference: Option<Reference>,
     },
-    /// A target.
+    /// It walks, and tells cameras where it stands.
     Target,
 }
 
@@ -137,10 +137,10 @@ pub struct Hello {
 #[serde(remote = "Self")]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct References {
-    /// The first.
-    pub first: Address,
-    /// The second.
-    pub second: Address,
+    /// Address of the one that solves.
+    pub first: MemberAddress,
+    /// Address of the one that tells the first what it saw.
+    pub second: MemberAddress,
     /// Where they stand, if both were told: this fixes the frame of the site. If not, the first
     /// one is its origin and the second one on its x axis.
     pub positions: Option<[[f32; 2]; 2]>,
@@ -163,7 +163,7 @@ impl References {
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Stopped {
-    /// Which stop.
+    /// Number of the stop.
     pub stop: StopNumber,
     /// Which of the cameras' colours the target wears.
     pub colour: u8,
@@ -190,7 +190,7 @@ pub enum CoordinateFrame {
 pub enum Sight {
     /// The target, whole and steady.
     InView,
-    /// No target.
+    /// Nothing of the target is in view.
     NotInView,
     /// The target is cut off by the border of the picture, or hidden in part.
     Clipped,
@@ -208,7 +208,7 @@ pub enum Sight {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct StopAnswer {
-    /// Which stop.
+    /// Number of the stop.
     pub stop: StopNumber,
     /// What was seen.
     pub sight: Sight,
@@ -223,9 +223,9 @@ pub struct StopAnswer {
 #[serde(remote = "Self")]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Seen {
-    /// The direction.
+    /// Radians from the optical axis, positive to the left.
     pub bearing: f32,
-    /// Its standard deviation.
+    /// Its standard deviation, radians, above zero.
     pub sigma: f32,
 }
 
@@ -245,9 +245,9 @@ impl Seen {
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct StopBearing {
-    /// The target.
-    pub target: Address,
-    /// Its stop.
+    /// Address of the target.
+    pub target: MemberAddress,
+    /// At which of its stops.
     pub stop: StopNumber,
     /// Where the camera saw it.
     pub seen: Seen,
@@ -279,7 +279,7 @@ pub struct TargetLocation {
 pub struct PoseParts {
     /// x and y.
     pub position: [f32; 2],
-    /// Heading, radians.
+    /// Direction of the optical axis in the frame of the site, radians from its x axis.
     pub heading: f32,
     /// Covariance of (x, y, heading): `xx, xy, yy, xh, yh, hh`.
     pub covariance: [f32; 6],
@@ -415,10 +415,10 @@ pub enum CameraCommand {
     LearnBackground,
     /// "Start to track": send raw packets until told to stop.
     Track {
-        /// Which colour.
+        /// Number of the colour in the configuration.
         colour: u8,
     },
-    /// "Stop tracking".
+    /// "Stop tracking": no more raw packets.
     StopTracking,
     /// Forget pose and sightings.
     Forget,
@@ -428,9 +428,9 @@ pub enum CameraCommand {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct CommandResult {
-    /// The command.
+    /// What was asked for.
     pub command: CameraCommand,
-    /// It worked.
+    /// Whether it was carried out.
     pub success: bool,
 }
 
@@ -444,7 +444,8 @@ pub struct TrackedBlob {
     pub edges: [u8; 4],
     /// Pixels, as the camera counts them.
     pub pixels: u8,
-    /// Confidence.
+    /// How much of the rectangle the blob fills, as the camera tells it: 256 times the share, at
+    /// most 255.
     pub confidence: u8,
 }
 
@@ -457,9 +458,9 @@ pub struct ListedSighting {
     pub index: u8,
     /// How many the camera has.
     pub count: u8,
-    /// The target.
-    pub target: Address,
-    /// Its stop.
+    /// Address of the target.
+    pub target: MemberAddress,
+    /// At which of its stops.
     pub stop: StopNumber,
     /// Where the target said it stood.
     pub position: [f32; 2],

@@ -4,13 +4,13 @@ use super::Unsaved;
 use crate::{
     limits::MEMBERS,
     memory::{Fact, FactKey, KEYS_PER_LIST},
-    message::{Address, Report},
+    message::{MemberAddress, Report},
 };
 
 /// A member: its report, and what else is known of it.
 #[derive(Clone, Debug)]
 pub(crate) struct Member<T> {
-    pub(crate) address: Address,
+    pub(crate) address: MemberAddress,
     /// What it told of itself last.
     pub(crate) report: Option<Report>,
     /// Where that is written down, or is to be.
@@ -41,7 +41,7 @@ impl<T: Default> Reports<T> {
     }
 
     /// What is known of a member.
-    pub(crate) fn get(&mut self, address: Address) -> Option<&mut T> {
+    pub(crate) fn get(&mut self, address: MemberAddress) -> Option<&mut T> {
         let mut members = self.members.iter_mut();
         let member = members.find(|member| member.address == address)?;
         Some(&mut member.more)
@@ -50,7 +50,7 @@ impl<T: Default> Reports<T> {
     /// The member with this address, made if there is room.
     // size
     #[inline(never)]
-    pub(crate) fn of(&mut self, address: Address) -> Option<&mut Member<T>> {
+    pub(crate) fn of(&mut self, address: MemberAddress) -> Option<&mut Member<T>> {
         let known = |member: &Member<T>| member.address == address;
         let place = match self.members.iter().position(known) {
             Some(place) => place,
@@ -69,7 +69,12 @@ impl<T: Default> Reports<T> {
     }
 
     /// Takes what was written down in this slot.
-    pub(crate) fn restore(&mut self, slot: u8, address: Address, report: Report) -> Option<&mut T> {
+    pub(crate) fn restore(
+        &mut self,
+        slot: u8,
+        address: MemberAddress,
+        report: Report,
+    ) -> Option<&mut T> {
         let member = self.of(address)?;
         member.slot = Some(slot);
         member.report = Some(report);
@@ -79,7 +84,7 @@ impl<T: Default> Reports<T> {
     /// A member told how far it is.
     pub(crate) fn report(
         &mut self,
-        address: Address,
+        address: MemberAddress,
         report: Report,
         unsaved: &mut Unsaved,
     ) -> Option<&mut T> {
@@ -104,7 +109,7 @@ impl<T: Default> Reports<T> {
     }
 
     /// This member is not known any more.
-    pub(crate) fn remove(&mut self, address: Address, unsaved: &mut Unsaved) {
+    pub(crate) fn remove(&mut self, address: MemberAddress, unsaved: &mut Unsaved) {
         self.retain(|member| member.address != address, unsaved);
     }
 
@@ -144,7 +149,7 @@ mod tests {
         }
     }
 
-    fn written(reports: &Reports<()>, unsaved: &mut Unsaved) -> Vec<(u8, Option<Address>)> {
+    fn written(reports: &Reports<()>, unsaved: &mut Unsaved) -> Vec<(u8, Option<MemberAddress>)> {
         let keys = core::iter::from_fn(|| unsaved.take());
         keys.map(|key| match key {
             FactKey::Camera(slot) => match reports.fact(slot) {

@@ -2,6 +2,7 @@
 
 use core::{convert::Infallible, pin::pin};
 
+use calib_core::camera::Camera;
 use cmucam2_driver::Cmucam2;
 use embassy_futures::select::{Either, Either3, select, select3};
 use flash_log::LogError;
@@ -18,7 +19,7 @@ use crate::{
     log::warning,
     message::{CameraCommand, CommandResult, Seen, Sight, TrackedBlob},
     role::camera::{CameraEvent, CameraRole, CameraTask},
-    sight::{BlobCamera, Cmucam2Sight, Judge, Look, SightError, Subject, look},
+    vision::{BlobCamera, Cmucam2BlobCamera, Judge, Look, Subject, VisionError, look},
 };
 
 /// After a start-up that failed. Doubled each time, up to [`PAUSE_MAX_US`].
@@ -26,7 +27,7 @@ const PAUSE_US: u64 = 1_000_000;
 const PAUSE_MAX_US: u64 = 32_000_000;
 
 pub(super) async fn run<H: Hardware>(
-    id: u16,
+    (id, optics): (u16, Camera<f32>),
     config: &CameraConfig,
     services: Services<'_, H>,
     (uart, mut buttons): (H::Uart, H::Buttons),
@@ -36,10 +37,11 @@ pub(super) async fn run<H: Hardware>(
     let mut role = CameraRole::new(id, config.clone());
     let driver = AnyDriver::Camera(RoleDriver::new(&mut role, &channels));
     let driven = drive(driver, services);
-    let camera = Cmucam2Sight::new(Cmucam2::new(uart, ClockDelay(clock)), config.cmucam2());
+    let camera = Cmucam2BlobCamera::new(Cmucam2::new(uart, ClockDelay(clock)), config.cmucam2());
     let device = CameraDevice {
         camera,
         config,
+        optics,
         subjects: config.subjects.clone(),
         clock,
     };
@@ -61,6 +63,7 @@ pub(super) async fn run<H: Hardware>(
 struct CameraDevice<'a, K, C> {
     camera: K,
     config: &'a CameraConfig,
+    optics: Camera<f32>,
     /// Colours may be learnt anew.
     subjects: Subjects,
     clock: &'a C,
@@ -72,17 +75,7 @@ impl<K: BlobCamera, C: Clock> CameraDevice<'_, K, C> {
         tasks: Tasks<'_, CameraTask>,
         events: Events<'_, CameraEvent>,
     ) -> Infallible {
-        let Ok(mut judge) = self.config.judge() else {
-            // Refused where configurations are checked.
-            loop {
-                let event = match tasks.receive().await {
-                    CameraTask::Look { .. } => CameraEvent::Looked(Sight::Failed, None),
-                    CameraTask::Command(command) => done(command, false),
-                    CameraTask::Recall(_) => continue,
-                };
-                events.send(event).await;
-            }
-        };
+        let mut judge = self.config.judge(self.optics);
         self.wake().await;
         events.send(CameraEvent::Ready).await;
         let mut next = None;
@@ -133,7 +126,7 @@ impl<K: BlobCamera, C: Clock> CameraDevice<'_, K, C> {
         }
     }
 
-    async fn start_up(&mut self) -> Result<(), SightError> {
+    async fn start_up(&mut self) -> Result<(), VisionError> {
         self.camera.start_up().await?;
         // The target is not there yet, or it is and the background is learnt again later.
         if let Subjects::Motion { .. } = self.subjects {
@@ -147,13 +140,7 @@ impl<K: BlobCamera, C: Clock> CameraDevice<'_, K, C> {
             return (Sight::NotInView, None);
         };
         match look(&mut self.camera, subject, judge).await {
-            Ok(Look::Steady(seen)) => {
-                let seen = Seen {
-                    bearing: seen.bearing,
-                    sigma: seen.sigma,
-                };
-                (Sight::InView, Some(seen))
-            }
+            Ok(Look::Steady(seen)) => (Sight::InView, Some(seen)),
             Ok(Look::Nothing) => (Sight::NotInView, None),
             Ok(Look::Clipped | Look::Lopsided) => (Sight::Clipped, None),
             Ok(Look::Unsteady) => (Sight::Unsteady, None),
@@ -169,7 +156,7 @@ impl<K: BlobCamera, C: Clock> CameraDevice<'_, K, C> {
     }
 
     /// Whether it could be done.
-    async fn obey(&mut self, command: CameraCommand) -> Result<bool, SightError> {
+    async fn obey(&mut self, command: CameraCommand) -> Result<bool, VisionError> {
         match command {
             CameraCommand::Initialise => self.start_up().await?,
             CameraCommand::LearnColour { colour } if self.subjects.has_room_for(colour) => {

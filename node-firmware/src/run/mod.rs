@@ -28,7 +28,7 @@ use zigbee_link::{
 
 use self::{drive::Services, outlined::Outlined};
 use crate::{
-    config::{Config, Role},
+    config::{CheckedConfig, RoleConfig},
     hardware::{Hardware, Peripherals},
     limits::MEMBERS,
     log::warning,
@@ -85,12 +85,12 @@ impl<R, F> From<LogError<F>> for Failure<R, F> {
     }
 }
 
-/// Runs a node. `config` must have been [checked](Config::check).
+/// Runs a node.
 ///
 /// # Errors
 /// It never returns but with the reason why the node cannot go on.
 pub async fn run<H: Hardware>(
-    config: &Config,
+    config: &CheckedConfig,
     peripherals: Peripherals<H>,
 ) -> Failure<RadioError<H>, FlashError<H>> {
     let Peripherals {
@@ -147,7 +147,7 @@ pub async fn run<H: Hardware>(
         seed,
     };
     let shared = share_node::<H>(&clock, &config.role, settings, &saved, &members);
-    if let Role::Coordinator(own) = &config.role {
+    if let RoleConfig::Coordinator(own) = &config.role {
         for &device in &own.allow {
             if shared.with(|node, _| node.allow(Eui64(device))).is_err() {
                 warning!("the allow-list is longer than the table of members");
@@ -165,13 +165,19 @@ pub async fn run<H: Hardware>(
     };
     let role = async {
         match &config.role {
-            Role::Coordinator(own) => {
+            RoleConfig::Coordinator(own) => {
                 Outlined(pin!(coordinator::run(own, services, (uart, buttons)))).await
             }
-            Role::Camera(own) => {
-                Outlined(pin!(camera::run(config.id, own, services, (uart, buttons)))).await
+            RoleConfig::Camera(own) => {
+                Outlined(pin!(camera::run(
+                    (config.id, config.optics()),
+                    own,
+                    services,
+                    (uart, buttons)
+                )))
+                .await
             }
-            Role::Target(own) => {
+            RoleConfig::Target(own) => {
                 Outlined(pin!(moving_target::run(
                     (config.id, seed),
                     own,
@@ -194,14 +200,14 @@ pub async fn run<H: Hardware>(
 #[inline(never)] // stack
 fn share_node<'a, H: Hardware>(
     clock: &'a H::Clock,
-    role: &Role,
+    role: &RoleConfig,
     settings: NetworkSettings,
     saved: &Saved,
     members: &[Option<Member>; MEMBERS],
 ) -> SharedNode<'a, H> {
     let node = match role {
-        Role::Coordinator(_) => Node::coordinator(settings, saved, *members),
-        Role::Camera(_) | Role::Target(_) => Node::device(clock.now(), settings, saved),
+        RoleConfig::Coordinator(_) => Node::coordinator(settings, saved, *members),
+        RoleConfig::Camera(_) | RoleConfig::Target(_) => Node::device(clock.now(), settings, saved),
     };
     Shared::new(node, clock)
 }
@@ -227,15 +233,14 @@ fn share_node<'a, H: Hardware>(
 /// With a membership go the facts that the role remembers, and a coordinator's members, for their
 /// addresses are given anew. They go first: where the power fails in between, all this is done again.
 async fn open_store<R, F: NorFlash>(
-    config: &Config,
+    config: &CheckedConfig,
     extended: Eui64,
     (flash, range): (F, Range<u32>),
     memory: &mut Memory<F>,
     members: &mut [Option<Member>; MEMBERS],
 ) -> Result<(Store<F>, Saved), Failure<R, F::Error>> {
     let mut store = Store::new(flash, range)?;
-    // Refused where configurations are checked; such a node never transmits.
-    let key = config.site_key.key().ok_or(StoreError::NotProvisioned)?;
+    let key = config.key();
     let used = match store.load().await {
         Ok(saved) if store.first_key().await? != key => Some(saved.counter_limit),
         Ok(saved) if config.first_counter > saved.counter_limit => Some(0),
@@ -248,7 +253,7 @@ async fn open_store<R, F: NorFlash>(
         store.provision(key, first_counter).await?;
     }
     let mut saved = store.load().await?;
-    let is_coordinator = matches!(config.role, Role::Coordinator(_));
+    let is_coordinator = matches!(config.role, RoleConfig::Coordinator(_));
     let is_void = saved
         .network
         .take_if(|network| (network.coordinator == extended) != is_coordinator)

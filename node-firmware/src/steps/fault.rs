@@ -27,7 +27,7 @@ impl fmt::Display for Chip {
     }
 }
 
-/// What is wrong with a chip.
+/// What is wrong with a chip of the step sensor.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 #[non_exhaustive]
@@ -55,9 +55,9 @@ pub enum SensorFault {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct SensorError {
-    /// Which chip.
+    /// The chip that is to blame.
     pub chip: Chip,
-    /// What about it.
+    /// What is wrong with it.
     pub fault: SensorFault,
 }
 

@@ -87,17 +87,17 @@ pub(super) struct Request {
 enum What {
     /// A register gets a value.
     Set([u8; 2]),
-    /// What it is.
+    /// What it says it is.
     Identity,
     /// How wrong its clock goes.
     Frequency,
     /// How many words wait.
     Waiting,
-    /// So many words.
+    /// So many words of the FIFO.
     Words(u16),
-    /// Whether there is a new reading.
+    /// Whether the compass has a new reading.
     IsNew,
-    /// It.
+    /// The numbers of the new reading.
     Reading,
 }
 
@@ -268,6 +268,7 @@ impl Session {
     /// What is sent for a request, and where the answer goes.
     pub(super) fn buffers<'a>(&'a mut self, request: &Request) -> ([u8; 2], &'a mut [u8]) {
         let (sent, length) = request.registers();
+        debug_assert!(length <= self.buffer.len(), "the longest read fits");
         (sent, self.buffer.get_mut(..length).unwrap_or_default())
     }
 

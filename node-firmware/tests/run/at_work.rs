@@ -1,7 +1,7 @@
 //! Nodes that join, look, obey and restart.
 
 use node_firmware::{
-    config::{CameraConfig, Role, SiteKey, Subjects},
+    config::{CameraConfig, RoleConfig, SiteKey, Subjects},
     console::{FromPc, KeyChange, ToPc},
     message::{CameraCommand, Duty, Sight, TrackedBlob},
 };
@@ -205,7 +205,7 @@ fn they_come_back_after_a_restart() {
 #[test]
 fn a_background_is_not_learnt_with_the_target_in_view() {
     let mut site = Site::new();
-    site.camera.config.role = Role::Camera(CameraConfig {
+    site.camera.config.role = RoleConfig::Camera(CameraConfig {
         subjects: Subjects::Motion { threshold: 10 },
         ..camera_config(Some(Duty::First))
     });

@@ -18,7 +18,7 @@ use embassy_futures::block_on;
 use embassy_sync::{blocking_mutex::raw::NoopRawMutex, channel::Channel};
 use embedded_io_async::{ErrorType, Read, Write};
 use node_firmware::{
-    config::{Config, CoordinatorConfig, Role, SiteKey},
+    config::{Config, CoordinatorConfig, RoleConfig, SiteKey},
     console::{Frames, FromPc, ToPc},
     hardware::{FlashLayout, Hardware, Indication, Indicator, Observer, Peripherals, StepSensor},
     message::{CameraCommand, CommandResult, Duty, MemberKind, Message, Sight},
@@ -252,7 +252,7 @@ impl Hardware for Board {
 }
 
 impl Board {
-    pub(super) fn new(bench: &mut Bench, role: Role) -> Self {
+    pub(super) fn new(bench: &mut Bench, role: RoleConfig) -> Self {
         let antenna = bench.medium.attach([0.0; 2]);
         let config = Config {
             id: 100 + antenna.0 as u16,
@@ -264,8 +264,7 @@ impl Board {
             protection: Protection::EncMic32,
             role,
         };
-        config.check().unwrap();
-        let is_camera = matches!(config.role, Role::Camera(_));
+        let is_camera = matches!(config.role, RoleConfig::Camera(_));
         let uart = Uart::new(if is_camera { 38_400 } else { 115_200 });
         // The test looks at times what has come.
         let far = Uart {
@@ -324,7 +323,7 @@ impl Board {
             extended: Eui64([0; 8]),
             seed,
         };
-        let config = self.config.clone();
+        let config = self.config.clone().check().unwrap();
         Box::pin(async move { run(&config, peripherals).await.to_string() })
     }
 
@@ -382,14 +381,14 @@ pub(super) struct Site {
 impl Site {
     pub(super) fn new() -> Self {
         let mut bench = Bench::new();
-        let coordinator = Role::Coordinator(CoordinatorConfig {
+        let coordinator = RoleConfig::Coordinator(CoordinatorConfig {
             join_window_s: 60,
             ..CoordinatorConfig::default()
         });
         let coordinator = Board::new(&mut bench, coordinator);
-        let camera = Role::Camera(camera_config(Some(Duty::First)));
+        let camera = RoleConfig::Camera(camera_config(Some(Duty::First)));
         let camera = Board::new(&mut bench, camera);
-        let target = Board::new(&mut bench, Role::Target(target_config(0)));
+        let target = Board::new(&mut bench, RoleConfig::Target(target_config(0)));
         let mut site = Self {
             bench,
             pc: Pc::new(coordinator.line.open(Side::Far)),

@@ -1,7 +1,7 @@
 //! Nodes that get another page, and what they still know then.
 
 use node_firmware::{
-    config::{CoordinatorConfig, Role, SiteKey},
+    config::{CoordinatorConfig, RoleConfig, SiteKey},
     message::{CameraCommand, MemberKind, Sight},
 };
 
@@ -82,8 +82,8 @@ fn boards_change_their_roles() {
         ..CoordinatorConfig::default()
     };
     // Coordinator and target.
-    site.coordinator.config.role = Role::Target(target_config(0));
-    site.target.config.role = Role::Coordinator(coordinator.clone());
+    site.coordinator.config.role = RoleConfig::Target(target_config(0));
+    site.target.config.role = RoleConfig::Coordinator(coordinator.clone());
     site.restart(40);
     site.bench.run_for(600 * SECOND);
     for lamps in [
@@ -96,8 +96,8 @@ fn boards_change_their_roles() {
     assert_eq!(site.looks().last(), Some(&Sight::InView));
     assert!(site.coordinator.lamps.0.get().may_walk);
     // And back.
-    site.coordinator.config.role = Role::Coordinator(coordinator);
-    site.target.config.role = Role::Target(target_config(0));
+    site.coordinator.config.role = RoleConfig::Coordinator(coordinator);
+    site.target.config.role = RoleConfig::Target(target_config(0));
     site.restart(50);
     site.bench.run_for(600 * SECOND);
     assert_eq!(site.hellos().get(&102), Some(&MemberKind::Target));

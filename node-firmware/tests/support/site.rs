@@ -6,7 +6,7 @@ use nalgebra::{Point2, Vector2};
 use node_firmware::{
     config::{CameraConfig, SensorConfig, Sigmas, Subjects, TargetConfig},
     message::{Duty, Reference, Seen, Sight},
-    sight::{ColourWindow, Lens},
+    vision::{ColourWindow, Lens},
 };
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;

@@ -25,10 +25,11 @@ use std::{fmt, str::FromStr};
 
 use node_firmware::{
     config::{
-        CameraConfig, Config, ConfigError, CoordinatorConfig, Role, SiteKey, Subjects, TargetConfig,
+        CameraConfig, CheckedConfig, Config, ConfigError, CoordinatorConfig, RoleConfig, SiteKey,
+        Subjects, TargetConfig,
     },
     limits::MEMBERS,
-    sight::{ColourWindow, Lens},
+    vision::{ColourWindow, Lens},
 };
 use serde::{Deserialize, Serialize, de::DeserializeOwned};
 use thiserror::Error;
@@ -142,12 +143,12 @@ impl RoleName {
     }
 }
 
-impl From<&Role> for RoleName {
-    fn from(role: &Role) -> Self {
+impl From<&RoleConfig> for RoleName {
+    fn from(role: &RoleConfig) -> Self {
         match role {
-            Role::Camera(_) => Self::Camera,
-            Role::Coordinator(_) => Self::Coordinator,
-            Role::Target(_) => Self::Target,
+            RoleConfig::Camera(_) => Self::Camera,
+            RoleConfig::Coordinator(_) => Self::Coordinator,
+            RoleConfig::Target(_) => Self::Target,
         }
     }
 }
@@ -225,7 +226,7 @@ pub fn config(
     mut table: Table,
     site_key: SiteKey,
     first_counter: u32,
-) -> Result<Config, NodeError> {
+) -> Result<CheckedConfig, NodeError> {
     for (name, instead) in [
         ("site-key", "--site-key FILE"),
         ("first-counter", "--first-counter N"),
@@ -269,15 +270,15 @@ pub fn config(
         RoleName::Camera => {
             let colours = [ORANGE].into_iter().collect();
             let usual = CameraConfig::new(LENS, Subjects::Colours(colours));
-            Role::Camera(parameters(common.role, &usual, table)?)
+            RoleConfig::Camera(parameters(common.role, &usual, table)?)
         }
         RoleName::Coordinator => {
             let own = parameters(common.role, &Coordinator::default(), table)?;
-            Role::Coordinator(own.try_into()?)
+            RoleConfig::Coordinator(own.try_into()?)
         }
         RoleName::Target => {
             let own: TargetConfig = parameters(common.role, &TargetConfig::default(), table)?;
-            Role::Target(own)
+            RoleConfig::Target(own)
         }
     };
     let config = Config {
@@ -294,8 +295,7 @@ pub fn config(
         },
         role,
     };
-    config.check()?;
-    Ok(config)
+    Ok(config.check()?)
 }
 
 /// The usual parameters, and over them those that are given. A name that nobody knows is refused:

@@ -213,7 +213,7 @@ const ALLOWED: &[Allowed] = &[
     Allowed {
         panic: "core::option::expect_failed",
         functions: &["<heapless::vec::VecInner<T,LenT,heapless::vec::storage::VecStorageInner<"],
-        callers: &["node_firmware::role::camera::", "node_firmware::sight::"],
+        callers: &["node_firmware::role::camera::", "node_firmware::vision::"],
         reason: "lists are collected from lists of the same capacity",
     },
     Allowed {

@@ -18,12 +18,12 @@ use embedded_storage_async::nor_flash::NorFlash;
 use machine::{Camera, Console, Machine, Panel, bridge};
 use nalgebra::{Point2, Vector2};
 use node_firmware::{
-    config::{CameraConfig, Config, CoordinatorConfig, Role, SiteKey, Subjects},
+    config::{CameraConfig, Config, CoordinatorConfig, RoleConfig, SiteKey, Subjects},
     console::ToPc,
     message::{
         CameraState, CoordinateFrame, Hello, MemberKind, Message, PoseParts, Sight, Stopped,
     },
-    sight::{ColourWindow, Lens},
+    vision::{ColourWindow, Lens},
 };
 use peer::{Air, Process, StdClock, poll_for};
 use support::{
@@ -47,7 +47,7 @@ type Link<'a> = Shared<&'a StdClock, 4, 4, 1>;
 const LIMIT: Duration = Duration::from_secs(60);
 
 /// What `settings` and `provisioned` have too.
-fn config(number: u8, role: Role) -> Config {
+fn config(number: u8, role: RoleConfig) -> Config {
     Config {
         id: number.into(),
         extended: Some(eui(number.into()).0),
@@ -105,7 +105,7 @@ async fn tell<T, R: Radio, F: NorFlash>(
 #[ignore = "needs an image and an ot-rcp: cargo xtask emulate"]
 fn a_coordinator_forms_a_network() {
     let air = Air::new();
-    let role = Role::Coordinator(CoordinatorConfig::default());
+    let role = RoleConfig::Coordinator(CoordinatorConfig::default());
     let mut machine = Machine::new(&config(0, role));
     let first = coordinate(&air, &mut machine, Start::First);
     check_stack(&machine);
@@ -193,7 +193,7 @@ fn a_camera_finds_its_pose() {
 
     let air = Air::new();
     let baud = camera_config.baud;
-    let mut machine = Machine::new(&config(1, Role::Camera(camera_config)));
+    let mut machine = Machine::new(&config(1, RoleConfig::Camera(camera_config)));
     let clock = StdClock::new();
     let (_co_processor, mut line) = Process::start(&air, 1);
     let (_process, mut radio) = air.node(2);

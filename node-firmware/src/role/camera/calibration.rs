@@ -10,7 +10,7 @@ use super::kept::{Kept, OfStop};
 use crate::{
     limits::SIGHTINGS,
     memory::KeptSighting,
-    message::{Address, CameraState, PoseParts, StopNumber},
+    message::{CameraState, MemberAddress, PoseParts, StopNumber},
 };
 
 /// Sightings farther off than so many sigmas are left out, from five on. This asks of each whether it
@@ -25,7 +25,7 @@ pub(super) struct Calibration {
 }
 
 impl OfStop for KeptSighting {
-    fn key(&self) -> (Address, StopNumber) {
+    fn key(&self) -> (MemberAddress, StopNumber) {
         (self.target, self.stop)
     }
 }
@@ -153,7 +153,7 @@ impl Calibration {
         pose: &Pose<f32>,
     ) -> Result<Pose<f32>, Refusal> {
         let mut used = heapless::Vec::<(Sighting<f32>, Place<f32>), SIGHTINGS>::new();
-        let mut targets = heapless::Vec::<Address, SIGHTINGS>::new();
+        let mut targets = heapless::Vec::<MemberAddress, SIGHTINGS>::new();
         for (kept, _) in self
             .kept
             .iter()

@@ -4,7 +4,7 @@ use super::CameraTask;
 use crate::{
     limits::COLOURS_MAX,
     memory::{Colours, Fact},
-    sight::ColourWindow,
+    vision::ColourWindow,
 };
 
 /// What the configuration says, and what was learnt instead.

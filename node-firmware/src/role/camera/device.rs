@@ -3,19 +3,19 @@
 use zigbee_link::Instant;
 
 use super::CameraTask;
-use crate::message::{Address, CameraCommand, StopNumber, Stopped};
+use crate::message::{CameraCommand, MemberAddress, StopNumber, Stopped};
 
 /// A target asked for a look.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct LookRequest {
-    pub(super) target: Address,
+    pub(super) target: MemberAddress,
     pub(super) stopped: Stopped,
     /// When the target said so.
     pub(super) heard: Instant,
 }
 
 impl LookRequest {
-    pub(super) const fn stop(&self) -> (Address, StopNumber) {
+    pub(super) const fn stop(&self) -> (MemberAddress, StopNumber) {
         (self.target, self.stopped.stop)
     }
 }
@@ -71,7 +71,7 @@ impl Device {
     }
 
     /// Stops that are looked at or will be.
-    pub(super) fn requested(&self) -> impl Iterator<Item = (Address, StopNumber)> {
+    pub(super) fn requested(&self) -> impl Iterator<Item = (MemberAddress, StopNumber)> {
         let requests = [&self.looking, &self.next_look].into_iter().flatten();
         requests.map(LookRequest::stop)
     }

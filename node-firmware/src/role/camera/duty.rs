@@ -14,7 +14,7 @@ use crate::{
     log::debug,
     memory::{Fact, FactKey, ReferenceStop},
     message::{
-        Address, CameraState, Duty, References, Report, Seen, StopBearing, StopNumber,
+        CameraState, Duty, MemberAddress, References, Report, Seen, StopBearing, StopNumber,
         TargetLocation,
     },
     role::Unsaved,
@@ -28,7 +28,7 @@ pub(super) struct ReferenceDuty {
     /// What the first one solved for the second, which may not have heard it.
     second: Option<Report>,
     /// Where a target stood, as the first one solved it.
-    location: Option<(Address, TargetLocation)>,
+    location: Option<(MemberAddress, TargetLocation)>,
     /// The stops of both references have changed since the last solve.
     to_solve: bool,
 }
@@ -59,12 +59,12 @@ impl ReferenceDuty {
     }
 
     /// Where a target stood, for that target.
-    pub(super) const fn location(&self) -> Option<(Address, TargetLocation)> {
+    pub(super) const fn location(&self) -> Option<(MemberAddress, TargetLocation)> {
         self.location
     }
 
     /// What this camera saw at a stop.
-    pub(super) fn own_at(&self, target: Address, stop: StopNumber) -> Option<Seen> {
+    pub(super) fn own_at(&self, target: MemberAddress, stop: StopNumber) -> Option<Seen> {
         let mut stops = self.stops.iter();
         stops
             .find(|kept| (kept.target, kept.stop) == (target, stop))?
@@ -72,7 +72,7 @@ impl ReferenceDuty {
     }
 
     /// Stops at which this camera saw a target.
-    pub(super) fn own_stops(&self) -> impl Iterator<Item = (Address, StopNumber)> {
+    pub(super) fn own_stops(&self) -> impl Iterator<Item = (MemberAddress, StopNumber)> {
         let mine = self.stops.iter().filter(|stop| stop.own.is_some());
         mine.map(|stop| (stop.target, stop.stop))
     }
@@ -107,7 +107,7 @@ impl ReferenceDuty {
     /// This camera saw a target there.
     pub(super) fn on_own(
         &mut self,
-        (target, stop): (Address, StopNumber),
+        (target, stop): (MemberAddress, StopNumber),
         place: Place<f32>,
         seen: Seen,
         unsaved: &mut Unsaved,
@@ -146,7 +146,7 @@ impl ReferenceDuty {
     pub(super) fn on_solved(
         &mut self,
         second: Report,
-        location: (Address, TargetLocation),
+        location: (MemberAddress, TargetLocation),
         unsaved: &mut Unsaved,
     ) {
         self.second = Some(second);
@@ -222,7 +222,11 @@ fn rewrite(stops: usize, unsaved: &mut Unsaved) {
 
 impl CameraRole {
     /// The first reference camera has to know what this one saw.
-    pub(super) fn notify_bearing(&mut self, now: Instant, (target, stop): (Address, StopNumber)) {
+    pub(super) fn notify_bearing(
+        &mut self,
+        now: Instant,
+        (target, stop): (MemberAddress, StopNumber),
+    ) {
         // A stop may have made room for this one. So there are never more than are kept.
         let duty = &self.duty;
         self.notifications

@@ -131,5 +131,5 @@ impl CameraRole {
     }
 }
 
-/// For patterns.
+/// As a constant of its own, which patterns need.
 const COORDINATOR_ADDRESS: u16 = COORDINATOR.0;

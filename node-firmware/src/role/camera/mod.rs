@@ -47,10 +47,10 @@ use crate::{
     limits::{COLOURS_MAX, MEMBERS, REFERENCE_STOPS, TARGETS},
     memory::{Fact, FactKey},
     message::{
-        Address, CameraCommand, CommandResult, Duty, Hello, ListedSighting, MemberKind, Message,
-        PoseParts, Report, Seen, Sight, StopBearing, StopNumber, TrackedBlob,
+        CameraCommand, CommandResult, Duty, Hello, ListedSighting, MemberAddress, MemberKind,
+        Message, PoseParts, Report, Seen, Sight, StopBearing, StopNumber, TrackedBlob,
     },
-    sight::ColourWindow,
+    vision::ColourWindow,
 };
 
 /// Room for an answer of some 40 bytes, its acknowledgement of 36, both ways' turnaround and
@@ -64,7 +64,7 @@ const SLOT: Duration = Duration::from_millis(5);
 pub enum CameraTask {
     /// Look whether a target of this colour stands in view.
     Look {
-        /// The colour.
+        /// Number of the colour in the configuration.
         colour: u8,
     },
     /// A command of the coordinator or a button.
@@ -102,9 +102,9 @@ pub enum CameraNotification {
     /// The pose of the second reference camera, for that one.
     Posed,
     /// What it saw of this target at this stop, for the first reference camera.
-    Bearing(Address, StopNumber),
+    Bearing(MemberAddress, StopNumber),
     /// How far it is, for the coordinator or a target.
-    Report(Address),
+    Report(MemberAddress),
 }
 
 /// Of all these there is one, but for bearings and for reports to targets.

@@ -14,7 +14,7 @@ use crate::{
     config::CameraConfig,
     limits::REFERENCE_STOPS,
     memory::ReferenceStop,
-    message::{Address, PoseParts, References, Seen, StopNumber, TargetLocation, triangle},
+    message::{MemberAddress, PoseParts, References, Seen, StopNumber, TargetLocation, triangle},
 };
 
 /// A stop of a target of which it knows none but up to so many later ones is told late. Farther back
@@ -80,7 +80,7 @@ pub(super) struct ReferenceStops {
 }
 
 impl OfStop for ReferenceStop {
-    fn key(&self) -> (Address, StopNumber) {
+    fn key(&self) -> (MemberAddress, StopNumber) {
         (self.target, self.stop)
     }
 }
@@ -97,7 +97,7 @@ pub(super) enum NotYet {
 /// Which stops of a walk decide.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Attempt {
-    /// All.
+    /// All of the walk.
     All,
     /// So many of the last, if that is not all.
     Last(usize),
@@ -109,7 +109,7 @@ enum Attempt {
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Answer {
     pub(super) poses: [PoseParts; 2],
-    pub(super) target: Address,
+    pub(super) target: MemberAddress,
     pub(super) located: TargetLocation,
     pub(super) stops: usize,
     pub(super) fit: Fit<f32>,
@@ -157,7 +157,11 @@ impl ReferenceStops {
 
     /// What is known of a stop, to be completed, and its index. A stop told late is none any more
     /// when others need the room.
-    fn entry(&mut self, target: Address, stop: StopNumber) -> Option<(usize, &mut ReferenceStop)> {
+    fn entry(
+        &mut self,
+        target: MemberAddress,
+        stop: StopNumber,
+    ) -> Option<(usize, &mut ReferenceStop)> {
         let index = match self.stops.find((target, stop)) {
             Some(index) => index,
             None if self.stops.is_full() && self.is_late(target, stop) => return None,
@@ -173,7 +177,7 @@ impl ReferenceStops {
     }
 
     /// Whether all that are kept of its target are later.
-    fn is_late(&self, target: Address, stop: StopNumber) -> bool {
+    fn is_late(&self, target: MemberAddress, stop: StopNumber) -> bool {
         let of_target = self.stops.iter().filter(|kept| kept.target == target);
         let mut ahead = of_target
             .map(|kept| kept.stop.wrapping_sub(stop))
@@ -184,7 +188,7 @@ impl ReferenceStops {
     /// This camera saw the target there. Tells the index of what changed.
     pub(super) fn own(
         &mut self,
-        target: Address,
+        target: MemberAddress,
         stop: StopNumber,
         place: Place<f32>,
         seen: Seen,
@@ -196,7 +200,12 @@ impl ReferenceStops {
     }
 
     /// The other reference camera saw it.
-    pub(super) fn other(&mut self, target: Address, stop: StopNumber, seen: Seen) -> Option<usize> {
+    pub(super) fn other(
+        &mut self,
+        target: MemberAddress,
+        stop: StopNumber,
+        seen: Seen,
+    ) -> Option<usize> {
         let (index, kept) = self.entry(target, stop)?;
         kept.other = Some(seen);
         Some(index)
@@ -211,13 +220,13 @@ impl ReferenceStops {
         wanted: usize,
         attempt: Attempt,
         stops: &mut heapless::Vec<Stop<f32>, REFERENCE_STOPS>,
-    ) -> Result<(Address, StopNumber), NotYet> {
+    ) -> Result<(MemberAddress, StopNumber), NotYet> {
         let complete = |kept: &ReferenceStop| {
             let place = kept.place?;
             let walk = (kept.target, place.parts().fix);
             Some((walk, kept.stop, place, [kept.own?, kept.other?]))
         };
-        let of_walk = |walk: (Address, u32)| {
+        let of_walk = |walk: (MemberAddress, u32)| {
             let all = self.stops.iter().filter_map(complete);
             all.filter(move |(of, ..)| *of == walk)
         };
@@ -227,8 +236,8 @@ impl ReferenceStops {
         let mut seen: heapless::Vec<(StopNumber, Place<f32>, [Seen; 2]), REFERENCE_STOPS> =
             heapless::Vec::new();
         for (_, stop, place, rays) in of_walk(walk) {
-            // As many as there are stops.
-            let _ = seen.push((stop, place, rays));
+            let has_room = seen.push((stop, place, rays)).is_ok();
+            debug_assert!(has_room, "as many as there are stops");
         }
         if seen.len() < wanted {
             return Err(NotYet::Waiting);
@@ -245,6 +254,7 @@ impl ReferenceStops {
         sort(&mut seen, |(a, ..), (b, ..)| order(*a) < order(*b));
         let last = seen.last().map_or(any, |(stop, ..)| *stop);
         let seen = seen.get(seen.len().saturating_sub(most)..);
+        debug_assert!(seen.is_some(), "it begins within the list");
         let seen = seen.unwrap_or_default();
 
         // The solve adds the covariances of displacements up. What comes of standing beside the
@@ -260,12 +270,13 @@ impl ReferenceStops {
             };
             let (from, covariance) =
                 core::mem::replace(&mut before, (place.position(), from_first));
-            let _ = stops.push(Stop {
+            let has_room = stops.push(Stop {
                 rays: seen.map(|seen| seen.ray()),
                 bearing_sigmas: seen.map(|seen| seen.sigma),
                 displacement: place.position() - from,
                 displacement_covariance: from_first - covariance,
             });
+            debug_assert!(has_room.is_ok(), "as many as there are stops");
         }
         Ok((walk.0, last))
     }
@@ -396,7 +407,7 @@ mod tests {
         sigma: 0.01,
     };
 
-    fn kept(stops: &ReferenceStops) -> std::vec::Vec<(Address, StopNumber)> {
+    fn kept(stops: &ReferenceStops) -> std::vec::Vec<(MemberAddress, StopNumber)> {
         stops.iter().map(OfStop::key).collect()
     }
 

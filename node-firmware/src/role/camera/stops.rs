@@ -14,8 +14,8 @@ use super::{
 use crate::{
     memory::KeptSighting,
     message::{
-        Address, CoordinateFrame, Duty, Message, Report, Seen, Sight, StopAnswer, StopBearing,
-        StopNumber, Stopped,
+        CoordinateFrame, Duty, MemberAddress, Message, Report, Seen, Sight, StopAnswer,
+        StopBearing, StopNumber, Stopped,
     },
     role::COORDINATOR,
 };
@@ -39,7 +39,7 @@ impl CameraRole {
     }
 
     /// A target stands, and says so.
-    pub(super) fn on_stopped(&mut self, now: Instant, target: Address, stopped: &Stopped) {
+    pub(super) fn on_stopped(&mut self, now: Instant, target: MemberAddress, stopped: &Stopped) {
         self.on_heard(now, target);
         let stop = stopped.stop;
         let request = LookRequest {
@@ -70,7 +70,7 @@ impl CameraRole {
     }
 
     /// Remembers a target, so that it is told when the pose is known.
-    fn on_heard(&mut self, now: Instant, target: Address) {
+    fn on_heard(&mut self, now: Instant, target: MemberAddress) {
         let heard = self.targets.on_heard(target, self.progress.has_report());
         if let Some(replaced) = heard.replaced {
             self.notifications
@@ -83,7 +83,7 @@ impl CameraRole {
 
     /// Answers in this node's own slot after a question that went to everybody: otherwise all
     /// answers would begin in the same moment.
-    fn answer(&mut self, now: Instant, target: Address, stop: StopNumber, sight: Sight) {
+    fn answer(&mut self, now: Instant, target: MemberAddress, stop: StopNumber, sight: Sight) {
         let due = now + self.slot();
         let report = self.progress.report();
         let answer = Message::Look(StopAnswer {
@@ -136,7 +136,7 @@ impl CameraRole {
     /// A target that knows its place was seen. Three of these make a pose.
     // stack
     #[inline(never)]
-    fn on_sighted(&mut self, now: Instant, target: Address, stopped: &Stopped, seen: Seen) {
+    fn on_sighted(&mut self, now: Instant, target: MemberAddress, stopped: &Stopped, seen: Seen) {
         let report = *self.progress.report();
         if report.done || report.duty.is_some() {
             return;
@@ -169,7 +169,13 @@ impl CameraRole {
     /// A target that does not know where it is was seen.
     // stack
     #[inline(never)]
-    fn on_lost_sighted(&mut self, now: Instant, target: Address, stopped: &Stopped, seen: Seen) {
+    fn on_lost_sighted(
+        &mut self,
+        now: Instant,
+        target: MemberAddress,
+        stopped: &Stopped,
+        seen: Seen,
+    ) {
         let stop = stopped.stop;
         if let Some(pose) = self.progress.pose() {
             let bearing = Message::Bearing(StopBearing {

@@ -3,7 +3,7 @@
 
 use crate::{
     limits::TARGETS,
-    message::{Address, CoordinateFrame, Seen, Sight, StopNumber},
+    message::{CoordinateFrame, MemberAddress, Seen, Sight, StopNumber},
 };
 
 /// A stop told late comes after the next few were. Farther back are the numbers of a target that
@@ -13,7 +13,7 @@ const OVERTAKEN: StopNumber = 8;
 /// A target that is told how far this camera is.
 #[derive(Clone, Copy, Debug, PartialEq)]
 struct KnownTarget {
-    address: Address,
+    address: MemberAddress,
     /// It was told last when it was away, or never.
     missed_report: bool,
 }
@@ -30,7 +30,7 @@ pub(super) struct Heard {
     /// It has not been told yet how far this camera is.
     pub(super) missed_report: bool,
     /// This one made room.
-    pub(super) replaced: Option<Address>,
+    pub(super) replaced: Option<MemberAddress>,
 }
 
 impl KnownTargets {
@@ -41,7 +41,7 @@ impl KnownTargets {
     }
 
     /// A target is there. A new one has missed the report if there is anything to report.
-    pub(super) fn on_heard(&mut self, address: Address, has_report: bool) -> Heard {
+    pub(super) fn on_heard(&mut self, address: MemberAddress, has_report: bool) -> Heard {
         let is_known = |known: &KnownTarget| known.address == address;
         let mut replaced = None;
         let missed_report = match self.targets.iter().position(is_known) {
@@ -67,14 +67,14 @@ impl KnownTargets {
     }
 
     /// A target was told how far this camera is, or not: then when it is heard again.
-    pub(super) fn on_report_sent(&mut self, target: Address, delivered: bool) {
+    pub(super) fn on_report_sent(&mut self, target: MemberAddress, delivered: bool) {
         let mut targets = self.targets.iter_mut();
         if let Some(known) = targets.find(|known| known.address == target) {
             known.missed_report = !delivered;
         }
     }
 
-    pub(super) fn addresses(&self) -> impl Iterator<Item = Address> {
+    pub(super) fn addresses(&self) -> impl Iterator<Item = MemberAddress> {
         self.targets.iter().map(|known| known.address)
     }
 
@@ -86,7 +86,7 @@ impl KnownTargets {
 /// What was seen at the last stop of a target.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct LastLook {
-    pub(super) target: Address,
+    pub(super) target: MemberAddress,
     pub(super) stop: StopNumber,
     /// The answer was about this frame; the same stop may be told again in the other one.
     pub(super) frame: CoordinateFrame,
@@ -117,7 +117,7 @@ impl LastLooks {
     }
 
     /// The look at this stop, if there was one. What was not looked at may be of use now.
-    pub(super) fn find(&self, target: Address, stop: StopNumber) -> Option<LastLook> {
+    pub(super) fn find(&self, target: MemberAddress, stop: StopNumber) -> Option<LastLook> {
         let is_it = |look: &&LastLook| {
             (look.target, look.stop) == (target, stop) && look.sight != Sight::NotLooking
         };
@@ -125,7 +125,7 @@ impl LastLooks {
     }
 
     /// The last stop of each target.
-    pub(super) fn stops(&self) -> impl Iterator<Item = (Address, StopNumber)> {
+    pub(super) fn stops(&self) -> impl Iterator<Item = (MemberAddress, StopNumber)> {
         self.looks.iter().map(|look| (look.target, look.stop))
     }
 

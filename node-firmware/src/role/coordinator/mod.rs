@@ -17,7 +17,7 @@ use crate::{
     limits::MEMBERS,
     memory::{Fact, FactKey},
     message::{
-        Address, CameraCommand, CommandResult, Duty, Hello, MemberKind, Message, References,
+        CameraCommand, CommandResult, Duty, Hello, MemberAddress, MemberKind, Message, References,
         Report, StopNumber,
     },
 };
@@ -37,9 +37,9 @@ const ROSTER_AFTER: Duration = Duration::from_millis(500);
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum CoordinatorNotification {
     /// A member has to be told something.
-    Member(Address, MemberNotification),
+    Member(MemberAddress, MemberNotification),
     /// A camera is given a command.
-    Command(Address, CameraCommand),
+    Command(MemberAddress, CameraCommand),
 }
 
 /// What a member has to be told.
@@ -69,7 +69,7 @@ pub enum CoordinatorTask {
     /// Let new devices join for a while.
     OpenJoinWindow(Duration),
     /// Send a member away, and tell the PC.
-    Remove(Address),
+    Remove(MemberAddress),
     /// Begin to change the site key, and tell the PC.
     ChangeKey(SiteKey),
     /// Tell the PC how the change of the site key goes.
@@ -109,8 +109,8 @@ impl Known {
 /// The first camera that saw a target, at this stop of it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 struct Trigger {
-    camera: Address,
-    target: Address,
+    camera: MemberAddress,
+    target: MemberAddress,
     stop: StopNumber,
 }
 
@@ -159,14 +159,14 @@ impl CoordinatorRole {
     }
 
     /// What cameras reported, with their addresses.
-    pub fn reports(&self) -> impl Iterator<Item = (Address, &Report)> {
+    pub fn reports(&self) -> impl Iterator<Item = (MemberAddress, &Report)> {
         self.members
             .iter()
             .filter_map(|member| Some((member.address, member.report.as_ref()?)))
     }
 
     /// Somebody sent something. A member that never said who it is, is asked.
-    fn meet(&mut self, now: Instant, address: Address) {
+    fn meet(&mut self, now: Instant, address: MemberAddress) {
         if let Some(member) = self.members.of(address)
             && member.more.hello.is_none()
         {
@@ -191,7 +191,7 @@ impl CoordinatorRole {
     }
 
     /// Knows nothing of a member any more. If it was a reference camera, there are none.
-    fn forget(&mut self, address: Address) {
+    fn forget(&mut self, address: MemberAddress) {
         self.members.remove(address, &mut self.unsaved);
         let is_it = |references: &mut References| {
             let duty = references.duty_of(ShortAddress(address));
@@ -220,7 +220,7 @@ impl CoordinatorRole {
         let _ = self.tasks.push_back(CoordinatorTask::Tell(message));
     }
 
-    fn on_hello(&mut self, now: Instant, address: Address, hello: Hello) {
+    fn on_hello(&mut self, now: Instant, address: MemberAddress, hello: Hello) {
         if let MemberKind::Camera {
             reference: Some(reference),
         } = hello.kind
@@ -261,7 +261,7 @@ impl CoordinatorRole {
     }
 
     /// A member has to be told this.
-    fn notify(&mut self, now: Instant, member: Address, what: MemberNotification) {
+    fn notify(&mut self, now: Instant, member: MemberAddress, what: MemberNotification) {
         if let Some(member) = self.members.get(member) {
             member.notifications.notify(what, now);
         }
@@ -269,7 +269,7 @@ impl CoordinatorRole {
 
     /// The camera that is configured as this reference, and its position. Of several the one that
     /// was met last, which is there in place of the others.
-    fn camera_with(&self, wanted: Duty) -> Option<(Address, Option<[f32; 2]>)> {
+    fn camera_with(&self, wanted: Duty) -> Option<(MemberAddress, Option<[f32; 2]>)> {
         self.members
             .iter()
             .rev()
@@ -339,7 +339,7 @@ impl CoordinatorRole {
         }
     }
 
-    fn on_report(&mut self, address: Address, report: &Report) {
+    fn on_report(&mut self, address: MemberAddress, report: &Report) {
         let known = self.members.report(address, *report, &mut self.unsaved);
         if known.is_none() {
             return;
@@ -411,7 +411,7 @@ impl CoordinatorRole {
         }
     }
 
-    fn roster(&self) -> heapless::Vec<Address, MEMBERS> {
+    fn roster(&self) -> heapless::Vec<MemberAddress, MEMBERS> {
         let mut roster = heapless::Vec::new();
         for camera in self.members.iter().filter(|member| member.more.is_camera()) {
             let has_room = roster.push(camera.address).is_ok();
@@ -421,7 +421,7 @@ impl CoordinatorRole {
     }
 
     /// The next message that a member has to be told.
-    fn next_notification(&mut self, now: Instant) -> Option<(Address, MemberNotification)> {
+    fn next_notification(&mut self, now: Instant) -> Option<(MemberAddress, MemberNotification)> {
         self.members.iter_mut().find_map(|member| {
             let due = member.more.notifications.take_due(now)?;
             Some((member.address, due))

@@ -9,6 +9,8 @@
 
 mod place;
 mod table;
+#[cfg(test)]
+mod tests;
 
 use core::time::Duration;
 
@@ -26,7 +28,7 @@ use crate::{
     hardware::Indication,
     memory::{Fact, FactKey, Walk},
     message::{
-        Address, CoordinateFrame, Hello, MemberKind, Message, Sight, StopBearing, StopNumber,
+        CoordinateFrame, Hello, MemberAddress, MemberKind, Message, Sight, StopBearing, StopNumber,
         Stopped,
     },
 };
@@ -57,7 +59,7 @@ pub enum TargetNotification {
     /// It presents itself.
     Hello,
     /// It asks a camera for its answer to this stop.
-    Ask(Address, StopNumber),
+    Ask(MemberAddress, StopNumber),
 }
 
 impl Notification for TargetNotification {
@@ -70,7 +72,7 @@ impl Notification for TargetNotification {
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum TargetEvent {
-    /// A step.
+    /// Its carrier made a step.
     Step(Step<f32>),
     /// The step sensor failed: from now on nobody knows where the target is.
     SensorFailed,
@@ -84,7 +86,6 @@ pub struct TargetRole {
     address: Option<ShortAddress>,
     last_network: LastNetwork,
     track: Track<f32>,
-    fixes: u32,
     located: bool,
     /// No step came since the sensor failed: wherever it may be found, it may be elsewhere then.
     sensor_failed: bool,
@@ -107,7 +108,7 @@ pub struct TargetRole {
     knows_cameras: bool,
     /// Facts that are not written down yet.
     unsaved: Unsaved,
-    /// [`TargetNotification::Hello`].
+    /// There is [`TargetNotification::Hello`] alone: whom to ask is in the table.
     notifications: Notifications<TargetNotification, 1>,
     seen: bool,
 }
@@ -136,15 +137,14 @@ impl TargetRole {
     /// A target that knows nothing yet. `first_stop` should be random: a target that lost its
     /// memory must not use the numbers of former stops again.
     pub fn new(id: u16, config: TargetConfig, first_stop: StopNumber) -> Self {
-        let track = nowhere(&config);
+        // Random as well: what cameras keep of a former walk must not look like one of this.
+        let track = nowhere(&config).numbered(first_stop.into());
         Self {
             id,
             config,
             address: None,
             last_network: LastNetwork::new(),
             track,
-            // Random as well: what cameras keep of a former walk must not look like one of this.
-            fixes: first_stop.into(),
             located: false,
             sensor_failed: false,
             frame_heading: None,
@@ -217,10 +217,11 @@ impl TargetRole {
             self.frame_heading = Some((heading, walk.frame_heading_sigma));
         }
         let place = walk.place;
-        self.fixes = place.parts().fix;
         if !walk.standing {
             // It walked, and nobody counted the steps since.
-            self.fixes = self.fixes.wrapping_add(1);
+            let fix = place.parts().fix.wrapping_add(1);
+            self.track = nowhere(&self.config).numbered(fix);
+            self.at_stop = self.track;
             return;
         }
         self.track = Track::resume(&place);
@@ -436,7 +437,7 @@ impl Role for TargetRole {
                 }
             }
             Message::WhoIsThere if from == COORDINATOR => {
-                self.notifications.notify(TargetNotification::Hello, now)
+                self.notifications.notify(TargetNotification::Hello, now);
             }
             _ => {}
         }

@@ -4,7 +4,7 @@ use core::time::Duration;
 
 use calib_core::{
     angle,
-    dead_reckoning::{Place, PlaceParts, Step, Systematic, Track},
+    dead_reckoning::{Place, Step, Systematic, Track},
     intersection,
 };
 use nalgebra::{Matrix2, Point2, RealField, Vector2};
@@ -26,15 +26,9 @@ const BEARINGS_WITHIN: Duration = Duration::from_millis(400);
 const HEADING_LIMIT: f32 = 0.1;
 
 impl TargetRole {
-    /// Where it stands, with its own count of fixes: a track that is begun anew does not know of
-    /// those before.
+    /// Where it stands; none where it walked so far that nobody would believe it.
     pub(super) fn place(&self) -> Option<Place<f32>> {
-        let reckoned = self.track.place(self.config.standing_sigma).ok()?;
-        Place::new(PlaceParts {
-            fix: self.fixes,
-            ..*reckoned.parts()
-        })
-        .ok()
+        self.track.place(self.config.standing_sigma).ok()
     }
 
     pub(super) fn on_step(&mut self, now: Instant, step: &Step<f32>) {
@@ -62,8 +56,11 @@ impl TargetRole {
         self.found = None;
         self.bearings.clear();
         self.locate_at = None;
-        self.fixes = self.fixes.wrapping_add(1);
-        self.track = nowhere(&self.config);
+        let own_frame = systematic(&self.config, 0.0);
+        let lost = self
+            .track
+            .relocate(Point2::origin(), Matrix2::zeros(), own_frame);
+        debug_assert_eq!(lost, Ok(()), "the sigmas of a configuration are usable");
         self.at_stop = self.track;
         self.stood.clear();
         if matches!(self.state, State::Standing(_)) {
@@ -81,20 +78,20 @@ impl TargetRole {
         (heading, heading_sigma): (f32, f32),
     ) {
         let turn = angle::rotation(heading);
-        let since = self.track.since(then);
-        let walked = turn * since.vector;
-        let covariance = covariance + turn * since.covariance * turn.transpose();
-        let track = Track::start(
-            position + walked,
+        let Some(since) = self.track.since(then) else {
+            debug_assert!(false, "stops of former fixes are forgotten");
+            return;
+        };
+        let covariance = covariance + angle::turned(&since.covariance, &turn);
+        let found = self.track.relocate(
+            position + turn * since.vector,
             symmetric(covariance),
             systematic(&self.config, heading_sigma),
         );
-        let Ok(track) = track else {
+        if found.is_err() {
             return;
-        };
-        self.fixes = self.fixes.wrapping_add(1);
-        self.track = track;
-        self.at_stop = track;
+        }
+        self.at_stop = self.track;
         self.stood.clear();
         self.located = true;
         self.frame_heading = Some((heading, heading_sigma));
@@ -169,8 +166,9 @@ impl TargetRole {
             return;
         }
         // The direction of the sensor follows from two places.
-        if let Some((before, before_covariance, track)) = &self.found {
-            let walked = self.at_stop.since(track);
+        if let Some((before, before_covariance, track)) = &self.found
+            && let Some(walked) = self.at_stop.since(track)
+        {
             let apart = found.position - before;
             let distance = root(walked.vector.norm_squared());
             let covariance = before_covariance + found.covariance + walked.covariance;
@@ -207,7 +205,9 @@ fn systematic(config: &TargetConfig, frame_heading_sigma: f32) -> Systematic<f32
 /// A track in the target's own frame, which begins where it is.
 pub(super) fn nowhere(config: &TargetConfig) -> Track<f32> {
     let origin = (Point2::origin(), Matrix2::zeros());
-    Track::start(origin.0, origin.1, systematic(config, 0.0)).unwrap_or_default()
+    let track = Track::start(origin.0, origin.1, systematic(config, 0.0));
+    debug_assert!(track.is_ok(), "the configuration was checked");
+    track.unwrap_or_default()
 }
 
 fn symmetric(matrix: Matrix2<f32>) -> Matrix2<f32> {

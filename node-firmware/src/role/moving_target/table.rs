@@ -6,7 +6,7 @@ use super::{ANSWER_WITHIN, READY_AFTER};
 use crate::{
     limits::MEMBERS,
     memory::Fact,
-    message::{Address, Duty, Report, Sight, StopAnswer},
+    message::{Duty, MemberAddress, Report, Sight, StopAnswer},
     role::{Reports, Unsaved},
 };
 
@@ -23,8 +23,8 @@ const TRIES: u8 = 3;
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct CameraEntry {
-    /// Its address.
-    pub address: Address,
+    /// Its address in the network.
+    pub address: MemberAddress,
     /// What it told of itself last.
     pub report: Option<Report>,
     /// Sightings it counted.
@@ -90,20 +90,20 @@ impl Table {
     }
 
     /// There is a camera with this address.
-    pub(super) fn meet(&mut self, address: Address) {
+    pub(super) fn meet(&mut self, address: MemberAddress) {
         // Where there is no room, it is one camera less to ask.
         self.cameras.of(address);
     }
 
     /// What was written down in this slot.
-    pub(super) fn restore(&mut self, slot: u8, address: Address, report: Report) {
+    pub(super) fn restore(&mut self, slot: u8, address: MemberAddress, report: Report) {
         if let Some(camera) = self.cameras.restore(slot, address, report) {
             camera.know(&report);
         }
     }
 
     /// A camera told how far it is.
-    pub(super) fn report(&mut self, address: Address, report: Report, unsaved: &mut Unsaved) {
+    pub(super) fn report(&mut self, address: MemberAddress, report: Report, unsaved: &mut Unsaved) {
         if let Some(camera) = self.cameras.report(address, report, unsaved) {
             camera.away = 0;
             camera.know(&report);
@@ -118,7 +118,7 @@ impl Table {
     /// Whether this camera may be the first reference: one that has told of a pose says so with it.
     /// What it solves it tells before that report, so the last one may be of the time before; or
     /// nothing but the roster, or an answer to a stop, says that it is there.
-    pub(super) fn may_be_first(&self, address: Address) -> bool {
+    pub(super) fn may_be_first(&self, address: MemberAddress) -> bool {
         let mut cameras = self.cameras.iter();
         let camera = cameras.find(|camera| camera.address == address);
         camera.is_some_and(|camera| {
@@ -133,7 +133,7 @@ impl Table {
     }
 
     /// A camera answered the present stop.
-    pub(super) fn on_answer(&mut self, now: Instant, address: Address, look: &StopAnswer) {
+    pub(super) fn on_answer(&mut self, now: Instant, address: MemberAddress, look: &StopAnswer) {
         if let Some(camera) = self.cameras.of(address) {
             let camera = &mut camera.more;
             camera.question = match look.sight {
@@ -193,7 +193,7 @@ impl Table {
     }
 
     /// Whom to ask next, if fewer than `at_a_time` are being asked.
-    pub(super) fn ask(&mut self, at_a_time: usize) -> Option<Address> {
+    pub(super) fn ask(&mut self, at_a_time: usize) -> Option<MemberAddress> {
         if self.asked_now() >= at_a_time {
             return None;
         }
@@ -204,7 +204,7 @@ impl Table {
     }
 
     /// The question was delivered, or not.
-    pub(super) fn on_asked(&mut self, now: Instant, address: Address, delivered: bool) {
+    pub(super) fn on_asked(&mut self, now: Instant, address: MemberAddress, delivered: bool) {
         if let Some(camera) = self.cameras.get(address)
             && camera.question == Question::Asked
         {

@@ -31,11 +31,11 @@ use core::future::Future;
 
 pub use self::{
     blob::{Blob, Grid},
-    cmucam2::Cmucam2Sight,
-    fault::SightError,
+    cmucam2::Cmucam2BlobCamera,
+    fault::VisionError,
     lens::{Lens, LensError},
     look::{Judge, Look, Patience, look},
-    steady::{Direction, Shape},
+    steady::Shape,
     subject::{ColourWindow, Subject},
 };
 
@@ -48,42 +48,42 @@ pub trait BlobCamera {
     /// balance, so that a colour stays the same colour (thesis Appendix A, "Initialize"). What was
     /// learnt as background is lost, what was begun is ended.
     ///
-    /// To be called first, and whenever [`SightError::wants_start_up`].
+    /// To be called first, and whenever [`VisionError::wants_start_up`].
     ///
     /// # Errors
-    /// [`SightError`].
-    fn start_up(&mut self) -> impl Future<Output = Result<(), SightError>>;
+    /// [`VisionError`].
+    fn start_up(&mut self) -> impl Future<Output = Result<(), VisionError>>;
 
     /// Learns the colour of the object in the middle of the view (thesis Appendix A, "Object
     /// kept"). What was begun is ended.
     ///
     /// # Errors
-    /// [`SightError`].
-    fn learn_colour(&mut self) -> impl Future<Output = Result<ColourWindow, SightError>>;
+    /// [`VisionError`].
+    fn learn_colour(&mut self) -> impl Future<Output = Result<ColourWindow, VisionError>>;
 
     /// Takes what is in view now as the background of [`Subject::Motion`] (thesis 2.5). To be
     /// repeated from time to time while the target is out of view. What was begun is ended.
     ///
     /// # Errors
-    /// [`SightError`].
-    fn learn_background(&mut self) -> impl Future<Output = Result<(), SightError>>;
+    /// [`VisionError`].
+    fn learn_background(&mut self) -> impl Future<Output = Result<(), VisionError>>;
 
     /// Begins to look for a subject (thesis Appendix A, "Start to track").
     ///
     /// # Errors
-    /// [`SightError`]; [`SightError::NoBackground`] for [`Subject::Motion`] before
+    /// [`VisionError`]; [`VisionError::NoBackground`] for [`Subject::Motion`] before
     /// [`BlobCamera::learn_background`].
-    fn begin(&mut self, subject: Subject) -> impl Future<Output = Result<(), SightError>>;
+    fn begin(&mut self, subject: Subject) -> impl Future<Output = Result<(), VisionError>>;
 
     /// The blob of the next frame, or `None` when nothing of the subject is in view.
     ///
     /// # Errors
-    /// [`SightError`]; [`SightError::NotBegun`] before [`BlobCamera::begin`].
-    fn next(&mut self) -> impl Future<Output = Result<Option<Blob>, SightError>>;
+    /// [`VisionError`]; [`VisionError::NotBegun`] before [`BlobCamera::begin`].
+    fn next(&mut self) -> impl Future<Output = Result<Option<Blob>, VisionError>>;
 
     /// Ends it (thesis Appendix A, "Stop tracking"). The camera is then silent.
     ///
     /// # Errors
-    /// [`SightError`].
-    fn end(&mut self) -> impl Future<Output = Result<(), SightError>>;
+    /// [`VisionError`].
+    fn end(&mut self) -> impl Future<Output = Result<(), VisionError>>;
 }

@@ -31,7 +31,7 @@ use heapless::{Deque, Vec};
 use nalgebra::ComplexField;
 
 use super::Blob;
-use crate::arithmetic::sort;
+use crate::{arithmetic::sort, message::Seen};
 
 /// Frames that may be without a usable blob: one in this many.
 const UNUSABLE: usize = 10;
@@ -66,7 +66,7 @@ const LOPSIDED: f32 = 0.04;
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum Shape {
-    /// Any.
+    /// Nothing is known of it, so nothing is made of its width and height.
     Any,
     /// As wide as tall: a ball.
     Round {
@@ -102,16 +102,6 @@ pub struct Steady {
     pub confidence: u8,
 }
 
-/// A direction.
-#[derive(Clone, Copy, Debug, PartialEq)]
-#[cfg_attr(feature = "defmt", derive(defmt::Format))]
-pub struct Direction<T> {
-    /// Offset from the optical axis, radians, positive to the left.
-    pub bearing: T,
-    /// Its standard deviation, radians.
-    pub sigma: T,
-}
-
 /// Why the blob is not steady yet.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
@@ -120,7 +110,7 @@ pub enum Unsteady {
     Few,
     /// Nothing was tracked.
     Lost {
-        /// Empty frames.
+        /// Frames in which nothing was tracked.
         lost: u16,
         /// Of so many.
         frames: u16,
@@ -194,8 +184,8 @@ impl<const N: usize> Steadiness<N> {
         if self.window.len() >= self.frames {
             self.window.pop_front();
         }
-        // There is room: a place was just made.
-        let _ = self.window.push_back(blob);
+        let pushed = self.window.push_back(blob);
+        debug_assert!(pushed.is_ok(), "a place was just made");
         self.judge()
     }
 
@@ -276,19 +266,26 @@ impl Steady {
         (self.left + self.right) * 0.5
     }
 
-    /// The direction in which a camera sees it: the mean of the angles of its edges. `floor` is the
-    /// standard deviation of what no frame shows, columns, from 0.
-    pub fn direction<T: Real>(&self, camera: &Camera<T>, floor: f32) -> Direction<T> {
+    /// The direction in which a camera sees it. `floor` is the standard deviation of what no frame
+    /// shows, columns, from 0.
+    pub fn seen(&self, camera: &Camera<f32>, floor: f32) -> Seen {
+        let (bearing, sigma) = self.bearing(camera, floor);
+        Seen { bearing, sigma }
+    }
+
+    /// The same in any precision: the mean of the angles of its edges from the optical axis, radians,
+    /// positive to the left, and its standard deviation.
+    pub fn bearing<T: Real>(&self, camera: &Camera<T>, floor: f32) -> (T, T) {
         let real = |value: f32| nalgebra::convert::<f64, T>(f64::from(value));
         let half = real(0.5);
         let (left, right) = (real(self.left), real(self.right));
         let sigma = real(ComplexField::sqrt(
             self.column_sigma * self.column_sigma + floor * floor,
         ));
-        Direction {
-            bearing: (camera.bearing(left) + camera.bearing(right)) * half,
-            sigma: (camera.bearing_sigma(left, sigma) + camera.bearing_sigma(right, sigma)) * half,
-        }
+        (
+            (camera.bearing(left) + camera.bearing(right)) * half,
+            (camera.bearing_sigma(left, sigma) + camera.bearing_sigma(right, sigma)) * half,
+        )
     }
 }
 
@@ -365,5 +362,4 @@ fn median_variance<const N: usize>(values: &Vec<f32, N>) -> f32 {
 }
 
 #[cfg(test)]
-#[path = "steady_tests.rs"]
 mod tests;

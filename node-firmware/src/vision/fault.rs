@@ -8,7 +8,7 @@ use embedded_io::ErrorKind;
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 #[non_exhaustive]
-pub enum SightError {
+pub enum VisionError {
     /// The line to the camera failed.
     Line(ErrorKind),
     /// The line to the camera has come to its end.
@@ -39,7 +39,7 @@ pub enum SightError {
     NoBackground,
 }
 
-impl SightError {
+impl VisionError {
     /// Whether [`BlobCamera::start_up`](super::BlobCamera::start_up) may cure it.
     pub const fn wants_start_up(self) -> bool {
         matches!(
@@ -49,7 +49,7 @@ impl SightError {
     }
 }
 
-impl fmt::Display for SightError {
+impl fmt::Display for VisionError {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.write_str(match self {
             Self::Line(kind) => return write!(f, "the line to the camera failed ({kind}): retry"),
@@ -74,4 +74,4 @@ impl fmt::Display for SightError {
     }
 }
 
-impl core::error::Error for SightError {}
+impl core::error::Error for VisionError {}

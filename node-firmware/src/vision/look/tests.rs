@@ -5,7 +5,7 @@ use cmucam2_driver::packet::Tracking;
 use core::task::{Poll, Waker};
 
 use super::*;
-use crate::sight::{ColourWindow, Grid, Lens};
+use crate::vision::{ColourWindow, Grid, Lens};
 
 fn lens() -> Camera<f32> {
     Lens::pin_hole(88, 45.0).camera().unwrap()
@@ -91,29 +91,29 @@ fn a_judge_forgets_the_look_before() {
 /// A camera that plays a script and notes what it is asked.
 #[derive(Default)]
 struct Script {
-    frames: VecDeque<Result<Option<Blob>, SightError>>,
+    frames: VecDeque<Result<Option<Blob>, VisionError>>,
     asked: Vec<&'static str>,
 }
 
 impl BlobCamera for Script {
-    async fn start_up(&mut self) -> Result<(), SightError> {
+    async fn start_up(&mut self) -> Result<(), VisionError> {
         self.asked.push("start up");
         Ok(())
     }
-    async fn learn_colour(&mut self) -> Result<ColourWindow, SightError> {
+    async fn learn_colour(&mut self) -> Result<ColourWindow, VisionError> {
         unreachable!()
     }
-    async fn learn_background(&mut self) -> Result<(), SightError> {
+    async fn learn_background(&mut self) -> Result<(), VisionError> {
         unreachable!()
     }
-    async fn begin(&mut self, _: Subject) -> Result<(), SightError> {
+    async fn begin(&mut self, _: Subject) -> Result<(), VisionError> {
         self.asked.push("begin");
         Ok(())
     }
-    async fn next(&mut self) -> Result<Option<Blob>, SightError> {
+    async fn next(&mut self) -> Result<Option<Blob>, VisionError> {
         self.frames.pop_front().unwrap()
     }
-    async fn end(&mut self) -> Result<(), SightError> {
+    async fn end(&mut self) -> Result<(), VisionError> {
         self.asked.push("end");
         Ok(())
     }
@@ -121,8 +121,8 @@ impl BlobCamera for Script {
 
 fn look_at(
     subject: Subject,
-    frames: impl IntoIterator<Item = Result<Option<Blob>, SightError>>,
-) -> (Result<Look, SightError>, Vec<&'static str>) {
+    frames: impl IntoIterator<Item = Result<Option<Blob>, VisionError>>,
+) -> (Result<Look, VisionError>, Vec<&'static str>) {
     let mut script = Script {
         frames: frames.into_iter().collect(),
         ..Script::default()
@@ -151,7 +151,7 @@ fn a_camera_that_restarted_is_started_up_once() {
     // Four frames of before do not count.
     let restarted = [Ok(at(43)); 4]
         .into_iter()
-        .chain([Err(SightError::Restarted)])
+        .chain([Err(VisionError::Restarted)])
         .chain([Ok(at(60)); 5]);
     let (result, asked) = look_at(COLOUR, restarted);
     let Ok(Look::Steady(seen)) = result else {
@@ -159,21 +159,21 @@ fn a_camera_that_restarted_is_started_up_once() {
     };
     assert!((lens().column(Ray::from_bearing(seen.bearing)).unwrap() - 60.0).abs() < 0.1);
     assert_eq!(asked, ["begin", "start up", "begin", "end"]);
-    let (result, _) = look_at(COLOUR, [Err(SightError::Silent), Err(SightError::Silent)]);
-    assert_eq!(result, Err(SightError::Silent));
+    let (result, _) = look_at(COLOUR, [Err(VisionError::Silent), Err(VisionError::Silent)]);
+    assert_eq!(result, Err(VisionError::Silent));
 }
 
 #[test]
 fn a_background_is_not_thrown_away_and_a_broken_line_not_cured() {
     let motion = Subject::Motion { threshold: 10 };
-    let (result, asked) = look_at(motion, [Err(SightError::Silent)]);
+    let (result, asked) = look_at(motion, [Err(VisionError::Silent)]);
     assert_eq!(
         (result, asked),
-        (Err(SightError::Silent), ["begin"].to_vec())
+        (Err(VisionError::Silent), ["begin"].to_vec())
     );
-    let (result, asked) = look_at(COLOUR, [Err(SightError::Closed)]);
+    let (result, asked) = look_at(COLOUR, [Err(VisionError::Closed)]);
     assert_eq!(
         (result, asked),
-        (Err(SightError::Closed), ["begin"].to_vec())
+        (Err(VisionError::Closed), ["begin"].to_vec())
     );
 }

@@ -8,11 +8,15 @@
 //! - 8 data bits, no parity, one stop bit, no flow control, at the rate set by the jumpers.
 //! - A receive buffer that holds what comes between two calls: at 38400 baud 4 bytes a
 //!   millisecond. A stream sends whether it is read or not.
-//! - Async: `read` may be dropped while it waits without losing bytes, as buffered UARTs do. Time
-//!   is measured by the delay alone, in slices of at most 10 ms.
+//! - Async: `read` may be dropped while it waits without losing bytes, as buffered UARTs do.
 //! - Blocking: [`embedded_io::ReadReady`], because `Read` alone waits for ever and could not tell
 //!   silence. Where the UART's own `read` returns after a time-out, a `ReadReady` over a
 //!   one-byte peek does it.
+//!
+//! # Time
+//! The driver needs a [`Clock`] to know how long it has waited, and stamps packets with it. Without
+//! one it counts its own delays ([`SummedDelays`]): slices of at most 10 ms when async, and nothing
+//! between two calls.
 //!
 //! # Streams
 //! [`track_colour`](Cmucam2::track_colour) and its like begin a stream;
@@ -23,20 +27,23 @@
 //! A call that is dropped before its end leaves the camera in a state that the next call clears
 //! up.
 
+mod clock;
 mod commands;
-#[cfg(feature = "images")]
-mod images;
+#[cfg(feature = "full")]
+mod full;
 
 use core::{fmt, pin::pin};
 
 use embassy_futures::select::{Either, select};
 
-#[cfg(feature = "images")]
-pub use images::Part;
+pub use clock::{Clock, SummedDelays};
+#[cfg(feature = "full")]
+pub use full::Part;
 
 use crate::session::{Answer, Fault, Modes, Policy, Request, Session};
 
-/// Longest delay of the async driver. The clock stands still for less than this when bytes come.
+/// Longest delay of the async driver. [`SummedDelays`] stands still for less than this when bytes
+/// come.
 const SLICE_US: u32 = 10_000;
 
 /// How many bytes are read at once.
@@ -107,12 +114,11 @@ impl Received {
 
 /// A CMUcam2 on a UART.
 #[derive(Debug)]
-pub struct Cmucam2<U, D> {
+pub struct Cmucam2<U, D, K = SummedDelays> {
     uart: U,
     delay: D,
+    clock: K,
     session: Session,
-    /// Microseconds spent waiting.
-    now: u64,
     received: Received,
 }
 
@@ -124,11 +130,19 @@ impl<U, D> Cmucam2<U, D> {
 
     /// The same with other times and counts.
     pub fn with_policy(uart: U, delay: D, policy: Policy) -> Self {
+        Self::with_clock(uart, delay, SummedDelays::default(), policy)
+    }
+}
+
+impl<U, D, K> Cmucam2<U, D, K> {
+    /// The same with a clock, which counts the time between two calls, too: see
+    /// [`Session::packet_at`].
+    pub fn with_clock(uart: U, delay: D, clock: K, policy: Policy) -> Self {
         Self {
             uart,
             delay,
+            clock,
             session: Session::new(policy),
-            now: 0,
             received: Received {
                 bytes: [0; CHUNK],
                 from: 0,
@@ -147,7 +161,7 @@ impl<U, D> Cmucam2<U, D> {
         &self.session
     }
 
-    fn call<T>(&mut self, request: Request, convert: Convert<T>) -> Call<'_, U, D, T> {
+    fn call<T>(&mut self, request: Request, convert: Convert<T>) -> Call<'_, U, D, T, K> {
         Call {
             camera: self,
             request,
@@ -162,8 +176,8 @@ type Convert<T> = fn(Answer, &Modes) -> Option<T>;
 
 /// Something to be asked of the camera. Does nothing until it is driven.
 #[must_use = "a call does nothing until it is driven by `run().await` or `wait()`"]
-pub struct Call<'a, U, D, T> {
-    camera: &'a mut Cmucam2<U, D>,
+pub struct Call<'a, U, D, T, K = SummedDelays> {
+    camera: &'a mut Cmucam2<U, D, K>,
     request: Request,
     /// Where a row goes.
     row: &'a mut [u8],
@@ -172,7 +186,7 @@ pub struct Call<'a, U, D, T> {
     convert: Convert<T>,
 }
 
-impl<U, D, T> Call<'_, U, D, T>
+impl<U, D, T, K: Clock> Call<'_, U, D, T, K>
 where
     U: embedded_io_async::Read + embedded_io_async::Write,
     D: embedded_hal_async::delay::DelayNs,
@@ -191,7 +205,7 @@ where
     }
 }
 
-impl<U, D> Cmucam2<U, D>
+impl<U, D, K: Clock> Cmucam2<U, D, K>
 where
     U: embedded_io_async::Read + embedded_io_async::Write,
     D: embedded_hal_async::delay::DelayNs,
@@ -206,23 +220,23 @@ where
         let Self {
             uart,
             delay,
+            clock,
             session,
-            now,
             received,
         } = self;
-        session.begin(request, *now);
+        session.begin(request, clock.now());
         let error = loop {
-            match send_async(uart, session, payload, *now).await {
+            match send_async(uart, session, payload, clock).await {
                 Ok(()) => {}
                 Err(error) => break error,
             }
-            if let Some(outcome) = received.feed(session, *now, row) {
+            if let Some(outcome) = received.feed(session, clock.now(), row) {
                 return outcome.map_err(Error::Camera);
             }
             if !session.pending().is_empty() {
                 continue;
             }
-            let slice = slice(session, *now);
+            let slice = slice(session, clock.now());
             let mut pause = pin!(delay.delay_us(slice));
             // The pause goes on while bytes come, and is asked first: time passes under chatter, too.
             let error = loop {
@@ -230,7 +244,7 @@ where
                     Either::Second(Ok(0)) => break Some(Error::Closed),
                     Either::Second(Ok(bytes)) => {
                         received.filled(bytes);
-                        if let Some(outcome) = received.feed(session, *now, row) {
+                        if let Some(outcome) = received.feed(session, clock.now(), row) {
                             return outcome.map_err(Error::Camera);
                         }
                         if !session.pending().is_empty() || session.payload_due() {
@@ -239,8 +253,8 @@ where
                     }
                     Either::Second(Err(error)) => break Some(Error::Uart(error)),
                     Either::First(()) => {
-                        *now += u64::from(slice);
-                        session.tick(*now);
+                        clock.passed(slice);
+                        session.tick(clock.now());
                         break None;
                     }
                 }
@@ -254,11 +268,11 @@ where
     }
 }
 
-async fn send_async<U: embedded_io_async::Write>(
+async fn send_async<U: embedded_io_async::Write, K: Clock>(
     uart: &mut U,
     session: &mut Session,
     payload: &[u8],
-    now: u64,
+    clock: &K,
 ) -> Result<(), Error<U::Error>> {
     if session.pending().is_empty() && !session.payload_due() {
         return Ok(());
@@ -269,12 +283,12 @@ async fn send_async<U: embedded_io_async::Write>(
     }
     if session.payload_due() {
         uart.write_all(payload).await.map_err(Error::Uart)?;
-        session.payload_sent(now);
+        session.payload_sent(clock.now());
     }
     uart.flush().await.map_err(Error::Uart)
 }
 
-impl<U, D, T> Call<'_, U, D, T>
+impl<U, D, T, K: Clock> Call<'_, U, D, T, K>
 where
     U: embedded_io::Read + embedded_io::Write + embedded_io::ReadReady,
     D: embedded_hal::delay::DelayNs,
@@ -289,8 +303,8 @@ where
                 Cmucam2 {
                     uart,
                     delay,
+                    clock,
                     session,
-                    now,
                     received,
                 },
             request,
@@ -298,12 +312,12 @@ where
             payload,
             convert,
         } = self;
-        session.begin(request, *now);
+        session.begin(request, clock.now());
         let error = loop {
-            if let Err(error) = send(uart, session, payload, *now) {
+            if let Err(error) = send(uart, session, payload, clock.now()) {
                 break error;
             }
-            if let Some(outcome) = received.feed(session, *now, row) {
+            if let Some(outcome) = received.feed(session, clock.now(), row) {
                 let answer = outcome?;
                 return convert(answer, session.modes()).ok_or(Error::Camera(Fault::Garbage));
             }
@@ -316,18 +330,18 @@ where
                     Ok(bytes) => {
                         received.filled(bytes);
                         // The clock must run under chatter, too; this is less than the truth.
-                        *now += 1;
+                        clock.passed(1);
                     }
                     Err(error) => break Error::Uart(error),
                 },
                 Ok(false) => {
-                    let pause = slice(session, *now).min(session.policy().poll_us.max(1));
+                    let pause = slice(session, clock.now()).min(session.policy().poll_us.max(1));
                     delay.delay_us(pause);
-                    *now += u64::from(pause);
+                    clock.passed(pause);
                 }
                 Err(error) => break Error::Uart(error),
             }
-            session.tick(*now);
+            session.tick(clock.now());
         };
         session.line_error();
         Err(error)

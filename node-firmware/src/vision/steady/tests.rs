@@ -4,7 +4,7 @@ use calib_core::camera::Camera;
 use proptest::prelude::*;
 
 use super::*;
-use crate::sight::Grid;
+use crate::vision::Grid;
 use cmucam2_driver::packet::Tracking;
 
 const COLUMNS: u16 = 88;
@@ -199,9 +199,9 @@ impl Picture {
         ])
     }
 
-    fn judge(&self, blob: Option<Blob>) -> Result<(Steady, Direction<f64>), Unsteady> {
+    fn judge(&self, blob: Option<Blob>) -> Result<(Steady, (f64, f64)), Unsteady> {
         let steady = last([blob; 10])?;
-        Ok((steady, steady.direction(&self.camera, 0.0)))
+        Ok((steady, steady.bearing(&self.camera, 0.0)))
     }
 }
 
@@ -223,7 +223,7 @@ proptest! {
         let (steady, direction) = picture.judge(blob).unwrap();
         prop_assert!((steady.column_sigma - 24_f32.sqrt().recip()).abs() < 1e-6);
         let column = picture.camera.bearing_sigma(f64::from(steady.middle()), 1.0);
-        let off = (direction.bearing - bearing).abs() / column;
+        let off = (direction.0 - bearing).abs() / column;
         prop_assert!(off < 0.65, "off by {off} columns");
     }
 
@@ -241,10 +241,10 @@ proptest! {
         prop_assume!(blob.is_some_and(|blob| !blob.is_clipped(COLUMNS)));
         if let Ok((steady, direction)) = picture.judge(blob) {
             let column = picture.camera.bearing_sigma(f64::from(steady.middle()), 1.0);
-            let off = (direction.bearing - bearing).abs();
+            let off = (direction.0 - bearing).abs();
             prop_assert!(
-                off < 1.6 * column || off < 4.0 * direction.sigma,
-                "off by {} columns, sigma {}", off / column, direction.sigma / column
+                off < 1.6 * column || off < 4.0 * direction.1,
+                "off by {} columns, sigma {}", off / column, direction.1 / column
             );
             prop_assert!(hidden > 0.0 || steady.right - steady.left < 6.0, "{hidden} is accepted");
         }
@@ -279,7 +279,7 @@ fn the_sigma_is_that_of_the_errors() {
         let Ok((_, direction)) = picture.judge(picture.ball(bearing, up, radius, 88.0)) else {
             panic!("not steady: {bearing} {radius}");
         };
-        let normed = (direction.bearing - bearing) / direction.sigma;
+        let normed = (direction.0 - bearing) / direction.1;
         sum += normed;
         squares += normed * normed;
         count += 1.0;
@@ -304,7 +304,7 @@ fn the_mean_of_angles_is_the_middle_of_a_ball() {
         pixels: 20,
         confidence: 201,
     };
-    assert!((steady.direction(&camera, 0.0).bearing - bearing).abs() < 1e-6);
+    assert!((steady.bearing(&camera, 0.0).0 - bearing).abs() < 1e-6);
     let outwards = f64::from(steady.middle()) - column(bearing);
     assert!((-0.25..-0.23).contains(&outwards), "{outwards}");
 }
@@ -313,8 +313,8 @@ fn the_mean_of_angles_is_the_middle_of_a_ball() {
 fn the_floor_is_what_remains() {
     let camera = Camera::<f32>::pin_hole(COLUMNS, 1.0).unwrap();
     let steady = last([at(44); 10]).unwrap();
-    let floor = steady.direction(&camera, 3.0);
-    let none = steady.direction(&camera, 0.0);
+    let floor = steady.seen(&camera, 3.0);
+    let none = steady.seen(&camera, 0.0);
     assert!(
         (floor.sigma / none.sigma - (9.0_f32 + 1.0 / 24.0).sqrt() * 24_f32.sqrt()).abs() < 1e-3
     );

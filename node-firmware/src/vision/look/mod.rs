@@ -5,9 +5,10 @@ use core::fmt;
 use calib_core::camera::Camera;
 
 use super::{
-    Blob, BlobCamera, SightError, Subject,
-    steady::{Direction, Shape, Steadiness, Unsteady},
+    Blob, BlobCamera, Subject, VisionError,
+    steady::{Shape, Steadiness, Unsteady},
 };
+use crate::message::Seen;
 
 /// The most frames that are judged together.
 pub const FRAMES_MAX: usize = 16;
@@ -40,7 +41,7 @@ impl Default for Patience {
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum Look {
     /// The target stands there.
-    Steady(Direction<f32>),
+    Steady(Seen),
     /// Nothing of the subject is in view.
     Nothing,
     /// It is cut off by the left or right border.
@@ -107,8 +108,8 @@ impl Judge {
         let over = self.taken >= self.patience.frames_most || self.steadiness.is_unanimous();
         match judged {
             Ok(steady) => {
-                let direction = steady.direction(&self.camera, self.patience.sigma_floor);
-                Some(Look::Steady(direction))
+                let seen = steady.seen(&self.camera, self.patience.sigma_floor);
+                Some(Look::Steady(seen))
             }
             Err(Unsteady::Few) => None,
             Err(_) if !over => None,
@@ -126,12 +127,12 @@ impl Judge {
 /// unless that would lose the background that the subject needs.
 ///
 /// # Errors
-/// [`SightError`] of the camera, the second time.
+/// [`VisionError`] of the camera, the second time.
 pub async fn look<C: BlobCamera>(
     camera: &mut C,
     subject: Subject,
     judge: &mut Judge,
-) -> Result<Look, SightError> {
+) -> Result<Look, VisionError> {
     match attempt(camera, subject, judge).await {
         Err(error) if error.wants_start_up() => {
             if let Subject::Motion { .. } = subject {
@@ -148,7 +149,7 @@ async fn attempt<C: BlobCamera>(
     camera: &mut C,
     subject: Subject,
     judge: &mut Judge,
-) -> Result<Look, SightError> {
+) -> Result<Look, VisionError> {
     judge.clear();
     camera.begin(subject).await?;
     loop {
@@ -160,5 +161,4 @@ async fn attempt<C: BlobCamera>(
 }
 
 #[cfg(test)]
-#[path = "look_tests.rs"]
 mod tests;

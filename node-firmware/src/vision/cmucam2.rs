@@ -20,7 +20,7 @@
 //! # What a restart costs
 //! The driver sets all modes again, but what the camera had adapted to is gone, and frame
 //! differencing has lost its background. So every restart that is noticed ends in
-//! [`SightError::Restarted`], and the camera must be [started up](BlobCamera::start_up).
+//! [`VisionError::Restarted`], and the camera must be [started up](BlobCamera::start_up).
 
 use cmucam2_driver::{
     Cmucam2, Error,
@@ -31,7 +31,7 @@ use cmucam2_driver::{
 use embedded_hal_async::delay::DelayNs;
 use embedded_io_async::{Read, Write};
 
-use super::{Blob, BlobCamera, ColourWindow, Grid, SightError, Subject};
+use super::{Blob, BlobCamera, ColourWindow, Grid, Subject, VisionError};
 use crate::log::warning;
 
 /// Blocks across a frame for frame differencing.
@@ -69,7 +69,7 @@ impl Cmucam2Settings {
 
 /// A CMUcam2 on a UART. See the [module](self).
 #[derive(Debug)]
-pub struct Cmucam2Sight<U, D> {
+pub struct Cmucam2BlobCamera<U, D> {
     camera: Cmucam2<U, D>,
     settings: Cmucam2Settings,
     /// Rows of a frame.
@@ -83,7 +83,7 @@ pub struct Cmucam2Sight<U, D> {
     restarts: u16,
 }
 
-impl<U, D> Cmucam2Sight<U, D> {
+impl<U, D> Cmucam2BlobCamera<U, D> {
     /// A camera of which nothing is known. Nothing is sent before the first call.
     pub fn new(camera: Cmucam2<U, D>, settings: Cmucam2Settings) -> Self {
         Self {
@@ -107,7 +107,7 @@ impl<U, D> Cmucam2Sight<U, D> {
     fn taken<T, E: embedded_io::Error>(
         &mut self,
         outcome: Result<T, Error<E>>,
-    ) -> Result<T, SightError> {
+    ) -> Result<T, VisionError> {
         let error = match outcome {
             Ok(_) if self.camera.session().restarts() != self.restarts => {
                 Error::Camera(Fault::Restarted)
@@ -118,19 +118,19 @@ impl<U, D> Cmucam2Sight<U, D> {
         Err(self.failed(error))
     }
 
-    fn failed<E: embedded_io::Error>(&mut self, error: Error<E>) -> SightError {
+    fn failed<E: embedded_io::Error>(&mut self, error: Error<E>) -> VisionError {
         let error = match error {
-            Error::Uart(error) => SightError::Line(error.kind()),
-            Error::Closed => SightError::Closed,
+            Error::Uart(error) => VisionError::Line(error.kind()),
+            Error::Closed => VisionError::Closed,
             Error::Camera(fault) => match fault {
-                Fault::Silence => SightError::Silent,
-                Fault::Refused => SightError::Refused,
-                Fault::Restarted => SightError::Restarted,
-                Fault::NotStreaming => SightError::NotBegun,
-                _ => SightError::Garbled,
+                Fault::Silence => VisionError::Silent,
+                Fault::Refused => VisionError::Refused,
+                Fault::Restarted => VisionError::Restarted,
+                Fault::NotStreaming => VisionError::NotBegun,
+                _ => VisionError::Garbled,
             },
         };
-        if error == SightError::Restarted {
+        if error == VisionError::Restarted {
             self.forget();
         }
         warning!("camera: {}", error);
@@ -146,16 +146,16 @@ impl<U, D> Cmucam2Sight<U, D> {
         }
     }
 
-    fn is_ready(&self) -> Result<(), SightError> {
+    fn is_ready(&self) -> Result<(), VisionError> {
         if self.ready {
             Ok(())
         } else {
-            Err(SightError::NotStarted)
+            Err(VisionError::NotStarted)
         }
     }
 }
 
-impl<U: Read + Write, D: DelayNs> Cmucam2Sight<U, D> {
+impl<U: Read + Write, D: DelayNs> Cmucam2BlobCamera<U, D> {
     /// Starts it up and sets what a start does not.
     async fn set_up(&mut self) -> Result<(), Error<U::Error>> {
         let start_up = StartUp {
@@ -174,7 +174,7 @@ impl<U: Read + Write, D: DelayNs> Cmucam2Sight<U, D> {
 
     /// The frame that this camera will give with this lens, or why they do not match. A frame may
     /// be one column narrower than the manual says. An unknown sensor is believed.
-    async fn frame(&mut self) -> Result<Size, SightError> {
+    async fn frame(&mut self) -> Result<Size, VisionError> {
         let version = self.camera.version().run().await;
         let version = version.map_err(|error| self.failed(error))?;
         let lens = self.settings.columns;
@@ -186,13 +186,13 @@ impl<U: Read + Write, D: DelayNs> Cmucam2Sight<U, D> {
         if lens == camera || lens + 1 == camera {
             Ok(frame)
         } else {
-            Err(SightError::Columns { camera, lens })
+            Err(VisionError::Columns { camera, lens })
         }
     }
 }
 
-impl<U: Read + Write, D: DelayNs> BlobCamera for Cmucam2Sight<U, D> {
-    async fn start_up(&mut self) -> Result<(), SightError> {
+impl<U: Read + Write, D: DelayNs> BlobCamera for Cmucam2BlobCamera<U, D> {
+    async fn start_up(&mut self) -> Result<(), VisionError> {
         self.forget();
         self.rows = u16::from(self.frame().await?.height);
         let set_up = self.set_up().await;
@@ -201,7 +201,7 @@ impl<U: Read + Write, D: DelayNs> BlobCamera for Cmucam2Sight<U, D> {
         Ok(())
     }
 
-    async fn learn_colour(&mut self) -> Result<ColourWindow, SightError> {
+    async fn learn_colour(&mut self) -> Result<ColourWindow, VisionError> {
         self.is_ready()?;
         self.subject = None;
         let learnt = self.camera.learn(Learn::default()).run().await;
@@ -214,7 +214,7 @@ impl<U: Read + Write, D: DelayNs> BlobCamera for Cmucam2Sight<U, D> {
         })
     }
 
-    async fn learn_background(&mut self) -> Result<(), SightError> {
+    async fn learn_background(&mut self) -> Result<(), VisionError> {
         self.is_ready()?;
         self.subject = None;
         self.background = false;
@@ -224,15 +224,15 @@ impl<U: Read + Write, D: DelayNs> BlobCamera for Cmucam2Sight<U, D> {
         Ok(())
     }
 
-    async fn begin(&mut self, subject: Subject) -> Result<(), SightError> {
+    async fn begin(&mut self, subject: Subject) -> Result<(), VisionError> {
         self.is_ready()?;
         self.subject = None;
         let begun = match subject {
             Subject::Colour(window) => {
-                let bounds = bounds(&window).ok_or(SightError::Colour)?;
+                let bounds = bounds(&window).ok_or(VisionError::Colour)?;
                 self.camera.track_colour(bounds).run().await
             }
-            Subject::Motion { .. } if !self.background => return Err(SightError::NoBackground),
+            Subject::Motion { .. } if !self.background => return Err(VisionError::NoBackground),
             Subject::Motion { threshold } => self.camera.track_difference(threshold).run().await,
         };
         self.taken(begun)?;
@@ -240,15 +240,15 @@ impl<U: Read + Write, D: DelayNs> BlobCamera for Cmucam2Sight<U, D> {
         Ok(())
     }
 
-    async fn next(&mut self) -> Result<Option<Blob>, SightError> {
+    async fn next(&mut self) -> Result<Option<Blob>, VisionError> {
         self.is_ready()?;
-        let subject = self.subject.ok_or(SightError::NotBegun)?;
+        let subject = self.subject.ok_or(VisionError::NotBegun)?;
         let tracking = self.camera.next_tracking().run().await;
         let tracking = self.taken(tracking)?;
         Ok(tracking.and_then(|tracking| Blob::from_tracking(&tracking, self.grid(subject))))
     }
 
-    async fn end(&mut self) -> Result<(), SightError> {
+    async fn end(&mut self) -> Result<(), VisionError> {
         self.subject = None;
         let stopped = self.camera.stop().run().await;
         self.taken(stopped)

@@ -15,29 +15,30 @@
 //! # Never delivered
 //! A packet with a wrong number of fields, with anything but single spaces and plain decimal
 //! numbers up to 255, with coordinates out of order or outside the frame. What was dropped, and
-//! why, is counted in [`Dropped`]. What cannot be detected: see the [crate's](crate) description.
+//! why, is counted in [`DroppedBytes`]. What cannot be detected: see the [crate's](crate) description.
 
 mod dropped;
 mod expectation;
 mod image;
 
-pub use dropped::Dropped;
+pub use dropped::DroppedBytes;
 pub use expectation::{Expectation, ImageExpectation};
 pub use image::{ImageHeader, ImageKind, RowState};
 
 use crate::{
-    packet::{BANNER, BINS_MAX, Histogram, Packet, PacketError, Statistics, Tracking, Version},
+    command::StatisticsMask,
+    features::FULL,
+    packet::{
+        BANNER, BINS_MAX, FirmwareVersion, Packet, PacketError, Statistics, Tracking,
+        TrackingFields,
+    },
     parser::{dropped::Reason, image::Image},
 };
-
-/// Whether what the features name is wanted.
-pub(crate) const IMAGES: bool = cfg!(feature = "images");
-const RAW: bool = cfg!(feature = "raw");
 
 /// Something that the camera said.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
-pub enum Event {
+pub enum Token {
     /// A command was accepted.
     Ack,
     /// A command was refused.
@@ -45,8 +46,8 @@ pub enum Event {
     /// The camera waits for a command.
     Prompt,
     /// The camera has started, or says its version.
-    Banner(Version),
-    /// A packet.
+    Banner(FirmwareVersion),
+    /// A packet whose fields are in order and inside the frame.
     Packet(Packet),
     /// The answer to a query: as many numbers as [`Expectation::values`], the rest is zero.
     Values([u8; 6]),
@@ -73,6 +74,7 @@ const NO_DIGIT: u16 = u16::MAX;
 enum Kind {
     Tracking,
     Statistics,
+    #[cfg(feature = "full")]
     Histogram,
     Values,
 }
@@ -91,10 +93,10 @@ impl Word {
         }
     }
 
-    const fn event(self) -> Event {
+    const fn event(self) -> Token {
         match self {
-            Self::Ack => Event::Ack,
-            Self::Nck => Event::Nck,
+            Self::Ack => Token::Ack,
+            Self::Nck => Token::Nck,
         }
     }
 }
@@ -141,9 +143,9 @@ pub struct Parser {
     digits: u8,
     /// Bytes of the line so far. No line that is not yet refused is longer than a histogram.
     held: u8,
-    version: Version,
+    version: FirmwareVersion,
     image: Image,
-    dropped: Dropped,
+    dropped: DroppedBytes,
 }
 
 impl Default for Parser {
@@ -163,13 +165,13 @@ impl Parser {
             value: NO_DIGIT,
             digits: 0,
             held: 0,
-            version: Version {
+            version: FirmwareVersion {
                 major: 0,
                 minor: 0,
                 module: None,
             },
             image: Image::NONE,
-            dropped: Dropped::NOTHING,
+            dropped: DroppedBytes::NOTHING,
         }
     }
 
@@ -188,7 +190,7 @@ impl Parser {
     }
 
     /// What was dropped since the parser was made.
-    pub fn dropped(&self) -> &Dropped {
+    pub fn dropped(&self) -> &DroppedBytes {
         &self.dropped
     }
 
@@ -208,7 +210,7 @@ impl Parser {
 
     /// Takes one byte.
     #[inline]
-    pub fn push(&mut self, byte: u8) -> Option<Event> {
+    pub fn push(&mut self, byte: u8) -> Option<Token> {
         // Nearly all bytes of a stream are digits and the spaces between numbers: these take the
         // shortest way.
         if !matches!(self.state, State::Number(_)) {
@@ -236,19 +238,19 @@ impl Parser {
         self.push_other(byte)
     }
 
-    #[inline(never)]
-    fn push_other(&mut self, byte: u8) -> Option<Event> {
+    #[inline(never)] // size
+    fn push_other(&mut self, byte: u8) -> Option<Token> {
         match self.state {
             State::Number(kind) => self.separator(kind, byte),
-            State::Image if IMAGES => self.image(byte),
-            State::RawLead if RAW => self.raw_lead(byte),
-            State::Raw(kind, missing) if RAW => self.raw(kind, missing, byte),
+            State::Image if FULL => self.image(byte),
+            State::RawLead if FULL => self.raw_lead(byte),
+            State::Raw(kind, missing) if FULL => self.raw(kind, missing, byte),
             _ if byte == b':' => self.prompt(),
             _ => self.text(byte),
         }
     }
 
-    fn text(&mut self, byte: u8) -> Option<Event> {
+    fn text(&mut self, byte: u8) -> Option<Token> {
         self.held = self.held.wrapping_add(1);
         match self.state {
             State::Start => self.start(byte),
@@ -267,12 +269,12 @@ impl Parser {
         }
     }
 
-    fn go(&mut self, state: State) -> Option<Event> {
+    fn go(&mut self, state: State) -> Option<Token> {
         self.state = state;
         None
     }
 
-    fn deliver(&mut self, event: Event) -> Option<Event> {
+    fn deliver(&mut self, event: Token) -> Option<Token> {
         self.state = State::Start;
         self.held = 0;
         Some(event)
@@ -284,17 +286,17 @@ impl Parser {
         self.held = 0;
     }
 
-    fn prompt(&mut self) -> Option<Event> {
+    fn prompt(&mut self) -> Option<Token> {
         match self.state {
             State::Start => {}
             State::Junk => self.state = State::Start,
             _ => self.drop_held(Reason::Cut),
         }
-        self.deliver(Event::Prompt)
+        self.deliver(Token::Prompt)
     }
 
     /// Drops the line, then looks whether the byte that made it impossible begins another.
-    fn refuse(&mut self, reason: Reason, byte: u8) -> Option<Event> {
+    fn refuse(&mut self, reason: Reason, byte: u8) -> Option<Token> {
         self.held = self.held.saturating_sub(1);
         self.drop_held(reason);
         self.held = 1;
@@ -302,7 +304,7 @@ impl Parser {
         self.junk(byte)
     }
 
-    fn junk(&mut self, byte: u8) -> Option<Event> {
+    fn junk(&mut self, byte: u8) -> Option<Token> {
         if byte == b'\r' {
             self.state = State::Start;
         } else if self.begin(byte) {
@@ -313,7 +315,7 @@ impl Parser {
         None
     }
 
-    fn start(&mut self, byte: u8) -> Option<Event> {
+    fn start(&mut self, byte: u8) -> Option<Token> {
         if byte == b'\r' {
             self.held = 0;
             return None;
@@ -336,12 +338,13 @@ impl Parser {
         let state = match byte {
             b'T' => State::Letter(Kind::Tracking),
             b'S' => State::Letter(Kind::Statistics),
+            #[cfg(feature = "full")]
             b'H' => State::Letter(Kind::Histogram),
             b'A' => State::Word(Word::Ack, 1),
             b'N' => State::Word(Word::Nck, 1),
             b'C' => State::Banner(1),
-            0xFF if RAW && self.expectation.raw => State::RawLead,
-            _ if !IMAGES => return false,
+            0xFF if FULL && self.expectation.raw => State::RawLead,
+            _ if !FULL => return false,
             _ => match Image::begin(byte, &self.expectation) {
                 Some(image) => {
                     self.image = image;
@@ -358,15 +361,15 @@ impl Parser {
     }
 
     /// The event that is due right after the first byte, if any.
-    fn begun(&self) -> Option<Event> {
-        if !IMAGES || self.state != State::Image {
+    fn begun(&self) -> Option<Token> {
+        if !FULL || self.state != State::Image {
             return None;
         }
-        self.image.header_without_sizes().map(Event::Header)
+        self.image.header_without_sizes().map(Token::Header)
     }
 
     /// What follows the digits of a number.
-    fn separator(&mut self, kind: Kind, byte: u8) -> Option<Event> {
+    fn separator(&mut self, kind: Kind, byte: u8) -> Option<Token> {
         if byte == b':' {
             return self.prompt();
         }
@@ -399,7 +402,7 @@ impl Parser {
     }
 
     /// All numbers are there.
-    fn end(&mut self, kind: Kind) -> Option<Event> {
+    fn end(&mut self, kind: Kind) -> Option<Token> {
         match self.decode(kind) {
             Ok(event) => self.deliver(event),
             Err(error) => {
@@ -414,27 +417,32 @@ impl Parser {
         }
     }
 
-    fn decode(&self, kind: Kind) -> Result<Event, PacketError> {
+    fn decode(&self, kind: Kind) -> Result<Token, PacketError> {
         let numbers = self.numbers.get(..usize::from(self.len)).unwrap_or(&[]);
         let expectation = &self.expectation;
+        // Only what the features name can have been asked for.
+        let (tracking, statistics) = if FULL {
+            (expectation.tracking, expectation.statistics)
+        } else {
+            (TrackingFields::ALL, StatisticsMask::ALL)
+        };
         Ok(match kind {
             Kind::Tracking => {
-                let tracking =
-                    Tracking::from_fields(numbers, expectation.tracking, expectation.frame)?;
+                let tracking = Tracking::from_fields(numbers, tracking, expectation.frame)?;
                 if expectation.strict && !tracking.is_consistent() {
                     return Err(PacketError::Arithmetic);
                 }
-                Event::Packet(Packet::Tracking(tracking))
+                Token::Packet(Packet::Tracking(tracking))
             }
-            Kind::Statistics => Event::Packet(Packet::Statistics(Statistics::from_fields(
-                numbers,
-                expectation.statistics,
+            Kind::Statistics => Token::Packet(Packet::Statistics(Statistics::from_fields(
+                numbers, statistics,
             )?)),
+            #[cfg(feature = "full")]
             Kind::Histogram => {
                 if expectation.bins.is_some_and(|bins| bins != self.len) {
                     return Err(PacketError::FieldCount);
                 }
-                Event::Packet(Packet::Histogram(Histogram::new(numbers)?))
+                Token::Packet(Packet::Histogram(crate::packet::Histogram::new(numbers)?))
             }
             Kind::Values => {
                 let mut values = [0; 6];
@@ -442,12 +450,12 @@ impl Parser {
                     Some(part) if self.len == expectation.values => part.copy_from_slice(numbers),
                     _ => return Err(PacketError::FieldCount),
                 }
-                Event::Values(values)
+                Token::Values(values)
             }
         })
     }
 
-    fn word(&mut self, word: Word, at: u8, byte: u8) -> Option<Event> {
+    fn word(&mut self, word: Word, at: u8, byte: u8) -> Option<Token> {
         match word.text().get(usize::from(at)) {
             Some(&next) if next == byte && next == b'\r' => self.deliver(word.event()),
             Some(&next) if next == byte => self.go(State::Word(word, at + 1)),
@@ -455,7 +463,7 @@ impl Parser {
         }
     }
 
-    fn banner(&mut self, at: u8, byte: u8) -> Option<Event> {
+    fn banner(&mut self, at: u8, byte: u8) -> Option<Token> {
         if BANNER.get(usize::from(at)) != Some(&byte) {
             return self.refuse(Reason::Malformed, byte);
         }
@@ -467,9 +475,9 @@ impl Parser {
     }
 
     /// The constant part of the banner is over.
-    fn version(&mut self) -> Option<Event> {
+    fn version(&mut self) -> Option<Token> {
         self.digits = 0;
-        self.version = Version {
+        self.version = FirmwareVersion {
             major: 0,
             minor: 0,
             module: None,
@@ -477,7 +485,7 @@ impl Parser {
         self.go(State::Major)
     }
 
-    fn major(&mut self, byte: u8) -> Option<Event> {
+    fn major(&mut self, byte: u8) -> Option<Token> {
         match byte {
             b'0'..=b'9' if self.digits < 2 => {
                 self.version.major = self.version.major * 10 + (byte - b'0');
@@ -489,7 +497,7 @@ impl Parser {
         }
     }
 
-    fn minor(&mut self, digits: u8, byte: u8) -> Option<Event> {
+    fn minor(&mut self, digits: u8, byte: u8) -> Option<Token> {
         match (byte, digits) {
             (b'0'..=b'9', 0) => {
                 self.version.minor = (byte - b'0') * 10;
@@ -500,24 +508,24 @@ impl Parser {
                 self.go(State::Minor(2))
             }
             (b' ', 1..) => self.go(State::Module(false)),
-            (b'\r', 1..) => self.deliver(Event::Banner(self.version)),
+            (b'\r', 1..) => self.deliver(Token::Banner(self.version)),
             _ => self.refuse(Reason::Malformed, byte),
         }
     }
 
     /// The banner is delivered with its last character, because a prompt may follow at once.
-    fn module(&mut self, seen: bool, byte: u8) -> Option<Event> {
+    fn module(&mut self, seen: bool, byte: u8) -> Option<Token> {
         match (seen, byte) {
             (false, b'c') => self.go(State::Module(true)),
             (true, b'0'..=b'9') => {
                 self.version.module = Some(byte - b'0');
-                self.deliver(Event::Banner(self.version))
+                self.deliver(Token::Banner(self.version))
             }
             _ => self.refuse(Reason::Malformed, byte),
         }
     }
 
-    fn raw_lead(&mut self, byte: u8) -> Option<Event> {
+    fn raw_lead(&mut self, byte: u8) -> Option<Token> {
         self.held = self.held.wrapping_add(1);
         let expectation = &self.expectation;
         if expectation.values > 0 {
@@ -529,6 +537,7 @@ impl Parser {
                 Kind::Statistics,
                 expectation.statistics.bits().count_ones() as u8,
             ),
+            #[cfg(feature = "full")]
             b'H' => (Kind::Histogram, expectation.bins.unwrap_or(BINS_MAX as u8)),
             _ => return self.refuse(Reason::Malformed, byte),
         };
@@ -538,7 +547,7 @@ impl Parser {
         self.go(State::Raw(kind, count))
     }
 
-    fn raw(&mut self, kind: Kind, missing: u8, byte: u8) -> Option<Event> {
+    fn raw(&mut self, kind: Kind, missing: u8, byte: u8) -> Option<Token> {
         self.held = self.held.wrapping_add(1);
         // Raw output never sends 255 as a number, so this is the beginning of the next packet.
         if byte == 0xFF || !self.keep(byte) {
@@ -550,11 +559,11 @@ impl Parser {
         self.end(kind)
     }
 
-    fn image(&mut self, byte: u8) -> Option<Event> {
+    fn image(&mut self, byte: u8) -> Option<Token> {
         let step = self.image.push(byte, &self.expectation);
         match step {
-            image::Step::Event(event) => {
-                if let Event::Pixel(_, RowState::Damaged) | Event::RowCut(_) = event {
+            image::Step::Token(event) => {
+                if let Token::Pixel(_, RowState::Damaged) | Token::RowCut(_) = event {
                     self.dropped.count(Reason::Image);
                 }
                 Some(event)
@@ -564,7 +573,7 @@ impl Parser {
                 if !intact {
                     self.dropped.count(Reason::Image);
                 }
-                self.deliver(Event::ImageEnd { rows, intact })
+                self.deliver(Token::ImageEnd { rows, intact })
             }
             image::Step::EndBefore { rows } => {
                 self.dropped.count(Reason::Image);
@@ -572,7 +581,7 @@ impl Parser {
                 self.held = 1;
                 // Whatever begins here goes on; the event that is due is the end of the image.
                 let _ = self.junk(byte);
-                Some(Event::ImageEnd {
+                Some(Token::ImageEnd {
                     rows,
                     intact: false,
                 })
