@@ -238,6 +238,33 @@ fn two_networks_of_one_identifier_part() {
     assert_delivers(&mut aether, 0, 1);
 }
 
+#[test]
+fn a_beacon_answers_a_request_to_everybody() {
+    let mut aether = Aether::new(0.0, 1);
+    aether.add(0, key(1));
+    aether.run(5 * SECOND);
+    let everybody = Address::Short(ShortAddress::BROADCAST);
+    let own = pan(&aether, 0).unwrap();
+    for (to, beacons) in [
+        (Panned::new(PanId::BROADCAST, everybody), 1),
+        (Panned::new(own, everybody), 0),
+        (Panned::new(own, Address::Short(ShortAddress(0))), 0),
+    ] {
+        let header = Header {
+            destination: to,
+            ..Header::new(FrameType::Command, 1)
+        };
+        let mut frame = [0; FRAME_MAX];
+        let len = header.emit(&mut frame).unwrap();
+        frame[len] = 7;
+        aether.heard.clear();
+        let now = aether.now;
+        aether.stations[0].node.handle(now, &mut frame[..=len]);
+        aether.run(SECOND);
+        assert_eq!(aether.heard.len(), beacons, "{to:?}");
+    }
+}
+
 /// Whoever forges beacons makes the identifier change once a minute, and no more.
 #[test]
 fn forged_beacons_change_the_identifier_once_a_minute() {
