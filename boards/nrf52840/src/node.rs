@@ -11,7 +11,7 @@ use board_support::{
     tasks::spawn,
 };
 use defmt_rtt as _;
-use embassy_executor::Spawner;
+use embassy_executor::{Executor, Spawner};
 use embassy_nrf::{
     gpio::{Input, Output},
     nvmc::Nvmc,
@@ -51,8 +51,15 @@ impl Hardware for Board {
     type Observer = ();
 }
 
-#[embassy_executor::main]
-async fn main(spawner: Spawner) {
+#[cortex_m_rt::entry]
+fn main() -> ! {
+    static EXECUTOR: StaticCell<Executor> = StaticCell::new();
+    let executor = EXECUTOR.init(Executor::new());
+    executor.run(|spawner| spawn(spawner, begin(spawner)))
+}
+
+#[embassy_executor::task]
+async fn begin(spawner: Spawner) {
     static SHARED: StaticCell<Shared> = StaticCell::new();
     static STEPS: StaticCell<Steps> = StaticCell::new();
     static PERIPHERALS: StaticCell<Option<Peripherals<Board>>> = StaticCell::new();

@@ -30,6 +30,10 @@
 #[cfg(test)]
 extern crate std;
 
+// What every image copies with.
+#[cfg(target_os = "none")]
+use memory_functions as _;
+
 pub mod clock;
 pub mod failure;
 pub mod flash;

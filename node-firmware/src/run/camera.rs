@@ -34,12 +34,13 @@ pub(super) async fn run<H: Hardware>(
 ) -> LogError<FlashError<H>> {
     let clock = services.clock;
     let channels = DeviceChannels::new();
-    let mut role = CameraRole::new(id, config.clone());
-    let driver = AnyDriver::Camera(RoleDriver::new(&mut role, &channels));
+    let mut role = None;
+    let role = new_role(&mut role, id, config);
+    let driver = AnyDriver::Camera(RoleDriver::new(role, &channels));
     let driven = drive(driver, services);
     let cmucam2 = Cmucam2::new(uart, ClockDelay(clock));
     let camera = Cmucam2BlobCamera::new(cmucam2, config.cmucam2());
-    let device = CameraDevice {
+    let mut device = CameraDevice {
         camera,
         config,
         optics,
@@ -60,6 +61,16 @@ pub(super) async fn run<H: Hardware>(
     }
 }
 
+/// Where it is made it is on the stack once more.
+#[inline(never)] // stack
+fn new_role<'a>(
+    role: &'a mut Option<CameraRole>,
+    id: u16,
+    config: &CameraConfig,
+) -> &'a mut CameraRole {
+    role.insert(CameraRole::new(id, config.clone()))
+}
+
 /// The camera, and what it looks for.
 struct CameraDevice<'a, K, C> {
     camera: K,
@@ -72,7 +83,7 @@ struct CameraDevice<'a, K, C> {
 
 impl<K: BlobCamera, C: Clock> CameraDevice<'_, K, C> {
     async fn serve(
-        mut self,
+        &mut self,
         tasks: Tasks<'_, CameraTask>,
         events: Events<'_, CameraEvent>,
     ) -> Infallible {

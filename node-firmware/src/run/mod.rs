@@ -19,12 +19,11 @@ mod coordinator;
 mod drive;
 mod moving_target;
 mod outlined;
+mod shared_flash;
 
 use core::{fmt, ops::Range, pin::pin};
 
-use embassy_embedded_hal::flash::partition::{self, Partition};
 use embassy_futures::select::{Either, select};
-use embassy_sync::{blocking_mutex::raw::NoopRawMutex, mutex::Mutex};
 use embedded_hal_async::delay::DelayNs;
 use embedded_storage_async::nor_flash::{ErrorType, NorFlash};
 use flash_log::LogError;
@@ -37,7 +36,11 @@ use zigbee_link::{
     wire::Eui64,
 };
 
-use self::{drive::Services, outlined::Outlined};
+use self::{
+    drive::Services,
+    outlined::Outlined,
+    shared_flash::{FlashUser, SharedFlash},
+};
 use crate::{
     config::{CheckedConfig, RoleConfig},
     facts::FactStore,
@@ -53,14 +56,14 @@ const QUEUE: usize = 4;
 /// What the link and the role share.
 type SharedNode<'a, H> = Shared<&'a <H as Hardware>::Clock, PEERS, QUEUE, MEMBERS>;
 
-/// One of the two parts of the flash.
-type FlashPart<'a, H> = Partition<'a, NoopRawMutex, <H as Hardware>::Flash>;
+/// The flash for one of its two logs.
+type FlashPart<'a, H> = FlashUser<'a, <H as Hardware>::Flash>;
 
 /// How the radio fails.
 pub type RadioError<H> = <<H as Hardware>::Radio as Radio>::Error;
 
-/// How a part of the flash fails.
-pub type FlashError<H> = partition::Error<<<H as Hardware>::Flash as ErrorType>::Error>;
+/// How the flash fails.
+pub type FlashError<H> = <<H as Hardware>::Flash as ErrorType>::Error;
 
 /// Why a node cannot go on.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -116,18 +119,12 @@ pub async fn run<H: Hardware>(
         extended,
         seed,
     } = peripherals;
-    let flash = Mutex::<NoopRawMutex, H::Flash>::new(flash);
-    let part = |range: &Range<u32>| {
-        let size = range.end.saturating_sub(range.start);
-        (Partition::new(&flash, range.start, size), 0..size)
-    };
-    let (link_flash, link_range) = part(&layout.link);
-    let (memory_flash, memory_range) = part(&layout.facts);
+    let flash = SharedFlash::new(flash);
 
     let extended = config.extended().unwrap_or(extended);
     let facts = Outlined(pin!(FactStore::open(
-        memory_flash,
-        memory_range,
+        flash.user(),
+        layout.facts,
         config.owner()
     )))
     .await;
@@ -139,7 +136,7 @@ pub async fn run<H: Hardware>(
     let store = Outlined(pin!(open_store(
         config,
         extended,
-        (link_flash, link_range),
+        (flash.user(), layout.link),
         &mut facts,
         &mut members
     )))
