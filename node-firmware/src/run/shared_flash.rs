@@ -91,8 +91,8 @@ impl<F: ReadNorFlash> ReadNorFlash for FlashUser<'_, F> {
     }
 
     fn capacity(&self) -> usize {
-        // Nobody asks while an operation is under way.
         let flash = self.0.flash.try_borrow();
+        debug_assert!(flash.is_ok(), "asked while an operation is under way");
         flash.map_or(0, |flash| flash.capacity())
     }
 }
