@@ -1,0 +1,263 @@
+//! Where the passes begin: closed forms, no guess.
+//!
+//! What the two references saw together gives their headings and the place of one stop
+//! ([`reference`](crate::reference)); dead reckoning gives all other stops. Both solutions of a
+//! pair of circles are tried where the reference solve cannot tell them apart.
+
+use nalgebra::{Matrix2, Point2, Vector2};
+
+use super::{
+    JointError,
+    problem::{Common, Problem, Sight, Standing},
+};
+use crate::{
+    Ray, Real, Refusal, angle,
+    fit::{Fit, one_in_a_thousand},
+    plane::quarter_turn,
+    real::lit,
+    reference::{self, Known, Settings, Solution, Stop},
+};
+
+/// Stops seen by both references that a start takes, at least: with two there are two answers.
+pub(super) const LEAST: usize = 3;
+/// And at most: more add nothing to a start.
+const MOST: usize = 16;
+/// A prior sigma of scale, or of the compass in radians, from which on a start does without: the
+/// references' own sightings have to tell it.
+const VAGUE: f64 = 0.3;
+
+/// One answer of the reference solve.
+#[derive(Clone, Copy)]
+struct Start<T: Real> {
+    headings: [T; 2],
+    carrier: Vector2<T>,
+    /// Where the target was at this stop.
+    stop: usize,
+    place: Point2<T>,
+    /// Chi squared.
+    cost: T,
+}
+
+impl<T: Real> Problem<'_, T> {
+    /// Headings of the references, and places of all stops.
+    ///
+    /// # Errors
+    /// [`JointError::Start`]: why the references' own sightings do not carry a start.
+    // Not inlined: size
+    #[inline(never)]
+    pub(super) fn start(&mut self) -> Result<(), JointError> {
+        self.common.carrier =
+            Vector2::new(self.common.scale_prior.mean, self.common.compass_prior.mean);
+        for camera in self.cameras.iter_mut() {
+            camera.column = None;
+        }
+        let (mut best, alternative) = self.proposals()?;
+        best.cost = self.try_out(&best)?;
+        if let Some(other) = alternative
+            && let Ok(cost) = self.try_out(&other)
+        {
+            // The better one may not be the one that the reference solve took for it: that one
+            // does not know the chain of legs.
+            let other = Start { cost, ..other };
+            if (other.cost - best.cost).abs() < one_in_a_thousand(1) {
+                return Err(JointError::Start(Refusal::Undetermined));
+            }
+            if other.cost < best.cost {
+                best = other;
+            }
+            self.try_out(&best)?;
+        }
+        for mark in 0..self.marks.len() {
+            self.find_mark(mark);
+        }
+        let fit = Fit {
+            chi_squared: best.cost,
+            degrees_of_freedom: self.redundancy(),
+        };
+        if fit.is_bad() {
+            return Err(JointError::Start(Refusal::Inconsistent));
+        }
+        Ok(())
+    }
+
+    /// Passes over the references' bearings alone. Tells chi squared.
+    fn try_out(&mut self, start: &Start<T>) -> Result<T, JointError> {
+        self.common.carrier = start.carrier;
+        for (camera, heading) in self.cameras.iter_mut().zip(start.headings) {
+            camera.value.z = heading;
+        }
+        self.reckon(start.stop, start.place);
+        let (cost, _) = self.converge().map_err(JointError::Start)?;
+        // In front of both, or it is the wrong one of two solutions.
+        let quarter = T::frac_pi_2();
+        let behind = |sight: &Sight<T>| {
+            let row = self.sight_row(sight);
+            row.is_some_and(|row| !((row.residual * sight.sigma).abs() < quarter))
+        };
+        if self
+            .sights
+            .iter()
+            .filter(|s| s.standing == Standing::Counts)
+            .any(behind)
+        {
+            return Err(JointError::Start(Refusal::TargetBehind));
+        }
+        Ok(cost)
+    }
+
+    /// All stops by dead reckoning from one.
+    fn reckon(&mut self, from: usize, place: Point2<T>) {
+        let mut at = place;
+        for stop in from..self.stops.len() {
+            if stop > from {
+                at += self.way_to(stop);
+            }
+            self.put(stop, at);
+        }
+        at = place;
+        for stop in (0..from).rev() {
+            at -= self.way_to(stop + 1);
+            self.put(stop, at);
+        }
+    }
+
+    /// The place of a new stop, by dead reckoning from the one before.
+    pub(super) fn reckon_on(&mut self, stop: usize) {
+        let before = stop
+            .checked_sub(1)
+            .and_then(|before| self.stops.get(before));
+        if let Some(place) = before.map(|before| before.place) {
+            let at = place + self.way_to(stop);
+            self.put(stop, at);
+        }
+    }
+
+    /// Puts a mark where it was visited first.
+    pub(super) fn find_mark(&mut self, mark: usize) {
+        let visit = { self.visits.iter() }.find(|visit| usize::from(visit.mark) == mark);
+        let stop = visit.and_then(|visit| self.stops.get(usize::from(visit.stop)));
+        if let (Some(stop), Some(mark)) = (stop, self.marks.get_mut(mark)) {
+            (mark.value.x, mark.value.y) = (stop.place.x, stop.place.y);
+        }
+    }
+
+    fn way_to(&self, stop: usize) -> Vector2<T> {
+        let stop = self.stops.get(stop);
+        stop.map_or_else(Vector2::zeros, |stop| self.true_way(stop.displacement))
+    }
+
+    fn put(&mut self, stop: usize, place: Point2<T>) {
+        if let Some(stop) = self.stops.get_mut(stop) {
+            stop.place = place;
+        }
+    }
+
+    /// What the reference solve says: its best answer, and the one it cannot tell from it.
+    // Not inlined: stack
+    #[inline(never)]
+    fn proposals(&self) -> Result<(Start<T>, Option<Start<T>>), JointError> {
+        let (mut stops, mut count, mut first) = ([Self::nowhere(); MOST], 0, 0);
+        let mut since = Self::nowhere();
+        for number in 0..self.stops.len() {
+            let connected = self.add_leg(number, &mut since);
+            if !connected && count > 0 {
+                if count >= LEAST {
+                    break;
+                }
+                count = 0;
+            }
+            let (Some(own), Some(other)) = (self.seen_by(number, 0), self.seen_by(number, 1))
+            else {
+                continue;
+            };
+            let Some(stop) = stops.get_mut(count) else {
+                break;
+            };
+            *stop = Stop {
+                rays: [own, other].map(|(bearing, _)| Ray::from_bearing(bearing)),
+                bearing_sigmas: [own, other].map(|(_, sigma)| sigma),
+                ..since
+            };
+            if count == 0 {
+                first = number;
+            }
+            since = Self::nowhere();
+            count += 1;
+        }
+        let too_few = JointError::Start(Refusal::TooFew);
+        let stops = { stops.get(..count) }
+            .filter(|stops| stops.len() >= LEAST)
+            .ok_or(too_few)?;
+        let Common {
+            baseline,
+            scale_prior,
+            compass_prior,
+            ..
+        } = *self.common;
+        let known = Known {
+            baseline: (scale_prior.sigma < lit(VAGUE)).then_some(baseline),
+            frame_heading: (compass_prior.sigma < lit(VAGUE)).then_some(T::zero()),
+        };
+        let outcome = reference::solve(stops, &known, &Settings::default());
+        let outcome = outcome.map_err(JointError::Start)?;
+        let start = |solution: &Solution<T>| {
+            // The baseline as the carrier would measure it, over its length.
+            let stretch = solution.baseline / baseline;
+            Start {
+                headings: solution.headings,
+                carrier: Vector2::new(
+                    scale_prior.mean * stretch,
+                    angle::wrap_signed(compass_prior.mean - solution.frame_heading),
+                ),
+                stop: first,
+                place: solution.first_stop / stretch,
+                cost: solution.chi_squared,
+            }
+        };
+        let alternative = outcome.alternative.as_ref().map(start);
+        Ok((start(&outcome.best), alternative))
+    }
+
+    fn nowhere() -> Stop<T> {
+        Stop {
+            rays: [Ray::from_bearing(T::zero()); 2],
+            bearing_sigmas: [T::one(); 2],
+            displacement: Vector2::zeros(),
+            displacement_covariance: Matrix2::zeros(),
+        }
+    }
+
+    /// Adds the leg to a stop, with what is not known of the carrier; whether there is one.
+    fn add_leg(&self, number: usize, since: &mut Stop<T>) -> bool {
+        let Some(stop) = self.stops.get(number).filter(|_| number > 0) else {
+            return false;
+        };
+        let [w11, w21, w22] = stop.root;
+        if !(w11 > T::zero()) {
+            *since = Self::nowhere();
+            return false;
+        }
+        let scale = self.common.scale_prior;
+        let columns = [
+            Vector2::new(w11.recip(), -w21 / (w11 * w22)),
+            Vector2::new(T::zero(), w22.recip()),
+            stop.displacement * (scale.sigma.min(lit(VAGUE)) / scale.mean),
+            quarter_turn(stop.displacement) * self.common.compass_prior.sigma.min(lit(VAGUE)),
+        ];
+        for column in columns {
+            let turned = self.true_way(column);
+            since.displacement_covariance += turned * turned.transpose();
+        }
+        since.displacement += self.true_way(stop.displacement);
+        true
+    }
+
+    fn seen_by(&self, stop: usize, camera: usize) -> Option<(T, T)> {
+        let sight = self.sights.iter().find(|sight| {
+            usize::from(sight.stop) == stop
+                && usize::from(sight.camera) == camera
+                && sight.standing == Standing::Counts
+        })?;
+        Some((sight.bearing, sight.sigma))
+    }
+}

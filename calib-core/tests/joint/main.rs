@@ -1,0 +1,4 @@
+//! Joint estimation against walks whose truth is known, and against a dense batch adjustment.
+
+mod batch;
+mod support;
