@@ -7,7 +7,7 @@
 use nalgebra::{Matrix2, Point2, Vector2};
 
 use super::{
-    JointError,
+    JointError, Prior,
     problem::{Common, Problem, Sight, Standing},
 };
 use crate::{
@@ -46,48 +46,81 @@ impl<T: Real> Problem<'_, T> {
     // Not inlined: size
     #[inline(never)]
     pub(super) fn start(&mut self) -> Result<(), JointError> {
-        self.common.carrier =
-            Vector2::new(self.common.scale_prior.mean, self.common.compass_prior.mean);
         for camera in self.cameras.iter_mut() {
             camera.column = None;
         }
-        let (mut best, alternative) = self.proposals()?;
+        let Common {
+            baseline,
+            scale_prior,
+            compass_prior,
+            ..
+        } = *self.common;
+        let is_known = |prior: Prior<T>| prior.sigma < lit(VAGUE);
+        // A carrier far off its priors has its own sightings against it: they tell scale and
+        // compass too.
+        let mut failure = None;
+        for [takes_scale, takes_compass] in [[true, true], [false, true], [true, false], [false; 2]]
+        {
+            if (takes_scale && !is_known(scale_prior))
+                || (takes_compass && !is_known(compass_prior))
+            {
+                continue;
+            }
+            match self.start_from(&Known {
+                baseline: takes_scale.then_some(baseline),
+                frame_heading: takes_compass.then_some(T::zero()),
+            }) {
+                Ok(()) => return Ok(()),
+                // The reason that holds for what is known.
+                Err(why) => failure = failure.or(Some(why)),
+            }
+        }
+        Err(JointError::Start(failure.unwrap_or(Refusal::TooFew)))
+    }
+
+    fn start_from(&mut self, known: &Known<T>) -> Result<(), Refusal> {
+        self.forget_carrier();
+        let (mut best, alternative) = self.proposals(known)?;
         best.cost = self.try_out(&best)?;
         if let Some(other) = alternative
             && let Ok(cost) = self.try_out(&other)
         {
-            // The better one may not be the one that the reference solve took for it: that one
-            // does not know the chain of legs.
-            let other = Start { cost, ..other };
-            if (other.cost - best.cost).abs() < one_in_a_thousand(1) {
-                return Err(JointError::Start(Refusal::Undetermined));
+            // The better one may not be the one that the reference solve took for it, which does
+            // not know how legs add up.
+            if (cost - best.cost).abs() < one_in_a_thousand(1) {
+                return Err(Refusal::Undetermined);
             }
-            if other.cost < best.cost {
-                best = other;
+            if cost < best.cost {
+                best = Start { cost, ..other };
             }
             self.try_out(&best)?;
-        }
-        for mark in 0..self.marks.len() {
-            self.find_mark(mark);
         }
         let fit = Fit {
             chi_squared: best.cost,
             degrees_of_freedom: self.redundancy(),
         };
         if fit.is_bad() {
-            return Err(JointError::Start(Refusal::Inconsistent));
+            return Err(Refusal::Inconsistent);
+        }
+        for mark in 0..self.marks.len() {
+            self.find_mark(mark);
         }
         Ok(())
     }
 
+    fn forget_carrier(&mut self) {
+        let common = &mut *self.common;
+        common.carrier = Vector2::new(common.scale_prior.mean, common.compass_prior.mean);
+    }
+
     /// Passes over the references' bearings alone. Tells chi squared.
-    fn try_out(&mut self, start: &Start<T>) -> Result<T, JointError> {
+    fn try_out(&mut self, start: &Start<T>) -> Result<T, Refusal> {
         self.common.carrier = start.carrier;
         for (camera, heading) in self.cameras.iter_mut().zip(start.headings) {
             camera.value.z = heading;
         }
         self.reckon(start.stop, start.place);
-        let (cost, _) = self.converge().map_err(JointError::Start)?;
+        let (cost, _) = self.converge()?;
         // In front of both, or it is the wrong one of two solutions.
         let quarter = T::frac_pi_2();
         let behind = |sight: &Sight<T>| {
@@ -100,7 +133,7 @@ impl<T: Real> Problem<'_, T> {
             .filter(|s| s.standing == Standing::Counts)
             .any(behind)
         {
-            return Err(JointError::Start(Refusal::TargetBehind));
+            return Err(Refusal::TargetBehind);
         }
         Ok(cost)
     }
@@ -155,7 +188,7 @@ impl<T: Real> Problem<'_, T> {
     /// What the reference solve says: its best answer, and the one it cannot tell from it.
     // Not inlined: stack
     #[inline(never)]
-    fn proposals(&self) -> Result<(Start<T>, Option<Start<T>>), JointError> {
+    fn proposals(&self, known: &Known<T>) -> Result<(Start<T>, Option<Start<T>>), Refusal> {
         let (mut stops, mut count, mut first) = ([Self::nowhere(); MOST], 0, 0);
         let mut since = Self::nowhere();
         for number in 0..self.stops.len() {
@@ -184,22 +217,16 @@ impl<T: Real> Problem<'_, T> {
             since = Self::nowhere();
             count += 1;
         }
-        let too_few = JointError::Start(Refusal::TooFew);
         let stops = { stops.get(..count) }
             .filter(|stops| stops.len() >= LEAST)
-            .ok_or(too_few)?;
+            .ok_or(Refusal::TooFew)?;
         let Common {
             baseline,
             scale_prior,
             compass_prior,
             ..
         } = *self.common;
-        let known = Known {
-            baseline: (scale_prior.sigma < lit(VAGUE)).then_some(baseline),
-            frame_heading: (compass_prior.sigma < lit(VAGUE)).then_some(T::zero()),
-        };
-        let outcome = reference::solve(stops, &known, &Settings::default());
-        let outcome = outcome.map_err(JointError::Start)?;
+        let outcome = reference::solve(stops, known, &Settings::default())?;
         let start = |solution: &Solution<T>| {
             // The baseline as the carrier would measure it, over its length.
             let stretch = solution.baseline / baseline;

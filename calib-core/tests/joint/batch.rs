@@ -6,7 +6,7 @@ use test_support::{
     walk::{Batch, CarrierErrors, Visited, Walk},
 };
 
-use crate::support::{Joint, MARKS, WIDE, filled, prior};
+use crate::support::{Joint, WIDE, add, filled, prior};
 
 const CASES: [(&str, CarrierErrors); 3] = [
     ("unknown carrier", CarrierErrors::UNKNOWN),
@@ -76,5 +76,80 @@ fn equals_the_dense_batch() {
                 solution.cameras
             );
         }
+    }
+}
+
+/// A target that walks past a mark again: the loop that it closes is one more measurement.
+#[test]
+fn equals_the_dense_batch_with_closed_loops() {
+    let errors = CarrierErrors::UNKNOWN;
+    for seed in 0..6 {
+        let mut walk = Walk::random(&mut generator(seed), 7, 16, errors, 0.0024);
+        let open = Batch::solve(&walk, prior(&errors), |_| false).unwrap();
+        // Stops 3 and 11 are one place up to a hundredth, 5 is a mark that is visited once.
+        walk.places[11] = walk.places[3];
+        let (cameras, places) = (walk.cameras.clone(), walk.places.clone());
+        walk = Walk::measured(&mut generator(seed), cameras, places, errors, 0.0024);
+        for (stop, mark) in [(3, 0), (5, 1), (11, 0)] {
+            let sigma = 0.01;
+            walk.visits.push(Visited { stop, mark, sigma });
+        }
+        let mut joint = filled::<f64>(&walk, WIDE);
+        joint.solve().unwrap();
+        let (worst, worst_sigma) = off(&mut joint, &walk);
+        assert!(
+            worst < 1e-3 && worst_sigma < 1e-3,
+            "{seed}: {worst:e}, {worst_sigma:e}"
+        );
+        let closed = joint.place(11).unwrap().covariance.m11;
+        assert!(
+            closed < open.stop(11).1.m11,
+            "{seed}: a closed loop tells something"
+        );
+    }
+}
+
+/// Single precision, as on a node: in posterior sigmas.
+#[test]
+fn single_precision_is_as_good() {
+    for (name, errors) in CASES {
+        let (mut worst, mut worst_sigma) = (0.0_f64, 0.0_f64);
+        for seed in 0..12 {
+            let walk = Walk::random(&mut generator(seed), 9, 32, errors, 0.0024);
+            let mut joint = filled::<f32>(&walk, WIDE);
+            joint.solve().unwrap();
+            let (off, off_sigma) = off(&mut joint, &walk);
+            worst = worst.max(off);
+            worst_sigma = worst_sigma.max(off_sigma);
+        }
+        std::println!("{name}: {worst:e} sigma, sigmas {worst_sigma:e}");
+        assert!(worst < 0.03, "{name}: {worst:e} sigma off");
+        assert!(worst_sigma < 0.003, "{name}: sigmas {worst_sigma:e} off");
+    }
+}
+
+/// Stop after stop, as a node does, ends where all at once ends.
+#[test]
+fn the_way_there_does_not_matter() {
+    for seed in 0..8 {
+        let walk = Walk::random(&mut generator(seed), 9, 20, CarrierErrors::UNKNOWN, 0.0024);
+        let empty = Walk {
+            places: Vec::new(),
+            ..walk.clone()
+        };
+        let mut joint = filled::<f64>(&empty, WIDE);
+        for stop in 0..walk.places.len() {
+            add(&mut joint, &walk, stop);
+            let solved = joint.solve();
+            assert!(
+                solved.is_ok() || stop < 4,
+                "{seed}, stop {stop}: {solved:?}"
+            );
+        }
+        let (worst, worst_sigma) = off(&mut joint, &walk);
+        assert!(
+            worst < 1e-3 && worst_sigma < 1e-3,
+            "{seed}: {worst:e}, {worst_sigma:e}"
+        );
     }
 }
