@@ -278,7 +278,7 @@ impl Batch {
         };
         for _ in 0..30 {
             let (normal, gradient, _) = system.normal_equations(&x);
-            let step = solve(&normal, &gradient)?;
+            let step = Factor::new(&normal)?.solve(&gradient);
             x.iter_mut().zip(&step).for_each(|(x, s)| *x -= s);
             if step.iter().all(|s| s.abs() < 1e-11) {
                 break;
@@ -286,10 +286,11 @@ impl Batch {
         }
         let (normal, _, chi_squared) = system.normal_equations(&x);
         let mut covariance = Vec::new();
+        let factor = Factor::new(&normal)?;
         for n in 0..x.len() {
             let mut unit = vec![0.0; x.len()];
             unit[n] = 1.0;
-            covariance.push(solve(&normal, &unit)?);
+            covariance.push(factor.solve(&unit));
         }
         Some(Self {
             x,
@@ -408,33 +409,45 @@ impl System<'_> {
     }
 }
 
-/// Symmetric positive definite equations, scaled to a unit diagonal (Cholesky).
-fn solve(matrix: &[Vec<f64>], right: &[f64]) -> Option<Vec<f64>> {
-    let n = right.len();
-    let scale: Vec<f64> = (0..n).map(|i| matrix[i][i].sqrt().recip()).collect();
-    let mut l = vec![vec![0.0; n]; n];
-    for i in 0..n {
-        for j in 0..=i {
-            let known: f64 = (0..j).map(|k| l[i][k] * l[j][k]).sum();
-            let rest = matrix[i][j] * scale[i] * scale[j] - known;
-            if i == j {
-                if !(rest > 1e-13) {
-                    return None;
+/// The root of symmetric positive definite equations, scaled to a unit diagonal (Cholesky).
+struct Factor {
+    scale: Vec<f64>,
+    l: Vec<Vec<f64>>,
+}
+
+impl Factor {
+    fn new(matrix: &[Vec<f64>]) -> Option<Self> {
+        let n = matrix.len();
+        let scale: Vec<f64> = (0..n).map(|i| matrix[i][i].sqrt().recip()).collect();
+        let mut l = vec![vec![0.0; n]; n];
+        for i in 0..n {
+            for j in 0..=i {
+                let known: f64 = (0..j).map(|k| l[i][k] * l[j][k]).sum();
+                let rest = matrix[i][j] * scale[i] * scale[j] - known;
+                if i == j {
+                    if !(rest > 1e-13) {
+                        return None;
+                    }
+                    l[i][i] = rest.sqrt();
+                } else {
+                    l[i][j] = rest / l[j][j];
                 }
-                l[i][i] = rest.sqrt();
-            } else {
-                l[i][j] = rest / l[j][j];
             }
         }
+        Some(Self { scale, l })
     }
-    let mut x: Vec<f64> = (0..n).map(|i| right[i] * scale[i]).collect();
-    for i in 0..n {
-        let known: f64 = (0..i).map(|k| l[i][k] * x[k]).sum();
-        x[i] = (x[i] - known) / l[i][i];
+
+    fn solve(&self, right: &[f64]) -> Vec<f64> {
+        let (n, l) = (right.len(), &self.l);
+        let mut x: Vec<f64> = (0..n).map(|i| right[i] * self.scale[i]).collect();
+        for i in 0..n {
+            let known: f64 = (0..i).map(|k| l[i][k] * x[k]).sum();
+            x[i] = (x[i] - known) / l[i][i];
+        }
+        for i in (0..n).rev() {
+            let known: f64 = (i + 1..n).map(|k| l[k][i] * x[k]).sum();
+            x[i] = (x[i] - known) / l[i][i];
+        }
+        (0..n).map(|i| x[i] * self.scale[i]).collect()
     }
-    for i in (0..n).rev() {
-        let known: f64 = (i + 1..n).map(|k| l[k][i] * x[k]).sum();
-        x[i] = (x[i] - known) / l[i][i];
-    }
-    Some((0..n).map(|i| x[i] * scale[i]).collect())
 }
