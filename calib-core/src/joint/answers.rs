@@ -4,7 +4,7 @@ use nalgebra::{Point2, SMatrix};
 
 use super::{
     Carrier, Place, ReferenceHeadings,
-    problem::{COMPASS, HEADINGS, HELD, Problem, SCALE, Standing},
+    problem::{COMPASS, HEADINGS, HELD, Problem, SCALE, Standing, Stop},
     sweep::Without,
     triangle::Triangle,
 };
@@ -97,10 +97,14 @@ impl<T: Real> Problem<'_, T> {
 
     /// Measurements beyond the unknowns.
     pub(super) fn redundancy(&self) -> usize {
-        let sights = self.sights.iter().filter(|sight| {
-            sight.standing == Standing::Counts && self.is_estimated(usize::from(sight.camera))
+        let sights = self
+            .sights
+            .iter()
+            .filter(|sight| sight.standing == Standing::Counts && self.sight_row(sight).is_some());
+        let legs = (1..self.stops.len()).filter(|&stop| {
+            let counts = |stop: &Stop<T>| stop.standing == Standing::Counts;
+            self.stops.get(stop).is_some_and(counts) && self.leg_rows(stop).is_some()
         });
-        let legs = (1..self.stops.len()).filter(|&stop| self.leg_rows(stop).is_some());
         // The carrier's priors are as many as its unknowns.
         let rows = sights.count() + 2 * (legs.count() + self.visits.len());
         let cameras = self.cameras.iter().filter(|c| c.column.is_some()).count();

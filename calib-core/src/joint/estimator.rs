@@ -3,8 +3,8 @@
 use nalgebra::{Point2, Vector2, Vector3};
 
 use super::{
-    BearingResidual, Carrier, JointError, JointSettings, JointSolution, Leg, LegResidual, Place,
-    ReferenceHeadings,
+    BearingResidual, Carrier, Finding, JointError, JointSettings, JointSolution, Leg, LegResidual,
+    Place, Protection, ReferenceHeadings,
     problem::{
         Common, Problem, REFERENCES, Sight, Standing, Stop, Unknown, Visit, root_information,
         workspace,
@@ -61,10 +61,6 @@ impl<V: Copy, const N: usize> List<V, N> {
         Ok(index)
     }
 
-    fn all(&self) -> &[V] {
-        self.values.get(..self.len).unwrap_or_default()
-    }
-
     fn all_mut(&mut self) -> &mut [V] {
         self.values.get_mut(..self.len).unwrap_or_default()
     }
@@ -107,6 +103,7 @@ impl<
             column: None,
             tried: 0,
             is_new: false,
+            protection: Protection::default(),
         };
         let visit = Visit {
             stop: 0,
@@ -122,6 +119,7 @@ impl<
                 carrier_step: Vector2::zeros(),
                 leg_factor: T::one(),
                 held: None,
+                window: [0, u16::MAX],
             },
             limits,
             is_started: false,
@@ -238,6 +236,50 @@ impl<
         }
         let settled = self.problem().settle(&limits);
         settled.map_err(JointError::Solve)
+    }
+
+    /// Looks for the measurement that contradicts the others most: a bearing, a leg, or all that a
+    /// camera has seen since some stop. If chance does so only once in 100,000 it is left out, and
+    /// everything solved again. `None` if nothing contradicts. To be called until then, some times
+    /// at most; takes a pass for each stop, and more where a camera is under suspicion.
+    ///
+    /// # Errors
+    /// [`JointError::Solve`]; with [`Refusal::TooFew`] before the first solve.
+    pub fn check(&mut self) -> Result<Option<Finding<T>>, JointError> {
+        let limits = self.limits;
+        let checked = { self.solved() }.and_then(|mut problem| problem.check(&limits));
+        checked.map_err(JointError::Solve)
+    }
+
+    /// Estimates by how much the legs err more, or less, than they claim, and solves again with that.
+    /// A claim weighs as much as six residuals. Tells the factor of the sigmas, which stays.
+    ///
+    /// # Errors
+    /// As [`check`](JointEstimator::check).
+    pub fn fit_leg_noise(&mut self) -> Result<T, JointError> {
+        let limits = self.limits;
+        let fitted = { self.solved() }.and_then(|mut problem| problem.fit_leg_noise(&limits));
+        fitted.map_err(JointError::Solve)
+    }
+
+    /// Computes the protection levels of all cameras, which [`protection`](JointEstimator::protection)
+    /// then tells. A pass for each stop.
+    ///
+    /// # Errors
+    /// As [`check`](JointEstimator::check).
+    pub fn protect(&mut self) -> Result<(), JointError> {
+        let protected = self.solved().and_then(|mut problem| problem.protect());
+        protected.map_err(JointError::Solve)
+    }
+
+    /// How far a camera's pose may be off because of one wrong measurement that no test notices. As
+    /// [`protect`](JointEstimator::protect) found it; `None` for one without a pose, and references.
+    pub fn protection(&self, camera: usize) -> Option<Protection<T>> {
+        let camera = self
+            .cameras
+            .get(camera)
+            .filter(|camera| camera.column.is_some());
+        camera.map(|camera| camera.protection)
     }
 
     /// Where a camera stands and looks, from all measurements.

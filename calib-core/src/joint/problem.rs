@@ -4,12 +4,13 @@
 use nalgebra::{Matrix2, Point2, Vector2, Vector3};
 
 use super::{
-    Prior,
+    Prior, Protection,
     triangle::{Triangle, packed},
 };
 use crate::{
     Real, angle,
     plane::{self, dot, quarter_turn},
+    real::lit,
 };
 
 /// Cameras 0 and 1: they define the frame.
@@ -40,6 +41,9 @@ pub(super) const fn workspace(cameras: usize, marks: usize) -> usize {
     let width = width(cameras, marks);
     packed(width) + VECTORS * width
 }
+
+/// By how much an excluded leg's rows are shortened: it has 50 times its sigmas.
+const EXCLUDED_LEG: f64 = 0.02;
 
 /// A stop: how it was reached, and where it is thought to be.
 #[derive(Clone, Copy, Debug)]
@@ -102,6 +106,7 @@ pub(super) struct Unknown<T: Real> {
     pub tried: u16,
     /// It was taken in since the passes last came to an end.
     pub is_new: bool,
+    pub protection: Protection<T>,
 }
 
 /// What cannot be left out.
@@ -117,6 +122,8 @@ pub(super) struct Common<T: Real> {
     pub leg_factor: T,
     /// The stop that the triangle holds.
     pub held: Option<usize>,
+    /// First and last stop whose bearings are looked at: all of them but during a start.
+    pub window: [u16; 2],
 }
 
 /// The numbers of an estimator, whatever its capacities: the mathematics exists once for all of
@@ -210,7 +217,8 @@ impl<T: Real> Problem<'_, T> {
     /// A bearing's row; `None` if its camera is not estimated or the target is right on it.
     pub(super) fn sight_row(&self, sight: &Sight<T>) -> Option<SightRow<T>> {
         let camera = usize::from(sight.camera);
-        if !self.is_estimated(camera) {
+        let [first, last] = self.common.window;
+        if !self.is_estimated(camera) || sight.stop < first || sight.stop > last {
             return None;
         }
         let pose = self.camera(camera)?;
@@ -231,12 +239,19 @@ impl<T: Real> Problem<'_, T> {
 
     /// A leg's two rows: how the carrier would have measured the way between the two places, less
     /// how it did, whitened.
+    /// One that is excluded still ties its ends together, but loosely.
     pub(super) fn leg_rows(&self, later: usize) -> Option<[LegRow<T>; 2]> {
         let counts = self.stops.get(later)?.standing == Standing::Counts;
-        self.leg_rows_of(later).filter(|_| counts)
+        let weight = if counts { T::one() } else { lit(EXCLUDED_LEG) };
+        let rows = self.leg_rows_of(later)?;
+        Some(rows.map(|row| LegRow {
+            residual: row.residual * weight,
+            by_place: row.by_place * weight,
+            by_carrier: row.by_carrier * weight,
+        }))
     }
 
-    /// The same of a leg that may be excluded.
+    /// The same as they were measured, excluded or not.
     pub(super) fn leg_rows_of(&self, later: usize) -> Option<[LegRow<T>; 2]> {
         let stop = self.stops.get(later)?;
         let before = self.stops.get(later.checked_sub(1)?)?;

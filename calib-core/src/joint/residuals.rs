@@ -161,6 +161,20 @@ impl<T: Real> Problem<'_, T> {
                 back += 1;
             }
         }
+        for stop in 1..self.stops.len() {
+            let excluded =
+                { self.stops.get(stop) }.is_some_and(|stop| stop.standing == Standing::Excluded);
+            if !excluded {
+                continue;
+            }
+            let fits = self.leg_residual(stop).is_ok_and(|leg| {
+                leg.degrees_of_freedom > 0 && leg.chi_squared < lit(READMITTED * READMITTED)
+            });
+            if fits && let Some(stop) = self.stops.get_mut(stop) {
+                stop.standing = Standing::Counts;
+                back += 1;
+            }
+        }
         back
     }
 }

@@ -22,6 +22,10 @@ use crate::{
 pub(super) const LEAST: usize = 3;
 /// And at most: more add nothing to a start.
 const MOST: usize = 16;
+/// Stops of a start when all together contradict each other: with fewer it would not show.
+const WINDOW: usize = 5;
+/// All stops.
+const ALL: [u16; 2] = [0, u16::MAX];
 /// A prior sigma of scale, or of the compass in radians, from which on a start does without: the
 /// references' own sightings have to tell it.
 const VAGUE: f64 = 0.3;
@@ -39,7 +43,9 @@ struct Start<T: Real> {
 }
 
 impl<T: Real> Problem<'_, T> {
-    /// Headings of the references, and places of all stops.
+    /// Headings of the references, and places of all stops: from all that both references saw or, if
+    /// that contradicts itself, from any few stops in a row that agree. What is wrong elsewhere is
+    /// then found by those who look for it.
     ///
     /// # Errors
     /// [`JointError::Start`]: why the references' own sightings do not carry a start.
@@ -49,6 +55,37 @@ impl<T: Real> Problem<'_, T> {
         for camera in self.cameras.iter_mut() {
             camera.column = None;
         }
+        let mut started = self.start_within(ALL);
+        if let Err(Refusal::Inconsistent | Refusal::DidNotConverge) = started {
+            for first in 0..self.stops.len() {
+                let Some(window) = self.window(first) else {
+                    continue;
+                };
+                if self.start_within(window).is_ok() {
+                    started = Ok(());
+                    break;
+                }
+            }
+        }
+        self.common.window = ALL;
+        for mark in 0..self.marks.len() {
+            self.find_mark(mark);
+        }
+        started.map_err(JointError::Start)
+    }
+
+    /// A few common stops in a row from one on; `None` if it is none, or there are too few.
+    fn window(&self, first: usize) -> Option<[u16; 2]> {
+        let is_common =
+            |&stop: &usize| self.seen_by(stop, 0).is_some() && self.seen_by(stop, 1).is_some();
+        let mut common = (first..self.stops.len()).filter(is_common);
+        let begins = common.next() == Some(first);
+        let last = common.nth(WINDOW - 2).filter(|_| begins)?;
+        Some([u16::try_from(first).ok()?, u16::try_from(last).ok()?])
+    }
+
+    fn start_within(&mut self, window: [u16; 2]) -> Result<(), Refusal> {
+        self.common.window = window;
         let Common {
             baseline,
             scale_prior,
@@ -75,7 +112,7 @@ impl<T: Real> Problem<'_, T> {
                 Err(why) => failure = failure.or(Some(why)),
             }
         }
-        Err(JointError::Start(failure.unwrap_or(Refusal::TooFew)))
+        Err(failure.unwrap_or(Refusal::TooFew))
     }
 
     fn start_from(&mut self, known: &Known<T>) -> Result<(), Refusal> {
@@ -101,9 +138,6 @@ impl<T: Real> Problem<'_, T> {
         };
         if fit.is_bad() {
             return Err(Refusal::Inconsistent);
-        }
-        for mark in 0..self.marks.len() {
-            self.find_mark(mark);
         }
         Ok(())
     }
@@ -280,9 +314,11 @@ impl<T: Real> Problem<'_, T> {
     }
 
     fn seen_by(&self, stop: usize, camera: usize) -> Option<(T, T)> {
+        let [first, last] = self.common.window;
         let sight = self.sights.iter().find(|sight| {
             usize::from(sight.stop) == stop
                 && usize::from(sight.camera) == camera
+                && (first..=last).contains(&sight.stop)
                 && sight.standing == Standing::Counts
         })?;
         Some((sight.bearing, sight.sigma))

@@ -43,12 +43,6 @@ impl<'a, T: Real> Triangle<'a, T> {
         self.rows.get(begin..end).unwrap_or_default()
     }
 
-    pub(super) fn row_mut(&mut self, i: usize) -> &mut [T] {
-        let begin = self.begin(i);
-        let end = begin + self.width.saturating_sub(i);
-        self.rows.get_mut(begin..end).unwrap_or_default()
-    }
-
     /// Two rows, the first before the second.
     pub(super) fn two_rows_mut(&mut self, i: usize, j: usize) -> Option<(&mut [T], &mut [T])> {
         let (first, second) = (self.begin(i), self.begin(j));
@@ -178,6 +172,10 @@ fn rotate<T: Real>(own: &mut [T], row: &mut [T]) {
 
 #[cfg(test)]
 mod tests {
+    extern crate std;
+
+    use std::vec::Vec;
+
     use nalgebra::{SMatrix, SVector};
     use proptest::prelude::*;
 
@@ -195,7 +193,7 @@ mod tests {
 
             let mut store = [0.0; packed(5)];
             let mut triangle = Triangle::new(&mut store, 5).unwrap();
-            let mut left = 0.0;
+            let mut left = 0.0_f64;
             for row in rows.row_iter() {
                 let mut row: Vec<f64> = row.iter().copied().collect();
                 left += triangle.insert(&mut row).powi(2);

@@ -2,5 +2,6 @@
 
 mod batch;
 mod consistency;
+mod faults;
 mod geometry;
 mod support;
