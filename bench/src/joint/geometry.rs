@@ -65,7 +65,11 @@ impl Setting {
         Ok(Self {
             cameras: cameras.collect(),
             models: nodes.iter().map(|node| node.model).collect(),
-            places: target.stops.iter().map(|&place| frame.place(place)).collect(),
+            places: target
+                .stops
+                .iter()
+                .map(|&place| frame.place(place))
+                .collect(),
             seen,
         })
     }

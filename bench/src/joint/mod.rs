@@ -163,7 +163,13 @@ fn row(sheet: &mut Sheet, case: &Case) -> anyhow::Result<()> {
     for (n, quantity) in QUANTITIES.into_iter().enumerate() {
         let unit = if n == 2 { "deg" } else { case.unit };
         let rms = [&joint, &batch, &open].map(|errors| rms(errors, n));
-        sheet.estimate(&format!("rms {quantity}"), rms[0], unit, &case.rms[n], false);
+        sheet.estimate(
+            &format!("rms {quantity}"),
+            rms[0],
+            unit,
+            &case.rms[n],
+            false,
+        );
         let name = format!("rms {quantity}, batch optimum");
         sheet.estimate(&name, rms[1], unit, &Goal::None, false);
         let name = format!("rms {quantity}, one pass of open loop");
@@ -177,15 +183,24 @@ fn row(sheet: &mut Sheet, case: &Case) -> anyhow::Result<()> {
         let name = format!("NEES of cameras, {who} (3 is right)");
         sheet.estimate(&name, nees, "", &Goal::None, false);
     }
-    for (n, of) in ["reference headings (2 is right)", "carrier (2 is right)", "last stop (2 is right)"]
-        .into_iter()
-        .enumerate()
+    for (n, of) in [
+        "reference headings (2 is right)",
+        "carrier (2 is right)",
+        "last stop (2 is right)",
+    ]
+    .into_iter()
+    .enumerate()
     {
         let mean = started.iter().map(|run| run.nees[n]).sum::<f64>() / started.len() as f64;
         sheet.figure(&format!("NEES of {of}"), mean, "", &Goal::None);
     }
     let passes = started.iter().map(|run| run.passes).sum::<usize>() / started.len().max(1);
-    sheet.figure("passes of a solve from nothing", passes as f64, "", &Goal::None);
+    sheet.figure(
+        "passes of a solve from nothing",
+        passes as f64,
+        "",
+        &Goal::None,
+    );
     Ok(())
 }
 
@@ -214,7 +229,9 @@ fn runs(case: &Case) -> anyhow::Result<Vec<Run>> {
             })
             .collect();
         for worker in workers {
-            worker.join().map_err(|_| anyhow::anyhow!("a worker panicked"))??;
+            worker
+                .join()
+                .map_err(|_| anyhow::anyhow!("a worker panicked"))??;
         }
         anyhow::Ok(())
     })?;
@@ -247,7 +264,9 @@ fn mean(runs: &[&Errors], of: impl Fn(&Errors) -> f64) -> Estimate {
 }
 
 fn rms(runs: &[&Errors], quantity: usize) -> Estimate {
-    let square = mean(runs, |run| run.poses.iter().map(|pose| pose.0[quantity].powi(2)).sum());
+    let square = mean(runs, |run| {
+        run.poses.iter().map(|pose| pose.0[quantity].powi(2)).sum()
+    });
     let value = square.value.sqrt();
     Estimate {
         value,
@@ -265,13 +284,26 @@ fn memory(sheet: &mut Sheet) {
     type Thirty = JointEstimator<f32, 30, 100, 500, 0, { workspace(30, 0) }>;
     sheet.heading("Joint: static RAM on a node");
     for (name, cameras, bytes) in [
-        ("13 cameras, 100 stops, 200 bearings", 13, size_of::<Thirteen>()),
-        ("30 cameras, 100 stops, 500 bearings", 30, size_of::<Thirty>()),
+        (
+            "13 cameras, 100 stops, 200 bearings",
+            13,
+            size_of::<Thirteen>(),
+        ),
+        (
+            "30 cameras, 100 stops, 500 bearings",
+            30,
+            size_of::<Thirty>(),
+        ),
     ] {
         // Of 48 KiB that a node may have in all.
         let most = Goal::AtMost(if cameras == 13 { 20e3 } else { 40e3 });
         sheet.figure(name, bytes as f64, "bytes", &most);
         let workspace = 4.0 * workspace(cameras, 0) as f64;
-        sheet.figure(&format!("{name}: workspace"), workspace, "bytes", &Goal::None);
+        sheet.figure(
+            &format!("{name}: workspace"),
+            workspace,
+            "bytes",
+            &Goal::None,
+        );
     }
 }

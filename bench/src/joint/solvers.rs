@@ -90,14 +90,15 @@ fn nees(joint: &mut Joint, walk: &Walk) -> [f64; 3] {
         inverse.map_or(f64::NAN, |inverse| off.dot(&(inverse * off)))
     };
     let last = walk.places.len() - 1;
-    let (Ok(references), Ok(carrier), Ok(place)) =
-        (joint.reference_headings(), joint.carrier(), joint.place(last))
-    else {
+    let (Ok(references), Ok(carrier), Ok(place)) = (
+        joint.reference_headings(),
+        joint.carrier(),
+        joint.place(last),
+    ) else {
         return [f64::NAN; 3];
     };
-    let heading = |n: usize| {
-        degrees_off(references.headings[n].into(), walk.cameras[n].heading).to_radians()
-    };
+    let heading =
+        |n: usize| degrees_off(references.headings[n].into(), walk.cameras[n].heading).to_radians();
     let carrier_off = Vector2::new(
         f64::from(carrier.scale) - walk.carrier[0],
         f64::from(carrier.compass) - walk.carrier[1],
@@ -146,7 +147,12 @@ fn filled(walk: &Walk, limits: &Limits<f64>) -> Joint {
     }
     for seen in &walk.bearings {
         joint
-            .add_bearing(seen.stop, seen.camera, seen.bearing as f32, seen.sigma as f32)
+            .add_bearing(
+                seen.stop,
+                seen.camera,
+                seen.bearing as f32,
+                seen.sigma as f32,
+            )
             .expect("room for bearings");
     }
     joint
@@ -188,7 +194,9 @@ fn open_loop(walk: &Walk, limits: &Limits<f64>) -> Option<Errors> {
         baseline: Some(walk.cameras[1].x),
         frame_heading: Some(0.0),
     };
-    let best = reference::solve(&stops, &known, &Settings::default()).ok()?.best;
+    let best = reference::solve(&stops, &known, &Settings::default())
+        .ok()?
+        .best;
     let first = common[0];
     let shift = best.first_stop - reckoned[first];
     let mut errors = Errors::default();

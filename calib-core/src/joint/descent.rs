@@ -5,7 +5,7 @@
 
 use super::{
     JointSolution,
-    problem::{Problem, REFERENCES},
+    problem::{Problem, REFERENCES, Standing},
     sweep::Without,
 };
 use crate::{Limits, Real, Refusal, fit::Fit, minimize::STALLED_SIGMAS, real::lit};
@@ -26,7 +26,7 @@ const ENOUGH: usize = 3;
 /// A camera that takes part is put out when its sigmas are so many times those it was let in with.
 const HYSTERESIS: f64 = 2.0;
 /// Rounds of letting cameras in and settling.
-const ROUNDS: usize = 8;
+const ROUNDS: usize = 16;
 
 impl<T: Real> Problem<'_, T> {
     /// Lets in what cameras it can, and settles; then those with exactly three bearings.
@@ -51,6 +51,32 @@ impl<T: Real> Problem<'_, T> {
             cameras: (0..self.cameras.len()).filter(estimated).count(),
             passes,
         })
+    }
+
+    /// Puts out the camera that fits worst among those that came last.
+    fn dismiss_worst(&mut self) {
+        let misfit = |camera: usize| {
+            let rows = self.sights.iter().filter(|sight| {
+                usize::from(sight.camera) == camera && sight.standing == Standing::Counts
+            });
+            rows.filter_map(|sight| self.sight_row(sight))
+                .fold(T::zero(), |sum, row| sum + row.residual * row.residual)
+        };
+        let mut worst: Option<(usize, T)> = None;
+        for (n, camera) in self.cameras.iter().enumerate() {
+            if camera.is_new {
+                let misfit = misfit(n);
+                if worst.is_none_or(|(_, most)| !(misfit <= most)) {
+                    worst = Some((n, misfit));
+                }
+            }
+        }
+        if let Some((camera, _)) = worst {
+            self.dismiss(camera);
+            if let Some(camera) = self.cameras.get_mut(camera) {
+                camera.is_new = false;
+            }
+        }
     }
 
     /// Rounds until nobody comes or goes. Tells chi squared.
@@ -83,14 +109,10 @@ impl<T: Real> Problem<'_, T> {
                     }
                     result = Ok(cost);
                 }
-                // Those that came last are to blame.
-                Err(_) if admitted > 0 => {
-                    for camera in REFERENCES..self.cameras.len() {
-                        if self.cameras.get(camera).is_some_and(|camera| camera.is_new) {
-                            self.dismiss(camera);
-                            changed += 1;
-                        }
-                    }
+                // Of those that came last the one that fits worst is to blame.
+                Err(_) if self.cameras.iter().any(|camera| camera.is_new) => {
+                    self.dismiss_worst();
+                    continue;
                 }
                 Err(why) => return Err(why),
             }
@@ -128,8 +150,7 @@ impl<T: Real> Problem<'_, T> {
                 }
                 halvings += 1;
                 if halvings > HALVINGS {
-                    self.go(-T::one());
-                    return Err(failed);
+                    break;
                 }
                 // Half of the way back; the step that is kept is the other half.
                 self.shorten();
@@ -150,6 +171,10 @@ impl<T: Real> Problem<'_, T> {
                 return Ok((pass.cost - pass.worth, passes));
             }
         }
+        // Back to the best, and the triangle with it, so that whoever looks for what contradicts finds
+        // the residuals there.
+        self.go(-T::one());
+        self.sweep(last, Without::Nothing);
         Err(failed)
     }
 

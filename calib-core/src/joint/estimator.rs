@@ -241,7 +241,8 @@ impl<
     /// Looks for the measurement that contradicts the others most: a bearing, a leg, or all that a
     /// camera has seen since some stop. If chance does so only once in 100,000 it is left out, and
     /// everything solved again. `None` if nothing contradicts. To be called until then, some times
-    /// at most; takes a pass for each stop, and more where a camera is under suspicion.
+    /// at most; takes a pass for each stop, and more where a camera is under suspicion. May follow a
+    /// solve that came to no end because of contradictions; another solve tells whether it now does.
     ///
     /// # Errors
     /// [`JointError::Solve`]; with [`Refusal::TooFew`] before the first solve.

@@ -83,8 +83,11 @@ impl<T: Real> Problem<'_, T> {
             return Ok(None);
         }
         let found = self.leave_out(found);
-        self.settle(limits)?;
-        Ok(Some(found))
+        match self.settle(limits) {
+            // What contradicts may keep it from coming to an end: there is more to leave out.
+            Ok(_) | Err(Refusal::DidNotConverge) => Ok(Some(found)),
+            Err(why) => Err(why),
+        }
     }
 
     /// What contradicts most, with its strength.
@@ -108,7 +111,9 @@ impl<T: Real> Problem<'_, T> {
                 if usize::from(sight.stop) != stop || !counts {
                     continue;
                 }
-                let Some(off) = self.bearing_residual(n)?.normalised else {
+                // What is not determined contradicts nothing.
+                let residual = self.bearing_residual(n).ok();
+                let Some(off) = residual.and_then(|residual| residual.normalised) else {
                     continue;
                 };
                 let strength = strength(off * off, 1);

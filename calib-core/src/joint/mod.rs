@@ -322,7 +322,8 @@ pub enum JointError {
     NotFinite,
     /// The references' own sightings do not give a frame, for this reason.
     Start(Refusal),
-    /// The passes came to no end, for this reason. What the last successful solve said stays.
+    /// The passes came to no end, for this reason. Estimates are the best that were found: what
+    /// contradicts may be left out ([`JointEstimator::check`]).
     Solve(Refusal),
 }
 

@@ -49,6 +49,7 @@ impl<T: Real> Problem<'_, T> {
             .and_then(|(triangle, rest)| {
                 let triangle = Triangle::new(triangle, width)?;
                 let row = rest.get_mut(..width)?;
+                row.fill(T::zero());
                 let mut sweep = Sweep {
                     problem: self,
                     triangle,

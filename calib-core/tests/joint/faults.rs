@@ -2,14 +2,14 @@
 
 use calib_core::{
     Limits,
-    joint::{Finding, Standing},
+    joint::{Finding, JointError, Standing},
 };
 use test_support::{
     Random, generator,
     walk::{CarrierErrors, Walk},
 };
 
-use crate::support::{Joint, filled};
+use crate::support::{Joint, add, filled};
 
 const LIMITS: Limits<f64> = Limits {
     position: 0.5,
@@ -44,6 +44,7 @@ fn check(joint: &mut Joint<f32>) -> Vec<Finding<f32>> {
         found.push(finding);
         assert!(found.len() < 40, "{found:?}");
     }
+    joint.solve().unwrap();
     found
 }
 
@@ -112,129 +113,149 @@ fn a_wrong_bearing_is_found() {
     assert!(found > 10);
 }
 
-/// As a node sees it: stop after stop. Bumped by five degrees half way, it is named within two
-/// bearings, and keeps the pose that it had.
-#[test]
-fn a_bumped_camera_is_named() {
-    let mut named = 0;
+/// As a node sees it, stop after stop: what is found, and at which stop.
+fn walked(walk: &Walk) -> (Joint<f32>, Vec<(usize, Finding<f32>)>) {
+    let nowhere = Walk {
+        places: Vec::new(),
+        ..walk.clone()
+    };
+    let mut joint = filled::<f32>(&nowhere, LIMITS);
+    let mut found = Vec::new();
+    for stop in 0..walk.places.len() {
+        add(&mut joint, walk, stop);
+        if let Err(JointError::Start(_)) = joint.solve() {
+            continue;
+        }
+        for _ in 0..10 {
+            let Some(finding) = joint.check().unwrap() else {
+                break;
+            };
+            found.push((stop, finding));
+        }
+    }
+    let _settled = joint.solve();
+    (joint, found)
+}
+
+/// How a fault campaign went.
+#[derive(Debug, Default)]
+struct Campaign {
+    walks: usize,
+    /// Walks on which the faulty one was named.
+    named: usize,
+    /// Walks on which anything else was named too.
+    slandered: usize,
+    /// Other cameras with a pose, and those more than five sigmas off.
+    others: usize,
+    wrong: usize,
+    /// Faulty cameras whose old pose is more than five sigmas off.
+    spoiled: usize,
+    /// Sightings after the fault until it was named, at most.
+    latest: usize,
+}
+
+/// Changes what `camera` sees from the middle on, and walks.
+fn campaign(fault: impl Fn(&mut Walk, usize, usize)) -> Campaign {
+    let mut campaign = Campaign::default();
     for seed in 0..WALKS {
         let mut walk = walk(seed);
         let Some(camera) = often_seen(&walk) else {
             continue;
         };
         let middle = walk.places.len() / 2;
+        fault(&mut walk, camera, middle);
+        let (mut joint, found) = walked(&walk);
+        campaign.walks += 1;
+        let named = found.iter().find(|(_, finding)| {
+            matches!(finding, Finding::Camera { camera: c, from, .. } if *c == camera && *from >= middle)
+        });
+        if let Some((stop, _)) = named {
+            campaign.named += 1;
+            let seen = walk
+                .bearings
+                .iter()
+                .filter(|seen| seen.camera == camera && (middle..=*stop).contains(&seen.stop));
+            campaign.latest = campaign.latest.max(seen.count());
+        }
+        let is_other = |finding: &Finding<f32>| match finding {
+            Finding::Bearing { camera: c, .. } | Finding::Camera { camera: c, .. } => *c != camera,
+            Finding::Leg { .. } => true,
+        };
+        campaign.slandered += usize::from(found.iter().any(|(_, finding)| is_other(finding)));
+        campaign.others += (2..8)
+            .filter(|&n| n != camera && joint.pose(n).is_ok())
+            .count();
+        campaign.wrong += wrong(&mut joint, &walk, camera);
+        let truth = walk.cameras[camera];
+        let nees = joint
+            .pose(camera)
+            .ok()
+            .and_then(|pose| pose.normalised_error(truth.position().cast(), truth.heading as f32));
+        campaign.spoiled += usize::from(nees.is_some_and(|nees| nees > 30.0));
+    }
+    campaign
+}
+
+/// Bumped by five degrees half way.
+#[test]
+fn a_bumped_camera_is_named() {
+    let campaign = campaign(|walk, camera, middle| {
         for seen in &mut walk.bearings {
             if seen.camera == camera && seen.stop >= middle {
                 seen.bearing -= 5_f64.to_radians();
             }
         }
-        let after: Vec<_> = { walk.bearings.iter() }
-            .filter(|seen| seen.camera == camera && seen.stop >= middle)
-            .map(|seen| seen.stop)
-            .collect();
-        let mut joint = filled::<f32>(&empty(&walk), LIMITS);
-        let mut noticed = None;
-        for stop in 0..walk.places.len() {
-            crate::support::add(&mut joint, &walk, stop);
-            if joint.solve().is_err() {
-                assert!(stop < 5);
-                continue;
-            }
-            for finding in check(&mut joint) {
-                match finding {
-                    Finding::Bearing { camera: c, .. } if c == camera => {}
-                    Finding::Camera {
-                        camera: c, from, ..
-                    } if c == camera => {
-                        assert!(from >= middle, "{seed}: {finding:?}");
-                        noticed = noticed.or(Some(stop));
-                    }
-                    _ => panic!("{seed}, stop {stop}: {finding:?}, camera {camera} was bumped"),
-                }
-            }
-        }
-        let noticed = noticed.unwrap_or_else(|| panic!("{seed}: not noticed"));
-        let seen = after.iter().filter(|&&stop| stop <= noticed).count();
-        assert!(seen <= 3, "{seed}: after {seen} sightings");
-        let truth = walk.cameras[camera];
-        let pose = joint.pose(camera).unwrap();
-        let nees = pose
-            .normalised_error(truth.position().cast(), truth.heading as f32)
-            .unwrap();
-        assert!(nees < 30.0, "{seed}: its old pose stays, {nees}");
-        assert_eq!(wrong(&mut joint, &walk, camera), 0, "{seed}");
-        named += 1;
-    }
-    assert!(named > 10);
+    });
+    campaign.judge(0.95, 0.05);
 }
 
-/// One that repeats its bearing from the middle on is named too.
+/// One that repeats its bearing from the middle on.
 #[test]
 fn a_stuck_camera_is_named() {
-    let mut named = 0;
-    for seed in 0..WALKS {
-        let mut walk = walk(seed);
-        let Some(camera) = often_seen(&walk) else {
-            continue;
-        };
-        let middle = walk.places.len() / 2;
-        let mut stuck = None;
-        for seen in walk
-            .bearings
-            .iter_mut()
-            .filter(|seen| seen.camera == camera)
-        {
+    let campaign = campaign(|walk, camera, middle| {
+        let mut stuck = 0.0;
+        for seen in { walk.bearings.iter_mut() }.filter(|seen| seen.camera == camera) {
             if seen.stop < middle {
-                stuck = Some(seen.bearing);
+                stuck = seen.bearing;
             } else {
-                seen.bearing = stuck.unwrap();
+                seen.bearing = stuck;
             }
         }
-        let mut joint = filled::<f32>(&empty(&walk), LIMITS);
-        let mut is_named = false;
-        for stop in 0..walk.places.len() {
-            crate::support::add(&mut joint, &walk, stop);
-            if joint.solve().is_ok() {
-                for finding in check(&mut joint) {
-                    match finding {
-                        Finding::Bearing { camera: c, .. } if c == camera => {}
-                        Finding::Camera { camera: c, .. } if c == camera => is_named = true,
-                        _ => panic!("{seed}, stop {stop}: {finding:?}, camera {camera} is stuck"),
-                    }
-                }
-            }
-        }
-        assert!(is_named, "{seed}");
-        assert_eq!(wrong(&mut joint, &walk, camera), 0, "{seed}");
-        named += 1;
-    }
-    assert!(named > 10);
+    });
+    // Its first false bearings may look like the true ones: then others are left out for a while.
+    campaign.judge(0.85, 0.25);
 }
 
+impl Campaign {
+    fn judge(&self, named: f64, slandered: f64) {
+        let share = |count: usize| count as f64 / self.walks as f64;
+        assert!(self.walks > 30, "{self:?}");
+        assert!(share(self.named) >= named, "{self:?}");
+        assert!(share(self.slandered) <= slandered, "{self:?}");
+        assert!(share(self.spoiled) <= 0.1, "{self:?}");
+        assert!(self.wrong * 100 <= self.others, "{self:?}");
+    }
+}
+
+/// A step that was not counted, or twice: a leg half as long again as it was.
 #[test]
 fn a_slipped_leg_is_named() {
-    let (mut named, mut slipped, mut others) = (0, 0, 0);
+    let (mut named, mut slipped, mut bad, mut cameras) = (0, 0, 0, 0);
     for seed in 0..WALKS {
         let mut walk = walk(seed);
-        // Half as long again.
-        let leg = 5 + seed as usize % 8;
+        let leg = 8 + seed as usize % 12;
         walk.legs[leg].displacement *= 1.5;
-        let mut joint = filled::<f32>(&walk, LIMITS);
-        if joint.solve().is_err() {
-            continue;
-        }
+        let (mut joint, found) = walked(&walk);
         slipped += 1;
-        let found = check(&mut joint);
-        let is_it = |f: &Finding<f32>| matches!(f, Finding::Leg { stop, .. } if *stop == leg + 1);
-        named += usize::from(found.first().is_some_and(is_it));
-        others += wrong(&mut joint, &walk, 0);
+        named +=
+            usize::from(found.iter().any(
+                |(_, finding)| matches!(finding, Finding::Leg { stop, .. } if *stop == leg + 1),
+            ));
+        bad += wrong(&mut joint, &walk, 0);
+        cameras += (2..8).filter(|&n| joint.pose(n).is_ok()).count();
     }
-    // A leg that too few bearings check cannot be told from them.
-    assert!(
-        slipped > 30 && named * 10 >= slipped * 8,
-        "{named} of {slipped}"
-    );
-    assert!(others <= 6, "{others} cameras wrong");
+    assert!(named * 10 >= slipped * 9, "{named} of {slipped}");
+    assert!(bad * 100 <= cameras, "{bad} of {cameras} cameras wrong");
 }
 
 /// The error that one fault leaves, noticed or not, is within the protection level.
@@ -294,12 +315,5 @@ fn the_noise_of_legs_is_told_by_their_residuals() {
         let mean = (sum / started).exp();
         assert!(started >= 16.0, "{times}: {started}");
         assert!((0.85..1.1).contains(&(mean / times)), "{times}: {mean}");
-    }
-}
-
-fn empty(walk: &Walk) -> Walk {
-    Walk {
-        places: Vec::new(),
-        ..walk.clone()
     }
 }
