@@ -15,9 +15,8 @@ use cmucam2_driver::Cmucam2;
 use cmucam2_emulator::{Configuration, Emulator, Extent, FaultRates, Place, Scene, Shape};
 use node_firmware::{
     config::{CameraConfig, Subjects},
-    sight::{
-        BlobCamera, Cmucam2Sight, ColourWindow, Direction, Lens, Look, SightError, Subject, look,
-    },
+    message::Seen,
+    vision::{BlobCamera, Cmucam2BlobCamera, ColourWindow, Lens, Look, Subject, VisionError, look},
 };
 
 const BAUD: u32 = 38_400;
@@ -127,7 +126,7 @@ fn wait<T>(future: impl Future<Output = T>) -> T {
 
 /// A node's camera role, as far as it looks.
 struct Node {
-    sight: Cmucam2Sight<Line, Delay>,
+    sight: Cmucam2BlobCamera<Line, Delay>,
     bench: Rc<Bench>,
     config: CameraConfig,
 }
@@ -158,7 +157,7 @@ impl Node {
         bench.pass(SECOND);
         let driver = Cmucam2::new(Line(bench.clone()), Delay(bench.clone()));
         Self {
-            sight: Cmucam2Sight::new(driver, config.cmucam2()),
+            sight: Cmucam2BlobCamera::new(driver, config.cmucam2()),
             bench,
             config,
         }
@@ -170,14 +169,14 @@ impl Node {
     }
 
     /// A look, and how long it took, seconds.
-    fn look(&mut self, subject: Subject) -> (Result<Look, SightError>, f64) {
-        let mut judge = self.config.judge().unwrap();
+    fn look(&mut self, subject: Subject) -> (Result<Look, VisionError>, f64) {
+        let mut judge = self.config.judge(self.config.lens.camera().unwrap());
         let begun = self.bench.now.get();
         let looked = wait(look(&mut self.sight, subject, &mut judge));
         (looked, (self.bench.now.get() - begun) as f64 * 1e-9)
     }
 
-    fn seen(&mut self) -> Direction<f32> {
+    fn seen(&mut self) -> Seen {
         let (looked, _) = self.look(Subject::Colour(ORANGE));
         let Ok(Look::Steady(seen)) = looked else {
             panic!("{looked:?}");
@@ -260,7 +259,7 @@ fn what_moved_into_view_is_seen_without_a_colour() {
     node.bench.camera.borrow_mut().scene_mut().objects[0].colour = [30, 30, 30];
     node.config.subjects = Subjects::Motion { threshold: 15 };
     wait(node.sight.start_up()).unwrap();
-    assert_eq!(node.look(motion).0, Err(SightError::NoBackground));
+    assert_eq!(node.look(motion).0, Err(VisionError::NoBackground));
     wait(node.sight.learn_background()).unwrap();
     assert_eq!(node.look(motion).0, Ok(Look::Nothing));
     for bearing in [-10.0, 2.0, 12.0] {

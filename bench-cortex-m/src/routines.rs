@@ -15,7 +15,7 @@ use rand::{Rng, RngExt};
 use zigbee_link::{
     Instant,
     radio::FRAME_MAX,
-    security::{self, Key, Protection, Session},
+    security::{self, FrameSecurity, Key, Protection},
     wire::{Address, Eui64, FrameType, Header, PanId, Panned, ShortAddress},
 };
 
@@ -125,16 +125,16 @@ pub fn measure_all<C: Counter, W: fmt::Write>(bench: &mut Bench<C, W>) -> Result
 }
 
 /// A node with all its frame counters before it.
-fn link_session(node: u8) -> Session<16> {
+fn link_session(node: u8) -> FrameSecurity<16> {
     let mut counter = security::Counter::resume(0);
     counter.reserved(u32::MAX);
     let key = Key::new(1, core::array::from_fn(|i| i as u8)).expect("a usable key");
     let extended = Eui64([0xAC, 0xDE, 0x48, 0, 0, 0, 0, node]);
-    Session::new(extended, Protection::EncMic64, key, counter)
+    FrameSecurity::new(extended, Protection::EncMic64, key, counter)
 }
 
 /// From node 1, by its extended address.
-fn link_header() -> Header<'static> {
+fn link_header() -> Header {
     let extended = Eui64([0xAC, 0xDE, 0x48, 0, 0, 0, 0, 1]);
     Header {
         destination: Panned::new(PanId(0xBEEF), Address::Short(ShortAddress(2))),

@@ -10,7 +10,7 @@ use embedded_storage_async::nor_flash::{
 };
 use zigbee_link::{
     Instant,
-    radio::{Capabilities, Channel, Config, PSDU_MAX, Radio, Received, TxOutcome},
+    radio::{Channel, PSDU_MAX, Radio, RadioConfig, Received, TxOutcome},
     runner::Clock,
 };
 
@@ -83,18 +83,7 @@ pub(crate) struct Transceiver;
 impl Radio for Transceiver {
     type Error = Failed;
 
-    fn capabilities(&self) -> Capabilities {
-        Capabilities {
-            fcs: true,
-            csma: true,
-            address_filter: true,
-            acknowledge: true,
-            retries: true,
-            rx_queue: true,
-        }
-    }
-
-    async fn configure(&mut self, config: &Config) -> Result<(), Failed> {
+    async fn configure(&mut self, config: &RadioConfig) -> Result<(), Failed> {
         black_box(config);
         outcome(())
     }

@@ -6,10 +6,10 @@ use embassy_futures::select::select;
 use zigbee_link::{
     Instant,
     link::Link,
-    network::{Channels, Node, Settings, Status},
+    network::{Channels, NetworkSettings, NetworkStatus, Node},
     radio::{FRAME_MAX, PSDU_MAX, Radio},
     runner::{Clock, Shared, run},
-    security::{Counter, Key, Protection, Session},
+    security::{Counter, FrameSecurity, Key, Protection},
     store::{Record, Saved, Store},
     wire::{Eui64, PanId, ShortAddress},
 };
@@ -63,7 +63,7 @@ async fn exchange(link: &mut Link<PEERS, QUEUE>, radio: &mut Transceiver) -> Opt
 
 fn attached(key: Key, counter: Counter) -> Link<PEERS, QUEUE> {
     let extended = Eui64(black_box([2; 8]));
-    let session = Session::new(extended, protection(), key, counter);
+    let session = FrameSecurity::new(extended, protection(), key, counter);
     let mut link = Link::new(session, black_box(1));
     link.attach(PanId(black_box(0xBEEF)), ShortAddress(black_box(1)));
     link
@@ -106,8 +106,8 @@ pub async fn store() {
     }
 }
 
-fn settings() -> Settings {
-    Settings {
+fn settings() -> NetworkSettings {
+    NetworkSettings {
         extended: Eui64(black_box([2; 8])),
         channels: Channels::ALL,
         tx_power: 0,
@@ -148,7 +148,7 @@ fn act<const MEMBERS: usize>(node: &mut Node<PEERS, QUEUE, MEMBERS>, now: Instan
         }
         black_box(node.members().count());
     }
-    black_box(matches!(node.status(), Status::Joined(_)));
+    black_box(matches!(node.status(), NetworkStatus::Joined(_)));
 }
 
 /// A device: scans, joins, rejoins, leaves.

@@ -11,7 +11,7 @@ use anyhow::Context;
 use calib_core::{
     Sighting, angle,
     camera::Camera,
-    reference::{self, Known, Settings, Stop},
+    reference::{self, Known, ReferenceSettings, Stop},
     resection,
 };
 use nalgebra::{Matrix2, Point2};
@@ -224,7 +224,7 @@ fn worst_reference_heading(blobs: &[Blob], camera: &Camera<f64>) -> anyhow::Resu
         baseline: Some(10.0),
         frame_heading: Some(0.0),
     };
-    let best = reference::solve(&stops, &known, &Settings::default())?.best;
+    let best = reference::solve(&stops, &known, &ReferenceSettings::default())?.best;
     let [first, second] = best.headings;
     let error = |node: usize, heading: f64| {
         let truth = truth(node)?.heading_deg.to_radians();

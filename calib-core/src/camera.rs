@@ -2,7 +2,7 @@
 
 use core::fmt;
 
-use crate::{Ray, Real, real::lit};
+use crate::{Ray, Real, numerics::real::lit};
 
 /// How a camera spreads directions over its columns.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -266,6 +266,21 @@ mod tests {
                 let h = 1e-4;
                 let slope = (camera.bearing(column - h) - camera.bearing(column + h)) / (2.0 * h);
                 assert!((camera.bearing_sigma(column, 1.0) - slope).abs() < 1e-9);
+            }
+        }
+    }
+
+    /// The rms of what rounding to a whole column does to the bearing, over every part of a column.
+    #[test]
+    fn the_sigma_of_whole_pixels_is_that_of_rounding() {
+        for projection in [Projection::PinHole, Projection::EqualAngle] {
+            let camera = Camera::new(projection, 88, 1.0_f64).unwrap();
+            for column in [0.0, 20.0, 43.0, 87.0] {
+                let parts = (-500..500).map(|part| column + (f64::from(part) + 0.5) / 1000.0);
+                let errors = parts.map(|at| camera.bearing(at) - camera.bearing(column));
+                let rms = (errors.map(|error| error * error).sum::<f64>() / 1000.0).sqrt();
+                let sigma = camera.whole_pixel_sigma(column);
+                assert!((sigma / rms - 1.0).abs() < 1e-3, "{column}: {sigma} {rms}");
             }
         }
     }

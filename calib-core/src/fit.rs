@@ -7,7 +7,7 @@
 
 use crate::{
     Real,
-    real::{lit, root},
+    numerics::real::{lit, root},
 };
 
 /// How well measurements fit an answer.
@@ -22,7 +22,7 @@ pub struct Fit<T> {
 }
 
 impl<T: Real> Default for Fit<T> {
-    /// Of nothing.
+    /// No measurement, which fits.
     fn default() -> Self {
         Self {
             chi_squared: T::zero(),
@@ -38,7 +38,7 @@ impl<T: Real> Fit<T> {
         !(self.chi_squared <= one_in_a_thousand(self.degrees_of_freedom))
     }
 
-    /// Of both together, as far as they are independent.
+    /// How well both sets of measurements fit together, as far as they are independent.
     #[must_use]
     pub fn and(self, other: Self) -> Self {
         Self {
@@ -71,8 +71,7 @@ impl<T: Real> Fit<T> {
 /// After Wilson and Hilferty, "The distribution of chi-square", PNAS 17(12), 1931: the cube root of
 /// chi squared over its degrees of freedom is nearly normal. A term fitted to exact quantiles makes
 /// the 3 % that this is off at one degree 0.1 %, and less for all others.
-// Not inlined, for the sake of flash.
-#[inline(never)]
+#[inline(never)] // size
 pub fn one_in_a_thousand<T: Real>(degrees_of_freedom: usize) -> T {
     let degrees: T = whole(degrees_of_freedom.max(1));
     // A normal number exceeds the first term once in a thousand.

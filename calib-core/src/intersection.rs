@@ -19,17 +19,19 @@ use nalgebra::{ComplexField, Matrix2, Point2, Vector2};
 use crate::{
     Pose, Ray, Real, Refusal,
     fit::Fit,
-    minimize::{Descent, Method, Problem, Quadratic},
-    plane::{cross, mul, taxicab, unit},
-    real::lit,
+    numerics::{
+        minimize::{Descent, Method, Problem, Quadratic},
+        plane::{cross, mul, taxicab, unit},
+        real::lit,
+    },
     resection::information::{rounding, slope},
 };
 
-/// The direction in which one camera saw the target.
+/// The direction in which a camera of known pose, a *station* to surveyors, saw the target.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
-pub struct Bearing<T: Real> {
+pub struct StationBearing<T: Real> {
     /// The camera, with its covariance; zeros if it is known exactly.
     pub pose: Pose<T>,
     /// The direction, in the camera's frame.
@@ -38,28 +40,28 @@ pub struct Bearing<T: Real> {
     pub bearing_sigma: T,
 }
 
-/// Where the target is.
+/// A target's place from bearings that meet there.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
-pub struct Located<T: Real> {
-    /// The target's place.
+pub struct Intersection<T: Real> {
+    /// Where the bearings meet, in the frame of the cameras' poses.
     pub position: Point2<T>,
-    /// Its covariance, symmetric; to first order.
+    /// Covariance of `position`, symmetric; to first order.
     pub covariance: Matrix2<T>,
     /// Sum of the squared residuals, each over its variance. About
-    /// [`degrees_of_freedom`](Located::degrees_of_freedom) when poses and sigmas are right.
+    /// [`degrees_of_freedom`](Intersection::degrees_of_freedom) when poses and sigmas are right.
     pub chi_squared: T,
-    /// How many bearings it rests on.
+    /// How many bearings it rests on: all that were given.
     pub used: usize,
 }
 
-impl<T: Real> Located<T> {
+impl<T: Real> Intersection<T> {
     /// Bearings beyond the two that a place needs.
     pub fn degrees_of_freedom(&self) -> usize {
         self.used.saturating_sub(2)
     }
 
-    /// How well the bearings fit it.
+    /// Chi squared and the bearings beyond two, for [`Fit::is_bad`].
     pub fn fit(&self) -> Fit<T> {
         Fit {
             chi_squared: self.chi_squared,
@@ -69,7 +71,7 @@ impl<T: Real> Located<T> {
 }
 
 #[cfg(feature = "defmt")]
-impl<T: Real + defmt::Format> defmt::Format for Located<T> {
+impl<T: Real + defmt::Format> defmt::Format for Intersection<T> {
     fn format(&self, f: defmt::Formatter<'_>) {
         let c = &self.covariance;
         defmt::write!(
@@ -102,10 +104,10 @@ const ITERATION_LIMIT: usize = 30;
 ///
 /// # Example
 /// ```
-/// # use calib_core::{intersection::{self, Bearing}, Pose, Ray};
+/// # use calib_core::{intersection::{self, StationBearing}, Pose, Ray};
 /// # use nalgebra::{Matrix3, Point2};
 /// // Two cameras 10 units apart, both turned 45 degrees inwards, see the target right ahead.
-/// let ahead = |x: f64, heading: f64| Bearing {
+/// let ahead = |x: f64, heading: f64| StationBearing {
 ///     pose: Pose {
 ///         position: Point2::new(x, 0.0),
 ///         heading: heading.to_radians(),
@@ -118,8 +120,8 @@ const ITERATION_LIMIT: usize = 30;
 /// assert!((target.position - Point2::new(5.0, 5.0)).norm() < 1e-9);
 /// # Ok::<(), calib_core::Refusal>(())
 /// ```
-pub fn locate<T: Real>(bearings: &[Bearing<T>]) -> Result<Located<T>, Refusal> {
-    if !bearings.iter().all(Bearing::is_usable) {
+pub fn locate<T: Real>(bearings: &[StationBearing<T>]) -> Result<Intersection<T>, Refusal> {
+    if !bearings.iter().all(StationBearing::is_usable) {
         return Err(Refusal::NotFinite);
     }
     if bearings.len() < 2 {
@@ -133,27 +135,27 @@ pub fn locate<T: Real>(bearings: &[Bearing<T>]) -> Result<Located<T>, Refusal> {
     let mut walk = Descent::new(start.coords);
     walk.run(&Rays(bearings), Method::Levenberg, ITERATION_LIMIT)?;
     let x = walk.x;
-    let located = Located {
+    let found = Intersection {
         position: x.into(),
         covariance: walk.covariance().ok_or(Refusal::Undetermined)?,
         chi_squared: walk.cost,
         used: bearings.len(),
     };
     if !(x.iter().all(ComplexField::is_finite)
-        && located.covariance.iter().all(ComplexField::is_finite))
+        && found.covariance.iter().all(ComplexField::is_finite))
     {
         return Err(Refusal::NotFinite);
     }
-    if !all_in_front(bearings, &located.position) {
+    if !all_in_front(bearings, &found.position) {
         return Err(Refusal::TargetBehind);
     }
-    if located.fit().is_bad() {
+    if found.fit().is_bad() {
         return Err(Refusal::Inconsistent);
     }
-    Ok(located)
+    Ok(found)
 }
 
-impl<T: Real> Bearing<T> {
+impl<T: Real> StationBearing<T> {
     fn is_usable(&self) -> bool {
         let Pose {
             position,
@@ -189,7 +191,7 @@ impl<T: Real> Bearing<T> {
     }
 }
 
-fn all_in_front<T: Real>(bearings: &[Bearing<T>], target: &Point2<T>) -> bool {
+fn all_in_front<T: Real>(bearings: &[StationBearing<T>], target: &Point2<T>) -> bool {
     bearings
         .iter()
         .all(|b| b.residual(target - b.pose.position).abs() < T::frac_pi_2())
@@ -198,7 +200,7 @@ fn all_in_front<T: Real>(bearings: &[Bearing<T>], target: &Point2<T>) -> bool {
 /// The point with the least sum of squared distances to the rays' lines: the mean of the points
 /// where two of them meet, weighted by the squared sine between the two (Jacobi's theorem on
 /// least squares). Nothing cancels, however flat the angles are.
-fn nearest_to_lines<T: Real>(bearings: &[Bearing<T>]) -> Result<Point2<T>, Refusal> {
+fn nearest_to_lines<T: Real>(bearings: &[StationBearing<T>]) -> Result<Point2<T>, Refusal> {
     let (first, rest) = bearings.split_first().ok_or(Refusal::TooFew)?;
     // About the first camera, so that a far origin costs no digits.
     let origin = first.pose.position;
@@ -232,7 +234,7 @@ fn nearest_to_lines<T: Real>(bearings: &[Bearing<T>]) -> Result<Point2<T>, Refus
 }
 
 /// The bearings, and the unknowns `(x, y)`.
-struct Rays<'a, T: Real>(&'a [Bearing<T>]);
+struct Rays<'a, T: Real>(&'a [StationBearing<T>]);
 
 impl<T: Real> Problem<T> for Rays<'_, T> {
     fn model(&self, x: &[T], model: &mut Quadratic<'_, T>) {
@@ -263,7 +265,9 @@ impl<T: Real> Problem<T> for Rays<'_, T> {
 fn place<T: Real>(x: &[T]) -> Vector2<T> {
     match *x {
         [x, y] => Vector2::new(x, y),
-        // Nobody asks.
-        _ => Vector2::zeros(),
+        _ => {
+            debug_assert!(false, "the unknowns of another problem");
+            Vector2::zeros()
+        }
     }
 }

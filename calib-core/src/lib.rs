@@ -24,6 +24,13 @@
 //! - What cannot be answered is [refused](Refusal) with a reason. No function returns NaN.
 //! - What a pose is worth is one word: its [`Status`].
 //!
+//! # Size
+//! A node has some 200 KB of flash, and a stack of 8 KB for everything. Where the compiler would copy
+//! a function into its callers, or their frames would add up, it is kept apart: `#[inline(never)]`
+//! with the tag `size` or `stack` says which. Solvers work on slices of numbers ([`Method`] on up to
+//! six unknowns), so that a node has their code once instead of once for each number of unknowns;
+//! what is large is filled in place instead of moved.
+//!
 //! # Example
 //! A camera of 88 columns and 60 degrees saw the target at three places.
 //! ```
@@ -51,7 +58,6 @@
     )
 )]
 
-pub mod angle;
 pub mod camera;
 pub mod dead_reckoning;
 pub mod fit;
@@ -60,21 +66,18 @@ pub mod joint;
 pub mod reference;
 pub mod resection;
 
-mod cholesky;
-mod covariance;
-mod minimize;
-mod plane;
+mod numerics;
 mod pose;
-mod ranking;
-mod real;
 mod refusal;
 mod sighting;
 mod status;
-mod subsets;
 
-pub use minimize::Method;
+pub use numerics::{
+    angle,
+    minimize::Method,
+    real::{Real, lit},
+};
 pub use pose::{Ellipse, Pose, PoseError};
-pub use real::Real;
 pub use refusal::Refusal;
 pub use sighting::{Ray, Sighting};
 pub use status::{Limits, Status};

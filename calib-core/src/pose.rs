@@ -2,13 +2,16 @@
 
 use core::fmt;
 
-use nalgebra::{Matrix2, Matrix3, Point2, Vector2};
+use nalgebra::{Matrix3, Point2, Vector2};
 
 use crate::{
-    Real, angle,
-    cholesky::Cholesky,
-    covariance::is_covariance,
-    real::{lit, root},
+    Real,
+    numerics::{
+        angle,
+        cholesky::Cholesky,
+        covariance::is_covariance,
+        real::{lit, root},
+    },
 };
 
 /// Where a camera stands and looks, with its uncertainty.
@@ -131,21 +134,6 @@ impl<T: Real> Pose<T> {
             semi_minor: scale * root(mean - radius),
             angle: half * xy.atan2(difference),
         }
-    }
-
-    /// The same pose when all targets it came from were displaced together by an error of this
-    /// covariance: the camera is then displaced with them, and its heading is not touched.
-    ///
-    /// This is how the correlation of dead-reckoned stops is kept: the part of the error that
-    /// they share goes in here, the rest stays with each
-    /// [sighting](crate::Sighting::target_covariance) as if independent.
-    #[must_use]
-    pub fn with_shared_target_error(mut self, covariance: &Matrix2<T>) -> Self {
-        self.covariance.m11 += covariance.m11;
-        self.covariance.m12 += covariance.m12;
-        self.covariance.m21 += covariance.m21;
-        self.covariance.m22 += covariance.m22;
-        self
     }
 
     /// The squared error against a known truth in units of the predicted covariance (NEES). It

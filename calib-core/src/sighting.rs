@@ -2,7 +2,10 @@
 
 use nalgebra::{Matrix2, Point2, Vector2};
 
-use crate::{Real, plane, real::at_least_zero};
+use crate::{
+    Real,
+    numerics::{plane, real::at_least_zero},
+};
 
 /// A direction in the camera's frame, of any positive length.
 ///
@@ -75,8 +78,8 @@ pub struct Sighting<T: Real> {
     /// is below zero it counts as zero.
     ///
     /// An error that all sightings of a solve share (the target started from a place it did not
-    /// know well) does not belong here: it moves the camera by just as much, see
-    /// [`Pose::with_shared_target_error`](crate::Pose::with_shared_target_error).
+    /// know well) does not belong here: it moves the camera by just as much, and says nothing
+    /// about which sighting to believe. See [`correlate`](crate::dead_reckoning::correlate).
     pub target_covariance: Matrix2<T>,
 }
 

@@ -4,15 +4,15 @@ use std::f64::consts::{FRAC_PI_2, FRAC_PI_4, PI};
 
 use calib_core::{
     Pose, Ray, Refusal,
-    intersection::{Bearing, Located, locate},
+    intersection::{Intersection, StationBearing, locate},
 };
 use nalgebra::{Matrix2, Matrix3, Point2, Vector2, Vector3};
 use proptest::prelude::*;
 use rand::RngExt;
 use test_support::{Random, Truth, generator, normal};
 
-fn bearing(x: f64, y: f64, heading: f64, phi: f64) -> Bearing<f64> {
-    Bearing {
+fn bearing(x: f64, y: f64, heading: f64, phi: f64) -> StationBearing<f64> {
+    StationBearing {
         pose: Pose {
             position: Point2::new(x, y),
             heading,
@@ -23,7 +23,7 @@ fn bearing(x: f64, y: f64, heading: f64, phi: f64) -> Bearing<f64> {
     }
 }
 
-fn refusal(bearings: &[Bearing<f64>]) -> Refusal {
+fn refusal(bearings: &[StationBearing<f64>]) -> Refusal {
     locate(bearings).unwrap_err()
 }
 
@@ -61,19 +61,19 @@ fn a_right_angle_has_a_known_covariance() {
 }
 
 /// `None` for flat angles, where nothing is linear.
-fn locate_regular(seen: &[Bearing<f64>]) -> Option<Located<f64>> {
+fn locate_regular(seen: &[StationBearing<f64>]) -> Option<Intersection<f64>> {
     locate(seen).ok().filter(|l| l.covariance.trace() < 0.02)
 }
 
 /// A random camera that sees the target, as it is and as it believes.
-fn camera(rng: &mut Random, target: Point2<f64>, sigma: f64) -> Bearing<f64> {
+fn camera(rng: &mut Random, target: Point2<f64>, sigma: f64) -> StationBearing<f64> {
     let (range, phi): (f64, f64) = (rng.random_range(2.0..8.0), rng.random_range(-0.5..0.5));
     let heading: f64 = rng.random_range(0.0..2.0 * PI);
     let place = target - Vector2::new((heading + phi).cos(), (heading + phi).sin()) * range;
     // Any correlation of place and heading.
     let factor = Matrix3::from_fn(|_, _| 0.006 * rng.random_range(-1.0..1.0));
     let error = factor * Vector3::from_fn(|_, _| normal(rng));
-    Bearing {
+    StationBearing {
         pose: Pose {
             position: Point2::new(place.x + error.x, place.y + error.y),
             heading: heading + error.z,
@@ -193,7 +193,7 @@ proptest! {
         let wide: Vec<_> = (0..3).map(|_| camera(&mut rng, target, 0.003)).collect();
         let narrow: Vec<_> = wide
             .iter()
-            .map(|b| Bearing::<f32> {
+            .map(|b| StationBearing::<f32> {
                 pose: Pose {
                     position: b.pose.position.cast(),
                     heading: b.pose.heading as f32,
@@ -214,7 +214,7 @@ proptest! {
 
     #[test]
     fn never_nan(raw in prop::collection::vec(prop::array::uniform8(any_number()), 0..5)) {
-        let seen: Vec<_> = raw.iter().map(|&[x, y, heading, forward, left, bearing_sigma, c, d]| Bearing {
+        let seen: Vec<_> = raw.iter().map(|&[x, y, heading, forward, left, bearing_sigma, c, d]| StationBearing {
             pose: Pose {
                 position: Point2::new(x, y),
                 heading,

@@ -6,6 +6,7 @@ use calib_core::{
     Pose, Ray, Refusal, Sighting,
     angle::wrap_signed,
     dead_reckoning::{Place, PlaceParts, Step, Systematic, Track, TrackError, correlate},
+    resection,
 };
 use nalgebra::{Matrix2, Matrix3, Matrix4, Point2, Vector2, Vector3, Vector4};
 use proptest::prelude::*;
@@ -106,7 +107,7 @@ fn resection_nees(stops: usize, systematic: Systematic<f64>, standing: f64) -> N
             .map(|&(s, p)| (s, with_standing(&p, 0.0)))
             .collect();
         let answers = [
-            pose.with_shared_target_error(&first.covariance_with(&first)),
+            with_shared_error(pose, &first.covariance_with(&first)),
             correlate(&pose, &seen, one_walk).unwrap(),
             correlate(&pose, &denied, one_walk).unwrap(),
         ];
@@ -120,6 +121,13 @@ fn resection_nees(stops: usize, systematic: Systematic<f64>, standing: f64) -> N
         correlated,
         denied,
     }
+}
+
+/// The pose as if all stops erred by one and the same displacement of this covariance.
+fn with_shared_error(mut pose: Pose<f64>, covariance: &Matrix2<f64>) -> Pose<f64> {
+    let mut of_place = pose.covariance.fixed_view_mut::<2, 2>(0, 0);
+    of_place += covariance;
+    pose
 }
 
 fn with_standing(place: &Place<f64>, standing_sigma: f64) -> Place<f64> {
@@ -225,7 +233,7 @@ fn fixes_and_targets_are_told_apart_by_number() {
     assert_eq!(first.covariance_with(&first), Matrix2::identity());
     assert_eq!(first.own_covariance(&first), Matrix2::identity() * 0.25);
     track
-        .relocate(Point2::origin(), Matrix2::identity())
+        .relocate(Point2::origin(), Matrix2::identity(), Systematic::none())
         .unwrap();
     let second = track.place(0.0).unwrap();
     assert_ne!(first.parts().fix, second.parts().fix);
@@ -300,6 +308,119 @@ fn correlation_refuses_what_determines_no_pose() {
         correlate(&pose, &contradicting, one_walk),
         Err(Refusal::Inconsistent)
     );
+}
+
+/// Places of one walk in whose middle the sensor was calibrated: the same errors, of other sizes.
+fn places_of_two_calibrations() -> [Place<f64>; 5] {
+    let poor = Systematic {
+        heading_sigma: 0.02,
+        scale_sigma: 0.05,
+    };
+    let good = Systematic {
+        heading_sigma: 0.005,
+        scale_sigma: 0.01,
+    };
+    [
+        ([3.0, 1.0], poor, [1e-6, 2e-7, 2e-6]),
+        ([4.0, -1.5], poor, [2e-6, 2e-7, 3e-6]),
+        ([2.0, 0.5], good, [3e-6, 1e-7, 5e-6]),
+        ([6.0, 2.0], poor, [5e-6, 3e-7, 6e-6]),
+        ([5.0, 0.0], good, [6e-6, 3e-7, 8e-6]),
+    ]
+    .map(|(walked, systematic, step_covariance)| {
+        Place::new(PlaceParts {
+            position: Point2::from(walked),
+            fix: 7,
+            fix_covariance: [4e-6, 1e-6, 9e-6],
+            step_covariance,
+            walked: Vector2::from(walked),
+            systematic,
+            standing_sigma: 0.001,
+        })
+        .unwrap()
+    })
+}
+
+/// `E[e_i e_j^T]` of two of them, written out from the model of the errors.
+fn joint_covariance(places: &[Place<f64>], i: usize, j: usize) -> Matrix2<f64> {
+    let (a, b) = (places[i].parts(), places[j].parts());
+    let quarter = |v: Vector2<f64>| Vector2::new(-v.y, v.x);
+    // In the order of the walk.
+    let [xx, xy, yy] = places[i.min(j)].parts().step_covariance;
+    let [fxx, fxy, fyy] = a.fix_covariance;
+    let (s, t) = (a.systematic, b.systematic);
+    let mut joint = Matrix2::new(xx + fxx, xy + fxy, xy + fxy, yy + fyy)
+        + quarter(a.walked) * quarter(b.walked).transpose() * s.heading_sigma * t.heading_sigma
+        + a.walked * b.walked.transpose() * s.scale_sigma * t.scale_sigma;
+    if i == j {
+        joint += Matrix2::from_diagonal_element(a.standing_sigma * b.standing_sigma);
+    }
+    joint
+}
+
+/// Every stop's place moves the pose; how, is found by moving it and solving again.
+#[test]
+fn the_pose_errs_as_all_stops_do_also_of_two_calibrations() {
+    let places = places_of_two_calibrations();
+    for i in 0..5 {
+        for j in 0..5 {
+            let covariance = if i == j {
+                places[i].covariance()
+            } else {
+                places[i].covariance_with(&places[j])
+            };
+            let off = covariance - joint_covariance(&places, i, j);
+            assert!(off.norm() < 1e-15, "{i}, {j}: {off}");
+        }
+    }
+    let sigma = 0.0007;
+    let seen = places.map(|place| {
+        let target = place.position();
+        let sighting = Sighting {
+            target_covariance: place.own_covariance(&places[0]),
+            ..Sighting::new(target, Ray::from_bearing(target.y.atan2(target.x)), sigma)
+        };
+        (sighting, place)
+    });
+    let sightings = seen.map(|(sighting, _)| sighting);
+    let solve = |sightings: &[Sighting<f64>; 5]| {
+        let pose = resection::solve(sightings).unwrap().pose;
+        Vector3::new(pose.position.x, pose.position.y, wrap_signed(pose.heading))
+    };
+    let slope = |change: &dyn Fn(&mut [Sighting<f64>; 5], f64)| {
+        let at = |h: f64| {
+            let mut moved = sightings;
+            change(&mut moved, h);
+            solve(&moved)
+        };
+        (at(1e-5) - at(-1e-5)) / 2e-5
+    };
+    let by_place = [0, 1, 2, 3, 4]
+        .map(|i| [0, 1].map(|axis| slope(&|s: &mut [Sighting<f64>; 5], h| s[i].target[axis] += h)));
+    let mut expected = Matrix3::zeros();
+    for i in 0..5 {
+        let by_bearing = slope(&|s: &mut [Sighting<f64>; 5], h| {
+            s[i].ray = Ray::from_bearing(s[i].ray.bearing() + h);
+        });
+        expected += by_bearing * by_bearing.transpose() * (sigma * sigma);
+        for j in 0..5 {
+            let joint = joint_covariance(&places, i, j);
+            for (a, row) in by_place[i].iter().enumerate() {
+                for (b, column) in by_place[j].iter().enumerate() {
+                    expected += row * column.transpose() * joint[(a, b)];
+                }
+            }
+        }
+    }
+    let pose = resection::solve(&sightings).unwrap().pose;
+    let correlated = correlate(&pose, &seen, one_walk).unwrap().covariance;
+    for i in 0..3 {
+        for j in 0..3 {
+            let off = correlated[(i, j)] - expected[(i, j)];
+            let scale = (expected[(i, i)] * expected[(j, j)]).sqrt();
+            assert!(off.abs() < 1e-4 * scale, "{i}, {j}: {off:e} of {scale:e}");
+        }
+    }
 }
 
 fn good_parts() -> PlaceParts<f64> {
@@ -450,7 +571,8 @@ proptest! {
             Track::start(Point2::new(1.0_f32, 2.0), Matrix2::zeros(), Systematic::default()).unwrap();
         for (i, &[distance, heading, distance_sigma, heading_sigma]) in numbers.iter().enumerate() {
             if i == fix {
-                track.relocate(track.position(), Matrix2::new(0.01, 0.002, 0.002, 0.01)).unwrap();
+                let covariance = Matrix2::new(0.01, 0.002, 0.002, 0.01);
+                track.relocate(track.position(), covariance, Systematic::default()).unwrap();
             }
             let _ = track.advance(&Step { distance, heading, distance_sigma, heading_sigma });
         }

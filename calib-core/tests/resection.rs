@@ -1,18 +1,16 @@
 //! Resection against scenes whose truth is known, and against other methods.
 
+mod scene;
+
 use calib_core::{
     Pose, Ray, Refusal, Sighting, angle,
-    resection::{self, slope_form, three_point},
+    resection::{self, three_point},
 };
 use nalgebra::{Matrix2, Matrix3, Point2, Vector2, Vector3};
 use proptest::prelude::*;
 use rand::RngExt;
-use test_support::{Truth, clearance, generator, normal, turn};
-
-fn sighting(truth: &Truth, target: Point2<f64>, noise: f64, sigma: f64) -> Sighting<f64> {
-    let bearing = truth.bearing_of(target) + noise;
-    Sighting::new(target, Ray::from_bearing(bearing), sigma)
-}
+use scene::{regular_scene, sighting};
+use test_support::{Truth, generator, normal, turn};
 
 /// Central differences of bearings by pose: the oracle for every covariance.
 fn numeric_covariance(truth: &Truth, sightings: &[Sighting<f64>]) -> Matrix3<f64> {
@@ -51,17 +49,6 @@ fn assert_pose(pose: &Pose<f64>, truth: &Truth, tolerance: f64) {
     assert!((0.0..core::f64::consts::TAU).contains(&pose.heading));
 }
 
-fn regular_scene(seed: u64) -> (Truth, [Point2<f64>; 3]) {
-    let mut rng = generator(seed);
-    loop {
-        let truth = Truth::random(&mut rng);
-        let targets = truth.targets::<3>(&mut rng);
-        if clearance(truth.position(), &targets) > 1e-3 {
-            return (truth, targets);
-        }
-    }
-}
-
 proptest! {
     #![proptest_config(ProptestConfig::with_cases(2000))]
 
@@ -70,22 +57,16 @@ proptest! {
         let (truth, targets) = regular_scene(seed);
         let sightings = targets.map(|t| sighting(&truth, t, 0.0, 0.01));
         assert_pose(&three_point::solve(&sightings).unwrap(), &truth, 1e-7);
-        let slope = slope_form::solve(&sightings).unwrap();
-        assert!((slope.position - truth.position()).norm() < 1e-7);
-        prop_assert!(turn(slope_form::fix_up(&slope, &sightings), truth.heading).abs() < 1e-7);
     }
 
-    /// Both closed forms and least squares are the same function of the same noisy bearings.
+    /// The closed form and least squares are the same function of the same noisy bearings.
     #[test]
-    fn rays_slopes_and_least_squares_agree(seed: u64) {
+    fn rays_and_least_squares_agree(seed: u64) {
         let (truth, targets) = regular_scene(seed);
         let mut rng = generator(seed ^ 1);
         let sightings = targets.map(|t| sighting(&truth, t, 0.002 * normal(&mut rng), 0.002));
         let Ok(pose) = three_point::solve(&sightings) else { return Ok(()) };
         prop_assume!(pose.sigma_position() < 1.0);
-        let slope = slope_form::solve(&sightings).unwrap();
-        prop_assert!((slope.position - pose.position).norm() < 1e-6);
-        prop_assert!(turn(slope_form::fix_up(&slope, &sightings), pose.heading).abs() < 1e-6);
         // Each sighting twice, at half the weight: the least-squares path, the same optimum.
         let doubled: Vec<_> = sightings
             .iter()
@@ -182,9 +163,6 @@ proptest! {
         for s in solutions.into_iter().flatten() {
             prop_assert!(s.pose.position.coords.iter().all(|v| v.is_finite()));
             prop_assert!(s.pose.heading.is_finite() && s.pose.covariance.iter().all(|v| v.is_finite()));
-        }
-        if let [a, b, c] = sightings[..] && let Ok(fix) = slope_form::solve(&[a, b, c]) {
-            prop_assert!(fix.theta.is_finite() && fix.position.coords.iter().all(|v| v.is_finite()));
         }
     }
 }
@@ -320,55 +298,6 @@ fn opposite_and_equal_bearings_are_fine() {
     }
 }
 
-/// The two flaws of the printed quadrant rule; the fix-up has neither.
-#[test]
-fn printed_quadrant_rule_is_wrong_twice() {
-    let degrees = f64::to_degrees;
-    // Heading 95 degrees, the target nearest to the axis at a bearing of 85.
-    let truth = Truth {
-        x: 1.0,
-        y: 1.0,
-        heading: 95_f64.to_radians(),
-    };
-    let targets = [(4.0, -10.0), (3.0, 20.0), (6.0, -25.0)]
-        .map(|(range, off): (f64, f64)| truth.place(range, off.to_radians()));
-    let sightings = targets.map(|t| sighting(&truth, t, 0.0, 0.01));
-    let fix = slope_form::solve(&sightings).unwrap();
-    assert!((degrees(fix.theta) + 85.0).abs() < 1e-9);
-    assert!((degrees(slope_form::fix_up_as_printed(&fix, &sightings)) + 85.0).abs() < 1e-9);
-    assert!((degrees(slope_form::fix_up(&fix, &sightings)) - 95.0).abs() < 1e-9);
-
-    // The target exactly above: its bearing is returned, and not the heading of 80 degrees. An
-    // exact zero in floating point needs numbers without rounding.
-    let above = slope_form::SlopeFix {
-        position: Point2::new(0.0, 0.0),
-        theta: 80_f64.to_radians(),
-    };
-    let at = |x: f64, y: f64, off: f64| {
-        Sighting::new(Point2::new(x, y), Ray::from_bearing(off.to_radians()), 0.01)
-    };
-    let sightings = [at(0.0, 3.0, 10.0), at(1.0, 2.0, -16.6), at(-1.0, 2.0, 36.6)];
-    assert!((degrees(slope_form::fix_up_as_printed(&above, &sightings)) - 90.0).abs() < 1e-9);
-    assert!((degrees(slope_form::fix_up(&above, &sightings)) - 80.0).abs() < 1e-9);
-}
-
-/// A heading of exactly 90 degrees makes the slope infinite.
-#[test]
-fn slope_form_survives_the_vertical() {
-    for quarter in 0..4 {
-        let truth = Truth {
-            x: 0.5,
-            y: -1.0,
-            heading: f64::from(quarter) * core::f64::consts::FRAC_PI_2,
-        };
-        let targets = [(4.0, -0.2), (3.0, 0.3), (6.0, 0.4)].map(|(r, b)| truth.place(r, b));
-        let sightings = targets.map(|t| sighting(&truth, t, 0.0, 0.01));
-        let fix = slope_form::solve(&sightings).unwrap();
-        let heading = slope_form::fix_up(&fix, &sightings);
-        assert!(turn(heading, truth.heading).abs() < 1e-9);
-    }
-}
-
 /// Gaussian bearings: errors reach the Cramer-Rao bound and agree with the predicted covariance.
 #[test]
 fn monte_carlo_agrees_with_the_prediction() {
@@ -476,7 +405,43 @@ fn of_four_one_wrong_sighting_is_noticed() {
     assert!(solution.chi_squared > 100.0 && solution.degrees_of_freedom() == 1);
 }
 
-/// An error that all targets share moves the camera by just as much.
+/// Half of the sightings fit one pose exactly, half another one: nobody has the majority.
+#[test]
+fn half_is_no_majority() {
+    let (one, other) = (
+        Truth {
+            x: 0.0,
+            y: 0.0,
+            heading: 0.3,
+        },
+        Truth {
+            x: 2.0,
+            y: -1.0,
+            heading: 0.9,
+        },
+    );
+    let places = [
+        (4.0, -0.3),
+        (5.0, 0.4),
+        (3.0, 0.1),
+        (7.0, -0.1),
+        (6.0, 0.25),
+    ];
+    let seen = |by: &Truth| places.map(|(r, b)| sighting(by, one.place(r, b), 0.0, 0.005));
+    let (first, second) = (seen(&one), seen(&other));
+    let four_each: Vec<_> = first[..4].iter().chain(&second[..4]).copied().collect();
+    let mut dropped = [false; 9];
+    assert_eq!(
+        resection::solve_rejecting(&four_each, 4.0, &mut dropped[..8]),
+        Err(Refusal::Inconsistent)
+    );
+    // One more makes it five of nine.
+    let five: Vec<_> = first.iter().chain(&second[..4]).copied().collect();
+    let solution = resection::solve_rejecting(&five, 4.0, &mut dropped).unwrap();
+    assert_eq!(dropped, [[false; 5].as_slice(), &[true; 4]].concat()[..]);
+    assert_pose(&solution.pose, &one, 1e-9);
+}
+
 /// A difference of covariances may be none. It makes no sighting better than the camera's own sigma.
 #[test]
 fn an_impossible_target_covariance_adds_nothing() {
@@ -538,8 +503,9 @@ fn single_precision_bears_any_unit() {
     }
 }
 
+/// An error that all targets share moves the camera by just as much and does not turn it.
 #[test]
-fn shared_target_error() {
+fn a_shift_of_all_targets_shifts_the_camera() {
     let (truth, targets) = regular_scene(3);
     let shift = Vector2::new(0.3, -0.2);
     let sightings = targets.map(|t| sighting(&truth, t, 0.0, 0.01));
@@ -553,10 +519,7 @@ fn shared_target_error() {
     );
     assert!((after.position - before.position - shift).norm() < 1e-9);
     assert!(angle::wrap_signed(after.heading - before.heading).abs() < 1e-9);
-    let covariance = Matrix2::new(0.04, 0.01, 0.01, 0.09);
-    let wide = before.with_shared_target_error(&covariance).covariance - before.covariance;
-    assert!((wide.fixed_view::<2, 2>(0, 0) - covariance).norm() < 1e-12);
-    assert!(wide.row(2).norm() < 1e-12);
+    assert!((after.covariance - before.covariance).norm() < 1e-9);
 }
 
 fn single_precision(s: Sighting<f64>) -> Sighting<f32> {

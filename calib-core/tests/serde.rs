@@ -6,7 +6,7 @@ use core::fmt::Debug;
 use calib_core::{
     Limits, Method, Pose, Ray, Refusal, Sighting, Status,
     dead_reckoning::{Place, PlaceParts, Step, Systematic, Track},
-    intersection::Bearing,
+    intersection::StationBearing,
     reference::{Known, Stop},
     resection,
 };
@@ -67,7 +67,7 @@ fn values_come_back() {
     };
     let text = serde_json::to_string(&forged).unwrap();
     assert!(serde_json::from_str::<Place<f32>>(&text).is_err());
-    comes_back(&Bearing {
+    comes_back(&StationBearing {
         pose: solution.pose,
         ray: sightings[0].ray,
         bearing_sigma: 0.01,

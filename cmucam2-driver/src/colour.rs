@@ -10,16 +10,16 @@ pub const LEVEL_MAX: u8 = 240;
 /// One of the three colour channels. In YCrCb mode they carry Cr, Y and Cb.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
-pub enum Channel {
-    /// Channel 0.
+pub enum ColourChannel {
+    /// Channel 0; Cr in YCrCb mode.
     Red,
-    /// Channel 1.
+    /// Channel 1; Y in YCrCb mode.
     Green,
-    /// Channel 2.
+    /// Channel 2; Cb in YCrCb mode.
     Blue,
 }
 
-impl Channel {
+impl ColourChannel {
     /// The number that the camera gives this channel.
     pub const fn number(self) -> u8 {
         match self {
@@ -30,7 +30,7 @@ impl Channel {
     }
 }
 
-impl TryFrom<u8> for Channel {
+impl TryFrom<u8> for ColourChannel {
     type Error = ArgumentError;
 
     fn try_from(number: u8) -> Result<Self, ArgumentError> {
@@ -64,7 +64,7 @@ pub struct LevelRange {
 }
 
 impl LevelRange {
-    /// Every level.
+    /// Every level there is: 16 to 240.
     pub const ALL: Self = Self {
         min: LEVEL_MIN,
         max: LEVEL_MAX,
@@ -115,7 +115,7 @@ pub struct ColourBounds {
 }
 
 impl ColourBounds {
-    /// Every colour.
+    /// Every colour there is: 16 to 240 in each channel.
     pub const ALL: Self = Self {
         red: LevelRange::ALL,
         green: LevelRange::ALL,

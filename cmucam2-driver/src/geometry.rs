@@ -16,9 +16,9 @@ pub enum Sensor {
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Size {
-    /// Columns.
+    /// Columns, 1 to 176.
     pub width: u8,
-    /// Rows.
+    /// Rows, 1 to 255.
     pub height: u8,
 }
 

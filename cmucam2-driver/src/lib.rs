@@ -53,8 +53,14 @@
 //!
 //! # Features
 //! `defmt` and `log` report restarts, retries and restored modes; `defmt` also formats the public
-//! types. Without them the crate is silent. `images` (frames, line modes) and `raw` (raw output) are
-//! on by default; an image for a node that needs neither is smaller without.
+//! types. Without them the crate is silent. `full` is on by default: frames, line modes, raw output,
+//! histograms, masked packets, servo positions, uploads, learning from a mean. Without it only what
+//! tracking needs is understood, and the commands for the rest must not be sent.
+//!
+//! # Size
+//! Only the commands that an image sends are in it: an [`Order`](command::Order) is made of a
+//! [`Command`] where that is known, inlined there (`// size`), and the dialogue sees nothing but the
+//! order.
 #![no_std]
 #![forbid(unsafe_code)]
 #![cfg_attr(
@@ -67,6 +73,7 @@
     )
 )]
 
+mod features;
 mod fmt;
 
 pub mod argument;

@@ -26,13 +26,13 @@ pub enum PacketKind {
     Tracking,
     /// T packets of frame differencing, on a grid of 8 x 8 or 16 x 16 blocks.
     Difference,
-    /// S packets.
+    /// S packets of `GM`, levels.
     Statistics,
-    /// H packets.
+    /// H packets of `GH`, scaled counts.
     Histogram,
 }
 
-/// One packet.
+/// A packet of any of the three letters.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum Packet {
@@ -40,7 +40,8 @@ pub enum Packet {
     Tracking(Tracking),
     /// `S`: the mean colour and its deviation.
     Statistics(Statistics),
-    /// `H`: a histogram.
+    /// `H`: a histogram. With the feature `full`.
+    #[cfg(feature = "full")]
     Histogram(Histogram),
 }
 
@@ -111,18 +112,18 @@ impl TrackingFields {
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct BoundingBox {
-    /// Leftmost column.
+    /// Leftmost column, from 0 or 1: see [`uncertain::last_coordinate`].
     pub x1: u8,
-    /// Uppermost row.
+    /// Uppermost row, counted as the columns are.
     pub y1: u8,
-    /// Rightmost column.
+    /// Rightmost column, at least `x1`.
     pub x2: u8,
-    /// Lowermost row.
+    /// Lowermost row, at least `y1`.
     pub y2: u8,
 }
 
 impl BoundingBox {
-    /// Pixels inside.
+    /// Pixels inside, both corners included.
     pub const fn area(self) -> u32 {
         (self.x2.saturating_sub(self.x1) as u32 + 1) * (self.y2.saturating_sub(self.y1) as u32 + 1)
     }
@@ -457,20 +458,19 @@ impl Packet {
 
     /// Whether a stream of this kind carries such a packet.
     pub fn is_of(&self, kind: PacketKind) -> bool {
-        matches!(
-            (self, kind),
-            (
-                Self::Tracking(_),
-                PacketKind::Tracking | PacketKind::Difference
-            ) | (Self::Statistics(_), PacketKind::Statistics)
-                | (Self::Histogram(_), PacketKind::Histogram)
-        )
+        match self {
+            Self::Tracking(_) => matches!(kind, PacketKind::Tracking | PacketKind::Difference),
+            Self::Statistics(_) => kind == PacketKind::Statistics,
+            #[cfg(feature = "full")]
+            Self::Histogram(_) => kind == PacketKind::Histogram,
+        }
     }
 
     const fn letter(&self) -> u8 {
         match self {
             Self::Tracking(_) => b'T',
             Self::Statistics(_) => b'S',
+            #[cfg(feature = "full")]
             Self::Histogram(_) => b'H',
         }
     }
@@ -479,6 +479,7 @@ impl Packet {
         match self {
             Self::Tracking(packet) => packet.numbers().for_each(write),
             Self::Statistics(packet) => packet.numbers().for_each(write),
+            #[cfg(feature = "full")]
             Self::Histogram(packet) => packet.bins().iter().copied().for_each(write),
         }
     }
@@ -487,7 +488,7 @@ impl Packet {
 /// What the banner says: `CMUcam2 v1.00 c6`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
-pub struct Version {
+pub struct FirmwareVersion {
     /// Before the point.
     pub major: u8,
     /// After the point, in hundredths: 1 for `1.01`, 10 for `1.1`.
@@ -496,7 +497,7 @@ pub struct Version {
     pub module: Option<u8>,
 }
 
-impl Version {
+impl FirmwareVersion {
     /// The sensor, if the banner names a known one.
     pub fn sensor(self) -> Option<Sensor> {
         self.module.and_then(uncertain::sensor_of_module)

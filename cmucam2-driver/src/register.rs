@@ -9,9 +9,9 @@ use crate::argument::ArgumentError;
 pub struct Register(pub u8);
 
 impl Register {
-    /// Contrast.
+    /// Contrast, 0 to 255.
     pub const CONTRAST: Self = Self(5);
-    /// Brightness.
+    /// Brightness, 0 to 255.
     pub const BRIGHTNESS: Self = Self(6);
     /// Exposure, when auto gain is off.
     pub const EXPOSURE: Self = Self(16);
@@ -92,14 +92,14 @@ pub const PAIRS_MAX: usize = 5;
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Default)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Registers {
-    pairs: [(u8, u8); PAIRS_MAX],
+    pairs: [[u8; 2]; PAIRS_MAX],
     len: u8,
 }
 
 impl Registers {
     /// Everything back to its default.
     pub const DEFAULTS: Self = Self {
-        pairs: [(0, 0); PAIRS_MAX],
+        pairs: [[0; 2]; PAIRS_MAX],
         len: 0,
     };
 
@@ -113,18 +113,18 @@ impl Registers {
         Ok(all)
     }
 
-    /// One register.
+    /// A single register with its value.
     pub const fn one(pair: (Register, u8)) -> Self {
-        let mut pairs = [(0, 0); PAIRS_MAX];
-        pairs[0] = (pair.0.0, pair.1);
+        let mut pairs = [[0; 2]; PAIRS_MAX];
+        pairs[0] = [pair.0.0, pair.1];
         Self { pairs, len: 1 }
     }
 
-    /// Two registers.
+    /// Two registers with their values, in this order.
     pub const fn two(first: (Register, u8), second: (Register, u8)) -> Self {
-        let mut pairs = [(0, 0); PAIRS_MAX];
-        pairs[0] = (first.0.0, first.1);
-        pairs[1] = (second.0.0, second.1);
+        let mut pairs = [[0; 2]; PAIRS_MAX];
+        pairs[0] = [first.0.0, first.1];
+        pairs[1] = [second.0.0, second.1];
         Self { pairs, len: 2 }
     }
 
@@ -137,7 +137,7 @@ impl Registers {
             .pairs
             .get_mut(usize::from(self.len))
             .ok_or(ArgumentError::Registers)?;
-        *free = (register.0, value);
+        *free = [register.0, value];
         self.len += 1;
         Ok(())
     }
@@ -152,6 +152,14 @@ impl Registers {
         self.pairs
             .iter()
             .take(usize::from(self.len))
-            .map(|&(register, value)| (Register(register), value))
+            .map(|&[register, value]| (Register(register), value))
+    }
+
+    /// The same as the arguments of `CR`.
+    pub(crate) fn numbers(&self) -> &[u8] {
+        self.pairs
+            .get(..usize::from(self.len))
+            .unwrap_or(&[])
+            .as_flattened()
     }
 }

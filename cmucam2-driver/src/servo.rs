@@ -123,7 +123,7 @@ pub struct ServoAxis {
     pub far: u8,
     /// Distance from which on it makes half a step, pixels.
     pub near: u8,
-    /// Servo steps.
+    /// Servo positions that a full step moves by.
     pub step: u8,
 }
 
@@ -131,8 +131,8 @@ pub struct ServoAxis {
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct ServoParameters {
-    /// Sideways.
+    /// Sideways, servo 0.
     pub pan: ServoAxis,
-    /// Up and down.
+    /// Up and down, servo 1.
     pub tilt: ServoAxis,
 }

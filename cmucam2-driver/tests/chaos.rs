@@ -6,7 +6,7 @@ mod random;
 
 use cmucam2_driver::{
     Command,
-    colour::{Channel, ColourBounds},
+    colour::{ColourBounds, ColourChannel},
     command::{LineMode, TrackingLines},
     register::Registers,
     session::{Answer, Fault, Learn, Policy, Request, Session, StartUp},
@@ -31,18 +31,18 @@ const REPLIES: &[&str] = &[
 fn request(random: &mut Random) -> Request {
     let bounds = ColourBounds::new([170, 230, 70, 130, 16, 46]).unwrap();
     match random.below(20) {
-        0 => Request::Do(Command::GetVersion),
-        1 => Request::Do(Command::Reset),
-        2 => Request::Do(Command::PollMode(random.chance(50))),
-        3 => Request::Do(Command::PacketFilter(random.chance(50))),
-        4 => Request::Do(Command::GetMean),
-        5 => Request::Do(Command::Sleep),
-        6 => Request::Do(Command::UploadDifference),
-        7 => Request::Do(Command::Registers(Registers::DEFAULTS)),
-        8 => Request::Do(Command::LineMode(LineMode::Tracking(TrackingLines::Bitmap))),
-        9 => Request::Start(Command::TrackColour(Some(bounds))),
-        10 => Request::Start(Command::TrackWindow),
-        11 => Request::Start(Command::SendFrame(Some(Channel::Red))),
+        0 => Request::Do(Command::GetVersion.into()),
+        1 => Request::Do(Command::Reset.into()),
+        2 => Request::Do(Command::PollMode(random.chance(50)).into()),
+        3 => Request::Do(Command::PacketFilter(random.chance(50)).into()),
+        4 => Request::Do(Command::GetMean.into()),
+        5 => Request::Do(Command::Sleep.into()),
+        6 => Request::Do(Command::UploadDifference.into()),
+        7 => Request::Do(Command::Registers(Registers::DEFAULTS).into()),
+        8 => Request::Do(Command::LineMode(LineMode::Tracking(TrackingLines::Bitmap)).into()),
+        9 => Request::Start(Command::TrackColour(Some(bounds)).into()),
+        10 => Request::Start(Command::TrackWindow.into()),
+        11 => Request::Start(Command::SendFrame(Some(ColourChannel::Red)).into()),
         12 => Request::Stop,
         13 => Request::Recover,
         14 => Request::StartUp(StartUp {
@@ -169,14 +169,14 @@ fn every_request_ends_and_the_camera_is_usable_afterwards() {
         }
         let mut streaming = false;
         let mut camera = |sent: &[u8]| sane(&mut streaming, sent);
-        let reset = Request::Do(Command::Reset);
+        let reset = Request::Do(Command::Reset.into());
         let outcome = drive(&mut session, reset, &mut now, &mut camera);
         assert!(
             matches!(outcome, Some(Ok(Answer::Version(_)))),
             "seed {seed}: {outcome:?}"
         );
         let bounds = ColourBounds::new([170, 230, 70, 130, 16, 46]).unwrap();
-        let track = Request::Start(Command::TrackColour(Some(bounds)));
+        let track = Request::Start(Command::TrackColour(Some(bounds)).into());
         let outcome = drive(&mut session, track, &mut now, &mut camera);
         assert_eq!(outcome, Some(Ok(Answer::Done)), "seed {seed}");
     }
@@ -188,7 +188,7 @@ fn noise_for_ever_is_garbage_in_bounded_time() {
     for byte in [0x00, b'T', b'\r', b'5', 0xFF, b'A'] {
         let mut session = Session::new(Policy::default());
         let mut now = 0;
-        let request = Request::Do(Command::GetVersion);
+        let request = Request::Do(Command::GetVersion.into());
         let outcome = drive(&mut session, request, &mut now, &mut |_| vec![byte; 100]);
         assert_eq!(outcome, Some(Err(Fault::Garbage)), "{byte}");
         assert!(now < 60_000_000, "{byte}: {now} us");

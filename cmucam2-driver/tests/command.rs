@@ -3,7 +3,7 @@
 use cmucam2_driver::{
     Command,
     argument::ArgumentError,
-    colour::{Channel, ColourBounds},
+    colour::{ColourBounds, ColourChannel},
     command::{
         CommandError, LedMode, LineMode, OutputMask, RawMode, StatisticsLines, StatisticsMask,
         TrackingLines,
@@ -46,7 +46,7 @@ fn golden() -> Vec<(Command, &'static str)> {
         ),
         (Command::Registers(Registers::DEFAULTS), "CR"),
         (Command::CameraType(Sensor::Ov7620), "CT 1"),
-        (Command::DifferenceChannel(Channel::Blue), "DC 2"),
+        (Command::DifferenceChannel(ColourChannel::Blue), "DC 2"),
         (Command::CharacterDelay(255), "DM 255"),
         (
             Command::DownSample(DownSampling::new(2, 4).unwrap()),
@@ -55,7 +55,7 @@ fn golden() -> Vec<(Command, &'static str)> {
         (Command::FrameDifference(15), "FD 15"),
         (Command::FrameStream(true), "FS 1"),
         (Command::GetButton, "GB"),
-        (Command::GetHistogram(Channel::Green), "GH 1"),
+        (Command::GetHistogram(ColourChannel::Green), "GH 1"),
         (Command::GetInputs, "GI"),
         (Command::GetMean, "GM"),
         (Command::GetServo(Servo::TILT), "GS 1"),
@@ -96,7 +96,7 @@ fn golden() -> Vec<(Command, &'static str)> {
         (Command::Reset, "RS"),
         (Command::DeepSleep, "SD"),
         (Command::SendFrame(None), "SF"),
-        (Command::SendFrame(Some(Channel::Red)), "SF 0"),
+        (Command::SendFrame(Some(ColourChannel::Red)), "SF 0"),
         (Command::Sleep, "SL"),
         (
             Command::ServoMask(ServoMask::from_switches(true, true, false, true)),

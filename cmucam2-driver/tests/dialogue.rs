@@ -6,7 +6,7 @@ use cmucam2_driver::{
     Cmucam2, Error,
     colour::{Colour, ColourBounds},
     geometry::{DownSampling, Sensor, Size, Window},
-    packet::Version,
+    packet::FirmwareVersion,
     session::Fault,
 };
 use common::{Async, Blocking, Drive, Overrun, Script};
@@ -406,7 +406,7 @@ both! {
             .on(TC, format!("ACK\r{HERE}{HERE}"));
         let (mut camera, line) = script.camera();
         D::drive(camera.poll_mode(true)).unwrap();
-        let version = Version { major: 1, minor: 1, module: Some(6) };
+        let version = FirmwareVersion { major: 1, minor: 1, module: Some(6) };
         assert_eq!(D::drive(camera.reset()), Ok(version));
         assert_eq!(version.sensor(), Some(Sensor::Ov6620));
         assert!(!camera.session().modes().poll());

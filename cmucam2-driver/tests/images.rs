@@ -4,7 +4,7 @@ mod common;
 
 use cmucam2_driver::{
     Error, Packet,
-    colour::Channel,
+    colour::ColourChannel,
     command::{LedMode, StatisticsLines, TrackingLines},
     device::Part,
     packet::Tracking,
@@ -70,7 +70,7 @@ both! {
         let rows = frame(&[&[20, 30], &[40, 50, 60]]);
         let (mut camera, _) = Script::idle().on("SF 1\r", ack(&[&rows, b":"])).camera();
         let mut row = [0; 3];
-        D::drive(camera.send_frame(Some(Channel::Green))).unwrap();
+        D::drive(camera.send_frame(Some(ColourChannel::Green))).unwrap();
         D::drive(camera.next_part(&mut row)).unwrap();
         let cut = D::drive(camera.next_part(&mut row)).unwrap();
         assert_eq!(cut, Part::Row { bytes: 2, intact: false });
@@ -87,7 +87,7 @@ both! {
             .on("L0 1\r", "ACK\r:");
         let (mut camera, line) = script.camera();
         let mut row = [0; 3];
-        D::drive(camera.send_frame(Some(Channel::Green))).unwrap();
+        D::drive(camera.send_frame(Some(ColourChannel::Green))).unwrap();
         D::drive(camera.next_part(&mut row)).unwrap();
         let result = D::drive(camera.next_part(&mut row));
         assert_eq!(result, Err(Error::Camera(Fault::Garbage)));
@@ -103,7 +103,7 @@ both! {
         let (mut camera, line) = script.camera();
         let mut row = [0; 3];
         D::drive(camera.noise_filter(5)).unwrap();
-        D::drive(camera.send_frame(Some(Channel::Green))).unwrap();
+        D::drive(camera.send_frame(Some(ColourChannel::Green))).unwrap();
         D::drive(camera.next_part(&mut row)).unwrap();
         // The beginning of the banner looks like pixels.
         let mut result = D::drive(camera.next_part(&mut row));
@@ -123,7 +123,7 @@ both! {
         let (mut camera, line) = script.camera();
         let mut row = [0; 3];
         D::drive(camera.frame_stream(true)).unwrap();
-        D::drive(camera.send_frame(Some(Channel::Red))).unwrap();
+        D::drive(camera.send_frame(Some(ColourChannel::Red))).unwrap();
         for _ in 0..2 {
             assert!(matches!(D::drive(camera.next_part(&mut row)), Ok(Part::Header(_))));
             assert_eq!(D::drive(camera.next_part(&mut row)), Ok(INTACT));

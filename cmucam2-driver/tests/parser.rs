@@ -12,36 +12,36 @@ use cmucam2_driver::{
     colour::Colour,
     command::{StatisticsLines, StatisticsMask, TrackingLines},
     geometry::Size,
-    packet::{Histogram, Statistics, Tracking, TrackingFields, Version},
-    parser::{Event, Expectation, ImageExpectation, ImageHeader, ImageKind, Parser, RowState},
+    packet::{FirmwareVersion, Histogram, Statistics, Tracking, TrackingFields},
+    parser::{Expectation, ImageExpectation, ImageHeader, ImageKind, Parser, RowState, Token},
     servo::ServoMask,
 };
 use proptest::prelude::*;
 
 const T: &[u8] = b"T 44 60 30 50 58 70 25 90\r";
 
-fn here() -> Event {
-    Event::Packet(Packet::Tracking(Tracking::new([
+fn here() -> Token {
+    Token::Packet(Packet::Tracking(Tracking::new([
         44, 60, 30, 50, 58, 70, 25, 90,
     ])))
 }
 
-fn events(parser: &mut Parser, bytes: &[u8]) -> Vec<Event> {
+fn events(parser: &mut Parser, bytes: &[u8]) -> Vec<Token> {
     bytes.iter().filter_map(|&byte| parser.push(byte)).collect()
 }
 
-fn parse(bytes: &[u8]) -> Vec<Event> {
+fn parse(bytes: &[u8]) -> Vec<Token> {
     events(&mut Parser::default(), bytes)
 }
 
 #[test]
 fn golden_lines() {
-    assert_eq!(parse(b"ACK\r:"), [Event::Ack, Event::Prompt]);
-    assert_eq!(parse(b"NCK\r:"), [Event::Nck, Event::Prompt]);
+    assert_eq!(parse(b"ACK\r:"), [Token::Ack, Token::Prompt]);
+    assert_eq!(parse(b"NCK\r:"), [Token::Nck, Token::Prompt]);
     assert_eq!(parse(T), [here()]);
     assert_eq!(
         parse(b"S 200 100 30 12 10 8\r"),
-        [Event::Packet(Packet::Statistics(Statistics::new(
+        [Token::Packet(Packet::Statistics(Statistics::new(
             Colour {
                 red: 200,
                 green: 100,
@@ -55,15 +55,15 @@ fn golden_lines() {
         )))]
     );
     let lost = parse(b"T 0 0 0 0 0 0 0 0\r");
-    assert_eq!(lost, [Event::Packet(Packet::Tracking(Tracking::LOST))]);
-    let version = Version {
+    assert_eq!(lost, [Token::Packet(Packet::Tracking(Tracking::LOST))]);
+    let version = FirmwareVersion {
         major: 1,
         minor: 0,
         module: Some(6),
     };
     assert_eq!(
         parse(b"\r\rCMUcam2 v1.00 c6\r:"),
-        [Event::Banner(version), Event::Prompt]
+        [Token::Banner(version), Token::Prompt]
     );
     assert_eq!(version.banner().as_bytes(), b"CMUcam2 v1.00 c6");
 }
@@ -116,7 +116,7 @@ fn wrong_packets_are_dropped_and_counted() {
         let got = events(&mut parser, bytes);
         let shown = String::from_utf8_lossy(bytes);
         assert!(
-            got.iter().all(|event| *event == Event::Prompt),
+            got.iter().all(|event| *event == Token::Prompt),
             "{shown}: {got:?}"
         );
         let dropped = parser.dropped();
@@ -211,20 +211,20 @@ fn frames_with_every_separator_variant() {
         height: 2,
         row_bytes: 3,
     };
-    let pixel = |byte, state| Event::Pixel(byte, state);
+    let pixel = |byte, state| Token::Pixel(byte, state);
     let expected = [
-        Event::Header(header),
+        Token::Header(header),
         pixel(16, RowState::Open),
         pixel(17, RowState::Open),
         pixel(18, RowState::Full),
         pixel(19, RowState::Open),
         pixel(20, RowState::Open),
         pixel(240, RowState::Full),
-        Event::ImageEnd {
+        Token::ImageEnd {
             rows: 2,
             intact: true,
         },
-        Event::Prompt,
+        Token::Prompt,
     ];
     for first in [&[][..], &[2]] {
         for last in [&[][..], &[2]] {
@@ -258,9 +258,9 @@ fn damaged_frames_are_told_row_by_row() {
     };
     // A lost pixel: that row is cut, the next one is in its place.
     let got = frame(&[2, 16, 18, 2, 19, 20, 21, 3]);
-    assert!(got.contains(&Event::RowCut(2)));
-    assert!(got.contains(&Event::Pixel(21, RowState::Full)));
-    let damaged = Event::ImageEnd {
+    assert!(got.contains(&Token::RowCut(2)));
+    assert!(got.contains(&Token::Pixel(21, RowState::Full)));
+    let damaged = Token::ImageEnd {
         rows: 2,
         intact: false,
     };
@@ -271,14 +271,14 @@ fn damaged_frames_are_told_row_by_row() {
     assert_eq!(got.len(), 7);
     // A level that no pixel has.
     let got = frame(&[2, 16, 255, 18, 2, 19, 20, 21, 3]);
-    assert_eq!(got[2], Event::Pixel(18, RowState::Damaged));
+    assert_eq!(got[2], Token::Pixel(18, RowState::Damaged));
     assert_eq!(got.last(), Some(&damaged));
     // The end is missing: whatever comes next ends the frame.
     let got = frame(b"\x02\x10\x11\x12\x02\x10\x11\x12T 44 60 30 50 58 70 25 90\r");
     assert_eq!(got[6..], [damaged, here()]);
     // A restart within the frame.
     let got = frame(b"\x02\x10CMUcam2 v1.01 c6\r");
-    assert!(matches!(got.last(), Some(Event::Banner(_))));
+    assert!(matches!(got.last(), Some(Token::Banner(_))));
 }
 
 #[test]
@@ -308,17 +308,17 @@ fn line_modes() {
     assert_eq!(
         got,
         [
-            Event::Header(ImageHeader {
+            Token::Header(ImageHeader {
                 kind: ImageKind::Bitmap,
                 width: 10,
                 height: 2,
                 row_bytes: 2
             }),
-            Event::Pixel(0b1111_0000, RowState::Open),
-            Event::Pixel(0b1100_0000, RowState::Full),
-            Event::Pixel(0xAA, RowState::Open),
-            Event::Pixel(0xAA, RowState::Full),
-            Event::ImageEnd {
+            Token::Pixel(0b1111_0000, RowState::Open),
+            Token::Pixel(0b1100_0000, RowState::Full),
+            Token::Pixel(0xAA, RowState::Open),
+            Token::Pixel(0xAA, RowState::Full),
+            Token::ImageEnd {
                 rows: 2,
                 intact: true
             },
@@ -331,7 +331,7 @@ fn line_modes() {
     assert_eq!(got.len(), 1 + 5 + 1 + 1);
     assert_eq!(
         got[6],
-        Event::ImageEnd {
+        Token::ImageEnd {
             rows: 1,
             intact: true
         }
@@ -343,7 +343,7 @@ fn line_modes() {
     ] {
         let bytes = [&[0xFE][..], &[100; 12], &[0xFD]].concat();
         let got = lines(ImageExpectation::Statistics(mode), &bytes);
-        let end = Event::ImageEnd {
+        let end = Token::ImageEnd {
             rows: 12 / width,
             intact: true,
         };
@@ -378,14 +378,14 @@ fn raw_packets() {
     };
     let packet = [0xFF, b'T', 44, 60, 30, 50, b':', 70, b'\r', 90];
     let got = raw(&[&b"ACK\r"[..], &packet, &packet, b":"].concat());
-    let expected = Event::Packet(Packet::Tracking(Tracking::new([
+    let expected = Token::Packet(Packet::Tracking(Tracking::new([
         44, 60, 30, 50, b':', 70, b'\r', 90,
     ])));
-    assert_eq!(got, [Event::Ack, expected, expected, Event::Prompt]);
+    assert_eq!(got, [Token::Ack, expected, expected, Token::Prompt]);
     // 255 within the numbers: the packet before it was cut.
     assert_eq!(raw(&[&packet[..5], &packet].concat()), [expected]);
     // Not before raw mode is on.
-    assert_eq!(parse(&packet).first(), Some(&Event::Prompt));
+    assert_eq!(parse(&packet).first(), Some(&Token::Prompt));
 }
 
 #[test]
@@ -431,7 +431,7 @@ proptest! {
         let mut parser = Parser::new(Expectation { tracking: fields, ..Expectation::default() });
         prop_assert_eq!(
             events(&mut parser, packet.line().as_bytes()),
-            [Event::Packet(packet)]
+            [Token::Packet(packet)]
         );
     }
 
@@ -448,7 +448,7 @@ proptest! {
             ..Expectation::default()
         });
         for line in [packet.raw(), packet.line()] {
-            prop_assert_eq!(events(&mut parser, line.as_bytes()), [Event::Packet(packet)]);
+            prop_assert_eq!(events(&mut parser, line.as_bytes()), [Token::Packet(packet)]);
         }
     }
 
@@ -458,15 +458,15 @@ proptest! {
         let mut parser = Parser::new(Expectation { bins: None, ..Expectation::default() });
         prop_assert_eq!(
             events(&mut parser, packet.line().as_bytes()),
-            [Event::Packet(packet)]
+            [Token::Packet(packet)]
         );
     }
 
     #[test]
     fn banners_come_back(major in 0_u8..=99, minor in 0_u8..=99, module in prop::option::of(0_u8..=9)) {
-        let version = Version { major, minor, module };
+        let version = FirmwareVersion { major, minor, module };
         let mut bytes = version.banner().as_bytes().to_vec();
         bytes.push(b'\r');
-        prop_assert_eq!(parse(&bytes), [Event::Banner(version)]);
+        prop_assert_eq!(parse(&bytes), [Token::Banner(version)]);
     }
 }

@@ -10,7 +10,7 @@ use std::{
 
 use cmucam2_driver::{
     Command,
-    colour::{Channel, ColourBounds},
+    colour::{ColourBounds, ColourChannel},
     command::{
         LedMode, LineMode, OutputMask, RawMode, StatisticsLines, StatisticsMask, TrackingLines,
     },
@@ -38,7 +38,7 @@ fn modes() -> Vec<Command> {
         Command::DownSample(DownSampling::new(2, 2).unwrap()),
         Command::VirtualWindow(Some(Window::new(1, 2, 30, 40).unwrap())),
         Command::BufferMode(true),
-        Command::DifferenceChannel(Channel::Red),
+        Command::DifferenceChannel(ColourChannel::Red),
         Command::CharacterDelay(3),
         Command::HighResolutionDifference(true),
         Command::HistogramConfiguration { bins: 1, scale: 1 },
@@ -120,7 +120,7 @@ fn every_mode_is_set_again_once_and_in_an_order_that_works() {
     let mut now = 0;
     // Set in the opposite order, and each twice: it is the state that counts, not the history.
     for command in modes().into_iter().rev().chain(modes().into_iter().rev()) {
-        drive(&mut session, Request::Do(command), &mut now);
+        drive(&mut session, Request::Do(command.into()), &mut now);
     }
     let (_, told) = drive(&mut session, Request::Recover, &mut now);
     let mut expected = modes();
@@ -130,7 +130,7 @@ fn every_mode_is_set_again_once_and_in_an_order_that_works() {
     assert_eq!(told, expected);
 
     // After a reset that was asked for there is nothing to restore.
-    drive(&mut session, Request::Do(Command::Reset), &mut now);
+    drive(&mut session, Request::Do(Command::Reset.into()), &mut now);
     let (_, told) = drive(&mut session, Request::Recover, &mut now);
     assert_eq!(told, [Command::Reset]);
 }
@@ -141,9 +141,12 @@ fn more_registers_than_can_be_remembered_are_refused_before_anything_is_sent() {
     let mut now = 0;
     for numbers in [0..5, 5..10] {
         let command = Command::Registers(registers(numbers));
-        drive(&mut session, Request::Do(command), &mut now);
+        drive(&mut session, Request::Do(command.into()), &mut now);
     }
-    session.begin(Request::Do(Command::Registers(registers(10..11))), now);
+    session.begin(
+        Request::Do(Command::Registers(registers(10..11)).into()),
+        now,
+    );
     assert_eq!(session.outcome(), Some(Err(Fault::TooManyRegisters)));
     assert!(session.pending().is_empty());
     // A known one may change, and the defaults make room.
@@ -152,7 +155,7 @@ fn more_registers_than_can_be_remembered_are_refused_before_anything_is_sent() {
         Command::Registers(Registers::DEFAULTS),
         Command::Registers(registers(10..15)),
     ] {
-        drive(&mut session, Request::Do(command), &mut now);
+        drive(&mut session, Request::Do(command.into()), &mut now);
     }
     assert_eq!(session.modes().register(Register(10)), Some(110));
     assert_eq!(session.modes().register(Register(0)), None);

@@ -3,10 +3,10 @@
 mod common;
 
 use cmucam2_driver::{
-    colour::{Channel, ColourBounds},
+    colour::{ColourBounds, ColourChannel},
     device::Part,
     geometry::Size,
-    packet::Version,
+    packet::FirmwareVersion,
     session::Learn,
     uncertain,
 };
@@ -14,7 +14,7 @@ use common::{Async, Blocking, Drive, Script};
 
 const HERE: &str = "T 44 60 30 50 58 70 25 90\r";
 const LOST: &str = "T 0 0 0 0 0 0 0 0\r";
-const VERSION: Version = Version {
+const VERSION: FirmwareVersion = FirmwareVersion {
     major: 1,
     minor: 1,
     module: Some(6),
@@ -104,7 +104,7 @@ both! {
                 let frame = [b"ACK\r\x01\x03\x02", first, body, last, b"\x03:"].concat();
                 let (mut camera, line) = Script::idle().on("SF 0\r", frame).camera();
                 let mut row = [0; 88];
-                D::drive(camera.send_frame(Some(Channel::Red))).unwrap();
+                D::drive(camera.send_frame(Some(ColourChannel::Red))).unwrap();
                 let Part::Header(header) = D::drive(camera.next_part(&mut row)).unwrap() else {
                     panic!("no header");
                 };
@@ -144,7 +144,7 @@ both! {
         let slow = Script::idle().on("GH 1\r", format!("ACK\r{line}")).stopped();
         for script in [once, stream, slow] {
             let (mut camera, uart) = script.on("GB\r", "ACK\r1\r:").camera();
-            let histogram = D::drive(camera.histogram(Channel::Green)).unwrap();
+            let histogram = D::drive(camera.histogram(ColourChannel::Green)).unwrap();
             assert_eq!(histogram.bins(), [9; 28]);
             D::drive(camera.button()).unwrap();
             uart.assert_finished();
@@ -159,7 +159,7 @@ both! {
                 .on("GH 0\r", format!("ACK\r{line}:"));
             let (mut camera, _) = script.camera();
             D::drive(camera.histogram_configuration(1, 0)).unwrap();
-            let histogram = D::drive(camera.histogram(Channel::Red)).unwrap();
+            let histogram = D::drive(camera.histogram(ColourChannel::Red)).unwrap();
             assert_eq!(histogram.bins().len(), bins);
         }
     }

@@ -1,6 +1,6 @@
 //! Frame differencing: a grid of block means against a reference (thesis 2.5).
 
-use cmucam2_driver::colour::{Channel, Colour};
+use cmucam2_driver::colour::{Colour, ColourChannel};
 
 use super::{
     blob::Blob,
@@ -30,7 +30,7 @@ impl Grid {
     }
 
     /// The blocks of a region. A block without a pixel of its own is dark.
-    pub(super) fn of(view: &View<'_>, region: Region, channel: Channel, fine: bool) -> Self {
+    pub(super) fn of(view: &View<'_>, region: Region, channel: ColourChannel, fine: bool) -> Self {
         let mut grid = Self::dark(fine);
         let mut sums = vec![(0_u32, 0_u32); grid.means.len()];
         let mut pixels = Vec::new();
@@ -103,10 +103,10 @@ impl Grid {
     }
 }
 
-pub(super) fn level(colour: Colour, channel: Channel) -> u8 {
+pub(super) fn level(colour: Colour, channel: ColourChannel) -> u8 {
     match channel {
-        Channel::Red => colour.red,
-        Channel::Green => colour.green,
-        Channel::Blue => colour.blue,
+        ColourChannel::Red => colour.red,
+        ColourChannel::Green => colour.green,
+        ColourChannel::Blue => colour.blue,
     }
 }

@@ -7,7 +7,7 @@ mod talk;
 
 use std::collections::VecDeque;
 
-use cmucam2_driver::{colour::Channel, command::Command, geometry::Sensor, packet::Packet};
+use cmucam2_driver::{colour::ColourChannel, command::Command, geometry::Sensor, packet::Packet};
 
 use super::{
     differencing::Grid,
@@ -99,7 +99,7 @@ enum Source {
     Colour,
     Difference(u8),
     Mean,
-    Histogram(Channel),
+    Histogram(ColourChannel),
 }
 
 #[derive(Clone, Copy, Debug)]
@@ -118,7 +118,7 @@ struct Stream {
 #[derive(Clone, Debug)]
 struct Dump {
     snapshot: Snapshot,
-    channel: Option<Channel>,
+    channel: Option<ColourChannel>,
     /// The row to be sent next; `None` before the header.
     row: Option<u8>,
     next_at: Time,

@@ -1,7 +1,7 @@
 //! Binary rows: whole frames, and those of the line modes.
 
 use cmucam2_driver::{
-    colour::{Channel, Colour},
+    colour::{Colour, ColourChannel},
     packet::Statistics,
 };
 
@@ -35,7 +35,7 @@ pub(super) fn row(
     view: &View<'_>,
     region: Region,
     y: u8,
-    channel: Option<Channel>,
+    channel: Option<ColourChannel>,
     mark: bool,
 ) -> Vec<u8> {
     let mut pixels = Vec::new();

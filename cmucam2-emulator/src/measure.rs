@@ -114,17 +114,19 @@ pub fn highest_rate(baud: u32, form: PacketForm) -> Result<HighestRate, Fault> {
         };
         let mut link = link(configuration, filling_box(), Policy::default());
         let window = Window::new(1, 144 - rows, 88, 143).expect("corners in order");
-        link.ask(Request::Do(Command::VirtualWindow(Some(window))))?;
+        link.ask(Request::Do(Command::VirtualWindow(Some(window)).into()))?;
         match form {
             PacketForm::Text => {}
             PacketForm::Middle => {
-                link.ask(Request::Do(Command::OutputMask(OutputMask::Tracking(3))))?;
+                link.ask(Request::Do(
+                    Command::OutputMask(OutputMask::Tracking(3)).into(),
+                ))?;
             }
             PacketForm::Raw => {
-                link.ask(Request::Do(Command::RawMode(RawMode::OUTPUT)))?;
+                link.ask(Request::Do(Command::RawMode(RawMode::OUTPUT).into()))?;
             }
         }
-        link.ask(Request::Start(Command::TrackColour(Some(orange()))))?;
+        link.ask(Request::Start(Command::TrackColour(Some(orange())).into()))?;
         link.ask(Request::Next)?;
         let (begin, mut packets) = (link.heard_at(), 0_u32);
         while link.heard_at() < begin + SECONDS * SECOND {
@@ -167,7 +169,7 @@ pub fn corruption(share: f64, strict: bool, packets: u32, seed: u64) -> Corrupti
     let mut sent: Vec<(Time, Tracking)> = Vec::new();
     // A command may fail on such a line; the next request tries again.
     while link
-        .ask(Request::Start(Command::TrackColour(Some(orange()))))
+        .ask(Request::Start(Command::TrackColour(Some(orange())).into()))
         .is_err()
     {}
     while counts.sent < packets {

@@ -1,7 +1,7 @@
 //! Everything that commands set, with the values after a reset.
 
 use cmucam2_driver::{
-    colour::{Channel, ColourBounds},
+    colour::{ColourBounds, ColourChannel},
     command::{LedMode, RawMode, StatisticsLines, StatisticsMask, TrackingLines},
     geometry::{DownSampling, Sensor, Size, Window},
     register::Register,
@@ -59,7 +59,7 @@ pub struct Modes {
     pub(super) window: Option<Window>,
     registers: [u8; REGISTER_COUNT],
     pub(super) buffer: bool,
-    pub(super) difference_channel: Channel,
+    pub(super) difference_channel: ColourChannel,
     pub(super) fine_grid: bool,
     pub(super) histogram_bins: u8,
     pub(super) histogram_scale: u8,
@@ -101,7 +101,7 @@ impl Modes {
             window: None,
             registers: [0; REGISTER_COUNT],
             buffer: false,
-            difference_channel: Channel::Green,
+            difference_channel: ColourChannel::Green,
             fine_grid: false,
             histogram_bins: super::statistics::BINS,
             histogram_scale: 0,

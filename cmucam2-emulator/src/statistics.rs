@@ -1,7 +1,7 @@
 //! Mean colour, its deviation, and histograms.
 
 use cmucam2_driver::{
-    colour::{Channel, Colour, LEVEL_MAX, LEVEL_MIN},
+    colour::{Colour, ColourChannel, LEVEL_MAX, LEVEL_MIN},
     packet::{BINS_MAX, Histogram, Statistics},
 };
 
@@ -104,7 +104,7 @@ impl Levels {
 
     /// Each of `bins` equal bins from level 16 to 240 holds its share of the pixels in 1/256,
     /// doubled `scale` times, at most 255.
-    pub(super) fn histogram(&self, channel: Channel, bins: u8, scale: u8) -> Histogram {
+    pub(super) fn histogram(&self, channel: ColourChannel, bins: u8, scale: u8) -> Histogram {
         let counts = &self.counts[usize::from(channel.number())];
         let total = u64::from(counts.iter().sum::<u32>()).max(1);
         let bins = usize::from(bins.clamp(1, BINS));

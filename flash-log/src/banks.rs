@@ -137,6 +137,7 @@ impl<F: NorFlash> Banks<F> {
 
     /// The slot last read or to be written.
     pub(super) fn slot(&mut self) -> &mut [u8] {
+        debug_assert!(self.slot_len <= SLOT_MAX);
         let slot = self.buffer.0.get_mut(..self.slot_len);
         slot.unwrap_or_default()
     }

@@ -11,7 +11,7 @@ impl Default for Crc32 {
 }
 
 impl Crc32 {
-    /// Of nothing.
+    /// The checksum of no bytes.
     pub const fn new() -> Self {
         Self(u32::MAX)
     }
@@ -24,7 +24,7 @@ impl Crc32 {
     }
 
     /// Covers these bytes, too.
-    // Not inlined: for the sake of flash.
+    // size
     #[inline(never)]
     pub fn add(&mut self, bytes: &[u8]) {
         self.0 = bytes.iter().fold(self.0, |crc, &byte| {
@@ -32,7 +32,7 @@ impl Crc32 {
         });
     }
 
-    /// The checksum.
+    /// The checksum of all bytes so far.
     pub const fn sum(self) -> u32 {
         !self.0
     }

@@ -78,6 +78,10 @@
 //! # }).unwrap();
 //! ```
 //!
+//! # Size
+//! Functions that are not inlined, though the compiler would, have several callers and make the image
+//! smaller; they are marked `size`.
+//!
 //! # Why not a ready-made map
 //! With `sequential-storage` 8.0.2, erasures cut off half-way, which may
 //! leave anything in a page, lost records in the power-cut test of this crate; and it skips records
@@ -91,17 +95,18 @@ extern crate std;
 
 mod banks;
 mod crc;
+mod dirty;
 mod slot;
 
 use core::{fmt, ops::Range};
 
 use embedded_storage_async::nor_flash::NorFlash;
 
-pub use self::crc::Crc32;
 use self::{
     banks::Banks,
     slot::{HEAD, HEADER, SUM},
 };
+pub use self::{crc::Crc32, dirty::DirtySet};
 
 /// Bytes of the longest slot.
 pub const SLOT_MAX: usize = 128;
@@ -134,7 +139,7 @@ impl<const SLOT: usize> Entry<SLOT> {
         })
     }
 
-    /// The key.
+    /// The key, 0 to 254.
     pub const fn key(&self) -> u8 {
         slot::key(self.0.as_slice())
     }

@@ -50,6 +50,7 @@ pub(super) const fn key(slot: &[u8]) -> u8 {
 /// The value, with zeros behind it.
 pub(super) fn value_mut(slot: &mut [u8]) -> &mut [u8] {
     let end = slot.len().saturating_sub(SUM);
+    debug_assert!(HEAD <= end, "a slot of {} bytes", slot.len());
     slot.get_mut(HEAD..end).unwrap_or_default()
 }
 
@@ -75,6 +76,7 @@ pub(super) fn generation(slot: &[u8]) -> Option<u32> {
 }
 
 /// Between the checksum that a slot should have and its own; 0 if it is whole.
+// size
 #[inline(never)]
 fn difference(slot: &[u8]) -> u32 {
     match slot.split_last_chunk() {
@@ -85,6 +87,7 @@ fn difference(slot: &[u8]) -> u32 {
 
 /// Flips the bit of a slot, or the bits of its key, that alone make this difference, if there are
 /// such.
+// size
 #[inline(never)]
 fn mend(slot: &mut [u8], difference: u32) -> bool {
     let body = 8 * slot.len().saturating_sub(SUM);

@@ -7,7 +7,7 @@ use cmucam2_driver::{
     command::{StatisticsLines, StatisticsMask, TrackingLines},
     geometry::Size,
     packet::{Tracking, TrackingFields},
-    parser::{Event, Expectation, ImageExpectation, Parser},
+    parser::{Token, Expectation, ImageExpectation, Parser},
     servo::ServoMask,
 };
 use libfuzzer_sys::fuzz_target;
@@ -37,7 +37,7 @@ fuzz_target!(|input: (u8, u8, u8, u8, &[u8])| {
     };
     let mut parser = Parser::new(expectation);
     for &byte in bytes {
-        if let Some(Event::Packet(packet)) = parser.push(byte) {
+        if let Some(Token::Packet(packet)) = parser.push(byte) {
             if let (Packet::Tracking(tracking), 0xFF) = (packet, mask)
                 && let Some(target) = tracking.bounding_box()
             {
@@ -50,7 +50,7 @@ fuzz_target!(|input: (u8, u8, u8, u8, &[u8])| {
                 .as_bytes()
                 .iter()
                 .filter_map(|&byte| again.push(byte));
-            assert_eq!(events.next(), Some(Event::Packet(packet)));
+            assert_eq!(events.next(), Some(Token::Packet(packet)));
         }
     }
     parser.gap();
@@ -58,5 +58,5 @@ fuzz_target!(|input: (u8, u8, u8, u8, &[u8])| {
     let lost = Packet::Tracking(Tracking::LOST);
     let line = lost.line();
     let mut events = line.as_bytes().iter().filter_map(|&byte| parser.push(byte));
-    assert_eq!(events.next(), Some(Event::Packet(lost)));
+    assert_eq!(events.next(), Some(Token::Packet(lost)));
 });

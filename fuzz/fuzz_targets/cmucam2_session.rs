@@ -26,13 +26,13 @@ fuzz_target!(|input: &[u8]| {
 fn request(selector: u8) -> Request {
     let how = Learn::default();
     match selector % 12 {
-        0 => Request::Do(Command::GetVersion),
-        1 => Request::Do(Command::PollMode(true)),
-        2 => Request::Do(Command::PacketFilter(true)),
-        3 => Request::Do(Command::GetMean),
-        4 => Request::Do(Command::UploadDifference),
-        5 => Request::Start(Command::TrackColour(Some(ColourBounds::ALL))),
-        6 => Request::Start(Command::SendFrame(None)),
+        0 => Request::Do(Command::GetVersion.into()),
+        1 => Request::Do(Command::PollMode(true).into()),
+        2 => Request::Do(Command::PacketFilter(true).into()),
+        3 => Request::Do(Command::GetMean.into()),
+        4 => Request::Do(Command::UploadDifference.into()),
+        5 => Request::Start(Command::TrackColour(Some(ColourBounds::ALL)).into()),
+        6 => Request::Start(Command::SendFrame(None).into()),
         7 => Request::Recover,
         8 => Request::StartUp(StartUp::default()),
         9 => Request::Learn { how, track: true },

@@ -6,7 +6,7 @@ use std::time::Duration;
 use libfuzzer_sys::fuzz_target;
 use zigbee_link::{
     Instant,
-    network::{Action, Channels, Node, Settings},
+    network::{Action, Channels, NetworkSettings, Node},
     radio::FRAME_MAX,
     security::{Key, Protection},
     store::Saved,
@@ -22,7 +22,7 @@ fuzz_target!(|bytes: &[u8]| {
         next_key: None,
         network: None,
     };
-    let settings = Settings {
+    let settings = NetworkSettings {
         extended: Eui64([2, 0, 0, 0, 0, 0, 0, 1]),
         channels: Channels::ALL,
         tx_power: 0,

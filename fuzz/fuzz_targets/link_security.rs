@@ -6,7 +6,7 @@ use zigbee_link::{
     Instant,
     link::Link,
     radio::FRAME_MAX,
-    security::{Counter, Key, Protection, Session},
+    security::{Counter, FrameSecurity, Key, Protection},
     wire::{Eui64, PanId, ShortAddress},
 };
 
@@ -14,7 +14,7 @@ fn link(n: u8) -> Link<4, 2> {
     let key = Key::new(1, core::array::from_fn(|i| 0xA0 ^ i as u8)).expect("not constant");
     let mut counter = Counter::resume(0);
     counter.reserved(1000);
-    let session = Session::new(
+    let session = FrameSecurity::new(
         Eui64([2, 0, 0, 0, 0, 0, 0, n]),
         Protection::EncMic64,
         key,

@@ -2,7 +2,7 @@
 #![no_main]
 
 use libfuzzer_sys::fuzz_target;
-use zigbee_link::wire::{Beacon, Command, Frame};
+use zigbee_link::wire::{Beacon, Frame, MacCommand};
 
 fuzz_target!(|bytes: &[u8]| {
     let mut buffer = vec![0; bytes.len()];
@@ -13,7 +13,7 @@ fuzz_target!(|bytes: &[u8]| {
             .expect("what parses can be written");
         assert_eq!(&buffer[..len], frame.header_bytes());
     }
-    if let Ok(command) = Command::parse(bytes) {
+    if let Ok(command) = MacCommand::parse(bytes) {
         assert_eq!(command.emit(&mut buffer), Ok(bytes.len()));
         assert_eq!(buffer, bytes);
     }

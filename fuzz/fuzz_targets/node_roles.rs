@@ -9,17 +9,17 @@ use std::time::Duration;
 
 use libfuzzer_sys::fuzz_target;
 use node_firmware::{
-    config::{CameraConfig, Duty, Reference, SensorConfig, Sigmas, Subjects, TargetConfig},
+    config::{CameraConfig, SensorConfig, Sigmas, Subjects, TargetConfig},
     console::{Frames, FromPc, ToPc},
     memory::Fact,
-    message::{Done, Message, Seen, Sight, Tracked},
+    message::{CommandResult, Duty, Message, Reference, Seen, Sight, TrackedBlob},
     role::{
         Output, Role,
-        camera::{self, Camera},
-        coordinator::{self, Coordinator},
-        target::{self, Target},
+        camera::{self, CameraRole},
+        coordinator::{self, CoordinatorRole},
+        moving_target::{self, TargetRole},
     },
-    sight::Lens,
+    vision::Lens,
 };
 use zigbee_link::{
     Instant,
@@ -37,12 +37,12 @@ fuzz_target!(|input: &[u8]| {
     match selector % 5 {
         0 => {
             let mut frames = Frames::default();
-            live(records, 0, Coordinator::new(), |bytes| {
+            live(records, 0, CoordinatorRole::new(), |bytes| {
                 let wishes = bytes.iter().filter_map(|&byte| frames.push::<FromPc>(byte));
-                wishes.map(coordinator::Event::Pc).collect()
+                wishes.map(coordinator::CoordinatorEvent::Pc).collect()
             });
         }
-        1 => live(records, 3, Target::new(9, TARGET, 0xFFFE), |bytes| {
+        1 => live(records, 3, TargetRole::new(9, TARGET, 0xFFFE), |bytes| {
             step(bytes).into_iter().collect()
         }),
         2 => live(records, 1, camera(None), |bytes| {
@@ -101,7 +101,7 @@ fn camera(duty: Option<Duty>) -> Camera {
         },
         sigma_floor_px: 0.1,
     };
-    Camera::new(7, config)
+    CameraRole::new(7, config)
 }
 
 fn number(bytes: &[u8]) -> Option<(f32, &[u8])> {
@@ -109,26 +109,28 @@ fn number(bytes: &[u8]) -> Option<(f32, &[u8])> {
     Some((f32::from_le_bytes(*number), rest))
 }
 
-fn step(bytes: &[u8]) -> Option<target::Event> {
+fn step(bytes: &[u8]) -> Option<moving_target::TargetEvent> {
     let Some((distance, rest)) = number(bytes) else {
-        return Some(target::Event::SensorFailed);
+        return Some(moving_target::TargetEvent::SensorFailed);
     };
     let (heading, rest) = number(rest)?;
     let (distance_sigma, rest) = number(rest)?;
     let (heading_sigma, _) = number(rest)?;
-    Some(target::Event::Step(calib_core::dead_reckoning::Step {
-        distance,
-        heading,
-        distance_sigma,
-        heading_sigma,
-    }))
+    Some(moving_target::TargetEvent::Step(
+        calib_core::dead_reckoning::Step {
+            distance,
+            heading,
+            distance_sigma,
+            heading_sigma,
+        },
+    ))
 }
 
-fn look(bytes: &[u8]) -> Option<camera::Event> {
+fn look(bytes: &[u8]) -> Option<camera::CameraEvent> {
     let (&kind, rest) = bytes.split_first()?;
     match kind {
-        0 => Some(camera::Event::Ready),
-        1 => Some(camera::Event::Looked(
+        0 => Some(camera::CameraEvent::Ready),
+        1 => Some(camera::CameraEvent::Looked(
             postcard::from_bytes::<Sight>(rest).ok()?,
             None,
         )),
@@ -136,13 +138,13 @@ fn look(bytes: &[u8]) -> Option<camera::Event> {
             let (bearing, rest) = number(rest)?;
             let (sigma, _) = number(rest)?;
             let seen = Seen { bearing, sigma };
-            Some(camera::Event::Looked(Sight::InView, Some(seen)))
+            Some(camera::CameraEvent::Looked(Sight::InView, Some(seen)))
         }
-        3 => Some(camera::Event::Done(
-            postcard::from_bytes::<Done>(rest).ok()?,
+        3 => Some(camera::CameraEvent::Done(
+            postcard::from_bytes::<CommandResult>(rest).ok()?,
         )),
-        _ => Some(camera::Event::Tracked(
-            postcard::from_bytes::<Tracked>(rest).ok()?,
+        _ => Some(camera::CameraEvent::Tracked(
+            postcard::from_bytes::<TrackedBlob>(rest).ok()?,
         )),
     }
 }
@@ -160,8 +162,8 @@ fn live<R: Role>(
         coordinator: Eui64([2; 8]),
     };
     let mut now = Instant(0);
-    let mut errands = Vec::new();
-    role.attached(now, Some(membership));
+    let mut notifications = Vec::new();
+    role.on_attached(now, Some(membership));
     let mut rest = records;
     while let [kind, pause, from, len, tail @ ..] = rest {
         now = now + Duration::from_millis(100 * u64::from(*pause));
@@ -170,19 +172,19 @@ fn live<R: Role>(
         match kind % 8 {
             0 => {
                 for event in events(bytes) {
-                    role.event(now, event);
+                    role.on_event(now, event);
                 }
             }
-            1 => role.attached(now, None),
-            2 => role.attached(now, Some(membership)),
+            1 => role.on_attached(now, None),
+            2 => role.on_attached(now, Some(membership)),
             3 => {
-                for errand in errands.drain(..) {
-                    role.sent(now, errand, pause % 2 == 0);
+                for notification in notifications.drain(..) {
+                    role.on_sent(now, notification, pause % 2 == 0);
                 }
             }
             _ => {
                 if let Ok(message) = postcard::from_bytes::<Message>(bytes) {
-                    role.message(now, ShortAddress((*from).into()), &message);
+                    role.on_message(now, ShortAddress((*from).into()), &message);
                 }
             }
         }
@@ -193,10 +195,12 @@ fn live<R: Role>(
             assert!(outputs < 200, "it never has enough");
             match output {
                 Output::Send {
-                    message, errand, ..
+                    message,
+                    notification,
+                    ..
                 } => {
                     check(&message);
-                    errands.extend(errand);
+                    notifications.extend(notification);
                 }
                 Output::Save(fact) => {
                     let mut slot = [0; 90];
@@ -206,7 +210,7 @@ fn live<R: Role>(
                 Output::Task(_) => {}
             }
         }
-        assert!(role.deadline().is_none_or(|deadline| deadline > now));
+        assert!(role.next_deadline().is_none_or(|deadline| deadline > now));
         let _ = role.indication();
     }
 }

@@ -17,12 +17,12 @@ use answers::record::{Role as Part, RunRecord};
 use board_support::panel::{FRAME_MAX, FromNode, frame};
 use host_sim::network::{Emulation, EmulatorError, Options, Simulation};
 use node_firmware::{
-    config::Role as Configured,
+    config::RoleConfig as Configured,
     memory::{Fact, KeptSighting},
-    message::{Frame, Message, Report, Sight, Stopped},
+    message::{CoordinateFrame, Message, Report, Sight, Stopped},
     role::{
         Output as Wish, Role,
-        camera::{Camera, Event, Task},
+        camera::{CameraEvent, CameraRole, CameraTask},
     },
 };
 use site::{Overrides, Scenario};
@@ -187,7 +187,7 @@ fn check_arithmetic(simulation: &Simulation, record: &RunRecord) {
             .iter()
             .filter(|fact| matches!(fact, Fact::Sighting(_, Some(_))))
             .collect();
-        let here = again(Camera::new(node.id, config.clone()), &sightings);
+        let here = again(CameraRole::new(node.id, config.clone()), &sightings);
         assert!(here.pose().is_some());
         assert_eq!(here, there);
         checked += 1;
@@ -196,10 +196,10 @@ fn check_arithmetic(simulation: &Simulation, record: &RunRecord) {
 }
 
 /// A camera's report after these sightings.
-fn again(mut camera: Camera, sightings: &[&Fact]) -> Report {
+fn again(mut camera: CameraRole, sightings: &[&Fact]) -> Report {
     let (last, before) = sightings.split_last().unwrap();
     for fact in before {
-        camera.remember(fact);
+        camera.restore(fact);
     }
     let &&Fact::Sighting(
         _,
@@ -216,14 +216,14 @@ fn again(mut camera: Camera, sightings: &[&Fact]) -> Report {
     let stopped = Stopped {
         stop,
         colour: 0,
-        frame: Frame::Site,
+        frame: CoordinateFrame::Site,
         place,
     };
-    camera.event(NOW, Event::Ready);
-    camera.message(NOW, ShortAddress(target), &Message::Stopped(stopped));
+    camera.on_event(NOW, CameraEvent::Ready);
+    camera.on_message(NOW, ShortAddress(target), &Message::Stopped(stopped));
     while let Some(wish) = camera.poll(NOW) {
-        if let Wish::Task(Task::Look { .. }) = wish {
-            camera.event(NOW, Event::Looked(Sight::InView, Some(seen)));
+        if let Wish::Task(CameraTask::Look { .. }) = wish {
+            camera.on_event(NOW, CameraEvent::Looked(Sight::InView, Some(seen)));
         }
     }
     *camera.report()

@@ -18,10 +18,10 @@ use calib_core::Refusal;
 use common::{Done, Files, run};
 use node_firmware::{
     console::{FRAME_MAX, Frames, FromPc, KeyChange, ToPc, encode},
-    message::{self, Hello, Kind, Message, PoseParts, Report, State},
+    message::{self, CameraState, Hello, MemberKind, Message, PoseParts, Report},
     role::{
         Output, Role,
-        coordinator::{Coordinator, Event, Task},
+        coordinator::{CoordinatorEvent, CoordinatorRole, CoordinatorTask},
     },
 };
 use serde_json::Value;
@@ -43,25 +43,25 @@ fn line() -> (TTYPort, TTYPort, String) {
 /// on until its line is closed.
 struct Site {
     line: TTYPort,
-    role: Coordinator,
+    role: CoordinatorRole,
     begin: Instant,
     key: Option<KeyChange>,
     /// The second camera gets a pose when this command reaches it.
-    answers: message::Command,
+    answers: message::CameraCommand,
 }
 
 impl Site {
     /// Starts it, with these states of its cameras. Keeps the line open as long as it is kept.
-    fn start(states: [State; 2]) -> (TTYPort, String) {
+    fn start(states: [CameraState; 2]) -> (TTYPort, String) {
         let (line, port, name) = line();
         let mut site = Self {
             line,
-            role: Coordinator::new(),
+            role: CoordinatorRole::new(),
             begin: Instant::now(),
             key: None,
-            answers: message::Command::Initialise,
+            answers: message::CameraCommand::Initialise,
         };
-        site.role.attached(
+        site.role.on_attached(
             site.now(),
             Some(Membership {
                 pan: PanId(0x1234),
@@ -70,8 +70,8 @@ impl Site {
                 coordinator: Eui64([2; 8]),
             }),
         );
-        let camera = Kind::Camera { reference: None };
-        for (address, id, kind) in [(1, 2, camera), (2, 3, camera), (3, 4, Kind::Target)] {
+        let camera = MemberKind::Camera { reference: None };
+        for (address, id, kind) in [(1, 2, camera), (2, 3, camera), (3, 4, MemberKind::Target)] {
             site.hears(address, &Message::Hello(Hello { id, kind }));
         }
         for (address, state) in (1..).zip(states) {
@@ -86,7 +86,8 @@ impl Site {
     }
 
     fn hears(&mut self, from: u16, message: &Message) {
-        self.role.message(self.now(), ShortAddress(from), message);
+        self.role
+            .on_message(self.now(), ShortAddress(from), message);
         self.work();
     }
 
@@ -97,7 +98,7 @@ impl Site {
             match self.line.read(&mut byte) {
                 Ok(_) => {
                     if let Some(wish) = frames.push::<FromPc>(byte[0]) {
-                        self.role.event(self.now(), Event::Pc(wish));
+                        self.role.on_event(self.now(), CoordinatorEvent::Pc(wish));
                     }
                 }
                 Err(error) if error.kind() == ErrorKind::TimedOut => {}
@@ -116,7 +117,10 @@ impl Site {
                 Output::Send { to, message, .. } => {
                     if let Message::Command(command) = message {
                         let success = command == self.answers;
-                        self.hears(to.0, &Message::Done(message::Done { command, success }));
+                        self.hears(
+                            to.0,
+                            &Message::Done(message::CommandResult { command, success }),
+                        );
                     }
                 }
                 Output::Save(_) => {}
@@ -124,14 +128,14 @@ impl Site {
         }
     }
 
-    fn task(&mut self, task: Task) {
+    fn task(&mut self, task: CoordinatorTask) {
         match task {
-            Task::Tell(message) => self.tell(message),
-            Task::Remove(address) => self.tell(ToPc::Removed {
+            CoordinatorTask::Tell(message) => self.tell(message),
+            CoordinatorTask::Remove(address) => self.tell(ToPc::Removed {
                 address,
                 success: true,
             }),
-            Task::ChangeKey(key) => {
+            CoordinatorTask::ChangeKey(key) => {
                 self.key = (key.index() != 1).then_some(KeyChange {
                     index: key.index(),
                     done: false,
@@ -142,11 +146,11 @@ impl Site {
                     key.done = true;
                 }
             }
-            Task::TellKeyChange => self.tell(ToPc::KeyChange(self.key)),
-            Task::OpenJoinWindow(window) => {
+            CoordinatorTask::TellKeyChange => self.tell(ToPc::KeyChange(self.key)),
+            CoordinatorTask::OpenJoinWindow(window) => {
                 // Somebody joins at once.
                 assert_eq!(window, Duration::from_secs(60));
-                let kind = Kind::Camera { reference: None };
+                let kind = MemberKind::Camera { reference: None };
                 self.hears(9, &Message::Hello(Hello { id: 12, kind }));
             }
         }
@@ -160,7 +164,7 @@ impl Site {
     }
 }
 
-fn report(id: u16, state: State) -> Report {
+fn report(id: u16, state: CameraState) -> Report {
     Report {
         id,
         duty: None,
@@ -172,8 +176,8 @@ fn report(id: u16, state: State) -> Report {
     }
 }
 
-fn pose() -> State {
-    State::Calibrated(PoseParts {
+fn pose() -> CameraState {
+    CameraState::Calibrated(PoseParts {
         position: [1.5, -2.0],
         heading: core::f32::consts::FRAC_PI_2,
         covariance: [0.25, 0.125, 1.0, 0.0, 0.0, 0.0001],
@@ -258,7 +262,7 @@ fn poses_of_a_calibrated_network() {
 #[test]
 fn time_is_over_before_all_have_poses() {
     let files = Files::new();
-    let (_port, name) = Site::start([pose(), State::Refused(Refusal::DangerCircle)]);
+    let (_port, name) = Site::start([pose(), CameraState::Refused(Refusal::DangerCircle)]);
     let csv = files.path("poses.csv");
     let done = console(
         &name,
@@ -292,7 +296,7 @@ fn time_is_over_before_all_have_poses() {
 #[test]
 fn ctrl_c_ends_listening() {
     let files = Files::new();
-    let (_port, name) = Site::start([pose(), State::Waiting]);
+    let (_port, name) = Site::start([pose(), CameraState::Waiting]);
     for (arguments, code) in [(&[][..], 1), (&["--until-calibrated"], 130)] {
         let csv = files.path(&format!("{code}.csv"));
         let mut child = Command::new(env!("CARGO_BIN_EXE_host-sim"))
@@ -319,7 +323,7 @@ fn ctrl_c_ends_listening() {
 #[test]
 fn wishes_are_done_and_confirmed() {
     let files = Files::new();
-    let (_port, name) = Site::start([pose(), State::Waiting]);
+    let (_port, name) = Site::start([pose(), CameraState::Waiting]);
     let text = success(&name, &["--command", "3:initialise"]);
     assert!(text.contains("camera 3: Initialise: done"), "{text}");
     let text = failure(&name, &["--command", "3:learn-colour=1"]);

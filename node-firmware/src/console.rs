@@ -7,11 +7,10 @@ use serde::{Deserialize, Serialize};
 
 use crate::{
     config::SiteKey,
-    message::{Address, Command, Done, Hello, Report, Sighted, Tracked},
+    message::{
+        CameraCommand, CommandResult, Hello, ListedSighting, MemberAddress, Report, TrackedBlob,
+    },
 };
-
-/// Bits per second of the line.
-pub const BAUD: u32 = 115_200;
 
 /// Bytes of the longest frame, its end included.
 pub const FRAME_MAX: usize = 128;
@@ -25,42 +24,42 @@ pub enum ToPc {
     /// A member.
     Member {
         /// Its address.
-        address: Address,
+        address: MemberAddress,
         /// What it says it is.
         hello: Hello,
     },
     /// How far a camera is.
     Report {
         /// Its address.
-        address: Address,
+        address: MemberAddress,
         /// What it reports.
         report: Report,
     },
     /// What came of a command.
     Done {
         /// The camera's address.
-        address: Address,
+        address: MemberAddress,
         /// The result; `success` is also false when the camera could not be reached.
-        done: Done,
+        done: CommandResult,
     },
     /// A raw packet of a camera.
     Tracked {
         /// The camera's address.
-        address: Address,
+        address: MemberAddress,
         /// The packet.
-        tracked: Tracked,
+        tracked: TrackedBlob,
     },
     /// A sighting that a camera has.
     Sighting {
         /// The camera's address.
-        address: Address,
+        address: MemberAddress,
         /// The sighting.
-        sighting: Sighted,
+        sighting: ListedSighting,
     },
     /// A member was sent away.
     Removed {
         /// Its address.
-        address: Address,
+        address: MemberAddress,
         /// It was a member.
         success: bool,
     },
@@ -103,15 +102,15 @@ pub enum FromPc {
     /// Have a camera do something.
     Command {
         /// The camera.
-        address: Address,
+        address: MemberAddress,
         /// What.
-        command: Command,
+        command: CameraCommand,
     },
     /// Ask a camera for its sightings.
-    Sightings(Address),
+    Sightings(MemberAddress),
     /// Send a member away, for good if it is gone: its place is free then. If it is on the
     /// allow-list, or while a join window is open, it may come back.
-    Remove(Address),
+    Remove(MemberAddress),
     /// Give all members another site key, with another index: whoever has only the present one is
     /// shut out then. It is the PC that draws it, at random, and keeps it: new members are
     /// provisioned with it.

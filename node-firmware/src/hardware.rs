@@ -1,18 +1,81 @@
-//! The seams of a node that no other crate defines: steps, lamps, buttons.
+//! What a board or a simulation gives a node: [`Hardware`] names the drivers, [`Peripherals`] holds
+//! them.
 //!
-//! The others are `embedded_io_async::{Read, Write}` (the camera, or the coordinator's console),
-//! [`zigbee_link::radio::Radio`], [`zigbee_link::runner::Clock`] and
-//! `embedded_storage_async::nor_flash::NorFlash`.
+//! Steps, lamps and buttons are traits of this module; the other traits are those that drivers have
+//! anyway.
 
 use core::{
     fmt::Debug,
     future::{Future, pending},
+    ops::Range,
 };
 
 use calib_core::dead_reckoning::Step;
-use zigbee_link::wire::ShortAddress;
+use embedded_io_async::{Read, Write};
+use embedded_storage_async::nor_flash::NorFlash;
+use zigbee_link::{
+    radio::Radio,
+    runner::Clock,
+    wire::{Eui64, ShortAddress},
+};
 
 use crate::{memory::Fact, message::Message};
+
+/// Which drivers a node runs on. Implemented by a type that stands for the board; it needs no value.
+pub trait Hardware {
+    /// The line to a camera's CMUcam2, or to a coordinator's PC; unused by a target. Reads must be
+    /// cancel-safe.
+    type Uart: Read + Write;
+    /// The radio.
+    type Radio: Radio;
+    /// The time.
+    type Clock: Clock;
+    /// Where the node keeps what it must not forget.
+    type Flash: NorFlash;
+    /// A target's step sensor.
+    type Steps: StepSensor;
+    /// Lamps; `()` for none.
+    type Indicator: Indicator;
+    /// Buttons; `()` for none.
+    type Buttons: Buttons;
+    /// Who watches; `()` for nobody.
+    type Observer: Observer;
+}
+
+/// The drivers of a [`Hardware`], and what differs from board to board and from start to start.
+pub struct Peripherals<H: Hardware> {
+    /// See [`Hardware::Uart`].
+    pub uart: H::Uart,
+    /// The radio.
+    pub radio: H::Radio,
+    /// The time since the start.
+    pub clock: H::Clock,
+    /// The flash of `layout`.
+    pub flash: H::Flash,
+    /// Which part of the flash is for what.
+    pub layout: FlashLayout,
+    /// A target's step sensor.
+    pub steps: H::Steps,
+    /// Lamps.
+    pub indicator: H::Indicator,
+    /// Buttons.
+    pub buttons: H::Buttons,
+    /// Who watches.
+    pub observer: H::Observer,
+    /// The chip's own EUI-64, for a configuration that names none.
+    pub extended: Eui64,
+    /// Random, another one at each start.
+    pub seed: u64,
+}
+
+/// Parts of a flash, bytes from its start. Each is an even number of erase units, aligned.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct FlashLayout {
+    /// For the radio link: two pages are enough.
+    pub link: Range<u32>,
+    /// For the role: two pages are enough.
+    pub memory: Range<u32>,
+}
 
 /// The sensor that tells a target how it moves.
 pub trait StepSensor {

@@ -5,23 +5,29 @@
 //! it is; then the target tells every camera that sees it where it stands, and each camera computes
 //! its own pose from three or more such sightings.
 //!
-//! [`run::run`] is a whole node. A board or a simulation supplies the seams and calls it.
+//! [`run::run`] is a whole node. A board or a simulation supplies its
+//! [`hardware::Peripherals`] and calls it.
 //!
 //! | module | job |
 //! |---|---|
+//! | [`limits`] | Numbers that the others share: members, colours, sightings |
 //! | [`config`] | What a node is told before it is switched on: identity, key, radio, role; and its flash page |
-//! | [`hardware`] | The seams: steps, lamps, buttons |
-//! | [`sight`] | What a camera role needs of its camera: is the target in view, in which direction, how sure |
+//! | [`hardware`] | Which drivers a node runs on |
+//! | [`vision`] | What a camera role needs of its camera: is the target in view, in which direction, how sure |
 //! | [`message`] | What nodes tell each other |
-//! | [`role`] | Coordinator, camera, target, as state machines without input or output |
+//! | [`role`] | Coordinator, camera, moving target, as state machines without input or output |
 //! | [`memory`] | What a role must not forget |
 //! | [`steps`] | A step sensor of an inertial measurement unit on an I2C bus |
 //! | [`console`] | What the coordinator and a PC tell each other |
-//! | [`run`] | A role connected to the seams |
+//! | [`run`] | A role connected to its hardware |
 //!
 //! # Features
 //! `defmt` and `log` report what is unusual; `defmt` also formats the public types. Without them the
 //! crate is silent.
+//!
+//! # Size
+//! A function marked `size` is not inlined, so that it is in an image once. One marked `stack` is not
+//! inlined, so that what it takes of the stack is there only while it runs, and not in every caller.
 #![no_std]
 #![forbid(unsafe_code)]
 #![cfg_attr(
@@ -40,12 +46,13 @@ extern crate std;
 pub mod config;
 pub mod console;
 pub mod hardware;
+pub mod limits;
 pub mod memory;
 pub mod message;
 pub mod role;
 pub mod run;
-pub mod sight;
 pub mod steps;
+pub mod vision;
 
 mod arithmetic;
 mod log;

@@ -31,10 +31,13 @@ use embedded_storage_async::nor_flash::NorFlash;
 use flash_log::{Entry, Log, LogError};
 use serde::{Deserialize, Serialize};
 
-use crate::config::COLOURS_MAX;
+use crate::limits::COLOURS_MAX;
 use crate::log::warning;
-use crate::message::{Address, MEMBERS, References, Report, Seen, StopNumber};
-use crate::sight::ColourWindow;
+use crate::vision::ColourWindow;
+use crate::{
+    limits::MEMBERS,
+    message::{MemberAddress, References, Report, Seen, StopNumber},
+};
 
 /// One above the highest key.
 const KEYS: u8 = 96 + MEMBERS as u8;
@@ -60,7 +63,7 @@ pub enum Fact {
     /// A reference camera's stop in this place of its list.
     ReferenceStop(u8, Option<ReferenceStop>),
     /// Target and coordinator: a camera in this place of the table.
-    Camera(u8, Option<(Address, Report)>),
+    Camera(u8, Option<(MemberAddress, Report)>),
     /// The first reference camera: how far the second is, which may not have heard it.
     Posed(Option<Report>),
     /// A camera: the colours it learnt.
@@ -69,19 +72,86 @@ pub enum Fact {
     Network(Network),
 }
 
-impl Fact {
-    fn key(&self) -> u8 {
-        let place = |first: u8, index: &u8| first + (*index).min(MEMBERS as u8 - 1);
+/// Which fact: of each one there is one.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum FactKey {
+    /// [`Fact::Report`].
+    Report,
+    /// [`Fact::References`].
+    References,
+    /// [`Fact::Walk`].
+    Walk,
+    /// [`Fact::Posed`].
+    Posed,
+    /// [`Fact::Colours`].
+    Colours,
+    /// [`Fact::Network`].
+    Network,
+    /// [`Fact::Sighting`] in this place of its list.
+    Sighting(u8),
+    /// [`Fact::ReferenceStop`] in this place of its list.
+    ReferenceStop(u8),
+    /// [`Fact::Camera`] in this place of the table.
+    Camera(u8),
+}
+
+/// So many keys of records each list of facts takes, and those without a list.
+pub(crate) const KEYS_PER_LIST: u8 = 32;
+
+impl FactKey {
+    /// The key of its record. No list has more than 32 places.
+    pub const fn record(self) -> u8 {
+        const fn listed(list: u8, place: u8) -> u8 {
+            let last = KEYS_PER_LIST - 1;
+            list * KEYS_PER_LIST + if place < last { place } else { last }
+        }
         match self {
-            Self::Report(_) => 0,
-            Self::References(_) => 1,
-            Self::Walk(_) => 2,
-            Self::Posed(_) => 3,
-            Self::Colours(_) => 4,
-            Self::Network(_) => 5,
-            Self::Sighting(index, _) => place(32, index),
-            Self::ReferenceStop(index, _) => place(64, index),
-            Self::Camera(index, _) => place(96, index),
+            Self::Report => 0,
+            Self::References => 1,
+            Self::Walk => 2,
+            Self::Posed => 3,
+            Self::Colours => 4,
+            Self::Network => 5,
+            Self::Sighting(place) => listed(1, place),
+            Self::ReferenceStop(place) => listed(2, place),
+            Self::Camera(place) => listed(3, place),
+        }
+    }
+
+    /// The fact with this key of a record.
+    pub const fn of_record(key: u8) -> Option<Self> {
+        let place = key % KEYS_PER_LIST;
+        Some(match key / KEYS_PER_LIST {
+            0 => match key {
+                0 => Self::Report,
+                1 => Self::References,
+                2 => Self::Walk,
+                3 => Self::Posed,
+                4 => Self::Colours,
+                5 => Self::Network,
+                _ => return None,
+            },
+            1 => Self::Sighting(place),
+            2 => Self::ReferenceStop(place),
+            3 => Self::Camera(place),
+            _ => return None,
+        })
+    }
+}
+
+impl Fact {
+    /// Which one it is.
+    pub const fn key(&self) -> FactKey {
+        match self {
+            Self::Report(_) => FactKey::Report,
+            Self::References(_) => FactKey::References,
+            Self::Walk(_) => FactKey::Walk,
+            Self::Posed(_) => FactKey::Posed,
+            Self::Colours(_) => FactKey::Colours,
+            Self::Network(_) => FactKey::Network,
+            Self::Sighting(place, _) => FactKey::Sighting(*place),
+            Self::ReferenceStop(place, _) => FactKey::ReferenceStop(*place),
+            Self::Camera(place, _) => FactKey::Camera(*place),
         }
     }
 }
@@ -91,7 +161,7 @@ impl Fact {
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct KeptSighting {
     /// The target.
-    pub target: Address,
+    pub target: MemberAddress,
     /// Its stop.
     pub stop: StopNumber,
     /// Where it said it stood, in the frame of the site.
@@ -105,7 +175,7 @@ pub struct KeptSighting {
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct ReferenceStop {
     /// The target.
-    pub target: Address,
+    pub target: MemberAddress,
     /// Its stop.
     pub stop: StopNumber,
     /// Where it was in the target's own frame, once told.
@@ -125,7 +195,7 @@ pub struct Network {
     /// The coordinator's EUI-64.
     pub coordinator: [u8; 8],
     /// The address that this member has there.
-    pub own: Address,
+    pub own: MemberAddress,
 }
 
 /// Colours that a camera learnt, by their number.
@@ -204,7 +274,7 @@ impl<F: NorFlash> Memory<F> {
         for (key, slot) in (0..).zip(slots) {
             if let Some(entry) = self.log.read(slot).await?
                 && let Ok((fact, _)) = postcard::take_from_bytes::<Fact>(entry.value())
-                && fact.key() == key
+                && fact.key().record() == key
             {
                 take(&fact);
             }
@@ -223,7 +293,7 @@ impl<F: NorFlash> Memory<F> {
         let mut value = [0; Entry::<SLOT>::VALUE_MAX];
         // Every fact fits: a test writes the longest of each kind.
         let value = postcard::to_slice(fact, &mut value).map_err(|_| LogError::Full)?;
-        let entry = Entry::new(fact.key(), value).ok_or(LogError::Full)?;
+        let entry = Entry::new(fact.key().record(), value).ok_or(LogError::Full)?;
         match self.log.append(&entry).await {
             Err(LogError::Full) => {
                 warning!("the memory of the role is full: it is begun anew");

@@ -9,18 +9,18 @@ use calib_core::{
 };
 use nalgebra::{Point2, Vector2};
 use node_firmware::{
-    config::{Duty, Reference},
     console::FromPc,
     hardware::Button,
     message::{
-        Bearing, Command, Done, Frame, Hello, Kind, Located, Look, Message, PoseParts, References,
-        Report, Seen, Sight, Sighted, State, Stopped, Tracked,
+        CameraCommand, CameraState, CommandResult, CoordinateFrame, Duty, Hello, ListedSighting,
+        MemberKind, Message, PoseParts, Reference, References, Report, Seen, Sight, StopAnswer,
+        StopBearing, Stopped, TargetLocation, TrackedBlob,
     },
     role::{
         Role,
-        camera::{self, Camera},
-        coordinator::{self, Coordinator},
-        target::{self, Target},
+        camera::{self, CameraRole},
+        coordinator::{self, CoordinatorRole},
+        moving_target::{self, TargetRole},
     },
 };
 use proptest::prelude::*;
@@ -127,11 +127,11 @@ impl Any {
 
     fn report(&mut self) -> Report {
         let state = match self.below(5) {
-            0 => State::Waiting,
-            1 => State::Refused(Refusal::DangerCircle),
-            2 => State::Calibrated(self.pose()),
-            3 => State::Weak(self.pose()),
-            _ => State::Doubtful(self.pose()),
+            0 => CameraState::Waiting,
+            1 => CameraState::Refused(Refusal::DangerCircle),
+            2 => CameraState::Calibrated(self.pose()),
+            3 => CameraState::Weak(self.pose()),
+            _ => CameraState::Doubtful(self.pose()),
         };
         Report {
             id: self.address(),
@@ -144,15 +144,15 @@ impl Any {
         }
     }
 
-    fn command(&mut self) -> Command {
+    fn command(&mut self) -> CameraCommand {
         let colour = self.below(6) as u8;
         self.one(&[
-            Command::Initialise,
-            Command::LearnColour { colour },
-            Command::LearnBackground,
-            Command::Track { colour },
-            Command::StopTracking,
-            Command::Forget,
+            CameraCommand::Initialise,
+            CameraCommand::LearnColour { colour },
+            CameraCommand::LearnBackground,
+            CameraCommand::Track { colour },
+            CameraCommand::StopTracking,
+            CameraCommand::Forget,
         ])
     }
 
@@ -170,12 +170,12 @@ impl Any {
         ])
     }
 
-    fn kind(&mut self) -> Kind {
+    fn kind(&mut self) -> MemberKind {
         let reference = self.flip().then(|| Reference {
             duty: self.one(&[Duty::First, Duty::Second]),
             position: self.flip().then(|| [self.number(), self.number()]),
         });
-        self.one(&[Kind::Target, Kind::Camera { reference }])
+        self.one(&[MemberKind::Target, MemberKind::Camera { reference }])
     }
 
     fn message(&mut self) -> Message {
@@ -196,10 +196,10 @@ impl Any {
             5..=8 => Message::Stopped(Stopped {
                 stop: self.stop(),
                 colour: self.below(4) as u8,
-                frame: self.one(&[Frame::Own, Frame::Site]),
+                frame: self.one(&[CoordinateFrame::Own, CoordinateFrame::Site]),
                 place: self.place(),
             }),
-            9 => Message::Look(Look {
+            9 => Message::Look(StopAnswer {
                 stop: self.stop(),
                 sight: self.sight(),
                 counted: self.0.random(),
@@ -209,13 +209,13 @@ impl Any {
                 target: self.address(),
                 stop: self.stop(),
             },
-            11 | 12 => Message::Bearing(Bearing {
+            11 | 12 => Message::Bearing(StopBearing {
                 target: self.address(),
                 stop: self.stop(),
                 seen: self.seen(),
                 pose: self.flip().then(|| self.pose()),
             }),
-            13 => Message::Located(Located {
+            13 => Message::Located(TargetLocation {
                 stop: self.stop(),
                 position: [self.number(), self.number()],
                 covariance: [self.sigma(), self.number() * 1e-3, self.sigma()],
@@ -225,18 +225,18 @@ impl Any {
             14 => Message::Posed(self.report()),
             15 => Message::Report(self.report()),
             16 => Message::Command(self.command()),
-            17 => Message::Done(Done {
+            17 => Message::Done(CommandResult {
                 command: self.command(),
                 success: self.flip(),
             }),
-            18 => Message::Tracked(Tracked {
+            18 => Message::Tracked(TrackedBlob {
                 middle: self.0.random(),
                 edges: self.0.random(),
                 pixels: self.0.random(),
                 confidence: self.0.random(),
             }),
             _ if self.flip() => Message::Sightings,
-            _ => Message::Sighting(Sighted {
+            _ => Message::Sighting(ListedSighting {
                 index: self.0.random(),
                 count: self.0.random(),
                 target: self.address(),
@@ -260,7 +260,7 @@ fn live<R: Role>(mut station: Station<R>, any: &mut Any, event: impl Fn(&mut Any
     for _ in 0..250 {
         match any.below(24) {
             0 => station.restart(now),
-            1 => station.role.attached(zigbee_link::Instant(now), None),
+            1 => station.role.on_attached(zigbee_link::Instant(now), None),
             2 => station.attach(now),
             3 => station.join(now, any.below(2), any.below(3)),
             4..=7 => {
@@ -290,15 +290,15 @@ fn live<R: Role>(mut station: Station<R>, any: &mut Any, event: impl Fn(&mut Any
     }
 }
 
-fn camera_event(any: &mut Any) -> camera::Event {
+fn camera_event(any: &mut Any) -> camera::CameraEvent {
     match any.below(8) {
-        0 => camera::Event::Ready,
-        1 => camera::Event::Button(any.one(&[Button::JoinWindow, Button::LearnColour])),
-        2 => camera::Event::Done(Done {
+        0 => camera::CameraEvent::Ready,
+        1 => camera::CameraEvent::Button(any.one(&[Button::JoinWindow, Button::LearnColour])),
+        2 => camera::CameraEvent::Done(CommandResult {
             command: any.command(),
             success: any.flip(),
         }),
-        3 => camera::Event::Tracked(Tracked {
+        3 => camera::CameraEvent::Tracked(TrackedBlob {
             middle: [1; 2],
             edges: [2; 4],
             pixels: 3,
@@ -306,7 +306,7 @@ fn camera_event(any: &mut Any) -> camera::Event {
         }),
         _ => {
             let sight = any.sight();
-            camera::Event::Looked(sight, any.flip().then(|| any.seen()))
+            camera::CameraEvent::Looked(sight, any.flip().then(|| any.seen()))
         }
     }
 }
@@ -316,15 +316,15 @@ proptest! {
 
     #[test]
     fn a_coordinator_survives(seed: u64) {
-        let station = Station::<Coordinator>::new(0, Coordinator::new, Box::new(|_, _| None));
+        let station = Station::<CoordinatorRole>::new(0, CoordinatorRole::new, Box::new(|_, _| None));
         live(station, &mut Any(ChaCha8Rng::seed_from_u64(seed)), |any| {
             match any.below(6) {
-                0 => coordinator::Event::Button(Button::JoinWindow),
-                1 => coordinator::Event::Pc(FromPc::Refresh),
-                2 => coordinator::Event::Pc(FromPc::JoinWindow(any.address())),
-                3 => coordinator::Event::Pc(FromPc::Sightings(any.address())),
-                4 => coordinator::Event::Pc(FromPc::Remove(any.address())),
-                _ => coordinator::Event::Pc(FromPc::Command {
+                0 => coordinator::CoordinatorEvent::Button(Button::JoinWindow),
+                1 => coordinator::CoordinatorEvent::Pc(FromPc::Refresh),
+                2 => coordinator::CoordinatorEvent::Pc(FromPc::JoinWindow(any.address())),
+                3 => coordinator::CoordinatorEvent::Pc(FromPc::Sightings(any.address())),
+                4 => coordinator::CoordinatorEvent::Pc(FromPc::Remove(any.address())),
+                _ => coordinator::CoordinatorEvent::Pc(FromPc::Command {
                     address: any.address(),
                     command: any.command(),
                 }),
@@ -342,9 +342,9 @@ proptest! {
         config.frame_heading_deg = any.flip().then_some(30.0);
         config.reference_stops = any.below(14) as u8 + 3;
         let address = 1 + any.below(2);
-        let station = Station::<Camera>::new(
+        let station = Station::<CameraRole>::new(
             address,
-            move || Camera::new(7, config.clone()),
+            move || CameraRole::new(7, config.clone()),
             Box::new(|_, _| None),
         );
         live(station, &mut any, camera_event);
@@ -357,16 +357,16 @@ proptest! {
         config.dwell_least_ms = u32::from(any.below(3000));
         config.dwell_most_ms = config.dwell_least_ms + u32::from(any.below(3000));
         let first = any.stop();
-        let station = Station::<Target>::new(
+        let station = Station::<TargetRole>::new(
             3,
-            move || Target::new(9, config, first),
+            move || TargetRole::new(9, config, first),
             Box::new(|_, ()| None),
         );
         live(station, &mut any, |any| {
             if any.below(8) == 0 {
-                return target::Event::SensorFailed;
+                return moving_target::TargetEvent::SensorFailed;
             }
-            target::Event::Step(Step {
+            moving_target::TargetEvent::Step(Step {
                 distance: any.number().abs(),
                 heading: any.number(),
                 distance_sigma: any.sigma(),

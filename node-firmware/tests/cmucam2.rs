@@ -11,12 +11,12 @@ use std::{
 };
 
 use common::{MockDelay, MockUart, Script};
-use node_firmware::sight::{
-    BlobCamera, Cmucam2Sight, ColourWindow, Judge, Lens, Look, Patience, Shape, SightError,
-    Subject, cmucam2::Cmucam2Settings, look,
+use node_firmware::vision::{
+    BlobCamera, Cmucam2BlobCamera, ColourWindow, Judge, Lens, Look, Patience, Shape, Subject,
+    VisionError, cmucam2::Cmucam2Settings, look,
 };
 
-type Sight = Cmucam2Sight<MockUart, MockDelay>;
+type Sight = Cmucam2BlobCamera<MockUart, MockDelay>;
 
 const BANNER: &str = "CMUcam2 v1.00 c6\r:";
 const ORANGE: ColourWindow = ColourWindow {
@@ -89,7 +89,7 @@ fn a_lens_of_another_camera_is_refused() {
     ] {
         let banner = format!("ACK\rCMUcam2 v1.00 {banner}\r:");
         let (mut sight, line) = sight(Script::idle().on("GV\r", banner), columns);
-        let error = expected.map(|camera| SightError::Columns {
+        let error = expected.map(|camera| VisionError::Columns {
             camera,
             lens: columns,
         });
@@ -116,7 +116,7 @@ fn a_colour_is_polled() {
     assert_eq!(blob.packet, [23, 50, 21, 41, 28, 56, 15, 200]);
     assert_eq!(wait(sight.next()), Ok(None));
     assert_eq!(wait(sight.end()), Ok(()));
-    assert_eq!(wait(sight.next()), Err(SightError::NotBegun));
+    assert_eq!(wait(sight.next()), Err(VisionError::NotBegun));
     line.assert_finished();
 }
 
@@ -127,7 +127,7 @@ fn motion_needs_a_background() {
         .on("FD 12\r", "ACK\rT 6 8 5 7 6 9 6 255\r:");
     let (mut sight, line) = sight(script, 88);
     wait(sight.start_up()).unwrap();
-    assert_eq!(wait(sight.begin(MOTION)), Err(SightError::NoBackground));
+    assert_eq!(wait(sight.begin(MOTION)), Err(VisionError::NoBackground));
     wait(sight.learn_background()).unwrap();
     wait(sight.begin(MOTION)).unwrap();
     let blob = wait(sight.next()).unwrap().unwrap();
@@ -159,9 +159,9 @@ fn a_colour_is_learnt() {
 fn nothing_goes_before_starting_up() {
     let (mut sight, line) = sight(Script::new(), 88);
     let colour = Subject::Colour(ORANGE);
-    assert_eq!(wait(sight.begin(colour)), Err(SightError::NotStarted));
-    assert_eq!(wait(sight.learn_colour()), Err(SightError::NotStarted));
-    assert_eq!(wait(sight.learn_background()), Err(SightError::NotStarted));
+    assert_eq!(wait(sight.begin(colour)), Err(VisionError::NotStarted));
+    assert_eq!(wait(sight.learn_colour()), Err(VisionError::NotStarted));
+    assert_eq!(wait(sight.learn_background()), Err(VisionError::NotStarted));
     line.assert_finished();
 }
 
@@ -174,7 +174,7 @@ fn an_inverted_colour_is_not_sent() {
         ..ORANGE
     };
     let begun = wait(sight.begin(Subject::Colour(inverted)));
-    assert_eq!(begun, Err(SightError::Colour));
+    assert_eq!(begun, Err(VisionError::Colour));
     line.assert_finished();
 }
 
@@ -186,10 +186,10 @@ fn a_dead_line_is_survived() {
     wait(async {
         line.unplug();
         let begun = sight.begin(Subject::Colour(ORANGE)).await;
-        assert_eq!(begun, Err(SightError::Silent));
+        assert_eq!(begun, Err(VisionError::Silent));
         line.fail_next_read();
         let error = sight.begin(Subject::Colour(ORANGE)).await.unwrap_err();
-        assert!(matches!(error, SightError::Line(_)), "{error}");
+        assert!(matches!(error, VisionError::Line(_)), "{error}");
     });
 }
 
@@ -243,7 +243,7 @@ fn a_restart_within_a_look_is_survived() {
 /// again by itself, but the background and what was adapted to are lost all the same.
 #[test]
 fn a_restart_between_two_looks_is_told_whoever_notices_it() {
-    type Act = fn(&mut Sight) -> Result<(), SightError>;
+    type Act = fn(&mut Sight) -> Result<(), VisionError>;
     const RESTORED: [(&str, &str); 4] = [
         ("CR 18 40 19 32\r", "ACK\r:"),
         ("HD 1\r", "ACK\r:"),
@@ -281,8 +281,8 @@ fn a_restart_between_two_looks_is_told_whoever_notices_it() {
         wait(sight.start_up()).unwrap();
         wait(sight.learn_background()).unwrap();
         line.inject(BANNER);
-        assert_eq!(act(&mut sight), Err(SightError::Restarted), "{during:?}");
-        assert_eq!(act(&mut sight), Err(SightError::NotStarted), "{during:?}");
+        assert_eq!(act(&mut sight), Err(VisionError::Restarted), "{during:?}");
+        assert_eq!(act(&mut sight), Err(VisionError::NotStarted), "{during:?}");
         line.assert_finished();
     }
 }
@@ -298,7 +298,7 @@ fn a_restart_while_setting_up_is_told() {
         .on("HD 1\r", "ACK\r:")
         .on("PM 1\r", "ACK\r:");
     let (mut sight, _line) = sight(script, 88);
-    assert_eq!(wait(sight.start_up()), Err(SightError::Restarted));
+    assert_eq!(wait(sight.start_up()), Err(VisionError::Restarted));
     let begun = wait(sight.begin(Subject::Colour(ORANGE)));
-    assert_eq!(begun, Err(SightError::NotStarted));
+    assert_eq!(begun, Err(VisionError::NotStarted));
 }

@@ -6,19 +6,18 @@ use std::collections::BTreeMap;
 
 use calib_core::dead_reckoning::{Place, PlaceParts, Systematic};
 use embassy_futures::block_on;
+use flash_log::{Entry, Log, LogError};
 use nalgebra::{Point2, Vector2};
 use node_firmware::{
-    config::Duty,
+    limits::{MEMBERS, REFERENCE_STOPS, SIGHTINGS},
     memory::{Colours, Fact, KeptSighting, Memory, Network, ReferenceStop, Walk},
-    message::{MEMBERS, PoseParts, References, Report, Seen, State},
-    role::camera::{REFERENCE_STOPS, SIGHTINGS},
-    sight::ColourWindow,
+    message::{CameraState, Duty, PoseParts, References, Report, Seen},
+    vision::ColourWindow,
 };
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use support::flash::{self, Flash};
 use virtual_bench::flash::FlashError;
-use zigbee_link::store::log::{Entry, Log, LogError};
 
 /// Two pages of 4 KiB, as on the boards.
 const LEN: u32 = flash::length(32);
@@ -65,7 +64,7 @@ fn report(id: u16) -> Report {
         used: 255,
         chi_squared: 2.0,
         done: true,
-        state: State::Doubtful(pose()),
+        state: CameraState::Doubtful(pose()),
     }
 }
 

@@ -7,20 +7,21 @@ use std::{cell::RefCell, rc::Rc, time::Duration};
 
 use calib_core::{Refusal, Status, dead_reckoning::Track};
 use node_firmware::{
-    config::{CameraConfig, Duty, Reference, Sigmas, Subjects},
+    config::{CameraConfig, Sigmas, Subjects},
     console::{FromPc, ToPc},
     hardware::Button,
+    limits::SIGHTINGS,
     memory::Fact,
     message::{
-        Command, Done, Frame, Hello, Kind, Message, PoseParts, References, Report, Seen, Sight,
-        State, Stopped,
+        CameraCommand, CameraState, CommandResult, CoordinateFrame, Duty, Hello, MemberKind,
+        Message, PoseParts, Reference, References, Report, Seen, Sight, Stopped,
     },
     role::{
         Role, camera,
-        coordinator::{self, Coordinator},
-        target::Target,
+        coordinator::{self, CoordinatorRole},
+        moving_target::TargetRole,
     },
-    sight::ColourWindow,
+    vision::ColourWindow,
 };
 use support::{
     bus::{Air, AnyStation, Faults, PERFECT, Station},
@@ -48,7 +49,7 @@ fn references_that_contradict_each_other_want_more_stops() {
             }
             let at = format!("{what} at {stop}, seed {seed}");
             assert!(!net.target.role.indication().calibrated, "{at}");
-            let refused = State::Refused(Refusal::Inconsistent);
+            let refused = CameraState::Refused(Refusal::Inconsistent);
             assert_eq!(net.reports()[0].state, refused, "{at}");
             net.show_to(1, None);
             while !net.are_all_done() {
@@ -69,7 +70,7 @@ fn references_with_a_wrong_lens_come_to_an_answer() {
     net.walk_to(9);
     assert_eq!(
         net.reports()[0].state,
-        State::Refused(Refusal::Inconsistent)
+        CameraState::Refused(Refusal::Inconsistent)
     );
     net.walk_to(10);
     let report = net.reports()[0];
@@ -91,11 +92,11 @@ fn references_with_a_wrong_lens_come_to_an_answer() {
 #[test]
 fn a_doubtful_camera_is_none_that_is_calibrated() {
     let config = |n| CameraConfig {
-        stops: camera::SIGHTINGS as u8,
+        stops: SIGHTINGS as u8,
         ..with_references(n)
     };
     let mut net = Net::new(PERFECT, 16, config);
-    while net.reports()[2].sightings < camera::SIGHTINGS as u8 {
+    while net.reports()[2].sightings < SIGHTINGS as u8 {
         let [x, y] = STOPS[net.stops % STOPS.len()];
         let off = [1, 2].map(|axis| 0.5 * noise(&[net.stops as u64, axis]));
         net.show_to(2, Some([x + off[0], y + off[1]]));
@@ -164,8 +165,8 @@ fn what_is_remembered_is_judged_by_the_limits_of_today() {
             weak,
             ..camera_config(None)
         };
-        let mut camera = camera::Camera::new(101, config);
-        camera.remember(&Fact::Report(Some(Report {
+        let mut camera = camera::CameraRole::new(101, config);
+        camera.restore(&Fact::Report(Some(Report {
             id: 101,
             duty,
             sightings: 4,
@@ -186,10 +187,13 @@ fn what_is_remembered_is_judged_by_the_limits_of_today() {
             position,
             heading_deg,
         };
-        assert_eq!(recalled(State::Calibrated(pose), weak, None), expected);
-        let (status, done) = recalled(State::Weak(pose), weak, Some(Duty::First));
+        assert_eq!(
+            recalled(CameraState::Calibrated(pose), weak, None),
+            expected
+        );
+        let (status, done) = recalled(CameraState::Weak(pose), weak, Some(Duty::First));
         assert_eq!((status, done), (expected.0, true));
-        let doubtful = recalled(State::Doubtful(pose), weak, None);
+        let doubtful = recalled(CameraState::Doubtful(pose), weak, None);
         assert_eq!(doubtful, (Status::Doubtful, false));
     }
 }
@@ -207,7 +211,7 @@ fn facts_with_a_gap_survive_restarts() {
     for _ in 0..3 {
         let camera = &mut net.cameras[2];
         camera.restart(net.now);
-        camera.event(net.now, camera::Event::Ready);
+        camera.event(net.now, camera::CameraEvent::Ready);
         net.walk();
     }
     let now = net.now;
@@ -225,9 +229,9 @@ fn learnt_colours_survive_a_restart() {
     let tasks = Rc::new(RefCell::new(Vec::new()));
     let configured = Rc::new(RefCell::new(camera_config(None)));
     let (noted, config) = (tasks.clone(), configured.clone());
-    let mut station = Station::<camera::Camera>::new(
+    let mut station = Station::<camera::CameraRole>::new(
         1,
-        move || camera::Camera::new(101, config.borrow().clone()),
+        move || camera::CameraRole::new(101, config.borrow().clone()),
         Box::new(move |_, task| {
             noted.borrow_mut().push(task);
             None
@@ -240,14 +244,14 @@ fn learnt_colours_survive_a_restart() {
         blue: [5, 6],
     };
     for _ in 0..5 {
-        station.event(0, camera::Event::Learnt(1, learnt));
+        station.event(0, camera::CameraEvent::Learnt(1, learnt));
         station.act(0, &mut air);
     }
     assert_eq!(station.facts.len(), 1, "written once");
     station.restart(1);
     station.act(1, &mut air);
     station.act(2, &mut air);
-    let recall = camera::Task::Recall([None, Some(learnt), None, None]);
+    let recall = camera::CameraTask::Recall([None, Some(learnt), None, None]);
     assert_eq!(tasks.take(), [recall]);
 
     configured.borrow_mut().subjects = Subjects::Colours([learnt].into_iter().collect());
@@ -260,10 +264,11 @@ fn learnt_colours_survive_a_restart() {
 /// than it had room for once. After a restart it knows all of it.
 #[test]
 fn no_news_is_too_much_to_be_written_down() {
-    let mut station = Station::<Coordinator>::new(0, Coordinator::new, Box::new(|_, _| None));
-    let mut target = Station::<Target>::new(
+    let mut station =
+        Station::<CoordinatorRole>::new(0, CoordinatorRole::new, Box::new(|_, _| None));
+    let mut target = Station::<TargetRole>::new(
         TARGET,
-        || Target::new(TARGET, target_config(0), 7),
+        || TargetRole::new(TARGET, target_config(0), 7),
         Box::new(|_, ()| None),
     );
     let mut air = Air::new(PERFECT, 1);
@@ -277,7 +282,7 @@ fn no_news_is_too_much_to_be_written_down() {
                 used: 3,
                 chi_squared: 1.0,
                 done: false,
-                state: State::Refused(Refusal::DangerCircle),
+                state: CameraState::Refused(Refusal::DangerCircle),
             };
             station.hear(0, ShortAddress(camera), &Message::Report(report));
             target.hear(0, ShortAddress(camera), &Message::Report(report));
@@ -299,9 +304,9 @@ fn no_news_is_too_much_to_be_written_down() {
 fn a_pc_is_told_of_every_command() {
     let told = Rc::new(RefCell::new(Vec::new()));
     let tasks = told.clone();
-    let mut station = Station::<Coordinator>::new(
+    let mut station = Station::<CoordinatorRole>::new(
         0,
-        Coordinator::new,
+        CoordinatorRole::new,
         Box::new(move |_, task| {
             tasks.borrow_mut().push(task);
             None
@@ -314,26 +319,26 @@ fn a_pc_is_told_of_every_command() {
         },
         1,
     );
-    let command = Command::Forget;
+    let command = CameraCommand::Forget;
     for address in 0..20 {
         let wish = FromPc::Command { address, command };
-        station.event(0, coordinator::Event::Pc(wish));
+        station.event(0, coordinator::CoordinatorEvent::Pc(wish));
     }
-    station.event(0, coordinator::Event::Pc(FromPc::JoinWindow(9)));
+    station.event(0, coordinator::CoordinatorEvent::Pc(FromPc::JoinWindow(9)));
     station.act(0, &mut air);
     station.attach(1);
     for now in 1..40 {
         station.act(now * SECOND, &mut air);
     }
     let told = told.borrow();
-    let window = coordinator::Task::OpenJoinWindow(Duration::from_secs(9));
+    let window = coordinator::CoordinatorTask::OpenJoinWindow(Duration::from_secs(9));
     assert!(told.contains(&window));
     for address in 0..20 {
-        let done = Done {
+        let done = CommandResult {
             command,
             success: false,
         };
-        let done = coordinator::Task::Tell(ToPc::Done { address, done });
+        let done = coordinator::CoordinatorTask::Tell(ToPc::Done { address, done });
         assert!(told.contains(&done), "{address}");
     }
 }
@@ -342,14 +347,15 @@ fn a_pc_is_told_of_every_command() {
 /// none.
 #[test]
 fn a_reference_in_place_of_another_is_appointed() {
-    let mut station = Station::<Coordinator>::new(0, Coordinator::new, Box::new(|_, _| None));
+    let mut station =
+        Station::<CoordinatorRole>::new(0, CoordinatorRole::new, Box::new(|_, _| None));
     let mut air = Air::new(PERFECT, 1);
     station.attach(0);
     let hello = |duty, position| {
         let reference = Some(Reference { duty, position });
         Message::Hello(Hello {
             id: 1,
-            kind: Kind::Camera { reference },
+            kind: MemberKind::Camera { reference },
         })
     };
     let at = |x| Some([x, 0.0]);
@@ -380,7 +386,7 @@ fn a_reference_forgets() {
     while net.poses()[0].is_none() {
         net.run_for(1_000);
     }
-    let forget = Message::Command(Command::Forget);
+    let forget = Message::Command(CameraCommand::Forget);
     net.cameras[0].hear(net.now, ShortAddress(0), &forget);
     net.cameras[0].is_mute = false;
     let before = net.air.sent.len();
@@ -397,23 +403,23 @@ fn a_reference_forgets() {
 /// whoever wanted the other is told.
 #[test]
 fn a_command_that_is_given_up_is_answered() {
-    let mut station = Station::<camera::Camera>::new(
+    let mut station = Station::<camera::CameraRole>::new(
         1,
-        || camera::Camera::new(101, camera_config(None)),
+        || camera::CameraRole::new(101, camera_config(None)),
         Box::new(|_, _| None),
     );
     let mut air = Air::new(PERFECT, 1);
     station.attach(0);
-    station.event(0, camera::Event::Ready);
+    station.event(0, camera::CameraEvent::Ready);
     station.act(0, &mut air);
-    let lost = Command::Track { colour: 0 };
-    for command in [Command::Initialise, lost] {
+    let lost = CameraCommand::Track { colour: 0 };
+    for command in [CameraCommand::Initialise, lost] {
         station.hear(0, ShortAddress(0), &Message::Command(command));
         station.act(0, &mut air);
     }
-    station.event(1, camera::Event::Button(Button::LearnColour));
+    station.event(1, camera::CameraEvent::Button(Button::LearnColour));
     station.act(1, &mut air);
-    let done = Message::Done(Done {
+    let done = Message::Done(CommandResult {
         command: lost,
         success: false,
     });
@@ -425,9 +431,9 @@ fn a_command_that_is_given_up_is_answered() {
 fn what_a_camera_that_does_not_start_is_told_is_not_done_later() {
     let tasks = Rc::new(RefCell::new(Vec::new()));
     let noted = tasks.clone();
-    let mut station = Station::<camera::Camera>::new(
+    let mut station = Station::<camera::CameraRole>::new(
         1,
-        || camera::Camera::new(101, camera_config(None)),
+        || camera::CameraRole::new(101, camera_config(None)),
         Box::new(move |_, task| {
             noted.borrow_mut().push(task);
             None
@@ -435,25 +441,25 @@ fn what_a_camera_that_does_not_start_is_told_is_not_done_later() {
     );
     let mut air = Air::new(PERFECT, 1);
     station.attach(0);
-    let learn = Command::LearnColour { colour: 1 };
-    for (now, command) in [(1, learn), (2, Command::Forget)] {
+    let learn = CameraCommand::LearnColour { colour: 1 };
+    for (now, command) in [(1, learn), (2, CameraCommand::Forget)] {
         station.hear(now, ShortAddress(0), &Message::Command(command));
         station.act(now, &mut air);
-        let done = Message::Done(Done {
+        let done = Message::Done(CommandResult {
             command,
-            success: command == Command::Forget,
+            success: command == CameraCommand::Forget,
         });
         assert!(air.sent.iter().any(|sent| sent.message == done));
     }
-    station.event(3, camera::Event::Button(Button::LearnColour));
+    station.event(3, camera::CameraEvent::Button(Button::LearnColour));
     station.act(3, &mut air);
-    station.event(4, camera::Event::Ready);
+    station.event(4, camera::CameraEvent::Ready);
     station.act(4, &mut air);
     assert_eq!(tasks.take(), []);
-    station.event(5, camera::Event::Button(Button::LearnColour));
+    station.event(5, camera::CameraEvent::Button(Button::LearnColour));
     station.act(5, &mut air);
-    let learn = Command::LearnColour { colour: 0 };
-    assert_eq!(tasks.take(), [camera::Task::Command(learn)]);
+    let learn = CameraCommand::LearnColour { colour: 0 };
+    assert_eq!(tasks.take(), [camera::CameraTask::Command(learn)]);
 }
 
 /// Two cameras were elected, and two that are configured come later. There is one frame.
@@ -498,7 +504,7 @@ fn former_references_have_no_duty() {
             net.run_for(5 * SECOND);
             net.cameras[0].is_off = false;
             net.cameras[0].restart(net.now);
-            net.cameras[0].event(net.now, camera::Event::Ready);
+            net.cameras[0].event(net.now, camera::CameraEvent::Ready);
             net.run_for(5 * SECOND);
         }
         let references = References {
@@ -526,14 +532,16 @@ fn a_reference_drops_its_sightings() {
         sigma: 0.01,
     };
     for cut in [None, Some(1), Some(2), Some(3)] {
-        let mut station = Station::<camera::Camera>::new(
+        let mut station = Station::<camera::CameraRole>::new(
             2,
-            || camera::Camera::new(102, camera_config(None)),
-            Box::new(move |now, _| Some((now, camera::Event::Looked(Sight::InView, Some(seen))))),
+            || camera::CameraRole::new(102, camera_config(None)),
+            Box::new(move |now, _| {
+                Some((now, camera::CameraEvent::Looked(Sight::InView, Some(seen))))
+            }),
         );
         let mut air = Air::new(PERFECT, 1);
         station.attach(0);
-        station.event(0, camera::Event::Ready);
+        station.event(0, camera::CameraEvent::Ready);
         let references = References {
             first: 1,
             second: 2,
@@ -547,7 +555,7 @@ fn a_reference_drops_its_sightings() {
             let stopped = Message::Stopped(Stopped {
                 stop,
                 colour: 0,
-                frame: Frame::Site,
+                frame: CoordinateFrame::Site,
                 place,
             });
             let now = u64::from(stop) * SECOND;
@@ -568,7 +576,7 @@ fn a_reference_drops_its_sightings() {
             used: 3,
             chi_squared: 1.0,
             done: false,
-            state: State::Calibrated(pose),
+            state: CameraState::Calibrated(pose),
         });
         station.facts_left = cut;
         station.hear(3 * SECOND, ShortAddress(1), &posed);

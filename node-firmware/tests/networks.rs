@@ -36,7 +36,7 @@ fn provision_coordinator(net: &mut Net) {
 fn restart_all(net: &mut Net) {
     for camera in &mut net.cameras {
         camera.restart(net.now);
-        camera.event(net.now, camera::Event::Ready);
+        camera.event(net.now, camera::CameraEvent::Ready);
     }
     net.target.restart(net.now);
     net.coordinator.restart(net.now);
@@ -53,7 +53,7 @@ fn references_of_a_former_network_are_none() {
     for (seed, is_restarted) in [(1, false), (2, true), (3, false), (4, true)] {
         let mut net = Net::new(PERFECT, seed, config);
         net.walk_to(2);
-        let elected = |camera: &support::bus::Station<camera::Camera>| {
+        let elected = |camera: &support::bus::Station<camera::CameraRole>| {
             let mut facts = camera.facts.iter();
             facts.any(|fact| matches!(fact, Fact::References(Some(_))))
         };
@@ -65,7 +65,7 @@ fn references_of_a_former_network_are_none() {
         net.wait();
         net.walk_to(10);
         assert!(net.are_all_done(), "{:?}", net.reports());
-        if net.reports()[0].duty == Some(node_firmware::config::Duty::First) {
+        if net.reports()[0].duty == Some(node_firmware::message::Duty::First) {
             net.check_poses(from_to(0, 1), 5.0);
         } else {
             net.check_poses(from_to(1, 0), 5.0);
@@ -141,14 +141,16 @@ fn nobody_is_elected_where_poses_are_known() {
     for camera in &mut net.cameras[2..] {
         camera.is_off = false;
     }
-    net.target
-        .event(net.now, node_firmware::role::target::Event::SensorFailed);
+    net.target.event(
+        net.now,
+        node_firmware::role::moving_target::TargetEvent::SensorFailed,
+    );
     net.run_for(SECOND);
     net.walk_to(18);
     let appointed = |fact: &Fact| matches!(fact, Fact::References(Some(_)));
     assert!(!net.coordinator.facts.iter().any(appointed));
     assert!(net.are_all_done(), "{:?}", net.reports());
-    if duty == Some(node_firmware::config::Duty::First) {
+    if duty == Some(node_firmware::message::Duty::First) {
         net.check_poses(from_to(0, 1), 5.0);
     } else {
         net.check_poses(from_to(1, 0), 5.0);

@@ -6,14 +6,14 @@ use std::collections::BTreeSet;
 
 use calib_core::{Refusal, Status, dead_reckoning::Step};
 use node_firmware::{
-    config::{CameraConfig, Duty, Sigmas, TargetConfig},
+    config::{CameraConfig, Sigmas, TargetConfig},
     console::{FromPc, ToPc},
     memory::Fact,
-    message::{Command, Frame, Message, Report, State, Stopped},
+    message::{CameraCommand, CameraState, CoordinateFrame, Duty, Message, Report, Stopped},
     role::{
         Role, camera,
-        coordinator::{self, Coordinator},
-        target::{self, Target},
+        coordinator::{self, CoordinatorRole},
+        moving_target::{self, TargetRole},
     },
 };
 use rand::{RngExt, SeedableRng};
@@ -255,7 +255,8 @@ fn a_lost_target_is_found() {
     net.walk_to(5);
     let before = net.stops;
     for _ in 0..5 {
-        net.target.event(net.now, target::Event::SensorFailed);
+        net.target
+            .event(net.now, moving_target::TargetEvent::SensorFailed);
         net.run_for(SECOND);
     }
     net.walk();
@@ -274,11 +275,13 @@ fn a_broken_sensor_does_not_wear_the_flash() {
     for camera in &mut net.cameras {
         camera.is_off = true;
     }
-    net.target.event(net.now, target::Event::SensorFailed);
+    net.target
+        .event(net.now, moving_target::TargetEvent::SensorFailed);
     net.run_for(70 * SECOND);
     let written = net.target.facts.len();
     for _ in 0..100 {
-        net.target.event(net.now, target::Event::SensorFailed);
+        net.target
+            .event(net.now, moving_target::TargetEvent::SensorFailed);
         net.run_for(SECOND);
     }
     assert_eq!(net.target.facts.len(), written);
@@ -292,7 +295,8 @@ fn a_broken_sensor_is_no_new_stop_each_time_the_target_is_found() {
     for _ in 0..2 {
         let before = (net.target.facts.len(), net.air.sent.len());
         for _ in 0..100 {
-            net.target.event(net.now, target::Event::SensorFailed);
+            net.target
+                .event(net.now, moving_target::TargetEvent::SensorFailed);
             net.run_for(SECOND);
         }
         assert!(!net.target.role.position().1);
@@ -314,14 +318,16 @@ fn a_broken_sensor_is_no_new_stop_each_time_the_target_is_found() {
 fn bearings_of_a_stop_are_void_when_the_target_is_lost() {
     let mut net = Net::new(PERFECT, 8, with_references);
     net.walk_to(5);
-    net.target.event(net.now, target::Event::SensorFailed);
+    net.target
+        .event(net.now, moving_target::TargetEvent::SensorFailed);
     let step = Step {
         distance: 1.0,
         heading: 0.0,
         distance_sigma: 0.01,
         heading_sigma: 0.01,
     };
-    net.target.event(net.now, target::Event::Step(step));
+    net.target
+        .event(net.now, moving_target::TargetEvent::Step(step));
     let bearings = |net: &Net| {
         let sent = net.air.sent.iter();
         sent.filter(|sent| sent.to.0 == TARGET && matches!(sent.message, Message::Bearing(_)))
@@ -332,9 +338,9 @@ fn bearings_of_a_stop_are_void_when_the_target_is_lost() {
     }
     net.run_for(10_000);
     for event in [
-        target::Event::Step(step),
-        target::Event::SensorFailed,
-        target::Event::Step(step),
+        moving_target::TargetEvent::Step(step),
+        moving_target::TargetEvent::SensorFailed,
+        moving_target::TargetEvent::Step(step),
     ] {
         net.target.event(net.now, event);
     }
@@ -349,9 +355,9 @@ fn a_target_without_a_place_does_not_spin() {
         standing_sigma: 1e20,
         ..target_config(0)
     };
-    let mut target = Station::<Target>::new(
+    let mut target = Station::<TargetRole>::new(
         TARGET,
-        move || Target::new(TARGET, config, 7),
+        move || TargetRole::new(TARGET, config, 7),
         Box::new(|_, ()| None),
     );
     let mut air = Air::new(PERFECT, 1);
@@ -395,7 +401,7 @@ fn restart_one(net: &mut Net, rng: &mut ChaCha8Rng) {
             let reported = *net.cameras[n].role.report();
             net.cameras[n].restart(now);
             assert_eq!(*net.cameras[n].role.report(), reported);
-            net.cameras[n].event(now + SECOND, camera::Event::Ready);
+            net.cameras[n].event(now + SECOND, camera::CameraEvent::Ready);
         }
     }
     net.run_for(5 * SECOND);
@@ -413,7 +419,7 @@ fn the_second_reference_gets_its_pose_after_a_restart_of_the_first() {
         net.run_for(1_000);
     }
     net.cameras[0].restart(net.now);
-    net.cameras[0].event(net.now, camera::Event::Ready);
+    net.cameras[0].event(net.now, camera::CameraEvent::Ready);
     net.cameras[0].is_mute = false;
     assert!(net.poses()[0].is_some());
     assert_eq!(net.poses()[1], None);
@@ -430,7 +436,8 @@ fn the_second_reference_gets_its_pose_after_a_restart_of_the_first() {
 /// has news in between. What was written down last of each is known.
 #[test]
 fn a_table_with_gaps_survives_restarts() {
-    let mut station = Station::<Coordinator>::new(0, Coordinator::new, Box::new(|_, _| None));
+    let mut station =
+        Station::<CoordinatorRole>::new(0, CoordinatorRole::new, Box::new(|_, _| None));
     let mut air = Air::new(PERFECT, 1);
     let report = |id, sightings| {
         Message::Report(Report {
@@ -440,7 +447,7 @@ fn a_table_with_gaps_survives_restarts() {
             used: 3,
             chi_squared: 1.0,
             done: false,
-            state: State::Refused(Refusal::DangerCircle),
+            state: CameraState::Refused(Refusal::DangerCircle),
         })
     };
     let hears = [
@@ -470,13 +477,14 @@ fn a_camera_forgets() {
     assert!(net.reports()[3].sightings > 8);
     let wish = FromPc::Command {
         address: 4,
-        command: Command::Forget,
+        command: CameraCommand::Forget,
     };
-    net.coordinator.event(net.now, coordinator::Event::Pc(wish));
+    net.coordinator
+        .event(net.now, coordinator::CoordinatorEvent::Pc(wish));
     net.run_for(SECOND);
-    assert_eq!(net.reports()[3].state, State::Waiting);
+    assert_eq!(net.reports()[3].state, CameraState::Waiting);
     net.cameras[3].restart(net.now);
-    net.cameras[3].event(net.now, camera::Event::Ready);
+    net.cameras[3].event(net.now, camera::CameraEvent::Ready);
     assert_eq!(net.reports()[3].sightings, 0);
     net.run_for(SECOND);
     for _ in 0..3 {
@@ -495,9 +503,9 @@ fn a_target_that_lost_its_memory_fills_its_table() {
     let now = net.now;
     for camera in &mut net.cameras {
         camera.restart(now);
-        camera.event(now, camera::Event::Ready);
+        camera.event(now, camera::CameraEvent::Ready);
     }
-    net.target.role = Target::new(TARGET, target_config(0), 500);
+    net.target.role = TargetRole::new(TARGET, target_config(0), 500);
     net.target.attach(now);
     net.run_for(3 * SECOND);
     net.wait();
@@ -542,7 +550,7 @@ fn a_stop_told_late_is_ignored() {
     let mut net = Net::new(PERFECT, 13, with_references);
     net.walk_to(4);
     let late = net.air.sent.iter().find_map(|sent| match &sent.message {
-        Message::Stopped(stopped) if stopped.frame == Frame::Site => Some(*stopped),
+        Message::Stopped(stopped) if stopped.frame == CoordinateFrame::Site => Some(*stopped),
         _ => None,
     });
     let late = Message::Stopped(Stopped {
@@ -552,7 +560,7 @@ fn a_stop_told_late_is_ignored() {
     let looks = net.looks.borrow().clone();
     let now = Instant(net.now);
     for camera in &mut net.cameras {
-        camera.role.message(now, ShortAddress(TARGET), &late);
+        camera.role.on_message(now, ShortAddress(TARGET), &late);
     }
     net.run_for(5 * SECOND);
     assert_eq!(*net.looks.borrow(), looks);

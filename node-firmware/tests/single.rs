@@ -11,16 +11,17 @@ use calib_core::{
 };
 use nalgebra::{Point2, Vector2};
 use node_firmware::{
-    config::{CameraConfig, Duty},
+    config::CameraConfig,
+    limits::REFERENCE_STOPS,
     memory::Fact,
     message::{
-        Bearing, Frame, Located, Look, Message, PoseParts, References, Report, Seen, Sight, State,
-        StopNumber, Stopped,
+        CameraState, CoordinateFrame, Duty, Message, PoseParts, References, Report, Seen, Sight,
+        StopAnswer, StopBearing, StopNumber, Stopped, TargetLocation,
     },
     role::{
         Role,
-        camera::{self, Camera},
-        target::{self, Target},
+        camera::{self, CameraRole},
+        moving_target::{self, TargetRole},
     },
 };
 use support::{
@@ -43,7 +44,7 @@ fn sees(camera: &Truth, place: [f64; 2]) -> Seen {
 
 /// The first camera, and nobody else but this test.
 struct Alone {
-    camera: Station<Camera>,
+    camera: Station<CameraRole>,
     air: Air,
     now: u64,
     place: Rc<Cell<[f64; 2]>>,
@@ -54,16 +55,16 @@ impl Alone {
     fn new(config: CameraConfig) -> Self {
         let place = Rc::new(Cell::new(STOPS[0]));
         let seen = place.clone();
-        let mut camera = Station::<Camera>::new(
+        let mut camera = Station::<CameraRole>::new(
             1,
-            move || Camera::new(101, config.clone()),
+            move || CameraRole::new(101, config.clone()),
             Box::new(move |now, _| {
                 let seen = sees(&CAMERAS[0], seen.get());
-                Some((now, camera::Event::Looked(Sight::InView, Some(seen))))
+                Some((now, camera::CameraEvent::Looked(Sight::InView, Some(seen))))
             }),
         );
         camera.attach(0);
-        camera.event(0, camera::Event::Ready);
+        camera.event(0, camera::CameraEvent::Ready);
         let mut alone = Self {
             camera,
             air: Air::new(PERFECT, 1),
@@ -99,7 +100,7 @@ impl Alone {
         let message = Message::Stopped(Stopped {
             stop,
             colour: 0,
-            frame: Frame::Own,
+            frame: CoordinateFrame::Own,
             place,
         });
         self.camera.hear(self.now, ShortAddress(TARGET), &message);
@@ -129,7 +130,7 @@ impl Alone {
 
     /// Another reference camera saw the target there.
     fn bearing(&mut self, from: u16, stop: usize) {
-        let bearing = Bearing {
+        let bearing = StopBearing {
             target: TARGET,
             stop: stop as StopNumber,
             seen: sees(&CAMERAS[1], STOPS[stop]),
@@ -256,7 +257,7 @@ fn what_cannot_be_checked_is_no_way_out() {
             }
             alone.act();
             let state = alone.camera.role.report().state;
-            if state == State::Refused(Refusal::Inconsistent) {
+            if state == CameraState::Refused(Refusal::Inconsistent) {
                 contradictions += 1;
             }
             assert!(!alone.has_pose(), "{pushed} after {start}");
@@ -285,7 +286,7 @@ fn a_cut_while_a_solve_is_written_down_loses_nothing() {
         // As a memory recalls them: the last of each kind, the report first.
         let mut report = None;
         let mut others = Vec::new();
-        let mut stops = [None; camera::REFERENCE_STOPS];
+        let mut stops = [None; REFERENCE_STOPS];
         for fact in &facts[..cut] {
             match fact {
                 Fact::Report(_) => report = Some(*fact),
@@ -293,12 +294,13 @@ fn a_cut_while_a_solve_is_written_down_loses_nothing() {
                 other => others.push(*other),
             }
         }
-        let mut role = Camera::new(101, with_references(0));
+        let mut role = CameraRole::new(101, with_references(0));
         let recalled = report.into_iter().chain(others);
         for fact in recalled.chain(stops.into_iter().flatten()) {
-            role.remember(&fact);
+            role.restore(&fact);
         }
-        let mut station = Station::<Camera>::new(1, move || role.clone(), Box::new(|_, _| None));
+        let mut station =
+            Station::<CameraRole>::new(1, move || role.clone(), Box::new(|_, _| None));
         station.attach(alone.now);
         station.act(alone.now, &mut Air::new(PERFECT, 2));
         assert!(station.role.report().pose().is_some(), "{cut}: {facts:?}");
@@ -321,7 +323,7 @@ fn a_camera_that_was_not_looking_looks_when_it_is_wanted() {
     let sights = |alone: &Alone| -> Vec<_> {
         let sent = alone.air.sent.iter();
         let looks = sent.filter_map(|sent| match &sent.message {
-            Message::Look(Look { sight, .. }) => Some(*sight),
+            Message::Look(StopAnswer { sight, .. }) => Some(*sight),
             _ => None,
         });
         looks.collect()
@@ -338,10 +340,10 @@ fn a_camera_that_was_not_looking_looks_when_it_is_wanted() {
     assert!(alone.air.sent.iter().any(told));
 }
 
-fn standing_target(now: &mut u64, air: &mut Air) -> (Station<Target>, StopNumber) {
-    let mut target = Station::<Target>::new(
+fn standing_target(now: &mut u64, air: &mut Air) -> (Station<TargetRole>, StopNumber) {
+    let mut target = Station::<TargetRole>::new(
         TARGET,
-        || Target::new(TARGET, target_config(0), 7),
+        || TargetRole::new(TARGET, target_config(0), 7),
         Box::new(|_, ()| None),
     );
     target.attach(*now);
@@ -349,7 +351,7 @@ fn standing_target(now: &mut u64, air: &mut Air) -> (Station<Target>, StopNumber
     (target, stop)
 }
 
-fn stand(target: &mut Station<Target>, now: &mut u64, air: &mut Air) -> StopNumber {
+fn stand(target: &mut Station<TargetRole>, now: &mut u64, air: &mut Air) -> StopNumber {
     for _ in 0..3 {
         *now += SECOND;
         target.act(*now, air);
@@ -386,10 +388,10 @@ fn a_place_is_taken_from_the_first_reference_only() {
             state,
         })
     };
-    let pose = State::Calibrated(pose_of(&CAMERAS[0]));
+    let pose = CameraState::Calibrated(pose_of(&CAMERAS[0]));
     target.hear(now, ShortAddress(2), &report(102, Some(Duty::Second), pose));
     target.hear(now, ShortAddress(3), &report(103, None, pose));
-    let located = Message::Located(Located {
+    let located = Message::Located(TargetLocation {
         stop,
         position: [1.0, 2.0],
         covariance: [1e-4, 0.0, 1e-4],
@@ -401,7 +403,7 @@ fn a_place_is_taken_from_the_first_reference_only() {
         target.hear(now, ShortAddress(from), &located);
         assert!(!target.role.position().1, "{from}");
     }
-    let refused = State::Refused(Refusal::Inconsistent);
+    let refused = CameraState::Refused(Refusal::Inconsistent);
     for known in [
         Message::Roster([4].into_iter().collect()),
         report(104, None, refused),
@@ -439,11 +441,11 @@ fn a_direction_from_a_poor_place_is_none() {
                     distance_sigma: 0.005,
                     heading_sigma: 0.001,
                 };
-                target.event(now, target::Event::Step(step));
+                target.event(now, moving_target::TargetEvent::Step(step));
                 stop = stand(&mut target, &mut now, &mut air);
             }
             for (from, camera) in (1..).zip(&CAMERAS[..2]) {
-                let bearing = Bearing {
+                let bearing = StopBearing {
                     target: TARGET,
                     stop,
                     seen: Seen {

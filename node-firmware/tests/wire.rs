@@ -8,11 +8,12 @@ use calib_core::{
 use nalgebra::{Point2, Vector2};
 use node_firmware::{
     config::SiteKey,
-    config::{Duty, Reference},
     console::{FRAME_MAX, Frames, FromPc, KeyChange, Network, ToPc, encode},
+    limits::MEMBERS,
     message::{
-        Bearing, Command, Done, Frame, Hello, Kind, Located, Look, MEMBERS, Message, PoseParts,
-        References, Report, Seen, Sight, Sighted, State, Stopped, Tracked,
+        CameraCommand, CameraState, CommandResult, CoordinateFrame, Duty, Hello, ListedSighting,
+        MemberKind, Message, PoseParts, Reference, References, Report, Seen, Sight, StopAnswer,
+        StopBearing, Stopped, TargetLocation, TrackedBlob,
     },
 };
 use proptest::prelude::*;
@@ -59,7 +60,7 @@ fn pose() -> PoseParts {
     }
 }
 
-fn report(duty: Option<Duty>, state: State) -> Report {
+fn report(duty: Option<Duty>, state: CameraState) -> Report {
     Report {
         id: 11,
         duty,
@@ -84,7 +85,7 @@ fn pose_bytes() -> String {
 }
 
 fn look(sight: Sight) -> Message {
-    Message::Look(Look {
+    Message::Look(StopAnswer {
         stop: 5,
         sight,
         counted: 3,
@@ -96,7 +97,7 @@ fn look(sight: Sight) -> Message {
 fn golden() -> Vec<(Message, String)> {
     let reference = |duty, position| Hello {
         id: 7,
-        kind: Kind::Camera {
+        kind: MemberKind::Camera {
             reference: Some(Reference { duty, position }),
         },
     };
@@ -116,7 +117,7 @@ fn golden() -> Vec<(Message, String)> {
         })
     };
     let bearing = |pose| {
-        Message::Bearing(Bearing {
+        Message::Bearing(StopBearing {
             target: 9,
             stop: 5,
             seen: seen(),
@@ -127,7 +128,7 @@ fn golden() -> Vec<(Message, String)> {
         (
             Message::Hello(Hello {
                 id: 7,
-                kind: Kind::Camera { reference: None },
+                kind: MemberKind::Camera { reference: None },
             }),
             "00070000".into(),
         ),
@@ -142,7 +143,7 @@ fn golden() -> Vec<(Message, String)> {
         (
             Message::Hello(Hello {
                 id: 300,
-                kind: Kind::Target,
+                kind: MemberKind::Target,
             }),
             "00ac0201".into(),
         ),
@@ -156,8 +157,14 @@ fn golden() -> Vec<(Message, String)> {
             references(Some([[1.0, 2.0], [0.5, 0.0]])),
             format!("03010201{ONE}{TWO}{HALF}{ZERO}"),
         ),
-        (stopped(Frame::Own), format!("04050200{}", place_bytes())),
-        (stopped(Frame::Site), format!("04050201{}", place_bytes())),
+        (
+            stopped(CoordinateFrame::Own),
+            format!("04050200{}", place_bytes()),
+        ),
+        (
+            stopped(CoordinateFrame::Site),
+            format!("04050201{}", place_bytes()),
+        ),
         (Message::Trigger { target: 9, stop: 5 }, "060905".into()),
         (bearing(None), format!("070905{ONE}{HALF}00")),
         (
@@ -165,7 +172,7 @@ fn golden() -> Vec<(Message, String)> {
             format!("070905{ONE}{HALF}01{}", pose_bytes()),
         ),
         (
-            Message::Located(Located {
+            Message::Located(TargetLocation {
                 stop: 5,
                 position: [1.0, 2.0],
                 covariance: [1.0, 0.5, 2.0],
@@ -175,34 +182,34 @@ fn golden() -> Vec<(Message, String)> {
             format!("0805{ONE}{TWO}{ONE}{HALF}{TWO}{HALF}{ONE}"),
         ),
         (
-            Message::Posed(report(Some(Duty::First), State::Doubtful(pose()))),
+            Message::Posed(report(Some(Duty::First), CameraState::Doubtful(pose()))),
             format!("090b01000403{TWO}0104{}", pose_bytes()),
         ),
         (
-            Message::Report(report(None, State::Waiting)),
+            Message::Report(report(None, CameraState::Waiting)),
             format!("0a0b000403{TWO}0100"),
         ),
         (
-            Message::Report(report(Some(Duty::First), State::Calibrated(pose()))),
+            Message::Report(report(Some(Duty::First), CameraState::Calibrated(pose()))),
             format!("0a0b01000403{TWO}0102{}", pose_bytes()),
         ),
         (
-            Message::Report(report(None, State::Weak(pose()))),
+            Message::Report(report(None, CameraState::Weak(pose()))),
             format!("0a0b000403{TWO}0103{}", pose_bytes()),
         ),
         (
-            Message::Report(report(None, State::Doubtful(pose()))),
+            Message::Report(report(None, CameraState::Doubtful(pose()))),
             format!("0a0b000403{TWO}0104{}", pose_bytes()),
         ),
         (
-            Message::Done(Done {
-                command: Command::Forget,
+            Message::Done(CommandResult {
+                command: CameraCommand::Forget,
                 success: true,
             }),
             "0c0501".into(),
         ),
         (
-            Message::Tracked(Tracked {
+            Message::Tracked(TrackedBlob {
                 middle: [1, 2],
                 edges: [3, 4, 5, 200],
                 pixels: 7,
@@ -212,7 +219,7 @@ fn golden() -> Vec<(Message, String)> {
         ),
         (Message::Sightings, "0e".into()),
         (
-            Message::Sighting(Sighted {
+            Message::Sighting(ListedSighting {
                 index: 1,
                 count: 3,
                 target: 9,
@@ -249,19 +256,19 @@ fn golden() -> Vec<(Message, String)> {
         Refusal::Inconsistent,
     ];
     for (n, refusal) in refusals.into_iter().enumerate() {
-        let report = report(Some(Duty::Second), State::Refused(refusal));
+        let report = report(Some(Duty::Second), CameraState::Refused(refusal));
         all.push((
             Message::Report(report),
             format!("0a0b01010403{TWO}0101{n:02x}"),
         ));
     }
     let commands = [
-        (Command::Initialise, "00"),
-        (Command::LearnColour { colour: 3 }, "0103"),
-        (Command::LearnBackground, "02"),
-        (Command::Track { colour: 1 }, "0301"),
-        (Command::StopTracking, "04"),
-        (Command::Forget, "05"),
+        (CameraCommand::Initialise, "00"),
+        (CameraCommand::LearnColour { colour: 3 }, "0103"),
+        (CameraCommand::LearnBackground, "02"),
+        (CameraCommand::Track { colour: 1 }, "0301"),
+        (CameraCommand::StopTracking, "04"),
+        (CameraCommand::Forget, "05"),
     ];
     for (command, bytes) in commands {
         all.push((Message::Command(command), format!("0b{bytes}")));
@@ -307,7 +314,7 @@ fn tell(message: ToPc) -> String {
 fn what_the_pc_is_told_is_these_bytes() {
     let hello = Hello {
         id: 7,
-        kind: Kind::Target,
+        kind: MemberKind::Target,
     };
     let network = Network {
         pan: 300,
@@ -316,17 +323,17 @@ fn what_the_pc_is_told_is_these_bytes() {
     assert_eq!(tell(ToPc::Network(None)), "0000");
     assert_eq!(tell(ToPc::Network(Some(network))), "0001ac020f");
     assert_eq!(tell(ToPc::Member { address: 3, hello }), "01030701");
-    let report = report(None, State::Calibrated(pose()));
+    let report = report(None, CameraState::Calibrated(pose()));
     assert_eq!(
         tell(ToPc::Report { address: 3, report }),
         format!("02030b000403{TWO}0102{}", pose_bytes())
     );
-    let done = Done {
-        command: Command::LearnBackground,
+    let done = CommandResult {
+        command: CameraCommand::LearnBackground,
         success: false,
     };
     assert_eq!(tell(ToPc::Done { address: 3, done }), "03030200");
-    let tracked = Tracked {
+    let tracked = TrackedBlob {
         middle: [1, 2],
         edges: [3, 4, 5, 6],
         pixels: 7,
@@ -339,7 +346,7 @@ fn what_the_pc_is_told_is_these_bytes() {
         }),
         "04030102030405060708"
     );
-    let sighting = Sighted {
+    let sighting = ListedSighting {
         index: 1,
         count: 3,
         target: 9,
@@ -379,7 +386,7 @@ fn what_the_pc_wants_is_these_bytes() {
         (
             FromPc::Command {
                 address: 3,
-                command: Command::Track { colour: 1 },
+                command: CameraCommand::Track { colour: 1 },
             },
             &[5, 2, 3, 3, 1, 0],
         ),
@@ -428,14 +435,14 @@ fn longest() -> Vec<(&'static str, Message)> {
         id: far,
         sightings: 255,
         used: 255,
-        ..report(Some(Duty::Second), State::Doubtful(pose()))
+        ..report(Some(Duty::Second), CameraState::Doubtful(pose()))
     };
     vec![
         (
             "Hello",
             Message::Hello(Hello {
                 id: far,
-                kind: Kind::Camera {
+                kind: MemberKind::Camera {
                     reference: Some(Reference {
                         duty: Duty::Second,
                         position: Some([1.0, 2.0]),
@@ -461,13 +468,13 @@ fn longest() -> Vec<(&'static str, Message)> {
             Message::Stopped(Stopped {
                 stop: far,
                 colour: 255,
-                frame: Frame::Site,
+                frame: CoordinateFrame::Site,
                 place,
             }),
         ),
         (
             "Look",
-            Message::Look(Look {
+            Message::Look(StopAnswer {
                 stop: far,
                 sight: Sight::NotReady,
                 counted: 255,
@@ -483,7 +490,7 @@ fn longest() -> Vec<(&'static str, Message)> {
         ),
         (
             "Bearing",
-            Message::Bearing(Bearing {
+            Message::Bearing(StopBearing {
                 target: far,
                 stop: far,
                 seen: seen(),
@@ -492,7 +499,7 @@ fn longest() -> Vec<(&'static str, Message)> {
         ),
         (
             "Located",
-            Message::Located(Located {
+            Message::Located(TargetLocation {
                 stop: far,
                 position: [1.0, 2.0],
                 covariance: [1.0, 0.5, 2.0],
@@ -504,18 +511,18 @@ fn longest() -> Vec<(&'static str, Message)> {
         ("Report", Message::Report(report)),
         (
             "Command",
-            Message::Command(Command::LearnColour { colour: 255 }),
+            Message::Command(CameraCommand::LearnColour { colour: 255 }),
         ),
         (
             "Done",
-            Message::Done(Done {
-                command: Command::Track { colour: 255 },
+            Message::Done(CommandResult {
+                command: CameraCommand::Track { colour: 255 },
                 success: true,
             }),
         ),
         (
             "Tracked",
-            Message::Tracked(Tracked {
+            Message::Tracked(TrackedBlob {
                 middle: [255; 2],
                 edges: [255; 4],
                 pixels: 255,
@@ -525,7 +532,7 @@ fn longest() -> Vec<(&'static str, Message)> {
         ("Sightings", Message::Sightings),
         (
             "Sighting",
-            Message::Sighting(Sighted {
+            Message::Sighting(ListedSighting {
                 index: 255,
                 count: 255,
                 target: far,
@@ -638,16 +645,16 @@ fn unsound_values_do_not_decode() {
     let unsound = [
         Message::Posed(report(
             None,
-            State::Calibrated(PoseParts {
+            CameraState::Calibrated(PoseParts {
                 covariance: [1.0, 2.0, 1.0, 0.0, 0.0, 1.0],
                 ..pose()
             }),
         )),
         Message::Posed(Report {
             chi_squared: -1.0,
-            ..report(None, State::Calibrated(pose()))
+            ..report(None, CameraState::Calibrated(pose()))
         }),
-        Message::Bearing(Bearing {
+        Message::Bearing(StopBearing {
             target: 1,
             stop: 1,
             seen: Seen {
@@ -658,7 +665,7 @@ fn unsound_values_do_not_decode() {
         }),
         Message::Report(report(
             None,
-            State::Weak(PoseParts {
+            CameraState::Weak(PoseParts {
                 heading: f32::NAN,
                 ..pose()
             }),
@@ -682,11 +689,11 @@ fn unsound_values_do_not_decode() {
 #[test]
 fn a_report_has_a_status() {
     for (state, status) in [
-        (State::Waiting, Status::Waiting),
-        (State::Refused(Refusal::DangerLine), Status::Refused),
-        (State::Calibrated(pose()), Status::Calibrated),
-        (State::Weak(pose()), Status::Weak),
-        (State::Doubtful(pose()), Status::Doubtful),
+        (CameraState::Waiting, Status::Waiting),
+        (CameraState::Refused(Refusal::DangerLine), Status::Refused),
+        (CameraState::Calibrated(pose()), Status::Calibrated),
+        (CameraState::Weak(pose()), Status::Weak),
+        (CameraState::Doubtful(pose()), Status::Doubtful),
     ] {
         let report = report(None, state);
         assert_eq!(report.status(), status);

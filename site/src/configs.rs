@@ -4,11 +4,12 @@ use calib_core::reference::Known;
 use nalgebra::Point2;
 use node_firmware::{
     config::{
-        CameraConfig, Config, CoordinatorConfig, Duty, Reference, Role, SiteKey, Subjects,
+        CameraConfig, CheckedConfig, Config, CoordinatorConfig, RoleConfig, SiteKey, Subjects,
         TargetConfig,
     },
-    role::camera::REFERENCE_STOPS,
-    sight::{ColourWindow, Lens},
+    limits::REFERENCE_STOPS,
+    message::{Duty, Reference},
+    vision::{ColourWindow, Lens},
 };
 use zigbee_link::security::Protection;
 
@@ -26,16 +27,16 @@ use cmucam2_emulator::Rgb;
 #[derive(Clone, Debug, PartialEq)]
 pub struct NetworkConfigs {
     /// Of its coordinator, which lets all the others join.
-    pub coordinator: Config,
+    pub coordinator: CheckedConfig,
     /// Of its cameras, in the order of the file.
-    pub cameras: Vec<Config>,
+    pub cameras: Vec<CheckedConfig>,
     /// Of its targets, in the order of the file.
-    pub targets: Vec<Config>,
+    pub targets: Vec<CheckedConfig>,
 }
 
 impl NetworkConfigs {
     /// All of them, the coordinator's first.
-    pub fn iter(&self) -> impl Iterator<Item = &Config> {
+    pub fn iter(&self) -> impl Iterator<Item = &CheckedConfig> {
         let members = self.cameras.iter().chain(&self.targets);
         std::iter::once(&self.coordinator).chain(members)
     }
@@ -190,12 +191,12 @@ impl Maker<'_> {
         let known = network.known(&format!("network {}", self.number + 1))?;
         let cameras = network.cameras.iter().map(|camera| {
             let firmware = self.firmware(camera.firmware);
-            let role = Role::Camera(self.camera(camera, &firmware, &known));
+            let role = RoleConfig::Camera(self.camera(camera, &firmware, &known));
             self.node(camera.id, camera.extended.as_deref(), &firmware, role)
         });
         let targets = network.targets.iter().map(|target| {
             let firmware = self.firmware(target.firmware);
-            let role = Role::Target(self.target(target));
+            let role = RoleConfig::Target(self.target(target));
             self.node(target.id, target.extended.as_deref(), &firmware, role)
         });
         let cameras = cameras.collect::<Result<Vec<_>, _>>()?;
@@ -216,7 +217,7 @@ impl Maker<'_> {
             coordinator_id(self.number),
             network.coordinator_extended.as_deref(),
             &self.scenario.firmware,
-            Role::Coordinator(coordinator),
+            RoleConfig::Coordinator(coordinator),
         )?;
         Ok(NetworkConfigs {
             coordinator,
@@ -235,8 +236,8 @@ impl Maker<'_> {
         id: u16,
         own: Option<&str>,
         firmware: &FirmwareTable,
-        role: Role,
-    ) -> Result<Config, ScenarioError> {
+        role: RoleConfig,
+    ) -> Result<CheckedConfig, ScenarioError> {
         let config = Config {
             id,
             extended: Some(own.and_then(address).unwrap_or_else(|| extended(id))),
@@ -250,17 +251,13 @@ impl Maker<'_> {
             },
             role,
         };
-        match config.check() {
-            Ok(()) => Ok(config),
-            Err(reason) => {
-                let node = id;
-                Err(self.scenario.located(ScenarioError::Config {
-                    line: None,
-                    node,
-                    reason,
-                }))
-            }
-        }
+        config.check().map_err(|reason| {
+            self.scenario.located(ScenarioError::Config {
+                line: None,
+                node: id,
+                reason,
+            })
+        })
     }
 
     fn camera(

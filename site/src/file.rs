@@ -5,7 +5,7 @@ use std::collections::BTreeMap;
 use calib_core::camera::Projection;
 use cmucam2_driver::geometry::{Sensor, Size};
 use nalgebra::Point2;
-use node_firmware::sight::ColourWindow;
+use node_firmware::vision::ColourWindow;
 use serde::{Deserialize, Serialize};
 
 use super::{event::ScriptedEvent, firmware::FirmwareTable, planner::Placement};

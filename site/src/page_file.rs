@@ -10,7 +10,7 @@ use std::{
 };
 
 use node_firmware::config::{
-    Config,
+    CheckedConfig,
     page::{self, PAGE_MAX, PageError},
 };
 use thiserror::Error;
@@ -42,7 +42,7 @@ pub enum PageFileError {
 ///
 /// # Errors
 /// [`PageFileError`]
-pub fn read(path: &Path) -> Result<Config, PageFileError> {
+pub fn read(path: &Path) -> Result<CheckedConfig, PageFileError> {
     let bytes = fs::read(path).map_err(PageFileError::Read)?;
     let config = page::decode(&bytes).map_err(PageFileError::Page)?;
     if bytes.len() != PAGE_MAX {
@@ -56,7 +56,7 @@ pub fn read(path: &Path) -> Result<Config, PageFileError> {
 ///
 /// # Errors
 /// [`PageFileError`]
-pub fn write(path: &Path, config: &Config, overwrite: bool) -> Result<usize, PageFileError> {
+pub fn write(path: &Path, config: &CheckedConfig, overwrite: bool) -> Result<usize, PageFileError> {
     let mut bytes = [0; PAGE_MAX];
     let length = page::encode(config, &mut bytes).map_err(PageFileError::Page)?;
     private_file::write(path, &bytes, overwrite).map_err(|error| match error.kind() {

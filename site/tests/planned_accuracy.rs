@@ -4,7 +4,7 @@
 use calib_core::{
     Ray, Sighting, angle,
     camera::{Camera as Optics, Projection},
-    reference::{self, Settings, Stop},
+    reference::{self, ReferenceSettings, Stop},
     resection,
 };
 use nalgebra::{Matrix2, Point2, Vector2};
@@ -182,7 +182,7 @@ fn calibrate(site: &Site, seed: u64, estimate: Estimate, uses: Uses, errors: &mu
             }
         })
         .collect();
-    let solution = reference::solve(&stops, &network.known, &Settings::default())
+    let solution = reference::solve(&stops, &network.known, &ReferenceSettings::default())
         .unwrap()
         .best;
     for (solved, index) in solution.headings.into_iter().zip(network.references) {
@@ -213,7 +213,10 @@ fn calibrate(site: &Site, seed: u64, estimate: Estimate, uses: Uses, errors: &mu
             errors.refused += 1;
             continue;
         };
-        let pose = solution.pose.with_shared_target_error(&shared);
+        let mut pose = solution.pose;
+        // What all stops share moves the camera by just as much, and does not turn it.
+        let mut of_place = pose.covariance.fixed_view_mut::<2, 2>(0, 0);
+        of_place += &shared;
         let truth = &world.cameras()[camera.index];
         let (place, heading) = (frame.place(truth.place), frame.direction(truth.heading));
         let off = pose.position - place;

@@ -3,8 +3,8 @@
 use calib_core::camera::Projection;
 use nalgebra::Point2;
 use node_firmware::{
-    config::{CameraConfig, Config, Role, SiteKey},
-    role::camera::REFERENCE_STOPS,
+    config::{CameraConfig, Config, RoleConfig, SiteKey},
+    limits::REFERENCE_STOPS,
 };
 use site::world::Variant;
 use site::{BUILT_IN, NetworkConfigs, Overrides, ScatterTable, Scenario, SensorTable, Site};
@@ -19,7 +19,7 @@ fn configs(scenario: &Scenario) -> Vec<NetworkConfigs> {
 
 fn camera(config: &Config) -> &CameraConfig {
     match &config.role {
-        Role::Camera(camera) => camera,
+        RoleConfig::Camera(camera) => camera,
         other => panic!("node {} is {other:?}", config.id),
     }
 }

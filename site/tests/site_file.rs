@@ -3,10 +3,11 @@
 use nalgebra::Point2;
 use node_firmware::{
     config::{
-        CameraConfig, Config, CoordinatorConfig, Duty, Role, SensorConfig, SiteKey, Subjects,
+        CameraConfig, Config, CoordinatorConfig, RoleConfig, SensorConfig, SiteKey, Subjects,
         TargetConfig,
     },
-    sight::{ColourWindow, Lens},
+    message::Duty,
+    vision::{ColourWindow, Lens},
 };
 use site::{Overrides, Purpose, ScatterTable, Scenario, ScenarioError};
 
@@ -47,14 +48,14 @@ fn refused(text: &str) -> String {
 
 fn camera(config: &Config) -> &CameraConfig {
     match &config.role {
-        Role::Camera(camera) => camera,
+        RoleConfig::Camera(camera) => camera,
         other => panic!("{other:?}"),
     }
 }
 
 fn target(config: &Config) -> &TargetConfig {
     match &config.role {
-        Role::Target(target) => target,
+        RoleConfig::Target(target) => target,
         other => panic!("{other:?}"),
     }
 }
@@ -83,7 +84,7 @@ fn defaults_are_those_of_the_firmware() {
     };
     assert_eq!(camera(&network.cameras[2]), &told);
     assert_eq!(target(&network.targets[0]), &TargetConfig::default());
-    let Role::Coordinator(coordinator) = &network.coordinator.role else {
+    let RoleConfig::Coordinator(coordinator) = &network.coordinator.role else {
         panic!("{network:?}");
     };
     assert_eq!(
@@ -149,7 +150,7 @@ fn every_parameter_arrives() {
         coordinator.extended,
         Some([0xF4, 0xCE, 0x36, 0, 0, 0, 0, 1])
     );
-    let Role::Coordinator(parameters) = &coordinator.role else {
+    let RoleConfig::Coordinator(parameters) = &coordinator.role else {
         panic!("{coordinator:?}");
     };
     assert_eq!(parameters.join_window_s, 60);

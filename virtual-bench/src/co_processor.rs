@@ -1,6 +1,6 @@
 //! A radio co-processor on a [`Medium`]: Spinel on a UART, as OpenThread's `ot-rcp` speaks it.
 //!
-//! It has the properties that [`zigbee_link::spinel::SpinelRadio`] uses, and appends frame check
+//! It has the properties that [`spinel_radio::SpinelRadio`] uses, and appends frame check
 //! sequences, filters addresses and backs off before a busy channel. It neither sends
 //! acknowledgements nor waits for them: a frame that requests one is sent once and told as not
 //! acknowledged.
@@ -9,14 +9,16 @@ use std::future::pending;
 
 use embassy_futures::select::{Either, select};
 use embedded_io_async::{Read, Write};
+use spinel_radio::{
+    frame::{Body, SpinelHeader, SpinelMessage, Tid},
+    hdlc::{self, Decoder},
+    property::{self, Property, PropertyKey, TxReport},
+    status::SpinelStatus,
+    stream::{RxFrame, TxFrame},
+};
 use zigbee_link::{
-    radio::{Channel, Config, Csma, FCS_LEN, FRAME_MIN, PSDU_MAX, Radio as _, Received, TxOutcome},
-    spinel::{
-        frame::{Body, Header, Message, Tid},
-        hdlc::{self, Decoder},
-        property::{self, Key, Property, TxReport},
-        status::Status,
-        stream::{RxFrame, TxFrame},
+    radio::{
+        Channel, Csma, FCS_LEN, FRAME_MIN, PSDU_MAX, Radio as _, RadioConfig, Received, TxOutcome,
     },
     wire::{Eui64, PanId, ShortAddress, fcs},
 };
@@ -32,7 +34,7 @@ const PROTOCOL: (u32, u32) = (4, 3);
 const CAPABILITIES: [u8; 3] = [34, 0x81, 0x04];
 const FIRMWARE: &[u8] = b"host-sim";
 /// `STATUS_RESET_SOFTWARE`.
-const RESET_SOFTWARE: Status = Status(Status::RESET_POWER_ON.0 + 2);
+const RESET_SOFTWARE: SpinelStatus = SpinelStatus(SpinelStatus::RESET_POWER_ON.0 + 2);
 
 /// Content and CRC of the longest command.
 const COMMAND_MAX: usize = 192;
@@ -47,7 +49,7 @@ pub struct CoProcessor<U> {
     clock: Clock,
     address: Eui64,
     seed: u64,
-    config: Config,
+    config: RadioConfig,
     streams: bool,
     /// While it is enabled.
     radio: Option<Csma<Radio, Clock>>,
@@ -85,7 +87,7 @@ impl<U: Read + Write> CoProcessor<U> {
         let mut decoder = Decoder::<COMMAND_MAX>::new();
         let mut chunk = [0; 64];
         let mut psdu = [0; PSDU_MAX];
-        self.tell_status(Tid::UNSOLICITED, Status::RESET_POWER_ON)
+        self.tell_status(Tid::UNSOLICITED, SpinelStatus::RESET_POWER_ON)
             .await?;
         loop {
             let heard = async {
@@ -114,14 +116,14 @@ impl<U: Read + Write> CoProcessor<U> {
     }
 
     async fn obey(&mut self, content: &[u8]) -> Result<(), U::Error> {
-        let Ok(Message { header, body }) = Message::parse(content) else {
+        let Ok(SpinelMessage { header, body }) = SpinelMessage::parse(content) else {
             let tid = content.first().and_then(|byte| Tid::new(byte & 0xF));
             let tid = tid.unwrap_or_default();
-            return self.tell_status(tid, Status::PARSE_ERROR).await;
+            return self.tell_status(tid, SpinelStatus::PARSE_ERROR).await;
         };
         let tid = header.tid;
         match body {
-            Body::Noop => self.tell_status(tid, Status::OK).await,
+            Body::Noop => self.tell_status(tid, SpinelStatus::OK).await,
             Body::Reset(_) => {
                 self.radio = None;
                 self.streams = false;
@@ -130,38 +132,41 @@ impl<U: Read + Write> CoProcessor<U> {
             }
             Body::Get(key) => match self.get(key) {
                 Some(property) => self.tell(tid, property).await,
-                None => self.tell_status(tid, Status::PROPERTY_NOT_FOUND).await,
+                None => {
+                    self.tell_status(tid, SpinelStatus::PROPERTY_NOT_FOUND)
+                        .await
+                }
             },
             Body::Set(Property::Send(frame)) => self.send(tid, &frame).await,
             Body::Set(property) => match self.set(&property).await {
                 Ok(()) => self.tell(tid, property).await,
                 Err(status) => self.tell_status(tid, status).await,
             },
-            Body::Is(_) => self.tell_status(tid, Status::UNIMPLEMENTED).await,
+            Body::Is(_) => self.tell_status(tid, SpinelStatus::UNIMPLEMENTED).await,
         }
     }
 
-    fn get(&self, key: Key) -> Option<Property<'static>> {
+    fn get(&self, key: PropertyKey) -> Option<Property<'static>> {
         Some(match key {
-            Key::PROTOCOL_VERSION => Property::ProtocolVersion {
+            PropertyKey::PROTOCOL_VERSION => Property::ProtocolVersion {
                 major: PROTOCOL.0,
                 minor: PROTOCOL.1,
             },
-            Key::NCP_VERSION => Property::NcpVersion(FIRMWARE),
-            Key::CAPS => Property::Capabilities(property::Capabilities(&CAPABILITIES)),
-            Key::HWADDR => Property::HardwareAddress(self.address),
-            Key::PHY_ENABLED => Property::PhyEnabled(self.radio.is_some()),
-            Key::PHY_CHAN => Property::PhyChannel(self.config.channel.number()),
-            Key::PHY_TX_POWER => Property::PhyTxPower(self.config.tx_power),
-            Key::MAC_15_4_PANID => Property::MacPan(self.config.pan),
-            Key::MAC_15_4_SADDR => Property::MacShort(self.config.short),
-            Key::MAC_15_4_LADDR => Property::MacExtended(self.config.extended),
-            Key::MAC_RAW_STREAM_ENABLED => Property::MacRawStream(self.streams),
+            PropertyKey::NCP_VERSION => Property::NcpVersion(FIRMWARE),
+            PropertyKey::CAPS => Property::Capabilities(property::Capabilities(&CAPABILITIES)),
+            PropertyKey::HWADDR => Property::HardwareAddress(self.address),
+            PropertyKey::PHY_ENABLED => Property::PhyEnabled(self.radio.is_some()),
+            PropertyKey::PHY_CHAN => Property::PhyChannel(self.config.channel.number()),
+            PropertyKey::PHY_TX_POWER => Property::PhyTxPower(self.config.tx_power),
+            PropertyKey::MAC_15_4_PANID => Property::MacPan(self.config.pan),
+            PropertyKey::MAC_15_4_SADDR => Property::MacShort(self.config.short),
+            PropertyKey::MAC_15_4_LADDR => Property::MacExtended(self.config.extended),
+            PropertyKey::MAC_RAW_STREAM_ENABLED => Property::MacRawStream(self.streams),
             _ => return None,
         })
     }
 
-    async fn set(&mut self, property: &Property<'_>) -> Result<(), Status> {
+    async fn set(&mut self, property: &Property<'_>) -> Result<(), SpinelStatus> {
         match *property {
             Property::PhyEnabled(false) => self.radio = None,
             Property::PhyEnabled(true) if self.radio.is_none() => {
@@ -170,7 +175,7 @@ impl<U: Read + Write> CoProcessor<U> {
             }
             Property::PhyEnabled(true) | Property::MacSourceMatch(_) => {}
             Property::PhyChannel(number) => {
-                self.config.channel = Channel::new(number).ok_or(Status::INVALID_ARGUMENT)?;
+                self.config.channel = Channel::new(number).ok_or(SpinelStatus::INVALID_ARGUMENT)?;
             }
             Property::PhyTxPower(power) => self.config.tx_power = power,
             Property::MacPan(pan) => self.config.pan = pan,
@@ -180,38 +185,38 @@ impl<U: Read + Write> CoProcessor<U> {
             Property::MacPromiscuous(promiscuity) => {
                 self.config.promiscuous = promiscuity != property::Promiscuity::Off;
             }
-            _ => return Err(Status::PROPERTY_NOT_FOUND),
+            _ => return Err(SpinelStatus::PROPERTY_NOT_FOUND),
         }
         match &mut self.radio {
             Some(radio) => radio
                 .configure(&self.config)
                 .await
-                .map_err(|_| Status::FAILURE),
+                .map_err(|_| SpinelStatus::FAILURE),
             None => Ok(()),
         }
     }
 
     async fn send(&mut self, tid: Tid, frame: &TxFrame<'_>) -> Result<(), U::Error> {
         let (Some(radio), true) = (&mut self.radio, self.streams) else {
-            return self.tell_status(tid, Status::INVALID_STATE).await;
+            return self.tell_status(tid, SpinelStatus::INVALID_STATE).await;
         };
         let bytes = match frame.psdu.len().checked_sub(FCS_LEN) {
             Some(len @ FRAME_MIN..) if frame.channel == self.config.channel.number() => {
                 &frame.psdu[..len]
             }
-            _ => return self.tell_status(tid, Status::INVALID_ARGUMENT).await,
+            _ => return self.tell_status(tid, SpinelStatus::INVALID_ARGUMENT).await,
         };
         let wants_acknowledgement = bytes[0] & 0x20 != 0;
         let status = match radio.transmit(bytes).await {
-            Ok(TxOutcome::ChannelBusy) => Status::CCA_FAILURE,
-            Ok(_) if wants_acknowledgement => Status::NO_ACK,
-            Ok(_) => Status::OK,
-            Err(_) => Status::FAILURE,
+            Ok(TxOutcome::ChannelBusy) => SpinelStatus::CCA_FAILURE,
+            Ok(_) if wants_acknowledgement => SpinelStatus::NO_ACK,
+            Ok(_) => SpinelStatus::OK,
+            Err(_) => SpinelStatus::FAILURE,
         };
         let report = TxReport {
             frame_pending: false,
             header_updated: frame.header_updated,
-            acknowledgement: (status == Status::OK).then_some(RxFrame::new(&[])),
+            acknowledgement: (status == SpinelStatus::OK).then_some(RxFrame::new(&[])),
         };
         self.tell(tid, Property::LastStatus(status, Some(report)))
             .await
@@ -235,13 +240,13 @@ impl<U: Read + Write> CoProcessor<U> {
         self.tell(Tid::UNSOLICITED, Property::Received(frame)).await
     }
 
-    async fn tell_status(&mut self, tid: Tid, status: Status) -> Result<(), U::Error> {
+    async fn tell_status(&mut self, tid: Tid, status: SpinelStatus) -> Result<(), U::Error> {
         self.tell(tid, Property::LastStatus(status, None)).await
     }
 
     async fn tell(&mut self, tid: Tid, property: Property<'_>) -> Result<(), U::Error> {
-        let message = Message {
-            header: Header::new(tid),
+        let message = SpinelMessage {
+            header: SpinelHeader::new(tid),
             body: Body::Is(property),
         };
         let mut content = [0; ANSWER_MAX];
@@ -253,8 +258,8 @@ impl<U: Read + Write> CoProcessor<U> {
 }
 
 /// After a reset.
-fn initial() -> Config {
-    Config {
+fn initial() -> RadioConfig {
+    RadioConfig {
         channel: Channel::FIRST,
         tx_power: 0,
         pan: PanId::BROADCAST,

@@ -27,12 +27,12 @@
 //!     medium::{Medium, NRF52840, Propagation},
 //! };
 //! use zigbee_link::{
-//!     radio::{Channel, Config, PSDU_MAX, Radio},
+//!     radio::{Channel, RadioConfig, PSDU_MAX, Radio},
 //!     wire::{Eui64, PanId, ShortAddress},
 //! };
 //!
 //! const SECOND: Time = 1_000_000_000;
-//! let config = Config {
+//! let config = RadioConfig {
 //!     channel: Channel::FIRST,
 //!     tx_power: 0,
 //!     pan: PanId(1),

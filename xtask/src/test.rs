@@ -22,11 +22,12 @@ pub(crate) struct Test {
 }
 
 /// Libraries that run on a node.
-const FIRMWARE_CRATES: [&str; 5] = [
+const FIRMWARE_CRATES: [&str; 6] = [
     "calib-core",
     "cmucam2-driver",
     "flash-log",
     "node-firmware",
+    "pedestrian",
     "zigbee-link",
 ];
 

@@ -6,7 +6,7 @@
 //!
 //! | module | |
 //! |---|---|
-//! | [`radio`] | the seam to the hardware, and wrappers that stack: CSMA-CA, filter, FCS, faults, pcap |
+//! | [`radio`] | the seam to the hardware, and wrappers that stack: CSMA-CA, FCS, faults, pcap |
 //! | [`wire`] | bytes of MAC frames and their meaning |
 //! | [`security`] | CCM*, frame counters, keys, replay protection |
 //! | [`store`] | what a node must not forget, in a NOR flash that may lose its power |
@@ -41,6 +41,11 @@
 //! for whoever polls it after its end, and of [`runner::Shared::with`], when it is called from
 //! within itself.
 //!
+//! Functions that are not inlined, though the compiler would, have many callers or move large values,
+//! and make the image smaller; they are marked `size`. Those marked `stack` spare it: constructors that
+//! are always inlined make a value in its place that each return would else copy, and entry points
+//! that never are keep their variables out of the future of whoever calls them.
+//!
 //! # Example
 //! Two nodes without radio: what one sends, the other receives.
 //! ```
@@ -48,7 +53,7 @@
 //!     Instant,
 //!     link::{Delivery, Link},
 //!     radio::FRAME_MAX,
-//!     security::{Counter, Key, Protection, Session},
+//!     security::{Counter, Key, Protection, FrameSecurity},
 //!     wire::{Eui64, PanId, ShortAddress},
 //! };
 //!
@@ -58,7 +63,7 @@
 //! let mut nodes = [0, 1].map(|n| {
 //!     let mut counter = Counter::resume(0);
 //!     counter.reserved(1000); // once the store has written this down
-//!     let session = Session::new(Eui64([2, 0, 0, 0, 0, 0, 0, n]), Protection::EncMic64, key, counter);
+//!     let session = FrameSecurity::new(Eui64([2, 0, 0, 0, 0, 0, 0, n]), Protection::EncMic64, key, counter);
 //!     let mut link = Link::<16, 4>::new(session, n.into());
 //!     link.attach(PanId(0xBEEF), ShortAddress(n.into()));
 //!     link
@@ -97,7 +102,6 @@ pub mod network;
 pub mod radio;
 pub mod runner;
 pub mod security;
-pub mod spinel;
 pub mod store;
 pub mod wire;
 

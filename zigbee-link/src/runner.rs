@@ -19,7 +19,7 @@ use serde::{Serialize, de::DeserializeOwned};
 use crate::{
     Instant,
     link::{Delivery, SendError, Ticket},
-    network::{Action, Node, Status},
+    network::{Action, NetworkStatus, Node},
     radio::{FRAME_MAX, PSDU_MAX, Radio},
     store::{Store, StoreError},
     wire::ShortAddress,
@@ -47,14 +47,14 @@ impl<C: Clock> Clock for &C {
 /// Why a node stopped.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
-pub enum Stopped<R, F> {
+pub enum RunnerError<R, F> {
     /// The radio failed.
     Radio(R),
     /// The store failed. Nothing may be sent any more.
     Store(StoreError<F>),
 }
 
-impl<R, F> fmt::Display for Stopped<R, F> {
+impl<R, F> fmt::Display for RunnerError<R, F> {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             Self::Radio(_) => f.write_str("the radio failed"),
@@ -63,7 +63,7 @@ impl<R, F> fmt::Display for Stopped<R, F> {
     }
 }
 
-impl<R: fmt::Debug, F: fmt::Debug> core::error::Error for Stopped<R, F> {}
+impl<R: fmt::Debug, F: fmt::Debug> core::error::Error for RunnerError<R, F> {}
 
 /// What happened to a node.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -74,7 +74,7 @@ pub enum Happened<T> {
     /// A message that was sent has its result.
     Settled(Ticket, Delivery),
     /// The node's place in the network changed.
-    Status(Status),
+    Status(NetworkStatus),
 }
 
 /// A node that [`run`] and the application share.
@@ -90,13 +90,14 @@ pub struct Shared<C, const PEERS: usize, const QUEUE: usize, const MEMBERS: usiz
     /// For whoever waits in [`happened`](Self::happened).
     happened: Signal<NoopRawMutex, ()>,
     /// The status that it knows.
-    known: Cell<Status>,
+    known: Cell<NetworkStatus>,
 }
 
 impl<C: Clock, const PEERS: usize, const QUEUE: usize, const MEMBERS: usize>
     Shared<C, PEERS, QUEUE, MEMBERS>
 {
     /// Shares a node.
+    // stack
     #[inline(always)]
     pub const fn new(node: Node<PEERS, QUEUE, MEMBERS>, clock: C) -> Self {
         Self {
@@ -106,7 +107,7 @@ impl<C: Clock, const PEERS: usize, const QUEUE: usize, const MEMBERS: usize>
             received: Signal::new(),
             settled: Signal::new(),
             happened: Signal::new(),
-            known: Cell::new(Status::Out),
+            known: Cell::new(NetworkStatus::Out),
         }
     }
 
@@ -173,7 +174,7 @@ impl<C: Clock, const PEERS: usize, const QUEUE: usize, const MEMBERS: usize>
     /// at a time may wait, and nobody in [`send`](Self::send) or [`recv`](Self::recv) meanwhile.
     ///
     /// `status` is the one the application knows.
-    pub async fn happened<T: DeserializeOwned>(&self, status: Status) -> Happened<T> {
+    pub async fn happened<T: DeserializeOwned>(&self, status: NetworkStatus) -> Happened<T> {
         self.known.set(status);
         loop {
             match self.take(status) {
@@ -183,7 +184,7 @@ impl<C: Clock, const PEERS: usize, const QUEUE: usize, const MEMBERS: usize>
         }
     }
 
-    fn take<T: DeserializeOwned>(&self, known: Status) -> Option<Happened<T>> {
+    fn take<T: DeserializeOwned>(&self, known: NetworkStatus) -> Option<Happened<T>> {
         let mut node = self.node.borrow_mut();
         if let Some((ticket, delivery)) = node.link.result() {
             return Some(Happened::Settled(ticket, delivery));
@@ -206,7 +207,7 @@ pub async fn run<R, F, C, const PEERS: usize, const QUEUE: usize, const MEMBERS:
     shared: &Shared<C, PEERS, QUEUE, MEMBERS>,
     radio: &mut R,
     store: &mut Store<F>,
-) -> Stopped<R::Error, F::Error>
+) -> RunnerError<R::Error, F::Error>
 where
     R: Radio,
     F: NorFlash,
@@ -223,21 +224,22 @@ where
         match action {
             Some(Action::Save(record)) => {
                 if let Err(error) = store.save(record).await {
-                    return Stopped::Store(error);
+                    return RunnerError::Store(error);
                 }
                 shared.node.borrow_mut().saved(record);
             }
             Some(Action::Configure(config)) => {
                 if let Err(error) = radio.configure(&config).await {
-                    return Stopped::Radio(error);
+                    return RunnerError::Radio(error);
                 }
                 is_configured = true;
             }
             Some(Action::Transmit(len)) => {
                 // Whatever became of it: what matters is acknowledged end to end.
+                debug_assert!(len <= frame.len());
                 let sent = radio.transmit(frame.get(..len).unwrap_or_default()).await;
                 if let Err(error) = sent {
-                    return Stopped::Radio(error);
+                    return RunnerError::Radio(error);
                 }
             }
             None => {
@@ -258,10 +260,11 @@ where
                 match select3(receive, sleep, shared.changed.wait()).await {
                     Either3::First(Ok(reception)) => {
                         let now = shared.clock.now();
+                        debug_assert!(reception.len <= received.len());
                         let frame = received.get_mut(..reception.len).unwrap_or_default();
                         shared.node.borrow_mut().handle(now, frame);
                     }
-                    Either3::First(Err(error)) => return Stopped::Radio(error),
+                    Either3::First(Err(error)) => return RunnerError::Radio(error),
                     Either3::Second(()) | Either3::Third(()) => {}
                 }
             }

@@ -30,3 +30,17 @@ pub(crate) const fn micros(duration: Duration) -> u64 {
     let seconds = duration.as_secs().saturating_mul(1_000_000);
     seconds.saturating_add(duration.subsec_micros() as u64)
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn between_two_points() {
+        let later = Instant(5) + Duration::new(2, 7_999);
+        assert_eq!(later, Instant(2_000_012));
+        assert_eq!(later.since(Instant(5)), Duration::from_micros(2_000_007));
+        assert_eq!(Instant(5).since(later), Duration::ZERO);
+        assert_eq!(later + Duration::MAX, Instant(u64::MAX));
+    }
+}

@@ -8,7 +8,7 @@ use support::aether::{Aether, eui, key};
 use zigbee_link::{
     Instant,
     link::Delivery,
-    network::{Action, KeyChange, Node, Status},
+    network::{Action, KeyChange, NetworkStatus, Node},
     radio::{Channel, FRAME_MAX},
     security::{CounterError, Key},
     store::{Member, Membership, Record, Saved},
@@ -30,14 +30,14 @@ fn network(devices: usize, loss: f64, seed: u64) -> Aether {
 
 fn pan(aether: &Aether, place: usize) -> Option<PanId> {
     match aether.stations[place].node.status() {
-        Status::Joined(membership) => Some(membership.pan),
+        NetworkStatus::Joined(membership) => Some(membership.pan),
         _ => None,
     }
 }
 
 fn refusal(aether: &Aether, place: usize) -> Option<AssociationStatus> {
     match aether.stations[place].node.status() {
-        Status::Searching(refusal) => refusal,
+        NetworkStatus::Searching(refusal) => refusal,
         other => panic!("{other:?}"),
     }
 }
@@ -138,7 +138,7 @@ fn a_full_table_says_so() {
     let now = aether.now;
     aether.stations[2].node.leave(now);
     aether.run(100 * SECOND);
-    assert_eq!(aether.stations[2].node.status(), Status::Out);
+    assert_eq!(aether.stations[2].node.status(), NetworkStatus::Out);
     let short = aether.short(late).unwrap();
     assert_ne!(Some(short), freed);
     aether.stations[2].node.join();
@@ -501,7 +501,7 @@ fn without_frame_counters_there_is_silence() {
     let mut last = Vec::new();
     for on_air in &aether.heard {
         let header = *Frame::parse(&on_air.frame).unwrap().header();
-        let counter = header.security.and_then(|security| security.counter);
+        let counter = header.security.map(|security| security.counter);
         if let Some(counter) = counter.filter(|&counter| counter >= u32::MAX - 12) {
             assert!(counter < u32::MAX);
             assert!(!last.contains(&(header.source.address, counter)));

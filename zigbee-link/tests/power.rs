@@ -25,10 +25,10 @@ use virtual_bench::{
     medium::{Event, Medium, NodeId},
 };
 use zigbee_link::{
-    network::{Node, Status},
+    network::{NetworkStatus, Node},
     runner::{Shared, run},
     store::{Member, Membership, Store},
-    wire::{Frame, KeyId, ShortAddress},
+    wire::{Frame, ShortAddress},
 };
 
 const NODES: usize = 3;
@@ -58,10 +58,7 @@ impl World {
             if let Event::Sent { from, frame, .. } = event
                 && let Some(security) = Frame::parse(frame).unwrap().header().security
             {
-                let KeyId::Index(key) = security.key else {
-                    panic!("no such key")
-                };
-                let nonce = (from.0, key, security.counter.unwrap());
+                let nonce = (from.0, security.key_index, security.counter);
                 let is_new = nonces.borrow_mut().insert(nonce);
                 assert!(is_new, "{nonce:?} used twice");
             }
@@ -141,7 +138,7 @@ async fn talk(shared: &Shared<Clock, 4, 4, NODES>, world: &World, number: usize)
             let to = ShortAddress(world.below(NODES as u32) as u16);
             let _ = node.link.send(now, to, &[0x5A_u8; 20]);
             match node.status() {
-                Status::Joined(joined) => {
+                NetworkStatus::Joined(joined) => {
                     // Written down by then.
                     let since = *joined_since.get_or_insert(now);
                     if now.since(since) > Duration::from_millis(50) {

@@ -11,17 +11,21 @@ use std::{
 };
 
 use embassy_futures::{block_on, join::join, select::select};
+use embedded_hal_async::delay::DelayNs;
 use support::{
     aether::eui,
     node::{LEN, air, provisioned, settings},
 };
-use virtual_bench::executor::{Ended, Executor};
+use virtual_bench::{
+    executor::{Ended, Executor},
+    medium::Abilities,
+};
 use zigbee_link::{
     link::Delivery,
-    network::{Node, Status},
+    network::{NetworkStatus, Node},
     radio::{
-        Capabilities, Channel, Checksum, Config, Csma, FRAME_MAX, FaultInjector, Faults, Filter,
-        PSDU_MAX, Radio, Received, Tracer, TxOutcome,
+        Channel, Checksum, Csma, FRAME_MAX, FaultInjector, Faults, PSDU_MAX, Radio, RadioConfig,
+        Received, Tracer, TxOutcome,
     },
     runner::{Clock as _, Shared, run},
     store::Store,
@@ -50,14 +54,7 @@ impl Bare {
 impl Radio for Bare {
     type Error = Infallible;
 
-    fn capabilities(&self) -> Capabilities {
-        Capabilities {
-            rx_queue: true,
-            ..Capabilities::default()
-        }
-    }
-
-    async fn configure(&mut self, _: &Config) -> Result<(), Infallible> {
+    async fn configure(&mut self, _: &RadioConfig) -> Result<(), Infallible> {
         Ok(())
     }
 
@@ -101,9 +98,9 @@ fn two_nodes_from_flash_to_air() {
         rx_truncated: 50,
         rx_doubled: 100,
     };
-    let bare = Capabilities {
+    let bare = Abilities {
         rx_queue: true,
-        ..Capabilities::default()
+        ..Abilities::default()
     };
     let flashes = [provisioned(), provisioned()].map(Store::into_flash);
     for round in 0..3_u32 {
@@ -122,7 +119,7 @@ fn two_nodes_from_flash_to_air() {
             let (node, clock, captured) = (nodes[n].clone(), clock.clone(), captured.clone());
             let seed = n as u64 + 1;
             let bad = FaultInjector::new(medium.radio(antennas[n], bare), faults, seed);
-            let radio = Filter::new(Checksum::new(Csma::new(bad, clock.clone(), seed)));
+            let radio = Checksum::new(Csma::new(bad, clock.clone(), seed));
             tasks.push(executor.spawn(async move {
                 let count = |_: &[u8]| captured.update(|count| count + 1);
                 let mut radio = Tracer::new(radio, clock, count);
@@ -133,7 +130,10 @@ fn two_nodes_from_flash_to_air() {
         let (done, later) = (is_done.clone(), clock.clone());
         let [coordinator, device] = nodes;
         tasks.push(executor.spawn(async move {
-            while !matches!(device.with(|node, _| node.status()), Status::Joined(_)) {
+            while !matches!(
+                device.with(|node, _| node.status()),
+                NetworkStatus::Joined(_)
+            ) {
                 later.sleep(SECOND / 10).await;
             }
             for number in 0..20 {
@@ -179,8 +179,8 @@ fn no_store_no_frames() {
     assert_eq!(attempts.get(), 0);
 }
 
-fn config() -> Config {
-    Config {
+fn config() -> RadioConfig {
+    RadioConfig {
         channel: Channel::FIRST,
         tx_power: 0,
         pan: PanId(0xBEEF),
@@ -203,7 +203,6 @@ fn csma_tries_five_times_and_waits_between() {
         let bare = Bare::default();
         bare.busy_for.set(busy_for);
         let mut radio = Csma::new(bare.clone(), clock.clone(), 1);
-        assert!(radio.capabilities().csma);
         executor.spawn(async move {
             radio.configure(&config()).await.unwrap();
             assert_eq!(radio.transmit(&[1, 2, 3]).await, Ok(outcome));
@@ -216,91 +215,34 @@ fn csma_tries_five_times_and_waits_between() {
     }
 }
 
+/// `macMinBE` 3, `macMaxBE` 5, and a unit of 320 us (IEEE 802.15.4-2006, 7.5.1.4).
 #[test]
-fn filter() {
-    let config = config();
-    let coordinator = Config {
-        coordinator: true,
-        ..config
-    };
-    let unjoined = Config {
-        pan: PanId::BROADCAST,
-        short: ShortAddress::BROADCAST,
-        ..config
-    };
-    // Frame; delivered to the device, to the coordinator, to a device without a network.
-    let cases: [(&[u8], [bool; 3]); 12] = [
-        (
-            &[0x41, 0x98, 1, 0xEF, 0xBE, 0x42, 0, 1, 0],
-            [true, true, false],
-        ),
-        (
-            &[0x41, 0x98, 1, 0xEF, 0xBE, 0x43, 0, 1, 0],
-            [false, false, false],
-        ),
-        (
-            &[0x41, 0x98, 1, 0xEE, 0xBE, 0x42, 0, 1, 0],
-            [false, false, false],
-        ),
-        (
-            &[0x41, 0x98, 1, 0xEF, 0xBE, 0xFF, 0xFF, 1, 0],
-            [true, true, false],
-        ),
-        (
-            &[0x41, 0x98, 1, 0xFF, 0xFF, 0xFF, 0xFF, 1, 0],
-            [true, true, true],
-        ),
-        // To the extended address.
-        (
-            &[0x41, 0x9C, 1, 0xEF, 0xBE, 8, 7, 6, 5, 4, 3, 2, 1, 1, 0],
-            [true, true, false],
-        ),
-        (
-            &[0x41, 0x9C, 1, 0xEF, 0xBE, 9, 7, 6, 5, 4, 3, 2, 1, 1, 0],
-            [false, false, false],
-        ),
-        // To nobody, which is the coordinator.
-        (&[0x01, 0x90, 1, 0xEF, 0xBE, 1, 0], [false, true, false]),
-        // A beacon of the own and of another network.
-        (
-            &[0x00, 0x90, 1, 0xEF, 0xBE, 0, 0, 0xFF, 0xCF, 0, 0],
-            [true, true, true],
-        ),
-        (
-            &[0x00, 0x90, 1, 0xEE, 0xBE, 0, 0, 0xFF, 0xCF, 0, 0],
-            [false, false, true],
-        ),
-        // An acknowledgement, and no frame.
-        (&[0x02, 0x00, 1], [false, false, false]),
-        (&[0xFF, 0xFF, 1], [false, false, false]),
-    ];
-    for (frame, accepted) in cases {
-        let by = [config, coordinator, unjoined].map(|config| config.accepts(frame));
-        assert_eq!(by, accepted, "{frame:02x?}");
-    }
-    // The wrapper delivers these only, and all when promiscuous.
-    for promiscuous in [false, true] {
-        let bare = Bare::default();
-        let mut radio = Filter::new(bare.clone());
-        let own = Config {
-            promiscuous,
-            ..config
-        };
-        block_on(radio.configure(&own)).unwrap();
-        for (frame, _) in cases {
-            bare.hear(frame);
+fn csma_waits_longer_each_time() {
+    struct Noted<'a>(&'a RefCell<Vec<u32>>);
+
+    impl DelayNs for Noted<'_> {
+        async fn delay_ns(&mut self, ns: u32) {
+            self.0.borrow_mut().push(ns / 1000);
         }
-        let mut delivered = 0;
-        let mut buffer = [0; PSDU_MAX];
-        let drain = async {
-            loop {
-                let len = radio.receive(&mut buffer).await.unwrap().len;
-                assert!(promiscuous || config.accepts(&buffer[..len]));
-                delivered += 1;
-            }
-        };
-        block_on(select(drain, async {}));
-        assert_eq!(delivered, if promiscuous { 12 } else { 5 });
+    }
+
+    let waits = RefCell::new(Vec::new());
+    let bare = Bare::default();
+    bare.busy_for.set(u32::MAX);
+    let mut radio = Csma::new(bare, Noted(&waits), 1);
+    for _ in 0..500 {
+        let outcome = block_on(radio.transmit(&[1, 2, 3]));
+        assert_eq!(outcome, Ok(TxOutcome::ChannelBusy));
+    }
+    let waits = waits.into_inner();
+    for (attempt, units) in [8, 16, 32, 32, 32].into_iter().enumerate() {
+        let waited = waits.iter().skip(attempt).step_by(5);
+        let mut drawn: Vec<_> = waited.map(|wait| (wait / 320, wait % 320)).collect();
+        assert_eq!(drawn.len(), 500);
+        drawn.sort_unstable();
+        drawn.dedup();
+        let all: Vec<_> = (0..units).map(|unit| (unit, 0)).collect();
+        assert_eq!(drawn, all, "attempt {attempt}");
     }
 }
 
@@ -308,9 +250,10 @@ fn filter() {
 fn checksum() {
     let bare = Bare::default();
     let mut radio = Checksum::new(bare.clone());
-    assert!(radio.capabilities().fcs);
     block_on(radio.configure(&config())).unwrap();
     assert!(block_on(radio.transmit(&[0; FRAME_MAX + 1])).is_err());
+    assert!(block_on(radio.transmit(&[0; FRAME_MAX])).is_ok());
+    bare.sent.borrow_mut().clear();
     let sent = block_on(radio.transmit(&[0x02, 0x00, 0x6A]));
     assert_eq!(sent, Ok(TxOutcome::Sent));
     let intact = [0x02, 0x00, 0x6A, 0xE4, 0x79];

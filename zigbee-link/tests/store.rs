@@ -2,7 +2,10 @@
 
 mod support;
 
+use embassy_embedded_hal::flash::partition::Partition;
 use embassy_futures::block_on;
+use embassy_sync::{blocking_mutex::raw::NoopRawMutex, mutex::Mutex};
+use flash_log::{Entry, Log};
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use support::flash::{self, Flash, PAGE};
@@ -10,10 +13,7 @@ use virtual_bench::flash::FlashError;
 use zigbee_link::{
     radio::Channel,
     security::{BLOCK, Counter, Key},
-    store::{
-        Member, Membership, Record, Store, StoreError,
-        log::{Entry, Log},
-    },
+    store::{Member, Membership, Record, Store, StoreError},
     wire::{Eui64, PanId, ShortAddress},
 };
 
@@ -396,4 +396,24 @@ fn nothing_is_saved_without_a_key() {
     }
     block_on(store.provision(key(1), 0)).unwrap();
     block_on(store.save(Record::CounterLimit(1))).unwrap();
+}
+
+#[test]
+fn a_link_and_an_application_share_a_flash() {
+    let flash = Mutex::<NoopRawMutex, _>::new(chip(0));
+    let half = LEN / 2;
+    let fact = |key, value| Entry::new(key, &[value; 90]).unwrap();
+    let mut store = Store::new(Partition::new(&flash, 0, half), 0..half).unwrap();
+    let mut facts = Log::<_, 96>::new(Partition::new(&flash, half, half), 0..half).unwrap();
+    block_on(async {
+        store.provision(key(1), 0).await.unwrap();
+        facts.open().await.unwrap();
+        for n in 0..50 {
+            store.save(Record::CounterLimit(n)).await.unwrap();
+            facts.append(&fact(n as u8 % 2, n as u8)).await.unwrap();
+        }
+        assert_eq!(store.load().await.unwrap().counter_limit, 49);
+        assert_eq!(facts.find(0).await, Ok(Some(fact(0, 48))));
+        assert_eq!(facts.find(1).await, Ok(Some(fact(1, 49))));
+    });
 }

@@ -129,7 +129,7 @@ impl<'a> ReferenceLine<'a> {
 
     /// The outcome of solving these stops, with their names.
     pub fn new(
-        outcome: &Result<reference::Outcome<f64>, Refusal>,
+        outcome: &Result<reference::ReferenceOutcome<f64>, Refusal>,
         names: &'a [String],
         stops: &[Stop<f64>],
     ) -> Self {
@@ -163,7 +163,7 @@ impl<'a> ReferenceLine<'a> {
 impl<'a> ReferenceSolution<'a> {
     /// One solution for these stops, with their names.
     pub fn new(
-        solution: &reference::Solution<f64>,
+        solution: &reference::ReferenceSolution<f64>,
         names: &'a [String],
         stops: &[Stop<f64>],
     ) -> Self {

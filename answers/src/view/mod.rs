@@ -10,7 +10,7 @@ use std::{collections::BTreeMap, fmt, time::Duration};
 use calib_core::{Pose, Refusal, Status};
 use node_firmware::{
     console::{KeyChange, Network, ToPc},
-    message::{Address, Hello, Kind, PoseParts, Report, Sighted, State},
+    message::{CameraState, Hello, ListedSighting, MemberAddress, MemberKind, PoseParts, Report},
 };
 
 use crate::record::{Estimate, Node, verdict::status_words};
@@ -27,11 +27,11 @@ const PATIENCE: Duration = Duration::from_secs(15);
 #[derive(Clone, Debug, PartialEq)]
 pub struct Member {
     /// Its address.
-    pub address: Address,
+    pub address: MemberAddress,
     /// The number by which people know it.
     pub id: u16,
     /// What it is; `None`: it has not said so since the coordinator started.
-    pub kind: Option<Kind>,
+    pub kind: Option<MemberKind>,
     /// How far it is, if it is a camera.
     pub report: Option<Report>,
     /// It joined again since, and has another address.
@@ -41,7 +41,7 @@ pub struct Member {
     /// When it first reported a pose.
     pub posed: Option<Duration>,
     /// The sightings that it told when it was asked, by their place in its list.
-    pub sightings: BTreeMap<u8, Sighted>,
+    pub sightings: BTreeMap<u8, ListedSighting>,
     /// When it was asked for them, and has not answered since.
     asked: Option<Duration>,
 }
@@ -50,14 +50,14 @@ impl Member {
     /// Whether it is a camera. Only cameras report.
     pub fn is_camera(&self) -> bool {
         match self.kind {
-            Some(kind) => kind != Kind::Target,
+            Some(kind) => kind != MemberKind::Target,
             None => self.report.is_some(),
         }
     }
 
     /// Whether it is a reference camera: by its configuration, or because it was elected.
     pub fn is_reference(&self) -> bool {
-        matches!(self.kind, Some(Kind::Camera { reference: Some(_) }))
+        matches!(self.kind, Some(MemberKind::Camera { reference: Some(_) }))
             || self.report.is_some_and(|report| report.duty.is_some())
     }
 
@@ -81,7 +81,7 @@ impl Member {
     /// Why it has no pose.
     pub fn reason(&self) -> Option<Refusal> {
         match self.report?.state {
-            State::Refused(refusal) => Some(refusal),
+            CameraState::Refused(refusal) => Some(refusal),
             _ => None,
         }
     }
@@ -168,7 +168,7 @@ impl NetworkView {
     }
 
     /// The addresses of a node, the present one last.
-    pub fn addresses(&self, id: u16) -> Vec<Address> {
+    pub fn addresses(&self, id: u16) -> Vec<MemberAddress> {
         let of_it = self.members.iter().filter(|member| member.id == id);
         let mut of_it: Vec<_> = of_it.collect();
         of_it.sort_by_key(|member| !member.replaced);
@@ -187,7 +187,7 @@ impl NetworkView {
     }
 
     /// The number of the node that has, or had, this address.
-    pub fn id_of(&self, address: Address) -> Option<u16> {
+    pub fn id_of(&self, address: MemberAddress) -> Option<u16> {
         let mut members = self.members.iter();
         Some(members.find(|member| member.address == address)?.id)
     }
@@ -213,7 +213,7 @@ impl NetworkView {
     }
 
     /// The member at this address is asked for its sightings.
-    pub fn asks(&mut self, now: Duration, address: Address) {
+    pub fn asks(&mut self, now: Duration, address: MemberAddress) {
         let mut members = self.members.iter_mut();
         if let Some(member) = members.find(|member| member.address == address) {
             member.asked.get_or_insert(now);
@@ -285,7 +285,7 @@ impl NetworkView {
     }
 
     /// How people call the member at an address.
-    fn name(&self, address: Address) -> String {
+    fn name(&self, address: MemberAddress) -> String {
         match self.members.iter().find(|member| member.address == address) {
             Some(member) => format!("{} {}", member.kind_name(), member.id),
             None => format!("address {address:04x}"),
@@ -293,7 +293,7 @@ impl NetworkView {
     }
 
     /// The member at an address, if it is this node; made if there was none. Whether it was made.
-    fn member_at(&mut self, address: Address, id: u16) -> (&mut Member, bool) {
+    fn member_at(&mut self, address: MemberAddress, id: u16) -> (&mut Member, bool) {
         let known = |member: &Member| (member.address, member.id) == (address, id);
         let place = self.members.iter().position(known);
         if place.is_none() {
@@ -318,7 +318,7 @@ impl NetworkView {
         (&mut self.members[place.unwrap_or(last)], place.is_none())
     }
 
-    fn hello(&mut self, address: Address, hello: Hello) -> Option<String> {
+    fn hello(&mut self, address: MemberAddress, hello: Hello) -> Option<String> {
         let (member, is_new) = self.member_at(address, hello.id);
         let is_news = member.kind.replace(hello.kind) != Some(hello.kind) || is_new;
         is_news.then(|| {
@@ -335,7 +335,7 @@ impl NetworkView {
         })
     }
 
-    fn report(&mut self, now: Duration, address: Address, report: Report) -> Option<String> {
+    fn report(&mut self, now: Duration, address: MemberAddress, report: Report) -> Option<String> {
         let (member, _) = self.member_at(address, report.id);
         let is_news = member.report.replace(report) != Some(report);
         if report.pose().is_some() {
@@ -347,7 +347,7 @@ impl NetworkView {
 
 impl NetworkView {
     /// A camera lists all that it has, from the first to the last.
-    fn sighting(&mut self, address: Address, sighting: Sighted) {
+    fn sighting(&mut self, address: MemberAddress, sighting: ListedSighting) {
         let mut members = self.members.iter_mut();
         if let Some(member) = members.find(|member| member.address == address) {
             member.asked = None;
@@ -411,14 +411,14 @@ mod tests {
 
     const NOW: Duration = Duration::ZERO;
 
-    const CAMERA: Kind = Kind::Camera { reference: None };
+    const CAMERA: MemberKind = MemberKind::Camera { reference: None };
 
-    fn member(address: Address, id: u16, kind: Kind) -> ToPc {
+    fn member(address: MemberAddress, id: u16, kind: MemberKind) -> ToPc {
         let hello = Hello { id, kind };
         ToPc::Member { address, hello }
     }
 
-    fn reported(address: Address, id: u16, state: State) -> ToPc {
+    fn reported(address: MemberAddress, id: u16, state: CameraState) -> ToPc {
         let report = Report {
             id,
             duty: None,
@@ -431,8 +431,8 @@ mod tests {
         ToPc::Report { address, report }
     }
 
-    fn pose() -> State {
-        State::Calibrated(PoseParts {
+    fn pose() -> CameraState {
+        CameraState::Calibrated(PoseParts {
             position: [1.0, -2.0],
             heading: core::f32::consts::FRAC_PI_2,
             covariance: [0.04, 0.0, 0.09, 0.0, 0.0, 0.0001],
@@ -449,8 +449,8 @@ mod tests {
                 channel: 15,
             })),
             member(1, 7, CAMERA),
-            reported(1, 7, State::Waiting),
-            reported(1, 7, State::Refused(Refusal::DangerCircle)),
+            reported(1, 7, CameraState::Waiting),
+            reported(1, 7, CameraState::Refused(Refusal::DangerCircle)),
             reported(1, 7, pose()),
         ];
         let news: Vec<_> = messages
@@ -477,13 +477,13 @@ mod tests {
     fn calibrated_is_who_has_poses_only() {
         let mut known = NetworkView::default();
         assert!(!known.is_calibrated(0), "there is no camera");
-        known.take(NOW, &member(9, 4, Kind::Target));
+        known.take(NOW, &member(9, 4, MemberKind::Target));
         known.take(NOW, &member(1, 7, CAMERA));
         assert!(!known.is_calibrated(0));
         known.take(NOW, &reported(1, 7, pose()));
         assert!(known.is_calibrated(0));
         assert!(!known.is_calibrated(2), "another one is awaited");
-        known.take(NOW, &reported(2, 8, State::Refused(Refusal::TooFew)));
+        known.take(NOW, &reported(2, 8, CameraState::Refused(Refusal::TooFew)));
         assert!(!known.is_calibrated(0));
         known.take(NOW, &reported(2, 8, pose()));
         assert!(known.is_calibrated(2));

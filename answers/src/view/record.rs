@@ -4,10 +4,7 @@ use std::{collections::BTreeMap, time::Duration};
 
 use calib_core::{Ray, Sighting};
 use nalgebra::{Matrix2, Point2};
-use node_firmware::{
-    config::Duty,
-    message::{Kind, Sighted},
-};
+use node_firmware::message::{Duty, ListedSighting, MemberKind};
 
 use super::{Member, NetworkView, SitePlan, site::usual_limits};
 use crate::record::{
@@ -24,7 +21,7 @@ impl NetworkView {
         for member in self.present() {
             let role = match member.kind {
                 _ if member.is_camera() => Role::Camera,
-                Some(Kind::Target) => Role::Target,
+                Some(MemberKind::Target) => Role::Target,
                 // It has not said what it is.
                 _ => continue,
             };
@@ -106,11 +103,11 @@ impl NetworkView {
 
     /// Where the targets said they stood, as far as cameras told.
     fn targets(&self) -> Vec<Target> {
-        let mut targets = BTreeMap::<u16, BTreeMap<u16, Sighted>>::new();
+        let mut targets = BTreeMap::<u16, BTreeMap<u16, ListedSighting>>::new();
         for member in self
             .present()
             .iter()
-            .filter(|m| m.kind == Some(Kind::Target))
+            .filter(|m| m.kind == Some(MemberKind::Target))
         {
             targets.entry(member.id).or_default();
         }
@@ -132,7 +129,7 @@ impl NetworkView {
     }
 }
 
-fn stop(told: &Sighted) -> Stop {
+fn stop(told: &ListedSighting) -> Stop {
     let [x, y] = told.position.map(f64::from);
     let sigma = each_axis(told);
     Stop {
@@ -150,11 +147,11 @@ fn stop(told: &Sighted) -> Stop {
 }
 
 /// The camera tells that of both axes together.
-fn each_axis(told: &Sighted) -> f64 {
+fn each_axis(told: &ListedSighting) -> f64 {
     f64::from(told.position_sigma) / 2_f64.sqrt()
 }
 
-fn sighting(told: &Sighted) -> Sighting<f64> {
+fn sighting(told: &ListedSighting) -> Sighting<f64> {
     let sigma = each_axis(told);
     Sighting {
         target: Point2::from(told.position.map(f64::from)),

@@ -2,8 +2,8 @@
 
 use nalgebra::{Point2, Vector2};
 use node_firmware::{
-    config::{CameraConfig, Role as Configured, SiteKey, Subjects},
-    sight::Lens,
+    config::{CameraConfig, RoleConfig as Configured, SiteKey, Subjects},
+    vision::Lens,
 };
 use site::{Frame, NetworkTable, Scenario, ScenarioError, world::Obstacle};
 

@@ -7,7 +7,7 @@ use embedded_storage::nor_flash::{
     ErrorType, NorFlash, NorFlashError, NorFlashErrorKind, ReadNorFlash, check_erase, check_read,
     check_write,
 };
-use node_firmware::run::Layout;
+use node_firmware::hardware::FlashLayout;
 use semihosting::{
     fs::{File, OpenOptions},
     io::{Read as _, Seek as _, SeekFrom, Write as _},
@@ -20,7 +20,7 @@ const RANGE: u32 = 4 * PAGE as u32;
 const ERASED: u8 = 0xff;
 
 /// Where a node keeps what it must not forget.
-pub(crate) const LAYOUT: Layout = Layout {
+pub(crate) const LAYOUT: FlashLayout = FlashLayout {
     link: RANGE..2 * RANGE,
     memory: 0..RANGE,
 };

@@ -11,14 +11,16 @@ use embassy_embedded_hal::adapter::BlockingAsync;
 use embassy_executor::Spawner;
 use node_firmware::{
     config::{
-        Config,
+        CheckedConfig,
         page::{self, PAGE_MAX},
     },
-    run::{Seams, run},
+    hardware::{Hardware, Peripherals},
+    run::run,
 };
 use semihosting::process::ExitCode;
+use spinel_radio::SpinelRadio;
 use static_cell::StaticCell;
-use zigbee_link::{spinel::SpinelRadio, wire::Eui64};
+use zigbee_link::wire::Eui64;
 
 use crate::{
     executor,
@@ -36,16 +38,19 @@ const STOPPED: u8 = 1;
 /// Exit code after a panic or a fault.
 pub(crate) const BROKEN: u8 = 2;
 
-type NodeSeams = Seams<
-    Uart,
-    SpinelRadio<Uart, EmbassyClock>,
-    EmbassyClock,
-    BlockingAsync<Flash>,
-    Steps,
-    Lamps,
-    PushButtons,
-    (),
->;
+/// The drivers of this board.
+struct Board;
+
+impl Hardware for Board {
+    type Uart = Uart;
+    type Radio = SpinelRadio<Uart, EmbassyClock>;
+    type Clock = EmbassyClock;
+    type Flash = BlockingAsync<Flash>;
+    type Steps = Steps;
+    type Indicator = Lamps;
+    type Buttons = PushButtons;
+    type Observer = ();
+}
 
 #[entry]
 fn main() -> ! {
@@ -53,7 +58,7 @@ fn main() -> ! {
 }
 
 fn begin(spawner: Spawner) {
-    static CONFIG: StaticCell<Config> = StaticCell::new();
+    static CONFIG: StaticCell<CheckedConfig> = StaticCell::new();
     timer::start();
     interrupts::enable();
     let config = match page::decode(&config_page()) {
@@ -72,7 +77,7 @@ fn begin(spawner: Spawner) {
     let [high, low] = config.id.to_be_bytes();
     let own = Eui64([0x02, 0, 0, 0, 0, 0, high, low]);
     let extended = config.extended().unwrap_or(own);
-    let seams = Seams {
+    let peripherals = Peripherals::<Board> {
         uart: DEVICE.open(),
         radio: SpinelRadio::new(RADIO.open(), EmbassyClock),
         clock: EmbassyClock,
@@ -93,13 +98,13 @@ fn begin(spawner: Spawner) {
     let (receive, send) = PANEL.open().split();
     spawn(spawner, panel::listen(receive));
     spawn(spawner, panel::tell(send));
-    spawn(spawner, run_node(config, seams));
+    spawn(spawner, run_node(config, peripherals));
     defmt::info!("started");
 }
 
 #[embassy_executor::task]
-async fn run_node(config: &'static Config, seams: NodeSeams) {
-    let failure = run(config, seams).await;
+async fn run_node(config: &'static CheckedConfig, peripherals: Peripherals<Board>) {
+    let failure = run(config, peripherals).await;
     defmt::error!("stopped: {=str}", describe(&failure));
     stop()
 }

@@ -13,7 +13,7 @@ use embassy_nrf::{
     },
     peripherals, radio, uarte,
 };
-use node_firmware::config::{Config, Role};
+use node_firmware::config::{BaudRate, CheckedConfig, RoleConfig};
 use static_cell::StaticCell;
 
 use crate::sensor_bus::SensorBus;
@@ -117,25 +117,24 @@ impl Board {
 }
 
 impl Line {
-    /// The UART to the camera, or the PC of a coordinator, if it can have its rate.
-    pub(crate) fn open(self, node: &Config) -> Option<BufferedUarte<'static>> {
+    /// The UART to the camera, or the PC of a coordinator.
+    pub(crate) fn open(self, node: &CheckedConfig) -> BufferedUarte<'static> {
         static RECEIVE: StaticCell<[u8; UART_RECEIVE]> = StaticCell::new();
         static SEND: StaticCell<[u8; UART_SEND]> = StaticCell::new();
         let mut config = uarte::Config::default();
         config.baudrate = match node.baud() {
-            1_200 => Baudrate::Baud1200,
-            2_400 => Baudrate::Baud2400,
-            4_800 => Baudrate::Baud4800,
-            9_600 => Baudrate::Baud9600,
-            19_200 => Baudrate::Baud19200,
-            38_400 => Baudrate::Baud38400,
-            57_600 => Baudrate::Baud57600,
-            115_200 => Baudrate::Baud115200,
-            _ => return None,
+            BaudRate::B1200 => Baudrate::Baud1200,
+            BaudRate::B2400 => Baudrate::Baud2400,
+            BaudRate::B4800 => Baudrate::Baud4800,
+            BaudRate::B9600 => Baudrate::Baud9600,
+            BaudRate::B19200 => Baudrate::Baud19200,
+            BaudRate::B38400 => Baudrate::Baud38400,
+            BaudRate::B57600 => Baudrate::Baud57600,
+            BaudRate::B115200 => Baudrate::Baud115200,
         };
         let wires = match node.role {
-            Role::Coordinator(_) => self.console,
-            Role::Camera(_) | Role::Target(_) => self.camera,
+            RoleConfig::Coordinator(_) => self.console,
+            RoleConfig::Camera(_) | RoleConfig::Target(_) => self.camera,
         };
         let line = BufferedUarte::new(
             self.uart,
@@ -153,6 +152,6 @@ impl Line {
         // Without a camera or a PC the line would float, and what it picks up would be bytes.
         let configuration = wires.configuration;
         configuration.modify(|w| w.set_pull(vals::Pull::Pullup));
-        Some(line)
+        line
     }
 }

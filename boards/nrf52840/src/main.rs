@@ -5,8 +5,8 @@
 //! | `board` | pins and peripherals, all in one place |
 //! | `identity` | what makes this chip different from others |
 //! | `line` | the UART to the camera or the PC |
-//! | `memory` | the flash, and the configuration in it |
-//! | `node` | the start, and the tasks |
+//! | `memory` | the flash |
+//! | `node` | the tasks; their start is `board_support::start` |
 //! | `radio` | the radio on the chip |
 //! | `sensor_bus` | the I2C bus of a target's step sensor |
 //! | `watchdog` | the watchdog, and why the chip last started |

@@ -1,15 +1,7 @@
-//! The flash, and the configuration in it. Its pages are those of [`board_support::flash`].
+//! The flash. Its pages are those of [`board_support::flash`].
 
-use board_support::{
-    flash::NRF52840,
-    memory::{Paged, read_config},
-};
-use embassy_nrf::{
-    Peri,
-    nvmc::{FLASH_SIZE, Nvmc, PAGE_SIZE},
-    peripherals,
-};
-use node_firmware::config::{Config, page::PageError};
+use board_support::{flash::NRF52840, memory::Paged};
+use embassy_nrf::nvmc::{FLASH_SIZE, Nvmc, PAGE_SIZE};
 
 // The chip has the flash that is divided there.
 const _: () = assert!(NRF52840.end as usize == FLASH_SIZE);
@@ -19,10 +11,3 @@ const _: () = assert!(NRF52840.config as usize == FLASH_SIZE - PAGE_SIZE);
 /// What the UART receives meanwhile goes to memory without it, and so does one frame of the radio;
 /// later frames are lost as on the air.
 pub(crate) type Flash = Paged<Nvmc<'static>>;
-
-/// The flash and the configuration in it.
-pub(crate) fn open(flash: Peri<'static, peripherals::NVMC>) -> (Flash, Result<Config, PageError>) {
-    let mut flash = Nvmc::new(flash);
-    let config = read_config(&mut flash, NRF52840.config);
-    (Paged(flash), config)
-}

@@ -1,35 +1,36 @@
-//! The start, and the tasks.
+//! The tasks. What they do at their start is [`board_support::start`].
 
 use core::pin::pin;
 
 use board_support::{
     clock::EmbassyClock,
-    failure::describe,
     flash::NRF52840,
+    memory::Paged,
     pins::{Lamps, PushButtons},
-    retained,
-    tasks::{sensor_config, spawn, stop, tell_start},
+    start::{self, configuration, step_sensor},
+    tasks::spawn,
 };
 use defmt_rtt as _;
 use embassy_executor::Spawner;
 use embassy_nrf::{
     gpio::{Input, Output},
+    nvmc::Nvmc,
     radio::ieee802154,
 };
 use embassy_time::Delay;
 use node_firmware::{
-    config::{Config, page::PageError},
-    run::{Seams, run},
+    config::CheckedConfig,
+    hardware::{Hardware, Peripherals},
     steps::InertialSteps,
 };
 use static_cell::StaticCell;
-use zigbee_link::radio::{Csma, Filter};
+use zigbee_link::radio::Csma;
 
 use crate::{
     board::Board,
     identity::{factory_address, random},
     line::Lossless,
-    memory::{self, Flash},
+    memory::Flash,
     radio::{self, OnChip, Shared},
     sensor_bus::SensorBus,
     watchdog::{self, LIVENESS, NODE, RADIO, reset_cause},
@@ -39,47 +40,34 @@ defmt::timestamp!("{=u64:us}", embassy_time::Instant::now().as_micros());
 
 type Steps = InertialSteps<SensorBus, EmbassyClock>;
 
-type NodeSeams = Seams<
-    Lossless,
-    Filter<Csma<OnChip, Delay>>,
-    EmbassyClock,
-    Flash,
-    &'static mut Steps,
-    Lamps<Output<'static>, false>,
-    PushButtons<Input<'static>>,
-    (),
->;
+impl Hardware for Board {
+    type Uart = Lossless;
+    type Radio = Csma<OnChip, Delay>;
+    type Clock = EmbassyClock;
+    type Flash = Flash;
+    type Steps = &'static mut Steps;
+    type Indicator = Lamps<Output<'static>, false>;
+    type Buttons = PushButtons<Input<'static>>;
+    type Observer = ();
+}
 
 #[embassy_executor::main]
 async fn main(spawner: Spawner) {
     static SHARED: StaticCell<Shared> = StaticCell::new();
-    static CONFIG: StaticCell<Config> = StaticCell::new();
     static STEPS: StaticCell<Steps> = StaticCell::new();
-    static SEAMS: StaticCell<Option<NodeSeams>> = StaticCell::new();
+    static PERIPHERALS: StaticCell<Option<Peripherals<Board>>> = StaticCell::new();
     let board = Board::new();
-    tell_start(reset_cause(), &retained::take());
-    let (flash, config) = memory::open(board.flash);
-    let config = match config {
-        Ok(config) => CONFIG.init(config),
-        Err(error) => stop(error).await,
-    };
-    let Some(uart) = board.line.open(config) else {
-        // Refused where configurations are checked.
-        stop(PageError::Body).await;
-    };
-    let Ok(steps) = InertialSteps::new(board.sensor, EmbassyClock, sensor_config(config)) else {
-        // Refused where configurations are checked.
-        stop(PageError::Body).await;
-    };
+    let mut flash = Nvmc::new(board.flash);
+    let config = configuration(reset_cause(), &mut flash, &NRF52840).await;
     let seed = random(board.random);
     let shared = SHARED.init(Shared::new());
-    let seams = SEAMS.init(Some(Seams {
-        uart: Lossless(uart),
-        radio: Filter::new(Csma::new(OnChip::new(shared), Delay, seed)),
+    let peripherals = PERIPHERALS.init(Some(Peripherals {
+        uart: Lossless(board.line.open(config)),
+        radio: Csma::new(OnChip::new(shared), Delay, seed),
         clock: EmbassyClock,
-        flash,
+        flash: Paged(flash),
         layout: NRF52840.layout,
-        steps: STEPS.init(steps),
+        steps: STEPS.init(step_sensor(board.sensor, config).await),
         indicator: board.lamps,
         buttons: board.buttons,
         observer: (),
@@ -87,7 +75,7 @@ async fn main(spawner: Spawner) {
         seed,
     }));
     spawn(spawner, run_radio(board.radio, shared));
-    spawn(spawner, run_node(config, seams));
+    spawn(spawner, run_node(config, peripherals));
     spawn(spawner, watchdog::feed(board.watchdog));
 }
 
@@ -98,13 +86,9 @@ async fn run_radio(radio: ieee802154::Radio<'static>, shared: &'static Shared) {
 }
 
 #[embassy_executor::task]
-async fn run_node(config: &'static Config, seams: &'static mut Option<NodeSeams>) {
-    // Not passed by value: the whole future of the node would be copied on the stack with them.
-    let Some(seams) = seams.take() else {
-        return;
-    };
-    let node = pin!(run(config, seams));
-    let failure = LIVENESS.watch(NODE, node).await;
-    // Nothing reports any more: the watchdog restarts the node.
-    defmt::error!("stopped: {=str}", describe(&failure));
+async fn run_node(
+    config: &'static CheckedConfig,
+    peripherals: &'static mut Option<Peripherals<Board>>,
+) {
+    start::run_node(config, peripherals, (&LIVENESS, NODE)).await;
 }

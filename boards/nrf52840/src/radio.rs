@@ -2,8 +2,9 @@
 //!
 //! A task, [`drive`], owns it and receives whenever it does not send; [`OnChip`] asks the task.
 //! So a dropped future of [`OnChip`] loses no frame, and frames that arrive while nobody listens
-//! are queued. The hardware computes the FCS and makes one clear-channel assessment; backing off
-//! and filtering is left to `zigbee_link`'s wrappers. There are no immediate acknowledgements.
+//! are queued. The hardware computes the FCS and makes one clear-channel assessment; backing off is
+//! left to `zigbee_link`'s wrapper, and who a frame is for to the link. There are no immediate
+//! acknowledgements.
 //! The radio takes one frame without the processor: what comes after it, before the task runs
 //! again, is lost as on the air.
 
@@ -18,7 +19,7 @@ use embassy_nrf::{
 use embassy_sync::{blocking_mutex::raw::NoopRawMutex, channel::Channel as Queue, signal::Signal};
 use embassy_time::{Duration, Instant, with_timeout};
 use zigbee_link::radio::{
-    Capabilities, Channel, Config, FRAME_MAX, FRAME_MIN, PSDU_MAX, Radio, Received, TxOutcome,
+    Channel, FRAME_MAX, FRAME_MIN, PSDU_MAX, Radio, RadioConfig, Received, TxOutcome,
 };
 
 /// Received frames that wait.
@@ -101,7 +102,7 @@ pub(crate) enum Error {
 /// The radio, without its task.
 pub(crate) struct OnChip {
     shared: &'static Shared,
-    config: Option<Config>,
+    config: Option<RadioConfig>,
     number: u32,
 }
 
@@ -132,15 +133,7 @@ impl OnChip {
 impl Radio for OnChip {
     type Error = Error;
 
-    fn capabilities(&self) -> Capabilities {
-        Capabilities {
-            fcs: true,
-            rx_queue: true,
-            ..Capabilities::default()
-        }
-    }
-
-    async fn configure(&mut self, config: &Config) -> Result<(), Error> {
+    async fn configure(&mut self, config: &RadioConfig) -> Result<(), Error> {
         self.config = None;
         let kind = Kind::Configure {
             channel: config.channel,

@@ -14,10 +14,10 @@ use embassy_stm32::{
     },
     time::Hertz,
 };
-use node_firmware::config::{Config as NodeConfig, Role};
+use node_firmware::config::{BaudRate, CheckedConfig, RoleConfig};
 
 use crate::{
-    line::{HasLine, InterruptHandler, Line, Uart},
+    line::{Divisor, HasLine, InterruptHandler, Line, Uart},
     sensor_bus::SensorBus,
 };
 
@@ -150,19 +150,28 @@ fn clocks() -> Config {
 }
 
 impl Lines {
-    /// The UART to the camera, or the PC of a coordinator, and the one to the radio; if they can have
-    /// their rates.
-    pub(crate) fn open(self, config: &NodeConfig) -> Option<(Uart, Uart)> {
-        let baud = config.baud();
+    /// The UART to the camera, or the PC of a coordinator, and the one to the radio.
+    pub(crate) fn open(self, config: &CheckedConfig) -> (Uart, Uart) {
+        let rate = match config.baud() {
+            BaudRate::B1200 => const { Divisor::of(1_200) },
+            BaudRate::B2400 => const { Divisor::of(2_400) },
+            BaudRate::B4800 => const { Divisor::of(4_800) },
+            BaudRate::B9600 => const { Divisor::of(9_600) },
+            BaudRate::B19200 => const { Divisor::of(19_200) },
+            BaudRate::B38400 => const { Divisor::of(38_400) },
+            BaudRate::B57600 => const { Divisor::of(57_600) },
+            BaudRate::B115200 => const { Divisor::of(115_200) },
+        };
         let device = match config.role {
-            Role::Coordinator(_) => {
-                Uart::open(self.console, self.console_receive, self.console_send, baud)
+            RoleConfig::Coordinator(_) => {
+                Uart::open(self.console, self.console_receive, self.console_send, rate)
             }
-            Role::Camera(_) | Role::Target(_) => {
-                Uart::open(self.camera, self.camera_receive, self.camera_send, baud)
+            RoleConfig::Camera(_) | RoleConfig::Target(_) => {
+                Uart::open(self.camera, self.camera_receive, self.camera_send, rate)
             }
         };
-        let radio = Uart::open(self.radio, self.radio_receive, self.radio_send, RADIO_BAUD);
-        device.zip(radio)
+        let rate = const { Divisor::of(RADIO_BAUD) };
+        let radio = Uart::open(self.radio, self.radio_receive, self.radio_send, rate);
+        (device, radio)
     }
 }

@@ -134,19 +134,29 @@ impl Line {
 /// are told to people: what is on the line must have checksums.
 pub(crate) struct Uart(&'static Line);
 
+/// A rate: by how much the clock of the UART is divided.
+#[derive(Clone, Copy)]
+pub(crate) struct Divisor(u32);
+
+impl Divisor {
+    /// That of so many bits per second. Not possible while the program is compiled for a rate that a
+    /// UART cannot have.
+    pub(crate) const fn of(baud: u32) -> Self {
+        let divisor = (CLOCK_HZ + baud / 2) / baud;
+        // Reference manual RM0351, "USART baud rate generation".
+        assert!(divisor >= 16 && divisor <= 0xffff);
+        Self(divisor)
+    }
+}
+
 impl Uart {
-    /// The UART at this rate, if it can have it: 8 bits, no parity, one stop bit.
+    /// The UART at this rate: 8 bits, no parity, one stop bit.
     pub(crate) fn open<T: HasLine>(
         _peripheral: Peri<'static, T>,
         receive: Peri<'static, impl RxPin<T>>,
         send: Peri<'static, impl TxPin<T>>,
-        baud: u32,
-    ) -> Option<Self> {
-        let divisor = (CLOCK_HZ + baud / 2).checked_div(baud)?;
-        // Reference manual RM0351, "USART baud rate generation".
-        if !(16..=0xffff).contains(&divisor) {
-            return None;
-        }
+        Divisor(divisor): Divisor,
+    ) -> Self {
         let line = T::line();
         enable_and_reset::<T>();
         // A line with nobody at its other end is idle.
@@ -166,7 +176,7 @@ impl Uart {
         unsafe {
             T::Interrupt::enable();
         }
-        Some(Self(line))
+        Self(line)
     }
 }
 

@@ -7,8 +7,8 @@
 //! | `board` | pins, peripherals and rates, all in one place |
 //! | `identity` | what makes this chip different from others |
 //! | `line` | the UARTs |
-//! | `memory` | the flash, and the configuration in it |
-//! | `node` | the start, and the tasks |
+//! | `memory` | the flash |
+//! | `node` | the tasks; their start is `board_support::start` |
 //! | `sensor_bus` | the I2C bus of a target's step sensor |
 //! | `watchdog` | the watchdog, and why the chip last started |
 #![cfg_attr(target_os = "none", no_std, no_main)]

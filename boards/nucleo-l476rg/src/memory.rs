@@ -1,10 +1,7 @@
-//! The flash, and the configuration in it. Its pages are those of [`board_support::flash`].
+//! The flash. Its pages are those of [`board_support::flash`].
 
 use board_support::{
-    flash::STM32L476RG,
-    last_words::LastWords,
-    memory::{Paged, read_config},
-    retained::say_and_restart,
+    flash::STM32L476RG, last_words::LastWords, memory::Paged, retained::say_and_restart,
 };
 use cortex_m_rt::exception;
 use embassy_stm32::{
@@ -13,7 +10,6 @@ use embassy_stm32::{
     pac::FLASH,
     peripherals,
 };
-use node_firmware::config::{Config, page::PageError};
 
 // The chip has the flash that is divided there.
 const _: () = assert!(STM32L476RG.start as usize == FLASH_BASE);
@@ -24,15 +20,13 @@ const _: () = assert!(STM32L476RG.config as usize == FLASH_SIZE - MAX_ERASE_SIZE
 /// the other bank.
 pub(crate) type Flash = Paged<flash::Flash<'static, Blocking>>;
 
-/// The flash and the configuration in it.
-pub(crate) fn open(flash: Peri<'static, peripherals::FLASH>) -> (Flash, Result<Config, PageError>) {
+/// The driver of the flash.
+pub(crate) fn open(flash: Peri<'static, peripherals::FLASH>) -> flash::Flash<'static, Blocking> {
     // The cache of data knows nothing of what is erased, and writing to one bank while the program
     // reads from the other can spoil it (errata sheet ES0250, "Data cache might be corrupted during
     // Flash memory read while write operation").
     FLASH.acr().modify(|access| access.set_dcen(false));
-    let mut flash = flash::Flash::new_blocking(flash);
-    let config = read_config(&mut flash, STM32L476RG.config);
-    (Paged(flash), config)
+    flash::Flash::new_blocking(flash)
 }
 
 /// Among others, what was read from the flash has two wrong bits. Where power was lost in the middle

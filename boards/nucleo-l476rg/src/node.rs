@@ -1,25 +1,23 @@
-//! The start, and the tasks.
-
-use core::pin::pin;
+//! The tasks. What they do at their start is [`board_support::start`].
 
 use board_support::{
     clock::EmbassyClock,
-    failure::describe,
     flash::STM32L476RG,
+    memory::Paged,
     pins::{Lamps, PushButtons},
-    retained,
-    tasks::{sensor_config, spawn, stop, tell_start},
+    start::{self, configuration, step_sensor},
+    tasks::spawn,
 };
 use defmt_rtt as _;
 use embassy_executor::Spawner;
 use embassy_stm32::{exti::ExtiInput, gpio::Output, mode::Async};
 use node_firmware::{
-    config::{Config, page::PageError},
-    run::{Seams, run},
+    config::CheckedConfig,
+    hardware::{Hardware, Peripherals},
     steps::InertialSteps,
 };
+use spinel_radio::SpinelRadio;
 use static_cell::StaticCell;
-use zigbee_link::spinel::SpinelRadio;
 
 use crate::{
     board::Board,
@@ -35,63 +33,47 @@ defmt::timestamp!("{=u64:us}", embassy_time::Instant::now().as_micros());
 type Radio = SpinelRadio<Uart, EmbassyClock>;
 type Steps = InertialSteps<SensorBus, EmbassyClock>;
 
-type NodeSeams = Seams<
-    Lossless,
-    &'static mut Radio,
-    EmbassyClock,
-    Flash,
-    &'static mut Steps,
-    Lamps<Output<'static>, true>,
-    PushButtons<ExtiInput<'static, Async>>,
-    (),
->;
+impl Hardware for Board {
+    type Uart = Lossless;
+    type Radio = &'static mut Radio;
+    type Clock = EmbassyClock;
+    type Flash = Flash;
+    type Steps = &'static mut Steps;
+    type Indicator = Lamps<Output<'static>, true>;
+    type Buttons = PushButtons<ExtiInput<'static, Async>>;
+    type Observer = ();
+}
 
 #[embassy_executor::main]
 async fn main(spawner: Spawner) {
-    static CONFIG: StaticCell<Config> = StaticCell::new();
     static RADIO: StaticCell<Radio> = StaticCell::new();
     static STEPS: StaticCell<Steps> = StaticCell::new();
-    static SEAMS: StaticCell<Option<NodeSeams>> = StaticCell::new();
+    static PERIPHERALS: StaticCell<Option<Peripherals<Board>>> = StaticCell::new();
     let board = Board::new();
-    tell_start(reset_cause(), &retained::take());
-    let (flash, config) = memory::open(board.flash);
-    let config = match config {
-        Ok(config) => CONFIG.init(config),
-        Err(error) => stop(error).await,
-    };
-    let Some((uart, radio)) = board.lines.open(config) else {
-        // Refused where configurations are checked.
-        stop(PageError::Body).await;
-    };
-    let Ok(steps) = InertialSteps::new(board.sensor, EmbassyClock, sensor_config(config)) else {
-        // Refused where configurations are checked.
-        stop(PageError::Body).await;
-    };
-    let seams = SEAMS.init(Some(Seams {
+    let mut flash = memory::open(board.flash);
+    let config = configuration(reset_cause(), &mut flash, &STM32L476RG).await;
+    let (uart, radio) = board.lines.open(config);
+    let peripherals = PERIPHERALS.init(Some(Peripherals {
         uart: Lossless(uart),
         radio: RADIO.init(SpinelRadio::new(radio, EmbassyClock)),
         clock: EmbassyClock,
-        flash,
+        flash: Paged(flash),
         layout: STM32L476RG.layout,
-        steps: STEPS.init(steps),
+        steps: STEPS.init(step_sensor(board.sensor, config).await),
         indicator: board.lamps,
         buttons: board.buttons,
         observer: (),
         extended: factory_address(),
         seed: random(board.random),
     }));
-    spawn(spawner, run_node(config, seams));
+    spawn(spawner, run_node(config, peripherals));
     spawn(spawner, watchdog::feed(board.watchdog));
 }
 
 #[embassy_executor::task]
-async fn run_node(config: &'static Config, seams: &'static mut Option<NodeSeams>) {
-    // Not passed by value: the whole future of the node would be copied on the stack with them.
-    let Some(seams) = seams.take() else {
-        return;
-    };
-    let node = pin!(run(config, seams));
-    let failure = LIVENESS.watch(NODE, node).await;
-    // Nothing reports any more: the watchdog restarts the node.
-    defmt::error!("stopped: {=str}", describe(&failure));
+async fn run_node(
+    config: &'static CheckedConfig,
+    peripherals: &'static mut Option<Peripherals<Board>>,
+) {
+    start::run_node(config, peripherals, (&LIVENESS, NODE)).await;
 }

@@ -1,16 +1,14 @@
 //! Why a node cannot go on, in words.
 
+use flash_log::LogError;
 use node_firmware::run::Failure;
-use zigbee_link::{
-    runner::Stopped,
-    store::{StoreError, log::LogError},
-};
+use zigbee_link::{runner::RunnerError, store::StoreError};
 
 /// What failed. Not its `Display`, which brings the formatter along; a board has no room for that.
 pub const fn describe<R, F>(failure: &Failure<R, F>) -> &'static str {
     match failure {
-        Failure::Link(Stopped::Radio(_)) => "the radio failed",
-        Failure::Link(Stopped::Store(error)) => match error {
+        Failure::Link(RunnerError::Radio(_)) => "the radio failed",
+        Failure::Link(RunnerError::Store(error)) => match error {
             StoreError::NotProvisioned => "link: no site key",
             StoreError::Corrupt => "link: damaged",
             StoreError::Full | StoreError::Layout => "link: wrong size",

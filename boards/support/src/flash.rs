@@ -1,7 +1,7 @@
 //! Which part of a board's flash is whose: for the image, for the linker's `memory.x`, and for the
 //! tools that write configuration pages.
 
-use node_firmware::run::Layout;
+use node_firmware::hardware::FlashLayout;
 
 /// What is the node's own in the flash of the nRF52840: its last nine pages of 4 KiB. `memory.x`
 /// keeps images out of them.
@@ -13,7 +13,7 @@ use node_firmware::run::Layout;
 /// | 0x000ff000 | 4 KiB | the configuration page, written by a programmer |
 pub const NRF52840: Regions = Regions {
     start: 0,
-    layout: Layout {
+    layout: FlashLayout {
         memory: 0x000f_7000..0x000f_b000,
         link: 0x000f_b000..0x000f_f000,
     },
@@ -31,7 +31,7 @@ pub const NRF52840: Regions = Regions {
 /// | 0x080ff800 | 2 KiB | the configuration page, written by a programmer |
 pub const STM32L476RG: Regions = Regions {
     start: 0x0800_0000,
-    layout: Layout {
+    layout: FlashLayout {
         memory: 0x000f_7800..0x000f_b800,
         link: 0x000f_b800..0x000f_f800,
     },
@@ -49,7 +49,7 @@ pub struct Regions {
     /// The address at which the processor, and a programmer, see the start of the flash.
     pub start: u32,
     /// What the node writes.
-    pub layout: Layout,
+    pub layout: FlashLayout,
     /// The configuration page.
     pub config: u32,
     /// The first byte behind the flash.
@@ -115,7 +115,7 @@ mod tests {
     #[test]
     fn regions_are_pages_one_behind_the_other() {
         for (regions, page) in [(&NRF52840, 4096), (&STM32L476RG, 2048)] {
-            let Layout { memory, link } = &regions.layout;
+            let FlashLayout { memory, link } = &regions.layout;
             for part in [memory, link] {
                 // An even number of pages, and the same for both chips.
                 assert_eq!((part.start % page, part.len()), (0, 0x4000));

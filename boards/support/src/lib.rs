@@ -13,7 +13,8 @@
 //! | [`i2c`] | a bus that a sensor holds |
 //! | [`panel`] | steps, lamps and buttons as messages on a line, for boards that have none |
 //! | `retained` | where last words are kept, and who says them; on a board only |
-//! | `tasks` | what tasks of all boards do; on a board only |
+//! | `start` | the start of a real board, and the node's task; on a board only |
+//! | `tasks` | how tasks are spawned; on a board only |
 #![no_std]
 #![deny(unsafe_code)]
 #![cfg_attr(
@@ -41,6 +42,8 @@ pub mod panel;
 pub mod pins;
 #[cfg(all(target_os = "none", feature = "retained"))]
 pub mod retained;
+#[cfg(all(target_os = "none", feature = "retained"))]
+pub mod start;
 #[cfg(target_os = "none")]
 pub mod tasks;
 

@@ -5,7 +5,7 @@ use embassy_futures::yield_now;
 use embedded_storage::nor_flash::{self, ErrorType};
 use embedded_storage_async::nor_flash::{NorFlash, ReadNorFlash};
 use node_firmware::config::{
-    Config,
+    CheckedConfig,
     page::{self, PageError},
 };
 
@@ -59,7 +59,7 @@ impl<F: nor_flash::NorFlash> NorFlash for Paged<F> {
 pub fn read_config<F: nor_flash::ReadNorFlash>(
     flash: &mut F,
     page: u32,
-) -> Result<Config, PageError> {
+) -> Result<CheckedConfig, PageError> {
     let mut bytes = [0; page::PAGE_MAX];
     // Within the flash.
     let read = flash.read(page, &mut bytes);

@@ -5,6 +5,7 @@ use nalgebra::{Matrix2, Matrix3};
 use super::Place;
 use crate::{
     Pose, Real, Refusal, Sighting,
+    numerics::matrix::{add_outer_of_two, multiply_square},
     resection::information::{self, Row},
 };
 
@@ -36,26 +37,38 @@ pub fn correlate<T: Real>(
     if !seen.iter().all(|(sighting, _)| sighting.is_usable()) {
         return Err(Refusal::NotFinite);
     }
-    let row = |sighting: &Sighting<T>| Row::new(sighting, sighting.target - pose.position);
-    let inverse = information::covariance(seen.iter().map(|(sighting, _)| row(sighting)))?;
+    let inverse = information::covariance(seen.iter().map(|(sighting, _)| row(pose, sighting)))?;
 
     // In units of the bearings: `G_i = H^-1 g_i w_i s_i^T` with `H^-1` the `inverse`, so all that
     // two stops add is one number times `g_i g_j^T`.
     let mut spread = Matrix3::zeros();
     for (i, (sighting, place)) in seen.iter().enumerate() {
-        let a = row(sighting);
+        let a = row(pose, sighting);
         let sigma = sighting.bearing_sigma;
         let own = sigma * sigma + joint(&a, &place.covariance(), &a);
-        spread += a.slope * a.slope.transpose() * (a.weight * a.weight * own);
+        add(&mut spread, &a, &a, own);
         for (j, (other, other_place)) in seen.iter().enumerate() {
             if i != j && is_one_walk(i, j) {
-                let b = row(other);
+                let b = row(pose, other);
                 let shared = joint(&a, &place.covariance_with(other_place), &b);
-                spread += a.slope * b.slope.transpose() * (a.weight * b.weight * shared);
+                add(&mut spread, &a, &b, shared);
             }
         }
     }
-    let covariance = inverse * spread * inverse;
+    let mut half = Matrix3::zeros();
+    multiply_square(
+        inverse.as_slice(),
+        spread.as_slice(),
+        half.as_mut_slice(),
+        3,
+    );
+    let mut covariance = Matrix3::zeros();
+    multiply_square(
+        half.as_slice(),
+        inverse.as_slice(),
+        covariance.as_mut_slice(),
+        3,
+    );
     if !covariance.iter().all(T::is_finite) {
         return Err(Refusal::NotFinite);
     }
@@ -66,6 +79,22 @@ pub fn correlate<T: Real>(
         covariance,
         ..*pose
     })
+}
+
+#[inline(never)] // size
+fn row<T: Real>(pose: &Pose<T>, sighting: &Sighting<T>) -> Row<T> {
+    Row::new(sighting, sighting.target - pose.position)
+}
+
+/// Adds what two bearings whose errors have this covariance do to the right sides.
+fn add<T: Real>(spread: &mut Matrix3<T>, a: &Row<T>, b: &Row<T>, covariance: T) {
+    let weight = a.weight * b.weight * covariance;
+    add_outer_of_two(
+        spread.as_mut_slice(),
+        a.slope.as_slice(),
+        b.slope.as_slice(),
+        weight,
+    );
 }
 
 /// What the errors of two targets' places add to the product of their bearings' errors. Moving a

@@ -3,7 +3,10 @@
 use nalgebra::{Matrix2, Point2, Vector2};
 
 use super::{Systematic, TrackError};
-use crate::{Real, covariance::is_covariance, real::lit};
+use crate::{
+    Real,
+    numerics::{covariance::is_covariance, real::lit},
+};
 
 /// The numbers of a [`Place`], as they go into a message.
 #[derive(Clone, Copy, Debug, PartialEq)]

@@ -5,7 +5,10 @@ use core::fmt;
 use nalgebra::{Matrix2, Point2, Vector2};
 
 use super::{Place, PlaceParts};
-use crate::{Real, covariance::is_covariance, plane, real::lit};
+use crate::{
+    Real,
+    numerics::{covariance::is_covariance, plane, real::lit},
+};
 
 /// One step: `P e^{j theta}` (thesis 2.6.1), with errors that no other step shares.
 ///
@@ -23,8 +26,7 @@ pub struct Step<T> {
     /// Standard deviation of the heading, radians, zero or above.
     ///
     /// Where successive headings err together for some time, give the sigma that independent
-    /// errors would need for the same growth over many steps; [`Pedestrian`](super::Pedestrian)
-    /// does.
+    /// errors would need for the same growth over many steps.
     pub heading_sigma: T,
 }
 
@@ -66,8 +68,8 @@ pub struct Systematic<T> {
     /// about what a sensor strapped on by eye and a calibrated compass leave.
     pub heading_sigma: T,
     /// Standard deviation of the constant relative error of step lengths. Default 0.08: a step
-    /// length model that was not calibrated for the person. About 0.03 after
-    /// [`StepLength::calibrated`](super::StepLength::calibrated), if the pace stays.
+    /// length model that was not calibrated for the person. About 0.03 after a walk of known length,
+    /// if the pace stays.
     pub scale_sigma: T,
 }
 
@@ -161,7 +163,7 @@ impl<T: Real> Odometer<T> {
 }
 
 /// A target that walks: where it is, and how sure that is. Its [`place`](Track::place) at a stop can
-/// be sent; a copy of it at the stop also gives the [way between](Track::since) two stops.
+/// be sent; a copy of it at the stop also gives the [way between](Track::since) two stops of one fix.
 ///
 /// Its position errs, to first order, by
 /// ```text
@@ -182,10 +184,7 @@ pub struct Track<T: Real> {
     fixes: u32,
     fix_position: Point2<T>,
     fix_covariance: Matrix2<T>,
-    /// Kept beside the other, since the difference of two long sums may round to no covariance.
     since_fix: Odometer<T>,
-    /// Never reset, so that any two stops can be compared.
-    since_start: Odometer<T>,
 }
 
 /// Why a step, a fix or a place was not taken. A track is as it was before.
@@ -224,7 +223,6 @@ impl<T: Real> Default for Track<T> {
             fix_position: Point2::origin(),
             fix_covariance: Matrix2::zeros(),
             since_fix: Odometer::zero(),
-            since_start: Odometer::zero(),
         }
     }
 }
@@ -240,31 +238,32 @@ impl<T: Real> Track<T> {
         covariance: Matrix2<T>,
         systematic: Systematic<T>,
     ) -> Result<Self, TrackError> {
-        systematic.check()?;
-        let mut track = Self {
-            systematic,
-            ..Self::default()
-        };
-        track.relocate(position, covariance)?;
+        let mut track = Self::default();
+        track.relocate(position, covariance, systematic)?;
         Ok(track)
     }
 
+    /// The same with its present fix numbered `fix`, and the next ones after it: a random number,
+    /// where others keep places of a walk that this target has forgotten.
+    #[must_use]
+    pub fn numbered(self, fix: u32) -> Self {
+        Self { fixes: fix, ..self }
+    }
+
     /// Goes on from a place that this or another track told of, as if it had never stopped:
-    /// later places of the two share their errors. [`Track::since`] counts from its last fix.
+    /// later places of the two share their errors.
     pub fn resume(place: &Place<T>) -> Self {
         let parts = place.parts();
         let matrix = |&[xx, xy, yy]: &[T; 3]| Matrix2::new(xx, xy, xy, yy);
-        let since_fix = Odometer {
-            walked: parts.walked,
-            random: matrix(&parts.step_covariance),
-        };
         Self {
             systematic: parts.systematic,
             fixes: parts.fix,
             fix_position: parts.position - parts.walked,
             fix_covariance: matrix(&parts.fix_covariance),
-            since_fix,
-            since_start: since_fix,
+            since_fix: Odometer {
+                walked: parts.walked,
+                random: matrix(&parts.step_covariance),
+            },
         }
     }
 
@@ -276,40 +275,44 @@ impl<T: Real> Track<T> {
         step.check()?;
         let mut next = *self;
         next.since_fix.add(step);
-        next.since_start.add(step);
         next.keep_if_finite(self)
     }
 
     /// The target was found again, for example by the reference cameras: the errors of all steps
-    /// so far are forgotten. [`Track::since`] still works across it.
+    /// so far are forgotten, and those to come are `systematic` in this way. Also where it is taken
+    /// to another frame.
     ///
     /// # Errors
-    /// A number that is not finite or a matrix that is no covariance.
+    /// A number that is not finite, a sigma below zero, a matrix that is no covariance.
     pub fn relocate(
         &mut self,
         position: Point2<T>,
         covariance: Matrix2<T>,
+        systematic: Systematic<T>,
     ) -> Result<(), TrackError> {
+        systematic.check()?;
         if !(position.coords.iter().all(T::is_finite) && covariance.iter().all(T::is_finite)) {
             return Err(TrackError::NotFinite);
         }
         if !is_covariance(&covariance) {
             return Err(TrackError::NotACovariance);
         }
-        let mut next = *self;
-        next.fixes = self.fixes.wrapping_add(1);
-        next.fix_position = position;
-        next.fix_covariance = covariance;
-        next.since_fix = Odometer::zero();
+        let next = Self {
+            systematic,
+            fixes: self.fixes.wrapping_add(1),
+            fix_position: position,
+            fix_covariance: covariance,
+            since_fix: Odometer::zero(),
+        };
         next.keep_if_finite(self)
     }
 
     fn keep_if_finite(self, kept: &mut Self) -> Result<(), TrackError> {
-        let total = &self.since_start;
+        let walked = &self.since_fix;
         let sum = self.position().coords.sum()
             + self.covariance().sum()
-            + total.walked.sum()
-            + total.random.sum();
+            + walked.walked.sum()
+            + walked.random.sum();
         if !sum.is_finite() {
             return Err(TrackError::NotFinite);
         }
@@ -355,16 +358,19 @@ impl<T: Real> Track<T> {
         self.reckoned().covariance_with(&other.reckoned())
     }
 
-    /// The way from an earlier copy of this track to here, by the steps alone: fixes, before or in
-    /// between, change neither it nor its covariance.
-    pub fn since(&self, earlier: &Self) -> Displacement<T> {
-        let (now, then) = (&self.since_start, &earlier.since_start);
+    /// The way from an earlier copy of this track to here, by the steps alone. None if the target
+    /// was found in between: what was walked before a fix is forgotten with it.
+    pub fn since(&self, earlier: &Self) -> Option<Displacement<T>> {
+        if self.fixes != earlier.fixes {
+            return None;
+        }
+        let (now, then) = (&self.since_fix, &earlier.since_fix);
         let vector = now.walked - then.walked;
         let way = (&self.systematic, vector);
-        Displacement {
+        Some(Displacement {
             vector,
             covariance: now.random - then.random + Systematic::covariance(way, way),
-        }
+        })
     }
 }
 

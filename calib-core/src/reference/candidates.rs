@@ -15,12 +15,14 @@ use nalgebra::{Vector2, Vector6};
 use super::{Stop, model::Bearings};
 use crate::{
     Ray, Real, Refusal, Sighting,
-    minimize::Problem,
-    plane::{cross, dot, mul, mul_conj, quarter_turn, taxicab, unit},
-    ranking::Ranking,
-    real::lit,
+    numerics::{
+        minimize::Problem,
+        plane::{cross, dot, mul, mul_conj, quarter_turn, taxicab, unit},
+        ranking::Ranking,
+        real::lit,
+        subsets,
+    },
     resection::three_point::{self, Fix},
-    subsets,
 };
 
 /// Starts for least squares, by how well they fit all stops. Duplicates of one answer come from
@@ -35,8 +37,7 @@ const TRIAL_HEADINGS: u32 = 24;
 /// # Errors
 /// Why the closed forms refused, if all did; [`Refusal::TargetBehind`] when circles met only
 /// behind a camera.
-// Not inlined, for the sake of the stack.
-#[inline(never)]
+#[inline(never)] // stack
 pub(super) fn propose<T: Real>(
     problem: &Bearings<'_, T>,
     proposals: &mut Proposals<T>,

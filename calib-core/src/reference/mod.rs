@@ -7,7 +7,7 @@
 //! is turned against it.
 //!
 //! # Why not the thesis's equations
-//! The six residuals in print ([`printed`]) determine four of their six unknowns only: the
+//! The six residuals in print (kept in this crate's tests) determine four of their six unknowns only: the
 //! measured displacement has cancelled from them, so every pair of headings solves them perfectly.
 //! Here the displacement is what it was measured for. Bearings of `n` stops are `2 n` equations;
 //!
@@ -30,21 +30,23 @@
 //! therefore somewhat too sure. Where two answers merge, or noise makes the circles of two stops
 //! miss each other, the prediction is bounded by the profile of the cost instead of its slope.
 
-use nalgebra::{Matrix2, Matrix6, Point2, Vector2, Vector6};
+use nalgebra::{Matrix2, Matrix3, Matrix6, Point2, Vector2, Vector3, Vector6};
 
 use crate::{
-    Method, Ray, Real, Refusal, angle,
+    Method, Pose, Ray, Real, Refusal,
     fit::{Fit, one_in_a_thousand},
-    minimize::{Descent, STALLED_SIGMAS},
-    plane::unit,
-    ranking::Ranking,
-    real::{lit, root},
+    numerics::{
+        angle,
+        minimize::{Descent, STALLED_SIGMAS},
+        plane::unit,
+        ranking::Ranking,
+        real::{lit, root},
+    },
 };
 use model::Bearings;
 
 mod candidates;
 mod model;
-pub mod printed;
 mod profile;
 
 /// One stop of the target, seen by both reference cameras.
@@ -73,7 +75,7 @@ impl<T: Real> Stop<T> {
     }
 }
 
-/// What is known beforehand.
+/// What of the frame is known beforehand; see the [table](crate::reference#why-not-the-thesiss-equations).
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
@@ -85,18 +87,18 @@ pub struct Known<T> {
     pub frame_heading: Option<T>,
 }
 
-/// How to solve.
+/// How far the refinement of a candidate goes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
-pub struct Settings {
+pub struct ReferenceSettings {
     /// From the closed-form candidate to the minimum.
     pub method: Method,
     /// Steps after which a candidate is given up.
     pub iteration_limit: usize,
 }
 
-impl Default for Settings {
+impl Default for ReferenceSettings {
     /// Levenberg damping, 50 iterations (4 to 6 are usual). Steepest descent wants thousands.
     fn default() -> Self {
         Self {
@@ -106,10 +108,10 @@ impl Default for Settings {
     }
 }
 
-/// One answer.
+/// Where both cameras look, and where the target stood first.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
-pub struct Solution<T: Real> {
+pub struct ReferenceSolution<T: Real> {
     /// Headings of camera 0 and camera 1 against the baseline, radians in `[0, 2 pi)`.
     pub headings: [T; 2],
     /// Where the target stood at the first stop.
@@ -132,13 +134,13 @@ pub struct Solution<T: Real> {
     pub condition: T,
 }
 
-impl<T: Real> Solution<T> {
+impl<T: Real> ReferenceSolution<T> {
     /// Standard deviations of the two headings, radians.
     pub fn heading_sigmas(&self) -> [T; 2] {
         [self.covariance.m11, self.covariance.m22].map(root)
     }
 
-    /// How well the bearings fit it.
+    /// Chi squared and the equations beyond the unknowns, for [`Fit::is_bad`].
     pub fn fit(&self) -> Fit<T> {
         Fit {
             chi_squared: self.chi_squared,
@@ -164,6 +166,44 @@ impl<T: Real> Solution<T> {
             .map(move |(sum, spread)| model::place(self, turn, sum, spread))
     }
 
+    /// Both cameras' poses in a frame in which the first one stands at `origin` and the second one
+    /// in `direction` of it, radians, both known exactly.
+    ///
+    /// The first camera is where the frame begins, so only its heading errs; the second one is on
+    /// the baseline, the length of which errs if it was not known.
+    pub fn poses(&self, origin: Point2<T>, direction: T) -> [Pose<T>; 2] {
+        let along = unit(direction);
+        let c = &self.covariance;
+        let zero = T::zero();
+        let [xx, xy, yy] = [
+            along.x * along.x * c.m66,
+            along.x * along.y * c.m66,
+            along.y * along.y * c.m66,
+        ];
+        let [x_heading, y_heading] = [along.x * c.m26, along.y * c.m26];
+        let second = Matrix3::new(
+            xx, xy, x_heading, //
+            xy, yy, y_heading, //
+            x_heading, y_heading, c.m22,
+        );
+        let first = Matrix3::from_diagonal(&Vector3::new(zero, zero, c.m11));
+        let [heading0, heading1] = self
+            .headings
+            .map(|heading| angle::wrap_positive(direction + heading));
+        [
+            Pose {
+                position: origin,
+                heading: heading0,
+                covariance: first,
+            },
+            Pose {
+                position: origin + along * self.baseline,
+                heading: heading1,
+                covariance: second,
+            },
+        ]
+    }
+
     fn unknowns(&self) -> Vector6<T> {
         let [h0, h1] = self.headings;
         let p = self.first_stop;
@@ -172,7 +212,7 @@ impl<T: Real> Solution<T> {
 }
 
 #[cfg(feature = "defmt")]
-impl<T: Real + defmt::Format> defmt::Format for Solution<T> {
+impl<T: Real + defmt::Format> defmt::Format for ReferenceSolution<T> {
     fn format(&self, f: defmt::Formatter<'_>) {
         let ([h0, h1], [s0, s1]) = (self.headings, self.heading_sigmas());
         defmt::write!(
@@ -191,12 +231,12 @@ impl<T: Real + defmt::Format> defmt::Format for Solution<T> {
 /// The best answer, and another one if the data cannot tell them apart.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
-pub struct Outcome<T: Real> {
+pub struct ReferenceOutcome<T: Real> {
     /// The answer with the least residuals.
-    pub best: Solution<T>,
+    pub best: ReferenceSolution<T>,
     /// A different one that is not ruled out: its chi squared is above the best one's by less than
     /// the [limit](one_in_a_thousand) of one degree of freedom. One more stop, or a glance at the scene, decides.
-    pub alternative: Option<Solution<T>>,
+    pub alternative: Option<ReferenceSolution<T>>,
     /// How many different, physically possible answers the candidates led to.
     pub candidates: usize,
 }
@@ -213,18 +253,17 @@ pub struct Outcome<T: Real> {
 pub fn solve<T: Real>(
     stops: &[Stop<T>],
     known: &Known<T>,
-    settings: &Settings,
-) -> Result<Outcome<T>, Refusal> {
+    settings: &ReferenceSettings,
+) -> Result<ReferenceOutcome<T>, Refusal> {
     solve_checked(stops, known, *settings)
 }
 
-// Not inlined, for the sake of the stack.
-#[inline(never)]
+#[inline(never)] // stack
 fn solve_checked<T: Real>(
     stops: &[Stop<T>],
     known: &Known<T>,
-    settings: Settings,
-) -> Result<Outcome<T>, Refusal> {
+    settings: ReferenceSettings,
+) -> Result<ReferenceOutcome<T>, Refusal> {
     let lengths_usable = known
         .baseline
         .is_none_or(|b| b.is_finite() && b > T::zero());
@@ -250,13 +289,12 @@ fn solve_checked<T: Real>(
 type Answers<T> = Ranking<T, Found<T>, 6>;
 
 /// The best answer, and the next best one unless it is ruled out.
-// Not inlined, for the sake of the stack.
-#[inline(never)]
+#[inline(never)] // stack
 fn outcome<T: Real>(
     problem: &Bearings<'_, T>,
-    settings: Settings,
+    settings: ReferenceSettings,
     found: &Answers<T>,
-) -> Result<Outcome<T>, Refusal> {
+) -> Result<ReferenceOutcome<T>, Refusal> {
     let mut ranked = found.iter();
     let best = ranked.next().ok_or(Refusal::TargetBehind)?;
     let limit = best.chi_squared + one_in_a_thousand(1);
@@ -264,7 +302,7 @@ fn outcome<T: Real>(
         Some(other) => Some(refine(problem, other.start, settings)?),
         None => None,
     };
-    Ok(Outcome {
+    Ok(ReferenceOutcome {
         best: refine(problem, best.start, settings)?,
         alternative,
         candidates: found.iter().count(),
@@ -282,11 +320,10 @@ struct Found<T: Real> {
 }
 
 /// Finds the different answers that the candidates lead to, at least one.
-// Not inlined, for the sake of the stack.
-#[inline(never)]
+#[inline(never)] // stack
 fn distinct<T: Real>(
     problem: &Bearings<'_, T>,
-    settings: Settings,
+    settings: ReferenceSettings,
     found: &mut Answers<T>,
 ) -> Result<(), Refusal> {
     let mut proposals = Ranking::new();
@@ -315,13 +352,12 @@ fn distinct<T: Real>(
     Ok(())
 }
 
-// Not inlined, for the sake of the stack.
-#[inline(never)]
+#[inline(never)] // stack
 fn refine<T: Real>(
     problem: &Bearings<'_, T>,
     start: Vector6<T>,
-    settings: Settings,
-) -> Result<Solution<T>, Refusal> {
+    settings: ReferenceSettings,
+) -> Result<ReferenceSolution<T>, Refusal> {
     let mut walk = Descent::new(start);
     let iterations = walk.run(problem, settings.method, settings.iteration_limit)?;
     let x = &walk.x;
@@ -339,7 +375,7 @@ fn refine<T: Real>(
     if !covariance.diagonal().iter().all(|&v| v >= T::zero()) {
         return Err(Refusal::Undetermined);
     }
-    Ok(Solution {
+    Ok(ReferenceSolution {
         headings: [x.x, x.y].map(angle::wrap_positive),
         first_stop: Point2::new(x.z, x.w),
         frame_heading: angle::wrap_positive(x.a),
@@ -374,8 +410,7 @@ fn is_same<T: Real>(a: &Found<T>, b: &Found<T>) -> bool {
 }
 
 /// The condition number (1-norm) of a normal matrix scaled to unit diagonal.
-// Not inlined, for the sake of the stack.
-#[inline(never)]
+#[inline(never)] // stack
 fn condition<T: Real>(normal: &Matrix6<T>, inverse: &Matrix6<T>) -> T {
     let scale = normal.diagonal().map(nalgebra::ComplexField::sqrt);
     let mut norms = [T::zero(); 2];
@@ -413,5 +448,5 @@ fn displacements_from_first<T: Real>(
 /// A covariance in a frame turned by a unit vector.
 fn turned<T: Real>(covariance: &Matrix2<T>, turn: Vector2<T>) -> Matrix2<T> {
     let rotation = Matrix2::new(turn.x, -turn.y, turn.y, turn.x);
-    rotation * covariance * rotation.transpose()
+    angle::turned(covariance, &rotation)
 }

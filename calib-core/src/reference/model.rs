@@ -5,12 +5,14 @@
 
 use nalgebra::{Matrix2, Matrix6, Point2, Vector2, Vector6};
 
-use super::{Known, Solution, Stop, displacements_from_first, turned};
+use super::{Known, ReferenceSolution, Stop, displacements_from_first, turned};
 use crate::{
     Ray, Real,
-    minimize::{Problem, Quadratic},
-    plane::{cross, dot, mul, quarter_turn, unit},
-    real::{at_least_zero, lit},
+    numerics::{
+        minimize::{Problem, Quadratic},
+        plane::{cross, dot, mul, quarter_turn, unit},
+        real::{at_least_zero, lit},
+    },
 };
 
 pub(super) struct Bearings<'a, T: Real> {
@@ -187,8 +189,10 @@ fn unknowns<T: Real>(x: &[T]) -> Vector6<T> {
         [heading0, heading1, x, y, frame, baseline] => {
             Vector6::new(heading0, heading1, x, y, frame, baseline)
         }
-        // Nobody asks.
-        _ => Vector6::zeros(),
+        _ => {
+            debug_assert!(false, "the unknowns of another problem");
+            Vector6::zeros()
+        }
     }
 }
 
@@ -221,7 +225,7 @@ impl<T: Real> Problem<T> for Bearings<'_, T> {
 /// A stop's place and covariance from a solution: the first stop and the frame heading carry their
 /// covariance over, the displacement adds its own.
 pub(super) fn place<T: Real>(
-    solution: &Solution<T>,
+    solution: &ReferenceSolution<T>,
     turn: Vector2<T>,
     sum: Vector2<T>,
     spread: Matrix2<T>,

@@ -11,13 +11,15 @@ use nalgebra::{Matrix6, Vector6};
 use super::model::Bearings;
 use crate::{
     Real,
-    minimize::{Descent, Problem, add_outer},
-    real::lit,
+    numerics::{
+        matrix::{add_outer, dot, multiply},
+        minimize::{Descent, Problem},
+        real::lit,
+    },
 };
 
 /// Shortens the covariance's weakest direction to what the profile of the cost allows.
-// Not inlined, for the sake of the stack.
-#[inline(never)]
+#[inline(never)] // stack
 pub(super) fn bound<T: Real>(
     problem: &Bearings<'_, T>,
     x: &Vector6<T>,
@@ -27,7 +29,8 @@ pub(super) fn bound<T: Real>(
         return;
     };
     let cost = problem.cost(x.as_slice(), x.as_slice());
-    let predicted = (*covariance * direction).dot(&direction).sqrt();
+    let across = times(covariance, &direction);
+    let predicted = dot(across.as_slice(), direction.as_slice()).sqrt();
     let sigma = risen_by_one(predicted, |length| {
         profile(problem, x, &(direction * length)) - cost
     });
@@ -58,8 +61,8 @@ fn risen_by_one<T: Real>(predicted: T, rise: impl Fn(T) -> T) -> T {
 /// it would: from a positive definite matrix that never leaves an indefinite one, also where the
 /// direction is no eigenvector.
 fn shorten<T: Real>(covariance: &mut Matrix6<T>, direction: &Vector6<T>, share: T) {
-    let across = *covariance * direction;
-    let variance = across.dot(direction);
+    let across = times(covariance, direction);
+    let variance = dot(across.as_slice(), direction.as_slice());
     if variance > T::zero() {
         add_outer(
             covariance.as_mut_slice(),
@@ -75,9 +78,28 @@ fn weakest_direction<T: Real>(covariance: &Matrix6<T>) -> Option<Vector6<T>> {
     // Begins along the axis of the largest.
     *direction.get_mut(covariance.diagonal().imax())? = T::one();
     for _ in 0..17 {
-        direction = covariance * direction.try_normalize(T::zero())?;
+        direction = times(covariance, &normalised(direction)?);
     }
-    direction.try_normalize(T::zero())
+    normalised(direction)
+}
+
+/// The unit vector along another one; none along zero.
+fn normalised<T: Real>(mut vector: Vector6<T>) -> Option<Vector6<T>> {
+    let length = dot(vector.as_slice(), vector.as_slice()).sqrt();
+    // Also none along what is not a number.
+    if !(length > T::zero()) {
+        return None;
+    }
+    for part in vector.as_mut_slice() {
+        *part /= length;
+    }
+    Some(vector)
+}
+
+fn times<T: Real>(matrix: &Matrix6<T>, vector: &Vector6<T>) -> Vector6<T> {
+    let mut product = Vector6::zeros();
+    multiply(matrix.as_slice(), vector.as_slice(), product.as_mut_slice());
+    product
 }
 
 /// The cost `offset` away from `x`, after one step that lowers it in all other directions.

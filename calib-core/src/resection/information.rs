@@ -3,10 +3,14 @@
 use nalgebra::{ComplexField, Matrix3, Point2, Vector2, Vector3};
 
 use crate::{
-    Pose, Real, Refusal, Sighting, angle,
-    cholesky::Cholesky,
-    plane::{dot, quarter_turn},
-    real::lit,
+    Pose, Real, Refusal, Sighting,
+    numerics::{
+        angle,
+        cholesky::Cholesky,
+        matrix::add_outer_of_two,
+        plane::{dot, quarter_turn},
+        real::lit,
+    },
 };
 
 /// How a sighting counts in a least squares fit.
@@ -52,7 +56,8 @@ pub(crate) fn covariance<T: Real>(
 ) -> Result<Matrix3<T>, Refusal> {
     let mut information = Matrix3::zeros();
     for Row { slope, weight } in rows {
-        information += slope * slope.transpose() * weight;
+        let slope = slope.as_slice();
+        add_outer_of_two(information.as_mut_slice(), slope, slope, weight);
     }
     if !information.iter().all(ComplexField::is_finite) {
         return Err(Refusal::NotFinite);

@@ -4,10 +4,13 @@ use nalgebra::{Point2, Vector3};
 
 use super::{Solution, information::Row, three_point};
 use crate::{
-    Pose, Real, Refusal, Sighting, angle,
-    minimize::{Descent, Method, Problem, Quadratic},
-    ranking::Ranking,
-    subsets,
+    Pose, Real, Refusal, Sighting,
+    numerics::{
+        angle,
+        minimize::{Descent, Method, Problem, Quadratic},
+        ranking::Ranking,
+        subsets,
+    },
 };
 
 /// Iterations after which a start is given up. From a closed-form start, four are usual.
@@ -81,8 +84,10 @@ impl<T: Real> Problem<T> for Bearings<'_, T> {
 fn pose<T: Real>(x: &[T]) -> (Point2<T>, T) {
     match *x {
         [x, y, heading] => (Point2::new(x, y), heading),
-        // Nobody asks.
-        _ => (Point2::origin(), T::zero()),
+        _ => {
+            debug_assert!(false, "the unknowns of another problem");
+            (Point2::origin(), T::zero())
+        }
     }
 }
 

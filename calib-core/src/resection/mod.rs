@@ -1,16 +1,16 @@
 //! Resection: the pose of a camera from sightings of targets at known places.
 //!
-//! Three sightings have a closed form: [`three_point`], recommended, from rays; [`slope_form`],
-//! the thesis's own equations (7) to (9), kept as the documented original. [`solve`] takes any
-//! number and is what most callers want; [`solve_rejecting`] also survives wrong sightings.
+//! Three sightings have a closed form, from rays: [`three_point`]. [`solve`] takes any number and is
+//! what most callers want; [`solve_rejecting`] also survives wrong sightings. The thesis's own
+//! equations (7) to (9) are kept, as the documented original, in this crate's tests.
 //!
 //! # Uncertainty
 //! A bearing is `atan2(y_i - y, x_i - x) - heading` plus noise. With the range `r_i`, the world
 //! bearing `a_i` and `g_i = (sin a_i / r_i, -cos a_i / r_i, -1)`, the covariance of
 //! `(x, y, heading)` is the inverse of `sum g_i g_i^T / v_i`, the Cramer-Rao bound. The variance
 //! `v_i` is the bearing's own plus that of the target's place across the line of sight over
-//! `r_i^2`. Errors of different sightings count as independent; what they share is added by
-//! [`Pose::with_shared_target_error`].
+//! `r_i^2`. Errors of different sightings count as independent. Those of dead-reckoned stops are
+//! not: [`correlate`](crate::dead_reckoning::correlate) then gives the covariance.
 //!
 //! The covariance is *predicted* from the sigmas given, not fitted to the residuals: three
 //! sightings leave none. [`Solution::fit`] tells whether the prediction was believable.
@@ -21,7 +21,6 @@ use crate::{Pose, Real, Refusal, Sighting, fit::Fit};
 pub(crate) mod information;
 mod least_squares;
 mod rejection;
-pub mod slope_form;
 pub mod three_point;
 
 pub use information::{information, predict};
@@ -31,9 +30,9 @@ pub use information::{information, predict};
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Solution<T: Real> {
-    /// The camera's pose.
+    /// Where the camera is and looks, with the predicted covariance.
     pub pose: Pose<T>,
-    /// How many sightings it rests on.
+    /// How many sightings it rests on; those that were left out do not count.
     pub used: usize,
     /// Sum of the squared residuals, each over its variance. About
     /// [`degrees_of_freedom`](Solution::degrees_of_freedom) when the sigmas are right; much more
@@ -49,7 +48,7 @@ impl<T: Real> Solution<T> {
         self.used.saturating_sub(3)
     }
 
-    /// How well the sightings fit it.
+    /// Chi squared and the sightings beyond three, for [`Fit::is_bad`].
     pub fn fit(&self) -> Fit<T> {
         Fit {
             chi_squared: self.chi_squared,

@@ -20,8 +20,10 @@ use nalgebra::{Matrix3, Point2, Vector2, Vector3};
 
 use crate::{
     Pose, Real, Refusal, Sighting,
-    plane::{cross, dot, mul, mul_conj, quarter_turn, taxicab},
-    real::lit,
+    numerics::{
+        plane::{cross, dot, mul, mul_conj, quarter_turn, taxicab},
+        real::lit,
+    },
 };
 
 /// Place and direction from three sightings, without their uncertainty.

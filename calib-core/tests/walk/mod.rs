@@ -22,6 +22,7 @@ pub(crate) fn step(distance: f64, heading: f64) -> Step<f64> {
 pub(crate) struct Walk {
     pub(crate) track: Track<f64>,
     pub(crate) truth: Point2<f64>,
+    systematic: Systematic<f64>,
     bias: f64,
     scale: f64,
 }
@@ -37,6 +38,7 @@ impl Walk {
         let mut walk = Self {
             track,
             truth,
+            systematic,
             bias,
             scale,
         };
@@ -48,7 +50,9 @@ impl Walk {
     pub(crate) fn fix(&mut self, rng: &mut Random, x: f64, y: f64) {
         let seen = self.truth + Vector2::new(x * normal(rng), y * normal(rng));
         let covariance = Matrix2::new(x * x, 0.0, 0.0, y * y);
-        self.track.relocate(seen, covariance).unwrap();
+        self.track
+            .relocate(seen, covariance, self.systematic)
+            .unwrap();
     }
 
     fn take(&mut self, rng: &mut Random, meant: Step<f64>) {

@@ -6,11 +6,11 @@ use crate::argument::ArgumentError;
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum LedMode {
-    /// 0.
+    /// Argument 0.
     Off,
-    /// 1.
+    /// Argument 1.
     On,
-    /// 2, the default: the camera shows tracking with it.
+    /// Argument 2, the default: the camera shows tracking with it.
     Auto,
 }
 
@@ -41,7 +41,7 @@ impl TryFrom<u8> for LedMode {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Default)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum TrackingLines {
-    /// None.
+    /// Packets alone.
     #[default]
     Off,
     /// One bit for each pixel: tracked or not.
@@ -54,7 +54,7 @@ pub enum TrackingLines {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Default)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum StatisticsLines {
-    /// None.
+    /// Packets alone.
     #[default]
     Off,
     /// The mean colour of each row.
@@ -67,9 +67,9 @@ pub enum StatisticsLines {
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum LineMode {
-    /// Type 0.
+    /// Before T packets (type 0).
     Tracking(TrackingLines),
-    /// Type 1.
+    /// Before S packets (type 1).
     Statistics(StatisticsLines),
 }
 
@@ -119,7 +119,7 @@ pub enum OutputMask {
 pub struct StatisticsMask(u8);
 
 impl StatisticsMask {
-    /// Every field.
+    /// All six fields, as after a reset.
     pub const ALL: Self = Self(0b11_1111);
 
     /// # Errors
@@ -131,7 +131,7 @@ impl StatisticsMask {
         Ok(Self(bits))
     }
 
-    /// The bits.
+    /// The number as `OM 1` takes it: the first field in the lowest bit.
     pub const fn bits(self) -> u8 {
         self.0
     }
@@ -168,7 +168,7 @@ impl TryFrom<[u8; 2]> for OutputMask {
 pub struct RawMode(u8);
 
 impl RawMode {
-    /// Text.
+    /// All is text, as after a reset.
     pub const OFF: Self = Self(0);
     /// Binary packets, text otherwise.
     pub const OUTPUT: Self = Self(1);

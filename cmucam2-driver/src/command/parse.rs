@@ -5,7 +5,7 @@ use core::fmt;
 use super::{ARGUMENTS_MAX, Command, RawMode};
 use crate::{
     argument::{ArgumentError, switch},
-    colour::{Channel, ColourBounds},
+    colour::{ColourBounds, ColourChannel},
     geometry::{DownSampling, Sensor, Window},
     register::{Register, Registers},
     servo::{Servo, ServoAxis, ServoMask, ServoParameters, ServoPosition},
@@ -123,7 +123,7 @@ impl Command {
             } else {
                 Sensor::Ov6620
             }),
-            b"DC" => Self::DifferenceChannel(Channel::try_from(a.one()?)?),
+            b"DC" => Self::DifferenceChannel(ColourChannel::try_from(a.one()?)?),
             b"DM" => Self::CharacterDelay(a.one()?),
             b"DS" => {
                 let [x, y] = a.exactly()?;
@@ -132,7 +132,7 @@ impl Command {
             b"FD" => Self::FrameDifference(a.one()?),
             b"FS" => Self::FrameStream(a.switch()?),
             b"GB" => a.none(Self::GetButton)?,
-            b"GH" => Self::GetHistogram(Channel::try_from(a.one()?)?),
+            b"GH" => Self::GetHistogram(ColourChannel::try_from(a.one()?)?),
             b"GI" => a.none(Self::GetInputs)?,
             b"GM" => a.none(Self::GetMean)?,
             b"GS" => Self::GetServo(Servo::new(a.one()?)?),
@@ -162,7 +162,7 @@ impl Command {
             b"RS" => a.none(Self::Reset)?,
             b"SD" => a.none(Self::DeepSleep)?,
             b"SF" => Self::SendFrame(match a.optional()? {
-                Some([channel]) => Some(Channel::try_from(channel)?),
+                Some([channel]) => Some(ColourChannel::try_from(channel)?),
                 None => None,
             }),
             b"SL" => a.none(Self::Sleep)?,

@@ -3,7 +3,7 @@
 /// What did not become an event, and why. Counters stop at their greatest value.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Default)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
-pub struct Dropped {
+pub struct DroppedBytes {
     /// Bytes in all.
     pub bytes: u32,
     /// Runs of bytes that begin nothing.
@@ -31,7 +31,7 @@ pub(super) enum Reason {
     Image,
 }
 
-impl Dropped {
+impl DroppedBytes {
     pub(super) const NOTHING: Self = Self {
         bytes: 0,
         noise: 0,

@@ -10,7 +10,7 @@ use crate::{
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Default)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum ImageExpectation {
-    /// None.
+    /// Lines follow each other, with nothing between.
     #[default]
     None,
     /// A frame of so many bytes for each pixel, 1 or 3.
@@ -33,7 +33,7 @@ pub struct Expectation {
     pub bins: Option<u8>,
     /// The frame in which T packets and images must lie.
     pub frame: Size,
-    /// Binary data.
+    /// Binary data that may come between lines.
     pub image: ImageExpectation,
     /// Whether raw packets may come.
     pub raw: bool,

@@ -1,6 +1,6 @@
 //! Binary rows: frames and line modes.
 
-use super::{Event, Expectation, ImageExpectation};
+use super::{Expectation, ImageExpectation, Token};
 use crate::{
     colour::{LEVEL_MAX, LEVEL_MIN},
     command::{StatisticsLines, TrackingLines},
@@ -49,7 +49,7 @@ pub enum RowState {
 
 pub(super) enum Step {
     Nothing,
-    Event(Event),
+    Token(Token),
     /// The byte ended the image.
     End {
         rows: u16,
@@ -185,7 +185,7 @@ impl Image {
             ImageKind::Bitmap => u16::from(self.width.div_ceil(8)),
             ImageKind::Rows | ImageKind::Means => self.row_bytes,
         };
-        Step::Event(Event::Header(self.header()))
+        Step::Token(Token::Header(self.header()))
     }
 
     /// The header of an image that announces nothing, right after its lead.
@@ -207,7 +207,7 @@ impl Image {
         self.row_intact &= possible;
         self.at += 1;
         if self.at < self.row_bytes {
-            return Step::Event(Event::Pixel(byte, RowState::Open));
+            return Step::Token(Token::Pixel(byte, RowState::Open));
         }
         let state = if self.row_intact {
             RowState::Full
@@ -218,7 +218,7 @@ impl Image {
         self.row_intact = true;
         self.rows += 1;
         self.at = 0;
-        Step::Event(Event::Pixel(byte, state))
+        Step::Token(Token::Pixel(byte, state))
     }
 
     fn frame(&mut self, byte: u8) -> Step {
@@ -234,7 +234,7 @@ impl Image {
                 self.rows += 1;
                 self.intact = false;
                 self.row_intact = true;
-                Step::Event(Event::RowCut(bytes))
+                Step::Token(Token::RowCut(bytes))
             }
             (FRAME_END, _) => Step::End {
                 rows: self.rows,

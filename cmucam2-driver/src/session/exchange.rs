@@ -1,239 +1,117 @@
 //! One command and its reply.
 
-use super::{Answer, Fault, Job, Link, Payload, Phase, Sequence, Session};
+use super::request::Answer;
 use crate::{
-    command::{Command, Reply},
-    fmt::debug,
+    command::{Effect, Order, Reply},
     packet::Packet,
-    parser::Event,
+    parser::Token,
 };
 
-impl Session {
-    pub(super) fn send(&mut self, command: Command, now: u64) {
-        self.command = command;
-        self.once = false;
-        self.starting = false;
-        self.repeat = false;
-        self.line = command.line();
-        self.sent = 0;
-        self.payload = Payload::None;
-        self.heard = false;
-        self.answer = None;
-        self.complete = false;
-        self.phase = Phase::Ack;
-        if command == Command::TrackWindow {
-            self.window_mean = None;
-        }
-        self.parser.expect(
-            self.modes
-                .expectation(&command, self.sensor, self.policy.strict),
-        );
-        let patience = if command == Command::Reset {
-            self.policy.reset_us
-        } else {
-            self.policy.reply_us
-        };
-        self.wait(now, patience);
-    }
+/// A command on its way.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Exchange {
+    pub(super) order: Order,
+    pub(super) purpose: Purpose,
+}
 
-    /// Begins a stream. In poll mode there is none: what [`super::Request::Next`] asks for is
-    /// only noted, after what must be told first. Whether that is all.
-    pub(super) fn start(&mut self, command: Command, now: u64) -> bool {
-        let first = match command {
-            _ if !self.modes.poll() || command.reply() == Reply::Frame => Some(command),
-            Command::TrackColour(bounds) => bounds.map(Command::SetBounds),
-            Command::TrackWindow => Some(command),
-            _ => None,
-        };
-        match first {
-            Some(first) => {
-                self.send(first, now);
-                self.starting = true;
-            }
-            None => self.stream = Some(repeated(command)),
-        }
-        first.is_none()
-    }
+/// Why it is sent.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Purpose {
+    /// Its answer is that of the request.
+    Whole,
+    /// The same: a packet of the stream that was begun.
+    Next,
+    /// It begins the stream that later requests read.
+    Begin,
+    /// A step of a script.
+    Step,
+    /// A step whose effect a later one takes back.
+    Once,
+    /// It gives the camera a mode back.
+    Restore,
+}
 
-    /// The stream runs.
-    fn started(&mut self, command: Command, now: u64) {
-        self.starting = false;
-        self.stream = Some(repeated(command));
-        match self.job {
-            Job::Sequence(sequence) => {
-                self.step += 1;
-                if self.sequence(sequence, now) {
-                    self.proceed(now);
-                }
-            }
-            _ => self.finish(Answer::Done),
-        }
-    }
+/// What is being waited for.
+#[derive(Clone, Copy, Debug)]
+pub(super) enum Awaited {
+    /// `ACK` or `NCK`.
+    Ack,
+    /// What follows `ACK`: the answer, unless it came, and the prompt.
+    Reply(Option<Answer>),
+    /// The prompt after `NCK`.
+    Refused,
+    /// A packet or a part of a frame.
+    Packet,
+    /// The prompt after the one packet or frame that was wanted.
+    Prompt(Answer),
+}
 
-    pub(super) fn reply(&mut self, event: Event, now: u64, row: &mut [u8]) {
-        match (self.phase, event) {
-            (Phase::Ack, Event::Ack) => self.acknowledged(now),
-            (Phase::Ack | Phase::Reply, Event::Nck) => {
-                self.phase = Phase::Refused;
-                self.wait(now, self.policy.reply_us);
-            }
-            (Phase::Ack, Event::Packet(packet)) if self.is_expected(&packet) => {
-                // The acknowledgement was damaged, but this is what it promised.
-                self.accepted(now);
-                if self.phase == Phase::Stream {
-                    self.streamed(event, now, row);
-                }
-            }
-            (Phase::Ack, Event::Prompt) => self.irregular(now),
-            (Phase::Reply, Event::Values(values)) => self.answer = Some(Answer::Values(values)),
-            (Phase::Reply, Event::Prompt) => {
-                let missing = self.answer.is_none()
-                    && matches!(self.command.reply(), Reply::Values(_) | Reply::Banner);
-                if missing {
-                    return self.irregular(now);
-                }
-                self.link = if self.command.reply() == Reply::Sleep {
-                    // It must be woken first.
-                    Link::Unknown
-                } else {
-                    Link::Prompt
-                };
-                self.completed(now);
-            }
-            (Phase::Refused, Event::Prompt) => {
-                self.link = Link::Prompt;
-                self.attempt_failed(Fault::Refused, now);
-            }
-            _ => {}
-        }
-    }
+/// What an event means before packets come.
+pub(super) enum Reaction {
+    Nothing,
+    /// What is awaited now may take as long as a reply takes.
+    Await(Awaited),
+    /// The camera sends; this may be the first packet already.
+    Sends,
+    /// Answer and prompt are there.
+    Done(Option<Answer>),
+    Refused,
+    /// Nothing can be said of what the camera will send next.
+    Irregular,
+}
 
-    pub(super) fn is_expected(&self, packet: &Packet) -> bool {
-        match self.command.reply() {
+impl Exchange {
+    /// Whether a packet is what this command asks for.
+    pub(super) fn asks_for(&self, packet: &Packet) -> bool {
+        match self.order.reply() {
             Reply::Packets(kind) => packet.is_of(kind),
             _ => false,
         }
     }
 
-    fn acknowledged(&mut self, now: u64) {
-        match self.command.reply() {
-            Reply::Packets(_) | Reply::Frame => return self.accepted(now),
-            Reply::Upload if self.payload == Payload::None => self.payload = Payload::Due,
-            Reply::Nothing | Reply::Values(_) | Reply::Banner | Reply::Sleep | Reply::Upload => {}
-        }
-        self.phase = Phase::Reply;
-        let patience = if self.command == Command::Reset {
-            self.policy.reset_us
-        } else {
-            self.policy.reply_us
-        };
-        self.wait(now, patience);
+    /// Whether the camera may have done already what the request is about. `under_way`: this is not
+    /// over.
+    pub(super) fn answers(&self, under_way: bool) -> bool {
+        under_way && self.purpose == Purpose::Whole
     }
 
-    /// The camera sends.
-    fn accepted(&mut self, now: u64) {
-        self.link = Link::Streaming;
-        self.lost = true;
-        self.quiet = 0;
-        self.dropped_then = self.parser.dropped().bytes;
-        self.row_bytes = 0;
-        self.row_at = 0;
-        let polled = self.modes.poll() && self.command.reply() != Reply::Frame;
-        if self.starting && !polled {
-            self.modes.remember(&self.command);
-            return self.started(self.command, now);
-        }
-        if self.interrupted && matches!(self.job, Job::Next { .. }) {
-            return self.fail(Fault::Restarted);
-        }
-        self.enter_stream(now);
+    pub(super) fn is_frame(&self) -> bool {
+        self.order.reply() == Reply::Frame
     }
 
-    /// Command, answer and prompt: all is well.
-    pub(super) fn completed(&mut self, now: u64) {
-        if self.conclude() {
-            self.proceed(now);
+    /// Whether a banner is the answer. After a reset it comes even if the `ACK` was lost.
+    pub(super) fn asks_for_banner(&self, awaited: &Awaited) -> bool {
+        match awaited {
+            Awaited::Ack => self.order.effect() == Effect::Reset,
+            Awaited::Reply(_) => self.order.reply() == Reply::Banner,
+            Awaited::Refused | Awaited::Packet | Awaited::Prompt(_) => false,
         }
     }
 
-    /// The command is done. Whether [`proceed`](Self::proceed) must follow.
-    pub(super) fn conclude(&mut self) -> bool {
-        self.complete = false;
-        self.attempts = 0;
-        let command = self.command;
-        if command == Command::Reset {
-            self.restore = None;
-            if !matches!(self.job, Job::Sequence(Sequence::Recover)) {
-                self.stream = None;
-                self.modes.remember(&command);
+    /// What to make of an event while no packets are awaited.
+    pub(super) fn on_event(&self, awaited: &mut Awaited, event: &Token) -> Reaction {
+        let reply = self.order.reply();
+        match (awaited, event) {
+            (Awaited::Ack, Token::Ack) => match reply {
+                Reply::Packets(_) | Reply::Frame => Reaction::Sends,
+                _ => Reaction::Await(Awaited::Reply(None)),
+            },
+            (Awaited::Ack | Awaited::Reply(_), Token::Nck) => Reaction::Await(Awaited::Refused),
+            // The acknowledgement was damaged, but this is what it promised.
+            (Awaited::Ack, Token::Packet(packet)) if self.asks_for(packet) => Reaction::Sends,
+            (Awaited::Ack, Token::Prompt) => Reaction::Irregular,
+            (Awaited::Reply(answer), Token::Values(values)) => {
+                *answer = Some(Answer::Values(*values));
+                Reaction::Nothing
             }
-        } else if !self.once {
-            self.modes.remember(&command);
-        }
-        if self.restore.is_some() {
-            return true;
-        }
-        if core::mem::take(&mut self.starting) {
-            self.stream = Some(repeated(command));
-        }
-        match self.job {
-            Job::Sequence(_) => {
-                self.step += 1;
-                return true;
+            (Awaited::Reply(None), Token::Prompt)
+                if matches!(reply, Reply::Values(_) | Reply::Banner) =>
+            {
+                Reaction::Irregular
             }
-            Job::Start(_) => self.finish(Answer::Done),
-            _ => self.finish(self.answer.unwrap_or(Answer::Done)),
+            (Awaited::Reply(answer), Token::Prompt) => Reaction::Done(*answer),
+            (Awaited::Refused, Token::Prompt) => Reaction::Refused,
+            _ => Reaction::Nothing,
         }
-        false
-    }
-
-    /// Nothing can be said of what the camera will send next.
-    pub(super) fn irregular(&mut self, now: u64) {
-        self.link = Link::Unknown;
-        self.attempt_failed(Fault::Garbage, now);
-    }
-
-    pub(super) fn attempt_failed(&mut self, fault: Fault, now: u64) {
-        self.attempts = self.attempts.saturating_add(1);
-        let repeatable = self.command.is_idempotent() || fault == Fault::Refused;
-        if self.attempts > self.policy.retries || !repeatable {
-            return self.fail(fault);
-        }
-        self.retries_made = self.retries_made.saturating_add(1);
-        debug!("repeated after {:?}", fault);
-        self.repeat = true;
-        self.phase = Phase::Pause;
-        self.wait(now, self.policy.pause_us);
-    }
-
-    pub(super) fn reply_timeout(&mut self, now: u64) {
-        match (self.phase, self.command.reply()) {
-            (Phase::Reply, Reply::Sleep) => {
-                self.link = Link::Unknown;
-                self.completed(now);
-            }
-            (Phase::Ack, Reply::Upload) if self.payload == Payload::None => {
-                self.payload = Payload::Due;
-                self.wait(now, self.policy.reply_us);
-            }
-            (Phase::Refused, _) => {
-                self.link = Link::Unknown;
-                self.attempt_failed(Fault::Refused, now);
-            }
-            _ => {
-                self.link = Link::Unknown;
-                self.attempt_failed(self.nothing_useful(), now);
-            }
-        }
-    }
-}
-
-/// The command that continues a stream: bounds are told once.
-fn repeated(command: Command) -> Command {
-    match command {
-        Command::SetBounds(_) | Command::TrackColour(_) | Command::TrackWindow => {
-            Command::TrackColour(None)
-        }
-        other => other,
     }
 }

@@ -1,171 +1,210 @@
 //! What was set, so that it can be set again.
 
 use crate::{
-    colour::{Channel, ColourBounds},
+    colour::ColourBounds,
     command::{
-        Command, LedMode, LineMode, OutputMask, RawMode, Reply, StatisticsLines, StatisticsMask,
+        Effect, LineMode, Mode, Order, RawMode, Reply, StatisticsLines, StatisticsMask,
         TrackingLines,
     },
+    features::FULL,
     geometry::{DownSampling, Sensor, Size, Window},
     packet::{BINS_MAX, PacketKind, TrackingFields},
     parser::{Expectation, ImageExpectation},
-    register::{PAIRS_MAX, Register, Registers},
-    servo::{SERVOS, Servo, ServoMask, ServoParameters, ServoPosition},
+    register::{PAIRS_MAX, Register},
+    servo::ServoMask,
 };
 
 /// How many different registers are remembered.
 pub const REGISTERS_MAX: usize = 2 * PAIRS_MAX;
 
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Default)]
-enum ServoPin {
-    #[default]
-    Default,
-    Position(ServoPosition),
-    Output(bool),
+/// How a mode is told: the letters of its command and how many arguments that has, by [`Mode`].
+const COMMANDS: [(&[u8; 2], usize); 32] = [
+    (b"CT", 1),
+    (b"HR", 1),
+    (b"DS", 2),
+    (b"VW", 4),
+    (b"BM", 1),
+    (b"DC", 1),
+    (b"DM", 1),
+    (b"HD", 1),
+    (b"HC", 2),
+    (b"HT", 1),
+    (b"FS", 1),
+    (b"L0", 1),
+    (b"L1", 1),
+    (b"LM", 2),
+    (b"LM", 2),
+    (b"NF", 1),
+    (b"OM", 2),
+    (b"OM", 2),
+    (b"PD", 1),
+    (b"PF", 1),
+    (b"PM", 1),
+    (b"PS", 1),
+    (b"SP", 6),
+    (b"SM", 1),
+    (SERVO_POSITION, 2),
+    (SERVO_POSITION, 2),
+    (SERVO_POSITION, 2),
+    (SERVO_POSITION, 2),
+    (SERVO_POSITION, 2),
+    (b"TI", 1),
+    (b"CP", 1),
+    (b"RM", 1),
+];
+
+/// A pin has either a position of 46 to 210 or, as an output, 0 or 1: its value tells which.
+const SERVO_POSITION: &[u8; 2] = b"SV";
+const SERVO_OUTPUT: &[u8; 2] = b"SO";
+
+/// The arguments of all modes, one after the other.
+const ARGUMENTS: usize = place(COMMANDS.len()).0;
+
+/// Where the arguments of a mode are, and how many.
+const fn place(mode: usize) -> (usize, usize) {
+    let (mut at, mut before) = (0, 0);
+    while before < mode {
+        at += COMMANDS[before].1;
+        before += 1;
+    }
+    let len = if mode < COMMANDS.len() {
+        COMMANDS[mode].1
+    } else {
+        0
+    };
+    (at, len)
 }
+
+/// [`place`] of each mode.
+const PLACES: [(u8, u8); COMMANDS.len()] = {
+    let mut places = [(0, 0); COMMANDS.len()];
+    let mut mode = 0;
+    while mode < places.len() {
+        let (at, len) = place(mode);
+        places[mode] = (at as u8, len as u8);
+        mode += 1;
+    }
+    places
+};
 
 /// Everything that a restart of the camera forgets, as far as it was set through the driver.
-/// `None` is the default that the camera starts with.
 ///
 /// The reference frame and mask of frame differencing live only in the camera: they are lost.
-#[derive(Clone, Debug, PartialEq, Eq, Default)]
+#[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Modes {
-    camera_type: Option<Sensor>,
-    power: Option<bool>,
-    high_resolution: Option<bool>,
-    down_sampling: Option<DownSampling>,
-    window: Option<Window>,
-    registers: [(u8, u8); REGISTERS_MAX],
+    /// One bit for each [`Mode`] that was set; the others are as after a reset.
+    set: u32,
+    arguments: [u8; ARGUMENTS],
+    registers: [[u8; 2]; REGISTERS_MAX],
     registers_len: u8,
-    buffer: Option<bool>,
-    difference_channel: Option<Channel>,
-    character_delay: Option<u8>,
-    difference_grid: Option<bool>,
-    histogram: Option<(u8, u8)>,
-    histogram_tracked: Option<bool>,
-    frame_stream: Option<bool>,
-    led0: Option<LedMode>,
-    led1: Option<LedMode>,
-    tracking_lines: TrackingLines,
-    statistics_lines: StatisticsLines,
-    noise_filter: Option<u8>,
-    tracking_mask: Option<u8>,
-    statistics_mask: Option<StatisticsMask>,
-    pixel_difference: Option<bool>,
-    packet_filter: bool,
-    poll: bool,
-    packet_skip: u8,
-    servo_mask: ServoMask,
-    servo_parameters: Option<ServoParameters>,
-    servos: [ServoPin; SERVOS as usize],
     bounds: Option<ColourBounds>,
-    invert: Option<bool>,
-    raw: RawMode,
 }
 
-/// How many commands it takes at most to set everything again: see [`Modes::command`].
-const SLOTS: u8 = 35;
+impl Default for Modes {
+    /// A camera after its reset.
+    fn default() -> Self {
+        Self {
+            set: 0,
+            arguments: [0; ARGUMENTS],
+            registers: [[0; 2]; REGISTERS_MAX],
+            registers_len: 0,
+            bounds: None,
+        }
+    }
+}
+
+/// How far a camera that has lost its modes was told them again.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub(super) struct Cursor(u8);
 
 impl Modes {
     /// Takes notice of a command that the camera accepted.
-    pub(crate) fn remember(&mut self, command: &Command) {
-        match *command {
-            Command::CameraType(sensor) => self.camera_type = Some(sensor),
-            Command::CameraPower(on) => self.power = Some(on),
-            Command::HighResolution(on) => self.high_resolution = Some(on),
-            Command::DownSample(sampling) => self.down_sampling = Some(sampling),
-            Command::VirtualWindow(window) => self.window = window,
-            Command::Registers(registers) => self.remember_registers(&registers),
-            Command::BufferMode(on) => self.buffer = Some(on),
-            Command::DifferenceChannel(channel) => self.difference_channel = Some(channel),
-            Command::CharacterDelay(delay) => self.character_delay = Some(delay),
-            Command::HighResolutionDifference(on) => self.difference_grid = Some(on),
-            Command::HistogramConfiguration { bins, scale } => self.histogram = Some((bins, scale)),
-            Command::HistogramTracked(on) => self.histogram_tracked = Some(on),
-            Command::FrameStream(on) => self.frame_stream = Some(on),
-            Command::Led0(mode) => self.led0 = Some(mode),
-            Command::Led1(mode) => self.led1 = Some(mode),
-            Command::LineMode(LineMode::Tracking(lines)) => self.tracking_lines = lines,
-            Command::LineMode(LineMode::Statistics(lines)) => self.statistics_lines = lines,
-            Command::NoiseFilter(pixels) => self.noise_filter = Some(pixels),
-            Command::OutputMask(OutputMask::Tracking(mask)) => self.tracking_mask = Some(mask),
-            Command::OutputMask(OutputMask::Statistics(mask)) => {
-                self.statistics_mask = Some(mask);
-            }
-            Command::PixelDifference(on) => self.pixel_difference = Some(on),
-            Command::PacketFilter(on) => self.packet_filter = on,
-            Command::PollMode(on) => self.poll = on,
-            Command::PacketSkip(packets) => self.packet_skip = packets,
-            Command::ServoMask(mask) => self.servo_mask = mask,
-            Command::ServoParameters(parameters) => self.servo_parameters = Some(parameters),
-            Command::ServoPosition(servo, position) => {
-                self.remember_servo(servo, ServoPin::Position(position));
-            }
-            Command::ServoOutput(servo, high) => {
-                self.remember_servo(servo, ServoPin::Output(high));
-            }
-            Command::SetBounds(bounds) | Command::TrackColour(Some(bounds)) => {
-                self.bounds = Some(bounds);
+    pub(super) fn remember(&mut self, order: &Order) {
+        match order.effect() {
+            Effect::Nothing => {}
+            Effect::Mode(mode) => self.set(mode, order.arguments()),
+            Effect::Registers => self.set_registers(order.arguments()),
+            Effect::Bounds => {
+                if let Ok(values) = order.arguments().try_into() {
+                    self.bounds = ColourBounds::new(values).ok();
+                }
             }
             // The camera has chosen bounds that are not known here.
-            Command::TrackWindow => self.bounds = None,
-            Command::TrackInvert(on) => self.invert = Some(on),
-            Command::RawMode(mode) => self.raw = mode,
-            Command::Reset => *self = Self::default(),
-            Command::Idle
-            | Command::FrameDifference(_)
-            | Command::GetButton
-            | Command::GetHistogram(_)
-            | Command::GetInputs
-            | Command::GetMean
-            | Command::GetServo(_)
-            | Command::GetTrackingBounds
-            | Command::GetVersion
-            | Command::GetWindow
-            | Command::LoadFrame
-            | Command::MaskDifference(_)
-            | Command::ReadFrame
-            | Command::DeepSleep
-            | Command::SendFrame(_)
-            | Command::Sleep
-            | Command::TrackColour(None)
-            | Command::UploadDifference => {}
+            Effect::OwnBounds => self.bounds = None,
+            Effect::Reset => *self = Self::default(),
         }
     }
 
-    fn remember_servo(&mut self, servo: Servo, pin: ServoPin) {
-        if let Some(known) = self.servos.get_mut(usize::from(servo.number())) {
-            *known = pin;
+    fn set(&mut self, mode: Mode, arguments: &[u8]) {
+        let bit = 1 << mode as u32;
+        let default = match mode {
+            Mode::TrackingLines
+            | Mode::StatisticsLines
+            | Mode::PacketFilter
+            | Mode::Poll
+            | Mode::PacketSkip
+            | Mode::ServoMask
+            | Mode::Raw => arguments.last() == Some(&0),
+            _ => arguments.is_empty(),
+        };
+        if default {
+            self.set &= !bit;
+            return;
+        }
+        self.set |= bit;
+        let (at, len) = PLACES[mode as usize];
+        debug_assert_eq!(arguments.len(), usize::from(len), "{mode:?}");
+        let places = self.arguments.iter_mut().skip(usize::from(at));
+        for (place, &argument) in places.take(usize::from(len)).zip(arguments) {
+            *place = argument;
         }
     }
 
-    fn remember_registers(&mut self, registers: &Registers) {
-        if registers.is_empty() {
+    fn get(&self, mode: usize) -> Option<&[u8]> {
+        if self.set >> mode & 1 == 0 {
+            return None;
+        }
+        let &(at, len) = PLACES.get(mode)?;
+        self.arguments
+            .get(usize::from(at)..usize::from(at) + usize::from(len))
+    }
+
+    /// The last argument of a mode that was set.
+    fn value(&self, mode: Mode) -> Option<u8> {
+        self.get(mode as usize)?.last().copied()
+    }
+
+    fn set_registers(&mut self, numbers: &[u8]) {
+        if numbers.is_empty() {
             self.registers_len = 0;
         }
-        for (register, value) in registers.iter() {
+        for &[register, value] in numbers.as_chunks::<2>().0 {
             let len = usize::from(self.registers_len);
             let known = self
                 .registers
                 .iter_mut()
                 .take(len)
-                .find(|(number, _)| *number == register.0);
-            if let Some((_, known)) = known {
+                .find(|[number, _]| *number == register);
+            if let Some([_, known]) = known {
                 *known = value;
             } else if let Some(free) = self.registers.get_mut(len) {
-                *free = (register.0, value);
+                *free = [register, value];
                 self.registers_len += 1;
             }
         }
     }
 
-    /// Whether all of these can be remembered.
-    pub(crate) fn has_room(&self, registers: &Registers) -> bool {
+    /// Whether all of these registers can be remembered.
+    pub(super) fn has_room(&self, order: &Order) -> bool {
+        if order.effect() != Effect::Registers {
+            return true;
+        }
         let mut next = self.clone();
-        next.remember_registers(registers);
-        registers
+        next.remember(order);
+        let (pairs, _) = order.arguments().as_chunks::<2>();
+        pairs
             .iter()
-            .all(|(register, value)| next.register(register) == Some(value))
+            .all(|&[register, value]| next.register(Register(register)) == Some(value))
     }
 
     /// The value that a register was set to.
@@ -173,89 +212,59 @@ impl Modes {
         self.registers
             .iter()
             .take(usize::from(self.registers_len))
-            .find(|(number, _)| *number == register.0)
-            .map(|&(_, value)| value)
+            .find(|[number, _]| *number == register.0)
+            .map(|&[_, value]| value)
     }
 
-    /// The commands that bring a camera from its reset to these modes.
-    pub(crate) fn command(&self, cursor: &mut u8) -> Option<Command> {
-        while *cursor < SLOTS {
-            let slot = *cursor;
-            *cursor += 1;
-            if let Some(command) = self.slot(slot) {
-                return Some(command);
+    /// The next of the commands that bring a camera from its reset to these modes: the camera type,
+    /// the registers, the other modes, and between them, before what bounds are used for, the bounds.
+    pub(super) fn next(&self, cursor: &mut Cursor) -> Option<Order> {
+        const REGISTERS: u8 = Mode::HighResolution as u8;
+        const MORE_REGISTERS: u8 = REGISTERS + 1;
+        const MODES: u8 = MORE_REGISTERS + 1;
+        const BOUNDS: u8 = Mode::Invert as u8 + 2;
+        const LAST: u8 = Mode::Raw as u8 + 3;
+        loop {
+            let at = cursor.0;
+            cursor.0 = at + 1;
+            let order = match at {
+                0..REGISTERS => self.mode(at),
+                REGISTERS => self.registers(0),
+                MORE_REGISTERS => self.registers(PAIRS_MAX),
+                MODES..BOUNDS => self.mode(at - 2),
+                BOUNDS => self
+                    .bounds
+                    .map(|bounds| Order::set_bounds(&bounds.values())),
+                ..=LAST => self.mode(at - 3),
+                _ => {
+                    cursor.0 = at;
+                    return None;
+                }
+            };
+            if order.is_some() {
+                return order;
             }
         }
-        None
     }
 
-    /// What the frame is comes first, because windows count in its pixels. The sensor may
-    /// only be switched off when all else is set.
-    fn slot(&self, slot: u8) -> Option<Command> {
-        match slot {
-            0 => self.camera_type.map(Command::CameraType),
-            1 => self.registers(0),
-            2 => self.registers(PAIRS_MAX),
-            3 => self.high_resolution.map(Command::HighResolution),
-            4 => self.down_sampling.map(Command::DownSample),
-            5 => self
-                .window
-                .map(|window| Command::VirtualWindow(Some(window))),
-            6 => self.buffer.map(Command::BufferMode),
-            7 => self.difference_channel.map(Command::DifferenceChannel),
-            8 => self.character_delay.map(Command::CharacterDelay),
-            9 => self.difference_grid.map(Command::HighResolutionDifference),
-            10 => self
-                .histogram
-                .map(|(bins, scale)| Command::HistogramConfiguration { bins, scale }),
-            11 => self.histogram_tracked.map(Command::HistogramTracked),
-            12 => self.frame_stream.map(Command::FrameStream),
-            13 => self.led0.map(Command::Led0),
-            14 => self.led1.map(Command::Led1),
-            15 => (self.tracking_lines != TrackingLines::Off)
-                .then_some(Command::LineMode(LineMode::Tracking(self.tracking_lines))),
-            16 => (self.statistics_lines != StatisticsLines::Off).then_some(Command::LineMode(
-                LineMode::Statistics(self.statistics_lines),
-            )),
-            17 => self.noise_filter.map(Command::NoiseFilter),
-            18 => self
-                .tracking_mask
-                .map(|mask| Command::OutputMask(OutputMask::Tracking(mask))),
-            19 => self
-                .statistics_mask
-                .map(|mask| Command::OutputMask(OutputMask::Statistics(mask))),
-            20 => self.pixel_difference.map(Command::PixelDifference),
-            21 => self.packet_filter.then_some(Command::PacketFilter(true)),
-            22 => self.poll.then_some(Command::PollMode(true)),
-            23 => (self.packet_skip > 0).then_some(Command::PacketSkip(self.packet_skip)),
-            24 => self.servo_parameters.map(Command::ServoParameters),
-            25 => (self.servo_mask != ServoMask::default())
-                .then_some(Command::ServoMask(self.servo_mask)),
-            26..=30 => self.servo(slot - 26),
-            31 => self.bounds.map(Command::SetBounds),
-            32 => self.invert.map(Command::TrackInvert),
-            33 => self.power.map(Command::CameraPower),
-            34 => (self.raw != RawMode::OFF).then_some(Command::RawMode(self.raw)),
-            _ => None,
-        }
+    fn mode(&self, mode: u8) -> Option<Order> {
+        let arguments = self.get(usize::from(mode))?;
+        let &(letters, _) = COMMANDS.get(usize::from(mode))?;
+        let letters = match arguments {
+            [_, 0 | 1] if letters == SERVO_POSITION => SERVO_OUTPUT,
+            _ => letters,
+        };
+        Some(Order::bare(letters, Reply::Nothing, Effect::Nothing).with(arguments))
     }
 
-    fn servo(&self, number: u8) -> Option<Command> {
-        let servo = Servo::new(number).ok()?;
-        match *self.servos.get(usize::from(number))? {
-            ServoPin::Default => None,
-            ServoPin::Position(position) => Some(Command::ServoPosition(servo, position)),
-            ServoPin::Output(high) => Some(Command::ServoOutput(servo, high)),
-        }
-    }
-
-    fn registers(&self, from: usize) -> Option<Command> {
+    fn registers(&self, from: usize) -> Option<Order> {
         let known = self.registers.get(..usize::from(self.registers_len))?;
-        let mut chunk = Registers::DEFAULTS;
-        for &(register, value) in known.iter().skip(from).take(PAIRS_MAX) {
-            chunk.push(Register(register), value).ok()?;
+        let chunk = known.get(from..known.len().min(from + PAIRS_MAX))?;
+        if chunk.is_empty() {
+            return None;
         }
-        (!chunk.is_empty()).then_some(Command::Registers(chunk))
+        let order = Order::bare(b"CR", Reply::Nothing, Effect::Nothing);
+        Some(order.with(chunk.as_flattened()))
     }
 
     /// The bounds that the camera tracks, if they are known.
@@ -264,70 +273,68 @@ impl Modes {
     }
 
     /// The bounds that the camera says it has.
-    pub(crate) fn set_bounds(&mut self, bounds: ColourBounds) {
+    pub(super) fn set_bounds(&mut self, bounds: ColourBounds) {
         self.bounds = Some(bounds);
     }
 
     /// The part of the frame that is processed, or all of it.
     pub fn window(&self) -> Option<Window> {
-        self.window
+        match self.get(Mode::Window as usize)? {
+            &[x, y, x2, y2] => Window::new(x, y, x2, y2).ok(),
+            _ => None,
+        }
     }
 
     /// One packet for each command.
     pub fn poll(&self) -> bool {
-        self.poll
+        self.value(Mode::Poll).is_some()
     }
 
     /// Silence while nothing is tracked.
     pub fn packet_filter(&self) -> bool {
-        self.packet_filter
+        self.value(Mode::PacketFilter).is_some()
     }
 
     /// Packets skipped between two that are sent.
     pub fn packet_skip(&self) -> u8 {
-        self.packet_skip
+        self.value(Mode::PacketSkip).unwrap_or(0)
     }
 
     /// Whether one frame follows the other.
-    pub(crate) fn frame_stream(&self) -> bool {
-        self.frame_stream == Some(true)
+    pub(super) fn frame_stream(&self) -> bool {
+        self.value(Mode::FrameStream) == Some(1)
     }
 
     /// The frame after down-sampling, for a sensor that the banner named.
     pub fn frame(&self, sensor: Option<Sensor>) -> Size {
-        let full = match self.camera_type.or(sensor) {
-            Some(sensor) => Size::of(sensor, self.high_resolution == Some(true)),
+        let told = self.value(Mode::CameraType).map(|number| match number {
+            0 => Sensor::Ov6620,
+            _ => Sensor::Ov7620,
+        });
+        let full = match told.or(sensor) {
+            Some(sensor) => Size::of(sensor, self.value(Mode::HighResolution) == Some(1)),
             None => Size::LARGEST,
         };
-        self.down_sampling.unwrap_or(DownSampling::NONE).apply(full)
+        match self.get(Mode::DownSampling as usize) {
+            Some(&[x, y]) => DownSampling::new(x, y).map_or(full, |sampling| sampling.apply(full)),
+            _ => full,
+        }
     }
 
     /// What may come after a command.
-    pub(crate) fn expectation(
+    pub(super) fn expectation(
         &self,
-        command: &Command,
+        order: &Order,
         sensor: Option<Sensor>,
         strict: bool,
     ) -> Expectation {
-        let reply = command.reply();
+        let reply = order.reply();
         let difference = reply == Reply::Packets(PacketKind::Difference);
-        let grid = if self.difference_grid == Some(true) {
-            16
-        } else {
-            8
+        let grid = match self.value(Mode::DifferenceGrid) {
+            Some(1) => 16,
+            _ => 8,
         };
-        Expectation {
-            // Only colour tracking reports servos.
-            tracking: TrackingFields::new(
-                self.tracking_mask.unwrap_or(0xFF),
-                if difference {
-                    ServoMask::default()
-                } else {
-                    self.servo_mask
-                },
-            ),
-            statistics: self.statistics_mask.unwrap_or(StatisticsMask::ALL),
-            bins: self.histogram.is_none().then_some(BINS_MAX as u8),
+        let mut expectation = Expectation {
             frame: if difference {
                 Size {
                     width: grid,
@@ -336,23 +343,77 @@ impl Modes {
             } else {
                 self.frame(sensor)
             },
-            image: match (reply, command) {
-                (Reply::Frame, Command::SendFrame(Some(_))) => ImageExpectation::Frame(1),
-                (Reply::Frame, _) => ImageExpectation::Frame(3),
-                (Reply::Packets(PacketKind::Tracking), _) => {
-                    ImageExpectation::Tracking(self.tracking_lines)
-                }
-                (Reply::Packets(PacketKind::Statistics), _) => {
-                    ImageExpectation::Statistics(self.statistics_lines)
-                }
-                _ => ImageExpectation::None,
-            },
-            raw: self.raw.output(),
             values: match reply {
                 Reply::Values(count) => count,
                 _ => 0,
             },
             strict: strict && reply == Reply::Packets(PacketKind::Tracking),
+            ..Expectation::default()
+        };
+        if FULL {
+            self.expect_formats(order, &mut expectation);
         }
+        expectation
+    }
+
+    /// What other modes make of packets and images.
+    fn expect_formats(&self, order: &Order, expectation: &mut Expectation) {
+        let reply = order.reply();
+        let servos = match reply {
+            // Only colour tracking reports servos.
+            Reply::Packets(PacketKind::Difference) => None,
+            _ => self.value(Mode::ServoMask),
+        };
+        expectation.tracking = TrackingFields::new(
+            self.value(Mode::TrackingMask).unwrap_or(0xFF),
+            servos
+                .and_then(|bits| ServoMask::new(bits).ok())
+                .unwrap_or_default(), // nothing is reported
+        );
+        expectation.statistics = self
+            .value(Mode::StatisticsMask)
+            .and_then(|bits| StatisticsMask::new(bits).ok())
+            .unwrap_or(StatisticsMask::ALL);
+        expectation.bins = match self.value(Mode::Histogram) {
+            Some(_) => None,
+            None => Some(BINS_MAX as u8),
+        };
+        expectation.image = match reply {
+            Reply::Frame if order.arguments().is_empty() => ImageExpectation::Frame(3),
+            Reply::Frame => ImageExpectation::Frame(1),
+            Reply::Packets(PacketKind::Tracking) => {
+                ImageExpectation::Tracking(self.tracking_lines())
+            }
+            Reply::Packets(PacketKind::Statistics) => {
+                ImageExpectation::Statistics(self.statistics_lines())
+            }
+            _ => ImageExpectation::None,
+        };
+        expectation.raw = self
+            .value(Mode::Raw)
+            .and_then(|bits| RawMode::new(bits).ok())
+            .unwrap_or_default()
+            .output();
+    }
+
+    fn tracking_lines(&self) -> TrackingLines {
+        match self.lines(Mode::TrackingLines) {
+            Some(LineMode::Tracking(lines)) => lines,
+            _ => TrackingLines::Off,
+        }
+    }
+
+    fn statistics_lines(&self) -> StatisticsLines {
+        match self.lines(Mode::StatisticsLines) {
+            Some(LineMode::Statistics(lines)) => lines,
+            _ => StatisticsLines::Off,
+        }
+    }
+
+    fn lines(&self, mode: Mode) -> Option<LineMode> {
+        let &[kind, lines] = self.get(mode as usize)? else {
+            return None;
+        };
+        LineMode::try_from([kind, lines]).ok()
     }
 }

@@ -5,8 +5,8 @@ use core::fmt;
 use super::{Learn, StartUp};
 use crate::{
     colour::ColourBounds,
-    command::Command,
-    packet::{Packet, Version},
+    command::Order,
+    packet::{FirmwareVersion, Packet},
     parser::ImageHeader,
 };
 
@@ -16,10 +16,10 @@ use crate::{
 pub enum Request {
     /// Exchange one command. Of a command that answers with packets, one is taken and the camera
     /// is stopped if it goes on.
-    Do(Command),
+    Do(Order),
     /// Begin a stream of packets or a frame, to be read with [`Request::Next`]. In poll mode
     /// nothing streams: each `Next` asks for a packet.
-    Start(Command),
+    Start(Order),
     /// The next packet of the stream; images between packets are skipped.
     Next,
     /// The next part of a frame or of the rows between packets, or the next packet. Rows go into
@@ -51,9 +51,10 @@ pub enum Answer {
     Done,
     /// The numbers asked for; the rest is zero.
     Values([u8; 6]),
-    /// The banner.
-    Version(Version),
-    /// A packet.
+    /// What the banner says.
+    Version(FirmwareVersion),
+    /// The packet that was asked for: when it came tells
+    /// [`Session::packet_at`](super::Session::packet_at).
     Packet(Packet),
     /// Nothing, and that is right: packet filter is on and nothing was tracked last.
     Quiet,
@@ -95,7 +96,7 @@ pub enum Fault {
     NotStreaming,
     /// The row buffer is too small.
     RowBuffer {
-        /// Bytes needed.
+        /// Bytes of a row of this image.
         needed: u16,
     },
     /// More than [`REGISTERS_MAX`](super::REGISTERS_MAX) different registers: they could not be set again.

@@ -4,7 +4,7 @@ use super::random::Random;
 use cmucam2_driver::{
     Packet,
     packet::Tracking,
-    parser::{Event, Parser},
+    parser::{Parser, Token},
 };
 
 /// A packet that a camera of 88 x 143 pixels may send, computed from a blob as the camera does.
@@ -85,7 +85,7 @@ pub(crate) fn packets(parser: &mut Parser, bytes: &[u8]) -> Vec<Tracking> {
     bytes
         .iter()
         .filter_map(|&byte| match parser.push(byte)? {
-            Event::Packet(Packet::Tracking(tracking)) => Some(tracking),
+            Token::Packet(Packet::Tracking(tracking)) => Some(tracking),
             _ => None,
         })
         .collect()

@@ -2,7 +2,7 @@
 
 use cmucam2_driver::{
     argument::ArgumentError,
-    colour::{Channel, ColourBounds},
+    colour::{ColourBounds, ColourChannel},
     command::{Command, CommandError, LineMode, OutputMask},
     register::Registers,
 };
@@ -292,7 +292,7 @@ impl Emulator {
 
     fn grid(&mut self, now: Time) -> Grid {
         let snapshot = self.capture(now);
-        let channel: Channel = self.modes.difference_channel;
+        let channel: ColourChannel = self.modes.difference_channel;
         let region = self.modes.region(self.switches());
         Grid::of(&self.view(&snapshot), region, channel, self.modes.fine_grid)
     }

@@ -1,7 +1,7 @@
 //! Packets and frames, one after the other.
 
 use cmucam2_driver::{
-    colour::{Channel, ColourBounds},
+    colour::{ColourBounds, ColourChannel},
     command::{StatisticsLines, TrackingLines},
     packet::{Packet, PacketKind},
     servo::{ServoAxis, ServoPosition},
@@ -207,7 +207,7 @@ impl Emulator {
         Packet::Statistics(statistics.masked(self.modes.statistics_mask))
     }
 
-    fn count(&self, snapshot: &Snapshot, channel: Channel) -> Packet {
+    fn count(&self, snapshot: &Snapshot, channel: ColourChannel) -> Packet {
         let region = self.modes.region(self.switches());
         let view = self.view(snapshot);
         let levels = if self.modes.histogram_tracked {
@@ -219,12 +219,12 @@ impl Emulator {
         Packet::Histogram(levels.histogram(channel, bins, scale))
     }
 
-    pub(super) fn begin_dump(&mut self, channel: Option<Channel>, now: Time) {
+    pub(super) fn begin_dump(&mut self, channel: Option<ColourChannel>, now: Time) {
         self.acknowledge();
         self.dump_next_frame(channel, now);
     }
 
-    fn dump_next_frame(&mut self, channel: Option<Channel>, now: Time) {
+    fn dump_next_frame(&mut self, channel: Option<ColourChannel>, now: Time) {
         let from = now.max(self.wire.free_at());
         let next_at = self.next_frame_from(Source::Mean, from);
         self.activity = Activity::Dump(Box::new(Dump {

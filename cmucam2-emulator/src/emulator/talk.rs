@@ -1,6 +1,6 @@
 //! Bytes heard and lines said.
 
-use cmucam2_driver::{geometry::Sensor, packet::Version};
+use cmucam2_driver::{geometry::Sensor, packet::FirmwareVersion};
 
 use super::{Activity, Emulator, MILLISECOND, Note, Time};
 use crate::{light::Light, switches::Switches};
@@ -112,7 +112,7 @@ impl Emulator {
             _ if is_first => Some(6),
             _ => Some(7),
         };
-        let banner = Version {
+        let banner = FirmwareVersion {
             major: 1,
             minor: u8::from(version == 1),
             module: number,

@@ -3,7 +3,7 @@
 use std::collections::BTreeSet;
 
 use cmucam2_driver::{
-    colour::{Channel, ColourBounds},
+    colour::{ColourBounds, ColourChannel},
     command::{
         Command, CommandError, LedMode, LineMode, OutputMask, RawMode, StatisticsLines,
         StatisticsMask, TrackingLines,
@@ -69,9 +69,12 @@ fn steps() -> Vec<(Request, Expect)> {
     let again = Command::TrackColour(None);
     let mut steps = vec![
         (Request::StartUp(StartUp::default()), E::Done),
-        (Request::Do(Command::CameraType(Sensor::Ov6620)), E::Done),
+        (
+            Request::Do(Command::CameraType(Sensor::Ov6620).into()),
+            E::Done,
+        ),
     ];
-    let mut with = |command: Command, expect: E| steps.push((Request::Do(command), expect));
+    let mut with = |command: Command, expect: E| steps.push((Request::Do(command.into()), expect));
     with(Command::Idle, E::Done);
     with(Command::GetVersion, E::Version);
     with(Command::GetWindow, E::Window(None));
@@ -117,7 +120,7 @@ fn steps() -> Vec<(Request, Expect)> {
     with(Command::PollMode(true), E::Done);
     with(again, E::Target);
     with(Command::GetMean, E::Mean);
-    with(Command::GetHistogram(Channel::Green), E::Bins);
+    with(Command::GetHistogram(ColourChannel::Green), E::Bins);
     with(Command::PollMode(false), E::Done);
     with(Command::PacketSkip(2), E::Done);
     with(again, E::Target);
@@ -135,7 +138,7 @@ fn steps() -> Vec<(Request, Expect)> {
     with(Command::RawMode(RawMode::OUTPUT), E::Done);
     with(again, E::Target);
     with(Command::GetMean, E::Mean);
-    with(Command::GetHistogram(Channel::Blue), E::Bins);
+    with(Command::GetHistogram(ColourChannel::Blue), E::Bins);
     with(Command::GetWindow, E::Window(None));
     with(Command::GetTrackingBounds, E::Bounds(orange()));
     with(Command::RawMode(RawMode::OFF), E::Done);
@@ -168,17 +171,17 @@ fn steps() -> Vec<(Request, Expect)> {
         Command::OutputMask(OutputMask::Statistics(StatisticsMask::ALL)),
         E::Done,
     );
-    with(Command::GetHistogram(Channel::Red), E::Bins);
+    with(Command::GetHistogram(ColourChannel::Red), E::Bins);
     with(Command::HistogramTracked(true), E::Done);
-    with(Command::GetHistogram(Channel::Red), E::Bins);
+    with(Command::GetHistogram(ColourChannel::Red), E::Bins);
     with(Command::HistogramTracked(false), E::Done);
     with(
         Command::HistogramConfiguration { bins: 1, scale: 2 },
         E::Done,
     );
-    with(Command::GetHistogram(Channel::Red), E::Bins);
+    with(Command::GetHistogram(ColourChannel::Red), E::Bins);
     // Frame differencing.
-    with(Command::DifferenceChannel(Channel::Red), E::Done);
+    with(Command::DifferenceChannel(ColourChannel::Red), E::Done);
     with(Command::LoadFrame, E::Done);
     with(Command::FrameDifference(10), E::Lost);
     with(Command::UploadDifference, E::Done);
@@ -222,7 +225,7 @@ fn steps() -> Vec<(Request, Expect)> {
         ),
         (
             Command::FrameStream(true),
-            Command::SendFrame(Some(Channel::Green)),
+            Command::SendFrame(Some(ColourChannel::Green)),
             ImageKind::Frame(1),
             88,
             Command::FrameStream(false),
@@ -235,24 +238,24 @@ fn steps() -> Vec<(Request, Expect)> {
             Command::FrameStream(false),
         ),
     ] {
-        steps.push((Request::Do(set), E::Done));
-        steps.push((Request::Start(start), E::Image(kind, bytes)));
+        steps.push((Request::Do(set.into()), E::Done));
+        steps.push((Request::Start(start.into()), E::Image(kind, bytes)));
         steps.push((Request::Stop, E::Done));
-        steps.push((Request::Do(back), E::Done));
+        steps.push((Request::Do(back.into()), E::Done));
     }
     // Streams.
-    steps.push((Request::Start(track), E::Done));
+    steps.push((Request::Start(track.into()), E::Done));
     steps.push((Request::Next, E::Target));
     steps.push((Request::Next, E::Target));
-    steps.push((Request::Do(Command::GetVersion), E::Version));
+    steps.push((Request::Do(Command::GetVersion.into()), E::Version));
     steps.push((Request::Next, E::Target));
     steps.push((Request::Stop, E::Done));
-    steps.push((Request::Do(Command::PacketFilter(true)), E::Done));
+    steps.push((Request::Do(Command::PacketFilter(true).into()), E::Done));
     let nothing = ColourBounds::new([16, 20, 230, 240, 16, 20]).unwrap();
     let nowhere = Command::TrackColour(Some(nothing));
-    steps.push((Request::Start(nowhere), E::Done));
-    steps.push((Request::Do(Command::GetButton), E::Value(0)));
-    steps.push((Request::Do(Command::PacketFilter(false)), E::Done));
+    steps.push((Request::Start(nowhere.into()), E::Done));
+    steps.push((Request::Do(Command::GetButton.into()), E::Value(0)));
+    steps.push((Request::Do(Command::PacketFilter(false).into()), E::Done));
     steps.push((Request::Next, E::Lost));
     steps.push((Request::Stop, E::Done));
     // Learning, sleep, and the end.
@@ -276,7 +279,7 @@ fn steps() -> Vec<(Request, Expect)> {
             Command::GetButton => E::Value(0),
             _ => E::Done,
         };
-        steps.push((Request::Do(command), expect));
+        steps.push((Request::Do(command.into()), expect));
     }
     for (command, expect) in [
         (Command::CameraPower(false), E::Done),
@@ -293,10 +296,10 @@ fn steps() -> Vec<(Request, Expect)> {
         (Command::TrackColour(None), E::Target),
         (Command::Registers(Registers::DEFAULTS), E::Done),
     ] {
-        steps.push((Request::Do(command), expect));
+        steps.push((Request::Do(command.into()), expect));
     }
     steps.push((Request::Recover, E::Done));
-    steps.push((Request::Do(Command::Reset), E::Version));
+    steps.push((Request::Do(Command::Reset.into()), E::Version));
     steps
 }
 

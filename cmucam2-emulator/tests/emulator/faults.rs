@@ -62,7 +62,7 @@ impl Application {
         let answer = match self.link.ask(Request::Next) {
             Err(Fault::NotStreaming) => {
                 let track = Command::TrackColour(Some(orange()));
-                self.link.ask(Request::Start(track)).map(|_| None)
+                self.link.ask(Request::Start(track.into())).map(|_| None)
             }
             Ok(Answer::Packet(Packet::Tracking(tracking))) => Ok(Some(tracking)),
             Ok(other) => panic!("{other:?} in a stream of T packets"),

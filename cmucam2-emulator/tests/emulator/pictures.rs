@@ -1,7 +1,7 @@
 //! What the camera computes, against counting the pixels of its picture.
 
 use cmucam2_driver::{
-    colour::{Channel, Colour, ColourBounds},
+    colour::{Colour, ColourBounds, ColourChannel},
     command::{Command, LineMode, StatisticsLines, TrackingLines},
     geometry::{Sensor, Size, Window},
     packet::{BoundingBox, Packet, Tracking},
@@ -258,7 +258,11 @@ fn statistics_and_histograms_are_those_of_the_pixels() {
         let three = |colour: Colour| [colour.red, colour.green, colour.blue];
         assert_eq!(three(statistics.mean().unwrap()), mean);
         assert_eq!(three(statistics.deviation().unwrap()), deviation);
-        for channel in [Channel::Red, Channel::Green, Channel::Blue] {
+        for channel in [
+            ColourChannel::Red,
+            ColourChannel::Green,
+            ColourChannel::Blue,
+        ] {
             let Ok(Answer::Packet(Packet::Histogram(histogram))) =
                 command(&mut link, Command::GetHistogram(channel))
             else {
@@ -279,7 +283,7 @@ fn statistics_and_histograms_are_those_of_the_pixels() {
 fn rows_of(link: &mut Link, start: Command, length: usize) -> Vec<Vec<u8>> {
     let mut row = vec![0; length];
     let mut rows = Vec::new();
-    link.ask(Request::Start(start)).unwrap();
+    link.ask(Request::Start(start.into())).unwrap();
     loop {
         let request = Request::NextPart { row: length };
         match link.ask_with(request, &mut row, &[]).unwrap() {
@@ -322,7 +326,11 @@ fn a_frame_that_is_sent_is_the_picture() {
             .map(|row| row.iter().flat_map(|c| [c.red, c.green, c.blue]).collect())
             .collect();
         assert!(rows == expected);
-        let rows = rows_of(&mut link, Command::SendFrame(Some(Channel::Blue)), 264);
+        let rows = rows_of(
+            &mut link,
+            Command::SendFrame(Some(ColourChannel::Blue)),
+            264,
+        );
         let expected: Vec<Vec<u8>> = picture
             .iter()
             .map(|row| row.iter().map(|c| c.blue).collect())
@@ -411,7 +419,7 @@ fn frame_differencing_sees_what_enters() {
         let answer = command(&mut link, Command::FrameDifference(10)).unwrap();
         assert_eq!(answer, Answer::Packet(Packet::Tracking(Tracking::LOST)));
         // Only green has changed.
-        command(&mut link, Command::DifferenceChannel(Channel::Blue)).unwrap();
+        command(&mut link, Command::DifferenceChannel(ColourChannel::Blue)).unwrap();
         command(&mut link, Command::MaskDifference(255)).unwrap();
         let answer = command(&mut link, Command::FrameDifference(10)).unwrap();
         assert_eq!(answer, Answer::Packet(Packet::Tracking(Tracking::LOST)));
@@ -457,7 +465,7 @@ fn the_camera_follows_with_its_servos() {
     let mut link = frozen(configuration, scene);
     let mask = cmucam2_driver::servo::ServoMask::new(0b0101).unwrap();
     command(&mut link, Command::ServoMask(mask)).unwrap();
-    link.ask(Request::Start(Command::TrackColour(Some(orange()))))
+    link.ask(Request::Start(Command::TrackColour(Some(orange())).into()))
         .unwrap();
     let mut last = None;
     for _ in 0..60 {

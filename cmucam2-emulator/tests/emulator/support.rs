@@ -96,5 +96,5 @@ pub(crate) fn driver_with(configuration: Configuration, scene: Scene, policy: Po
 }
 
 pub(crate) fn command(link: &mut Link, command: Command) -> Result<Answer, Fault> {
-    link.ask(Request::Do(command))
+    link.ask(Request::Do(command.into()))
 }

@@ -20,7 +20,7 @@ use host_sim::console::{
 };
 use host_sim::probe::port::{Port, PortError};
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
-use node_firmware::{console::BAUD, message::Command};
+use node_firmware::{limits::CONSOLE_BAUD, message::CameraCommand};
 use site::{BUILT_IN, Overrides, Scenario, key_file};
 
 use super::{
@@ -43,7 +43,7 @@ pub(super) struct Arguments {
     #[arg(long, value_name = "DEV")]
     port: String,
     /// Bits per second.
-    #[arg(long, value_name = "RATE", default_value_t = BAUD, value_parser = clap::value_parser!(u32).range(1..))]
+    #[arg(long, value_name = "RATE", default_value_t = CONSOLE_BAUD, value_parser = clap::value_parser!(u32).range(1..))]
     baud: u32,
     /// Stop after so many seconds.
     #[arg(long, value_name = "N", value_parser = values::seconds)]
@@ -73,7 +73,7 @@ pub(super) struct Arguments {
     /// Have a camera do something: initialise, learn-colour, learn-background, forget. Can be given
     /// several times.
     #[arg(long, value_name = "ID:NAME", value_parser = command, help_heading = "Things to do")]
-    command: Vec<(u16, Command)>,
+    command: Vec<(u16, CameraCommand)>,
 }
 
 const EPILOGUE: &str = "\
@@ -104,15 +104,15 @@ Exit codes:
 const POLL: Duration = Duration::from_millis(10);
 
 /// `2:learn-colour`
-fn command(text: &str) -> Result<(u16, Command), String> {
+fn command(text: &str) -> Result<(u16, CameraCommand), String> {
     let parse = || {
         let (id, name) = text.split_once(':')?;
         let command = match name {
-            "initialise" => Command::Initialise,
-            "learn-colour" => Command::LearnColour { colour: 0 },
-            "learn-background" => Command::LearnBackground,
-            "forget" => Command::Forget,
-            other => Command::LearnColour {
+            "initialise" => CameraCommand::Initialise,
+            "learn-colour" => CameraCommand::LearnColour { colour: 0 },
+            "learn-background" => CameraCommand::LearnBackground,
+            "forget" => CameraCommand::Forget,
+            other => CameraCommand::LearnColour {
                 colour: other.strip_prefix("learn-colour=")?.parse().ok()?,
             },
         };

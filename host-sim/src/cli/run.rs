@@ -13,7 +13,7 @@ use anyhow::ensure;
 use clap::{Args, ValueEnum};
 use host_sim::network::{Emulation, IMAGE, Options, Progress, Simulation};
 use indicatif::{ProgressBar, ProgressStyle};
-use node_firmware::console::BAUD;
+use node_firmware::limits::CONSOLE_BAUD;
 
 use super::{
     and,
@@ -158,7 +158,7 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
         simulation.connect_camera(*node, path)?;
     }
     for (network, link) in &arguments.console {
-        let terminal = PseudoTerminal::open(link, BAUD)?;
+        let terminal = PseudoTerminal::open(link, CONSOLE_BAUD)?;
         tell(format_args!(
             "network {network}: host-sim console --port {}",
             link.display()

@@ -13,7 +13,7 @@ use answers::recorded::{
 use answers::report::{json::ReferenceLine, table};
 use calib_core::{
     Method,
-    reference::{self, Known, Settings},
+    reference::{self, Known, ReferenceSettings},
 };
 use clap::{Args, ValueEnum};
 
@@ -102,15 +102,15 @@ enum MethodOption {
 }
 
 impl MethodOption {
-    fn settings(self) -> Settings {
-        let usual = Settings::default();
+    fn settings(self) -> ReferenceSettings {
+        let usual = ReferenceSettings::default();
         let (method, iteration_limit) = match self {
             Self::Levenberg => (Method::Levenberg, usual.iteration_limit),
             Self::GaussNewton => (Method::GaussNewton, usual.iteration_limit),
             // It creeps along valleys; each step costs microseconds.
             Self::SteepestDescent => (Method::SteepestDescent, 100_000),
         };
-        Settings {
+        ReferenceSettings {
             method,
             iteration_limit,
         }

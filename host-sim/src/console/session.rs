@@ -12,7 +12,7 @@ use std::{
 use node_firmware::{
     config::SiteKey,
     console::{FRAME_MAX, Frames, FromPc, KeyChange, ToPc},
-    message::{Address, Command, Done},
+    message::{CameraCommand, CommandResult, MemberAddress},
 };
 
 use answers::view::NetworkView;
@@ -47,7 +47,7 @@ pub enum Wish {
     /// Give all members another site key.
     ChangeKey(SiteKey),
     /// Have a camera do something.
-    Command(u16, Command),
+    Command(u16, CameraCommand),
 }
 
 impl Wish {
@@ -158,7 +158,7 @@ pub struct Session {
     failed: Option<Failure>,
     news: VecDeque<String>,
     /// When a camera was last asked for its sightings, by its address.
-    listed_sightings: BTreeMap<Address, Duration>,
+    listed_sightings: BTreeMap<MemberAddress, Duration>,
     wants_sightings: bool,
 }
 
@@ -293,7 +293,7 @@ impl Session {
             (Wish::Command(id, command), ToPc::Done { address, done })
                 if self.known.addresses(id).last() == Some(&address) && done.command == command =>
             {
-                let Done { success, .. } = done;
+                let CommandResult { success, .. } = done;
                 if success {
                     self.confirmed();
                 } else {
@@ -464,19 +464,19 @@ pub fn frame(message: &FromPc) -> Vec<u8> {
 mod tests {
     use node_firmware::{
         console::{Network, encode},
-        message::{Address, Hello, Kind, PoseParts, Report, State},
+        message::{CameraState, Hello, MemberAddress, MemberKind, PoseParts, Report},
     };
 
     use super::*;
 
-    const CAMERA: Kind = Kind::Camera { reference: None };
+    const CAMERA: MemberKind = MemberKind::Camera { reference: None };
 
-    fn member(address: Address, id: u16, kind: Kind) -> ToPc {
+    fn member(address: MemberAddress, id: u16, kind: MemberKind) -> ToPc {
         let hello = Hello { id, kind };
         ToPc::Member { address, hello }
     }
 
-    fn reported(address: Address, id: u16, state: State) -> ToPc {
+    fn reported(address: MemberAddress, id: u16, state: CameraState) -> ToPc {
         let report = Report {
             id,
             duty: None,
@@ -489,8 +489,8 @@ mod tests {
         ToPc::Report { address, report }
     }
 
-    fn pose() -> State {
-        State::Calibrated(PoseParts {
+    fn pose() -> CameraState {
+        CameraState::Calibrated(PoseParts {
             position: [1.0, -2.0],
             heading: core::f32::consts::FRAC_PI_2,
             covariance: [0.04, 0.0, 0.09, 0.0, 0.0, 0.0001],
@@ -520,7 +520,7 @@ mod tests {
             NETWORK,
             ToPc::KeyChange(None),
             member(1, 7, CAMERA),
-            member(2, 4, Kind::Target),
+            member(2, 4, MemberKind::Target),
         ];
         tell(&mut session, 100, &messages);
         assert_eq!(session.poll(at(1_000)), Ok(None), "the list may go on");
@@ -613,23 +613,23 @@ mod tests {
 
     #[test]
     fn a_command_is_confirmed_by_its_camera_only() {
-        let forget = Wish::Command(7, Command::Forget);
+        let forget = Wish::Command(7, CameraCommand::Forget);
         for success in [true, false] {
             let mut session = listed(&[forget]);
             let sent = FromPc::Command {
                 address: 1,
-                command: Command::Forget,
+                command: CameraCommand::Forget,
             };
             assert_eq!(session.poll(at(1_200)), Ok(Some(sent)));
             let done = |address, command| {
-                let done = Done { command, success };
+                let done = CommandResult { command, success };
                 ToPc::Done { address, done }
             };
-            tell(&mut session, 1_300, &[done(3, Command::Forget)]);
-            tell(&mut session, 1_300, &[done(1, Command::Initialise)]);
+            tell(&mut session, 1_300, &[done(3, CameraCommand::Forget)]);
+            tell(&mut session, 1_300, &[done(1, CameraCommand::Initialise)]);
             assert_eq!(session.poll(at(1_400)), Ok(None));
             assert!(!session.is_done());
-            tell(&mut session, 1_500, &[done(1, Command::Forget)]);
+            tell(&mut session, 1_500, &[done(1, CameraCommand::Forget)]);
             assert_eq!(session.is_done(), success);
             if !success {
                 assert_eq!(session.poll(at(1_600)), Err(Failure::CommandFailed(7)));
@@ -640,7 +640,7 @@ mod tests {
         session.poll(at(10_000)).unwrap();
         let failure = session.poll(at(61_200)).unwrap_err();
         assert!(matches!(failure, Failure::Unconfirmed(..)), "{failure:?}");
-        let mut session = listed(&[Wish::Command(4, Command::Forget)]);
+        let mut session = listed(&[Wish::Command(4, CameraCommand::Forget)]);
         assert_eq!(session.poll(at(1_200)), Err(Failure::NoCamera(4)));
     }
 
@@ -692,7 +692,7 @@ mod tests {
         let mut frames = Frames::default();
         let message = FromPc::Command {
             address: 0xFFFF,
-            command: Command::LearnColour { colour: 3 },
+            command: CameraCommand::LearnColour { colour: 3 },
         };
         let bytes = [&b"noise"[..], &frame(&message)].concat();
         let came: Vec<FromPc> = bytes.iter().filter_map(|&b| frames.push(b)).collect();

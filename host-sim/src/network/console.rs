@@ -14,7 +14,7 @@ use embassy_futures::select::{Either, select};
 use embedded_io_async::{Read, Write};
 use node_firmware::console::{Frames, ToPc};
 
-use super::{journal::SharedJournal, node::Hardware};
+use super::{journal::SharedJournal, node::Node};
 use virtual_bench::{
     executor::Clock,
     line::{Port, Side},
@@ -69,7 +69,7 @@ impl RollCall {
 
 impl Console {
     pub(super) fn new(
-        coordinator: &Hardware,
+        coordinator: &Node,
         expected: usize,
         clock: Clock,
         journal: SharedJournal,
@@ -161,7 +161,7 @@ impl Console {
 
 #[cfg(test)]
 mod tests {
-    use node_firmware::message::{Hello, Kind};
+    use node_firmware::message::{Hello, MemberKind};
 
     use super::*;
     use crate::network::{Options, Simulation};
@@ -173,7 +173,7 @@ mod tests {
         let simulation = Simulation::new(lab, Options::default()).unwrap();
         let console = &simulation.consoles[0];
         let tell = |address, id| {
-            let kind = Kind::Camera { reference: None };
+            let kind = MemberKind::Camera { reference: None };
             let hello = Hello { id, kind };
             console.take(&ToPc::Member { address, hello });
             console.roll_call().is_complete.get()

@@ -5,7 +5,7 @@ use std::{cell::RefCell, collections::BTreeSet, rc::Rc};
 use rand::RngExt;
 use zigbee_link::{radio::Channel, wire::fcs};
 
-use super::{Simulation, node::Hardware};
+use super::{Simulation, node::Node};
 use site::{Action, ScriptedEvent};
 use virtual_bench::{
     executor::{Clock, Time},
@@ -112,7 +112,7 @@ fn nanoseconds(seconds: f64) -> Time {
 }
 
 /// The node of this number; 0 is the first network's coordinator.
-fn find(simulation: &Simulation, id: u16) -> Option<Rc<Hardware>> {
+fn find(simulation: &Simulation, id: u16) -> Option<Rc<Node>> {
     let id = match id {
         0 => site::coordinator_id(0),
         id => id,
@@ -120,7 +120,7 @@ fn find(simulation: &Simulation, id: u16) -> Option<Rc<Hardware>> {
     simulation.node(id).cloned()
 }
 
-async fn restart(clock: Clock, at: Time, node: Rc<Hardware>) {
+async fn restart(clock: Clock, at: Time, node: Rc<Node>) {
     clock.sleep_until_time(at).await;
     node.note("is restarted");
     node.switch_off();
@@ -128,7 +128,7 @@ async fn restart(clock: Clock, at: Time, node: Rc<Hardware>) {
 }
 
 /// `share`: how much of its next flash operation is done before, if it is to be in one.
-async fn power_cut(clock: Clock, at: Time, node: Rc<Hardware>, lasts: Time, share: Option<f64>) {
+async fn power_cut(clock: Clock, at: Time, node: Rc<Node>, lasts: Time, share: Option<f64>) {
     clock.sleep_until_time(at).await;
     // When an emulated board writes, nobody here knows.
     if let Some(share) = share.filter(|_| !node.is_emulated()) {
@@ -144,7 +144,7 @@ async fn power_cut(clock: Clock, at: Time, node: Rc<Hardware>, lasts: Time, shar
     node.switch_on();
 }
 
-async fn unplug(clock: Clock, during: std::ops::Range<Time>, node: Rc<Hardware>, with_power: bool) {
+async fn unplug(clock: Clock, during: std::ops::Range<Time>, node: Rc<Node>, with_power: bool) {
     clock.sleep_until_time(during.start).await;
     node.note("has its camera unplugged");
     node.line.unplug(with_power);
@@ -153,7 +153,7 @@ async fn unplug(clock: Clock, during: std::ops::Range<Time>, node: Rc<Hardware>,
     node.line.plug();
 }
 
-async fn stick(clock: Clock, during: std::ops::Range<Time>, node: Rc<Hardware>) {
+async fn stick(clock: Clock, during: std::ops::Range<Time>, node: Rc<Node>) {
     clock.sleep_until_time(during.start).await;
     node.note("has a camera that sticks");
     node.stick_camera(true);
@@ -199,14 +199,7 @@ fn record(simulation: &Simulation) -> Tape {
 }
 
 /// Frames come again with the pauses that they had.
-async fn replay(
-    clock: Clock,
-    at: Time,
-    last: Time,
-    node: Rc<Hardware>,
-    medium: Medium,
-    tape: Tape,
-) {
+async fn replay(clock: Clock, at: Time, last: Time, node: Rc<Node>, medium: Medium, tape: Tape) {
     clock.sleep_until_time(at).await;
     node.note("is heard again");
     let since = at.saturating_sub(last);

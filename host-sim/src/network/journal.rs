@@ -12,7 +12,7 @@ use nalgebra::Point2;
 use node_firmware::{
     hardware::Observer,
     memory::{Fact, KeptSighting, Walk},
-    message::{Frame, Message},
+    message::{CoordinateFrame, Message},
 };
 use zigbee_link::wire::ShortAddress;
 
@@ -170,7 +170,7 @@ impl Observer for Witness {
                     truth,
                     believed: None,
                 });
-                if stopped.frame == Frame::Site {
+                if stopped.frame == CoordinateFrame::Site {
                     stop.believed = Some(stopped.place);
                 }
             }

@@ -43,7 +43,7 @@ use std::{
 };
 
 use node_firmware::{
-    config::{Config, Role, SiteKey},
+    config::{CheckedConfig, RoleConfig, SiteKey},
     memory::Fact,
 };
 
@@ -57,7 +57,7 @@ pub use self::{
 use self::{
     console::Console,
     journal::{Journal, NodeEntry, SharedJournal},
-    node::Hardware,
+    node::Node,
 };
 use crate::probe::port::{OpenError, open};
 use answers::record::RunRecord;
@@ -134,7 +134,7 @@ pub struct Simulation {
     medium: Medium,
     world: SharedWorld,
     journal: SharedJournal,
-    nodes: Vec<Rc<Hardware>>,
+    nodes: Vec<Rc<Node>>,
     consoles: Vec<Console>,
     emulation: Option<Emulation>,
     stop: Arc<AtomicBool>,
@@ -189,16 +189,16 @@ impl Simulation {
         let key = SiteKey::new(KEY_INDEX, secret(root));
         let configs = site::configs(&self.scenario, key, 1)?;
         for (network, configs) in self.site.networks.iter().zip(configs) {
-            let coordinator = Hardware::coordinator(self, network, configs.coordinator, root);
+            let coordinator = Node::coordinator(self, network, configs.coordinator, root);
             let cameras = network.cameras.len();
             let clock = self.executor.clock();
             let console = Console::new(&coordinator, cameras, clock, self.journal.clone());
             for (camera, config) in network.cameras.iter().zip(configs.cameras) {
-                let node = Hardware::camera(self, camera, config, root);
+                let node = Node::camera(self, camera, config, root);
                 self.nodes.push(node);
             }
             for (target, config) in network.targets.iter().zip(configs.targets) {
-                let node = Hardware::target(self, target, config, root);
+                let node = Node::target(self, target, config, root);
                 let walk = walk::Walk::new(self, target, &node, console.roll_call(), root);
                 self.executor.spawn(walk.run());
                 self.nodes.push(node);
@@ -221,7 +221,7 @@ impl Simulation {
     /// There is no such camera, or the port cannot be opened.
     pub fn connect_camera(&mut self, node: u16, path: &str) -> Result<(), ConnectError> {
         let baud = match self.config(node).map(|config| &config.role) {
-            Some(Role::Camera(config)) => config.baud,
+            Some(RoleConfig::Camera(config)) => config.baud,
             _ => return Err(ConnectError::NoCamera(node)),
         };
         let port = open(path, baud, Duration::ZERO)?;
@@ -305,7 +305,7 @@ impl Simulation {
     }
 
     /// What a node was configured to.
-    pub fn config(&self, id: u16) -> Option<&Config> {
+    pub fn config(&self, id: u16) -> Option<&CheckedConfig> {
         self.node(id).map(|node| node.config())
     }
 
@@ -355,7 +355,7 @@ impl Simulation {
         }
     }
 
-    fn node(&self, id: u16) -> Option<&Rc<Hardware>> {
+    fn node(&self, id: u16) -> Option<&Rc<Node>> {
         self.nodes.iter().find(|node| node.id() == id)
     }
 

@@ -9,10 +9,11 @@ use calib_core::dead_reckoning::Step;
 use embassy_sync::{blocking_mutex::raw::NoopRawMutex, channel::Channel as Queue, signal::Signal};
 use nalgebra::Point2;
 use node_firmware::{
-    config::{Config, Role},
-    hardware::{Indication, Indicator, StepSensor},
+    config::{CheckedConfig, RoleConfig},
+    hardware::{FlashLayout, Hardware, Indication, Indicator, Peripherals, StepSensor},
+    limits::CONSOLE_BAUD,
     memory::Fact,
-    run::{Layout, Seams, run},
+    run::run,
 };
 use zigbee_link::{radio::Csma, wire::Eui64};
 
@@ -29,7 +30,7 @@ use virtual_bench::{
     executor::{Clock, Spawner, TaskId, Time},
     flash::{Flash, PAGE},
     line::{Line, Side, Uart},
-    medium::{Medium, NRF52840, NodeId},
+    medium::{Medium, NRF52840, NodeId, Radio},
     random::Root,
 };
 
@@ -45,9 +46,6 @@ const BACKDROP: Rgb = [110; 3];
 
 /// Tells where a target really is.
 type Whereabouts = Box<dyn Fn() -> Point2<f64>>;
-
-/// Bits per second between a coordinator and its PC.
-const CONSOLE_BAUD: u32 = 115_200;
 
 /// Steps that a sensor keeps while the node is busy.
 const STEPS: usize = 64;
@@ -78,7 +76,7 @@ struct Outlook {
 }
 
 /// The node's end of the lamps.
-struct Lamps(Rc<Hardware>);
+pub(super) struct Lamps(Rc<Node>);
 
 impl Indicator for Lamps {
     fn show(&mut self, indication: Indication) {
@@ -87,7 +85,7 @@ impl Indicator for Lamps {
 }
 
 /// The step sensor's end at the node.
-struct Steps(Rc<Hardware>);
+pub(super) struct Steps(Rc<Node>);
 
 impl StepSensor for Steps {
     type Error = core::convert::Infallible;
@@ -98,8 +96,8 @@ impl StepSensor for Steps {
 }
 
 /// One node.
-pub(super) struct Hardware {
-    config: Config,
+pub(super) struct Node {
+    config: CheckedConfig,
     clock: Clock,
     spawner: Spawner,
     medium: Medium,
@@ -122,10 +120,22 @@ pub(super) struct Hardware {
     trouble: Trouble,
 }
 
-impl Hardware {
+/// In this program, not on an emulated board.
+impl Hardware for Node {
+    type Uart = Device;
+    type Radio = Csma<Radio, Clock>;
+    type Clock = Clock;
+    type Flash = Flash;
+    type Steps = Steps;
+    type Indicator = Lamps;
+    type Buttons = ();
+    type Observer = Witness;
+}
+
+impl Node {
     fn new(
         simulation: &Simulation,
-        config: Config,
+        config: CheckedConfig,
         place: Point2<f64>,
         (line, outlook): (Line, Option<Outlook>),
         root: Root,
@@ -161,7 +171,7 @@ impl Hardware {
     pub(super) fn coordinator(
         simulation: &Simulation,
         network: &Network,
-        config: Config,
+        config: CheckedConfig,
         root: Root,
     ) -> Rc<Self> {
         let uart = Uart::new(CONSOLE_BAUD);
@@ -172,7 +182,7 @@ impl Hardware {
     pub(super) fn camera(
         simulation: &Simulation,
         camera: &CameraNode,
-        config: Config,
+        config: CheckedConfig,
         root: Root,
     ) -> Rc<Self> {
         let emulator = Emulator::new(
@@ -224,7 +234,7 @@ impl Hardware {
     pub(super) fn target(
         simulation: &Simulation,
         target: &TargetNode,
-        config: Config,
+        config: CheckedConfig,
         root: Root,
     ) -> Rc<Self> {
         let uart = Uart::new(CONSOLE_BAUD);
@@ -243,7 +253,7 @@ impl Hardware {
 
     /// Whether it is a target.
     pub(super) fn is_target(&self) -> bool {
-        matches!(self.config.role, Role::Target(_))
+        matches!(self.config.role, RoleConfig::Target(_))
     }
 
     /// What the medium counts of it.
@@ -344,7 +354,7 @@ impl Hardware {
         self.trouble.borrow_mut().get_or_insert(error);
     }
 
-    pub(super) fn config(&self) -> &Config {
+    pub(super) fn config(&self) -> &CheckedConfig {
         &self.config
     }
 
@@ -366,12 +376,12 @@ impl Hardware {
             let seed = self.next_seed();
             let radio = self.medium.radio(self.antenna, NRF52840);
             let node = self.clone();
-            let seams = Seams {
+            let peripherals = Peripherals::<Self> {
                 uart: self.device(),
                 radio: Csma::new(radio, self.clock.clone(), seed),
                 clock: self.clock.clone(),
                 flash: self.flash.clone(),
-                layout: Layout {
+                layout: FlashLayout {
                     link: 0..HALF,
                     memory: HALF..2 * HALF,
                 },
@@ -386,7 +396,7 @@ impl Hardware {
                 extended: Eui64(site::extended(self.config.id)),
                 seed,
             };
-            let failure = run(&self.config, seams).await;
+            let failure = run(&self.config, peripherals).await;
             let why = failure.to_string();
             self.journal.borrow_mut().failed(self.config.id, &why);
             self.clock.sleep(RESTART).await;

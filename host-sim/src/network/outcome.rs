@@ -4,10 +4,7 @@ use std::collections::BTreeMap;
 
 use answers::view;
 use calib_core::Sighting;
-use node_firmware::{
-    config::{Duty, Role as Configured},
-    memory::KeptSighting,
-};
+use node_firmware::{config::RoleConfig as Configured, memory::KeptSighting, message::Duty};
 
 use super::{Simulation, console::Console, journal::NodeEntry};
 use answers::record::{

@@ -6,7 +6,7 @@ use embassy_futures::select::{Either, select};
 use nalgebra::Point2;
 
 use super::{
-    SECOND, SharedWorld, Simulation, console::RollCall, journal::SharedJournal, node::Hardware,
+    SECOND, SharedWorld, Simulation, console::RollCall, journal::SharedJournal, node::Node,
 };
 use site::TargetNode;
 use site::world::{Event, StepSensor, Walker};
@@ -30,7 +30,7 @@ pub(super) struct Walk {
     clock: Clock,
     world: SharedWorld,
     index: usize,
-    node: Rc<Hardware>,
+    node: Rc<Node>,
     medium: Medium,
     antenna_at: Point2<f64>,
     roll_call: Rc<RollCall>,
@@ -41,7 +41,7 @@ impl Walk {
     pub(super) fn new(
         simulation: &Simulation,
         target: &TargetNode,
-        node: &Rc<Hardware>,
+        node: &Rc<Node>,
         roll_call: Rc<RollCall>,
         root: Root,
     ) -> Self {

@@ -2,7 +2,7 @@
 
 use std::{fmt, time::Duration};
 
-use cmucam2_driver::{packet::Tracking, parser::Dropped, session::Session};
+use cmucam2_driver::{packet::Tracking, parser::DroppedBytes, session::Session};
 use serde::Serialize;
 
 use super::View;
@@ -216,7 +216,7 @@ impl fmt::Display for Tally {
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Counters {
     /// What came and made no sense.
-    pub dropped: Dropped,
+    pub dropped: DroppedBytes,
     /// Commands that had to be repeated.
     pub retries: u16,
     /// Restarts of the camera that nobody asked for.
@@ -364,11 +364,11 @@ mod tests {
         };
         let garbled = |after| Garbled { before, after }.to_string();
         assert_eq!(garbled(before), "0 bytes garbled");
-        let dropped = Dropped {
+        let dropped = DroppedBytes {
             bytes: 12,
             cut: 2,
             noise: 1,
-            ..Dropped::default()
+            ..DroppedBytes::default()
         };
         let after = Counters {
             dropped,

@@ -8,7 +8,7 @@
 //! | [`record`] | Sightings at known places, appended to a file for `host-sim solve`. |
 //! | [`picture`] | A frame of the camera as PNG. |
 //!
-//! When a blob stands still, and where, is judged as on a node: [`node_firmware::sight::steady`].
+//! When a blob stands still, and where, is judged as on a node: [`node_firmware::vision::steady`].
 
 pub mod advice;
 pub mod display;
@@ -18,10 +18,7 @@ pub mod record;
 
 use calib_core::{Ray, camera::Camera};
 use cmucam2_driver::{Cmucam2, geometry::Sensor, packet::Tracking};
-use node_firmware::sight::{
-    Blob, Grid,
-    steady::{Direction, Steady},
-};
+use node_firmware::vision::{Blob, Grid, steady::Steady};
 
 /// The camera on a serial port.
 pub type Device = Cmucam2<port::Port, port::Sleep>;
@@ -43,8 +40,14 @@ pub struct View {
     camera: Option<Camera<f64>>,
 }
 
-/// In which direction something was seen, radians, positive to the left.
-pub type Bearing = Direction<f64>;
+/// In which direction something was seen, radians.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Bearing {
+    /// Offset from the optical axis, positive to the left.
+    pub bearing: f64,
+    /// Its standard deviation.
+    pub sigma: f64,
+}
 
 impl View {
     /// A view of `columns` columns whose leftmost one has the number `first` in packets, as has the
@@ -80,7 +83,10 @@ impl View {
 
     /// The direction of a blob that stood still.
     pub fn bearing(&self, steady: &Steady) -> Option<Bearing> {
-        self.camera.map(|camera| steady.direction(&camera, 0.0))
+        self.camera.map(|camera| {
+            let (bearing, sigma) = steady.bearing(&camera, 0.0);
+            Bearing { bearing, sigma }
+        })
     }
 
     /// The column, from 0, that lies in the direction of a blob that stood still. Without a camera

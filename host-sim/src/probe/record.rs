@@ -6,7 +6,7 @@ use std::{
     path::{Path, PathBuf},
 };
 
-use node_firmware::sight::steady::Steady;
+use node_firmware::vision::steady::Steady;
 use serde::Serialize;
 
 use super::Bearing;

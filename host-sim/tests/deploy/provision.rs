@@ -10,10 +10,11 @@ use std::{
 use crate::place::{CARRIER, Place};
 use node_firmware::{
     config::{
-        CameraConfig, Config, CoordinatorConfig, Duty, Reference, Role, SensorConfig, Sigmas,
-        SiteKey, Subjects, TargetConfig, page,
+        CameraConfig, Config, CoordinatorConfig, RoleConfig, SensorConfig, Sigmas, SiteKey,
+        Subjects, TargetConfig, page,
     },
-    sight::{ColourWindow, Lens},
+    message::{Duty, Reference},
+    vision::{ColourWindow, Lens},
 };
 use zigbee_link::security::Protection;
 
@@ -21,7 +22,7 @@ const KEY: &str = "--site-key=site.sitekey";
 const ALL_CHANNELS: u32 = 0x07FF_F800;
 
 fn decode(place: &Place, name: &str) -> Config {
-    page::decode(&fs::read(place.path(name)).unwrap()).unwrap()
+    Config::clone(&page::decode(&fs::read(place.path(name)).unwrap()).unwrap())
 }
 
 fn mode(path: &Path) -> u32 {
@@ -118,7 +119,7 @@ fn options_make_a_page() {
         channels: 1 << 11 | 1 << 26,
         tx_power: -4,
         protection: Protection::EncMic64,
-        role: Role::Camera(CameraConfig {
+        role: RoleConfig::Camera(CameraConfig {
             baud: 115_200,
             reference: Some(Reference {
                 duty: Duty::Second,
@@ -151,7 +152,7 @@ fn every_role_has_usual_values() {
     let camera = make("camera", "--motion=12 --field-of-view=45");
     assert_eq!(
         camera.role,
-        Role::Camera(CameraConfig::new(
+        RoleConfig::Camera(CameraConfig::new(
             Lens::pin_hole(88, 45.0),
             Subjects::Motion { threshold: 12 }
         ))
@@ -168,7 +169,7 @@ fn every_role_has_usual_values() {
     );
     assert_eq!(
         target.role,
-        Role::Target(TargetConfig {
+        RoleConfig::Target(TargetConfig {
             colour: 1,
             ..TargetConfig::default()
         })
@@ -179,7 +180,7 @@ fn every_role_has_usual_values() {
     );
     assert_eq!(
         worn.role,
-        Role::Target(TargetConfig {
+        RoleConfig::Target(TargetConfig {
             systematic_heading_deg: 3.0,
             systematic_scale: 0.03,
             sensor: SensorConfig {
@@ -193,14 +194,14 @@ fn every_role_has_usual_values() {
         "target",
         &format!("--step-length=0.5 {}", CARRIER.join(" ")),
     );
-    let Role::Target(half) = half.role else {
+    let RoleConfig::Target(half) = half.role else {
         panic!("{half:?}");
     };
     assert_eq!(half.sensor.hard_iron, [0.0; 3]);
     let coordinator = make("coordinator", "--join-window=60");
     assert_eq!(
         coordinator.role,
-        Role::Coordinator(CoordinatorConfig {
+        RoleConfig::Coordinator(CoordinatorConfig {
             allow: Default::default(),
             join_window_s: 60,
         })
@@ -244,7 +245,7 @@ fn a_file_sets_everything_and_options_stand_over_it() {
     let run = ["provision", KEY, "--config=node.toml", "--id=10"];
     place.run(&run).ok();
     let config = decode(&place, "node-10.page.bin");
-    let Role::Camera(camera) = &config.role else {
+    let RoleConfig::Camera(camera) = &config.role else {
         panic!("{config:?}");
     };
     assert_eq!(config.id, 10);
@@ -451,7 +452,7 @@ fn a_page_is_shown_without_its_key() {
         channels: 0x0210_8800,
         tx_power: -4,
         protection: Protection::EncMic64,
-        role: Role::Camera(CameraConfig {
+        role: RoleConfig::Camera(CameraConfig {
             reference: Some(Reference {
                 duty: Duty::Second,
                 position: Some([10.0, -0.5]),
@@ -464,7 +465,7 @@ fn a_page_is_shown_without_its_key() {
         }),
     };
     let mut bytes = [0; page::PAGE_MAX];
-    page::encode(&config, &mut bytes).unwrap();
+    page::encode(&config.check().unwrap(), &mut bytes).unwrap();
     fs::write(place.path("page.bin"), bytes).unwrap();
     let shown = place.run(&["provision", "--show=page.bin"]).ok();
     assert_eq!(shown, include_str!("data/shown.txt"));

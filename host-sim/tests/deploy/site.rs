@@ -2,7 +2,7 @@
 
 use std::fs;
 
-use node_firmware::config::{Config, Role, page};
+use node_firmware::config::{Config, RoleConfig, page};
 
 use crate::place::Place;
 
@@ -18,7 +18,7 @@ fn documented() -> String {
 
 fn decode(place: &Place, id: u16) -> Config {
     let page = place.path(&format!("pages/node-{id}.page.bin"));
-    page::decode(&fs::read(page).unwrap()).unwrap()
+    Config::clone(&page::decode(&fs::read(page).unwrap()).unwrap())
 }
 
 #[test]
@@ -31,7 +31,7 @@ fn the_file_that_is_rehearsed_makes_the_pages() {
     place.run(&PROVISION).ok();
     let [coordinator, first, second, third, target] =
         [60_000, 1, 2, 3, 20].map(|id| decode(&place, id));
-    let Role::Coordinator(own) = &coordinator.role else {
+    let RoleConfig::Coordinator(own) = &coordinator.role else {
         panic!("{coordinator:?}");
     };
     let members = [&first, &second, &third, &target];
@@ -41,7 +41,7 @@ fn the_file_that_is_rehearsed_makes_the_pages() {
         assert_eq!(config.channels, 1 << 20);
         assert_eq!(config.first_counter, coordinator.first_counter);
     }
-    let Role::Camera(camera) = &first.role else {
+    let RoleConfig::Camera(camera) = &first.role else {
         panic!("{first:?}");
     };
     assert!(camera.reference.is_some());

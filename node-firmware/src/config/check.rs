@@ -1,20 +1,130 @@
 //! Every range of a configuration, in one place.
 
-use core::fmt;
+use core::{fmt, ops::Deref};
 
-use zigbee_link::network::JOIN_WINDOW_MAX;
+use calib_core::camera::Camera;
+use zigbee_link::{
+    network::{Channels, JOIN_WINDOW_MAX},
+    radio::Channel,
+    security::Key,
+    wire::Eui64,
+};
 
 use super::{
-    COLOURS_MAX, CameraConfig, Config, CoordinatorConfig, Role, STOPS_WANTED, Subjects,
-    TargetConfig,
+    CameraConfig, Config, CoordinatorConfig, RoleConfig, SensorConfig, Subjects, TargetConfig,
 };
 use crate::{
-    role::camera::REFERENCE_STOPS,
-    sight::{ColourWindow, LensError},
+    limits::{COLOURS_MAX, CONSOLE_BAUD, REFERENCE_STOPS, STOPS_WANTED},
+    vision::{ColourWindow, Lens, LensError},
 };
 
-/// The rates of a CMUcam2's jumpers.
-pub const BAUD_RATES: [u32; 8] = [115_200, 57_600, 38_400, 19_200, 9_600, 4_800, 2_400, 1_200];
+/// A configuration in which everything is in its range, and what follows from that: what a node runs
+/// on. [`Config::check`] makes it, and nothing changes it.
+#[derive(Clone, Debug, PartialEq)]
+pub struct CheckedConfig {
+    config: Config,
+    key: Key,
+    channels: Channels,
+    baud: BaudRate,
+    optics: Camera<f32>,
+}
+
+impl Deref for CheckedConfig {
+    type Target = Config;
+
+    fn deref(&self) -> &Config {
+        &self.config
+    }
+}
+
+impl CheckedConfig {
+    /// The configured extended address.
+    pub fn extended(&self) -> Option<Eui64> {
+        self.extended.map(Eui64)
+    }
+
+    /// The site key, as the network takes it.
+    pub const fn key(&self) -> Key {
+        self.key
+    }
+
+    /// The channels, as the network takes them.
+    pub const fn channels(&self) -> Channels {
+        self.channels
+    }
+
+    /// The rate of the UART: that of a camera's CMUcam2, or of a coordinator's console.
+    pub const fn baud(&self) -> BaudRate {
+        self.baud
+    }
+
+    /// Which direction a column of a camera is. Of a node without a camera: those of a usual one.
+    pub const fn optics(&self) -> Camera<f32> {
+        self.optics
+    }
+
+    /// Of a target its step sensor; of others, who have none, any.
+    pub const fn sensor(&self) -> &SensorConfig {
+        match &self.config.role {
+            RoleConfig::Target(target) => &target.sensor,
+            RoleConfig::Coordinator(_) | RoleConfig::Camera(_) => &SensorConfig::UNCALIBRATED,
+        }
+    }
+}
+
+/// The rates that a CMUcam2's jumpers select, bits per second.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[repr(u32)]
+pub enum BaudRate {
+    /// 1,200.
+    B1200 = 1_200,
+    /// 2,400.
+    B2400 = 2_400,
+    /// 4,800.
+    B4800 = 4_800,
+    /// 9,600.
+    B9600 = 9_600,
+    /// 19,200.
+    B19200 = 19_200,
+    /// 38,400.
+    B38400 = 38_400,
+    /// 57,600.
+    B57600 = 57_600,
+    /// 115,200.
+    B115200 = 115_200,
+}
+
+impl BaudRate {
+    /// All of them, the highest first.
+    pub const ALL: [Self; 8] = [
+        Self::B115200,
+        Self::B57600,
+        Self::B38400,
+        Self::B19200,
+        Self::B9600,
+        Self::B4800,
+        Self::B2400,
+        Self::B1200,
+    ];
+
+    /// Bits per second.
+    pub const fn bits_per_second(self) -> u32 {
+        self as u32
+    }
+
+    /// That of so many bits per second.
+    pub fn of(bits_per_second: u32) -> Option<Self> {
+        let is_it = |rate: &Self| rate.bits_per_second() == bits_per_second;
+        Self::ALL.into_iter().find(is_it)
+    }
+}
+
+/// A coordinator's console, and whatever is on the line of a target.
+const CONSOLE: BaudRate = BaudRate::B115200;
+const _: () = assert!(CONSOLE.bits_per_second() == CONSOLE_BAUD);
+
+/// The lens of a node without a camera.
+const NO_LENS: Lens = Lens::pin_hole(88, 45.0);
 
 /// What of a configuration is wrong. The texts say what it must be.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -138,28 +248,49 @@ impl fmt::Display for ConfigError {
 impl core::error::Error for ConfigError {}
 
 impl Config {
-    /// Whether everything is in its range.
+    /// The configuration, if everything is in its range.
     ///
     /// # Errors
     /// What is not, the first of it.
-    pub fn check(&self) -> Result<(), ConfigError> {
+    pub fn check(self) -> Result<CheckedConfig, ConfigError> {
         let all = 0x07FF_F800;
         require(&[
             (self.extended.is_none_or(is_address), ConfigError::Extended),
-            (self.site_key.key().is_some(), ConfigError::SiteKey),
             (self.first_counter < u32::MAX, ConfigError::FirstCounter),
-            (
-                self.channels != 0 && self.channels & !all == 0,
-                ConfigError::Channels,
-            ),
+            (self.channels & !all == 0, ConfigError::Channels),
             ((-40..=20).contains(&self.tx_power), ConfigError::TxPower),
         ])?;
+        let key = self.site_key.key().ok_or(ConfigError::SiteKey)?;
+        let channels = channels(self.channels).ok_or(ConfigError::Channels)?;
+        let (lens, baud) = match &self.role {
+            RoleConfig::Camera(camera) => (&camera.lens, BaudRate::of(camera.baud)),
+            RoleConfig::Coordinator(_) | RoleConfig::Target(_) => (&NO_LENS, Some(CONSOLE)),
+        };
+        let optics = lens.camera().map_err(ConfigError::Lens)?;
+        let baud = baud.ok_or(ConfigError::Baud)?;
         match &self.role {
-            Role::Coordinator(coordinator) => coordinator.check(),
-            Role::Camera(camera) => camera.check(),
-            Role::Target(target) => target.check(),
-        }
+            RoleConfig::Coordinator(coordinator) => coordinator.check(),
+            RoleConfig::Camera(camera) => camera.check(),
+            RoleConfig::Target(target) => target.check(),
+        }?;
+        Ok(CheckedConfig {
+            config: self,
+            key,
+            channels,
+            baud,
+            optics,
+        })
     }
+}
+
+/// The channels of a mask; those that do not exist are left out.
+fn channels(mask: u32) -> Option<Channels> {
+    (11..=26)
+        .filter(|number| mask >> number & 1 != 0)
+        .filter_map(Channel::new)
+        .fold(None, |all: Option<Channels>, channel| {
+            Some(all.map_or(Channels::only(channel), |all| all.and(channel)))
+        })
 }
 
 impl CoordinatorConfig {
@@ -178,7 +309,6 @@ impl CoordinatorConfig {
 
 impl CameraConfig {
     fn check(&self) -> Result<(), ConfigError> {
-        self.lens.camera().map_err(ConfigError::Lens)?;
         let subjects = match &self.subjects {
             Subjects::Colours(windows) => (
                 !windows.is_empty() && windows.iter().all(ColourWindow::is_ordered),
@@ -196,7 +326,6 @@ impl CameraConfig {
         let (good, weak) = (self.good_enough, self.weak);
         require(&[
             (self.lens.columns <= 255, ConfigError::Columns),
-            (BAUD_RATES.contains(&self.baud), ConfigError::Baud),
             (self.first_column <= 1, ConfigError::FirstColumn),
             subjects,
             (

@@ -1,10 +1,11 @@
 //! Configurations for tests.
 
 use super::{
-    CameraConfig, Config, CoordinatorConfig, Duty, Reference, Role, SensorConfig, Sigmas, SiteKey,
-    Subjects, TargetConfig,
+    CameraConfig, Config, CoordinatorConfig, RoleConfig, SensorConfig, Sigmas, SiteKey, Subjects,
+    TargetConfig,
 };
-use crate::sight::{ColourWindow, Lens};
+use crate::message::{Duty, Reference};
+use crate::vision::{ColourWindow, Lens};
 use zigbee_link::security::Protection;
 
 pub(crate) const ORANGE: ColourWindow = ColourWindow {
@@ -13,7 +14,7 @@ pub(crate) const ORANGE: ColourWindow = ColourWindow {
     blue: [16, 80],
 };
 
-pub(crate) fn node(role: Role) -> Config {
+pub(crate) fn node(role: RoleConfig) -> Config {
     Config {
         id: 3,
         extended: Some([0xF4, 0xCE, 0x36, 0, 0, 0, 0, 3]),

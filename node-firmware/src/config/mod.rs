@@ -3,7 +3,7 @@
 //! | module | job |
 //! |---|---|
 //! | here | [`Config`] and its parts |
-//! | [`check`] | Every range, in one place: [`Config::check`] |
+//! | [`check`] | Every range, in one place: [`Config::check`], which makes a [`CheckedConfig`] |
 //! | [`page`] | A configuration as a page of flash |
 //!
 //! Angles are degrees here, because people write them; lengths are in the target's unit, whatever
@@ -14,29 +14,25 @@ pub mod page;
 
 mod key;
 
-use core::ops::RangeInclusive;
-
-use calib_core::Limits;
+use calib_core::{Limits, camera::Camera};
 use flash_log::Crc32;
 use heapless::Vec;
 use serde::{Deserialize, Serialize};
-use zigbee_link::{network::Channels, radio::Channel, security::Protection, wire::Eui64};
+use zigbee_link::security::Protection;
 
-pub use self::{check::ConfigError, key::SiteKey};
-use crate::sight::{
-    ColourWindow, Judge, Lens, LensError, Patience, Shape, Subject,
+pub use self::{
+    check::{BaudRate, CheckedConfig, ConfigError},
+    key::SiteKey,
+};
+use crate::limits::{COLOURS_MAX, MEMBERS};
+use crate::message::{Duty, Reference};
+use crate::vision::{
+    ColourWindow, Judge, Lens, Patience, Shape, Subject,
     cmucam2::{Cmucam2Settings, ROWS_PER_COLUMN},
 };
 
-/// The most devices on an allow-list.
-pub const ALLOWED_MAX: usize = 32;
-/// The most target colours a camera can tell apart.
-pub const COLOURS_MAX: usize = 4;
-/// Stops at which a camera may want to see the target: a pose needs three, and no more sightings
-/// are kept than [`SIGHTINGS`](crate::role::camera::SIGHTINGS).
-pub const STOPS_WANTED: RangeInclusive<u8> = 3..=crate::role::camera::SIGHTINGS as u8;
-
-/// All that a node is told.
+/// All that a node is told, as people and pages have it: values may be out of their range.
+/// [`Config::check`] makes a [`CheckedConfig`] of it.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
@@ -58,14 +54,14 @@ pub struct Config {
     #[serde(with = "protection")]
     pub protection: Protection,
     /// What the node is for.
-    pub role: Role,
+    pub role: RoleConfig,
 }
 
 /// What a node is for.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
-pub enum Role {
+pub enum RoleConfig {
     /// Forms the network and collects poses.
     Coordinator(CoordinatorConfig),
     /// Has a camera, and wants to know where it stands.
@@ -80,7 +76,7 @@ pub enum Role {
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct CoordinatorConfig {
     /// EUI-64s of the devices that may always join, most significant byte first.
-    pub allow: Vec<[u8; 8], ALLOWED_MAX>,
+    pub allow: Vec<[u8; 8], MEMBERS>,
     /// How long any device with the site key may join after start-up, seconds; 0: not at all.
     pub join_window_s: u16,
 }
@@ -111,7 +107,7 @@ pub struct CameraConfig {
     /// the first to the second reference camera, degrees, if it is known.
     pub frame_heading_deg: Option<f32>,
     /// Stops after which the reference solve is first tried: 2, or 3 when something above is not
-    /// known, up to [`REFERENCE_STOPS`](crate::role::camera::REFERENCE_STOPS).
+    /// known, up to [`REFERENCE_STOPS`](crate::limits::REFERENCE_STOPS).
     pub reference_stops: u8,
     /// Stops at which it wants to see the target, at least 3.
     pub stops: u8,
@@ -146,36 +142,6 @@ impl Sigmas {
             heading: self.heading_deg.to_radians(),
         }
     }
-}
-
-/// A configured reference camera.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(rename_all = "kebab-case")]
-#[cfg_attr(feature = "defmt", derive(defmt::Format))]
-pub struct Reference {
-    /// Which of the two.
-    pub duty: Duty,
-    /// Where it stands: x and y, if that is known. Of both, it fixes the frame of the site. Of one
-    /// or none, the first one is the origin and the second one on the x axis.
-    pub position: Option<[f32; 2]>,
-}
-
-impl Reference {
-    /// Whether the position, if told, is finite.
-    pub fn is_usable(&self) -> bool {
-        self.position.iter().flatten().all(|p| p.is_finite())
-    }
-}
-
-/// Which of the two reference cameras.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "kebab-case")]
-#[cfg_attr(feature = "defmt", derive(defmt::Format))]
-pub enum Duty {
-    /// The one that solves (the trigger).
-    First,
-    /// The one that sends its rays to the first (the helper).
-    Second,
 }
 
 /// What the target looks like to a camera.
@@ -240,7 +206,7 @@ impl Subjects {
 #[serde(rename_all = "kebab-case")]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct TargetConfig {
-    /// Its colour number, below [`COLOURS_MAX`].
+    /// Its colour number, below [`COLOURS_MAX`](crate::limits::COLOURS_MAX).
     pub colour: u8,
     /// It stands when no step came for so long, milliseconds.
     pub still_after_ms: u32,
@@ -266,7 +232,7 @@ pub struct SensorConfig {
     /// What the compass reads too much on each of its axes, uT: what is magnetic on the breakout and
     /// on its carrier, worn as it is when walking.
     pub hard_iron: [f32; 3],
-    /// `K` of [`StepLength`](calib_core::dead_reckoning::StepLength): the carrier's step length, in
+    /// `K` of [`StepLength`](pedestrian::StepLength): the carrier's step length, in
     /// the unit of the site over (m/s^2)^(1/4).
     pub step_length: f32,
 }
@@ -307,11 +273,8 @@ impl CameraConfig {
         }
     }
 
-    /// Who judges what it sees.
-    ///
-    /// # Errors
-    /// [`LensError`].
-    pub fn judge(&self) -> Result<Judge, LensError> {
+    /// Who judges what it sees through the optics of its lens.
+    pub fn judge(&self, optics: Camera<f32>) -> Judge {
         let patience = Patience {
             sigma_floor: self.sigma_floor_px,
             ..Patience::default()
@@ -323,7 +286,7 @@ impl CameraConfig {
             },
             _ => Shape::Any,
         };
-        Ok(Judge::new(self.lens.camera()?, patience, shape))
+        Judge::new(optics, patience, shape)
     }
 }
 
@@ -359,11 +322,6 @@ impl Default for SensorConfig {
 }
 
 impl Config {
-    /// The configured extended address.
-    pub fn extended(&self) -> Option<Eui64> {
-        self.extended.map(Eui64)
-    }
-
     /// Whose facts the [memory](crate::memory) may hold: a number that changes with the site, the
     /// node's number and role, and with whatever of a camera gives its sightings and its frame their
     /// meaning. What was learnt before such a change would be false after it: addresses are those
@@ -376,14 +334,14 @@ impl Config {
         let (index, key) = self.site_key.parts();
         let [id_low, id_high] = self.id.to_le_bytes();
         let kind = match &self.role {
-            Role::Coordinator(_) => 0,
-            Role::Camera(_) => 1,
-            Role::Target(_) => 2,
+            RoleConfig::Coordinator(_) => 0,
+            RoleConfig::Camera(_) => 1,
+            RoleConfig::Target(_) => 2,
         };
         let mut sum = Crc32::new();
         sum.add(key);
         sum.add(&[index, id_low, id_high, kind]);
-        if let Role::Camera(camera) = &self.role {
+        if let RoleConfig::Camera(camera) = &self.role {
             let lens = &camera.lens;
             let [columns_low, columns_high] = lens.columns.to_le_bytes();
             let (duty, position) = match camera.reference {
@@ -417,26 +375,6 @@ impl Config {
             }
         }
         sum.sum()
-    }
-
-    /// The rate of the UART: that of a camera's CMUcam2, or of a coordinator's console.
-    pub const fn baud(&self) -> u32 {
-        match &self.role {
-            Role::Camera(camera) => camera.baud,
-            Role::Coordinator(_) | Role::Target(_) => crate::console::BAUD,
-        }
-    }
-
-    /// The channels as the network takes them; those that do not exist are left out. All channels
-    /// if none is left, which [`Config::check`] refuses.
-    pub fn channels(&self) -> Channels {
-        (11..=26)
-            .filter(|number| self.channels >> number & 1 != 0)
-            .filter_map(Channel::new)
-            .fold(None, |all: Option<Channels>, channel| {
-                Some(all.map_or(Channels::only(channel), |all| all.and(channel)))
-            })
-            .unwrap_or(Channels::ALL)
     }
 }
 

@@ -16,7 +16,7 @@ use core::fmt;
 
 use flash_log::Crc32;
 
-use super::{Config, ConfigError};
+use super::{CheckedConfig, Config, ConfigError};
 
 /// Bytes of the longest page.
 pub const PAGE_MAX: usize = 512;
@@ -89,14 +89,13 @@ impl core::error::Error for PageError {}
 /// Writes a page into `buffer`, and 0xFF behind it. Tells how many bytes count.
 ///
 /// # Errors
-/// [`PageError::Value`], [`PageError::Room`].
-pub fn encode(config: &Config, buffer: &mut [u8]) -> Result<usize, PageError> {
-    config.check().map_err(PageError::Value)?;
+/// [`PageError::Room`].
+pub fn encode(config: &CheckedConfig, buffer: &mut [u8]) -> Result<usize, PageError> {
     buffer.fill(0xFF);
     let (header, rest) = buffer.split_at_mut_checked(HEADER).ok_or(PageError::Room)?;
     let room = rest.len().checked_sub(TRAILER).ok_or(PageError::Room)?;
     let body = rest.get_mut(..room).ok_or(PageError::Room)?;
-    let length = postcard::to_slice(config, body)
+    let length = postcard::to_slice::<Config>(config, body)
         .map_err(|_| PageError::Room)?
         .len();
     let written = u16::try_from(length).map_err(|_| PageError::Room)?;
@@ -121,7 +120,7 @@ pub fn encode(config: &Config, buffer: &mut [u8]) -> Result<usize, PageError> {
 ///
 /// # Errors
 /// [`PageError`].
-pub fn decode(page: &[u8]) -> Result<Config, PageError> {
+pub fn decode(page: &[u8]) -> Result<CheckedConfig, PageError> {
     if page.iter().all(|&byte| byte == 0xFF) || page.iter().all(|&byte| byte == 0) {
         return Err(PageError::Blank);
     }
@@ -146,8 +145,7 @@ pub fn decode(page: &[u8]) -> Result<Config, PageError> {
         },
         found => return Err(PageError::Version { found }),
     };
-    config.check().map_err(PageError::Value)?;
-    Ok(config)
+    config.check().map_err(PageError::Value)
 }
 
 #[cfg(test)]

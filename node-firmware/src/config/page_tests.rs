@@ -6,15 +6,19 @@ use proptest::prelude::*;
 use super::*;
 use crate::{
     config::{
-        CameraConfig, Role, SiteKey, Subjects,
+        CameraConfig, RoleConfig, SiteKey, Subjects,
         examples::{ORANGE, camera, coordinator, node, target},
     },
-    sight::Lens,
+    vision::Lens,
 };
+
+fn checked(config: &Config) -> CheckedConfig {
+    config.clone().check().unwrap()
+}
 
 fn page(config: &Config) -> Vec<u8> {
     let mut buffer = [0; PAGE_MAX];
-    let length = encode(config, &mut buffer).unwrap();
+    let length = encode(&checked(config), &mut buffer).unwrap();
     buffer[..length].to_vec()
 }
 
@@ -41,9 +45,9 @@ fn forged(version: u16, length: u16, body: &[u8]) -> Vec<u8> {
 #[test]
 fn golden_pages() {
     let pages = [
-        node(Role::Camera(camera())),
-        node(Role::Target(target())),
-        node(Role::Coordinator(coordinator(2))),
+        node(RoleConfig::Camera(camera())),
+        node(RoleConfig::Target(target())),
+        node(RoleConfig::Coordinator(coordinator(2))),
     ]
     .map(|config| hex(&page(&config)));
     assert_eq!(pages, GOLDEN);
@@ -51,38 +55,40 @@ fn golden_pages() {
 
 #[test]
 fn the_checksum_is_that_of_zip_and_the_rest_is_erased() {
-    let config = node(Role::Camera(camera()));
+    let config = node(RoleConfig::Camera(camera()));
     let page = page(&config);
     let length = u16::from_le_bytes([page[6], page[7]]);
     assert_eq!(page, forged(3, length, &page[8..page.len() - 4]));
     let mut buffer = [0; PAGE_MAX];
-    let written = encode(&config, &mut buffer).unwrap();
+    let written = encode(&checked(&config), &mut buffer).unwrap();
     assert!(buffer[written..].iter().all(|&byte| byte == 0xFF));
-    assert_eq!(decode(&buffer), Ok(config));
+    assert_eq!(decode(&buffer), Ok(checked(&config)));
 }
 
 /// The fullest configurations there are.
 #[test]
 fn everything_fits_into_a_page() {
-    let mut config = node(Role::Coordinator(coordinator(32)));
+    let mut config = node(RoleConfig::Coordinator(coordinator(32)));
     config.id = u16::MAX;
     config.first_counter = u32::MAX - 1;
     config.channels = 0x07FF_F800;
-    assert_eq!(decode(&page(&config)), Ok(config.clone()));
+    assert_eq!(decode(&page(&config)), Ok(checked(&config)));
     let mut full = camera();
     full.lens.principal_column = Some(43.25);
     full.baud = 115_200;
     full.frame_heading_deg = Some(-12.5);
     full.subjects = Subjects::Colours([ORANGE; 4].into_iter().collect());
-    config.role = Role::Camera(full);
-    assert_eq!(decode(&page(&config)), Ok(config.clone()));
-    assert_eq!(encode(&config, &mut [0; 60]), Err(PageError::Room));
-    assert_eq!(encode(&config, &mut [0; 5]), Err(PageError::Room));
+    config.role = RoleConfig::Camera(full);
+    assert_eq!(decode(&page(&config)), Ok(checked(&config)));
+    for room in [60, 5] {
+        let buffer = &mut [0; PAGE_MAX][..room];
+        assert_eq!(encode(&checked(&config), buffer), Err(PageError::Room));
+    }
 }
 
 #[test]
 fn what_is_no_page_says_what_to_do() {
-    let good = page(&node(Role::Target(target())));
+    let good = page(&node(RoleConfig::Target(target())));
     let body = &good[8..good.len() - 4];
     let length = body.len() as u16;
     let mut damaged = good.clone();
@@ -131,10 +137,10 @@ fn what_is_no_page_says_what_to_do() {
 /// A page with a right checksum may still hold what nobody may use.
 #[test]
 fn values_are_checked_both_ways() {
-    let mut config = node(Role::Target(target()));
+    let mut config = node(RoleConfig::Target(target()));
     config.tx_power = 127;
     let error = PageError::Value(ConfigError::TxPower);
-    assert_eq!(encode(&config, &mut [0; PAGE_MAX]), Err(error));
+    assert_eq!(config.clone().check(), Err(ConfigError::TxPower));
     let mut body = [0; PAGE_MAX];
     let body = postcard::to_slice(&config, &mut body).unwrap();
     assert_eq!(decode(&forged(3, body.len() as u16, body)), Err(error));
@@ -143,7 +149,7 @@ fn values_are_checked_both_ways() {
 /// What a role remembers is void after some changes, and good after others.
 #[test]
 fn whose_memory_it_is() {
-    let before = node(Role::Camera(camera()));
+    let before = node(RoleConfig::Camera(camera()));
     let after = |change: fn(&mut Config)| {
         let mut config = before.clone();
         change(&mut config);
@@ -152,7 +158,7 @@ fn whose_memory_it_is() {
     };
     fn of(config: &mut Config) -> &mut CameraConfig {
         match &mut config.role {
-            Role::Camera(camera) => camera,
+            RoleConfig::Camera(camera) => camera,
             _ => unreachable!(),
         }
     }
@@ -160,8 +166,8 @@ fn whose_memory_it_is() {
         |c| c.id += 1,
         |c| c.site_key = SiteKey::new(2, *b"0123456789abcdef"),
         |c| c.site_key = SiteKey::new(1, *b"0123456789abcdeF"),
-        |c| c.role = Role::Target(target()),
-        |c| c.role = Role::Coordinator(coordinator(2)),
+        |c| c.role = RoleConfig::Target(target()),
+        |c| c.role = RoleConfig::Coordinator(coordinator(2)),
         |c| of(c).lens.columns = 87,
         |c| of(c).lens.field_of_view_deg = 46.0,
         |c| of(c).lens.principal_column = Some(43.0),
@@ -190,14 +196,14 @@ proptest! {
         // With a right header and checksum, the body is looked at.
         let forged = forged(3, bytes.len() as u16, &bytes);
         if let Ok(config) = decode(&forged) {
-            prop_assert_eq!(config.check(), Ok(()));
+            prop_assert_eq!(Config::clone(&config).check(), Ok(config));
         }
     }
 
     /// A burst of up to 32 bits is always found, as for any CRC-32.
     #[test]
     fn no_damaged_page_is_believed(at in 0_usize..40, flips in 1_u32..) {
-        let good = page(&node(Role::Camera(camera())));
+        let good = page(&node(RoleConfig::Camera(camera())));
         let mut bad = good.clone();
         for (byte, flip) in bad[at..].iter_mut().zip(flips.to_le_bytes()) {
             *byte ^= flip;
@@ -213,19 +219,22 @@ proptest! {
         let mut camera = camera();
         camera.lens = Lens::pin_hole(columns, view);
         let role = match kind {
-            0 => Role::Camera(camera),
-            1 => Role::Target(target()),
-            _ => Role::Coordinator(coordinator(devices)),
+            0 => RoleConfig::Camera(camera),
+            1 => RoleConfig::Target(target()),
+            _ => RoleConfig::Coordinator(coordinator(devices)),
         };
         let mut config = node(role);
         config.id = id;
         config.first_counter = first_counter;
         config.site_key = SiteKey::new(index, key);
         let mut buffer = [0; PAGE_MAX];
-        match encode(&config, &mut buffer) {
-            Ok(_) => prop_assert_eq!(decode(&buffer), Ok(config)),
+        match config.clone().check() {
+            Ok(config) => {
+                encode(&config, &mut buffer).unwrap();
+                prop_assert_eq!(decode(&buffer), Ok(config));
+            }
             Err(error) => {
-                prop_assert_eq!(error, PageError::Value(ConfigError::SiteKey));
+                prop_assert_eq!(error, ConfigError::SiteKey);
                 prop_assert!(config.site_key.key().is_none());
             }
         }

@@ -1,27 +1,30 @@
-//! Messages that wait for being sent.
+//! Messages that are sent once.
 
 use zigbee_link::{Instant, wire::ShortAddress};
 
+use super::Output;
 use crate::{log::debug, message::Message};
 
-/// Answers and other messages that are sent once, each when it is due.
+/// Answers and other messages that are sent once, each when it is due. Who misses one asks again:
+/// what has to be told until it is delivered is one of the
+/// [`Notifications`](super::Notifications).
 #[derive(Clone, Debug)]
-pub(crate) struct Outbox<Errand, const N: usize> {
-    waiting: heapless::Vec<Letter<Errand>, N>,
+pub(crate) struct Outbox<Notification, const N: usize> {
+    queue: heapless::Vec<Queued<Notification>, N>,
 }
 
 #[derive(Clone, Debug)]
-struct Letter<Errand> {
+struct Queued<Notification> {
     due: Instant,
     to: ShortAddress,
     message: Message,
-    errand: Option<Errand>,
+    notification: Option<Notification>,
 }
 
-impl<Errand, const N: usize> Outbox<Errand, N> {
+impl<Notification, const N: usize> Outbox<Notification, N> {
     pub(crate) const fn new() -> Self {
         Self {
-            waiting: heapless::Vec::new(),
+            queue: heapless::Vec::new(),
         }
     }
 
@@ -31,15 +34,15 @@ impl<Errand, const N: usize> Outbox<Errand, N> {
         due: Instant,
         to: ShortAddress,
         message: Message,
-        errand: Option<Errand>,
+        notification: Option<Notification>,
     ) -> bool {
-        let letter = Letter {
+        let queued = Queued {
             due,
             to,
             message,
-            errand,
+            notification,
         };
-        let has_room = self.waiting.push(letter).is_ok();
+        let has_room = self.queue.push(queued).is_ok();
         if !has_room {
             debug!("a message is lost: the outbox is full");
         }
@@ -47,14 +50,23 @@ impl<Errand, const N: usize> Outbox<Errand, N> {
     }
 
     /// The first that is due.
-    pub(crate) fn pop(&mut self, now: Instant) -> Option<(ShortAddress, Message, Option<Errand>)> {
-        let place = self.waiting.iter().position(|letter| letter.due <= now)?;
-        let letter = self.waiting.remove(place);
-        Some((letter.to, letter.message, letter.errand))
+    pub(crate) fn take_due<Task>(&mut self, now: Instant) -> Option<Output<Notification, Task>> {
+        let place = self.queue.iter().position(|queued| queued.due <= now)?;
+        let queued = self.queue.remove(place);
+        Some(Output::Send {
+            to: queued.to,
+            message: queued.message,
+            notification: queued.notification,
+        })
     }
 
     /// When the next one is due.
-    pub(crate) fn deadline(&self) -> Option<Instant> {
-        self.waiting.iter().map(|letter| letter.due).min()
+    pub(crate) fn next_due(&self) -> Option<Instant> {
+        self.queue.iter().map(|queued| queued.due).min()
+    }
+
+    /// Nothing of it is to be sent any more.
+    pub(crate) fn clear(&mut self) {
+        self.queue.clear();
     }
 }

@@ -1,20 +1,20 @@
 //! What members told of themselves: a table that is written down.
 
+use super::Unsaved;
 use crate::{
-    memory::Fact,
-    message::{Address, MEMBERS, Report},
+    limits::MEMBERS,
+    memory::{Fact, FactKey, KEYS_PER_LIST},
+    message::{MemberAddress, Report},
 };
 
 /// A member: its report, and what else is known of it.
 #[derive(Clone, Debug)]
 pub(crate) struct Member<T> {
-    pub(crate) address: Address,
+    pub(crate) address: MemberAddress,
     /// What it told of itself last.
     pub(crate) report: Option<Report>,
     /// Where that is written down, or is to be.
     slot: Option<u8>,
-    /// It is to be.
-    unsaved: bool,
     pub(crate) more: T,
 }
 
@@ -22,16 +22,13 @@ pub(crate) struct Member<T> {
 #[derive(Clone, Debug)]
 pub(crate) struct Reports<T> {
     members: heapless::Vec<Member<T>, MEMBERS>,
-    /// Slots that are to be emptied.
-    emptied: u32,
 }
 
 impl<T: Default> Reports<T> {
     pub(crate) const fn new() -> Self {
-        const { assert!(MEMBERS <= u32::BITS as usize) };
+        const { assert!(MEMBERS <= KEYS_PER_LIST as usize) };
         Self {
             members: heapless::Vec::new(),
-            emptied: 0,
         }
     }
 
@@ -44,16 +41,16 @@ impl<T: Default> Reports<T> {
     }
 
     /// What is known of a member.
-    pub(crate) fn get(&mut self, address: Address) -> Option<&mut T> {
+    pub(crate) fn get(&mut self, address: MemberAddress) -> Option<&mut T> {
         let mut members = self.members.iter_mut();
         let member = members.find(|member| member.address == address)?;
         Some(&mut member.more)
     }
 
     /// The member with this address, made if there is room.
-    // Not inlined: for the sake of flash.
+    // size
     #[inline(never)]
-    pub(crate) fn of(&mut self, address: Address) -> Option<&mut Member<T>> {
+    pub(crate) fn of(&mut self, address: MemberAddress) -> Option<&mut Member<T>> {
         let known = |member: &Member<T>| member.address == address;
         let place = match self.members.iter().position(known) {
             Some(place) => place,
@@ -62,7 +59,6 @@ impl<T: Default> Reports<T> {
                     address,
                     report: None,
                     slot: None,
-                    unsaved: false,
                     more: T::default(),
                 };
                 self.members.push(new).ok()?;
@@ -73,7 +69,12 @@ impl<T: Default> Reports<T> {
     }
 
     /// Takes what was written down in this slot.
-    pub(crate) fn restore(&mut self, slot: u8, address: Address, report: Report) -> Option<&mut T> {
+    pub(crate) fn restore(
+        &mut self,
+        slot: u8,
+        address: MemberAddress,
+        report: Report,
+    ) -> Option<&mut T> {
         let member = self.of(address)?;
         member.slot = Some(slot);
         member.report = Some(report);
@@ -81,48 +82,51 @@ impl<T: Default> Reports<T> {
     }
 
     /// A member told how far it is.
-    pub(crate) fn report(&mut self, address: Address, report: Report) -> Option<&mut T> {
-        // Not its place in the table: a table that was recalled has no gaps, and then one camera
+    pub(crate) fn report(
+        &mut self,
+        address: MemberAddress,
+        report: Report,
+        unsaved: &mut Unsaved,
+    ) -> Option<&mut T> {
+        // Not its place in the table: a table that was restored has no gaps, and then one camera
         // would be written over another.
         let is_used = |slot: &u8| self.members.iter().any(|m| m.slot == Some(*slot));
         let free = (0..MEMBERS as u8).find(|slot| !is_used(slot));
         let member = self.of(address)?;
-        member.unsaved |= member.report != Some(report);
         member.slot = member.slot.or(free);
-        member.report = Some(report);
+        debug_assert!(member.slot.is_some(), "there are as many slots as members");
+        if member.report.replace(report) != Some(report)
+            && let Some(slot) = member.slot
+        {
+            unsaved.insert(FactKey::Camera(slot));
+        }
         Some(&mut member.more)
     }
 
     /// Nobody is known any more.
-    pub(crate) fn clear(&mut self) {
-        self.retain(|_| false);
+    pub(crate) fn clear(&mut self, unsaved: &mut Unsaved) {
+        self.retain(|_| false, unsaved);
     }
 
     /// This member is not known any more.
-    pub(crate) fn remove(&mut self, address: Address) {
-        self.retain(|member| member.address != address);
+    pub(crate) fn remove(&mut self, address: MemberAddress, unsaved: &mut Unsaved) {
+        self.retain(|member| member.address != address, unsaved);
     }
 
-    fn retain(&mut self, is_kept: impl Fn(&Member<T>) -> bool) {
+    fn retain(&mut self, is_kept: impl Fn(&Member<T>) -> bool, unsaved: &mut Unsaved) {
         let gone = self.members.iter().filter(|member| !is_kept(member));
-        let slots = gone.filter_map(|member| member.slot);
-        self.emptied = slots.fold(self.emptied, |slots, slot| {
-            slots | 1_u32.checked_shl(slot.into()).unwrap_or_default()
-        });
+        for slot in gone.filter_map(|member| member.slot) {
+            unsaved.insert(FactKey::Camera(slot));
+        }
         self.members.retain(is_kept);
     }
 
-    /// The next fact to write down. None is ever lost: what is written is what is known then.
-    pub(crate) fn unsaved(&mut self) -> Option<Fact> {
-        if self.emptied != 0 {
-            let slot = self.emptied.trailing_zeros();
-            self.emptied &= self.emptied - 1;
-            return Some(Fact::Camera(slot as u8, None));
-        }
-        self.members.iter_mut().find_map(|member| {
-            let report = core::mem::take(&mut member.unsaved).then_some(member.report?)?;
-            Some(Fact::Camera(member.slot?, Some((member.address, report))))
-        })
+    /// What is to be written in this slot.
+    pub(crate) fn fact(&self, slot: u8) -> Fact {
+        let mut members = self.members.iter();
+        let member = members.find(|member| member.slot == Some(slot));
+        let told = member.and_then(|member| Some((member.address, member.report?)));
+        Fact::Camera(slot, told)
     }
 }
 
@@ -131,7 +135,7 @@ mod tests {
     use std::vec::Vec;
 
     use super::*;
-    use crate::message::State;
+    use crate::message::CameraState;
 
     const fn report(id: u16) -> Report {
         Report {
@@ -141,55 +145,62 @@ mod tests {
             used: 0,
             chi_squared: 0.0,
             done: false,
-            state: State::Waiting,
+            state: CameraState::Waiting,
         }
     }
 
-    fn written(reports: &mut Reports<()>) -> Vec<(u8, Option<Address>)> {
-        let facts = core::iter::from_fn(|| reports.unsaved());
-        facts
-            .map(|fact| match fact {
-                Fact::Camera(slot, kept) => (slot, kept.map(|(address, _)| address)),
+    fn written(reports: &Reports<()>, unsaved: &mut Unsaved) -> Vec<(u8, Option<MemberAddress>)> {
+        let keys = core::iter::from_fn(|| unsaved.take());
+        keys.map(|key| match key {
+            FactKey::Camera(slot) => match reports.fact(slot) {
+                Fact::Camera(slot, told) => (slot, told.map(|(address, _)| address)),
                 other => panic!("{other:?}"),
-            })
-            .collect()
+            },
+            other => panic!("{other:?}"),
+        })
+        .collect()
     }
 
     #[test]
     fn slots_are_given_once() {
         let mut reports = Reports::<()>::new();
+        let mut unsaved = Unsaved::new();
         for (slot, address) in [(1, 10), (0, 11), (3, 12)] {
             reports.restore(slot, address, report(0));
         }
         for address in [20, 10, 21] {
-            reports.report(address, report(1));
+            reports.report(address, report(1), &mut unsaved);
         }
         // As told before: nothing to write.
-        reports.report(11, report(0));
+        reports.report(11, report(0), &mut unsaved);
         let expected = [(1, Some(10)), (2, Some(20)), (4, Some(21))];
-        assert_eq!(written(&mut reports), expected);
+        assert_eq!(written(&reports, &mut unsaved), expected);
         for address in 100..150 {
-            reports.report(address, report(1));
+            reports.report(address, report(1), &mut unsaved);
         }
-        let slots = written(&mut reports);
+        let slots = written(&reports, &mut unsaved);
         assert_eq!(slots.len(), MEMBERS - 5);
         assert!(reports.iter().all(|member| member.slot.is_some()));
     }
 
     #[test]
-    fn what_is_forgotten_is_erased_before_others_take_its_room() {
+    fn what_is_forgotten_is_erased_or_replaced() {
         let mut reports = Reports::<()>::new();
+        let mut unsaved = Unsaved::new();
         for (slot, address) in [(1, 10), (31, 11)] {
             reports.restore(slot, address, report(0));
         }
-        reports.clear();
+        reports.clear(&mut unsaved);
         assert_eq!(reports.iter().count(), 0);
-        reports.report(12, report(1));
-        reports.report(13, report(1));
-        let expected = [(1, None), (31, None), (0, Some(12)), (1, Some(13))];
-        assert_eq!(written(&mut reports), expected);
-        reports.remove(12);
-        reports.report(14, report(1));
-        assert_eq!(written(&mut reports), [(0, None), (0, Some(14))]);
+        let erased = [(1, None), (31, None)];
+        assert_eq!(written(&reports, &mut unsaved.clone()), erased);
+        reports.report(12, report(1), &mut unsaved);
+        reports.report(13, report(1), &mut unsaved);
+        let expected = [(0, Some(12)), (1, Some(13)), (31, None)];
+        assert_eq!(written(&reports, &mut unsaved), expected);
+        reports.remove(12, &mut unsaved);
+        assert_eq!(written(&reports, &mut unsaved.clone()), [(0, None)]);
+        reports.report(14, report(1), &mut unsaved);
+        assert_eq!(written(&reports, &mut unsaved), [(0, Some(14))]);
     }
 }

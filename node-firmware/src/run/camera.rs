@@ -2,64 +2,57 @@
 
 use core::{convert::Infallible, pin::pin};
 
+use calib_core::camera::Camera;
 use cmucam2_driver::Cmucam2;
 use embassy_futures::select::{Either, Either3, select, select3};
-use embedded_io_async::{Read, Write};
-use embedded_storage_async::nor_flash::NorFlash;
 use flash_log::LogError;
 use zigbee_link::{Instant, runner::Clock};
 
 use super::{
-    ClockDelay,
-    apart::Apart,
-    drive::{Actor, AtDesk, Desk, Events, Surroundings, Tasks, drive},
+    ClockDelay, FlashError,
+    drive::{AnyDriver, DeviceChannels, Events, RoleDriver, Services, Tasks, drive},
+    outlined::Outlined,
 };
 use crate::{
     config::{CameraConfig, Subjects},
-    hardware::{Buttons, Indicator, Observer},
+    hardware::{Buttons, Hardware},
     log::warning,
-    message::{Command, Done, Seen, Sight, Tracked},
-    role::camera::{Camera, Event, Task},
-    sight::{BlobCamera, Cmucam2Sight, Judge, Look, SightError, Subject, look},
+    message::{CameraCommand, CommandResult, Seen, Sight, TrackedBlob},
+    role::camera::{CameraEvent, CameraRole, CameraTask},
+    vision::{BlobCamera, Cmucam2BlobCamera, Judge, Look, Subject, VisionError, look},
 };
 
 /// After a start-up that failed. Doubled each time, up to [`PAUSE_MAX_US`].
 const PAUSE_US: u64 = 1_000_000;
 const PAUSE_MAX_US: u64 = 32_000_000;
 
-pub(super) async fn run<C, F, O, U, B, I>(
-    id: u16,
+pub(super) async fn run<H: Hardware>(
+    (id, optics): (u16, Camera<f32>),
     config: &CameraConfig,
-    surroundings: Surroundings<'_, C, F, O, I>,
-    (uart, mut buttons): (U, B),
-) -> LogError<F::Error>
-where
-    C: Clock,
-    F: NorFlash,
-    O: Observer,
-    U: Read + Write,
-    B: Buttons,
-    I: Indicator,
-{
-    let clock = surroundings.clock;
-    let desk = Desk::new();
-    let mut role = Camera::new(id, config.clone());
-    let driven = drive(Actor::Camera(AtDesk::new(&mut role, &desk)), surroundings);
-    let camera = Cmucam2Sight::new(Cmucam2::new(uart, ClockDelay(clock)), config.cmucam2());
-    let eye = Eye {
+    services: Services<'_, H>,
+    (uart, mut buttons): (H::Uart, H::Buttons),
+) -> LogError<FlashError<H>> {
+    let clock = services.clock;
+    let channels = DeviceChannels::new();
+    let mut role = CameraRole::new(id, config.clone());
+    let driver = AnyDriver::Camera(RoleDriver::new(&mut role, &channels));
+    let driven = drive(driver, services);
+    let camera = Cmucam2BlobCamera::new(Cmucam2::new(uart, ClockDelay(clock)), config.cmucam2());
+    let device = CameraDevice {
         camera,
         config,
+        optics,
         subjects: config.subjects.clone(),
         clock,
     };
-    let watched = eye.serve(desk.tasks.receiver(), desk.events.sender());
+    let watched = device.serve(channels.tasks.receiver(), channels.events.sender());
     let pressed = async {
         loop {
             let button = buttons.pressed().await;
-            desk.events.send(Event::Button(button)).await;
+            channels.events.send(CameraEvent::Button(button)).await;
         }
     };
-    match select3(pin!(driven), Apart(pin!(watched)), pressed).await {
+    match select3(pin!(driven), Outlined(pin!(watched)), pressed).await {
         Either3::First(error) => error,
         Either3::Second(never) => match never {},
         Either3::Third(never) => never,
@@ -67,29 +60,24 @@ where
 }
 
 /// The camera, and what it looks for.
-struct Eye<'a, K, C> {
+struct CameraDevice<'a, K, C> {
     camera: K,
     config: &'a CameraConfig,
+    optics: Camera<f32>,
     /// Colours may be learnt anew.
     subjects: Subjects,
     clock: &'a C,
 }
 
-impl<K: BlobCamera, C: Clock> Eye<'_, K, C> {
-    async fn serve(mut self, tasks: Tasks<'_, Task>, events: Events<'_, Event>) -> Infallible {
-        let Ok(mut judge) = self.config.judge() else {
-            // Refused where configurations are checked.
-            loop {
-                let event = match tasks.receive().await {
-                    Task::Look { .. } => Event::Looked(Sight::Failed, None),
-                    Task::Command(command) => done(command, false),
-                    Task::Recall(_) => continue,
-                };
-                events.send(event).await;
-            }
-        };
+impl<K: BlobCamera, C: Clock> CameraDevice<'_, K, C> {
+    async fn serve(
+        mut self,
+        tasks: Tasks<'_, CameraTask>,
+        events: Events<'_, CameraEvent>,
+    ) -> Infallible {
+        let mut judge = self.config.judge(self.optics);
         self.wake().await;
-        events.send(Event::Ready).await;
+        events.send(CameraEvent::Ready).await;
         let mut next = None;
         loop {
             let task = match next.take() {
@@ -97,24 +85,24 @@ impl<K: BlobCamera, C: Clock> Eye<'_, K, C> {
                 None => tasks.receive().await,
             };
             match task {
-                Task::Look { colour } => {
+                CameraTask::Look { colour } => {
                     let (sight, seen) = self.look(colour, &mut judge).await;
-                    events.send(Event::Looked(sight, seen)).await;
+                    events.send(CameraEvent::Looked(sight, seen)).await;
                 }
-                Task::Command(Command::Track { colour }) => {
+                CameraTask::Command(CameraCommand::Track { colour }) => {
                     next = self.track(colour, &tasks, &events).await;
                 }
-                Task::Command(command) => {
+                CameraTask::Command(command) => {
                     let success = self.obey(command).await.is_ok_and(|done| done);
                     if success
-                        && let Command::LearnColour { colour } = command
+                        && let CameraCommand::LearnColour { colour } = command
                         && let Some(Subject::Colour(window)) = self.subjects.of_target(colour)
                     {
-                        events.send(Event::Learnt(colour, window)).await;
+                        events.send(CameraEvent::Learnt(colour, window)).await;
                     }
                     events.send(done(command, success)).await;
                 }
-                Task::Recall(windows) => {
+                CameraTask::Recall(windows) => {
                     for (colour, window) in (0..).zip(windows) {
                         if let Some(window) = window {
                             self.subjects.learn(colour, window);
@@ -138,7 +126,7 @@ impl<K: BlobCamera, C: Clock> Eye<'_, K, C> {
         }
     }
 
-    async fn start_up(&mut self) -> Result<(), SightError> {
+    async fn start_up(&mut self) -> Result<(), VisionError> {
         self.camera.start_up().await?;
         // The target is not there yet, or it is and the background is learnt again later.
         if let Subjects::Motion { .. } = self.subjects {
@@ -152,13 +140,7 @@ impl<K: BlobCamera, C: Clock> Eye<'_, K, C> {
             return (Sight::NotInView, None);
         };
         match look(&mut self.camera, subject, judge).await {
-            Ok(Look::Steady(seen)) => {
-                let seen = Seen {
-                    bearing: seen.bearing,
-                    sigma: seen.sigma,
-                };
-                (Sight::InView, Some(seen))
-            }
+            Ok(Look::Steady(seen)) => (Sight::InView, Some(seen)),
             Ok(Look::Nothing) => (Sight::NotInView, None),
             Ok(Look::Clipped | Look::Lopsided) => (Sight::Clipped, None),
             Ok(Look::Unsteady) => (Sight::Unsteady, None),
@@ -174,16 +156,16 @@ impl<K: BlobCamera, C: Clock> Eye<'_, K, C> {
     }
 
     /// Whether it could be done.
-    async fn obey(&mut self, command: Command) -> Result<bool, SightError> {
+    async fn obey(&mut self, command: CameraCommand) -> Result<bool, VisionError> {
         match command {
-            Command::Initialise => self.start_up().await?,
-            Command::LearnColour { colour } if self.subjects.has_room_for(colour) => {
+            CameraCommand::Initialise => self.start_up().await?,
+            CameraCommand::LearnColour { colour } if self.subjects.has_room_for(colour) => {
                 let window = self.camera.learn_colour().await?;
                 self.subjects.learn(colour, window);
             }
-            Command::LearnColour { .. } => return Ok(false),
-            Command::LearnBackground => self.camera.learn_background().await?,
-            Command::Track { .. } | Command::StopTracking | Command::Forget => {}
+            CameraCommand::LearnColour { .. } => return Ok(false),
+            CameraCommand::LearnBackground => self.camera.learn_background().await?,
+            CameraCommand::Track { .. } | CameraCommand::StopTracking | CameraCommand::Forget => {}
         }
         Ok(true)
     }
@@ -192,10 +174,10 @@ impl<K: BlobCamera, C: Clock> Eye<'_, K, C> {
     async fn track(
         &mut self,
         colour: u8,
-        tasks: &Tasks<'_, Task>,
-        events: &Events<'_, Event>,
-    ) -> Option<Task> {
-        let command = Command::Track { colour };
+        tasks: &Tasks<'_, CameraTask>,
+        events: &Events<'_, CameraEvent>,
+    ) -> Option<CameraTask> {
+        let command = CameraCommand::Track { colour };
         let begun = match self.subjects.of_target(colour) {
             Some(subject) => self.camera.begin(subject).await.is_ok(),
             None => false,
@@ -210,13 +192,13 @@ impl<K: BlobCamera, C: Clock> Eye<'_, K, C> {
                 Either::Second(Ok(blob)) => {
                     let packet = blob.map_or([0; 8], |blob| blob.packet);
                     let [x, y, x1, y1, x2, y2, pixels, confidence] = packet;
-                    let tracked = Tracked {
+                    let tracked = TrackedBlob {
                         middle: [x, y],
                         edges: [x1, y1, x2, y2],
                         pixels,
                         confidence,
                     };
-                    events.send(Event::Tracked(tracked)).await;
+                    events.send(CameraEvent::Tracked(tracked)).await;
                 }
                 Either::Second(Err(_)) => break None,
             }
@@ -226,6 +208,6 @@ impl<K: BlobCamera, C: Clock> Eye<'_, K, C> {
     }
 }
 
-const fn done(command: Command, success: bool) -> Event {
-    Event::Done(Done { command, success })
+const fn done(command: CameraCommand, success: bool) -> CameraEvent {
+    CameraEvent::Done(CommandResult { command, success })
 }

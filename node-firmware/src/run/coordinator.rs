@@ -4,58 +4,47 @@ use core::{convert::Infallible, pin::pin, time::Duration};
 
 use embassy_futures::select::{Either, Either3, select, select3};
 use embedded_io_async::{Read, Write};
-use embedded_storage_async::nor_flash::NorFlash;
 use flash_log::LogError;
 use zigbee_link::{Instant, runner::Clock, wire::ShortAddress};
 
 use super::{
-    SharedNode,
-    apart::Apart,
-    drive::{Actor, AtDesk, Desk, Events, Surroundings, Tasks, drive},
+    FlashError, SharedNode,
+    drive::{AnyDriver, DeviceChannels, Events, RoleDriver, Services, Tasks, drive},
+    outlined::Outlined,
 };
 use crate::{
     config::CoordinatorConfig,
     console::{self, FRAME_MAX, Frames, KeyChange, ToPc},
-    hardware::{Buttons, Indicator, Observer},
-    role::coordinator::{Coordinator, Event, Task},
+    hardware::{Buttons, Hardware},
+    role::coordinator::{CoordinatorEvent, CoordinatorRole, CoordinatorTask},
 };
 
 /// The longest frame takes a tenth of it at 9600 baud.
 const PATIENCE_US: u64 = 1_000_000;
 
-pub(super) async fn run<C, F, O, U, B, I>(
+pub(super) async fn run<H: Hardware>(
     config: &CoordinatorConfig,
-    surroundings: Surroundings<'_, C, F, O, I>,
-    (uart, mut buttons): (U, B),
-) -> LogError<F::Error>
-where
-    C: Clock,
-    F: NorFlash,
-    O: Observer,
-    U: Read + Write,
-    B: Buttons,
-    I: Indicator,
-{
-    let Surroundings { shared, clock, .. } = surroundings;
-    let desk = Desk::new();
-    let mut role = Coordinator::new();
+    services: Services<'_, H>,
+    (uart, mut buttons): (H::Uart, H::Buttons),
+) -> LogError<FlashError<H>> {
+    let Services { shared, clock, .. } = services;
+    let channels = DeviceChannels::new();
+    let mut role = CoordinatorRole::new();
     if config.join_window_s > 0 {
         let window = Duration::from_secs(config.join_window_s.into());
         shared.with(|node, now| node.open_join_window(now, window));
     }
-    let events = desk.events.sender();
-    let driven = drive(
-        Actor::Coordinator(AtDesk::new(&mut role, &desk)),
-        surroundings,
-    );
-    let line = line(uart, shared, clock, desk.tasks.receiver(), events);
+    let events = channels.events.sender();
+    let driver = AnyDriver::Coordinator(RoleDriver::new(&mut role, &channels));
+    let driven = drive(driver, services);
+    let line = line::<H>(uart, shared, clock, channels.tasks.receiver(), events);
     let pressed = async {
         loop {
             let button = buttons.pressed().await;
-            events.send(Event::Button(button)).await;
+            events.send(CoordinatorEvent::Button(button)).await;
         }
     };
-    match select3(pin!(driven), Apart(pin!(line)), pressed).await {
+    match select3(pin!(driven), Outlined(pin!(line)), pressed).await {
         Either3::First(error) => error,
         Either3::Second(never) => match never {},
         Either3::Third(never) => never,
@@ -64,12 +53,12 @@ where
 
 /// The PC, or nobody: what is written to a line without a reader is lost, and what it does not take
 /// within [`PATIENCE_US`]. A line that fails is tried again with the next task.
-async fn line<C: Clock, U: Read + Write>(
-    mut uart: U,
-    shared: &SharedNode<&C>,
-    clock: &C,
-    tasks: Tasks<'_, Task>,
-    events: Events<'_, Event>,
+async fn line<H: Hardware>(
+    mut uart: H::Uart,
+    shared: &SharedNode<'_, H>,
+    clock: &H::Clock,
+    tasks: Tasks<'_, CoordinatorTask>,
+    events: Events<'_, CoordinatorEvent>,
 ) -> Infallible {
     let mut frames = Frames::default();
     let mut bytes = [0; 32];
@@ -85,7 +74,7 @@ async fn line<C: Clock, U: Read + Write>(
         match select(tasks.receive(), read).await {
             Either::First(task) => {
                 let mut frame = [0; FRAME_MAX];
-                if let Some(message) = perform(shared, task)
+                if let Some(message) = perform::<H>(shared, task)
                     && let Some(frame) = console::encode(&message, &mut frame)
                 {
                     let until = Instant(clock.now().0.saturating_add(PATIENCE_US));
@@ -97,7 +86,7 @@ async fn line<C: Clock, U: Read + Write>(
                 is_open = count > 0;
                 for &byte in bytes.get(..count).unwrap_or_default() {
                     if let Some(wish) = frames.push(byte) {
-                        events.send(Event::Pc(wish)).await;
+                        events.send(CoordinatorEvent::Pc(wish)).await;
                     }
                 }
             }
@@ -107,27 +96,27 @@ async fn line<C: Clock, U: Read + Write>(
 }
 
 /// Does a task as far as it is the network's, and returns what the PC is to be told.
-fn perform<C: Clock>(shared: &SharedNode<&C>, task: Task) -> Option<ToPc> {
+fn perform<H: Hardware>(shared: &SharedNode<'_, H>, task: CoordinatorTask) -> Option<ToPc> {
     shared.with(|node, now| {
         match task {
-            Task::Tell(message) => return Some(message),
-            Task::OpenJoinWindow(window) => {
+            CoordinatorTask::Tell(message) => return Some(message),
+            CoordinatorTask::OpenJoinWindow(window) => {
                 node.open_join_window(now, window);
                 return None;
             }
-            Task::Remove(address) => {
+            CoordinatorTask::Remove(address) => {
                 let short = ShortAddress(address);
                 let member = node.members().find(|member| member.short == short);
                 let success = member.is_some_and(|member| node.remove(now, member.extended));
                 return Some(ToPc::Removed { address, success });
             }
-            Task::ChangeKey(key) => {
+            CoordinatorTask::ChangeKey(key) => {
                 let begun = key.key().map(|key| node.change_key(key));
                 if !matches!(begun, Some(Ok(()))) {
                     return Some(ToPc::KeyChange(None));
                 }
             }
-            Task::TellKeyChange => {}
+            CoordinatorTask::TellKeyChange => {}
         }
         Some(ToPc::KeyChange(node.key_change().map(|change| KeyChange {
             index: change.index,

@@ -1,4 +1,5 @@
-//! A role between its link, its memory and its devices.
+//! Drives a role: it is told what comes from its link, its devices and the clock, and asked what it
+//! wants, which is then done.
 
 use core::{
     future::poll_fn,
@@ -11,36 +12,37 @@ use embassy_sync::{
     blocking_mutex::raw::NoopRawMutex,
     channel::{Channel, Receiver, Sender, TrySendError},
 };
-use embedded_storage_async::nor_flash::NorFlash;
 use flash_log::LogError;
 use zigbee_link::{
     Instant,
     link::{Delivery, SendError, Ticket},
-    network::Status,
+    network::NetworkStatus,
     runner::{Clock, Happened},
     wire::ShortAddress,
 };
 
-use super::{QUEUE, SharedNode, apart::Apart};
+use super::{FlashError, FlashPart, QUEUE, SharedNode, outlined::Outlined};
 use crate::{
-    hardware::{Indicator, Observer},
+    hardware::{Hardware, Indicator, Observer},
     log::debug,
     memory::{Fact, Memory},
     message::Message,
-    role::{Output, Role, camera::Camera, coordinator::Coordinator, target::Target},
+    role::{
+        Output, Role, camera::CameraRole, coordinator::CoordinatorRole, moving_target::TargetRole,
+    },
 };
 
 /// Tasks or events that wait. Devices that are slower make the role keep its next task to itself;
 /// a role that is slower makes its devices wait.
 const WAITING: usize = 4;
 
-/// What a role and its devices tell each other.
-pub(super) struct Desk<T, E> {
+/// The two channels between a role and its devices: tasks go to the devices, events come back.
+pub(super) struct DeviceChannels<T, E> {
     pub(super) tasks: Channel<NoopRawMutex, T, WAITING>,
     pub(super) events: Channel<NoopRawMutex, E, WAITING>,
 }
 
-impl<T, E> Desk<T, E> {
+impl<T, E> DeviceChannels<T, E> {
     pub(super) const fn new() -> Self {
         Self {
             tasks: Channel::new(),
@@ -49,82 +51,86 @@ impl<T, E> Desk<T, E> {
     }
 }
 
-/// The devices' side of a desk.
+/// Where devices get their tasks.
 pub(super) type Tasks<'a, T> = Receiver<'a, NoopRawMutex, T, WAITING>;
-/// The devices' side of a desk.
+/// Where devices put their events.
 pub(super) type Events<'a, E> = Sender<'a, NoopRawMutex, E, WAITING>;
 
-/// What all roles have around them.
-pub(super) struct Surroundings<'a, C, F, O, I> {
-    pub(super) shared: &'a SharedNode<&'a C>,
-    pub(super) clock: &'a C,
-    pub(super) memory: &'a mut Memory<F>,
-    pub(super) observer: &'a mut O,
-    pub(super) indicator: &'a mut I,
+/// What every role uses of its node.
+pub(super) struct Services<'a, H: Hardware> {
+    pub(super) shared: &'a SharedNode<'a, H>,
+    pub(super) clock: &'a H::Clock,
+    pub(super) memory: &'a mut Memory<FlashPart<'a, H>>,
+    pub(super) observer: &'a mut H::Observer,
+    pub(super) indicator: &'a mut H::Indicator,
 }
 
-/// Any role at its desk: so [`drive`] is in an image once, not once for each role.
-pub(super) enum Actor<'a> {
-    Coordinator(AtDesk<'a, Coordinator>),
-    Camera(AtDesk<'a, Camera>),
-    Target(AtDesk<'a, Target>),
+/// The driver of whichever role a node has: so [`drive`] is in an image once, not once for each.
+pub(super) enum AnyDriver<'a> {
+    Coordinator(RoleDriver<'a, CoordinatorRole>),
+    Camera(RoleDriver<'a, CameraRole>),
+    Target(RoleDriver<'a, TargetRole>),
 }
 
 /// The same with whichever role it is.
 macro_rules! whichever {
-    ($actor:expr, $role:ident => $action:expr) => {
-        match $actor {
-            Actor::Coordinator($role) => $action,
-            Actor::Camera($role) => $action,
-            Actor::Target($role) => $action,
+    ($any:expr, $driver:ident => $action:expr) => {
+        match $any {
+            AnyDriver::Coordinator($driver) => $action,
+            AnyDriver::Camera($driver) => $action,
+            AnyDriver::Target($driver) => $action,
         }
     };
 }
 
-/// A role, its desk, and what it waits for.
-pub(super) struct AtDesk<'a, R: Role> {
+/// A role, and what it wanted that is not done yet.
+pub(super) struct RoleDriver<'a, R: Role> {
     role: &'a mut R,
-    desk: &'a Desk<R::Task, R::Event>,
-    on_the_way: heapless::Vec<(Ticket, R::Errand), QUEUE>,
-    /// For which the link had no room.
-    held: Option<(ShortAddress, Message, Option<R::Errand>)>,
-    /// For which the devices had no time.
-    held_task: Option<R::Task>,
+    devices: &'a DeviceChannels<R::Task, R::Event>,
+    /// Messages with the link of which the role wants to know the result.
+    in_flight: heapless::Vec<(Ticket, R::Notification), QUEUE>,
+    /// A message for which the link had no room.
+    pending_message: Option<(ShortAddress, Message, Option<R::Notification>)>,
+    /// A task for which the devices had no time.
+    pending_task: Option<R::Task>,
 }
 
-impl<'a, R: Role> AtDesk<'a, R> {
-    pub(super) const fn new(role: &'a mut R, desk: &'a Desk<R::Task, R::Event>) -> Self {
+impl<'a, R: Role> RoleDriver<'a, R> {
+    pub(super) const fn new(
+        role: &'a mut R,
+        devices: &'a DeviceChannels<R::Task, R::Event>,
+    ) -> Self {
         Self {
             role,
-            desk,
-            on_the_way: heapless::Vec::new(),
-            held: None,
-            held_task: None,
+            devices,
+            in_flight: heapless::Vec::new(),
+            pending_message: None,
+            pending_task: None,
         }
     }
 }
 
-impl<R: Role> AtDesk<'_, R> {
-    // These are not inlined: the roles need the stack, and each would be there in full, each time.
+impl<R: Role> RoleDriver<'_, R> {
+    // None is inlined: roles need much of the stack, and would be in `drive` in full, each time.
 
-    #[inline(never)]
-    fn message(&mut self, now: Instant, from: ShortAddress, message: &Message) {
-        self.role.message(now, from, message);
+    #[inline(never)] // stack
+    fn on_message(&mut self, now: Instant, from: ShortAddress, message: &Message) {
+        self.role.on_message(now, from, message);
     }
 
     /// What became of a message that was posted.
-    #[inline(never)]
-    fn settled(&mut self, now: Instant, ticket: Ticket, delivered: bool) {
-        if let Some(place) = self.on_the_way.iter().position(|(on, _)| *on == ticket) {
-            let (_, errand) = self.on_the_way.swap_remove(place);
-            self.role.sent(now, errand, delivered);
+    #[inline(never)] // stack
+    fn on_settled(&mut self, now: Instant, ticket: Ticket, delivered: bool) {
+        if let Some(place) = self.in_flight.iter().position(|(on, _)| *on == ticket) {
+            let (_, notification) = self.in_flight.swap_remove(place);
+            self.role.on_sent(now, notification, delivered);
         }
     }
 
     /// Does what the role wants, until it wants nothing more or has to wait for the link or its
     /// devices. Returns what is to be written down before anything else is done; call it again
     /// then.
-    #[inline(never)]
+    #[inline(never)] // stack
     fn act(
         &mut self,
         now: Instant,
@@ -133,92 +139,86 @@ impl<R: Role> AtDesk<'_, R> {
         // Where it has to wait, for the link or for its devices, it goes on hearing: these may
         // wait for it, too.
         loop {
-            if let Some(task) = self.held_task.take()
-                && let Err(TrySendError::Full(task)) = self.desk.tasks.try_send(task)
+            if let Some(task) = self.pending_task.take()
+                && let Err(TrySendError::Full(task)) = self.devices.tasks.try_send(task)
             {
-                self.held_task = Some(task);
+                self.pending_task = Some(task);
                 return None;
             }
-            if self.held.is_none() {
+            if self.pending_message.is_none() {
                 match self.role.poll(now)? {
                     Output::Send {
                         to,
                         message,
-                        errand,
-                    } => self.held = Some((to, message, errand)),
+                        notification,
+                    } => self.pending_message = Some((to, message, notification)),
                     Output::Save(fact) => return Some(fact),
                     Output::Task(task) => {
-                        self.held_task = Some(task);
+                        self.pending_task = Some(task);
                         continue;
                     }
                 }
             }
-            if let Some((to, message, errand)) = &self.held {
-                match (post(*to, message), *errand) {
+            if let Some((to, message, notification)) = &self.pending_message {
+                match (post(*to, message), *notification) {
                     (Err(SendError::QueueFull), _) => return None,
-                    (Ok(ticket), Some(errand)) => {
+                    (Ok(ticket), Some(notification)) => {
                         // As many as the queue of the link has places.
-                        let _ = self.on_the_way.push((ticket, errand));
+                        let _ = self.in_flight.push((ticket, notification));
                     }
-                    (Err(error), errand) => {
+                    (Err(error), notification) => {
                         debug!("not sent: {}", error);
-                        if let Some(errand) = errand {
-                            self.role.sent(now, errand, false);
+                        if let Some(notification) = notification {
+                            self.role.on_sent(now, notification, false);
                         }
                     }
                     (Ok(_), None) => {}
                 }
-                self.held = None;
+                self.pending_message = None;
             }
         }
     }
 
     /// When to act again, if nothing happens before.
-    #[inline(never)]
+    #[inline(never)] // stack
     fn deadline(&self) -> Option<Instant> {
         // Not before the link has room or the devices have time, which is something that happens.
-        let may_act = self.held.is_none() && self.held_task.is_none();
-        self.role.deadline().filter(|_| may_act)
+        let may_act = self.pending_message.is_none() && self.pending_task.is_none();
+        self.role.next_deadline().filter(|_| may_act)
     }
 
     /// Ready when there is reason to [`act`](Self::act): the devices told something, or can take
     /// the task that waits for them.
-    #[inline(never)]
+    #[inline(never)] // stack
     fn poll_devices(&mut self, now: Instant, context: &mut Context<'_>) -> Poll<()> {
-        if let Poll::Ready(event) = self.desk.events.poll_receive(context) {
-            self.role.event(now, event);
+        if let Poll::Ready(event) = self.devices.events.poll_receive(context) {
+            self.role.on_event(now, event);
             return Poll::Ready(());
         }
-        match self.held_task {
-            Some(_) => self.desk.tasks.poll_ready_to_send(context),
+        match self.pending_task {
+            Some(_) => self.devices.tasks.poll_ready_to_send(context),
             None => Poll::Pending,
         }
     }
 }
 
 /// Drives a role. Returns only when its memory failed.
-pub(super) async fn drive<C, F, O, I>(
-    mut actor: Actor<'_>,
-    surroundings: Surroundings<'_, C, F, O, I>,
-) -> LogError<F::Error>
-where
-    C: Clock,
-    F: NorFlash,
-    O: Observer,
-    I: Indicator,
-{
-    let Surroundings {
+pub(super) async fn drive<H: Hardware>(
+    mut any: AnyDriver<'_>,
+    services: Services<'_, H>,
+) -> LogError<FlashError<H>> {
+    let Services {
         shared,
         clock,
         memory,
         observer,
         indicator,
-    } = surroundings;
-    let recalled = memory.recall(|fact| whichever!(&mut actor, at => at.role.remember(fact)));
-    if let Err(error) = Apart(pin!(recalled)).await {
+    } = services;
+    let recalled = memory.recall(|fact| whichever!(&mut any, driver => driver.role.restore(fact)));
+    if let Err(error) = Outlined(pin!(recalled)).await {
         return error;
     }
-    let mut status = Status::Out;
+    let mut status = NetworkStatus::Out;
     let mut shown = None;
     loop {
         let post = |to, message: &Message| {
@@ -226,51 +226,52 @@ where
             observer.sends(to, message);
             Ok(ticket)
         };
-        whichever!(&mut actor, at => at.role.compute(clock.now()));
-        let fact = whichever!(&mut actor, at => at.act(clock.now(), post));
+        whichever!(&mut any, driver => driver.role.compute(clock.now()));
+        let fact = whichever!(&mut any, driver => driver.act(clock.now(), post));
         if let Some(fact) = fact {
             observer.learns(&fact);
-            if let Err(error) = Apart(pin!(memory.save(&fact))).await {
+            if let Err(error) = Outlined(pin!(memory.save(&fact))).await {
                 return error;
             }
             continue;
         }
-        let indication = whichever!(&actor, at => at.role.indication());
+        let indication = whichever!(&any, driver => driver.role.indication());
         if shown != Some(indication) {
             indicator.show(indication);
             shown = Some(indication);
         }
 
         // What happens.
-        let deadline = whichever!(&actor, at => at.deadline());
+        let deadline = whichever!(&any, driver => driver.deadline());
         let happened = pin!(shared.happened::<Message>(status));
-        let devices =
-            poll_fn(|context| whichever!(&mut actor, at => at.poll_devices(clock.now(), context)));
+        let devices = poll_fn(
+            |context| whichever!(&mut any, driver => driver.poll_devices(clock.now(), context)),
+        );
         let wake = async {
             match deadline {
                 Some(deadline) => clock.sleep_until(deadline).await,
                 None => core::future::pending().await,
             }
         };
-        let Either3::First(happened) = select3(Apart(happened), devices, wake).await else {
+        let Either3::First(happened) = select3(Outlined(happened), devices, wake).await else {
             continue;
         };
         let now = clock.now();
         match happened {
             Happened::Message(from, message) => {
-                whichever!(&mut actor, at => at.message(now, from, &message));
+                whichever!(&mut any, driver => driver.on_message(now, from, &message));
             }
             Happened::Settled(ticket, delivery) => {
                 let delivered = delivery != Delivery::NoAnswer;
-                whichever!(&mut actor, at => at.settled(now, ticket, delivered));
+                whichever!(&mut any, driver => driver.on_settled(now, ticket, delivered));
             }
             Happened::Status(new) => {
                 status = new;
                 let network = match new {
-                    Status::Joined(membership) => Some(membership),
+                    NetworkStatus::Joined(membership) => Some(membership),
                     _ => None,
                 };
-                whichever!(&mut actor, at => at.role.attached(now, network));
+                whichever!(&mut any, driver => driver.role.on_attached(now, network));
             }
         }
     }

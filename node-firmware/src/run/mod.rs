@@ -1,13 +1,13 @@
-//! A node at work: its role connected to the seams.
+//! A node at work: its role connected to its hardware.
 //!
 //! [`run`] is all a board or a simulation calls. It returns only when the node cannot go on: then
 //! the board restarts, and the node goes on from what is in its flash.
 
-mod apart;
 mod camera;
 mod coordinator;
 mod drive;
-mod target;
+mod moving_target;
+mod outlined;
 
 use core::{fmt, ops::Range, pin::pin};
 
@@ -15,24 +15,24 @@ use embassy_embedded_hal::flash::partition::{self, Partition};
 use embassy_futures::select::{Either, select};
 use embassy_sync::{blocking_mutex::raw::NoopRawMutex, mutex::Mutex};
 use embedded_hal_async::delay::DelayNs;
-use embedded_io_async::{Read, Write};
-use embedded_storage_async::nor_flash::NorFlash;
+use embedded_storage_async::nor_flash::{ErrorType, NorFlash};
+use flash_log::LogError;
 use zigbee_link::{
     Instant,
-    network::{Node, Settings},
+    network::{NetworkSettings, Node},
     radio::Radio,
-    runner::{self, Clock, Shared, Stopped},
-    store::{Member, Record, Saved, Store, StoreError, log::LogError},
+    runner::{self, Clock, RunnerError, Shared},
+    store::{Member, Record, Saved, Store, StoreError},
     wire::Eui64,
 };
 
-use self::{apart::Apart, drive::Surroundings};
+use self::{drive::Services, outlined::Outlined};
 use crate::{
-    config::{Config, Role},
-    hardware::{Buttons, Indicator, Observer, StepSensor},
+    config::{CheckedConfig, RoleConfig},
+    hardware::{Hardware, Peripherals},
+    limits::MEMBERS,
     log::warning,
     memory::Memory,
-    message::MEMBERS,
 };
 
 /// Nodes that one talks to: all members and the coordinator.
@@ -40,51 +40,24 @@ const PEERS: usize = MEMBERS + 1;
 /// Messages each way that wait.
 const QUEUE: usize = 4;
 
-/// What the link and the application share.
-type SharedNode<C> = Shared<C, PEERS, QUEUE, MEMBERS>;
+/// What the link and the role share.
+type SharedNode<'a, H> = Shared<&'a <H as Hardware>::Clock, PEERS, QUEUE, MEMBERS>;
 
-/// Everything a node needs of its surroundings.
-#[derive(Debug)]
-pub struct Seams<U, R, C, F, S, I, B, O> {
-    /// A camera's CMUcam2, the coordinator's PC; unused by a target. Reads must be cancel-safe.
-    pub uart: U,
-    /// The radio.
-    pub radio: R,
-    /// The time.
-    pub clock: C,
-    /// Where the node keeps what it must not forget.
-    pub flash: F,
-    /// Which part of the flash is for what.
-    pub layout: Layout,
-    /// A target's step sensor.
-    pub steps: S,
-    /// Lamps.
-    pub indicator: I,
-    /// Buttons.
-    pub buttons: B,
-    /// Who watches; `()` for nobody.
-    pub observer: O,
-    /// The chip's own EUI-64, for a configuration that names none.
-    pub extended: Eui64,
-    /// Random, another one at each start.
-    pub seed: u64,
-}
+/// One of the two parts of the flash.
+type FlashPart<'a, H> = Partition<'a, NoopRawMutex, <H as Hardware>::Flash>;
 
-/// Parts of a flash, bytes from its start. Each is an even number of erase units, aligned.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub struct Layout {
-    /// For the radio link: two pages are enough.
-    pub link: Range<u32>,
-    /// For the role: two pages are enough.
-    pub memory: Range<u32>,
-}
+/// How the radio fails.
+pub type RadioError<H> = <<H as Hardware>::Radio as Radio>::Error;
+
+/// How a part of the flash fails.
+pub type FlashError<H> = partition::Error<<<H as Hardware>::Flash as ErrorType>::Error>;
 
 /// Why a node cannot go on.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum Failure<R, F> {
     /// The radio failed, or the link's part of the flash.
-    Link(Stopped<R, F>),
+    Link(RunnerError<R, F>),
     /// The role's part of the flash failed.
     Memory(LogError<F>),
 }
@@ -102,7 +75,7 @@ impl<R: fmt::Debug, F: fmt::Debug> core::error::Error for Failure<R, F> {}
 
 impl<R, F> From<StoreError<F>> for Failure<R, F> {
     fn from(error: StoreError<F>) -> Self {
-        Self::Link(Stopped::Store(error))
+        Self::Link(RunnerError::Store(error))
     }
 }
 
@@ -112,25 +85,15 @@ impl<R, F> From<LogError<F>> for Failure<R, F> {
     }
 }
 
-/// Runs a node. `config` must have been [checked](Config::check).
+/// Runs a node.
 ///
 /// # Errors
 /// It never returns but with the reason why the node cannot go on.
-pub async fn run<U, R, C, F, S, I, B, O>(
-    config: &Config,
-    seams: Seams<U, R, C, F, S, I, B, O>,
-) -> Failure<R::Error, partition::Error<F::Error>>
-where
-    U: Read + Write,
-    R: Radio,
-    C: Clock,
-    F: NorFlash,
-    S: StepSensor,
-    I: Indicator,
-    B: Buttons,
-    O: Observer,
-{
-    let Seams {
+pub async fn run<H: Hardware>(
+    config: &CheckedConfig,
+    peripherals: Peripherals<H>,
+) -> Failure<RadioError<H>, FlashError<H>> {
+    let Peripherals {
         uart,
         mut radio,
         clock,
@@ -142,8 +105,8 @@ where
         mut observer,
         extended,
         seed,
-    } = seams;
-    let flash = Mutex::<NoopRawMutex, F>::new(flash);
+    } = peripherals;
+    let flash = Mutex::<NoopRawMutex, H::Flash>::new(flash);
     let part = |range: &Range<u32>| {
         let size = range.end.saturating_sub(range.start);
         (Partition::new(&flash, range.start, size), 0..size)
@@ -152,7 +115,7 @@ where
     let (memory_flash, memory_range) = part(&layout.memory);
 
     let extended = config.extended().unwrap_or(extended);
-    let memory = Apart(pin!(Memory::open(
+    let memory = Outlined(pin!(Memory::open(
         memory_flash,
         memory_range,
         config.owner()
@@ -163,7 +126,7 @@ where
         Err(error) => return error.into(),
     };
     let mut members = [None; MEMBERS];
-    let store = Apart(pin!(open_store(
+    let store = Outlined(pin!(open_store(
         config,
         extended,
         (link_flash, link_range),
@@ -176,15 +139,15 @@ where
         Err(failure) => return failure,
     };
 
-    let settings = Settings {
+    let settings = NetworkSettings {
         extended,
         channels: config.channels(),
         tx_power: config.tx_power,
         protection: config.protection,
         seed,
     };
-    let shared = share_node(&clock, &config.role, settings, &saved, &members);
-    if let Role::Coordinator(own) = &config.role {
+    let shared = share_node::<H>(&clock, &config.role, settings, &saved, &members);
+    if let RoleConfig::Coordinator(own) = &config.role {
         for &device in &own.allow {
             if shared.with(|node, _| node.allow(Eui64(device))).is_err() {
                 warning!("the allow-list is longer than the table of members");
@@ -193,7 +156,7 @@ where
     }
     let link = runner::run(&shared, &mut radio, &mut store);
     let seed = seed as u16;
-    let surroundings = Surroundings {
+    let services = Services::<'_, H> {
         shared: &shared,
         clock: &clock,
         memory: &mut memory,
@@ -202,23 +165,23 @@ where
     };
     let role = async {
         match &config.role {
-            Role::Coordinator(own) => {
-                Apart(pin!(coordinator::run(own, surroundings, (uart, buttons)))).await
+            RoleConfig::Coordinator(own) => {
+                Outlined(pin!(coordinator::run(own, services, (uart, buttons)))).await
             }
-            Role::Camera(own) => {
-                Apart(pin!(camera::run(
-                    config.id,
+            RoleConfig::Camera(own) => {
+                Outlined(pin!(camera::run(
+                    (config.id, config.optics()),
                     own,
-                    surroundings,
+                    services,
                     (uart, buttons)
                 )))
                 .await
             }
-            Role::Target(own) => {
-                Apart(pin!(target::run(
+            RoleConfig::Target(own) => {
+                Outlined(pin!(moving_target::run(
                     (config.id, seed),
                     own,
-                    surroundings,
+                    services,
                     steps
                 )))
                 .await
@@ -233,18 +196,18 @@ where
 }
 
 /// The role's side of the network.
-// Not inlined: a node is large, and would take its place on the stack of every poll, or twice.
-#[inline(never)]
-fn share_node<'a, C: Clock>(
-    clock: &'a C,
-    role: &Role,
-    settings: Settings,
+// A node is large, and would take its place on the stack of every poll, or twice.
+#[inline(never)] // stack
+fn share_node<'a, H: Hardware>(
+    clock: &'a H::Clock,
+    role: &RoleConfig,
+    settings: NetworkSettings,
     saved: &Saved,
     members: &[Option<Member>; MEMBERS],
-) -> SharedNode<&'a C> {
+) -> SharedNode<'a, H> {
     let node = match role {
-        Role::Coordinator(_) => Node::coordinator(settings, saved, *members),
-        Role::Camera(_) | Role::Target(_) => Node::device(clock.now(), settings, saved),
+        RoleConfig::Coordinator(_) => Node::coordinator(settings, saved, *members),
+        RoleConfig::Camera(_) | RoleConfig::Target(_) => Node::device(clock.now(), settings, saved),
     };
     Shared::new(node, clock)
 }
@@ -270,15 +233,14 @@ fn share_node<'a, C: Clock>(
 /// With a membership go the facts that the role remembers, and a coordinator's members, for their
 /// addresses are given anew. They go first: where the power fails in between, all this is done again.
 async fn open_store<R, F: NorFlash>(
-    config: &Config,
+    config: &CheckedConfig,
     extended: Eui64,
     (flash, range): (F, Range<u32>),
     memory: &mut Memory<F>,
     members: &mut [Option<Member>; MEMBERS],
 ) -> Result<(Store<F>, Saved), Failure<R, F::Error>> {
     let mut store = Store::new(flash, range)?;
-    // Refused where configurations are checked; such a node never transmits.
-    let key = config.site_key.key().ok_or(StoreError::NotProvisioned)?;
+    let key = config.key();
     let used = match store.load().await {
         Ok(saved) if store.first_key().await? != key => Some(saved.counter_limit),
         Ok(saved) if config.first_counter > saved.counter_limit => Some(0),
@@ -291,7 +253,7 @@ async fn open_store<R, F: NorFlash>(
         store.provision(key, first_counter).await?;
     }
     let mut saved = store.load().await?;
-    let is_coordinator = matches!(config.role, Role::Coordinator(_));
+    let is_coordinator = matches!(config.role, RoleConfig::Coordinator(_));
     let is_void = saved
         .network
         .take_if(|network| (network.coordinator == extended) != is_coordinator)

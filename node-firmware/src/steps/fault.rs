@@ -13,7 +13,7 @@ pub enum Chip {
 }
 
 impl Chip {
-    pub(super) const fn is(self, fault: Fault) -> SensorError {
+    pub(super) const fn is(self, fault: SensorFault) -> SensorError {
         SensorError { chip: self, fault }
     }
 }
@@ -27,11 +27,11 @@ impl fmt::Display for Chip {
     }
 }
 
-/// What is wrong with a chip.
+/// What is wrong with a chip of the step sensor.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 #[non_exhaustive]
-pub enum Fault {
+pub enum SensorFault {
     /// Nobody answers at its address.
     Absent,
     /// The bus failed.
@@ -55,28 +55,30 @@ pub enum Fault {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct SensorError {
-    /// Which chip.
+    /// The chip that is to blame.
     pub chip: Chip,
-    /// What about it.
-    pub fault: Fault,
+    /// What is wrong with it.
+    pub fault: SensorFault,
 }
 
 impl fmt::Display for SensorError {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         write!(f, "the step sensor's {} ", self.chip)?;
         f.write_str(match self.fault {
-            Fault::Absent => "does not answer: check its supply, its wiring and its address pins",
-            Fault::Bus => "cannot be reached: check the wires of the bus, and their pull-ups",
-            Fault::Identity { found } => {
+            SensorFault::Absent => {
+                "does not answer: check its supply, its wiring and its address pins"
+            }
+            SensorFault::Bus => "cannot be reached: check the wires of the bus, and their pull-ups",
+            SensorFault::Identity { found } => {
                 return write!(
                     f,
                     "is another chip (identity {found:#04x}): replace the breakout"
                 );
             }
-            Fault::Silent => "has stopped: check its supply",
-            Fault::Stuck => "is stuck: switch it off and on",
-            Fault::Garbled => "cannot be understood: shorten the wires of the bus",
-            Fault::Overrun => "was not read for too long: steps are lost",
+            SensorFault::Silent => "has stopped: check its supply",
+            SensorFault::Stuck => "is stuck: switch it off and on",
+            SensorFault::Garbled => "cannot be understood: shorten the wires of the bus",
+            SensorFault::Overrun => "was not read for too long: steps are lost",
         })
     }
 }

@@ -6,7 +6,7 @@
 use nalgebra::Vector3;
 
 use super::{
-    fault::{Chip, Fault, SensorError},
+    fault::{Chip, SensorError, SensorFault},
     triple, vector,
 };
 
@@ -62,7 +62,7 @@ pub(super) fn period_us(fine: u8) -> u64 {
 /// How many words wait in the FIFO, from its status.
 pub(super) fn waiting([low, high]: [u8; 2]) -> Result<u16, SensorError> {
     if high & LOST != 0 {
-        return Err(Chip::Motion.is(Fault::Overrun));
+        return Err(Chip::Motion.is(SensorFault::Overrun));
     }
     Ok(u16::from_le_bytes([low, high & 0x03]))
 }
@@ -106,7 +106,7 @@ impl Slots {
         match tag >> 3 {
             1 => self.gyroscope = Some(data),
             2 => self.accelerometer = Some(data),
-            _ => return Err(Chip::Motion.is(Fault::Garbled)),
+            _ => return Err(Chip::Motion.is(SensorFault::Garbled)),
         }
         let (Some(rate), Some(force)) = (self.gyroscope, self.accelerometer) else {
             return Ok(None);
@@ -168,7 +168,7 @@ mod tests {
         // Three are missing.
         assert_eq!(take(1, 3), Ok(None));
         assert_eq!(take(2, 3), Ok(Some((3, 1, 2, 4))));
-        let garbled = Err(Chip::Motion.is(Fault::Garbled));
+        let garbled = Err(Chip::Motion.is(SensorFault::Garbled));
         assert_eq!(take(0, 0), garbled);
         assert_eq!(take(3, 0), garbled);
     }
@@ -178,7 +178,10 @@ mod tests {
         assert_eq!(waiting([5, 0]), Ok(5));
         assert_eq!(waiting([0xFF, 0x81]), Ok(511));
         for lost in [0x08, 0x40, 0xFF] {
-            assert_eq!(waiting([5, lost]), Err(Chip::Motion.is(Fault::Overrun)));
+            assert_eq!(
+                waiting([5, lost]),
+                Err(Chip::Motion.is(SensorFault::Overrun))
+            );
         }
     }
 }

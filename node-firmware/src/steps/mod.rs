@@ -36,14 +36,13 @@ mod stuck;
 
 use core::time::Duration;
 
-use calib_core::dead_reckoning::{
-    ImuSample, InvalidSetting, Pedestrian, PedestrianSettings, Step, StepLength,
-};
+use calib_core::dead_reckoning::Step;
 use embedded_hal_async::i2c::{Error, ErrorKind, I2c, Operation};
 use nalgebra::Vector3;
+use pedestrian::{ImuSample, InvalidSetting, Pedestrian, PedestrianSettings, StepLength};
 use zigbee_link::runner::Clock;
 
-pub use self::fault::{Chip, Fault, SensorError};
+pub use self::fault::{Chip, SensorError, SensorFault};
 use self::session::{Session, Want};
 use crate::{
     config::SensorConfig,
@@ -90,8 +89,8 @@ impl<I: I2c, C: Clock> InertialSteps<I, C> {
     }
 
     /// What is to be done before there can be a step; or a step.
-    // Not inlined: in the future of a whole node it would be larger.
-    #[inline(never)]
+    // Apart from the future of a whole node, in which it would be larger.
+    #[inline(never)] // size
     fn advance(&mut self) -> Result<Result<Step<f32>, Want>, SensorError> {
         while let Some(sample) = self.session.sample()? {
             let reading = ImuSample {
@@ -100,10 +99,14 @@ impl<I: I2c, C: Clock> InertialSteps<I, C> {
                 magnetic_field: sample.field.map(|field| field - self.hard_iron),
             };
             let time = Duration::from_micros(sample.time_us);
-            // What a chip measures is usable, and a later sample is later.
-            if let Ok(Some(step)) = self.person.update(time, &reading) {
-                debug!("a step of {} towards {} rad", step.distance, step.heading);
-                return Ok(Ok(step));
+            match self.person.update(time, &reading) {
+                Ok(Some(step)) => {
+                    debug!("a step of {} towards {} rad", step.distance, step.heading);
+                    return Ok(Ok(step));
+                }
+                Ok(None) => {}
+                // What a chip measures is usable, and a later sample is later.
+                Err(error) => debug_assert!(false, "{error}"),
             }
         }
         Ok(Err(self.session.want(self.clock.now())))
@@ -131,8 +134,8 @@ impl<I: I2c, C: Clock> InertialSteps<I, C> {
             let result = self.bus.transaction(address, operations).await;
             if let Err(error) = result {
                 return Err(request.chip.is(match error.kind() {
-                    ErrorKind::NoAcknowledge(_) => Fault::Absent,
-                    _ => Fault::Bus,
+                    ErrorKind::NoAcknowledge(_) => SensorFault::Absent,
+                    _ => SensorFault::Bus,
                 }));
             }
             self.session.answered(&request, self.clock.now())?;

@@ -10,7 +10,7 @@ use zigbee_link::Instant;
 
 use super::{
     debug,
-    fault::{Chip, Fault, SensorError},
+    fault::{Chip, SensorError, SensorFault},
     lis3mdl::{self, Extent},
     lsm6dsox::{self, Slots, WORD},
     stuck::Stuck,
@@ -32,7 +32,7 @@ const SETTLING: u8 = 10;
 const STUCK_SAMPLES: u8 = 52;
 const STUCK_READINGS: u8 = 20;
 /// Between the samples before a start and those after it: more than
-/// [`Pedestrian`](calib_core::dead_reckoning::Pedestrian) takes for continuous.
+/// [`Pedestrian`](pedestrian::Pedestrian) takes for continuous.
 const GAP_US: u64 = 1_000_000;
 /// Readings of the compass between two reports of their extent.
 const REPORT: u8 = 200;
@@ -40,7 +40,7 @@ const REPORT: u8 = 200;
 /// Words of the FIFO that are read at once. Of words whose reading was cut off it is not known
 /// whether they have gone. Three slots, of two words each, that are missing between two complete
 /// ones are told by the numbers of slots, which have two bits, and are not yet a gap to
-/// [`Pedestrian`](calib_core::dead_reckoning::Pedestrian). Of more the time of every four is lost:
+/// [`Pedestrian`](pedestrian::Pedestrian). Of more the time of every four is lost:
 /// if two reads in a row are cut off, or one that began in the middle of a slot.
 const WORDS: u16 = 6;
 
@@ -87,17 +87,17 @@ pub(super) struct Request {
 enum What {
     /// A register gets a value.
     Set([u8; 2]),
-    /// What it is.
+    /// What it says it is.
     Identity,
     /// How wrong its clock goes.
     Frequency,
     /// How many words wait.
     Waiting,
-    /// So many words.
+    /// So many words of the FIFO.
     Words(u16),
-    /// Whether there is a new reading.
+    /// Whether the compass has a new reading.
     IsNew,
-    /// It.
+    /// The numbers of the new reading.
     Reading,
 }
 
@@ -268,6 +268,7 @@ impl Session {
     /// What is sent for a request, and where the answer goes.
     pub(super) fn buffers<'a>(&'a mut self, request: &Request) -> ([u8; 2], &'a mut [u8]) {
         let (sent, length) = request.registers();
+        debug_assert!(length <= self.buffer.len(), "the longest read fits");
         (sent, self.buffer.get_mut(..length).unwrap_or_default())
     }
 
@@ -280,7 +281,7 @@ impl Session {
             What::Identity => {
                 self.done += 1;
                 if first != request.chip.identity() {
-                    return Err(request.chip.is(Fault::Identity { found: first }));
+                    return Err(request.chip.is(SensorFault::Identity { found: first }));
                 }
             }
             What::Frequency => {
@@ -315,7 +316,7 @@ impl Session {
         let running = &mut self.running;
         running.compass_idle = 0;
         if running.readings.same(data) >= STUCK_READINGS {
-            return Err(Chip::Compass.is(Fault::Stuck));
+            return Err(Chip::Compass.is(SensorFault::Stuck));
         }
         let numbers = triple(data);
         running.field = Some(vector(numbers, lis3mdl::FIELD));
@@ -347,7 +348,7 @@ impl Session {
             };
             running.idle = 0;
             if running.samples.same(&data) >= STUCK_SAMPLES {
-                return Err(Chip::Motion.is(Fault::Stuck));
+                return Err(Chip::Motion.is(SensorFault::Stuck));
             }
             let elapsed = running.period_us.saturating_mul(periods);
             self.time_us = self.time_us.saturating_add(elapsed);
@@ -377,7 +378,7 @@ impl Running {
             (Chip::Compass, self.compass_idle),
         ] {
             if idle > SILENT {
-                return Err(chip.is(Fault::Silent));
+                return Err(chip.is(SensorFault::Silent));
             }
         }
         Ok(())

@@ -1,9 +1,9 @@
 //! Nodes that join, look, obey and restart.
 
 use node_firmware::{
-    config::{CameraConfig, Duty, Role, SiteKey, Subjects},
+    config::{CameraConfig, RoleConfig, SiteKey, Subjects},
     console::{FromPc, KeyChange, ToPc},
-    message::{Command, Sight, Tracked},
+    message::{CameraCommand, Duty, Sight, TrackedBlob},
 };
 
 use crate::{
@@ -56,9 +56,9 @@ fn the_pc_commands_a_camera() {
     site.camera.sees(Some(40));
     site.bench.run_for(40 * SECOND);
     let address = site.camera_address();
-    let command = Command::Track { colour: 0 };
+    let command = CameraCommand::Track { colour: 0 };
     assert!(site.command(command, 5 * SECOND));
-    let tracked = Tracked {
+    let tracked = TrackedBlob {
         middle: [40, 70],
         edges: [36, 61, 44, 79],
         pixels: 60,
@@ -69,7 +69,7 @@ fn the_pc_commands_a_camera() {
     assert!(told.iter().filter(|told| **told == packet).count() > 20);
 
     // A colour that would leave a gap is not learnt.
-    let command = Command::LearnColour { colour: 3 };
+    let command = CameraCommand::LearnColour { colour: 3 };
     assert!(!site.command(command, 20 * SECOND));
     let before = site.pc.told().len();
     site.bench.run_for(20 * SECOND);
@@ -205,7 +205,7 @@ fn they_come_back_after_a_restart() {
 #[test]
 fn a_background_is_not_learnt_with_the_target_in_view() {
     let mut site = Site::new();
-    site.camera.config.role = Role::Camera(CameraConfig {
+    site.camera.config.role = RoleConfig::Camera(CameraConfig {
         subjects: Subjects::Motion { threshold: 10 },
         ..camera_config(Some(Duty::First))
     });
@@ -231,7 +231,7 @@ fn a_background_is_not_learnt_with_the_target_in_view() {
         assert_eq!(backgrounds(&site), learnt);
     }
     // Somebody who sees that the target is elsewhere wants it.
-    assert!(site.command(Command::LearnBackground, 5 * SECOND));
+    assert!(site.command(CameraCommand::LearnBackground, 5 * SECOND));
     assert_eq!(stop(&mut site), Some(Sight::InView));
     assert_eq!(backgrounds(&site), learnt + 1);
 }

@@ -1,4 +1,4 @@
-//! The seams, as a test supplies them, and a site of three nodes.
+//! The hardware of a node, as a test supplies it, and a site of three nodes.
 
 use std::{
     cell::{Cell, RefCell},
@@ -18,21 +18,21 @@ use embassy_futures::block_on;
 use embassy_sync::{blocking_mutex::raw::NoopRawMutex, channel::Channel};
 use embedded_io_async::{ErrorType, Read, Write};
 use node_firmware::{
-    config::{Config, CoordinatorConfig, Duty, Role, SiteKey},
+    config::{Config, CoordinatorConfig, RoleConfig, SiteKey},
     console::{Frames, FromPc, ToPc},
-    hardware::{Indication, Indicator, Observer, StepSensor},
-    message::{Command, Done, Kind, Message, Sight},
-    run::{Layout, Seams, run},
+    hardware::{FlashLayout, Hardware, Indication, Indicator, Observer, Peripherals, StepSensor},
+    message::{CameraCommand, CommandResult, Duty, MemberKind, Message, Sight},
+    run::run,
 };
 use virtual_bench::{
     executor::{Clock, Ended, Executor, TaskId, Time},
     line::{Line, Port, PortError, Side, Uart},
-    medium::{Event, Medium, NRF52840, NodeId, Propagation},
+    medium::{Event, Medium, NRF52840, NodeId, Propagation, Radio},
 };
 use zigbee_link::{
     radio::Csma,
     security::Protection,
-    wire::{Eui64, Frame, KeyId, ShortAddress},
+    wire::{Eui64, Frame, ShortAddress},
 };
 
 pub(super) const SECOND: Time = 1_000_000_000;
@@ -64,10 +64,7 @@ impl Bench {
             if let Event::Sent { from, frame, .. } = event
                 && let Some(security) = Frame::parse(frame).unwrap().header().security
             {
-                let KeyId::Index(key) = security.key else {
-                    panic!("no such key");
-                };
-                let nonce = (from, key, security.counter.unwrap());
+                let nonce = (from, security.key_index, security.counter);
                 assert!(all.borrow_mut().insert(nonce), "{nonce:?} twice");
             }
         });
@@ -243,8 +240,19 @@ pub(super) struct Board {
     pub(super) log: Log,
 }
 
+impl Hardware for Board {
+    type Uart = NodeUart;
+    type Radio = Csma<Radio, Clock>;
+    type Clock = Clock;
+    type Flash = Flash;
+    type Steps = Steps;
+    type Indicator = Lamps;
+    type Buttons = ();
+    type Observer = Log;
+}
+
 impl Board {
-    pub(super) fn new(bench: &mut Bench, role: Role) -> Self {
+    pub(super) fn new(bench: &mut Bench, role: RoleConfig) -> Self {
         let antenna = bench.medium.attach([0.0; 2]);
         let config = Config {
             id: 100 + antenna.0 as u16,
@@ -256,8 +264,7 @@ impl Board {
             protection: Protection::EncMic32,
             role,
         };
-        config.check().unwrap();
-        let is_camera = matches!(config.role, Role::Camera(_));
+        let is_camera = matches!(config.role, RoleConfig::Camera(_));
         let uart = Uart::new(if is_camera { 38_400 } else { 115_200 });
         // The test looks at times what has come.
         let far = Uart {
@@ -293,7 +300,7 @@ impl Board {
         seed: u64,
     ) -> Pin<Box<dyn Future<Output = String>>> {
         let clock = bench.clock.clone();
-        let seams = Seams {
+        let peripherals = Peripherals::<Self> {
             uart: NodeUart {
                 port: self.line.open(Side::Node),
                 stalled: self.stalled.clone(),
@@ -305,7 +312,7 @@ impl Board {
             ),
             clock,
             flash: self.flash.clone(),
-            layout: Layout {
+            layout: FlashLayout {
                 link: 0..HALF,
                 memory: HALF..2 * HALF,
             },
@@ -316,8 +323,8 @@ impl Board {
             extended: Eui64([0; 8]),
             seed,
         };
-        let config = self.config.clone();
-        Box::pin(async move { run(&config, seams).await.to_string() })
+        let config = self.config.clone().check().unwrap();
+        Box::pin(async move { run(&config, peripherals).await.to_string() })
     }
 
     pub(super) fn switch_off(&self, bench: &mut Bench) {
@@ -374,14 +381,14 @@ pub(super) struct Site {
 impl Site {
     pub(super) fn new() -> Self {
         let mut bench = Bench::new();
-        let coordinator = Role::Coordinator(CoordinatorConfig {
+        let coordinator = RoleConfig::Coordinator(CoordinatorConfig {
             join_window_s: 60,
             ..CoordinatorConfig::default()
         });
         let coordinator = Board::new(&mut bench, coordinator);
-        let camera = Role::Camera(camera_config(Some(Duty::First)));
+        let camera = RoleConfig::Camera(camera_config(Some(Duty::First)));
         let camera = Board::new(&mut bench, camera);
-        let target = Board::new(&mut bench, Role::Target(target_config(0)));
+        let target = Board::new(&mut bench, RoleConfig::Target(target_config(0)));
         let mut site = Self {
             bench,
             pc: Pc::new(coordinator.line.open(Side::Far)),
@@ -420,7 +427,7 @@ impl Site {
     }
 
     /// What members said they are, by number.
-    pub(super) fn hellos(&self) -> BTreeMap<u16, Kind> {
+    pub(super) fn hellos(&self) -> BTreeMap<u16, MemberKind> {
         let hellos = self.pc.told().into_iter().filter_map(|told| match told {
             ToPc::Member { hello, .. } => Some((hello.id, hello.kind)),
             _ => None,
@@ -439,13 +446,13 @@ impl Site {
     }
 
     /// The PC commands the camera, which answers in this time. Whether it succeeded.
-    pub(super) fn command(&mut self, command: Command, within: Time) -> bool {
+    pub(super) fn command(&mut self, command: CameraCommand, within: Time) -> bool {
         let address = self.camera_address();
         self.pc.wish(FromPc::Command { address, command });
         self.bench.run_for(within);
         let told = self.pc.told();
         let [failed, done] = [false, true].map(|success| {
-            let done = Done { command, success };
+            let done = CommandResult { command, success };
             told.contains(&ToPc::Done { address, done })
         });
         assert!(done != failed, "{told:?}");

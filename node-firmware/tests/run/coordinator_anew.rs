@@ -1,6 +1,6 @@
 //! Only the coordinator is provisioned anew. The others go on, in another network.
 
-use node_firmware::config::{CameraConfig, CoordinatorConfig, Role};
+use node_firmware::config::{CameraConfig, CoordinatorConfig, RoleConfig};
 
 use crate::{
     bench::{Bench, Board, SECOND},
@@ -29,7 +29,7 @@ impl Site {
     /// Two cameras that may be elected, and a target.
     fn new() -> Self {
         let mut bench = Bench::new();
-        let coordinator = Role::Coordinator(CoordinatorConfig {
+        let coordinator = RoleConfig::Coordinator(CoordinatorConfig {
             join_window_s: 600,
             ..CoordinatorConfig::default()
         });
@@ -39,9 +39,9 @@ impl Site {
                 may_be_elected: true,
                 ..camera_config(None)
             };
-            Board::new(&mut bench, Role::Camera(config))
+            Board::new(&mut bench, RoleConfig::Camera(config))
         });
-        let target = Board::new(&mut bench, Role::Target(target_config(0)));
+        let target = Board::new(&mut bench, RoleConfig::Target(target_config(0)));
         let [first, second] = &cameras;
         for (seed, board) in (1..).zip([&coordinator, first, second, &target]) {
             board.power(&mut bench, seed);

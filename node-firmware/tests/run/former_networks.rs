@@ -7,9 +7,10 @@ use embassy_futures::block_on;
 use embassy_sync::{blocking_mutex::raw::NoopRawMutex, mutex::Mutex};
 use embedded_storage_async::nor_flash::NorFlash as _;
 use node_firmware::{
-    config::{Role, SiteKey},
+    config::{RoleConfig, SiteKey},
+    limits::MEMBERS,
     memory::{Fact, Memory},
-    message::{MEMBERS, References},
+    message::References,
 };
 use zigbee_link::{
     store::{Member, Record, Saved, Store},
@@ -134,13 +135,13 @@ fn members_of_a_former_network_stay_out() {
         assert_eq!(link(&site.coordinator.flash).1.len(), 2);
         let board = &mut site.coordinator;
         match &mut board.config.role {
-            Role::Coordinator(own) => own.join_window_s = 0,
+            RoleConfig::Coordinator(own) => own.join_window_s = 0,
             _ => unreachable!(),
         }
         match what {
             "address" => board.config.extended = Some([2, 0, 0, 0, 0, 0, 0, 9]),
             "role" => {
-                let role = Role::Target(target_config(0));
+                let role = RoleConfig::Target(target_config(0));
                 let coordinator = core::mem::replace(&mut board.config.role, role);
                 assert!(start(board, &site.bench).is_pending());
                 board.config.role = coordinator;

@@ -1,4 +1,4 @@
-//! Whole nodes on the host: the firmware as a board runs it, over seams that a test supplies.
+//! Whole nodes on the host: the firmware as a board runs it, over hardware that a test supplies.
 //!
 //! This is also how to test firmware of your own. What a test needs is
 //! - a clock that moves only when every node waits: [`bench::Clock`] and [`bench::Bench::run_until`]. Hours pass in

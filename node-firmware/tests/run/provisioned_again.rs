@@ -1,8 +1,8 @@
 //! Nodes that get another page, and what they still know then.
 
 use node_firmware::{
-    config::{CoordinatorConfig, Role, SiteKey},
-    message::{Command, Kind, Sight},
+    config::{CoordinatorConfig, RoleConfig, SiteKey},
+    message::{CameraCommand, MemberKind, Sight},
 };
 
 use crate::{
@@ -82,8 +82,8 @@ fn boards_change_their_roles() {
         ..CoordinatorConfig::default()
     };
     // Coordinator and target.
-    site.coordinator.config.role = Role::Target(target_config(0));
-    site.target.config.role = Role::Coordinator(coordinator.clone());
+    site.coordinator.config.role = RoleConfig::Target(target_config(0));
+    site.target.config.role = RoleConfig::Coordinator(coordinator.clone());
     site.restart(40);
     site.bench.run_for(600 * SECOND);
     for lamps in [
@@ -96,12 +96,15 @@ fn boards_change_their_roles() {
     assert_eq!(site.looks().last(), Some(&Sight::InView));
     assert!(site.coordinator.lamps.0.get().may_walk);
     // And back.
-    site.coordinator.config.role = Role::Coordinator(coordinator);
-    site.target.config.role = Role::Target(target_config(0));
+    site.coordinator.config.role = RoleConfig::Coordinator(coordinator);
+    site.target.config.role = RoleConfig::Target(target_config(0));
     site.restart(50);
     site.bench.run_for(600 * SECOND);
-    assert_eq!(site.hellos().get(&102), Some(&Kind::Target));
-    assert!(matches!(site.hellos().get(&101), Some(Kind::Camera { .. })));
+    assert_eq!(site.hellos().get(&102), Some(&MemberKind::Target));
+    assert!(matches!(
+        site.hellos().get(&101),
+        Some(MemberKind::Camera { .. })
+    ));
     assert!(site.target.lamps.0.get().may_walk);
 }
 
@@ -111,7 +114,7 @@ fn a_learnt_colour_survives_a_restart() {
     let mut site = Site::new();
     site.camera.sees(Some(40));
     site.bench.run_for(40 * SECOND);
-    let command = Command::LearnColour { colour: 0 };
+    let command = CameraCommand::LearnColour { colour: 0 };
     assert!(site.command(command, 30 * SECOND));
     // The memory is that of a camera of this number only.
     for (id, window) in [

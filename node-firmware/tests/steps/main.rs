@@ -10,7 +10,7 @@ use calib_core::dead_reckoning::Step;
 use nalgebra::Vector2;
 use node_firmware::{
     config::SensorConfig,
-    steps::{Chip, Fault, SensorError},
+    steps::{Chip, SensorError, SensorFault},
 };
 use test_support::{
     turn,
@@ -167,31 +167,31 @@ fn calls_that_are_dropped_lose_no_step() {
 #[test]
 fn a_sensor_that_is_not_there_is_reported_until_it_is() {
     type Change = fn(&Bench, bool);
-    let cases: [(Change, Chip, Fault); 5] = [
+    let cases: [(Change, Chip, SensorFault); 5] = [
         (
             |b, bad| b.faults.borrow_mut().no_motion = bad,
             Chip::Motion,
-            Fault::Absent,
+            SensorFault::Absent,
         ),
         (
             |b, bad| b.faults.borrow_mut().no_compass = bad,
             Chip::Compass,
-            Fault::Absent,
+            SensorFault::Absent,
         ),
         (
             |b, bad| b.faults.borrow_mut().broken = bad,
             Chip::Motion,
-            Fault::Bus,
+            SensorFault::Bus,
         ),
         (
             |b, bad| b.motion.borrow_mut().identity = if bad { 0x69 } else { 0x6C },
             Chip::Motion,
-            Fault::Identity { found: 0x69 },
+            SensorFault::Identity { found: 0x69 },
         ),
         (
             |b, bad| b.compass.borrow_mut().identity = if bad { 0 } else { 0x3D },
             Chip::Compass,
-            Fault::Identity { found: 0 },
+            SensorFault::Identity { found: 0 },
         ),
     ];
     for (change, chip, fault) in cases {
@@ -211,48 +211,48 @@ fn a_sensor_that_is_not_there_is_reported_until_it_is() {
 fn what_fails_under_way_is_set_up_anew() {
     type Change = fn(&Bench);
     let nothing: Change = |_| {};
-    let cases: [(&str, Change, Change, Chip, Fault); 6] = [
+    let cases: [(&str, Change, Change, Chip, SensorFault); 6] = [
         (
             "reset",
             |b| b.motion.borrow_mut().reset(),
             nothing,
             Chip::Motion,
-            Fault::Silent,
+            SensorFault::Silent,
         ),
         (
             "reset",
             |b| b.compass.borrow_mut().reset(),
             nothing,
             Chip::Compass,
-            Fault::Silent,
+            SensorFault::Silent,
         ),
         (
             "stuck",
             |b| b.motion.borrow_mut().stick(),
             |b| b.motion.borrow_mut().unstick(),
             Chip::Motion,
-            Fault::Stuck,
+            SensorFault::Stuck,
         ),
         (
             "stuck",
             |b| b.compass.borrow_mut().stick(),
             |b| b.compass.borrow_mut().unstick(),
             Chip::Compass,
-            Fault::Stuck,
+            SensorFault::Stuck,
         ),
         (
             "bus",
             |b| b.faults.borrow_mut().broken = true,
             |b| b.faults.borrow_mut().broken = false,
             Chip::Motion,
-            Fault::Bus,
+            SensorFault::Bus,
         ),
         (
             "late",
             |b| b.faults.borrow_mut().late_us = 12_000_000,
             |b| b.faults.borrow_mut().late_us = 0,
             Chip::Motion,
-            Fault::Overrun,
+            SensorFault::Overrun,
         ),
     ];
     for (name, fail, heal, chip, fault) in cases {
@@ -272,10 +272,10 @@ fn what_fails_under_way_is_set_up_anew() {
         assert_eq!(found.map(|found| found.fault), Some(fault), "{name}");
         // The bus fails both.
         let is_blamed = found.is_some_and(|found| found.chip == chip);
-        assert!(is_blamed || fault == Fault::Bus, "{name}: {found:?}");
+        assert!(is_blamed || fault == SensorFault::Bus, "{name}: {found:?}");
         let noticed = failed.last().unwrap().0 - 1.0;
         assert!(
-            fault == Fault::Overrun || noticed < 14.0,
+            fault == SensorFault::Overrun || noticed < 14.0,
             "{name}: {noticed}"
         );
         heal(&bench);

@@ -133,7 +133,7 @@ pub struct Station<R: Role> {
     make: Box<dyn Fn() -> R>,
     devices: Devices<R>,
     flash: Flash,
-    settled: VecDeque<(u64, R::Errand, bool)>,
+    settled: VecDeque<(u64, R::Notification, bool)>,
     events: Vec<(u64, R::Event)>,
     /// Sends nothing and hears nothing.
     pub is_off: bool,
@@ -171,12 +171,12 @@ impl<R: Role> Station<R> {
     }
 
     pub fn attach(&mut self, now: u64) {
-        self.role.attached(Instant(now), Some(self.membership()));
+        self.role.on_attached(Instant(now), Some(self.membership()));
     }
 
     /// It hears nothing of its network any more.
     pub fn detach(&mut self, now: u64) {
-        self.role.attached(Instant(now), None);
+        self.role.on_attached(Instant(now), None);
     }
 
     /// It belongs to this network from now on.
@@ -199,7 +199,7 @@ impl<R: Role> Station<R> {
         let role = &mut self.role;
         block_on(async {
             let mut memory = Memory::open(&mut self.flash, 0..LEN, OWNER).await.unwrap();
-            memory.recall(|fact| role.remember(fact)).await.unwrap();
+            memory.recall(|fact| role.restore(fact)).await.unwrap();
         });
         self.attach(now);
     }
@@ -258,7 +258,7 @@ impl<R: Role> AnyStation for Station<R> {
 
     fn hear(&mut self, now: u64, from: ShortAddress, message: &Message) {
         if !self.is_off {
-            self.role.message(Instant(now), from, message);
+            self.role.on_message(Instant(now), from, message);
         }
     }
 
@@ -267,12 +267,12 @@ impl<R: Role> AnyStation for Station<R> {
             return None;
         }
         while let Some(place) = self.settled.iter().position(|(at, ..)| *at <= now) {
-            let (_, errand, delivered) = self.settled.remove(place).unwrap();
-            self.role.sent(Instant(now), errand, delivered);
+            let (_, notification, delivered) = self.settled.remove(place).unwrap();
+            self.role.on_sent(Instant(now), notification, delivered);
         }
         while let Some(place) = self.events.iter().position(|(at, _)| *at <= now) {
             let (_, event) = self.events.remove(place);
-            self.role.event(Instant(now), event);
+            self.role.on_event(Instant(now), event);
         }
         let mut polls = 0;
         self.role.compute(Instant(now));
@@ -283,13 +283,14 @@ impl<R: Role> AnyStation for Station<R> {
                 Output::Send {
                     to,
                     message,
-                    errand,
+                    notification,
                 } => {
                     let is_heard = !self.is_off && !self.is_mute;
                     let delivered = is_heard && air.send(now, self.address, to, message);
-                    if let Some(errand) = errand {
+                    if let Some(notification) = notification {
                         let after = if delivered { 10_000 } else { 150_000 };
-                        self.settled.push_back((now + after, errand, delivered));
+                        self.settled
+                            .push_back((now + after, notification, delivered));
                     }
                 }
                 Output::Save(fact) => {
@@ -309,7 +310,7 @@ impl<R: Role> AnyStation for Station<R> {
                 Output::Task(task) => self.events.extend((self.devices)(now, task)),
             }
         }
-        let deadline = self.role.deadline().map(|deadline| deadline.0);
+        let deadline = self.role.next_deadline().map(|deadline| deadline.0);
         assert!(
             deadline.is_none_or(|deadline| deadline > now),
             "it wants nothing, but to be asked again at once"

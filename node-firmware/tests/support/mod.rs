@@ -6,7 +6,7 @@
 )]
 
 pub mod bus;
-#[path = "../../../zigbee-link/tests/support/flash.rs"]
+#[path = "../../../flash-log/tests/support/mod.rs"]
 pub mod flash;
 pub mod net;
 pub mod site;

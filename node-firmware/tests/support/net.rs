@@ -5,14 +5,14 @@ use std::{cell::RefCell, rc::Rc};
 use calib_core::dead_reckoning::Step;
 use nalgebra::{Matrix3, Point2, Vector3};
 use node_firmware::{
-    config::{CameraConfig, Duty, Sigmas},
+    config::{CameraConfig, Sigmas},
     console::ToPc,
-    message::{PoseParts, Report},
+    message::{Duty, PoseParts, Report},
     role::{
         Role,
-        camera::{self, Camera},
-        coordinator::{self, Coordinator},
-        target::{self, Target},
+        camera::{self, CameraRole},
+        coordinator::{self, CoordinatorRole},
+        moving_target::{self, TargetRole},
     },
 };
 
@@ -31,9 +31,9 @@ pub const TARGET: u16 = 10;
 pub struct Net {
     pub now: u64,
     pub air: Air,
-    pub coordinator: Station<Coordinator>,
-    pub cameras: Vec<Station<Camera>>,
-    pub target: Station<Target>,
+    pub coordinator: Station<CoordinatorRole>,
+    pub cameras: Vec<Station<CameraRole>>,
+    pub target: Station<TargetRole>,
     pub told: Rc<RefCell<Vec<ToPc>>>,
     /// How often each camera looked.
     pub looks: Rc<RefCell<Vec<u32>>>,
@@ -89,11 +89,11 @@ impl Net {
         let told = Rc::new(RefCell::new(Vec::new()));
         let looks = Rc::new(RefCell::new(vec![0; CAMERAS.len()]));
         let pc = told.clone();
-        let mut coordinator = Station::<Coordinator>::new(
+        let mut coordinator = Station::<CoordinatorRole>::new(
             0,
-            Coordinator::new,
+            CoordinatorRole::new,
             Box::new(move |_, task| {
-                if let coordinator::Task::Tell(message) = task {
+                if let coordinator::CoordinatorTask::Tell(message) = task {
                     pc.borrow_mut().push(message);
                 }
                 None
@@ -103,37 +103,37 @@ impl Net {
         let mut cameras: Vec<_> = (0..CAMERAS.len())
             .map(|n| {
                 let (site, looks, config) = (site.clone(), looks.clone(), config(n));
-                let devices: super::bus::Devices<Camera> = Box::new(move |now, task| {
+                let devices: super::bus::Devices<CameraRole> = Box::new(move |now, task| {
                     Some(match task {
-                        camera::Task::Recall(_) => return None,
-                        camera::Task::Look { colour } => {
+                        camera::CameraTask::Recall(_) => return None,
+                        camera::CameraTask::Look { colour } => {
                             looks.borrow_mut()[n] += 1;
                             let (sight, seen) = site.borrow().look(n, colour);
-                            (now + LOOK, camera::Event::Looked(sight, seen))
+                            (now + LOOK, camera::CameraEvent::Looked(sight, seen))
                         }
-                        camera::Task::Command(command) => {
+                        camera::CameraTask::Command(command) => {
                             let success = true;
-                            let done = node_firmware::message::Done { command, success };
-                            (now + LOOK, camera::Event::Done(done))
+                            let done = node_firmware::message::CommandResult { command, success };
+                            (now + LOOK, camera::CameraEvent::Done(done))
                         }
                     })
                 });
                 let address = n as u16 + 1;
                 Station::new(
                     address,
-                    move || Camera::new(100 + address, config.clone()),
+                    move || CameraRole::new(100 + address, config.clone()),
                     devices,
                 )
             })
             .collect();
         for camera in &mut cameras {
             camera.attach(0);
-            camera.event(SECOND, camera::Event::Ready);
+            camera.event(SECOND, camera::CameraEvent::Ready);
         }
-        let mut target = Station::<Target>::new(
+        let mut target = Station::<TargetRole>::new(
             TARGET,
             // Soon its numbers begin again from zero.
-            || Target::new(TARGET, target_config(0), u16::MAX - 2),
+            || TargetRole::new(TARGET, target_config(0), u16::MAX - 2),
             Box::new(|_, ()| None),
         );
         target.attach(0);
@@ -207,7 +207,7 @@ impl Net {
         let [distance, heading] = self.site.borrow_mut().walk(0, to, TURN);
         self.target.event(
             self.now,
-            target::Event::Step(Step {
+            moving_target::TargetEvent::Step(Step {
                 distance: distance as f32,
                 heading: heading as f32,
                 distance_sigma: STEP_SIGMAS[0] as f32,

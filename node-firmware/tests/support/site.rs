@@ -4,9 +4,9 @@ use std::{cell::RefCell, collections::BTreeMap, f64::consts::PI, rc::Rc};
 
 use nalgebra::{Point2, Vector2};
 use node_firmware::{
-    config::{CameraConfig, Duty, Reference, SensorConfig, Sigmas, Subjects, TargetConfig},
-    message::{Seen, Sight},
-    sight::{ColourWindow, Lens},
+    config::{CameraConfig, SensorConfig, Sigmas, Subjects, TargetConfig},
+    message::{Duty, Reference, Seen, Sight},
+    vision::{ColourWindow, Lens},
 };
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;

@@ -7,7 +7,7 @@ use std::{collections::BTreeSet, fmt::Display, ops::RangeInclusive};
 use calib_core::camera::Projection;
 use cmucam2_emulator::FaultRates;
 use nalgebra::Vector2;
-use node_firmware::config::COLOURS_MAX;
+use node_firmware::limits::COLOURS_MAX;
 
 use super::{
     FIRST_COORDINATOR,

@@ -8,7 +8,7 @@ use std::fmt;
 
 use node_firmware::{
     config::{CameraConfig, CoordinatorConfig, Subjects, TargetConfig},
-    sight::Lens,
+    vision::Lens,
 };
 
 use super::error::ScenarioError;

@@ -1,6 +1,6 @@
 //! The list of the keys.
 
-use node_firmware::{config::check::BAUD_RATES, message::StopNumber};
+use node_firmware::{config::BaudRate, message::StopNumber};
 
 use super::{
     Key,
@@ -12,6 +12,17 @@ use super::{
     Without::{Camera, Coordinator, Is, Needed, Target},
 };
 use crate::{FIRST_COORDINATOR, PATH_MAX};
+
+/// In the order of [`BaudRate::ALL`].
+const BAUD_RATES: [u32; BaudRate::ALL.len()] = {
+    let mut rates = [0; BaudRate::ALL.len()];
+    let mut n = 0;
+    while n < rates.len() {
+        rates[n] = BaudRate::ALL[n].bits_per_second();
+        n += 1;
+    }
+    rates
+};
 
 /// The longest length and the like: far from where f32 on the nodes loses digits.
 pub(super) const LARGE: f64 = 1e5;

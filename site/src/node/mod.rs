@@ -25,10 +25,11 @@ use std::{fmt, str::FromStr};
 
 use node_firmware::{
     config::{
-        ALLOWED_MAX, CameraConfig, Config, ConfigError, CoordinatorConfig, Role, SiteKey, Subjects,
-        TargetConfig,
+        CameraConfig, CheckedConfig, Config, ConfigError, CoordinatorConfig, RoleConfig, SiteKey,
+        Subjects, TargetConfig,
     },
-    sight::{ColourWindow, Lens},
+    limits::MEMBERS,
+    vision::{ColourWindow, Lens},
 };
 use serde::{Deserialize, Serialize, de::DeserializeOwned};
 use thiserror::Error;
@@ -82,7 +83,7 @@ pub enum NodeError {
     #[error("`{0}` is no EUI-64: it has 8 bytes, for example F4:CE:36:00:00:00:00:03")]
     Address(String),
     /// More than there are.
-    #[error("a coordinator's network has at most {ALLOWED_MAX} other nodes, not {0}")]
+    #[error("a coordinator's network has at most {MEMBERS} other nodes, not {0}")]
     TooMany(usize),
     /// A number that is no channel.
     #[error("there is no channel {0}: the 2.4 GHz channels are 11 to 26")]
@@ -142,12 +143,12 @@ impl RoleName {
     }
 }
 
-impl From<&Role> for RoleName {
-    fn from(role: &Role) -> Self {
+impl From<&RoleConfig> for RoleName {
+    fn from(role: &RoleConfig) -> Self {
         match role {
-            Role::Camera(_) => Self::Camera,
-            Role::Coordinator(_) => Self::Coordinator,
-            Role::Target(_) => Self::Target,
+            RoleConfig::Camera(_) => Self::Camera,
+            RoleConfig::Coordinator(_) => Self::Coordinator,
+            RoleConfig::Target(_) => Self::Target,
         }
     }
 }
@@ -225,7 +226,7 @@ pub fn config(
     mut table: Table,
     site_key: SiteKey,
     first_counter: u32,
-) -> Result<Config, NodeError> {
+) -> Result<CheckedConfig, NodeError> {
     for (name, instead) in [
         ("site-key", "--site-key FILE"),
         ("first-counter", "--first-counter N"),
@@ -269,15 +270,15 @@ pub fn config(
         RoleName::Camera => {
             let colours = [ORANGE].into_iter().collect();
             let usual = CameraConfig::new(LENS, Subjects::Colours(colours));
-            Role::Camera(parameters(common.role, &usual, table)?)
+            RoleConfig::Camera(parameters(common.role, &usual, table)?)
         }
         RoleName::Coordinator => {
             let own = parameters(common.role, &Coordinator::default(), table)?;
-            Role::Coordinator(own.try_into()?)
+            RoleConfig::Coordinator(own.try_into()?)
         }
         RoleName::Target => {
             let own: TargetConfig = parameters(common.role, &TargetConfig::default(), table)?;
-            Role::Target(own)
+            RoleConfig::Target(own)
         }
     };
     let config = Config {
@@ -294,8 +295,7 @@ pub fn config(
         },
         role,
     };
-    config.check()?;
-    Ok(config)
+    Ok(config.check()?)
 }
 
 /// The usual parameters, and over them those that are given. A name that nobody knows is refused:
@@ -347,7 +347,7 @@ impl TryFrom<Coordinator> for CoordinatorConfig {
 }
 
 /// As many as a network has.
-fn allow_list(devices: &[[u8; 8]]) -> Result<heapless::Vec<[u8; 8], ALLOWED_MAX>, NodeError> {
+fn allow_list(devices: &[[u8; 8]]) -> Result<heapless::Vec<[u8; 8], MEMBERS>, NodeError> {
     heapless::Vec::from_slice(devices).map_err(|_| NodeError::TooMany(devices.len()))
 }
 

@@ -1,6 +1,6 @@
 //! A configuration as text.
 
-use node_firmware::config::{Config, Role, page};
+use node_firmware::config::{Config, RoleConfig, page};
 use toml::{Table, Value};
 use zigbee_link::security::Protection;
 
@@ -22,9 +22,9 @@ pub fn text(config: &Config) -> Result<String, NodeError> {
     });
     let role = RoleName::from(&config.role);
     let own = match &config.role {
-        Role::Camera(camera) => toml::to_string(camera)?,
-        Role::Target(target) => toml::to_string(target)?,
-        Role::Coordinator(coordinator) => {
+        RoleConfig::Camera(camera) => toml::to_string(camera)?,
+        RoleConfig::Target(target) => toml::to_string(target)?,
+        RoleConfig::Coordinator(coordinator) => {
             let allow: Vec<_> = coordinator
                 .allow
                 .iter()

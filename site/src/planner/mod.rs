@@ -35,7 +35,7 @@
 
 use calib_core::{
     Ray,
-    reference::{self, Known, Settings, Stop},
+    reference::{self, Known, ReferenceSettings, Stop},
 };
 use nalgebra::{Matrix2, Matrix3, Matrix6, Point2, Vector2};
 use rand::SeedableRng;
@@ -44,7 +44,7 @@ use serde::{Deserialize, Serialize};
 use thiserror::Error;
 
 use crate::world::World;
-use node_firmware::role::camera::REFERENCE_STOPS;
+use node_firmware::limits::REFERENCE_STOPS;
 
 mod exchange;
 mod first_sightings;
@@ -310,7 +310,7 @@ impl Task<'_> {
                 }
             })
             .collect();
-        reference::solve(&stops, &self.known, &Settings::default())
+        reference::solve(&stops, &self.known, &ReferenceSettings::default())
             .is_ok_and(|outcome| outcome.alternative.is_none())
     }
 

@@ -4,13 +4,14 @@ use std::{collections::VecDeque, task::Waker};
 
 use slab::Slab;
 use zigbee_link::{
-    radio::{Capabilities, Channel, Config, FCS_LEN, FRAME_MIN, PSDU_MAX, Received, TxOutcome},
+    radio::{Channel, FCS_LEN, FRAME_MIN, PSDU_MAX, RadioConfig, Received, TxOutcome},
     wire::{fcs, has_good_fcs},
 };
 
 use super::{
-    Counters, Event, NodeId, Place, Reason, Watcher,
+    Abilities, Counters, Event, NodeId, Place, Reason, Watcher,
     disturbance::Disturbances,
+    filter,
     links::Links,
     propagation::{Link, Propagation, Thresholds},
 };
@@ -89,8 +90,8 @@ struct Lock {
 }
 
 pub(super) struct Node {
-    pub(super) config: Option<Config>,
-    abilities: Capabilities,
+    pub(super) config: Option<RadioConfig>,
+    abilities: Abilities,
     counters: Counters,
     carriers: Vec<Carrier>,
     lock: Option<Lock>,
@@ -208,7 +209,7 @@ impl Air {
     pub(super) fn add(&mut self, place: Place) -> NodeId {
         self.nodes.push(Node {
             config: None,
-            abilities: Capabilities::default(),
+            abilities: Abilities::default(),
             counters: Counters::default(),
             carriers: Vec::new(),
             lock: None,
@@ -257,7 +258,7 @@ impl Air {
         self.tell(now, Event::Dropped { from, by, reason });
     }
 
-    pub(super) fn switch_on(&mut self, node: NodeId, abilities: Capabilities) {
+    pub(super) fn switch_on(&mut self, node: NodeId, abilities: Abilities) {
         self.node_mut(node).abilities = abilities;
     }
 
@@ -283,7 +284,7 @@ impl Air {
         }
     }
 
-    pub(super) fn configure(&mut self, id: NodeId, config: Config) {
+    pub(super) fn configure(&mut self, id: NodeId, config: RadioConfig) {
         let old = self.node_mut(id).config.replace(config);
         if old.is_some_and(|old| old.channel == config.channel) {
             return;
@@ -570,7 +571,7 @@ impl Air {
         }
         let is_wanted = !node.abilities.address_filter
             || config.promiscuous
-            || config.accepts(transmission.frame());
+            || filter::accepts(&config, transmission.frame());
         if !is_wanted {
             return Some(Reason::Filtered);
         }

@@ -27,6 +27,7 @@
 mod air;
 mod counters;
 mod disturbance;
+mod filter;
 mod links;
 mod propagation;
 mod radio;
@@ -37,7 +38,7 @@ use std::{
     rc::{Rc, Weak},
 };
 
-use zigbee_link::radio::{Capabilities, Channel, FCS_LEN, FRAME_MIN, PSDU_MAX};
+use zigbee_link::radio::{Channel, FCS_LEN, FRAME_MIN, PSDU_MAX};
 
 use self::air::{Air, Due};
 pub use self::{
@@ -53,14 +54,23 @@ use super::executor::{Clock, EventId, Handler, Time};
 pub type Place = [f64; 2];
 
 /// What the radio of an nRF52840 does, with a queue in its driver and a filter.
-pub const NRF52840: Capabilities = Capabilities {
+pub const NRF52840: Abilities = Abilities {
     fcs: true,
-    csma: false,
     address_filter: true,
-    acknowledge: false,
-    retries: false,
     rx_queue: true,
 };
+
+/// What a radio of a medium does by itself.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Abilities {
+    /// Appends the frame check sequence, and drops received frames where it is wrong. Frames then
+    /// cross the seam without it.
+    pub fcs: bool,
+    /// Delivers only frames for the configured addresses.
+    pub address_filter: bool,
+    /// Queues frames that arrive while no receive operation is pending.
+    pub rx_queue: bool,
+}
 
 /// A node of a medium.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
@@ -109,16 +119,9 @@ impl Medium {
         self.0.air.borrow_mut().add(place)
     }
 
-    /// The radio of a node, which has just been switched on. `abilities` are `fcs`,
-    /// `address_filter` and `rx_queue`; the others are left to wrappers. The radio is switched off
-    /// when it is dropped; a node has one at a time.
-    pub fn radio(&self, node: NodeId, abilities: Capabilities) -> Radio {
-        let abilities = Capabilities {
-            csma: false,
-            acknowledge: false,
-            retries: false,
-            ..abilities
-        };
+    /// The radio of a node, which has just been switched on. Backing off is left to a wrapper. The
+    /// radio is switched off when it is dropped; a node has one at a time.
+    pub fn radio(&self, node: NodeId, abilities: Abilities) -> Radio {
         self.0.air.borrow_mut().switch_on(node, abilities);
         Radio::new(self.0.clone(), node, abilities)
     }

@@ -9,16 +9,16 @@ use std::{
 };
 
 use zigbee_link::radio::{
-    Capabilities, Config, FRAME_MAX, FRAME_MIN, PSDU_MAX, Radio as Contract, Received, TxOutcome,
+    FRAME_MAX, FRAME_MIN, PSDU_MAX, Radio as Contract, RadioConfig, Received, TxOutcome,
 };
 
-use super::{NodeId, Shared};
+use super::{Abilities, NodeId, Shared};
 
 /// A radio on a [`Medium`](super::Medium).
 pub struct Radio {
     shared: Rc<Shared>,
     node: NodeId,
-    abilities: Capabilities,
+    abilities: Abilities,
 }
 
 /// The radio was used against its contract.
@@ -42,7 +42,7 @@ impl fmt::Display for RadioError {
 impl std::error::Error for RadioError {}
 
 impl Radio {
-    pub(super) fn new(shared: Rc<Shared>, node: NodeId, abilities: Capabilities) -> Self {
+    pub(super) fn new(shared: Rc<Shared>, node: NodeId, abilities: Abilities) -> Self {
         Self {
             shared,
             node,
@@ -68,11 +68,7 @@ impl Drop for Radio {
 impl Contract for Radio {
     type Error = RadioError;
 
-    fn capabilities(&self) -> Capabilities {
-        self.abilities
-    }
-
-    async fn configure(&mut self, config: &Config) -> Result<(), RadioError> {
+    async fn configure(&mut self, config: &RadioConfig) -> Result<(), RadioError> {
         self.shared.air.borrow_mut().configure(self.node, *config);
         Ok(())
     }

@@ -6,12 +6,12 @@ use embassy_futures::select::select;
 use virtual_bench::{
     executor::{Ended, Executor, Time},
     medium::{
-        Capture, Disturbance, Kind, LogDistance, Medium, NRF52840, NodeId, Place, Propagation,
-        Radio, RadioError, Reason,
+        Abilities, Capture, Disturbance, Kind, LogDistance, Medium, NRF52840, NodeId, Place,
+        Propagation, Radio, RadioError, Reason,
     },
 };
 use zigbee_link::{
-    radio::{Capabilities, Channel, Config, FRAME_MAX, PSDU_MAX, Radio as _, Received, TxOutcome},
+    radio::{Channel, FRAME_MAX, PSDU_MAX, Radio as _, RadioConfig, Received, TxOutcome},
     wire::{Eui64, PanId, ShortAddress, has_good_fcs},
 };
 
@@ -21,8 +21,8 @@ const CHANNEL: Channel = Channel::FIRST;
 /// Assessment and turnaround before a frame, by hand from the standard.
 const LEAD: Time = (128 + 192) * MICROSECOND;
 
-fn config(node: NodeId) -> Config {
-    Config {
+fn config(node: NodeId) -> RadioConfig {
+    RadioConfig {
         channel: CHANNEL,
         tx_power: 0,
         pan: PanId(0xBEEF),
@@ -58,7 +58,7 @@ impl Bench {
         Self::new(Propagation::UnitDisk { range, loss })
     }
 
-    async fn switched_on(medium: Medium, node: NodeId, abilities: Capabilities) -> Radio {
+    async fn switched_on(medium: Medium, node: NodeId, abilities: Abilities) -> Radio {
         let mut radio = medium.radio(node, abilities);
         radio.configure(&config(node)).await.unwrap();
         radio
@@ -87,7 +87,7 @@ impl Bench {
     }
 
     /// A node that writes down what it hears.
-    fn listener(&mut self, place: Place, abilities: Capabilities) -> (NodeId, Heard) {
+    fn listener(&mut self, place: Place, abilities: Abilities) -> (NodeId, Heard) {
         let node = self.medium.attach(place);
         let heard = Heard::default();
         let (medium, clock, list) = (self.medium.clone(), self.executor.clock(), heard.clone());
@@ -240,14 +240,14 @@ fn queues_and_filters() {
     let late = Rc::new(RefCell::new(0));
     let (count, clock) = (late.clone(), bench.executor.clock());
     bench.executor.spawn(async move {
-        let no_queue = Capabilities {
+        let no_queue = Abilities {
             rx_queue: false,
             ..NRF52840
         };
         let _deaf = Bench::switched_on(medium.clone(), deaf, no_queue).await;
         let mut full = Bench::switched_on(medium.clone(), full, NRF52840).await;
         let mut other = medium.radio(other, NRF52840);
-        let foreign = Config {
+        let foreign = RadioConfig {
             pan: PanId(0x1234),
             promiscuous: false,
             ..config(off)
@@ -279,7 +279,7 @@ fn scripted_disturbances() {
         .map(|n| (10 * MILLISECOND + n * SECOND / 10, 20))
         .collect();
     let mut bench = Bench::disk(10.0, 0.0);
-    let raw = Capabilities {
+    let raw = Abilities {
         fcs: false,
         ..NRF52840
     };

@@ -10,7 +10,7 @@ use virtual_bench::{
     random::Root,
 };
 use zigbee_link::{
-    network::{Channels, Node, Settings, Status},
+    network::{Channels, NetworkSettings, NetworkStatus, Node},
     radio::{Channel, Csma},
     runner::{Shared, run},
     security::{Key, Protection},
@@ -60,7 +60,7 @@ pub(crate) async fn firmware(
     for (place, member) in (0..).zip(&mut table) {
         *member = store.member(place).await.unwrap();
     }
-    let settings = Settings {
+    let settings = NetworkSettings {
         extended: eui(id.0),
         channels: Channels::only(Channel::FIRST),
         tx_power: 0,
@@ -87,7 +87,7 @@ pub(crate) async fn firmware(
 pub(crate) fn is_joined(window: &Window) -> bool {
     let node = window.borrow();
     node.as_ref()
-        .is_some_and(|node| matches!(node.with(|node, _| node.status()), Status::Joined(_)))
+        .is_some_and(|node| matches!(node.with(|node, _| node.status()), NetworkStatus::Joined(_)))
 }
 
 /// Nodes in a network, each with its flash and its task.

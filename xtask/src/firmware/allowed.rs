@@ -161,7 +161,7 @@ const ALLOWED: &[Allowed] = &[
     // One branch for several of the above and below, of which the compiler kept no place.
     Allowed {
         panic: MESSAGE,
-        functions: &["node_firmware::run::drive::AtDesk<R>::poll_devices"],
+        functions: &["node_firmware::run::drive::RoleDriver<R>::poll_devices"],
         callers: &[],
         reason: "nobody polls a future that has ended, nor sends twice what was sent",
     },
@@ -213,7 +213,7 @@ const ALLOWED: &[Allowed] = &[
     Allowed {
         panic: "core::option::expect_failed",
         functions: &["<heapless::vec::VecInner<T,LenT,heapless::vec::storage::VecStorageInner<"],
-        callers: &["node_firmware::role::camera::", "node_firmware::sight::"],
+        callers: &["node_firmware::role::camera::", "node_firmware::vision::"],
         reason: "lists are collected from lists of the same capacity",
     },
     Allowed {

@@ -28,7 +28,7 @@ const PANICS: [&str; 9] = [
 ];
 
 /// Crates of this project.
-const OURS: [&str; 8] = [
+const OURS: [&str; 9] = [
     "board_support",
     "calib_core",
     "cmucam2_driver",
@@ -36,6 +36,7 @@ const OURS: [&str; 8] = [
     "node_firmware",
     "nrf52840::",
     "nucleo_l476rg::",
+    "pedestrian",
     "zigbee_link",
 ];
 

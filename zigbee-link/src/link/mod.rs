@@ -55,9 +55,9 @@ use crate::{
     jitter::Jitter,
     log::debug,
     radio::FRAME_MAX,
-    security::{Key, RotationError, SealError, Session},
+    security::{FrameSecurity, Key, RotationError, SealError},
     slots::Slots,
-    wire::{Address, Command, Eui64, FrameType, Header, PanId, Panned, ShortAddress},
+    wire::{Address, Eui64, FrameType, Header, MacCommand, PanId, Panned, ShortAddress},
 };
 
 /// Bytes of the longest message: of a frame without FCS, less header 9, security 6, packet 2 and
@@ -96,7 +96,7 @@ fn count(counter: &mut u32) {
 pub struct Incoming {
     /// The sender's short address.
     pub from: ShortAddress,
-    /// The sender.
+    /// The sender's extended address.
     pub extended: Eui64,
     /// Sent to everybody.
     pub broadcast: bool,
@@ -107,21 +107,19 @@ pub struct Incoming {
 /// What a received frame means beyond messages.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
-pub enum Event {
-    /// Nothing.
+pub enum LinkEvent {
+    /// At most a message, or a reply that is queued: nothing for the layer above.
     Nothing,
-    /// A MAC command of a peer.
+    /// A MAC command of a peer, authentic and new.
     Command {
-        /// The peer.
+        /// Its sender's extended address.
         from: Eui64,
-        /// The address it used.
-        source: Address,
-        /// The command.
-        command: Command,
+        /// What it says, in clear.
+        command: MacCommand,
     },
     /// A peer has just proven that its frames are fresh.
     Fresh {
-        /// The peer.
+        /// Its extended address.
         peer: Eui64,
         /// Its short address, if it has one.
         short: ShortAddress,
@@ -138,8 +136,8 @@ struct Attachment {
 /// The messages of one node, with up to `PEERS` peers and `QUEUE` messages each way.
 #[derive(Debug)]
 pub struct Link<const PEERS: usize, const QUEUE: usize> {
-    /// Security.
-    pub session: Session<PEERS>,
+    /// Keys, own frame counter and known peers.
+    pub session: FrameSecurity<PEERS>,
     attachment: Option<Attachment>,
     outgoing: Slots<Outgoing, QUEUE>,
     incoming: heapless::Deque<Incoming, QUEUE>,
@@ -154,8 +152,9 @@ pub struct Link<const PEERS: usize, const QUEUE: usize> {
 
 impl<const PEERS: usize, const QUEUE: usize> Link<PEERS, QUEUE> {
     /// A link that is not attached. `seed` should differ between nodes.
+    // stack
     #[inline(always)]
-    pub fn new(session: Session<PEERS>, seed: u64) -> Self {
+    pub fn new(session: FrameSecurity<PEERS>, seed: u64) -> Self {
         Self {
             session,
             attachment: None,

@@ -62,7 +62,7 @@ impl fmt::Display for SendError {
 
 impl core::error::Error for SendError {}
 
-/// One message.
+/// A message from [`Link::send`](super::Link::send) until its result is fetched.
 #[derive(Debug)]
 pub(super) struct Outgoing {
     pub ticket: Ticket,

@@ -3,7 +3,7 @@
 use core::time::Duration;
 
 use super::{
-    Delivery, Event, Incoming, Link, count,
+    Delivery, Incoming, Link, LinkEvent, count,
     freshness::ReplyKind,
     packet::{self, Kind, Packet},
 };
@@ -11,17 +11,17 @@ use crate::{
     Instant,
     log::debug,
     security::{Envelope, Key, Opened, Refused, Sender},
-    wire::{Address, Command, Eui64, FrameType, Malformed, PanId, Panned, ShortAddress},
+    wire::{Address, Eui64, FrameType, MacCommand, Malformed, PanId, Panned, ShortAddress},
 };
 
 impl<const PEERS: usize, const QUEUE: usize> Link<PEERS, QUEUE> {
     /// Takes in a frame without FCS, which is decrypted in place.
-    pub fn handle(&mut self, now: Instant, frame: &mut [u8]) -> Event {
+    pub fn handle(&mut self, now: Instant, frame: &mut [u8]) -> LinkEvent {
         let Ok(envelope) = Envelope::parse(frame) else {
-            return Event::Nothing;
+            return LinkEvent::Nothing;
         };
         let Some(broadcast) = self.is_for_us(envelope.destination) else {
-            return Event::Nothing;
+            return LinkEvent::Nothing;
         };
         // Everybody hears a broadcast at once, and would answer at once.
         let answer_at = if broadcast {
@@ -41,7 +41,7 @@ impl<const PEERS: usize, const QUEUE: usize> Link<PEERS, QUEUE> {
                 {
                     self.challenge(answer_at, Address::Short(short));
                 }
-                return Event::Nothing;
+                return LinkEvent::Nothing;
             }
         };
         let event = match opened.frame_type {
@@ -51,7 +51,7 @@ impl<const PEERS: usize, const QUEUE: usize> Link<PEERS, QUEUE> {
         event.unwrap_or_else(|malformed| {
             count(&mut self.counts.unknown);
             debug!("unknown: {}", malformed);
-            Event::Nothing
+            LinkEvent::Nothing
         })
     }
 
@@ -76,8 +76,8 @@ impl<const PEERS: usize, const QUEUE: usize> Link<PEERS, QUEUE> {
         if self.session.keys.next().is_some_and(is_next)
             && self.short() != Some(ShortAddress::COORDINATOR)
         {
-            // It is installed.
-            let _ = self.activate_key(index, now);
+            let activated = self.activate_key(index, now);
+            debug_assert!(activated.is_ok(), "it is the next one");
         }
     }
 
@@ -86,20 +86,16 @@ impl<const PEERS: usize, const QUEUE: usize> Link<PEERS, QUEUE> {
         now: Instant,
         answer_at: Instant,
         opened: &Opened<'_>,
-    ) -> Result<Event, Malformed> {
-        let command = Command::parse(opened.payload)?;
+    ) -> Result<LinkEvent, Malformed> {
+        let command = MacCommand::parse(opened.payload)?;
         match opened.sender {
             Sender::Peer(from) => {
                 self.follow_key(now, opened.key);
-                Ok(Event::Command {
-                    from,
-                    source: opened.source,
-                    command,
-                })
+                Ok(LinkEvent::Command { from, command })
             }
             Sender::Stranger(extended) => {
                 self.challenge(answer_at, Address::Extended(extended));
-                Ok(Event::Nothing)
+                Ok(LinkEvent::Nothing)
             }
         }
     }
@@ -110,7 +106,7 @@ impl<const PEERS: usize, const QUEUE: usize> Link<PEERS, QUEUE> {
         answer_at: Instant,
         broadcast: bool,
         opened: &Opened<'_>,
-    ) -> Result<Event, Malformed> {
+    ) -> Result<LinkEvent, Malformed> {
         let extended = opened.sender.extended();
         let packet = Packet::parse(opened.payload)?;
         if let Sender::Peer(_) = opened.sender
@@ -131,19 +127,19 @@ impl<const PEERS: usize, const QUEUE: usize> Link<PEERS, QUEUE> {
                     };
                     self.reply(now, kind, opened.source);
                 }
-                Ok(Event::Nothing)
+                Ok(LinkEvent::Nothing)
             }
             (Packet::Message { .. }, Sender::Stranger(_)) => {
                 self.challenge(answer_at, Address::Extended(extended));
-                Ok(Event::Nothing)
+                Ok(LinkEvent::Nothing)
             }
             (Packet::Acknowledgement { counter }, Sender::Peer(_)) => {
                 if let Address::Short(from) = opened.source {
                     self.acknowledged(from, counter);
                 }
-                Ok(Event::Nothing)
+                Ok(LinkEvent::Nothing)
             }
-            (Packet::Acknowledgement { .. }, Sender::Stranger(_)) => Ok(Event::Nothing),
+            (Packet::Acknowledgement { .. }, Sender::Stranger(_)) => Ok(LinkEvent::Nothing),
             (Packet::Challenge, sender) => {
                 let to = Address::Extended(extended);
                 let challenges = matches!(sender, Sender::Stranger(_));
@@ -156,7 +152,7 @@ impl<const PEERS: usize, const QUEUE: usize> Link<PEERS, QUEUE> {
                     };
                     self.reply(now, kind, to);
                 }
-                Ok(Event::Nothing)
+                Ok(LinkEvent::Nothing)
             }
             (
                 Packet::Response {
@@ -167,7 +163,7 @@ impl<const PEERS: usize, const QUEUE: usize> Link<PEERS, QUEUE> {
                 _,
             ) => {
                 if !self.challenges.is_answered(now, extended, short, counter) {
-                    return Ok(Event::Nothing);
+                    return Ok(LinkEvent::Nothing);
                 }
                 self.follow_key(now, opened.key);
                 let entered = self
@@ -176,7 +172,7 @@ impl<const PEERS: usize, const QUEUE: usize> Link<PEERS, QUEUE> {
                     .enter(extended, short, opened.counter, now);
                 if entered.is_err() {
                     count(&mut self.counts.table_full);
-                    return Ok(Event::Nothing);
+                    return Ok(LinkEvent::Nothing);
                 }
                 if challenges {
                     let kind = ReplyKind::Response {
@@ -190,7 +186,7 @@ impl<const PEERS: usize, const QUEUE: usize> Link<PEERS, QUEUE> {
                         outgoing.due = outgoing.due.min(now);
                     }
                 }
-                Ok(Event::Fresh {
+                Ok(LinkEvent::Fresh {
                     peer: extended,
                     short,
                 })

@@ -29,7 +29,7 @@ fn node(n: usize, counter: u32) -> Node {
     let mut reserved = Counter::resume(counter);
     reserved.reserved(counter + 1_000_000);
     let extended = Eui64([2, 0, 0, 0, 0, 0, 0, n as u8]);
-    let session = Session::new(extended, Protection::EncMic64, key(1), reserved);
+    let session = FrameSecurity::new(extended, Protection::EncMic64, key(1), reserved);
     let mut link = Link::new(session, n as u64);
     link.attach(PAN, short(n));
     link
@@ -386,7 +386,7 @@ fn replays_to_a_restarted_node() {
             _ => {}
         }
         let event = reborn.handle(now, &mut frame);
-        assert_eq!(event, Event::Nothing);
+        assert_eq!(event, LinkEvent::Nothing);
         while reborn.poll_transmit(now, &mut buffer).is_some() {}
         now = now + Duration::from_millis(1);
     }
@@ -495,6 +495,123 @@ fn keys_are_handed_on_and_followed() {
     assert_eq!(aether.nodes[1].recv(), Some((short(0), 1_u8)));
     assert_eq!(aether.nodes[1].recv(), Some((short(2), 2_u8)));
     assert_eq!(aether.nodes[2].session.keys.active(), key(2));
+}
+
+/// Two nodes that know each other.
+fn acquainted() -> Aether {
+    let mut aether = Aether::new(3, 0.0, 0);
+    aether.nodes[1].send(aether.now, short(2), &0_u8).unwrap();
+    aether.nodes[1].send(aether.now, short(0), &0_u8).unwrap();
+    aether.run();
+    assert_eq!(aether.nodes[2].recv(), Some((short(1), 0_u8)));
+    aether.heard.clear();
+    aether
+}
+
+/// A packet from node 1 to node 2, which gets it.
+fn slip(aether: &mut Aether, packet: &Packet<'_>) {
+    let mut payload = [0; MESSAGE_HEADER + MESSAGE_MAX];
+    let len = packet.emit(&mut payload).unwrap();
+    let to = Address::Short(short(2));
+    let from = Address::Short(short(1));
+    let mut buffer = [0; FRAME_MAX];
+    let sealed = aether.nodes[1].seal(false, from, to, &payload[..len], &mut buffer);
+    let (len, _) = sealed.unwrap();
+    aether.nodes[2].handle(aether.now, &mut buffer[..len]);
+}
+
+#[test]
+fn challenges_are_few_and_not_repeated_at_once() {
+    let target = |n: u64| Address::Short(ShortAddress(n as u16));
+    let at = |ms: u64| Instant(ms * 1000);
+    let mut challenges = Challenges::default();
+    challenges.asked(at(0), target(1), 11);
+    assert!(!challenges.may_ask(Instant(99_999), target(1)));
+    assert!(challenges.may_ask(at(100), target(1)));
+    assert!(challenges.may_ask(at(0), target(2)));
+    for n in 2..=8 {
+        challenges.asked(at(n), target(n), 10 + n as u32);
+    }
+    // Full, until the first one expires.
+    assert!(!challenges.may_ask(Instant(1_999_999), target(9)));
+    assert!(challenges.may_ask(at(2000), target(9)));
+    challenges.asked(at(2000), target(9), 19);
+    // What has to be asked takes the place of the oldest.
+    challenges.asked(at(2000), target(10), 20);
+    let mut is_answered = |n: u16, counter| {
+        let extended = Eui64([2, 0, 0, 0, 0, 0, 0, 9]);
+        challenges.is_answered(at(2000), extended, ShortAddress(n), counter)
+    };
+    assert!(!is_answered(2, 12));
+    assert!(!is_answered(3, 14), "another's counter");
+    assert!(is_answered(3, 13));
+    assert!(!is_answered(3, 13), "once");
+    assert!(is_answered(4, 14) && is_answered(10, 20));
+}
+
+/// Any member could lock the others out otherwise.
+#[test]
+fn only_the_coordinator_hands_on_keys() {
+    let mut aether = acquainted();
+    let unknown = aether.nodes[2].counts().unknown;
+    let ticket = aether.nodes[1].send_next_key(aether.now, short(2), &key(2));
+    aether.run();
+    assert_eq!(aether.nodes[2].session.keys.next(), None);
+    assert!(!aether.nodes[2].take_keys_changed());
+    // It is not acknowledged either, and whoever sent it knows.
+    let result = aether.nodes[1].result_of(ticket.unwrap());
+    assert_eq!(result, Some(Delivery::NoAnswer));
+    assert_eq!(
+        aether.nodes[2].counts().unknown,
+        unknown + u32::from(ATTEMPTS)
+    );
+}
+
+/// Who answers late may have kept the challenge back, or been kept from answering.
+#[test]
+fn an_answer_after_two_seconds_is_none() {
+    for (late, is_fresh) in [(1_999_999, true), (2_000_000, false)] {
+        let mut nodes = [node(1, 0), node(2, 0)];
+        let mut buffer = [0; FRAME_MAX];
+        let asked = Instant(1000);
+        nodes[0].challenge(asked, nodes[1].own_extended());
+        let len = nodes[0].poll_transmit(asked, &mut buffer).unwrap();
+        nodes[1].handle(asked, &mut buffer[..len]);
+        let len = nodes[1].poll_transmit(asked, &mut buffer).unwrap();
+        let answered = asked + Duration::from_micros(late);
+        let event = nodes[0].handle(answered, &mut buffer[..len]);
+        let fresh = LinkEvent::Fresh {
+            peer: nodes[1].session.extended(),
+            short: short(2),
+        };
+        assert_eq!(event == fresh, is_fresh, "{late} us");
+        assert_eq!(nodes[0].session.peers.iter().count(), usize::from(is_fresh));
+    }
+}
+
+/// A message that its sender gave up, and that comes all the same, is neither delivered nor
+/// acknowledged: its sender has told the application otherwise.
+#[test]
+fn what_its_sender_gave_up_is_not_acknowledged() {
+    let mut aether = acquainted();
+    let message = |age| Packet::Message {
+        kind: Kind::Unicast,
+        age,
+        bytes: &[7],
+    };
+    slip(&mut aether, &message(0));
+    assert!(aether.nodes[2].deadline().is_some(), "the answer is due");
+    assert_eq!(aether.nodes[2].recv(), Some((short(1), 7_u8)));
+    aether.run();
+    let duplicates = aether.nodes[2].counts().duplicates;
+    // The same once more, acknowledged again; then one from before it.
+    for (age, is_acknowledged) in [(1, true), (3, false)] {
+        slip(&mut aether, &message(age));
+        assert_eq!(aether.nodes[2].deadline().is_some(), is_acknowledged);
+        assert_eq!(aether.nodes[2].recv_bytes(), None);
+        aether.run();
+    }
+    assert_eq!(aether.nodes[2].counts().duplicates, duplicates + 2);
 }
 
 proptest! {

@@ -1,19 +1,31 @@
-//! The part of the coordinator.
+//! The node that runs a network and admits the others.
 
 use core::{fmt, time::Duration};
 
-use super::scan::Scan;
+use super::{
+    Common, FACT_NETWORK, FACT_NEXT_KEY, NetworkStatus, Outbound,
+    scan::{Found, Scan, Step},
+};
 use crate::{
     Instant,
-    link::Ticket,
+    link::{Delivery, Link, LinkEvent, SendError, Ticket},
+    log::debug,
+    radio::{Channel, RadioConfig},
+    security::{Key, RotationError},
     store::{Member, Membership, Record},
-    wire::{Association, AssociationStatus, Eui64, ShortAddress},
+    wire::{Address, Association, AssociationStatus, Eui64, MacCommand, PanId, ShortAddress},
 };
+use flash_log::DirtySet;
 
 /// The longest join window.
 pub const JOIN_WINDOW_MAX: Duration = Duration::from_secs(600);
 /// The PAN identifier changes at most this often: whoever forges beacons makes it change.
-pub(super) const CONFLICT_PAUSE: Duration = Duration::from_secs(60);
+const CONFLICT_PAUSE: Duration = Duration::from_secs(60);
+/// Announcements of a new PAN identifier, and the time between them.
+const REALIGNMENTS: u32 = 3;
+const REALIGNMENT_PAUSE: Duration = Duration::from_millis(100);
+/// Other coordinators answer a beacon request at the same time: the longest wait before that.
+const BEACON_WAIT: Duration = Duration::from_millis(30);
 
 /// The table of members or of expected devices is full.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
@@ -30,35 +42,37 @@ impl core::error::Error for MembersFull {}
 
 #[derive(Debug)]
 pub(super) struct Coordinator<const MEMBERS: usize> {
-    pub state: State,
+    state: State,
     /// A place keeps its number, by which the store knows it.
-    pub members: [Option<Member>; MEMBERS],
+    members: [Option<Member>; MEMBERS],
     /// Places that are to be written down.
-    pub unsaved: [bool; MEMBERS],
+    unsaved: DirtySet<MEMBERS>,
     /// The address given last. They are given in turn: whoever had one may not have heard yet that
     /// it is no longer a member.
     last: ShortAddress,
     allowed: heapless::Vec<Eui64, MEMBERS>,
     window: Option<Instant>,
-    pub rotation: Option<Rotation>,
-    pub last_conflict: Option<Instant>,
-    pub beacon_due: Option<Instant>,
+    rotation: Option<Rotation>,
+    last_conflict: Option<Instant>,
+    /// After a conflict: the identifier to change to once it is announced.
+    realignment: Option<PanId>,
+    beacon_due: Option<Instant>,
 }
 
 #[derive(Debug)]
 #[expect(clippy::large_enum_variant, reason = "there is no heap to put it on")]
-pub(super) enum State {
+enum State {
     Scanning(Scan),
     Running(Membership),
 }
 
 /// Handing on the next key, one member after the other.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Rotation {
-    pub change: KeyChange,
+struct Rotation {
+    change: KeyChange,
     /// The place in the table to serve next.
-    pub place: usize,
-    pub ticket: Option<Ticket>,
+    place: usize,
+    ticket: Option<Ticket>,
 }
 
 /// A change of key, as a coordinator sees it.
@@ -75,24 +89,337 @@ pub struct KeyChange {
 }
 
 impl<const MEMBERS: usize> Coordinator<MEMBERS> {
-    // Inlined like the node it is part of.
+    /// Of this network, or, without one, about to look for a free place for its own.
+    // stack
     #[inline(always)]
-    pub(super) fn new(state: State, members: [Option<Member>; MEMBERS]) -> Self {
+    pub(super) fn new(
+        network: Option<Membership>,
+        members: [Option<Member>; MEMBERS],
+        common: &Common,
+    ) -> Self {
         let mut last = ShortAddress::COORDINATOR;
         for member in members.iter().flatten() {
             last = last.max(member.short);
         }
         Self {
-            state,
+            state: match network {
+                Some(network) => State::Running(network),
+                None => State::Scanning(Scan::new(common.settings.channels)),
+            },
             last,
             members,
-            unsaved: [false; MEMBERS],
+            unsaved: DirtySet::new(),
             allowed: heapless::Vec::new(),
             window: None,
             rotation: None,
             last_conflict: None,
+            realignment: None,
             beacon_due: None,
         }
+    }
+
+    pub(super) const fn status(&self) -> NetworkStatus {
+        match self.state {
+            State::Scanning(_) => NetworkStatus::Searching(None),
+            State::Running(network) => NetworkStatus::Joined(network),
+        }
+    }
+
+    /// The network to remember.
+    pub(super) const fn network(&self) -> Option<Membership> {
+        match self.state {
+            State::Scanning(_) => None,
+            State::Running(network) => Some(network),
+        }
+    }
+
+    pub(super) fn members(&self) -> impl Iterator<Item = Member> {
+        self.members.iter().copied().flatten()
+    }
+
+    /// When to [`poll`](Self::poll) or to send a beacon.
+    pub(super) fn deadline(&self) -> Option<Instant> {
+        match &self.state {
+            State::Scanning(scan) => Some(scan.until()),
+            State::Running(_) => self.beacon_due,
+        }
+    }
+
+    /// How the radio should be configured now; `None` for as it is.
+    pub(super) fn radio(&self, common: &Common) -> Option<RadioConfig> {
+        Some(match &self.state {
+            State::Scanning(scan) => common.nowhere(scan.channel()?),
+            State::Running(network) => common.at(network),
+        })
+    }
+
+    pub(super) fn poll<const PEERS: usize, const QUEUE: usize>(
+        &mut self,
+        now: Instant,
+        link: &mut Link<PEERS, QUEUE>,
+        common: &mut Common,
+    ) {
+        match &mut self.state {
+            State::Scanning(scan) => match scan.step(now) {
+                Step::Request => common.beacon_request_due = true,
+                Step::Listen => {}
+                Step::Done => {
+                    let pan = scan.free_pan(|| common.jitter.next() as u16);
+                    if let Some(channel) = scan.quietest() {
+                        let network = Membership {
+                            pan,
+                            channel,
+                            short: ShortAddress::COORDINATOR,
+                            coordinator: common.settings.extended,
+                        };
+                        self.start(network, link, common);
+                    }
+                }
+            },
+            State::Running(network) => {
+                let network = *network;
+                self.rotate(now, link);
+                self.realign(network, link, common);
+            }
+        }
+    }
+
+    /// Runs, or goes on, as this.
+    fn start<const PEERS: usize, const QUEUE: usize>(
+        &mut self,
+        network: Membership,
+        link: &mut Link<PEERS, QUEUE>,
+        common: &mut Common,
+    ) {
+        self.state = State::Running(network);
+        debug!("runs {} on channel {}", network.pan, network.channel);
+        link.attach(network.pan, network.short);
+        common.unsaved.mark(FACT_NETWORK);
+    }
+
+    /// Hands a new key on to all members from now on, in place of another that was under way.
+    pub(super) fn change_key<const PEERS: usize, const QUEUE: usize>(
+        &mut self,
+        next: Key,
+        link: &mut Link<PEERS, QUEUE>,
+        common: &mut Common,
+    ) -> Result<(), RotationError> {
+        link.session.keys.install(next)?;
+        if let Some(ticket) = self.rotation.and_then(|former| former.ticket) {
+            link.withdraw(ticket);
+        }
+        self.rotation = Some(Rotation {
+            change: KeyChange {
+                index: next.index(),
+                is_done: false,
+                unreached: 0,
+            },
+            place: 0,
+            ticket: None,
+        });
+        common.unsaved.mark(FACT_NEXT_KEY);
+        Ok(())
+    }
+
+    pub(super) fn key_change(&self) -> Option<KeyChange> {
+        Some(self.rotation?.change)
+    }
+
+    /// Hands the next key on to the next member, and uses it after the last.
+    fn rotate<const PEERS: usize, const QUEUE: usize>(
+        &mut self,
+        now: Instant,
+        link: &mut Link<PEERS, QUEUE>,
+    ) {
+        let Some(rotation) = self.rotation.as_mut() else {
+            return;
+        };
+        if rotation.change.is_done {
+            return;
+        }
+        if let Some(ticket) = rotation.ticket {
+            let Some(delivery) = link.result_of(ticket) else {
+                return;
+            };
+            rotation.change.unreached += u8::from(delivery != Delivery::Delivered);
+            rotation.ticket = None;
+        }
+        let next = link.session.keys.next();
+        let mut members = self.members.iter().enumerate().skip(rotation.place);
+        let member = members.find_map(|(place, member)| Some((place, (*member)?)));
+        if let (Some((place, member)), Some(next)) = (member, next) {
+            let sent = link.send_next_key(now, member.short, &next);
+            if sent != Err(SendError::QueueFull) {
+                rotation.place = place + 1;
+                rotation.ticket = sent.ok();
+                rotation.change.unreached += u8::from(sent.is_err());
+            }
+        } else {
+            rotation.change.is_done = true;
+            // Not installed: whoever owns the node installed or used another meanwhile.
+            let _ = link.activate_key(rotation.change.index, now);
+        }
+    }
+
+    /// Changes the PAN identifier once every announcement has been sent.
+    fn realign<const PEERS: usize, const QUEUE: usize>(
+        &mut self,
+        network: Membership,
+        link: &mut Link<PEERS, QUEUE>,
+        common: &mut Common,
+    ) {
+        let announcement = |outbound: &Outbound| {
+            matches!(outbound.command, MacCommand::CoordinatorRealignment { .. })
+        };
+        if common.commands.iter().any(announcement) {
+            return;
+        }
+        if let Some(pan) = self.realignment.take() {
+            self.start(Membership { pan, ..network }, link, common);
+        }
+    }
+
+    /// Another network has the same PAN identifier.
+    fn resolve_conflict(&mut self, now: Instant, common: &mut Common) {
+        let State::Running(network) = self.state else {
+            return;
+        };
+        let recent = |last: Instant| now < last + CONFLICT_PAUSE;
+        if self.last_conflict.is_some_and(recent) {
+            return;
+        }
+        self.last_conflict = Some(now);
+        let pan = loop {
+            let drawn = PanId(common.jitter.next() as u16);
+            if drawn.0 < ShortAddress::UNASSIGNED.0 && drawn != network.pan {
+                break drawn;
+            }
+        };
+        self.realignment = Some(pan);
+        for announcement in 0..REALIGNMENTS {
+            let command = realignment(pan, network.channel, ShortAddress::BROADCAST);
+            let everybody = Address::Short(ShortAddress::BROADCAST);
+            common.command(now + REALIGNMENT_PAUSE * announcement, everybody, command);
+        }
+    }
+
+    /// Somebody looks for networks.
+    pub(super) fn on_beacon_request(&mut self, now: Instant, common: &mut Common) {
+        let due = now + common.jitter.up_to(BEACON_WAIT);
+        self.beacon_due.get_or_insert(due);
+    }
+
+    /// Whether a beacon is to be sent now; what it says of the network.
+    pub(super) fn take_beacon(&mut self, now: Instant) -> Option<Invitation> {
+        let State::Running(network) = self.state else {
+            return None;
+        };
+        self.beacon_due.take_if(|due| *due <= now)?;
+        Some(Invitation {
+            pan: network.pan,
+            is_full: self.is_full(),
+            admits: self.invites(now),
+        })
+    }
+
+    pub(super) fn on_beacon(&mut self, now: Instant, found: Found, common: &mut Common) {
+        match &mut self.state {
+            State::Scanning(scan) => scan.on_beacon(found),
+            State::Running(network) => {
+                if found.pan == network.pan {
+                    self.resolve_conflict(now, common);
+                }
+            }
+        }
+    }
+
+    pub(super) fn on_event<const PEERS: usize, const QUEUE: usize>(
+        &mut self,
+        now: Instant,
+        event: LinkEvent,
+        link: &mut Link<PEERS, QUEUE>,
+        common: &mut Common,
+    ) {
+        let (from, command) = match event {
+            LinkEvent::Command { from, command } => (from, command),
+            LinkEvent::Fresh { peer, short } => {
+                return self.on_presented(now, peer, short, link, common);
+            }
+            LinkEvent::Nothing => return,
+        };
+        match command {
+            MacCommand::AssociationRequest(_) => self.on_request(now, from, link, common),
+            MacCommand::Disassociation { .. } => {
+                if self.strike_off(from) {
+                    link.session.peers.forget(from);
+                }
+            }
+            MacCommand::Orphan => self.on_orphan(now, from, common),
+            MacCommand::PanIdConflict if self.members().any(|member| member.extended == from) => {
+                self.resolve_conflict(now, common);
+            }
+            _ => {}
+        }
+    }
+
+    /// Somebody is there, and says which address it has. If nobody has that, it missed that it was
+    /// sent away.
+    fn on_presented<const PEERS: usize, const QUEUE: usize>(
+        &self,
+        now: Instant,
+        device: Eui64,
+        short: ShortAddress,
+        link: &mut Link<PEERS, QUEUE>,
+        common: &mut Common,
+    ) {
+        let member = Member {
+            extended: device,
+            short,
+        };
+        if short.is_unicast() && !self.members().any(|other| other == member) {
+            dismiss(now, device, link, common);
+        }
+    }
+
+    /// Tells a member where it belongs.
+    fn on_orphan(&self, now: Instant, device: Eui64, common: &mut Common) {
+        let member = self.members().find(|member| member.extended == device);
+        if let (Some(member), State::Running(network)) = (member, &self.state) {
+            let command = realignment(network.pan, network.channel, member.short);
+            common.command(now, Address::Extended(device), command);
+        }
+    }
+
+    /// A device wants to join.
+    fn on_request<const PEERS: usize, const QUEUE: usize>(
+        &mut self,
+        now: Instant,
+        device: Eui64,
+        link: &mut Link<PEERS, QUEUE>,
+        common: &mut Common,
+    ) {
+        let association = self.admit(now, device);
+        if association.status == AssociationStatus::Successful {
+            link.session.peers.rename(device, association.short);
+        }
+        // Before the answer goes out, it is written down.
+        let command = MacCommand::AssociationResponse(association);
+        common.command(now, Address::Extended(device), command);
+    }
+
+    /// Sends a member away. Whether it was one.
+    pub(super) fn remove<const PEERS: usize, const QUEUE: usize>(
+        &mut self,
+        now: Instant,
+        device: Eui64,
+        link: &mut Link<PEERS, QUEUE>,
+        common: &mut Common,
+    ) -> bool {
+        let is_removed = self.strike_off(device);
+        if is_removed {
+            dismiss(now, device, link, common);
+        }
+        is_removed
     }
 
     pub(super) fn allow(&mut self, device: Eui64) -> Result<(), MembersFull> {
@@ -110,21 +437,21 @@ impl<const MEMBERS: usize> Coordinator<MEMBERS> {
         self.window = None;
     }
 
-    pub(super) fn admits_anybody(&self, now: Instant) -> bool {
+    fn admits_anybody(&self, now: Instant) -> bool {
         self.window.is_some_and(|until| now < until)
     }
 
-    pub(super) fn is_full(&self) -> bool {
+    fn is_full(&self) -> bool {
         self.members.iter().all(Option::is_some)
     }
 
     /// Whether a beacon should invite devices.
-    pub(super) fn invites(&self, now: Instant) -> bool {
+    fn invites(&self, now: Instant) -> bool {
         self.admits_anybody(now) || !self.allowed.is_empty()
     }
 
     /// Decides on a device. What changes has to be written down before it is told.
-    pub(super) fn admit(&mut self, now: Instant, device: Eui64) -> Association {
+    fn admit(&mut self, now: Instant, device: Eui64) -> Association {
         let refuse = |status| Association {
             short: ShortAddress::BROADCAST,
             status,
@@ -144,27 +471,27 @@ impl<const MEMBERS: usize> Coordinator<MEMBERS> {
         while known.clone().any(|member| member.short == short) {
             short = after(short);
         }
-        let mut places = self.members.iter_mut().zip(&mut self.unsaved);
-        let Some((place, unsaved)) = places.find(|(place, _)| place.is_none()) else {
+        let mut places = self.members.iter_mut().enumerate();
+        let Some((number, place)) = places.find(|(_, place)| place.is_none()) else {
             return refuse(AssociationStatus::AtCapacity);
         };
         *place = Some(Member {
             extended: device,
             short,
         });
-        *unsaved = true;
+        self.unsaved.mark(number);
         self.last = short;
         welcome(short)
     }
 
-    /// Strikes a member off. Whether it was one.
-    pub(super) fn remove(&mut self, device: Eui64) -> bool {
+    /// Takes a member out of the table. Whether it was one.
+    fn strike_off(&mut self, device: Eui64) -> bool {
         let is_it = |member: &Member| member.extended == device;
-        let mut places = self.members.iter_mut().zip(&mut self.unsaved);
-        match places.find(|(place, _)| place.as_ref().is_some_and(is_it)) {
-            Some((place, unsaved)) => {
+        let mut places = self.members.iter_mut().enumerate();
+        match places.find(|(_, place)| place.as_ref().is_some_and(is_it)) {
+            Some((number, place)) => {
                 *place = None;
-                *unsaved = true;
+                self.unsaved.mark(number);
                 true
             }
             None => false,
@@ -173,17 +500,46 @@ impl<const MEMBERS: usize> Coordinator<MEMBERS> {
 
     /// The next place to write down.
     pub(super) fn unsaved(&self) -> Option<Record> {
-        let place = self.unsaved.iter().position(|&unsaved| unsaved)?;
+        let place = self.unsaved.first()?;
         let number = u8::try_from(place).ok()?;
         Some(Record::Member(number, *self.members.get(place)?))
     }
 
     /// A place has been written down as it is.
     pub(super) fn saved(&mut self, number: u8) {
-        if let Some(unsaved) = self.unsaved.get_mut(usize::from(number)) {
-            *unsaved = false;
-        }
+        self.unsaved.clear(number.into());
     }
+}
+
+/// What a beacon says.
+pub(super) struct Invitation {
+    pub pan: PanId,
+    pub is_full: bool,
+    pub admits: bool,
+}
+
+/// Where the network is, or will be, for one member or, without address, for all.
+const fn realignment(pan: PanId, channel: Channel, short: ShortAddress) -> MacCommand {
+    MacCommand::CoordinatorRealignment {
+        pan,
+        coordinator: ShortAddress::COORDINATOR,
+        channel: channel.number(),
+        short,
+        page: None,
+    }
+}
+
+/// Sends a device away. Nobody acknowledges that, so the device is a stranger from now on: when it
+/// is next heard it has to present itself, and is told again.
+fn dismiss<const PEERS: usize, const QUEUE: usize>(
+    now: Instant,
+    device: Eui64,
+    link: &mut Link<PEERS, QUEUE>,
+    common: &mut Common,
+) {
+    let command = MacCommand::Disassociation { reason: 1 };
+    common.command(now, Address::Extended(device), command);
+    link.session.peers.forget(device);
 }
 
 /// The next address. A table never has as many members as there are addresses.

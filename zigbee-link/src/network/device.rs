@@ -1,21 +1,34 @@
-//! The part of every other node.
+//! Every other node: it looks for its network, joins it and notices when it is gone.
 
 use core::time::Duration;
 
-use super::scan::{Channels, Found, Scan};
-use crate::{Instant, jitter::Jitter, store::Membership, wire::AssociationStatus};
+use super::{
+    Common, FACT_NETWORK, NetworkStatus,
+    scan::{Found, Scan, Step},
+};
+use crate::{
+    Instant,
+    link::{Link, LinkEvent},
+    log::debug,
+    radio::{Channel, RadioConfig},
+    store::Membership,
+    wire::{
+        Address, Association, AssociationStatus, DeviceCapabilities, Eui64, MacCommand,
+        ShortAddress,
+    },
+};
 
 /// Wait for an answer of the coordinator while joining.
-pub(super) const JOIN_WAIT: Duration = Duration::from_millis(300);
+const JOIN_WAIT: Duration = Duration::from_millis(300);
 /// Attempts of each step of joining.
-pub(super) const JOIN_ATTEMPTS: u8 = 8;
+const JOIN_ATTEMPTS: u8 = 8;
 /// A coordinator that was silent for so long is asked whether it is there.
 pub const KEEP_ALIVE: Duration = Duration::from_secs(30);
 /// Wait for that answer.
-pub(super) const ALIVE_WAIT: Duration = Duration::from_secs(1);
+const ALIVE_WAIT: Duration = Duration::from_secs(1);
 /// Questions without answer until the coordinator counts as lost: with half of all frames lost each
 /// way, once in 30 times wrongly.
-pub(super) const ALIVE_ATTEMPTS: u8 = 12;
+const ALIVE_ATTEMPTS: u8 = 12;
 /// Mean pause after the first unsuccessful scan; doubled after each.
 const PAUSE_FIRST: Duration = Duration::from_secs(1);
 /// Longest mean pause.
@@ -23,18 +36,18 @@ const PAUSE_MAX: Duration = Duration::from_secs(8);
 
 #[derive(Debug)]
 pub(super) struct Device {
-    pub state: State,
+    state: State,
     /// The scan going on, or the last one, whose results are tried one after the other.
-    pub scan: Scan,
+    scan: Scan,
     /// The network it belongs to, or last belonged to.
-    pub home: Option<Membership>,
-    pub pauses: u8,
+    home: Option<Membership>,
+    pauses: u8,
     /// The last refusal.
-    pub refusal: Option<AssociationStatus>,
+    refusal: Option<AssociationStatus>,
 }
 
 #[derive(Debug)]
-pub(super) enum State {
+enum State {
     /// Wants no network.
     Out,
     Pausing(Instant),
@@ -56,30 +69,172 @@ pub(super) enum State {
 }
 
 impl Device {
-    pub(super) const fn new(state: State, channels: Channels, home: Option<Membership>) -> Self {
+    /// A member of this network, or, without one, about to look for one.
+    pub(super) const fn new(now: Instant, network: Option<Membership>, common: &Common) -> Self {
+        let state = match network {
+            Some(membership) => State::Joined {
+                membership,
+                unanswered: 0,
+                check: now,
+            },
+            None => State::Scanning,
+        };
         Self {
             state,
-            scan: Scan::new(channels),
-            home,
+            scan: Scan::new(common.settings.channels),
+            home: network,
             pauses: 0,
             refusal: None,
         }
     }
 
+    pub(super) const fn status(&self) -> NetworkStatus {
+        match self.state {
+            State::Out => NetworkStatus::Out,
+            State::Joined { membership, .. } => NetworkStatus::Joined(membership),
+            State::Pausing(_) | State::Scanning | State::Joining { .. } => {
+                NetworkStatus::Searching(self.refusal)
+            }
+        }
+    }
+
+    /// The network to remember.
+    pub(super) const fn network(&self) -> Option<Membership> {
+        self.home
+    }
+
+    /// When to [`poll`](Self::poll).
+    pub(super) fn deadline(&self) -> Option<Instant> {
+        match self.state {
+            State::Out => None,
+            State::Pausing(until) => Some(until),
+            State::Scanning => Some(self.scan.until()),
+            State::Joining { due, .. } => Some(due),
+            State::Joined { check, .. } => Some(check),
+        }
+    }
+
+    /// How the radio should be configured now; `None` for as it is.
+    pub(super) fn radio(&self, common: &Common) -> Option<RadioConfig> {
+        match &self.state {
+            State::Out | State::Pausing(_) => None,
+            State::Scanning => Some(common.nowhere(self.scan.channel()?)),
+            State::Joining { candidate, .. } => Some(RadioConfig {
+                pan: candidate.pan,
+                ..common.nowhere(candidate.channel)
+            }),
+            State::Joined { membership, .. } => Some(common.at(membership)),
+        }
+    }
+
+    pub(super) fn poll<const PEERS: usize, const QUEUE: usize>(
+        &mut self,
+        now: Instant,
+        link: &mut Link<PEERS, QUEUE>,
+        common: &mut Common,
+    ) {
+        match &mut self.state {
+            State::Out => {}
+            State::Pausing(until) => {
+                if *until <= now {
+                    self.scan(common);
+                }
+            }
+            State::Scanning => match self.scan.step(now) {
+                Step::Request => common.beacon_request_due = true,
+                Step::Listen => {}
+                Step::Done => self.try_candidate(now, 0, link, common),
+            },
+            State::Joining {
+                candidate,
+                place,
+                is_fresh,
+                attempts,
+                due,
+            } if *due <= now => {
+                let Some(coordinator) = candidate.coordinator.filter(|_| *attempts < JOIN_ATTEMPTS)
+                else {
+                    let next = *place + 1;
+                    return self.try_candidate(now, next, link, common);
+                };
+                *attempts += 1;
+                *due = now + common.jitter.around(JOIN_WAIT);
+                let to = Address::Extended(coordinator);
+                if *is_fresh {
+                    let request = MacCommand::AssociationRequest(DeviceCapabilities::LISTENING);
+                    common.command(now, to, request);
+                } else {
+                    link.ask(now, to, *attempts > JOIN_ATTEMPTS / 2);
+                }
+            }
+            State::Joined {
+                membership,
+                unanswered,
+                check,
+            } if *check <= now => {
+                let coordinator = membership.coordinator;
+                let peer = link.session.peers.by_extended(coordinator);
+                match peer.filter(|peer| now < peer.heard + KEEP_ALIVE) {
+                    Some(peer) => {
+                        *unanswered = 0;
+                        *check = peer.heard + KEEP_ALIVE;
+                    }
+                    None if *unanswered < ALIVE_ATTEMPTS => {
+                        *unanswered += 1;
+                        *check = now + common.jitter.around(ALIVE_WAIT);
+                        let under_next = *unanswered > ALIVE_ATTEMPTS / 2;
+                        link.ask(now, Address::Extended(coordinator), under_next);
+                    }
+                    None => {
+                        debug!("lost {}", membership.pan);
+                        self.scan(common);
+                        link.detach();
+                    }
+                }
+            }
+            State::Joining { .. } | State::Joined { .. } => {}
+        }
+    }
+
     /// Looks for networks anew.
-    pub(super) fn scan(&mut self, channels: Channels) {
-        self.scan = Scan::new(channels);
+    fn scan(&mut self, common: &Common) {
+        self.scan = Scan::new(common.settings.channels);
         self.state = State::Scanning;
     }
 
-    pub(super) fn pause(&mut self, now: Instant, jitter: &mut Jitter) {
-        let pause = jitter.backoff(PAUSE_FIRST, PAUSE_MAX, self.pauses);
+    /// Waits before it looks for networks again.
+    fn pause(&mut self, now: Instant, common: &mut Common) {
+        let pause = common.jitter.backoff(PAUSE_FIRST, PAUSE_MAX, self.pauses);
         self.pauses = self.pauses.saturating_add(1);
         self.state = State::Pausing(now + pause);
     }
 
+    /// After a scan or a failed attempt: tries the network after the first `tried`, or pauses.
+    fn try_candidate<const PEERS: usize, const QUEUE: usize>(
+        &mut self,
+        now: Instant,
+        tried: usize,
+        link: &mut Link<PEERS, QUEUE>,
+        common: &mut Common,
+    ) {
+        link.detach();
+        match self.candidate(tried) {
+            Some(candidate) => {
+                self.state = State::Joining {
+                    candidate,
+                    place: tried,
+                    is_fresh: false,
+                    attempts: 0,
+                    due: now,
+                };
+                link.attach(candidate.pan, ShortAddress::UNASSIGNED);
+            }
+            None => self.pause(now, common),
+        }
+    }
+
     /// The next PAN to try after the first `tried` of the scan's: first the former home.
-    pub(super) fn candidate(&self, tried: usize) -> Option<Found> {
+    fn candidate(&self, tried: usize) -> Option<Found> {
         let home = self.home.map(|home| home.coordinator);
         let is_home = |found: &&Found| home.is_some() && found.coordinator == home;
         let found = self.scan.found().iter();
@@ -89,5 +244,157 @@ impl Device {
             .chain(others)
             .filter(|found| found.coordinator.is_some());
         all.nth(tried).copied()
+    }
+
+    /// Looks for a network, if it wanted none.
+    pub(super) fn join(&mut self, common: &Common) {
+        if matches!(self.state, State::Out) {
+            self.scan(common);
+        }
+    }
+
+    /// Says so to its coordinator, and wants no network from now on.
+    pub(super) fn leave<const PEERS: usize, const QUEUE: usize>(
+        &mut self,
+        now: Instant,
+        link: &mut Link<PEERS, QUEUE>,
+        common: &mut Common,
+    ) {
+        if let State::Joined { membership, .. } = self.state {
+            let command = MacCommand::Disassociation { reason: 2 };
+            common.command(now, Address::Extended(membership.coordinator), command);
+        }
+        self.state = State::Out;
+        self.forget_home(link, common);
+    }
+
+    /// Belongs to no network from now on.
+    fn forget_home<const PEERS: usize, const QUEUE: usize>(
+        &mut self,
+        link: &mut Link<PEERS, QUEUE>,
+        common: &mut Common,
+    ) {
+        self.home = None;
+        link.detach();
+        common.unsaved.mark(FACT_NETWORK);
+    }
+
+    pub(super) fn on_beacon(&mut self, now: Instant, found: Found, common: &mut Common) {
+        match &mut self.state {
+            State::Scanning => self.scan.on_beacon(found),
+            State::Joined { membership, .. } => {
+                let is_stranger = found.coordinator != Some(membership.coordinator);
+                if found.pan == membership.pan && is_stranger && common.commands.is_empty() {
+                    let coordinator = Address::Extended(membership.coordinator);
+                    common.command(now, coordinator, MacCommand::PanIdConflict);
+                }
+            }
+            State::Out | State::Pausing(_) | State::Joining { .. } => {}
+        }
+    }
+
+    pub(super) fn on_event<const PEERS: usize, const QUEUE: usize>(
+        &mut self,
+        now: Instant,
+        event: LinkEvent,
+        link: &mut Link<PEERS, QUEUE>,
+        common: &mut Common,
+    ) {
+        match event {
+            LinkEvent::Nothing => {}
+            LinkEvent::Fresh { peer, .. } => self.on_fresh(now, peer),
+            LinkEvent::Command { from, command } => {
+                self.on_command(now, from, command, link, common);
+            }
+        }
+    }
+
+    /// The coordinator it wants to join has proven itself: the request can go out.
+    fn on_fresh(&mut self, now: Instant, peer: Eui64) {
+        if let State::Joining {
+            candidate,
+            is_fresh,
+            attempts,
+            due,
+            ..
+        } = &mut self.state
+            && candidate.coordinator == Some(peer)
+        {
+            *is_fresh = true;
+            *attempts = 0;
+            *due = now;
+        }
+    }
+
+    /// What its coordinator says, present or future. Nobody else has a say.
+    fn on_command<const PEERS: usize, const QUEUE: usize>(
+        &mut self,
+        now: Instant,
+        from: Eui64,
+        command: MacCommand,
+        link: &mut Link<PEERS, QUEUE>,
+        common: &mut Common,
+    ) {
+        match (command, &self.state) {
+            (
+                MacCommand::AssociationResponse(association),
+                &State::Joining {
+                    candidate, place, ..
+                },
+            ) if candidate.coordinator == Some(from) => {
+                let Association { short, status } = association;
+                if status == AssociationStatus::Successful && short.is_unicast() {
+                    let membership = Membership {
+                        pan: candidate.pan,
+                        channel: candidate.channel,
+                        short,
+                        coordinator: from,
+                    };
+                    self.settle(now, membership, link, common);
+                } else {
+                    self.refusal = Some(status);
+                    self.try_candidate(now, place + 1, link, common);
+                }
+            }
+            (
+                MacCommand::CoordinatorRealignment { pan, channel, .. },
+                &State::Joined { membership, .. },
+            ) if membership.coordinator == from => {
+                let membership = Membership {
+                    pan,
+                    channel: Channel::new(channel).unwrap_or(membership.channel),
+                    ..membership
+                };
+                self.settle(now, membership, link, common);
+            }
+            (MacCommand::Disassociation { .. }, State::Joined { membership, .. })
+                if membership.coordinator == from =>
+            {
+                self.pause(now, common);
+                self.forget_home(link, common);
+            }
+            _ => {}
+        }
+    }
+
+    /// Belongs to this network from now on.
+    fn settle<const PEERS: usize, const QUEUE: usize>(
+        &mut self,
+        now: Instant,
+        membership: Membership,
+        link: &mut Link<PEERS, QUEUE>,
+        common: &mut Common,
+    ) {
+        self.state = State::Joined {
+            membership,
+            unanswered: 0,
+            check: now,
+        };
+        self.home = Some(membership);
+        debug!("joined {} as {}", membership.pan, membership.short);
+        self.pauses = 0;
+        self.refusal = None;
+        link.attach(membership.pan, membership.short);
+        common.unsaved.mark(FACT_NETWORK);
     }
 }

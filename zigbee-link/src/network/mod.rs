@@ -29,18 +29,16 @@
 //! another one and announces it by a secured coordinator realignment. Who misses it, rejoins.
 //! Beacons can be forged, so this happens once a minute at most.
 
-mod coordinate;
 mod coordinator;
 mod device;
-mod keep_up;
 mod scan;
 
 use core::time::Duration;
 
 use self::{
-    coordinator::{Coordinator, Rotation},
+    coordinator::Coordinator,
     device::Device,
-    scan::{Found, Scan, beacon_payload, parse_beacon},
+    scan::{Found, beacon_payload, parse_beacon},
 };
 pub use self::{
     coordinator::{JOIN_WINDOW_MAX, KeyChange, MembersFull},
@@ -50,24 +48,28 @@ pub use self::{
 use crate::{
     Instant,
     jitter::Jitter,
-    link::Link,
-    radio::{Channel, Config, FRAME_MAX},
-    security::{Counter, Key, Protection, RotationError, Session},
+    link::{Link, LinkEvent},
+    radio::{Channel, FRAME_MAX, RadioConfig},
+    security::{Counter, FrameSecurity, Key, Protection, RotationError},
     slots::Slots,
     store::{Member, Membership, Record, Saved},
     wire::{
-        Address, AssociationStatus, Beacon, Command, Eui64, Frame, FrameType, Header, PanId,
+        Address, AssociationStatus, Beacon, Eui64, Frame, FrameType, Header, MacCommand, PanId,
         Panned, ShortAddress, Superframe, is_secured,
     },
 };
+use flash_log::DirtySet;
 
 /// Commands waiting to be sent.
 const COMMANDS: usize = 8;
 
+/// Every device of every network.
+const EVERYBODY: Panned = Panned::new(PanId::BROADCAST, Address::Short(ShortAddress::BROADCAST));
+
 /// What a node is built for.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
-pub struct Settings {
+pub struct NetworkSettings {
     /// The own extended address.
     pub extended: Eui64,
     /// Channels to form or look for a network on.
@@ -88,7 +90,7 @@ pub enum Action {
     /// Write this down, then call [`Node::saved`].
     Save(Record),
     /// Configure the radio.
-    Configure(Config),
+    Configure(RadioConfig),
     /// Send the first so many bytes of the buffer.
     Transmit(usize),
 }
@@ -96,7 +98,7 @@ pub enum Action {
 /// Where a node stands.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
-pub enum Status {
+pub enum NetworkStatus {
     /// It belongs to no network and looks for none.
     Out,
     /// It looks for a network, or for a free place for its own. With the last refusal, if any.
@@ -105,26 +107,35 @@ pub enum Status {
     Joined(Membership),
 }
 
+/// Facts of every node that are to be written down, in this order: without a next key, the key in use
+/// is the one that was next. What they are now, the node knows.
+const FACT_ACTIVE_KEY: usize = 0;
+const FACT_NEXT_KEY: usize = 1;
+const FACT_NETWORK: usize = 2;
+
+/// A node's part in its network, with all that only this part knows.
 #[derive(Debug)]
 enum Role<const MEMBERS: usize> {
     Coordinator(Coordinator<MEMBERS>),
     Device(Device),
 }
 
-/// What changed and is not yet written down, members apart. What it is now, the node knows: so
-/// nothing queues, and nothing is lost however much changes.
-#[derive(Clone, Copy, Debug, Default)]
-struct Unsaved {
-    active_key: bool,
-    next_key: bool,
-    network: bool,
+/// What both parts work with, beside the link.
+#[derive(Debug)]
+struct Common {
+    settings: NetworkSettings,
+    commands: Slots<Outbound, COMMANDS>,
+    /// Members apart, of which only a coordinator knows.
+    unsaved: DirtySet<3>,
+    beacon_request_due: bool,
+    jitter: Jitter,
 }
 
 /// A secured command on its way out.
 #[derive(Clone, Copy, Debug)]
 struct Outbound {
     destination: Address,
-    command: Command,
+    command: MacCommand,
     due: Instant,
 }
 
@@ -135,108 +146,78 @@ struct Outbound {
 /// a device, and the code of a coordinator is left out.
 #[derive(Debug)]
 pub struct Node<const PEERS: usize, const QUEUE: usize, const MEMBERS: usize> {
-    /// Messages.
+    /// The messages of the node, to send and to receive.
     pub link: Link<PEERS, QUEUE>,
-    settings: Settings,
+    common: Common,
     role: Role<MEMBERS>,
-    commands: Slots<Outbound, COMMANDS>,
-    unsaved: Unsaved,
-    configured: Option<Config>,
-    beacon_request_due: bool,
-    jitter: Jitter,
-    /// After a conflict: the identifier to change to once it is announced.
-    realignment: Option<PanId>,
+    configured: Option<RadioConfig>,
 }
 
 impl<const PEERS: usize, const QUEUE: usize, const MEMBERS: usize> Node<PEERS, QUEUE, MEMBERS> {
     /// A coordinator with what its store remembers.
+    // stack
     #[inline(always)]
     pub fn coordinator(
-        settings: Settings,
+        settings: NetworkSettings,
         saved: &Saved,
         members: [Option<Member>; MEMBERS],
     ) -> Self {
         const { assert!(MEMBERS > 0 && MEMBERS <= crate::store::MEMBERS_MAX) };
-        let state = match saved.network {
-            Some(network) => coordinator::State::Running(network),
-            None => coordinator::State::Scanning(Scan::new(settings.channels)),
-        };
-        let mut node = Self::new(
-            settings,
-            saved,
-            Role::Coordinator(Coordinator::new(state, members)),
-        );
-        if let Some(network) = saved.network {
-            node.link.attach(network.pan, network.short);
-        }
-        node
+        let common = Common::new(settings);
+        let role = Role::Coordinator(Coordinator::new(saved.network, members, &common));
+        Self::new(saved, common, role)
     }
 
     /// A device with what its store remembers. It looks for a network at once.
+    // stack
     #[inline(always)]
-    pub fn device(now: Instant, settings: Settings, saved: &Saved) -> Self {
-        let state = match saved.network {
-            Some(membership) => device::State::Joined {
-                membership,
-                unanswered: 0,
-                check: now,
-            },
-            None => device::State::Scanning,
-        };
-        let device = Device::new(state, settings.channels, saved.network);
-        let mut node = Self::new(settings, saved, Role::Device(device));
-        if let Some(network) = saved.network {
-            node.link.attach(network.pan, network.short);
-        }
-        node
+    pub fn device(now: Instant, settings: NetworkSettings, saved: &Saved) -> Self {
+        let common = Common::new(settings);
+        let role = Role::Device(Device::new(now, saved.network, &common));
+        Self::new(saved, common, role)
     }
 
-    // A node is large, and each call that returns one may copy it on the stack: inlined, it is made
-    // in its place.
+    // stack
     #[inline(always)]
-    fn new(settings: Settings, saved: &Saved, role: Role<MEMBERS>) -> Self {
+    fn new(saved: &Saved, common: Common, role: Role<MEMBERS>) -> Self {
+        let settings = &common.settings;
         let counter = Counter::resume(saved.counter_limit);
-        let protection = settings.protection;
-        let mut session = Session::new(settings.extended, protection, saved.active_key, counter);
+        let mut session = FrameSecurity::new(
+            settings.extended,
+            settings.protection,
+            saved.active_key,
+            counter,
+        );
         if let Some(next) = saved.next_key {
             // With the same index it is the active one, saved but not yet cleared.
             let _ = session.keys.install(next);
         }
+        let mut link = Link::new(session, settings.seed);
+        if let Some(network) = saved.network {
+            link.attach(network.pan, network.short);
+        }
         Self {
-            link: Link::new(session, settings.seed),
-            settings,
+            link,
+            common,
             role,
-            commands: Slots::new(),
-            unsaved: Unsaved::default(),
             configured: None,
-            beacon_request_due: false,
-            jitter: Jitter::new(!settings.seed),
-            realignment: None,
         }
     }
 
     /// Where the node stands.
-    pub fn status(&self) -> Status {
+    pub fn status(&self) -> NetworkStatus {
         match &self.role {
-            Role::Coordinator(Coordinator { state, .. }) => match state {
-                coordinator::State::Scanning(_) => Status::Searching(None),
-                coordinator::State::Running(network) => Status::Joined(*network),
-            },
-            Role::Device(device) => match &device.state {
-                device::State::Out => Status::Out,
-                device::State::Joined { membership, .. } => Status::Joined(*membership),
-                _ => Status::Searching(device.refusal),
-            },
+            Role::Coordinator(coordinator) => coordinator.status(),
+            Role::Device(device) => device.status(),
         }
     }
 
     /// The members of this coordinator.
     pub fn members(&self) -> impl Iterator<Item = Member> {
-        let members = match &self.role {
-            Role::Coordinator(coordinator) => coordinator.members.as_slice(),
-            Role::Device(_) => &[],
-        };
-        members.iter().copied().flatten()
+        self.role
+            .coordinator()
+            .into_iter()
+            .flat_map(Coordinator::members)
     }
 
     /// Lets a device join this coordinator's network at any time. Means nothing to a device.
@@ -244,23 +225,21 @@ impl<const PEERS: usize, const QUEUE: usize, const MEMBERS: usize> Node<PEERS, Q
     /// # Errors
     /// As many devices as the network can have are expected already.
     pub fn allow(&mut self, device: Eui64) -> Result<(), MembersFull> {
-        match &mut self.role {
-            Role::Coordinator(coordinator) => coordinator.allow(device),
-            Role::Device(_) => Ok(()),
-        }
+        let coordinator = self.role.coordinator_mut();
+        coordinator.map_or(Ok(()), |coordinator| coordinator.allow(device))
     }
 
     /// Lets any device with the site key join this coordinator's network for a while, at most
     /// [`JOIN_WINDOW_MAX`]. Means nothing to a device.
     pub fn open_join_window(&mut self, now: Instant, duration: Duration) {
-        if let Role::Coordinator(coordinator) = &mut self.role {
+        if let Some(coordinator) = self.role.coordinator_mut() {
             coordinator.open_window(now, duration);
         }
     }
 
     /// Ends the join window.
     pub fn close_join_window(&mut self) {
-        if let Role::Coordinator(coordinator) = &mut self.role {
+        if let Some(coordinator) = self.role.coordinator_mut() {
             coordinator.close_window();
         }
     }
@@ -269,34 +248,23 @@ impl<const PEERS: usize, const QUEUE: usize, const MEMBERS: usize> Node<PEERS, Q
     /// Whether it was a member. It may come back if it is on the allow-list or a window is open; to
     /// keep out a captured node, [change the key](Self::change_key) for all others.
     pub fn remove(&mut self, now: Instant, device: Eui64) -> bool {
-        let is_removed = match &mut self.role {
-            Role::Coordinator(coordinator) => coordinator.remove(device),
-            Role::Device(_) => false,
-        };
-        if is_removed {
-            self.dismiss(now, device);
+        match self.role.coordinator_mut() {
+            Some(coordinator) => coordinator.remove(now, device, &mut self.link, &mut self.common),
+            None => false,
         }
-        is_removed
     }
 
     /// Leaves the network and looks for no other until [`join`](Self::join).
     pub fn leave(&mut self, now: Instant) {
-        let Role::Device(device) = &mut self.role else {
-            return;
-        };
-        if let device::State::Joined { membership, .. } = device.state {
-            let command = Command::Disassociation { reason: 2 };
-            self.command(now, Address::Extended(membership.coordinator), command);
+        if let Role::Device(device) = &mut self.role {
+            device.leave(now, &mut self.link, &mut self.common);
         }
-        self.depart(device::State::Out);
     }
 
     /// Looks for a network, if the node has none.
     pub fn join(&mut self) {
-        if let Role::Device(device) = &mut self.role
-            && matches!(device.state, device::State::Out)
-        {
-            device.scan(self.settings.channels);
+        if let Role::Device(device) = &mut self.role {
+            device.join(&self.common);
         }
     }
 
@@ -308,32 +276,14 @@ impl<const PEERS: usize, const QUEUE: usize, const MEMBERS: usize> Node<PEERS, Q
     /// # Errors
     /// The key in use has this index, or this node is no coordinator.
     pub fn change_key(&mut self, next: Key) -> Result<(), RotationError> {
-        let Role::Coordinator(coordinator) = &mut self.role else {
-            return Err(RotationError::NotInstalled);
-        };
-        self.link.session.keys.install(next)?;
-        if let Some(ticket) = coordinator.rotation.and_then(|former| former.ticket) {
-            self.link.withdraw(ticket);
-        }
-        coordinator.rotation = Some(Rotation {
-            change: KeyChange {
-                index: next.index(),
-                is_done: false,
-                unreached: 0,
-            },
-            place: 0,
-            ticket: None,
-        });
-        self.unsaved.next_key = true;
-        Ok(())
+        let coordinator = self.role.coordinator_mut();
+        let coordinator = coordinator.ok_or(RotationError::NotInstalled)?;
+        coordinator.change_key(next, &mut self.link, &mut self.common)
     }
 
     /// How the last change of key since the start goes. `None` without one, and for a device.
     pub fn key_change(&self) -> Option<KeyChange> {
-        match &self.role {
-            Role::Coordinator(coordinator) => Some(coordinator.rotation?.change),
-            Role::Device(_) => None,
-        }
+        self.role.coordinator()?.key_change()
     }
 
     /// The store has written the record down.
@@ -347,11 +297,11 @@ impl<const PEERS: usize, const QUEUE: usize, const MEMBERS: usize> Node<PEERS, Q
         }
         match record {
             Record::CounterLimit(_) => {}
-            Record::ActiveKey(_) => self.unsaved.active_key = false,
-            Record::NextKey(_) => self.unsaved.next_key = false,
-            Record::Network(_) => self.unsaved.network = false,
+            Record::ActiveKey(_) => self.common.unsaved.clear(FACT_ACTIVE_KEY),
+            Record::NextKey(_) => self.common.unsaved.clear(FACT_NEXT_KEY),
+            Record::Network(_) => self.common.unsaved.clear(FACT_NETWORK),
             Record::Member(place, _) => {
-                if let Role::Coordinator(coordinator) = &mut self.role {
+                if let Some(coordinator) = self.role.coordinator_mut() {
                     coordinator.saved(place);
                 }
             }
@@ -359,61 +309,33 @@ impl<const PEERS: usize, const QUEUE: usize, const MEMBERS: usize> Node<PEERS, Q
     }
 
     /// The next record to write down.
+    // size
     #[inline(never)]
     fn unsaved(&self) -> Option<Record> {
         let keys = &self.link.session.keys;
-        // The key in use first: without a next key, it is the one that was next.
-        if self.unsaved.active_key {
-            Some(Record::ActiveKey(keys.active()))
-        } else if self.unsaved.next_key {
-            Some(Record::NextKey(keys.next()))
-        } else if self.unsaved.network {
-            Some(Record::Network(self.network()))
-        } else if let Role::Coordinator(coordinator) = &self.role {
-            coordinator.unsaved()
-        } else {
-            None
+        match self.common.unsaved.first() {
+            Some(FACT_ACTIVE_KEY) => Some(Record::ActiveKey(keys.active())),
+            Some(FACT_NEXT_KEY) => Some(Record::NextKey(keys.next())),
+            Some(_) => Some(Record::Network(self.network())),
+            None => self.role.coordinator()?.unsaved(),
         }
     }
 
     /// The network to remember.
     const fn network(&self) -> Option<Membership> {
         match &self.role {
-            Role::Coordinator(coordinator) => match coordinator.state {
-                coordinator::State::Scanning(_) => None,
-                coordinator::State::Running(network) => Some(network),
-            },
-            Role::Device(device) => device.home,
+            Role::Coordinator(coordinator) => coordinator.network(),
+            Role::Device(device) => device.network(),
         }
-    }
-
-    // Not inlined: a large value is moved, and there are many callers.
-    #[inline(never)]
-    fn command(&mut self, due: Instant, destination: Address, command: Command) {
-        // When the queue is full, the peer asks again.
-        let _ = self.commands.put(Outbound {
-            destination,
-            command,
-            due,
-        });
     }
 
     /// When to call [`poll`](Self::poll) next, unless something else happens.
     pub fn deadline(&self) -> Option<Instant> {
         let own = match &self.role {
-            Role::Coordinator(coordinator) => match &coordinator.state {
-                coordinator::State::Scanning(scan) => Some(scan.until()),
-                coordinator::State::Running(_) => coordinator.beacon_due,
-            },
-            Role::Device(device) => match &device.state {
-                device::State::Out => None,
-                device::State::Pausing(until) => Some(*until),
-                device::State::Scanning => Some(device.scan.until()),
-                device::State::Joining { due, .. } => Some(*due),
-                device::State::Joined { check, .. } => Some(*check),
-            },
+            Role::Coordinator(coordinator) => coordinator.deadline(),
+            Role::Device(device) => device.deadline(),
         };
-        let commands = self.commands.iter().map(|outbound| outbound.due);
+        let commands = self.common.commands.iter().map(|outbound| outbound.due);
         [own, self.link.deadline()]
             .into_iter()
             .flatten()
@@ -424,19 +346,22 @@ impl<const PEERS: usize, const QUEUE: usize, const MEMBERS: usize> Node<PEERS, Q
     /// What to do next. Call it until it returns `None` and the deadline is not past, then again at
     /// the [`deadline`](Self::deadline), after each received frame and after each call of another
     /// method.
+    // stack
+    #[inline(never)]
     pub fn poll(&mut self, now: Instant, buffer: &mut [u8; FRAME_MAX]) -> Option<Action> {
         if let Some(limit) = self.link.session.counter.wanted() {
             return Some(Action::Save(Record::CounterLimit(limit)));
         }
-        match &self.role {
+        let Self { link, common, .. } = self;
+        match &mut self.role {
             // Without members, no node is a coordinator, and its code is left out.
-            Role::Coordinator(_) if MEMBERS > 0 => self.coordinate(now),
+            Role::Coordinator(coordinator) if MEMBERS > 0 => coordinator.poll(now, link, common),
             Role::Coordinator(_) => {}
-            Role::Device(_) => self.keep_up(now),
+            Role::Device(device) => device.poll(now, link, common),
         }
         if self.link.take_keys_changed() {
-            self.unsaved.active_key = true;
-            self.unsaved.next_key = true;
+            self.common.unsaved.mark(FACT_ACTIVE_KEY);
+            self.common.unsaved.mark(FACT_NEXT_KEY);
         }
         if let Some(record) = self.unsaved() {
             return Some(Action::Save(record));
@@ -451,43 +376,26 @@ impl<const PEERS: usize, const QUEUE: usize, const MEMBERS: usize> Node<PEERS, Q
     }
 
     /// How the radio should be configured now; `None` for as it is.
-    fn config(&self) -> Option<Config> {
-        let nowhere = |channel| (channel, PanId::BROADCAST, ShortAddress::BROADCAST);
-        let at = |network: &Membership| (network.channel, network.pan, network.short);
-        let (channel, pan, short) = match &self.role {
-            Role::Coordinator(Coordinator { state, .. }) => match state {
-                coordinator::State::Scanning(scan) => nowhere(scan.channel()?),
-                coordinator::State::Running(network) => at(network),
-            },
-            Role::Device(Device { state, scan, .. }) => match state {
-                device::State::Out | device::State::Pausing(_) => return None,
-                device::State::Scanning => nowhere(scan.channel()?),
-                device::State::Joining { candidate, .. } => {
-                    (candidate.channel, candidate.pan, ShortAddress::BROADCAST)
-                }
-                device::State::Joined { membership, .. } => at(membership),
-            },
-        };
-        Some(Config {
-            channel,
-            tx_power: self.settings.tx_power,
-            pan,
-            short,
-            extended: self.settings.extended,
-            coordinator: matches!(self.role, Role::Coordinator(_)),
-            promiscuous: false,
-        })
+    fn config(&self) -> Option<RadioConfig> {
+        match &self.role {
+            Role::Coordinator(coordinator) => Some(RadioConfig {
+                coordinator: true,
+                ..coordinator.radio(&self.common)?
+            }),
+            Role::Device(device) => device.radio(&self.common),
+        }
     }
 
     fn transmit(&mut self, now: Instant, buffer: &mut [u8; FRAME_MAX]) -> Option<usize> {
-        if core::mem::take(&mut self.beacon_request_due) {
-            let to = Panned::new(PanId::BROADCAST, Address::Short(ShortAddress::BROADCAST));
+        if core::mem::take(&mut self.common.beacon_request_due) {
             let header = Header {
-                destination: to,
+                destination: EVERYBODY,
                 ..Header::new(FrameType::Command, self.link.next_sequence())
             };
             let len = header.emit(buffer).ok()?;
-            let command = Command::BeaconRequest.emit(buffer.get_mut(len..)?).ok()?;
+            let command = MacCommand::BeaconRequest
+                .emit(buffer.get_mut(len..)?)
+                .ok()?;
             return Some(len + command);
         }
         self.transmit_beacon(now, buffer)
@@ -496,32 +404,25 @@ impl<const PEERS: usize, const QUEUE: usize, const MEMBERS: usize> Node<PEERS, Q
     }
 
     fn transmit_beacon(&mut self, now: Instant, buffer: &mut [u8; FRAME_MAX]) -> Option<usize> {
-        let Role::Coordinator(coordinator) = &mut self.role else {
-            return None;
-        };
-        let coordinator::State::Running(network) = coordinator.state else {
-            return None;
-        };
-        coordinator
-            .beacon_due
-            .take_if(|due| MEMBERS > 0 && *due <= now)?;
+        let invitation = self.role.coordinator_mut()?.take_beacon(now)?;
+        let own = Address::Extended(self.common.settings.extended);
         let header = Header {
-            source: Panned::new(network.pan, Address::Extended(self.settings.extended)),
+            source: Panned::new(invitation.pan, own),
             ..Header::new(FrameType::Beacon, self.link.next_sequence())
         };
         let len = header.emit(buffer).ok()?;
-        let payload = beacon_payload(coordinator.is_full());
-        let superframe = Superframe::beaconless(coordinator.invites(now));
+        let payload = beacon_payload(invitation.is_full);
+        let superframe = Superframe::beaconless(invitation.admits);
         let beacon = Beacon::new(superframe, &payload);
         Some(len + beacon.emit(buffer.get_mut(len..)?).ok()?)
     }
 
     fn transmit_command(&mut self, now: Instant, buffer: &mut [u8; FRAME_MAX]) -> Option<usize> {
-        let outbound = self.commands.take(|outbound| outbound.due <= now)?;
+        let outbound = self.common.commands.take(|outbound| outbound.due <= now)?;
         let pan = self.configured?.pan;
         let header = Header {
             destination: Panned::new(pan, outbound.destination),
-            source: Panned::compressed(Address::Extended(self.settings.extended)),
+            source: Panned::compressed(Address::Extended(self.common.settings.extended)),
             ..Header::new(FrameType::Command, self.link.next_sequence())
         };
         let mut payload = [0; 16];
@@ -532,6 +433,8 @@ impl<const PEERS: usize, const QUEUE: usize, const MEMBERS: usize> Node<PEERS, Q
     }
 
     /// Takes in a frame without FCS, which is decrypted in place.
+    // stack
+    #[inline(never)]
     pub fn handle(&mut self, now: Instant, frame: &mut [u8]) {
         let Some(config) = self.configured else {
             return;
@@ -541,58 +444,110 @@ impl<const PEERS: usize, const QUEUE: usize, const MEMBERS: usize> Node<PEERS, Q
             return;
         }
         let event = self.link.handle(now, frame);
+        if event == LinkEvent::Nothing {
+            return;
+        }
+        let Self { link, common, .. } = self;
         match &mut self.role {
-            Role::Coordinator(_) if MEMBERS > 0 => self.coordinator_event(now, event),
+            Role::Coordinator(coordinator) if MEMBERS > 0 => {
+                coordinator.on_event(now, event, link, common);
+            }
             Role::Coordinator(_) => {}
-            Role::Device(_) => self.device_event(now, event),
+            Role::Device(device) => device.on_event(now, event, link, common),
         }
     }
 
-    /// Beacons and beacon requests, which are not secured. Whether it was one.
+    /// Beacons and beacon requests, which are not secured. Whether it was one, or no frame.
     fn handle_open(&mut self, now: Instant, bytes: &[u8], channel: Channel) -> bool {
         let Ok(frame) = Frame::parse(bytes) else {
             return true;
         };
         if let Some(found) = parse_beacon(&frame, channel) {
-            self.heard_beacon(now, found);
+            self.on_beacon(now, found);
             return true;
         }
         let header = frame.header();
         let is_request = header.frame_type == FrameType::Command
             && header.security.is_none()
-            && Command::parse(frame.payload()) == Ok(Command::BeaconRequest);
-        if let (true, Role::Coordinator(coordinator)) = (is_request, &mut self.role) {
-            // Other coordinators answer at the same time.
-            let due = now + self.jitter.up_to(Duration::from_millis(30));
-            coordinator.beacon_due.get_or_insert(due);
+            && header.destination == EVERYBODY
+            && MacCommand::parse(frame.payload()) == Ok(MacCommand::BeaconRequest);
+        if is_request && let Some(coordinator) = self.role.coordinator_mut() {
+            coordinator.on_beacon_request(now, &mut self.common);
         }
         is_request
     }
 
-    fn heard_beacon(&mut self, now: Instant, found: Found) {
+    fn on_beacon(&mut self, now: Instant, found: Found) {
         match &mut self.role {
-            Role::Coordinator(coordinator) => match &mut coordinator.state {
-                coordinator::State::Scanning(scan) => scan.heard(found),
-                coordinator::State::Running(network) => {
-                    if MEMBERS > 0 && found.pan == network.pan {
-                        self.conflict(now);
-                    }
-                }
-            },
-            Role::Device(device) => match &mut device.state {
-                device::State::Scanning => device.scan.heard(found),
-                device::State::Joined { membership, .. } => {
-                    let stranger = found.coordinator != Some(membership.coordinator);
-                    if found.pan == membership.pan
-                        && stranger
-                        && self.commands.iter().next().is_none()
-                    {
-                        let coordinator = Address::Extended(membership.coordinator);
-                        self.command(now, coordinator, Command::PanIdConflict);
-                    }
-                }
-                _ => {}
-            },
+            Role::Coordinator(coordinator) if MEMBERS > 0 => {
+                coordinator.on_beacon(now, found, &mut self.common);
+            }
+            Role::Coordinator(_) => {}
+            Role::Device(device) => device.on_beacon(now, found, &mut self.common),
+        }
+    }
+}
+
+impl<const MEMBERS: usize> Role<MEMBERS> {
+    /// What only a coordinator does. Without members, no node is one, and its code is left out.
+    const fn coordinator(&self) -> Option<&Coordinator<MEMBERS>> {
+        match self {
+            Self::Coordinator(coordinator) if MEMBERS > 0 => Some(coordinator),
+            _ => None,
+        }
+    }
+
+    const fn coordinator_mut(&mut self) -> Option<&mut Coordinator<MEMBERS>> {
+        match self {
+            Self::Coordinator(coordinator) if MEMBERS > 0 => Some(coordinator),
+            _ => None,
+        }
+    }
+}
+
+impl Common {
+    // stack
+    #[inline(always)]
+    fn new(settings: NetworkSettings) -> Self {
+        Self {
+            settings,
+            commands: Slots::new(),
+            unsaved: DirtySet::new(),
+            beacon_request_due: false,
+            jitter: Jitter::new(!settings.seed),
+        }
+    }
+
+    // size
+    #[inline(never)]
+    fn command(&mut self, due: Instant, destination: Address, command: MacCommand) {
+        // When the queue is full the command is lost, and the peer asks again.
+        let _ = self.commands.put(Outbound {
+            destination,
+            command,
+            due,
+        });
+    }
+
+    /// Listening on a channel, to no network in particular.
+    const fn nowhere(&self, channel: Channel) -> RadioConfig {
+        RadioConfig {
+            channel,
+            tx_power: self.settings.tx_power,
+            pan: PanId::BROADCAST,
+            short: ShortAddress::BROADCAST,
+            extended: self.settings.extended,
+            coordinator: false,
+            promiscuous: false,
+        }
+    }
+
+    /// Belonging to a network.
+    const fn at(&self, network: &Membership) -> RadioConfig {
+        RadioConfig {
+            pan: network.pan,
+            short: network.short,
+            ..self.nowhere(network.channel)
         }
     }
 }

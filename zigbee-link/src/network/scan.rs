@@ -102,8 +102,9 @@ pub(super) struct Scan {
 pub(super) enum Step {
     /// Send a beacon request on the [`channel`](Scan::channel).
     Request,
-    /// Listen on.
+    /// Wait until [`until`](Scan::until).
     Listen,
+    /// Every channel was listened to.
     Done,
 }
 
@@ -141,9 +142,9 @@ impl Scan {
         }
     }
 
-    /// Beacons beyond the room there is are forgotten.
-    pub(super) fn heard(&mut self, found: Found) {
+    pub(super) fn on_beacon(&mut self, found: Found) {
         if !self.found.contains(&found) {
+            // Beyond the room there is, PANs are forgotten.
             let _ = self.found.push(found);
         }
     }

@@ -2,7 +2,7 @@
 
 use core::fmt;
 
-use super::{Capabilities, Config, FRAME_MAX, PSDU_MAX, Radio, Received, TxOutcome};
+use super::{FRAME_MAX, PSDU_MAX, Radio, RadioConfig, Received, TxOutcome};
 use crate::wire::{fcs, has_good_fcs};
 
 /// A radio that appends the FCS, and drops frames where it is wrong.
@@ -31,7 +31,7 @@ impl<E> fmt::Display for ChecksumError<E> {
 impl<E: fmt::Debug> core::error::Error for ChecksumError<E> {}
 
 impl<R> Checksum<R> {
-    /// Over this radio, which must be one without [`Capabilities::fcs`].
+    /// Over this radio, which must be one that carries bare PSDUs.
     pub const fn new(radio: R) -> Self {
         Self(radio)
     }
@@ -40,14 +40,7 @@ impl<R> Checksum<R> {
 impl<R: Radio> Radio for Checksum<R> {
     type Error = ChecksumError<R::Error>;
 
-    fn capabilities(&self) -> Capabilities {
-        Capabilities {
-            fcs: true,
-            ..self.0.capabilities()
-        }
-    }
-
-    async fn configure(&mut self, config: &Config) -> Result<(), Self::Error> {
+    async fn configure(&mut self, config: &RadioConfig) -> Result<(), Self::Error> {
         let configured = self.0.configure(config).await;
         configured.map_err(ChecksumError::Radio)
     }
@@ -69,8 +62,7 @@ impl<R: Radio> Radio for Checksum<R> {
         loop {
             let received = self.0.receive(buffer).await;
             let received = received.map_err(ChecksumError::Radio)?;
-            let psdu = buffer.get(..received.len).unwrap_or_default();
-            if has_good_fcs(psdu) {
+            if has_good_fcs(received.frame(buffer)) {
                 return Ok(Received {
                     len: received.len - super::FCS_LEN,
                     ..received

@@ -2,7 +2,7 @@
 
 use embedded_hal_async::delay::DelayNs;
 
-use super::{CSMA_BACKOFFS, Capabilities, Config, PSDU_MAX, Radio, Received, TxOutcome};
+use super::{CSMA_BACKOFFS, PSDU_MAX, Radio, RadioConfig, Received, TxOutcome};
 use crate::jitter::Jitter;
 
 /// `aUnitBackoffPeriod`, us.
@@ -14,7 +14,7 @@ const MAX_EXPONENT: u8 = 5;
 
 /// A radio that backs off before each attempt to send.
 ///
-/// A radio without [`Capabilities::rx_queue`] hears nothing during the backoffs, which are 2 ms in
+/// A radio without a queue hears nothing during the backoffs, which are 2 ms in
 /// the mean.
 #[derive(Clone, Debug)]
 pub struct Csma<R, D> {
@@ -37,14 +37,7 @@ impl<R, D> Csma<R, D> {
 impl<R: Radio, D: DelayNs> Radio for Csma<R, D> {
     type Error = R::Error;
 
-    fn capabilities(&self) -> Capabilities {
-        Capabilities {
-            csma: true,
-            ..self.radio.capabilities()
-        }
-    }
-
-    async fn configure(&mut self, config: &Config) -> Result<(), R::Error> {
+    async fn configure(&mut self, config: &RadioConfig) -> Result<(), R::Error> {
         self.radio.configure(config).await
     }
 

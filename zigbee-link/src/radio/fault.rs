@@ -1,6 +1,6 @@
 //! A bad medium, reproducibly.
 
-use super::{Capabilities, Config, PSDU_MAX, Radio, Received, TxOutcome};
+use super::{PSDU_MAX, Radio, RadioConfig, Received, TxOutcome};
 use crate::jitter::Jitter;
 
 /// How bad. Probabilities are in thousandths, and independent.
@@ -19,7 +19,7 @@ pub struct Faults {
     pub rx_doubled: u16,
 }
 
-/// A radio that loses, damages and doubles frames. Breaks rules 11 and 13 of the contract, which is
+/// A radio that loses, damages and doubles frames. Breaks rules 10 and 12 of the contract, which is
 /// what it is for.
 #[derive(Clone, Debug)]
 pub struct FaultInjector<R> {
@@ -48,11 +48,7 @@ impl<R> FaultInjector<R> {
 impl<R: Radio> Radio for FaultInjector<R> {
     type Error = R::Error;
 
-    fn capabilities(&self) -> Capabilities {
-        self.radio.capabilities()
-    }
-
-    async fn configure(&mut self, config: &Config) -> Result<(), R::Error> {
+    async fn configure(&mut self, config: &RadioConfig) -> Result<(), R::Error> {
         self.radio.configure(config).await
     }
 
@@ -74,15 +70,13 @@ impl<R: Radio> Radio for FaultInjector<R> {
                 continue;
             }
             if self.happens(self.faults.rx_flipped) {
-                let bits = u32::try_from(received.len * 8).unwrap_or(0);
-                let bit = self.jitter.below(bits) as usize;
+                let bit = self.jitter.below(received.len as u32 * 8) as usize;
                 if let Some(byte) = buffer.get_mut(bit / 8) {
                     *byte ^= 1 << (bit % 8);
                 }
             }
             if self.happens(self.faults.rx_truncated) {
-                let len = u32::try_from(received.len).unwrap_or(0);
-                received.len = self.jitter.below(len) as usize;
+                received.len = self.jitter.below(received.len as u32) as usize;
             }
             if self.happens(self.faults.rx_doubled) {
                 self.again = Some((*buffer, received));

@@ -1,8 +1,9 @@
 //! The seam to the hardware: [`Radio`].
 //!
 //! # Contract
-//! What an implementation promises, and what a caller may rely on. "Frame" is a PSDU: MAC header,
-//! payload and, only without [`Capabilities::fcs`], the two bytes of the frame check sequence.
+//! What an implementation promises, and what a caller may rely on. "Frame" is a PSDU without its
+//! frame check sequence: MAC header and payload. A radio that carries bare PSDUs keeps the contract
+//! below a [`Checksum`].
 //!
 //! **Configuration**
 //! 1. A radio does nothing before its first [`configure`](Radio::configure): [`Radio::transmit`]
@@ -13,39 +14,35 @@
 //!
 //! **Transmitting**
 //! 4. A transmission is one operation, from the clear-channel assessment to the result. It returns
-//!    after the last bit has left the antenna or, if the frame requests an acknowledgement and
-//!    [`Capabilities::acknowledge`] is set, after that acknowledgement or its absence.
-//! 5. With [`Capabilities::csma`] the radio makes up to [`CSMA_BACKOFFS`] random backoffs, otherwise
-//!    exactly one assessment. If the channel stays busy the result is [`TxOutcome::ChannelBusy`]
-//!    and nothing was sent.
-//! 6. With [`Capabilities::retries`] the radio repeats a frame that was not acknowledged up to
-//!    [`FRAME_RETRIES`] times, every time with the same bytes.
-//! 7. The bytes go out unchanged, apart from an FCS that the radio appends. A radio never secures
+//!    after the last bit has left the antenna. Frames request no immediate acknowledgement; if one
+//!    does, its absence is no error.
+//! 5. A radio backs off up to [`CSMA_BACKOFFS`] times at random, or makes exactly one assessment,
+//!    and [`Csma`] over it does the rest. If the channel stays busy the result is
+//!    [`TxOutcome::ChannelBusy`] and nothing was sent.
+//! 6. The bytes go out unchanged, apart from an FCS that the radio appends. A radio never secures
 //!    a frame and never touches its sequence number or frame counter.
-//! 8. A frame shorter than [`FRAME_MIN`] or longer than the radio can send ([`FRAME_MAX`] with
-//!    `fcs`, [`PSDU_MAX`] without) is an error; it is never cut off.
-//! 9. Dropping the future of `transmit` leaves open whether the frame was sent. The next call of
+//! 7. A frame shorter than [`FRAME_MIN`] or longer than [`FRAME_MAX`] is an error; it is never cut
+//!    off.
+//! 8. Dropping the future of `transmit` leaves open whether the frame was sent. The next call of
 //!    any method works and concerns only its own frame.
 //!
 //! **Receiving**
-//! 10. `receive` is cancel-safe: dropping its future loses no frame that it had not returned.
-//! 11. Each frame is delivered once, whole, in the order of arrival.
-//! 12. With [`Capabilities::rx_queue`] frames that arrive while no `receive` is pending, during a
-//!     transmission too, are queued. When the queue is full the frame that arrives is lost; nobody
-//!     is told, as with a frame lost on the air. Without the capability such frames are lost.
-//! 13. With [`Capabilities::fcs`] a frame with a wrong FCS is never delivered.
-//! 14. With [`Capabilities::address_filter`] a frame is delivered only when
-//!     [`Config::accepts`] says so, or when
-//!     [`Config::promiscuous`] is set. Acknowledgements are not delivered.
-//! 15. With [`Capabilities::acknowledge`] a frame that passed the filter and requests an
-//!     acknowledgement is acknowledged within the 192 us of the standard. In promiscuous mode
-//!     nothing is acknowledged.
-//! 16. What arrives is untrusted: a radio must deliver any bytes at all without failing.
+//! 9. `receive` is cancel-safe: dropping its future loses no frame that it had not returned.
+//! 10. Each frame is delivered once, whole, in the order of arrival.
+//! 11. Frames that arrive while no `receive` is pending, during a transmission too, should be
+//!     queued. When the queue is full the frame that arrives is lost; nobody is told, as with a
+//!     frame lost on the air.
+//! 12. A frame with a wrong FCS is never delivered.
+//! 13. Frames for other devices need not be delivered, and may be: whoever receives looks at the
+//!     addresses again. What must be delivered is every frame to the configured addresses or to
+//!     all; every beacon of the configured PAN, or of any PAN if that is [`PanId::BROADCAST`]; and,
+//!     [promiscuous](RadioConfig::promiscuous), every frame.
+//! 14. What arrives is untrusted: a radio must deliver any bytes at all without failing.
 //!
 //! **Errors**
-//! 17. An error says that the radio does not work, not that the medium did not: a busy channel and
-//!     a missing acknowledgement are [`TxOutcome`]s. After an error the caller may call `configure`
-//!     again, which starts from a reset.
+//! 15. An error says that the radio does not work, not that the medium did not: a busy channel is a
+//!     [`TxOutcome`]. After an error the caller may call `configure` again, which starts from a
+//!     reset.
 //!
 //! # Stacking
 //! The wrappers of this module are radios over radios. Each adds what the one below does not do.
@@ -53,7 +50,6 @@
 mod checksum;
 mod csma;
 mod fault;
-mod filter;
 mod trace;
 
 use core::{fmt, future::Future};
@@ -62,7 +58,6 @@ pub use self::{
     checksum::{Checksum, ChecksumError},
     csma::Csma,
     fault::{FaultInjector, Faults},
-    filter::Filter,
     trace::{PCAP_HEADER_LEN, PCAP_RECORD_MAX, Sink, Tracer, pcap_header, pcap_record},
 };
 
@@ -79,22 +74,17 @@ pub const FRAME_MAX: usize = PSDU_MAX - FCS_LEN;
 pub const FRAME_MIN: usize = 3;
 /// `macMaxCSMABackoffs`: backoffs before the channel counts as busy.
 pub const CSMA_BACKOFFS: u8 = 4;
-/// `macMaxFrameRetries`: repetitions of a frame that was not acknowledged.
-pub const FRAME_RETRIES: u8 = 3;
 
 /// A transceiver for IEEE 802.15.4 frames. The module documentation is its contract.
 pub trait Radio {
     /// Why the radio does not work.
     type Error: fmt::Debug;
 
-    /// What the radio does by itself. Never changes. For whoever stacks radios; nothing here asks.
-    fn capabilities(&self) -> Capabilities;
-
     /// Takes over the channel, the power and the addresses, and starts to receive.
     ///
     /// # Errors
     /// The hardware failed or does not support the configuration.
-    fn configure(&mut self, config: &Config) -> impl Future<Output = Result<(), Self::Error>>;
+    fn configure(&mut self, config: &RadioConfig) -> impl Future<Output = Result<(), Self::Error>>;
 
     /// Sends one frame.
     ///
@@ -115,11 +105,7 @@ pub trait Radio {
 impl<R: Radio> Radio for &mut R {
     type Error = R::Error;
 
-    fn capabilities(&self) -> Capabilities {
-        R::capabilities(self)
-    }
-
-    fn configure(&mut self, config: &Config) -> impl Future<Output = Result<(), Self::Error>> {
+    fn configure(&mut self, config: &RadioConfig) -> impl Future<Output = Result<(), Self::Error>> {
         R::configure(self, config)
     }
 
@@ -133,25 +119,6 @@ impl<R: Radio> Radio for &mut R {
     ) -> impl Future<Output = Result<Received, Self::Error>> {
         R::receive(self, buffer)
     }
-}
-
-/// What a radio does by itself. What it does not, a wrapper does or nobody needs.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
-#[cfg_attr(feature = "defmt", derive(defmt::Format))]
-pub struct Capabilities {
-    /// Appends the frame check sequence, and drops received frames where it is wrong. Frames then
-    /// cross the seam without it.
-    pub fcs: bool,
-    /// Backs off before a busy channel.
-    pub csma: bool,
-    /// Delivers only frames for the configured addresses.
-    pub address_filter: bool,
-    /// Sends immediate acknowledgements and waits for them.
-    pub acknowledge: bool,
-    /// Repeats frames that were not acknowledged.
-    pub retries: bool,
-    /// Queues frames that arrive while no receive operation is pending.
-    pub rx_queue: bool,
 }
 
 /// A channel of the 2.4 GHz band.
@@ -189,7 +156,7 @@ impl fmt::Display for Channel {
 /// How a radio is to work.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
-pub struct Config {
+pub struct RadioConfig {
     /// The channel to send and listen on.
     pub channel: Channel,
     /// Transmit power, dBm. A radio takes the nearest it has.
@@ -203,7 +170,7 @@ pub struct Config {
     /// Whether this device is the PAN's coordinator, which also receives frames without a
     /// destination address.
     pub coordinator: bool,
-    /// Deliver every frame, acknowledge none.
+    /// Deliver every frame, whoever it is for.
     pub promiscuous: bool,
 }
 
@@ -212,15 +179,8 @@ pub struct Config {
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 #[must_use]
 pub enum TxOutcome {
-    /// Sent. No acknowledgement was requested, or the radio does not wait for them.
+    /// The frame was on the air. Who heard it, only the layers above know.
     Sent,
-    /// Sent and acknowledged.
-    Acknowledged {
-        /// The receiver has something for the sender.
-        frame_pending: bool,
-    },
-    /// Sent, with all repetitions the radio makes, and not acknowledged.
-    NotAcknowledged,
     /// Not sent: the channel was busy throughout.
     ChannelBusy,
 }
@@ -237,4 +197,12 @@ pub struct Received {
     pub rssi: Option<i8>,
     /// Link quality, 0 worst to 255 best, if the radio measures it.
     pub lqi: Option<u8>,
+}
+
+impl Received {
+    /// The frame in the buffer that it was received into.
+    pub fn frame<'b>(&self, buffer: &'b [u8; PSDU_MAX]) -> &'b [u8] {
+        debug_assert!(self.len <= PSDU_MAX, "{} bytes received", self.len);
+        buffer.get(..self.len).unwrap_or_default()
+    }
 }

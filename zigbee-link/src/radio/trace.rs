@@ -1,6 +1,6 @@
 //! Captures of everything a radio sends and receives.
 
-use super::{Capabilities, Channel, Config, PSDU_MAX, Radio, Received, TxOutcome};
+use super::{Channel, PSDU_MAX, Radio, RadioConfig, Received, TxOutcome};
 use crate::{Instant, runner::Clock, wire::fcs};
 
 /// Bytes of the header of a pcap file.
@@ -87,7 +87,7 @@ impl<F: FnMut(&[u8])> Sink for F {
 
 /// A radio that copies every frame sent and received to a pcap [`Sink`].
 ///
-/// Over a radio with [`Capabilities::fcs`], as frames are recorded with a fresh FCS.
+/// Frames are recorded with a fresh FCS.
 #[derive(Clone, Debug)]
 pub struct Tracer<R, C, S> {
     radio: R,
@@ -117,11 +117,7 @@ impl<R, C: Clock, S: Sink> Tracer<R, C, S> {
 impl<R: Radio, C: Clock, S: Sink> Radio for Tracer<R, C, S> {
     type Error = R::Error;
 
-    fn capabilities(&self) -> Capabilities {
-        self.radio.capabilities()
-    }
-
-    async fn configure(&mut self, config: &Config) -> Result<(), R::Error> {
+    async fn configure(&mut self, config: &RadioConfig) -> Result<(), R::Error> {
         self.channel = config.channel;
         self.radio.configure(config).await
     }
@@ -136,8 +132,45 @@ impl<R: Radio, C: Clock, S: Sink> Radio for Tracer<R, C, S> {
 
     async fn receive(&mut self, buffer: &mut [u8; PSDU_MAX]) -> Result<Received, R::Error> {
         let received = self.radio.receive(buffer).await?;
-        let frame = buffer.get(..received.len).unwrap_or_default();
-        self.trace(received.channel, received.rssi, frame);
+        self.trace(received.channel, received.rssi, received.frame(buffer));
         Ok(received)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::radio::FRAME_MAX;
+
+    #[test]
+    fn file_of_one_frame() {
+        let header = [
+            0xD4, 0xC3, 0xB2, 0xA1, 2, 0, 4, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0xFF, 0xFF, 0, 0, 0x1B, 1,
+            0, 0,
+        ];
+        assert_eq!(pcap_header(), header);
+        let frame = [0x02, 0x00, 0x6A];
+        let record = |rssi| pcap_record(Instant(3_000_007), Channel::LAST, rssi, &frame).unwrap();
+        let with_strength = [
+            3, 0, 0, 0, 7, 0, 0, 0, 33, 0, 0, 0, 33, 0, 0, 0, // times and lengths
+            0, 0, 28, 0, // TAP version 0, and its length
+            0, 0, 1, 0, 1, 0, 0, 0, // FCS of 16 bits
+            3, 0, 3, 0, 26, 0, 0, 0, // channel 26, page 0
+            1, 0, 4, 0, 0, 0, 0x20, 0xC2, // -40 dBm
+            0x02, 0x00, 0x6A, 0xE4, 0x79,
+        ];
+        assert_eq!(record(Some(-40)), with_strength);
+        let without = [
+            3, 0, 0, 0, 7, 0, 0, 0, 25, 0, 0, 0, 25, 0, 0, 0, 0, 0, 20, 0, 0, 0, 1, 0, 1, 0, 0, 0,
+            3, 0, 3, 0, 26, 0, 0, 0, 0x02, 0x00, 0x6A, 0xE4, 0x79,
+        ];
+        assert_eq!(record(None), without);
+    }
+
+    #[test]
+    fn the_longest_frame_fits() {
+        let record = |len| pcap_record(Instant(0), Channel::FIRST, Some(0), &[0; 200][..len]);
+        assert_eq!(record(FRAME_MAX).unwrap().len(), PCAP_RECORD_MAX);
+        assert_eq!(record(FRAME_MAX + 1), None);
     }
 }

@@ -132,8 +132,9 @@ fn crypt(
         let (head, tail) = associated
             .split_at_checked(BLOCK - 2)
             .unwrap_or((associated, &[]));
-        xor(&mut blocks.mac, &[0, associated_len]);
-        xor(blocks.mac.get_mut(2..).unwrap_or_default(), head);
+        let [_, len, rest @ ..] = &mut blocks.mac;
+        *len ^= associated_len;
+        xor(rest, head);
         blocks.authenticate(&[]);
         for block in tail.chunks(BLOCK) {
             blocks.authenticate(block);

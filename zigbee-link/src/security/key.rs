@@ -26,7 +26,7 @@ impl Key {
         Some(Self { index, bytes })
     }
 
-    /// The index.
+    /// Its index, 1 to 255.
     pub const fn index(&self) -> u8 {
         self.index
     }

@@ -34,17 +34,17 @@
 
 mod ccm;
 mod counter;
+mod frame;
 mod key;
 mod peers;
-mod session;
 #[cfg(test)]
 mod tests;
 
 pub use ccm::Protection;
 pub use counter::{BLOCK, Counter, CounterError};
+pub(crate) use frame::Envelope;
+pub use frame::{FrameSecurity, Opened, Refused, SealError, Sealed, Sender};
 pub use key::{Key, Keyring, RotationError};
 pub use peers::{EVICT_AFTER, Peer, Peers, TableFull};
-pub(crate) use session::Envelope;
-pub use session::{Opened, Refused, SealError, Sealed, Sender, Session};
 #[cfg(test)]
 pub(crate) use tests::storm;

@@ -66,7 +66,7 @@ impl<const N: usize> Peers<N> {
             .find(|peer| peer.short == short && short.is_unicast())
     }
 
-    /// All peers.
+    /// All peers, in no particular order.
     pub fn iter(&self) -> impl Iterator<Item = &Peer> {
         self.0.iter()
     }

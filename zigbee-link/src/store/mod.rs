@@ -27,8 +27,6 @@
 //! | 4 | key the node was provisioned with, written as that in use; missing in older stores |
 //! | 16 + n | member n of a coordinator: 1, EUI-64, short address u16; 0 for none |
 
-pub use flash_log as log;
-
 use core::{fmt, ops::Range};
 
 use embedded_storage_async::nor_flash::NorFlash;
@@ -59,9 +57,9 @@ const MEMBERS: u8 = 16;
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Membership {
-    /// The PAN.
+    /// The identifier of its PAN.
     pub pan: PanId,
-    /// Its channel.
+    /// The channel it is on.
     pub channel: Channel,
     /// The own short address.
     pub short: ShortAddress,
@@ -73,7 +71,7 @@ pub struct Membership {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Member {
-    /// The device.
+    /// Its extended address.
     pub extended: Eui64,
     /// The address it was given.
     pub short: ShortAddress,
@@ -89,7 +87,7 @@ pub enum Record {
     ActiveKey(Key),
     /// The next key.
     NextKey(Option<Key>),
-    /// The network.
+    /// The network the node belongs to, if any.
     Network(Option<Membership>),
     /// A place in the coordinator's table, below [`MEMBERS_MAX`].
     Member(u8, Option<Member>),
@@ -105,7 +103,7 @@ pub struct Saved {
     pub active_key: Key,
     /// The next key.
     pub next_key: Option<Key>,
-    /// The network.
+    /// The network the node belongs to, if any.
     pub network: Option<Membership>,
 }
 

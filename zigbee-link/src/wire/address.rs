@@ -41,9 +41,9 @@ pub struct Eui64(pub [u8; 8]);
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum Address {
-    /// 16 bits.
+    /// Of 16 bits, valid in one PAN.
     Short(ShortAddress),
-    /// 64 bits.
+    /// Of 64 bits, unique everywhere.
     Extended(Eui64),
 }
 

@@ -1,4 +1,4 @@
-//! Beacons of versions 0 and 1 (IEEE 802.15.4-2006, 7.2.2.1).
+//! Beacons (IEEE 802.15.4-2006, 7.2.2.1).
 
 use super::{EmitError, Malformed, Reader, Writer};
 

@@ -53,21 +53,21 @@ impl AssociationStatus {
 pub struct Association {
     /// The device's short address; meaningless unless successful.
     pub short: ShortAddress,
-    /// The decision.
+    /// Whether it is admitted, and why not.
     pub status: AssociationStatus,
 }
 
 /// A MAC command: the payload of a command frame.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
-pub enum Command {
+pub enum MacCommand {
     /// 0x01: a device wants to join.
     AssociationRequest(DeviceCapabilities),
     /// 0x02: the coordinator's decision.
     AssociationResponse(Association),
     /// 0x03: a device leaves (reason 2) or is sent away (reason 1).
     Disassociation {
-        /// Why.
+        /// 1: sent away; 2: leaves of its own accord.
         reason: u8,
     },
     /// 0x04: a device asks for what waits for it.
@@ -93,7 +93,7 @@ pub enum Command {
     },
 }
 
-impl Command {
+impl MacCommand {
     /// The command frame identifier.
     pub const fn id(&self) -> u8 {
         match self {

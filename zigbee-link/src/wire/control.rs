@@ -10,22 +10,18 @@ pub enum FrameType {
     Beacon,
     /// Carries a payload.
     Data,
-    /// Acknowledges a frame: immediate (versions 0 and 1) or enhanced (version 2).
-    Acknowledgement,
-    /// Carries a [`Command`](super::Command).
+    /// Carries a [`MacCommand`](super::MacCommand).
     Command,
 }
 
-/// The frame version, which is the format of the header.
+/// The frame version. Both have the same header; only version 1 can be secured.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
-pub enum Version {
-    /// IEEE 802.15.4-2003.
+pub enum FrameVersion {
+    /// 0, IEEE 802.15.4-2003: the beacons of Zigbee networks, which a scan has to know.
     V2003,
-    /// IEEE 802.15.4-2006 and 2011.
+    /// 1, IEEE 802.15.4-2006 and 2011: every frame of this crate.
     V2006,
-    /// IEEE 802.15.4-2015 and later.
-    V2015,
 }
 
 /// How long an address is, as two bits.
@@ -44,10 +40,8 @@ pub(super) struct Control {
     pub frame_pending: bool,
     pub ack_request: bool,
     pub pan_compression: bool,
-    pub sequence_suppressed: bool,
-    pub elements: bool,
     pub destination: AddressMode,
-    pub version: Version,
+    pub version: FrameVersion,
     pub source: AddressMode,
 }
 
@@ -55,9 +49,9 @@ const SECURITY: u16 = 1 << 3;
 const FRAME_PENDING: u16 = 1 << 4;
 const ACK_REQUEST: u16 = 1 << 5;
 const PAN_COMPRESSION: u16 = 1 << 6;
-const RESERVED: u16 = 1 << 7;
-const SEQUENCE_SUPPRESSED: u16 = 1 << 8;
-const ELEMENTS: u16 = 1 << 9;
+/// Bits 7 to 9: of these, version 2 makes the suppression of the sequence number and information
+/// elements.
+const RESERVED: u16 = 7 << 7;
 
 /// Whether the frame says that it is secured.
 pub(crate) const fn is_secured(frame: &[u8]) -> bool {
@@ -88,21 +82,15 @@ impl Control {
         let frame_type = match bits & 7 {
             0 => FrameType::Beacon,
             1 => FrameType::Data,
-            2 => FrameType::Acknowledgement,
             3 => FrameType::Command,
             _ => return Err(Malformed::Unsupported),
         };
         let version = match (bits >> 12) & 3 {
-            0 => Version::V2003,
-            1 => Version::V2006,
-            2 => Version::V2015,
+            0 => FrameVersion::V2003,
+            1 => FrameVersion::V2006,
             _ => return Err(Malformed::Unsupported),
         };
-        let reserved = match version {
-            Version::V2015 => RESERVED,
-            Version::V2003 | Version::V2006 => RESERVED | SEQUENCE_SUPPRESSED | ELEMENTS,
-        };
-        if bits & reserved != 0 {
+        if bits & RESERVED != 0 {
             return Err(Malformed::Reserved);
         }
         let is_set = |bit| bits & bit != 0;
@@ -112,8 +100,6 @@ impl Control {
             frame_pending: is_set(FRAME_PENDING),
             ack_request: is_set(ACK_REQUEST),
             pan_compression: is_set(PAN_COMPRESSION),
-            sequence_suppressed: is_set(SEQUENCE_SUPPRESSED),
-            elements: is_set(ELEMENTS),
             destination: AddressMode::from_bits(bits >> 10)?,
             version,
             source: AddressMode::from_bits(bits >> 14)?,
@@ -124,13 +110,11 @@ impl Control {
         let frame_type = match self.frame_type {
             FrameType::Beacon => 0,
             FrameType::Data => 1,
-            FrameType::Acknowledgement => 2,
             FrameType::Command => 3,
         };
         let version = match self.version {
-            Version::V2003 => 0,
-            Version::V2006 => 1,
-            Version::V2015 => 2,
+            FrameVersion::V2003 => 0,
+            FrameVersion::V2006 => 1,
         };
         let bit = |is_set, bit| if is_set { bit } else { 0 };
         frame_type
@@ -138,33 +122,27 @@ impl Control {
             | bit(self.frame_pending, FRAME_PENDING)
             | bit(self.ack_request, ACK_REQUEST)
             | bit(self.pan_compression, PAN_COMPRESSION)
-            | bit(self.sequence_suppressed, SEQUENCE_SUPPRESSED)
-            | bit(self.elements, ELEMENTS)
             | self.destination.bits() << 10
             | version << 12
             | self.source.bits() << 14
     }
 
-    /// Whether the destination and the source PAN identifier are present.
-    ///
-    /// IEEE 802.15.4-2006, 7.2.1.1.5, and 802.15.4-2015, table 7-2.
+    /// Whether the destination and the source PAN identifier are present
+    /// (IEEE 802.15.4-2006, 7.2.1.1.5).
     pub(super) fn pans(self) -> Result<(bool, bool), Malformed> {
-        use AddressMode::{Extended, None};
-        let compressed = self.pan_compression;
-        match (self.version, self.destination, self.source) {
-            (Version::V2003 | Version::V2006, destination, source) => {
-                let both = destination != None && source != None;
-                if compressed && !both {
-                    return Err(Malformed::PanCompression);
-                }
-                Ok((destination != None, source != None && !compressed))
-            }
-            (Version::V2015, None, None) => Ok((compressed, false)),
-            (Version::V2015, _, None) | (Version::V2015, Extended, Extended) => {
-                Ok((!compressed, false))
-            }
-            (Version::V2015, None, _) => Ok((false, !compressed)),
-            (Version::V2015, _, _) => Ok((true, !compressed)),
+        let destination = self.destination != AddressMode::None;
+        let source = self.source != AddressMode::None;
+        if self.pan_compression && !(destination && source) {
+            return Err(Malformed::PanCompression);
         }
+        Ok((destination, source && !self.pan_compression))
+    }
+
+    /// Security came with version 1; that of version 0 is withdrawn.
+    pub(super) fn check(self) -> Result<(), Malformed> {
+        if self.security && self.version == FrameVersion::V2003 {
+            return Err(Malformed::ObsoleteSecurity);
+        }
+        Ok(())
     }
 }

@@ -2,45 +2,70 @@
 
 use super::{EmitError, Malformed};
 
-/// The bytes not yet read.
-#[derive(Clone, Copy)]
-pub(crate) struct Reader<'a>(&'a [u8]);
+/// The bytes not yet read, of a frame of whatever protocol.
+#[derive(Clone, Copy, Debug)]
+pub struct Reader<'a>(&'a [u8]);
 
 impl<'a> Reader<'a> {
-    pub(crate) const fn new(bytes: &'a [u8]) -> Self {
+    /// Over these bytes, from their start.
+    pub const fn new(bytes: &'a [u8]) -> Self {
         Self(bytes)
     }
 
-    pub(crate) const fn rest(self) -> &'a [u8] {
+    /// The bytes that follow, which stay to be read.
+    pub const fn rest(self) -> &'a [u8] {
         self.0
     }
 
-    pub(crate) fn bytes(&mut self, count: usize) -> Result<&'a [u8], Malformed> {
+    /// The next `count` bytes.
+    ///
+    /// # Errors
+    /// [`Malformed::Truncated`], here and below: there are fewer. Nothing is read then.
+    pub fn bytes(&mut self, count: usize) -> Result<&'a [u8], Malformed> {
         let (head, tail) = self.0.split_at_checked(count).ok_or(Malformed::Truncated)?;
         self.0 = tail;
         Ok(head)
     }
 
-    pub(crate) fn array<const N: usize>(&mut self) -> Result<[u8; N], Malformed> {
+    /// The next `N` bytes.
+    ///
+    /// # Errors
+    /// There are fewer.
+    pub fn array<const N: usize>(&mut self) -> Result<[u8; N], Malformed> {
         let (head, tail) = self.0.split_first_chunk().ok_or(Malformed::Truncated)?;
         self.0 = tail;
         Ok(*head)
     }
 
-    pub(crate) fn u8(&mut self) -> Result<u8, Malformed> {
+    /// The next byte.
+    ///
+    /// # Errors
+    /// There is none.
+    pub fn u8(&mut self) -> Result<u8, Malformed> {
         self.array().map(|[byte]| byte)
     }
 
-    pub(crate) fn u16(&mut self) -> Result<u16, Malformed> {
+    /// The next two bytes as a number.
+    ///
+    /// # Errors
+    /// There are fewer.
+    pub fn u16(&mut self) -> Result<u16, Malformed> {
         self.array().map(u16::from_le_bytes)
     }
 
-    pub(crate) fn u32(&mut self) -> Result<u32, Malformed> {
+    /// The next four bytes as a number.
+    ///
+    /// # Errors
+    /// There are fewer.
+    pub fn u32(&mut self) -> Result<u32, Malformed> {
         self.array().map(u32::from_le_bytes)
     }
 
-    /// That nothing is left.
-    pub(crate) fn end(self) -> Result<(), Malformed> {
+    /// Ends the reading.
+    ///
+    /// # Errors
+    /// [`Malformed::TrailingBytes`]: bytes are left.
+    pub fn end(self) -> Result<(), Malformed> {
         if self.0.is_empty() {
             Ok(())
         } else {
@@ -50,24 +75,34 @@ impl<'a> Reader<'a> {
 }
 
 /// A buffer that is filled from its start.
-pub(crate) struct Writer<'a> {
+#[derive(Debug)]
+pub struct Writer<'a> {
     buffer: &'a mut [u8],
     len: usize,
 }
 
 impl<'a> Writer<'a> {
-    pub(crate) const fn new(buffer: &'a mut [u8]) -> Self {
+    /// Over this buffer, from its start.
+    pub const fn new(buffer: &'a mut [u8]) -> Self {
         Self { buffer, len: 0 }
     }
 
-    /// Bytes written.
-    pub(crate) const fn len(&self) -> usize {
+    /// How many bytes were written.
+    #[expect(
+        clippy::len_without_is_empty,
+        reason = "a length is what an emitter returns"
+    )]
+    pub const fn len(&self) -> usize {
         self.len
     }
 
-    // Every field of every frame is a call: inlined, 2 KB of a coordinator's code.
+    /// Writes these bytes.
+    ///
+    /// # Errors
+    /// [`EmitError::NoRoom`], here and below: the buffer is too short. Nothing is written then.
+    // size
     #[inline(never)]
-    pub(crate) fn bytes(&mut self, bytes: &[u8]) -> Result<(), EmitError> {
+    pub fn bytes(&mut self, bytes: &[u8]) -> Result<(), EmitError> {
         let place = self
             .buffer
             .get_mut(self.len..)
@@ -78,15 +113,27 @@ impl<'a> Writer<'a> {
         Ok(())
     }
 
-    pub(crate) fn u8(&mut self, value: u8) -> Result<(), EmitError> {
+    /// Writes a byte.
+    ///
+    /// # Errors
+    /// There is no room.
+    pub fn u8(&mut self, value: u8) -> Result<(), EmitError> {
         self.bytes(&[value])
     }
 
-    pub(crate) fn u16(&mut self, value: u16) -> Result<(), EmitError> {
+    /// Writes two bytes.
+    ///
+    /// # Errors
+    /// There is no room.
+    pub fn u16(&mut self, value: u16) -> Result<(), EmitError> {
         self.bytes(&value.to_le_bytes())
     }
 
-    pub(crate) fn u32(&mut self, value: u32) -> Result<(), EmitError> {
+    /// Writes four bytes.
+    ///
+    /// # Errors
+    /// There is no room.
+    pub fn u32(&mut self, value: u32) -> Result<(), EmitError> {
         self.bytes(&value.to_le_bytes())
     }
 }

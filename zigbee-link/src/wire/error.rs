@@ -13,14 +13,12 @@ pub enum Malformed {
     TrailingBytes,
     /// A reserved bit is set, or a field has a reserved value.
     Reserved,
-    /// A frame type or version that this crate does not speak.
+    /// A frame type, version or key identifier mode that this crate does not speak.
     Unsupported,
     /// PAN identifier compression with an address missing.
     PanCompression,
     /// Security in a version 0 frame, whose format is withdrawn.
     ObsoleteSecurity,
-    /// An acknowledgement of version 0 or 1 has addresses or security.
-    Acknowledgement,
     /// An unknown MAC command.
     UnknownCommand,
 }
@@ -31,10 +29,9 @@ impl fmt::Display for Malformed {
             Self::Truncated => "the frame ends inside a field",
             Self::TrailingBytes => "bytes follow where the format ends",
             Self::Reserved => "a reserved bit or value is used",
-            Self::Unsupported => "a frame type or version that is not supported",
+            Self::Unsupported => "a frame type, version or key mode that is not supported",
             Self::PanCompression => "PAN identifier compression without both addresses",
             Self::ObsoleteSecurity => "security of IEEE 802.15.4-2003",
-            Self::Acknowledgement => "an immediate acknowledgement with addresses or security",
             Self::UnknownCommand => "an unknown MAC command",
         })
     }
@@ -49,7 +46,7 @@ impl core::error::Error for Malformed {}
 pub enum EmitError {
     /// The buffer is too short.
     NoRoom,
-    /// No frame of this version has these fields together.
+    /// No frame has these fields together.
     Impossible,
 }
 
@@ -57,7 +54,7 @@ impl fmt::Display for EmitError {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.write_str(match self {
             Self::NoRoom => "the frame does not fit the buffer",
-            Self::Impossible => "no frame of this version has these fields together",
+            Self::Impossible => "no frame has these fields together",
         })
     }
 }

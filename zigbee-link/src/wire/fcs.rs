@@ -8,11 +8,12 @@ pub fn fcs(frame: &[u8]) -> u16 {
     frame.iter().copied().fold(0, crc_16)
 }
 
-/// One more byte of a CRC with that polynomial.
+/// One more byte of a CRC of 16 bits with the ITU-T polynomial, low bits first: of the [`fcs`], and
+/// of CRC-16/X-25, which starts from 0xFFFF.
 ///
 /// The eight steps of a byte at once: with `q = d ^ d << 4`, where `d` is the byte and the low half
 /// of the CRC, each power of the polynomial is one shift of `q`. No table.
-pub(crate) fn crc_16(crc: u16, byte: u8) -> u16 {
+pub fn crc_16(crc: u16, byte: u8) -> u16 {
     let [low, high] = crc.to_le_bytes();
     let d = low ^ byte;
     let q = u16::from(d ^ d << 4);

@@ -2,8 +2,8 @@
 
 use super::control::{AddressMode, Control};
 use super::{
-    Address, AuxHeader, EmitError, Eui64, FrameType, Malformed, PanId, Reader, ShortAddress,
-    Version, Writer,
+    Address, AuxHeader, EmitError, Eui64, FrameType, FrameVersion, Malformed, PanId, Reader,
+    ShortAddress, Writer,
 };
 
 /// An address field and the PAN identifier field before it. Either may be absent.
@@ -17,13 +17,13 @@ pub struct Panned {
 }
 
 impl Panned {
-    /// Neither.
+    /// Neither field.
     pub const NONE: Self = Self {
         pan: None,
         address: None,
     };
 
-    /// Both fields.
+    /// An address in a PAN: both fields.
     pub const fn new(pan: PanId, address: Address) -> Self {
         Self {
             pan: Some(pan),
@@ -85,64 +85,53 @@ impl Panned {
 /// PAN identifier compression is not a field: it follows from which identifiers are present.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
-pub struct Header<'a> {
+pub struct Header {
     /// What the frame is.
     pub frame_type: FrameType,
-    /// The format of the header.
-    pub version: Version,
+    /// The edition of the standard that it follows.
+    pub version: FrameVersion,
     /// The sender has more for the receiver.
     pub frame_pending: bool,
-    /// The sender waits for an immediate or enhanced acknowledgement.
+    /// The sender waits for an immediate acknowledgement. No frame of this crate asks for one.
     pub ack_request: bool,
-    /// The sequence number. Absent only in version 2, where it may be suppressed.
-    pub sequence: Option<u8>,
-    /// For whom.
+    /// The sequence number.
+    pub sequence: u8,
+    /// Whom the frame is for; none for the coordinator of the source's PAN.
     pub destination: Panned,
-    /// From whom.
+    /// Whom the frame is from.
     pub source: Panned,
     /// The auxiliary security header of a secured frame.
     pub security: Option<AuxHeader>,
-    /// The header information elements with their termination, as on the air. Version 2 only.
-    pub elements: Option<&'a [u8]>,
 }
 
-impl<'a> Header<'a> {
+impl Header {
     /// An unsecured header of version 1 without addresses.
     pub const fn new(frame_type: FrameType, sequence: u8) -> Self {
         Self {
             frame_type,
-            version: Version::V2006,
+            version: FrameVersion::V2006,
             frame_pending: false,
             ack_request: false,
-            sequence: Some(sequence),
+            sequence,
             destination: Panned::NONE,
             source: Panned::NONE,
             security: None,
-            elements: None,
         }
     }
 
     /// Writes the header to the start of `buffer` and returns its length.
     ///
     /// # Errors
-    /// The buffer is too short; or no header has these fields together, for example a suppressed
-    /// sequence number in version 1, or information elements that do not end where they should.
+    /// The buffer is too short; or no header has these fields together, for example an address
+    /// without a PAN identifier, or security in version 0.
     pub fn emit(&self, buffer: &mut [u8]) -> Result<usize, EmitError> {
         let mut writer = Writer::new(buffer);
         writer.u16(self.control()?.bits())?;
-        if let Some(sequence) = self.sequence {
-            writer.u8(sequence)?;
-        }
+        writer.u8(self.sequence)?;
         self.destination.emit(&mut writer)?;
         self.source.emit(&mut writer)?;
         if let Some(security) = &self.security {
-            security.emit(&mut writer, self.version)?;
-        }
-        if let Some(elements) = self.elements {
-            if elements_len(elements).ok() != Some(elements.len()) {
-                return Err(EmitError::Impossible);
-            }
-            writer.bytes(elements)?;
+            security.emit(&mut writer)?;
         }
         Ok(writer.len())
     }
@@ -153,56 +142,30 @@ impl<'a> Header<'a> {
     }
 
     fn control(&self) -> Result<Control, EmitError> {
-        let uncompressed = Control {
+        let control = Control {
             frame_type: self.frame_type,
             security: self.security.is_some(),
             frame_pending: self.frame_pending,
             ack_request: self.ack_request,
-            pan_compression: false,
-            sequence_suppressed: self.sequence.is_none(),
-            elements: self.elements.is_some(),
+            pan_compression: self.source.address.is_some() && self.source.pan.is_none(),
             destination: self.destination.mode(),
             version: self.version,
             source: self.source.mode(),
         };
-        let compressed = Control {
-            pan_compression: true,
-            ..uncompressed
-        };
         let present = (self.destination.pan.is_some(), self.source.pan.is_some());
-        let only_2015 = self.sequence.is_none() || self.elements.is_some();
-        [uncompressed, compressed]
-            .into_iter()
-            .find(|control| control.pans() == Ok(present))
-            .filter(|_| !only_2015 || self.version == Version::V2015)
-            .filter(|&control| check(control).is_ok())
-            .ok_or(EmitError::Impossible)
+        let is_possible = control.pans() == Ok(present) && control.check().is_ok();
+        is_possible.then_some(control).ok_or(EmitError::Impossible)
     }
 
-    fn parse(reader: &mut Reader<'a>) -> Result<Self, Malformed> {
+    fn parse(reader: &mut Reader<'_>) -> Result<Self, Malformed> {
         let control = Control::parse(reader.u16()?)?;
-        check(control)?;
-        let sequence = if control.sequence_suppressed {
-            None
-        } else {
-            Some(reader.u8()?)
-        };
+        control.check()?;
+        let sequence = reader.u8()?;
         let (destination_pan, source_pan) = control.pans()?;
         let destination = Panned::parse(reader, destination_pan, control.destination)?;
         let source = Panned::parse(reader, source_pan, control.source)?;
         let security = if control.security {
-            Some(AuxHeader::parse(reader, control.version)?)
-        } else {
-            None
-        };
-        let mic_len = security.map_or(0, |security| security.level.mic_len());
-        let elements = if control.elements {
-            // The integrity code is no element, though it follows unterminated ones directly.
-            let room = reader.rest().len().checked_sub(mic_len);
-            let (room, _) = room
-                .and_then(|room| reader.rest().split_at_checked(room))
-                .ok_or(Malformed::Truncated)?;
-            Some(reader.bytes(elements_len(room)?)?)
+            Some(AuxHeader::parse(reader)?)
         } else {
             None
         };
@@ -215,52 +178,15 @@ impl<'a> Header<'a> {
             destination,
             source,
             security,
-            elements,
         })
     }
-}
-
-/// What no header may combine.
-fn check(control: Control) -> Result<(), Malformed> {
-    if control.security && control.version == Version::V2003 {
-        return Err(Malformed::ObsoleteSecurity);
-    }
-    let immediate =
-        control.frame_type == FrameType::Acknowledgement && control.version != Version::V2015;
-    let bare = control.destination == AddressMode::None
-        && control.source == AddressMode::None
-        && !control.security;
-    if immediate && !bare {
-        return Err(Malformed::Acknowledgement);
-    }
-    Ok(())
-}
-
-/// The length of the header information elements at the start of `bytes`, with the element that
-/// terminates them; all of `bytes` when none does. IEEE 802.15.4-2015, 7.4.2.
-fn elements_len(bytes: &[u8]) -> Result<usize, Malformed> {
-    /// Header termination 1 (payload elements follow) and 2 (payload follows).
-    const TERMINATIONS: [u16; 2] = [0x7E, 0x7F];
-    const PAYLOAD_ELEMENT: u16 = 1 << 15;
-    let mut reader = Reader::new(bytes);
-    while !reader.rest().is_empty() {
-        let descriptor = reader.u16()?;
-        if descriptor & PAYLOAD_ELEMENT != 0 {
-            return Err(Malformed::Reserved);
-        }
-        reader.bytes(usize::from(descriptor & 0x7F))?;
-        if TERMINATIONS.contains(&((descriptor >> 7) & 0xFF)) {
-            break;
-        }
-    }
-    Ok(bytes.len() - reader.rest().len())
 }
 
 /// A frame whose header was understood.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Frame<'a> {
-    header: Header<'a>,
+    header: Header,
     header_bytes: &'a [u8],
     payload: &'a [u8],
 }
@@ -288,12 +214,12 @@ impl<'a> Frame<'a> {
         })
     }
 
-    /// The header.
-    pub const fn header(&self) -> &Header<'a> {
+    /// What the header says.
+    pub const fn header(&self) -> &Header {
         &self.header
     }
 
-    /// The header as it is on the air: with the auxiliary security header and the elements.
+    /// The header as it is on the air: with the auxiliary security header.
     pub const fn header_bytes(&self) -> &'a [u8] {
         self.header_bytes
     }

@@ -6,8 +6,8 @@ use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use zigbee_link::{
     Instant,
-    network::{Action, Channels, Node, Settings, Status},
-    radio::{Channel, Config, FRAME_MAX},
+    network::{Action, Channels, NetworkSettings, NetworkStatus, Node},
+    radio::{Channel, FRAME_MAX, RadioConfig},
     security::{Key, Protection},
     store::{Member, Record, Saved},
     wire::{Eui64, ShortAddress},
@@ -34,7 +34,7 @@ pub struct Station {
     pub number: usize,
     pub saved: Saved,
     pub members: [Option<Member>; MEMBERS],
-    pub config: Option<Config>,
+    pub config: Option<RadioConfig>,
     /// Neither hears nor is heard.
     pub is_out_of_range: bool,
 }
@@ -56,8 +56,8 @@ pub struct Aether {
     pub fetches_results: bool,
 }
 
-fn settings(number: usize, seed: u64) -> Settings {
-    Settings {
+fn settings(number: usize, seed: u64) -> NetworkSettings {
+    NetworkSettings {
         extended: eui(number),
         channels: Channels::only(Channel::new(15).unwrap()).and(Channel::LAST),
         tx_power: 0,
@@ -201,7 +201,7 @@ impl Aether {
 
     pub fn short(&self, place: usize) -> Option<ShortAddress> {
         match self.stations[place].node.status() {
-            Status::Joined(membership) => Some(membership.short),
+            NetworkStatus::Joined(membership) => Some(membership.short),
             _ => None,
         }
     }

@@ -6,5 +6,6 @@
 )]
 
 pub mod aether;
+#[path = "../../../flash-log/tests/support/mod.rs"]
 pub mod flash;
 pub mod node;

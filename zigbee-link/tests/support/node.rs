@@ -6,7 +6,7 @@ use virtual_bench::{
     medium::{Medium, NRF52840, NodeId, Propagation, Radio},
 };
 use zigbee_link::{
-    network::{Channels, Settings},
+    network::{Channels, NetworkSettings},
     radio::{Channel, Csma},
     security::Protection,
     store::Store,
@@ -20,8 +20,8 @@ use super::{
 /// Bytes of a node's flash.
 pub const LEN: u32 = length(4);
 
-pub fn settings(number: usize) -> Settings {
-    Settings {
+pub fn settings(number: usize) -> NetworkSettings {
+    NetworkSettings {
         extended: eui(number),
         channels: Channels::only(Channel::FIRST),
         tx_power: 0,

@@ -64,7 +64,7 @@ impl Machine {
     pub(crate) fn new(config: &Config) -> Self {
         let directory = tempfile::tempdir().unwrap();
         let mut buffer = [0; PAGE_MAX];
-        let len = page::encode(config, &mut buffer).unwrap();
+        let len = page::encode(&config.clone().check().unwrap(), &mut buffer).unwrap();
         fs::write(directory.path().join("page.bin"), &buffer[..len]).unwrap();
         let image =
             env::var_os("NODE_IMAGE").expect("NODE_IMAGE is not set: `cargo xtask emulate`");

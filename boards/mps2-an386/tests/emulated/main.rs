@@ -4,7 +4,7 @@
 
 mod machine;
 #[expect(dead_code, reason = "its own tests use more of it")]
-#[path = "../../../../zigbee-link/tests/peer/mod.rs"]
+#[path = "../../../../spinel-radio/tests/peer/mod.rs"]
 mod peer;
 #[path = "../../../../zigbee-link/tests/support/mod.rs"]
 mod support;
@@ -18,10 +18,12 @@ use embedded_storage_async::nor_flash::NorFlash;
 use machine::{Camera, Console, Machine, Panel, bridge};
 use nalgebra::{Point2, Vector2};
 use node_firmware::{
-    config::{CameraConfig, Config, CoordinatorConfig, Role, SiteKey, Subjects},
+    config::{CameraConfig, Config, CoordinatorConfig, RoleConfig, SiteKey, Subjects},
     console::ToPc,
-    message::{Frame, Hello, Kind, Message, PoseParts, Sight, State, Stopped},
-    sight::{ColourWindow, Lens},
+    message::{
+        CameraState, CoordinateFrame, Hello, MemberKind, Message, PoseParts, Sight, Stopped,
+    },
+    vision::{ColourWindow, Lens},
 };
 use peer::{Air, Process, StdClock, poll_for};
 use support::{
@@ -30,7 +32,7 @@ use support::{
 };
 use zigbee_link::{
     link::Delivery,
-    network::{self, Status},
+    network::{self, NetworkStatus},
     radio::{Channel, Radio},
     runner::{self, Clock, Happened, Shared},
     security::Protection,
@@ -45,7 +47,7 @@ type Link<'a> = Shared<&'a StdClock, 4, 4, 1>;
 const LIMIT: Duration = Duration::from_secs(60);
 
 /// What `settings` and `provisioned` have too.
-fn config(number: u8, role: Role) -> Config {
+fn config(number: u8, role: RoleConfig) -> Config {
     Config {
         id: number.into(),
         extended: Some(eui(number.into()).0),
@@ -103,7 +105,7 @@ async fn tell<T, R: Radio, F: NorFlash>(
 #[ignore = "needs an image and an ot-rcp: cargo xtask emulate"]
 fn a_coordinator_forms_a_network() {
     let air = Air::new();
-    let role = Role::Coordinator(CoordinatorConfig::default());
+    let role = RoleConfig::Coordinator(CoordinatorConfig::default());
     let mut machine = Machine::new(&config(0, role));
     let first = coordinate(&air, &mut machine, Start::First);
     check_stack(&machine);
@@ -138,8 +140,8 @@ fn coordinate(air: &Air, machine: &mut Machine, start: Start) -> Membership {
             panel.press_join_window();
         }
         let membership = loop {
-            if let Happened::<Message>::Status(Status::Joined(membership)) =
-                link.happened(Status::Out).await
+            if let Happened::<Message>::Status(NetworkStatus::Joined(membership)) =
+                link.happened(NetworkStatus::Out).await
             {
                 break membership;
             }
@@ -149,7 +151,7 @@ fn coordinate(air: &Air, machine: &mut Machine, start: Start) -> Membership {
         };
         let hello = Hello {
             id: 1234,
-            kind: Kind::Target,
+            kind: MemberKind::Target,
         };
         let message = Message::Hello(hello);
         deliver(&link, ShortAddress::COORDINATOR, &message).await;
@@ -191,7 +193,7 @@ fn a_camera_finds_its_pose() {
 
     let air = Air::new();
     let baud = camera_config.baud;
-    let mut machine = Machine::new(&config(1, Role::Camera(camera_config)));
+    let mut machine = Machine::new(&config(1, RoleConfig::Camera(camera_config)));
     let clock = StdClock::new();
     let (_co_processor, mut line) = Process::start(&air, 1);
     let (_process, mut radio) = air.node(2);
@@ -243,7 +245,7 @@ fn a_camera_finds_its_pose() {
         }
         while pose.is_none() {
             if let Message::Report(report) = link.recv().await.1 {
-                if let State::Refused(refusal) = report.state {
+                if let CameraState::Refused(refusal) = report.state {
                     panic!("{refusal}");
                 }
                 pose = report.pose().copied();
@@ -298,7 +300,7 @@ fn stopped(stop: u16, [x, y]: [f32; 2]) -> Stopped {
     Stopped {
         stop,
         colour: 0,
-        frame: Frame::Site,
+        frame: CoordinateFrame::Site,
         place: place.unwrap(),
     }
 }

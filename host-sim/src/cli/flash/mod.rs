@@ -12,7 +12,7 @@ use anyhow::{Context, Result, bail, ensure};
 use board_support::flash::{NRF52840, Regions, STM32L476RG};
 use clap::{Args, ValueEnum};
 use node_firmware::config::{
-    Config,
+    CheckedConfig, Config,
     page::{self, PAGE_MAX, PageError},
 };
 use site::node::{self, RoleName};
@@ -90,7 +90,7 @@ pub(super) struct Arguments {
 /// A page that is to be written.
 struct Page {
     path: PathBuf,
-    config: Config,
+    config: CheckedConfig,
 }
 
 pub(super) fn run(arguments: &Arguments) -> Result<ExitCode> {

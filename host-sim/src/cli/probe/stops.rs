@@ -10,7 +10,7 @@ use host_sim::probe::{
     display::Degrees,
     record::{self, Recording, Row, SightingLine},
 };
-use node_firmware::sight::steady::{Shape, Steadiness, Steady, Unsteady};
+use node_firmware::vision::steady::{Shape, Steadiness, Steady, Unsteady};
 
 use super::{Bench, Look, person::Person, spinner, tell};
 

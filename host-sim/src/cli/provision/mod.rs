@@ -11,7 +11,7 @@ use std::{
 
 use anyhow::{Context, Result, anyhow, bail, ensure};
 use clap::Args;
-use node_firmware::config::{Config, Role, SiteKey};
+use node_firmware::config::{CheckedConfig, RoleConfig, SiteKey};
 use site::{
     NetworkConfigs, Overrides, Purpose, Scenario, ScenarioError, key_file, node, page_file,
 };
@@ -60,7 +60,8 @@ pub(super) struct Arguments {
 
 pub(super) fn run(arguments: &Arguments) -> Result<ExitCode> {
     if let Some(path) = &arguments.show {
-        print(&node::text(&read_page(path)?)?)?;
+        let config = read_page(path)?;
+        print(&node::text(&config)?)?;
         return Ok(ExitCode::SUCCESS);
     }
     match &arguments.site {
@@ -121,7 +122,7 @@ impl Arguments {
     }
 
     /// Writes all pages or, when one cannot be written, none.
-    fn write_all(&self, key: &Path, pages: &[(Config, PathBuf)]) -> Result<()> {
+    fn write_all(&self, key: &Path, pages: &[(CheckedConfig, PathBuf)]) -> Result<()> {
         let read = [&self.site, &self.config];
         Files::default()
             .reads([key])
@@ -140,7 +141,7 @@ impl Arguments {
             .try_for_each(|(config, page)| self.write(config, page))
     }
 
-    fn write(&self, config: &Config, path: &Path) -> Result<()> {
+    fn write(&self, config: &CheckedConfig, path: &Path) -> Result<()> {
         let name = file_name(path);
         let length =
             page_file::write(path, config, self.overwrite).with_context(|| name.clone())?;
@@ -149,12 +150,12 @@ impl Arguments {
             node::text(config)?
         ))?;
         match &config.role {
-            Role::Coordinator(coordinator)
+            RoleConfig::Coordinator(coordinator)
                 if coordinator.allow.is_empty() && coordinator.join_window_s == 0 =>
             {
                 tell("Nobody may join this coordinator until its button opens the join window.");
             }
-            Role::Target(target) if target.sensor.hard_iron == [0.0; 3] => tell(
+            RoleConfig::Target(target) if target.sensor.hard_iron == [0.0; 3] => tell(
                 "Without --hard-iron the compass of this target shows no direction on a real board.",
             ),
             _ => {}
@@ -164,7 +165,7 @@ impl Arguments {
 }
 
 /// Reads a page that is to be shown or flashed.
-pub(super) fn read_page(path: &Path) -> Result<Config> {
+pub(super) fn read_page(path: &Path) -> Result<CheckedConfig> {
     page_file::read(path).with_context(|| file_name(path))
 }
 
@@ -187,7 +188,7 @@ fn read_table(path: &Path) -> Result<Table> {
     text.parse().with_context(|| format!("{name} is not TOML"))
 }
 
-fn default_name(config: &Config) -> String {
+fn default_name(config: &CheckedConfig) -> String {
     format!("node-{}.page.bin", config.id)
 }
 

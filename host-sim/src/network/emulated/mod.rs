@@ -31,7 +31,7 @@ use std::{
 
 use embassy_futures::select::{Either, Either4, select, select4};
 use embedded_io_async::{Read, Write};
-use node_firmware::{config::Config, memory::Fact};
+use node_firmware::{config::CheckedConfig, memory::Fact};
 
 pub use self::error::EmulatorError;
 use self::{files::Folder, heard::Heard};
@@ -91,7 +91,7 @@ impl Emulation {
     }
 
     /// A board that is still switched off, with its configuration.
-    pub(super) fn board(&self, config: &Config) -> Board {
+    pub(super) fn board(&self, config: &CheckedConfig) -> Board {
         Board {
             config: config.clone(),
             image: self.image.clone(),
@@ -104,7 +104,7 @@ impl Emulation {
 
 /// An emulated board. Its flash outlasts its being switched off.
 pub(super) struct Board {
-    config: Config,
+    config: CheckedConfig,
     image: PathBuf,
     timeout: Duration,
     directory: PathBuf,

@@ -1,20 +1,17 @@
 //! What a camera learnt of its own pose (thesis 2.6.2).
 
 use calib_core::{
-    Limits, Pose, Refusal, Sighting, Status,
+    Limits, Pose, Refusal, Sighting,
     dead_reckoning::{Place, correlate},
     resection::{self, Solution},
 };
 
 use super::kept::{Kept, OfStop};
 use crate::{
-    config::CameraConfig,
+    limits::SIGHTINGS,
     memory::KeptSighting,
-    message::{Address, PoseParts, Report, State, StopNumber},
+    message::{CameraState, MemberAddress, PoseParts, StopNumber},
 };
-
-/// Sightings a camera keeps. With that many it is done.
-pub const SIGHTINGS: usize = 16;
 
 /// Sightings farther off than so many sigmas are left out, from five on. This asks of each whether it
 /// belongs to the others, where the [fit](calib_core::fit) asks of all that are left whether they
@@ -28,7 +25,7 @@ pub(super) struct Calibration {
 }
 
 impl OfStop for KeptSighting {
-    fn key(&self) -> (Address, StopNumber) {
+    fn key(&self) -> (MemberAddress, StopNumber) {
         (self.target, self.stop)
     }
 }
@@ -36,7 +33,7 @@ impl OfStop for KeptSighting {
 /// What the sightings give.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Answer {
-    pub(super) state: State,
+    pub(super) state: CameraState,
     pub(super) used: usize,
     pub(super) chi_squared: f32,
 }
@@ -92,12 +89,12 @@ impl Calibration {
         match self.solution(limits) {
             Ok(answer) => answer,
             Err(Refusal::TooFew) => Answer {
-                state: State::Waiting,
+                state: CameraState::Waiting,
                 used: 0,
                 chi_squared: 0.0,
             },
             Err(refusal) => Answer {
-                state: State::Refused(refusal),
+                state: CameraState::Refused(refusal),
                 used: 0,
                 chi_squared: 0.0,
             },
@@ -108,6 +105,7 @@ impl Calibration {
         let common = self.common().ok_or(Refusal::TooFew)?;
         let mut dropped = [false; SIGHTINGS];
         let dropped = dropped.get_mut(..self.kept.len()).unwrap_or_default();
+        debug_assert_eq!(dropped.len(), self.kept.len());
         let solution = self.fitted(common, dropped)?;
         let pose = self.correlated(common, dropped, &solution.pose)?;
         let fit = solution.fit();
@@ -118,14 +116,14 @@ impl Calibration {
             return Err(Refusal::Undetermined);
         }
         Ok(Answer {
-            state: State::judged(parts, &fit, limits),
+            state: CameraState::judged(parts, &fit, limits),
             used: solution.used,
             chi_squared: solution.chi_squared,
         })
     }
 
     /// The pose that fits the sightings best, and which of them it leaves out.
-    // Not inlined, for the sake of the stack.
+    // stack
     #[inline(never)]
     fn fitted(
         &self,
@@ -146,7 +144,7 @@ impl Calibration {
     }
 
     /// The same pose with what the stops' places have in common.
-    // Not inlined, for the sake of the stack.
+    // stack
     #[inline(never)]
     fn correlated(
         &self,
@@ -155,16 +153,16 @@ impl Calibration {
         pose: &Pose<f32>,
     ) -> Result<Pose<f32>, Refusal> {
         let mut used = heapless::Vec::<(Sighting<f32>, Place<f32>), SIGHTINGS>::new();
-        let mut targets = heapless::Vec::<Address, SIGHTINGS>::new();
+        let mut targets = heapless::Vec::<MemberAddress, SIGHTINGS>::new();
         for (kept, _) in self
             .kept
             .iter()
             .zip(dropped)
             .filter(|(_, dropped)| !**dropped)
         {
-            // As many as are kept.
-            let _ = used.push((sighting(kept, common), kept.place));
-            let _ = targets.push(kept.target);
+            let has_room = used.push((sighting(kept, common), kept.place)).is_ok()
+                && targets.push(kept.target).is_ok();
+            debug_assert!(has_room, "it has room for all that are kept");
         }
         correlate(pose, &used, |a, b| targets.get(a) == targets.get(b))
     }
@@ -185,36 +183,4 @@ fn sighting(kept: &KeptSighting, common: &KeptSighting) -> Sighting<f32> {
         bearing_sigma: kept.seen.sigma,
         target_covariance: own,
     }
-}
-
-/// Whether a camera needs no more stops: it is calibrated, and as certain as it was told to become.
-/// With any pose it is done when it can take no more sightings.
-pub(super) fn is_done(config: &CameraConfig, sightings: usize, state: &State) -> bool {
-    let Some(pose) = state.pose().and_then(PoseParts::pose) else {
-        return false;
-    };
-    sightings >= SIGHTINGS
-        || state.status() == Status::Calibrated
-            && sightings >= usize::from(config.stops)
-            && (!config.refine || config.good_enough.limits().allow(&pose))
-}
-
-/// Whether a report says so much more than another that others should hear of it.
-pub(super) fn is_news(old: &Report, new: &Report) -> bool {
-    let (Some(old_pose), Some(new_pose)) = (old.pose(), new.pose()) else {
-        return old.state != new.state || old.done != new.done;
-    };
-    // A tenth less sigma, or a pose that moved by a third of its sigma.
-    let variance = |pose: &PoseParts| pose.covariance[0] + pose.covariance[2];
-    let moved = [0, 1].map(|axis| {
-        let [a, b] =
-            [old_pose, new_pose].map(|pose| pose.position.get(axis).copied().unwrap_or(f32::NAN));
-        (a - b) * (a - b)
-    });
-    old.done != new.done
-        || old.status() != new.status()
-        || old.duty != new.duty
-        || variance(new_pose) < 0.81 * variance(old_pose)
-        || new_pose.covariance[5] < 0.81 * old_pose.covariance[5]
-        || moved[0] + moved[1] > 0.1 * variance(new_pose)
 }

@@ -1,47 +1,312 @@
 //! What a reference camera does besides: the first one solves, the second one tells it what it saw
 //! (thesis 2.6.1).
 
-use zigbee_link::Instant;
+use calib_core::dead_reckoning::Place;
+use zigbee_link::{Instant, wire::ShortAddress};
 
 use super::{
-    Camera,
-    facts::{POSED, REFERENCES, reference_stop},
-    reference::{Answer, NotYet, ReferenceFrame},
+    CameraNotification, CameraRole,
+    reference::{Answer, NotYet, ReferenceFrame, ReferenceStops},
 };
 use crate::{
-    config::Duty,
+    config::CameraConfig,
+    limits::REFERENCE_STOPS,
     log::debug,
-    memory::ReferenceStop,
-    message::{Address, Bearing, References, Report, State, StopNumber},
-    role::Owed,
+    memory::{Fact, FactKey, ReferenceStop},
+    message::{
+        CameraState, Duty, MemberAddress, References, Report, Seen, StopBearing, StopNumber,
+        TargetLocation,
+    },
+    role::Unsaved,
 };
 
-impl Camera {
-    pub(super) fn owe_bearing(&mut self, now: Instant, target: Address, stop: StopNumber) {
-        if self.bearings.is_full() {
-            self.bearings.remove(0);
+/// Who the references are, and what they saw of targets that did not know their place.
+#[derive(Clone, Debug)]
+pub(super) struct ReferenceDuty {
+    references: Option<References>,
+    stops: ReferenceStops,
+    /// What the first one solved for the second, which may not have heard it.
+    second: Option<Report>,
+    /// Where a target stood, as the first one solved it.
+    location: Option<(MemberAddress, TargetLocation)>,
+    /// The stops of both references have changed since the last solve.
+    to_solve: bool,
+}
+
+impl ReferenceDuty {
+    pub(super) const fn new() -> Self {
+        Self {
+            references: None,
+            stops: ReferenceStops::new(),
+            second: None,
+            location: None,
+            to_solve: false,
         }
-        let _ = self.bearings.push((target, stop, Owed::Due(now, 0)));
     }
 
-    // Not inlined, for the sake of the stack.
+    pub(super) const fn references(&self) -> Option<&References> {
+        self.references.as_ref()
+    }
+
+    /// The duty of a member.
+    pub(super) fn of(&self, member: Option<ShortAddress>) -> Option<Duty> {
+        self.references?.duty_of(member?)
+    }
+
+    /// What the first reference solved for the second one.
+    pub(super) const fn second(&self) -> Option<Report> {
+        self.second
+    }
+
+    /// Where a target stood, for that target.
+    pub(super) const fn location(&self) -> Option<(MemberAddress, TargetLocation)> {
+        self.location
+    }
+
+    /// What this camera saw at a stop.
+    pub(super) fn own_at(&self, target: MemberAddress, stop: StopNumber) -> Option<Seen> {
+        let mut stops = self.stops.iter();
+        stops
+            .find(|kept| (kept.target, kept.stop) == (target, stop))?
+            .own
+    }
+
+    /// Stops at which this camera saw a target.
+    pub(super) fn own_stops(&self) -> impl Iterator<Item = (MemberAddress, StopNumber)> {
+        let mine = self.stops.iter().filter(|stop| stop.own.is_some());
+        mine.map(|stop| (stop.target, stop.stop))
+    }
+
+    /// Takes who the references are: whether that is news.
+    pub(super) fn appoint(
+        &mut self,
+        references: &References,
+        own: Option<ShortAddress>,
+        unsaved: &mut Unsaved,
+    ) -> bool {
+        if self.references.as_ref() == Some(references) {
+            return false;
+        }
+        let pair = |of: &References| (of.first, of.second);
+        if self.references.as_ref().map(pair) != Some(pair(references)) {
+            // What another camera saw, or its pose, is nothing to this one.
+            self.forget_second(unsaved);
+            let kept = self.stops.forget_other();
+            rewrite(kept, unsaved);
+        }
+        self.references = Some(*references);
+        unsaved.insert(FactKey::References);
+        self.to_solve = self.of(own) == Some(Duty::First);
+        if !self.to_solve {
+            // Where the target stood, another one tells it.
+            self.location = None;
+        }
+        true
+    }
+
+    /// This camera saw a target there.
+    pub(super) fn on_own(
+        &mut self,
+        (target, stop): (MemberAddress, StopNumber),
+        place: Place<f32>,
+        seen: Seen,
+        unsaved: &mut Unsaved,
+    ) {
+        if let Some(index) = self.stops.own(target, stop, place, seen) {
+            unsaved.insert(reference_stop(index));
+        }
+    }
+
+    /// The second reference saw it.
+    pub(super) fn on_other(&mut self, bearing: &StopBearing, unsaved: &mut Unsaved) {
+        if let Some(index) = self.stops.other(bearing.target, bearing.stop, bearing.seen) {
+            unsaved.insert(reference_stop(index));
+        }
+        self.to_solve = true;
+    }
+
+    /// The stops are to be solved again.
+    pub(super) const fn solve_again(&mut self) {
+        self.to_solve = true;
+    }
+
+    /// Whether the stops are to be solved now. Says so once.
+    pub(super) const fn take_to_solve(&mut self) -> bool {
+        core::mem::replace(&mut self.to_solve, false)
+    }
+
+    /// The answer of the stops, if there are references.
+    pub(super) fn solve(&self, config: &CameraConfig) -> Option<Result<Answer, NotYet>> {
+        let frame = ReferenceFrame::new(self.references.as_ref()?, config);
+        let wanted = usize::from(config.reference_stops);
+        Some(self.stops.solve(&frame, wanted))
+    }
+
+    /// What was solved for others, to be told to them.
+    pub(super) fn on_solved(
+        &mut self,
+        second: Report,
+        location: (MemberAddress, TargetLocation),
+        unsaved: &mut Unsaved,
+    ) {
+        self.second = Some(second);
+        unsaved.insert(FactKey::Posed);
+        self.location = Some(location);
+    }
+
+    /// Forgets the stops.
+    pub(super) fn drop_stops(&mut self, unsaved: &mut Unsaved) {
+        let kept = self.stops.len();
+        self.stops.clear();
+        rewrite(kept, unsaved);
+    }
+
+    /// Forgets what was seen and solved, but not who the references are. Every stop is written
+    /// anew, for some may be in the flash alone.
+    pub(super) fn forget(&mut self, unsaved: &mut Unsaved) {
+        self.stops.clear();
+        rewrite(REFERENCE_STOPS, unsaved);
+        self.second = None;
+        unsaved.insert(FactKey::Posed);
+        self.location = None;
+    }
+
+    /// There are no references any more.
+    pub(super) fn dismiss(&mut self, unsaved: &mut Unsaved) {
+        if self.references.take().is_some() {
+            unsaved.insert(FactKey::References);
+        }
+        self.forget_second(unsaved);
+        self.location = None;
+        self.drop_stops(unsaved);
+        self.to_solve = false;
+    }
+
+    fn forget_second(&mut self, unsaved: &mut Unsaved) {
+        if self.second.take().is_some() {
+            unsaved.insert(FactKey::Posed);
+        }
+    }
+
+    pub(super) const fn restore_references(&mut self, references: Option<References>) {
+        self.references = references;
+    }
+
+    pub(super) const fn restore_second(&mut self, second: Option<Report>) {
+        self.second = second;
+    }
+
+    /// Takes a stop of a former run. Tells its index.
+    pub(super) fn restore_stop(&mut self, stop: ReferenceStop) -> Option<usize> {
+        self.stops.restore(stop)
+    }
+
+    /// One of its facts, to be written down.
+    pub(super) fn stop_fact(&self, index: u8) -> Fact {
+        let stop = self.stops.iter().nth(index.into()).copied();
+        Fact::ReferenceStop(index, stop)
+    }
+}
+
+/// The key of a stop of the references.
+pub(super) const fn reference_stop(index: usize) -> FactKey {
+    FactKey::ReferenceStop(index as u8)
+}
+
+/// The first so many stops are to be written anew.
+fn rewrite(stops: usize, unsaved: &mut Unsaved) {
+    for index in 0..stops {
+        unsaved.insert(reference_stop(index));
+    }
+}
+
+impl CameraRole {
+    /// The first reference camera has to know what this one saw.
+    pub(super) fn notify_bearing(
+        &mut self,
+        now: Instant,
+        (target, stop): (MemberAddress, StopNumber),
+    ) {
+        // A stop may have made room for this one. So there are never more than are kept.
+        let duty = &self.duty;
+        self.notifications
+            .retain(|notification| match notification {
+                CameraNotification::Bearing(target, stop) => duty.own_at(target, stop).is_some(),
+                _ => true,
+            });
+        if self.duty.own_at(target, stop).is_some() {
+            self.notify(CameraNotification::Bearing(target, stop), now);
+        }
+    }
+
+    /// The first reference camera has to know all that this one saw.
+    pub(super) fn notify_bearings(&mut self, now: Instant) {
+        self.cancel_bearings();
+        for (target, stop) in self.duty.own_stops() {
+            self.notifications
+                .notify(CameraNotification::Bearing(target, stop), now);
+        }
+    }
+
+    pub(super) fn cancel_bearings(&mut self) {
+        self.notifications
+            .retain(|notification| !matches!(notification, CameraNotification::Bearing(..)));
+    }
+
+    /// The coordinator says who the references are.
+    pub(super) fn on_references(&mut self, now: Instant, references: &References) {
+        let is_news = self
+            .duty
+            .appoint(references, self.address, &mut self.unsaved);
+        if !is_news {
+            return;
+        }
+        if self.duty.second().is_none() {
+            self.notifications.cancel(CameraNotification::Posed);
+        }
+        if self.duty.location().is_none() {
+            self.notifications.cancel(CameraNotification::Located);
+        }
+        self.cancel_bearings();
+        if self.own_duty() == Some(Duty::Second) {
+            self.notify_bearings(now);
+        }
+    }
+
+    /// The second reference camera saw a target.
+    pub(super) fn on_bearing(&mut self, now: Instant, bearing: &StopBearing) {
+        if self.own_duty() != Some(Duty::First) || !bearing.seen.is_usable() {
+            return;
+        }
+        if self.progress.pose().is_none() {
+            self.duty.on_other(bearing, &mut self.unsaved);
+        } else if self.duty.second().is_some() {
+            // It has not heard its pose, or lost it.
+            self.notify(CameraNotification::Posed, now);
+        }
+    }
+
+    /// The first reference camera tells this one, the second, its pose.
+    pub(super) fn on_posed(&mut self, now: Instant, solved: &Report) {
+        self.cancel_bearings();
+        self.on_own_pose(now, Duty::Second, solved);
+    }
+
+    // stack
     #[inline(never)]
     pub(super) fn solve_reference(&mut self, now: Instant) {
-        if self.pose().is_some() {
+        if self.progress.pose().is_some() {
             return;
         }
-        let Some(references) = &self.references else {
-            return;
-        };
-        let frame = ReferenceFrame::new(references, &self.config);
-        let wanted = usize::from(self.config.reference_stops);
-        let solved = self.stops.solve(&frame, wanted);
-        self.solved(now, &solved);
+        if let Some(solved) = self.duty.solve(&self.config) {
+            self.on_solved(now, &solved);
+        }
     }
 
-    // Not inlined: what it takes of the stack is not there while solving.
+    // stack: what it takes is not there while solving.
     #[inline(never)]
-    fn solved(&mut self, now: Instant, solved: &Result<Answer, NotYet>) {
+    fn on_solved(&mut self, now: Instant, solved: &Result<Answer, NotYet>) {
+        let report = *self.progress.report();
         match solved {
             Ok(answer) => {
                 let limits = self.config.weak.limits();
@@ -49,94 +314,28 @@ impl Camera {
                     sightings: answer.stops as u8,
                     used: answer.stops as u8,
                     chi_squared: answer.fit.chi_squared,
-                    state: State::judged(pose, &answer.fit, &limits),
-                    ..self.report
+                    state: CameraState::judged(pose, &answer.fit, &limits),
+                    ..report
                 });
-                self.posed = (Owed::Due(now, 0), Some(second));
-                self.unsaved.add(POSED);
-                self.located = (Owed::Due(now, 0), Some((answer.target, answer.located)));
-                self.posed_as(now, Duty::First, &first);
+                let location = (answer.target, answer.located);
+                self.duty.on_solved(second, location, &mut self.unsaved);
+                self.notify(CameraNotification::Posed, now);
+                self.notify(CameraNotification::Located, now);
+                self.on_own_pose(now, Duty::First, &first);
             }
             Err(why) => {
                 debug!("no reference solve yet");
                 if let NotYet::Refused(refusal) = why {
-                    let state = State::Refused(*refusal);
-                    self.know(
-                        now,
-                        Report {
-                            state,
-                            ..self.report
-                        },
-                    );
+                    let state = CameraState::Refused(*refusal);
+                    self.update(now, Report { state, ..report });
                 }
             }
         }
     }
 
     /// This reference camera now knows its pose.
-    pub(super) fn posed_as(&mut self, now: Instant, duty: Duty, solved: &Report) {
-        let report = Report {
-            id: self.id,
-            duty: Some(duty),
-            done: true,
-            state: solved.state.judged_again(&self.config.weak.limits()),
-            ..*solved
-        };
+    fn on_own_pose(&mut self, now: Instant, duty: Duty, solved: &Report) {
         // The stops are erased when this is written down.
-        self.know(now, report);
-    }
-
-    pub(super) fn references(&mut self, now: Instant, references: References) {
-        if self.references == Some(references) {
-            return;
-        }
-        let pair = |of: &References| (of.first, of.second);
-        if self.references.as_ref().map(pair) != Some(pair(&references)) {
-            // What another camera saw, or its pose, is nothing to this one.
-            if self.posed.1.is_some() {
-                self.unsaved.add(POSED);
-            }
-            self.posed = (Owed::Nothing, None);
-            let kept = self.stops.forget_other();
-            self.rewrite(kept);
-        }
-        self.references = Some(references);
-        self.bearings.clear();
-        self.unsaved.add(REFERENCES);
-        self.to_solve = self.duty() == Some(Duty::First);
-        if !self.to_solve {
-            // Where the target stood, another one tells it.
-            self.located = (Owed::Nothing, None);
-        }
-        if self.duty() == Some(Duty::Second) {
-            self.owe_bearings(now);
-        }
-    }
-
-    pub(super) fn owe_bearings(&mut self, now: Instant) {
-        let owed = |stop: &ReferenceStop| (stop.target, stop.stop, Owed::Due(now, 0));
-        let mine = self.stops.iter().filter(|stop| stop.own.is_some());
-        self.bearings.clear();
-        for bearing in mine.map(owed) {
-            // As many as there are stops.
-            let _ = self.bearings.push(bearing);
-        }
-    }
-
-    pub(super) fn bearing(&mut self, now: Instant, bearing: &Bearing) {
-        if self.duty() != Some(Duty::First) || !bearing.seen.is_usable() {
-            return;
-        }
-        if self.pose().is_some() {
-            // The second one has not heard its pose, or lost it.
-            if self.posed.1.is_some() {
-                self.posed.0.tell(now);
-            }
-            return;
-        }
-        if let Some(index) = self.stops.other(bearing.target, bearing.stop, bearing.seen) {
-            self.unsaved.add(reference_stop(index));
-        }
-        self.to_solve = true;
+        self.update(now, self.progress.solved(duty, solved, &self.config));
     }
 }

@@ -1,11 +1,11 @@
 //! A list whose places are places in the flash.
 
-use crate::message::{Address, StopNumber};
+use crate::message::{MemberAddress, StopNumber};
 
 /// What was learnt at stops of targets.
 pub(super) trait OfStop {
     /// The target and its stop.
-    fn key(&self) -> (Address, StopNumber);
+    fn key(&self) -> (MemberAddress, StopNumber);
 }
 
 /// Up to `N`, each in its place until it goes. When there are so many, the one that came first
@@ -63,7 +63,7 @@ impl<T: OfStop, const N: usize> Kept<T, N> {
     }
 
     /// The place of what is kept of this stop.
-    pub(super) fn find(&self, key: (Address, StopNumber)) -> Option<usize> {
+    pub(super) fn find(&self, key: (MemberAddress, StopNumber)) -> Option<usize> {
         self.list.iter().position(|kept| kept.key() == key)
     }
 
@@ -100,8 +100,8 @@ mod tests {
 
     use super::*;
 
-    impl OfStop for (Address, StopNumber) {
-        fn key(&self) -> (Address, StopNumber) {
+    impl OfStop for (MemberAddress, StopNumber) {
+        fn key(&self) -> (MemberAddress, StopNumber) {
             *self
         }
     }
@@ -130,7 +130,7 @@ mod tests {
     #[test]
     fn what_came_first_is_known_after_a_restart() {
         for written in 1..=7 {
-            let mut kept = Kept::<(Address, StopNumber), 3>::new();
+            let mut kept = Kept::<(MemberAddress, StopNumber), 3>::new();
             // Over the end of the numbers.
             let stop = |n: u16| (1, n.wrapping_sub(4));
             for n in 0..written {

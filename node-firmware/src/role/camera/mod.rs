@@ -14,55 +14,61 @@
 //! keep one in step.
 
 mod calibration;
+mod colours;
+mod device;
 mod duty;
 mod facts;
-mod inputs;
 mod kept;
+mod progress;
 mod reference;
 mod stops;
+mod targets;
 
 use core::time::Duration;
 
-use zigbee_link::{Instant, wire::ShortAddress};
+use calib_core::Status;
+use zigbee_link::{Instant, store::Membership, wire::ShortAddress};
 
-pub use self::{calibration::SIGHTINGS, reference::REFERENCE_STOPS};
 use self::{
-    calibration::{Calibration, is_news},
-    facts::{REPORT, Unsaved},
-    reference::ReferenceStops,
+    calibration::Calibration,
+    colours::LearntColours,
+    device::Device,
+    duty::ReferenceDuty,
+    progress::Progress,
+    targets::{KnownTargets, LastLooks},
 };
-use super::{COORDINATOR, Home, Outbox, Owed};
+use super::{
+    COORDINATOR, LastNetwork, Notification, Notifications, Outbox, Output, Role, Unsaved, earliest,
+};
 use crate::{
     arithmetic::root,
-    config::{COLOURS_MAX, CameraConfig, Duty},
-    hardware::Button,
-    memory::Colours,
+    config::CameraConfig,
+    hardware::{Button, Indication},
+    limits::{COLOURS_MAX, MEMBERS, REFERENCE_STOPS, TARGETS},
+    memory::{Fact, FactKey},
     message::{
-        Address, Bearing, Command, Done, Frame, Hello, Kind, Located, MEMBERS, Message, PoseParts,
-        References, Report, Seen, Sight, Sighted, State, StopNumber, Stopped, Tracked,
+        CameraCommand, CommandResult, Duty, Hello, ListedSighting, MemberAddress, MemberKind,
+        Message, PoseParts, Report, Seen, Sight, StopBearing, StopNumber, TrackedBlob,
     },
-    sight::ColourWindow,
+    vision::ColourWindow,
 };
-
-/// Targets a camera knows at a time. The one heard least recently makes room.
-pub const TARGETS: usize = 4;
 
 /// Room for an answer of some 40 bytes, its acknowledgement of 36, both ways' turnaround and
 /// clear-channel assessment.
 const SLOT: Duration = Duration::from_millis(5);
 
 /// A task for the camera's hardware. One at a time is given; the next one after its event. Only
-/// [`Command::Track`] goes on until the next task.
+/// [`CameraCommand::Track`] goes on until the next task.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
-pub enum Task {
+pub enum CameraTask {
     /// Look whether a target of this colour stands in view.
     Look {
-        /// The colour.
+        /// Number of the colour in the configuration.
         colour: u8,
     },
     /// A command of the coordinator or a button.
-    Command(Command),
+    Command(CameraCommand),
     /// Colours were learnt in a former run: look for these. No event ends this.
     Recall([Option<ColourWindow>; COLOURS_MAX]),
 }
@@ -70,13 +76,13 @@ pub enum Task {
 /// What the camera's hardware tells.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
-pub enum Event {
-    /// The end of [`Task::Look`].
+pub enum CameraEvent {
+    /// The end of [`CameraTask::Look`].
     Looked(Sight, Option<Seen>),
-    /// The end of [`Task::Command`].
-    Done(Done),
+    /// The end of [`CameraTask::Command`].
+    Done(CommandResult),
     /// A packet while tracking for the coordinator.
-    Tracked(Tracked),
+    Tracked(TrackedBlob),
     /// This colour is looked for in this window from now on.
     Learnt(u8, ColourWindow),
     /// A button was pressed.
@@ -85,146 +91,95 @@ pub enum Event {
     Ready,
 }
 
-/// Why a camera sends a message of which it must know the result.
+/// A message of which a camera must know whether it was delivered.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
-pub enum Errand {
-    /// It presents itself.
+pub enum CameraNotification {
+    /// It presents itself to the coordinator.
     Hello,
-    /// Its report to the coordinator.
-    ReportToCoordinator,
-    /// Its report to a target.
-    ReportTo(Address),
-    /// The pose of the second reference camera.
-    Posed,
     /// Where a target stood, for that target.
     Located,
-    /// Its bearings for the first reference camera, that of a stop.
-    Bearing(Address, StopNumber),
+    /// The pose of the second reference camera, for that one.
+    Posed,
+    /// What it saw of this target at this stop, for the first reference camera.
+    Bearing(MemberAddress, StopNumber),
+    /// How far it is, for the coordinator or a target.
+    Report(MemberAddress),
 }
 
-#[derive(Clone, Copy, Debug, PartialEq)]
-struct Asked {
-    target: Address,
-    stopped: Stopped,
-    /// When the target said so.
-    heard: Instant,
-}
+/// Of all these there is one, but for bearings and for reports to targets.
+const NOTIFICATIONS: usize = 4 + REFERENCE_STOPS + TARGETS;
 
-/// A target that is told how far this camera is.
-#[derive(Clone, Copy, Debug, PartialEq)]
-struct KnownTarget {
-    address: Address,
-    report: Owed,
-    missed_report: bool,
-}
-
-/// What was seen at the last stop of a target.
-#[derive(Clone, Copy, Debug, PartialEq)]
-struct LastLook {
-    target: Address,
-    stop: StopNumber,
-    /// The answer was about this frame; the same stop may be told again in the other one.
-    frame: Frame,
-    sight: Sight,
-    seen: Option<Seen>,
+impl Notification for CameraNotification {
+    fn priority(self) -> u8 {
+        match self {
+            Self::Hello => 0,
+            Self::Located => 1,
+            Self::Posed => 2,
+            Self::Bearing(..) => 3,
+            Self::Report(to) if ShortAddress(to) == COORDINATOR => 4,
+            Self::Report(_) => 5,
+        }
+    }
 }
 
 /// A camera's state.
 #[derive(Clone, Debug)]
-pub struct Camera {
+pub struct CameraRole {
     id: u16,
     config: CameraConfig,
     address: Option<ShortAddress>,
-    home: Home,
-    references: Option<References>,
-    calibration: Calibration,
-    stops: ReferenceStops,
-    report: Report,
-    /// What others were told last.
-    told: Report,
-
-    /// The camera has started.
-    ready: bool,
-    /// It has a task.
-    busy: bool,
-    looking: Option<Asked>,
-    next: Option<Asked>,
-    command: Option<Command>,
-    last: heapless::Vec<LastLook, TARGETS>,
-
-    outbox: Outbox<Errand, 8>,
-    hello: Owed,
-    to_coordinator: Owed,
-    to_targets: heapless::Vec<KnownTarget, TARGETS>,
-    posed: (Owed, Option<Report>),
-    located: (Owed, Option<(Address, Located)>),
-    bearings: heapless::Vec<(Address, StopNumber, Owed), REFERENCE_STOPS>,
-    /// The next of its sightings that the coordinator asked for.
-    listing: Option<usize>,
-    target_seen: bool,
+    last_network: LastNetwork,
     /// Facts that are not written down yet.
     unsaved: Unsaved,
-    /// What the configuration says, and what was learnt instead.
-    colours: Colours,
-    /// Learnt before the start; the hardware does not know yet.
-    recalled: bool,
-    /// The stops of both references have changed.
-    to_solve: bool,
+
+    device: Device,
+    colours: LearntColours,
+
+    looks: LastLooks,
+    target_seen: bool,
+    calibration: Calibration,
+    duty: ReferenceDuty,
+    progress: Progress,
+
+    targets: KnownTargets,
+    notifications: Notifications<CameraNotification, NOTIFICATIONS>,
+    outbox: Outbox<CameraNotification, 8>,
+    /// The next of its sightings that the coordinator asked for.
+    listing: Option<usize>,
 }
 
-impl Camera {
+impl CameraRole {
     /// A camera that knows nothing yet.
     pub fn new(id: u16, config: CameraConfig) -> Self {
-        let report = nothing_known(id);
-        let colours = Colours {
-            configured: config.subjects.checksum(),
-            learnt: Default::default(),
-        };
+        let colours = LearntColours::new(config.subjects.checksum());
         Self {
             id,
             config,
             address: None,
-            home: Home::new(),
-            references: None,
-            calibration: Calibration::new(),
-            stops: ReferenceStops::new(),
-            report,
-            told: report,
-            ready: false,
-            busy: false,
-            looking: None,
-            next: None,
-            command: None,
-            last: heapless::Vec::new(),
-            outbox: Outbox::new(),
-            hello: Owed::Nothing,
-            to_coordinator: Owed::Nothing,
-            to_targets: heapless::Vec::new(),
-            posed: (Owed::Nothing, None),
-            located: (Owed::Nothing, None),
-            bearings: heapless::Vec::new(),
-            listing: None,
-            target_seen: false,
+            last_network: LastNetwork::new(),
             unsaved: Unsaved::new(),
+            device: Device::new(),
             colours,
-            recalled: false,
-            to_solve: false,
+            looks: LastLooks::new(),
+            target_seen: false,
+            calibration: Calibration::new(),
+            duty: ReferenceDuty::new(),
+            progress: Progress::new(id),
+            targets: KnownTargets::new(),
+            notifications: Notifications::new(),
+            outbox: Outbox::new(),
+            listing: None,
         }
     }
 
     /// How far the camera is.
     pub const fn report(&self) -> &Report {
-        &self.report
+        self.progress.report()
     }
 
-    /// The pose, if it is known.
-    fn pose(&self) -> Option<PoseParts> {
-        self.report.pose().copied()
-    }
-
-    fn duty(&self) -> Option<Duty> {
-        self.references?.duty_of(self.address?)
+    fn own_duty(&self) -> Option<Duty> {
+        self.duty.of(self.address)
     }
 
     /// Waiting time that spreads the answers of all members.
@@ -234,51 +189,57 @@ impl Camera {
     }
 
     /// Takes a new state, keeps it and tells it.
-    fn know(&mut self, now: Instant, report: Report) {
-        if report == self.report {
-            return;
-        }
-        self.report = report;
-        self.unsaved.add(REPORT);
-        if is_news(&self.told, &report) {
-            self.tell(now);
-        }
-    }
-
-    fn tell(&mut self, now: Instant) {
-        self.told = self.report;
-        self.to_coordinator.tell(now);
-        for target in &mut self.to_targets {
-            target.report.tell(now);
+    fn update(&mut self, now: Instant, report: Report) {
+        if self.progress.update(report, &mut self.unsaved) {
+            self.notify(CameraNotification::Report(COORDINATOR.0), now);
+            for target in self.targets.addresses() {
+                let notification = CameraNotification::Report(target);
+                self.notifications.notify(notification, now);
+            }
         }
     }
 
-    /// Has a command carried out next. Another one that waits is given up; and before the camera has
-    /// started, this one: nobody knows when it will, and what is in its view then.
-    fn command(&mut self, now: Instant, command: Command) {
-        let given_up = if self.ready {
-            self.command.replace(command)
-        } else {
-            Some(command)
-        };
-        if let Some(command) = given_up {
-            let done = Done {
-                command,
-                success: false,
-            };
-            self.outbox
-                .push(now, COORDINATOR, Message::Done(done), None);
+    // size
+    #[inline(never)]
+    fn notify(&mut self, notification: CameraNotification, due: Instant) {
+        self.notifications.notify(notification, due);
+    }
+
+    /// Presents itself to the coordinator, and reports if there is anything to report.
+    fn present(&mut self, due: Instant) {
+        self.notify(CameraNotification::Hello, due);
+        if self.progress.has_report() {
+            self.notify(CameraNotification::Report(COORDINATOR.0), due);
         }
     }
 
-    fn list(&mut self) -> Option<Message> {
+    /// Has a command carried out next. The coordinator hears of one that is given up.
+    fn command(&mut self, now: Instant, command: CameraCommand) {
+        if let Some(command) = self.device.command(command) {
+            self.tell_done(
+                now,
+                CommandResult {
+                    command,
+                    success: false,
+                },
+            );
+        }
+    }
+
+    fn tell_done(&mut self, now: Instant, done: CommandResult) {
+        self.outbox
+            .push(now, COORDINATOR, Message::Done(done), None);
+    }
+
+    /// The next of its sightings, if the coordinator asked for them.
+    fn next_listed(&mut self) -> Option<Message> {
         let index = self.listing?;
         let Some(kept) = self.calibration.get(index) else {
             self.listing = None;
             return None;
         };
         self.listing = Some(index + 1);
-        Some(Message::Sighting(Sighted {
+        Some(Message::Sighting(ListedSighting {
             index: index as u8,
             count: self.calibration.count() as u8,
             target: kept.target,
@@ -289,78 +250,192 @@ impl Camera {
         }))
     }
 
-    /// What is owed to others and due.
-    fn debt(&mut self, now: Instant) -> Option<(ShortAddress, Message, Errand)> {
-        if self.hello.take(now) {
-            let hello = Hello {
-                id: self.id,
-                kind: Kind::Camera {
-                    reference: self.config.reference,
-                },
-            };
-            return Some((COORDINATOR, Message::Hello(hello), Errand::Hello));
-        }
-        if self.located.0.take(now)
-            && let Some((target, located)) = self.located.1
-        {
-            let to = ShortAddress(target);
-            return Some((to, Message::Located(located), Errand::Located));
-        }
-        if self.posed.0.take(now)
-            && let (Some(pose), Some(references)) = (self.posed.1, self.references)
-        {
-            let to = ShortAddress(references.second);
-            return Some((to, Message::Posed(pose), Errand::Posed));
-        }
-        if let Some(references) = self.references {
-            let stops = &self.stops;
-            let seen_at = |target: Address, stop: StopNumber| {
-                let mut all = stops.iter();
-                all.find(|kept| kept.target == target && kept.stop == stop)?
-                    .own
-            };
-            // The stop may have made room for others.
-            self.bearings
-                .retain(|(target, stop, _)| seen_at(*target, *stop).is_some());
-            let mut bearings = self.bearings.iter_mut();
-            if let Some((target, stop)) =
-                bearings.find_map(|(target, stop, owed)| owed.take(now).then_some((*target, *stop)))
-                && let Some(seen) = seen_at(target, stop)
-            {
-                let bearing = Bearing {
+    /// A message that has to be told, as it is known now, and to whom. `None`: there is nothing to
+    /// tell any more.
+    fn message_of(&self, notification: CameraNotification) -> Option<(ShortAddress, Message)> {
+        Some(match notification {
+            CameraNotification::Hello => {
+                let hello = Hello {
+                    id: self.id,
+                    kind: MemberKind::Camera {
+                        reference: self.config.reference,
+                    },
+                };
+                (COORDINATOR, Message::Hello(hello))
+            }
+            CameraNotification::Located => {
+                let (target, location) = self.duty.location()?;
+                (ShortAddress(target), Message::Located(location))
+            }
+            CameraNotification::Posed => {
+                let to = ShortAddress(self.duty.references()?.second);
+                (to, Message::Posed(self.duty.second()?))
+            }
+            CameraNotification::Bearing(target, stop) => {
+                let bearing = StopBearing {
                     target,
                     stop,
-                    seen,
+                    // The stop may have made room for others.
+                    seen: self.duty.own_at(target, stop)?,
                     pose: None,
                 };
-                let to = ShortAddress(references.first);
-                let errand = Errand::Bearing(target, stop);
-                return Some((to, Message::Bearing(bearing), errand));
+                let to = ShortAddress(self.duty.references()?.first);
+                (to, Message::Bearing(bearing))
             }
-        }
-        if self.to_coordinator.take(now) {
-            let message = Message::Report(self.report);
-            return Some((COORDINATOR, message, Errand::ReportToCoordinator));
-        }
-        let report = self.report;
-        self.to_targets.iter_mut().find_map(|target| {
-            target.report.take(now).then_some((
-                ShortAddress(target.address),
-                Message::Report(report),
-                Errand::ReportTo(target.address),
-            ))
+            CameraNotification::Report(to) => {
+                (ShortAddress(to), Message::Report(*self.progress.report()))
+            }
         })
     }
 }
 
-const fn nothing_known(id: u16) -> Report {
-    Report {
-        id,
-        duty: None,
-        sightings: 0,
-        used: 0,
-        chi_squared: 0.0,
-        done: false,
-        state: State::Waiting,
+impl Role for CameraRole {
+    type Notification = CameraNotification;
+    type Task = CameraTask;
+    type Event = CameraEvent;
+
+    fn restore(&mut self, fact: &Fact) {
+        self.restore_fact(fact);
+    }
+
+    fn on_attached(&mut self, now: Instant, network: Option<Membership>) {
+        let own = network.map(|network| network.short);
+        let was_attached = core::mem::replace(&mut self.address, own).is_some();
+        let Some(network) = network else {
+            return;
+        };
+        let unsaved = &mut self.unsaved;
+        if (self.last_network).on_attached(was_attached, &network, unsaved) {
+            self.forget_network();
+        }
+        self.present(now);
+        match self.own_duty() {
+            // Nobody knows which ones were delivered before a restart.
+            Some(Duty::Second) if self.progress.pose().is_none() => self.notify_bearings(now),
+            // Or whether the last ones written down were solved.
+            Some(Duty::First) => self.duty.solve_again(),
+            _ => {}
+        }
+    }
+
+    fn on_message(&mut self, now: Instant, from: ShortAddress, message: &Message) {
+        let is_coordinator = from == COORDINATOR;
+        let duty_of_sender = self.duty.of(Some(from));
+        match message {
+            Message::Stopped(stopped) => self.on_stopped(now, from.0, stopped),
+            Message::References(references) if is_coordinator => {
+                self.on_references(now, references);
+            }
+            Message::Bearing(bearing) if duty_of_sender == Some(Duty::Second) => {
+                self.on_bearing(now, bearing);
+            }
+            Message::Posed(solved)
+                if self.own_duty() == Some(Duty::Second)
+                    && duty_of_sender == Some(Duty::First)
+                    && solved.is_usable()
+                    && solved.pose().is_some_and(PoseParts::is_usable) =>
+            {
+                self.on_posed(now, solved);
+            }
+            Message::WhoIsThere if is_coordinator => self.present(now + self.slot()),
+            Message::Command(CameraCommand::Forget) if is_coordinator => {
+                self.forget(now);
+                self.tell_done(
+                    now,
+                    CommandResult {
+                        command: CameraCommand::Forget,
+                        success: true,
+                    },
+                );
+            }
+            Message::Command(command) if is_coordinator => self.command(now, *command),
+            Message::Sightings if is_coordinator => self.listing = Some(0),
+            _ => {}
+        }
+    }
+
+    fn on_sent(&mut self, now: Instant, notification: CameraNotification, delivered: bool) {
+        let is_settled = match notification {
+            CameraNotification::Report(to) if ShortAddress(to) != COORDINATOR => {
+                // A target that is away is told when it is heard again.
+                self.targets.on_report_sent(to, delivered);
+                true
+            }
+            _ => delivered,
+        };
+        self.notifications.on_sent(notification, now, is_settled);
+    }
+
+    fn on_event(&mut self, now: Instant, event: CameraEvent) {
+        match event {
+            CameraEvent::Looked(sight, seen) => self.on_looked(now, sight, seen),
+            CameraEvent::Done(done) => {
+                self.device.on_done(done.command);
+                self.tell_done(now, done);
+            }
+            CameraEvent::Tracked(tracked) => {
+                self.outbox
+                    .push(now, COORDINATOR, Message::Tracked(tracked), None);
+            }
+            CameraEvent::Learnt(colour, window) => {
+                if self.colours.on_learnt(colour, window) {
+                    self.unsaved.insert(FactKey::Colours);
+                }
+            }
+            CameraEvent::Button(Button::LearnColour) => {
+                self.command(now, CameraCommand::LearnColour { colour: 0 });
+            }
+            CameraEvent::Button(Button::JoinWindow) => {}
+            CameraEvent::Ready => self.device.on_ready(),
+        }
+    }
+
+    fn compute(&mut self, now: Instant) {
+        if self.duty.take_to_solve() {
+            self.solve_reference(now);
+        }
+    }
+
+    fn poll(&mut self, now: Instant) -> Option<Output<CameraNotification, CameraTask>> {
+        if let Some(fact) = self.unsaved_fact() {
+            return Some(Output::Save(fact));
+        }
+        let task = self.colours.next_task();
+        if let Some(task) = task.or_else(|| self.device.next_task()) {
+            return Some(Output::Task(task));
+        }
+        self.address?;
+        if let Some(message) = self.outbox.take_due(now) {
+            return Some(message);
+        }
+        while let Some(notification) = self.notifications.take_due(now) {
+            if let Some((to, message)) = self.message_of(notification) {
+                return Some(Output::Send {
+                    to,
+                    message,
+                    notification: Some(notification),
+                });
+            }
+            self.notifications.cancel(notification);
+        }
+        self.next_listed().map(|message| Output::Send {
+            to: COORDINATOR,
+            message,
+            notification: None,
+        })
+    }
+
+    fn next_deadline(&self) -> Option<Instant> {
+        self.address?;
+        earliest([self.outbox.next_due(), self.notifications.next_due()])
+    }
+
+    fn indication(&self) -> Indication {
+        Indication {
+            joined: self.address.is_some(),
+            target_seen: self.target_seen,
+            calibrated: self.report().status() == Status::Calibrated,
+            may_walk: false,
+        }
     }
 }

@@ -1,23 +1,21 @@
 //! The reference solve on the first reference camera (thesis 2.6.1).
 
 use calib_core::{
-    Pose, Refusal, angle,
+    Refusal, angle,
     dead_reckoning::Place,
     fit::Fit,
-    reference::{self, Known, Settings, Solution, Stop},
+    reference::{self, Known, ReferenceSettings, ReferenceSolution, Stop},
 };
-use nalgebra::{Matrix2, Matrix3, Point2, RealField, Vector2};
+use nalgebra::{Matrix2, Point2, RealField};
 
 use super::kept::{Kept, OfStop};
 use crate::{
     arithmetic::{root, sort},
     config::CameraConfig,
+    limits::REFERENCE_STOPS,
     memory::ReferenceStop,
-    message::{Address, Located, PoseParts, References, Seen, StopNumber, triangle},
+    message::{MemberAddress, PoseParts, References, Seen, StopNumber, TargetLocation, triangle},
 };
-
-/// Stops a reference camera keeps while the target's place is not known. Full, what came first goes.
-pub const REFERENCE_STOPS: usize = 12;
 
 /// A stop of a target of which it knows none but up to so many later ones is told late. Farther back
 /// are the numbers of a target that began anew.
@@ -82,7 +80,7 @@ pub(super) struct ReferenceStops {
 }
 
 impl OfStop for ReferenceStop {
-    fn key(&self) -> (Address, StopNumber) {
+    fn key(&self) -> (MemberAddress, StopNumber) {
         (self.target, self.stop)
     }
 }
@@ -99,7 +97,7 @@ pub(super) enum NotYet {
 /// Which stops of a walk decide.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Attempt {
-    /// All.
+    /// All of the walk.
     All,
     /// So many of the last, if that is not all.
     Last(usize),
@@ -111,8 +109,8 @@ enum Attempt {
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Answer {
     pub(super) poses: [PoseParts; 2],
-    pub(super) target: Address,
-    pub(super) located: Located,
+    pub(super) target: MemberAddress,
+    pub(super) located: TargetLocation,
     pub(super) stops: usize,
     pub(super) fit: Fit<f32>,
 }
@@ -159,7 +157,11 @@ impl ReferenceStops {
 
     /// What is known of a stop, to be completed, and its index. A stop told late is none any more
     /// when others need the room.
-    fn entry(&mut self, target: Address, stop: StopNumber) -> Option<(usize, &mut ReferenceStop)> {
+    fn entry(
+        &mut self,
+        target: MemberAddress,
+        stop: StopNumber,
+    ) -> Option<(usize, &mut ReferenceStop)> {
         let index = match self.stops.find((target, stop)) {
             Some(index) => index,
             None if self.stops.is_full() && self.is_late(target, stop) => return None,
@@ -175,7 +177,7 @@ impl ReferenceStops {
     }
 
     /// Whether all that are kept of its target are later.
-    fn is_late(&self, target: Address, stop: StopNumber) -> bool {
+    fn is_late(&self, target: MemberAddress, stop: StopNumber) -> bool {
         let of_target = self.stops.iter().filter(|kept| kept.target == target);
         let mut ahead = of_target
             .map(|kept| kept.stop.wrapping_sub(stop))
@@ -186,7 +188,7 @@ impl ReferenceStops {
     /// This camera saw the target there. Tells the index of what changed.
     pub(super) fn own(
         &mut self,
-        target: Address,
+        target: MemberAddress,
         stop: StopNumber,
         place: Place<f32>,
         seen: Seen,
@@ -198,7 +200,12 @@ impl ReferenceStops {
     }
 
     /// The other reference camera saw it.
-    pub(super) fn other(&mut self, target: Address, stop: StopNumber, seen: Seen) -> Option<usize> {
+    pub(super) fn other(
+        &mut self,
+        target: MemberAddress,
+        stop: StopNumber,
+        seen: Seen,
+    ) -> Option<usize> {
         let (index, kept) = self.entry(target, stop)?;
         kept.other = Some(seen);
         Some(index)
@@ -206,20 +213,20 @@ impl ReferenceStops {
 
     /// The walk of which both saw most stops: there may be several targets. Its target, its last
     /// stop, and in `stops` those of its last ones that the attempt takes, as the solve takes them.
-    // Not inlined: the solve needs the stack.
+    // stack
     #[inline(never)]
     fn walk(
         &self,
         wanted: usize,
         attempt: Attempt,
         stops: &mut heapless::Vec<Stop<f32>, REFERENCE_STOPS>,
-    ) -> Result<(Address, StopNumber), NotYet> {
+    ) -> Result<(MemberAddress, StopNumber), NotYet> {
         let complete = |kept: &ReferenceStop| {
             let place = kept.place?;
             let walk = (kept.target, place.parts().fix);
             Some((walk, kept.stop, place, [kept.own?, kept.other?]))
         };
-        let of_walk = |walk: (Address, u32)| {
+        let of_walk = |walk: (MemberAddress, u32)| {
             let all = self.stops.iter().filter_map(complete);
             all.filter(move |(of, ..)| *of == walk)
         };
@@ -229,8 +236,8 @@ impl ReferenceStops {
         let mut seen: heapless::Vec<(StopNumber, Place<f32>, [Seen; 2]), REFERENCE_STOPS> =
             heapless::Vec::new();
         for (_, stop, place, rays) in of_walk(walk) {
-            // As many as there are stops.
-            let _ = seen.push((stop, place, rays));
+            let has_room = seen.push((stop, place, rays)).is_ok();
+            debug_assert!(has_room, "as many as there are stops");
         }
         if seen.len() < wanted {
             return Err(NotYet::Waiting);
@@ -247,6 +254,7 @@ impl ReferenceStops {
         sort(&mut seen, |(a, ..), (b, ..)| order(*a) < order(*b));
         let last = seen.last().map_or(any, |(stop, ..)| *stop);
         let seen = seen.get(seen.len().saturating_sub(most)..);
+        debug_assert!(seen.is_some(), "it begins within the list");
         let seen = seen.unwrap_or_default();
 
         // The solve adds the covariances of displacements up. What comes of standing beside the
@@ -262,12 +270,13 @@ impl ReferenceStops {
             };
             let (from, covariance) =
                 core::mem::replace(&mut before, (place.position(), from_first));
-            let _ = stops.push(Stop {
+            let has_room = stops.push(Stop {
                 rays: seen.map(|seen| seen.ray()),
                 bearing_sigmas: seen.map(|seen| seen.sigma),
                 displacement: place.position() - from,
                 displacement_covariance: from_first - covariance,
             });
+            debug_assert!(has_room.is_ok(), "as many as there are stops");
         }
         Ok((walk.0, last))
     }
@@ -295,7 +304,7 @@ impl ReferenceStops {
         Err(NotYet::Refused(Refusal::Inconsistent))
     }
 
-    // Not inlined, for the sake of the stack.
+    // stack
     #[inline(never)]
     fn attempt(
         &self,
@@ -322,15 +331,15 @@ impl ReferenceStops {
 }
 
 /// The one answer of these stops. They may contradict each other in the last resort.
-// Not inlined, for the sake of the stack.
+// stack
 #[inline(never)]
 fn decided(
     stops: &[Stop<f32>],
     known: &Known<f32>,
     attempt: Attempt,
-) -> Result<Solution<f32>, NotYet> {
+) -> Result<ReferenceSolution<f32>, NotYet> {
     // By reference: large, and moved it would be on the stack twice.
-    let mut solved = reference::solve(stops, known, &Settings::default());
+    let mut solved = reference::solve(stops, known, &ReferenceSettings::default());
     let outcome = match &mut solved {
         Ok(outcome) => outcome,
         Err(why) => return Err(NotYet::Refused(*why)),
@@ -349,14 +358,14 @@ fn decided(
 }
 
 /// Both poses, and where the target stood at the last stop.
-// Not inlined, for the sake of the stack.
+// stack
 #[inline(never)]
 fn in_frame_of_site(
-    best: &Solution<f32>,
+    best: &ReferenceSolution<f32>,
     stops: &[Stop<f32>],
     last: StopNumber,
     frame: &ReferenceFrame,
-) -> Result<([PoseParts; 2], Located), NotYet> {
+) -> Result<([PoseParts; 2], TargetLocation), NotYet> {
     let (position, covariance) = best
         .places(stops)
         .last()
@@ -364,9 +373,9 @@ fn in_frame_of_site(
     let turn = angle::rotation(frame.direction);
     let origin = Point2::from(frame.first);
     let position = origin + turn * position.coords;
-    let covariance = turn * covariance * turn.transpose();
-    let poses = poses(best, frame);
-    let located = Located {
+    let covariance = angle::turned(&covariance, &turn);
+    let poses = best.poses(origin, frame.direction).map(PoseParts::from);
+    let located = TargetLocation {
         stop: last,
         position: position.coords.into(),
         covariance: triangle(&covariance),
@@ -381,40 +390,6 @@ fn in_frame_of_site(
         return Err(NotYet::Refused(Refusal::Undetermined));
     }
     Ok((poses, located))
-}
-
-/// Both poses in the frame of the site. The first camera is its origin, so only its heading errs;
-/// the second is on the baseline, the length of which errs if it was not known.
-fn poses(solution: &Solution<f32>, frame: &ReferenceFrame) -> [PoseParts; 2] {
-    let along = angle::rotation(frame.direction) * Vector2::x();
-    let origin = Point2::from(frame.first);
-    let c = &solution.covariance;
-    let first = Matrix3::from_diagonal(&[0.0, 0.0, c.m11].into());
-    let mut second = Matrix3::zeros();
-    let place: Matrix2<f32> = along * along.transpose() * c.m66;
-    second.fixed_view_mut::<2, 2>(0, 0).copy_from(&place);
-    second
-        .fixed_view_mut::<2, 1>(0, 2)
-        .copy_from(&(along * c.m26));
-    second
-        .fixed_view_mut::<1, 2>(2, 0)
-        .copy_from(&(along * c.m26).transpose());
-    second.m33 = c.m22;
-    let pose = |position, heading: f32, covariance| {
-        PoseParts::from(Pose {
-            position,
-            heading: angle::wrap_positive(frame.direction + heading),
-            covariance,
-        })
-    };
-    [
-        pose(origin, solution.headings[0], first),
-        pose(
-            origin + along * solution.baseline,
-            solution.headings[1],
-            second,
-        ),
-    ]
 }
 
 #[cfg(test)]
@@ -432,7 +407,7 @@ mod tests {
         sigma: 0.01,
     };
 
-    fn kept(stops: &ReferenceStops) -> std::vec::Vec<(Address, StopNumber)> {
+    fn kept(stops: &ReferenceStops) -> std::vec::Vec<(MemberAddress, StopNumber)> {
         stops.iter().map(OfStop::key).collect()
     }
 

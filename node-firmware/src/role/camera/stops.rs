@@ -5,156 +5,140 @@ use core::time::Duration;
 use zigbee_link::{Instant, wire::ShortAddress};
 
 use super::{
-    Asked, COORDINATOR, Camera, KnownTarget, LastLook, Owed,
-    calibration::is_done,
-    facts::{reference_stop, sighting},
+    CameraNotification, CameraRole,
+    device::LookRequest,
+    facts::sighting,
+    progress::is_done,
+    targets::{LastLook, is_past},
 };
 use crate::{
-    config::Duty,
     memory::KeptSighting,
     message::{
-        Address, Bearing, Frame, Look, Message, Report, Seen, Sight, State, StopNumber, Stopped,
+        CoordinateFrame, Duty, MemberAddress, Message, Report, Seen, Sight, StopAnswer,
+        StopBearing, StopNumber, Stopped,
     },
+    role::COORDINATOR,
 };
-
-/// A stop told late comes after the next few were. Farther back are the numbers of a target that
-/// began anew.
-const OVERTAKEN: StopNumber = 8;
 
 /// A target that says that it stands stays for so long at least: a look that ends later may have
 /// seen it leave.
-pub(super) const LOOK_WITHIN: Duration = Duration::from_millis(3_500);
+const LOOK_WITHIN: Duration = Duration::from_millis(3_500);
 
-impl Camera {
+impl CameraRole {
     /// Whether a look at this stop would be of use.
     fn wants(&self, stopped: &Stopped) -> bool {
+        let report = self.progress.report();
         match stopped.frame {
-            Frame::Site => !self.report.done && self.report.duty.is_none(),
-            Frame::Own if self.pose().is_some() => true,
-            Frame::Own => match self.references {
-                Some(_) => self.duty().is_some(),
+            CoordinateFrame::Site => !report.done && report.duty.is_none(),
+            CoordinateFrame::Own if self.progress.pose().is_some() => true,
+            CoordinateFrame::Own => match self.duty.references() {
+                Some(_) => self.own_duty().is_some(),
                 None => self.config.reference.is_some() || self.config.may_be_elected,
             },
         }
     }
 
-    pub(super) fn stopped(&mut self, now: Instant, target: Address, stopped: &Stopped) {
-        self.meet(now, target);
-        let asked = Asked {
+    /// A target stands, and says so.
+    pub(super) fn on_stopped(&mut self, now: Instant, target: MemberAddress, stopped: &Stopped) {
+        self.on_heard(now, target);
+        let stop = stopped.stop;
+        let request = LookRequest {
             target,
             stopped: *stopped,
             heard: now,
         };
-        let is_past = |stop: StopNumber| (1..=OVERTAKEN).contains(&stop.wrapping_sub(stopped.stop));
-        let known = self.last.iter().map(|last| (last.target, last.stop));
-        let asked_for = [self.looking, self.next].into_iter().flatten();
-        let mut known = known.chain(asked_for.map(|asked| (asked.target, asked.stopped.stop)));
-        if known.any(|(of, stop)| of == target && is_past(stop)) {
+        let known = || self.looks.stops().chain(self.device.requested());
+        if known().any(|(of, known)| of == target && is_past(known, stop)) {
             // The target stands there no more.
             return;
         }
-        // What it did not look at then may be of use now.
-        let is_last = |last: &&LastLook| {
-            last.target == target && last.stop == stopped.stop && last.sight != Sight::NotLooking
-        };
-        if let Some(&last) = self.last.iter().find(is_last) {
+        if let Some(last) = self.looks.find(target, stop) {
             // It was looked at. It may be told again because the answer was lost, or because the
             // target now knows where it is.
             if last.frame == stopped.frame {
-                self.answer(now, asked.target, stopped.stop, last.sight);
+                self.answer(now, target, stop, last.sight);
             } else {
-                self.looked(now, asked, last.sight, last.seen);
+                self.on_look(now, request, last.sight, last.seen);
             }
-            return;
-        }
-        if !self.wants(stopped) {
-            self.looked(now, asked, Sight::NotLooking, None);
-        } else if !self.ready {
-            self.answer(now, target, stopped.stop, Sight::NotReady);
-        } else if self
-            .looking
-            .is_none_or(|looking| (looking.target, looking.stopped.stop) != (target, stopped.stop))
-        {
-            // Of two that wait the later one counts; the other target asks again.
-            self.next = Some(asked);
+        } else if !self.wants(stopped) {
+            self.on_look(now, request, Sight::NotLooking, None);
+        } else if self.device.is_ready() {
+            self.device.look(request);
         } else {
-            self.looking = Some(asked);
+            self.answer(now, target, stop, Sight::NotReady);
         }
     }
 
     /// Remembers a target, so that it is told when the pose is known.
-    fn meet(&mut self, now: Instant, target: Address) {
-        let is_known = |known: &KnownTarget| known.address == target;
-        let mut known = match self.to_targets.iter().position(is_known) {
-            Some(place) => self.to_targets.remove(place),
-            None => {
-                if self.to_targets.is_full() {
-                    self.to_targets.remove(0);
-                }
-                KnownTarget {
-                    address: target,
-                    report: Owed::Nothing,
-                    missed_report: self.report.state != State::Waiting,
-                }
-            }
-        };
-        if known.missed_report {
-            known.missed_report = false;
-            known.report.tell(now);
+    fn on_heard(&mut self, now: Instant, target: MemberAddress) {
+        let heard = self.targets.on_heard(target, self.progress.has_report());
+        if let Some(replaced) = heard.replaced {
+            self.notifications
+                .cancel(CameraNotification::Report(replaced));
         }
-        // The one heard last is the last one to make room.
-        let _ = self.to_targets.push(known);
+        if heard.missed_report {
+            self.notify(CameraNotification::Report(target), now);
+        }
     }
 
     /// Answers in this node's own slot after a question that went to everybody: otherwise all
     /// answers would begin in the same moment.
-    pub(super) fn answer(&mut self, now: Instant, target: Address, stop: StopNumber, sight: Sight) {
+    fn answer(&mut self, now: Instant, target: MemberAddress, stop: StopNumber, sight: Sight) {
         let due = now + self.slot();
-        let look = Look {
+        let report = self.progress.report();
+        let answer = Message::Look(StopAnswer {
             stop,
             sight,
-            counted: self.report.sightings,
-            done: self.report.done,
-        };
-        self.outbox
-            .push(due, ShortAddress(target), Message::Look(look), None);
+            counted: report.sightings,
+            done: report.done,
+        });
+        self.outbox.push(due, ShortAddress(target), answer, None);
     }
 
-    /// A look is over.
-    pub(super) fn looked(&mut self, now: Instant, asked: Asked, sight: Sight, seen: Option<Seen>) {
-        let Asked {
+    /// The hardware has looked.
+    pub(super) fn on_looked(&mut self, now: Instant, sight: Sight, seen: Option<Seen>) {
+        match self.device.on_looked() {
+            // The target may have left meanwhile.
+            Some(request) if now > request.heard + LOOK_WITHIN => {
+                let (target, stop) = request.stop();
+                self.answer(now, target, stop, Sight::NotReady);
+            }
+            Some(request) => self.on_look(now, request, sight, seen),
+            None => {}
+        }
+    }
+
+    /// What was seen at a stop is known.
+    fn on_look(&mut self, now: Instant, request: LookRequest, sight: Sight, seen: Option<Seen>) {
+        let LookRequest {
             target, stopped, ..
-        } = asked;
+        } = request;
         let seen = seen.filter(|seen| sight == Sight::InView && seen.is_usable());
         if sight != Sight::NotLooking {
             self.target_seen = seen.is_some();
         }
         if let Some(seen) = seen {
             match stopped.frame {
-                Frame::Site => self.sighted(now, target, &stopped, seen),
-                Frame::Own => self.sighted_lost(now, target, &stopped, seen),
+                CoordinateFrame::Site => self.on_sighted(now, target, &stopped, seen),
+                CoordinateFrame::Own => self.on_lost_sighted(now, target, &stopped, seen),
             }
         }
-        let last = LastLook {
+        self.looks.insert(LastLook {
             target,
             stop: stopped.stop,
             frame: stopped.frame,
             sight,
             seen,
-        };
-        self.last.retain(|known| known.target != target);
-        if self.last.is_full() {
-            self.last.remove(0);
-        }
-        let _ = self.last.push(last);
+        });
         self.answer(now, target, stopped.stop, sight);
     }
 
-    /// Three of these make a pose.
-    // Not inlined, for the sake of the stack.
+    /// A target that knows its place was seen. Three of these make a pose.
+    // stack
     #[inline(never)]
-    fn sighted(&mut self, now: Instant, target: Address, stopped: &Stopped, seen: Seen) {
-        if self.report.done || self.report.duty.is_some() {
+    fn on_sighted(&mut self, now: Instant, target: MemberAddress, stopped: &Stopped, seen: Seen) {
+        let report = *self.progress.report();
+        if report.done || report.duty.is_some() {
             return;
         }
         let kept = KeptSighting {
@@ -166,10 +150,10 @@ impl Camera {
         let Some(index) = self.calibration.add(kept) else {
             return;
         };
-        self.unsaved.add(sighting(index));
+        self.unsaved.insert(sighting(index));
         let answer = self.calibration.solve(&self.config.weak.limits());
         let count = self.calibration.count();
-        self.know(
+        self.update(
             now,
             Report {
                 sightings: count as u8,
@@ -177,33 +161,37 @@ impl Camera {
                 chi_squared: answer.chi_squared,
                 done: is_done(&self.config, count, &answer.state),
                 state: answer.state,
-                ..self.report
+                ..report
             },
         );
     }
 
-    /// The target does not know where it is.
-    // Not inlined, for the sake of the stack.
+    /// A target that does not know where it is was seen.
+    // stack
     #[inline(never)]
-    fn sighted_lost(&mut self, now: Instant, target: Address, stopped: &Stopped, seen: Seen) {
+    fn on_lost_sighted(
+        &mut self,
+        now: Instant,
+        target: MemberAddress,
+        stopped: &Stopped,
+        seen: Seen,
+    ) {
         let stop = stopped.stop;
-        if let Some(pose) = self.pose() {
-            let bearing = Bearing {
+        if let Some(pose) = self.progress.pose() {
+            let bearing = Message::Bearing(StopBearing {
                 target,
                 stop,
                 seen,
                 pose: Some(pose),
-            };
-            self.outbox
-                .push(now, ShortAddress(target), Message::Bearing(bearing), None);
+            });
+            self.outbox.push(now, ShortAddress(target), bearing, None);
             return;
         }
-        if let Some(index) = self.stops.own(target, stop, stopped.place, seen) {
-            self.unsaved.add(reference_stop(index));
-        }
-        match self.duty() {
-            Some(Duty::First) => self.to_solve = true,
-            Some(Duty::Second) => self.owe_bearing(now, target, stop),
+        let at = (target, stop);
+        self.duty.on_own(at, stopped.place, seen, &mut self.unsaved);
+        match self.own_duty() {
+            Some(Duty::First) => self.duty.solve_again(),
+            Some(Duty::Second) => self.notify_bearing(now, at),
             None => {
                 let trigger = Message::Trigger { target, stop };
                 self.outbox.push(now, COORDINATOR, trigger, None);

@@ -1,0 +1,300 @@
+//! The commands as types: what can be constructed can be sent.
+//!
+//! A command is two letters, decimal arguments, and a carriage return. [`Command::line`] writes
+//! it, [`Command::parse`] reads it as the camera does, so that an emulator understands exactly
+//! what the driver sends.
+
+mod modes;
+mod order;
+mod parse;
+
+pub use modes::{
+    LedMode, LineMode, OutputMask, RawMode, StatisticsLines, StatisticsMask, TrackingLines,
+};
+pub use order::Order;
+pub(crate) use order::{Effect, Mode};
+pub use parse::CommandError;
+
+use crate::{
+    colour::{ColourBounds, ColourChannel},
+    geometry::{DownSampling, Sensor, Window},
+    packet::PacketKind,
+    register::{PAIRS_MAX, Registers},
+    servo::{Servo, ServoMask, ServoParameters, ServoPosition},
+    text::Line,
+};
+
+/// The most arguments a command has.
+const ARGUMENTS_MAX: usize = 2 * PAIRS_MAX;
+
+/// `CR` with all its pairs: two letters, for each argument a space and three digits, carriage
+/// return.
+const LINE_MAX: usize = 2 + 4 * ARGUMENTS_MAX + 1;
+
+/// Everything the camera can be told. The letters of each command are in its description.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub enum Command {
+    /// A bare carriage return: stops a stream, or shows that the camera is there.
+    Idle,
+    /// `BM`: hold one frame until [`Command::ReadFrame`], so that several commands see the same.
+    BufferMode(bool),
+    /// `CP`: power of the sensor module.
+    CameraPower(bool),
+    /// `CR`: write sensor registers, or reset them all when there is none.
+    Registers(Registers),
+    /// `CT`: which sensor is mounted.
+    CameraType(Sensor),
+    /// `DC`: the channel that frame differencing looks at.
+    DifferenceChannel(ColourChannel),
+    /// `DM`: delay between two characters, bit times.
+    CharacterDelay(u8),
+    /// `DS`: count only every so many columns and rows.
+    DownSample(DownSampling),
+    /// `FD`: track what differs by more than this threshold from the reference frame.
+    FrameDifference(u8),
+    /// `FS`: whether [`Command::SendFrame`] goes on with further frames.
+    FrameStream(bool),
+    /// `GB`: whether the button was pressed since the last time.
+    GetButton,
+    /// `GH`: histogram of a channel.
+    GetHistogram(ColourChannel),
+    /// `GI`: the four auxiliary inputs.
+    GetInputs,
+    /// `GM`: mean colour and deviation of the window.
+    GetMean,
+    /// `GS`: position of a servo.
+    GetServo(Servo),
+    /// `GT`: the bounds in use.
+    GetTrackingBounds,
+    /// `GV`: firmware version.
+    GetVersion,
+    /// `GW`: the window in use.
+    GetWindow,
+    /// `HC`: bins and scale of the histogram, as numbers of the firmware.
+    HistogramConfiguration {
+        /// Selects the number of bins.
+        bins: u8,
+        /// Selects how counts are scaled.
+        scale: u8,
+    },
+    /// `HD`: frame differencing on a grid of 16 x 16 instead of 8 x 8.
+    HighResolutionDifference(bool),
+    /// `HR`: 176 x 255 instead of 88 x 143 (OV6620 only).
+    HighResolution(bool),
+    /// `HT`: histogram of tracked pixels only.
+    HistogramTracked(bool),
+    /// `L0`: what LED 0 shows.
+    Led0(LedMode),
+    /// `L1`: what LED 1 shows.
+    Led1(LedMode),
+    /// `LF`: take the reference frame of frame differencing.
+    LoadFrame,
+    /// `LM`: binary row data before each packet.
+    LineMode(LineMode),
+    /// `MD`: from now on ignore the blocks that differ by more than this threshold.
+    MaskDifference(u8),
+    /// `NF`: how many consecutive pixels it takes to count.
+    NoiseFilter(u8),
+    /// `OM`: which fields packets carry.
+    OutputMask(OutputMask),
+    /// `PD`: process differences of neighbouring pixels, so vertical edges, instead of colours.
+    PixelDifference(bool),
+    /// `PF`: after the target is lost send only the first empty packet.
+    PacketFilter(bool),
+    /// `PM`: one packet for each command, then the prompt.
+    PollMode(bool),
+    /// `PS`: packets skipped between two that are sent.
+    PacketSkip(u8),
+    /// `RF`: read a new frame into the buffer.
+    ReadFrame,
+    /// `RM`: binary packets and other shortcuts.
+    RawMode(RawMode),
+    /// `RS`: reset.
+    Reset,
+    /// `SD`: deep sleep.
+    DeepSleep,
+    /// `SF`: send a frame, of one channel or all three.
+    SendFrame(Option<ColourChannel>),
+    /// `SL`: sleep.
+    Sleep,
+    /// `SM`: what the camera does with pan and tilt.
+    ServoMask(ServoMask),
+    /// `SO`: a servo pin as a digital output.
+    ServoOutput(Servo, bool),
+    /// `SP`: how pan and tilt follow the target.
+    ServoParameters(ServoParameters),
+    /// `SV`: move a servo.
+    ServoPosition(Servo, ServoPosition),
+    /// `ST`: set the bounds without tracking.
+    SetBounds(ColourBounds),
+    /// `TC`: track these bounds, or those in use.
+    TrackColour(Option<ColourBounds>),
+    /// `TI`: track what is outside the bounds.
+    TrackInvert(bool),
+    /// `TW`: learn the colour in the middle of the window and track it.
+    TrackWindow,
+    /// `UD`: 64 raw bytes follow, the reference of frame differencing.
+    UploadDifference,
+    /// `VW`: process only this part of the frame, or all of it.
+    VirtualWindow(Option<Window>),
+}
+
+/// What the camera answers to a command that it accepts. `ACK` comes first unless said otherwise.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub enum Reply {
+    /// The prompt follows at once.
+    Nothing,
+    /// A line of so many numbers, then the prompt.
+    Values(u8),
+    /// The banner, then the prompt. After a reset it comes even if the `ACK` was lost.
+    Banner,
+    /// Packets until it is stopped; in poll mode one packet and the prompt.
+    Packets(PacketKind),
+    /// A frame, then the prompt; with [`Command::FrameStream`] frames until it is stopped.
+    Frame,
+    /// Perhaps the prompt: the camera falls asleep.
+    Sleep,
+    /// Nothing before 64 raw bytes were received, then the prompt.
+    Upload,
+}
+
+/// A command as it goes over the line, with its carriage return.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct CommandLine(Line<LINE_MAX>);
+
+impl CommandLine {
+    /// The bytes to send.
+    pub fn as_bytes(&self) -> &[u8] {
+        self.0.as_bytes()
+    }
+}
+
+impl From<Command> for Order {
+    #[inline(always)]
+    fn from(command: Command) -> Self {
+        command.order()
+    }
+}
+
+impl Command {
+    /// The line that tells the camera this.
+    pub fn line(&self) -> CommandLine {
+        self.order().line()
+    }
+
+    /// The same without its name, for the dialogue.
+    #[inline(always)] // size: of a command that is known where it is sent, nothing else is linked.
+    pub fn order(&self) -> Order {
+        let mode = |letters, arguments: &[u8], mode| Order::mode(letters, arguments, mode);
+        let switch = |letters, on, mode| Order::mode(letters, &[u8::from(on)], mode);
+        let ask = |letters, reply| Order::bare(letters, reply, Effect::Nothing);
+        match *self {
+            Self::Idle => Order::IDLE,
+            Self::BufferMode(on) => switch(b"BM", on, Mode::Buffer),
+            Self::CameraPower(on) => switch(b"CP", on, Mode::Power),
+            Self::Registers(registers) => {
+                Order::bare(b"CR", Reply::Nothing, Effect::Registers).with(registers.numbers())
+            }
+            Self::CameraType(sensor) => switch(b"CT", sensor == Sensor::Ov7620, Mode::CameraType),
+            Self::DifferenceChannel(channel) => {
+                mode(b"DC", &[channel.number()], Mode::DifferenceChannel)
+            }
+            Self::CharacterDelay(delay) => mode(b"DM", &[delay], Mode::CharacterDelay),
+            Self::DownSample(sampling) => {
+                mode(b"DS", &[sampling.x(), sampling.y()], Mode::DownSampling)
+            }
+            Self::FrameDifference(threshold) => {
+                ask(b"FD", Reply::Packets(PacketKind::Difference)).with(&[threshold])
+            }
+            Self::FrameStream(on) => switch(b"FS", on, Mode::FrameStream),
+            Self::GetButton => ask(b"GB", Reply::Values(1)),
+            Self::GetHistogram(channel) => {
+                ask(b"GH", Reply::Packets(PacketKind::Histogram)).with(&[channel.number()])
+            }
+            Self::GetInputs => ask(b"GI", Reply::Values(1)),
+            Self::GetMean => ask(b"GM", Reply::Packets(PacketKind::Statistics)),
+            Self::GetServo(servo) => ask(b"GS", Reply::Values(1)).with(&[servo.number()]),
+            Self::GetTrackingBounds => ask(b"GT", Reply::Values(6)),
+            Self::GetVersion => ask(b"GV", Reply::Banner),
+            Self::GetWindow => ask(b"GW", Reply::Values(4)),
+            Self::HistogramConfiguration { bins, scale } => {
+                mode(b"HC", &[bins, scale], Mode::Histogram)
+            }
+            Self::HighResolutionDifference(on) => switch(b"HD", on, Mode::DifferenceGrid),
+            Self::HighResolution(on) => switch(b"HR", on, Mode::HighResolution),
+            Self::HistogramTracked(on) => switch(b"HT", on, Mode::HistogramTracked),
+            Self::Led0(led) => mode(b"L0", &[led.number()], Mode::Led0),
+            Self::Led1(led) => mode(b"L1", &[led.number()], Mode::Led1),
+            Self::LoadFrame => ask(b"LF", Reply::Nothing),
+            Self::LineMode(lines) => mode(
+                b"LM",
+                &lines.numbers(),
+                match lines {
+                    LineMode::Tracking(_) => Mode::TrackingLines,
+                    LineMode::Statistics(_) => Mode::StatisticsLines,
+                },
+            ),
+            Self::MaskDifference(threshold) => ask(b"MD", Reply::Nothing).with(&[threshold]),
+            Self::NoiseFilter(pixels) => mode(b"NF", &[pixels], Mode::NoiseFilter),
+            Self::OutputMask(mask) => mode(
+                b"OM",
+                &mask.numbers(),
+                match mask {
+                    OutputMask::Tracking(_) => Mode::TrackingMask,
+                    OutputMask::Statistics(_) => Mode::StatisticsMask,
+                },
+            ),
+            Self::PixelDifference(on) => switch(b"PD", on, Mode::PixelDifference),
+            Self::PacketFilter(on) => switch(b"PF", on, Mode::PacketFilter),
+            Self::PollMode(on) => switch(b"PM", on, Mode::Poll),
+            Self::PacketSkip(packets) => mode(b"PS", &[packets], Mode::PacketSkip),
+            Self::ReadFrame => ask(b"RF", Reply::Nothing),
+            Self::RawMode(raw) => mode(b"RM", &[raw.bits()], Mode::Raw),
+            Self::Reset => Order::RESET,
+            Self::DeepSleep => ask(b"SD", Reply::Sleep),
+            Self::SendFrame(None) => ask(b"SF", Reply::Frame),
+            Self::SendFrame(Some(channel)) => ask(b"SF", Reply::Frame).with(&[channel.number()]),
+            Self::Sleep => ask(b"SL", Reply::Sleep),
+            Self::ServoMask(mask) => mode(b"SM", &[mask.bits()], Mode::ServoMask),
+            Self::ServoOutput(servo, high) => mode(
+                b"SO",
+                &[servo.number(), u8::from(high)],
+                Mode::servo(servo.number()),
+            ),
+            Self::ServoParameters(ServoParameters { pan, tilt }) => mode(
+                b"SP",
+                &[pan.far, pan.near, pan.step, tilt.far, tilt.near, tilt.step],
+                Mode::ServoParameters,
+            ),
+            Self::ServoPosition(servo, position) => mode(
+                b"SV",
+                &[servo.number(), position.get()],
+                Mode::servo(servo.number()),
+            ),
+            Self::SetBounds(bounds) => Order::set_bounds(&bounds.values()),
+            Self::TrackColour(None) => Order::TRACK_AGAIN,
+            Self::TrackColour(Some(bounds)) => Order::TRACK_AGAIN.with(&bounds.values()),
+            Self::TrackInvert(on) => switch(b"TI", on, Mode::Invert),
+            Self::TrackWindow => Order::bare(
+                b"TW",
+                Reply::Packets(PacketKind::Tracking),
+                Effect::OwnBounds,
+            ),
+            Self::UploadDifference => ask(b"UD", Reply::Upload),
+            Self::VirtualWindow(None) => mode(b"VW", &[], Mode::Window),
+            Self::VirtualWindow(Some(window)) => mode(b"VW", &window.corners(), Mode::Window),
+        }
+    }
+
+    /// What comes back.
+    pub fn reply(&self) -> Reply {
+        self.order().reply()
+    }
+
+    /// See [`Order::is_idempotent`].
+    pub fn is_idempotent(&self) -> bool {
+        self.order().is_idempotent()
+    }
+}

@@ -1,0 +1,184 @@
+//! A command as the dialogue needs it.
+
+use super::{ARGUMENTS_MAX, CommandLine, Reply};
+use crate::text::Line;
+
+/// A command without its name: what is sent, what comes back, and what the camera keeps of it.
+///
+/// Made by [`Command::order`](super::Command::order) where the command is known, so that an image
+/// holds only the commands that it sends.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct Order {
+    letters: Option<[u8; 2]>,
+    arguments: [u8; ARGUMENTS_MAX],
+    len: u8,
+    reply: Reply,
+    effect: Effect,
+}
+
+/// What the camera keeps of a command until it restarts.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub(crate) enum Effect {
+    Nothing,
+    /// The arguments, or the default if there are none.
+    Mode(Mode),
+    /// Registers of the sensor with their values, or all defaults if there are none.
+    Registers,
+    /// Colour bounds, if there are any.
+    Bounds,
+    /// Colour bounds that the camera chooses.
+    OwnBounds,
+    /// All is back to the defaults.
+    Reset,
+}
+
+/// What can be set, except registers and bounds, in the order in which a camera that has lost
+/// everything is told it again: what the frame is comes first, because windows count in its pixels;
+/// the sensor may only be switched off when all else is set.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub(crate) enum Mode {
+    CameraType,
+    HighResolution,
+    DownSampling,
+    Window,
+    Buffer,
+    DifferenceChannel,
+    CharacterDelay,
+    DifferenceGrid,
+    Histogram,
+    HistogramTracked,
+    FrameStream,
+    Led0,
+    Led1,
+    TrackingLines,
+    StatisticsLines,
+    NoiseFilter,
+    TrackingMask,
+    StatisticsMask,
+    PixelDifference,
+    PacketFilter,
+    Poll,
+    PacketSkip,
+    ServoParameters,
+    ServoMask,
+    Servo0,
+    Servo1,
+    Servo2,
+    Servo3,
+    Servo4,
+    Invert,
+    Power,
+    Raw,
+}
+
+impl Mode {
+    /// That of a servo's pin.
+    pub(super) const fn servo(number: u8) -> Self {
+        match number {
+            0 => Self::Servo0,
+            1 => Self::Servo1,
+            2 => Self::Servo2,
+            3 => Self::Servo3,
+            _ => Self::Servo4,
+        }
+    }
+}
+
+impl Order {
+    /// A bare carriage return.
+    pub(crate) const IDLE: Self = Self {
+        letters: None,
+        arguments: [0; ARGUMENTS_MAX],
+        len: 0,
+        reply: Reply::Nothing,
+        effect: Effect::Nothing,
+    };
+
+    /// `RS`.
+    pub(crate) const RESET: Self = Self::bare(b"RS", Reply::Banner, Effect::Reset);
+
+    /// `TC` with the bounds that the camera has.
+    pub(crate) const TRACK_AGAIN: Self = Self::bare(
+        b"TC",
+        Reply::Packets(crate::packet::PacketKind::Tracking),
+        Effect::Bounds,
+    );
+
+    pub(crate) const fn bare(letters: &[u8; 2], reply: Reply, effect: Effect) -> Self {
+        Self {
+            letters: Some(*letters),
+            reply,
+            effect,
+            ..Self::IDLE
+        }
+    }
+
+    /// With arguments.
+    pub(crate) fn with(mut self, arguments: &[u8]) -> Self {
+        debug_assert!(arguments.len() <= ARGUMENTS_MAX, "{arguments:?}");
+        self.len = 0;
+        for (place, &argument) in self.arguments.iter_mut().zip(arguments) {
+            *place = argument;
+            self.len += 1;
+        }
+        self
+    }
+
+    /// A command that sets a mode.
+    pub(crate) fn mode(letters: &[u8; 2], arguments: &[u8], mode: Mode) -> Self {
+        Self::bare(letters, Reply::Nothing, Effect::Mode(mode)).with(arguments)
+    }
+
+    /// `ST`: bounds without tracking.
+    pub(crate) fn set_bounds(bounds: &[u8]) -> Self {
+        Self::bare(b"ST", Reply::Nothing, Effect::Bounds).with(bounds)
+    }
+
+    /// The line that tells the camera this.
+    pub fn line(&self) -> CommandLine {
+        let mut line = Line::EMPTY;
+        if let Some(letters) = &self.letters {
+            line.text(letters);
+        }
+        line.numbers(self.arguments());
+        line.push(b'\r');
+        CommandLine(line)
+    }
+
+    /// What comes back.
+    pub const fn reply(&self) -> Reply {
+        self.reply
+    }
+
+    /// Whether sending it a second time leaves the camera as the first time did.
+    ///
+    /// Not so: the two sleeps, which the second copy would end, and the upload, whose raw bytes
+    /// a camera that refused it would take for commands.
+    pub const fn is_idempotent(&self) -> bool {
+        !matches!(self.reply, Reply::Sleep | Reply::Upload)
+    }
+
+    /// Whether packets or a frame come back.
+    pub(crate) const fn streams(&self) -> bool {
+        matches!(self.reply, Reply::Packets(_) | Reply::Frame)
+    }
+
+    pub(crate) const fn effect(&self) -> Effect {
+        self.effect
+    }
+
+    pub(crate) fn arguments(&self) -> &[u8] {
+        self.arguments.get(..usize::from(self.len)).unwrap_or(&[])
+    }
+
+    /// What continues the stream that this began: bounds are told once.
+    pub(crate) fn continued(self) -> Self {
+        match self.effect {
+            Effect::Bounds | Effect::OwnBounds => Self::TRACK_AGAIN,
+            _ => self,
+        }
+    }
+}

@@ -1,0 +1,33 @@
+//! Where the driver has its time from.
+
+/// The time, microseconds from any origin. It must not run backwards.
+pub trait Clock {
+    /// Microseconds since the origin.
+    fn now(&self) -> u64;
+
+    /// The driver has let at least so many microseconds pass. For clocks that have nothing else to
+    /// go by.
+    fn passed(&mut self, us: u32) {
+        let _ = us;
+    }
+}
+
+impl<C: Clock> Clock for &C {
+    fn now(&self) -> u64 {
+        C::now(self)
+    }
+}
+
+/// The sum of the driver's own delays: less than the truth, and it stands still between calls.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct SummedDelays(u64);
+
+impl Clock for SummedDelays {
+    fn now(&self) -> u64 {
+        self.0
+    }
+
+    fn passed(&mut self, us: u32) {
+        self.0 += u64::from(us);
+    }
+}

@@ -1,0 +1,153 @@
+//! Both directions of the line, and how long it may be silent.
+
+use super::{Fault, Policy};
+use crate::{
+    command::{CommandLine, Order},
+    features::FULL,
+    parser::{Parser, Token},
+};
+
+/// The longest pause within a line: at 1200 baud a character and the greatest delay after it take
+/// 0.22 s. What comes later is another line, of a camera that restarted in the middle of the first.
+const PAUSE_IN_LINE_US: u64 = 250_000;
+
+/// Raw bytes that follow a command.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Payload {
+    None,
+    Due,
+    Sent,
+}
+
+/// What is sent, what comes, and until when. Times are microseconds.
+#[derive(Clone, Debug)]
+pub(super) struct Port {
+    pub(super) parser: Parser,
+    line: CommandLine,
+    /// Bytes of `line` that are sent.
+    sent: u8,
+    payload: Payload,
+    /// Anything came since this was last cleared.
+    heard: bool,
+    /// When the last byte came.
+    heard_at: u64,
+    /// How long it may be silent.
+    silence: u32,
+    silence_at: u64,
+    limit_at: u64,
+}
+
+impl Port {
+    pub(super) fn new() -> Self {
+        Self {
+            parser: Parser::default(),
+            line: Order::IDLE.line(),
+            sent: u8::MAX,
+            payload: Payload::None,
+            heard: false,
+            heard_at: 0,
+            silence: 0,
+            silence_at: 0,
+            limit_at: 0,
+        }
+    }
+
+    /// Bytes to send.
+    pub(super) fn pending(&self) -> &[u8] {
+        self.line
+            .as_bytes()
+            .get(usize::from(self.sent)..)
+            .unwrap_or(&[])
+    }
+
+    /// So many of them are sent.
+    pub(super) fn sent(&mut self, bytes: usize) {
+        self.sent = self
+            .sent
+            .saturating_add(u8::try_from(bytes).unwrap_or(u8::MAX));
+    }
+
+    /// A command to send, instead of what was pending.
+    pub(super) fn send(&mut self, order: &Order) {
+        self.line = order.line();
+        self.sent = 0;
+    }
+
+    /// Forgets the payload and what was heard for another command.
+    pub(super) fn turn(&mut self) {
+        self.payload = Payload::None;
+        self.heard = false;
+    }
+
+    /// The raw bytes of the command are due, unless they were sent. Whether they are now.
+    pub(super) fn ask_payload(&mut self) -> bool {
+        let due = FULL && self.payload == Payload::None;
+        if due {
+            self.payload = Payload::Due;
+        }
+        due
+    }
+
+    pub(super) fn payload_due(&self) -> bool {
+        FULL && self.payload == Payload::Due && self.pending().is_empty()
+    }
+
+    pub(super) fn payload_sent(&mut self, now: u64, policy: &Policy) {
+        self.payload = Payload::Sent;
+        self.wait(now, policy.reply_us);
+    }
+
+    /// Takes one byte. `waits_for_it`: a byte puts off the end of the silence.
+    #[inline]
+    pub(super) fn hear(&mut self, byte: u8, now: u64, waits_for_it: bool) -> Option<Token> {
+        self.heard = true;
+        if now.saturating_sub(self.heard_at) > PAUSE_IN_LINE_US && !self.parser.is_in_image() {
+            self.parser.gap();
+        }
+        self.heard_at = now;
+        if waits_for_it {
+            self.silence_at = now + u64::from(self.silence);
+        }
+        self.parser.push(byte)
+    }
+
+    /// From now on only what comes counts.
+    pub(super) fn listen(&mut self) {
+        self.heard = false;
+    }
+
+    /// Silence or garbage, by whether anything was heard.
+    pub(super) fn nothing_useful(&self) -> Fault {
+        if self.heard {
+            Fault::Garbage
+        } else {
+            Fault::Silence
+        }
+    }
+
+    /// Waits for silence of so long, or eight times that in all.
+    pub(super) fn wait(&mut self, now: u64, silence: u32) {
+        self.wait_at_most(now, silence, silence.saturating_mul(8));
+    }
+
+    pub(super) fn wait_at_most(&mut self, now: u64, silence: u32, limit: u32) {
+        self.silence = silence;
+        self.silence_at = now + u64::from(silence);
+        self.limit_at = now + u64::from(limit);
+    }
+
+    /// Lets so much time pass, whatever comes.
+    pub(super) fn pause(&mut self, now: u64, time: u64) {
+        self.silence_at = now + time;
+        self.limit_at = self.silence_at;
+    }
+
+    pub(super) fn deadline(&self) -> u64 {
+        self.silence_at.min(self.limit_at)
+    }
+
+    /// Whether it was silent for as long as it may be.
+    pub(super) fn is_silent(&self, now: u64) -> bool {
+        now >= self.silence_at
+    }
+}

@@ -1,0 +1,302 @@
+//! Requests as scripts: what is to be done, step by step.
+
+use core::ops::ControlFlow;
+
+use super::{Answer, Fault, Request, exchange::Purpose, modes::Modes};
+use crate::{
+    colour::{Colour, ColourBounds},
+    command::{Command, Order},
+    geometry::Sensor,
+    register::{ColourMode, Register, Registers},
+    uncertain,
+};
+#[cfg(feature = "full")]
+use crate::{geometry::Window, packet::Packet};
+
+/// How far TW goes to either side of the mean.
+const WINDOW_MARGIN: u8 = 30;
+
+/// Reset, let the camera adapt to the light, then freeze gain and white balance, so that a colour
+/// stays the same colour (thesis, Appendix A: "Initialize").
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct StartUp {
+    /// How long the camera adapts, milliseconds.
+    pub adapt_ms: u32,
+    /// What the channels mean from then on.
+    pub colour_mode: ColourMode,
+}
+
+impl Default for StartUp {
+    /// Five seconds, RGB.
+    fn default() -> Self {
+        Self {
+            adapt_ms: 5_000,
+            colour_mode: ColourMode::Rgb,
+        }
+    }
+}
+
+/// How to learn the colour of the object in view (thesis, Appendix A: "Object kept").
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Default)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub enum Learn {
+    /// The camera takes the mean of the middle of its window, 30 levels to either side (`TW`), and
+    /// is asked for the bounds it chose (`GT`).
+    #[default]
+    TrackWindow,
+    /// The mean of a window (`GM`) and a margin to either side. With the feature `full`.
+    #[cfg(feature = "full")]
+    Mean {
+        /// Where the object is; `None` for the middle half of the frame.
+        window: Option<Window>,
+        /// Levels to either side of the mean.
+        margin: u8,
+    },
+}
+
+/// What to do next.
+pub(super) enum Step {
+    /// Exchange a command.
+    Send(Order, Purpose),
+    /// Begin a stream; the request is done when it runs.
+    Begin(Order),
+    /// Read the stream, which does not run.
+    Read,
+    /// End the stream.
+    Stop,
+    /// Let time pass, microseconds.
+    Wait(u64),
+    /// Set all remembered modes again.
+    Restore,
+    Finish(Answer),
+    Fail(Fault),
+}
+
+/// Whether the camera restarted while a request was under way, and when.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Interruption {
+    None,
+    /// Before its command was sent.
+    Early,
+    /// Perhaps after the camera had done it.
+    Late,
+}
+
+/// The request under way, and how far it is.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Task {
+    pub(super) request: Request,
+    step: u8,
+    /// What was tried and failed since something succeeded.
+    pub(super) failures: u8,
+    /// How often the camera restarted.
+    pub(super) restarts: u8,
+    interruption: Interruption,
+    /// The mean colour that TW told.
+    pub(super) window_mean: Option<Colour>,
+}
+
+impl Task {
+    pub(super) fn new(request: Request) -> Self {
+        Self {
+            request: match request {
+                Request::Start(order) if !order.streams() => Request::Do(order),
+                request => request,
+            },
+            step: 0,
+            failures: 0,
+            restarts: 0,
+            interruption: Interruption::None,
+            window_mean: None,
+        }
+    }
+
+    /// The camera has lost its modes since the request before.
+    pub(super) fn on_lost_modes(&mut self) {
+        if self.reads() {
+            self.interruption = Interruption::Early;
+        }
+    }
+
+    /// Whether it reads a stream.
+    pub(super) fn reads(&self) -> bool {
+        matches!(self.request, Request::Next | Request::NextPart { .. })
+    }
+
+    /// Room for a row, if the images between packets are wanted.
+    pub(super) fn room(&self) -> Option<usize> {
+        match self.request {
+            Request::NextPart { row } => Some(row),
+            _ => None,
+        }
+    }
+
+    /// Whether it begins a stream in the place of another.
+    pub(super) fn begins(&self) -> bool {
+        matches!(
+            self.request,
+            Request::Start(_) | Request::Learn { track: true, .. }
+        )
+    }
+
+    /// Whether it sets the camera back next, so that what that has lost does not matter.
+    pub(super) fn is_resetting(&self) -> bool {
+        match self.request {
+            Request::Do(order) => order == Order::RESET,
+            Request::StartUp(_) | Request::Recover => self.step == 0,
+            _ => false,
+        }
+    }
+
+    /// The camera restarted, perhaps after it had done what was `asked`. A script begins again.
+    pub(super) fn on_restart(
+        &mut self,
+        asked: bool,
+        retries: u8,
+    ) -> ControlFlow<Result<Answer, Fault>> {
+        self.step = 0;
+        self.failures = 0;
+        if asked {
+            self.interruption = Interruption::Late;
+        } else if self.interruption == Interruption::None {
+            self.interruption = Interruption::Early;
+        }
+        self.restarts = self.restarts.saturating_add(1);
+        if self.restarts > retries {
+            return ControlFlow::Break(Err(Fault::Restarted));
+        }
+        ControlFlow::Continue(())
+    }
+
+    /// Whether the camera restarted since the request, or before it.
+    pub(super) fn was_interrupted(&self) -> bool {
+        self.interruption != Interruption::None
+    }
+
+    /// Whether its command may be sent after a restart.
+    pub(super) fn may_go_on(&self) -> bool {
+        match self.request {
+            Request::Do(order) => self.interruption != Interruption::Late || order.is_idempotent(),
+            _ => true,
+        }
+    }
+
+    /// A step is done.
+    pub(super) fn advance(&mut self) {
+        self.step = self.step.saturating_add(1);
+    }
+
+    /// What a request answers when the stream that it begins runs.
+    pub(super) fn begun(&self, modes: &Modes) -> Answer {
+        match (self.request, modes.bounds()) {
+            (Request::Learn { .. }, Some(bounds)) => Answer::Bounds(bounds),
+            _ => Answer::Done,
+        }
+    }
+
+    /// What comes next, after the last step had this answer.
+    pub(super) fn next(
+        &self,
+        answer: Option<Answer>,
+        modes: &mut Modes,
+        #[cfg_attr(
+            not(feature = "full"),
+            expect(unused_variables, reason = "only the mean of a window needs its frame")
+        )]
+        sensor: Option<Sensor>,
+    ) -> Step {
+        match self.request {
+            Request::Do(order) => Step::Send(order, Purpose::Whole),
+            Request::Start(order) => Step::Begin(order),
+            Request::Next | Request::NextPart { .. } => Step::Read,
+            Request::Stop => Step::Stop,
+            Request::Recover => match self.step {
+                0 => Step::Send(Order::RESET, Purpose::Step),
+                1 => Step::Restore,
+                _ => Step::Finish(Answer::Done),
+            },
+            Request::StartUp(StartUp {
+                adapt_ms,
+                colour_mode,
+            }) => {
+                let light = |auto| {
+                    let registers = Registers::two(
+                        Register::colour_mode(colour_mode, auto),
+                        Register::auto_gain(auto),
+                    );
+                    Step::Send(Command::Registers(registers).order(), Purpose::Step)
+                };
+                match self.step {
+                    0 => Step::Send(Order::RESET, Purpose::Step),
+                    1 => light(true),
+                    2 => Step::Wait(u64::from(adapt_ms) * 1_000),
+                    3 => light(false),
+                    _ => Step::Finish(Answer::Done),
+                }
+            }
+            Request::Learn {
+                how: Learn::TrackWindow,
+                track,
+            } => match self.step {
+                0 => Step::Send(Command::TrackWindow.order(), Purpose::Step),
+                1 => Step::Send(Command::GetTrackingBounds.order(), Purpose::Step),
+                _ => {
+                    let around = |mean| ColourBounds::around(mean, WINDOW_MARGIN);
+                    let known = self.window_mean.map(around);
+                    let bounds = match answer {
+                        Some(Answer::Values(values)) => uncertain::bounds_from_reply(values, known),
+                        _ => None,
+                    };
+                    match bounds {
+                        Some(bounds) => {
+                            modes.set_bounds(bounds);
+                            learnt(bounds, track)
+                        }
+                        None => Step::Fail(Fault::Garbage),
+                    }
+                }
+            },
+            #[cfg(feature = "full")]
+            Request::Learn {
+                how: Learn::Mean { window, margin },
+                track,
+            } => match self.step {
+                0 => {
+                    // The smallest frame, if the sensor is not known, so that the window exists.
+                    let frame = modes.frame(sensor.or(Some(Sensor::Ov6620)));
+                    let window = window.unwrap_or_else(|| Window::central(frame));
+                    let order = Command::VirtualWindow(Some(window)).order();
+                    Step::Send(order, Purpose::Once)
+                }
+                1 => Step::Send(Command::GetMean.order(), Purpose::Step),
+                2 => {
+                    let Some(Answer::Packet(Packet::Statistics(statistics))) = answer else {
+                        return Step::Fail(Fault::Garbage);
+                    };
+                    let Some(mean) = statistics.mean() else {
+                        return Step::Fail(Fault::Masked);
+                    };
+                    modes.set_bounds(ColourBounds::around(mean, margin));
+                    let order = Command::VirtualWindow(modes.window()).order();
+                    Step::Send(order, Purpose::Step)
+                }
+                step => match modes.bounds() {
+                    Some(bounds) if step == 3 && !track => {
+                        Step::Send(Command::SetBounds(bounds).order(), Purpose::Step)
+                    }
+                    Some(bounds) => learnt(bounds, track),
+                    None => Step::Fail(Fault::Garbage),
+                },
+            },
+        }
+    }
+}
+
+/// The end of learning.
+fn learnt(bounds: ColourBounds, track: bool) -> Step {
+    if track {
+        return Step::Begin(Command::TrackColour(Some(bounds)).order());
+    }
+    Step::Finish(Answer::Bounds(bounds))
+}

@@ -1,0 +1,28 @@
+//! Numbers that configuration, messages, facts, roles and console share.
+//!
+//! What only one format has stands with it: bytes of a configuration page, of a fact, of a frame of
+//! the console.
+
+use core::ops::RangeInclusive;
+
+/// Most members of a network, coordinator not counted. So long are its allow-list, and every table
+/// of members.
+pub const MEMBERS: usize = 32;
+
+/// Most targets that a camera knows at a time. The one heard least recently makes room.
+pub const TARGETS: usize = 4;
+
+/// Most target colours that a camera can tell apart.
+pub const COLOURS_MAX: usize = 4;
+
+/// Most sightings that a camera keeps.
+pub const SIGHTINGS: usize = 16;
+
+/// Most stops that a reference camera keeps until it is calibrated.
+pub const REFERENCE_STOPS: usize = 12;
+
+/// Stops at which a camera may want to see the target: a pose needs three.
+pub const STOPS_WANTED: RangeInclusive<u8> = 3..=SIGHTINGS as u8;
+
+/// Bits per second of the line between a coordinator and its PC.
+pub const CONSOLE_BAUD: u32 = 115_200;

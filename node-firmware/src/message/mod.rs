@@ -1,0 +1,558 @@
+//! What nodes tell each other: one postcard-encoded [`Message`] in each secured frame.
+//!
+//! Numbers of variants are the wire format. Variants are never changed or reordered, only added at
+//! the end; a node that does not know one counts and ignores it.
+//!
+//! A message with a number that is not finite, a sigma below zero or a matrix that is no covariance
+//! does not decode.
+//!
+//! Everything may be lost, doubled or late. So a stop has a number that its target never uses
+//! twice, and every message can be repeated without harm.
+//!
+//! # The thesis's packets (Appendix B) and theirs here
+//! | thesis | here |
+//! |---|---|
+//! | trigger signal (2.3) | [`Message::Trigger`] |
+//! | `20 40`, "you are in my field of view" (Fig. G) | [`Message::Look`] with [`Sight::InView`] |
+//! | `20 30`, "in range, not in my field of view" (Fig. L) | [`Message::Look`] with [`Sight::NotInView`] and its kin |
+//! | `20 'S' x y id` (Fig. H) | [`Message::Stopped`] in [`CoordinateFrame::Site`] |
+//! | `20 'M' 0 ... id`, "no location for you" (Fig. M) | [`Message::Stopped`] in [`CoordinateFrame::Own`]; a camera that is done is not asked |
+//! | `id x y heading` (Fig. J) | [`Message::Report`] |
+//! | counters of given and taken locations | [`StopAnswer::counted`]: the camera's own count, repeated with each answer |
+//! | frames exchanged by the references (2.3) | [`Message::Bearing`] |
+//! | the target's location told by node 0 (2.6.1) | [`Message::Located`] |
+
+use calib_core::{Limits, Pose, Ray, Refusal, Status, dead_reckoning::Place, fit::Fit};
+use nalgebra::{Matrix2, Point2};
+use serde::{Deserialize, Deserializer, Serialize, Serializer, de::Error};
+use zigbee_link::wire::ShortAddress;
+
+use crate::limits::MEMBERS;
+
+/// Numbers the stops of one target. Never repeats.
+pub type StopNumber = u16;
+
+/// A member's [`ShortAddress`] as it travels: its number.
+pub type MemberAddress = u16;
+
+/// What one secured frame carries.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub enum Message {
+    /// A member presents itself to the coordinator, after joining and when asked.
+    Hello(Hello),
+    /// The coordinator asks everybody, or one, for [`Message::Hello`] and [`Message::Report`].
+    WhoIsThere,
+    /// The coordinator tells a target which cameras there are.
+    Roster(heapless::Vec<MemberAddress, MEMBERS>),
+    /// The coordinator tells reference cameras, and those that were, who they are.
+    References(References),
+    /// A target stands.
+    Stopped(Stopped),
+    /// A camera's answer to [`Message::Stopped`].
+    Look(StopAnswer),
+    /// A camera without duty sees a target that does not know its place: to the coordinator.
+    Trigger {
+        /// Address of the target.
+        target: MemberAddress,
+        /// At which of its stops.
+        stop: StopNumber,
+    },
+    /// What a camera saw at a stop of which the target does not know the place: to the first
+    /// reference camera, or, from a camera that knows its own pose, to the target.
+    Bearing(StopBearing),
+    /// The first reference camera tells a target where it stands.
+    Located(TargetLocation),
+    /// The first reference camera tells the second one how far that is: what it solved for it.
+    Posed(Report),
+    /// A camera tells how far it is: to the coordinator and to targets.
+    Report(Report),
+    /// The coordinator wants something done by a camera.
+    Command(CameraCommand),
+    /// What came of a [`CameraCommand`].
+    Done(CommandResult),
+    /// A raw packet of a camera that streams to the coordinator.
+    Tracked(TrackedBlob),
+    /// The coordinator asks a camera for [`Message::Sighting`]s.
+    Sightings,
+    /// One sighting of a camera.
+    Sighting(ListedSighting),
+}
+
+/// What a member is.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub enum MemberKind {
+    /// It looks at targets, and finds out where it stands itself.
+    Camera {
+        /// Its duty as a reference, if one is configured.
+        reference: Option<Reference>,
+    },
+    /// It walks, and tells cameras where it stands.
+    Target,
+}
+
+/// A configured reference camera.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct Reference {
+    /// Which of the two.
+    pub duty: Duty,
+    /// Where it stands: x and y, if that is known. Of both, it fixes the frame of the site. Of one
+    /// or none, the first one is the origin and the second one on the x axis.
+    pub position: Option<[f32; 2]>,
+}
+
+impl Reference {
+    /// Whether the position, if told, is finite.
+    pub fn is_usable(&self) -> bool {
+        all_finite(self.position.iter().flatten())
+    }
+}
+
+/// Which of the two reference cameras.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub enum Duty {
+    /// The one that solves (the trigger).
+    First,
+    /// The one that sends its rays to the first (the helper).
+    Second,
+}
+
+/// A member presents itself.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct Hello {
+    /// The number by which people know the node.
+    pub id: u16,
+    /// What it is.
+    pub kind: MemberKind,
+}
+
+/// The two reference cameras.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(remote = "Self")]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct References {
+    /// Address of the one that solves.
+    pub first: MemberAddress,
+    /// Address of the one that tells the first what it saw.
+    pub second: MemberAddress,
+    /// Where they stand, if both were told: this fixes the frame of the site. If not, the first
+    /// one is its origin and the second one on its x axis.
+    pub positions: Option<[[f32; 2]; 2]>,
+}
+
+impl References {
+    /// The duty of a member.
+    pub const fn duty_of(&self, member: ShortAddress) -> Option<Duty> {
+        if member.0 == self.first {
+            Some(Duty::First)
+        } else if member.0 == self.second {
+            Some(Duty::Second)
+        } else {
+            None
+        }
+    }
+}
+
+/// A target stands.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct Stopped {
+    /// Number of the stop.
+    pub stop: StopNumber,
+    /// Which of the cameras' colours the target wears.
+    pub colour: u8,
+    /// What `place` refers to.
+    pub frame: CoordinateFrame,
+    /// Where. Its numbers are checked when it is decoded.
+    pub place: Place<f32>,
+}
+
+/// What a place refers to.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub enum CoordinateFrame {
+    /// Only to other stops of this target with the same [`fix`](calib_core::dead_reckoning::PlaceParts::fix): the target does not
+    /// know where it is.
+    Own,
+    /// To the site, the frame of the reference cameras.
+    Site,
+}
+
+/// What a camera saw at a stop.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub enum Sight {
+    /// The target, whole and steady.
+    InView,
+    /// Nothing of the target is in view.
+    NotInView,
+    /// The target is cut off by the border of the picture, or hidden in part.
+    Clipped,
+    /// Something that does not stand still.
+    Unsteady,
+    /// The camera did not look: it has no use for this stop.
+    NotLooking,
+    /// The camera does not work.
+    Failed,
+    /// The camera is still starting: ask again in a while.
+    NotReady,
+}
+
+/// A camera's answer to a stop.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct StopAnswer {
+    /// Number of the stop.
+    pub stop: StopNumber,
+    /// What was seen.
+    pub sight: Sight,
+    /// Sightings the camera has now.
+    pub counted: u8,
+    /// The camera needs no more stops.
+    pub done: bool,
+}
+
+/// A direction with its sigma, radians; positive to the left of the optical axis.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(remote = "Self")]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct Seen {
+    /// Radians from the optical axis, positive to the left.
+    pub bearing: f32,
+    /// Its standard deviation, radians, above zero.
+    pub sigma: f32,
+}
+
+impl Seen {
+    /// The direction as a ray.
+    pub fn ray(&self) -> Ray<f32> {
+        Ray::from_bearing(self.bearing)
+    }
+
+    /// Whether both numbers are finite and the sigma is above zero.
+    pub fn is_usable(&self) -> bool {
+        self.bearing.is_finite() && self.sigma.is_finite() && self.sigma > 0.0
+    }
+}
+
+/// What a camera saw of a target that does not know its place.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct StopBearing {
+    /// Address of the target.
+    pub target: MemberAddress,
+    /// At which of its stops.
+    pub stop: StopNumber,
+    /// Where the camera saw it.
+    pub seen: Seen,
+    /// The camera's own pose, if it has one.
+    pub pose: Option<PoseParts>,
+}
+
+/// Where a target stood.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(remote = "Self")]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct TargetLocation {
+    /// At which stop.
+    pub stop: StopNumber,
+    /// x and y in the frame of the site.
+    pub position: [f32; 2],
+    /// Covariance `[xx, xy, yy]`.
+    pub covariance: [f32; 3],
+    /// Direction of the x axis of the target's own frame in the site's, radians.
+    pub frame_heading: f32,
+    /// Its standard deviation.
+    pub frame_heading_sigma: f32,
+}
+
+/// A [`Pose`] as it travels.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(remote = "Self")]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct PoseParts {
+    /// x and y.
+    pub position: [f32; 2],
+    /// Direction of the optical axis in the frame of the site, radians from its x axis.
+    pub heading: f32,
+    /// Covariance of (x, y, heading): `xx, xy, yy, xh, yh, hh`.
+    pub covariance: [f32; 6],
+}
+
+/// How far a camera is.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(remote = "Self")]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct Report {
+    /// The number by which people know the camera.
+    pub id: u16,
+    /// It is a reference camera.
+    pub duty: Option<Duty>,
+    /// Sightings it has.
+    pub sightings: u8,
+    /// Sightings the pose uses.
+    pub used: u8,
+    /// Sum of the squared residuals, each over its variance.
+    pub chi_squared: f32,
+    /// It needs no more stops.
+    pub done: bool,
+    /// What it knows.
+    pub state: CameraState,
+}
+
+/// What a camera knows about itself: a [`Status`], and what belongs to it.
+#[derive(Clone, Copy, Debug, Serialize, Deserialize)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub enum CameraState {
+    /// Fewer sightings than a pose needs.
+    Waiting,
+    /// The sightings give no pose.
+    Refused(Refusal),
+    /// A pose as certain as the camera was told to be, which the sightings fit.
+    Calibrated(PoseParts),
+    /// A pose that the sightings fit, less certain than that.
+    Weak(PoseParts),
+    /// A pose that the sightings contradict.
+    Doubtful(PoseParts),
+}
+
+// Derived, it would compare poses in three places, each in flash.
+impl PartialEq for CameraState {
+    fn eq(&self, other: &Self) -> bool {
+        self.status() == other.status()
+            && self.refusal() == other.refusal()
+            && self.pose() == other.pose()
+    }
+}
+
+impl CameraState {
+    /// A pose, judged. Numbers that are no pose's leave it undetermined.
+    pub fn judged(parts: PoseParts, fit: &Fit<f32>, limits: &Limits<f32>) -> Self {
+        let Some(pose) = parts.pose() else {
+            return Self::Refused(Refusal::Undetermined);
+        };
+        match Status::of(&pose, fit, limits) {
+            Status::Calibrated => Self::Calibrated(parts),
+            Status::Doubtful => Self::Doubtful(parts),
+            _ => Self::Weak(parts),
+        }
+    }
+
+    /// The same by other limits.
+    #[must_use]
+    pub fn judged_again(self, limits: &Limits<f32>) -> Self {
+        match self {
+            Self::Calibrated(parts) | Self::Weak(parts) => {
+                Self::judged(parts, &Fit::default(), limits)
+            }
+            other => other,
+        }
+    }
+
+    /// What it comes to.
+    pub const fn status(&self) -> Status {
+        match self {
+            Self::Waiting => Status::Waiting,
+            Self::Refused(_) => Status::Refused,
+            Self::Calibrated(_) => Status::Calibrated,
+            Self::Weak(_) => Status::Weak,
+            Self::Doubtful(_) => Status::Doubtful,
+        }
+    }
+
+    /// Why there is no pose, if it was refused.
+    pub const fn refusal(&self) -> Option<Refusal> {
+        match self {
+            Self::Refused(refusal) => Some(*refusal),
+            _ => None,
+        }
+    }
+
+    /// The pose, if there is one, whatever it is worth.
+    pub const fn pose(&self) -> Option<&PoseParts> {
+        match self {
+            Self::Calibrated(pose) | Self::Weak(pose) | Self::Doubtful(pose) => Some(pose),
+            Self::Waiting | Self::Refused(_) => None,
+        }
+    }
+}
+
+impl Report {
+    /// Whether chi squared is finite and not below zero.
+    pub fn is_usable(&self) -> bool {
+        self.chi_squared.is_finite() && self.chi_squared >= 0.0
+    }
+
+    /// What the camera's pose is worth, or why there is none.
+    pub const fn status(&self) -> Status {
+        self.state.status()
+    }
+
+    /// The pose, if there is one, whatever it is worth.
+    pub const fn pose(&self) -> Option<&PoseParts> {
+        self.state.pose()
+    }
+}
+
+/// What the coordinator wants a camera to do, as the thesis's PC program did (Appendix A).
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub enum CameraCommand {
+    /// "Initialize": reset, adapt to the light, then fix gain and white balance.
+    Initialise,
+    /// "Object kept": learn the colour of the object in the middle of the view.
+    LearnColour {
+        /// Which of the colours it becomes.
+        colour: u8,
+    },
+    /// Take the present view as the background, for finding what differs.
+    LearnBackground,
+    /// "Start to track": send raw packets until told to stop.
+    Track {
+        /// Number of the colour in the configuration.
+        colour: u8,
+    },
+    /// "Stop tracking": no more raw packets.
+    StopTracking,
+    /// Forget pose and sightings.
+    Forget,
+}
+
+/// What came of a command.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct CommandResult {
+    /// What was asked for.
+    pub command: CameraCommand,
+    /// Whether it was carried out.
+    pub success: bool,
+}
+
+/// A blob as the camera told it; all zero when nothing was tracked.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct TrackedBlob {
+    /// Middle mass column and row.
+    pub middle: [u8; 2],
+    /// Left, upper, right, lower edge.
+    pub edges: [u8; 4],
+    /// Pixels, as the camera counts them.
+    pub pixels: u8,
+    /// How much of the rectangle the blob fills, as the camera tells it: 256 times the share, at
+    /// most 255.
+    pub confidence: u8,
+}
+
+/// A sighting that a camera has.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(remote = "Self")]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct ListedSighting {
+    /// Its number among the camera's.
+    pub index: u8,
+    /// How many the camera has.
+    pub count: u8,
+    /// Address of the target.
+    pub target: MemberAddress,
+    /// At which of its stops.
+    pub stop: StopNumber,
+    /// Where the target said it stood.
+    pub position: [f32; 2],
+    /// How sure that was: standard deviation of x and y together.
+    pub position_sigma: f32,
+    /// Where the camera saw it.
+    pub seen: Seen,
+}
+
+/// What is decoded is sound, here and in the memory: whoever has it need not doubt its numbers.
+macro_rules! sound {
+    ($($type:ident),+ $(,)?) => {$(
+        impl Serialize for $type {
+            fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+                Self::serialize(self, serializer)
+            }
+        }
+
+        impl<'de> Deserialize<'de> for $type {
+            fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
+                let value = Self::deserialize(deserializer)?;
+                let is_sound = value.is_usable().then_some(value);
+                is_sound.ok_or_else(|| D::Error::custom("a number out of range"))
+            }
+        }
+    )+};
+}
+
+sound!(
+    References,
+    Seen,
+    TargetLocation,
+    PoseParts,
+    Report,
+    ListedSighting
+);
+
+fn all_finite<'a>(numbers: impl IntoIterator<Item = &'a f32>) -> bool {
+    numbers.into_iter().all(|number| number.is_finite())
+}
+
+/// A symmetric 2x2 matrix from `[xx, xy, yy]`.
+pub(crate) fn matrix([xx, xy, yy]: [f32; 3]) -> Matrix2<f32> {
+    Matrix2::new(xx, xy, xy, yy)
+}
+
+/// `[xx, xy, yy]` of a symmetric matrix.
+pub(crate) fn triangle(matrix: &Matrix2<f32>) -> [f32; 3] {
+    [matrix.m11, matrix.m12, matrix.m22]
+}
+
+impl References {
+    /// Whether the positions, if told, are finite.
+    pub fn is_usable(&self) -> bool {
+        all_finite(self.positions.iter().flatten().flatten())
+    }
+}
+
+impl TargetLocation {
+    /// Whether the numbers are finite and the sigma is not below zero.
+    pub fn is_usable(&self) -> bool {
+        let angles = [self.frame_heading, self.frame_heading_sigma];
+        all_finite(self.position.iter().chain(&self.covariance).chain(&angles))
+            && self.frame_heading_sigma >= 0.0
+    }
+}
+
+impl ListedSighting {
+    /// Whether the numbers are finite and the sigma is not below zero.
+    pub fn is_usable(&self) -> bool {
+        all_finite(self.position.iter().chain([&self.position_sigma])) && self.position_sigma >= 0.0
+    }
+}
+
+impl PoseParts {
+    /// Whether the numbers are a pose's.
+    pub fn is_usable(&self) -> bool {
+        self.pose().is_some()
+    }
+
+    /// The pose, if its numbers are a pose's.
+    pub fn pose(&self) -> Option<Pose<f32>> {
+        Pose::from_parts(Point2::from(self.position), self.heading, self.covariance).ok()
+    }
+}
+
+impl From<Pose<f32>> for PoseParts {
+    fn from(pose: Pose<f32>) -> Self {
+        Self {
+            position: pose.position.coords.into(),
+            heading: pose.heading,
+            covariance: pose.covariance_triangle(),
+        }
+    }
+}

@@ -1,0 +1,112 @@
+//! What the camera's hardware does: one task at a time.
+
+use zigbee_link::Instant;
+
+use super::CameraTask;
+use crate::message::{CameraCommand, MemberAddress, StopNumber, Stopped};
+
+/// A target asked for a look.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct LookRequest {
+    pub(super) target: MemberAddress,
+    pub(super) stopped: Stopped,
+    /// When the target said so.
+    pub(super) heard: Instant,
+}
+
+impl LookRequest {
+    pub(super) const fn stop(&self) -> (MemberAddress, StopNumber) {
+        (self.target, self.stopped.stop)
+    }
+}
+
+/// What the hardware does, and what waits for it.
+#[derive(Clone, Debug)]
+pub(super) struct Device {
+    is_ready: bool,
+    /// It has a task that is not over.
+    is_busy: bool,
+    looking: Option<LookRequest>,
+    next_look: Option<LookRequest>,
+    next_command: Option<CameraCommand>,
+}
+
+impl Device {
+    pub(super) const fn new() -> Self {
+        Self {
+            is_ready: false,
+            is_busy: false,
+            looking: None,
+            next_look: None,
+            next_command: None,
+        }
+    }
+
+    /// Whether it has started.
+    pub(super) const fn is_ready(&self) -> bool {
+        self.is_ready
+    }
+
+    pub(super) const fn on_ready(&mut self) {
+        self.is_ready = true;
+    }
+
+    /// Has a command carried out next. Another one that waits is given up; and before the camera has
+    /// started, this one: nobody knows when it will, and what is in its view then. Returns what is
+    /// given up.
+    pub(super) const fn command(&mut self, command: CameraCommand) -> Option<CameraCommand> {
+        if self.is_ready {
+            self.next_command.replace(command)
+        } else {
+            Some(command)
+        }
+    }
+
+    /// Has it look. Of two requests that wait the later one counts; the other target asks again.
+    pub(super) fn look(&mut self, request: LookRequest) {
+        match &mut self.looking {
+            Some(looking) if looking.stop() == request.stop() => *looking = request,
+            _ => self.next_look = Some(request),
+        }
+    }
+
+    /// Stops that are looked at or will be.
+    pub(super) fn requested(&self) -> impl Iterator<Item = (MemberAddress, StopNumber)> {
+        let requests = [&self.looking, &self.next_look].into_iter().flatten();
+        requests.map(LookRequest::stop)
+    }
+
+    /// What it is to do next, if it has the time.
+    pub(super) fn next_task(&mut self) -> Option<CameraTask> {
+        if self.is_busy {
+            return None;
+        }
+        if let Some(command) = self.next_command.take() {
+            // Tracking goes on until the next task.
+            self.is_busy = !matches!(command, CameraCommand::Track { .. });
+            return Some(CameraTask::Command(command));
+        }
+        let request = self.next_look.take()?;
+        self.is_busy = true;
+        self.looking = Some(request);
+        let colour = request.stopped.colour;
+        Some(CameraTask::Look { colour })
+    }
+
+    /// A look is over. Who asked for it, if that is still of interest.
+    pub(super) const fn on_looked(&mut self) -> Option<LookRequest> {
+        self.is_busy = false;
+        self.looking.take()
+    }
+
+    /// A command is carried out, or failed.
+    pub(super) fn on_done(&mut self, command: CameraCommand) {
+        self.is_busy &= matches!(command, CameraCommand::Track { .. });
+    }
+
+    /// Nobody wants to know what it sees any more, a look that goes on included.
+    pub(super) fn forget_requests(&mut self) {
+        self.looking = None;
+        self.next_look = None;
+    }
+}

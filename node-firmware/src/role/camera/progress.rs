@@ -1,0 +1,142 @@
+//! How far a camera is, and whether others should hear of it.
+
+use calib_core::Status;
+
+use crate::{
+    config::CameraConfig,
+    limits::SIGHTINGS,
+    memory::FactKey,
+    message::{CameraState, Duty, PoseParts, Report},
+    role::Unsaved,
+};
+
+/// How far a camera is.
+#[derive(Clone, Debug)]
+pub(super) struct Progress {
+    report: Report,
+    /// What others were told last.
+    told: Report,
+}
+
+impl Progress {
+    pub(super) const fn new(id: u16) -> Self {
+        let report = nothing_known(id);
+        Self {
+            report,
+            told: report,
+        }
+    }
+
+    pub(super) const fn report(&self) -> &Report {
+        &self.report
+    }
+
+    /// The pose, if it is known.
+    pub(super) fn pose(&self) -> Option<PoseParts> {
+        self.report.pose().copied()
+    }
+
+    /// Whether there is anything to tell.
+    pub(super) fn has_report(&self) -> bool {
+        self.report.state != CameraState::Waiting
+    }
+
+    /// Takes the report of a former run. The limits may be others since.
+    pub(super) fn restore(&mut self, report: &Report, config: &CameraConfig) {
+        let state = report.state.judged_again(&config.weak.limits());
+        let is_done = report.duty.is_some() || is_done(config, report.sightings.into(), &state);
+        self.report = Report {
+            id: self.report.id,
+            done: report.done && is_done,
+            state,
+            ..*report
+        };
+        self.told = self.report;
+    }
+
+    /// Takes a new report: whether others should hear of it.
+    pub(super) fn update(&mut self, report: Report, unsaved: &mut Unsaved) -> bool {
+        if report == self.report {
+            return false;
+        }
+        self.report = report;
+        unsaved.insert(FactKey::Report);
+        let is_news = is_news(&self.told, &report);
+        if is_news {
+            self.told = report;
+        }
+        is_news
+    }
+
+    /// This reference camera knows its pose now: what it reports.
+    pub(super) fn solved(&self, duty: Duty, solved: &Report, config: &CameraConfig) -> Report {
+        Report {
+            id: self.report.id,
+            duty: Some(duty),
+            done: true,
+            state: solved.state.judged_again(&config.weak.limits()),
+            ..*solved
+        }
+    }
+
+    /// What a camera reports that knows nothing.
+    pub(super) const fn nothing_known(&self) -> Report {
+        nothing_known(self.report.id)
+    }
+
+    /// It knows nothing, and nobody is there who was told anything else.
+    pub(super) fn clear(&mut self, unsaved: &mut Unsaved) {
+        self.report = self.nothing_known();
+        unsaved.insert(FactKey::Report);
+        self.told = self.report;
+    }
+
+    /// Others are told now, or there are no others.
+    pub(super) const fn on_told(&mut self) {
+        self.told = self.report;
+    }
+}
+
+const fn nothing_known(id: u16) -> Report {
+    Report {
+        id,
+        duty: None,
+        sightings: 0,
+        used: 0,
+        chi_squared: 0.0,
+        done: false,
+        state: CameraState::Waiting,
+    }
+}
+
+/// Whether a camera needs no more stops: it is calibrated, and as certain as it was told to become.
+/// With any pose it is done when it can take no more sightings.
+pub(super) fn is_done(config: &CameraConfig, sightings: usize, state: &CameraState) -> bool {
+    let Some(pose) = state.pose().and_then(PoseParts::pose) else {
+        return false;
+    };
+    sightings >= SIGHTINGS
+        || state.status() == Status::Calibrated
+            && sightings >= usize::from(config.stops)
+            && (!config.refine || config.good_enough.limits().allow(&pose))
+}
+
+/// Whether a report says so much more than another that others should hear of it.
+fn is_news(old: &Report, new: &Report) -> bool {
+    let (Some(old_pose), Some(new_pose)) = (old.pose(), new.pose()) else {
+        return old.state != new.state || old.done != new.done;
+    };
+    // A tenth less sigma, or a pose that moved by a third of its sigma.
+    let variance = |pose: &PoseParts| pose.covariance[0] + pose.covariance[2];
+    let moved = [0, 1].map(|axis| {
+        let [a, b] =
+            [old_pose, new_pose].map(|pose| pose.position.get(axis).copied().unwrap_or(f32::NAN));
+        (a - b) * (a - b)
+    });
+    old.done != new.done
+        || old.status() != new.status()
+        || old.duty != new.duty
+        || variance(new_pose) < 0.81 * variance(old_pose)
+        || new_pose.covariance[5] < 0.81 * old_pose.covariance[5]
+        || moved[0] + moved[1] > 0.1 * variance(new_pose)
+}

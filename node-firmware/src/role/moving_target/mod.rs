@@ -1,0 +1,519 @@
+//! A target: it walks, stands, and tells cameras where (thesis 2.3, Appendix B).
+//!
+//! Steps move it. When none came for a while it stands, and says so to everybody. Cameras answer;
+//! those of the roster that did not are asked one by one. When all have answered or cannot be
+//! reached it shows that its carrier may walk on. Nothing but the carrier makes it walk.
+//!
+//! It does not know where it is before the first reference camera tells it, or before two cameras
+//! that know their poses see it at one stop. From then on it reckons.
+
+mod place;
+mod table;
+#[cfg(test)]
+mod tests;
+
+use core::time::Duration;
+
+use calib_core::dead_reckoning::{Step, Track};
+use nalgebra::{Matrix2, Point2};
+use zigbee_link::{Instant, store::Membership, wire::ShortAddress};
+
+pub use self::table::{CAMERAS, CameraEntry};
+use self::{place::nowhere, table::Table};
+use super::{
+    COORDINATOR, LastNetwork, Notification, Notifications, Output, Role, Unsaved, earliest,
+};
+use crate::{
+    config::TargetConfig,
+    hardware::Indication,
+    memory::{Fact, FactKey, Walk},
+    message::{
+        CoordinateFrame, Hello, MemberAddress, MemberKind, Message, Sight, StopBearing, StopNumber,
+        Stopped,
+    },
+};
+
+/// After the broadcast of a stop, before cameras that did not answer are asked one by one: a look
+/// takes a camera some 0.6 s, and there may be many.
+const ASK_AFTER: Duration = Duration::from_millis(1500);
+
+/// After an answer was asked for and the question delivered, before the camera counts as silent.
+const ANSWER_WITHIN: Duration = Duration::from_secs(4);
+
+/// A camera that is still starting is asked again after this.
+const READY_AFTER: Duration = Duration::from_secs(2);
+
+/// Cameras asked at a time.
+const ASKED_AT_A_TIME: usize = 2;
+
+/// While cameras see a target that does not know its place, it waits so long for being told.
+const LOCATED_WITHIN: Duration = Duration::from_secs(2);
+
+/// Stops that the first reference camera may still tell the place of.
+const STOOD: usize = 4;
+
+/// A message of which a target must know whether it was delivered.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub enum TargetNotification {
+    /// It presents itself.
+    Hello,
+    /// It asks a camera for its answer to this stop.
+    Ask(MemberAddress, StopNumber),
+}
+
+impl Notification for TargetNotification {
+    fn priority(self) -> u8 {
+        0
+    }
+}
+
+/// What the devices of a target tell.
+#[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub enum TargetEvent {
+    /// Its carrier made a step.
+    Step(Step<f32>),
+    /// The step sensor failed: from now on nobody knows where the target is.
+    SensorFailed,
+}
+
+/// A target's state.
+#[derive(Clone, Debug)]
+pub struct TargetRole {
+    id: u16,
+    config: TargetConfig,
+    address: Option<ShortAddress>,
+    last_network: LastNetwork,
+    track: Track<f32>,
+    located: bool,
+    /// No step came since the sensor failed: wherever it may be found, it may be elsewhere then.
+    sensor_failed: bool,
+    /// Direction of the sensor's x axis in the frame of the site, and its sigma.
+    frame_heading: Option<(f32, f32)>,
+    stop: StopNumber,
+    state: State,
+    /// The track at the last stop, in the frame it had there.
+    at_stop: Track<f32>,
+    /// The same of the last stops, for an answer that comes late.
+    stood: heapless::Deque<(StopNumber, Track<f32>), STOOD>,
+    /// The last place found from bearings, its covariance, and the track there: with another one
+    /// they give the direction of the sensor.
+    found: Option<(Point2<f32>, Matrix2<f32>, Track<f32>)>,
+    bearings: heapless::Vec<(ShortAddress, StopBearing), 4>,
+    /// When to find its place from them.
+    locate_at: Option<Instant>,
+    table: Table,
+    /// The coordinator told which cameras there are, since the start.
+    knows_cameras: bool,
+    /// Facts that are not written down yet.
+    unsaved: Unsaved,
+    /// There is [`TargetNotification::Hello`] alone: whom to ask is in the table.
+    notifications: Notifications<TargetNotification, 1>,
+    seen: bool,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq)]
+enum State {
+    /// The last step was then; `None`: nothing yet.
+    Walking { last: Option<Instant> },
+    /// It stands, and tells so.
+    Standing(Standing),
+}
+
+#[derive(Clone, Copy, Debug, PartialEq)]
+struct Standing {
+    since: Instant,
+    /// Everybody was told of the stop.
+    announced: bool,
+    /// Nothing before this.
+    ask_at: Instant,
+    /// Not told of its place yet, although cameras see it.
+    wait_until: Option<Instant>,
+    may_walk: bool,
+}
+
+impl TargetRole {
+    /// A target that knows nothing yet. `first_stop` should be random: a target that lost its
+    /// memory must not use the numbers of former stops again.
+    pub fn new(id: u16, config: TargetConfig, first_stop: StopNumber) -> Self {
+        // Random as well: what cameras keep of a former walk must not look like one of this.
+        let track = nowhere(&config).numbered(first_stop.into());
+        Self {
+            id,
+            config,
+            address: None,
+            last_network: LastNetwork::new(),
+            track,
+            located: false,
+            sensor_failed: false,
+            frame_heading: None,
+            stop: first_stop,
+            state: State::Walking { last: None },
+            at_stop: track,
+            stood: heapless::Deque::new(),
+            found: None,
+            bearings: heapless::Vec::new(),
+            locate_at: None,
+            table: Table::new(),
+            knows_cameras: false,
+            unsaved: Unsaved::new(),
+            notifications: Notifications::new(),
+            seen: false,
+        }
+    }
+
+    /// The cameras it knows of, with what they told of themselves: the table of Appendix B.
+    pub fn cameras(&self) -> impl Iterator<Item = CameraEntry> {
+        self.table.iter()
+    }
+
+    /// Where it reckons to be, and whether that is in the frame of the site.
+    pub fn position(&self) -> (Point2<f32>, bool) {
+        (self.track.position(), self.located)
+    }
+
+    fn still_after(&self) -> Duration {
+        Duration::from_millis(self.config.still_after_ms.into())
+    }
+
+    fn standing_deadline(&self, standing: &Standing) -> Option<Instant> {
+        // Without one there is nothing to tell.
+        self.place()?;
+        if !standing.announced {
+            return Some(standing.since);
+        }
+        if standing.may_walk {
+            return None;
+        }
+        let dwell = |ms: u32| standing.since + Duration::from_millis(ms.into());
+        let mut deadline = dwell(self.config.dwell_most_ms);
+        let next = if self.table.can_ask(ASKED_AT_A_TIME) {
+            Some(standing.ask_at)
+        } else if self.table.is_settled() && !self.knows_cameras {
+            None
+        } else if self.table.is_settled() {
+            // The rest is time.
+            let until = standing.wait_until.unwrap_or(standing.since);
+            Some(
+                dwell(self.config.dwell_least_ms)
+                    .max(until)
+                    .max(standing.ask_at),
+            )
+        } else {
+            self.table.deadline()
+        };
+        if let Some(next) = next {
+            deadline = deadline.min(next);
+        }
+        // Nothing is done before this.
+        Some(deadline.max(standing.ask_at))
+    }
+
+    /// After a restart.
+    fn resume(&mut self, walk: &Walk) {
+        self.stop = walk.stop;
+        if let Some(heading) = walk.frame_heading {
+            self.frame_heading = Some((heading, walk.frame_heading_sigma));
+        }
+        let place = walk.place;
+        if !walk.standing {
+            // It walked, and nobody counted the steps since.
+            let fix = place.parts().fix.wrapping_add(1);
+            self.track = nowhere(&self.config).numbered(fix);
+            self.at_stop = self.track;
+            return;
+        }
+        self.track = Track::resume(&place);
+        self.at_stop = self.track;
+        self.remember_stop();
+        self.located = walk.located;
+        self.state = State::Standing(Standing {
+            since: Instant(0),
+            announced: false,
+            ask_at: Instant(0),
+            wait_until: None,
+            may_walk: false,
+        });
+    }
+
+    /// The next fact to write down.
+    fn unsaved_fact(&mut self) -> Option<Fact> {
+        while let Some(key) = self.unsaved.take() {
+            let fact = match key {
+                FactKey::Walk => self.walk().map(Fact::Walk),
+                FactKey::Camera(slot) => Some(self.table.fact(slot)),
+                FactKey::Network => self.last_network.fact(),
+                other => {
+                    debug_assert!(false, "no fact of a target: {other:?}");
+                    None
+                }
+            };
+            if fact.is_some() {
+                return fact;
+            }
+        }
+        None
+    }
+
+    /// How it walks, if its place can be told.
+    fn walk(&self) -> Option<Walk> {
+        let (heading, sigma) = self.frame_heading.unzip();
+        Some(Walk {
+            stop: self.stop,
+            standing: matches!(self.state, State::Standing(standing) if !standing.may_walk),
+            place: self.place()?,
+            located: self.located,
+            frame_heading: heading,
+            frame_heading_sigma: sigma.unwrap_or_default(),
+        })
+    }
+
+    /// The first reference camera may still tell the place of this stop. The oldest makes room.
+    fn remember_stop(&mut self) {
+        if self.stood.is_full() {
+            self.stood.pop_front();
+        }
+        let has_room = self.stood.push_back((self.stop, self.track)).is_ok();
+        debug_assert!(has_room);
+    }
+
+    fn stand(&mut self, now: Instant) {
+        self.stop = self.stop.wrapping_add(1);
+        self.bearings.clear();
+        self.locate_at = None;
+        self.at_stop = self.track;
+        self.remember_stop();
+        self.seen = false;
+        self.state = State::Standing(Standing {
+            since: now,
+            announced: false,
+            ask_at: now,
+            wait_until: None,
+            may_walk: false,
+        });
+        self.table.new_stop(!self.located);
+        self.unsaved.insert(FactKey::Walk);
+    }
+
+    /// Told again, since the place is known now.
+    fn tell_again(&mut self, now: Instant) {
+        self.table.new_stop(!self.located);
+        if let State::Standing(standing) = &mut self.state {
+            standing.since = now;
+            standing.announced = false;
+            standing.ask_at = now;
+            standing.wait_until = None;
+            standing.may_walk = false;
+        }
+        self.unsaved.insert(FactKey::Walk);
+    }
+
+    fn stopped(&self) -> Option<Message> {
+        Some(Message::Stopped(Stopped {
+            stop: self.stop,
+            colour: self.config.colour,
+            frame: if self.located {
+                CoordinateFrame::Site
+            } else {
+                CoordinateFrame::Own
+            },
+            place: self.place()?,
+        }))
+    }
+
+    fn standing(&mut self, now: Instant) -> Option<Output<TargetNotification, ()>> {
+        let message = self.stopped()?;
+        let stop = self.stop;
+        let State::Standing(standing) = &mut self.state else {
+            return None;
+        };
+        if !standing.announced {
+            standing.announced = true;
+            standing.ask_at = now + ASK_AFTER;
+            return Some(Output::Send {
+                to: ShortAddress::BROADCAST,
+                message,
+                notification: None,
+            });
+        }
+        // The carrier may have left already: nobody must look now.
+        if now < standing.ask_at || standing.may_walk {
+            return None;
+        }
+        self.table.give_up(now);
+        let waited = now.since(standing.since);
+        let most = Duration::from_millis(self.config.dwell_most_ms.into());
+        if waited.saturating_add(ANSWER_WITHIN) >= most {
+            // Whoever is asked now would not have the time to look.
+            self.table.close();
+        }
+        if let Some(address) = self.table.ask(ASKED_AT_A_TIME) {
+            return Some(Output::Send {
+                to: ShortAddress(address),
+                message,
+                notification: Some(TargetNotification::Ask(address, stop)),
+            });
+        }
+        let is_done = self.table.is_settled()
+            && self.knows_cameras
+            && standing.wait_until.is_none_or(|until| until <= now)
+            && waited >= Duration::from_millis(self.config.dwell_least_ms.into());
+        if is_done || waited >= most {
+            standing.may_walk = true;
+            // Written down before the lamp goes on: after a restart nobody knows whether it left.
+            self.unsaved.insert(FactKey::Walk);
+            return self.unsaved_fact().map(Output::Save);
+        }
+        None
+    }
+}
+
+impl Role for TargetRole {
+    type Notification = TargetNotification;
+    type Task = ();
+    type Event = TargetEvent;
+
+    fn restore(&mut self, fact: &Fact) {
+        match fact {
+            Fact::Walk(walk) => self.resume(walk),
+            Fact::Camera(slot, Some((address, report))) => {
+                self.table.restore(*slot, *address, *report);
+            }
+            Fact::Network(network) => self.last_network.restore(*network),
+            _ => {}
+        }
+    }
+
+    fn on_attached(&mut self, now: Instant, network: Option<Membership>) {
+        let own = network.map(|network| network.short);
+        let before = core::mem::replace(&mut self.address, own);
+        let Some(network) = network else {
+            return;
+        };
+        let was_attached = before.is_some();
+        let unsaved = &mut self.unsaved;
+        if (self.last_network).on_attached(was_attached, &network, unsaved) {
+            // It stands where it stood, but among others.
+            self.table.clear(unsaved);
+            self.bearings.clear();
+            self.locate_at = None;
+            self.knows_cameras = false;
+        }
+        self.notifications.notify(TargetNotification::Hello, now);
+        match self.state {
+            // From now on: it may have stood for long.
+            State::Walking { last: None } => self.state = State::Walking { last: Some(now) },
+            State::Walking { .. } => {}
+            State::Standing(standing) if standing.may_walk => {}
+            State::Standing(_) => self.tell_again(now),
+        }
+    }
+
+    fn on_message(&mut self, now: Instant, from: ShortAddress, message: &Message) {
+        match message {
+            Message::Look(look) if look.stop == self.stop => {
+                self.table.on_answer(now, from.0, look);
+                self.seen |= look.sight == Sight::InView;
+                if let State::Standing(standing) = &mut self.state
+                    && !self.located
+                    && look.sight == Sight::InView
+                {
+                    standing.wait_until = Some(now + LOCATED_WITHIN);
+                }
+            }
+            Message::Report(report) => {
+                self.table.report(from.0, *report, &mut self.unsaved);
+            }
+            // Nobody else has solved anything.
+            Message::Located(located) if self.table.may_be_first(from.0) => {
+                self.on_located(now, located);
+            }
+            Message::Bearing(bearing) => self.on_bearing(now, from, bearing),
+            Message::Roster(cameras) if from == COORDINATOR => {
+                self.knows_cameras = true;
+                for &camera in cameras {
+                    self.table.meet(camera);
+                }
+            }
+            Message::WhoIsThere if from == COORDINATOR => {
+                self.notifications.notify(TargetNotification::Hello, now);
+            }
+            _ => {}
+        }
+    }
+
+    fn on_sent(&mut self, now: Instant, notification: TargetNotification, delivered: bool) {
+        match notification {
+            TargetNotification::Hello => {
+                self.notifications.on_sent(notification, now, delivered);
+            }
+            TargetNotification::Ask(address, stop) if stop == self.stop => {
+                self.table.on_asked(now, address, delivered);
+            }
+            TargetNotification::Ask(..) => {}
+        }
+    }
+
+    fn on_event(&mut self, now: Instant, event: TargetEvent) {
+        match event {
+            TargetEvent::Step(step) => {
+                self.sensor_failed = false;
+                self.on_step(now, &step);
+            }
+            // A sensor that goes on failing makes no new stops.
+            TargetEvent::SensorFailed if self.sensor_failed => {}
+            TargetEvent::SensorFailed => {
+                self.sensor_failed = true;
+                self.lose(now);
+            }
+        }
+    }
+
+    fn poll(&mut self, now: Instant) -> Option<Output<TargetNotification, ()>> {
+        if self.locate_at.is_some_and(|at| at <= now) {
+            self.locate_at = None;
+            self.locate(now);
+        }
+        if let State::Walking { last: Some(last) } = self.state
+            && now >= last + self.still_after()
+            && self.address.is_some()
+        {
+            self.stand(now);
+        }
+        if let Some(fact) = self.unsaved_fact() {
+            return Some(Output::Save(fact));
+        }
+        self.address?;
+        if let Some(notification) = self.notifications.take_due(now) {
+            let hello = Hello {
+                id: self.id,
+                kind: MemberKind::Target,
+            };
+            return Some(Output::Send {
+                to: COORDINATOR,
+                message: Message::Hello(hello),
+                notification: Some(notification),
+            });
+        }
+        self.standing(now)
+    }
+
+    fn next_deadline(&self) -> Option<Instant> {
+        self.address?;
+        let state = match &self.state {
+            State::Walking { last } => last.map(|last| last + self.still_after()),
+            State::Standing(standing) => self.standing_deadline(standing),
+        };
+        earliest([state, self.notifications.next_due(), self.locate_at])
+    }
+
+    fn indication(&self) -> Indication {
+        Indication {
+            joined: self.address.is_some(),
+            target_seen: self.seen,
+            calibrated: self.located,
+            may_walk: matches!(self.state, State::Standing(standing) if standing.may_walk),
+        }
+    }
+}

@@ -1,0 +1,215 @@
+//! Where a target is: steps, fixes, and what is lost.
+
+use core::time::Duration;
+
+use calib_core::{
+    angle,
+    dead_reckoning::{Place, Step, Systematic, Track},
+    intersection,
+};
+use nalgebra::{Matrix2, Point2, RealField, Vector2};
+use zigbee_link::{Instant, wire::ShortAddress};
+
+use super::{State, TargetRole};
+use crate::{
+    arithmetic::root,
+    config::TargetConfig,
+    memory::FactKey,
+    message::{StopBearing, TargetLocation, matrix},
+};
+
+/// After a camera's bearing, before it is used: those of other cameras make the place better. The
+/// first two may look along one line.
+const BEARINGS_WITHIN: Duration = Duration::from_millis(400);
+
+/// A direction that is not known to this, radians, is none.
+const HEADING_LIMIT: f32 = 0.1;
+
+impl TargetRole {
+    /// Where it stands; none where it walked so far that nobody would believe it.
+    pub(super) fn place(&self) -> Option<Place<f32>> {
+        self.track.place(self.config.standing_sigma).ok()
+    }
+
+    pub(super) fn on_step(&mut self, now: Instant, step: &Step<f32>) {
+        let before = core::mem::replace(&mut self.state, State::Walking { last: Some(now) });
+        if matches!(before, State::Standing(standing) if !standing.may_walk) {
+            self.unsaved.insert(FactKey::Walk);
+        }
+        let turn = match (self.located, self.frame_heading) {
+            (true, Some((heading, _))) => heading,
+            _ => 0.0,
+        };
+        let step = Step {
+            heading: step.heading + turn,
+            ..*step
+        };
+        // A track may also grow too long for a place that can be sent.
+        if self.track.advance(&step).is_err() || self.place().is_none() {
+            self.lose(now);
+        }
+    }
+
+    /// The place is not known any more: the sensor failed, or the target was carried unawares.
+    pub(super) fn lose(&mut self, now: Instant) {
+        self.located = false;
+        self.found = None;
+        self.bearings.clear();
+        self.locate_at = None;
+        let own_frame = systematic(&self.config, 0.0);
+        let lost = self
+            .track
+            .relocate(Point2::origin(), Matrix2::zeros(), own_frame);
+        debug_assert_eq!(lost, Ok(()), "the sigmas of a configuration are usable");
+        self.at_stop = self.track;
+        self.stood.clear();
+        if matches!(self.state, State::Standing(_)) {
+            self.stand(now);
+        }
+    }
+
+    /// The target was found where its track was so. It may have walked on since.
+    fn fix(
+        &mut self,
+        now: Instant,
+        then: &Track<f32>,
+        position: Point2<f32>,
+        covariance: Matrix2<f32>,
+        (heading, heading_sigma): (f32, f32),
+    ) {
+        let turn = angle::rotation(heading);
+        let Some(since) = self.track.since(then) else {
+            debug_assert!(false, "stops of former fixes are forgotten");
+            return;
+        };
+        let covariance = covariance + angle::turned(&since.covariance, &turn);
+        let found = self.track.relocate(
+            position + turn * since.vector,
+            symmetric(covariance),
+            systematic(&self.config, heading_sigma),
+        );
+        if found.is_err() {
+            return;
+        }
+        self.at_stop = self.track;
+        self.stood.clear();
+        self.located = true;
+        self.frame_heading = Some((heading, heading_sigma));
+        if matches!(self.state, State::Standing(standing) if !standing.may_walk) {
+            self.tell_again(now);
+        } else {
+            self.unsaved.insert(FactKey::Walk);
+        }
+    }
+
+    /// The first reference camera solved, and tells where this target stood.
+    pub(super) fn on_located(&mut self, now: Instant, located: &TargetLocation) {
+        let then = self.stood.iter().find(|(stop, _)| *stop == located.stop);
+        let is_of_use = located.is_usable() && !self.located && !self.sensor_failed;
+        let Some(&(_, then)) = then.filter(|_| is_of_use) else {
+            return;
+        };
+        self.fix(
+            now,
+            &then,
+            Point2::from(located.position),
+            matrix(located.covariance),
+            (located.frame_heading, located.frame_heading_sigma),
+        );
+    }
+
+    /// A camera that knows its pose saw this target, which does not know its place.
+    pub(super) fn on_bearing(&mut self, now: Instant, from: ShortAddress, bearing: &StopBearing) {
+        let is_mine = self.address.is_some_and(|own| own.0 == bearing.target);
+        let is_of_use =
+            bearing.seen.is_usable() && bearing.pose.is_some_and(|p| p.pose().is_some());
+        if self.located || self.sensor_failed || !is_mine || bearing.stop != self.stop || !is_of_use
+        {
+            return;
+        }
+        self.bearings.retain(|(known, _)| *known != from);
+        if self.bearings.is_full() {
+            return;
+        }
+        let has_room = self.bearings.push((from, *bearing)).is_ok();
+        debug_assert!(has_room);
+        let at = now + BEARINGS_WITHIN;
+        self.locate_at = Some(at);
+        if let State::Standing(standing) = &mut self.state {
+            let until = standing.wait_until.map_or(at, |until| until.max(at));
+            standing.wait_until = Some(until);
+        }
+    }
+
+    /// From the bearings of all cameras that saw this target and know their poses.
+    pub(super) fn locate(&mut self, now: Instant) {
+        if self.located {
+            return;
+        }
+        let mut stations = heapless::Vec::<intersection::StationBearing<f32>, 4>::new();
+        for (_, bearing) in &self.bearings {
+            if let Some(pose) = bearing.pose.and_then(|pose| pose.pose()) {
+                let has_room = stations.push(intersection::StationBearing {
+                    pose,
+                    ray: bearing.seen.ray(),
+                    bearing_sigma: bearing.seen.sigma,
+                });
+                debug_assert!(has_room.is_ok(), "as many as there are bearings");
+            }
+        }
+        let Ok(found) = intersection::locate(&stations) else {
+            return;
+        };
+        let at_stop = self.at_stop;
+        if let Some(heading) = self.frame_heading {
+            self.fix(now, &at_stop, found.position, found.covariance, heading);
+            return;
+        }
+        // The direction of the sensor follows from two places.
+        if let Some((before, before_covariance, track)) = &self.found
+            && let Some(walked) = self.at_stop.since(track)
+        {
+            let apart = found.position - before;
+            let distance = root(walked.vector.norm_squared());
+            let covariance = before_covariance + found.covariance + walked.covariance;
+            let sigma = root(covariance.trace()) / distance;
+            if distance > 0.0 && sigma < HEADING_LIMIT {
+                let heading = angle::wrap_signed(direction(apart) - direction(walked.vector));
+                self.fix(
+                    now,
+                    &at_stop,
+                    found.position,
+                    found.covariance,
+                    (heading, sigma),
+                );
+                return;
+            }
+        }
+        self.found = Some((found.position, found.covariance, self.at_stop));
+    }
+}
+
+/// The direction of a displacement, radians.
+fn direction(of: Vector2<f32>) -> f32 {
+    RealField::atan2(of.y, of.x)
+}
+
+fn systematic(config: &TargetConfig, frame_heading_sigma: f32) -> Systematic<f32> {
+    let own = config.systematic_heading_deg.to_radians();
+    Systematic {
+        heading_sigma: root(own * own + frame_heading_sigma * frame_heading_sigma),
+        scale_sigma: config.systematic_scale,
+    }
+}
+
+/// A track in the target's own frame, which begins where it is.
+pub(super) fn nowhere(config: &TargetConfig) -> Track<f32> {
+    let origin = (Point2::origin(), Matrix2::zeros());
+    let track = Track::start(origin.0, origin.1, systematic(config, 0.0));
+    debug_assert!(track.is_ok(), "the configuration was checked");
+    track.unwrap_or_default()
+}
+
+fn symmetric(matrix: Matrix2<f32>) -> Matrix2<f32> {
+    (matrix + matrix.transpose()) * 0.5
+}

@@ -1,0 +1,60 @@
+//! A target and its step sensor.
+
+use core::pin::pin;
+
+use embassy_futures::select::{Either, select};
+use flash_log::LogError;
+use zigbee_link::runner::Clock;
+
+use super::{
+    FlashError,
+    drive::{AnyDriver, DeviceChannels, Events, RoleDriver, Services, drive},
+    outlined::Outlined,
+};
+use crate::{
+    config::TargetConfig,
+    hardware::{Hardware, StepSensor},
+    log::warning,
+    message::StopNumber,
+    role::moving_target::{TargetEvent, TargetRole},
+};
+
+/// After a failure of the sensor.
+const PAUSE_US: u64 = 1_000_000;
+
+pub(super) async fn run<H: Hardware>(
+    (id, first_stop): (u16, StopNumber),
+    config: &TargetConfig,
+    services: Services<'_, H>,
+    mut steps: H::Steps,
+) -> LogError<FlashError<H>> {
+    let clock = services.clock;
+    let channels = DeviceChannels::new();
+    let mut role = TargetRole::new(id, *config, first_stop);
+    let driver = AnyDriver::Target(RoleDriver::new(&mut role, &channels));
+    let driven = drive(driver, services);
+    let sensed = sense(&mut steps, clock, channels.events.sender());
+    match select(pin!(driven), Outlined(pin!(sensed))).await {
+        Either::First(error) => error,
+        Either::Second(never) => match never {},
+    }
+}
+
+async fn sense<C: Clock, S: StepSensor>(
+    steps: &mut S,
+    clock: &C,
+    events: Events<'_, TargetEvent>,
+) -> core::convert::Infallible {
+    loop {
+        match steps.next().await {
+            Ok(step) => events.send(TargetEvent::Step(step)).await,
+            Err(_) => {
+                warning!("the step sensor failed: the target is lost");
+                events.send(TargetEvent::SensorFailed).await;
+                let now = clock.now().0;
+                let then = zigbee_link::Instant(now.saturating_add(PAUSE_US));
+                clock.sleep_until(then).await;
+            }
+        }
+    }
+}

@@ -1,0 +1,269 @@
+//! The CMUcam2 as a [`BlobCamera`].
+//!
+//! # Settings, and why
+//! | command | why |
+//! |---|---|
+//! | `RS`, `CR 18 44 19 33`, 5 s, `CR 18 40 19 32` | adapts to the light, then freezes gain and white balance (thesis Appendix A) |
+//! | `HR 1`, if the lens has 175 columns or more | twice the columns, half the angle of one; OV6620 only |
+//! | `NF 0` | each pixel counts. By some sources `NF n` leaves out the *first* pixels of each run in a row: the left edge would be late by up to 2 columns (the default), the direction wrong by up to one, five times the sigma of rounding. A stray pixel instead makes a look unsteady or lopsided, which is noticed |
+//! | `PM 1` | one packet for each command, then the prompt: no stream runs over while the node does something else, nothing must be stopped (0.1 s), and a restarted camera gives itself away by streaming |
+//! | `HD 1` | 16 blocks instead of 8 over the width for frame differencing |
+//!
+//! Left as after a reset: `OM` all fields (of 34 bytes 15 could be saved, 4 ms of the 20 of a
+//! frame, but the numbers of a packet check each other), `LM` off (rows would take longer than
+//! the frame), `PF` off (silence stays an error), `RM` off (text is checked, raw bytes are not), `DS 1
+//! 1` and the whole window (each column counts).
+//!
+//! At 38,400 baud a polled packet takes command, `ACK`, the rest of the frame under way and
+//! one frame of 20 ms, and up to 9 ms of text: five take about 0.3 s at most.
+//!
+//! # What a restart costs
+//! The driver sets all modes again, but what the camera had adapted to is gone, and frame
+//! differencing has lost its background. So every restart that is noticed ends in
+//! [`VisionError::Restarted`], and the camera must be [started up](BlobCamera::start_up).
+
+use cmucam2_driver::{
+    Cmucam2, Error,
+    colour::{ColourBounds, LEVEL_MAX, LEVEL_MIN, LevelRange},
+    geometry::{Sensor, Size},
+    session::{Fault, Learn, StartUp},
+};
+use embedded_hal_async::delay::DelayNs;
+use embedded_io_async::{Read, Write};
+
+use super::{Blob, BlobCamera, ColourWindow, Grid, Subject, VisionError};
+use crate::log::warning;
+
+/// Blocks across a frame for frame differencing.
+const BLOCKS: u8 = 16;
+
+/// Fewest columns of a lens that needs the high resolution of the OV6620; frames may be one column
+/// narrower than its 176.
+const HIGH_RESOLUTION: u16 = 175;
+
+/// How many rows are as much as a column, at either resolution of either sensor.
+pub const ROWS_PER_COLUMN: f32 = 2.0;
+
+/// What a CMUcam2 is told.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct Cmucam2Settings {
+    /// Columns of the [lens](super::Lens::columns).
+    pub columns: u16,
+    /// Number of the first column in packets, 0 or 1: sources disagree. `host-sim probe` finds out.
+    pub first_column: u8,
+    /// How long it adapts to the light, milliseconds.
+    pub adapt_ms: u32,
+}
+
+impl Cmucam2Settings {
+    /// A camera of so many columns that count from 1 and adapts for five seconds.
+    pub const fn new(columns: u16) -> Self {
+        Self {
+            columns,
+            first_column: 1,
+            adapt_ms: 5_000,
+        }
+    }
+}
+
+/// A CMUcam2 on a UART. See the [module](self).
+#[derive(Debug)]
+pub struct Cmucam2BlobCamera<U, D> {
+    camera: Cmucam2<U, D>,
+    settings: Cmucam2Settings,
+    /// Rows of a frame.
+    rows: u16,
+    /// All is set.
+    ready: bool,
+    /// It has a background.
+    background: bool,
+    subject: Option<Subject>,
+    /// How often the camera had restarted when it began to adapt.
+    restarts: u16,
+}
+
+impl<U, D> Cmucam2BlobCamera<U, D> {
+    /// A camera of which nothing is known. Nothing is sent before the first call.
+    pub fn new(camera: Cmucam2<U, D>, settings: Cmucam2Settings) -> Self {
+        Self {
+            camera,
+            settings,
+            rows: 0,
+            ready: false,
+            background: false,
+            subject: None,
+            restarts: 0,
+        }
+    }
+
+    fn forget(&mut self) {
+        self.ready = false;
+        self.background = false;
+        self.subject = None;
+    }
+
+    /// Takes notice of what failed, and of a restart that the driver has made up for on its way.
+    fn taken<T, E: embedded_io::Error>(
+        &mut self,
+        outcome: Result<T, Error<E>>,
+    ) -> Result<T, VisionError> {
+        let error = match outcome {
+            Ok(_) if self.camera.session().restarts() != self.restarts => {
+                Error::Camera(Fault::Restarted)
+            }
+            Ok(done) => return Ok(done),
+            Err(error) => error,
+        };
+        Err(self.failed(error))
+    }
+
+    fn failed<E: embedded_io::Error>(&mut self, error: Error<E>) -> VisionError {
+        let error = match error {
+            Error::Uart(error) => VisionError::Line(error.kind()),
+            Error::Closed => VisionError::Closed,
+            Error::Camera(fault) => match fault {
+                Fault::Silence => VisionError::Silent,
+                Fault::Refused => VisionError::Refused,
+                Fault::Restarted => VisionError::Restarted,
+                Fault::NotStreaming => VisionError::NotBegun,
+                _ => VisionError::Garbled,
+            },
+        };
+        if error == VisionError::Restarted {
+            self.forget();
+        }
+        warning!("camera: {}", error);
+        error
+    }
+
+    /// How packets count for the subject that was begun.
+    fn grid(&self, subject: Subject) -> Grid {
+        let first = self.settings.first_column;
+        match subject {
+            Subject::Colour(_) => Grid::pixels(first),
+            Subject::Motion { .. } => Grid::blocks(first, BLOCKS, self.settings.columns, self.rows),
+        }
+    }
+
+    fn is_ready(&self) -> Result<(), VisionError> {
+        if self.ready {
+            Ok(())
+        } else {
+            Err(VisionError::NotStarted)
+        }
+    }
+}
+
+impl<U: Read + Write, D: DelayNs> Cmucam2BlobCamera<U, D> {
+    /// Starts it up and sets what a start does not.
+    async fn set_up(&mut self) -> Result<(), Error<U::Error>> {
+        let start_up = StartUp {
+            adapt_ms: self.settings.adapt_ms,
+            ..StartUp::default()
+        };
+        self.camera.start_up(start_up).run().await?;
+        self.restarts = self.camera.session().restarts();
+        if self.settings.columns >= HIGH_RESOLUTION {
+            self.camera.high_resolution(true).run().await?;
+        }
+        self.camera.noise_filter(0).run().await?;
+        self.camera.high_resolution_difference(true).run().await?;
+        self.camera.poll_mode(true).run().await
+    }
+
+    /// The frame that this camera will give with this lens, or why they do not match. A frame may
+    /// be one column narrower than the manual says. An unknown sensor is believed.
+    async fn frame(&mut self) -> Result<Size, VisionError> {
+        let version = self.camera.version().run().await;
+        let version = version.map_err(|error| self.failed(error))?;
+        let lens = self.settings.columns;
+        let Some(sensor) = version.sensor() else {
+            return Ok(Size::of(Sensor::Ov6620, lens >= HIGH_RESOLUTION));
+        };
+        let frame = Size::of(sensor, lens >= HIGH_RESOLUTION);
+        let camera = u16::from(frame.width);
+        if lens == camera || lens + 1 == camera {
+            Ok(frame)
+        } else {
+            Err(VisionError::Columns { camera, lens })
+        }
+    }
+}
+
+impl<U: Read + Write, D: DelayNs> BlobCamera for Cmucam2BlobCamera<U, D> {
+    async fn start_up(&mut self) -> Result<(), VisionError> {
+        self.forget();
+        self.rows = u16::from(self.frame().await?.height);
+        let set_up = self.set_up().await;
+        self.taken(set_up)?;
+        self.ready = true;
+        Ok(())
+    }
+
+    async fn learn_colour(&mut self) -> Result<ColourWindow, VisionError> {
+        self.is_ready()?;
+        self.subject = None;
+        let learnt = self.camera.learn(Learn::default()).run().await;
+        let bounds = self.taken(learnt)?;
+        let levels = |range: LevelRange| [range.min(), range.max()];
+        Ok(ColourWindow {
+            red: levels(bounds.red),
+            green: levels(bounds.green),
+            blue: levels(bounds.blue),
+        })
+    }
+
+    async fn learn_background(&mut self) -> Result<(), VisionError> {
+        self.is_ready()?;
+        self.subject = None;
+        self.background = false;
+        let loaded = self.camera.load_frame().run().await;
+        self.taken(loaded)?;
+        self.background = true;
+        Ok(())
+    }
+
+    async fn begin(&mut self, subject: Subject) -> Result<(), VisionError> {
+        self.is_ready()?;
+        self.subject = None;
+        let begun = match subject {
+            Subject::Colour(window) => {
+                let bounds = bounds(&window).ok_or(VisionError::Colour)?;
+                self.camera.track_colour(bounds).run().await
+            }
+            Subject::Motion { .. } if !self.background => return Err(VisionError::NoBackground),
+            Subject::Motion { threshold } => self.camera.track_difference(threshold).run().await,
+        };
+        self.taken(begun)?;
+        self.subject = Some(subject);
+        Ok(())
+    }
+
+    async fn next(&mut self) -> Result<Option<Blob>, VisionError> {
+        self.is_ready()?;
+        let subject = self.subject.ok_or(VisionError::NotBegun)?;
+        let tracking = self.camera.next_tracking().run().await;
+        let tracking = self.taken(tracking)?;
+        Ok(tracking.and_then(|tracking| Blob::from_tracking(&tracking, self.grid(subject))))
+    }
+
+    async fn end(&mut self) -> Result<(), VisionError> {
+        self.subject = None;
+        let stopped = self.camera.stop().run().await;
+        self.taken(stopped)
+    }
+}
+
+/// The same colours in the levels that a CMUcam2 has.
+fn bounds(window: &ColourWindow) -> Option<ColourBounds> {
+    let range = |[lowest, highest]: [u8; 2]| {
+        let cut = |level: u8| level.clamp(LEVEL_MIN, LEVEL_MAX);
+        (lowest <= highest).then(|| LevelRange::new(cut(lowest), cut(highest)).ok())?
+    };
+    Some(ColourBounds {
+        red: range(window.red)?,
+        green: range(window.green)?,
+        blue: range(window.blue)?,
+    })
+}

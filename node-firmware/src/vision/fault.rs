@@ -1,0 +1,77 @@
+//! Why a camera gives nothing.
+
+use core::fmt;
+
+use embedded_io::ErrorKind;
+
+/// Why a camera cannot do what it was asked for. The texts say what to do about it.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+#[non_exhaustive]
+pub enum VisionError {
+    /// The line to the camera failed.
+    Line(ErrorKind),
+    /// The line to the camera has come to its end.
+    Closed,
+    /// The camera does not answer.
+    Silent,
+    /// What the camera sends makes no sense.
+    Garbled,
+    /// The camera refuses a command.
+    Refused,
+    /// The camera restarted: gain and white balance are no longer those of the learnt colour, and
+    /// the background is lost.
+    Restarted,
+    /// The lens has another number of columns than the camera.
+    Columns {
+        /// What the camera has.
+        camera: u16,
+        /// What the lens has.
+        lens: u16,
+    },
+    /// A colour whose lowest level is above its highest one.
+    Colour,
+    /// The camera was not started up since it was switched on or reset.
+    NotStarted,
+    /// Nothing was begun.
+    NotBegun,
+    /// No background was learnt, or it was lost.
+    NoBackground,
+}
+
+impl VisionError {
+    /// Whether [`BlobCamera::start_up`](super::BlobCamera::start_up) may cure it.
+    pub const fn wants_start_up(self) -> bool {
+        matches!(
+            self,
+            Self::Silent | Self::Garbled | Self::Restarted | Self::NotStarted
+        )
+    }
+}
+
+impl fmt::Display for VisionError {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(match self {
+            Self::Line(kind) => return write!(f, "the line to the camera failed ({kind}): retry"),
+            Self::Closed => "the line to the camera is closed: open it again",
+            Self::Silent => "the camera is silent: check its power and wiring, or cycle its power",
+            Self::Garbled => "the camera cannot be understood: check the baud rate",
+            Self::Refused => "the camera refuses a command each time: start it up again",
+            Self::Restarted => "the camera restarted: start it up again, check its power supply",
+            Self::Columns { camera, lens } => {
+                return write!(
+                    f,
+                    "the camera has {camera} columns, its configured lens {lens}: correct the lens"
+                );
+            }
+            Self::Colour => "the lowest level of a colour is above its highest one: learn it anew",
+            Self::NotStarted => "the camera is not set up: start it up first",
+            Self::NotBegun => "nothing is looked for: begin first",
+            Self::NoBackground => {
+                "no background is known: learn it while the target is out of view"
+            }
+        })
+    }
+}
+
+impl core::error::Error for VisionError {}

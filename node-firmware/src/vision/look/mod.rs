@@ -1,0 +1,164 @@
+//! One look at a standing target.
+
+use core::fmt;
+
+use calib_core::camera::Camera;
+
+use super::{
+    Blob, BlobCamera, Subject, VisionError,
+    steady::{Shape, Steadiness, Unsteady},
+};
+use crate::message::Seen;
+
+/// The most frames that are judged together.
+pub const FRAMES_MAX: usize = 16;
+
+/// How long a look takes, and how far it is trusted.
+#[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct Patience {
+    /// Frames in a row that must agree, 2 to [`FRAMES_MAX`].
+    pub frames: u8,
+    /// Frames after which the look is over in any case.
+    pub frames_most: u8,
+    /// Standard deviation of what no frame shows, columns, from 0.
+    pub sigma_floor: f32,
+}
+
+impl Default for Patience {
+    /// 5 frames agree, out of 20, and a twentieth of a column.
+    fn default() -> Self {
+        Self {
+            frames: 5,
+            frames_most: 20,
+            sigma_floor: 0.05,
+        }
+    }
+}
+
+/// What came of a look.
+#[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub enum Look {
+    /// The target stands there.
+    Steady(Seen),
+    /// Nothing of the subject is in view.
+    Nothing,
+    /// It is cut off by the left or right border.
+    Clipped,
+    /// It is partly hidden, or joined by something else.
+    Lopsided,
+    /// It moves, or comes and goes.
+    Unsteady,
+}
+
+impl fmt::Display for Look {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Steady(seen) => write!(
+                f,
+                "seen at {:.2} +/- {:.2} deg",
+                seen.bearing.to_degrees(),
+                seen.sigma.to_degrees()
+            ),
+            Self::Nothing => f.write_str("the target is not in view"),
+            Self::Clipped => f.write_str("the target is cut off by the border of the view"),
+            Self::Lopsided => f.write_str("the target is partly hidden"),
+            Self::Unsteady => f.write_str("the target moves or flickers"),
+        }
+    }
+}
+
+/// Judges the frames of one look.
+#[derive(Clone, Debug)]
+pub struct Judge {
+    camera: Camera<f32>,
+    patience: Patience,
+    steadiness: Steadiness<FRAMES_MAX>,
+    taken: u8,
+}
+
+impl Judge {
+    /// Of the frames of this camera, for a target of this shape.
+    pub fn new(camera: Camera<f32>, patience: Patience, shape: Shape) -> Self {
+        // At most 65536 columns by construction, and the conversion saturates.
+        let columns = (camera.last_column() + 1.0) as u16;
+        Self {
+            camera,
+            patience,
+            steadiness: Steadiness::new(usize::from(patience.frames), columns, shape),
+            taken: 0,
+        }
+    }
+
+    /// Begins a new look.
+    pub fn clear(&mut self) {
+        self.steadiness.clear();
+        self.taken = 0;
+    }
+
+    /// Takes what a frame has. `Some` when the look is over: at the latest after
+    /// [`Patience::frames_most`], or as many as must agree if those are more.
+    ///
+    /// A target that is not in view or cut off in every one of [`Patience::frames`] frames is
+    /// given up at once: it stands, and that will not change.
+    pub fn push(&mut self, blob: Option<Blob>) -> Option<Look> {
+        self.taken = self.taken.saturating_add(1);
+        let judged = self.steadiness.push(blob);
+        let over = self.taken >= self.patience.frames_most || self.steadiness.is_unanimous();
+        match judged {
+            Ok(steady) => {
+                let seen = steady.seen(&self.camera, self.patience.sigma_floor);
+                Some(Look::Steady(seen))
+            }
+            Err(Unsteady::Few) => None,
+            Err(_) if !over => None,
+            Err(Unsteady::Lost { lost, frames }) if lost == frames => Some(Look::Nothing),
+            Err(Unsteady::Clipped) => Some(Look::Clipped),
+            Err(Unsteady::Lopsided { .. }) => Some(Look::Lopsided),
+            Err(Unsteady::Lost { .. } | Unsteady::Moving { .. }) => Some(Look::Unsteady),
+        }
+    }
+}
+
+/// Looks once for a subject: begins, takes frames until `judge` is sure, ends.
+///
+/// A camera that restarted, fell silent or cannot be understood is started up once and asked again,
+/// unless that would lose the background that the subject needs.
+///
+/// # Errors
+/// [`VisionError`] of the camera, the second time.
+pub async fn look<C: BlobCamera>(
+    camera: &mut C,
+    subject: Subject,
+    judge: &mut Judge,
+) -> Result<Look, VisionError> {
+    match attempt(camera, subject, judge).await {
+        Err(error) if error.wants_start_up() => {
+            if let Subject::Motion { .. } = subject {
+                return Err(error);
+            }
+            camera.start_up().await?;
+            attempt(camera, subject, judge).await
+        }
+        done => done,
+    }
+}
+
+async fn attempt<C: BlobCamera>(
+    camera: &mut C,
+    subject: Subject,
+    judge: &mut Judge,
+) -> Result<Look, VisionError> {
+    judge.clear();
+    camera.begin(subject).await?;
+    loop {
+        if let Some(look) = judge.push(camera.next().await?) {
+            camera.end().await?;
+            return Ok(look);
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests;

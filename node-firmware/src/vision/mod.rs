@@ -1,0 +1,89 @@
+//! What a camera role needs of its camera: whether the target is in view, in which direction, and
+//! how sure that is.
+//!
+//! | module | job |
+//! |---|---|
+//! | here | [`BlobCamera`]: the seam that other blob cameras can fill, and [`Blob`]s as it gives them |
+//! | [`cmucam2`] | The CMUcam2 behind that seam |
+//! | [`steady`] | When a blob stands still, where its edges are, and how sure that is |
+//! | [`mod@look`] | One look at a standing target: several frames to a direction, or why not |
+//! | [`lens`] | Which direction a column is |
+//!
+//! [`steady`] and [`look::Judge`] are sans-IO: blobs go in, a judgement comes out.
+//! [`look()`] connects them to a camera.
+//!
+//! # Columns
+//! Columns count as in [`calib_core::camera`] and thesis Appendix B: 0 to W-1, whole numbers at the
+//! middle of a column, the middles of the first and the last one on the edges of the field of view.
+//! A blob whose leftmost pixels are in column 20 and whose rightmost in column 27 has its edges at
+//! 19.5 and 27.5.
+
+pub mod cmucam2;
+pub mod lens;
+pub mod look;
+pub mod steady;
+
+mod blob;
+mod fault;
+mod subject;
+
+use core::future::Future;
+
+pub use self::{
+    blob::{Blob, Grid},
+    cmucam2::Cmucam2BlobCamera,
+    fault::VisionError,
+    lens::{Lens, LensError},
+    look::{Judge, Look, Patience, look},
+    steady::Shape,
+    subject::{ColourWindow, Subject},
+};
+
+/// A camera that finds the blob of a subject in each of its frames.
+///
+/// A call that is dropped before its end leaves the camera in a state that the next call clears
+/// up.
+pub trait BlobCamera {
+    /// Starts the camera anew: reset, adapt to the light for some seconds, then fix gain and white
+    /// balance, so that a colour stays the same colour (thesis Appendix A, "Initialize"). What was
+    /// learnt as background is lost, what was begun is ended.
+    ///
+    /// To be called first, and whenever [`VisionError::wants_start_up`].
+    ///
+    /// # Errors
+    /// [`VisionError`].
+    fn start_up(&mut self) -> impl Future<Output = Result<(), VisionError>>;
+
+    /// Learns the colour of the object in the middle of the view (thesis Appendix A, "Object
+    /// kept"). What was begun is ended.
+    ///
+    /// # Errors
+    /// [`VisionError`].
+    fn learn_colour(&mut self) -> impl Future<Output = Result<ColourWindow, VisionError>>;
+
+    /// Takes what is in view now as the background of [`Subject::Motion`] (thesis 2.5). To be
+    /// repeated from time to time while the target is out of view. What was begun is ended.
+    ///
+    /// # Errors
+    /// [`VisionError`].
+    fn learn_background(&mut self) -> impl Future<Output = Result<(), VisionError>>;
+
+    /// Begins to look for a subject (thesis Appendix A, "Start to track").
+    ///
+    /// # Errors
+    /// [`VisionError`]; [`VisionError::NoBackground`] for [`Subject::Motion`] before
+    /// [`BlobCamera::learn_background`].
+    fn begin(&mut self, subject: Subject) -> impl Future<Output = Result<(), VisionError>>;
+
+    /// The blob of the next frame, or `None` when nothing of the subject is in view.
+    ///
+    /// # Errors
+    /// [`VisionError`]; [`VisionError::NotBegun`] before [`BlobCamera::begin`].
+    fn next(&mut self) -> impl Future<Output = Result<Option<Blob>, VisionError>>;
+
+    /// Ends it (thesis Appendix A, "Stop tracking"). The camera is then silent.
+    ///
+    /// # Errors
+    /// [`VisionError`].
+    fn end(&mut self) -> impl Future<Output = Result<(), VisionError>>;
+}

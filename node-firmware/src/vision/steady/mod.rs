@@ -1,0 +1,365 @@
+//! When a blob stands still, where its edges are, and how sure that is.
+//!
+//! # Direction
+//! The direction is the mean of the *angles* of the left and the right edge. A ball of angular
+//! radius `a` at bearing `b` has its edges at `b + a` and `b - a` wherever it is, while in a
+//! pin-hole's picture its middle of mass and the middle of its box lie further out than its centre.
+//! Two edges also halve the step in which the direction is known: to half a column.
+//!
+//! # Its sigma
+//! The sum of four variances: rounding of both edges to whole columns, `1/12` each, so `1/24` for
+//! their mean (0.204 columns), which a blob that stands still does not average out; the scatter
+//! of the median over the frames, `pi / 2n` times that of one frame; what the shape casts doubt on
+//! (below); and a floor for what no frame shows, such as the lens.
+//!
+//! # Shape
+//! Two things tell that a target is partly hidden, or joined by something else of its colour. They
+//! widen the sigma, or refuse the blob:
+//! - Its middle of mass is off the middle of its box. A disc that is cut by a vertical edge has it
+//!   off by 0.08 of what is left of its width, and then the direction is wrong by about 3 times (a
+//!   quarter of the diameter hidden) to 7 times (half of it) as much. The CMUcam2 tells the middle
+//!   of mass in whole columns, cut or rounded, so only what exceeds that counts: this finds large
+//!   blobs, and two that are taken for one.
+//! - A [round](Shape::Round) target is narrower than tall. The direction is wrong by half of what
+//!   is missing. A target whose lower or upper part is hidden is wider than tall; its direction is
+//!   right. The last sliver of a hidden target looks like a small one.
+
+use core::fmt;
+
+use calib_core::{Real, camera::Camera};
+use heapless::{Deque, Vec};
+use nalgebra::ComplexField;
+
+use super::Blob;
+use crate::{arithmetic::sort, message::Seen};
+
+/// Frames that may be without a usable blob: one in this many.
+const UNUSABLE: usize = 10;
+
+/// How far the middles of most frames may be apart, units.
+const SPREAD: f32 = 2.0;
+
+/// Variance of the mean of two edges that are rounded to whole units.
+const ROUNDING: f32 = 1.0 / 24.0;
+
+/// The middle of mass may lie so far to the left of its number, as against the middle of the box,
+/// without any doubt, units: half for rounding, half for the pixels of the outline.
+const CENTROID_LEFT: f32 = 1.0;
+
+/// The same to the right: 1 for numbers that are cut, half for the pixels of the outline.
+const CENTROID_RIGHT: f32 = 1.5;
+
+/// Units that a round target's box may be narrower than tall for its pixels: one in its width, half
+/// in its height.
+const NARROW: f32 = 1.5;
+
+/// Share of its width that a round target may lack.
+const HIDDEN: f32 = 0.2;
+
+/// Columns by which the direction may be wrong for one by which the middle of mass is off.
+const DOUBT: f32 = 4.0;
+
+/// Share of the width by which the middle of mass may be off.
+const LOPSIDED: f32 = 0.04;
+
+/// What shape a target has.
+#[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub enum Shape {
+    /// Nothing is known of it, so nothing is made of its width and height.
+    Any,
+    /// As wide as tall: a ball.
+    Round {
+        /// How many rows are as much as a column, above 0.
+        rows_per_column: f32,
+    },
+}
+
+/// Waits until a blob is steady, then tells where it is. Looks at up to `N` frames.
+#[derive(Clone, Debug)]
+pub struct Steadiness<const N: usize> {
+    columns: u16,
+    shape: Shape,
+    frames: usize,
+    window: Deque<Option<Blob>, N>,
+}
+
+/// A blob that stood still.
+#[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct Steady {
+    /// Median of its left edges, column.
+    pub left: f32,
+    /// Median of its right edges, column.
+    pub right: f32,
+    /// Standard deviation of the middle between them, columns.
+    pub column_sigma: f32,
+    /// Frames with it.
+    pub frames: u16,
+    /// Median of [`Blob::pixels`].
+    pub pixels: u8,
+    /// Median of [`Blob::confidence`].
+    pub confidence: u8,
+}
+
+/// Why the blob is not steady yet.
+#[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub enum Unsteady {
+    /// Not enough frames came.
+    Few,
+    /// Nothing was tracked.
+    Lost {
+        /// Frames in which nothing was tracked.
+        lost: u16,
+        /// Of so many.
+        frames: u16,
+    },
+    /// The blob reaches the left or right border.
+    Clipped,
+    /// The middles are too far apart.
+    Moving {
+        /// Leftmost of most middles, column.
+        from: f32,
+        /// Rightmost of most middles, column.
+        to: f32,
+    },
+    /// The middle of mass is too far from the middle of the box, or the box too narrow.
+    Lopsided {
+        /// By so much more than rounding explains, or so much too narrow, columns.
+        by: f32,
+    },
+}
+
+impl fmt::Display for Unsteady {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Few => f.write_str("too few packets came"),
+            Self::Lost { lost, frames } => write!(
+                f,
+                "nothing is tracked: is the object in view and lit as when its colour was learnt? \
+                 ({lost} of {frames} packets were empty)"
+            ),
+            Self::Clipped => f.write_str(
+                "the object is cut off by the left or right border, so its middle is not to be \
+                 seen: move it or the camera, or take a smaller object",
+            ),
+            Self::Moving { from, to } => write!(
+                f,
+                "the object moves: its middle goes from column {from} to {to}"
+            ),
+            Self::Lopsided { by } => write!(
+                f,
+                "the object is partly hidden, or something else has its colour: its blob is out \
+                 of shape by {by:.1} columns"
+            ),
+        }
+    }
+}
+
+impl core::error::Error for Unsteady {}
+
+impl<const N: usize> Steadiness<N> {
+    /// Of a blob of this shape in so many frames in a row, 2 to `N`, of so many columns.
+    pub fn new(frames: usize, columns: u16, shape: Shape) -> Self {
+        const { assert!(N >= 2 && N <= u16::MAX as usize) };
+        Self {
+            columns,
+            shape,
+            frames: frames.clamp(2, N),
+            window: Deque::new(),
+        }
+    }
+
+    /// Forgets all frames.
+    pub fn clear(&mut self) {
+        self.window.clear();
+    }
+
+    /// Takes what a frame has, and judges the last ones.
+    ///
+    /// # Errors
+    /// Why the blob is not steady yet.
+    pub fn push(&mut self, blob: Option<Blob>) -> Result<Steady, Unsteady> {
+        if self.window.len() >= self.frames {
+            self.window.pop_front();
+        }
+        let pushed = self.window.push_back(blob);
+        debug_assert!(pushed.is_ok(), "a place was just made");
+        self.judge()
+    }
+
+    /// Whether all the frames looked at say the same: nothing in view, or all of it clipped.
+    pub fn is_unanimous(&self) -> bool {
+        let all = |wanted: &dyn Fn(&Option<Blob>) -> bool| self.window.iter().all(wanted);
+        self.window.len() >= self.frames
+            && (all(&Option::is_none)
+                || all(&|blob| blob.is_some_and(|blob| blob.is_clipped(self.columns))))
+    }
+
+    fn judge(&self) -> Result<Steady, Unsteady> {
+        let frames = self.window.len();
+        if frames < self.frames {
+            return Err(Unsteady::Few);
+        }
+        let allowed = frames / UNUSABLE;
+        let seen = || self.window.iter().flatten();
+        let lost = frames - seen().count();
+        if lost > allowed {
+            return Err(Unsteady::Lost {
+                lost: lost as u16,
+                frames: frames as u16,
+            });
+        }
+        let whole = || seen().filter(|blob| !blob.is_clipped(self.columns));
+        if frames - lost - whole().count() > allowed {
+            return Err(Unsteady::Clipped);
+        }
+        let values = |of: fn(&Blob) -> f32| whole().map(of).collect::<Vec<f32, N>>();
+        let middles = values(Blob::middle);
+        let unit = median(&values(|blob| blob.cell_width));
+        moving(&middles, unit)?;
+        let (left, right) = (
+            median(&values(|blob| blob.left)),
+            median(&values(|blob| blob.right)),
+        );
+        let width = right - left;
+        let centroid = median(&values(|blob| blob.centroid[0]));
+        let off = beyond(centroid, (left + right) * 0.5, unit);
+        let height = median(&values(|blob| blob.bottom - blob.top));
+        let missing = self.missing(width, height, unit);
+        if off > width * LOPSIDED && off > 0.0 {
+            return Err(Unsteady::Lopsided { by: off });
+        }
+        if missing > (width + missing) * HIDDEN {
+            return Err(Unsteady::Lopsided { by: missing });
+        }
+        let doubt = (DOUBT * off).max(missing * 0.5);
+        let variance = ROUNDING * unit * unit + median_variance(&middles) + doubt * doubt;
+        Ok(Steady {
+            left,
+            right,
+            column_sigma: ComplexField::sqrt(variance),
+            frames: middles.len() as u16,
+            pixels: median(&values(|blob| f32::from(blob.pixels))) as u8,
+            confidence: median(&values(|blob| f32::from(blob.confidence))) as u8,
+        })
+    }
+
+    /// How much of its width a target lacks, columns; 0 if that may be rounding.
+    fn missing(&self, width: f32, height: f32, unit: f32) -> f32 {
+        let Shape::Round { rows_per_column } = self.shape else {
+            return 0.0;
+        };
+        let missing = height / rows_per_column - width;
+        if missing > NARROW * unit {
+            missing
+        } else {
+            0.0
+        }
+    }
+}
+
+impl Steady {
+    /// The column in the middle between its edges.
+    pub fn middle(&self) -> f32 {
+        (self.left + self.right) * 0.5
+    }
+
+    /// The direction in which a camera sees it. `floor` is the standard deviation of what no frame
+    /// shows, columns, from 0.
+    pub fn seen(&self, camera: &Camera<f32>, floor: f32) -> Seen {
+        let (bearing, sigma) = self.bearing(camera, floor);
+        Seen { bearing, sigma }
+    }
+
+    /// The same in any precision: the mean of the angles of its edges from the optical axis, radians,
+    /// positive to the left, and its standard deviation.
+    pub fn bearing<T: Real>(&self, camera: &Camera<T>, floor: f32) -> (T, T) {
+        let real = |value: f32| nalgebra::convert::<f64, T>(f64::from(value));
+        let half = real(0.5);
+        let (left, right) = (real(self.left), real(self.right));
+        let sigma = real(ComplexField::sqrt(
+            self.column_sigma * self.column_sigma + floor * floor,
+        ));
+        (
+            (camera.bearing(left) + camera.bearing(right)) * half,
+            (camera.bearing_sigma(left, sigma) + camera.bearing_sigma(right, sigma)) * half,
+        )
+    }
+}
+
+impl fmt::Display for Steady {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(
+            f,
+            "column {} +/- {:.2} ({} packets, pixels {}, confidence {})",
+            self.middle(),
+            self.column_sigma,
+            self.frames,
+            self.pixels,
+            self.confidence
+        )
+    }
+}
+
+/// Whether most middles are far apart, or the later ones are elsewhere than the earlier ones.
+fn moving<const N: usize>(middles: &Vec<f32, N>, unit: f32) -> Result<(), Unsteady> {
+    let sorted = sorted(middles);
+    let cut = sorted.len() / UNUSABLE;
+    let most = sorted.get(cut..sorted.len().saturating_sub(cut));
+    let Some((&from, &to)) = most.and_then(|most| most.first().zip(most.last())) else {
+        return Err(Unsteady::Few);
+    };
+    let half = middles.len() / 2;
+    let part = |from: usize, count: usize| {
+        let part = middles.iter().copied().skip(from).take(count);
+        median(&part.collect::<Vec<f32, N>>())
+    };
+    let drift = (part(0, half) - part(half, N)).abs();
+    let spread = SPREAD * unit;
+    if to - from > spread || drift >= spread {
+        return Err(Unsteady::Moving { from, to });
+    }
+    Ok(())
+}
+
+/// By how much a middle of mass is off the middle of its box, beyond what rounding explains.
+fn beyond(centroid: f32, middle: f32, unit: f32) -> f32 {
+    let off = middle - centroid;
+    (off - CENTROID_RIGHT * unit)
+        .max(-off - CENTROID_LEFT * unit)
+        .max(0.0)
+}
+
+fn sorted<const N: usize>(values: &Vec<f32, N>) -> Vec<f32, N> {
+    let mut sorted = values.clone();
+    sort(&mut sorted, |a, b| a.total_cmp(b).is_lt());
+    sorted
+}
+
+/// The middle value, or the mean of the two in the middle; 0 of none.
+fn median<const N: usize>(values: &Vec<f32, N>) -> f32 {
+    let sorted = sorted(values);
+    let at = |place: usize| sorted.get(place).copied().unwrap_or(0.0);
+    let half = sorted.len() / 2;
+    if sorted.len().is_multiple_of(2) {
+        (at(half.saturating_sub(1)) + at(half)) * 0.5
+    } else {
+        at(half)
+    }
+}
+
+/// Variance of the median of noisy values: `pi / 2n` times theirs.
+fn median_variance<const N: usize>(values: &Vec<f32, N>) -> f32 {
+    let count = values.len().max(1) as f32;
+    let mean = values.iter().sum::<f32>() / count;
+    let squares: f32 = values
+        .iter()
+        .map(|value| (value - mean) * (value - mean))
+        .sum();
+    core::f32::consts::FRAC_PI_2 * squares / (count - 1.0).max(1.0) / count
+}
+
+#[cfg(test)]
+mod tests;
