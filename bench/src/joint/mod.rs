@@ -75,7 +75,11 @@ fn cases() -> Vec<Case> {
             name: "unknown carrier, 10 stops",
             stops: Some(10),
             seeds: 200,
-            rms: [0.147, 0.138, 0.40].map(Goal::AtMost),
+            rms: [
+                Goal::AtMost(0.147),
+                Goal::AtMost(0.138),
+                Goal::Open(0.40, "the batch optimum of these geometries is no better"),
+            ],
             ..Case::default()
         },
         Case {

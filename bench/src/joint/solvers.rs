@@ -3,11 +3,14 @@
 use calib_core::{
     Limits, Ray, Sighting,
     joint::{JointEstimator, JointSettings, Leg, Prior, workspace},
-    reference::{self, Known, Settings, Stop},
+    reference::{self, Known, ReferenceSettings, Stop},
     resection,
 };
 use nalgebra::{Matrix2, Matrix3, Point2, Vector2, Vector3};
-use test_support::walk::{Batch, CarrierErrors, Walk};
+use test_support::{
+    batch::Batch,
+    walk::{CarrierErrors, Walk},
+};
 
 use super::geometry::degrees_off;
 
@@ -194,7 +197,7 @@ fn open_loop(walk: &Walk, limits: &Limits<f64>) -> Option<Errors> {
         baseline: Some(walk.cameras[1].x),
         frame_heading: Some(0.0),
     };
-    let best = reference::solve(&stops, &known, &Settings::default())
+    let best = reference::solve(&stops, &known, &ReferenceSettings::default())
         .ok()?
         .best;
     let first = common[0];

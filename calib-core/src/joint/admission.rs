@@ -8,7 +8,7 @@
 use super::problem::{Problem, REFERENCES, Sight, Standing};
 use crate::{
     Limits, Pose, Ray, Real, Refusal, Sighting,
-    real::lit,
+    numerics::real::lit,
     resection::{solve, solve_rejecting},
 };
 
@@ -20,8 +20,7 @@ const GATE: f64 = 4.0;
 impl<T: Real> Problem<'_, T> {
     /// Takes in every camera that waits, has `least` bearings or more, and whose bearings give a pose
     /// within the limits. How many these were.
-    // Not inlined: size
-    #[inline(never)]
+    #[inline(never)] // size
     pub(super) fn admit(&mut self, least: usize, limits: &Limits<T>) -> usize {
         let mut admitted = 0;
         for camera in REFERENCES..self.cameras.len() {
@@ -103,8 +102,7 @@ impl<T: Real> Problem<'_, T> {
 
     /// The pose that a camera's bearings give from the places as they are thought to be. Those that
     /// do not agree are excluded.
-    // Not inlined: stack
-    #[inline(never)]
+    #[inline(never)] // stack
     fn resect(&mut self, camera: usize) -> Result<Pose<T>, Refusal> {
         let nothing = Sighting::new(
             nalgebra::Point2::origin(),

@@ -3,12 +3,12 @@
 use nalgebra::{Point2, SMatrix};
 
 use super::{
-    Carrier, Place, ReferenceHeadings,
+    Carrier, ReferenceHeadings, StopPlace,
     problem::{COMPASS, HEADINGS, HELD, Problem, SCALE, Standing, Stop},
     sweep::Without,
     triangle::Triangle,
 };
-use crate::{Pose, Real, Refusal, angle, real::root};
+use crate::{Pose, Real, Refusal, angle, numerics::real::root};
 
 impl<T: Real> Problem<'_, T> {
     /// Where a camera stands and looks.
@@ -33,11 +33,11 @@ impl<T: Real> Problem<'_, T> {
     ///
     /// # Errors
     /// [`Refusal::TooFew`] where there is no such stop; [`Refusal::Undetermined`].
-    pub(super) fn place(&mut self, stop: usize) -> Result<Place<T>, Refusal> {
+    pub(super) fn place(&mut self, stop: usize) -> Result<StopPlace<T>, Refusal> {
         let position = self.stops.get(stop).ok_or(Refusal::TooFew)?.place;
         self.hold(stop).ok_or(Refusal::Undetermined)?;
         let covariance = self.covariance([HELD, HELD + 1])?;
-        Ok(Place {
+        Ok(StopPlace {
             position,
             covariance,
         })
@@ -71,8 +71,7 @@ impl<T: Real> Problem<'_, T> {
     }
 
     /// The covariance of up to three unknowns, by their columns.
-    // Not inlined: size
-    #[inline(never)]
+    #[inline(never)] // size
     fn covariance<const N: usize>(
         &mut self,
         columns: [usize; N],
@@ -118,7 +117,7 @@ pub(super) fn dot<T: Real>(a: &[T], b: &[T]) -> T {
     a.iter().zip(b).fold(T::zero(), |sum, (a, b)| sum + *a * *b)
 }
 
-impl<T: Real> Place<T> {
+impl<T: Real> StopPlace<T> {
     /// Standard deviation of the place: the expected rms distance to the truth.
     pub fn sigma(&self) -> T {
         root(self.covariance.m11 + self.covariance.m22)

@@ -8,7 +8,9 @@ use super::{
     problem::{Problem, REFERENCES, Standing},
     sweep::Without,
 };
-use crate::{Limits, Real, Refusal, fit::Fit, minimize::STALLED_SIGMAS, real::lit};
+use crate::{
+    Limits, Real, Refusal, fit::Fit, numerics::minimize::STALLED_SIGMAS, numerics::real::lit,
+};
 
 /// Passes after which a solve is given up; six are usual after a start, two after a stop.
 const PASS_LIMIT: usize = 60;
@@ -130,8 +132,7 @@ impl<T: Real> Problem<'_, T> {
     ///
     /// # Errors
     /// [`Refusal::DidNotConverge`]; estimates are then the best that were found.
-    // Not inlined: size
-    #[inline(never)]
+    #[inline(never)] // size
     pub(super) fn converge(&mut self) -> Result<(T, usize), Refusal> {
         let failed = Refusal::DidNotConverge;
         let last = self.stops.len().saturating_sub(1);

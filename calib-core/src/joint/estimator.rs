@@ -4,7 +4,7 @@ use nalgebra::{Point2, Vector2, Vector3};
 
 use super::{
     BearingResidual, Carrier, Finding, JointError, JointSettings, JointSolution, Leg, LegResidual,
-    Place, Protection, ReferenceHeadings,
+    ProtectionLevels, ReferenceHeadings, StopPlace,
     problem::{
         Common, Problem, REFERENCES, Sight, Standing, Stop, Unknown, Visit, root_information,
         workspace,
@@ -103,7 +103,7 @@ impl<
             column: None,
             tried: 0,
             is_new: false,
-            protection: Protection::default(),
+            protection: ProtectionLevels::default(),
         };
         let visit = Visit {
             stop: 0,
@@ -275,7 +275,7 @@ impl<
 
     /// How far a camera's pose may be off because of one wrong measurement that no test notices. As
     /// [`protect`](JointEstimator::protect) found it; `None` for one without a pose, and references.
-    pub fn protection(&self, camera: usize) -> Option<Protection<T>> {
+    pub fn protection(&self, camera: usize) -> Option<ProtectionLevels<T>> {
         let camera = self
             .cameras
             .get(camera)
@@ -296,7 +296,7 @@ impl<
     /// # Errors
     /// [`Refusal::TooFew`] before the first solve or for a stop there is not;
     /// [`Refusal::Undetermined`].
-    pub fn place(&mut self, stop: usize) -> Result<Place<T>, Refusal> {
+    pub fn place(&mut self, stop: usize) -> Result<StopPlace<T>, Refusal> {
         self.solved()?.place(stop)
     }
 

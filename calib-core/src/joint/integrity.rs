@@ -14,13 +14,13 @@
 //! leave no bound worth the name.
 
 use super::{
-    Finding, Protection,
+    Finding, ProtectionLevels,
     answers::dot,
     problem::{Problem, REFERENCES, Sight, Standing},
     sweep::{Pass, Without},
     triangle::packed,
 };
-use crate::{Limits, Real, Refusal, real::lit};
+use crate::{Limits, Real, Refusal, numerics::real::lit};
 
 /// Strength of a statistic that chance exceeds once in 100,000: 4.42 sigmas of a single one.
 const LIMIT: f64 = 11.51;
@@ -73,8 +73,7 @@ fn strength<T: Real>(chi_squared: T, degrees_of_freedom: usize) -> T {
 
 impl<T: Real> Problem<'_, T> {
     /// Leaves out what contradicts most, if anything does, and solves again.
-    // Not inlined: size
-    #[inline(never)]
+    #[inline(never)] // size
     pub(super) fn check(&mut self, limits: &Limits<T>) -> Result<Option<Finding<T>>, Refusal> {
         let Some((found, strongest)) = self.strongest()? else {
             return Ok(None);
@@ -242,8 +241,7 @@ impl<T: Real> Problem<'_, T> {
 
     /// By how much the legs err more, or less, than they claim, from their own residuals, with a claim
     /// that counts as much as six. Solves again with it.
-    // Not inlined: size
-    #[inline(never)]
+    #[inline(never)] // size
     pub(super) fn fit_leg_noise(&mut self, limits: &Limits<T>) -> Result<T, Refusal> {
         for _ in 0..ROUNDS {
             let (mut squares, mut redundancy) =
@@ -269,12 +267,11 @@ impl<T: Real> Problem<'_, T> {
     }
 
     /// Protection levels of every camera.
-    // Not inlined: size
-    #[inline(never)]
+    #[inline(never)] // size
     pub(super) fn protect(&mut self) -> Result<(), Refusal> {
         let undetermined = Refusal::Undetermined;
         for camera in self.cameras.iter_mut() {
-            camera.protection = Protection::default();
+            camera.protection = ProtectionLevels::default();
         }
         for stop in 0..self.stops.len() {
             self.hold(stop).ok_or(undetermined)?;

@@ -35,6 +35,13 @@
 //! that the caller gives. A visit to a mark says that a place is that of the mark, which is unknown
 //! too: visited twice, it closes a loop.
 //!
+//! # What contradicts
+//! [`check`](JointEstimator::check) finds the bearing, the leg or the camera that contradicts the rest
+//! most, names it, and solves without it; what agrees later comes back.
+//! [`protect`](JointEstimator::protect) tells how far a pose may be off because of one fault that
+//! no test can see: many sigmas where nothing checks what it rests on. A path walked there and back
+//! checks every leg.
+//!
 //! # Degenerate cases
 //! What a direction lacks to be determined is asked of the pivots: an unknown without one, or with
 //! one that is rounding, is [`Refusal::Undetermined`], never a number. Before the references have
@@ -84,7 +91,7 @@ use core::fmt;
 
 use nalgebra::{Matrix2, Point2, Vector2};
 
-use crate::{Limits, Real, Refusal, fit::Fit, real::lit};
+use crate::{Limits, Real, Refusal, fit::Fit, numerics::real::lit};
 
 mod admission;
 mod answers;
@@ -166,7 +173,7 @@ pub struct Leg<T: Real> {
 /// Where a stop is.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
-pub struct Place<T: Real> {
+pub struct StopPlace<T: Real> {
     /// The place.
     pub position: Point2<T>,
     /// Its covariance, symmetric; to first order.
@@ -271,7 +278,7 @@ pub enum Finding<T> {
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
-pub struct Protection<T> {
+pub struct ProtectionLevels<T> {
     /// Its place, if a bearing is wrong.
     pub position_bearing: T,
     /// Its place, if a leg is wrong.
@@ -282,7 +289,7 @@ pub struct Protection<T> {
     pub heading_leg: T,
 }
 
-impl<T: Real> Default for Protection<T> {
+impl<T: Real> Default for ProtectionLevels<T> {
     /// Against nothing.
     fn default() -> Self {
         let zero = T::zero();

@@ -4,13 +4,13 @@
 use nalgebra::{Matrix2, Point2, Vector2, Vector3};
 
 use super::{
-    Prior, Protection,
+    Prior, ProtectionLevels,
     triangle::{Triangle, packed},
 };
 use crate::{
     Real, angle,
-    plane::{self, dot, quarter_turn},
-    real::lit,
+    numerics::plane::{self, dot, quarter_turn},
+    numerics::real::lit,
 };
 
 /// Cameras 0 and 1: they define the frame.
@@ -106,7 +106,7 @@ pub(super) struct Unknown<T: Real> {
     pub tried: u16,
     /// It was taken in since the passes last came to an end.
     pub is_new: bool,
-    pub protection: Protection<T>,
+    pub protection: ProtectionLevels<T>,
 }
 
 /// What cannot be left out.
@@ -302,6 +302,6 @@ pub(super) fn root_information<T: Real>(c: &Matrix2<T>) -> Option<[T; 3]> {
     let l21 = c.m21 / l11;
     let l22 = (c.m22 - l21 * l21).sqrt();
     let root = [l11.recip(), -l21 / (l11 * l22), l22.recip()];
-    let usable = c.m11 > T::zero() && l22 > T::zero() && root.iter().all(|w| w.is_finite());
+    let usable = c.m11 > T::zero() && l22 > T::zero() && root.iter().all(T::is_finite);
     usable.then_some(root)
 }

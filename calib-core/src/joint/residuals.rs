@@ -13,7 +13,7 @@ use super::{
     answers::dot,
     problem::{HELD, LEAVING, LegRow, Problem, SCALE, Sight, Standing},
 };
-use crate::{Real, Refusal, real::lit};
+use crate::{Real, Refusal, numerics::real::lit};
 
 /// A measurement with less redundancy has none: its residual is rounding.
 pub(super) const UNCHECKED: f64 = 0.02;

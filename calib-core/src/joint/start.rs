@@ -13,9 +13,9 @@ use super::{
 use crate::{
     Ray, Real, Refusal, angle,
     fit::{Fit, one_in_a_thousand},
-    plane::quarter_turn,
-    real::lit,
-    reference::{self, Known, Settings, Solution, Stop},
+    numerics::plane::quarter_turn,
+    numerics::real::lit,
+    reference::{self, Known, ReferenceSettings, ReferenceSolution, Stop},
 };
 
 /// Stops seen by both references that a start takes, at least: with two there are two answers.
@@ -49,8 +49,7 @@ impl<T: Real> Problem<'_, T> {
     ///
     /// # Errors
     /// [`JointError::Start`]: why the references' own sightings do not carry a start.
-    // Not inlined: size
-    #[inline(never)]
+    #[inline(never)] // size
     pub(super) fn start(&mut self) -> Result<(), JointError> {
         for camera in self.cameras.iter_mut() {
             camera.column = None;
@@ -220,8 +219,7 @@ impl<T: Real> Problem<'_, T> {
     }
 
     /// What the reference solve says: its best answer, and the one it cannot tell from it.
-    // Not inlined: stack
-    #[inline(never)]
+    #[inline(never)] // stack
     fn proposals(&self, known: &Known<T>) -> Result<(Start<T>, Option<Start<T>>), Refusal> {
         let (mut stops, mut count, mut first) = ([Self::nowhere(); MOST], 0, 0);
         let mut since = Self::nowhere();
@@ -260,8 +258,8 @@ impl<T: Real> Problem<'_, T> {
             compass_prior,
             ..
         } = *self.common;
-        let outcome = reference::solve(stops, known, &Settings::default())?;
-        let start = |solution: &Solution<T>| {
+        let outcome = reference::solve(stops, known, &ReferenceSettings::default())?;
+        let start = |solution: &ReferenceSolution<T>| {
             // The baseline as the carrier would measure it, over its length.
             let stretch = solution.baseline / baseline;
             Start {

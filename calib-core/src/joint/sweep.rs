@@ -37,8 +37,7 @@ pub(super) enum Without {
 impl<T: Real> Problem<'_, T> {
     /// Brings all measurements into the triangle, of the places that of stop `held` and, if there is
     /// one, that of the stop after it.
-    // Not inlined: size
-    #[inline(never)]
+    #[inline(never)] // size
     pub(super) fn sweep(&mut self, held: usize, without: Without) -> Option<Pass<T>> {
         self.lay_out();
         let width = self.width();
@@ -231,12 +230,9 @@ const TWO: usize = 5;
 impl<T: Real> Problem<'_, T> {
     /// From the triangle of a sweep that held the last stop: the steps of everything that is kept,
     /// then, by a second sweep with these known, those of all stops. Steps are kept, not taken.
-    // Not inlined: size
-    #[inline(never)]
+    #[inline(never)] // size
     pub(super) fn find_step(&mut self) -> Option<()> {
-        let Some((triangle, [x, ..])) = self.triangle() else {
-            return None;
-        };
+        let (triangle, [x, ..]) = self.triangle()?;
         triangle.solve(x);
         // By position from here on: the vector is the workspace's.
         let offset = packed(self.width());

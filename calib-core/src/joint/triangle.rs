@@ -6,7 +6,10 @@
 //! Loan, "Matrix Computations", 5.1.9 and 5.2.5; Bierman, "Factorization Methods for Discrete
 //! Sequential Estimation", 1977.
 
-use crate::{Real, plane, real::lit};
+use crate::{
+    Real,
+    numerics::{plane, real::lit},
+};
 use nalgebra::Vector2;
 
 /// A pivot that is so many units in the last place of its column is rounding.

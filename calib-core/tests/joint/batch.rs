@@ -2,8 +2,9 @@
 
 use calib_core::angle::wrap_signed;
 use test_support::{
+    batch::Batch,
     generator, turn,
-    walk::{Batch, CarrierErrors, Visited, Walk},
+    walk::{CarrierErrors, Visited, Walk},
 };
 
 use crate::support::{Joint, WIDE, add, filled, prior};

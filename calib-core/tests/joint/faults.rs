@@ -23,7 +23,7 @@ fn walk(seed: u64) -> Walk {
     let there = Walk::random(&mut generator(seed), 8, 14, errors, 0.0024);
     let mut places = there.places.clone();
     places.extend(there.places.iter().rev().skip(1));
-    let mut rng: Random = generator(seed ^ 0xbac_c);
+    let mut rng: Random = generator(seed ^ 0xbacc);
     Walk::measured(&mut rng, there.cameras, places, errors, 0.0024)
 }
 
