@@ -207,6 +207,10 @@ fn tangent<T: Real>(angle: T) -> T {
 
 #[cfg(test)]
 mod tests {
+    extern crate std;
+
+    use std::string::ToString;
+
     use super::*;
 
     /// The example memory table of the thesis's Appendix B. One camera fits both rows.
@@ -294,6 +298,14 @@ mod tests {
         assert_eq!(Camera::pin_hole(1, 1.0), Err(CameraError::Columns));
         assert!(Camera::equal_angle(360, 2.0 * pi).is_ok());
         assert!(Camera::equal_angle(360, 6.3).is_err());
+        // What to correct.
+        for (error, words) in [
+            (CameraError::Columns, "two columns"),
+            (CameraError::FieldOfView, "field of view"),
+            (CameraError::PrincipalPoint, "principal point"),
+        ] {
+            assert!(error.to_string().contains(words));
+        }
         let camera = Camera::pin_hole(88, 1.0).unwrap();
         assert_eq!(
             camera.with_principal_point(f64::NAN),

@@ -403,6 +403,10 @@ fn of_four_one_wrong_sighting_is_noticed() {
     // Without rejection it is answered, and the residuals say what to think of it.
     let solution = resection::solve(&sightings).unwrap();
     assert!(solution.chi_squared > 100.0 && solution.degrees_of_freedom() == 1);
+    let fit = solution.fit();
+    assert_eq!(fit.chi_squared, solution.chi_squared);
+    assert_eq!(fit.degrees_of_freedom, 1);
+    assert!(fit.is_bad());
 }
 
 /// Half of the sightings fit one pose exactly, half another one: nobody has the majority.

@@ -11,7 +11,7 @@ use libfuzzer_sys::fuzz_target;
 use node_firmware::{
     config::{CameraConfig, SensorConfig, Sigmas, Subjects, TargetConfig},
     console::{Frames, FromPc, ToPc},
-    memory::Fact,
+    facts::Fact,
     message::{CommandResult, Duty, Message, Reference, Seen, Sight, TrackedBlob},
     role::{
         Output, Role,

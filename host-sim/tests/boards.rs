@@ -18,7 +18,7 @@ use board_support::panel::{FRAME_MAX, FromNode, frame};
 use host_sim::network::{Emulation, EmulatorError, Options, Simulation};
 use node_firmware::{
     config::RoleConfig as Configured,
-    memory::{Fact, KeptSighting},
+    facts::{Fact, KeptSighting},
     message::{CoordinateFrame, Message, Report, Sight, Stopped},
     role::{
         Output as Wish, Role,

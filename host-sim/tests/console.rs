@@ -17,7 +17,7 @@ use std::{
 use calib_core::Refusal;
 use common::{Done, Files, run};
 use node_firmware::{
-    console::{FRAME_MAX, Frames, FromPc, KeyChange, ToPc, encode},
+    console::{FRAME_MAX, Frames, FromPc, KeyChangeReport, ToPc, encode},
     message::{self, CameraState, Hello, MemberKind, Message, PoseParts, Report},
     role::{
         Output, Role,
@@ -45,7 +45,7 @@ struct Site {
     line: TTYPort,
     role: CoordinatorRole,
     begin: Instant,
-    key: Option<KeyChange>,
+    key: Option<KeyChangeReport>,
     /// The second camera gets a pose when this command reaches it.
     answers: message::CameraCommand,
 }
@@ -136,7 +136,7 @@ impl Site {
                 success: true,
             }),
             CoordinatorTask::ChangeKey(key) => {
-                self.key = (key.index() != 1).then_some(KeyChange {
+                self.key = (key.index() != 1).then_some(KeyChangeReport {
                     index: key.index(),
                     done: false,
                     unreached: 0,

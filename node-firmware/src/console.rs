@@ -20,17 +20,17 @@ pub const FRAME_MAX: usize = 128;
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum ToPc {
     /// The network runs; or `None`: the coordinator looks for a free one.
-    Network(Option<Network>),
-    /// A member.
+    Network(Option<NetworkInfo>),
+    /// Somebody is a member of the network, and said so again.
     Member {
-        /// Its address.
+        /// The one that it has in this network.
         address: MemberAddress,
         /// What it says it is.
         hello: Hello,
     },
     /// How far a camera is.
     Report {
-        /// Its address.
+        /// The camera's address.
         address: MemberAddress,
         /// What it reports.
         report: Report,
@@ -46,32 +46,32 @@ pub enum ToPc {
     Tracked {
         /// The camera's address.
         address: MemberAddress,
-        /// The packet.
+        /// Middle, edges, size and confidence of the blob.
         tracked: TrackedBlob,
     },
     /// A sighting that a camera has.
     Sighting {
         /// The camera's address.
         address: MemberAddress,
-        /// The sighting.
+        /// With its number, and how many there are.
         sighting: ListedSighting,
     },
     /// A member was sent away.
     Removed {
-        /// Its address.
+        /// The one that it had.
         address: MemberAddress,
         /// It was a member.
         success: bool,
     },
     /// How the last change of the site key goes; `None`: none was begun since the coordinator
     /// started, or what was asked for is impossible. Told when one is asked for, and with all else.
-    KeyChange(Option<KeyChange>),
+    KeyChange(Option<KeyChangeReport>),
 }
 
 /// A change of the site key.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
-pub struct KeyChange {
+pub struct KeyChangeReport {
     /// The index of the new key.
     pub index: u8,
     /// It was offered to every member, and is in use.
@@ -84,7 +84,7 @@ pub struct KeyChange {
 /// The network of a coordinator.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
-pub struct Network {
+pub struct NetworkInfo {
     /// Its PAN identifier.
     pub pan: u16,
     /// Its channel, 11 to 26.
@@ -101,9 +101,9 @@ pub enum FromPc {
     JoinWindow(u16),
     /// Have a camera do something.
     Command {
-        /// The camera.
+        /// The camera's address.
         address: MemberAddress,
-        /// What.
+        /// What it is to do.
         command: CameraCommand,
     },
     /// Ask a camera for its sightings.
@@ -117,11 +117,13 @@ pub enum FromPc {
     ChangeKey(SiteKey),
 }
 
-/// Writes a message as a frame; `None` never happens with a buffer of [`FRAME_MAX`].
+/// Writes a message as a frame; `None` never happens: every message fits.
 pub fn encode<'a>(message: &ToPc, buffer: &'a mut [u8; FRAME_MAX]) -> Option<&'a [u8]> {
     // In two steps: so the code that encodes messages for the radio serves here too.
     let mut bytes = [0; FRAME_MAX - 2];
-    let bytes = postcard::to_slice(message, &mut bytes).ok()?;
+    let bytes = postcard::to_slice(message, &mut bytes);
+    debug_assert!(bytes.is_ok(), "a message is longer than a frame");
+    let bytes = bytes.ok()?;
     let length = cobs::try_encode(bytes, buffer).ok()?;
     *buffer.get_mut(length)? = 0;
     buffer.get(..=length)

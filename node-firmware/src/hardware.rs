@@ -19,16 +19,16 @@ use zigbee_link::{
     wire::{Eui64, ShortAddress},
 };
 
-use crate::{memory::Fact, message::Message};
+use crate::{facts::Fact, message::Message};
 
 /// Which drivers a node runs on. Implemented by a type that stands for the board; it needs no value.
 pub trait Hardware {
     /// The line to a camera's CMUcam2, or to a coordinator's PC; unused by a target. Reads must be
     /// cancel-safe.
     type Uart: Read + Write;
-    /// The radio.
+    /// What sends and receives frames of IEEE 802.15.4, on the chip or on a co-processor.
     type Radio: Radio;
-    /// The time.
+    /// Time since any one moment, and waiting for a time.
     type Clock: Clock;
     /// Where the node keeps what it must not forget.
     type Flash: NorFlash;
@@ -46,7 +46,7 @@ pub trait Hardware {
 pub struct Peripherals<H: Hardware> {
     /// See [`Hardware::Uart`].
     pub uart: H::Uart,
-    /// The radio.
+    /// As it starts: not yet configured.
     pub radio: H::Radio,
     /// The time since the start.
     pub clock: H::Clock,
@@ -56,11 +56,11 @@ pub struct Peripherals<H: Hardware> {
     pub layout: FlashLayout,
     /// A target's step sensor.
     pub steps: H::Steps,
-    /// Lamps.
+    /// Dark so far.
     pub indicator: H::Indicator,
-    /// Buttons.
+    /// See [`Button`] for what each asks for.
     pub buttons: H::Buttons,
-    /// Who watches.
+    /// Called in the middle of the node's work: it must not wait.
     pub observer: H::Observer,
     /// The chip's own EUI-64, for a configuration that names none.
     pub extended: Eui64,
@@ -74,7 +74,7 @@ pub struct FlashLayout {
     /// For the radio link: two pages are enough.
     pub link: Range<u32>,
     /// For the role: two pages are enough.
-    pub memory: Range<u32>,
+    pub facts: Range<u32>,
 }
 
 /// The sensor that tells a target how it moves.
@@ -126,14 +126,10 @@ pub struct Indication {
 /// Somebody who watches a node without taking part: a simulation, a debugger. `()` does not look.
 pub trait Observer {
     /// The node hands a message to its link.
-    fn sends(&mut self, to: ShortAddress, message: &Message) {
-        let _ = (to, message);
-    }
+    fn sends(&mut self, _to: ShortAddress, _message: &Message) {}
 
     /// The node writes something down.
-    fn learns(&mut self, fact: &Fact) {
-        let _ = fact;
-    }
+    fn learns(&mut self, _fact: &Fact) {}
 }
 
 impl Observer for () {}

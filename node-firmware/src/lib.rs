@@ -11,15 +11,19 @@
 //! | module | job |
 //! |---|---|
 //! | [`limits`] | Numbers that the others share: members, colours, sightings |
+//! | [`message`] | What nodes tell each other |
+//! | [`console`] | What the coordinator and a PC tell each other |
 //! | [`config`] | What a node is told before it is switched on: identity, key, radio, role; and its flash page |
+//! | [`facts`] | What a role must not forget |
 //! | [`hardware`] | Which drivers a node runs on |
 //! | [`vision`] | What a camera role needs of its camera: is the target in view, in which direction, how sure |
-//! | [`message`] | What nodes tell each other |
-//! | [`role`] | Coordinator, camera, moving target, as state machines without input or output |
-//! | [`memory`] | What a role must not forget |
 //! | [`steps`] | A step sensor of an inertial measurement unit on an I2C bus |
-//! | [`console`] | What the coordinator and a PC tell each other |
+//! | [`role`] | Coordinator, camera, moving target, as state machines without input or output |
 //! | [`run`] | A role connected to its hardware |
+//!
+//! # Size
+//! `#[inline(never)]` tagged `size` keeps code in an image once; tagged `stack`, it keeps what a
+//! function needs of the stack from the one that calls it, which waits for other things meanwhile.
 //!
 //! # Features
 //! `defmt` and `log` report what is unusual; `defmt` also formats the public types. Without them the
@@ -45,9 +49,9 @@ extern crate std;
 
 pub mod config;
 pub mod console;
+pub mod facts;
 pub mod hardware;
 pub mod limits;
-pub mod memory;
 pub mod message;
 pub mod role;
 pub mod run;

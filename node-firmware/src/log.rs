@@ -1,4 +1,7 @@
 //! Logs to `log`, to `defmt`, to both or to nobody. Arguments are `Display` and `defmt::Format`.
+//!
+//! `zigbee-link` and `node-firmware` have this same file: neither needs the other for it.
+#![allow(unused_macros, unused_imports, reason = "the same file in each crate")]
 
 macro_rules! warning {
     ($text:literal $(, $argument:expr)* $(,)?) => {{

@@ -9,9 +9,9 @@ use calib_core::{Refusal, Status, dead_reckoning::Track};
 use node_firmware::{
     config::{CameraConfig, Sigmas, Subjects},
     console::{FromPc, ToPc},
+    facts::Fact,
     hardware::Button,
     limits::SIGHTINGS,
-    memory::Fact,
     message::{
         CameraCommand, CameraState, CommandResult, CoordinateFrame, Duty, Hello, MemberKind,
         Message, PoseParts, Reference, References, Report, Seen, Sight, Stopped,

@@ -3,7 +3,7 @@
 
 mod support;
 
-use node_firmware::{config::CameraConfig, memory::Fact, message::Message, role::camera};
+use node_firmware::{config::CameraConfig, facts::Fact, message::Message, role::camera};
 use support::{
     bus::PERFECT,
     net::{Net, SECOND, from_to, refining, same, with_references},

@@ -8,7 +8,7 @@ use calib_core::{Refusal, Status, dead_reckoning::Step};
 use node_firmware::{
     config::{CameraConfig, Sigmas, TargetConfig},
     console::{FromPc, ToPc},
-    memory::Fact,
+    facts::Fact,
     message::{CameraCommand, CameraState, CoordinateFrame, Duty, Message, Report, Stopped},
     role::{
         Role, camera,

@@ -12,8 +12,8 @@ use calib_core::{
 use nalgebra::{Point2, Vector2};
 use node_firmware::{
     config::CameraConfig,
+    facts::Fact,
     limits::REFERENCE_STOPS,
-    memory::Fact,
     message::{
         CameraState, CoordinateFrame, Duty, Message, PoseParts, References, Report, Seen, Sight,
         StopAnswer, StopBearing, StopNumber, Stopped, TargetLocation,

@@ -8,7 +8,7 @@ use calib_core::{
 use nalgebra::{Point2, Vector2};
 use node_firmware::{
     config::SiteKey,
-    console::{FRAME_MAX, Frames, FromPc, KeyChange, Network, ToPc, encode},
+    console::{FRAME_MAX, Frames, FromPc, KeyChangeReport, NetworkInfo, ToPc, encode},
     limits::MEMBERS,
     message::{
         CameraCommand, CameraState, CommandResult, CoordinateFrame, Duty, Hello, ListedSighting,
@@ -316,7 +316,7 @@ fn what_the_pc_is_told_is_these_bytes() {
         id: 7,
         kind: MemberKind::Target,
     };
-    let network = Network {
+    let network = NetworkInfo {
         pan: 300,
         channel: 15,
     };
@@ -367,7 +367,7 @@ fn what_the_pc_is_told_is_these_bytes() {
         success: true,
     };
     assert_eq!(tell(removed), "06ac0201");
-    let change = KeyChange {
+    let change = KeyChangeReport {
         index: 2,
         done: true,
         unreached: 1,

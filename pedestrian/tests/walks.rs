@@ -41,9 +41,11 @@ fn round_the_block() -> Vec<Act> {
     acts
 }
 
+/// Calibrated, lengths are right in the mean over walkers, and differ with their cadence.
 #[test]
 fn every_step_is_counted_and_measured() {
     let k = calibrated();
+    let (mut sum, mut squares) = (0.0, 0.0);
     for seed in 0..30 {
         let mut walker = Walker::new(seed);
         walker.act(&round_the_block());
@@ -57,8 +59,13 @@ fn every_step_is_counted_and_measured() {
         assert_eq!(steps.len(), 84, "seed {seed}, cadence {}", walker.cadence);
         let truth = 84.0 * walker.step_length;
         let error = length(&steps) / truth - 1.0;
-        assert!(error.abs() < 0.05, "seed {seed}: {error}");
+        assert!(error.abs() < 0.04, "seed {seed}: {error}");
+        sum += error;
+        squares += error * error;
     }
+    let (mean, rms) = (sum / 30.0, f64::sqrt(squares / 30.0));
+    assert!(mean.abs() < 0.01, "{mean}");
+    assert!((0.012..0.022).contains(&rms), "{rms}");
 }
 
 /// At 25 readings a second, with a step length calibrated at 100. Peaks fall between readings, so
@@ -66,7 +73,7 @@ fn every_step_is_counted_and_measured() {
 #[test]
 fn a_slow_sensor_will_do() {
     let k = calibrated();
-    let mut squares = 0.0;
+    let (mut sum, mut squares) = (0.0, 0.0);
     for seed in 0..20 {
         let mut walker = Walker::new(seed);
         walker.act(&round_the_block());
@@ -82,10 +89,12 @@ fn a_slow_sensor_will_do() {
         assert_eq!(steps.len(), 84, "seed {seed}");
         let error = length(&steps) / (84.0 * walker.step_length) - 1.0;
         assert!(error.abs() < 0.08, "seed {seed}: {error}");
+        sum += error;
         squares += error * error;
     }
-    let rms = (squares / 20.0_f64).sqrt();
-    assert!(rms < 0.05, "{rms}");
+    let (mean, rms) = (sum / 20.0, f64::sqrt(squares / 20.0));
+    assert!((-0.045..-0.02).contains(&mean), "{mean}");
+    assert!(rms < 0.045, "{rms}");
 }
 
 #[test]
@@ -119,6 +128,7 @@ fn a_walk_begins_when_it_is_confirmed() {
 #[test]
 fn heading_keeps_within_its_sigma() {
     let (mut sum, mut count, mut worst) = (0.0, 0.0, 0.0_f64);
+    let mut bias_errors = 0.0;
     for seed in 0..30 {
         let mut walker = Walker::new(seed);
         walker.act(&round_the_block());
@@ -136,15 +146,20 @@ fn heading_keeps_within_its_sigma() {
         }
         let bias_error = person.heading_filter().gyro_bias() - walker.gyro_bias.z;
         // The bias about the vertical, not quite that about z of a sensor that leans.
-        assert!(bias_error.abs() < 0.015, "seed {seed}: {bias_error}");
+        assert!(bias_error.abs() < 0.01, "seed {seed}: {bias_error}");
+        bias_errors += bias_error;
     }
     let rms = f64::sqrt(sum / count);
     println!("heading error: rms {rms:.2} sigma, worst {worst:.2} sigma");
-    assert!(rms < 1.2 && worst < 4.0, "rms {rms}, worst {worst}");
-    assert!(rms > 0.2, "the sigma means nothing: {rms}");
+    assert!((0.75..1.0).contains(&rms), "rms {rms}");
+    assert!((2.0..3.5).contains(&worst), "worst {worst}");
+    let mean_bias_error: f64 = bias_errors / 30.0;
+    assert!(mean_bias_error.abs() < 0.003, "{mean_bias_error}");
 }
 
-/// Sensors to position: errors at the end of the walks in units of the track's covariance.
+/// Sensors to position: errors at the end of the walks in units of the track's covariance. Headings
+/// that err together for some time count as independent ones of a larger sigma: fair for long walks,
+/// cautious for short ones.
 #[test]
 fn the_track_knows_how_far_it_may_be_off() {
     let k = calibrated();
@@ -152,14 +167,16 @@ fn the_track_knows_how_far_it_may_be_off() {
         heading_sigma: 0.0,
         scale_sigma: 0.03,
     };
-    for (name, acts) in [
+    for (name, expected, acts) in [
         (
             "short",
+            0.4..0.9,
             vec![Act::Stand(8.0), Act::Walk(8, 0.0), Act::Stand(2.0)],
         ),
-        ("block", round_the_block()),
+        ("block", 0.5..1.05, round_the_block()),
         (
             "long",
+            0.9..1.8,
             vec![Act::Stand(5.0), Act::Walk(300, 0.0), Act::Stand(2.0)],
         ),
     ] {
@@ -183,7 +200,7 @@ fn the_track_knows_how_far_it_may_be_off() {
         }
         nees /= runs as f64;
         println!("{name}: mean NEES {nees:.2} (2 when fair, less when cautious)");
-        assert!(nees < 3.0 && nees > 0.02, "{name}: {nees}");
+        assert!(expected.contains(&nees), "{name}: {nees}");
     }
 }
 
@@ -243,23 +260,29 @@ fn a_disturbed_compass_is_left_out() {
         } else {
             horizontal(walker.north + TAU / 6.0) - horizontal(walker.north)
         };
+        let before = walker.readings.len();
         walker.act(&[Act::Walk(20, 0.5)]);
+        let in_passing = walker.readings.len() - before;
         walker.disturbance = Vector3::zeros();
         walker.act(&[Act::Walk(10, 0.5)]);
 
         let mut person = Pedestrian::new(settings(&walker)).unwrap();
-        let mut disturbed = 0;
+        let mut disturbed = 0_usize;
         for (i, reading) in walker.readings.iter().enumerate() {
             person.update(moment(i), &sample(reading)).unwrap();
             let filter = person.heading_filter();
-            disturbed += u32::from(filter.is_disturbed());
+            disturbed += usize::from(filter.is_disturbed());
             if i > 1000 {
                 let error = wrap_signed(filter.heading() - reading.facing);
                 assert!(error.abs() < 0.2, "seed {seed}, {i}: {error}");
                 assert!(error.abs() < 4.0 * filter.sigma());
             }
         }
-        assert!((850..1500).contains(&disturbed), "seed {seed}: {disturbed}");
+        // All the time, and a fraction of a second longer.
+        assert!(
+            (in_passing - 3..in_passing + 30).contains(&disturbed),
+            "seed {seed}: {disturbed} of {in_passing}"
+        );
         assert!(!person.heading_filter().is_disturbed());
     }
 }
@@ -277,8 +300,10 @@ fn a_stronger_field_is_accepted_in_the_end() {
         person.update(moment(i), &sample(reading)).unwrap();
         sigmas.push(person.heading_filter().sigma());
     }
-    assert!(sigmas[4900] > 1.5 * sigmas[1900], "nothing was left out");
-    assert!(sigmas[7900] < 1.2 * sigmas[1900]);
+    let left_out = sigmas[4900] / sigmas[1900];
+    assert!((3.5..5.0).contains(&left_out), "{left_out}");
+    let accepted = sigmas[7900] / sigmas[1900];
+    assert!((0.7..1.0).contains(&accepted), "{accepted}");
 }
 
 /// The compass runs clockwise from north, the heading counter-clockwise from x.
@@ -385,7 +410,7 @@ fn a_slow_compass_will_do() {
     }
     let filter = person.heading_filter();
     assert!(wrap_signed(filter.heading() - walker.facing).abs() < 3.0 * filter.sigma());
-    assert!(filter.sigma() < 0.06);
+    assert!((0.028..0.038).contains(&filter.sigma()));
 }
 
 /// No compass at all: a known start, and a sigma that grows with the unknown bias.
@@ -406,7 +431,7 @@ fn without_a_compass_the_sigma_says_so() {
     let error = wrap_signed(filter.heading() - walker.facing);
     // Bias sigma times time, from the settings alone.
     let expected = 0.05 * walker.time;
-    assert!((filter.sigma() / expected - 1.0).abs() < 0.1);
+    assert!((filter.sigma() / expected - 1.0).abs() < 0.005);
     assert!(error.abs() < 3.0 * filter.sigma());
 }
 
@@ -449,9 +474,12 @@ fn time_must_go_on() {
     };
     let later = moment(walker.readings.len() + 50);
     assert_eq!(person.update(later, &blind), Ok(None));
-    assert!(person.heading_filter().sigma() > 1.7);
+    // That of a direction of which nothing is known.
+    let unknown = TAU / 2.0 / 3_f64.sqrt();
+    assert!((person.heading_filter().sigma() - unknown).abs() < 1e-9);
     assert_eq!(person.update(later + moment(1), &still), Ok(None));
-    assert!(person.heading_filter().sigma() < 1.0);
+    let told_once = person.heading_filter().sigma();
+    assert!((0.6..0.7).contains(&told_once), "{told_once}");
 }
 
 fn any_number() -> impl Strategy<Value = f32> {

@@ -14,6 +14,8 @@ use comfy_table::{CellAlignment, Table, presets::ASCII_MARKDOWN};
 use xshell::{Shell, cmd};
 
 const PACKAGE: &str = "bench-cortex-m";
+/// Its other image, for the processor of the boards: it tests functions in assembly.
+const FUNCTIONS: &str = "memory-functions";
 
 /// A run takes seconds; one that takes this long hangs.
 const TIMEOUT: Duration = Duration::from_secs(120);
@@ -65,7 +67,7 @@ pub(crate) struct Measurement {
 pub(crate) fn run(sh: &Shell) -> Result<Vec<Measurement>> {
     let mut measurements = Vec::new();
     for processor in &PROCESSORS {
-        let image = build(sh, processor)?;
+        let image = build(sh, processor, PACKAGE)?;
         let output = emulate(processor, &image)
             .with_context(|| format!("counting instructions on a {}", processor.name))?;
         measurements.extend(parse(processor.name, &output)?);
@@ -76,6 +78,9 @@ pub(crate) fn run(sh: &Shell) -> Result<Vec<Measurement>> {
             processor.name
         );
     }
+    let [processor, ..] = &PROCESSORS;
+    let image = build(sh, processor, FUNCTIONS)?;
+    emulate(processor, &image).with_context(|| format!("{FUNCTIONS} on a {}", processor.name))?;
     Ok(measurements)
 }
 
@@ -126,23 +131,23 @@ pub(crate) fn table(measurements: &[Measurement]) -> Table {
     table
 }
 
-/// The image for a processor.
-fn build(sh: &Shell, processor: &Processor) -> Result<PathBuf> {
+/// An image for a processor.
+fn build(sh: &Shell, processor: &Processor, image: &str) -> Result<PathBuf> {
     let target = processor.target;
     let messages = cmd!(
         sh,
-        "cargo build --locked --release --package {PACKAGE} --target {target} --message-format json-render-diagnostics"
+        "cargo build --locked --release --package {PACKAGE} --bin {image} --target {target} --message-format json-render-diagnostics"
     )
     .read()?;
     for message in messages.lines() {
         let message: serde_json::Value = serde_json::from_str(message)?;
-        if message["target"]["name"] == PACKAGE
+        if message["target"]["name"] == image
             && let Some(image) = message["executable"].as_str()
         {
             return Ok(image.into());
         }
     }
-    bail!("cargo built no image of {PACKAGE} for {target}")
+    bail!("cargo built no image `{image}` of {PACKAGE} for {target}")
 }
 
 /// What the image prints.

@@ -22,8 +22,7 @@ pub(crate) fn size(file: &object::File<'_>) -> Result<Size> {
         if is_writable(&section) {
             size.ram += section.size();
         }
-        // Variables that begin with zero, or with anything, are in memory only.
-        if section.kind() != SectionKind::UninitializedData {
+        if is_in_flash(&section) {
             size.flash += section.size();
         }
     }
@@ -36,6 +35,11 @@ pub(crate) fn size(file: &object::File<'_>) -> Result<Size> {
 /// It takes memory of the node; names and lines for tools do not.
 pub(crate) fn is_loaded(section: &object::Section<'_, '_>) -> bool {
     has_flag(section, elf::SHF_ALLOC)
+}
+
+/// It is written to the flash. Variables that begin with zero, or with anything, are in memory only.
+pub(crate) fn is_in_flash(section: &object::Section<'_, '_>) -> bool {
+    is_loaded(section) && section.kind() != SectionKind::UninitializedData
 }
 
 /// It holds variables.

@@ -44,7 +44,10 @@ enum Chore {
     /// A node on an emulated board, with an emulated camera and a real radio co-processor
     Emulate,
     /// Images for all boards, to target/firmware, with what they take
-    Firmware,
+    Firmware {
+        /// Only of these boards
+        boards: Vec<String>,
+    },
     /// Tests against programs of other projects, which are built from source first
     Peers,
     /// Fuzzes parsers with random and mutated input; needs a nightly compiler
@@ -82,7 +85,7 @@ fn run(chore: Chore) -> anyhow::Result<ExitCode> {
     // Whole, because it is shown.
     let root = Path::new(env!("CARGO_MANIFEST_DIR")).parent();
     sh.change_dir(root.context("xtask is in the workspace's folder")?);
-    if let Chore::Test(_) | Chore::Emulate | Chore::Firmware = chore {
+    if let Chore::Test(_) | Chore::Emulate | Chore::Firmware { .. } = chore {
         firmware::prepare_linker(&sh)?;
     }
     let done = match chore {
@@ -111,7 +114,7 @@ fn run(chore: Chore) -> anyhow::Result<ExitCode> {
             setup::packages(&sh)?;
             emulate::run(&sh)
         }
-        Chore::Firmware => firmware::run(&sh),
+        Chore::Firmware { boards } => firmware::run(&sh, &boards),
         Chore::Peers => {
             setup::packages(&sh)?;
             peers::run(&sh)

@@ -75,7 +75,7 @@ const STAGES: [Stage; 12] = [
         name: "firmware",
         what: "images of the boards, what they take and where they may panic",
         needs: setup::linker,
-        run: firmware::run,
+        run: |sh| firmware::run(sh, &[]),
     },
     Stage {
         name: "emulate",

@@ -42,9 +42,10 @@
 //! within itself.
 //!
 //! Functions that are not inlined, though the compiler would, have many callers or move large values,
-//! and make the image smaller; they are marked `size`. Those marked `stack` spare it: constructors that
-//! are always inlined make a value in its place that each return would else copy, and entry points
-//! that never are keep their variables out of the future of whoever calls them.
+//! and make the image smaller; they are marked `size`. Constructors that are always inlined make a
+//! value in its place that each return would else copy on the stack; they are marked `stack`. What a
+//! node does with a frame takes some 800 bytes of the stack, all of it in the future of
+//! [`runner::run`]: polled in a function that is not inlined, they are free while others run.
 //!
 //! # Example
 //! Two nodes without radio: what one sends, the other receives.
@@ -53,7 +54,7 @@
 //!     Instant,
 //!     link::{Delivery, Link},
 //!     radio::FRAME_MAX,
-//!     security::{Counter, Key, Protection, FrameSecurity},
+//!     security::{Counter, FrameSecurity, Key, Protection},
 //!     wire::{Eui64, PanId, ShortAddress},
 //! };
 //!

@@ -1,4 +1,18 @@
 //! Logs to `log`, to `defmt`, to both or to nobody. Arguments are `Display` and `defmt::Format`.
+//!
+//! `zigbee-link` and `node-firmware` have this same file: neither needs the other for it.
+#![allow(unused_macros, unused_imports, reason = "the same file in each crate")]
+
+macro_rules! warning {
+    ($text:literal $(, $argument:expr)* $(,)?) => {{
+        #[cfg(feature = "log")]
+        ::log::warn!($text $(, $argument)*);
+        #[cfg(feature = "defmt")]
+        ::defmt::warn!($text $(, $argument)*);
+        #[cfg(not(any(feature = "log", feature = "defmt")))]
+        let _ = ($(&$argument,)*);
+    }};
+}
 
 macro_rules! debug {
     ($text:literal $(, $argument:expr)* $(,)?) => {{
@@ -11,4 +25,4 @@ macro_rules! debug {
     }};
 }
 
-pub(crate) use debug;
+pub(crate) use {debug, warning};

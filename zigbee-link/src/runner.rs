@@ -6,7 +6,7 @@
 //! Cancelling [`run`] is harmless: the node is as after a loss of power in the same moment.
 
 use core::{
-    cell::{Cell, RefCell},
+    cell::{Cell, RefCell, RefMut},
     fmt,
     future::Future,
 };
@@ -111,19 +111,33 @@ impl<C: Clock, const PEERS: usize, const QUEUE: usize, const MEMBERS: usize>
         }
     }
 
+    /// The node, borrowed for a statement by one of the tasks of one executor, and so free. In one
+    /// place, and without a branch to a panic: to a watchdog it is the same whether a node that breaks
+    /// this stops or goes round.
+    #[inline(never)] // size
+    fn node(&self) -> RefMut<'_, Node<PEERS, QUEUE, MEMBERS>> {
+        loop {
+            let node = self.node.try_borrow_mut();
+            debug_assert!(node.is_ok(), "the node is borrowed already");
+            if let Ok(node) = node {
+                return node;
+            }
+        }
+    }
+
     /// Does something with the node, at the time now.
     ///
-    /// # Panics
-    /// When `act` itself calls a method of the same [`Shared`].
+    /// `act` must not itself call a method of the same [`Shared`]: it would never return, or panic where
+    /// assertions are checked.
     pub fn with<T>(&self, act: impl FnOnce(&mut Node<PEERS, QUEUE, MEMBERS>, Instant) -> T) -> T {
-        let result = act(&mut self.node.borrow_mut(), self.clock.now());
+        let result = act(&mut self.node(), self.clock.now());
         self.changed.signal(());
         result
     }
 
     /// Wakes who waits for what there is.
     fn wake(&self) {
-        let node = self.node.borrow();
+        let node = self.node();
         let (result, message) = (node.link.has_result(), node.link.has_message());
         if result {
             self.settled.signal(());
@@ -151,7 +165,7 @@ impl<C: Clock, const PEERS: usize, const QUEUE: usize, const MEMBERS: usize>
     ) -> Result<Delivery, SendError> {
         let ticket = self.with(|node, now| node.link.send(now, destination, message))?;
         loop {
-            let result = self.node.borrow_mut().link.result_of(ticket);
+            let result = self.node().link.result_of(ticket);
             match result {
                 Some(delivery) => return Ok(delivery),
                 None => self.settled.wait().await,
@@ -162,7 +176,7 @@ impl<C: Clock, const PEERS: usize, const QUEUE: usize, const MEMBERS: usize>
     /// Waits for the next message that decodes as a `T`. Cancel-safe. One task at a time may wait.
     pub async fn recv<T: DeserializeOwned>(&self) -> (ShortAddress, T) {
         loop {
-            let message = self.node.borrow_mut().link.recv();
+            let message = self.node().link.recv();
             match message {
                 Some(message) => return message,
                 None => self.received.wait().await,
@@ -185,7 +199,7 @@ impl<C: Clock, const PEERS: usize, const QUEUE: usize, const MEMBERS: usize>
     }
 
     fn take<T: DeserializeOwned>(&self, known: NetworkStatus) -> Option<Happened<T>> {
-        let mut node = self.node.borrow_mut();
+        let mut node = self.node();
         if let Some((ticket, delivery)) = node.link.result() {
             return Some(Happened::Settled(ticket, delivery));
         }
@@ -219,14 +233,14 @@ where
     let mut is_configured = false;
     loop {
         let now = shared.clock.now();
-        let action = shared.node.borrow_mut().poll(now, &mut frame);
+        let action = shared.node().poll(now, &mut frame);
         shared.wake();
         match action {
             Some(Action::Save(record)) => {
                 if let Err(error) = store.save(record).await {
                     return RunnerError::Store(error);
                 }
-                shared.node.borrow_mut().saved(record);
+                shared.node().saved(record);
             }
             Some(Action::Configure(config)) => {
                 if let Err(error) = radio.configure(&config).await {
@@ -243,7 +257,7 @@ where
                 }
             }
             None => {
-                let deadline = shared.node.borrow().deadline();
+                let deadline = shared.node().deadline();
                 let receive = async {
                     if is_configured {
                         radio.receive(&mut received).await
@@ -262,7 +276,7 @@ where
                         let now = shared.clock.now();
                         debug_assert!(reception.len <= received.len());
                         let frame = received.get_mut(..reception.len).unwrap_or_default();
-                        shared.node.borrow_mut().handle(now, frame);
+                        shared.node().handle(now, frame);
                     }
                     Either3::First(Err(error)) => return RunnerError::Radio(error),
                     Either3::Second(()) | Either3::Third(()) => {}

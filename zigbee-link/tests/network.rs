@@ -12,7 +12,10 @@ use zigbee_link::{
     radio::{Channel, FRAME_MAX},
     security::{CounterError, Key},
     store::{Member, Membership, Record, Saved},
-    wire::{Address, AssociationStatus, Frame, FrameType, Header, PanId, Panned, ShortAddress},
+    wire::{
+        Address, AssociationStatus, Beacon, Frame, FrameType, Header, PanId, Panned, ShortAddress,
+        Superframe,
+    },
 };
 
 const SECOND: Duration = Duration::from_secs(1);
@@ -103,6 +106,21 @@ fn nobody_joins_uninvited() {
     aether.stations[0].node.close_join_window();
     aether.run(90 * SECOND);
     assert_eq!(refusal(&aether, 2), Some(AssociationStatus::Denied));
+}
+
+#[test]
+fn a_join_window_closes_after_ten_minutes_at_the_latest() {
+    let mut aether = Aether::new(0.0, 1);
+    aether.add(0, key(1));
+    aether.run(5 * SECOND);
+    let now = aether.now;
+    aether.stations[0]
+        .node
+        .open_join_window(now, 10_000 * SECOND);
+    aether.run(601 * SECOND);
+    aether.add(7, key(1));
+    aether.run(20 * SECOND);
+    assert_eq!(refusal(&aether, 1), Some(AssociationStatus::Denied));
 }
 
 #[test]
@@ -218,6 +236,58 @@ fn two_networks_of_one_identifier_part() {
     assert_eq!(pan(&aether, 1), pan(&aether, 0));
     assert!(pan(&aether, 0) != Some(shared) || pan(&aether, other) != Some(shared));
     assert_delivers(&mut aether, 0, 1);
+}
+
+#[test]
+fn a_beacon_answers_a_request_to_everybody() {
+    let mut aether = Aether::new(0.0, 1);
+    aether.add(0, key(1));
+    aether.run(5 * SECOND);
+    let everybody = Address::Short(ShortAddress::BROADCAST);
+    let own = pan(&aether, 0).unwrap();
+    for (to, beacons) in [
+        (Panned::new(PanId::BROADCAST, everybody), 1),
+        (Panned::new(own, everybody), 0),
+        (Panned::new(own, Address::Short(ShortAddress(0))), 0),
+    ] {
+        let header = Header {
+            destination: to,
+            ..Header::new(FrameType::Command, 1)
+        };
+        let mut frame = [0; FRAME_MAX];
+        let len = header.emit(&mut frame).unwrap();
+        frame[len] = 7;
+        aether.heard.clear();
+        let now = aether.now;
+        aether.stations[0].node.handle(now, &mut frame[..=len]);
+        aether.run(SECOND);
+        assert_eq!(aether.heard.len(), beacons, "{to:?}");
+    }
+}
+
+/// Whoever forges beacons makes the identifier change once a minute, and no more.
+#[test]
+fn forged_beacons_change_the_identifier_once_a_minute() {
+    let mut aether = Aether::new(0.0, 1);
+    aether.add(0, key(1));
+    aether.run(5 * SECOND);
+    let mut changes = 0;
+    for _ in 0..60 {
+        let before = pan(&aether, 0).unwrap();
+        let header = Header {
+            source: Panned::new(before, Address::Extended(eui(77))),
+            ..Header::new(FrameType::Beacon, 1)
+        };
+        let mut frame = [0; FRAME_MAX];
+        let len = header.emit(&mut frame).unwrap();
+        let beacon = Beacon::new(Superframe::beaconless(false), &[]);
+        let end = len + beacon.emit(&mut frame[len..]).unwrap();
+        let now = aether.now;
+        aether.stations[0].node.handle(now, &mut frame[..end]);
+        aether.run(2 * SECOND);
+        changes += u32::from(pan(&aether, 0) != Some(before));
+    }
+    assert_eq!(changes, 2, "in two minutes");
 }
 
 #[test]

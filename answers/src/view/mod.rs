@@ -9,7 +9,7 @@ use std::{collections::BTreeMap, fmt, time::Duration};
 
 use calib_core::{Pose, Refusal, Status};
 use node_firmware::{
-    console::{KeyChange, Network, ToPc},
+    console::{KeyChangeReport, NetworkInfo, ToPc},
     message::{CameraState, Hello, ListedSighting, MemberAddress, MemberKind, PoseParts, Report},
 };
 
@@ -144,14 +144,14 @@ fn exact(parts: &PoseParts) -> Option<Pose<f64>> {
 /// What the coordinator has told.
 #[derive(Clone, Debug, Default)]
 pub struct NetworkView {
-    network: Option<Option<Network>>,
+    network: Option<Option<NetworkInfo>>,
     members: Vec<Member>,
-    key_change: Option<KeyChange>,
+    key_change: Option<KeyChangeReport>,
 }
 
 impl NetworkView {
     /// Its network, if it has one.
-    pub fn network(&self) -> Option<Network> {
+    pub fn network(&self) -> Option<NetworkInfo> {
         self.network.flatten()
     }
 
@@ -176,7 +176,7 @@ impl NetworkView {
     }
 
     /// The last change of the site key.
-    pub fn key_change(&self) -> Option<KeyChange> {
+    pub fn key_change(&self) -> Option<KeyChangeReport> {
         self.key_change
     }
 
@@ -244,7 +244,7 @@ impl NetworkView {
             ToPc::Network(network) => {
                 let is_news = self.network.replace(network) != Some(network);
                 is_news.then(|| match network {
-                    Some(Network { pan, channel }) => {
+                    Some(NetworkInfo { pan, channel }) => {
                         format!("network {pan:04x} on channel {channel}")
                     }
                     None => "no network yet: the coordinator looks for a free one".to_owned(),
@@ -385,11 +385,11 @@ impl fmt::Display for Progress<'_> {
 }
 
 /// How a change of the key goes, in words.
-struct KeyNews(KeyChange);
+struct KeyNews(KeyChangeReport);
 
 impl fmt::Display for KeyNews {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let KeyChange {
+        let KeyChangeReport {
             index,
             done,
             unreached,
@@ -444,7 +444,7 @@ mod tests {
         let mut known = NetworkView::default();
         let messages = [
             ToPc::Network(None),
-            ToPc::Network(Some(Network {
+            ToPc::Network(Some(NetworkInfo {
                 pan: 0xABC,
                 channel: 15,
             })),

@@ -22,7 +22,7 @@ const ERASED: u8 = 0xff;
 /// Where a node keeps what it must not forget.
 pub(crate) const LAYOUT: FlashLayout = FlashLayout {
     link: RANGE..2 * RANGE,
-    memory: 0..RANGE,
+    facts: 0..RANGE,
 };
 
 /// Why the flash fails.

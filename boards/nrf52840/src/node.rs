@@ -7,11 +7,11 @@ use board_support::{
     flash::NRF52840,
     memory::Paged,
     pins::{Lamps, PushButtons},
-    start::{self, configuration, step_sensor},
+    start::{self, StepSensor},
     tasks::spawn,
 };
 use defmt_rtt as _;
-use embassy_executor::Spawner;
+use embassy_executor::{Executor, Spawner};
 use embassy_nrf::{
     gpio::{Input, Output},
     nvmc::Nvmc,
@@ -21,7 +21,7 @@ use embassy_time::Delay;
 use node_firmware::{
     config::CheckedConfig,
     hardware::{Hardware, Peripherals},
-    steps::InertialSteps,
+    run::run,
 };
 use static_cell::StaticCell;
 use zigbee_link::radio::Csma;
@@ -38,7 +38,7 @@ use crate::{
 
 defmt::timestamp!("{=u64:us}", embassy_time::Instant::now().as_micros());
 
-type Steps = InertialSteps<SensorBus, EmbassyClock>;
+type Steps = StepSensor<SensorBus>;
 
 impl Hardware for Board {
     type Uart = Lossless;
@@ -51,14 +51,25 @@ impl Hardware for Board {
     type Observer = ();
 }
 
-#[embassy_executor::main]
-async fn main(spawner: Spawner) {
+#[cortex_m_rt::entry]
+fn main() -> ! {
+    static EXECUTOR: StaticCell<Executor> = StaticCell::new();
+    let executor = EXECUTOR.init(Executor::new());
+    executor.run(|spawner| spawn(spawner, begin(spawner)))
+}
+
+#[embassy_executor::task]
+async fn begin(spawner: Spawner) {
     static SHARED: StaticCell<Shared> = StaticCell::new();
     static STEPS: StaticCell<Steps> = StaticCell::new();
     static PERIPHERALS: StaticCell<Option<Peripherals<Board>>> = StaticCell::new();
     let board = Board::new();
     let mut flash = Nvmc::new(board.flash);
-    let config = configuration(reset_cause(), &mut flash, &NRF52840).await;
+    let begun = start::begin(reset_cause(), (&mut flash, &NRF52840), board.sensor);
+    let (config, steps) = match begun {
+        Ok(begun) => begun,
+        Err(error) => start::stop(error).await,
+    };
     let seed = random(board.random);
     let shared = SHARED.init(Shared::new());
     let peripherals = PERIPHERALS.init(Some(Peripherals {
@@ -67,7 +78,7 @@ async fn main(spawner: Spawner) {
         clock: EmbassyClock,
         flash: Paged(flash),
         layout: NRF52840.layout,
-        steps: STEPS.init(step_sensor(board.sensor, config).await),
+        steps: STEPS.init(steps),
         indicator: board.lamps,
         buttons: board.buttons,
         observer: (),
@@ -90,5 +101,10 @@ async fn run_node(
     config: &'static CheckedConfig,
     peripherals: &'static mut Option<Peripherals<Board>>,
 ) {
-    start::run_node(config, peripherals, (&LIVENESS, NODE)).await;
+    // Not passed by value: the whole future of the node would be copied on the stack with them.
+    let Some(peripherals) = peripherals.take() else {
+        return;
+    };
+    let node = pin!(run(config, peripherals));
+    start::tell_failure(&LIVENESS.watch(NODE, node).await);
 }

@@ -1,20 +1,22 @@
 //! The tasks. What they do at their start is [`board_support::start`].
 
+use core::pin::pin;
+
 use board_support::{
     clock::EmbassyClock,
     flash::STM32L476RG,
     memory::Paged,
     pins::{Lamps, PushButtons},
-    start::{self, configuration, step_sensor},
+    start::{self, StepSensor},
     tasks::spawn,
 };
 use defmt_rtt as _;
-use embassy_executor::Spawner;
+use embassy_executor::{Executor, Spawner};
 use embassy_stm32::{exti::ExtiInput, gpio::Output, mode::Async};
 use node_firmware::{
     config::CheckedConfig,
     hardware::{Hardware, Peripherals},
-    steps::InertialSteps,
+    run::run,
 };
 use spinel_radio::SpinelRadio;
 use static_cell::StaticCell;
@@ -31,7 +33,7 @@ use crate::{
 defmt::timestamp!("{=u64:us}", embassy_time::Instant::now().as_micros());
 
 type Radio = SpinelRadio<Uart, EmbassyClock>;
-type Steps = InertialSteps<SensorBus, EmbassyClock>;
+type Steps = StepSensor<SensorBus>;
 
 impl Hardware for Board {
     type Uart = Lossless;
@@ -44,14 +46,25 @@ impl Hardware for Board {
     type Observer = ();
 }
 
-#[embassy_executor::main]
-async fn main(spawner: Spawner) {
+#[cortex_m_rt::entry]
+fn main() -> ! {
+    static EXECUTOR: StaticCell<Executor> = StaticCell::new();
+    let executor = EXECUTOR.init(Executor::new());
+    executor.run(|spawner| spawn(spawner, begin(spawner)))
+}
+
+#[embassy_executor::task]
+async fn begin(spawner: Spawner) {
     static RADIO: StaticCell<Radio> = StaticCell::new();
     static STEPS: StaticCell<Steps> = StaticCell::new();
     static PERIPHERALS: StaticCell<Option<Peripherals<Board>>> = StaticCell::new();
     let board = Board::new();
     let mut flash = memory::open(board.flash);
-    let config = configuration(reset_cause(), &mut flash, &STM32L476RG).await;
+    let begun = start::begin(reset_cause(), (&mut flash, &STM32L476RG), board.sensor);
+    let (config, steps) = match begun {
+        Ok(begun) => begun,
+        Err(error) => start::stop(error).await,
+    };
     let (uart, radio) = board.lines.open(config);
     let peripherals = PERIPHERALS.init(Some(Peripherals {
         uart: Lossless(uart),
@@ -59,7 +72,7 @@ async fn main(spawner: Spawner) {
         clock: EmbassyClock,
         flash: Paged(flash),
         layout: STM32L476RG.layout,
-        steps: STEPS.init(step_sensor(board.sensor, config).await),
+        steps: STEPS.init(steps),
         indicator: board.lamps,
         buttons: board.buttons,
         observer: (),
@@ -75,5 +88,10 @@ async fn run_node(
     config: &'static CheckedConfig,
     peripherals: &'static mut Option<Peripherals<Board>>,
 ) {
-    start::run_node(config, peripherals, (&LIVENESS, NODE)).await;
+    // Not passed by value: the whole future of the node would be copied on the stack with them.
+    let Some(peripherals) = peripherals.take() else {
+        return;
+    };
+    let node = pin!(run(config, peripherals));
+    start::tell_failure(&LIVENESS.watch(NODE, node).await);
 }

@@ -14,7 +14,7 @@ pub const fn describe<R, F>(failure: &Failure<R, F>) -> &'static str {
             StoreError::Full | StoreError::Layout => "link: wrong size",
             StoreError::Flash(_) => "link: the flash failed",
         },
-        Failure::Memory(error) => match error {
+        Failure::Facts(error) => match error {
             LogError::Corrupt | LogError::NotOpen => "memory: damaged",
             LogError::Full | LogError::Layout => "memory: wrong size",
             LogError::Flash(_) => "memory: the flash failed",

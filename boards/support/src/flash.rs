@@ -14,7 +14,7 @@ use node_firmware::hardware::FlashLayout;
 pub const NRF52840: Regions = Regions {
     start: 0,
     layout: FlashLayout {
-        memory: 0x000f_7000..0x000f_b000,
+        facts: 0x000f_7000..0x000f_b000,
         link: 0x000f_b000..0x000f_f000,
     },
     config: 0x000f_f000,
@@ -32,7 +32,7 @@ pub const NRF52840: Regions = Regions {
 pub const STM32L476RG: Regions = Regions {
     start: 0x0800_0000,
     layout: FlashLayout {
-        memory: 0x000f_7800..0x000f_b800,
+        facts: 0x000f_7800..0x000f_b800,
         link: 0x000f_b800..0x000f_f800,
     },
     config: 0x000f_f800,
@@ -59,13 +59,13 @@ pub struct Regions {
 impl Regions {
     /// The address where images end at the latest.
     pub fn image_end(&self) -> u32 {
-        self.start + self.layout.memory.start.min(self.layout.link.start)
+        self.start + self.layout.facts.start.min(self.layout.link.start)
     }
 
     /// The first address and the number of bytes that the node writes.
     pub fn memory(&self) -> (u32, u32) {
         let start = self.image_end();
-        let end = self.start + self.layout.memory.end.max(self.layout.link.end);
+        let end = self.start + self.layout.facts.end.max(self.layout.link.end);
         (start, end.saturating_sub(start))
     }
 
@@ -115,12 +115,12 @@ mod tests {
     #[test]
     fn regions_are_pages_one_behind_the_other() {
         for (regions, page) in [(&NRF52840, 4096), (&STM32L476RG, 2048)] {
-            let FlashLayout { memory, link } = &regions.layout;
-            for part in [memory, link] {
+            let FlashLayout { facts, link } = &regions.layout;
+            for part in [facts, link] {
                 // An even number of pages, and the same for both chips.
                 assert_eq!((part.start % page, part.len()), (0, 0x4000));
             }
-            assert_eq!((memory.end, link.end), (link.start, regions.config));
+            assert_eq!((facts.end, link.end), (link.start, regions.config));
             assert_eq!((regions.config + page, regions.end), (1 << 20, 1 << 20));
         }
         assert_eq!(NRF52840.memory(), (0x000f_7000, 0x8000));

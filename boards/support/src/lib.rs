@@ -13,7 +13,7 @@
 //! | [`i2c`] | a bus that a sensor holds |
 //! | [`panel`] | steps, lamps and buttons as messages on a line, for boards that have none |
 //! | `retained` | where last words are kept, and who says them; on a board only |
-//! | `start` | the start of a real board, and the node's task; on a board only |
+//! | `start` | the start of a real board, and why its node stopped; on a board only |
 //! | `tasks` | how tasks are spawned; on a board only |
 #![no_std]
 #![deny(unsafe_code)]
@@ -29,6 +29,10 @@
 
 #[cfg(test)]
 extern crate std;
+
+// What every image copies with.
+#[cfg(target_os = "none")]
+use memory_functions as _;
 
 pub mod clock;
 pub mod failure;

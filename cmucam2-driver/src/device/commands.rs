@@ -313,16 +313,6 @@ impl<U, D, K> Cmucam2<U, D, K> {
         self.simple(Command::ReadFrame)
     }
 
-    /// After the target is lost, sends only the first empty packet.
-    pub fn packet_filter(&mut self, on: bool) -> Call<'_, U, D, (), K> {
-        self.simple(Command::PacketFilter(on))
-    }
-
-    /// Skips so many packets between two that are sent.
-    pub fn packet_skip(&mut self, packets: u8) -> Call<'_, U, D, (), K> {
-        self.simple(Command::PacketSkip(packets))
-    }
-
     /// Delay between two characters, bit times, for hosts without a receive buffer.
     pub fn character_delay(&mut self, bit_times: u8) -> Call<'_, U, D, (), K> {
         self.simple(Command::CharacterDelay(bit_times))
@@ -385,11 +375,6 @@ impl<U, D, K> Cmucam2<U, D, K> {
     /// Where a servo is.
     pub fn servo(&mut self, servo: Servo) -> Call<'_, U, D, u8, K> {
         self.ask(Command::GetServo(servo), value)
-    }
-
-    /// A servo pin as a digital output.
-    pub fn servo_output(&mut self, servo: Servo, high: bool) -> Call<'_, U, D, (), K> {
-        self.simple(Command::ServoOutput(servo, high))
     }
 
     /// How pan and tilt follow the target.

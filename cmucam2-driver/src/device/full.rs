@@ -1,5 +1,5 @@
 //! What only the feature `full` can ask for, because its replies are of another form: frames, line
-//! modes, raw output, masked packets, reports of servos, histograms, uploads.
+//! modes, raw output, masked packets, reports of servos, histograms, uploads; or silence is one.
 
 use super::{Call, Cmucam2};
 use crate::{
@@ -7,7 +7,7 @@ use crate::{
     command::{Command, LineMode, OutputMask, RawMode, StatisticsLines, TrackingLines},
     packet::{Histogram, Packet},
     parser::ImageHeader,
-    servo::ServoMask,
+    servo::{Servo, ServoMask},
     session::{Answer, Modes, Request},
 };
 
@@ -88,7 +88,7 @@ impl<U, D, K> Cmucam2<U, D, K> {
     }
 }
 
-/// Packets of another form.
+/// Packets of another form, or fewer of them.
 impl<U, D, K> Cmucam2<U, D, K> {
     /// Binary packets: shorter, but hardly any corruption can be detected. Firmware 1.00 has bugs
     /// here.
@@ -131,5 +131,20 @@ impl<U, D, K> Cmucam2<U, D, K> {
     /// What the camera does with pan and tilt while it tracks.
     pub fn servo_mask(&mut self, mask: ServoMask) -> Call<'_, U, D, (), K> {
         self.simple(Command::ServoMask(mask))
+    }
+
+    /// After the target is lost, sends only the first empty packet.
+    pub fn packet_filter(&mut self, on: bool) -> Call<'_, U, D, (), K> {
+        self.simple(Command::PacketFilter(on))
+    }
+
+    /// Skips so many packets between two that are sent.
+    pub fn packet_skip(&mut self, packets: u8) -> Call<'_, U, D, (), K> {
+        self.simple(Command::PacketSkip(packets))
+    }
+
+    /// A servo pin as a digital output.
+    pub fn servo_output(&mut self, servo: Servo, high: bool) -> Call<'_, U, D, (), K> {
+        self.simple(Command::ServoOutput(servo, high))
     }
 }

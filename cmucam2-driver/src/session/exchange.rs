@@ -3,6 +3,7 @@
 use super::request::Answer;
 use crate::{
     command::{Effect, Order, Reply},
+    features::FULL,
     packet::Packet,
     parser::Token,
 };
@@ -76,7 +77,7 @@ impl Exchange {
     }
 
     pub(super) fn is_frame(&self) -> bool {
-        self.order.reply() == Reply::Frame
+        FULL && self.order.reply() == Reply::Frame
     }
 
     /// Whether a banner is the answer. After a reset it comes even if the `ACK` was lost.

@@ -1,5 +1,7 @@
 //! What was set, so that it can be set again.
 
+use core::ops::Range;
+
 use crate::{
     colour::ColourBounds,
     command::{
@@ -18,74 +20,64 @@ use crate::{
 pub const REGISTERS_MAX: usize = 2 * PAIRS_MAX;
 
 /// How a mode is told: the letters of its command and how many arguments that has, by [`Mode`].
-const COMMANDS: [(&[u8; 2], usize); 32] = [
-    (b"CT", 1),
-    (b"HR", 1),
-    (b"DS", 2),
-    (b"VW", 4),
-    (b"BM", 1),
-    (b"DC", 1),
-    (b"DM", 1),
-    (b"HD", 1),
-    (b"HC", 2),
-    (b"HT", 1),
-    (b"FS", 1),
-    (b"L0", 1),
-    (b"L1", 1),
-    (b"LM", 2),
-    (b"LM", 2),
-    (b"NF", 1),
-    (b"OM", 2),
-    (b"OM", 2),
-    (b"PD", 1),
-    (b"PF", 1),
-    (b"PM", 1),
-    (b"PS", 1),
-    (b"SP", 6),
-    (b"SM", 1),
+const COMMANDS: [([u8; 2], u8); 32] = [
+    (*b"CT", 1),
+    (*b"HR", 1),
+    (*b"DS", 2),
+    (*b"VW", 4),
+    (*b"BM", 1),
+    (*b"DC", 1),
+    (*b"DM", 1),
+    (*b"HD", 1),
+    (*b"HC", 2),
+    (*b"HT", 1),
+    (*b"FS", 1),
+    (*b"L0", 1),
+    (*b"L1", 1),
+    (*b"LM", 2),
+    (*b"LM", 2),
+    (*b"NF", 1),
+    (*b"OM", 2),
+    (*b"OM", 2),
+    (*b"PD", 1),
+    (*b"PF", 1),
+    (*b"PM", 1),
+    (*b"PS", 1),
+    (*b"SP", 6),
+    (*b"SM", 1),
     (SERVO_POSITION, 2),
     (SERVO_POSITION, 2),
     (SERVO_POSITION, 2),
     (SERVO_POSITION, 2),
     (SERVO_POSITION, 2),
-    (b"TI", 1),
-    (b"CP", 1),
-    (b"RM", 1),
+    (*b"TI", 1),
+    (*b"CP", 1),
+    (*b"RM", 1),
 ];
 
 /// A pin has either a position of 46 to 210 or, as an output, 0 or 1: its value tells which.
-const SERVO_POSITION: &[u8; 2] = b"SV";
-const SERVO_OUTPUT: &[u8; 2] = b"SO";
+const SERVO_POSITION: [u8; 2] = *b"SV";
+const SERVO_OUTPUT: [u8; 2] = *b"SO";
 
 /// The arguments of all modes, one after the other.
-const ARGUMENTS: usize = place(COMMANDS.len()).0;
+const ARGUMENTS: usize = count(&COMMANDS);
 
-/// Where the arguments of a mode are, and how many.
-const fn place(mode: usize) -> (usize, usize) {
-    let (mut at, mut before) = (0, 0);
-    while before < mode {
-        at += COMMANDS[before].1;
-        before += 1;
+/// How many arguments these modes have.
+const fn count(mut modes: &[([u8; 2], u8)]) -> usize {
+    let mut sum = 0;
+    while let [(_, len), others @ ..] = modes {
+        sum += *len as usize;
+        modes = others;
     }
-    let len = if mode < COMMANDS.len() {
-        COMMANDS[mode].1
-    } else {
-        0
-    };
-    (at, len)
+    sum
 }
 
-/// [`place`] of each mode.
-const PLACES: [(u8, u8); COMMANDS.len()] = {
-    let mut places = [(0, 0); COMMANDS.len()];
-    let mut mode = 0;
-    while mode < places.len() {
-        let (at, len) = place(mode);
-        places[mode] = (at as u8, len as u8);
-        mode += 1;
-    }
-    places
-};
+/// Where the arguments of a mode are.
+fn place(mode: usize) -> Option<Range<usize>> {
+    let from = count(COMMANDS.get(..mode)?);
+    let to = count(COMMANDS.get(..=mode)?);
+    Some(from..to)
+}
 
 /// Everything that a restart of the camera forgets, as far as it was set through the driver.
 ///
@@ -152,11 +144,10 @@ impl Modes {
             return;
         }
         self.set |= bit;
-        let (at, len) = PLACES[mode as usize];
-        debug_assert_eq!(arguments.len(), usize::from(len), "{mode:?}");
-        let places = self.arguments.iter_mut().skip(usize::from(at));
-        for (place, &argument) in places.take(usize::from(len)).zip(arguments) {
-            *place = argument;
+        let places = place(mode as usize).and_then(|place| self.arguments.get_mut(place));
+        match places {
+            Some(places) if places.len() == arguments.len() => places.copy_from_slice(arguments),
+            _ => debug_assert!(false, "{mode:?} has other arguments than {arguments:?}"),
         }
     }
 
@@ -164,9 +155,7 @@ impl Modes {
         if self.set >> mode & 1 == 0 {
             return None;
         }
-        let &(at, len) = PLACES.get(mode)?;
-        self.arguments
-            .get(usize::from(at)..usize::from(at) + usize::from(len))
+        self.arguments.get(place(mode)?)
     }
 
     /// The last argument of a mode that was set.
@@ -223,6 +212,7 @@ impl Modes {
         const MORE_REGISTERS: u8 = REGISTERS + 1;
         const MODES: u8 = MORE_REGISTERS + 1;
         const BOUNDS: u8 = Mode::Invert as u8 + 2;
+        const AFTER_BOUNDS: u8 = BOUNDS + 1;
         const LAST: u8 = Mode::Raw as u8 + 3;
         loop {
             let at = cursor.0;
@@ -235,7 +225,7 @@ impl Modes {
                 BOUNDS => self
                     .bounds
                     .map(|bounds| Order::set_bounds(&bounds.values())),
-                ..=LAST => self.mode(at - 3),
+                AFTER_BOUNDS..=LAST => self.mode(at - 3),
                 _ => {
                     cursor.0 = at;
                     return None;
@@ -251,10 +241,10 @@ impl Modes {
         let arguments = self.get(usize::from(mode))?;
         let &(letters, _) = COMMANDS.get(usize::from(mode))?;
         let letters = match arguments {
-            [_, 0 | 1] if letters == SERVO_POSITION => SERVO_OUTPUT,
+            [_, 0 | 1] if FULL && letters == SERVO_POSITION => SERVO_OUTPUT,
             _ => letters,
         };
-        Some(Order::bare(letters, Reply::Nothing, Effect::Nothing).with(arguments))
+        Some(Order::bare(&letters, Reply::Nothing, Effect::Nothing).with(arguments))
     }
 
     fn registers(&self, from: usize) -> Option<Order> {
@@ -292,17 +282,20 @@ impl Modes {
 
     /// Silence while nothing is tracked.
     pub fn packet_filter(&self) -> bool {
-        self.value(Mode::PacketFilter).is_some()
+        FULL && self.value(Mode::PacketFilter).is_some()
     }
 
     /// Packets skipped between two that are sent.
     pub fn packet_skip(&self) -> u8 {
-        self.value(Mode::PacketSkip).unwrap_or(0)
+        match self.value(Mode::PacketSkip) {
+            Some(packets) if FULL => packets,
+            _ => 0,
+        }
     }
 
     /// Whether one frame follows the other.
     pub(super) fn frame_stream(&self) -> bool {
-        self.value(Mode::FrameStream) == Some(1)
+        FULL && self.value(Mode::FrameStream) == Some(1)
     }
 
     /// The frame after down-sampling, for a sensor that the banner named.

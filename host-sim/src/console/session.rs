@@ -11,7 +11,7 @@ use std::{
 
 use node_firmware::{
     config::SiteKey,
-    console::{FRAME_MAX, Frames, FromPc, KeyChange, ToPc},
+    console::{FRAME_MAX, Frames, FromPc, KeyChangeReport, ToPc},
     message::{CameraCommand, CommandResult, MemberAddress},
 };
 
@@ -303,7 +303,7 @@ impl Session {
             (Wish::ChangeKey(key), ToPc::KeyChange(change)) => {
                 let index = key.index();
                 match (change, self.step) {
-                    (Some(KeyChange { index: i, done, .. }), _) if i == index => {
+                    (Some(KeyChangeReport { index: i, done, .. }), _) if i == index => {
                         if done {
                             self.confirmed();
                         } else if let Step::Sent(_) = self.step {
@@ -463,7 +463,7 @@ pub fn frame(message: &FromPc) -> Vec<u8> {
 #[cfg(test)]
 mod tests {
     use node_firmware::{
-        console::{Network, encode},
+        console::{NetworkInfo, encode},
         message::{CameraState, Hello, MemberAddress, MemberKind, PoseParts, Report},
     };
 
@@ -497,7 +497,7 @@ mod tests {
         })
     }
 
-    const NETWORK: ToPc = ToPc::Network(Some(Network {
+    const NETWORK: ToPc = ToPc::Network(Some(NetworkInfo {
         pan: 1,
         channel: 11,
     }));
@@ -648,7 +648,7 @@ mod tests {
     fn a_key_is_changed_when_it_is_in_use() {
         let key = SiteKey::new(2, *b"sixteen secrets!");
         let change = |index, done| {
-            ToPc::KeyChange(Some(KeyChange {
+            ToPc::KeyChange(Some(KeyChangeReport {
                 index,
                 done,
                 unreached: 1,

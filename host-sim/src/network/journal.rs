@@ -10,8 +10,8 @@ use std::{
 
 use nalgebra::Point2;
 use node_firmware::{
+    facts::{Fact, KeptSighting, Walk},
     hardware::Observer,
-    memory::{Fact, KeptSighting, Walk},
     message::{CoordinateFrame, Message},
 };
 use zigbee_link::wire::ShortAddress;

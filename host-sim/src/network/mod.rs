@@ -44,7 +44,7 @@ use std::{
 
 use node_firmware::{
     config::{CheckedConfig, RoleConfig, SiteKey},
-    memory::Fact,
+    facts::Fact,
 };
 
 pub use self::{

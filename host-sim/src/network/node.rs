@@ -10,9 +10,9 @@ use embassy_sync::{blocking_mutex::raw::NoopRawMutex, channel::Channel as Queue,
 use nalgebra::Point2;
 use node_firmware::{
     config::{CheckedConfig, RoleConfig},
+    facts::Fact,
     hardware::{FlashLayout, Hardware, Indication, Indicator, Peripherals, StepSensor},
     limits::CONSOLE_BAUD,
-    memory::Fact,
     run::run,
 };
 use zigbee_link::{radio::Csma, wire::Eui64};
@@ -383,7 +383,7 @@ impl Node {
                 flash: self.flash.clone(),
                 layout: FlashLayout {
                     link: 0..HALF,
-                    memory: HALF..2 * HALF,
+                    facts: HALF..2 * HALF,
                 },
                 steps: Steps(self.clone()),
                 indicator: Lamps(self.clone()),

@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 
 use answers::view;
 use calib_core::Sighting;
-use node_firmware::{config::RoleConfig as Configured, memory::KeptSighting, message::Duty};
+use node_firmware::{config::RoleConfig as Configured, facts::KeptSighting, message::Duty};
 
 use super::{Simulation, console::Console, journal::NodeEntry};
 use answers::record::{

@@ -322,12 +322,12 @@ impl Default for SensorConfig {
 }
 
 impl Config {
-    /// Whose facts the [memory](crate::memory) may hold: a number that changes with the site, the
+    /// Whose facts the [memory](crate::facts) may hold: a number that changes with the site, the
     /// node's number and role, and with whatever of a camera gives its sightings and its frame their
     /// meaning. What was learnt before such a change would be false after it: addresses are those
     /// of another site, bearings those of another lens. That a node became a member of another
     /// network of the same site is not seen here: the memory is [begun
-    /// anew](crate::memory::Memory::forget) where a membership becomes void.
+    /// anew](crate::facts::FactStore::forget) where a membership becomes void.
     pub fn owner(&self) -> u32 {
         // No configuration has this number.
         let float = |number: Option<f32>| number.unwrap_or(f32::NAN).to_le_bytes();

@@ -24,7 +24,7 @@ pub(crate) use self::{
 
 use zigbee_link::{Instant, store::Membership, wire::ShortAddress};
 
-use crate::{hardware::Indication, memory::Fact, message::Message};
+use crate::{facts::Fact, hardware::Indication, message::Message};
 
 /// The coordinator's address.
 pub const COORDINATOR: ShortAddress = ShortAddress(0);

@@ -3,18 +3,18 @@
 use zigbee_link::store::Membership;
 
 use super::Unsaved;
-use crate::memory::{Fact, FactKey, Network};
+use crate::facts::{Fact, FactKey, FormerNetwork};
 
 /// The network of a device, as it is written down. `None`: it was in none.
 #[derive(Clone, Debug, Default)]
-pub(crate) struct LastNetwork(Option<Network>);
+pub(crate) struct LastNetwork(Option<FormerNetwork>);
 
 impl LastNetwork {
     pub(crate) const fn new() -> Self {
         Self(None)
     }
 
-    pub(crate) const fn restore(&mut self, network: Network) {
+    pub(crate) const fn restore(&mut self, network: FormerNetwork) {
         self.0 = Some(network);
     }
 
@@ -30,7 +30,7 @@ impl LastNetwork {
         membership: &Membership,
         unsaved: &mut Unsaved,
     ) -> bool {
-        let network = Network {
+        let network = FormerNetwork {
             pan: membership.pan.0,
             coordinator: membership.coordinator.0,
             own: membership.short.0,

@@ -2,8 +2,8 @@
 
 use super::Unsaved;
 use crate::{
+    facts::{Fact, FactKey, KEYS_PER_LIST},
     limits::MEMBERS,
-    memory::{Fact, FactKey, KEYS_PER_LIST},
     message::{MemberAddress, Report},
 };
 

@@ -1,6 +1,6 @@
 //! Which facts are to be written down.
 
-use crate::memory::{FactKey, KEYS_PER_LIST};
+use crate::facts::{FactKey, KEYS_PER_LIST};
 
 /// Facts that changed since they were written down. None is ever lost, and none is written twice:
 /// what is written is what is known when its turn comes.

@@ -34,11 +34,13 @@ pub(super) async fn run<H: Hardware>(
 ) -> LogError<FlashError<H>> {
     let clock = services.clock;
     let channels = DeviceChannels::new();
-    let mut role = CameraRole::new(id, config.clone());
-    let driver = AnyDriver::Camera(RoleDriver::new(&mut role, &channels));
+    let mut role = None;
+    let role = new_role(&mut role, id, config);
+    let driver = AnyDriver::Camera(RoleDriver::new(role, &channels));
     let driven = drive(driver, services);
-    let camera = Cmucam2BlobCamera::new(Cmucam2::new(uart, ClockDelay(clock)), config.cmucam2());
-    let device = CameraDevice {
+    let cmucam2 = Cmucam2::new(uart, ClockDelay(clock));
+    let camera = Cmucam2BlobCamera::new(cmucam2, config.cmucam2());
+    let mut device = CameraDevice {
         camera,
         config,
         optics,
@@ -59,6 +61,16 @@ pub(super) async fn run<H: Hardware>(
     }
 }
 
+/// Where it is made it is on the stack once more.
+#[inline(never)] // stack
+fn new_role<'a>(
+    role: &'a mut Option<CameraRole>,
+    id: u16,
+    config: &CameraConfig,
+) -> &'a mut CameraRole {
+    role.insert(CameraRole::new(id, config.clone()))
+}
+
 /// The camera, and what it looks for.
 struct CameraDevice<'a, K, C> {
     camera: K,
@@ -71,7 +83,7 @@ struct CameraDevice<'a, K, C> {
 
 impl<K: BlobCamera, C: Clock> CameraDevice<'_, K, C> {
     async fn serve(
-        mut self,
+        &mut self,
         tasks: Tasks<'_, CameraTask>,
         events: Events<'_, CameraEvent>,
     ) -> Infallible {
@@ -203,6 +215,7 @@ impl<K: BlobCamera, C: Clock> CameraDevice<'_, K, C> {
                 Either::Second(Err(_)) => break None,
             }
         };
+        // A camera that does not end it is silenced by the next thing that it is asked for.
         let _ = self.camera.end().await;
         next
     }

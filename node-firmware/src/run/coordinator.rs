@@ -14,7 +14,7 @@ use super::{
 };
 use crate::{
     config::CoordinatorConfig,
-    console::{self, FRAME_MAX, Frames, KeyChange, ToPc},
+    console::{self, FRAME_MAX, Frames, KeyChangeReport, ToPc},
     hardware::{Buttons, Hardware},
     role::coordinator::{CoordinatorEvent, CoordinatorRole, CoordinatorTask},
 };
@@ -84,7 +84,11 @@ async fn line<H: Hardware>(
             }
             Either::Second(Ok(count)) => {
                 is_open = count > 0;
-                for &byte in bytes.get(..count).unwrap_or_default() {
+                debug_assert!(
+                    count <= bytes.len(),
+                    "a line returns no more than it was given"
+                );
+                for &byte in bytes.iter().take(count) {
                     if let Some(wish) = frames.push(byte) {
                         events.send(CoordinatorEvent::Pc(wish)).await;
                     }
@@ -118,10 +122,12 @@ fn perform<H: Hardware>(shared: &SharedNode<'_, H>, task: CoordinatorTask) -> Op
             }
             CoordinatorTask::TellKeyChange => {}
         }
-        Some(ToPc::KeyChange(node.key_change().map(|change| KeyChange {
-            index: change.index,
-            done: change.is_done,
-            unreached: change.unreached,
+        Some(ToPc::KeyChange(node.key_change().map(|change| {
+            KeyChangeReport {
+                index: change.index,
+                done: change.is_done,
+                unreached: change.unreached,
+            }
         })))
     })
 }

@@ -23,9 +23,9 @@ use zigbee_link::{
 
 use super::{FlashError, FlashPart, QUEUE, SharedNode, outlined::Outlined};
 use crate::{
+    facts::{Fact, FactStore},
     hardware::{Hardware, Indicator, Observer},
     log::debug,
-    memory::{Fact, Memory},
     message::Message,
     role::{
         Output, Role, camera::CameraRole, coordinator::CoordinatorRole, moving_target::TargetRole,
@@ -60,7 +60,7 @@ pub(super) type Events<'a, E> = Sender<'a, NoopRawMutex, E, WAITING>;
 pub(super) struct Services<'a, H: Hardware> {
     pub(super) shared: &'a SharedNode<'a, H>,
     pub(super) clock: &'a H::Clock,
-    pub(super) memory: &'a mut Memory<FlashPart<'a, H>>,
+    pub(super) facts: &'a mut FactStore<FlashPart<'a, H>>,
     pub(super) observer: &'a mut H::Observer,
     pub(super) indicator: &'a mut H::Indicator,
 }
@@ -128,8 +128,8 @@ impl<R: Role> RoleDriver<'_, R> {
     }
 
     /// Does what the role wants, until it wants nothing more or has to wait for the link or its
-    /// devices. Returns what is to be written down before anything else is done; call it again
-    /// then.
+    /// devices. Returns what is to be written down before anything else is done. Call it again when
+    /// that is written.
     #[inline(never)] // stack
     fn act(
         &mut self,
@@ -164,7 +164,8 @@ impl<R: Role> RoleDriver<'_, R> {
                     (Err(SendError::QueueFull), _) => return None,
                     (Ok(ticket), Some(notification)) => {
                         // As many as the queue of the link has places.
-                        let _ = self.in_flight.push((ticket, notification));
+                        let noted = self.in_flight.push((ticket, notification));
+                        debug_assert!(noted.is_ok(), "more messages than the link has places");
                     }
                     (Err(error), notification) => {
                         debug!("not sent: {}", error);
@@ -202,7 +203,7 @@ impl<R: Role> RoleDriver<'_, R> {
     }
 }
 
-/// Drives a role. Returns only when its memory failed.
+/// Drives a role. Returns only when its flash failed.
 pub(super) async fn drive<H: Hardware>(
     mut any: AnyDriver<'_>,
     services: Services<'_, H>,
@@ -210,11 +211,11 @@ pub(super) async fn drive<H: Hardware>(
     let Services {
         shared,
         clock,
-        memory,
+        facts,
         observer,
         indicator,
     } = services;
-    let recalled = memory.recall(|fact| whichever!(&mut any, driver => driver.role.restore(fact)));
+    let recalled = facts.recall(|fact| whichever!(&mut any, driver => driver.role.restore(fact)));
     if let Err(error) = Outlined(pin!(recalled)).await {
         return error;
     }
@@ -230,7 +231,7 @@ pub(super) async fn drive<H: Hardware>(
         let fact = whichever!(&mut any, driver => driver.act(clock.now(), post));
         if let Some(fact) = fact {
             observer.learns(&fact);
-            if let Err(error) = Outlined(pin!(memory.save(&fact))).await {
+            if let Err(error) = Outlined(pin!(facts.save(&fact))).await {
                 return error;
             }
             continue;

@@ -2,18 +2,28 @@
 //!
 //! [`run`] is all a board or a simulation calls. It returns only when the node cannot go on: then
 //! the board restarts, and the node goes on from what is in its flash.
+//!
+//! Three futures run side by side, in one task:
+//!
+//! 1. `zigbee_link::runner` moves frames between radio and link, and writes down what the link must
+//!    not forget. It shares the link with the second one.
+//! 2. `drive` tells the role what comes (messages from the link, results of what was sent, events of
+//!    devices, the time) and asks it what it wants: a message goes to the link, a fact to the flash
+//!    before anything else, a task to the devices.
+//! 3. The devices of the role (`camera`: a CMUcam2; `coordinator`: a PC; `moving_target`: a step
+//!    sensor) take tasks from one channel, and put events into another. A camera and a coordinator
+//!    have buttons besides.
 
 mod camera;
 mod coordinator;
 mod drive;
 mod moving_target;
 mod outlined;
+mod shared_flash;
 
 use core::{fmt, ops::Range, pin::pin};
 
-use embassy_embedded_hal::flash::partition::{self, Partition};
 use embassy_futures::select::{Either, select};
-use embassy_sync::{blocking_mutex::raw::NoopRawMutex, mutex::Mutex};
 use embedded_hal_async::delay::DelayNs;
 use embedded_storage_async::nor_flash::{ErrorType, NorFlash};
 use flash_log::LogError;
@@ -26,13 +36,16 @@ use zigbee_link::{
     wire::Eui64,
 };
 
-use self::{drive::Services, outlined::Outlined};
+use self::{
+    drive::Services,
+    outlined::Outlined,
+    shared_flash::{FlashUser, SharedFlash},
+};
 use crate::{
     config::{CheckedConfig, RoleConfig},
+    facts::FactStore,
     hardware::{Hardware, Peripherals},
     limits::MEMBERS,
-    log::warning,
-    memory::Memory,
 };
 
 /// Nodes that one talks to: all members and the coordinator.
@@ -43,14 +56,14 @@ const QUEUE: usize = 4;
 /// What the link and the role share.
 type SharedNode<'a, H> = Shared<&'a <H as Hardware>::Clock, PEERS, QUEUE, MEMBERS>;
 
-/// One of the two parts of the flash.
-type FlashPart<'a, H> = Partition<'a, NoopRawMutex, <H as Hardware>::Flash>;
+/// The flash for one of its two logs.
+type FlashPart<'a, H> = FlashUser<'a, <H as Hardware>::Flash>;
 
 /// How the radio fails.
 pub type RadioError<H> = <<H as Hardware>::Radio as Radio>::Error;
 
-/// How a part of the flash fails.
-pub type FlashError<H> = partition::Error<<<H as Hardware>::Flash as ErrorType>::Error>;
+/// How the flash fails.
+pub type FlashError<H> = <<H as Hardware>::Flash as ErrorType>::Error;
 
 /// Why a node cannot go on.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -59,14 +72,14 @@ pub enum Failure<R, F> {
     /// The radio failed, or the link's part of the flash.
     Link(RunnerError<R, F>),
     /// The role's part of the flash failed.
-    Memory(LogError<F>),
+    Facts(LogError<F>),
 }
 
 impl<R, F> fmt::Display for Failure<R, F> {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             Self::Link(stopped) => stopped.fmt(f),
-            Self::Memory(error) => error.fmt(f),
+            Self::Facts(error) => error.fmt(f),
         }
     }
 }
@@ -81,7 +94,7 @@ impl<R, F> From<StoreError<F>> for Failure<R, F> {
 
 impl<R, F> From<LogError<F>> for Failure<R, F> {
     fn from(error: LogError<F>) -> Self {
-        Self::Memory(error)
+        Self::Facts(error)
     }
 }
 
@@ -106,31 +119,25 @@ pub async fn run<H: Hardware>(
         extended,
         seed,
     } = peripherals;
-    let flash = Mutex::<NoopRawMutex, H::Flash>::new(flash);
-    let part = |range: &Range<u32>| {
-        let size = range.end.saturating_sub(range.start);
-        (Partition::new(&flash, range.start, size), 0..size)
-    };
-    let (link_flash, link_range) = part(&layout.link);
-    let (memory_flash, memory_range) = part(&layout.memory);
+    let flash = SharedFlash::new(flash);
 
     let extended = config.extended().unwrap_or(extended);
-    let memory = Outlined(pin!(Memory::open(
-        memory_flash,
-        memory_range,
+    let facts = Outlined(pin!(FactStore::open(
+        flash.user(),
+        layout.facts,
         config.owner()
     )))
     .await;
-    let mut memory = match memory {
-        Ok(memory) => memory,
+    let mut facts = match facts {
+        Ok(facts) => facts,
         Err(error) => return error.into(),
     };
     let mut members = [None; MEMBERS];
     let store = Outlined(pin!(open_store(
         config,
         extended,
-        (link_flash, link_range),
-        &mut memory,
+        (flash.user(), layout.link),
+        &mut facts,
         &mut members
     )))
     .await;
@@ -149,9 +156,11 @@ pub async fn run<H: Hardware>(
     let shared = share_node::<H>(&clock, &config.role, settings, &saved, &members);
     if let RoleConfig::Coordinator(own) = &config.role {
         for &device in &own.allow {
-            if shared.with(|node, _| node.allow(Eui64(device))).is_err() {
-                warning!("the allow-list is longer than the table of members");
-            }
+            let allowed = shared.with(|node, _| node.allow(Eui64(device)));
+            debug_assert!(
+                allowed.is_ok(),
+                "the allow-list is longer than the table of members"
+            );
         }
     }
     let link = runner::run(&shared, &mut radio, &mut store);
@@ -159,7 +168,7 @@ pub async fn run<H: Hardware>(
     let services = Services::<'_, H> {
         shared: &shared,
         clock: &clock,
-        memory: &mut memory,
+        facts: &mut facts,
         observer: &mut observer,
         indicator: &mut indicator,
     };
@@ -188,10 +197,11 @@ pub async fn run<H: Hardware>(
             }
         }
     };
-    // Pinned here: a future passed by value is kept twice, and these are large.
-    match select(pin!(link), pin!(role)).await {
+    // Pinned here: a future passed by value is kept twice, and these are large. The link takes no stack
+    // while the role computes.
+    match select(Outlined(pin!(link)), pin!(role)).await {
         Either::First(stopped) => Failure::Link(stopped),
-        Either::Second(error) => Failure::Memory(error),
+        Either::Second(error) => Failure::Facts(error),
     }
 }
 
@@ -236,7 +246,7 @@ async fn open_store<R, F: NorFlash>(
     config: &CheckedConfig,
     extended: Eui64,
     (flash, range): (F, Range<u32>),
-    memory: &mut Memory<F>,
+    facts: &mut FactStore<F>,
     members: &mut [Option<Member>; MEMBERS],
 ) -> Result<(Store<F>, Saved), Failure<R, F::Error>> {
     let mut store = Store::new(flash, range)?;
@@ -248,7 +258,7 @@ async fn open_store<R, F: NorFlash>(
         other => other.map(|_| None)?,
     };
     if let Some(used) = used {
-        memory.forget().await?;
+        facts.forget().await?;
         let first_counter = config.first_counter.max(used);
         store.provision(key, first_counter).await?;
     }
@@ -259,7 +269,7 @@ async fn open_store<R, F: NorFlash>(
         .take_if(|network| (network.coordinator == extended) != is_coordinator)
         .is_some();
     if is_void {
-        memory.forget().await?;
+        facts.forget().await?;
     }
     store.members(members).await?;
     if saved.network.is_none() {

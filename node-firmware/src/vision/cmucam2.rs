@@ -25,6 +25,7 @@
 use cmucam2_driver::{
     Cmucam2, Error,
     colour::{ColourBounds, LEVEL_MAX, LEVEL_MIN, LevelRange},
+    device::{Clock, SummedDelays},
     geometry::{Sensor, Size},
     session::{Fault, Learn, StartUp},
 };
@@ -69,8 +70,8 @@ impl Cmucam2Settings {
 
 /// A CMUcam2 on a UART. See the [module](self).
 #[derive(Debug)]
-pub struct Cmucam2BlobCamera<U, D> {
-    camera: Cmucam2<U, D>,
+pub struct Cmucam2BlobCamera<U, D, K = SummedDelays> {
+    camera: Cmucam2<U, D, K>,
     settings: Cmucam2Settings,
     /// Rows of a frame.
     rows: u16,
@@ -83,9 +84,9 @@ pub struct Cmucam2BlobCamera<U, D> {
     restarts: u16,
 }
 
-impl<U, D> Cmucam2BlobCamera<U, D> {
+impl<U, D, K> Cmucam2BlobCamera<U, D, K> {
     /// A camera of which nothing is known. Nothing is sent before the first call.
-    pub fn new(camera: Cmucam2<U, D>, settings: Cmucam2Settings) -> Self {
+    pub fn new(camera: Cmucam2<U, D, K>, settings: Cmucam2Settings) -> Self {
         Self {
             camera,
             settings,
@@ -155,7 +156,7 @@ impl<U, D> Cmucam2BlobCamera<U, D> {
     }
 }
 
-impl<U: Read + Write, D: DelayNs> Cmucam2BlobCamera<U, D> {
+impl<U: Read + Write, D: DelayNs, K: Clock> Cmucam2BlobCamera<U, D, K> {
     /// Starts it up and sets what a start does not.
     async fn set_up(&mut self) -> Result<(), Error<U::Error>> {
         let start_up = StartUp {
@@ -191,7 +192,7 @@ impl<U: Read + Write, D: DelayNs> Cmucam2BlobCamera<U, D> {
     }
 }
 
-impl<U: Read + Write, D: DelayNs> BlobCamera for Cmucam2BlobCamera<U, D> {
+impl<U: Read + Write, D: DelayNs, K: Clock> BlobCamera for Cmucam2BlobCamera<U, D, K> {
     async fn start_up(&mut self) -> Result<(), VisionError> {
         self.forget();
         self.rows = u16::from(self.frame().await?.height);

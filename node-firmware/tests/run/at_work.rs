@@ -2,7 +2,7 @@
 
 use node_firmware::{
     config::{CameraConfig, RoleConfig, SiteKey, Subjects},
-    console::{FromPc, KeyChange, ToPc},
+    console::{FromPc, KeyChangeReport, ToPc},
     message::{CameraCommand, Duty, Sight, TrackedBlob},
 };
 
@@ -104,7 +104,7 @@ fn the_pc_sends_a_member_away_and_changes_the_key() {
     site.pc.wish(FromPc::ChangeKey(key));
     site.bench.run_for(10 * SECOND);
     let change = |done| {
-        ToPc::KeyChange(Some(KeyChange {
+        ToPc::KeyChange(Some(KeyChangeReport {
             index: 2,
             done,
             unreached: 0,

@@ -314,7 +314,7 @@ impl Board {
             flash: self.flash.clone(),
             layout: FlashLayout {
                 link: 0..HALF,
-                memory: HALF..2 * HALF,
+                facts: HALF..2 * HALF,
             },
             steps: self.steps.clone(),
             indicator: self.lamps.clone(),

@@ -2,14 +2,12 @@
 
 use std::task::{Context, Poll, Waker};
 
-use embassy_embedded_hal::flash::partition::Partition;
 use embassy_futures::block_on;
-use embassy_sync::{blocking_mutex::raw::NoopRawMutex, mutex::Mutex};
 use embedded_storage_async::nor_flash::NorFlash as _;
 use node_firmware::{
     config::{RoleConfig, SiteKey},
+    facts::{Fact, FactStore},
     limits::MEMBERS,
-    memory::{Fact, Memory},
     message::References,
 };
 use zigbee_link::{
@@ -37,11 +35,10 @@ pub(super) fn link(flash: &Flash) -> (Saved, Vec<Member>) {
 
 /// What a role remembers.
 fn facts(board: &Board) -> Vec<Fact> {
-    let flash = Mutex::<NoopRawMutex, _>::new(board.flash.copy());
-    let part = Partition::new(&flash, HALF, HALF);
+    let flash = board.flash.copy();
     let mut facts = Vec::new();
     block_on(async {
-        let memory = Memory::open(part, 0..HALF, board.config.owner()).await;
+        let memory = FactStore::open(flash, HALF..2 * HALF, board.config.owner()).await;
         let recalled = memory.unwrap().recall(|fact| facts.push(*fact)).await;
         recalled.unwrap();
     });
@@ -64,10 +61,9 @@ fn references() -> Fact {
 }
 
 fn remember(board: &Board) {
-    let flash = Mutex::<NoopRawMutex, _>::new(board.flash.clone());
-    let part = Partition::new(&flash, HALF, HALF);
+    let flash = board.flash.clone();
     block_on(async {
-        let memory = Memory::open(part, 0..HALF, board.config.owner()).await;
+        let memory = FactStore::open(flash, HALF..2 * HALF, board.config.owner()).await;
         memory.unwrap().save(&references()).await.unwrap();
     });
 }

@@ -1,6 +1,6 @@
 //! Roles, connected directly. The radio in between is ideal, or does what radios do.
 //!
-//! What roles save goes through a real [`Memory`] in a flash of their own, and every message is
+//! What roles save goes through a real [`FactStore`] in a flash of their own, and every message is
 //! encoded and decoded, so a restart and the wire are tested along the way. Three things are
 //! required of every role whenever it wants nothing more: that this took a bounded number of
 //! polls, that its deadline lies in the future, and that all it sent fits a frame.
@@ -9,7 +9,7 @@ use std::collections::{BTreeSet, VecDeque};
 
 use embassy_futures::block_on;
 use node_firmware::{
-    memory::{Fact, Memory},
+    facts::{Fact, FactStore},
     message::Message,
     role::{Output, Role},
 };
@@ -198,7 +198,9 @@ impl<R: Role> Station<R> {
         self.events.clear();
         let role = &mut self.role;
         block_on(async {
-            let mut memory = Memory::open(&mut self.flash, 0..LEN, OWNER).await.unwrap();
+            let mut memory = FactStore::open(&mut self.flash, 0..LEN, OWNER)
+                .await
+                .unwrap();
             memory.recall(|fact| role.restore(fact)).await.unwrap();
         });
         self.attach(now);
@@ -222,7 +224,9 @@ impl<R: Role> Station<R> {
     pub fn recalled(&mut self) -> Vec<Fact> {
         let mut facts = Vec::new();
         block_on(async {
-            let mut memory = Memory::open(&mut self.flash, 0..LEN, OWNER).await.unwrap();
+            let mut memory = FactStore::open(&mut self.flash, 0..LEN, OWNER)
+                .await
+                .unwrap();
             memory.recall(|fact| facts.push(*fact)).await.unwrap();
         });
         facts
@@ -295,8 +299,9 @@ impl<R: Role> AnyStation for Station<R> {
                 }
                 Output::Save(fact) => {
                     block_on(async {
-                        let mut memory =
-                            Memory::open(&mut self.flash, 0..LEN, OWNER).await.unwrap();
+                        let mut memory = FactStore::open(&mut self.flash, 0..LEN, OWNER)
+                            .await
+                            .unwrap();
                         memory.save(&fact).await.unwrap();
                     });
                     self.facts.push(fact);

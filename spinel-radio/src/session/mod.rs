@@ -51,7 +51,7 @@ use zigbee_link::{
 /// The protocol version this is for.
 const MAJOR: u32 = 4;
 
-/// SpinelHeader, command, property, and length of the PSDU; then the metadata.
+/// Header, command, property, and length of the PSDU; then the metadata.
 const STREAM_MAX: usize = 3 + 2 + PSDU_MAX + 16;
 /// The longest other command sets an extended address.
 const COMMAND_MAX: usize = 16;

@@ -144,7 +144,7 @@ impl<const QUEUE: usize> RcpSession<QUEUE> {
                 self.enter(Step::Reset, now);
             }
             (status, Step::Set(_)) if may_fail || status == SpinelStatus::OK => {
-                self.told(tid, key, now)
+                self.told(tid, key, now);
             }
             (status, step) => {
                 if step != Step::Transmit {

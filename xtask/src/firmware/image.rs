@@ -16,6 +16,8 @@ use crate::elf::{self, Size, is_loaded, is_writable};
 pub(super) struct Image {
     pub(super) path: PathBuf,
     pub(super) size: Size,
+    /// Name and bytes of what is in the flash.
+    pub(super) sections: Vec<(String, u64)>,
     /// By address.
     pub(super) functions: BTreeMap<u32, Function>,
     /// Name and bytes of what takes memory.
@@ -24,6 +26,8 @@ pub(super) struct Image {
     pub(super) vectors: Vec<u32>,
     /// Functions whose address is kept somewhere, so that anybody may call them.
     pub(super) kept: BTreeSet<u32>,
+    /// Functions whose addresses are together in a constant, by its name.
+    pub(super) tables: BTreeMap<String, Vec<u32>>,
 }
 
 pub(super) struct Symbol {
@@ -39,8 +43,10 @@ pub(super) struct Function {
     /// Bytes of the stack that it takes, at most.
     pub(super) frame: u32,
     pub(super) calls: Vec<Call>,
-    /// It calls what a pointer points to.
-    pub(super) calls_pointers: bool,
+    /// Branches within it.
+    pub(super) jumps: Vec<Call>,
+    /// Where it calls what a pointer points to.
+    pub(super) pointer_calls: Vec<u32>,
 }
 
 #[derive(Clone, Copy)]
@@ -57,10 +63,21 @@ impl Image {
         let mut image = Self {
             path: path.to_owned(),
             size: elf::size(&file).with_context(|| path.display().to_string())?,
+            sections: file
+                .sections()
+                .filter(|section| elf::is_in_flash(section) && section.size() > 0)
+                .map(|section| {
+                    (
+                        section.name().unwrap_or_default().to_owned(),
+                        section.size(),
+                    )
+                })
+                .collect(),
             functions: BTreeMap::new(),
             symbols: symbols(&file),
             vectors: Vec::new(),
             kept: BTreeSet::new(),
+            tables: BTreeMap::new(),
         };
         image.find_functions(&file);
         image.disassemble(&file)?;
@@ -75,7 +92,8 @@ impl Image {
                     size: symbol.size() as u32,
                     frame: 0,
                     calls: Vec::new(),
-                    calls_pointers: false,
+                    jumps: Vec::new(),
+                    pointer_calls: Vec::new(),
                 };
                 // The lowest bit says Thumb.
                 self.functions
@@ -117,6 +135,10 @@ impl Image {
                 continue;
             }
             let end = start + data.len() as u32;
+            let literal = |at: u32| {
+                let from = at.checked_sub(start)? as usize;
+                words(data.get(from..from + 4)?).next()
+            };
             for (&address, function) in self.functions.range_mut(start..end) {
                 let own = address..address + function.size;
                 let mut decoder = Decoder::default();
@@ -129,24 +151,40 @@ impl Image {
                         continue;
                     }
                     let (len, effect) = decoder
-                        .next(at, code)
+                        .next(at, code, literal)
                         .with_context(|| format!("{} is cut off", function.name))?;
                     match effect {
                         Some(Effect::Goes(target)) if !own.contains(&target) => {
                             function.calls.push(Call { at, target });
                         }
-                        Some(Effect::GoesSomewhere) => function.calls_pointers = true,
+                        Some(Effect::GoesSomewhere) => function.pointer_calls.push(at),
                         Some(Effect::Pushes(bytes)) => function.frame += bytes,
                         Some(Effect::Holds(value)) => {
                             kept.insert(value);
                         }
-                        Some(Effect::Goes(_)) | None => {}
+                        Some(Effect::Goes(target)) => function.jumps.push(Call { at, target }),
+                        Some(Effect::Loads(..)) | None => {}
                     }
                     at += len;
                 }
             }
         }
         let is_function = |address: &u32| self.functions.contains_key(address);
+        for symbol in file.symbols() {
+            let section = symbol.section_index();
+            let constant = section
+                .filter(|_| symbol.kind() == SymbolKind::Data)
+                .and_then(|index| file.section_by_index(index).ok())
+                .and_then(|section| section.data_range(symbol.address(), symbol.size()).ok()?);
+            let functions: Vec<u32> = words(constant.unwrap_or_default())
+                .map(|word| word & !1)
+                .filter(is_function)
+                .collect();
+            if !functions.is_empty() {
+                let name = demangle(symbol.name().unwrap_or_default());
+                self.tables.insert(name, functions);
+            }
+        }
         // As data they have the bit that says Thumb.
         self.kept = kept
             .into_iter()

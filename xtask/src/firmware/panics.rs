@@ -4,14 +4,14 @@
 //! is found in the linked image, so what the optimiser proved impossible does not count, and
 //! nothing that is left is missed.
 
-use std::{collections::BTreeMap, fmt};
+use std::{collections::BTreeMap, fmt, path::Path};
 
 use addr2line::Loader;
 use anyhow::{Result, anyhow};
 
 use super::{
-    allowed::{Grant, grant},
-    image::Image,
+    image::{Function, Image},
+    parts::{Crate, crate_of},
 };
 
 /// How names of functions begin that panic whenever they are called.
@@ -27,31 +27,19 @@ const PANICS: [&str; 9] = [
     "__rustc::rust_begin_unwind",
 ];
 
-/// Crates of this project.
-const OURS: [&str; 9] = [
-    "board_support",
-    "calib_core",
-    "cmucam2_driver",
-    "mps2_an386",
-    "node_firmware",
-    "nrf52840::",
-    "nucleo_l476rg::",
-    "pedestrian",
-    "zigbee_link",
-];
-
 /// Calls after which the way to a panic is not followed any more.
 const DEEPEST: usize = 8;
 
 /// A branch to a panic.
 #[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub(super) struct Panic {
+    /// The crate whose code has it: the innermost one but for the language's own library. None if
+    /// nothing tells.
+    pub(super) krate: Option<Crate>,
     /// Which panic.
     pub(super) what: String,
     /// The functions that lead there by being inlined or called, outermost last, with where.
     pub(super) place: Vec<String>,
-    /// Why it is never taken, if that is known.
-    pub(super) grant: Option<Grant>,
 }
 
 impl fmt::Display for Panic {
@@ -69,16 +57,9 @@ pub(super) fn is_panic(name: &str) -> bool {
     PANICS.iter().any(|start| name.starts_with(start))
 }
 
-/// Whether a function is one of this project.
-pub(super) fn is_ours(frame: &str) -> bool {
-    let frame = frame.trim_start_matches(['<', '&']);
-    OURS.iter().any(|name| frame.starts_with(name))
-}
-
-/// All of them, once each.
+/// All of them.
 pub(super) fn find(image: &Image) -> Result<Vec<Panic>> {
-    let lines =
-        Loader::new(&image.path).map_err(|error| anyhow!("no debug information: {error}"))?;
+    let lines = lines_of(image)?;
     let panics: BTreeMap<u32, &str> = image
         .functions
         .iter()
@@ -105,24 +86,25 @@ pub(super) fn find(image: &Image) -> Result<Vec<Panic>> {
                 if is_panic(name) || way.contains(&address) {
                     continue;
                 }
-                let mut place: Vec<String> = below.clone();
-                place.extend(frames(&lines, at, name)?);
-                let grant = grant(what, &place);
-                // What several functions of ours share of a library is judged where ours call it.
-                let is_shared = way.len() < DEEPEST
-                    && !place.iter().any(|frame| is_ours(frame))
-                    && !image.kept.contains(&address)
-                    && callers.contains_key(&address);
-                if grant.is_none() && is_shared {
-                    let mut way = way.clone();
-                    way.push(address);
-                    open.push((way, place));
-                } else {
-                    found.push(Panic {
-                        what: (*what).to_owned(),
-                        place,
-                        grant,
-                    });
+                for inlined in origins(&lines, &image.functions[&address], at)? {
+                    let mut place: Vec<String> = below.clone();
+                    place.extend(inlined.places);
+                    // What crates share of the language's library is of whoever calls it.
+                    let is_shared = way.len() < DEEPEST
+                        && inlined.krate.is_none()
+                        && !image.kept.contains(&address)
+                        && callers.contains_key(&address);
+                    if is_shared {
+                        let mut way = way.clone();
+                        way.push(address);
+                        open.push((way, place));
+                    } else {
+                        found.push(Panic {
+                            krate: inlined.krate,
+                            what: (*what).to_owned(),
+                            place,
+                        });
+                    }
                 }
             }
         }
@@ -131,23 +113,54 @@ pub(super) fn find(image: &Image) -> Result<Vec<Panic>> {
     for (address, what) in &panics {
         if image.kept.contains(address) {
             found.push(Panic {
+                krate: None,
                 what: (*what).to_owned(),
                 place: vec!["a pointer".to_owned()],
-                grant: None,
             });
         }
     }
     found.sort();
-    found.dedup();
     Ok(found)
 }
 
-/// What was inlined at an address, innermost first.
-fn frames(lines: &Loader, at: u32, function: &str) -> Result<Vec<String>> {
+/// Which lines the code of an image is from.
+pub(super) fn lines_of(image: &Image) -> Result<Loader> {
+    Loader::new(&image.path).map_err(|error| anyhow!("no debug information: {error}"))
+}
+
+/// What was inlined at an address.
+#[derive(Default)]
+pub(super) struct Inlined {
+    /// The functions, innermost first, with where.
+    pub(super) places: Vec<String>,
+    /// The first crate among them.
+    krate: Option<Crate>,
+    /// It tells where. What the compiler made of several branches does not.
+    has_line: bool,
+}
+
+/// What was inlined where a call of a panic comes from: at the call, or where it was made of several, at
+/// the branches that lead to it.
+fn origins(lines: &Loader, function: &Function, at: u32) -> Result<Vec<Inlined>> {
+    let there = inlined(lines, at, &function.name)?;
+    let before = function.jumps.iter().filter(|jump| jump.target <= at);
+    let Some(begin) = before.map(|jump| jump.target).max() else {
+        return Ok(vec![there]);
+    };
+    if there.has_line {
+        return Ok(vec![there]);
+    }
+    let jumps = function.jumps.iter().filter(|jump| jump.target == begin);
+    jumps
+        .map(|jump| inlined(lines, jump.at, &function.name))
+        .collect()
+}
+
+pub(super) fn inlined(lines: &Loader, at: u32, function: &str) -> Result<Inlined> {
     let mut frames = lines
         .find_frames(at.into())
         .map_err(|error| anyhow!("debug information: {error}"))?;
-    let mut places = Vec::new();
+    let mut found = Inlined::default();
     while let Some(frame) = frames
         .next()
         .map_err(|error| anyhow!("debug information: {error}"))?
@@ -160,19 +173,40 @@ fn frames(lines: &Loader, at: u32, function: &str) -> Result<Vec<String>> {
             Some(name) => format!("{:#}", rustc_demangle::demangle(&name)),
             None => function.to_owned(),
         };
-        let location = frame.location.and_then(|location| {
+        let mut place = name;
+        if let Some(location) = frame.location {
+            let line = location.line.unwrap_or(0);
+            let file = location.file.unwrap_or_default();
+            found.has_line |= found.places.is_empty() && line > 0;
+            found.krate = found
+                .krate
+                .or_else(|| dropped(&place))
+                .or_else(|| crate_of(file));
             // The end of a path tells enough, and does not depend on the machine.
-            let parts: Vec<_> = location.file?.rsplit('/').take(3).collect();
-            let file: Vec<_> = parts.into_iter().rev().collect();
-            Some(format!("{}:{}", file.join("/"), location.line.unwrap_or(0)))
-        });
-        places.push(match location {
-            Some(location) => format!("{name} ({location})"),
-            None => name,
-        });
+            let parts: Vec<_> = file.rsplit('/').take(3).collect();
+            let parts: Vec<_> = parts.into_iter().rev().collect();
+            place = format!("{place} ({}:{line})", parts.join("/"));
+        }
+        found.places.push(place);
     }
-    if places.is_empty() {
-        places.push(function.to_owned());
+    if found.places.is_empty() {
+        found.places.push(function.to_owned());
     }
-    Ok(places)
+    Ok(found)
+}
+
+/// The crate of a type that is dropped: the function is the language's, what it does is the type's.
+fn dropped(function: &str) -> Option<Crate> {
+    let of = function.strip_prefix("core::ptr::drop_in_place<")?;
+    let (name, _) = of.split_once("::")?;
+    let is_name = |c: char| c.is_ascii_alphanumeric() || c == '_';
+    let is_of_language = ["core", "alloc"].contains(&name);
+    (name.chars().all(is_name) && !is_of_language).then(|| {
+        let name = name.replace('_', "-");
+        let root = Path::new(env!("CARGO_MANIFEST_DIR")).join("..");
+        let is_ours = ["", "boards"]
+            .iter()
+            .any(|folder| root.join(folder).join(&name).is_dir());
+        Crate { name, is_ours }
+    })
 }

@@ -1,65 +1,123 @@
-//! Which crates the code of an image is from.
+//! Which crates an image is from, byte by byte.
 
 use std::collections::BTreeMap;
 
 use addr2line::Loader;
-use anyhow::{Result, anyhow};
+use anyhow::{Context, Result, anyhow, ensure};
 
 use super::image::Image;
 
-/// Where nothing else claims it: the language's own library, and code without a place.
-const REST: &str = "core, and without a place";
+/// What begins with such a path is of the language.
+const LANGUAGE: [(&str, &str); 2] = [
+    ("/library/compiler-builtins/", "compiler_builtins"),
+    ("/library/core/", "core"),
+];
 
-/// Bytes of code by crate, most first. Code belongs to the innermost crate of what is inlined
-/// there, the language's own library left out: a list's `push` to the list, not to who pushes.
+/// Bytes of the flash by crate, most first, and then what is none's; together they are all. Code belongs
+/// to the innermost crate of what is inlined there, the language's own library left out: a list's `push`
+/// to the list, not to who pushes.
+///
+/// # Errors
+/// They are not all.
 pub(super) fn by_crate(image: &Image) -> Result<Vec<(String, u64)>> {
     let lines =
         Loader::new(&image.path).map_err(|error| anyhow!("no debug information: {error}"))?;
     let mut bytes = BTreeMap::<String, u64>::new();
+    // Functions may have several names, and share an end.
+    let mut end = 0;
     for (&address, function) in &image.functions {
         // Instructions are two or four bytes long, and a place is one for both halves.
-        for at in (address..address + function.size).step_by(2) {
-            let part = part(&lines, at)?.unwrap_or_else(|| REST.to_owned());
-            *bytes.entry(part).or_default() += 2;
+        for at in (address.max(end)..address + function.size).step_by(2) {
+            *bytes.entry(part(&lines, at, &function.name)?).or_default() += 2;
         }
+        end = end.max(address + function.size);
     }
     let mut parts: Vec<_> = bytes.into_iter().collect();
     parts.sort_by_key(|(name, bytes)| (std::cmp::Reverse(*bytes), name.clone()));
+    let functions: u64 = parts.iter().map(|(_, bytes)| bytes).sum();
+    for (name, bytes) in &image.sections {
+        match name.as_str() {
+            ".text" => {
+                let between = bytes.checked_sub(functions);
+                let between = between.context("there is code of functions elsewhere")?;
+                parts.push(("between functions".to_owned(), between));
+            }
+            ".vector_table" => parts.push(("table of vectors".to_owned(), *bytes)),
+            ".rodata" => parts.push(("constants of all crates".to_owned(), *bytes)),
+            ".data" => parts.push(("first values of variables".to_owned(), *bytes)),
+            _ => parts.push((format!("section {name}"), *bytes)),
+        }
+    }
+    let all: u64 = parts.iter().map(|(_, bytes)| bytes).sum();
+    ensure!(
+        all == image.size.flash,
+        "{all} bytes are accounted for, of {}",
+        image.size.flash
+    );
     Ok(parts)
 }
 
-fn part(lines: &Loader, at: u32) -> Result<Option<String>> {
+/// Which part an instruction is of, or data among code.
+fn part(lines: &Loader, at: u32, function: &str) -> Result<String> {
     let mut frames = lines
         .find_frames(at.into())
         .map_err(|error| anyhow!("debug information: {error}"))?;
+    let mut language = None;
     while let Some(frame) = frames.next()? {
-        let file = frame.location.and_then(|location| location.file);
-        if let Some(name) = file.and_then(crate_of) {
-            return Ok(Some(name));
+        let Some(file) = frame.location.and_then(|location| location.file) else {
+            continue;
+        };
+        if let Some(krate) = crate_of(file) {
+            return Ok(krate.name);
         }
+        let library = LANGUAGE.iter().find(|(path, _)| file.contains(path));
+        language = language.or(library.map(|(_, name)| (*name).to_owned()));
     }
-    Ok(None)
+    // Of assembly the name tells.
+    let is_memory = ["mem", "__aeabi_mem"]
+        .iter()
+        .any(|start| function.starts_with(start));
+    let nameless = || match function {
+        _ if is_memory => "memory-functions",
+        _ if function.starts_with("OUTLINED_FUNCTION_") => {
+            "shared by several, made by the compiler"
+        }
+        _ => "without a place",
+    };
+    Ok(language.unwrap_or_else(|| nameless().to_owned()))
+}
+
+/// Where a source file is from.
+#[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub(super) struct Crate {
+    pub(super) name: String,
+    /// It is of this project.
+    pub(super) is_ours: bool,
 }
 
 /// The folder in which `src` is, without its version; none for the language's own library.
-fn crate_of(file: &str) -> Option<String> {
+pub(super) fn crate_of(file: &str) -> Option<Crate> {
     if file.starts_with("/rustc/") || file.contains("/library/core/") {
         return None;
     }
-    let (before, _) = file.split_once("/src/").map(|(before, after)| {
-        // Of a registry the folder of sources is called so, too.
-        match after.split_once("/src/") {
-            Some((folder, rest)) if before.ends_with("registry") => (folder, rest),
-            _ => (before, after),
-        }
-    })?;
+    let (before, after) = file.split_once("/src/")?;
+    // Of a registry the folder of sources is called so, too.
+    let is_ours = !before.ends_with("registry");
+    let (before, _) = if is_ours {
+        (before, after)
+    } else {
+        after.split_once("/src/")?
+    };
     let folder = before.rsplit('/').next()?;
     let is_version = |rest: &str| rest.starts_with(|c: char| c.is_ascii_digit());
     let name = match folder.rfind('-') {
         Some(dash) if is_version(&folder[dash + 1..]) => &folder[..dash],
         _ => folder,
     };
-    Some(name.to_owned())
+    Some(Crate {
+        name: name.to_owned(),
+        is_ours,
+    })
 }
 
 #[cfg(test)]
@@ -69,16 +127,21 @@ mod tests {
     #[test]
     fn crates_by_their_folders() {
         for (file, name) in [
-            ("zigbee-link/src/link/mod.rs", Some("zigbee-link")),
-            ("/home/x/node/boards/nrf52840/src/main.rs", Some("nrf52840")),
+            ("zigbee-link/src/link/mod.rs", Some(("zigbee-link", true))),
+            (
+                "/home/x/node/boards/nrf52840/src/main.rs",
+                Some(("nrf52840", true)),
+            ),
             (
                 "/home/x/.cargo/registry/src/index.crates.io-1949cf8c6b5b557f/embassy-sync-0.8.0/src/pipe.rs",
-                Some("embassy-sync"),
+                Some(("embassy-sync", false)),
             ),
             ("/rustc/0123/library/core/src/option.rs", None),
             ("main.rs", None),
         ] {
-            assert_eq!(crate_of(file).as_deref(), name, "{file}");
+            let found = crate_of(file);
+            let found = found.as_ref().map(|found| (&*found.name, found.is_ours));
+            assert_eq!(found, name, "{file}");
         }
     }
 }

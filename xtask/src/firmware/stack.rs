@@ -2,27 +2,94 @@
 //!
 //! The deepest chain of calls from the reset, plus the deepest of an interrupt on top of it: all
 //! have the same priority here, so there is one at a time. A function takes what all its pushes
-//! take together, at its deepest or not, so this is an upper bound but for calls through
-//! pointers. Of those the executor's polls run the tasks; all others may call any function whose
-//! address is kept somewhere, but that function no pointer of its own that would go round again.
+//! take together, at its deepest or not, so this is an upper bound. Calls through pointers reach what
+//! [`POINTERS`] says, and one that is not listed there is an error. Of a register that was given the
+//! address of a function in the same function, that is known (see [`super::thumb`]).
 
 use std::collections::{BTreeMap, BTreeSet};
 
-use anyhow::{Result, bail};
+use anyhow::{Context, Result, bail, ensure};
 
-use super::{image::Image, panics::is_panic};
+use super::{
+    image::{Function, Image},
+    panics::{inlined, is_panic, lines_of},
+};
 
-/// How names of functions begin that the executor calls.
-const TASKS: &str = "embassy_executor::raw::TaskStorage<F>::poll";
-/// Nothing formats text but what the panic handler would, and it does not.
-const NEVER: [&str; 2] = ["core::fmt::", "<core::fmt::"];
+/// What a call through a pointer can reach.
+enum Reach {
+    /// Functions whose names begin like this, and whose address is kept somewhere.
+    Functions(&'static [&'static str]),
+    /// The functions in a table of this name.
+    Table(&'static str),
+}
+
+/// Wakers are made by the executor of the board only.
+const WAKER: Reach = Reach::Table("embassy_executor::raw::waker::VTABLE");
+
+/// How names of functions begin that call through a pointer, inlined or not, and what they reach.
+const POINTERS: &[(&[&str], Reach)] = &[
+    (
+        &[
+            "<core::task::wake::Waker>::",
+            "<core::task::wake::Waker as ",
+        ],
+        WAKER,
+    ),
+    // Nothing formats text but what the panic handler would, and it does not. But the compiler makes one
+    // function of such and of those of wakers, where they are the same code.
+    (&["core::fmt::", "<core::fmt::"], WAKER),
+    (&["embassy_sync::signal::Signal<M,T>::poll_wait"], WAKER),
+    // `yield_now`, and a channel, of whose lines none is left.
+    (
+        &[
+            "flash_log::banks::Banks<F>::access",
+            "node_firmware::run::camera::CameraDevice<K,C>::wake",
+        ],
+        WAKER,
+    ),
+    (
+        &["embassy_executor::raw::SyncExecutor::poll"],
+        Reach::Functions(&[
+            "embassy_executor::raw::TaskStorage<F>::poll",
+            "embassy_executor::raw::poll_exited",
+        ]),
+    ),
+    (
+        &["calib_core::reference::candidates::Best<T>::offer_resections"],
+        Reach::Functions(&["core::ops::function::Fn"]),
+    ),
+    (
+        &["cmucam2_driver::device::Call<"],
+        Reach::Functions(&["cmucam2_driver::", "core::ops::function::FnOnce::call_once"]),
+    ),
+    (
+        &["defmt_rtt::channel::Channel::write_all"],
+        Reach::Functions(&["defmt_rtt::channel::Channel::"]),
+    ),
+    (
+        &["flash_log::banks::Banks<F>::begin"],
+        Reach::Functions(&[
+            "flash_log::Log<F,_>::begin",
+            "core::ops::function::FnOnce::call_once{{vtable",
+        ]),
+    ),
+    (
+        &["flash_log::banks::Banks<F>::compact"],
+        Reach::Functions(&["flash_log::banks::Banks<F>::open", "zigbee_link::store::"]),
+    ),
+    (
+        &["node_firmware::vision::steady::Steadiness<_>::"],
+        Reach::Functions(&["node_firmware::vision::", "core::ops::function::Fn"]),
+    ),
+    (
+        &["zigbee_link::wire::beacon::Beacon::emit"],
+        Reach::Functions(&["zigbee_link::wire::beacon::"]),
+    ),
+];
 
 /// What an interrupt puts on the stack: 26 words with the floating-point registers, and a word to
 /// align it (ARM v7-M Architecture Reference Manual, B1.5.7).
 const EXCEPTION: u64 = 108;
-
-/// How many pointers deep calls go: the executor to a task, the task to a waker.
-const LEVELS: usize = 2;
 
 /// The deepest stack.
 pub(super) struct Worst {
@@ -35,65 +102,74 @@ pub(super) struct Worst {
 /// Computes it.
 ///
 /// # Errors
-/// A function calls itself, so there is no bound.
+/// A function calls itself, so there is no bound; or something calls nobody knows what.
 pub(super) fn worst(image: &Image) -> Result<Worst> {
-    let mut graph = Graph::new(image);
+    let mut graph = Graph::new(image)?;
     let Some((&reset, handlers)) = image.vectors.split_first() else {
         bail!("{} has no table of vectors", image.path.display());
     };
-    let thread = graph.depth(reset, LEVELS)?;
+    let thread = graph.depth(reset)?;
     let mut interrupt = 0;
     for &handler in handlers {
-        interrupt = interrupt.max(graph.depth(handler, 1)?);
+        interrupt = interrupt.max(graph.depth(handler)?);
     }
     Ok(Worst {
         bytes: thread + EXCEPTION + interrupt,
-        path: graph.path(reset, LEVELS),
+        path: graph.path(reset),
     })
 }
 
-/// A function, and how many pointers deep calls from there may still go.
-type Place = (u32, usize);
-
 struct Graph<'a> {
     image: &'a Image,
-    tasks: BTreeSet<u32>,
-    kept: BTreeSet<u32>,
+    /// What a function calls through pointers.
+    pointed: BTreeMap<u32, BTreeSet<u32>>,
     /// Bytes from there on, and where they go next.
-    known: BTreeMap<Place, (u64, Option<Place>)>,
+    known: BTreeMap<u32, (u64, Option<u32>)>,
     under_way: Vec<u32>,
-    /// The outermost of those under way at which the way was cut since this was last looked at: what
-    /// was found on the way holds only within that one.
-    cut: Option<usize>,
 }
 
 impl<'a> Graph<'a> {
-    fn new(image: &'a Image) -> Self {
-        let name = |address: &u32| image.functions[address].name.as_str();
-        let never = |address: &u32| NEVER.iter().any(|start| name(address).starts_with(start));
-        let (tasks, kept) = image
-            .kept
-            .iter()
-            .copied()
-            .filter(|address| !never(address) && !image.vectors.contains(address))
-            .partition(|address| name(address).starts_with(TASKS));
-        Self {
+    fn new(image: &'a Image) -> Result<Self> {
+        let mut pointed = BTreeMap::<u32, BTreeSet<u32>>::new();
+        let lines = lines_of(image)?;
+        let mut unknown = String::new();
+        for (&address, function) in &image.functions {
+            for &at in &function.pointer_calls {
+                let frames = inlined(&lines, at, &function.name)?.places;
+                // The function itself too: what the compiler adds to it is nobody's line.
+                let names = || frames.iter().chain([&function.name]);
+                let rule = POINTERS.iter().find(|(callers, _)| {
+                    let is_one =
+                        |name: &String| callers.iter().any(|start| name.starts_with(start));
+                    names().any(is_one)
+                });
+                match rule {
+                    Some((_, reach)) => {
+                        pointed
+                            .entry(address)
+                            .or_default()
+                            .extend(reached(image, reach, address)?);
+                    }
+                    None => unknown += &format!("\n  {}", frames.join("\n    in ")),
+                }
+            }
+        }
+        ensure!(
+            unknown.is_empty(),
+            "add to POINTERS of xtask/src/firmware/stack.rs what calls through a pointer there reach, \
+             in {}:{unknown}",
+            image.path.display()
+        );
+        Ok(Self {
             image,
-            tasks,
-            kept,
+            pointed,
             known: BTreeMap::new(),
             under_way: Vec::new(),
-            cut: None,
-        }
+        })
     }
 
-    /// The way ends here, as this function is under way already, as the `first` of them.
-    fn cut(&mut self, first: usize) {
-        self.cut = Some(self.cut.map_or(first, |other| other.min(first)));
-    }
-
-    fn depth(&mut self, address: u32, pointers: usize) -> Result<u64> {
-        if let Some((bytes, _)) = self.known.get(&(address, pointers)) {
+    fn depth(&mut self, address: u32) -> Result<u64> {
+        if let Some((bytes, _)) = self.known.get(&address) {
             return Ok(*bytes);
         }
         // The end of a node that panics does not count.
@@ -114,60 +190,56 @@ impl<'a> Graph<'a> {
             );
         }
         self.under_way.push(address);
-        let mut next: Vec<_> = function
-            .calls
-            .iter()
-            .map(|call| (call.target, pointers))
-            .collect();
-        if function.calls_pointers && pointers > 0 {
-            let called = match pointers {
-                LEVELS => self.tasks.union(&self.kept).copied().collect(),
-                _ => self.kept.clone(),
-            };
-            next.extend(called.into_iter().map(|address| (address, pointers - 1)));
-        }
-        let cut_before = self.cut.take();
+        let direct = function.calls.iter().map(|call| call.target);
+        let pointed = self.pointed.get(&address).into_iter().flatten().copied();
         let mut deepest = (0, None);
-        for (address, pointers) in next {
-            // Already on the way here: it would come round by a pointer.
-            if pointers < LEVELS
-                && self.is_kept(address)
-                && let Some(first) = self.under_way.iter().position(|&other| other == address)
-            {
-                self.cut(first);
-                continue;
-            }
-            let bytes = self.depth(address, pointers)?;
+        for next in direct.chain(pointed).collect::<BTreeSet<_>>() {
+            let bytes = self.depth(next)?;
             if bytes > deepest.0 {
-                deepest = (bytes, Some((address, pointers)));
+                deepest = (bytes, Some(next));
             }
         }
         self.under_way.pop();
         let bytes = deepest.0 + u64::from(function.frame);
-        // From elsewhere more of it may be open.
-        if self.cut.is_none_or(|first| first >= self.under_way.len()) {
-            self.known.insert((address, pointers), (bytes, deepest.1));
-            self.cut = None;
-        }
-        if let Some(first) = cut_before {
-            self.cut(first);
-        }
+        self.known.insert(address, (bytes, deepest.1));
         Ok(bytes)
     }
 
-    fn is_kept(&self, address: u32) -> bool {
-        self.kept.contains(&address) || self.tasks.contains(&address)
-    }
-
-    fn path(&self, address: u32, pointers: usize) -> Vec<(String, u32)> {
+    fn path(&self, address: u32) -> Vec<(String, u32)> {
         let mut path = Vec::new();
-        let mut next = Some((address, pointers));
+        let mut next = Some(address);
         while let Some(at) = next {
-            if let Some(function) = self.image.functions.get(&at.0) {
+            if let Some(function) = self.image.functions.get(&at) {
                 path.push((function.name.clone(), function.frame));
             }
             next = self.known.get(&at).and_then(|(_, next)| *next);
         }
         path
     }
+}
+
+/// The functions that a call can reach: not the one that calls, whose address may be kept, too.
+///
+/// # Errors
+/// There is none in this image.
+fn reached(image: &Image, reach: &Reach, caller: u32) -> Result<Vec<u32>> {
+    let found: Vec<u32> = match reach {
+        Reach::Functions(starts) => {
+            let is_one =
+                |function: &Function| starts.iter().any(|start| function.name.starts_with(start));
+            let kept = image.kept.iter().copied().filter(|&other| other != caller);
+            kept.filter(|address| is_one(&image.functions[address]))
+                .collect()
+        }
+        Reach::Table(name) => {
+            let table = image.tables.get(*name);
+            let table = table.with_context(|| format!("there is no table `{name}`"))?;
+            table.clone()
+        }
+    };
+    ensure!(
+        !found.is_empty(),
+        "no function is reached by a pointer that should"
+    );
+    Ok(found)
 }

@@ -12,26 +12,133 @@ pub(super) enum Effect {
     Pushes(u32),
     /// Puts an address, or another constant of 32 bits, in a register.
     Holds(u32),
+    /// Puts what is at this address of the code in a register.
+    Loads(u32, u32),
 }
 
-/// Decodes one instruction after the other.
+/// Decodes one instruction after the other of a function.
 #[derive(Debug, Default)]
 pub(super) struct Decoder {
-    /// Constants put in each register by the last `movw` or `movt`.
-    registers: [u32; 16],
+    /// Constants that registers hold: not after anything else that may put the address of a function
+    /// there, in the order of addresses.
+    constants: [Option<u32>; 16],
 }
 
 impl Decoder {
     /// The instruction at the start of the code, which is at this address: its length in bytes,
-    /// and its effect.
-    pub(super) fn next(&mut self, address: u32, code: &[u8]) -> Option<(u32, Option<Effect>)> {
+    /// and its effect. `literal` reads a word of the code.
+    pub(super) fn next(
+        &mut self,
+        address: u32,
+        code: &[u8],
+        literal: impl Fn(u32) -> Option<u32>,
+    ) -> Option<(u32, Option<Effect>)> {
         let halfword = |at: usize| Some(u16::from_le_bytes([*code.get(at)?, *code.get(at + 1)?]));
         let first = u32::from(halfword(0)?);
-        if first >> 11 < 0b11101 {
-            return Some((2, narrow(address, first)));
+        let (len, effect) = if first >> 11 < 0b11101 {
+            (2, self.narrow(address, first))
+        } else {
+            (4, self.wide(address, first, u32::from(halfword(2)?)))
+        };
+        let effect = match effect {
+            Some(Effect::Loads(register, from)) => {
+                let value = literal(from);
+                self.constants[register as usize] = value;
+                value.map(Effect::Holds)
+            }
+            other => other,
+        };
+        // A function may change these (Procedure Call Standard for the Arm Architecture, 6.1.1).
+        if let Some(Effect::Goes(_) | Effect::GoesSomewhere) = effect
+            && !is_conditional(first)
+        {
+            for register in [0, 1, 2, 3, 12] {
+                self.constants[register] = None;
+            }
         }
-        let second = u32::from(halfword(2)?);
-        Some((4, self.wide(address, first, second)))
+        Some((len, effect))
+    }
+
+    /// Something else is in these registers now.
+    fn forget(&mut self, list: u32) {
+        for (register, constant) in self.constants.iter_mut().enumerate() {
+            if list >> register & 1 != 0 {
+                *constant = None;
+            }
+        }
+    }
+
+    /// Calls, or jumps to, what a register holds.
+    fn through(&self, register: u32) -> Effect {
+        match self.constants[register as usize & 0xf] {
+            Some(function) => Effect::Goes(function & !1),
+            None => Effect::GoesSomewhere,
+        }
+    }
+
+    fn narrow(&mut self, address: u32, instruction: u32) -> Option<Effect> {
+        let (low, middle) = (instruction & 7, instruction >> 8 & 7);
+        match instruction {
+            // push
+            _ if instruction & 0xfe00 == 0xb400 => {
+                return Some(Effect::Pushes(4 * (instruction & 0x1ff).count_ones()));
+            }
+            // sub sp, #<constant>
+            _ if instruction & 0xff80 == 0xb080 => {
+                return Some(Effect::Pushes(4 * (instruction & 0x7f)));
+            }
+            // bx lr: a return
+            0x4770 => {}
+            // blx, bx
+            _ if instruction & 0xff07 == 0x4700 => return Some(self.through(instruction >> 3)),
+            // b
+            _ if instruction & 0xf800 == 0xe000 => {
+                let offset = (instruction & 0x7ff) << 1;
+                return Some(Effect::Goes(target(address, offset, 12)));
+            }
+            // b<condition>
+            _ if instruction & 0xf000 == 0xd000 && instruction & 0x0e00 != 0x0e00 => {
+                return Some(Effect::Goes(target(address, (instruction & 0xff) << 1, 9)));
+            }
+            // ldr <register>, [pc, #n]
+            _ if instruction & 0xf800 == 0x4800 => {
+                let from = (address + 4 & !3) + 4 * (instruction & 0xff);
+                return Some(Effect::Loads(middle, from));
+            }
+            // mov <register>, <register>
+            _ if instruction & 0xff00 == 0x4600 => {
+                let from = self.constants[instruction as usize >> 3 & 0xf];
+                self.constants[(low | instruction >> 4 & 8) as usize] = from;
+            }
+            // cmp <register>, #<constant>; tst, cmp, cmn; cmp of high registers: none is changed
+            _ if instruction & 0xf800 == 0x2800
+                || [0x4200, 0x4280, 0x42c0].contains(&(instruction & 0xffc0))
+                || instruction & 0xff00 == 0x4500 => {}
+            // mov, add and sub of a constant; ldr <register>, [sp, #n]; add to pc and sp
+            _ if instruction & 0xe000 == 0x2000
+                || instruction & 0xf800 == 0x9800
+                || instruction & 0xf000 == 0xa000 =>
+            {
+                self.forget(1 << middle);
+            }
+            // shifts, add, sub and what else computes; ldr of all kinds but str
+            _ if instruction < 0x4400
+                || instruction & 0xf000 == 0x5000 && instruction & 0x0e00 >= 0x0600
+                || (0x6000..0x9000).contains(&instruction) && instruction & 0x0800 != 0 =>
+            {
+                self.forget(1 << low);
+            }
+            // add of high registers
+            _ if instruction & 0xff00 == 0x4400 => {
+                self.forget(1 << (low | instruction >> 4 & 8));
+            }
+            // ldm, pop
+            _ if instruction & 0xf800 == 0xc800 || instruction & 0xfe00 == 0xbc00 => {
+                self.forget(instruction & 0xff);
+            }
+            _ => {}
+        }
+        None
     }
 
     fn wide(&mut self, address: u32, first: u32, second: u32) -> Option<Effect> {
@@ -66,14 +173,26 @@ impl Decoder {
                     | (first >> 10 & 1) << 11
                     | (second >> 12 & 7) << 8
                     | second & 0xff;
-                let value = &mut self.registers[register as usize];
+                let value = &mut self.constants[register as usize];
                 if first & 0x80 == 0 {
-                    *value = half;
+                    *value = Some(half);
                     None
                 } else {
                     // An address always comes in two halves, the lower one first.
-                    *value = half << 16 | *value & 0xffff;
-                    Some(Effect::Holds(*value))
+                    *value = value.map(|low| half << 16 | low & 0xffff);
+                    value.map(Effect::Holds)
+                }
+            }
+            // ldr.w <register>, [pc, #n]
+            _ if first & 0xff7f == 0xf85f => {
+                let (base, offset) = (address + 4 & !3, second & 0xfff);
+                let from = match first & 0x80 {
+                    0 => base.wrapping_sub(offset),
+                    _ => base + offset,
+                };
+                match second >> 12 {
+                    15 => Some(Effect::GoesSomewhere),
+                    register => Some(Effect::Loads(register, from)),
                 }
             }
             // push.w
@@ -96,37 +215,43 @@ impl Decoder {
             }
             // sub.w sp, sp, <register>
             (0xebad, _) if second & 0x0f00 == 0x0d00 => {
-                Some(Effect::Pushes(self.registers[second as usize & 0xf]))
+                let bytes = self.constants[second as usize & 0xf];
+                Some(Effect::Pushes(bytes.unwrap_or_default()))
+            }
+            // ldr.w and the like
+            _ if first & 0xfe10 == 0xf810 => {
+                self.forget(1 << (second >> 12));
+                None
+            }
+            // ldm.w
+            _ if [0xe890, 0xe910].contains(&(first & 0xffd0)) => {
+                self.forget(second);
+                None
+            }
+            // ldrd, ldrex
+            _ if first & 0xfe50 == 0xe850 => {
+                self.forget(1 << (second >> 12) | 1 << register);
+                None
+            }
+            // What computes: with a constant, with a register, and products of two
+            _ if first & 0xf800 == 0xf000 && second & 0x8000 == 0
+                || first & 0xfe00 == 0xea00
+                || first & 0xfe00 == 0xfa00 =>
+            {
+                self.forget(1 << register);
+                if first & 0xff80 == 0xfb80 {
+                    self.forget(1 << (second >> 12));
+                }
+                None
             }
             _ => None,
         }
     }
 }
 
-fn narrow(address: u32, instruction: u32) -> Option<Effect> {
-    match instruction {
-        // push
-        _ if instruction & 0xfe00 == 0xb400 => {
-            Some(Effect::Pushes(4 * (instruction & 0x1ff).count_ones()))
-        }
-        // sub sp, #<constant>
-        _ if instruction & 0xff80 == 0xb080 => Some(Effect::Pushes(4 * (instruction & 0x7f))),
-        // bx lr: a return
-        0x4770 => None,
-        // blx, bx
-        _ if instruction & 0xff07 == 0x4700 => Some(Effect::GoesSomewhere),
-        // b
-        _ if instruction & 0xf800 == 0xe000 => Some(Effect::Goes(target(
-            address,
-            (instruction & 0x7ff) << 1,
-            12,
-        ))),
-        // b<condition>
-        _ if instruction & 0xf000 == 0xd000 && instruction & 0x0e00 != 0x0e00 => {
-            Some(Effect::Goes(target(address, (instruction & 0xff) << 1, 9)))
-        }
-        _ => None,
-    }
+fn is_conditional(first: u32) -> bool {
+    let is_narrow = first & 0xf000 == 0xd000;
+    is_narrow || first & 0xf800 == 0xe000
 }
 
 /// Relative to the program counter, which is ahead; `offset` is a signed number of so many bits.
@@ -157,7 +282,7 @@ mod tests {
     use super::*;
 
     fn effect(code: &[u8]) -> Option<Effect> {
-        let (len, effect) = Decoder::default().next(0x1000, code).unwrap();
+        let (len, effect) = Decoder::default().next(0x1000, code, |_| None).unwrap();
         assert_eq!(len as usize, code.len());
         effect
     }
@@ -193,8 +318,46 @@ mod tests {
     fn an_address_comes_in_halves() {
         let mut decoder = Decoder::default();
         // movw r1, #0x5678; movt r1, #0x1234
-        decoder.next(0, &[0x45, 0xf2, 0x78, 0x61]).unwrap();
-        let (_, whole) = decoder.next(4, &[0xc1, 0xf2, 0x34, 0x21]).unwrap();
+        let mut next = |code| decoder.next(0, code, |_| None).unwrap();
+        next(&[0x45, 0xf2, 0x78, 0x61]);
+        let (_, whole) = next(&[0xc1, 0xf2, 0x34, 0x21]);
         assert_eq!(whole, Some(Effect::Holds(0x1234_5678)));
+    }
+
+    /// What a register was given before the call, by its code.
+    #[test]
+    fn a_call_through_a_register_that_holds_a_constant() {
+        let call = [0xb0, 0x47]; // blx r6
+        let after = |before: &[&[u8]]| {
+            let mut decoder = Decoder::default();
+            for code in before {
+                decoder.next(0x1000, code, |at| Some(at | 1)).unwrap();
+            }
+            decoder.next(0x1010, &call, |_| None).unwrap().1
+        };
+        let load = [0x02, 0x4e]; // ldr r6, [pc, #8]
+        let known = Some(Effect::Goes(0x100c));
+        assert_eq!(after(&[&load]), known);
+        assert_eq!(after(&[]), Some(Effect::GoesSomewhere));
+        for (code, expected) in [
+            (&[0x00, 0xf0, 0x02, 0xf8][..], known),                   // bl
+            (&[0x26, 0x60], known),                                   // str r6, [r4]
+            (&[0x00, 0x2e], known),                                   // cmp r6, #0
+            (&[0x26, 0x68], Some(Effect::GoesSomewhere)),             // ldr r6, [r4]
+            (&[0xd4, 0xf8, 0x00, 0x60], Some(Effect::GoesSomewhere)), // ldr.w r6, [r4]
+            (&[0xd4, 0xe9, 0x00, 0x56], Some(Effect::GoesSomewhere)), // ldrd r5, r6, [r4]
+            (&[0x06, 0x46], Some(Effect::GoesSomewhere)),             // mov r6, r0
+            (&[0x70, 0xbc], Some(Effect::GoesSomewhere)),             // pop {r4, r5, r6}
+            (&[0x66, 0x19], Some(Effect::GoesSomewhere)),             // adds r6, r4, r5
+        ] {
+            assert_eq!(after(&[&load, code]), expected, "{code:x?}");
+        }
+        let moved = [0x33, 0x46]; // mov r3, r6
+        let mut decoder = Decoder::default();
+        for code in [&load, &moved] {
+            decoder.next(0x1000, code, |_| Some(0x2001)).unwrap();
+        }
+        let called = decoder.next(0, &[0x98, 0x47], |_| None).unwrap().1; // blx r3
+        assert_eq!(called, Some(Effect::Goes(0x2000)));
     }
 }

@@ -262,6 +262,8 @@ fn the_longest_message_fits_its_frame() {
     aether.run();
     assert_eq!(aether.nodes[1].recv(), Some((short(0), message)));
     assert_eq!(aether.heard.iter().map(Vec::len).max(), Some(FRAME_MAX));
+    let longer = aether.nodes[0].send(aether.now, short(1), &(message, 0_u8));
+    assert_eq!(longer, Err(SendError::TooLong));
 }
 
 #[test]
@@ -547,6 +549,91 @@ fn challenges_are_few_and_not_repeated_at_once() {
     assert!(is_answered(3, 13));
     assert!(!is_answered(3, 13), "once");
     assert!(is_answered(4, 14) && is_answered(10, 20));
+}
+
+/// Twice, and nobody answers: all would at once.
+#[test]
+fn a_broadcast_is_sent_twice_and_not_acknowledged() {
+    let mut aether = acquainted();
+    let everybody = ShortAddress::BROADCAST;
+    aether.nodes[1].send(aether.now, everybody, &1_u8).unwrap();
+    aether.run();
+    assert_eq!(aether.heard.len(), 2);
+    assert_eq!(aether.nodes[2].recv(), Some((short(1), 1_u8)));
+    assert_eq!(aether.nodes[2].recv_bytes(), None);
+}
+
+#[test]
+fn a_broadcast_to_one_is_refused() {
+    let mut aether = acquainted();
+    let unknown = aether.nodes[2].counts().unknown;
+    let packet = Packet::Message {
+        kind: Kind::Broadcast,
+        age: 0,
+        bytes: &[7],
+    };
+    slip(&mut aether, &packet);
+    assert_eq!(aether.nodes[2].counts().unknown, unknown + 1);
+    assert_eq!(aether.nodes[2].recv_bytes(), None);
+}
+
+#[test]
+fn only_the_receiver_acknowledges() {
+    let mut aether = acquainted();
+    let ticket = aether.nodes[1].send(aether.now, short(2), &1_u8).unwrap();
+    let mut buffer = [0; FRAME_MAX];
+    aether.nodes[1]
+        .poll_transmit(aether.now, &mut buffer)
+        .unwrap();
+    let counter = aether.nodes[1].session.counter.upcoming() - 1;
+    for (n, result) in [(0, None), (2, Some(Delivery::Delivered))] {
+        let mut payload = [0; 8];
+        let packet = Packet::Acknowledgement { counter };
+        let len = packet.emit(&mut payload).unwrap();
+        let (from, to) = (Address::Short(short(n)), Address::Short(short(1)));
+        let sealed = aether.nodes[n].seal(false, from, to, &payload[..len], &mut buffer);
+        let (len, _) = sealed.unwrap();
+        aether.nodes[1].handle(aether.now, &mut buffer[..len]);
+        assert_eq!(aether.nodes[1].result_of(ticket), result, "of node {n}");
+    }
+}
+
+#[test]
+fn whoever_finds_no_place_in_the_table_is_not_heard() {
+    let mut aether = Aether::new(10, 0.0, 0);
+    for n in 1..=9 {
+        let ticket = aether.nodes[n].send(aether.now, short(0), &n).unwrap();
+        aether.run();
+        let delivery = match n {
+            9 => Delivery::NoAnswer,
+            _ => Delivery::Delivered,
+        };
+        assert_eq!(aether.nodes[n].result_of(ticket), Some(delivery), "{n}");
+        assert_eq!(aether.nodes[0].recv_bytes().is_some(), n < 9);
+    }
+    assert_eq!(aether.nodes[0].session.peers.iter().count(), 8);
+    assert!(aether.nodes[0].counts().table_full > 0);
+}
+
+/// The age of a repetition has one byte: nobody takes an old message for a new one.
+#[test]
+fn a_message_is_given_up_before_its_age_overflows() {
+    for (frames, is_repeated) in [(254, true), (255, false)] {
+        let mut aether = acquainted();
+        let ticket = aether.nodes[1].send(aether.now, short(2), &1_u8).unwrap();
+        let mut buffer = [0; FRAME_MAX];
+        aether.nodes[1]
+            .poll_transmit(aether.now, &mut buffer)
+            .unwrap();
+        for _ in 0..frames {
+            aether.nodes[1].session.counter.take().unwrap();
+        }
+        let later = aether.now + Duration::from_secs(1);
+        let repeated = aether.nodes[1].poll_transmit(later, &mut buffer).is_some();
+        assert_eq!(repeated, is_repeated, "{frames} frames in between");
+        let result = aether.nodes[1].result_of(ticket);
+        assert_eq!(result, (!is_repeated).then_some(Delivery::NoAnswer));
+    }
 }
 
 /// Any member could lock the others out otherwise.

@@ -350,7 +350,8 @@ impl<const MEMBERS: usize> Coordinator<MEMBERS> {
         match command {
             MacCommand::AssociationRequest(_) => self.on_request(now, from, link, common),
             MacCommand::Disassociation { .. } => {
-                if self.strike_off(from) {
+                let was_member = self.strike_off(from);
+                if was_member {
                     link.session.peers.forget(from);
                 }
             }

@@ -398,3 +398,97 @@ impl Device {
         common.unsaved.mark(FACT_NETWORK);
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::{
+        network::{Channels, NetworkSettings},
+        security::{Counter, FrameSecurity, Key, Protection},
+    };
+
+    const COORDINATOR: Eui64 = Eui64([1; 8]);
+    const ANYBODY: Eui64 = Eui64([2; 8]);
+    const NOW: Instant = Instant(1000);
+    const FOUND: Found = Found {
+        pan: crate::wire::PanId(0xBEEF),
+        channel: Channel::FIRST,
+        coordinator: Some(COORDINATOR),
+        is_open: true,
+    };
+
+    /// A device that has just begun to join a network.
+    fn joining() -> (Device, Link<4, 2>, Common) {
+        let mut common = Common::new(NetworkSettings {
+            extended: Eui64([9; 8]),
+            channels: Channels::ALL,
+            tx_power: 0,
+            protection: Protection::EncMic64,
+            seed: 1,
+        });
+        let key = Key::new(1, core::array::from_fn(|i| i as u8)).unwrap();
+        let counter = Counter::resume(0);
+        let session = FrameSecurity::new(Eui64([9; 8]), Protection::EncMic64, key, counter);
+        let mut link = Link::new(session, 1);
+        let mut device = Device::new(NOW, None, &common);
+        device.scan.on_beacon(FOUND);
+        device.try_candidate(NOW, 0, &mut link, &mut common);
+        (device, link, common)
+    }
+
+    fn admitted(from: Eui64, short: u16) -> LinkEvent {
+        let command = MacCommand::AssociationResponse(Association {
+            short: ShortAddress(short),
+            status: AssociationStatus::Successful,
+        });
+        LinkEvent::Command { from, command }
+    }
+
+    #[test]
+    fn only_its_coordinator_admits_a_device() {
+        let (mut device, mut link, mut common) = joining();
+        device.on_event(NOW, admitted(ANYBODY, 5), &mut link, &mut common);
+        assert_eq!(device.status(), NetworkStatus::Searching(None));
+        device.on_event(NOW, admitted(COORDINATOR, 5), &mut link, &mut common);
+        let NetworkStatus::Joined(network) = device.status() else {
+            panic!("{:?}", device.status());
+        };
+        assert_eq!((network.pan, network.short), (FOUND.pan, ShortAddress(5)));
+        // An address that is nobody's is no admission.
+        for nobody in [0xFFFE, 0xFFFF] {
+            let (mut device, mut link, mut common) = joining();
+            device.on_event(NOW, admitted(COORDINATOR, nobody), &mut link, &mut common);
+            assert!(matches!(device.status(), NetworkStatus::Searching(Some(_))));
+        }
+    }
+
+    #[test]
+    fn a_request_goes_to_a_coordinator_that_has_proven_itself() {
+        for (peer, requests) in [(ANYBODY, 0), (COORDINATOR, 1)] {
+            let (mut device, mut link, mut common) = joining();
+            let short = ShortAddress(0);
+            let fresh = LinkEvent::Fresh { peer, short };
+            device.on_event(NOW, fresh, &mut link, &mut common);
+            device.poll(NOW, &mut link, &mut common);
+            assert_eq!(common.commands.iter().count(), requests);
+        }
+    }
+
+    #[test]
+    fn a_member_tells_once_of_another_network_of_its_identifier() {
+        let (mut device, mut link, mut common) = joining();
+        device.on_event(NOW, admitted(COORDINATOR, 5), &mut link, &mut common);
+        let stranger = Found {
+            coordinator: Some(ANYBODY),
+            ..FOUND
+        };
+        let other = Found {
+            pan: crate::wire::PanId(1),
+            ..stranger
+        };
+        for (found, conflicts) in [(FOUND, 0), (other, 0), (stranger, 1), (stranger, 1)] {
+            device.on_beacon(NOW, found, &mut common);
+            assert_eq!(common.commands.iter().count(), conflicts);
+        }
+    }
+}

@@ -346,8 +346,6 @@ impl<const PEERS: usize, const QUEUE: usize, const MEMBERS: usize> Node<PEERS, Q
     /// What to do next. Call it until it returns `None` and the deadline is not past, then again at
     /// the [`deadline`](Self::deadline), after each received frame and after each call of another
     /// method.
-    // stack
-    #[inline(never)]
     pub fn poll(&mut self, now: Instant, buffer: &mut [u8; FRAME_MAX]) -> Option<Action> {
         if let Some(limit) = self.link.session.counter.wanted() {
             return Some(Action::Save(Record::CounterLimit(limit)));
@@ -433,8 +431,6 @@ impl<const PEERS: usize, const QUEUE: usize, const MEMBERS: usize> Node<PEERS, Q
     }
 
     /// Takes in a frame without FCS, which is decrypted in place.
-    // stack
-    #[inline(never)]
     pub fn handle(&mut self, now: Instant, frame: &mut [u8]) {
         let Some(config) = self.configured else {
             return;

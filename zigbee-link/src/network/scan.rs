@@ -174,3 +174,39 @@ impl Scan {
         }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const FOUND: Found = Found {
+        pan: PanId(0x1234),
+        channel: Channel::FIRST,
+        coordinator: None,
+        is_open: false,
+    };
+
+    #[test]
+    fn an_identifier_that_means_nothing_else_and_nobody_has() {
+        let mut scan = Scan::new(Channels::ALL);
+        scan.on_beacon(FOUND);
+        let mut drawn = [0x1234, 0xFFFE, 0xFFFF, 0xFFFD].into_iter();
+        let pan = scan.free_pan(|| drawn.next().unwrap());
+        assert_eq!(pan, PanId(0xFFFD));
+    }
+
+    #[test]
+    fn a_network_counts_once() {
+        let mut scan = Scan::new(Channels::only(Channel::FIRST).and(Channel::LAST));
+        let elsewhere = |pan| Found {
+            pan: PanId(pan),
+            channel: Channel::LAST,
+            ..FOUND
+        };
+        for found in [FOUND, FOUND, FOUND, elsewhere(1), elsewhere(2)] {
+            scan.on_beacon(found);
+        }
+        assert_eq!(scan.found().len(), 3);
+        assert_eq!(scan.quietest(), Some(Channel::FIRST));
+    }
+}

@@ -167,6 +167,16 @@ fn weaker_frames_are_refused() {
     assert!(opened(&mut bob, &mut good.clone()).is_ok());
 }
 
+/// It is never handed out; who used it could never be heard again.
+#[test]
+fn the_last_counter_is_refused() {
+    let (mut alice, mut bob) = pair();
+    let mut frame = sealed(&mut alice, b"x");
+    // Behind control, sequence, PAN, two short addresses and the security control.
+    frame[10..14].fill(0xFF);
+    assert_eq!(opened(&mut bob, &mut frame), Err(Refused::Replayed));
+}
+
 /// Contiki-NG #3171: the length ran below zero before the check of the integrity code.
 #[test]
 fn frames_shorter_than_their_code_are_refused() {

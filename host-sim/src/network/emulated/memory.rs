@@ -3,7 +3,7 @@
 use std::{fs, ops::Range, path::Path};
 
 use embassy_futures::block_on;
-use node_firmware::memory::{Fact, Memory};
+use node_firmware::facts::{Fact, FactStore};
 
 use virtual_bench::{
     executor::Clock,
@@ -25,7 +25,7 @@ pub(super) fn facts(file: &Path, owner: u32, clock: &Clock) -> Vec<Fact> {
     let flash = Flash::new(clock, pages, Root(0).stream("copy", 0)).programmer();
     flash.bytes_mut().copy_from_slice(&bytes[..pages * PAGE]);
     block_on(async {
-        if let Ok(mut memory) = Memory::open(flash, MEMORY, owner).await {
+        if let Ok(mut memory) = FactStore::open(flash, MEMORY, owner).await {
             // What cannot be read is missing from the record, as from the node's own memory.
             let _ = memory.recall(|fact| facts.push(*fact)).await;
         }

@@ -31,7 +31,7 @@ use std::{
 
 use embassy_futures::select::{Either, Either4, select, select4};
 use embedded_io_async::{Read, Write};
-use node_firmware::{config::CheckedConfig, memory::Fact};
+use node_firmware::{config::CheckedConfig, facts::Fact};
 
 pub use self::error::EmulatorError;
 use self::{files::Folder, heard::Heard};

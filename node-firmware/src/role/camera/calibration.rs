@@ -8,8 +8,8 @@ use calib_core::{
 
 use super::kept::{Kept, OfStop};
 use crate::{
+    facts::KeptSighting,
     limits::SIGHTINGS,
-    memory::KeptSighting,
     message::{CameraState, MemberAddress, PoseParts, StopNumber},
 };
 

@@ -2,8 +2,8 @@
 
 use super::CameraTask;
 use crate::{
+    facts::{Colours, Fact},
     limits::COLOURS_MAX,
-    memory::{Colours, Fact},
     vision::ColourWindow,
 };
 

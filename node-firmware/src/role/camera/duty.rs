@@ -10,9 +10,9 @@ use super::{
 };
 use crate::{
     config::CameraConfig,
+    facts::{Fact, FactKey, ReferenceStop},
     limits::REFERENCE_STOPS,
     log::debug,
-    memory::{Fact, FactKey, ReferenceStop},
     message::{
         CameraState, Duty, MemberAddress, References, Report, Seen, StopBearing, StopNumber,
         TargetLocation,
@@ -135,11 +135,10 @@ impl ReferenceDuty {
         core::mem::replace(&mut self.to_solve, false)
     }
 
-    /// The answer of the stops, if there are references.
-    pub(super) fn solve(&self, config: &CameraConfig) -> Option<Result<Answer, NotYet>> {
-        let frame = ReferenceFrame::new(self.references.as_ref()?, config);
-        let wanted = usize::from(config.reference_stops);
-        Some(self.stops.solve(&frame, wanted))
+    /// What is known of the frame of the site before the solve, if there are references.
+    fn frame(&self, config: &CameraConfig) -> Option<ReferenceFrame> {
+        let references = self.references.as_ref()?;
+        Some(ReferenceFrame::new(references, config))
     }
 
     /// What was solved for others, to be told to them.
@@ -298,9 +297,12 @@ impl CameraRole {
         if self.progress.pose().is_some() {
             return;
         }
-        if let Some(solved) = self.duty.solve(&self.config) {
-            self.on_solved(now, &solved);
-        }
+        let Some(frame) = self.duty.frame(&self.config) else {
+            return;
+        };
+        let wanted = usize::from(self.config.reference_stops);
+        let solved = self.duty.stops.solve(&frame, wanted);
+        self.on_solved(now, &solved);
     }
 
     // stack: what it takes is not there while solving.

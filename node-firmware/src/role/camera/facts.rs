@@ -4,8 +4,8 @@ use zigbee_link::Instant;
 
 use super::{CameraNotification, CameraRole, duty::reference_stop};
 use crate::{
+    facts::{Fact, FactKey},
     limits::SIGHTINGS,
-    memory::{Fact, FactKey},
     role::COORDINATOR,
 };
 

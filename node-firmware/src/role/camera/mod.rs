@@ -23,6 +23,8 @@ mod progress;
 mod reference;
 mod stops;
 mod targets;
+#[cfg(test)]
+mod tests;
 
 use core::time::Duration;
 
@@ -43,9 +45,9 @@ use super::{
 use crate::{
     arithmetic::root,
     config::CameraConfig,
+    facts::{Fact, FactKey},
     hardware::{Button, Indication},
     limits::{COLOURS_MAX, MEMBERS, REFERENCE_STOPS, TARGETS},
-    memory::{Fact, FactKey},
     message::{
         CameraCommand, CommandResult, Duty, Hello, ListedSighting, MemberAddress, MemberKind,
         Message, PoseParts, Report, Seen, Sight, StopBearing, StopNumber, TrackedBlob,

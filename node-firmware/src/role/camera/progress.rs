@@ -4,8 +4,8 @@ use calib_core::Status;
 
 use crate::{
     config::CameraConfig,
+    facts::FactKey,
     limits::SIGHTINGS,
-    memory::FactKey,
     message::{CameraState, Duty, PoseParts, Report},
     role::Unsaved,
 };
@@ -122,7 +122,7 @@ pub(super) fn is_done(config: &CameraConfig, sightings: usize, state: &CameraSta
 }
 
 /// Whether a report says so much more than another that others should hear of it.
-fn is_news(old: &Report, new: &Report) -> bool {
+pub(super) fn is_news(old: &Report, new: &Report) -> bool {
     let (Some(old_pose), Some(new_pose)) = (old.pose(), new.pose()) else {
         return old.state != new.state || old.done != new.done;
     };

@@ -12,8 +12,8 @@ use super::kept::{Kept, OfStop};
 use crate::{
     arithmetic::{root, sort},
     config::CameraConfig,
+    facts::ReferenceStop,
     limits::REFERENCE_STOPS,
-    memory::ReferenceStop,
     message::{MemberAddress, PoseParts, References, Seen, StopNumber, TargetLocation, triangle},
 };
 

@@ -12,7 +12,7 @@ use super::{
     targets::{LastLook, is_past},
 };
 use crate::{
-    memory::KeptSighting,
+    facts::KeptSighting,
     message::{
         CoordinateFrame, Duty, MemberAddress, Message, Report, Seen, Sight, StopAnswer,
         StopBearing, StopNumber, Stopped,

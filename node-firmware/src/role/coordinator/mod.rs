@@ -4,6 +4,9 @@
 //! (those configured, or the first two that saw a target), collects poses for the PC on its line,
 //! and hands the PC's commands on, as the coordinator of the thesis did (3.4.4, Appendix A).
 
+#[cfg(test)]
+mod tests;
+
 use core::time::Duration;
 
 use calib_core::Status;
@@ -12,10 +15,10 @@ use zigbee_link::{Instant, store::Membership, wire::ShortAddress};
 use super::{Notification, Notifications, Outbox, Output, RETRY, Reports, Role, Unsaved, earliest};
 use crate::{
     config::SiteKey,
-    console::{FromPc, Network, ToPc},
+    console::{FromPc, NetworkInfo, ToPc},
+    facts::{Fact, FactKey},
     hardware::{Button, Indication},
     limits::MEMBERS,
-    memory::{Fact, FactKey},
     message::{
         CameraCommand, CommandResult, Duty, Hello, MemberAddress, MemberKind, Message, References,
         Report, StopNumber,
@@ -118,7 +121,7 @@ struct Trigger {
 #[derive(Clone, Debug)]
 pub struct CoordinatorRole {
     members: Reports<Known>,
-    network: Option<Network>,
+    network: Option<NetworkInfo>,
     references: Option<References>,
     /// References were appointed in a former run.
     restored: bool,
@@ -490,7 +493,7 @@ impl Role for CoordinatorRole {
     }
 
     fn on_attached(&mut self, now: Instant, network: Option<Membership>) {
-        self.network = network.map(|network| Network {
+        self.network = network.map(|network| NetworkInfo {
             pan: network.pan.0,
             channel: network.channel.number(),
         });

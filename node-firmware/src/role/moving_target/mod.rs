@@ -25,8 +25,8 @@ use super::{
 };
 use crate::{
     config::TargetConfig,
+    facts::{Fact, FactKey, Walk},
     hardware::Indication,
-    memory::{Fact, FactKey, Walk},
     message::{
         CoordinateFrame, Hello, MemberAddress, MemberKind, Message, Sight, StopBearing, StopNumber,
         Stopped,

@@ -14,7 +14,7 @@ use super::{State, TargetRole};
 use crate::{
     arithmetic::root,
     config::TargetConfig,
-    memory::FactKey,
+    facts::FactKey,
     message::{StopBearing, TargetLocation, matrix},
 };
 

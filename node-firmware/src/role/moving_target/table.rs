@@ -4,8 +4,8 @@ use zigbee_link::Instant;
 
 use super::{ANSWER_WITHIN, READY_AFTER};
 use crate::{
+    facts::Fact,
     limits::MEMBERS,
-    memory::Fact,
     message::{Duty, MemberAddress, Report, Sight, StopAnswer},
     role::{Reports, Unsaved},
 };

@@ -4,7 +4,10 @@ use nalgebra::{Matrix2, Point2};
 use zigbee_link::{radio::Channel, wire::Eui64, wire::PanId};
 
 use super::*;
-use crate::{config::SensorConfig, message::TargetLocation};
+use crate::{
+    config::SensorConfig,
+    message::{CameraState, PoseParts, Report, Seen, StopAnswer, TargetLocation},
+};
 
 const OWN: f32 = 2.0 / 180.0 * core::f32::consts::PI;
 const SCALE: f32 = 0.03;
@@ -100,4 +103,197 @@ fn a_target_that_was_located_walks_on_in_the_frame_of_the_site() {
     };
     target.on_located(at(6), &again);
     check(&target, [3.0, 14.0], [across, along]);
+}
+
+const fn answer(sight: Sight) -> StopAnswer {
+    StopAnswer {
+        stop: 0,
+        sight,
+        counted: 1,
+        done: false,
+    }
+}
+
+fn table(cameras: &[u16]) -> Table {
+    let mut table = Table::new();
+    for camera in cameras {
+        table.meet(*camera);
+    }
+    table.new_stop(false);
+    table
+}
+
+#[test]
+fn a_camera_that_is_starting_is_asked_again_after_a_while() {
+    let mut table = table(&[1, 2, 3]);
+    assert_eq!(
+        [2, 2, 2].map(|most| table.ask(most)),
+        [Some(1), Some(2), None]
+    );
+    table.on_asked(at(0), 1, true);
+    assert_eq!(table.deadline(), Some(at(0) + ANSWER_WITHIN));
+    assert!(table.can_ask(2));
+    table.on_answer(at(1), 1, &answer(Sight::NotReady));
+    assert_eq!(table.deadline(), Some(at(1) + READY_AFTER));
+    table.on_answer(at(1), 2, &answer(Sight::InView));
+    table.on_answer(at(1), 3, &answer(Sight::NotInView));
+    table.give_up(at(2));
+    assert!(!table.is_settled() && !table.can_ask(2));
+    assert_eq!(table.ask(2), None);
+    table.give_up(at(3));
+    assert_eq!(table.ask(2), Some(1));
+    table.on_answer(at(3), 1, &answer(Sight::Unsteady));
+    assert!(table.is_settled());
+}
+
+#[test]
+fn a_camera_that_is_silent_is_asked_three_times_at_each_stop() {
+    let mut table = table(&[1]);
+    for stop in 0..3 {
+        let began = 100 * stop;
+        for asked in 0..3 {
+            let now = began + 10 * asked;
+            assert_eq!(table.ask(2), Some(1), "{now}");
+            table.on_asked(at(now), 1, true);
+            table.give_up(at(now + 3));
+            assert_eq!(table.ask(2), None);
+            table.give_up(at(now + 4));
+        }
+        assert!(table.is_settled());
+        table.new_stop(false);
+    }
+}
+
+#[test]
+fn a_camera_that_is_away_is_asked_once_at_every_fourth_stop() {
+    let mut table = table(&[1]);
+    for asked in 0..3 {
+        assert_eq!(table.ask(2), Some(1));
+        table.on_asked(at(10 * asked), 1, false);
+        table.give_up(at(10 * asked + 4));
+    }
+    assert!(table.is_settled());
+    for stop in 2..10 {
+        table.new_stop(false);
+        assert_eq!(table.is_settled(), stop % 4 != 0, "{stop}");
+        if stop % 4 == 0 {
+            assert_eq!(table.ask(2), Some(1));
+            table.on_asked(at(100), 1, false);
+            table.give_up(at(104));
+            assert!(table.is_settled());
+        }
+    }
+    // It is back.
+    table.on_answer(at(105), 1, &answer(Sight::InView));
+    table.new_stop(false);
+    assert_eq!(table.ask(2), Some(1));
+}
+
+#[test]
+fn a_camera_that_is_done_is_asked_where_the_target_is_lost() {
+    let mut table = table(&[1]);
+    let report = Report {
+        id: 7,
+        duty: None,
+        sightings: 5,
+        used: 5,
+        chi_squared: 1.0,
+        done: true,
+        state: CameraState::Waiting,
+    };
+    let mut unsaved = Unsaved::new();
+    table.report(1, report, &mut unsaved);
+    assert_eq!(unsaved.take(), Some(FactKey::Camera(0)));
+    table.restore(4, 2, report);
+    assert!(
+        table
+            .iter()
+            .all(|camera| camera.done && camera.counted == 5)
+    );
+    table.new_stop(false);
+    assert!(table.is_settled());
+    table.new_stop(true);
+    assert_eq!([2, 2].map(|most| table.ask(most)), [Some(1), Some(2)]);
+    // Nobody is asked any more.
+    table.new_stop(true);
+    table.close();
+    assert!(table.is_settled());
+}
+
+/// A target that stood when its power failed stands there; one that walked may be anywhere.
+#[test]
+fn a_target_goes_on_from_where_it_stood() {
+    let mut before = target();
+    before.frame_heading = Some((0.5, 0.1));
+    before.located = true;
+    walk(&mut before);
+    for standing in [true, false] {
+        let walk = Walk {
+            standing,
+            ..before.walk().unwrap()
+        };
+        let mut after = target();
+        after.restore(&Fact::Walk(walk));
+        assert_eq!(after.located, standing);
+        assert_eq!(after.frame_heading, before.frame_heading);
+        assert_eq!(after.stop, before.stop);
+        let is_there = (after.track.position() - before.track.position()).norm() < 1e-3;
+        assert_eq!(is_there, standing);
+        assert_eq!(matches!(after.state, State::Standing(_)), standing);
+        let fix = |target: &TargetRole| target.place().unwrap().parts().fix;
+        assert_eq!(fix(&after) == fix(&before), standing);
+    }
+}
+
+#[test]
+fn bearings_of_the_present_stop_and_of_cameras_with_poses_count() {
+    let mut target = target();
+    target.address = Some(ShortAddress(3));
+    let pose = PoseParts {
+        position: [1.0, 2.0],
+        heading: 0.5,
+        covariance: [0.01, 0.0, 0.01, 0.0, 0.0, 0.001],
+    };
+    let seen = Seen {
+        bearing: 0.1,
+        sigma: 0.01,
+    };
+    let bearing = StopBearing {
+        target: 3,
+        stop: target.stop,
+        seen,
+        pose: Some(pose),
+    };
+    let useless = [
+        StopBearing {
+            target: 4,
+            ..bearing
+        },
+        StopBearing {
+            stop: target.stop - 1,
+            ..bearing
+        },
+        StopBearing {
+            pose: None,
+            ..bearing
+        },
+        StopBearing {
+            seen: Seen { sigma: 0.0, ..seen },
+            ..bearing
+        },
+    ];
+    for useless in &useless {
+        target.on_bearing(at(1), ShortAddress(7), useless);
+        assert_eq!(target.next_deadline(), None);
+    }
+    for camera in [7, 8, 7, 9, 10, 11] {
+        target.on_bearing(at(1), ShortAddress(camera), &bearing);
+        assert!(target.locate_at.is_some());
+    }
+    let senders = target.bearings.iter().map(|(sender, _)| sender.0);
+    assert!(senders.eq([8, 7, 9, 10]));
+    target.located = true;
+    target.bearings.clear();
+    target.on_bearing(at(1), ShortAddress(7), &bearing);
+    assert!(target.bearings.is_empty());
 }

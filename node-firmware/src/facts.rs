@@ -31,16 +31,15 @@ use embedded_storage_async::nor_flash::NorFlash;
 use flash_log::{Entry, Log, LogError};
 use serde::{Deserialize, Serialize};
 
-use crate::limits::COLOURS_MAX;
-use crate::log::warning;
-use crate::vision::ColourWindow;
 use crate::{
-    limits::MEMBERS,
+    limits::{COLOURS_MAX, MEMBERS},
+    log::warning,
     message::{MemberAddress, References, Report, Seen, StopNumber},
+    vision::ColourWindow,
 };
 
 /// One above the highest key.
-const KEYS: u8 = 96 + MEMBERS as u8;
+const KEYS: u8 = FactKey::Camera(MEMBERS as u8 - 1).record() + 1;
 /// Key of the record that says whose the facts are.
 const OWNER: u8 = 254;
 /// First byte of its value.
@@ -69,7 +68,7 @@ pub enum Fact {
     /// A camera: the colours it learnt.
     Colours(Colours),
     /// Camera and target: the network that the addresses in all other facts are of.
-    Network(Network),
+    Network(FormerNetwork),
 }
 
 /// Which fact: of each one there is one.
@@ -160,9 +159,9 @@ impl Fact {
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct KeptSighting {
-    /// The target.
+    /// Whom the camera saw.
     pub target: MemberAddress,
-    /// Its stop.
+    /// By the target's own count.
     pub stop: StopNumber,
     /// Where it said it stood, in the frame of the site.
     pub place: Place<f32>,
@@ -174,9 +173,9 @@ pub struct KeptSighting {
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct ReferenceStop {
-    /// The target.
+    /// Whom the camera saw.
     pub target: MemberAddress,
-    /// Its stop.
+    /// By the target's own count.
     pub stop: StopNumber,
     /// Where it was in the target's own frame, once told.
     pub place: Option<Place<f32>>,
@@ -189,7 +188,7 @@ pub struct ReferenceStop {
 /// A network, as one of its members knows it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
-pub struct Network {
+pub struct FormerNetwork {
     /// Its PAN identifier.
     pub pan: u16,
     /// The coordinator's EUI-64.
@@ -229,12 +228,12 @@ pub struct Walk {
 
 /// The facts of one node in a range of a flash.
 #[derive(Debug)]
-pub struct Memory<F> {
+pub struct FactStore<F> {
     log: Log<F, SLOT>,
     owner: Entry<SLOT>,
 }
 
-impl<F: NorFlash> Memory<F> {
+impl<F: NorFlash> FactStore<F> {
     /// Opens the memory in `range` of the flash, bytes from its start, an even number of erase
     /// units. That of another `owner` is begun anew. A record that rotted is lost alone, but for the
     /// [limits](flash_log#rot) of the log: of damage to its key and to more, the fact
@@ -292,8 +291,9 @@ impl<F: NorFlash> Memory<F> {
     pub async fn save(&mut self, fact: &Fact) -> Result<(), LogError<F::Error>> {
         let mut value = [0; Entry::<SLOT>::VALUE_MAX];
         // Every fact fits: a test writes the longest of each kind.
-        let value = postcard::to_slice(fact, &mut value).map_err(|_| LogError::Full)?;
-        let entry = Entry::new(fact.key().record(), value).ok_or(LogError::Full)?;
+        let value = postcard::to_slice(fact, &mut value).map_err(|_| LogError::Full);
+        debug_assert!(value.is_ok(), "a fact is longer than a record");
+        let entry = Entry::new(fact.key().record(), value?).ok_or(LogError::Full)?;
         match self.log.append(&entry).await {
             Err(LogError::Full) => {
                 warning!("the memory of the role is full: it is begun anew");

@@ -44,7 +44,7 @@ pub enum PageError {
     Checksum,
     /// A version that this firmware does not know.
     Version {
-        /// It.
+        /// Version of the page.
         found: u16,
     },
     /// The checksum is right, but the body is no configuration.
@@ -137,7 +137,7 @@ pub fn decode(page: &[u8]) -> Result<CheckedConfig, PageError> {
     if Crc32::of(covered) != u32::from_le_bytes(*checksum) {
         return Err(PageError::Checksum);
     }
-    let body = covered.get(HEADER..).unwrap_or(&[]);
+    let body = covered.get(HEADER..).ok_or(PageError::Truncated)?;
     let config = match u16::from_le_bytes([v0, v1]) {
         VERSION => match postcard::take_from_bytes::<Config>(body) {
             Ok((config, [])) => config,
@@ -149,5 +149,4 @@ pub fn decode(page: &[u8]) -> Result<CheckedConfig, PageError> {
 }
 
 #[cfg(test)]
-#[path = "page_tests.rs"]
 mod tests;

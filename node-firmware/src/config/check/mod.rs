@@ -133,39 +133,39 @@ const NO_LENS: Lens = Lens::pin_hole(88, 45.0);
 pub enum ConfigError {
     /// The EUI-64 is all zeros or all ones.
     Extended,
-    /// The site key.
+    /// Index 0, or bytes that nobody drew at random.
     SiteKey,
-    /// The first frame counter.
+    /// No counter is left above it.
     FirstCounter,
-    /// The channel mask.
+    /// No channel, or one that there is not.
     Channels,
-    /// The transmit power.
+    /// The transmit power is not -40 to 20 dBm.
     TxPower,
-    /// An EUI-64 of the allow-list.
+    /// An EUI-64 of the allow-list is no address, or is there twice.
     Allow,
-    /// The join window.
+    /// The join window is longer than [`JOIN_WINDOW_MAX`].
     JoinWindow,
-    /// The lens.
+    /// There is no such lens.
     Lens(LensError),
     /// The lens has more columns than the camera can count.
     Columns,
-    /// The baud rate.
+    /// The CMUcam2 has no jumpers for the baud rate.
     Baud,
-    /// The number of the first column.
+    /// The first column has neither number 0 nor 1.
     FirstColumn,
-    /// The colour windows.
+    /// There is no colour, or one whose lowest level is above its highest.
     Colours,
-    /// The threshold of frame differencing.
+    /// The threshold of frame differencing is not 1 to 224.
     Threshold,
-    /// The position of a reference.
+    /// The position of a reference is not finite.
     ReferencePosition,
-    /// The baseline.
+    /// The baseline is not above 0.
     Baseline,
-    /// The heading of the displacements' frame.
+    /// The heading of the displacements' frame is more than a turn.
     FrameHeading,
-    /// The stops of the reference solve.
+    /// So many stops are too few for the reference solve, or more than are kept.
     ReferenceStops,
-    /// The stops wanted.
+    /// The stops wanted are not [`STOPS_WANTED`].
     Stops,
     /// The sigmas that are good enough.
     GoodEnough,
@@ -173,7 +173,7 @@ pub enum ConfigError {
     Weak,
     /// The floor of a sighting's sigma.
     SigmaFloor,
-    /// The target's colour number.
+    /// The target's colour number is not below [`COLOURS_MAX`].
     TargetColour,
     /// The time without a step.
     StillAfter,
@@ -414,5 +414,4 @@ fn is_positive(value: f32) -> bool {
 }
 
 #[cfg(test)]
-#[path = "check_tests.rs"]
 mod tests;

@@ -9,8 +9,8 @@ use embassy_futures::block_on;
 use flash_log::{Entry, Log, LogError};
 use nalgebra::{Point2, Vector2};
 use node_firmware::{
+    facts::{Colours, Fact, FactStore, FormerNetwork, KeptSighting, ReferenceStop, Walk},
     limits::{MEMBERS, REFERENCE_STOPS, SIGHTINGS},
-    memory::{Colours, Fact, KeptSighting, Memory, Network, ReferenceStop, Walk},
     message::{CameraState, Duty, PoseParts, References, Report, Seen},
     vision::ColourWindow,
 };
@@ -93,7 +93,7 @@ fn colours() -> Fact {
 }
 
 fn network() -> Fact {
-    Fact::Network(Network {
+    Fact::Network(FormerNetwork {
         pan: 0x1234,
         coordinator: [2, 0, 0, 0, 0, 0, 0, 9],
         own: u16::MAX,
@@ -137,7 +137,7 @@ fn longest() -> [Fact; 9] {
 
 fn recall(flash: &mut Flash) -> Vec<Fact> {
     block_on(async {
-        let mut memory = Memory::open(flash, 0..LEN, OWNER).await.unwrap();
+        let mut memory = FactStore::open(flash, 0..LEN, OWNER).await.unwrap();
         let mut facts = Vec::new();
         memory.recall(|fact| facts.push(*fact)).await.unwrap();
         facts
@@ -154,7 +154,7 @@ fn bank(flash: &Flash) -> usize {
 
 fn save(flash: &mut Flash, facts: &[Fact]) {
     block_on(async {
-        let mut memory = Memory::open(flash, 0..LEN, OWNER).await.unwrap();
+        let mut memory = FactStore::open(flash, 0..LEN, OWNER).await.unwrap();
         for fact in facts {
             memory.save(fact).await.unwrap();
         }
@@ -252,7 +252,7 @@ fn facts_of_others_are_dropped() {
     for owner in [OWNER + 1, OWNER] {
         let mut facts = 0;
         block_on(async {
-            let mut memory = Memory::open(&mut flash, 0..LEN, owner).await.unwrap();
+            let mut memory = FactStore::open(&mut flash, 0..LEN, owner).await.unwrap();
             memory.recall(|_| facts += 1).await.unwrap();
             memory.save(&sighting(1, 1.0)).await.unwrap();
         });
@@ -321,7 +321,7 @@ fn rot_at_work_is_survived() {
     save(&mut rotten, &longest());
     block_on(async {
         let chip = rotten.clone();
-        let mut memory = Memory::open(&mut rotten, 0..LEN, OWNER).await.unwrap();
+        let mut memory = FactStore::open(&mut rotten, 0..LEN, OWNER).await.unwrap();
         for n in 0..200_u8 {
             if n == 60 {
                 // The records of both banks are there.
@@ -349,7 +349,7 @@ fn recalling_reads_each_record_twice_at_most() {
         let chip = flash.clone();
         let mut facts = 0;
         let reads = block_on(async {
-            let mut memory = Memory::open(&mut flash, 0..LEN, OWNER).await.unwrap();
+            let mut memory = FactStore::open(&mut flash, 0..LEN, OWNER).await.unwrap();
             let before = chip.wear().reads;
             memory.recall(|_| facts += 1).await.unwrap();
             chip.wear().reads - before
@@ -373,7 +373,7 @@ fn power_cuts_are_survived() {
         flash.power(Some(rng.random_range(1..=budget)));
         let mut trying = None;
         let failed = block_on(async {
-            let mut memory = Memory::open(&mut flash, 0..LEN, OWNER).await?;
+            let mut memory = FactStore::open(&mut flash, 0..LEN, OWNER).await?;
             loop {
                 let index = rng.random_range(0..20);
                 let fact = sighting(index, rng.random());

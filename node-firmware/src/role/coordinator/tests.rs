@@ -1,0 +1,202 @@
+use std::vec::Vec;
+
+use zigbee_link::{
+    radio::Channel,
+    wire::{Eui64, PanId},
+};
+
+use super::*;
+
+const CAMERA: MemberKind = MemberKind::Camera { reference: None };
+
+const fn at(seconds: u64) -> Instant {
+    Instant(seconds * 1_000_000)
+}
+
+/// All that it wants now.
+fn outputs(
+    role: &mut CoordinatorRole,
+    now: u64,
+) -> Vec<Output<CoordinatorNotification, CoordinatorTask>> {
+    core::iter::from_fn(|| role.poll(at(now))).collect()
+}
+
+/// What it sends, and to whom.
+fn sent(role: &mut CoordinatorRole, now: u64) -> Vec<(u16, Message)> {
+    let outputs = outputs(role, now).into_iter();
+    outputs
+        .filter_map(|output| match output {
+            Output::Send { to, message, .. } => Some((to.0, message)),
+            _ => None,
+        })
+        .collect()
+}
+
+/// What it tells the PC.
+fn told(role: &mut CoordinatorRole, now: u64) -> Vec<ToPc> {
+    let outputs = outputs(role, now).into_iter();
+    outputs
+        .filter_map(|output| match output {
+            Output::Task(CoordinatorTask::Tell(message)) => Some(message),
+            _ => None,
+        })
+        .collect()
+}
+
+/// A coordinator that has asked everybody who they are.
+fn coordinator() -> CoordinatorRole {
+    let mut role = CoordinatorRole::new();
+    let membership = Membership {
+        pan: PanId(7),
+        channel: Channel::FIRST,
+        short: ShortAddress(0),
+        coordinator: Eui64([2; 8]),
+    };
+    role.on_attached(at(0), Some(membership));
+    for call in [0, 5, 30] {
+        let expected = (ShortAddress::BROADCAST.0, Message::WhoIsThere);
+        assert_eq!(role.next_deadline(), Some(at(call)));
+        assert_eq!(sent(&mut role, call), [expected]);
+        // Once for each start, not for each time that it forms its network.
+        role.on_attached(at(call), Some(membership));
+    }
+    assert_eq!(role.next_deadline(), None);
+    role
+}
+
+fn hello(role: &mut CoordinatorRole, now: u64, address: u16, kind: MemberKind) {
+    let hello = Hello { id: address, kind };
+    role.on_message(at(now), ShortAddress(address), &Message::Hello(hello));
+}
+
+fn trigger(role: &mut CoordinatorRole, now: u64, camera: u16, stop: StopNumber) {
+    let message = Message::Trigger { target: 9, stop };
+    role.on_message(at(now), ShortAddress(camera), &message);
+}
+
+#[test]
+fn targets_alone_hear_of_cameras() {
+    let mut role = coordinator();
+    hello(&mut role, 40, 9, MemberKind::Target);
+    let roster = |cameras: &[u16]| Message::Roster(cameras.iter().copied().collect());
+    assert_eq!(sent(&mut role, 40), [(9, roster(&[]))]);
+    let notification = CoordinatorNotification::Member(9, MemberNotification::Roster);
+    role.on_sent(at(40), notification, true);
+    hello(&mut role, 50, 4, CAMERA);
+    hello(&mut role, 50, 5, CAMERA);
+    assert_eq!(role.next_deadline(), Some(at(50) + ROSTER_AFTER));
+    assert_eq!(sent(&mut role, 50), []);
+    assert_eq!(sent(&mut role, 51), [(9, roster(&[4, 5]))]);
+    role.on_sent(at(51), notification, true);
+    // No news.
+    hello(&mut role, 60, 4, CAMERA);
+    assert_eq!(sent(&mut role, 70), []);
+}
+
+#[test]
+fn who_never_said_who_it_is_is_asked_once() {
+    let mut role = coordinator();
+    trigger(&mut role, 40, 4, 1);
+    assert_eq!(role.next_deadline(), Some(at(42)));
+    assert_eq!(sent(&mut role, 41), []);
+    assert_eq!(sent(&mut role, 42), [(4, Message::WhoIsThere)]);
+    let who = CoordinatorNotification::Member(4, MemberNotification::WhoIsThere);
+    role.on_sent(at(42), who, false);
+    assert_eq!(role.next_deadline(), None);
+    // Heard again, it is asked again; and not if it says so itself.
+    trigger(&mut role, 50, 4, 2);
+    hello(&mut role, 51, 4, CAMERA);
+    assert_eq!(role.next_deadline(), None);
+}
+
+#[test]
+fn the_first_two_cameras_that_see_a_target_are_the_references() {
+    let mut role = coordinator();
+    for camera in [4, 5, 6] {
+        hello(&mut role, 40, camera, CAMERA);
+    }
+    trigger(&mut role, 41, 4, 1);
+    trigger(&mut role, 41, 4, 1);
+    trigger(&mut role, 42, 5, 2);
+    assert_eq!(sent(&mut role, 42), []);
+    trigger(&mut role, 43, 6, 2);
+    trigger(&mut role, 43, 4, 2);
+    let references = References {
+        first: 5,
+        second: 6,
+        positions: None,
+    };
+    let outputs = outputs(&mut role, 43);
+    assert!(matches!(
+        outputs[0],
+        Output::Save(Fact::References(Some(saved))) if saved == references
+    ));
+    let expected = [5, 6].map(|to| Output::Send {
+        to: ShortAddress(to),
+        message: Message::References(references),
+        notification: Some(CoordinatorNotification::Member(
+            to,
+            MemberNotification::References,
+        )),
+    });
+    assert_eq!(outputs[1..], expected);
+}
+
+#[test]
+fn a_camera_that_was_sent_away_is_no_reference() {
+    let mut role = coordinator();
+    for camera in [4, 5] {
+        hello(&mut role, 40, camera, CAMERA);
+    }
+    trigger(&mut role, 41, 4, 1);
+    role.on_event(at(42), CoordinatorEvent::Pc(FromPc::Remove(4)));
+    let _ = outputs(&mut role, 42);
+    trigger(&mut role, 43, 5, 1);
+    assert_eq!(sent(&mut role, 43), []);
+    // Once it is one, nobody is.
+    trigger(&mut role, 44, 6, 1);
+    assert_eq!(sent(&mut role, 44).len(), 2);
+    role.on_event(at(45), CoordinatorEvent::Pc(FromPc::Remove(5)));
+    let outputs = outputs(&mut role, 45);
+    assert!(outputs.contains(&Output::Save(Fact::References(None))));
+    let late = CoordinatorNotification::Member(6, MemberNotification::References);
+    role.on_sent(at(45), late, false);
+    assert_eq!(sent(&mut role, 100), [(6, Message::WhoIsThere)]);
+}
+
+#[test]
+fn a_pc_that_asks_is_told_everything() {
+    let mut role = coordinator();
+    hello(&mut role, 40, 4, CAMERA);
+    hello(&mut role, 40, 9, MemberKind::Target);
+    let _ = outputs(&mut role, 40);
+    role.on_event(at(41), CoordinatorEvent::Pc(FromPc::Refresh));
+    let told = told(&mut role, 41);
+    assert!(
+        matches!(
+            told[..],
+            [
+                ToPc::Network(Some(_)),
+                ToPc::Member { address: 4, .. },
+                ToPc::Member { address: 9, .. }
+            ]
+        ),
+        "{told:?}"
+    );
+    let failed = CameraCommand::Forget;
+    for (command, delivered) in [(CameraCommand::Initialise, true), (failed, false)] {
+        let wish = FromPc::Command {
+            address: 4,
+            command,
+        };
+        role.on_event(at(42), CoordinatorEvent::Pc(wish));
+        assert_eq!(sent(&mut role, 42), [(4, Message::Command(command))]);
+        let notification = CoordinatorNotification::Command(4, command);
+        role.on_sent(at(43), notification, delivered);
+    }
+    let done = CommandResult {
+        command: failed,
+        success: false,
+    };
+    assert_eq!(self::told(&mut role, 43), [ToPc::Done { address: 4, done }]);
+}
