@@ -14,6 +14,7 @@ use clap::{Parser, ValueEnum};
 mod camera;
 mod cramer_rao;
 mod figure;
+mod joint;
 mod network;
 mod precision;
 mod recorded;
@@ -44,6 +45,8 @@ enum Topic {
     Precision,
     /// The line to an emulated CMUcam2: rates and corruption.
     Camera,
+    /// Cameras, target and carrier together, against the batch optimum.
+    Joint,
     /// Whole networks in virtual time: the thesis's 13 cameras, and a thousand.
     Network,
     /// The main goals again, from few runs: a minute. A goal is missed only by what chance does not
@@ -68,6 +71,7 @@ fn main() -> anyhow::Result<ExitCode> {
             Topic::CramerRao => cramer_rao::run(&mut sheet, false),
             Topic::Precision => precision::run(&mut sheet, false),
             Topic::Camera => camera::run(&mut sheet)?,
+            Topic::Joint => joint::run(&mut sheet)?,
             Topic::Network => network::run(&mut sheet)?,
             Topic::Brief => {
                 recorded::run(&mut sheet, true)?;

@@ -7,6 +7,7 @@
 //! | [`resection`] | Where is a camera that saw a target at three or more known places? |
 //! | [`intersection`] | Where is a target that two or more cameras of known pose see? |
 //! | [`mod@reference`] | Where do two cameras look, and where is the target, when only its displacements are known? |
+//! | [`joint`] | Where are all cameras, the target's places, and what does its carrier get wrong, from everything together? |
 //! | [`dead_reckoning`] | Where is the target after some more steps? |
 //! | [`fit`] | Do the measurements agree with the answer? |
 //!
@@ -61,6 +62,7 @@ pub mod camera;
 pub mod dead_reckoning;
 pub mod fit;
 pub mod intersection;
+pub mod joint;
 pub mod reference;
 pub mod resection;
 

@@ -1,5 +1,7 @@
 //! Random scenes with a known truth, made without the code under test.
 
+pub mod batch;
+pub mod walk;
 pub mod walker;
 
 use std::f64::consts::TAU;

@@ -1,0 +1,174 @@
+//! Which cameras take part.
+//!
+//! A camera seen once or twice is a ring, not a Gaussian: its bearings wait, raw, until there are
+//! enough for a closed form. From four on they must agree with each other (consensus of three:
+//! [`solve_rejecting`]). One with exactly three agrees with anything and tells the others nothing,
+//! so it is solved last, when they are settled.
+
+use super::problem::{Problem, REFERENCES, Sight, Standing};
+use crate::{
+    Limits, Pose, Ray, Real, Refusal, Sighting,
+    numerics::real::lit,
+    resection::{solve, solve_rejecting},
+};
+
+/// Bearings of a camera that an admission looks at: triples are drawn from no more.
+const MOST: usize = 16;
+/// Bearings off the consensus by more sigmas do not belong to it.
+const GATE: f64 = 4.0;
+
+impl<T: Real> Problem<'_, T> {
+    /// Takes in every camera that waits, has `least` bearings or more, and whose bearings give a pose
+    /// within the limits. How many these were.
+    #[inline(never)] // size
+    pub(super) fn admit(&mut self, least: usize, limits: &Limits<T>) -> usize {
+        let mut admitted = 0;
+        for camera in REFERENCES..self.cameras.len() {
+            let bearings = self.counting(camera);
+            let count = u16::try_from(bearings).unwrap_or(u16::MAX);
+            let waits = { self.cameras.get(camera) }
+                .is_some_and(|unknown| unknown.column.is_none() && unknown.tried != count);
+            if !waits || bearings < least {
+                continue;
+            }
+            let pose = self.resect(camera);
+            let Some(unknown) = self.cameras.get_mut(camera) else {
+                continue;
+            };
+            match pose {
+                Ok(pose) if limits.allow(&pose) => {
+                    unknown.value.x = pose.position.x;
+                    unknown.value.y = pose.position.y;
+                    unknown.value.z = pose.heading;
+                    unknown.column = Some(0);
+                    unknown.is_new = true;
+                    admitted += 1;
+                }
+                _ => unknown.tried = count,
+            }
+        }
+        admitted
+    }
+
+    /// Puts every camera that no longer is what it was let in for back among those that wait: its
+    /// target is behind it, or it is less certain than the limits allow. How many these were.
+    pub(super) fn evict(&mut self, limits: &Limits<T>) -> usize {
+        // The triangle is laid out for all of them: first who, then out.
+        for camera in REFERENCES..self.cameras.len() {
+            let stays = !self.is_estimated(camera)
+                || (self.is_in_front(camera)
+                    && self.pose(camera).is_ok_and(|pose| limits.allow(&pose)));
+            if let Some(unknown) = self.cameras.get_mut(camera) {
+                unknown.is_new = !stays;
+            }
+        }
+        let mut evicted = 0;
+        for camera in REFERENCES..self.cameras.len() {
+            if self.cameras.get(camera).is_some_and(|camera| camera.is_new) {
+                self.dismiss(camera);
+                evicted += 1;
+            }
+        }
+        evicted
+    }
+
+    /// No longer estimates a camera, until it has other bearings.
+    pub(super) fn dismiss(&mut self, camera: usize) {
+        let count = self.counting(camera);
+        if let Some(unknown) = self.cameras.get_mut(camera) {
+            unknown.column = None;
+            unknown.tried = u16::try_from(count).unwrap_or(u16::MAX);
+        }
+    }
+
+    /// Bearings of a camera that count.
+    pub(super) fn counting(&self, camera: usize) -> usize {
+        self.of(camera).count()
+    }
+
+    fn of(&self, camera: usize) -> impl Iterator<Item = &Sight<T>> {
+        self.sights.iter().filter(move |sight| {
+            usize::from(sight.camera) == camera && sight.standing == Standing::Counts
+        })
+    }
+
+    pub(super) fn is_in_front(&self, camera: usize) -> bool {
+        let quarter = T::frac_pi_2();
+        self.of(camera).all(|sight| {
+            let row = self.sight_row(sight);
+            row.is_some_and(|row| (row.residual * sight.sigma).abs() < quarter)
+        })
+    }
+
+    /// The pose that a camera's bearings give from the places as they are thought to be. Those that
+    /// do not agree are excluded.
+    #[inline(never)] // stack
+    fn resect(&mut self, camera: usize) -> Result<Pose<T>, Refusal> {
+        let nothing = Sighting::new(
+            nalgebra::Point2::origin(),
+            Ray::from_bearing(T::zero()),
+            T::one(),
+        );
+        let mut sightings = [nothing; MOST];
+        let all = self.counting(camera);
+        let mut used = 0;
+        let sights = self.of(camera).enumerate();
+        let spread = sights.filter(|(n, _)| all <= MOST || n * MOST / all != (n + 1) * MOST / all);
+        for (sighting, (_, sight)) in sightings.iter_mut().zip(spread) {
+            *sighting = self.sighting(sight).ok_or(Refusal::TooFew)?;
+            used += 1;
+        }
+        let sightings = sightings.get(..used).unwrap_or_default();
+        if used <= 3 {
+            return Ok(solve(sightings)?.pose);
+        }
+        let mut dropped = [false; MOST];
+        let dropped = dropped.get_mut(..used).unwrap_or_default();
+        let pose = solve_rejecting(sightings, lit(GATE), dropped)?.pose;
+        self.exclude_off(camera, &pose);
+        Ok(pose)
+    }
+
+    /// A bearing as the camera would solve it on its own: places are as uncertain, against each
+    /// other, as the leg that led there.
+    fn sighting(&self, sight: &Sight<T>) -> Option<Sighting<T>> {
+        let stop = self.stops.get(usize::from(sight.stop))?;
+        let [w11, w21, w22] = stop.root;
+        let mut sighting = Sighting::new(stop.place, Ray::from_bearing(sight.bearing), sight.sigma);
+        if w11 > T::zero() && w22 > T::zero() {
+            let (l11, l22) = (w11.recip(), w22.recip());
+            let l21 = -w21 * l11 * l22;
+            let c = &mut sighting.target_covariance;
+            c.m11 = l11 * l11;
+            c.m12 = l11 * l21;
+            c.m21 = c.m12;
+            c.m22 = l21 * l21 + l22 * l22;
+        }
+        Some(sighting)
+    }
+
+    /// Excludes the bearings that are off the consensus.
+    fn exclude_off(&mut self, camera: usize, pose: &Pose<T>) {
+        let gate = lit::<T>(GATE * GATE);
+        for n in 0..self.sights.len() {
+            let Some(sight) = self.sights.get(n) else {
+                return;
+            };
+            if usize::from(sight.camera) != camera || sight.standing != Standing::Counts {
+                continue;
+            }
+            let Some(sighting) = self.sighting(sight) else {
+                continue;
+            };
+            let to_target = sighting.target - pose.position;
+            let residual = sighting.ray.residual(pose.heading, to_target);
+            let range2 = to_target.norm_squared();
+            let variance = sighting.bearing_variance_range4(to_target) / (range2 * range2);
+            if !(residual * residual <= variance * gate)
+                && let Some(sight) = self.sights.get_mut(n)
+            {
+                sight.standing = Standing::Excluded;
+            }
+        }
+    }
+}

@@ -1,0 +1,307 @@
+//! What is estimated and from what: measurements, estimates, and which column of the triangle
+//! belongs to which unknown.
+
+use nalgebra::{Matrix2, Point2, Vector2, Vector3};
+
+use super::{
+    Prior, ProtectionLevels,
+    triangle::{Triangle, packed},
+};
+use crate::{
+    Real, angle,
+    numerics::plane::{self, dot, quarter_turn},
+    numerics::real::lit,
+};
+
+/// Cameras 0 and 1: they define the frame.
+pub(super) const REFERENCES: usize = 2;
+
+/// Columns of the triangle: of the place that is about to be eliminated, of the next one, and of
+/// the one that stays.
+pub(super) const LEAVING: usize = 0;
+pub(super) const NEXT: usize = 2;
+pub(super) const HELD: usize = 4;
+/// The carrier's scale and compass offset, and the headings of both references.
+pub(super) const SCALE: usize = 6;
+pub(super) const COMPASS: usize = 7;
+pub(super) const HEADINGS: usize = 8;
+/// Of the cameras, three each, then of the marks, two each.
+const KEPT: usize = 10;
+
+/// Columns of so many cameras, references included, and marks; the right side included.
+pub(super) const fn width(cameras: usize, marks: usize) -> usize {
+    KEPT + 3 * cameras.saturating_sub(REFERENCES) + 2 * marks + 1
+}
+
+/// Vectors as long as a row, beside the triangle.
+const VECTORS: usize = 3;
+
+/// Numbers of the workspace.
+pub(super) const fn workspace(cameras: usize, marks: usize) -> usize {
+    let width = width(cameras, marks);
+    packed(width) + VECTORS * width
+}
+
+/// By how much an excluded leg's rows are shortened: it has 50 times its sigmas.
+const EXCLUDED_LEG: f64 = 0.02;
+
+/// A stop: how it was reached, and where it is thought to be.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Stop<T: Real> {
+    pub place: Point2<T>,
+    /// From the stop before, as the carrier measured it.
+    pub displacement: Vector2<T>,
+    /// The root `W` of that measurement's information, `W^T W = C^-1`: lower triangular, by rows.
+    /// Zeros where nothing was measured.
+    pub root: [T; 3],
+    /// Whether the displacement counts.
+    pub standing: Standing,
+    /// The second sweep's own: the equations for this place that the stops before it leave, and
+    /// after it in the first two the step.
+    pub chain: [T; 5],
+}
+
+/// A bearing, or a visit to a mark.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Sight<T> {
+    pub stop: u16,
+    pub camera: u16,
+    pub bearing: T,
+    pub sigma: T,
+    pub standing: Standing,
+}
+
+/// The target stood on a mark.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Visit<T> {
+    pub stop: u16,
+    pub mark: u16,
+    pub sigma: T,
+}
+
+/// Whether a measurement counts.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub enum Standing {
+    /// It counts.
+    #[default]
+    Counts,
+    /// Left out because it contradicts the others; it comes back when it agrees with them.
+    Excluded,
+    /// Left out together with all that this camera has seen since: the camera was moved, or is
+    /// stuck.
+    Distrusted,
+}
+
+/// A camera, or with its first two numbers a mark.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Unknown<T: Real> {
+    /// `(x, y, heading)`; the heading over more than a turn.
+    pub value: Vector3<T>,
+    pub step: Vector3<T>,
+    /// First column in the triangle, while it is estimated.
+    pub column: Option<u16>,
+    /// Bearings it had when it was last looked at, so that it is not looked at again for nothing.
+    pub tried: u16,
+    /// It was taken in since the passes last came to an end.
+    pub is_new: bool,
+    pub protection: ProtectionLevels<T>,
+}
+
+/// What cannot be left out.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Common<T: Real> {
+    pub baseline: T,
+    pub scale_prior: Prior<T>,
+    pub compass_prior: Prior<T>,
+    /// Scale and compass offset.
+    pub carrier: Vector2<T>,
+    pub carrier_step: Vector2<T>,
+    /// By how much the legs' sigmas are larger than they claim.
+    pub leg_factor: T,
+    /// The stop that the triangle holds.
+    pub held: Option<usize>,
+    /// First and last stop whose bearings are looked at: all of them but during a start.
+    pub window: [u16; 2],
+}
+
+/// The numbers of an estimator, whatever its capacities: the mathematics exists once for all of
+/// them.
+pub(super) struct Problem<'a, T: Real> {
+    pub common: &'a mut Common<T>,
+    pub stops: &'a mut [Stop<T>],
+    pub sights: &'a mut [Sight<T>],
+    pub visits: &'a [Visit<T>],
+    pub cameras: &'a mut [Unknown<T>],
+    pub marks: &'a mut [Unknown<T>],
+    pub workspace: &'a mut [T],
+}
+
+/// A bearing's residual around the present estimates, over its sigma.
+pub(super) struct SightRow<T: Real> {
+    pub residual: T,
+    /// By the place; by the camera's place it is the negative.
+    pub by_place: Vector2<T>,
+    /// By the camera's heading.
+    pub by_heading: T,
+}
+
+/// A leg's, one of two rows.
+pub(super) struct LegRow<T: Real> {
+    pub residual: T,
+    /// By the later place; by the earlier it is the negative.
+    pub by_place: Vector2<T>,
+    pub by_carrier: Vector2<T>,
+}
+
+impl<T: Real> Problem<'_, T> {
+    /// Columns in use, that of the right side included.
+    pub(super) fn width(&self) -> usize {
+        let used = |unknowns: &[Unknown<T>]| unknowns.iter().filter(|u| u.column.is_some()).count();
+        KEPT + 3 * used(self.cameras) + 2 * used(self.marks) + 1
+    }
+
+    /// Gives everything that is estimated its column.
+    pub(super) fn lay_out(&mut self) {
+        let mut next = KEPT;
+        let visits = self.visits;
+        for (mark, number) in self.marks.iter_mut().zip(0_u16..) {
+            let visited = visits.iter().any(|visit| visit.mark == number);
+            mark.column = visited.then_some(0);
+        }
+        let cameras = self.cameras.iter_mut().map(|camera| (camera, 3));
+        let marks = self.marks.iter_mut().map(|mark| (mark, 2));
+        for (unknown, columns) in cameras.chain(marks) {
+            if unknown.column.is_some() {
+                unknown.column = u16::try_from(next).ok();
+                next += columns;
+            }
+        }
+    }
+
+    /// The triangle, and vectors as long as its rows.
+    pub(super) fn triangle(&mut self) -> Option<(Triangle<'_, T>, [&mut [T]; VECTORS])> {
+        let width = self.width();
+        let (triangle, vectors) = self.workspace.split_at_mut_checked(packed(width))?;
+        let mut vectors = vectors.chunks_exact_mut(width);
+        let vectors = [vectors.next()?, vectors.next()?, vectors.next()?];
+        Some((Triangle::new(triangle, width)?, vectors))
+    }
+
+    /// Where a camera is thought to be.
+    pub(super) fn camera(&self, camera: usize) -> Option<Vector3<T>> {
+        let value = self.cameras.get(camera)?.value;
+        // References stand where the frame says, whatever their numbers hold.
+        Some(match camera {
+            0 => Vector3::new(T::zero(), T::zero(), value.z),
+            1 => Vector3::new(self.common.baseline, T::zero(), value.z),
+            _ => value,
+        })
+    }
+
+    /// Whether a camera's bearings are used: it is a reference, or admitted.
+    pub(super) fn is_estimated(&self, camera: usize) -> bool {
+        camera < REFERENCES || self.cameras.get(camera).is_some_and(|c| c.column.is_some())
+    }
+
+    /// Columns of a camera's place, unless it is a reference, and of its heading.
+    pub(super) fn columns(&self, camera: usize) -> Option<(Option<usize>, usize)> {
+        if camera < REFERENCES {
+            return Some((None, HEADINGS + camera));
+        }
+        let place = usize::from(self.cameras.get(camera)?.column?);
+        Some((Some(place), place + 2))
+    }
+
+    /// A bearing's row; `None` if its camera is not estimated or the target is right on it.
+    pub(super) fn sight_row(&self, sight: &Sight<T>) -> Option<SightRow<T>> {
+        let camera = usize::from(sight.camera);
+        let [first, last] = self.common.window;
+        if !self.is_estimated(camera) || sight.stop < first || sight.stop > last {
+            return None;
+        }
+        let pose = self.camera(camera)?;
+        let place = self.stops.get(usize::from(sight.stop))?.place;
+        let to_target = place.coords - pose.xy();
+        let range2 = dot(to_target, to_target);
+        if !(range2 > T::zero()) {
+            return None;
+        }
+        let weight = sight.sigma.recip();
+        let off = to_target.y.atan2(to_target.x) - pose.z - sight.bearing;
+        Some(SightRow {
+            residual: angle::wrap_signed(off) * weight,
+            by_place: quarter_turn(to_target) * (weight / range2),
+            by_heading: -weight,
+        })
+    }
+
+    /// A leg's two rows: how the carrier would have measured the way between the two places, less
+    /// how it did, whitened.
+    /// One that is excluded still ties its ends together, but loosely.
+    pub(super) fn leg_rows(&self, later: usize) -> Option<[LegRow<T>; 2]> {
+        let counts = self.stops.get(later)?.standing == Standing::Counts;
+        let weight = if counts { T::one() } else { lit(EXCLUDED_LEG) };
+        let rows = self.leg_rows_of(later)?;
+        Some(rows.map(|row| LegRow {
+            residual: row.residual * weight,
+            by_place: row.by_place * weight,
+            by_carrier: row.by_carrier * weight,
+        }))
+    }
+
+    /// The same as they were measured, excluded or not.
+    pub(super) fn leg_rows_of(&self, later: usize) -> Option<[LegRow<T>; 2]> {
+        let stop = self.stops.get(later)?;
+        let before = self.stops.get(later.checked_sub(1)?)?;
+        if stop.root == [T::zero(); 3] {
+            return None;
+        }
+        let (scale, compass) = (self.common.carrier.x, self.common.carrier.y);
+        let turn = plane::unit(compass);
+        let way = plane::mul(turn, stop.place - before.place);
+        let read = way * scale;
+        let off = read - stop.displacement;
+        let [w11, w21, w22] = stop.root.map(|w| w / self.common.leg_factor);
+        let by_compass = quarter_turn(read);
+        let turned = turn * scale;
+        // `scale` times the rotation, by rows: `(c, -s)` and `(s, c)`.
+        let row = |w1: T, w2: T| LegRow {
+            residual: off.x * w1 + off.y * w2,
+            by_place: Vector2::new(turned.x * w1 + turned.y * w2, turned.x * w2 - turned.y * w1),
+            by_carrier: Vector2::new(
+                way.x * w1 + way.y * w2,
+                by_compass.x * w1 + by_compass.y * w2,
+            ),
+        };
+        Some([row(w11, T::zero()), row(w21, w22)])
+    }
+
+    /// Where a visited mark lies from the place of a visit, over the visit's sigma.
+    pub(super) fn visit_rows(&self, visit: &Visit<T>) -> Option<(Vector2<T>, T, usize)> {
+        let mark = self.marks.get(usize::from(visit.mark))?;
+        let place = self.stops.get(usize::from(visit.stop))?.place;
+        let weight = visit.sigma.recip();
+        let off = (place.coords - mark.value.xy()) * weight;
+        Some((off, weight, usize::from(mark.column?)))
+    }
+
+    /// A displacement by dead reckoning: as the carrier measured it, less what is thought to be
+    /// wrong with it.
+    pub(super) fn true_way(&self, displacement: Vector2<T>) -> Vector2<T> {
+        let turned = plane::mul_conj(displacement, plane::unit(self.common.carrier.y));
+        turned / self.common.carrier.x
+    }
+}
+
+/// The root of a covariance's information, lower triangular by rows. `None` if it is not positive
+/// definite.
+pub(super) fn root_information<T: Real>(c: &Matrix2<T>) -> Option<[T; 3]> {
+    let l11 = c.m11.sqrt();
+    let l21 = c.m21 / l11;
+    let l22 = (c.m22 - l21 * l21).sqrt();
+    let root = [l11.recip(), -l21 / (l11 * l22), l22.recip()];
+    let usable = c.m11 > T::zero() && l22 > T::zero() && root.iter().all(T::is_finite);
+    usable.then_some(root)
+}

@@ -1,0 +1,7 @@
+//! Joint estimation against walks whose truth is known, and against a dense batch adjustment.
+
+mod batch;
+mod consistency;
+mod faults;
+mod geometry;
+mod support;

@@ -1,0 +1,72 @@
+//! Estimators filled from walks.
+
+use calib_core::{
+    Limits, Real,
+    joint::{JointEstimator, JointSettings, Leg, Prior, workspace},
+};
+use test_support::walk::{CarrierErrors, Walk};
+
+pub(crate) const CAMERAS: usize = 16;
+pub(crate) const MARKS: usize = 3;
+pub(crate) type Joint<T> =
+    JointEstimator<T, CAMERAS, 64, 800, MARKS, { workspace(CAMERAS, MARKS) }>;
+
+/// Limits that keep nobody out.
+pub(crate) const WIDE: Limits<f64> = Limits {
+    position: 3.0,
+    heading: 0.5,
+};
+
+/// Sigmas of scale and compass.
+pub(crate) fn prior(errors: &CarrierErrors) -> [f64; 2] {
+    [errors.scale, errors.compass]
+}
+
+pub(crate) fn number<T: Real>(value: f64) -> T {
+    nalgebra::convert(value)
+}
+
+/// An estimator that has all measurements of a walk.
+pub(crate) fn filled<T: Real>(walk: &Walk, limits: Limits<f64>) -> Joint<T> {
+    let settings = JointSettings {
+        scale: Prior {
+            mean: T::one(),
+            sigma: number(walk.errors.scale),
+        },
+        compass: Prior {
+            mean: T::zero(),
+            sigma: number(walk.errors.compass),
+        },
+        limits: Limits {
+            position: number(limits.position),
+            heading: number(limits.heading),
+        },
+    };
+    let mut joint = Joint::new(number(walk.cameras[1].x), settings).unwrap();
+    for stop in 0..walk.places.len() {
+        add(&mut joint, walk, stop);
+    }
+    joint
+}
+
+/// One stop with its bearings and visits.
+pub(crate) fn add<T: Real>(joint: &mut Joint<T>, walk: &Walk, stop: usize) {
+    let leg = (stop > 0).then(|| {
+        let leg = &walk.legs[stop - 1];
+        Leg {
+            displacement: leg.displacement.map(number),
+            covariance: leg.covariance.map(number),
+        }
+    });
+    assert_eq!(joint.add_stop(leg), Ok(stop));
+    for seen in walk.bearings.iter().filter(|seen| seen.stop == stop) {
+        joint
+            .add_bearing(stop, seen.camera, number(seen.bearing), number(seen.sigma))
+            .unwrap();
+    }
+    for visit in walk.visits.iter().filter(|visit| visit.stop == stop) {
+        joint
+            .add_visit(stop, visit.mark, number(visit.sigma))
+            .unwrap();
+    }
+}
