@@ -1,19 +1,21 @@
 //! What changed and is not yet written down.
 
-/// Which of `N` facts, each with a record of its own, are to be written down.
+use core::ops::Range;
+
+/// Which facts, each with a record of its own, are to be written down: up to 32 for each of `WORDS`.
 ///
 /// A set and no queue: what a fact is now, its owner knows when the fact's turn comes. So nothing is
 /// lost however much changes, and a fact that changes twice is written once.
 ///
 /// Facts are written in the order of their numbers: one that must be written before another has the
-/// lower number.
+/// lower number, or is asked for first with [`first_in`](Self::first_in).
 ///
 /// ```
 /// use flash_log::DirtySet;
 ///
 /// const POSE: usize = 0;
 /// let mut pose = 1.5;
-/// let mut unsaved = DirtySet::<4>::new();
+/// let mut unsaved = DirtySet::<1>::new();
 /// unsaved.mark(POSE);
 /// while let Some(fact) = unsaved.first() {
 ///     let written = pose;
@@ -25,38 +27,60 @@
 /// ```
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
-pub struct DirtySet<const N: usize>([bool; N]);
+pub struct DirtySet<const WORDS: usize>([u32; WORDS]);
 
-impl<const N: usize> DirtySet<N> {
+/// Facts in a word.
+const WORD: usize = u32::BITS as usize;
+
+impl<const WORDS: usize> DirtySet<WORDS> {
+    /// Facts are numbered below this.
+    pub const FACTS: usize = WORDS * WORD;
+
     /// Everything is written down.
     pub const fn new() -> Self {
-        Self([false; N])
+        Self([0; WORDS])
     }
 
-    /// A fact, below `N`, has changed.
+    /// A fact, below [`FACTS`](Self::FACTS), has changed.
     pub fn mark(&mut self, fact: usize) {
-        self.set(fact, true);
+        debug_assert!(fact < Self::FACTS, "fact {fact} of {}", Self::FACTS);
+        if let Some(word) = self.0.get_mut(fact / WORD) {
+            *word |= 1 << (fact % WORD);
+        }
     }
 
-    /// A fact, below `N`, has been written down as it is.
+    /// A fact, below [`FACTS`](Self::FACTS), has been written down as it is.
     pub fn clear(&mut self, fact: usize) {
-        self.set(fact, false);
+        debug_assert!(fact < Self::FACTS, "fact {fact} of {}", Self::FACTS);
+        if let Some(word) = self.0.get_mut(fact / WORD) {
+            *word &= !(1 << (fact % WORD));
+        }
     }
 
     /// The fact to write next: the one with the lowest number.
     pub fn first(&self) -> Option<usize> {
-        self.0.iter().position(|&is_dirty| is_dirty)
+        self.first_in(&(0..Self::FACTS))
     }
 
-    fn set(&mut self, fact: usize, is_dirty: bool) {
-        debug_assert!(fact < N, "fact {fact} of {N}");
-        if let Some(place) = self.0.get_mut(fact) {
-            *place = is_dirty;
-        }
+    /// The one of these with the lowest number.
+    pub fn first_in(&self, facts: &Range<usize>) -> Option<usize> {
+        self.0.iter().enumerate().find_map(|(place, &word)| {
+            let first = place * WORD;
+            let wanted = below(facts.end, first) & !below(facts.start, first);
+            let bit = (word & wanted).trailing_zeros();
+            (bit < u32::BITS).then_some(first + bit as usize)
+        })
     }
 }
 
-impl<const N: usize> Default for DirtySet<N> {
+/// Those bits of the word from fact `first` on that stand for facts below `fact`.
+fn below(fact: usize, first: usize) -> u32 {
+    let bits = fact.saturating_sub(first).min(WORD) as u32;
+    // All of them: more than can be shifted out.
+    1_u32.checked_shl(bits).map_or(u32::MAX, |bit| bit - 1)
+}
+
+impl<const WORDS: usize> Default for DirtySet<WORDS> {
     fn default() -> Self {
         Self::new()
     }
@@ -68,7 +92,7 @@ mod tests {
 
     #[test]
     fn facts_in_their_order() {
-        let mut dirty = DirtySet::<3>::new();
+        let mut dirty = DirtySet::<1>::new();
         assert_eq!(dirty.first(), None);
         dirty.mark(2);
         dirty.mark(1);
@@ -78,5 +102,23 @@ mod tests {
         assert_eq!(dirty.first(), Some(2));
         dirty.clear(2);
         assert_eq!(dirty, DirtySet::default());
+    }
+
+    #[test]
+    fn some_before_others() {
+        let mut dirty = DirtySet::<3>::new();
+        let marked = [0, 31, 32, 63, 64, 95];
+        for fact in marked {
+            dirty.mark(fact);
+        }
+        for from in 0..=96 {
+            for to in 0..=96 {
+                let first = marked.into_iter().find(|fact| (from..to).contains(fact));
+                assert_eq!(dirty.first_in(&(from..to)), first, "{from}..{to}");
+            }
+        }
+        dirty.clear(0);
+        dirty.clear(31);
+        assert_eq!(dirty.first(), Some(32));
     }
 }

@@ -1,26 +1,24 @@
 //! Which facts are to be written down.
 
+use core::ops::Range;
+
+use flash_log::DirtySet;
+
 use crate::facts::{FactKey, KEYS_PER_LIST};
 
-/// Facts that changed since they were written down. None is ever lost, and none is written twice:
-/// what is written is what is known when its turn comes.
+/// Facts that changed since they were written down, by the keys of their records. None is ever lost,
+/// and none is written twice: what is written is what is known when its turn comes.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
-pub(crate) struct Unsaved {
-    /// One bit for each key of a record.
-    keys: [u32; LISTS],
-}
+pub(crate) struct Unsaved(DirtySet<LISTS>);
 
 /// Facts without a list, and three lists.
 const LISTS: usize = 4;
 
-/// All of a list.
-const ALL: u32 = u32::MAX;
-
-/// The order in which they are written: lists, and which keys of them. A report counts sightings, so
-/// these are there before it; and a camera that forgets reports that only when nothing is left.
+/// The order in which they are written: the keys of one after the other. A report counts sightings,
+/// so these are there before it; and a camera that forgets reports that only when nothing is left.
 /// Other references are there when nothing of the former ones is. The network comes last: where the
 /// power fails while a former network is forgotten, it is forgotten again.
-const ORDER: [(usize, u32); 9] = [
+const ORDER: [Range<usize>; 9] = [
     single(FactKey::Walk),
     single(FactKey::Colours),
     list(FactKey::Sighting(0)),
@@ -32,37 +30,32 @@ const ORDER: [(usize, u32); 9] = [
     single(FactKey::Network),
 ];
 
-const fn single(key: FactKey) -> (usize, u32) {
-    (0, 1 << key.record())
+const fn single(key: FactKey) -> Range<usize> {
+    let key = key.record() as usize;
+    key..key + 1
 }
 
-const fn list(first: FactKey) -> (usize, u32) {
-    ((first.record() / KEYS_PER_LIST) as usize, ALL)
+const fn list(first: FactKey) -> Range<usize> {
+    let first = first.record() as usize;
+    first..first + KEYS_PER_LIST as usize
 }
 
 impl Unsaved {
     pub(crate) const fn new() -> Self {
-        const { assert!(KEYS_PER_LIST as u32 == u32::BITS) };
-        Self { keys: [0; LISTS] }
+        const { assert!(LISTS * KEYS_PER_LIST as usize == DirtySet::<LISTS>::FACTS) };
+        Self(DirtySet::new())
     }
 
     /// This one is to be written.
     pub(crate) fn insert(&mut self, key: FactKey) {
-        let record = key.record();
-        if let Some(keys) = self.keys.get_mut(usize::from(record / KEYS_PER_LIST)) {
-            *keys |= 1 << (record % KEYS_PER_LIST);
-        }
+        self.0.mark(key.record().into());
     }
 
     /// The one whose turn it is.
     pub(crate) fn take(&mut self) -> Option<FactKey> {
-        ORDER.iter().find_map(|&(list, which)| {
-            let keys = self.keys.get_mut(list)?;
-            let first = (*keys & which).trailing_zeros();
-            let bit = 1_u32.checked_shl(first)?;
-            *keys &= !bit;
-            FactKey::of_record(list as u8 * KEYS_PER_LIST + first as u8)
-        })
+        let record = ORDER.iter().find_map(|keys| self.0.first_in(keys))?;
+        self.0.clear(record);
+        FactKey::of_record(record as u8)
     }
 }
 

@@ -12,7 +12,7 @@ use crate::{
     log::debug,
     radio::{Channel, RadioConfig},
     security::{Key, RotationError},
-    store::{Member, Membership, Record},
+    store::{MEMBERS_MAX, Member, Membership, Record},
     wire::{Address, Association, AssociationStatus, Eui64, MacCommand, PanId, ShortAddress},
 };
 use flash_log::DirtySet;
@@ -46,7 +46,7 @@ pub(super) struct Coordinator<const MEMBERS: usize> {
     /// A place keeps its number, by which the store knows it.
     members: [Option<Member>; MEMBERS],
     /// Places that are to be written down.
-    unsaved: DirtySet<MEMBERS>,
+    unsaved: DirtySet<{ MEMBERS_MAX.div_ceil(32) }>,
     /// The address given last. They are given in turn: whoever had one may not have heard yet that
     /// it is no longer a member.
     last: ShortAddress,

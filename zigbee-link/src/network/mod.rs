@@ -126,7 +126,7 @@ struct Common {
     settings: NetworkSettings,
     commands: Slots<Outbound, COMMANDS>,
     /// Members apart, of which only a coordinator knows.
-    unsaved: DirtySet<3>,
+    unsaved: DirtySet<1>,
     beacon_request_due: bool,
     jitter: Jitter,
 }
