@@ -74,7 +74,7 @@
 )]
 
 mod features;
-mod fmt;
+mod log;
 
 pub mod argument;
 pub mod colour;

@@ -470,3 +470,96 @@ proptest! {
         prop_assert_eq!(parse(&bytes), [Token::Banner(version)]);
     }
 }
+
+/// What an image of three columns and two rows counts: images, lines that were cut, bytes; and
+/// which tokens it makes.
+fn counted(image: ImageExpectation, bytes: &[u8]) -> ((u32, u32, u32), Vec<Token>) {
+    let mut parser = Parser::new(Expectation {
+        image,
+        frame: Size {
+            width: 3,
+            height: 2,
+        },
+        ..Expectation::default()
+    });
+    let tokens = events(&mut parser, bytes);
+    let dropped = parser.dropped();
+    ((dropped.images, dropped.cut, dropped.bytes), tokens)
+}
+
+#[test]
+fn what_is_wrong_with_an_image_is_counted() {
+    let frame = |bytes: &[u8]| counted(ImageExpectation::Frame(1), bytes).0;
+    let header = [1, 3, 2];
+    let counts = |rows: &[u8]| frame(&[&header, rows, &[3]].concat());
+    assert_eq!(counts(&[2, 20, 30, 40, 2, 20, 30, 40]), (0, 0, 0));
+    // The row, and the image that it is in: no column too few, and no level that is none.
+    assert_eq!(counts(&[2, 20, 30, 2, 20, 30, 40]), (2, 0, 0));
+    assert_eq!(counts(&[2, 20, 250, 40, 2, 20, 30, 40]), (2, 0, 0));
+    assert_eq!(counts(&[2, 20, 30, 40]), (1, 0, 0));
+    // A header that cannot be.
+    assert_eq!(frame(&[1, 0, b'\r']).0, 1);
+    assert_eq!(frame(&[1, 3, 3, b'\r']).0, 1);
+    // The camera restarts within.
+    let (dropped, tokens) = counted(
+        ImageExpectation::Frame(1),
+        &[&header[..], &[2, 20], b"CMUcam2 v1.00 c6\r"].concat(),
+    );
+    assert_eq!(dropped.0, 1);
+    assert!(matches!(tokens.last(), Some(Token::Banner(_))));
+}
+
+/// A row after a damaged one is judged by itself.
+#[test]
+fn a_row_is_intact_by_itself() {
+    for damaged in [&[2, 20, 250, 40][..], &[2, 250, 20]] {
+        let bytes = [&[1, 3, 2], damaged, &[2, 20, 30, 40, 3]].concat();
+        let (_, tokens) = counted(ImageExpectation::Frame(1), &bytes);
+        assert!(tokens.contains(&Token::Pixel(40, RowState::Full)));
+        let end = Token::ImageEnd {
+            rows: 2,
+            intact: false,
+        };
+        assert_eq!(tokens.last(), Some(&end));
+    }
+}
+
+/// An image whose end is missing ends before what follows, of which nothing is lost.
+#[test]
+fn an_image_without_its_end_loses_nothing_else() {
+    let rows = ImageExpectation::Tracking(TrackingLines::Rows);
+    let lost = b"T 0 0 0 0 0 0 0 0\r";
+    let image = [0xFE, 1, 20, 30, 40, 50, 60];
+    for (between, bytes) in [(&b""[..], 0), (b"x", 1)] {
+        let (dropped, tokens) = counted(rows, &[&image[..], between, lost].concat());
+        assert_eq!((dropped.0, dropped.2), (1, bytes));
+        let packet = Token::Packet(Packet::Tracking(Tracking::LOST));
+        assert_eq!(tokens.last(), Some(&packet));
+    }
+}
+
+#[test]
+fn an_image_that_is_no_longer_expected_is_over() {
+    let mut parser = Parser::new(Expectation {
+        image: ImageExpectation::Frame(1),
+        ..Expectation::default()
+    });
+    events(&mut parser, &[1, 3, 2, 2, 20]);
+    parser.expect(Expectation::default());
+    assert_eq!(events(&mut parser, T), [here()]);
+    assert_eq!(parser.dropped().cut, 1);
+}
+
+/// A raw packet that is cut by another counts with all its bytes.
+#[test]
+fn a_raw_packet_that_is_cut_is_counted() {
+    let mut parser = Parser::new(Expectation {
+        raw: true,
+        ..Expectation::default()
+    });
+    let packet = [0xFF, b'T', 44, 60, 30, 50, 58, 70, 25, 90];
+    let bytes = [&packet[..4], &packet].concat();
+    assert_eq!(events(&mut parser, &bytes), [here()]);
+    let dropped = parser.dropped();
+    assert_eq!((dropped.cut, dropped.bytes), (1, 4));
+}

@@ -1,6 +1,6 @@
 //! Logs to `log`, to `defmt`, to both or to nobody. Arguments are `Display` and `defmt::Format`.
 //!
-//! `zigbee-link` and `node-firmware` have this same file: neither needs the other for it.
+//! `cmucam2-driver`, `zigbee-link` and `node-firmware` have this same file: none needs another for it.
 #![allow(unused_macros, unused_imports, reason = "the same file in each crate")]
 
 macro_rules! warning {

@@ -5,17 +5,14 @@
 //!
 //! Cancelling [`run`] is harmless: the node is as after a loss of power in the same moment.
 
-use core::{
-    cell::{Cell, RefCell, RefMut},
-    fmt,
-    future::Future,
-};
+use core::{cell::Cell, fmt, future::Future};
 
 use embassy_futures::select::{Either3, select3};
 use embassy_sync::{blocking_mutex::raw::NoopRawMutex, signal::Signal};
 use embedded_storage_async::nor_flash::NorFlash;
 use serde::{Serialize, de::DeserializeOwned};
 
+use self::exclusive::Exclusive;
 use crate::{
     Instant,
     link::{Delivery, SendError, Ticket},
@@ -79,7 +76,7 @@ pub enum Happened<T> {
 
 /// A node that [`run`] and the application share.
 pub struct Shared<C, const PEERS: usize, const QUEUE: usize, const MEMBERS: usize> {
-    node: RefCell<Node<PEERS, QUEUE, MEMBERS>>,
+    node: Exclusive<Node<PEERS, QUEUE, MEMBERS>>,
     clock: C,
     /// For the runner: the application changed something.
     changed: Signal<NoopRawMutex, ()>,
@@ -101,7 +98,7 @@ impl<C: Clock, const PEERS: usize, const QUEUE: usize, const MEMBERS: usize>
     #[inline(always)]
     pub const fn new(node: Node<PEERS, QUEUE, MEMBERS>, clock: C) -> Self {
         Self {
-            node: RefCell::new(node),
+            node: Exclusive::new(node),
             clock,
             changed: Signal::new(),
             received: Signal::new(),
@@ -111,62 +108,89 @@ impl<C: Clock, const PEERS: usize, const QUEUE: usize, const MEMBERS: usize>
         }
     }
 
-    /// The node, borrowed for a statement by one of the tasks of one executor, and so free. In one
-    /// place, and without a branch to a panic: to a watchdog it is the same whether a node that breaks
-    /// this stops or goes round.
-    #[inline(never)] // size
-    fn node(&self) -> RefMut<'_, Node<PEERS, QUEUE, MEMBERS>> {
-        loop {
-            let node = self.node.try_borrow_mut();
-            debug_assert!(node.is_ok(), "the node is borrowed already");
-            if let Ok(node) = node {
-                return node;
-            }
-        }
-    }
-
     /// Does something with the node, at the time now.
     ///
-    /// `act` must not itself call a method of the same [`Shared`]: it would never return, or panic where
-    /// assertions are checked.
-    pub fn with<T>(&self, act: impl FnOnce(&mut Node<PEERS, QUEUE, MEMBERS>, Instant) -> T) -> T {
-        let result = act(&mut self.node(), self.clock.now());
+    /// `act` cannot use the same [`Shared`], which is why it has to be [`Send`]: what captures a
+    /// [`Shared`] is not.
+    ///
+    /// ```
+    /// # use zigbee_link::runner::{Clock, Shared};
+    /// fn status_twice<C: Clock>(shared: &Shared<C, 4, 4, 1>) {
+    ///     shared.with(|node, _| node.status());
+    ///     shared.with(|node, _| node.status());
+    /// }
+    /// ```
+    ///
+    /// ```compile_fail,E0277
+    /// # use zigbee_link::runner::{Clock, Shared};
+    /// fn status_nested<C: Clock>(shared: &Shared<C, 4, 4, 1>) {
+    ///     shared.with(|_, _| shared.with(|node, _| node.status()));
+    /// }
+    /// ```
+    ///
+    /// `None`, and nothing was done, only where it came back all the same: through a thread's local, or
+    /// because somebody declared by `unsafe` that the [`Shared`] may be used by several threads.
+    pub fn with<T>(
+        &self,
+        act: impl FnOnce(&mut Node<PEERS, QUEUE, MEMBERS>, Instant) -> T + Send,
+    ) -> Option<T> {
+        let now = self.clock.now();
+        let result = self.node.with(|node| act(node, now));
         self.changed.signal(());
         result
     }
 
     /// Wakes who waits for what there is.
     fn wake(&self) {
-        let node = self.node();
-        let (result, message) = (node.link.has_result(), node.link.has_message());
+        let waiting = self.node.with(|node| {
+            let link = &node.link;
+            (link.has_result(), link.has_message(), node.status())
+        });
+        let Some((result, message, status)) = waiting else {
+            return;
+        };
         if result {
             self.settled.signal(());
         }
         if message {
             self.received.signal(());
         }
-        if result || message || node.status() != self.known.get() {
+        if result || message || status != self.known.get() {
             self.happened.signal(());
         }
     }
 
-    /// Sends a message and waits for its result. One task at a time may wait; others use
-    /// [`Link::send`](crate::link::Link::send) through [`with`](Self::with).
+    /// Sends a message, whose result comes by [`happened`](Self::happened) or
+    /// [`Link::result_of`](crate::link::Link::result_of).
+    ///
+    /// # Errors
+    /// The message was not taken, see [`SendError`].
+    pub fn post<T: Serialize + Sync + ?Sized>(
+        &self,
+        destination: ShortAddress,
+        message: &T,
+    ) -> Result<Ticket, SendError> {
+        let sent = self.with(|node, now| node.link.send(now, destination, message));
+        // Not taken, and worth another attempt, as by a full queue.
+        sent.unwrap_or(Err(SendError::QueueFull))
+    }
+
+    /// Sends a message and waits for its result. One task at a time may wait; others
+    /// [`post`](Self::post).
     ///
     /// Dropping the future does not take the message back. Its result then keeps its place in the
     /// queue until [`Link::result`](crate::link::Link::result) fetches it.
     ///
     /// # Errors
     /// The message was not taken, see [`SendError`].
-    pub async fn send<T: Serialize + ?Sized>(
+    pub async fn send<T: Serialize + Sync + ?Sized>(
         &self,
         destination: ShortAddress,
         message: &T,
     ) -> Result<Delivery, SendError> {
-        let ticket = self.with(|node, now| node.link.send(now, destination, message))?;
+        let ticket = self.post(destination, message)?;
         loop {
-            let result = self.node().link.result_of(ticket);
-            match result {
+            match self.node.with(|node| node.link.result_of(ticket)).flatten() {
                 Some(delivery) => return Ok(delivery),
                 None => self.settled.wait().await,
             }
@@ -176,8 +200,7 @@ impl<C: Clock, const PEERS: usize, const QUEUE: usize, const MEMBERS: usize>
     /// Waits for the next message that decodes as a `T`. Cancel-safe. One task at a time may wait.
     pub async fn recv<T: DeserializeOwned>(&self) -> (ShortAddress, T) {
         loop {
-            let message = self.node().link.recv();
-            match message {
+            match self.node.with(|node| node.link.recv()).flatten() {
                 Some(message) => return message,
                 None => self.received.wait().await,
             }
@@ -199,15 +222,17 @@ impl<C: Clock, const PEERS: usize, const QUEUE: usize, const MEMBERS: usize>
     }
 
     fn take<T: DeserializeOwned>(&self, known: NetworkStatus) -> Option<Happened<T>> {
-        let mut node = self.node();
-        if let Some((ticket, delivery)) = node.link.result() {
-            return Some(Happened::Settled(ticket, delivery));
-        }
-        if let Some((from, message)) = node.link.recv() {
-            return Some(Happened::Message(from, message));
-        }
-        let status = node.status();
-        (status != known).then_some(Happened::Status(status))
+        let happened = self.node.with(|node| {
+            if let Some((ticket, delivery)) = node.link.result() {
+                return Some(Happened::Settled(ticket, delivery));
+            }
+            if let Some((from, message)) = node.link.recv() {
+                return Some(Happened::Message(from, message));
+            }
+            let status = node.status();
+            (status != known).then_some(Happened::Status(status))
+        });
+        happened.flatten()
     }
 }
 
@@ -233,14 +258,17 @@ where
     let mut is_configured = false;
     loop {
         let now = shared.clock.now();
-        let action = shared.node().poll(now, &mut frame);
+        let action = shared
+            .node
+            .with(|node| node.poll(now, &mut frame))
+            .flatten();
         shared.wake();
         match action {
             Some(Action::Save(record)) => {
                 if let Err(error) = store.save(record).await {
                     return RunnerError::Store(error);
                 }
-                shared.node().saved(record);
+                shared.node.with(|node| node.saved(record));
             }
             Some(Action::Configure(config)) => {
                 if let Err(error) = radio.configure(&config).await {
@@ -257,7 +285,7 @@ where
                 }
             }
             None => {
-                let deadline = shared.node().deadline();
+                let deadline = shared.node.with(|node| node.deadline()).flatten();
                 let receive = async {
                     if is_configured {
                         radio.receive(&mut received).await
@@ -276,12 +304,42 @@ where
                         let now = shared.clock.now();
                         debug_assert!(reception.len <= received.len());
                         let frame = received.get_mut(..reception.len).unwrap_or_default();
-                        shared.node().handle(now, frame);
+                        shared.node.with(|node| node.handle(now, frame));
                     }
                     Either3::First(Err(error)) => return RunnerError::Radio(error),
                     Either3::Second(()) | Either3::Third(()) => {}
                 }
             }
+        }
+    }
+}
+
+/// What several tasks of one executor use, one after the other.
+mod exclusive {
+    use core::cell::{RefCell, RefMut};
+
+    /// A value that is used by one closure at a time. It lends no guard that somebody could keep, and a
+    /// closure that captures what it is in is not [`Send`]: so nobody uses it who is using it.
+    pub(super) struct Exclusive<T>(RefCell<T>);
+
+    impl<T> Exclusive<T> {
+        // stack
+        #[inline(always)]
+        pub(super) const fn new(value: T) -> Self {
+            Self(RefCell::new(value))
+        }
+
+        /// Uses the value. `None` if it is in use.
+        pub(super) fn with<R>(&self, act: impl FnOnce(&mut T) -> R + Send) -> Option<R> {
+            self.value().map(|mut value| act(&mut value))
+        }
+
+        // size
+        #[inline(never)]
+        fn value(&self) -> Option<RefMut<'_, T>> {
+            let value = self.0.try_borrow_mut();
+            debug_assert!(value.is_ok(), "the node is in use already");
+            value.ok()
         }
     }
 }

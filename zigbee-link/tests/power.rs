@@ -132,10 +132,12 @@ async fn talk(shared: &Shared<Clock, 4, 4, NODES>, world: &World, number: usize)
     loop {
         let pause = Duration::from_micros(world.below(100_000).into());
         world.sleep(pause).await;
-        shared.with(|node, now| {
-            let membership = &mut world.memberships.borrow_mut()[number];
+        let to = ShortAddress(world.below(NODES as u32) as u16);
+        let leaves = number != 0 && !world.is_calm.get() && world.below(100) == 0;
+        let mut memberships = world.memberships.borrow_mut();
+        let membership = &mut memberships[number];
+        let done = shared.with(|node, now| {
             while node.link.result().is_some() || node.link.recv_bytes().is_some() {}
-            let to = ShortAddress(world.below(NODES as u32) as u16);
             let _ = node.link.send(now, to, &[0x5A_u8; 20]);
             match node.status() {
                 NetworkStatus::Joined(joined) => {
@@ -147,13 +149,14 @@ async fn talk(shared: &Shared<Clock, 4, 4, NODES>, world: &World, number: usize)
                 }
                 _ => joined_since = None,
             }
-            if number != 0 && !world.is_calm.get() && world.below(100) == 0 {
+            if leaves {
                 *membership = None;
                 joined_since = None;
                 node.leave(now);
                 node.join();
             }
         });
+        assert_eq!(done, Some(()));
     }
 }
 

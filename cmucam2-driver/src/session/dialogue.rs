@@ -13,8 +13,8 @@ use super::{
 };
 use crate::{
     command::{Effect, Order, Reply},
-    fmt::{debug, warning},
     geometry::{Sensor, Size},
+    log::{debug, warning},
     packet::{FirmwareVersion, Packet, PacketKind},
     parser::{Expectation, Token},
 };
@@ -635,7 +635,7 @@ impl Dialogue {
             return Flow::Break(Err(fault));
         }
         self.retries = self.retries.saturating_add(1);
-        debug!("repeated after {:?}", fault);
+        debug!("repeated after {}", fault);
         self.port.wait(now, self.policy.pause_us);
         *doing = Doing::Pause;
         Flow::Continue(())

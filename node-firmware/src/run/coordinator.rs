@@ -101,7 +101,7 @@ async fn line<H: Hardware>(
 
 /// Does a task as far as it is the network's, and returns what the PC is to be told.
 fn perform<H: Hardware>(shared: &SharedNode<'_, H>, task: CoordinatorTask) -> Option<ToPc> {
-    shared.with(|node, now| {
+    let told = shared.with(|node, now| {
         match task {
             CoordinatorTask::Tell(message) => return Some(message),
             CoordinatorTask::OpenJoinWindow(window) => {
@@ -129,5 +129,6 @@ fn perform<H: Hardware>(shared: &SharedNode<'_, H>, task: CoordinatorTask) -> Op
                 unreached: change.unreached,
             }
         })))
-    })
+    });
+    told.flatten()
 }

@@ -223,7 +223,7 @@ pub(super) async fn drive<H: Hardware>(
     let mut shown = None;
     loop {
         let post = |to, message: &Message| {
-            let ticket = shared.with(|node, now| node.link.send(now, to, message))?;
+            let ticket = shared.post(to, message)?;
             observer.sends(to, message);
             Ok(ticket)
         };

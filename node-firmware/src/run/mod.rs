@@ -158,7 +158,7 @@ pub async fn run<H: Hardware>(
         for &device in &own.allow {
             let allowed = shared.with(|node, _| node.allow(Eui64(device)));
             debug_assert!(
-                allowed.is_ok(),
+                allowed == Some(Ok(())),
                 "the allow-list is longer than the table of members"
             );
         }

@@ -86,8 +86,12 @@ pub(crate) async fn firmware(
 
 pub(crate) fn is_joined(window: &Window) -> bool {
     let node = window.borrow();
-    node.as_ref()
-        .is_some_and(|node| matches!(node.with(|node, _| node.status()), NetworkStatus::Joined(_)))
+    node.as_ref().is_some_and(|node| {
+        matches!(
+            node.with(|node, _| node.status()),
+            Some(NetworkStatus::Joined(_))
+        )
+    })
 }
 
 /// Nodes in a network, each with its flash and its task.

@@ -551,3 +551,108 @@ const fn after(ShortAddress(last): ShortAddress) -> ShortAddress {
         ShortAddress(1)
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::{
+        network::{Channels, NetworkSettings},
+        security::{Counter, FrameSecurity, Protection},
+    };
+
+    const NOW: Instant = Instant(1000);
+    const NETWORK: Membership = Membership {
+        pan: PanId(0xBEEF),
+        channel: Channel::FIRST,
+        short: ShortAddress::COORDINATOR,
+        coordinator: Eui64([9; 8]),
+    };
+
+    fn key(index: u8) -> Key {
+        Key::new(index, core::array::from_fn(|i| index + i as u8)).unwrap()
+    }
+
+    /// A coordinator that runs, with members that have these addresses.
+    fn running(shorts: [Option<u16>; 3]) -> (Coordinator<3>, Link<4, 2>, Common) {
+        let common = Common::new(NetworkSettings {
+            extended: NETWORK.coordinator,
+            channels: Channels::ALL,
+            tx_power: 0,
+            protection: Protection::EncMic64,
+            seed: 1,
+        });
+        let counter = Counter::resume(0);
+        let extended = NETWORK.coordinator;
+        let session = FrameSecurity::new(extended, Protection::EncMic64, key(1), counter);
+        let mut link = Link::new(session, 1);
+        link.attach(NETWORK.pan, NETWORK.short);
+        let members = shorts.map(|short| {
+            let short = short?;
+            Some(Member {
+                extended: Eui64([short as u8; 8]),
+                short: ShortAddress(short),
+            })
+        });
+        (
+            Coordinator::new(Some(NETWORK), members, &common),
+            link,
+            common,
+        )
+    }
+
+    #[test]
+    fn an_address_is_one_members_only() {
+        // After the last address comes the first, which somebody has.
+        let (mut coordinator, ..) = running([Some(1), Some(0xFFFD), None]);
+        coordinator.open_window(NOW, Duration::from_secs(1));
+        let association = coordinator.admit(NOW, Eui64([7; 8]));
+        assert_eq!(association.status, AssociationStatus::Successful);
+        assert_eq!(association.short, ShortAddress(2));
+    }
+
+    #[test]
+    fn a_key_waits_for_room_in_the_queue() {
+        let (mut coordinator, mut link, mut common) = running([Some(1), None, None]);
+        let mut send = || link.send(NOW, ShortAddress(1), &1_u8).unwrap();
+        let tickets = [send(), send()];
+        let changed = coordinator.change_key(key(2), &mut link, &mut common);
+        assert_eq!(changed, Ok(()));
+        coordinator.poll(NOW, &mut link, &mut common);
+        let rotation = coordinator.rotation.unwrap();
+        assert_eq!((rotation.place, rotation.ticket), (0, None));
+        assert_eq!(rotation.change.unreached, 0);
+        link.withdraw(tickets[0]);
+        coordinator.poll(NOW, &mut link, &mut common);
+        let rotation = coordinator.rotation.unwrap();
+        assert!(rotation.place == 1 && rotation.ticket.is_some());
+    }
+
+    #[test]
+    fn a_change_of_key_that_is_done_hands_nothing_on() {
+        let (mut coordinator, mut link, mut common) = running([None; 3]);
+        let changed = coordinator.change_key(key(2), &mut link, &mut common);
+        assert_eq!(changed, Ok(()));
+        coordinator.poll(NOW, &mut link, &mut common);
+        assert!(coordinator.key_change().unwrap().is_done);
+        assert_eq!(link.session.keys.active(), key(2));
+        // A device joins, and the owner of the node begins another change without the coordinator.
+        coordinator.open_window(NOW, Duration::from_secs(1));
+        coordinator.admit(NOW, Eui64([7; 8]));
+        link.session.keys.install(key(3)).unwrap();
+        coordinator.poll(NOW, &mut link, &mut common);
+        assert_eq!(coordinator.rotation.unwrap().ticket, None);
+        assert_eq!(link.session.keys.next(), Some(key(3)));
+    }
+
+    /// Others that answer the same request need not send in the same moment.
+    #[test]
+    fn a_beacon_waits_until_it_is_due() {
+        let (mut coordinator, _, mut common) = running([None; 3]);
+        coordinator.on_beacon_request(NOW, &mut common);
+        let due = coordinator.deadline().unwrap();
+        assert!(NOW < due && due <= NOW + BEACON_WAIT);
+        assert!(coordinator.take_beacon(Instant(due.0 - 1)).is_none());
+        assert!(coordinator.take_beacon(due).is_some());
+        assert!(coordinator.take_beacon(due).is_none());
+    }
+}

@@ -404,7 +404,9 @@ mod tests {
     use super::*;
     use crate::{
         network::{Channels, NetworkSettings},
+        radio::FRAME_MAX,
         security::{Counter, FrameSecurity, Key, Protection},
+        wire::Frame,
     };
 
     const COORDINATOR: Eui64 = Eui64([1; 8]);
@@ -490,5 +492,40 @@ mod tests {
             device.on_beacon(NOW, found, &mut common);
             assert_eq!(common.commands.iter().count(), conflicts);
         }
+    }
+
+    #[test]
+    fn a_pause_lasts_until_its_end() {
+        let (mut device, mut link, mut common) = joining();
+        device.pause(NOW, &mut common);
+        let until = device.deadline().unwrap();
+        assert!(NOW + PAUSE_FIRST / 4 < until);
+        device.poll(Instant(until.0 - 1), &mut link, &mut common);
+        assert!(matches!(device.state, State::Pausing(_)));
+        device.poll(until, &mut link, &mut common);
+        assert!(matches!(device.state, State::Scanning));
+    }
+
+    /// The coordinator may have changed the key while the device slept: the second half of the
+    /// questions is under the next key.
+    #[test]
+    fn a_silent_coordinator_is_asked_under_both_keys() {
+        let (mut device, mut link, mut common) = joining();
+        device.on_event(NOW, admitted(COORDINATOR, 5), &mut link, &mut common);
+        let next = Key::new(2, core::array::from_fn(|i| 7 + i as u8)).unwrap();
+        link.session.keys.install(next).unwrap();
+        link.session.counter.reserved(1000);
+        let mut keys = heapless::Vec::<u8, 16>::new();
+        let mut frame = [0; FRAME_MAX];
+        while matches!(device.state, State::Joined { .. }) {
+            let now = device.deadline().unwrap();
+            device.poll(now, &mut link, &mut common);
+            if let Some(len) = link.poll_transmit(now, &mut frame) {
+                let asked = Frame::parse(&frame[..len]).unwrap();
+                keys.push(asked.header().security.unwrap().key_index)
+                    .unwrap();
+            }
+        }
+        assert_eq!(keys, [1, 1, 1, 1, 1, 1, 2, 2, 2, 2, 2, 2]);
     }
 }

@@ -464,7 +464,6 @@ impl<const PEERS: usize, const QUEUE: usize, const MEMBERS: usize> Node<PEERS, Q
         }
         let header = frame.header();
         let is_request = header.frame_type == FrameType::Command
-            && header.security.is_none()
             && header.destination == EVERYBODY
             && MacCommand::parse(frame.payload()) == Ok(MacCommand::BeaconRequest);
         if is_request && let Some(coordinator) = self.role.coordinator_mut() {
@@ -556,3 +555,6 @@ impl<const PEERS: usize, const QUEUE: usize, const MEMBERS: usize> defmt::Format
         defmt::write!(f, "{}, {}", self.status(), self.link);
     }
 }
+
+#[cfg(test)]
+mod tests;
