@@ -127,6 +127,30 @@ pub(crate) fn ignored(sh: &Shell, suite: &str) -> Result<String> {
     Ok(said)
 }
 
+/// Builds a program of the workspace with the features and the profile of its tests, so that little of it
+/// is built for this alone, and returns where it is.
+///
+/// # Errors
+/// It does not compile, or there is none.
+pub(crate) fn program(sh: &Shell, name: &str) -> Result<PathBuf> {
+    let messages = cmd!(
+        sh,
+        "cargo build --locked --workspace --all-features --bin {name} --message-format json-render-diagnostics"
+    )
+    .env(INCREMENTAL.0, INCREMENTAL.1)
+    .read()?;
+    for message in messages.lines() {
+        let message: Value = serde_json::from_str(message)?;
+        if let (Some(path), true) = (
+            message["executable"].as_str(),
+            message["target"]["name"] == name,
+        ) {
+            return Ok(path.into());
+        }
+    }
+    bail!("cargo built no program `{name}`")
+}
+
 /// Runs tests, shows what they say while they do, and counts them.
 fn run(command: Cmd<'_>) -> Result<(Counts, String)> {
     let shown = command.to_string();
