@@ -74,7 +74,7 @@ const TARGET: TargetConfig = TargetConfig {
     sensor: SensorConfig::UNCALIBRATED,
 };
 
-fn camera(duty: Option<Duty>) -> Camera {
+fn camera(duty: Option<Duty>) -> CameraRole {
     let config = CameraConfig {
         lens: Lens::pin_hole(88, 45.0),
         baud: 38_400,

@@ -1,4 +1,4 @@
-//! Fuzz targets under `fuzz/`, built by cargo-fuzz.
+//! Fuzz targets under `fuzz/`, built with the flags of cargo-fuzz.
 
 use std::{fs, path::Path, process::Command};
 
@@ -10,9 +10,19 @@ use crate::{harness, setup};
 /// Inputs per target that take a few seconds.
 pub(crate) const BRIEF: u32 = 100_000;
 
-/// Kept out of the way of an installed one.
-const TOOLS: &str = "target/tools";
-const VERSION: &str = "0.13.1";
+/// What makes a target tell the fuzzer its way, and end where memory is misused or an assertion fails: as
+/// cargo-fuzz has it, but without dead code and complete debug information, which take long to build.
+const FLAGS: [&str; 9] = [
+    "-Cpasses=sancov-module",
+    "-Cllvm-args=-sanitizer-coverage-level=4",
+    "-Cllvm-args=-sanitizer-coverage-inline-8bit-counters",
+    "-Cllvm-args=-sanitizer-coverage-pc-table",
+    "-Cllvm-args=-sanitizer-coverage-trace-compares",
+    "-Cllvm-args=-simplifycfg-branch-fold-threshold=0",
+    "-Zsanitizer=address",
+    "-Cdebug-assertions",
+    "--cfg=fuzzing",
+];
 
 /// Where everything is built for fuzzing, and for its lint.
 pub(crate) const BUILT: &str = "target/fuzz";
@@ -28,31 +38,23 @@ const TAIL: usize = 40;
 /// and none can be installed.
 pub(crate) fn run(sh: &Shell, targets: &[String], runs: u32, seed: Option<u32>) -> Result<()> {
     let nightly = setup::nightly(sh)?;
-    let cargo_fuzz = format!("{TOOLS}/bin/cargo-fuzz");
-    if !sh.path_exists(&cargo_fuzz) {
-        // Without optimisation: it only starts others.
-        cmd!(
-            sh,
-            "cargo install --locked --debug cargo-fuzz --version {VERSION} --root {TOOLS}"
-        )
-        .run()
-        .context("this needs a network once")?;
-    }
     let all = all_targets(sh)?;
     if let Some(unknown) = targets.iter().find(|&target| !all.contains(target)) {
         bail!("no fuzz target {unknown}; there are {}", all.join(", "));
     }
     let targets = if targets.is_empty() { &all } else { targets };
-    // cargo-fuzz knows no `--locked`.
-    setup::locked(sh, setup::FUZZ)?;
     let host = host(sh, nightly)?;
-    // One is built alone, and all together: cargo-fuzz takes no other number.
-    let only = (targets.len() == 1).then(|| &targets[0]);
+    let manifest = setup::FUZZ;
+    let bins = &targets
+        .iter()
+        .flat_map(|target| ["--bin", target])
+        .collect::<Vec<_>>();
     cmd!(
         sh,
-        "{cargo_fuzz} build --fuzz-dir fuzz --target-dir {BUILT} --target {host} {only...}"
+        "cargo build --locked --manifest-path {manifest} --target-dir {BUILT} --target {host} --release {bins...}"
     )
     .env("RUSTUP_TOOLCHAIN", nightly)
+    .env("RUSTFLAGS", FLAGS.join(" "))
     .run()
     .context("the fuzz targets do not compile")?;
     let root = &sh.current_dir();

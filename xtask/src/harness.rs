@@ -22,6 +22,9 @@ const WITHOUT_TESTS: [&str; 4] = [
     "nucleo-l476rg",
 ];
 
+/// What cargo keeps to build parts of a crate again costs time, and here everything is built.
+const INCREMENTAL: (&str, &str) = ("CARGO_INCREMENTAL", "0");
+
 /// Tests that need what the stages of their own build first, and that are left out elsewhere.
 fn ignored_suites() -> impl Iterator<Item = &'static str> {
     peers::SUITES.into_iter().chain(emulate::SUITES)
@@ -82,7 +85,7 @@ pub(crate) fn workspace(sh: &Shell) -> Result<()> {
         );
         all_ran(&program.tests, Counts::of(&said))
     })?;
-    let examples = run(cmd!(
+    let (examples, _) = run(cmd!(
         sh,
         "cargo test --locked --workspace --all-features --doc"
     ))?;
@@ -96,12 +99,12 @@ pub(crate) fn workspace(sh: &Shell) -> Result<()> {
     Ok(())
 }
 
-/// Runs the tests of a suite that are ignored elsewhere. They are built as those of the workspace are:
-/// with other features, cargo would build everything again.
+/// Runs the tests of a suite that are ignored elsewhere, and returns what they say. They are built as
+/// those of the workspace are: with other features, cargo would build everything again.
 ///
 /// # Errors
 /// One fails, or there is none.
-pub(crate) fn ignored(sh: &Shell, suite: &str) -> Result<()> {
+pub(crate) fn ignored(sh: &Shell, suite: &str) -> Result<String> {
     let programs = programs(sh, &members(sh)?, &["--test", suite])?;
     let [program] = &programs[..] else {
         bail!("{} suites are called `{suite}`", programs.len());
@@ -113,7 +116,7 @@ pub(crate) fn ignored(sh: &Shell, suite: &str) -> Result<()> {
     } = program;
     let _there = sh.push_dir(folder);
     let tests_run = cmd!(sh, "{path} --ignored --nocapture").env("CARGO_MANIFEST_DIR", folder);
-    let counts = run(tests_run)?;
+    let (counts, said) = run(tests_run)?;
     ensure!(
         counts.passed > 0 && counts.passed == tests.ignored,
         "{} tests of `{suite}` passed, there are {}",
@@ -121,11 +124,35 @@ pub(crate) fn ignored(sh: &Shell, suite: &str) -> Result<()> {
         tests.ignored
     );
     eprintln!("{suite}: {} tests passed", counts.passed);
-    Ok(())
+    Ok(said)
+}
+
+/// Builds a program of the workspace with the features and the profile of its tests, so that little of it
+/// is built for this alone, and returns where it is.
+///
+/// # Errors
+/// It does not compile, or there is none.
+pub(crate) fn program(sh: &Shell, name: &str) -> Result<PathBuf> {
+    let messages = cmd!(
+        sh,
+        "cargo build --locked --workspace --all-features --bin {name} --message-format json-render-diagnostics"
+    )
+    .env(INCREMENTAL.0, INCREMENTAL.1)
+    .read()?;
+    for message in messages.lines() {
+        let message: Value = serde_json::from_str(message)?;
+        if let (Some(path), true) = (
+            message["executable"].as_str(),
+            message["target"]["name"] == name,
+        ) {
+            return Ok(path.into());
+        }
+    }
+    bail!("cargo built no program `{name}`")
 }
 
 /// Runs tests, shows what they say while they do, and counts them.
-fn run(command: Cmd<'_>) -> Result<Counts> {
+fn run(command: Cmd<'_>) -> Result<(Counts, String)> {
     let shown = command.to_string();
     eprintln!("$ {shown}");
     let mut child = Command::from(command)
@@ -141,9 +168,10 @@ fn run(command: Cmd<'_>) -> Result<Counts> {
     }
     let status = child.wait()?;
     ensure!(status.success(), "`{shown}`: {status}");
-    let counts = Counts::of(&String::from_utf8_lossy(&said));
+    let said = String::from_utf8_lossy(&said).into_owned();
+    let counts = Counts::of(&said);
     ensure!(counts.failed == 0, "{} tests failed", counts.failed);
-    Ok(counts)
+    Ok((counts, said))
 }
 
 impl Counts {
@@ -240,8 +268,7 @@ fn programs(sh: &Shell, members: &[(String, String)], options: &[&str]) -> Resul
         sh,
         "cargo test --locked --workspace --all-features --no-run --message-format json-render-diagnostics {options...}"
     )
-    // What it keeps to build parts of a crate again costs time, and this builds everything.
-    .env("CARGO_INCREMENTAL", "0")
+    .env(INCREMENTAL.0, INCREMENTAL.1)
     .read()?;
     let mut programs = Vec::new();
     for message in messages.lines() {

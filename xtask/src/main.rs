@@ -7,6 +7,7 @@ use clap::{Parser, Subcommand};
 use xshell::{Shell, cmd};
 
 mod cortex_m;
+mod documented;
 mod elf;
 mod emulate;
 mod firmware;

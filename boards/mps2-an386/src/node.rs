@@ -57,6 +57,8 @@ fn main() -> ! {
     executor::run(begin)
 }
 
+// stack: what it takes is not there while tasks run.
+#[inline(never)]
 fn begin(spawner: Spawner) {
     static CONFIG: StaticCell<CheckedConfig> = StaticCell::new();
     timer::start();

@@ -20,7 +20,10 @@ use comfy_table::{CellAlignment, Table, presets::ASCII_MARKDOWN};
 use xshell::{Shell, cmd};
 
 use self::{grants::Count, image::Image, stack::Worst};
-use crate::setup;
+use crate::{
+    documented::{self, number},
+    setup,
+};
 
 const TARGET: &str = "thumbv7em-none-eabihf";
 const PROFILE: &str = "firmware";
@@ -84,8 +87,11 @@ const BOARDS: [Board; 3] = [
     },
 ];
 
-/// Builds the images of these boards, or of all, prints what they take, and fails over a budget or a
-/// panic.
+/// The boards of the documentation, by their numbers, with how it calls them.
+const DOCUMENTED: [(usize, &str); 2] = [(0, "nRF52840"), (1, "NUCLEO-L476RG")];
+
+/// Builds the images of these boards, or of all, prints what they take, and fails over a budget, a
+/// panic or, where all are built, a figure in the documentation that is another one.
 pub(crate) fn run(sh: &Shell, chosen: &[String]) -> Result<()> {
     for board in chosen {
         let is_known = packages().any(|package| package == board);
@@ -134,7 +140,65 @@ pub(crate) fn run(sh: &Shell, chosen: &[String]) -> Result<()> {
         println!("       {reason}");
     }
     ensure!(failures.is_empty(), "\n  {}", failures.join("\n  "));
+    if chosen.is_empty() {
+        documented::agree(sh, "firmware", &[memory(&measured), crates(&measured)?])?;
+    }
     Ok(())
+}
+
+/// What is measured of a board: its number, itself, its image and its stack.
+type Measured = (usize, &'static Board, Image, Worst);
+
+fn documented(measured: &[Measured]) -> impl Iterator<Item = &Measured> {
+    DOCUMENTED
+        .iter()
+        .filter_map(|(number, _)| measured.iter().find(|(of, ..)| of == number))
+}
+
+fn header(what: &str) -> Vec<String> {
+    let boards = DOCUMENTED.iter().map(|(_, name)| (*name).to_owned());
+    [what.to_owned()].into_iter().chain(boards).collect()
+}
+
+/// What the images take, for the documentation.
+fn memory(measured: &[Measured]) -> documented::Table {
+    let mut rows = vec![header("bytes, `cargo xtask firmware`")];
+    rows[0].extend(["aim", "thesis's node"].map(str::to_owned));
+    let thesis = [number(THESIS.0), number(THESIS.1), String::new()];
+    let what = ["flash", "static RAM", "deepest stack, computed"];
+    for (i, (what, thesis)) in what.into_iter().zip(thesis).enumerate() {
+        let mut row = vec![what.to_owned()];
+        let mut aims = Vec::new();
+        for (_, board, image, stack) in documented(measured) {
+            row.push(number([image.size.flash, image.size.ram, stack.bytes][i]));
+            aims.extend(board.budget.as_ref().map(|budget| budget.aim[i]));
+        }
+        row.push(aims.first().map_or_else(String::new, |aim| number(*aim)));
+        row.push(thesis);
+        rows.push(row);
+    }
+    documented::Table {
+        name: "firmware: memory",
+        rows,
+    }
+}
+
+/// Flash by groups of crates, for the documentation.
+fn crates(measured: &[Measured]) -> Result<documented::Table> {
+    let mut rows = vec![header("bytes of flash")];
+    let parts: Vec<_> = documented(measured)
+        .map(|(_, _, image, _)| Ok(parts::by_group(&parts::by_crate(image)?)))
+        .collect::<Result<_>>()?;
+    for (i, group) in parts::groups().enumerate() {
+        let bytes = parts.iter().map(|parts| number(parts[i]));
+        rows.push([group.to_owned()].into_iter().chain(bytes).collect());
+    }
+    let all = documented(measured).map(|(_, _, image, _)| number(image.size.flash));
+    rows.push(["in all".to_owned()].into_iter().chain(all).collect());
+    Ok(documented::Table {
+        name: "firmware: crates",
+        rows,
+    })
 }
 
 /// The packages of the boards.
@@ -230,7 +294,7 @@ pub(crate) fn stack_bound(image: &Path) -> Result<u64> {
     Ok(stack::worst(&Image::read(image)?)?.bytes)
 }
 
-fn table(measured: &[(usize, &Board, Image, Worst)]) -> Table {
+fn table(measured: &[Measured]) -> Table {
     let mut table = Table::new();
     table.load_style(ASCII_MARKDOWN);
     table.set_header(["bytes of", "flash", "static RAM", "stack, computed"]);

@@ -13,6 +13,90 @@ const LANGUAGE: [(&str, &str); 2] = [
     ("/library/core/", "core"),
 ];
 
+/// What the documentation tells together; a star stands for any rest. What is in none is the last.
+const GROUPS: [(&str, &[&str]); 12] = [
+    (
+        "roles and what surrounds them: `node-firmware`",
+        &["node-firmware"],
+    ),
+    (
+        "link: `zigbee-link`, on the NUCLEO `spinel-radio`",
+        &["zigbee-link", "spinel-radio"],
+    ),
+    (
+        "mathematics: `calib-core`, `pedestrian`; `nalgebra`, `simba`, `num-traits`, `libm`",
+        &[
+            "calib-core",
+            "pedestrian",
+            "nalgebra",
+            "simba",
+            "num-traits",
+            "libm",
+        ],
+    ),
+    ("camera's protocol: `cmucam2-driver`", &["cmucam2-driver"]),
+    (
+        "messages' encoding: `postcard`, `serde_core`, `cobs`",
+        &["postcard", "serde_core", "cobs"],
+    ),
+    ("flash: `flash-log`", &["flash-log"]),
+    ("cipher: `aes`, `hybrid-array`", &["aes", "hybrid-array"]),
+    ("lists: `heapless`", &["heapless"]),
+    (
+        "board: own code, the chip's crates, logs, memory functions",
+        &[
+            "nrf52840",
+            "nucleo-l476rg",
+            "support",
+            "embassy-nrf",
+            "embassy-stm32",
+            "embassy-hal-internal",
+            "nrf-pac",
+            "stm32-metapac",
+            "cortex-m*",
+            "vcell",
+            "static_cell",
+            "portable-atomic",
+            "defmt*",
+            "memory-functions",
+        ],
+    ),
+    ("tasks and time: the other `embassy` crates", &["embassy-*"]),
+    (
+        "the language's library: `core`, `compiler_builtins`",
+        &["core", "compiler_builtins"],
+    ),
+    (
+        "constants of all crates, first values of variables, table of vectors",
+        &[
+            "constants of all crates",
+            "first values of variables",
+            "table of vectors",
+        ],
+    ),
+];
+const REST: &str = "everything else, with what fills gaps";
+
+/// The groups, in the order of [`by_group`].
+pub(super) fn groups() -> impl Iterator<Item = &'static str> {
+    GROUPS.iter().map(|(group, _)| *group).chain([REST])
+}
+
+/// Bytes of each group, of which a crate is in the first that has its name.
+pub(super) fn by_group(parts: &[(String, u64)]) -> Vec<u64> {
+    let mut bytes = vec![0; GROUPS.len() + 1];
+    for (part, size) in parts {
+        let is_in = |&(_, names): &(&str, &[&str])| {
+            names.iter().any(|name| match name.strip_suffix('*') {
+                Some(start) => part.starts_with(start),
+                None => part == name,
+            })
+        };
+        bytes[GROUPS.iter().position(is_in).unwrap_or(GROUPS.len())] += size;
+    }
+    bytes
+}
+
 /// Bytes of the flash by crate, most first, and then what is none's; together they are all. Code belongs
 /// to the innermost crate of what is inlined there, the language's own library left out: a list's `push`
 /// to the list, not to who pushes.
@@ -123,6 +207,15 @@ pub(super) fn crate_of(file: &str) -> Option<Crate> {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn crates_by_their_group() {
+        let parts = ["embassy-nrf", "embassy-time", "heapless", "cordyceps"];
+        let parts = parts.map(|part| (part.to_owned(), 1));
+        let bytes = by_group(&parts);
+        assert_eq!(bytes, [0, 0, 0, 0, 0, 0, 0, 1, 1, 1, 0, 0, 1]);
+        assert_eq!(groups().count(), bytes.len());
+    }
 
     #[test]
     fn crates_by_their_folders() {

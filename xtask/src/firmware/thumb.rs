@@ -102,7 +102,7 @@ impl Decoder {
             }
             // ldr <register>, [pc, #n]
             _ if instruction & 0xf800 == 0x4800 => {
-                let from = (address + 4 & !3) + 4 * (instruction & 0xff);
+                let from = ((address + 4) & !3) + 4 * (instruction & 0xff);
                 return Some(Effect::Loads(middle, from));
             }
             // mov <register>, <register>
@@ -185,7 +185,7 @@ impl Decoder {
             }
             // ldr.w <register>, [pc, #n]
             _ if first & 0xff7f == 0xf85f => {
-                let (base, offset) = (address + 4 & !3, second & 0xfff);
+                let (base, offset) = ((address + 4) & !3, second & 0xfff);
                 let from = match first & 0x80 {
                     0 => base.wrapping_sub(offset),
                     _ => base + offset,
