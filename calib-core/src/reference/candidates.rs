@@ -245,3 +245,40 @@ fn intersections<T: Real>(p: Circle<T>, q: Circle<T>) -> [Option<Vector2<T>>; 2]
         taxicab(point).is_finite().then_some(point)
     })
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// The circle through two points, its centre so far beside their middle.
+    fn through(a: Vector2<f64>, b: Vector2<f64>, beside: f64, s: f64) -> Circle<f64> {
+        let centre = (a + b) * 0.5 + quarter_turn(b - a).normalize() * beside;
+        Circle {
+            s,
+            a: centre * (-2.0 * s),
+            k: s * (centre.norm_squared() - (a - centre).norm_squared()),
+        }
+    }
+
+    /// Also where one of the points is next to the foot of the radical line, so that its formula
+    /// subtracts two numbers that are nearly one.
+    #[test]
+    fn circles_meet_where_they_were_made_to_meet() {
+        for turned in 0..16 {
+            let along = unit(f64::from(turned) * 0.4);
+            let foot = quarter_turn(along) * 1.5;
+            for [near, far] in [[1e-9, 5.0], [1e-9, -5.0], [-2.0, 3.0], [1.0, 4.0]] {
+                let (a, b) = (foot + along * near, foot + along * far);
+                for s in [1.0, -0.7] {
+                    let p = through(a, b, 2.0, s);
+                    let q = through(a, b, -1.0, 0.5);
+                    let points = intersections(p, q).map(Option::unwrap);
+                    for expected in [a, b] {
+                        let off = points.map(|point| (point - expected).norm());
+                        assert!(off[0].min(off[1]) < 1e-12, "{near} {far} {s}: {off:?}");
+                    }
+                }
+            }
+        }
+    }
+}
