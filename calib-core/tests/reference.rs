@@ -596,6 +596,9 @@ fn poses_turn_with_their_frame() {
     let second = Matrix3::new(c.m66, 0.0, c.m26, 0.0, 0.0, 0.0, c.m26, 0.0, c.m22);
     assert_eq!(own.map(|pose| pose.covariance), [first, second]);
     assert!(c.m66 > 0.0 && c.m26 != 0.0);
+    assert_eq!(solution.heading_sigmas(), [c.m11.sqrt(), c.m22.sqrt()]);
+    assert_eq!(solution.frame_heading_sigma(), c.m55.sqrt());
+    assert_eq!(solution.baseline_sigma(), c.m66.sqrt());
     for direction in [0.7, 2.5, 4.0, 5.9] {
         let origin = Point2::new(3.0, -2.0);
         let turn = Rotation2::new(direction);

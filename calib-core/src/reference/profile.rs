@@ -160,4 +160,12 @@ mod tests {
             assert!(shortened.cholesky().is_some(), "direction {step}");
         }
     }
+
+    /// What is known has no variance, and keeps none.
+    #[test]
+    fn nothing_is_not_shortened() {
+        let mut covariance = Matrix6::<f64>::zeros();
+        shorten(&mut covariance, &Vector6::repeat(0.4), 0.5);
+        assert_eq!(covariance, Matrix6::zeros());
+    }
 }
