@@ -612,3 +612,23 @@ fn poses_turn_with_their_frame() {
         }
     }
 }
+
+/// Why the refinement failed is told, where no candidate got further.
+#[test]
+fn too_few_steps_do_not_converge() {
+    let scene = scene(5, 3);
+    let stops = scene.measure(0.0, || 0.5, 0.01, || 0.5, 0.01);
+    let with = |iteration_limit| {
+        let settings = ReferenceSettings {
+            iteration_limit,
+            ..ReferenceSettings::default()
+        };
+        reference::solve(&stops, &ALL_KNOWN(scene.baseline), &settings)
+    };
+    for steps in [0, 1] {
+        assert_eq!(with(steps), Err(Refusal::DidNotConverge));
+    }
+    let free = with(50).unwrap().best;
+    assert!((2..50).contains(&free.iterations));
+    assert_eq!(with(free.iterations).unwrap().best, free);
+}
