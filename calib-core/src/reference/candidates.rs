@@ -281,4 +281,28 @@ mod tests {
             }
         }
     }
+
+    /// Of cameras that see no angle between their rays the circles are lines.
+    #[test]
+    fn lines_meet_where_they_cross() {
+        let crossing = Vector2::new(3.0, -2.0);
+        let line = |angle: f64| {
+            let a = unit(angle) * 1.7;
+            let (s, k) = (0.0, -a.dot(&crossing));
+            Circle { s, a, k }
+        };
+        for (p, q) in [(0.3, 1.1), (2.0, 5.5), (4.0, 0.1)] {
+            let [point, none] = intersections(line(p), line(q));
+            assert!((point.unwrap() - crossing).norm() < 1e-12 && none.is_none());
+        }
+        // One of them through the origin, as that of the first camera is.
+        let through_origin = Circle {
+            k: 0.0,
+            ..line(2.0)
+        };
+        let point = intersections(through_origin, line(0.5))[0].unwrap();
+        assert!(through_origin.a.dot(&point).abs() < 1e-12);
+        assert!((line(0.5).a.dot(&point) + line(0.5).k).abs() < 1e-12);
+        assert_eq!(intersections(line(1.0), line(1.0)), [None; 2]);
+    }
 }
