@@ -75,7 +75,7 @@ fn made_up(
 ) -> Result<(usize, f64), Refusal> {
     let problem = MadeUp {
         gradient,
-        costs: RefCell::new(costs.to_vec().into_iter()),
+        costs: RefCell::new(Vec::from(costs).into_iter()),
         elsewhere,
     };
     let mut walk = Descent::new(SVector::from([0.0]));
