@@ -256,3 +256,26 @@ fn rays_point_at_what_they_are_made_for() {
         assert!((range - (target - truth.position()).norm()).abs() < 1e-12);
     }
 }
+
+/// A place of which the variance is too large for the scalar is none.
+#[test]
+fn what_has_no_finite_covariance_is_refused() {
+    let ahead = |x: f32, heading: f32, bearing_sigma: f32| StationBearing {
+        pose: Pose {
+            position: Point2::new(x, 0.0),
+            heading,
+            covariance: Matrix3::zeros(),
+        },
+        ray: Ray::from_bearing(0.0),
+        bearing_sigma,
+    };
+    let quarter = core::f32::consts::FRAC_PI_4;
+    let solve = |sigma| {
+        locate(&[
+            ahead(0.0, quarter, sigma),
+            ahead(20.0, 3.0 * quarter, sigma),
+        ])
+    };
+    assert!(solve(1e17).is_ok());
+    assert_eq!(solve(8e18), Err(Refusal::NotFinite));
+}

@@ -292,6 +292,17 @@ fn correlation_refuses_what_determines_no_pose() {
         correlate(&pose, &on_the_camera, one_walk),
         Err(Refusal::NotFinite)
     );
+    // The places are numbers; times the bearings' weights they are not.
+    let wide = Track::start(
+        Point2::origin(),
+        Matrix2::from_diagonal_element(1e306),
+        Systematic::none(),
+    );
+    let wide = wide.and_then(|track| track.place(0.0)).unwrap();
+    assert_eq!(
+        correlate(&pose, &good.map(|(seen, _)| (seen, wide)), one_walk),
+        Err(Refusal::NotFinite)
+    );
     // One fix, of which one place says that it was poor and the others that it was exact.
     let claim = |fix: f64, step: f64| {
         Place::new(PlaceParts {

@@ -3,7 +3,7 @@
 use std::f64::consts::TAU;
 
 use calib_core::{Pose, PoseError};
-use nalgebra::{Matrix3, Point2};
+use nalgebra::{Matrix3, Point2, Rotation2, Vector2};
 use proptest::prelude::*;
 
 const POSITION: Point2<f64> = Point2::new(3.0, -4.0);
@@ -87,4 +87,41 @@ fn what_is_not_a_number_has_no_sigma() {
     assert!(sigmas.iter().all(|sigma| sigma.is_nan()), "{sigmas:?}");
     let ellipse = pose.ellipse(0.9);
     assert!(ellipse.semi_major.is_nan() && ellipse.semi_minor.is_nan());
+}
+
+#[test]
+fn it_is_told_in_degrees() {
+    let mut pose = Pose::from_parts(POSITION, 1.5, [4.0, 0.5, 9.0, 0.1, -0.2, 0.01]).unwrap();
+    let text = "x 3.000 +/- 2.000, y -4.000 +/- 3.000, heading 85.94 +/- 5.73 deg";
+    assert_eq!(pose.to_string(), text);
+    pose.heading = TAU / 8.0;
+    assert!(pose.to_string().contains("heading 45.00 "));
+}
+
+/// Between the axes of the ellipse the variance is that of the covariance, in all directions: the
+/// quadratic form of its inverse is the quantile of chi squared.
+#[test]
+fn the_ellipse_is_where_the_quantile_is() {
+    for [xx, xy, yy] in [
+        [4.0, 0.5, 9.0],
+        [9.0, -3.0, 2.0],
+        [1.0, 0.0, 4.0],
+        [4.0, 0.0, 1.0],
+    ] {
+        let pose = Pose::from_parts(POSITION, 0.0, [xx, xy, yy, 0.0, 0.0, 1.0]).unwrap();
+        for probability in [0.1_f64, 0.5, 0.95] {
+            let ellipse = pose.ellipse(probability);
+            assert!(ellipse.semi_major >= ellipse.semi_minor);
+            for k in 0..8 {
+                let (sine, cosine) = (f64::from(k) * TAU / 8.0).sin_cos();
+                let point = Rotation2::new(ellipse.angle)
+                    * Vector2::new(ellipse.semi_major * cosine, ellipse.semi_minor * sine);
+                let form = (yy * point.x * point.x - 2.0 * xy * point.x * point.y
+                    + xx * point.y * point.y)
+                    / (xx * yy - xy * xy);
+                // Of two degrees of freedom the share within is one less exp(-form / 2).
+                assert!((1.0 - (-form / 2.0).exp() - probability).abs() < 1e-12);
+            }
+        }
+    }
 }

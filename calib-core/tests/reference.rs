@@ -6,7 +6,7 @@ use calib_core::{
     Method, Ray, Real, Refusal,
     reference::{self, Known, ReferenceSettings, Stop},
 };
-use nalgebra::{Matrix2, Rotation2, Vector2};
+use nalgebra::{Matrix2, Matrix3, Point2, Rotation2, Vector2};
 use proptest::prelude::*;
 use rand::RngExt;
 use test_support::{generator, normal, turn};
@@ -481,8 +481,10 @@ fn refusals() {
     }
     assert_eq!(solve(&still, &all), Err(Refusal::CoincidentTargets));
     let mut bad = stops.clone();
-    bad[2].bearing_sigmas[1] = 0.0;
-    assert_eq!(solve(&bad, &all), Err(Refusal::NotFinite));
+    for sigma in [0.0, f64::INFINITY, f64::NAN] {
+        bad[2].bearing_sigmas[1] = sigma;
+        assert_eq!(solve(&bad, &all), Err(Refusal::NotFinite));
+    }
 }
 
 /// `f32` solves what `f64` does.
@@ -568,4 +570,65 @@ fn another_answer_is_told_of_until_one_in_a_thousand_fits_so_badly() {
         assert_eq!(told(1.03 * LIMIT), None, "seed {seed}");
     }
     assert!(found >= 5, "{found} scenes have another answer");
+}
+
+/// In the baseline's own frame the poses are parts of the solution; in another one they are turned
+/// and moved with it.
+#[test]
+fn poses_turn_with_their_frame() {
+    let scene = scene(3, 4);
+    let (mut a, mut b) = (generator(1), generator(2));
+    let stops = scene.measure(0.4, || normal(&mut a), 0.002, || normal(&mut b), 0.01);
+    let known = Known {
+        baseline: None,
+        frame_heading: None,
+    };
+    let solution = reference::solve(&stops, &known, &ReferenceSettings::default());
+    let solution = solution.unwrap().best;
+    let c = solution.covariance;
+    let own = solution.poses(Point2::origin(), 0.0);
+    assert_eq!(own[0].position, Point2::origin());
+    assert_eq!(own[1].position, Point2::new(solution.baseline, 0.0));
+    assert_eq!(own.map(|pose| pose.heading), solution.headings);
+    let mut first = Matrix3::zeros();
+    first.m33 = c.m11;
+    // What errs along the baseline is its length, together with the heading.
+    let second = Matrix3::new(c.m66, 0.0, c.m26, 0.0, 0.0, 0.0, c.m26, 0.0, c.m22);
+    assert_eq!(own.map(|pose| pose.covariance), [first, second]);
+    assert!(c.m66 > 0.0 && c.m26 != 0.0);
+    assert_eq!(solution.heading_sigmas(), [c.m11.sqrt(), c.m22.sqrt()]);
+    assert_eq!(solution.frame_heading_sigma(), c.m55.sqrt());
+    assert_eq!(solution.baseline_sigma(), c.m66.sqrt());
+    for direction in [0.7, 2.5, 4.0, 5.9] {
+        let origin = Point2::new(3.0, -2.0);
+        let turn = Rotation2::new(direction);
+        let turn3 = turn.to_homogeneous();
+        for (pose, own) in solution.poses(origin, direction).iter().zip(own) {
+            assert!((pose.position - (origin + turn * own.position.coords)).norm() < 1e-12);
+            assert!(test_support::turn(pose.heading, own.heading + direction).abs() < 1e-12);
+            assert!((0.0..core::f64::consts::TAU).contains(&pose.heading));
+            let expected = turn3 * own.covariance * turn3.transpose();
+            assert!((pose.covariance - expected).norm() < 1e-12 * c.norm());
+        }
+    }
+}
+
+/// Why the refinement failed is told, where no candidate got further.
+#[test]
+fn too_few_steps_do_not_converge() {
+    let scene = scene(5, 3);
+    let stops = scene.measure(0.0, || 0.5, 0.01, || 0.5, 0.01);
+    let with = |iteration_limit| {
+        let settings = ReferenceSettings {
+            iteration_limit,
+            ..ReferenceSettings::default()
+        };
+        reference::solve(&stops, &ALL_KNOWN(scene.baseline), &settings)
+    };
+    for steps in [0, 1] {
+        assert_eq!(with(steps), Err(Refusal::DidNotConverge));
+    }
+    let free = with(50).unwrap().best;
+    assert!((2..50).contains(&free.iterations));
+    assert_eq!(with(free.iterations).unwrap().best, free);
 }

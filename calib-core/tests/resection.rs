@@ -59,6 +59,18 @@ proptest! {
         assert_pose(&three_point::solve(&sightings).unwrap(), &truth, 1e-7);
     }
 
+    /// The same lines of sight, one of them pointing away from its target: whichever it is.
+    #[test]
+    fn no_target_may_be_behind(seed: u64) {
+        let (truth, targets) = regular_scene(seed);
+        for behind in 0..3 {
+            let mut sightings = targets.map(|t| sighting(&truth, t, 0.0, 0.01));
+            let ray = &mut sightings[behind].ray;
+            *ray = Ray { forward: -ray.forward, left: -ray.left };
+            prop_assert_eq!(three_point::fix(&sightings).unwrap_err(), Refusal::TargetBehind);
+        }
+    }
+
     /// The closed form and least squares are the same function of the same noisy bearings.
     #[test]
     fn rays_and_least_squares_agree(seed: u64) {

@@ -48,5 +48,49 @@ pub fn wrap_signed<T: Real>(angle: T) -> T {
     }
     let turn = T::two_pi();
     let rest = angle - ((angle + half) / turn).floor() * turn;
-    if rest < half { rest } else { -half }
+    // Rounding may leave a little less than minus half a turn, or half a turn.
+    if rest >= -half && rest < half {
+        rest
+    } else {
+        -half
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use core::f64::consts::{PI, TAU};
+
+    use super::*;
+
+    /// Next to whole turns, where rounding may leave a little less than nothing or a whole turn; and
+    /// next to half ones.
+    #[test]
+    fn wrapped_angles_are_in_range_and_the_same_direction() {
+        for half_turns in -2000..=2000 {
+            let near = f64::from(half_turns) * PI;
+            for ulps in -4..=4_i64 {
+                let double = f64::from_bits(near.to_bits().wrapping_add_signed(ulps));
+                let single =
+                    f32::from_bits((near as f32).to_bits().wrapping_add_signed(ulps as i32));
+                if !(double.abs() < 1e4 && single.abs() < 1e4) {
+                    continue; // beside zero there are no neighbours in this way
+                }
+                let (positive, signed) = (wrap_positive(double), wrap_signed(double));
+                assert!((0.0..TAU).contains(&positive), "{double:e}: {positive:e}");
+                assert!((-PI..PI).contains(&signed), "{double:e}: {signed:e}");
+                for wrapped in [positive, signed] {
+                    let off = (wrapped - double) / TAU;
+                    assert!((off - off.round()).abs() < 1e-12, "{double:e}: {wrapped:e}");
+                }
+                let (positive, signed) = (wrap_positive(single), wrap_signed(single));
+                let (tau, pi) = (core::f32::consts::TAU, core::f32::consts::PI);
+                assert!((0.0..tau).contains(&positive), "{single:e}: {positive:e}");
+                assert!((-pi..pi).contains(&signed), "{single:e}: {signed:e}");
+                for wrapped in [positive, signed] {
+                    let off = f64::from(wrapped - single) / TAU;
+                    assert!((off - off.round()).abs() < 2e-4, "{single:e}: {wrapped:e}");
+                }
+            }
+        }
+    }
 }

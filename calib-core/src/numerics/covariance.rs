@@ -52,3 +52,31 @@ fn judge<T: Real>(matrix: &mut [T], diagonal: &mut [T]) -> Option<()> {
     }
     cholesky::factor(matrix, n)
 }
+
+#[cfg(test)]
+mod tests {
+    use nalgebra::{Matrix2, Matrix3};
+
+    use super::*;
+
+    /// Above the diagonal, too, where no factor looks.
+    #[test]
+    fn what_is_not_finite_is_none() {
+        for place in 0..9 {
+            for bad in [f64::NAN, f64::INFINITY, f64::NEG_INFINITY] {
+                let mut matrix = Matrix3::identity();
+                matrix.as_mut_slice()[place] = bad;
+                assert!(!is_covariance(&matrix), "{bad} at {place}");
+            }
+        }
+        assert!(is_covariance(&Matrix3::<f64>::identity()));
+    }
+
+    #[test]
+    fn it_is_symmetric_but_for_rounding() {
+        let skew = |by: f64| is_covariance(&Matrix2::new(4.0, 1.0, 1.0 + by, 9.0));
+        // A correlation of a sixth; the slack is a ten-thousandth of a correlation.
+        assert!(skew(0.0) && skew(5e-4) && skew(-5e-4));
+        assert!(!skew(7e-4) && !skew(-7e-4));
+    }
+}

@@ -245,3 +245,64 @@ fn intersections<T: Real>(p: Circle<T>, q: Circle<T>) -> [Option<Vector2<T>>; 2]
         taxicab(point).is_finite().then_some(point)
     })
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// The circle through two points, its centre so far beside their middle.
+    fn through(a: Vector2<f64>, b: Vector2<f64>, beside: f64, s: f64) -> Circle<f64> {
+        let centre = (a + b) * 0.5 + quarter_turn(b - a).normalize() * beside;
+        Circle {
+            s,
+            a: centre * (-2.0 * s),
+            k: s * (centre.norm_squared() - (a - centre).norm_squared()),
+        }
+    }
+
+    /// Also where one of the points is next to the foot of the radical line, so that its formula
+    /// subtracts two numbers that are nearly one.
+    #[test]
+    fn circles_meet_where_they_were_made_to_meet() {
+        for turned in 0..16 {
+            let along = unit(f64::from(turned) * 0.4);
+            let foot = quarter_turn(along) * 1.5;
+            for [near, far] in [[1e-9, 5.0], [1e-9, -5.0], [-2.0, 3.0], [1.0, 4.0]] {
+                let (a, b) = (foot + along * near, foot + along * far);
+                for s in [1.0, -0.7] {
+                    let p = through(a, b, 2.0, s);
+                    let q = through(a, b, -1.0, 0.5);
+                    let points = intersections(p, q).map(Option::unwrap);
+                    for expected in [a, b] {
+                        let off = points.map(|point| (point - expected).norm());
+                        assert!(off[0].min(off[1]) < 1e-12, "{near} {far} {s}: {off:?}");
+                    }
+                }
+            }
+        }
+    }
+
+    /// Of cameras that see no angle between their rays the circles are lines.
+    #[test]
+    fn lines_meet_where_they_cross() {
+        let crossing = Vector2::new(3.0, -2.0);
+        let line = |angle: f64| {
+            let a = unit(angle) * 1.7;
+            let (s, k) = (0.0, -a.dot(&crossing));
+            Circle { s, a, k }
+        };
+        for (p, q) in [(0.3, 1.1), (2.0, 5.5), (4.0, 0.1)] {
+            let [point, none] = intersections(line(p), line(q));
+            assert!((point.unwrap() - crossing).norm() < 1e-12 && none.is_none());
+        }
+        // One of them through the origin, as that of the first camera is.
+        let through_origin = Circle {
+            k: 0.0,
+            ..line(2.0)
+        };
+        let point = intersections(through_origin, line(0.5))[0].unwrap();
+        assert!(through_origin.a.dot(&point).abs() < 1e-12);
+        assert!((line(0.5).a.dot(&point) + line(0.5).k).abs() < 1e-12);
+        assert_eq!(intersections(line(1.0), line(1.0)), [None; 2]);
+    }
+}

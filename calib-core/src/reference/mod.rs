@@ -450,3 +450,79 @@ fn turned<T: Real>(covariance: &Matrix2<T>, turn: Vector2<T>) -> Matrix2<T> {
     let rotation = Matrix2::new(turn.x, -turn.y, turn.y, turn.x);
     angle::turned(covariance, &rotation)
 }
+
+#[cfg(test)]
+mod tests {
+    use core::f64::consts::{PI, TAU};
+
+    use super::*;
+
+    fn found(unknowns: [f64; 6]) -> Found<f64> {
+        Found {
+            start: Vector6::zeros(),
+            unknowns: unknowns.into(),
+            variances: Vector6::from([1e-4, 4e-4, 0.01, 0.04, 9e-4, 0.09]),
+            chi_squared: 1.0,
+        }
+    }
+
+    /// Each unknown by itself, up to a fifth of its sigma, either way; angles in circles.
+    #[test]
+    fn answers_are_one_within_a_fifth_of_a_sigma() {
+        let unknowns = [0.0, 1.0, -2.0, 3.0, PI, 5.0];
+        let sigmas = [0.01, 0.02, 0.1, 0.2, 0.03, 0.3];
+        for k in 0..6 {
+            for sign in [-1.0, 1.0] {
+                let moved = |sigmas_off: f64| {
+                    let mut other = unknowns;
+                    other[k] += sign * sigmas_off * sigmas[k];
+                    is_same(&found(unknowns), &found(other))
+                };
+                assert!(moved(0.0) && moved(0.199), "unknown {k}");
+                assert!(!moved(0.201) && !moved(10.0), "unknown {k}");
+            }
+        }
+        for k in [0, 1, 4] {
+            let mut other = unknowns;
+            other[k] += TAU - 0.1 * sigmas[k];
+            assert!(is_same(&found(unknowns), &found(other)), "angle {k}");
+        }
+    }
+
+    /// What is known has no sigma; the digits of a scene of some size are left, and no more.
+    #[test]
+    fn answers_without_sigmas_are_one_but_for_rounding() {
+        let exact = |unknowns| Found {
+            variances: Vector6::zeros(),
+            ..found(unknowns)
+        };
+        let unknowns = [0.0, 1.0, -200.0, 300.0, 1.0, 500.0];
+        let digit = 256.0 * f64::EPSILON;
+        for (k, size) in [PI, PI, 1000.0, 1000.0, PI, 1000.0].into_iter().enumerate() {
+            let moved = |by: f64| {
+                let mut other = unknowns;
+                other[k] += by * size * digit;
+                is_same(&exact(unknowns), &exact(other))
+            };
+            assert!(moved(0.95) && !moved(1.05), "unknown {k}");
+        }
+    }
+
+    /// The product of the norms of the matrix and of its inverse, whatever the units.
+    #[test]
+    fn the_condition_does_not_depend_on_units() {
+        let mut normal = Matrix6::identity();
+        for (row, column, entry) in [(0, 1, 0.5), (2, 5, -0.8), (3, 5, 0.1)] {
+            normal[(row, column)] = entry;
+            normal[(column, row)] = entry;
+        }
+        let norm = |m: &Matrix6<f64>| m.column_iter().map(|c| c.abs().sum()).fold(0.0, f64::max);
+        let expected = norm(&normal) * norm(&normal.try_inverse().unwrap());
+        for units in [[1.0; 6], [1e3, 0.1, 7.0, 1e-4, 2.0, 30.0]] {
+            let units = Matrix6::from_diagonal(&Vector6::from(units));
+            let normal = units * normal * units;
+            let condition = condition(&normal, &normal.try_inverse().unwrap());
+            assert!((condition / expected - 1.0).abs() < 1e-9, "{condition}");
+        }
+    }
+}

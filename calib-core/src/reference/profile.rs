@@ -120,7 +120,13 @@ fn profile<T: Real>(problem: &Bearings<'_, T>, x: &Vector6<T>, offset: &Vector6<
 mod tests {
     use core::cell::Cell;
 
+    use nalgebra::{Matrix2, Vector2};
+
     use super::*;
+    use crate::{
+        Ray,
+        reference::{Known, Stop},
+    };
 
     #[test]
     fn only_a_cost_that_rises_on_both_sides_shortens() {
@@ -158,6 +164,69 @@ mod tests {
             let ratio = variance(&shortened) / variance(&covariance);
             assert!((ratio - 1e-4).abs() < 1e-9, "{ratio}");
             assert!(shortened.cholesky().is_some(), "direction {step}");
+        }
+    }
+
+    /// What is known has no variance, and keeps none.
+    #[test]
+    fn nothing_is_not_shortened() {
+        let mut covariance = Matrix6::<f64>::zeros();
+        shorten(&mut covariance, &Vector6::repeat(0.4), 0.5);
+        assert_eq!(covariance, Matrix6::zeros());
+    }
+
+    /// Where a covariance claims far too much along one unknown, it is left what the search by
+    /// quarters ends at, and its other unknowns keep theirs.
+    #[test]
+    fn a_claim_that_the_cost_refutes_is_shortened_to_a_step_of_the_search() {
+        let places = [(2.0, 3.0), (4.0, 2.5), (3.0, 4.5)];
+        let mut from = Vector2::new(2.0, 3.0);
+        let stops = places.map(|(x, y)| {
+            let displacement = Vector2::new(x, y) - from;
+            from = Vector2::new(x, y);
+            Stop {
+                rays: [
+                    Ray {
+                        forward: x,
+                        left: y,
+                    },
+                    Ray {
+                        forward: x - 5.0,
+                        left: y,
+                    },
+                ],
+                bearing_sigmas: [0.01; 2],
+                displacement,
+                displacement_covariance: Matrix2::zeros(),
+            }
+        });
+        let known = Known {
+            baseline: Some(5.0),
+            frame_heading: Some(0.0),
+        };
+        let problem = Bearings::new(&stops, &known);
+        let x = Vector6::new(0.0, 0.0, 2.0, 3.0, 0.0, 5.0);
+        assert!(problem.cost(x.as_slice(), x.as_slice()) < 1e-20);
+        for k in 0..4 {
+            let mut claimed = [1e-6_f64, 1e-6, 1e-6, 1e-6, 0.0, 0.0];
+            claimed[k] = 1.0;
+            let mut covariance = Matrix6::from_diagonal(&Vector6::from(claimed));
+            bound(&problem, &x, &mut covariance);
+            let left = f64::sqrt(covariance[(k, k)]);
+            let steps = left.ln() / 0.75_f64.ln();
+            assert!(
+                steps > 0.5 && (steps - steps.round()).abs() < 1e-6,
+                "{k}: {left}"
+            );
+            // There, and not a step before, the cost is within one of the least on one side.
+            let rise = |sigma: f64| {
+                let rise = |sigma: f64| profile(&problem, &x, &(Vector6::ith(k, sigma)));
+                rise(sigma).min(rise(-sigma))
+            };
+            assert!(rise(left) <= 1.0 && rise(left / 0.75) > 1.0, "{k}: {left}");
+            for other in (0..6).filter(|&other| other != k) {
+                assert!((covariance[(other, other)] - claimed[other]).abs() < 1e-12);
+            }
         }
     }
 }

@@ -374,3 +374,6 @@ fn downhill<T: Real>(
     }
     None
 }
+
+#[cfg(test)]
+mod tests;
