@@ -637,7 +637,7 @@ fn a_stop_told_again_during_the_look_is_looked_at_once() {
         camera.on_message(at(1), ShortAddress(target), &Message::Stopped(stopped));
     };
     tell(&mut camera, 9, 5);
-    assert_eq!(outputs(&mut camera, 1), [look.clone()]);
+    assert_eq!(outputs(&mut camera, 1), core::slice::from_ref(&look));
     // Again, and of another target with the same number.
     tell(&mut camera, 9, 5);
     tell(&mut camera, 8, 5);
@@ -748,4 +748,42 @@ fn the_coordinator_hears_a_report_before_targets_do() {
         .iter()
         .filter_map(|(to, message)| matches!(message, Message::Report(_)).then_some(*to));
     assert!(reports.eq([COORDINATOR, TARGET]), "{told:?}");
+}
+
+/// What members of a former network were told is nothing to those of this one.
+#[test]
+fn what_is_news_in_a_network_is_what_differs_from_what_was_told_there() {
+    let mut camera = camera(2);
+    let told = *calibrated(4).report();
+    let posed = |camera: &mut CameraRole, now: u64, x: f32| {
+        let pose = PoseParts {
+            position: [x, 0.0],
+            heading: 0.5,
+            covariance: [0.01, 0.0, 0.01, 0.0, 0.0, 0.001],
+        };
+        let solved = Report {
+            state: CameraState::Calibrated(pose),
+            ..told
+        };
+        camera.on_message(at(now), ShortAddress(1), &Message::Posed(solved));
+        let told = outputs(camera, now);
+        deliver(camera, now, &told, true);
+        is_sent(&told, CameraNotification::Report(COORDINATOR.0))
+    };
+    camera.on_message(at(1), COORDINATOR, &Message::References(REFERENCES));
+    assert!(posed(&mut camera, 2, 10.0));
+    // Too little to be told.
+    assert!(!posed(&mut camera, 3, 10.03));
+    camera.on_attached(at(4), None);
+    camera.on_attached(at(5), Some(membership(8, 5)));
+    let hello = outputs(&mut camera, 5);
+    deliver(&mut camera, 5, &hello, true);
+    assert!(is_sent(&hello, CameraNotification::Report(COORDINATOR.0)));
+    let references = References {
+        second: 5,
+        ..REFERENCES
+    };
+    camera.on_message(at(6), COORDINATOR, &Message::References(references));
+    // Near to what was told first, but that was elsewhere.
+    assert!(posed(&mut camera, 7, 9.98));
 }
