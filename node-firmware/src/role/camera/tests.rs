@@ -787,3 +787,35 @@ fn what_is_news_in_a_network_is_what_differs_from_what_was_told_there() {
     // Near to what was told first, but that was elsewhere.
     assert!(posed(&mut camera, 7, 9.98));
 }
+
+#[test]
+fn a_camera_that_begins_anew_in_another_network_tells_what_it_learns_there() {
+    let config = CameraConfig {
+        refine: true,
+        good_enough: Sigmas {
+            position: 1e-6,
+            heading_deg: 1e-6,
+        },
+        ..config()
+    };
+    let mut camera = camera_with(4, config);
+    let calibrate = |camera: &mut CameraRole| {
+        let mut is_told = false;
+        for stop in 1..=3 {
+            see(camera, 10, &stopped(stop, CoordinateFrame::Site));
+            let told = outputs(camera, 11);
+            deliver(camera, 11, &told, true);
+            is_told |= is_sent(&told, CameraNotification::Report(COORDINATOR.0));
+        }
+        assert!(camera.report().pose().is_some() && !camera.report().done);
+        is_told
+    };
+    assert!(calibrate(&mut camera));
+    camera.on_attached(at(12), None);
+    camera.on_attached(at(13), Some(membership(8, 5)));
+    let hello = outputs(&mut camera, 13);
+    deliver(&mut camera, 13, &hello, true);
+    assert_eq!(camera.report().state, CameraState::Waiting);
+    // The same as before, but nobody there has heard it.
+    assert!(calibrate(&mut camera));
+}
