@@ -6,6 +6,7 @@ use zigbee_link::{
 };
 
 use super::*;
+use crate::message::{References, StopNumber};
 
 const CAMERA: MemberKind = MemberKind::Camera { reference: None };
 
