@@ -229,6 +229,34 @@ fn all_facts_of_a_target_fit_together() {
     assert_eq!(recall(&mut flash), facts);
 }
 
+/// What is erased is written down as well, in the room of what it replaces. So there is as much room
+/// before as after, and nothing is lost whichever a role writes first.
+#[test]
+fn erasing_needs_no_room_and_makes_none() {
+    let known = |n: u8, id| Fact::Camera(n, Some((n.into(), report(id))));
+    let half = MEMBERS as u8 / 2;
+    for erased_first in [true, false] {
+        let mut flash = flash::chip(32, 5);
+        let mut expected = vec![longest()[2], network()];
+        save(&mut flash, &expected);
+        let all: Vec<_> = (0..MEMBERS as u8).map(|n| known(n, 1)).collect();
+        save(&mut flash, &all);
+        // Other members, and fewer.
+        let written = (0..half).map(|n| known(n, 2));
+        let erased = (half..MEMBERS as u8).map(|n| Fact::Camera(n, None));
+        expected.extend(written.clone().chain(erased.clone()));
+        for _ in 0..5 {
+            let facts: Vec<_> = if erased_first {
+                erased.clone().chain(written.clone()).collect()
+            } else {
+                written.clone().chain(erased.clone()).collect()
+            };
+            save(&mut flash, &facts);
+            assert_eq!(recall(&mut flash), expected);
+        }
+    }
+}
+
 /// More facts than fit, which no role has. It goes on.
 #[test]
 fn a_full_memory_is_begun_anew() {

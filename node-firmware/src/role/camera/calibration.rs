@@ -184,3 +184,52 @@ fn sighting(kept: &KeptSighting, common: &KeptSighting) -> Sighting<f32> {
         target_covariance: own,
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use calib_core::dead_reckoning::{Systematic, Track};
+    use nalgebra::{Matrix2, Point2};
+
+    use super::*;
+    use crate::message::Seen;
+
+    fn kept(stop: StopNumber, target: MemberAddress, fix: u32) -> KeptSighting {
+        let systematic = Systematic {
+            heading_sigma: 0.0,
+            scale_sigma: 0.0,
+        };
+        let track = Track::start(Point2::origin(), Matrix2::identity(), systematic);
+        let seen = Seen {
+            bearing: 0.1,
+            sigma: 0.01,
+        };
+        KeptSighting {
+            target,
+            stop,
+            place: track.unwrap().numbered(fix).place(0.0).unwrap(),
+            seen,
+        }
+    }
+
+    /// An error of a fix is one of all stops of that target since that fix, and of no others.
+    #[test]
+    fn most_stops_have_the_error_of_one_fix_of_one_target_in_common() {
+        let others = [
+            // Fixes of two targets, of one number by chance.
+            [(2, 7), (3, 7), (4, 7)],
+            // A target that was found anew at each stop.
+            [(2, 7), (2, 8), (2, 9)],
+        ];
+        for others in others {
+            for most in [(1, 5), (1, 7), (5, 8)] {
+                let mut calibration = Calibration::new();
+                let all = [most, others[0], most, others[1], others[2]];
+                for (stop, (target, fix)) in (0..).zip(all) {
+                    calibration.add(kept(stop, target, fix));
+                }
+                let common = calibration.common().unwrap();
+                assert_eq!((common.target, common.place.parts().fix), most);
+            }
+        }
+    }
+}

@@ -39,9 +39,8 @@ fn membership(pan: u16, short: u16) -> Membership {
     }
 }
 
-/// A camera that has started, and said so in its network.
-fn camera(address: u16) -> CameraRole {
-    let config = CameraConfig {
+fn config() -> CameraConfig {
+    CameraConfig {
         lens: Lens::pin_hole(88, 60.0),
         baud: 38_400,
         first_column: 1,
@@ -63,11 +62,17 @@ fn camera(address: u16) -> CameraRole {
             heading_deg: 10.0,
         },
         sigma_floor_px: 0.0625,
-    };
+    }
+}
+
+/// A camera that has started, and said so in its network.
+fn camera(address: u16) -> CameraRole {
+    camera_with(address, config())
+}
+
+fn camera_with(address: u16, config: CameraConfig) -> CameraRole {
     let mut camera = CameraRole::new(100 + address, config);
-    camera.on_event(at(0), CameraEvent::Ready);
-    camera.on_attached(at(0), Some(membership(7, address)));
-    let hello = outputs(&mut camera, 0);
+    let hello = start(&mut camera, address);
     assert!(matches!(
         hello[..],
         [
@@ -79,8 +84,34 @@ fn camera(address: u16) -> CameraRole {
             }
         ]
     ));
-    camera.on_sent(at(0), CameraNotification::Hello, true);
     camera
+}
+
+/// What it wants when it has started and joined. All that it sends then is delivered.
+fn start(camera: &mut CameraRole, address: u16) -> Vec<Output<CameraNotification, CameraTask>> {
+    camera.on_event(at(0), CameraEvent::Ready);
+    camera.on_attached(at(0), Some(membership(7, address)));
+    let outputs = outputs(camera, 0);
+    deliver(camera, 0, &outputs, true);
+    outputs
+}
+
+/// What became of all that it sent.
+fn deliver(
+    camera: &mut CameraRole,
+    now: u64,
+    outputs: &[Output<CameraNotification, CameraTask>],
+    delivered: bool,
+) {
+    for output in outputs {
+        if let Output::Send {
+            notification: Some(notification),
+            ..
+        } = output
+        {
+            camera.on_sent(at(now), *notification, delivered);
+        }
+    }
 }
 
 /// All that it wants now.
@@ -101,12 +132,16 @@ fn sent(camera: &mut CameraRole, now: u64) -> Vec<(ShortAddress, Message)> {
 }
 
 fn place(x: f32) -> Place<f32> {
+    place_at([x, 4.0])
+}
+
+fn place_at([x, y]: [f32; 2]) -> Place<f32> {
     let systematic = Systematic {
         heading_sigma: 0.0,
         scale_sigma: 0.0,
     };
     let covariance = Matrix2::identity() * 1e-4;
-    let track = Track::start(Point2::new(x, 4.0), covariance, systematic);
+    let track = Track::start(Point2::new(x, y), covariance, systematic);
     track.unwrap().place(0.0).unwrap()
 }
 
@@ -344,4 +379,442 @@ fn others_hear_of_what_changes_their_picture_of_a_camera() {
     for (n, new) in no_news.iter().enumerate() {
         assert!(!is_news(&old, new), "{n}");
     }
+}
+
+/// Where a target stands, in view of cameras at (0, 0) and (10, 0) that look at (5, 5).
+const STOPS: [[f32; 2]; 4] = [[5.0, 5.0], [3.6, 7.5], [6.4, 7.0], [4.5, 4.6]];
+
+fn seen_from(x: f32, heading_deg: f32, [to_x, to_y]: [f32; 2]) -> Seen {
+    Seen {
+        bearing: to_y.atan2(to_x - x) - heading_deg.to_radians(),
+        sigma: 0.001,
+    }
+}
+
+fn stopped(stop: StopNumber, frame: CoordinateFrame) -> Stopped {
+    Stopped {
+        stop,
+        colour: 0,
+        frame,
+        place: place_at(STOPS[usize::from(stop) % STOPS.len()]),
+    }
+}
+
+/// A target stands, and the camera, at (0, 0), sees it.
+fn see(camera: &mut CameraRole, now: u64, stopped: &Stopped) {
+    camera.on_message(at(now), TARGET, &Message::Stopped(*stopped));
+    let look = Output::Task(CameraTask::Look { colour: 0 });
+    assert_eq!(outputs(camera, now).last(), Some(&look));
+    let seen = seen_from(0.0, 45.0, stopped.place.position().into());
+    camera.on_event(at(now), CameraEvent::Looked(Sight::InView, Some(seen)));
+}
+
+/// The first reference, which has just solved, and what it wants then.
+fn solved() -> (CameraRole, Vec<Output<CameraNotification, CameraTask>>) {
+    let mut camera = camera(1);
+    camera.on_message(at(1), COORDINATOR, &Message::References(REFERENCES));
+    let mut last = Vec::new();
+    for stop in 1..=3 {
+        let stopped = stopped(stop, CoordinateFrame::Own);
+        see(&mut camera, 10, &stopped);
+        let bearing = StopBearing {
+            target: TARGET.0,
+            stop,
+            seen: seen_from(10.0, 135.0, stopped.place.position().into()),
+            pose: None,
+        };
+        camera.on_message(at(10), ShortAddress(2), &Message::Bearing(bearing));
+        last = outputs(&mut camera, 11);
+    }
+    assert!(camera.report().pose().is_some(), "{:?}", camera.report());
+    (camera, last)
+}
+
+/// A camera that has calibrated itself, and told so.
+fn calibrated(address: u16) -> CameraRole {
+    let mut camera = camera(address);
+    for stop in 1..=3 {
+        see(&mut camera, 10, &stopped(stop, CoordinateFrame::Site));
+        let outputs = outputs(&mut camera, 11);
+        deliver(&mut camera, 11, &outputs, true);
+    }
+    assert!(camera.report().done, "{:?}", camera.report());
+    camera
+}
+
+fn is_sent(outputs: &[Output<CameraNotification, CameraTask>], wanted: CameraNotification) -> bool {
+    outputs.iter().any(|output| {
+        matches!(output, Output::Send { notification: Some(notification), .. } if *notification == wanted)
+    })
+}
+
+#[test]
+fn the_first_reference_tells_what_it_solved_as_long_as_it_is_the_first() {
+    use CameraNotification::{Located, Posed};
+    for (others, is_located) in [((1, 3), true), ((3, 1), false), ((3, 2), false)] {
+        let (mut camera, told) = solved();
+        assert!(is_sent(&told, Located) && is_sent(&told, Posed));
+        for told in [Located, Posed] {
+            camera.on_sent(at(12), told, false);
+        }
+        for report in [COORDINATOR, TARGET] {
+            camera.on_sent(at(12), CameraNotification::Report(report.0), true);
+        }
+        let references = References {
+            first: others.0,
+            second: others.1,
+            positions: None,
+        };
+        camera.on_message(at(13), COORDINATOR, &Message::References(references));
+        // The pose was that of the former second one.
+        let changed = outputs(&mut camera, 13);
+        assert!(
+            changed.contains(&Output::Save(Fact::Posed(None))),
+            "{changed:?}"
+        );
+        let due = is_located.then_some(at(14));
+        assert_eq!(camera.next_deadline(), due, "{others:?}");
+        let told = sent(&mut camera, 60);
+        assert_eq!(told.len(), usize::from(is_located), "{told:?}");
+        assert!(
+            told.iter()
+                .all(|(to, message)| *to == TARGET && matches!(message, Message::Located(_)))
+        );
+    }
+}
+
+#[test]
+fn what_was_solved_is_not_told_after_it_is_forgotten() {
+    use CameraNotification::{Located, Posed};
+    let (mut camera, told) = solved();
+    assert!(is_sent(&told, Located) && is_sent(&told, Posed));
+    let forget = Message::Command(CameraCommand::Forget);
+    camera.on_message(at(12), COORDINATOR, &forget);
+    let reports = outputs(&mut camera, 12);
+    assert!(!is_sent(&reports, Located) && !is_sent(&reports, Posed));
+    // Not even if what was in flight was lost.
+    for told in [Located, Posed] {
+        camera.on_sent(at(13), told, false);
+    }
+    for report in [COORDINATOR, TARGET] {
+        // Superseded: told once more.
+        camera.on_sent(at(13), CameraNotification::Report(report.0), true);
+    }
+    let reports = outputs(&mut camera, 14);
+    deliver(&mut camera, 14, &reports, true);
+    assert!(!is_sent(&reports, Located) && !is_sent(&reports, Posed));
+    assert_eq!(camera.next_deadline(), None);
+    assert_eq!(sent(&mut camera, 60), []);
+}
+
+#[test]
+fn a_bearing_in_flight_is_not_repeated_after_it_is_forgotten() {
+    let mut camera = camera(2);
+    camera.on_message(at(1), COORDINATOR, &Message::References(REFERENCES));
+    assert_eq!(bearings(&show(&mut camera, 10, 5)), [(1, 5)]);
+    let forget = Message::Command(CameraCommand::Forget);
+    camera.on_message(at(12), COORDINATOR, &forget);
+    let _ = outputs(&mut camera, 12);
+    camera.on_sent(at(13), CameraNotification::Bearing(TARGET.0, 5), false);
+    assert_eq!(camera.next_deadline(), None);
+}
+
+/// What it saw there is forgotten, too, and with it the answer.
+#[test]
+fn a_camera_that_forgot_looks_again_at_a_stop_that_it_had_seen() {
+    let mut camera = camera(2);
+    camera.on_message(at(1), COORDINATOR, &Message::References(REFERENCES));
+    show(&mut camera, 10, 5);
+    let forget = Message::Command(CameraCommand::Forget);
+    camera.on_message(at(12), COORDINATOR, &forget);
+    let _ = outputs(&mut camera, 12);
+    // Asserts that it looks.
+    assert_eq!(bearings(&show(&mut camera, 13, 5)), [(1, 5)]);
+}
+
+#[test]
+fn what_waited_for_members_of_one_network_is_not_told_in_another() {
+    let mut camera = calibrated(4);
+    let tracked = TrackedBlob {
+        middle: [40, 70],
+        edges: [30, 60, 50, 80],
+        pixels: 90,
+        confidence: 120,
+    };
+    camera.on_message(at(20), COORDINATOR, &Message::Sightings);
+    camera.on_event(at(20), CameraEvent::Tracked(tracked));
+    camera.on_attached(at(21), None);
+    assert_eq!(sent(&mut camera, 21), []);
+    camera.on_attached(at(22), Some(membership(8, 5)));
+    let told = sent(&mut camera, 23);
+    assert!(
+        matches!(
+            told[..],
+            [
+                (COORDINATOR, Message::Hello(_)),
+                (COORDINATOR, Message::Report(_))
+            ]
+        ),
+        "{told:?}"
+    );
+    assert!(camera.report().done);
+}
+
+#[test]
+fn what_was_solved_for_a_member_of_a_former_network_is_erased() {
+    let (mut camera, told) = solved();
+    deliver(&mut camera, 12, &told, true);
+    camera.on_attached(at(21), None);
+    camera.on_attached(at(22), Some(membership(8, 5)));
+    let outputs = outputs(&mut camera, 23);
+    for erased in [Fact::Posed(None), Fact::References(None)] {
+        assert!(outputs.contains(&Output::Save(erased)), "{outputs:?}");
+    }
+    assert!(camera.report().done);
+}
+
+#[test]
+fn what_a_reference_saw_is_written_down_before_it_answers() {
+    let mut camera = camera(2);
+    camera.on_message(at(1), COORDINATOR, &Message::References(REFERENCES));
+    let stopped = stopped(1, CoordinateFrame::Own);
+    let _ = outputs(&mut camera, 1);
+    see(&mut camera, 10, &stopped);
+    let outputs = outputs(&mut camera, 11);
+    assert!(
+        matches!(
+            outputs[0],
+            Output::Save(Fact::ReferenceStop(0, Some(kept)))
+                if (kept.target, kept.stop) == (TARGET.0, 1)
+                    && kept.own == Some(seen_from(0.0, 45.0, STOPS[1]))
+                    && kept.other.is_none()
+        ),
+        "{outputs:?}"
+    );
+}
+
+/// Who the others are is not known yet.
+#[test]
+fn a_configured_reference_looks_at_targets_that_do_not_know_their_place() {
+    let config = |duty: Option<Duty>| CameraConfig {
+        may_be_elected: false,
+        reference: duty.map(|duty| crate::message::Reference {
+            duty,
+            position: None,
+        }),
+        ..config()
+    };
+    for duty in [Some(Duty::First), Some(Duty::Second), None] {
+        let mut camera = camera_with(4, config(duty));
+        let stopped = stopped(1, CoordinateFrame::Own);
+        camera.on_message(at(1), TARGET, &Message::Stopped(stopped));
+        let look = Output::Task(CameraTask::Look { colour: 0 });
+        assert_eq!(outputs(&mut camera, 1).contains(&look), duty.is_some());
+    }
+}
+
+#[test]
+fn there_is_room_for_a_target_of_which_no_stop_is_known() {
+    let mut camera = camera(2);
+    camera.on_message(at(1), COORDINATOR, &Message::References(REFERENCES));
+    for stop in 100..100 + REFERENCE_STOPS as u16 {
+        show(&mut camera, 10, stop);
+        camera.on_sent(at(11), CameraNotification::Bearing(TARGET.0, stop), true);
+    }
+    let stopped = stopped(50, CoordinateFrame::Own);
+    camera.on_message(at(20), ShortAddress(8), &Message::Stopped(stopped));
+    let _ = outputs(&mut camera, 20);
+    camera.on_event(at(20), CameraEvent::Looked(Sight::InView, Some(SEEN)));
+    assert_eq!(bearings(&sent(&mut camera, 21)), [(1, 50)]);
+}
+
+#[test]
+fn a_stop_told_again_during_the_look_is_looked_at_once() {
+    let mut camera = camera(4);
+    let look = Output::Task(CameraTask::Look { colour: 0 });
+    let tell = |camera: &mut CameraRole, target: u16, stop| {
+        let stopped = stopped(stop, CoordinateFrame::Site);
+        camera.on_message(at(1), ShortAddress(target), &Message::Stopped(stopped));
+    };
+    tell(&mut camera, 9, 5);
+    assert_eq!(outputs(&mut camera, 1), core::slice::from_ref(&look));
+    // Again, and of another target with the same number.
+    tell(&mut camera, 9, 5);
+    tell(&mut camera, 8, 5);
+    assert_eq!(outputs(&mut camera, 1), []);
+    let answered = |camera: &mut CameraRole| {
+        camera.on_event(at(1), CameraEvent::Looked(Sight::NotInView, None));
+        let (looks, sent): (Vec<_>, Vec<_>) = outputs(camera, 2)
+            .into_iter()
+            .partition(|output| *output == look);
+        let to = sent.iter().map(|output| match output {
+            Output::Send {
+                to,
+                message: Message::Look(_),
+                ..
+            } => to.0,
+            other => panic!("{other:?}"),
+        });
+        (looks.len(), to.collect::<Vec<_>>())
+    };
+    assert_eq!(answered(&mut camera), (1, [9].to_vec()));
+    assert_eq!(answered(&mut camera), (0, [8].to_vec()));
+}
+
+/// A target stays for so long; later, a look may have seen it leave.
+#[test]
+fn a_look_that_ends_too_late_counts_for_nothing() {
+    for (late, expected) in [(3_500, Sight::InView), (3_501, Sight::NotReady)] {
+        let mut camera = camera(4);
+        let stopped = stopped(5, CoordinateFrame::Site);
+        camera.on_message(at(1), TARGET, &Message::Stopped(stopped));
+        let _ = outputs(&mut camera, 1);
+        let then = Instant(at(1).0 + late * 1_000);
+        camera.on_event(then, CameraEvent::Looked(Sight::InView, Some(SEEN)));
+        let told = sent(&mut camera, 5);
+        let [(TARGET, Message::Look(answer))] = told[..] else {
+            panic!("{told:?}");
+        };
+        assert_eq!(answer.sight, expected);
+        assert_eq!(answer.counted, u8::from(expected == Sight::InView));
+    }
+}
+
+#[test]
+fn a_target_that_was_away_hears_the_report_when_it_is_heard_again() {
+    let reports = |outputs: &[Output<CameraNotification, CameraTask>]| {
+        [8, 9].map(|target| is_sent(outputs, CameraNotification::Report(target)))
+    };
+    let mut camera = camera(4);
+    let hear = |camera: &mut CameraRole, now: u64, target: u16, stop| {
+        let stopped = stopped(stop, CoordinateFrame::Site);
+        let to_be_told = Message::Stopped(stopped);
+        camera.on_message(at(now), ShortAddress(target), &to_be_told);
+        outputs(camera, now + 1)
+    };
+    // Two targets are there when it becomes calibrated.
+    hear(&mut camera, 1, 8, 1);
+    camera.on_event(at(1), CameraEvent::Looked(Sight::NotInView, None));
+    let _ = outputs(&mut camera, 2);
+    for stop in 1..=3 {
+        see(&mut camera, 10, &stopped(stop, CoordinateFrame::Site));
+        if stop < 3 {
+            let _ = outputs(&mut camera, 11);
+        }
+    }
+    let told = outputs(&mut camera, 12);
+    assert_eq!(reports(&told), [true, true]);
+    camera.on_sent(at(13), CameraNotification::Report(COORDINATOR.0), true);
+    camera.on_sent(at(13), CameraNotification::Report(8), true);
+    camera.on_sent(at(13), CameraNotification::Report(9), false);
+    // Nobody is called who is not there.
+    assert_eq!(camera.next_deadline(), None);
+    assert_eq!(reports(&hear(&mut camera, 100, 8, 2)), [false, false]);
+    assert_eq!(reports(&hear(&mut camera, 110, 9, 4)), [false, true]);
+    camera.on_sent(at(112), CameraNotification::Report(9), true);
+    assert_eq!(reports(&hear(&mut camera, 120, 9, 5)), [false, false]);
+}
+
+/// It wanted more stops; a restart gives it none.
+#[test]
+fn a_restart_alone_does_not_end_a_calibration() {
+    let done = *calibrated(4).report();
+    for is_done in [true, false] {
+        let mut camera = CameraRole::new(104, config());
+        let report = Report {
+            done: is_done,
+            ..done
+        };
+        camera.restore(&Fact::Report(Some(report)));
+        assert_eq!(*camera.report(), report);
+        let told = start(&mut camera, 4);
+        assert!(told.iter().any(|output| matches!(
+            output,
+            Output::Send { message: Message::Report(told), .. } if *told == report
+        )));
+    }
+}
+
+#[test]
+fn the_coordinator_hears_a_report_before_targets_do() {
+    let mut camera = CameraRole::new(104, config());
+    camera.restore(&Fact::Report(Some(*calibrated(4).report())));
+    start(&mut camera, 4);
+    let stopped = stopped(4, CoordinateFrame::Site);
+    camera.on_message(at(10), TARGET, &Message::Stopped(stopped));
+    camera.on_message(at(10), COORDINATOR, &Message::WhoIsThere);
+    let told = sent(&mut camera, 11);
+    let reports = told
+        .iter()
+        .filter_map(|(to, message)| matches!(message, Message::Report(_)).then_some(*to));
+    assert!(reports.eq([COORDINATOR, TARGET]), "{told:?}");
+}
+
+/// What members of a former network were told is nothing to those of this one.
+#[test]
+fn what_is_news_in_a_network_is_what_differs_from_what_was_told_there() {
+    let mut camera = camera(2);
+    let told = *calibrated(4).report();
+    let posed = |camera: &mut CameraRole, now: u64, x: f32| {
+        let pose = PoseParts {
+            position: [x, 0.0],
+            heading: 0.5,
+            covariance: [0.01, 0.0, 0.01, 0.0, 0.0, 0.001],
+        };
+        let solved = Report {
+            state: CameraState::Calibrated(pose),
+            ..told
+        };
+        camera.on_message(at(now), ShortAddress(1), &Message::Posed(solved));
+        let told = outputs(camera, now);
+        deliver(camera, now, &told, true);
+        is_sent(&told, CameraNotification::Report(COORDINATOR.0))
+    };
+    camera.on_message(at(1), COORDINATOR, &Message::References(REFERENCES));
+    assert!(posed(&mut camera, 2, 10.0));
+    // Too little to be told.
+    assert!(!posed(&mut camera, 3, 10.03));
+    camera.on_attached(at(4), None);
+    camera.on_attached(at(5), Some(membership(8, 5)));
+    let hello = outputs(&mut camera, 5);
+    deliver(&mut camera, 5, &hello, true);
+    assert!(is_sent(&hello, CameraNotification::Report(COORDINATOR.0)));
+    let references = References {
+        second: 5,
+        ..REFERENCES
+    };
+    camera.on_message(at(6), COORDINATOR, &Message::References(references));
+    // Near to what was told first, but that was elsewhere.
+    assert!(posed(&mut camera, 7, 9.98));
+}
+
+#[test]
+fn a_camera_that_begins_anew_in_another_network_tells_what_it_learns_there() {
+    let config = CameraConfig {
+        refine: true,
+        good_enough: Sigmas {
+            position: 1e-6,
+            heading_deg: 1e-6,
+        },
+        ..config()
+    };
+    let mut camera = camera_with(4, config);
+    let calibrate = |camera: &mut CameraRole| {
+        let told = [1, 2, 3].map(|stop| {
+            see(camera, 10, &stopped(stop, CoordinateFrame::Site));
+            let told = outputs(camera, 11);
+            deliver(camera, 11, &told, true);
+            is_sent(&told, CameraNotification::Report(COORDINATOR.0))
+        });
+        assert!(camera.report().pose().is_some() && !camera.report().done);
+        told
+    };
+    assert_eq!(calibrate(&mut camera), [false, false, true]);
+    camera.on_attached(at(12), None);
+    camera.on_attached(at(13), Some(membership(8, 5)));
+    let hello = outputs(&mut camera, 13);
+    deliver(&mut camera, 13, &hello, true);
+    assert_eq!(camera.report().state, CameraState::Waiting);
+    // The same as before, but nobody there has heard it.
+    assert_eq!(calibrate(&mut camera), [false, false, true]);
 }

@@ -4,6 +4,9 @@
 //! (those configured, or the first two that saw a target), collects poses for the PC on its line,
 //! and hands the PC's commands on, as the coordinator of the thesis did (3.4.4, Appendix A).
 
+mod appointment;
+mod pc;
+mod roll_calls;
 #[cfg(test)]
 mod tests;
 
@@ -12,6 +15,11 @@ use core::time::Duration;
 use calib_core::Status;
 use zigbee_link::{Instant, store::Membership, wire::ShortAddress};
 
+use self::{
+    appointment::{Appointment, Trigger},
+    pc::Tasks,
+    roll_calls::RollCalls,
+};
 use super::{Notification, Notifications, Outbox, Output, RETRY, Reports, Role, Unsaved, earliest};
 use crate::{
     config::SiteKey,
@@ -19,18 +27,11 @@ use crate::{
     facts::{Fact, FactKey},
     hardware::{Button, Indication},
     limits::MEMBERS,
-    message::{
-        CameraCommand, CommandResult, Duty, Hello, MemberAddress, MemberKind, Message, References,
-        Report, StopNumber,
-    },
+    message::{CameraCommand, CommandResult, Hello, MemberAddress, MemberKind, Message, Report},
 };
 
 /// How long a button opens the join window.
 const BUTTON_WINDOW: Duration = Duration::from_secs(60);
-
-/// After a start everybody is asked who they are, and again after these times, for broadcasts may
-/// be lost.
-const ROLL_CALLS: [Duration; 2] = [Duration::from_secs(5), Duration::from_secs(25)];
 
 /// A roster is sent when nobody new came for so long.
 const ROSTER_AFTER: Duration = Duration::from_millis(500);
@@ -109,31 +110,16 @@ impl Known {
     }
 }
 
-/// The first camera that saw a target, at this stop of it.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-struct Trigger {
-    camera: MemberAddress,
-    target: MemberAddress,
-    stop: StopNumber,
-}
-
 /// The coordinator's state.
 #[derive(Clone, Debug)]
 pub struct CoordinatorRole {
     members: Reports<Known>,
     network: Option<NetworkInfo>,
-    references: Option<References>,
-    /// References were appointed in a former run.
-    restored: bool,
-    trigger: Option<Trigger>,
+    appointment: Appointment,
     /// Facts that are not written down yet.
     unsaved: Unsaved,
     outbox: Outbox<CoordinatorNotification, 8>,
-    tasks: heapless::Deque<CoordinatorTask, 16>,
-    /// To be opened.
-    join_window: Option<Duration>,
-    /// The PC asked for everything: the next line of the table of members.
-    refresh: Option<usize>,
+    tasks: Tasks,
     roll_calls: RollCalls,
 }
 
@@ -149,14 +135,10 @@ impl CoordinatorRole {
         Self {
             members: Reports::new(),
             network: None,
-            references: None,
-            restored: false,
-            trigger: None,
+            appointment: Appointment::new(),
             unsaved: Unsaved::new(),
             outbox: Outbox::new(),
-            tasks: heapless::Deque::new(),
-            join_window: None,
-            refresh: None,
+            tasks: Tasks::new(),
             roll_calls: RollCalls::new(),
         }
     }
@@ -184,43 +166,13 @@ impl CoordinatorRole {
     /// The next fact to write down.
     fn unsaved_fact(&mut self) -> Option<Fact> {
         match self.unsaved.take()? {
-            FactKey::References => Some(Fact::References(self.references)),
+            FactKey::References => Some(Fact::References(self.appointment.references())),
             FactKey::Camera(slot) => Some(self.members.fact(slot)),
             other => {
                 debug_assert!(false, "no fact of a coordinator: {other:?}");
                 None
             }
         }
-    }
-
-    /// Knows nothing of a member any more. If it was a reference camera, there are none.
-    fn forget(&mut self, address: MemberAddress) {
-        self.members.remove(address, &mut self.unsaved);
-        let is_it = |references: &mut References| {
-            let duty = references.duty_of(ShortAddress(address));
-            duty.is_some()
-        };
-        if self.references.take_if(is_it).is_some() {
-            self.unsaved.insert(FactKey::References);
-            // Nobody is to be told any more: what stays due would keep the node awake.
-            for member in self.members.iter_mut() {
-                let notifications = &mut member.more.notifications;
-                notifications.cancel(MemberNotification::References);
-            }
-        }
-        self.trigger
-            .take_if(|trigger| [trigger.camera, trigger.target].contains(&address));
-    }
-
-    /// Whether a camera knows its pose, so that there is a frame of the site.
-    fn has_frame(&self) -> bool {
-        let mut reports = self.reports();
-        reports.any(|(_, report)| report.pose().is_some())
-    }
-
-    /// Full, the PC misses something until it asks for everything again.
-    fn tell_pc(&mut self, message: ToPc) {
-        let _ = self.tasks.push_back(CoordinatorTask::Tell(message));
     }
 
     fn on_hello(&mut self, now: Instant, address: MemberAddress, hello: Hello) {
@@ -249,16 +201,11 @@ impl CoordinatorRole {
             }
             MemberKind::Camera { .. } => {}
         }
-        self.tell_pc(ToPc::Member { address, hello });
+        self.tasks.tell(ToPc::Member { address, hello });
         if matches!(hello.kind, MemberKind::Camera { reference: Some(_) }) {
             self.appoint_configured(now);
         }
-        // A reference may have missed it, or forgotten. After a restart of this node nobody knows
-        // who was one before, and was not told.
-        if let Some(references) = self.references
-            && hello.kind != MemberKind::Target
-            && (is_news && self.restored || references.duty_of(ShortAddress(address)).is_some())
-        {
+        if hello.kind != MemberKind::Target && self.appointment.concerns(address, is_news) {
             self.notify(now, address, MemberNotification::References);
         }
     }
@@ -270,148 +217,15 @@ impl CoordinatorRole {
         }
     }
 
-    /// The camera that is configured as this reference, and its position. Of several the one that
-    /// was met last, which is there in place of the others.
-    fn camera_with(&self, wanted: Duty) -> Option<(MemberAddress, Option<[f32; 2]>)> {
-        self.members
-            .iter()
-            .rev()
-            .find_map(|member| match member.more.hello?.kind {
-                MemberKind::Camera {
-                    reference: Some(reference),
-                } if reference.duty == wanted => Some((member.address, reference.position)),
-                _ => None,
-            })
-    }
-
-    fn appoint_configured(&mut self, now: Instant) {
-        if let (Some((first, at)), Some((second, to))) = (
-            self.camera_with(Duty::First),
-            self.camera_with(Duty::Second),
-        ) {
-            let references = References {
-                first,
-                second,
-                positions: at.zip(to).map(|(at, to)| [at, to]),
-            };
-            self.appoint(now, references);
-        }
-    }
-
-    fn appoint(&mut self, now: Instant, references: References) {
-        if self.references == Some(references) {
-            return;
-        }
-        let former = self.references.replace(references);
-        self.unsaved.insert(FactKey::References);
-        // Those that are none any more, too.
-        for references in former.into_iter().chain([references]) {
-            for camera in [references.first, references.second] {
-                self.notify(now, camera, MemberNotification::References);
-            }
-        }
-    }
-
-    /// The first camera to see a target triggers; the next one that sees it at the same stop
-    /// becomes its helper (thesis 2.3). Not where cameras know their poses, as they may from a former
-    /// network: the target finds its place from them, and a second frame would begin here.
-    fn on_trigger(&mut self, now: Instant, trigger: Trigger) {
-        let is_configured = [Duty::First, Duty::Second]
-            .iter()
-            .any(|&duty| self.camera_with(duty).is_some());
-        if self.references.is_some() || is_configured || self.has_frame() {
-            return;
-        }
-        let Trigger {
-            camera,
-            target,
-            stop,
-        } = trigger;
-        match self.trigger {
-            Some(first) if (first.target, first.stop) == (target, stop) => {
-                if first.camera != camera {
-                    let references = References {
-                        first: first.camera,
-                        second: camera,
-                        positions: None,
-                    };
-                    self.appoint(now, references);
-                }
-            }
-            _ => self.trigger = Some(trigger),
-        }
-    }
-
     fn on_report(&mut self, address: MemberAddress, report: &Report) {
         let known = self.members.report(address, *report, &mut self.unsaved);
         if known.is_none() {
             return;
         }
-        self.tell_pc(ToPc::Report {
+        self.tasks.tell(ToPc::Report {
             address,
             report: *report,
         });
-    }
-
-    fn on_pc(&mut self, now: Instant, wish: FromPc) {
-        match wish {
-            FromPc::Refresh => {
-                self.refresh = Some(0);
-                self.tell_pc(ToPc::Network(self.network));
-                let _ = self.tasks.push_back(CoordinatorTask::TellKeyChange);
-            }
-            FromPc::JoinWindow(seconds) => {
-                self.join_window = Some(Duration::from_secs(seconds.into()));
-            }
-            FromPc::Command { address, command } => {
-                let notification = CoordinatorNotification::Command(address, command);
-                let message = Message::Command(command);
-                let to = ShortAddress(address);
-                if !self.outbox.push(now, to, message, Some(notification)) {
-                    self.on_sent(now, notification, false);
-                }
-            }
-            FromPc::Sightings(address) => {
-                // Full, they are asked for again: none came.
-                let to = ShortAddress(address);
-                let _ = self.outbox.push(now, to, Message::Sightings, None);
-            }
-            // Full, the PC hears nothing of these, and asks again.
-            FromPc::Remove(address) => {
-                if self
-                    .tasks
-                    .push_back(CoordinatorTask::Remove(address))
-                    .is_ok()
-                {
-                    self.forget(address);
-                }
-            }
-            FromPc::ChangeKey(key) => {
-                let _ = self.tasks.push_back(CoordinatorTask::ChangeKey(key));
-            }
-        }
-    }
-
-    /// The next line of the table for the PC, when it asked for everything.
-    fn next_line(&mut self) {
-        let Some(line) = self.refresh else {
-            return;
-        };
-        if !self.tasks.is_empty() {
-            return;
-        }
-        let Some(member) = self.members.iter().nth(line) else {
-            self.refresh = None;
-            return;
-        };
-        let (address, report, hello) = (member.address, member.report, member.more.hello);
-        self.refresh = Some(line + 1);
-        if let Some(hello) = hello {
-            self.tell_pc(ToPc::Member { address, hello });
-        }
-        if let Some(report) = report {
-            self.tell_pc(ToPc::Report { address, report });
-        }
     }
 
     fn roster(&self) -> heapless::Vec<MemberAddress, MEMBERS> {
@@ -436,40 +250,8 @@ impl CoordinatorRole {
         Some(match notification {
             MemberNotification::WhoIsThere => Message::WhoIsThere,
             MemberNotification::Roster => Message::Roster(self.roster()),
-            MemberNotification::References => Message::References(self.references?),
+            MemberNotification::References => Message::References(self.appointment.references()?),
         })
-    }
-}
-
-/// When everybody is asked who they are.
-#[derive(Clone, Debug)]
-struct RollCalls {
-    made: usize,
-    next: Option<Instant>,
-}
-
-impl RollCalls {
-    const fn new() -> Self {
-        Self {
-            made: 0,
-            next: None,
-        }
-    }
-
-    /// The first one, unless that was before.
-    fn begin(&mut self, now: Instant) {
-        if self.made == 0 {
-            self.next.get_or_insert(now);
-        }
-    }
-
-    fn take_due(&mut self, now: Instant) -> bool {
-        let is_due = self.next.take_if(|at| *at <= now).is_some();
-        if is_due {
-            self.next = ROLL_CALLS.get(self.made).map(|&after| now + after);
-            self.made += 1;
-        }
-        is_due
     }
 }
 
@@ -481,8 +263,7 @@ impl Role for CoordinatorRole {
     fn restore(&mut self, fact: &Fact) {
         match fact {
             Fact::References(references) => {
-                self.references = *references;
-                self.restored = references.is_some();
+                self.appointment.restore(*references);
             }
             Fact::Camera(slot, Some((address, report))) => {
                 let known = self.members.restore(*slot, *address, *report);
@@ -497,7 +278,7 @@ impl Role for CoordinatorRole {
             pan: network.pan.0,
             channel: network.channel.number(),
         });
-        self.tell_pc(ToPc::Network(self.network));
+        self.tasks.tell(ToPc::Network(self.network));
         if network.is_some() {
             self.roll_calls.begin(now);
         }
@@ -517,15 +298,15 @@ impl Role for CoordinatorRole {
                     stop: *stop,
                 },
             ),
-            Message::Done(done) => self.tell_pc(ToPc::Done {
+            Message::Done(done) => self.tasks.tell(ToPc::Done {
                 address,
                 done: *done,
             }),
-            Message::Tracked(tracked) => self.tell_pc(ToPc::Tracked {
+            Message::Tracked(tracked) => self.tasks.tell(ToPc::Tracked {
                 address,
                 tracked: *tracked,
             }),
-            Message::Sighting(sighting) => self.tell_pc(ToPc::Sighting {
+            Message::Sighting(sighting) => self.tasks.tell(ToPc::Sighting {
                 address,
                 sighting: *sighting,
             }),
@@ -548,7 +329,7 @@ impl Role for CoordinatorRole {
                         command,
                         success: false,
                     };
-                    self.tell_pc(ToPc::Done { address, done });
+                    self.tasks.tell(ToPc::Done { address, done });
                 }
             }
         }
@@ -558,7 +339,7 @@ impl Role for CoordinatorRole {
         match event {
             CoordinatorEvent::Pc(wish) => self.on_pc(now, wish),
             CoordinatorEvent::Button(Button::JoinWindow) => {
-                self.join_window = Some(BUTTON_WINDOW);
+                self.tasks.open_join_window(BUTTON_WINDOW);
             }
             CoordinatorEvent::Button(Button::LearnColour) => {}
         }
@@ -569,10 +350,7 @@ impl Role for CoordinatorRole {
         if let Some(fact) = self.unsaved_fact() {
             return Some(Output::Save(fact));
         }
-        if let Some(window) = self.join_window.take() {
-            return Some(Output::Task(CoordinatorTask::OpenJoinWindow(window)));
-        }
-        if let Some(task) = self.tasks.pop_front() {
+        if let Some(task) = self.tasks.take() {
             return Some(Output::Task(task));
         }
         self.network?;
@@ -606,13 +384,17 @@ impl Role for CoordinatorRole {
         self.network?;
         let members = self.members.iter();
         let members = members.filter_map(|member| member.more.notifications.next_due());
-        earliest([self.roll_calls.next, self.outbox.next_due(), members.min()])
+        earliest([
+            self.roll_calls.next_due(),
+            self.outbox.next_due(),
+            members.min(),
+        ])
     }
 
     fn indication(&self) -> Indication {
         Indication {
             joined: self.network.is_some(),
-            target_seen: self.trigger.is_some(),
+            target_seen: self.appointment.is_triggered(),
             calibrated: self
                 .reports()
                 .any(|(_, report)| report.status() == Status::Calibrated),

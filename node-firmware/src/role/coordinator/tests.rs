@@ -6,6 +6,7 @@ use zigbee_link::{
 };
 
 use super::*;
+use crate::message::{References, StopNumber};
 
 const CAMERA: MemberKind = MemberKind::Camera { reference: None };
 
@@ -45,7 +46,15 @@ fn told(role: &mut CoordinatorRole, now: u64) -> Vec<ToPc> {
 
 /// A coordinator that has asked everybody who they are.
 fn coordinator() -> CoordinatorRole {
+    coordinator_with(&[])
+}
+
+/// The same after a restart.
+fn coordinator_with(written: &[Fact]) -> CoordinatorRole {
     let mut role = CoordinatorRole::new();
+    for fact in written {
+        role.restore(fact);
+    }
     let membership = Membership {
         pan: PanId(7),
         channel: Channel::FIRST,
@@ -199,4 +208,62 @@ fn a_pc_that_asks_is_told_everything() {
         success: false,
     };
     assert_eq!(self::told(&mut role, 43), [ToPc::Done { address: 4, done }]);
+}
+
+/// A coordinator does not know whom it had told before it lost its power.
+#[test]
+fn references_of_a_former_run_are_told_to_cameras_that_say_hello() {
+    let references = References {
+        first: 4,
+        second: 5,
+        positions: None,
+    };
+    for written in [Some(references), None] {
+        let mut role = coordinator_with(&[Fact::References(written)]);
+        for camera in [4, 6] {
+            hello(&mut role, 40, camera, CAMERA);
+        }
+        hello(&mut role, 40, 9, MemberKind::Target);
+        let told = sent(&mut role, 40).into_iter();
+        let told = told.filter(|(_, message)| matches!(message, Message::References(_)));
+        let expected = written.map(Message::References).into_iter();
+        let expected = expected.flat_map(|message| [4, 6].map(|to| (to, message.clone())));
+        assert!(told.eq(expected));
+        // And nobody else becomes one.
+        trigger(&mut role, 41, 6, 1);
+        trigger(&mut role, 41, 7, 1);
+        let told = sent(&mut role, 41);
+        assert_eq!(told.is_empty(), written.is_some(), "{told:?}");
+    }
+}
+
+#[test]
+fn the_lamp_says_whether_a_camera_is_calibrated() {
+    let pose = crate::message::PoseParts {
+        position: [1.0, 2.0],
+        heading: 0.5,
+        covariance: [0.01, 0.0, 0.01, 0.0, 0.0, 0.001],
+    };
+    use crate::message::CameraState::{Calibrated, Doubtful, Waiting, Weak};
+    let mut role = coordinator();
+    assert!(!role.indication().calibrated);
+    for (address, state) in [
+        (4, Waiting),
+        (5, Weak(pose)),
+        (6, Doubtful(pose)),
+        (4, Calibrated(pose)),
+    ] {
+        let report = Report {
+            id: address,
+            duty: None,
+            sightings: 3,
+            used: 3,
+            chi_squared: 1.0,
+            done: false,
+            state,
+        };
+        role.on_message(at(40), ShortAddress(address), &Message::Report(report));
+        let expected = matches!(state, Calibrated(_));
+        assert_eq!(role.indication().calibrated, expected, "{state:?}");
+    }
 }

@@ -297,3 +297,242 @@ fn bearings_of_the_present_stop_and_of_cameras_with_poses_count() {
     target.on_bearing(at(1), ShortAddress(7), &bearing);
     assert!(target.bearings.is_empty());
 }
+
+const CAMERA: u16 = 1;
+
+fn membership() -> Membership {
+    Membership {
+        pan: PanId(1),
+        channel: Channel::FIRST,
+        short: ShortAddress(3),
+        coordinator: Eui64([2; 8]),
+    }
+}
+
+/// All that it wants now. What it sends is delivered.
+fn outputs(target: &mut TargetRole, now: Instant) -> std::vec::Vec<Output<TargetNotification, ()>> {
+    let mut outputs = std::vec::Vec::new();
+    while let Some(output) = target.poll(now) {
+        if let Output::Send {
+            notification: Some(notification),
+            ..
+        } = output
+        {
+            target.on_sent(now, notification, true);
+        }
+        outputs.push(output);
+    }
+    outputs
+}
+
+/// A target that stands since the second second, and knows of one camera.
+fn standing() -> TargetRole {
+    let mut target = target();
+    target.on_attached(at(1), Some(membership()));
+    let roster = Message::Roster([CAMERA].into_iter().collect());
+    target.on_message(at(1), COORDINATOR, &roster);
+    let told = outputs(&mut target, at(2));
+    assert!(
+        matches!(
+            told[..],
+            [
+                Output::Save(Fact::Walk(Walk { standing: true, .. })),
+                Output::Save(Fact::Network(_)),
+                Output::Send {
+                    to: COORDINATOR,
+                    message: Message::Hello(_),
+                    ..
+                },
+                Output::Send {
+                    to: ShortAddress::BROADCAST,
+                    message: Message::Stopped(_),
+                    notification: None
+                }
+            ]
+        ),
+        "{told:?}"
+    );
+    target
+}
+
+/// The camera answers the present stop.
+fn reply(target: &mut TargetRole, now: Instant, sight: Sight) {
+    let look = Message::Look(StopAnswer {
+        stop: target.stop,
+        ..answer(sight)
+    });
+    target.on_message(now, ShortAddress(CAMERA), &look);
+}
+
+/// When it lets its carrier walk on.
+fn may_walk_at(target: &mut TargetRole, from: Instant) -> Instant {
+    let mut now = from;
+    loop {
+        let told = outputs(target, now);
+        if target.indication().may_walk {
+            // Nobody knows after a restart whether it left.
+            assert!(
+                matches!(
+                    told.last(),
+                    Some(Output::Save(Fact::Walk(Walk {
+                        standing: false,
+                        ..
+                    })))
+                ),
+                "{told:?}"
+            );
+            return now;
+        }
+        now = target.next_deadline().unwrap();
+    }
+}
+
+fn step(target: &mut TargetRole, now: Instant) {
+    let step = Step {
+        distance: 1.0,
+        heading: 0.0,
+        distance_sigma: 0.0,
+        heading_sigma: 0.0,
+    };
+    target.on_event(now, TargetEvent::Step(step));
+}
+
+/// Only a camera that sees it may tell where it is.
+#[test]
+fn a_target_that_is_lost_waits_to_be_told_where_it_is_if_it_is_seen() {
+    for sight in [
+        Sight::InView,
+        Sight::NotInView,
+        Sight::Clipped,
+        Sight::Unsteady,
+        Sight::NotLooking,
+        Sight::Failed,
+    ] {
+        let mut target = standing();
+        let now = at(3);
+        reply(&mut target, now, sight);
+        let is_seen = sight == Sight::InView;
+        assert_eq!(target.indication().target_seen, is_seen);
+        let asked = at(2) + ASK_AFTER.max(Duration::from_secs(2));
+        let expected = if is_seen { now + LOCATED_WITHIN } else { asked };
+        assert_eq!(may_walk_at(&mut target, now), expected, "{sight:?}");
+    }
+}
+
+/// Where it walks, nobody counts steps while its power is off.
+#[test]
+fn a_target_that_leaves_its_stop_writes_so_once() {
+    let mut early = standing();
+    step(&mut early, at(3));
+    let walks = |outputs: &[Output<TargetNotification, ()>]| {
+        let walks = outputs.iter().filter_map(|output| match output {
+            Output::Save(Fact::Walk(walk)) => Some(walk.standing),
+            _ => None,
+        });
+        walks.collect::<std::vec::Vec<_>>()
+    };
+    assert_eq!(walks(&outputs(&mut early, at(3))), [false]);
+    step(&mut early, at(3));
+    assert!(walks(&outputs(&mut early, at(3))).is_empty());
+    // It wrote so when it let its carrier go.
+    let mut late = standing();
+    reply(&mut late, at(3), Sight::NotInView);
+    let now = may_walk_at(&mut late, at(3));
+    step(&mut late, now);
+    assert!(walks(&outputs(&mut late, now)).is_empty());
+}
+
+#[test]
+fn a_target_that_is_found_while_it_walks_writes_where_it_is() {
+    let mut target = standing();
+    step(&mut target, at(3));
+    let _ = outputs(&mut target, at(3));
+    let located = TargetLocation {
+        stop: target.stop,
+        position: [3.0, 4.0],
+        covariance: [0.01, 0.0, 0.01],
+        frame_heading: FRAC_PI_2,
+        frame_heading_sigma: 0.01,
+    };
+    target.on_message(at(3), ShortAddress(CAMERA), &Message::Located(located));
+    let told = outputs(&mut target, at(3));
+    let [Output::Save(Fact::Walk(walk))] = told[..] else {
+        panic!("{told:?}");
+    };
+    assert!(walk.located && !walk.standing);
+    assert_eq!(walk.frame_heading, Some(FRAC_PI_2));
+    assert!((walk.place.position() - Point2::new(3.0, 5.0)).norm() < 1e-5);
+}
+
+/// Cameras may be others, or have begun anew.
+#[test]
+fn a_target_that_is_back_presents_itself_and_tells_its_stop_again() {
+    let mut target = standing();
+    target.on_attached(at(4), None);
+    assert_eq!(outputs(&mut target, at(4)), []);
+    // Longer than it ever stands.
+    target.on_attached(at(50), Some(membership()));
+    let told = outputs(&mut target, at(50));
+    let sent = told.iter().filter_map(|output| match output {
+        Output::Send { to, message, .. } => Some((*to, message)),
+        _ => None,
+    });
+    let sent: std::vec::Vec<_> = sent.collect();
+    assert!(
+        matches!(
+            sent[..],
+            [
+                (COORDINATOR, Message::Hello(_)),
+                (ShortAddress::BROADCAST, Message::Stopped(_))
+            ]
+        ),
+        "{told:?}"
+    );
+    // They have as much time to look as at any other stop.
+    let asked = outputs(&mut target, at(50) + ASK_AFTER);
+    assert!(
+        matches!(
+            asked[..],
+            [Output::Send {
+                to: ShortAddress(CAMERA),
+                message: Message::Stopped(_),
+                ..
+            }]
+        ),
+        "{asked:?}"
+    );
+    assert!(!target.indication().may_walk);
+    reply(&mut target, at(53), Sight::NotInView);
+    assert_eq!(may_walk_at(&mut target, at(53)), at(53));
+}
+
+#[test]
+fn a_camera_that_answers_before_it_is_known_that_it_was_asked_has_answered() {
+    for delivered in [true, false] {
+        let mut table = table(&[1]);
+        assert_eq!(table.ask(2), Some(1));
+        table.on_answer(at(1), 1, &answer(Sight::InView));
+        table.on_asked(at(1), 1, delivered);
+        assert!(table.is_settled());
+        assert_eq!(table.ask(2), None);
+    }
+}
+
+/// Silent, but not away.
+#[test]
+fn a_camera_that_hears_the_question_again_is_asked_at_each_stop_again() {
+    let mut table = table(&[1]);
+    for asked in 0..3 {
+        assert_eq!(table.ask(2), Some(1));
+        table.on_asked(at(10 * asked), 1, false);
+        table.give_up(at(10 * asked + 4));
+    }
+    for stop in 2..=4 {
+        table.new_stop(false);
+        assert_eq!(table.is_settled(), stop < 4);
+    }
+    assert_eq!(table.ask(2), Some(1));
+    table.on_asked(at(100), 1, true);
+    table.new_stop(false);
+    assert_eq!(table.ask(2), Some(1));
+}
