@@ -28,10 +28,6 @@
 //! # Features
 //! `defmt` and `log` report what is unusual; `defmt` also formats the public types. Without them the
 //! crate is silent.
-//!
-//! # Size
-//! A function marked `size` is not inlined, so that it is in an image once. One marked `stack` is not
-//! inlined, so that what it takes of the stack is there only while it runs, and not in every caller.
 #![no_std]
 #![forbid(unsafe_code)]
 #![cfg_attr(
