@@ -7,7 +7,7 @@ use cmucam2_driver::{
     command::{StatisticsLines, StatisticsMask, TrackingLines},
     geometry::Size,
     packet::{Tracking, TrackingFields},
-    parser::{Token, Expectation, ImageExpectation, Parser},
+    parser::{Expectation, ImageExpectation, Parser, Token},
     servo::ServoMask,
 };
 use libfuzzer_sys::fuzz_target;
