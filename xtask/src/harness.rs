@@ -133,9 +133,10 @@ pub(crate) fn ignored(sh: &Shell, suite: &str) -> Result<String> {
 /// # Errors
 /// It does not compile, or there is none.
 pub(crate) fn program(sh: &Shell, name: &str) -> Result<PathBuf> {
+    // Any test: with one, cargo takes the features that only tests ask for, and so what tests have built.
     let messages = cmd!(
         sh,
-        "cargo build --locked --workspace --all-features --bin {name} --message-format json-render-diagnostics"
+        "cargo build --locked --workspace --all-features --bin {name} --test docs --message-format json-render-diagnostics"
     )
     .env(INCREMENTAL.0, INCREMENTAL.1)
     .read()?;
