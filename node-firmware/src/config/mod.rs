@@ -206,7 +206,7 @@ impl Subjects {
 #[serde(rename_all = "kebab-case")]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct TargetConfig {
-    /// Its colour number, below [`COLOURS_MAX`](crate::limits::COLOURS_MAX).
+    /// Its colour number, below [`COLOURS_MAX`].
     pub colour: u8,
     /// It stands when no step came for so long, milliseconds.
     pub still_after_ms: u32,
