@@ -7,7 +7,7 @@ use board_support::{
     flash::NRF52840,
     memory::Paged,
     pins::{Lamps, PushButtons},
-    start::{self, StepSensor},
+    start,
     tasks::spawn,
 };
 use defmt_rtt as _;
@@ -22,6 +22,7 @@ use node_firmware::{
     config::CheckedConfig,
     hardware::{Hardware, Peripherals},
     run::run,
+    steps::InertialSteps,
 };
 use static_cell::StaticCell;
 use zigbee_link::radio::Csma;
@@ -38,7 +39,7 @@ use crate::{
 
 defmt::timestamp!("{=u64:us}", embassy_time::Instant::now().as_micros());
 
-type Steps = StepSensor<SensorBus>;
+type Steps = InertialSteps<SensorBus, EmbassyClock>;
 
 impl Hardware for Board {
     type Uart = Lossless;

@@ -7,7 +7,7 @@ use board_support::{
     flash::STM32L476RG,
     memory::Paged,
     pins::{Lamps, PushButtons},
-    start::{self, StepSensor},
+    start,
     tasks::spawn,
 };
 use defmt_rtt as _;
@@ -17,6 +17,7 @@ use node_firmware::{
     config::CheckedConfig,
     hardware::{Hardware, Peripherals},
     run::run,
+    steps::InertialSteps,
 };
 use spinel_radio::SpinelRadio;
 use static_cell::StaticCell;
@@ -33,7 +34,7 @@ use crate::{
 defmt::timestamp!("{=u64:us}", embassy_time::Instant::now().as_micros());
 
 type Radio = SpinelRadio<Uart, EmbassyClock>;
-type Steps = StepSensor<SensorBus>;
+type Steps = InertialSteps<SensorBus, EmbassyClock>;
 
 impl Hardware for Board {
     type Uart = Lossless;

@@ -15,9 +15,6 @@ use crate::{
     memory::read_config, retained,
 };
 
-/// A target's step sensor, on a bus of a board.
-pub type StepSensor<B> = InertialSteps<B, EmbassyClock>;
-
 /// Tells why the board started, and what was said before that; then what the node is told to be, and
 /// the step sensor on a bus, if there is one. Once.
 ///
@@ -27,7 +24,7 @@ pub fn begin<F: ReadNorFlash, B: I2c>(
     cause: &str,
     (flash, regions): (&mut F, &Regions),
     bus: B,
-) -> Result<(&'static CheckedConfig, StepSensor<B>), PageError> {
+) -> Result<(&'static CheckedConfig, InertialSteps<B, EmbassyClock>), PageError> {
     static CONFIG: StaticCell<CheckedConfig> = StaticCell::new();
     tell_start(cause, &retained::take());
     let config: &CheckedConfig = CONFIG.init(read_config(flash, regions.config)?);
