@@ -88,15 +88,12 @@ impl<
                 "workspace(CAMERAS, MARKS)"
             );
         }
+        check(baseline, &settings)?;
         let JointSettings {
             scale,
             compass,
             limits,
         } = settings;
-        let above_zero = [baseline, scale.mean, scale.sigma, compass.sigma];
-        if !above_zero.iter().all(is_sigma) || !compass.mean.is_finite() {
-            return Err(JointError::NotFinite);
-        }
         let unknown = Unknown {
             value: Vector3::zeros(),
             step: Vector3::zeros(),
@@ -143,6 +140,57 @@ impl<
             marks: [unknown; MARKS],
             workspace: [T::zero(); WORKSPACE],
         })
+    }
+
+    /// Appoints other references: camera `first` becomes camera 0 and `second` camera 1, which give
+    /// their numbers to those, with this distance between them. Everything is estimated anew then.
+    ///
+    /// Bearings may so be taken before anybody knows who the references will be.
+    ///
+    /// # Errors
+    /// [`JointError::Unknown`] where these are not two cameras, and as
+    /// [`new`](JointEstimator::new).
+    pub fn appoint(
+        &mut self,
+        [first, second]: [usize; 2],
+        baseline: T,
+        settings: JointSettings<T>,
+    ) -> Result<(), JointError> {
+        if first == second || first >= CAMERAS || second >= CAMERAS {
+            return Err(JointError::Unknown);
+        }
+        check(baseline, &settings)?;
+        // Where the first exchange puts the second reference.
+        let second = if second == 0 { first } else { second };
+        for [a, b] in [[0, index(first)?], [1, index(second)?]] {
+            for sight in self.sights.all_mut() {
+                if sight.camera == a {
+                    sight.camera = b;
+                } else if sight.camera == b {
+                    sight.camera = a;
+                }
+            }
+        }
+        for sight in self.sights.all_mut() {
+            sight.standing = Standing::Counts;
+        }
+        for stop in self.stops.all_mut() {
+            stop.standing = Standing::Counts;
+        }
+        self.limits = settings.limits;
+        self.is_started = false;
+        let common = &mut self.common;
+        common.baseline = baseline;
+        common.scale_prior = settings.scale;
+        common.compass_prior = settings.compass;
+        common.carrier = Vector2::new(settings.scale.mean, settings.compass.mean);
+        common.leg_factor = T::one();
+        common.held = None;
+        for camera in &mut self.cameras {
+            camera.column = None;
+            camera.tried = 0;
+        }
+        Ok(())
     }
 
     /// The next stop of the walk, and its number: they count from zero. `leg` is how the target came
@@ -364,6 +412,15 @@ impl<
             workspace: &mut self.workspace,
         }
     }
+}
+
+fn check<T: Real>(baseline: T, settings: &JointSettings<T>) -> Result<(), JointError> {
+    let JointSettings { scale, compass, .. } = settings;
+    let above_zero = [baseline, scale.mean, scale.sigma, compass.sigma];
+    if !above_zero.iter().all(is_sigma) || !compass.mean.is_finite() {
+        return Err(JointError::NotFinite);
+    }
+    Ok(())
 }
 
 fn is_sigma<T: Real>(number: &T) -> bool {
