@@ -383,6 +383,24 @@ impl<
         self.solved()?.leg_residual(stop)
     }
 
+    /// Whether this camera's bearing at this stop came already.
+    pub fn has_bearing(&self, stop: usize, camera: usize) -> bool {
+        let is_it = |sight: &Sight<T>| {
+            usize::from(sight.stop) == stop && usize::from(sight.camera) == camera
+        };
+        let all = self.sights.values.get(..self.sights.len);
+        all.unwrap_or_default().iter().any(is_it)
+    }
+
+    /// Bearings of a camera: how many came, and how many of these count.
+    pub fn bearings_of(&self, camera: usize) -> [usize; 2] {
+        let all = self.sights.values.get(..self.sights.len);
+        let of = { all.unwrap_or_default().iter() }
+            .filter(|sight| usize::from(sight.camera) == camera);
+        let counting = of.clone().filter(|sight| sight.standing == Standing::Counts);
+        [of.count(), counting.count()]
+    }
+
     /// Stops so far.
     pub fn stops(&self) -> usize {
         self.stops.len

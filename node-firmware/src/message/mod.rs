@@ -63,7 +63,8 @@ pub enum Message {
     Bearing(StopBearing),
     /// The first reference camera tells a target where it stands.
     Located(TargetLocation),
-    /// The first reference camera tells the second one how far that is: what it solved for it.
+    /// What somebody else solved for a camera: the first reference camera for the second one, or a
+    /// target, from all that was measured, for each one that it knows.
     Posed(Report),
     /// A camera tells how far it is: to the coordinator and to targets.
     Report(Report),
@@ -205,13 +206,15 @@ pub enum Sight {
 }
 
 /// A camera's answer to a stop.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct StopAnswer {
     /// Number of the stop.
     pub stop: StopNumber,
     /// What was seen.
     pub sight: Sight,
+    /// Where, of a target [in view](Sight::InView).
+    pub seen: Option<Seen>,
     /// Sightings the camera has now.
     pub counted: u8,
     /// The camera needs no more stops.
@@ -302,6 +305,8 @@ pub struct Report {
     pub chi_squared: f32,
     /// It needs no more stops.
     pub done: bool,
+    /// A target solved the pose, together with all that was measured in the network.
+    pub joint: bool,
     /// What it knows.
     pub state: CameraState,
 }

@@ -7,6 +7,7 @@
 //! It does not know where it is before the first reference camera tells it, or before two cameras
 //! that know their poses see it at one stop. From then on it reckons.
 
+mod estimate;
 mod place;
 mod table;
 #[cfg(test)]
@@ -19,7 +20,7 @@ use nalgebra::{Matrix2, Point2};
 use zigbee_link::{Instant, store::Membership, wire::ShortAddress};
 
 pub use self::table::{CAMERAS, CameraEntry};
-use self::{place::nowhere, table::Table};
+use self::{estimate::Estimate, place::nowhere, table::Table};
 use super::{
     COORDINATOR, LastNetwork, Notification, Notifications, Output, Role, Unsaved, earliest,
 };
@@ -60,11 +61,19 @@ pub enum TargetNotification {
     Hello,
     /// It asks a camera for its answer to this stop.
     Ask(MemberAddress, StopNumber),
+    /// It tells a camera its pose.
+    Posed(MemberAddress),
 }
+
+/// Of all these there is one, but for poses. Whom to ask is in the table.
+const NOTIFICATIONS: usize = 1 + estimate::CAMERAS;
 
 impl Notification for TargetNotification {
     fn priority(self) -> u8 {
-        0
+        match self {
+            Self::Hello | Self::Ask(..) => 0,
+            Self::Posed(_) => 1,
+        }
     }
 }
 
@@ -108,8 +117,13 @@ pub struct TargetRole {
     knows_cameras: bool,
     /// Facts that are not written down yet.
     unsaved: Unsaved,
-    /// There is [`TargetNotification::Hello`] alone: whom to ask is in the table.
-    notifications: Notifications<TargetNotification, 1>,
+    notifications: Notifications<TargetNotification, NOTIFICATIONS>,
+    /// All that was measured; `None` is a defect of its configuration.
+    estimate: Option<Estimate>,
+    /// What the step sensor reads over the true length, and its sigma, as far as it was estimated.
+    scale: (f32, f32),
+    /// The stop is over: there is time to estimate.
+    to_solve: bool,
     seen: bool,
 }
 
@@ -159,6 +173,9 @@ impl TargetRole {
             knows_cameras: false,
             unsaved: Unsaved::new(),
             notifications: Notifications::new(),
+            estimate: Estimate::new(),
+            scale: (1.0, config.systematic_scale),
+            to_solve: false,
             seen: false,
         }
     }
@@ -284,6 +301,9 @@ impl TargetRole {
         self.locate_at = None;
         self.at_stop = self.track;
         self.remember_stop();
+        if let Some(estimate) = &mut self.estimate {
+            estimate.on_stop(self.stop, self.config.standing_sigma);
+        }
         self.seen = false;
         self.state = State::Standing(Standing {
             since: now,
@@ -320,6 +340,25 @@ impl TargetRole {
             },
             place: self.place()?,
         }))
+    }
+
+    /// A message that has to be told, as it is known now, and to whom.
+    fn message_of(&self, notification: TargetNotification) -> Option<(ShortAddress, Message)> {
+        Some(match notification {
+            TargetNotification::Hello => {
+                let hello = Hello {
+                    id: self.id,
+                    kind: MemberKind::Target,
+                };
+                (COORDINATOR, Message::Hello(hello))
+            }
+            TargetNotification::Posed(camera) => {
+                let mut reports = self.estimate.as_ref()?.reports();
+                let (_, report) = reports.find(|(of, _)| *of == camera)?;
+                (ShortAddress(camera), Message::Posed(*report))
+            }
+            TargetNotification::Ask(..) => return None,
+        })
     }
 
     fn standing(&mut self, now: Instant) -> Option<Output<TargetNotification, ()>> {
@@ -361,6 +400,7 @@ impl TargetRole {
             && waited >= Duration::from_millis(self.config.dwell_least_ms.into());
         if is_done || waited >= most {
             standing.may_walk = true;
+            self.to_solve = true;
             // Written down before the lamp goes on: after a restart nobody knows whether it left.
             self.unsaved.insert(FactKey::Walk);
             return self.unsaved_fact().map(Output::Save);
@@ -412,7 +452,9 @@ impl Role for TargetRole {
 
     fn on_message(&mut self, now: Instant, from: ShortAddress, message: &Message) {
         match message {
-            Message::Look(look) if look.stop == self.stop => {
+            Message::Look(look) if look.stop != self.stop => self.on_seen(from, look),
+            Message::Look(look) => {
+                self.on_seen(from, look);
                 self.table.on_answer(now, from.0, look);
                 self.seen |= look.sight == Sight::InView;
                 if let State::Standing(standing) = &mut self.state
@@ -424,6 +466,7 @@ impl Role for TargetRole {
             }
             Message::Report(report) => {
                 self.table.report(from.0, *report, &mut self.unsaved);
+                self.find_references();
             }
             // Nobody else has solved anything.
             Message::Located(located) if self.table.may_be_first(from.0) => {
@@ -445,7 +488,7 @@ impl Role for TargetRole {
 
     fn on_sent(&mut self, now: Instant, notification: TargetNotification, delivered: bool) {
         match notification {
-            TargetNotification::Hello => {
+            TargetNotification::Hello | TargetNotification::Posed(_) => {
                 self.notifications.on_sent(notification, now, delivered);
             }
             TargetNotification::Ask(address, stop) if stop == self.stop => {
@@ -470,6 +513,12 @@ impl Role for TargetRole {
         }
     }
 
+    fn compute(&mut self, now: Instant) {
+        if core::mem::take(&mut self.to_solve) {
+            self.solve(now);
+        }
+    }
+
     fn poll(&mut self, now: Instant) -> Option<Output<TargetNotification, ()>> {
         if self.locate_at.is_some_and(|at| at <= now) {
             self.locate_at = None;
@@ -485,16 +534,15 @@ impl Role for TargetRole {
             return Some(Output::Save(fact));
         }
         self.address?;
-        if let Some(notification) = self.notifications.take_due(now) {
-            let hello = Hello {
-                id: self.id,
-                kind: MemberKind::Target,
-            };
-            return Some(Output::Send {
-                to: COORDINATOR,
-                message: Message::Hello(hello),
-                notification: Some(notification),
-            });
+        while let Some(notification) = self.notifications.take_due(now) {
+            if let Some((to, message)) = self.message_of(notification) {
+                return Some(Output::Send {
+                    to,
+                    message,
+                    notification: Some(notification),
+                });
+            }
+            self.notifications.cancel(notification);
         }
         self.standing(now)
     }
