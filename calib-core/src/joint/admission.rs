@@ -18,36 +18,36 @@ const MOST: usize = 16;
 const GATE: f64 = 4.0;
 
 impl<T: Real> Problem<'_, T> {
-    /// Takes in every camera that waits, has `least` bearings or more, and whose bearings give a pose
-    /// within the limits. How many these were.
-    #[inline(never)] // size
-    pub(super) fn admit(&mut self, least: usize, limits: &Limits<T>) -> usize {
-        let mut admitted = 0;
-        for camera in REFERENCES..self.cameras.len() {
+    /// The next camera, from one on, that waits, has `least` bearings or more, and others than when
+    /// it was last looked at.
+    pub(super) fn next_waiting(&self, from: usize, least: usize) -> Option<usize> {
+        (from..self.cameras.len()).find(|&camera| {
             let bearings = self.counting(camera);
             let count = u16::try_from(bearings).unwrap_or(u16::MAX);
             let waits = { self.cameras.get(camera) }
                 .is_some_and(|unknown| unknown.column.is_none() && unknown.tried != count);
-            if !waits || bearings < least {
-                continue;
-            }
-            let pose = self.resect(camera);
-            let Some(unknown) = self.cameras.get_mut(camera) else {
-                continue;
-            };
-            match pose {
-                Ok(pose) if limits.allow(&pose) => {
-                    unknown.value.x = pose.position.x;
-                    unknown.value.y = pose.position.y;
-                    unknown.value.z = pose.heading;
-                    unknown.column = Some(0);
-                    unknown.is_new = true;
-                    admitted += 1;
-                }
-                _ => unknown.tried = count,
-            }
-        }
-        admitted
+            waits && bearings >= least
+        })
+    }
+
+    /// Takes in a camera if its bearings give a pose within the limits. Whether they do.
+    #[inline(never)] // size
+    pub(super) fn admit(&mut self, camera: usize, limits: &Limits<T>) -> bool {
+        let count = u16::try_from(self.counting(camera)).unwrap_or(u16::MAX);
+        let pose = self.resect(camera).ok().filter(|pose| limits.allow(pose));
+        let Some(unknown) = self.cameras.get_mut(camera) else {
+            return false;
+        };
+        let Some(pose) = pose else {
+            unknown.tried = count;
+            return false;
+        };
+        unknown.value.x = pose.position.x;
+        unknown.value.y = pose.position.y;
+        unknown.value.z = pose.heading;
+        unknown.column = Some(0);
+        unknown.is_new = true;
+        true
     }
 
     /// Puts every camera that no longer is what it was let in for back among those that wait: its

@@ -4,11 +4,12 @@ use nalgebra::{Point2, Vector2, Vector3};
 
 use super::{
     BearingResidual, Carrier, Finding, JointError, JointSettings, JointSolution, Leg, LegResidual,
-    ProtectionLevels, ReferenceHeadings, StopPlace,
+    Progress, ProtectionLevels, ReferenceHeadings, Round, StopPlace,
     problem::{
         Common, Problem, REFERENCES, Sight, Standing, Stop, Unknown, Visit, root_information,
         workspace,
     },
+    round::Work,
 };
 use crate::{Limits, Pose, Real, Refusal};
 
@@ -29,7 +30,10 @@ pub struct JointEstimator<
 > {
     common: Common<T>,
     limits: Limits<T>,
-    is_started: bool,
+    work: Work<T>,
+    /// Stops, bearings and visits that are counted; those that came since are not, until the next
+    /// round begins.
+    counted: [usize; 3],
     stops: List<Stop<T>, STOPS>,
     sights: List<Sight<T>, BEARINGS>,
     visits: [[Visit<T>; 2]; MARKS],
@@ -59,10 +63,6 @@ impl<V: Copy, const N: usize> List<V, N> {
         *self.values.get_mut(index).ok_or(JointError::Full)? = value;
         self.len += 1;
         Ok(index)
-    }
-
-    fn all_mut(&mut self) -> &mut [V] {
-        self.values.get_mut(..self.len).unwrap_or_default()
     }
 }
 
@@ -119,10 +119,12 @@ impl<
                 carrier_step: Vector2::zeros(),
                 leg_factor: T::one(),
                 held: None,
+                is_started: false,
                 window: [0, u16::MAX],
             },
             limits,
-            is_started: false,
+            work: Work::new(),
+            counted: [0; 3],
             stops: List::new(Stop {
                 place: Point2::origin(),
                 displacement: Vector2::zeros(),
@@ -159,17 +161,13 @@ impl<
             displacement = leg.displacement;
             root = root_information(&leg.covariance).ok_or(JointError::NotFinite)?;
         }
-        let number = self.stops.push(Stop {
+        self.stops.push(Stop {
             place: Point2::origin(),
             displacement,
             root,
             standing: Standing::Counts,
             chain: [T::zero(); 5],
-        })?;
-        if self.is_started {
-            self.problem().reckon_on(number);
-        }
-        Ok(number)
+        })
     }
 
     /// Camera `camera` saw the target at a stop: `bearing` is the offset from its optical axis,
@@ -220,22 +218,46 @@ impl<
         let visits = self.visits.as_flattened_mut();
         *visits.get_mut(self.visited).ok_or(JointError::Full)? = new;
         self.visited += 1;
-        self.problem().find_mark(mark);
         Ok(())
     }
 
-    /// Estimates everything anew from all that came, from where the last solve ended.
+    /// Begins a round: everything is estimated anew from all that came, from where the last round
+    /// ended, and then, as asked, contradictions are left out one after the other, the legs' noise is
+    /// estimated and protection levels are computed. [`step`](JointEstimator::step) does it. A round
+    /// under way is given up for the new one.
+    ///
+    /// What comes during a round counts from the next one on.
+    pub fn begin(&mut self, round: Round) {
+        self.count();
+        let (work, mut problem) = self.work();
+        work.begin(&mut problem, round);
+    }
+
+    /// One slice of the round: a pass over the measurements, a reference solve or a camera's
+    /// resection. To be called until the round is [`Over`](Progress::Over) or an error ends it;
+    /// answers are told then. After that it tells the same solution again.
     ///
     /// # Errors
-    /// [`JointError::Start`] until the references' sightings give a frame; [`JointError::Solve`].
-    pub fn solve(&mut self) -> Result<JointSolution<T>, JointError> {
+    /// [`JointError::Start`] until the references' sightings give a frame; [`JointError::Solve`], with
+    /// [`Refusal::TooFew`] before the first round.
+    pub fn step(&mut self) -> Result<Progress<T>, JointError> {
         let limits = self.limits;
-        if !self.is_started {
-            self.problem().start()?;
-            self.is_started = true;
-        }
-        let settled = self.problem().settle(&limits);
-        settled.map_err(JointError::Solve)
+        let (work, mut problem) = self.work();
+        work.step(&mut problem, &limits)
+    }
+
+    /// Whether a round is under way. Until it is over answers are [`Refusal::DidNotConverge`].
+    pub fn is_under_way(&self) -> bool {
+        self.work.is_under_way()
+    }
+
+    /// A round at one stretch that solves and does nothing else.
+    ///
+    /// # Errors
+    /// As [`step`](JointEstimator::step).
+    pub fn solve(&mut self) -> Result<JointSolution<T>, JointError> {
+        self.begin(Round::default());
+        self.finish().1
     }
 
     /// Looks for the measurement that contradicts the others most: a bearing, a leg, or all that a
@@ -247,9 +269,14 @@ impl<
     /// # Errors
     /// [`JointError::Solve`]; with [`Refusal::TooFew`] before the first solve.
     pub fn check(&mut self) -> Result<Option<Finding<T>>, JointError> {
-        let limits = self.limits;
-        let checked = { self.solved() }.and_then(|mut problem| problem.check(&limits));
-        checked.map_err(JointError::Solve)
+        let finished = self.finish_solved(Round {
+            findings: 1,
+            ..Round::default()
+        })?;
+        match finished {
+            (found, Ok(_) | Err(JointError::Solve(Refusal::DidNotConverge))) => Ok(found),
+            (_, Err(why)) => Err(why),
+        }
     }
 
     /// Estimates by how much the legs err more, or less, than they claim, and solves again with that.
@@ -258,9 +285,17 @@ impl<
     /// # Errors
     /// As [`check`](JointEstimator::check).
     pub fn fit_leg_noise(&mut self) -> Result<T, JointError> {
-        let limits = self.limits;
-        let fitted = { self.solved() }.and_then(|mut problem| problem.fit_leg_noise(&limits));
-        fitted.map_err(JointError::Solve)
+        let (_, solved) = self.finish_solved(Round {
+            leg_noise: true,
+            ..Round::default()
+        })?;
+        solved.map(|_| self.leg_noise())
+    }
+
+    /// By how much the legs err more than they claim, as it was estimated last: the factor of their
+    /// sigmas, one at first.
+    pub fn leg_noise(&self) -> T {
+        self.common.leg_factor
     }
 
     /// Computes the protection levels of all cameras, which [`protection`](JointEstimator::protection)
@@ -269,8 +304,32 @@ impl<
     /// # Errors
     /// As [`check`](JointEstimator::check).
     pub fn protect(&mut self) -> Result<(), JointError> {
-        let protected = self.solved().and_then(|mut problem| problem.protect());
-        protected.map_err(JointError::Solve)
+        let (_, solved) = self.finish_solved(Round {
+            protection: true,
+            ..Round::default()
+        })?;
+        solved.map(|_| ())
+    }
+
+    /// A round that does not solve first, of what is solved.
+    fn finish_solved(&mut self, round: Round) -> Result<Finished<T>, JointError> {
+        self.solved().map_err(JointError::Solve)?;
+        let (work, mut problem) = self.work();
+        work.begin_solved(&mut problem, round);
+        Ok(self.finish())
+    }
+
+    /// All steps of a round: the last finding, and how it ended.
+    fn finish(&mut self) -> Finished<T> {
+        let mut last = None;
+        loop {
+            match self.step() {
+                Ok(Progress::Working) => {}
+                Ok(Progress::Found(found)) => last = Some(found),
+                Ok(Progress::Over(solution)) => return (last, Ok(solution)),
+                Err(why) => return (last, Err(why)),
+            }
+        }
     }
 
     /// How far a camera's pose may be off because of one wrong measurement that no test notices. As
@@ -345,26 +404,50 @@ impl<
         self.sights.len
     }
 
+    /// What is solved, for answers.
     fn solved(&mut self) -> Result<Problem<'_, T>, Refusal> {
-        if !self.is_started || self.common.held.is_none() {
+        if self.work.is_under_way() {
+            return Err(Refusal::DidNotConverge);
+        }
+        if !self.common.is_started || self.common.held.is_none() {
             return Err(Refusal::TooFew);
         }
-        Ok(self.problem())
+        Ok(self.work().1)
     }
 
-    fn problem(&mut self) -> Problem<'_, T> {
+    /// Counts what came since the last round began.
+    fn count(&mut self) {
+        let [stops, _, visits] = self.counted;
+        self.counted = [self.stops.len, self.sights.len, self.visited];
+        let mut problem = self.work().1;
+        if problem.common.is_started {
+            for stop in stops..problem.stops.len() {
+                problem.reckon_on(stop);
+            }
+            for visit in problem.visits.iter().skip(visits) {
+                problem.find_mark(usize::from(visit.mark));
+            }
+        }
+    }
+
+    fn work(&mut self) -> (&mut Work<T>, Problem<'_, T>) {
+        let [stops, sights, visited] = self.counted;
         let visits = self.visits.as_flattened();
-        Problem {
+        let problem = Problem {
             common: &mut self.common,
-            stops: self.stops.all_mut(),
-            sights: self.sights.all_mut(),
-            visits: visits.get(..self.visited).unwrap_or_default(),
+            stops: self.stops.values.get_mut(..stops).unwrap_or_default(),
+            sights: self.sights.values.get_mut(..sights).unwrap_or_default(),
+            visits: visits.get(..visited).unwrap_or_default(),
             cameras: &mut self.cameras,
             marks: &mut self.marks,
             workspace: &mut self.workspace,
-        }
+        };
+        (&mut self.work, problem)
     }
 }
+
+/// The last finding of a round, and how it ended.
+type Finished<T> = (Option<Finding<T>>, Result<JointSolution<T>, JointError>);
 
 fn is_sigma<T: Real>(number: &T) -> bool {
     number.is_finite() && *number > T::zero()

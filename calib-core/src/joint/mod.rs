@@ -42,6 +42,13 @@
 //! no test can see: many sigmas where nothing checks what it rests on. A path walked there and back
 //! checks every leg.
 //!
+//! # In slices
+//! [`begin`](JointEstimator::begin) begins a [`Round`], and each call of
+//! [`step`](JointEstimator::step) does about one pass of it, so that a slow processor can do
+//! something else in between. [`solve`](JointEstimator::solve) and the others are rounds at one
+//! stretch. Measurements that come during a round count from the next one on. Once it is over, poses,
+//! headings, the carrier and the last place are told without another pass.
+//!
 //! # Degenerate cases
 //! What a direction lacks to be determined is asked of the pivots: an unknown without one, or with
 //! one that is rounding, is [`Refusal::Undetermined`], never a number. Before the references have
@@ -100,12 +107,14 @@ mod estimator;
 mod integrity;
 mod problem;
 mod residuals;
+mod round;
 mod start;
 mod sweep;
 mod triangle;
 
 pub use estimator::JointEstimator;
 pub use problem::Standing;
+pub use round::{Progress, Round};
 
 /// Numbers of the workspace of a [`JointEstimator`] for so many cameras, references included, and
 /// marks: its last capacity.

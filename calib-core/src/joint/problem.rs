@@ -122,6 +122,8 @@ pub(super) struct Common<T: Real> {
     pub leg_factor: T,
     /// The stop that the triangle holds.
     pub held: Option<usize>,
+    /// The passes have a frame to begin with.
+    pub is_started: bool,
     /// First and last stop whose bearings are looked at: all of them but during a start.
     pub window: [u16; 2],
 }

@@ -63,7 +63,7 @@ impl<T: Real> Problem<'_, T> {
     }
 
     /// A bearing's row into the first vector.
-    pub(super) fn enter_sight(&mut self, sight: &Sight<T>) -> Option<()> {
+    fn enter_sight(&mut self, sight: &Sight<T>) -> Option<()> {
         let row = self.sight_row(sight)?;
         let (place, heading) = self.columns(usize::from(sight.camera))?;
         let (_, [g, ..]) = self.triangle()?;
@@ -81,6 +81,15 @@ impl<T: Real> Problem<'_, T> {
     /// # Errors
     /// [`Refusal::TooFew`] where no leg was measured; [`Refusal::Undetermined`].
     pub(super) fn leg_residual(&mut self, later: usize) -> Result<LegResidual<T>, Refusal> {
+        self.whole_leg_residual(later).map(|(leg, _)| leg)
+    }
+
+    /// The same, and the redundancy of each of its two rows, which are left in the first two vectors,
+    /// forward substituted.
+    pub(super) fn whole_leg_residual(
+        &mut self,
+        later: usize,
+    ) -> Result<(LegResidual<T>, [T; 2]), Refusal> {
         let before = later.checked_sub(1).ok_or(Refusal::TooFew)?;
         let standing = self.stops.get(later).ok_or(Refusal::TooFew)?.standing;
         self.hold(before).ok_or(Refusal::Undetermined)?;
@@ -120,19 +129,20 @@ impl<T: Real> Problem<'_, T> {
                 degrees_of_freedom += 1;
             }
         }
-        Ok(LegResidual {
+        let residual = LegResidual {
             stop: later,
             chi_squared,
             degrees_of_freedom,
             squared: first * first + second * second,
             redundancy: if counts { aa + bb } else { T::zero() },
             standing,
-        })
+        };
+        Ok((residual, [aa, bb]))
     }
 
     /// A leg's row into one of the vectors: the triangle holds the earlier stop, and the later one is
     /// about to leave.
-    pub(super) fn enter_leg(&mut self, vector: usize, row: &LegRow<T>) -> Option<()> {
+    fn enter_leg(&mut self, vector: usize, row: &LegRow<T>) -> Option<()> {
         let (by_place, by_carrier) = (row.by_place, row.by_carrier);
         let (_, mut vectors) = self.triangle()?;
         let g = vectors.get_mut(vector)?;
@@ -143,39 +153,42 @@ impl<T: Real> Problem<'_, T> {
         Some(())
     }
 
-    /// Puts back what was left out and agrees after all. How much that was.
-    pub(super) fn readmit(&mut self) -> usize {
-        let mut back = 0;
-        for n in 0..self.sights.len() {
-            let excluded =
-                { self.sights.get(n) }.is_some_and(|sight| sight.standing == Standing::Excluded);
-            if !excluded {
-                continue;
-            }
-            let Ok(residual) = self.bearing_residual(n) else {
-                continue;
-            };
-            let fits = { residual.normalised }.is_some_and(|off| off.abs() < lit(READMITTED));
-            if fits && let Some(sight) = self.sights.get_mut(n) {
-                sight.standing = Standing::Counts;
-                back += 1;
-            }
-        }
-        for stop in 1..self.stops.len() {
-            let excluded =
-                { self.stops.get(stop) }.is_some_and(|stop| stop.standing == Standing::Excluded);
-            if !excluded {
-                continue;
-            }
+    /// The next measurement, from one on, that is left out: bearings are counted first, then the stops
+    /// that legs lead to.
+    pub(super) fn next_excluded(&self, from: usize) -> Option<usize> {
+        let standings = { self.sights.iter().map(|sight| sight.standing) }
+            .chain(self.stops.iter().map(|stop| stop.standing));
+        let mut numbered = standings.enumerate().skip(from);
+        numbered
+            .find(|(_, standing)| *standing == Standing::Excluded)
+            .map(|(n, _)| n)
+    }
+
+    /// Puts back what was left out and agrees after all; whether it does. A pass.
+    pub(super) fn readmit(&mut self, n: usize) -> bool {
+        let bearings = self.sights.len();
+        let standing = if let Some(stop) = n.checked_sub(bearings) {
             let fits = self.leg_residual(stop).is_ok_and(|leg| {
                 leg.degrees_of_freedom > 0 && leg.chi_squared < lit(READMITTED * READMITTED)
             });
-            if fits && let Some(stop) = self.stops.get_mut(stop) {
-                stop.standing = Standing::Counts;
-                back += 1;
-            }
+            { self.stops.get_mut(stop) }
+                .filter(|_| fits)
+                .map(|stop| &mut stop.standing)
+        } else {
+            let normalised = self
+                .bearing_residual(n)
+                .ok()
+                .and_then(|bearing| bearing.normalised);
+            let fits = normalised.is_some_and(|off| off.abs() < lit(READMITTED));
+            { self.sights.get_mut(n) }
+                .filter(|_| fits)
+                .map(|sight| &mut sight.standing)
+        };
+        let fits = standing.is_some();
+        if let Some(standing) = standing {
+            *standing = Standing::Counts;
         }
-        back
+        fits
     }
 }
 
