@@ -5,6 +5,7 @@
 //! [`solve_rejecting`]). One with exactly three agrees with anything and tells the others nothing,
 //! so it is solved last, when they are settled.
 
+use super::descent::WITNESSED;
 use super::problem::{Problem, REFERENCES, Sight, Standing};
 use crate::{
     Limits, Pose, Ray, Real, Refusal, Sighting,
@@ -16,6 +17,8 @@ use crate::{
 const MOST: usize = 16;
 /// Bearings off the consensus by more sigmas do not belong to it.
 const GATE: f64 = 4.0;
+/// Different bearings that a camera has, at least, that stands for one that was moved.
+const DIFFERENT: usize = 3;
 
 impl<T: Real> Problem<'_, T> {
     /// The next camera, from one on, that waits, has `least` bearings or more, and others than when
@@ -24,17 +27,46 @@ impl<T: Real> Problem<'_, T> {
         (from..self.cameras.len()).find(|&camera| {
             let bearings = self.counting(camera);
             let count = u16::try_from(bearings).unwrap_or(u16::MAX);
+            let least = if self.is_successor(camera) {
+                least.max(WITNESSED)
+            } else {
+                least
+            };
             let waits = { self.cameras.get(camera) }
                 .is_some_and(|unknown| unknown.column.is_none() && unknown.tried != count);
             waits && bearings >= least
         })
     }
 
+    /// Whether a camera repeats itself, as one does that is stuck. What stands for a camera that was
+    /// moved may begin with one or two bearings that were still good.
+    fn repeats_itself(&self, camera: usize) -> bool {
+        let least = if self.is_successor(camera) {
+            DIFFERENT
+        } else {
+            2
+        };
+        let (mut values, mut count) = ([T::zero(); DIFFERENT], 0);
+        for sight in self.of(camera) {
+            let known = values.get(..count).unwrap_or_default();
+            if !known.contains(&sight.bearing)
+                && let Some(value) = values.get_mut(count)
+            {
+                *value = sight.bearing;
+                count += 1;
+            }
+        }
+        count < least
+    }
+
     /// Takes in a camera if its bearings give a pose within the limits. Whether they do.
     #[inline(never)] // size
     pub(super) fn admit(&mut self, camera: usize, limits: &Limits<T>) -> bool {
         let count = u16::try_from(self.counting(camera)).unwrap_or(u16::MAX);
-        let pose = self.resect(camera).ok().filter(|pose| limits.allow(pose));
+        let mut pose = None;
+        if !self.repeats_itself(camera) {
+            pose = self.resect(camera).ok().filter(|pose| limits.allow(pose));
+        }
         let Some(unknown) = self.cameras.get_mut(camera) else {
             return false;
         };

@@ -24,7 +24,7 @@ const ROUNDING: f64 = 1e-4;
 /// Bearings from which on a camera's can contradict each other.
 pub(super) const WITNESSED: usize = 4;
 /// Bearings that make a pose, and say nothing about anything else.
-const ENOUGH: usize = 3;
+pub(super) const ENOUGH: usize = 3;
 /// A camera that takes part is put out when its sigmas are so many times those it was let in with.
 const HYSTERESIS: f64 = 2.0;
 /// Rounds of letting cameras in and settling.

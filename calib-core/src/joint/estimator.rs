@@ -103,6 +103,8 @@ impl<
             column: None,
             tried: 0,
             is_new: false,
+            moved: None,
+            successor: None,
             protection: ProtectionLevels::default(),
         };
         let visit = Visit {
@@ -218,6 +220,33 @@ impl<
         let visits = self.visits.as_flattened_mut();
         *visits.get_mut(self.visited).ok_or(JointError::Full)? = new;
         self.visited += 1;
+        Ok(())
+    }
+
+    /// A camera that was moved is another one from then on: what `camera` saw, and will be said to
+    /// have seen, at stop `from` and later belongs to camera `into`, of which nothing was known. It
+    /// is then estimated like any other, and `camera` keeps the pose that it had. From the next round
+    /// on. It takes four bearings that agree, and three different ones: one that is stuck repeats
+    /// itself.
+    ///
+    /// # Errors
+    /// [`JointError::Unknown`] for a camera there is not; [`JointError::Taken`] if something was seen
+    /// by `into`, it is a reference, or has become of another.
+    pub fn split(&mut self, camera: usize, from: usize, into: usize) -> Result<(), JointError> {
+        if camera >= CAMERAS || into >= CAMERAS {
+            return Err(JointError::Unknown);
+        }
+        let sights = self.sights.values.iter().take(self.sights.len);
+        let is_seen = sights
+            .into_iter()
+            .any(|sight| usize::from(sight.camera) == into);
+        if is_seen || into < REFERENCES || into == camera || self.work().1.is_successor(into) {
+            return Err(JointError::Taken);
+        }
+        let (from, into) = (index(from)?, index(into)?);
+        let unknown = self.cameras.get_mut(camera).ok_or(JointError::Unknown)?;
+        unknown.moved = Some(from);
+        unknown.successor = Some(into);
         Ok(())
     }
 
@@ -420,6 +449,7 @@ impl<
         let [stops, _, visits] = self.counted;
         self.counted = [self.stops.len, self.sights.len, self.visited];
         let mut problem = self.work().1;
+        problem.sort_moved();
         if problem.common.is_started {
             for stop in stops..problem.stops.len() {
                 problem.reckon_on(stop);

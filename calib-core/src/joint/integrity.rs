@@ -15,6 +15,7 @@
 
 use super::{
     Finding, ProtectionLevels,
+    descent::ENOUGH,
     problem::{Problem, REFERENCES, Sight, Standing},
     sweep::{Pass, Without},
     triangle::packed,
@@ -33,7 +34,13 @@ const NOISE: f64 = 3.09;
 /// What is less checked than this counts as this much.
 const LEAST_REDUNDANCY: f64 = 1e-4;
 /// Bearings of a camera, one after the other, that are off: it is no longer what it was.
-const IN_A_ROW: usize = 2;
+pub(super) const IN_A_ROW: usize = 2;
+/// Odds of a bearing that is to the bit what its camera saw before, and the target has moved.
+const OF_REPEATED: f64 = 2.0;
+/// Odds of a leg: where it and a bearing explain the same, less is lost without the bearing.
+const OF_LEG: f64 = 0.95;
+/// Odds of a tail: one wrong bearing explains itself.
+const OF_TAIL: f64 = 0.9;
 /// The legs' claimed variance counts as much as so many residuals.
 const PSEUDO_SAMPLES: f64 = 6.0;
 
@@ -93,9 +100,13 @@ impl<T: Real> Survey<T> {
         beyond.map(|(found, _)| found)
     }
 
-    fn offer(&mut self, found: Finding<T>, strength: T) {
-        if self.strongest.is_none_or(|(_, most)| strength > most) {
-            self.strongest = Some((found, strength));
+    /// `odds` weigh what is as strong as something else.
+    fn offer(&mut self, found: Finding<T>, strength: T, odds: f64) {
+        if strength > lit(LIMIT) {
+            let weighed = strength * lit(odds);
+            if self.strongest.is_none_or(|(_, most)| weighed > most) {
+                self.strongest = Some((found, weighed));
+            }
         }
     }
 }
@@ -172,7 +183,8 @@ impl<T: Real> Problem<'_, T> {
                 continue;
             };
             let strength = strength(off * off, 1);
-            survey.offer(Finding::Bearing { stop, camera, off }, strength);
+            let odds = if self.repeats(n) { OF_REPEATED } else { 1.0 };
+            survey.offer(Finding::Bearing { stop, camera, off }, strength, odds);
             if let Some(camera) = self.cameras.get_mut(camera) {
                 camera.is_new |= strength > lit(SUSPICION);
             }
@@ -194,12 +206,25 @@ impl<T: Real> Problem<'_, T> {
             stop: leg.stop,
             chi_squared: leg.chi_squared,
         };
-        survey.offer(found, strength(leg.chi_squared, leg.degrees_of_freedom));
+        let strength = strength(leg.chi_squared, leg.degrees_of_freedom);
+        survey.offer(found, strength, OF_LEG);
         Some(())
     }
 
+    /// Whether a bearing is to the bit what its camera saw before.
+    fn repeats(&self, n: usize) -> bool {
+        let (before, from) = self.sights.split_at_checked(n).unwrap_or_default();
+        from.first().is_some_and(|sight| {
+            let last = before
+                .iter()
+                .rev()
+                .find(|other| other.camera == sight.camera);
+            last.is_some_and(|last| last.stop != sight.stop && last.bearing == sight.bearing)
+        })
+    }
+
     /// The next tail, from one on: of a camera under suspicion, with [`IN_A_ROW`] bearings or more,
-    /// the first of them at this very stop.
+    /// the first of them at this very stop, that leaves it enough for a pose.
     fn next_tail(&self, (camera, from): (usize, usize)) -> Option<(usize, usize)> {
         let mut from = from;
         for camera in camera..self.cameras.len() {
@@ -207,7 +232,8 @@ impl<T: Real> Problem<'_, T> {
                 for stop in from..self.stops.len() {
                     let tail = self.tail(camera, stop);
                     let begins = tail.clone().any(|sight| usize::from(sight.stop) == stop);
-                    if begins && tail.count() >= IN_A_ROW {
+                    let (tail, all) = (tail.count(), self.counting(camera));
+                    if begins && tail >= IN_A_ROW && all - tail >= ENOUGH {
                         return Some((camera, stop));
                     }
                 }
@@ -235,9 +261,6 @@ impl<T: Real> Problem<'_, T> {
             return Some(());
         };
         let (camera, from) = survey.tail;
-        let (count, removed) = (self.counting(camera), self.tail(camera, from).count());
-        // Bearings that the camera's own unknowns can then no longer follow.
-        let lost = 3_usize.saturating_sub(count.saturating_sub(removed)).min(3);
         let without = Without::Tail {
             camera: u16::try_from(camera).ok()?,
             from: u16::try_from(from).ok()?,
@@ -248,7 +271,16 @@ impl<T: Real> Problem<'_, T> {
             from,
             chi_squared: all - rest,
         };
-        survey.offer(found, strength(all - rest, removed.saturating_sub(lost)));
+        let strength = strength(all - rest, self.tail(camera, from).count());
+        let repeated = { self.sights.iter().enumerate() }
+            .filter(|(_, sight)| usize::from(sight.camera) == camera)
+            .filter(|(_, sight)| usize::from(sight.stop) > from);
+        let odds = if repeated.map(|(n, _)| n).all(|n| self.repeats(n)) {
+            OF_REPEATED
+        } else {
+            1.0
+        };
+        survey.offer(found, strength, OF_TAIL * odds);
         survey.tail = (camera, from + 1);
         Some(())
     }
@@ -303,9 +335,34 @@ impl<T: Real> Problem<'_, T> {
         }
     }
 
+    /// What was found, with the stop from which on it still holds now that everything is solved without.
+    pub(super) fn refined(&self, found: Finding<T>) -> Finding<T> {
+        let Finding::Camera {
+            camera,
+            from,
+            chi_squared,
+        } = found
+        else {
+            return found;
+        };
+        let distrusted = self.sights.iter().filter(|sight| {
+            usize::from(sight.camera) == camera && sight.standing == Standing::Distrusted
+        });
+        let first = distrusted.map(|sight| usize::from(sight.stop)).min();
+        Finding::Camera {
+            camera,
+            from: first.unwrap_or(from),
+            chi_squared,
+        }
+    }
+
     fn distrust(&mut self, camera: usize, from: usize) {
+        let from = u16::try_from(from).unwrap_or(u16::MAX);
+        if let Some(camera) = self.cameras.get_mut(camera) {
+            camera.moved = Some(camera.moved.map_or(from, |before| before.min(from)));
+        }
         for sight in self.sights.iter_mut() {
-            if usize::from(sight.camera) == camera && usize::from(sight.stop) >= from {
+            if usize::from(sight.camera) == camera && sight.stop >= from {
                 sight.standing = Standing::Distrusted;
             }
         }

@@ -37,7 +37,8 @@
 //!
 //! # What contradicts
 //! [`check`](JointEstimator::check) finds the bearing, the leg or the camera that contradicts the rest
-//! most, names it, and solves without it; what agrees later comes back.
+//! most, names it, and solves without it; what agrees later comes back. A camera that was moved is
+//! [another one](JointEstimator::split) from then on, with a pose of its own.
 //! [`protect`](JointEstimator::protect) tells how far a pose may be off because of one fault that
 //! no test can see: many sigmas where nothing checks what it rests on. A path walked there and back
 //! checks every leg.
@@ -334,6 +335,8 @@ pub enum JointError {
     Full,
     /// There is no such stop, camera or mark.
     Unknown,
+    /// This camera is not free to be what another one became.
+    Taken,
     /// A number is not finite, a sigma is not above zero or a covariance is not positive definite.
     NotFinite,
     /// The references' own sightings do not give a frame, for this reason.
@@ -348,6 +351,7 @@ impl fmt::Display for JointError {
         match self {
             Self::Full => f.write_str("no more fits in: solve in two parts"),
             Self::Unknown => f.write_str("there is no stop, camera or mark of this number"),
+            Self::Taken => f.write_str("this camera is in use: take one of which nothing is known"),
             Self::NotFinite => f.write_str(
                 "a number is not finite, a sigma not above zero or a covariance not positive definite: correct it",
             ),

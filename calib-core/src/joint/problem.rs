@@ -106,6 +106,10 @@ pub(super) struct Unknown<T: Real> {
     pub tried: u16,
     /// It was taken in since the passes last came to an end.
     pub is_new: bool,
+    /// Stop from which on what it saw is not its own, because it was moved.
+    pub moved: Option<u16>,
+    /// The camera that those bearings belong to.
+    pub successor: Option<u16>,
     pub protection: ProtectionLevels<T>,
 }
 
@@ -205,6 +209,30 @@ impl<T: Real> Problem<'_, T> {
     /// Whether a camera's bearings are used: it is a reference, or admitted.
     pub(super) fn is_estimated(&self, camera: usize) -> bool {
         camera < REFERENCES || self.cameras.get(camera).is_some_and(|c| c.column.is_some())
+    }
+
+    /// Whether a camera is what another one became when it was moved.
+    pub(super) fn is_successor(&self, camera: usize) -> bool {
+        let of = |other: &Unknown<T>| other.successor.map(usize::from) == Some(camera);
+        self.cameras.iter().any(of)
+    }
+
+    /// Gives bearings since a move to the camera that the moved one became or, where there is none,
+    /// leaves them out.
+    pub(super) fn sort_moved(&mut self) {
+        for sight in self.sights.iter_mut() {
+            // Nobody becomes who was there before, so this ends.
+            while let Some(camera) = self.cameras.get(usize::from(sight.camera))
+                && camera.moved.is_some_and(|from| sight.stop >= from)
+            {
+                let Some(successor) = camera.successor else {
+                    sight.standing = Standing::Distrusted;
+                    break;
+                };
+                sight.camera = successor;
+                sight.standing = Standing::Counts;
+            }
+        }
     }
 
     /// Columns of a camera's place, unless it is a reference, and of its heading.

@@ -11,6 +11,7 @@ use nalgebra::Vector2;
 use super::{
     BearingResidual, LegResidual,
     answers::dot,
+    integrity::IN_A_ROW,
     problem::{HELD, LEAVING, LegRow, Problem, SCALE, Sight, Standing},
 };
 use crate::{Real, Refusal, numerics::real::lit};
@@ -19,6 +20,8 @@ use crate::{Real, Refusal, numerics::real::lit};
 pub(super) const UNCHECKED: f64 = 0.02;
 /// What was left out and is closer to the estimates than this, in sigmas, is back in.
 const READMITTED: f64 = 3.3;
+/// A camera whose first bearing after a move is closer than this, in sigmas, was moved later.
+const NOT_MOVED: f64 = 2.0;
 
 impl<T: Real> Problem<'_, T> {
     /// The residual of a bearing, in radians, with the share of it that is checked.
@@ -154,39 +157,62 @@ impl<T: Real> Problem<'_, T> {
     }
 
     /// The next measurement, from one on, that is left out: bearings are counted first, then the stops
-    /// that legs lead to.
+    /// that legs lead to. Of what a camera saw since it was moved only the first is looked at.
     pub(super) fn next_excluded(&self, from: usize) -> Option<usize> {
-        let standings = { self.sights.iter().map(|sight| sight.standing) }
-            .chain(self.stops.iter().map(|stop| stop.standing));
-        let mut numbered = standings.enumerate().skip(from);
-        numbered
-            .find(|(_, standing)| *standing == Standing::Excluded)
-            .map(|(n, _)| n)
+        let bearings = { self.sights.iter() }.map(|sight| match sight.standing {
+            Standing::Distrusted => self.is_first_moved(sight),
+            standing => standing == Standing::Excluded,
+        });
+        let legs = { self.stops.iter() }.map(|stop| stop.standing == Standing::Excluded);
+        let mut numbered = bearings.chain(legs).enumerate().skip(from);
+        numbered.find(|(_, looks)| *looks).map(|(n, _)| n)
+    }
+
+    /// Whether this is where a camera was moved, as it was told, and there are more than it takes to tell
+    /// that.
+    fn is_first_moved(&self, sight: &Sight<T>) -> bool {
+        let camera = self.cameras.get(usize::from(sight.camera));
+        let moved = self
+            .sights
+            .iter()
+            .filter(|other| other.camera == sight.camera && other.standing == Standing::Distrusted);
+        let first = moved.clone().map(|other| other.stop).min();
+        camera.is_some_and(|camera| camera.column.is_some())
+            && first == Some(sight.stop)
+            && moved.count() > IN_A_ROW
     }
 
     /// Puts back what was left out and agrees after all; whether it does. A pass.
     pub(super) fn readmit(&mut self, n: usize) -> bool {
-        let bearings = self.sights.len();
-        let standing = if let Some(stop) = n.checked_sub(bearings) {
-            let fits = self.leg_residual(stop).is_ok_and(|leg| {
-                leg.degrees_of_freedom > 0 && leg.chi_squared < lit(READMITTED * READMITTED)
-            });
-            { self.stops.get_mut(stop) }
-                .filter(|_| fits)
-                .map(|stop| &mut stop.standing)
-        } else {
-            let normalised = self
-                .bearing_residual(n)
-                .ok()
-                .and_then(|bearing| bearing.normalised);
-            let fits = normalised.is_some_and(|off| off.abs() < lit(READMITTED));
-            { self.sights.get_mut(n) }
-                .filter(|_| fits)
-                .map(|sight| &mut sight.standing)
+        let Some(sight) = self.sights.get(n).copied() else {
+            return self.readmit_leg(n.saturating_sub(self.sights.len()));
         };
-        let fits = standing.is_some();
-        if let Some(standing) = standing {
-            *standing = Standing::Counts;
+        let normalised = { self.bearing_residual(n).ok() }.and_then(|bearing| bearing.normalised);
+        let within = match sight.standing {
+            Standing::Distrusted => lit(NOT_MOVED),
+            _ => lit(READMITTED),
+        };
+        if !normalised.is_some_and(|off| off.abs() < within) {
+            return false;
+        }
+        if let Some(sight) = self.sights.get_mut(n) {
+            sight.standing = Standing::Counts;
+        }
+        if sight.standing == Standing::Distrusted
+            && let Some(camera) = self.cameras.get_mut(usize::from(sight.camera))
+        {
+            // It was moved later.
+            camera.moved = Some(sight.stop.saturating_add(1));
+        }
+        true
+    }
+
+    fn readmit_leg(&mut self, stop: usize) -> bool {
+        let fits = self.leg_residual(stop).is_ok_and(|leg| {
+            leg.degrees_of_freedom > 0 && leg.chi_squared < lit(READMITTED * READMITTED)
+        });
+        if let Some(stop) = self.stops.get_mut(stop).filter(|_| fits) {
+            stop.standing = Standing::Counts;
         }
         fits
     }

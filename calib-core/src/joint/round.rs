@@ -46,6 +46,8 @@ pub(super) struct Work<T: Real> {
     /// What is still to be done.
     round: Round,
     leg_noise_rounds: u8,
+    /// What was left out before the solve that is under way.
+    found: Option<Finding<T>>,
     /// How the last solve ended.
     solved: Result<JointSolution<T>, Refusal>,
 }
@@ -55,6 +57,7 @@ enum Stage<T: Real> {
     Idle,
     Starting(Starting<T>),
     Settling(Settling<T>),
+    Settled,
     Surveying(Survey<T>),
 }
 
@@ -64,6 +67,7 @@ impl<T: Real> Work<T> {
             stage: Stage::Idle,
             round: Round::default(),
             leg_noise_rounds: 0,
+            found: None,
             solved: Err(Refusal::TooFew),
         }
     }
@@ -90,6 +94,7 @@ impl<T: Real> Work<T> {
 
     fn ask(&mut self, round: Round) {
         self.round = round;
+        self.found = None;
         self.leg_noise_rounds = if round.leg_noise { LEG_NOISE_ROUNDS } else { 0 };
     }
 
@@ -114,9 +119,17 @@ impl<T: Real> Work<T> {
                 None => Ok(Progress::Working),
                 Some(solved) => {
                     self.solved = solved;
-                    self.after_solve(problem)
+                    match self.found.take() {
+                        // Told when it is known what agrees without it.
+                        Some(found) => {
+                            self.stage = Stage::Settled;
+                            Ok(Progress::Found(problem.refined(found)))
+                        }
+                        None => self.after_solve(problem),
+                    }
                 }
             },
+            Stage::Settled => self.after_solve(problem),
             Stage::Surveying(survey) => {
                 let looks = self.round.findings > 0;
                 let surveyed = problem.step_survey(survey, looks);
@@ -163,9 +176,9 @@ impl<T: Real> Work<T> {
             && let Some(left) = self.round.findings.checked_sub(1)
         {
             self.round.findings = left;
-            let found = problem.leave_out(found);
+            self.found = Some(problem.leave_out(found));
             self.stage = Stage::Settling(problem.begin_settling());
-            return Ok(Progress::Found(found));
+            return Ok(Progress::Working);
         }
         self.round.findings = 0;
         if self.leg_noise_rounds > 0 {
