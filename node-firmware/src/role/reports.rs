@@ -165,7 +165,7 @@ mod tests {
             used: 0,
             chi_squared: 0.0,
             done: false,
-            joint: false,
+            joint: None,
             state: CameraState::Waiting,
         }
     }

@@ -298,10 +298,12 @@ impl CameraRole {
         let report = *self.progress.report();
         let variance = |report: &Report| {
             let pose = report.pose();
-            pose.map_or(f32::INFINITY, |pose| pose.covariance[0] + pose.covariance[2])
+            pose.map_or(f32::INFINITY, |pose| {
+                pose.covariance[0] + pose.covariance[2]
+            })
         };
         let is_other = self.solved_by.is_some_and(|by| by != from);
-        if report.joint && is_other && variance(solved) > variance(&report) {
+        if report.joint.is_some() && is_other && variance(solved) > variance(&report) {
             return;
         }
         self.solved_by = Some(from);
@@ -314,7 +316,7 @@ impl CameraRole {
                 used: solved.used,
                 chi_squared: solved.chi_squared,
                 done: report.duty.is_some() || is_done(&self.config, sightings.into(), &state),
-                joint: true,
+                joint: solved.joint,
                 state,
                 ..report
             },

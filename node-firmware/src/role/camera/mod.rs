@@ -198,7 +198,8 @@ impl CameraRole {
         if self.progress.update(report, &mut self.unsaved) {
             self.notify(CameraNotification::Report(COORDINATOR.0), now);
             // The one that solved it knows.
-            let others = |target: &MemberAddress| !report.joint || self.solved_by != Some(*target);
+            let others =
+                |target: &MemberAddress| report.joint.is_none() || self.solved_by != Some(*target);
             for target in self.targets.addresses().filter(others) {
                 let notification = CameraNotification::Report(target);
                 self.notifications.notify(notification, now);
@@ -339,7 +340,7 @@ impl Role for CameraRole {
             Message::Posed(solved) if solved.pose().is_some() => {
                 if self.own_duty() == Some(Duty::Second) && duty_of_sender == Some(Duty::First) {
                     self.on_posed(now, solved);
-                } else if solved.joint && self.targets.knows(from.0) {
+                } else if solved.joint.is_some() && self.targets.knows(from.0) {
                     self.on_joint(now, from.0, solved);
                 }
             }

@@ -105,7 +105,7 @@ const fn nothing_known(id: u16) -> Report {
         used: 0,
         chi_squared: 0.0,
         done: false,
-        joint: false,
+        joint: None,
         state: CameraState::Waiting,
     }
 }

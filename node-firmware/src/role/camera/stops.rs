@@ -158,7 +158,7 @@ impl CameraRole {
             return;
         };
         self.unsaved.insert(sighting(index));
-        if report.joint {
+        if report.joint.is_some() {
             // What all measurements gave is not replaced by what some of them give.
             return;
         }

@@ -8,7 +8,10 @@
 use calib_core::{
     Pose, angle,
     dead_reckoning::Step,
-    joint::{JointEstimator, JointSettings, JointSolution, Leg, Prior, workspace},
+    joint::{
+        BearingStorage, Finding, JointEstimator, JointMemory, JointSettings, JointSolution, Leg,
+        Prior, Progress, Round, StopStorage, UnknownStorage, workspace,
+    },
 };
 use nalgebra::{Matrix2, Matrix3, Point2, Vector2};
 
@@ -16,29 +19,47 @@ use crate::{
     arithmetic::root,
     config::TargetConfig,
     log::debug,
-    message::{CameraState, MemberAddress, PoseParts, Report, Seen, StopNumber},
+    message::{CameraState, MemberAddress, PoseParts, ProtectionLevel, Report, Seen, StopNumber},
     role::is_news,
 };
 
 /// Cameras that take part. What more there are finds its pose from its own sightings.
-pub(super) const CAMERAS: usize = 24;
+pub const CAMERAS: usize = 24;
 /// Stops that take part, from the first on.
-const STOPS: usize = 100;
+pub const STOPS: usize = 100;
 /// Bearings that take part.
-const BEARINGS: usize = 384;
+pub const BEARINGS: usize = 384;
+/// Numbers that they are solved with.
+pub const WORKSPACE: usize = workspace(CAMERAS, 0);
 
-/// What is left out at most after one stop.
-const FINDINGS: usize = 2;
+/// What is done after each stop: what contradicts is left out, so much at most at a time; what the legs
+/// are worth is estimated, and what one wrong measurement could do.
+const ROUND: Round = Round {
+    findings: 4,
+    leg_noise: true,
+    protection: true,
+};
 
 /// Sigma of a direction, radians, of which nothing is known but what the bearings tell.
 const VAGUE: f32 = 0.5;
 
-/// A leg is not known better than this, in its own unit: rounding.
-const LEAST_SIGMA: f32 = 1e-4;
+/// A leg, a scale or a direction is not known better than this: rounding.
+const LEAST_SIGMA: f32 = 1e-3;
 
 const _: () = assert!(CAMERAS <= u32::BITS as usize, "a bit for each");
 
-type Estimator = JointEstimator<f32, CAMERAS, STOPS, BEARINGS, 0, { workspace(CAMERAS, 0) }>;
+/// Where a target keeps what was measured, and what it estimates from it.
+#[derive(Debug)]
+pub struct EstimateMemory<'m> {
+    /// Cameras, references included.
+    pub cameras: &'m mut [UnknownStorage<f32>; CAMERAS],
+    /// Stops.
+    pub stops: &'m mut [StopStorage<f32>; STOPS],
+    /// Bearings.
+    pub bearings: &'m mut [BearingStorage<f32>; BEARINGS],
+    /// Numbers.
+    pub workspace: &'m mut [f32; WORKSPACE],
+}
 
 /// Where the frame of the estimator is in that of the site.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -84,12 +105,24 @@ pub(super) struct Estimated {
     pub(super) scale: (f32, f32),
 }
 
+/// A camera of the estimator.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+struct Camera {
+    address: MemberAddress,
+    /// What it sees contradicts the rest: it was moved, or is stuck.
+    is_doubtful: bool,
+    /// The number under which it is estimated since.
+    successor: Option<u8>,
+    /// The number under which it was known before.
+    is_successor: bool,
+}
+
 /// Measurements, and what they give together.
-#[derive(Clone, Debug)]
-pub(super) struct Estimate {
-    estimator: Estimator,
-    /// Cameras by their number in the estimator.
-    cameras: heapless::Vec<MemberAddress, CAMERAS>,
+#[derive(Debug)]
+pub(super) struct Estimate<'m> {
+    estimator: JointEstimator<'m, f32>,
+    /// Cameras by their number in the estimator. One that was moved has two.
+    cameras: heapless::Vec<Camera, CAMERAS>,
     /// What each was told, or is to be told.
     told: [Option<Report>; CAMERAS],
     /// To be told: a bit for each camera.
@@ -106,9 +139,17 @@ pub(super) struct Estimate {
     is_new: bool,
 }
 
-impl Estimate {
-    pub(super) fn new() -> Option<Self> {
-        let estimator = Estimator::new(1.0, JointSettings::default()).ok()?;
+impl<'m> Estimate<'m> {
+    pub(super) fn new(memory: EstimateMemory<'m>) -> Option<Self> {
+        let memory = JointMemory {
+            cameras: memory.cameras,
+            stops: memory.stops,
+            bearings: memory.bearings,
+            marks: &mut [],
+            visits: &mut [],
+            workspace: memory.workspace,
+        };
+        let estimator = JointEstimator::new(memory, 1.0, JointSettings::default()).ok()?;
         Some(Self {
             estimator,
             cameras: heapless::Vec::new(),
@@ -135,8 +176,8 @@ impl Estimate {
         self.way = None;
     }
 
-    /// The target stands. It may have moved a little each time: `standing_sigma`.
-    pub(super) fn on_stop(&mut self, stop: StopNumber, standing_sigma: f32) {
+    /// The target stands.
+    pub(super) fn on_stop(&mut self, stop: StopNumber) {
         let stops = self.estimator.stops();
         if stops == 0 {
             self.first = stop;
@@ -144,10 +185,9 @@ impl Estimate {
             // Numbers began anew.
             return;
         }
-        let moved = standing_sigma * standing_sigma + LEAST_SIGMA * LEAST_SIGMA;
         let leg = self.way.map(|(displacement, covariance)| Leg {
             displacement,
-            covariance: covariance + Matrix2::from_diagonal_element(2.0 * moved),
+            covariance: covariance + Matrix2::from_diagonal_element(LEAST_SIGMA * LEAST_SIGMA),
         });
         if self.estimator.add_stop(leg).is_ok() {
             self.way = Some((Vector2::zeros(), Matrix2::zeros()));
@@ -171,15 +211,28 @@ impl Estimate {
         if self.estimator.has_bearing(stop, camera) {
             return;
         }
-        let added = self.estimator.add_bearing(stop, camera, seen.bearing, seen.sigma);
+        let added = self
+            .estimator
+            .add_bearing(stop, camera, seen.bearing, seen.sigma);
         self.is_new |= added.is_ok();
     }
 
     /// The number of a camera, a new one if there is room.
-    fn number(&mut self, camera: MemberAddress) -> Option<usize> {
-        if let Some(number) = self.cameras.iter().position(|known| *known == camera) {
+    fn number(&mut self, address: MemberAddress) -> Option<usize> {
+        let is_it = |known: &Camera| known.address == address && !known.is_successor;
+        if let Some(number) = self.cameras.iter().position(is_it) {
             return Some(number);
         }
+        self.add(address, false)
+    }
+
+    fn add(&mut self, address: MemberAddress, is_successor: bool) -> Option<usize> {
+        let camera = Camera {
+            address,
+            is_doubtful: false,
+            successor: None,
+            is_successor,
+        };
         self.cameras.push(camera).ok()?;
         Some(self.cameras.len() - 1)
     }
@@ -218,6 +271,7 @@ impl Estimate {
                 mean: angle::wrap_signed(frame.direction - heading),
                 sigma: root(own * own + sigma * sigma).max(LEAST_SIGMA),
             },
+            standing: config.standing_sigma,
             ..JointSettings::default()
         };
         let [Some(first), Some(second)] = frame.references.map(|camera| self.number(camera)) else {
@@ -230,31 +284,75 @@ impl Estimate {
             return;
         }
         self.told = [None; CAMERAS];
-        self.cameras.swap(0, first);
-        self.cameras.swap(1, if second == 0 { first } else { second });
+        exchange(&mut self.cameras, 0, first);
+        exchange(
+            &mut self.cameras,
+            1,
+            if second == 0 { first } else { second },
+        );
         self.frame = Some(frame);
         self.is_new = true;
     }
 
-    /// Whether there is something that the last solve did not have.
-    pub(super) const fn has_news(&self) -> bool {
-        self.is_new && self.frame.is_some()
+    /// Begins to estimate everything anew, if there is something new: whether that is so.
+    pub(super) fn begin(&mut self) -> bool {
+        let begins = self.frame.is_some() && core::mem::take(&mut self.is_new);
+        if begins {
+            self.estimator.begin(ROUND);
+        }
+        begins
     }
 
-    /// Estimates everything. Where the target is now, if that can be told.
+    /// Some of the work. `None`: there is more. Else what came of it, if anything did.
     // stack
     #[inline(never)]
-    pub(super) fn solve(&mut self) -> Option<Estimated> {
-        self.is_new = false;
+    pub(super) fn step(&mut self) -> Option<Option<Estimated>> {
+        match self.estimator.step() {
+            Ok(Progress::Working) => None,
+            Ok(Progress::Found(finding)) => {
+                self.on_found(&finding);
+                None
+            }
+            Ok(Progress::Over(solution)) => Some(self.answers(&solution)),
+            Err(_) => {
+                debug!("nothing that was measured can be estimated together");
+                Some(None)
+            }
+        }
+    }
+
+    /// Something contradicts the rest. A camera that does has been moved: it is estimated anew.
+    fn on_found(&mut self, finding: &Finding<f32>) {
+        let &Finding::Camera { camera, from, .. } = finding else {
+            return;
+        };
+        let Some(found) = self.cameras.get(camera).copied() else {
+            return;
+        };
+        let into = match found.successor {
+            None => self.add(found.address, true),
+            Some(_) => None,
+        };
+        let is_split = into.is_some_and(|into| self.estimator.split(camera, from, into).is_ok());
+        if let Some(found) = self.cameras.get_mut(camera) {
+            found.is_doubtful = true;
+            found.successor = into.filter(|_| is_split).map(|into| into as u8);
+        }
+        self.is_new |= is_split;
+    }
+
+    /// Where the target is, and what cameras are to be told.
+    // stack
+    #[inline(never)]
+    fn answers(&mut self, solution: &JointSolution<f32>) -> Option<Estimated> {
         let frame = self.frame?;
-        let solution = self.checked()?;
         let carrier = self.estimator.carrier().ok()?;
         let last = self.estimator.stops().checked_sub(1)?;
         let place = self.estimator.place(last).ok()?;
         let inflation = solution.fit.inflation();
         let turn = frame.turn();
         for camera in 0..self.cameras.len() {
-            let report = self.report(camera, &frame, &solution);
+            let report = self.report(camera, &frame, solution);
             if let (Some(report), Some(told)) = (report, self.told.get_mut(camera))
                 && told.is_none_or(|told| is_news(&told, &report))
             {
@@ -275,20 +373,8 @@ impl Estimate {
         })
     }
 
-    /// The solution without what contradicts it.
-    // stack
-    #[inline(never)]
-    fn checked(&mut self) -> Option<JointSolution<f32>> {
-        let mut solution = self.estimator.solve();
-        for _ in 0..FINDINGS {
-            match self.estimator.check() {
-                Ok(Some(_)) => solution = self.estimator.solve(),
-                _ => break,
-            }
-        }
-        solution.ok()
-    }
-
+    /// What a camera is to be told. One that was moved is where it is now; before anybody knows where
+    /// that is, its pose of before is doubtful.
     // stack
     #[inline(never)]
     fn report(
@@ -297,7 +383,18 @@ impl Estimate {
         frame: &Frame,
         solution: &JointSolution<f32>,
     ) -> Option<Report> {
-        let pose = self.estimator.pose(camera).ok()?;
+        let known = *self
+            .cameras
+            .get(camera)
+            .filter(|known| !known.is_successor)?;
+        let successor = known.successor.map(usize::from);
+        let moved = successor.and_then(|now| Some((now, self.estimator.pose(now).ok()?)));
+        let is_found = moved.is_some();
+        let (camera, pose) = match moved {
+            Some(moved) => moved,
+            None => (camera, self.estimator.pose(camera).ok()?),
+        };
+        let protection = self.estimator.protection(camera);
         let turn = frame.turn();
         let mut turn_pose = Matrix3::identity();
         turn_pose.fixed_view_mut::<2, 2>(0, 0).copy_from(&turn);
@@ -309,7 +406,7 @@ impl Estimate {
         });
         let [came, count] = self.estimator.bearings_of(camera);
         // The camera itself knows what is good enough.
-        let state = if solution.fit.is_bad() {
+        let state = if solution.fit.is_bad() || (known.is_doubtful && !is_found) {
             CameraState::Doubtful(parts)
         } else {
             CameraState::Weak(parts)
@@ -321,7 +418,7 @@ impl Estimate {
             used: count.try_into().unwrap_or(u8::MAX),
             chi_squared: solution.fit.chi_squared,
             done: false,
-            joint: true,
+            joint: Some(protection.map_or(ProtectionLevel::NONE, ProtectionLevel::from)),
             state,
         })
     }
@@ -330,12 +427,33 @@ impl Estimate {
     pub(super) fn take_news(&mut self) -> impl Iterator<Item = MemberAddress> {
         let news = core::mem::take(&mut self.news);
         let cameras = self.cameras.iter().enumerate();
-        cameras.filter_map(move |(n, camera)| (news & (1 << n) != 0).then_some(*camera))
+        cameras.filter_map(move |(n, camera)| (news & (1 << n) != 0).then_some(camera.address))
     }
 
     /// What these cameras are to be told.
     pub(super) fn reports(&self) -> impl Iterator<Item = (MemberAddress, &Report)> {
         let told = self.cameras.iter().zip(&self.told);
-        told.filter_map(|(camera, report)| Some((*camera, report.as_ref()?)))
+        told.filter_map(|(camera, report)| Some((camera.address, report.as_ref()?)))
+    }
+
+    /// Forgets what was measured among other cameras.
+    pub(super) fn clear(&mut self) {
+        self.estimator.clear();
+        self.cameras.clear();
+        self.told = [None; CAMERAS];
+        self.news = 0;
+        self.way = None;
+        self.frame = None;
+        self.is_new = false;
+    }
+}
+
+fn exchange(list: &mut [Camera], a: usize, b: usize) {
+    if let (Some(&one), Some(&other)) = (list.get(a), list.get(b)) {
+        for (place, address) in [(a, other), (b, one)] {
+            if let Some(kept) = list.get_mut(place) {
+                *kept = address;
+            }
+        }
     }
 }

@@ -19,8 +19,11 @@ use calib_core::dead_reckoning::{Step, Track};
 use nalgebra::{Matrix2, Point2};
 use zigbee_link::{Instant, store::Membership, wire::ShortAddress};
 
-pub use self::table::{CAMERAS, CameraEntry};
 use self::{estimate::Estimate, place::nowhere, table::Table};
+pub use self::{
+    estimate::{BEARINGS, CAMERAS, EstimateMemory, STOPS, WORKSPACE},
+    table::CameraEntry,
+};
 use super::{
     COORDINATOR, LastNetwork, Notification, Notifications, Output, Role, Unsaved, earliest,
 };
@@ -49,6 +52,9 @@ const ASKED_AT_A_TIME: usize = 2;
 
 /// While cameras see a target that does not know its place, it waits so long for being told.
 const LOCATED_WITHIN: Duration = Duration::from_secs(2);
+
+/// Between two slices of the estimate: others have to be heard.
+const BREATH: Duration = Duration::from_millis(1);
 
 /// Stops that the first reference camera may still tell the place of.
 const STOOD: usize = 4;
@@ -88,8 +94,8 @@ pub enum TargetEvent {
 }
 
 /// A target's state.
-#[derive(Clone, Debug)]
-pub struct TargetRole {
+#[derive(Debug)]
+pub struct TargetRole<'m> {
     id: u16,
     config: TargetConfig,
     address: Option<ShortAddress>,
@@ -118,12 +124,13 @@ pub struct TargetRole {
     /// Facts that are not written down yet.
     unsaved: Unsaved,
     notifications: Notifications<TargetNotification, NOTIFICATIONS>,
-    /// All that was measured; `None` is a defect of its configuration.
-    estimate: Option<Estimate>,
+    /// All that was measured, if there is memory for it.
+    estimate: Option<Estimate<'m>>,
     /// What the step sensor reads over the true length, and its sigma, as far as it was estimated.
     scale: (f32, f32),
-    /// The stop is over: there is time to estimate.
-    to_solve: bool,
+    /// The stop is over: there is time to estimate, from then on.
+    estimate_at: Option<Instant>,
+    is_estimating: bool,
     seen: bool,
 }
 
@@ -147,7 +154,7 @@ struct Standing {
     may_walk: bool,
 }
 
-impl TargetRole {
+impl<'m> TargetRole<'m> {
     /// A target that knows nothing yet. `first_stop` should be random: a target that lost its
     /// memory must not use the numbers of former stops again.
     pub fn new(id: u16, config: TargetConfig, first_stop: StopNumber) -> Self {
@@ -173,11 +180,20 @@ impl TargetRole {
             knows_cameras: false,
             unsaved: Unsaved::new(),
             notifications: Notifications::new(),
-            estimate: Estimate::new(),
+            estimate: None,
             scale: (1.0, config.systematic_scale),
-            to_solve: false,
+            estimate_at: None,
+            is_estimating: false,
             seen: false,
         }
+    }
+
+    /// The same with memory in which it estimates everything that was measured together. Without, it
+    /// reckons, and cameras are on their own.
+    #[must_use]
+    pub fn with_estimate(mut self, memory: EstimateMemory<'m>) -> Self {
+        self.estimate = Estimate::new(memory);
+        self
     }
 
     /// The cameras it knows of, with what they told of themselves: the table of Appendix B.
@@ -302,7 +318,7 @@ impl TargetRole {
         self.at_stop = self.track;
         self.remember_stop();
         if let Some(estimate) = &mut self.estimate {
-            estimate.on_stop(self.stop, self.config.standing_sigma);
+            estimate.on_stop(self.stop);
         }
         self.seen = false;
         self.state = State::Standing(Standing {
@@ -400,7 +416,7 @@ impl TargetRole {
             && waited >= Duration::from_millis(self.config.dwell_least_ms.into());
         if is_done || waited >= most {
             standing.may_walk = true;
-            self.to_solve = true;
+            self.estimate_at = Some(now);
             // Written down before the lamp goes on: after a restart nobody knows whether it left.
             self.unsaved.insert(FactKey::Walk);
             return self.unsaved_fact().map(Output::Save);
@@ -409,7 +425,7 @@ impl TargetRole {
     }
 }
 
-impl Role for TargetRole {
+impl Role for TargetRole<'_> {
     type Notification = TargetNotification;
     type Task = ();
     type Event = TargetEvent;
@@ -436,6 +452,10 @@ impl Role for TargetRole {
         if (self.last_network).on_attached(was_attached, &network, unsaved) {
             // It stands where it stood, but among others.
             self.table.clear(unsaved);
+            if let Some(estimate) = &mut self.estimate {
+                estimate.clear();
+            }
+            self.estimate_at = None;
             self.bearings.clear();
             self.locate_at = None;
             self.knows_cameras = false;
@@ -514,8 +534,8 @@ impl Role for TargetRole {
     }
 
     fn compute(&mut self, now: Instant) {
-        if core::mem::take(&mut self.to_solve) {
-            self.solve(now);
+        if self.estimate_at.is_some_and(|at| at <= now) {
+            self.estimate(now);
         }
     }
 
@@ -553,7 +573,12 @@ impl Role for TargetRole {
             State::Walking { last } => last.map(|last| last + self.still_after()),
             State::Standing(standing) => self.standing_deadline(standing),
         };
-        earliest([state, self.notifications.next_due(), self.locate_at])
+        earliest([
+            state,
+            self.notifications.next_due(),
+            self.locate_at,
+            self.estimate_at,
+        ])
     }
 
     fn indication(&self) -> Indication {

@@ -10,7 +10,7 @@ use calib_core::{
 use nalgebra::{Matrix2, Point2, RealField, Vector2};
 use zigbee_link::{Instant, wire::ShortAddress};
 
-use super::{State, TargetNotification, TargetRole};
+use super::{BREATH, State, TargetNotification, TargetRole, estimate::Estimated};
 use crate::{
     arithmetic::root,
     config::TargetConfig,
@@ -25,7 +25,7 @@ const BEARINGS_WITHIN: Duration = Duration::from_millis(400);
 /// A direction that is not known to this, radians, is none.
 const HEADING_LIMIT: f32 = 0.1;
 
-impl TargetRole {
+impl TargetRole<'_> {
     /// Where it stands; none where it walked so far that nobody would believe it.
     pub(super) fn place(&self) -> Option<Place<f32>> {
         self.track.place(self.config.standing_sigma).ok()
@@ -162,20 +162,41 @@ impl TargetRole {
         }
     }
 
-    /// Estimates all from all that was measured, and tells whom it concerns.
+    /// Does some of the work of estimating everything. When that is done, tells whom it concerns.
     // stack
     #[inline(never)]
-    pub(super) fn solve(&mut self, now: Instant) {
-        let Some(estimate) = self.estimate.as_mut().filter(|estimate| estimate.has_news()) else {
+    pub(super) fn estimate(&mut self, now: Instant) {
+        let Some(estimate) = &mut self.estimate else {
+            self.estimate_at = None;
             return;
         };
-        let Some(estimated) = estimate.solve() else {
+        self.estimate_at = Some(now + BREATH);
+        if !self.is_estimating {
+            self.is_estimating = estimate.begin();
+            if !self.is_estimating {
+                self.estimate_at = None;
+            }
             return;
-        };
-        for camera in estimate.take_news() {
-            self.notifications.notify(TargetNotification::Posed(camera), now);
         }
-        if estimated.stop != self.stop || self.sensor_failed {
+        let Some(estimated) = estimate.step() else {
+            return;
+        };
+        self.is_estimating = false;
+        // There may be something new.
+        for camera in estimate.take_news() {
+            self.notifications
+                .notify(TargetNotification::Posed(camera), now);
+        }
+        if let Some(estimated) = estimated {
+            self.on_estimated(now, &estimated);
+        }
+    }
+
+    /// All that was measured tells where this target is, and what its step sensor is worth.
+    fn on_estimated(&mut self, now: Instant, estimated: &Estimated) {
+        // It stands elsewhere by now, and tells so: the next round is about that.
+        let stands = matches!(self.state, State::Standing(standing) if !standing.may_walk);
+        if estimated.stop != self.stop || self.sensor_failed || stands {
             return;
         }
         self.scale = estimated.scale;
