@@ -96,6 +96,9 @@ pub struct Walk {
     pub bearings: Vec<SeenAt>,
     /// Closed loops.
     pub visits: Vec<Visited>,
+    /// Standard deviation of the scale that every camera's lens has, relative; zero if all are what they
+    /// are said to be.
+    pub lens_sigma: f64,
 }
 
 impl Walk {
@@ -159,6 +162,7 @@ impl Walk {
             legs: Vec::new(),
             bearings,
             visits: Vec::new(),
+            lens_sigma: 0.0,
         };
         walk.carry(rng);
         walk
@@ -191,6 +195,16 @@ impl Walk {
                 }
             })
             .collect();
+    }
+
+    /// Makes what a camera measures that of a lens whose true tangents are the measured ones times
+    /// `scale`.
+    pub fn look_through(&mut self, camera: usize, scale: f64) {
+        for seen in self.bearings.iter_mut().filter(|seen| seen.camera == camera) {
+            let truth = self.cameras[camera].bearing_of(self.places[seen.stop]);
+            let noise = seen.bearing - truth;
+            seen.bearing = (truth.tan() / scale).atan() + noise;
+        }
     }
 
     /// Bearings of a camera.

@@ -104,6 +104,7 @@ impl Setting {
             legs: Vec::new(),
             bearings,
             visits: Vec::new(),
+            lens_sigma: 0.0,
         };
         walk.carry(&mut rng);
         walk

@@ -63,6 +63,9 @@ impl<T: Real> Problem<'_, T> {
     #[inline(never)] // size
     pub(super) fn admit(&mut self, camera: usize, limits: &Limits<T>) -> bool {
         let count = u16::try_from(self.counting(camera)).unwrap_or(u16::MAX);
+        if let Some(unknown) = self.cameras.get_mut(camera) {
+            unknown.value.w = T::zero();
+        }
         let mut pose = None;
         if !self.repeats_itself(camera) {
             pose = self.resect(camera).ok().filter(|pose| limits.allow(pose));
@@ -166,7 +169,8 @@ impl<T: Real> Problem<'_, T> {
     fn sighting(&self, sight: &Sight<T>) -> Option<Sighting<T>> {
         let stop = self.stops.get(usize::from(sight.stop))?;
         let [w11, w21, w22] = stop.root;
-        let mut sighting = Sighting::new(stop.place, Ray::from_bearing(sight.bearing), sight.sigma);
+        let (bearing, sigma) = self.bearing_at(sight);
+        let mut sighting = Sighting::new(stop.place, Ray::from_bearing(bearing), sigma);
         if w11 > T::zero() && w22 > T::zero() {
             let (l11, l22) = (w11.recip(), w22.recip());
             let l21 = -w21 * l11 * l22;

@@ -1,10 +1,10 @@
 //! The estimator with its capacities: measurements in, answers out.
 
-use nalgebra::{Point2, Vector2, Vector3};
+use nalgebra::{Point2, Vector2, Vector4};
 
 use super::{
     BearingResidual, Carrier, Finding, JointError, JointSettings, JointSolution, Leg, LegResidual,
-    Progress, ProtectionLevels, ReferenceHeadings, Round, StopPlace,
+    Lens, Progress, ProtectionLevels, ReferenceHeadings, Round, StopPlace,
     problem::{
         Common, Problem, REFERENCES, Sight, Standing, Stop, Unknown, Visit, root_information,
         workspace,
@@ -78,28 +78,38 @@ impl<
     /// An estimator that knows of no stop yet. `baseline` is the distance between both references.
     ///
     /// # Errors
-    /// [`JointError::NotFinite`] for a baseline, a scale or a sigma that is not above zero.
+    /// [`JointError::NotFinite`] for a baseline, a scale or a sigma that is not above zero;
+    /// [`JointError::Full`] if lenses are to be estimated and `WORKSPACE` is less than
+    /// [`workspace_with_lenses`](super::workspace_with_lenses)`(CAMERAS, MARKS)`.
     pub fn new(baseline: T, settings: JointSettings<T>) -> Result<Self, JointError> {
         const {
             assert!(CAMERAS >= REFERENCES, "two references define the frame");
             assert!(STOPS <= u16::MAX as usize, "stops are counted in 16 bits");
             assert!(
-                WORKSPACE >= workspace(CAMERAS, MARKS),
+                WORKSPACE >= workspace(CAMERAS, MARKS, false),
                 "workspace(CAMERAS, MARKS)"
             );
         }
         let JointSettings {
             scale,
             compass,
+            lens,
             limits,
         } = settings;
+        let lens = lens.filter(|sigma| *sigma != T::zero());
         let above_zero = [baseline, scale.mean, scale.sigma, compass.sigma];
         if !above_zero.iter().all(is_sigma) || !compass.mean.is_finite() {
             return Err(JointError::NotFinite);
         }
+        if lens.is_some_and(|sigma| !is_sigma(&sigma)) {
+            return Err(JointError::NotFinite);
+        }
+        if WORKSPACE < workspace(CAMERAS, MARKS, lens.is_some()) {
+            return Err(JointError::Full);
+        }
         let unknown = Unknown {
-            value: Vector3::zeros(),
-            step: Vector3::zeros(),
+            value: Vector4::zeros(),
+            step: Vector4::zeros(),
             column: None,
             tried: 0,
             is_new: false,
@@ -117,6 +127,7 @@ impl<
                 baseline,
                 scale_prior: scale,
                 compass_prior: compass,
+                lens_prior: lens,
                 carrier: Vector2::new(scale.mean, compass.mean),
                 carrier_step: Vector2::zeros(),
                 leg_factor: T::one(),
@@ -377,6 +388,15 @@ impl<
     /// [`Refusal::TooFew`] for a camera that does not take part (yet); [`Refusal::Undetermined`].
     pub fn pose(&mut self, camera: usize) -> Result<Pose<T>, Refusal> {
         self.solved()?.pose(camera)
+    }
+
+    /// What a camera's lens is: the scale of its bearings' tangents.
+    ///
+    /// # Errors
+    /// [`Refusal::TooFew`] for a camera without a pose, and where lenses are not estimated
+    /// ([`JointSettings::lens`]); [`Refusal::Undetermined`].
+    pub fn lens(&mut self, camera: usize) -> Result<Lens<T>, Refusal> {
+        self.solved()?.lens(camera)
     }
 
     /// Where a stop is, from all measurements. The last one costs next to nothing, any other a pass.

@@ -68,14 +68,17 @@ impl<T: Real> Problem<'_, T> {
     /// A bearing's row into the first vector.
     fn enter_sight(&mut self, sight: &Sight<T>) -> Option<()> {
         let row = self.sight_row(sight)?;
-        let (place, heading) = self.columns(usize::from(sight.camera))?;
+        let columns = self.columns(usize::from(sight.camera))?;
         let (_, [g, ..]) = self.triangle()?;
         g.fill(T::zero());
         put(g, HELD, row.by_place);
-        if let Some(place) = place {
+        if let Some(place) = columns.place {
             put(g, place, -row.by_place);
         }
-        *g.get_mut(heading)? = row.by_heading;
+        *g.get_mut(columns.heading)? = row.by_heading;
+        if let Some(lens) = columns.lens {
+            *g.get_mut(lens)? = row.by_lens;
+        }
         Some(())
     }
 

@@ -233,6 +233,7 @@ impl<T: Real> Problem<'_, T> {
         self.common.carrier = start.carrier;
         for (camera, heading) in self.cameras.iter_mut().zip(start.headings) {
             camera.value.z = heading;
+            camera.value.w = T::zero();
         }
         self.reckon(start.stop, start.place);
         *descent = Descent::new();
@@ -412,6 +413,6 @@ impl<T: Real> Problem<'_, T> {
                 && (first..=last).contains(&sight.stop)
                 && sight.standing == Standing::Counts
         })?;
-        Some((sight.bearing, sight.sigma))
+        Some(self.bearing_at(sight))
     }
 }

@@ -4,5 +4,6 @@ mod batch;
 mod consistency;
 mod faults;
 mod geometry;
+mod lenses;
 mod rounds;
 mod support;

@@ -2,14 +2,17 @@
 
 use calib_core::{
     Limits, Real,
-    joint::{JointEstimator, JointSettings, Leg, Prior, workspace},
+    joint::{JointEstimator, JointSettings, Leg, Prior, workspace_with_lenses},
 };
-use test_support::walk::{CarrierErrors, Walk};
+use test_support::{
+    generator, normal,
+    walk::{CarrierErrors, Walk},
+};
 
 pub(crate) const CAMERAS: usize = 16;
 pub(crate) const MARKS: usize = 3;
 pub(crate) type Joint<T> =
-    JointEstimator<T, CAMERAS, 64, 800, MARKS, { workspace(CAMERAS, MARKS) }>;
+    JointEstimator<T, CAMERAS, 64, 800, MARKS, { workspace_with_lenses(CAMERAS, MARKS) }>;
 
 /// Limits that keep nobody out.
 pub(crate) const WIDE: Limits<f64> = Limits {
@@ -37,6 +40,7 @@ pub(crate) fn filled<T: Real>(walk: &Walk, limits: Limits<f64>) -> Joint<T> {
             mean: T::zero(),
             sigma: number(walk.errors.compass),
         },
+        lens: (walk.lens_sigma > 0.0).then(|| number(walk.lens_sigma)),
         limits: Limits {
             position: number(limits.position),
             heading: number(limits.heading),
@@ -69,4 +73,14 @@ pub(crate) fn add<T: Real>(joint: &mut Joint<T>, walk: &Walk, stop: usize) {
             .add_visit(stop, visit.mark, number(visit.sigma))
             .unwrap();
     }
+}
+
+/// The same walk with lenses that are 2 % off at one sigma, and known to be no better.
+pub(crate) fn through_lenses(mut walk: Walk, seed: u64) -> Walk {
+    let mut rng = generator(seed ^ 0x1e45);
+    walk.lens_sigma = 0.02;
+    for camera in 0..walk.cameras.len() {
+        walk.look_through(camera, 1.0 + walk.lens_sigma * normal(&mut rng));
+    }
+    walk
 }
