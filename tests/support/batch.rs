@@ -162,6 +162,21 @@ impl System<'_> {
             let off = turn(d.y.atan2(d.x), x[heading] + bearing);
             all.push((off / seen.sigma, takes));
         }
+        for ranged in &self.walk.ranges {
+            let at = 4 + 2 * ranged.stop;
+            let mut takes = vec![at, at + 1];
+            let camera = match (ranged.camera, self.first[ranged.camera]) {
+                (0, _) => Point2::origin(),
+                (1, _) => Point2::new(baseline, 0.0),
+                (_, Some(c)) => {
+                    takes.extend([c, c + 1]);
+                    Point2::new(x[c], x[c + 1])
+                }
+                _ => continue,
+            };
+            let off = (place(ranged.stop) - camera).norm() - ranged.range;
+            all.push((off / ranged.sigma, takes));
+        }
         for (lens, error) in x.iter().enumerate().skip(self.lenses) {
             all.push((error / self.walk.lens_sigma, vec![lens]));
         }

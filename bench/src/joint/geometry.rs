@@ -103,6 +103,7 @@ impl Setting {
             errors: carrier,
             legs: Vec::new(),
             bearings,
+            ranges: Vec::new(),
             visits: Vec::new(),
             lens_sigma: 0.0,
         };

@@ -49,10 +49,10 @@ impl<T: Real> Problem<'_, T> {
         let (mut values, mut count) = ([T::zero(); DIFFERENT], 0);
         for sight in self.of(camera) {
             let known = values.get(..count).unwrap_or_default();
-            if !known.contains(&sight.bearing)
+            if !known.contains(&sight.value)
                 && let Some(value) = values.get_mut(count)
             {
-                *value = sight.bearing;
+                *value = sight.value;
                 count += 1;
             }
         }
@@ -82,6 +82,7 @@ impl<T: Real> Problem<'_, T> {
         unknown.value.z = pose.heading;
         unknown.column = Some(0);
         unknown.is_new = true;
+        self.find_all_unmeasured();
         true
     }
 
@@ -123,7 +124,9 @@ impl<T: Real> Problem<'_, T> {
 
     fn of(&self, camera: usize) -> impl Iterator<Item = &Sight<T>> {
         self.sights.iter().filter(move |sight| {
-            usize::from(sight.camera) == camera && sight.standing == Standing::Counts
+            usize::from(sight.camera) == camera
+                && sight.is_bearing()
+                && sight.standing == Standing::Counts
         })
     }
 
@@ -190,7 +193,8 @@ impl<T: Real> Problem<'_, T> {
             let Some(sight) = self.sights.get(n) else {
                 return;
             };
-            if usize::from(sight.camera) != camera || sight.standing != Standing::Counts {
+            let counts = sight.is_bearing() && sight.standing == Standing::Counts;
+            if usize::from(sight.camera) != camera || !counts {
                 continue;
             }
             let Some(sighting) = self.sighting(sight) else {

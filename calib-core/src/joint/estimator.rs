@@ -6,8 +6,8 @@ use super::{
     BearingResidual, Carrier, Finding, JointError, JointSettings, JointSolution, Leg, LegResidual,
     Lens, Progress, ProtectionLevels, ReferenceHeadings, Round, StopPlace,
     problem::{
-        Common, Problem, REFERENCES, Sight, Standing, Stop, Unknown, Visit, root_information,
-        workspace,
+        Common, Problem, Quantity, REFERENCES, Sight, Standing, Stop, Unknown, Visit,
+        root_information, workspace,
     },
     round::Work,
 };
@@ -148,7 +148,8 @@ impl<
             sights: List::new(Sight {
                 stop: 0,
                 camera: 0,
-                bearing: T::zero(),
+                quantity: Quantity::Bearing,
+                value: T::zero(),
                 sigma: T::one(),
                 standing: Standing::Counts,
             }),
@@ -195,16 +196,49 @@ impl<
         bearing: T,
         sigma: T,
     ) -> Result<(), JointError> {
+        self.add_sight(stop, camera, Quantity::Bearing, bearing, sigma)
+    }
+
+    /// Camera `camera` was `range` away from the target at a stop, for example by the size that the
+    /// target has in its picture, with its standard deviation. It takes the room of a bearing. A range
+    /// does not make a camera take part, which takes three bearings; to one that does, bearing and
+    /// range together tell a place.
+    ///
+    /// # Errors
+    /// [`JointError::Unknown`], [`JointError::Full`]; [`JointError::NotFinite`], also for a range that
+    /// is not above zero.
+    pub fn add_range(
+        &mut self,
+        stop: usize,
+        camera: usize,
+        range: T,
+        sigma: T,
+    ) -> Result<(), JointError> {
+        if !is_sigma(&range) {
+            return Err(JointError::NotFinite);
+        }
+        self.add_sight(stop, camera, Quantity::Range, range, sigma)
+    }
+
+    fn add_sight(
+        &mut self,
+        stop: usize,
+        camera: usize,
+        quantity: Quantity,
+        value: T,
+        sigma: T,
+    ) -> Result<(), JointError> {
         if stop >= self.stops.len || camera >= CAMERAS {
             return Err(JointError::Unknown);
         }
-        if !(bearing.is_finite() && is_sigma(&sigma)) {
+        if !(value.is_finite() && is_sigma(&sigma)) {
             return Err(JointError::NotFinite);
         }
         self.sights.push(Sight {
             stop: index(stop)?,
             camera: index(camera)?,
-            bearing,
+            quantity,
+            value,
             sigma,
             standing: Standing::Counts,
         })?;
@@ -424,8 +458,8 @@ impl<
         self.solved()?.reference_headings()
     }
 
-    /// What is left of bearing `n`, in the order in which bearings were added. A pass for each other
-    /// stop.
+    /// What is left of bearing or range `n`, in the order in which they were added. A pass for each
+    /// other stop.
     ///
     /// # Errors
     /// [`Refusal::TooFew`] before the first solve, for a camera without a pose or a bearing there is
@@ -448,7 +482,7 @@ impl<
         self.stops.len
     }
 
-    /// Bearings so far.
+    /// Bearings and ranges so far.
     pub fn bearings(&self) -> usize {
         self.sights.len
     }
@@ -473,6 +507,7 @@ impl<
         if problem.common.is_started {
             for stop in stops..problem.stops.len() {
                 problem.reckon_on(stop);
+                problem.find_unmeasured(stop);
             }
             for visit in problem.visits.iter().skip(visits) {
                 problem.find_mark(usize::from(visit.mark));

@@ -34,7 +34,7 @@
 //! too ([`JointSettings::lens`]): then the tangent of that angle is the measured one's times a scale of
 //! which a prior is known. A camera seen three times is carried by it, from some six on its own bearings tell. A displacement is what the carrier reads: the
 //! true one, turned by its compass offset and stretched by its scale, plus noise of the covariance
-//! that the caller gives. A visit to a mark says that a place is that of the mark, which is unknown
+//! that the caller gives. A range is `|p - c|` plus noise. A visit to a mark says that a place is that of the mark, which is unknown
 //! too: visited twice, it closes a loop.
 //!
 //! # What contradicts
@@ -116,7 +116,7 @@ mod sweep;
 mod triangle;
 
 pub use estimator::JointEstimator;
-pub use problem::Standing;
+pub use problem::{Quantity, Standing};
 pub use round::{Progress, Round};
 
 /// Numbers of the workspace of a [`JointEstimator`] for so many cameras, references included, and
@@ -240,7 +240,7 @@ pub struct ReferenceHeadings<T: Real> {
     pub covariance: Matrix2<T>,
 }
 
-/// What is left of a bearing.
+/// What is left of a bearing, or of a range.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
@@ -249,7 +249,10 @@ pub struct BearingResidual<T> {
     pub stop: usize,
     /// The camera.
     pub camera: usize,
-    /// World bearing of the place, less the camera's heading and the bearing, radians.
+    /// What it is of.
+    pub quantity: Quantity,
+    /// World bearing of the place, less the camera's heading and the bearing, radians; or distance of
+    /// the place, less the range.
     pub residual: T,
     /// The share of the bearing's error that shows in the residual, from 0 (nothing checks it) to 1.
     pub redundancy: T,
@@ -285,6 +288,15 @@ pub struct LegResidual<T> {
 pub enum Finding<T> {
     /// One bearing.
     Bearing {
+        /// At this stop.
+        stop: usize,
+        /// By this camera.
+        camera: usize,
+        /// Sigmas that it is off.
+        off: T,
+    },
+    /// One range.
+    Range {
         /// At this stop.
         stop: usize,
         /// By this camera.

@@ -64,14 +64,32 @@ pub(super) struct Stop<T: Real> {
     pub chain: [T; 5],
 }
 
-/// A bearing, or a visit to a mark.
+/// What a camera measured of the target: a bearing, or a range.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Sight<T> {
     pub stop: u16,
     pub camera: u16,
-    pub bearing: T,
+    pub quantity: Quantity,
+    pub value: T,
     pub sigma: T,
     pub standing: Standing,
+}
+
+/// What a camera measures.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub enum Quantity {
+    /// The direction of the target off the optical axis, radians.
+    Bearing,
+    /// Its distance.
+    Range,
+}
+
+impl<T> Sight<T> {
+    pub(super) fn is_bearing(&self) -> bool {
+        self.quantity == Quantity::Bearing
+    }
 }
 
 /// The target stood on a mark.
@@ -150,7 +168,7 @@ pub(super) struct Problem<'a, T: Real> {
     pub workspace: &'a mut [T],
 }
 
-/// A bearing's residual around the present estimates, over its sigma.
+/// A bearing's or a range's residual around the present estimates, over its sigma.
 pub(super) struct SightRow<T: Real> {
     pub residual: T,
     /// By the place; by the camera's place it is the negative.
@@ -282,11 +300,11 @@ impl<T: Real> Problem<'_, T> {
     /// lens: `d atan((1 + e) tan b) / de`.
     pub(super) fn through_lens(&self, sight: &Sight<T>) -> (T, T) {
         if self.common.lens_prior.is_none() {
-            return (sight.bearing, T::zero());
+            return (sight.value, T::zero());
         }
         let camera = self.cameras.get(usize::from(sight.camera));
         let lens = camera.map_or_else(T::zero, |camera| camera.value.w);
-        let ray = plane::unit(sight.bearing);
+        let ray = plane::unit(sight.value);
         let true_ray = Vector2::new(ray.x, ray.y * (lens + T::one()));
         let by_lens = ray.x * ray.y / dot(true_ray, true_ray);
         (true_ray.y.atan2(true_ray.x), by_lens)
@@ -305,7 +323,7 @@ impl<T: Real> Problem<'_, T> {
         )
     }
 
-    /// A bearing's row; `None` if its camera is not estimated or the target is right on it.
+    /// A bearing's or a range's row; `None` if its camera is not estimated or the target is right on it.
     pub(super) fn sight_row(&self, sight: &Sight<T>) -> Option<SightRow<T>> {
         let camera = usize::from(sight.camera);
         let [first, last] = self.common.window;
@@ -320,6 +338,15 @@ impl<T: Real> Problem<'_, T> {
             return None;
         }
         let weight = sight.sigma.recip();
+        if sight.quantity == Quantity::Range {
+            let range = range2.sqrt();
+            return Some(SightRow {
+                residual: (range - sight.value) * weight,
+                by_place: to_target * (weight / range),
+                by_heading: T::zero(),
+                by_lens: T::zero(),
+            });
+        }
         let (bearing, by_lens) = self.through_lens(sight);
         let off = to_target.y.atan2(to_target.x) - pose.z - bearing;
         Some(SightRow {

@@ -24,7 +24,7 @@ const READMITTED: f64 = 3.3;
 const NOT_MOVED: f64 = 2.0;
 
 impl<T: Real> Problem<'_, T> {
-    /// The residual of a bearing, in radians, with the share of it that is checked.
+    /// The residual of a bearing or a range, with the share of it that is checked.
     ///
     /// # Errors
     /// [`Refusal::TooFew`] for a camera without a pose, or no such bearing;
@@ -49,6 +49,7 @@ impl<T: Real> Problem<'_, T> {
         Ok(BearingResidual {
             stop,
             camera: usize::from(sight.camera),
+            quantity: sight.quantity,
             residual: residual * sight.sigma,
             redundancy,
             normalised: (variance >= lit(UNCHECKED)).then(|| residual / variance.sqrt()),

@@ -122,6 +122,23 @@ fn equals_the_dense_batch_with_closed_loops() {
     }
 }
 
+/// With a range for every bearing.
+#[test]
+fn equals_the_dense_batch_with_ranges() {
+    for seed in 0..6 {
+        let errors = CarrierErrors::UNKNOWN;
+        let mut walk = Walk::random(&mut generator(seed), 9, 20, errors, 0.0024);
+        walk.range(&mut generator(seed), 0.03);
+        let mut joint = filled::<f64>(&walk, WIDE);
+        joint.solve().unwrap();
+        let (worst, worst_sigma) = off(&mut joint, &walk);
+        assert!(
+            worst < 1e-3 && worst_sigma < 1e-3,
+            "{seed}: {worst:e}, {worst_sigma:e}"
+        );
+    }
+}
+
 /// With every lens some percent off, and estimated; in double and in single precision.
 #[test]
 fn equals_the_dense_batch_with_lenses() {

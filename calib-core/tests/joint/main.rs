@@ -5,5 +5,6 @@ mod consistency;
 mod faults;
 mod geometry;
 mod lenses;
+mod ranges;
 mod rounds;
 mod support;

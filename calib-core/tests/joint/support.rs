@@ -68,6 +68,11 @@ pub(crate) fn add<T: Real>(joint: &mut Joint<T>, walk: &Walk, stop: usize) {
             .add_bearing(stop, seen.camera, number(seen.bearing), number(seen.sigma))
             .unwrap();
     }
+    for seen in walk.ranges.iter().filter(|seen| seen.stop == stop) {
+        joint
+            .add_range(stop, seen.camera, number(seen.range), number(seen.sigma))
+            .unwrap();
+    }
     for visit in walk.visits.iter().filter(|visit| visit.stop == stop) {
         joint
             .add_visit(stop, visit.mark, number(visit.sigma))
