@@ -13,11 +13,12 @@ use calib_core::{
     joint::{BearingStorage, JointEstimator, StopStorage, UnknownStorage, workspace},
 };
 use site::{Overrides, ScatterTable, Scenario};
-use test_support::walk::CarrierErrors;
+use test_support::walk::{CarrierErrors, Walk};
 
 use crate::figure::{Estimate, Goal, Sheet};
 
 mod geometry;
+mod honesty;
 mod solvers;
 
 use geometry::{Bearings, Setting};
@@ -140,6 +141,7 @@ pub(crate) fn run(sheet: &mut Sheet) -> anyhow::Result<()> {
     for case in cases() {
         row(sheet, &case)?;
     }
+    honesty::run(sheet)?;
     memory(sheet);
     Ok(())
 }
@@ -149,7 +151,7 @@ fn row(sheet: &mut Sheet, case: &Case) -> anyhow::Result<()> {
         "Joint, {}: {}, {} seeds",
         case.scenario, case.name, case.seeds
     ));
-    let runs = runs(case)?;
+    let runs = runs(case, |walk| solvers::solve(walk, &case.limits))?;
     let started: Vec<&Run> = runs.iter().filter(|run| run.joint.is_some()).collect();
     let share = started.len() as f64 / runs.len() as f64;
     sheet.figure("runs with a frame", share, "", &Goal::None);
@@ -209,7 +211,10 @@ fn row(sheet: &mut Sheet, case: &Case) -> anyhow::Result<()> {
 }
 
 /// One a seed, on all processors.
-fn runs(case: &Case) -> anyhow::Result<Vec<Run>> {
+fn runs<R: Send + Sync + 'static>(
+    case: &Case,
+    solve: impl Fn(&Walk) -> R + Sync,
+) -> anyhow::Result<Vec<R>> {
     let next = Mutex::new(1..=case.seeds);
     let runs = Mutex::new(Vec::new());
     let jobs = thread::available_parallelism().map_or(1, NonZeroUsize::get);
@@ -224,7 +229,7 @@ fn runs(case: &Case) -> anyhow::Result<Vec<Run>> {
                         };
                         let setting = Setting::new(&scenario(case, seed)?)?;
                         let walk = setting.measured(seed, case.carrier, case.bearings);
-                        let run = solvers::solve(&walk, &case.limits);
+                        let run = solve(&walk);
                         if let Ok(mut runs) = runs.lock() {
                             runs.push((seed, run));
                         }

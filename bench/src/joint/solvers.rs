@@ -2,7 +2,10 @@
 
 use calib_core::{
     Limits, Ray, Sighting,
-    joint::{JointEstimator, JointMemory, JointSettings, Leg, Prior, workspace},
+    joint::{
+        JointError, JointEstimator, JointMemory, JointSettings, JointSolution, Leg, Prior,
+        Progress, workspace,
+    },
     reference::{self, Known, ReferenceSettings, Stop},
     resection,
 };
@@ -15,7 +18,7 @@ use test_support::{
 use super::geometry::degrees_off;
 
 const CAMERAS: usize = 24;
-type Joint = JointEstimator<'static, f32>;
+pub(super) type Joint = JointEstimator<'static, f32>;
 
 /// Memory for one walk. It is not given back: there are some thousand of them.
 fn memory() -> JointMemory<'static, f32> {
@@ -67,7 +70,7 @@ pub(super) fn solve(walk: &Walk, limits: &Limits<f64>) -> Run {
         nees: [0.0; 3],
         passes: 0,
     };
-    let mut joint = filled(walk, limits);
+    let mut joint = filled(walk, limits, prior(&walk.errors));
     let Ok(solution) = joint.solve() else {
         return run;
     };
@@ -97,6 +100,15 @@ pub(super) fn solve(walk: &Walk, limits: &Limits<f64>) -> Run {
     }
     run.nees = nees(&mut joint, walk);
     run
+}
+
+/// All steps of a round that has begun.
+pub(super) fn finish(joint: &mut Joint) -> Result<JointSolution<f32>, JointError> {
+    loop {
+        if let Progress::Over(solution) = joint.step()? {
+            return Ok(solution);
+        }
+    }
 }
 
 fn nees(joint: &mut Joint, walk: &Walk) -> [f64; 3] {
@@ -135,8 +147,8 @@ impl Errors {
     }
 }
 
-fn filled(walk: &Walk, limits: &Limits<f64>) -> Joint {
-    let [scale, compass] = prior(&walk.errors);
+/// An estimator with all measurements, and the prior sigmas of scale and compass.
+pub(super) fn filled(walk: &Walk, limits: &Limits<f64>, [scale, compass]: [f64; 2]) -> Joint {
     let settings = JointSettings {
         scale: Prior {
             mean: 1.0,
@@ -147,6 +159,7 @@ fn filled(walk: &Walk, limits: &Limits<f64>) -> Joint {
             sigma: compass as f32,
         },
         standing: 0.0,
+        lens: None,
         limits: Limits {
             position: limits.position as f32,
             heading: limits.heading as f32,

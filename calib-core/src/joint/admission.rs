@@ -49,10 +49,10 @@ impl<T: Real> Problem<'_, T> {
         let (mut values, mut count) = ([T::zero(); DIFFERENT], 0);
         for sight in self.of(camera) {
             let known = values.get(..count).unwrap_or_default();
-            if !known.contains(&sight.bearing)
+            if !known.contains(&sight.value)
                 && let Some(value) = values.get_mut(count)
             {
-                *value = sight.bearing;
+                *value = sight.value;
                 count += 1;
             }
         }
@@ -63,6 +63,9 @@ impl<T: Real> Problem<'_, T> {
     #[inline(never)] // size
     pub(super) fn admit(&mut self, camera: usize, limits: &Limits<T>) -> bool {
         let count = u16::try_from(self.counting(camera)).unwrap_or(u16::MAX);
+        if let Some(unknown) = self.cameras.get_mut(camera) {
+            unknown.value.w = T::zero();
+        }
         let mut pose = None;
         if !self.repeats_itself(camera) {
             pose = self.resect(camera).ok().filter(|pose| limits.allow(pose));
@@ -79,6 +82,7 @@ impl<T: Real> Problem<'_, T> {
         unknown.value.z = pose.heading;
         unknown.column = Some(0);
         unknown.is_new = true;
+        self.find_all_unmeasured();
         true
     }
 
@@ -120,7 +124,9 @@ impl<T: Real> Problem<'_, T> {
 
     fn of(&self, camera: usize) -> impl Iterator<Item = &Sight<T>> {
         self.sights.iter().filter(move |sight| {
-            usize::from(sight.camera) == camera && sight.standing == Standing::Counts
+            usize::from(sight.camera) == camera
+                && sight.is_bearing()
+                && sight.standing == Standing::Counts
         })
     }
 
@@ -166,7 +172,8 @@ impl<T: Real> Problem<'_, T> {
     fn sighting(&self, sight: &Sight<T>) -> Option<Sighting<T>> {
         let stop = self.stops.get(usize::from(sight.stop))?;
         let [w11, w21, w22] = stop.root;
-        let mut sighting = Sighting::new(stop.place, Ray::from_bearing(sight.bearing), sight.sigma);
+        let (bearing, sigma) = self.bearing_at(sight);
+        let mut sighting = Sighting::new(stop.place, Ray::from_bearing(bearing), sigma);
         if w11 > T::zero() && w22 > T::zero() {
             let (l11, l22) = (w11.recip(), w22.recip());
             let l21 = -w21 * l11 * l22;
@@ -192,7 +199,8 @@ impl<T: Real> Problem<'_, T> {
             let Some(sight) = self.sights.get(n) else {
                 return;
             };
-            if usize::from(sight.camera) != camera || sight.standing != Standing::Counts {
+            let counts = sight.is_bearing() && sight.standing == Standing::Counts;
+            if usize::from(sight.camera) != camera || !counts {
                 continue;
             }
             let Some(sighting) = self.sighting(sight) else {

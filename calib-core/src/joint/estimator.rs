@@ -4,10 +4,10 @@ use nalgebra::{Point2, Vector2};
 
 use super::{
     BearingResidual, Carrier, Finding, JointError, JointSettings, JointSolution, Leg, LegResidual,
-    Progress, ProtectionLevels, ReferenceHeadings, Round, StopPlace,
+    Lens, Progress, ProtectionLevels, ReferenceHeadings, Round, StopPlace,
     problem::{
-        Common, Problem, REFERENCES, Sight, Standing, Stop, Unknown, Visit, root_information,
-        workspace,
+        Common, Problem, Quantity, REFERENCES, Sight, Standing, Stop, Unknown, Visit,
+        root_information,
     },
     round::Work,
 };
@@ -84,7 +84,8 @@ impl<'m, T: Real> JointEstimator<'m, T> {
     ///
     /// # Errors
     /// [`JointError::NotFinite`] for a baseline, a scale or a sigma that is not above zero;
-    /// [`JointError::Memory`].
+    /// [`JointError::Memory`], also if lenses are to be estimated and the workspace is less than
+    /// [`workspace_with_lenses`](super::workspace_with_lenses).
     pub fn new(
         memory: JointMemory<'m, T>,
         baseline: T,
@@ -95,8 +96,10 @@ impl<'m, T: Real> JointEstimator<'m, T> {
             scale,
             compass,
             standing,
+            lens,
             limits,
         } = settings;
+        let lens = lens.filter(|sigma| *sigma != T::zero());
         let JointMemory {
             cameras,
             stops,
@@ -106,7 +109,8 @@ impl<'m, T: Real> JointEstimator<'m, T> {
             workspace,
         } = memory;
         let most = usize::from(u16::MAX);
-        let is_enough = workspace.len() >= self::workspace(cameras.len(), marks.len());
+        let least = super::problem::workspace(cameras.len(), marks.len(), lens.is_some());
+        let is_enough = workspace.len() >= least;
         if !is_enough || cameras.len() < REFERENCES || stops.len() > most || cameras.len() > most {
             return Err(JointError::Memory);
         }
@@ -119,6 +123,7 @@ impl<'m, T: Real> JointEstimator<'m, T> {
                 scale_prior: scale,
                 compass_prior: compass,
                 standing,
+                lens_prior: lens,
                 carrier: Vector2::new(scale.mean, compass.mean),
                 carrier_step: Vector2::zeros(),
                 leg_factor: T::one(),
@@ -181,6 +186,7 @@ impl<'m, T: Real> JointEstimator<'m, T> {
         common.scale_prior = settings.scale;
         common.compass_prior = settings.compass;
         common.standing = settings.standing;
+        // Whether lenses are estimated stays: the workspace is laid out for that.
         common.carrier = Vector2::new(settings.scale.mean, settings.compass.mean);
         common.leg_factor = T::one();
         common.held = None;
@@ -241,16 +247,49 @@ impl<'m, T: Real> JointEstimator<'m, T> {
         bearing: T,
         sigma: T,
     ) -> Result<(), JointError> {
+        self.add_sight(stop, camera, Quantity::Bearing, bearing, sigma)
+    }
+
+    /// Camera `camera` was `range` away from the target at a stop, for example by the size that the
+    /// target has in its picture, with its standard deviation. It takes the room of a bearing. A range
+    /// does not make a camera take part, which takes three bearings; to one that does, bearing and
+    /// range together tell a place.
+    ///
+    /// # Errors
+    /// [`JointError::Unknown`], [`JointError::Full`]; [`JointError::NotFinite`], also for a range that
+    /// is not above zero.
+    pub fn add_range(
+        &mut self,
+        stop: usize,
+        camera: usize,
+        range: T,
+        sigma: T,
+    ) -> Result<(), JointError> {
+        if !is_sigma(&range) {
+            return Err(JointError::NotFinite);
+        }
+        self.add_sight(stop, camera, Quantity::Range, range, sigma)
+    }
+
+    fn add_sight(
+        &mut self,
+        stop: usize,
+        camera: usize,
+        quantity: Quantity,
+        value: T,
+        sigma: T,
+    ) -> Result<(), JointError> {
         if stop >= self.stops.len || camera >= self.cameras.len() {
             return Err(JointError::Unknown);
         }
-        if !(bearing.is_finite() && is_sigma(&sigma)) {
+        if !(value.is_finite() && is_sigma(&sigma)) {
             return Err(JointError::NotFinite);
         }
         self.sights.push(Sight {
             stop: index(stop)?,
             camera: index(camera)?,
-            bearing,
+            quantity,
+            value,
             sigma,
             standing: Standing::Counts,
         })?;
@@ -432,6 +471,15 @@ impl<'m, T: Real> JointEstimator<'m, T> {
         self.solved()?.pose(camera)
     }
 
+    /// What a camera's lens is: the scale of its bearings' tangents.
+    ///
+    /// # Errors
+    /// [`Refusal::TooFew`] for a camera without a pose, and where lenses are not estimated
+    /// ([`JointSettings::lens`]); [`Refusal::Undetermined`].
+    pub fn lens(&mut self, camera: usize) -> Result<Lens<T>, Refusal> {
+        self.solved()?.lens(camera)
+    }
+
     /// Where a stop is, from all measurements. The last one costs next to nothing, any other a pass.
     ///
     /// # Errors
@@ -457,8 +505,8 @@ impl<'m, T: Real> JointEstimator<'m, T> {
         self.solved()?.reference_headings()
     }
 
-    /// What is left of bearing `n`, in the order in which bearings were added. A pass for each other
-    /// stop.
+    /// What is left of bearing or range `n`, in the order in which they were added. A pass for each
+    /// other stop.
     ///
     /// # Errors
     /// [`Refusal::TooFew`] before the first solve, for a camera without a pose or a bearing there is
@@ -479,7 +527,9 @@ impl<'m, T: Real> JointEstimator<'m, T> {
     /// Whether this camera's bearing at this stop came already.
     pub fn has_bearing(&self, stop: usize, camera: usize) -> bool {
         let is_it = |sight: &Sight<T>| {
-            usize::from(sight.stop) == stop && usize::from(sight.camera) == camera
+            usize::from(sight.stop) == stop
+                && usize::from(sight.camera) == camera
+                && sight.is_bearing()
         };
         self.sights.all().iter().any(is_it)
     }
@@ -498,7 +548,7 @@ impl<'m, T: Real> JointEstimator<'m, T> {
         self.stops.len
     }
 
-    /// Bearings so far.
+    /// Bearings and ranges so far.
     pub fn bearings(&self) -> usize {
         self.sights.len
     }
@@ -523,6 +573,7 @@ impl<'m, T: Real> JointEstimator<'m, T> {
         if problem.common.is_started {
             for stop in stops..problem.stops.len() {
                 problem.reckon_on(stop);
+                problem.find_unmeasured(stop);
             }
             for visit in problem.visits.iter().skip(visits) {
                 problem.find_mark(usize::from(visit.mark));
@@ -549,6 +600,10 @@ fn check<T: Real>(baseline: T, settings: &JointSettings<T>) -> Result<(), JointE
     let JointSettings { scale, compass, .. } = settings;
     let above_zero = [baseline, scale.mean, scale.sigma, compass.sigma];
     let stands = settings.standing.is_finite() && settings.standing >= T::zero();
+    let lens = settings.lens.filter(|sigma| *sigma != T::zero());
+    if lens.is_some_and(|sigma| !is_sigma(&sigma)) {
+        return Err(JointError::NotFinite);
+    }
     if !above_zero.iter().all(is_sigma) || !compass.mean.is_finite() || !stands {
         return Err(JointError::NotFinite);
     }

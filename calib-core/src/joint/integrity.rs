@@ -16,7 +16,7 @@
 use super::{
     Finding, ProtectionLevels,
     descent::ENOUGH,
-    problem::{Problem, REFERENCES, Sight, Standing},
+    problem::{Problem, Quantity, REFERENCES, Sight, Standing},
     sweep::{Pass, Without},
     triangle::packed,
 };
@@ -184,7 +184,11 @@ impl<T: Real> Problem<'_, T> {
             };
             let strength = strength(off * off, 1);
             let odds = if self.repeats(n) { OF_REPEATED } else { 1.0 };
-            survey.offer(Finding::Bearing { stop, camera, off }, strength, odds);
+            let found = match residual.quantity {
+                Quantity::Bearing => Finding::Bearing { stop, camera, off },
+                Quantity::Range => Finding::Range { stop, camera, off },
+            };
+            survey.offer(found, strength, odds);
             if let Some(camera) = self.cameras.get_mut(camera) {
                 camera.is_new |= strength > lit(SUSPICION);
             }
@@ -218,8 +222,8 @@ impl<T: Real> Problem<'_, T> {
             let last = before
                 .iter()
                 .rev()
-                .find(|other| other.camera == sight.camera);
-            last.is_some_and(|last| last.stop != sight.stop && last.bearing == sight.bearing)
+                .find(|other| other.camera == sight.camera && other.quantity == sight.quantity);
+            last.is_some_and(|last| last.stop != sight.stop && last.value == sight.value)
         })
     }
 
@@ -246,6 +250,7 @@ impl<T: Real> Problem<'_, T> {
     fn tail(&self, camera: usize, from: usize) -> impl Iterator<Item = &Sight<T>> + Clone {
         self.sights.iter().filter(move |sight| {
             usize::from(sight.camera) == camera
+                && sight.is_bearing()
                 && usize::from(sight.stop) >= from
                 && sight.standing == Standing::Counts
         })
@@ -273,7 +278,7 @@ impl<T: Real> Problem<'_, T> {
         };
         let strength = strength(all - rest, self.tail(camera, from).count());
         let repeated = { self.sights.iter().enumerate() }
-            .filter(|(_, sight)| usize::from(sight.camera) == camera)
+            .filter(|(_, sight)| usize::from(sight.camera) == camera && sight.is_bearing())
             .filter(|(_, sight)| usize::from(sight.stop) > from);
         let odds = if repeated.map(|(n, _)| n).all(|n| self.repeats(n)) {
             OF_REPEATED
@@ -289,13 +294,11 @@ impl<T: Real> Problem<'_, T> {
     pub(super) fn leave_out(&mut self, found: Finding<T>) -> Finding<T> {
         match found {
             Finding::Bearing { stop, camera, off } => {
-                for sight in self.sights.iter_mut() {
-                    if usize::from(sight.stop) == stop && usize::from(sight.camera) == camera {
-                        sight.standing = Standing::Excluded;
-                    }
-                }
+                self.exclude(stop, camera, Quantity::Bearing);
                 let counts = |sight: &&Sight<T>| {
-                    usize::from(sight.camera) == camera && sight.standing == Standing::Counts
+                    usize::from(sight.camera) == camera
+                        && sight.is_bearing()
+                        && sight.standing == Standing::Counts
                 };
                 let good = self
                     .sights
@@ -305,6 +308,7 @@ impl<T: Real> Problem<'_, T> {
                     .max();
                 let is_off = |sight: &&Sight<T>| {
                     usize::from(sight.camera) == camera
+                        && sight.is_bearing()
                         && sight.standing == Standing::Excluded
                         && good.is_none_or(|good| sight.stop > good)
                 };
@@ -322,6 +326,10 @@ impl<T: Real> Problem<'_, T> {
                     _ => found,
                 }
             }
+            Finding::Range { stop, camera, .. } => {
+                self.exclude(stop, camera, Quantity::Range);
+                found
+            }
             Finding::Leg { stop, .. } => {
                 if let Some(stop) = self.stops.get_mut(stop) {
                     stop.standing = Standing::Excluded;
@@ -331,6 +339,15 @@ impl<T: Real> Problem<'_, T> {
             Finding::Camera { camera, from, .. } => {
                 self.distrust(camera, from);
                 found
+            }
+        }
+    }
+
+    fn exclude(&mut self, stop: usize, camera: usize, quantity: Quantity) {
+        for sight in self.sights.iter_mut() {
+            let is_it = usize::from(sight.stop) == stop && usize::from(sight.camera) == camera;
+            if is_it && sight.quantity == quantity {
+                sight.standing = Standing::Excluded;
             }
         }
     }

@@ -24,7 +24,7 @@ const READMITTED: f64 = 3.3;
 const NOT_MOVED: f64 = 2.0;
 
 impl<T: Real> Problem<'_, T> {
-    /// The residual of a bearing, in radians, with the share of it that is checked.
+    /// The residual of a bearing or a range, with the share of it that is checked.
     ///
     /// # Errors
     /// [`Refusal::TooFew`] for a camera without a pose, or no such bearing;
@@ -49,6 +49,7 @@ impl<T: Real> Problem<'_, T> {
         Ok(BearingResidual {
             stop,
             camera: usize::from(sight.camera),
+            quantity: sight.quantity,
             residual: residual * sight.sigma,
             redundancy,
             normalised: (variance >= lit(UNCHECKED)).then(|| residual / variance.sqrt()),
@@ -68,14 +69,17 @@ impl<T: Real> Problem<'_, T> {
     /// A bearing's row into the first vector.
     fn enter_sight(&mut self, sight: &Sight<T>) -> Option<()> {
         let row = self.sight_row(sight)?;
-        let (place, heading) = self.columns(usize::from(sight.camera))?;
+        let columns = self.columns(usize::from(sight.camera))?;
         let (_, [g, ..]) = self.triangle()?;
         g.fill(T::zero());
         put(g, HELD, row.by_place);
-        if let Some(place) = place {
+        if let Some(place) = columns.place {
             put(g, place, -row.by_place);
         }
-        *g.get_mut(heading)? = row.by_heading;
+        *g.get_mut(columns.heading)? = row.by_heading;
+        if let Some(lens) = columns.lens {
+            *g.get_mut(lens)? = row.by_lens;
+        }
         Some(())
     }
 

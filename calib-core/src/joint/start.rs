@@ -14,7 +14,7 @@ use super::{
 use crate::{
     Ray, Real, Refusal, angle,
     fit::{Fit, one_in_a_thousand},
-    numerics::plane::quarter_turn,
+    numerics::plane::{self, quarter_turn},
     numerics::real::lit,
     reference::{self, Known, ReferenceSettings, ReferenceSolution, Stop},
 };
@@ -155,6 +155,7 @@ impl<T: Real> Problem<'_, T> {
         for mark in 0..self.marks.len() {
             self.find_mark(mark);
         }
+        self.find_all_unmeasured();
     }
 
     fn step_trial(&mut self, starting: &mut Starting<T>) -> Option<Result<(), Refusal>> {
@@ -233,6 +234,7 @@ impl<T: Real> Problem<'_, T> {
         self.common.carrier = start.carrier;
         for (camera, heading) in self.cameras.iter_mut().zip(start.headings) {
             camera.value.z = heading;
+            camera.value.w = T::zero();
         }
         self.reckon(start.stop, start.place);
         *descent = Descent::new();
@@ -245,7 +247,8 @@ impl<T: Real> Problem<'_, T> {
         let quarter = T::frac_pi_2();
         let behind = |sight: &Sight<T>| {
             let row = self.sight_row(sight);
-            row.is_some_and(|row| !((row.residual * sight.sigma).abs() < quarter))
+            sight.is_bearing()
+                && row.is_some_and(|row| !((row.residual * sight.sigma).abs() < quarter))
         };
         let mut counting = { self.sights.iter() }.filter(|s| s.standing == Standing::Counts);
         if descended.is_ok() && counting.any(behind) {
@@ -288,6 +291,34 @@ impl<T: Real> Problem<'_, T> {
         if let Some(place) = before.map(|before| before.place) {
             let at = place + self.way_to(stop);
             self.put(stop, at);
+        }
+    }
+
+    /// Places that ranges tell.
+    pub(super) fn find_all_unmeasured(&mut self) {
+        for stop in 0..self.stops.len() {
+            self.find_unmeasured(stop);
+        }
+    }
+
+    /// The place of a stop, the way to which was not measured, from bearing and range of one camera.
+    pub(super) fn find_unmeasured(&mut self, stop: usize) {
+        let is_measured = |stop: &super::problem::Stop<T>| stop.root != [T::zero(); 3];
+        if self.stops.get(stop).is_none_or(is_measured) {
+            return;
+        }
+        let by_range = |range: &Sight<T>| {
+            let camera = usize::from(range.camera);
+            let is_range = !range.is_bearing() && usize::from(range.stop) == stop;
+            if !is_range || !self.is_estimated(camera) {
+                return None;
+            }
+            let pose = self.camera(camera)?;
+            let (bearing, _) = self.seen_by(stop, camera)?;
+            Some(pose.xy() + plane::unit(pose.z + bearing) * range.value)
+        };
+        if let Some(place) = self.sights.iter().find_map(by_range) {
+            self.put(stop, place.into());
         }
     }
 
@@ -411,9 +442,10 @@ impl<T: Real> Problem<'_, T> {
         let sight = self.sights.iter().find(|sight| {
             usize::from(sight.stop) == stop
                 && usize::from(sight.camera) == camera
+                && sight.is_bearing()
                 && (first..=last).contains(&sight.stop)
                 && sight.standing == Standing::Counts
         })?;
-        Some((sight.bearing, sight.sigma))
+        Some(self.bearing_at(sight))
     }
 }

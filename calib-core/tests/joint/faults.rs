@@ -198,7 +198,9 @@ fn campaign(turn: f64, fault: impl Fn(&mut Walk, usize, usize)) -> Campaign {
             campaign.within_two += usize::from(seen.count() <= 2);
         }
         let is_other = |finding: &Finding<f32>| match finding {
-            Finding::Bearing { camera: c, .. } | Finding::Camera { camera: c, .. } => *c != camera,
+            Finding::Bearing { camera: c, .. }
+            | Finding::Range { camera: c, .. }
+            | Finding::Camera { camera: c, .. } => *c != camera,
             Finding::Leg { .. } => true,
         };
         campaign.slandered += usize::from(found.iter().any(|(_, finding)| is_other(finding)));

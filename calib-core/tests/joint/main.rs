@@ -4,5 +4,7 @@ mod batch;
 mod consistency;
 mod faults;
 mod geometry;
+mod lenses;
+mod ranges;
 mod rounds;
 mod support;
