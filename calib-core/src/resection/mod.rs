@@ -13,16 +13,19 @@
 //! not: [`correlate`](crate::dead_reckoning::correlate) then gives the covariance.
 //!
 //! The covariance is *predicted* from the sigmas given, not fitted to the residuals: three
-//! sightings leave none. [`Solution::fit`] tells whether the prediction was believable.
-//! [`predict`] gives it before anything is seen, [`information()`] what one sighting adds.
+//! sightings leave none. [`Solution::fit`] tells whether the prediction was believable. It holds as
+//! far as bearings change in proportion to places; [`alternative()`] tells where they do not.
+//! [`predict`] gives the covariance before anything is seen, [`information()`] what one sighting adds.
 
 use crate::{Pose, Real, Refusal, Sighting, fit::Fit};
 
+mod alternative;
 pub(crate) mod information;
 mod least_squares;
 mod rejection;
 pub mod three_point;
 
+pub use alternative::alternative;
 pub use information::{information, predict};
 
 /// A pose, and how it came about.
