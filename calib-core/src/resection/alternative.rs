@@ -33,8 +33,8 @@ const SHORTENED: f64 = 0.4;
 /// cost (profile likelihood). So the least cost is looked for on the circle of five sigmas around the
 /// pose, from both ends of its longest axis: by some 4 to 20 evaluations of all sightings.
 ///
-/// Nearer to a target than `sigma`, a pose has no linear prediction at all; then the alternative is
-/// the place of that target.
+/// Nearer to a target than its own sigma, a pose has no linear prediction at all; then the alternative
+/// is the place of that target.
 ///
 /// `pose` is the one that fits the sightings, as [`solve`](super::solve) gives it; `sigma`
 /// what is claimed, [`Pose::sigma_position`] unless more is known of it, as for places that
@@ -71,9 +71,10 @@ pub fn alternative<T: Real>(
         centre: pose.position,
         radius: sigma * lit(FAR),
     };
+    let own_sigma = pose.sigma_position();
     if let Some(beside) = circle.kept().find(|s| {
         let away = s.target - pose.position;
-        dot(away, away) < sigma * sigma
+        dot(away, away) < own_sigma * own_sigma
     }) {
         return Some(beside.target);
     }
