@@ -606,9 +606,10 @@ fn sightings_that_contradict_each_other_are_called_so() {
         run_with_input(&[&usual, options].concat(), &input)
     };
     let wrong = solve(0.5, &["--json"]);
-    assert_eq!(wrong.code, 0);
+    assert_eq!(wrong.code, 1, "nothing to rely on");
     let answer = &lines(&wrong.stdout)[0];
     assert_eq!(answer["status"], "doubtful");
+    assert_eq!(answer["reason"], "contradictory");
     assert!(answer["chi_squared"].as_f64().unwrap() > 10.8);
     assert!(answer["x"].is_number(), "the pose is given all the same");
     for part in ["1 case: 1 doubtful", "contradict each other", "--reject"] {
@@ -626,6 +627,30 @@ fn sightings_that_contradict_each_other_are_called_so() {
     let right = solve(0.005, &["--json"]);
     assert_eq!(lines(&right.stdout)[0]["status"], "calibrated");
     assert!(!right.stderr.contains("contradict"), "{}", right.stderr);
+}
+
+/// A camera at the origin near the circle through its three targets. Noise puts its pose 4.4 units
+/// off, right beside one of them, with a sigma of 0.17.
+#[test]
+fn a_pose_that_another_place_would_do_for_is_ambiguous() {
+    let files = Files::new();
+    let rows = "1,3.277,-0.846,-0.2451\n1,3.961,1.817,0.4217\n1,4.017,1.684,0.4001\n";
+    let sightings = files.write("s.csv", &format!("{HEADER}{rows}"));
+    let truth = files.write("t.csv", "case,x,y,theta_rad\n1,0,0,0\n");
+    let arguments = ["solve", &sightings, "--bearing-sigma", "0.0069", "--json"];
+    let done = run(&arguments);
+    assert_eq!(done.code, 1, "{}", done.stderr);
+    let answer = &lines(&done.stdout)[0];
+    assert_eq!(answer["status"], "doubtful");
+    assert_eq!(answer["reason"], "ambiguous");
+    assert!(answer["sigma_x"].as_f64().unwrap() < 0.2);
+    for part in ["doubtful: ambiguous", "stop the target once more", "1: ("] {
+        assert!(done.stderr.contains(part), "{part}: {}", done.stderr);
+    }
+    // The sightings refute its sigmas: it is not kept.
+    let compared = [&arguments[..4], &["--truth", &truth]].concat();
+    let done = run(&compared);
+    assert!(done.stdout.contains("Kept 0.0 %"), "{}", done.stdout);
 }
 
 /// What is kept is what is certain enough: whether sigmas were right is another question.
