@@ -2,7 +2,7 @@
 
 use nalgebra::{Point2, Vector2};
 
-use super::information::Row;
+use super::information::{Row, kept};
 use crate::{
     Pose, Real, Sighting,
     numerics::{
@@ -15,13 +15,10 @@ use crate::{
 const FAR: f64 = 5.0;
 /// By how much chi squared may rise up to there: three sigmas, squared.
 const RISE: f64 = 9.0;
-/// Steps around the circle into the valley of the cost, from where the prediction has it.
-const STEP_LIMIT: usize = 3;
-/// The longest step, radians: beyond it the slopes of the bearings say nothing.
+/// Looks on the way around the circle into the valley of the cost.
+const LOOKS: usize = 4;
+/// The longest step between them, radians: beyond it the slopes of the bearings say nothing.
 const LONGEST_STEP: f64 = 0.7;
-/// How often a step that leads uphill is tried, shortened each time.
-const TRIES: usize = 3;
-const SHORTENED: f64 = 0.4;
 
 /// A place that the sightings allow although it is five times `sigma` from the pose: chi squared,
 /// with the heading that is best there, is above that of the pose by less than 9. A pose that has
@@ -31,7 +28,7 @@ const SHORTENED: f64 = 0.4;
 /// among targets close to each other, it does not: noise may put the pose where the sightings are by
 /// chance strict, usually right beside a target, and the truth is far off in a curved valley of the
 /// cost (profile likelihood). So the least cost is looked for on the circle of five sigmas around the
-/// pose, from both ends of its longest axis: by some 4 to 20 evaluations of all sightings.
+/// pose, from both ends of its longest axis, by nine evaluations of all sightings at most.
 ///
 /// Nearer to a target than its own sigma, a pose has no linear prediction at all; then the alternative
 /// is the place of that target.
@@ -72,14 +69,14 @@ pub fn alternative<T: Real>(
         radius: sigma * lit(FAR),
     };
     let own_sigma = pose.sigma_position();
-    if let Some(beside) = circle.kept().find(|s| {
+    if let Some(beside) = kept(sightings, dropped).find(|s| {
         let away = s.target - pose.position;
         dot(away, away) < own_sigma * own_sigma
     }) {
         return Some(beside.target);
     }
     let along = weakest_direction(pose);
-    let limit = circle.look_at(pose.position, along).cost + lit(RISE);
+    let limit = circle.look(pose.position, along).cost + lit(RISE);
     [along, -along]
         .into_iter()
         .find_map(|start| circle.below(limit, start))
@@ -103,61 +100,29 @@ struct View<T> {
 }
 
 impl<T: Real> Circle<'_, T> {
-    fn kept(&self) -> impl Iterator<Item = &Sighting<T>> {
-        let dropped = self
-            .dropped
-            .iter()
-            .copied()
-            .chain(core::iter::repeat(false));
-        self.sightings
-            .iter()
-            .zip(dropped)
-            .filter_map(|(s, dropped)| (!dropped).then_some(s))
-    }
-
-    /// A place on the circle whose cost is below the limit, downhill from a direction.
-    fn below(&self, limit: T, start: Vector2<T>) -> Option<Point2<T>> {
-        let mut direction = start;
-        let mut view = self.look(direction);
-        for _ in 0..STEP_LIMIT {
-            if view.cost < limit {
-                break;
-            }
-            (direction, view) = self.downhill(direction, &view)?;
-        }
-        (view.cost < limit).then(|| self.place(direction))
-    }
-
-    /// One step around the circle.
-    fn downhill(&self, direction: Vector2<T>, view: &View<T>) -> Option<(Vector2<T>, View<T>)> {
+    /// A place on the circle whose cost is below the limit, from a direction downhill.
+    fn below(&self, limit: T, mut direction: Vector2<T>) -> Option<Point2<T>> {
         let longest = lit(LONGEST_STEP);
-        let mut step = (-view.gradient / view.curvature).min(longest).max(-longest);
-        for _ in 0..TRIES {
-            let next = direction + quarter_turn(direction) * step;
-            let next = next / root(dot(next, next));
-            let there = self.look(next);
-            if there.cost < view.cost {
-                return Some((next, there));
+        for _ in 0..LOOKS {
+            let place = self.centre + direction * self.radius;
+            let across = quarter_turn(direction);
+            let view = self.look(place, across * self.radius);
+            if view.cost < limit {
+                return Some(place);
             }
-            step *= lit(SHORTENED);
+            let step = (-view.gradient / view.curvature).min(longest).max(-longest);
+            let next = direction + across * step;
+            direction = next / root(dot(next, next));
         }
         None
     }
 
-    fn place(&self, direction: Vector2<T>) -> Point2<T> {
-        self.centre + direction * self.radius
-    }
-
-    fn look(&self, direction: Vector2<T>) -> View<T> {
-        self.look_at(self.place(direction), quarter_turn(direction) * self.radius)
-    }
-
     /// The derivatives are those by a move along the tangent.
     #[inline(never)] // size
-    fn look_at(&self, place: Point2<T>, tangent: Vector2<T>) -> View<T> {
+    fn look(&self, place: Point2<T>, tangent: Vector2<T>) -> View<T> {
         let [mut w, mut r, mut s, mut rr, mut rs, mut ss] = [T::zero(); 6];
         let mut first = None;
-        for sighting in self.kept() {
+        for sighting in kept(self.sightings, self.dropped) {
             let to_target = sighting.target - place;
             let row = Row::new(sighting, to_target);
             // The heading that this sighting alone asks for, against what the first one does.

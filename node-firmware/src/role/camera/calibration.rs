@@ -164,6 +164,8 @@ impl Calibration {
         resection::alternative(&self.seen(common), dropped, pose, sigma).is_some()
     }
 
+    // size
+    #[inline(never)]
     fn seen(&self, common: &KeptSighting) -> heapless::Vec<Sighting<f32>, SIGHTINGS> {
         let seen = self.kept.iter().map(|kept| sighting(kept, common));
         seen.collect()
