@@ -64,7 +64,11 @@ pub fn check(
     });
     // Another projection has to be better than the same with another focal length.
     let cost = |(projection, pooled): &(Projection, Pooled)| {
-        let other = if *projection == given { 0.0 } else { one_in_a_thousand(1) };
+        let other = if *projection == given {
+            0.0
+        } else {
+            one_in_a_thousand(1)
+        };
         pooled.chi_squared + other
     };
     let [a, b] = candidates;
@@ -106,10 +110,7 @@ fn decoded(ray: Ray<f64>, from: Projection, to: Projection, half_view: f64) -> R
     }
 }
 
-fn changed(
-    sightings: &[Sighting<f64>],
-    ray: impl Fn(Ray<f64>) -> Ray<f64>,
-) -> Vec<Sighting<f64>> {
+fn changed(sightings: &[Sighting<f64>], ray: impl Fn(Ray<f64>) -> Ray<f64>) -> Vec<Sighting<f64>> {
     let changed = sightings.iter().map(|s| Sighting {
         ray: ray(s.ray),
         ..*s
@@ -121,7 +122,9 @@ fn changed(
 const HOPELESS: f64 = 1e4;
 
 fn total(cases: &[&[Sighting<f64>]], ray: impl Fn(Ray<f64>) -> Ray<f64>) -> f64 {
-    let solved = cases.iter().map(|case| resection::solve(&changed(case, &ray)));
+    let solved = cases
+        .iter()
+        .map(|case| resection::solve(&changed(case, &ray)));
     solved.map(|s| s.map_or(HOPELESS, |s| s.chi_squared)).sum()
 }
 
@@ -156,6 +159,8 @@ fn pooled(
     Pooled {
         stretch,
         sigma,
-        chi_squared: total(cases, |ray| decoded(ray).stretched(projection, 1.0 + stretch)),
+        chi_squared: total(cases, |ray| {
+            decoded(ray).stretched(projection, 1.0 + stretch)
+        }),
     }
 }

@@ -729,3 +729,70 @@ fn the_help_names_no_unit() {
     let help = run(&["solve", "--help"]).stdout;
     assert!(help.contains("--max-sigma <LENGTH>"), "{help}");
 }
+
+/// Columns of three cameras whose lens has 47 degrees over 160 columns, rounded to whole ones.
+fn columns_of_47_degrees() -> String {
+    let mut text = "case,target_x,target_y,column\n".to_owned();
+    let focal_length = 79.5 / 23.5_f64.to_radians().tan();
+    for (case, heading, first) in [
+        ("a", 0.3_f64, -0.38),
+        ("b", 1.2, -0.395),
+        ("c", -2.0, -0.367),
+    ] {
+        for n in 0..9 {
+            let range = 2.0 + f64::from(n * 5 % 7);
+            let bearing: f64 = first + 0.0949 * f64::from(n);
+            let (x, y) = (
+                range * (heading + bearing).cos(),
+                range * (heading + bearing).sin(),
+            );
+            let column = (79.5 - focal_length * bearing.tan()).round();
+            text += &format!("{case},{x},{y},{column}\n");
+        }
+    }
+    text
+}
+
+/// Taken for 45 degrees, it is found and named; as what it is, nothing is said.
+#[test]
+fn a_lens_of_another_field_of_view_is_named() {
+    let solve = |degrees: &str| {
+        let lens = ["--columns", "160", "--fov-deg", degrees];
+        run_with_input(
+            &[&["solve", "-"], &lens[..]].concat(),
+            &columns_of_47_degrees(),
+        )
+    };
+    let wrong = solve("45");
+    assert_eq!(wrong.code, 1, "{}", wrong.stderr);
+    let (_, fits) = wrong.stderr.split_once("the field of view fits ").unwrap();
+    let view: f64 = fits.split(' ').next().unwrap().parse().unwrap();
+    assert!((view - 47.0).abs() < 0.25, "{}", wrong.stderr);
+    assert!(wrong.stderr.contains("configured 45 "), "{}", wrong.stderr);
+    assert!(
+        !wrong.stderr.contains("with --projection"),
+        "{}",
+        wrong.stderr
+    );
+    let right = solve("47");
+    assert_eq!(right.code, 0, "{}", right.stderr);
+    assert!(!right.stderr.contains("lens:"), "{}", right.stderr);
+}
+
+/// Stage's blob finder sees equal angles.
+#[test]
+fn a_lens_of_another_projection_is_named() {
+    let blobs = data("stage13/seed1_sightings.csv");
+    let solve = |options: &[&str]| run(&[&["solve", &blobs], options].concat());
+    let wrong = solve(&["--fov-deg", "60"]);
+    assert_eq!(wrong.code, 1, "{}", wrong.stderr);
+    for part in [
+        "--projection equal-angle, configured pinhole",
+        "the field of view fits",
+    ] {
+        assert!(wrong.stderr.contains(part), "{part}: {}", wrong.stderr);
+    }
+    let right = solve(&["--fov-deg", "60", "--projection", "equal-angle"]);
+    assert_eq!(right.code, 0, "{}", right.stderr);
+    assert!(!right.stderr.contains("lens:"), "{}", right.stderr);
+}

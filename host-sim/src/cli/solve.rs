@@ -8,6 +8,7 @@ use std::{
 
 use answers::accuracy::Comparisons;
 use answers::answer::{self, Answer, Reason, Settings, Solver, Tally};
+use answers::lens;
 use answers::plot::{self, Map, MapCamera};
 use answers::recorded::{
     self,
@@ -19,7 +20,7 @@ use answers::report::{
     table::{PoseTable, Words},
 };
 use anyhow::bail;
-use calib_core::Status;
+use calib_core::{Status, camera::Projection, resection::USUAL_LENS_SIGMA};
 use clap::Args;
 use nalgebra::Point2;
 
@@ -73,6 +74,12 @@ pub(super) struct Arguments {
     unit: String,
     #[command(flatten, next_help_heading = FOR_COLUMNS)]
     camera: CameraOptions,
+    /// Standard deviation of the lens's focal length, relative to it.
+    #[arg(
+        long, value_name = "SHARE", value_parser = values::positive, requires = "fov_deg",
+        default_value_t = USUAL_LENS_SIGMA
+    )]
+    lens_sigma: f64,
 }
 
 const EPILOGUE: &str = "\
@@ -105,13 +112,16 @@ Status:
   refused     no pose: a row of the case could not be read (reason unreadable), or the reason why the
               sightings give none
   waiting     no pose: fewer than three sightings
+With --fov-deg, the cases of four sightings or more are asked together whether they fit that lens.
+Where they do not, the field of view and the projection that fit are told; no pose can be relied on
+before the lens is put right.
 --truth compares poses that are calibrated or contradictory, and counts them as kept.
 Messages, the count of cases and, with --json, the comparison with the truth go to the standard
 error output.
 
 Exit codes:
   0  every case has its answer, and at least one a pose to rely on (calibrated or weak)
-  1  every case has its answer, but none a pose to rely on
+  1  every case has its answer, but none a pose to rely on, or the lens does not fit
   2  wrong options, or nothing could be read";
 
 pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
@@ -130,12 +140,13 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
     if let Some(path) = &arguments.plot {
         write(path, draw(arguments, &recording, &report.answered))?;
     }
+    let is_lens_off = check_lens(arguments, &recording)?;
     let nothing_read = report.tally.because(Reason::Unreadable) == report.tally.total();
     let usable = [Status::Calibrated, Status::Weak].map(|status| report.tally.count(status));
     Ok(ExitCode::from(match usable {
         _ if nothing_read => 2,
         [0, 0] => 1,
-        _ => 0,
+        _ => u8::from(is_lens_off),
     }))
 }
 
@@ -308,6 +319,43 @@ fn print_summary(report: &Report, arguments: &Arguments) {
     if let more @ 1.. = report.ambiguous.len().saturating_sub(TOLD) {
         tell(format_args!("  and {more} more"));
     }
+}
+
+/// Tells which lens fits, if that given does not. Whether it does not.
+fn check_lens(arguments: &Arguments, recording: &Recording) -> anyhow::Result<bool> {
+    let given = arguments.camera.field_of_view();
+    let (Some(camera), Some(given)) = (arguments.camera.camera(USUAL_COLUMNS)?, given) else {
+        return Ok(false);
+    };
+    let Some(found) = lens::check(recording, &camera, given, arguments.lens_sigma) else {
+        return Ok(false);
+    };
+    let name = |projection| match projection {
+        Projection::PinHole => "pinhole",
+        Projection::EqualAngle => "equal-angle",
+    };
+    let (view, sigma) = (found.field_of_view, found.field_of_view_sigma);
+    let projection = match found.projection == camera.projection() {
+        true => String::new(),
+        false => format!(
+            " with --projection {}, configured {}",
+            name(found.projection),
+            name(camera.projection())
+        ),
+    };
+    tell(format_args!(
+        "  lens: the field of view fits {:.1} +/- {:.1} deg, configured {}{projection} (chi squared of \
+         {} {} {:.1}, as configured {:.1}): no pose can be relied on before --fov-deg and \
+         --projection are put right, in the cameras' configuration too",
+        view.to_degrees(),
+        sigma.to_degrees(),
+        given.to_degrees(),
+        found.cases,
+        if found.cases == 1 { "case" } else { "cases" },
+        found.chi_squared,
+        found.chi_squared_as_given,
+    ));
+    Ok(true)
 }
 
 fn words((status, reason): (Status, Option<Reason>)) -> Words {
