@@ -3,7 +3,7 @@
 use std::{fs::File, io::BufReader};
 
 use answers::accuracy::Comparisons;
-use answers::answer::{Settings, Solver, is_kept};
+use answers::answer::{Settings, Solver};
 use answers::recorded::{self, sightings::Assumptions};
 use calib_core::camera::Camera;
 use test_support::data;
@@ -39,7 +39,7 @@ fn the_camera_model_makes_the_difference() {
         for ((id, case), truth) in recording.cases().zip(&truths) {
             let answer = solver.answer(id, case);
             // Of the wrong model, doubtful.
-            assert!(is_kept(answer.status), "node {id}");
+            assert!(answer.is_kept(), "node {id}");
             let solution = answer.solution.unwrap();
             comparisons.add(&solution.pose, truth.as_ref());
             chi_squared += solution.chi_squared;

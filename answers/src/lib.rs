@@ -19,6 +19,7 @@
 pub mod accuracy;
 pub mod answer;
 pub mod export;
+pub mod lens;
 pub mod plot;
 pub mod record;
 pub mod recorded;
