@@ -6,9 +6,15 @@
 //!
 //! Each target's walk is solved by itself, as the node that is carried solves it.
 //!
+//! # Without displacements
+//! Cameras that saw targets together at five places or more, three of them or more, are solved from
+//! their bearings alone, up to scale: an opportunistic network. Stops of all targets then count
+//! together.
+//!
 //! # Scale
 //! A known baseline sets it. Where that is not known, the carrier's scale does: every length is then
-//! as wrong as the carrier's distances are, and sigmas say so.
+//! as wrong as the carrier's distances are, and sigmas say so. Without displacements nothing does:
+//! lengths are then in units of the baseline.
 
 use std::collections::BTreeSet;
 
@@ -16,9 +22,13 @@ use calib_core::{Status, joint::Standing};
 use node_firmware::config::TargetConfig;
 use serde::Serialize;
 
-use crate::record::{Estimate, sightings::Sightings};
+use crate::record::{
+    Estimate,
+    sightings::{References, Sightings},
+};
 
 mod estimator;
+mod opportunistic;
 mod walk;
 
 use walk::Walk;
@@ -40,6 +50,8 @@ pub enum ScaleFrom {
     Baseline,
     /// The carrier's distances.
     Carrier,
+    /// Nothing: lengths are in units of the distance between the references.
+    Nothing,
 }
 
 /// A network as one target's walk tells it. Lengths are in the unit of the measurements, angles in
@@ -48,11 +60,12 @@ pub enum ScaleFrom {
 pub struct NetworkSolution {
     /// The network's number.
     pub network: u16,
-    /// The target that walked.
-    pub target: u16,
+    /// The target that walked; `null` where stops of several are solved together.
+    pub target: Option<u16>,
     /// `calibrated`, `doubtful`, `refused` or `waiting`.
     pub status: Status,
-    /// Why it is not calibrated: [`CONTRADICTORY`](Self::CONTRADICTORY), or the name of a refusal.
+    /// Why it is not calibrated: [`CONTRADICTORY`](Self::CONTRADICTORY),
+    /// [`AMBIGUOUS`](Self::AMBIGUOUS), or the name of a refusal.
     pub reason: Option<&'static str>,
     /// The same for people.
     #[serde(skip)]
@@ -60,7 +73,7 @@ pub struct NetworkSolution {
     /// What sets the scale.
     pub scale_from: ScaleFrom,
     /// The cameras that define the frame: the origin, and the one on the x axis.
-    pub references: [u16; 2],
+    pub references: Option<[u16; 2]>,
     /// How far they are apart.
     pub baseline: Option<f64>,
     /// Zero where it was given.
@@ -121,6 +134,8 @@ pub struct Protection {
 /// Where a target stood.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct Stop {
+    /// Of this target.
+    pub target: u16,
     /// Its number.
     pub stop: u32,
     /// Where it was.
@@ -154,6 +169,8 @@ pub struct Carrier {
 pub enum Finding {
     /// One bearing.
     Bearing {
+        /// Of this target.
+        target: u16,
         /// At this stop.
         stop: u32,
         /// By this camera.
@@ -163,6 +180,8 @@ pub enum Finding {
     },
     /// The displacement to a stop: the carrier slipped, or a step was not counted.
     Leg {
+        /// Of this target.
+        target: u16,
         /// The stop that it leads to.
         stop: u32,
         /// By how much, as chi squared.
@@ -182,6 +201,8 @@ pub enum Finding {
 /// What is left of a bearing.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct BearingResidual {
+    /// Of this target.
+    pub target: u16,
     /// At this stop.
     pub stop: u32,
     /// By this camera.
@@ -199,6 +220,8 @@ pub struct BearingResidual {
 /// What is left of a displacement.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct LegResidual {
+    /// Of this target.
+    pub target: u16,
     /// The stop that it leads to.
     pub stop: u32,
     /// Of what is checked.
@@ -219,12 +242,14 @@ pub enum NetworkError {
     /// Nobody defines the frame.
     #[error("names no references: say which two cameras define the frame, with --references")]
     NoReferences,
+    /// A camera that defines the frame has no bearing.
+    #[error(
+        "has no bearing of camera {0}, which is to define the frame: name two cameras that saw the target"
+    )]
+    NeverSaw(u16),
     /// One camera twice.
     #[error("names camera {0} as both references: name two cameras")]
     OneReference(u16),
-    /// No displacement of any target.
-    #[error("has no displacements: give them with --legs")]
-    NoLegs,
     /// A number is not finite, or a sigma or length not above zero.
     #[error("{0}: correct it")]
     Number(String),
@@ -250,6 +275,8 @@ pub enum NetworkError {
 impl NetworkSolution {
     /// Reason of doubt: the measurements do not fit, though what contradicted most was left out.
     pub const CONTRADICTORY: &'static str = "contradictory";
+    /// Reason of doubt: another solution is not ruled out.
+    pub const AMBIGUOUS: &'static str = "ambiguous";
 
     /// Whether there are poses, and the measurements that count fit them.
     pub fn is_good(&self) -> bool {
@@ -257,7 +284,7 @@ impl NetworkSolution {
     }
 }
 
-/// Solves a network, once for each target that walked.
+/// Solves a network, once for each target that walked; without displacements once.
 ///
 /// # Errors
 /// [`NetworkError`]. Measurements that are complete, but have no solution, are
@@ -267,14 +294,11 @@ pub fn solve(
     settings: &Settings,
 ) -> Result<Vec<NetworkSolution>, NetworkError> {
     check(sightings)?;
+    if sightings.legs.is_empty() {
+        return Ok(vec![opportunistic::solve(sightings, settings)?]);
+    }
     let references = sightings.references.ok_or(NetworkError::NoReferences)?;
     let [first, second] = references.cameras;
-    if first == second {
-        return Err(NetworkError::OneReference(first));
-    }
-    if sightings.legs.is_empty() {
-        return Err(NetworkError::NoLegs);
-    }
     let mut cameras = vec![first, second];
     let others: BTreeSet<_> = sightings.bearings.iter().map(|seen| seen.camera).collect();
     cameras.extend(
@@ -292,6 +316,14 @@ pub fn solve(
 fn check(sightings: &Sightings) -> Result<(), NetworkError> {
     if sightings.bearings.is_empty() {
         return Err(NetworkError::NoBearings);
+    }
+    if let Some(References {
+        cameras: [first, second],
+        ..
+    }) = sightings.references
+        && first == second
+    {
+        return Err(NetworkError::OneReference(first));
     }
     let wrong = |what: String| Err(NetworkError::Number(what));
     for seen in &sightings.bearings {

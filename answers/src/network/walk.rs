@@ -421,11 +421,13 @@ impl<'a> Walk<'a> {
         solution.findings = { output.findings.iter() }
             .map(|finding| match *finding {
                 Found::Bearing { stop, camera, off } => Finding::Bearing {
+                    target: self.target,
                     stop: number(stop),
                     camera: self.cameras[camera],
                     off,
                 },
                 Found::Leg { stop, chi_squared } => Finding::Leg {
+                    target: self.target,
                     stop: number(stop),
                     chi_squared,
                 },
@@ -445,6 +447,7 @@ impl<'a> Walk<'a> {
                 let place = place.as_ref()?;
                 let c = place.covariance;
                 Some(Stop {
+                    target: self.target,
                     stop: number(stop),
                     x: place.position.x,
                     y: place.position.y,
@@ -466,6 +469,7 @@ impl<'a> Walk<'a> {
         });
         solution.bearings = { output.bearings.iter().flatten() }
             .map(|left| BearingResidual {
+                target: self.target,
                 stop: number(left.stop),
                 camera: self.cameras[left.camera],
                 residual_deg: left.residual.to_degrees(),
@@ -479,6 +483,7 @@ impl<'a> Walk<'a> {
             .filter_map(|(_, left)| {
                 let left = left.as_ref()?;
                 Some(LegResidual {
+                    target: self.target,
                     stop: number(left.stop),
                     chi_squared: left.chi_squared,
                     degrees_of_freedom: left.degrees_of_freedom,
@@ -574,12 +579,12 @@ impl<'a> Walk<'a> {
     fn empty(&self) -> NetworkSolution {
         NetworkSolution {
             network: self.sightings.network,
-            target: self.target,
+            target: Some(self.target),
             status: Status::Waiting,
             reason: None,
             advice: None,
             scale_from: ScaleFrom::Baseline,
-            references: [self.cameras[0], self.cameras[1]],
+            references: Some([self.cameras[0], self.cameras[1]]),
             baseline: None,
             sigma_baseline: None,
             cameras: Vec::new(),

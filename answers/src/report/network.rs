@@ -2,8 +2,6 @@
 
 use std::fmt::Write;
 
-use calib_core::Status;
-
 use super::table::Words;
 use crate::network::{Finding, NetworkSolution, ScaleFrom};
 
@@ -16,17 +14,21 @@ pub fn network_report(solution: &NetworkSolution, unit: &str) -> String {
 }
 
 fn write(out: &mut String, solution: &NetworkSolution, unit: &str) -> std::fmt::Result {
-    let [first, second] = solution.references;
-    writeln!(
-        out,
-        "Network {}, target {}: {}",
-        solution.network,
-        solution.target,
-        Words(solution.status, solution.reason)
-    )?;
-    if let Some(advice) = &solution.advice {
-        return writeln!(out, "{advice}");
+    let words = Words(solution.status, solution.reason);
+    match solution.target {
+        Some(target) => writeln!(
+            out,
+            "Network {}, target {target}: {words}",
+            solution.network
+        )?,
+        None => writeln!(out, "Network {}: {words}", solution.network)?,
     }
+    if let Some(advice) = &solution.advice {
+        writeln!(out, "{advice}")?;
+    }
+    let Some([first, second]) = solution.references.filter(|_| solution.baseline.is_some()) else {
+        return Ok(());
+    };
     writeln!(
         out,
         "Camera {first} is the origin, camera {second} on the x axis."
@@ -34,6 +36,11 @@ fn write(out: &mut String, solution: &NetworkSolution, unit: &str) -> std::fmt::
     if let (Some(baseline), Some(sigma)) = (solution.baseline, solution.sigma_baseline) {
         match solution.scale_from {
             ScaleFrom::Baseline => writeln!(out, "They are {baseline:.3} {unit} apart, as given.")?,
+            ScaleFrom::Nothing => writeln!(
+                out,
+                "Nothing sets the scale: every length is in units of the distance between them. Give \
+                 it with --baseline, or that of two others with --references."
+            )?,
             ScaleFrom::Carrier => writeln!(
                 out,
                 "They are {baseline:.3} +/- {sigma:.3} {unit} apart: the carrier's distances set the \
@@ -131,7 +138,7 @@ fn write(out: &mut String, solution: &NetworkSolution, unit: &str) -> std::fmt::
     if let Some(largest) = largest(solution) {
         writeln!(out, "{largest}")?;
     }
-    if solution.status == Status::Doubtful {
+    if solution.reason == Some(NetworkSolution::CONTRADICTORY) {
         writeln!(
             out,
             "The measurements do not fit this answer: look for a wrong bearing, displacement or \
@@ -144,11 +151,15 @@ fn write(out: &mut String, solution: &NetworkSolution, unit: &str) -> std::fmt::
 /// A finding, and what to do.
 fn sentence(finding: &Finding) -> String {
     match finding {
-        Finding::Bearing { stop, camera, off } => format!(
+        Finding::Bearing {
+            stop, camera, off, ..
+        } => format!(
             "Left out: the bearing of camera {camera} at stop {stop}, which is {:.1} sigma off.",
             off.abs()
         ),
-        Finding::Leg { stop, chi_squared } => format!(
+        Finding::Leg {
+            stop, chi_squared, ..
+        } => format!(
             "Left out: the way to stop {stop} (chi squared {chi_squared:.0}): the carrier slipped, or \
              steps were not counted."
         ),

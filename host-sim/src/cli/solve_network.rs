@@ -8,7 +8,7 @@ use std::{
 };
 
 use answers::accuracy::Comparisons;
-use answers::network::{self, NetworkSolution, Settings, usual_carrier};
+use answers::network::{self, NetworkSolution, ScaleFrom, Settings, usual_carrier};
 use answers::plot::{self, Map, MapCamera};
 use answers::record::{RunRecord, sightings::References, sightings::Sightings};
 use answers::recorded::{
@@ -69,6 +69,9 @@ pub(super) struct Arguments {
     /// Without it: that of whole pixels for `column`, 0.0087 (half a degree) for bearings.
     #[arg(long, value_name = "RAD", value_parser = values::positive)]
     bearing_sigma: Option<f64>,
+    /// Solve from bearings alone, as if no displacement had been measured.
+    #[arg(long, conflicts_with = "legs")]
+    bearings_only: bool,
     /// Estimate how large the errors of displacements are, rather than to believe their sigmas.
     #[arg(long)]
     fit_legs: bool,
@@ -150,6 +153,9 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
     let mut measured = read(arguments)?;
     for sightings in &mut measured.sightings {
         arguments.put_into(sightings);
+        if arguments.bearings_only {
+            sightings.legs.clear();
+        }
     }
     if let Some(path) = &arguments.truth {
         measured.truths = read_truth(path, &measured.sightings)?;
@@ -356,13 +362,18 @@ fn read_truth(path: &Path, all: &[Sightings]) -> anyhow::Result<BTreeMap<(u16, u
 /// The truth of a camera in the frame of the solution: that of its references, wherever they are.
 fn truth_of(solution: &NetworkSolution, measured: &Measured, camera: u16) -> Option<Truth> {
     let own = |camera| measured.truths.get(&(solution.network, camera)).copied();
-    let [first, second] = solution.references.map(own);
+    let [first, second] = solution.references?.map(own);
     let (first, second) = (first?, second?);
     let baseline = second.position - first.position;
     let turn = nalgebra::Rotation2::new(-baseline.y.atan2(baseline.x));
     let truth = own(camera)?;
+    // Without a scale, in units of the true baseline.
+    let unit = match solution.scale_from {
+        ScaleFrom::Nothing => baseline.norm(),
+        _ => 1.0,
+    };
     Some(Truth {
-        position: Point2::from(turn * (truth.position - first.position)),
+        position: Point2::from(turn * (truth.position - first.position) / unit),
         heading: truth.heading + turn.angle(),
     })
 }
