@@ -29,6 +29,8 @@ use crate::record::{
 
 mod estimator;
 mod opportunistic;
+#[cfg(test)]
+mod tests;
 mod walk;
 
 use walk::Walk;
@@ -36,7 +38,8 @@ use walk::Walk;
 /// What is not measured.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Settings {
-    /// Poses whose sigma of position is above this are weak.
+    /// Poses whose sigma of position is above this are weak. From bearings alone a tenth of the
+    /// baseline if there is none: errors that large are not what sigmas say any more.
     pub max_sigma: Option<f64>,
     /// Estimate how large the errors of displacements are, rather than to believe what they claim.
     pub fit_legs: bool,
@@ -62,7 +65,7 @@ pub struct NetworkSolution {
     pub network: u16,
     /// The target that walked; `null` where stops of several are solved together.
     pub target: Option<u16>,
-    /// `calibrated`, `doubtful`, `refused` or `waiting`.
+    /// `calibrated`, `weak` (unchecked), `doubtful`, `refused` or `waiting`.
     pub status: Status,
     /// Why it is not calibrated: [`CONTRADICTORY`](Self::CONTRADICTORY),
     /// [`AMBIGUOUS`](Self::AMBIGUOUS), or the name of a refusal.
@@ -277,10 +280,12 @@ impl NetworkSolution {
     pub const CONTRADICTORY: &'static str = "contradictory";
     /// Reason of doubt: another solution is not ruled out.
     pub const AMBIGUOUS: &'static str = "ambiguous";
+    /// Why an answer is weak: there are no more measurements than unknowns, so that any would fit.
+    pub const UNCHECKED: &'static str = "unchecked";
 
-    /// Whether there are poses, and the measurements that count fit them.
+    /// Whether there are poses, and the measurements that count do not speak against them.
     pub fn is_good(&self) -> bool {
-        self.status == Status::Calibrated
+        matches!(self.status, Status::Calibrated | Status::Weak)
     }
 }
 

@@ -15,7 +15,7 @@
 use std::collections::{BTreeMap, BTreeSet};
 
 use calib_core::{
-    Pose, Ray, Sighting, Status, angle,
+    Pose, Ray, Refusal, Sighting, Status, angle,
     fit::{Fit, one_in_a_thousand},
     resection,
 };
@@ -51,6 +51,8 @@ const GATE: f64 = 4.0;
 const WRONG: f64 = 4.42;
 /// A bearing with less redundancy has none.
 const UNCHECKED: f64 = 0.02;
+/// Larger sigmas, in baselines and radians, are no longer those of linear equations.
+const MOST_SIGMA: f64 = 0.1;
 /// Solutions that agree in every pose to so many sigmas are one.
 const SAME: f64 = 1.0;
 
@@ -170,6 +172,7 @@ pub(super) fn solve(
     let mut empty = empty(sightings, &measured, appointed);
     let starts = measured.starts();
     if starts.is_empty() {
+        empty.reason = Some(Refusal::TooFew.name());
         empty.advice = Some(format!(
             "no three cameras saw the target together at {LEAST} places: stop it where three or more \
              see it"
@@ -204,7 +207,7 @@ pub(super) fn solve(
     });
     let Some(best) = solved.first() else {
         empty.status = Status::Refused;
-        empty.reason = Some("undetermined");
+        empty.reason = Some(Refusal::Undetermined.name());
         empty.advice = Some(
             "the bearings give no solution that includes the references: let the cameras see the \
              target together at more places, spread over all of their view"
@@ -221,7 +224,7 @@ pub(super) fn solve(
     }
     let Some(best) = framed.first() else {
         empty.status = Status::Refused;
-        empty.reason = Some("undetermined");
+        empty.reason = Some(Refusal::Undetermined.name());
         return Ok(empty);
     };
     let rival = framed.iter().skip(1).find(|other| best.rivals(other));
@@ -503,6 +506,12 @@ fn told(
     let fit = solved.fit();
     (told.status, told.reason) = if fit.is_bad() {
         (Status::Doubtful, Some(NetworkSolution::CONTRADICTORY))
+    } else if fit.degrees_of_freedom == 0 {
+        told.advice = Some(
+            "nothing checks this answer: stop the target at another place that three cameras see"
+                .to_owned(),
+        );
+        (Status::Weak, Some(NetworkSolution::UNCHECKED))
     } else {
         (Status::Calibrated, None)
     };
@@ -535,10 +544,11 @@ fn told(
                 covariance: stretch * adjusted.camera(n) * stretch,
             };
             one.estimate = Estimate::new(&pose);
-            let is_weak = { settings.max_sigma }
-                .is_some_and(|most| !reference && pose.sigma_position() > most);
+            let most = settings.max_sigma.unwrap_or(MOST_SIGMA * unit);
+            let is_weak =
+                !reference && pose.sigma_position() > most || pose.sigma_heading() > MOST_SIGMA;
             (one.status, one.reason) = match told.reason {
-                Some(reason) => (Status::Doubtful, Some(reason)),
+                Some(reason) => (told.status, Some(reason)),
                 None if is_weak => (Status::Weak, None),
                 None => (Status::Calibrated, None),
             };

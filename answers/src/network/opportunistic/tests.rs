@@ -118,21 +118,11 @@ fn cameras_that_see_a_target_together_calibrate_each_other() {
         let solution = solved(room.seen(&mut rng), Some(references));
         all += cameras;
         if solution.status != Status::Calibrated {
-            println!(
-                "{seed}: {} {:?} {:?}",
-                solution.status, solution.reason, solution.advice
-            );
             ambiguous += 1;
             continue;
         }
         assert_eq!(solution.scale_from, ScaleFrom::Baseline);
         let (own, numbers) = nees(&room, &solution, 1.0);
-        println!(
-            "{seed}: nees {:.2} of {numbers}, chi {:.1}/{}",
-            own / numbers as f64,
-            solution.chi_squared.unwrap(),
-            solution.degrees_of_freedom
-        );
         sum += own;
         count += numbers;
         poses += solution
@@ -143,7 +133,6 @@ fn cameras_that_see_a_target_together_calibrate_each_other() {
         chi_squared += solution.chi_squared.unwrap();
         freedom += solution.degrees_of_freedom;
     }
-    println!("{ambiguous} not, {poses} of {all}, {sum} of {count}, {chi_squared} of {freedom}");
     assert!(ambiguous <= 3, "{ambiguous} of 60 without an answer");
     assert!(10 * poses >= 9 * all, "{poses} of {all} cameras");
     // Cameras of one room share their errors: some four numbers of each are independent.
@@ -155,4 +144,92 @@ fn cameras_that_see_a_target_together_calibrate_each_other() {
         chi_squared_band(freedom as f64).contains(&chi_squared),
         "{chi_squared} of {freedom}"
     );
+}
+
+/// Three views have two solutions: whoever says that there is one must be right.
+#[test]
+fn three_cameras_are_right_or_ambiguous() {
+    let (mut sure, mut ambiguous) = (0, 0);
+    for seed in 0..40 {
+        let mut rng = generator(seed);
+        let room = Room::random(&mut rng, 3, 9);
+        let solution = solved(room.seen(&mut rng), None);
+        assert_eq!(solution.scale_from, ScaleFrom::Nothing);
+        if solution.reason == Some(NetworkSolution::AMBIGUOUS) {
+            assert!(!solution.is_good() && solution.advice.is_some());
+            ambiguous += 1;
+        } else if !solution.is_good() {
+            assert_eq!(solution.status, Status::Waiting);
+        } else if solution.degrees_of_freedom == 0 {
+            assert_eq!(solution.reason, Some(NetworkSolution::UNCHECKED));
+        } else if solution
+            .cameras
+            .iter()
+            .all(|c| c.status == Status::Calibrated)
+        {
+            let unit = room.baseline(solution.references.unwrap());
+            let (own, numbers) = nees(&room, &solution, unit);
+            assert!(own < 40.0, "{seed}: {own} of {numbers}");
+            sure += 1;
+        }
+    }
+    assert!(sure >= 20, "{sure} of 40 are sure");
+    assert!(ambiguous >= 1, "none of 40 is ambiguous");
+}
+
+/// Without a known distance everything is in units of the baseline.
+#[test]
+fn a_known_distance_gives_the_scale_and_nothing_else() {
+    let mut rng = generator(7);
+    let room = Room::random(&mut rng, 6, 10);
+    let bearings = room.seen(&mut rng);
+    let with = |baseline| {
+        let cameras = [2, 5];
+        solved(bearings.clone(), Some(References { cameras, baseline }))
+    };
+    let (bare, scaled) = (with(None), with(Some(7.0)));
+    assert_eq!((bare.baseline, scaled.baseline), (Some(1.0), Some(7.0)));
+    for (bare, scaled) in bare.cameras.iter().zip(&scaled.cameras) {
+        let (bare, scaled) = (bare.estimate.unwrap(), scaled.estimate.unwrap());
+        assert!((7.0 * bare.x - scaled.x).abs() < 1e-6);
+        assert!((7.0 * bare.sigma_y - scaled.sigma_y).abs() < 1e-6);
+        assert!((bare.heading_deg - scaled.heading_deg).abs() < 1e-6);
+    }
+    assert_eq!(bare.chi_squared, scaled.chi_squared);
+}
+
+#[test]
+fn a_wrong_bearing_is_named() {
+    let mut named = 0;
+    for seed in 0..10 {
+        let mut rng = generator(seed);
+        let room = Room::random(&mut rng, 6, 12);
+        let mut bearings = room.seen(&mut rng);
+        let wrong = bearings.len() / 2;
+        bearings[wrong].bearing_deg += 4.0;
+        let (stop, camera) = (bearings[wrong].stop, bearings[wrong].camera);
+        let solution = solved(bearings, None);
+        let is_it = |finding: &Finding| matches!(*finding, Finding::Bearing { stop: s, camera: c, .. } if (s, c) == (stop, camera));
+        named += usize::from(solution.is_good() && solution.findings.iter().any(is_it));
+    }
+    assert!(named >= 9, "{named} of 10");
+}
+
+#[test]
+fn too_little_to_begin_with_is_said() {
+    let mut rng = generator(2);
+    let few = Room::random(&mut rng, 4, 4);
+    let solution = solved(few.seen(&mut rng), None);
+    assert_eq!(solution.status, Status::Waiting);
+    assert!(solution.advice.unwrap().contains("5 places"));
+    let sightings = Sightings {
+        references: Some(References {
+            cameras: [1, 9],
+            baseline: None,
+        }),
+        bearings: few.seen(&mut rng),
+        ..Sightings::default()
+    };
+    let refused = solve(&sightings, &Settings::default());
+    assert_eq!(refused.unwrap_err(), NetworkError::NeverSaw(9));
 }

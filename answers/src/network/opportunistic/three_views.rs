@@ -19,6 +19,7 @@
 
 use std::f64::consts::PI;
 
+use calib_core::angle;
 use nalgebra::{Matrix4, Point2, SymmetricEigen, Vector2, Vector3, Vector4};
 
 use super::adjustment::{Scene, Sight};
@@ -29,7 +30,7 @@ pub(super) const LEAST: usize = 5;
 const GRID: usize = 60;
 /// Local minima of the search that are followed.
 const FOLLOWED: usize = 24;
-/// The same solution, in chi squared and in headings.
+/// The same solution, in chi squared and in headings to the first camera.
 const SAME: f64 = 1e-3;
 
 /// Bearings of one point by all three cameras, with their sigmas.
@@ -121,6 +122,10 @@ pub(super) fn solutions(
     common: &[Common],
     (camera_count, point_count): (usize, usize),
 ) -> Vec<(f64, Scene)> {
+    let heading = |scene: &Scene, camera: usize| {
+        let of = |camera: usize| scene.cameras[camera].map_or(0.0, |camera| camera.z);
+        of(camera) - of(cameras[0])
+    };
     let mut found: Vec<(f64, Scene)> = Vec::new();
     for motion in minima(common) {
         let Some(mut scene) = scene(cameras, common, &motion, (camera_count, point_count)) else {
@@ -135,12 +140,10 @@ pub(super) fn solutions(
         }
         let is_same = |(cost, other): &(f64, Scene)| {
             (cost - adjusted.chi_squared).abs() < SAME * (1.0 + cost)
-                && cameras
-                    .iter()
-                    .all(|&n| match (scene.cameras[n], other.cameras[n]) {
-                        (Some(a), Some(b)) => (unit(a.z) - unit(b.z)).norm() < SAME,
-                        _ => false,
-                    })
+                && cameras.iter().all(|&camera| {
+                    let apart = heading(&scene, camera) - heading(other, camera);
+                    angle::wrap_signed(apart).abs() < SAME
+                })
         };
         if !found.iter().any(is_same) {
             found.push((adjusted.chi_squared, scene));
