@@ -348,7 +348,7 @@ fn read_truth(path: &Path, all: &[Sightings]) -> anyhow::Result<BTreeMap<(u16, u
     let truths =
         recorded::open(path, |input, length| messages.watch(input, length)).and_then(|input| {
             truth::read_for(input, cameras.len(), position, |what| {
-                messages.complain(&what)
+                messages.complain(&what);
             })
         });
     messages.finish();

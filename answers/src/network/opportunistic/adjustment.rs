@@ -187,23 +187,17 @@ impl Scene {
         let mut damping = 1e-3;
         let mut converged = false;
         for _ in 0..PASSES {
-            let step = self.step(&columns, width, damping);
-            let Some((cameras, points)) = step else {
+            let Some(next) = self.step(&columns, width, damping) else {
                 damping *= 10.0;
                 if damping > 1e12 {
                     return None;
                 }
                 continue;
             };
-            let mut next = Self {
-                cameras,
-                points,
-                ..self.clone()
-            };
             let next_cost = next.chi_squared();
             if next_cost <= cost {
                 converged = cost - next_cost <= CONVERGED * (1.0 + cost);
-                std::mem::swap(self, &mut next);
+                *self = next;
                 cost = next_cost;
                 damping = (damping * 0.1).max(1e-12);
                 if converged {
@@ -235,24 +229,19 @@ impl Scene {
         })
     }
 
-    fn step(
-        &self,
-        columns: &[Columns],
-        width: usize,
-        damping: f64,
-    ) -> Option<(Vec<Option<Vector3<f64>>>, Vec<Option<Point2<f64>>>)> {
+    /// The same scene, a step further.
+    fn step(&self, columns: &[Columns], width: usize, damping: f64) -> Option<Self> {
         let (normal, mut step, eliminated) = self.equations(columns, width, damping)?;
         normal.factor()?.solve(&mut step);
-        let mut cameras = self.cameras.clone();
-        for (camera, columns) in cameras.iter_mut().zip(columns) {
+        let mut next = self.clone();
+        for (camera, columns) in next.cameras.iter_mut().zip(columns) {
             if let Some(camera) = camera {
                 for (number, column) in camera.iter_mut().zip(columns) {
                     *number -= column.map_or(0.0, |column| step[column]);
                 }
             }
         }
-        let mut points = self.points.clone();
-        for (point, own) in points.iter_mut().zip(&eliminated) {
+        for (point, own) in next.points.iter_mut().zip(&eliminated) {
             if let (Some(point), Some(own)) = (point, own) {
                 let by_cameras = { own.with.iter() }.fold(Vector2::zeros(), |sum, (column, by)| {
                     sum + by * step[*column]
@@ -260,7 +249,7 @@ impl Scene {
                 *point -= own.inverse * (own.gradient - by_cameras);
             }
         }
-        Some((cameras, points))
+        Some(next)
     }
 
     /// Residual over sigma of a bearing, and the share of it that is checked.
