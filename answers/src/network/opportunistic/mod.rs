@@ -1,10 +1,9 @@
 //! A network without displacements: cameras that saw a target together, and nothing else.
 //!
 //! Cameras that see the same things at the same time tell how they stand to each other, up to a
-//! scale: Lee and Aghajan, "Collaborative self-localization techniques for wireless image sensor
-//! networks", Asilomar 2005, the thesis's reference \[1\]. `M` cameras and `N` places have
-//! `3 M - 4 + 2 N` unknowns and up to `M N` bearings, so three cameras need five places. One known
-//! distance gives the scale.
+//! scale: the opportunistic observations of Lee and Aghajan, the thesis's reference \[1\]. `M` cameras
+//! and `N` places have `3 M - 4 + 2 N` unknowns and up to `M N` bearings, so three cameras need five
+//! places. One known distance gives the scale.
 //!
 //! Three cameras begin ([`three_views`]). Places that two cameras see are intersected, cameras that
 //! see four known places are resected, and [bundle adjustment](adjustment) solves for all at once,
