@@ -1,12 +1,23 @@
-//! Recorded blobs in, poses out: what `host-sim solve` does with a file, from the library.
+//! What was recorded in, poses out: what `host-sim solve` and `host-sim solve-network` do with a file,
+//! from the library.
 
 use std::{fs::File, io::BufReader};
 
 use answers::accuracy::Comparisons;
 use answers::answer::{Settings, Solver};
+use answers::network::{self, NetworkSolution};
+use answers::record::{RunRecord, sightings::Sightings};
 use answers::recorded::{self, sightings::Assumptions};
-use calib_core::camera::Camera;
-use test_support::data;
+use calib_core::{Status, camera::Camera};
+use host_sim::network::{Options, Simulation};
+use nalgebra::{Matrix2, Point2, Vector2};
+use site::{Overrides, ScatterTable, Scenario, SensorTable};
+use test_support::{
+    Truth,
+    batch::Batch,
+    chi_squared_band, data, generator, normal, turn,
+    walk::{CarrierErrors, SeenAt, Walk, WalkedLeg},
+};
 
 fn open(name: &str) -> BufReader<File> {
     BufReader::new(File::open(data(name)).unwrap())
@@ -60,4 +71,159 @@ fn the_camera_model_makes_the_difference() {
         "{pin_hole:?}"
     );
     assert!(fit < 3.0 && misfit > 2.0 * fit, "{fit} {misfit}");
+}
+
+/// Sigmas of scale and compass, degrees, of a carrier of whom little is known.
+const UNKNOWN: [f64; 2] = [0.05, 2.0];
+
+/// A run of thesis-13 whose carrier is drawn from what its nodes are told of him, as its record
+/// stands in a file.
+fn rehearsal(seed: u64) -> RunRecord {
+    let changes = Overrides {
+        seed: Some(seed),
+        path: Some(1 + seed % 3),
+        stops: Some(4),
+        scatter: Some(ScatterTable::USUAL),
+        ..Overrides::default()
+    };
+    let mut scenario = Scenario::load("thesis-13", &changes).unwrap();
+    let mut random = generator(1000 + seed);
+    scenario.sensor = Some(SensorTable {
+        scale_bias: UNKNOWN[0] * normal(&mut random),
+        heading_bias_deg: UNKNOWN[1] * normal(&mut random),
+        ..SensorTable::DRIFT
+    });
+    scenario.firmware.systematic_scale = Some(UNKNOWN[0]);
+    scenario.firmware.systematic_heading_deg = Some(UNKNOWN[1]);
+    scenario.firmware.standing_sigma = Some(0.0);
+    let record = Simulation::new(scenario, Options::default())
+        .unwrap()
+        .run(|_| ());
+    RunRecord::from_json(&record.to_json(false).unwrap()).unwrap()
+}
+
+/// The measurements of a record for the batch, with the truth to begin from. The references come
+/// first, then all others by number.
+fn walk(record: &RunRecord, sightings: &Sightings) -> (Vec<u16>, Walk) {
+    let references = sightings.references.unwrap().cameras;
+    let mut ids = references.to_vec();
+    let others = record.cameras().map(|camera| camera.id);
+    ids.extend(others.filter(|id| !references.contains(id)));
+    let truth = |id: &u16| {
+        let camera = record.cameras().find(|camera| camera.id == *id).unwrap();
+        let truth = camera.truth.unwrap();
+        Truth {
+            x: truth.x,
+            y: truth.y,
+            heading: truth.heading_deg.to_radians(),
+        }
+    };
+    let bearings = sightings.bearings.iter().map(|seen| SeenAt {
+        stop: seen.stop as usize - 1,
+        camera: ids.iter().position(|id| *id == seen.camera).unwrap(),
+        bearing: seen.bearing_deg.to_radians(),
+        sigma: seen.sigma_deg.to_radians(),
+    });
+    let legs = sightings.legs.iter().map(|leg| {
+        let [xx, xy, yy] = leg.covariance;
+        WalkedLeg {
+            displacement: Vector2::new(leg.dx, leg.dy),
+            covariance: Matrix2::new(xx, xy, xy, yy),
+        }
+    });
+    let places = record.targets[0].stops.iter();
+    let walk = Walk {
+        cameras: ids.iter().map(truth).collect(),
+        places: places.map(|stop| Point2::new(stop.x, stop.y)).collect(),
+        carrier: [1.0, 0.0],
+        errors: CarrierErrors::UNKNOWN,
+        legs: legs.collect(),
+        bearings: bearings.collect(),
+        visits: Vec::new(),
+    };
+    (ids, walk)
+}
+
+/// What a run's nodes measured, solved again: the batch optimum to a hundredth of a sigma, with
+/// honest sigmas, and no worse than what the nodes made of it.
+#[test]
+fn a_run_with_an_unknown_carrier_is_solved_again() {
+    let (mut nees, mut numbers, mut carriers, mut runs) = (0.0, 0, 0.0, 0);
+    // Squared errors of place: solved again and of the batch, then where nodes have a pose solved again
+    // and theirs.
+    let mut squares = [0.0; 4];
+    for seed in 1..=12 {
+        let record = rehearsal(seed);
+        let sightings = &record.sightings[0];
+        let solved = network::solve(sightings, &network::Settings::default()).unwrap();
+        let [solution] = solved.as_slice() else {
+            panic!("{seed}: {} solutions", solved.len());
+        };
+        if solution.status != Status::Calibrated {
+            // Told, not hidden.
+            assert_ne!(solution.reason, None, "{seed}");
+            continue;
+        }
+        runs += 1;
+        let (ids, walk) = walk(&record, sightings);
+        let own = |solution: &NetworkSolution, id: u16| {
+            let camera = solution.cameras.iter().find(|camera| camera.camera == id);
+            camera.and_then(|camera| camera.estimate)
+        };
+        let prior = [UNKNOWN[0], UNKNOWN[1].to_radians()];
+        let takes_part = |n: usize| own(solution, ids[n]).is_some();
+        let batch = Batch::solve(&walk, prior, takes_part).unwrap();
+        for (n, id) in ids.iter().enumerate().skip(2) {
+            let Some(estimate) = own(solution, *id) else {
+                continue;
+            };
+            let pose = estimate.pose();
+            let truth = &walk.cameras[n];
+            let (expected, covariance) = batch.camera(n).unwrap();
+            if solution.findings.is_empty() {
+                let off = [
+                    pose.position.x - expected.x,
+                    pose.position.y - expected.y,
+                    turn(pose.heading, expected.z),
+                ];
+                for (i, off) in off.into_iter().enumerate() {
+                    let sigma = covariance[(i, i)].sqrt();
+                    assert!(
+                        off.abs() < 0.01 * sigma,
+                        "{seed}, camera {id}: {off} of {sigma}"
+                    );
+                }
+            }
+            let place = truth.position();
+            let square = (pose.position - place).norm_squared();
+            squares[0] += square;
+            squares[1] += (expected.xy() - place.coords).norm_squared();
+            nees += pose.normalised_error(place, truth.heading).unwrap();
+            numbers += 3;
+            let node = record.cameras().find(|camera| camera.id == *id).unwrap();
+            if let Some(estimate) = node.estimate {
+                squares[2] += square;
+                squares[3] += (estimate.pose().position - place).norm_squared();
+            }
+        }
+        let carrier = solution.carrier.unwrap();
+        let (_, covariance) = batch.pair(0);
+        let ratio = carrier.sigma_scale / covariance.m11.sqrt();
+        assert!((ratio - 1.0).abs() < 0.01, "{seed}: {ratio}");
+        // What the carrier really read: his bias is in no record.
+        let mut random = generator(1000 + seed);
+        let scale = 1.0 + UNKNOWN[0] * normal(&mut random);
+        carriers += ((carrier.scale - scale) / carrier.sigma_scale).powi(2);
+    }
+    assert!(runs >= 10, "{runs} of 12 runs");
+    // Cameras of a run share the target's errors.
+    let band = chi_squared_band(f64::from(numbers) / 3.0);
+    assert!(band.contains(&(nees / 3.0)), "{nees} of {numbers}");
+    assert!(
+        chi_squared_band(f64::from(runs)).contains(&carriers),
+        "{carriers} of {runs}"
+    );
+    let [solved, batch, beside, nodes] = squares.map(f64::sqrt);
+    assert!((solved / batch - 1.0).abs() < 0.1, "{solved}, {batch}");
+    assert!(beside > 0.0 && beside <= 1.1 * nodes, "{beside}, {nodes}");
 }

@@ -11,6 +11,7 @@
 //! | [`record`] | What one run of a network came to: its data, statistics, verdict; many runs together. |
 //! | [`report`] | Prints answers and runs as tables or as JSON. |
 //! | [`view`] | What a PC on a coordinator's line knows of its network, simulated or real. |
+//! | [`network`] | Solves a whole network again from what was measured in it. |
 //! | [`export`] | Writes the poses of a network for other programs: CSV, YAML, ROS 2. |
 //! | [`plot`] | Draws answers and runs. |
 
@@ -20,6 +21,7 @@ pub mod accuracy;
 pub mod answer;
 pub mod export;
 pub mod lens;
+pub mod network;
 pub mod plot;
 pub mod record;
 pub mod recorded;

@@ -24,10 +24,12 @@ use serde::{Deserialize, Serialize};
 pub mod difference;
 mod next_stop;
 pub mod published;
+pub mod sightings;
 pub mod summary;
 pub mod sweep;
 pub mod verdict;
 
+use sightings::Sightings;
 use summary::Summary;
 
 /// The format that this library writes, and the only one that it reads.
@@ -59,6 +61,9 @@ pub struct RunRecord {
     pub nodes: Vec<Node>,
     /// Where the targets went.
     pub targets: Vec<Target>,
+    /// What was measured in each network, by ascending number. Records of format 4 may lack it.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub sightings: Vec<Sightings>,
     /// What hides targets from cameras: closed outlines, `[x, y]` a corner. In the frame of the
     /// first network.
     pub obstacles: Vec<Vec<[f64; 2]>>,
@@ -618,8 +623,12 @@ impl RunRecord {
         let networks = self.networks.iter().map(|n| ("network", n.network));
         let nodes = self.nodes.iter().map(|n| ("node", n.id));
         let targets = self.targets.iter().map(|t| ("target", t.id));
+        let sightings = self
+            .sightings
+            .iter()
+            .map(|s| ("sightings of network", s.network));
         let mut seen = BTreeSet::new();
-        for (what, id) in networks.chain(nodes).chain(targets) {
+        for (what, id) in networks.chain(nodes).chain(targets).chain(sightings) {
             if !seen.insert((what, id)) {
                 return Err(RecordError::Twice(format!("{what} {id}")));
             }

@@ -16,6 +16,7 @@ use std::{
 };
 
 mod directions;
+pub mod network;
 mod rows;
 pub mod sightings;
 pub mod stops;

@@ -23,19 +23,31 @@ pub struct Truth {
 pub fn read(
     input: impl BufRead,
     recording: &Recording,
+    complain: impl FnMut(Complaint),
+) -> Result<Vec<Option<Truth>>, ReadError> {
+    let position = |case: &str| recording.position(case);
+    read_for(input, recording.len(), position, complain)
+}
+
+/// Reads so many true poses, each to the place that `position` tells of its case, if it does.
+///
+/// # Errors
+/// What is wrong with the file as a whole. Single rows go to `complain`.
+pub fn read_for(
+    input: impl BufRead,
+    count: usize,
+    position: impl Fn(&str) -> Option<usize>,
     mut complain: impl FnMut(Complaint),
 ) -> Result<Vec<Option<Truth>>, ReadError> {
     let mut rows = Rows::new(input)?;
     let case = rows.need("case")?;
     let columns = [rows.need("x")?, rows.need("y")?, rows.need("theta_rad")?];
-    let mut truths = vec![None; recording.len()];
+    let mut truths = vec![None; count];
     let mut any = false;
     while let Some(row) = rows.next()? {
         any = true;
-        let Some(truth) = recording
-            .position(&row.text(case))
-            .and_then(|place| truths.get_mut(place))
-        else {
+        let place = position(&row.text(case));
+        let Some(truth) = place.and_then(|place| truths.get_mut(place)) else {
             continue;
         };
         let mut read = || {

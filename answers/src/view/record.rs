@@ -62,6 +62,7 @@ impl NetworkView {
             summary: Summary::of(&nodes),
             nodes,
             targets: self.targets(),
+            sightings: Vec::new(),
             obstacles: site.map(SitePlan::obstacles).unwrap_or_default(),
             radio: None,
             sim_seconds: now.as_secs_f64(),

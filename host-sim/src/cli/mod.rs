@@ -29,6 +29,7 @@ mod run;
 mod run_outputs;
 mod scenario_options;
 mod solve;
+mod solve_network;
 mod solve_reference;
 mod sweep;
 mod sweep_outputs;
@@ -55,6 +56,7 @@ enum Command {
     Report(report::Arguments),
     Run(run::Arguments),
     Solve(solve::Arguments),
+    SolveNetwork(Box<solve_network::Arguments>),
     SolveReference(solve_reference::Arguments),
     Sweep(sweep::Arguments),
 }
@@ -71,6 +73,7 @@ pub(crate) fn main() -> ExitCode {
         Command::Report(arguments) => report::run(&arguments),
         Command::Run(arguments) => run::run(&arguments),
         Command::Solve(arguments) => solve::run(&arguments),
+        Command::SolveNetwork(arguments) => solve_network::run(&arguments),
         Command::SolveReference(arguments) => solve_reference::run(&arguments),
         Command::Sweep(arguments) => sweep::run(&arguments),
     };

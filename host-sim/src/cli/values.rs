@@ -120,6 +120,16 @@ impl Known {
     }
 }
 
+/// The numbers of two cameras.
+pub(super) fn two_cameras(text: &str) -> Result<[u16; 2], String> {
+    let two = text.split_once(',').and_then(|(first, second)| {
+        let number = |text: &str| text.trim().parse().ok();
+        Some([number(first)?, number(second)?])
+    });
+    two.filter(|[first, second]| first != second)
+        .ok_or_else(|| "the numbers of two cameras are needed, such as 1,2".to_owned())
+}
+
 /// How fast a simulation runs: so many times real time, or as fast as it can.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Speed(pub(super) Option<f64>);

@@ -8,11 +8,12 @@ use std::{
     rc::Rc,
 };
 
-use nalgebra::Point2;
+use calib_core::dead_reckoning::{Displacement, Step};
+use nalgebra::{Matrix2, Point2, Vector2};
 use node_firmware::{
     facts::{Fact, KeptSighting, Walk},
     hardware::Observer,
-    message::{CoordinateFrame, Message},
+    message::{CoordinateFrame, MemberAddress, Message, Seen, StopNumber},
 };
 use zigbee_link::wire::ShortAddress;
 
@@ -29,6 +30,29 @@ pub(super) struct StopEntry {
     pub(super) truth: Point2<f64>,
     /// Where it thought it was, in the frame of the site, when it told last.
     pub(super) believed: Option<calib_core::dead_reckoning::Place<f32>>,
+    /// The way from the stop before, as its step sensor measured it; not known where it was off on
+    /// the way.
+    pub(super) way: Option<Displacement<f64>>,
+}
+
+/// Steps since a target last told of a new stop.
+#[derive(Clone, Debug)]
+pub(super) struct Way {
+    walked: Displacement<f64>,
+    /// Steps were made while it was off.
+    has_gap: bool,
+}
+
+impl Default for Way {
+    fn default() -> Self {
+        Self {
+            walked: Displacement {
+                vector: Vector2::zeros(),
+                covariance: Matrix2::zeros(),
+            },
+            has_gap: false,
+        }
+    }
 }
 
 /// What became known of one node.
@@ -38,6 +62,10 @@ pub(super) struct NodeEntry {
     pub(super) calibrated: Option<Time>,
     /// A camera's sightings by their place in its list.
     pub(super) sightings: BTreeMap<u8, KeptSighting>,
+    /// What a camera saw, by the target's address and its number of the stop.
+    pub(super) seen: BTreeMap<(MemberAddress, StopNumber), Seen>,
+    /// What a target has walked since its last stop.
+    pub(super) way: Way,
     /// A target's stops by their number.
     pub(super) stops: BTreeMap<u16, StopEntry>,
     /// When and where a target's carrier came to stand.
@@ -57,11 +85,25 @@ impl NodeEntry {
             match fact {
                 Fact::Sighting(place, Some(sighting)) => {
                     self.sightings.insert(*place, *sighting);
+                    self.sees(fact);
                 }
+                Fact::ReferenceStop(..) => self.sees(fact),
                 Fact::Walk(walk) => self.number_stops(walk),
                 _ => {}
             }
         }
+    }
+
+    /// What a camera keeps of a stop, it saw there.
+    fn sees(&mut self, fact: &Fact) {
+        let seen = match fact {
+            Fact::Sighting(_, Some(kept)) => Some(((kept.target, kept.stop), kept.seen)),
+            Fact::ReferenceStop(_, Some(kept)) => {
+                kept.own.map(|own| ((kept.target, kept.stop), own))
+            }
+            _ => None,
+        };
+        self.seen.extend(seen);
     }
 
     /// The last arrival was the last stop that was written down, and none is left out.
@@ -74,6 +116,7 @@ impl NodeEntry {
                     at: *at,
                     truth: *truth,
                     believed,
+                    way: None,
                 });
         }
     }
@@ -115,6 +158,14 @@ impl Journal {
     pub(super) fn arrived(&mut self, id: u16, place: Point2<f64>) {
         let now = self.clock.time();
         self.node(id).arrivals.push((now, place));
+    }
+
+    /// A target's step sensor measured a step; whether it was on.
+    pub(super) fn stepped(&mut self, id: u16, step: &Step<f32>, is_on: bool) {
+        let way = &mut self.node(id).way;
+        way.has_gap |= !is_on;
+        way.walked.vector += step.displacement().cast::<f64>();
+        way.walked.covariance += step.covariance().cast::<f64>();
     }
 
     /// A node cannot go on.
@@ -164,15 +215,23 @@ impl Observer for Witness {
                 let Some(truth) = (self.truth)() else {
                     return;
                 };
-                let stops = &mut journal.node(self.id).stops;
-                let stop = stops.entry(stopped.stop).or_insert(StopEntry {
-                    at: now,
-                    truth,
-                    believed: None,
+                let NodeEntry { stops, way, .. } = journal.node(self.id);
+                let stop = stops.entry(stopped.stop).or_insert_with(|| {
+                    let Way { walked, has_gap } = std::mem::take(way);
+                    StopEntry {
+                        at: now,
+                        truth,
+                        believed: None,
+                        way: (!has_gap).then_some(walked),
+                    }
                 });
                 if stopped.frame == CoordinateFrame::Site {
                     stop.believed = Some(stopped.place);
                 }
+            }
+            Message::Bearing(bearing) => {
+                let seen = &mut journal.node(self.id).seen;
+                seen.insert((bearing.target, bearing.stop), bearing.seen);
             }
             _ => {}
         }
@@ -183,6 +242,7 @@ impl Observer for Witness {
         if journal.log.is_some() {
             journal.note(self.id, format_args!("learns {fact:?}"));
         }
+        journal.node(self.id).sees(fact);
         if let Fact::Sighting(place, sighting) = fact {
             let sightings = &mut journal.node(self.id).sightings;
             match sighting {

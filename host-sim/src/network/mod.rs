@@ -17,6 +17,7 @@
 //! | `journal` | What nodes said and learnt, with times: the log, and what records are made of |
 //! | `events` | What goes wrong by order of the scenario |
 //! | `outcome` | The record |
+//! | `measured` | Its part that a joint solution needs |
 //! | `many` | Many runs on many threads |
 
 mod camera;
@@ -27,6 +28,7 @@ mod emulated;
 mod events;
 mod journal;
 mod many;
+mod measured;
 mod node;
 mod outcome;
 mod walk;

@@ -279,7 +279,9 @@ impl Node {
 
     /// A step was made. A node that is off misses it.
     pub(super) fn step(&self, step: Step<f32>) {
-        if self.task.get().is_some() {
+        let is_on = self.task.get().is_some();
+        (self.journal.borrow_mut()).stepped(self.config.id, &step, is_on);
+        if is_on {
             let _ = self.panel.steps.try_send(step);
         }
     }

@@ -6,10 +6,10 @@ use answers::view;
 use calib_core::Sighting;
 use node_firmware::{config::RoleConfig as Configured, facts::KeptSighting, message::Duty};
 
-use super::{Simulation, console::Console, journal::NodeEntry};
+use super::{Simulation, console::Console, journal::NodeEntry, measured};
 use answers::record::{
     self, Believed, FORMAT, Failure, Limits, Node, Place, Radio, Role, RunRecord, Stop, Target,
-    Unit, View, heading_degrees, summary::Summary,
+    Unit, View, heading_degrees, sightings::Sightings, summary::Summary,
 };
 use site::{CameraNode, Frame, Network};
 use virtual_bench::{
@@ -44,6 +44,7 @@ pub(super) fn record(simulation: &Simulation, wall_seconds: f64) -> RunRecord {
     let mut obstacles = Vec::new();
     let mut first = None;
     let mut records = Vec::new();
+    let mut measured = Vec::new();
     let networks = simulation.site.networks.iter().zip(&simulation.consoles);
     for (number, (network, console)) in (0..).zip(networks) {
         let references = references(network, console);
@@ -110,6 +111,11 @@ pub(super) fn record(simulation: &Simulation, wall_seconds: f64) -> RunRecord {
             node.calibrated_seconds = entry.calibrated.map(seconds);
             nodes.push(with_traffic(simulation, node));
         }
+        let references = references.map(|place| network.cameras[place].id);
+        measured.push(Sightings {
+            network: number + 1,
+            ..measured::sightings(simulation, network, references, console, &numbers)
+        });
     }
     nodes.sort_by_key(|node| node.id);
     targets.sort_by_key(|target| target.id);
@@ -129,6 +135,7 @@ pub(super) fn record(simulation: &Simulation, wall_seconds: f64) -> RunRecord {
         summary: Summary::of(&nodes),
         nodes,
         targets,
+        sightings: measured,
         obstacles,
         radio: Some(radio(&simulation.medium, sim_seconds)),
         sim_seconds,
@@ -151,7 +158,7 @@ fn seconds(time: Time) -> f64 {
 }
 
 /// Of a target and its own number of a stop: the number of that stop in the record.
-type Numbers = BTreeMap<(u16, u16), u32>;
+pub(super) type Numbers = BTreeMap<(u16, u16), u32>;
 
 /// A target's stops, counted from 1 in the order in which it told of them.
 fn stops(entry: &NodeEntry, target: u16, frame: &Frame, numbers: &mut Numbers) -> Vec<Stop> {

@@ -4,6 +4,7 @@ use answers::record::{
     Believed, Estimate, FORMAT, Failure, Limits, Node, Place, Radio, RecordError, Role, RunRecord,
     Stop, Target, Unit, View,
     published::{Published, exchange},
+    sightings::{Bearing, Carrier, Leg, References, Sightings},
     summary::{Errors, Summary},
 };
 use calib_core::{Pose, Ray, Sighting, Status, resection};
@@ -94,6 +95,7 @@ fn tiny() -> RunRecord {
                 }),
             }],
         }],
+        sightings: Vec::new(),
         obstacles: vec![vec![[3.0, 3.0], [4.0, 3.0], [4.0, 4.0]]],
         radio: Some(Radio {
             frames: 12,
@@ -115,6 +117,47 @@ fn the_json_is_the_golden_one() {
     let with_time = tiny().to_json(true).unwrap();
     let null = golden.replace("\"wall_seconds\": null", "\"wall_seconds\": 0.125");
     assert_eq!(with_time, null);
+}
+
+/// A record without them has none; whoever reads one with them has every bit of them.
+#[test]
+fn what_was_measured_is_kept_as_the_golden_one() {
+    let measured = Sightings {
+        network: 1,
+        references: Some(References {
+            cameras: [1, 2],
+            baseline: Some(10.0),
+        }),
+        frame_heading_deg: Some(0.0),
+        carriers: vec![Carrier {
+            target: 20,
+            systematic_scale: 0.0625,
+            systematic_heading_deg: 3.0,
+        }],
+        bearings: vec![Bearing {
+            target: 20,
+            stop: 1,
+            camera: 2,
+            bearing_deg: -12.5,
+            sigma_deg: 0.25,
+        }],
+        legs: vec![Leg {
+            target: 20,
+            stop: 2,
+            dx: 1.5,
+            dy: -0.25,
+            covariance: [0.0625, 0.0, 0.125],
+        }],
+    };
+    let golden: Sightings = serde_json::from_str(include_str!("golden_sightings.json")).unwrap();
+    assert_eq!(measured, golden);
+    let text = serde_json::to_string_pretty(&measured).unwrap() + "\n";
+    assert_eq!(text, include_str!("golden_sightings.json"));
+    let mut record = tiny();
+    record.sightings.push(measured);
+    let text = record.to_json(false).unwrap();
+    let read = RunRecord::from_json(&text).unwrap();
+    assert_eq!(read.sightings, record.sightings);
 }
 
 #[test]
@@ -192,6 +235,10 @@ fn records_that_no_run_makes_are_refused() {
         (
             refused(|r| r.targets[0].network = 2),
             "target 20 is of network 2, which is not there",
+        ),
+        (
+            refused(|r| r.sightings = vec![Sightings::default(), Sightings::default()]),
+            "it has sightings of network 0 twice",
         ),
         (refused(|r| r.nodes.clear()), "it has no cameras"),
     ] {

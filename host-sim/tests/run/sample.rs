@@ -123,6 +123,7 @@ impl Sample {
                 path: stops.iter().map(|stop| [stop.x, stop.y]).collect(),
                 stops,
             }],
+            sightings: Vec::new(),
             obstacles: vec![vec![[11.0, 8.0], [12.5, 8.0], [12.5, 9.0], [11.0, 9.0]]],
             sim_seconds: 840.25,
             wall_seconds: Some(0.31),

@@ -1,0 +1,396 @@
+//! A network solved again from what was measured in it.
+//!
+//! What its nodes estimate on the way, all at once and in double precision: every camera, every
+//! stop, the references' headings and the carrier, with covariances, protection levels and what
+//! contradicts. See [`calib_core::joint`].
+//!
+//! Each target's walk is solved by itself, as the node that is carried solves it.
+//!
+//! # Without displacements
+//! Cameras that saw targets together at five places or more, three of them or more, are solved from
+//! their bearings alone, up to scale: an opportunistic network. Stops of all targets then count
+//! together.
+//!
+//! # Scale
+//! A known baseline sets it. Where that is not known, the carrier's scale does: every length is then
+//! as wrong as the carrier's distances are, and sigmas say so. Without displacements nothing does:
+//! lengths are then in units of the baseline.
+
+use std::collections::BTreeSet;
+
+use calib_core::{Status, joint::Standing};
+use node_firmware::config::TargetConfig;
+use serde::Serialize;
+
+use crate::record::{
+    Estimate,
+    sightings::{References, Sightings},
+};
+
+mod estimator;
+mod opportunistic;
+#[cfg(test)]
+mod tests;
+mod walk;
+
+use walk::Walk;
+
+/// What is not measured.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Settings {
+    /// Poses whose sigma of position is above this are weak. From bearings alone a tenth of the
+    /// baseline if there is none: errors that large are not what sigmas say any more.
+    pub max_sigma: Option<f64>,
+    /// Estimate how large the errors of displacements are, rather than to believe what they claim.
+    pub fit_legs: bool,
+}
+
+/// What sets the scale of a solution.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "snake_case")]
+pub enum ScaleFrom {
+    /// The known distance between the references.
+    Baseline,
+    /// The carrier's distances.
+    Carrier,
+    /// Nothing: lengths are in units of the distance between the references.
+    Nothing,
+}
+
+/// A network as one target's walk tells it. Lengths are in the unit of the measurements, angles in
+/// degrees.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct NetworkSolution {
+    /// The network's number.
+    pub network: u16,
+    /// The target that walked; `null` where stops of several are solved together.
+    pub target: Option<u16>,
+    /// `calibrated`, `weak` (unchecked), `doubtful`, `refused` or `waiting`.
+    pub status: Status,
+    /// Why it is not calibrated: [`CONTRADICTORY`](Self::CONTRADICTORY),
+    /// [`AMBIGUOUS`](Self::AMBIGUOUS), or the name of a refusal.
+    pub reason: Option<&'static str>,
+    /// The same for people.
+    #[serde(skip)]
+    pub advice: Option<String>,
+    /// What sets the scale.
+    pub scale_from: ScaleFrom,
+    /// The cameras that define the frame: the origin, and the one on the x axis.
+    pub references: Option<[u16; 2]>,
+    /// How far they are apart.
+    pub baseline: Option<f64>,
+    /// Zero where it was given.
+    pub sigma_baseline: Option<f64>,
+    /// All cameras by ascending number.
+    pub cameras: Vec<Camera>,
+    /// The target's stops.
+    pub stops: Vec<Stop>,
+    /// Stops without a place, and of no use for others: nothing ties them to the rest.
+    pub left_out: Vec<u32>,
+    /// Who carried it.
+    pub carrier: Option<Carrier>,
+    /// What contradicted the rest and was left out.
+    pub findings: Vec<Finding>,
+    /// Each bearing of a camera with a pose.
+    pub bearings: Vec<BearingResidual>,
+    /// Each measured displacement.
+    pub legs: Vec<LegResidual>,
+    /// By how much displacements err more than they claim; `null` unless that was estimated.
+    pub leg_factor: Option<f64>,
+    /// Sum of the squared residuals, each over its variance.
+    pub chi_squared: Option<f64>,
+    /// Measurements beyond the unknowns.
+    pub degrees_of_freedom: usize,
+}
+
+/// One camera.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Camera {
+    /// Its number.
+    pub camera: u16,
+    /// It defines the frame.
+    pub reference: bool,
+    /// What its pose is worth.
+    pub status: Status,
+    /// Why it has none, or is doubtful.
+    pub reason: Option<&'static str>,
+    /// Its pose.
+    pub estimate: Option<Estimate>,
+    /// How far that may be off because of one wrong measurement that nobody noticed: at most so much
+    /// in 999 of 1,000 cases.
+    pub protection: Option<Protection>,
+    /// How many bearings it gave.
+    pub bearings: usize,
+    /// How many of them count.
+    pub used: usize,
+}
+
+/// How far a pose may be off because of one wrong measurement.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+pub struct Protection {
+    /// Its place.
+    pub position: f64,
+    /// Its heading.
+    pub heading_deg: f64,
+}
+
+/// Where a target stood.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+pub struct Stop {
+    /// Of this target.
+    pub target: u16,
+    /// Its number.
+    pub stop: u32,
+    /// Where it was.
+    pub x: f64,
+    /// As `x`.
+    pub y: f64,
+    /// Predicted standard deviation of `x`.
+    pub sigma_x: f64,
+    /// Predicted standard deviation of `y`.
+    pub sigma_y: f64,
+    /// Covariance `xx, xy, yy`.
+    pub covariance: [f64; 3],
+}
+
+/// What a carrier gets wrong all the time.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+pub struct Carrier {
+    /// Length that it reads over the true one.
+    pub scale: f64,
+    /// Predicted standard deviation.
+    pub sigma_scale: f64,
+    /// Direction that it reads less the true one, in the frame whose x axis is the baseline.
+    pub compass_deg: f64,
+    /// Predicted standard deviation.
+    pub sigma_compass_deg: f64,
+}
+
+/// What contradicts the rest.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+#[serde(tag = "kind", rename_all = "snake_case")]
+pub enum Finding {
+    /// One bearing.
+    Bearing {
+        /// Of this target.
+        target: u16,
+        /// At this stop.
+        stop: u32,
+        /// By this camera.
+        camera: u16,
+        /// Sigmas that it is off.
+        off: f64,
+    },
+    /// The displacement to a stop: the carrier slipped, or a step was not counted.
+    Leg {
+        /// Of this target.
+        target: u16,
+        /// The stop that it leads to.
+        stop: u32,
+        /// By how much, as chi squared.
+        chi_squared: f64,
+    },
+    /// All that a camera saw from a stop on: it was moved, or is stuck.
+    Camera {
+        /// The camera.
+        camera: u16,
+        /// The first stop at which it is off.
+        from: u32,
+        /// By how much, as chi squared.
+        chi_squared: f64,
+    },
+}
+
+/// What is left of a bearing.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+pub struct BearingResidual {
+    /// Of this target.
+    pub target: u16,
+    /// At this stop.
+    pub stop: u32,
+    /// By this camera.
+    pub camera: u16,
+    /// Foretold less measured.
+    pub residual_deg: f64,
+    /// Share of its error that shows in the residual: 0 where nothing checks it.
+    pub redundancy: f64,
+    /// The residual over its standard deviation; `null` where nothing checks it.
+    pub normalised: Option<f64>,
+    /// Whether it counts.
+    pub standing: &'static str,
+}
+
+/// What is left of a displacement.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+pub struct LegResidual {
+    /// Of this target.
+    pub target: u16,
+    /// The stop that it leads to.
+    pub stop: u32,
+    /// Of what is checked.
+    pub chi_squared: f64,
+    /// How many directions are checked: 2, 1 or 0.
+    pub degrees_of_freedom: usize,
+    /// Whether it counts.
+    pub standing: &'static str,
+}
+
+/// Why measurements cannot be solved at all: they are not complete.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+#[non_exhaustive]
+pub enum NetworkError {
+    /// No bearing.
+    #[error("has no bearings")]
+    NoBearings,
+    /// Nobody defines the frame.
+    #[error("names no references: say which two cameras define the frame, with --references")]
+    NoReferences,
+    /// A camera that defines the frame has no bearing.
+    #[error(
+        "has no bearing of camera {0}, which is to define the frame: name two cameras that saw the target"
+    )]
+    NeverSaw(u16),
+    /// One camera twice.
+    #[error("names camera {0} as both references: name two cameras")]
+    OneReference(u16),
+    /// A number is not finite, or a sigma or length not above zero.
+    #[error("{0}: correct it")]
+    Number(String),
+    /// More than the largest estimator takes.
+    #[error(
+        "has {cameras} cameras, {stops} stops and {bearings} bearings of target {target}: at most \
+         {} cameras, {} stops and {} bearings can be solved at once", .most[0], .most[1], .most[2]
+    )]
+    TooMany {
+        /// Of this target.
+        target: u16,
+        /// How many there are.
+        cameras: usize,
+        /// As `cameras`.
+        stops: usize,
+        /// As `cameras`.
+        bearings: usize,
+        /// How many there may be, of each.
+        most: [usize; 3],
+    },
+}
+
+impl NetworkSolution {
+    /// Reason of doubt: the measurements do not fit, though what contradicted most was left out.
+    pub const CONTRADICTORY: &'static str = "contradictory";
+    /// Reason of doubt: another solution is not ruled out.
+    pub const AMBIGUOUS: &'static str = "ambiguous";
+    /// Why an answer is weak: there are no more measurements than unknowns, so that any would fit.
+    pub const UNCHECKED: &'static str = "unchecked";
+
+    /// Whether there are poses, and the measurements that count do not speak against them.
+    pub fn is_good(&self) -> bool {
+        matches!(self.status, Status::Calibrated | Status::Weak)
+    }
+}
+
+/// Solves a network, once for each target that walked; without displacements once.
+///
+/// # Errors
+/// [`NetworkError`]. Measurements that are complete, but have no solution, are
+/// [`refused`](NetworkSolution::status).
+pub fn solve(
+    sightings: &Sightings,
+    settings: &Settings,
+) -> Result<Vec<NetworkSolution>, NetworkError> {
+    check(sightings)?;
+    if sightings.legs.is_empty() {
+        return Ok(vec![opportunistic::solve(sightings, settings)?]);
+    }
+    let references = sightings.references.ok_or(NetworkError::NoReferences)?;
+    let [first, second] = references.cameras;
+    let mut cameras = vec![first, second];
+    let others: BTreeSet<_> = sightings.bearings.iter().map(|seen| seen.camera).collect();
+    cameras.extend(
+        others
+            .into_iter()
+            .filter(|id| !references.cameras.contains(id)),
+    );
+    let targets: BTreeSet<_> = sightings.legs.iter().map(|leg| leg.target).collect();
+    targets
+        .into_iter()
+        .map(|target| Walk::new(sightings, target, &cameras).solve(settings))
+        .collect()
+}
+
+fn check(sightings: &Sightings) -> Result<(), NetworkError> {
+    if sightings.bearings.is_empty() {
+        return Err(NetworkError::NoBearings);
+    }
+    if let Some(References {
+        cameras: [first, second],
+        ..
+    }) = sightings.references
+        && first == second
+    {
+        return Err(NetworkError::OneReference(first));
+    }
+    let wrong = |what: String| Err(NetworkError::Number(what));
+    for seen in &sightings.bearings {
+        if !(seen.bearing_deg.is_finite() && seen.sigma_deg.is_finite() && seen.sigma_deg > 0.0) {
+            return wrong(format!(
+                "camera {} at stop {} of target {}: its bearing must be finite, and its sigma above 0",
+                seen.camera, seen.stop, seen.target
+            ));
+        }
+    }
+    for leg in &sightings.legs {
+        let [xx, xy, yy] = leg.covariance;
+        let numbers = [leg.dx, leg.dy, xx, xy, yy];
+        let is_covariance = xx >= 0.0 && yy >= 0.0 && xy * xy <= xx * yy * (1.0 + 1e-9);
+        if !numbers.iter().all(|number| number.is_finite()) || !is_covariance {
+            return wrong(format!(
+                "the displacement to stop {} of target {}: it must be finite, and its covariance one",
+                leg.stop, leg.target
+            ));
+        }
+    }
+    for carrier in &sightings.carriers {
+        let sigmas = [carrier.systematic_scale, carrier.systematic_heading_deg];
+        if !sigmas
+            .iter()
+            .all(|sigma| sigma.is_finite() && *sigma >= 0.0)
+        {
+            return wrong(format!(
+                "what is known of the carrier of target {}: no sigma is below 0",
+                carrier.target
+            ));
+        }
+    }
+    let lengths = sightings
+        .references
+        .and_then(|references| references.baseline);
+    if lengths.is_some_and(|length| !(length.is_finite() && length > 0.0)) {
+        return wrong("the baseline: it must be above 0".to_owned());
+    }
+    if sightings
+        .frame_heading_deg
+        .is_some_and(|heading| !heading.is_finite())
+    {
+        return wrong("the frame heading: it must be finite".to_owned());
+    }
+    Ok(())
+}
+
+/// What is known of a carrier of whom the measurements say nothing: what targets assume.
+pub fn usual_carrier(target: u16) -> crate::record::sightings::Carrier {
+    let usual = TargetConfig::default();
+    crate::record::sightings::Carrier {
+        target,
+        systematic_scale: usual.systematic_scale.into(),
+        systematic_heading_deg: usual.systematic_heading_deg.into(),
+    }
+}
+
+fn standing(standing: Standing) -> &'static str {
+    match standing {
+        Standing::Counts => "counts",
+        Standing::Excluded => "excluded",
+        Standing::Distrusted => "distrusted",
+    }
+}

@@ -1,0 +1,340 @@
+//! Walks that were made elsewhere, against the batch optimum and the truth.
+
+use calib_core::{Status, angle::wrap_signed};
+use nalgebra::{Point2, Vector2};
+use test_support::{
+    batch::Batch,
+    chi_squared_band, generator, turn,
+    walk::{CarrierErrors, Walk},
+};
+
+use super::*;
+use crate::record::sightings::{Bearing, Carrier as Known, Leg};
+
+const SIGMA: f64 = 0.0024;
+const TARGET: u16 = 20;
+
+/// What was measured on a walk: camera `n` has number `n + 1`, stop `n` number `n + 1`.
+fn measured(walk: &Walk) -> Sightings {
+    let bearings = walk.bearings.iter().map(|seen| Bearing {
+        target: TARGET,
+        stop: seen.stop as u32 + 1,
+        camera: seen.camera as u16 + 1,
+        bearing_deg: seen.bearing.to_degrees(),
+        sigma_deg: seen.sigma.to_degrees(),
+    });
+    let legs = (2..).zip(&walk.legs).map(|(stop, leg)| {
+        let c = leg.covariance;
+        Leg {
+            target: TARGET,
+            stop,
+            dx: leg.displacement.x,
+            dy: leg.displacement.y,
+            covariance: [c.m11, c.m12, c.m22],
+        }
+    });
+    Sightings {
+        network: 1,
+        references: Some(References {
+            cameras: [1, 2],
+            baseline: Some(walk.cameras[1].x),
+        }),
+        frame_heading_deg: Some(0.0),
+        carriers: vec![Known {
+            target: TARGET,
+            systematic_scale: walk.errors.scale,
+            systematic_heading_deg: walk.errors.compass.to_degrees(),
+        }],
+        bearings: bearings.collect(),
+        legs: legs.collect(),
+    }
+}
+
+fn solved(sightings: &Sightings) -> NetworkSolution {
+    let mut all = solve(sightings, &Settings::default()).unwrap();
+    assert_eq!(all.len(), 1);
+    all.remove(0)
+}
+
+fn walk(seed: u64) -> Walk {
+    Walk::random(&mut generator(seed), 9, 20, CarrierErrors::UNKNOWN, SIGMA)
+}
+
+#[test]
+fn a_walk_is_solved_as_the_batch_does() {
+    for seed in 0..6 {
+        let walk = walk(seed);
+        let solution = solved(&measured(&walk));
+        assert_eq!(solution.status, Status::Calibrated, "{seed}");
+        let posed = |n: usize| solution.cameras[n].estimate.is_some();
+        let prior = [walk.errors.scale, walk.errors.compass];
+        let batch = Batch::solve(&walk, prior, posed).unwrap();
+        for (n, camera) in solution.cameras.iter().enumerate().skip(2) {
+            let Some(estimate) = camera.estimate else {
+                continue;
+            };
+            let (expected, covariance) = batch.camera(n).unwrap();
+            let pose = estimate.pose();
+            let off = [
+                pose.position.x - expected.x,
+                pose.position.y - expected.y,
+                turn(pose.heading, expected.z),
+            ];
+            for (i, off) in off.into_iter().enumerate() {
+                let sigma = covariance[(i, i)].sqrt();
+                assert!(
+                    off.abs() < 1e-2 * sigma,
+                    "{seed}, camera {n}: {off} of {sigma}"
+                );
+                let own = pose.covariance[(i, i)].sqrt();
+                assert!(
+                    (own / sigma - 1.0).abs() < 1e-2,
+                    "{seed}, camera {n}: {own}, {sigma}"
+                );
+            }
+        }
+        for (n, stop) in solution.stops.iter().enumerate() {
+            let (expected, covariance) = batch.stop(n);
+            let off = (stop.x - expected.x).hypot(stop.y - expected.y);
+            assert!(
+                off < 1e-2 * covariance.trace().sqrt(),
+                "{seed}, stop {n}: {off}"
+            );
+        }
+        assert_eq!(
+            solution.bearings.len(),
+            { walk.bearings.iter() }
+                .filter(|seen| posed(seen.camera))
+                .count()
+        );
+        assert_eq!(solution.legs.len(), walk.legs.len());
+    }
+}
+
+/// Of all poses, the squared errors over what is foretold, and how many numbers these are. With
+/// lengths of which a camera's place is known, too.
+fn nees(walk: &Walk, solution: &NetworkSolution) -> (f64, usize) {
+    let (mut sum, mut count) = (0.0, 0);
+    for (camera, truth) in solution.cameras.iter().zip(&walk.cameras) {
+        if let Some(estimate) = camera.estimate.filter(|_| !camera.reference) {
+            let pose = estimate.pose();
+            sum += pose
+                .normalised_error(truth.position(), truth.heading)
+                .unwrap();
+            count += 3;
+        }
+    }
+    (sum, count)
+}
+
+#[test]
+fn without_a_baseline_the_carrier_sets_the_scale() {
+    let (mut poses, mut numbers) = (0.0, 0);
+    let (mut baselines, mut stops, mut runs) = (0.0, 0.0, 0);
+    for seed in 0..40 {
+        let walk = walk(seed);
+        let mut sightings = measured(&walk);
+        sightings.references.as_mut().unwrap().baseline = None;
+        let solution = solved(&sightings);
+        assert_eq!(solution.scale_from, ScaleFrom::Carrier);
+        assert_eq!(solution.status, Status::Calibrated, "{seed}");
+        let (own, count) = nees(&walk, &solution);
+        poses += own;
+        numbers += count;
+        let off = solution.baseline.unwrap() - walk.cameras[1].x;
+        baselines += (off / solution.sigma_baseline.unwrap()).powi(2);
+        let (last, truth) = (solution.stops.last().unwrap(), walk.places.last().unwrap());
+        let off = Vector2::new(last.x - truth.x, last.y - truth.y);
+        let [xx, xy, yy] = last.covariance;
+        let information = nalgebra::Matrix2::new(xx, xy, xy, yy)
+            .try_inverse()
+            .unwrap();
+        stops += off.dot(&(information * off));
+        runs += 1;
+        // Nobody can know the carrier's scale then.
+        let carrier = solution.carrier.unwrap();
+        assert_eq!((carrier.scale, carrier.sigma_scale), (1.0, 0.05));
+    }
+    let runs = f64::from(runs);
+    assert!(
+        chi_squared_band(runs).contains(&baselines),
+        "{baselines} of {runs}"
+    );
+    assert!(
+        chi_squared_band(2.0 * runs).contains(&stops),
+        "{stops} of {runs} stops"
+    );
+    // Cameras of a walk share its scale: a third of the numbers is independent.
+    let band = chi_squared_band(numbers as f64 / 3.0);
+    assert!(band.contains(&(poses / 3.0)), "{poses} of {numbers}");
+}
+
+/// Nobody knows how the target came to a stop in the middle; its carrier may have been anywhere.
+#[test]
+fn a_walk_goes_on_after_a_gap() {
+    let (mut sum, mut count, mut after) = (0.0, 0, 0);
+    for seed in 0..20 {
+        let walk = walk(seed);
+        let whole = solved(&measured(&walk));
+        let mut sightings = measured(&walk);
+        sightings.legs.retain(|leg| leg.stop != 11);
+        let solution = solved(&sightings);
+        assert_eq!(solution.status, Status::Calibrated, "{seed}");
+        after += usize::from(solution.left_out.is_empty());
+        let (own, numbers) = nees(&walk, &solution);
+        sum += own;
+        count += numbers;
+        if solution.left_out.is_empty() {
+            // Two numbers were not measured.
+            assert!(solution.degrees_of_freedom <= whole.degrees_of_freedom - 2);
+            assert_eq!(solution.legs.len(), whole.legs.len() - 1);
+        }
+    }
+    assert!(after >= 16, "{after} of 20 went on");
+    assert!(sum / (count as f64) < 1.5, "{sum} of {count}");
+}
+
+#[test]
+fn what_contradicts_is_named_and_left_out() {
+    for seed in 0..6 {
+        let walk = walk(seed);
+        let sightings = measured(&walk);
+        let whole = solved(&sightings);
+        let checked = |left: &&BearingResidual| left.redundancy > 0.5 && left.camera > 2;
+        let Some(wrong) = whole.bearings.iter().find(checked).copied() else {
+            panic!("{seed}: nothing is checked");
+        };
+        let mut sightings = sightings;
+        for seen in &mut sightings.bearings {
+            if (seen.stop, seen.camera) == (wrong.stop, wrong.camera) {
+                seen.bearing_deg += 5.0;
+            }
+        }
+        let solution = solved(&sightings);
+        let names = |finding: &Finding| match *finding {
+            Finding::Bearing {
+                stop, camera, off, ..
+            } => (stop, camera) == (wrong.stop, wrong.camera) && off.abs() > 4.0,
+            Finding::Camera { camera, .. } => camera == wrong.camera,
+            Finding::Leg { .. } => false,
+        };
+        let excluded = { solution.bearings.iter() }.any(|left| {
+            (left.stop, left.camera) == (wrong.stop, wrong.camera) && left.standing != "counts"
+        });
+        assert!(
+            solution.findings.iter().any(names) || excluded,
+            "{seed}: {:?}",
+            solution.findings
+        );
+        assert!(solution.is_good(), "{seed}: {:?}", solution.reason);
+    }
+}
+
+/// Directions that nothing ties to the baseline turn the carrier, not the cameras.
+#[test]
+fn a_frame_heading_that_is_not_known_is_found() {
+    for seed in 0..4 {
+        let walk = walk(seed);
+        let mut sightings = measured(&walk);
+        let angle = 0.4_f64;
+        for leg in &mut sightings.legs {
+            let way = nalgebra::Rotation2::new(-angle) * Vector2::new(leg.dx, leg.dy);
+            (leg.dx, leg.dy) = (way.x, way.y);
+            let spread = leg.covariance[0].max(leg.covariance[2]);
+            leg.covariance = [spread, 0.0, spread];
+        }
+        for known in [None, Some(angle.to_degrees())] {
+            sightings.frame_heading_deg = known;
+            let solution = solved(&sightings);
+            assert!(solution.is_good(), "{seed}: {:?}", solution.advice);
+            let carrier = solution.carrier.unwrap();
+            let off = wrap_signed(carrier.compass_deg.to_radians() + angle - walk.carrier[1]);
+            let sigma = carrier.sigma_compass_deg.to_radians();
+            assert!(off.abs() < 5.0 * sigma, "{seed}: {off} of {sigma}");
+        }
+    }
+}
+
+#[test]
+fn each_target_has_its_own_answer() {
+    let (first, second) = (walk(1), walk(1));
+    let mut sightings = measured(&first);
+    let mut other = measured(&second);
+    for seen in &mut other.bearings {
+        seen.target = 21;
+    }
+    for leg in &mut other.legs {
+        leg.target = 21;
+    }
+    sightings.bearings.extend(other.bearings);
+    sightings.legs.extend(other.legs);
+    let all = solve(&sightings, &Settings::default()).unwrap();
+    assert_eq!(
+        all.iter().map(|one| one.target).collect::<Vec<_>>(),
+        [Some(20), Some(21)]
+    );
+    // Of the second carrier nothing was said: he is as vague as targets assume.
+    let [ours, theirs] = [&all[0], &all[1]].map(|one| one.carrier.unwrap().sigma_scale);
+    assert!(theirs > ours);
+}
+
+#[test]
+fn measurements_without_an_answer_say_why() {
+    let whole = measured(&walk(3));
+    let cut = |most: u32| {
+        let mut sightings = whole.clone();
+        sightings.bearings.retain(|seen| seen.stop <= most);
+        sightings.legs.retain(|leg| leg.stop <= most);
+        sightings
+    };
+    let solution = solved(&cut(2));
+    assert_eq!(solution.status, Status::Waiting);
+    assert!(solution.advice.unwrap().contains("three places"));
+    let refused = |change: fn(&mut Sightings)| {
+        let mut sightings = whole.clone();
+        change(&mut sightings);
+        solve(&sightings, &Settings::default())
+            .unwrap_err()
+            .to_string()
+    };
+    for (message, expected) in [
+        (refused(|s| s.bearings.clear()), "has no bearings"),
+        (refused(|s| s.references = None), "--references"),
+        (
+            refused(|s| s.references.as_mut().unwrap().cameras = [2, 2]),
+            "camera 2 as both",
+        ),
+        (
+            refused(|s| s.bearings[0].sigma_deg = 0.0),
+            "its sigma above 0",
+        ),
+        (
+            refused(|s| s.legs[0].covariance = [1.0, 2.0, 1.0]),
+            "covariance",
+        ),
+        (
+            refused(|s| s.references.as_mut().unwrap().baseline = Some(-1.0)),
+            "baseline",
+        ),
+    ] {
+        assert!(message.contains(expected), "{message}");
+    }
+}
+
+/// More than the smallest estimator takes.
+#[test]
+fn a_long_walk_finds_room() {
+    let mut rng = generator(5);
+    let walk = Walk::random(&mut rng, 9, 20, CarrierErrors::UNKNOWN, SIGMA);
+    let places: Vec<Point2<f64>> = (0..80).map(|n| walk.places[n % 20]).collect();
+    let long = Walk::measured(
+        &mut rng,
+        walk.cameras,
+        places,
+        CarrierErrors::UNKNOWN,
+        SIGMA,
+    );
+    let solution = solved(&measured(&long));
+    assert!(solution.is_good(), "{:?}", solution.reason);
+    assert_eq!(solution.stops.len(), 80);
+}

@@ -1,0 +1,331 @@
+//! One target's walk, made ready for the estimator and told again.
+//!
+//! Where a displacement is missing, the walk falls into pieces. The first that carries a frame by
+//! itself begins; of any other, two cameras that then have a pose must see one stop. It is tied to
+//! the rest by a displacement that weighs nothing, so that the estimator begins in the right place.
+
+use calib_core::{
+    Limits, Ray, Refusal, angle,
+    intersection::{self, StationBearing},
+    joint::{JointError, JointSettings, Leg, Prior},
+};
+use nalgebra::{Matrix2, Point2, Vector2};
+
+use super::{
+    NetworkError, NetworkSolution, Settings,
+    estimator::{self, Depth, Failure, Input, MOST, Output, Seen},
+    usual_carrier,
+};
+use crate::record::sightings::Sightings;
+
+mod scale;
+mod told;
+
+/// Sigmas of scale and, in radians, of a direction of which nothing is known.
+const VAGUE: [f64; 2] = [1e6, 10.0];
+/// No carrier is known better than this, a share or radians.
+const EXACT: f64 = 1e-5;
+/// Nor is any displacement, in baselines.
+const LEAST_LEG: f64 = 1e-5;
+/// Sigma of a displacement that weighs nothing, in baselines.
+const WEIGHTLESS: f64 = 1e4;
+/// Cameras take part up to these sigmas: of position, in baselines, and of heading, radians.
+const LIMITS: [f64; 2] = [0.3, 0.5];
+
+/// What was measured along one walk, by the numbers of the estimator.
+pub(super) struct Walk<'a> {
+    sightings: &'a Sightings,
+    target: u16,
+    cameras: &'a [u16],
+    /// Numbers of the stops, in their order.
+    stops: Vec<u32>,
+    legs: Vec<Option<Leg<f64>>>,
+    bearings: Vec<Seen>,
+}
+
+/// The part of a walk that is solved.
+struct Part {
+    input: Input,
+    /// Of each of its stops the place in the walk.
+    stops: Vec<usize>,
+    /// Of each of its bearings.
+    bearings: Vec<usize>,
+    /// Displacements that weigh nothing lead to these of its stops.
+    ties: Vec<usize>,
+}
+
+/// A piece of a walk without a gap.
+struct Piece {
+    stops: std::ops::Range<usize>,
+    /// Where its first stop is thought to be.
+    place: Option<Point2<f64>>,
+}
+
+impl<'a> Walk<'a> {
+    pub(super) fn new(sightings: &'a Sightings, target: u16, cameras: &'a [u16]) -> Self {
+        let own_legs = || {
+            sightings
+                .legs
+                .iter()
+                .filter(move |leg| leg.target == target)
+        };
+        let own_seen = || {
+            sightings
+                .bearings
+                .iter()
+                .filter(move |seen| seen.target == target)
+        };
+        let mut stops: Vec<u32> = own_legs().map(|leg| leg.stop).collect();
+        stops.extend(own_seen().map(|seen| seen.stop));
+        stops.sort_unstable();
+        stops.dedup();
+        let legs = stops.iter().enumerate().map(|(n, stop)| {
+            let leg = own_legs().find(|leg| leg.stop == *stop && n > 0)?;
+            let [xx, xy, yy] = leg.covariance;
+            Some(Leg {
+                displacement: Vector2::new(leg.dx, leg.dy),
+                covariance: Matrix2::new(xx, xy, xy, yy),
+            })
+        });
+        let legs = legs.collect();
+        let number = |all: &[u32], one: u32| all.iter().position(|stop| *stop == one);
+        let bearings = own_seen().filter_map(|seen| {
+            Some(Seen {
+                stop: number(&stops, seen.stop)?,
+                camera: cameras.iter().position(|camera| *camera == seen.camera)?,
+                bearing: seen.bearing_deg.to_radians(),
+                sigma: seen.sigma_deg.to_radians(),
+            })
+        });
+        let mut bearings: Vec<_> = bearings.collect();
+        bearings.sort_by_key(|seen| (seen.stop, seen.camera));
+        Self {
+            sightings,
+            target,
+            cameras,
+            stops,
+            legs,
+            bearings,
+        }
+    }
+
+    pub(super) fn solve(&self, settings: &Settings) -> Result<NetworkSolution, NetworkError> {
+        let known = self.sightings.references.and_then(|known| known.baseline);
+        let solved = match known {
+            Some(baseline) => self.solve_part(baseline, None, settings.fit_legs),
+            None => self.solve_unknown_baseline(settings.fit_legs),
+        };
+        match solved {
+            Ok((part, output, baseline)) => {
+                Ok(self.told(settings, &part, &output, known.is_some(), baseline))
+            }
+            Err(Failure::TooMany) => Err(NetworkError::TooMany {
+                target: self.target,
+                cameras: self.cameras.len(),
+                stops: self.stops.len(),
+                bearings: self.bearings.len(),
+                most: MOST,
+            }),
+            Err(Failure::Joint(why)) => Ok(self.refused(why)),
+        }
+    }
+
+    /// A carrier's sigmas of scale and of its compass, radians.
+    fn carrier_sigmas(&self) -> [f64; 2] {
+        let mut carriers = self.sightings.carriers.iter();
+        let known = carriers.find(|carrier| carrier.target == self.target);
+        let carrier = known.copied().unwrap_or_else(|| usual_carrier(self.target));
+        [
+            carrier.systematic_scale.max(EXACT),
+            carrier.systematic_heading_deg.to_radians().max(EXACT),
+        ]
+    }
+
+    fn settings(&self, baseline: f64, scale: Option<Prior<f64>>) -> JointSettings<f64> {
+        let [scale_sigma, compass_sigma] = self.carrier_sigmas();
+        let heading = self.sightings.frame_heading_deg;
+        let known = Prior {
+            mean: 1.0,
+            sigma: scale_sigma,
+        };
+        let [position, heading_limit] = LIMITS;
+        JointSettings {
+            scale: scale.unwrap_or(known),
+            compass: Prior {
+                // What points along the x axis of displacements reads zero.
+                mean: -angle::wrap_signed(heading.unwrap_or_default().to_radians()),
+                sigma: heading.map_or(VAGUE[1], |_| compass_sigma),
+            },
+            limits: Limits {
+                position: position * baseline,
+                heading: heading_limit,
+            },
+        }
+    }
+
+    /// The walk's pieces: their first stops, and whatever comes after the last one.
+    fn pieces(&self) -> Vec<Piece> {
+        let mut pieces: Vec<Piece> = Vec::new();
+        for (stop, leg) in self.legs.iter().enumerate() {
+            match pieces.last_mut() {
+                Some(last) if leg.is_some() => last.stops.end = stop + 1,
+                _ => pieces.push(Piece {
+                    stops: stop..stop + 1,
+                    place: None,
+                }),
+            }
+        }
+        pieces
+    }
+
+    /// Solves with a baseline that is known, or taken for it. The scale's prior may be another one.
+    fn solve_part(
+        &self,
+        baseline: f64,
+        scale: Option<Prior<f64>>,
+        fit_legs: bool,
+    ) -> Result<(Part, Output, [f64; 2]), Failure> {
+        let settings = self.settings(baseline, scale);
+        let depth = Depth::Checked { fit_legs };
+        let mut pieces = self.pieces();
+        if pieces.len() == 1 {
+            let part = self.part(&pieces, baseline, settings, None);
+            let output = estimator::solve(&part.input, depth)?;
+            return Ok((part, output, [baseline, 0.0]));
+        }
+        let mut failure = Failure::Joint(JointError::Start(Refusal::TooFew));
+        let mut solved = None;
+        for first in 0..pieces.len() {
+            pieces[first].place = Some(Point2::origin());
+            let part = self.part(&pieces, baseline, settings, None);
+            match estimator::solve(&part.input, depth) {
+                Ok(output) => {
+                    pieces[first].place = output
+                        .places
+                        .first()
+                        .and_then(|place| place.as_ref().map(|place| place.position));
+                    solved = Some((part, output));
+                    break;
+                }
+                Err(why) => {
+                    pieces[first].place = None;
+                    if first == 0 {
+                        failure = why;
+                    }
+                }
+            }
+        }
+        let (mut part, mut output) = solved.ok_or(failure)?;
+        while self.locate(&mut pieces, &output) {
+            let next = self.part(&pieces, baseline, settings, Some(&output));
+            let Ok(better) = estimator::solve(&next.input, depth) else {
+                break;
+            };
+            (part, output) = (next, better);
+        }
+        output.fit.degrees_of_freedom =
+            { output.fit.degrees_of_freedom }.saturating_sub(2 * part.ties.len());
+        Ok((part, output, [baseline, 0.0]))
+    }
+
+    /// Finds out where pieces are of which two cameras with a pose see a stop. Whether there are new
+    /// ones.
+    fn locate(&self, pieces: &mut [Piece], known: &Output) -> bool {
+        let mut found = false;
+        for piece in pieces.iter_mut().filter(|piece| piece.place.is_none()) {
+            let mut since = Vector2::zeros();
+            for stop in piece.stops.clone() {
+                if let Some(leg) = self.legs[stop].filter(|_| stop > piece.stops.start) {
+                    since += true_way(leg.displacement, known);
+                }
+                let stations = self.bearings.iter().filter(|seen| seen.stop == stop);
+                let stations: Vec<_> = stations
+                    .filter_map(|seen| {
+                        Some(StationBearing {
+                            pose: known.poses[seen.camera]?,
+                            ray: Ray::from_bearing(seen.bearing),
+                            bearing_sigma: seen.sigma,
+                        })
+                    })
+                    .collect();
+                if let Ok(place) = intersection::locate(&stations) {
+                    piece.place = Some(place.position - since);
+                    found = true;
+                    break;
+                }
+            }
+        }
+        found
+    }
+
+    /// The pieces of which a place is known, one after the other; all if there is but one.
+    fn part(
+        &self,
+        pieces: &[Piece],
+        baseline: f64,
+        settings: JointSettings<f64>,
+        known: Option<&Output>,
+    ) -> Part {
+        let least = Matrix2::from_diagonal_element((LEAST_LEG * baseline).powi(2));
+        let weightless = Matrix2::from_diagonal_element((WEIGHTLESS * baseline).powi(2));
+        let mut part = Part {
+            input: Input {
+                cameras: self.cameras.len(),
+                baseline,
+                settings,
+                legs: Vec::new(),
+                bearings: Vec::new(),
+            },
+            stops: Vec::new(),
+            bearings: Vec::new(),
+            ties: Vec::new(),
+        };
+        // Where the last piece ended.
+        let mut end: Option<Point2<f64>> = None;
+        for piece in pieces {
+            let Some(mut at) = piece.place.or((pieces.len() == 1).then(Point2::origin)) else {
+                continue;
+            };
+            for stop in piece.stops.clone() {
+                let leg = if stop > piece.stops.start {
+                    self.legs[stop].map(|leg| {
+                        at += known
+                            .map_or(leg.displacement, |known| true_way(leg.displacement, known));
+                        Leg {
+                            covariance: leg.covariance + least,
+                            ..leg
+                        }
+                    })
+                } else {
+                    end.zip(known).map(|(end, known)| {
+                        part.ties.push(part.stops.len());
+                        Leg {
+                            displacement: read_way(at - end, known),
+                            covariance: weightless,
+                        }
+                    })
+                };
+                part.input.legs.push(leg);
+                part.stops.push(stop);
+            }
+            end = Some(at);
+        }
+        for (n, seen) in self.bearings.iter().enumerate() {
+            if let Ok(stop) = part.stops.binary_search(&seen.stop) {
+                part.input.bearings.push(Seen { stop, ..*seen });
+                part.bearings.push(n);
+            }
+        }
+        part
+    }
+}
+
+/// What a carrier walked of what he read.
+fn true_way(read: Vector2<f64>, known: &Output) -> Vector2<f64> {
+    angle::rotation(-known.carrier.compass) * read / known.carrier.scale
+}
+
+/// What he reads of a way.
+fn read_way(way: Vector2<f64>, known: &Output) -> Vector2<f64> {
+    angle::rotation(known.carrier.compass) * way * known.carrier.scale
+}

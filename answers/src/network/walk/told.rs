@@ -1,0 +1,223 @@
+//! What an estimator found, by the numbers that people know.
+
+use calib_core::{
+    Ray, Refusal, Sighting, Status, angle,
+    joint::{Finding as Found, JointError, Standing},
+    resection,
+};
+
+use super::{Part, Walk};
+use crate::network::{
+    BearingResidual, Camera, Carrier, Finding, LegResidual, NetworkSolution, Protection, ScaleFrom,
+    Settings, Stop, estimator::Output, standing,
+};
+use crate::record::Estimate;
+
+impl Walk<'_> {
+    pub(super) fn told(
+        &self,
+        settings: &Settings,
+        part: &Part,
+        output: &Output,
+        has_baseline: bool,
+        [baseline, sigma_baseline]: [f64; 2],
+    ) -> NetworkSolution {
+        let is_bad = output.fit.is_bad();
+        let mut solution = self.empty();
+        if is_bad {
+            solution.status = Status::Doubtful;
+            solution.reason = Some(NetworkSolution::CONTRADICTORY);
+        } else {
+            solution.status = Status::Calibrated;
+        }
+        if !has_baseline {
+            solution.scale_from = ScaleFrom::Carrier;
+        }
+        solution.baseline = Some(baseline);
+        solution.sigma_baseline = Some(sigma_baseline);
+        solution.chi_squared = Some(output.fit.chi_squared);
+        solution.degrees_of_freedom = output.fit.degrees_of_freedom;
+        solution.leg_factor = output.leg_factor;
+        let number = |stop: usize| part.stops.get(stop).and_then(|stop| self.stops.get(*stop));
+        let number = |stop: usize| number(stop).copied().unwrap_or_default();
+        solution.findings = { output.findings.iter() }
+            .map(|finding| match *finding {
+                Found::Bearing { stop, camera, off } => Finding::Bearing {
+                    target: self.target,
+                    stop: number(stop),
+                    camera: self.cameras[camera],
+                    off,
+                },
+                Found::Leg { stop, chi_squared } => Finding::Leg {
+                    target: self.target,
+                    stop: number(stop),
+                    chi_squared,
+                },
+                Found::Camera {
+                    camera,
+                    from,
+                    chi_squared,
+                } => Finding::Camera {
+                    camera: self.cameras[camera],
+                    from: number(from),
+                    chi_squared,
+                },
+            })
+            .collect();
+        solution.stops = { output.places.iter().enumerate() }
+            .filter_map(|(stop, place)| {
+                let place = place.as_ref()?;
+                let c = place.covariance;
+                Some(Stop {
+                    target: self.target,
+                    stop: number(stop),
+                    x: place.position.x,
+                    y: place.position.y,
+                    sigma_x: c.m11.max(0.0).sqrt(),
+                    sigma_y: c.m22.max(0.0).sqrt(),
+                    covariance: [c.m11, c.m12, c.m22],
+                })
+            })
+            .collect();
+        let is_told = |stop: &u32| solution.stops.iter().any(|told| told.stop == *stop);
+        solution.left_out = { self.stops.iter().copied() }
+            .filter(|stop| !is_told(stop))
+            .collect();
+        solution.carrier = Some(Carrier {
+            scale: output.carrier.scale,
+            sigma_scale: output.carrier.sigma_scale(),
+            compass_deg: angle::wrap_signed(output.carrier.compass).to_degrees(),
+            sigma_compass_deg: output.carrier.sigma_compass().to_degrees(),
+        });
+        solution.bearings = { output.bearings.iter().flatten() }
+            .map(|left| BearingResidual {
+                target: self.target,
+                stop: number(left.stop),
+                camera: self.cameras[left.camera],
+                residual_deg: left.residual.to_degrees(),
+                redundancy: left.redundancy,
+                normalised: left.normalised,
+                standing: standing(left.standing),
+            })
+            .collect();
+        solution.legs = { output.legs.iter().enumerate() }
+            .filter(|(stop, _)| !part.ties.contains(stop))
+            .filter_map(|(_, left)| {
+                let left = left.as_ref()?;
+                Some(LegResidual {
+                    target: self.target,
+                    stop: number(left.stop),
+                    chi_squared: left.chi_squared,
+                    degrees_of_freedom: left.degrees_of_freedom,
+                    standing: standing(left.standing),
+                })
+            })
+            .collect();
+        solution.cameras = (0..self.cameras.len())
+            .map(|camera| self.camera(settings, camera, part, output, is_bad))
+            .collect();
+        solution.cameras.sort_by_key(|camera| camera.camera);
+        solution
+    }
+
+    fn camera(
+        &self,
+        settings: &Settings,
+        camera: usize,
+        part: &Part,
+        output: &Output,
+        is_bad: bool,
+    ) -> Camera {
+        let reference = camera < 2;
+        let own = || self.bearings.iter().filter(|seen| seen.camera == camera);
+        let left = output.bearings.iter().flatten();
+        let used = left.filter(|left| left.camera == camera && left.standing == Standing::Counts);
+        let mut told = Camera {
+            camera: self.cameras[camera],
+            reference,
+            status: Status::Waiting,
+            reason: None,
+            estimate: None,
+            protection: None,
+            bearings: own().count(),
+            used: used.count(),
+        };
+        let is_off = |finding: &Found<f64>| matches!(finding, Found::Camera { camera: off, .. } if *off == camera);
+        let contradicts = is_bad || output.findings.iter().any(is_off);
+        if let Some(pose) = output.poses[camera] {
+            told.estimate = Estimate::new(&pose);
+            told.protection = output.protections[camera].map(|levels| Protection {
+                position: levels.position_bearing.max(levels.position_leg),
+                heading_deg: levels.heading_bearing.max(levels.heading_leg).to_degrees(),
+            });
+            let is_weak = { settings.max_sigma }
+                .is_some_and(|most| !reference && pose.sigma_position() > most);
+            (told.status, told.reason) = if contradicts {
+                (Status::Doubtful, Some(NetworkSolution::CONTRADICTORY))
+            } else if is_weak {
+                (Status::Weak, None)
+            } else {
+                (Status::Calibrated, None)
+            };
+            return told;
+        }
+        // Why its bearings give no pose, from where the stops are.
+        let sightings: Vec<_> = own()
+            .filter_map(|seen| {
+                let stop = part.stops.binary_search(&seen.stop).ok()?;
+                let place = output.places[stop].as_ref()?;
+                let ray = Ray::from_bearing(seen.bearing);
+                let mut sighting = Sighting::new(place.position, ray, seen.sigma);
+                sighting.target_covariance = place.covariance;
+                Some(sighting)
+            })
+            .collect();
+        if sightings.len() >= 3 {
+            let why = resection::solve(&sightings).err();
+            let why = why.unwrap_or(if contradicts {
+                Refusal::Inconsistent
+            } else {
+                Refusal::Undetermined
+            });
+            (told.status, told.reason) = (Status::Refused, Some(why.name()));
+        }
+        told
+    }
+
+    pub(super) fn refused(&self, why: JointError) -> NetworkSolution {
+        let refusal = match why {
+            JointError::Start(refusal) | JointError::Solve(refusal) => refusal,
+            _ => Refusal::NotFinite,
+        };
+        NetworkSolution {
+            status: refusal.into(),
+            reason: Some(refusal.name()),
+            advice: Some(why.to_string()),
+            ..self.empty()
+        }
+    }
+
+    fn empty(&self) -> NetworkSolution {
+        NetworkSolution {
+            network: self.sightings.network,
+            target: Some(self.target),
+            status: Status::Waiting,
+            reason: None,
+            advice: None,
+            scale_from: ScaleFrom::Baseline,
+            references: Some([self.cameras[0], self.cameras[1]]),
+            baseline: None,
+            sigma_baseline: None,
+            cameras: Vec::new(),
+            stops: Vec::new(),
+            left_out: Vec::new(),
+            carrier: None,
+            findings: Vec::new(),
+            bearings: Vec::new(),
+            legs: Vec::new(),
+            leg_factor: None,
+            chi_squared: None,
+            degrees_of_freedom: 0,
+        }
+    }
+}

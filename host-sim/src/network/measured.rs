@@ -1,0 +1,88 @@
+//! What a run's nodes measured, for whoever solves it again.
+
+use answers::record::sightings::{Bearing, Carrier, Leg, References, Sightings};
+use nalgebra::Matrix2;
+use node_firmware::config::RoleConfig;
+
+use super::{Simulation, console::Console, outcome::Numbers};
+use site::{Network, TargetNode};
+
+/// The bearings of all cameras and the ways of all targets of a network, with what its nodes are
+/// told beforehand.
+pub(super) fn sightings(
+    simulation: &Simulation,
+    network: &Network,
+    references: [u16; 2],
+    console: &Console,
+    numbers: &Numbers,
+) -> Sightings {
+    let cameras = network.cameras.iter().map(|camera| camera.id);
+    let mut bearings: Vec<_> = cameras
+        .flat_map(|camera| seen_by(simulation, camera, console, numbers))
+        .collect();
+    bearings.sort_by_key(|seen| (seen.target, seen.stop, seen.camera));
+    let mut legs: Vec<_> = { network.targets.iter() }
+        .flat_map(|target| ways(simulation, target, numbers))
+        .collect();
+    legs.sort_by_key(|leg| (leg.target, leg.stop));
+    let carriers = { network.targets.iter() }.filter_map(|target| {
+        let RoleConfig::Target(config) = &simulation.config(target.id)?.role else {
+            return None;
+        };
+        Some(Carrier {
+            target: target.id,
+            systematic_scale: config.systematic_scale.into(),
+            systematic_heading_deg: config.systematic_heading_deg.into(),
+        })
+    });
+    Sightings {
+        references: Some(References {
+            cameras: references,
+            baseline: network.known.baseline,
+        }),
+        frame_heading_deg: network.known.frame_heading.map(f64::to_degrees),
+        carriers: carriers.collect(),
+        bearings,
+        legs,
+        ..Sightings::default()
+    }
+}
+
+fn seen_by(
+    simulation: &Simulation,
+    camera: u16,
+    console: &Console,
+    numbers: &Numbers,
+) -> Vec<Bearing> {
+    let seen = simulation.entry(camera).seen.into_iter();
+    let bearings = seen.filter_map(|((address, told), seen)| {
+        let target = console.view().id_of(address)?;
+        Some(Bearing {
+            target,
+            stop: *numbers.get(&(target, told))?,
+            camera,
+            bearing_deg: f64::from(seen.bearing).to_degrees(),
+            sigma_deg: f64::from(seen.sigma).to_degrees(),
+        })
+    });
+    bearings.collect()
+}
+
+/// A target stands a little beside the place that it tells, at both ends of a way.
+fn ways(simulation: &Simulation, target: &TargetNode, numbers: &Numbers) -> Vec<Leg> {
+    let standing = Matrix2::from_diagonal_element(2.0 * target.standing_sigma.powi(2));
+    let stops = simulation.entry(target.id).stops.into_iter();
+    let legs = stops.filter_map(|(told, stop)| {
+        let number = *numbers.get(&(target.id, told))?;
+        let way = stop.way.filter(|_| number > 1)?;
+        let covariance = way.covariance + standing;
+        Some(Leg {
+            target: target.id,
+            stop: number,
+            dx: way.vector.x,
+            dy: way.vector.y,
+            covariance: [covariance.m11, covariance.m12, covariance.m22],
+        })
+    });
+    legs.collect()
+}
