@@ -17,6 +17,9 @@ const SHARE_OF_LIMIT: f64 = 0.4;
 /// A pose needs so many places.
 const PLACES: usize = 3;
 
+/// After so many sightings a camera that was bumped is to be found out.
+const NOTICED_AFTER: usize = 3;
+
 /// Places nearer to each other than this are one, units.
 const APART: f64 = 0.3;
 
@@ -70,6 +73,43 @@ fn world(scenario: &Scenario) -> Option<(World, Vec<u16>)> {
     Some((world, cameras))
 }
 
+/// Cameras that were moved or turned, and since then saw the target too seldom for anybody to notice.
+pub fn bumped_unseen(scenario: &Scenario, record: &RunRecord) -> BTreeSet<u16> {
+    let Some(((world, ids), told)) = world(scenario).zip(record.in_building()) else {
+        return BTreeSet::new();
+    };
+    let radius = radius(&world);
+    let bumps = scenario
+        .events
+        .iter()
+        .filter_map(|event| match event.action {
+            Action::BumpCamera { node, .. } => Some((node, event.at_s)),
+            _ => None,
+        });
+    let unseen = bumps.filter(|&(node, at_s)| {
+        let index = ids.iter().position(|id| *id == node);
+        let since = stops_after(&told, at_s);
+        index.is_none_or(|index| {
+            let seen = since
+                .iter()
+                .filter(|stop| is_in_view(&world, index, radius, **stop));
+            seen.count() < NOTICED_AFTER
+        })
+    });
+    unseen.map(|(node, _)| node).collect()
+}
+
+/// The stops that targets told of after a time.
+fn stops_after(told: &RunRecord, since_s: f64) -> Vec<Point2<f64>> {
+    let stops = told.targets.iter().flat_map(|target| &target.stops);
+    let after = stops.filter(|stop| stop.seconds.is_some_and(|at| at > since_s));
+    after.map(|stop| Point2::new(stop.x, stop.y)).collect()
+}
+
+fn radius(world: &World) -> f64 {
+    world.targets().first().map_or(0.0, |target| target.radius)
+}
+
 /// Cameras of the first network that are whole, and after the last fault were in view of stops from
 /// which a pose well within the limits can be had.
 pub fn well_served(scenario: &Scenario, record: &RunRecord) -> BTreeSet<u16> {
@@ -82,14 +122,21 @@ pub fn well_served(scenario: &Scenario, record: &RunRecord) -> BTreeSet<u16> {
     let broken: BTreeSet<u16> = { scenario.events.iter() }
         .filter_map(|event| broken_for_good(event, end_s))
         .collect();
-    let stops = told.targets.iter().flat_map(|target| &target.stops);
-    let calm = stops.filter(|stop| stop.seconds.is_some_and(|at| at > since_s));
-    let calm: Vec<_> = calm.map(|stop| Point2::new(stop.x, stop.y)).collect();
-    let radius = world.targets().first().map_or(0.0, |target| target.radius);
+    let calm = stops_after(&told, since_s);
+    let radius = radius(&world);
     let served = (0..).zip(ids).filter(|&(index, id)| {
         !broken.contains(&id) && sees_enough(&world, index, radius, &calm, &record.limits)
     });
     served.map(|(_, id)| id).collect()
+}
+
+/// Whether a camera sees all of a target there, and not at the border of its picture, beyond which the
+/// blob may go on.
+fn is_in_view(world: &World, index: usize, radius: f64, stop: Point2<f64>) -> bool {
+    let half_view = world.cameras()[index].lens.bearing(BORDER_COLUMNS).abs();
+    world
+        .sight(index, stop, radius)
+        .is_some_and(|sight| sight.is_whole() && sight.bearing.abs() + sight.half_width < half_view)
 }
 
 fn sees_enough(
@@ -104,16 +151,10 @@ fn sees_enough(
         columns: Noise::COLUMNS,
         standing: 0.02,
     };
-    // Not nearer to the border, beyond which the blob may go on.
-    let half_view = camera.lens.bearing(BORDER_COLUMNS).abs();
     let mut places: Vec<Point2<f64>> = Vec::new();
     let mut information = Matrix3::zeros();
     for &stop in stops {
-        let Some(sight) = world.sight(index, stop, radius) else {
-            continue;
-        };
-        let inside = sight.bearing.abs() + sight.half_width < half_view;
-        if !sight.is_whole() || !inside {
+        if !is_in_view(world, index, radius, stop) {
             continue;
         }
         // A place seen twice is one place.

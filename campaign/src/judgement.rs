@@ -26,6 +26,7 @@ pub enum Failure {
         level: f64,
     },
     /// A pose that is told as good errs by more than five sigmas, and by more than half a unit.
+    /// A camera that was moved and since then hardly saw a target is none of these.
     Deceives {
         /// Which camera's.
         camera: u16,
@@ -236,6 +237,7 @@ fn of_failure(failure: Failure) -> Judgement {
 
 fn of_record(scenario: &Scenario, record: &RunRecord) -> Judgement {
     let served = calm::well_served(scenario, record);
+    let unseen = calm::bumped_unseen(scenario, record);
     let mut judgement = Judgement::default();
     for node in &record.nodes {
         let failed = node.failures.first().map(|failure| Failure::Stopped {
@@ -247,8 +249,11 @@ fn of_record(scenario: &Scenario, record: &RunRecord) -> Judgement {
     for camera in record.cameras() {
         let status = camera.status.unwrap_or(Status::Waiting);
         let saw_enough = served.contains(&camera.id);
-        judgement.failures.extend(unprotected(camera));
-        judgement.failures.extend(deceives(camera));
+        // Of a camera that was just moved nobody can know.
+        if !unseen.contains(&camera.id) {
+            judgement.failures.extend(unprotected(camera));
+            judgement.failures.extend(deceives(camera));
+        }
         if saw_enough && status != Status::Calibrated {
             judgement.failures.push(Failure::Late {
                 camera: camera.id,

@@ -1,6 +1,7 @@
 //! Runs a campaign of random scenarios on which everything goes wrong: `cargo xtask campaign --help`.
 
 use std::{
+    collections::{BTreeMap, BTreeSet},
     num::NonZeroUsize,
     panic,
     path::{Path, PathBuf},
@@ -17,6 +18,9 @@ use campaign::{
 };
 use clap::Parser;
 use indicatif::{ProgressBar, ProgressStyle};
+
+/// Files of more minimal scenarios than this are not shown.
+const MANY: usize = 11;
 
 /// Random scenarios on which everything goes wrong, and what must hold all the same
 ///
@@ -41,7 +45,8 @@ struct Arguments {
     /// Runs this one alone, and writes its scenario: `host-sim run` repeats it from the file
     #[arg(long, value_name = "K", conflicts_with_all = ["runs", "first"])]
     only: Option<u64>,
-    /// How many failing runs of each kind are made as small as they can be
+    /// How many failing runs of each kind are made as small as they can be; the files of more than ten
+    /// are not shown
     #[arg(long, default_value_t = 1)]
     minimise: usize,
     /// Share of the cameras that saw enough which need not be calibrated
@@ -90,7 +95,12 @@ fn only(arguments: &Arguments, number: u64) -> anyhow::Result<ExitCode> {
     Ok(ExitCode::from(u8::from(!judgement.failures.is_empty())))
 }
 
-fn minimise(arguments: &Arguments, number: u64, kind: Kind) -> anyhow::Result<()> {
+/// With what it still fails.
+fn minimise(
+    arguments: &Arguments,
+    number: u64,
+    kind: Kind,
+) -> anyhow::Result<BTreeSet<&'static str>> {
     let (least, judgement) = minimal(&scenario::draw(arguments.seed, number), kind);
     let name = format!("{number}-{kind:?}.toml").to_lowercase();
     let path = write(&arguments.folder, &name, &least)?;
@@ -101,8 +111,10 @@ fn minimise(arguments: &Arguments, number: u64, kind: Kind) -> anyhow::Result<()
     for failure in &judgement.failures {
         println!("# {failure}");
     }
-    println!("{}", scenario::text(&least));
-    Ok(())
+    if arguments.minimise < MANY {
+        println!("{}", scenario::text(&least));
+    }
+    Ok(scenario::ingredients(&least))
 }
 
 fn all(arguments: &Arguments) -> anyhow::Result<ExitCode> {
@@ -141,8 +153,14 @@ fn all(arguments: &Arguments) -> anyhow::Result<ExitCode> {
             Kind::Late => tally.late() > arguments.late,
             _ => !failing.is_empty(),
         };
+        let mut classes = BTreeMap::<_, Vec<_>>::new();
         for number in failing.into_iter().take(arguments.minimise) {
-            minimise(arguments, number, kind)?;
+            let left = minimise(arguments, number, kind)?;
+            classes.entry(left).or_default().push(number);
+        }
+        for (class, numbers) in classes {
+            let class = class.into_iter().collect::<Vec<_>>().join(" + ");
+            println!("{}, with {class}: {numbers:?}", kind.name());
         }
     }
     Ok(ExitCode::from(u8::from(fails)))

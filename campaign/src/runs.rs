@@ -37,19 +37,19 @@ pub enum Outcome {
 
 /// By when a run is over, seconds, were every stop as long as a target waits at most, and everything
 /// that lasts one after the other.
-pub fn limit_s(scenario: &Scenario) -> f64 {
+///
+/// # Errors
+/// The scenario is not possible.
+pub fn limit_s(scenario: &Scenario) -> Result<f64, ScenarioError> {
     let usual = f64::from(TargetConfig::default().dwell_most_ms) * 1e-3;
     let firmware = scenario.firmware.dwell_most_ms;
     let dwell_s = firmware.map_or(usual, |ms| f64::from(ms) * 1e-3);
-    let targets = scenario
-        .networks
-        .iter()
-        .flat_map(|network| &network.targets);
+    let site = scenario.put_up()?;
+    let targets = site.networks.iter().flat_map(|network| &network.targets);
     let walks = targets.map(|target| {
-        let stops = target.stops.as_deref().unwrap_or_default();
-        let legs = stops.windows(2);
-        let way = legs.map(|leg| (leg[1][0] - leg[0][0]).hypot(leg[1][1] - leg[0][1]));
-        way.sum::<f64>() / scenario.walk.speed + stops.len() as f64 * (dwell_s + 10.0)
+        let legs = target.stops.windows(2);
+        let way: f64 = legs.map(|leg| (leg[1] - leg[0]).norm()).sum();
+        way / scenario.walk.speed + target.stops.len() as f64 * (dwell_s + 10.0)
     });
     // What lasts for ever delays nobody for ever.
     let outages = scenario
@@ -57,7 +57,7 @@ pub fn limit_s(scenario: &Scenario) -> f64 {
         .iter()
         .filter_map(|event| event.action.duration_s());
     let outages: f64 = outages.filter(|seconds| *seconds < 1e4).sum();
-    walks.fold(0.0, f64::max) + outages + SLACK_S
+    Ok(walks.fold(0.0, f64::max) + outages + SLACK_S)
 }
 
 /// Runs a scenario to its end, or as far as it comes.
@@ -65,7 +65,7 @@ pub fn limit_s(scenario: &Scenario) -> f64 {
 /// # Errors
 /// The scenario is not possible.
 pub fn run(scenario: &Scenario) -> Result<Outcome, ScenarioError> {
-    let (limit_s, begun) = (limit_s(scenario), Instant::now());
+    let (limit_s, begun) = (limit_s(scenario)?, Instant::now());
     let stop = Arc::new(AtomicBool::new(false));
     let options = Options {
         stop: stop.clone(),

@@ -14,23 +14,27 @@ const MOST_SIGMAS: f64 = 2.5;
 /// the same size.
 const UNDECLARED: f64 = 0.1;
 
+/// What nodes believe of its constant errors: of distances as a share, of headings in degrees.
+pub(super) fn believed(scenario: &Scenario) -> [f64; 2] {
+    let firmware = &scenario.firmware;
+    let unsaid = TargetConfig::default();
+    [
+        firmware
+            .systematic_scale
+            .unwrap_or(unsaid.systematic_scale.into()),
+        firmware
+            .systematic_heading_deg
+            .unwrap_or(unsaid.systematic_heading_deg.into()),
+    ]
+}
+
 pub(super) fn draw(random: &mut impl Rng, scenario: &mut Scenario) {
     // Somebody has measured the carrier, or nobody has.
     if happens(random, 0.5) {
         scenario.firmware.systematic_scale = Some(between(random, 0.01, 0.06));
         scenario.firmware.systematic_heading_deg = Some(between(random, 0.5, 3.0));
     }
-    let unsaid = TargetConfig::default();
-    let believed = [
-        scenario
-            .firmware
-            .systematic_scale
-            .unwrap_or(unsaid.systematic_scale.into()),
-        scenario
-            .firmware
-            .systematic_heading_deg
-            .unwrap_or(unsaid.systematic_heading_deg.into()),
-    ];
+    let believed = believed(scenario);
     let mut sensor = SensorTable {
         measures: happens(random, 0.7),
         ..SensorTable::default()
