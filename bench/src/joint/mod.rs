@@ -10,7 +10,7 @@ use std::{num::NonZeroUsize, sync::Mutex, thread};
 
 use calib_core::{
     Limits,
-    joint::{JointEstimator, workspace},
+    joint::{BearingStorage, JointEstimator, StopStorage, UnknownStorage, workspace},
 };
 use site::{Overrides, ScatterTable, Scenario};
 use test_support::walk::CarrierErrors;
@@ -284,24 +284,17 @@ fn nees(runs: &[&Errors]) -> Estimate {
 
 /// Static RAM of the estimator in single precision.
 fn memory(sheet: &mut Sheet) {
-    type Thirteen = JointEstimator<f32, 13, 100, 200, 0, { workspace(13, 0) }>;
-    type Thirty = JointEstimator<f32, 30, 100, 500, 0, { workspace(30, 0) }>;
     sheet.heading("Joint: static RAM on a node");
-    for (name, cameras, bytes) in [
-        (
-            "13 cameras, 100 stops, 200 bearings",
-            13,
-            size_of::<Thirteen>(),
-        ),
-        (
-            "30 cameras, 100 stops, 500 bearings",
-            30,
-            size_of::<Thirty>(),
-        ),
-    ] {
+    for (cameras, stops, bearings) in [(13, 100, 200), (30, 100, 500)] {
+        let name = format!("{cameras} cameras, {stops} stops, {bearings} bearings");
+        let bytes = size_of::<JointEstimator<'_, f32>>()
+            + cameras * size_of::<UnknownStorage<f32>>()
+            + stops * size_of::<StopStorage<f32>>()
+            + bearings * size_of::<BearingStorage<f32>>()
+            + workspace(cameras, 0) * size_of::<f32>();
         // Of 48 KiB that a node may have in all.
         let most = Goal::AtMost(if cameras == 13 { 20e3 } else { 40e3 });
-        sheet.figure(name, bytes as f64, "bytes", &most);
+        sheet.figure(&name, bytes as f64, "bytes", &most);
         let workspace = 4.0 * workspace(cameras, 0) as f64;
         sheet.figure(
             &format!("{name}: workspace"),

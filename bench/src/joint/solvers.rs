@@ -2,7 +2,7 @@
 
 use calib_core::{
     Limits, Ray, Sighting,
-    joint::{JointEstimator, JointSettings, Leg, Prior, workspace},
+    joint::{JointEstimator, JointMemory, JointSettings, Leg, Prior, workspace},
     reference::{self, Known, ReferenceSettings, Stop},
     resection,
 };
@@ -15,7 +15,19 @@ use test_support::{
 use super::geometry::degrees_off;
 
 const CAMERAS: usize = 24;
-type Joint = JointEstimator<f32, CAMERAS, 200, 1500, 0, { workspace(CAMERAS, 0) }>;
+type Joint = JointEstimator<'static, f32>;
+
+/// Memory for one walk. It is not given back: there are some thousand of them.
+fn memory() -> JointMemory<'static, f32> {
+    JointMemory {
+        cameras: vec![Default::default(); CAMERAS].leak(),
+        stops: vec![Default::default(); 200].leak(),
+        bearings: vec![Default::default(); 1500].leak(),
+        marks: &mut [],
+        visits: &mut [],
+        workspace: vec![0.0; workspace(CAMERAS, 0)].leak(),
+    }
+}
 
 /// Of the cameras that are no references: errors of x, y and heading (degrees), and squared error
 /// over predicted covariance.
@@ -134,13 +146,14 @@ fn filled(walk: &Walk, limits: &Limits<f64>) -> Joint {
             mean: 0.0,
             sigma: compass as f32,
         },
+        standing: 0.0,
         limits: Limits {
             position: limits.position as f32,
             heading: limits.heading as f32,
         },
     };
     let baseline = walk.cameras[1].x as f32;
-    let mut joint = Joint::new(baseline, settings).expect("usable settings");
+    let mut joint = Joint::new(memory(), baseline, settings).expect("usable settings");
     for stop in 0..walk.places.len() {
         let leg = (stop > 0).then(|| Leg {
             displacement: walk.legs[stop - 1].displacement.cast(),

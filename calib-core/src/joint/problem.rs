@@ -47,36 +47,36 @@ const EXCLUDED_LEG: f64 = 0.02;
 
 /// A stop: how it was reached, and where it is thought to be.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Stop<T: Real> {
-    pub place: Point2<T>,
+pub struct Stop<T: Real> {
+    pub(super) place: Point2<T>,
     /// From the stop before, as the carrier measured it.
-    pub displacement: Vector2<T>,
+    pub(super) displacement: Vector2<T>,
     /// The root `W` of that measurement's information, `W^T W = C^-1`: lower triangular, by rows.
     /// Zeros where nothing was measured.
-    pub root: [T; 3],
+    pub(super) root: [T; 3],
     /// Whether the displacement counts.
-    pub standing: Standing,
+    pub(super) standing: Standing,
     /// The second sweep's own: the equations for this place that the stops before it leave, and
     /// after it in the first two the step.
-    pub chain: [T; 5],
+    pub(super) chain: [T; 5],
 }
 
 /// A bearing, or a visit to a mark.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Sight<T> {
-    pub stop: u16,
-    pub camera: u16,
-    pub bearing: T,
-    pub sigma: T,
-    pub standing: Standing,
+pub struct Sight<T> {
+    pub(super) stop: u16,
+    pub(super) camera: u16,
+    pub(super) bearing: T,
+    pub(super) sigma: T,
+    pub(super) standing: Standing,
 }
 
 /// The target stood on a mark.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Visit<T> {
-    pub stop: u16,
-    pub mark: u16,
-    pub sigma: T,
+pub struct Visit<T> {
+    pub(super) stop: u16,
+    pub(super) mark: u16,
+    pub(super) sigma: T,
 }
 
 /// Whether a measurement counts.
@@ -96,17 +96,75 @@ pub enum Standing {
 
 /// A camera, or with its first two numbers a mark.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Unknown<T: Real> {
+pub struct Unknown<T: Real> {
     /// `(x, y, heading)`; the heading over more than a turn.
-    pub value: Vector3<T>,
-    pub step: Vector3<T>,
+    pub(super) value: Vector3<T>,
+    pub(super) step: Vector3<T>,
     /// First column in the triangle, while it is estimated.
-    pub column: Option<u16>,
+    pub(super) column: Option<u16>,
     /// Bearings it had when it was last looked at, so that it is not looked at again for nothing.
-    pub tried: u16,
+    pub(super) tried: u16,
     /// It was taken in since the passes last came to an end.
-    pub is_new: bool,
-    pub protection: ProtectionLevels<T>,
+    pub(super) is_new: bool,
+    /// Stop from which on what it saw is not its own, because it was moved.
+    pub(super) moved: Option<u16>,
+    /// The camera that those bearings belong to.
+    pub(super) successor: Option<u16>,
+    pub(super) protection: ProtectionLevels<T>,
+}
+
+impl<T: Real> Default for Stop<T> {
+    /// At the origin, and nobody knows how it was reached.
+    fn default() -> Self {
+        let zero = T::zero();
+        Self {
+            place: Point2::origin(),
+            displacement: Vector2::zeros(),
+            root: [zero; 3],
+            standing: Standing::Counts,
+            chain: [zero; 5],
+        }
+    }
+}
+
+impl<T: Real> Default for Sight<T> {
+    /// No bearing worth anything.
+    fn default() -> Self {
+        Self {
+            stop: 0,
+            camera: 0,
+            bearing: T::zero(),
+            sigma: T::one(),
+            standing: Standing::Counts,
+        }
+    }
+}
+
+impl<T: Real> Default for Visit<T> {
+    /// None worth anything.
+    fn default() -> Self {
+        Self {
+            stop: 0,
+            mark: 0,
+            sigma: T::one(),
+        }
+    }
+}
+
+impl<T: Real> Default for Unknown<T> {
+    /// Nothing was seen of it.
+    fn default() -> Self {
+        Self {
+            value: Vector3::zeros(),
+            step: Vector3::zeros(),
+            column: None,
+            tried: 0,
+            is_new: false,
+            moved: None,
+            successor: None,
+            protection: ProtectionLevels::default(),
+        }
+    }
 }
 
 /// What cannot be left out.
@@ -115,6 +173,7 @@ pub(super) struct Common<T: Real> {
     pub baseline: T,
     pub scale_prior: Prior<T>,
     pub compass_prior: Prior<T>,
+    pub standing: T,
     /// Scale and compass offset.
     pub carrier: Vector2<T>,
     pub carrier_step: Vector2<T>,
@@ -122,6 +181,8 @@ pub(super) struct Common<T: Real> {
     pub leg_factor: T,
     /// The stop that the triangle holds.
     pub held: Option<usize>,
+    /// The passes have a frame to begin with.
+    pub is_started: bool,
     /// First and last stop whose bearings are looked at: all of them but during a start.
     pub window: [u16; 2],
 }
@@ -205,6 +266,30 @@ impl<T: Real> Problem<'_, T> {
         camera < REFERENCES || self.cameras.get(camera).is_some_and(|c| c.column.is_some())
     }
 
+    /// Whether a camera is what another one became when it was moved.
+    pub(super) fn is_successor(&self, camera: usize) -> bool {
+        let of = |other: &Unknown<T>| other.successor.map(usize::from) == Some(camera);
+        self.cameras.iter().any(of)
+    }
+
+    /// Gives bearings since a move to the camera that the moved one became or, where there is none,
+    /// leaves them out.
+    pub(super) fn sort_moved(&mut self) {
+        for sight in self.sights.iter_mut() {
+            // Nobody becomes who was there before, so this ends.
+            while let Some(camera) = self.cameras.get(usize::from(sight.camera))
+                && camera.moved.is_some_and(|from| sight.stop >= from)
+            {
+                let Some(successor) = camera.successor else {
+                    sight.standing = Standing::Distrusted;
+                    break;
+                };
+                sight.camera = successor;
+                sight.standing = Standing::Counts;
+            }
+        }
+    }
+
     /// Columns of a camera's place, unless it is a reference, and of its heading.
     pub(super) fn columns(&self, camera: usize) -> Option<(Option<usize>, usize)> {
         if camera < REFERENCES {
@@ -228,7 +313,10 @@ impl<T: Real> Problem<'_, T> {
         if !(range2 > T::zero()) {
             return None;
         }
-        let weight = sight.sigma.recip();
+        // Where the target stood when this camera looked is a little beside where it stopped.
+        let standing = self.common.standing;
+        let variance = sight.sigma * sight.sigma + standing * standing / range2;
+        let weight = variance.sqrt().recip();
         let off = to_target.y.atan2(to_target.x) - pose.z - sight.bearing;
         Some(SightRow {
             residual: angle::wrap_signed(off) * weight,

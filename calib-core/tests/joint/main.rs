@@ -4,4 +4,5 @@ mod batch;
 mod consistency;
 mod faults;
 mod geometry;
+mod rounds;
 mod support;

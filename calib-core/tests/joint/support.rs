@@ -2,14 +2,33 @@
 
 use calib_core::{
     Limits, Real,
-    joint::{JointEstimator, JointSettings, Leg, Prior, workspace},
+    joint::{JointEstimator, JointMemory, JointSettings, Leg, Prior, workspace},
 };
 use test_support::walk::{CarrierErrors, Walk};
 
 pub(crate) const CAMERAS: usize = 16;
 pub(crate) const MARKS: usize = 3;
-pub(crate) type Joint<T> =
-    JointEstimator<T, CAMERAS, 64, 800, MARKS, { workspace(CAMERAS, MARKS) }>;
+pub(crate) type Joint<T> = JointEstimator<'static, T>;
+
+/// Memory that the test keeps to its end.
+pub(crate) fn memory<T: Real>(
+    cameras: usize,
+    stops: usize,
+    bearings: usize,
+    marks: usize,
+) -> JointMemory<'static, T> {
+    fn kept<V: Default + Clone>(count: usize) -> &'static mut [V] {
+        vec![V::default(); count].leak()
+    }
+    JointMemory {
+        cameras: kept(cameras),
+        stops: kept(stops),
+        bearings: kept(bearings),
+        marks: kept(marks),
+        visits: kept(2 * marks),
+        workspace: vec![T::zero(); workspace(cameras, marks)].leak(),
+    }
+}
 
 /// Limits that keep nobody out.
 pub(crate) const WIDE: Limits<f64> = Limits {
@@ -37,12 +56,18 @@ pub(crate) fn filled<T: Real>(walk: &Walk, limits: Limits<f64>) -> Joint<T> {
             mean: T::zero(),
             sigma: number(walk.errors.compass),
         },
+        standing: T::zero(),
         limits: Limits {
             position: number(limits.position),
             heading: number(limits.heading),
         },
     };
-    let mut joint = Joint::new(number(walk.cameras[1].x), settings).unwrap();
+    let mut joint = Joint::new(
+        memory(CAMERAS, 64, 800, MARKS),
+        number(walk.cameras[1].x),
+        settings,
+    )
+    .unwrap();
     for stop in 0..walk.places.len() {
         add(&mut joint, walk, stop);
     }
