@@ -170,6 +170,22 @@ pub struct Judgement {
 }
 
 impl Judgement {
+    /// Whether it fails as another one did: in the same way, and with a camera that is late for the same
+    /// reason.
+    pub fn fails_as(&self, other: &Failure) -> bool {
+        self.failures.iter().any(|own| match (own, other) {
+            (
+                Failure::Late { status, reason, .. },
+                Failure::Late {
+                    status: other,
+                    reason: because,
+                    ..
+                },
+            ) => status == other && reason == because,
+            _ => own.kind() == other.kind(),
+        })
+    }
+
     /// Whether something of this kind does not hold.
     pub fn has(&self, kind: Kind) -> bool {
         self.failures.iter().any(|failure| failure.kind() == kind)

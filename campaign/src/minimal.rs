@@ -126,20 +126,19 @@ fn cuts(scenario: &Scenario) -> Vec<Cut> {
 /// The scenario with as little as shows a failure of this kind, and what it fails by: nothing more can
 /// be left out alone. A scenario that does not fail so stays as it is.
 pub fn minimal(scenario: &Scenario, kind: Kind) -> (Scenario, Judgement) {
-    let fails = |scenario: &Scenario| -> Option<Judgement> {
-        let judged = judge(scenario, &runs::run(scenario).ok()?);
-        judged.has(kind).then_some(judged)
-    };
+    let judged = |scenario: &Scenario| Some(judge(scenario, &runs::run(scenario).ok()?));
     let mut least = scenario.clone();
-    let Some(mut judgement) = fails(&least) else {
+    let mut judgement = judged(&least).unwrap_or_default();
+    let mut failures = judgement.failures.iter();
+    let Some(failure) = failures.find(|failure| failure.kind() == kind).cloned() else {
         return (least, Judgement::default());
     };
     loop {
         let smaller = cuts(&least).into_iter().find_map(|cut| {
             // As its file will be read, and possible.
             let less = Scenario::from_toml(&text(&cut(&least)?), &Overrides::default()).ok()?;
-            let judged = fails(&less)?;
-            Some((less, judged))
+            let judged = judged(&less)?;
+            judged.fails_as(&failure).then_some((less, judged))
         });
         match smaller {
             Some(smaller) => (least, judgement) = smaller,

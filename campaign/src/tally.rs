@@ -77,6 +77,11 @@ impl Tally {
         runs
     }
 
+    /// The share of the poses told as good that err by more than five sigmas and half a unit.
+    pub fn deceiving(&self) -> f64 {
+        self.count(Kind::Deceives) as f64 / self.calibrated.max(1) as f64
+    }
+
     /// Of the cameras that saw enough after the last fault, the share that is not calibrated.
     pub fn late(&self) -> f64 {
         self.count(Kind::Late) as f64 / self.saw_enough.max(1) as f64
