@@ -245,7 +245,7 @@ impl<T: Real> Problem<'_, T> {
     pub(super) fn triangle(&mut self) -> Option<(Triangle<'_, T>, [&mut [T]; VECTORS])> {
         let width = self.width();
         let (triangle, vectors) = self.workspace.split_at_mut_checked(packed(width))?;
-        let mut vectors = vectors.chunks_exact_mut(width);
+        let mut vectors = vectors.chunks_exact_mut(width.max(1));
         let vectors = [vectors.next()?, vectors.next()?, vectors.next()?];
         Some((Triangle::new(triangle, width)?, vectors))
     }

@@ -351,7 +351,9 @@ impl<T: Real> Problem<'_, T> {
             compass_prior,
             ..
         } = *self.common;
-        let outcome = reference::solve(stops, known, &ReferenceSettings::default())?;
+        // By reference: large, and moved it would be on the stack twice.
+        let solved = reference::solve(stops, known, &ReferenceSettings::default());
+        let outcome = solved.as_ref().map_err(|why| *why)?;
         let start = |solution: &ReferenceSolution<T>| {
             // The baseline as the carrier would measure it, over its length.
             let stretch = solution.baseline / baseline;

@@ -199,7 +199,9 @@ impl<T: Real> Sweep<'_, '_, T> {
             // From the diagonal on: the rest of its own two columns, two that become free, and what
             // both have in common.
             leaving.fill(T::zero());
-            let (own, others) = next.split_at_mut(2 - axis);
+            let Some((own, others)) = next.split_at_mut_checked(2 - axis) else {
+                return;
+            };
             for (to, from) in leaving.iter_mut().zip(&*own) {
                 *to = *from;
             }

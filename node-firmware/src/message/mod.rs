@@ -315,7 +315,7 @@ pub struct Report {
 }
 
 /// How far a pose may be off although one of the measurements that it rests on is wrong and nobody
-/// noticed. Infinite where nothing checks one of them.
+/// noticed. The largest number there is where nothing checks one of them.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct ProtectionLevel {
@@ -328,21 +328,24 @@ pub struct ProtectionLevel {
 impl ProtectionLevel {
     /// Nothing checks it.
     pub const NONE: Self = Self {
-        position: f32::INFINITY,
-        heading: f32::INFINITY,
+        position: f32::MAX,
+        heading: f32::MAX,
     };
 
-    /// Whether neither number is below zero, or none.
+    /// Whether both numbers are finite and not below zero.
     pub fn is_usable(&self) -> bool {
-        self.position >= 0.0 && self.heading >= 0.0
+        all_finite([&self.position, &self.heading]) && self.position >= 0.0 && self.heading >= 0.0
     }
 }
 
 impl From<ProtectionLevels<f32>> for ProtectionLevel {
     fn from(levels: ProtectionLevels<f32>) -> Self {
         Self {
-            position: levels.position_bearing.max(levels.position_leg),
-            heading: levels.heading_bearing.max(levels.heading_leg),
+            position: levels
+                .position_bearing
+                .max(levels.position_leg)
+                .min(f32::MAX),
+            heading: levels.heading_bearing.max(levels.heading_leg).min(f32::MAX),
         }
     }
 }

@@ -38,13 +38,16 @@ pub(super) async fn run<H: Hardware>(
     let mut stops = [StopStorage::default(); STOPS];
     let mut bearings = [BearingStorage::default(); BEARINGS];
     let mut workspace = [0.0; WORKSPACE];
+    let mut told = [None; CAMERAS];
     let memory = EstimateMemory {
         cameras: &mut cameras,
         stops: &mut stops,
         bearings: &mut bearings,
         workspace: &mut workspace,
+        told: &mut told,
     };
-    let mut role = TargetRole::new(id, *config, first_stop).with_estimate(memory);
+    let mut role = TargetRole::new(id, *config, first_stop);
+    role.estimate_in(memory);
     let driver = AnyDriver::Target(RoleDriver::new(&mut role, &channels));
     let driven = drive(driver, services);
     let sensed = sense(&mut steps, clock, channels.events.sender());

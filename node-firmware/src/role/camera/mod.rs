@@ -50,7 +50,7 @@ use crate::{
     limits::{COLOURS_MAX, MEMBERS, REFERENCE_STOPS, TARGETS},
     message::{
         CameraCommand, CommandResult, Duty, Hello, ListedSighting, MemberAddress, MemberKind,
-        Message, Report, Seen, Sight, StopBearing, StopNumber, TrackedBlob,
+        Message, PoseParts, Report, Seen, Sight, StopBearing, StopNumber, TrackedBlob,
     },
     vision::ColourWindow,
 };
@@ -337,7 +337,9 @@ impl Role for CameraRole {
             Message::Bearing(bearing) if duty_of_sender == Some(Duty::Second) => {
                 self.on_bearing(now, bearing);
             }
-            Message::Posed(solved) if solved.pose().is_some() => {
+            Message::Posed(solved)
+                if solved.is_usable() && solved.pose().is_some_and(PoseParts::is_usable) =>
+            {
                 if self.own_duty() == Some(Duty::Second) && duty_of_sender == Some(Duty::First) {
                     self.on_posed(now, solved);
                 } else if solved.joint.is_some() && self.targets.knows(from.0) {

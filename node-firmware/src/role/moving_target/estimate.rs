@@ -13,7 +13,7 @@ use calib_core::{
         Prior, Progress, Round, StopStorage, UnknownStorage, workspace,
     },
 };
-use nalgebra::{Matrix2, Matrix3, Point2, Vector2};
+use nalgebra::{Matrix2, Point2, Vector2};
 
 use crate::{
     arithmetic::root,
@@ -59,6 +59,8 @@ pub struct EstimateMemory<'m> {
     pub bearings: &'m mut [BearingStorage<f32>; BEARINGS],
     /// Numbers.
     pub workspace: &'m mut [f32; WORKSPACE],
+    /// What cameras were told of themselves.
+    pub told: &'m mut [Option<Report>; CAMERAS],
 }
 
 /// Where the frame of the estimator is in that of the site.
@@ -124,7 +126,7 @@ pub(super) struct Estimate<'m> {
     /// Cameras by their number in the estimator. One that was moved has two.
     cameras: heapless::Vec<Camera, CAMERAS>,
     /// What each was told, or is to be told.
-    told: [Option<Report>; CAMERAS],
+    told: &'m mut [Option<Report>; CAMERAS],
     /// To be told: a bit for each camera.
     news: u32,
     /// The number of the first stop.
@@ -141,6 +143,8 @@ pub(super) struct Estimate<'m> {
 
 impl<'m> Estimate<'m> {
     pub(super) fn new(memory: EstimateMemory<'m>) -> Option<Self> {
+        let told = memory.told;
+        told.fill(None);
         let memory = JointMemory {
             cameras: memory.cameras,
             stops: memory.stops,
@@ -153,7 +157,7 @@ impl<'m> Estimate<'m> {
         Some(Self {
             estimator,
             cameras: heapless::Vec::new(),
-            told: [None; CAMERAS],
+            told,
             news: 0,
             first: 0,
             way: None,
@@ -283,7 +287,7 @@ impl<'m> Estimate<'m> {
         if appointed.is_err() {
             return;
         }
-        self.told = [None; CAMERAS];
+        self.told.fill(None);
         exchange(&mut self.cameras, 0, first);
         exchange(
             &mut self.cameras,
@@ -395,18 +399,17 @@ impl<'m> Estimate<'m> {
             None => (camera, self.estimator.pose(camera).ok()?),
         };
         let protection = self.estimator.protection(camera);
-        let turn = frame.turn();
-        let mut turn_pose = Matrix3::identity();
-        turn_pose.fixed_view_mut::<2, 2>(0, 0).copy_from(&turn);
-        let covariance = turn_pose * pose.covariance * turn_pose.transpose();
+        let pose = pose.seen_from(frame.origin, frame.direction);
         let parts = PoseParts::from(Pose {
-            position: frame.origin + turn * pose.position.coords,
-            heading: angle::wrap_positive(pose.heading + frame.direction),
-            covariance: covariance * solution.fit.inflation(),
+            covariance: pose.covariance * solution.fit.inflation(),
+            ..pose
         });
         let [came, count] = self.estimator.bearings_of(camera);
+        // Whom most of what it saw contradicts is not believed; nor is one that was moved.
+        let is_outvoted = 2 * count <= came;
+        let is_doubtful = is_outvoted || (known.is_doubtful && !is_found);
         // The camera itself knows what is good enough.
-        let state = if solution.fit.is_bad() || (known.is_doubtful && !is_found) {
+        let state = if solution.fit.is_bad() || is_doubtful {
             CameraState::Doubtful(parts)
         } else {
             CameraState::Weak(parts)
@@ -432,7 +435,7 @@ impl<'m> Estimate<'m> {
 
     /// What these cameras are to be told.
     pub(super) fn reports(&self) -> impl Iterator<Item = (MemberAddress, &Report)> {
-        let told = self.cameras.iter().zip(&self.told);
+        let told = self.cameras.iter().zip(&*self.told);
         told.filter_map(|(camera, report)| Some((camera.address, report.as_ref()?)))
     }
 
@@ -440,7 +443,7 @@ impl<'m> Estimate<'m> {
     pub(super) fn clear(&mut self) {
         self.estimator.clear();
         self.cameras.clear();
-        self.told = [None; CAMERAS];
+        self.told.fill(None);
         self.news = 0;
         self.way = None;
         self.frame = None;

@@ -188,12 +188,12 @@ impl<'m> TargetRole<'m> {
         }
     }
 
-    /// The same with memory in which it estimates everything that was measured together. Without, it
+    /// From now on it estimates everything that was measured together, in this memory. Without, it
     /// reckons, and cameras are on their own.
-    #[must_use]
-    pub fn with_estimate(mut self, memory: EstimateMemory<'m>) -> Self {
+    // stack
+    #[inline(never)]
+    pub fn estimate_in(&mut self, memory: EstimateMemory<'m>) {
         self.estimate = Estimate::new(memory);
-        self
     }
 
     /// The cameras it knows of, with what they told of themselves: the table of Appendix B.
@@ -416,7 +416,7 @@ impl<'m> TargetRole<'m> {
             && waited >= Duration::from_millis(self.config.dwell_least_ms.into());
         if is_done || waited >= most {
             standing.may_walk = true;
-            self.estimate_at = Some(now);
+            self.estimate_at = Some(now + BREATH);
             // Written down before the lamp goes on: after a restart nobody knows whether it left.
             self.unsaved.insert(FactKey::Walk);
             return self.unsaved_fact().map(Output::Save);
