@@ -77,6 +77,30 @@ pub enum Action {
         /// For how long, seconds.
         for_s: f64,
     },
+    /// Somebody moves a camera, turns it, or both. It stays so.
+    BumpCamera {
+        /// The node's number.
+        node: u16,
+        /// How far. Default: not at all.
+        #[serde(default)]
+        by: [f64; 2],
+        /// How far it is turned, degrees counter-clockwise. Default 0.
+        #[serde(default)]
+        turn_deg: f64,
+    },
+    /// A target slips: its steps are longer or shorter than its sensor says, and lead elsewhere.
+    Slip {
+        /// The node's number.
+        node: u16,
+        /// For how long, seconds.
+        for_s: f64,
+        /// What the sensor says too much of each distance, as a share of it. Default 0.
+        #[serde(default)]
+        distance: f64,
+        /// What it says too much of each heading, degrees. Default 0.
+        #[serde(default)]
+        heading_deg: f64,
+    },
     /// Frames that a node sent are heard again.
     Replay {
         /// The node's number.
@@ -98,6 +122,8 @@ impl Action {
             | Self::PowerCut { node, .. }
             | Self::UnplugCamera { node, .. }
             | Self::StickCamera { node, .. }
+            | Self::BumpCamera { node, .. }
+            | Self::Slip { node, .. }
             | Self::Replay { node, .. } => std::slice::from_ref(node),
             Self::Partition { nodes, .. } => nodes,
             Self::Jam { .. } | Self::Loss { .. } => &[],
@@ -107,13 +133,14 @@ impl Action {
     /// How long it lasts, seconds.
     pub fn duration_s(&self) -> Option<f64> {
         match self {
-            Self::Restart { .. } | Self::Replay { .. } => None,
+            Self::Restart { .. } | Self::BumpCamera { .. } | Self::Replay { .. } => None,
             Self::PowerCut { for_s, .. }
             | Self::Jam { for_s, .. }
             | Self::Partition { for_s, .. }
             | Self::Loss { for_s, .. }
             | Self::UnplugCamera { for_s, .. }
-            | Self::StickCamera { for_s, .. } => Some(*for_s),
+            | Self::StickCamera { for_s, .. }
+            | Self::Slip { for_s, .. } => Some(*for_s),
         }
     }
 }

@@ -369,6 +369,10 @@ pub struct SensorTable {
     pub leg_distance: f64,
     /// Error of a leg's headings, standard deviation, degrees.
     pub leg_heading_deg: f64,
+    /// As `leg_distance`, and the sensor tells nobody of it.
+    pub undeclared_distance: f64,
+    /// As `leg_heading_deg`, and the sensor tells nobody of it.
+    pub undeclared_heading_deg: f64,
     /// Relative error of each step's distance, standard deviation.
     pub step_distance: f64,
     /// Error of each step's heading, standard deviation, degrees.
@@ -385,6 +389,8 @@ impl SensorTable {
         measures: true,
         leg_distance: 0.01,
         leg_heading_deg: 0.5,
+        undeclared_distance: 0.0,
+        undeclared_heading_deg: 0.0,
         step_distance: 0.0,
         step_heading_deg: 0.0,
         scale_bias: 0.0,

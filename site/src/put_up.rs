@@ -338,6 +338,8 @@ fn errors(scenario: &Scenario) -> SensorErrors {
         measures: sensor.measures,
         leg_distance: sensor.leg_distance,
         leg_heading: sensor.leg_heading_deg * PI / 180.0,
+        undeclared_distance: sensor.undeclared_distance,
+        undeclared_heading: sensor.undeclared_heading_deg * PI / 180.0,
         step_distance: sensor.step_distance,
         step_heading: sensor.step_heading_deg * PI / 180.0,
         scale_bias: sensor.scale_bias,

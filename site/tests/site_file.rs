@@ -439,7 +439,6 @@ fn errors_name_key_and_line() {
 #[test]
 fn impossible_events_are_refused() {
     let tail = |at: f64, action: &str| format!("{SITE}{}", event(at, action));
-    let dark = tail(10.0, "power-cut = { node = 3, for_s = 5 }");
     says(&[
         (
             tail(-1.0, "restart = { node = 3 }"),
@@ -478,11 +477,22 @@ fn impossible_events_are_refused() {
             ["event 1.action.loss.for_s` is 0", "0.001 to"],
         ),
         (
-            dark.clone() + &event(12.0, "restart = { node = 3 }"),
-            ["line 22: `event 2.at_s` is 12", "no power then, by event 1"],
+            tail(1.0, "bump-camera = { node = 20 }"),
+            ["event 1.node` is 20", "the `id` of a camera"],
+        ),
+        (
+            tail(1.0, "slip = { node = 3, for_s = 1 }"),
+            ["event 1.node` is 3", "the `id` of a target"],
         ),
     ]);
-    scenario(&(dark + &event(16.0, "restart = { node = 3 }")));
+}
+
+/// Whoever presses the button of a board without power, or pulls a plug that is out, changes nothing.
+#[test]
+fn things_that_go_wrong_may_overlap() {
+    let dark = |at| event(at, "power-cut = { node = 3, for_s = 5 }");
+    let text = format!("{SITE}{}{}", dark(10.0), dark(12.0));
+    scenario(&(text + &event(12.0, "restart = { node = 3 }")));
 }
 
 /// A value from the command line is not in the file.

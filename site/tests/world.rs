@@ -437,3 +437,51 @@ fn drift_is_as_large_as_it_says() {
         assert!((a / b - 1.0).abs() < 0.12, "{what}: {a} {b}");
     }
 }
+
+/// Errors that are not declared are in the steps, and not in what they say of themselves.
+#[test]
+fn undeclared_errors_are_in_no_sigma() {
+    let declared = SensorErrors {
+        measures: true,
+        leg_distance: 0.05,
+        ..SensorErrors::default()
+    };
+    let undeclared = SensorErrors {
+        leg_distance: 0.0,
+        undeclared_distance: 0.05,
+        undeclared_heading: 0.02,
+        ..declared
+    };
+    let [mut known, mut hidden] =
+        [declared, undeclared].map(|errors| StepSensor::new(errors, 0.0, random(5)));
+    let mut turned = 0.0;
+    let legs = 4000;
+    for leg in 0..legs {
+        let stride = strides(leg, 1)[0];
+        let [known, hidden] = [&mut known, &mut hidden].map(|sensor| sensor.measure(&stride));
+        assert_eq!(hidden.distance, known.distance);
+        assert!(known.distance_sigma > 0.0);
+        assert_eq!((hidden.distance_sigma, hidden.heading_sigma), (0.0, 0.0));
+        turned += f64::from(hidden.heading - known.heading).powi(2) / legs as f64;
+    }
+    assert!((turned.sqrt() / 0.02 - 1.0).abs() < 0.05, "{turned}");
+}
+
+/// A camera that is moved and turned sees from where it then stands.
+#[test]
+fn a_moved_camera_sees_from_its_new_place() {
+    let there = camera(1.0, -2.0, 40.0, Variant::Cmucam2);
+    let before = camera(0.0, 0.0, 0.0, Variant::Cmucam2);
+    let mut moved = World::new(vec![before], vec![], vec![]);
+    let before = moved.revision();
+    moved.move_camera(0, there.place, there.heading);
+    assert_ne!(moved.revision(), before);
+    let put_there = World::new(vec![there], vec![], vec![]);
+    for place in [p(3.0, 0.0), p(2.0, -2.5), p(-3.0, 0.0)] {
+        assert_eq!(moved.sight(0, place, 0.15), put_there.sight(0, place, 0.15));
+        assert_eq!(
+            moved.cameras_that_see(place, 0.15),
+            put_there.cameras_that_see(place, 0.15)
+        );
+    }
+}

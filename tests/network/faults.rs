@@ -6,7 +6,7 @@ use answers::record::{
 };
 use site::{Action, Scenario};
 
-use crate::yard::{OTHERS, TARGET, Yard, assert_all_calibrated, moments, node, run, with};
+use crate::yard::{OTHERS, TARGET, Yard, assert_all_calibrated, logged, moments, node, run, with};
 
 fn yard() -> Scenario {
     Yard::default().scenario(21)
@@ -132,4 +132,82 @@ fn a_camera_that_sticks_does_not_harm_others() {
         |trouble: &Trouble| matches!(trouble, Trouble::Wild { .. } | Trouble::Doubtful { .. });
     assert!(told(&record).iter().any(is_misfit), "{:?}", told(&record));
     assert_eq!(told(&calm), []);
+}
+
+/// Of two power cuts at once the later end counts, and nobody starts a node without power.
+#[test]
+fn power_cuts_overlap_and_no_button_helps() {
+    let cut = |for_s| Action::PowerCut {
+        node: 4,
+        for_s,
+        in_flash_write: false,
+    };
+    let unplug = Action::UnplugCamera {
+        node: 4,
+        for_s: 3.0,
+        with_power: true,
+    };
+    let events = [
+        (20.0, cut(10.0)),
+        (24.0, unplug),
+        (25.0, cut(20.0)),
+        (32.0, Action::Restart { node: 4 }),
+    ];
+    let scenario = events.into_iter();
+    let scenario = scenario.fold(yard(), |scenario, (at, action)| with(scenario, at, action));
+    let (record, log) = logged(scenario);
+    assert_all_calibrated(&record, "two power cuts");
+    let said: Vec<f64> = log
+        .lines()
+        .filter(|line| line.contains(" node 4: to "))
+        .map(|line| line.split_once(' ').unwrap().0.parse().unwrap())
+        .collect();
+    assert!(said.iter().any(|at| *at < 20.0) && said.iter().any(|at| *at > 45.0));
+    assert!(!said.iter().any(|at| (20.0..45.0).contains(at)), "{said:?}");
+}
+
+/// The truth moves with it, and the frame does not move with a reference.
+#[test]
+fn a_camera_is_bumped() {
+    let calm = run(yard());
+    let at = calm.sim_seconds - 2.0;
+    let bump = |node| Action::BumpCamera {
+        node,
+        by: [0.5, -0.25],
+        turn_deg: 20.0,
+    };
+    let scenario = [1, 5]
+        .into_iter()
+        .fold(yard(), |scenario, node| with(scenario, at, bump(node)));
+    let record = run(scenario);
+    for camera in calm.cameras() {
+        let [before, after] = [camera, node(&record, camera.id)].map(|node| node.truth.unwrap());
+        let by = match camera.id {
+            1 | 5 => [0.5, -0.25, 20.0],
+            _ => [0.0; 3],
+        };
+        assert!((after.x - before.x - by[0]).abs() < 1e-9);
+        assert!((after.y - before.y - by[1]).abs() < 1e-9);
+        assert!((after.heading_deg - before.heading_deg - by[2]).abs() < 1e-9);
+    }
+}
+
+/// What slips is in the steps that a target counts, and a slip of nothing changes nothing.
+#[test]
+fn a_slip_is_in_the_steps() {
+    let calm = run(yard());
+    let stops = &calm.targets[0].stops;
+    let slipping = |distance| {
+        let slip = Action::Slip {
+            node: TARGET,
+            for_s: stops[5].seconds.unwrap() - stops[4].seconds.unwrap(),
+            distance,
+            heading_deg: 0.0,
+        };
+        run(with(yard(), stops[4].seconds.unwrap(), slip))
+    };
+    assert_eq!(slipping(0.0).targets, calm.targets);
+    let slipped = slipping(0.5);
+    assert_eq!(slipped.targets[0].stops[..5], stops[..5]);
+    assert_ne!(slipped.targets[0].stops[5].believed, stops[5].believed);
 }

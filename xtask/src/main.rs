@@ -34,6 +34,12 @@ enum Chore {
         /// Passed to the bench of accuracy, for example `recorded`
         topics: Vec<String>,
     },
+    /// Random sites on which everything goes wrong, and what must hold all the same
+    Campaign {
+        /// Passed on: `-- --help` tells which there are
+        #[arg(trailing_var_arg = true, allow_hyphen_values = true)]
+        arguments: Vec<String>,
+    },
     /// Instructions of the node's routines on emulated processors
     CortexM,
     /// Flash and RAM of the link on a Cortex-M4F
@@ -108,6 +114,19 @@ fn run(chore: Chore) -> anyhow::Result<ExitCode> {
                 .run()?;
             }
             Ok(())
+        }
+        Chore::Campaign { arguments } => {
+            let campaign = [
+                "run",
+                "--locked",
+                "--release",
+                "--package",
+                "campaign",
+                "--",
+            ];
+            cmd!(sh, "cargo {campaign...} {arguments...}")
+                .run()
+                .map_err(Into::into)
         }
         Chore::CortexM => count_instructions(&sh),
         Chore::Size { largest } => measure_size(&sh, largest),

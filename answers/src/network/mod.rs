@@ -258,8 +258,8 @@ pub enum NetworkError {
     Number(String),
     /// More than the largest estimator takes.
     #[error(
-        "has {cameras} cameras, {stops} stops and {bearings} bearings of target {target}: at most \
-         {} cameras, {} stops and {} bearings can be solved at once", .most[0], .most[1], .most[2]
+        "has {cameras} cameras and {stops} stops of target {target}: at most {most} of each can be \
+         solved at once"
     )]
     TooMany {
         /// Of this target.
@@ -268,10 +268,8 @@ pub enum NetworkError {
         cameras: usize,
         /// As `cameras`.
         stops: usize,
-        /// As `cameras`.
-        bearings: usize,
         /// How many there may be, of each.
-        most: [usize; 3],
+        most: usize,
     },
 }
 

@@ -2,6 +2,7 @@
 
 use std::{cell::RefCell, collections::BTreeSet, rc::Rc};
 
+use nalgebra::Vector2;
 use rand::RngExt;
 use zigbee_link::{radio::Channel, wire::fcs};
 
@@ -96,6 +97,24 @@ pub(super) fn schedule(simulation: &mut Simulation) {
                         .spawn(stick(clock, at..until(for_s), node));
                 }
             }
+            Action::BumpCamera { node, by, turn_deg } => {
+                if let Some(node) = find(simulation, node) {
+                    let bump = bump(clock, at, node, by.into(), turn_deg.to_radians());
+                    simulation.executor.spawn(bump);
+                }
+            }
+            Action::Slip {
+                node,
+                for_s,
+                distance,
+                heading_deg,
+            } => {
+                if let Some(node) = find(simulation, node) {
+                    let error = [distance, heading_deg.to_radians()];
+                    let slip = slip(clock, at..until(for_s), node, error);
+                    simulation.executor.spawn(slip);
+                }
+            }
             Action::Replay { node, last_s } => {
                 if let Some(node) = find(simulation, node) {
                     let medium = simulation.medium.clone();
@@ -123,8 +142,7 @@ fn find(simulation: &Simulation, id: u16) -> Option<Rc<Node>> {
 async fn restart(clock: Clock, at: Time, node: Rc<Node>) {
     clock.sleep_until_time(at).await;
     node.note("is restarted");
-    node.switch_off();
-    node.switch_on();
+    node.restart();
 }
 
 /// `share`: how much of its next flash operation is done before, if it is to be in one.
@@ -136,21 +154,19 @@ async fn power_cut(clock: Clock, at: Time, node: Rc<Node>, lasts: Time, share: O
         clock.sleep((takes as f64 * share) as Time).await;
     }
     node.note("loses its power");
-    node.switch_off();
-    node.line.unplug(true);
+    node.lose_power();
     clock.sleep(lasts).await;
     node.note("gets its power back");
-    node.line.plug();
-    node.switch_on();
+    node.regain_power();
 }
 
 async fn unplug(clock: Clock, during: std::ops::Range<Time>, node: Rc<Node>, with_power: bool) {
     clock.sleep_until_time(during.start).await;
     node.note("has its camera unplugged");
-    node.line.unplug(with_power);
+    node.unplug(with_power);
     clock.sleep_until_time(during.end).await;
     node.note("has its camera back");
-    node.line.plug();
+    node.plug();
 }
 
 async fn stick(clock: Clock, during: std::ops::Range<Time>, node: Rc<Node>) {
@@ -160,6 +176,21 @@ async fn stick(clock: Clock, during: std::ops::Range<Time>, node: Rc<Node>) {
     clock.sleep_until_time(during.end).await;
     node.note("has a camera that sees again");
     node.stick_camera(false);
+}
+
+async fn bump(clock: Clock, at: Time, node: Rc<Node>, by: Vector2<f64>, turn: f64) {
+    clock.sleep_until_time(at).await;
+    node.note("has its camera moved");
+    node.bump_camera(by, turn);
+}
+
+async fn slip(clock: Clock, during: std::ops::Range<Time>, node: Rc<Node>, error: [f64; 2]) {
+    clock.sleep_until_time(during.start).await;
+    node.note("slips");
+    node.slip(error, true);
+    clock.sleep_until_time(during.end).await;
+    node.note("slips no more");
+    node.slip(error, false);
 }
 
 /// Keeps what nodes send whose frames will be replayed.

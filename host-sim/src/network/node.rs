@@ -7,7 +7,7 @@ use std::{
 
 use calib_core::dead_reckoning::Step;
 use embassy_sync::{blocking_mutex::raw::NoopRawMutex, channel::Channel as Queue, signal::Signal};
-use nalgebra::Point2;
+use nalgebra::{Point2, Vector2};
 use node_firmware::{
     config::{CheckedConfig, RoleConfig},
     facts::Fact,
@@ -95,6 +95,30 @@ impl StepSensor for Steps {
     }
 }
 
+/// What comes to a node from outside, several times at once perhaps.
+#[derive(Default)]
+struct Adversity {
+    /// Power cuts under way.
+    cuts: Cell<usize>,
+    /// So often the plug of its line was pulled and not put back yet.
+    pulls: Cell<usize>,
+    /// So often its camera was made to stick and not freed yet.
+    sticks: Cell<usize>,
+    /// What its step sensor says too much of distances (a share) and headings (radians), each for
+    /// as long as it is in the list.
+    slips: RefCell<Vec<[f64; 2]>>,
+}
+
+/// One more, or one less.
+fn count(number: &Cell<usize>, is_more: bool) -> usize {
+    let counted = match is_more {
+        true => number.get() + 1,
+        false => number.get().saturating_sub(1),
+    };
+    number.set(counted);
+    counted
+}
+
 /// One node.
 pub(super) struct Node {
     config: CheckedConfig,
@@ -113,6 +137,9 @@ pub(super) struct Node {
     root: Root,
     starts: Cell<u64>,
     task: Cell<Option<TaskId>>,
+    /// Somebody has switched it on.
+    is_on: Cell<bool>,
+    adversity: Adversity,
     /// A real camera in the place of what is on the line.
     real: RefCell<Option<Serial>>,
     /// What runs the firmware, if not this program.
@@ -161,6 +188,8 @@ impl Node {
             truth: RefCell::default(),
             starts: Cell::new(0),
             task: Cell::new(None),
+            is_on: Cell::new(false),
+            adversity: Adversity::default(),
             config,
             clock,
             line,
@@ -278,25 +307,101 @@ impl Node {
     }
 
     /// A step was made. A node that is off misses it.
-    pub(super) fn step(&self, step: Step<f32>) {
+    pub(super) fn step(&self, mut step: Step<f32>) {
         let is_on = self.task.get().is_some();
+        if is_on {
+            for [distance, heading] in &*self.adversity.slips.borrow() {
+                step.distance *= (1.0 + distance) as f32;
+                step.heading = calib_core::angle::wrap_positive(step.heading + *heading as f32);
+            }
+        }
         (self.journal.borrow_mut()).stepped(self.config.id, &step, is_on);
         if is_on {
             let _ = self.panel.steps.try_send(step);
         }
     }
 
-    /// Its camera goes on seeing what it sees now, or does not do so any more.
-    pub(super) fn stick_camera(&self, sticks: bool) {
-        if let Some(outlook) = &self.outlook {
-            let view = sticks.then(|| outlook.world.borrow().look(outlook.index));
-            outlook.stuck.replace(view);
+    /// Its step sensor says too much of distances, by a share, and of headings, by radians; or no
+    /// longer does so.
+    pub(super) fn slip(&self, error: [f64; 2], slips: bool) {
+        let mut under_way = self.adversity.slips.borrow_mut();
+        match (slips, under_way.iter().position(|one| *one == error)) {
+            (true, _) => under_way.push(error),
+            (false, Some(place)) => drop(under_way.remove(place)),
+            (false, None) => {}
         }
     }
 
-    /// Starts the firmware, if it does not run.
+    /// Somebody moves its camera and turns it, radians.
+    pub(super) fn bump_camera(&self, by: Vector2<f64>, turn: f64) {
+        if let Some(outlook) = &self.outlook {
+            let mut world = outlook.world.borrow_mut();
+            let camera = world.cameras()[outlook.index];
+            let place = camera.place + by;
+            world.move_camera(outlook.index, place, camera.heading + turn);
+            self.medium.move_to(self.antenna, super::antenna(place));
+        }
+    }
+
+    /// Its camera goes on seeing what it sees now, or does not do so any more.
+    pub(super) fn stick_camera(&self, sticks: bool) {
+        let Some(outlook) = &self.outlook else {
+            return;
+        };
+        // One that sticks already goes on seeing the same.
+        match (sticks, count(&self.adversity.sticks, sticks)) {
+            (true, 1) => {
+                let view = outlook.world.borrow().look(outlook.index);
+                outlook.stuck.replace(Some(view));
+            }
+            (false, 0) => drop(outlook.stuck.take()),
+            _ => {}
+        }
+    }
+
+    /// Somebody pulls the plug of its line.
+    pub(super) fn unplug(&self, with_power: bool) {
+        count(&self.adversity.pulls, true);
+        self.line.unplug(with_power);
+    }
+
+    /// Somebody puts the plug back, after as many as have pulled it.
+    pub(super) fn plug(&self) {
+        if count(&self.adversity.pulls, false) == 0 {
+            self.line.plug();
+        }
+    }
+
+    /// It and its camera lose their power.
+    pub(super) fn lose_power(&self) {
+        count(&self.adversity.cuts, true);
+        self.stop();
+        self.unplug(true);
+    }
+
+    /// A power cut is over.
+    pub(super) fn regain_power(self: &Rc<Self>) {
+        count(&self.adversity.cuts, false);
+        self.plug();
+        self.start();
+    }
+
+    /// Starts anew, if it is on and has power.
+    pub(super) fn restart(self: &Rc<Self>) {
+        self.stop();
+        self.start();
+    }
+
+    /// Switches it on, for good.
     pub(super) fn switch_on(self: &Rc<Self>) {
-        if self.task.get().is_none() {
+        self.is_on.set(true);
+        self.start();
+    }
+
+    /// Starts the firmware, if it does not run and can.
+    fn start(self: &Rc<Self>) {
+        let has_power = self.adversity.cuts.get() == 0;
+        if self.is_on.get() && has_power && self.task.get().is_none() {
             let task = match self.board {
                 None => self.spawner.spawn(self.clone().firmware()),
                 Some(_) => self.spawner.spawn(self.clone().emulated()),
@@ -306,7 +411,7 @@ impl Node {
     }
 
     /// Stops the firmware where it is. Flash and what is connected stay.
-    pub(super) fn switch_off(&self) {
+    fn stop(&self) {
         if let Some(task) = self.task.take() {
             self.spawner.kill(task);
             self.panel.show(Indication::default());

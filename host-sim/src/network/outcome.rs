@@ -264,7 +264,9 @@ fn references(network: &Network, console: &Console) -> [usize; 2] {
 }
 
 fn describe(node: &mut Node, simulation: &Simulation, frame: &Frame, camera: &CameraNode) {
-    let real = &simulation.site.world.cameras()[camera.index];
+    // Where it stands in the end.
+    let world = simulation.world.borrow();
+    let real = &world.cameras()[camera.index];
     let place = frame.place(real.place);
     node.truth = Some(Place {
         x: place.x,

@@ -19,18 +19,21 @@ pub(super) fn check(scenario: &Scenario, ids: &BTreeSet<u16>) -> Checked {
     let channels: BTreeSet<_> = networks.iter().flat_map(NetworkTable::channels).collect();
     for (n, event) in (1..).zip(&scenario.events) {
         let name = |field: &str| format!("event {n}.{field}");
-        let is_camera_only = matches!(
-            event.action,
-            Action::UnplugCamera { .. } | Action::StickCamera { .. }
-        );
         for id in event.action.nodes() {
-            let coordinator = *id == 0 && !is_camera_only;
-            if !(ids.contains(id) || coordinator) || (is_camera_only && targets.contains(id)) {
-                let allowed = if is_camera_only {
-                    "the `id` of a camera"
-                } else {
-                    "the `id` of a camera or a target, or 0 for the first network's coordinator"
-                };
+            let is_target = targets.contains(id);
+            let (may_be, allowed) = match &event.action {
+                Action::UnplugCamera { .. }
+                | Action::StickCamera { .. }
+                | Action::BumpCamera { .. } => {
+                    (ids.contains(id) && !is_target, "the `id` of a camera")
+                }
+                Action::Slip { .. } => (is_target, "the `id` of a target"),
+                _ => (
+                    ids.contains(id) || *id == 0,
+                    "the `id` of a camera or a target, or 0 for the first network's coordinator",
+                ),
+            };
+            if !may_be {
                 return Err(refuse(name("node"), id, allowed));
             }
         }
@@ -66,44 +69,6 @@ pub(super) fn check(scenario: &Scenario, ids: &BTreeSet<u16>) -> Checked {
                 return Err(refuse(name("at_s"), event.at_s, allowed));
             }
             _ => {}
-        }
-        dark(scenario, n, name("at_s"))?;
-    }
-    Ok(())
-}
-
-/// Refuses what is done to a node alone while it has no power, by the event of this number.
-fn dark(scenario: &Scenario, number: usize, field: String) -> Checked {
-    let event = &scenario.events[number - 1];
-    let [node] = event.action.nodes() else {
-        return Ok(());
-    };
-    let is_about_power = matches!(
-        event.action,
-        Action::Restart { .. }
-            | Action::PowerCut { .. }
-            | Action::UnplugCamera { .. }
-            | Action::StickCamera { .. }
-    );
-    for (n, other) in (1..).zip(&scenario.events) {
-        if let Action::PowerCut {
-            node: cut,
-            for_s,
-            in_flash_write: false,
-        } = &other.action
-            && is_about_power
-            && n != number
-            && cut == node
-            && (other.at_s..other.at_s + for_s).contains(&event.at_s)
-            // Of two at one time, the second one.
-            && (other.at_s < event.at_s || n < number)
-        {
-            let allowed = format!(
-                "outside of {} to {} seconds: node {node} has no power then, by event {n}",
-                other.at_s,
-                other.at_s + for_s
-            );
-            return Err(refuse(field, event.at_s, allowed));
         }
     }
     Ok(())

@@ -116,7 +116,7 @@ pub struct World {
 }
 
 impl World {
-    /// A world in which only targets will move. All numbers must be finite.
+    /// A world in which targets and cameras can move. All numbers must be finite.
     pub fn new(cameras: Vec<Camera>, obstacles: Vec<Obstacle>, targets: Vec<Target>) -> Self {
         let camera_areas = cameras.iter().enumerate().map(|(index, camera)| {
             let reach = Vector2::repeat(camera.range);
@@ -157,7 +157,7 @@ impl World {
         &self.targets
     }
 
-    /// Changes whenever a target moves: as long as it is the same, so is every view.
+    /// Changes whenever a target or a camera moves: as long as it is the same, so is every view.
     pub fn revision(&self) -> u64 {
         self.revision
     }
@@ -175,6 +175,20 @@ impl World {
             .remove(&Spot::new(target.place.into(), index));
         target.place = place;
         self.target_spots.insert(Spot::new(place.into(), index));
+        self.revision += 1;
+    }
+
+    /// Puts a camera somewhere else, and turns it to a heading, radians.
+    ///
+    /// # Panics
+    /// There is no such camera.
+    pub fn move_camera(&mut self, index: usize, place: Point2<f64>, heading: f64) {
+        let camera = &mut self.cameras[index];
+        let reach = Vector2::repeat(camera.range);
+        let of = |place: Point2<f64>| area(place - reach, place + reach, index);
+        self.camera_areas.remove(&of(camera.place));
+        self.camera_areas.insert(of(place));
+        (camera.place, camera.heading) = (place, heading);
         self.revision += 1;
     }
 

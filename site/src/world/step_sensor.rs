@@ -18,6 +18,10 @@ pub struct SensorErrors {
     pub leg_distance: f64,
     /// Error of all headings of a leg, standard deviation, radians.
     pub leg_heading: f64,
+    /// As `leg_distance`, but not in the sigmas that it tells.
+    pub undeclared_distance: f64,
+    /// As `leg_heading`, but not in the sigmas that it tells.
+    pub undeclared_heading: f64,
     /// Relative error of each step's distance, standard deviation.
     pub step_distance: f64,
     /// Error of each step's heading, standard deviation, radians.
@@ -52,7 +56,7 @@ impl StepSensor {
 
     /// What it reports of a step.
     ///
-    /// The sigmas are those of its random errors. An error that a leg's steps share is given as the
+    /// The sigmas are those of its random errors, less the undeclared ones. An error that a leg's steps share is given as the
     /// independent error that would grow as much over that leg; of its biases it knows nothing.
     pub fn measure(&mut self, stride: &Stride) -> Step<f32> {
         let errors = self.errors;
@@ -60,8 +64,8 @@ impl StepSensor {
             Some((leg, drawn)) if leg == stride.leg => drawn,
             _ => {
                 let drawn = [
-                    self.normal(errors.leg_distance),
-                    self.normal(errors.leg_heading),
+                    self.normal(errors.leg_distance.hypot(errors.undeclared_distance)),
+                    self.normal(errors.leg_heading.hypot(errors.undeclared_heading)),
                 ];
                 self.leg = Some((stride.leg, drawn));
                 drawn

@@ -123,7 +123,6 @@ impl<'a> Walk<'a> {
                 target: self.target,
                 cameras: self.cameras.len(),
                 stops: self.stops.len(),
-                bearings: self.bearings.len(),
                 most: MOST,
             }),
             Err(Failure::Joint(why)) => Ok(self.refused(why)),
@@ -156,6 +155,9 @@ impl<'a> Walk<'a> {
                 mean: -angle::wrap_signed(heading.unwrap_or_default().to_radians()),
                 sigma: heading.map_or(VAGUE[1], |_| compass_sigma),
             },
+            // The legs' covariances have it.
+            standing: 0.0,
+            lens: None,
             limits: Limits {
                 position: position * baseline,
                 heading: heading_limit,

@@ -1,0 +1,172 @@
+//! Runs a campaign of random scenarios on which everything goes wrong: `cargo xtask campaign --help`.
+
+use std::{
+    collections::{BTreeMap, BTreeSet},
+    num::NonZeroUsize,
+    panic,
+    path::{Path, PathBuf},
+    process::ExitCode,
+    thread,
+};
+
+use anyhow::Context;
+use campaign::{
+    judgement::{Judgement, Kind, judge},
+    minimal::minimal,
+    runs, scenario,
+    tally::Tally,
+};
+use clap::Parser;
+use indicatif::{ProgressBar, ProgressStyle};
+
+/// Files of more minimal scenarios than this are not shown.
+const MANY: usize = 11;
+
+/// Random scenarios on which everything goes wrong, and what must hold all the same
+///
+/// Ends with an error if a node panics, hangs or gives up; if a pose that is told as checked errs by more
+/// than its protection level; if more of the poses that are told as good than `--deceiving` allows err by
+/// more than 5 sigma and 0.5 units; or if more cameras than `--late` allows saw enough after the last
+/// fault and are not calibrated. Neither allows any by default.
+#[derive(Parser)]
+#[command(bin_name = "cargo xtask campaign")]
+struct Arguments {
+    /// How many
+    #[arg(long, default_value_t = 10_000)]
+    runs: u64,
+    /// The number of the first one
+    #[arg(long, default_value_t = 0)]
+    first: u64,
+    /// The seed of them all
+    #[arg(long, default_value_t = 1)]
+    seed: u64,
+    /// How many at a time; as many as there are processors by default
+    #[arg(long)]
+    jobs: Option<NonZeroUsize>,
+    /// Runs this one alone, and writes its scenario: `host-sim run` repeats it from the file
+    #[arg(long, value_name = "K", conflicts_with_all = ["runs", "first"])]
+    only: Option<u64>,
+    /// How many failing runs of each kind are made as small as they can be; the files of more than ten
+    /// are not shown
+    #[arg(long, default_value_t = 1)]
+    minimise: usize,
+    /// Share of the poses told as good that may err by more than 5 sigma and 0.5 units
+    #[arg(long, default_value_t = 0.0)]
+    deceiving: f64,
+    /// Share of the cameras that saw enough which need not be calibrated
+    #[arg(long, default_value_t = 0.0)]
+    late: f64,
+    /// Where scenarios are written
+    #[arg(long, default_value = "target/campaign")]
+    folder: PathBuf,
+}
+
+fn main() -> anyhow::Result<ExitCode> {
+    let arguments = Arguments::parse();
+    // Panics are told with the run that they are of.
+    panic::set_hook(Box::new(|_| ()));
+    match arguments.only {
+        Some(number) => only(&arguments, number),
+        None => all(&arguments),
+    }
+}
+
+fn judged(seed: u64, number: u64) -> anyhow::Result<Judgement> {
+    let drawn = scenario::draw(seed, number);
+    let outcome = runs::run(&drawn).with_context(|| format!("run {number} is not possible"))?;
+    Ok(judge(&drawn, &outcome))
+}
+
+fn write(folder: &Path, name: &str, scenario: &site::Scenario) -> anyhow::Result<PathBuf> {
+    std::fs::create_dir_all(folder).with_context(|| format!("{}", folder.display()))?;
+    let path = folder.join(name);
+    std::fs::write(&path, scenario::text(scenario))
+        .with_context(|| format!("cannot write {}", path.display()))?;
+    Ok(path)
+}
+
+fn only(arguments: &Arguments, number: u64) -> anyhow::Result<ExitCode> {
+    let drawn = scenario::draw(arguments.seed, number);
+    let path = write(&arguments.folder, &format!("{number}.toml"), &drawn)?;
+    println!("host-sim run {} --seed {}", path.display(), drawn.seed);
+    let judgement = judged(arguments.seed, number)?;
+    for failure in &judgement.failures {
+        println!("{failure}");
+    }
+    for kind in Kind::ALL.into_iter().filter(|kind| judgement.has(*kind)) {
+        minimise(arguments, number, kind)?;
+    }
+    Ok(ExitCode::from(u8::from(!judgement.failures.is_empty())))
+}
+
+/// With what it still fails.
+fn minimise(
+    arguments: &Arguments,
+    number: u64,
+    kind: Kind,
+) -> anyhow::Result<BTreeSet<&'static str>> {
+    let (least, judgement) = minimal(&scenario::draw(arguments.seed, number), kind);
+    let name = format!("{number}-{kind:?}.toml").to_lowercase();
+    let path = write(&arguments.folder, &name, &least)?;
+    println!(
+        "\nrun {number} as small as it fails so, {}:",
+        path.display()
+    );
+    for failure in &judgement.failures {
+        println!("# {failure}");
+    }
+    if arguments.minimise < MANY {
+        println!("{}", scenario::text(&least));
+    }
+    Ok(scenario::ingredients(&least))
+}
+
+fn all(arguments: &Arguments) -> anyhow::Result<ExitCode> {
+    let jobs = arguments
+        .jobs
+        .or_else(|| thread::available_parallelism().ok());
+    let numbers = arguments.first..arguments.first + arguments.runs;
+    // Only where somebody looks: `indicatif` hides it otherwise.
+    let style = ProgressStyle::with_template("{bar:30} {pos} of {len} runs, {eta} left, {msg}")?;
+    let bar = ProgressBar::new(arguments.runs).with_style(style);
+    let (mut tally, mut impossible) = (Tally::default(), None);
+    let seed = arguments.seed;
+    runs::side_by_side(
+        numbers,
+        jobs.unwrap_or(NonZeroUsize::MIN),
+        |number| judged(seed, number),
+        |number, judgement| {
+            match judgement {
+                Ok(judgement) => tally.add(number, &judgement),
+                Err(error) => impossible = Some(error),
+            }
+            let deceived = tally.failing(Kind::Deceives).len();
+            bar.set_message(format!("{deceived} deceive"));
+            bar.inc(1);
+        },
+    );
+    bar.finish_and_clear();
+    if let Some(error) = impossible {
+        return Err(error);
+    }
+    println!("seed {seed}, {tally}");
+    let mut fails = false;
+    for kind in Kind::ALL {
+        let failing = tally.failing(kind);
+        fails |= match kind {
+            Kind::Deceives => tally.deceiving() > arguments.deceiving,
+            Kind::Late => tally.late() > arguments.late,
+            _ => !failing.is_empty(),
+        };
+        let mut classes = BTreeMap::<_, Vec<_>>::new();
+        for number in failing.into_iter().take(arguments.minimise) {
+            let left = minimise(arguments, number, kind)?;
+            classes.entry(left).or_default().push(number);
+        }
+        for (class, numbers) in classes {
+            let class = class.into_iter().collect::<Vec<_>>().join(" + ");
+            println!("{}, with {class}: {numbers:?}", kind.name());
+        }
+    }
+    Ok(ExitCode::from(u8::from(fails)))
+}

@@ -1,0 +1,212 @@
+//! Draws the scenario of a run.
+//!
+//! What a site would not configure has its shipped default. What it would, such as how well its
+//! carrier is known, is sometimes said and sometimes not.
+
+mod carrier;
+mod faults;
+mod ground;
+
+use std::collections::BTreeSet;
+
+use rand::{Rng, RngExt, SeedableRng};
+use rand_chacha::ChaCha8Rng;
+use site::{Action, FirmwareTable, Overrides, RadioTable, Scenario, ScenarioError};
+
+/// Draws until a site can be put up: where no stops can be planned, it is another site.
+const TRIES: u64 = 1000;
+
+/// The scenario of a run: complete, with its stops, so that its file needs no more.
+///
+/// # Panics
+/// None of a thousand drawn sites can be put up.
+pub fn draw(seed: u64, number: u64) -> Scenario {
+    let of = |attempt| {
+        let mut random = ChaCha8Rng::seed_from_u64(seed);
+        random.set_stream(number * TRIES + attempt);
+        attempted(&mut random, number).ok()
+    };
+    let drawn = (0..TRIES).find_map(of);
+    drawn.unwrap_or_else(|| panic!("no site could be drawn for run {number} of seed {seed}"))
+}
+
+/// One that comes about with this probability.
+fn happens(random: &mut impl Rng, probability: f64) -> bool {
+    random.random_bool(probability)
+}
+
+/// To three digits after the point, as people write files.
+fn short(value: f64) -> f64 {
+    (value * 1e3).round() / 1e3
+}
+
+/// Between two numbers, [`short`].
+fn between(random: &mut impl Rng, low: f64, high: f64) -> f64 {
+    short(random.random_range(low..high))
+}
+
+fn attempted(random: &mut ChaCha8Rng, number: u64) -> Result<Scenario, ScenarioError> {
+    let text = ground::text(random, number);
+    let mut scenario = Scenario::from_toml(&text, &Overrides::default())?;
+    scenario.radio = RadioTable::UnitDisk {
+        range: 60.0,
+        loss: match random.random_range(0..10) {
+            0..5 => 0.0,
+            5..8 => between(random, 0.0, 0.3),
+            _ => between(random, 0.3, 0.5),
+        },
+    };
+    carrier::draw(random, &mut scenario);
+    let site = scenario.put_up()?;
+    // Several rounds: things go wrong in all but the last one and a bit.
+    let rounds = random.random_range(3..=4);
+    for (target, node) in scenario.networks[0]
+        .targets
+        .iter_mut()
+        .zip(&site.networks[0].targets)
+    {
+        let round = || node.stops.iter().map(|stop| [short(stop.x), short(stop.y)]);
+        target.stops = Some((0..rounds).flat_map(|_| round()).collect());
+    }
+    faults::draw(random, &mut scenario, rounds);
+    complete(&scenario)
+}
+
+/// As it is read from its own file: what was drawn is checked like everybody's, and the same to the
+/// bit.
+fn complete(scenario: &Scenario) -> Result<Scenario, ScenarioError> {
+    let scenario = Scenario::from_toml(&text(scenario), &Overrides::default())?;
+    scenario.put_up()?;
+    Ok(scenario)
+}
+
+/// A scenario as a file.
+///
+/// # Panics
+/// It cannot be written as TOML, which none is known of.
+pub fn text(scenario: &Scenario) -> String {
+    toml::to_string(scenario).unwrap_or_else(|error| panic!("a scenario is TOML: {error}"))
+}
+
+/// What goes wrong in a scenario, and what is unusual in it: each once, in alphabetical order.
+pub fn ingredients(scenario: &Scenario) -> BTreeSet<&'static str> {
+    let events = scenario.events.iter().map(|event| match event.action {
+        Action::Restart { node } if is_target(scenario, node) => "restart of a target",
+        Action::Restart { .. } => "restart",
+        Action::PowerCut {
+            in_flash_write: true,
+            ..
+        } => "torn write",
+        Action::PowerCut { .. } => "power cut",
+        Action::Jam { .. } => "jam",
+        Action::Partition { .. } => "partition",
+        Action::Loss { .. } => "loss for a while",
+        Action::UnplugCamera { .. } => "unplugged",
+        Action::StickCamera { node, .. } if is_reference(scenario, node) => "stuck reference",
+        Action::StickCamera { .. } => "stuck camera",
+        Action::BumpCamera { node, .. } if is_reference(scenario, node) => "bumped reference",
+        Action::BumpCamera { .. } => "bumped camera",
+        Action::Slip { .. } => "slip",
+        Action::Replay { .. } => "replay",
+    });
+    let sensor = scenario.sensor.unwrap_or_default();
+    let unlikely = |bias: f64, believed: f64| bias.abs() > 2.5 * believed;
+    let [scale, heading] = carrier::believed(scenario);
+    let noise = [sensor.undeclared_distance, sensor.undeclared_heading_deg];
+    let references = &scenario.networks[0].references;
+    let radio = scenario.radio;
+    let others = [
+        (!scenario.camera.faults.is_empty(), "corrupt lines"),
+        (
+            matches!(radio, RadioTable::UnitDisk { loss, .. } if loss > 0.0),
+            "loss",
+        ),
+        (unlikely(sensor.scale_bias, scale), "undeclared scale"),
+        (
+            unlikely(sensor.heading_bias_deg, heading),
+            "undeclared compass",
+        ),
+        (noise.iter().any(|noise| *noise > 0.0), "undeclared noise"),
+        (
+            scenario.firmware != FirmwareTable::default(),
+            "carrier was measured",
+        ),
+        (references.elected, "elected references"),
+        (references.baseline_known == Some(false), "unknown baseline"),
+        (
+            references.frame_heading_known == Some(false),
+            "unknown frame heading",
+        ),
+        (scenario.networks[0].targets.len() > 1, "two targets"),
+        (!scenario.world.obstacles.is_empty(), "pillars"),
+    ];
+    let others = others.into_iter().filter(|(is_there, _)| *is_there);
+    events.chain(others.map(|(_, name)| name)).collect()
+}
+
+fn is_target(scenario: &Scenario, node: u16) -> bool {
+    let mut targets = scenario
+        .networks
+        .iter()
+        .flat_map(|network| &network.targets);
+    targets.any(|target| target.id == node)
+}
+
+fn is_reference(scenario: &Scenario, node: u16) -> bool {
+    let mut networks = scenario.networks.iter();
+    networks.any(|network| network.references.cameras.contains(&node))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_run_is_its_seed_and_number() {
+        for number in 0..3 {
+            let drawn = draw(7, number);
+            assert_eq!(drawn, draw(7, number));
+            let read = Scenario::from_toml(&text(&drawn), &Overrides::default()).unwrap();
+            assert_eq!(read, drawn);
+            assert_ne!(text(&drawn), text(&draw(8, number)));
+            assert_ne!(text(&drawn), text(&draw(7, number + 3)));
+        }
+    }
+
+    /// A campaign that forgot a fault would hold whatever that fault does.
+    #[test]
+    fn everything_goes_wrong_in_some_run() {
+        let mut seen = BTreeSet::new();
+        for number in 0..200 {
+            let text = text(&draw(3, number));
+            let all = [
+                "restart]",
+                "power-cut]",
+                "in_flash_write = true",
+                "jam]",
+                "partition]",
+                "action.loss]",
+                "unplug-camera]",
+                "with_power = false",
+                "stick-camera]",
+                "bump-camera]",
+                "slip]",
+                "replay]",
+                "corrupt_line",
+                "undeclared_distance",
+                "undeclared_heading_deg",
+                "scale_bias",
+                "heading_bias_deg",
+                "elected = true",
+                "baseline_known = false",
+                "systematic_scale",
+                "pillar",
+            ];
+            seen.extend(all.into_iter().filter(|fault| text.contains(fault)));
+            if seen.len() == all.len() {
+                return;
+            }
+        }
+        panic!("only {seen:?}");
+    }
+}

@@ -1,0 +1,134 @@
+//! Scenarios that broke the network once, each as small as it could be made: `tests/data/faults`.
+//!
+//! Every camera ends with a pose that is right and told as good, or is refused by name: none is told as
+//! calibrated that errs by more than five sigmas and half a unit.
+
+use std::{
+    collections::BTreeSet,
+    fs,
+    path::{Path, PathBuf},
+};
+
+use answers::record::RunRecord;
+use campaign::{
+    judgement::{Failure, deceives},
+    runs::{Outcome, run},
+    scenario,
+};
+use site::{Overrides, Scenario};
+
+/// What nodes believe of the carrier: what is shipped, or that it errs nowhere. The surer they are, the
+/// more a fault deceives them.
+#[derive(Clone, Copy, Debug, PartialEq)]
+enum Carrier {
+    Shipped,
+    Known,
+}
+
+use Carrier::{Known, Shipped};
+
+/// A file with which somebody is still deceived, with the seeds for which that is so.
+type Open = (&'static str, Carrier, &'static [u64]);
+
+/// What does not hold yet.
+const OPEN: [Open; 12] = [
+    ("B_stuck_camera_thesis", Shipped, &[1, 2, 163_728]),
+    ("B_stuck_camera_thesis", Known, &[1, 2, 163_728]),
+    ("G_excess_threshold", Known, &[1, 2, 673_509]),
+    ("I_bumped_reference", Shipped, &[1, 2, 2_739_480_931]),
+    ("I_bumped_reference", Known, &[1, 2, 2_739_480_931]),
+    (
+        "J_stuck_reference_after_restarts",
+        Shipped,
+        &[1, 531_909_053],
+    ),
+    (
+        "J_stuck_reference_after_restarts",
+        Known,
+        &[1, 2, 531_909_053],
+    ),
+    ("K_slipped_leg", Shipped, &[1, 2, 1_975_771_215]),
+    ("K_slipped_leg", Known, &[1, 2, 1_975_771_215]),
+    ("L_bumped_after_restart", Shipped, &[1, 2, 992_506_793]),
+    ("L_bumped_after_restart", Known, &[1, 2, 992_506_793]),
+    ("M_torn_write_then_restart", Shipped, &[1, 2, 600_516_977]),
+];
+
+/// Beside the seed of the file, with which it was found.
+const SEEDS: [u64; 2] = [1, 2];
+
+fn files() -> Vec<PathBuf> {
+    let folder = concat!(env!("CARGO_MANIFEST_DIR"), "/../tests/data/faults");
+    let files = fs::read_dir(folder)
+        .unwrap()
+        .map(|file| file.unwrap().path());
+    let mut files: Vec<_> = files
+        .filter(|path| {
+            path.extension()
+                .is_some_and(|extension| extension == "toml")
+        })
+        .collect();
+    files.sort();
+    files
+}
+
+fn record(scenario: &Scenario) -> RunRecord {
+    match run(scenario).unwrap() {
+        Outcome::Ended(record) => *record,
+        other => panic!("{}: {other:?}", scenario.name),
+    }
+}
+
+/// The seeds of a file with which it deceives somebody.
+fn deceiving(path: &Path, carrier: Carrier) -> BTreeSet<u64> {
+    let text = fs::read_to_string(path).unwrap();
+    let written = Scenario::from_toml(&text, &Overrides::default()).unwrap();
+    let seeds = SEEDS.into_iter().chain([written.seed]);
+    let deceives = seeds.filter(|seed| {
+        let mut scenario = written.clone();
+        scenario.seed = *seed;
+        if carrier == Known {
+            scenario.firmware.systematic_scale = Some(0.0);
+            scenario.firmware.systematic_heading_deg = Some(0.0);
+        }
+        let record = record(&scenario);
+        let found: Vec<Failure> = record.cameras().filter_map(deceives).collect();
+        for failure in &found {
+            println!("{}, {carrier:?}, seed {seed}: {failure}", path.display());
+        }
+        !found.is_empty()
+    });
+    deceives.collect()
+}
+
+#[test]
+fn known_faults_deceive_nobody() {
+    let files = files();
+    assert!(files.len() >= 9, "{files:?}");
+    let mut found = Vec::new();
+    for path in &files {
+        let name = path.file_stem().unwrap().to_str().unwrap();
+        for carrier in [Shipped, Known] {
+            let seeds = deceiving(path, carrier);
+            if !seeds.is_empty() {
+                found.push((name.to_owned(), carrier, seeds));
+            }
+        }
+    }
+    let open = OPEN.iter().map(|(file, carrier, seeds)| {
+        let seeds = seeds.iter().copied().collect();
+        ((*file).to_owned(), *carrier, seeds)
+    });
+    let open: Vec<_> = open.collect();
+    assert_eq!(found, open, "strike off what holds");
+}
+
+#[test]
+fn a_written_scenario_runs_as_the_drawn_one() {
+    let drawn = scenario::draw(1, 3);
+    let read = Scenario::from_toml(&scenario::text(&drawn), &Overrides::default()).unwrap();
+    assert_eq!(
+        record(&drawn).to_json(false).unwrap(),
+        record(&read).to_json(false).unwrap()
+    );
+}
