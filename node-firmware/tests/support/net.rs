@@ -5,7 +5,7 @@ use std::{cell::RefCell, rc::Rc};
 use calib_core::dead_reckoning::Step;
 use nalgebra::{Matrix3, Point2, Vector3};
 use node_firmware::{
-    config::{CameraConfig, Sigmas},
+    config::{CameraConfig, Sigmas, TargetConfig},
     console::ToPc,
     message::{Duty, PoseParts, Report},
     role::{
@@ -94,10 +94,16 @@ impl Net {
         })
     }
 
-    /// With a target that estimates everything together, as on boards.
+    /// With a target that estimates everything together, as on boards, and whose carrier nobody knows.
     pub fn estimating(faults: Faults, seed: u64, config: impl Fn(usize) -> CameraConfig) -> Self {
         Self::with(faults, seed, config, || {
-            target_role(TARGET, target_config(0), u16::MAX - 2)
+            let unknown = TargetConfig::default();
+            let config = TargetConfig {
+                systematic_heading_deg: unknown.systematic_heading_deg,
+                systematic_scale: unknown.systematic_scale,
+                ..target_config(0)
+            };
+            target_role(TARGET, config, u16::MAX - 2)
         })
     }
 
