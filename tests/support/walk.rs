@@ -231,7 +231,11 @@ impl Walk {
     /// Makes what a camera measures that of a lens whose true tangents are the measured ones times
     /// `scale`.
     pub fn look_through(&mut self, camera: usize, scale: f64) {
-        for seen in self.bearings.iter_mut().filter(|seen| seen.camera == camera) {
+        for seen in self
+            .bearings
+            .iter_mut()
+            .filter(|seen| seen.camera == camera)
+        {
             let truth = self.cameras[camera].bearing_of(self.places[seen.stop]);
             let noise = seen.bearing - truth;
             seen.bearing = (truth.tan() / scale).atan() + noise;

@@ -211,7 +211,10 @@ fn row(sheet: &mut Sheet, case: &Case) -> anyhow::Result<()> {
 }
 
 /// One a seed, on all processors.
-fn runs<R: Send + Sync + 'static>(case: &Case, solve: impl Fn(&Walk) -> R + Sync) -> anyhow::Result<Vec<R>> {
+fn runs<R: Send + Sync + 'static>(
+    case: &Case,
+    solve: impl Fn(&Walk) -> R + Sync,
+) -> anyhow::Result<Vec<R>> {
     let next = Mutex::new(1..=case.seeds);
     let runs = Mutex::new(Vec::new());
     let jobs = thread::available_parallelism().map_or(1, NonZeroUsize::get);
