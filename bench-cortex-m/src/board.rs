@@ -72,6 +72,9 @@ fn run() -> Result<(), Error> {
     bench.calibrate(100, || ten_times!(ten_times!(nop())))?;
     bench.calibrate(1000, || ten_times!(ten_times!(ten_times!(nop()))))?;
     routines::measure_all(&mut bench)?;
+    // The other board has no room for it.
+    #[cfg(target_abi = "eabihf")]
+    bench_cortex_m::joint::measure_all(&mut bench)?;
     pose::print_all(&mut bench)
 }
 

@@ -6,6 +6,7 @@
 //!
 //! | module | what it does |
 //! |---|---|
+//! | [`joint`] | rounds of joint estimation, step by step |
 //! | [`measure`] | counts a routine over many inputs, prints one line |
 //! | [`pose`] | poses to compare between machines |
 //! | [`routines`] | what is counted; **a new routine is one more statement there** |
@@ -19,6 +20,7 @@
 #[cfg(test)]
 extern crate std;
 
+pub mod joint;
 pub mod measure;
 pub mod pose;
 pub mod routines;

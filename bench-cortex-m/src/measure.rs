@@ -18,6 +18,9 @@ pub const INPUTS: usize = 65;
 /// up to 100 instructions this leaves less than half an instruction, which rounding removes.
 pub const REPEATS: u32 = 500;
 
+/// Steps of what is counted step by step, at most.
+const STEPS: usize = 1000;
+
 /// Every routine starts from this seed: those that draw the same kind of input get the same ones.
 const SEED: u64 = 2014;
 
@@ -113,15 +116,43 @@ impl<C: Counter, W: fmt::Write> Bench<C, W> {
         for count in &mut counts {
             *count = self.count(&draw(&mut random), &mut work)?;
         }
-        self.report(name, counts)
+        self.report(name, &mut counts)
     }
 
-    fn report(&mut self, name: &str, mut counts: [u64; INPUTS]) -> Result<Counts, Error> {
+    /// Counts each call of `step`, which is too long to be repeated, until it says that there is no
+    /// more; and prints the same line of them, then one of all together, `<name>_in_all`. What a
+    /// call of nothing takes is in it, and up to a tick.
+    ///
+    /// # Errors
+    /// [`Error::TooLong`], also for too many steps; [`Error::Output`].
+    pub fn measure_steps(
+        &mut self,
+        name: &str,
+        mut step: impl FnMut() -> bool,
+    ) -> Result<(), Error> {
+        let mut counts = [0; STEPS];
+        let mut taken = 0;
+        let mut goes_on = true;
+        while goes_on {
+            let count = counts.get_mut(taken).ok_or(Error::TooLong)?;
+            self.counter.start();
+            goes_on = black_box(step());
+            *count = self.counter.stop().ok_or(Error::TooLong)?;
+            taken += 1;
+        }
+        let counts = &mut counts[..taken];
+        let all: u64 = counts.iter().sum();
+        self.report(name, counts)?;
+        writeln!(self.output, "instructions {name}_in_all {all} {all} {all}")?;
+        Ok(())
+    }
+
+    fn report(&mut self, name: &str, counts: &mut [u64]) -> Result<Counts, Error> {
         counts.sort_unstable();
         let counts = Counts {
             min: counts[0],
-            median: counts[INPUTS / 2],
-            max: counts[INPUTS - 1],
+            median: counts[counts.len() / 2],
+            max: counts[counts.len() - 1],
         };
         let Counts { min, median, max } = counts;
         writeln!(self.output, "instructions {name} {min} {median} {max}")?;

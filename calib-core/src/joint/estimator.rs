@@ -401,7 +401,8 @@ impl<'m, T: Real> JointEstimator<'m, T> {
     }
 
     /// Estimates by how much the legs err more, or less, than they claim, and solves again with that.
-    /// A claim weighs as much as six residuals. Tells the factor of the sigmas, which stays.
+    /// A claim is believed until residuals contradict it at two sigmas, and weighs as much as six of
+    /// them then. Tells the factor of the sigmas, which stays.
     ///
     /// # Errors
     /// As [`check`](JointEstimator::check).

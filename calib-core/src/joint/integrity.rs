@@ -41,6 +41,8 @@ const OF_REPEATED: f64 = 2.0;
 const OF_LEG: f64 = 0.95;
 /// Odds of a tail: one wrong bearing explains itself.
 const OF_TAIL: f64 = 0.9;
+/// The legs' claim is believed while the sum of their squares is within so many of its sigmas.
+const BELIEVED: f64 = 2.0;
 /// The legs' claimed variance counts as much as so many residuals.
 const PSEUDO_SAMPLES: f64 = 6.0;
 
@@ -386,12 +388,19 @@ impl<T: Real> Problem<'_, T> {
     }
 
     /// By how much the legs err more, or less, than they claim, from their own residuals, with a claim
-    /// that counts as much as six. Whether that changes anything.
+    /// that counts as much as six. It is believed until their residuals contradict it: a factor from
+    /// few of them errs more than most claims. Whether that changes anything.
     pub(super) fn fit_leg_noise(&mut self, survey: &Survey<T>) -> bool {
         let claim = lit::<T>(PSEUDO_SAMPLES);
         let before = self.common.leg_factor;
         let squares = survey.squares * before * before;
-        let factor = ((squares + claim) / (survey.redundancy + claim)).sqrt();
+        let redundancy = survey.redundancy;
+        let by_chance = (redundancy + redundancy).sqrt() * lit(BELIEVED);
+        let factor = if (squares - redundancy).abs() <= by_chance {
+            T::one()
+        } else {
+            ((squares + claim) / (redundancy + claim)).sqrt()
+        };
         if !factor.is_finite() || (factor / before - T::one()).abs() < lit(0.01) {
             return false;
         }

@@ -1,0 +1,123 @@
+//! Rounds of joint estimation: too long to be repeated, so that each step is counted once.
+
+use core::fmt;
+
+use calib_core::joint::{JointEstimator, JointSettings, Leg, Progress, Round, workspace};
+use nalgebra::{Matrix2, Point2, Vector2};
+use rand::{Rng, RngExt, SeedableRng};
+use rand_chacha::ChaCha8Rng;
+
+use crate::measure::{Bench, Counter, Error};
+
+const SEED: u64 = 2030;
+const BASELINE: f32 = 10.0;
+/// Standard deviations of a bearing, radians, and of a leg in each direction.
+const BEARING_SIGMA: f32 = 0.0024;
+const LEG_SIGMA: f32 = 0.02;
+
+/// Counts the steps of a round of 13 cameras and of 24.
+///
+/// # Errors
+/// As [`Bench::measure`].
+pub fn measure_all<C: Counter, W: fmt::Write>(bench: &mut Bench<C, W>) -> Result<(), Error> {
+    let mut thirteen = walked::<13, 32, 52, { workspace(13, 0) }>(4);
+    bench.measure_steps("joint_13_cameras_32_stops_52_bearings", || {
+        goes_on(thirteen.step())
+    })?;
+    let mut many = walked::<24, 64, 240, { workspace(24, 0) }>(10);
+    bench.measure_steps("joint_24_cameras_64_stops_240_bearings", || {
+        goes_on(many.step())
+    })
+}
+
+fn goes_on<E: fmt::Debug>(step: Result<Progress<f32>, E>) -> bool {
+    !matches!(step.expect("a walk that can be solved"), Progress::Over(_))
+}
+
+/// Cameras around an area, `each` bearings of every one of them, and a round that has begun: solve,
+/// check, legs' noise and protection levels.
+fn walked<
+    const CAMERAS: usize,
+    const STOPS: usize,
+    const BEARINGS: usize,
+    const WORKSPACE: usize,
+>(
+    each: usize,
+) -> JointEstimator<f32, CAMERAS, STOPS, BEARINGS, 0, WORKSPACE> {
+    let mut random = ChaCha8Rng::seed_from_u64(SEED);
+    let settings = JointSettings::default();
+    let mut joint = JointEstimator::new(BASELINE, settings).expect("usable settings");
+    let mut before: Option<Point2<f32>> = None;
+    for stop in 0..STOPS {
+        let mut place = || random.random_range(2.0..8.0_f32);
+        let place = Point2::new(place(), place());
+        let leg = before.map(|before| Leg {
+            displacement: place - before + off(&mut random) * LEG_SIGMA,
+            covariance: Matrix2::from_diagonal_element(LEG_SIGMA * LEG_SIGMA),
+        });
+        before = Some(place);
+        joint.add_stop(leg).expect("room for stops");
+        for camera in 0..CAMERAS {
+            // References together, the others each at its own times.
+            let first = if camera < 2 { 0 } else { camera };
+            let since = (stop + STOPS - first % STOPS) % STOPS;
+            let apart = STOPS / each;
+            if !since.is_multiple_of(apart) || since / apart >= each {
+                continue;
+            }
+            let (at, heading) = camera_at(camera);
+            let bearing = libm::atan2f(place.y - at.y, place.x - at.x) - heading;
+            let noisy = bearing + off(&mut random).x * BEARING_SIGMA;
+            let seen = joint.add_bearing(stop, camera, noisy, BEARING_SIGMA);
+            seen.expect("room for bearings");
+        }
+    }
+    joint.begin(Round {
+        findings: 4,
+        leg_noise: true,
+        protection: true,
+    });
+    joint
+}
+
+/// References at both ends of the baseline, the others on a circle.
+fn camera_at(camera: usize) -> (Point2<f32>, f32) {
+    let middle = Vector2::new(5.0, 5.0);
+    let at = match camera {
+        0 => Vector2::zeros(),
+        1 => Vector2::new(BASELINE, 0.0),
+        _ => {
+            let angle = camera as f32 * 2.4;
+            middle + Vector2::new(libm::cosf(angle), libm::sinf(angle)) * 7.0
+        }
+    };
+    let to_middle = middle - at;
+    (at.into(), libm::atan2f(to_middle.y, to_middle.x))
+}
+
+/// Two numbers of mean zero and variance one.
+fn off(random: &mut impl Rng) -> Vector2<f32> {
+    let mut sum = || (0..12).map(|_| random.random_range(-0.5..0.5_f32)).sum();
+    Vector2::new(sum(), sum())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// All cameras get a pose, and it is where they stand.
+    #[test]
+    fn they_end_with_the_poses() {
+        let mut joint = walked::<13, 32, 52, { workspace(13, 0) }>(4);
+        while goes_on(joint.step()) {}
+        assert_eq!(joint.bearings(), 52);
+        for camera in 2..13 {
+            let pose = joint.pose(camera).unwrap();
+            let (at, heading) = camera_at(camera);
+            let nees = pose.normalised_error(at, heading).unwrap();
+            assert!(nees < 25.0, "{camera}: {nees}");
+        }
+        let many = walked::<24, 64, 240, { workspace(24, 0) }>(10);
+        assert_eq!(many.bearings(), 240);
+    }
+}
