@@ -4,7 +4,7 @@
 use std::{fs::File, io::BufReader};
 
 use answers::accuracy::Comparisons;
-use answers::answer::{Settings, Solver, is_kept};
+use answers::answer::{Settings, Solver};
 use answers::network::{self, NetworkSolution};
 use answers::record::{RunRecord, sightings::Sightings};
 use answers::recorded::{self, sightings::Assumptions};
@@ -50,7 +50,7 @@ fn the_camera_model_makes_the_difference() {
         for ((id, case), truth) in recording.cases().zip(&truths) {
             let answer = solver.answer(id, case);
             // Of the wrong model, doubtful.
-            assert!(is_kept(answer.status), "node {id}");
+            assert!(answer.is_kept(), "node {id}");
             let solution = answer.solution.unwrap();
             comparisons.add(&solution.pose, truth.as_ref());
             chi_squared += solution.chi_squared;
@@ -139,7 +139,9 @@ fn walk(record: &RunRecord, sightings: &Sightings) -> (Vec<u16>, Walk) {
         errors: CarrierErrors::UNKNOWN,
         legs: legs.collect(),
         bearings: bearings.collect(),
+        ranges: Vec::new(),
         visits: Vec::new(),
+        lens_sigma: 0.0,
     };
     (ids, walk)
 }

@@ -1,7 +1,8 @@
 //! One answer for every recorded case, whatever is wrong with it.
 
-use calib_core::{Limits, Refusal, Status, resection};
+use calib_core::{Limits, Pose, Refusal, Status, resection};
 use indexmap::IndexMap;
+use nalgebra::Point2;
 
 use crate::recorded::sightings::Case;
 
@@ -15,13 +16,17 @@ pub struct Settings {
     pub max_sigma: Option<f64>,
 }
 
-/// Why a case has no pose.
+/// Why a case has no pose, or none to rely on.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum Reason {
     /// One of its rows could not be read.
     Unreadable,
     /// The solver refused it.
     Refusal(Refusal),
+    /// The sightings do not fit the pose.
+    Contradictory,
+    /// They allow another place, far beyond the sigmas.
+    Ambiguous,
 }
 
 impl Reason {
@@ -30,6 +35,8 @@ impl Reason {
         match self {
             Self::Unreadable => "unreadable",
             Self::Refusal(refusal) => refusal.name(),
+            Self::Contradictory => "contradictory",
+            Self::Ambiguous => "ambiguous",
         }
     }
 
@@ -38,13 +45,15 @@ impl Reason {
         match self {
             Self::Unreadable => Status::Refused,
             Self::Refusal(refusal) => refusal.into(),
+            Self::Contradictory | Self::Ambiguous => Status::Doubtful,
         }
     }
 }
 
-/// Whether there is a pose, as certain as was asked for by its own prediction.
-pub fn is_kept(status: Status) -> bool {
-    matches!(status, Status::Calibrated | Status::Doubtful)
+/// Whether there is a pose, as certain as was asked for by its own prediction. That of an ambiguous
+/// one does not count, since the sightings themselves refute it.
+pub fn is_kept(status: Status, reason: Option<Reason>) -> bool {
+    status == Status::Calibrated || reason == Some(Reason::Contradictory)
 }
 
 /// What is the matter, and what to do about it; nothing for [`Status::Calibrated`].
@@ -55,7 +64,12 @@ pub fn advice(status: Status, reason: Option<Reason>) -> Option<String> {
         (Status::Weak, None) => {
             "the predicted sigma is above the limit: stop the target at better places"
         }
-        (Status::Doubtful, None) => {
+        (_, Some(Reason::Ambiguous)) => {
+            "the sightings fit another place, more than five sigmas off, nearly as well (the danger \
+             circle, or targets close to each other or to the camera): stop the target once more, \
+             nearer or farther than so far"
+        }
+        (_, Some(Reason::Contradictory)) => {
             "the sightings contradict each other, so neither pose nor sigmas can be relied on: \
              look for wrong sightings (--reject 4 leaves them out of five or more), check the \
              camera and the sigmas given, or stop the target at more places"
@@ -72,10 +86,12 @@ pub struct Answer<'a> {
     pub case: &'a str,
     /// What became of it.
     pub status: Status,
-    /// Why it has no pose.
+    /// Why it has no pose, or none to rely on.
     pub reason: Option<Reason>,
     /// The pose, if there is one.
     pub solution: Option<resection::Solution<f64>>,
+    /// Of an ambiguous pose: another place that the sightings allow.
+    pub alternative: Option<Point2<f64>>,
     /// How many sightings were recorded, whether used, dropped or unreadable.
     pub sightings: usize,
     /// How many of them were dropped as outliers.
@@ -87,6 +103,13 @@ pub struct Answer<'a> {
 pub struct Solver {
     settings: Settings,
     dropped: Vec<bool>,
+}
+
+impl Answer<'_> {
+    /// Whether it [is kept](is_kept).
+    pub fn is_kept(&self) -> bool {
+        is_kept(self.status, self.reason)
+    }
 }
 
 impl Solver {
@@ -102,14 +125,22 @@ impl Solver {
     pub fn answer<'a>(&mut self, id: &'a str, case: &Case) -> Answer<'a> {
         let solved = self.solve(case);
         let solution = solved.ok();
-        let reason = solved.err();
         let limits = Limits {
             position: self.settings.max_sigma.unwrap_or(f64::INFINITY),
             heading: f64::INFINITY,
         };
-        let status = match &solved {
-            Ok(solution) => Status::of(&solution.pose, &solution.fit(), &limits),
-            Err(reason) => reason.status(),
+        let mut alternative = None;
+        let (status, reason) = match &solved {
+            Ok(solution) => match Status::of(&solution.pose, &solution.fit(), &limits) {
+                Status::Doubtful => (Status::Doubtful, Some(Reason::Contradictory)),
+                Status::Calibrated => {
+                    alternative = self.alternative(case, &solution.pose);
+                    let reason = alternative.map(|_| Reason::Ambiguous);
+                    (reason.map_or(Status::Calibrated, Reason::status), reason)
+                }
+                status => (status, None),
+            },
+            Err(reason) => (reason.status(), Some(*reason)),
         };
         let dropped = solution.map_or(0, |s| case.sightings.len().saturating_sub(s.used));
         Answer {
@@ -117,9 +148,19 @@ impl Solver {
             status,
             reason,
             solution,
+            alternative,
             sightings: case.sightings.len() + case.unreadable,
             dropped,
         }
+    }
+
+    /// Beside the pose that was solved last.
+    fn alternative(&self, case: &Case, pose: &Pose<f64>) -> Option<Point2<f64>> {
+        let dropped = match self.settings.reject {
+            Some(_) => &self.dropped[..],
+            None => &[],
+        };
+        resection::alternative(&case.sightings, dropped, pose, pose.sigma_position())
     }
 
     fn solve(&mut self, case: &Case) -> Result<resection::Solution<f64>, Reason> {

@@ -20,6 +20,7 @@
 pub mod accuracy;
 pub mod answer;
 pub mod export;
+pub mod lens;
 pub mod network;
 pub mod plot;
 pub mod record;

@@ -6,7 +6,7 @@
 use std::path::Path;
 
 use answers::accuracy::{Accuracy, Comparisons};
-use answers::answer::{Settings, Solver, is_kept};
+use answers::answer::{Settings, Solver};
 use answers::recorded::{self, sightings::Assumptions, truth::Truth};
 use anyhow::{Context, ensure};
 use calib_core::{Sighting, angle};
@@ -246,7 +246,7 @@ impl Set {
         let (mut comparisons, mut kept) = (Comparisons::default(), 0.0);
         for ((id, case), truth) in self.recording.cases().zip(&self.truths) {
             let answer = solver.answer(id, case);
-            if let (true, Some(solution)) = (is_kept(answer.status), answer.solution) {
+            if let (true, Some(solution)) = (answer.is_kept(), answer.solution) {
                 comparisons.add(&solution.pose, truth.as_ref());
                 kept += 1.0;
             }

@@ -2,7 +2,7 @@
 
 use core::fmt;
 
-use nalgebra::{Matrix3, Point2, Vector2};
+use nalgebra::{Matrix2, Matrix3, Point2, Vector2};
 
 use crate::{
     Real,
@@ -86,6 +86,24 @@ impl<T: Real> Pose<T> {
             heading: angle::wrap_positive(heading),
             covariance,
         })
+    }
+
+    /// The same pose seen from a frame in which the origin of its own is at `origin`, and the x axis of
+    /// its own points to `direction`, radians.
+    #[must_use]
+    pub fn seen_from(&self, origin: Point2<T>, direction: T) -> Self {
+        let turn = angle::rotation(direction);
+        let c = &self.covariance;
+        let place = angle::turned(&Matrix2::new(c.m11, c.m12, c.m21, c.m22), &turn);
+        let with_heading = turn * Vector2::new(c.m13, c.m23);
+        let (x, y) = (with_heading.x, with_heading.y);
+        Self {
+            position: origin + turn * self.position.coords,
+            heading: angle::wrap_positive(self.heading + direction),
+            covariance: Matrix3::new(
+                place.m11, place.m12, x, place.m21, place.m22, y, x, y, c.m33,
+            ),
+        }
     }
 
     /// The six different numbers of the covariance: `xx, xy, yy, xh, yh, hh`, with `h` the heading.

@@ -15,8 +15,9 @@ pub enum Status {
     /// It has a pose, and the sightings fit it, but a predicted sigma is above its limit: more
     /// sightings are wanted.
     Weak,
-    /// It has a pose, which its sightings contradict: neither the pose nor its sigmas can be relied
-    /// on, however small these are. A sighting, the lens or a sigma is wrong.
+    /// It has a pose, but neither the pose nor its sigmas can be relied on, however small these are:
+    /// its sightings contradict it, so that a sighting, the lens or a sigma is wrong; or they allow
+    /// [another place](crate::resection::alternative) far off.
     Doubtful,
     /// Its sightings give no pose; a [`Refusal`] says why.
     Refused,

@@ -172,6 +172,7 @@ fn report(id: u16, state: CameraState) -> Report {
         used: 4,
         chi_squared: 2.5,
         done: true,
+        joint: None,
         state,
     }
 }

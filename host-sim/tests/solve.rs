@@ -606,9 +606,10 @@ fn sightings_that_contradict_each_other_are_called_so() {
         run_with_input(&[&usual, options].concat(), &input)
     };
     let wrong = solve(0.5, &["--json"]);
-    assert_eq!(wrong.code, 0);
+    assert_eq!(wrong.code, 1, "nothing to rely on");
     let answer = &lines(&wrong.stdout)[0];
     assert_eq!(answer["status"], "doubtful");
+    assert_eq!(answer["reason"], "contradictory");
     assert!(answer["chi_squared"].as_f64().unwrap() > 10.8);
     assert!(answer["x"].is_number(), "the pose is given all the same");
     for part in ["1 case: 1 doubtful", "contradict each other", "--reject"] {
@@ -626,6 +627,30 @@ fn sightings_that_contradict_each_other_are_called_so() {
     let right = solve(0.005, &["--json"]);
     assert_eq!(lines(&right.stdout)[0]["status"], "calibrated");
     assert!(!right.stderr.contains("contradict"), "{}", right.stderr);
+}
+
+/// A camera at the origin near the circle through its three targets. Noise puts its pose 4.4 units
+/// off, right beside one of them, with a sigma of 0.17.
+#[test]
+fn a_pose_that_another_place_would_do_for_is_ambiguous() {
+    let files = Files::new();
+    let rows = "1,3.277,-0.846,-0.2451\n1,3.961,1.817,0.4217\n1,4.017,1.684,0.4001\n";
+    let sightings = files.write("s.csv", &format!("{HEADER}{rows}"));
+    let truth = files.write("t.csv", "case,x,y,theta_rad\n1,0,0,0\n");
+    let arguments = ["solve", &sightings, "--bearing-sigma", "0.0069", "--json"];
+    let done = run(&arguments);
+    assert_eq!(done.code, 1, "{}", done.stderr);
+    let answer = &lines(&done.stdout)[0];
+    assert_eq!(answer["status"], "doubtful");
+    assert_eq!(answer["reason"], "ambiguous");
+    assert!(answer["sigma_x"].as_f64().unwrap() < 0.2);
+    for part in ["doubtful: ambiguous", "stop the target once more", "1: ("] {
+        assert!(done.stderr.contains(part), "{part}: {}", done.stderr);
+    }
+    // The sightings refute its sigmas: it is not kept.
+    let compared = [&arguments[..4], &["--truth", &truth]].concat();
+    let done = run(&compared);
+    assert!(done.stdout.contains("Kept 0.0 %"), "{}", done.stdout);
 }
 
 /// What is kept is what is certain enough: whether sigmas were right is another question.
@@ -703,4 +728,71 @@ fn a_column_that_is_passed_over_is_told() {
 fn the_help_names_no_unit() {
     let help = run(&["solve", "--help"]).stdout;
     assert!(help.contains("--max-sigma <LENGTH>"), "{help}");
+}
+
+/// Columns of three cameras whose lens has 47 degrees over 160 columns, rounded to whole ones.
+fn columns_of_47_degrees() -> String {
+    let mut text = "case,target_x,target_y,column\n".to_owned();
+    let focal_length = 79.5 / 23.5_f64.to_radians().tan();
+    for (case, heading, first) in [
+        ("a", 0.3_f64, -0.38),
+        ("b", 1.2, -0.395),
+        ("c", -2.0, -0.367),
+    ] {
+        for n in 0..9 {
+            let range = 2.0 + f64::from(n * 5 % 7);
+            let bearing: f64 = first + 0.0949 * f64::from(n);
+            let (x, y) = (
+                range * (heading + bearing).cos(),
+                range * (heading + bearing).sin(),
+            );
+            let column = (79.5 - focal_length * bearing.tan()).round();
+            text += &format!("{case},{x},{y},{column}\n");
+        }
+    }
+    text
+}
+
+/// Taken for 45 degrees, it is found and named; as what it is, nothing is said.
+#[test]
+fn a_lens_of_another_field_of_view_is_named() {
+    let solve = |degrees: &str| {
+        let lens = ["--columns", "160", "--fov-deg", degrees];
+        run_with_input(
+            &[&["solve", "-"], &lens[..]].concat(),
+            &columns_of_47_degrees(),
+        )
+    };
+    let wrong = solve("45");
+    assert_eq!(wrong.code, 1, "{}", wrong.stderr);
+    let (_, fits) = wrong.stderr.split_once("the field of view fits ").unwrap();
+    let view: f64 = fits.split(' ').next().unwrap().parse().unwrap();
+    assert!((view - 47.0).abs() < 0.25, "{}", wrong.stderr);
+    assert!(wrong.stderr.contains("configured 45 "), "{}", wrong.stderr);
+    assert!(
+        !wrong.stderr.contains("with --projection"),
+        "{}",
+        wrong.stderr
+    );
+    let right = solve("47");
+    assert_eq!(right.code, 0, "{}", right.stderr);
+    assert!(!right.stderr.contains("lens:"), "{}", right.stderr);
+}
+
+/// Stage's blob finder sees equal angles.
+#[test]
+fn a_lens_of_another_projection_is_named() {
+    let blobs = data("stage13/seed1_sightings.csv");
+    let solve = |options: &[&str]| run(&[&["solve", &blobs], options].concat());
+    let wrong = solve(&["--fov-deg", "60"]);
+    assert_eq!(wrong.code, 1, "{}", wrong.stderr);
+    for part in [
+        "--projection equal-angle, configured pinhole",
+        "the field of view fits",
+    ] {
+        assert!(wrong.stderr.contains(part), "{part}: {}", wrong.stderr);
+    }
+    let right = solve(&["--fov-deg", "60", "--projection", "equal-angle"]);
+    assert_eq!(right.code, 0, "{}", right.stderr);
+    assert!(!right.stderr.contains("lens:"), "{}", right.stderr);
 }

@@ -179,15 +179,21 @@ fn stage_blobs_give_the_headings_within_a_degree() {
 fn two_stops_may_leave_two_answers_and_then_both_are_shown() {
     // Two stops of the Stage blobs that leave both circles' intersections possible.
     let input = "stop,column_0,column_1,dx,dy\n0,45.5,35.5,,\n1,61.5,49.5,1.878,0.0507\n";
-    let options = [
+    let arguments = [
+        "solve-reference",
+        "-",
         "--baseline",
         "10",
         "--fov-deg",
         "60",
         "--projection",
         "equal-angle",
+        "--json",
     ];
-    let line = solve(&options, input);
+    let done = run_with_input(&arguments, input);
+    assert_eq!(done.code, 1, "neither can be relied on");
+    assert!(done.stderr.contains("one more place"), "{}", done.stderr);
+    let line: Value = serde_json::from_str(&done.stdout).unwrap();
     assert_eq!(
         (&line["status"], &line["reason"]),
         (&"doubtful".into(), &"ambiguous".into())

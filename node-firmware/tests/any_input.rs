@@ -13,8 +13,8 @@ use node_firmware::{
     hardware::Button,
     message::{
         CameraCommand, CameraState, CommandResult, CoordinateFrame, Duty, Hello, ListedSighting,
-        MemberKind, Message, PoseParts, Reference, References, Report, Seen, Sight, StopAnswer,
-        StopBearing, Stopped, TargetLocation, TrackedBlob,
+        MemberKind, Message, PoseParts, ProtectionLevel, Reference, References, Report, Seen,
+        Sight, StopAnswer, StopBearing, Stopped, TargetLocation, TrackedBlob,
     },
     role::{
         Role,
@@ -29,6 +29,7 @@ use rand_chacha::ChaCha8Rng;
 use support::{
     bus::{Air, AnyStation, Faults, Station},
     site::{camera_config, target_config},
+    target::target_role,
 };
 use zigbee_link::wire::ShortAddress;
 
@@ -140,6 +141,10 @@ impl Any {
             used: self.0.random(),
             chi_squared: self.number(),
             done: self.flip(),
+            joint: self.flip().then(|| ProtectionLevel {
+                position: self.sigma().abs(),
+                heading: f32::MAX,
+            }),
             state,
         }
     }
@@ -202,6 +207,7 @@ impl Any {
             9 => Message::Look(StopAnswer {
                 stop: self.stop(),
                 sight: self.sight(),
+                seen: self.flip().then(|| self.seen()),
                 counted: self.0.random(),
                 done: self.flip(),
             }),
@@ -357,9 +363,9 @@ proptest! {
         config.dwell_least_ms = u32::from(any.below(3000));
         config.dwell_most_ms = config.dwell_least_ms + u32::from(any.below(3000));
         let first = any.stop();
-        let station = Station::<TargetRole>::new(
+        let station = Station::<TargetRole<'_>>::new(
             3,
-            move || TargetRole::new(9, config, first),
+            move || target_role(9, config, first),
             Box::new(|_, ()| None),
         );
         live(station, &mut any, |any| {

@@ -64,6 +64,7 @@ fn report(id: u16) -> Report {
         used: 255,
         chi_squared: 2.0,
         done: true,
+        joint: None,
         state: CameraState::Doubtful(pose()),
     }
 }

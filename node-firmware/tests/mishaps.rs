@@ -27,6 +27,7 @@ use support::{
     bus::{Air, AnyStation, Faults, PERFECT, Station},
     net::{Net, SECOND, TARGET, error, from_to, refining, same, with_references},
     site::{CAMERAS, STOPS, camera_config, noise, target_config},
+    target::target_role,
 };
 use zigbee_link::wire::ShortAddress;
 
@@ -173,6 +174,7 @@ fn what_is_remembered_is_judged_by_the_limits_of_today() {
             used: 4,
             chi_squared: 1.0,
             done: true,
+            joint: None,
             state,
         })));
         (camera.report().status(), camera.report().done)
@@ -266,9 +268,9 @@ fn learnt_colours_survive_a_restart() {
 fn no_news_is_too_much_to_be_written_down() {
     let mut station =
         Station::<CoordinatorRole>::new(0, CoordinatorRole::new, Box::new(|_, _| None));
-    let mut target = Station::<TargetRole>::new(
+    let mut target = Station::<TargetRole<'_>>::new(
         TARGET,
-        || TargetRole::new(TARGET, target_config(0), 7),
+        || target_role(TARGET, target_config(0), 7),
         Box::new(|_, ()| None),
     );
     let mut air = Air::new(PERFECT, 1);
@@ -282,6 +284,7 @@ fn no_news_is_too_much_to_be_written_down() {
                 used: 3,
                 chi_squared: 1.0,
                 done: false,
+                joint: None,
                 state: CameraState::Refused(Refusal::DangerCircle),
             };
             station.hear(0, ShortAddress(camera), &Message::Report(report));
@@ -576,6 +579,7 @@ fn a_reference_drops_its_sightings() {
             used: 3,
             chi_squared: 1.0,
             done: false,
+            joint: None,
             state: CameraState::Calibrated(pose),
         });
         station.facts_left = cut;

@@ -20,8 +20,9 @@ use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use support::{
     bus::{Air, AnyStation, Faults, PERFECT, Station},
-    net::{Net, SECOND, TARGET, from_to, nees, refining, same, with_references},
-    site::{CAMERAS, camera_config, target_config},
+    net::{Net, SECOND, TARGET, error, from_to, nees, refining, same, with_references},
+    site::{CAMERAS, camera_config, noise, target_config},
+    target::target_role,
 };
 use zigbee_link::{Instant, wire::ShortAddress};
 
@@ -192,9 +193,10 @@ fn lost_messages_cost_time_only() {
 fn a_camera_that_is_done_is_left_alone() {
     let mut net = Net::new(PERFECT, 4, with_references);
     net.walk_to(5);
-    let (looks, reports) = (net.looks.borrow().clone(), net.reports());
+    let reports = net.reports();
     net.walk_to(8);
-    assert_eq!(*net.looks.borrow(), looks);
+    // It looks, for the target's sake, and learns nothing.
+    assert_eq!(*net.looks.borrow(), [8; 5]);
     assert_eq!(net.reports(), reports);
     // Nobody is asked: one broadcast for each stop, and an answer from each.
     let asked = net
@@ -355,9 +357,9 @@ fn a_target_without_a_place_does_not_spin() {
         standing_sigma: 1e20,
         ..target_config(0)
     };
-    let mut target = Station::<TargetRole>::new(
+    let mut target = Station::<TargetRole<'_>>::new(
         TARGET,
-        move || TargetRole::new(TARGET, config, 7),
+        move || target_role(TARGET, config, 7),
         Box::new(|_, ()| None),
     );
     let mut air = Air::new(PERFECT, 1);
@@ -447,6 +449,7 @@ fn a_table_with_gaps_survives_restarts() {
             used: 3,
             chi_squared: 1.0,
             done: false,
+            joint: None,
             state: CameraState::Refused(Refusal::DangerCircle),
         })
     };
@@ -495,6 +498,66 @@ fn a_camera_forgets() {
     net.check_poses(same, 4.5);
 }
 
+/// A carrier of whom nothing is known: the cameras tell his errors, and he tells their poses.
+#[test]
+fn an_unknown_carrier_is_estimated_with_the_cameras() {
+    let (mut errors, mut checked) = (Vec::new(), 0);
+    for seed in 0..8 {
+        let mut nets = [Net::new, Net::estimating].map(|new| new(PERFECT, seed, refining));
+        for net in &mut nets {
+            let [scale, turn] = [1, 2].map(|n| noise(&[seed, n]));
+            net.missteps(0.05 * scale, 0.035 * turn);
+            net.walk_to(12);
+            net.run_for(20 * SECOND);
+        }
+        nets[1].check_poses(same, 4.5);
+        let off = |net: &Net| {
+            let off = net.poses().into_iter().flatten().zip(&CAMERAS).skip(2);
+            off.map(|(pose, truth)| error(&pose, truth).xy().norm_squared())
+                .sum::<f64>()
+        };
+        errors.push([off(&nets[0]), off(&nets[1])]);
+        for report in &nets[1].reports()[2..] {
+            let level = report.joint.expect("solved by the target");
+            checked += usize::from(level.position < 1.0);
+        }
+    }
+    let sum = |n: usize| errors.iter().map(|errors| errors[n]).sum::<f64>().sqrt();
+    let (alone, together) = (sum(0), sum(1));
+    assert!(together < 0.3 * alone, "{together}, alone {alone}");
+    // Twelve stops that all see leave little unchecked.
+    assert!(checked >= 20, "{checked}");
+}
+
+/// Somebody bumps a camera that is calibrated. It says so, and calibrates itself again.
+#[test]
+fn a_camera_that_was_moved_is_estimated_anew() {
+    let mut net = Net::estimating(PERFECT, 3, refining);
+    net.walk_to(12);
+    net.check_poses(same, 4.5);
+    net.turn_camera(3, 0.1);
+    let mut statuses = Vec::new();
+    for _ in 0..9 {
+        net.walk();
+        net.run_for(20 * SECOND);
+        statuses.push(net.reports()[3].status());
+    }
+    let noticed = statuses
+        .iter()
+        .position(|status| *status == Status::Doubtful);
+    assert!(noticed.is_some_and(|after| after <= 2), "{statuses:?}");
+    assert_eq!(statuses.last(), Some(&Status::Calibrated), "{statuses:?}");
+    let pose = net.poses()[3].unwrap();
+    let turned = error(&pose, &CAMERAS[3]);
+    assert!((turned.z - 0.1).abs() < 0.02, "{turned}");
+    assert!(turned.xy().norm() < 0.3, "{turned}");
+    // Nobody else was led astray.
+    for n in [2, 4] {
+        let off = error(&net.poses()[n].unwrap(), &CAMERAS[n]);
+        assert!(off.xy().norm() < 0.2, "{n}: {off}");
+    }
+}
+
 /// A target that comes later is told of cameras that are done, though it asks them nothing.
 #[test]
 fn a_target_that_lost_its_memory_fills_its_table() {
@@ -505,7 +568,7 @@ fn a_target_that_lost_its_memory_fills_its_table() {
         camera.restart(now);
         camera.event(now, camera::CameraEvent::Ready);
     }
-    net.target.role = TargetRole::new(TARGET, target_config(0), 500);
+    net.target.role = target_role(TARGET, target_config(0), 500);
     net.target.attach(now);
     net.run_for(3 * SECOND);
     net.wait();

@@ -28,6 +28,7 @@ use support::{
     bus::{Air, AnyStation, PERFECT, Station},
     net::{SECOND, TARGET, with_references},
     site::{BEARING_SIGMA, CAMERAS, STOPS, Truth, camera_config, target_config},
+    target::target_role,
 };
 use zigbee_link::wire::ShortAddress;
 
@@ -315,9 +316,10 @@ fn a_cut_while_a_solve_is_written_down_loses_nothing() {
     }
 }
 
-/// A camera that was none becomes a reference while the target still stands.
+/// A camera that was none becomes a reference while the target still stands. What it saw there counts
+/// from the next stop on: this one it has answered.
 #[test]
-fn a_camera_that_was_not_looking_looks_when_it_is_wanted() {
+fn a_camera_that_was_none_becomes_a_reference() {
     let mut alone = Alone::new(camera_config(None));
     alone.references(2, 3);
     let sights = |alone: &Alone| -> Vec<_> {
@@ -331,19 +333,19 @@ fn a_camera_that_was_not_looking_looks_when_it_is_wanted() {
     let place = alone.track.place(0.005).unwrap();
     alone.stopped(5, place);
     alone.stopped(5, place);
-    assert_eq!(sights(&alone), [Sight::NotLooking; 2]);
+    assert_eq!(sights(&alone), [Sight::InView; 2]);
     alone.references(2, 1);
-    alone.stopped(5, place);
+    alone.stopped(6, place);
     assert_eq!(sights(&alone)[2..], [Sight::InView]);
     let told =
         |sent: &support::bus::Sent| sent.to.0 == 2 && matches!(sent.message, Message::Bearing(_));
     assert!(alone.air.sent.iter().any(told));
 }
 
-fn standing_target(now: &mut u64, air: &mut Air) -> (Station<TargetRole>, StopNumber) {
-    let mut target = Station::<TargetRole>::new(
+fn standing_target(now: &mut u64, air: &mut Air) -> (Station<TargetRole<'static>>, StopNumber) {
+    let mut target = Station::<TargetRole<'_>>::new(
         TARGET,
-        || TargetRole::new(TARGET, target_config(0), 7),
+        || target_role(TARGET, target_config(0), 7),
         Box::new(|_, ()| None),
     );
     target.attach(*now);
@@ -351,7 +353,7 @@ fn standing_target(now: &mut u64, air: &mut Air) -> (Station<TargetRole>, StopNu
     (target, stop)
 }
 
-fn stand(target: &mut Station<TargetRole>, now: &mut u64, air: &mut Air) -> StopNumber {
+fn stand(target: &mut Station<TargetRole<'static>>, now: &mut u64, air: &mut Air) -> StopNumber {
     for _ in 0..3 {
         *now += SECOND;
         target.act(*now, air);
@@ -385,6 +387,7 @@ fn a_place_is_taken_from_the_first_reference_only() {
             used: 3,
             chi_squared: 1.0,
             done: true,
+            joint: None,
             state,
         })
     };

@@ -23,7 +23,7 @@ const OWN_SCALE: f32 = 0.08;
 
 struct Carrier {
     now: Instant,
-    target: TargetRole,
+    target: TargetRole<'static>,
 }
 
 impl Carrier {

@@ -12,8 +12,8 @@ use node_firmware::{
     limits::MEMBERS,
     message::{
         CameraCommand, CameraState, CommandResult, CoordinateFrame, Duty, Hello, ListedSighting,
-        MemberKind, Message, PoseParts, Reference, References, Report, Seen, Sight, StopAnswer,
-        StopBearing, Stopped, TargetLocation, TrackedBlob,
+        MemberKind, Message, PoseParts, ProtectionLevel, Reference, References, Report, Seen,
+        Sight, StopAnswer, StopBearing, Stopped, TargetLocation, TrackedBlob,
     },
 };
 use proptest::prelude::*;
@@ -68,6 +68,7 @@ fn report(duty: Option<Duty>, state: CameraState) -> Report {
         used: 3,
         chi_squared: 2.0,
         done: true,
+        joint: None,
         state,
     }
 }
@@ -88,6 +89,7 @@ fn look(sight: Sight) -> Message {
     Message::Look(StopAnswer {
         stop: 5,
         sight,
+        seen: (sight == Sight::InView).then(seen),
         counted: 3,
         done: false,
     })
@@ -183,23 +185,33 @@ fn golden() -> Vec<(Message, String)> {
         ),
         (
             Message::Posed(report(Some(Duty::First), CameraState::Doubtful(pose()))),
-            format!("090b01000403{TWO}0104{}", pose_bytes()),
+            format!("090b01000403{TWO}010004{}", pose_bytes()),
         ),
         (
             Message::Report(report(None, CameraState::Waiting)),
-            format!("0a0b000403{TWO}0100"),
+            format!("0a0b000403{TWO}010000"),
         ),
         (
             Message::Report(report(Some(Duty::First), CameraState::Calibrated(pose()))),
-            format!("0a0b01000403{TWO}0102{}", pose_bytes()),
+            format!("0a0b01000403{TWO}010002{}", pose_bytes()),
+        ),
+        (
+            Message::Posed(Report {
+                joint: Some(ProtectionLevel {
+                    position: 1.0,
+                    heading: 2.0,
+                }),
+                ..report(None, CameraState::Weak(pose()))
+            }),
+            format!("090b000403{TWO}0101{ONE}{TWO}03{}", pose_bytes()),
         ),
         (
             Message::Report(report(None, CameraState::Weak(pose()))),
-            format!("0a0b000403{TWO}0103{}", pose_bytes()),
+            format!("0a0b000403{TWO}010003{}", pose_bytes()),
         ),
         (
             Message::Report(report(None, CameraState::Doubtful(pose()))),
-            format!("0a0b000403{TWO}0104{}", pose_bytes()),
+            format!("0a0b000403{TWO}010004{}", pose_bytes()),
         ),
         (
             Message::Done(CommandResult {
@@ -242,7 +254,12 @@ fn golden() -> Vec<(Message, String)> {
         Sight::NotReady,
     ];
     for (n, sight) in sights.into_iter().enumerate() {
-        all.push((look(sight), format!("0505{n:02x}0300")));
+        let seen = if n == 0 {
+            format!("01{ONE}{HALF}")
+        } else {
+            "00".into()
+        };
+        all.push((look(sight), format!("0505{n:02x}{seen}0300")));
     }
     let refusals = [
         Refusal::TooFew,
@@ -259,7 +276,7 @@ fn golden() -> Vec<(Message, String)> {
         let report = report(Some(Duty::Second), CameraState::Refused(refusal));
         all.push((
             Message::Report(report),
-            format!("0a0b01010403{TWO}0101{n:02x}"),
+            format!("0a0b01010403{TWO}010001{n:02x}"),
         ));
     }
     let commands = [
@@ -326,7 +343,7 @@ fn what_the_pc_is_told_is_these_bytes() {
     let report = report(None, CameraState::Calibrated(pose()));
     assert_eq!(
         tell(ToPc::Report { address: 3, report }),
-        format!("02030b000403{TWO}0102{}", pose_bytes())
+        format!("02030b000403{TWO}010002{}", pose_bytes())
     );
     let done = CommandResult {
         command: CameraCommand::LearnBackground,
@@ -435,6 +452,10 @@ fn longest() -> Vec<(&'static str, Message)> {
         id: far,
         sightings: 255,
         used: 255,
+        joint: Some(ProtectionLevel {
+            position: 1.0,
+            heading: 2.0,
+        }),
         ..report(Some(Duty::Second), CameraState::Doubtful(pose()))
     };
     vec![
@@ -476,7 +497,8 @@ fn longest() -> Vec<(&'static str, Message)> {
             "Look",
             Message::Look(StopAnswer {
                 stop: far,
-                sight: Sight::NotReady,
+                sight: Sight::InView,
+                seen: Some(seen()),
                 counted: 255,
                 done: true,
             }),
@@ -552,12 +574,12 @@ const LENGTHS: [(&str, usize); 16] = [
     ("Roster", 98),
     ("References", 24),
     ("Stopped", 63),
-    ("Look", 7),
+    ("Look", 16),
     ("Trigger", 7),
     ("Bearing", 52),
     ("Located", 32),
-    ("Posed", 50),
-    ("Report", 50),
+    ("Posed", 59),
+    ("Report", 59),
     ("Command", 3),
     ("Done", 4),
     ("Tracked", 9),

@@ -9,7 +9,7 @@ use super::{turn, walk::Walk};
 #[derive(Clone, Debug)]
 pub struct Batch {
     /// Unknowns: scale, compass, both reference headings, every stop, `(x, y, heading)` of each camera
-    /// that is solved, every mark.
+    /// that is solved, every mark, the error of every lens if there is one.
     pub x: Vec<f64>,
     /// Their covariance.
     pub covariance: Vec<Vec<f64>>,
@@ -17,6 +17,8 @@ pub struct Batch {
     pub chi_squared: f64,
     /// First unknown of each camera; `None` for references and those left out.
     pub first: Vec<Option<usize>>,
+    /// First unknown of the lenses.
+    lenses: usize,
     stops: usize,
 }
 
@@ -46,11 +48,16 @@ impl Batch {
             let place = walk.places[visit.stop];
             x.extend([place.x, place.y]);
         }
+        let lenses = x.len();
+        if walk.lens_sigma > 0.0 {
+            x.extend(vec![0.0; walk.cameras.len()]);
+        }
         let system = System {
             walk,
             prior,
             first: &first,
             marks,
+            lenses,
         };
         for _ in 0..30 {
             let (normal, gradient, _) = system.normal_equations(&x);
@@ -73,6 +80,7 @@ impl Batch {
             covariance,
             chi_squared,
             first,
+            lenses,
             stops: walk.places.len(),
         })
     }
@@ -84,6 +92,12 @@ impl Batch {
             Vector3::from_fn(|i, _| self.x[first + i]),
             Matrix3::from_fn(|i, j| self.covariance[first + i][first + j]),
         ))
+    }
+
+    /// Scale and variance of a camera's lens.
+    pub fn lens(&self, camera: usize) -> (f64, f64) {
+        let at = self.lenses + camera;
+        (1.0 + self.x[at], self.covariance[at][at])
     }
 
     /// Place and covariance of a stop.
@@ -106,6 +120,7 @@ struct System<'a> {
     prior: [f64; 2],
     first: &'a [Option<usize>],
     marks: usize,
+    lenses: usize,
 }
 
 impl System<'_> {
@@ -138,8 +153,32 @@ impl System<'_> {
             };
             let d = place(seen.stop) - camera;
             takes.extend([at, at + 1]);
-            let off = turn(d.y.atan2(d.x), x[heading] + seen.bearing);
+            let mut bearing = seen.bearing;
+            if self.walk.lens_sigma > 0.0 {
+                let lens = self.lenses + seen.camera;
+                bearing = ((1.0 + x[lens]) * bearing.tan()).atan();
+                takes.push(lens);
+            }
+            let off = turn(d.y.atan2(d.x), x[heading] + bearing);
             all.push((off / seen.sigma, takes));
+        }
+        for ranged in &self.walk.ranges {
+            let at = 4 + 2 * ranged.stop;
+            let mut takes = vec![at, at + 1];
+            let camera = match (ranged.camera, self.first[ranged.camera]) {
+                (0, _) => Point2::origin(),
+                (1, _) => Point2::new(baseline, 0.0),
+                (_, Some(c)) => {
+                    takes.extend([c, c + 1]);
+                    Point2::new(x[c], x[c + 1])
+                }
+                _ => continue,
+            };
+            let off = (place(ranged.stop) - camera).norm() - ranged.range;
+            all.push((off / ranged.sigma, takes));
+        }
+        for (lens, error) in x.iter().enumerate().skip(self.lenses) {
+            all.push((error / self.walk.lens_sigma, vec![lens]));
         }
         for visit in &self.walk.visits {
             for axis in 0..2 {

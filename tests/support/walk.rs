@@ -68,6 +68,19 @@ pub struct SeenAt {
     pub sigma: f64,
 }
 
+/// One range.
+#[derive(Clone, Copy, Debug)]
+pub struct RangedAt {
+    /// The stop.
+    pub stop: usize,
+    /// The camera.
+    pub camera: usize,
+    /// Distance of the target.
+    pub range: f64,
+    /// Its standard deviation.
+    pub sigma: f64,
+}
+
 /// A stop on a mark.
 #[derive(Clone, Copy, Debug)]
 pub struct Visited {
@@ -94,8 +107,13 @@ pub struct Walk {
     pub legs: Vec<WalkedLeg>,
     /// By stop.
     pub bearings: Vec<SeenAt>,
+    /// By stop.
+    pub ranges: Vec<RangedAt>,
     /// Closed loops.
     pub visits: Vec<Visited>,
+    /// Standard deviation of the scale that every camera's lens has, relative; zero if all are what they
+    /// are said to be.
+    pub lens_sigma: f64,
 }
 
 impl Walk {
@@ -158,7 +176,9 @@ impl Walk {
             errors,
             legs: Vec::new(),
             bearings,
+            ranges: Vec::new(),
             visits: Vec::new(),
+            lens_sigma: 0.0,
         };
         walk.carry(rng);
         walk
@@ -191,6 +211,35 @@ impl Walk {
                 }
             })
             .collect();
+    }
+
+    /// With each bearing a range, off by a share of it at one sigma.
+    pub fn range(&mut self, rng: &mut Random, share: f64) {
+        let ranged = self.bearings.iter().map(|seen| {
+            let truth = self.places[seen.stop] - self.cameras[seen.camera].position();
+            let sigma = share * truth.norm();
+            RangedAt {
+                stop: seen.stop,
+                camera: seen.camera,
+                range: truth.norm() + sigma * normal(rng),
+                sigma,
+            }
+        });
+        self.ranges = ranged.collect();
+    }
+
+    /// Makes what a camera measures that of a lens whose true tangents are the measured ones times
+    /// `scale`.
+    pub fn look_through(&mut self, camera: usize, scale: f64) {
+        for seen in self
+            .bearings
+            .iter_mut()
+            .filter(|seen| seen.camera == camera)
+        {
+            let truth = self.cameras[camera].bearing_of(self.places[seen.stop]);
+            let noise = seen.bearing - truth;
+            seen.bearing = (truth.tan() / scale).atan() + noise;
+        }
     }
 
     /// Bearings of a camera.

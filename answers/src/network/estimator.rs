@@ -1,8 +1,9 @@
 //! The joint estimator on the heap, of the size that is needed.
 
 use calib_core::joint::{
-    BearingResidual, Carrier, Finding, JointError, JointEstimator, JointSettings, Leg, LegResidual,
-    ProtectionLevels, StopPlace, workspace,
+    BearingResidual, BearingStorage, Carrier, Finding, JointError, JointEstimator, JointMemory,
+    JointSettings, Leg, LegResidual, ProtectionLevels, StopPlace, StopStorage, UnknownStorage,
+    workspace,
 };
 use calib_core::{Pose, fit::Fit};
 
@@ -59,11 +60,8 @@ fn most_findings(input: &Input) -> usize {
     8 + input.bearings.len() / 10
 }
 
-/// Cameras, stops and bearings that the largest estimator takes.
+/// Cameras, stops and bearings that are solved at once: with more, minutes become hours.
 pub(super) const MOST: [usize; 3] = [256, 4096, 32768];
-
-/// Stack of the thread that makes an estimator, before it is moved to the heap, a few times over.
-const STACK: usize = 256 << 20;
 
 /// Why there is no output.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -72,32 +70,29 @@ pub(super) enum Failure {
     Joint(JointError),
 }
 
-/// Solves in the smallest estimator that has room.
+/// Solves in an estimator that is as large as it has to be.
 pub(super) fn solve(input: &Input, depth: Depth) -> Result<Output, Failure> {
     let sizes = [input.cameras, input.legs.len(), input.bearings.len()];
-    let fits = |most: [usize; 3]| sizes.iter().zip(most).all(|(size, most)| *size <= most);
-    let solve_in: fn(&Input, Depth) -> Result<Output, JointError> = match () {
-        () if fits([16, 64, 512]) => solve_in::<16, 64, 512, { workspace(16, 0) }>,
-        () if fits([64, 512, 4096]) => solve_in::<64, 512, 4096, { workspace(64, 0) }>,
-        () if fits(MOST) => {
-            solve_in::<{ MOST[0] }, { MOST[1] }, { MOST[2] }, { workspace(MOST[0], 0) }>
-        }
-        () => return Err(Failure::TooMany),
-    };
-    let solved = std::thread::scope(|scope| {
-        let thread = std::thread::Builder::new().stack_size(STACK);
-        let thread = thread.spawn_scoped(scope, || solve_in(input, depth));
-        thread.ok().and_then(|thread| thread.join().ok())
-    });
-    solved.ok_or(Failure::TooMany)?.map_err(Failure::Joint)
+    if sizes.iter().zip(MOST).any(|(size, most)| *size > most) {
+        return Err(Failure::TooMany);
+    }
+    solve_with_room(input, depth).map_err(Failure::Joint)
 }
 
-fn solve_in<const C: usize, const S: usize, const B: usize, const W: usize>(
-    input: &Input,
-    depth: Depth,
-) -> Result<Output, JointError> {
-    let joint = JointEstimator::<f64, C, S, B, 0, W>::new(input.baseline, input.settings)?;
-    let mut joint = Box::new(joint);
+fn solve_with_room(input: &Input, depth: Depth) -> Result<Output, JointError> {
+    let mut cameras = vec![UnknownStorage::default(); input.cameras];
+    let mut stops = vec![StopStorage::default(); input.legs.len()];
+    let mut bearings = vec![BearingStorage::default(); input.bearings.len()];
+    let mut numbers = vec![0.0; workspace(input.cameras, 0)];
+    let memory = JointMemory {
+        cameras: &mut cameras,
+        stops: &mut stops,
+        bearings: &mut bearings,
+        marks: &mut [],
+        visits: &mut [],
+        workspace: &mut numbers,
+    };
+    let mut joint = JointEstimator::new(memory, input.baseline, input.settings)?;
     for leg in &input.legs {
         joint.add_stop(*leg)?;
     }

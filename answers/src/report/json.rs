@@ -15,7 +15,8 @@ pub struct PoseLine<'a> {
     pub case: &'a str,
     /// What became of it.
     pub status: Status,
-    /// Why there is no pose: `unreadable` (a row of the case), or the name of a refusal.
+    /// Why there is no pose: `unreadable` (a row of the case), or the name of a refusal. Why it is
+    /// doubtful: `contradictory` or `ambiguous`.
     pub reason: Option<&'static str>,
     /// In the unit of the targets' places, as all lengths here.
     pub x: Option<f64>,

@@ -426,6 +426,7 @@ mod tests {
             used: 3,
             chi_squared: 1.5,
             done: false,
+            joint: None,
             state,
         };
         ToPc::Report { address, report }

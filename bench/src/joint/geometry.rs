@@ -103,7 +103,9 @@ impl Setting {
             errors: carrier,
             legs: Vec::new(),
             bearings,
+            ranges: Vec::new(),
             visits: Vec::new(),
+            lens_sigma: 0.0,
         };
         walk.carry(&mut rng);
         walk

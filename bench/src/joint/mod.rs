@@ -10,14 +10,15 @@ use std::{num::NonZeroUsize, sync::Mutex, thread};
 
 use calib_core::{
     Limits,
-    joint::{JointEstimator, workspace},
+    joint::{BearingStorage, JointEstimator, StopStorage, UnknownStorage, workspace},
 };
 use site::{Overrides, ScatterTable, Scenario};
-use test_support::walk::CarrierErrors;
+use test_support::walk::{CarrierErrors, Walk};
 
 use crate::figure::{Estimate, Goal, Sheet};
 
 mod geometry;
+mod honesty;
 mod solvers;
 
 use geometry::{Bearings, Setting};
@@ -140,6 +141,7 @@ pub(crate) fn run(sheet: &mut Sheet) -> anyhow::Result<()> {
     for case in cases() {
         row(sheet, &case)?;
     }
+    honesty::run(sheet)?;
     memory(sheet);
     Ok(())
 }
@@ -149,7 +151,7 @@ fn row(sheet: &mut Sheet, case: &Case) -> anyhow::Result<()> {
         "Joint, {}: {}, {} seeds",
         case.scenario, case.name, case.seeds
     ));
-    let runs = runs(case)?;
+    let runs = runs(case, |walk| solvers::solve(walk, &case.limits))?;
     let started: Vec<&Run> = runs.iter().filter(|run| run.joint.is_some()).collect();
     let share = started.len() as f64 / runs.len() as f64;
     sheet.figure("runs with a frame", share, "", &Goal::None);
@@ -209,7 +211,10 @@ fn row(sheet: &mut Sheet, case: &Case) -> anyhow::Result<()> {
 }
 
 /// One a seed, on all processors.
-fn runs(case: &Case) -> anyhow::Result<Vec<Run>> {
+fn runs<R: Send + Sync + 'static>(
+    case: &Case,
+    solve: impl Fn(&Walk) -> R + Sync,
+) -> anyhow::Result<Vec<R>> {
     let next = Mutex::new(1..=case.seeds);
     let runs = Mutex::new(Vec::new());
     let jobs = thread::available_parallelism().map_or(1, NonZeroUsize::get);
@@ -224,7 +229,7 @@ fn runs(case: &Case) -> anyhow::Result<Vec<Run>> {
                         };
                         let setting = Setting::new(&scenario(case, seed)?)?;
                         let walk = setting.measured(seed, case.carrier, case.bearings);
-                        let run = solvers::solve(&walk, &case.limits);
+                        let run = solve(&walk);
                         if let Ok(mut runs) = runs.lock() {
                             runs.push((seed, run));
                         }
@@ -284,24 +289,17 @@ fn nees(runs: &[&Errors]) -> Estimate {
 
 /// Static RAM of the estimator in single precision.
 fn memory(sheet: &mut Sheet) {
-    type Thirteen = JointEstimator<f32, 13, 100, 200, 0, { workspace(13, 0) }>;
-    type Thirty = JointEstimator<f32, 30, 100, 500, 0, { workspace(30, 0) }>;
     sheet.heading("Joint: static RAM on a node");
-    for (name, cameras, bytes) in [
-        (
-            "13 cameras, 100 stops, 200 bearings",
-            13,
-            size_of::<Thirteen>(),
-        ),
-        (
-            "30 cameras, 100 stops, 500 bearings",
-            30,
-            size_of::<Thirty>(),
-        ),
-    ] {
+    for (cameras, stops, bearings) in [(13, 100, 200), (30, 100, 500)] {
+        let name = format!("{cameras} cameras, {stops} stops, {bearings} bearings");
+        let bytes = size_of::<JointEstimator<'_, f32>>()
+            + cameras * size_of::<UnknownStorage<f32>>()
+            + stops * size_of::<StopStorage<f32>>()
+            + bearings * size_of::<BearingStorage<f32>>()
+            + workspace(cameras, 0) * size_of::<f32>();
         // Of 48 KiB that a node may have in all.
         let most = Goal::AtMost(if cameras == 13 { 20e3 } else { 40e3 });
-        sheet.figure(name, bytes as f64, "bytes", &most);
+        sheet.figure(&name, bytes as f64, "bytes", &most);
         let workspace = 4.0 * workspace(cameras, 0) as f64;
         sheet.figure(
             &format!("{name}: workspace"),

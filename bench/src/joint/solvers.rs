@@ -2,7 +2,10 @@
 
 use calib_core::{
     Limits, Ray, Sighting,
-    joint::{JointEstimator, JointSettings, Leg, Prior, workspace},
+    joint::{
+        JointError, JointEstimator, JointMemory, JointSettings, JointSolution, Leg, Prior,
+        Progress, workspace,
+    },
     reference::{self, Known, ReferenceSettings, Stop},
     resection,
 };
@@ -15,7 +18,19 @@ use test_support::{
 use super::geometry::degrees_off;
 
 const CAMERAS: usize = 24;
-type Joint = JointEstimator<f32, CAMERAS, 200, 1500, 0, { workspace(CAMERAS, 0) }>;
+pub(super) type Joint = JointEstimator<'static, f32>;
+
+/// Memory for one walk. It is not given back: there are some thousand of them.
+fn memory() -> JointMemory<'static, f32> {
+    JointMemory {
+        cameras: vec![Default::default(); CAMERAS].leak(),
+        stops: vec![Default::default(); 200].leak(),
+        bearings: vec![Default::default(); 1500].leak(),
+        marks: &mut [],
+        visits: &mut [],
+        workspace: vec![0.0; workspace(CAMERAS, 0)].leak(),
+    }
+}
 
 /// Of the cameras that are no references: errors of x, y and heading (degrees), and squared error
 /// over predicted covariance.
@@ -55,7 +70,7 @@ pub(super) fn solve(walk: &Walk, limits: &Limits<f64>) -> Run {
         nees: [0.0; 3],
         passes: 0,
     };
-    let mut joint = filled(walk, limits);
+    let mut joint = filled(walk, limits, prior(&walk.errors));
     let Ok(solution) = joint.solve() else {
         return run;
     };
@@ -85,6 +100,15 @@ pub(super) fn solve(walk: &Walk, limits: &Limits<f64>) -> Run {
     }
     run.nees = nees(&mut joint, walk);
     run
+}
+
+/// All steps of a round that has begun.
+pub(super) fn finish(joint: &mut Joint) -> Result<JointSolution<f32>, JointError> {
+    loop {
+        if let Progress::Over(solution) = joint.step()? {
+            return Ok(solution);
+        }
+    }
 }
 
 fn nees(joint: &mut Joint, walk: &Walk) -> [f64; 3] {
@@ -123,8 +147,8 @@ impl Errors {
     }
 }
 
-fn filled(walk: &Walk, limits: &Limits<f64>) -> Joint {
-    let [scale, compass] = prior(&walk.errors);
+/// An estimator with all measurements, and the prior sigmas of scale and compass.
+pub(super) fn filled(walk: &Walk, limits: &Limits<f64>, [scale, compass]: [f64; 2]) -> Joint {
     let settings = JointSettings {
         scale: Prior {
             mean: 1.0,
@@ -134,13 +158,15 @@ fn filled(walk: &Walk, limits: &Limits<f64>) -> Joint {
             mean: 0.0,
             sigma: compass as f32,
         },
+        standing: 0.0,
+        lens: None,
         limits: Limits {
             position: limits.position as f32,
             heading: limits.heading as f32,
         },
     };
     let baseline = walk.cameras[1].x as f32;
-    let mut joint = Joint::new(baseline, settings).expect("usable settings");
+    let mut joint = Joint::new(memory(), baseline, settings).expect("usable settings");
     for stop in 0..walk.places.len() {
         let leg = (stop > 0).then(|| Leg {
             displacement: walk.legs[stop - 1].displacement.cast(),

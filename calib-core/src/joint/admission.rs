@@ -5,6 +5,7 @@
 //! [`solve_rejecting`]). One with exactly three agrees with anything and tells the others nothing,
 //! so it is solved last, when they are settled.
 
+use super::descent::WITNESSED;
 use super::problem::{Problem, REFERENCES, Sight, Standing};
 use crate::{
     Limits, Pose, Ray, Real, Refusal, Sighting,
@@ -16,38 +17,73 @@ use crate::{
 const MOST: usize = 16;
 /// Bearings off the consensus by more sigmas do not belong to it.
 const GATE: f64 = 4.0;
+/// Different bearings that a camera has, at least, that stands for one that was moved.
+const DIFFERENT: usize = 3;
 
 impl<T: Real> Problem<'_, T> {
-    /// Takes in every camera that waits, has `least` bearings or more, and whose bearings give a pose
-    /// within the limits. How many these were.
-    #[inline(never)] // size
-    pub(super) fn admit(&mut self, least: usize, limits: &Limits<T>) -> usize {
-        let mut admitted = 0;
-        for camera in REFERENCES..self.cameras.len() {
+    /// The next camera, from one on, that waits, has `least` bearings or more, and others than when
+    /// it was last looked at.
+    pub(super) fn next_waiting(&self, from: usize, least: usize) -> Option<usize> {
+        (from..self.cameras.len()).find(|&camera| {
             let bearings = self.counting(camera);
             let count = u16::try_from(bearings).unwrap_or(u16::MAX);
+            let least = if self.is_successor(camera) {
+                least.max(WITNESSED)
+            } else {
+                least
+            };
             let waits = { self.cameras.get(camera) }
                 .is_some_and(|unknown| unknown.column.is_none() && unknown.tried != count);
-            if !waits || bearings < least {
-                continue;
-            }
-            let pose = self.resect(camera);
-            let Some(unknown) = self.cameras.get_mut(camera) else {
-                continue;
-            };
-            match pose {
-                Ok(pose) if limits.allow(&pose) => {
-                    unknown.value.x = pose.position.x;
-                    unknown.value.y = pose.position.y;
-                    unknown.value.z = pose.heading;
-                    unknown.column = Some(0);
-                    unknown.is_new = true;
-                    admitted += 1;
-                }
-                _ => unknown.tried = count,
+            waits && bearings >= least
+        })
+    }
+
+    /// Whether a camera repeats itself, as one does that is stuck. What stands for a camera that was
+    /// moved may begin with one or two bearings that were still good.
+    fn repeats_itself(&self, camera: usize) -> bool {
+        let least = if self.is_successor(camera) {
+            DIFFERENT
+        } else {
+            2
+        };
+        let (mut values, mut count) = ([T::zero(); DIFFERENT], 0);
+        for sight in self.of(camera) {
+            let known = values.get(..count).unwrap_or_default();
+            if !known.contains(&sight.value)
+                && let Some(value) = values.get_mut(count)
+            {
+                *value = sight.value;
+                count += 1;
             }
         }
-        admitted
+        count < least
+    }
+
+    /// Takes in a camera if its bearings give a pose within the limits. Whether they do.
+    #[inline(never)] // size
+    pub(super) fn admit(&mut self, camera: usize, limits: &Limits<T>) -> bool {
+        let count = u16::try_from(self.counting(camera)).unwrap_or(u16::MAX);
+        if let Some(unknown) = self.cameras.get_mut(camera) {
+            unknown.value.w = T::zero();
+        }
+        let mut pose = None;
+        if !self.repeats_itself(camera) {
+            pose = self.resect(camera).ok().filter(|pose| limits.allow(pose));
+        }
+        let Some(unknown) = self.cameras.get_mut(camera) else {
+            return false;
+        };
+        let Some(pose) = pose else {
+            unknown.tried = count;
+            return false;
+        };
+        unknown.value.x = pose.position.x;
+        unknown.value.y = pose.position.y;
+        unknown.value.z = pose.heading;
+        unknown.column = Some(0);
+        unknown.is_new = true;
+        self.find_all_unmeasured();
+        true
     }
 
     /// Puts every camera that no longer is what it was let in for back among those that wait: its
@@ -88,7 +124,9 @@ impl<T: Real> Problem<'_, T> {
 
     fn of(&self, camera: usize) -> impl Iterator<Item = &Sight<T>> {
         self.sights.iter().filter(move |sight| {
-            usize::from(sight.camera) == camera && sight.standing == Standing::Counts
+            usize::from(sight.camera) == camera
+                && sight.is_bearing()
+                && sight.standing == Standing::Counts
         })
     }
 
@@ -96,7 +134,7 @@ impl<T: Real> Problem<'_, T> {
         let quarter = T::frac_pi_2();
         self.of(camera).all(|sight| {
             let row = self.sight_row(sight);
-            row.is_some_and(|row| (row.residual * sight.sigma).abs() < quarter)
+            row.is_some_and(|row| (row.residual / row.by_heading).abs() < quarter)
         })
     }
 
@@ -134,7 +172,8 @@ impl<T: Real> Problem<'_, T> {
     fn sighting(&self, sight: &Sight<T>) -> Option<Sighting<T>> {
         let stop = self.stops.get(usize::from(sight.stop))?;
         let [w11, w21, w22] = stop.root;
-        let mut sighting = Sighting::new(stop.place, Ray::from_bearing(sight.bearing), sight.sigma);
+        let (bearing, sigma) = self.bearing_at(sight);
+        let mut sighting = Sighting::new(stop.place, Ray::from_bearing(bearing), sigma);
         if w11 > T::zero() && w22 > T::zero() {
             let (l11, l22) = (w11.recip(), w22.recip());
             let l21 = -w21 * l11 * l22;
@@ -143,6 +182,12 @@ impl<T: Real> Problem<'_, T> {
             c.m12 = l11 * l21;
             c.m21 = c.m12;
             c.m22 = l21 * l21 + l22 * l22;
+        }
+        let standing = self.common.standing;
+        for axis in 0..2 {
+            if let Some(variance) = sighting.target_covariance.get_mut((axis, axis)) {
+                *variance += standing * standing;
+            }
         }
         Some(sighting)
     }
@@ -154,7 +199,8 @@ impl<T: Real> Problem<'_, T> {
             let Some(sight) = self.sights.get(n) else {
                 return;
             };
-            if usize::from(sight.camera) != camera || sight.standing != Standing::Counts {
+            let counts = sight.is_bearing() && sight.standing == Standing::Counts;
+            if usize::from(sight.camera) != camera || !counts {
                 continue;
             }
             let Some(sighting) = self.sighting(sight) else {

@@ -3,12 +3,19 @@
 use nalgebra::{Point2, SMatrix};
 
 use super::{
-    Carrier, ReferenceHeadings, StopPlace,
-    problem::{COMPASS, HEADINGS, HELD, Problem, SCALE, Standing, Stop},
+    Carrier, Lens, ReferenceHeadings, StopPlace,
+    problem::{COMPASS, Columns, HEADINGS, HELD, Problem, SCALE, Standing, Stop},
+    residuals::UNCHECKED,
     sweep::Without,
     triangle::Triangle,
 };
-use crate::{Pose, Real, Refusal, angle, numerics::real::root};
+use crate::{
+    Pose, Real, Refusal, angle,
+    numerics::real::{lit, root},
+};
+
+/// Sigmas of belief and estimate together beyond which a lens is not what it was said to be.
+const WRONG_LENS: f64 = 4.0;
 
 impl<T: Real> Problem<'_, T> {
     /// Where a camera stands and looks.
@@ -22,11 +29,37 @@ impl<T: Real> Problem<'_, T> {
             heading: angle::wrap_positive(value.z),
             covariance: SMatrix::zeros(),
         };
-        match self.columns(camera).ok_or(Refusal::TooFew)? {
-            (Some(x), heading) => pose.covariance = self.covariance([x, x + 1, heading])?,
-            (None, heading) => pose.covariance.m33 = self.covariance([heading])?.x,
+        let Columns { place, heading, .. } = self.columns(camera).ok_or(Refusal::TooFew)?;
+        match place {
+            Some(x) => pose.covariance = self.covariance([x, x + 1, heading])?,
+            None => pose.covariance.m33 = self.covariance([heading])?.x,
         }
         Ok(pose)
+    }
+
+    /// What a camera's lens is.
+    ///
+    /// # Errors
+    /// [`Refusal::TooFew`] for a camera without a pose, and where lenses are not estimated;
+    /// [`Refusal::Undetermined`].
+    pub(super) fn lens(&mut self, camera: usize) -> Result<Lens<T>, Refusal> {
+        let columns = self.columns(camera).ok_or(Refusal::TooFew)?;
+        let (column, prior) =
+            { columns.lens.zip(self.common.lens_prior) }.ok_or(Refusal::TooFew)?;
+        let error = { self.cameras.get(camera) }.map_or_else(T::zero, |camera| camera.value.w);
+        let variance = self.covariance([column])?.x;
+        // What the bearings alone say differs from the prior by this much; nothing if they say nothing.
+        let told = prior * prior - variance;
+        let is_told = told > prior * prior * lit(UNCHECKED);
+        Ok(Lens {
+            scale: error + T::one(),
+            sigma: root(variance),
+            off: if is_told {
+                error / root(told)
+            } else {
+                T::zero()
+            },
+        })
     }
 
     /// Where a stop is. A pass for another stop than the one asked for last.
@@ -115,6 +148,14 @@ impl<T: Real> Problem<'_, T> {
 
 pub(super) fn dot<T: Real>(a: &[T], b: &[T]) -> T {
     a.iter().zip(b).fold(T::zero(), |sum, (a, b)| sum + *a * *b)
+}
+
+impl<T: Real> Lens<T> {
+    /// Whether it is so far off what was believed that it is another lens, or another projection:
+    /// more than four sigmas.
+    pub fn is_wrong(&self) -> bool {
+        !(self.off.abs() <= lit(WRONG_LENS))
+    }
 }
 
 impl<T: Real> StopPlace<T> {

@@ -13,27 +13,73 @@ use crate::{
 };
 
 /// Passes after which a solve is given up; six are usual after a start, two after a stop.
-const PASS_LIMIT: usize = 60;
+const PASS_LIMIT: u8 = 60;
 /// A step worth less than this, in sigmas, is the last.
 const CONVERGED_SIGMAS: f64 = 1e-3;
 /// Steps are halved so many times in a row.
-const HALVINGS: usize = 12;
+const HALVINGS: u8 = 12;
 /// Chi squared that goes up by no more than this does not go up: its rounding.
 const ROUNDING: f64 = 1e-4;
 
 /// Bearings from which on a camera's can contradict each other.
-const WITNESSED: usize = 4;
+pub(super) const WITNESSED: usize = 4;
 /// Bearings that make a pose, and say nothing about anything else.
-const ENOUGH: usize = 3;
+pub(super) const ENOUGH: usize = 3;
 /// A camera that takes part is put out when its sigmas are so many times those it was let in with.
 const HYSTERESIS: f64 = 2.0;
 /// Rounds of letting cameras in and settling.
-const ROUNDS: usize = 16;
+const ROUNDS: u8 = 16;
+
+/// Passes under way.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Descent<T> {
+    best: Option<T>,
+    passes: u8,
+    halvings: u8,
+    stalled: bool,
+}
+
+impl<T> Descent<T> {
+    pub(super) fn new() -> Self {
+        Self {
+            best: None,
+            passes: 0,
+            halvings: 0,
+            stalled: false,
+        }
+    }
+}
+
+/// A solve under way: cameras are let in and put out until nobody comes or goes.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Settling<T> {
+    /// Bearings that a camera has, at least, to be let in.
+    least: usize,
+    round: u8,
+    /// Somebody came or went in this round.
+    changed: bool,
+    passes: usize,
+    /// Chi squared after the last descent that came to its end.
+    chi_squared: Option<T>,
+    doing: Doing<T>,
+}
+
+#[derive(Clone, Copy, Debug)]
+enum Doing<T> {
+    /// Lets in cameras from this one on.
+    Admitting(usize),
+    Descending(Descent<T>),
+    /// Puts back measurements from this one on.
+    Readmitting(usize),
+}
 
 impl<T: Real> Problem<'_, T> {
     /// Lets in what cameras it can, and settles; then those with exactly three bearings.
-    pub(super) fn settle(&mut self, limits: &Limits<T>) -> Result<JointSolution<T>, Refusal> {
+    pub(super) fn begin_settling(&mut self) -> Settling<T> {
         for camera in REFERENCES..self.cameras.len() {
+            if let Some(unknown) = self.cameras.get_mut(camera) {
+                unknown.is_new = false;
+            }
             if self.counting(camera) < WITNESSED
                 && let Some(unknown) = self.cameras.get_mut(camera)
             {
@@ -41,18 +87,133 @@ impl<T: Real> Problem<'_, T> {
                 unknown.tried = 0;
             }
         }
-        let mut passes = 0;
-        self.settle_with(WITNESSED, limits, &mut passes)?;
-        let chi_squared = self.settle_with(ENOUGH, limits, &mut passes)?;
+        Settling {
+            least: WITNESSED,
+            round: 0,
+            changed: false,
+            passes: 0,
+            chi_squared: None,
+            doing: Doing::Admitting(REFERENCES),
+        }
+    }
+
+    /// One camera, one pass or one measurement; how it went once all is done.
+    pub(super) fn step_settling(
+        &mut self,
+        settling: &mut Settling<T>,
+        limits: &Limits<T>,
+    ) -> Option<Result<JointSolution<T>, Refusal>> {
+        let is_last = settling.round + 1 >= ROUNDS;
+        match settling.doing {
+            Doing::Admitting(from) => {
+                let waiting = self.next_waiting(from, settling.least);
+                if let Some(camera) = waiting.filter(|_| !is_last) {
+                    settling.changed |= self.admit(camera, limits);
+                    settling.doing = Doing::Admitting(camera + 1);
+                    return None;
+                }
+                // Those with three bearings change nothing if there are none.
+                if settling.least == ENOUGH && !settling.changed && settling.round == 0 {
+                    return self.end_round(settling);
+                }
+                settling.doing = Doing::Descending(Descent::new());
+                self.step_settling_down(settling, limits)
+            }
+            Doing::Descending(_) => self.step_settling_down(settling, limits),
+            Doing::Readmitting(from) => {
+                let Some(measurement) = self.next_excluded(from) else {
+                    return self.end_round(settling);
+                };
+                settling.changed |= self.readmit(measurement);
+                settling.doing = Doing::Readmitting(measurement + 1);
+                None
+            }
+        }
+    }
+
+    fn step_settling_down(
+        &mut self,
+        settling: &mut Settling<T>,
+        limits: &Limits<T>,
+    ) -> Option<Result<JointSolution<T>, Refusal>> {
+        let Doing::Descending(descent) = &mut settling.doing else {
+            return None;
+        };
+        let descended = self.descend(descent)?;
+        settling.passes += usize::from(descent.passes);
+        match descended {
+            Ok(cost) => {
+                let factor = lit(HYSTERESIS);
+                let evicted = self.evict(&Limits {
+                    position: limits.position * factor,
+                    heading: limits.heading * factor,
+                });
+                settling.changed |= evicted > 0;
+                settling.chi_squared = Some(cost);
+                if evicted > 0 || settling.round + 1 >= ROUNDS {
+                    return self.end_round(settling);
+                }
+                settling.doing = Doing::Readmitting(0);
+                None
+            }
+            // Of those that came last the one that fits worst is to blame.
+            Err(_) if self.cameras.iter().any(|camera| camera.is_new) => {
+                self.dismiss_worst();
+                self.next_round(settling)
+            }
+            Err(why) => Some(Err(why)),
+        }
+    }
+
+    fn end_round(
+        &mut self,
+        settling: &mut Settling<T>,
+    ) -> Option<Result<JointSolution<T>, Refusal>> {
+        for camera in self.cameras.iter_mut() {
+            camera.is_new = false;
+        }
+        if settling.changed {
+            return self.next_round(settling);
+        }
+        self.end_rounds(settling)
+    }
+
+    fn next_round(
+        &mut self,
+        settling: &mut Settling<T>,
+    ) -> Option<Result<JointSolution<T>, Refusal>> {
+        settling.round += 1;
+        if settling.round >= ROUNDS {
+            return self.end_rounds(settling);
+        }
+        settling.changed = false;
+        settling.doing = Doing::Admitting(REFERENCES);
+        None
+    }
+
+    fn end_rounds(
+        &mut self,
+        settling: &mut Settling<T>,
+    ) -> Option<Result<JointSolution<T>, Refusal>> {
+        let Some(chi_squared) = settling.chi_squared else {
+            return Some(Err(Refusal::DidNotConverge));
+        };
+        if settling.least == WITNESSED {
+            settling.least = ENOUGH;
+            settling.round = 0;
+            settling.changed = false;
+            settling.doing = Doing::Admitting(REFERENCES);
+            return None;
+        }
         let estimated = |camera: &usize| self.is_estimated(*camera);
-        Ok(JointSolution {
+        Some(Ok(JointSolution {
             fit: Fit {
                 chi_squared,
                 degrees_of_freedom: self.redundancy(),
             },
             cameras: (0..self.cameras.len()).filter(estimated).count(),
-            passes,
-        })
+            passes: settling.passes,
+        }))
     }
 
     /// Puts out the camera that fits worst among those that came last.
@@ -81,102 +242,58 @@ impl<T: Real> Problem<'_, T> {
         }
     }
 
-    /// Rounds until nobody comes or goes. Tells chi squared.
-    fn settle_with(
-        &mut self,
-        least: usize,
-        limits: &Limits<T>,
-        passes: &mut usize,
-    ) -> Result<T, Refusal> {
-        let factor = lit(HYSTERESIS);
-        let loose = Limits {
-            position: limits.position * factor,
-            heading: limits.heading * factor,
-        };
-        let mut result = Err(Refusal::DidNotConverge);
-        for round in 0..ROUNDS {
-            let admitted = if round + 1 < ROUNDS {
-                self.admit(least, limits)
-            } else {
-                0
-            };
-            let settled = self.converge();
-            let mut changed = 0;
-            match settled {
-                Ok((cost, taken)) => {
-                    *passes += taken;
-                    changed += self.evict(&loose);
-                    if changed == 0 && round + 1 < ROUNDS {
-                        changed += self.readmit();
-                    }
-                    result = Ok(cost);
-                }
-                // Of those that came last the one that fits worst is to blame.
-                Err(_) if self.cameras.iter().any(|camera| camera.is_new) => {
-                    self.dismiss_worst();
-                    continue;
-                }
-                Err(why) => return Err(why),
-            }
-            for camera in self.cameras.iter_mut() {
-                camera.is_new = false;
-            }
-            if admitted + changed == 0 {
-                return result;
-            }
-        }
-        result
-    }
-
-    /// Passes until the estimates no longer move. Tells chi squared there, and how many it took.
+    /// One pass, until the estimates no longer move: chi squared there.
     ///
     /// # Errors
     /// [`Refusal::DidNotConverge`]; estimates are then the best that were found.
     #[inline(never)] // size
-    pub(super) fn converge(&mut self) -> Result<(T, usize), Refusal> {
-        let failed = Refusal::DidNotConverge;
+    pub(super) fn descend(&mut self, descent: &mut Descent<T>) -> Option<Result<T, Refusal>> {
+        let failed = Some(Err(Refusal::DidNotConverge));
         let last = self.stops.len().saturating_sub(1);
-        let mut best: Option<T> = None;
-        let (mut halvings, mut stalled) = (0, false);
-        for passes in 1..=PASS_LIMIT {
-            let pass = self.sweep(last, Without::Nothing).ok_or(failed)?;
-            let slack = |cost: T| cost * lit(ROUNDING) + lit(ROUNDING);
-            let downhill = match best {
-                Some(best) => pass.cost <= best + slack(best),
-                None => pass.cost.is_finite(),
-            };
-            if !downhill {
-                if best.is_none() {
-                    return Err(failed);
-                }
-                halvings += 1;
-                if halvings > HALVINGS {
-                    break;
-                }
-                // Half of the way back; the step that is kept is the other half.
-                self.shorten();
-                self.go(-T::one());
-                continue;
-            }
-            let fell = best.map(|best| best - pass.cost);
-            best = Some(pass.cost);
-            halvings = 0;
+        descent.passes += 1;
+        let Some(pass) = self.sweep(last, Without::Nothing) else {
+            return failed;
+        };
+        let slack = |cost: T| cost * lit(ROUNDING) + lit(ROUNDING);
+        let downhill = match descent.best {
+            Some(best) => pass.cost <= best + slack(best),
+            None => pass.cost.is_finite(),
+        };
+        if downhill {
+            let fell = descent.best.map(|best| best - pass.cost);
+            descent.best = Some(pass.cost);
+            descent.halvings = 0;
             let within = |sigmas: f64| pass.worth <= lit::<T>(sigmas) * lit(sigmas);
             // Where rounding lets nothing fall any more, being close is being there.
             let flat = fell.is_some_and(|fell| fell.abs() <= slack(pass.cost));
-            let done = within(CONVERGED_SIGMAS) || (flat && stalled && within(STALLED_SIGMAS));
-            stalled = flat;
-            self.find_step().ok_or(failed)?;
+            let stalled = flat && descent.stalled && within(STALLED_SIGMAS);
+            let done = within(CONVERGED_SIGMAS) || stalled;
+            descent.stalled = flat;
+            if self.find_step().is_none() {
+                return failed;
+            }
             self.go(T::one());
             if done {
-                return Ok((pass.cost - pass.worth, passes));
+                return Some(Ok(pass.cost - pass.worth));
             }
+        } else if descent.best.is_none() {
+            return failed;
+        } else {
+            descent.halvings += 1;
+            if descent.halvings <= HALVINGS {
+                // Half of the way back; the step that is kept is the other half.
+                self.shorten();
+                self.go(-T::one());
+            }
+        }
+        if descent.passes < PASS_LIMIT && descent.halvings <= HALVINGS {
+            return None;
         }
         // Back to the best, and the triangle with it, so that whoever looks for what contradicts finds
         // the residuals there.
         self.go(-T::one());
         self.sweep(last, Without::Nothing);
-        Err(failed)
+        failed
     }
 
     /// Moves every estimate along its step.

@@ -1,57 +1,66 @@
 //! The estimator with its capacities: measurements in, answers out.
 
-use nalgebra::{Point2, Vector2, Vector3};
+use nalgebra::{Point2, Vector2};
 
 use super::{
     BearingResidual, Carrier, Finding, JointError, JointSettings, JointSolution, Leg, LegResidual,
-    ProtectionLevels, ReferenceHeadings, StopPlace,
+    Lens, Progress, ProtectionLevels, ReferenceHeadings, Round, StopPlace,
     problem::{
-        Common, Problem, REFERENCES, Sight, Standing, Stop, Unknown, Visit, root_information,
-        workspace,
+        Common, Problem, Quantity, REFERENCES, Sight, Standing, Stop, Unknown, Visit,
+        root_information,
     },
+    round::Work,
 };
 use crate::{Limits, Pose, Real, Refusal};
 
-/// Joint estimation of up to `CAMERAS` cameras, of which the first two are the references, from up to
-/// `STOPS` stops and `BEARINGS` bearings, and of up to `MARKS` marks, visited twice each on average.
-/// `WORKSPACE` is [`workspace`](super::workspace)`(CAMERAS, MARKS)`.
+/// Where an estimator keeps its measurements and estimates: the caller's, so that it is there once,
+/// wherever that is, and as large as is needed. What is in it before does not matter.
+#[derive(Debug)]
+pub struct JointMemory<'m, T: Real> {
+    /// One for each camera, of which the first two are the references.
+    pub cameras: &'m mut [Unknown<T>],
+    /// One for each stop.
+    pub stops: &'m mut [Stop<T>],
+    /// One for each bearing.
+    pub bearings: &'m mut [Sight<T>],
+    /// One for each mark.
+    pub marks: &'m mut [Unknown<T>],
+    /// One for each visit to a mark.
+    pub visits: &'m mut [Visit<T>],
+    /// As many numbers as [`workspace`](super::workspace) says, or more.
+    pub workspace: &'m mut [T],
+}
+
+/// Joint estimation of as many cameras, stops, bearings and marks as its memory has room for.
 ///
 /// Measurements come stop after stop. Nothing is computed until [`solve`](JointEstimator::solve),
 /// which begins where the last one ended.
-#[derive(Clone, Debug)]
-pub struct JointEstimator<
-    T: Real,
-    const CAMERAS: usize,
-    const STOPS: usize,
-    const BEARINGS: usize,
-    const MARKS: usize,
-    const WORKSPACE: usize,
-> {
+#[derive(Debug)]
+pub struct JointEstimator<'m, T: Real> {
     common: Common<T>,
     limits: Limits<T>,
-    is_started: bool,
-    stops: List<Stop<T>, STOPS>,
-    sights: List<Sight<T>, BEARINGS>,
-    visits: [[Visit<T>; 2]; MARKS],
-    visited: usize,
-    cameras: [Unknown<T>; CAMERAS],
-    marks: [Unknown<T>; MARKS],
-    workspace: [T; WORKSPACE],
+    work: Work<T>,
+    /// Stops, bearings and visits that are counted; those that came since are not, until the next
+    /// round begins.
+    counted: [usize; 3],
+    stops: List<'m, Stop<T>>,
+    sights: List<'m, Sight<T>>,
+    visits: List<'m, Visit<T>>,
+    cameras: &'m mut [Unknown<T>],
+    marks: &'m mut [Unknown<T>],
+    workspace: &'m mut [T],
 }
 
-/// Values in an array, as many as came.
-#[derive(Clone, Debug)]
-struct List<V, const N: usize> {
-    values: [V; N],
+/// Values, as many as came.
+#[derive(Debug)]
+struct List<'m, V> {
+    values: &'m mut [V],
     len: usize,
 }
 
-impl<V: Copy, const N: usize> List<V, N> {
-    fn new(empty: V) -> Self {
-        Self {
-            values: [empty; N],
-            len: 0,
-        }
+impl<'m, V> List<'m, V> {
+    const fn new(values: &'m mut [V]) -> Self {
+        Self { values, len: 0 }
     }
 
     fn push(&mut self, value: V) -> Result<usize, JointError> {
@@ -61,88 +70,146 @@ impl<V: Copy, const N: usize> List<V, N> {
         Ok(index)
     }
 
+    fn all(&self) -> &[V] {
+        self.values.get(..self.len).unwrap_or_default()
+    }
+
     fn all_mut(&mut self) -> &mut [V] {
         self.values.get_mut(..self.len).unwrap_or_default()
     }
 }
 
-impl<
-    T: Real,
-    const CAMERAS: usize,
-    const STOPS: usize,
-    const BEARINGS: usize,
-    const MARKS: usize,
-    const WORKSPACE: usize,
-> JointEstimator<T, CAMERAS, STOPS, BEARINGS, MARKS, WORKSPACE>
-{
+impl<'m, T: Real> JointEstimator<'m, T> {
     /// An estimator that knows of no stop yet. `baseline` is the distance between both references.
     ///
     /// # Errors
-    /// [`JointError::NotFinite`] for a baseline, a scale or a sigma that is not above zero.
-    pub fn new(baseline: T, settings: JointSettings<T>) -> Result<Self, JointError> {
-        const {
-            assert!(CAMERAS >= REFERENCES, "two references define the frame");
-            assert!(STOPS <= u16::MAX as usize, "stops are counted in 16 bits");
-            assert!(
-                WORKSPACE >= workspace(CAMERAS, MARKS),
-                "workspace(CAMERAS, MARKS)"
-            );
-        }
+    /// [`JointError::NotFinite`] for a baseline, a scale or a sigma that is not above zero;
+    /// [`JointError::Memory`], also if lenses are to be estimated and the workspace is less than
+    /// [`workspace_with_lenses`](super::workspace_with_lenses).
+    pub fn new(
+        memory: JointMemory<'m, T>,
+        baseline: T,
+        settings: JointSettings<T>,
+    ) -> Result<Self, JointError> {
+        check(baseline, &settings)?;
         let JointSettings {
             scale,
             compass,
+            standing,
+            lens,
             limits,
         } = settings;
-        let above_zero = [baseline, scale.mean, scale.sigma, compass.sigma];
-        if !above_zero.iter().all(is_sigma) || !compass.mean.is_finite() {
-            return Err(JointError::NotFinite);
+        let lens = lens.filter(|sigma| *sigma != T::zero());
+        let JointMemory {
+            cameras,
+            stops,
+            bearings,
+            marks,
+            visits,
+            workspace,
+        } = memory;
+        let most = usize::from(u16::MAX);
+        let least = super::problem::workspace(cameras.len(), marks.len(), lens.is_some());
+        let is_enough = workspace.len() >= least;
+        if !is_enough || cameras.len() < REFERENCES || stops.len() > most || cameras.len() > most {
+            return Err(JointError::Memory);
         }
-        let unknown = Unknown {
-            value: Vector3::zeros(),
-            step: Vector3::zeros(),
-            column: None,
-            tried: 0,
-            is_new: false,
-            protection: ProtectionLevels::default(),
-        };
-        let visit = Visit {
-            stop: 0,
-            mark: 0,
-            sigma: T::one(),
-        };
+        for unknown in cameras.iter_mut().chain(marks.iter_mut()) {
+            *unknown = Unknown::default();
+        }
         Ok(Self {
             common: Common {
                 baseline,
                 scale_prior: scale,
                 compass_prior: compass,
+                standing,
+                lens_prior: lens,
                 carrier: Vector2::new(scale.mean, compass.mean),
                 carrier_step: Vector2::zeros(),
                 leg_factor: T::one(),
                 held: None,
+                is_started: false,
                 window: [0, u16::MAX],
             },
             limits,
-            is_started: false,
-            stops: List::new(Stop {
-                place: Point2::origin(),
-                displacement: Vector2::zeros(),
-                root: [T::zero(); 3],
-                standing: Standing::Counts,
-                chain: [T::zero(); 5],
-            }),
-            sights: List::new(Sight {
-                stop: 0,
-                camera: 0,
-                bearing: T::zero(),
-                sigma: T::one(),
-                standing: Standing::Counts,
-            }),
-            visits: [[visit; 2]; MARKS],
-            visited: 0,
-            cameras: [unknown; CAMERAS],
-            marks: [unknown; MARKS],
-            workspace: [T::zero(); WORKSPACE],
+            work: Work::new(),
+            counted: [0; 3],
+            stops: List::new(stops),
+            sights: List::new(bearings),
+            visits: List::new(visits),
+            cameras,
+            marks,
+            workspace,
         })
+    }
+
+    /// Appoints other references: camera `first` becomes camera 0 and `second` camera 1, which give
+    /// their numbers to those, with this distance between them. Everything is estimated anew then.
+    ///
+    /// Bearings may so be taken before anybody knows who the references will be.
+    ///
+    /// # Errors
+    /// [`JointError::Unknown`] where these are not two cameras, and as
+    /// [`new`](JointEstimator::new).
+    pub fn appoint(
+        &mut self,
+        [first, second]: [usize; 2],
+        baseline: T,
+        settings: JointSettings<T>,
+    ) -> Result<(), JointError> {
+        if first == second || first.max(second) >= self.cameras.len() {
+            return Err(JointError::Unknown);
+        }
+        check(baseline, &settings)?;
+        // Where the first exchange puts the second reference.
+        let second = if second == 0 { first } else { second };
+        for [a, b] in [[0, index(first)?], [1, index(second)?]] {
+            for sight in self.sights.all_mut() {
+                if sight.camera == a {
+                    sight.camera = b;
+                } else if sight.camera == b {
+                    sight.camera = a;
+                }
+            }
+        }
+        for sight in self.sights.all_mut() {
+            sight.standing = Standing::Counts;
+        }
+        for stop in self.stops.all_mut() {
+            stop.standing = Standing::Counts;
+        }
+        self.limits = settings.limits;
+        self.work = Work::new();
+        self.counted = [0; 3];
+        let common = &mut self.common;
+        common.baseline = baseline;
+        common.scale_prior = settings.scale;
+        common.compass_prior = settings.compass;
+        common.standing = settings.standing;
+        // Whether lenses are estimated stays: the workspace is laid out for that.
+        common.carrier = Vector2::new(settings.scale.mean, settings.compass.mean);
+        common.leg_factor = T::one();
+        common.held = None;
+        common.is_started = false;
+        for camera in &mut *self.cameras {
+            *camera = Unknown::default();
+        }
+        Ok(())
+    }
+
+    /// Forgets all measurements and what came of them. References, priors and limits stay.
+    pub fn clear(&mut self) {
+        self.work = Work::new();
+        self.counted = [0; 3];
+        self.stops.len = 0;
+        self.sights.len = 0;
+        self.visits.len = 0;
+        self.common.is_started = false;
+        self.common.held = None;
+        self.common.leg_factor = T::one();
+        for unknown in self.cameras.iter_mut().chain(self.marks.iter_mut()) {
+            *unknown = Unknown::default();
+        }
     }
 
     /// The next stop of the walk, and its number: they count from zero. `leg` is how the target came
@@ -159,17 +226,13 @@ impl<
             displacement = leg.displacement;
             root = root_information(&leg.covariance).ok_or(JointError::NotFinite)?;
         }
-        let number = self.stops.push(Stop {
+        self.stops.push(Stop {
             place: Point2::origin(),
             displacement,
             root,
             standing: Standing::Counts,
             chain: [T::zero(); 5],
-        })?;
-        if self.is_started {
-            self.problem().reckon_on(number);
-        }
-        Ok(number)
+        })
     }
 
     /// Camera `camera` saw the target at a stop: `bearing` is the offset from its optical axis,
@@ -184,16 +247,49 @@ impl<
         bearing: T,
         sigma: T,
     ) -> Result<(), JointError> {
-        if stop >= self.stops.len || camera >= CAMERAS {
+        self.add_sight(stop, camera, Quantity::Bearing, bearing, sigma)
+    }
+
+    /// Camera `camera` was `range` away from the target at a stop, for example by the size that the
+    /// target has in its picture, with its standard deviation. It takes the room of a bearing. A range
+    /// does not make a camera take part, which takes three bearings; to one that does, bearing and
+    /// range together tell a place.
+    ///
+    /// # Errors
+    /// [`JointError::Unknown`], [`JointError::Full`]; [`JointError::NotFinite`], also for a range that
+    /// is not above zero.
+    pub fn add_range(
+        &mut self,
+        stop: usize,
+        camera: usize,
+        range: T,
+        sigma: T,
+    ) -> Result<(), JointError> {
+        if !is_sigma(&range) {
+            return Err(JointError::NotFinite);
+        }
+        self.add_sight(stop, camera, Quantity::Range, range, sigma)
+    }
+
+    fn add_sight(
+        &mut self,
+        stop: usize,
+        camera: usize,
+        quantity: Quantity,
+        value: T,
+        sigma: T,
+    ) -> Result<(), JointError> {
+        if stop >= self.stops.len || camera >= self.cameras.len() {
             return Err(JointError::Unknown);
         }
-        if !(bearing.is_finite() && is_sigma(&sigma)) {
+        if !(value.is_finite() && is_sigma(&sigma)) {
             return Err(JointError::NotFinite);
         }
         self.sights.push(Sight {
             stop: index(stop)?,
             camera: index(camera)?,
-            bearing,
+            quantity,
+            value,
             sigma,
             standing: Standing::Counts,
         })?;
@@ -206,7 +302,7 @@ impl<
     /// # Errors
     /// [`JointError::Unknown`], [`JointError::Full`], [`JointError::NotFinite`].
     pub fn add_visit(&mut self, stop: usize, mark: usize, sigma: T) -> Result<(), JointError> {
-        if stop >= self.stops.len || mark >= MARKS {
+        if stop >= self.stops.len || mark >= self.marks.len() {
             return Err(JointError::Unknown);
         }
         if !is_sigma(&sigma) {
@@ -217,25 +313,72 @@ impl<
             mark: index(mark)?,
             sigma,
         };
-        let visits = self.visits.as_flattened_mut();
-        *visits.get_mut(self.visited).ok_or(JointError::Full)? = new;
-        self.visited += 1;
-        self.problem().find_mark(mark);
+        self.visits.push(new)?;
         Ok(())
     }
 
-    /// Estimates everything anew from all that came, from where the last solve ended.
+    /// A camera that was moved is another one from then on: what `camera` saw, and will be said to
+    /// have seen, at stop `from` and later belongs to camera `into`, of which nothing was known. It
+    /// is then estimated like any other, and `camera` keeps the pose that it had. From the next round
+    /// on. It takes four bearings that agree, and three different ones: one that is stuck repeats
+    /// itself.
     ///
     /// # Errors
-    /// [`JointError::Start`] until the references' sightings give a frame; [`JointError::Solve`].
-    pub fn solve(&mut self) -> Result<JointSolution<T>, JointError> {
-        let limits = self.limits;
-        if !self.is_started {
-            self.problem().start()?;
-            self.is_started = true;
+    /// [`JointError::Unknown`] for a camera there is not; [`JointError::Taken`] if something was seen
+    /// by `into`, it is a reference, or has become of another.
+    pub fn split(&mut self, camera: usize, from: usize, into: usize) -> Result<(), JointError> {
+        if camera.max(into) >= self.cameras.len() {
+            return Err(JointError::Unknown);
         }
-        let settled = self.problem().settle(&limits);
-        settled.map_err(JointError::Solve)
+        let mut sights = self.sights.all().iter();
+        let is_seen = sights.any(|sight| usize::from(sight.camera) == into);
+        if is_seen || into < REFERENCES || into == camera || self.work().1.is_successor(into) {
+            return Err(JointError::Taken);
+        }
+        let (from, into) = (index(from)?, index(into)?);
+        let unknown = self.cameras.get_mut(camera).ok_or(JointError::Unknown)?;
+        unknown.moved = Some(from);
+        unknown.successor = Some(into);
+        Ok(())
+    }
+
+    /// Begins a round: everything is estimated anew from all that came, from where the last round
+    /// ended, and then, as asked, contradictions are left out one after the other, the legs' noise is
+    /// estimated and protection levels are computed. [`step`](JointEstimator::step) does it. A round
+    /// under way is given up for the new one.
+    ///
+    /// What comes during a round counts from the next one on.
+    pub fn begin(&mut self, round: Round) {
+        self.count();
+        let (work, mut problem) = self.work();
+        work.begin(&mut problem, round);
+    }
+
+    /// One slice of the round: a pass over the measurements, a reference solve or a camera's
+    /// resection. To be called until the round is [`Over`](Progress::Over) or an error ends it;
+    /// answers are told then. After that it tells the same solution again.
+    ///
+    /// # Errors
+    /// [`JointError::Start`] until the references' sightings give a frame; [`JointError::Solve`], with
+    /// [`Refusal::TooFew`] before the first round.
+    pub fn step(&mut self) -> Result<Progress<T>, JointError> {
+        let limits = self.limits;
+        let (work, mut problem) = self.work();
+        work.step(&mut problem, &limits)
+    }
+
+    /// Whether a round is under way. Until it is over answers are [`Refusal::DidNotConverge`].
+    pub fn is_under_way(&self) -> bool {
+        self.work.is_under_way()
+    }
+
+    /// A round at one stretch that solves and does nothing else.
+    ///
+    /// # Errors
+    /// As [`step`](JointEstimator::step).
+    pub fn solve(&mut self) -> Result<JointSolution<T>, JointError> {
+        self.begin(Round::default());
+        self.finish().1
     }
 
     /// Looks for the measurement that contradicts the others most: a bearing, a leg, or all that a
@@ -247,9 +390,14 @@ impl<
     /// # Errors
     /// [`JointError::Solve`]; with [`Refusal::TooFew`] before the first solve.
     pub fn check(&mut self) -> Result<Option<Finding<T>>, JointError> {
-        let limits = self.limits;
-        let checked = { self.solved() }.and_then(|mut problem| problem.check(&limits));
-        checked.map_err(JointError::Solve)
+        let finished = self.finish_solved(Round {
+            findings: 1,
+            ..Round::default()
+        })?;
+        match finished {
+            (found, Ok(_) | Err(JointError::Solve(Refusal::DidNotConverge))) => Ok(found),
+            (_, Err(why)) => Err(why),
+        }
     }
 
     /// Estimates by how much the legs err more, or less, than they claim, and solves again with that.
@@ -258,9 +406,17 @@ impl<
     /// # Errors
     /// As [`check`](JointEstimator::check).
     pub fn fit_leg_noise(&mut self) -> Result<T, JointError> {
-        let limits = self.limits;
-        let fitted = { self.solved() }.and_then(|mut problem| problem.fit_leg_noise(&limits));
-        fitted.map_err(JointError::Solve)
+        let (_, solved) = self.finish_solved(Round {
+            leg_noise: true,
+            ..Round::default()
+        })?;
+        solved.map(|_| self.leg_noise())
+    }
+
+    /// By how much the legs err more than they claim, as it was estimated last: the factor of their
+    /// sigmas, one at first.
+    pub fn leg_noise(&self) -> T {
+        self.common.leg_factor
     }
 
     /// Computes the protection levels of all cameras, which [`protection`](JointEstimator::protection)
@@ -269,8 +425,32 @@ impl<
     /// # Errors
     /// As [`check`](JointEstimator::check).
     pub fn protect(&mut self) -> Result<(), JointError> {
-        let protected = self.solved().and_then(|mut problem| problem.protect());
-        protected.map_err(JointError::Solve)
+        let (_, solved) = self.finish_solved(Round {
+            protection: true,
+            ..Round::default()
+        })?;
+        solved.map(|_| ())
+    }
+
+    /// A round that does not solve first, of what is solved.
+    fn finish_solved(&mut self, round: Round) -> Result<Finished<T>, JointError> {
+        self.solved().map_err(JointError::Solve)?;
+        let (work, mut problem) = self.work();
+        work.begin_solved(&mut problem, round);
+        Ok(self.finish())
+    }
+
+    /// All steps of a round: the last finding, and how it ended.
+    fn finish(&mut self) -> Finished<T> {
+        let mut last = None;
+        loop {
+            match self.step() {
+                Ok(Progress::Working) => {}
+                Ok(Progress::Found(found)) => last = Some(found),
+                Ok(Progress::Over(solution)) => return (last, Ok(solution)),
+                Err(why) => return (last, Err(why)),
+            }
+        }
     }
 
     /// How far a camera's pose may be off because of one wrong measurement that no test notices. As
@@ -289,6 +469,15 @@ impl<
     /// [`Refusal::TooFew`] for a camera that does not take part (yet); [`Refusal::Undetermined`].
     pub fn pose(&mut self, camera: usize) -> Result<Pose<T>, Refusal> {
         self.solved()?.pose(camera)
+    }
+
+    /// What a camera's lens is: the scale of its bearings' tangents.
+    ///
+    /// # Errors
+    /// [`Refusal::TooFew`] for a camera without a pose, and where lenses are not estimated
+    /// ([`JointSettings::lens`]); [`Refusal::Undetermined`].
+    pub fn lens(&mut self, camera: usize) -> Result<Lens<T>, Refusal> {
+        self.solved()?.lens(camera)
     }
 
     /// Where a stop is, from all measurements. The last one costs next to nothing, any other a pass.
@@ -316,8 +505,8 @@ impl<
         self.solved()?.reference_headings()
     }
 
-    /// What is left of bearing `n`, in the order in which bearings were added. A pass for each other
-    /// stop.
+    /// What is left of bearing or range `n`, in the order in which they were added. A pass for each
+    /// other stop.
     ///
     /// # Errors
     /// [`Refusal::TooFew`] before the first solve, for a camera without a pose or a bearing there is
@@ -335,36 +524,94 @@ impl<
         self.solved()?.leg_residual(stop)
     }
 
+    /// Whether this camera's bearing at this stop came already.
+    pub fn has_bearing(&self, stop: usize, camera: usize) -> bool {
+        let is_it = |sight: &Sight<T>| {
+            usize::from(sight.stop) == stop
+                && usize::from(sight.camera) == camera
+                && sight.is_bearing()
+        };
+        self.sights.all().iter().any(is_it)
+    }
+
+    /// Bearings of a camera: how many came, and how many of these count.
+    pub fn bearings_of(&self, camera: usize) -> [usize; 2] {
+        let of = { self.sights.all().iter() }.filter(|sight| usize::from(sight.camera) == camera);
+        let counting = of
+            .clone()
+            .filter(|sight| sight.standing == Standing::Counts);
+        [of.count(), counting.count()]
+    }
+
     /// Stops so far.
     pub fn stops(&self) -> usize {
         self.stops.len
     }
 
-    /// Bearings so far.
+    /// Bearings and ranges so far.
     pub fn bearings(&self) -> usize {
         self.sights.len
     }
 
+    /// What is solved, for answers.
     fn solved(&mut self) -> Result<Problem<'_, T>, Refusal> {
-        if !self.is_started || self.common.held.is_none() {
+        if self.work.is_under_way() {
+            return Err(Refusal::DidNotConverge);
+        }
+        if !self.common.is_started || self.common.held.is_none() {
             return Err(Refusal::TooFew);
         }
-        Ok(self.problem())
+        Ok(self.work().1)
     }
 
-    fn problem(&mut self) -> Problem<'_, T> {
-        let visits = self.visits.as_flattened();
-        Problem {
-            common: &mut self.common,
-            stops: self.stops.all_mut(),
-            sights: self.sights.all_mut(),
-            visits: visits.get(..self.visited).unwrap_or_default(),
-            cameras: &mut self.cameras,
-            marks: &mut self.marks,
-            workspace: &mut self.workspace,
+    /// Counts what came since the last round began.
+    fn count(&mut self) {
+        let [stops, _, visits] = self.counted;
+        self.counted = [self.stops.len, self.sights.len, self.visits.len];
+        let mut problem = self.work().1;
+        problem.sort_moved();
+        if problem.common.is_started {
+            for stop in stops..problem.stops.len() {
+                problem.reckon_on(stop);
+                problem.find_unmeasured(stop);
+            }
+            for visit in problem.visits.iter().skip(visits) {
+                problem.find_mark(usize::from(visit.mark));
+            }
         }
     }
+
+    fn work(&mut self) -> (&mut Work<T>, Problem<'_, T>) {
+        let [stops, sights, visited] = self.counted;
+        let problem = Problem {
+            common: &mut self.common,
+            stops: self.stops.values.get_mut(..stops).unwrap_or_default(),
+            sights: self.sights.values.get_mut(..sights).unwrap_or_default(),
+            visits: self.visits.values.get(..visited).unwrap_or_default(),
+            cameras: self.cameras,
+            marks: self.marks,
+            workspace: self.workspace,
+        };
+        (&mut self.work, problem)
+    }
 }
+
+fn check<T: Real>(baseline: T, settings: &JointSettings<T>) -> Result<(), JointError> {
+    let JointSettings { scale, compass, .. } = settings;
+    let above_zero = [baseline, scale.mean, scale.sigma, compass.sigma];
+    let stands = settings.standing.is_finite() && settings.standing >= T::zero();
+    let lens = settings.lens.filter(|sigma| *sigma != T::zero());
+    if lens.is_some_and(|sigma| !is_sigma(&sigma)) {
+        return Err(JointError::NotFinite);
+    }
+    if !above_zero.iter().all(is_sigma) || !compass.mean.is_finite() || !stands {
+        return Err(JointError::NotFinite);
+    }
+    Ok(())
+}
+
+/// The last finding of a round, and how it ended.
+type Finished<T> = (Option<Finding<T>>, Result<JointSolution<T>, JointError>);
 
 fn is_sigma<T: Real>(number: &T) -> bool {
     number.is_finite() && *number > T::zero()

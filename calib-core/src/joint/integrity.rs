@@ -15,12 +15,12 @@
 
 use super::{
     Finding, ProtectionLevels,
-    answers::dot,
-    problem::{Problem, REFERENCES, Sight, Standing},
+    descent::ENOUGH,
+    problem::{Problem, Quantity, REFERENCES, Sight, Standing},
     sweep::{Pass, Without},
     triangle::packed,
 };
-use crate::{Limits, Real, Refusal, numerics::real::lit};
+use crate::{Real, Refusal, numerics::real::lit};
 
 /// Strength of a statistic that chance exceeds once in 100,000: 4.42 sigmas of a single one.
 const LIMIT: f64 = 11.51;
@@ -34,11 +34,15 @@ const NOISE: f64 = 3.09;
 /// What is less checked than this counts as this much.
 const LEAST_REDUNDANCY: f64 = 1e-4;
 /// Bearings of a camera, one after the other, that are off: it is no longer what it was.
-const IN_A_ROW: usize = 2;
+pub(super) const IN_A_ROW: usize = 2;
+/// Odds of a bearing that is to the bit what its camera saw before, and the target has moved.
+const OF_REPEATED: f64 = 2.0;
+/// Odds of a leg: where it and a bearing explain the same, less is lost without the bearing.
+const OF_LEG: f64 = 0.95;
+/// Odds of a tail: one wrong bearing explains itself.
+const OF_TAIL: f64 = 0.9;
 /// The legs' claimed variance counts as much as so many residuals.
 const PSEUDO_SAMPLES: f64 = 6.0;
-/// Rounds of the legs' noise.
-const ROUNDS: usize = 4;
 
 /// How rarely chance exceeds a chi squared: minus the logarithm of its probability, so that statistics
 /// of different degrees of freedom can be compared. By the first term of the asymptotic series of the
@@ -71,127 +75,230 @@ fn strength<T: Real>(chi_squared: T, degrees_of_freedom: usize) -> T {
         + (T::one() - beyond_two / chi_squared).ln()
 }
 
-impl<T: Real> Problem<'_, T> {
-    /// Leaves out what contradicts most, if anything does, and solves again.
-    #[inline(never)] // size
-    pub(super) fn check(&mut self, limits: &Limits<T>) -> Result<Option<Finding<T>>, Refusal> {
-        let Some((found, strongest)) = self.strongest()? else {
-            return Ok(None);
-        };
-        if !(strongest > lit(LIMIT)) {
-            return Ok(None);
+/// What a look at every stop tells, one after the other.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Survey<T> {
+    /// Next.
+    stop: usize,
+    protects: bool,
+    strongest: Option<(Finding<T>, T)>,
+    /// Of the legs: the sum of their squared residuals, in claimed sigmas, and what it averages.
+    squares: T,
+    redundancy: T,
+    /// Camera and stop whose tail comes next.
+    tail: (usize, usize),
+    /// Chi squared with all tails.
+    all: Option<T>,
+}
+
+impl<T: Real> Survey<T> {
+    /// What contradicts so much that chance is no excuse.
+    pub(super) fn found(&self) -> Option<Finding<T>> {
+        let beyond = self
+            .strongest
+            .filter(|(_, strength)| *strength > lit(LIMIT));
+        beyond.map(|(found, _)| found)
+    }
+
+    /// `odds` weigh what is as strong as something else.
+    fn offer(&mut self, found: Finding<T>, strength: T, odds: f64) {
+        if strength > lit(LIMIT) {
+            let weighed = strength * lit(odds);
+            if self.strongest.is_none_or(|(_, most)| weighed > most) {
+                self.strongest = Some((found, weighed));
+            }
         }
-        let found = self.leave_out(found);
-        match self.settle(limits) {
-            // What contradicts may keep it from coming to an end: there is more to leave out.
-            Ok(_) | Err(Refusal::DidNotConverge) => Ok(Some(found)),
-            Err(why) => Err(why),
+    }
+}
+
+impl<T: Real> Problem<'_, T> {
+    /// A look at what every measurement says against the rest and, if asked, what it could do to
+    /// everybody's pose unseen.
+    pub(super) fn begin_survey(&mut self, protects: bool) -> Survey<T> {
+        for camera in self.cameras.iter_mut() {
+            camera.is_new = false;
+            if protects {
+                camera.protection = ProtectionLevels::default();
+            }
+        }
+        Survey {
+            stop: 0,
+            protects,
+            strongest: None,
+            squares: T::zero(),
+            redundancy: T::zero(),
+            tail: (REFERENCES, 1),
+            all: None,
         }
     }
 
-    /// What contradicts most, with its strength.
-    fn strongest(&mut self) -> Result<Option<(Finding<T>, T)>, Refusal> {
-        let mut strongest: Option<(Finding<T>, T)> = None;
-        let mut offer = |found: Finding<T>, strength: T| {
-            if strongest.as_ref().is_none_or(|(_, most)| strength > *most) {
-                strongest = Some((found, strength));
+    /// One stop, or, if it looks for what contradicts, one tail of a camera under suspicion.
+    #[inline(never)] // size
+    pub(super) fn step_survey(
+        &mut self,
+        survey: &mut Survey<T>,
+        looks: bool,
+    ) -> Option<Result<(), Refusal>> {
+        if survey.stop < self.stops.len() {
+            if self.survey_stop(survey).is_none() {
+                return Some(Err(Refusal::Undetermined));
             }
+            survey.stop += 1;
+            if survey.stop < self.stops.len() {
+                return None;
+            }
+            if survey.protects {
+                self.add_noise();
+            }
+            return (!looks).then_some(Ok(()));
+        }
+        match self.next_tail(survey.tail) {
+            None => Some(Ok(())),
+            Some((camera, from)) => {
+                survey.tail = (camera, from);
+                let surveyed = self.survey_tail(survey);
+                surveyed.is_none().then_some(Err(Refusal::Undetermined))
+            }
+        }
+    }
+
+    fn survey_stop(&mut self, survey: &mut Survey<T>) -> Option<()> {
+        let stop = survey.stop;
+        self.hold(stop)?;
+        for n in 0..self.sights.len() {
+            let sight = self.sights.get(n)?;
+            let camera = usize::from(sight.camera);
+            let counts = sight.standing == Standing::Counts && self.is_estimated(camera);
+            if usize::from(sight.stop) != stop || !counts {
+                continue;
+            }
+            // What is not determined contradicts nothing, and moves nothing.
+            let Ok(residual) = self.bearing_residual(n) else {
+                continue;
+            };
+            if survey.protects {
+                self.add_influence(0, residual.redundancy, false)?;
+            }
+            let Some(off) = residual.normalised else {
+                continue;
+            };
+            let strength = strength(off * off, 1);
+            let odds = if self.repeats(n) { OF_REPEATED } else { 1.0 };
+            let found = match residual.quantity {
+                Quantity::Bearing => Finding::Bearing { stop, camera, off },
+                Quantity::Range => Finding::Range { stop, camera, off },
+            };
+            survey.offer(found, strength, odds);
+            if let Some(camera) = self.cameras.get_mut(camera) {
+                camera.is_new |= strength > lit(SUSPICION);
+            }
+        }
+        let Ok((leg, redundancies)) = self.whole_leg_residual(stop + 1) else {
+            return Some(());
         };
-        for camera in self.cameras.iter_mut() {
-            camera.is_new = false;
+        if leg.standing != Standing::Counts {
+            return Some(());
         }
-        for stop in 0..self.stops.len() {
-            for n in 0..self.sights.len() {
-                let Some(sight) = self.sights.get(n) else {
-                    break;
-                };
-                let camera = usize::from(sight.camera);
-                let counts = sight.standing == Standing::Counts && self.is_estimated(camera);
-                if usize::from(sight.stop) != stop || !counts {
-                    continue;
+        if survey.protects {
+            for (vector, redundancy) in redundancies.into_iter().enumerate() {
+                self.add_influence(vector, redundancy, true)?;
+            }
+        }
+        survey.squares += leg.squared;
+        survey.redundancy += leg.redundancy;
+        let found = Finding::Leg {
+            stop: leg.stop,
+            chi_squared: leg.chi_squared,
+        };
+        let strength = strength(leg.chi_squared, leg.degrees_of_freedom);
+        survey.offer(found, strength, OF_LEG);
+        Some(())
+    }
+
+    /// Whether a bearing is to the bit what its camera saw before.
+    fn repeats(&self, n: usize) -> bool {
+        let (before, from) = self.sights.split_at_checked(n).unwrap_or_default();
+        from.first().is_some_and(|sight| {
+            let last = before
+                .iter()
+                .rev()
+                .find(|other| other.camera == sight.camera && other.quantity == sight.quantity);
+            last.is_some_and(|last| last.stop != sight.stop && last.value == sight.value)
+        })
+    }
+
+    /// The next tail, from one on: of a camera under suspicion, with [`IN_A_ROW`] bearings or more,
+    /// the first of them at this very stop, that leaves it enough for a pose.
+    fn next_tail(&self, (camera, from): (usize, usize)) -> Option<(usize, usize)> {
+        let mut from = from;
+        for camera in camera..self.cameras.len() {
+            if self.cameras.get(camera).is_some_and(|camera| camera.is_new) {
+                for stop in from..self.stops.len() {
+                    let tail = self.tail(camera, stop);
+                    let begins = tail.clone().any(|sight| usize::from(sight.stop) == stop);
+                    let (tail, all) = (tail.count(), self.counting(camera));
+                    if begins && tail >= IN_A_ROW && all - tail >= ENOUGH {
+                        return Some((camera, stop));
+                    }
                 }
-                // What is not determined contradicts nothing.
-                let residual = self.bearing_residual(n).ok();
-                let Some(off) = residual.and_then(|residual| residual.normalised) else {
-                    continue;
-                };
-                let strength = strength(off * off, 1);
-                offer(Finding::Bearing { stop, camera, off }, strength);
-                if let Some(camera) = self.cameras.get_mut(camera) {
-                    camera.is_new |= strength > lit(SUSPICION);
-                }
             }
-            if self.leg_rows(stop + 1).is_some()
-                && let Ok(leg) = self.leg_residual(stop + 1)
-                && leg.standing == Standing::Counts
-            {
-                let found = Finding::Leg {
-                    stop: leg.stop,
-                    chi_squared: leg.chi_squared,
-                };
-                offer(found, strength(leg.chi_squared, leg.degrees_of_freedom));
-            }
+            from = 1;
         }
-        for camera in REFERENCES..self.cameras.len() {
-            let suspect = self.cameras.get(camera).is_some_and(|camera| camera.is_new);
-            if suspect {
-                self.tails(camera, &mut offer)
-                    .ok_or(Refusal::Undetermined)?;
-            }
-        }
-        for camera in self.cameras.iter_mut() {
-            camera.is_new = false;
-        }
-        Ok(strongest)
+        None
+    }
+
+    fn tail(&self, camera: usize, from: usize) -> impl Iterator<Item = &Sight<T>> + Clone {
+        self.sights.iter().filter(move |sight| {
+            usize::from(sight.camera) == camera
+                && sight.is_bearing()
+                && usize::from(sight.stop) >= from
+                && sight.standing == Standing::Counts
+        })
     }
 
     /// What everything that a camera saw since a stop contradicts: chi squared with it less chi
     /// squared without.
-    fn tails(&mut self, camera: usize, offer: &mut impl FnMut(Finding<T>, T)) -> Option<()> {
+    fn survey_tail(&mut self, survey: &mut Survey<T>) -> Option<()> {
         let last = self.stops.len().checked_sub(1)?;
         let chi_squared = |pass: Pass<T>| pass.cost - pass.worth;
-        let all = chi_squared(self.sweep(last, Without::Nothing)?);
-        let count = self.counting(camera);
-        let number = u16::try_from(camera).ok()?;
-        for stop in 1..self.stops.len() {
-            let from = u16::try_from(stop).ok()?;
-            let tail = { self.sights.iter() }.filter(|sight| {
-                sight.camera == number && sight.stop >= from && sight.standing == Standing::Counts
-            });
-            let begins = tail.clone().any(|sight| sight.stop == from);
-            let removed = tail.count();
-            if !begins || removed < IN_A_ROW {
-                continue;
-            }
-            // Bearings that the camera's own unknowns can then no longer follow.
-            let lost = 3_usize.saturating_sub(count.saturating_sub(removed)).min(3);
-            let without = Without::Tail {
-                camera: number,
-                from,
-            };
-            let rest = chi_squared(self.sweep(last, without)?);
-            let found = Finding::Camera {
-                camera,
-                from: stop,
-                chi_squared: all - rest,
-            };
-            offer(found, strength(all - rest, removed.saturating_sub(lost)));
-        }
-        self.sweep(last, Without::Nothing)?;
+        let Some(all) = survey.all else {
+            survey.all = Some(chi_squared(self.sweep(last, Without::Nothing)?));
+            return Some(());
+        };
+        let (camera, from) = survey.tail;
+        let without = Without::Tail {
+            camera: u16::try_from(camera).ok()?,
+            from: u16::try_from(from).ok()?,
+        };
+        let rest = chi_squared(self.sweep(last, without)?);
+        let found = Finding::Camera {
+            camera,
+            from,
+            chi_squared: all - rest,
+        };
+        let strength = strength(all - rest, self.tail(camera, from).count());
+        let repeated = { self.sights.iter().enumerate() }
+            .filter(|(_, sight)| usize::from(sight.camera) == camera && sight.is_bearing())
+            .filter(|(_, sight)| usize::from(sight.stop) > from);
+        let odds = if repeated.map(|(n, _)| n).all(|n| self.repeats(n)) {
+            OF_REPEATED
+        } else {
+            1.0
+        };
+        survey.offer(found, strength, OF_TAIL * odds);
+        survey.tail = (camera, from + 1);
         Some(())
     }
 
     /// A camera whose last bearings are all off is no longer what it was.
-    fn leave_out(&mut self, found: Finding<T>) -> Finding<T> {
+    pub(super) fn leave_out(&mut self, found: Finding<T>) -> Finding<T> {
         match found {
             Finding::Bearing { stop, camera, off } => {
-                for sight in self.sights.iter_mut() {
-                    if usize::from(sight.stop) == stop && usize::from(sight.camera) == camera {
-                        sight.standing = Standing::Excluded;
-                    }
-                }
+                self.exclude(stop, camera, Quantity::Bearing);
                 let counts = |sight: &&Sight<T>| {
-                    usize::from(sight.camera) == camera && sight.standing == Standing::Counts
+                    usize::from(sight.camera) == camera
+                        && sight.is_bearing()
+                        && sight.standing == Standing::Counts
                 };
                 let good = self
                     .sights
@@ -201,6 +308,7 @@ impl<T: Real> Problem<'_, T> {
                     .max();
                 let is_off = |sight: &&Sight<T>| {
                     usize::from(sight.camera) == camera
+                        && sight.is_bearing()
                         && sight.standing == Standing::Excluded
                         && good.is_none_or(|good| sight.stop > good)
                 };
@@ -218,6 +326,10 @@ impl<T: Real> Problem<'_, T> {
                     _ => found,
                 }
             }
+            Finding::Range { stop, camera, .. } => {
+                self.exclude(stop, camera, Quantity::Range);
+                found
+            }
             Finding::Leg { stop, .. } => {
                 if let Some(stop) = self.stops.get_mut(stop) {
                     stop.standing = Standing::Excluded;
@@ -231,66 +343,64 @@ impl<T: Real> Problem<'_, T> {
         }
     }
 
-    fn distrust(&mut self, camera: usize, from: usize) {
+    fn exclude(&mut self, stop: usize, camera: usize, quantity: Quantity) {
         for sight in self.sights.iter_mut() {
-            if usize::from(sight.camera) == camera && usize::from(sight.stop) >= from {
+            let is_it = usize::from(sight.stop) == stop && usize::from(sight.camera) == camera;
+            if is_it && sight.quantity == quantity {
+                sight.standing = Standing::Excluded;
+            }
+        }
+    }
+
+    /// What was found, with the stop from which on it still holds now that everything is solved without.
+    pub(super) fn refined(&self, found: Finding<T>) -> Finding<T> {
+        let Finding::Camera {
+            camera,
+            from,
+            chi_squared,
+        } = found
+        else {
+            return found;
+        };
+        let distrusted = self.sights.iter().filter(|sight| {
+            usize::from(sight.camera) == camera && sight.standing == Standing::Distrusted
+        });
+        let first = distrusted.map(|sight| usize::from(sight.stop)).min();
+        Finding::Camera {
+            camera,
+            from: first.unwrap_or(from),
+            chi_squared,
+        }
+    }
+
+    fn distrust(&mut self, camera: usize, from: usize) {
+        let from = u16::try_from(from).unwrap_or(u16::MAX);
+        if let Some(camera) = self.cameras.get_mut(camera) {
+            camera.moved = Some(camera.moved.map_or(from, |before| before.min(from)));
+        }
+        for sight in self.sights.iter_mut() {
+            if usize::from(sight.camera) == camera && sight.stop >= from {
                 sight.standing = Standing::Distrusted;
             }
         }
     }
 
     /// By how much the legs err more, or less, than they claim, from their own residuals, with a claim
-    /// that counts as much as six. Solves again with it.
-    #[inline(never)] // size
-    pub(super) fn fit_leg_noise(&mut self, limits: &Limits<T>) -> Result<T, Refusal> {
-        for _ in 0..ROUNDS {
-            let (mut squares, mut redundancy) =
-                (lit::<T>(PSEUDO_SAMPLES), lit::<T>(PSEUDO_SAMPLES));
-            for stop in 1..self.stops.len() {
-                match self.leg_residual(stop) {
-                    Ok(leg) if leg.standing == Standing::Counts => {
-                        squares += leg.squared;
-                        redundancy += leg.redundancy;
-                    }
-                    Ok(_) | Err(Refusal::TooFew) => {}
-                    Err(why) => return Err(why),
-                }
-            }
-            let factor = (squares / redundancy).sqrt();
-            self.common.leg_factor *= factor;
-            self.settle(limits)?;
-            if (factor - T::one()).abs() < lit(0.01) {
-                break;
-            }
+    /// that counts as much as six. Whether that changes anything.
+    pub(super) fn fit_leg_noise(&mut self, survey: &Survey<T>) -> bool {
+        let claim = lit::<T>(PSEUDO_SAMPLES);
+        let before = self.common.leg_factor;
+        let squares = survey.squares * before * before;
+        let factor = ((squares + claim) / (survey.redundancy + claim)).sqrt();
+        if !factor.is_finite() || (factor / before - T::one()).abs() < lit(0.01) {
+            return false;
         }
-        Ok(self.common.leg_factor)
+        self.common.leg_factor = factor;
+        true
     }
 
-    /// Protection levels of every camera.
-    #[inline(never)] // size
-    pub(super) fn protect(&mut self) -> Result<(), Refusal> {
-        let undetermined = Refusal::Undetermined;
-        for camera in self.cameras.iter_mut() {
-            camera.protection = ProtectionLevels::default();
-        }
-        for stop in 0..self.stops.len() {
-            self.hold(stop).ok_or(undetermined)?;
-            for n in 0..self.sights.len() {
-                let Some(&sight) = self.sights.get(n) else {
-                    break;
-                };
-                let counts = sight.standing == Standing::Counts
-                    && self.is_estimated(usize::from(sight.camera));
-                if counts && usize::from(sight.stop) == stop {
-                    self.enter_sight(&sight).ok_or(undetermined)?;
-                    self.add_influence(false).ok_or(undetermined)?;
-                }
-            }
-            for row in self.leg_rows(stop + 1).iter().flatten() {
-                self.enter_leg(0, row).ok_or(undetermined)?;
-                self.add_influence(true).ok_or(undetermined)?;
-            }
-        }
+    /// What noise does without any fault, on top of what one fault does.
+    fn add_noise(&mut self) {
         for n in REFERENCES..self.cameras.len() {
             let Ok(pose) = self.pose(n) else { continue };
             let Some(camera) = self.cameras.get_mut(n) else {
@@ -305,18 +415,18 @@ impl<T: Real> Problem<'_, T> {
                 *level += pose.sigma_heading() * noise;
             }
         }
-        Ok(())
     }
 
-    /// What a fault of the measurement whose row is in the first vector does to every camera.
-    fn add_influence(&mut self, is_leg: bool) -> Option<()> {
+    /// What a fault of a measurement does to every camera. Its row, forward substituted, is in one of
+    /// the vectors.
+    fn add_influence(&mut self, vector: usize, redundancy: T, is_leg: bool) -> Option<()> {
         let width = self.width();
-        let (triangle, [g, ..]) = self.triangle()?;
-        triangle.forward_substitute(g)?;
-        let redundancy = (T::one() - dot(g, g)).max(lit(LEAST_REDUNDANCY));
+        let (triangle, mut vectors) = self.triangle()?;
+        let g = vectors.get_mut(vector)?;
+        let redundancy = redundancy.max(lit(LEAST_REDUNDANCY));
         triangle.back_substitute(g);
         let size = lit::<T>(DETECTED) / redundancy.sqrt();
-        let offset = packed(width);
+        let offset = packed(width) + vector * width;
         let numbers = &*self.workspace;
         let at = |column: usize| {
             let number = numbers.get(offset + column).copied();

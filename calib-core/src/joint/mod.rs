@@ -30,17 +30,27 @@
 //! three](crate::resection::solve_rejecting) as soon as it has seen enough.
 //!
 //! # The models
-//! A bearing is `atan2(p - c) - heading` plus noise. A displacement is what the carrier reads: the
+//! A bearing is `atan2(p - c) - heading` plus noise. If asked, each camera's focal length is estimated
+//! too ([`JointSettings::lens`]): then the tangent of that angle is the measured one's times a scale of
+//! which a prior is known. A camera seen three times is carried by it, from some six on its own bearings tell. A displacement is what the carrier reads: the
 //! true one, turned by its compass offset and stretched by its scale, plus noise of the covariance
-//! that the caller gives. A visit to a mark says that a place is that of the mark, which is unknown
+//! that the caller gives. A range is `|p - c|` plus noise. A visit to a mark says that a place is that of the mark, which is unknown
 //! too: visited twice, it closes a loop.
 //!
 //! # What contradicts
 //! [`check`](JointEstimator::check) finds the bearing, the leg or the camera that contradicts the rest
-//! most, names it, and solves without it; what agrees later comes back.
+//! most, names it, and solves without it; what agrees later comes back. A camera that was moved is
+//! [another one](JointEstimator::split) from then on, with a pose of its own.
 //! [`protect`](JointEstimator::protect) tells how far a pose may be off because of one fault that
 //! no test can see: many sigmas where nothing checks what it rests on. A path walked there and back
 //! checks every leg.
+//!
+//! # In slices
+//! [`begin`](JointEstimator::begin) begins a [`Round`], and each call of
+//! [`step`](JointEstimator::step) does about one pass of it, so that a slow processor can do
+//! something else in between. [`solve`](JointEstimator::solve) and the others are rounds at one
+//! stretch. Measurements that come during a round count from the next one on. Once it is over, poses,
+//! headings, the carrier and the last place are told without another pass.
 //!
 //! # Degenerate cases
 //! What a direction lacks to be determined is asked of the pivots: an unknown without one, or with
@@ -54,7 +64,7 @@
 //!
 //! # Example
 //! ```
-//! use calib_core::joint::{JointEstimator, JointSettings, Leg, Prior, workspace};
+//! use calib_core::joint::{JointEstimator, JointMemory, JointSettings, Leg, Prior, workspace};
 //! use nalgebra::{Matrix2, Point2, Vector2};
 //!
 //! // Two references 10 units apart, another camera, and a carrier that reads 4 % too much.
@@ -64,7 +74,15 @@
 //!     scale: Prior { mean: 1.0, sigma: 0.08 },
 //!     ..JointSettings::default()
 //! };
-//! let mut joint = JointEstimator::<f64, 3, 8, 32, 0, { workspace(3, 0) }>::new(10.0, settings)?;
+//! let memory = JointMemory {
+//!     cameras: &mut [Default::default(); 3],
+//!     stops: &mut [Default::default(); 8],
+//!     bearings: &mut [Default::default(); 32],
+//!     marks: &mut [],
+//!     visits: &mut [],
+//!     workspace: &mut [0.0; workspace(3, 0)],
+//! };
+//! let mut joint = JointEstimator::new(memory, 10.0, settings)?;
 //! let mut before = None;
 //! for (x, y) in walk {
 //!     let place = Point2::new(x, y);
@@ -100,17 +118,28 @@ mod estimator;
 mod integrity;
 mod problem;
 mod residuals;
+mod round;
 mod start;
 mod sweep;
 mod triangle;
 
-pub use estimator::JointEstimator;
-pub use problem::Standing;
+pub use estimator::{JointEstimator, JointMemory};
+pub use problem::{
+    Quantity, Sight as BearingStorage, Standing, Stop as StopStorage, Unknown as UnknownStorage,
+    Visit as VisitStorage,
+};
+pub use round::{Progress, Round};
 
-/// Numbers of the workspace of a [`JointEstimator`] for so many cameras, references included, and
-/// marks: its last capacity.
+/// Numbers of the [workspace](JointMemory::workspace) of a [`JointEstimator`] for so many cameras,
+/// references included, and marks.
 pub const fn workspace(cameras: usize, marks: usize) -> usize {
-    problem::workspace(cameras, marks)
+    problem::workspace(cameras, marks, false)
+}
+
+/// The same where lenses are estimated ([`JointSettings::lens`]): 1,824 numbers instead of 1,122 for 13
+/// cameras, 5,454 instead of 3,234 for 24.
+pub const fn workspace_with_lenses(cameras: usize, marks: usize) -> usize {
+    problem::workspace(cameras, marks, true)
 }
 
 /// What is known of a number beforehand.
@@ -134,6 +163,12 @@ pub struct JointSettings<T> {
     /// Direction that the carrier reads less the true one, in the frame whose x axis is the
     /// baseline, radians.
     pub compass: Prior<T>,
+    /// How still the target stands: standard deviation of its place at a stop, each axis, when a
+    /// camera looks. It is another one for each look, and not one of the way. Zero or above.
+    pub standing: T,
+    /// Standard deviation of every camera's focal length, relative: then it is estimated too, and
+    /// takes [`workspace_with_lenses`]. `None`, or zero, if lenses are what they are said to be.
+    pub lens: Option<T>,
     /// Sigmas up to which a camera takes part.
     pub limits: Limits<T>,
 }
@@ -151,6 +186,8 @@ impl<T: Real> Default for JointSettings<T> {
                 mean: T::zero(),
                 sigma: lit(0.034_906_585),
             },
+            standing: T::zero(),
+            lens: None,
             limits: Limits {
                 position: lit(0.5),
                 heading: lit(0.087_266_463),
@@ -192,6 +229,22 @@ pub struct Carrier<T: Real> {
     pub covariance: Matrix2<T>,
 }
 
+/// What a camera's lens is. A focal length that is shorter than believed makes the true tangents of
+/// bearings larger than the measured ones.
+#[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct Lens<T> {
+    /// The true tangent of a bearing over the measured one: the focal length that was believed over
+    /// the true one.
+    pub scale: T,
+    /// Its standard deviation.
+    pub sigma: T,
+    /// How far what the bearings say is from one, in sigmas of that and of the prior together. Zero if
+    /// they say nothing.
+    pub off: T,
+}
+
 /// Where the references look.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
@@ -202,7 +255,7 @@ pub struct ReferenceHeadings<T: Real> {
     pub covariance: Matrix2<T>,
 }
 
-/// What is left of a bearing.
+/// What is left of a bearing, or of a range.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
@@ -211,7 +264,10 @@ pub struct BearingResidual<T> {
     pub stop: usize,
     /// The camera.
     pub camera: usize,
-    /// World bearing of the place, less the camera's heading and the bearing, radians.
+    /// What it is of.
+    pub quantity: Quantity,
+    /// World bearing of the place, less the camera's heading and the bearing, radians; or distance of
+    /// the place, less the range.
     pub residual: T,
     /// The share of the bearing's error that shows in the residual, from 0 (nothing checks it) to 1.
     pub redundancy: T,
@@ -247,6 +303,15 @@ pub struct LegResidual<T> {
 pub enum Finding<T> {
     /// One bearing.
     Bearing {
+        /// At this stop.
+        stop: usize,
+        /// By this camera.
+        camera: usize,
+        /// Sigmas that it is off.
+        off: T,
+    },
+    /// One range.
+    Range {
         /// At this stop.
         stop: usize,
         /// By this camera.
@@ -323,8 +388,13 @@ pub struct JointSolution<T> {
 pub enum JointError {
     /// The capacity for stops, or for bearings, or for visits, is used up. What was taken stays.
     Full,
+    /// There is less memory than two references need, or a smaller workspace than [`workspace`]
+    /// says, or more stops or cameras than 16 bits count.
+    Memory,
     /// There is no such stop, camera or mark.
     Unknown,
+    /// This camera is not free to be what another one became.
+    Taken,
     /// A number is not finite, a sigma is not above zero or a covariance is not positive definite.
     NotFinite,
     /// The references' own sightings do not give a frame, for this reason.
@@ -338,7 +408,9 @@ impl fmt::Display for JointError {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             Self::Full => f.write_str("no more fits in: solve in two parts"),
+            Self::Memory => f.write_str("the memory is not one for an estimator: make its workspace larger"),
             Self::Unknown => f.write_str("there is no stop, camera or mark of this number"),
+            Self::Taken => f.write_str("this camera is in use: take one of which nothing is known"),
             Self::NotFinite => f.write_str(
                 "a number is not finite, a sigma not above zero or a covariance not positive definite: correct it",
             ),

@@ -1,7 +1,7 @@
 //! What is estimated and from what: measurements, estimates, and which column of the triangle
 //! belongs to which unknown.
 
-use nalgebra::{Matrix2, Point2, Vector2, Vector3};
+use nalgebra::{Matrix2, Point2, Vector2, Vector3, Vector4};
 
 use super::{
     Prior, ProtectionLevels,
@@ -25,20 +25,23 @@ pub(super) const HELD: usize = 4;
 pub(super) const SCALE: usize = 6;
 pub(super) const COMPASS: usize = 7;
 pub(super) const HEADINGS: usize = 8;
-/// Of the cameras, three each, then of the marks, two each.
-const KEPT: usize = 10;
+/// Of the references' lenses if they are estimated, then of the other cameras, `(x, y, heading)` and
+/// the lens of each, then of the marks, two each.
+pub(super) const KEPT: usize = 10;
 
 /// Columns of so many cameras, references included, and marks; the right side included.
-pub(super) const fn width(cameras: usize, marks: usize) -> usize {
-    KEPT + 3 * cameras.saturating_sub(REFERENCES) + 2 * marks + 1
+pub(super) const fn width(cameras: usize, marks: usize, lenses: bool) -> usize {
+    let lens = if lenses { 1 } else { 0 };
+    let others = cameras.saturating_sub(REFERENCES);
+    KEPT + lens * REFERENCES + (3 + lens) * others + 2 * marks + 1
 }
 
 /// Vectors as long as a row, beside the triangle.
 const VECTORS: usize = 3;
 
 /// Numbers of the workspace.
-pub(super) const fn workspace(cameras: usize, marks: usize) -> usize {
-    let width = width(cameras, marks);
+pub(super) const fn workspace(cameras: usize, marks: usize, lenses: bool) -> usize {
+    let width = width(cameras, marks, lenses);
     packed(width) + VECTORS * width
 }
 
@@ -47,36 +50,54 @@ const EXCLUDED_LEG: f64 = 0.02;
 
 /// A stop: how it was reached, and where it is thought to be.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Stop<T: Real> {
-    pub place: Point2<T>,
+pub struct Stop<T: Real> {
+    pub(super) place: Point2<T>,
     /// From the stop before, as the carrier measured it.
-    pub displacement: Vector2<T>,
+    pub(super) displacement: Vector2<T>,
     /// The root `W` of that measurement's information, `W^T W = C^-1`: lower triangular, by rows.
     /// Zeros where nothing was measured.
-    pub root: [T; 3],
+    pub(super) root: [T; 3],
     /// Whether the displacement counts.
-    pub standing: Standing,
+    pub(super) standing: Standing,
     /// The second sweep's own: the equations for this place that the stops before it leave, and
     /// after it in the first two the step.
-    pub chain: [T; 5],
+    pub(super) chain: [T; 5],
 }
 
-/// A bearing, or a visit to a mark.
+/// What a camera measured of the target: a bearing, or a range.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Sight<T> {
-    pub stop: u16,
-    pub camera: u16,
-    pub bearing: T,
-    pub sigma: T,
-    pub standing: Standing,
+pub struct Sight<T> {
+    pub(super) stop: u16,
+    pub(super) camera: u16,
+    pub(super) quantity: Quantity,
+    pub(super) value: T,
+    pub(super) sigma: T,
+    pub(super) standing: Standing,
+}
+
+/// What a camera measures.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub enum Quantity {
+    /// The direction of the target off the optical axis, radians.
+    Bearing,
+    /// Its distance.
+    Range,
+}
+
+impl<T> Sight<T> {
+    pub(super) fn is_bearing(&self) -> bool {
+        self.quantity == Quantity::Bearing
+    }
 }
 
 /// The target stood on a mark.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Visit<T> {
-    pub stop: u16,
-    pub mark: u16,
-    pub sigma: T,
+pub struct Visit<T> {
+    pub(super) stop: u16,
+    pub(super) mark: u16,
+    pub(super) sigma: T,
 }
 
 /// Whether a measurement counts.
@@ -96,17 +117,77 @@ pub enum Standing {
 
 /// A camera, or with its first two numbers a mark.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Unknown<T: Real> {
-    /// `(x, y, heading)`; the heading over more than a turn.
-    pub value: Vector3<T>,
-    pub step: Vector3<T>,
+pub struct Unknown<T: Real> {
+    /// `(x, y, heading, lens)`; the heading over more than a turn, of the lens the true tangent of a
+    /// bearing over the measured one, less one.
+    pub(super) value: Vector4<T>,
+    pub(super) step: Vector4<T>,
     /// First column in the triangle, while it is estimated.
-    pub column: Option<u16>,
+    pub(super) column: Option<u16>,
     /// Bearings it had when it was last looked at, so that it is not looked at again for nothing.
-    pub tried: u16,
+    pub(super) tried: u16,
     /// It was taken in since the passes last came to an end.
-    pub is_new: bool,
-    pub protection: ProtectionLevels<T>,
+    pub(super) is_new: bool,
+    /// Stop from which on what it saw is not its own, because it was moved.
+    pub(super) moved: Option<u16>,
+    /// The camera that those bearings belong to.
+    pub(super) successor: Option<u16>,
+    pub(super) protection: ProtectionLevels<T>,
+}
+
+impl<T: Real> Default for Stop<T> {
+    /// At the origin, and nobody knows how it was reached.
+    fn default() -> Self {
+        let zero = T::zero();
+        Self {
+            place: Point2::origin(),
+            displacement: Vector2::zeros(),
+            root: [zero; 3],
+            standing: Standing::Counts,
+            chain: [zero; 5],
+        }
+    }
+}
+
+impl<T: Real> Default for Sight<T> {
+    /// No bearing worth anything.
+    fn default() -> Self {
+        Self {
+            stop: 0,
+            camera: 0,
+            quantity: Quantity::Bearing,
+            value: T::zero(),
+            sigma: T::one(),
+            standing: Standing::Counts,
+        }
+    }
+}
+
+impl<T: Real> Default for Visit<T> {
+    /// None worth anything.
+    fn default() -> Self {
+        Self {
+            stop: 0,
+            mark: 0,
+            sigma: T::one(),
+        }
+    }
+}
+
+impl<T: Real> Default for Unknown<T> {
+    /// Nothing was seen of it.
+    fn default() -> Self {
+        Self {
+            value: Vector4::zeros(),
+            step: Vector4::zeros(),
+            column: None,
+            tried: 0,
+            is_new: false,
+            moved: None,
+            successor: None,
+            protection: ProtectionLevels::default(),
+        }
+    }
 }
 
 /// What cannot be left out.
@@ -115,6 +196,9 @@ pub(super) struct Common<T: Real> {
     pub baseline: T,
     pub scale_prior: Prior<T>,
     pub compass_prior: Prior<T>,
+    pub standing: T,
+    /// Standard deviation of all lenses, if they are estimated.
+    pub lens_prior: Option<T>,
     /// Scale and compass offset.
     pub carrier: Vector2<T>,
     pub carrier_step: Vector2<T>,
@@ -122,6 +206,8 @@ pub(super) struct Common<T: Real> {
     pub leg_factor: T,
     /// The stop that the triangle holds.
     pub held: Option<usize>,
+    /// The passes have a frame to begin with.
+    pub is_started: bool,
     /// First and last stop whose bearings are looked at: all of them but during a start.
     pub window: [u16; 2],
 }
@@ -138,13 +224,25 @@ pub(super) struct Problem<'a, T: Real> {
     pub workspace: &'a mut [T],
 }
 
-/// A bearing's residual around the present estimates, over its sigma.
+/// A bearing's or a range's residual around the present estimates, over its sigma.
 pub(super) struct SightRow<T: Real> {
     pub residual: T,
     /// By the place; by the camera's place it is the negative.
     pub by_place: Vector2<T>,
     /// By the camera's heading.
     pub by_heading: T,
+    /// By its lens.
+    pub by_lens: T,
+}
+
+/// Columns of a camera.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Columns {
+    /// Of its place, unless it is a reference.
+    pub place: Option<usize>,
+    pub heading: usize,
+    /// Of its lens, if lenses are estimated.
+    pub lens: Option<usize>,
 }
 
 /// A leg's, one of two rows.
@@ -159,18 +257,25 @@ impl<T: Real> Problem<'_, T> {
     /// Columns in use, that of the right side included.
     pub(super) fn width(&self) -> usize {
         let used = |unknowns: &[Unknown<T>]| unknowns.iter().filter(|u| u.column.is_some()).count();
-        KEPT + 3 * used(self.cameras) + 2 * used(self.marks) + 1
+        let lens = self.lens_columns();
+        KEPT + lens * REFERENCES + (3 + lens) * used(self.cameras) + 2 * used(self.marks) + 1
+    }
+
+    /// Columns of one lens: one, or none if they are not estimated.
+    pub(super) fn lens_columns(&self) -> usize {
+        usize::from(self.common.lens_prior.is_some())
     }
 
     /// Gives everything that is estimated its column.
     pub(super) fn lay_out(&mut self) {
-        let mut next = KEPT;
+        let lens = self.lens_columns();
+        let mut next = KEPT + lens * REFERENCES;
         let visits = self.visits;
         for (mark, number) in self.marks.iter_mut().zip(0_u16..) {
             let visited = visits.iter().any(|visit| visit.mark == number);
             mark.column = visited.then_some(0);
         }
-        let cameras = self.cameras.iter_mut().map(|camera| (camera, 3));
+        let cameras = self.cameras.iter_mut().map(|camera| (camera, 3 + lens));
         let marks = self.marks.iter_mut().map(|mark| (mark, 2));
         for (unknown, columns) in cameras.chain(marks) {
             if unknown.column.is_some() {
@@ -184,7 +289,7 @@ impl<T: Real> Problem<'_, T> {
     pub(super) fn triangle(&mut self) -> Option<(Triangle<'_, T>, [&mut [T]; VECTORS])> {
         let width = self.width();
         let (triangle, vectors) = self.workspace.split_at_mut_checked(packed(width))?;
-        let mut vectors = vectors.chunks_exact_mut(width);
+        let mut vectors = vectors.chunks_exact_mut(width.max(1));
         let vectors = [vectors.next()?, vectors.next()?, vectors.next()?];
         Some((Triangle::new(triangle, width)?, vectors))
     }
@@ -196,7 +301,7 @@ impl<T: Real> Problem<'_, T> {
         Some(match camera {
             0 => Vector3::new(T::zero(), T::zero(), value.z),
             1 => Vector3::new(self.common.baseline, T::zero(), value.z),
-            _ => value,
+            _ => value.xyz(),
         })
     }
 
@@ -205,16 +310,76 @@ impl<T: Real> Problem<'_, T> {
         camera < REFERENCES || self.cameras.get(camera).is_some_and(|c| c.column.is_some())
     }
 
-    /// Columns of a camera's place, unless it is a reference, and of its heading.
-    pub(super) fn columns(&self, camera: usize) -> Option<(Option<usize>, usize)> {
-        if camera < REFERENCES {
-            return Some((None, HEADINGS + camera));
-        }
-        let place = usize::from(self.cameras.get(camera)?.column?);
-        Some((Some(place), place + 2))
+    /// Whether a camera is what another one became when it was moved.
+    pub(super) fn is_successor(&self, camera: usize) -> bool {
+        let of = |other: &Unknown<T>| other.successor.map(usize::from) == Some(camera);
+        self.cameras.iter().any(of)
     }
 
-    /// A bearing's row; `None` if its camera is not estimated or the target is right on it.
+    /// Gives bearings since a move to the camera that the moved one became or, where there is none,
+    /// leaves them out.
+    pub(super) fn sort_moved(&mut self) {
+        for sight in self.sights.iter_mut() {
+            // Nobody becomes who was there before, so this ends.
+            while let Some(camera) = self.cameras.get(usize::from(sight.camera))
+                && camera.moved.is_some_and(|from| sight.stop >= from)
+            {
+                let Some(successor) = camera.successor else {
+                    sight.standing = Standing::Distrusted;
+                    break;
+                };
+                sight.camera = successor;
+                sight.standing = Standing::Counts;
+            }
+        }
+    }
+
+    /// Columns of a camera that is estimated.
+    pub(super) fn columns(&self, camera: usize) -> Option<Columns> {
+        let has_lens = self.common.lens_prior.is_some();
+        if camera < REFERENCES {
+            return Some(Columns {
+                place: None,
+                heading: HEADINGS + camera,
+                lens: has_lens.then_some(KEPT + camera),
+            });
+        }
+        let place = usize::from(self.cameras.get(camera)?.column?);
+        Some(Columns {
+            place: Some(place),
+            heading: place + 2,
+            lens: has_lens.then_some(place + 3),
+        })
+    }
+
+    /// A bearing as it would be measured through a right lens, and by how much it changes with the
+    /// lens: `d atan((1 + e) tan b) / de`.
+    pub(super) fn through_lens(&self, sight: &Sight<T>) -> (T, T) {
+        if self.common.lens_prior.is_none() {
+            return (sight.value, T::zero());
+        }
+        let camera = self.cameras.get(usize::from(sight.camera));
+        let lens = camera.map_or_else(T::zero, |camera| camera.value.w);
+        let ray = plane::unit(sight.value);
+        let true_ray = Vector2::new(ray.x, ray.y * (lens + T::one()));
+        let by_lens = ray.x * ray.y / dot(true_ray, true_ray);
+        (true_ray.y.atan2(true_ray.x), by_lens)
+    }
+
+    /// A bearing for those who do not estimate lenses, with its standard deviation.
+    pub(super) fn bearing_at(&self, sight: &Sight<T>) -> (T, T) {
+        let (bearing, by_lens) = self.through_lens(sight);
+        let Some(prior) = self.common.lens_prior else {
+            return (bearing, sight.sigma);
+        };
+        let of_lens = by_lens * prior;
+        (
+            bearing,
+            (sight.sigma * sight.sigma + of_lens * of_lens).sqrt(),
+        )
+    }
+
+    /// A bearing's or a range's row; `None` if its camera is not estimated or the target is right on it.
     pub(super) fn sight_row(&self, sight: &Sight<T>) -> Option<SightRow<T>> {
         let camera = usize::from(sight.camera);
         let [first, last] = self.common.window;
@@ -228,12 +393,28 @@ impl<T: Real> Problem<'_, T> {
         if !(range2 > T::zero()) {
             return None;
         }
-        let weight = sight.sigma.recip();
-        let off = to_target.y.atan2(to_target.x) - pose.z - sight.bearing;
+        // Where the target stood when this camera looked is a little beside where it stopped.
+        let (sigma, standing) = (sight.sigma, self.common.standing);
+        if sight.quantity == Quantity::Range {
+            let weight = (sigma * sigma + standing * standing).sqrt().recip();
+            let range = range2.sqrt();
+            return Some(SightRow {
+                residual: (range - sight.value) * weight,
+                by_place: to_target * (weight / range),
+                by_heading: T::zero(),
+                by_lens: T::zero(),
+            });
+        }
+        let weight = (sigma * sigma + standing * standing / range2)
+            .sqrt()
+            .recip();
+        let (bearing, by_lens) = self.through_lens(sight);
+        let off = to_target.y.atan2(to_target.x) - pose.z - bearing;
         Some(SightRow {
             residual: angle::wrap_signed(off) * weight,
             by_place: quarter_turn(to_target) * (weight / range2),
             by_heading: -weight,
+            by_lens: -by_lens * weight,
         })
     }
 

@@ -11,6 +11,7 @@ use nalgebra::Vector2;
 use super::{
     BearingResidual, LegResidual,
     answers::dot,
+    integrity::IN_A_ROW,
     problem::{HELD, LEAVING, LegRow, Problem, SCALE, Sight, Standing},
 };
 use crate::{Real, Refusal, numerics::real::lit};
@@ -19,9 +20,11 @@ use crate::{Real, Refusal, numerics::real::lit};
 pub(super) const UNCHECKED: f64 = 0.02;
 /// What was left out and is closer to the estimates than this, in sigmas, is back in.
 const READMITTED: f64 = 3.3;
+/// A camera whose first bearing after a move is closer than this, in sigmas, was moved later.
+const NOT_MOVED: f64 = 2.0;
 
 impl<T: Real> Problem<'_, T> {
-    /// The residual of a bearing, in radians, with the share of it that is checked.
+    /// The residual of a bearing or a range, with the share of it that is checked.
     ///
     /// # Errors
     /// [`Refusal::TooFew`] for a camera without a pose, or no such bearing;
@@ -46,6 +49,7 @@ impl<T: Real> Problem<'_, T> {
         Ok(BearingResidual {
             stop,
             camera: usize::from(sight.camera),
+            quantity: sight.quantity,
             residual: residual * sight.sigma,
             redundancy,
             normalised: (variance >= lit(UNCHECKED)).then(|| residual / variance.sqrt()),
@@ -63,16 +67,19 @@ impl<T: Real> Problem<'_, T> {
     }
 
     /// A bearing's row into the first vector.
-    pub(super) fn enter_sight(&mut self, sight: &Sight<T>) -> Option<()> {
+    fn enter_sight(&mut self, sight: &Sight<T>) -> Option<()> {
         let row = self.sight_row(sight)?;
-        let (place, heading) = self.columns(usize::from(sight.camera))?;
+        let columns = self.columns(usize::from(sight.camera))?;
         let (_, [g, ..]) = self.triangle()?;
         g.fill(T::zero());
         put(g, HELD, row.by_place);
-        if let Some(place) = place {
+        if let Some(place) = columns.place {
             put(g, place, -row.by_place);
         }
-        *g.get_mut(heading)? = row.by_heading;
+        *g.get_mut(columns.heading)? = row.by_heading;
+        if let Some(lens) = columns.lens {
+            *g.get_mut(lens)? = row.by_lens;
+        }
         Some(())
     }
 
@@ -81,6 +88,15 @@ impl<T: Real> Problem<'_, T> {
     /// # Errors
     /// [`Refusal::TooFew`] where no leg was measured; [`Refusal::Undetermined`].
     pub(super) fn leg_residual(&mut self, later: usize) -> Result<LegResidual<T>, Refusal> {
+        self.whole_leg_residual(later).map(|(leg, _)| leg)
+    }
+
+    /// The same, and the redundancy of each of its two rows, which are left in the first two vectors,
+    /// forward substituted.
+    pub(super) fn whole_leg_residual(
+        &mut self,
+        later: usize,
+    ) -> Result<(LegResidual<T>, [T; 2]), Refusal> {
         let before = later.checked_sub(1).ok_or(Refusal::TooFew)?;
         let standing = self.stops.get(later).ok_or(Refusal::TooFew)?.standing;
         self.hold(before).ok_or(Refusal::Undetermined)?;
@@ -120,19 +136,20 @@ impl<T: Real> Problem<'_, T> {
                 degrees_of_freedom += 1;
             }
         }
-        Ok(LegResidual {
+        let residual = LegResidual {
             stop: later,
             chi_squared,
             degrees_of_freedom,
             squared: first * first + second * second,
             redundancy: if counts { aa + bb } else { T::zero() },
             standing,
-        })
+        };
+        Ok((residual, [aa, bb]))
     }
 
     /// A leg's row into one of the vectors: the triangle holds the earlier stop, and the later one is
     /// about to leave.
-    pub(super) fn enter_leg(&mut self, vector: usize, row: &LegRow<T>) -> Option<()> {
+    fn enter_leg(&mut self, vector: usize, row: &LegRow<T>) -> Option<()> {
         let (by_place, by_carrier) = (row.by_place, row.by_carrier);
         let (_, mut vectors) = self.triangle()?;
         let g = vectors.get_mut(vector)?;
@@ -143,39 +160,65 @@ impl<T: Real> Problem<'_, T> {
         Some(())
     }
 
-    /// Puts back what was left out and agrees after all. How much that was.
-    pub(super) fn readmit(&mut self) -> usize {
-        let mut back = 0;
-        for n in 0..self.sights.len() {
-            let excluded =
-                { self.sights.get(n) }.is_some_and(|sight| sight.standing == Standing::Excluded);
-            if !excluded {
-                continue;
-            }
-            let Ok(residual) = self.bearing_residual(n) else {
-                continue;
-            };
-            let fits = { residual.normalised }.is_some_and(|off| off.abs() < lit(READMITTED));
-            if fits && let Some(sight) = self.sights.get_mut(n) {
-                sight.standing = Standing::Counts;
-                back += 1;
-            }
+    /// The next measurement, from one on, that is left out: bearings are counted first, then the stops
+    /// that legs lead to. Of what a camera saw since it was moved only the first is looked at.
+    pub(super) fn next_excluded(&self, from: usize) -> Option<usize> {
+        let bearings = { self.sights.iter() }.map(|sight| match sight.standing {
+            Standing::Distrusted => self.is_first_moved(sight),
+            standing => standing == Standing::Excluded,
+        });
+        let legs = { self.stops.iter() }.map(|stop| stop.standing == Standing::Excluded);
+        let mut numbered = bearings.chain(legs).enumerate().skip(from);
+        numbered.find(|(_, looks)| *looks).map(|(n, _)| n)
+    }
+
+    /// Whether this is where a camera was moved, as it was told, and there are more than it takes to tell
+    /// that.
+    fn is_first_moved(&self, sight: &Sight<T>) -> bool {
+        let camera = self.cameras.get(usize::from(sight.camera));
+        let moved = self
+            .sights
+            .iter()
+            .filter(|other| other.camera == sight.camera && other.standing == Standing::Distrusted);
+        let first = moved.clone().map(|other| other.stop).min();
+        camera.is_some_and(|camera| camera.column.is_some())
+            && first == Some(sight.stop)
+            && moved.count() > IN_A_ROW
+    }
+
+    /// Puts back what was left out and agrees after all; whether it does. A pass.
+    pub(super) fn readmit(&mut self, n: usize) -> bool {
+        let Some(sight) = self.sights.get(n).copied() else {
+            return self.readmit_leg(n.saturating_sub(self.sights.len()));
+        };
+        let normalised = { self.bearing_residual(n).ok() }.and_then(|bearing| bearing.normalised);
+        let within = match sight.standing {
+            Standing::Distrusted => lit(NOT_MOVED),
+            _ => lit(READMITTED),
+        };
+        if !normalised.is_some_and(|off| off.abs() < within) {
+            return false;
         }
-        for stop in 1..self.stops.len() {
-            let excluded =
-                { self.stops.get(stop) }.is_some_and(|stop| stop.standing == Standing::Excluded);
-            if !excluded {
-                continue;
-            }
-            let fits = self.leg_residual(stop).is_ok_and(|leg| {
-                leg.degrees_of_freedom > 0 && leg.chi_squared < lit(READMITTED * READMITTED)
-            });
-            if fits && let Some(stop) = self.stops.get_mut(stop) {
-                stop.standing = Standing::Counts;
-                back += 1;
-            }
+        if let Some(sight) = self.sights.get_mut(n) {
+            sight.standing = Standing::Counts;
         }
-        back
+        if sight.standing == Standing::Distrusted
+            && let Some(camera) = self.cameras.get_mut(usize::from(sight.camera))
+        {
+            // It was moved later.
+            camera.moved = Some(sight.stop.saturating_add(1));
+        }
+        true
+    }
+
+    fn readmit_leg(&mut self, stop: usize) -> bool {
+        let fits = self.leg_residual(stop).is_ok_and(|leg| {
+            leg.degrees_of_freedom > 0 && leg.chi_squared < lit(READMITTED * READMITTED)
+        });
+        if let Some(stop) = self.stops.get_mut(stop).filter(|_| fits) {
+            stop.standing = Standing::Counts;
+        }
+        fits
     }
 }
 

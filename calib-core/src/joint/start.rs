@@ -7,13 +7,14 @@
 use nalgebra::{Matrix2, Point2, Vector2};
 
 use super::{
-    JointError, Prior,
+    Prior,
+    descent::Descent,
     problem::{Common, Problem, Sight, Standing},
 };
 use crate::{
     Ray, Real, Refusal, angle,
     fit::{Fit, one_in_a_thousand},
-    numerics::plane::quarter_turn,
+    numerics::plane::{self, quarter_turn},
     numerics::real::lit,
     reference::{self, Known, ReferenceSettings, ReferenceSolution, Stop},
 };
@@ -31,7 +32,7 @@ const ALL: [u16; 2] = [0, u16::MAX];
 const VAGUE: f64 = 0.3;
 
 /// One answer of the reference solve.
-#[derive(Clone, Copy)]
+#[derive(Clone, Copy, Debug)]
 struct Start<T: Real> {
     headings: [T; 2],
     carrier: Vector2<T>,
@@ -42,35 +43,218 @@ struct Start<T: Real> {
     cost: T,
 }
 
+/// A start under way.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Starting<T: Real> {
+    /// The first stop of those that are tried alone; none yet while all are.
+    window: Option<usize>,
+    /// Which of [`TAKEN`] is tried.
+    taken: usize,
+    trial: Trial,
+    best: Start<T>,
+    other: Option<Start<T>>,
+    descent: Descent<T>,
+    /// Why these stops give no start, for the first of [`TAKEN`].
+    failure: Option<Refusal>,
+    /// Why all stops together give none.
+    why: Refusal,
+}
+
+#[derive(Clone, Copy, Debug)]
+enum Trial {
+    /// What does the reference solve say?
+    Proposing,
+    Best,
+    Other,
+    /// The better of both once more.
+    Better,
+}
+
+/// Whether scale and compass are taken from the priors. A carrier far off them has its own sightings
+/// against it: they tell scale and compass too.
+const TAKEN: [[bool; 2]; 4] = [[true, true], [false, true], [true, false], [false; 2]];
+
 impl<T: Real> Problem<'_, T> {
     /// Headings of the references, and places of all stops: from all that both references saw or, if
     /// that contradicts itself, from any few stops in a row that agree. What is wrong elsewhere is
     /// then found by those who look for it.
-    ///
-    /// # Errors
-    /// [`JointError::Start`]: why the references' own sightings do not carry a start.
-    #[inline(never)] // size
-    pub(super) fn start(&mut self) -> Result<(), JointError> {
+    pub(super) fn begin_starting(&mut self) -> Starting<T> {
         for camera in self.cameras.iter_mut() {
             camera.column = None;
         }
-        let mut started = self.start_within(ALL);
-        if let Err(Refusal::Inconsistent | Refusal::DidNotConverge) = started {
-            for first in 0..self.stops.len() {
-                let Some(window) = self.window(first) else {
-                    continue;
-                };
-                if self.start_within(window).is_ok() {
-                    started = Ok(());
-                    break;
+        self.common.window = ALL;
+        Starting {
+            window: None,
+            taken: 0,
+            trial: Trial::Proposing,
+            best: Start {
+                headings: [T::zero(); 2],
+                carrier: Vector2::zeros(),
+                stop: 0,
+                place: Point2::origin(),
+                cost: T::zero(),
+            },
+            other: None,
+            descent: Descent::new(),
+            failure: None,
+            why: Refusal::TooFew,
+        }
+    }
+
+    /// One reference solve, or one pass over the references' bearings.
+    ///
+    /// # Errors
+    /// Why the references' own sightings do not carry a start.
+    pub(super) fn step_start(&mut self, starting: &mut Starting<T>) -> Option<Result<(), Refusal>> {
+        match self.step_trial(starting)? {
+            Ok(()) => {
+                self.end_start();
+                Some(Ok(()))
+            }
+            Err(why) => {
+                // The reason that holds for what is known.
+                starting.failure = starting.failure.or(Some(why));
+                starting.trial = Trial::Proposing;
+                starting.taken += 1;
+                if starting.taken < TAKEN.len() {
+                    return None;
                 }
+                self.next_window(starting)
             }
         }
+    }
+
+    fn next_window(&mut self, starting: &mut Starting<T>) -> Option<Result<(), Refusal>> {
+        let failure = starting.failure.take().unwrap_or(Refusal::TooFew);
+        let from = match starting.window {
+            Some(before) => before + 1,
+            None => {
+                starting.why = failure;
+                let contradicts = [Refusal::Inconsistent, Refusal::DidNotConverge];
+                if contradicts.contains(&failure) {
+                    0
+                } else {
+                    self.stops.len()
+                }
+            }
+        };
+        starting.taken = 0;
+        for first in from..self.stops.len() {
+            if let Some(window) = self.window(first) {
+                self.common.window = window;
+                starting.window = Some(first);
+                return None;
+            }
+        }
+        self.end_start();
+        Some(Err(starting.why))
+    }
+
+    fn end_start(&mut self) {
         self.common.window = ALL;
         for mark in 0..self.marks.len() {
             self.find_mark(mark);
         }
-        started.map_err(JointError::Start)
+        self.find_all_unmeasured();
+    }
+
+    fn step_trial(&mut self, starting: &mut Starting<T>) -> Option<Result<(), Refusal>> {
+        if let Trial::Proposing = starting.trial {
+            return self.propose(starting).err().map(Err);
+        }
+        let tried = self.step_descent(&mut starting.descent)?;
+        let Starting { best, other, .. } = starting;
+        match (starting.trial, tried, *other) {
+            (Trial::Best, Ok(cost), Some(other)) => {
+                best.cost = cost;
+                starting.trial = Trial::Other;
+                self.begin_descent(&other, &mut starting.descent);
+                return None;
+            }
+            (Trial::Other, tried, Some(other)) => {
+                // The better one may not be the one that the reference solve took for it, which does
+                // not know how legs add up.
+                if let Ok(cost) = tried {
+                    if (cost - best.cost).abs() < one_in_a_thousand(1) {
+                        return Some(Err(Refusal::Undetermined));
+                    }
+                    if cost < best.cost {
+                        *best = other;
+                    }
+                }
+                starting.trial = Trial::Better;
+                self.begin_descent(best, &mut starting.descent);
+                return None;
+            }
+            (_, Ok(cost), _) => best.cost = cost,
+            (_, Err(why), _) => return Some(Err(why)),
+        }
+        let fit = Fit {
+            chi_squared: best.cost,
+            degrees_of_freedom: self.redundancy(),
+        };
+        Some(if fit.is_bad() {
+            Err(Refusal::Inconsistent)
+        } else {
+            Ok(())
+        })
+    }
+
+    fn propose(&mut self, starting: &mut Starting<T>) -> Result<(), Refusal> {
+        let Common {
+            baseline,
+            scale_prior,
+            compass_prior,
+            ..
+        } = *self.common;
+        let is_known = |prior: Prior<T>| prior.sigma < lit(VAGUE);
+        let [mut takes_scale, mut takes_compass] = [false; 2];
+        while let Some(taken) = TAKEN.get(starting.taken) {
+            [takes_scale, takes_compass] = *taken;
+            if (!takes_scale || is_known(scale_prior))
+                && (!takes_compass || is_known(compass_prior))
+            {
+                break;
+            }
+            starting.taken += 1;
+        }
+        let common = &mut *self.common;
+        common.carrier = Vector2::new(scale_prior.mean, compass_prior.mean);
+        let (best, other) = self.proposals(&Known {
+            baseline: takes_scale.then_some(baseline),
+            frame_heading: takes_compass.then_some(T::zero()),
+        })?;
+        (starting.best, starting.other) = (best, other);
+        starting.trial = Trial::Best;
+        self.begin_descent(&best, &mut starting.descent);
+        Ok(())
+    }
+
+    fn begin_descent(&mut self, start: &Start<T>, descent: &mut Descent<T>) {
+        self.common.carrier = start.carrier;
+        for (camera, heading) in self.cameras.iter_mut().zip(start.headings) {
+            camera.value.z = heading;
+            camera.value.w = T::zero();
+        }
+        self.reckon(start.stop, start.place);
+        *descent = Descent::new();
+    }
+
+    /// A pass over the references' bearings alone: chi squared at the end.
+    fn step_descent(&mut self, descent: &mut Descent<T>) -> Option<Result<T, Refusal>> {
+        let descended = self.descend(descent)?;
+        // In front of both, or it is the wrong one of two solutions.
+        let quarter = T::frac_pi_2();
+        let behind = |sight: &Sight<T>| {
+            let row = self.sight_row(sight);
+            sight.is_bearing()
+                && row.is_some_and(|row| !((row.residual * sight.sigma).abs() < quarter))
+        };
+        let mut counting = { self.sights.iter() }.filter(|s| s.standing == Standing::Counts);
+        if descended.is_ok() && counting.any(behind) {
+            return Some(Err(Refusal::TargetBehind));
+        }
+        Some(descended)
     }
 
     /// A few common stops in a row from one on; `None` if it is none, or there are too few.
@@ -81,94 +265,6 @@ impl<T: Real> Problem<'_, T> {
         let begins = common.next() == Some(first);
         let last = common.nth(WINDOW - 2).filter(|_| begins)?;
         Some([u16::try_from(first).ok()?, u16::try_from(last).ok()?])
-    }
-
-    fn start_within(&mut self, window: [u16; 2]) -> Result<(), Refusal> {
-        self.common.window = window;
-        let Common {
-            baseline,
-            scale_prior,
-            compass_prior,
-            ..
-        } = *self.common;
-        let is_known = |prior: Prior<T>| prior.sigma < lit(VAGUE);
-        // A carrier far off its priors has its own sightings against it: they tell scale and
-        // compass too.
-        let mut failure = None;
-        for [takes_scale, takes_compass] in [[true, true], [false, true], [true, false], [false; 2]]
-        {
-            if (takes_scale && !is_known(scale_prior))
-                || (takes_compass && !is_known(compass_prior))
-            {
-                continue;
-            }
-            match self.start_from(&Known {
-                baseline: takes_scale.then_some(baseline),
-                frame_heading: takes_compass.then_some(T::zero()),
-            }) {
-                Ok(()) => return Ok(()),
-                // The reason that holds for what is known.
-                Err(why) => failure = failure.or(Some(why)),
-            }
-        }
-        Err(failure.unwrap_or(Refusal::TooFew))
-    }
-
-    fn start_from(&mut self, known: &Known<T>) -> Result<(), Refusal> {
-        self.forget_carrier();
-        let (mut best, alternative) = self.proposals(known)?;
-        best.cost = self.try_out(&best)?;
-        if let Some(other) = alternative
-            && let Ok(cost) = self.try_out(&other)
-        {
-            // The better one may not be the one that the reference solve took for it, which does
-            // not know how legs add up.
-            if (cost - best.cost).abs() < one_in_a_thousand(1) {
-                return Err(Refusal::Undetermined);
-            }
-            if cost < best.cost {
-                best = Start { cost, ..other };
-            }
-            self.try_out(&best)?;
-        }
-        let fit = Fit {
-            chi_squared: best.cost,
-            degrees_of_freedom: self.redundancy(),
-        };
-        if fit.is_bad() {
-            return Err(Refusal::Inconsistent);
-        }
-        Ok(())
-    }
-
-    fn forget_carrier(&mut self) {
-        let common = &mut *self.common;
-        common.carrier = Vector2::new(common.scale_prior.mean, common.compass_prior.mean);
-    }
-
-    /// Passes over the references' bearings alone. Tells chi squared.
-    fn try_out(&mut self, start: &Start<T>) -> Result<T, Refusal> {
-        self.common.carrier = start.carrier;
-        for (camera, heading) in self.cameras.iter_mut().zip(start.headings) {
-            camera.value.z = heading;
-        }
-        self.reckon(start.stop, start.place);
-        let (cost, _) = self.converge()?;
-        // In front of both, or it is the wrong one of two solutions.
-        let quarter = T::frac_pi_2();
-        let behind = |sight: &Sight<T>| {
-            let row = self.sight_row(sight);
-            row.is_some_and(|row| !((row.residual * sight.sigma).abs() < quarter))
-        };
-        if self
-            .sights
-            .iter()
-            .filter(|s| s.standing == Standing::Counts)
-            .any(behind)
-        {
-            return Err(Refusal::TargetBehind);
-        }
-        Ok(cost)
     }
 
     /// All stops by dead reckoning from one.
@@ -195,6 +291,34 @@ impl<T: Real> Problem<'_, T> {
         if let Some(place) = before.map(|before| before.place) {
             let at = place + self.way_to(stop);
             self.put(stop, at);
+        }
+    }
+
+    /// Places that ranges tell.
+    pub(super) fn find_all_unmeasured(&mut self) {
+        for stop in 0..self.stops.len() {
+            self.find_unmeasured(stop);
+        }
+    }
+
+    /// The place of a stop, the way to which was not measured, from bearing and range of one camera.
+    pub(super) fn find_unmeasured(&mut self, stop: usize) {
+        let is_measured = |stop: &super::problem::Stop<T>| stop.root != [T::zero(); 3];
+        if self.stops.get(stop).is_none_or(is_measured) {
+            return;
+        }
+        let by_range = |range: &Sight<T>| {
+            let camera = usize::from(range.camera);
+            let is_range = !range.is_bearing() && usize::from(range.stop) == stop;
+            if !is_range || !self.is_estimated(camera) {
+                return None;
+            }
+            let pose = self.camera(camera)?;
+            let (bearing, _) = self.seen_by(stop, camera)?;
+            Some(pose.xy() + plane::unit(pose.z + bearing) * range.value)
+        };
+        if let Some(place) = self.sights.iter().find_map(by_range) {
+            self.put(stop, place.into());
         }
     }
 
@@ -258,7 +382,9 @@ impl<T: Real> Problem<'_, T> {
             compass_prior,
             ..
         } = *self.common;
-        let outcome = reference::solve(stops, known, &ReferenceSettings::default())?;
+        // By reference: large, and moved it would be on the stack twice.
+        let solved = reference::solve(stops, known, &ReferenceSettings::default());
+        let outcome = solved.as_ref().map_err(|why| *why)?;
         let start = |solution: &ReferenceSolution<T>| {
             // The baseline as the carrier would measure it, over its length.
             let stretch = solution.baseline / baseline;
@@ -316,9 +442,10 @@ impl<T: Real> Problem<'_, T> {
         let sight = self.sights.iter().find(|sight| {
             usize::from(sight.stop) == stop
                 && usize::from(sight.camera) == camera
+                && sight.is_bearing()
                 && (first..=last).contains(&sight.stop)
                 && sight.standing == Standing::Counts
         })?;
-        Some((sight.bearing, sight.sigma))
+        Some(self.bearing_at(sight))
     }
 }

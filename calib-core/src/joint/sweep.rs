@@ -9,7 +9,8 @@
 use nalgebra::Vector2;
 
 use super::problem::{
-    COMPASS, HEADINGS, HELD, LEAVING, LegRow, NEXT, Problem, REFERENCES, SCALE, Standing, Visit,
+    COMPASS, HEADINGS, HELD, KEPT, LEAVING, LegRow, NEXT, Problem, REFERENCES, SCALE, Standing,
+    Visit,
 };
 use super::triangle::{Triangle, packed};
 use crate::Real;
@@ -112,6 +113,16 @@ impl<T: Real> Sweep<'_, '_, T> {
             self.put(column, &[weight]);
             self.insert((value - prior.mean) * weight);
         }
+        let Some(sigma) = self.problem.common.lens_prior else {
+            return;
+        };
+        let weight = sigma.recip();
+        for (n, camera) in self.problem.cameras.iter().enumerate() {
+            if let Some(column) = self.problem.columns(n).and_then(|columns| columns.lens) {
+                self.put(column, &[weight]);
+                self.insert(camera.value.w * weight);
+            }
+        }
     }
 
     /// The bearings of a stop, and its visit to a mark.
@@ -127,14 +138,17 @@ impl<T: Real> Sweep<'_, '_, T> {
             let Some(row) = problem.sight_row(sight) else {
                 continue;
             };
-            let Some((place, heading)) = problem.columns(usize::from(sight.camera)) else {
+            let Some(columns) = problem.columns(usize::from(sight.camera)) else {
                 continue;
             };
             self.put(column, row.by_place.as_slice());
-            if let Some(place) = place {
+            if let Some(place) = columns.place {
                 self.put(place, (-row.by_place).as_slice());
             }
-            self.put(heading, &[row.by_heading]);
+            self.put(columns.heading, &[row.by_heading]);
+            if let Some(lens) = columns.lens {
+                self.put(lens, &[row.by_lens]);
+            }
             self.insert(row.residual);
         }
         for visit in problem.visits {
@@ -199,7 +213,9 @@ impl<T: Real> Sweep<'_, '_, T> {
             // From the diagonal on: the rest of its own two columns, two that become free, and what
             // both have in common.
             leaving.fill(T::zero());
-            let (own, others) = next.split_at_mut(2 - axis);
+            let Some((own, others)) = next.split_at_mut_checked(2 - axis) else {
+                return;
+            };
             for (to, from) in leaving.iter_mut().zip(&*own) {
                 *to = *from;
             }
@@ -243,12 +259,17 @@ impl<T: Real> Problem<'_, T> {
         let numbers = &*self.workspace;
         let last = Vector2::new(at(numbers, HELD), at(numbers, HELD + 1));
         self.common.carrier_step = Vector2::new(at(numbers, SCALE), at(numbers, COMPASS));
+        let has_lens = self.common.lens_prior.is_some();
         for (n, camera) in self.cameras.iter_mut().enumerate() {
             camera.step.fill(T::zero());
             if n < REFERENCES {
                 camera.step.z = at(numbers, HEADINGS + n);
+                if has_lens {
+                    camera.step.w = at(numbers, KEPT + n);
+                }
             } else if let Some(column) = camera.column.map(usize::from) {
-                for (axis, step) in camera.step.iter_mut().enumerate() {
+                let axes = if has_lens { 4 } else { 3 };
+                for (axis, step) in camera.step.iter_mut().enumerate().take(axes) {
                     *step = at(numbers, column + axis);
                 }
             }
@@ -306,7 +327,9 @@ impl<T: Real> Problem<'_, T> {
                 continue;
             };
             let step = camera.step;
-            let known = row.residual - row.by_place.dot(&step.xy()) + row.by_heading * step.z;
+            let known = row.residual - row.by_place.dot(&step.xy())
+                + row.by_heading * step.z
+                + row.by_lens * step.w;
             add(chain, &[row.by_place.x, row.by_place.y, -known]);
         }
         for visit in self.visits {

@@ -33,6 +33,18 @@ impl<T: Real> Row<T> {
     }
 }
 
+/// The sightings that are not dropped; an empty slice drops none.
+pub(crate) fn kept<'a, T: Real>(
+    sightings: &'a [Sighting<T>],
+    dropped: &'a [bool],
+) -> impl Iterator<Item = &'a Sighting<T>> {
+    let dropped = dropped.iter().copied().chain(core::iter::repeat(false));
+    sightings
+        .iter()
+        .zip(dropped)
+        .filter_map(|(sighting, dropped)| (!dropped).then_some(sighting))
+}
+
 /// Derivatives of a bearing by the camera's x, y and heading.
 #[inline]
 pub(crate) fn slope<T: Real>(to_target: Vector2<T>) -> Vector3<T> {

@@ -2,7 +2,11 @@
 
 use nalgebra::{Point2, Vector3};
 
-use super::{Solution, information::Row, three_point};
+use super::{
+    Solution,
+    information::{Row, kept},
+    three_point,
+};
 use crate::{
     Pose, Real, Refusal, Sighting,
     numerics::{
@@ -49,15 +53,7 @@ pub(super) fn squared_sigmas<T: Real>(sighting: &Sighting<T>, pose: &Pose<T>) ->
 
 impl<T: Real> Bearings<'_, T> {
     fn kept(&self) -> impl Iterator<Item = &Sighting<T>> {
-        let dropped = self
-            .dropped
-            .iter()
-            .copied()
-            .chain(core::iter::repeat(false));
-        self.sightings
-            .iter()
-            .zip(dropped)
-            .filter_map(|(s, dropped)| (!dropped).then_some(s))
+        kept(self.sightings, self.dropped)
     }
 }
 

@@ -7,7 +7,7 @@ use test_support::{
     walk::{CarrierErrors, Visited, Walk},
 };
 
-use crate::support::{Joint, WIDE, add, filled, prior};
+use crate::support::{Joint, WIDE, add, filled, number, prior, through_lenses};
 
 const CASES: [(&str, CarrierErrors); 3] = [
     ("unknown carrier", CarrierErrors::UNKNOWN),
@@ -49,6 +49,18 @@ fn off<T: calib_core::Real + Into<f64>>(joint: &mut Joint<T>, walk: &Walk) -> (f
     let c = carrier.covariance;
     compare(carrier.scale.into() - expected.x, c.m11, covariance.m11);
     compare(carrier.compass.into() - expected.y, c.m22, covariance.m22);
+    for camera in (0..walk.cameras.len()).filter(|&camera| taken[camera]) {
+        if walk.lens_sigma > 0.0 {
+            let lens = joint.lens(camera).unwrap();
+            let (expected, variance) = batch.lens(camera);
+            let sigma: f64 = lens.sigma.into();
+            compare(
+                lens.scale.into() - expected,
+                number(sigma * sigma),
+                variance,
+            );
+        }
+    }
     let references = joint.reference_headings().unwrap();
     let (expected, covariance) = batch.pair(2);
     let c = references.covariance;
@@ -107,6 +119,51 @@ fn equals_the_dense_batch_with_closed_loops() {
             closed < open.stop(11).1.m11,
             "{seed}: a closed loop tells something"
         );
+    }
+}
+
+/// With a range for every bearing.
+#[test]
+fn equals_the_dense_batch_with_ranges() {
+    for seed in 0..6 {
+        let errors = CarrierErrors::UNKNOWN;
+        let mut walk = Walk::random(&mut generator(seed), 9, 20, errors, 0.0024);
+        walk.range(&mut generator(seed), 0.03);
+        let mut joint = filled::<f64>(&walk, WIDE);
+        joint.solve().unwrap();
+        let (worst, worst_sigma) = off(&mut joint, &walk);
+        assert!(
+            worst < 1e-3 && worst_sigma < 1e-3,
+            "{seed}: {worst:e}, {worst_sigma:e}"
+        );
+    }
+}
+
+/// With every lens some percent off, and estimated; in double and in single precision.
+#[test]
+fn equals_the_dense_batch_with_lenses() {
+    for (name, errors) in CASES {
+        for seed in 0..6 {
+            let walk = through_lenses(
+                Walk::random(&mut generator(seed), 9, 20, errors, 0.0024),
+                seed,
+            );
+            let mut joint = filled::<f64>(&walk, WIDE);
+            let solution = joint.solve().unwrap();
+            let (worst, worst_sigma) = off(&mut joint, &walk);
+            assert!(
+                worst < 1e-3 && worst_sigma < 1e-3,
+                "{name} {seed}: {worst:e}, {worst_sigma:e}"
+            );
+            assert!(solution.cameras >= 7, "{name} {seed}: {solution:?}");
+            let mut single = filled::<f32>(&walk, WIDE);
+            single.solve().unwrap();
+            let (worst, worst_sigma) = off(&mut single, &walk);
+            assert!(
+                worst < 0.05 && worst_sigma < 0.005,
+                "{name} {seed}: {worst:e}, {worst_sigma:e}"
+            );
+        }
     }
 }
 

@@ -2,16 +2,16 @@
 
 use calib_core::{
     Limits, Refusal,
-    joint::{JointError, JointEstimator, JointSettings, Leg, Prior, workspace},
+    joint::{JointError, JointSettings, Leg, Prior},
 };
 use nalgebra::{Matrix2, Point2, Vector2};
 use proptest::prelude::*;
 use test_support::{
     generator, turn,
-    walk::{CarrierErrors, Walk, WalkedLeg},
+    walk::{CarrierErrors, SeenAt, Walk, WalkedLeg},
 };
 
-use crate::support::{Joint, WIDE, filled};
+use crate::support::{Joint, WIDE, filled, memory};
 
 /// What would be measured without noise.
 fn exact(seed: u64, scale: f64, compass: f64) -> Walk {
@@ -90,12 +90,11 @@ proptest! {
         ordinary in prop::collection::vec(-3.0_f32..3.0, 60),
         share in 0.0_f32..1.0,
     ) {
-        type Small = JointEstimator<f32, 4, 8, 20, 1, { workspace(4, 1) }>;
         let mut next = numbers.iter().zip(&ordinary).cycle().map(|(wild, tame)| {
             if tame.abs() < 3.0 * share { *tame } else { *wild }
         });
         let mut number = || next.next().unwrap();
-        let Ok(mut joint) = Small::new(number(), JointSettings::default()) else { return Ok(()) };
+        let Ok(mut joint) = Joint::new(memory::<f32>(4, 8, 20, 1), number(), JointSettings::default()) else { return Ok(()) };
         for stop in 0..6 {
             let leg = Leg {
                 displacement: Vector2::new(number(), number()),
@@ -222,7 +221,7 @@ fn what_is_not_a_measurement_is_not_taken() {
     let settings = JointSettings::<f64>::default();
     for baseline in [0.0, -1.0, f64::NAN, f64::INFINITY] {
         assert_eq!(
-            Joint::new(baseline, settings).err(),
+            Joint::new(memory::<f64>(2, 1, 1, 0), baseline, settings).err(),
             Some(JointError::NotFinite)
         );
     }
@@ -233,10 +232,12 @@ fn what_is_not_a_measurement_is_not_taken() {
         },
         ..settings
     };
-    assert_eq!(Joint::new(1.0, unsure).err(), Some(JointError::NotFinite));
+    assert_eq!(
+        Joint::new(memory::<f64>(2, 1, 1, 0), 1.0, unsure).err(),
+        Some(JointError::NotFinite)
+    );
 
-    let mut joint =
-        JointEstimator::<f64, 3, 2, 2, 1, { workspace(3, 1) }>::new(1.0, settings).unwrap();
+    let mut joint = Joint::new(memory::<f64>(3, 2, 2, 1), 1.0, settings).unwrap();
     let leg = |xx: f64, x: f64| Leg {
         displacement: Vector2::new(x, 0.0),
         covariance: Matrix2::new(xx, 0.0, 0.0, 1.0),
@@ -267,4 +268,61 @@ fn what_is_not_a_measurement_is_not_taken() {
     assert_eq!(joint.add_bearing(0, 0, 0.1, 0.1), Ok(()));
     assert_eq!(joint.add_bearing(0, 1, 0.1, 0.1), Ok(()));
     assert_eq!(joint.add_bearing(0, 2, 0.1, 0.1), Err(JointError::Full));
+}
+
+/// Bearings from a stop on go to the other camera, those that are told late too.
+#[test]
+fn a_split_camera_is_two() {
+    let walk = Walk::random(&mut generator(11), 8, 24, CarrierErrors::UNKNOWN, 0.0024);
+    let camera = (2..8).max_by_key(|&camera| walk.seen_by(camera)).unwrap();
+    let from = 12;
+    let mut renamed = walk.clone();
+    for seen in &mut renamed.bearings {
+        if seen.camera == camera && seen.stop >= from {
+            seen.camera = 9;
+        }
+    }
+    let mut expected = filled::<f64>(&renamed, WIDE);
+    expected.solve().unwrap();
+
+    // One of its bearings is told after the split, one of before the move too.
+    let is_late = |seen: &&SeenAt| seen.camera == camera;
+    let late: Vec<_> = walk
+        .bearings
+        .iter()
+        .filter(is_late)
+        .step_by(3)
+        .copied()
+        .collect();
+    let mut early = walk.clone();
+    early.bearings.retain(|seen| {
+        { late.iter() }.all(|late| (late.stop, late.camera) != (seen.stop, seen.camera))
+    });
+    let mut joint = filled::<f64>(&early, WIDE);
+    joint.solve().unwrap();
+    joint.split(camera, from, 9).unwrap();
+    for seen in &late {
+        joint
+            .add_bearing(seen.stop, seen.camera, seen.bearing, seen.sigma)
+            .unwrap();
+    }
+    joint.solve().unwrap();
+    for camera in [camera, 9] {
+        let (a, b) = (joint.pose(camera), expected.pose(camera));
+        assert_eq!(a.is_ok(), b.is_ok(), "{camera}");
+        let (Ok(a), Ok(b)) = (a, b) else { continue };
+        assert!((a.position - b.position).norm() < 1e-3 * a.sigma_position());
+    }
+    assert!(joint.pose(9).is_ok());
+
+    for (camera, into, why) in [
+        (16, 10, JointError::Unknown),
+        (3, 16, JointError::Unknown),
+        (3, 1, JointError::Taken),
+        (3, 4, JointError::Taken),
+        (10, 10, JointError::Taken),
+        (3, 9, JointError::Taken),
+    ] {
+        assert_eq!(joint.split(camera, 5, into), Err(why), "{camera} {into}");
+    }
 }

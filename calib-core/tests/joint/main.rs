@@ -4,4 +4,7 @@ mod batch;
 mod consistency;
 mod faults;
 mod geometry;
+mod lenses;
+mod ranges;
+mod rounds;
 mod support;

@@ -2,14 +2,36 @@
 
 use calib_core::{
     Limits, Real,
-    joint::{JointEstimator, JointSettings, Leg, Prior, workspace},
+    joint::{JointEstimator, JointMemory, JointSettings, Leg, Prior, workspace_with_lenses},
 };
-use test_support::walk::{CarrierErrors, Walk};
+use test_support::{
+    generator, normal,
+    walk::{CarrierErrors, Walk},
+};
 
 pub(crate) const CAMERAS: usize = 16;
 pub(crate) const MARKS: usize = 3;
-pub(crate) type Joint<T> =
-    JointEstimator<T, CAMERAS, 64, 800, MARKS, { workspace(CAMERAS, MARKS) }>;
+pub(crate) type Joint<T> = JointEstimator<'static, T>;
+
+/// Memory that the test keeps to its end.
+pub(crate) fn memory<T: Real>(
+    cameras: usize,
+    stops: usize,
+    bearings: usize,
+    marks: usize,
+) -> JointMemory<'static, T> {
+    fn kept<V: Default + Clone>(count: usize) -> &'static mut [V] {
+        vec![V::default(); count].leak()
+    }
+    JointMemory {
+        cameras: kept(cameras),
+        stops: kept(stops),
+        bearings: kept(bearings),
+        marks: kept(marks),
+        visits: kept(2 * marks),
+        workspace: vec![T::zero(); workspace_with_lenses(cameras, marks)].leak(),
+    }
+}
 
 /// Limits that keep nobody out.
 pub(crate) const WIDE: Limits<f64> = Limits {
@@ -37,12 +59,19 @@ pub(crate) fn filled<T: Real>(walk: &Walk, limits: Limits<f64>) -> Joint<T> {
             mean: T::zero(),
             sigma: number(walk.errors.compass),
         },
+        standing: T::zero(),
+        lens: (walk.lens_sigma > 0.0).then(|| number(walk.lens_sigma)),
         limits: Limits {
             position: number(limits.position),
             heading: number(limits.heading),
         },
     };
-    let mut joint = Joint::new(number(walk.cameras[1].x), settings).unwrap();
+    let mut joint = Joint::new(
+        memory(CAMERAS, 64, 800, MARKS),
+        number(walk.cameras[1].x),
+        settings,
+    )
+    .unwrap();
     for stop in 0..walk.places.len() {
         add(&mut joint, walk, stop);
     }
@@ -64,9 +93,24 @@ pub(crate) fn add<T: Real>(joint: &mut Joint<T>, walk: &Walk, stop: usize) {
             .add_bearing(stop, seen.camera, number(seen.bearing), number(seen.sigma))
             .unwrap();
     }
+    for seen in walk.ranges.iter().filter(|seen| seen.stop == stop) {
+        joint
+            .add_range(stop, seen.camera, number(seen.range), number(seen.sigma))
+            .unwrap();
+    }
     for visit in walk.visits.iter().filter(|visit| visit.stop == stop) {
         joint
             .add_visit(stop, visit.mark, number(visit.sigma))
             .unwrap();
     }
+}
+
+/// The same walk with lenses that are 2 % off at one sigma, and known to be no better.
+pub(crate) fn through_lenses(mut walk: Walk, seed: u64) -> Walk {
+    let mut rng = generator(seed ^ 0x1e45);
+    walk.lens_sigma = 0.02;
+    for camera in 0..walk.cameras.len() {
+        walk.look_through(camera, 1.0 + walk.lens_sigma * normal(&mut rng));
+    }
+    walk
 }

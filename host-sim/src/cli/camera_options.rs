@@ -15,7 +15,8 @@ pub(super) const FOR_COLUMNS: &str = "Camera, for pixel columns instead of beari
 pub(super) struct CameraOptions {
     /// Field of view in degrees, from the centre of the first column to that of the last one.
     ///
-    /// There is no default: a wrong field of view makes every pose wrong, and nothing shows it.
+    /// There is no default: a wrong field of view makes every pose wrong. `solve` tells one from four
+    /// sightings of a case on.
     #[arg(long, value_name = "DEGREES", value_parser = values::positive)]
     fov_deg: Option<f64>,
     /// How many columns the camera has [default: 88, or those of a live camera's sensor].
@@ -43,6 +44,11 @@ impl CameraOptions {
     /// How many columns were named.
     pub(super) fn columns(&self) -> Option<u16> {
         self.columns
+    }
+
+    /// The field of view, radians, if a camera was described.
+    pub(super) fn field_of_view(&self) -> Option<f64> {
+        self.fov_deg.map(f64::to_radians)
     }
 
     /// The camera, if one was described, with the usual number of columns if none was named.

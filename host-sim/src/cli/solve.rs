@@ -8,6 +8,7 @@ use std::{
 
 use answers::accuracy::Comparisons;
 use answers::answer::{self, Answer, Reason, Settings, Solver, Tally};
+use answers::lens;
 use answers::plot::{self, Map, MapCamera};
 use answers::recorded::{
     self,
@@ -19,8 +20,9 @@ use answers::report::{
     table::{PoseTable, Words},
 };
 use anyhow::bail;
-use calib_core::Status;
+use calib_core::{Status, camera::Projection, resection::USUAL_LENS_SIGMA};
 use clap::Args;
+use nalgebra::Point2;
 
 use super::{
     camera_options::{CameraOptions, FOR_COLUMNS, USUAL_COLUMNS},
@@ -72,6 +74,12 @@ pub(super) struct Arguments {
     unit: String,
     #[command(flatten, next_help_heading = FOR_COLUMNS)]
     camera: CameraOptions,
+    /// Standard deviation of the lens's focal length, relative to it.
+    #[arg(
+        long, value_name = "SHARE", value_parser = values::positive, requires = "fov_deg",
+        default_value_t = USUAL_LENS_SIGMA
+    )]
+    lens_sigma: f64,
 }
 
 const EPILOGUE: &str = "\
@@ -89,25 +97,31 @@ Examples:
   host-sim solve sightings.csv --truth truth.csv --max-sigma 0.5 --plot map.svg
   host-sim solve blobs.csv --fov-deg 60 --columns 88 --projection equal-angle --json
 
-JSON: case (always a string, as it stands in the file), status, reason (why there is no pose, otherwise null), x, y, heading_rad (0 to 2 pi), sigma_x, sigma_y, sigma_heading_rad (null where
-there is no pose), sightings, dropped, chi_squared (about sightings - dropped - 3 where the sigmas
+JSON: case (always a string, as it stands in the file), status, reason (why there is no pose, or
+why it is doubtful; otherwise null), x, y, heading_rad (0 to 2 pi),
+sigma_x, sigma_y, sigma_heading_rad (null where there is no pose), sightings, dropped, chi_squared (about sightings - dropped - 3 where the sigmas
 are right, null where there is no pose).
 
 Status:
   calibrated  a pose
   weak        a pose whose predicted sigma is above --max-sigma
-  doubtful    a pose that the sightings do not fit: only one in a thousand would fit as badly by
-              chance, so a sighting, the camera or the sigmas given are wrong, and so may be pose and
-              sigmas; three sightings always fit
+  doubtful    a pose that cannot be relied on, nor can its sigmas. Contradictory: the sightings do
+              not fit it; only one in a thousand would fit as badly by chance, so a sighting, the
+              camera or the sigmas given are wrong; three sightings always fit. Ambiguous: they fit
+              another place more than five sigmas off nearly as well
   refused     no pose: a row of the case could not be read (reason unreadable), or the reason why the
               sightings give none
   waiting     no pose: fewer than three sightings
---truth compares poses that are calibrated or doubtful, and counts them as kept.
+With --fov-deg, the cases of four sightings or more are asked together whether they fit that lens.
+Where they do not, the field of view and the projection that fit are told; no pose can be relied on
+before the lens is put right.
+--truth compares poses that are calibrated or contradictory, and counts them as kept.
 Messages, the count of cases and, with --json, the comparison with the truth go to the standard
 error output.
 
 Exit codes:
-  0  every case has its answer, be it a refusal
+  0  every case has its answer, and at least one a pose to rely on (calibrated or weak)
+  1  every case has its answer, but none a pose to rely on, or the lens does not fit
   2  wrong options, or nothing could be read";
 
 pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
@@ -122,12 +136,18 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
         None => None,
     };
     let report = answer_all(arguments, &recording, truths.as_deref())?;
-    print_summary(&report.tally, &file_name(&arguments.file));
+    print_summary(&report, arguments);
     if let Some(path) = &arguments.plot {
         write(path, draw(arguments, &recording, &report.answered))?;
     }
+    let is_lens_off = check_lens(arguments, &recording)?;
     let nothing_read = report.tally.because(Reason::Unreadable) == report.tally.total();
-    Ok(ExitCode::from(if nothing_read { 2 } else { 0 }))
+    let usable = [Status::Calibrated, Status::Weak].map(|status| report.tally.count(status));
+    Ok(ExitCode::from(match usable {
+        _ if nothing_read => 2,
+        [0, 0] => 1,
+        _ => u8::from(is_lens_off),
+    }))
 }
 
 fn read_sightings(arguments: &Arguments) -> anyhow::Result<Recording> {
@@ -165,7 +185,12 @@ struct Report {
     tally: Tally,
     /// Which cases have a pose.
     answered: Vec<usize>,
+    /// Cases that fit another place, which is given here, about as well as their own.
+    ambiguous: Vec<(String, Point2<f64>)>,
 }
+
+/// So many ambiguous cases are told one by one.
+const TOLD: usize = 5;
 
 fn answer_all(
     arguments: &Arguments,
@@ -176,24 +201,29 @@ fn answer_all(
     let mut solver = solver(arguments);
     let mut tally = Tally::default();
     let mut comparisons = Comparisons::default();
-    let mut answered = Vec::new();
+    let (mut answered, mut ambiguous) = (Vec::new(), Vec::new());
     let bar = messages::solving_bar(recording.len());
     for (place, (id, case)) in recording.cases().enumerate() {
         let answer = solver.answer(id, case);
         output.write(&answer)?;
         tally.add(&answer);
         if let Some(solution) = &answer.solution {
-            if let (Some(truths), true) = (truths, answer::is_kept(answer.status)) {
+            if let (Some(truths), true) = (truths, answer.is_kept()) {
                 comparisons.add(&solution.pose, truths.get(place).and_then(Option::as_ref));
             }
             answered.push(place);
         }
+        ambiguous.extend(answer.alternative.map(|other| (id.to_owned(), other)));
         bar.inc(1);
     }
     bar.finish_and_clear();
     let comparison = truths.map(|_| describe(comparisons, &tally, &arguments.unit));
     unless_gone(output.finish(comparison))?;
-    Ok(Report { tally, answered })
+    Ok(Report {
+        tally,
+        answered,
+        ambiguous,
+    })
 }
 
 fn describe(comparisons: Comparisons, tally: &Tally, unit: &str) -> String {
@@ -201,7 +231,7 @@ fn describe(comparisons: Comparisons, tally: &Tally, unit: &str) -> String {
     let sorted = tally.sorted();
     let kept = sorted
         .iter()
-        .filter(|((status, _), _)| answer::is_kept(*status));
+        .filter(|((status, reason), _)| answer::is_kept(*status, *reason));
     let kept: usize = kept.map(|(_, count)| count).sum();
     let share = 100.0 * kept as f64 / all as f64;
     let kept = format!("Kept {share:.1} %: {kept} of {all} cases\n");
@@ -261,7 +291,8 @@ impl Output<'_> {
     }
 }
 
-fn print_summary(tally: &Tally, file: &str) {
+fn print_summary(report: &Report, arguments: &Arguments) {
+    let (tally, file) = (&report.tally, file_name(&arguments.file));
     let counts: Vec<String> = tally
         .sorted()
         .iter()
@@ -279,6 +310,52 @@ fn print_summary(tally: &Tally, file: &str) {
             tell(format_args!("  {}: {advice}", words(what)));
         }
     }
+    for (case, other) in report.ambiguous.iter().take(TOLD) {
+        tell(format_args!(
+            "  {}: ({:.3}, {:.3}) {} fits nearly as well",
+            case, other.x, other.y, arguments.unit
+        ));
+    }
+    if let more @ 1.. = report.ambiguous.len().saturating_sub(TOLD) {
+        tell(format_args!("  and {more} more"));
+    }
+}
+
+/// Tells which lens fits, if that given does not. Whether it does not.
+fn check_lens(arguments: &Arguments, recording: &Recording) -> anyhow::Result<bool> {
+    let given = arguments.camera.field_of_view();
+    let (Some(camera), Some(given)) = (arguments.camera.camera(USUAL_COLUMNS)?, given) else {
+        return Ok(false);
+    };
+    let Some(found) = lens::check(recording, &camera, given, arguments.lens_sigma) else {
+        return Ok(false);
+    };
+    let name = |projection| match projection {
+        Projection::PinHole => "pinhole",
+        Projection::EqualAngle => "equal-angle",
+    };
+    let (view, sigma) = (found.field_of_view, found.field_of_view_sigma);
+    let projection = match found.projection == camera.projection() {
+        true => String::new(),
+        false => format!(
+            " with --projection {}, configured {}",
+            name(found.projection),
+            name(camera.projection())
+        ),
+    };
+    tell(format_args!(
+        "  lens: the field of view fits {:.1} +/- {:.1} deg, configured {}{projection} (chi squared of \
+         {} {} {:.1}, as configured {:.1}): no pose can be relied on before --fov-deg and \
+         --projection are put right, in the cameras' configuration too",
+        view.to_degrees(),
+        sigma.to_degrees(),
+        given.to_degrees(),
+        found.cases,
+        if found.cases == 1 { "case" } else { "cases" },
+        found.chi_squared,
+        found.chi_squared_as_given,
+    ));
+    Ok(true)
 }
 
 fn words((status, reason): (Status, Option<Reason>)) -> Words {

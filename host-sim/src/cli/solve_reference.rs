@@ -86,8 +86,8 @@ Ambiguous: the alternative is not ruled out. Contradictory: only one in a thousa
 the frame heading, the camera or the sigmas given are wrong, and so may be the answer and its sigmas.
 
 Exit codes:
-  0  there is an answer, or two that fit as well as each other
-  1  the stops were read, but have no answer, or only a contradictory one
+  0  there is an answer to rely on
+  1  the stops were read, but have no answer, or only a doubtful one (contradictory or ambiguous)
   2  wrong options, or the file could not be read";
 
 #[derive(Clone, Copy, Default, ValueEnum)]
@@ -149,6 +149,13 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
                  --frame-heading-deg, the camera and the sigmas given, look for a wrong stop, or \
                  stop the target at more places",
                 line.status, best.chi_squared, best.degrees_of_freedom
+            ));
+            ExitCode::from(1)
+        }
+        Ok(outcome) if outcome.alternative.is_some() => {
+            tell(format_args!(
+                "{name}: {}: two answers fit about as well: stop the target at one more place",
+                line.status
             ));
             ExitCode::from(1)
         }

@@ -22,7 +22,9 @@
 //! | frames exchanged by the references (2.3) | [`Message::Bearing`] |
 //! | the target's location told by node 0 (2.6.1) | [`Message::Located`] |
 
-use calib_core::{Limits, Pose, Ray, Refusal, Status, dead_reckoning::Place, fit::Fit};
+use calib_core::{
+    Limits, Pose, Ray, Refusal, Status, dead_reckoning::Place, fit::Fit, joint::ProtectionLevels,
+};
 use nalgebra::{Matrix2, Point2};
 use serde::{Deserialize, Deserializer, Serialize, Serializer, de::Error};
 use zigbee_link::wire::ShortAddress;
@@ -63,7 +65,8 @@ pub enum Message {
     Bearing(StopBearing),
     /// The first reference camera tells a target where it stands.
     Located(TargetLocation),
-    /// The first reference camera tells the second one how far that is: what it solved for it.
+    /// What somebody else solved for a camera: the first reference camera for the second one, or a
+    /// target, from all that was measured, for each one that it knows.
     Posed(Report),
     /// A camera tells how far it is: to the coordinator and to targets.
     Report(Report),
@@ -205,13 +208,15 @@ pub enum Sight {
 }
 
 /// A camera's answer to a stop.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct StopAnswer {
     /// Number of the stop.
     pub stop: StopNumber,
     /// What was seen.
     pub sight: Sight,
+    /// Where, of a target [in view](Sight::InView).
+    pub seen: Option<Seen>,
     /// Sightings the camera has now.
     pub counted: u8,
     /// The camera needs no more stops.
@@ -302,8 +307,47 @@ pub struct Report {
     pub chi_squared: f32,
     /// It needs no more stops.
     pub done: bool,
+    /// A target solved the pose, together with all that was measured in the network: what one wrong
+    /// measurement that nobody noticed could do to it.
+    pub joint: Option<ProtectionLevel>,
     /// What it knows.
     pub state: CameraState,
+}
+
+/// How far a pose may be off although one of the measurements that it rests on is wrong and nobody
+/// noticed. The largest number there is where nothing checks one of them.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct ProtectionLevel {
+    /// The place, in the unit of the site.
+    pub position: f32,
+    /// The heading, radians.
+    pub heading: f32,
+}
+
+impl ProtectionLevel {
+    /// Nothing checks it.
+    pub const NONE: Self = Self {
+        position: f32::MAX,
+        heading: f32::MAX,
+    };
+
+    /// Whether both numbers are finite and not below zero.
+    pub fn is_usable(&self) -> bool {
+        all_finite([&self.position, &self.heading]) && self.position >= 0.0 && self.heading >= 0.0
+    }
+}
+
+impl From<ProtectionLevels<f32>> for ProtectionLevel {
+    fn from(levels: ProtectionLevels<f32>) -> Self {
+        Self {
+            position: levels
+                .position_bearing
+                .max(levels.position_leg)
+                .min(f32::MAX),
+            heading: levels.heading_bearing.max(levels.heading_leg).min(f32::MAX),
+        }
+    }
 }
 
 /// What a camera knows about itself: a [`Status`], and what belongs to it.
@@ -386,7 +430,9 @@ impl CameraState {
 impl Report {
     /// Whether chi squared is finite and not below zero.
     pub fn is_usable(&self) -> bool {
-        self.chi_squared.is_finite() && self.chi_squared >= 0.0
+        self.chi_squared.is_finite()
+            && self.chi_squared >= 0.0
+            && self.joint.is_none_or(|level| level.is_usable())
     }
 
     /// What the camera's pose is worth, or why there is none.

@@ -4,7 +4,7 @@ use super::Unsaved;
 use crate::{
     facts::{Fact, FactKey, KEYS_PER_LIST},
     limits::MEMBERS,
-    message::{MemberAddress, Report},
+    message::{MemberAddress, PoseParts, Report},
 };
 
 /// A member: its report, and what else is known of it.
@@ -130,6 +130,26 @@ impl<T: Default> Reports<T> {
     }
 }
 
+/// Whether a report says so much more than another that others should hear of it.
+pub(crate) fn is_news(old: &Report, new: &Report) -> bool {
+    let (Some(old_pose), Some(new_pose)) = (old.pose(), new.pose()) else {
+        return old.state != new.state || old.done != new.done;
+    };
+    // A tenth less sigma, or a pose that moved by a third of its sigma.
+    let variance = |pose: &PoseParts| pose.covariance[0] + pose.covariance[2];
+    let moved = [0, 1].map(|axis| {
+        let [a, b] =
+            [old_pose, new_pose].map(|pose| pose.position.get(axis).copied().unwrap_or(f32::NAN));
+        (a - b) * (a - b)
+    });
+    old.done != new.done
+        || old.status() != new.status()
+        || old.duty != new.duty
+        || variance(new_pose) < 0.81 * variance(old_pose)
+        || new_pose.covariance[5] < 0.81 * old_pose.covariance[5]
+        || moved[0] + moved[1] > 0.1 * variance(new_pose)
+}
+
 #[cfg(test)]
 mod tests {
     use std::vec::Vec;
@@ -145,6 +165,7 @@ mod tests {
             used: 0,
             chi_squared: 0.0,
             done: false,
+            joint: None,
             state: CameraState::Waiting,
         }
     }

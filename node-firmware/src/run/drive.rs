@@ -69,7 +69,7 @@ pub(super) struct Services<'a, H: Hardware> {
 pub(super) enum AnyDriver<'a> {
     Coordinator(RoleDriver<'a, CoordinatorRole>),
     Camera(RoleDriver<'a, CameraRole>),
-    Target(RoleDriver<'a, TargetRole>),
+    Target(RoleDriver<'a, TargetRole<'a>>),
 }
 
 /// The same with whichever role it is.

@@ -2,6 +2,7 @@
 
 use core::pin::pin;
 
+use calib_core::joint::{BearingStorage, StopStorage, UnknownStorage};
 use embassy_futures::select::{Either, select};
 use flash_log::LogError;
 use zigbee_link::runner::Clock;
@@ -16,7 +17,9 @@ use crate::{
     hardware::{Hardware, StepSensor},
     log::warning,
     message::StopNumber,
-    role::moving_target::{TargetEvent, TargetRole},
+    role::moving_target::{
+        BEARINGS, CAMERAS, EstimateMemory, STOPS, TargetEvent, TargetRole, WORKSPACE,
+    },
 };
 
 /// After a failure of the sensor.
@@ -30,7 +33,21 @@ pub(super) async fn run<H: Hardware>(
 ) -> LogError<FlashError<H>> {
     let clock = services.clock;
     let channels = DeviceChannels::new();
+    // Each on its own: together they would be made on the stack first.
+    let mut cameras = [UnknownStorage::default(); CAMERAS];
+    let mut stops = [StopStorage::default(); STOPS];
+    let mut bearings = [BearingStorage::default(); BEARINGS];
+    let mut workspace = [0.0; WORKSPACE];
+    let mut told = [None; CAMERAS];
+    let memory = EstimateMemory {
+        cameras: &mut cameras,
+        stops: &mut stops,
+        bearings: &mut bearings,
+        workspace: &mut workspace,
+        told: &mut told,
+    };
     let mut role = TargetRole::new(id, *config, first_stop);
+    role.estimate_in(memory);
     let driver = AnyDriver::Target(RoleDriver::new(&mut role, &channels));
     let driven = drive(driver, services);
     let sensed = sense(&mut steps, clock, channels.events.sender());

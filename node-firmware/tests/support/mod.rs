@@ -10,3 +10,4 @@ pub mod bus;
 pub mod flash;
 pub mod net;
 pub mod site;
+pub mod target;

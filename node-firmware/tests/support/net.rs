@@ -19,6 +19,7 @@ use node_firmware::{
 use super::{
     bus::{Air, AnyStation, Faults, Station, run},
     site::{self, CAMERAS, STEP_SIGMAS, STOPS, Shared, Site, Truth, camera_config, target_config},
+    target::target_role,
 };
 
 pub const SECOND: u64 = 1_000_000;
@@ -33,11 +34,12 @@ pub struct Net {
     pub air: Air,
     pub coordinator: Station<CoordinatorRole>,
     pub cameras: Vec<Station<CameraRole>>,
-    pub target: Station<TargetRole>,
+    pub target: Station<TargetRole<'static>>,
     pub told: Rc<RefCell<Vec<ToPc>>>,
     /// How often each camera looked.
     pub looks: Rc<RefCell<Vec<u32>>>,
     pub stops: usize,
+    missteps: [f64; 2],
     site: Shared,
 }
 
@@ -84,7 +86,27 @@ pub fn error(pose: &PoseParts, truth: &Truth) -> Vector3<f64> {
 }
 
 impl Net {
+    /// With a target that reckons, so that cameras are on their own.
     pub fn new(faults: Faults, seed: u64, config: impl Fn(usize) -> CameraConfig) -> Self {
+        // Soon its numbers begin again from zero.
+        Self::with(faults, seed, config, || {
+            TargetRole::new(TARGET, target_config(0), u16::MAX - 2)
+        })
+    }
+
+    /// With a target that estimates everything together, as on boards.
+    pub fn estimating(faults: Faults, seed: u64, config: impl Fn(usize) -> CameraConfig) -> Self {
+        Self::with(faults, seed, config, || {
+            target_role(TARGET, target_config(0), u16::MAX - 2)
+        })
+    }
+
+    fn with(
+        faults: Faults,
+        seed: u64,
+        config: impl Fn(usize) -> CameraConfig,
+        role: fn() -> TargetRole<'static>,
+    ) -> Self {
         let site = Site::new(seed);
         let told = Rc::new(RefCell::new(Vec::new()));
         let looks = Rc::new(RefCell::new(vec![0; CAMERAS.len()]));
@@ -130,12 +152,7 @@ impl Net {
             camera.attach(0);
             camera.event(SECOND, camera::CameraEvent::Ready);
         }
-        let mut target = Station::<TargetRole>::new(
-            TARGET,
-            // Soon its numbers begin again from zero.
-            || TargetRole::new(TARGET, target_config(0), u16::MAX - 2),
-            Box::new(|_, ()| None),
-        );
+        let mut target = Station::<TargetRole<'_>>::new(TARGET, role, Box::new(|_, ()| None));
         target.attach(0);
         let [x, y] = STOPS[0];
         site.borrow_mut().targets.insert(0, Point2::new(x, y));
@@ -148,6 +165,7 @@ impl Net {
             told,
             looks,
             stops: 1,
+            missteps: [0.0; 2],
             site,
         }
     }
@@ -186,9 +204,19 @@ impl Net {
             .extend(what.map(|[x, y]| (camera, Point2::new(x, y))));
     }
 
+    /// Somebody turns a camera to the left, radians.
+    pub fn turn_camera(&mut self, camera: usize, by: f64) {
+        self.site.borrow_mut().turned.insert(camera, by);
+    }
+
     /// A camera's directions are too large by this share from now on.
     pub fn warp(&mut self, camera: usize, share: f64) {
         self.site.borrow_mut().warped.insert(camera, share);
+    }
+
+    /// The step sensor reads so much too far from now on, and so much too far to the left, radians.
+    pub fn missteps(&mut self, scale: f64, turn: f64) {
+        self.missteps = [scale, turn];
     }
 
     /// To the next stop, and what follows there.
@@ -208,8 +236,8 @@ impl Net {
         self.target.event(
             self.now,
             moving_target::TargetEvent::Step(Step {
-                distance: distance as f32,
-                heading: heading as f32,
+                distance: (distance * (1.0 + self.missteps[0])) as f32,
+                heading: (heading + self.missteps[1]) as f32,
                 distance_sigma: STEP_SIGMAS[0] as f32,
                 heading_sigma: STEP_SIGMAS[1] as f32,
             }),

@@ -63,6 +63,8 @@ pub struct Site {
     pub mistaken: BTreeMap<usize, Point2<f64>>,
     /// By how much directions of a camera are too large, as a share.
     pub warped: BTreeMap<usize, f64>,
+    /// Cameras that somebody turned, by so much.
+    pub turned: BTreeMap<usize, f64>,
     seed: u64,
 }
 
@@ -86,6 +88,7 @@ impl Site {
             targets: BTreeMap::new(),
             mistaken: BTreeMap::new(),
             warped: BTreeMap::new(),
+            turned: BTreeMap::new(),
             seed,
         }))
     }
@@ -97,7 +100,7 @@ impl Site {
             return (Sight::NotInView, None);
         };
         let to = target - camera.position;
-        let bearing = to.y.atan2(to.x) - camera.heading;
+        let bearing = to.y.atan2(to.x) - camera.heading - self.turned.get(&n).unwrap_or(&0.0);
         let bearing = (bearing + PI).rem_euclid(2.0 * PI) - PI;
         if bearing.abs() > HALF_VIEW {
             return (Sight::NotInView, None);

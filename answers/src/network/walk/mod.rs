@@ -156,6 +156,8 @@ impl<'a> Walk<'a> {
                 mean: -angle::wrap_signed(heading.unwrap_or_default().to_radians()),
                 sigma: heading.map_or(VAGUE[1], |_| compass_sigma),
             },
+            standing: 0.0,
+            lens: None,
             limits: Limits {
                 position: position * baseline,
                 heading: heading_limit,

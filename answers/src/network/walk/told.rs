@@ -42,12 +42,15 @@ impl Walk<'_> {
         let number = |stop: usize| number(stop).copied().unwrap_or_default();
         solution.findings = { output.findings.iter() }
             .map(|finding| match *finding {
-                Found::Bearing { stop, camera, off } => Finding::Bearing {
-                    target: self.target,
-                    stop: number(stop),
-                    camera: self.cameras[camera],
-                    off,
-                },
+                // No range goes into the estimator.
+                Found::Bearing { stop, camera, off } | Found::Range { stop, camera, off } => {
+                    Finding::Bearing {
+                        target: self.target,
+                        stop: number(stop),
+                        camera: self.cameras[camera],
+                        off,
+                    }
+                }
                 Found::Leg { stop, chi_squared } => Finding::Leg {
                     target: self.target,
                     stop: number(stop),

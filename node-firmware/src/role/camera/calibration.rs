@@ -115,8 +115,16 @@ impl Calibration {
         if !(parts.is_usable() && solution.chi_squared.is_finite()) {
             return Err(Refusal::Undetermined);
         }
+        let state = match CameraState::judged(parts, &fit, limits) {
+            CameraState::Calibrated(_) | CameraState::Weak(_)
+                if self.allow_another_place(common, dropped, &solution.pose, parts) =>
+            {
+                CameraState::Doubtful(parts)
+            }
+            state => state,
+        };
         Ok(Answer {
-            state: CameraState::judged(parts, &fit, limits),
+            state,
             used: solution.used,
             chi_squared: solution.chi_squared,
         })
@@ -130,8 +138,7 @@ impl Calibration {
         common: &KeptSighting,
         dropped: &mut [bool],
     ) -> Result<Solution<f32>, Refusal> {
-        let seen = self.kept.iter().map(|kept| sighting(kept, common));
-        let seen: heapless::Vec<Sighting<f32>, SIGHTINGS> = seen.collect();
+        let seen = self.seen(common);
         match resection::solve_rejecting(&seen, GATE, dropped) {
             // No majority agrees: more likely the camera model or a sigma is wrong than half of
             // the sightings. The residuals tell, and the covariance grows with them.
@@ -141,6 +148,27 @@ impl Calibration {
             }
             other => other,
         }
+    }
+
+    /// Whether another place than this pose's, far beyond the sigmas that are told, would do.
+    // stack
+    #[inline(never)]
+    fn allow_another_place(
+        &self,
+        common: &KeptSighting,
+        dropped: &[bool],
+        pose: &Pose<f32>,
+        told: PoseParts,
+    ) -> bool {
+        let sigma = told.pose().map_or(0.0, |told| told.sigma_position());
+        resection::alternative(&self.seen(common), dropped, pose, sigma).is_some()
+    }
+
+    // size
+    #[inline(never)]
+    fn seen(&self, common: &KeptSighting) -> heapless::Vec<Sighting<f32>, SIGHTINGS> {
+        let seen = self.kept.iter().map(|kept| sighting(kept, common));
+        seen.collect()
     }
 
     /// The same pose with what the stops' places have in common.
@@ -187,7 +215,10 @@ fn sighting(kept: &KeptSighting, common: &KeptSighting) -> Sighting<f32> {
 
 #[cfg(test)]
 mod tests {
-    use calib_core::dead_reckoning::{Systematic, Track};
+    use calib_core::{
+        Status,
+        dead_reckoning::{Systematic, Track},
+    };
     use nalgebra::{Matrix2, Point2};
 
     use super::*;
@@ -209,6 +240,52 @@ mod tests {
             place: track.unwrap().numbered(fix).place(0.0).unwrap(),
             seen,
         }
+    }
+
+    /// A camera at the origin, from `(x, y, bearing)`.
+    fn answer(seen: &[(f32, f32, f32)]) -> Answer {
+        let mut calibration = Calibration::new();
+        for (stop, &(x, y, bearing)) in (0..).zip(seen) {
+            let systematic = Systematic {
+                heading_sigma: 0.0,
+                scale_sigma: 0.0,
+            };
+            let known = Matrix2::from_diagonal_element(1e-6);
+            let track = Track::start(Point2::new(x, y), known, systematic).unwrap();
+            let sigma = 0.0069;
+            calibration.add(KeptSighting {
+                target: 1,
+                stop,
+                place: track.numbered(u32::from(stop)).place(0.0).unwrap(),
+                seen: Seen { bearing, sigma },
+            });
+        }
+        let limits = Limits {
+            position: 0.3,
+            heading: 1.0,
+        };
+        calibration.solve(&limits)
+    }
+
+    /// Near the danger circle noise puts the pose 4.4 units off, right beside a stop, with a sigma of
+    /// 0.2.
+    #[test]
+    fn a_pose_that_another_place_would_do_for_is_doubtful() {
+        let wrong = answer(&[
+            (3.277, -0.846, -0.2451),
+            (3.961, 1.817, 0.4217),
+            (4.017, 1.684, 0.4001),
+        ]);
+        let pose = wrong.state.pose().unwrap().pose().unwrap();
+        assert!(
+            pose.position.x > 3.0 && pose.sigma_position() < 0.25,
+            "{pose}"
+        );
+        assert_eq!(wrong.state.status(), Status::Doubtful);
+
+        let right =
+            [(2.0, 1.0), (4.0, -1.5), (5.0, 1.0)].map(|(x, y): (f32, f32)| (x, y, y.atan2(x)));
+        assert_eq!(answer(&right).state.status(), Status::Calibrated);
     }
 
     /// An error of a fix is one of all stops of that target since that fix, and of no others.

@@ -6,6 +6,7 @@ use zigbee_link::{Instant, wire::ShortAddress};
 
 use super::{
     CameraNotification, CameraRole,
+    progress::is_done,
     reference::{Answer, NotYet, ReferenceFrame, ReferenceStops},
 };
 use crate::{
@@ -289,6 +290,37 @@ impl CameraRole {
     pub(super) fn on_posed(&mut self, now: Instant, solved: &Report) {
         self.cancel_bearings();
         self.on_own_pose(now, Duty::Second, solved);
+    }
+
+    /// A target solved this camera's pose with all that it knows. Of several targets the surer one is
+    /// believed.
+    pub(super) fn on_joint(&mut self, now: Instant, from: MemberAddress, solved: &Report) {
+        let report = *self.progress.report();
+        let variance = |report: &Report| {
+            let pose = report.pose();
+            pose.map_or(f32::INFINITY, |pose| {
+                pose.covariance[0] + pose.covariance[2]
+            })
+        };
+        let is_other = self.solved_by.is_some_and(|by| by != from);
+        if report.joint.is_some() && is_other && variance(solved) > variance(&report) {
+            return;
+        }
+        self.solved_by = Some(from);
+        let state = solved.state.judged_again(&self.config.weak.limits());
+        let sightings = solved.sightings.max(report.sightings);
+        self.update(
+            now,
+            Report {
+                sightings,
+                used: solved.used,
+                chi_squared: solved.chi_squared,
+                done: report.duty.is_some() || is_done(&self.config, sightings.into(), &state),
+                joint: solved.joint,
+                state,
+                ..report
+            },
+        );
     }
 
     // stack

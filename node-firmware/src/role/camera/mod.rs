@@ -145,6 +145,8 @@ pub struct CameraRole {
     progress: Progress,
 
     targets: KnownTargets,
+    /// The target that solved the pose last.
+    solved_by: Option<MemberAddress>,
     notifications: Notifications<CameraNotification, NOTIFICATIONS>,
     outbox: Outbox<CameraNotification, 8>,
     /// The next of its sightings that the coordinator asked for.
@@ -169,6 +171,7 @@ impl CameraRole {
             duty: ReferenceDuty::new(),
             progress: Progress::new(id),
             targets: KnownTargets::new(),
+            solved_by: None,
             notifications: Notifications::new(),
             outbox: Outbox::new(),
             listing: None,
@@ -194,7 +197,10 @@ impl CameraRole {
     fn update(&mut self, now: Instant, report: Report) {
         if self.progress.update(report, &mut self.unsaved) {
             self.notify(CameraNotification::Report(COORDINATOR.0), now);
-            for target in self.targets.addresses() {
+            // The one that solved it knows.
+            let others =
+                |target: &MemberAddress| report.joint.is_none() || self.solved_by != Some(*target);
+            for target in self.targets.addresses().filter(others) {
                 let notification = CameraNotification::Report(target);
                 self.notifications.notify(notification, now);
             }
@@ -332,12 +338,13 @@ impl Role for CameraRole {
                 self.on_bearing(now, bearing);
             }
             Message::Posed(solved)
-                if self.own_duty() == Some(Duty::Second)
-                    && duty_of_sender == Some(Duty::First)
-                    && solved.is_usable()
-                    && solved.pose().is_some_and(PoseParts::is_usable) =>
+                if solved.is_usable() && solved.pose().is_some_and(PoseParts::is_usable) =>
             {
-                self.on_posed(now, solved);
+                if self.own_duty() == Some(Duty::Second) && duty_of_sender == Some(Duty::First) {
+                    self.on_posed(now, solved);
+                } else if solved.joint.is_some() && self.targets.knows(from.0) {
+                    self.on_joint(now, from.0, solved);
+                }
             }
             Message::WhoIsThere if is_coordinator => self.present(now + self.slot()),
             Message::Command(CameraCommand::Forget) if is_coordinator => {

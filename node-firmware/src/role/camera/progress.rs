@@ -7,7 +7,7 @@ use crate::{
     facts::FactKey,
     limits::SIGHTINGS,
     message::{CameraState, Duty, PoseParts, Report},
-    role::Unsaved,
+    role::{Unsaved, is_news},
 };
 
 /// How far a camera is.
@@ -105,6 +105,7 @@ const fn nothing_known(id: u16) -> Report {
         used: 0,
         chi_squared: 0.0,
         done: false,
+        joint: None,
         state: CameraState::Waiting,
     }
 }
@@ -119,24 +120,4 @@ pub(super) fn is_done(config: &CameraConfig, sightings: usize, state: &CameraSta
         || state.status() == Status::Calibrated
             && sightings >= usize::from(config.stops)
             && (!config.refine || config.good_enough.limits().allow(&pose))
-}
-
-/// Whether a report says so much more than another that others should hear of it.
-pub(super) fn is_news(old: &Report, new: &Report) -> bool {
-    let (Some(old_pose), Some(new_pose)) = (old.pose(), new.pose()) else {
-        return old.state != new.state || old.done != new.done;
-    };
-    // A tenth less sigma, or a pose that moved by a third of its sigma.
-    let variance = |pose: &PoseParts| pose.covariance[0] + pose.covariance[2];
-    let moved = [0, 1].map(|axis| {
-        let [a, b] =
-            [old_pose, new_pose].map(|pose| pose.position.get(axis).copied().unwrap_or(f32::NAN));
-        (a - b) * (a - b)
-    });
-    old.done != new.done
-        || old.status() != new.status()
-        || old.duty != new.duty
-        || variance(new_pose) < 0.81 * variance(old_pose)
-        || new_pose.covariance[5] < 0.81 * old_pose.covariance[5]
-        || moved[0] + moved[1] > 0.1 * variance(new_pose)
 }

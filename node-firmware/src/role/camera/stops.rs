@@ -25,8 +25,9 @@ use crate::{
 const LOOK_WITHIN: Duration = Duration::from_millis(3_500);
 
 impl CameraRole {
-    /// Whether a look at this stop would be of use.
-    fn wants(&self, stopped: &Stopped) -> bool {
+    /// Whether what is seen at this stop is of use to this camera, or makes it a reference. To the
+    /// target every bearing is.
+    fn needs(&self, stopped: &Stopped) -> bool {
         let report = self.progress.report();
         match stopped.frame {
             CoordinateFrame::Site => !report.done && report.duty.is_none(),
@@ -56,16 +57,14 @@ impl CameraRole {
             // It was looked at. It may be told again because the answer was lost, or because the
             // target now knows where it is.
             if last.frame == stopped.frame {
-                self.answer(now, target, stop, last.sight);
+                self.answer(now, target, stop, last.sight, last.seen);
             } else {
                 self.on_look(now, request, last.sight, last.seen);
             }
-        } else if !self.wants(stopped) {
-            self.on_look(now, request, Sight::NotLooking, None);
         } else if self.device.is_ready() {
             self.device.look(request);
         } else {
-            self.answer(now, target, stop, Sight::NotReady);
+            self.answer(now, target, stop, Sight::NotReady, None);
         }
     }
 
@@ -83,12 +82,20 @@ impl CameraRole {
 
     /// Answers in this node's own slot after a question that went to everybody: otherwise all
     /// answers would begin in the same moment.
-    fn answer(&mut self, now: Instant, target: MemberAddress, stop: StopNumber, sight: Sight) {
+    fn answer(
+        &mut self,
+        now: Instant,
+        target: MemberAddress,
+        stop: StopNumber,
+        sight: Sight,
+        seen: Option<Seen>,
+    ) {
         let due = now + self.slot();
         let report = self.progress.report();
         let answer = Message::Look(StopAnswer {
             stop,
             sight,
+            seen,
             counted: report.sightings,
             done: report.done,
         });
@@ -101,7 +108,7 @@ impl CameraRole {
             // The target may have left meanwhile.
             Some(request) if now > request.heard + LOOK_WITHIN => {
                 let (target, stop) = request.stop();
-                self.answer(now, target, stop, Sight::NotReady);
+                self.answer(now, target, stop, Sight::NotReady, None);
             }
             Some(request) => self.on_look(now, request, sight, seen),
             None => {}
@@ -117,7 +124,7 @@ impl CameraRole {
         if sight != Sight::NotLooking {
             self.target_seen = seen.is_some();
         }
-        if let Some(seen) = seen {
+        if let Some(seen) = seen.filter(|_| self.needs(&stopped)) {
             match stopped.frame {
                 CoordinateFrame::Site => self.on_sighted(now, target, &stopped, seen),
                 CoordinateFrame::Own => self.on_lost_sighted(now, target, &stopped, seen),
@@ -130,7 +137,7 @@ impl CameraRole {
             sight,
             seen,
         });
-        self.answer(now, target, stopped.stop, sight);
+        self.answer(now, target, stopped.stop, sight, seen);
     }
 
     /// A target that knows its place was seen. Three of these make a pose.
@@ -151,6 +158,10 @@ impl CameraRole {
             return;
         };
         self.unsaved.insert(sighting(index));
+        if report.joint.is_some() {
+            // What all measurements gave is not replaced by what some of them give.
+            return;
+        }
         let answer = self.calibration.solve(&self.config.weak.limits());
         let count = self.calibration.count();
         self.update(

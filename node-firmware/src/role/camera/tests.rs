@@ -7,7 +7,8 @@ use zigbee_link::{
     wire::{Eui64, PanId},
 };
 
-use super::{progress::is_news, reference::ReferenceStops, *};
+use super::{reference::ReferenceStops, *};
+use crate::role::is_news;
 use crate::{
     config::{Sigmas, Subjects},
     limits::SIGHTINGS,
@@ -217,7 +218,7 @@ fn whoever_is_no_reference_tells_the_coordinator_what_it_saw() {
     let told = show(&mut camera, 10, 5);
     assert_eq!(told.first(), Some(&(COORDINATOR, trigger)));
     assert!(matches!(told[1..], [(TARGET, Message::Look(_))]));
-    // With references, it has no use for such stops.
+    // With references such stops are of use to the target alone.
     camera.on_message(at(20), COORDINATOR, &Message::References(REFERENCES));
     let stopped = Stopped {
         stop: 6,
@@ -226,9 +227,11 @@ fn whoever_is_no_reference_tells_the_coordinator_what_it_saw() {
         place: place(1.0),
     };
     camera.on_message(at(21), TARGET, &Message::Stopped(stopped));
+    let _ = outputs(&mut camera, 21);
+    camera.on_event(at(21), CameraEvent::Looked(Sight::InView, Some(SEEN)));
     let told = sent(&mut camera, 22);
     assert!(
-        matches!(&told[..], [(TARGET, Message::Look(look))] if look.sight == Sight::NotLooking),
+        matches!(&told[..], [(TARGET, Message::Look(look))] if look.seen == Some(SEEN)),
         "{told:?}"
     );
 }
@@ -319,6 +322,7 @@ fn others_hear_of_what_changes_their_picture_of_a_camera() {
         used: 3,
         chi_squared: 1.0,
         done: false,
+        joint: None,
         state: CameraState::Calibrated(pose),
     };
     let with = |change: fn(&mut PoseParts)| {
@@ -593,9 +597,9 @@ fn what_a_reference_saw_is_written_down_before_it_answers() {
     );
 }
 
-/// Who the others are is not known yet.
+/// Who the others are is not known yet; and to the target every bearing is of use.
 #[test]
-fn a_configured_reference_looks_at_targets_that_do_not_know_their_place() {
+fn everybody_looks_at_targets_that_do_not_know_their_place() {
     let config = |duty: Option<Duty>| CameraConfig {
         may_be_elected: false,
         reference: duty.map(|duty| crate::message::Reference {
@@ -609,7 +613,7 @@ fn a_configured_reference_looks_at_targets_that_do_not_know_their_place() {
         let stopped = stopped(1, CoordinateFrame::Own);
         camera.on_message(at(1), TARGET, &Message::Stopped(stopped));
         let look = Output::Task(CameraTask::Look { colour: 0 });
-        assert_eq!(outputs(&mut camera, 1).contains(&look), duty.is_some());
+        assert!(outputs(&mut camera, 1).contains(&look), "{duty:?}");
     }
 }
 

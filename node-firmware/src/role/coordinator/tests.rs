@@ -260,6 +260,7 @@ fn the_lamp_says_whether_a_camera_is_calibrated() {
             used: 3,
             chi_squared: 1.0,
             done: false,
+            joint: None,
             state,
         };
         role.on_message(at(40), ShortAddress(address), &Message::Report(report));

@@ -7,6 +7,7 @@
 //! It does not know where it is before the first reference camera tells it, or before two cameras
 //! that know their poses see it at one stop. From then on it reckons.
 
+mod estimate;
 mod place;
 mod table;
 #[cfg(test)]
@@ -18,8 +19,11 @@ use calib_core::dead_reckoning::{Step, Track};
 use nalgebra::{Matrix2, Point2};
 use zigbee_link::{Instant, store::Membership, wire::ShortAddress};
 
-pub use self::table::{CAMERAS, CameraEntry};
-use self::{place::nowhere, table::Table};
+use self::{estimate::Estimate, place::nowhere, table::Table};
+pub use self::{
+    estimate::{BEARINGS, CAMERAS, EstimateMemory, STOPS, WORKSPACE},
+    table::CameraEntry,
+};
 use super::{
     COORDINATOR, LastNetwork, Notification, Notifications, Output, Role, Unsaved, earliest,
 };
@@ -49,6 +53,9 @@ const ASKED_AT_A_TIME: usize = 2;
 /// While cameras see a target that does not know its place, it waits so long for being told.
 const LOCATED_WITHIN: Duration = Duration::from_secs(2);
 
+/// Between two slices of the estimate: others have to be heard.
+const BREATH: Duration = Duration::from_millis(1);
+
 /// Stops that the first reference camera may still tell the place of.
 const STOOD: usize = 4;
 
@@ -60,11 +67,19 @@ pub enum TargetNotification {
     Hello,
     /// It asks a camera for its answer to this stop.
     Ask(MemberAddress, StopNumber),
+    /// It tells a camera its pose.
+    Posed(MemberAddress),
 }
+
+/// Of all these there is one, but for poses. Whom to ask is in the table.
+const NOTIFICATIONS: usize = 1 + estimate::CAMERAS;
 
 impl Notification for TargetNotification {
     fn priority(self) -> u8 {
-        0
+        match self {
+            Self::Hello | Self::Ask(..) => 0,
+            Self::Posed(_) => 1,
+        }
     }
 }
 
@@ -79,8 +94,8 @@ pub enum TargetEvent {
 }
 
 /// A target's state.
-#[derive(Clone, Debug)]
-pub struct TargetRole {
+#[derive(Debug)]
+pub struct TargetRole<'m> {
     id: u16,
     config: TargetConfig,
     address: Option<ShortAddress>,
@@ -108,8 +123,14 @@ pub struct TargetRole {
     knows_cameras: bool,
     /// Facts that are not written down yet.
     unsaved: Unsaved,
-    /// There is [`TargetNotification::Hello`] alone: whom to ask is in the table.
-    notifications: Notifications<TargetNotification, 1>,
+    notifications: Notifications<TargetNotification, NOTIFICATIONS>,
+    /// All that was measured, if there is memory for it.
+    estimate: Option<Estimate<'m>>,
+    /// What the step sensor reads over the true length, and its sigma, as far as it was estimated.
+    scale: (f32, f32),
+    /// The stop is over: there is time to estimate, from then on.
+    estimate_at: Option<Instant>,
+    is_estimating: bool,
     seen: bool,
 }
 
@@ -133,7 +154,7 @@ struct Standing {
     may_walk: bool,
 }
 
-impl TargetRole {
+impl<'m> TargetRole<'m> {
     /// A target that knows nothing yet. `first_stop` should be random: a target that lost its
     /// memory must not use the numbers of former stops again.
     pub fn new(id: u16, config: TargetConfig, first_stop: StopNumber) -> Self {
@@ -159,8 +180,20 @@ impl TargetRole {
             knows_cameras: false,
             unsaved: Unsaved::new(),
             notifications: Notifications::new(),
+            estimate: None,
+            scale: (1.0, config.systematic_scale),
+            estimate_at: None,
+            is_estimating: false,
             seen: false,
         }
+    }
+
+    /// From now on it estimates everything that was measured together, in this memory. Without, it
+    /// reckons, and cameras are on their own.
+    // stack
+    #[inline(never)]
+    pub fn estimate_in(&mut self, memory: EstimateMemory<'m>) {
+        self.estimate = Estimate::new(memory);
     }
 
     /// The cameras it knows of, with what they told of themselves: the table of Appendix B.
@@ -284,6 +317,9 @@ impl TargetRole {
         self.locate_at = None;
         self.at_stop = self.track;
         self.remember_stop();
+        if let Some(estimate) = &mut self.estimate {
+            estimate.on_stop(self.stop);
+        }
         self.seen = false;
         self.state = State::Standing(Standing {
             since: now,
@@ -320,6 +356,25 @@ impl TargetRole {
             },
             place: self.place()?,
         }))
+    }
+
+    /// A message that has to be told, as it is known now, and to whom.
+    fn message_of(&self, notification: TargetNotification) -> Option<(ShortAddress, Message)> {
+        Some(match notification {
+            TargetNotification::Hello => {
+                let hello = Hello {
+                    id: self.id,
+                    kind: MemberKind::Target,
+                };
+                (COORDINATOR, Message::Hello(hello))
+            }
+            TargetNotification::Posed(camera) => {
+                let mut reports = self.estimate.as_ref()?.reports();
+                let (_, report) = reports.find(|(of, _)| *of == camera)?;
+                (ShortAddress(camera), Message::Posed(*report))
+            }
+            TargetNotification::Ask(..) => return None,
+        })
     }
 
     fn standing(&mut self, now: Instant) -> Option<Output<TargetNotification, ()>> {
@@ -361,6 +416,7 @@ impl TargetRole {
             && waited >= Duration::from_millis(self.config.dwell_least_ms.into());
         if is_done || waited >= most {
             standing.may_walk = true;
+            self.estimate_at = Some(now + BREATH);
             // Written down before the lamp goes on: after a restart nobody knows whether it left.
             self.unsaved.insert(FactKey::Walk);
             return self.unsaved_fact().map(Output::Save);
@@ -369,7 +425,7 @@ impl TargetRole {
     }
 }
 
-impl Role for TargetRole {
+impl Role for TargetRole<'_> {
     type Notification = TargetNotification;
     type Task = ();
     type Event = TargetEvent;
@@ -396,6 +452,10 @@ impl Role for TargetRole {
         if (self.last_network).on_attached(was_attached, &network, unsaved) {
             // It stands where it stood, but among others.
             self.table.clear(unsaved);
+            if let Some(estimate) = &mut self.estimate {
+                estimate.clear();
+            }
+            self.estimate_at = None;
             self.bearings.clear();
             self.locate_at = None;
             self.knows_cameras = false;
@@ -412,7 +472,9 @@ impl Role for TargetRole {
 
     fn on_message(&mut self, now: Instant, from: ShortAddress, message: &Message) {
         match message {
-            Message::Look(look) if look.stop == self.stop => {
+            Message::Look(look) if look.stop != self.stop => self.on_seen(from, look),
+            Message::Look(look) => {
+                self.on_seen(from, look);
                 self.table.on_answer(now, from.0, look);
                 self.seen |= look.sight == Sight::InView;
                 if let State::Standing(standing) = &mut self.state
@@ -424,6 +486,7 @@ impl Role for TargetRole {
             }
             Message::Report(report) => {
                 self.table.report(from.0, *report, &mut self.unsaved);
+                self.find_references();
             }
             // Nobody else has solved anything.
             Message::Located(located) if self.table.may_be_first(from.0) => {
@@ -445,7 +508,7 @@ impl Role for TargetRole {
 
     fn on_sent(&mut self, now: Instant, notification: TargetNotification, delivered: bool) {
         match notification {
-            TargetNotification::Hello => {
+            TargetNotification::Hello | TargetNotification::Posed(_) => {
                 self.notifications.on_sent(notification, now, delivered);
             }
             TargetNotification::Ask(address, stop) if stop == self.stop => {
@@ -470,6 +533,12 @@ impl Role for TargetRole {
         }
     }
 
+    fn compute(&mut self, now: Instant) {
+        if self.estimate_at.is_some_and(|at| at <= now) {
+            self.estimate(now);
+        }
+    }
+
     fn poll(&mut self, now: Instant) -> Option<Output<TargetNotification, ()>> {
         if self.locate_at.is_some_and(|at| at <= now) {
             self.locate_at = None;
@@ -485,16 +554,15 @@ impl Role for TargetRole {
             return Some(Output::Save(fact));
         }
         self.address?;
-        if let Some(notification) = self.notifications.take_due(now) {
-            let hello = Hello {
-                id: self.id,
-                kind: MemberKind::Target,
-            };
-            return Some(Output::Send {
-                to: COORDINATOR,
-                message: Message::Hello(hello),
-                notification: Some(notification),
-            });
+        while let Some(notification) = self.notifications.take_due(now) {
+            if let Some((to, message)) = self.message_of(notification) {
+                return Some(Output::Send {
+                    to,
+                    message,
+                    notification: Some(notification),
+                });
+            }
+            self.notifications.cancel(notification);
         }
         self.standing(now)
     }
@@ -505,7 +573,12 @@ impl Role for TargetRole {
             State::Walking { last } => last.map(|last| last + self.still_after()),
             State::Standing(standing) => self.standing_deadline(standing),
         };
-        earliest([state, self.notifications.next_due(), self.locate_at])
+        earliest([
+            state,
+            self.notifications.next_due(),
+            self.locate_at,
+            self.estimate_at,
+        ])
     }
 
     fn indication(&self) -> Indication {

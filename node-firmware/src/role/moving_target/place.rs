@@ -10,12 +10,12 @@ use calib_core::{
 use nalgebra::{Matrix2, Point2, RealField, Vector2};
 use zigbee_link::{Instant, wire::ShortAddress};
 
-use super::{State, TargetRole};
+use super::{BREATH, State, TargetNotification, TargetRole, estimate::Estimated};
 use crate::{
     arithmetic::root,
     config::TargetConfig,
     facts::FactKey,
-    message::{StopBearing, TargetLocation, matrix},
+    message::{Duty, Sight, StopAnswer, StopBearing, TargetLocation, matrix},
 };
 
 /// After a camera's bearing, before it is used: those of other cameras make the place better. The
@@ -25,7 +25,7 @@ const BEARINGS_WITHIN: Duration = Duration::from_millis(400);
 /// A direction that is not known to this, radians, is none.
 const HEADING_LIMIT: f32 = 0.1;
 
-impl TargetRole {
+impl TargetRole<'_> {
     /// Where it stands; none where it walked so far that nobody would believe it.
     pub(super) fn place(&self) -> Option<Place<f32>> {
         self.track.place(self.config.standing_sigma).ok()
@@ -36,11 +36,17 @@ impl TargetRole {
         if matches!(before, State::Standing(standing) if !standing.may_walk) {
             self.unsaved.insert(FactKey::Walk);
         }
+        if let Some(estimate) = &mut self.estimate {
+            estimate.on_step(step);
+        }
         let turn = match (self.located, self.frame_heading) {
             (true, Some((heading, _))) => heading,
             _ => 0.0,
         };
+        let (scale, _) = self.scale;
         let step = Step {
+            distance: step.distance / scale,
+            distance_sigma: step.distance_sigma / scale,
             heading: step.heading + turn,
             ..*step
         };
@@ -56,6 +62,9 @@ impl TargetRole {
         self.found = None;
         self.bearings.clear();
         self.locate_at = None;
+        if let Some(estimate) = &mut self.estimate {
+            estimate.lose_way();
+        }
         let own_frame = systematic(&self.config, 0.0);
         let lost = self
             .track
@@ -76,8 +85,14 @@ impl TargetRole {
         position: Point2<f32>,
         covariance: Matrix2<f32>,
         (heading, heading_sigma): (f32, f32),
+        systematic: Systematic<f32>,
     ) {
-        let turn = angle::rotation(heading);
+        // The track is in the frame of the site already, or in that of its sensor.
+        let turned = match (self.located, self.frame_heading) {
+            (true, Some((before, _))) => heading - before,
+            _ => heading,
+        };
+        let turn = angle::rotation(turned);
         let Some(since) = self.track.since(then) else {
             debug_assert!(false, "stops of former fixes are forgotten");
             return;
@@ -86,7 +101,7 @@ impl TargetRole {
         let found = self.track.relocate(
             position + turn * since.vector,
             symmetric(covariance),
-            systematic(&self.config, heading_sigma),
+            systematic,
         );
         if found.is_err() {
             return;
@@ -109,12 +124,94 @@ impl TargetRole {
         let Some(&(_, then)) = then.filter(|_| is_of_use) else {
             return;
         };
+        let heading = (located.frame_heading, located.frame_heading_sigma);
+        if let Some(estimate) = &mut self.estimate {
+            estimate.on_sensor(heading.0, heading.1);
+        }
         self.fix(
             now,
             &then,
             Point2::from(located.position),
             matrix(located.covariance),
-            (located.frame_heading, located.frame_heading_sigma),
+            heading,
+            systematic(&self.config, heading.1),
+        );
+        self.find_references();
+    }
+
+    /// A camera saw it at a stop, the present one or one before.
+    pub(super) fn on_seen(&mut self, from: ShortAddress, look: &StopAnswer) {
+        if let Some(seen) = look.seen.filter(|_| look.sight == Sight::InView)
+            && let Some(estimate) = &mut self.estimate
+        {
+            estimate.on_seen(from.0, look.stop, &seen);
+        }
+    }
+
+    /// Tells the estimate who the references are, once both know their poses.
+    pub(super) fn find_references(&mut self) {
+        let references = [Duty::First, Duty::Second].map(|duty| {
+            let mut cameras = self.table.iter();
+            cameras.find_map(|camera| {
+                let report = camera.report.filter(|report| report.duty == Some(duty))?;
+                Some((camera.address, report.pose()?.pose()?))
+            })
+        });
+        if let ([Some(first), Some(second)], Some(estimate)) = (references, &mut self.estimate) {
+            estimate.on_references([first, second], &self.config);
+        }
+    }
+
+    /// Does some of the work of estimating everything. When that is done, tells whom it concerns.
+    // stack
+    #[inline(never)]
+    pub(super) fn estimate(&mut self, now: Instant) {
+        let Some(estimate) = &mut self.estimate else {
+            self.estimate_at = None;
+            return;
+        };
+        self.estimate_at = Some(now + BREATH);
+        if !self.is_estimating {
+            self.is_estimating = estimate.begin();
+            if !self.is_estimating {
+                self.estimate_at = None;
+            }
+            return;
+        }
+        let Some(estimated) = estimate.step() else {
+            return;
+        };
+        self.is_estimating = false;
+        // There may be something new.
+        for camera in estimate.take_news() {
+            self.notifications
+                .notify(TargetNotification::Posed(camera), now);
+        }
+        if let Some(estimated) = estimated {
+            self.on_estimated(now, &estimated);
+        }
+    }
+
+    /// All that was measured tells where this target is, and what its step sensor is worth.
+    fn on_estimated(&mut self, now: Instant, estimated: &Estimated) {
+        // It stands elsewhere by now, and tells so: the next round is about that.
+        let stands = matches!(self.state, State::Standing(standing) if !standing.may_walk);
+        if estimated.stop != self.stop || self.sensor_failed || stands {
+            return;
+        }
+        self.scale = estimated.scale;
+        let at_stop = self.at_stop;
+        let systematic = Systematic {
+            heading_sigma: estimated.frame_heading.1,
+            scale_sigma: estimated.scale.1 / estimated.scale.0,
+        };
+        self.fix(
+            now,
+            &at_stop,
+            estimated.position,
+            estimated.covariance,
+            estimated.frame_heading,
+            systematic,
         );
     }
 
@@ -162,7 +259,15 @@ impl TargetRole {
         };
         let at_stop = self.at_stop;
         if let Some(heading) = self.frame_heading {
-            self.fix(now, &at_stop, found.position, found.covariance, heading);
+            let systematic = systematic(&self.config, heading.1);
+            self.fix(
+                now,
+                &at_stop,
+                found.position,
+                found.covariance,
+                heading,
+                systematic,
+            );
             return;
         }
         // The direction of the sensor follows from two places.
@@ -181,6 +286,7 @@ impl TargetRole {
                     found.position,
                     found.covariance,
                     (heading, sigma),
+                    systematic(&self.config, sigma),
                 );
                 return;
             }

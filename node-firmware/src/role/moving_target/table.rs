@@ -5,13 +5,9 @@ use zigbee_link::Instant;
 use super::{ANSWER_WITHIN, READY_AFTER};
 use crate::{
     facts::Fact,
-    limits::MEMBERS,
     message::{Duty, MemberAddress, Report, Sight, StopAnswer},
     role::{Reports, Unsaved},
 };
-
-/// Cameras a target knows.
-pub const CAMERAS: usize = MEMBERS;
 
 /// A camera that could not be reached is tried again at every so many-th stop only.
 const AWAY_RETRY: u8 = 4;

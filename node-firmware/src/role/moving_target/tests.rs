@@ -17,7 +17,7 @@ const fn at(seconds: u64) -> Instant {
     Instant(seconds * 1_000_000)
 }
 
-fn target() -> TargetRole {
+fn target() -> TargetRole<'static> {
     let config = TargetConfig {
         colour: 0,
         still_after_ms: 1_000,
@@ -32,7 +32,7 @@ fn target() -> TargetRole {
 }
 
 /// Ten steps of one unit along the sensor's x axis, which err by nothing of their own.
-fn walk(target: &mut TargetRole) {
+fn walk(target: &mut TargetRole<'_>) {
     let step = Step {
         distance: 1.0,
         heading: 0.0,
@@ -45,7 +45,7 @@ fn walk(target: &mut TargetRole) {
 }
 
 #[track_caller]
-fn check(target: &TargetRole, position: [f32; 2], variances: [f32; 2]) {
+fn check(target: &TargetRole<'_>, position: [f32; 2], variances: [f32; 2]) {
     let place = target.place().unwrap();
     let off = place.position() - Point2::from(position);
     assert!(off.norm() < 1e-4, "{:?}", place.position());
@@ -109,6 +109,7 @@ const fn answer(sight: Sight) -> StopAnswer {
     StopAnswer {
         stop: 0,
         sight,
+        seen: None,
         counted: 1,
         done: false,
     }
@@ -199,6 +200,7 @@ fn a_camera_that_is_done_is_asked_where_the_target_is_lost() {
         used: 5,
         chi_squared: 1.0,
         done: true,
+        joint: None,
         state: CameraState::Waiting,
     };
     let mut unsaved = Unsaved::new();
@@ -240,7 +242,7 @@ fn a_target_goes_on_from_where_it_stood() {
         let is_there = (after.track.position() - before.track.position()).norm() < 1e-3;
         assert_eq!(is_there, standing);
         assert_eq!(matches!(after.state, State::Standing(_)), standing);
-        let fix = |target: &TargetRole| target.place().unwrap().parts().fix;
+        let fix = |target: &TargetRole<'_>| target.place().unwrap().parts().fix;
         assert_eq!(fix(&after) == fix(&before), standing);
     }
 }
@@ -310,7 +312,10 @@ fn membership() -> Membership {
 }
 
 /// All that it wants now. What it sends is delivered.
-fn outputs(target: &mut TargetRole, now: Instant) -> std::vec::Vec<Output<TargetNotification, ()>> {
+fn outputs(
+    target: &mut TargetRole<'_>,
+    now: Instant,
+) -> std::vec::Vec<Output<TargetNotification, ()>> {
     let mut outputs = std::vec::Vec::new();
     while let Some(output) = target.poll(now) {
         if let Output::Send {
@@ -326,7 +331,7 @@ fn outputs(target: &mut TargetRole, now: Instant) -> std::vec::Vec<Output<Target
 }
 
 /// A target that stands since the second second, and knows of one camera.
-fn standing() -> TargetRole {
+fn standing() -> TargetRole<'static> {
     let mut target = target();
     target.on_attached(at(1), Some(membership()));
     let roster = Message::Roster([CAMERA].into_iter().collect());
@@ -356,7 +361,7 @@ fn standing() -> TargetRole {
 }
 
 /// The camera answers the present stop.
-fn reply(target: &mut TargetRole, now: Instant, sight: Sight) {
+fn reply(target: &mut TargetRole<'_>, now: Instant, sight: Sight) {
     let look = Message::Look(StopAnswer {
         stop: target.stop,
         ..answer(sight)
@@ -365,7 +370,7 @@ fn reply(target: &mut TargetRole, now: Instant, sight: Sight) {
 }
 
 /// When it lets its carrier walk on.
-fn may_walk_at(target: &mut TargetRole, from: Instant) -> Instant {
+fn may_walk_at(target: &mut TargetRole<'_>, from: Instant) -> Instant {
     let mut now = from;
     loop {
         let told = outputs(target, now);
@@ -387,7 +392,7 @@ fn may_walk_at(target: &mut TargetRole, from: Instant) -> Instant {
     }
 }
 
-fn step(target: &mut TargetRole, now: Instant) {
+fn step(target: &mut TargetRole<'_>, now: Instant) {
     let step = Step {
         distance: 1.0,
         heading: 0.0,

@@ -1,0 +1,166 @@
+//! Do all sightings of a recording fit the lens that they were decoded with?
+
+use calib_core::{
+    Ray, Sighting,
+    camera::{Camera, Projection},
+    fit::one_in_a_thousand,
+    resection,
+};
+
+use crate::recorded::sightings::Recording;
+
+/// What the sightings of all cases say together about the lens, as if one had made all.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct LensReport {
+    /// The projection that fits best.
+    pub projection: Projection,
+    /// The field of view that goes with it, radians, from the centre of the first column to that of
+    /// the last one.
+    pub field_of_view: f64,
+    /// Standard deviation of `field_of_view`.
+    pub field_of_view_sigma: f64,
+    /// Sum of all cases' chi squared with this lens.
+    pub chi_squared: f64,
+    /// The same with the lens as given.
+    pub chi_squared_as_given: f64,
+    /// Cases of four sightings or more, which tell.
+    pub cases: usize,
+}
+
+/// One lens for all cases.
+struct Pooled {
+    stretch: f64,
+    sigma: f64,
+    chi_squared: f64,
+}
+
+/// Rounds of "stretch all rays, solve all cases again".
+const ROUNDS: usize = 4;
+
+/// The lens that fits best, if that given does not: with the other one chi squared is less by more than
+/// chance takes off in one of a thousand recordings. `None` also where too little is recorded to
+/// tell. `prior_sigma` is that of the focal length, relative.
+pub fn check(
+    recording: &Recording,
+    camera: &Camera<f64>,
+    field_of_view: f64,
+    prior_sigma: f64,
+) -> Option<LensReport> {
+    let cases: Vec<&[Sighting<f64>]> = recording
+        .cases()
+        .filter(|(_, case)| case.unreadable == 0 && case.sightings.len() >= 4)
+        .map(|(_, case)| &case.sightings[..])
+        .filter(|sightings| resection::solve(sightings).is_ok())
+        .collect();
+    if cases.is_empty() {
+        return None;
+    }
+    let as_given = total(&cases, |ray| ray);
+    let half_view = field_of_view / 2.0;
+    let given = camera.projection();
+    let candidates = [Projection::PinHole, Projection::EqualAngle].map(|projection| {
+        let decoded = move |ray: Ray<f64>| decoded(ray, given, projection, half_view);
+        (projection, pooled(&cases, decoded, projection, prior_sigma))
+    });
+    // Another projection has to be better than the same with another focal length.
+    let cost = |(projection, pooled): &(Projection, Pooled)| {
+        let other = if *projection == given {
+            0.0
+        } else {
+            one_in_a_thousand(1)
+        };
+        pooled.chi_squared + other
+    };
+    let [a, b] = candidates;
+    let (projection, best) = if cost(&a) <= cost(&b) { a } else { b };
+    // A right lens is as good as the best one but for chance.
+    if !(as_given - best.chi_squared > one_in_a_thousand::<f64>(1)) {
+        return None;
+    }
+    let factor = 1.0 + best.stretch;
+    let (field_of_view, slope) = match projection {
+        Projection::PinHole => {
+            let tangent = half_view.tan();
+            let slope = 2.0 * tangent / (1.0 + (factor * tangent).powi(2));
+            (2.0 * (factor * tangent).atan(), slope)
+        }
+        Projection::EqualAngle => (field_of_view * factor, field_of_view),
+    };
+    Some(LensReport {
+        projection,
+        field_of_view,
+        field_of_view_sigma: slope * best.sigma,
+        chi_squared: best.chi_squared,
+        chi_squared_as_given: as_given,
+        cases: cases.len(),
+    })
+}
+
+/// What another projection, of as many columns over as wide a field of view, makes of a ray's column.
+fn decoded(ray: Ray<f64>, from: Projection, to: Projection, half_view: f64) -> Ray<f64> {
+    match (from, to) {
+        (Projection::PinHole, Projection::EqualAngle) => {
+            Ray::from_bearing(ray.left / ray.forward / half_view.tan() * half_view)
+        }
+        (Projection::EqualAngle, Projection::PinHole) => Ray {
+            forward: 1.0,
+            left: ray.bearing() / half_view * half_view.tan(),
+        },
+        _ => ray,
+    }
+}
+
+fn changed(sightings: &[Sighting<f64>], ray: impl Fn(Ray<f64>) -> Ray<f64>) -> Vec<Sighting<f64>> {
+    let changed = sightings.iter().map(|s| Sighting {
+        ray: ray(s.ray),
+        ..*s
+    });
+    changed.collect()
+}
+
+/// A case that no pose fits is as bad as one that is a hundred sigmas off.
+const HOPELESS: f64 = 1e4;
+
+fn total(cases: &[&[Sighting<f64>]], ray: impl Fn(Ray<f64>) -> Ray<f64>) -> f64 {
+    let solved = cases
+        .iter()
+        .map(|case| resection::solve(&changed(case, &ray)));
+    solved.map(|s| s.map_or(HOPELESS, |s| s.chi_squared)).sum()
+}
+
+fn pooled(
+    cases: &[&[Sighting<f64>]],
+    decoded: impl Fn(Ray<f64>) -> Ray<f64>,
+    projection: Projection,
+    prior_sigma: f64,
+) -> Pooled {
+    let prior = prior_sigma.powi(-2);
+    let (mut stretch, mut sigma) = (0.0, prior_sigma);
+    for _ in 0..ROUNDS {
+        let (mut information, mut pull) = (prior, -stretch * prior);
+        for case in cases {
+            let sightings = changed(case, |ray| {
+                decoded(ray).stretched(projection, 1.0 + stretch)
+            });
+            let fit = resection::solve(&sightings).ok().and_then(|solution| {
+                let pose = &solution.pose;
+                resection::lens_fit(&sightings, &[], projection, pose, prior_sigma)
+            });
+            if let Some(fit) = fit {
+                // Each was computed with a prior of its own.
+                let of_case = fit.sigma.powi(-2);
+                information += of_case - prior;
+                pull += fit.stretch * of_case;
+            }
+        }
+        stretch = (stretch + pull / information).clamp(-0.5, 1.0);
+        sigma = information.powf(-0.5);
+    }
+    Pooled {
+        stretch,
+        sigma,
+        chi_squared: total(cases, |ray| {
+            decoded(ray).stretched(projection, 1.0 + stretch)
+        }),
+    }
+}

@@ -1,0 +1,207 @@
+//! A round of work in slices: solve, look at every stop, leave out what contradicts, solve again.
+//!
+//! One slice is about one pass over the measurements, so that who computes slowly can do something
+//! else in between. Everything between two slices is in the estimates and in a few numbers here;
+//! the triangle is made anew by each.
+
+use super::{
+    Finding, JointError, JointSolution, descent::Settling, integrity::Survey, problem::Problem,
+    start::Starting,
+};
+use crate::{Limits, Real, Refusal};
+
+/// Times that the legs' noise is estimated in a round, at most.
+const LEG_NOISE_ROUNDS: u8 = 4;
+
+/// What a round does once it has solved.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct Round {
+    /// Looks for what contradicts, and leaves out so much at most. Zero does not look.
+    pub findings: usize,
+    /// Estimates by how much the legs err more, or less, than they claim.
+    pub leg_noise: bool,
+    /// Computes protection levels.
+    pub protection: bool,
+}
+
+/// How far a round is.
+#[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub enum Progress<T> {
+    /// There is more to do.
+    Working,
+    /// This contradicted the rest and is left out; there is more to do.
+    Found(Finding<T>),
+    /// All is done, and answers are told.
+    Over(JointSolution<T>),
+}
+
+/// What is under way.
+#[derive(Clone, Debug)]
+pub(super) struct Work<T: Real> {
+    stage: Stage<T>,
+    /// What is still to be done.
+    round: Round,
+    leg_noise_rounds: u8,
+    /// What was left out before the solve that is under way.
+    found: Option<Finding<T>>,
+    /// How the last solve ended.
+    solved: Result<JointSolution<T>, Refusal>,
+}
+
+#[derive(Clone, Debug)]
+enum Stage<T: Real> {
+    Idle,
+    Starting(Starting<T>),
+    Settling(Settling<T>),
+    Settled,
+    Surveying(Survey<T>),
+}
+
+impl<T: Real> Work<T> {
+    pub(super) fn new() -> Self {
+        Self {
+            stage: Stage::Idle,
+            round: Round::default(),
+            leg_noise_rounds: 0,
+            found: None,
+            solved: Err(Refusal::TooFew),
+        }
+    }
+
+    pub(super) fn is_under_way(&self) -> bool {
+        !matches!(self.stage, Stage::Idle)
+    }
+
+    /// Begins a round with a solve, and with a start if there has been none.
+    pub(super) fn begin(&mut self, problem: &mut Problem<'_, T>, round: Round) {
+        self.ask(round);
+        self.stage = if problem.common.is_started {
+            Stage::Settling(problem.begin_settling())
+        } else {
+            Stage::Starting(problem.begin_starting())
+        };
+    }
+
+    /// The same without solving first.
+    pub(super) fn begin_solved(&mut self, problem: &mut Problem<'_, T>, round: Round) {
+        self.ask(round);
+        self.stage = Stage::Surveying(problem.begin_survey(round.protection));
+    }
+
+    fn ask(&mut self, round: Round) {
+        self.round = round;
+        self.found = None;
+        self.leg_noise_rounds = if round.leg_noise { LEG_NOISE_ROUNDS } else { 0 };
+    }
+
+    /// One slice.
+    pub(super) fn step(
+        &mut self,
+        problem: &mut Problem<'_, T>,
+        limits: &Limits<T>,
+    ) -> Result<Progress<T>, JointError> {
+        let stepped = match &mut self.stage {
+            Stage::Idle => return self.solved.map(Progress::Over).map_err(JointError::Solve),
+            Stage::Starting(starting) => match problem.step_start(starting) {
+                None => Ok(Progress::Working),
+                Some(Ok(())) => {
+                    problem.common.is_started = true;
+                    self.stage = Stage::Settling(problem.begin_settling());
+                    Ok(Progress::Working)
+                }
+                Some(Err(why)) => Err(JointError::Start(why)),
+            },
+            Stage::Settling(settling) => match problem.step_settling(settling, limits) {
+                None => Ok(Progress::Working),
+                Some(solved) => {
+                    self.solved = solved;
+                    match self.found.take() {
+                        // Told when it is known what agrees without it.
+                        Some(found) => {
+                            self.stage = Stage::Settled;
+                            Ok(Progress::Found(problem.refined(found)))
+                        }
+                        None => self.after_solve(problem),
+                    }
+                }
+            },
+            Stage::Settled => self.after_solve(problem),
+            Stage::Surveying(survey) => {
+                let looks = self.round.findings > 0;
+                let surveyed = problem.step_survey(survey, looks);
+                let survey = *survey;
+                match surveyed {
+                    None => Ok(Progress::Working),
+                    Some(Ok(())) => self.after_survey(problem, &survey),
+                    Some(Err(why)) => Err(JointError::Solve(why)),
+                }
+            }
+        };
+        if matches!(stepped, Err(_) | Ok(Progress::Over(_))) {
+            self.stage = Stage::Idle;
+        }
+        stepped
+    }
+
+    fn after_solve(&mut self, problem: &mut Problem<'_, T>) -> Result<Progress<T>, JointError> {
+        match self.solved {
+            // What contradicts may keep it from coming to an end.
+            Err(Refusal::DidNotConverge) if self.round.findings > 0 => {}
+            Err(why) => return Err(JointError::Solve(why)),
+            Ok(solution) => {
+                let Round {
+                    findings,
+                    protection,
+                    ..
+                } = self.round;
+                if findings == 0 && !protection && self.leg_noise_rounds == 0 {
+                    return self.over(problem, solution);
+                }
+            }
+        }
+        self.stage = Stage::Surveying(problem.begin_survey(self.round.protection));
+        Ok(Progress::Working)
+    }
+
+    fn after_survey(
+        &mut self,
+        problem: &mut Problem<'_, T>,
+        survey: &Survey<T>,
+    ) -> Result<Progress<T>, JointError> {
+        if let Some(found) = survey.found()
+            && let Some(left) = self.round.findings.checked_sub(1)
+        {
+            self.round.findings = left;
+            self.found = Some(problem.leave_out(found));
+            self.stage = Stage::Settling(problem.begin_settling());
+            return Ok(Progress::Working);
+        }
+        self.round.findings = 0;
+        if self.leg_noise_rounds > 0 {
+            self.leg_noise_rounds -= 1;
+            if problem.fit_leg_noise(survey) {
+                self.stage = Stage::Settling(problem.begin_settling());
+                return Ok(Progress::Working);
+            }
+            self.leg_noise_rounds = 0;
+        }
+        let solution = self.solved.map_err(JointError::Solve)?;
+        self.over(problem, solution)
+    }
+
+    /// The triangle holds the last stop when all is done.
+    fn over(
+        &mut self,
+        problem: &mut Problem<'_, T>,
+        solution: JointSolution<T>,
+    ) -> Result<Progress<T>, JointError> {
+        let last = problem.stops.len().saturating_sub(1);
+        let held = problem.hold(last);
+        held.ok_or(JointError::Solve(Refusal::Undetermined))?;
+        Ok(Progress::Over(solution))
+    }
+}

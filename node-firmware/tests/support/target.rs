@@ -1,0 +1,20 @@
+//! A target that estimates, as on a board.
+
+use calib_core::joint::{BearingStorage, StopStorage, UnknownStorage};
+use node_firmware::{
+    config::TargetConfig,
+    role::moving_target::{BEARINGS, CAMERAS, EstimateMemory, STOPS, TargetRole, WORKSPACE},
+};
+
+/// A target with memory that the test keeps to its end.
+pub fn target_role(id: u16, config: TargetConfig, first_stop: u16) -> TargetRole<'static> {
+    let mut role = TargetRole::new(id, config, first_stop);
+    role.estimate_in(EstimateMemory {
+        cameras: Box::leak(Box::new([UnknownStorage::default(); CAMERAS])),
+        stops: Box::leak(Box::new([StopStorage::default(); STOPS])),
+        bearings: Box::leak(Box::new([BearingStorage::default(); BEARINGS])),
+        workspace: Box::leak(Box::new([0.0; WORKSPACE])),
+        told: Box::leak(Box::new([None; CAMERAS])),
+    });
+    role
+}
