@@ -139,7 +139,9 @@ fn walk(record: &RunRecord, sightings: &Sightings) -> (Vec<u16>, Walk) {
         errors: CarrierErrors::UNKNOWN,
         legs: legs.collect(),
         bearings: bearings.collect(),
+        ranges: Vec::new(),
         visits: Vec::new(),
+        lens_sigma: 0.0,
     };
     (ids, walk)
 }

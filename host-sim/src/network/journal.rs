@@ -229,6 +229,10 @@ impl Observer for Witness {
                     stop.believed = Some(stopped.place);
                 }
             }
+            Message::Look(answer) => {
+                let seen = answer.seen.map(|seen| ((to.0, answer.stop), seen));
+                journal.node(self.id).seen.extend(seen);
+            }
             Message::Bearing(bearing) => {
                 let seen = &mut journal.node(self.id).seen;
                 seen.insert((bearing.target, bearing.stop), bearing.seen);
