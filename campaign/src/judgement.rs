@@ -1,6 +1,6 @@
 //! What must hold of a run, and whether it does.
 
-use std::fmt;
+use std::{collections::BTreeMap, fmt};
 
 use answers::record::{Node, RunRecord};
 use calib_core::{Refusal, Status};
@@ -156,6 +156,8 @@ pub struct CameraResult {
     /// It is doubtful or refused as contradicting itself, though its pose errs by no more than it
     /// says.
     pub is_false_alarm: bool,
+    /// Its pose has a protection level.
+    pub is_checked: bool,
     /// It saw enough after the last fault.
     pub saw_enough: bool,
 }
@@ -220,13 +222,9 @@ pub fn deceives(camera: &Node) -> Option<Failure> {
     })
 }
 
-/// The protection level of a pose that is told as checked. No record has one yet.
-fn protection_level(_: &Node) -> Option<f64> {
-    None
-}
-
-fn unprotected(camera: &Node) -> Option<Failure> {
-    let level = protection_level(camera)?;
+/// A pose that is told as good and checked, and errs by more than its protection level.
+fn unprotected(camera: &Node, level: Option<&f64>) -> Option<Failure> {
+    let level = *level.filter(|_| camera.is_calibrated())?;
     let (error, _) = position_error(camera)?;
     (error > level).then_some(Failure::Unprotected {
         camera: camera.id,
@@ -240,7 +238,7 @@ pub fn judge(scenario: &Scenario, outcome: &Outcome) -> Judgement {
     match outcome {
         Outcome::Panicked(message) => of_failure(Failure::Panicked(message.clone())),
         Outcome::Hung(seconds) => of_failure(Failure::Hung(*seconds)),
-        Outcome::Ended(record) => of_record(scenario, record),
+        Outcome::Ended { record, protection } => of_record(scenario, record, protection),
     }
 }
 
@@ -251,7 +249,11 @@ fn of_failure(failure: Failure) -> Judgement {
     }
 }
 
-fn of_record(scenario: &Scenario, record: &RunRecord) -> Judgement {
+fn of_record(
+    scenario: &Scenario,
+    record: &RunRecord,
+    protection: &BTreeMap<u16, f64>,
+) -> Judgement {
     let served = calm::well_served(scenario, record);
     let unseen = calm::bumped_unseen(scenario, record);
     let mut judgement = Judgement::default();
@@ -267,7 +269,9 @@ fn of_record(scenario: &Scenario, record: &RunRecord) -> Judgement {
         let saw_enough = served.contains(&camera.id);
         // Of a camera that was just moved nobody can know.
         if !unseen.contains(&camera.id) {
-            judgement.failures.extend(unprotected(camera));
+            judgement
+                .failures
+                .extend(unprotected(camera, protection.get(&camera.id)));
             judgement.failures.extend(deceives(camera));
         }
         if saw_enough && status != Status::Calibrated {
@@ -285,6 +289,7 @@ fn of_record(scenario: &Scenario, record: &RunRecord) -> Judgement {
                 .and_then(|_| position_error(camera))
                 .map(|(distance, _)| distance),
             is_false_alarm: is_false_alarm(camera, status),
+            is_checked: protection.contains_key(&camera.id),
             saw_enough,
         });
     }
@@ -336,6 +341,16 @@ mod tests {
             let told = deceives(&camera(error, sigma, status));
             assert_eq!(told.is_some(), is_told, "{error} {sigma} {status:?}");
         }
+    }
+
+    #[test]
+    fn a_checked_pose_is_within_its_protection_level() {
+        let is_told =
+            |error, level, status| unprotected(&camera(error, 0.1, status), level).is_some();
+        assert!(is_told(0.4, Some(&0.3), Status::Calibrated));
+        assert!(!is_told(0.2, Some(&0.3), Status::Calibrated));
+        assert!(!is_told(0.4, Some(&0.3), Status::Doubtful));
+        assert!(!is_told(0.4, None, Status::Calibrated));
     }
 
     #[test]

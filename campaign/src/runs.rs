@@ -2,6 +2,7 @@
 
 use std::{
     any::Any,
+    collections::BTreeMap,
     num::NonZeroUsize,
     panic::{self, AssertUnwindSafe},
     sync::{
@@ -28,7 +29,13 @@ const SLACK_S: f64 = 240.0;
 #[derive(Debug)]
 pub enum Outcome {
     /// It came to its end.
-    Ended(Box<RunRecord>),
+    Ended {
+        /// What came of it.
+        record: Box<RunRecord>,
+        /// How far the positions of cameras may be off that are told as checked, in the unit of the
+        /// site.
+        protection: BTreeMap<u16, f64>,
+    },
     /// Something panicked, with this message.
     Panicked(String),
     /// It was not over by this simulated time, seconds, though all waiting was.
@@ -78,14 +85,26 @@ pub fn run(scenario: &Scenario) -> Result<Outcome, ScenarioError> {
                 stop.store(true, Ordering::Relaxed);
             }
         });
-        Ok(record)
+        Ok((record, protection(&simulation)))
     }));
     Ok(match caught {
         Err(panic) => Outcome::Panicked(message(&*panic)),
         Ok(Err(error)) => return Err(error),
-        Ok(Ok(record)) if stop.load(Ordering::Relaxed) => Outcome::Hung(record.sim_seconds),
-        Ok(Ok(record)) => Outcome::Ended(Box::new(record)),
+        Ok(Ok((record, _))) if stop.load(Ordering::Relaxed) => Outcome::Hung(record.sim_seconds),
+        Ok(Ok((record, protection))) => Outcome::Ended {
+            record: Box::new(record),
+            protection,
+        },
     })
+}
+
+/// A pose is checked where a level is known.
+fn protection(simulation: &Simulation) -> BTreeMap<u16, f64> {
+    let reports = simulation.reports().into_iter();
+    let levels = reports.filter_map(|(id, report)| Some((id, report.joint?.position.into())));
+    levels
+        .filter(|(_, level): &(u16, f64)| level.is_finite())
+        .collect()
 }
 
 fn message(panic: &(dyn Any + Send)) -> String {

@@ -17,6 +17,7 @@ pub struct Tally {
     cameras: usize,
     statuses: BTreeMap<&'static str, usize>,
     calibrated: usize,
+    checked: usize,
     false_alarms: usize,
     saw_enough: usize,
     /// Runs, and failures in all, of each kind.
@@ -39,6 +40,7 @@ impl Tally {
             self.saw_enough += usize::from(camera.saw_enough);
             if camera.status == Status::Calibrated {
                 self.calibrated += 1;
+                self.checked += usize::from(camera.is_checked);
                 self.errors.extend(camera.error);
             }
         }
@@ -123,6 +125,12 @@ impl fmt::Display for Tally {
             "false alarms".into(),
             self.false_alarms,
             self.cameras,
+        );
+        row(
+            "calibrated",
+            "with a protection level".into(),
+            self.checked,
+            self.calibrated,
         );
         let deceived = self.count(Kind::Deceives);
         row(

@@ -74,7 +74,7 @@ fn files() -> Vec<PathBuf> {
 
 fn record(scenario: &Scenario) -> RunRecord {
     match run(scenario).unwrap() {
-        Outcome::Ended(record) => *record,
+        Outcome::Ended { record, .. } => *record,
         other => panic!("{}: {other:?}", scenario.name),
     }
 }

@@ -35,6 +35,7 @@ mod walk;
 
 use std::{
     cell::RefCell,
+    collections::BTreeMap,
     io::Write,
     rc::Rc,
     sync::{
@@ -47,6 +48,7 @@ use std::{
 use node_firmware::{
     config::{CheckedConfig, RoleConfig, SiteKey},
     facts::Fact,
+    message::Report,
 };
 
 pub use self::{
@@ -315,6 +317,17 @@ impl Simulation {
     /// other nodes.
     pub fn memory(&self, id: u16) -> Vec<Fact> {
         self.node(id).map(|node| node.memory()).unwrap_or_default()
+    }
+
+    /// What cameras last told their coordinators, by their numbers.
+    pub fn reports(&self) -> BTreeMap<u16, Report> {
+        let cameras = self.nodes.iter().map(|node| node.id());
+        let of = |id| {
+            let mut consoles = self.consoles.iter();
+            let report = consoles.find_map(|console| console.view().member(id)?.report)?;
+            Some((id, report))
+        };
+        cameras.filter_map(of).collect()
     }
 
     /// No walk takes longer than all its patience.
