@@ -2,7 +2,10 @@
 
 use core::fmt;
 
-use calib_core::joint::{JointEstimator, JointSettings, Leg, Progress, Round, workspace};
+use calib_core::joint::{
+    BearingStorage, JointEstimator, JointMemory, JointSettings, Leg, Progress, Round, StopStorage,
+    UnknownStorage, workspace,
+};
 use nalgebra::{Matrix2, Point2, Vector2};
 use rand::{Rng, RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
@@ -20,11 +23,13 @@ const LEG_SIGMA: f32 = 0.02;
 /// # Errors
 /// As [`Bench::measure`].
 pub fn measure_all<C: Counter, W: fmt::Write>(bench: &mut Bench<C, W>) -> Result<(), Error> {
-    let mut thirteen = walked::<13, 32, 52, { workspace(13, 0) }>(4);
+    let mut arrays = Arrays::<13, 32, 52, { workspace(13, 0) }>::new();
+    let mut thirteen = walked(arrays.memory(), 4);
     bench.measure_steps("joint_13_cameras_32_stops_52_bearings", || {
         goes_on(thirteen.step())
     })?;
-    let mut many = walked::<24, 64, 240, { workspace(24, 0) }>(10);
+    let mut arrays = Arrays::<24, 64, 240, { workspace(24, 0) }>::new();
+    let mut many = walked(arrays.memory(), 10);
     bench.measure_steps("joint_24_cameras_64_stops_240_bearings", || {
         goes_on(many.step())
     })
@@ -34,21 +39,45 @@ fn goes_on<E: fmt::Debug>(step: Result<Progress<f32>, E>) -> bool {
     !matches!(step.expect("a walk that can be solved"), Progress::Over(_))
 }
 
+/// An estimator's memory on the stack.
+struct Arrays<const C: usize, const S: usize, const B: usize, const W: usize> {
+    cameras: [UnknownStorage<f32>; C],
+    stops: [StopStorage<f32>; S],
+    bearings: [BearingStorage<f32>; B],
+    workspace: [f32; W],
+}
+
+impl<const C: usize, const S: usize, const B: usize, const W: usize> Arrays<C, S, B, W> {
+    fn new() -> Self {
+        Self {
+            cameras: [UnknownStorage::default(); C],
+            stops: [StopStorage::default(); S],
+            bearings: [BearingStorage::default(); B],
+            workspace: [0.0; W],
+        }
+    }
+
+    fn memory(&mut self) -> JointMemory<'_, f32> {
+        JointMemory {
+            cameras: &mut self.cameras,
+            stops: &mut self.stops,
+            bearings: &mut self.bearings,
+            marks: &mut [],
+            visits: &mut [],
+            workspace: &mut self.workspace,
+        }
+    }
+}
+
 /// Cameras around an area, `each` bearings of every one of them, and a round that has begun: solve,
 /// check, legs' noise and protection levels.
-fn walked<
-    const CAMERAS: usize,
-    const STOPS: usize,
-    const BEARINGS: usize,
-    const WORKSPACE: usize,
->(
-    each: usize,
-) -> JointEstimator<f32, CAMERAS, STOPS, BEARINGS, 0, WORKSPACE> {
+fn walked(memory: JointMemory<'_, f32>, each: usize) -> JointEstimator<'_, f32> {
+    let (cameras, stops) = (memory.cameras.len(), memory.stops.len());
     let mut random = ChaCha8Rng::seed_from_u64(SEED);
     let settings = JointSettings::default();
-    let mut joint = JointEstimator::new(BASELINE, settings).expect("usable settings");
+    let mut joint = JointEstimator::new(memory, BASELINE, settings).expect("usable settings");
     let mut before: Option<Point2<f32>> = None;
-    for stop in 0..STOPS {
+    for stop in 0..stops {
         let mut place = || random.random_range(2.0..8.0_f32);
         let place = Point2::new(place(), place());
         let leg = before.map(|before| Leg {
@@ -57,11 +86,11 @@ fn walked<
         });
         before = Some(place);
         joint.add_stop(leg).expect("room for stops");
-        for camera in 0..CAMERAS {
+        for camera in 0..cameras {
             // References together, the others each at its own times.
             let first = if camera < 2 { 0 } else { camera };
-            let since = (stop + STOPS - first % STOPS) % STOPS;
-            let apart = STOPS / each;
+            let since = (stop + stops - first % stops) % stops;
+            let apart = stops / each;
             if !since.is_multiple_of(apart) || since / apart >= each {
                 continue;
             }
@@ -108,7 +137,8 @@ mod tests {
     /// All cameras get a pose, and it is where they stand.
     #[test]
     fn they_end_with_the_poses() {
-        let mut joint = walked::<13, 32, 52, { workspace(13, 0) }>(4);
+        let mut arrays = Arrays::<13, 32, 52, { workspace(13, 0) }>::new();
+        let mut joint = walked(arrays.memory(), 4);
         while goes_on(joint.step()) {}
         assert_eq!(joint.bearings(), 52);
         for camera in 2..13 {
@@ -117,7 +147,8 @@ mod tests {
             let nees = pose.normalised_error(at, heading).unwrap();
             assert!(nees < 25.0, "{camera}: {nees}");
         }
-        let many = walked::<24, 64, 240, { workspace(24, 0) }>(10);
+        let mut arrays = Arrays::<24, 64, 240, { workspace(24, 0) }>::new();
+        let many = walked(arrays.memory(), 10);
         assert_eq!(many.bearings(), 240);
     }
 }
