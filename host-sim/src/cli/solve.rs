@@ -349,7 +349,7 @@ fn check_lens(arguments: &Arguments, recording: &Recording) -> anyhow::Result<bo
          --projection are put right, in the cameras' configuration too",
         view.to_degrees(),
         sigma.to_degrees(),
-        given.to_degrees(),
+        (given.to_degrees() * 1e6).round() / 1e6,
         found.cases,
         if found.cases == 1 { "case" } else { "cases" },
         found.chi_squared,
