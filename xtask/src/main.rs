@@ -115,19 +115,12 @@ fn run(chore: Chore) -> anyhow::Result<ExitCode> {
             }
             Ok(())
         }
-        Chore::Campaign { arguments } => {
-            let campaign = [
-                "run",
-                "--locked",
-                "--release",
-                "--package",
-                "campaign",
-                "--",
-            ];
-            cmd!(sh, "cargo {campaign...} {arguments...}")
-                .run()
-                .map_err(Into::into)
-        }
+        Chore::Campaign { arguments } => cmd!(
+            sh,
+            "cargo run --locked --release --package campaign -- {arguments...}"
+        )
+        .run()
+        .map_err(Into::into),
         Chore::CortexM => count_instructions(&sh),
         Chore::Size { largest } => measure_size(&sh, largest),
         Chore::Emulate => {
