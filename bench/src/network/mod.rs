@@ -136,6 +136,8 @@ fn cases() -> Vec<Case> {
             name: "unknown carrier, as shipped, 3 stops",
             carrier: Carrier::Unknown,
             seeds: [100, 10],
+            rms: [0.27, 0.29, 0.96].map(Goal::AtMost),
+            calibrated: Goal::AtLeast(0.95),
             // Measured: the firmware's sigmas are to cover more than what is drawn here, 3 to 2 degrees and
             // 8 to 5 %, so that squared errors are less than half of those foretold.
             nees: Goal::Within(0.4, 1.6),
@@ -145,6 +147,8 @@ fn cases() -> Vec<Case> {
             name: "unknown carrier, as shipped, 10 stops",
             carrier: Carrier::Unknown,
             changes: stops(10),
+            rms: [0.147, 0.138, 0.40].map(Goal::AtMost),
+            calibrated: Goal::AtLeast(0.99),
             ..Case::default()
         },
         Case {
@@ -155,6 +159,8 @@ fn cases() -> Vec<Case> {
         Case {
             name: "office (metres), its own carrier and events",
             scenario: "office",
+            rms: [0.15, 0.15, 0.5].map(Goal::AtMost),
+            calibrated: Goal::AtLeast(0.99),
             ..Case::default()
         },
         Case {
