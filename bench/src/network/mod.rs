@@ -137,7 +137,8 @@ fn cases() -> Vec<Case> {
             carrier: Carrier::Unknown,
             seeds: [100, 10],
             rms: [0.27, 0.29, 0.96].map(Goal::AtMost),
-            calibrated: Goal::AtLeast(0.95),
+            // 97 % of 300 runs; in a brief run one walk is 3 %.
+            calibrated: Goal::AtLeast(0.9),
             // Measured: the firmware's sigmas are to cover more than what is drawn here, 3 to 2 degrees and
             // 8 to 5 %, so that squared errors are less than half of those foretold.
             nees: Goal::Within(0.4, 1.6),
