@@ -3,10 +3,10 @@
 //! The radio's own records (frame counters, keys, membership) are in another range of the flash,
 //! see [`zigbee_link::store`]. A fact that is lost costs work, never safety: it is learnt again.
 //!
-//! # Format, version 3
+//! # Format, version 4
 //! One record of the log for each fact. Its key says which, its value is the fact, postcard. The
 //! number of the [`Fact`]'s variant leads the value. One more record says of which node and role
-//! the facts are; where it is missing or another's, as in versions 1 and 2, they are not recalled, and the
+//! the facts are; where it is missing or another's, as in versions 1 to 3, they are not recalled, and the
 //! memory is begun anew.
 //!
 //! | key | fact |
@@ -20,7 +20,7 @@
 //! | 32 + n | [`Fact::Sighting`] n |
 //! | 64 + n | [`Fact::ReferenceStop`] n |
 //! | 96 + n | [`Fact::Camera`] n |
-//! | 254 | 3, [`Config::owner`] as little-endian u32 |
+//! | 254 | 4, [`Config::owner`] as little-endian u32 |
 //!
 //! [`Config::owner`]: crate::config::Config::owner
 
@@ -43,7 +43,7 @@ const KEYS: u8 = FactKey::Camera(MEMBERS as u8 - 1).record() + 1;
 /// Key of the record that says whose the facts are.
 const OWNER: u8 = 254;
 /// First byte of its value.
-const VERSION: u8 = 3;
+const VERSION: u8 = 4;
 /// Bytes of a record of the log.
 const SLOT: usize = 96;
 
@@ -224,6 +224,8 @@ pub struct Walk {
     pub frame_heading: Option<f32>,
     /// Its standard deviation.
     pub frame_heading_sigma: f32,
+    /// What the step sensor reads over the true length, as far as it was estimated; one at first.
+    pub scale: f32,
 }
 
 /// The facts of one node in a range of a flash.

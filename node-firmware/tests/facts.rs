@@ -117,6 +117,7 @@ fn longest() -> [Fact; 9] {
             located: true,
             frame_heading: Some(1.0),
             frame_heading_sigma: 0.5,
+            scale: 1.05,
         }),
         Fact::Posed(Some(report(u16::MAX))),
         colours(),
@@ -197,7 +198,7 @@ fn format() {
     let owner = bank(&flash) + SLOT;
     assert_eq!(
         flash.bytes()[owner..][..8],
-        [1, 254, 3, 0x67, 0x45, 0x23, 0x01, 0]
+        [1, 254, 4, 0x67, 0x45, 0x23, 0x01, 0]
     );
     let seen = [0x00, 0x00, 0x80, 0x3F, 0x00, 0x00, 0x00, 0x3F];
     assert!(bytes(&sighting(1, 1.0)).ends_with(&seen));

@@ -199,7 +199,7 @@ pub enum Sight {
     Clipped,
     /// Something that does not stand still.
     Unsteady,
-    /// The camera did not look: it has no use for this stop.
+    /// The camera did not look. None answers so any more, for every bearing is of use to the target.
     NotLooking,
     /// The camera does not work.
     Failed,

@@ -121,9 +121,7 @@ impl CameraRole {
             target, stopped, ..
         } = request;
         let seen = seen.filter(|seen| sight == Sight::InView && seen.is_usable());
-        if sight != Sight::NotLooking {
-            self.target_seen = seen.is_some();
-        }
+        self.target_seen = seen.is_some();
         if let Some(seen) = seen.filter(|_| self.needs(&stopped)) {
             match stopped.frame {
                 CoordinateFrame::Site => self.on_sighted(now, target, &stopped, seen),

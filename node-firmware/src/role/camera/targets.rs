@@ -121,11 +121,9 @@ impl LastLooks {
         debug_assert!(has_room);
     }
 
-    /// The look at this stop, if there was one. What was not looked at may be of use now.
+    /// The look at this stop, if there was one.
     pub(super) fn find(&self, target: MemberAddress, stop: StopNumber) -> Option<LastLook> {
-        let is_it = |look: &&LastLook| {
-            (look.target, look.stop) == (target, stop) && look.sight != Sight::NotLooking
-        };
+        let is_it = |look: &&LastLook| (look.target, look.stop) == (target, stop);
         self.looks.iter().find(is_it).copied()
     }
 

@@ -126,8 +126,8 @@ pub struct TargetRole<'m> {
     notifications: Notifications<TargetNotification, NOTIFICATIONS>,
     /// All that was measured, if there is memory for it.
     estimate: Option<Estimate<'m>>,
-    /// What the step sensor reads over the true length, and its sigma, as far as it was estimated.
-    scale: (f32, f32),
+    /// What the step sensor reads over the true length, as far as it was estimated. Above zero.
+    scale: f32,
     /// The stop is over: there is time to estimate, from then on.
     estimate_at: Option<Instant>,
     is_estimating: bool,
@@ -181,7 +181,7 @@ impl<'m> TargetRole<'m> {
             unsaved: Unsaved::new(),
             notifications: Notifications::new(),
             estimate: None,
-            scale: (1.0, config.systematic_scale),
+            scale: 1.0,
             estimate_at: None,
             is_estimating: false,
             seen: false,
@@ -246,6 +246,9 @@ impl<'m> TargetRole<'m> {
     /// After a restart.
     fn resume(&mut self, walk: &Walk) {
         self.stop = walk.stop;
+        if is_length(walk.scale) {
+            self.scale = walk.scale;
+        }
         if let Some(heading) = walk.frame_heading {
             self.frame_heading = Some((heading, walk.frame_heading_sigma));
             if let Some(estimate) = &mut self.estimate {
@@ -302,6 +305,7 @@ impl<'m> TargetRole<'m> {
             located: self.located,
             frame_heading: heading,
             frame_heading_sigma: sigma.unwrap_or_default(),
+            scale: self.scale,
         })
     }
 
@@ -426,6 +430,11 @@ impl<'m> TargetRole<'m> {
         }
         None
     }
+}
+
+/// Whether a number can be what a length is multiplied with.
+fn is_length(number: f32) -> bool {
+    number.is_finite() && number > 0.0
 }
 
 impl Role for TargetRole<'_> {

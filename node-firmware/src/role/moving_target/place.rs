@@ -10,7 +10,7 @@ use calib_core::{
 use nalgebra::{Matrix2, Point2, RealField, Vector2};
 use zigbee_link::{Instant, wire::ShortAddress};
 
-use super::{BREATH, State, TargetNotification, TargetRole, estimate::Estimated};
+use super::{BREATH, State, TargetNotification, TargetRole, estimate::Estimated, is_length};
 use crate::{
     arithmetic::root,
     config::TargetConfig,
@@ -43,7 +43,7 @@ impl TargetRole<'_> {
             (true, Some((heading, _))) => heading,
             _ => 0.0,
         };
-        let (scale, _) = self.scale;
+        let scale = self.scale;
         let step = Step {
             distance: step.distance / scale,
             distance_sigma: step.distance_sigma / scale,
@@ -196,10 +196,14 @@ impl TargetRole<'_> {
     fn on_estimated(&mut self, now: Instant, estimated: &Estimated) {
         // It stands elsewhere by now, and tells so: the next round is about that.
         let stands = matches!(self.state, State::Standing(standing) if !standing.may_walk);
-        if estimated.stop != self.stop || self.sensor_failed || stands {
+        if estimated.stop != self.stop
+            || self.sensor_failed
+            || stands
+            || !is_length(estimated.scale.0)
+        {
             return;
         }
-        self.scale = estimated.scale;
+        self.scale = estimated.scale.0;
         let at_stop = self.at_stop;
         let systematic = Systematic {
             heading_sigma: estimated.frame_heading.1,

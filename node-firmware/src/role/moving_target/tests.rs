@@ -228,6 +228,7 @@ fn a_target_goes_on_from_where_it_stood() {
     let mut before = target();
     before.frame_heading = Some((0.5, 0.1));
     before.located = true;
+    before.scale = 1.05;
     walk(&mut before);
     for standing in [true, false] {
         let walk = Walk {
@@ -238,6 +239,8 @@ fn a_target_goes_on_from_where_it_stood() {
         after.restore(&Fact::Walk(walk));
         assert_eq!(after.located, standing);
         assert_eq!(after.frame_heading, before.frame_heading);
+        // Its sigmas are those of steps that are put right.
+        assert_eq!(after.scale, before.scale);
         assert_eq!(after.stop, before.stop);
         let is_there = (after.track.position() - before.track.position()).norm() < 1e-3;
         assert_eq!(is_there, standing);
