@@ -353,7 +353,7 @@ fn standing(
 ) -> (Station<TargetRole<'static>>, StopNumber) {
     let mut target = Station::<TargetRole<'_>>::new(
         TARGET,
-        move || target_role(TARGET, config.clone(), 7),
+        move || target_role(TARGET, config, 7),
         Box::new(|_, ()| None),
     );
     target.attach(*now);
