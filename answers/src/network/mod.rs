@@ -22,6 +22,7 @@ use calib_core::{Status, joint::Standing};
 use node_firmware::config::TargetConfig;
 use serde::Serialize;
 
+pub use crate::record::Protection;
 use crate::record::{
     Estimate,
     sightings::{References, Sightings},
@@ -123,15 +124,6 @@ pub struct Camera {
     pub bearings: usize,
     /// How many of them count.
     pub used: usize,
-}
-
-/// How far a pose may be off because of one wrong measurement.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
-pub struct Protection {
-    /// Its place.
-    pub position: f64,
-    /// Its heading.
-    pub heading_deg: f64,
 }
 
 /// Where a target stood.
