@@ -28,6 +28,7 @@ use calib_core::{
 use node_firmware::config::TargetConfig;
 use serde::Serialize;
 
+pub use crate::record::Protection;
 use crate::record::{
     Estimate,
     sightings::{References, Sightings},
@@ -137,15 +138,6 @@ pub struct Camera {
     pub bearings: usize,
     /// How many of them count.
     pub used: usize,
-}
-
-/// How far a pose may be off because of one wrong measurement.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
-pub struct Protection {
-    /// Its place.
-    pub position: f64,
-    /// Its heading.
-    pub heading_deg: f64,
 }
 
 /// What a camera's lens is, by what it saw.
