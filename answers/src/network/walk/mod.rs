@@ -247,6 +247,7 @@ impl<'a> Walk<'a> {
                             pose: known.poses[seen.camera]?,
                             ray: Ray::from_bearing(seen.bearing),
                             bearing_sigma: seen.sigma,
+                            range: None,
                         })
                     })
                     .collect();

@@ -365,6 +365,7 @@ fn stopped(stop: u16, frame: CoordinateFrame, position: Vector2<f32>) -> Stopped
             scale_sigma: 0.0,
         },
         standing_sigma: 0.0,
+        ball_radius: 0.0,
     });
     Stopped {
         stop,
@@ -381,10 +382,7 @@ fn second_saw(stop: u16, place: Vector2<f32>) -> StopBearing {
     StopBearing {
         target: ShortAddress::COORDINATOR.0,
         stop,
-        seen: Seen {
-            bearing: seen.y.atan2(seen.x),
-            sigma: BEARING_SIGMA,
-        },
+        seen: Seen::direction(seen.y.atan2(seen.x), BEARING_SIGMA),
         pose: None,
     }
 }
