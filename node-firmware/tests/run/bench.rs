@@ -10,7 +10,7 @@ use std::{
 };
 
 use crate::support::{
-    flash::{Flash, chip, length},
+    flash::{Flash, PAGE, chip, length},
     site::{camera_config, target_config},
 };
 use calib_core::dead_reckoning::Step;
@@ -20,6 +20,7 @@ use embedded_io_async::{ErrorType, Read, Write};
 use node_firmware::{
     config::{Config, CoordinatorConfig, RoleConfig, SiteKey},
     console::{FRAME_MAX, Frames, FromPc, ToPc, encode},
+    facts,
     hardware::{FlashLayout, Hardware, Indication, Indicator, Observer, Peripherals, StepSensor},
     message::{CameraCommand, CommandResult, Duty, MemberKind, Message, Sight},
     run::run,
@@ -193,7 +194,9 @@ impl Read for NodeUart {
     }
 }
 
-pub(super) const HALF: u32 = length(32);
+/// The link's part ends here, and the role's.
+pub(super) const LINK: u32 = length(32);
+pub(super) const END: u32 = LINK + facts::BYTES;
 
 /// Steps, as the test wants them.
 #[derive(Clone)]
@@ -287,7 +290,7 @@ impl Board {
             line,
             stalled: Rc::default(),
             camera,
-            flash: chip(64, antenna.0.into()),
+            flash: chip(END as usize / PAGE, antenna.0.into()),
             steps: Steps(Rc::new(Channel::new())),
             lamps: Lamps::default(),
             log: Log::default(),
@@ -314,8 +317,8 @@ impl Board {
             clock,
             flash: self.flash.clone(),
             layout: FlashLayout {
-                link: 0..HALF,
-                facts: HALF..2 * HALF,
+                link: 0..LINK,
+                facts: LINK..END,
             },
             steps: self.steps.clone(),
             indicator: self.lamps.clone(),
