@@ -178,6 +178,7 @@ pub const KEYS: &[Key] = &[
     key("firmware.systematic_heading_deg", SPREAD, Target("systematic-heading-deg"), Nodes, "Target: standard deviation of its step sensor's constant error of heading. Asked for."),
     key("firmware.systematic_scale", SHARE, Target("systematic-scale"), Nodes, "Target: standard deviation of its step sensor's constant error of distance, as a share of it. Asked for."),
     key("firmware.standing_sigma", Number(0.0, 1000.0, " in the unit of the site"), Target("standing-sigma"), Nodes, "Target: how still it stands, and how far from where it says; each axis."),
+    key("firmware.ball_radius", Number(0.0, 1000.0, " in the unit of the site"), Target("ball-radius"), Nodes, "Target: radius of the ball that cameras see, as measured; 0: not known. How wide it is in a picture then tells its range."),
     key("firmware.still_after_ms", Whole(100.0, 60_000.0, " milliseconds"), Target("still-after-ms"), Nodes, "Target: stands when no step came for so long."),
     key("firmware.dwell_least_ms", Whole(0.0, 3.6e6, " milliseconds, at most `dwell_most_ms`"), Target("dwell-least-ms"), Nodes, "Target: the least time of a stop."),
     key("firmware.dwell_most_ms", Whole(0.0, 3.6e6, " milliseconds"), Target("dwell-most-ms"), Nodes, "Target: the most time of a stop, whoever has not answered."),

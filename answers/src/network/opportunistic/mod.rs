@@ -246,6 +246,7 @@ fn empty(
         carrier: None,
         findings: Vec::new(),
         bearings: Vec::new(),
+        ranges: Vec::new(),
         legs: Vec::new(),
         leg_factor: None,
         chi_squared: None,
@@ -299,6 +300,9 @@ fn told(
             reason: None,
             estimate: None,
             protection: None,
+            redundancy: None,
+            checked: false,
+            lens: None,
             bearings: own().count(),
             used: own()
                 .filter(|s| s.counts && scene.is_in_front(s).is_some())
