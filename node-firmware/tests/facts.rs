@@ -4,14 +4,17 @@ mod support;
 
 use std::collections::BTreeMap;
 
-use calib_core::dead_reckoning::{Place, PlaceParts, Systematic};
+use calib_core::{
+    camera::Projection,
+    dead_reckoning::{Place, PlaceParts, Systematic},
+};
 use embassy_futures::block_on;
 use flash_log::{Entry, Log, LogError};
 use nalgebra::{Point2, Vector2};
 use node_firmware::{
     facts::{Colours, Fact, FactStore, FormerNetwork, KeptSighting, ReferenceStop, Walk},
     limits::{MEMBERS, REFERENCE_STOPS, SIGHTINGS},
-    message::{CameraState, Duty, PoseParts, References, Report, Seen},
+    message::{CameraState, Duty, FittingLens, PoseParts, References, Report, Seen},
     vision::ColourWindow,
 };
 use rand::{RngExt, SeedableRng};
@@ -65,7 +68,7 @@ fn report(id: u16) -> Report {
         chi_squared: 2.0,
         done: true,
         joint: None,
-        state: CameraState::Doubtful(pose()),
+        state: CameraState::OtherLens(pose(), FittingLens::new(Projection::EqualAngle, 6.0)),
     }
 }
 

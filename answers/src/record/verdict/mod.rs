@@ -11,7 +11,7 @@ use std::collections::{BTreeMap, BTreeSet};
 use calib_core::{Refusal, Status};
 
 use super::{
-    Node, Role, RunRecord,
+    Node, NodeLens, Role, RunRecord,
     next_stop::{self, Wish},
 };
 
@@ -92,6 +92,8 @@ pub enum Trouble {
         /// What it is because of, where a rehearsal tells.
         cause: Option<Cause>,
     },
+    /// Its sightings contradict the configured lens, and fit this one.
+    OtherLens(NodeLens),
     /// Its predicted sigmas are above the limits.
     Weak {
         /// Of the position.
@@ -248,6 +250,9 @@ fn troubles(record: &RunRecord, networks: &Networks, camera: &Node) -> Vec<Troub
     };
     let sigma_position = estimate.sigma_position();
     match camera.status {
+        Some(Status::Doubtful) if let Some(lens) = camera.lens => {
+            troubles.push(Trouble::OtherLens(lens));
+        }
         Some(Status::Doubtful) => troubles.push(Trouble::Doubtful {
             ratio: camera.fit().ratio(),
             sigma_position,
