@@ -3,6 +3,7 @@
 
 use calib_core::{
     Refusal, Status,
+    camera::Projection,
     dead_reckoning::{Place, PlaceParts, Systematic},
 };
 use nalgebra::{Point2, Vector2};
@@ -11,9 +12,9 @@ use node_firmware::{
     console::{FRAME_MAX, Frames, FromPc, KeyChangeReport, NetworkInfo, ToPc, encode},
     limits::MEMBERS,
     message::{
-        CameraCommand, CameraState, CommandResult, CoordinateFrame, Duty, Hello, ListedSighting,
-        MemberKind, Message, PoseParts, ProtectionLevel, Reference, References, Report, Seen,
-        Sight, StopAnswer, StopBearing, Stopped, TargetLocation, TrackedBlob,
+        CameraCommand, CameraState, CommandResult, CoordinateFrame, Duty, FittingLens, Hello,
+        ListedSighting, MemberKind, Message, PoseParts, ProtectionLevel, Reference, References,
+        Report, Seen, Sight, StopAnswer, StopBearing, Stopped, TargetLocation, TrackedBlob,
     },
 };
 use proptest::prelude::*;
@@ -209,6 +210,17 @@ fn golden() -> Vec<(Message, String)> {
         (
             Message::Report(report(None, CameraState::Doubtful(pose()))),
             format!("0a0b000403{TWO}010004{}", pose_bytes()),
+        ),
+        (
+            // 60.1 degrees of equal angles: 0x8259, as a varint.
+            Message::Report(report(
+                None,
+                CameraState::OtherLens(
+                    pose(),
+                    FittingLens::new(Projection::EqualAngle, 60.15_f32.to_radians()),
+                ),
+            )),
+            format!("0a0b000403{TWO}010005{}d98402", pose_bytes()),
         ),
         (
             Message::Done(CommandResult {
@@ -501,7 +513,10 @@ fn longest() -> Vec<(&'static str, Message)> {
             position: 1.0,
             heading: 2.0,
         }),
-        ..report(Some(Duty::Second), CameraState::Doubtful(pose()))
+        ..report(
+            Some(Duty::Second),
+            CameraState::OtherLens(pose(), FittingLens::new(Projection::EqualAngle, 6.0)),
+        )
     };
     vec![
         (
@@ -623,8 +638,8 @@ const LENGTHS: [(&str, usize); 16] = [
     ("Trigger", 7),
     ("Bearing", 55),
     ("Located", 32),
-    ("Posed", 59),
-    ("Report", 59),
+    ("Posed", 62),
+    ("Report", 62),
     ("Command", 3),
     ("Done", 4),
     ("Tracked", 9),
@@ -761,6 +776,10 @@ fn a_report_has_a_status() {
         (CameraState::Calibrated(pose()), Status::Calibrated),
         (CameraState::Weak(pose()), Status::Weak),
         (CameraState::Doubtful(pose()), Status::Doubtful),
+        (
+            CameraState::OtherLens(pose(), FittingLens::new(Projection::PinHole, 0.8)),
+            Status::Doubtful,
+        ),
     ] {
         let report = report(None, state);
         assert_eq!(report.status(), status);

@@ -17,7 +17,7 @@
 
 use std::collections::BTreeSet;
 
-use calib_core::{Pose, Refusal, Sighting, Status, angle, fit::Fit};
+use calib_core::{Pose, Refusal, Sighting, Status, angle, camera::Projection, fit::Fit};
 use nalgebra::{Isometry2, Matrix3, Point2, Vector2};
 use serde::{Deserialize, Serialize};
 use site::planner::RARE;
@@ -193,6 +193,10 @@ pub struct Node {
     pub chi_squared: Option<f64>,
     /// It needs no more sightings.
     pub done: bool,
+    /// The lens that fits its sightings, of a camera that they tell to have another one than the
+    /// configured.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub lens: Option<NodeLens>,
     /// Each sighting against the estimate.
     pub residuals: Vec<Residual>,
     /// When it had its first pose.
@@ -213,6 +217,15 @@ pub struct Node {
     pub bytes_sent: Option<u64>,
     /// As `bytes_sent`, in frames.
     pub frames_sent: Option<u64>,
+}
+
+/// A lens, as the camera itself found it.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct NodeLens {
+    /// How it spreads directions over columns.
+    pub projection: Projection,
+    /// From the middle of the first column to that of the last one.
+    pub fov_deg: f64,
 }
 
 /// Why firmware could not go on.
@@ -453,6 +466,7 @@ impl Node {
             used: 0,
             chi_squared: None,
             done: false,
+            lens: None,
             residuals: Vec::new(),
             calibrated_seconds: None,
             heard_seconds: None,

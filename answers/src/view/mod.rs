@@ -13,7 +13,7 @@ use node_firmware::{
     message::{CameraState, Hello, ListedSighting, MemberAddress, MemberKind, PoseParts, Report},
 };
 
-use crate::record::{Estimate, Node, Protection, verdict::status_words};
+use crate::record::{Estimate, Node, NodeLens, Protection, verdict::status_words};
 
 mod record;
 mod site;
@@ -139,6 +139,10 @@ impl Member {
             node.used = report.used.into();
             node.chi_squared = Some(report.chi_squared.into());
             node.done = report.done;
+            node.lens = report.state.lens().map(|lens| NodeLens {
+                projection: lens.projection(),
+                fov_deg: lens.field_of_view_deg().into(),
+            });
         }
     }
 }

@@ -11,7 +11,7 @@ use std::collections::{BTreeMap, BTreeSet};
 use calib_core::{Refusal, Status};
 
 use super::{
-    Node, Protection, Role, RunRecord, checks,
+    Node, NodeLens, Protection, Role, RunRecord, checks,
     next_stop::{self, Wish},
 };
 
@@ -100,6 +100,8 @@ pub enum Trouble {
         /// How many of how many sightings agree with all that was measured, where some do not.
         agreeing: Option<[usize; 2]>,
     },
+    /// Its sightings contradict the configured lens, and fit this one.
+    OtherLens(NodeLens),
     /// Its predicted sigmas are above the limits.
     Weak {
         /// Of the position.
@@ -337,6 +339,9 @@ fn troubles(record: &RunRecord, networks: &Networks, camera: &Node) -> Vec<Troub
     };
     let sigma_position = estimate.sigma_position();
     match camera.status {
+        Some(Status::Doubtful) if let Some(lens) = camera.lens => {
+            troubles.push(Trouble::OtherLens(lens));
+        }
         Some(Status::Doubtful) => troubles.push(Trouble::Doubtful {
             ratio: camera.fit().ratio(),
             sigma_position,

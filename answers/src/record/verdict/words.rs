@@ -2,7 +2,7 @@
 
 use std::{collections::BTreeMap, fmt};
 
-use calib_core::{Refusal, Status};
+use calib_core::{Refusal, Status, camera::Projection};
 
 use super::{
     Cause, Common, Failing, Finding, InView, NextStop, Protection, Role, Trouble, Verdict, Weakness,
@@ -129,6 +129,19 @@ impl Finding {
                     None => "look at what it takes for the target, at its lens, and at the carrier",
                 };
                 write!(f, ", predicted sigma {sigma_position:.3} {unit}: {advice}")
+            }
+            Trouble::OtherLens(lens) => {
+                let projection = match lens.projection {
+                    Projection::PinHole => "a pin-hole",
+                    Projection::EqualAngle => "equal angles",
+                };
+                write!(
+                    f,
+                    "not calibrated: doubtful, its sightings do not fit the configured lens: {projection} \
+                     of {:.1} deg does; correct `field_of_view_deg` or `projection` if that is its lens, and \
+                     look at its lens if not",
+                    lens.fov_deg
+                )
             }
             Trouble::Weak {
                 sigma_position,
