@@ -43,7 +43,7 @@ const KEYS: u8 = FactKey::Camera(MEMBERS as u8 - 1).record() + 1;
 /// Key of the record that says whose the facts are.
 const OWNER: u8 = 254;
 /// First byte of its value.
-const VERSION: u8 = 4;
+const VERSION: u8 = 5;
 /// Bytes of a record of the log.
 const SLOT: usize = 96;
 

@@ -105,10 +105,7 @@ impl Any {
     }
 
     fn seen(&mut self) -> Seen {
-        Seen {
-            bearing: self.0.random_range(-0.6..0.6),
-            sigma: self.sigma(),
-        }
+        Seen::direction(self.0.random_range(-0.6..0.6), self.sigma())
     }
 
     fn pose(&mut self) -> PoseParts {

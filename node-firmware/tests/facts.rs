@@ -45,10 +45,7 @@ fn place() -> Place<f32> {
 }
 
 fn seen(bearing: f32) -> Seen {
-    Seen {
-        bearing,
-        sigma: 0.5,
-    }
+    Seen::direction(bearing, 0.5)
 }
 
 fn pose() -> PoseParts {
@@ -201,9 +198,9 @@ fn format() {
     let owner = bank(&flash) + SLOT;
     assert_eq!(
         flash.bytes()[owner..][..8],
-        [1, 254, 4, 0x67, 0x45, 0x23, 0x01, 0]
+        [1, 254, 5, 0x67, 0x45, 0x23, 0x01, 0]
     );
-    let seen = [0x00, 0x00, 0x80, 0x3F, 0x00, 0x00, 0x00, 0x3F];
+    let seen = [0x00, 0x00, 0x80, 0x3F, 0x00, 0x00, 0x00, 0x3F, 0x00];
     assert!(bytes(&sighting(1, 1.0)).ends_with(&seen));
 }
 

@@ -31,10 +31,7 @@ fn hex(bytes: &[u8]) -> String {
 }
 
 fn seen() -> Seen {
-    Seen {
-        bearing: 1.0,
-        sigma: 0.5,
-    }
+    Seen::direction(1.0, 0.5).wide(0.03)
 }
 
 fn place() -> Place<f32> {
@@ -169,10 +166,10 @@ fn golden() -> Vec<(Message, String)> {
             format!("04050201{}", place_bytes()),
         ),
         (Message::Trigger { target: 9, stop: 5 }, "060905".into()),
-        (bearing(None), format!("070905{ONE}{HALF}00")),
+        (bearing(None), format!("070905{ONE}{HALF}ac0200")),
         (
             bearing(Some(pose())),
-            format!("070905{ONE}{HALF}01{}", pose_bytes()),
+            format!("070905{ONE}{HALF}ac0201{}", pose_bytes()),
         ),
         (
             Message::Located(TargetLocation {
@@ -252,7 +249,7 @@ fn golden() -> Vec<(Message, String)> {
                 position_sigma: 0.5,
                 seen: seen(),
             }),
-            format!("0f01030905{ONE}{TWO}{HALF}{ONE}{HALF}"),
+            format!("0f01030905{ONE}{TWO}{HALF}{ONE}{HALF}ac02"),
         ),
     ]
     .into();
@@ -267,7 +264,7 @@ fn golden() -> Vec<(Message, String)> {
     ];
     for (n, sight) in sights.into_iter().enumerate() {
         let seen = if n == 0 {
-            format!("01{ONE}{HALF}")
+            format!("01{ONE}{HALF}ac02")
         } else {
             "00".into()
         };
@@ -389,7 +386,7 @@ fn what_the_pc_is_told_is_these_bytes() {
             address: 3,
             sighting
         }),
-        format!("050301030905{ONE}{TWO}{HALF}{ONE}{HALF}")
+        format!("050301030905{ONE}{TWO}{HALF}{ONE}{HALF}ac02")
     );
     let removed = ToPc::Removed {
         address: 300,
@@ -454,6 +451,10 @@ fn a_console_frame_that_is_bad_costs_only_itself() {
 
 /// The longest of each kind: all numbers as large as they get.
 fn longest() -> Vec<(&'static str, Message)> {
+    let widest = Seen {
+        half_width: u16::MAX,
+        ..seen()
+    };
     let far = u16::MAX;
     let place = Place::new(PlaceParts {
         fix: u32::MAX,
@@ -513,7 +514,7 @@ fn longest() -> Vec<(&'static str, Message)> {
             Message::Look(StopAnswer {
                 stop: far,
                 sight: Sight::InView,
-                seen: Some(seen()),
+                seen: Some(widest),
                 counted: 255,
                 done: true,
             }),
@@ -530,7 +531,7 @@ fn longest() -> Vec<(&'static str, Message)> {
             Message::Bearing(StopBearing {
                 target: far,
                 stop: far,
-                seen: seen(),
+                seen: widest,
                 pose: Some(pose()),
             }),
         ),
@@ -576,7 +577,7 @@ fn longest() -> Vec<(&'static str, Message)> {
                 stop: far,
                 position: [1.0, 2.0],
                 position_sigma: 0.5,
-                seen: seen(),
+                seen: widest,
             }),
         ),
     ]
@@ -589,9 +590,9 @@ const LENGTHS: [(&str, usize); 16] = [
     ("Roster", 98),
     ("References", 24),
     ("Stopped", 63),
-    ("Look", 16),
+    ("Look", 19),
     ("Trigger", 7),
-    ("Bearing", 52),
+    ("Bearing", 55),
     ("Located", 32),
     ("Posed", 62),
     ("Report", 62),
@@ -599,7 +600,7 @@ const LENGTHS: [(&str, usize); 16] = [
     ("Done", 4),
     ("Tracked", 9),
     ("Sightings", 1),
-    ("Sighting", 29),
+    ("Sighting", 32),
 ];
 
 #[test]

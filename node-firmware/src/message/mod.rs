@@ -23,14 +23,14 @@
 //! | the target's location told by node 0 (2.6.1) | [`Message::Located`] |
 
 use calib_core::{
-    Limits, Pose, Ray, Refusal, Status, camera::Projection, dead_reckoning::Place, fit::Fit,
+    Limits, Pose, Ray, Real, Refusal, Status, camera::Projection, dead_reckoning::Place, fit::Fit,
     joint::ProtectionLevels,
 };
 use nalgebra::{Matrix2, Point2};
 use serde::{Deserialize, Deserializer, Serialize, Serializer, de::Error};
 use zigbee_link::wire::ShortAddress;
 
-use crate::limits::MEMBERS;
+use crate::{arithmetic::root, limits::MEMBERS};
 
 /// Numbers the stops of one target. Never repeats.
 pub type StopNumber = u16;
@@ -224,7 +224,18 @@ pub struct StopAnswer {
     pub done: bool,
 }
 
-/// A direction with its sigma, radians; positive to the left of the optical axis.
+/// What [`Seen::half_width`] counts in, radians.
+const HALF_WIDTH_UNIT: f32 = 1e-4;
+
+/// Standard deviation of a range by what no frame shows, as a share of it: how well the ball's size and
+/// the camera's focal length are known, and where a colour begins.
+const SIZE_SHARE: f32 = 0.03;
+
+/// A range whose standard deviation is a larger share of it is none: its error would be lopsided.
+pub const RANGE_LIMIT: f32 = 0.1;
+
+/// A direction with its sigma, radians; positive to the left of the optical axis. And how wide the
+/// target is there.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(remote = "Self")]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
@@ -233,9 +244,49 @@ pub struct Seen {
     pub bearing: f32,
     /// Its standard deviation, radians, above zero.
     pub sigma: f32,
+    /// Half the angle that the target is wide, tenths of a milliradian; 0: not known. Its standard
+    /// deviation is that of the bearing: one is half the sum, the other half the difference of two
+    /// edges.
+    pub half_width: u16,
 }
 
 impl Seen {
+    /// A direction, of a target of which it is not known how wide it is.
+    pub const fn direction(bearing: f32, sigma: f32) -> Self {
+        Self {
+            bearing,
+            sigma,
+            half_width: 0,
+        }
+    }
+
+    /// The same of a target whose edges are so far from its middle, radians.
+    pub fn wide(self, half_width: f32) -> Self {
+        Self {
+            // The conversion saturates, and what is not a number is 0.
+            half_width: (half_width / HALF_WIDTH_UNIT + 0.5) as u16,
+            ..self
+        }
+    }
+
+    /// How far away a ball of this radius is that is seen so, and the standard deviation of that, both
+    /// in the unit of the radius: `r / sin a` (thesis 5.2 asks for the size as a measurement). `None` if
+    /// it is not known how wide it is, or not well enough to tell its range within [`RANGE_LIMIT`]; the
+    /// ray from the edge to the eye touches the ball at a right angle wherever the ball is in view.
+    pub fn range(&self, radius: f32) -> Option<(f32, f32)> {
+        let half_width = f32::from(self.half_width) * HALF_WIDTH_UNIT;
+        let (sine, cosine) = Real::sine_cosine(half_width);
+        let range = radius / sine;
+        let share = self.sigma * cosine / sine;
+        let share = root(share * share + SIZE_SHARE * SIZE_SHARE);
+        let is_known = half_width > 0.0
+            && half_width < core::f32::consts::FRAC_PI_2
+            && range > 0.0
+            && range.is_finite()
+            && share < RANGE_LIMIT;
+        is_known.then_some((range, range * share))
+    }
+
     /// The direction as a ray.
     pub fn ray(&self) -> Ray<f32> {
         Ray::from_bearing(self.bearing)

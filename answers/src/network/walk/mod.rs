@@ -336,6 +336,7 @@ impl<'a> Walk<'a> {
                             pose: known.poses[seen.camera]?,
                             ray: Ray::from_bearing(seen.value),
                             bearing_sigma: seen.sigma,
+                            range: None,
                         })
                     })
                     .collect();

@@ -248,10 +248,7 @@ mod tests {
             scale_sigma: 0.0,
         };
         let track = Track::start(Point2::origin(), Matrix2::identity(), systematic);
-        let seen = Seen {
-            bearing: 0.1,
-            sigma: 0.01,
-        };
+        let seen = Seen::direction(0.1, 0.01);
         KeptSighting {
             target,
             stop,
@@ -282,7 +279,7 @@ mod tests {
                 target: 1,
                 stop,
                 place: track.numbered(u32::from(stop)).place(0.0).unwrap(),
-                seen: Seen { bearing, sigma },
+                seen: Seen::direction(bearing, sigma),
             });
         }
         calibration

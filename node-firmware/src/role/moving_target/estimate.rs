@@ -207,7 +207,14 @@ impl<'m> Estimate<'m> {
     }
 
     /// A camera saw the target at a stop.
-    pub(super) fn on_seen(&mut self, camera: MemberAddress, stop: StopNumber, seen: &Seen) {
+    /// `radius` is that of the ball, 0 if nobody knows it.
+    pub(super) fn on_seen(
+        &mut self,
+        camera: MemberAddress,
+        stop: StopNumber,
+        seen: &Seen,
+        radius: f32,
+    ) {
         let Some(stop) = self.index(stop) else { return };
         let Some(camera) = self.number(camera) else {
             return;
@@ -219,6 +226,14 @@ impl<'m> Estimate<'m> {
             .estimator
             .add_bearing(stop, camera, seen.bearing, seen.sigma);
         self.is_new |= added.is_ok();
+        // Ranges leave room for bearings, which are worth more.
+        if let Some((range, sigma)) = seen.range(radius)
+            && added.is_ok()
+            && self.estimator.bearings() < BEARINGS / 2
+        {
+            let added = self.estimator.add_range(stop, camera, range, sigma);
+            debug_assert_eq!(added, Ok(()), "there is room");
+        }
     }
 
     /// The number of a camera, a new one if there is room.

@@ -5,7 +5,7 @@
 //! reached it shows that its carrier may walk on. Nothing but the carrier makes it walk.
 //!
 //! It does not know where it is before the first reference camera tells it, or before two cameras
-//! that know their poses see it at one stop. From then on it reckons.
+//! that know their poses see it at one stop, or one does and the ball's size is known. From then on it reckons.
 
 mod estimate;
 mod place;

@@ -144,7 +144,7 @@ impl TargetRole<'_> {
         if let Some(seen) = look.seen.filter(|_| look.sight == Sight::InView)
             && let Some(estimate) = &mut self.estimate
         {
-            estimate.on_seen(from.0, look.stop, &seen);
+            estimate.on_seen(from.0, look.stop, &seen, self.config.ball_radius);
         }
     }
 
@@ -242,7 +242,8 @@ impl TargetRole<'_> {
         }
     }
 
-    /// From the bearings of all cameras that saw this target and know their poses.
+    /// From the bearings of all cameras that saw this target and know their poses. One is enough if
+    /// its range is known.
     pub(super) fn locate(&mut self, now: Instant) {
         if self.located {
             return;
@@ -254,6 +255,7 @@ impl TargetRole<'_> {
                     pose,
                     ray: bearing.seen.ray(),
                     bearing_sigma: bearing.seen.sigma,
+                    range: bearing.seen.range(self.config.ball_radius),
                 });
                 debug_assert!(has_room.is_ok(), "as many as there are bearings");
             }
