@@ -5,6 +5,7 @@ mod support;
 use std::collections::BTreeMap;
 
 use calib_core::{
+    camera::Projection,
     dead_reckoning::{Place, PlaceParts, Systematic},
     joint::Quantity,
 };
@@ -17,7 +18,7 @@ use node_firmware::{
         ReferenceStop, STOPS_PER_RECORD, Walk, WalkBearing, WalkLeg, WalkStop,
     },
     limits::{MEMBERS, REFERENCE_STOPS, SIGHTINGS, WALK_BEARINGS, WALK_STOPS},
-    message::{CameraState, Duty, PoseParts, References, Report, Seen},
+    message::{CameraState, Duty, FittingLens, PoseParts, References, Report, Seen},
     vision::ColourWindow,
 };
 use rand::{RngExt, SeedableRng};
@@ -69,7 +70,7 @@ fn report(id: u16) -> Report {
         chi_squared: 2.0,
         done: true,
         joint: None,
-        state: CameraState::Doubtful(pose()),
+        state: CameraState::OtherLens(pose(), FittingLens::new(Projection::EqualAngle, 6.0)),
     }
 }
 

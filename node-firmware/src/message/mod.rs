@@ -23,7 +23,7 @@
 //! | the target's location told by node 0 (2.6.1) | [`Message::Located`] |
 
 use calib_core::{
-    Limits, Pose, Ray, Real, Refusal, Status, dead_reckoning::Place, fit::Fit,
+    Limits, Pose, Ray, Real, Refusal, Status, camera::Projection, dead_reckoning::Place, fit::Fit,
     joint::ProtectionLevels,
 };
 use nalgebra::{Matrix2, Point2};
@@ -416,6 +416,43 @@ pub enum CameraState {
     Weak(PoseParts),
     /// A pose that the sightings contradict.
     Doubtful(PoseParts),
+    /// The sightings contradict the lens that was configured, and fit another one: the pose with that.
+    OtherLens(PoseParts, FittingLens),
+}
+
+/// A lens, in two bytes: its field of view in tenths of a degree, and its projection in the highest
+/// bit.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct FittingLens(u16);
+
+impl FittingLens {
+    const EQUAL_ANGLE: u16 = 1 << 15;
+    /// Tenths of a degree.
+    const WIDEST: f32 = 3600.0;
+
+    /// From the field of view, radians: from the middle of the first column to that of the last one.
+    pub fn new(projection: Projection, field_of_view: f32) -> Self {
+        let tenths = (field_of_view.to_degrees() * 10.0).clamp(0.0, Self::WIDEST) as u16;
+        Self(match projection {
+            Projection::PinHole => tenths,
+            Projection::EqualAngle => tenths | Self::EQUAL_ANGLE,
+        })
+    }
+
+    /// How it spreads directions.
+    pub const fn projection(self) -> Projection {
+        if self.0 & Self::EQUAL_ANGLE == 0 {
+            Projection::PinHole
+        } else {
+            Projection::EqualAngle
+        }
+    }
+
+    /// Its field of view, degrees.
+    pub fn field_of_view_deg(self) -> f32 {
+        f32::from(self.0 & !Self::EQUAL_ANGLE) / 10.0
+    }
 }
 
 // Derived, it would compare poses in three places, each in flash.
@@ -423,6 +460,7 @@ impl PartialEq for CameraState {
     fn eq(&self, other: &Self) -> bool {
         self.status() == other.status()
             && self.refusal() == other.refusal()
+            && self.lens() == other.lens()
             && self.pose() == other.pose()
     }
 }
@@ -458,7 +496,7 @@ impl CameraState {
             Self::Refused(_) => Status::Refused,
             Self::Calibrated(_) => Status::Calibrated,
             Self::Weak(_) => Status::Weak,
-            Self::Doubtful(_) => Status::Doubtful,
+            Self::Doubtful(_) | Self::OtherLens(..) => Status::Doubtful,
         }
     }
 
@@ -473,8 +511,19 @@ impl CameraState {
     /// The pose, if there is one, whatever it is worth.
     pub const fn pose(&self) -> Option<&PoseParts> {
         match self {
-            Self::Calibrated(pose) | Self::Weak(pose) | Self::Doubtful(pose) => Some(pose),
+            Self::Calibrated(pose)
+            | Self::Weak(pose)
+            | Self::Doubtful(pose)
+            | Self::OtherLens(pose, _) => Some(pose),
             Self::Waiting | Self::Refused(_) => None,
+        }
+    }
+
+    /// The lens that fits, where the one that was configured does not.
+    pub const fn lens(&self) -> Option<FittingLens> {
+        match self {
+            Self::OtherLens(_, lens) => Some(*lens),
+            _ => None,
         }
     }
 }

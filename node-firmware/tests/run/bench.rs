@@ -19,7 +19,7 @@ use embassy_sync::{blocking_mutex::raw::NoopRawMutex, channel::Channel};
 use embedded_io_async::{ErrorType, Read, Write};
 use node_firmware::{
     config::{Config, CoordinatorConfig, RoleConfig, SiteKey},
-    console::{Frames, FromPc, ToPc},
+    console::{FRAME_MAX, Frames, FromPc, ToPc, encode},
     facts,
     hardware::{FlashLayout, Hardware, Indication, Indicator, Observer, Peripherals, StepSensor},
     message::{CameraCommand, CommandResult, Duty, MemberKind, Message, Sight},
@@ -146,9 +146,10 @@ impl Pc {
     }
 
     pub(super) fn wish(&self, wish: FromPc) {
-        let mut buffer = [0; 64];
-        let frame = postcard::to_slice_cobs(&wish, &mut buffer).unwrap();
-        block_on(self.0.borrow_mut().0.write_all(frame)).unwrap();
+        let mut buffer = [0; FRAME_MAX];
+        // A zero before it ends what noise, or a frame that was cut, may have begun.
+        let frame = [&[0], encode(&wish, &mut buffer).unwrap()].concat();
+        block_on(self.0.borrow_mut().0.write_all(&frame)).unwrap();
     }
 
     pub(super) fn told(&self) -> Vec<ToPc> {

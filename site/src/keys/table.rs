@@ -84,7 +84,7 @@ pub const KEYS: &[Key] = &[
     key("seed", Whole(0.0, 9.3e18, ""), Is("1"), Rehearsal, "The seed of every random number."),
     key("path", Whole(1.0, PATH_MAX as f64, ""), Is("1"), Rehearsal, "Which of the planned ways targets take."),
     key("stops", STOPS, Is("3"), Both, "Stops that are planned in view of each camera, and that each camera waits for."),
-    key("placement", Choice(&["planned", "anywhere"]), Is("planned"), Rehearsal, "How stops are chosen: where they help most, or anywhere in view."),
+    key("placement", Choice(&["planned", "checked", "anywhere"]), Is("planned"), Rehearsal, "How stops are chosen: where they help most; there, and then on until every pose is checked; or anywhere in view."),
     key("world", Table, Is(""), Rehearsal, "The place."),
     key("camera", Table, Is(""), Both, "What all cameras are, unless one says otherwise."),
     key("firmware", Table, Is(""), Nodes, "What all nodes are configured to, unless one says otherwise."),

@@ -365,7 +365,6 @@ fn stopped(stop: u16, frame: CoordinateFrame, position: Vector2<f32>) -> Stopped
             scale_sigma: 0.0,
         },
         standing_sigma: 0.0,
-        ball_radius: 0.0,
     });
     Stopped {
         stop,

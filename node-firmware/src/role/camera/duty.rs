@@ -312,7 +312,11 @@ impl CameraRole {
             return;
         }
         self.solved_by = Some(from);
-        let state = solved.state.judged_again(&self.config.weak.limits());
+        // Through a lens that is another one than everybody believes, the camera sees on its own.
+        let state = match self.calibration.with_other_lens(&self.config.lens) {
+            Some(state) if report.duty.is_none() => state,
+            _ => solved.state.judged_again(&self.config.weak.limits()),
+        };
         let sightings = solved.sightings.max(report.sightings);
         self.update(
             now,

@@ -12,7 +12,7 @@ use crate::role::is_news;
 use crate::{
     config::{Sigmas, Subjects},
     limits::SIGHTINGS,
-    message::{CameraState, CoordinateFrame, References, Stopped},
+    message::{CameraState, CoordinateFrame, ProtectionLevel, References, Stopped},
     vision::Lens,
 };
 
@@ -372,6 +372,19 @@ fn others_hear_of_what_changes_their_picture_of_a_camera() {
             ..waiting
         }
     ));
+    let checked_to = |position| Report {
+        joint: Some(ProtectionLevel {
+            position,
+            heading: 0.1,
+        }),
+        ..old
+    };
+    for (level, news) in [(0.9, false), (2.2, false), (0.49, true), (0.21, true)] {
+        let [one, other] = [1.1, level].map(checked_to);
+        assert_eq!(is_news(&one, &other), news, "{level}");
+        assert_eq!(is_news(&other, &one), news, "{level}");
+    }
+    assert!(is_news(&old, &checked_to(1.0)) && is_news(&checked_to(1.0), &old));
     let no_news = [
         old,
         Report {
