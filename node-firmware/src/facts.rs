@@ -51,6 +51,10 @@ use crate::{
 
 /// One above the highest key.
 const KEYS: u8 = FactKey::WalkBearings(BEARING_RECORDS - 1).record() + 1;
+/// Keys that are looked for in one pass over the log: more take more memory, fewer more time.
+const KEYS_AT_A_TIME: u8 = 60;
+const _: () =
+    assert!(KEYS.div_ceil(KEYS_AT_A_TIME) as u16 * (KEYS_AT_A_TIME as u16) < OWNER as u16);
 /// Key of the record that says whose the facts are.
 const OWNER: u8 = 254;
 /// First byte of its value.
@@ -370,15 +374,19 @@ impl<F: NorFlash> FactStore<F> {
     /// # Errors
     /// The flash failed.
     pub async fn recall(&mut self, mut take: impl FnMut(&Fact)) -> Result<(), LogError<F::Error>> {
-        let mut slots = [0; KEYS as usize];
-        self.log.newest(0, &mut slots).await?;
-        for (key, slot) in (0..).zip(slots) {
-            if let Some(entry) = self.log.read(slot).await?
-                && let Ok((fact, _)) = postcard::take_from_bytes::<Fact>(entry.value())
-                && fact.key().record() == key
-            {
-                take(&fact);
+        let mut first = 0;
+        while first < KEYS {
+            let mut slots = [0; KEYS_AT_A_TIME as usize];
+            self.log.newest(first, &mut slots).await?;
+            for (key, slot) in (first..).zip(slots) {
+                if let Some(entry) = self.log.read(slot).await?
+                    && let Ok((fact, _)) = postcard::take_from_bytes::<Fact>(entry.value())
+                    && fact.key().record() == key
+                {
+                    take(&fact);
+                }
             }
+            first += KEYS_AT_A_TIME;
         }
         Ok(())
     }

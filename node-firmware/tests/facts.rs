@@ -443,10 +443,10 @@ fn rot_at_work_is_survived() {
     assert_eq!(recall(&mut rotten), expected);
 }
 
-/// However full the memory is, each of its records is read once to find the newest ones, and once
-/// more if it is one.
+/// However full the memory is, each of its records is read once for each 60 keys to find the newest
+/// ones, and once more if it is one.
 #[test]
-fn recalling_reads_each_record_twice_at_most() {
+fn recalling_reads_each_record_five_times_at_most() {
     for count in [0, 30, 2000] {
         let mut flash = flash::chip(32, 9);
         for n in 0..count {
@@ -462,7 +462,7 @@ fn recalling_reads_each_record_twice_at_most() {
         });
         assert_eq!(facts, count.min(20));
         let slots = u64::from(LEN) / 2 / SLOT as u64;
-        assert!(reads <= 2 * slots, "{reads}");
+        assert!(reads <= 5 * slots, "{reads}");
     }
 }
 

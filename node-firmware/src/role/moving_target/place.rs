@@ -10,7 +10,11 @@ use calib_core::{
 use nalgebra::{Matrix2, Point2, RealField, Vector2};
 use zigbee_link::{Instant, wire::ShortAddress};
 
-use super::{BREATH, State, TargetNotification, TargetRole, estimate::Estimated, is_length};
+use super::{
+    BREATH, State, TargetNotification, TargetRole,
+    estimate::{Estimate, Estimated},
+    is_length,
+};
 use crate::{
     arithmetic::root,
     config::TargetConfig,
@@ -199,7 +203,7 @@ impl TargetRole<'_> {
         // It stands elsewhere by now, and tells so: the next round is about that.
         let stands = matches!(self.state, State::Standing(standing) if !standing.may_walk);
         // Nor does anybody know where it went since, if its sensor failed or it restarted.
-        let knows_way = { self.estimate.as_ref() }.is_some_and(|estimate| estimate.knows_way());
+        let knows_way = { self.estimate.as_ref() }.is_some_and(Estimate::knows_way);
         if estimated.stop != self.stop
             || !knows_way
             || self.sensor_failed
