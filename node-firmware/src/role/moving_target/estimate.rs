@@ -114,7 +114,7 @@ impl Frame {
     /// A pose in the frame of the site, with what its references' places err. To first order, with the
     /// baseline as the complex unit: a place `s` moves by `(1 - s) da + s db`, and all headings turn by
     /// `db - da` across the baseline.
-    fn to_site(&self, pose: &Pose<f32>) -> Pose<f32> {
+    fn in_site(&self, pose: &Pose<f32>) -> Pose<f32> {
         let (place, heading) = self.variances(pose);
         let mut pose = pose.seen_from(self.origin, self.direction);
         pose.covariance.m11 += place;
@@ -635,7 +635,7 @@ impl<'m> Estimate<'m> {
             let Ok(pose) = self.estimator.pose(camera) else {
                 continue;
             };
-            let pose = frame.to_site(&Pose {
+            let pose = frame.in_site(&Pose {
                 covariance: pose.covariance * solution.fit.inflation(),
                 ..pose
             });
@@ -683,7 +683,7 @@ impl<'m> Estimate<'m> {
                 heading: level.heading + NOISE * root(heading),
             }
         });
-        let parts = PoseParts::from(frame.to_site(&Pose {
+        let parts = PoseParts::from(frame.in_site(&Pose {
             covariance: pose.covariance * solution.fit.inflation(),
             ..pose
         }));

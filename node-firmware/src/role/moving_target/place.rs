@@ -12,7 +12,9 @@ use nalgebra::{Matrix2, Point2, RealField, Vector2};
 use zigbee_link::{Instant, wire::ShortAddress};
 
 use super::{
-    BREATH, CameraEntry, State, TargetNotification, TargetRole, estimate::Estimated, is_length,
+    BREATH, CameraEntry, State, TargetNotification, TargetRole,
+    estimate::{Estimate, Estimated},
+    is_length,
 };
 use crate::{
     arithmetic::root,
@@ -199,7 +201,7 @@ impl TargetRole<'_> {
 
     /// A camera has what was estimated of it. After a restart it is known that it held this.
     pub(super) fn on_told(&mut self, camera: MemberAddress) {
-        let reports = self.estimate.iter().flat_map(|estimate| estimate.reports());
+        let reports = self.estimate.iter().flat_map(Estimate::reports);
         let told = { reports }.find_map(|(of, told)| (of == camera).then_some(*told));
         let is_it = |entry: &CameraEntry| entry.address == camera;
         let before = self.table.iter().find(is_it).and_then(|entry| entry.report);
