@@ -27,30 +27,6 @@ enum Carrier {
 
 use Carrier::{Known, Shipped};
 
-/// A file with which somebody is still deceived, with the seeds for which that is so.
-type Open = (&'static str, Carrier, &'static [u64]);
-
-/// What does not hold yet.
-const OPEN: [Open; 9] = [
-    ("G_excess_threshold", Known, &[1, 2, 673_509]),
-    ("I_bumped_reference", Shipped, &[1, 2, 2_739_480_931]),
-    ("I_bumped_reference", Known, &[1, 2, 2_739_480_931]),
-    (
-        "J_stuck_reference_after_restarts",
-        Shipped,
-        &[1, 531_909_053],
-    ),
-    (
-        "J_stuck_reference_after_restarts",
-        Known,
-        &[1, 2, 531_909_053],
-    ),
-    ("K_slipped_leg", Shipped, &[1, 2, 1_975_771_215]),
-    ("K_slipped_leg", Known, &[1, 2, 1_975_771_215]),
-    ("L_bumped_after_restart", Shipped, &[1, 2, 992_506_793]),
-    ("L_bumped_after_restart", Known, &[1, 2, 992_506_793]),
-];
-
 /// Beside the seed of the file, with which it was found.
 const SEEDS: [u64; 2] = [1, 2];
 
@@ -112,12 +88,7 @@ fn known_faults_deceive_nobody() {
             }
         }
     }
-    let open = OPEN.iter().map(|(file, carrier, seeds)| {
-        let seeds = seeds.iter().copied().collect();
-        ((*file).to_owned(), *carrier, seeds)
-    });
-    let open: Vec<_> = open.collect();
-    assert_eq!(found, open, "strike off what holds");
+    assert!(found.is_empty(), "{found:?}");
 }
 
 #[test]

@@ -76,10 +76,10 @@ enum Doing<T> {
 impl<T: Real> Problem<'_, T> {
     /// Lets in what cameras it can, and settles; then those with exactly three bearings.
     pub(super) fn begin_settling(&mut self) -> Settling<T> {
+        for camera in self.cameras.iter_mut() {
+            camera.is_new = false;
+        }
         for camera in REFERENCES..self.cameras.len() {
-            if let Some(unknown) = self.cameras.get_mut(camera) {
-                unknown.is_new = false;
-            }
             if self.counting(camera) < WITNESSED
                 && let Some(unknown) = self.cameras.get_mut(camera)
             {

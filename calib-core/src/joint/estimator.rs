@@ -5,6 +5,7 @@ use nalgebra::{Point2, Vector2};
 use super::{
     BearingResidual, Carrier, Finding, JointError, JointSettings, JointSolution, Leg, LegResidual,
     Lens, Progress, ProtectionLevels, ReferenceHeadings, Round, StopPlace, StopTag,
+    integrity::IN_A_ROW,
     problem::{
         Common, Problem, Quantity, REFERENCES, Sight, Standing, Stop, Unknown, Visit,
         root_information,
@@ -153,6 +154,7 @@ impl<'m, T: Real> JointEstimator<'m, T> {
                 held: None,
                 is_started: false,
                 window: [0, u16::MAX],
+                suspect: None,
             },
             limits,
             work: Work::new(),
@@ -184,6 +186,9 @@ impl<'m, T: Real> JointEstimator<'m, T> {
             return Err(JointError::Unknown);
         }
         check(baseline, &settings)?;
+        // Who was moved is found anew.
+        self.counted = [self.stops.len, self.sights.len, self.visits.len];
+        self.work().1.undo_moves(None);
         // Where the first exchange puts the second reference.
         let second = if second == 0 { first } else { second };
         for [a, b] in [[0, index(first)?], [1, index(second)?]] {
@@ -213,6 +218,7 @@ impl<'m, T: Real> JointEstimator<'m, T> {
         common.carrier = Vector2::new(settings.scale.mean, settings.compass.mean);
         common.leg_factor = T::one();
         common.held = None;
+        common.suspect = None;
         common.is_started = false;
         for camera in &mut *self.cameras {
             *camera = Unknown::default();
@@ -229,6 +235,7 @@ impl<'m, T: Real> JointEstimator<'m, T> {
         self.visits.len = 0;
         self.common.is_started = false;
         self.common.held = None;
+        self.common.suspect = None;
         self.common.leg_factor = T::one();
         for unknown in self.cameras.iter_mut().chain(self.marks.iter_mut()) {
             *unknown = Unknown::default();
@@ -570,6 +577,59 @@ impl<'m, T: Real> JointEstimator<'m, T> {
             .clone()
             .filter(|sight| sight.standing == Standing::Counts);
         [of.count(), counting.count()]
+    }
+
+    /// The stop since which what a camera sees is not its own, because it was moved, and the camera that
+    /// it has become, if that was [told](JointEstimator::split). A leg that is found to have slipped may
+    /// explain what looked like a move: then it was none.
+    pub fn moved(&self, camera: usize) -> Option<(usize, Option<usize>)> {
+        let unknown = self.cameras.get(camera)?;
+        Some((unknown.moved?.into(), unknown.successor.map(usize::from)))
+    }
+
+    /// Stops at which both cameras saw the target. Three are enough for a frame between them.
+    pub fn common_stops(&self, one: usize, other: usize) -> usize {
+        let of = |camera: usize| {
+            let sights = self.sights.all().iter();
+            sights.filter(move |sight| usize::from(sight.camera) == camera && sight.is_bearing())
+        };
+        of(one)
+            .filter(|sight| of(other).any(|second| second.stop == sight.stop))
+            .count()
+    }
+
+    /// Whether it cannot be told if a camera was moved for a while or the way to where it saw the target was
+    /// not as measured: at stops between legs that are left out nobody else saw the target.
+    pub fn is_ambiguous(&self, camera: usize) -> bool {
+        let is_cut = |stop: &Stop<T>| stop.standing != Standing::Counts;
+        if !self.stops.all().iter().any(is_cut) {
+            return false;
+        }
+        let (mut own, mut others) = (0, 0);
+        for (n, stop) in self.stops.all().iter().enumerate() {
+            if is_cut(stop) {
+                if own >= IN_A_ROW && others == 0 {
+                    return true;
+                }
+                (own, others) = (0, 0);
+            }
+            for sight in self.sights.all() {
+                if usize::from(sight.stop) == n && sight.standing == Standing::Counts {
+                    let is_own = usize::from(sight.camera) == camera;
+                    let of = self.cameras.get(usize::from(sight.camera));
+                    let is_estimated = of.is_some_and(|of| of.column.is_some());
+                    own += usize::from(is_own);
+                    let is_reference = usize::from(sight.camera) < REFERENCES;
+                    others += usize::from(!is_own && (is_estimated || is_reference));
+                }
+            }
+        }
+        own >= IN_A_ROW && others == 0
+    }
+
+    /// Whether the references' sightings gave a frame.
+    pub const fn is_started(&self) -> bool {
+        self.common.is_started
     }
 
     /// Stops so far.

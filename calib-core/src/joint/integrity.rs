@@ -16,7 +16,8 @@
 use super::{
     Finding, ProtectionLevels,
     descent::ENOUGH,
-    problem::{Problem, Quantity, REFERENCES, Sight, Standing},
+    problem::{Problem, Quantity, REFERENCES, Sight, Standing, Suspect},
+    residuals::UNCHECKED,
     sweep::{Pass, Without},
     triangle::packed,
 };
@@ -84,6 +85,8 @@ pub(super) struct Survey<T> {
     stop: usize,
     protects: bool,
     strongest: Option<(Finding<T>, T)>,
+    /// The leg that may be to blame for a suspect, and its chi squared.
+    leg: Option<(usize, T)>,
     /// Of the legs: the sum of their squared residuals, in claimed sigmas, and what it averages.
     squares: T,
     redundancy: T,
@@ -100,6 +103,12 @@ impl<T: Real> Survey<T> {
             .strongest
             .filter(|(_, strength)| *strength > lit(LIMIT));
         beyond.map(|(found, _)| found)
+    }
+
+    /// How rarely chance does what contradicts most.
+    pub(super) fn strength(&self) -> T {
+        let strongest = self.strongest.filter(|_| self.found().is_some());
+        strongest.map_or_else(T::zero, |(_, strength)| strength)
     }
 
     /// `odds` weigh what is as strong as something else.
@@ -127,9 +136,10 @@ impl<T: Real> Problem<'_, T> {
             stop: 0,
             protects,
             strongest: None,
+            leg: None,
             squares: T::zero(),
             redundancy: T::zero(),
-            tail: (REFERENCES, 1),
+            tail: (0, 1),
             all: None,
         }
     }
@@ -214,6 +224,12 @@ impl<T: Real> Problem<'_, T> {
         };
         let strength = strength(leg.chi_squared, leg.degrees_of_freedom);
         survey.offer(found, strength, OF_LEG);
+        if strength > lit(LIMIT)
+            && self.may_be_blamed(leg.stop)
+            && survey.leg.is_none_or(|(_, most)| leg.chi_squared > most)
+        {
+            survey.leg = Some((leg.stop, leg.chi_squared));
+        }
         Some(())
     }
 
@@ -292,57 +308,134 @@ impl<T: Real> Problem<'_, T> {
         Some(())
     }
 
-    /// A camera whose last bearings are all off is no longer what it was.
-    pub(super) fn leave_out(&mut self, found: Finding<T>) -> Finding<T> {
-        match found {
-            Finding::Bearing { stop, camera, off } => {
+    /// Leaves out what was found. A camera whose last bearings are all off is no longer what it was, or the
+    /// way to where it saw them was not as measured: then nothing is left out for good yet, and the next
+    /// surveys tell.
+    pub(super) fn leave_out(&mut self, found: Finding<T>) -> Option<Finding<T>> {
+        let (camera, from) = match found {
+            Finding::Bearing { stop, camera, .. } => {
                 self.exclude(stop, camera, Quantity::Bearing);
-                let counts = |sight: &&Sight<T>| {
-                    usize::from(sight.camera) == camera
-                        && sight.is_bearing()
-                        && sight.standing == Standing::Counts
+                let Some(from) = self.off_since(camera) else {
+                    return Some(found);
                 };
-                let good = self
-                    .sights
-                    .iter()
-                    .filter(counts)
-                    .map(|sight| sight.stop)
-                    .max();
-                let is_off = |sight: &&Sight<T>| {
-                    usize::from(sight.camera) == camera
-                        && sight.is_bearing()
-                        && sight.standing == Standing::Excluded
-                        && good.is_none_or(|good| sight.stop > good)
-                };
-                let since = self.sights.iter().filter(is_off);
-                let from = since.clone().map(|sight| usize::from(sight.stop)).min();
-                match from {
-                    Some(from) if since.count() >= IN_A_ROW => {
-                        self.distrust(camera, from);
-                        Finding::Camera {
-                            camera,
-                            from,
-                            chi_squared: off * off,
-                        }
+                for sight in self.sights.iter_mut() {
+                    let is_its = usize::from(sight.camera) == camera && sight.is_bearing();
+                    if is_its && usize::from(sight.stop) >= from {
+                        sight.standing = Standing::Counts;
                     }
-                    _ => found,
                 }
+                (camera, from)
             }
             Finding::Range { stop, camera, .. } => {
                 self.exclude(stop, camera, Quantity::Range);
-                found
+                return Some(found);
             }
             Finding::Leg { stop, .. } => {
-                if let Some(stop) = self.stops.get_mut(stop) {
-                    stop.standing = Standing::Excluded;
-                }
-                found
+                self.leave_out_leg(stop);
+                return Some(found);
             }
-            Finding::Camera { camera, from, .. } => {
-                self.distrust(camera, from);
-                found
+            Finding::Camera { camera, from, .. } => (camera, from),
+        };
+        let key = u16::try_from(camera).ok().zip(u16::try_from(from).ok());
+        let (camera, from) = key?;
+        self.common.suspect = Some(Suspect {
+            camera,
+            from,
+            leg: None,
+        });
+        None
+    }
+
+    /// Which of both it was, once everything is solved with the suspect's bearings, and then again without
+    /// the leg that explains them best.
+    pub(super) fn decide(&mut self, survey: &Survey<T>) -> Option<Finding<T>> {
+        let suspect = self.common.suspect.take()?;
+        let (camera, from) = (usize::from(suspect.camera), usize::from(suspect.from));
+        let found = survey.found();
+        match suspect.leg {
+            None => {
+                // Of several between the same sightings it does not matter which.
+                let (leg, chi_squared) = survey.leg.unwrap_or((from, T::zero()));
+                let counts = self
+                    .stops
+                    .get(leg)
+                    .is_some_and(|stop| stop.standing == Standing::Counts);
+                if counts && self.leg_rows_of(leg).is_some() {
+                    self.count_leg(leg, Standing::Excluded);
+                    let leg = u16::try_from(leg).ok()?;
+                    let leg = Some((leg, chi_squared));
+                    self.common.suspect = Some(Suspect { leg, ..suspect });
+                    return None;
+                }
+            }
+            Some((leg, chi_squared)) => {
+                let is_still = match found {
+                    Some(
+                        Finding::Bearing { camera: of, .. } | Finding::Camera { camera: of, .. },
+                    ) => of == camera,
+                    _ => false,
+                };
+                let stop = usize::from(leg);
+                if !is_still {
+                    self.leave_out_leg(stop);
+                    return Some(Finding::Leg { stop, chi_squared });
+                }
+                self.count_leg(stop, Standing::Counts);
             }
         }
+        let chi_squared = match found {
+            Some(Finding::Bearing { off, .. }) => off * off,
+            Some(Finding::Camera { chi_squared, .. }) => chi_squared,
+            _ => T::zero(),
+        };
+        self.distrust(camera, from);
+        Some(Finding::Camera {
+            camera,
+            from,
+            chi_squared,
+        })
+    }
+
+    fn count_leg(&mut self, stop: usize, standing: Standing) {
+        if let Some(stop) = self.stops.get_mut(stop) {
+            stop.standing = standing;
+        }
+    }
+
+    fn leave_out_leg(&mut self, stop: usize) {
+        // Whoever seemed to be moved near it may see rightly where the target really is.
+        self.undo_moves(Some(stop));
+        self.count_leg(stop, Standing::Excluded);
+    }
+
+    /// The stops the way to which may be to blame for what a suspect saw: since it saw rightly.
+    fn may_be_blamed(&self, leg: usize) -> bool {
+        self.common.suspect.is_some_and(|suspect| {
+            let camera = usize::from(suspect.camera);
+            let before = self.sights.iter().filter(|sight| {
+                usize::from(sight.camera) == camera
+                    && sight.is_bearing()
+                    && sight.standing == Standing::Counts
+                    && sight.stop < suspect.from
+            });
+            let good = before.map(|sight| usize::from(sight.stop)).max();
+            suspect.leg.is_none()
+                && good.is_some_and(|good| leg > good)
+                && leg <= suspect.from.into()
+        })
+    }
+
+    /// The stop since which all bearings of a camera are left out, if they are [`IN_A_ROW`] or more.
+    fn off_since(&self, camera: usize) -> Option<usize> {
+        let good = self.tail(camera, 0).map(|sight| sight.stop).max();
+        let since = self.sights.iter().filter(|sight| {
+            usize::from(sight.camera) == camera
+                && sight.is_bearing()
+                && sight.standing == Standing::Excluded
+                && good.is_none_or(|good| sight.stop > good)
+        });
+        let from = since.clone().map(|sight| usize::from(sight.stop)).min();
+        from.filter(|_| since.count() >= IN_A_ROW)
     }
 
     fn exclude(&mut self, stop: usize, camera: usize, quantity: Quantity) {
@@ -406,6 +499,44 @@ impl<T: Real> Problem<'_, T> {
         }
         self.common.leg_factor = factor;
         true
+    }
+
+    /// Believes no prior of the carrier that all measurements together contradict more strongly than
+    /// anything else does: it is widened to what it errs. Whether there was one.
+    pub(super) fn widen_priors(&mut self, survey: &Survey<T>) -> bool {
+        let held = self
+            .stops
+            .len()
+            .checked_sub(1)
+            .and_then(|last| self.hold(last));
+        let Some(carrier) = held.and_then(|()| self.carrier().ok()) else {
+            return false;
+        };
+        let least = lit::<T>(LIMIT).max(survey.strength());
+        let common = &mut *self.common;
+        let mut has_widened = false;
+        for (prior, value, variance) in [
+            (
+                &mut common.scale_prior,
+                carrier.scale,
+                carrier.covariance.m11,
+            ),
+            (
+                &mut common.compass_prior,
+                carrier.compass,
+                carrier.covariance.m22,
+            ),
+        ] {
+            let off = value - prior.mean;
+            let claimed = prior.sigma * prior.sigma;
+            // The variance of what is left of it.
+            let told = claimed - variance;
+            if told > claimed * lit(UNCHECKED) && strength(off * off / told, 1) > least {
+                prior.sigma = prior.sigma.max(off.abs());
+                has_widened = true;
+            }
+        }
+        has_widened
     }
 
     /// What noise does without any fault, on top of what one fault does.

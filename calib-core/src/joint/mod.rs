@@ -40,7 +40,11 @@
 //! # What contradicts
 //! [`check`](JointEstimator::check) finds the bearing, the leg or the camera that contradicts the rest
 //! most, names it, and solves without it; what agrees later comes back. A camera that was moved is
-//! [another one](JointEstimator::split) from then on, with a pose of its own.
+//! [another one](JointEstimator::split) from then on, with a pose of its own; references are watched
+//! like all others, and what they saw before holds the frame. Where the last bearings of a camera are off,
+//! either it was moved or the way there was not as measured: both are tried, and where nobody else saw the
+//! target there, that [cannot be told](JointEstimator::is_ambiguous). A prior of the carrier that everything
+//! together contradicts is widened to what it errs.
 //! [`protect`](JointEstimator::protect) tells how far a pose may be off because of one fault that
 //! no test can see: many sigmas where nothing checks what it rests on. A path walked there and back
 //! checks every leg.

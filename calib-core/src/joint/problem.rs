@@ -45,7 +45,12 @@ pub(super) const fn workspace(cameras: usize, marks: usize, lenses: bool) -> usi
     packed(width) + VECTORS * width
 }
 
-/// By how much an excluded leg's rows are shortened: it has 50 times its sigmas.
+/// A leg that was not as measured, and a camera that seemed to be moved so few stops before or after it, may
+/// be one fault.
+const NEAR: usize = 12;
+
+/// By how much an excluded leg's rows are shortened, at least: it has 50 times its sigmas, or as much as it is
+/// long if that is more.
 const EXCLUDED_LEG: f64 = 0.02;
 
 /// A stop: how it was reached, and where it is thought to be.
@@ -213,6 +218,19 @@ pub(super) struct Common<T: Real> {
     pub is_started: bool,
     /// First and last stop whose bearings are looked at: all of them but during a start.
     pub window: [u16; 2],
+    /// A camera that is off since some stop, and why that may be.
+    pub suspect: Option<Suspect<T>>,
+}
+
+/// A camera of which the last bearings are off: it was moved, or the way there was not as measured. Both are
+/// tried.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Suspect<T> {
+    pub camera: u16,
+    /// The first stop at which it is off.
+    pub from: u16,
+    /// The leg that is left out to see whether that explains it, and what it was off as chi squared.
+    pub leg: Option<(u16, T)>,
 }
 
 /// The numbers of an estimator, whatever its capacities: the mathematics exists once for all of
@@ -337,6 +355,34 @@ impl<T: Real> Problem<'_, T> {
         }
     }
 
+    /// Cameras that seemed to be moved near this stop, or anywhere, were not: what they saw is their own
+    /// again.
+    pub(super) fn undo_moves(&mut self, near: Option<usize>) {
+        for camera in 0..self.cameras.len() {
+            let Some(unknown) = self.cameras.get_mut(camera) else {
+                return;
+            };
+            let is_near =
+                |from: &u16| near.is_none_or(|near| near.abs_diff((*from).into()) <= NEAR);
+            let Some(from) = unknown.moved.filter(is_near) else {
+                continue;
+            };
+            unknown.moved = None;
+            let successor = unknown.successor.take().map(usize::from);
+            for sight in self.sights.iter_mut() {
+                let of = usize::from(sight.camera);
+                let is_its = of == camera && sight.standing == Standing::Distrusted;
+                if sight.stop >= from && (is_its || Some(of) == successor) {
+                    sight.camera = u16::try_from(camera).unwrap_or(sight.camera);
+                    sight.standing = Standing::Counts;
+                }
+            }
+            if let Some(successor) = successor.and_then(|n| self.cameras.get_mut(n)) {
+                *successor = Unknown::default();
+            }
+        }
+    }
+
     /// Columns of a camera that is estimated.
     pub(super) fn columns(&self, camera: usize) -> Option<Columns> {
         let has_lens = self.common.lens_prior.is_some();
@@ -425,8 +471,15 @@ impl<T: Real> Problem<'_, T> {
     /// how it did, whitened.
     /// One that is excluded still ties its ends together, but loosely.
     pub(super) fn leg_rows(&self, later: usize) -> Option<[LegRow<T>; 2]> {
-        let counts = self.stops.get(later)?.standing == Standing::Counts;
-        let weight = if counts { T::one() } else { lit(EXCLUDED_LEG) };
+        let stop = self.stops.get(later)?;
+        let [w11, _, w22] = stop.root;
+        let length = dot(stop.displacement, stop.displacement).sqrt();
+        let weight = if stop.standing == Standing::Counts {
+            T::one()
+        } else {
+            let claims = w11.max(w22) * length * lit(EXCLUDED_LEG);
+            lit::<T>(EXCLUDED_LEG) / claims.max(T::one())
+        };
         let rows = self.leg_rows_of(later)?;
         Some(rows.map(|row| LegRow {
             residual: row.residual * weight,

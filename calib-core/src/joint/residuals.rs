@@ -18,6 +18,8 @@ use crate::{Real, Refusal, numerics::real::lit};
 
 /// A measurement with less redundancy has none: its residual is rounding.
 pub(super) const UNCHECKED: f64 = 0.02;
+/// The same of a leg: carriers may measure much better than cameras, and slip by much more than either errs.
+const UNCHECKED_LEG: f64 = 1e-3;
 /// What was left out and is closer to the estimates than this, in sigmas, is back in.
 const READMITTED: f64 = 3.3;
 /// A camera whose first bearing after a move is closer than this, in sigmas, was moved later.
@@ -131,7 +133,7 @@ impl<T: Real> Problem<'_, T> {
         let across = cosine * second - sine * first;
         let (mut chi_squared, mut degrees_of_freedom) = (T::zero(), 0);
         for (residual, variance) in [(along, mean + radius), (across, mean - radius)] {
-            if variance >= lit(UNCHECKED) {
+            if variance >= lit(UNCHECKED_LEG) {
                 chi_squared += residual * residual / variance;
                 degrees_of_freedom += 1;
             }

@@ -172,11 +172,25 @@ impl<T: Real> Work<T> {
         problem: &mut Problem<'_, T>,
         survey: &Survey<T>,
     ) -> Result<Progress<T>, JointError> {
+        if self.round.findings > 0 && problem.widen_priors(survey) {
+            self.stage = Stage::Settling(problem.begin_settling());
+            return Ok(Progress::Working);
+        }
+        if problem.common.suspect.is_some() {
+            self.found = problem.decide(survey);
+            if self.found.is_some() {
+                self.round.findings = self.round.findings.saturating_sub(1);
+            }
+            self.stage = Stage::Settling(problem.begin_settling());
+            return Ok(Progress::Working);
+        }
         if let Some(found) = survey.found()
             && let Some(left) = self.round.findings.checked_sub(1)
         {
-            self.round.findings = left;
-            self.found = Some(problem.leave_out(found));
+            self.found = problem.leave_out(found);
+            if self.found.is_some() {
+                self.round.findings = left;
+            }
             self.stage = Stage::Settling(problem.begin_settling());
             return Ok(Progress::Working);
         }

@@ -30,6 +30,8 @@ const ALL: [u16; 2] = [0, u16::MAX];
 /// A prior sigma of scale, or of the compass in radians, from which on a start does without: the
 /// references' own sightings have to tell it.
 const VAGUE: f64 = 0.3;
+/// A prior that is off by more of its sigmas is contradicted.
+const CLAIMED: f64 = 4.42;
 
 /// One answer of the reference solve.
 #[derive(Clone, Copy, Debug)]
@@ -54,6 +56,8 @@ pub(super) struct Starting<T: Real> {
     best: Start<T>,
     other: Option<Start<T>>,
     descent: Descent<T>,
+    /// Sigmas of scale and compass as they were told.
+    told: [T; 2],
     /// Why these stops give no start, for the first of [`TAKEN`].
     failure: Option<Refusal>,
     /// Why all stops together give none.
@@ -96,6 +100,10 @@ impl<T: Real> Problem<'_, T> {
             },
             other: None,
             descent: Descent::new(),
+            told: [
+                self.common.scale_prior.sigma,
+                self.common.compass_prior.sigma,
+            ],
             failure: None,
             why: Refusal::TooFew,
         }
@@ -146,6 +154,7 @@ impl<T: Real> Problem<'_, T> {
                 return None;
             }
         }
+        self.restore_priors(starting);
         self.end_start();
         Some(Err(starting.why))
     }
@@ -200,7 +209,14 @@ impl<T: Real> Problem<'_, T> {
         })
     }
 
+    fn restore_priors(&mut self, starting: &Starting<T>) {
+        let [scale, compass] = starting.told;
+        self.common.scale_prior.sigma = scale;
+        self.common.compass_prior.sigma = compass;
+    }
+
     fn propose(&mut self, starting: &mut Starting<T>) -> Result<(), Refusal> {
+        self.restore_priors(starting);
         let Common {
             baseline,
             scale_prior,
@@ -224,6 +240,17 @@ impl<T: Real> Problem<'_, T> {
             baseline: takes_scale.then_some(baseline),
             frame_heading: takes_compass.then_some(T::zero()),
         })?;
+        // A claim that the sightings contradict is none: they tell then.
+        let common = &mut *self.common;
+        for (prior, value, is_taken) in [
+            (&mut common.scale_prior, best.carrier.x, takes_scale),
+            (&mut common.compass_prior, best.carrier.y, takes_compass),
+        ] {
+            let off = angle::wrap_signed(value - prior.mean).abs();
+            if !is_taken && off > prior.sigma * lit(CLAIMED) {
+                prior.sigma = off;
+            }
+        }
         (starting.best, starting.other) = (best, other);
         starting.trial = Trial::Best;
         self.begin_descent(&best, &mut starting.descent);

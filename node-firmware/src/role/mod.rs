@@ -18,7 +18,7 @@ pub(crate) use self::{
     network::LastNetwork,
     notifications::{Notification, Notifications, RETRY},
     outbox::Outbox,
-    reports::{Reports, is_news},
+    reports::{CONTRADICTION, Reports, contradiction, is_news},
     unsaved::Unsaved,
 };
 

@@ -1,5 +1,7 @@
 //! What members told of themselves: a table that is written down.
 
+use calib_core::{Pose, angle};
+
 use super::Unsaved;
 use crate::{
     facts::{Fact, FactKey, KEYS_PER_LIST},
@@ -128,6 +130,22 @@ impl<T: Default> Reports<T> {
         let told = member.and_then(|member| Some((member.address, member.report?)));
         Fact::Camera(slot, told)
     }
+}
+
+/// Two poses of one camera contradict each other from this chi squared on, of three degrees of freedom:
+/// chance exceeds it once in a million.
+pub(crate) const CONTRADICTION: f32 = 30.0;
+
+/// How far two poses of one camera are apart, as chi squared. Where both places were given, only headings
+/// are compared.
+pub(crate) fn contradiction(one: &Pose<f32>, other: &Pose<f32>) -> f32 {
+    let covariance = one.covariance + other.covariance;
+    let both = Pose { covariance, ..*one };
+    let off = both.normalised_error(other.position, other.heading);
+    off.unwrap_or_else(|| {
+        let off = angle::wrap_signed(one.heading - other.heading);
+        off * off / covariance.m33.max(f32::MIN_POSITIVE)
+    })
 }
 
 /// Whether a report says so much more than another that others should hear of it.

@@ -18,7 +18,7 @@ use crate::{
         CameraState, Duty, MemberAddress, References, Report, Seen, StopBearing, StopNumber,
         TargetLocation,
     },
-    role::Unsaved,
+    role::{CONTRADICTION, Unsaved, contradiction},
 };
 
 /// A pose is not replaced by one whose variance is so many times its own.
@@ -307,11 +307,25 @@ impl CameraRole {
         };
         // A target that began anew, or another one, may know less than what is known.
         let knows_less = variance(solved) > LESS * variance(&report);
-        let is_trusted = report.joint.is_some() && report.status() == Status::Calibrated;
+        let is_calibrated = report.status() == Status::Calibrated;
+        let is_trusted = is_calibrated && (report.joint.is_some() || report.duty.is_some());
+        let poses = [&report, solved].map(|report| report.pose()?.pose());
+        if let (true, Some(held), [Some(own), Some(other)]) =
+            (is_trusted && report.joint.is_some(), report.pose(), poses)
+            && contradiction(&own, &other) > CONTRADICTION
+        {
+            // It was moved, or whoever solved errs. Neither is told as good until the next stop tells.
+            let state = CameraState::Doubtful(*held);
+            self.update(now, Report { state, ..report });
+            self.notify(CameraNotification::Report(from), now);
+            return;
+        }
         if is_trusted && knows_less && solved.status() != Status::Doubtful {
             return;
         }
         self.solved_by = Some(from);
+        self.misses = 0;
+        self.is_watched_doubtful = false;
         // Through a lens that is another one than everybody believes, the camera sees on its own.
         let state = match self.calibration.with_other_lens(&self.config.lens) {
             Some(state) if report.duty.is_none() => state,

@@ -118,6 +118,8 @@ impl CameraRole {
     /// Forgets pose and sightings.
     pub(super) fn forget(&mut self, now: Instant) {
         self.calibration.clear();
+        self.misses = 0;
+        self.is_watched_doubtful = false;
         for index in 0..SIGHTINGS {
             self.unsaved.insert(sighting(index));
         }

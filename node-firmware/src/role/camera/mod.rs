@@ -140,6 +140,10 @@ pub struct CameraRole {
 
     looks: LastLooks,
     target_seen: bool,
+    /// Bearings that did not fit the pose, less those since that did.
+    misses: u8,
+    /// They alone make the pose doubtful.
+    is_watched_doubtful: bool,
     calibration: Calibration,
     duty: ReferenceDuty,
     progress: Progress,
@@ -167,6 +171,8 @@ impl CameraRole {
             colours,
             looks: LastLooks::new(),
             target_seen: false,
+            misses: 0,
+            is_watched_doubtful: false,
             calibration: Calibration::new(),
             duty: ReferenceDuty::new(),
             progress: Progress::new(id),

@@ -2,6 +2,8 @@
 
 use core::time::Duration;
 
+use calib_core::{Status, angle, dead_reckoning::Place};
+use nalgebra::{RealField, Vector2};
 use zigbee_link::{Instant, wire::ShortAddress};
 
 use super::{
@@ -14,8 +16,8 @@ use super::{
 use crate::{
     facts::KeptSighting,
     message::{
-        CoordinateFrame, Duty, MemberAddress, Message, Report, Seen, Sight, StopAnswer,
-        StopBearing, StopNumber, Stopped,
+        CameraState, CoordinateFrame, Duty, MemberAddress, Message, Report, Seen, Sight,
+        StopAnswer, StopBearing, StopNumber, Stopped,
     },
     role::COORDINATOR,
 };
@@ -23,6 +25,12 @@ use crate::{
 /// A target that says that it stands stays for so long at least: a look that ends later may have
 /// seen it leave.
 const LOOK_WITHIN: Duration = Duration::from_millis(3_500);
+
+/// A bearing farther off than so many sigmas does not fit the pose.
+const WATCH_SIGMAS: f32 = 6.0;
+
+/// So many that do not fit are no accident.
+const MISSES: u8 = 2;
 
 impl CameraRole {
     /// Whether what is seen at this stop is of use to this camera, or makes it a reference. To the
@@ -97,7 +105,7 @@ impl CameraRole {
         let answer = Message::Look(StopAnswer {
             stop,
             sight,
-            seen,
+            seen: seen.filter(|_| sight == Sight::InView),
             counted: report.sightings,
             done: report.done,
         });
@@ -122,8 +130,17 @@ impl CameraRole {
         let LookRequest {
             target, stopped, ..
         } = request;
-        let seen = seen.filter(|seen| sight == Sight::InView && seen.is_usable());
+        let picture = seen.filter(Seen::is_usable);
+        // A camera that is stuck would be believed until two others contradict it.
+        let sight = match picture {
+            Some(picture) if self.looks.repeats(target, &stopped, &picture) => Sight::Failed,
+            _ => sight,
+        };
+        let seen = picture.filter(|_| sight == Sight::InView);
         self.target_seen = seen.is_some();
+        if let Some(seen) = seen.filter(|_| stopped.frame == CoordinateFrame::Site) {
+            self.watch(now, &stopped.place, &seen);
+        }
         if let Some(seen) = seen.filter(|_| self.needs(&stopped)) {
             match stopped.frame {
                 CoordinateFrame::Site => self.on_sighted(now, target, &stopped, seen),
@@ -135,9 +152,53 @@ impl CameraRole {
             stop: stopped.stop,
             frame: stopped.frame,
             sight,
-            seen,
+            seen: picture,
+            place: stopped.place.position(),
         });
         self.answer(now, target, stopped.stop, sight, seen);
+    }
+
+    /// Holds a bearing of a target that knows its place against the pose that this camera has been told, or
+    /// solved as a reference. Off twice, more than fits in between, it is doubtful until as many fit: the
+    /// camera was moved, or the target is not where it believes.
+    // stack
+    #[inline(never)]
+    fn watch(&mut self, now: Instant, place: &Place<f32>, seen: &Seen) {
+        let report = *self.progress.report();
+        let is_told = report.joint.is_some() || report.duty.is_some();
+        let Some((held, pose)) = report.pose().and_then(|held| Some((*held, held.pose()?))) else {
+            return;
+        };
+        let to_target = place.position() - pose.position;
+        let range2 = to_target.norm_squared();
+        if !is_told || !(range2 > 0.0) {
+            return;
+        }
+        let across = Vector2::new(-to_target.y, to_target.x) / range2;
+        let c = pose.covariance;
+        let position = place.covariance() + c.fixed_view::<2, 2>(0, 0);
+        let variance = seen.sigma * seen.sigma
+            + (across.transpose() * position * across).x
+            + 2.0 * (across.x * c.m13 + across.y * c.m23)
+            + c.m33;
+        let direction = RealField::atan2(to_target.y, to_target.x);
+        let off = angle::wrap_signed(direction - pose.heading - seen.bearing);
+        let is_off = off * off > variance * (WATCH_SIGMAS * WATCH_SIGMAS);
+        self.misses = if is_off {
+            (self.misses + 1).min(MISSES + 1)
+        } else {
+            self.misses.saturating_sub(1)
+        };
+        let state = if self.misses >= MISSES && report.status() == Status::Calibrated {
+            self.is_watched_doubtful = true;
+            CameraState::Doubtful(held)
+        } else if self.misses == 0 && self.is_watched_doubtful {
+            self.is_watched_doubtful = false;
+            CameraState::Weak(held).judged_again(&self.config.weak.limits())
+        } else {
+            return;
+        };
+        self.update(now, Report { state, ..report });
     }
 
     /// A target that knows its place was seen. Three of these make a pose.

@@ -1,14 +1,19 @@
 //! The targets that a camera knows: who is told how far it is, and what was seen at the last stop of
 //! each.
 
+use nalgebra::Point2;
+
 use crate::{
     limits::TARGETS,
-    message::{CoordinateFrame, MemberAddress, Seen, Sight, StopNumber},
+    message::{CoordinateFrame, MemberAddress, Seen, Sight, StopNumber, Stopped},
 };
 
 /// A stop told late comes after the next few were. Farther back are the numbers of a target that
 /// began anew.
 const OVERTAKEN: StopNumber = 8;
+
+/// Places nearer to each other than so many sigmas of how a target stands are one.
+const STANDING_SIGMAS: f32 = 4.0;
 
 /// A target that is told how far this camera is.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -96,7 +101,10 @@ pub(super) struct LastLook {
     /// The answer was about this frame; the same stop may be told again in the other one.
     pub(super) frame: CoordinateFrame,
     pub(super) sight: Sight,
+    /// Also where it was not believed.
     pub(super) seen: Option<Seen>,
+    /// Where the target said that it stood.
+    pub(super) place: Point2<f32>,
 }
 
 /// The last look at each target. The oldest makes room.
@@ -125,6 +133,19 @@ impl LastLooks {
     pub(super) fn find(&self, target: MemberAddress, stop: StopNumber) -> Option<LastLook> {
         let is_it = |look: &&LastLook| (look.target, look.stop) == (target, stop);
         self.looks.iter().find(is_it).copied()
+    }
+
+    /// Whether this is to the bit what was seen of this target at its stop before, though it says that it
+    /// stands elsewhere: a picture that does not change. Of good looks one in a hundred or so is, by chance.
+    pub(super) fn repeats(&self, target: MemberAddress, stopped: &Stopped, seen: &Seen) -> bool {
+        let mut looks = self.looks.iter();
+        let last = looks.find(|look| look.target == target && look.stop != stopped.stop);
+        last.is_some_and(|last| {
+            let place = &stopped.place;
+            let within = place.parts().standing_sigma * STANDING_SIGMAS;
+            last.seen == Some(*seen)
+                && (place.position() - last.place).norm_squared() > within * within
+        })
     }
 
     /// The last stop of each target.

@@ -12,7 +12,7 @@ use crate::role::is_news;
 use crate::{
     config::{Sigmas, Subjects},
     limits::SIGHTINGS,
-    message::{CameraState, CoordinateFrame, ProtectionLevel, References, Stopped},
+    message::{CameraState, CoordinateFrame, ProtectionLevel, References, StopAnswer, Stopped},
     vision::Lens,
 };
 
@@ -160,7 +160,11 @@ fn show(camera: &mut CameraRole, now: u64, stop: StopNumber) -> Vec<(ShortAddres
         ),
         "{look:?}"
     );
-    camera.on_event(at(now), CameraEvent::Looked(Sight::InView, Some(SEEN)));
+    let seen = Seen {
+        bearing: SEEN.bearing + f32::from(stop) * 0.01,
+        ..SEEN
+    };
+    camera.on_event(at(now), CameraEvent::Looked(Sight::InView, Some(seen)));
     sent(camera, now + 1)
 }
 
@@ -835,4 +839,117 @@ fn a_camera_that_begins_anew_in_another_network_tells_what_it_learns_there() {
     assert_eq!(camera.report().state, CameraState::Waiting);
     // The same as before, but nobody there has heard it.
     assert_eq!(calibrate(&mut camera), [false, false, true]);
+}
+
+/// A target at `(x, y)` says that it stands there; the camera sees it at `bearing`. What it answers.
+fn seen_at(
+    camera: &mut CameraRole,
+    stop: StopNumber,
+    at_place: [f32; 2],
+    bearing: f32,
+) -> StopAnswer {
+    let now = 100 + 10 * u64::from(stop);
+    let stopped = Stopped {
+        stop,
+        colour: 0,
+        frame: CoordinateFrame::Site,
+        place: place_at(at_place),
+    };
+    camera.on_message(at(now), TARGET, &Message::Stopped(stopped));
+    let _ = outputs(camera, now);
+    let seen = Seen { bearing, ..SEEN };
+    camera.on_event(at(now), CameraEvent::Looked(Sight::InView, Some(seen)));
+    let told = sent(camera, now + 1);
+    let look = told.iter().find_map(|(_, message)| match message {
+        Message::Look(look) => Some(*look),
+        _ => None,
+    });
+    look.unwrap()
+}
+
+/// A picture that does not change though the target moves is not believed; one that changes again is.
+#[test]
+fn a_camera_that_is_stuck_says_that_it_failed() {
+    let mut camera = camera(4);
+    for (stop, x, bearing, sight) in [
+        (1, 1.0, 0.1, Sight::InView),
+        (2, 2.0, 0.1, Sight::Failed),
+        (3, 3.0, 0.1, Sight::Failed),
+        (4, 4.0, 0.2, Sight::InView),
+        // The same place.
+        (5, 4.0, 0.2, Sight::InView),
+    ] {
+        let look = seen_at(&mut camera, stop, [x, 1.0], bearing);
+        assert_eq!(look.sight, sight, "{stop}");
+        assert_eq!(look.seen.is_some(), sight == Sight::InView, "{stop}");
+    }
+}
+
+/// A camera at the origin that looks along x, as a target solved it.
+fn told() -> CameraRole {
+    let mut camera = camera(4);
+    let _ = seen_at(&mut camera, 1, [4.0, 0.4], 0.1);
+    camera.on_message(at(200), TARGET, &Message::Posed(report_of([0.0, 0.0], 0.0)));
+    assert_eq!(camera.report().status(), Status::Calibrated);
+    camera
+}
+
+fn report_of(position: [f32; 2], heading: f32) -> Report {
+    let state = CameraState::Weak(PoseParts {
+        position,
+        heading,
+        covariance: [1e-4, 0.0, 1e-4, 0.0, 0.0, 1e-5],
+    });
+    Report {
+        id: 0,
+        duty: None,
+        sightings: 9,
+        used: 9,
+        chi_squared: 3.0,
+        done: false,
+        joint: Some(ProtectionLevel {
+            position: 0.1,
+            heading: 0.01,
+        }),
+        state,
+    }
+}
+
+/// Two bearings that do not fit make it doubtful, one does not, and as many that fit end the doubt.
+#[test]
+fn a_camera_that_no_longer_fits_is_doubtful_after_two_sightings() {
+    let mut camera = told();
+    let far = 0.3;
+    for (stop, y, bearing, status) in [
+        (20, 0.5, 0.125 + far, Status::Calibrated),
+        (21, 0.6, 0.15, Status::Calibrated),
+        (22, 0.7, 0.175 + far, Status::Calibrated),
+        (23, 0.8, 0.2 + far, Status::Doubtful),
+        (24, 0.9, 0.225, Status::Doubtful),
+        (25, 1.0, 0.25, Status::Calibrated),
+    ] {
+        let bearing: f32 = bearing;
+        let _ = seen_at(&mut camera, stop, [4.0, y], bearing);
+        assert_eq!(camera.report().status(), status, "{stop}");
+        assert_eq!(camera.report().pose().unwrap().position, [0.0, 0.0]);
+    }
+}
+
+/// What contradicts a good pose makes it doubtful; only what is told once more replaces it.
+#[test]
+fn a_contradiction_replaces_no_good_pose() {
+    let mut camera = told();
+    let moved = report_of([1.0, 0.0], 0.2);
+    camera.on_message(at(300), TARGET, &Message::Posed(moved));
+    assert_eq!(camera.report().status(), Status::Doubtful);
+    assert_eq!(camera.report().pose().unwrap().position, [0.0, 0.0]);
+    let told = sent(&mut camera, 300);
+    let doubts = |(to, message): &(ShortAddress, Message)| {
+        *to == TARGET
+            && matches!(message, Message::Report(report) if report.status() == Status::Doubtful)
+    };
+    assert!(told.iter().any(doubts), "{told:?}");
+    camera.on_message(at(310), TARGET, &Message::Posed(moved));
+    assert_eq!(camera.report().status(), Status::Calibrated);
+    assert_eq!(camera.report().pose().unwrap().position, [1.0, 0.0]);
 }

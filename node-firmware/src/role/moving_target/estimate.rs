@@ -6,11 +6,11 @@
 //! corrects the target's place and its steps, and is told to the cameras.
 
 use calib_core::{
-    Pose, angle,
+    Pose, Refusal, Status, angle,
     dead_reckoning::Step,
     joint::{
-        BearingStorage, Finding, JointEstimator, JointMemory, JointSettings, JointSolution, Prior,
-        Progress, Quantity, Round, StopStorage, UnknownStorage, workspace,
+        BearingStorage, Finding, JointError, JointEstimator, JointMemory, JointSettings,
+        JointSolution, Prior, Progress, Quantity, Round, StopStorage, UnknownStorage, workspace,
     },
 };
 use nalgebra::{Matrix2, Point2, Vector2};
@@ -20,9 +20,13 @@ use crate::{
     config::TargetConfig,
     limits::{WALK_BEARINGS, WALK_STOPS},
     log::debug,
-    message::{CameraState, MemberAddress, PoseParts, ProtectionLevel, Report, Seen, StopNumber},
-    role::{Unsaved, is_news},
+    message::{
+        CameraState, Duty, MemberAddress, PoseParts, ProtectionLevel, Report, Seen, StopNumber,
+    },
+    role::{CONTRADICTION, Unsaved, contradiction, is_news},
 };
+
+use super::table::{CameraEntry, Table};
 
 /// Cameras that take part. What more there are finds its pose from its own sightings.
 pub const CAMERAS: usize = 24;
@@ -42,6 +46,21 @@ const VAGUE: f32 = 0.5;
 
 /// A leg, a scale or a direction is not known better than this: rounding.
 pub(super) const LEAST_SIGMA: f32 = 1e-3;
+
+/// Stops that both references have to see for a frame between them.
+const FRAME_STOPS: usize = 3;
+
+/// Stops after which a reference that was not seen to see the target counts as lost.
+const LOST_STOPS: usize = 12;
+
+/// Pairs of cameras between which a frame is tried at one stop.
+const FAILED: usize = 6;
+
+/// Sigmas that noise exceeds once in a thousand.
+const NOISE: f32 = 3.09;
+
+/// The distance of two cameras is a frame's baseline if it is known to this share of it.
+const BASELINE_SHARE: f32 = 0.05;
 
 const _: () = assert!(CAMERAS <= u32::BITS as usize, "a bit for each");
 
@@ -68,23 +87,47 @@ struct Frame {
     /// Direction from the first reference to the second, radians.
     direction: f32,
     baseline: f32,
+    /// How well the references' places are known, each axis. Zero if they were given.
+    sigmas: [f32; 2],
 }
 
 impl Frame {
-    /// `None` where the distance of both is a measured one: then it would be one of the unknowns.
+    /// `None` where the distance of both is hardly known: then it would be one of the unknowns.
     fn between(references: [(MemberAddress, Pose<f32>); 2]) -> Option<Self> {
         let [(first, from), (second, to)] = references;
         let between = to.position - from.position;
         let baseline = root(between.norm_squared());
-        let uncertain = root(from.covariance.m11 + from.covariance.m22)
-            + root(to.covariance.m11 + to.covariance.m22);
-        let is_known = baseline > 0.0 && uncertain <= baseline * 1e-3;
+        let sigmas = [from, to].map(|pose| pose.sigma_position());
+        let is_known = baseline > 0.0 && sigmas.iter().sum::<f32>() <= baseline * BASELINE_SHARE;
         is_known.then_some(Self {
             references: [first, second],
             origin: from.position,
             direction: nalgebra::RealField::atan2(between.y, between.x),
             baseline,
+            sigmas,
         })
+    }
+
+    /// A pose in the frame of the site, with what its references' places err. To first order, with the
+    /// baseline as the complex unit: a place `s` moves by `(1 - s) da + s db`, and all headings turn by
+    /// `db - da` across the baseline.
+    fn in_site(&self, pose: &Pose<f32>) -> Pose<f32> {
+        let (place, heading) = self.variances(pose);
+        let mut pose = pose.seen_from(self.origin, self.direction);
+        pose.covariance.m11 += place;
+        pose.covariance.m22 += place;
+        pose.covariance.m33 += heading;
+        pose
+    }
+
+    /// What the references' places make of a pose in this frame: variances of each axis and the heading.
+    fn variances(&self, pose: &Pose<f32>) -> (f32, f32) {
+        let along = pose.position.coords / self.baseline;
+        let [a, b] = self.sigmas.map(|sigma| sigma * sigma * 0.5);
+        let from_first = along.norm_squared();
+        let from_second = (along - Vector2::x()).norm_squared();
+        let place = from_second * a + from_first * b;
+        (place, (a + b) / (self.baseline * self.baseline))
     }
 
     fn turn(&self) -> Matrix2<f32> {
@@ -108,12 +151,25 @@ pub(super) struct Estimated {
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 struct Camera {
     address: MemberAddress,
-    /// What it sees contradicts the rest: it was moved, or is stuck.
-    is_doubtful: bool,
-    /// The number under which it is estimated since.
-    successor: Option<u8>,
-    /// The number under which it was known before.
+    /// This is the number under which it is estimated since it was moved.
     is_successor: bool,
+}
+
+/// How what the cameras hold for their poses agrees with what is estimated.
+#[derive(Clone, Copy, Debug, Default)]
+struct Votes {
+    agree: usize,
+    /// A bit for each camera that holds another pose.
+    against: u32,
+    /// The one that is farthest off, and by how much: chi squared.
+    worst: Option<(usize, f32)>,
+}
+
+impl Votes {
+    /// More agree than not: the others have been moved. Otherwise the frame may be wrong.
+    const fn are_for(&self) -> bool {
+        self.against == 0 || self.agree > self.against.count_ones() as usize
+    }
 }
 
 /// Measurements, and what they give together.
@@ -130,9 +186,15 @@ pub(super) struct Estimate<'m> {
     pub(super) saved: usize,
     /// Stops of a former run are not in their order yet.
     pub(super) is_restoring: bool,
+    /// To be told again after the next solve, whatever it says.
+    again: u32,
     /// The way since the last stop, as the sensor read it.
     pub(super) way: Option<(Vector2<f32>, Matrix2<f32>)>,
     frame: Option<Frame>,
+    /// This camera does not stand where the frame needs it.
+    rejected: Option<MemberAddress>,
+    /// Between these cameras no frame is to be had from what was seen so far.
+    pub(super) failed: heapless::Vec<[MemberAddress; 2], FAILED>,
     /// Direction of the sensor's x axis in the frame of the site before anything is estimated, and
     /// its sigma.
     sensor: Option<(f32, f32)>,
@@ -160,8 +222,11 @@ impl<'m> Estimate<'m> {
             news: 0,
             saved: 0,
             is_restoring: false,
+            again: 0,
             way: None,
             frame: None,
+            rejected: None,
+            failed: heapless::Vec::new(),
             sensor: None,
             is_new: false,
         })
@@ -234,8 +299,6 @@ impl<'m> Estimate<'m> {
     fn add(&mut self, address: MemberAddress, is_successor: bool) -> Option<usize> {
         let camera = Camera {
             address,
-            is_doubtful: false,
-            successor: None,
             is_successor,
         };
         self.cameras.push(camera).ok()?;
@@ -251,8 +314,111 @@ impl<'m> Estimate<'m> {
         }
     }
 
+    /// A camera told how far it is. One that forgot, or doubts, what it was told is told again.
+    pub(super) fn on_report(&mut self, address: MemberAddress, report: &Report) {
+        let is_it = |camera: &Camera| camera.address == address && !camera.is_successor;
+        let Some(camera) = self.cameras.iter().position(is_it) else {
+            return;
+        };
+        let holds_it = report.joint.is_some() && report.status() != Status::Doubtful;
+        let told = self.told.get(camera).copied().flatten();
+        if told.is_some_and(|told| told.status() != Status::Doubtful) && !holds_it {
+            // Once there is another stop: what contradicts it may show there.
+            self.again |= 1 << camera;
+            if report.joint.is_none() {
+                self.news |= 1 << camera;
+            }
+        }
+    }
+
+    /// Whether nobody holds the frame, or cameras that do not serve.
+    fn wants_frame(&self) -> bool {
+        let Some(frame) = &self.frame else {
+            return true;
+        };
+        let is_rejected = |camera: &MemberAddress| self.rejected == Some(*camera);
+        frame.references.iter().any(is_rejected)
+            || self.failed.contains(&frame.references)
+            || !self.estimator.is_started()
+                && self.estimator.stops() >= LOST_STOPS
+                && self.common_stops(&frame.references) < FRAME_STOPS
+    }
+
+    fn common_stops(&self, cameras: &[MemberAddress; 2]) -> usize {
+        let number = |address: MemberAddress| {
+            let is_it = |camera: &Camera| camera.address == address && !camera.is_successor;
+            self.cameras.iter().position(is_it)
+        };
+        match cameras.map(number) {
+            [Some(one), Some(other)] => self.estimator.common_stops(one, other),
+            _ => 0,
+        }
+    }
+
+    /// Takes a frame where there is none that serves: between the references or, where one of these is
+    /// dead or was moved, between the two cameras of which the poses are known best.
+    pub(super) fn find_frame(&mut self, table: &Table, config: &TargetConfig) {
+        let pose = |entry: &CameraEntry| {
+            let report = entry
+                .report
+                .filter(|_| self.rejected != Some(entry.address))?;
+            let is_good = report.status() != Status::Doubtful;
+            Some((entry.address, report.pose().filter(|_| is_good)?.pose()?))
+        };
+        let duty = |duty: Duty| {
+            let mut cameras = table.iter();
+            cameras.find_map(|entry| {
+                entry.report.filter(|report| report.duty == Some(duty))?;
+                pose(&entry)
+            })
+        };
+        let has_failed = |pair: &[(MemberAddress, Pose<f32>); 2]| {
+            let [a, b] = pair.map(|(address, _)| address);
+            self.failed.contains(&[a, b]) || self.failed.contains(&[b, a])
+        };
+        let serves = |pair: &[(MemberAddress, Pose<f32>); 2]| {
+            self.common_stops(&pair.map(|(address, _)| address)) >= FRAME_STOPS
+        };
+        let mut found = match [Duty::First, Duty::Second].map(duty) {
+            [Some(first), Some(second)] => Some([first, second]).filter(|pair| !has_failed(pair)),
+            _ => None,
+        };
+        let wants_frame = self.wants_frame();
+        if !wants_frame {
+            // The places of references were given: there is no better frame than theirs.
+            let is_poor = self.frame.is_some_and(|frame| frame.sigmas != [0.0; 2]);
+            let is_better = |pair: &[(MemberAddress, Pose<f32>); 2]| {
+                let exact = Frame::between(*pair).is_some_and(|frame| frame.sigmas == [0.0; 2]);
+                exact && serves(pair)
+            };
+            found = found.filter(|pair| is_poor && is_better(pair));
+        } else if self.rejected.is_some()
+            || !self.failed.is_empty()
+            || self.estimator.stops() >= LOST_STOPS && !found.as_ref().is_some_and(serves)
+        {
+            let mut best = f32::INFINITY;
+            for first in table.iter().filter_map(|entry| pose(&entry)) {
+                for second in table.iter().filter_map(|entry| pose(&entry)) {
+                    let pair = [first, second];
+                    let Some(frame) = Frame::between(pair).filter(|_| first.0 < second.0) else {
+                        continue;
+                    };
+                    let [a, b] = frame.sigmas;
+                    let share = (a + b) / frame.baseline;
+                    if share < best && !has_failed(&pair) && serves(&pair) {
+                        best = share;
+                        found = Some(pair);
+                    }
+                }
+            }
+        }
+        if let Some(references) = found {
+            self.on_references(references, config);
+        }
+    }
+
     /// The references are these, with these poses.
-    pub(super) fn on_references(
+    fn on_references(
         &mut self,
         references: [(MemberAddress, Pose<f32>); 2],
         config: &TargetConfig,
@@ -301,7 +467,7 @@ impl<'m> Estimate<'m> {
 
     /// Begins to estimate everything anew, if there is something new: whether that is so.
     pub(super) fn begin(&mut self) -> bool {
-        let begins = self.frame.is_some() && core::mem::take(&mut self.is_new);
+        let begins = !self.wants_frame() && core::mem::take(&mut self.is_new);
         if begins {
             self.estimator.begin(ROUND);
         }
@@ -311,17 +477,51 @@ impl<'m> Estimate<'m> {
     /// Some of the work. `None`: there is more. Else what came of it, if anything did.
     // stack
     #[inline(never)]
-    pub(super) fn step(&mut self) -> Option<Option<Estimated>> {
+    pub(super) fn step(&mut self, table: &Table) -> Option<Option<Estimated>> {
         match self.estimator.step() {
             Ok(Progress::Working) => None,
             Ok(Progress::Found(finding)) => {
                 self.on_found(&finding);
                 None
             }
-            Ok(Progress::Over(solution)) => Some(self.answers(&solution)),
-            Err(_) => {
+            Ok(Progress::Over(solution)) => Some(self.answers(&solution, table)),
+            Err(error) => {
+                if let (JointError::Start(why), Some(frame)) = (error, self.frame)
+                    && why != Refusal::TooFew
+                {
+                    // One of them may have been moved: between others there may be one.
+                    let has_room = self.failed.push(frame.references).is_ok();
+                    debug_assert!(has_room, "fewer are tried");
+                    if why != Refusal::Undetermined {
+                        self.doubt(&frame, table);
+                    }
+                }
                 debug!("nothing that was measured can be estimated together");
                 Some(None)
+            }
+        }
+    }
+
+    /// What both references saw contradicts itself, though both knew their poses: nobody knows which of them
+    /// was moved.
+    fn doubt(&mut self, frame: &Frame, table: &Table) {
+        if frame.sigmas != [0.0; 2] || self.common_stops(&frame.references) <= FRAME_STOPS {
+            return;
+        }
+        for (n, address) in frame.references.into_iter().enumerate() {
+            let entry = table.iter().find(|entry| entry.address == address);
+            let report = entry.and_then(|entry| entry.report);
+            let held = report.filter(|report| report.joint.is_some());
+            if let Some((report, pose)) = held.and_then(|report| Some((report, *report.pose()?)))
+                && let Some(told) = self.told.get_mut(n)
+                && told.is_none_or(|told| told.status() != Status::Doubtful)
+            {
+                *told = Some(Report {
+                    duty: None,
+                    state: CameraState::Doubtful(pose),
+                    ..report
+                });
+                self.news |= 1 << n;
             }
         }
     }
@@ -334,38 +534,76 @@ impl<'m> Estimate<'m> {
         let Some(found) = self.cameras.get(camera).copied() else {
             return;
         };
-        let into = match found.successor {
-            None => self.add(found.address, true),
-            Some(_) => None,
-        };
-        let is_split = into.is_some_and(|into| self.estimator.split(camera, from, into).is_ok());
-        if let Some(found) = self.cameras.get_mut(camera) {
-            found.is_doubtful = true;
-            found.successor = into.filter(|_| is_split).map(|into| into as u8);
+        // One that was moved twice is not estimated a third time.
+        if found.is_successor
+            || self
+                .estimator
+                .moved(camera)
+                .is_some_and(|(_, into)| into.is_some())
+        {
+            return;
         }
-        self.is_new |= is_split;
+        let is_it = |camera: &Camera| camera.address == found.address && camera.is_successor;
+        let into = match self.cameras.iter().position(is_it) {
+            Some(into) => Some(into),
+            None => self.add(found.address, true),
+        };
+        self.is_new |= into.is_some_and(|into| self.estimator.split(camera, from, into).is_ok());
     }
 
     /// Where the target is, and what cameras are to be told.
     // stack
     #[inline(never)]
-    fn answers(&mut self, solution: &JointSolution<f32>) -> Option<Estimated> {
+    fn answers(&mut self, solution: &JointSolution<f32>, table: &Table) -> Option<Estimated> {
         let frame = self.frame?;
+        let votes = self.votes(&frame, solution, table);
+        let is_believed = votes.are_for();
+        if let Some((worst, _)) = votes.worst.filter(|_| !is_believed)
+            && let Some(worst) = self.cameras.get(worst)
+            && frame.references.contains(&worst.address)
+        {
+            debug!("a reference is not where it was");
+            self.rejected = Some(worst.address);
+        }
+        let again = core::mem::take(&mut self.again);
         let carrier = self.estimator.carrier().ok()?;
         let last = self.estimator.stops().checked_sub(1)?;
         let place = self.estimator.place(last).ok()?;
         let inflation = solution.fit.inflation();
         let turn = frame.turn();
         for camera in 0..self.cameras.len() {
-            let report = self.report(camera, &frame, solution);
-            if let (Some(report), Some(told)) = (report, self.told.get_mut(camera))
-                && told.is_none_or(|told| is_news(&told, &report))
+            let Some(mut report) = self.report(camera, &frame, solution) else {
+                continue;
+            };
+            if !is_believed {
+                let holds = self
+                    .cameras
+                    .get(camera)
+                    .and_then(|of| held(table, of.address));
+                let is_worst = votes.worst.is_some_and(|(worst, _)| worst == camera);
+                if let Some(pose) = report
+                    .pose()
+                    .copied()
+                    .filter(|_| is_worst || holds.is_none())
+                {
+                    report.state = CameraState::Doubtful(pose);
+                } else {
+                    // What contradicts most cameras replaces no pose.
+                    continue;
+                }
+            }
+            let asks = again & (1 << camera) != 0;
+            if let Some(told) = self.told.get_mut(camera)
+                && (asks || told.is_none_or(|told| is_news(&told, &report)))
             {
                 *told = Some(report);
                 self.news |= 1 << camera;
             }
         }
         let sigmas = carrier.covariance * inflation;
+        if !is_believed {
+            return None;
+        }
         Some(Estimated {
             stop: self.stop_number(last)?,
             position: frame.origin + turn * place.position.coords,
@@ -376,6 +614,42 @@ impl<'m> Estimate<'m> {
             ),
             scale: (carrier.scale, root(sigmas.m11)),
         })
+    }
+
+    /// Whether what cameras hold for their poses agrees with what is estimated.
+    // stack
+    #[inline(never)]
+    fn votes(&mut self, frame: &Frame, solution: &JointSolution<f32>, table: &Table) -> Votes {
+        let mut votes = Votes::default();
+        for camera in 0..self.cameras.len() {
+            let Some(of) = self.cameras.get(camera).copied() else {
+                break;
+            };
+            // Of one that was moved it is known.
+            if of.is_successor || self.estimator.moved(camera).is_some() {
+                continue;
+            }
+            let Some(held) = held(table, of.address) else {
+                continue;
+            };
+            let Ok(pose) = self.estimator.pose(camera) else {
+                continue;
+            };
+            let pose = frame.in_site(&Pose {
+                covariance: pose.covariance * solution.fit.inflation(),
+                ..pose
+            });
+            let off = contradiction(&held, &pose);
+            if off <= CONTRADICTION {
+                votes.agree += 1;
+                continue;
+            }
+            votes.against |= 1 << camera;
+            if votes.worst.is_none_or(|(_, most)| off > most) {
+                votes.worst = Some((camera, off));
+            }
+        }
+        votes
     }
 
     /// What a camera is to be told. One that was moved is where it is now; before anybody knows where
@@ -392,23 +666,32 @@ impl<'m> Estimate<'m> {
             .cameras
             .get(camera)
             .filter(|known| !known.is_successor)?;
-        let successor = known.successor.map(usize::from);
+        let since = self.estimator.moved(camera);
+        let successor = since.and_then(|(_, successor)| successor);
         let moved = successor.and_then(|now| Some((now, self.estimator.pose(now).ok()?)));
         let is_found = moved.is_some();
+        debug_assert!(!known.is_successor);
         let (camera, pose) = match moved {
             Some(moved) => moved,
             None => (camera, self.estimator.pose(camera).ok()?),
         };
-        let protection = self.estimator.protection(camera);
-        let pose = pose.seen_from(frame.origin, frame.direction);
-        let parts = PoseParts::from(Pose {
+        let protection = self.estimator.protection(camera).map(|levels| {
+            let (place, heading) = frame.variances(&pose);
+            let level = ProtectionLevel::from(levels);
+            ProtectionLevel {
+                position: level.position + NOISE * root(place + place),
+                heading: level.heading + NOISE * root(heading),
+            }
+        });
+        let parts = PoseParts::from(frame.in_site(&Pose {
             covariance: pose.covariance * solution.fit.inflation(),
             ..pose
-        });
+        }));
         let [came, count] = self.estimator.bearings_of(camera);
         // Whom most of what it saw contradicts is not believed; nor is one that was moved.
         let is_outvoted = 2 * count <= came;
-        let is_doubtful = is_outvoted || (known.is_doubtful && !is_found);
+        let is_doubtful =
+            is_outvoted || self.estimator.is_ambiguous(camera) || (since.is_some() && !is_found);
         // The camera itself knows what is good enough.
         let state = if solution.fit.is_bad() || is_doubtful {
             CameraState::Doubtful(parts)
@@ -422,7 +705,11 @@ impl<'m> Estimate<'m> {
             used: count.try_into().unwrap_or(u8::MAX),
             chi_squared: solution.fit.chi_squared,
             done: false,
-            joint: Some(protection.map_or(ProtectionLevel::NONE, ProtectionLevel::from)),
+            joint: Some(
+                protection
+                    .filter(ProtectionLevel::is_usable)
+                    .unwrap_or(ProtectionLevel::NONE),
+            ),
             state,
         })
     }
@@ -447,10 +734,21 @@ impl<'m> Estimate<'m> {
         self.cameras.clear();
         self.told.fill(None);
         self.news = 0;
+        self.again = 0;
         self.way = None;
         self.frame = None;
+        self.rejected = None;
+        self.failed.clear();
         self.is_new = false;
     }
+}
+
+/// The pose that a camera holds, as far as this target knows, if all that was measured gave it.
+fn held(table: &Table, address: MemberAddress) -> Option<Pose<f32>> {
+    let entry = table.iter().find(|entry| entry.address == address)?;
+    let report = entry.report.filter(|report| report.joint.is_some())?;
+    let is_good = report.status() != Status::Doubtful;
+    report.pose().filter(|_| is_good)?.pose()
 }
 
 fn exchange(list: &mut [Camera], a: usize, b: usize) {

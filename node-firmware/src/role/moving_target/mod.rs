@@ -107,6 +107,8 @@ pub struct TargetRole<'m> {
     sensor_failed: bool,
     /// Direction of the sensor's x axis in the frame of the site, and its sigma.
     frame_heading: Option<(f32, f32)>,
+    /// Two places told it, and no third one has agreed yet.
+    is_heading_provisional: bool,
     stop: StopNumber,
     state: State,
     /// The track at the last stop, in the frame it had there.
@@ -170,6 +172,7 @@ impl<'m> TargetRole<'m> {
             located: false,
             sensor_failed: false,
             frame_heading: None,
+            is_heading_provisional: false,
             stop: first_stop,
             state: State::Walking { last: None },
             at_stop: track,
@@ -520,6 +523,10 @@ impl Role for TargetRole<'_> {
             }
             Message::Report(report) => {
                 self.table.report(from.0, *report, &mut self.unsaved);
+                if let Some(estimate) = &mut self.estimate {
+                    estimate.on_report(from.0, report);
+                    self.estimate_news(now);
+                }
                 self.find_references();
             }
             // Nobody else has solved anything.
@@ -542,8 +549,14 @@ impl Role for TargetRole<'_> {
 
     fn on_sent(&mut self, now: Instant, notification: TargetNotification, delivered: bool) {
         match notification {
-            TargetNotification::Hello | TargetNotification::Posed(_) => {
+            TargetNotification::Hello => {
                 self.notifications.on_sent(notification, now, delivered);
+            }
+            TargetNotification::Posed(camera) => {
+                self.notifications.on_sent(notification, now, delivered);
+                if delivered {
+                    self.on_told(camera);
+                }
             }
             TargetNotification::Ask(address, stop) if stop == self.stop => {
                 self.table.on_asked(now, address, delivered);

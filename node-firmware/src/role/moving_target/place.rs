@@ -3,15 +3,16 @@
 use core::time::Duration;
 
 use calib_core::{
-    angle,
+    Status, angle,
     dead_reckoning::{Place, Step, Systematic, Track},
+    fit::Fit,
     intersection,
 };
 use nalgebra::{Matrix2, Point2, RealField, Vector2};
 use zigbee_link::{Instant, wire::ShortAddress};
 
 use super::{
-    BREATH, State, TargetNotification, TargetRole,
+    BREATH, CameraEntry, State, TargetNotification, TargetRole,
     estimate::{Estimate, Estimated},
     is_length,
 };
@@ -19,7 +20,7 @@ use crate::{
     arithmetic::root,
     config::TargetConfig,
     facts::FactKey,
-    message::{Duty, Sight, StopAnswer, StopBearing, TargetLocation, matrix},
+    message::{MemberAddress, Report, Sight, StopAnswer, StopBearing, TargetLocation, matrix},
 };
 
 /// After a camera's bearing, before it is used: those of other cameras make the place better. The
@@ -114,6 +115,7 @@ impl TargetRole<'_> {
         self.at_stop = self.track;
         self.stood.clear();
         self.located = true;
+        self.is_heading_provisional = false;
         self.frame_heading = Some((heading, heading_sigma));
         if matches!(self.state, State::Standing(standing) if !standing.may_walk) {
             self.tell_again(now);
@@ -154,17 +156,10 @@ impl TargetRole<'_> {
         }
     }
 
-    /// Tells the estimate who the references are, once both know their poses.
+    /// Tells the estimate between which cameras the frame is, once both know their poses.
     pub(super) fn find_references(&mut self) {
-        let references = [Duty::First, Duty::Second].map(|duty| {
-            let mut cameras = self.table.iter();
-            cameras.find_map(|camera| {
-                let report = camera.report.filter(|report| report.duty == Some(duty))?;
-                Some((camera.address, report.pose()?.pose()?))
-            })
-        });
-        if let ([Some(first), Some(second)], Some(estimate)) = (references, &mut self.estimate) {
-            estimate.on_references([first, second], &self.config);
+        if let Some(estimate) = &mut self.estimate {
+            estimate.find_frame(&self.table, &self.config);
         }
     }
 
@@ -178,23 +173,55 @@ impl TargetRole<'_> {
         };
         self.estimate_at = Some(now + BREATH);
         if !self.is_estimating {
+            estimate.find_frame(&self.table, &self.config);
             self.is_estimating = estimate.begin();
             if !self.is_estimating {
                 self.estimate_at = None;
             }
             return;
         }
-        let Some(estimated) = estimate.step() else {
+        let Some(estimated) = estimate.step(&self.table) else {
             return;
         };
         self.is_estimating = false;
         // There may be something new.
-        for camera in estimate.take_news() {
-            self.notifications
-                .notify(TargetNotification::Posed(camera), now);
-        }
+        self.estimate_news(now);
         if let Some(estimated) = estimated {
             self.on_estimated(now, &estimated);
+        }
+    }
+
+    /// Cameras for which there is something new are told.
+    pub(super) fn estimate_news(&mut self, now: Instant) {
+        if let Some(estimate) = &mut self.estimate {
+            for camera in estimate.take_news() {
+                self.notifications
+                    .notify(TargetNotification::Posed(camera), now);
+            }
+        }
+    }
+
+    /// A camera has what was estimated of it. After a restart it is known that it held this.
+    pub(super) fn on_told(&mut self, camera: MemberAddress) {
+        let reports = self.estimate.iter().flat_map(Estimate::reports);
+        let told = { reports }.find_map(|(of, told)| (of == camera).then_some(*told));
+        let is_it = |entry: &CameraEntry| entry.address == camera;
+        let before = self.table.iter().find(is_it).and_then(|entry| entry.report);
+        let is_exact = |report: &Report| {
+            let pose = report.pose();
+            pose.is_some_and(|pose| pose.covariance.first() == Some(&0.0))
+        };
+        if let (Some(told), Some(before)) = (told, before) {
+            // A place that was given is not replaced but by doubt.
+            if is_exact(&before) && !is_exact(&told) && before.status() != Status::Doubtful {
+                return;
+            }
+            let held = Report {
+                joint: told.joint,
+                state: told.state,
+                ..before
+            };
+            self.table.report(camera, held, &mut self.unsaved);
         }
     }
 
@@ -272,8 +299,31 @@ impl TargetRole<'_> {
         let Ok(found) = intersection::locate(&stations) else {
             return;
         };
+        let is_checked = found.degrees_of_freedom() > 0;
         let at_stop = self.at_stop;
-        if let Some(heading) = self.frame_heading {
+        let before = self
+            .found
+            .replace((found.position, found.covariance, at_stop));
+        let agrees = self.frame_heading.and_then(|(heading, sigma)| {
+            let (before, covariance, track) = before.as_ref()?;
+            let walked = at_stop.since(track)?;
+            let turn = angle::rotation(heading);
+            let across = turn * Vector2::new(-walked.vector.y, walked.vector.x) * sigma;
+            let covariance = covariance
+                + found.covariance
+                + angle::turned(&walked.covariance, &turn)
+                + across * across.transpose();
+            let off = found.position - (before + turn * walked.vector);
+            let chi_squared = off.dot(&(covariance.try_inverse()? * off));
+            let fit = Fit {
+                chi_squared,
+                degrees_of_freedom: 2,
+            };
+            Some(!fit.is_bad())
+        });
+        if let Some(heading) = self.frame_heading
+            && (is_checked || agrees == Some(true))
+        {
             let systematic = systematic(&self.config, heading.1);
             self.fix(
                 now,
@@ -285,9 +335,14 @@ impl TargetRole<'_> {
             );
             return;
         }
+        // Another pair of places tells a direction anew that a pair told and the next place contradicts.
+        let is_told = self.frame_heading.is_some();
+        if is_told && !(self.is_heading_provisional && agrees == Some(false)) {
+            return;
+        }
         // The direction of the sensor follows from two places.
-        if let Some((before, before_covariance, track)) = &self.found
-            && let Some(walked) = self.at_stop.since(track)
+        if let Some((before, before_covariance, track)) = &before
+            && let Some(walked) = at_stop.since(track)
         {
             let apart = found.position - before;
             let distance = root(walked.vector.norm_squared());
@@ -295,18 +350,10 @@ impl TargetRole<'_> {
             let sigma = root(covariance.trace()) / distance;
             if distance > 0.0 && sigma < HEADING_LIMIT {
                 let heading = angle::wrap_signed(direction(apart) - direction(walked.vector));
-                self.fix(
-                    now,
-                    &at_stop,
-                    found.position,
-                    found.covariance,
-                    (heading, sigma),
-                    systematic(&self.config, sigma),
-                );
-                return;
+                self.frame_heading = Some((heading, sigma));
+                self.is_heading_provisional = true;
             }
         }
-        self.found = Some((found.position, found.covariance, self.at_stop));
     }
 }
 

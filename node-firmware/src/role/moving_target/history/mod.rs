@@ -48,6 +48,7 @@ const fn bearing_record(place: usize) -> FactKey {
 impl Estimate<'_> {
     /// The target stands.
     pub(super) fn on_stop(&mut self, stop: StopNumber, unsaved: &mut Unsaved) {
+        self.failed.clear();
         let leg = self.way.map(|(displacement, covariance)| Leg {
             displacement,
             covariance: covariance + Matrix2::from_diagonal_element(LEAST_SIGMA * LEAST_SIGMA),
