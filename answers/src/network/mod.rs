@@ -30,7 +30,7 @@ use serde::Serialize;
 
 pub use crate::record::Protection;
 use crate::record::{
-    Estimate,
+    Estimate, Limits,
     sightings::{References, Sightings},
 };
 
@@ -130,7 +130,9 @@ pub struct Camera {
     pub protection: Option<Protection>,
     /// Share of an error that shows in the residual, of the bearing of which least does.
     pub redundancy: Option<f64>,
-    /// Whether each of its bearings is checked by others: the redundancy is not next to nothing.
+    /// Whether the protection level [is tolerated](Limits::tolerate): by a sigma of position up to the
+    /// limit of a weak one, or a tenth of the baseline, and one of heading of 0.1 radians. A reference's
+    /// is not asked.
     pub checked: bool,
     /// Its lens, where lenses were estimated.
     pub lens: Option<LensEstimate>,
@@ -510,8 +512,16 @@ pub fn usual_carrier(target: u16) -> crate::record::sightings::Carrier {
     }
 }
 
-/// A bearing with less redundancy has none.
-const UNCHECKED: f64 = 0.02;
+/// Larger sigmas, in baselines and radians, are no longer those of linear equations.
+const MOST_SIGMA: f64 = 0.1;
+
+/// What a pose is to be good for, where nobody says it.
+fn limits(settings: &Settings, baseline: f64) -> Limits {
+    Limits {
+        sigma_position: settings.max_sigma.unwrap_or(MOST_SIGMA * baseline),
+        sigma_heading_deg: MOST_SIGMA.to_degrees(),
+    }
+}
 
 fn standing(standing: Standing) -> &'static str {
     match standing {

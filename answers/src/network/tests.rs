@@ -163,7 +163,9 @@ fn a_walk_is_solved_as_the_batch_does() {
         let ranges = walk.ranges.iter().filter(|far| posed(far.camera));
         assert_eq!(solution.ranges.len(), ranges.count());
         for (n, camera) in solution.cameras.iter().enumerate() {
-            assert_eq!(camera.checked, camera.redundancy.is_some_and(|r| r >= 0.02));
+            // Where a bearing is its own judge, an error of it may be of any size.
+            let blind = camera.redundancy.is_some_and(|share| share < 1e-3);
+            assert!(!(camera.checked && blind), "{seed}, {n}: {camera:?}");
             assert!(walk.lens_sigma > 0.0 || camera.lens.is_none());
             if let Some(lens) = camera.lens.filter(|_| posed(n)) {
                 let (scale, variance) = batch.lens(n);

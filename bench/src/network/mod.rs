@@ -51,7 +51,7 @@ impl Carrier {
 }
 
 /// Why a wrong lens is not always told.
-const LENS: &str = "sightings may fit a wrong lens, which no node estimates";
+const LENS: &str = "sightings that span little of the picture fit a wrong lens";
 
 /// A row of the table.
 struct Case {

@@ -22,8 +22,8 @@ use self::{
     three_views::{Common, LEAST},
 };
 use super::{
-    BearingResidual, Camera, Finding, NetworkError, NetworkSolution, Protection, ScaleFrom,
-    Settings, Stop,
+    BearingResidual, Camera, Finding, MOST_SIGMA, NetworkError, NetworkSolution, Protection,
+    ScaleFrom, Settings, Stop, limits,
 };
 use crate::record::{Estimate, sightings::Sightings};
 
@@ -38,8 +38,6 @@ mod three_views;
 const STARTS: usize = 8;
 /// Solutions of three cameras that are followed.
 const FOLLOWED: usize = 4;
-/// Larger sigmas, in baselines and radians, are no longer those of linear equations.
-const MOST_SIGMA: f64 = 0.1;
 
 /// Sigmas of a test that one good measurement in 100,000 fails, plus those by which a fault has to
 /// exceed them to be missed once in a thousand.
@@ -335,7 +333,7 @@ fn told(
             estimate: None,
             protection: None,
             redundancy: least,
-            checked: least.is_some_and(|least| least >= UNCHECKED),
+            checked: false,
             lens: None,
             bearings: own().count(),
             used: own()
@@ -356,9 +354,10 @@ fn told(
                     heading_deg: level.heading_deg + NOISE * pose.sigma_heading().to_degrees(),
                 }
             });
-            let most = settings.max_sigma.unwrap_or(MOST_SIGMA * unit);
-            let is_weak =
-                !reference && pose.sigma_position() > most || pose.sigma_heading() > MOST_SIGMA;
+            let limits = limits(settings, unit);
+            one.checked = one.protection.is_some_and(|level| limits.tolerate(&level));
+            let is_weak = !reference && pose.sigma_position() > limits.sigma_position
+                || pose.sigma_heading() > MOST_SIGMA;
             (one.status, one.reason) = match told.reason {
                 Some(reason) => (told.status, Some(reason)),
                 None if is_weak => (Status::Weak, None),

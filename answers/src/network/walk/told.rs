@@ -9,9 +9,9 @@ use calib_core::{
 use super::{Part, Walk};
 use crate::network::{
     BearingResidual, Camera, Carrier, Finding, LegResidual, LensEstimate, NetworkSolution,
-    Protection, RangeResidual, ScaleFrom, Settings, Stop, UNCHECKED,
+    Protection, RangeResidual, ScaleFrom, Settings, Stop,
     estimator::{Output, Seen},
-    standing,
+    limits, standing,
 };
 use crate::record::Estimate;
 
@@ -188,7 +188,8 @@ impl Walk<'_> {
                 heading_deg: levels.heading_bearing.max(levels.heading_leg).to_degrees(),
             });
             told.redundancy = least;
-            told.checked = least.is_some_and(|least| least >= UNCHECKED);
+            let limits = limits(settings, part.input.baseline);
+            told.checked = told.protection.is_some_and(|level| limits.tolerate(&level));
             let is_weak = { settings.max_sigma }
                 .is_some_and(|most| !reference && pose.sigma_position() > most);
             (told.status, told.reason) = if contradicts || is_other {
