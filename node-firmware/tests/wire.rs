@@ -314,7 +314,7 @@ fn messages_are_these_bytes() {
 
 /// postcard without its own allocation, as the link does it.
 mod postcard {
-    pub(super) use ::postcard::{from_bytes, from_bytes_cobs};
+    pub(super) use ::postcard::from_bytes;
 
     pub(super) fn to_allocvec_like<T: serde::Serialize>(value: &T) -> Vec<u8> {
         let mut buffer = [0; 1024];
@@ -328,8 +328,6 @@ fn tell(message: ToPc) -> String {
     let (end, body) = frame.split_last().unwrap();
     assert_eq!(*end, 0);
     assert!(!body.contains(&0), "zero bytes end frames");
-    let mut copy = frame.clone();
-    assert_eq!(postcard::from_bytes_cobs::<ToPc>(&mut copy), Ok(message));
     let mut frames = Frames::default();
     let told: Vec<ToPc> = frame.iter().filter_map(|&b| frames.push(b)).collect();
     assert_eq!(told, [message]);
@@ -395,40 +393,84 @@ fn what_the_pc_is_told_is_these_bytes() {
     assert_eq!(tell(removed), "06ac0201");
     let change = KeyChangeReport {
         index: 2,
+        check: [3, 4, 5],
         done: true,
         unreached: 1,
     };
     assert_eq!(tell(ToPc::KeyChange(None)), "0700");
-    assert_eq!(tell(ToPc::KeyChange(Some(change))), "0701020101");
+    assert_eq!(
+        tell(ToPc::KeyChange(Some(change))),
+        "07010203040501 01".replace(' ', "")
+    );
 }
 
-/// Whole frames: COBS puts the distance to the next zero in the place of each.
+/// Before their checksum and COBS.
 #[test]
 fn what_the_pc_wants_is_these_bytes() {
     let key = SiteKey::new(2, core::array::from_fn(|i| i as u8 + 1));
     let wants: [(FromPc, &[u8]); 6] = [
-        (FromPc::Refresh, &[1, 1, 0]),
-        (FromPc::JoinWindow(300), &[4, 1, 0xAC, 2, 0]),
+        (FromPc::Refresh, &[0]),
+        (FromPc::JoinWindow(300), &[1, 0xAC, 2]),
         (
             FromPc::Command {
                 address: 3,
                 command: CameraCommand::Track { colour: 1 },
             },
-            &[5, 2, 3, 3, 1, 0],
+            &[2, 3, 3, 1],
         ),
-        (FromPc::Sightings(3), &[3, 3, 3, 0]),
-        (FromPc::Remove(300), &[4, 4, 0xAC, 2, 0]),
+        (FromPc::Sightings(3), &[3, 3]),
+        (FromPc::Remove(300), &[4, 0xAC, 2]),
         (
             FromPc::ChangeKey(key),
-            &[
-                19, 5, 2, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15, 16, 0,
-            ],
+            &[5, 2, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15, 16],
         ),
     ];
-    let mut frames = Frames::default();
     for (wish, bytes) in wants {
-        let heard: Vec<FromPc> = bytes.iter().filter_map(|&b| frames.push(b)).collect();
+        assert_eq!(postcard::to_allocvec_like(&wish), bytes);
+        let mut buffer = [0; FRAME_MAX];
+        let frame = encode(&wish, &mut buffer).unwrap();
+        let mut frames = Frames::default();
+        let heard: Vec<FromPc> = frame.iter().filter_map(|&b| frames.push(b)).collect();
         assert_eq!(heard, [wish]);
+    }
+}
+
+/// A whole frame: the CRC-32 of one zero byte is 0xD202EF8D, and COBS puts the distance to the next zero
+/// in the place of each.
+#[test]
+fn a_console_frame_is_these_bytes() {
+    let mut buffer = [0; FRAME_MAX];
+    let frame = encode(&FromPc::Refresh, &mut buffer).unwrap();
+    assert_eq!(frame, [1, 5, 0x8D, 0xEF, 0x02, 0xD2, 0]);
+}
+
+/// No bit of a frame with a key can flip unnoticed, nor two of them, nor a burst of them.
+#[test]
+fn a_key_with_flipped_bits_is_no_key() {
+    let key = SiteKey::new(2, core::array::from_fn(|i| 0x5A ^ (7 * i) as u8));
+    let mut buffer = [0; FRAME_MAX];
+    let frame = encode(&FromPc::ChangeKey(key), &mut buffer)
+        .unwrap()
+        .to_vec();
+    let bits = (frame.len() - 1) * 8;
+    let heard = |flipped: &[usize]| {
+        let mut frame = frame.clone();
+        for bit in flipped {
+            frame[bit / 8] ^= 1 << (bit % 8);
+        }
+        let mut frames = Frames::default();
+        // What a false end of the frame makes of the rest counts too.
+        let heard = frame.iter().filter_map(|&byte| frames.push::<FromPc>(byte));
+        heard.count()
+    };
+    assert_eq!(heard(&[]), 1);
+    for a in 0..bits {
+        assert_eq!(heard(&[a]), 0, "bit {a}");
+        for b in a + 1..bits {
+            assert_eq!(heard(&[a, b]), 0, "bits {a} and {b}");
+        }
+        let burst: Vec<_> = (a..bits.min(a + 17)).collect();
+        assert_eq!(heard(&burst), 0, "from bit {a}");
     }
 }
 
@@ -444,7 +486,9 @@ fn a_console_frame_that_is_bad_costs_only_itself() {
         let mut frames = Frames::default();
         let bad = noise.iter().chain(&[0]);
         assert_eq!(bad.filter_map(|&b| frames.push::<FromPc>(b)).count(), 0);
-        let good: Vec<FromPc> = [1, 1, 0].iter().filter_map(|&b| frames.push(b)).collect();
+        let mut buffer = [0; FRAME_MAX];
+        let whole = encode(&FromPc::Refresh, &mut buffer).unwrap();
+        let good: Vec<FromPc> = whole.iter().filter_map(|&b| frames.push(b)).collect();
         assert_eq!(good, [FromPc::Refresh]);
     }
 }

@@ -4,7 +4,7 @@ use site::{Action, Scenario};
 
 use crate::yard::{
     COORDINATOR, OTHERS, TARGET, Yard, assert_all_calibrated, assert_nothing_forgotten, logged,
-    moments, run, with,
+    moments, node, run, with,
 };
 
 fn yard() -> Scenario {
@@ -92,6 +92,38 @@ fn power_cuts_in_the_middle_of_flash_writes() {
             survives(with(yard(), *at, cut), &what);
         }
     }
+}
+
+/// Of its carrier nothing is known, so that poses are as good as all measurements together. Restarted
+/// where it stands, or on the way, the target goes on from all of them: cameras become as sure as
+/// without, but for the one leg that nobody measured.
+#[test]
+fn the_joint_estimate_goes_on_after_a_restart_of_the_target() {
+    let yard = Yard {
+        systematic: ("2.0", "0.05"),
+        ..Yard::default()
+    };
+    let calm = run(yard.scenario(11));
+    let (mut ratios, mut count) = (0.0, 0);
+    for at in moments(&calm).into_iter().skip(3) {
+        let record = run(with(
+            yard.scenario(11),
+            at,
+            Action::Restart { node: TARGET },
+        ));
+        let what = format!("restart at {at}");
+        assert_all_calibrated(&record, &what);
+        for id in OTHERS {
+            let sigma = |record| node(record, id).estimate.as_ref().unwrap().sigma_position();
+            let ratio = sigma(&record) / sigma(&calm);
+            println!("{what}: camera {id}: {ratio:.3} of {:.4}", sigma(&calm));
+            assert!(ratio < 1.2, "{what}: camera {id}: {ratio}");
+            ratios += ratio;
+            count += 1;
+        }
+    }
+    let mean = ratios / f64::from(count);
+    assert!(mean < 1.05, "{mean}");
 }
 
 /// A target that lost its place goes on counting stops, and cameras find it.

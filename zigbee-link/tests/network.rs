@@ -347,6 +347,7 @@ fn the_key_changes_while_the_network_runs() {
     aether.run(100 * SECOND);
     let done = KeyChange {
         index: 2,
+        check: key(2).check_value(),
         is_done: true,
         unreached: 0,
     };

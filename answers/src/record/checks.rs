@@ -59,18 +59,17 @@ pub(super) fn of(record: &RunRecord, network: u16, unchecked: &[&Node]) -> Unche
     let wishing: Vec<(usize, u16)> = unchecked.iter().filter_map(|c| named(&c)).collect();
     let indices: Vec<usize> = wishing.iter().map(|(index, _)| *index).collect();
     let levels = walk.known.levels(&indices);
-    let own = walk.known.levels_by(
-        &indices,
-        |own, of| matches!(of, Measurement::Bearing { camera, .. } if camera == own),
-    );
-    let weaknesses = { wishing.iter().zip(own.iter().zip(&levels)) }
-        .filter_map(|(&(index, id), (own, level))| {
-            // What can be had before the camera itself comes first.
+    let weaknesses = { wishing.iter().zip(levels) }
+        .filter_map(|(&(index, id), level)| {
+            // What too few sightings leave open is as large as what a leg does, and sooner mended.
             let has_few = walk.cameras[index].used <= UNKNOWNS;
-            if has_few || own.share(tolerance(record)) > 1.0 {
-                return Some((id, Weakness::Sightings { camera: id }));
-            }
-            Some((id, walk.weakness(level.by?)?))
+            let own = Weakness::Sightings { camera: id };
+            let weakness = if has_few {
+                own
+            } else {
+                walk.weakness(level.by?)?
+            };
+            Some((id, weakness))
         })
         .collect();
     Unchecked {
@@ -79,18 +78,50 @@ pub(super) fn of(record: &RunRecord, network: u16, unchecked: &[&Node]) -> Unche
     }
 }
 
-/// The share of the bearings, and of the legs, that something checks; `None` where nobody knows what was
-/// measured.
-pub fn checked_shares(record: &RunRecord, network: u16) -> Option<[f64; 2]> {
-    let walk = Walk::longest(record, network)?;
-    let shares = walk.known.shares();
-    let (legs, bearings): (Vec<_>, Vec<_>) =
-        { shares.iter() }.partition(|(of, _)| matches!(of, Measurement::Leg { .. }));
-    let share = |all: Vec<&(Measurement, f64)>| {
-        let checked = all.iter().filter(|(_, share)| *share >= UNCHECKED).count();
-        checked as f64 / all.len().max(1) as f64
-    };
-    Some([share(bearings), share(legs)])
+/// How much is checked, of how much there is.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Checked {
+    /// Poses: of [checkable](Node::is_checkable) ones those that [are checked](Node::is_checked).
+    pub poses: [usize; 2],
+    /// Bearings of which some of an error would show, as far as the record tells them.
+    pub bearings: [usize; 2],
+    /// Legs from stop to stop, the same: in every direction.
+    pub legs: [usize; 2],
+}
+
+impl Checked {
+    /// Of a run.
+    pub fn of(record: &RunRecord) -> Self {
+        let checkable = || record.cameras().filter(|camera| camera.is_checkable());
+        let checked = checkable().filter(|camera| camera.is_checked(&record.limits));
+        let mut counts = Self {
+            poses: [checked.count(), checkable().count()],
+            ..Self::default()
+        };
+        let networks = record.networks.iter();
+        for walk in networks.filter_map(|network| Walk::longest(record, network.network)) {
+            for (of, share) in walk.known.shares() {
+                let count = match of {
+                    Measurement::Bearing { .. } => &mut counts.bearings,
+                    Measurement::Leg { .. } => &mut counts.legs,
+                };
+                count[0] += usize::from(share >= UNCHECKED);
+                count[1] += 1;
+            }
+        }
+        counts
+    }
+
+    /// Both together.
+    #[must_use]
+    pub fn and(self, other: Self) -> Self {
+        let sum = |a: [usize; 2], b: [usize; 2]| [a[0] + b[0], a[1] + b[1]];
+        Self {
+            poses: sum(self.poses, other.poses),
+            bearings: sum(self.bearings, other.bearings),
+            legs: sum(self.legs, other.legs),
+        }
+    }
 }
 
 impl<'a> Walk<'a> {

@@ -419,6 +419,7 @@ impl fmt::Display for KeyNews {
             index,
             done,
             unreached,
+            ..
         } = self.0;
         let state = if done { "in use" } else { "being handed on" };
         write!(f, "site key {index}: {state}")?;

@@ -79,6 +79,29 @@ impl<'m, V> List<'m, V> {
     }
 }
 
+impl<V: Copy> List<'_, V> {
+    /// Takes out the value in this place, which the last one takes.
+    pub(super) fn swap_remove(&mut self, index: usize) {
+        let last = self.all().last().copied();
+        if let (Some(last), Some(place)) = (last, self.all_mut().get_mut(index)) {
+            *place = last;
+            self.len -= 1;
+        }
+    }
+
+    /// Takes out the value in this place; those behind it move up.
+    pub(super) fn remove(&mut self, index: usize) {
+        let behind = self.all_mut().get_mut(index..).unwrap_or_default();
+        let mut moved = None;
+        for place in behind.iter_mut().rev() {
+            moved = Some(moved.map_or(*place, |later| core::mem::replace(place, later)));
+        }
+        if moved.is_some() {
+            self.len -= 1;
+        }
+    }
+}
+
 impl<'m, T: Real> JointEstimator<'m, T> {
     /// An estimator that knows of no stop yet. `baseline` is the distance between both references.
     ///

@@ -183,18 +183,13 @@ impl<T: Real> JointEstimator<'_, T> {
         if let Some(next) = self.stops.all_mut().get_mut(stop + 1) {
             join_legs(&removed, next);
         }
-        if let Some(later) = self.stops.all_mut().get_mut(stop..) {
-            later.rotate_left(1);
-        }
-        self.stops.len -= 1;
+        self.stops.remove(stop);
         let mut n = 0;
         while let Some(sight) = self.sights.all().get(n) {
             if usize::from(sight.stop) == stop {
-                let last = self.sights.len - 1;
-                self.sights.all_mut().swap(n, last);
-                self.sights.len = last;
+                self.sights.swap_remove(n);
                 moved(n);
-                moved(last);
+                moved(self.sights.len);
             } else {
                 n += 1;
             }
@@ -202,9 +197,7 @@ impl<T: Real> JointEstimator<'_, T> {
         let mut n = 0;
         while let Some(visit) = self.visits.all().get(n) {
             if usize::from(visit.stop) == stop {
-                let last = self.visits.len - 1;
-                self.visits.all_mut().swap(n, last);
-                self.visits.len = last;
+                self.visits.swap_remove(n);
             } else {
                 n += 1;
             }

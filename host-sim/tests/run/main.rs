@@ -8,6 +8,7 @@ mod check;
 mod checked;
 mod drawings;
 mod exports;
+mod further;
 mod kept;
 mod networks;
 mod outputs;

@@ -47,7 +47,7 @@ const STATICS: &str = "start-up: statics are taken once";
 const GRANTS: &[Grant] = &[
     grant("aes", BOUNDS, [16, 16, 16], CIPHER),
     grant("aes", SLICE, [9, 9, 9], CIPHER),
-    grant("cobs", BOUNDS, [1, 1, 2], "the frame ends with its zero, and is read up to there only; tested with any bytes"),
+    grant("cobs", BOUNDS, [2, 2, 2], "the frame ends with its zero, and is read up to there only; tested with any bytes"),
     grant("defmt-rtt", MESSAGE, [2, 2, 0], LOGGER),
     grant("defmt-semihosting", MESSAGE, [0, 0, 3], LOGGER),
     grant("embassy-executor", MESSAGE, [1, 1, 1], "time is awaited by tasks of the executor only, whose wakers these are"),
@@ -73,7 +73,7 @@ const GRANTS: &[Grant] = &[
     grant("nrf-pac", TEXT, [10, 0, 0], "pins by the bit of a latch; channels and groups of the interconnect by their type; a timer's registers by constants of embassy-nrf"),
     grant("portable-atomic", MESSAGE, [6, 4, 0], "its comparison is where a StaticCell looks whether it was taken: the first task does that, once for each"),
     grant("postcard", TEXT, [0, 0, 5], "every message of the panel fits its buffer"),
-    grant("postcard", SLICE, [4, 4, 5], "the buffers are as long as the longest number, and frames end with their zero"),
+    grant("postcard", SLICE, [3, 3, 4], "the buffers are as long as the longest number, and frames end with their zero"),
     grant("semihosting", TEXT, [0, 0, 3], "the emulator hands out no such file"),
     grant("semihosting", SLICE, [0, 0, 4], "the emulator writes no more than it was given, and tells how long its arguments are"),
     grant("static_cell", MESSAGE, [1, 1, 2], STATICS),

@@ -80,6 +80,8 @@ struct Rotation {
 pub struct KeyChange {
     /// The index of the new key.
     pub index: u8,
+    /// Its [check value](Key::check_value).
+    pub check: [u8; 3],
     /// It has been offered to every member, and is in use.
     pub is_done: bool,
     /// Members that did not acknowledge it. They may have it all the same, if only their answers
@@ -210,6 +212,7 @@ impl<const MEMBERS: usize> Coordinator<MEMBERS> {
         self.rotation = Some(Rotation {
             change: KeyChange {
                 index: next.index(),
+                check: next.check_value(),
                 is_done: false,
                 unreached: 0,
             },

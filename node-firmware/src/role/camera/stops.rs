@@ -32,10 +32,12 @@ impl CameraRole {
         match stopped.frame {
             CoordinateFrame::Site => !report.done && report.duty.is_none(),
             CoordinateFrame::Own if self.progress.pose().is_some() => true,
-            CoordinateFrame::Own => match self.duty.references() {
-                Some(_) => self.own_duty().is_some(),
-                None => self.config.reference.is_some() || self.config.may_be_elected,
-            },
+            // It may become a reference while the target stands there, or later: then it has seen it.
+            CoordinateFrame::Own => {
+                self.own_duty().is_some()
+                    || self.config.reference.is_some()
+                    || self.config.may_be_elected
+            }
         }
     }
 
@@ -213,6 +215,7 @@ impl CameraRole {
         match self.own_duty() {
             Some(Duty::First) => self.duty.solve_again(),
             Some(Duty::Second) => self.notify_bearing(now, at),
+            None if self.duty.references().is_some() => {}
             None => {
                 let trigger = Message::Trigger { target, stop };
                 self.outbox.push(now, COORDINATOR, trigger, None);

@@ -215,7 +215,7 @@ fn whoever_is_no_reference_tells_the_coordinator_what_it_saw() {
     let told = show(&mut camera, 10, 5);
     assert_eq!(told.first(), Some(&(COORDINATOR, trigger)));
     assert!(matches!(told[1..], [(TARGET, Message::Look(_))]));
-    // With references such stops are of use to the target alone.
+    // With references nobody is told but the target.
     camera.on_message(at(20), COORDINATOR, &Message::References(REFERENCES));
     let stopped = Stopped {
         stop: 6,
@@ -231,6 +231,13 @@ fn whoever_is_no_reference_tells_the_coordinator_what_it_saw() {
         matches!(&told[..], [(TARGET, Message::Look(look))] if look.seen == Some(SEEN)),
         "{told:?}"
     );
+    // It becomes one while the target stands there: what it has seen counts from this stop on.
+    let others = References {
+        second: 4,
+        ..REFERENCES
+    };
+    camera.on_message(at(23), COORDINATOR, &Message::References(others));
+    assert_eq!(bearings(&sent(&mut camera, 23)), [(1, 5), (1, 6)]);
 }
 
 /// Some may be in the flash alone: what was written before the present run was restored from it.

@@ -10,7 +10,11 @@ use calib_core::{
 use nalgebra::{Matrix2, Point2, RealField, Vector2};
 use zigbee_link::{Instant, wire::ShortAddress};
 
-use super::{BREATH, State, TargetNotification, TargetRole, estimate::Estimated, is_length};
+use super::{
+    BREATH, State, TargetNotification, TargetRole,
+    estimate::{Estimate, Estimated},
+    is_length,
+};
 use crate::{
     arithmetic::root,
     config::TargetConfig,
@@ -34,6 +38,7 @@ impl TargetRole<'_> {
     pub(super) fn on_step(&mut self, now: Instant, step: &Step<f32>) {
         let before = core::mem::replace(&mut self.state, State::Walking { last: Some(now) });
         if matches!(before, State::Standing(standing) if !standing.may_walk) {
+            self.save_history();
             self.unsaved.insert(FactKey::Walk);
         }
         if let Some(estimate) = &mut self.estimate {
@@ -144,7 +149,8 @@ impl TargetRole<'_> {
         if let Some(seen) = look.seen.filter(|_| look.sight == Sight::InView)
             && let Some(estimate) = &mut self.estimate
         {
-            estimate.on_seen(from.0, look.stop, &seen, self.config.ball_radius);
+            let radius = self.config.ball_radius;
+            estimate.on_seen(from.0, look.stop, &seen, radius, &mut self.unsaved);
         }
     }
 
@@ -196,7 +202,10 @@ impl TargetRole<'_> {
     fn on_estimated(&mut self, now: Instant, estimated: &Estimated) {
         // It stands elsewhere by now, and tells so: the next round is about that.
         let stands = matches!(self.state, State::Standing(standing) if !standing.may_walk);
+        // Nor does anybody know where it went since, if its sensor failed or it restarted.
+        let knows_way = { self.estimate.as_ref() }.is_some_and(Estimate::knows_way);
         if estimated.stop != self.stop
+            || !knows_way
             || self.sensor_failed
             || stands
             || !is_length(estimated.scale.0)

@@ -77,7 +77,7 @@ impl Checks<'_> {
                 .map(|(level, wish)| level.share(wish.tolerance).max(enough).ln())
                 .sum()
         };
-        while stops.len() < most && !(self.are_checked(&now) && !stops.is_empty()) {
+        while stops.len() < most && (stops.is_empty() || !self.are_checked(&now)) {
             let here = now.survey().stops.last().copied();
             let before = worth(&now);
             let tried = candidates.iter().map(|(stop, looks)| {

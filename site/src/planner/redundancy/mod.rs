@@ -344,15 +344,6 @@ impl Redundancy {
 
     /// What one wrong measurement could do to each of these cameras, references left out.
     pub fn levels(&self, cameras: &[usize]) -> Vec<Level> {
-        self.levels_by(cameras, |_, _| true)
-    }
-
-    /// The same where only some measurements may be wrong: of each camera those that count for it.
-    pub fn levels_by(
-        &self,
-        cameras: &[usize],
-        counts: impl Fn(usize, Measurement) -> bool,
-    ) -> Vec<Level> {
         let sizes: Vec<f64> = { self.rows.iter() }
             .map(|row| {
                 let checked = 1.0 - row.leverage(&self.covariance);
@@ -363,8 +354,7 @@ impl Redundancy {
             let column = Survey::camera_column(camera);
             let variance = |n: usize| self.covariance[(column + n, column + n)].max(0.0);
             let (mut position, mut heading) = ((0.0, None), (0.0, None));
-            let rows = self.rows.iter().zip(&sizes);
-            for (row, size) in rows.filter(|(row, _)| counts(camera, row.of)) {
+            for (row, size) in self.rows.iter().zip(&sizes) {
                 let [x, y, turn] =
                     [0, 1, 2].map(|n| row.times(&self.covariance, column + n) * size);
                 for (worst, now) in [(&mut position, x.hypot(y)), (&mut heading, turn.abs())] {
