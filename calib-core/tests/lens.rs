@@ -260,7 +260,8 @@ fn other_lens(
     (projection, view): (Projection, f64),
 ) -> Option<resection::OtherLens<f64>> {
     let mut scratch = sightings.to_vec();
-    let found = resection::other_lens(sightings, &mut scratch, projection, view.to_radians());
+    let made = sightings.iter().copied();
+    let found = resection::other_lens(made, &mut scratch, projection, view.to_radians());
     // What a node computes with is enough.
     let single: Vec<_> = { sightings.iter() }
         .map(|s| {
@@ -272,7 +273,8 @@ fn other_lens(
         })
         .collect();
     let view = (view as f32).to_radians();
-    let in_single = resection::other_lens(&single, &mut single.clone(), projection, view);
+    let made = single.iter().copied();
+    let in_single = resection::other_lens(made, &mut single.clone(), projection, view);
     assert_eq!(found.is_some(), in_single.is_some());
     if let (Some(found), Some(single)) = (found, in_single) {
         assert_eq!(found.projection, single.projection);

@@ -264,18 +264,22 @@ pub struct OtherLens<T: Real> {
 /// width, too.
 ///
 /// `None` where the given one fits, no lens does, or fewer than five sightings could not tell a lens
-/// from one wrong sighting. `scratch` is room for as many sightings.
+/// from one wrong sighting. `sightings` may be made again and again, for which `scratch` is room.
 pub fn other_lens<T: Real>(
-    sightings: &[Sighting<T>],
+    sightings: impl Iterator<Item = Sighting<T>> + Clone,
     scratch: &mut [Sighting<T>],
     projection: Projection,
     field_of_view: T,
 ) -> Option<OtherLens<T>> {
-    let scratch = scratch.get_mut(..sightings.len())?;
-    if sightings.len() < WITNESSED {
+    let count = sightings.clone().count();
+    let scratch = scratch.get_mut(..count)?;
+    if count < WITNESSED {
         return None;
     }
-    let as_given = match super::solve(sightings) {
+    for (place, sighting) in scratch.iter_mut().zip(sightings.clone()) {
+        *place = sighting;
+    }
+    let as_given = match super::solve(scratch) {
         Ok(solution) => solution.chi_squared,
         Err(Refusal::NotFinite) => return None,
         Err(_) => T::max_value().unwrap_or_else(T::one),
@@ -290,8 +294,8 @@ pub fn other_lens<T: Real>(
         Projection::EqualAngle => Projection::PinHole,
     };
     for (to, margin) in [(projection, T::zero()), (other, one_in_a_thousand::<T>(1))] {
-        for (decoded, sighting) in scratch.iter_mut().zip(sightings) {
-            *decoded = *sighting;
+        for (decoded, sighting) in scratch.iter_mut().zip(sightings.clone()) {
+            *decoded = sighting;
             decoded.ray = sighting.ray.decoded(projection, to, half_view);
         }
         let Ok((solution, lens)) = solve_with_lens(scratch, to, lit(ANY_LENS_SIGMA)) else {
@@ -299,7 +303,7 @@ pub fn other_lens<T: Real>(
         };
         let fit = Fit {
             chi_squared: solution.chi_squared,
-            degrees_of_freedom: sightings.len() - 4,
+            degrees_of_freedom: count - 4,
         };
         let cost = solution.chi_squared + margin;
         let is_better = best.as_ref().is_none_or(|(least, _)| cost < *least);

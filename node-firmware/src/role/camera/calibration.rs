@@ -156,10 +156,11 @@ impl Calibration {
     // stack
     #[inline(never)]
     pub(super) fn with_other_lens(&self, lens: &Lens) -> Option<CameraState> {
-        let seen = self.seen(self.common()?);
-        let mut scratch = seen.clone();
+        let common = self.common()?;
+        let mut scratch = self.seen(common);
+        let seen = self.kept.iter().map(|kept| sighting(kept, common));
         let view = lens.field_of_view_deg.to_radians();
-        let other = resection::other_lens(&seen, &mut scratch, lens.projection, view)?;
+        let other = resection::other_lens(seen, &mut scratch, lens.projection, view)?;
         let parts = PoseParts::from(other.solution.pose);
         let lens = FittingLens::new(other.projection, other.field_of_view);
         parts
