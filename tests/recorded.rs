@@ -229,3 +229,97 @@ fn a_run_with_an_unknown_carrier_is_solved_again() {
     assert!((solved / batch - 1.0).abs() < 0.1, "{solved}, {batch}");
     assert!(beside > 0.0 && beside <= 1.1 * nodes, "{beside}, {nodes}");
 }
+
+/// A run of a scenario, for each of its seeds another geometry.
+fn run_of(name: &str, stops: Option<usize>, seed: u64) -> RunRecord {
+    let changes = Overrides {
+        seed: Some(seed),
+        path: Some(1 + seed % 3),
+        stops,
+        scatter: Some(ScatterTable::USUAL),
+        ..Overrides::default()
+    };
+    let mut scenario = Scenario::load(name, &changes).unwrap();
+    let mut random = generator(2000 + seed);
+    scenario.sensor = Some(SensorTable {
+        scale_bias: UNKNOWN[0] * normal(&mut random),
+        heading_bias_deg: UNKNOWN[1] * normal(&mut random),
+        ..SensorTable::DRIFT
+    });
+    scenario.firmware.systematic_scale = Some(UNKNOWN[0]);
+    scenario.firmware.systematic_heading_deg = Some(UNKNOWN[1]);
+    let record = Simulation::new(scenario, Options::default())
+        .unwrap()
+        .run(|_| ());
+    RunRecord::from_json(&record.to_json(false).unwrap()).unwrap()
+}
+
+/// What nodes told of their poses at the end, and what a computer makes of the same measurements. A node
+/// tells of a pose again only when it moved by a third of its sigma, or is a tenth surer: so much the two
+/// may differ, and where the last bearing was told they are one.
+#[test]
+fn a_computer_and_the_nodes_agree() {
+    let settings = network::Settings {
+        // As nodes do.
+        fit_legs: true,
+        ..network::Settings::default()
+    };
+    let mut equal = 0;
+    for (name, stops) in [
+        ("thesis-13", Some(3)),
+        ("thesis-13", Some(10)),
+        ("lab", None),
+        ("office", None),
+    ] {
+        // Squared differences in sigmas of the computer and of the nodes, and squared logarithms of
+        // sigmas over each other.
+        let mut differences = [0.0; 2];
+        let (mut sigmas, mut count) = (0.0, 0);
+        let mut errors = [0.0; 2];
+        for seed in 1..=3 {
+            let record = run_of(name, stops, seed);
+            let mut solutions = Vec::new();
+            for sightings in &record.sightings {
+                solutions.extend(network::solve(sightings, &settings).unwrap());
+            }
+            for solution in &solutions {
+                for solved in solution.cameras.iter().filter(|camera| !camera.reference) {
+                    let node = { record.cameras() }
+                        .find(|node| (node.network, node.id) == (solution.network, solved.camera))
+                        .unwrap();
+                    assert_eq!(node.estimate.is_some(), solved.estimate.is_some());
+                    let (Some(told), Some(solved)) = (node.estimate, solved.estimate) else {
+                        continue;
+                    };
+                    let (told, solved) = (told.pose(), solved.pose());
+                    let by_computer = solved.normalised_error(told.position, told.heading);
+                    let by_nodes = told.normalised_error(solved.position, solved.heading);
+                    differences[0] += by_computer.unwrap() / 3.0;
+                    differences[1] += by_nodes.unwrap() / 3.0;
+                    equal += usize::from(by_computer.unwrap() < 1e-3);
+                    sigmas += (told.sigma_position() / solved.sigma_position())
+                        .ln()
+                        .powi(2);
+                    let truth = node.truth.unwrap();
+                    errors[0] += (solved.position - truth.position()).norm_squared();
+                    errors[1] += (told.position - truth.position()).norm_squared();
+                    count += 1;
+                }
+            }
+        }
+        let mean = |sum: f64| (sum / f64::from(count)).sqrt();
+        let [by_computer, by_nodes] = differences.map(mean);
+        assert!(count >= 10, "{name}: {count}");
+        assert!(
+            by_computer < 0.33 && by_nodes < 0.33,
+            "{name}: {by_computer}, {by_nodes}"
+        );
+        assert!(mean(sigmas) < 0.1, "{name}: {}", mean(sigmas));
+        let [solved, told] = errors.map(mean);
+        assert!(
+            solved <= 1.1 * told && told <= 1.1 * solved,
+            "{name}: {solved}, {told}"
+        );
+    }
+    assert!(equal >= 20, "{equal} are the same");
+}

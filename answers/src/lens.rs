@@ -59,7 +59,7 @@ pub fn check(
     let half_view = field_of_view / 2.0;
     let given = camera.projection();
     let candidates = [Projection::PinHole, Projection::EqualAngle].map(|projection| {
-        let decoded = move |ray: Ray<f64>| decoded(ray, given, projection, half_view);
+        let decoded = move |ray: Ray<f64>| ray.decoded(given, projection, half_view);
         (projection, pooled(&cases, decoded, projection, prior_sigma))
     });
     // Another projection has to be better than the same with another focal length.
@@ -94,20 +94,6 @@ pub fn check(
         chi_squared_as_given: as_given,
         cases: cases.len(),
     })
-}
-
-/// What another projection, of as many columns over as wide a field of view, makes of a ray's column.
-fn decoded(ray: Ray<f64>, from: Projection, to: Projection, half_view: f64) -> Ray<f64> {
-    match (from, to) {
-        (Projection::PinHole, Projection::EqualAngle) => {
-            Ray::from_bearing(ray.left / ray.forward / half_view.tan() * half_view)
-        }
-        (Projection::EqualAngle, Projection::PinHole) => Ray {
-            forward: 1.0,
-            left: ray.bearing() / half_view * half_view.tan(),
-        },
-        _ => ray,
-    }
 }
 
 fn changed(sightings: &[Sighting<f64>], ray: impl Fn(Ray<f64>) -> Ray<f64>) -> Vec<Sighting<f64>> {

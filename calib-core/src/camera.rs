@@ -200,7 +200,7 @@ impl<T: Real> Camera<T> {
     }
 }
 
-fn tangent<T: Real>(angle: T) -> T {
+pub(crate) fn tangent<T: Real>(angle: T) -> T {
     let (sine, cosine) = angle.sine_cosine();
     sine / cosine
 }

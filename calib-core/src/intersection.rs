@@ -1,4 +1,5 @@
-//! Intersection: the place of a target from bearings of two or more cameras of known pose.
+//! Intersection: the place of a target from bearings of two or more cameras of known pose, or from the
+//! bearing and the range of one.
 //!
 //! The counterpart of [resection](crate::resection), and the surveyor's word for it.
 //!
@@ -11,7 +12,8 @@
 //! `g = (sin a / r, -cos a / r, -1)`, world bearing `a` and range `r`, that is
 //! `sigma^2 + g^T C g`. The covariance of the place is the inverse of the sum of
 //! `g_xy g_xy^T` over these variances. It holds while the rays meet at an angle that is large
-//! against their sigmas. The poses count as independent of each other; those of cameras that were
+//! against their sigmas. A range `d`, told by the size of the target in the picture, counts with
+//! its own variance plus that of the camera's place along the ray. The poses count as independent of each other; those of cameras that were
 //! calibrated by one walk are not quite.
 
 use nalgebra::{ComplexField, Matrix2, Point2, Vector2};
@@ -38,9 +40,12 @@ pub struct StationBearing<T: Real> {
     pub ray: Ray<T>,
     /// Standard deviation of that direction, radians, above zero.
     pub bearing_sigma: T,
+    /// How far away the target is, and the standard deviation of that, both above zero, if its size
+    /// tells (thesis 5.2).
+    pub range: Option<(T, T)>,
 }
 
-/// A target's place from bearings that meet there.
+/// A target's place from bearings that meet there, and ranges that reach there.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Intersection<T: Real> {
@@ -51,12 +56,12 @@ pub struct Intersection<T: Real> {
     /// Sum of the squared residuals, each over its variance. About
     /// [`degrees_of_freedom`](Intersection::degrees_of_freedom) when poses and sigmas are right.
     pub chi_squared: T,
-    /// How many bearings it rests on: all that were given.
+    /// How many bearings and ranges it rests on: all that were given.
     pub used: usize,
 }
 
 impl<T: Real> Intersection<T> {
-    /// Bearings beyond the two that a place needs.
+    /// Bearings and ranges beyond the two that a place needs.
     pub fn degrees_of_freedom(&self) -> usize {
         self.used.saturating_sub(2)
     }
@@ -94,7 +99,7 @@ const ITERATION_LIMIT: usize = 30;
 /// The place where the bearings meet.
 ///
 /// # Errors
-/// [`Refusal::TooFew`] below two; [`Refusal::NotFinite`] for an unusable number;
+/// [`Refusal::TooFew`] below two bearings or ranges; [`Refusal::NotFinite`] for an unusable number;
 /// [`Refusal::DangerLine`] for cameras that look along one line, [`Refusal::Undetermined`] for ones
 /// that look along parallel lines, as far as the arithmetic can tell: poor geometry that is not
 /// quite degenerate is *answered*, with a covariance that says so; [`Refusal::TargetBehind`] where
@@ -115,6 +120,7 @@ const ITERATION_LIMIT: usize = 30;
 ///     },
 ///     ray: Ray::from_bearing(0.0),
 ///     bearing_sigma: 0.01,
+///     range: None,
 /// };
 /// let target = intersection::locate(&[ahead(0.0, 45.0), ahead(10.0, 135.0)])?;
 /// assert!((target.position - Point2::new(5.0, 5.0)).norm() < 1e-9);
@@ -124,10 +130,15 @@ pub fn locate<T: Real>(bearings: &[StationBearing<T>]) -> Result<Intersection<T>
     if !bearings.iter().all(StationBearing::is_usable) {
         return Err(Refusal::NotFinite);
     }
-    if bearings.len() < 2 {
+    let ranges = bearings.iter().filter(|b| b.range.is_some()).count();
+    let used = bearings.len() + ranges;
+    if used < 2 {
         return Err(Refusal::TooFew);
     }
-    let start = nearest_to_lines(bearings)?;
+    let start = match bearings.iter().find_map(StationBearing::at_range) {
+        Some(place) => place,
+        None => nearest_to_lines(bearings)?,
+    };
     // Two lines have one point in common. More may still have one in front of all cameras.
     if bearings.len() == 2 && !all_in_front(bearings, &start) {
         return Err(Refusal::TargetBehind);
@@ -139,7 +150,7 @@ pub fn locate<T: Real>(bearings: &[StationBearing<T>]) -> Result<Intersection<T>
         position: x.into(),
         covariance: walk.covariance().ok_or(Refusal::Undetermined)?,
         chi_squared: walk.cost,
-        used: bearings.len(),
+        used,
     };
     if !(x.iter().all(ComplexField::is_finite)
         && found.covariance.iter().all(ComplexField::is_finite))
@@ -164,7 +175,11 @@ impl<T: Real> StationBearing<T> {
         } = &self.pose;
         let all =
             taxicab(position.coords) + heading.abs() + self.bearing_sigma + covariance.sum().abs();
+        let [range, range_sigma] = self.range.map_or([T::one(); 2], <[T; 2]>::from);
         all.is_finite()
+            && (range + range_sigma).is_finite()
+            && range > T::zero()
+            && range_sigma > T::zero()
             && self.ray.is_usable()
             && self.bearing_sigma > T::zero()
             && covariance.diagonal().iter().all(|&d| d >= T::zero())
@@ -176,6 +191,25 @@ impl<T: Real> StationBearing<T> {
         // By the larger part first, so that no square overflows.
         let ray = ray / ray.amax();
         mul(unit(self.pose.heading), ray / ray.norm())
+    }
+
+    /// Where the target is by this alone.
+    fn at_range(&self) -> Option<Point2<T>> {
+        let (range, _) = self.range?;
+        Some(self.pose.position + self.direction() * range)
+    }
+
+    /// The range that is too much, its derivative by the target's place, and one over its variance,
+    /// that of the camera's place along the ray included.
+    fn range_row(&self, to_target: Vector2<T>) -> Option<(T, Vector2<T>, T)> {
+        let (range, sigma) = self.range?;
+        let distance = to_target.norm();
+        let along = to_target / distance;
+        let place = self.pose.covariance.fixed_view::<2, 2>(0, 0);
+        let of_pose = along.dot(&(place * along)).max(T::zero());
+        let own = sigma * sigma;
+        let weight = (own + of_pose + rounding(range)).recip();
+        (distance > T::zero()).then_some((distance - range, along, weight))
     }
 
     fn residual(&self, to_target: Vector2<T>) -> T {
@@ -233,7 +267,7 @@ fn nearest_to_lines<T: Real>(bearings: &[StationBearing<T>]) -> Result<Point2<T>
     })
 }
 
-/// The bearings, and the unknowns `(x, y)`.
+/// The bearings with their ranges, and the unknowns `(x, y)`.
 struct Rays<'a, T: Real>(&'a [StationBearing<T>]);
 
 impl<T: Real> Problem<T> for Rays<'_, T> {
@@ -248,6 +282,9 @@ impl<T: Real> Problem<T> for Rays<'_, T> {
                 slope.as_slice(),
                 bearing.weight(to_target),
             );
+            if let Some((residual, slope, weight)) = bearing.range_row(to_target) {
+                model.add(residual, slope.as_slice(), weight);
+            }
         }
     }
 
@@ -256,7 +293,13 @@ impl<T: Real> Problem<T> for Rays<'_, T> {
         self.0.iter().fold(T::zero(), |sum, bearing| {
             let camera = bearing.pose.position.coords;
             let residual = bearing.residual(x - camera);
-            sum + residual * residual * bearing.weight(weights_at - camera)
+            let of_range = bearing
+                .range_row(x - camera)
+                .map_or(T::zero(), |(residual, _, _)| {
+                    let at = bearing.range_row(weights_at - camera);
+                    residual * residual * at.map_or(T::zero(), |(_, _, weight)| weight)
+                });
+            sum + residual * residual * bearing.weight(weights_at - camera) + of_range
         })
     }
 }

@@ -20,6 +20,7 @@ fn bearing(x: f64, y: f64, heading: f64, phi: f64) -> StationBearing<f64> {
         },
         ray: Ray::from_bearing(phi),
         bearing_sigma: 0.01,
+        range: None,
     }
 }
 
@@ -67,6 +68,15 @@ fn locate_regular(seen: &[StationBearing<f64>]) -> Option<Intersection<f64>> {
 
 /// A random camera that sees the target, as it is and as it believes.
 fn camera(rng: &mut Random, target: Point2<f64>, sigma: f64) -> StationBearing<f64> {
+    let seen = ranging_camera(rng, target, sigma);
+    StationBearing {
+        range: None,
+        ..seen
+    }
+}
+
+/// The same, which measures the range to 2 % besides.
+fn ranging_camera(rng: &mut Random, target: Point2<f64>, sigma: f64) -> StationBearing<f64> {
     let (range, phi): (f64, f64) = (rng.random_range(2.0..8.0), rng.random_range(-0.5..0.5));
     let heading: f64 = rng.random_range(0.0..2.0 * PI);
     let place = target - Vector2::new((heading + phi).cos(), (heading + phi).sin()) * range;
@@ -81,19 +91,30 @@ fn camera(rng: &mut Random, target: Point2<f64>, sigma: f64) -> StationBearing<f
         },
         ray: Ray::from_bearing(phi + sigma * normal(rng)),
         bearing_sigma: sigma,
+        range: Some((range * (1.0 + 0.02 * normal(rng)), range * 0.02)),
     }
 }
 
 #[test]
 fn targets_are_as_sure_as_they_say() {
-    for count in [2, 3, 5] {
+    for (count, with_ranges) in [
+        (2, false),
+        (3, false),
+        (5, false),
+        (1, true),
+        (2, true),
+        (4, true),
+    ] {
         let mut rng = generator(count as u64);
         let (runs, mut done) = (4000, 0);
         let (mut nees, mut chi_squared) = (0.0, 0.0);
         while done < runs {
             let target = Point2::new(rng.random_range(-9.0..9.0), rng.random_range(-9.0..9.0));
             let seen: Vec<_> = (0..count)
-                .map(|_| camera(&mut rng, target, 0.003))
+                .map(|_| match with_ranges {
+                    true => ranging_camera(&mut rng, target, 0.003),
+                    false => camera(&mut rng, target, 0.003),
+                })
                 .collect();
             let Some(located) = locate_regular(&seen) else {
                 continue;
@@ -104,9 +125,11 @@ fn targets_are_as_sure_as_they_say() {
             chi_squared += located.chi_squared;
         }
         let n = f64::from(runs);
-        let freedom = f64::from(count - 2);
+        let freedom = f64::from(count * if with_ranges { 2 } else { 1 } - 2);
         (nees, chi_squared) = (nees / n, chi_squared / n);
-        println!("{count} cameras: NEES {nees:.3}, chi squared {chi_squared:.3}");
+        println!(
+            "{count} cameras, ranges {with_ranges}: NEES {nees:.3}, chi squared {chi_squared:.3}"
+        );
         // Chi squared of k degrees of freedom: mean k, variance 2 k. 4 standard errors.
         assert!((nees - 2.0).abs() < 4.0 * 2.0 / n.sqrt() + 0.02, "{nees}");
         let se = (2.0 * freedom / n).sqrt();
@@ -204,6 +227,7 @@ proptest! {
                     left: (b.ray.left * length) as f32,
                 },
                 bearing_sigma: b.bearing_sigma as f32,
+                range: b.range.map(|(range, sigma)| (range as f32, sigma as f32)),
             })
             .collect();
         let Some(wide) = locate_regular(&wide) else { return Ok(()) };
@@ -213,8 +237,8 @@ proptest! {
     }
 
     #[test]
-    fn never_nan(raw in prop::collection::vec(prop::array::uniform8(any_number()), 0..5)) {
-        let seen: Vec<_> = raw.iter().map(|&[x, y, heading, forward, left, bearing_sigma, c, d]| StationBearing {
+    fn never_nan(raw in prop::collection::vec(prop::array::uniform10(any_number()), 0..5)) {
+        let seen: Vec<_> = raw.iter().map(|&[x, y, heading, forward, left, bearing_sigma, c, d, range, range_sigma]| StationBearing {
             pose: Pose {
                 position: Point2::new(x, y),
                 heading,
@@ -222,6 +246,7 @@ proptest! {
             },
             ray: Ray { forward, left },
             bearing_sigma,
+            range: (range != 0.0).then_some((range, range_sigma)),
         }).collect();
         if let Ok(located) = locate(&seen) {
             prop_assert!(located.position.iter().chain(&located.covariance).all(|v| v.is_finite()));
@@ -268,6 +293,7 @@ fn what_has_no_finite_covariance_is_refused() {
         },
         ray: Ray::from_bearing(0.0),
         bearing_sigma,
+        range: None,
     };
     let quarter = core::f32::consts::FRAC_PI_4;
     let solve = |sigma| {

@@ -231,3 +231,100 @@ fn three_sightings_fit_any_lens() {
         Err(Refusal::TooFew)
     );
 }
+
+/// What a lens of one field of view, degrees, and projection sees, decoded as another.
+fn decoded_as_another(
+    rng: &mut Random,
+    count: usize,
+    [is, seems]: [(Projection, f64); 2],
+) -> Vec<Sighting<f64>> {
+    let [is, seems] = [is, seems]
+        .map(|(projection, view)| Camera::new(projection, 160, view.to_radians()).unwrap());
+    (0..count)
+        .map(|_| {
+            let column = rng.random_range(2.0..157.0);
+            let (sine, cosine) = is.bearing(column).sin_cos();
+            let target = Point2::new(cosine, sine) * rng.random_range(1.5..8.0);
+            let column = (column + PIXEL * normal(rng)).clamp(0.0, 159.0);
+            Sighting::new(
+                target,
+                seems.ray(column),
+                seems.bearing_sigma(column, PIXEL),
+            )
+        })
+        .collect()
+}
+
+fn other_lens(
+    sightings: &[Sighting<f64>],
+    (projection, view): (Projection, f64),
+) -> Option<resection::OtherLens<f64>> {
+    let mut scratch = sightings.to_vec();
+    let found = resection::other_lens(sightings, &mut scratch, projection, view.to_radians());
+    // What a node computes with is enough.
+    let single: Vec<_> = { sightings.iter() }
+        .map(|s| {
+            let ray = Ray {
+                forward: s.ray.forward as f32,
+                left: s.ray.left as f32,
+            };
+            Sighting::new(s.target.cast(), ray, s.bearing_sigma as f32)
+        })
+        .collect();
+    let view = (view as f32).to_radians();
+    let in_single = resection::other_lens(&single, &mut single.clone(), projection, view);
+    assert_eq!(found.is_some(), in_single.is_some());
+    if let (Some(found), Some(single)) = (found, in_single) {
+        assert_eq!(found.projection, single.projection);
+        assert!((found.field_of_view as f32 - single.field_of_view).abs() < 1e-3);
+    }
+    found
+}
+
+#[test]
+fn the_lens_that_fits_is_named() {
+    use Projection::{EqualAngle, PinHole};
+    for (is, seems, most_degrees) in [
+        ((PinHole, 47.0), (PinHole, 45.0), 1.0),
+        ((PinHole, 42.0), (PinHole, 45.0), 1.0),
+        ((EqualAngle, 60.0), (EqualAngle, 64.0), 1.5),
+        ((EqualAngle, 100.0), (PinHole, 100.0), 2.0),
+    ] {
+        let (mut found, mut right, mut poses) = (0, 0, 0);
+        for seed in 0..60 {
+            let sightings = decoded_as_another(&mut generator(seed), 10, [is, seems]);
+            let Some(lens) = other_lens(&sightings, seems) else {
+                continue;
+            };
+            found += 1;
+            let is_it = lens.projection == is.0
+                && (lens.field_of_view.to_degrees() - is.1).abs() < most_degrees;
+            right += u32::from(is_it);
+            // The pose is that of the right lens: the camera is the origin.
+            let off = lens.solution.pose.position.coords.norm();
+            poses += u32::from(off < 4.0 * lens.solution.pose.sigma_position());
+        }
+        let text = format!("{is:?} as {seems:?}: {found} found, {right} right, {poses} poses");
+        assert!(found >= 30 && 10 * right >= 9 * found, "{text}");
+        assert!(10 * poses >= 9 * found, "{text}");
+    }
+}
+
+/// Neither chance nor a wrong sighting is taken for a lens, nor do four sightings tell one.
+#[test]
+fn a_right_lens_is_not_doubted() {
+    let lens = (Projection::PinHole, 45.0);
+    let (mut doubted, mut by_one) = (0, 0);
+    for seed in 0..1000 {
+        let mut rng = generator(seed);
+        let count = 5 + seed as usize % 8;
+        let mut sightings = decoded_as_another(&mut rng, count, [lens, lens]);
+        doubted += u32::from(other_lens(&sightings, lens).is_some());
+        sightings[count / 2].ray = Ray::from_bearing(rng.random_range(-0.35..0.35));
+        by_one += u32::from(other_lens(&sightings, lens).is_some());
+        let other = decoded_as_another(&mut rng, 4, [(Projection::PinHole, 55.0), lens]);
+        assert_eq!(other_lens(&other, lens), None);
+    }
+    assert!(doubted == 0, "{doubted} of 1000");
+    assert!(by_one <= 20, "{by_one} of 1000");
+}

@@ -71,6 +71,7 @@ fn values_come_back() {
         pose: solution.pose,
         ray: sightings[0].ray,
         bearing_sigma: 0.01,
+        range: Some((3.0, 0.1)),
     });
 }
 

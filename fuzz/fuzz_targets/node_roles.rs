@@ -69,6 +69,7 @@ const TARGET: TargetConfig = TargetConfig {
     systematic_heading_deg: 0.5,
     systematic_scale: 0.01,
     standing_sigma: 0.02,
+    ball_radius: 0.0,
     dwell_least_ms: 2_000,
     dwell_most_ms: 20_000,
     sensor: SensorConfig::UNCALIBRATED,
@@ -137,7 +138,7 @@ fn look(bytes: &[u8]) -> Option<camera::CameraEvent> {
         2 => {
             let (bearing, rest) = number(rest)?;
             let (sigma, _) = number(rest)?;
-            let seen = Seen { bearing, sigma };
+            let seen = Seen::direction(bearing, sigma);
             Some(camera::CameraEvent::Looked(Sight::InView, Some(seen)))
         }
         3 => Some(camera::CameraEvent::Done(

@@ -138,6 +138,7 @@ impl Site {
             CoordinatorTask::ChangeKey(key) => {
                 self.key = (key.index() != 1).then_some(KeyChangeReport {
                     index: key.index(),
+                    check: key.key().unwrap().check_value(),
                     done: false,
                     unreached: 0,
                 });

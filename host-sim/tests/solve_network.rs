@@ -155,6 +155,83 @@ fn bearings_alone_give_a_network_up_to_scale() {
     assert!(done.stdout.contains("at 5 places"), "{}", done.stdout);
 }
 
+/// Distances, marks and lenses beside bearings and displacements: exact measurements of cameras whose
+/// bearings were decoded with a lens of 45 degrees where it has 47.
+#[test]
+fn ranges_marks_and_lenses_are_taken_too() {
+    let files = Files::new();
+    let factor = f64::tan(23.5_f64.to_radians()) / f64::tan(22.5_f64.to_radians());
+    let mut seen = "stop,camera,bearing_deg,sigma_deg\n".to_owned();
+    let mut ranges = "stop,camera,range,sigma\n".to_owned();
+    for (stop, (to_x, to_y)) in STOPS.into_iter().enumerate() {
+        for (camera, (x, y, _)) in CAMERAS.into_iter().enumerate() {
+            let mut bearing = bearing(camera, stop);
+            if camera == 3 {
+                bearing = (bearing.to_radians().tan() / factor).atan().to_degrees();
+            }
+            let range = f64::hypot(to_x - x, to_y - y);
+            writeln!(seen, "{},{},{bearing},0.05", stop + 1, camera + 1).unwrap();
+            writeln!(ranges, "{},{},{range},0.05", stop + 1, camera + 1).unwrap();
+        }
+    }
+    let visits = "stop,mark,sigma\n1,7,0.01\n6,9,0.01\n";
+    let (seen, ranges) = (
+        files.write("seen.csv", &seen),
+        files.write("ranges.csv", &ranges),
+    );
+    let (legs, visits) = (
+        files.write("legs.csv", &legs()),
+        files.write("visits.csv", visits),
+    );
+    let all = [
+        "solve-network",
+        &seen,
+        "--legs",
+        &legs,
+        "--displacement-sigma",
+        "0.02",
+        "--references",
+        "1,2",
+        "--baseline",
+        "10",
+        "--ranges",
+        &ranges,
+        "--visits",
+        &visits,
+        "--lens-sigma",
+        "0.05",
+    ];
+    let done = run(&[&all[..], &["--json"]].concat());
+    assert_eq!(done.code, 0, "{}", done.stderr);
+    let solution = &lines(&done.stdout)[0];
+    assert_eq!(solution["ranges"].as_array().unwrap().len(), 35);
+    let camera = &solution["cameras"][3];
+    assert_eq!(camera["checked"], true);
+    assert!(number(&camera["redundancy"]) > 0.02);
+    let lens = &camera["lens"];
+    assert!((number(&lens["factor"]) - factor).abs() < 0.01, "{lens}");
+    let other = number(&solution["cameras"][4]["lens"]["factor"]);
+    assert!((other - 1.0).abs() < 0.01, "{other}");
+    let pose = &camera["estimate"];
+    assert!((number(&pose["x"]) + 1.0).abs() < 0.05, "{camera}");
+
+    // What a file of JSON may hold as well.
+    let json = files.write(
+        "all.json",
+        &serde_json::json!({
+            "references": {"cameras": [1, 2], "baseline": 10.0},
+            "frame_heading_deg": 0.0,
+            "bearings": [{"target": 1, "stop": 1, "camera": 1, "bearing_deg": 0.0, "sigma_deg": 0.1}],
+            "legs": [{"target": 1, "stop": 2, "dx": 1.0, "dy": 0.0, "covariance": [1e-4, 0.0, 1e-4]}],
+            "ranges": [{"target": 1, "stop": 1, "camera": 1, "range": 5.0, "sigma": 0.1}],
+            "visits": [{"target": 1, "stop": 1, "mark": 1, "sigma": 0.1}],
+            "lens": {"sigma": 0.02, "fov_deg": 45.0},
+        })
+        .to_string(),
+    );
+    assert_eq!(run(&["solve-network", &json]).code, 1);
+}
+
 /// The record of a run has all that is needed, with the truth to compare with.
 #[test]
 fn the_record_of_a_run_is_solved_again() {
@@ -187,6 +264,11 @@ fn what_is_wrong_with_a_file_is_said_with_its_line() {
     let words = files.write("words.csv", "stop,dx,dy,sigma\n2,1.0,north,0.1\n");
     let typing = files.write("typing.json", "{\n \"bearings\": [],\n \"leg\": []\n}\n");
     let none = files.write("none.csv", "stop,camera,bearing_deg\n1,door,3.0\n");
+    let far = files.write("far.csv", "stop,camera,range,sigma\n1,1,0,0.1\n");
+    let mark = files.write("mark.csv", "stop,mark,sigma\n1,1,0.1\n2,door,0.1\n");
+    let bare = files.write("bare.csv", "stop,mark\n1,1\n");
+    let wrong_range = "{\"bearings\": [],\n \"ranges\": [{\"target\": 1, \"stop\": 1}]}\n";
+    let wrong_range = files.write("range.json", wrong_range);
     let minus = files.write(
         "minus.csv",
         "stop,camera,bearing_deg,sigma_deg\n1,1,3.0,-1\n",
@@ -225,6 +307,21 @@ fn what_is_wrong_with_a_file_is_said_with_its_line() {
         (vec![&typing[..]], "typing.json:3: "),
         (vec![&none[..]], "none.csv:2: `camera` is \"door\""),
         (vec![&minus[..]], "minus.csv:2: the sigma must be"),
+        (
+            vec![&good[..], "--ranges", &far],
+            "far.csv:2: `range` must be finite and above 0",
+        ),
+        (
+            vec![&good[..], "--visits", &mark],
+            "mark.csv:3: `mark` is \"door\"",
+        ),
+        (vec![&good[..], "--visits", &bare], "no column `sigma`"),
+        (vec![&wrong_range[..]], "range.json:2: "),
+        (
+            vec![&good[..], "--lens-sigma", "0.02"],
+            "has a lens to estimate and no displacements",
+        ),
+        (vec![&good[..], "--lens-sigma", "0"], "--lens-sigma"),
         (vec!["nowhere.csv"], "nowhere.csv cannot be read"),
     ] {
         let done = run(&[&["solve-network"], &arguments[..]].concat());

@@ -1,8 +1,10 @@
 //! What the coordinator and the PC on its serial line tell each other.
 //!
-//! Each message is postcard, COBS-framed, and ends with a zero byte. A frame that does not decode
-//! is skipped. Numbers of variants are the format: variants are only added, at the end.
+//! Each message is postcard with its CRC-32 (that of zip, little-endian) behind it, COBS-framed, and ends
+//! with a zero byte. A frame that does not decode is skipped: without the checksum, most flipped bits
+//! of a key would give the site another one, which nobody has. Numbers of variants are the format: variants are only added, at the end.
 
+use flash_log::Crc32;
 use serde::{Deserialize, Serialize};
 
 use crate::{
@@ -74,6 +76,8 @@ pub enum ToPc {
 pub struct KeyChangeReport {
     /// The index of the new key.
     pub index: u8,
+    /// Its [check value](zigbee_link::security::Key::check_value).
+    pub check: [u8; 3],
     /// It was offered to every member, and is in use.
     pub done: bool,
     /// Members that did not say that they have it. Those that do not come back have to be
@@ -118,15 +122,29 @@ pub enum FromPc {
 }
 
 /// Writes a message as a frame; `None` never happens: every message fits.
-pub fn encode<'a>(message: &ToPc, buffer: &'a mut [u8; FRAME_MAX]) -> Option<&'a [u8]> {
+pub fn encode<'a>(message: &impl Serialize, buffer: &'a mut [u8; FRAME_MAX]) -> Option<&'a [u8]> {
     // In two steps: so the code that encodes messages for the radio serves here too.
     let mut bytes = [0; FRAME_MAX - 2];
-    let bytes = postcard::to_slice(message, &mut bytes);
-    debug_assert!(bytes.is_ok(), "a message is longer than a frame");
-    let bytes = bytes.ok()?;
+    let message = postcard::to_slice(message, &mut bytes);
+    debug_assert!(message.is_ok(), "a message is longer than a frame");
+    let length = message.ok()?.len();
+    let checksum = Crc32::of(bytes.get(..length)?).to_le_bytes();
+    let rest = bytes.get_mut(length..)?.first_chunk_mut()?;
+    *rest = checksum;
+    let bytes = bytes.get(..length + checksum.len())?;
     let length = cobs::try_encode(bytes, buffer).ok()?;
     *buffer.get_mut(length)? = 0;
     buffer.get(..=length)
+}
+
+fn decode<T: for<'de> Deserialize<'de>>(frame: &mut [u8]) -> Option<T> {
+    let length = cobs::decode_in_place(frame).ok()?;
+    let (bytes, checksum) = frame.get(..length)?.split_last_chunk()?;
+    let is_whole = Crc32::of(bytes) == u32::from_le_bytes(*checksum);
+    match postcard::take_from_bytes(bytes) {
+        Ok((message, [])) if is_whole => Some(message),
+        _ => None,
+    }
 }
 
 /// Collects bytes of a line to frames.
@@ -147,11 +165,7 @@ impl Frames {
             return None;
         }
         let frame = &mut self.bytes;
-        let message = if self.too_long {
-            None
-        } else {
-            postcard::from_bytes_cobs(frame).ok()
-        };
+        let message = if self.too_long { None } else { decode(frame) };
         self.bytes.clear();
         self.too_long = false;
         message

@@ -3,10 +3,10 @@
 //! The radio's own records (frame counters, keys, membership) are in another range of the flash,
 //! see [`zigbee_link::store`]. A fact that is lost costs work, never safety: it is learnt again.
 //!
-//! # Format, version 4
+//! # Format, version 6
 //! One record of the log for each fact. Its key says which, its value is the fact, postcard. The
 //! number of the [`Fact`]'s variant leads the value. One more record says of which node and role
-//! the facts are; where it is missing or another's, as in versions 1 to 3, they are not recalled, and the
+//! the facts are; where it is missing or another's, as in versions 1 to 5, they are not recalled, and the
 //! memory is begun anew.
 //!
 //! | key | fact |
@@ -20,32 +20,54 @@
 //! | 32 + n | [`Fact::Sighting`] n |
 //! | 64 + n | [`Fact::ReferenceStop`] n |
 //! | 96 + n | [`Fact::Camera`] n |
-//! | 254 | 4, [`Config::owner`] as little-endian u32 |
+//! | 128 + n | [`Fact::WalkStops`] n |
+//! | 162 + n | [`Fact::WalkBearings`] n |
+//! | 254 | 6, [`Config::owner`] as little-endian u32 |
+//!
+//! # Wear
+//! A page of the nRF52840 can be erased 10,000 times (Product Specification, "NVMC"), and [`BYTES`] are
+//! two banks of 213 records, which are erased in turn. A target with the longest walk it can keep, and
+//! the most cameras, has 133 live records; so a bank takes 79 more before it is full, and both together
+//! 1.5 million. A stop costs some 3 for the walk (the stop, that it stands, that it leaves), one for each
+//! six bearings, up to as many again where another stop makes room, and one for each camera whose pose
+//! became better: 20 of them are 79,000 stops, or seven years of 30 stops a day. With 13 cameras and
+//! walks of 30 stops there are 40 live records and twice as many stops.
 //!
 //! [`Config::owner`]: crate::config::Config::owner
 
 use core::ops::Range;
 
-use calib_core::dead_reckoning::Place;
+use calib_core::{dead_reckoning::Place, joint::Quantity};
 use embedded_storage_async::nor_flash::NorFlash;
 use flash_log::{Entry, Log, LogError};
 use serde::{Deserialize, Serialize};
 
 use crate::{
-    limits::{COLOURS_MAX, MEMBERS},
+    limits::{self, COLOURS_MAX},
     log::warning,
     message::{MemberAddress, References, Report, Seen, StopNumber},
     vision::ColourWindow,
 };
 
 /// One above the highest key.
-const KEYS: u8 = FactKey::Camera(MEMBERS as u8 - 1).record() + 1;
+const KEYS: u8 = FactKey::WalkBearings(BEARING_RECORDS - 1).record() + 1;
 /// Key of the record that says whose the facts are.
 const OWNER: u8 = 254;
 /// First byte of its value.
-const VERSION: u8 = 4;
+const VERSION: u8 = 6;
 /// Bytes of a record of the log.
 const SLOT: usize = 96;
+
+/// Bytes of flash that the facts of any role take, and leave room to write for long.
+pub const BYTES: u32 = 10 * 4096;
+
+/// Stops of a walk in a record.
+pub const STOPS_PER_RECORD: usize = 3;
+/// Bearings of a walk in a record.
+pub const BEARINGS_PER_RECORD: usize = 6;
+/// Records of all stops that a target keeps, and of all bearings.
+pub(crate) const STOP_RECORDS: u8 = limits::WALK_STOPS.div_ceil(STOPS_PER_RECORD) as u8;
+pub(crate) const BEARING_RECORDS: u8 = limits::WALK_BEARINGS.div_ceil(BEARINGS_PER_RECORD) as u8;
 
 /// One thing to remember. Written again, it replaces what was written under the same key.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
@@ -69,6 +91,12 @@ pub enum Fact {
     Colours(Colours),
     /// Camera and target: the network that the addresses in all other facts are of.
     Network(FormerNetwork),
+    /// A target: stops of its walk, in these places of its list: those from
+    /// [`STOPS_PER_RECORD`] times the number on.
+    WalkStops(u8, [Option<WalkStop>; STOPS_PER_RECORD]),
+    /// A target: bearings of its walk, in these places of its list: those from
+    /// [`BEARINGS_PER_RECORD`] times the number on.
+    WalkBearings(u8, [Option<WalkBearing>; BEARINGS_PER_RECORD]),
 }
 
 /// Which fact: of each one there is one.
@@ -92,17 +120,31 @@ pub enum FactKey {
     ReferenceStop(u8),
     /// [`Fact::Camera`] in this place of the table.
     Camera(u8),
+    /// [`Fact::WalkStops`] of this number.
+    WalkStops(u8),
+    /// [`Fact::WalkBearings`] of this number.
+    WalkBearings(u8),
 }
 
-/// So many keys of records each list of facts takes, and those without a list.
+/// So many keys of records each list of facts takes, and those without a list. Those of a walk follow
+/// behind them, as many as there are records.
 pub(crate) const KEYS_PER_LIST: u8 = 32;
 
+/// Keys of the first record of a walk's stops, and of its bearings.
+const WALK_STOPS_FROM: u8 = 4 * KEYS_PER_LIST;
+const WALK_BEARINGS_FROM: u8 = WALK_STOPS_FROM + STOP_RECORDS;
+
+const _: () = assert!(KEYS < OWNER);
+
 impl FactKey {
-    /// The key of its record. No list has more than 32 places.
+    /// The key of its record. What is beyond the end of a list has the key of its last place.
     pub const fn record(self) -> u8 {
+        const fn within(first: u8, place: u8, count: u8) -> u8 {
+            let last = count - 1;
+            first + if place < last { place } else { last }
+        }
         const fn listed(list: u8, place: u8) -> u8 {
-            let last = KEYS_PER_LIST - 1;
-            list * KEYS_PER_LIST + if place < last { place } else { last }
+            within(list * KEYS_PER_LIST, place, KEYS_PER_LIST)
         }
         match self {
             Self::Report => 0,
@@ -114,11 +156,24 @@ impl FactKey {
             Self::Sighting(place) => listed(1, place),
             Self::ReferenceStop(place) => listed(2, place),
             Self::Camera(place) => listed(3, place),
+            Self::WalkStops(place) => within(WALK_STOPS_FROM, place, STOP_RECORDS),
+            Self::WalkBearings(place) => within(WALK_BEARINGS_FROM, place, BEARING_RECORDS),
         }
     }
 
     /// The fact with this key of a record.
     pub const fn of_record(key: u8) -> Option<Self> {
+        if key >= WALK_BEARINGS_FROM {
+            let place = key - WALK_BEARINGS_FROM;
+            return if place < BEARING_RECORDS {
+                Some(Self::WalkBearings(place))
+            } else {
+                None
+            };
+        }
+        if key >= WALK_STOPS_FROM {
+            return Some(Self::WalkStops(key - WALK_STOPS_FROM));
+        }
         let place = key % KEYS_PER_LIST;
         Some(match key / KEYS_PER_LIST {
             0 => match key {
@@ -151,6 +206,8 @@ impl Fact {
             Self::Sighting(place, _) => FactKey::Sighting(*place),
             Self::ReferenceStop(place, _) => FactKey::ReferenceStop(*place),
             Self::Camera(place, _) => FactKey::Camera(*place),
+            Self::WalkStops(place, _) => FactKey::WalkStops(*place),
+            Self::WalkBearings(place, _) => FactKey::WalkBearings(*place),
         }
     }
 }
@@ -228,6 +285,49 @@ pub struct Walk {
     pub scale: f32,
 }
 
+/// A stop of a walk, and how the target came there.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct WalkStop {
+    /// By the target's own count.
+    #[serde(with = "postcard::fixint::le")]
+    pub stop: StopNumber,
+    /// The way from the stop before. `None` if it was not measured.
+    pub leg: Option<WalkLeg>,
+}
+
+/// A way from stop to stop, as the step sensor read it.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct WalkLeg {
+    /// The stop at which it began. If that is not the one that is known before, it is no way from
+    /// there.
+    #[serde(with = "postcard::fixint::le")]
+    pub from: StopNumber,
+    /// Displacement, units of length.
+    pub displacement: [f32; 2],
+    /// Its covariance: xx, xy, yy.
+    pub covariance: [f32; 3],
+}
+
+/// What a camera saw of a target at a stop of its walk.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct WalkBearing {
+    /// By the target's own count.
+    #[serde(with = "postcard::fixint::le")]
+    pub stop: StopNumber,
+    /// The camera.
+    #[serde(with = "postcard::fixint::le")]
+    pub camera: MemberAddress,
+    /// What it measured.
+    pub quantity: Quantity,
+    /// Radians to the left of its axis, or units of length.
+    pub value: f32,
+    /// Its standard deviation, above zero.
+    pub sigma: f32,
+}
+
 /// The facts of one node in a range of a flash.
 #[derive(Debug)]
 pub struct FactStore<F> {
@@ -286,7 +386,7 @@ impl<F: NorFlash> FactStore<F> {
     /// Writes a fact down. When this returns `Ok`, a loss of power does not undo it.
     ///
     /// A memory that is full is begun anew with this fact: a node that stopped would find it the
-    /// same again. Two pages of 4 KiB hold all facts of any role.
+    /// same again. [`BYTES`] hold all facts of any role.
     ///
     /// # Errors
     /// The flash failed.

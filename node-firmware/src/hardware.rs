@@ -73,7 +73,7 @@ pub struct Peripherals<H: Hardware> {
 pub struct FlashLayout {
     /// For the radio link: two pages are enough.
     pub link: Range<u32>,
-    /// For the role: two pages are enough.
+    /// For the role: [`BYTES`](crate::facts::BYTES).
     pub facts: Range<u32>,
 }
 

@@ -21,6 +21,12 @@ pub const SIGHTINGS: usize = 16;
 /// Most stops that a reference camera keeps until it is calibrated.
 pub const REFERENCE_STOPS: usize = 12;
 
+/// Most stops that a target keeps of its walk.
+pub const WALK_STOPS: usize = 100;
+
+/// Most bearings that a target keeps of its walk.
+pub const WALK_BEARINGS: usize = 384;
+
 /// Stops at which a camera may want to see the target: a pose needs three.
 pub const STOPS_WANTED: RangeInclusive<u8> = 3..=SIGHTINGS as u8;
 

@@ -5,6 +5,7 @@ mod support;
 
 use calib_core::{
     Refusal,
+    camera::Projection,
     dead_reckoning::{Place, PlaceParts, Step, Systematic},
 };
 use nalgebra::{Point2, Vector2};
@@ -12,9 +13,9 @@ use node_firmware::{
     console::FromPc,
     hardware::Button,
     message::{
-        CameraCommand, CameraState, CommandResult, CoordinateFrame, Duty, Hello, ListedSighting,
-        MemberKind, Message, PoseParts, ProtectionLevel, Reference, References, Report, Seen,
-        Sight, StopAnswer, StopBearing, Stopped, TargetLocation, TrackedBlob,
+        CameraCommand, CameraState, CommandResult, CoordinateFrame, Duty, FittingLens, Hello,
+        ListedSighting, MemberKind, Message, PoseParts, ProtectionLevel, Reference, References,
+        Report, Seen, Sight, StopAnswer, StopBearing, Stopped, TargetLocation, TrackedBlob,
     },
     role::{
         Role,
@@ -104,10 +105,7 @@ impl Any {
     }
 
     fn seen(&mut self) -> Seen {
-        Seen {
-            bearing: self.0.random_range(-0.6..0.6),
-            sigma: self.sigma(),
-        }
+        Seen::direction(self.0.random_range(-0.6..0.6), self.sigma())
     }
 
     fn pose(&mut self) -> PoseParts {
@@ -127,11 +125,15 @@ impl Any {
     }
 
     fn report(&mut self) -> Report {
-        let state = match self.below(5) {
+        let state = match self.below(6) {
             0 => CameraState::Waiting,
             1 => CameraState::Refused(Refusal::DangerCircle),
             2 => CameraState::Calibrated(self.pose()),
             3 => CameraState::Weak(self.pose()),
+            4 => CameraState::OtherLens(
+                self.pose(),
+                FittingLens::new(Projection::EqualAngle, self.sigma()),
+            ),
             _ => CameraState::Doubtful(self.pose()),
         };
         Report {

@@ -4,14 +4,21 @@ mod support;
 
 use std::collections::BTreeMap;
 
-use calib_core::dead_reckoning::{Place, PlaceParts, Systematic};
+use calib_core::{
+    camera::Projection,
+    dead_reckoning::{Place, PlaceParts, Systematic},
+    joint::Quantity,
+};
 use embassy_futures::block_on;
 use flash_log::{Entry, Log, LogError};
 use nalgebra::{Point2, Vector2};
 use node_firmware::{
-    facts::{Colours, Fact, FactStore, FormerNetwork, KeptSighting, ReferenceStop, Walk},
-    limits::{MEMBERS, REFERENCE_STOPS, SIGHTINGS},
-    message::{CameraState, Duty, PoseParts, References, Report, Seen},
+    facts::{
+        self, BEARINGS_PER_RECORD, Colours, Fact, FactStore, FormerNetwork, KeptSighting,
+        ReferenceStop, STOPS_PER_RECORD, Walk, WalkBearing, WalkLeg, WalkStop,
+    },
+    limits::{MEMBERS, REFERENCE_STOPS, SIGHTINGS, WALK_BEARINGS, WALK_STOPS},
+    message::{CameraState, Duty, FittingLens, PoseParts, References, Report, Seen},
     vision::ColourWindow,
 };
 use rand::{RngExt, SeedableRng};
@@ -19,8 +26,9 @@ use rand_chacha::ChaCha8Rng;
 use support::flash::{self, Flash};
 use virtual_bench::flash::FlashError;
 
-/// Two pages of 4 KiB, as on the boards.
+/// Small, so that it is often full; only a long walk takes as much as there is on the boards.
 const LEN: u32 = flash::length(32);
+const WHOLE: u32 = facts::BYTES;
 const SLOT: usize = 96;
 /// Whose facts they are.
 const OWNER: u32 = 0x0123_4567;
@@ -42,10 +50,7 @@ fn place() -> Place<f32> {
 }
 
 fn seen(bearing: f32) -> Seen {
-    Seen {
-        bearing,
-        sigma: 0.5,
-    }
+    Seen::direction(bearing, 0.5)
 }
 
 fn pose() -> PoseParts {
@@ -65,7 +70,7 @@ fn report(id: u16) -> Report {
         chi_squared: 2.0,
         done: true,
         joint: None,
-        state: CameraState::Doubtful(pose()),
+        state: CameraState::OtherLens(pose(), FittingLens::new(Projection::EqualAngle, 6.0)),
     }
 }
 
@@ -102,7 +107,7 @@ fn network() -> Fact {
 }
 
 /// The longest of each kind, in the order of their keys.
-fn longest() -> [Fact; 9] {
+fn longest() -> [Fact; 11] {
     [
         Fact::Report(Some(report(u16::MAX))),
         Fact::References(Some(References {
@@ -134,7 +139,38 @@ fn longest() -> [Fact; 9] {
             }),
         ),
         Fact::Camera(MEMBERS as u8 - 1, Some((u16::MAX, report(u16::MAX)))),
+        walk_stops(RECORDS[0] - 1, [1.5; 2]),
+        walk_bearings(RECORDS[1] - 1, 1.0),
     ]
+}
+
+/// Records of the stops and of the bearings of the longest walk.
+const RECORDS: [u8; 2] = [
+    WALK_STOPS.div_ceil(STOPS_PER_RECORD) as u8,
+    WALK_BEARINGS.div_ceil(BEARINGS_PER_RECORD) as u8,
+];
+
+fn walk_stops(record: u8, displacement: [f32; 2]) -> Fact {
+    let stop = WalkStop {
+        stop: u16::MAX,
+        leg: Some(WalkLeg {
+            from: u16::MAX - 1,
+            displacement,
+            covariance: [1.0, 0.5, 2.0],
+        }),
+    };
+    Fact::WalkStops(record, [Some(stop); STOPS_PER_RECORD])
+}
+
+fn walk_bearings(record: u8, value: f32) -> Fact {
+    let bearing = WalkBearing {
+        stop: 0x1234,
+        camera: u16::MAX,
+        quantity: Quantity::Range,
+        value,
+        sigma: 0.5,
+    };
+    Fact::WalkBearings(record, [Some(bearing); BEARINGS_PER_RECORD])
 }
 
 fn recall(flash: &mut Flash) -> Vec<Fact> {
@@ -192,15 +228,44 @@ fn format() {
     assert_eq!(bytes(&colours())[..14], learnt);
     let network_bytes = [8, 0xB4, 0x24, 2, 0, 0, 0, 0, 0, 0, 9, 0xFF, 0xFF, 3];
     assert_eq!(bytes(&network()), network_bytes);
+    // A stop without a way to it, and none; numbers of stops and addresses take two bytes.
+    let mut stops = [None; STOPS_PER_RECORD];
+    stops[1] = Some(WalkStop {
+        stop: 0x1234,
+        leg: None,
+    });
+    assert_eq!(
+        bytes(&Fact::WalkStops(33, stops)),
+        [9, 33, 0, 1, 0x34, 0x12, 0, 0]
+    );
+    let half = [0x00, 0x00, 0x00, 0x3F];
+    let [one, two] = [[0x00, 0x00, 0x80, 0x3F], [0x00, 0x00, 0x00, 0x40]];
+    let stops = bytes(&walk_stops(0, [0.5, 1.0]));
+    let leg = [
+        &[1, 0xFF, 0xFF, 1, 0xFE, 0xFF][..],
+        &half,
+        &one,
+        &one,
+        &half,
+        &two,
+    ]
+    .concat();
+    assert_eq!(stops[2..][..leg.len()], leg);
+    assert_eq!(stops.len(), 2 + STOPS_PER_RECORD * leg.len());
+    let bearings = bytes(&walk_bearings(63, 1.0));
+    let range = [&[1, 0x34, 0x12, 0xFF, 0xFF, 1][..], &one, &half].concat();
+    assert_eq!(bearings, [&[10, 63][..], &range.repeat(6)].concat());
+    let none = bytes(&Fact::WalkBearings(63, [None; BEARINGS_PER_RECORD]));
+    assert_eq!(none, [10, 63, 0, 0, 0, 0, 0, 0]);
     // Whose they are.
     let mut flash = flash::chip(32, 0);
     assert_eq!(recall(&mut flash), []);
     let owner = bank(&flash) + SLOT;
     assert_eq!(
         flash.bytes()[owner..][..8],
-        [1, 254, 4, 0x67, 0x45, 0x23, 0x01, 0]
+        [1, 254, 6, 0x67, 0x45, 0x23, 0x01, 0]
     );
-    let seen = [0x00, 0x00, 0x80, 0x3F, 0x00, 0x00, 0x00, 0x3F];
+    let seen = [0x00, 0x00, 0x80, 0x3F, 0x00, 0x00, 0x00, 0x3F, 0x00];
     assert!(bytes(&sighting(1, 1.0)).ends_with(&seen));
 }
 
@@ -224,11 +289,22 @@ fn all_facts_of_a_camera_fit_together() {
 fn all_facts_of_a_target_fit_together() {
     let mut facts = vec![longest()[2], network()];
     facts.extend((0..MEMBERS as u8).map(|n| Fact::Camera(n, Some((n.into(), report(n.into()))))));
-    let mut flash = flash::chip(32, 2);
-    for _ in 0..5 {
-        save(&mut flash, &facts);
-    }
-    assert_eq!(recall(&mut flash), facts);
+    facts.extend((0..RECORDS[0]).map(|n| walk_stops(n, [1.0, n.into()])));
+    facts.extend((0..RECORDS[1]).map(|n| walk_bearings(n, n.into())));
+    assert_eq!(facts.len(), 132);
+    let mut flash = flash::chip(WHOLE as usize / flash::PAGE, 2);
+    let mut recalled = Vec::new();
+    block_on(async {
+        let mut memory = FactStore::open(&mut flash, 0..WHOLE, OWNER).await.unwrap();
+        for fact in (0..5).flat_map(|_| &facts) {
+            memory.save(fact).await.unwrap();
+        }
+        memory.recall(|fact| recalled.push(*fact)).await.unwrap();
+    });
+    assert_eq!(recalled, facts);
+    // As the documentation counts: a bank is full after 79 more.
+    let slots = WHOLE as usize / 2 / SLOT;
+    assert_eq!((slots, slots - 1 - (facts.len() + 1)), (213, 79));
 }
 
 /// What is erased is written down as well, in the room of what it replaces. So there is as much room

@@ -530,10 +530,7 @@ fn former_references_have_no_duty() {
 /// its stops as a reference, or of these, not of both.
 #[test]
 fn a_reference_drops_its_sightings() {
-    let seen = Seen {
-        bearing: 0.1,
-        sigma: 0.01,
-    };
+    let seen = Seen::direction(0.1, 0.01);
     for cut in [None, Some(1), Some(2), Some(3)] {
         let mut station = Station::<camera::CameraRole>::new(
             2,

@@ -7,12 +7,12 @@ use std::{cell::Cell, rc::Rc};
 
 use calib_core::{
     Refusal,
-    dead_reckoning::{Place, Step, Track},
+    dead_reckoning::{Place, Step, Systematic, Track},
 };
-use nalgebra::{Point2, Vector2};
+use nalgebra::{Matrix2, Point2, Vector2};
 use node_firmware::{
-    config::CameraConfig,
-    facts::Fact,
+    config::{CameraConfig, TargetConfig},
+    facts::{Fact, Walk},
     limits::REFERENCE_STOPS,
     message::{
         CameraState, CoordinateFrame, Duty, Message, PoseParts, References, Report, Seen, Sight,
@@ -37,10 +37,10 @@ fn sees(camera: &Truth, place: [f64; 2]) -> Seen {
     use std::f64::consts::PI;
     let to = Point2::from(place) - camera.position;
     let bearing = to.y.atan2(to.x) - camera.heading;
-    Seen {
-        bearing: ((bearing + PI).rem_euclid(2.0 * PI) - PI) as f32,
-        sigma: BEARING_SIGMA as f32,
-    }
+    Seen::direction(
+        ((bearing + PI).rem_euclid(2.0 * PI) - PI) as f32,
+        BEARING_SIGMA as f32,
+    )
 }
 
 /// The first camera, and nobody else but this test.
@@ -343,9 +343,17 @@ fn a_camera_that_was_none_becomes_a_reference() {
 }
 
 fn standing_target(now: &mut u64, air: &mut Air) -> (Station<TargetRole<'static>>, StopNumber) {
+    standing(target_config(0), now, air)
+}
+
+fn standing(
+    config: TargetConfig,
+    now: &mut u64,
+    air: &mut Air,
+) -> (Station<TargetRole<'static>>, StopNumber) {
     let mut target = Station::<TargetRole<'_>>::new(
         TARGET,
-        || target_role(TARGET, target_config(0), 7),
+        move || target_role(TARGET, config, 7),
         Box::new(|_, ()| None),
     );
     target.attach(*now);
@@ -421,6 +429,48 @@ fn a_place_is_taken_from_the_first_reference_only() {
         target.hear(now, ShortAddress(from), &known);
         target.hear(now, ShortAddress(4), &located);
         assert!(target.role.position().1, "{known:?}");
+    }
+}
+
+/// One camera is enough for a target whose size is known, and which knows the direction of its sensor
+/// from before its restart: where it is follows from bearing and range.
+#[test]
+fn one_camera_finds_a_target_whose_size_is_known() {
+    const RADIUS: f32 = 0.1;
+    let camera = &CAMERAS[0];
+    for (radius, is_found) in [(0.0, false), (RADIUS, true)] {
+        let (mut now, mut air) = (0, Air::new(PERFECT, 1));
+        let config = TargetConfig {
+            ball_radius: radius,
+            ..target_config(0)
+        };
+        let (mut target, stop) = standing(config, &mut now, &mut air);
+        let track = Track::start(Point2::origin(), Matrix2::zeros(), Systematic::default());
+        target.role.restore(&Fact::Walk(Walk {
+            stop,
+            standing: false,
+            place: track.unwrap().place(0.02).unwrap(),
+            located: true,
+            frame_heading: Some(0.3),
+            frame_heading_sigma: 0.01,
+            scale: 1.0,
+        }));
+        let stop = stand(&mut target, &mut now, &mut air);
+        let place = Point2::from(STOPS[0]);
+        let range = (place - camera.position).norm();
+        let bearing = StopBearing {
+            target: TARGET,
+            stop,
+            seen: sees(camera, STOPS[0]).wide((f64::from(RADIUS) / range).asin() as f32),
+            pose: Some(pose_of(camera)),
+        };
+        target.hear(now, ShortAddress(1), &Message::Bearing(bearing));
+        now += SECOND;
+        target.act(now, &mut air);
+        let (position, is_located) = target.role.position();
+        assert_eq!(is_located, is_found, "{radius}");
+        let off = (position.cast() - place).norm();
+        assert!(!is_located || off < 0.01 * range, "{off} of {range}");
     }
 }
 

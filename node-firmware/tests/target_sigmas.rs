@@ -34,6 +34,7 @@ impl Carrier {
             systematic_heading_deg: 3.0,
             systematic_scale: OWN_SCALE,
             standing_sigma: 0.0,
+            ball_radius: 0.0,
             dwell_least_ms: 2_000,
             dwell_most_ms: 60_000,
             sensor: SensorConfig::UNCALIBRATED,

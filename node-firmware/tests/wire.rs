@@ -3,6 +3,7 @@
 
 use calib_core::{
     Refusal, Status,
+    camera::Projection,
     dead_reckoning::{Place, PlaceParts, Systematic},
 };
 use nalgebra::{Point2, Vector2};
@@ -11,9 +12,9 @@ use node_firmware::{
     console::{FRAME_MAX, Frames, FromPc, KeyChangeReport, NetworkInfo, ToPc, encode},
     limits::MEMBERS,
     message::{
-        CameraCommand, CameraState, CommandResult, CoordinateFrame, Duty, Hello, ListedSighting,
-        MemberKind, Message, PoseParts, ProtectionLevel, Reference, References, Report, Seen,
-        Sight, StopAnswer, StopBearing, Stopped, TargetLocation, TrackedBlob,
+        CameraCommand, CameraState, CommandResult, CoordinateFrame, Duty, FittingLens, Hello,
+        ListedSighting, MemberKind, Message, PoseParts, ProtectionLevel, Reference, References,
+        Report, Seen, Sight, StopAnswer, StopBearing, Stopped, TargetLocation, TrackedBlob,
     },
 };
 use proptest::prelude::*;
@@ -30,10 +31,7 @@ fn hex(bytes: &[u8]) -> String {
 }
 
 fn seen() -> Seen {
-    Seen {
-        bearing: 1.0,
-        sigma: 0.5,
-    }
+    Seen::direction(1.0, 0.5).wide(0.03)
 }
 
 fn place() -> Place<f32> {
@@ -168,10 +166,10 @@ fn golden() -> Vec<(Message, String)> {
             format!("04050201{}", place_bytes()),
         ),
         (Message::Trigger { target: 9, stop: 5 }, "060905".into()),
-        (bearing(None), format!("070905{ONE}{HALF}00")),
+        (bearing(None), format!("070905{ONE}{HALF}ac0200")),
         (
             bearing(Some(pose())),
-            format!("070905{ONE}{HALF}01{}", pose_bytes()),
+            format!("070905{ONE}{HALF}ac0201{}", pose_bytes()),
         ),
         (
             Message::Located(TargetLocation {
@@ -214,6 +212,17 @@ fn golden() -> Vec<(Message, String)> {
             format!("0a0b000403{TWO}010004{}", pose_bytes()),
         ),
         (
+            // 60.1 degrees of equal angles: 0x8259, as a varint.
+            Message::Report(report(
+                None,
+                CameraState::OtherLens(
+                    pose(),
+                    FittingLens::new(Projection::EqualAngle, 60.15_f32.to_radians()),
+                ),
+            )),
+            format!("0a0b000403{TWO}010005{}d98402", pose_bytes()),
+        ),
+        (
             Message::Done(CommandResult {
                 command: CameraCommand::Forget,
                 success: true,
@@ -240,7 +249,7 @@ fn golden() -> Vec<(Message, String)> {
                 position_sigma: 0.5,
                 seen: seen(),
             }),
-            format!("0f01030905{ONE}{TWO}{HALF}{ONE}{HALF}"),
+            format!("0f01030905{ONE}{TWO}{HALF}{ONE}{HALF}ac02"),
         ),
     ]
     .into();
@@ -255,7 +264,7 @@ fn golden() -> Vec<(Message, String)> {
     ];
     for (n, sight) in sights.into_iter().enumerate() {
         let seen = if n == 0 {
-            format!("01{ONE}{HALF}")
+            format!("01{ONE}{HALF}ac02")
         } else {
             "00".into()
         };
@@ -305,7 +314,7 @@ fn messages_are_these_bytes() {
 
 /// postcard without its own allocation, as the link does it.
 mod postcard {
-    pub(super) use ::postcard::{from_bytes, from_bytes_cobs};
+    pub(super) use ::postcard::from_bytes;
 
     pub(super) fn to_allocvec_like<T: serde::Serialize>(value: &T) -> Vec<u8> {
         let mut buffer = [0; 1024];
@@ -319,8 +328,6 @@ fn tell(message: ToPc) -> String {
     let (end, body) = frame.split_last().unwrap();
     assert_eq!(*end, 0);
     assert!(!body.contains(&0), "zero bytes end frames");
-    let mut copy = frame.clone();
-    assert_eq!(postcard::from_bytes_cobs::<ToPc>(&mut copy), Ok(message));
     let mut frames = Frames::default();
     let told: Vec<ToPc> = frame.iter().filter_map(|&b| frames.push(b)).collect();
     assert_eq!(told, [message]);
@@ -377,7 +384,7 @@ fn what_the_pc_is_told_is_these_bytes() {
             address: 3,
             sighting
         }),
-        format!("050301030905{ONE}{TWO}{HALF}{ONE}{HALF}")
+        format!("050301030905{ONE}{TWO}{HALF}{ONE}{HALF}ac02")
     );
     let removed = ToPc::Removed {
         address: 300,
@@ -386,40 +393,84 @@ fn what_the_pc_is_told_is_these_bytes() {
     assert_eq!(tell(removed), "06ac0201");
     let change = KeyChangeReport {
         index: 2,
+        check: [3, 4, 5],
         done: true,
         unreached: 1,
     };
     assert_eq!(tell(ToPc::KeyChange(None)), "0700");
-    assert_eq!(tell(ToPc::KeyChange(Some(change))), "0701020101");
+    assert_eq!(
+        tell(ToPc::KeyChange(Some(change))),
+        "07010203040501 01".replace(' ', "")
+    );
 }
 
-/// Whole frames: COBS puts the distance to the next zero in the place of each.
+/// Before their checksum and COBS.
 #[test]
 fn what_the_pc_wants_is_these_bytes() {
     let key = SiteKey::new(2, core::array::from_fn(|i| i as u8 + 1));
     let wants: [(FromPc, &[u8]); 6] = [
-        (FromPc::Refresh, &[1, 1, 0]),
-        (FromPc::JoinWindow(300), &[4, 1, 0xAC, 2, 0]),
+        (FromPc::Refresh, &[0]),
+        (FromPc::JoinWindow(300), &[1, 0xAC, 2]),
         (
             FromPc::Command {
                 address: 3,
                 command: CameraCommand::Track { colour: 1 },
             },
-            &[5, 2, 3, 3, 1, 0],
+            &[2, 3, 3, 1],
         ),
-        (FromPc::Sightings(3), &[3, 3, 3, 0]),
-        (FromPc::Remove(300), &[4, 4, 0xAC, 2, 0]),
+        (FromPc::Sightings(3), &[3, 3]),
+        (FromPc::Remove(300), &[4, 0xAC, 2]),
         (
             FromPc::ChangeKey(key),
-            &[
-                19, 5, 2, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15, 16, 0,
-            ],
+            &[5, 2, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15, 16],
         ),
     ];
-    let mut frames = Frames::default();
     for (wish, bytes) in wants {
-        let heard: Vec<FromPc> = bytes.iter().filter_map(|&b| frames.push(b)).collect();
+        assert_eq!(postcard::to_allocvec_like(&wish), bytes);
+        let mut buffer = [0; FRAME_MAX];
+        let frame = encode(&wish, &mut buffer).unwrap();
+        let mut frames = Frames::default();
+        let heard: Vec<FromPc> = frame.iter().filter_map(|&b| frames.push(b)).collect();
         assert_eq!(heard, [wish]);
+    }
+}
+
+/// A whole frame: the CRC-32 of one zero byte is 0xD202EF8D, and COBS puts the distance to the next zero
+/// in the place of each.
+#[test]
+fn a_console_frame_is_these_bytes() {
+    let mut buffer = [0; FRAME_MAX];
+    let frame = encode(&FromPc::Refresh, &mut buffer).unwrap();
+    assert_eq!(frame, [1, 5, 0x8D, 0xEF, 0x02, 0xD2, 0]);
+}
+
+/// No bit of a frame with a key can flip unnoticed, nor two of them, nor a burst of them.
+#[test]
+fn a_key_with_flipped_bits_is_no_key() {
+    let key = SiteKey::new(2, core::array::from_fn(|i| 0x5A ^ (7 * i) as u8));
+    let mut buffer = [0; FRAME_MAX];
+    let frame = encode(&FromPc::ChangeKey(key), &mut buffer)
+        .unwrap()
+        .to_vec();
+    let bits = (frame.len() - 1) * 8;
+    let heard = |flipped: &[usize]| {
+        let mut frame = frame.clone();
+        for bit in flipped {
+            frame[bit / 8] ^= 1 << (bit % 8);
+        }
+        let mut frames = Frames::default();
+        // What a false end of the frame makes of the rest counts too.
+        let heard = frame.iter().filter_map(|&byte| frames.push::<FromPc>(byte));
+        heard.count()
+    };
+    assert_eq!(heard(&[]), 1);
+    for a in 0..bits {
+        assert_eq!(heard(&[a]), 0, "bit {a}");
+        for b in a + 1..bits {
+            assert_eq!(heard(&[a, b]), 0, "bits {a} and {b}");
+        }
+        let burst: Vec<_> = (a..bits.min(a + 17)).collect();
+        assert_eq!(heard(&burst), 0, "from bit {a}");
     }
 }
 
@@ -435,13 +486,19 @@ fn a_console_frame_that_is_bad_costs_only_itself() {
         let mut frames = Frames::default();
         let bad = noise.iter().chain(&[0]);
         assert_eq!(bad.filter_map(|&b| frames.push::<FromPc>(b)).count(), 0);
-        let good: Vec<FromPc> = [1, 1, 0].iter().filter_map(|&b| frames.push(b)).collect();
+        let mut buffer = [0; FRAME_MAX];
+        let whole = encode(&FromPc::Refresh, &mut buffer).unwrap();
+        let good: Vec<FromPc> = whole.iter().filter_map(|&b| frames.push(b)).collect();
         assert_eq!(good, [FromPc::Refresh]);
     }
 }
 
 /// The longest of each kind: all numbers as large as they get.
 fn longest() -> Vec<(&'static str, Message)> {
+    let widest = Seen {
+        half_width: u16::MAX,
+        ..seen()
+    };
     let far = u16::MAX;
     let place = Place::new(PlaceParts {
         fix: u32::MAX,
@@ -456,7 +513,10 @@ fn longest() -> Vec<(&'static str, Message)> {
             position: 1.0,
             heading: 2.0,
         }),
-        ..report(Some(Duty::Second), CameraState::Doubtful(pose()))
+        ..report(
+            Some(Duty::Second),
+            CameraState::OtherLens(pose(), FittingLens::new(Projection::EqualAngle, 6.0)),
+        )
     };
     vec![
         (
@@ -498,7 +558,7 @@ fn longest() -> Vec<(&'static str, Message)> {
             Message::Look(StopAnswer {
                 stop: far,
                 sight: Sight::InView,
-                seen: Some(seen()),
+                seen: Some(widest),
                 counted: 255,
                 done: true,
             }),
@@ -515,7 +575,7 @@ fn longest() -> Vec<(&'static str, Message)> {
             Message::Bearing(StopBearing {
                 target: far,
                 stop: far,
-                seen: seen(),
+                seen: widest,
                 pose: Some(pose()),
             }),
         ),
@@ -561,7 +621,7 @@ fn longest() -> Vec<(&'static str, Message)> {
                 stop: far,
                 position: [1.0, 2.0],
                 position_sigma: 0.5,
-                seen: seen(),
+                seen: widest,
             }),
         ),
     ]
@@ -574,17 +634,17 @@ const LENGTHS: [(&str, usize); 16] = [
     ("Roster", 98),
     ("References", 24),
     ("Stopped", 63),
-    ("Look", 16),
+    ("Look", 19),
     ("Trigger", 7),
-    ("Bearing", 52),
+    ("Bearing", 55),
     ("Located", 32),
-    ("Posed", 59),
-    ("Report", 59),
+    ("Posed", 62),
+    ("Report", 62),
     ("Command", 3),
     ("Done", 4),
     ("Tracked", 9),
     ("Sightings", 1),
-    ("Sighting", 29),
+    ("Sighting", 32),
 ];
 
 #[test]
@@ -716,6 +776,10 @@ fn a_report_has_a_status() {
         (CameraState::Calibrated(pose()), Status::Calibrated),
         (CameraState::Weak(pose()), Status::Weak),
         (CameraState::Doubtful(pose()), Status::Doubtful),
+        (
+            CameraState::OtherLens(pose(), FittingLens::new(Projection::PinHole, 0.8)),
+            Status::Doubtful,
+        ),
     ] {
         let report = report(None, state);
         assert_eq!(report.status(), status);

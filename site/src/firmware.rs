@@ -75,6 +75,8 @@ parameters! {
     systematic_scale: f64,
     /// How far a target may stand off the place that it tells, standard deviation of each axis.
     standing_sigma: f64,
+    /// Radius of the ball as somebody measured it, in the unit of the site; 0: not measured.
+    ball_radius: f64,
     /// The least time of a stop, milliseconds.
     dwell_least_ms: u32,
     /// The most time of a stop, milliseconds.
@@ -129,6 +131,7 @@ impl FirmwareTable {
         );
         put_f32(&mut target.systematic_scale, self.systematic_scale);
         put_f32(&mut target.standing_sigma, self.standing_sigma);
+        put_f32(&mut target.ball_radius, self.ball_radius);
         put(&mut target.dwell_least_ms, self.dwell_least_ms);
         put(&mut target.dwell_most_ms, self.dwell_most_ms);
         let iron = self.hard_iron.map(|iron| iron.map(|axis| axis as f32));

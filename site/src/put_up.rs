@@ -8,12 +8,13 @@ use calib_core::{
 };
 use cmucam2_driver::geometry::Sensor;
 use nalgebra::{Point2, Rotation2, Vector2};
+use node_firmware::config::{CameraConfig, Subjects};
 
 use super::{
     check::{fault_rates, refuse},
     error::ScenarioError,
     file::{CameraTable, NetworkTable, ObstacleTable, PlacedCamera, Scenario, TargetTable},
-    planner::{self, Noise, Plan, PlanError, Task},
+    planner::{self, Noise, Plan, PlanError, RARE, Steps, Task, Tolerance},
 };
 use crate::world::{Camera, Gait, Obstacle, SensorErrors, Target, World};
 use cmucam2_emulator::{FaultRates, Lens};
@@ -113,6 +114,11 @@ impl Frame {
     /// A place of the world in this frame.
     pub fn place(&self, world: Point2<f64>) -> Point2<f64> {
         Point2::from(Rotation2::new(-self.heading) * (world - self.origin))
+    }
+
+    /// Where a place of this frame is in the world.
+    pub fn in_world(&self, place: Point2<f64>) -> Point2<f64> {
+        self.origin + Rotation2::new(self.heading) * place.coords
     }
 
     /// A direction of the world in this frame, radians in `[0, 2 pi)`.
@@ -394,6 +400,8 @@ fn stops(
                 columns: Noise::COLUMNS,
                 standing: target.gait.standing_sigma(),
             },
+            steps: steps(scenario, own, target),
+            tolerance: tolerance(scenario),
             path: scenario.path,
             seed: scenario.scattered_by.unwrap_or(0),
             target: target.index as u64,
@@ -412,6 +420,32 @@ fn stops(
         target.plan = Some(plan);
     }
     Ok(())
+}
+
+/// How well the carrier of a target measures its way.
+fn steps(scenario: &Scenario, table: &TargetTable, target: &TargetNode) -> Steps {
+    let (told, errors) = (scenario.target_config(table), &target.errors);
+    Steps {
+        scale: told.systematic_scale.into(),
+        compass: f64::from(told.systematic_heading_deg).to_radians(),
+        leg: [errors.leg_distance, errors.leg_heading],
+        least: 0.0,
+    }
+}
+
+/// Protection levels with which poses are checked.
+fn tolerance(scenario: &Scenario) -> Tolerance {
+    let mut camera = CameraConfig::new(
+        scenario.camera.believed(),
+        Subjects::Motion { threshold: 1 },
+    );
+    scenario.firmware.configure_camera(&mut camera);
+    let weak = camera.weak;
+    let limits = [
+        weak.position.into(),
+        f64::from(weak.heading_deg).to_radians(),
+    ];
+    limits.map(|limit| RARE * limit)
 }
 
 fn clear_way(

@@ -135,6 +135,7 @@ fn every_parameter_arrives() {
         systematic_heading_deg: 2.0,
         systematic_scale: 0.05,
         standing_sigma: 0.03,
+        ball_radius: 0.16,
         dwell_least_ms: 1_500,
         dwell_most_ms: 90_000,
         sensor: SensorConfig {

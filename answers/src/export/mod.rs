@@ -139,12 +139,22 @@ impl From<&Node> for CsvTruth {
     }
 }
 
+/// What checks its pose, in CSV.
+#[derive(Serialize)]
+struct CsvCheck {
+    checked: bool,
+    protection: Option<f64>,
+    protection_heading_deg: Option<f64>,
+}
+
 /// One row per camera: `camera`, `network`, `frame` (in whose coordinates the row is: `network` or
 /// `building`), `reference`, `status`, `reason` (why there is no pose), the pose (`x`, `y`,
 /// `heading_deg`), its sigmas (`sigma_...`), the upper triangle of its covariance (`cov_xx`,
 /// `cov_xy`, `cov_xt`, `cov_yy`, `cov_yt`, `cov_tt`, headings in degrees), the truth (`true_...`) and
 /// the error (`error_...`) where they are known, `sightings`, how many of them the pose uses
-/// (`used`), `chi_squared`, `done` (it needs no more), and its `address`.
+/// (`used`), `chi_squared`, `done` (it needs no more), its `address`, whether its pose is `checked`, and how
+/// far one wrong measurement that nobody noticed could move and turn it (`protection`,
+/// `protection_heading_deg`; empty of references, and where no target told).
 ///
 /// # Errors
 /// [`ExportError`]
@@ -163,6 +173,11 @@ pub fn csv(record: &RunRecord, frame: Frame) -> Result<String, ExportError> {
             which,
             CsvPose::from(camera.estimate),
             CsvTruth::from(camera),
+            CsvCheck {
+                checked: camera.is_checked(&record.limits),
+                protection: camera.protection.map(|level| level.position),
+                protection_heading_deg: camera.protection.map(|level| level.heading_deg),
+            },
         )
     };
     let text = to_csv(record.cameras().map(row))?;

@@ -2,17 +2,26 @@
 
 use calib_core::joint::{
     BearingResidual, BearingStorage, Carrier, Finding, JointError, JointEstimator, JointMemory,
-    JointSettings, Leg, LegResidual, ProtectionLevels, StopPlace, StopStorage, UnknownStorage,
-    workspace_with_lenses,
+    JointSettings, Leg, LegResidual, Lens, ProtectionLevels, Quantity, StopPlace, StopStorage,
+    UnknownStorage, VisitStorage, workspace_with_lenses,
 };
 use calib_core::{Pose, fit::Fit};
 
-/// A bearing by numbers of stop and camera, radians.
+/// A bearing, radians, or a range by numbers of stop and camera.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Seen {
     pub stop: usize,
     pub camera: usize,
-    pub bearing: f64,
+    pub quantity: Quantity,
+    pub value: f64,
+    pub sigma: f64,
+}
+
+/// A visit by numbers of stop and mark.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Visit {
+    pub stop: usize,
+    pub mark: usize,
     pub sigma: f64,
 }
 
@@ -20,12 +29,14 @@ pub(super) struct Seen {
 #[derive(Clone, Debug)]
 pub(super) struct Input {
     pub cameras: usize,
+    pub marks: usize,
     pub baseline: f64,
     pub settings: JointSettings<f64>,
     /// One for each stop.
     pub legs: Vec<Option<Leg<f64>>>,
-    /// By ascending stop.
+    /// By ascending stop, ranges among them.
     pub bearings: Vec<Seen>,
+    pub visits: Vec<Visit>,
 }
 
 /// How much is asked of an estimator: poses alone cost least.
@@ -44,6 +55,8 @@ pub(super) struct Output {
     /// Of each camera, references included.
     pub poses: Vec<Option<Pose<f64>>>,
     pub protections: Vec<Option<ProtectionLevels<f64>>>,
+    /// Where they are estimated.
+    pub lenses: Vec<Option<Lens<f64>>>,
     /// Of each stop.
     pub places: Vec<Option<StopPlace<f64>>>,
     pub carrier: Carrier<f64>,
@@ -72,7 +85,7 @@ pub(super) enum Failure {
 
 /// Solves in as much memory as it takes.
 pub(super) fn solve(input: &Input, depth: Depth) -> Result<Output, Failure> {
-    if input.cameras.max(input.legs.len()) > MOST {
+    if input.cameras.max(input.legs.len()).max(input.marks) > MOST {
         return Err(Failure::TooMany);
     }
     solve_in_memory(input, depth).map_err(Failure::Joint)
@@ -83,16 +96,24 @@ fn solve_in_memory(input: &Input, depth: Depth) -> Result<Output, JointError> {
         cameras: &mut vec![UnknownStorage::default(); input.cameras],
         stops: &mut vec![StopStorage::default(); input.legs.len()],
         bearings: &mut vec![BearingStorage::default(); input.bearings.len()],
-        marks: &mut [],
-        visits: &mut [],
-        workspace: &mut vec![0.0; workspace_with_lenses(input.cameras, 0)],
+        marks: &mut vec![UnknownStorage::default(); input.marks],
+        visits: &mut vec![VisitStorage::default(); input.visits.len()],
+        workspace: &mut vec![0.0; workspace_with_lenses(input.cameras, input.marks)],
     };
     let mut joint = JointEstimator::new(memory, input.baseline, input.settings)?;
     for leg in &input.legs {
         joint.add_stop(*leg)?;
     }
     for seen in &input.bearings {
-        joint.add_bearing(seen.stop, seen.camera, seen.bearing, seen.sigma)?;
+        match seen.quantity {
+            Quantity::Bearing => {
+                joint.add_bearing(seen.stop, seen.camera, seen.value, seen.sigma)?;
+            }
+            Quantity::Range => joint.add_range(seen.stop, seen.camera, seen.value, seen.sigma)?,
+        }
+    }
+    for visit in &input.visits {
+        joint.add_visit(visit.stop, visit.mark, visit.sigma)?;
     }
     let mut solved = joint.solve();
     let (mut findings, mut leg_factor) = (Vec::new(), None);
@@ -125,6 +146,7 @@ fn solve_in_memory(input: &Input, depth: Depth) -> Result<Output, JointError> {
         fit: solved.fit,
         poses,
         protections: vec![None; input.cameras],
+        lenses: (0..input.cameras).map(|n| joint.lens(n).ok()).collect(),
         places: (0..=last).map(|stop| joint.place(stop).ok()).collect(),
         carrier,
         findings,

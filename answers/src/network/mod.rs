@@ -6,6 +6,9 @@
 //!
 //! Each target's walk is solved by itself, as the node that is carried solves it.
 //!
+//! Ranges, visits to marks and lenses, which nodes do not estimate yet, are taken where they are
+//! measured.
+//!
 //! # Without displacements
 //! Cameras that saw targets together at five places or more, three of them or more, are solved from
 //! their bearings alone, up to scale: an opportunistic network. Stops of all targets then count
@@ -18,10 +21,14 @@
 
 use std::collections::BTreeSet;
 
-use calib_core::{Status, joint::Standing};
+use calib_core::{
+    Status,
+    joint::{Lens, Standing},
+};
 use node_firmware::config::TargetConfig;
 use serde::Serialize;
 
+pub use crate::record::Protection;
 use crate::record::{
     Estimate,
     sightings::{References, Sightings},
@@ -93,6 +100,8 @@ pub struct NetworkSolution {
     pub findings: Vec<Finding>,
     /// Each bearing of a camera with a pose.
     pub bearings: Vec<BearingResidual>,
+    /// Each range of a camera with a pose.
+    pub ranges: Vec<RangeResidual>,
     /// Each measured displacement.
     pub legs: Vec<LegResidual>,
     /// By how much displacements err more than they claim; `null` unless that was estimated.
@@ -119,19 +128,51 @@ pub struct Camera {
     /// How far that may be off because of one wrong measurement that nobody noticed: at most so much
     /// in 999 of 1,000 cases.
     pub protection: Option<Protection>,
+    /// Share of an error that shows in the residual, of the bearing of which least does.
+    pub redundancy: Option<f64>,
+    /// Whether each of its bearings is checked by others: the redundancy is not next to nothing.
+    pub checked: bool,
+    /// Its lens, where lenses were estimated.
+    pub lens: Option<LensEstimate>,
     /// How many bearings it gave.
     pub bearings: usize,
     /// How many of them count.
     pub used: usize,
 }
 
-/// How far a pose may be off because of one wrong measurement.
+/// What a camera's lens is, by what it saw.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
-pub struct Protection {
-    /// Its place.
-    pub position: f64,
-    /// Its heading.
-    pub heading_deg: f64,
+pub struct LensEstimate {
+    /// True tangents of bearings over those measured: above 1 where the true field of view is wider
+    /// than the one that bearings were decoded with.
+    pub factor: f64,
+    /// Predicted standard deviation.
+    pub sigma: f64,
+    /// How far what the bearings say is from 1, in sigmas of that and of what was given.
+    pub off: f64,
+    /// Whether it is another lens, or another projection, than was given: off by more than 4.
+    pub wrong: bool,
+    /// The field of view, where the one that was given is known.
+    pub fov_deg: Option<f64>,
+    /// Predicted standard deviation.
+    pub sigma_fov_deg: Option<f64>,
+}
+
+impl LensEstimate {
+    fn new(lens: &Lens<f64>, given_deg: Option<f64>) -> Self {
+        let tangent = given_deg.map(|given| (given.to_radians() / 2.0).tan());
+        Self {
+            factor: lens.scale,
+            sigma: lens.sigma,
+            off: lens.off,
+            wrong: lens.is_wrong(),
+            fov_deg: tangent.map(|tangent| (2.0 * (lens.scale * tangent).atan()).to_degrees()),
+            sigma_fov_deg: tangent.map(|tangent| {
+                let slope = 2.0 * tangent / (1.0 + (lens.scale * tangent).powi(2));
+                (slope * lens.sigma).to_degrees()
+            }),
+        }
+    }
 }
 
 /// Where a target stood.
@@ -181,6 +222,17 @@ pub enum Finding {
         /// Sigmas that it is off.
         off: f64,
     },
+    /// One range.
+    Range {
+        /// Of this target.
+        target: u16,
+        /// At this stop.
+        stop: u32,
+        /// By this camera.
+        camera: u16,
+        /// Sigmas that it is off.
+        off: f64,
+    },
     /// The displacement to a stop: the carrier slipped, or a step was not counted.
     Leg {
         /// Of this target.
@@ -212,6 +264,25 @@ pub struct BearingResidual {
     pub camera: u16,
     /// Foretold less measured.
     pub residual_deg: f64,
+    /// Share of its error that shows in the residual: 0 where nothing checks it.
+    pub redundancy: f64,
+    /// The residual over its standard deviation; `null` where nothing checks it.
+    pub normalised: Option<f64>,
+    /// Whether it counts.
+    pub standing: &'static str,
+}
+
+/// What is left of a range.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+pub struct RangeResidual {
+    /// Of this target.
+    pub target: u16,
+    /// At this stop.
+    pub stop: u32,
+    /// By this camera.
+    pub camera: u16,
+    /// Foretold less measured.
+    pub residual: f64,
     /// Share of its error that shows in the residual: 0 where nothing checks it.
     pub redundancy: f64,
     /// The residual over its standard deviation; `null` where nothing checks it.
@@ -253,6 +324,15 @@ pub enum NetworkError {
     /// One camera twice.
     #[error("names camera {0} as both references: name two cameras")]
     OneReference(u16),
+    /// Ranges or visits without displacements.
+    #[error(
+        "has {0} and no displacements: without those only bearings are solved, as --bearings-only \
+         does"
+    )]
+    NoWalk(&'static str),
+    /// Ranges without a baseline: both would set the scale.
+    #[error("has ranges, and nobody knows the baseline: say how long it is with --baseline")]
+    RangesWithoutBaseline,
     /// A number is not finite, or a sigma or length not above zero.
     #[error("{0}: correct it")]
     Number(String),
@@ -298,12 +378,25 @@ pub fn solve(
 ) -> Result<Vec<NetworkSolution>, NetworkError> {
     check(sightings)?;
     if sightings.legs.is_empty() {
+        let besides = [
+            ("ranges", !sightings.ranges.is_empty()),
+            ("visits", !sightings.visits.is_empty()),
+            ("a lens to estimate", sightings.lens.is_some()),
+        ];
+        if let Some((what, _)) = besides.into_iter().find(|(_, is_there)| *is_there) {
+            return Err(NetworkError::NoWalk(what));
+        }
         return Ok(vec![opportunistic::solve(sightings, settings)?]);
     }
     let references = sightings.references.ok_or(NetworkError::NoReferences)?;
+    if !sightings.ranges.is_empty() && references.baseline.is_none() {
+        return Err(NetworkError::RangesWithoutBaseline);
+    }
     let [first, second] = references.cameras;
     let mut cameras = vec![first, second];
-    let others: BTreeSet<_> = sightings.bearings.iter().map(|seen| seen.camera).collect();
+    let seen = sightings.bearings.iter().map(|seen| seen.camera);
+    let ranges = sightings.ranges.iter().map(|far| far.camera);
+    let others: BTreeSet<_> = seen.chain(ranges).collect();
     cameras.extend(
         others
             .into_iter()
@@ -337,6 +430,32 @@ fn check(sightings: &Sightings) -> Result<(), NetworkError> {
             ));
         }
     }
+    let is_length = |number: f64| number.is_finite() && number > 0.0;
+    for far in &sightings.ranges {
+        if !(is_length(far.range) && is_length(far.sigma)) {
+            return wrong(format!(
+                "camera {} at stop {} of target {}: its range and its sigma must be above 0",
+                far.camera, far.stop, far.target
+            ));
+        }
+    }
+    for on in &sightings.visits {
+        if !is_length(on.sigma) {
+            return wrong(format!(
+                "the visit of target {} to mark {} at stop {}: its sigma must be above 0",
+                on.target, on.mark, on.stop
+            ));
+        }
+    }
+    if let Some(lens) = sightings.lens {
+        let is_view = |view: f64| view > 0.0 && view < 180.0;
+        if !is_length(lens.sigma) || lens.fov_deg.is_some_and(|view| !is_view(view)) {
+            return wrong(
+                "the lens: its sigma must be above 0, and its field of view between 0 and 180 degrees"
+                    .to_owned(),
+            );
+        }
+    }
     for leg in &sightings.legs {
         let [xx, xy, yy] = leg.covariance;
         let numbers = [leg.dx, leg.dy, xx, xy, yy];
@@ -349,7 +468,11 @@ fn check(sightings: &Sightings) -> Result<(), NetworkError> {
         }
     }
     for carrier in &sightings.carriers {
-        let sigmas = [carrier.systematic_scale, carrier.systematic_heading_deg];
+        let sigmas = [
+            carrier.systematic_scale,
+            carrier.systematic_heading_deg,
+            carrier.standing_sigma,
+        ];
         if !sigmas
             .iter()
             .all(|sigma| sigma.is_finite() && *sigma >= 0.0)
@@ -382,8 +505,13 @@ pub fn usual_carrier(target: u16) -> crate::record::sightings::Carrier {
         target,
         systematic_scale: usual.systematic_scale.into(),
         systematic_heading_deg: usual.systematic_heading_deg.into(),
+        // Of measurements that say nothing, the displacements have it.
+        standing_sigma: 0.0,
     }
 }
+
+/// A bearing with less redundancy has none.
+const UNCHECKED: f64 = 0.02;
 
 fn standing(standing: Standing) -> &'static str {
     match standing {

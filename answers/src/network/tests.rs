@@ -4,12 +4,12 @@ use calib_core::{Status, angle::wrap_signed};
 use nalgebra::{Point2, Vector2};
 use test_support::{
     batch::Batch,
-    chi_squared_band, generator, turn,
-    walk::{CarrierErrors, Walk},
+    chi_squared_band, generator, normal, turn,
+    walk::{CarrierErrors, Visited, Walk},
 };
 
 use super::*;
-use crate::record::sightings::{Bearing, Carrier as Known, Leg};
+use crate::record::sightings::{Bearing, Carrier as Known, Leg, Lens, Range, Visit};
 
 const SIGMA: f64 = 0.0024;
 const TARGET: u16 = 20;
@@ -44,9 +44,31 @@ fn measured(walk: &Walk) -> Sightings {
             target: TARGET,
             systematic_scale: walk.errors.scale,
             systematic_heading_deg: walk.errors.compass.to_degrees(),
+            standing_sigma: 0.0,
         }],
         bearings: bearings.collect(),
         legs: legs.collect(),
+        ranges: { walk.ranges.iter() }
+            .map(|far| Range {
+                target: TARGET,
+                stop: far.stop as u32 + 1,
+                camera: far.camera as u16 + 1,
+                range: far.range,
+                sigma: far.sigma,
+            })
+            .collect(),
+        visits: { walk.visits.iter() }
+            .map(|on| Visit {
+                target: TARGET,
+                stop: on.stop as u32 + 1,
+                mark: on.mark as u32 + 70,
+                sigma: on.sigma,
+            })
+            .collect(),
+        lens: (walk.lens_sigma > 0.0).then_some(Lens {
+            sigma: walk.lens_sigma,
+            fov_deg: Some(60.0),
+        }),
     }
 }
 
@@ -60,10 +82,40 @@ fn walk(seed: u64) -> Walk {
     Walk::random(&mut generator(seed), 9, 20, CarrierErrors::UNKNOWN, SIGMA)
 }
 
+/// Walked back to places of before, with distances to cameras, through lenses as they are sold.
+fn walk_with_more(seed: u64) -> Walk {
+    const LENSES: f64 = 0.02;
+    let mut rng = generator(seed);
+    let there = walk(seed);
+    let back = there.places.iter().rev().skip(1).step_by(4);
+    let places: Vec<_> = there.places.iter().chain(back).copied().collect();
+    let on_mark = |mark: usize| {
+        let (stops, own_place) = (places.iter().enumerate(), there.places[mark]);
+        let own = stops.filter(move |(_, place)| **place == own_place);
+        own.map(move |(stop, _)| Visited {
+            stop,
+            mark: mark / 4,
+            sigma: 0.01,
+        })
+    };
+    let mut visits: Vec<_> = (2..19).step_by(4).flat_map(on_mark).collect();
+    visits.sort_by_key(|on| on.stop);
+    assert!(visits.len() > 8, "{visits:?}");
+    let cameras = there.cameras.clone();
+    let mut walk = Walk::measured(&mut rng, cameras, places, CarrierErrors::UNKNOWN, SIGMA);
+    walk.visits = visits;
+    walk.range(&mut rng, 0.03);
+    for camera in 0..walk.cameras.len() {
+        walk.look_through(camera, 1.0 + LENSES * normal(&mut rng));
+    }
+    walk.lens_sigma = LENSES;
+    walk
+}
+
 #[test]
 fn a_walk_is_solved_as_the_batch_does() {
-    for seed in 0..6 {
-        let walk = walk(seed);
+    let walks = (0..6).map(walk).chain((0..6).map(walk_with_more));
+    for (seed, walk) in walks.enumerate() {
         let solution = solved(&measured(&walk));
         assert_eq!(solution.status, Status::Calibrated, "{seed}");
         let posed = |n: usize| solution.cameras[n].estimate.is_some();
@@ -108,7 +160,80 @@ fn a_walk_is_solved_as_the_batch_does() {
                 .count()
         );
         assert_eq!(solution.legs.len(), walk.legs.len());
+        let ranges = walk.ranges.iter().filter(|far| posed(far.camera));
+        assert_eq!(solution.ranges.len(), ranges.count());
+        for (n, camera) in solution.cameras.iter().enumerate() {
+            assert_eq!(camera.checked, camera.redundancy.is_some_and(|r| r >= 0.02));
+            assert!(walk.lens_sigma > 0.0 || camera.lens.is_none());
+            if let Some(lens) = camera.lens.filter(|_| posed(n)) {
+                let (scale, variance) = batch.lens(n);
+                let sigma = variance.sqrt();
+                assert!((lens.factor - scale).abs() < 1e-2 * sigma, "{seed}, {n}");
+                assert!((lens.sigma / sigma - 1.0).abs() < 1e-2, "{seed}, {n}");
+                let view = 2.0 * (scale * 30_f64.to_radians().tan()).atan();
+                assert!((lens.fov_deg.unwrap() - view.to_degrees()).abs() < 0.01);
+            }
+        }
     }
+}
+
+/// A lens that is a fifth off what was given is named, others are not.
+#[test]
+fn another_lens_is_named_and_its_width_told() {
+    let (mut named, mut others, mut all) = (0, 0, 0);
+    for seed in 0..12 {
+        let mut walk = walk_with_more(seed);
+        let camera = (2..9).max_by_key(|&camera| walk.seen_by(camera)).unwrap();
+        walk.look_through(camera, 1.2);
+        let solution = solved(&measured(&walk));
+        for (n, told) in solution.cameras.iter().enumerate() {
+            let is_wrong = told.lens.is_some_and(|lens| lens.wrong);
+            if n == camera {
+                all += 1;
+                named += usize::from(is_wrong && told.status != Status::Calibrated);
+            } else {
+                others += usize::from(is_wrong);
+            }
+        }
+    }
+    assert!(10 * named >= 9 * all, "{named} of {all}");
+    assert!(others <= 1, "{others} others");
+}
+
+/// Nothing but a mark ties the second half of a walk to the first.
+#[test]
+fn a_mark_that_is_visited_again_ties_a_walk_together() {
+    let mut tied = 0;
+    for seed in 0..8 {
+        let mut walk = walk(seed);
+        walk.bearings.retain(|seen| seen.stop < 11);
+        walk.places[11] = walk.places[4];
+        walk.visits = [4, 11]
+            .map(|stop| Visited {
+                stop,
+                mark: 0,
+                sigma: 0.01,
+            })
+            .to_vec();
+        walk.carry(&mut generator(seed));
+        let mut sightings = measured(&walk);
+        sightings.legs.retain(|leg| leg.stop != 12);
+        let solution = solved(&sightings);
+        let Some(last) = solution.stops.iter().find(|stop| stop.stop == 20) else {
+            continue;
+        };
+        tied += 1;
+        let truth = walk.places[19];
+        let off = (last.x - truth.x).hypot(last.y - truth.y);
+        assert!(
+            off < 5.0 * last.sigma_x.hypot(last.sigma_y),
+            "{seed}: {off}"
+        );
+        sightings.visits.remove(0);
+        let loose = solved(&sightings);
+        assert!(loose.left_out.contains(&20), "{seed}");
+    }
+    assert!(tied >= 7, "{tied} of 8");
 }
 
 /// Of all poses, the squared errors over what is foretold, and how many numbers these are. With
@@ -216,7 +341,7 @@ fn what_contradicts_is_named_and_left_out() {
                 stop, camera, off, ..
             } => (stop, camera) == (wrong.stop, wrong.camera) && off.abs() > 4.0,
             Finding::Camera { camera, .. } => camera == wrong.camera,
-            Finding::Leg { .. } => false,
+            Finding::Range { .. } | Finding::Leg { .. } => false,
         };
         let excluded = { solution.bearings.iter() }.any(|left| {
             (left.stop, left.camera) == (wrong.stop, wrong.camera) && left.standing != "counts"
@@ -278,6 +403,16 @@ fn each_target_has_its_own_answer() {
     assert!(theirs > ours);
 }
 
+fn range(range: f64) -> Range {
+    Range {
+        target: TARGET,
+        stop: 1,
+        camera: 3,
+        range,
+        sigma: 0.1,
+    }
+}
+
 #[test]
 fn measurements_without_an_answer_say_why() {
     let whole = measured(&walk(3));
@@ -315,6 +450,44 @@ fn measurements_without_an_answer_say_why() {
         (
             refused(|s| s.references.as_mut().unwrap().baseline = Some(-1.0)),
             "baseline",
+        ),
+        (
+            refused(|s| {
+                s.ranges = vec![range(4.0)];
+                s.legs.clear();
+            }),
+            "has ranges and no displacements",
+        ),
+        (
+            refused(|s| {
+                s.ranges = vec![range(4.0)];
+                s.references.as_mut().unwrap().baseline = None;
+            }),
+            "--baseline",
+        ),
+        (
+            refused(|s| s.ranges = vec![range(-4.0)]),
+            "its range and its sigma",
+        ),
+        (
+            refused(|s| {
+                s.visits = vec![Visit {
+                    target: TARGET,
+                    stop: 1,
+                    mark: 1,
+                    sigma: 0.0,
+                }];
+            }),
+            "to mark 1 at stop 1: its sigma",
+        ),
+        (
+            refused(|s| {
+                s.lens = Some(Lens {
+                    sigma: 0.02,
+                    fov_deg: Some(190.0),
+                });
+            }),
+            "field of view",
         ),
     ] {
         assert!(message.contains(expected), "{message}");

@@ -17,10 +17,12 @@
 
 use std::collections::BTreeSet;
 
-use calib_core::{Pose, Refusal, Sighting, Status, angle, fit::Fit};
+use calib_core::{Pose, Refusal, Sighting, Status, angle, camera::Projection, fit::Fit};
 use nalgebra::{Isometry2, Matrix3, Point2, Vector2};
 use serde::{Deserialize, Serialize};
+use site::planner::RARE;
 
+pub mod checks;
 pub mod difference;
 mod next_stop;
 pub mod published;
@@ -111,6 +113,32 @@ pub struct Limits {
     pub sigma_heading_deg: f64,
 }
 
+impl Protection {
+    /// The larger of each.
+    #[must_use]
+    pub fn or(self, other: Self) -> Self {
+        Self {
+            position: self.position.max(other.position),
+            heading_deg: self.heading_deg.max(other.heading_deg),
+        }
+    }
+}
+
+impl Limits {
+    /// Whether a pose of this protection level is good enough to be called checked: even with one
+    /// wrong measurement it errs no more than the least certain pose that is called calibrated may err
+    /// by chance, 3.09 sigmas, which is exceeded once in a thousand.
+    pub fn tolerate(&self, level: &Protection) -> bool {
+        self.share(level) <= 1.0
+    }
+
+    /// A protection level over the largest one that is tolerated.
+    pub fn share(&self, level: &Protection) -> f64 {
+        let position = level.position / (RARE * self.sigma_position);
+        position.max(level.heading_deg / (RARE * self.sigma_heading_deg))
+    }
+}
+
 /// What a node is.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
@@ -150,6 +178,10 @@ pub struct Node {
     pub estimate: Option<Estimate>,
     /// Estimate minus truth.
     pub error: Option<PoseError>,
+    /// How far that may be off because of one wrong measurement that nobody noticed. Left out where
+    /// no target estimated it together with all that was measured, and of references.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub protection: Option<Protection>,
     /// The squared error in units of the predicted covariance: 3 on average where predictions are
     /// right. `null` where part of the pose was given, since that part has no covariance.
     pub nees: Option<f64>,
@@ -161,6 +193,10 @@ pub struct Node {
     pub chi_squared: Option<f64>,
     /// It needs no more sightings.
     pub done: bool,
+    /// The lens that fits its sightings, of a camera that they tell to have another one than the
+    /// configured.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub lens: Option<NodeLens>,
     /// Each sighting against the estimate.
     pub residuals: Vec<Residual>,
     /// When it had its first pose.
@@ -181,6 +217,15 @@ pub struct Node {
     pub bytes_sent: Option<u64>,
     /// As `bytes_sent`, in frames.
     pub frames_sent: Option<u64>,
+}
+
+/// A lens, as the camera itself found it.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct NodeLens {
+    /// How it spreads directions over columns.
+    pub projection: Projection,
+    /// From the middle of the first column to that of the last one.
+    pub fov_deg: f64,
 }
 
 /// Why firmware could not go on.
@@ -230,6 +275,16 @@ pub struct Estimate {
     /// Upper triangle of the covariance of `(x, y, heading)`, by rows: xx, xy, xt, yy, yt, tt.
     /// Headings in degrees here too.
     pub covariance: [f64; 6],
+}
+
+/// How far a pose may be off because of one wrong measurement that nobody noticed: at most so much in
+/// 999 of 1,000 cases. See [`calib_core::joint`].
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Protection {
+    /// Its place.
+    pub position: f64,
+    /// Its heading.
+    pub heading_deg: f64,
 }
 
 /// Estimate minus truth.
@@ -404,12 +459,14 @@ impl Node {
             status: (role == Role::Camera).then_some(Status::Waiting),
             reason: None,
             estimate: None,
+            protection: None,
             error: None,
             nees: None,
             sightings: 0,
             used: 0,
             chi_squared: None,
             done: false,
+            lens: None,
             residuals: Vec::new(),
             calibrated_seconds: None,
             heard_seconds: None,
@@ -492,6 +549,18 @@ impl Node {
             None => self.address.is_none() && self.role != Role::Coordinator,
         };
         said_nothing && self.estimate.is_none()
+    }
+
+    /// Whether its pose is estimated, and reliable but for what nobody checks: only then it matters
+    /// whether it [is checked](Self::is_checked). The place of a reference is given.
+    pub fn is_checkable(&self) -> bool {
+        self.expected && !self.reference && self.is_calibrated()
+    }
+
+    /// Whether one wrong measurement that nobody noticed could do [no harm](Limits::tolerate) to its
+    /// pose.
+    pub fn is_checked(&self, limits: &Limits) -> bool {
+        self.is_checkable() && self.protection.is_some_and(|level| limits.tolerate(&level))
     }
 
     /// Whether it is a camera that counts as calibrated.

@@ -14,11 +14,11 @@ use super::{Node, RunRecord, View, verdict::NextStop};
 
 /// A record does not tell how large a target is: about as large as the thesis's, as a part of the
 /// camera's range.
-const RADIUS: f64 = 1.0 / 50.0;
+pub(super) const RADIUS: f64 = 1.0 / 50.0;
 /// Nor how many columns and rows a picture has: those of the smaller sensor.
 const PICTURE: [u8; 2] = [88, 143];
 /// More advice than this is not followed anyway.
-const MOST: usize = 6;
+pub(super) const MOST: usize = 6;
 
 /// A camera that wants to see the target again.
 pub(super) struct Wish<'a> {
@@ -49,16 +49,10 @@ pub(super) fn propose(record: &RunRecord, network: u16, wishes: &[Wish<'_>]) -> 
         cameras.extend(pair);
         ids.extend(references.iter().map(|node| node.id));
     }
-    let obstacles = { record.obstacles_of(network) }
-        .into_iter()
-        .map(|outline| match outline[..] {
-            [a, b] => Obstacle::Segment([a, b]),
-            _ => Obstacle::Polygon(outline),
-        });
     let Some(range) = cameras.iter().map(|camera| camera.range).reduce(f64::min) else {
         return Vec::new();
     };
-    let world = World::new(cameras, obstacles.collect(), Vec::new());
+    let world = World::new(cameras, obstacles(record, network).collect(), Vec::new());
     let radius = RADIUS * range;
 
     let targets = || record.targets.iter().filter(|t| t.network == network);
@@ -107,13 +101,23 @@ pub(super) fn propose(record: &RunRecord, network: u16, wishes: &[Wish<'_>]) -> 
         network,
         x: place.x,
         y: place.y,
+        again: None,
         seen_by: seen_by.into_iter().map(|camera| ids[camera]).collect(),
     };
     advice.stops(MOST).into_iter().map(named).collect()
 }
 
+/// What stands about, in the frame of a network.
+pub(super) fn obstacles(record: &RunRecord, network: u16) -> impl Iterator<Item = Obstacle> {
+    let outlines = record.obstacles_of(network).into_iter();
+    outlines.map(|outline| match outline[..] {
+        [a, b] => Obstacle::Segment([a, b]),
+        _ => Obstacle::Polygon(outline),
+    })
+}
+
 /// Where it is believed to stand, or was put; `None` if nobody knows, or what it sees.
-fn stands(node: &Node, believes: bool) -> Option<Camera> {
+pub(super) fn stands(node: &Node, believes: bool) -> Option<Camera> {
     let View { fov_deg, range } = node.view?;
     let estimate = node.estimate.filter(|_| believes);
     let estimate = estimate.map(|estimate| estimate.pose());
@@ -133,7 +137,7 @@ fn stands(node: &Node, believes: bool) -> Option<Camera> {
 }
 
 /// Before anything is seen.
-const UNSEEN: Noise = Noise {
+pub(super) const UNSEEN: Noise = Noise {
     columns: Noise::COLUMNS,
     standing: 0.0,
 };

@@ -5,7 +5,7 @@ use std::collections::BTreeMap;
 
 use serde::Serialize;
 
-use super::RunRecord;
+use super::{RunRecord, checks::Checked};
 use crate::accuracy::{WithinSigmas, quantile};
 
 /// The runs are of different scenarios.
@@ -19,6 +19,7 @@ pub struct Sweep {
     scenario: Option<(String, String)>,
     runs: usize,
     complete: usize,
+    checked: Checked,
     groups: BTreeMap<Group, Samples>,
 }
 
@@ -142,6 +143,8 @@ pub struct SweepReport {
     pub runs: usize,
     /// In how many of them every camera that should be calibrated was.
     pub complete: usize,
+    /// How much is checked in all of them.
+    pub checked: Checked,
     /// All groups, four rows each (stops: three, without heading), in the order of [`Group`].
     pub rows: Vec<(Group, Row)>,
 }
@@ -159,6 +162,7 @@ impl Sweep {
             return Err(OtherScenario(scenario.clone(), other));
         }
         self.runs += 1;
+        self.checked = self.checked.and(Checked::of(record));
         let summary = &record.summary;
         self.complete += usize::from(summary.calibrated == summary.expected);
         for camera in record.cameras().filter(|camera| camera.expected) {
@@ -219,6 +223,7 @@ impl Sweep {
             unit,
             runs: self.runs,
             complete: self.complete,
+            checked: self.checked,
             rows,
         })
     }

@@ -22,6 +22,16 @@
 //! | `cov_xx`, `cov_xy`, `cov_yy` | or: its covariance |
 //! | `target` | optional: which target |
 //!
+//! Ranges, a row for each, and visits to marks:
+//!
+//! | column | meaning |
+//! |---|---|
+//! | `stop` | at which stop |
+//! | `camera`, `range` | how far the target was from which camera, above 0 |
+//! | `mark` | or: on which mark it stood, a whole number |
+//! | `sigma` | the standard deviation of the range, or of the place on the mark along each axis, above 0 |
+//! | `target` | optional: which target |
+//!
 //! One wrong row may spoil all poses: it is an error.
 
 use std::io::BufRead;
@@ -33,7 +43,7 @@ use super::{
     directions::Directions,
     rows::{Column, Row, Rows},
 };
-use crate::record::sightings::{Bearing, Leg};
+use crate::record::sightings::{Bearing, Leg, Range, Visit};
 
 /// Number of the target where there is no column `target`.
 const ONLY_TARGET: u16 = 1;
@@ -173,6 +183,69 @@ pub fn legs(input: impl BufRead, sigma: Option<f64>) -> Result<Vec<Leg>, ReadErr
         return Err(ReadError::NoRows);
     }
     Ok(legs)
+}
+
+/// Reads ranges.
+///
+/// # Errors
+/// What is wrong with the file or with any row of it.
+pub fn ranges(input: impl BufRead) -> Result<Vec<Range>, ReadError> {
+    let mut rows = Rows::new(input)?;
+    let target = rows.find("target")?;
+    let (stop, camera) = (rows.need("stop")?, rows.need("camera")?);
+    let (range, sigma) = (rows.need("range")?, rows.need("sigma")?);
+    all(&mut rows, |row| {
+        Ok(Range {
+            target: target_of(row, target)?,
+            stop: whole(row, stop, "stop")?,
+            camera: whole(row, camera, "camera")?,
+            range: above_zero(row, range, "range")?,
+            sigma: above_zero(row, sigma, "sigma")?,
+        })
+    })
+}
+
+/// Reads visits to marks.
+///
+/// # Errors
+/// What is wrong with the file or with any row of it.
+pub fn visits(input: impl BufRead) -> Result<Vec<Visit>, ReadError> {
+    let mut rows = Rows::new(input)?;
+    let target = rows.find("target")?;
+    let (stop, mark) = (rows.need("stop")?, rows.need("mark")?);
+    let sigma = rows.need("sigma")?;
+    all(&mut rows, |row| {
+        Ok(Visit {
+            target: target_of(row, target)?,
+            stop: whole(row, stop, "stop")?,
+            mark: whole(row, mark, "mark")?,
+            sigma: above_zero(row, sigma, "sigma")?,
+        })
+    })
+}
+
+/// One thing a row, one at least.
+fn all<O>(
+    rows: &mut Rows<impl BufRead>,
+    read: impl Fn(Row<'_>) -> Result<O, String>,
+) -> Result<Vec<O>, ReadError> {
+    let mut all = Vec::new();
+    while let Some(row) = rows.next()? {
+        all.push(read(row).map_err(|what| ReadError::Row(row.complaint(what)))?);
+    }
+    if all.is_empty() {
+        return Err(ReadError::NoRows);
+    }
+    Ok(all)
+}
+
+fn above_zero(row: Row<'_>, column: Column, name: &str) -> Result<f64, String> {
+    let number = row.number(column)?;
+    if number.is_finite() && number > 0.0 {
+        Ok(number)
+    } else {
+        Err(format!("`{name}` must be finite and above 0"))
+    }
 }
 
 fn round(sigma: f64) -> [f64; 3] {

@@ -3,7 +3,7 @@
 use std::fmt::Write;
 
 use super::table::Words;
-use crate::network::{Finding, NetworkSolution, ScaleFrom};
+use crate::network::{Finding, LensEstimate, NetworkSolution, ScaleFrom};
 
 /// The tables of one walk.
 pub fn network_report(solution: &NetworkSolution, unit: &str) -> String {
@@ -135,6 +135,22 @@ fn write(out: &mut String, solution: &NetworkSolution, unit: &str) -> std::fmt::
     for finding in &solution.findings {
         writeln!(out, "{}", sentence(finding))?;
     }
+    for camera in &solution.cameras {
+        if let Some(lens) = camera.lens.filter(|lens| lens.wrong) {
+            writeln!(out, "{}", other_lens(camera.camera, &lens))?;
+        }
+    }
+    let unchecked = { solution.cameras.iter() }
+        .filter(|camera| camera.estimate.is_some() && !camera.reference && !camera.checked);
+    let unchecked: Vec<_> = unchecked.map(|camera| camera.camera.to_string()).collect();
+    if !unchecked.is_empty() {
+        writeln!(
+            out,
+            "Not checked: {}. A wrong bearing of theirs would not show: let them see the target at \
+             another stop.",
+            unchecked.join(", ")
+        )?;
+    }
     if let Some(largest) = largest(solution) {
         writeln!(out, "{largest}")?;
     }
@@ -157,6 +173,12 @@ fn sentence(finding: &Finding) -> String {
             "Left out: the bearing of camera {camera} at stop {stop}, which is {:.1} sigma off.",
             off.abs()
         ),
+        Finding::Range {
+            stop, camera, off, ..
+        } => format!(
+            "Left out: the range of camera {camera} at stop {stop}, which is {:.1} sigma off.",
+            off.abs()
+        ),
         Finding::Leg {
             stop, chi_squared, ..
         } => format!(
@@ -172,6 +194,22 @@ fn sentence(finding: &Finding) -> String {
              moved, or is stuck. Its pose is the one before."
         ),
     }
+}
+
+/// A lens that is not the one that was given, and which one fits.
+fn other_lens(camera: u16, lens: &LensEstimate) -> String {
+    let fits = match (lens.fov_deg, lens.sigma_fov_deg) {
+        (Some(view), Some(sigma)) => format!("a field of view of {view:.1} +/- {sigma:.1} deg"),
+        _ => format!(
+            "{:.3} +/- {:.3} times the tangents of its bearings",
+            lens.factor, lens.sigma
+        ),
+    };
+    format!(
+        "Camera {camera}: its lens, or its projection, is not the one given ({:.1} sigma off): {fits} \
+         fits. Correct its configuration, and do not rely on its pose.",
+        lens.off.abs()
+    )
 }
 
 /// The residual that is largest of those that count.

@@ -9,7 +9,7 @@ use comfy_table::{CellAlignment, Table, presets::ASCII_MARKDOWN};
 use super::table::Words;
 use crate::accuracy::GAUSSIAN;
 use crate::record::{
-    Node, PoseError, Radio, RunRecord,
+    Limits, Node, PoseError, Radio, RunRecord,
     published::{Published, exchange},
     summary::{Errors, Statistics},
     verdict::Verdict,
@@ -94,6 +94,7 @@ fn poses(records: &[&RunRecord]) -> String {
         "actual",
         "calculated",
         "predicted sigma",
+        "checked to",
         "error",
         "n",
     ];
@@ -106,7 +107,7 @@ fn poses(records: &[&RunRecord]) -> String {
         let published = Published::beside(record);
         for camera in record.cameras() {
             has_reference |= camera.reference;
-            let mut row = pose_row(camera);
+            let mut row = pose_row(camera, &record.limits);
             if has_networks {
                 row[0] = format!("{}, {}", camera.network, row[0]);
             }
@@ -133,12 +134,13 @@ fn poses(records: &[&RunRecord]) -> String {
         ""
     };
     format!(
-        "Poses (x, y, heading) in {unit} and degrees; n sightings{star}{frames}\n{}",
+        "Poses (x, y, heading) in {unit} and degrees; n sightings; checked to: what one wrong \
+         measurement that nobody noticed could do (place, heading){star}{frames}\n{}",
         print(&table)
     )
 }
 
-fn pose_row(camera: &Node) -> Vec<String> {
+fn pose_row(camera: &Node, limits: &Limits) -> Vec<String> {
     let star = if camera.reference { "*" } else { "" };
     let status = Words(
         camera.status.unwrap_or(Status::Waiting),
@@ -152,9 +154,16 @@ fn pose_row(camera: &Node) -> Vec<String> {
         Some(e) => {
             row.push(triple([e.x, e.y], e.heading_deg, [3, 2]));
             row.push(triple([e.sigma_x, e.sigma_y], e.sigma_heading_deg, [3, 2]));
+            row.push(match camera.protection {
+                _ if !camera.is_checkable() => String::new(),
+                Some(level) if camera.is_checked(limits) => {
+                    format!("({:.2}, {:.1})", level.position, level.heading_deg)
+                }
+                _ => "not checked".to_owned(),
+            });
             row.push(camera.error.as_ref().map_or_else(String::new, error));
         }
-        None => row.extend([String::new(), String::new(), String::new()]),
+        None => row.extend([const { String::new() }; 4]),
     }
     row.push(camera.sightings.to_string());
     row

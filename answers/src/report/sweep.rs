@@ -11,12 +11,28 @@ pub fn sweep_report(report: &SweepReport) -> String {
         unit,
         runs,
         complete,
+        checked,
         rows,
     } = report;
     let mut text = format!(
         "{scenario}: {runs} runs, {complete} of them with every camera calibrated; lengths in \
-         {unit}\n\n"
+         {unit}\n"
     );
+    let parts = [
+        (checked.poses, "estimated poses"),
+        (checked.bearings, "bearings"),
+        (checked.legs, "legs"),
+    ];
+    let parts = parts.iter().filter(|([_, all], _)| *all > 0);
+    let parts = parts.map(|([checked, all], what)| {
+        let share = 100.0 * *checked as f64 / *all as f64;
+        format!("{share:.1} % of {all} {what}")
+    });
+    let parts = parts.collect::<Vec<_>>().join(", ");
+    if !parts.is_empty() {
+        text += &format!("Checked: {parts}\n");
+    }
+    text.push('\n');
     let overall = |group| matches!(group, Group::All | Group::Cameras);
     let parts: [(&str, Choice<'_>); 3] = [
         ("All runs together", &|group, _| overall(group)),

@@ -13,7 +13,7 @@ use node_firmware::{
     message::{CameraState, Hello, ListedSighting, MemberAddress, MemberKind, PoseParts, Report},
 };
 
-use crate::record::{Estimate, Node, verdict::status_words};
+use crate::record::{Estimate, Node, NodeLens, Protection, verdict::status_words};
 
 mod record;
 mod site;
@@ -72,6 +72,17 @@ impl Member {
         Estimate::new(&self.pose()?)
     }
 
+    /// What one wrong measurement that nobody noticed could do to its pose, if a target estimated it
+    /// together with all that was measured; of a reference nobody says that.
+    pub fn protection(&self) -> Option<Protection> {
+        let level = self.report?.joint.filter(|_| !self.is_reference())?;
+        let is_bounded = level.position.max(level.heading) < f32::MAX;
+        is_bounded.then(|| Protection {
+            position: level.position.into(),
+            heading_deg: f64::from(level.heading).to_degrees(),
+        })
+    }
+
     /// How far it is.
     pub fn status(&self) -> Status {
         self.report
@@ -122,11 +133,16 @@ impl Member {
         if let Some(pose) = self.pose() {
             node.set_pose(&pose);
         }
+        node.protection = self.protection();
         if let Some(report) = self.report {
             node.sightings = report.sightings.into();
             node.used = report.used.into();
             node.chi_squared = Some(report.chi_squared.into());
             node.done = report.done;
+            node.lens = report.state.lens().map(|lens| NodeLens {
+                projection: lens.projection(),
+                fov_deg: lens.field_of_view_deg().into(),
+            });
         }
     }
 }
@@ -374,6 +390,16 @@ impl fmt::Display for Progress<'_> {
             )?,
             None => f.write_str(&status_words(status, member.reason()))?,
         }
+        if let Some(level) = member.protection() {
+            let Protection {
+                position,
+                heading_deg,
+            } = level;
+            write!(
+                f,
+                "; one unnoticed fault moves it by {position:.2}, {heading_deg:.1} deg at most"
+            )?;
+        }
         if let Some(report) = member.report {
             write!(f, "; {} sightings", report.sightings)?;
             if report.done {
@@ -393,6 +419,7 @@ impl fmt::Display for KeyNews {
             index,
             done,
             unreached,
+            ..
         } = self.0;
         let state = if done { "in use" } else { "being handed on" };
         write!(f, "site key {index}: {state}")?;

@@ -10,7 +10,7 @@ use super::{
     runs,
     solvers::{Joint, filled, finish},
 };
-use crate::figure::{Goal, Sheet};
+use crate::figure::{Estimate, Goal, Sheet};
 
 const RUNS: u64 = 500;
 /// Standard errors of a 99 % band.
@@ -31,6 +31,7 @@ pub(super) fn run(sheet: &mut Sheet) -> anyhow::Result<()> {
     for (name, carrier, stops) in [
         ("unknown carrier, 3 stops", CarrierErrors::UNKNOWN, 3),
         ("unknown carrier, 10 stops", CarrierErrors::UNKNOWN, 10),
+        ("drift, 10 stops", CarrierErrors::DRIFT, 10),
         ("perfect steps, 3 stops", CarrierErrors::PERFECT, 3),
     ] {
         let case = Case {
@@ -52,9 +53,12 @@ pub(super) fn run(sheet: &mut Sheet) -> anyhow::Result<()> {
             // What one run says is not independent.
             let squares = sums.iter().map(|run| (run[n].0 - ratio * run[n].1).powi(2));
             let band = BAND * squares.sum::<f64>().sqrt() / degrees;
-            sheet.figure(quantity, ratio, "", &Goal::None);
-            let name = format!("{quantity}: half of the 99 % band around 1");
-            sheet.figure(&name, band, "", &Goal::None);
+            let estimate = Estimate {
+                value: ratio,
+                standard_error: band / BAND,
+            };
+            let goal = Goal::Within(1.0 - band, 1.0 + band);
+            sheet.estimate(quantity, estimate, "", &goal, false);
         }
     }
     Ok(())

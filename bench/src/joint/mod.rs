@@ -100,6 +100,13 @@ fn cases() -> Vec<Case> {
             ..Case::default()
         },
         Case {
+            name: "drift, whole columns, 10 stops",
+            stops: Some(10),
+            carrier: CarrierErrors::DRIFT,
+            bearings: Bearings::WholeColumns,
+            ..Case::default()
+        },
+        Case {
             name: "perfect steps, 3 stops",
             carrier: CarrierErrors::PERFECT,
             ..Case::default()

@@ -27,6 +27,8 @@ const CORRUPT_LINE: f64 = 0.05;
 /// less than the firmware's `systematic_scale` and `systematic_heading_deg`, which are to cover most.
 const UNKNOWN_SCALE: f64 = 0.05;
 const UNKNOWN_HEADING_DEG: f64 = 2.0;
+/// How well somebody measures a ball, standard deviation as a share.
+const BALL_ERROR: f64 = 0.01;
 
 /// Who carries the target, and what its node is told of that.
 #[derive(Clone, Copy, PartialEq)]
@@ -38,6 +40,14 @@ enum Carrier {
     /// A person of whom nothing is known: the firmware's own defaults, and a constant error of
     /// distances and of headings that is another for each seed.
     Unknown,
+    /// The same, with a ball that somebody measured, to 1 %.
+    UnknownWithBall,
+}
+
+impl Carrier {
+    fn is_unknown(self) -> bool {
+        matches!(self, Self::Unknown | Self::UnknownWithBall)
+    }
 }
 
 /// Why a wrong lens is not always told.
@@ -153,6 +163,13 @@ fn cases() -> Vec<Case> {
             ..Case::default()
         },
         Case {
+            name: "unknown carrier whose ball is measured, 3 stops",
+            carrier: Carrier::UnknownWithBall,
+            rms: [0.27, 0.29, 0.96].map(Goal::AtMost),
+            nees: Goal::Within(0.4, 1.6),
+            ..Case::default()
+        },
+        Case {
             name: "lab (inches), marked places, 3 stops",
             scenario: "lab",
             ..Case::default()
@@ -240,7 +257,7 @@ fn scenario(case: &Case, path: u64, seed: u64) -> anyhow::Result<Scenario> {
         ..case.changes
     };
     let mut scenario = Scenario::load(case.scenario, &changes)?;
-    if case.carrier == Carrier::Unknown {
+    if case.carrier.is_unknown() {
         // Three paths of one seed are three carriers.
         let mut random = generator(seed << 8 | path);
         scenario.firmware = FirmwareTable::default();
@@ -250,6 +267,11 @@ fn scenario(case: &Case, path: u64, seed: u64) -> anyhow::Result<Scenario> {
             heading_bias_deg: UNKNOWN_HEADING_DEG * normal(&mut random),
             ..SensorTable::default()
         });
+        if case.carrier == Carrier::UnknownWithBall {
+            let radius = scenario.networks[0].targets[0].radius;
+            let measured = radius * (1.0 + BALL_ERROR * normal(&mut random));
+            scenario.firmware.ball_radius = Some(measured);
+        }
     }
     if case.changes.loss.is_some() {
         let faults = &mut scenario.camera.faults;

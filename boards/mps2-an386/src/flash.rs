@@ -7,7 +7,7 @@ use embedded_storage::nor_flash::{
     ErrorType, NorFlash, NorFlashError, NorFlashErrorKind, ReadNorFlash, check_erase, check_read,
     check_write,
 };
-use node_firmware::hardware::FlashLayout;
+use node_firmware::{facts, hardware::FlashLayout};
 use semihosting::{
     fs::{File, OpenOptions},
     io::{Read as _, Seek as _, SeekFrom, Write as _},
@@ -15,14 +15,14 @@ use semihosting::{
 use static_cell::ConstStaticCell;
 
 const PAGE: usize = 4096;
-const LEN: usize = 8 * PAGE;
-const RANGE: u32 = 4 * PAGE as u32;
+const LINK: u32 = 4 * PAGE as u32;
+const LEN: usize = (facts::BYTES + LINK) as usize;
 const ERASED: u8 = 0xff;
 
 /// Where a node keeps what it must not forget.
 pub(crate) const LAYOUT: FlashLayout = FlashLayout {
-    link: RANGE..2 * RANGE,
-    facts: 0..RANGE,
+    link: facts::BYTES..facts::BYTES + LINK,
+    facts: 0..facts::BYTES,
 };
 
 /// Why the flash fails.

@@ -4,7 +4,7 @@ use nalgebra::{Point2, Vector2};
 
 use super::{
     BearingResidual, Carrier, Finding, JointError, JointSettings, JointSolution, Leg, LegResidual,
-    Lens, Progress, ProtectionLevels, ReferenceHeadings, Round, StopPlace,
+    Lens, Progress, ProtectionLevels, ReferenceHeadings, Round, StopPlace, StopTag,
     integrity::IN_A_ROW,
     problem::{
         Common, Problem, Quantity, REFERENCES, Sight, Standing, Stop, Unknown, Visit,
@@ -38,25 +38,25 @@ pub struct JointMemory<'m, T: Real> {
 /// which begins where the last one ended.
 #[derive(Debug)]
 pub struct JointEstimator<'m, T: Real> {
-    common: Common<T>,
+    pub(super) common: Common<T>,
     limits: Limits<T>,
-    work: Work<T>,
+    pub(super) work: Work<T>,
     /// Stops, bearings and visits that are counted; those that came since are not, until the next
     /// round begins.
-    counted: [usize; 3],
-    stops: List<'m, Stop<T>>,
-    sights: List<'m, Sight<T>>,
-    visits: List<'m, Visit<T>>,
-    cameras: &'m mut [Unknown<T>],
+    pub(super) counted: [usize; 3],
+    pub(super) stops: List<'m, Stop<T>>,
+    pub(super) sights: List<'m, Sight<T>>,
+    pub(super) visits: List<'m, Visit<T>>,
+    pub(super) cameras: &'m mut [Unknown<T>],
     marks: &'m mut [Unknown<T>],
     workspace: &'m mut [T],
 }
 
 /// Values, as many as came.
 #[derive(Debug)]
-struct List<'m, V> {
+pub(super) struct List<'m, V> {
     values: &'m mut [V],
-    len: usize,
+    pub(super) len: usize,
 }
 
 impl<'m, V> List<'m, V> {
@@ -71,11 +71,11 @@ impl<'m, V> List<'m, V> {
         Ok(index)
     }
 
-    fn all(&self) -> &[V] {
+    pub(super) fn all(&self) -> &[V] {
         self.values.get(..self.len).unwrap_or_default()
     }
 
-    fn all_mut(&mut self) -> &mut [V] {
+    pub(super) fn all_mut(&mut self) -> &mut [V] {
         self.values.get_mut(..self.len).unwrap_or_default()
     }
 }
@@ -225,8 +225,12 @@ impl<'m, T: Real> JointEstimator<'m, T> {
     /// # Errors
     /// [`JointError::Full`]; [`JointError::NotFinite`].
     pub fn add_stop(&mut self, leg: Option<Leg<T>>) -> Result<usize, JointError> {
+        self.push_stop(leg.filter(|_| self.stops.len > 0))
+    }
+
+    pub(super) fn push_stop(&mut self, leg: Option<Leg<T>>) -> Result<usize, JointError> {
         let (mut displacement, mut root) = (Vector2::zeros(), [T::zero(); 3]);
-        if let Some(leg) = leg.filter(|_| self.stops.len > 0) {
+        if let Some(leg) = leg {
             if !leg.displacement.iter().all(T::is_finite) {
                 return Err(JointError::NotFinite);
             }
@@ -238,6 +242,7 @@ impl<'m, T: Real> JointEstimator<'m, T> {
             displacement,
             root,
             standing: Standing::Counts,
+            tag: StopTag::default(),
             chain: [T::zero(); 5],
         })
     }

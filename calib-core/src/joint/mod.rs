@@ -120,6 +120,7 @@ mod answers;
 mod descent;
 mod estimator;
 mod integrity;
+mod keeping;
 mod problem;
 mod residuals;
 mod round;
@@ -128,6 +129,7 @@ mod sweep;
 mod triangle;
 
 pub use estimator::{JointEstimator, JointMemory};
+pub use keeping::{Measured, RestoredLeg, StopTag};
 pub use problem::{
     Quantity, Sight as BearingStorage, Standing, Stop as StopStorage, Unknown as UnknownStorage,
     Visit as VisitStorage,

@@ -4,7 +4,7 @@
 use nalgebra::{Matrix2, Point2, Vector2, Vector3, Vector4};
 
 use super::{
-    Prior, ProtectionLevels,
+    Prior, ProtectionLevels, StopTag,
     triangle::{Triangle, packed},
 };
 use crate::{
@@ -64,6 +64,8 @@ pub struct Stop<T: Real> {
     pub(super) root: [T; 3],
     /// Whether the displacement counts.
     pub(super) standing: Standing,
+    /// The caller's own.
+    pub(super) tag: StopTag,
     /// The second sweep's own: the equations for this place that the stops before it leave, and
     /// after it in the first two the step.
     pub(super) chain: [T; 5],
@@ -149,6 +151,7 @@ impl<T: Real> Default for Stop<T> {
             displacement: Vector2::zeros(),
             root: [zero; 3],
             standing: Standing::Counts,
+            tag: StopTag::default(),
             chain: [zero; 5],
         }
     }

@@ -12,8 +12,8 @@ use super::{
 };
 use crate::{
     Pose, Ray, Real, Refusal, Sighting,
-    camera::Projection,
-    fit::one_in_a_thousand,
+    camera::{Projection, tangent},
+    fit::{Fit, one_in_a_thousand},
     numerics::{
         matrix::add_outer,
         plane::dot,
@@ -63,6 +63,23 @@ impl<T: Real> Ray<T> {
                 ..self
             },
             Projection::EqualAngle => Self::from_bearing(self.bearing() * factor),
+        }
+    }
+
+    /// What another projection, of as many columns over as wide a field of view, makes of the ray's
+    /// column. `half_view` is half of that, radians.
+    #[must_use]
+    pub fn decoded(self, from: Projection, to: Projection, half_view: T) -> Self {
+        match (from, to) {
+            (Projection::PinHole, Projection::EqualAngle) => {
+                let share = self.left / self.forward / tangent(half_view);
+                Self::from_bearing(share * half_view)
+            }
+            (Projection::EqualAngle, Projection::PinHole) => Self {
+                forward: T::one(),
+                left: self.bearing() / half_view * tangent(half_view),
+            },
+            _ => self,
         }
     }
 
@@ -221,4 +238,87 @@ pub fn solve_with_lens<T: Real>(
         }
     }
     Err(Refusal::DidNotConverge)
+}
+
+/// Sightings that tell another lens from one wrong sighting: a pose, a lens, and one beyond.
+const WITNESSED: usize = 5;
+/// Of a lens of which nothing is known.
+const ANY_LENS_SIGMA: f64 = 0.2;
+/// A right lens is worse than the best one by more once in 100,000: 4.42 sigmas.
+const NOT_CHANCE: f64 = 19.5;
+
+/// A lens that fits the sightings, where the one that was given does not.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct OtherLens<T: Real> {
+    /// How it spreads directions.
+    pub projection: Projection,
+    /// From the centre of the first column to that of the last one, radians.
+    pub field_of_view: T,
+    /// The pose with it, with the lens's uncertainty.
+    pub solution: Solution<T>,
+}
+
+/// The lens that fits sightings of one camera where the lens that decoded them, of this projection
+/// and field of view (radians), does not: chi squared is less than with that by more than chance takes
+/// off in one of 100,000, and is believable. Another projection has to be better than another
+/// width, too.
+///
+/// `None` where the given one fits, no lens does, or fewer than five sightings could not tell a lens
+/// from one wrong sighting. `scratch` is room for as many sightings.
+pub fn other_lens<T: Real>(
+    sightings: &[Sighting<T>],
+    scratch: &mut [Sighting<T>],
+    projection: Projection,
+    field_of_view: T,
+) -> Option<OtherLens<T>> {
+    let scratch = scratch.get_mut(..sightings.len())?;
+    if sightings.len() < WITNESSED {
+        return None;
+    }
+    let as_given = match super::solve(sightings) {
+        Ok(solution) => solution.chi_squared,
+        Err(Refusal::NotFinite) => return None,
+        Err(_) => T::max_value().unwrap_or_else(T::one),
+    };
+    if !(as_given > lit(NOT_CHANCE)) {
+        return None;
+    }
+    let half_view = field_of_view * lit(0.5);
+    let mut best: Option<(T, OtherLens<T>)> = None;
+    let other = match projection {
+        Projection::PinHole => Projection::EqualAngle,
+        Projection::EqualAngle => Projection::PinHole,
+    };
+    for (to, margin) in [(projection, T::zero()), (other, one_in_a_thousand::<T>(1))] {
+        for (decoded, sighting) in scratch.iter_mut().zip(sightings) {
+            *decoded = *sighting;
+            decoded.ray = sighting.ray.decoded(projection, to, half_view);
+        }
+        let Ok((solution, lens)) = solve_with_lens(scratch, to, lit(ANY_LENS_SIGMA)) else {
+            continue;
+        };
+        let fit = Fit {
+            chi_squared: solution.chi_squared,
+            degrees_of_freedom: sightings.len() - 4,
+        };
+        let cost = solution.chi_squared + margin;
+        let is_better = best.as_ref().is_none_or(|(least, _)| cost < *least);
+        if fit.is_bad() || !is_better || !(as_given - cost > lit(NOT_CHANCE)) {
+            continue;
+        }
+        let factor = T::one() + lens.stretch;
+        let half_view = match to {
+            Projection::PinHole => (tangent(half_view) * factor).atan2(T::one()),
+            Projection::EqualAngle => half_view * factor,
+        };
+        best = Some((
+            cost,
+            OtherLens {
+                projection: to,
+                field_of_view: half_view * lit(2.0),
+                solution,
+            },
+        ));
+    }
+    best.map(|(_, lens)| lens)
 }

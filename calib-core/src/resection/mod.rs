@@ -15,7 +15,8 @@
 //! The covariance is *predicted* from the sigmas given, not fitted to the residuals: three
 //! sightings leave none. [`Solution::fit`] tells whether the prediction was believable. It holds as
 //! far as bearings change in proportion to places; [`alternative()`] tells where they do not.
-//! Nor does it know of a wrong lens: [`lens_fit`] asks the sightings, [`solve_with_lens`] corrects it.
+//! Nor does it know of a wrong lens: [`lens_fit`] asks the sightings, [`solve_with_lens`] corrects it,
+//! [`other_lens`] names the one that fits.
 //! [`predict`] gives the covariance before anything is seen, [`information()`] what one sighting adds.
 
 use crate::{Pose, Real, Refusal, Sighting, fit::Fit};
@@ -29,7 +30,7 @@ pub mod three_point;
 
 pub use alternative::alternative;
 pub use information::{information, predict};
-pub use lens::{LensFit, USUAL_LENS_SIGMA, lens_fit, solve_with_lens};
+pub use lens::{LensFit, OtherLens, USUAL_LENS_SIGMA, lens_fit, other_lens, solve_with_lens};
 
 /// A pose, and how it came about.
 #[derive(Clone, Copy, Debug, PartialEq)]

@@ -4,6 +4,7 @@ mod batch;
 mod consistency;
 mod faults;
 mod geometry;
+mod keeping;
 mod lenses;
 mod ranges;
 mod rounds;

@@ -44,6 +44,13 @@ pub(super) struct Arguments {
     /// `real-time` on emulated boards.
     #[arg(long, value_name = "SPEED", value_parser = values::speed, allow_negative_numbers = true)]
     speed: Option<values::Speed>,
+    /// Go on as a person would: to the stops that the verdict asks for, until every camera is calibrated
+    /// and every pose checked, or nobody knows where else to stop.
+    #[arg(long)]
+    until_calibrated: bool,
+    /// Stops that this takes at most, after those of the way.
+    #[arg(long, value_name = "N", value_parser = values::count, default_value_t = FURTHER_STOPS, requires = "until_calibrated")]
+    further_stops: usize,
     /// What runs the firmware of the nodes.
     #[arg(long, value_name = "WHAT", default_value = "host")]
     backend: Backend,
@@ -72,6 +79,9 @@ pub(super) struct Arguments {
     #[arg(long, value_name = "FILE", value_parser = values::result())]
     log: Option<PathBuf>,
 }
+
+/// Four pages of advice.
+const FURTHER_STOPS: usize = 24;
 
 #[derive(Clone, Copy, PartialEq, ValueEnum)]
 enum Backend {
@@ -126,6 +136,11 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
         arguments.image.is_none() || arguments.backend == Backend::Qemu,
         "--image is for emulated boards: leave it out, or say `--backend qemu`"
     );
+    ensure!(
+        !arguments.until_calibrated || arguments.backend == Backend::Host,
+        "--until-calibrated reads what nodes know while they run, as emulated boards do not tell it: \
+         leave it out, or say `--backend host`"
+    );
     let mut nodes = BTreeSet::new();
     for (node, _) in &arguments.port {
         ensure!(
@@ -148,6 +163,11 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
     let options = Options {
         speed,
         emulation,
+        further_stops: if arguments.until_calibrated {
+            arguments.further_stops
+        } else {
+            0
+        },
         stop: stop.clone(),
         pcap: pcap.clone().map(writer),
         log: log.clone().map(writer),
@@ -168,6 +188,17 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
     let bar = bar();
     let record = simulation.run(|progress| show(&bar, &progress));
     bar.finish_and_clear();
+    if arguments.until_calibrated {
+        tell(format_args!(
+            "{} further stops, as the verdict asked{}",
+            simulation.further_stops(),
+            if simulation.further_stops() >= arguments.further_stops {
+                ": no more are allowed (--further-stops)"
+            } else {
+                ""
+            }
+        ));
+    }
     let trouble = simulation.trouble();
     let is_stopped = stop.load(Ordering::Relaxed);
     let end = match &trouble {

@@ -23,7 +23,8 @@ pub(super) struct ScenarioOptions {
     /// Stops that are planned in view of each camera.
     #[arg(long, value_name = "N", value_parser = values::count, allow_negative_numbers = true)]
     stops: Option<usize>,
-    /// Where these are: where they help most, or anywhere in view.
+    /// Where these are: where they help most; there, and on until every pose is checked; or anywhere in
+    /// view.
     #[arg(long, value_name = "HOW")]
     placement: Option<Place>,
     /// Cameras of a grid.
@@ -47,6 +48,7 @@ pub(super) struct ScenarioOptions {
 #[derive(Clone, Copy, ValueEnum)]
 enum Place {
     Planned,
+    Checked,
     Anywhere,
 }
 
@@ -77,6 +79,7 @@ impl ScenarioOptions {
             stops: self.stops,
             placement: self.placement.map(|place| match place {
                 Place::Planned => Placement::Planned,
+                Place::Checked => Placement::Checked,
                 Place::Anywhere => Placement::Anywhere,
             }),
             nodes: self.nodes,

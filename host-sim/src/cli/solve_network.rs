@@ -2,7 +2,7 @@
 
 use std::{
     collections::BTreeMap,
-    io::{self, BufWriter, Read, Write},
+    io::{self, BufRead, BufWriter, Read, Write},
     path::{Path, PathBuf},
     process::ExitCode,
 };
@@ -10,7 +10,10 @@ use std::{
 use answers::accuracy::Comparisons;
 use answers::network::{self, NetworkSolution, ScaleFrom, Settings, usual_carrier};
 use answers::plot::{self, Map, MapCamera};
-use answers::record::{RunRecord, sightings::References, sightings::Sightings};
+use answers::record::{
+    RunRecord,
+    sightings::{Lens, References, Sightings},
+};
 use answers::recorded::{
     self, ReadError,
     network::{self as rows, Assumptions},
@@ -44,6 +47,16 @@ pub(super) struct Arguments {
     /// Displacements from stop to stop.
     #[arg(long, value_name = "FILE.csv")]
     legs: Option<PathBuf>,
+    /// Distances between cameras and the target.
+    #[arg(long, value_name = "FILE.csv")]
+    ranges: Option<PathBuf>,
+    /// Stops at marks: a mark that is visited twice closes a loop.
+    #[arg(long, value_name = "FILE.csv")]
+    visits: Option<PathBuf>,
+    /// Estimate every (pin-hole) camera's lens too: its focal length is known to this share, one
+    /// sigma.
+    #[arg(long, value_name = "SHARE", value_parser = values::positive)]
+    lens_sigma: Option<f64>,
     /// Standard deviation of each displacement, per axis, for files without such a column.
     #[arg(long, value_name = "LENGTH", value_parser = values::positive, requires = "legs")]
     displacement_sigma: Option<f64>,
@@ -69,8 +82,8 @@ pub(super) struct Arguments {
     /// Without it: that of whole pixels for `column`, 0.0087 (half a degree) for bearings.
     #[arg(long, value_name = "RAD", value_parser = values::positive)]
     bearing_sigma: Option<f64>,
-    /// Solve from bearings alone, as if no displacement had been measured.
-    #[arg(long, conflicts_with = "legs")]
+    /// Solve from bearings alone, as if nothing else had been measured.
+    #[arg(long, conflicts_with_all = ["legs", "ranges", "visits", "lens_sigma"])]
     bearings_only: bool,
     /// Estimate how large the errors of displacements are, rather than to believe their sigmas.
     #[arg(long)]
@@ -101,7 +114,11 @@ FILE.json: what `host-sim run --json` wrote, or one of its `sightings`, or sever
   references     {\"cameras\": [1, 2], \"baseline\": 10}; baseline null: not known
   bearings       [{\"target\": 20, \"stop\": 1, \"camera\": 3, \"bearing_deg\": -4.5, \"sigma_deg\": 0.3}]
   legs           [{\"target\": 20, \"stop\": 2, \"dx\": 1.5, \"dy\": 0.2, \"covariance\": [1e-4, 0, 1e-4]}]
-  carriers       optional: [{\"target\": 20, \"systematic_scale\": 0.08, \"systematic_heading_deg\": 3}]
+  carriers       optional: [{\"target\": 20, \"systematic_scale\": 0.08, \"systematic_heading_deg\": 3,
+                 \"standing_sigma\": 0.02}]
+  ranges         optional: [{\"target\": 20, \"stop\": 1, \"camera\": 3, \"range\": 4.2, \"sigma\": 0.1}]
+  visits         optional: [{\"target\": 20, \"stop\": 1, \"mark\": 7, \"sigma\": 0.02}]
+  lens           optional: {\"sigma\": 0.02, \"fov_deg\": 45}: focal lengths are unknowns too
   frame_heading_deg, network  optional
 FILE.csv: bearings. The first line names the columns, in any order; others are ignored.
   stop, camera   whole numbers; stops count up in the order in which they were made
@@ -114,6 +131,14 @@ FILE.csv: bearings. The first line names the columns, in any order; others are i
   stop           the stop that it leads to
   dx, dy         displacement from the stop before, in the carrier's own frame
   sigma          optional: its standard deviation in x and in y; or cov_xx, cov_xy, cov_yy
+  target         optional
+--ranges: a row for each distance between a camera and the target.
+  stop, camera   whole numbers
+  range, sigma   the distance and its standard deviation, above 0
+  target         optional
+--visits: a row for each stop at a mark. Where marks are need not be known.
+  stop, mark     whole numbers
+  sigma          how far beside it the target may have stood, along each axis, above 0
   target         optional
 
 Examples:
@@ -146,6 +171,8 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
     Files::default()
         .reads([&arguments.file])
         .reads(&arguments.legs)
+        .reads(&arguments.ranges)
+        .reads(&arguments.visits)
         .reads(&arguments.truth)
         .writes(&arguments.plot)
         .check()?;
@@ -155,6 +182,9 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
         arguments.put_into(sightings);
         if arguments.bearings_only {
             sightings.legs.clear();
+            sightings.ranges.clear();
+            sightings.visits.clear();
+            sightings.lens = None;
         }
     }
     if let Some(path) = &arguments.truth {
@@ -194,6 +224,11 @@ impl Arguments {
                     .and_then(|known| known.baseline),
             },
         });
+        if let Some(sigma) = self.lens_sigma {
+            let fov_deg = self.camera.field_of_view().map(f64::to_degrees);
+            let fov_deg = fov_deg.or(sightings.lens.and_then(|lens| lens.fov_deg));
+            sightings.lens = Some(Lens { sigma, fov_deg });
+        }
         if let Some(heading) = self.frame_heading_deg {
             sightings.frame_heading_deg = heading.0;
         }
@@ -238,14 +273,21 @@ fn read(arguments: &Arguments) -> anyhow::Result<Measured> {
     {
         Some('{' | '[') => {
             let mut measured = read_json(path, &text)?;
-            if let Some(legs) = &arguments.legs {
-                let [only] = measured.sightings.as_mut_slice() else {
-                    bail!(
-                        "--legs are of one network, and {} has several",
-                        file_name(path)
-                    );
-                };
-                only.legs = read_legs(legs, arguments)?;
+            let besides = [
+                ("--legs", &arguments.legs),
+                ("--ranges", &arguments.ranges),
+                ("--visits", &arguments.visits),
+            ];
+            match measured.sightings.as_mut_slice() {
+                [only] => read_besides(only, arguments)?,
+                _ => {
+                    if let Some((what, _)) = besides.iter().find(|(_, file)| file.is_some()) {
+                        bail!(
+                            "{what} are of one network, and {} has several",
+                            file_name(path)
+                        );
+                    }
+                }
             }
             Ok(measured)
         }
@@ -306,30 +348,42 @@ fn read_csv(arguments: &Arguments, text: &str) -> anyhow::Result<Measured> {
         tell_assumed_sigma(path);
     }
     tell_passed_over(path, read.passed_over);
-    let legs = match &arguments.legs {
-        Some(path) => read_legs(path, arguments)?,
-        None => Vec::new(),
+    let mut sightings = Sightings {
+        network: 1,
+        frame_heading_deg: Some(0.0),
+        bearings: read.bearings,
+        ..Sightings::default()
     };
+    read_besides(&mut sightings, arguments)?;
     Ok(Measured {
-        sightings: vec![Sightings {
-            network: 1,
-            frame_heading_deg: Some(0.0),
-            bearings: read.bearings,
-            legs,
-            ..Sightings::default()
-        }],
+        sightings: vec![sightings],
         unit: None,
         truths: BTreeMap::new(),
     })
 }
 
-fn read_legs(
-    path: &Path,
-    arguments: &Arguments,
-) -> anyhow::Result<Vec<answers::record::sightings::Leg>> {
-    recorded::open(path, |input, _| input)
-        .and_then(|input| rows::legs(input, arguments.displacement_sigma))
-        .map_err(|error| of_file(path, error))
+/// What stands in files of its own.
+fn read_besides(sightings: &mut Sightings, arguments: &Arguments) -> anyhow::Result<()> {
+    fn read<O>(
+        path: &Path,
+        rows: impl FnOnce(Box<dyn BufRead>) -> Result<O, ReadError>,
+    ) -> anyhow::Result<O> {
+        recorded::open(path, |input, _| input)
+            .and_then(rows)
+            .map_err(|error| of_file(path, error))
+    }
+    if let Some(path) = &arguments.legs {
+        sightings.legs = read(path, |input| {
+            rows::legs(input, arguments.displacement_sigma)
+        })?;
+    }
+    if let Some(path) = &arguments.ranges {
+        sightings.ranges = read(path, rows::ranges)?;
+    }
+    if let Some(path) = &arguments.visits {
+        sightings.visits = read(path, rows::visits)?;
+    }
+    Ok(())
 }
 
 /// Of a file of one network.

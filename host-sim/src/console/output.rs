@@ -21,6 +21,7 @@ pub fn table(known: &NetworkView) -> String {
         "+/-",
         "heading",
         "+/- [deg]",
+        "checked to",
         "sightings",
     ]);
     for member in known.present() {
@@ -49,12 +50,16 @@ pub fn table(known: &NetworkView) -> String {
             number(|e| e.sigma_y, 3),
             number(|e| e.heading_deg, 2),
             number(|e| e.sigma_heading_deg, 2),
+            member.protection().map_or_else(
+                || "-".to_owned(),
+                |level| format!("{:.2}, {:.1}", level.position, level.heading_deg),
+            ),
             member
                 .report
                 .map_or_else(|| "-".to_owned(), |report| report.sightings.to_string()),
         ]);
     }
-    for column in [0, 1, 4, 5, 6, 7, 8, 9, 10] {
+    for column in [0, 1, 4, 5, 6, 7, 8, 9, 10, 11] {
         if let Some(column) = table.column_mut(column) {
             column.set_cell_alignment(CellAlignment::Right);
         }

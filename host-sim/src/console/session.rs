@@ -11,7 +11,7 @@ use std::{
 
 use node_firmware::{
     config::SiteKey,
-    console::{FRAME_MAX, Frames, FromPc, KeyChangeReport, ToPc},
+    console::{FRAME_MAX, Frames, FromPc, KeyChangeReport, ToPc, encode},
     message::{CameraCommand, CommandResult, MemberAddress},
 };
 
@@ -114,6 +114,12 @@ pub enum Failure {
     /// It forgot about it.
     #[error("the coordinator started again before key {0} was in use: change it once more")]
     KeyLost(u8),
+    /// It has another key of that index.
+    #[error(
+        "the coordinator hands on another key {0} than this one: change the key again, with another \
+         index, and provision those that took the wrong one"
+    )]
+    KeyGarbled(u8),
 }
 
 fn list(members: &[u16]) -> String {
@@ -303,8 +309,19 @@ impl Session {
             (Wish::ChangeKey(key), ToPc::KeyChange(change)) => {
                 let index = key.index();
                 match (change, self.step) {
-                    (Some(KeyChangeReport { index: i, done, .. }), _) if i == index => {
-                        if done {
+                    (
+                        Some(KeyChangeReport {
+                            index: i,
+                            check,
+                            done,
+                            ..
+                        }),
+                        _,
+                    ) if i == index => {
+                        let own = key.key().map(|key| key.check_value());
+                        if own != Some(check) {
+                            self.failed = Some(Failure::KeyGarbled(index));
+                        } else if done {
                             self.confirmed();
                         } else if let Step::Sent(_) = self.step {
                             self.step = Step::Begun(now);
@@ -454,16 +471,15 @@ impl Session {
 /// A message as bytes for the line. A zero before it ends what noise may have begun.
 pub fn frame(message: &FromPc) -> Vec<u8> {
     let mut buffer = [0; FRAME_MAX];
-    let frame = postcard::to_slice_cobs(message, &mut buffer);
     // The longest message has a third of that.
-    let frame = frame.map_or(&[][..], |frame| &*frame);
+    let frame = encode(message, &mut buffer).unwrap_or(&[]);
     [&[0], frame].concat()
 }
 
 #[cfg(test)]
 mod tests {
     use node_firmware::{
-        console::{NetworkInfo, encode},
+        console::NetworkInfo,
         message::{CameraState, Hello, MemberAddress, MemberKind, PoseParts, Report},
     };
 
@@ -651,6 +667,7 @@ mod tests {
         let change = |index, done| {
             ToPc::KeyChange(Some(KeyChangeReport {
                 index,
+                check: key.key().unwrap().check_value(),
                 done,
                 unreached: 1,
             }))
@@ -678,6 +695,17 @@ mod tests {
             news,
             "site key 2: in use; 1 members did not say that they have it"
         );
+
+        let mut session = begin();
+        let other = SiteKey::new(2, *b"sixteen secrets?").key().unwrap();
+        let other = KeyChangeReport {
+            index: 2,
+            check: other.check_value(),
+            done: false,
+            unreached: 0,
+        };
+        tell(&mut session, 11_100, &[ToPc::KeyChange(Some(other))]);
+        assert_eq!(session.poll(at(11_200)), Err(Failure::KeyGarbled(2)));
 
         let mut session = begin();
         tell(&mut session, 11_100, &[ToPc::KeyChange(None)]);

@@ -1,7 +1,6 @@
 //! What a run's nodes measured, for whoever solves it again.
 
 use answers::record::sightings::{Bearing, Carrier, Leg, References, Sightings};
-use nalgebra::Matrix2;
 use node_firmware::config::RoleConfig;
 
 use super::{Simulation, console::Console, outcome::Numbers};
@@ -33,6 +32,7 @@ pub(super) fn sightings(
             target: target.id,
             systematic_scale: config.systematic_scale.into(),
             systematic_heading_deg: config.systematic_heading_deg.into(),
+            standing_sigma: config.standing_sigma.into(),
         })
     });
     Sightings {
@@ -68,14 +68,12 @@ fn seen_by(
     bearings.collect()
 }
 
-/// A target stands a little beside the place that it tells, at both ends of a way.
 fn ways(simulation: &Simulation, target: &TargetNode, numbers: &Numbers) -> Vec<Leg> {
-    let standing = Matrix2::from_diagonal_element(2.0 * target.standing_sigma.powi(2));
     let stops = simulation.entry(target.id).stops.into_iter();
     let legs = stops.filter_map(|(told, stop)| {
         let number = *numbers.get(&(target.id, told))?;
         let way = stop.way.filter(|_| number > 1)?;
-        let covariance = way.covariance + standing;
+        let covariance = way.covariance;
         Some(Leg {
             target: target.id,
             stop: number,

@@ -13,6 +13,7 @@
 //! | `device` | A simulated line, or a real camera in its place |
 //! | `emulated` | The same firmware as machine code on an emulated board |
 //! | `walk` | A target's carrier, and its step sensor |
+//! | `further` | Where the verdict has it go when its way is at an end |
 //! | `console` | The PC on a coordinator's line |
 //! | `journal` | What nodes said and learnt, with times: the log, and what records are made of |
 //! | `events` | What goes wrong by order of the scenario |
@@ -26,6 +27,7 @@ mod decryption;
 mod device;
 mod emulated;
 mod events;
+mod further;
 mod journal;
 mod many;
 mod measured;
@@ -65,6 +67,7 @@ use self::{
 };
 use crate::probe::port::{OpenError, open};
 use answers::record::RunRecord;
+use nalgebra::Point2;
 use rand::Rng;
 use site::world::World;
 use site::{NetworkTable, RadioTable, Scenario, ScenarioError, Site};
@@ -89,6 +92,9 @@ pub struct Options {
     pub speed: Option<f64>,
     /// Run the nodes on emulated boards.
     pub emulation: Option<Emulation>,
+    /// Stops, at most, to which targets are led after those of their way, as the verdict asks, until
+    /// every camera is calibrated and every pose checked. Not on emulated boards.
+    pub further_stops: usize,
     /// Ends the run, as far as it is, once somebody sets it.
     pub stop: Arc<AtomicBool>,
     /// All frames on the air, for Wireshark. What cannot be written is left out.
@@ -140,6 +146,7 @@ pub struct Simulation {
     journal: SharedJournal,
     nodes: Vec<Rc<Node>>,
     consoles: Vec<Console>,
+    further: further::Further,
     emulation: Option<Emulation>,
     stop: Arc<AtomicBool>,
     /// Until the run begins.
@@ -179,6 +186,7 @@ impl Simulation {
             journal,
             nodes: Vec::new(),
             consoles: Vec::new(),
+            further: further::Further::new(options.further_stops),
             emulation: options.emulation,
             stop: options.stop,
             pcap: options.pcap,
@@ -203,7 +211,8 @@ impl Simulation {
             }
             for (target, config) in network.targets.iter().zip(configs.targets) {
                 let node = Node::target(self, target, config, root);
-                let walk = walk::Walk::new(self, target, &node, console.roll_call(), root);
+                let orders = self.further.orders_of(target.id);
+                let walk = walk::Walk::new(self, target, &node, console.roll_call(), orders, root);
                 self.executor.spawn(walk.run());
                 self.nodes.push(node);
             }
@@ -277,6 +286,7 @@ impl Simulation {
         let stop = self.stop.clone();
         let is_over = move || trouble.borrow().is_some() || stop.load(Ordering::Relaxed);
         let ended = || journal.borrow().walked == targets || is_over();
+        let mut limit = self.limit();
         loop {
             let next = self.executor.clock().time() + 6 * SECOND;
             let how = self.executor.run_until_time_or(next, &ended);
@@ -285,13 +295,17 @@ impl Simulation {
                 "tasks wake one another for ever"
             );
             progress(self.progress());
-            if ended() || self.executor.clock().time() >= self.limit() {
-                break;
+            if !ended() && self.executor.clock().time() < limit {
+                continue;
+            }
+            let end = self.executor.clock().time() + GRACE;
+            let _ = self.executor.run_until_time_or(end, &is_over);
+            progress(self.progress());
+            match further::lead_on(self) {
+                Some(takes) if !is_over() => limit = self.executor.clock().time() + takes,
+                _ => break,
             }
         }
-        let end = self.executor.clock().time() + GRACE;
-        let _ = self.executor.run_until_time_or(end, &is_over);
-        progress(self.progress());
         for node in &self.nodes {
             node.read_memory();
         }
@@ -332,21 +346,28 @@ impl Simulation {
 
     /// No walk takes longer than all its patience.
     fn limit(&self) -> Time {
-        let walk = &self.scenario.walk;
         let longest = self
             .site
             .networks
             .iter()
             .flat_map(|network| &network.targets)
-            .map(|target| {
-                let way: f64 = target
-                    .stops
-                    .windows(2)
-                    .map(|leg| (leg[1] - leg[0]).norm())
-                    .sum();
-                way / walk.speed + (target.stops.len() + 1) as f64 * (walk.patience_s + 10.0)
-            });
-        (longest.fold(0.0, f64::max) * 1e9) as Time + 120 * SECOND
+            .map(|target| self.patience(&target.stops));
+        longest.max().unwrap_or_default()
+    }
+
+    /// How long a walk may take at most.
+    fn patience(&self, stops: &[Point2<f64>]) -> Time {
+        let walk = &self.scenario.walk;
+        let way: f64 = { stops.windows(2) }
+            .map(|leg| (leg[1] - leg[0]).norm())
+            .sum();
+        let seconds = way / walk.speed + (stops.len() + 1) as f64 * (walk.patience_s + 10.0);
+        (seconds * 1e9) as Time + 120 * SECOND
+    }
+
+    /// How many stops targets were led to after those of their way.
+    pub fn further_stops(&self) -> usize {
+        self.further.made()
     }
 
     fn progress(&self) -> Progress {
@@ -360,7 +381,8 @@ impl Simulation {
                 .iter()
                 .flat_map(|network| &network.targets)
                 .map(|target| target.stops.len())
-                .sum(),
+                .sum::<usize>()
+                + self.further.made(),
             calibrated: self
                 .consoles
                 .iter()
@@ -413,6 +435,6 @@ fn propagation(scenario: &Scenario) -> Propagation {
 }
 
 /// Where a radio is.
-fn antenna(place: nalgebra::Point2<f64>) -> [f64; 2] {
+fn antenna(place: Point2<f64>) -> [f64; 2] {
     place.into()
 }

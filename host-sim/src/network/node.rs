@@ -10,7 +10,7 @@ use embassy_sync::{blocking_mutex::raw::NoopRawMutex, channel::Channel as Queue,
 use nalgebra::{Point2, Vector2};
 use node_firmware::{
     config::{CheckedConfig, RoleConfig},
-    facts::Fact,
+    facts::{self, Fact},
     hardware::{FlashLayout, Hardware, Indication, Indicator, Peripherals, StepSensor},
     limits::CONSOLE_BAUD,
     run::run,
@@ -34,9 +34,9 @@ use virtual_bench::{
     random::Root,
 };
 
-/// Two pages for the link, two for the role.
-const PAGES: usize = 4;
-const HALF: u32 = 2 * PAGE as u32;
+/// Two pages for the link, and those for the role.
+const LINK: u32 = 2 * PAGE as u32;
+const PAGES: usize = (LINK + facts::BYTES) as usize / PAGE;
 
 /// A board that failed restarts after this.
 const RESTART: Time = 1_000_000_000;
@@ -473,9 +473,9 @@ impl Node {
 
     /// Puts into the journal what nobody has seen an emulated board write down.
     pub(super) fn read_memory(&self) {
-        let facts = self.memory();
+        let memory = self.memory();
         let mut journal = self.journal.borrow_mut();
-        journal.node(self.config.id).learns_late(&facts);
+        journal.node(self.config.id).learns_late(&memory);
     }
 
     async fn firmware(self: Rc<Self>) {
@@ -489,8 +489,8 @@ impl Node {
                 clock: self.clock.clone(),
                 flash: self.flash.clone(),
                 layout: FlashLayout {
-                    link: 0..HALF,
-                    facts: HALF..2 * HALF,
+                    link: 0..LINK,
+                    facts: LINK..LINK + facts::BYTES,
                 },
                 steps: Steps(self.clone()),
                 indicator: Lamps(self.clone()),

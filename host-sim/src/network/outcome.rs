@@ -48,7 +48,7 @@ pub(super) fn record(simulation: &Simulation, wall_seconds: f64) -> RunRecord {
     let networks = simulation.site.networks.iter().zip(&simulation.consoles);
     for (number, (network, console)) in (0..).zip(networks) {
         let references = references(network, console);
-        let frame = simulation.site.frame(network, references);
+        let frame = frame(simulation, network, console);
         let first = *first.get_or_insert(frame);
         let known = console.view().network();
         let written = simulation.written.get(usize::from(number));
@@ -141,6 +141,12 @@ pub(super) fn record(simulation: &Simulation, wall_seconds: f64) -> RunRecord {
         sim_seconds,
         wall_seconds: Some(wall_seconds),
     }
+}
+
+/// The frame in which a network reports.
+pub(super) fn frame(simulation: &Simulation, network: &Network, console: &Console) -> Frame {
+    let references = references(network, console);
+    simulation.site.frame(network, references)
 }
 
 /// Where a frame is in another one.

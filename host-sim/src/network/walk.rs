@@ -1,6 +1,11 @@
 //! A target's carrier: walks from stop to stop when the lamp says so.
 
-use std::rc::Rc;
+use std::{
+    cell::RefCell,
+    future::poll_fn,
+    rc::Rc,
+    task::{Poll, Waker},
+};
 
 use embassy_futures::select::{Either, select};
 use nalgebra::Point2;
@@ -23,6 +28,36 @@ const SET_UP_LIMIT: Time = 120 * SECOND;
 /// radio, and often enough.
 const ANTENNA_MOVES: f64 = 1.0;
 
+/// Where a target is to go once it has walked its way.
+#[derive(Default)]
+pub(super) struct Orders {
+    stops: RefCell<Vec<Point2<f64>>>,
+    waiting: RefCell<Option<Waker>>,
+}
+
+impl Orders {
+    /// Leads it on to these places.
+    pub(super) fn give(&self, stops: impl IntoIterator<Item = Point2<f64>>) {
+        self.stops.borrow_mut().extend(stops);
+        if let Some(waker) = self.waiting.borrow_mut().take() {
+            waker.wake();
+        }
+    }
+
+    /// The next ones. There may never be any.
+    async fn taken(&self) -> Vec<Point2<f64>> {
+        poll_fn(|context| {
+            let stops = self.stops.take();
+            if !stops.is_empty() {
+                return Poll::Ready(stops);
+            }
+            *self.waiting.borrow_mut() = Some(context.waker().clone());
+            Poll::Pending
+        })
+        .await
+    }
+}
+
 /// The walk of one target.
 pub(super) struct Walk {
     walker: Walker,
@@ -34,6 +69,7 @@ pub(super) struct Walk {
     medium: Medium,
     antenna_at: Point2<f64>,
     roll_call: Rc<RollCall>,
+    orders: Rc<Orders>,
     journal: SharedJournal,
 }
 
@@ -43,6 +79,7 @@ impl Walk {
         target: &TargetNode,
         node: &Rc<Node>,
         roll_call: Rc<RollCall>,
+        orders: Rc<Orders>,
         root: Root,
     ) -> Self {
         let id = target.id.into();
@@ -58,6 +95,7 @@ impl Walk {
             medium: simulation.medium.clone(),
             antenna_at: Point2::origin(),
             roll_call,
+            orders,
             journal: simulation.journal.clone(),
         }
     }
@@ -83,6 +121,24 @@ impl Walk {
         let limit = self.clock.sleep(SET_UP_LIMIT);
         select(self.roll_call.completed(), limit).await;
         self.node.switch_on();
+        loop {
+            self.walk().await;
+            {
+                let mut journal = self.journal.borrow_mut();
+                journal.stops_ended += 1;
+                journal.walked += 1;
+            }
+            let stops = self.orders.taken().await;
+            self.walker.go_on(stops, self.clock.time());
+            // It goes on from the last of them.
+            let mut journal = self.journal.borrow_mut();
+            journal.stops_ended -= 1;
+            journal.walked -= 1;
+        }
+    }
+
+    /// To the last of its stops.
+    async fn walk(&mut self) {
         let mut events = Vec::new();
         loop {
             let now = self.clock.time();
@@ -120,8 +176,5 @@ impl Walk {
                 None => continue,
             }
         }
-        let mut journal = self.journal.borrow_mut();
-        journal.stops_ended += 1;
-        journal.walked += 1;
     }
 }

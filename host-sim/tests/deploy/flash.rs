@@ -19,7 +19,7 @@ esac
 "#;
 
 /// Where images end at the latest.
-const IMAGE_END: u32 = 0x000f_7000;
+const IMAGE_END: u32 = 0x000f_1000;
 
 fn place() -> Place {
     let place = Place::with_key();
@@ -133,7 +133,7 @@ fn image_page_and_reset() {
     assert_eq!(calls(&place), [LOOK, IMAGE, PAGE, RESET]);
 }
 
-/// Its flash is elsewhere, and so are its pages: 0x080f7800 to 0x080fffff.
+/// Its flash is elsewhere, and so are its pages: 0x080f1800 to 0x080fffff.
 #[test]
 fn another_board() {
     let place = place();
@@ -164,9 +164,9 @@ fn another_board() {
     let expected = [&look, &image, &page, &reset, &image, &page, &reset];
     assert_eq!(calls, expected.map(String::clone));
     let (start, file) = erase.rsplit_once(' ').unwrap();
-    assert_eq!(start, format!("{bytes} 0x080f7800"));
+    assert_eq!(start, format!("{bytes} 0x080f1800"));
     assert!(file.ends_with("image.erased.bin"), "{file}");
-    assert!(fs::read(place.path(file)).unwrap() == vec![0xFF; 0x8000]);
+    assert!(fs::read(place.path(file)).unwrap() == vec![0xFF; 0xE000]);
 }
 
 #[test]
@@ -181,7 +181,7 @@ fn an_image_alone_for_one_of_several_probes() {
     assert_eq!(calls(&place), expected);
 }
 
-/// 0x000f7000 to 0x000fefff.
+/// 0x000f1000 to 0x000fefff.
 #[test]
 fn the_memory_is_erased_last_and_with_a_warning() {
     let place = place();
@@ -199,9 +199,9 @@ fn the_memory_is_erased_last_and_with_a_warning() {
     let (start, file) = erase.rsplit_once(' ').unwrap();
     assert_eq!(
         start,
-        "download --chip nRF52840_xxAA --verify --binary-format bin --base-address 0x000f7000"
+        "download --chip nRF52840_xxAA --verify --binary-format bin --base-address 0x000f1000"
     );
-    assert!(fs::read(place.path(file)).unwrap() == vec![0xFF; 0x8000]);
+    assert!(fs::read(place.path(file)).unwrap() == vec![0xFF; 0xE000]);
 }
 
 #[test]

@@ -5,8 +5,10 @@ mod common;
 
 mod bad_input;
 mod check;
+mod checked;
 mod drawings;
 mod exports;
+mod further;
 mod kept;
 mod networks;
 mod outputs;

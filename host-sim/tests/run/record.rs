@@ -133,6 +133,7 @@ fn what_was_measured_is_kept_as_the_golden_one() {
             target: 20,
             systematic_scale: 0.0625,
             systematic_heading_deg: 3.0,
+            standing_sigma: 0.0,
         }],
         bearings: vec![Bearing {
             target: 20,
@@ -148,6 +149,7 @@ fn what_was_measured_is_kept_as_the_golden_one() {
             dy: -0.25,
             covariance: [0.0625, 0.0, 0.125],
         }],
+        ..Sightings::default()
     };
     let golden: Sightings = serde_json::from_str(include_str!("golden_sightings.json")).unwrap();
     assert_eq!(measured, golden);

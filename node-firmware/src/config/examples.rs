@@ -63,6 +63,7 @@ pub(crate) fn target() -> TargetConfig {
         systematic_heading_deg: 0.5,
         systematic_scale: 0.015_625,
         standing_sigma: 0.02,
+        ball_radius: 0.75,
         dwell_least_ms: 2_000,
         dwell_most_ms: 120_000,
         sensor: SensorConfig {

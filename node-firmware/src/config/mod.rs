@@ -216,6 +216,9 @@ pub struct TargetConfig {
     pub systematic_scale: f32,
     /// How still it stands: standard deviation of its place during a stop, each axis.
     pub standing_sigma: f32,
+    /// Radius of the ball that cameras see, in the unit of the site; 0: not known. How wide it is in
+    /// a picture then tells how far away it is.
+    pub ball_radius: f32,
     /// The least time of a stop, milliseconds.
     pub dwell_least_ms: u32,
     /// The most time of a stop, milliseconds: then it may walk on, whoever has not answered.
@@ -300,6 +303,7 @@ impl Default for TargetConfig {
             systematic_heading_deg: 3.0,
             systematic_scale: 0.08,
             standing_sigma: 0.02,
+            ball_radius: 0.0,
             dwell_least_ms: 2_000,
             dwell_most_ms: 120_000,
             sensor: SensorConfig::UNCALIBRATED,

@@ -23,13 +23,14 @@
 //! | the target's location told by node 0 (2.6.1) | [`Message::Located`] |
 
 use calib_core::{
-    Limits, Pose, Ray, Refusal, Status, dead_reckoning::Place, fit::Fit, joint::ProtectionLevels,
+    Limits, Pose, Ray, Real, Refusal, Status, camera::Projection, dead_reckoning::Place, fit::Fit,
+    joint::ProtectionLevels,
 };
 use nalgebra::{Matrix2, Point2};
 use serde::{Deserialize, Deserializer, Serialize, Serializer, de::Error};
 use zigbee_link::wire::ShortAddress;
 
-use crate::limits::MEMBERS;
+use crate::{arithmetic::root, limits::MEMBERS};
 
 /// Numbers the stops of one target. Never repeats.
 pub type StopNumber = u16;
@@ -223,7 +224,18 @@ pub struct StopAnswer {
     pub done: bool,
 }
 
-/// A direction with its sigma, radians; positive to the left of the optical axis.
+/// What [`Seen::half_width`] counts in, radians.
+const HALF_WIDTH_UNIT: f32 = 1e-4;
+
+/// Standard deviation of a range by what no frame shows, as a share of it: how well the ball's size and
+/// the camera's focal length are known, and where a colour begins.
+const SIZE_SHARE: f32 = 0.03;
+
+/// A range whose standard deviation is a larger share of it is none: its error would be lopsided.
+pub const RANGE_LIMIT: f32 = 0.1;
+
+/// A direction with its sigma, radians; positive to the left of the optical axis. And how wide the
+/// target is there.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(remote = "Self")]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
@@ -232,9 +244,49 @@ pub struct Seen {
     pub bearing: f32,
     /// Its standard deviation, radians, above zero.
     pub sigma: f32,
+    /// Half the angle that the target is wide, tenths of a milliradian; 0: not known. Its standard
+    /// deviation is that of the bearing: one is half the sum, the other half the difference of two
+    /// edges.
+    pub half_width: u16,
 }
 
 impl Seen {
+    /// A direction, of a target of which it is not known how wide it is.
+    pub const fn direction(bearing: f32, sigma: f32) -> Self {
+        Self {
+            bearing,
+            sigma,
+            half_width: 0,
+        }
+    }
+
+    /// The same of a target whose edges are so far from its middle, radians.
+    pub fn wide(self, half_width: f32) -> Self {
+        Self {
+            // The conversion saturates, and what is not a number is 0.
+            half_width: (half_width / HALF_WIDTH_UNIT + 0.5) as u16,
+            ..self
+        }
+    }
+
+    /// How far away a ball of this radius is that is seen so, and the standard deviation of that, both
+    /// in the unit of the radius: `r / sin a` (thesis 5.2 asks for the size as a measurement). `None` if
+    /// it is not known how wide it is, or not well enough to tell its range within [`RANGE_LIMIT`]; the
+    /// ray from the edge to the eye touches the ball at a right angle wherever the ball is in view.
+    pub fn range(&self, radius: f32) -> Option<(f32, f32)> {
+        let half_width = f32::from(self.half_width) * HALF_WIDTH_UNIT;
+        let (sine, cosine) = Real::sine_cosine(half_width);
+        let range = radius / sine;
+        let share = self.sigma * cosine / sine;
+        let share = root(share * share + SIZE_SHARE * SIZE_SHARE);
+        let is_known = half_width > 0.0
+            && half_width < core::f32::consts::FRAC_PI_2
+            && range > 0.0
+            && range.is_finite()
+            && share < RANGE_LIMIT;
+        is_known.then_some((range, range * share))
+    }
+
     /// The direction as a ray.
     pub fn ray(&self) -> Ray<f32> {
         Ray::from_bearing(self.bearing)
@@ -364,6 +416,43 @@ pub enum CameraState {
     Weak(PoseParts),
     /// A pose that the sightings contradict.
     Doubtful(PoseParts),
+    /// The sightings contradict the lens that was configured, and fit another one: the pose with that.
+    OtherLens(PoseParts, FittingLens),
+}
+
+/// A lens, in two bytes: its field of view in tenths of a degree, and its projection in the highest
+/// bit.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct FittingLens(u16);
+
+impl FittingLens {
+    const EQUAL_ANGLE: u16 = 1 << 15;
+    /// Tenths of a degree.
+    const WIDEST: f32 = 3600.0;
+
+    /// From the field of view, radians: from the middle of the first column to that of the last one.
+    pub fn new(projection: Projection, field_of_view: f32) -> Self {
+        let tenths = (field_of_view.to_degrees() * 10.0).clamp(0.0, Self::WIDEST) as u16;
+        Self(match projection {
+            Projection::PinHole => tenths,
+            Projection::EqualAngle => tenths | Self::EQUAL_ANGLE,
+        })
+    }
+
+    /// How it spreads directions.
+    pub const fn projection(self) -> Projection {
+        if self.0 & Self::EQUAL_ANGLE == 0 {
+            Projection::PinHole
+        } else {
+            Projection::EqualAngle
+        }
+    }
+
+    /// Its field of view, degrees.
+    pub fn field_of_view_deg(self) -> f32 {
+        f32::from(self.0 & !Self::EQUAL_ANGLE) / 10.0
+    }
 }
 
 // Derived, it would compare poses in three places, each in flash.
@@ -371,6 +460,7 @@ impl PartialEq for CameraState {
     fn eq(&self, other: &Self) -> bool {
         self.status() == other.status()
             && self.refusal() == other.refusal()
+            && self.lens() == other.lens()
             && self.pose() == other.pose()
     }
 }
@@ -406,7 +496,7 @@ impl CameraState {
             Self::Refused(_) => Status::Refused,
             Self::Calibrated(_) => Status::Calibrated,
             Self::Weak(_) => Status::Weak,
-            Self::Doubtful(_) => Status::Doubtful,
+            Self::Doubtful(_) | Self::OtherLens(..) => Status::Doubtful,
         }
     }
 
@@ -421,8 +511,19 @@ impl CameraState {
     /// The pose, if there is one, whatever it is worth.
     pub const fn pose(&self) -> Option<&PoseParts> {
         match self {
-            Self::Calibrated(pose) | Self::Weak(pose) | Self::Doubtful(pose) => Some(pose),
+            Self::Calibrated(pose)
+            | Self::Weak(pose)
+            | Self::Doubtful(pose)
+            | Self::OtherLens(pose, _) => Some(pose),
             Self::Waiting | Self::Refused(_) => None,
+        }
+    }
+
+    /// The lens that fits, where the one that was configured does not.
+    pub const fn lens(&self) -> Option<FittingLens> {
+        match self {
+            Self::OtherLens(_, lens) => Some(*lens),
+            _ => None,
         }
     }
 }

@@ -160,7 +160,12 @@ pub(crate) fn is_news(old: &Report, new: &Report) -> bool {
             [old_pose, new_pose].map(|pose| pose.position.get(axis).copied().unwrap_or(f32::NAN));
         (a - b) * (a - b)
     });
+    // Or one that is checked by half as much, or no longer.
+    let level = |report: &Report| report.joint.map_or(f32::MAX, |level| level.position);
+    let [old_level, new_level] = [old, new].map(level);
     old.done != new.done
+        || old_level > 2.0 * new_level
+        || new_level > 2.0 * old_level
         || old.status() != new.status()
         || old.duty != new.duty
         || variance(new_pose) < 0.81 * variance(old_pose)

@@ -4,22 +4,25 @@ use core::ops::Range;
 
 use flash_log::DirtySet;
 
-use crate::facts::{FactKey, KEYS_PER_LIST};
+use crate::facts::{BEARING_RECORDS, FactKey, KEYS_PER_LIST, STOP_RECORDS};
 
 /// Facts that changed since they were written down, by the keys of their records. None is ever lost,
 /// and none is written twice: what is written is what is known when its turn comes.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
-pub(crate) struct Unsaved(DirtySet<LISTS>);
+pub(crate) struct Unsaved(DirtySet<WORDS>);
 
-/// Facts without a list, and three lists.
-const LISTS: usize = 4;
+/// Words of 32 facts.
+const WORDS: usize = 8;
 
 /// The order in which they are written: the keys of one after the other. A report counts sightings,
 /// so these are there before it; and a camera that forgets reports that only when nothing is left.
 /// Other references are there when nothing of the former ones is. The network comes last: where the
-/// power fails while a former network is forgotten, it is forgotten again.
-const ORDER: [Range<usize>; 9] = [
+/// power fails while a former network is forgotten, it is forgotten again. A stop of a walk is there before
+/// it is said that the target stands at it.
+const ORDER: [Range<usize>; 11] = [
+    records(FactKey::WalkStops(0), STOP_RECORDS),
     single(FactKey::Walk),
+    records(FactKey::WalkBearings(0), BEARING_RECORDS),
     single(FactKey::Colours),
     list(FactKey::Sighting(0)),
     list(FactKey::ReferenceStop(0)),
@@ -36,13 +39,17 @@ const fn single(key: FactKey) -> Range<usize> {
 }
 
 const fn list(first: FactKey) -> Range<usize> {
+    records(first, KEYS_PER_LIST)
+}
+
+const fn records(first: FactKey, count: u8) -> Range<usize> {
     let first = first.record() as usize;
-    first..first + KEYS_PER_LIST as usize
+    first..first + count as usize
 }
 
 impl Unsaved {
     pub(crate) const fn new() -> Self {
-        const { assert!(LISTS * KEYS_PER_LIST as usize == DirtySet::<LISTS>::FACTS) };
+        const { assert!(DirtySet::<WORDS>::FACTS > u8::MAX as usize) };
         Self(DirtySet::new())
     }
 
@@ -67,7 +74,11 @@ mod tests {
     fn each_fact_has_its_turn_once() {
         use FactKey::*;
         let order = [
+            WalkStops(0),
+            WalkStops(STOP_RECORDS - 1),
             Walk,
+            WalkBearings(0),
+            WalkBearings(BEARING_RECORDS - 1),
             Colours,
             Sighting(0),
             Sighting(3),
@@ -97,6 +108,6 @@ mod tests {
             assert_eq!(key.record(), record);
             count += 1;
         }
-        assert_eq!(count, 6 + 3 * 32);
+        assert_eq!(count, 6 + 3 * 32 + 34 + 64);
     }
 }

@@ -125,6 +125,7 @@ fn perform<H: Hardware>(shared: &SharedNode<'_, H>, task: CoordinatorTask) -> Op
         Some(ToPc::KeyChange(node.key_change().map(|change| {
             KeyChangeReport {
                 index: change.index,
+                check: change.check,
                 done: change.is_done,
                 unreached: change.unreached,
             }

@@ -15,11 +15,10 @@ use super::{
 use crate::{
     config::TargetConfig,
     hardware::{Hardware, StepSensor},
+    limits::{WALK_BEARINGS, WALK_STOPS},
     log::warning,
     message::StopNumber,
-    role::moving_target::{
-        BEARINGS, CAMERAS, EstimateMemory, STOPS, TargetEvent, TargetRole, WORKSPACE,
-    },
+    role::moving_target::{CAMERAS, EstimateMemory, TargetEvent, TargetRole, WORKSPACE},
 };
 
 /// After a failure of the sensor.
@@ -35,8 +34,8 @@ pub(super) async fn run<H: Hardware>(
     let channels = DeviceChannels::new();
     // Each on its own: together they would be made on the stack first.
     let mut cameras = [UnknownStorage::default(); CAMERAS];
-    let mut stops = [StopStorage::default(); STOPS];
-    let mut bearings = [BearingStorage::default(); BEARINGS];
+    let mut stops = [StopStorage::default(); WALK_STOPS];
+    let mut bearings = [BearingStorage::default(); WALK_BEARINGS];
     let mut workspace = [0.0; WORKSPACE];
     let mut told = [None; CAMERAS];
     let memory = EstimateMemory {

@@ -106,6 +106,7 @@ fn the_pc_sends_a_member_away_and_changes_the_key() {
     let change = |done| {
         ToPc::KeyChange(Some(KeyChangeReport {
             index: 2,
+            check: key.key().unwrap().check_value(),
             done,
             unreached: 0,
         }))

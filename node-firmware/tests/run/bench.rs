@@ -10,7 +10,7 @@ use std::{
 };
 
 use crate::support::{
-    flash::{Flash, chip, length},
+    flash::{Flash, PAGE, chip, length},
     site::{camera_config, target_config},
 };
 use calib_core::dead_reckoning::Step;
@@ -19,7 +19,8 @@ use embassy_sync::{blocking_mutex::raw::NoopRawMutex, channel::Channel};
 use embedded_io_async::{ErrorType, Read, Write};
 use node_firmware::{
     config::{Config, CoordinatorConfig, RoleConfig, SiteKey},
-    console::{Frames, FromPc, ToPc},
+    console::{FRAME_MAX, Frames, FromPc, ToPc, encode},
+    facts,
     hardware::{FlashLayout, Hardware, Indication, Indicator, Observer, Peripherals, StepSensor},
     message::{CameraCommand, CommandResult, Duty, MemberKind, Message, Sight},
     run::run,
@@ -145,9 +146,10 @@ impl Pc {
     }
 
     pub(super) fn wish(&self, wish: FromPc) {
-        let mut buffer = [0; 64];
-        let frame = postcard::to_slice_cobs(&wish, &mut buffer).unwrap();
-        block_on(self.0.borrow_mut().0.write_all(frame)).unwrap();
+        let mut buffer = [0; FRAME_MAX];
+        // A zero before it ends what noise, or a frame that was cut, may have begun.
+        let frame = [&[0], encode(&wish, &mut buffer).unwrap()].concat();
+        block_on(self.0.borrow_mut().0.write_all(&frame)).unwrap();
     }
 
     pub(super) fn told(&self) -> Vec<ToPc> {
@@ -192,7 +194,9 @@ impl Read for NodeUart {
     }
 }
 
-pub(super) const HALF: u32 = length(32);
+/// The link's part ends here, and the role's.
+pub(super) const LINK: u32 = length(32);
+pub(super) const END: u32 = LINK + facts::BYTES;
 
 /// Steps, as the test wants them.
 #[derive(Clone)]
@@ -286,7 +290,7 @@ impl Board {
             line,
             stalled: Rc::default(),
             camera,
-            flash: chip(64, antenna.0.into()),
+            flash: chip(END as usize / PAGE, antenna.0.into()),
             steps: Steps(Rc::new(Channel::new())),
             lamps: Lamps::default(),
             log: Log::default(),
@@ -313,8 +317,8 @@ impl Board {
             clock,
             flash: self.flash.clone(),
             layout: FlashLayout {
-                link: 0..HALF,
-                facts: HALF..2 * HALF,
+                link: 0..LINK,
+                facts: LINK..END,
             },
             steps: self.steps.clone(),
             indicator: self.lamps.clone(),

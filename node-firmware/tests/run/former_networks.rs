@@ -16,14 +16,14 @@ use zigbee_link::{
 };
 
 use crate::{
-    bench::{Bench, Board, HALF, SECOND, Site},
+    bench::{Bench, Board, END, LINK, SECOND, Site},
     support::{flash::Flash, site::target_config},
 };
 
 /// What the link's half of a flash says.
 pub(super) fn link(flash: &Flash) -> (Saved, Vec<Member>) {
     block_on(async {
-        let mut store = Store::new(flash.copy(), 0..HALF).unwrap();
+        let mut store = Store::new(flash.copy(), 0..LINK).unwrap();
         let saved = store.load().await.unwrap();
         let mut members = Vec::new();
         for place in 0..MEMBERS as u8 {
@@ -38,7 +38,7 @@ fn facts(board: &Board) -> Vec<Fact> {
     let flash = board.flash.copy();
     let mut facts = Vec::new();
     block_on(async {
-        let memory = FactStore::open(flash, HALF..2 * HALF, board.config.owner()).await;
+        let memory = FactStore::open(flash, LINK..END, board.config.owner()).await;
         let recalled = memory.unwrap().recall(|fact| facts.push(*fact)).await;
         recalled.unwrap();
     });
@@ -63,7 +63,7 @@ fn references() -> Fact {
 fn remember(board: &Board) {
     let flash = board.flash.clone();
     block_on(async {
-        let memory = FactStore::open(flash, HALF..2 * HALF, board.config.owner()).await;
+        let memory = FactStore::open(flash, LINK..END, board.config.owner()).await;
         memory.unwrap().save(&references()).await.unwrap();
     });
 }
@@ -80,7 +80,7 @@ fn site() -> Site {
 }
 
 fn erase_link(flash: &Flash) {
-    block_on(flash.clone().erase(0, HALF)).unwrap();
+    block_on(flash.clone().erase(0, LINK)).unwrap();
 }
 
 /// A network is void with a page that is taken, with a link range that was erased, with another
@@ -143,7 +143,7 @@ fn members_of_a_former_network_stay_out() {
                 board.config.role = coordinator;
             }
             _ => block_on(async {
-                let mut store = Store::new(board.flash.clone(), 0..HALF).unwrap();
+                let mut store = Store::new(board.flash.clone(), 0..LINK).unwrap();
                 store.load().await.unwrap();
                 store.save(Record::Network(None)).await.unwrap();
             }),
@@ -194,7 +194,7 @@ fn power_cuts_at_the_start_are_survived() {
     let board = &mut site.coordinator;
     let before = board.flash.copy();
     let fresh = before.copy();
-    block_on(fresh.clone().erase(0, 2 * HALF)).unwrap();
+    block_on(fresh.clone().erase(0, END)).unwrap();
     let (old, new) = (board.config.site_key, SiteKey::new(2, *b"fedcba9876543210"));
     for (flash, key, counter, lowest) in [
         (&fresh, old, 1, 1),

@@ -6,7 +6,7 @@ use node_firmware::{
 };
 
 use crate::{
-    bench::{HALF, SECOND, Site},
+    bench::{LINK, SECOND, Site},
     support::{flash::Flash, site::target_config},
 };
 
@@ -47,7 +47,7 @@ fn another_key_is_taken() {
 
 /// The bytes of the link's half.
 fn link_pages(flash: &Flash) -> Vec<u8> {
-    flash.bytes()[..HALF as usize].to_vec()
+    flash.bytes()[..LINK as usize].to_vec()
 }
 
 /// With the same key, only a page whose frame counter is above all that were used begins anew.

@@ -108,10 +108,7 @@ impl Site {
         let words = [camera.position.x, camera.position.y, target.x, target.y].map(f64::to_bits);
         let error = BEARING_SIGMA * noise(&[&words[..], &[self.seed]].concat());
         let warp = 1.0 + self.warped.get(&n).unwrap_or(&0.0);
-        let seen = Seen {
-            bearing: (bearing * warp + error) as f32,
-            sigma: BEARING_SIGMA as f32,
-        };
+        let seen = Seen::direction((bearing * warp + error) as f32, BEARING_SIGMA as f32);
         (Sight::InView, Some(seen))
     }
 
@@ -170,6 +167,7 @@ pub fn target_config(colour: u8) -> TargetConfig {
         systematic_heading_deg: 0.0,
         systematic_scale: 0.0,
         standing_sigma: STANDING_SIGMA as f32,
+        ball_radius: 0.0,
         dwell_least_ms: 2_000,
         dwell_most_ms: 60_000,
         sensor: SensorConfig::UNCALIBRATED,

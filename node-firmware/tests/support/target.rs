@@ -3,7 +3,8 @@
 use calib_core::joint::{BearingStorage, StopStorage, UnknownStorage};
 use node_firmware::{
     config::TargetConfig,
-    role::moving_target::{BEARINGS, CAMERAS, EstimateMemory, STOPS, TargetRole, WORKSPACE},
+    limits::{WALK_BEARINGS, WALK_STOPS},
+    role::moving_target::{CAMERAS, EstimateMemory, TargetRole, WORKSPACE},
 };
 
 /// A target with memory that the test keeps to its end.
@@ -11,8 +12,8 @@ pub fn target_role(id: u16, config: TargetConfig, first_stop: u16) -> TargetRole
     let mut role = TargetRole::new(id, config, first_stop);
     role.estimate_in(EstimateMemory {
         cameras: Box::leak(Box::new([UnknownStorage::default(); CAMERAS])),
-        stops: Box::leak(Box::new([StopStorage::default(); STOPS])),
-        bearings: Box::leak(Box::new([BearingStorage::default(); BEARINGS])),
+        stops: Box::leak(Box::new([StopStorage::default(); WALK_STOPS])),
+        bearings: Box::leak(Box::new([BearingStorage::default(); WALK_BEARINGS])),
         workspace: Box::leak(Box::new([0.0; WORKSPACE])),
         told: Box::leak(Box::new([None; CAMERAS])),
     });

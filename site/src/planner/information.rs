@@ -18,6 +18,11 @@ impl Noise {
     /// What the planner counts with before anything is seen: a column that is uniform within itself,
     /// at both edges of a blob, and a little noise.
     pub const COLUMNS: f64 = 0.25;
+
+    /// Standard deviation of a bearing of a target at a place, radians: of the column alone.
+    pub(super) fn sigma(&self, camera: &Camera, place: Point2<f64>) -> f64 {
+        sighting(camera, place, self).bearing_sigma
+    }
 }
 
 /// Angle of one column of a camera's picture at a bearing, radians.

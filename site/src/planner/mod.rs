@@ -22,6 +22,11 @@
 //!    such as stops for others in a corner of their view: what a camera first reports should be
 //!    within [`FIRST`] of what it can get from `k` stops.
 //!
+//! 7. With [`Placement::Checked`], further stops behind these: new ones, or places of before, so that ways
+//!    and bearings check each other ([`Checks`]). One after the other that which lowers the cameras'
+//!    protection levels most for the way that it takes, until all are tolerated, and as many as there are
+//!    already at most: the same path back.
+//!
 //! Where to stop once more, [`Advice`], comes of the same candidates and the same information.
 //!
 //! [`Placement::Anywhere`] leaves out steps 3 and 4 and the detours: the thesis's target stops "at three
@@ -34,7 +39,7 @@
 //! columns would round them alike.
 
 use calib_core::{
-    Ray,
+    Pose, Ray,
     reference::{self, Known, ReferenceSettings, Stop},
 };
 use nalgebra::{Matrix2, Matrix3, Matrix6, Point2, Vector2};
@@ -51,7 +56,9 @@ mod first_sightings;
 mod ground;
 mod information;
 mod next;
+mod redundancy;
 mod route;
+mod symmetric;
 
 use exchange::{Choice, Design};
 use first_sightings::FirstSightings;
@@ -59,6 +66,10 @@ use ground::Ground;
 pub use ground::NEAREST;
 pub use information::{Noise, column_angle, of_sighting};
 pub use next::{Advice, PairWish, Wish};
+pub use redundancy::{
+    CheckStop, CheckWish, Checks, Level, Look, Measurement, RARE, Redundancy, Steps, Survey,
+    Tolerance, UNCHECKED, way_around,
+};
 use route::Route;
 
 /// Sharing stops may cost this factor of the score.
@@ -76,6 +87,9 @@ pub enum Placement {
     /// Where they tell most.
     #[default]
     Planned,
+    /// There, and then at further ones: until one wrong measurement that nobody notices could do no harm
+    /// to any pose.
+    Checked,
     /// At any places in view; only the references' stops are planned.
     Anywhere,
 }
@@ -101,6 +115,10 @@ pub struct Task<'a> {
     pub placement: Placement,
     /// Errors to plan for.
     pub noise: Noise,
+    /// Of the carrier.
+    pub steps: Steps,
+    /// Protection levels that may be left.
+    pub tolerance: Tolerance,
     /// Number of the path.
     pub path: u64,
     /// Another way on the same path: 0, or a scenario's seed where its cameras are scattered.
@@ -196,7 +214,10 @@ pub fn plan(task: &Task<'_>) -> Result<Plan, PlanError> {
     let mut places = reference_stops;
     places.extend(others);
 
-    let stops = task.in_order(&places, first, &enough)?;
+    let mut stops = task.in_order(&places, first, &enough)?;
+    if task.placement == Placement::Checked {
+        task.check(&mut stops);
+    }
     let cameras = task.cameras.iter().map(|&camera| {
         (
             camera,
@@ -351,7 +372,7 @@ impl Task<'_> {
             firsts.iter().map(price).sum()
         };
         let mut rest = walk.shortest();
-        if self.placement == Placement::Planned {
+        if self.placement != Placement::Anywhere {
             walk.improve(&mut rest, price);
         }
         order.extend(rest.into_iter().map(|index| index + first));
@@ -362,6 +383,76 @@ impl Task<'_> {
             }
         }
         Ok(stops)
+    }
+
+    /// Goes on with the walk until it checks every pose, as far as that can be.
+    fn check(&self, stops: &mut Vec<Point2<f64>>) {
+        let indices: Vec<usize> = { self.references.iter() }
+            .chain(self.cameras)
+            .copied()
+            .collect();
+        let cameras = indices.iter().map(|&index| self.world.cameras()[index]);
+        let world = World::new(
+            cameras.clone().collect(),
+            self.world.obstacles().to_vec(),
+            Vec::new(),
+        );
+        let ground = Ground {
+            world: &world,
+            ..self.ground()
+        };
+        let looks = stops.iter().enumerate().flat_map(|(stop, &place)| {
+            let seen = (0..indices.len()).filter(move |&camera| ground.suits(camera, place));
+            let of = |camera| {
+                (
+                    camera,
+                    self.noise.sigma(&ground.world.cameras()[camera], place),
+                )
+            };
+            let looks = seen.map(of).collect::<Vec<_>>();
+            looks.into_iter().map(move |(camera, sigma)| Look {
+                stop,
+                camera,
+                sigma,
+            })
+        });
+        let ways = { stops.windows(2) }.map(|leg| Some(self.steps.covariance(leg[1] - leg[0])));
+        let survey = Survey {
+            cameras: cameras
+                .clone()
+                .map(|camera| Pose {
+                    position: camera.place,
+                    heading: camera.heading,
+                    covariance: Matrix3::zeros(),
+                })
+                .collect(),
+            range: { cameras.map(|camera| camera.range) }.fold(f64::INFINITY, f64::min),
+            looks: looks.collect(),
+            legs: std::iter::once(None).chain(ways).collect(),
+            standing: self.noise.standing,
+            steps: self.steps,
+            anchor: None,
+            stops: stops.clone(),
+        };
+        let tolerance = self.tolerance;
+        let wishes = (2..indices.len()).map(|camera| CheckWish { camera, tolerance });
+        let checks = Checks {
+            world: &world,
+            radius: self.radius,
+            bounds: self.bounds,
+            columns: self.noise.columns,
+            wishes: wishes.collect(),
+            been: &[],
+        };
+        let Some(known) = survey.redundancy().filter(|walk| !checks.are_checked(walk)) else {
+            return;
+        };
+        let (further, _) = checks.stops(known, stops.len());
+        for stop in further {
+            let Some(&here) = stops.last() else { break };
+            let way = way_around(self.world, self.radius, stops, [here, stop.place]);
+            stops.extend(way);
+        }
     }
 
     /// What each camera would count of these places, the first ones being the references'.

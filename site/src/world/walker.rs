@@ -164,6 +164,17 @@ impl Walker {
         self.told = lamp;
     }
 
+    /// Gives it more stops after the last one. If it stands there it sets out, told or not.
+    pub fn go_on(&mut self, stops: impl IntoIterator<Item = Point2<f64>>, now: Time) {
+        let stands = self.is_done();
+        self.stops.extend(stops);
+        if let State::Standing { leave_at, .. } = &mut self.state
+            && stands
+        {
+            leave_at.get_or_insert(now);
+        }
+    }
+
     /// When it does something next. `None` at the last stop.
     pub fn next_at(&self) -> Option<Time> {
         match self.state {

@@ -13,6 +13,9 @@ const AGAIN: Duration = Duration::from_millis(100);
 const EXPIRY: Duration = Duration::from_secs(2);
 /// Challenges open at a time.
 const CHALLENGES: usize = 8;
+/// A broadcast that nobody can vouch for is asked after at most so often: everybody hears it, and
+/// would ask.
+pub(super) const BROADCAST_AGAIN: Duration = Duration::from_secs(5);
 
 /// What a reply is.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -62,21 +65,35 @@ struct Open {
 /// Challenges that were sent and not answered.
 ///
 /// Anybody can make a node send challenges, by frames from addresses nobody knows, by forged and by
-/// repeated ones. That costs airtime, no more than the frames themselves, and one of a few places for a short time.
+/// repeated ones. That costs airtime, no more than the frames themselves, and one of a few places for
+/// a short time. A broadcast would make everybody ask: see [`BROADCAST_AGAIN`].
 #[derive(Clone, Debug, Default)]
-pub(super) struct Challenges(heapless::Vec<Open, CHALLENGES>);
+pub(super) struct Challenges {
+    open: heapless::Vec<Open, CHALLENGES>,
+    /// No broadcast is asked after before this.
+    broadcast_from: Option<Instant>,
+}
 
 impl Challenges {
     pub(super) fn clear(&mut self) {
-        self.0.clear();
+        self.open.clear();
+    }
+
+    /// Whether to ask who sent a broadcast: says so once in a while.
+    pub(super) fn may_ask_after_broadcast(&mut self, now: Instant) -> bool {
+        let may = self.broadcast_from.is_none_or(|from| from <= now);
+        if may {
+            self.broadcast_from = Some(now + BROADCAST_AGAIN);
+        }
+        may
     }
 
     /// Whether to ask this node now. Only when the table is full of open challenges, or this node
     /// was asked just now, the answer is no.
     pub(super) fn may_ask(&mut self, now: Instant, target: Address) -> bool {
-        self.0.retain(|open| now < open.asked + EXPIRY);
+        self.open.retain(|open| now < open.asked + EXPIRY);
         let just_asked = |open: &Open| open.target == target && now < open.asked + AGAIN;
-        !self.0.is_full() && !self.0.iter().any(just_asked)
+        !self.open.is_full() && !self.open.iter().any(just_asked)
     }
 
     /// Takes note of a challenge that goes out with this frame counter.
@@ -86,8 +103,8 @@ impl Challenges {
             counter,
             asked: now,
         };
-        if let Err(open) = self.0.push(open)
-            && let Some(oldest) = self.0.iter_mut().min_by_key(|open| open.asked)
+        if let Err(open) = self.open.push(open)
+            && let Some(oldest) = self.open.iter_mut().min_by_key(|open| open.asked)
         {
             *oldest = open;
         }
@@ -103,13 +120,13 @@ impl Challenges {
         counter: u32,
     ) -> bool {
         let names = [Address::Extended(extended), Address::Short(short)];
-        let answered = self.0.iter().find(|open| {
+        let answered = self.open.iter().find(|open| {
             open.counter == counter && names.contains(&open.target) && now < open.asked + EXPIRY
         });
         let Some(&Open { target, .. }) = answered else {
             return false;
         };
-        self.0.retain(|open| open.target != target);
+        self.open.retain(|open| open.target != target);
         true
     }
 }

@@ -14,6 +14,9 @@ use crate::{
     wire::{Address, Eui64, FrameType, MacCommand, Malformed, PanId, Panned, ShortAddress},
 };
 
+/// Those who ask after a broadcast do so within this time.
+const BROADCAST_SPREAD: Duration = Duration::from_millis(20);
+
 impl<const PEERS: usize, const QUEUE: usize> Link<PEERS, QUEUE> {
     /// Takes in a frame without FCS, which is decrypted in place.
     pub fn handle(&mut self, now: Instant, frame: &mut [u8]) -> LinkEvent {
@@ -23,36 +26,48 @@ impl<const PEERS: usize, const QUEUE: usize> Link<PEERS, QUEUE> {
         let Some(broadcast) = self.is_for_us(envelope.destination) else {
             return LinkEvent::Nothing;
         };
-        // Everybody hears a broadcast at once, and would answer at once.
-        let answer_at = if broadcast {
-            now + self.jitter.up_to(Duration::from_millis(20))
-        } else {
-            now
-        };
         let opened = match self.session.open_parsed(now, &envelope, frame) {
             Ok(opened) => opened,
             Err(refused) => {
                 count(&mut self.counts.refused);
                 debug!("refused: {}", refused);
-                // A wrong code or an old counter: the address may be somebody else's meanwhile.
-                if let Refused::UnknownShort(_) | Refused::Mic | Refused::Replayed = refused
+                // A wrong code or an old counter: the address may be somebody else's meanwhile. If it
+                // is, that one speaks to this node sooner or later. Everybody would ask after a
+                // broadcast.
+                let is_in_doubt = match refused {
+                    Refused::UnknownShort(_) => true,
+                    Refused::Mic | Refused::Replayed => !broadcast,
+                    _ => false,
+                };
+                if is_in_doubt
                     && let Some(Address::Short(short)) = envelope.source
                     && short.is_unicast()
                 {
-                    self.challenge(answer_at, Address::Short(short));
+                    self.ask_sender(now, broadcast, Address::Short(short));
                 }
                 return LinkEvent::Nothing;
             }
         };
         let event = match opened.frame_type {
-            FrameType::Command => self.command(now, answer_at, &opened),
-            _ => self.packet(now, answer_at, broadcast, &opened),
+            FrameType::Command => self.command(now, broadcast, &opened),
+            _ => self.packet(now, broadcast, &opened),
         };
         event.unwrap_or_else(|malformed| {
             count(&mut self.counts.unknown);
             debug!("unknown: {}", malformed);
             LinkEvent::Nothing
         })
+    }
+
+    /// Asks whoever sent a frame to prove that it is fresh. Everybody hears a broadcast at once, and
+    /// would ask at once, and again and again.
+    fn ask_sender(&mut self, now: Instant, broadcast: bool, sender: Address) {
+        if !broadcast {
+            self.challenge(now, sender);
+        } else if self.challenges.may_ask_after_broadcast(now) {
+            let at = now + self.jitter.up_to(BROADCAST_SPREAD);
+            self.challenge(at, sender);
+        }
     }
 
     /// Whether a frame is for this node, and whether for all.
@@ -84,7 +99,7 @@ impl<const PEERS: usize, const QUEUE: usize> Link<PEERS, QUEUE> {
     fn command(
         &mut self,
         now: Instant,
-        answer_at: Instant,
+        broadcast: bool,
         opened: &Opened<'_>,
     ) -> Result<LinkEvent, Malformed> {
         let command = MacCommand::parse(opened.payload)?;
@@ -94,7 +109,7 @@ impl<const PEERS: usize, const QUEUE: usize> Link<PEERS, QUEUE> {
                 Ok(LinkEvent::Command { from, command })
             }
             Sender::Stranger(extended) => {
-                self.challenge(answer_at, Address::Extended(extended));
+                self.ask_sender(now, broadcast, Address::Extended(extended));
                 Ok(LinkEvent::Nothing)
             }
         }
@@ -103,7 +118,6 @@ impl<const PEERS: usize, const QUEUE: usize> Link<PEERS, QUEUE> {
     fn packet(
         &mut self,
         now: Instant,
-        answer_at: Instant,
         broadcast: bool,
         opened: &Opened<'_>,
     ) -> Result<LinkEvent, Malformed> {
@@ -130,7 +144,7 @@ impl<const PEERS: usize, const QUEUE: usize> Link<PEERS, QUEUE> {
                 Ok(LinkEvent::Nothing)
             }
             (Packet::Message { .. }, Sender::Stranger(_)) => {
-                self.challenge(answer_at, Address::Extended(extended));
+                self.ask_sender(now, broadcast, Address::Extended(extended));
                 Ok(LinkEvent::Nothing)
             }
             (Packet::Acknowledgement { counter }, Sender::Peer(_)) => {

@@ -424,6 +424,77 @@ fn replayed_challenges_cost_little() {
     assert!((1..=50).contains(&sent), "{sent} frames in 10 s");
 }
 
+/// What one forged or repeated broadcast, and many, make everybody send.
+#[test]
+fn broadcasts_that_nobody_vouches_for_make_few_ask() {
+    const MEMBERS: usize = 31;
+    let mut aether = Aether::new(2, 0.0, 0);
+    let now = aether.now;
+    let broadcast = aether.nodes[1].send(now, ShortAddress::BROADCAST, &[1_u8; 20]);
+    aether.run();
+    assert!(broadcast.is_ok());
+    let genuine = aether.heard[0].clone();
+    let mut forged = genuine.clone();
+    *forged.last_mut().unwrap() ^= 1;
+    // Of a member that all know, and of an address that nobody has.
+    let mut unknown = forged.clone();
+    unknown[7] = 77;
+    for (frame, knows, most) in [
+        (&forged, true, 0.0),
+        (&genuine, true, 0.0),
+        (&unknown, true, 0.3),
+        (&genuine, false, 0.3),
+    ] {
+        let mut members: Vec<Node> = (0..MEMBERS).map(|n| node(100 + n, 5000)).collect();
+        for member in members.iter_mut().filter(|_| knows) {
+            let peers = &mut member.session.peers;
+            let counter = aether.nodes[1].session.counter.upcoming();
+            let one = aether.nodes[1].session.extended();
+            peers.enter(one, short(1), counter, now).unwrap();
+        }
+        let (mut sent, mut received) = (0, 0);
+        let mut buffer = [0; FRAME_MAX];
+        // A frame each 50 ms for a minute.
+        for n in 0..1200 {
+            let now = now + Duration::from_millis(50 * n);
+            received += frame.len();
+            for member in &mut members {
+                member.handle(now, &mut frame.clone());
+                let later = now + Duration::from_millis(25);
+                while let Some(len) = member.poll_transmit(later, &mut buffer) {
+                    sent += len;
+                }
+            }
+        }
+        let factor = sent as f64 / received as f64;
+        assert!(factor <= most, "{factor}");
+        assert_eq!(sent == 0, most == 0.0);
+    }
+}
+
+/// Somebody with the key speaks in a member's name, with a counter far ahead. The member proves that it
+/// is the one, and is heard again.
+#[test]
+fn a_counter_far_ahead_mutes_nobody_for_long() {
+    for ahead in [2_000, u32::MAX - 2_000_000] {
+        let mut aether = acquainted();
+        let now = aether.now;
+        let mut insider = node(1, 5000 + ahead);
+        insider.attach(PAN, short(1));
+        insider.session.peers = aether.nodes[1].session.peers.clone();
+        insider.send(now, short(2), &66_u8).unwrap();
+        let mut buffer = [0; FRAME_MAX];
+        let len = insider.poll_transmit(now, &mut buffer).unwrap();
+        aether.nodes[2].handle(now, &mut buffer[..len]);
+        assert_eq!(aether.nodes[2].recv(), Some((short(1), 66_u8)));
+        while aether.nodes[2].poll_transmit(now, &mut buffer).is_some() {}
+        let ticket = aether.nodes[1].send(now, short(2), &1_u8).unwrap();
+        aether.run();
+        assert_eq!(aether.nodes[2].recv(), Some((short(1), 1_u8)), "{ahead}");
+        assert_eq!(aether.nodes[1].result_of(ticket), Some(Delivery::Delivered));
+    }
+}
+
 /// Two nodes change addresses, and the others know them by their former ones.
 #[test]
 fn whoever_has_an_address_now_is_asked_who_it_is() {

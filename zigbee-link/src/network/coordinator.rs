@@ -19,8 +19,6 @@ use flash_log::DirtySet;
 
 /// The longest join window.
 pub const JOIN_WINDOW_MAX: Duration = Duration::from_secs(600);
-/// The PAN identifier changes at most this often: whoever forges beacons makes it change.
-const CONFLICT_PAUSE: Duration = Duration::from_secs(60);
 /// Announcements of a new PAN identifier, and the time between them.
 const REALIGNMENTS: u32 = 3;
 const REALIGNMENT_PAUSE: Duration = Duration::from_millis(100);
@@ -53,8 +51,9 @@ pub(super) struct Coordinator<const MEMBERS: usize> {
     allowed: heapless::Vec<Eui64, MEMBERS>,
     window: Option<Instant>,
     rotation: Option<Rotation>,
+    /// When a beacon of another network with the same identifier was last heard.
     last_conflict: Option<Instant>,
-    /// After a conflict: the identifier to change to once it is announced.
+    /// The identifier to change to once it is announced.
     realignment: Option<PanId>,
     beacon_due: Option<Instant>,
 }
@@ -81,6 +80,8 @@ struct Rotation {
 pub struct KeyChange {
     /// The index of the new key.
     pub index: u8,
+    /// Its [check value](Key::check_value).
+    pub check: [u8; 3],
     /// It has been offered to every member, and is in use.
     pub is_done: bool,
     /// Members that did not acknowledge it. They may have it all the same, if only their answers
@@ -211,6 +212,7 @@ impl<const MEMBERS: usize> Coordinator<MEMBERS> {
         self.rotation = Some(Rotation {
             change: KeyChange {
                 index: next.index(),
+                check: next.check_value(),
                 is_done: false,
                 unreached: 0,
             },
@@ -279,16 +281,20 @@ impl<const MEMBERS: usize> Coordinator<MEMBERS> {
         }
     }
 
-    /// Another network has the same PAN identifier.
-    fn resolve_conflict(&mut self, now: Instant, common: &mut Common) {
+    /// When another network with the same identifier was last heard.
+    pub(super) const fn last_conflict(&self) -> Option<Instant> {
+        self.last_conflict
+    }
+
+    /// Takes another identifier, and announces it. Whether the network runs, and no other change is
+    /// under way.
+    pub(super) fn change_pan(&mut self, now: Instant, common: &mut Common) -> bool {
         let State::Running(network) = self.state else {
-            return;
+            return false;
         };
-        let recent = |last: Instant| now < last + CONFLICT_PAUSE;
-        if self.last_conflict.is_some_and(recent) {
-            return;
+        if self.realignment.is_some() {
+            return false;
         }
-        self.last_conflict = Some(now);
         let pan = loop {
             let drawn = PanId(common.jitter.next() as u16);
             if drawn.0 < ShortAddress::UNASSIGNED.0 && drawn != network.pan {
@@ -301,6 +307,7 @@ impl<const MEMBERS: usize> Coordinator<MEMBERS> {
             let everybody = Address::Short(ShortAddress::BROADCAST);
             common.command(now + REALIGNMENT_PAUSE * announcement, everybody, command);
         }
+        true
     }
 
     /// Somebody looks for networks.
@@ -324,12 +331,10 @@ impl<const MEMBERS: usize> Coordinator<MEMBERS> {
 
     pub(super) fn on_beacon(&mut self, now: Instant, found: Found, common: &mut Common) {
         match &mut self.state {
-            State::Scanning(scan) => scan.on_beacon(found),
-            State::Running(network) => {
-                if found.pan == network.pan {
-                    self.resolve_conflict(now, common);
-                }
-            }
+            State::Scanning(scan) => scan.on_beacon(found, &mut common.jitter),
+            // Anybody can send a beacon, so nothing is done about it but to say so.
+            State::Running(network) if found.pan == network.pan => self.last_conflict = Some(now),
+            State::Running(_) => {}
         }
     }
 
@@ -356,9 +361,6 @@ impl<const MEMBERS: usize> Coordinator<MEMBERS> {
                 }
             }
             MacCommand::Orphan => self.on_orphan(now, from, common),
-            MacCommand::PanIdConflict if self.members().any(|member| member.extended == from) => {
-                self.resolve_conflict(now, common);
-            }
             _ => {}
         }
     }

@@ -22,6 +22,10 @@ use crate::{
 const JOIN_WAIT: Duration = Duration::from_millis(300);
 /// Attempts of each step of joining.
 const JOIN_ATTEMPTS: u8 = 8;
+/// Attempts to make a coordinator prove itself that is one of more than [`FEW`]: most of so many are
+/// forged.
+const CROWD_ATTEMPTS: u8 = 3;
+const FEW: usize = 4;
 /// A coordinator that was silent for so long is asked whether it is there.
 pub const KEEP_ALIVE: Duration = Duration::from_secs(30);
 /// Wait for that answer.
@@ -152,8 +156,13 @@ impl Device {
                 attempts,
                 due,
             } if *due <= now => {
-                let Some(coordinator) = candidate.coordinator.filter(|_| *attempts < JOIN_ATTEMPTS)
-                else {
+                let is_crowd = !*is_fresh && self.scan.found().len() > FEW;
+                let most = if is_crowd {
+                    CROWD_ATTEMPTS
+                } else {
+                    JOIN_ATTEMPTS
+                };
+                let Some(coordinator) = candidate.coordinator.filter(|_| *attempts < most) else {
                     let next = *place + 1;
                     return self.try_candidate(now, next, link, common);
                 };
@@ -279,17 +288,9 @@ impl Device {
         common.unsaved.mark(FACT_NETWORK);
     }
 
-    pub(super) fn on_beacon(&mut self, now: Instant, found: Found, common: &mut Common) {
-        match &mut self.state {
-            State::Scanning => self.scan.on_beacon(found),
-            State::Joined { membership, .. } => {
-                let is_stranger = found.coordinator != Some(membership.coordinator);
-                if found.pan == membership.pan && is_stranger && common.commands.is_empty() {
-                    let coordinator = Address::Extended(membership.coordinator);
-                    common.command(now, coordinator, MacCommand::PanIdConflict);
-                }
-            }
-            State::Out | State::Pausing(_) | State::Joining { .. } => {}
+    pub(super) fn on_beacon(&mut self, found: Found, common: &mut Common) {
+        if matches!(self.state, State::Scanning) {
+            self.scan.on_beacon(found, &mut common.jitter);
         }
     }
 
@@ -433,7 +434,7 @@ mod tests {
         let session = FrameSecurity::new(Eui64([9; 8]), Protection::EncMic64, key, counter);
         let mut link = Link::new(session, 1);
         let mut device = Device::new(NOW, None, &common);
-        device.scan.on_beacon(FOUND);
+        device.scan.on_beacon(FOUND, &mut common.jitter);
         device.try_candidate(NOW, 0, &mut link, &mut common);
         (device, link, common)
     }
@@ -473,24 +474,6 @@ mod tests {
             device.on_event(NOW, fresh, &mut link, &mut common);
             device.poll(NOW, &mut link, &mut common);
             assert_eq!(common.commands.iter().count(), requests);
-        }
-    }
-
-    #[test]
-    fn a_member_tells_once_of_another_network_of_its_identifier() {
-        let (mut device, mut link, mut common) = joining();
-        device.on_event(NOW, admitted(COORDINATOR, 5), &mut link, &mut common);
-        let stranger = Found {
-            coordinator: Some(ANYBODY),
-            ..FOUND
-        };
-        let other = Found {
-            pan: crate::wire::PanId(1),
-            ..stranger
-        };
-        for (found, conflicts) in [(FOUND, 0), (other, 0), (stranger, 1), (stranger, 1)] {
-            device.on_beacon(NOW, found, &mut common);
-            assert_eq!(common.commands.iter().count(), conflicts);
         }
     }
 

@@ -25,9 +25,11 @@
 //! answers the orphan notification of a member all the same, if it is secured.
 //!
 //! # PAN conflict
-//! A coordinator that hears a beacon with its own identifier, or is told so by a member, takes
-//! another one and announces it by a secured coordinator realignment. Who misses it, rejoins.
-//! Beacons can be forged, so this happens once a minute at most.
+//! Two networks with one identifier disturb each other little: frames of the other one are not
+//! authentic. Beacons can be forged, so no network moves by itself: a coordinator
+//! [remembers](Node::last_conflict) that it heard another one, and [takes another
+//! identifier](Node::change_pan) when a person wants that. It announces it by a secured coordinator
+//! realignment; who misses that, rejoins.
 
 mod coordinator;
 mod device;
@@ -281,6 +283,21 @@ impl<const PEERS: usize, const QUEUE: usize, const MEMBERS: usize> Node<PEERS, Q
         coordinator.change_key(next, &mut self.link, &mut self.common)
     }
 
+    /// When this coordinator last heard a beacon of another network with its identifier. Beacons can
+    /// be forged.
+    pub fn last_conflict(&self) -> Option<Instant> {
+        self.role.coordinator()?.last_conflict()
+    }
+
+    /// Takes another PAN identifier, and tells all members. Whether that begins: not while the
+    /// network does not run or is being moved, nor on a device.
+    pub fn change_pan(&mut self, now: Instant) -> bool {
+        match self.role.coordinator_mut() {
+            Some(coordinator) => coordinator.change_pan(now, &mut self.common),
+            None => false,
+        }
+    }
+
     /// How the last change of key since the start goes. `None` without one, and for a device.
     pub fn key_change(&self) -> Option<KeyChange> {
         self.role.coordinator()?.key_change()
@@ -478,7 +495,7 @@ impl<const PEERS: usize, const QUEUE: usize, const MEMBERS: usize> Node<PEERS, Q
                 coordinator.on_beacon(now, found, &mut self.common);
             }
             Role::Coordinator(_) => {}
-            Role::Device(device) => device.on_beacon(now, found, &mut self.common),
+            Role::Device(device) => device.on_beacon(found, &mut self.common),
         }
     }
 }

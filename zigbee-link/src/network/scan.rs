@@ -4,6 +4,7 @@ use core::time::Duration;
 
 use crate::{
     Instant,
+    jitter::Jitter,
     radio::Channel,
     wire::{Address, Beacon, Eui64, Frame, FrameType, PanId, ShortAddress},
 };
@@ -96,6 +97,8 @@ pub(super) struct Scan {
     left: Channels,
     current: Option<(Channel, Instant)>,
     found: heapless::Vec<Found, FOUND>,
+    /// PANs heard, also of those for which there was no room; some of them twice.
+    heard: u32,
 }
 
 /// What a scan wants.
@@ -115,6 +118,7 @@ impl Scan {
             left: channels,
             current: None,
             found: heapless::Vec::new(),
+            heard: 0,
         }
     }
 
@@ -142,10 +146,19 @@ impl Scan {
         }
     }
 
-    pub(super) fn on_beacon(&mut self, found: Found) {
-        if !self.found.contains(&found) {
-            // Beyond the room there is, PANs are forgotten.
-            let _ = self.found.push(found);
+    /// Beyond the room there is, each PAN heard has the same chance to be remembered, by
+    /// reservoir sampling: beacons can be forged, and those that come first must not keep out the
+    /// others.
+    pub(super) fn on_beacon(&mut self, found: Found, jitter: &mut Jitter) {
+        if self.found.contains(&found) {
+            return;
+        }
+        self.heard = self.heard.saturating_add(1);
+        if self.found.push(found).is_err() {
+            let place = jitter.below(self.heard);
+            if let Some(other) = self.found.get_mut(place as usize) {
+                *other = found;
+            }
         }
     }
 
@@ -189,10 +202,38 @@ mod tests {
     #[test]
     fn an_identifier_that_means_nothing_else_and_nobody_has() {
         let mut scan = Scan::new(Channels::ALL);
-        scan.on_beacon(FOUND);
+        scan.on_beacon(FOUND, &mut Jitter::new(1));
         let mut drawn = [0x1234, 0xFFFE, 0xFFFF, 0xFFFD].into_iter();
         let pan = scan.free_pan(|| drawn.next().unwrap());
         assert_eq!(pan, PanId(0xFFFD));
+    }
+
+    /// However many forged beacons come, before or after it, a network is found in some scan.
+    #[test]
+    fn forged_beacons_keep_no_network_out() {
+        let own = Found {
+            is_open: true,
+            ..FOUND
+        };
+        for (before, after) in [(16, 0), (0, 16), (100, 0), (0, 100), (50, 50)] {
+            let mut jitter = Jitter::new(7);
+            let mut scans = 0;
+            for _ in 0..400 {
+                let mut scan = Scan::new(Channels::ALL);
+                let forged = |n| Found {
+                    pan: PanId(n),
+                    ..FOUND
+                };
+                let beacons = (0..before).map(forged).chain([own]);
+                for found in beacons.chain((1000..1000 + after).map(forged)) {
+                    scan.on_beacon(found, &mut jitter);
+                }
+                scans += usize::from(scan.found().contains(&own));
+            }
+            let share = f64::from(scans as u32) / 400.0;
+            let expected = 16.0 / f64::from(before + after + 1);
+            assert!((share - expected).abs() < 0.1, "{before} {after}: {share}");
+        }
     }
 
     #[test]
@@ -204,7 +245,7 @@ mod tests {
             ..FOUND
         };
         for found in [FOUND, FOUND, FOUND, elsewhere(1), elsewhere(2)] {
-            scan.on_beacon(found);
+            scan.on_beacon(found, &mut Jitter::new(1));
         }
         assert_eq!(scan.found().len(), 3);
         assert_eq!(scan.quietest(), Some(Channel::FIRST));

@@ -2,7 +2,10 @@
 
 use core::{fmt, time::Duration};
 
-use aes::{Aes128, cipher::KeyInit};
+use aes::{
+    Aes128,
+    cipher::{BlockCipherEncrypt, KeyInit},
+};
 
 use crate::Instant;
 
@@ -29,6 +32,15 @@ impl Key {
     /// Its index, 1 to 255.
     pub const fn index(&self) -> u8 {
         self.index
+    }
+
+    /// What tells this key from others without giving it away: the first three bytes of zeros
+    /// encrypted with it, the key check value of ISO 9797. No frame's cipher encrypts zeros.
+    pub fn check_value(&self) -> [u8; 3] {
+        let mut block = aes::Block::default();
+        Ready::new(*self).cipher.encrypt_block(&mut block);
+        let [a, b, c, ..] = <[u8; 16]>::from(block);
+        [a, b, c]
     }
 
     /// The secret, for the store and for handing on the next key.
@@ -200,5 +212,20 @@ impl fmt::Debug for Keyring {
 impl defmt::Format for Keyring {
     fn format(&self, f: defmt::Formatter<'_>) {
         defmt::write!(f, "active {}", self.active.key);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// FIPS 197, appendix C.1, has the key; the value is that of OpenSSL:
+    /// `openssl enc -aes-128-ecb -nopad -K 000102...0f`, of 16 zero bytes.
+    #[test]
+    fn a_key_is_known_by_its_check_value() {
+        let key = Key::new(1, core::array::from_fn(|i| i as u8)).unwrap();
+        assert_eq!(key.check_value(), [0xC6, 0xA1, 0x3B]);
+        let other = Key::new(2, core::array::from_fn(|i| i as u8)).unwrap();
+        assert_eq!(other.check_value(), key.check_value());
     }
 }

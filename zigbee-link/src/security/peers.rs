@@ -11,6 +11,10 @@ use crate::{
 /// retried, so that no retry is taken for a new message.
 pub const EVICT_AFTER: Duration = Duration::from_secs(60);
 
+/// A counter that is behind by more than this may be the true one of a peer, if that one proves it:
+/// nothing that a node sends is overtaken by so many of its frames.
+pub(crate) const STALE_AFTER: u32 = 1000;
+
 /// A sender whose frames are known to be fresh.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
@@ -93,6 +97,11 @@ impl<const N: usize> Peers<N> {
         };
         let is_full = self.0.is_full();
         if let Some(known) = self.by_extended_mut(extended) {
+            // A counter far behind: somebody with the key spoke in this peer's name, with a high one.
+            // What is behind by less may be an answer that was overtaken.
+            if known.counter.saturating_sub(counter) > STALE_AFTER {
+                *known = peer;
+            }
             known.counter = known.counter.max(counter);
             known.heard = now;
         } else if is_full {

@@ -260,6 +260,16 @@ impl Scene {
         Some((row.residual, redundancy))
     }
 
+    /// By how much a bearing that is wrong by its sigma moves a camera.
+    pub(crate) fn influence(
+        &self,
+        adjusted: &Adjusted,
+        sight: &Sight,
+        camera: usize,
+    ) -> Option<Vector3<f64>> {
+        adjusted.influence(&self.row(sight)?, sight.point, camera)
+    }
+
     /// How many bearings of a point count and have a camera.
     pub(crate) fn seen(&self, point: usize) -> usize {
         self.rows_of(point).count()
@@ -286,6 +296,24 @@ impl Adjusted {
             }
         }
         Some(own.inverse + own.inverse * sum * own.inverse)
+    }
+
+    /// The covariance of a camera with what a row foretells.
+    fn influence(&self, row: &Row, point: usize, camera: usize) -> Option<Vector3<f64>> {
+        let own = self.points[point].as_ref()?;
+        let direct = self.columns[row.camera].iter().zip(row.by_camera);
+        let direct = direct.filter_map(|(column, by)| Some(((*column)?, by)));
+        let by_point = own.with.iter().map(|(column, by)| {
+            let across = row.by_point.dot(&(own.inverse * by));
+            (*column, -across)
+        });
+        let row: Vec<(usize, f64)> = direct.chain(by_point).collect();
+        Some(Vector3::from_fn(|i, _| {
+            self.columns[camera][i].map_or(0.0, |i| {
+                let products = row.iter().map(|(j, by)| self.covariance.at(i, *j) * by);
+                products.sum()
+            })
+        }))
     }
 
     fn leverage(&self, row: &Row, point: usize) -> Option<f64> {

@@ -17,12 +17,13 @@ use calib_core::{Pose, Refusal, Status, angle};
 use nalgebra::{Matrix3, Point2, Vector3};
 
 use self::{
-    adjustment::Sight,
+    adjustment::{Adjusted, Scene, Sight},
     growth::{Solved, UNCHECKED, grow},
     three_views::{Common, LEAST},
 };
 use super::{
-    BearingResidual, Camera, Finding, NetworkError, NetworkSolution, ScaleFrom, Settings, Stop,
+    BearingResidual, Camera, Finding, NetworkError, NetworkSolution, Protection, ScaleFrom,
+    Settings, Stop,
 };
 use crate::record::{Estimate, sightings::Sightings};
 
@@ -39,6 +40,14 @@ const STARTS: usize = 8;
 const FOLLOWED: usize = 4;
 /// Larger sigmas, in baselines and radians, are no longer those of linear equations.
 const MOST_SIGMA: f64 = 0.1;
+
+/// Sigmas of a test that one good measurement in 100,000 fails, plus those by which a fault has to
+/// exceed them to be missed once in a thousand.
+const DETECTED: f64 = 4.42 + 3.09;
+/// Noise exceeds so many sigmas once in a thousand.
+const NOISE: f64 = 3.09;
+/// What is less checked than this counts as this much.
+const LEAST_REDUNDANCY: f64 = 1e-4;
 
 /// Everything that was measured, by number.
 struct Measured {
@@ -223,6 +232,27 @@ pub(super) fn solve(
     Ok(told)
 }
 
+/// How far a wrong bearing that no test notices moves a camera at most, without noise: as
+/// [`calib_core::joint`] says it.
+fn protection(scene: &Scene, adjusted: &Adjusted, camera: usize) -> Protection {
+    let counting = scene.sights.iter().filter(|sight| sight.counts);
+    let moves = counting.filter_map(|sight| {
+        let (_, redundancy) = scene.residual(adjusted, sight)?;
+        let by = scene.influence(adjusted, sight, camera)?;
+        Some(by * (DETECTED / redundancy.max(LEAST_REDUNDANCY).sqrt()))
+    });
+    moves.fold(
+        Protection {
+            position: 0.0,
+            heading_deg: 0.0,
+        },
+        |most, by| Protection {
+            position: most.position.max(by.xy().norm()),
+            heading_deg: most.heading_deg.max(by.z.abs().to_degrees()),
+        },
+    )
+}
+
 fn empty(
     sightings: &Sightings,
     measured: &Measured,
@@ -246,6 +276,7 @@ fn empty(
         carrier: None,
         findings: Vec::new(),
         bearings: Vec::new(),
+        ranges: Vec::new(),
         legs: Vec::new(),
         leg_factor: None,
         chi_squared: None,
@@ -292,6 +323,10 @@ fn told(
     for (n, camera) in scene.cameras.iter().enumerate() {
         let own = || scene.sights.iter().filter(|sight| sight.camera == n);
         let reference = scene.frame.contains(&n);
+        let redundancies = own().filter(|sight| sight.counts);
+        let redundancies =
+            redundancies.filter_map(|sight| Some(scene.residual(adjusted, sight)?.1));
+        let least = redundancies.reduce(f64::min);
         let mut one = Camera {
             camera: measured.cameras[n],
             reference,
@@ -299,6 +334,9 @@ fn told(
             reason: None,
             estimate: None,
             protection: None,
+            redundancy: least,
+            checked: least.is_some_and(|least| least >= UNCHECKED),
+            lens: None,
             bearings: own().count(),
             used: own()
                 .filter(|s| s.counts && scene.is_in_front(s).is_some())
@@ -311,6 +349,13 @@ fn told(
                 covariance: stretch * adjusted.camera(n) * stretch,
             };
             one.estimate = Estimate::new(&pose);
+            one.protection = (!reference).then(|| {
+                let level = protection(scene, adjusted, n);
+                Protection {
+                    position: level.position * unit + NOISE * pose.sigma_position(),
+                    heading_deg: level.heading_deg + NOISE * pose.sigma_heading().to_degrees(),
+                }
+            });
             let most = settings.max_sigma.unwrap_or(MOST_SIGMA * unit);
             let is_weak =
                 !reference && pose.sigma_position() > most || pose.sigma_heading() > MOST_SIGMA;

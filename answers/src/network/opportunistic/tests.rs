@@ -146,6 +146,52 @@ fn cameras_that_see_a_target_together_calibrate_each_other() {
     );
 }
 
+/// One bearing is off by as much as no test notices just so: nobody moves by more than was foretold.
+/// With nothing beyond the unknowns nobody is checked, and no level is worth the name.
+#[test]
+fn a_wrong_bearing_moves_a_camera_within_its_protection_level() {
+    let (mut beyond, mut poses, mut moved) = (0, 0, 0.0_f64);
+    for seed in 0..20 {
+        let mut rng = generator(seed);
+        let room = Room::random(&mut rng, 6, 12);
+        let references = References {
+            cameras: [1, 3],
+            baseline: Some(room.baseline([1, 3])),
+        };
+        let mut bearings = room.seen(&mut rng);
+        let before = solved(bearings.clone(), Some(references));
+        let wrong = rng.random_range(0..bearings.len());
+        bearings[wrong].bearing_deg += 4.0 * SIGMA.to_degrees();
+        let after = solved(bearings, Some(references));
+        if !(before.is_good() && after.is_good()) {
+            continue;
+        }
+        for camera in before.cameras.iter().filter(|camera| !camera.reference) {
+            let (Some(level), Some(estimate)) = (camera.protection, camera.estimate) else {
+                continue;
+            };
+            assert!(level.position > 3.0 * estimate.pose().sigma_position());
+            let told = after.cameras.iter().find(|c| c.camera == camera.camera);
+            let Some(now) = told.and_then(|told| told.estimate) else {
+                continue;
+            };
+            let truth = room.truth([1, 3], camera.camera, 1.0);
+            let off = (now.x - truth.x).hypot(now.y - truth.y);
+            beyond += usize::from(off > level.position);
+            moved = moved.max((now.x - estimate.x).hypot(now.y - estimate.y) / level.position);
+            poses += 1;
+            assert_eq!(camera.checked, camera.redundancy.unwrap() >= 0.02);
+        }
+    }
+    assert!(poses > 60 && beyond == 0, "{beyond} of {poses}");
+    // The level is of the size of what one bearing does.
+    assert!((0.1..1.0).contains(&moved), "{moved}");
+    let mut rng = generator(3);
+    let least = Room::random(&mut rng, 3, 5);
+    let solution = solved(least.seen(&mut rng), None);
+    assert!(solution.cameras.iter().all(|camera| !camera.checked));
+}
+
 /// Three views have two solutions: whoever says that there is one must be right.
 #[test]
 fn three_cameras_are_right_or_ambiguous() {

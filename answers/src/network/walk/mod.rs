@@ -7,16 +7,16 @@
 use calib_core::{
     Limits, Ray, Refusal, angle,
     intersection::{self, StationBearing},
-    joint::{JointError, JointSettings, Leg, Prior},
+    joint::{JointError, JointSettings, Leg, Lens, Prior, Quantity},
 };
 use nalgebra::{Matrix2, Point2, Vector2};
 
 use super::{
     NetworkError, NetworkSolution, Settings,
-    estimator::{self, Depth, Failure, Input, MOST, Output, Seen},
+    estimator::{self, Depth, Failure, Input, MOST, Output, Seen, Visit},
     usual_carrier,
 };
-use crate::record::sightings::Sightings;
+use crate::record::sightings::{Carrier, Sightings};
 
 mod scale;
 mod told;
@@ -29,6 +29,8 @@ const EXACT: f64 = 1e-5;
 const LEAST_LEG: f64 = 1e-5;
 /// Sigma of a displacement that weighs nothing, in baselines.
 const WEIGHTLESS: f64 = 1e4;
+/// Focal lengths as if nobody had looked at the lens, one sigma.
+const ANY_LENS: f64 = 0.3;
 /// Cameras take part up to these sigmas: of position, in baselines, and of heading, radians.
 const LIMITS: [f64; 2] = [0.3, 0.5];
 
@@ -40,7 +42,10 @@ pub(super) struct Walk<'a> {
     /// Numbers of the stops, in their order.
     stops: Vec<u32>,
     legs: Vec<Option<Leg<f64>>>,
+    /// Ranges among them.
     bearings: Vec<Seen>,
+    visits: Vec<Visit>,
+    marks: usize,
 }
 
 /// The part of a walk that is solved.
@@ -75,8 +80,22 @@ impl<'a> Walk<'a> {
                 .iter()
                 .filter(move |seen| seen.target == target)
         };
+        let own_ranges = || {
+            sightings
+                .ranges
+                .iter()
+                .filter(move |far| far.target == target)
+        };
+        let own_visits = || {
+            sightings
+                .visits
+                .iter()
+                .filter(move |on| on.target == target)
+        };
         let mut stops: Vec<u32> = own_legs().map(|leg| leg.stop).collect();
         stops.extend(own_seen().map(|seen| seen.stop));
+        stops.extend(own_ranges().map(|far| far.stop));
+        stops.extend(own_visits().map(|on| on.stop));
         stops.sort_unstable();
         stops.dedup();
         let legs = stops.iter().enumerate().map(|(n, stop)| {
@@ -89,16 +108,38 @@ impl<'a> Walk<'a> {
         });
         let legs = legs.collect();
         let number = |all: &[u32], one: u32| all.iter().position(|stop| *stop == one);
+        let camera = |one: u16| cameras.iter().position(|camera| *camera == one);
         let bearings = own_seen().filter_map(|seen| {
             Some(Seen {
                 stop: number(&stops, seen.stop)?,
-                camera: cameras.iter().position(|camera| *camera == seen.camera)?,
-                bearing: seen.bearing_deg.to_radians(),
+                camera: camera(seen.camera)?,
+                quantity: Quantity::Bearing,
+                value: seen.bearing_deg.to_radians(),
                 sigma: seen.sigma_deg.to_radians(),
             })
         });
-        let mut bearings: Vec<_> = bearings.collect();
+        let ranges = own_ranges().filter_map(|far| {
+            Some(Seen {
+                stop: number(&stops, far.stop)?,
+                camera: camera(far.camera)?,
+                quantity: Quantity::Range,
+                value: far.range,
+                sigma: far.sigma,
+            })
+        });
+        let mut bearings: Vec<_> = bearings.chain(ranges).collect();
         bearings.sort_by_key(|seen| (seen.stop, seen.camera));
+        let mut marks: Vec<u32> = own_visits().map(|on| on.mark).collect();
+        marks.sort_unstable();
+        marks.dedup();
+        let visits = own_visits().filter_map(|on| {
+            Some(Visit {
+                stop: number(&stops, on.stop)?,
+                mark: number(&marks, on.mark)?,
+                sigma: on.sigma,
+            })
+        });
+        let visits = visits.collect();
         Self {
             sightings,
             target,
@@ -106,6 +147,8 @@ impl<'a> Walk<'a> {
             stops,
             legs,
             bearings,
+            visits,
+            marks: marks.len(),
         }
     }
 
@@ -116,7 +159,8 @@ impl<'a> Walk<'a> {
             None => self.solve_unknown_baseline(settings.fit_legs),
         };
         match solved {
-            Ok((part, output, baseline)) => {
+            Ok((part, mut output, baseline)) => {
+                self.find_other_lenses(&part, &mut output);
                 Ok(self.told(settings, &part, &output, known.is_some(), baseline))
             }
             Err(Failure::TooMany) => Err(NetworkError::TooMany {
@@ -129,11 +173,42 @@ impl<'a> Walk<'a> {
         }
     }
 
-    /// A carrier's sigmas of scale and of its compass, radians.
-    fn carrier_sigmas(&self) -> [f64; 2] {
+    /// A lens that is far from what was given makes bearings contradict each other, and what is left of
+    /// them may tell nothing of it. So where something contradicts, all is asked once more as if little
+    /// were known of lenses.
+    fn find_other_lenses(&self, part: &Part, output: &mut Output) {
+        let Some(prior) = part.input.settings.lens else {
+            return;
+        };
+        if output.findings.is_empty() && !output.fit.is_bad() {
+            return;
+        }
+        let mut input = part.input.clone();
+        input.settings.lens = Some(prior.max(ANY_LENS));
+        let depth = Depth::Checked { fit_legs: false };
+        let Ok(wide) = estimator::solve(&input, depth) else {
+            return;
+        };
+        for (own, wide) in output.lenses.iter_mut().zip(&wide.lenses) {
+            if let Some(lens) = wide {
+                let off = (lens.scale - 1.0) / lens.sigma.hypot(prior);
+                let found = Lens { off, ..*lens };
+                if found.is_wrong() {
+                    *own = Some(found);
+                }
+            }
+        }
+    }
+
+    fn carrier(&self) -> Carrier {
         let mut carriers = self.sightings.carriers.iter();
         let known = carriers.find(|carrier| carrier.target == self.target);
-        let carrier = known.copied().unwrap_or_else(|| usual_carrier(self.target));
+        known.copied().unwrap_or_else(|| usual_carrier(self.target))
+    }
+
+    /// A carrier's sigmas of scale and of its compass, radians.
+    fn carrier_sigmas(&self) -> [f64; 2] {
+        let carrier = self.carrier();
         [
             carrier.systematic_scale.max(EXACT),
             carrier.systematic_heading_deg.to_radians().max(EXACT),
@@ -155,9 +230,8 @@ impl<'a> Walk<'a> {
                 mean: -angle::wrap_signed(heading.unwrap_or_default().to_radians()),
                 sigma: heading.map_or(VAGUE[1], |_| compass_sigma),
             },
-            // The legs' covariances have it.
-            standing: 0.0,
-            lens: None,
+            standing: self.carrier().standing_sigma,
+            lens: self.sightings.lens.map(|lens| lens.sigma),
             limits: Limits {
                 position: position * baseline,
                 heading: heading_limit,
@@ -218,7 +292,7 @@ impl<'a> Walk<'a> {
             }
         }
         let (mut part, mut output) = solved.ok_or(failure)?;
-        while self.locate(&mut pieces, &output) {
+        while self.locate(&mut pieces, &part, &output) {
             let next = self.part(&pieces, baseline, settings, Some(&output));
             let Ok(better) = estimator::solve(&next.input, depth) else {
                 break;
@@ -230,9 +304,17 @@ impl<'a> Walk<'a> {
         Ok((part, output, [baseline, 0.0]))
     }
 
-    /// Finds out where pieces are of which two cameras with a pose see a stop. Whether there are new
-    /// ones.
-    fn locate(&self, pieces: &mut [Piece], known: &Output) -> bool {
+    /// Finds out where pieces are of which two cameras with a pose see a stop, or that come to a mark
+    /// of which the place is known. Whether there are new ones.
+    fn locate(&self, pieces: &mut [Piece], part: &Part, known: &Output) -> bool {
+        // Where a stop stood on the same mark as one that is solved.
+        let on_mark = |stop: usize| {
+            let mark = self.visits.iter().find(|on| on.stop == stop)?.mark;
+            let others = self.visits.iter().filter(|on| on.mark == mark);
+            others
+                .filter_map(|on| part.stops.binary_search(&on.stop).ok())
+                .find_map(|n| known.places[n].as_ref().map(|place| place.position))
+        };
         let mut found = false;
         for piece in pieces.iter_mut().filter(|piece| piece.place.is_none()) {
             let mut since = Vector2::zeros();
@@ -240,13 +322,21 @@ impl<'a> Walk<'a> {
                 if let Some(leg) = self.legs[stop].filter(|_| stop > piece.stops.start) {
                     since += true_way(leg.displacement, known);
                 }
-                let stations = self.bearings.iter().filter(|seen| seen.stop == stop);
+                if let Some(place) = on_mark(stop) {
+                    piece.place = Some(place - since);
+                    found = true;
+                    break;
+                }
+                let is_bearing = |seen: &&Seen| seen.quantity == Quantity::Bearing;
+                let own = self.bearings.iter().filter(|seen| seen.stop == stop);
+                let stations = own.filter(is_bearing);
                 let stations: Vec<_> = stations
                     .filter_map(|seen| {
                         Some(StationBearing {
                             pose: known.poses[seen.camera]?,
-                            ray: Ray::from_bearing(seen.bearing),
+                            ray: Ray::from_bearing(seen.value),
                             bearing_sigma: seen.sigma,
+                            range: None,
                         })
                     })
                     .collect();
@@ -273,10 +363,12 @@ impl<'a> Walk<'a> {
         let mut part = Part {
             input: Input {
                 cameras: self.cameras.len(),
+                marks: self.marks,
                 baseline,
                 settings,
                 legs: Vec::new(),
                 bearings: Vec::new(),
+                visits: Vec::new(),
             },
             stops: Vec::new(),
             bearings: Vec::new(),
@@ -318,6 +410,11 @@ impl<'a> Walk<'a> {
                 part.bearings.push(n);
             }
         }
+        let visits = self.visits.iter().filter_map(|on| {
+            let stop = part.stops.binary_search(&on.stop).ok()?;
+            Some(Visit { stop, ..*on })
+        });
+        part.input.visits = visits.collect();
         part
     }
 }

@@ -2,14 +2,16 @@
 
 use calib_core::{
     Ray, Refusal, Sighting, Status, angle,
-    joint::{Finding as Found, JointError, Standing},
+    joint::{Finding as Found, JointError, Quantity, Standing},
     resection,
 };
 
 use super::{Part, Walk};
 use crate::network::{
-    BearingResidual, Camera, Carrier, Finding, LegResidual, NetworkSolution, Protection, ScaleFrom,
-    Settings, Stop, estimator::Output, standing,
+    BearingResidual, Camera, Carrier, Finding, LegResidual, LensEstimate, NetworkSolution,
+    Protection, RangeResidual, ScaleFrom, Settings, Stop, UNCHECKED,
+    estimator::{Output, Seen},
+    standing,
 };
 use crate::record::Estimate;
 
@@ -42,14 +44,18 @@ impl Walk<'_> {
         let number = |stop: usize| number(stop).copied().unwrap_or_default();
         solution.findings = { output.findings.iter() }
             .map(|finding| match *finding {
-                Found::Bearing { stop, camera, off } | Found::Range { stop, camera, off } => {
-                    Finding::Bearing {
-                        target: self.target,
-                        stop: number(stop),
-                        camera: self.cameras[camera],
-                        off,
-                    }
-                }
+                Found::Bearing { stop, camera, off } => Finding::Bearing {
+                    target: self.target,
+                    stop: number(stop),
+                    camera: self.cameras[camera],
+                    off,
+                },
+                Found::Range { stop, camera, off } => Finding::Range {
+                    target: self.target,
+                    stop: number(stop),
+                    camera: self.cameras[camera],
+                    off,
+                },
                 Found::Leg { stop, chi_squared } => Finding::Leg {
                     target: self.target,
                     stop: number(stop),
@@ -91,12 +97,27 @@ impl Walk<'_> {
             compass_deg: angle::wrap_signed(output.carrier.compass).to_degrees(),
             sigma_compass_deg: output.carrier.sigma_compass().to_degrees(),
         });
-        solution.bearings = { output.bearings.iter().flatten() }
+        let of = |quantity: Quantity| {
+            let left = output.bearings.iter().flatten();
+            left.filter(move |left| left.quantity == quantity)
+        };
+        solution.bearings = of(Quantity::Bearing)
             .map(|left| BearingResidual {
                 target: self.target,
                 stop: number(left.stop),
                 camera: self.cameras[left.camera],
                 residual_deg: left.residual.to_degrees(),
+                redundancy: left.redundancy,
+                normalised: left.normalised,
+                standing: standing(left.standing),
+            })
+            .collect();
+        solution.ranges = of(Quantity::Range)
+            .map(|left| RangeResidual {
+                target: self.target,
+                stop: number(left.stop),
+                camera: self.cameras[left.camera],
+                residual: left.residual,
                 redundancy: left.redundancy,
                 normalised: left.normalised,
                 standing: standing(left.standing),
@@ -131,9 +152,17 @@ impl Walk<'_> {
         is_bad: bool,
     ) -> Camera {
         let reference = camera < 2;
-        let own = || self.bearings.iter().filter(|seen| seen.camera == camera);
-        let left = output.bearings.iter().flatten();
-        let used = left.filter(|left| left.camera == camera && left.standing == Standing::Counts);
+        let is_bearing = |seen: &&Seen| seen.quantity == Quantity::Bearing;
+        let own = || { self.bearings.iter() }.filter(|seen| seen.camera == camera);
+        let own = || own().filter(is_bearing);
+        let used = output.bearings.iter().flatten().filter(|left| {
+            left.camera == camera
+                && left.standing == Standing::Counts
+                && left.quantity == Quantity::Bearing
+        });
+        let least = { used.clone() }
+            .map(|left| left.redundancy)
+            .reduce(f64::min);
         let mut told = Camera {
             camera: self.cameras[camera],
             reference,
@@ -141,9 +170,15 @@ impl Walk<'_> {
             reason: None,
             estimate: None,
             protection: None,
+            redundancy: None,
+            checked: false,
+            lens: None,
             bearings: own().count(),
             used: used.count(),
         };
+        let given = self.sightings.lens.and_then(|lens| lens.fov_deg);
+        told.lens = output.lenses[camera].map(|lens| LensEstimate::new(&lens, given));
+        let is_other = told.lens.is_some_and(|lens| lens.wrong);
         let is_off = |finding: &Found<f64>| matches!(finding, Found::Camera { camera: off, .. } if *off == camera);
         let contradicts = is_bad || output.findings.iter().any(is_off);
         if let Some(pose) = output.poses[camera] {
@@ -152,9 +187,11 @@ impl Walk<'_> {
                 position: levels.position_bearing.max(levels.position_leg),
                 heading_deg: levels.heading_bearing.max(levels.heading_leg).to_degrees(),
             });
+            told.redundancy = least;
+            told.checked = least.is_some_and(|least| least >= UNCHECKED);
             let is_weak = { settings.max_sigma }
                 .is_some_and(|most| !reference && pose.sigma_position() > most);
-            (told.status, told.reason) = if contradicts {
+            (told.status, told.reason) = if contradicts || is_other {
                 (Status::Doubtful, Some(NetworkSolution::CONTRADICTORY))
             } else if is_weak {
                 (Status::Weak, None)
@@ -168,7 +205,7 @@ impl Walk<'_> {
             .filter_map(|seen| {
                 let stop = part.stops.binary_search(&seen.stop).ok()?;
                 let place = output.places[stop].as_ref()?;
-                let ray = Ray::from_bearing(seen.bearing);
+                let ray = Ray::from_bearing(seen.value);
                 let mut sighting = Sighting::new(place.position, ray, seen.sigma);
                 sighting.target_covariance = place.covariance;
                 Some(sighting)
@@ -216,6 +253,7 @@ impl Walk<'_> {
             carrier: None,
             findings: Vec::new(),
             bearings: Vec::new(),
+            ranges: Vec::new(),
             legs: Vec::new(),
             leg_factor: None,
             chi_squared: None,

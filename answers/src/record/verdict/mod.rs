@@ -11,7 +11,7 @@ use std::collections::{BTreeMap, BTreeSet};
 use calib_core::{Refusal, Status};
 
 use super::{
-    Node, Role, RunRecord,
+    Node, NodeLens, Protection, Role, RunRecord, checks,
     next_stop::{self, Wish},
 };
 
@@ -21,7 +21,7 @@ mod words;
 
 pub use causes::deceives;
 pub use in_view::InView;
-pub use words::status_words;
+pub use words::{check_words, status_words};
 
 /// A sighting this many sigmas off its camera's pose is worth a look.
 const WILD: f64 = 5.0;
@@ -33,6 +33,12 @@ pub struct Verdict {
     pub expected: usize,
     /// How many of them have the status `calibrated`.
     pub calibrated: usize,
+    /// How many of these are [checkable](Node::is_checkable), and of these [checked](Node::is_checked).
+    pub checkable: usize,
+    /// See `checkable`.
+    pub checked: usize,
+    /// The largest protection levels of those that are checked.
+    pub protection: Option<Protection>,
     /// Whether true errors are known and are not what the sigmas foretell: one is beyond five of
     /// them, or all together are too large. Whoever relies on such poses is deceived.
     pub deceives: bool,
@@ -91,7 +97,11 @@ pub enum Trouble {
         sigma_position: f64,
         /// What it is because of, where a rehearsal tells.
         cause: Option<Cause>,
+        /// How many of how many sightings agree with all that was measured, where some do not.
+        agreeing: Option<[usize; 2]>,
     },
+    /// Its sightings contradict the configured lens, and fit this one.
+    OtherLens(NodeLens),
     /// Its predicted sigmas are above the limits.
     Weak {
         /// Of the position.
@@ -106,9 +116,37 @@ pub enum Trouble {
         /// How far.
         sigmas: f64,
     },
+    /// It is calibrated, but one wrong measurement that nobody noticed could do more than is
+    /// [tolerated](super::Limits::tolerate).
+    Unchecked {
+        /// How much; `None` if no target has said that yet.
+        protection: Option<Protection>,
+        /// Which measurement could do most, where that is known.
+        weakness: Option<Weakness>,
+    },
     /// Its pose is this many predicted sigmas off the truth: beyond five, as chance allows in one of
     /// two million poses.
     Deceives(f64),
+}
+
+/// What could be wrong without anybody's noticing.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub enum Weakness {
+    /// A sighting of a camera, which has too few.
+    Sightings {
+        /// Which camera.
+        camera: u16,
+    },
+    /// The way that a target measured from one stop to another: nothing else says how far apart these
+    /// are.
+    Leg {
+        /// Which target.
+        target: u16,
+        /// The stop from which it leads.
+        from: u32,
+        /// The stop to which it leads.
+        to: u32,
+    },
 }
 
 /// Why sightings of one camera contradict each other.
@@ -133,6 +171,8 @@ pub enum Common {
     Carrier(u16, f64),
     /// Residuals are this many times larger than foretold, for whatever reason.
     Misfit(f64),
+    /// No pose of this network is checked: no target estimated its cameras together.
+    Unchecked(u16),
     /// True errors are this many times larger than foretold.
     Overconfident(f64),
     /// True errors are this many times smaller than foretold. Nobody is deceived by that.
@@ -161,6 +201,8 @@ pub struct NextStop {
     pub x: f64,
     /// Place.
     pub y: f64,
+    /// The stop that was there before, if one was.
+    pub again: Option<u32>,
     /// The cameras that want to see it there.
     pub seen_by: Vec<u16>,
 }
@@ -170,10 +212,19 @@ impl Verdict {
     pub fn of(record: &RunRecord) -> Self {
         let networks = Networks::of(record);
         let mut by_camera = BTreeMap::<u16, Vec<Trouble>>::new();
+        let mut common = causes::common(record);
+        let mut to_check = Vec::new();
+        for network in record.networks.iter().map(|network| network.network) {
+            let (troubles, stops) = unchecked(record, network, &mut common);
+            to_check.extend(stops);
+            for (camera, trouble) in troubles {
+                by_camera.entry(camera).or_default().push(trouble);
+            }
+        }
         for camera in record.cameras().filter(|camera| camera.expected) {
             let troubles = troubles(record, &networks, camera);
             if !troubles.is_empty() {
-                by_camera.insert(camera.id, troubles);
+                by_camera.entry(camera.id).or_default().extend(troubles);
             }
         }
         let mut wishes = BTreeMap::<u16, Vec<Wish<'_>>>::new();
@@ -183,10 +234,12 @@ impl Verdict {
                 wishes.entry(camera.network).or_default().push(wish);
             }
         }
-        let next_stops = wishes
+        let mut next_stops: Vec<NextStop> = wishes
             .iter()
             .flat_map(|(network, wishes)| next_stop::propose(record, *network, wishes))
+            .chain(to_check)
             .collect();
+        next_stops.sort_by_key(|stop| stop.network);
         let findings: Vec<_> = by_camera
             .into_iter()
             .flat_map(|(camera, troubles)| {
@@ -194,12 +247,17 @@ impl Verdict {
                 troubles.into_iter().map(finding)
             })
             .collect();
-        let common = causes::common(record);
+        let checkable = || record.cameras().filter(|camera| camera.is_checkable());
+        let checked = || checkable().filter(|camera| camera.is_checked(&record.limits));
+        let levels = checked().filter_map(|camera| camera.protection);
         let others = || record.nodes.iter().filter(|node| !node.is_camera());
         let is_target = |node: &&Node| node.role == Role::Target;
         Self {
             expected: record.summary.expected,
             calibrated: record.summary.calibrated,
+            checkable: checkable().count(),
+            checked: checked().count(),
+            protection: levels.reduce(Protection::or),
             deceives: findings
                 .iter()
                 .any(|f| matches!(f.trouble, Trouble::Deceives(_)))
@@ -227,6 +285,11 @@ impl Verdict {
         self.calibrated == self.expected
     }
 
+    /// Whether every pose that is estimated is checked too.
+    pub fn is_checked(&self) -> bool {
+        self.checked == self.checkable
+    }
+
     /// Whether every camera that should be calibrated is, and no true error is known that the sigmas
     /// do not foretell.
     pub fn is_good(&self) -> bool {
@@ -239,6 +302,34 @@ impl Verdict {
     }
 }
 
+/// Of the poses of a network that nobody checked: why, and where to stop next.
+fn unchecked(
+    record: &RunRecord,
+    network: u16,
+    common: &mut Vec<Common>,
+) -> (Vec<(u16, Trouble)>, Vec<NextStop>) {
+    let own = || record.cameras().filter(|camera| camera.network == network);
+    let unchecked: Vec<&Node> = own()
+        .filter(|camera| camera.is_checkable() && !camera.is_checked(&record.limits))
+        .collect();
+    if unchecked.is_empty() {
+        return Default::default();
+    }
+    if own().all(|camera| camera.protection.is_none()) {
+        common.push(Common::Unchecked(network));
+        return Default::default();
+    }
+    let checks = checks::of(record, network, &unchecked);
+    let troubles = unchecked.iter().map(|camera| {
+        let trouble = Trouble::Unchecked {
+            protection: camera.protection,
+            weakness: checks.weaknesses.get(&camera.id).copied(),
+        };
+        (camera.id, trouble)
+    });
+    (troubles.collect(), checks.stops)
+}
+
 /// What is the matter with a camera that should be calibrated.
 fn troubles(record: &RunRecord, networks: &Networks, camera: &Node) -> Vec<Trouble> {
     let mut troubles = Vec::new();
@@ -248,10 +339,16 @@ fn troubles(record: &RunRecord, networks: &Networks, camera: &Node) -> Vec<Troub
     };
     let sigma_position = estimate.sigma_position();
     match camera.status {
+        Some(Status::Doubtful) if let Some(lens) = camera.lens => {
+            troubles.push(Trouble::OtherLens(lens));
+        }
         Some(Status::Doubtful) => troubles.push(Trouble::Doubtful {
             ratio: camera.fit().ratio(),
             sigma_position,
             cause: causes::of_doubt(record, camera),
+            agreeing: { camera.protection }
+                .filter(|_| camera.used < camera.sightings)
+                .map(|_| [camera.used, camera.sightings]),
         }),
         Some(Status::Weak) => troubles.push(Trouble::Weak {
             sigma_position,

@@ -1,10 +1,12 @@
 //! The verdict in sentences.
 
-use std::fmt;
+use std::{collections::BTreeMap, fmt};
 
-use calib_core::{Refusal, Status};
+use calib_core::{Refusal, Status, camera::Projection};
 
-use super::{Cause, Common, Failing, Finding, InView, Role, Trouble, Verdict};
+use super::{
+    Cause, Common, Failing, Finding, InView, NextStop, Protection, Role, Trouble, Verdict, Weakness,
+};
 
 /// What to look at, in a rehearsal and of a real node.
 const NEVER_JOINED: [&str; 2] = [
@@ -98,9 +100,19 @@ impl Finding {
             ),
             Trouble::NoPose => f.write_str("not calibrated: its pose did not arrive"),
             Trouble::Doubtful {
+                agreeing: Some([agreeing, all]),
+                ..
+            } => write!(
+                f,
+                "not calibrated: doubtful, it may have been moved, or is stuck: only {agreeing} of its \
+                 {all} sightings agree with what everybody else saw. Look at it; then stop the target \
+                 four times more in its view"
+            ),
+            Trouble::Doubtful {
                 ratio,
                 sigma_position,
                 cause,
+                agreeing: None,
             } => {
                 f.write_str("not calibrated: doubtful, its sightings contradict each other")?;
                 if let Some(ratio) = ratio {
@@ -118,6 +130,19 @@ impl Finding {
                 };
                 write!(f, ", predicted sigma {sigma_position:.3} {unit}: {advice}")
             }
+            Trouble::OtherLens(lens) => {
+                let projection = match lens.projection {
+                    Projection::PinHole => "a pin-hole",
+                    Projection::EqualAngle => "equal angles",
+                };
+                write!(
+                    f,
+                    "not calibrated: doubtful, its sightings do not fit the configured lens: {projection} \
+                     of {:.1} deg does; correct `field_of_view_deg` or `projection` if that is its lens, and \
+                     look at its lens if not",
+                    lens.fov_deg
+                )
+            }
             Trouble::Weak {
                 sigma_position,
                 sigma_heading_deg,
@@ -129,6 +154,8 @@ impl Finding {
             Trouble::Wild { stop, sigmas } => {
                 write!(f, "its sighting at stop {stop} is {sigmas:.0} sigmas off")
             }
+            // Told together.
+            Trouble::Unchecked { .. } => Ok(()),
             Trouble::Deceives(sigmas) => write!(
                 f,
                 "its pose is {sigmas:.1} predicted sigmas off the truth: whoever relies on it is \
@@ -138,7 +165,110 @@ impl Finding {
     }
 }
 
+/// Whether a pose is checked, in words: what one wrong measurement could do to it.
+pub fn check_words(level: Option<&Protection>, is_tolerated: bool, unit: &str) -> String {
+    match level {
+        Some(level) => {
+            let Protection {
+                position,
+                heading_deg,
+            } = level;
+            let not = if is_tolerated { "" } else { "not " };
+            format!(
+                "{not}checked: one wrong measurement that nobody noticed could move it by \
+                 {position:.2} {unit} and turn it by {heading_deg:.1} deg"
+            )
+        }
+        None => "not checked: no target has estimated it together with the others".to_owned(),
+    }
+}
+
+/// What to do about a weakness of this camera's pose, or of several.
+struct Remedy(Option<Weakness>, Option<u16>);
+
+impl fmt::Display for Remedy {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match *self {
+            Self(Some(Weakness::Leg { from, to, .. }), _) => {
+                write!(f, "walk back across the leg from stop {from} to stop {to}")
+            }
+            Self(Some(Weakness::Sightings { camera }), of) if of != Some(camera) => {
+                write!(f, "stop again before camera {camera}")
+            }
+            Self(_, Some(_)) => f.write_str("stop again before it"),
+            Self(_, None) => f.write_str("stop again before each of them"),
+        }
+    }
+}
+
 impl Verdict {
+    /// What is not checked, told together where one stop helps several.
+    fn write_unchecked(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let mut by_weakness = BTreeMap::<_, Vec<(u16, Option<Protection>)>>::new();
+        for Finding { camera, trouble } in &self.findings {
+            if let Trouble::Unchecked {
+                protection,
+                weakness,
+            } = trouble
+            {
+                // One's own sightings are its own affair.
+                let own = match weakness {
+                    Some(Weakness::Leg { .. }) => None,
+                    _ => Some(*camera),
+                };
+                let of_it = by_weakness.entry((*weakness, own)).or_default();
+                of_it.push((*camera, *protection));
+            }
+        }
+        for ((weakness, _), unchecked) in by_weakness {
+            let ids: Vec<u16> = unchecked.iter().map(|(id, _)| *id).collect();
+            let levels = unchecked.iter().filter_map(|(_, level)| *level);
+            let worst = levels.reduce(Protection::or);
+            let only = <[u16; 1]>::try_from(ids.as_slice());
+            let each = if only.is_ok() { "" } else { "each is " };
+            writeln!(
+                f,
+                "  {}: {each}{}: {}",
+                cameras(&ids),
+                check_words(worst.as_ref(), false, &self.unit),
+                Remedy(weakness, only.ok().map(|[id]| id)),
+            )?;
+        }
+        Ok(())
+    }
+
+    fn write_next(&self, f: &mut fmt::Formatter<'_>, stop: &NextStop, first: bool) -> fmt::Result {
+        let lead = if first { "Next" } else { "Then" };
+        match (self.has_networks, first) {
+            (true, _) => write!(f, "{lead} in network {}: ", stop.network)?,
+            (false, true) => write!(f, "{lead}: ")?,
+            (false, false) => write!(f, "{lead} ")?,
+        }
+        match stop.again {
+            Some(again) => write!(f, "walk back to stop {again}, about ")?,
+            None => f.write_str("stop the target about ")?,
+        }
+        let seen_by = cameras(&stop.seen_by);
+        writeln!(f, "({:.1}, {:.1}), in view of {seen_by}", stop.x, stop.y)
+    }
+
+    /// What checked poses are worth.
+    fn write_protection(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Some(Protection {
+            position,
+            heading_deg,
+        }) = self.protection
+        else {
+            return Ok(());
+        };
+        writeln!(
+            f,
+            "  Checked: one wrong measurement that nobody noticed moves such a pose by {position:.2} {} \
+             and turns it by {heading_deg:.1} deg at most.",
+            self.unit
+        )
+    }
+
     fn write_common(&self, f: &mut fmt::Formatter<'_>, common: Common) -> fmt::Result {
         match common {
             Common::Lens(ratio) => writeln!(
@@ -163,6 +293,17 @@ impl Verdict {
                 "  The residuals are {ratio:.1} times larger than foretold: check projection and \
                  field of view of the cameras first, then the carrier's step length and compass."
             ),
+            Common::Unchecked(network) => {
+                f.write_str("  No pose is checked")?;
+                if self.has_networks {
+                    write!(f, " in network {network}")?;
+                }
+                writeln!(
+                    f,
+                    ": no target has estimated the cameras together. It does once the distance of the \
+                     references is known and both of them have seen it."
+                )
+            }
             Common::Overconfident(ratio) => writeln!(
                 f,
                 "  The true errors are {ratio:.1} times larger than foretold: whoever relies on \
@@ -187,19 +328,30 @@ impl fmt::Display for Verdict {
         } = self;
         let never_joined = NEVER_JOINED[usize::from(!self.is_rehearsal)];
         write!(f, "{calibrated} of {expected} cameras are calibrated")?;
+        if self.checkable > 0 {
+            write!(
+                f,
+                ", {} of {} poses are checked",
+                self.checked, self.checkable
+            )?;
+        }
         let nothing = self.findings.is_empty() && self.common.is_empty();
         let others = self.absent.len() + self.silent.len() + self.failing.len();
         if nothing && others == 0 {
-            return writeln!(f, "; nothing is left to do.");
+            writeln!(f, "; nothing is left to do.")?;
+            return self.write_protection(f);
         }
         writeln!(f, ".")?;
+        self.write_protection(f)?;
         for common in &self.common {
             self.write_common(f, *common)?;
         }
-        for finding in &self.findings {
+        let told = |finding: &&Finding| !matches!(finding.trouble, Trouble::Unchecked { .. });
+        for finding in self.findings.iter().filter(told) {
             finding.write(f, unit, never_joined)?;
             writeln!(f)?;
         }
+        self.write_unchecked(f)?;
         for target in &self.absent {
             writeln!(f, "  target {target}: {never_joined}")?;
         }
@@ -212,19 +364,7 @@ impl fmt::Display for Verdict {
         let mut before = None;
         for stop in &self.next_stops {
             let first = before.replace(stop.network) != Some(stop.network);
-            let lead = if first { "Next" } else { "Then" };
-            match (self.has_networks, first) {
-                (true, _) => write!(f, "{lead} in network {}: stop", stop.network)?,
-                (false, true) => write!(f, "{lead}: stop")?,
-                (false, false) => write!(f, "{lead} stop")?,
-            }
-            writeln!(
-                f,
-                " the target about ({:.1}, {:.1}), in view of {}",
-                stop.x,
-                stop.y,
-                cameras(&stop.seen_by)
-            )?;
+            self.write_next(f, stop, first)?;
         }
         Ok(())
     }

@@ -381,10 +381,7 @@ fn second_saw(stop: u16, place: Vector2<f32>) -> StopBearing {
     StopBearing {
         target: ShortAddress::COORDINATOR.0,
         stop,
-        seen: Seen {
-            bearing: seen.y.atan2(seen.x),
-            sigma: BEARING_SIGMA,
-        },
+        seen: Seen::direction(seen.y.atan2(seen.x), BEARING_SIGMA),
         pose: None,
     }
 }

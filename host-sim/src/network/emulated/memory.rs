@@ -3,7 +3,7 @@
 use std::{fs, ops::Range, path::Path};
 
 use embassy_futures::block_on;
-use node_firmware::facts::{Fact, FactStore};
+use node_firmware::facts::{self, Fact, FactStore};
 
 use virtual_bench::{
     executor::Clock,
@@ -12,7 +12,7 @@ use virtual_bench::{
 };
 
 /// Where the board keeps the memory of its role.
-const MEMORY: Range<u32> = 0..4 * PAGE as u32;
+const MEMORY: Range<u32> = 0..facts::BYTES;
 
 /// The facts of this owner in a file that is a board's flash; none if there is no such file yet.
 ///

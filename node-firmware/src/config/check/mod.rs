@@ -181,6 +181,8 @@ pub enum ConfigError {
     Systematic,
     /// How still the target stands.
     StandingSigma,
+    /// The radius of the ball.
+    BallRadius,
     /// The times of a stop.
     Dwell,
     /// The step sensor's hard iron or step length.
@@ -239,6 +241,7 @@ impl fmt::Display for ConfigError {
             Self::StillAfter => "still-after-ms must be 100 to 60000",
             Self::Systematic => "systematic-heading-deg must be 0 to 180, systematic-scale 0 to 1",
             Self::StandingSigma => "standing-sigma must be 0 to 1000",
+            Self::BallRadius => "ball-radius must be 0 to 1000, 0 if it is not known",
             Self::Dwell => "dwell-least-ms must be at most dwell-most-ms, and that at most 3600000",
             Self::Sensor => "sensor: hard-iron must be -400 to 400 uT, step-length above 0",
         })
@@ -383,6 +386,10 @@ impl TargetConfig {
                 // Its square must be finite, too.
                 (0.0..=1000.0).contains(&self.standing_sigma),
                 ConfigError::StandingSigma,
+            ),
+            (
+                (0.0..=1000.0).contains(&self.ball_radius),
+                ConfigError::BallRadius,
             ),
             (
                 self.dwell_least_ms <= self.dwell_most_ms && self.dwell_most_ms <= 3_600_000,

@@ -213,6 +213,7 @@ fn targets() {
             with_target(|t| t.standing_sigma = sigma),
             Err(E::StandingSigma)
         );
+        assert_eq!(with_target(|t| t.ball_radius = sigma), Err(E::BallRadius));
     }
     assert!(E::StandingSigma.to_string().contains("0 to 1000"));
     assert_eq!(with_target(|t| t.dwell_least_ms = 120_001), Err(E::Dwell));

@@ -22,7 +22,7 @@ use super::{CheckedConfig, Config, ConfigError};
 pub const PAGE_MAX: usize = 512;
 
 /// The version of the body.
-pub const VERSION: u16 = 3;
+pub const VERSION: u16 = 4;
 
 const MAGIC: [u8; 4] = *b"CNod";
 const HEADER: usize = 8;

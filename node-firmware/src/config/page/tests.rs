@@ -58,7 +58,7 @@ fn the_checksum_is_that_of_zip_and_the_rest_is_erased() {
     let config = node(RoleConfig::Camera(camera()));
     let page = page(&config);
     let length = u16::from_le_bytes([page[6], page[7]]);
-    assert_eq!(page, forged(3, length, &page[8..page.len() - 4]));
+    assert_eq!(page, forged(VERSION, length, &page[8..page.len() - 4]));
     let mut buffer = [0; PAGE_MAX];
     let written = encode(&checked(&config), &mut buffer).unwrap();
     assert!(buffer[written..].iter().all(|&byte| byte == 0xFF));
@@ -106,25 +106,25 @@ fn what_is_no_page_says_what_to_do() {
         (&other, PageError::Magic, "address"),
         (&good[..7], PageError::Truncated, "write it again"),
         (&good[..good.len() - 1], PageError::Truncated, "again"),
-        (&forged(3, 600, body), PageError::Truncated, "again"),
+        (&forged(VERSION, 600, body), PageError::Truncated, "again"),
         (&damaged, PageError::Checksum, "write it again"),
         (
-            &forged(4, length, body),
-            PageError::Version { found: 4 },
+            &forged(5, length, body),
+            PageError::Version { found: 5 },
             "update the firmware",
         ),
         (
-            &forged(2, length, body),
-            PageError::Version { found: 2 },
+            &forged(3, length, body),
+            PageError::Version { found: 3 },
             "older version: make it anew",
         ),
         (
-            &forged(3, at as u16, &unknown_role),
+            &forged(VERSION, at as u16, &unknown_role),
             PageError::Body,
             "provision",
         ),
         (
-            &forged(3, length + 1, &with_more),
+            &forged(VERSION, length + 1, &with_more),
             PageError::Body,
             "provision",
         ),
@@ -143,7 +143,10 @@ fn values_are_checked_both_ways() {
     assert_eq!(config.clone().check(), Err(ConfigError::TxPower));
     let mut body = [0; PAGE_MAX];
     let body = postcard::to_slice(&config, &mut body).unwrap();
-    assert_eq!(decode(&forged(3, body.len() as u16, body)), Err(error));
+    assert_eq!(
+        decode(&forged(VERSION, body.len() as u16, body)),
+        Err(error)
+    );
 }
 
 /// What a role remembers is void after some changes, and good after others.
@@ -194,7 +197,7 @@ proptest! {
     fn any_bytes_are_taken_without_harm(bytes in prop::collection::vec(any::<u8>(), 0..600)) {
         let _ = decode(&bytes);
         // With a right header and checksum, the body is looked at.
-        let forged = forged(3, bytes.len() as u16, &bytes);
+        let forged = forged(VERSION, bytes.len() as u16, &bytes);
         if let Ok(config) = decode(&forged) {
             prop_assert_eq!(Config::clone(&config).check(), Ok(config));
         }
@@ -242,12 +245,12 @@ proptest! {
 }
 
 const GOLDEN: [&str; 3] = [
-    "434e6f64030062000301f4ce3600000000030130313233343536373839616263646566f0a2048090\
+    "434e6f64040062000301f4ce3600000000030130313233343536373839616263646566f0a2048090\
      c210fc06015800003442000080ac02010001aaf03c8c10500101010100002041000000bf00010000\
-     204100030501cdcc4c3d0000803e0000003f000000410000803d17153121",
-    "434e6f64030049000301f4ce3600000000030130313233343536373839616263646566f0a2048090\
-     c210fc060202dc0b0000003f0000803c0ad7a33cd00fc0a907000048410000f0c10000803e000000\
-     3fbf023d3c",
-    "434e6f64030038000301f4ce3600000000030130313233343536373839616263646566f0a2048090\
-     c210fc060002f4ce360000000001f4ce360000000002ac02df342756",
+     204100030501cdcc4c3d0000803e0000003f000000410000803d76aa4997",
+    "434e6f6404004d000301f4ce3600000000030130313233343536373839616263646566f0a2048090\
+     c210fc060202dc0b0000003f0000803c0ad7a33c0000403fd00fc0a907000048410000f0c1000080\
+     3e0000003f9b52fdbc",
+    "434e6f64040038000301f4ce3600000000030130313233343536373839616263646566f0a2048090\
+     c210fc060002f4ce360000000001f4ce360000000002ac02b1978e4f",
 ];

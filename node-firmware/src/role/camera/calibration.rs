@@ -10,7 +10,8 @@ use super::kept::{Kept, OfStop};
 use crate::{
     facts::KeptSighting,
     limits::SIGHTINGS,
-    message::{CameraState, MemberAddress, PoseParts, StopNumber},
+    message::{CameraState, FittingLens, MemberAddress, PoseParts, StopNumber},
+    vision::Lens,
 };
 
 /// Sightings farther off than so many sigmas are left out, from five on. This asks of each whether it
@@ -150,6 +151,22 @@ impl Calibration {
         }
     }
 
+    /// The pose with another lens than the configured one, if the sightings contradict that one and fit
+    /// another.
+    // stack
+    #[inline(never)]
+    pub(super) fn with_other_lens(&self, lens: &Lens) -> Option<CameraState> {
+        let seen = self.seen(self.common()?);
+        let mut scratch = seen.clone();
+        let view = lens.field_of_view_deg.to_radians();
+        let other = resection::other_lens(&seen, &mut scratch, lens.projection, view)?;
+        let parts = PoseParts::from(other.solution.pose);
+        let lens = FittingLens::new(other.projection, other.field_of_view);
+        parts
+            .is_usable()
+            .then_some(CameraState::OtherLens(parts, lens))
+    }
+
     /// Whether another place than this pose's, far beyond the sigmas that are told, would do.
     // stack
     #[inline(never)]
@@ -217,6 +234,7 @@ fn sighting(kept: &KeptSighting, common: &KeptSighting) -> Sighting<f32> {
 mod tests {
     use calib_core::{
         Status,
+        camera::Projection,
         dead_reckoning::{Systematic, Track},
     };
     use nalgebra::{Matrix2, Point2};
@@ -230,10 +248,7 @@ mod tests {
             scale_sigma: 0.0,
         };
         let track = Track::start(Point2::origin(), Matrix2::identity(), systematic);
-        let seen = Seen {
-            bearing: 0.1,
-            sigma: 0.01,
-        };
+        let seen = Seen::direction(0.1, 0.01);
         KeptSighting {
             target,
             stop,
@@ -244,6 +259,14 @@ mod tests {
 
     /// A camera at the origin, from `(x, y, bearing)`.
     fn answer(seen: &[(f32, f32, f32)]) -> Answer {
+        let limits = Limits {
+            position: 0.3,
+            heading: 1.0,
+        };
+        calibration(seen, 0.0069).solve(&limits)
+    }
+
+    fn calibration(seen: &[(f32, f32, f32)], sigma: f32) -> Calibration {
         let mut calibration = Calibration::new();
         for (stop, &(x, y, bearing)) in (0..).zip(seen) {
             let systematic = Systematic {
@@ -252,19 +275,51 @@ mod tests {
             };
             let known = Matrix2::from_diagonal_element(1e-6);
             let track = Track::start(Point2::new(x, y), known, systematic).unwrap();
-            let sigma = 0.0069;
             calibration.add(KeptSighting {
                 target: 1,
                 stop,
                 place: track.numbered(u32::from(stop)).place(0.0).unwrap(),
-                seen: Seen { bearing, sigma },
+                seen: Seen::direction(bearing, sigma),
             });
         }
-        let limits = Limits {
-            position: 0.3,
-            heading: 1.0,
+        calibration
+    }
+
+    const STOPS: [(f32, f32); 6] = [
+        (3.0, 1.65),
+        (5.0, -2.75),
+        (4.0, 0.2),
+        (2.5, -0.9),
+        (6.0, 1.9),
+        (3.5, -1.2),
+    ];
+
+    /// What a lens of 60 degrees of equal angles sees, and one of 63 degrees, decoded as a pin-hole of
+    /// 60.
+    #[test]
+    fn a_camera_names_the_lens_that_it_has() {
+        let half_view = 30_f32.to_radians();
+        let configured = Lens::pin_hole(88, 60.0);
+        let of = |decode: &dyn Fn(f32) -> f32| {
+            let seen = STOPS.map(|(x, y)| (x, y, decode(y.atan2(x))));
+            calibration(&seen, 0.002).with_other_lens(&configured)
         };
-        calibration.solve(&limits)
+        let wide = 31.5_f32.to_radians().tan();
+        let other = of(&|bearing| (bearing.tan() / wide * half_view.tan()).atan());
+        let lens = other.unwrap().lens().unwrap();
+        assert_eq!(lens.projection(), Projection::PinHole);
+        assert!((lens.field_of_view_deg() - 63.0).abs() < 1.0, "{lens:?}");
+
+        let other = of(&|bearing| (bearing / half_view * half_view.tan()).atan());
+        let (state, lens) = (other.unwrap(), other.unwrap().lens().unwrap());
+        assert_eq!(lens.projection(), Projection::EqualAngle);
+        assert!((lens.field_of_view_deg() - 60.0).abs() < 1.0, "{lens:?}");
+        assert_eq!(state.status(), Status::Doubtful);
+        // With that lens the pose is right.
+        let pose = state.pose().unwrap().pose().unwrap();
+        assert!(pose.position.coords.norm() < 0.02, "{pose}");
+
+        assert_eq!(of(&|bearing| bearing), None);
     }
 
     /// Near the danger circle noise puts the pose 4.4 units off, right beside a stop, with a sigma of

@@ -326,7 +326,11 @@ impl CameraRole {
         self.solved_by = Some(from);
         self.misses = 0;
         self.is_watched_doubtful = false;
-        let state = solved.state.judged_again(&self.config.weak.limits());
+        // Through a lens that is another one than everybody believes, the camera sees on its own.
+        let state = match self.calibration.with_other_lens(&self.config.lens) {
+            Some(state) if report.duty.is_none() => state,
+            _ => solved.state.judged_again(&self.config.weak.limits()),
+        };
         let sightings = solved.sightings.max(report.sightings);
         self.update(
             now,

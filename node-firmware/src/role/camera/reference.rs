@@ -402,10 +402,7 @@ mod tests {
         Track::default().place(0.0).unwrap()
     }
 
-    const SEEN: Seen = Seen {
-        bearing: 0.1,
-        sigma: 0.01,
-    };
+    const SEEN: Seen = Seen::direction(0.1, 0.01);
 
     fn kept(stops: &ReferenceStops) -> std::vec::Vec<(MemberAddress, StopNumber)> {
         stops.iter().map(OfStop::key).collect()

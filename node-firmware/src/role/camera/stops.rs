@@ -217,11 +217,23 @@ impl CameraRole {
             return;
         };
         self.unsaved.insert(sighting(index));
+        let other_lens = self.calibration.with_other_lens(&self.config.lens);
         if report.joint.is_some() {
             // What all measurements gave is not replaced by what some of them give.
+            if let Some(state) = other_lens {
+                self.update(
+                    now,
+                    Report {
+                        done: false,
+                        state,
+                        ..report
+                    },
+                );
+            }
             return;
         }
         let answer = self.calibration.solve(&self.config.weak.limits());
+        let state = other_lens.unwrap_or(answer.state);
         let count = self.calibration.count();
         self.update(
             now,
@@ -229,8 +241,8 @@ impl CameraRole {
                 sightings: count as u8,
                 used: answer.used as u8,
                 chi_squared: answer.chi_squared,
-                done: is_done(&self.config, count, &answer.state),
-                state: answer.state,
+                done: is_done(&self.config, count, &state),
+                state,
                 ..report
             },
         );

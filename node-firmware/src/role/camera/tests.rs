@@ -22,10 +22,7 @@ const REFERENCES: References = References {
     second: 2,
     positions: None,
 };
-const SEEN: Seen = Seen {
-    bearing: 0.1,
-    sigma: 0.01,
-};
+const SEEN: Seen = Seen::direction(0.1, 0.01);
 
 const fn at(seconds: u64) -> Instant {
     Instant(seconds * 1_000_000)
@@ -372,6 +369,19 @@ fn others_hear_of_what_changes_their_picture_of_a_camera() {
             ..waiting
         }
     ));
+    let checked_to = |position| Report {
+        joint: Some(ProtectionLevel {
+            position,
+            heading: 0.1,
+        }),
+        ..old
+    };
+    for (level, news) in [(0.9, false), (2.2, false), (0.49, true), (0.21, true)] {
+        let [one, other] = [1.1, level].map(checked_to);
+        assert_eq!(is_news(&one, &other), news, "{level}");
+        assert_eq!(is_news(&other, &one), news, "{level}");
+    }
+    assert!(is_news(&old, &checked_to(1.0)) && is_news(&checked_to(1.0), &old));
     let no_news = [
         old,
         Report {
@@ -393,10 +403,7 @@ fn others_hear_of_what_changes_their_picture_of_a_camera() {
 const STOPS: [[f32; 2]; 4] = [[5.0, 5.0], [3.6, 7.5], [6.4, 7.0], [4.5, 4.6]];
 
 fn seen_from(x: f32, heading_deg: f32, [to_x, to_y]: [f32; 2]) -> Seen {
-    Seen {
-        bearing: to_y.atan2(to_x - x) - heading_deg.to_radians(),
-        sigma: 0.001,
-    }
+    Seen::direction(to_y.atan2(to_x - x) - heading_deg.to_radians(), 0.001)
 }
 
 fn stopped(stop: StopNumber, frame: CoordinateFrame) -> Stopped {

@@ -10,7 +10,7 @@ use calib_core::{
     dead_reckoning::Step,
     joint::{
         BearingStorage, Finding, JointError, JointEstimator, JointMemory, JointSettings,
-        JointSolution, Leg, Prior, Progress, Round, StopStorage, UnknownStorage, workspace,
+        JointSolution, Prior, Progress, Quantity, Round, StopStorage, UnknownStorage, workspace,
     },
 };
 use nalgebra::{Matrix2, Point2, Vector2};
@@ -18,21 +18,18 @@ use nalgebra::{Matrix2, Point2, Vector2};
 use crate::{
     arithmetic::root,
     config::TargetConfig,
+    limits::{WALK_BEARINGS, WALK_STOPS},
     log::debug,
     message::{
         CameraState, Duty, MemberAddress, PoseParts, ProtectionLevel, Report, Seen, StopNumber,
     },
-    role::{CONTRADICTION, contradiction, is_news},
+    role::{CONTRADICTION, Unsaved, contradiction, is_news},
 };
 
 use super::table::{CameraEntry, Table};
 
 /// Cameras that take part. What more there are finds its pose from its own sightings.
 pub const CAMERAS: usize = 24;
-/// Stops that take part, from the first on.
-pub const STOPS: usize = 100;
-/// Bearings that take part.
-pub const BEARINGS: usize = 384;
 /// Numbers that they are solved with.
 pub const WORKSPACE: usize = workspace(CAMERAS, 0);
 
@@ -48,7 +45,7 @@ const ROUND: Round = Round {
 const VAGUE: f32 = 0.5;
 
 /// A leg, a scale or a direction is not known better than this: rounding.
-const LEAST_SIGMA: f32 = 1e-3;
+pub(super) const LEAST_SIGMA: f32 = 1e-3;
 
 /// Stops that both references have to see for a frame between them.
 const FRAME_STOPS: usize = 3;
@@ -73,9 +70,9 @@ pub struct EstimateMemory<'m> {
     /// Cameras, references included.
     pub cameras: &'m mut [UnknownStorage<f32>; CAMERAS],
     /// Stops.
-    pub stops: &'m mut [StopStorage<f32>; STOPS],
+    pub stops: &'m mut [StopStorage<f32>; WALK_STOPS],
     /// Bearings.
-    pub bearings: &'m mut [BearingStorage<f32>; BEARINGS],
+    pub bearings: &'m mut [BearingStorage<f32>; WALK_BEARINGS],
     /// Numbers.
     pub workspace: &'m mut [f32; WORKSPACE],
     /// What cameras were told of themselves.
@@ -178,7 +175,7 @@ impl Votes {
 /// Measurements, and what they give together.
 #[derive(Debug)]
 pub(super) struct Estimate<'m> {
-    estimator: JointEstimator<'m, f32>,
+    pub(super) estimator: JointEstimator<'m, f32>,
     /// Cameras by their number in the estimator. One that was moved has two.
     cameras: heapless::Vec<Camera, CAMERAS>,
     /// What each was told, or is to be told.
@@ -187,20 +184,22 @@ pub(super) struct Estimate<'m> {
     news: u32,
     /// To be told again after the next solve, whatever it says.
     again: u32,
-    /// The number of the first stop.
-    first: StopNumber,
+    /// Bearings before this one are written down, or are to be.
+    pub(super) saved: usize,
+    /// Stops of a former run are not in their order yet.
+    pub(super) is_restoring: bool,
     /// The way since the last stop, as the sensor read it.
-    way: Option<(Vector2<f32>, Matrix2<f32>)>,
+    pub(super) way: Option<(Vector2<f32>, Matrix2<f32>)>,
     frame: Option<Frame>,
     /// This camera does not stand where the frame needs it.
     rejected: Option<MemberAddress>,
     /// Between these cameras no frame is to be had from what was seen so far.
-    failed: heapless::Vec<[MemberAddress; 2], FAILED>,
+    pub(super) failed: heapless::Vec<[MemberAddress; 2], FAILED>,
     /// Direction of the sensor's x axis in the frame of the site before anything is estimated, and
     /// its sigma.
     sensor: Option<(f32, f32)>,
     /// There is something that the last solve did not have.
-    is_new: bool,
+    pub(super) is_new: bool,
 }
 
 impl<'m> Estimate<'m> {
@@ -222,7 +221,8 @@ impl<'m> Estimate<'m> {
             told,
             news: 0,
             again: 0,
-            first: 0,
+            saved: 0,
+            is_restoring: false,
             way: None,
             frame: None,
             rejected: None,
@@ -245,50 +245,50 @@ impl<'m> Estimate<'m> {
         self.way = None;
     }
 
-    /// The target stands.
-    pub(super) fn on_stop(&mut self, stop: StopNumber) {
-        self.failed.clear();
-        let stops = self.estimator.stops();
-        if stops == 0 {
-            self.first = stop;
-        } else if self.index(stop) != Some(stops) {
-            // Numbers began anew.
+    /// A camera saw the target at a stop. `radius` is that of the ball, 0 if nobody knows it.
+    pub(super) fn on_seen(
+        &mut self,
+        camera: MemberAddress,
+        stop: StopNumber,
+        seen: &Seen,
+        radius: f32,
+        unsaved: &mut Unsaved,
+    ) {
+        let is_known = |index| self.has(index, camera, Quantity::Bearing);
+        if self.index(stop).is_none_or(is_known) {
             return;
         }
-        let leg = self.way.map(|(displacement, covariance)| Leg {
-            displacement,
-            covariance: covariance + Matrix2::from_diagonal_element(LEAST_SIGMA * LEAST_SIGMA),
-        });
-        if self.estimator.add_stop(leg).is_ok() {
-            self.way = Some((Vector2::zeros(), Matrix2::zeros()));
-        } else {
-            debug!("no room for another stop");
-        }
-    }
-
-    /// Where a stop is among those of the estimator, or would be.
-    fn index(&self, stop: StopNumber) -> Option<usize> {
-        let index = usize::from(stop.wrapping_sub(self.first));
-        (index <= self.estimator.stops()).then_some(index)
-    }
-
-    /// A camera saw the target at a stop.
-    pub(super) fn on_seen(&mut self, camera: MemberAddress, stop: StopNumber, seen: &Seen) {
-        let Some(stop) = self.index(stop) else { return };
-        let Some(camera) = self.number(camera) else {
+        self.make_room_for_bearing(unsaved);
+        let (Some(stop), Some(camera)) = (self.index(stop), self.number(camera)) else {
             return;
         };
-        if self.estimator.has_bearing(stop, camera) {
-            return;
-        }
         let added = self
             .estimator
             .add_bearing(stop, camera, seen.bearing, seen.sigma);
         self.is_new |= added.is_ok();
+        // Ranges leave room for bearings, which are worth more.
+        if let Some((range, sigma)) = seen.range(radius)
+            && added.is_ok()
+            && self.estimator.bearings() < WALK_BEARINGS / 2
+        {
+            let added = self.estimator.add_range(stop, camera, range, sigma);
+            debug_assert_eq!(added, Ok(()), "there is room");
+        }
+        self.save_bearings(false, unsaved);
+    }
+
+    /// The address of a camera of the estimator.
+    pub(super) fn address(&self, camera: usize) -> Option<MemberAddress> {
+        Some(self.cameras.get(camera)?.address)
+    }
+
+    /// Whether it is known how the target came to where it is from its last stop.
+    pub(super) const fn knows_way(&self) -> bool {
+        self.way.is_some()
     }
 
     /// The number of a camera, a new one if there is room.
-    fn number(&mut self, address: MemberAddress) -> Option<usize> {
+    pub(super) fn number(&mut self, address: MemberAddress) -> Option<usize> {
         let is_it = |known: &Camera| known.address == address && !known.is_successor;
         if let Some(number) = self.cameras.iter().position(is_it) {
             return Some(number);
@@ -605,7 +605,7 @@ impl<'m> Estimate<'m> {
             return None;
         }
         Some(Estimated {
-            stop: self.first.wrapping_add(last as StopNumber),
+            stop: self.stop_number(last)?,
             position: frame.origin + turn * place.position.coords,
             covariance: angle::turned(&(place.covariance * inflation), &turn),
             frame_heading: (
@@ -728,7 +728,8 @@ impl<'m> Estimate<'m> {
     }
 
     /// Forgets what was measured among other cameras.
-    pub(super) fn clear(&mut self) {
+    pub(super) fn clear(&mut self, unsaved: &mut Unsaved) {
+        self.forget_records(unsaved);
         self.estimator.clear();
         self.cameras.clear();
         self.told.fill(None);

@@ -5,9 +5,10 @@
 //! reached it shows that its carrier may walk on. Nothing but the carrier makes it walk.
 //!
 //! It does not know where it is before the first reference camera tells it, or before two cameras
-//! that know their poses see it at one stop. From then on it reckons.
+//! that know their poses see it at one stop, or one does and the ball's size is known. From then on it reckons.
 
 mod estimate;
+mod history;
 mod place;
 mod table;
 #[cfg(test)]
@@ -21,7 +22,7 @@ use zigbee_link::{Instant, store::Membership, wire::ShortAddress};
 
 use self::{estimate::Estimate, place::nowhere, table::Table};
 pub use self::{
-    estimate::{BEARINGS, CAMERAS, EstimateMemory, STOPS, WORKSPACE},
+    estimate::{CAMERAS, EstimateMemory, WORKSPACE},
     table::CameraEntry,
 };
 use super::{
@@ -249,6 +250,9 @@ impl<'m> TargetRole<'m> {
     /// After a restart.
     fn resume(&mut self, walk: &Walk) {
         self.stop = walk.stop;
+        if let Some(estimate) = &mut self.estimate {
+            estimate.resume(walk.standing);
+        }
         if is_length(walk.scale) {
             self.scale = walk.scale;
         }
@@ -286,6 +290,7 @@ impl<'m> TargetRole<'m> {
                 FactKey::Walk => self.walk().map(Fact::Walk),
                 FactKey::Camera(slot) => Some(self.table.fact(slot)),
                 FactKey::Network => self.last_network.fact(),
+                FactKey::WalkStops(_) | FactKey::WalkBearings(_) => self.history_fact(key),
                 other => {
                     debug_assert!(false, "no fact of a target: {other:?}");
                     None
@@ -328,7 +333,7 @@ impl<'m> TargetRole<'m> {
         self.at_stop = self.track;
         self.remember_stop();
         if let Some(estimate) = &mut self.estimate {
-            estimate.on_stop(self.stop);
+            estimate.on_stop(self.stop, &mut self.unsaved);
         }
         self.seen = false;
         self.state = State::Standing(Standing {
@@ -427,6 +432,7 @@ impl<'m> TargetRole<'m> {
         if is_done || waited >= most {
             standing.may_walk = true;
             self.estimate_at = Some(now + BREATH);
+            self.save_history();
             // Written down before the lamp goes on: after a restart nobody knows whether it left.
             self.unsaved.insert(FactKey::Walk);
             return self.unsaved_fact().map(Output::Save);
@@ -452,7 +458,7 @@ impl Role for TargetRole<'_> {
                 self.table.restore(*slot, *address, *report);
             }
             Fact::Network(network) => self.last_network.restore(*network),
-            _ => {}
+            _ => self.restore_history(fact),
         }
     }
 
@@ -464,11 +470,17 @@ impl Role for TargetRole<'_> {
         };
         let was_attached = before.is_some();
         let unsaved = &mut self.unsaved;
+        if let Some(estimate) = &mut self.estimate {
+            estimate.sort_restored(self.stop, unsaved);
+        }
         if (self.last_network).on_attached(was_attached, &network, unsaved) {
             // It stands where it stood, but among others.
             self.table.clear(unsaved);
             if let Some(estimate) = &mut self.estimate {
-                estimate.clear();
+                estimate.clear(unsaved);
+                if matches!(self.state, State::Standing(standing) if !standing.may_walk) {
+                    estimate.on_stop(self.stop, unsaved);
+                }
             }
             self.estimate_at = None;
             self.bearings.clear();
@@ -480,7 +492,15 @@ impl Role for TargetRole<'_> {
         self.find_references();
         match self.state {
             // From now on: it may have stood for long.
-            State::Walking { last: None } => self.state = State::Walking { last: Some(now) },
+            State::Walking { last: None } => {
+                self.state = State::Walking { last: Some(now) };
+                // What was measured before a restart may not have been told.
+                let is_new = self
+                    .estimate
+                    .as_ref()
+                    .is_some_and(|estimate| estimate.is_new);
+                self.estimate_at = is_new.then_some(now + BREATH);
+            }
             State::Walking { .. } => {}
             State::Standing(standing) if standing.may_walk => {}
             State::Standing(_) => self.tell_again(now),

@@ -39,6 +39,7 @@ impl TargetRole<'_> {
     pub(super) fn on_step(&mut self, now: Instant, step: &Step<f32>) {
         let before = core::mem::replace(&mut self.state, State::Walking { last: Some(now) });
         if matches!(before, State::Standing(standing) if !standing.may_walk) {
+            self.save_history();
             self.unsaved.insert(FactKey::Walk);
         }
         if let Some(estimate) = &mut self.estimate {
@@ -150,7 +151,8 @@ impl TargetRole<'_> {
         if let Some(seen) = look.seen.filter(|_| look.sight == Sight::InView)
             && let Some(estimate) = &mut self.estimate
         {
-            estimate.on_seen(from.0, look.stop, &seen);
+            let radius = self.config.ball_radius;
+            estimate.on_seen(from.0, look.stop, &seen, radius, &mut self.unsaved);
         }
     }
 
@@ -227,7 +229,10 @@ impl TargetRole<'_> {
     fn on_estimated(&mut self, now: Instant, estimated: &Estimated) {
         // It stands elsewhere by now, and tells so: the next round is about that.
         let stands = matches!(self.state, State::Standing(standing) if !standing.may_walk);
+        // Nor does anybody know where it went since, if its sensor failed or it restarted.
+        let knows_way = { self.estimate.as_ref() }.is_some_and(|estimate| estimate.knows_way());
         if estimated.stop != self.stop
+            || !knows_way
             || self.sensor_failed
             || stands
             || !is_length(estimated.scale.0)
@@ -273,7 +278,8 @@ impl TargetRole<'_> {
         }
     }
 
-    /// From the bearings of all cameras that saw this target and know their poses.
+    /// From the bearings of all cameras that saw this target and know their poses. One is enough if
+    /// its range is known.
     pub(super) fn locate(&mut self, now: Instant) {
         if self.located {
             return;
@@ -285,6 +291,7 @@ impl TargetRole<'_> {
                     pose,
                     ray: bearing.seen.ray(),
                     bearing_sigma: bearing.seen.sigma,
+                    range: bearing.seen.range(self.config.ball_radius),
                 });
                 debug_assert!(has_room.is_ok(), "as many as there are bearings");
             }

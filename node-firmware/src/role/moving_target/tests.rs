@@ -24,6 +24,7 @@ fn target() -> TargetRole<'static> {
         systematic_heading_deg: OWN.to_degrees(),
         systematic_scale: SCALE,
         standing_sigma: STANDING,
+        ball_radius: 0.0,
         dwell_least_ms: 2_000,
         dwell_most_ms: 20_000,
         sensor: SensorConfig::UNCALIBRATED,
@@ -259,10 +260,7 @@ fn bearings_of_the_present_stop_and_of_cameras_with_poses_count() {
         heading: 0.5,
         covariance: [0.01, 0.0, 0.01, 0.0, 0.0, 0.001],
     };
-    let seen = Seen {
-        bearing: 0.1,
-        sigma: 0.01,
-    };
+    let seen = Seen::direction(0.1, 0.01);
     let bearing = StopBearing {
         target: 3,
         stop: target.stop,

@@ -266,11 +266,12 @@ impl Steady {
         (self.left + self.right) * 0.5
     }
 
-    /// The direction in which a camera sees it. `floor` is the standard deviation of what no frame
+    /// The direction in which a camera sees it, and how wide. `floor` is the standard deviation of what no frame
     /// shows, columns, from 0.
     pub fn seen(&self, camera: &Camera<f32>, floor: f32) -> Seen {
         let (bearing, sigma) = self.bearing(camera, floor);
-        Seen { bearing, sigma }
+        let width = camera.bearing(self.left) - camera.bearing(self.right);
+        Seen::direction(bearing, sigma).wide(width * 0.5)
     }
 
     /// The same in any precision: the mean of the angles of its edges from the optical axis, radians,

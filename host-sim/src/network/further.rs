@@ -1,0 +1,103 @@
+//! A carrier that does what the verdict asks for: walks on to the next stops until every camera that can
+//! be calibrated is, and every pose is checked.
+
+use std::{collections::BTreeMap, rc::Rc};
+
+use answers::record::verdict::Verdict;
+use nalgebra::Point2;
+
+use super::{Simulation, outcome, walk::Orders};
+use site::{Network, TargetNode, planner};
+use virtual_bench::executor::Time;
+
+/// How far targets were led on.
+pub(super) struct Further {
+    most: usize,
+    made: usize,
+    orders: BTreeMap<u16, Rc<Orders>>,
+}
+
+impl Further {
+    /// So many stops at most.
+    pub(super) fn new(most: usize) -> Self {
+        Self {
+            most,
+            made: 0,
+            orders: BTreeMap::new(),
+        }
+    }
+
+    /// What leads a target on.
+    pub(super) fn orders_of(&mut self, target: u16) -> Rc<Orders> {
+        self.orders.entry(target).or_default().clone()
+    }
+
+    /// Stops to which targets were led.
+    pub(super) fn made(&self) -> usize {
+        self.made
+    }
+}
+
+/// Leads targets on to where the verdict asks for a stop. How long that may take; `None` if it asks for
+/// none, or for more than are left.
+pub(super) fn lead_on(simulation: &mut Simulation) -> Option<Time> {
+    if simulation.further.made >= simulation.further.most {
+        return None;
+    }
+    let verdict = Verdict::of(&outcome::record(simulation, 0.0));
+    let mut longest = None;
+    for number in 0..simulation.site.networks.len() {
+        let network = &simulation.site.networks[number];
+        let frame = outcome::frame(simulation, network, &simulation.consoles[number]);
+        let asked = verdict.next_stops.iter();
+        let asked = asked.filter(|stop| usize::from(stop.network) == number + 1);
+        let goals: Vec<_> = asked
+            .map(|stop| frame.in_world(Point2::new(stop.x, stop.y)))
+            .collect();
+        let Some(target) = walker(simulation, network) else {
+            continue;
+        };
+        let left = simulation.further.most - simulation.further.made;
+        let (id, stops) = (target.id, route(simulation, target, &goals, left));
+        if stops.is_empty() {
+            continue;
+        }
+        let here = simulation.world.borrow().targets()[target.index].place;
+        let way: Vec<_> = std::iter::once(here).chain(stops.iter().copied()).collect();
+        longest = longest.max(Some(simulation.patience(&way)));
+        simulation.further.made += stops.len();
+        simulation.further.orders_of(id).give(stops);
+    }
+    longest
+}
+
+/// Who is led on: whoever made most stops, whose walk the verdict is about.
+fn walker<'a>(simulation: &Simulation, network: &'a Network) -> Option<&'a TargetNode> {
+    let made = |target: &&TargetNode| {
+        let stops = simulation.entry(target.id).stops.len();
+        (stops, std::cmp::Reverse(target.id))
+    };
+    network.targets.iter().max_by_key(made)
+}
+
+/// The way there, around what stands about: over places where it was, at which it stops too.
+fn route(
+    simulation: &Simulation,
+    target: &TargetNode,
+    goals: &[Point2<f64>],
+    most: usize,
+) -> Vec<Point2<f64>> {
+    let world = simulation.world.borrow();
+    let walking = &world.targets()[target.index];
+    let mut here = walking.place;
+    let mut been = target.stops.clone();
+    let mut route = Vec::new();
+    for &goal in goals {
+        let way = planner::way_around(&world, walking.radius, &been, [here, goal]);
+        route.extend(way);
+        been.push(goal);
+        here = goal;
+    }
+    route.truncate(most);
+    route
+}

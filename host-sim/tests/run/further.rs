@@ -1,0 +1,158 @@
+//! A carrier that walks on to where the verdict asks for it.
+
+use answers::{
+    network,
+    record::{
+        RunRecord,
+        verdict::{Trouble, Verdict, Weakness},
+    },
+};
+use host_sim::network::{Options, Simulation};
+use site::{Overrides, Scenario};
+
+use crate::common::{Files, run};
+
+/// Two places 20 units apart: at the first one the references look, at the second one two cameras. Only
+/// one leg ties them.
+const TWO_PLACES: &str = r#"
+    name = "two places"
+    stops = 3
+
+    [world]
+    low = [-2.0, -2.0]
+    high = [34.0, 12.0]
+
+    [camera]
+    projection = "pin-hole"
+    field_of_view_deg = 60.0
+
+    [sensor]
+    measures = true
+    leg_distance = 0.005
+    leg_heading_deg = 0.3
+
+    [firmware]
+    systematic_scale = 0.005
+    systematic_heading_deg = 0.3
+
+    [[network]]
+    references = { cameras = [1, 2] }
+    camera = [
+      { id = 1, x = 0.0, y = 0.0, heading_deg = 45.0 },
+      { id = 2, x = 10.0, y = 0.0, heading_deg = 135.0 },
+      { id = 3, x = 20.0, y = 0.0, heading_deg = 45.0 },
+      { id = 4, x = 30.0, y = 0.0, heading_deg = 135.0 },
+    ]
+
+    [[network.target]]
+    id = 20
+    stops = [
+      [4.6, 3.4], [6.6, 4.4], [5.0, 6.0], [3.2, 4.0],
+      [25.0, 2.6], [23.6, 4.2], [26.4, 4.2], [25.0, 6.2], [25.0, 4.4], [24.0, 3.2],
+    ]
+"#;
+
+/// So many further stops at most; how many were made.
+fn walked(further_stops: usize) -> (RunRecord, usize) {
+    let scenario = Scenario::from_toml(TWO_PLACES, &Overrides::default()).unwrap();
+    let options = Options {
+        further_stops,
+        ..Options::default()
+    };
+    let mut simulation = Simulation::new(scenario, options).unwrap();
+    let record = simulation.run(|_| ());
+    (record, simulation.further_stops())
+}
+
+/// The largest protection level of all places when the network is solved again by the estimator.
+fn solved_again(record: &RunRecord) -> f64 {
+    let settings = network::Settings::default();
+    let solved = network::solve(&record.sightings[0], &settings).unwrap();
+    let levels = solved[0]
+        .cameras
+        .iter()
+        .filter_map(|camera| camera.protection);
+    levels.map(|level| level.position).fold(0.0, f64::max)
+}
+
+#[test]
+fn a_leg_that_ties_two_places_alone_is_walked_back_across() {
+    let (record, made) = walked(0);
+    let verdict = Verdict::of(&record);
+    assert_eq!(
+        (made, verdict.calibrated, verdict.exit_code()),
+        (0, 4, 0),
+        "{verdict}"
+    );
+    assert_eq!((verdict.checked, verdict.checkable), (0, 2));
+    for found in &verdict.findings {
+        let by_leg = Weakness::Leg {
+            target: 20,
+            from: 4,
+            to: 5,
+        };
+        assert!(
+            matches!(found.trouble, Trouble::Unchecked { weakness: Some(by), .. } if by == by_leg),
+            "{verdict}"
+        );
+    }
+    assert!(
+        verdict
+            .to_string()
+            .contains("walk back across the leg from stop 4 to stop 5"),
+        "{verdict}"
+    );
+    // Back to where the references look.
+    let [stop, ..] = verdict.next_stops.as_slice() else {
+        panic!("{verdict}");
+    };
+    assert!(
+        stop.x < 10.0 && stop.seen_by.iter().all(|id| *id < 3),
+        "{verdict}"
+    );
+    assert!(stop.again.is_some_and(|again| again <= 4));
+    assert!(solved_again(&record) > 10.0);
+
+    let (record, made) = walked(24);
+    let verdict = Verdict::of(&record);
+    assert!(verdict.is_checked() && verdict.is_complete(), "{verdict}");
+    assert!((1..=8).contains(&made), "{made}");
+    assert_eq!(record.targets[0].stops.len(), 10 + made);
+    assert_eq!(verdict.next_stops, []);
+    assert!(solved_again(&record) < 3.0, "{}", solved_again(&record));
+}
+
+#[test]
+fn no_more_stops_are_made_than_are_allowed() {
+    let (record, made) = walked(1);
+    assert_eq!((made, record.targets[0].stops.len()), (1, 11));
+}
+
+/// Whoever rehearses nothing more gets the same run as before.
+#[test]
+fn nothing_changes_where_nothing_is_asked_for() {
+    let files = Files::new();
+    let [one, other] = ["plain.json", "until.json"].map(|name| files.path(name));
+    let plain = run(&["run", "lab", "--json", &one]);
+    let until = run(&["run", "lab", "--json", &other, "--until-calibrated"]);
+    assert_eq!((plain.code, until.code), (0, 0));
+    assert!(until.stderr.contains("0 further stops"), "{}", until.stderr);
+    assert!(
+        plain
+            .stdout
+            .contains("5 of 5 poses are checked; nothing is left to do")
+    );
+    let [one, other] = [one, other].map(|path| std::fs::read(path).unwrap());
+    assert!(one == other);
+}
+
+#[test]
+fn an_option_alone_is_refused() {
+    let alone = run(&["run", "lab", "--further-stops", "3"]);
+    assert_eq!(alone.code, 2);
+    assert!(
+        alone.stderr.contains("--until-calibrated"),
+        "{}",
+        alone.stderr
+    );
+}

@@ -1,0 +1,440 @@
+//! What one wrong measurement of a walk could do unnoticed, and where to stop so that it cannot do much.
+//!
+//! The covariance of everything that is unknown (carrier, references' headings, cameras, stops) from
+//! bearings and legs, as the [joint estimator](calib_core::joint) has them, but dense and in double
+//! precision: then a further stop is an update of a few ranks, and hundreds of them can be tried. What
+//! is measured does not matter, only who saw what from where, so a walk that is only planned has its
+//! protection levels too. The tests hold them against those of the estimator.
+
+use calib_core::Pose;
+use nalgebra::{Matrix2, Point2, Vector2};
+
+use super::symmetric::Symmetric;
+
+mod checks;
+#[cfg(test)]
+mod tests;
+
+pub use checks::{CheckStop, CheckWish, Checks, way_around};
+
+/// Sigmas of a test that one good measurement in 100,000 fails, plus those by which a fault has to
+/// exceed them to be missed once in a thousand. As [`calib_core::joint`] has them.
+const DETECTED: f64 = 4.42 + RARE;
+/// Noise exceeds so many sigmas once in a thousand.
+pub const RARE: f64 = 3.09;
+/// What is less checked than this counts as this much, as there.
+const LEAST_REDUNDANCY: f64 = 1e-4;
+/// What is less checked than this is not checked at all, as there.
+pub const UNCHECKED: f64 = 0.02;
+/// Nothing is known better, as a target believes: rounding.
+const LEAST_SIGMA: f64 = 1e-3;
+/// Of what nothing is known: so many ranges, and radians.
+const VAGUE: f64 = 100.0;
+
+/// Unknowns that every survey has: scale and compass of the carrier, headings of the references.
+const COMMON: usize = 4;
+const SCALE: usize = 0;
+const COMPASS: usize = 1;
+
+/// How well a carrier measures its way.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Steps {
+    /// Standard deviation of the constant error of distances, as a share of them.
+    pub scale: f64,
+    /// That of directions, radians.
+    pub compass: f64,
+    /// Standard deviation of a leg's own error, along and across, as a share of its length.
+    pub leg: [f64; 2],
+    /// What is added to that along each axis, whatever its length.
+    pub least: f64,
+}
+
+impl Steps {
+    /// Takes over how well these legs were measured: each to its stop from the one before.
+    pub fn learn(&mut self, stops: &[Point2<f64>], legs: &[Option<Matrix2<f64>>]) {
+        let measured: Vec<(f64, f64)> = { stops.windows(2).zip(legs.iter().skip(1)) }
+            .filter_map(|(ends, leg)| {
+                let variance = leg.as_ref()?.trace() / 2.0;
+                Some(((ends[1] - ends[0]).norm_squared(), variance))
+            })
+            .collect();
+        let least = measured.iter().map(|(_, variance)| *variance);
+        let Some(least) = least.reduce(f64::min) else {
+            return;
+        };
+        let mut shares: Vec<f64> = { measured.iter() }
+            .filter(|(length, _)| *length > 0.0)
+            .map(|(length, variance)| ((variance - least) / length).sqrt())
+            .collect();
+        shares.sort_unstable_by(f64::total_cmp);
+        self.least = least.sqrt();
+        self.leg = [shares.get(shares.len() / 2).copied().unwrap_or_default(); 2];
+    }
+
+    /// Of a leg of this length and direction.
+    pub fn covariance(&self, way: Vector2<f64>) -> Matrix2<f64> {
+        let least = self.least.hypot(LEAST_SIGMA).powi(2);
+        let [along, across] = self.leg.map(|share| share.powi(2));
+        let turned = Vector2::new(-way.y, way.x);
+        Matrix2::identity() * least
+            + way * way.transpose() * along
+            + turned * turned.transpose() * across
+    }
+}
+
+/// A bearing.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Look {
+    /// Index of the stop.
+    pub stop: usize,
+    /// Index of the camera.
+    pub camera: usize,
+    /// Standard deviation, radians.
+    pub sigma: f64,
+}
+
+/// What a walk measures.
+#[derive(Clone, Debug)]
+pub struct Survey {
+    /// Where cameras stand and look; the references first.
+    pub cameras: Vec<Pose<f64>>,
+    /// About how far they see.
+    pub range: f64,
+    /// Where the target stops.
+    pub stops: Vec<Point2<f64>>,
+    /// Covariance of the way to each stop from the one before, where it was measured; that of the
+    /// first one does not matter.
+    pub legs: Vec<Option<Matrix2<f64>>>,
+    /// Who sees it where.
+    pub looks: Vec<Look>,
+    /// How the target stands off its stops, each axis, standard deviation.
+    pub standing: f64,
+    /// Who carries it.
+    pub steps: Steps,
+    /// Standard deviation of the first stop's place, where that is known otherwise than from the
+    /// references.
+    pub anchor: Option<f64>,
+}
+
+/// A measurement that could be wrong.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
+pub enum Measurement {
+    /// A camera's bearing.
+    Bearing {
+        /// Index of the stop.
+        stop: usize,
+        /// Index of the camera.
+        camera: usize,
+    },
+    /// The way to a stop.
+    Leg {
+        /// Index of the stop that it leads to.
+        stop: usize,
+    },
+}
+
+/// What one wrong measurement could do to a camera's pose.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Level {
+    /// How far it could move the place.
+    pub position: f64,
+    /// How far it could turn the heading, radians.
+    pub heading: f64,
+    /// Which measurement could do most.
+    pub by: Option<Measurement>,
+}
+
+/// What a level may be: place and heading, radians.
+pub type Tolerance = [f64; 2];
+
+impl Level {
+    /// The level over what is tolerated.
+    pub fn share(&self, tolerance: Tolerance) -> f64 {
+        let [position, heading] = tolerance;
+        (self.position / position).max(self.heading / heading)
+    }
+}
+
+/// One row of the measurements' Jacobian, over its standard deviation.
+#[derive(Clone, Copy, Debug)]
+struct Row {
+    of: Measurement,
+    count: usize,
+    at: [usize; 6],
+    by: [f64; 6],
+}
+
+impl Row {
+    fn new(of: Measurement) -> Self {
+        Self {
+            of,
+            count: 0,
+            at: [0; 6],
+            by: [0.0; 6],
+        }
+    }
+
+    fn put(&mut self, at: usize, by: f64) {
+        self.at[self.count] = at;
+        self.by[self.count] = by;
+        self.count += 1;
+    }
+
+    fn entries(&self) -> impl Iterator<Item = (usize, f64)> + Clone + '_ {
+        self.at.into_iter().zip(self.by).take(self.count)
+    }
+
+    /// One entry of the covariance times this row.
+    fn times(&self, covariance: &Symmetric, unknown: usize) -> f64 {
+        { self.entries() }
+            .map(|(at, by)| covariance[(at, unknown)] * by)
+            .sum()
+    }
+
+    /// The variance of what everything together foretells of it.
+    fn leverage(&self, covariance: &Symmetric) -> f64 {
+        { self.entries() }
+            .map(|(at, by)| by * self.times(covariance, at))
+            .sum()
+    }
+}
+
+/// What a survey determines, and how well it is checked.
+#[derive(Clone, Debug)]
+pub struct Redundancy {
+    survey: Survey,
+    rows: Vec<Row>,
+    covariance: Symmetric,
+}
+
+impl Survey {
+    fn camera_column(camera: usize) -> usize {
+        COMMON + 3 * (camera - 2)
+    }
+
+    fn stop_column(&self, stop: usize) -> usize {
+        COMMON + 3 * (self.cameras.len() - 2) + 2 * stop
+    }
+
+    fn bearing_row(&self, look: &Look) -> Option<Row> {
+        let Look {
+            stop,
+            camera,
+            sigma,
+        } = *look;
+        let pose = self.cameras.get(camera)?;
+        let to = self.stops.get(stop)? - pose.position;
+        let range = to.norm();
+        if !(range > 0.0 && sigma > 0.0) {
+            return None;
+        }
+        let weight = sigma.hypot(self.standing / range).recip();
+        let across = Vector2::new(-to.y, to.x) / (range * range) * weight;
+        let mut row = Row::new(Measurement::Bearing { stop, camera });
+        let place = self.stop_column(stop);
+        row.put(place, across.x);
+        row.put(place + 1, across.y);
+        if camera < 2 {
+            row.put(2 + camera, -weight);
+        } else {
+            let column = Self::camera_column(camera);
+            row.put(column, -across.x);
+            row.put(column + 1, -across.y);
+            row.put(column + 2, -weight);
+        }
+        Some(row)
+    }
+
+    /// What changes of a way when the carrier's scale and compass do.
+    fn by_carrier(way: Vector2<f64>) -> Matrix2<f64> {
+        Matrix2::from_columns(&[way, Vector2::new(-way.y, way.x)])
+    }
+
+    fn leg_rows(&self, stop: usize) -> Option<[Row; 2]> {
+        let before = stop.checked_sub(1)?;
+        let covariance = (*self.legs.get(stop)?)?;
+        let way = self.stops[stop] - self.stops[before];
+        let whitened = covariance.cholesky()?.l().try_inverse()?;
+        let carrier = whitened * Self::by_carrier(way);
+        let (from, to) = (self.stop_column(before), self.stop_column(stop));
+        Some([0, 1].map(|n| {
+            let mut row = Row::new(Measurement::Leg { stop });
+            for axis in 0..2 {
+                row.put(from + axis, -whitened[(n, axis)]);
+                row.put(to + axis, whitened[(n, axis)]);
+            }
+            row.put(SCALE, carrier[(n, 0)]);
+            row.put(COMPASS, carrier[(n, 1)]);
+            row
+        }))
+    }
+
+    /// `None` where nothing is determined: no references, no stop, or numbers that are none.
+    pub fn redundancy(self) -> Option<Redundancy> {
+        if self.cameras.len() < 2 || self.stops.is_empty() || self.legs.len() != self.stops.len() {
+            return None;
+        }
+        let bearings = self.looks.iter().filter_map(|look| self.bearing_row(look));
+        let legs = (1..self.stops.len()).filter_map(|stop| self.leg_rows(stop));
+        let rows: Vec<Row> = bearings.chain(legs.flatten()).collect();
+        let width = self.stop_column(self.stops.len());
+        let mut information = Symmetric::zeros(width);
+        for row in &rows {
+            for (i, a) in row.entries() {
+                for (j, b) in row.entries() {
+                    information[(i, j)] += a * b;
+                }
+            }
+        }
+        // So that whatever nothing determines has a covariance too. It checks nothing.
+        let about = (VAGUE * self.range).powi(-2);
+        let turned = VAGUE.powi(-2);
+        let mut know = |unknown: usize, by: f64| information[(unknown, unknown)] += by;
+        know(SCALE, self.steps.scale.max(LEAST_SIGMA).powi(-2));
+        know(COMPASS, self.steps.compass.max(LEAST_SIGMA).powi(-2));
+        (2..COMMON).for_each(|heading| know(heading, turned));
+        for camera in 2..self.cameras.len() {
+            let column = Self::camera_column(camera);
+            know(column, about);
+            know(column + 1, about);
+            know(column + 2, turned);
+        }
+        for stop in 0..self.stops.len() {
+            let known = self.anchor.filter(|_| stop == 0);
+            let by = known.map_or(about, |sigma| sigma.max(LEAST_SIGMA).powi(-2));
+            let column = self.stop_column(stop);
+            know(column, by);
+            know(column + 1, by);
+        }
+        let covariance = information.inverse()?;
+        Some(Redundancy {
+            survey: self,
+            rows,
+            covariance,
+        })
+    }
+}
+
+impl Redundancy {
+    /// What was looked at.
+    pub fn survey(&self) -> &Survey {
+        &self.survey
+    }
+
+    /// Each measurement with the share of its error that would show: of a leg in its worst direction.
+    pub fn shares(&self) -> Vec<(Measurement, f64)> {
+        let mut shares: Vec<(Measurement, f64)> = Vec::new();
+        let mut rows = self.rows.iter();
+        while let Some(row) = rows.next() {
+            let checked = 1.0 - row.leverage(&self.covariance);
+            shares.push((row.of, checked));
+            if matches!(row.of, Measurement::Leg { .. })
+                && let (Some(other), Some((_, share))) = (rows.next(), shares.last_mut())
+            {
+                let across = 1.0 - other.leverage(&self.covariance);
+                let both: f64 = { row.entries() }
+                    .map(|(at, by)| by * other.times(&self.covariance, at))
+                    .sum();
+                let (mean, half) = ((checked + across) / 2.0, (checked - across) / 2.0);
+                *share = mean - half.hypot(both);
+            }
+        }
+        shares
+    }
+
+    /// What one wrong measurement could do to each of these cameras, references left out.
+    pub fn levels(&self, cameras: &[usize]) -> Vec<Level> {
+        let sizes: Vec<f64> = { self.rows.iter() }
+            .map(|row| {
+                let checked = 1.0 - row.leverage(&self.covariance);
+                DETECTED / checked.max(LEAST_REDUNDANCY).sqrt()
+            })
+            .collect();
+        let level = |&camera: &usize| {
+            let column = Survey::camera_column(camera);
+            let variance = |n: usize| self.covariance[(column + n, column + n)].max(0.0);
+            let (mut position, mut heading) = ((0.0, None), (0.0, None));
+            for (row, size) in self.rows.iter().zip(&sizes) {
+                let [x, y, turn] =
+                    [0, 1, 2].map(|n| row.times(&self.covariance, column + n) * size);
+                for (worst, now) in [(&mut position, x.hypot(y)), (&mut heading, turn.abs())] {
+                    if now > worst.0 {
+                        *worst = (now, Some(row.of));
+                    }
+                }
+            }
+            let noise = RARE * (variance(0) + variance(1)).sqrt();
+            let turned = RARE * variance(2).sqrt();
+            // What turns it most matters where it turns it by more than it moves it, seen from afar.
+            let by = if heading.0 * self.survey.range > position.0 {
+                heading.1
+            } else {
+                position.1
+            };
+            Level {
+                position: position.0 + noise,
+                heading: heading.0 + turned,
+                by,
+            }
+        };
+        cameras.iter().map(level).collect()
+    }
+
+    /// The same walk, gone on with to one more stop, where these cameras see the target.
+    #[must_use]
+    pub fn with_stop(&self, place: Point2<f64>, looks: &[(usize, f64)]) -> Self {
+        let mut survey = self.survey.clone();
+        let last = survey.stops.len() - 1;
+        let way = place - survey.stops[last];
+        let leg = survey.steps.covariance(way);
+        survey.stops.push(place);
+        survey.legs.push(Some(leg));
+        let stop = last + 1;
+        // It stands where the way leads from the last one, as far as that is known.
+        let (from, width) = (survey.stop_column(last), self.covariance.width());
+        let mut covariance = self.covariance.widened(2);
+        let by = -Survey::by_carrier(way);
+        let foretold = |covariance: &Symmetric, axis: usize, unknown: usize| {
+            covariance[(from + axis, unknown)]
+                + by[(axis, 0)] * covariance[(SCALE, unknown)]
+                + by[(axis, 1)] * covariance[(COMPASS, unknown)]
+        };
+        for axis in 0..2 {
+            for unknown in 0..width {
+                let value = foretold(&covariance, axis, unknown);
+                covariance[(width + axis, unknown)] = value;
+                covariance[(unknown, width + axis)] = value;
+            }
+        }
+        for axis in 0..2 {
+            for other in 0..2 {
+                let value = foretold(&covariance, axis, width + other) + leg[(axis, other)];
+                covariance[(width + axis, width + other)] = value;
+            }
+        }
+        let mut rows = self.rows.clone();
+        rows.extend(survey.leg_rows(stop).into_iter().flatten());
+        for &(camera, sigma) in looks {
+            let look = Look {
+                stop,
+                camera,
+                sigma,
+            };
+            let Some(row) = survey.bearing_row(&look) else {
+                continue;
+            };
+            survey.looks.push(look);
+            rows.push(row);
+            let gain: Vec<f64> = { 0..width + 2 }
+                .map(|unknown| row.times(&covariance, unknown))
+                .collect();
+            let variance = 1.0 + row.leverage(&covariance);
+            covariance.subtract(&gain, variance.recip());
+        }
+        Self {
+            survey,
+            rows,
+            covariance,
+        }
+    }
+}

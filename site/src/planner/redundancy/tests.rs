@@ -1,0 +1,237 @@
+use calib_core::{
+    Pose, angle,
+    joint::{JointEstimator, JointMemory, JointSettings, Leg, Prior, workspace},
+};
+use nalgebra::{Matrix3, Point2, Vector2};
+use rand::{RngExt, SeedableRng};
+use rand_chacha::ChaCha8Rng;
+
+use super::*;
+
+const SIGMA: f64 = 0.003;
+const STANDING: f64 = 0.01;
+const STEPS: Steps = Steps {
+    scale: 0.05,
+    compass: 0.03,
+    leg: [0.02, 0.01],
+    least: 0.01,
+};
+
+fn pose(x: f64, y: f64, heading: f64) -> Pose<f64> {
+    Pose {
+        position: Point2::new(x, y),
+        heading: angle::wrap_positive(heading),
+        covariance: Matrix3::zeros(),
+    }
+}
+
+/// Six cameras around a room, and a walk in it.
+fn survey(seed: u64, stops: usize) -> Survey {
+    let mut random = ChaCha8Rng::seed_from_u64(seed);
+    let cameras = [
+        pose(0.0, 0.0, 0.8),
+        pose(10.0, 0.0, 2.3),
+        pose(12.0, 8.0, 3.4),
+        pose(5.0, 12.0, 4.7),
+        pose(-2.0, 9.0, 5.6),
+        pose(4.0, -3.0, 1.5),
+    ];
+    let stops: Vec<Point2<f64>> = (0..stops)
+        .map(|_| Point2::new(random.random_range(2.0..8.0), random.random_range(2.0..8.0)))
+        .collect();
+    let legs = { 0..stops.len() }
+        .map(|n| (n > 0).then(|| STEPS.covariance(stops[n] - stops[n - 1])))
+        .collect();
+    let looks = { 0..stops.len() }
+        .flat_map(|stop| (0..cameras.len()).map(move |camera| (stop, camera)))
+        // The references see the first stops, and everybody about half of the others.
+        .filter(|&(stop, camera)| (stop < 4 && camera < 2) || random.random_bool(0.5))
+        .map(|(stop, camera)| Look {
+            stop,
+            camera,
+            sigma: SIGMA,
+        })
+        .collect();
+    Survey {
+        cameras: cameras.to_vec(),
+        range: 20.0,
+        stops,
+        legs,
+        looks,
+        standing: STANDING,
+        steps: STEPS,
+        anchor: None,
+    }
+}
+
+/// What the estimator that nodes run says of measurements without errors: of each camera that is no
+/// reference, place and heading; of each bearing its redundancy.
+fn estimated(survey: &Survey) -> (Vec<[f64; 2]>, Vec<f64>) {
+    let settings = JointSettings {
+        scale: Prior {
+            mean: 1.0,
+            sigma: STEPS.scale,
+        },
+        compass: Prior {
+            mean: 0.0,
+            sigma: STEPS.compass,
+        },
+        standing: STANDING,
+        ..JointSettings::default()
+    };
+    let memory = JointMemory {
+        cameras: &mut [Default::default(); 6],
+        stops: &mut vec![Default::default(); survey.stops.len()],
+        bearings: &mut vec![Default::default(); survey.looks.len()],
+        marks: &mut [],
+        visits: &mut [],
+        workspace: &mut [0.0; workspace(6, 0)],
+    };
+    let mut joint = JointEstimator::new(memory, 10.0, settings).unwrap();
+    for (stop, place) in survey.stops.iter().enumerate() {
+        let leg = survey.legs[stop].map(|covariance| Leg {
+            displacement: place - survey.stops[stop - 1],
+            covariance,
+        });
+        assert_eq!(joint.add_stop(leg), Ok(stop));
+        for look in survey.looks.iter().filter(|look| look.stop == stop) {
+            let camera = &survey.cameras[look.camera];
+            let to: Vector2<f64> = place - camera.position;
+            let bearing = angle::wrap_signed(to.y.atan2(to.x) - camera.heading);
+            joint
+                .add_bearing(stop, look.camera, bearing, look.sigma)
+                .unwrap();
+        }
+    }
+    joint.solve().unwrap();
+    joint.protect().unwrap();
+    let levels = (2..6).map(|camera| {
+        let levels = joint.protection(camera).unwrap();
+        [
+            levels.position_bearing.max(levels.position_leg),
+            levels.heading_bearing.max(levels.heading_leg),
+        ]
+    });
+    let levels = levels.collect();
+    let looks = 0..survey.looks.len();
+    let redundancies = looks.map(|n| joint.bearing_residual(n).unwrap().redundancy);
+    (levels, redundancies.collect())
+}
+
+/// Protection levels and redundancies are those of the estimator, which has them from a triangle.
+#[test]
+fn levels_are_those_of_the_estimator() {
+    for seed in 0..6 {
+        let survey = survey(seed, 16);
+        let (levels, redundancies) = estimated(&survey);
+        let known = survey.redundancy().unwrap();
+        for (found, [position, heading]) in known.levels(&[2, 3, 4, 5]).iter().zip(levels) {
+            let off = (found.position / position - 1.0).abs();
+            assert!(off < 0.02, "{seed}: {found:?}, {position}");
+            let off = (found.heading / heading - 1.0).abs();
+            assert!(off < 0.02, "{seed}: {found:?}, {heading}");
+        }
+        let shares = known.shares();
+        for ((of, share), redundancy) in shares.iter().zip(redundancies) {
+            assert!(
+                (share - redundancy).abs() < 0.01,
+                "{of:?} {share} {redundancy}"
+            );
+        }
+    }
+}
+
+/// Going on by one stop is the same as beginning with it.
+#[test]
+fn one_more_stop_is_one_more_stop() {
+    let whole = survey(3, 16);
+    let last = whole.stops.len() - 1;
+    let mut part = whole.clone();
+    part.stops.pop();
+    part.legs.pop();
+    part.looks.retain(|look| look.stop < last);
+    let looks: Vec<_> = { whole.looks.iter() }
+        .filter(|look| look.stop == last)
+        .map(|look| (look.camera, look.sigma))
+        .collect();
+    let place = whole.stops[last];
+    let gone_on = part.redundancy().unwrap().with_stop(place, &looks);
+    let whole = whole.redundancy().unwrap();
+    let (a, b) = (gone_on.levels(&[2, 3, 4, 5]), whole.levels(&[2, 3, 4, 5]));
+    for (a, b) in a.iter().zip(b) {
+        assert!((a.position / b.position - 1.0).abs() < 1e-3, "{a:?} {b:?}");
+        assert!((a.heading / b.heading - 1.0).abs() < 1e-3, "{a:?} {b:?}");
+    }
+}
+
+/// Three bearings determine a pose, and a fourth one checks them.
+#[test]
+fn three_sightings_check_nothing_and_four_do() {
+    let mut survey = survey(1, 16);
+    let mut seen = 0;
+    survey.looks.retain(|look| {
+        seen += usize::from(look.camera == 2);
+        look.camera != 2 || seen <= 3
+    });
+    let own = |known: &Redundancy| -> Vec<f64> {
+        let shares = known.shares().into_iter();
+        shares
+            .filter(|(of, _)| matches!(of, Measurement::Bearing { camera: 2, .. }))
+            .map(|(_, share)| share)
+            .collect()
+    };
+    let three = survey.redundancy().unwrap();
+    assert!(
+        own(&three).iter().all(|share| *share < 1e-3),
+        "{:?}",
+        own(&three)
+    );
+    let level = three.levels(&[2])[0];
+    assert!(matches!(
+        level.by,
+        Some(Measurement::Bearing { camera: 2, .. })
+    ));
+    assert!(level.position > 3.0, "{level:?}");
+    let four = three.with_stop(Point2::new(6.0, 3.0), &[(2, SIGMA), (3, SIGMA), (4, SIGMA)]);
+    // One degree of freedom, for four bearings and what ties the stop to others.
+    let shared: f64 = own(&four).iter().sum();
+    assert!((0.3..1.0).contains(&shared), "{:?}", own(&four));
+    assert!(four.levels(&[2])[0].position < level.position / 2.0);
+}
+
+/// Cameras 2 to 5 know the second half of the walk only through one leg: nothing checks it until
+/// somebody walks back.
+#[test]
+fn a_leg_that_alone_ties_two_halves_is_checked_by_walking_back() {
+    let mut survey = survey(5, 16);
+    survey.looks.clear();
+    for stop in 0..16 {
+        let cameras = if stop < 6 { 0..2 } else { 2..6 };
+        survey.looks.extend(cameras.map(|camera| Look {
+            stop,
+            camera,
+            sigma: SIGMA,
+        }));
+    }
+    let first = survey.stops[2];
+    let known = survey.redundancy().unwrap();
+    let by = Measurement::Leg { stop: 6 };
+    for level in known.levels(&[2, 3, 4, 5]) {
+        assert_eq!(level.by, Some(by), "{level:?}");
+        assert!(level.position > 1.0, "{level:?}");
+    }
+    let share = |known: &Redundancy| {
+        let shares = known.shares();
+        shares.iter().find(|(of, _)| *of == by).unwrap().1
+    };
+    assert!(share(&known) < 0.01, "{}", share(&known));
+    let closed = known.with_stop(first, &[(0, SIGMA), (1, SIGMA)]);
+    assert!(share(&closed) > 0.1, "{}", share(&closed));
+    let levels = [&known, &closed].map(|walk| walk.levels(&[2, 3, 4, 5]));
+    for (before, after) in levels[0].iter().zip(&levels[1]) {
+        assert!(
+            after.position < before.position / 3.0,
+            "{before:?} {after:?}"
+        );
+    }
+}
