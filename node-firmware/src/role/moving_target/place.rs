@@ -230,7 +230,7 @@ impl TargetRole<'_> {
         // It stands elsewhere by now, and tells so: the next round is about that.
         let stands = matches!(self.state, State::Standing(standing) if !standing.may_walk);
         // Nor does anybody know where it went since, if its sensor failed or it restarted.
-        let knows_way = { self.estimate.as_ref() }.is_some_and(|estimate| estimate.knows_way());
+        let knows_way = { self.estimate.as_ref() }.is_some_and(Estimate::knows_way);
         if estimated.stop != self.stop
             || !knows_way
             || self.sensor_failed
