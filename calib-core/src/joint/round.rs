@@ -79,6 +79,7 @@ impl<T: Real> Work<T> {
     /// Begins a round with a solve, and with a start if there has been none.
     pub(super) fn begin(&mut self, problem: &mut Problem<'_, T>, round: Round) {
         self.ask(round);
+        problem.common.suspect = None;
         self.stage = if problem.common.is_started {
             Stage::Settling(problem.begin_settling())
         } else {

@@ -182,12 +182,12 @@ pub(super) struct Estimate<'m> {
     told: &'m mut [Option<Report>; CAMERAS],
     /// To be told: a bit for each camera.
     news: u32,
+    /// To be told again after the next solve, whatever it says.
+    again: u32,
     /// Bearings before this one are written down, or are to be.
     pub(super) saved: usize,
     /// Stops of a former run are not in their order yet.
     pub(super) is_restoring: bool,
-    /// To be told again after the next solve, whatever it says.
-    again: u32,
     /// The way since the last stop, as the sensor read it.
     pub(super) way: Option<(Vector2<f32>, Matrix2<f32>)>,
     frame: Option<Frame>,
@@ -220,9 +220,9 @@ impl<'m> Estimate<'m> {
             cameras: heapless::Vec::new(),
             told,
             news: 0,
+            again: 0,
             saved: 0,
             is_restoring: false,
-            again: 0,
             way: None,
             frame: None,
             rejected: None,
