@@ -330,6 +330,10 @@ fn bearings_of_a_stop_are_void_when_the_target_is_lost() {
     };
     net.target
         .event(net.now, moving_target::TargetEvent::Step(step));
+    net.site
+        .borrow_mut()
+        .targets
+        .insert(0, nalgebra::Point2::new(5.0, 6.0));
     let bearings = |net: &Net| {
         let sent = net.air.sent.iter();
         sent.filter(|sent| sent.to.0 == TARGET && matches!(sent.message, Message::Bearing(_)))

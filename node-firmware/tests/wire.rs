@@ -810,7 +810,9 @@ proptest! {
         }
         // Whatever came before, after the end of a frame the next one is heard.
         let _ = frames.push::<FromPc>(0);
-        let heard: Vec<FromPc> = [1, 1, 0].iter().filter_map(|&b| frames.push(b)).collect();
+        let mut buffer = [0; FRAME_MAX];
+        let frame = encode(&FromPc::Refresh, &mut buffer).unwrap();
+        let heard: Vec<FromPc> = frame.iter().filter_map(|&b| frames.push(b)).collect();
         prop_assert_eq!(heard, [FromPc::Refresh]);
     }
 }

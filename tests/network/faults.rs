@@ -105,8 +105,8 @@ fn replayed_frames_change_nothing() {
     }
 }
 
-/// It sees the target where it is not any more: the pose is not made better by that, and the
-/// sightings do not fit.
+/// It sees the target where it is not any more. A picture that does not change is noticed, so nobody's
+/// pose is made worse by it: not its own either, unless it is told that its sightings do not fit.
 #[test]
 fn a_camera_that_sticks_does_not_harm_others() {
     let calm = run(yard());
@@ -130,7 +130,9 @@ fn a_camera_that_sticks_does_not_harm_others() {
     };
     let is_misfit =
         |trouble: &Trouble| matches!(trouble, Trouble::Wild { .. } | Trouble::Doubtful { .. });
-    assert!(told(&record).iter().any(is_misfit), "{:?}", told(&record));
+    let is_right = stuck.nees.is_some_and(|nees| nees < 30.7);
+    let is_told = told(&record).iter().any(is_misfit);
+    assert!(is_right || is_told, "{:?}", told(&record));
     assert_eq!(told(&calm), []);
 }
 

@@ -148,10 +148,10 @@ fn another_board() {
     ];
     // That of the other board, and one that is too long.
     place.run(&words).fails("before the board's flash");
-    fs::write(place.path("image.elf"), elf(0x0800_0000, 0x080f_7801)).unwrap();
+    fs::write(place.path("image.elf"), elf(0x0800_0000, 0x080f_1801)).unwrap();
     place.run(&words).fails("into the pages of the node");
     assert!(calls(&place).is_empty());
-    fs::write(place.path("image.elf"), elf(0x0800_0000, 0x080f_7800)).unwrap();
+    fs::write(place.path("image.elf"), elf(0x0800_0000, 0x080f_1800)).unwrap();
     place.run(&words[..4]).ok();
     place.run(&words).ok();
     let image = format!("download {chip} --verify --binary-format elf image.elf");

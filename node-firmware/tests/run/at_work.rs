@@ -195,6 +195,7 @@ fn they_come_back_after_a_restart() {
         site.bench.run_for(30 * SECOND);
     }
     site.camera.log.0.borrow_mut().clear();
+    site.camera.sees(Some(41));
     site.target.step(1.0, 0.5);
     site.bench.run_for(30 * SECOND);
     assert_eq!(site.looks().last(), Some(&Sight::InView));
@@ -211,7 +212,11 @@ fn a_background_is_not_learnt_with_the_target_in_view() {
         ..camera_config(Some(Duty::First))
     });
     site.restart(20);
-    let stop = |site: &mut Site| {
+    let mut column = 8;
+    let mut stop = |site: &mut Site| {
+        // Elsewhere in view each time.
+        column = 17 - column;
+        site.camera.sees(Some(column));
         site.target.step(1.0, 0.5);
         site.bench.run_for(30 * SECOND);
         site.looks().last().copied()

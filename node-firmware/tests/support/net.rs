@@ -40,7 +40,7 @@ pub struct Net {
     pub looks: Rc<RefCell<Vec<u32>>>,
     pub stops: usize,
     missteps: [f64; 2],
-    site: Shared,
+    pub site: Shared,
 }
 
 /// The two first cameras are configured as references.

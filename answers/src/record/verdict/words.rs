@@ -307,7 +307,8 @@ impl Verdict {
             Common::Overconfident(ratio) => writeln!(
                 f,
                 "  The true errors are {ratio:.1} times larger than foretold: whoever relies on \
-                 these poses is deceived."
+                 these poses is deceived. Where nothing else is told, a carrier errs by more than \
+                 it is said to: give larger systematic sigmas."
             ),
             Common::Underconfident(ratio) => writeln!(
                 f,

@@ -61,6 +61,8 @@ const NOISE: f32 = 3.09;
 
 /// The distance of two cameras is a frame's baseline if it is known to this share of it.
 const BASELINE_SHARE: f32 = 0.05;
+/// It was given, not measured, if it is known to this share.
+const EXACT_SHARE: f32 = 1e-3;
 
 const _: () = assert!(CAMERAS <= u32::BITS as usize, "a bit for each");
 
@@ -106,6 +108,11 @@ impl Frame {
             baseline,
             sigmas,
         })
+    }
+
+    /// Whether the distance of both was given.
+    fn is_exact(&self) -> bool {
+        self.sigmas.iter().sum::<f32>() <= self.baseline * EXACT_SHARE
     }
 
     /// A pose in the frame of the site, with what its references' places err. To first order, with the
@@ -383,6 +390,11 @@ impl<'m> Estimate<'m> {
             [Some(first), Some(second)] => Some([first, second]).filter(|pair| !has_failed(pair)),
             _ => None,
         };
+        // Where the references' distance is measured itself, the network's scale is one of the unknowns.
+        let is_measured = |pair| Frame::between(pair).is_none_or(|frame| !frame.is_exact());
+        if self.frame.is_none() && found.is_some_and(is_measured) {
+            return;
+        }
         let wants_frame = self.wants_frame();
         if !wants_frame {
             // The places of references were given: there is no better frame than theirs.
