@@ -261,7 +261,7 @@ fn other_lens(
 ) -> Option<resection::OtherLens<f64>> {
     let mut scratch = sightings.to_vec();
     let made = sightings.iter().copied();
-    let found = resection::other_lens(made, &mut scratch, projection, view.to_radians());
+    let found = resection::other_lens(&made, &mut scratch, projection, view.to_radians());
     // What a node computes with is enough.
     let single: Vec<_> = { sightings.iter() }
         .map(|s| {
@@ -274,7 +274,7 @@ fn other_lens(
         .collect();
     let view = (view as f32).to_radians();
     let made = single.iter().copied();
-    let in_single = resection::other_lens(made, &mut single.clone(), projection, view);
+    let in_single = resection::other_lens(&made, &mut single.clone(), projection, view);
     assert_eq!(found.is_some(), in_single.is_some());
     if let (Some(found), Some(single)) = (found, in_single) {
         assert_eq!(found.projection, single.projection);

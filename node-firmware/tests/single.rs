@@ -468,18 +468,18 @@ fn one_camera_finds_a_target_whose_size_is_known() {
         }));
         let mut stop = stand(&mut target, &mut now, &mut air);
         // The second stop confirms what nothing checks at the first.
-        for n in 0..2 {
+        for (n, place) in STOPS[..2].iter().enumerate() {
             assert!(!target.role.position().1);
             if n > 0 {
                 let step = way(STOPS[0], STOPS[1]);
                 target.event(now, moving_target::TargetEvent::Step(step));
                 stop = stand(&mut target, &mut now, &mut air);
             }
-            let range = (Point2::from(STOPS[n]) - camera.position).norm();
+            let range = (Point2::from(*place) - camera.position).norm();
             let bearing = StopBearing {
                 target: TARGET,
                 stop,
-                seen: sees(camera, STOPS[n]).wide((f64::from(RADIUS) / range).asin() as f32),
+                seen: sees(camera, *place).wide((f64::from(RADIUS) / range).asin() as f32),
                 pose: Some(pose_of(camera)),
             };
             target.hear(now, ShortAddress(1), &Message::Bearing(bearing));

@@ -266,7 +266,7 @@ pub struct OtherLens<T: Real> {
 /// `None` where the given one fits, no lens does, or fewer than five sightings could not tell a lens
 /// from one wrong sighting. `sightings` may be made again and again, for which `scratch` is room.
 pub fn other_lens<T: Real>(
-    sightings: impl Iterator<Item = Sighting<T>> + Clone,
+    sightings: &(impl Iterator<Item = Sighting<T>> + Clone),
     scratch: &mut [Sighting<T>],
     projection: Projection,
     field_of_view: T,

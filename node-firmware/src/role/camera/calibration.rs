@@ -160,7 +160,7 @@ impl Calibration {
         let mut scratch = self.seen(common);
         let seen = self.kept.iter().map(|kept| sighting(kept, common));
         let view = lens.field_of_view_deg.to_radians();
-        let other = resection::other_lens(seen, &mut scratch, lens.projection, view)?;
+        let other = resection::other_lens(&seen, &mut scratch, lens.projection, view)?;
         let parts = PoseParts::from(other.solution.pose);
         let lens = FittingLens::new(other.projection, other.field_of_view);
         parts
