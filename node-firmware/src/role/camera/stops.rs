@@ -32,6 +32,9 @@ const WATCH_SIGMAS: f32 = 6.0;
 /// So many that do not fit are no accident.
 const MISSES: u8 = 2;
 
+/// A picture that repeated itself so often does not change: by chance it does once in 10,000 looks.
+const STUCK: u8 = 2;
+
 impl CameraRole {
     /// Whether what is seen at this stop is of use to this camera, or makes it a reference. To the
     /// target every bearing is.
@@ -132,9 +135,11 @@ impl CameraRole {
         } = request;
         let picture = seen.filter(Seen::is_usable);
         // A camera that is stuck would be believed until two others contradict it.
-        let sight = match picture {
-            Some(picture) if self.looks.repeats(target, &stopped, &picture) => Sight::Failed,
-            _ => sight,
+        let repeats = picture.map_or(0, |picture| self.looks.repeats(target, &stopped, &picture));
+        let sight = if repeats >= STUCK {
+            Sight::Failed
+        } else {
+            sight
         };
         let seen = picture.filter(|_| sight == Sight::InView);
         self.target_seen = seen.is_some();
@@ -154,6 +159,7 @@ impl CameraRole {
             sight,
             seen: picture,
             place: stopped.place.position(),
+            repeats,
         });
         self.answer(now, target, stopped.stop, sight, seen);
     }

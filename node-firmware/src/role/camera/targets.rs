@@ -105,6 +105,8 @@ pub(super) struct LastLook {
     pub(super) seen: Option<Seen>,
     /// Where the target said that it stood.
     pub(super) place: Point2<f32>,
+    /// How many looks in a row were the same to the bit, at places that are apart, before this one.
+    pub(super) repeats: u8,
 }
 
 /// The last look at each target. The oldest makes room.
@@ -135,16 +137,21 @@ impl LastLooks {
         self.looks.iter().find(is_it).copied()
     }
 
-    /// Whether this is to the bit what was seen of this target at its stop before, though it says that it
-    /// stands elsewhere: a picture that does not change. Of good looks one in a hundred or so is, by chance.
-    pub(super) fn repeats(&self, target: MemberAddress, stopped: &Stopped, seen: &Seen) -> bool {
+    /// How many looks at this target in a row were this to the bit, although it says that it stood
+    /// elsewhere each time. Of good looks one in a hundred or so repeats the last one by chance.
+    pub(super) fn repeats(&self, target: MemberAddress, stopped: &Stopped, seen: &Seen) -> u8 {
         let mut looks = self.looks.iter();
-        let last = looks.find(|look| look.target == target && look.stop != stopped.stop);
-        last.is_some_and(|last| {
+        let last = looks.find(|look| look.target == target);
+        last.map_or(0, |last| {
             let place = &stopped.place;
             let within = place.parts().standing_sigma * STANDING_SIGMAS;
-            last.seen == Some(*seen)
-                && (place.position() - last.place).norm_squared() > within * within
+            let is_apart = (place.position() - last.place).norm_squared() > within * within;
+            match last.seen == Some(*seen) {
+                // The same stop, told again in another frame.
+                true if last.stop == stopped.stop => last.repeats,
+                true if is_apart => last.repeats.saturating_add(1),
+                _ => 0,
+            }
         })
     }
 

@@ -867,13 +867,14 @@ fn seen_at(
     look.unwrap()
 }
 
-/// A picture that does not change though the target moves is not believed; one that changes again is.
+/// A picture that does not change though the target moves twice is not believed; one that changes again
+/// is. Once may be chance.
 #[test]
 fn a_camera_that_is_stuck_says_that_it_failed() {
     let mut camera = camera(4);
     for (stop, x, bearing, sight) in [
         (1, 1.0, 0.1, Sight::InView),
-        (2, 2.0, 0.1, Sight::Failed),
+        (2, 2.0, 0.1, Sight::InView),
         (3, 3.0, 0.1, Sight::Failed),
         (4, 4.0, 0.2, Sight::InView),
         // The same place.

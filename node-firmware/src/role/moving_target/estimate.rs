@@ -386,6 +386,9 @@ impl<'m> Estimate<'m> {
         let serves = |pair: &[(MemberAddress, Pose<f32>); 2]| {
             self.common_stops(&pair.map(|(address, _)| address)) >= FRAME_STOPS
         };
+        if self.failed.is_full() {
+            return;
+        }
         let mut found = match [Duty::First, Duty::Second].map(duty) {
             [Some(first), Some(second)] => Some([first, second]).filter(|pair| !has_failed(pair)),
             _ => None,
@@ -503,7 +506,7 @@ impl<'m> Estimate<'m> {
                 {
                     // One of them may have been moved: between others there may be one.
                     let has_room = self.failed.push(frame.references).is_ok();
-                    debug_assert!(has_room, "fewer are tried");
+                    debug_assert!(has_room, "no more are tried at a stop");
                     if why != Refusal::Undetermined {
                         self.doubt(&frame, table);
                     }
