@@ -46,6 +46,7 @@ use crate::{
     limits::{self, COLOURS_MAX},
     log::warning,
     message::{MemberAddress, References, Report, Seen, StopNumber},
+    network::Attachment,
     vision::ColourWindow,
 };
 
@@ -94,7 +95,7 @@ pub enum Fact {
     /// A camera: the colours it learnt.
     Colours(Colours),
     /// Camera and target: the network that the addresses in all other facts are of.
-    Network(FormerNetwork),
+    Network(Attachment),
     /// A target: stops of its walk, in these places of its list: those from
     /// [`STOPS_PER_RECORD`] times the number on.
     WalkStops(u8, [Option<WalkStop>; STOPS_PER_RECORD]),
@@ -244,18 +245,6 @@ pub struct ReferenceStop {
     pub own: Option<Seen>,
     /// Where the other reference camera saw it.
     pub other: Option<Seen>,
-}
-
-/// A network, as one of its members knows it.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
-#[cfg_attr(feature = "defmt", derive(defmt::Format))]
-pub struct FormerNetwork {
-    /// Its PAN identifier.
-    pub pan: u16,
-    /// The coordinator's EUI-64.
-    pub coordinator: [u8; 8],
-    /// The address that this member has there.
-    pub own: MemberAddress,
 }
 
 /// Colours that a camera learnt, by their number.

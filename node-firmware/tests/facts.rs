@@ -14,11 +14,12 @@ use flash_log::{Entry, Log, LogError};
 use nalgebra::{Point2, Vector2};
 use node_firmware::{
     facts::{
-        self, BEARINGS_PER_RECORD, Colours, Fact, FactStore, FormerNetwork, KeptSighting,
-        ReferenceStop, STOPS_PER_RECORD, Walk, WalkBearing, WalkLeg, WalkStop,
+        self, BEARINGS_PER_RECORD, Colours, Fact, FactStore, KeptSighting, ReferenceStop,
+        STOPS_PER_RECORD, Walk, WalkBearing, WalkLeg, WalkStop,
     },
     limits::{MEMBERS, REFERENCE_STOPS, SIGHTINGS, WALK_BEARINGS, WALK_STOPS},
     message::{CameraState, Duty, FittingLens, PoseParts, References, Report, Seen},
+    network::{Attachment, NetworkIdentity},
     vision::ColourWindow,
 };
 use rand::{RngExt, SeedableRng};
@@ -99,9 +100,11 @@ fn colours() -> Fact {
 }
 
 fn network() -> Fact {
-    Fact::Network(FormerNetwork {
-        pan: 0x1234,
-        coordinator: [2, 0, 0, 0, 0, 0, 0, 9],
+    Fact::Network(Attachment {
+        network: NetworkIdentity {
+            number: 0x1234,
+            founder: [2, 0, 0, 0, 0, 0, 0, 9],
+        },
         own: u16::MAX,
     })
 }

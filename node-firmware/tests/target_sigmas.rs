@@ -3,6 +3,7 @@
 use core::time::Duration;
 
 use calib_core::dead_reckoning::Step;
+use node_firmware::network::{Attachment, NetworkIdentity};
 use node_firmware::{
     config::{SensorConfig, TargetConfig},
     message::{CoordinateFrame, Message, Stopped, TargetLocation},
@@ -11,12 +12,7 @@ use node_firmware::{
         moving_target::{TargetEvent, TargetRole},
     },
 };
-use zigbee_link::{
-    Instant,
-    radio::Channel,
-    store::Membership,
-    wire::{Eui64, PanId, ShortAddress},
-};
+use zigbee_link::{Instant, wire::ShortAddress};
 
 const OWN_HEADING: f32 = 3.0_f32.to_radians();
 const OWN_SCALE: f32 = 0.08;
@@ -43,11 +39,12 @@ impl Carrier {
             now: Instant(0),
             target: TargetRole::new(10, config, 7),
         };
-        let network = Membership {
-            pan: PanId(1),
-            channel: Channel::new(15).unwrap(),
-            short: ShortAddress(10),
-            coordinator: Eui64([2, 0, 0, 0, 0, 0, 0, 0]),
+        let network = Attachment {
+            network: NetworkIdentity {
+                number: 1,
+                founder: [2, 0, 0, 0, 0, 0, 0, 0],
+            },
+            own: 10,
         };
         carrier.target.on_attached(carrier.now, Some(network));
         carrier

@@ -4,7 +4,7 @@
 //! what it wants is asked from it, until it wants nothing more. [`run`](crate::run) connects it to
 //! radio, flash and devices; tests connect roles to each other.
 
-mod network;
+mod last_network;
 mod notifications;
 mod outbox;
 mod reports;
@@ -15,16 +15,16 @@ pub mod coordinator;
 pub mod moving_target;
 
 pub(crate) use self::{
-    network::LastNetwork,
+    last_network::LastNetwork,
     notifications::{Notification, Notifications, RETRY},
     outbox::Outbox,
     reports::{CONTRADICTION, Reports, contradiction, is_news},
     unsaved::Unsaved,
 };
 
-use zigbee_link::{Instant, store::Membership, wire::ShortAddress};
+use zigbee_link::{Instant, wire::ShortAddress};
 
-use crate::{facts::Fact, hardware::Indication, message::Message};
+use crate::{facts::Fact, hardware::Indication, message::Message, network::Attachment};
 
 /// The coordinator's address.
 pub const COORDINATOR: ShortAddress = ShortAddress(0);
@@ -62,7 +62,7 @@ pub trait Role {
     fn restore(&mut self, fact: &Fact);
 
     /// The node joined, or formed, this network, or lost it.
-    fn on_attached(&mut self, now: Instant, network: Option<Membership>);
+    fn on_attached(&mut self, now: Instant, network: Option<Attachment>);
 
     /// A message came.
     fn on_message(&mut self, now: Instant, from: ShortAddress, message: &Message);

@@ -5,11 +5,12 @@ use core::{convert::Infallible, pin::pin};
 use calib_core::camera::Camera;
 use cmucam2_driver::Cmucam2;
 use embassy_futures::select::{Either, Either3, select, select3};
+use embedded_storage_async::nor_flash::NorFlash;
 use flash_log::LogError;
 use zigbee_link::{Instant, runner::Clock};
 
 use super::{
-    ClockDelay, FlashError,
+    ClockDelay,
     drive::{AnyDriver, DeviceChannels, Events, RoleDriver, Services, Tasks, drive},
     outlined::Outlined,
 };
@@ -18,6 +19,7 @@ use crate::{
     hardware::{Buttons, Hardware},
     log::warning,
     message::{CameraCommand, CommandResult, Seen, Sight, TrackedBlob},
+    network::Network,
     role::camera::{CameraEvent, CameraRole, CameraTask},
     vision::{BlobCamera, Cmucam2BlobCamera, Judge, Look, Subject, VisionError, look},
 };
@@ -26,12 +28,12 @@ use crate::{
 const PAUSE_US: u64 = 1_000_000;
 const PAUSE_MAX_US: u64 = 32_000_000;
 
-pub(super) async fn run<H: Hardware>(
+pub(super) async fn run<H: Hardware, N: Network, F: NorFlash>(
     (id, optics): (u16, Camera<f32>),
     config: &CameraConfig,
-    services: Services<'_, H>,
+    services: Services<'_, H, N, F>,
     (uart, mut buttons): (H::Uart, H::Buttons),
-) -> LogError<FlashError<H>> {
+) -> LogError<F::Error> {
     let clock = services.clock;
     let channels = DeviceChannels::new();
     let mut role = None;

@@ -4,40 +4,41 @@ use core::{convert::Infallible, pin::pin, time::Duration};
 
 use embassy_futures::select::{Either, Either3, select, select3};
 use embedded_io_async::{Read, Write};
+use embedded_storage_async::nor_flash::NorFlash;
 use flash_log::LogError;
 use zigbee_link::{Instant, runner::Clock, wire::ShortAddress};
 
 use super::{
-    FlashError, SharedNode,
     drive::{AnyDriver, DeviceChannels, Events, RoleDriver, Services, Tasks, drive},
     outlined::Outlined,
 };
 use crate::{
     config::CoordinatorConfig,
-    console::{self, FRAME_MAX, Frames, KeyChangeReport, ToPc},
+    console::{self, FRAME_MAX, Frames, ToPc},
     hardware::{Buttons, Hardware},
+    network::{Administration, Network},
     role::coordinator::{CoordinatorEvent, CoordinatorRole, CoordinatorTask},
 };
 
 /// The longest frame takes a tenth of it at 9600 baud.
 const PATIENCE_US: u64 = 1_000_000;
 
-pub(super) async fn run<H: Hardware>(
+pub(super) async fn run<H: Hardware, N: Network + Administration, F: NorFlash>(
     config: &CoordinatorConfig,
-    services: Services<'_, H>,
+    services: Services<'_, H, N, F>,
     (uart, mut buttons): (H::Uart, H::Buttons),
-) -> LogError<FlashError<H>> {
-    let Services { shared, clock, .. } = services;
+) -> LogError<F::Error> {
+    let Services { network, clock, .. } = services;
     let channels = DeviceChannels::new();
     let mut role = CoordinatorRole::new();
     if config.join_window_s > 0 {
         let window = Duration::from_secs(config.join_window_s.into());
-        shared.with(|node, now| node.open_join_window(now, window));
+        network.open_join_window(window);
     }
     let events = channels.events.sender();
     let driver = AnyDriver::Coordinator(RoleDriver::new(&mut role, &channels));
     let driven = drive(driver, services);
-    let line = line::<H>(uart, shared, clock, channels.tasks.receiver(), events);
+    let line = line(uart, network, clock, channels.tasks.receiver(), events);
     let pressed = async {
         loop {
             let button = buttons.pressed().await;
@@ -53,10 +54,10 @@ pub(super) async fn run<H: Hardware>(
 
 /// The PC, or nobody: what is written to a line without a reader is lost, and what it does not take
 /// within [`PATIENCE_US`]. A line that fails is tried again with the next task.
-async fn line<H: Hardware>(
-    mut uart: H::Uart,
-    shared: &SharedNode<'_, H>,
-    clock: &H::Clock,
+async fn line<U: Read + Write>(
+    mut uart: U,
+    network: &impl Administration,
+    clock: &impl Clock,
     tasks: Tasks<'_, CoordinatorTask>,
     events: Events<'_, CoordinatorEvent>,
 ) -> Infallible {
@@ -74,7 +75,7 @@ async fn line<H: Hardware>(
         match select(tasks.receive(), read).await {
             Either::First(task) => {
                 let mut frame = [0; FRAME_MAX];
-                if let Some(message) = perform::<H>(shared, task)
+                if let Some(message) = perform(network, task)
                     && let Some(frame) = console::encode(&message, &mut frame)
                 {
                     let until = Instant(clock.now().0.saturating_add(PATIENCE_US));
@@ -100,36 +101,21 @@ async fn line<H: Hardware>(
 }
 
 /// Does a task as far as it is the network's, and returns what the PC is to be told.
-fn perform<H: Hardware>(shared: &SharedNode<'_, H>, task: CoordinatorTask) -> Option<ToPc> {
-    let told = shared.with(|node, now| {
-        match task {
-            CoordinatorTask::Tell(message) => return Some(message),
-            CoordinatorTask::OpenJoinWindow(window) => {
-                node.open_join_window(now, window);
-                return None;
-            }
-            CoordinatorTask::Remove(address) => {
-                let short = ShortAddress(address);
-                let member = node.members().find(|member| member.short == short);
-                let success = member.is_some_and(|member| node.remove(now, member.extended));
-                return Some(ToPc::Removed { address, success });
-            }
-            CoordinatorTask::ChangeKey(key) => {
-                let begun = key.key().map(|key| node.change_key(key));
-                if !matches!(begun, Some(Ok(()))) {
-                    return Some(ToPc::KeyChange(None));
-                }
-            }
-            CoordinatorTask::TellKeyChange => {}
+fn perform(network: &impl Administration, task: CoordinatorTask) -> Option<ToPc> {
+    Some(match task {
+        CoordinatorTask::Tell(message) => message,
+        CoordinatorTask::TellNetwork => ToPc::Network(network.info()),
+        CoordinatorTask::OpenJoinWindow(window) => {
+            network.open_join_window(window);
+            return None;
         }
-        Some(ToPc::KeyChange(node.key_change().map(|change| {
-            KeyChangeReport {
-                index: change.index,
-                check: change.check,
-                done: change.is_done,
-                unreached: change.unreached,
-            }
-        })))
-    });
-    told.flatten()
+        CoordinatorTask::Remove(address) => ToPc::Removed {
+            address,
+            success: network.remove(ShortAddress(address)),
+        },
+        CoordinatorTask::ChangeKey(key) if !network.change_key(key) => ToPc::KeyChange(None),
+        CoordinatorTask::ChangeKey(_) | CoordinatorTask::TellKeyChange => {
+            ToPc::KeyChange(network.key_change())
+        }
+    })
 }

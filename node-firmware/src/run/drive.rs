@@ -1,4 +1,4 @@
-//! Drives a role: it is told what comes from its link, its devices and the clock, and asked what it
+//! Drives a role: it is told what comes from its network, its devices and the clock, and asked what it
 //! wants, which is then done.
 
 use core::{
@@ -12,21 +12,16 @@ use embassy_sync::{
     blocking_mutex::raw::NoopRawMutex,
     channel::{Channel, Receiver, Sender, TrySendError},
 };
+use embedded_storage_async::nor_flash::NorFlash;
 use flash_log::LogError;
-use zigbee_link::{
-    Instant,
-    link::{Delivery, SendError, Ticket},
-    network::NetworkStatus,
-    runner::{Clock, Happened},
-    wire::ShortAddress,
-};
+use zigbee_link::{Instant, runner::Clock, wire::ShortAddress};
 
-use super::{FlashError, FlashPart, QUEUE, SharedNode, outlined::Outlined};
+use super::{QUEUE, outlined::Outlined};
 use crate::{
     facts::{Fact, FactStore},
     hardware::{Hardware, Indicator, Observer},
-    log::debug,
     message::Message,
+    network::{Network, NetworkEvent, PostError},
     role::{
         Output, Role, camera::CameraRole, coordinator::CoordinatorRole, moving_target::TargetRole,
     },
@@ -57,19 +52,19 @@ pub(super) type Tasks<'a, T> = Receiver<'a, NoopRawMutex, T, WAITING>;
 pub(super) type Events<'a, E> = Sender<'a, NoopRawMutex, E, WAITING>;
 
 /// What every role uses of its node.
-pub(super) struct Services<'a, H: Hardware> {
-    pub(super) shared: &'a SharedNode<'a, H>,
+pub(super) struct Services<'a, H: Hardware, N, F> {
+    pub(super) network: &'a N,
     pub(super) clock: &'a H::Clock,
-    pub(super) facts: &'a mut FactStore<FlashPart<'a, H>>,
+    pub(super) facts: &'a mut FactStore<F>,
     pub(super) observer: &'a mut H::Observer,
     pub(super) indicator: &'a mut H::Indicator,
 }
 
 /// The driver of whichever role a node has: so [`drive`] is in an image once, not once for each.
-pub(super) enum AnyDriver<'a> {
-    Coordinator(RoleDriver<'a, CoordinatorRole>),
-    Camera(RoleDriver<'a, CameraRole>),
-    Target(RoleDriver<'a, TargetRole<'a>>),
+pub(super) enum AnyDriver<'a, Ticket> {
+    Coordinator(RoleDriver<'a, CoordinatorRole, Ticket>),
+    Camera(RoleDriver<'a, CameraRole, Ticket>),
+    Target(RoleDriver<'a, TargetRole<'a>, Ticket>),
 }
 
 /// The same with whichever role it is.
@@ -84,18 +79,18 @@ macro_rules! whichever {
 }
 
 /// A role, and what it wanted that is not done yet.
-pub(super) struct RoleDriver<'a, R: Role> {
+pub(super) struct RoleDriver<'a, R: Role, Ticket> {
     role: &'a mut R,
     devices: &'a DeviceChannels<R::Task, R::Event>,
-    /// Messages with the link of which the role wants to know the result.
+    /// Messages with the network of which the role wants to know the result.
     in_flight: heapless::Vec<(Ticket, R::Notification), QUEUE>,
-    /// A message for which the link had no room.
+    /// A message for which the network had no room.
     pending_message: Option<(ShortAddress, Message, Option<R::Notification>)>,
     /// A task for which the devices had no time.
     pending_task: Option<R::Task>,
 }
 
-impl<'a, R: Role> RoleDriver<'a, R> {
+impl<'a, R: Role, Ticket> RoleDriver<'a, R, Ticket> {
     pub(super) const fn new(
         role: &'a mut R,
         devices: &'a DeviceChannels<R::Task, R::Event>,
@@ -110,7 +105,7 @@ impl<'a, R: Role> RoleDriver<'a, R> {
     }
 }
 
-impl<R: Role> RoleDriver<'_, R> {
+impl<R: Role, Ticket: Copy + PartialEq> RoleDriver<'_, R, Ticket> {
     // None is inlined: roles need much of the stack, and would be in `drive` in full, each time.
 
     #[inline(never)] // stack
@@ -134,7 +129,7 @@ impl<R: Role> RoleDriver<'_, R> {
     fn act(
         &mut self,
         now: Instant,
-        mut post: impl FnMut(ShortAddress, &Message) -> Result<Ticket, SendError>,
+        mut post: impl FnMut(ShortAddress, &Message) -> Result<Ticket, PostError>,
     ) -> Option<Fact> {
         // Where it has to wait, for the link or for its devices, it goes on hearing: these may
         // wait for it, too.
@@ -161,14 +156,14 @@ impl<R: Role> RoleDriver<'_, R> {
             }
             if let Some((to, message, notification)) = &self.pending_message {
                 match (post(*to, message), *notification) {
-                    (Err(SendError::QueueFull), _) => return None,
+                    (Err(PostError::Full), _) => return None,
                     (Ok(ticket), Some(notification)) => {
-                        // As many as the queue of the link has places.
-                        let noted = self.in_flight.push((ticket, notification));
-                        debug_assert!(noted.is_ok(), "more messages than the link has places");
+                        if let Err((_, unknown)) = self.in_flight.push((ticket, notification)) {
+                            debug_assert!(false, "more messages on their way than a network takes");
+                            self.role.on_sent(now, unknown, false);
+                        }
                     }
-                    (Err(error), notification) => {
-                        debug!("not sent: {}", error);
+                    (Err(PostError::Refused), notification) => {
                         if let Some(notification) = notification {
                             self.role.on_sent(now, notification, false);
                         }
@@ -204,12 +199,12 @@ impl<R: Role> RoleDriver<'_, R> {
 }
 
 /// Drives a role. Returns only when its flash failed.
-pub(super) async fn drive<H: Hardware>(
-    mut any: AnyDriver<'_>,
-    services: Services<'_, H>,
-) -> LogError<FlashError<H>> {
+pub(super) async fn drive<H: Hardware, N: Network, F: NorFlash>(
+    mut any: AnyDriver<'_, N::Ticket>,
+    services: Services<'_, H, N, F>,
+) -> LogError<F::Error> {
     let Services {
-        shared,
+        network,
         clock,
         facts,
         observer,
@@ -219,11 +214,11 @@ pub(super) async fn drive<H: Hardware>(
     if let Err(error) = Outlined(pin!(recalled)).await {
         return error;
     }
-    let mut status = NetworkStatus::Out;
+    let mut attachment = None;
     let mut shown = None;
     loop {
         let post = |to, message: &Message| {
-            let ticket = shared.post(to, message)?;
+            let ticket = network.post(to, message)?;
             observer.sends(to, message);
             Ok(ticket)
         };
@@ -244,7 +239,7 @@ pub(super) async fn drive<H: Hardware>(
 
         // What happens.
         let deadline = whichever!(&any, driver => driver.deadline());
-        let happened = pin!(shared.happened::<Message>(status));
+        let happened = pin!(network.happened(attachment));
         let devices = poll_fn(
             |context| whichever!(&mut any, driver => driver.poll_devices(clock.now(), context)),
         );
@@ -259,20 +254,15 @@ pub(super) async fn drive<H: Hardware>(
         };
         let now = clock.now();
         match happened {
-            Happened::Message(from, message) => {
+            NetworkEvent::Message(from, message) => {
                 whichever!(&mut any, driver => driver.on_message(now, from, &message));
             }
-            Happened::Settled(ticket, delivery) => {
-                let delivered = delivery != Delivery::NoAnswer;
+            NetworkEvent::Settled { ticket, delivered } => {
                 whichever!(&mut any, driver => driver.on_settled(now, ticket, delivered));
             }
-            Happened::Status(new) => {
-                status = new;
-                let network = match new {
-                    NetworkStatus::Joined(membership) => Some(membership),
-                    _ => None,
-                };
-                whichever!(&mut any, driver => driver.role.on_attached(now, network));
+            NetworkEvent::Attached(new) => {
+                attachment = new;
+                whichever!(&mut any, driver => driver.role.on_attached(now, new));
             }
         }
     }

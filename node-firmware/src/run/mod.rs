@@ -1,7 +1,8 @@
 //! A node at work: its role connected to its hardware.
 //!
 //! [`run`] is all a board or a simulation calls. It returns only when the node cannot go on: then
-//! the board restarts, and the node goes on from what is in its flash.
+//! the board restarts, and the node goes on from what is in its flash. [`run_over`] is its part above
+//! the [`Network`], for a network of another kind.
 //!
 //! Three futures run side by side, in one task:
 //!
@@ -20,6 +21,7 @@ mod drive;
 mod moving_target;
 mod outlined;
 mod shared_flash;
+mod zigbee;
 
 use core::{fmt, ops::Range, pin::pin};
 
@@ -36,28 +38,19 @@ use zigbee_link::{
     wire::Eui64,
 };
 
-use self::{
-    drive::Services,
-    outlined::Outlined,
-    shared_flash::{FlashUser, SharedFlash},
-};
+use self::{drive::Services, outlined::Outlined, shared_flash::SharedFlash, zigbee::ZigbeeNetwork};
 use crate::{
     config::{CheckedConfig, RoleConfig},
     facts::FactStore,
     hardware::{Hardware, Peripherals},
     limits::MEMBERS,
+    network::{Administration, Network},
 };
 
 /// Nodes that one talks to: all members and the coordinator.
 const PEERS: usize = MEMBERS + 1;
 /// Messages each way that wait.
 const QUEUE: usize = 4;
-
-/// What the link and the role share.
-type SharedNode<'a, H> = Shared<&'a <H as Hardware>::Clock, PEERS, QUEUE, MEMBERS>;
-
-/// The flash for one of its two logs.
-type FlashPart<'a, H> = FlashUser<'a, <H as Hardware>::Flash>;
 
 /// How the radio fails.
 pub type RadioError<H> = <<H as Hardware>::Radio as Radio>::Error;
@@ -113,9 +106,9 @@ pub async fn run<H: Hardware>(
         flash,
         layout,
         steps,
-        mut indicator,
+        indicator,
         buttons,
-        mut observer,
+        observer,
         extended,
         seed,
     } = peripherals;
@@ -153,55 +146,105 @@ pub async fn run<H: Hardware>(
         protection: config.protection,
         seed,
     };
-    let shared = share_node::<H>(&clock, &config.role, settings, &saved, &members);
+    let network = share_node::<H>(&clock, &config.role, settings, &saved, &members);
     if let RoleConfig::Coordinator(own) = &config.role {
         for &device in &own.allow {
-            let allowed = shared.with(|node, _| node.allow(Eui64(device)));
+            let allowed = network.node.with(|node, _| node.allow(Eui64(device)));
             debug_assert!(
                 allowed == Some(Ok(())),
                 "the allow-list is longer than the table of members"
             );
         }
     }
-    let link = runner::run(&shared, &mut radio, &mut store);
-    let seed = seed as u16;
-    let services = Services::<'_, H> {
-        shared: &shared,
+    let link = runner::run(&network.node, &mut radio, &mut store);
+    let devices = Devices::<H> {
+        uart,
         clock: &clock,
-        facts: &mut facts,
-        observer: &mut observer,
-        indicator: &mut indicator,
+        steps,
+        indicator,
+        buttons,
+        observer,
+        seed,
     };
-    let role = async {
-        match &config.role {
-            RoleConfig::Coordinator(own) => {
-                Outlined(pin!(coordinator::run(own, services, (uart, buttons)))).await
-            }
-            RoleConfig::Camera(own) => {
-                Outlined(pin!(camera::run(
-                    (config.id, config.optics()),
-                    own,
-                    services,
-                    (uart, buttons)
-                )))
-                .await
-            }
-            RoleConfig::Target(own) => {
-                Outlined(pin!(moving_target::run(
-                    (config.id, seed),
-                    own,
-                    services,
-                    steps
-                )))
-                .await
-            }
-        }
-    };
+    let role = run_over(config, devices, &mut facts, &network);
     // Pinned here: a future passed by value is kept twice, and these are large. The link takes no stack
     // while the role computes.
     match select(Outlined(pin!(link)), pin!(role)).await {
         Either::First(stopped) => Failure::Link(stopped),
         Either::Second(error) => Failure::Facts(error),
+    }
+}
+
+/// What a role works with besides its network and its flash: of [`Peripherals`], the rest.
+pub struct Devices<'a, H: Hardware> {
+    /// See [`Hardware::Uart`].
+    pub uart: H::Uart,
+    /// The time since the start.
+    pub clock: &'a H::Clock,
+    /// A target's step sensor.
+    pub steps: H::Steps,
+    /// Dark so far.
+    pub indicator: H::Indicator,
+    /// See [`Button`](crate::hardware::Button) for what each asks for.
+    pub buttons: H::Buttons,
+    /// Called in the middle of the node's work: it must not wait.
+    pub observer: H::Observer,
+    /// Random, another one at each start.
+    pub seed: u64,
+}
+
+/// Runs a node's role and its devices over any [`Network`]. The network's own work is somebody else's.
+///
+/// What `facts` remembers must be of that network: where addresses were given anew, they are to be
+/// [forgotten](FactStore::forget) first.
+///
+/// # Errors
+/// It never returns but with the reason why the flash failed.
+pub async fn run_over<H: Hardware, N: Network + Administration, F: NorFlash>(
+    config: &CheckedConfig,
+    devices: Devices<'_, H>,
+    facts: &mut FactStore<F>,
+    network: &N,
+) -> LogError<F::Error> {
+    let Devices {
+        uart,
+        clock,
+        steps,
+        mut indicator,
+        buttons,
+        mut observer,
+        seed,
+    } = devices;
+    let seed = seed as u16;
+    let services = Services::<'_, H, N, F> {
+        network,
+        clock,
+        facts,
+        observer: &mut observer,
+        indicator: &mut indicator,
+    };
+    match &config.role {
+        RoleConfig::Coordinator(own) => {
+            Outlined(pin!(coordinator::run(own, services, (uart, buttons)))).await
+        }
+        RoleConfig::Camera(own) => {
+            Outlined(pin!(camera::run(
+                (config.id, config.optics()),
+                own,
+                services,
+                (uart, buttons)
+            )))
+            .await
+        }
+        RoleConfig::Target(own) => {
+            Outlined(pin!(moving_target::run(
+                (config.id, seed),
+                own,
+                services,
+                steps
+            )))
+            .await
+        }
     }
 }
 
@@ -214,12 +257,12 @@ fn share_node<'a, H: Hardware>(
     settings: NetworkSettings,
     saved: &Saved,
     members: &[Option<Member>; MEMBERS],
-) -> SharedNode<'a, H> {
+) -> ZigbeeNetwork<&'a H::Clock> {
     let node = match role {
         RoleConfig::Coordinator(_) => Node::coordinator(settings, saved, *members),
         RoleConfig::Camera(_) | RoleConfig::Target(_) => Node::device(clock.now(), settings, saved),
     };
-    Shared::new(node, clock)
+    ZigbeeNetwork::new(Shared::new(node, clock))
 }
 
 /// Opens the link's store, and provisions the node if its configuration is newer: if it has another

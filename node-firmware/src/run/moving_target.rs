@@ -4,11 +4,11 @@ use core::pin::pin;
 
 use calib_core::joint::{BearingStorage, StopStorage, UnknownStorage};
 use embassy_futures::select::{Either, select};
+use embedded_storage_async::nor_flash::NorFlash;
 use flash_log::LogError;
 use zigbee_link::runner::Clock;
 
 use super::{
-    FlashError,
     drive::{AnyDriver, DeviceChannels, Events, RoleDriver, Services, drive},
     outlined::Outlined,
 };
@@ -18,18 +18,19 @@ use crate::{
     limits::{WALK_BEARINGS, WALK_STOPS},
     log::warning,
     message::StopNumber,
+    network::Network,
     role::moving_target::{CAMERAS, EstimateMemory, TargetEvent, TargetRole, WORKSPACE},
 };
 
 /// After a failure of the sensor.
 const PAUSE_US: u64 = 1_000_000;
 
-pub(super) async fn run<H: Hardware>(
+pub(super) async fn run<H: Hardware, N: Network, F: NorFlash>(
     (id, first_stop): (u16, StopNumber),
     config: &TargetConfig,
-    services: Services<'_, H>,
+    services: Services<'_, H, N, F>,
     mut steps: H::Steps,
-) -> LogError<FlashError<H>> {
+) -> LogError<F::Error> {
     let clock = services.clock;
     let channels = DeviceChannels::new();
     // Each on its own: together they would be made on the stack first.

@@ -33,7 +33,7 @@ fn they_join_and_look() {
     assert_eq!(members, [101, 102]);
 
     // It stood since it was switched on.
-    assert_eq!(site.looks().last(), Some(&Sight::InView));
+    assert_eq!(site.camera.looks().last(), Some(&Sight::InView));
     assert!(site.target.lamps.0.get().may_walk);
     assert!(site.target.lamps.0.get().target_seen);
     assert!(site.camera.lamps.0.get().target_seen);
@@ -44,7 +44,7 @@ fn they_join_and_look() {
     site.bench.run_for(SECOND);
     assert!(!site.target.lamps.0.get().may_walk);
     site.bench.run_for(20 * SECOND);
-    assert_eq!(site.looks().last(), Some(&Sight::NotInView));
+    assert_eq!(site.camera.looks().last(), Some(&Sight::NotInView));
     assert!(site.target.lamps.0.get().may_walk);
     let heard = site.camera.heard();
     assert!(heard.contains(&"ST 170 240 60 140 16 80".to_owned()));
@@ -198,7 +198,7 @@ fn they_come_back_after_a_restart() {
     site.camera.sees(Some(41));
     site.target.step(1.0, 0.5);
     site.bench.run_for(30 * SECOND);
-    assert_eq!(site.looks().last(), Some(&Sight::InView));
+    assert_eq!(site.camera.looks().last(), Some(&Sight::InView));
     assert!(site.target.lamps.0.get().may_walk);
 }
 
@@ -219,7 +219,7 @@ fn a_background_is_not_learnt_with_the_target_in_view() {
         site.camera.sees(Some(column));
         site.target.step(1.0, 0.5);
         site.bench.run_for(30 * SECOND);
-        site.looks().last().copied()
+        site.camera.looks().last().copied()
     };
     let backgrounds = |site: &Site| {
         let heard = site.camera.heard();

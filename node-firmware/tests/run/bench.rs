@@ -23,7 +23,7 @@ use node_firmware::{
     facts,
     hardware::{FlashLayout, Hardware, Indication, Indicator, Observer, Peripherals, StepSensor},
     message::{CameraCommand, CommandResult, Duty, MemberKind, Message, Sight},
-    run::run,
+    run::{Devices, run},
 };
 use virtual_bench::{
     executor::{Clock, Ended, Executor, TaskId, Time},
@@ -43,7 +43,7 @@ type Nonces = Rc<RefCell<HashSet<(NodeId, u8, u32)>>>;
 
 /// What the nodes under test run on.
 pub(super) struct Bench {
-    executor: Executor,
+    pub(super) executor: Executor,
     pub(super) clock: Clock,
     medium: Medium,
     nonces: Nonces,
@@ -141,7 +141,7 @@ impl Camera {
 pub(super) struct Pc(RefCell<(Port, Frames, Vec<ToPc>)>);
 
 impl Pc {
-    fn new(uart: Port) -> Self {
+    pub(super) fn new(uart: Port) -> Self {
         Self(RefCell::new((uart, Frames::default(), Vec::new())))
     }
 
@@ -297,6 +297,22 @@ impl Board {
         }
     }
 
+    /// All but radio and flash.
+    pub(super) fn devices<'a>(&self, clock: &'a Clock, seed: u64) -> Devices<'a, Self> {
+        Devices {
+            uart: NodeUart {
+                port: self.line.open(Side::Node),
+                stalled: self.stalled.clone(),
+            },
+            clock,
+            steps: self.steps.clone(),
+            indicator: self.lamps.clone(),
+            buttons: (),
+            observer: self.log.clone(),
+            seed,
+        }
+    }
+
     /// The firmware from its start, with what is in the flash.
     pub(super) fn firmware(
         &self,
@@ -355,6 +371,16 @@ impl Board {
     /// What its camera was told, from now on or since it was last forgotten.
     pub(super) fn heard(&self) -> Vec<String> {
         self.camera.heard.borrow().clone()
+    }
+
+    /// What it answered to stops.
+    pub(super) fn looks(&self) -> Vec<Sight> {
+        let log = self.log.0.borrow();
+        let looks = log.iter().filter_map(|message| match message {
+            Message::Look(look) => Some(look.sight),
+            _ => None,
+        });
+        looks.collect()
     }
 
     pub(super) fn forget_heard(&self) {
@@ -461,15 +487,5 @@ impl Site {
         });
         assert!(done != failed, "{told:?}");
         done
-    }
-
-    /// What the camera answered to stops.
-    pub(super) fn looks(&self) -> Vec<Sight> {
-        let log = self.camera.log.0.borrow();
-        let looks = log.iter().filter_map(|message| match message {
-            Message::Look(look) => Some(look.sight),
-            _ => None,
-        });
-        looks.collect()
     }
 }

@@ -11,6 +11,7 @@ mod at_work;
 mod bench;
 mod coordinator_anew;
 mod former_networks;
+mod mesh;
 mod provisioned_again;
 #[path = "../support/mod.rs"]
 mod support;

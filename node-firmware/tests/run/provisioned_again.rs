@@ -93,7 +93,7 @@ fn boards_change_their_roles() {
     ] {
         assert!(lamps.0.get().joined);
     }
-    assert_eq!(site.looks().last(), Some(&Sight::InView));
+    assert_eq!(site.camera.looks().last(), Some(&Sight::InView));
     assert!(site.coordinator.lamps.0.get().may_walk);
     // And back.
     site.coordinator.config.role = RoleConfig::Coordinator(coordinator);

@@ -18,10 +18,10 @@ use rand_chacha::ChaCha8Rng;
 use zigbee_link::{
     Instant,
     link::MESSAGE_MAX,
-    radio::Channel,
-    store::Membership,
-    wire::{Eui64, PanId, ShortAddress},
+    wire::{PanId, ShortAddress},
 };
+
+use node_firmware::network::{Attachment, NetworkIdentity};
 
 use super::flash::{Flash, chip, length};
 
@@ -161,12 +161,13 @@ impl<R: Role> Station<R> {
         }
     }
 
-    fn membership(&self) -> Membership {
-        Membership {
-            pan: self.pan,
-            short: self.address,
-            channel: Channel::new(15).unwrap(),
-            coordinator: Eui64([2, 0, 0, 0, 0, 0, 0, 0]),
+    fn membership(&self) -> Attachment {
+        Attachment {
+            network: NetworkIdentity {
+                number: self.pan.0,
+                founder: [2, 0, 0, 0, 0, 0, 0, 0],
+            },
+            own: self.address.0,
         }
     }
 

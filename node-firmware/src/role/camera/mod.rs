@@ -29,7 +29,7 @@ mod tests;
 use core::time::Duration;
 
 use calib_core::Status;
-use zigbee_link::{Instant, store::Membership, wire::ShortAddress};
+use zigbee_link::{Instant, wire::ShortAddress};
 
 use self::{
     calibration::Calibration,
@@ -52,6 +52,7 @@ use crate::{
         CameraCommand, CommandResult, Duty, Hello, ListedSighting, MemberAddress, MemberKind,
         Message, PoseParts, Report, Seen, Sight, StopBearing, StopNumber, TrackedBlob,
     },
+    network::Attachment,
     vision::ColourWindow,
 };
 
@@ -312,14 +313,14 @@ impl Role for CameraRole {
         self.restore_fact(fact);
     }
 
-    fn on_attached(&mut self, now: Instant, network: Option<Membership>) {
-        let own = network.map(|network| network.short);
+    fn on_attached(&mut self, now: Instant, network: Option<Attachment>) {
+        let own = network.map(|network| ShortAddress(network.own));
         let was_attached = core::mem::replace(&mut self.address, own).is_some();
         let Some(network) = network else {
             return;
         };
         let unsaved = &mut self.unsaved;
-        if (self.last_network).on_attached(was_attached, &network, unsaved) {
+        if (self.last_network).on_attached(was_attached, network, unsaved) {
             self.forget_network();
         }
         self.present(now);

@@ -2,10 +2,6 @@ use std::vec::Vec;
 
 use calib_core::dead_reckoning::{Place, Systematic, Track};
 use nalgebra::{Matrix2, Point2};
-use zigbee_link::{
-    radio::Channel,
-    wire::{Eui64, PanId},
-};
 
 use super::{reference::ReferenceStops, *};
 use crate::role::is_news;
@@ -13,6 +9,7 @@ use crate::{
     config::{Sigmas, Subjects},
     limits::SIGHTINGS,
     message::{CameraState, CoordinateFrame, ProtectionLevel, References, StopAnswer, Stopped},
+    network::NetworkIdentity,
     vision::Lens,
 };
 
@@ -28,12 +25,13 @@ const fn at(seconds: u64) -> Instant {
     Instant(seconds * 1_000_000)
 }
 
-fn membership(pan: u16, short: u16) -> Membership {
-    Membership {
-        pan: PanId(pan),
-        channel: Channel::FIRST,
-        short: ShortAddress(short),
-        coordinator: Eui64([2; 8]),
+fn membership(pan: u16, short: u16) -> Attachment {
+    Attachment {
+        network: NetworkIdentity {
+            number: pan,
+            founder: [2; 8],
+        },
+        own: short,
     }
 }
 

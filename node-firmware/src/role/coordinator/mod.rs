@@ -13,7 +13,7 @@ mod tests;
 use core::time::Duration;
 
 use calib_core::Status;
-use zigbee_link::{Instant, store::Membership, wire::ShortAddress};
+use zigbee_link::{Instant, wire::ShortAddress};
 
 use self::{
     appointment::{Appointment, Trigger},
@@ -23,11 +23,12 @@ use self::{
 use super::{Notification, Notifications, Outbox, Output, RETRY, Reports, Role, Unsaved, earliest};
 use crate::{
     config::SiteKey,
-    console::{FromPc, NetworkInfo, ToPc},
+    console::{FromPc, ToPc},
     facts::{Fact, FactKey},
     hardware::{Button, Indication},
     limits::MEMBERS,
     message::{CameraCommand, CommandResult, Hello, MemberAddress, MemberKind, Message, Report},
+    network::Attachment,
 };
 
 /// How long a button opens the join window.
@@ -76,6 +77,8 @@ pub enum CoordinatorTask {
     Remove(MemberAddress),
     /// Begin to change the site key, and tell the PC.
     ChangeKey(SiteKey),
+    /// Tell the PC which network it is.
+    TellNetwork,
     /// Tell the PC how the change of the site key goes.
     TellKeyChange,
 }
@@ -114,7 +117,7 @@ impl Known {
 #[derive(Clone, Debug)]
 pub struct CoordinatorRole {
     members: Reports<Known>,
-    network: Option<NetworkInfo>,
+    is_attached: bool,
     appointment: Appointment,
     /// Facts that are not written down yet.
     unsaved: Unsaved,
@@ -134,7 +137,7 @@ impl CoordinatorRole {
     pub const fn new() -> Self {
         Self {
             members: Reports::new(),
-            network: None,
+            is_attached: false,
             appointment: Appointment::new(),
             unsaved: Unsaved::new(),
             outbox: Outbox::new(),
@@ -273,13 +276,10 @@ impl Role for CoordinatorRole {
         }
     }
 
-    fn on_attached(&mut self, now: Instant, network: Option<Membership>) {
-        self.network = network.map(|network| NetworkInfo {
-            pan: network.pan.0,
-            channel: network.channel.number(),
-        });
-        self.tasks.tell(ToPc::Network(self.network));
-        if network.is_some() {
+    fn on_attached(&mut self, now: Instant, network: Option<Attachment>) {
+        self.is_attached = network.is_some();
+        self.tasks.tell_network();
+        if self.is_attached {
             self.roll_calls.begin(now);
         }
     }
@@ -353,7 +353,9 @@ impl Role for CoordinatorRole {
         if let Some(task) = self.tasks.take() {
             return Some(Output::Task(task));
         }
-        self.network?;
+        if !self.is_attached {
+            return None;
+        }
         if let Some(message) = self.outbox.take_due(now) {
             return Some(message);
         }
@@ -381,7 +383,9 @@ impl Role for CoordinatorRole {
     }
 
     fn next_deadline(&self) -> Option<Instant> {
-        self.network?;
+        if !self.is_attached {
+            return None;
+        }
         let members = self.members.iter();
         let members = members.filter_map(|member| member.more.notifications.next_due());
         earliest([
@@ -393,7 +397,7 @@ impl Role for CoordinatorRole {
 
     fn indication(&self) -> Indication {
         Indication {
-            joined: self.network.is_some(),
+            joined: self.is_attached,
             target_seen: self.appointment.is_triggered(),
             calibrated: self
                 .reports()

@@ -36,6 +36,11 @@ impl Tasks {
         let _ = self.queue.push_back(CoordinatorTask::Tell(message));
     }
 
+    /// Full, the PC asks again.
+    pub(super) fn tell_network(&mut self) {
+        let _ = self.queue.push_back(CoordinatorTask::TellNetwork);
+    }
+
     pub(super) const fn open_join_window(&mut self, time: Duration) {
         self.join_window = Some(time);
     }
@@ -65,7 +70,7 @@ impl CoordinatorRole {
         match wish {
             FromPc::Refresh => {
                 self.tasks.refresh = Some(0);
-                self.tasks.tell(ToPc::Network(self.network));
+                self.tasks.tell_network();
                 let _ = self.tasks.queue.push_back(CoordinatorTask::TellKeyChange);
             }
             FromPc::JoinWindow(seconds) => {

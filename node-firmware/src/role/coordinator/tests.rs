@@ -1,12 +1,8 @@
 use std::vec::Vec;
 
-use zigbee_link::{
-    radio::Channel,
-    wire::{Eui64, PanId},
-};
-
 use super::*;
 use crate::message::{References, StopNumber};
+use crate::network::NetworkIdentity;
 
 const CAMERA: MemberKind = MemberKind::Camera { reference: None };
 
@@ -55,11 +51,12 @@ fn coordinator_with(written: &[Fact]) -> CoordinatorRole {
     for fact in written {
         role.restore(fact);
     }
-    let membership = Membership {
-        pan: PanId(7),
-        channel: Channel::FIRST,
-        short: ShortAddress(0),
-        coordinator: Eui64([2; 8]),
+    let membership = Attachment {
+        network: NetworkIdentity {
+            number: 7,
+            founder: [2; 8],
+        },
+        own: 0,
     };
     role.on_attached(at(0), Some(membership));
     for call in [0, 5, 30] {
@@ -180,14 +177,15 @@ fn a_pc_that_asks_is_told_everything() {
     hello(&mut role, 40, 9, MemberKind::Target);
     let _ = outputs(&mut role, 40);
     role.on_event(at(41), CoordinatorEvent::Pc(FromPc::Refresh));
-    let told = told(&mut role, 41);
+    let told = outputs(&mut role, 41);
     assert!(
         matches!(
             told[..],
             [
-                ToPc::Network(Some(_)),
-                ToPc::Member { address: 4, .. },
-                ToPc::Member { address: 9, .. }
+                Output::Task(CoordinatorTask::TellNetwork),
+                Output::Task(CoordinatorTask::TellKeyChange),
+                Output::Task(CoordinatorTask::Tell(ToPc::Member { address: 4, .. })),
+                Output::Task(CoordinatorTask::Tell(ToPc::Member { address: 9, .. })),
             ]
         ),
         "{told:?}"

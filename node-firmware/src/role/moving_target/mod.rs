@@ -18,7 +18,7 @@ use core::time::Duration;
 
 use calib_core::dead_reckoning::{Step, Track};
 use nalgebra::{Matrix2, Point2};
-use zigbee_link::{Instant, store::Membership, wire::ShortAddress};
+use zigbee_link::{Instant, wire::ShortAddress};
 
 use self::{estimate::Estimate, place::nowhere, table::Table};
 pub use self::{
@@ -36,6 +36,7 @@ use crate::{
         CoordinateFrame, Hello, MemberAddress, MemberKind, Message, Sight, StopBearing, StopNumber,
         Stopped,
     },
+    network::Attachment,
 };
 
 /// After the broadcast of a stop, before cameras that did not answer are asked one by one: a look
@@ -462,8 +463,8 @@ impl Role for TargetRole<'_> {
         }
     }
 
-    fn on_attached(&mut self, now: Instant, network: Option<Membership>) {
-        let own = network.map(|network| network.short);
+    fn on_attached(&mut self, now: Instant, network: Option<Attachment>) {
+        let own = network.map(|network| ShortAddress(network.own));
         let before = core::mem::replace(&mut self.address, own);
         let Some(network) = network else {
             return;
@@ -473,7 +474,7 @@ impl Role for TargetRole<'_> {
         if let Some(estimate) = &mut self.estimate {
             estimate.sort_restored(self.stop, unsaved);
         }
-        if (self.last_network).on_attached(was_attached, &network, unsaved) {
+        if (self.last_network).on_attached(was_attached, network, unsaved) {
             // It stands where it stood, but among others.
             self.table.clear(unsaved);
             if let Some(estimate) = &mut self.estimate {

@@ -1,9 +1,9 @@
 use std::f32::consts::FRAC_PI_2;
 
 use nalgebra::{Matrix2, Point2};
-use zigbee_link::{radio::Channel, wire::Eui64, wire::PanId};
 
 use super::*;
+use crate::network::NetworkIdentity;
 use crate::{
     config::SensorConfig,
     message::{CameraState, PoseParts, Report, Seen, StopAnswer, TargetLocation},
@@ -72,11 +72,12 @@ fn a_walk_is_as_uncertain_as_what_its_sensor_always_does_wrong() {
 fn a_target_that_was_located_walks_on_in_the_frame_of_the_site() {
     const FRAME: f32 = 0.04;
     let mut target = target();
-    let membership = Membership {
-        pan: PanId(1),
-        channel: Channel::FIRST,
-        short: ShortAddress(3),
-        coordinator: Eui64([2; 8]),
+    let membership = Attachment {
+        network: NetworkIdentity {
+            number: 1,
+            founder: [2; 8],
+        },
+        own: 3,
     };
     target.on_attached(at(0), Some(membership));
     let _ = target.poll(at(2));
@@ -303,12 +304,13 @@ fn bearings_of_the_present_stop_and_of_cameras_with_poses_count() {
 
 const CAMERA: u16 = 1;
 
-fn membership() -> Membership {
-    Membership {
-        pan: PanId(1),
-        channel: Channel::FIRST,
-        short: ShortAddress(3),
-        coordinator: Eui64([2; 8]),
+fn membership() -> Attachment {
+    Attachment {
+        network: NetworkIdentity {
+            number: 1,
+            founder: [2; 8],
+        },
+        own: 3,
     }
 }
 

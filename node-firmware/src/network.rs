@@ -1,0 +1,122 @@
+//! The seam between roles and the network that carries their messages.
+//!
+//! Roles need little of it: a message goes to a member or to all, it is known whether it arrived, and
+//! a node knows when it is attached, and whether that is still the same network. Whatever gives that
+//! can carry them, over one hop or many: [`run`](crate::run::run) connects them to `zigbee_link`,
+//! [`run_over`](crate::run::run_over) to anything else.
+//!
+//! What a network promises:
+//! - Whoever a message comes from is a member, and said just this. Nothing is from somebody outside.
+//! - A message arrives whole or not at all, in any order, perhaps twice, and perhaps late.
+//! - A message to one member is settled within about a minute, whether it arrived or not. One to all
+//!   is settled when it is sent, for nobody knows who heard it.
+//! - The coordinator's address is [`COORDINATOR`](crate::role::COORDINATOR). An address is one member's
+//!   for as long as the [`Attachment`]s of all stay the same.
+
+use core::{future::Future, time::Duration};
+
+use serde::{Deserialize, Serialize};
+use zigbee_link::wire::ShortAddress;
+
+use crate::{
+    config::SiteKey,
+    console::{KeyChangeReport, NetworkInfo},
+    message::{MemberAddress, Message},
+};
+
+/// Carries the messages of one node.
+pub trait Network {
+    /// Names a message on its way.
+    type Ticket: Copy + PartialEq;
+
+    /// Takes a message for one member, or for all: [`ShortAddress::BROADCAST`].
+    ///
+    /// # Errors
+    /// It was not taken, and nothing more will be told of it.
+    fn post(&self, to: ShortAddress, message: &Message) -> Result<Self::Ticket, PostError>;
+
+    /// Waits for what happens next. Cancel-safe: what was not returned is told next time. `known` is
+    /// the attachment that the caller knows.
+    fn happened(
+        &self,
+        known: Option<Attachment>,
+    ) -> impl Future<Output = NetworkEvent<Self::Ticket>>;
+}
+
+/// What only people at the coordinator ask of a network. Whoever is no coordinator answers that there is
+/// nothing.
+pub trait Administration {
+    /// What people call the network, if it runs.
+    fn info(&self) -> Option<NetworkInfo>;
+
+    /// Lets any device with the site key join for a while.
+    fn open_join_window(&self, time: Duration);
+
+    /// Sends a member away. Whether it was one.
+    fn remove(&self, member: ShortAddress) -> bool;
+
+    /// Begins to give all members another site key. Whether it could begin.
+    fn change_key(&self, key: SiteKey) -> bool;
+
+    /// How the last change of the site key goes.
+    fn key_change(&self) -> Option<KeyChangeReport>;
+}
+
+/// Where a node is attached. As long as it is the same, addresses are the same members'.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct Attachment {
+    /// Which network it is.
+    pub network: NetworkIdentity,
+    /// The own address there.
+    pub own: MemberAddress,
+}
+
+/// Which network it is, of all that there are and were. What its numbers mean, only the network knows.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct NetworkIdentity {
+    /// Tells those apart that one founder formed one after the other. It may change while a node is
+    /// attached, without a change of addresses.
+    pub number: u16,
+    /// Who formed it.
+    pub founder: [u8; 8],
+}
+
+/// What happened in a network.
+#[derive(Clone, Debug, PartialEq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub enum NetworkEvent<Ticket> {
+    /// A member sent a message.
+    Message(ShortAddress, Message),
+    /// A message that was posted arrived, or it is not known to have arrived. Told once of each.
+    Settled {
+        /// What [`Network::post`] returned.
+        ticket: Ticket,
+        /// It arrived; of a message to all: it was sent.
+        delivered: bool,
+    },
+    /// The node is attached so now, or to no network.
+    Attached(Option<Attachment>),
+}
+
+/// Why a message was not taken.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub enum PostError {
+    /// Too many are on their way: try again after the next event.
+    Full,
+    /// It cannot be sent: to nobody, too long, or not attached.
+    Refused,
+}
+
+impl core::fmt::Display for PostError {
+    fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
+        f.write_str(match self {
+            Self::Full => "too many messages are on their way",
+            Self::Refused => "the message cannot be sent",
+        })
+    }
+}
+
+impl core::error::Error for PostError {}

@@ -1,0 +1,123 @@
+//! `zigbee_link` as the network that roles need.
+
+use core::{cell::Cell, time::Duration};
+
+use zigbee_link::{
+    link::{Delivery, SendError, Ticket},
+    network::NetworkStatus,
+    runner::{Clock, Happened, Shared},
+    wire::ShortAddress,
+};
+
+use super::{PEERS, QUEUE};
+use crate::{
+    config::SiteKey,
+    console::{KeyChangeReport, NetworkInfo},
+    limits::MEMBERS,
+    log::debug,
+    message::Message,
+    network::{Administration, Attachment, Network, NetworkEvent, NetworkIdentity, PostError},
+};
+
+/// What the link's runner and a role share.
+pub(super) struct ZigbeeNetwork<C> {
+    pub(super) node: Shared<C, PEERS, QUEUE, MEMBERS>,
+    /// Which of the link's states the role was told, or does not care about.
+    known: Cell<NetworkStatus>,
+}
+
+impl<C> ZigbeeNetwork<C> {
+    // stack
+    #[inline(always)]
+    pub(super) const fn new(node: Shared<C, PEERS, QUEUE, MEMBERS>) -> Self {
+        Self {
+            node,
+            known: Cell::new(NetworkStatus::Out),
+        }
+    }
+}
+
+fn attachment(status: NetworkStatus) -> Option<Attachment> {
+    match status {
+        NetworkStatus::Joined(membership) => Some(Attachment {
+            network: NetworkIdentity {
+                number: membership.pan.0,
+                founder: membership.coordinator.0,
+            },
+            own: membership.short.0,
+        }),
+        _ => None,
+    }
+}
+
+impl<C: Clock> Network for ZigbeeNetwork<C> {
+    type Ticket = Ticket;
+
+    fn post(&self, to: ShortAddress, message: &Message) -> Result<Ticket, PostError> {
+        self.node.post(to, message).map_err(|error| match error {
+            SendError::QueueFull => PostError::Full,
+            error => {
+                debug!("not sent: {}", error);
+                PostError::Refused
+            }
+        })
+    }
+
+    async fn happened(&self, known: Option<Attachment>) -> NetworkEvent<Ticket> {
+        loop {
+            match self.node.happened(self.known.get()).await {
+                Happened::Message(from, message) => return NetworkEvent::Message(from, message),
+                Happened::Settled(ticket, delivery) => {
+                    let delivered = delivery != Delivery::NoAnswer;
+                    return NetworkEvent::Settled { ticket, delivered };
+                }
+                Happened::Status(status) => {
+                    self.known.set(status);
+                    let now = attachment(status);
+                    if now != known {
+                        return NetworkEvent::Attached(now);
+                    }
+                }
+            }
+        }
+    }
+}
+
+impl<C: Clock> Administration for ZigbeeNetwork<C> {
+    fn info(&self) -> Option<NetworkInfo> {
+        match self.node.with(|node, _| node.status())? {
+            NetworkStatus::Joined(membership) => Some(NetworkInfo {
+                pan: membership.pan.0,
+                channel: membership.channel.number(),
+            }),
+            _ => None,
+        }
+    }
+
+    fn open_join_window(&self, time: Duration) {
+        self.node.with(|node, now| node.open_join_window(now, time));
+    }
+
+    fn remove(&self, member: ShortAddress) -> bool {
+        let removed = self.node.with(|node, now| {
+            let member = node.members().find(|known| known.short == member);
+            member.is_some_and(|member| node.remove(now, member.extended))
+        });
+        removed == Some(true)
+    }
+
+    fn change_key(&self, key: SiteKey) -> bool {
+        let begun = self.node.with(|node, _| Some(node.change_key(key.key()?)));
+        matches!(begun.flatten(), Some(Ok(())))
+    }
+
+    fn key_change(&self) -> Option<KeyChangeReport> {
+        let change = self.node.with(|node, _| node.key_change()).flatten()?;
+        Some(KeyChangeReport {
+            index: change.index,
+            check: change.check,
+            done: change.is_done,
+            unreached: change.unreached,
+        })
+    }
+}
