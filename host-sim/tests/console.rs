@@ -17,8 +17,9 @@ use std::{
 use calib_core::Refusal;
 use common::{Done, Files, run};
 use node_firmware::{
-    console::{FRAME_MAX, Frames, FromPc, KeyChangeReport, ToPc, encode},
+    console::{FRAME_MAX, Frames, FromPc, KeyChangeReport, NetworkInfo, ToPc, encode},
     message::{self, CameraState, Hello, MemberKind, Message, PoseParts, Report},
+    network::{Attachment, NetworkIdentity},
     role::{
         Output, Role,
         coordinator::{CoordinatorEvent, CoordinatorRole, CoordinatorTask},
@@ -26,11 +27,7 @@ use node_firmware::{
 };
 use serde_json::Value;
 use serialport::{SerialPort, TTYPort};
-use zigbee_link::{
-    radio::Channel,
-    store::Membership,
-    wire::{Eui64, PanId, ShortAddress},
-};
+use zigbee_link::wire::ShortAddress;
 
 /// Both ends of a line: what the coordinator would hold, and the name of the port.
 fn line() -> (TTYPort, TTYPort, String) {
@@ -63,11 +60,12 @@ impl Site {
         };
         site.role.on_attached(
             site.now(),
-            Some(Membership {
-                pan: PanId(0x1234),
-                channel: Channel::new(15).unwrap(),
-                short: ShortAddress(0),
-                coordinator: Eui64([2; 8]),
+            Some(Attachment {
+                network: NetworkIdentity {
+                    number: 0x1234,
+                    founder: [2; 8],
+                },
+                own: 0,
             }),
         );
         let camera = MemberKind::Camera { reference: None };
@@ -131,6 +129,10 @@ impl Site {
     fn task(&mut self, task: CoordinatorTask) {
         match task {
             CoordinatorTask::Tell(message) => self.tell(message),
+            CoordinatorTask::TellNetwork => self.tell(ToPc::Network(Some(NetworkInfo {
+                pan: 0x1234,
+                channel: 15,
+            }))),
             CoordinatorTask::Remove(address) => self.tell(ToPc::Removed {
                 address,
                 success: true,

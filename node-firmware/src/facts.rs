@@ -3,10 +3,10 @@
 //! The radio's own records (frame counters, keys, membership) are in another range of the flash,
 //! see [`zigbee_link::store`]. A fact that is lost costs work, never safety: it is learnt again.
 //!
-//! # Format, version 6
+//! # Format, version 7
 //! One record of the log for each fact. Its key says which, its value is the fact, postcard. The
 //! number of the [`Fact`]'s variant leads the value. One more record says of which node and role
-//! the facts are; where it is missing or another's, as in versions 1 to 5, they are not recalled, and the
+//! the facts are; where it is missing or another's, as in versions 1 to 6, they are not recalled, and the
 //! memory is begun anew.
 //!
 //! | key | fact |
@@ -17,20 +17,20 @@
 //! | 3 | [`Fact::Posed`] |
 //! | 4 | [`Fact::Colours`] |
 //! | 5 | [`Fact::Network`] |
-//! | 32 + n | [`Fact::Sighting`] n |
-//! | 64 + n | [`Fact::ReferenceStop`] n |
-//! | 96 + n | [`Fact::Camera`] n |
-//! | 128 + n | [`Fact::WalkStops`] n |
-//! | 162 + n | [`Fact::WalkBearings`] n |
-//! | 254 | 6, [`Config::owner`] as little-endian u32 |
+//! | 8 + n | [`Fact::Sighting`] n |
+//! | 24 + n | [`Fact::ReferenceStop`] n |
+//! | 36 + n | [`Fact::Camera`] n |
+//! | 136 + n | [`Fact::WalkStops`] n |
+//! | 170 + n | [`Fact::WalkBearings`] n |
+//! | 254 | 7, [`Config::owner`] as little-endian u32 |
 //!
 //! # Wear
 //! A page of the nRF52840 can be erased 10,000 times (Product Specification, "NVMC"), and [`BYTES`] are
-//! two banks of 213 records, which are erased in turn. A target with the longest walk it can keep, and
-//! the most cameras, has 133 live records; so a bank takes 79 more before it is full, and both together
-//! 1.5 million. A stop costs some 3 for the walk (the stop, that it stands, that it leaves), one for each
+//! two banks of 298 records, which are erased in turn. A target with the longest walk it can keep, and
+//! the most cameras, has 201 live records; so a bank takes 96 more before it is full, and both together
+//! 1.9 million. A stop costs some 3 for the walk (the stop, that it stands, that it leaves), one for each
 //! six bearings, up to as many again where another stop makes room, and one for each camera whose pose
-//! became better: 20 of them are 79,000 stops, or seven years of 30 stops a day. With 13 cameras and
+//! became better: 20 of them are 96,000 stops, or nearly nine years of 30 stops a day. With 13 cameras and
 //! walks of 30 stops there are 40 live records and twice as many stops.
 //!
 //! [`Config::owner`]: crate::config::Config::owner
@@ -51,7 +51,7 @@ use crate::{
 };
 
 /// One above the highest key.
-const KEYS: u8 = FactKey::WalkBearings(BEARING_RECORDS - 1).record() + 1;
+const KEYS: u8 = WALK_BEARINGS_FROM + BEARING_RECORDS;
 /// Keys that are looked for in one pass over the log: more take more memory, fewer more time.
 const KEYS_AT_A_TIME: u8 = 60;
 const _: () =
@@ -59,12 +59,12 @@ const _: () =
 /// Key of the record that says whose the facts are.
 const OWNER: u8 = 254;
 /// First byte of its value.
-const VERSION: u8 = 6;
+const VERSION: u8 = 7;
 /// Bytes of a record of the log.
 const SLOT: usize = 96;
 
 /// Bytes of flash that the facts of any role take, and leave room to write for long.
-pub const BYTES: u32 = 10 * 4096;
+pub const BYTES: u32 = 14 * 4096;
 
 /// Stops of a walk in a record.
 pub const STOPS_PER_RECORD: usize = 3;
@@ -131,12 +131,11 @@ pub enum FactKey {
     WalkBearings(u8),
 }
 
-/// So many keys of records each list of facts takes, and those without a list. Those of a walk follow
-/// behind them, as many as there are records.
-pub(crate) const KEYS_PER_LIST: u8 = 32;
-
-/// Keys of the first record of a walk's stops, and of its bearings.
-const WALK_STOPS_FROM: u8 = 4 * KEYS_PER_LIST;
+/// Keys of the first record of each list: behind those without one, as many as the list has places.
+const SIGHTINGS_FROM: u8 = 8;
+const REFERENCE_STOPS_FROM: u8 = SIGHTINGS_FROM + limits::SIGHTINGS as u8;
+const CAMERAS_FROM: u8 = REFERENCE_STOPS_FROM + limits::REFERENCE_STOPS as u8;
+const WALK_STOPS_FROM: u8 = CAMERAS_FROM + limits::MEMBERS as u8;
 const WALK_BEARINGS_FROM: u8 = WALK_STOPS_FROM + STOP_RECORDS;
 
 const _: () = assert!(KEYS < OWNER);
@@ -144,12 +143,9 @@ const _: () = assert!(KEYS < OWNER);
 impl FactKey {
     /// The key of its record. What is beyond the end of a list has the key of its last place.
     pub const fn record(self) -> u8 {
-        const fn within(first: u8, place: u8, count: u8) -> u8 {
-            let last = count - 1;
+        const fn within(first: u8, place: u8, end: u8) -> u8 {
+            let last = end - 1 - first;
             first + if place < last { place } else { last }
-        }
-        const fn listed(list: u8, place: u8) -> u8 {
-            within(list * KEYS_PER_LIST, place, KEYS_PER_LIST)
         }
         match self {
             Self::Report => 0,
@@ -158,41 +154,28 @@ impl FactKey {
             Self::Posed => 3,
             Self::Colours => 4,
             Self::Network => 5,
-            Self::Sighting(place) => listed(1, place),
-            Self::ReferenceStop(place) => listed(2, place),
-            Self::Camera(place) => listed(3, place),
-            Self::WalkStops(place) => within(WALK_STOPS_FROM, place, STOP_RECORDS),
-            Self::WalkBearings(place) => within(WALK_BEARINGS_FROM, place, BEARING_RECORDS),
+            Self::Sighting(place) => within(SIGHTINGS_FROM, place, REFERENCE_STOPS_FROM),
+            Self::ReferenceStop(place) => within(REFERENCE_STOPS_FROM, place, CAMERAS_FROM),
+            Self::Camera(place) => within(CAMERAS_FROM, place, WALK_STOPS_FROM),
+            Self::WalkStops(place) => within(WALK_STOPS_FROM, place, WALK_BEARINGS_FROM),
+            Self::WalkBearings(place) => within(WALK_BEARINGS_FROM, place, KEYS),
         }
     }
 
     /// The fact with this key of a record.
     pub const fn of_record(key: u8) -> Option<Self> {
-        if key >= WALK_BEARINGS_FROM {
-            let place = key - WALK_BEARINGS_FROM;
-            return if place < BEARING_RECORDS {
-                Some(Self::WalkBearings(place))
-            } else {
-                None
-            };
-        }
-        if key >= WALK_STOPS_FROM {
-            return Some(Self::WalkStops(key - WALK_STOPS_FROM));
-        }
-        let place = key % KEYS_PER_LIST;
-        Some(match key / KEYS_PER_LIST {
-            0 => match key {
-                0 => Self::Report,
-                1 => Self::References,
-                2 => Self::Walk,
-                3 => Self::Posed,
-                4 => Self::Colours,
-                5 => Self::Network,
-                _ => return None,
-            },
-            1 => Self::Sighting(place),
-            2 => Self::ReferenceStop(place),
-            3 => Self::Camera(place),
+        Some(match key {
+            0 => Self::Report,
+            1 => Self::References,
+            2 => Self::Walk,
+            3 => Self::Posed,
+            4 => Self::Colours,
+            5 => Self::Network,
+            SIGHTINGS_FROM..REFERENCE_STOPS_FROM => Self::Sighting(key - SIGHTINGS_FROM),
+            REFERENCE_STOPS_FROM..CAMERAS_FROM => Self::ReferenceStop(key - REFERENCE_STOPS_FROM),
+            CAMERAS_FROM..WALK_STOPS_FROM => Self::Camera(key - CAMERAS_FROM),
+            WALK_STOPS_FROM..WALK_BEARINGS_FROM => Self::WalkStops(key - WALK_STOPS_FROM),
+            WALK_BEARINGS_FROM..KEYS => Self::WalkBearings(key - WALK_BEARINGS_FROM),
             _ => return None,
         })
     }

@@ -7,7 +7,10 @@ use core::ops::RangeInclusive;
 
 /// Most members of a network, coordinator not counted. So long are its allow-list, and every table
 /// of members.
-pub const MEMBERS: usize = 32;
+pub const MEMBERS: usize = 100;
+
+/// Most cameras that one message lists: more would not fit a frame.
+pub const ROSTER: usize = 32;
 
 /// Most targets that a camera knows at a time. The one heard least recently makes room.
 pub const TARGETS: usize = 4;

@@ -10,7 +10,7 @@ use nalgebra::{Point2, Vector2};
 use node_firmware::{
     config::SiteKey,
     console::{FRAME_MAX, Frames, FromPc, KeyChangeReport, NetworkInfo, ToPc, encode},
-    limits::MEMBERS,
+    limits::ROSTER,
     message::{
         CameraCommand, CameraState, CommandResult, CoordinateFrame, Duty, FittingLens, Hello,
         ListedSighting, MemberKind, Message, PoseParts, ProtectionLevel, Reference, References,
@@ -534,7 +534,7 @@ fn longest() -> Vec<(&'static str, Message)> {
         ("WhoIsThere", Message::WhoIsThere),
         (
             "Roster",
-            Message::Roster([far; MEMBERS].into_iter().collect()),
+            Message::Roster([far; ROSTER].into_iter().collect()),
         ),
         (
             "References",

@@ -61,6 +61,10 @@ pub struct Config {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
+#[expect(
+    clippy::large_enum_variant,
+    reason = "a node has one of them, and no heap to put it on"
+)]
 pub enum RoleConfig {
     /// Forms the network and collects poses.
     Coordinator(CoordinatorConfig),

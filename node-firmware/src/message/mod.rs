@@ -30,7 +30,7 @@ use nalgebra::{Matrix2, Point2};
 use serde::{Deserialize, Deserializer, Serialize, Serializer, de::Error};
 use zigbee_link::wire::ShortAddress;
 
-use crate::{arithmetic::root, limits::MEMBERS};
+use crate::{arithmetic::root, limits::ROSTER};
 
 /// Numbers the stops of one target. Never repeats.
 pub type StopNumber = u16;
@@ -46,8 +46,8 @@ pub enum Message {
     Hello(Hello),
     /// The coordinator asks everybody, or one, for [`Message::Hello`] and [`Message::Report`].
     WhoIsThere,
-    /// The coordinator tells a target which cameras there are.
-    Roster(heapless::Vec<MemberAddress, MEMBERS>),
+    /// The coordinator tells a target which cameras there are: these, and those of other such messages.
+    Roster(heapless::Vec<MemberAddress, ROSTER>),
     /// The coordinator tells reference cameras, and those that were, who they are.
     References(References),
     /// A target stands.

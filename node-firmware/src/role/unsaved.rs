@@ -4,7 +4,10 @@ use core::ops::Range;
 
 use flash_log::DirtySet;
 
-use crate::facts::{BEARING_RECORDS, FactKey, KEYS_PER_LIST, STOP_RECORDS};
+use crate::{
+    facts::{BEARING_RECORDS, FactKey, STOP_RECORDS},
+    limits::{MEMBERS, REFERENCE_STOPS, SIGHTINGS},
+};
 
 /// Facts that changed since they were written down, by the keys of their records. None is ever lost,
 /// and none is written twice: what is written is what is known when its turn comes.
@@ -24,22 +27,18 @@ const ORDER: [Range<usize>; 11] = [
     single(FactKey::Walk),
     records(FactKey::WalkBearings(0), BEARING_RECORDS),
     single(FactKey::Colours),
-    list(FactKey::Sighting(0)),
-    list(FactKey::ReferenceStop(0)),
+    records(FactKey::Sighting(0), SIGHTINGS as u8),
+    records(FactKey::ReferenceStop(0), REFERENCE_STOPS as u8),
     single(FactKey::Posed),
     single(FactKey::References),
     single(FactKey::Report),
-    list(FactKey::Camera(0)),
+    records(FactKey::Camera(0), MEMBERS as u8),
     single(FactKey::Network),
 ];
 
 const fn single(key: FactKey) -> Range<usize> {
     let key = key.record() as usize;
     key..key + 1
-}
-
-const fn list(first: FactKey) -> Range<usize> {
-    records(first, KEYS_PER_LIST)
 }
 
 const fn records(first: FactKey, count: u8) -> Range<usize> {
@@ -82,14 +81,14 @@ mod tests {
             Colours,
             Sighting(0),
             Sighting(3),
-            Sighting(31),
+            Sighting(SIGHTINGS as u8 - 1),
             ReferenceStop(0),
             ReferenceStop(11),
             Posed,
             References,
             Report,
             Camera(0),
-            Camera(31),
+            Camera(MEMBERS as u8 - 1),
             Network,
         ];
         let mut unsaved = Unsaved::new();
@@ -108,6 +107,6 @@ mod tests {
             assert_eq!(key.record(), record);
             count += 1;
         }
-        assert_eq!(count, 6 + 3 * 32 + 34 + 64);
+        assert_eq!(count, 6 + SIGHTINGS + REFERENCE_STOPS + MEMBERS + 34 + 64);
     }
 }

@@ -7,7 +7,7 @@ use std::{collections::BTreeSet, fmt::Display, ops::RangeInclusive};
 use calib_core::camera::Projection;
 use cmucam2_emulator::FaultRates;
 use nalgebra::Vector2;
-use node_firmware::limits::COLOURS_MAX;
+use node_firmware::limits::{COLOURS_MAX, MEMBERS};
 
 use super::{
     FIRST_COORDINATOR,
@@ -190,8 +190,8 @@ fn network(
     number(
         format!("{name} (cameras and targets)"),
         members as f64,
-        3.0..=32.0,
-        ": at least two cameras and a target; a coordinator has room for 32: with more, make two networks, \
+        3.0..=MEMBERS as f64,
+        ": at least two cameras and a target; a coordinator has room for no more: with more, make two networks, \
          each with references of its own",
     )?;
     let mut take = |field: String, id: u16| match ids.insert(id) {

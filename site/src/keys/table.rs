@@ -101,7 +101,7 @@ pub const KEYS: &[Key] = &[
     key("network[].channels", Wholes(11.0, 26.0, ": channels of the 2.4 GHz band"), Is("`channel` alone"), Nodes, "Several, of which its coordinator takes the quietest; in place of `channel`."),
     key("network[].references", Table, Needed, Both, "The two cameras that span its frame."),
     key("network[].camera[]", Tables, Needed, Both, "Its cameras, two or more."),
-    key("network[].target[]", Tables, Needed, Both, "Its targets, one or more. A network has 32 members at most."),
+    key("network[].target[]", Tables, Needed, Both, "Its targets, one or more. A network has 100 members at most."),
     key("network[].frame", Table, Is("from the places of the references"), Both, "Where its frame is in the building, if its references have no `x` and `y`."),
     key("network[].coordinator", Numbers(2, -LARGE, LARGE, ": x and y"), Is("the middle of its cameras"), Rehearsal, "Where its coordinator stands."),
     key("network[].coordinator_extended", Address, Is("made of its number"), Nodes, "EUI-64 of its coordinator."),
@@ -259,6 +259,6 @@ pub const KEYS: &[Key] = &[
     key("event[].action.replay.last_s", DURATION, Needed, Rehearsal, "Those of this time before."),
 
     key("grid.nodes", Whole(2.0, 20_000.0, ""), Is("52"), Rehearsal, "Cameras in all."),
-    key("grid.cell_nodes", Whole(2.0, 30.0, ": a coordinator has room for 32, and a target joins too"), Is("13"), Rehearsal, "Cameras of a cell; each cell is a network."),
+    key("grid.cell_nodes", Whole(2.0, 98.0, ": a network has 100 members at most, and a target joins too"), Is("13"), Rehearsal, "Cameras of a cell; each cell is a network."),
     key("grid.cell_size", Number(SMALL, 1e4, ": three times the cameras' range or more"), Is("24"), Rehearsal, "Side of a cell."),
 ];

@@ -26,7 +26,7 @@ use crate::{
     console::{FromPc, ToPc},
     facts::{Fact, FactKey},
     hardware::{Button, Indication},
-    limits::MEMBERS,
+    limits::ROSTER,
     message::{CameraCommand, CommandResult, Hello, MemberAddress, MemberKind, Message, Report},
     network::Attachment,
 };
@@ -99,6 +99,8 @@ struct Known {
     hello: Option<Hello>,
     /// What it has to be told.
     notifications: Notifications<MemberNotification, 3>,
+    /// A target: of so many cameras it was told since one was new.
+    roster_told: u8,
 }
 
 impl Known {
@@ -194,12 +196,16 @@ impl CoordinatorRole {
         notifications.cancel(MemberNotification::WhoIsThere);
         let is_news = member.hello.replace(hello) != Some(hello);
         match hello.kind {
-            MemberKind::Target => notifications.notify(MemberNotification::Roster, now),
+            MemberKind::Target => {
+                notifications.notify(MemberNotification::Roster, now);
+                member.roster_told = 0;
+            }
             MemberKind::Camera { .. } if is_news => {
                 let members = self.members.iter_mut().map(|member| &mut member.more);
                 for target in members.filter(|member| member.is_target()) {
                     let due = now + ROSTER_AFTER;
                     target.notifications.notify(MemberNotification::Roster, due);
+                    target.roster_told = 0;
                 }
             }
             MemberKind::Camera { .. } => {}
@@ -231,11 +237,14 @@ impl CoordinatorRole {
         });
     }
 
-    fn roster(&self) -> heapless::Vec<MemberAddress, MEMBERS> {
+    /// The cameras that a target is told of next.
+    fn roster(&self, told: usize) -> heapless::Vec<MemberAddress, ROSTER> {
         let mut roster = heapless::Vec::new();
-        for camera in self.members.iter().filter(|member| member.more.is_camera()) {
+        let members = self.members.iter();
+        let cameras = members.filter(|member| member.more.is_camera());
+        for camera in cameras.skip(told).take(ROSTER) {
             let has_room = roster.push(camera.address).is_ok();
-            debug_assert!(has_room, "it has room for all members");
+            debug_assert!(has_room, "no more are taken");
         }
         roster
     }
@@ -249,10 +258,13 @@ impl CoordinatorRole {
     }
 
     /// What a member is told, as it is known now.
-    fn message_of(&self, notification: MemberNotification) -> Option<Message> {
-        Some(match notification {
+    fn message_of(&mut self, member: MemberAddress, what: MemberNotification) -> Option<Message> {
+        Some(match what {
             MemberNotification::WhoIsThere => Message::WhoIsThere,
-            MemberNotification::Roster => Message::Roster(self.roster()),
+            MemberNotification::Roster => {
+                let told = self.members.get(member)?.roster_told;
+                Message::Roster(self.roster(told.into()))
+            }
             MemberNotification::References => Message::References(self.appointment.references()?),
         })
     }
@@ -317,10 +329,20 @@ impl Role for CoordinatorRole {
     fn on_sent(&mut self, now: Instant, notification: CoordinatorNotification, delivered: bool) {
         match notification {
             CoordinatorNotification::Member(address, what) => {
+                let cameras = self.members.iter();
+                let cameras = cameras.filter(|member| member.more.is_camera()).count();
                 if let Some(member) = self.members.get(address) {
                     // A member that cannot be reached says hello when it is back.
                     let is_settled = delivered || what == MemberNotification::WhoIsThere;
                     member.notifications.on_sent(what, now, is_settled);
+                    let is_part = what == MemberNotification::Roster && delivered;
+                    // Otherwise there is a new one, and all are told again.
+                    if is_part && !member.notifications.is_pending(what) {
+                        member.roster_told = member.roster_told.saturating_add(ROSTER as u8);
+                        if usize::from(member.roster_told) < cameras {
+                            member.notifications.notify(what, now);
+                        }
+                    }
                 }
             }
             CoordinatorNotification::Command(address, command) => {
@@ -367,7 +389,7 @@ impl Role for CoordinatorRole {
             });
         }
         while let Some((member, what)) = self.next_notification(now) {
-            if let Some(message) = self.message_of(what) {
+            if let Some(message) = self.message_of(member, what) {
                 return Some(Output::Send {
                     to: ShortAddress(member),
                     message,

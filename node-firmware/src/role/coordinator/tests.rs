@@ -2,7 +2,7 @@ use std::vec::Vec;
 
 use super::*;
 use crate::message::{References, StopNumber};
-use crate::network::NetworkIdentity;
+use crate::{limits::MEMBERS, network::NetworkIdentity};
 
 const CAMERA: MemberKind = MemberKind::Camera { reference: None };
 
@@ -97,6 +97,55 @@ fn targets_alone_hear_of_cameras() {
     // No news.
     hello(&mut role, 60, 4, CAMERA);
     assert_eq!(sent(&mut role, 70), []);
+}
+
+/// What a target is told until it knows all cameras. One message in three is lost.
+fn all_parts(role: &mut CoordinatorRole, mut now: u64) -> Vec<Vec<u16>> {
+    let notification = CoordinatorNotification::Member(9, MemberNotification::Roster);
+    let mut parts = Vec::new();
+    let mut sends = 0;
+    loop {
+        match &sent(role, now)[..] {
+            [] => return parts,
+            [(9, Message::Roster(roster))] => {
+                sends += 1;
+                let delivered = sends % 3 != 0;
+                if delivered {
+                    parts.push(roster.to_vec());
+                }
+                role.on_sent(at(now), notification, delivered);
+                now += 60;
+            }
+            other => panic!("{other:?}"),
+        }
+    }
+}
+
+#[test]
+fn many_cameras_are_told_in_several_parts() {
+    const LAST: u16 = 1000 + MEMBERS as u16 - 2;
+    let mut role = coordinator();
+    hello(&mut role, 40, 9, MemberKind::Target);
+    assert_eq!(all_parts(&mut role, 41), [[0; 0]]);
+    for camera in 1000..LAST {
+        hello(&mut role, 50, camera, CAMERA);
+    }
+    let parts = all_parts(&mut role, 60);
+    assert!(parts.iter().all(|part| part.len() <= ROSTER));
+    assert!(parts.concat().into_iter().eq(1000..LAST));
+
+    // One more while they are told: all again, for nobody knows which came before.
+    hello(&mut role, 5000, 9, MemberKind::Target);
+    assert_eq!(sent(&mut role, 5000).len(), 1);
+    hello(&mut role, 5000, LAST, CAMERA);
+    let notification = CoordinatorNotification::Member(9, MemberNotification::Roster);
+    role.on_sent(at(5000), notification, true);
+    assert!(
+        all_parts(&mut role, 5001)
+            .concat()
+            .into_iter()
+            .eq(1000..=LAST)
+    );
 }
 
 #[test]
