@@ -370,7 +370,7 @@ fn arrays_have_their_length() {
 /// Each error names the key and its line.
 #[test]
 fn errors_name_key_and_line() {
-    let many: String = (3..=42).map(|id| format!("{{ id = {id} }},")).collect();
+    let many: String = (3..=122).map(|id| format!("{{ id = {id} }},")).collect();
     let references = |keys: &str| network("[1, 2] }", &format!("[1, 2], {keys} }}"));
     says(&[
         (
@@ -419,7 +419,7 @@ fn errors_name_key_and_line() {
         ),
         (
             network("  { id = 3 },\n", &many),
-            ["(cameras and targets)` is 43", "make two networks"],
+            ["(cameras and targets)` is 123", "make two networks"],
         ),
         (
             network("[[network]]", "[[network]]\nchannel = 27"),
