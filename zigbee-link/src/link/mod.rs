@@ -67,6 +67,10 @@ pub const MESSAGE_MAX: usize = FRAME_MAX - 9 - 6 - MESSAGE_HEADER - 8;
 /// For how long frames under the former key are accepted after a change.
 pub const KEY_WINDOW: Duration = Duration::from_secs(60);
 
+/// Broadcasts from the extended address after a node has joined. Its short address may have been that
+/// of another one, for which peers would take it: a wrong code of a broadcast makes nobody ask.
+const INTRODUCTIONS: u8 = 4 * BROADCAST_COPIES;
+
 /// Replies in the queue.
 const REPLIES: usize = 8;
 
@@ -139,6 +143,8 @@ pub struct Link<const PEERS: usize, const QUEUE: usize> {
     /// Keys, own frame counter and known peers.
     pub session: FrameSecurity<PEERS>,
     attachment: Option<Attachment>,
+    /// Broadcasts that are still to be sent from the extended address.
+    introductions: u8,
     outgoing: Slots<Outgoing, QUEUE>,
     incoming: heapless::Deque<Incoming, QUEUE>,
     replies: Slots<Reply, REPLIES>,
@@ -158,6 +164,7 @@ impl<const PEERS: usize, const QUEUE: usize> Link<PEERS, QUEUE> {
         Self {
             session,
             attachment: None,
+            introductions: 0,
             outgoing: Slots::new(),
             incoming: heapless::Deque::new(),
             replies: Slots::new(),
@@ -179,6 +186,11 @@ impl<const PEERS: usize, const QUEUE: usize> Link<PEERS, QUEUE> {
     /// sent, but peers can be made fresh.
     pub fn attach(&mut self, pan: PanId, short: ShortAddress) {
         self.attachment = Some(Attachment { pan, short });
+    }
+
+    /// Sends the next broadcasts from the extended address: the short one was just given.
+    pub(crate) const fn introduce(&mut self) {
+        self.introductions = INTRODUCTIONS;
     }
 
     /// Leaves the PAN. Every message on its way is reported as unanswered. Peers stay known, their
@@ -454,8 +466,15 @@ impl<const PEERS: usize, const QUEUE: usize> Link<PEERS, QUEUE> {
             age: age as u8,
             bytes: &outgoing.bytes,
         };
+        let message_len = outgoing.bytes.len();
         let len = packet.emit(&mut payload).ok()?;
-        let source = Address::Short(self.attachment?.short);
+        let is_short = message_len + 6 <= MESSAGE_MAX;
+        let source = if kind == Kind::Broadcast && is_short && self.introductions > 0 {
+            self.introductions -= 1;
+            self.own_extended()
+        } else {
+            Address::Short(self.attachment?.short)
+        };
         let sealed = self.seal(false, source, target, payload.get(..len)?, buffer);
         let outgoing = self.outgoing.get_mut(place)?;
         // Without a frame counter, too: the attempts come to an end.

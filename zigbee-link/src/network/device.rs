@@ -352,6 +352,7 @@ impl Device {
                         coordinator: from,
                     };
                     self.settle(now, membership, link, common);
+                    link.introduce();
                 } else {
                     self.refusal = Some(status);
                     self.try_candidate(now, place + 1, link, common);
