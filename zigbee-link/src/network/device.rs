@@ -397,6 +397,7 @@ impl Device {
         self.pauses = 0;
         self.refusal = None;
         link.attach(membership.pan, membership.short);
+        link.obey(membership.coordinator);
         common.unsaved.mark(FACT_NETWORK);
     }
 }

@@ -199,8 +199,14 @@ impl<const PEERS: usize, const QUEUE: usize, const MEMBERS: usize> Node<PEERS, Q
             let _ = session.keys.install(next);
         }
         let mut link = Link::new(session, settings.seed);
+        // A coordinator obeys nobody.
+        link.obey(settings.extended);
         if let Some(network) = saved.network {
             link.attach(network.pan, network.short);
+            link.obey(network.coordinator);
+        }
+        if matches!(role, Role::Coordinator(_)) {
+            link.stay_present();
         }
         Self {
             link,
