@@ -36,7 +36,10 @@ fn protection() -> Protection {
 
 async fn load(store: &mut Store<Flash>) -> Option<Saved> {
     if let Some(key) = Key::new(black_box(1), black_box([7; 16])) {
-        store.provision(key, 0).await.ok()?;
+        store
+            .provision(key, Eui64(black_box([2; 8])), 0)
+            .await
+            .ok()?;
     }
     store.load().await.ok()
 }
@@ -141,7 +144,7 @@ fn act<const MEMBERS: usize>(node: &mut Node<PEERS, QUEUE, MEMBERS>, now: Instan
     } else {
         let device = Eui64(black_box([3; 8]));
         node.open_join_window(now, Duration::from_secs(60));
-        black_box(node.allow(device).ok());
+        black_box(node.allow(device.number()).ok());
         black_box(node.remove(now, device));
         if let Some(key) = Key::new(black_box(2), black_box([9; 16])) {
             black_box(node.change_key(key).ok());

@@ -21,6 +21,7 @@ fuzz_target!(|bytes: &[u8]| {
         active_key: key,
         next_key: None,
         network: None,
+        extended: None,
     };
     let settings = NetworkSettings {
         extended: Eui64([2, 0, 0, 0, 0, 0, 0, 1]),

@@ -13,11 +13,7 @@ use core::{
 use calib_core::dead_reckoning::Step;
 use embedded_io_async::{Read, Write};
 use embedded_storage_async::nor_flash::NorFlash;
-use zigbee_link::{
-    radio::Radio,
-    runner::Clock,
-    wire::{Eui64, ShortAddress},
-};
+use zigbee_link::{radio::Radio, runner::Clock, wire::ShortAddress};
 
 use crate::{facts::Fact, message::Message};
 
@@ -62,9 +58,9 @@ pub struct Peripherals<H: Hardware> {
     pub buttons: H::Buttons,
     /// Called in the middle of the node's work: it must not wait.
     pub observer: H::Observer,
-    /// The chip's own EUI-64, for a configuration that names none.
-    pub extended: Eui64,
-    /// Random, another one at each start.
+    /// Random, another one at each start. A node that remembers nothing draws its extended address
+    /// from it, so that one that comes twice may repeat nonces: of a board, 64 bits of a true random
+    /// number generator.
     pub seed: u64,
 }
 

@@ -50,11 +50,7 @@ impl NetworkConfigs {
 ///
 /// # Errors
 /// A node cannot be configured to what the file says.
-pub fn configs(
-    scenario: &Scenario,
-    key: SiteKey,
-    first_counter: u32,
-) -> Result<Vec<NetworkConfigs>, ScenarioError> {
+pub fn configs(scenario: &Scenario, key: SiteKey) -> Result<Vec<NetworkConfigs>, ScenarioError> {
     let networks = (0..).zip(&scenario.networks);
     let maker = |(number, network)| {
         Maker {
@@ -62,7 +58,6 @@ pub fn configs(
             network,
             number,
             key,
-            first_counter,
         }
         .configs()
     };
@@ -73,36 +68,17 @@ pub fn configs(
 ///
 /// # Errors
 /// [`ScenarioError::Open`], and those of [`configs`].
-pub fn provision(
-    scenario: &Scenario,
-    key: SiteKey,
-    first_counter: u32,
-) -> Result<Vec<NetworkConfigs>, ScenarioError> {
+pub fn provision(scenario: &Scenario, key: SiteKey) -> Result<Vec<NetworkConfigs>, ScenarioError> {
     let open = scenario.assumptions(Purpose::Deployment);
     if !open.is_empty() {
         return Err(ScenarioError::Open(open));
     }
-    configs(scenario, key, first_counter)
-}
-
-/// A locally administered EUI-64, for nodes that have no other.
-pub fn extended(id: u16) -> [u8; 8] {
-    let [high, low] = id.to_be_bytes();
-    [0x02, 0, 0, 0, 0, 0, high, low]
+    configs(scenario, key)
 }
 
 /// The number of a network's coordinator; networks are counted from 0.
 pub const fn coordinator_id(network: u16) -> u16 {
     FIRST_COORDINATOR + network
-}
-
-/// Eight bytes in hexadecimal, most significant first, with or without colons or hyphens between
-/// them.
-pub(crate) fn address(text: &str) -> Option<[u8; 8]> {
-    let digits: String = text.chars().filter(|c| !matches!(c, ':' | '-')).collect();
-    let well_formed = digits.len() == 16 && digits.bytes().all(|byte| byte.is_ascii_hexdigit());
-    let number = u64::from_str_radix(&digits, 16).ok();
-    number.filter(|_| well_formed).map(u64::to_be_bytes)
 }
 
 impl NetworkTable {
@@ -182,7 +158,6 @@ struct Maker<'a> {
     /// From 0.
     number: u16,
     key: SiteKey,
-    first_counter: u32,
 }
 
 impl Maker<'_> {
@@ -192,21 +167,20 @@ impl Maker<'_> {
         let cameras = network.cameras.iter().map(|camera| {
             let firmware = self.firmware(camera.firmware);
             let role = RoleConfig::Camera(self.camera(camera, &firmware, &known));
-            self.node(camera.id, camera.extended.as_deref(), &firmware, role)
+            self.node(camera.id, &firmware, role)
         });
         let targets = network.targets.iter().map(|target| {
             let firmware = self.firmware(target.firmware);
             let role = RoleConfig::Target(self.target(target));
-            self.node(target.id, target.extended.as_deref(), &firmware, role)
+            self.node(target.id, &firmware, role)
         });
         let cameras = cameras.collect::<Result<Vec<_>, _>>()?;
         let targets = targets.collect::<Result<Vec<_>, _>>()?;
         let members = cameras.iter().chain(&targets);
-        let guests = network.allow.iter().filter_map(|text| address(text));
         let mut coordinator = CoordinatorConfig {
             allow: members
-                .filter_map(|node| node.extended)
-                .chain(guests)
+                .map(|node| node.id)
+                .chain(network.allow.iter().copied())
                 .collect(),
             ..CoordinatorConfig::default()
         };
@@ -215,7 +189,6 @@ impl Maker<'_> {
         }
         let coordinator = self.node(
             coordinator_id(self.number),
-            network.coordinator_extended.as_deref(),
             &self.scenario.firmware,
             RoleConfig::Coordinator(coordinator),
         )?;
@@ -234,15 +207,12 @@ impl Maker<'_> {
     fn node(
         &self,
         id: u16,
-        own: Option<&str>,
         firmware: &FirmwareTable,
         role: RoleConfig,
     ) -> Result<CheckedConfig, ScenarioError> {
         let config = Config {
             id,
-            extended: Some(own.and_then(address).unwrap_or_else(|| extended(id))),
             site_key: self.key,
-            first_counter: self.first_counter,
             channels: channel_mask(&self.network.channels()),
             tx_power: firmware.tx_power.unwrap_or(0),
             protection: match firmware.protection {

@@ -296,9 +296,6 @@ pub struct PlacedCamera {
     /// Where it looks, degrees. Needed in a rehearsal.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub heading_deg: Option<f64>,
-    /// Its EUI-64. Default: one made of its number.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub extended: Option<String>,
     /// In place of [`CameraTable::sensor`].
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub sensor: Option<SensorName>,
@@ -463,12 +460,9 @@ pub struct NetworkTable {
     /// Where its coordinator stands. Default: in the middle of its cameras.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub coordinator: Option<[f64; 2]>,
-    /// Its coordinator's EUI-64. Default: one made of its number.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub coordinator_extended: Option<String>,
-    /// EUI-64s of further devices that may join.
+    /// Numbers of further nodes that may join.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
-    pub allow: Vec<String>,
+    pub allow: Vec<u16>,
     /// Its frame in the building, where its references have no places there.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub frame: Option<FrameTable>,
@@ -569,9 +563,6 @@ pub struct TargetTable {
     /// What it looks like to cameras. Default: made of `colour` and the `colour_tolerance`.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub window: Option<ColourWindow>,
-    /// Its EUI-64. Default: one made of its number.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub extended: Option<String>,
     /// Its own parameters, over those of [`Scenario::firmware`].
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub firmware: Option<FirmwareTable>,

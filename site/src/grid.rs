@@ -85,7 +85,6 @@ fn network(grid: &GridTable, cell: usize, side: usize, scenario: &Scenario) -> N
     NetworkTable {
         channel: Some(CHANNELS[(column % 4 + 4 * (row % 4)) % CHANNELS.len()]),
         channels: None,
-        coordinator_extended: None,
         allow: Vec::new(),
         frame: None,
         coordinator: Some([corner[0] + size / 2.0, corner[1] + size / 2.0]),
@@ -101,7 +100,6 @@ fn network(grid: &GridTable, cell: usize, side: usize, scenario: &Scenario) -> N
             radius: 0.15,
             stops: None,
             window: None,
-            extended: None,
             firmware: None,
         }],
     }

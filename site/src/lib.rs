@@ -54,7 +54,7 @@ mod scatter;
 pub mod world;
 
 pub use assume::{Assumption, Purpose};
-pub use configs::{NetworkConfigs, configs, coordinator_id, extended, provision};
+pub use configs::{NetworkConfigs, configs, coordinator_id, provision};
 pub use error::ScenarioError;
 pub use event::{Action, ScriptedEvent};
 use file::Source;

@@ -100,7 +100,7 @@ fn examples_work() {
         let scenario = Scenario::from_toml(text, &Overrides::default())
             .unwrap_or_else(|error| panic!("{error}\n{text}"));
         let key = node_firmware::config::SiteKey::new(1, *b"0123456789abcdef");
-        site::configs(&scenario, key, 1).unwrap_or_else(|error| panic!("{error}\n{text}"));
+        site::configs(&scenario, key).unwrap_or_else(|error| panic!("{error}\n{text}"));
         // Where all cameras have their places, it can be rehearsed.
         let mut cameras = scenario.networks.iter().flat_map(|n| &n.cameras);
         if cameras.all(|camera| camera.heading_deg.is_some()) {

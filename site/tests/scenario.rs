@@ -14,7 +14,7 @@ fn load(name: &str, changes: &Overrides) -> Site {
 }
 
 fn configs(scenario: &Scenario) -> Vec<NetworkConfigs> {
-    site::configs(scenario, SiteKey::new(1, *b"0123456789abcdef"), 1).unwrap()
+    site::configs(scenario, SiteKey::new(1, *b"0123456789abcdef")).unwrap()
 }
 
 fn camera(config: &Config) -> &CameraConfig {
@@ -47,7 +47,7 @@ fn error(text: &str) -> String {
     let key = SiteKey::new(1, *b"0123456789abcdef");
     let put_up = |scenario: Scenario| {
         scenario.put_up()?;
-        site::configs(&scenario, key, 1)
+        site::configs(&scenario, key)
     };
     match scenario.and_then(put_up) {
         Ok(_) => panic!("nothing is wrong with\n{text}"),

@@ -40,7 +40,7 @@ fn scenario(text: &str) -> Scenario {
 
 fn refused(text: &str) -> String {
     let scenario = Scenario::from_toml(text, &Overrides::default());
-    match scenario.and_then(|scenario| site::configs(&scenario, key(), 1)) {
+    match scenario.and_then(|scenario| site::configs(&scenario, key())) {
         Ok(_) => panic!("nothing is wrong with\n{text}"),
         Err(error) => error.to_string(),
     }
@@ -66,7 +66,7 @@ fn defaults_are_those_of_the_firmware() {
     let silent = SITE
         .replace("systematic_heading_deg = 3.0\n", "")
         .replace("systematic_scale = 0.08\n", "");
-    let networks = site::configs(&scenario(&silent), key(), 77).unwrap();
+    let networks = site::configs(&scenario(&silent), key()).unwrap();
     let [network] = &networks[..] else {
         panic!("{networks:?}");
     };
@@ -94,8 +94,8 @@ fn defaults_are_those_of_the_firmware() {
     let members: Vec<_> = network.iter().skip(1).collect();
     assert_eq!(members.len(), 4);
     for member in members {
-        assert!(coordinator.allow.contains(&member.extended.unwrap()));
-        assert_eq!((member.first_counter, member.site_key), (77, key()));
+        assert!(coordinator.allow.contains(&member.id));
+        assert_eq!(member.site_key, key());
         assert_eq!(member.channels, 1 << 15);
     }
     assert_eq!(network.coordinator.id, site::coordinator_id(0));
@@ -113,7 +113,7 @@ fn defaults_are_those_of_the_firmware() {
 #[test]
 fn every_parameter_arrives() {
     let site = scenario(include_str!("every_key.toml"));
-    let network = site::configs(&site, key(), 1).unwrap().remove(0);
+    let network = site::configs(&site, key()).unwrap().remove(0);
     let all = camera(&network.cameras[1]);
     assert_eq!((all.stops, all.reference_stops, all.refine), (5, 4, false));
     assert_eq!((all.round, all.first_column), (false, 0));
@@ -147,19 +147,11 @@ fn every_parameter_arrives() {
     let coordinator = &network.coordinator;
     assert_eq!(coordinator.channels, 1 << 15 | 1 << 20);
     assert_eq!(coordinator.tx_power, 4);
-    assert_eq!(
-        coordinator.extended,
-        Some([0xF4, 0xCE, 0x36, 0, 0, 0, 0, 1])
-    );
     let RoleConfig::Coordinator(parameters) = &coordinator.role else {
         panic!("{coordinator:?}");
     };
     assert_eq!(parameters.join_window_s, 60);
-    assert!(
-        parameters
-            .allow
-            .contains(&[0xF4, 0xCE, 0x36, 0, 0, 0, 0, 9])
-    );
+    assert!(parameters.allow.contains(&9));
     assert_eq!(parameters.allow.len(), 5);
 }
 
@@ -169,10 +161,10 @@ fn built_in_files_configure_nodes_too() {
     for (name, _) in site::BUILT_IN {
         let scenario = Scenario::load(name, &Overrides::default()).unwrap();
         assert_eq!(scenario.assumptions(Purpose::Rehearsal), [], "{name}");
-        let deployed = site::provision(&scenario, key(), 1);
+        let deployed = site::provision(&scenario, key());
         // In inches, and nobody walks there.
         if name != "lab" {
-            let rehearsed = site::configs(&scenario, key(), 1).unwrap();
+            let rehearsed = site::configs(&scenario, key()).unwrap();
             assert_eq!(deployed.unwrap(), rehearsed, "{name}");
         }
     }
@@ -181,9 +173,9 @@ fn built_in_files_configure_nodes_too() {
 /// What matters and is not said.
 #[test]
 fn what_is_left_open_is_asked_for() {
-    assert!(site::provision(&scenario(SITE), key(), 1).is_ok());
+    assert!(site::provision(&scenario(SITE), key()).is_ok());
     let open = |text: &str| {
-        let error = site::provision(&scenario(text), key(), 1).unwrap_err();
+        let error = site::provision(&scenario(text), key()).unwrap_err();
         assert!(matches!(error, ScenarioError::Open(_)));
         error.to_string()
     };
@@ -241,11 +233,11 @@ fn frames_in_the_building() {
     );
     let frame = network(&placed).building_frame().unwrap();
     assert_eq!(frame.origin, Point2::new(1.0, 2.0));
-    let configs = site::configs(&scenario(&placed), key(), 1).unwrap();
+    let configs = site::configs(&scenario(&placed), key()).unwrap();
     assert_eq!(camera(&configs[0].cameras[2]).baseline, Some(9.7));
     // A compass that shows the building's x axis is 90 degrees off in the frame.
     let compass = SITE.replace("[1, 2] }", "[1, 2], compass_deg = 0.0 }");
-    let configs = site::configs(&scenario(&compass), key(), 1).unwrap();
+    let configs = site::configs(&scenario(&compass), key()).unwrap();
     let heading = camera(&configs[0].cameras[2]).frame_heading_deg.unwrap();
     assert!((heading + 90.0).abs() < 1e-4, "{heading}");
 }
@@ -271,7 +263,7 @@ fn cameras_scatter_by_the_seed_and_all_else_follows() {
     assert_eq!(scattered(&one), scattered(&one));
     assert_ne!(scattered(&one).networks, scattered(&other).networks);
     let baseline = |scenario: &Scenario| {
-        let configs = site::configs(scenario, key(), 1).unwrap();
+        let configs = site::configs(scenario, key()).unwrap();
         f64::from(camera(&configs[0].cameras[5]).baseline.unwrap())
     };
     // Nothing is drawn for nodes that are deployed.

@@ -488,7 +488,7 @@ fn two_nodes_exchange_messages() {
     let [mut store0, mut store1] = [provisioned(), provisioned()];
     let [saved0, saved1] = [&mut store0, &mut store1].map(|store| block_on(store.load()).unwrap());
     let mut coordinator = WholeNode::coordinator(settings(0), &saved0, [None; 2]);
-    coordinator.allow(eui(1)).unwrap();
+    coordinator.allow(eui(1).number()).unwrap();
     let device = WholeNode::device(clock.now(), settings(1), &saved1);
     let [coordinator, device] = [coordinator, device].map(|node| Shared::new(node, &clock));
 

@@ -76,7 +76,7 @@ fn network() -> (Aether, Vec<Vec<u8>>) {
     aether.add(0, key(1));
     for number in 1..=3 {
         aether.add(number, key(1));
-        aether.stations[0].node.allow(eui(number)).unwrap();
+        aether.stations[0].node.allow(eui(number).number()).unwrap();
     }
     aether.run(5 * SECOND);
     let mut sent = Vec::new();

@@ -26,7 +26,7 @@ fn network(devices: usize, loss: f64, seed: u64) -> Aether {
     aether.add(0, key(1));
     for number in 1..=devices {
         aether.add(number, key(1));
-        aether.stations[0].node.allow(eui(number)).unwrap();
+        aether.stations[0].node.allow(eui(number).number()).unwrap();
     }
     aether
 }
@@ -69,6 +69,43 @@ fn devices_on_the_allow_list_join_and_talk() {
     assert_eq!(given, [1, 2, 3]);
     for (from, to) in [(0, 1), (1, 0), (2, 3), (3, 1)] {
         assert_delivers(&mut aether, from, to);
+    }
+}
+
+/// A member that was erased has another extended address. It takes its former place at once, and is
+/// heard by all, whose table still has the former one: broadcasts included.
+#[test]
+fn an_erased_member_is_back_at_once() {
+    for seed in 0..8 {
+        let mut aether = network(3, 0.0, seed);
+        aether.run(5 * SECOND);
+        let hello = |aether: &mut Aether| {
+            let now = aether.now;
+            let link = &mut aether.stations[1].node.link;
+            link.send(now, ShortAddress::BROADCAST, &7_u8).unwrap();
+            aether.run(SECOND);
+            [0, 2, 3].map(|to| aether.stations[to].node.link.recv::<u8>().is_some())
+        };
+        hello(&mut aether);
+        assert_eq!(hello(&mut aether), [true; 3]);
+        assert_delivers(&mut aether, 1, 2);
+        let short = aether.short(1).unwrap();
+        for _ in 0..3 {
+            let former = aether.stations[1].extended;
+            aether.erase(1, key(1));
+            aether.run(3 * SECOND);
+            assert_ne!(aether.stations[1].extended, former);
+            assert_eq!(aether.short(1), Some(short), "seed {seed}");
+            let members: Vec<_> = aether.stations[0].node.members().collect();
+            assert_eq!(members.len(), 3);
+            assert!(members.iter().all(|member| member.extended != former));
+            // The first one makes them ask who it is.
+            hello(&mut aether);
+            aether.run(5 * SECOND);
+            assert_eq!(hello(&mut aether), [true; 3], "seed {seed}");
+            assert_delivers(&mut aether, 1, 0);
+            assert_delivers(&mut aether, 2, 1);
+        }
     }
 }
 
@@ -407,7 +444,7 @@ fn addresses_change_hands_with_the_network() {
         coordinator.members = [None; 4];
         aether.restart(0);
         for number in 1..4 {
-            aether.stations[0].node.allow(eui(number)).unwrap();
+            aether.stations[0].node.allow(eui(number).number()).unwrap();
         }
     }
 }
@@ -520,6 +557,7 @@ fn all_that_changes_at_once_is_written_down() {
             short: ShortAddress::COORDINATOR,
             coordinator: eui(0),
         }),
+        extended: None,
     };
     let members = core::array::from_fn(|place| Some(member(place + 1)));
     let settings = support::node::settings(0);

@@ -111,7 +111,7 @@ async fn life(flash: Flash, world: Rc<World>, number: usize) {
         }
         let mut node = Node::<4, 4, NODES>::coordinator(settings(0), &saved, members);
         for device in 1..NODES {
-            node.allow(eui(device)).unwrap();
+            node.allow(eui(device).number()).unwrap();
         }
         node
     } else {

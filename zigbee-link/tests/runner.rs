@@ -112,7 +112,7 @@ fn two_nodes_from_flash_to_air() {
         let members = [0, 1].map(|place| block_on(store0.1.member(place)).unwrap());
         assert_eq!(members[0].is_some(), round > 0);
         let mut coordinator = Node::<4, 4, 2>::coordinator(settings(0), &store0.0, members);
-        coordinator.allow(eui(1)).unwrap();
+        coordinator.allow(eui(1).number()).unwrap();
         let device = Node::<4, 4, 2>::device(clock.now(), settings(1), &store1.0);
         let nodes = [coordinator, device].map(|node| Rc::new(Shared::new(node, clock.clone())));
         let mut tasks = Vec::new();
@@ -168,7 +168,8 @@ fn a_node_in_use_is_nobody_elses() {
             Shared::new(node, Executor::new().clock())
         };
     }
-    let allow = |device| SHARED.with(|shared| shared.with(|node, _| node.allow(eui(device))));
+    let allow =
+        |device| SHARED.with(|shared| shared.with(|node, _| node.allow(eui(device).number())));
     let nested = || SHARED.with(|shared| shared.with(|_, _| allow(2)));
     let outcome = catch_unwind(nested).ok();
     let expected = (!cfg!(debug_assertions)).then_some(Some(None));

@@ -28,6 +28,8 @@ fn key(index: u8) -> Key {
     Key::new(index, core::array::from_fn(|i| i as u8 * 7 + index)).unwrap()
 }
 
+const OWN: Eui64 = Eui64([2, 0, 0, 0, 0, 0, 0, 9]);
+
 fn store(flash: Flash) -> Store<Flash> {
     Store::new(flash, 0..LEN).unwrap()
 }
@@ -49,7 +51,7 @@ fn remembers_everything() {
     };
     let flash = block_on(async {
         let mut store = store(chip(0));
-        store.provision(key(1), 7).await.unwrap();
+        store.provision(key(1), OWN, 7).await.unwrap();
         store.save(Record::CounterLimit(5000)).await.unwrap();
         store.save(Record::NextKey(Some(key(2)))).await.unwrap();
         store.save(Record::Network(Some(network))).await.unwrap();
@@ -80,7 +82,7 @@ fn remembers_everything() {
 fn the_key_of_provisioning_is_known() {
     block_on(async {
         let mut store = store(chip(0));
-        store.provision(key(1), 7).await.unwrap();
+        store.provision(key(1), OWN, 7).await.unwrap();
         store.save(Record::ActiveKey(key(2))).await.unwrap();
         for n in 0..200 {
             store.save(Record::CounterLimit(n)).await.unwrap();
@@ -133,7 +135,7 @@ fn the_range_is_checked() {
 fn format() {
     let flash = block_on(async {
         let mut store = store(chip(0));
-        store.provision(key(1), 0x0102_0304).await.unwrap();
+        store.provision(key(1), OWN, 0x0102_0304).await.unwrap();
         store.save(Record::NextKey(None)).await.unwrap();
         let network = Membership {
             pan: PanId(0xBEEF),
@@ -151,11 +153,12 @@ fn format() {
         slot.extend((0..16).map(|i| i * 7 + 1));
         slot
     });
-    let slots: [(&[u8], [u8; 4]); 7] = [
+    let slots: [(&[u8], [u8; 4]); 8] = [
         (&[1, 255, 1, 0, 0, 0], [0xEE, 0xBA, 0x87, 0xA8]),
         (&[1, 0, 4, 3, 2, 1], [0xA2, 0x8C, 0xF4, 0xDC]),
         (&active, [0xFB, 0x8E, 0x42, 0x39]),
         (&first, [0xFF, 0xFE, 0x8F, 0x36]),
+        (&[1, 5, 1, 2, 0, 0, 0, 0, 0, 0, 9], [0xD7, 0x62, 0x70, 0x01]),
         (&[1, 2, 0], [0x76, 0xBC, 0xDD, 0x5C]),
         (
             &[1, 3, 1, 0xEF, 0xBE, 26, 0x42, 0, 1, 2, 3, 4, 5, 6, 7, 8],
@@ -186,7 +189,7 @@ fn no_nonce_twice_through_power_cuts() {
     let mut flash = chip(1);
     flash = block_on(async {
         let mut store = store(flash);
-        store.provision(key(1), 0).await.unwrap();
+        store.provision(key(1), OWN, 0).await.unwrap();
         store.into_flash()
     });
     let mut lowest_unused = 0;
@@ -195,7 +198,7 @@ fn no_nonce_twice_through_power_cuts() {
     let mut written_member = [None; 4];
     while cuts < CUTS {
         // Mostly so short that the cut falls into the very next writes, sometimes into a reload.
-        let exponent = rng.random_range(0..8);
+        let exponent = rng.random_range(0..9);
         flash.power(Some(1 + rng.random_range(0..1 << exponent)));
         flash = block_on(async {
             let mut store = store(flash);
@@ -265,7 +268,7 @@ fn rot_never_brings_back_a_nonce() {
     for saves in [1, 5, 9, 14, 23] {
         let (flash, used_below) = block_on(async {
             let mut store = store(chip(0));
-            store.provision(key(1), 0).await.unwrap();
+            store.provision(key(1), OWN, 0).await.unwrap();
             let mut counter = Counter::resume(0);
             for _ in 0..saves {
                 let limit = counter.wanted().unwrap();
@@ -302,7 +305,7 @@ fn before_provisioning() -> [Flash; 3] {
             let mut store = store(chip(provisions));
             for _ in 0..provisions {
                 let _ = store.load().await;
-                store.provision(key(1), 0).await.unwrap();
+                store.provision(key(1), OWN, 0).await.unwrap();
                 store.save(Record::CounterLimit(BLOCK)).await.unwrap();
                 store.save(Record::NextKey(Some(key(2)))).await.unwrap();
             }
@@ -325,7 +328,7 @@ fn provisioning_survives_power_cuts() {
             Err(error) => return Err(error),
         };
         if is_newer {
-            store.provision(key(1), PAGE_COUNTER).await?;
+            store.provision(key(1), OWN, PAGE_COUNTER).await?;
         }
         let saved = store.load().await?;
         assert_eq!((saved.active_key, saved.next_key), (key(1), None));
@@ -384,7 +387,7 @@ fn nothing_is_saved_without_a_key() {
     flash = block_on(async {
         flash.power(Some(4 + 8 + 4 + 10));
         let mut store = store(flash);
-        assert!(store.provision(key(1), 0).await.is_err());
+        assert!(store.provision(key(1), OWN, 0).await.is_err());
         store.into_flash()
     });
     flash.power(None);
@@ -394,7 +397,7 @@ fn nothing_is_saved_without_a_key() {
         let saved = block_on(store.save(Record::CounterLimit(1)));
         assert_eq!(saved, Err(StoreError::NotProvisioned));
     }
-    block_on(store.provision(key(1), 0)).unwrap();
+    block_on(store.provision(key(1), OWN, 0)).unwrap();
     block_on(store.save(Record::CounterLimit(1))).unwrap();
 }
 
@@ -406,7 +409,7 @@ fn a_link_and_an_application_share_a_flash() {
     let mut store = Store::new(Partition::new(&flash, 0, half), 0..half).unwrap();
     let mut facts = Log::<_, 96>::new(Partition::new(&flash, half, half), 0..half).unwrap();
     block_on(async {
-        store.provision(key(1), 0).await.unwrap();
+        store.provision(key(1), OWN, 0).await.unwrap();
         facts.open().await.unwrap();
         for n in 0..50 {
             store.save(Record::CounterLimit(n)).await.unwrap();

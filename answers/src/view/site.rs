@@ -30,7 +30,7 @@ impl SitePlan {
     /// The file is none of which nodes can be configured.
     pub fn new(scenario: &Scenario, members: &[u16]) -> Result<Option<Self>, ScenarioError> {
         // No key is needed to know what else nodes are configured to.
-        let configs = site::configs(scenario, SiteKey::new(1, *b"no key is needed"), 1)?;
+        let configs = site::configs(scenario, SiteKey::new(1, *b"no key is needed"))?;
         let belong = |network: &NetworkTable| {
             let cameras = network.cameras.iter().map(|camera| camera.id);
             let targets = network.targets.iter().map(|target| target.id);

@@ -20,7 +20,6 @@ use node_firmware::{
 use semihosting::process::ExitCode;
 use spinel_radio::SpinelRadio;
 use static_cell::StaticCell;
-use zigbee_link::wire::Eui64;
 
 use crate::{
     executor,
@@ -75,10 +74,12 @@ fn begin(spawner: Spawner) {
         defmt::error!("no flash");
         stop()
     };
-    // The board has no address of its own: a locally administered one, of the node's number.
-    let [high, low] = config.id.to_be_bytes();
-    let own = Eui64([0x02, 0, 0, 0, 0, 0, high, low]);
-    let extended = config.extended().unwrap_or(own);
+    // The emulator has no source of chance, so whoever starts it is asked for a number, another one
+    // at each start of each node.
+    let Some(seed) = arguments.and_then(|arguments| arguments.seed) else {
+        defmt::error!("no random number");
+        stop()
+    };
     let peripherals = Peripherals::<Board> {
         uart: DEVICE.open(),
         radio: SpinelRadio::new(RADIO.open(), EmbassyClock),
@@ -89,13 +90,7 @@ fn begin(spawner: Spawner) {
         indicator: Lamps,
         buttons: PushButtons,
         observer: (),
-        extended,
-        // The emulator has no source of chance, so whoever starts it is asked for a number, another
-        // one for each node. Without one each start has the same, and only what happens on the
-        // lines differs.
-        seed: arguments
-            .and_then(|arguments| arguments.seed)
-            .unwrap_or(u64::from_be_bytes(extended.0)),
+        seed,
     };
     let (receive, send) = PANEL.open().split();
     spawn(spawner, panel::listen(receive));

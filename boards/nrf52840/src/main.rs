@@ -3,7 +3,7 @@
 //! | module | |
 //! |---|---|
 //! | `board` | pins and peripherals, all in one place |
-//! | `identity` | what makes this chip different from others |
+//! | `identity` | a true random number |
 //! | `line` | the UART to the camera or the PC |
 //! | `memory` | the flash |
 //! | `node` | the tasks; their start is `board_support::start` |

@@ -29,7 +29,7 @@ use zigbee_link::radio::Csma;
 
 use crate::{
     board::Board,
-    identity::{factory_address, random},
+    identity::random,
     line::Lossless,
     memory::Flash,
     radio::{self, OnChip, Shared},
@@ -83,7 +83,6 @@ async fn begin(spawner: Spawner) {
         indicator: board.lamps,
         buttons: board.buttons,
         observer: (),
-        extended: factory_address(),
         seed,
     }));
     spawn(spawner, run_radio(board.radio, shared));

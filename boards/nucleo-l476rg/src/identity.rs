@@ -1,8 +1,6 @@
-//! What makes this chip different from others.
+//! Chance.
 
-use board_support::identity::{digest, local_address};
-use embassy_stm32::{Peri, pac::RNG, peripherals, rcc, uid::uid};
-use zigbee_link::wire::Eui64;
+use embassy_stm32::{Peri, pac::RNG, peripherals, rcc};
 
 /// A true random number. Never returns if the chip cannot make one.
 pub(crate) fn random(_generator: Peri<'static, peripherals::RNG>) -> u64 {
@@ -29,9 +27,4 @@ fn word() -> u32 {
         }
         RNG.cr().modify(|control| control.set_rngen(true));
     }
-}
-
-/// Made of the 96 bits that no other chip has (RM0351, "Unique device ID register").
-pub(crate) fn factory_address() -> Eui64 {
-    local_address(digest(&uid()))
 }

@@ -5,7 +5,7 @@
 //! | module | |
 //! |---|---|
 //! | `board` | pins, peripherals and rates, all in one place |
-//! | `identity` | what makes this chip different from others |
+//! | `identity` | a true random number |
 //! | `line` | the UARTs |
 //! | `memory` | the flash |
 //! | `node` | the tasks; their start is `board_support::start` |

@@ -24,7 +24,7 @@ use static_cell::StaticCell;
 
 use crate::{
     board::Board,
-    identity::{factory_address, random},
+    identity::random,
     line::{Lossless, Uart},
     memory::{self, Flash},
     sensor_bus::SensorBus,
@@ -77,7 +77,6 @@ async fn begin(spawner: Spawner) {
         indicator: board.lamps,
         buttons: board.buttons,
         observer: (),
-        extended: factory_address(),
         seed: random(board.random),
     }));
     spawn(spawner, run_node(config, peripherals));

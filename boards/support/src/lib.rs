@@ -5,7 +5,6 @@
 //! | [`clock`] | time and delays from `embassy-time` |
 //! | [`flash`] | which part of a board's flash is whose |
 //! | [`memory`] | the flash without long stops, and the configuration in it |
-//! | [`identity`] | an address made of what only one chip has |
 //! | [`liveness`] | whether every task still runs, for a watchdog |
 //! | [`failure`] | why a node cannot go on, in words |
 //! | [`last_words`] | why a node stopped, kept over its reset |
@@ -38,7 +37,6 @@ pub mod clock;
 pub mod failure;
 pub mod flash;
 pub mod i2c;
-pub mod identity;
 pub mod last_words;
 pub mod liveness;
 pub mod memory;

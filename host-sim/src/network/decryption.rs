@@ -5,6 +5,7 @@ use std::fmt::Write as _;
 use super::{KEY_INDEX, Simulation, secret};
 use node_firmware::role::COORDINATOR;
 use virtual_bench::random::Root;
+use zigbee_link::wire::Eui64;
 
 /// What it would take payloads for otherwise, though they are of no such protocol.
 const OTHERS: [&str; 6] = [
@@ -41,7 +42,8 @@ impl Simulation {
             };
             let members = view.members().iter().map(|m| (m.address, m.id));
             for (address, id) in members.chain([(COORDINATOR.0, console.id())]) {
-                let Some(extended) = self.config(id).and_then(|config| config.extended) else {
+                let node = self.node(id);
+                let Some(Eui64(extended)) = node.and_then(|node| node.extended()) else {
                     continue;
                 };
                 let (pan, extended) = (network.pan, hex(&extended));

@@ -199,7 +199,7 @@ impl Simulation {
 
     fn put_up(&mut self, root: Root) -> Result<(), ScenarioError> {
         let key = SiteKey::new(KEY_INDEX, secret(root));
-        let configs = site::configs(&self.scenario, key, 1)?;
+        let configs = site::configs(&self.scenario, key)?;
         for (network, configs) in self.site.networks.iter().zip(configs) {
             let coordinator = Node::coordinator(self, network, configs.coordinator, root);
             let cameras = network.cameras.len();

@@ -465,6 +465,17 @@ impl Node {
         &self.config
     }
 
+    /// The extended address that it has drawn, and keeps in its flash.
+    pub(super) fn extended(&self) -> Option<Eui64> {
+        match &self.board {
+            Some(board) => board.extended(&self.clock),
+            None => {
+                let (layout, bytes) = (0..LINK, self.flash.programmer().bytes().to_vec());
+                super::emulated::memory::extended(layout, &bytes, &self.clock)
+            }
+        }
+    }
+
     /// What an emulated board has written down.
     pub(super) fn memory(&self) -> Vec<Fact> {
         let board = self.board.as_ref();
@@ -500,7 +511,6 @@ impl Node {
                     journal: self.journal.clone(),
                     truth: Box::new(move || node.truth.borrow().as_ref().map(|truth| truth())),
                 },
-                extended: Eui64(site::extended(self.config.id)),
                 seed,
             };
             let failure = run(&self.config, peripherals).await;

@@ -36,7 +36,6 @@ fn provision(place: &Place, role: &str, name: &str) {
         "--site-key=site.sitekey",
         &role_option,
         "--id=4",
-        "--first-counter=77",
         &out,
         "--overwrite",
     ];
@@ -183,13 +182,10 @@ fn an_image_alone_for_one_of_several_probes() {
 
 /// 0x000f1000 to 0x000fefff.
 #[test]
-fn the_memory_is_erased_last_and_with_a_warning() {
+fn the_memory_is_erased_last() {
     let place = place();
     install(&place);
     let run = place.run(&[FLASH.as_slice(), &["--erase-memory"]].concat());
-    let warning =
-        "warning: the node forgets which frame counters it used, and begins again with 77";
-    assert!(run.stderr.contains(warning), "{}", run.stderr);
     run.ok();
     let calls = calls(&place);
     let [image, page, erase, reset] = calls.as_slice() else {

@@ -1,11 +1,6 @@
 //! Keys and configuration pages, as the commands make them.
 
-use std::{
-    fs,
-    os::unix::fs::PermissionsExt,
-    path::Path,
-    time::{SystemTime, UNIX_EPOCH},
-};
+use std::{fs, os::unix::fs::PermissionsExt, path::Path};
 
 use crate::place::{CARRIER, Place};
 use node_firmware::{
@@ -88,10 +83,8 @@ fn options_make_a_page() {
         .run(&[
             "provision",
             KEY,
-            "--first-counter=70000",
             "--role=camera",
             "--id=3",
-            "--extended=f4-ce-36-00-00-00-00-03",
             "--channels=11,26",
             "--tx-power=-4",
             "--columns=160",
@@ -113,9 +106,7 @@ fn options_make_a_page() {
     };
     let expected = Config {
         id: 3,
-        extended: Some([0xF4, 0xCE, 0x36, 0, 0, 0, 0, 3]),
         site_key: place.key(),
-        first_counter: 70_000,
         channels: 1 << 11 | 1 << 26,
         tx_power: -4,
         protection: Protection::EncMic64,
@@ -157,7 +148,7 @@ fn every_role_has_usual_values() {
             Subjects::Motion { threshold: 12 }
         ))
     );
-    assert_eq!((camera.extended, camera.channels), (None, ALL_CHANNELS));
+    assert_eq!(camera.channels, ALL_CHANNELS);
     let target = make(
         "target",
         &format!("--target-colour=1 {}", CARRIER.join(" ")),
@@ -216,7 +207,6 @@ fn a_file_sets_everything_and_options_stand_over_it() {
         r#"
         role = "camera"
         id = 9
-        extended = "02:00:00:00:00:00:00:09"
         channels = [15]
         tx-power = 8
         protection = 5
@@ -249,7 +239,6 @@ fn a_file_sets_everything_and_options_stand_over_it() {
         panic!("{config:?}");
     };
     assert_eq!(config.id, 10);
-    assert_eq!(config.extended, Some([2, 0, 0, 0, 0, 0, 0, 9]));
     assert_eq!((config.channels, config.tx_power), (1 << 15, 8));
     assert_eq!(config.protection, Protection::EncMic32);
     let expected = CameraConfig {
@@ -284,22 +273,6 @@ fn a_file_sets_everything_and_options_stand_over_it() {
         sigma_floor_px: 0.25,
     };
     assert_eq!(*camera, expected);
-}
-
-/// 20,454 days lie between 1970 and 2026, 14 of them 29 February.
-#[test]
-fn the_first_counter_is_the_time() {
-    let place = Place::with_key();
-    let now = || {
-        let unix = SystemTime::now().duration_since(UNIX_EPOCH).unwrap();
-        unix.as_secs() - (56 * 365 + 14) * 86_400
-    };
-    let before = now();
-    place
-        .run(&[&["provision", KEY, "--role=target", "--id=1"][..], &CARRIER].concat())
-        .ok();
-    let counter = u64::from(decode(&place, "node-1.page.bin").first_counter);
-    assert!((before..=now()).contains(&counter));
 }
 
 #[test]
@@ -352,9 +325,11 @@ fn what_is_wrong_is_told() {
         ("does not belong into a file", "KEY --config=key.toml"),
         ("syntax.toml is not TOML", "KEY --config=syntax.toml"),
         ("none.toml cannot be read", "KEY --config=none.toml"),
-        ("is no EUI-64", "KEY TARGET --id=1 --extended=F4:CE"),
-        ("all zeros", "KEY TARGET --id=1 --extended=0000000000000000"),
         ("no channel 27", "KEY TARGET --id=1 --channels=11,27"),
+        (
+            "numbers of nodes, from 1, none of them twice",
+            "KEY --role=coordinator --id=1 --allow=4 --allow=4",
+        ),
         ("tx-power must be", "KEY TARGET --id=1 --tx-power=-41"),
         ("baud must be", "KEY CAMERA --id=1 --baud=9601"),
         ("lens:", "KEY --role=camera --id=1 --field-of-view=180"),
@@ -372,10 +347,6 @@ fn what_is_wrong_is_told() {
             "KEY --role=coordinator --id=1 --join-window=601",
         ),
         ("colour must be", "KEY TARGET --id=1 --target-colour=4"),
-        (
-            "first-counter must be",
-            "KEY TARGET --id=1 --first-counter=4294967295",
-        ),
         ("is a folder", "KEY TARGET --id=1 --out=."),
         ("is no page for a node", "--show=typo.toml"),
         ("none.bin: it cannot be read", "--show=none.bin"),
@@ -446,9 +417,7 @@ fn a_page_is_shown_without_its_key() {
     let place = Place::new();
     let config = Config {
         id: 3,
-        extended: Some([0xF4, 0xCE, 0x36, 0, 0, 0, 0, 0xAB]),
         site_key: SiteKey::new(9, *b"0123456789abcdef"),
-        first_counter: 70_000,
         channels: 0x0210_8800,
         tx_power: -4,
         protection: Protection::EncMic64,
@@ -487,27 +456,15 @@ fn what_is_shown_can_be_provisioned() {
     let place = Place::with_key();
     for options in [
         "--role=camera --field-of-view=50 --reference=first --position=0.1,-2.7 --baseline=3.3",
-        "--role=coordinator --allow=0200000000000001 --allow=0200000000000002 --join-window=9",
-        "--role=target --systematic-heading=2 --systematic-scale=0.03 --target-colour=3 --extended=0200000000000003 --tx-power=-20",
+        "--role=coordinator --allow=1 --allow=2 --join-window=9",
+        "--role=target --systematic-heading=2 --systematic-scale=0.03 --target-colour=3 --tx-power=-20",
     ] {
-        let first = [
-            "provision",
-            KEY,
-            "--id=5",
-            "--first-counter=8",
-            "--out=a",
-            "--overwrite",
-        ];
+        let first = ["provision", KEY, "--id=5", "--out=a", "--overwrite"];
         let words: Vec<_> = first.into_iter().chain(options.split(' ')).collect();
         place.run(&words).ok();
         let shown = place.run(&["provision", "--show=a"]).ok();
         place.write("shown.toml", &shown);
-        let again = [
-            "--config=shown.toml",
-            "--first-counter=8",
-            "--out=b",
-            "--overwrite",
-        ];
+        let again = ["--config=shown.toml", "--out=b", "--overwrite"];
         place
             .run(&[&["provision", KEY], again.as_slice()].concat())
             .ok();

@@ -17,9 +17,7 @@ pub(crate) const ORANGE: ColourWindow = ColourWindow {
 pub(crate) fn node(role: RoleConfig) -> Config {
     Config {
         id: 3,
-        extended: Some([0xF4, 0xCE, 0x36, 0, 0, 0, 0, 3]),
         site_key: SiteKey::new(1, *b"0123456789abcdef"),
-        first_counter: 70_000,
         channels: 0x0210_8800,
         tx_power: -4,
         protection: Protection::EncMic64,
@@ -75,9 +73,7 @@ pub(crate) fn target() -> TargetConfig {
 
 pub(crate) fn coordinator(devices: u8) -> CoordinatorConfig {
     CoordinatorConfig {
-        allow: (1..=devices)
-            .map(|n| [0xF4, 0xCE, 0x36, 0, 0, 0, 0, n])
-            .collect(),
+        allow: (1..=devices).map(u16::from).collect(),
         join_window_s: 300,
     }
 }

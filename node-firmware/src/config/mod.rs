@@ -39,13 +39,8 @@ use crate::vision::{
 pub struct Config {
     /// The number by which people know this node.
     pub id: u16,
-    /// The EUI-64, most significant byte first, as printed on the device; `None`: the chip's.
-    pub extended: Option<[u8; 8]>,
     /// The key of the site.
     pub site_key: SiteKey,
-    /// The frame counter to begin with. It must rise with every provisioning under the same key,
-    /// because a counter that was used may never be used again.
-    pub first_counter: u32,
     /// The 2.4 GHz channels the network may use: bit n is channel n, 11 to 26.
     pub channels: u32,
     /// Transmit power, dBm.
@@ -61,10 +56,6 @@ pub struct Config {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
-#[expect(
-    clippy::large_enum_variant,
-    reason = "a node has one of them, and no heap to put it on"
-)]
 pub enum RoleConfig {
     /// Forms the network and collects poses.
     Coordinator(CoordinatorConfig),
@@ -79,8 +70,8 @@ pub enum RoleConfig {
 #[serde(rename_all = "kebab-case")]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct CoordinatorConfig {
-    /// EUI-64s of the devices that may always join, most significant byte first.
-    pub allow: Vec<[u8; 8], MEMBERS>,
+    /// Numbers of the nodes that may always join.
+    pub allow: Vec<u16, MEMBERS>,
     /// How long any device with the site key may join after start-up, seconds; 0: not at all.
     pub join_window_s: u16,
 }

@@ -109,12 +109,10 @@ pub async fn run<H: Hardware>(
         indicator,
         buttons,
         observer,
-        extended,
         seed,
     } = peripherals;
     let flash = SharedFlash::new(flash);
 
-    let extended = config.extended().unwrap_or(extended);
     let facts = Outlined(pin!(FactStore::open(
         flash.user(),
         layout.facts,
@@ -127,14 +125,13 @@ pub async fn run<H: Hardware>(
     };
     let mut members = [None; MEMBERS];
     let store = Outlined(pin!(open_store(
-        config,
-        extended,
+        (config, seed),
         (flash.user(), layout.link),
         &mut facts,
         &mut members
     )))
     .await;
-    let (mut store, saved) = match store {
+    let (mut store, saved, extended) = match store {
         Ok(opened) => opened,
         Err(failure) => return failure,
     };
@@ -149,7 +146,7 @@ pub async fn run<H: Hardware>(
     let network = share_node::<H>(&clock, &config.role, settings, &saved, &members);
     if let RoleConfig::Coordinator(own) = &config.role {
         for &device in &own.allow {
-            let allowed = network.node.with(|node, _| node.allow(Eui64(device)));
+            let allowed = network.node.with(|node, _| node.allow(device));
             debug_assert!(
                 allowed == Some(Ok(())),
                 "the allow-list is longer than the table of members"
@@ -265,51 +262,50 @@ fn share_node<'a, H: Hardware>(
     ZigbeeNetwork::new(Shared::new(node, clock))
 }
 
-/// Opens the link's store, and provisions the node if its configuration is newer: if it has another
-/// key than the node was provisioned with, or the same one and a frame counter above all that may
-/// have been used. Memberships are then void.
+/// Opens the link's store, and provisions the node if it has no key, or if its configuration has
+/// another key than the node was provisioned with. Memberships are then void.
 ///
-/// No nonce occurs twice, however often a node is configured:
-/// - Under the same key, the frame counter only rises. A page whose counter is not above those that
-///   were used, because it is an old one or was made soon after the last, changes nothing.
-/// - Under another key every nonce is new, if this node never had it. In case it had, and the page
-///   is an old one, the frame counter does not fall here either, whatever the page says.
+/// No nonce occurs twice, whatever is erased or configured, and whenever the power fails:
+/// - A node whose store is blank (new, or erased) forgot which frame counters it used. It draws a new
+///   extended address before it sends anything, and so does one whose number changed. Thread
+///   demands the same of a device that is commissioned (Thread 1.1, table 3-2).
+/// - While the store is there, the frame counter only rises, under whichever key.
 /// - It is the key of the provisioning that is compared: a node whose network changed its key does
 ///   not fall back to that of its page.
-/// - A store that cannot be read is refused, whatever the page says: nobody knows which counters
-///   were used, under which keys.
+/// - A store that cannot be read is refused, whatever the page says: its key may be no longer that of
+///   the page.
 ///
-/// Another role, or another extended address of a coordinator, keeps the key and the counter, but
-/// is no member of the network that a coordinator formed, or that a device joined, on the same board
-/// before.
+/// Another role keeps the key, the address and the counter, but is no member of the network that a
+/// coordinator formed, or that a device joined, on the same board before.
 ///
 /// With a membership go the facts that the role remembers, and a coordinator's members, for their
 /// addresses are given anew. They go first: where the power fails in between, all this is done again.
 async fn open_store<R, F: NorFlash>(
-    config: &CheckedConfig,
-    extended: Eui64,
+    (config, seed): (&CheckedConfig, u64),
     (flash, range): (F, Range<u32>),
     facts: &mut FactStore<F>,
     members: &mut [Option<Member>; MEMBERS],
-) -> Result<(Store<F>, Saved), Failure<R, F::Error>> {
+) -> Result<(Store<F>, Saved, Eui64), Failure<R, F::Error>> {
     let mut store = Store::new(flash, range)?;
     let key = config.key();
-    let used = match store.load().await {
-        Ok(saved) if store.first_key().await? != key => Some(saved.counter_limit),
-        Ok(saved) if config.first_counter > saved.counter_limit => Some(0),
-        Err(StoreError::NotProvisioned) => Some(0),
-        other => other.map(|_| None)?,
+    let drawn = Eui64::of_node(config.id, seed);
+    let is_own = |extended: &Eui64| extended.number() == config.id;
+    let provisioned = match store.load().await {
+        Ok(_) if store.first_key().await? == key => None,
+        Ok(saved) => Some((saved.extended.filter(is_own), saved.counter_limit)),
+        Err(StoreError::NotProvisioned) => Some((None, 0)),
+        Err(error) => return Err(error.into()),
     };
-    if let Some(used) = used {
+    if let Some((own, used)) = provisioned {
         facts.forget().await?;
-        let first_counter = config.first_counter.max(used);
-        store.provision(key, first_counter).await?;
+        store.provision(key, own.unwrap_or(drawn), used).await?;
     }
     let mut saved = store.load().await?;
+    let own = saved.extended.filter(is_own);
     let is_coordinator = matches!(config.role, RoleConfig::Coordinator(_));
     let is_void = saved
         .network
-        .take_if(|network| (network.coordinator == extended) != is_coordinator)
+        .take_if(|network| own.is_none_or(|own| (network.coordinator == own) != is_coordinator))
         .is_some();
     if is_void {
         facts.forget().await?;
@@ -325,7 +321,10 @@ async fn open_store<R, F: NorFlash>(
     if is_void {
         store.save(Record::Network(None)).await?;
     }
-    Ok((store, saved))
+    if own.is_none() {
+        store.save(Record::Extended(drawn)).await?;
+    }
+    Ok((store, saved, own.unwrap_or(drawn)))
 }
 
 /// Waiting, for drivers that wait.

@@ -9,6 +9,7 @@ use std::{
     rc::Rc,
 };
 
+use crate::former_networks::link;
 use crate::support::{
     flash::{Flash, PAGE, chip, length},
     site::{camera_config, target_config},
@@ -38,15 +39,19 @@ use zigbee_link::{
 
 pub(super) const SECOND: Time = 1_000_000_000;
 
-/// Sender, index of the key, and frame counter of every frame: no nonce occurs twice.
-type Nonces = Rc<RefCell<HashSet<(NodeId, u8, u32)>>>;
+/// Extended address of the sender, index of the key, and frame counter of every frame: no nonce occurs
+/// twice.
+type Nonces = Rc<RefCell<HashSet<(Eui64, u8, u32)>>>;
+
+/// The flash of who sends, and the extended address in it, once it was looked up since the start.
+type Senders = Rc<RefCell<BTreeMap<NodeId, (Flash, Option<Eui64>)>>>;
 
 /// What the nodes under test run on.
 pub(super) struct Bench {
     pub(super) executor: Executor,
     pub(super) clock: Clock,
     medium: Medium,
-    nonces: Nonces,
+    senders: Senders,
     running: BTreeMap<NodeId, TaskId>,
 }
 
@@ -59,13 +64,17 @@ impl Bench {
             loss: 0.0,
         };
         let medium = Medium::new(&clock, air, 1);
-        let nonces = Nonces::default();
-        let all = nonces.clone();
+        let all = Nonces::default();
+        let senders = Senders::default();
+        let known = senders.clone();
         medium.watch(move |_, event: Event<'_>| {
             if let Event::Sent { from, frame, .. } = event
                 && let Some(security) = Frame::parse(frame).unwrap().header().security
             {
-                let nonce = (from, security.key_index, security.counter);
+                let mut known = known.borrow_mut();
+                let (flash, own) = known.get_mut(&from).unwrap();
+                let own = *own.get_or_insert_with(|| extended(flash));
+                let nonce = (own, security.key_index, security.counter);
                 assert!(all.borrow_mut().insert(nonce), "{nonce:?} twice");
             }
         });
@@ -73,7 +82,7 @@ impl Bench {
             executor,
             clock,
             medium,
-            nonces,
+            senders,
             running: BTreeMap::new(),
         }
     }
@@ -82,13 +91,11 @@ impl Bench {
         let ended = self.executor.run_until(self.clock.time() + time);
         assert_eq!(ended, Ended::TimeUp);
     }
+}
 
-    /// The frame counters that a node has used so far.
-    pub(super) fn counters(&self, board: &Board) -> HashSet<(u8, u32)> {
-        let nonces = self.nonces.borrow();
-        let own = nonces.iter().filter(|(from, ..)| *from == board.antenna);
-        own.map(|&(_, key, counter)| (key, counter)).collect()
-    }
+/// The extended address that a node keeps in its flash.
+pub(super) fn extended(flash: &Flash) -> Eui64 {
+    link(flash).0.extended.unwrap()
 }
 
 /// A CMUcam2 that does what it is told and sees what the test says: column, or nothing.
@@ -260,9 +267,7 @@ impl Board {
         let antenna = bench.medium.attach([0.0; 2]);
         let config = Config {
             id: 100 + antenna.0 as u16,
-            extended: Some([2, 0, 0, 0, 0, 0, 0, antenna.0 as u8]),
             site_key: SiteKey::new(1, *b"0123456789abcdef"),
-            first_counter: 1,
             channels: 1 << 15,
             tx_power: 0,
             protection: Protection::EncMic32,
@@ -340,7 +345,6 @@ impl Board {
             indicator: self.lamps.clone(),
             buttons: (),
             observer: self.log.clone(),
-            extended: Eui64([0; 8]),
             seed,
         };
         let config = self.config.clone().check().unwrap();
@@ -357,6 +361,8 @@ impl Board {
     pub(super) fn power(&self, bench: &mut Bench, seed: u64) {
         self.switch_off(bench);
         let firmware = self.firmware(bench, seed);
+        let sender = (self.flash.clone(), None);
+        bench.senders.borrow_mut().insert(self.antenna, sender);
         let task = bench.executor.spawn(async move {
             panic!("a node stopped: {}", firmware.await);
         });

@@ -4,7 +4,7 @@ use node_firmware::config::{CameraConfig, CoordinatorConfig, RoleConfig};
 
 use crate::{
     bench::{Bench, Board, SECOND},
-    former_networks::link,
+    former_networks::{erase_link, link},
     support::site::{CAMERAS, STOPS, camera_config, target_config},
 };
 
@@ -79,7 +79,8 @@ impl Site {
         self.bench.run_for(60 * SECOND);
         self.walk();
         assert!(!self.are_calibrated());
-        self.coordinator.config.first_counter = 1_000_000;
+        self.coordinator.switch_off(&mut self.bench);
+        erase_link(&self.coordinator.flash);
         self.coordinator.power(&mut self.bench, 11);
     }
 

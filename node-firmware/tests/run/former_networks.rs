@@ -1,6 +1,9 @@
 //! Nodes whose network is no more, and starts in which the power or the flash fails.
 
-use std::task::{Context, Poll, Waker};
+use std::{
+    collections::HashSet,
+    task::{Context, Poll, Waker},
+};
 
 use embassy_futures::block_on;
 use embedded_storage_async::nor_flash::NorFlash as _;
@@ -10,9 +13,11 @@ use node_firmware::{
     limits::MEMBERS,
     message::References,
 };
+use rand::{RngExt, SeedableRng};
+use rand_chacha::ChaCha8Rng;
 use zigbee_link::{
+    security::BLOCK,
     store::{Member, Record, Saved, Store},
-    wire::{Eui64, ShortAddress},
 };
 
 use crate::{
@@ -79,32 +84,29 @@ fn site() -> Site {
     site
 }
 
-fn erase_link(flash: &Flash) {
+pub(super) fn erase_link(flash: &Flash) {
     block_on(flash.clone().erase(0, LINK)).unwrap();
 }
 
-/// A network is void with a page that is taken, with a link range that was erased, with another
-/// address of the coordinator. Addresses are given anew then, and what a role remembered of them
+/// A network is void with a page of another key, with a link range that was erased, with another
+/// number of the node. Addresses are given anew then, and what a role remembered of them
 /// would be of others.
 #[test]
 fn facts_go_with_the_network() {
     let site = site();
-    let limit = link(&site.coordinator.flash).0.counter_limit;
     assert_eq!(facts(&site.coordinator), [references()]);
     for (what, is_void) in [
         ("nothing", false),
-        ("counter too low", false),
-        ("counter", true),
+        ("key", true),
         ("erased", true),
-        ("address", true),
+        ("number", true),
     ] {
         let mut site = self::site();
         let board = &mut site.coordinator;
         match what {
-            "counter too low" => board.config.first_counter = limit,
-            "counter" => board.config.first_counter = limit + 1,
+            "key" => board.config.site_key = SiteKey::new(2, *b"fedcba9876543210"),
             "erased" => erase_link(&board.flash),
-            "address" => board.config.extended = Some([2, 0, 0, 0, 0, 0, 0, 9]),
+            "number" => board.config.id = 9,
             _ => {}
         }
         assert!(start(board, &site.bench).is_pending());
@@ -115,8 +117,9 @@ fn facts_go_with_the_network() {
     // And a camera's.
     let mut site = site;
     for is_void in [false, true] {
-        let limit = link(&site.camera.flash).0.counter_limit;
-        site.camera.config.first_counter = limit + u32::from(is_void);
+        if is_void {
+            site.camera.config.site_key = SiteKey::new(2, *b"fedcba9876543210");
+        }
         assert!(start(&site.camera, &site.bench).is_pending());
         assert_eq!(facts(&site.camera).contains(&references()), !is_void);
     }
@@ -126,7 +129,7 @@ fn facts_go_with_the_network() {
 /// board is another node in between, and not when firmware that left them there was.
 #[test]
 fn members_of_a_former_network_stay_out() {
-    for what in ["address", "role", "left there"] {
+    for what in ["number", "role", "left there"] {
         let mut site = site();
         assert_eq!(link(&site.coordinator.flash).1.len(), 2);
         let board = &mut site.coordinator;
@@ -135,7 +138,7 @@ fn members_of_a_former_network_stay_out() {
             _ => unreachable!(),
         }
         match what {
-            "address" => board.config.extended = Some([2, 0, 0, 0, 0, 0, 0, 9]),
+            "number" => board.config.id = 9,
             "role" => {
                 let role = RoleConfig::Target(target_config(0));
                 let coordinator = core::mem::replace(&mut board.config.role, role);
@@ -153,7 +156,7 @@ fn members_of_a_former_network_stay_out() {
             site.restart(seed);
             site.bench.run_for(200 * SECOND);
             let (saved, members) = link(&site.coordinator.flash);
-            let own = site.coordinator.config.extended.map(Eui64);
+            let own = saved.extended;
             assert_eq!(saved.network.map(|network| network.coordinator), own);
             assert_eq!(members, [], "{what}");
             // Nobody may join by now.
@@ -196,13 +199,8 @@ fn power_cuts_at_the_start_are_survived() {
     let fresh = before.copy();
     block_on(fresh.clone().erase(0, END)).unwrap();
     let (old, new) = (board.config.site_key, SiteKey::new(2, *b"fedcba9876543210"));
-    for (flash, key, counter, lowest) in [
-        (&fresh, old, 1, 1),
-        (&before, old, used + 1, used + 1),
-        (&before, new, 1, used),
-    ] {
+    for (flash, key, lowest) in [(&fresh, old, 0), (&before, new, used)] {
         board.config.site_key = key;
-        board.config.first_counter = counter;
         let mut cuts = 0;
         loop {
             cuts += 1;
@@ -228,23 +226,60 @@ fn power_cuts_at_the_start_are_survived() {
     }
 }
 
-/// With the same key and a frame counter just above the former limit, every frame is above it.
+/// What happens to a node, in whatever order: pages with keys old and new, other numbers, erasures,
+/// power cuts in the middle of a start or of a write, and starts after which it sends. No extended
+/// address, key and frame counter occur together twice.
 #[test]
-fn the_counter_goes_on_above_the_former_limit() {
-    let mut site = site();
-    let limit = link(&site.camera.flash).0.counter_limit;
-    let before = site.bench.counters(&site.camera);
-    assert!(before.iter().all(|&(_, counter)| counter < limit));
-    site.camera.config.first_counter = limit + 1;
-    // The coordinator's window is open again.
-    site.restart(30);
-    site.bench.run_for(50 * SECOND);
-    let used = site.bench.counters(&site.camera);
-    let mut counters: Vec<_> = used.difference(&before).map(|used| used.1).collect();
-    counters.sort_unstable();
-    assert!(counters.len() > 10);
-    assert_eq!(counters[0], limit + 1);
-    assert!(link(&site.camera.flash).0.counter_limit > limit + 1);
-    let camera = link(&site.camera.flash).0.network.unwrap().short;
-    assert_ne!(camera, ShortAddress::UNASSIGNED);
+fn no_nonce_twice_whatever_is_provisioned() {
+    const CUTS: u32 = 10_000;
+    let mut rng = ChaCha8Rng::seed_from_u64(0x5eed);
+    let keys = [
+        SiteKey::new(1, *b"0123456789abcdef"),
+        SiteKey::new(2, *b"fedcba9876543210"),
+        SiteKey::new(1, *b"fedcba9876543210"),
+    ];
+    let mut bench = Bench::new();
+    let mut board = Board::new(&mut bench, RoleConfig::Target(target_config(0)));
+    let mut nonces = HashSet::new();
+    let (mut cuts, mut addresses) = (0, HashSet::new());
+    while cuts < CUTS {
+        match rng.random_range(0..16) {
+            0 => block_on(board.flash.clone().erase(0, LINK)).unwrap(),
+            1 => block_on(board.flash.clone().erase(0, END)).unwrap(),
+            2..5 => board.config.site_key = keys[rng.random_range(0..keys.len())],
+            5 => board.config.id = rng.random_range(1..3),
+            6 => {
+                board.config.role = match board.config.role {
+                    RoleConfig::Target(_) => RoleConfig::Coordinator(Default::default()),
+                    _ => RoleConfig::Target(target_config(0)),
+                }
+            }
+            _ => {}
+        }
+        let is_cut = rng.random_bool(0.7);
+        let after = rng.random_range(1..60);
+        board.flash.power(is_cut.then_some(after));
+        let started = {
+            let mut node = board.firmware(&bench, rng.random());
+            node.as_mut().poll(&mut Context::from_waker(Waker::noop()))
+        };
+        if !board.flash.has_power() {
+            cuts += 1;
+            board.flash.power(None);
+            continue;
+        }
+        assert!(started.is_pending(), "{started:?}");
+        board.flash.power(None);
+        // It may have sent under any counter from the limit it began with to the one it has now.
+        let (saved, _) = link(&board.flash);
+        let own = saved.extended.unwrap();
+        addresses.insert(own);
+        let limit = saved.counter_limit;
+        assert!(limit >= BLOCK);
+        for counter in [limit - BLOCK, limit - 1] {
+            let nonce = (own, saved.active_key.check_value(), counter);
+            assert!(nonces.insert(nonce), "{nonce:?} twice");
+        }
+    }
+    assert!(addresses.len() > 100, "{}", addresses.len());
 }

@@ -2,12 +2,14 @@
 
 use node_firmware::{
     config::{CoordinatorConfig, RoleConfig, SiteKey},
+    console::FromPc,
     message::{CameraCommand, MemberKind, Sight},
 };
 
 use crate::{
-    bench::{LINK, SECOND, Site},
-    support::{flash::Flash, site::target_config},
+    bench::{SECOND, Site},
+    former_networks::{erase_link, link},
+    support::site::target_config,
 };
 
 /// Pages with another key are taken, however low their frame counter: a network that had the key
@@ -45,28 +47,55 @@ fn another_key_is_taken() {
     }
 }
 
-/// The bytes of the link's half.
-fn link_pages(flash: &Flash) -> Vec<u8> {
-    flash.bytes()[..LINK as usize].to_vec()
-}
-
-/// With the same key, only a page whose frame counter is above all that were used begins anew.
+/// With the same key, a node goes on as it was; erased or under another number, it is somebody else.
 #[test]
-fn the_same_key_is_taken_with_a_higher_counter_only() {
+fn an_address_is_kept_until_the_node_is_erased() {
     let mut site = Site::new();
     site.bench.run_for(100 * SECOND);
-    for (first_counter, is_new) in [(2, false), (900, false), (1_000_000, true)] {
-        site.camera.config.first_counter = first_counter;
-        let pages = link_pages(&site.camera.flash);
-        site.camera.power(&mut site.bench, 30);
-        site.bench.run_for(SECOND / 100);
-        let network = |pages: &[u8]| pages.chunks(32).any(|slot| slot[..3] == [1, 3, 1]);
-        assert!(network(&pages));
-        assert_eq!(
-            network(&link_pages(&site.camera.flash)),
-            !is_new,
-            "{first_counter}"
-        );
+    let (before, _) = link(&site.camera.flash);
+    assert!(before.network.is_some());
+    site.camera.power(&mut site.bench, 30);
+    site.bench.run_for(SECOND / 100);
+    let (after, _) = link(&site.camera.flash);
+    assert_eq!(after.network, before.network);
+    assert_eq!(after.extended, before.extended);
+    site.camera.config.id = 7;
+    site.camera.power(&mut site.bench, 31);
+    site.bench.run_for(SECOND / 100);
+    let (other, _) = link(&site.camera.flash);
+    assert_eq!(other.network, None);
+    assert_eq!(other.extended.unwrap().number(), 7);
+    assert!(other.counter_limit >= after.counter_limit);
+    site.camera.switch_off(&mut site.bench);
+    erase_link(&site.camera.flash);
+    site.camera.power(&mut site.bench, 32);
+    site.bench.run_for(SECOND / 100);
+    let (erased, _) = link(&site.camera.flash);
+    assert_eq!(erased.extended.unwrap().number(), 7);
+    assert_ne!(erased.extended, other.extended);
+}
+
+/// A member that was erased is back within seconds, with the address it had. The join window is long
+/// over.
+#[test]
+fn an_erased_member_is_back_at_once() {
+    let mut site = Site::new();
+    site.bench.run_for(100 * SECOND);
+    let short = |site: &Site| {
+        link(&site.camera.flash)
+            .0
+            .network
+            .map(|network| network.short)
+    };
+    let before = short(&site);
+    assert!(before.is_some());
+    for seed in 40..44 {
+        site.camera.switch_off(&mut site.bench);
+        erase_link(&site.camera.flash);
+        site.camera.power(&mut site.bench, seed);
+        site.bench.run_for(5 * SECOND);
+        assert_eq!(short(&site), before);
+        assert_eq!(link(&site.coordinator.flash).1.len(), 2);
     }
 }
 
@@ -116,6 +145,8 @@ fn a_learnt_colour_survives_a_restart() {
     site.bench.run_for(40 * SECOND);
     let command = CameraCommand::LearnColour { colour: 0 };
     assert!(site.command(command, 30 * SECOND));
+    // Under another number it is another member, which has to join.
+    site.pc.wish(FromPc::JoinWindow(600));
     // The memory is that of a camera of this number only.
     for (id, window) in [
         (101, "ST 130 190 90 150 40 100"),

@@ -6,7 +6,7 @@ use toml::{
 };
 
 use super::{KEYS, Key, Kind};
-use crate::{check::refuse, configs::address, error::ScenarioError};
+use crate::{check::refuse, error::ScenarioError};
 
 type Value<'a> = Spanned<DeValue<'a>>;
 
@@ -149,14 +149,6 @@ fn value(value: &Value<'_>, key: &Key, path: &str, field: &str) -> Checked {
             Ok(())
         }
         Kind::Texts if found.is_str() => Ok(()),
-        Kind::Address if found.as_str().is_some_and(|text| address(text).is_some()) => Ok(()),
-        Kind::Addresses => {
-            let is_address = |one: &DeValue<'_>| address(one.as_str()?);
-            match list(found, is_address) {
-                Some(_) => Ok(()),
-                None => wrong(show(found)),
-            }
-        }
         Kind::Choice(names) if found.as_str().is_some_and(|text| names.contains(&text)) => Ok(()),
         Kind::OneOf(all) => match whole(found) {
             Some(number) if all.iter().any(|&one| f64::from(one) == number) => Ok(()),
@@ -196,9 +188,7 @@ fn value(value: &Value<'_>, key: &Key, path: &str, field: &str) -> Checked {
                 None => Ok(()),
             }
         }
-        Kind::Flag | Kind::Text | Kind::Texts | Kind::Address | Kind::Choice(_) => {
-            wrong(show(found))
-        }
+        Kind::Flag | Kind::Text | Kind::Texts | Kind::Choice(_) => wrong(show(found)),
     }
 }
 

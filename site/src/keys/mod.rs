@@ -52,10 +52,6 @@ pub enum Kind {
     Text,
     /// Lines of text.
     Texts,
-    /// An EUI-64, such as `"F4:CE:36:00:00:00:00:03"`.
-    Address,
-    /// EUI-64s.
-    Addresses,
     /// One of these.
     Choice(&'static [&'static str]),
     /// One of these numbers.
@@ -126,8 +122,6 @@ impl fmt::Display for Kind {
             Self::Flag => f.write_str("`true` or `false`"),
             Self::Text => f.write_str("text of one line, without control characters"),
             Self::Texts => f.write_str("text"),
-            Self::Address => f.write_str("an EUI-64, such as `\"F4:CE:36:00:00:00:00:03\"`"),
-            Self::Addresses => f.write_str("a list of EUI-64s"),
             Self::Choice(names) => {
                 let names: Vec<_> = names.iter().map(|name| format!("`\"{name}\"`")).collect();
                 f.write_str(&names.join(" or "))

@@ -5,8 +5,8 @@ use node_firmware::{config::BaudRate, message::StopNumber};
 use super::{
     Key,
     Kind::{
-        Address, Addresses, Choice, Flag, Levels, Number, Numbers, OneOf, Places, Rates, Same,
-        Table, Tables, Text, Texts, Whole, Wholes,
+        Choice, Flag, Levels, Number, Numbers, OneOf, Places, Rates, Same, Table, Tables, Text,
+        Texts, Whole, Wholes,
     },
     Used::{Both, Nodes, Rehearsal},
     Without::{Camera, Coordinator, Is, Needed, Target},
@@ -104,8 +104,7 @@ pub const KEYS: &[Key] = &[
     key("network[].target[]", Tables, Needed, Both, "Its targets, one or more. A network has 100 members at most."),
     key("network[].frame", Table, Is("from the places of the references"), Both, "Where its frame is in the building, if its references have no `x` and `y`."),
     key("network[].coordinator", Numbers(2, -LARGE, LARGE, ": x and y"), Is("the middle of its cameras"), Rehearsal, "Where its coordinator stands."),
-    key("network[].coordinator_extended", Address, Is("made of its number"), Nodes, "EUI-64 of its coordinator."),
-    key("network[].allow", Addresses, Is("none"), Nodes, "EUI-64s of devices that may join besides its own cameras and targets."),
+    key("network[].allow", Wholes(1.0, 65535.0, ": numbers of nodes"), Is("none"), Nodes, "Nodes that may join besides its own cameras and targets."),
     key("network[].area", Places(2, 2, ": the lowest corner and the highest one"), Is("the world"), Rehearsal, "Where its targets may go."),
 
     key("network[].references.cameras", Levels(2, 1.0, FIRST_COORDINATOR as f64 - 1.0, ": the `id`s of two cameras of this network"), Needed, Both, "The first one is the origin of the frame, the x axis points to the second one. Where they are elected: those in whose view the walk begins."),
@@ -123,7 +122,6 @@ pub const KEYS: &[Key] = &[
     key("network[].camera[].x", COORDINATE, Is("only needed in a rehearsal"), Both, "Where it stands in the building. Of the references, nodes are told what follows from it."),
     key("network[].camera[].y", COORDINATE, Is("only needed in a rehearsal"), Both, "Where it stands in the building."),
     key("network[].camera[].heading_deg", DIRECTION, Is("only needed in a rehearsal"), Rehearsal, "Where it looks: counter-clockwise from the x axis."),
-    key("network[].camera[].extended", Address, Is("made of its number"), Nodes, "Its EUI-64."),
     key("network[].camera[].sensor", Same("camera.sensor"), Is("`[camera]`'s"), Both, "Its own image sensor."),
     key("network[].camera[].projection", Same("camera.projection"), Is("`[camera]`'s"), Both, "Its own lens."),
     key("network[].camera[].field_of_view_deg", Same("camera.field_of_view_deg"), Is("`[camera]`'s"), Both, "Its own lens."),
@@ -138,7 +136,6 @@ pub const KEYS: &[Key] = &[
     key("network[].target[].window", Table, Is("`colour`, and `colour_tolerance` around it"), Nodes, "Levels that cameras take for its colour, where they were measured."),
     key("network[].target[].radius", LENGTH, Is("0.15"), Rehearsal, "Its radius."),
     key("network[].target[].stops", Places(3, StopNumber::MAX as usize, "; leave it out to have them planned"), Is("planned"), Rehearsal, "Where it stops, first where it begins."),
-    key("network[].target[].extended", Address, Is("made of its number"), Nodes, "Its EUI-64."),
     key("network[].target[].firmware", Same("firmware"), Is("`[firmware]`'s"), Nodes, "Its own parameters, such as its carrier's; what is not in it comes from `[firmware]`."),
     key("network[].target[].window.red", LEVEL, Needed, Nodes, "Of red."),
     key("network[].target[].window.green", LEVEL, Needed, Nodes, "Of green."),

@@ -3,13 +3,12 @@
 //! A node is a table of TOML: `role` and `id`, then what all nodes have, then what its role has.
 //! Names are those of [`Config`] and its roles, in kebab case. What is left out has its usual
 //! value, also within `lens` and `good-enough`, except what nobody can guess: a camera's field of
-//! view, and how wrong a target's step sensor may be. Addresses are texts, channels a list of
+//! view, and how wrong a target's step sensor may be. Channels are a list of
 //! numbers. [`text()`] writes the same form.
 //!
 //! ```toml
 //! role = "camera"
 //! id = 3
-//! extended = "F4:CE:36:00:00:00:00:03"     # default: the chip's
 //! channels = [15, 20, 25, 26]              # default: all, 11 to 26
 //! tx-power = 0                             # dBm
 //! protection = 6                           # security level of IEEE 802.15.4, 5 or 6
@@ -37,7 +36,6 @@ use toml::{Table, Value};
 use zigbee_link::security::Protection;
 
 pub use self::text::text;
-use crate::configs;
 
 /// Why a table is no node.
 #[derive(Debug, Error)]
@@ -79,9 +77,6 @@ pub enum NodeError {
         /// The names.
         names: String,
     },
-    /// A text that is no address.
-    #[error("`{0}` is no EUI-64: it has 8 bytes, for example F4:CE:36:00:00:00:00:03")]
-    Address(String),
     /// More than there are.
     #[error("a coordinator's network has at most {MEMBERS} other nodes, not {0}")]
     TooMany(usize),
@@ -96,15 +91,8 @@ pub enum NodeError {
     Config(#[from] ConfigError),
 }
 
-/// What all nodes have, without the site key and the counter, which no file holds.
-const COMMON: [&str; 6] = [
-    "role",
-    "id",
-    "extended",
-    "channels",
-    "tx-power",
-    "protection",
-];
+/// What all nodes have, without the site key, which no file holds.
+const COMMON: [&str; 5] = ["role", "id", "channels", "tx-power", "protection"];
 /// Tables of which each part has a usual value of its own.
 const PARTS: [&str; 4] = ["lens", "good-enough", "weak", "sensor"];
 
@@ -173,18 +161,17 @@ impl FromStr for RoleName {
 struct Common {
     role: RoleName,
     id: i64,
-    extended: Option<String>,
     channels: Option<Vec<u8>>,
     #[serde(default)]
     tx_power: i8,
     protection: Option<u8>,
 }
 
-/// A coordinator's parameters, with addresses as people write them.
+/// A coordinator's parameters, before they are counted.
 #[derive(Default, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 struct Coordinator {
-    allow: Vec<String>,
+    allow: Vec<u16>,
     join_window_s: u16,
 }
 
@@ -222,18 +209,10 @@ const ASKED: [(RoleName, &str, &str, &str, &str, &str); 3] = [
 ///
 /// # Errors
 /// [`NodeError`]
-pub fn config(
-    mut table: Table,
-    site_key: SiteKey,
-    first_counter: u32,
-) -> Result<CheckedConfig, NodeError> {
-    for (name, instead) in [
-        ("site-key", "--site-key FILE"),
-        ("first-counter", "--first-counter N"),
-    ] {
-        if table.contains_key(name) {
-            return Err(NodeError::Secret { name, instead });
-        }
+pub fn config(mut table: Table, site_key: SiteKey) -> Result<CheckedConfig, NodeError> {
+    if table.contains_key("site-key") {
+        let (name, instead) = ("site-key", "--site-key FILE");
+        return Err(NodeError::Secret { name, instead });
     }
     for (name, option) in [("role", "--role"), ("id", "--id")] {
         if !table.contains_key(name) {
@@ -283,9 +262,7 @@ pub fn config(
     };
     let config = Config {
         id,
-        extended: common.extended.as_deref().map(address).transpose()?,
         site_key,
-        first_counter,
         channels: channel_mask(common.channels)?,
         tx_power: common.tx_power,
         protection: match common.protection {
@@ -338,26 +315,13 @@ impl TryFrom<Coordinator> for CoordinatorConfig {
     type Error = NodeError;
 
     fn try_from(own: Coordinator) -> Result<Self, NodeError> {
-        let allow = own.allow.iter().map(|text| address(text));
+        let count = own.allow.len();
+        let allow = heapless::Vec::from_slice(&own.allow);
         Ok(Self {
-            allow: allow_list(allow.collect::<Result<Vec<_>, _>>()?.as_slice())?,
+            allow: allow.map_err(|_| NodeError::TooMany(count))?,
             join_window_s: own.join_window_s,
         })
     }
-}
-
-/// As many as a network has.
-fn allow_list(devices: &[[u8; 8]]) -> Result<heapless::Vec<[u8; 8], MEMBERS>, NodeError> {
-    heapless::Vec::from_slice(devices).map_err(|_| NodeError::TooMany(devices.len()))
-}
-
-fn address(text: &str) -> Result<[u8; 8], NodeError> {
-    configs::address(text).ok_or_else(|| NodeError::Address(text.to_owned()))
-}
-
-/// As it is printed on devices.
-fn address_text(address: [u8; 8]) -> String {
-    address.map(|byte| format!("{byte:02X}")).join(":")
 }
 
 fn channel_mask(channels: Option<Vec<u8>>) -> Result<u32, NodeError> {

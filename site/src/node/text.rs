@@ -4,7 +4,7 @@ use node_firmware::config::{Config, RoleConfig, page};
 use toml::{Table, Value};
 use zigbee_link::security::Protection;
 
-use super::{NodeError, RoleName, address_text};
+use super::{NodeError, RoleName};
 
 /// All of a configuration but its key, in the form in which [`config`](super::config) takes it.
 ///
@@ -17,20 +17,13 @@ pub fn text(config: &Config) -> Result<String, NodeError> {
         Protection::EncMic32 => 5,
         Protection::EncMic64 => 6,
     };
-    let extended = config.extended.map_or(String::new(), |extended| {
-        format!("extended = \"{}\"\n", address_text(extended))
-    });
     let role = RoleName::from(&config.role);
     let own = match &config.role {
         RoleConfig::Camera(camera) => toml::to_string(camera)?,
         RoleConfig::Target(target) => toml::to_string(target)?,
         RoleConfig::Coordinator(coordinator) => {
-            let allow: Vec<_> = coordinator
-                .allow
-                .iter()
-                .copied()
-                .map(address_text)
-                .collect();
+            let allow = coordinator.allow.iter().copied().map(i64::from);
+            let allow: Vec<_> = allow.collect();
             let mut own = Table::new();
             own.insert("allow".into(), allow.into());
             let window = i64::from(coordinator.join_window_s);
@@ -41,17 +34,14 @@ pub fn text(config: &Config) -> Result<String, NodeError> {
     Ok(format!(
         "# configuration page, version {version}\n\
          # site key: index {index}, not shown\n\
-         # first frame counter: {counter}\n\
          role = \"{role}\"\n\
          id = {id}\n\
-         {extended}\
          channels = {channels}\n\
          tx-power = {power}\n\
          protection = {protection}\n\
          {own}",
         version = page::VERSION,
         index = config.site_key.index(),
-        counter = config.first_counter,
         id = config.id,
         power = config.tx_power,
     ))

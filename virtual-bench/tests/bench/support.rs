@@ -36,7 +36,7 @@ fn site_key() -> Key {
 pub(crate) fn provisioned(clock: &Clock, root: Root, number: u32) -> Flash {
     let flash = Flash::new(clock, 2, root.stream("flash", number.into()));
     let mut store = Store::new(flash.programmer(), 0..2 * PAGE as u32).unwrap();
-    block_on(store.provision(site_key(), 0)).unwrap();
+    block_on(store.provision(site_key(), eui(number), 0)).unwrap();
     flash
 }
 
@@ -70,7 +70,7 @@ pub(crate) async fn firmware(
     let node = if id.0 == 0 {
         let mut node = Node::coordinator(settings, &saved, table);
         for member in 1..=members {
-            node.allow(eui(member)).unwrap();
+            node.allow(eui(member).number()).unwrap();
         }
         node
     } else {

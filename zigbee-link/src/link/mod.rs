@@ -67,6 +67,26 @@ pub const MESSAGE_MAX: usize = FRAME_MAX - 9 - 6 - MESSAGE_HEADER - 8;
 /// For how long frames under the former key are accepted after a change.
 pub const KEY_WINDOW: Duration = Duration::from_secs(60);
 
+/// Broadcasts from the extended address after a node has joined. Its short address may have been that
+/// of another one, for which peers would take it: a wrong code of a broadcast makes nobody ask.
+const INTRODUCTIONS: u8 = 4 * BROADCAST_COPIES;
+
+/// Mean time between two broadcasts of a node that broadcasts. Several are within
+/// [`FRESH_FOR`](crate::security::FRESH_FOR), for some are lost.
+const PRESENCE: Duration = Duration::from_secs(10);
+/// For how long after its last message to all a node says that it is there.
+const PRESENT_FOR: Duration = Duration::from_secs(600);
+
+/// When a node says to all that it is there.
+#[derive(Clone, Copy, Debug, Default)]
+struct Presence {
+    due: Option<Instant>,
+    /// Not after this.
+    until: Option<Instant>,
+    /// For as long as it is attached.
+    always: bool,
+}
+
 /// Replies in the queue.
 const REPLIES: usize = 8;
 
@@ -139,6 +159,11 @@ pub struct Link<const PEERS: usize, const QUEUE: usize> {
     /// Keys, own frame counter and known peers.
     pub session: FrameSecurity<PEERS>,
     attachment: Option<Attachment>,
+    /// Who may hand on the next key; `None`: whoever has the coordinator's address.
+    authority: Option<Eui64>,
+    presence: Presence,
+    /// Broadcasts that are still to be sent from the extended address.
+    introductions: u8,
     outgoing: Slots<Outgoing, QUEUE>,
     incoming: heapless::Deque<Incoming, QUEUE>,
     replies: Slots<Reply, REPLIES>,
@@ -158,6 +183,9 @@ impl<const PEERS: usize, const QUEUE: usize> Link<PEERS, QUEUE> {
         Self {
             session,
             attachment: None,
+            authority: None,
+            presence: Presence::default(),
+            introductions: 0,
             outgoing: Slots::new(),
             incoming: heapless::Deque::new(),
             replies: Slots::new(),
@@ -181,10 +209,30 @@ impl<const PEERS: usize, const QUEUE: usize> Link<PEERS, QUEUE> {
         self.attachment = Some(Attachment { pan, short });
     }
 
+    /// Says from now on, for as long as it is attached, that it is there, so that no member has to ask.
+    pub(crate) const fn stay_present(&mut self) {
+        self.presence = Presence {
+            due: Some(Instant(0)),
+            until: None,
+            always: true,
+        };
+    }
+
+    /// Takes the next key only from this one.
+    pub(crate) const fn obey(&mut self, authority: Eui64) {
+        self.authority = Some(authority);
+    }
+
+    /// Sends the next broadcasts from the extended address: the short one was just given.
+    pub(crate) const fn introduce(&mut self) {
+        self.introductions = INTRODUCTIONS;
+    }
+
     /// Leaves the PAN. Every message on its way is reported as unanswered. Peers stay known, their
     /// short addresses do not: in the next network they are somebody else's.
     pub fn detach(&mut self) {
         self.attachment = None;
+        self.presence.due = None;
         self.session.peers.forget_addresses();
         self.replies.clear();
         self.challenges.clear();
@@ -353,7 +401,8 @@ impl<const PEERS: usize, const QUEUE: usize> Link<PEERS, QUEUE> {
             .iter()
             .filter(|outgoing| self.is_next(outgoing))
             .map(|outgoing| outgoing.due);
-        replies.chain(outgoing).min()
+        let presence = self.presence.due.filter(|_| self.short().is_some());
+        replies.chain(outgoing).chain(presence).min()
     }
 
     /// Whether a message waits, and no earlier one to the same destination does.
@@ -387,7 +436,23 @@ impl<const PEERS: usize, const QUEUE: usize> Link<PEERS, QUEUE> {
                 }
             }
         }
-        None
+        self.transmit_presence(now, buffer)
+    }
+
+    fn transmit_presence(&mut self, now: Instant, buffer: &mut [u8; FRAME_MAX]) -> Option<usize> {
+        let short = self.short()?;
+        self.presence.due.filter(|due| *due <= now)?;
+        if !self.presence.always && self.presence.until.is_none_or(|until| until <= now) {
+            self.presence.due = None;
+            return None;
+        }
+        self.presence.due = Some(now + self.jitter.around(PRESENCE));
+        let mut payload = [0; 1];
+        let len = Packet::Presence.emit(&mut payload).ok()?;
+        let everybody = Address::Short(ShortAddress::BROADCAST);
+        let payload = payload.get(..len)?;
+        let sealed = self.seal(false, Address::Short(short), everybody, payload, buffer);
+        sealed.ok().map(|(len, _)| len)
     }
 
     fn transmit_reply(&mut self, now: Instant, buffer: &mut [u8; FRAME_MAX]) -> Option<usize> {
@@ -454,14 +519,25 @@ impl<const PEERS: usize, const QUEUE: usize> Link<PEERS, QUEUE> {
             age: age as u8,
             bytes: &outgoing.bytes,
         };
+        let message_len = outgoing.bytes.len();
         let len = packet.emit(&mut payload).ok()?;
-        let source = Address::Short(self.attachment?.short);
+        let is_short = message_len + 6 <= MESSAGE_MAX;
+        let source = if kind == Kind::Broadcast && is_short && self.introductions > 0 {
+            self.introductions -= 1;
+            self.own_extended()
+        } else {
+            Address::Short(self.attachment?.short)
+        };
         let sealed = self.seal(false, source, target, payload.get(..len)?, buffer);
         let outgoing = self.outgoing.get_mut(place)?;
         // Without a frame counter, too: the attempts come to an end.
         outgoing.attempted(now, &mut self.jitter);
         let (len, counter) = sealed.ok()?;
         outgoing.transmitted(counter);
+        if kind == Kind::Broadcast && self.authority.is_some() {
+            self.presence.due = Some(now + self.jitter.around(PRESENCE));
+            self.presence.until = Some(now + PRESENT_FOR);
+        }
         Some(len)
     }
 

@@ -8,6 +8,7 @@
 //! | `4` acknowledgement | counter of the acknowledged frame, u32 |
 //! | `5` challenge | |
 //! | `6` response | flags, own short address u16, counter of the challenge u32 |
+//! | `7` presence | |
 //!
 //! The high half of byte 0 is the [`VERSION`], the low half the kind. Numbers are little-endian.
 //! The *age* of a message is how many frame counters ago it was sent for the first time, so that
@@ -42,6 +43,8 @@ pub(super) enum Packet<'a> {
         counter: u32,
     },
     Challenge,
+    /// To all: the sender is still there.
+    Presence,
     Response {
         /// The sender does not know the receiver either: this frame is a challenge too.
         challenges: bool,
@@ -56,6 +59,7 @@ const CONTROL: u8 = 3;
 const ACKNOWLEDGEMENT: u8 = 4;
 const CHALLENGE: u8 = 5;
 const RESPONSE: u8 = 6;
+const PRESENCE: u8 = 7;
 
 /// Bytes of a [`Packet::Message`] before the message.
 pub(super) const MESSAGE_HEADER: usize = 2;
@@ -76,6 +80,7 @@ impl<'a> Packet<'a> {
                 counter: reader.u32()?,
             },
             CHALLENGE => Self::Challenge,
+            PRESENCE => Self::Presence,
             RESPONSE => Self::Response {
                 challenges: match reader.u8()? {
                     0 => false,
@@ -109,6 +114,7 @@ impl<'a> Packet<'a> {
                 writer.u32(counter)?;
             }
             Self::Challenge => first(CHALLENGE)?,
+            Self::Presence => first(PRESENCE)?,
             Self::Response {
                 challenges,
                 short,
@@ -160,7 +166,7 @@ mod tests {
 
     #[test]
     fn golden() {
-        let golden: [(&[u8], Packet<'_>); 6] = [
+        let golden: [(&[u8], Packet<'_>); 7] = [
             (
                 &[0x11, 2, 0xAA, 0xBB],
                 Packet::Message {
@@ -192,6 +198,7 @@ mod tests {
                 },
             ),
             (&[0x15], Packet::Challenge),
+            (&[0x17], Packet::Presence),
             (
                 &[0x16, 1, 0x42, 0, 4, 3, 2, 1],
                 Packet::Response {
@@ -207,7 +214,7 @@ mod tests {
             let len = packet.emit(&mut buffer).unwrap();
             assert_eq!(&buffer[..len], bytes);
         }
-        for unknown in [0x10, 0x17, 0x1F, 0x01, 0x21, 0x25] {
+        for unknown in [0x10, 0x18, 0x1F, 0x01, 0x21, 0x25] {
             assert_eq!(Packet::parse(&[unknown, 0]), Err(Malformed::Unsupported));
         }
         assert_eq!(Packet::parse(&[0x15, 0]), Err(Malformed::TrailingBytes));
@@ -226,7 +233,7 @@ mod tests {
 
     proptest! {
         #[test]
-        fn parse_then_emit_is_the_identity(bytes in vec(any::<u8>(), 0..20), first in 0x10..0x18_u8) {
+        fn parse_then_emit_is_the_identity(bytes in vec(any::<u8>(), 0..20), first in 0x10..0x19_u8) {
             let bytes = [&[first][..], &bytes].concat();
             if let Ok(packet) = Packet::parse(&bytes) {
                 let mut buffer = [0; 32];

@@ -147,6 +147,11 @@ impl<const PEERS: usize, const QUEUE: usize> Link<PEERS, QUEUE> {
                 self.ask_sender(now, broadcast, Address::Extended(extended));
                 Ok(LinkEvent::Nothing)
             }
+            (Packet::Presence, Sender::Peer(_)) => Ok(LinkEvent::Nothing),
+            (Packet::Presence, Sender::Stranger(_)) => {
+                self.ask_sender(now, broadcast, Address::Extended(extended));
+                Ok(LinkEvent::Nothing)
+            }
             (Packet::Acknowledgement { counter }, Sender::Peer(_)) => {
                 if let Address::Short(from) = opened.source {
                     self.acknowledged(from, counter);
@@ -230,7 +235,9 @@ impl<const PEERS: usize, const QUEUE: usize> Link<PEERS, QUEUE> {
             return Ok(*last == Some(number));
         }
         if kind == Kind::Control {
-            if peer.short != ShortAddress::COORDINATOR {
+            // Its short address is what a peer says of itself.
+            let is_authority = self.authority.is_none_or(|authority| authority == extended);
+            if peer.short != ShortAddress::COORDINATOR || !is_authority {
                 return Err(Malformed::Reserved);
             }
             let next = packet::parse_next_key(bytes)?;

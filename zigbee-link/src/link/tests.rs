@@ -495,6 +495,23 @@ fn a_counter_far_ahead_mutes_nobody_for_long() {
     }
 }
 
+/// A member with the key says that it has the coordinator's address. It hands on no key to those who have
+/// joined another coordinator.
+#[test]
+fn only_the_coordinator_one_joined_hands_on_a_key() {
+    for (authority, is_taken) in [(0, true), (3, false)] {
+        let mut aether = acquainted();
+        aether.nodes[2].obey(Eui64([2, 0, 0, 0, 0, 0, 0, authority]));
+        let now = aether.now;
+        let ticket = aether.nodes[0].send_next_key(now, short(2), &key(2));
+        aether.run();
+        let delivery = aether.nodes[0].result_of(ticket.unwrap());
+        assert_eq!(delivery == Some(Delivery::Delivered), is_taken);
+        let next = is_taken.then(|| key(2));
+        assert_eq!(aether.nodes[2].session.keys.next(), next);
+    }
+}
+
 /// Two nodes change addresses, and the others know them by their former ones.
 #[test]
 fn whoever_has_an_address_now_is_asked_who_it_is() {

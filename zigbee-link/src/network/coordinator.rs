@@ -48,7 +48,8 @@ pub(super) struct Coordinator<const MEMBERS: usize> {
     /// The address given last. They are given in turn: whoever had one may not have heard yet that
     /// it is no longer a member.
     last: ShortAddress,
-    allowed: heapless::Vec<Eui64, MEMBERS>,
+    /// Numbers of devices.
+    allowed: heapless::Vec<u16, MEMBERS>,
     window: Option<Instant>,
     rotation: Option<Rotation>,
     /// When a beacon of another network with the same identifier was last heard.
@@ -401,8 +402,16 @@ impl<const MEMBERS: usize> Coordinator<MEMBERS> {
         link: &mut Link<PEERS, QUEUE>,
         common: &mut Common,
     ) {
+        let is_former = |member: &Member| {
+            member.extended != device && member.extended.number() == device.number()
+        };
+        let former = self.members().find(is_former);
+        let former = former.map(|member| member.extended);
         let association = self.admit(now, device);
         if association.status == AssociationStatus::Successful {
+            if let Some(former) = former {
+                link.session.peers.forget(former);
+            }
             link.session.peers.rename(device, association.short);
         }
         // Before the answer goes out, it is written down.
@@ -425,7 +434,7 @@ impl<const MEMBERS: usize> Coordinator<MEMBERS> {
         is_removed
     }
 
-    pub(super) fn allow(&mut self, device: Eui64) -> Result<(), MembersFull> {
+    pub(super) fn allow(&mut self, device: u16) -> Result<(), MembersFull> {
         if self.allowed.contains(&device) {
             return Ok(());
         }
@@ -467,7 +476,19 @@ impl<const MEMBERS: usize> Coordinator<MEMBERS> {
         if let Some(member) = known.clone().find(|member| member.extended == device) {
             return welcome(member.short);
         }
-        if !self.admits_anybody(now) && !self.allowed.contains(&device) {
+        // Erased, it has forgotten its address, but not whose number it has.
+        let mut places = self.members.iter_mut().enumerate();
+        let same = places.find_map(|(number, place)| {
+            Some((number, place.as_mut()?))
+                .filter(|(_, member)| member.extended.number() == device.number())
+        });
+        if let Some((number, member)) = same {
+            member.extended = device;
+            self.unsaved.mark(number);
+            return welcome(member.short);
+        }
+        let known = self.members.iter().flatten();
+        if !self.admits_anybody(now) && !self.allowed.contains(&device.number()) {
             return refuse(AssociationStatus::Denied);
         }
         let mut short = after(self.last);

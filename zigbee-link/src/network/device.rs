@@ -352,6 +352,7 @@ impl Device {
                         coordinator: from,
                     };
                     self.settle(now, membership, link, common);
+                    link.introduce();
                 } else {
                     self.refusal = Some(status);
                     self.try_candidate(now, place + 1, link, common);
@@ -396,6 +397,7 @@ impl Device {
         self.pauses = 0;
         self.refusal = None;
         link.attach(membership.pan, membership.short);
+        link.obey(membership.coordinator);
         common.unsaved.mark(FACT_NETWORK);
     }
 }

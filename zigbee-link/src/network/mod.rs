@@ -6,8 +6,12 @@
 //! # Coordinator
 //! It scans its channels for other PANs, takes the quietest channel and a free identifier, and
 //! starts the network; the store remembers it, and every member's short address, over a restart. It
-//! admits devices whose EUI-64 is on the allow-list, or any that holds the site key while a join
-//! window is open; members may come back at any time. A full table answers "at capacity".
+//! admits devices whose [number](Eui64::number) is on the allow-list, or any that holds the site key
+//! while a join window is open; members may come back at any time. A full table answers "at capacity".
+//!
+//! A device that comes back with the number of a member and another address was erased, and has drawn
+//! a new one: it takes the member's place, with the same short address. Two devices with one number
+//! would go on taking it from each other.
 //!
 //! A member that is [removed](Node::remove) is told so once. If it misses that, it is told again as
 //! soon as it has to prove itself to the coordinator, which it has to with its next frame, at the
@@ -195,8 +199,14 @@ impl<const PEERS: usize, const QUEUE: usize, const MEMBERS: usize> Node<PEERS, Q
             let _ = session.keys.install(next);
         }
         let mut link = Link::new(session, settings.seed);
+        // A coordinator obeys nobody.
+        link.obey(settings.extended);
         if let Some(network) = saved.network {
             link.attach(network.pan, network.short);
+            link.obey(network.coordinator);
+        }
+        if matches!(role, Role::Coordinator(_)) {
+            link.stay_present();
         }
         Self {
             link,
@@ -222,11 +232,12 @@ impl<const PEERS: usize, const QUEUE: usize, const MEMBERS: usize> Node<PEERS, Q
             .flat_map(Coordinator::members)
     }
 
-    /// Lets a device join this coordinator's network at any time. Means nothing to a device.
+    /// Lets the device with this [number](Eui64::number) join this coordinator's network at any time.
+    /// Means nothing to a device.
     ///
     /// # Errors
     /// As many devices as the network can have are expected already.
-    pub fn allow(&mut self, device: Eui64) -> Result<(), MembersFull> {
+    pub fn allow(&mut self, device: u16) -> Result<(), MembersFull> {
         let coordinator = self.role.coordinator_mut();
         coordinator.map_or(Ok(()), |coordinator| coordinator.allow(device))
     }
@@ -313,7 +324,8 @@ impl<const PEERS: usize, const QUEUE: usize, const MEMBERS: usize> Node<PEERS, Q
             return;
         }
         match record {
-            Record::CounterLimit(_) => {}
+            // The node's owner writes its address down, before the node is.
+            Record::CounterLimit(_) | Record::Extended(_) => {}
             Record::ActiveKey(_) => self.common.unsaved.clear(FACT_ACTIVE_KEY),
             Record::NextKey(_) => self.common.unsaved.clear(FACT_NEXT_KEY),
             Record::Network(_) => self.common.unsaved.clear(FACT_NETWORK),

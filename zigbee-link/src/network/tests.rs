@@ -27,6 +27,7 @@ fn running() -> Node<4, 4, 2> {
         active_key: key(1),
         next_key: None,
         network: Some(network),
+        extended: None,
     };
     let member = Member {
         extended: Eui64([1; 8]),

@@ -5,7 +5,7 @@ use core::fmt;
 use super::{
     Counter, CounterError, Key, Keyring, Peers, Protection,
     ccm::{self, nonce},
-    peers::STALE_AFTER,
+    peers::{FRESH_FOR, STALE_AFTER},
 };
 use crate::{
     Instant,
@@ -283,7 +283,8 @@ impl<const PEERS: usize> FrameSecurity<PEERS> {
     /// Checks and decrypts a frame without FCS, in place.
     ///
     /// From a peer, the frame is accepted once: its counter is noted. Of a [`Sender::Stranger`], and
-    /// of a peer whose counter is far behind, nothing is noted, and the caller must not act on the frame but to challenge.
+    /// of a peer whose counter is far behind, or that broadcasts after a long silence, nothing is noted,
+    /// and the caller must not act on the frame but to challenge.
     ///
     /// # Errors
     /// The frame is not authentic, or not new; nothing has changed. The buffer's content is then
@@ -322,7 +323,11 @@ impl<const PEERS: usize> FrameSecurity<PEERS> {
         if extended == self.extended {
             return Err(Refused::OwnAddress);
         }
-        let last = self.peers.by_extended(extended).map(|peer| peer.counter);
+        let peer = self.peers.by_extended(extended);
+        let last = peer.map(|peer| peer.counter);
+        let is_broadcast =
+            envelope.destination.address == Some(Address::Short(ShortAddress::BROADCAST));
+        let was_silent = peer.is_some_and(|peer| peer.heard + FRESH_FOR <= now);
         // Far behind, it may still prove that it is fresh, as a stranger.
         let is_stale = last.is_some_and(|last| last.saturating_sub(counter) > STALE_AFTER);
         let is_old = !is_stale && last.is_some_and(|last| counter <= last);
@@ -344,7 +349,7 @@ impl<const PEERS: usize> FrameSecurity<PEERS> {
         let nonce = nonce(extended, counter, level);
         ccm::open(cipher, self.protection, &nonce, clear, secret, mic).map_err(|_| Refused::Mic)?;
         let sender = match self.peers.by_extended_mut(extended) {
-            Some(_) if is_stale => Sender::Stranger(extended),
+            Some(_) if is_stale || (is_broadcast && was_silent) => Sender::Stranger(extended),
             Some(peer) => {
                 peer.counter = counter;
                 peer.heard = now;

@@ -22,6 +22,12 @@
 //! frames then have smaller counters. So neither side's restart opens a door, flash is not worn by
 //! reception, and evicting an entry is harmless. The price is one exchange per pair and restart.
 //!
+//! A frame that was jammed where it should have been received stays new there until its receiver
+//! hears a newer one. So broadcasts, which nobody asks for and nobody repeats later, are taken only from
+//! peers that were heard within [`FRESH_FOR`], and whoever broadcasts says more often that it is there.
+//! Who can jam one sender's frames for one receiver and deliver each of them a little later than the one
+//! before can make them older than that.
+//!
 //! A frame that is refused for its counter or its code, under a short address, leads to a challenge
 //! too: the address may have been given to somebody else. Acknowledgements repeat a counter, but
 //! answer no challenge: those of strangers are ignored.
@@ -45,6 +51,6 @@ pub use counter::{BLOCK, Counter, CounterError};
 pub(crate) use frame::Envelope;
 pub use frame::{FrameSecurity, Opened, Refused, SealError, Sealed, Sender};
 pub use key::{Key, Keyring, RotationError};
-pub use peers::{EVICT_AFTER, Peer, Peers, TableFull};
+pub use peers::{EVICT_AFTER, FRESH_FOR, Peer, Peers, TableFull};
 #[cfg(test)]
 pub(crate) use tests::storm;

@@ -11,6 +11,10 @@ use crate::{
 /// retried, so that no retry is taken for a new message.
 pub const EVICT_AFTER: Duration = Duration::from_secs(60);
 
+/// A peer that was silent for this long has to prove that its next broadcast is fresh. A frame that
+/// was not heard is new by its counter, however late somebody sends it again.
+pub const FRESH_FOR: Duration = Duration::from_secs(30);
+
 /// A counter that is behind by more than this may be the true one of a peer, if that one proves it:
 /// nothing that a node sends is overtaken by so many of its frames.
 pub(crate) const STALE_AFTER: u32 = 1000;

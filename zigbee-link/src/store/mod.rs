@@ -25,6 +25,7 @@
 //! | 2 | next key: the same; 0 for none |
 //! | 3 | network: 1, PAN u16, channel u8, own short address u16, coordinator's EUI-64; 0 for none |
 //! | 4 | key the node was provisioned with, written as that in use; missing in older stores |
+//! | 5 | own EUI-64: 1, 8 bytes; missing in older stores |
 //! | 16 + n | member n of a coordinator: 1, EUI-64, short address u16; 0 for none |
 
 use core::{fmt, ops::Range};
@@ -51,6 +52,7 @@ const ACTIVE_KEY: u8 = 1;
 const NEXT_KEY: u8 = 2;
 const NETWORK: u8 = 3;
 const FIRST_KEY: u8 = 4;
+const OWN: u8 = 5;
 const MEMBERS: u8 = 16;
 
 /// The network a node belongs to.
@@ -91,6 +93,8 @@ pub enum Record {
     Network(Option<Membership>),
     /// A place in the coordinator's table, below [`MEMBERS_MAX`].
     Member(u8, Option<Member>),
+    /// The own extended address.
+    Extended(Eui64),
 }
 
 /// Everything written down, except the members.
@@ -105,12 +109,14 @@ pub struct Saved {
     pub next_key: Option<Key>,
     /// The network the node belongs to, if any.
     pub network: Option<Membership>,
+    /// The own extended address; `None` if the store is of a firmware that kept none.
+    pub extended: Option<Eui64>,
 }
 
 impl Saved {
-    /// From the records with keys 0 to 3. `None` if one is not understood, or one of those that
+    /// From the records with keys 0 to 5. `None` if one is not understood, or one of those that
     /// every node has is missing.
-    fn decode([counter, active, next, network]: &[Option<Entry>; 4]) -> Option<Self> {
+    fn decode([counter, active, next, network, _, own]: &[Option<Entry>; 6]) -> Option<Self> {
         fn value(entry: &Option<Entry>) -> Option<Reader<'_>> {
             entry.as_ref().map(|entry| Reader::new(entry.value()))
         }
@@ -119,6 +125,7 @@ impl Saved {
             active_key: decode_key(value(active)?)??,
             next_key: value(next).map_or(Some(None), decode_key)?,
             network: value(network).map_or(Some(None), decode_network)?,
+            extended: value(own).map_or(Some(None), decode_extended)?,
         })
     }
 }
@@ -180,10 +187,10 @@ impl<F: NorFlash> Store<F> {
         Ok(Self(Log::new(flash, range)?))
     }
 
-    /// Gives the node a site key. Everything else in the store is erased.
+    /// Gives the node a site key and an extended address. Everything else in the store is erased.
     ///
-    /// `first_counter` is 0 for a key this node has never had. With a key it had before, it must be
-    /// above every frame counter it used then.
+    /// `first_counter` is 0 for an address that nobody has had. With one that was in use, it must be
+    /// above every frame counter that was used with it under this key.
     ///
     /// To be done after [`load`](Self::load), whatever came of it. Cut off half-way, the node is as
     /// before: not provisioned, or so with the key and the frame counter it had.
@@ -193,15 +200,19 @@ impl<F: NorFlash> Store<F> {
     pub async fn provision(
         &mut self,
         key: Key,
+        extended: Eui64,
         first_counter: u32,
     ) -> Result<(), StoreError<F::Error>> {
-        let records = [Record::CounterLimit(first_counter), Record::ActiveKey(key)];
-        let [counter, active] = records.map(encode);
-        let (Some(counter), Some(active)) = (counter, active) else {
+        let records = [
+            Record::CounterLimit(first_counter),
+            Record::ActiveKey(key),
+            Record::Extended(extended),
+        ];
+        let [Some(counter), Some(active), Some(own)] = records.map(encode) else {
             return Err(StoreError::Full);
         };
         let first = Entry::new(FIRST_KEY, active.value()).ok_or(StoreError::Full)?;
-        Ok(self.0.begin(&[counter, active, first]).await?)
+        Ok(self.0.begin(&[counter, active, first, own]).await?)
     }
 
     /// The key the node was provisioned with, whichever came into use since. To be asked after
@@ -237,7 +248,7 @@ impl<F: NorFlash> Store<F> {
         if !self.0.recover(skip_block).await? {
             return Err(StoreError::NotProvisioned);
         }
-        let mut entries = [None; 4];
+        let mut entries = [None; 6];
         for (key, entry) in (COUNTER..).zip(&mut entries) {
             *entry = self.0.find(key).await?;
         }
@@ -334,6 +345,11 @@ fn encode(record: Record) -> Option<Entry> {
             }
             MEMBERS + place
         }
+        Record::Extended(extended) => {
+            writer.u8(1).ok()?;
+            writer.bytes(&extended.0).ok()?;
+            OWN
+        }
     };
     Entry::new(key, &value)
 }
@@ -363,6 +379,13 @@ fn decode_network(mut value: Reader<'_>) -> Option<Option<Membership>> {
         short: ShortAddress(value.u16().ok()?),
         coordinator: Eui64(value.array().ok()?),
     }))
+}
+
+fn decode_extended(mut value: Reader<'_>) -> Option<Option<Eui64>> {
+    if value.u8().ok()? == 0 {
+        return Some(None);
+    }
+    Some(Some(Eui64(value.array().ok()?)))
 }
 
 fn decode_member(mut value: Reader<'_>) -> Option<Option<Member>> {

@@ -37,6 +37,23 @@ impl ShortAddress {
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Eui64(pub [u8; 8]);
 
+impl Eui64 {
+    /// A locally administered address of the node with this number: 46 bits of chance, and the
+    /// number in the low 16. Drawn anew whenever a node has forgotten its frame counter, it keeps
+    /// nonces from repeating.
+    pub const fn of_node(number: u16, chance: u64) -> Self {
+        let mut bytes = (chance << 16 | number as u64).to_be_bytes();
+        bytes[0] = bytes[0] & !3 | 2;
+        Self(bytes)
+    }
+
+    /// The number in its low 16 bits, see [`of_node`](Self::of_node).
+    pub const fn number(self) -> u16 {
+        let [.., high, low] = self.0;
+        u16::from_be_bytes([high, low])
+    }
+}
+
 /// A device's address, either kind.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]

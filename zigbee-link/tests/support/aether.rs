@@ -32,6 +32,7 @@ pub fn eui(n: usize) -> Eui64 {
 pub struct Station {
     pub node: TestNode,
     pub number: usize,
+    pub extended: Eui64,
     pub saved: Saved,
     pub members: [Option<Member>; MEMBERS],
     pub config: Option<RadioConfig>,
@@ -56,9 +57,9 @@ pub struct Aether {
     pub fetches_results: bool,
 }
 
-fn settings(number: usize, seed: u64) -> NetworkSettings {
+fn settings(number: usize, extended: Eui64, seed: u64) -> NetworkSettings {
     NetworkSettings {
-        extended: eui(number),
+        extended,
         channels: Channels::only(Channel::new(15).unwrap()).and(Channel::LAST),
         tx_power: 0,
         protection: Protection::EncMic64,
@@ -85,12 +86,14 @@ impl Aether {
             active_key: key,
             next_key: None,
             network: None,
+            extended: None,
         };
         let members = [None; MEMBERS];
-        let node = self.start(number, &saved, members);
+        let node = self.start(number, eui(number), &saved, members);
         self.stations.push(Station {
             node,
             number,
+            extended: eui(number),
             saved,
             members,
             config: None,
@@ -102,10 +105,11 @@ impl Aether {
     fn start(
         &mut self,
         number: usize,
+        extended: Eui64,
         saved: &Saved,
         members: [Option<Member>; MEMBERS],
     ) -> TestNode {
-        let settings = settings(number, self.rng.random());
+        let settings = settings(number, extended, self.rng.random());
         if number == 0 || number >= 100 {
             Node::coordinator(settings, saved, members)
         } else {
@@ -117,8 +121,25 @@ impl Aether {
     pub fn restart(&mut self, place: usize) {
         let station = &self.stations[place];
         let (number, saved, members) = (station.number, station.saved, station.members);
-        self.stations[place].node = self.start(number, &saved, members);
+        let extended = station.extended;
+        self.stations[place].node = self.start(number, extended, &saved, members);
         self.stations[place].config = None;
+    }
+
+    /// Power off and on again with an erased store: it gets this key, and draws another address.
+    pub fn erase(&mut self, place: usize, key: Key) {
+        let chance = self.rng.random();
+        let station = &mut self.stations[place];
+        station.extended = Eui64::of_node(station.number as u16, chance);
+        station.members = [None; MEMBERS];
+        station.saved = Saved {
+            counter_limit: 0,
+            active_key: key,
+            next_key: None,
+            network: None,
+            extended: None,
+        };
+        self.restart(place);
     }
 
     /// Does the next thing a station wants. Whether there was one.
@@ -137,6 +158,7 @@ impl Aether {
                     Record::ActiveKey(key) => station.saved.active_key = key,
                     Record::NextKey(key) => station.saved.next_key = key,
                     Record::Network(network) => station.saved.network = network,
+                    Record::Extended(_) => unreachable!("written by its owner"),
                     Record::Member(place, member) => station.members[usize::from(place)] = member,
                 }
                 station.node.saved(record);

@@ -33,7 +33,7 @@ pub fn settings(number: usize) -> NetworkSettings {
 /// A store that knows nothing but the site key.
 pub fn provisioned() -> Store<Flash> {
     let mut store = Store::new(chip(4, 0), 0..LEN).unwrap();
-    block_on(store.provision(key(1), 0)).unwrap();
+    block_on(store.provision(key(1), eui(0), 0)).unwrap();
     store
 }
 

@@ -44,6 +44,8 @@ pub(crate) struct Machine {
     /// Bytes between the end of the stack and its start.
     stack: u32,
     running: Option<Running>,
+    /// How often it was switched on: its random number.
+    starts: u32,
 }
 
 /// A board opens its lines within this.
@@ -77,11 +79,13 @@ impl Machine {
             image,
             stack,
             running: None,
+            starts: 0,
         }
     }
 
     /// Switches it on. Its flash is as it was.
     pub(crate) fn start(&mut self) -> Lines {
+        self.starts += 1;
         let mut running = Board::new(
             board_emulator::Machine::Mps2An386,
             &self.image,
@@ -97,6 +101,7 @@ impl Machine {
         .monitor("monitor")
         .argument("node")
         .argument("flash.bin")
+        .argument(self.starts)
         .start()
         .expect("the emulator does not start");
         let started = Instant::now();

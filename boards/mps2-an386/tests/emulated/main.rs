@@ -51,9 +51,7 @@ const LIMIT: Duration = Duration::from_secs(60);
 fn config(number: u8, role: RoleConfig) -> Config {
     Config {
         id: number.into(),
-        extended: Some(eui(number.into()).0),
         site_key: SiteKey::new(1, key_bytes(1)),
-        first_counter: 0,
         channels: 1 << Channel::FIRST.number(),
         tx_power: 0,
         protection: Protection::EncMic32,
@@ -257,7 +255,7 @@ fn calibrate(config: CameraConfig, stops: &[(f64, f32)], reference: Option<f32>)
     let mut store = provisioned();
     let saved = poll_for(LIMIT, store.load()).unwrap().unwrap();
     let mut coordinator = network::Node::coordinator(settings(0), &saved, [None]);
-    coordinator.allow(eui(1)).unwrap();
+    coordinator.allow(eui(1).number()).unwrap();
     let link = Link::new(coordinator, &clock);
 
     let ball = Cell::new(0.0);

@@ -78,8 +78,8 @@ pub(super) struct Arguments {
     /// Which debug probe, as `probe-rs list` names it: VID:PID or VID:PID:SERIAL.
     #[arg(long)]
     probe: Option<String>,
-    /// Makes the node forget its network, its place, and which frame counters it used: when it was
-    /// moved, or its memory is damaged. Only with a page made now.
+    /// Makes the node forget its network, its place and its extended address: when it was moved, or
+    /// its memory is damaged.
     #[arg(long, requires = "config")]
     erase_memory: bool,
     /// Tells the commands, and runs none.
@@ -112,14 +112,6 @@ impl Arguments {
         }
         if let Some(page) = &page {
             tell(node::text(&page.config)?.trim_end());
-        }
-        if let Some(page) = page.as_ref().filter(|_| self.erase_memory) {
-            tell(format_args!(
-                "warning: the node forgets which frame counters it used, and begins again with \
-                 {}. If it ran with this page before, or with a later one of the same key, make a \
-                 new page first: a counter used twice gives away what was said under it.",
-                page.config.first_counter
-            ));
         }
         let path = page.as_ref().map(|page| page.path.as_path());
         let commands = self.commands(sh, &image, path, &erased);
@@ -218,7 +210,7 @@ impl Arguments {
             Err(PageError::Blank) => return Ok(()),
             Err(error) => bail!(
                 "the board has a page that cannot be compared with this one ({error}), and nothing \
-                 was written: make it forget what it learnt with --erase-memory and a page made now"
+                 was written: make it forget what it learnt with --erase-memory"
             ),
         };
         let [old_role, new_role] = [&old, new].map(|config| RoleName::from(&config.role));
@@ -234,7 +226,7 @@ impl Arguments {
             bail!(
                 "the board is node {}, a {old_role}; the page has another {}, and nothing was \
                  written: take another board, or make this one forget what it learnt with \
-                 --erase-memory and a page made now",
+                 --erase-memory",
                 old.id,
                 differences.join(", another ")
             );

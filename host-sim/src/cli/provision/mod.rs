@@ -6,7 +6,6 @@ use std::{
     fs,
     path::{Path, PathBuf},
     process::ExitCode,
-    time::{SystemTime, UNIX_EPOCH},
 };
 
 use anyhow::{Context, Result, anyhow, bail, ensure};
@@ -18,9 +17,6 @@ use site::{
 use toml::Table;
 
 use super::{file_name, files::Files, print, tell, values};
-
-/// 2026-01-01 00:00:00 UTC, seconds of Unix.
-const EPOCH: u64 = 1_767_225_600;
 
 /// Makes configuration pages, which tell boards which nodes they are.
 ///
@@ -50,10 +46,6 @@ pub(super) struct Arguments {
     /// Writes over pages that exist.
     #[arg(long)]
     overwrite: bool,
-    /// The first frame counter: above all that nodes used under this key; without it, the seconds
-    /// since 2026 began.
-    #[arg(long, value_name = "N")]
-    first_counter: Option<u32>,
     #[command(flatten)]
     options: options::Options,
 }
@@ -75,13 +67,12 @@ impl Arguments {
     fn one_node(&self) -> Result<()> {
         let path = self.site_key.as_deref().context("--site-key is missing")?;
         let key = read_key(path)?;
-        let counter = self.first_counter.map_or_else(counter_now, Ok)?;
         let mut table = match &self.config {
             Some(file) => read_table(file)?,
             None => Table::new(),
         };
         node::merge(&mut table, self.options.table()?);
-        let config = node::config(table, key, counter)?;
+        let config = node::config(table, key)?;
         let out = self.out.clone();
         let out = out.unwrap_or_else(|| default_name(&config).into());
         self.write_all(path, &[(config, out)])
@@ -109,9 +100,7 @@ impl Arguments {
             ),
         };
         let key = read_key(&path)?;
-        let counter = self.first_counter.map_or_else(counter_now, Ok)?;
-        let networks =
-            site::configs(&scenario, key, counter).map_err(|error| named(&name, error))?;
+        let networks = site::configs(&scenario, key).map_err(|error| named(&name, error))?;
         let folder = self.out.as_deref().context("--out is missing")?;
         let nodes = networks.iter().flat_map(NetworkConfigs::iter);
         let pages = nodes.map(|config| (config.clone(), folder.join(default_name(config))));
@@ -190,18 +179,4 @@ fn read_table(path: &Path) -> Result<Table> {
 
 fn default_name(config: &CheckedConfig) -> String {
     format!("node-{}.page.bin", config.id)
-}
-
-/// The frame counter that a node provisioned now begins with: seconds since 2026-01-01 UTC.
-///
-/// A node takes a new key and counter only if the counter is above all it may have used, and no
-/// counter may be used twice under one key. Time rises with every provisioning, without a record
-/// of all nodes, as long as a node sends less than one frame a second on average.
-fn counter_now() -> Result<u32> {
-    SystemTime::now()
-        .duration_since(UNIX_EPOCH)
-        .ok()
-        .and_then(|since| since.as_secs().checked_sub(EPOCH))
-        .and_then(|seconds| u32::try_from(seconds).ok())
-        .context("this computer's clock is not right: set it, or use --first-counter N")
 }

@@ -15,9 +15,6 @@ pub(super) struct Options {
     /// The number by which people know the node, from 1.
     #[arg(long, value_parser = clap::value_parser!(u16).range(1..))]
     id: Option<u16>,
-    /// The node's EUI-64, for example F4:CE:36:00:00:00:00:03; without it, the chip's.
-    #[arg(long, value_name = "EUI-64")]
-    extended: Option<String>,
     /// The 2.4 GHz channels the network may use, 11 to 26; without it, all.
     #[arg(long, value_delimiter = ',', value_name = "N,N")]
     channels: Option<Vec<u8>>,
@@ -68,9 +65,9 @@ pub(super) struct Options {
     )]
     motion: Option<u8>,
 
-    /// EUI-64 of a device that may always join; again for the next one.
-    #[arg(long, value_name = "EUI-64", help_heading = "Coordinator")]
-    allow: Vec<String>,
+    /// Number of a node that may always join; again for the next one.
+    #[arg(long, value_name = "N", help_heading = "Coordinator")]
+    allow: Vec<u16>,
     /// How long any device with the site key may join after start-up.
     #[arg(long, value_name = "SECONDS", help_heading = "Coordinator")]
     join_window: Option<u16>,
@@ -109,7 +106,6 @@ impl Options {
         };
         put("role", self.role.map(|role| role.to_string().into()));
         put("id", self.id.map(integer));
-        put("extended", self.extended.clone().map(Value::String));
         let channels = self.channels.as_ref();
         put(
             "channels",
@@ -139,7 +135,7 @@ impl Options {
         put("stops", self.stops.map(integer));
         put("subjects", self.subjects()?);
 
-        let allow = list(self.allow.iter().cloned().map(Value::String));
+        let allow = list(self.allow.iter().copied().map(integer));
         put("allow", Some(allow).filter(|_| !self.allow.is_empty()));
         put("join-window-s", self.join_window.map(integer));
         put("colour", self.target_colour.map(integer));

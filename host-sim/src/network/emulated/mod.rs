@@ -18,11 +18,12 @@ mod error;
 mod files;
 mod heard;
 mod machine;
-mod memory;
+pub(super) mod memory;
 mod panel;
 
 use std::{
     cell::Cell,
+    fs,
     path::{Path, PathBuf},
     process::ExitStatus,
     sync::Arc,
@@ -42,6 +43,7 @@ use virtual_bench::{
     medium::{Medium, NodeId},
     polled::Polled,
 };
+use zigbee_link::wire::Eui64;
 
 /// Where `cargo xtask firmware` puts the image.
 pub const IMAGE: &str = "target/firmware/mps2-an386-node.elf";
@@ -149,8 +151,7 @@ impl Board {
         let (from_radio, from_panel) = (Cell::new(None), Cell::new(None));
         let radio = Heard::new(radio, clock, &from_radio);
         let lamps = Heard::new(lamps, clock, &from_panel);
-        let address = site::extended(self.id());
-        let address = zigbee_link::wire::Eui64(address);
+        let address = Eui64::of_node(self.id(), 0);
         let radio = CoProcessor::new(radio, medium, antenna, clock.clone(), address, seed);
         let connected = select4(
             bridge(line, device),
@@ -216,6 +217,12 @@ impl Board {
     fn keep_log(&self) -> PathBuf {
         self.files.keep();
         self.directory.join(machine::LOG)
+    }
+
+    /// The extended address that the node has drawn.
+    pub(super) fn extended(&self, clock: &Clock) -> Option<Eui64> {
+        let bytes = fs::read(self.directory.join(machine::FLASH)).unwrap_or_default();
+        memory::extended(memory::LINK, &bytes, clock)
     }
 
     /// What the node's role has written down, in the order of its records.

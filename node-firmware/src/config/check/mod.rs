@@ -7,7 +7,6 @@ use zigbee_link::{
     network::{Channels, JOIN_WINDOW_MAX},
     radio::Channel,
     security::Key,
-    wire::Eui64,
 };
 
 use super::{
@@ -38,11 +37,6 @@ impl Deref for CheckedConfig {
 }
 
 impl CheckedConfig {
-    /// The configured extended address.
-    pub fn extended(&self) -> Option<Eui64> {
-        self.extended.map(Eui64)
-    }
-
     /// The site key, as the network takes it.
     pub const fn key(&self) -> Key {
         self.key
@@ -131,12 +125,8 @@ const NO_LENS: Lens = Lens::pin_hole(88, 45.0);
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 #[non_exhaustive]
 pub enum ConfigError {
-    /// The EUI-64 is all zeros or all ones.
-    Extended,
     /// Index 0, or bytes that nobody drew at random.
     SiteKey,
-    /// No counter is left above it.
-    FirstCounter,
     /// No channel, or one that there is not.
     Channels,
     /// The transmit power is not -40 to 20 dBm.
@@ -192,19 +182,13 @@ pub enum ConfigError {
 impl fmt::Display for ConfigError {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.write_str(match self {
-            Self::Extended => {
-                "extended must not be all zeros or all ones; leave it out for the chip's"
-            }
             Self::SiteKey => {
                 "site-key needs an index of 1 to 255 and 16 random bytes: make one with a key \
                  generator"
             }
-            Self::FirstCounter => {
-                "first-counter must be below 4294967295: give the site another key"
-            }
             Self::Channels => "channels must have one or more of the bits 11 to 26, and no others",
             Self::TxPower => "tx-power must be -40 to 20 dBm",
-            Self::Allow => "allow must not hold an EUI-64 of all zeros or all ones, or one twice",
+            Self::Allow => "allow must hold numbers of nodes, from 1, none of them twice",
             Self::JoinWindow => "join-window-s must be 0 to 600",
             Self::Lens(error) => return write!(f, "lens: {error}"),
             Self::Columns => "lens: a CMUcam2 has at most 255 columns",
@@ -258,8 +242,6 @@ impl Config {
     pub fn check(self) -> Result<CheckedConfig, ConfigError> {
         let all = 0x07FF_F800;
         require(&[
-            (self.extended.is_none_or(is_address), ConfigError::Extended),
-            (self.first_counter < u32::MAX, ConfigError::FirstCounter),
             (self.channels & !all == 0, ConfigError::Channels),
             ((-40..=20).contains(&self.tx_power), ConfigError::TxPower),
         ])?;
@@ -298,11 +280,11 @@ fn channels(mask: u32) -> Option<Channels> {
 
 impl CoordinatorConfig {
     fn check(&self) -> Result<(), ConfigError> {
-        let once = |address: &[u8; 8]| self.allow.iter().filter(|a| *a == address).count() == 1;
+        let once = |number: &u16| self.allow.iter().filter(|n| *n == number).count() == 1;
         let window = u64::from(self.join_window_s);
         require(&[
             (
-                self.allow.iter().all(|a| is_address(*a) && once(a)),
+                self.allow.iter().all(|n| *n > 0 && once(n)),
                 ConfigError::Allow,
             ),
             (window <= JOIN_WINDOW_MAX.as_secs(), ConfigError::JoinWindow),
@@ -410,10 +392,6 @@ fn require(conditions: &[(bool, ConfigError)]) -> Result<(), ConfigError> {
         Some(&(_, error)) => Err(error),
         None => Ok(()),
     }
-}
-
-fn is_address(address: [u8; 8]) -> bool {
-    address != [0; 8] && address != [0xFF; 8]
 }
 
 fn is_positive(value: f32) -> bool {
