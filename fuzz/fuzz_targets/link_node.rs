@@ -22,6 +22,7 @@ fuzz_target!(|bytes: &[u8]| {
         next_key: None,
         network: None,
         extended: None,
+        former_key: None,
     };
     let settings = NetworkSettings {
         extended: Eui64([2, 0, 0, 0, 0, 0, 0, 1]),

@@ -417,6 +417,73 @@ fn a_key_change_tells_whom_it_missed() {
     assert_eq!(keys, [key(2), key(2), key(1), key(2)]);
 }
 
+/// A member is away while the key changes, for however long, and whoever restarts meanwhile: it gets the key in
+/// use when it is heard again.
+#[test]
+fn a_member_that_missed_a_key_change_catches_up() {
+    for (away, restarts) in [(10, false), (3600, false), (3600, true)] {
+        for seed in 0..4 {
+            let mut aether = network(3, 0.0, seed);
+            aether.run(30 * SECOND);
+            aether.stations[2].is_out_of_range = true;
+            aether.stations[0].node.change_key(key(2)).unwrap();
+            aether.run(away * SECOND);
+            if restarts {
+                aether.restart(0);
+                aether.restart(2);
+            } else if away > 60 {
+                let change = aether.stations[0].node.key_change().unwrap();
+                assert_eq!((change.is_done, change.unreached), (true, 1));
+            }
+            aether.stations[2].is_out_of_range = false;
+            aether.run(200 * SECOND);
+            let keys = [0, 1, 2, 3].map(|place| aether.stations[place].saved.active_key);
+            assert_eq!(keys, [key(2); 4], "{away} s");
+            assert_delivers(&mut aether, 2, 1);
+            assert_delivers(&mut aether, 0, 2);
+            if restarts {
+                // After its start the coordinator knows of nobody what it has.
+                assert_delivers(&mut aether, 1, 0);
+                assert_delivers(&mut aether, 3, 0);
+            }
+            aether.run(100 * SECOND);
+            assert_eq!(aether.stations[0].saved.former_key, None);
+            if !restarts {
+                let change = aether.stations[0].node.key_change().unwrap();
+                assert_eq!(change.unreached, 0);
+            }
+        }
+    }
+}
+
+/// The former key is of no use to who was sent away, nor, after that, to anybody else who has but that. What
+/// was missed twice is missed.
+#[test]
+fn who_was_sent_away_gets_no_new_key() {
+    for twice in [false, true] {
+        let mut aether = network(3, 0.0, 8);
+        aether.run(30 * SECOND);
+        aether.stations[2].is_out_of_range = true;
+        aether.stations[3].is_out_of_range = true;
+        if !twice {
+            let now = aether.now;
+            assert!(aether.stations[0].node.remove(now, eui(2)));
+        }
+        for index in [2, 3].into_iter().take(1 + usize::from(twice)) {
+            aether.stations[0].node.change_key(key(index)).unwrap();
+            aether.run(100 * SECOND);
+            assert!(aether.stations[0].node.key_change().unwrap().is_done);
+        }
+        aether.stations[2].is_out_of_range = false;
+        aether.stations[3].is_out_of_range = false;
+        aether.run(600 * SECOND);
+        for place in [2, 3] {
+            let saved = &aether.stations[place].saved;
+            assert_eq!((saved.active_key, saved.next_key), (key(1), None));
+        }
+    }
+}
+
 /// The coordinator lost its store while the devices run on: they come back in another order, so
 /// that addresses change hands. Nobody takes one of them for who had its address before.
 #[test]
@@ -558,6 +625,7 @@ fn all_that_changes_at_once_is_written_down() {
             coordinator: eui(0),
         }),
         extended: None,
+        former_key: None,
     };
     let members = core::array::from_fn(|place| Some(member(place + 1)));
     let settings = support::node::settings(0);

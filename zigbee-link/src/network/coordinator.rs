@@ -3,7 +3,7 @@
 use core::{fmt, time::Duration};
 
 use super::{
-    Common, FACT_NETWORK, FACT_NEXT_KEY, NetworkStatus, Outbound,
+    Common, FACT_FORMER_KEY, FACT_NETWORK, FACT_NEXT_KEY, NetworkStatus, Outbound,
     scan::{Found, Scan, Step},
 };
 use crate::{
@@ -52,6 +52,10 @@ pub(super) struct Coordinator<const MEMBERS: usize> {
     allowed: heapless::Vec<u16, MEMBERS>,
     window: Option<Instant>,
     rotation: Option<Rotation>,
+    /// The key in use, on its way to a member that missed the change.
+    handing_over: Option<(Ticket, Eui64)>,
+    /// A member was sent away since the last change of key: the former key serves nobody.
+    shuts_out: bool,
     /// When a beacon of another network with the same identifier was last heard.
     last_conflict: Option<Instant>,
     /// The identifier to change to once it is announced.
@@ -73,6 +77,8 @@ struct Rotation {
     /// The place in the table to serve next.
     place: usize,
     ticket: Option<Ticket>,
+    /// Whose the ticket is.
+    asked: Option<Eui64>,
 }
 
 /// A change of key, as a coordinator sees it.
@@ -85,8 +91,8 @@ pub struct KeyChange {
     pub check: [u8; 3],
     /// It has been offered to every member, and is in use.
     pub is_done: bool,
-    /// Members that did not acknowledge it. They may have it all the same, if only their answers
-    /// were lost; else they must be provisioned anew.
+    /// Members that have not acknowledged it yet. They may have it all the same, if only their answers
+    /// were lost; else they get it when they are heard again.
     pub unreached: u8,
 }
 
@@ -114,6 +120,8 @@ impl<const MEMBERS: usize> Coordinator<MEMBERS> {
             allowed: heapless::Vec::new(),
             window: None,
             rotation: None,
+            handing_over: None,
+            shuts_out: false,
             last_conflict: None,
             realignment: None,
             beacon_due: None,
@@ -180,7 +188,8 @@ impl<const MEMBERS: usize> Coordinator<MEMBERS> {
             },
             State::Running(network) => {
                 let network = *network;
-                self.rotate(now, link);
+                self.rotate(now, link, common);
+                self.hand_over(now, link, common);
                 self.realign(network, link, common);
             }
         }
@@ -219,7 +228,13 @@ impl<const MEMBERS: usize> Coordinator<MEMBERS> {
             },
             place: 0,
             ticket: None,
+            asked: None,
         });
+        // Those who missed the change before have a key that will be unknown.
+        link.session.abandon_late();
+        if let Some((ticket, _)) = self.handing_over.take() {
+            link.withdraw(ticket);
+        }
         common.unsaved.mark(FACT_NEXT_KEY);
         Ok(())
     }
@@ -233,6 +248,7 @@ impl<const MEMBERS: usize> Coordinator<MEMBERS> {
         &mut self,
         now: Instant,
         link: &mut Link<PEERS, QUEUE>,
+        common: &mut Common,
     ) {
         let Some(rotation) = self.rotation.as_mut() else {
             return;
@@ -244,8 +260,14 @@ impl<const MEMBERS: usize> Coordinator<MEMBERS> {
             let Some(delivery) = link.result_of(ticket) else {
                 return;
             };
-            rotation.change.unreached += u8::from(delivery != Delivery::Delivered);
+            let is_delivered = delivery == Delivery::Delivered;
+            rotation.change.unreached += u8::from(!is_delivered);
             rotation.ticket = None;
+            if let Some(extended) = rotation.asked.take()
+                && !is_delivered
+            {
+                link.session.await_late(extended);
+            }
         }
         let next = link.session.keys.next();
         let mut members = self.members.iter().enumerate().skip(rotation.place);
@@ -255,12 +277,60 @@ impl<const MEMBERS: usize> Coordinator<MEMBERS> {
             if sent != Err(SendError::QueueFull) {
                 rotation.place = place + 1;
                 rotation.ticket = sent.ok();
+                rotation.asked = Some(member.extended);
                 rotation.change.unreached += u8::from(sent.is_err());
+                if sent.is_err() {
+                    link.session.await_late(member.extended);
+                }
             }
         } else {
             rotation.change.is_done = true;
             // Not installed: whoever owns the node installed or used another meanwhile.
             let _ = link.activate_key(rotation.change.index, now);
+            if core::mem::take(&mut self.shuts_out) {
+                link.session.abandon_late();
+            }
+            common.unsaved.mark(FACT_FORMER_KEY);
+        }
+    }
+
+    /// Gives the key in use to a member that spoke under the former one.
+    fn hand_over<const PEERS: usize, const QUEUE: usize>(
+        &mut self,
+        now: Instant,
+        link: &mut Link<PEERS, QUEUE>,
+        common: &mut Common,
+    ) {
+        if let Some((ticket, extended)) = self.handing_over
+            && let Some(delivery) = link.result_of(ticket)
+        {
+            self.handing_over = None;
+            if delivery == Delivery::Delivered {
+                link.session.caught_up(extended);
+            }
+        }
+        if self
+            .rotation
+            .is_some_and(|rotation| !rotation.change.is_done)
+        {
+            return;
+        }
+        if link.session.late() == 0 && link.session.keys.expire(now) {
+            common.unsaved.mark(FACT_FORMER_KEY);
+        }
+        if self.handing_over.is_some() {
+            return;
+        }
+        let Some(extended) = link.session.take_late_heard() else {
+            return;
+        };
+        let member = self.members().find(|member| member.extended == extended);
+        // It may not have come so far that it can be spoken to.
+        let short = member.map(|member| member.short);
+        if let Some(short) = short.filter(|&short| link.session.peers.by_short(short).is_some()) {
+            let key = link.session.keys.active();
+            let sent = link.send_next_key(now, short, &key);
+            self.handing_over = sent.ok().map(|ticket| (ticket, extended));
         }
     }
 
@@ -429,6 +499,9 @@ impl<const MEMBERS: usize> Coordinator<MEMBERS> {
     ) -> bool {
         let is_removed = self.strike_off(device);
         if is_removed {
+            self.shuts_out = true;
+            link.session.abandon_late();
+            common.unsaved.mark(FACT_FORMER_KEY);
             dismiss(now, device, link, common);
         }
         is_removed

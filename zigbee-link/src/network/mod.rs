@@ -118,6 +118,7 @@ pub enum NetworkStatus {
 const FACT_ACTIVE_KEY: usize = 0;
 const FACT_NEXT_KEY: usize = 1;
 const FACT_NETWORK: usize = 2;
+const FACT_FORMER_KEY: usize = 3;
 
 /// A node's part in its network, with all that only this part knows.
 #[derive(Debug)]
@@ -171,7 +172,16 @@ impl<const PEERS: usize, const QUEUE: usize, const MEMBERS: usize> Node<PEERS, Q
         const { assert!(MEMBERS > 0 && MEMBERS <= crate::store::MEMBERS_MAX) };
         let common = Common::new(settings);
         let role = Role::Coordinator(Coordinator::new(saved.network, members, &common));
-        Self::new(saved, common, role)
+        let mut node = Self::new(saved, common, role);
+        if let Some(former) = saved.former_key {
+            // Who has missed the change is not written down: all may have, until they are heard.
+            let session = &mut node.link.session;
+            session.keys.recall(former);
+            for member in members.iter().flatten() {
+                session.await_late(member.extended);
+            }
+        }
+        node
     }
 
     /// A device with what its store remembers. It looks for a network at once.
@@ -281,10 +291,14 @@ impl<const PEERS: usize, const QUEUE: usize, const MEMBERS: usize> Node<PEERS, Q
         }
     }
 
-    /// Hands a new key on to all members, one after the other, and then uses it. Members that
-    /// cannot be reached must be provisioned anew, [`key_change`](Self::key_change) counts them.
-    /// Frames under the former key are accepted for [`KEY_WINDOW`](crate::link::KEY_WINDOW) more. A
-    /// coordinator that restarts meanwhile has to be told again.
+    /// Hands a new key on to all members, one after the other, and then uses it. Frames under the
+    /// former key are accepted for [`KEY_WINDOW`](crate::link::KEY_WINDOW) more. Members that could not be
+    /// reached, which [`key_change`](Self::key_change) counts, are understood under the former key for
+    /// longer, and given the one in use when they are heard: until all have it, the key changes again, or a
+    /// member is [removed](Self::remove), which may have the former key and could speak in their names.
+    /// Then they must be provisioned anew, as must those that missed two changes.
+    ///
+    /// A coordinator that restarts before the change is done has to be told again.
     ///
     /// # Errors
     /// The key in use has this index, or this node is no coordinator.
@@ -311,7 +325,14 @@ impl<const PEERS: usize, const QUEUE: usize, const MEMBERS: usize> Node<PEERS, Q
 
     /// How the last change of key since the start goes. `None` without one, and for a device.
     pub fn key_change(&self) -> Option<KeyChange> {
-        self.role.coordinator()?.key_change()
+        let change = self.role.coordinator()?.key_change()?;
+        Some(match change.is_done {
+            false => change,
+            true => KeyChange {
+                unreached: self.link.session.late(),
+                ..change
+            },
+        })
     }
 
     /// The store has written the record down.
@@ -329,6 +350,7 @@ impl<const PEERS: usize, const QUEUE: usize, const MEMBERS: usize> Node<PEERS, Q
             Record::ActiveKey(_) => self.common.unsaved.clear(FACT_ACTIVE_KEY),
             Record::NextKey(_) => self.common.unsaved.clear(FACT_NEXT_KEY),
             Record::Network(_) => self.common.unsaved.clear(FACT_NETWORK),
+            Record::FormerKey(_) => self.common.unsaved.clear(FACT_FORMER_KEY),
             Record::Member(place, _) => {
                 if let Some(coordinator) = self.role.coordinator_mut() {
                     coordinator.saved(place);
@@ -345,7 +367,11 @@ impl<const PEERS: usize, const QUEUE: usize, const MEMBERS: usize> Node<PEERS, Q
         match self.common.unsaved.first() {
             Some(FACT_ACTIVE_KEY) => Some(Record::ActiveKey(keys.active())),
             Some(FACT_NEXT_KEY) => Some(Record::NextKey(keys.next())),
-            Some(_) => Some(Record::Network(self.network())),
+            Some(FACT_NETWORK) => Some(Record::Network(self.network())),
+            Some(_) => {
+                let is_kept = self.link.session.late() > 0;
+                Some(Record::FormerKey(keys.former().filter(|_| is_kept)))
+            }
             None => self.role.coordinator()?.unsaved(),
         }
     }

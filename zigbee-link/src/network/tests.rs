@@ -28,6 +28,7 @@ fn running() -> Node<4, 4, 2> {
         next_key: None,
         network: Some(network),
         extended: None,
+        former_key: None,
     };
     let member = Member {
         extended: Eui64([1; 8]),

@@ -29,6 +29,11 @@ pub struct FrameSecurity<const PEERS: usize> {
     pub counter: Counter,
     /// The senders known to be fresh.
     pub peers: Peers<PEERS>,
+    /// Of a coordinator: numbers of members that may have missed the last change of key, and are spoken
+    /// to under the former one.
+    late: heapless::Vec<u16, PEERS>,
+    /// One of them spoke.
+    late_heard: Option<Eui64>,
 }
 
 /// Who sent a frame that is authentic.
@@ -207,6 +212,8 @@ impl<const PEERS: usize> FrameSecurity<PEERS> {
             keys: Keyring::new(key),
             counter,
             peers: Peers::default(),
+            late: heapless::Vec::new(),
+            late_heard: None,
         }
     }
 
@@ -218,6 +225,52 @@ impl<const PEERS: usize> FrameSecurity<PEERS> {
     /// How frames are secured.
     pub const fn protection(&self) -> Protection {
         self.protection
+    }
+
+    /// Goes on to understand this member under the former key, for as long as that is known.
+    pub(crate) fn await_late(&mut self, member: Eui64) {
+        let number = member.number();
+        if !self.late.contains(&number) {
+            // There are places for all members.
+            let _ = self.late.push(number);
+        }
+    }
+
+    /// How many may still have but the former key.
+    pub(crate) fn late(&self) -> u8 {
+        u8::try_from(self.late.len()).unwrap_or(u8::MAX)
+    }
+
+    /// This member has the key in use.
+    pub(crate) fn caught_up(&mut self, member: Eui64) {
+        self.late.retain(|number| *number != member.number());
+    }
+
+    /// Nobody is understood under the former key any more.
+    pub(crate) fn abandon_late(&mut self) {
+        self.late.clear();
+        self.late_heard = None;
+    }
+
+    /// A member that spoke under the former key since this was last asked.
+    pub(crate) const fn take_late_heard(&mut self) -> Option<Eui64> {
+        self.late_heard.take()
+    }
+
+    fn is_late(&self, member: Eui64) -> bool {
+        self.late.contains(&member.number())
+    }
+
+    /// Whether the frame is for a member that may have but the former key.
+    fn is_for_late(&self, destination: Panned) -> bool {
+        match destination.address {
+            Some(Address::Extended(extended)) => self.is_late(extended),
+            Some(Address::Short(short)) => {
+                let peer = self.peers.by_short(short);
+                peer.is_some_and(|peer| self.is_late(peer.extended))
+            }
+            None => false,
+        }
     }
 
     /// Writes a data or command frame to the start of `buffer`, secured with the key in use.
@@ -250,7 +303,9 @@ impl<const PEERS: usize> FrameSecurity<PEERS> {
         }
         let level = self.protection.level();
         let counter = self.counter.take().map_err(SealError::Counter)?;
-        let (key, cipher) = self.keys.speaker(wants_next);
+        let former = self.keys.former_cipher();
+        let former = former.filter(|_| self.is_for_late(header.destination));
+        let (key, cipher) = former.unwrap_or_else(|| self.keys.speaker(wants_next));
         let secured = Header {
             security: Some(AuxHeader {
                 level,
@@ -311,7 +366,6 @@ impl<const PEERS: usize> FrameSecurity<PEERS> {
             return Err(Refused::Level);
         }
         let (key, counter) = (security.key_index, security.counter);
-        let cipher = self.keys.cipher(key, now).ok_or(Refused::Key)?;
         let source = envelope.source.ok_or(Refused::NoSource)?;
         let extended = match source {
             Address::Extended(extended) => extended,
@@ -323,6 +377,14 @@ impl<const PEERS: usize> FrameSecurity<PEERS> {
         if extended == self.extended {
             return Err(Refused::OwnAddress);
         }
+        let is_late = self.is_late(extended);
+        let former = self.keys.former_cipher();
+        let former = former.filter(|(index, _)| is_late && *index == key);
+        let cipher = match former {
+            Some((_, cipher)) => cipher,
+            None => self.keys.cipher(key, now).ok_or(Refused::Key)?,
+        };
+        let is_former = former.is_some();
         let peer = self.peers.by_extended(extended);
         let last = peer.map(|peer| peer.counter);
         let is_broadcast =
@@ -348,6 +410,11 @@ impl<const PEERS: usize> FrameSecurity<PEERS> {
             .ok_or(Malformed::Truncated)?;
         let nonce = nonce(extended, counter, level);
         ccm::open(cipher, self.protection, &nonce, clear, secret, mic).map_err(|_| Refused::Mic)?;
+        if is_former {
+            self.late_heard = Some(extended);
+        } else if is_late && key == self.keys.active().index() {
+            self.caught_up(extended);
+        }
         let sender = match self.peers.by_extended_mut(extended) {
             Some(_) if is_stale || (is_broadcast && was_silent) => Sender::Stranger(extended),
             Some(peer) => {

@@ -90,7 +90,8 @@ pub struct Keyring {
 enum Other {
     /// Accepted, not yet used.
     Next(Ready),
-    /// No longer used, accepted until then.
+    /// No longer used, accepted until then, and after that by a coordinator from members that missed the
+    /// change.
     Former(Ready, Instant),
 }
 
@@ -133,6 +134,35 @@ impl Keyring {
     pub const fn next(&self) -> Option<Key> {
         match &self.other {
             Some(Other::Next(next)) => Some(next.key),
+            _ => None,
+        }
+    }
+
+    /// The key that was in use before, if it is still known.
+    pub const fn former(&self) -> Option<Key> {
+        match &self.other {
+            Some(Other::Former(former, _)) => Some(former.key),
+            _ => None,
+        }
+    }
+
+    /// Knows a former key for those that missed its end, after a restart.
+    pub(crate) fn recall(&mut self, former: Key) {
+        if self.other.is_none() && former.index != self.active.key.index {
+            self.other = Some(Other::Former(Ready::new(former), Instant(0)));
+        }
+    }
+
+    /// Forgets a former key that is accepted no longer. Whether there was one.
+    pub(crate) fn expire(&mut self, now: Instant) -> bool {
+        let is_over = |other: &mut Other| matches!(other, Other::Former(_, until) if *until <= now);
+        self.other.take_if(is_over).is_some()
+    }
+
+    /// The former key with this index, accepted or not.
+    pub(super) fn former_cipher(&self) -> Option<(u8, &Aes128)> {
+        match &self.other {
+            Some(Other::Former(ready, _)) => Some((ready.key.index, &ready.cipher)),
             _ => None,
         }
     }

@@ -26,6 +26,7 @@
 //! | 3 | network: 1, PAN u16, channel u8, own short address u16, coordinator's EUI-64; 0 for none |
 //! | 4 | key the node was provisioned with, written as that in use; missing in older stores |
 //! | 5 | own EUI-64: 1, 8 bytes; missing in older stores |
+//! | 6 | a coordinator's former key, for members that missed its end: the same; 0 for none |
 //! | 16 + n | member n of a coordinator: 1, EUI-64, short address u16; 0 for none |
 
 use core::{fmt, ops::Range};
@@ -53,6 +54,7 @@ const NEXT_KEY: u8 = 2;
 const NETWORK: u8 = 3;
 const FIRST_KEY: u8 = 4;
 const OWN: u8 = 5;
+const FORMER_KEY: u8 = 6;
 const MEMBERS: u8 = 16;
 
 /// The network a node belongs to.
@@ -95,6 +97,8 @@ pub enum Record {
     Member(u8, Option<Member>),
     /// The own extended address.
     Extended(Eui64),
+    /// The key that was in use before, which members may still have.
+    FormerKey(Option<Key>),
 }
 
 /// Everything written down, except the members.
@@ -111,12 +115,16 @@ pub struct Saved {
     pub network: Option<Membership>,
     /// The own extended address; `None` if the store is of a firmware that kept none.
     pub extended: Option<Eui64>,
+    /// The key that was in use before, if members may still have it.
+    pub former_key: Option<Key>,
 }
 
 impl Saved {
-    /// From the records with keys 0 to 5. `None` if one is not understood, or one of those that
+    /// From the records with keys 0 to 6. `None` if one is not understood, or one of those that
     /// every node has is missing.
-    fn decode([counter, active, next, network, _, own]: &[Option<Entry>; 6]) -> Option<Self> {
+    fn decode(
+        [counter, active, next, network, _, own, former]: &[Option<Entry>; 7],
+    ) -> Option<Self> {
         fn value(entry: &Option<Entry>) -> Option<Reader<'_>> {
             entry.as_ref().map(|entry| Reader::new(entry.value()))
         }
@@ -126,6 +134,7 @@ impl Saved {
             next_key: value(next).map_or(Some(None), decode_key)?,
             network: value(network).map_or(Some(None), decode_network)?,
             extended: value(own).map_or(Some(None), decode_extended)?,
+            former_key: value(former).map_or(Some(None), decode_key)?,
         })
     }
 }
@@ -248,7 +257,7 @@ impl<F: NorFlash> Store<F> {
         if !self.0.recover(skip_block).await? {
             return Err(StoreError::NotProvisioned);
         }
-        let mut entries = [None; 6];
+        let mut entries = [None; 7];
         for (key, entry) in (COUNTER..).zip(&mut entries) {
             *entry = self.0.find(key).await?;
         }
@@ -323,6 +332,12 @@ fn encode(record: Record) -> Option<Entry> {
                 encode_key(key, &mut writer)?;
             }
             NEXT_KEY
+        }
+        Record::FormerKey(key) => {
+            if let Some(key) = key {
+                encode_key(key, &mut writer)?;
+            }
+            FORMER_KEY
         }
         Record::Network(network) => {
             if let Some(network) = network {

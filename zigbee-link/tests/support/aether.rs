@@ -87,6 +87,7 @@ impl Aether {
             next_key: None,
             network: None,
             extended: None,
+            former_key: None,
         };
         let members = [None; MEMBERS];
         let node = self.start(number, eui(number), &saved, members);
@@ -138,6 +139,7 @@ impl Aether {
             next_key: None,
             network: None,
             extended: None,
+            former_key: None,
         };
         self.restart(place);
     }
@@ -158,6 +160,7 @@ impl Aether {
                     Record::ActiveKey(key) => station.saved.active_key = key,
                     Record::NextKey(key) => station.saved.next_key = key,
                     Record::Network(network) => station.saved.network = network,
+                    Record::FormerKey(key) => station.saved.former_key = key,
                     Record::Extended(_) => unreachable!("written by its owner"),
                     Record::Member(place, member) => station.members[usize::from(place)] = member,
                 }
