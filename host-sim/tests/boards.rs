@@ -19,7 +19,7 @@ use host_sim::network::{Emulation, EmulatorError, Options, Simulation};
 use node_firmware::{
     config::RoleConfig as Configured,
     facts::{Fact, KeptSighting},
-    message::{CoordinateFrame, Message, Report, Sight, Stopped},
+    message::{Confirmation, CoordinateFrame, Message, Report, Sight, Stopped},
     role::{
         Output as Wish, Role,
         camera::{CameraEvent, CameraRole, CameraTask},
@@ -27,7 +27,12 @@ use node_firmware::{
 };
 use site::{Overrides, Scenario};
 use tempfile::TempDir;
-use zigbee_link::{Instant, wire::ShortAddress};
+use zigbee_link::{
+    Instant,
+    radio::Channel,
+    store::Membership,
+    wire::{Eui64, PanId, ShortAddress},
+};
 
 const NOW: Instant = Instant(1_000_000);
 
@@ -221,12 +226,25 @@ fn again(mut camera: CameraRole, sightings: &[&Fact]) -> Report {
         place,
     };
     camera.on_event(NOW, CameraEvent::Ready);
+    let membership = Membership {
+        pan: PanId(1),
+        channel: Channel::FIRST,
+        short: ShortAddress(1),
+        coordinator: Eui64([2; 8]),
+    };
+    camera.on_attached(NOW, Some(membership));
     camera.on_message(NOW, ShortAddress(target), &Message::Stopped(stopped));
     while let Some(wish) = camera.poll(NOW) {
         if let Wish::Task(CameraTask::Look { .. }) = wish {
             camera.on_event(NOW, CameraEvent::Looked(Sight::InView, Some(seen)));
         }
     }
+    let confirmation = Confirmation {
+        stop,
+        seen_by: [1].into_iter().collect(),
+    };
+    let confirmed = Message::Confirmed(confirmation);
+    camera.on_message(NOW, ShortAddress(target), &confirmed);
     *camera.report()
 }
 

@@ -26,7 +26,7 @@ use crate::{
     facts::{Fact, FactStore},
     hardware::{Hardware, Indicator, Observer},
     log::debug,
-    message::Message,
+    message::{Message, Sight},
     role::{
         Output, Role, camera::CameraRole, coordinator::CoordinatorRole, moving_target::TargetRole,
     },
@@ -223,7 +223,13 @@ pub(super) async fn drive<H: Hardware>(
     let mut shown = None;
     loop {
         let post = |to, message: &Message| {
-            let ticket = shared.post(to, message)?;
+            // The target asks if it has to know.
+            let ticket = match message {
+                Message::Look(look) if look.sight == Sight::NotInView => {
+                    shared.post_once(to, message)?
+                }
+                _ => shared.post(to, message)?,
+            };
             observer.sends(to, message);
             Ok(ticket)
         };
