@@ -34,6 +34,11 @@
 //! assert!(heard.starts_with(b"CMUcam2 v1.00 c6\r:ACK\rT "));
 //! ```
 //!
+//! # Light
+//! [`Scene::light`] may be set at any time, to a [`daylight`] of some brightness and colour
+//! temperature. A sensor that adapts follows it within seconds; with gain and white balance frozen it
+//! sees other colours from then on, until it is told to adapt again.
+//!
 //! # Decided here, because no source tells
 //! - Registers after a reset: 18 is 40 (no automatic white balance), 19 is 33 (automatic gain).
 //!   Registers 5, 6 and 16 are 128, which leaves the picture as it is.
@@ -73,7 +78,7 @@ mod wire;
 pub use emulator::{Configuration, Emulator, Note, Time};
 pub use faults::FaultRates;
 pub use lens::{Lens, Pose};
-pub use light::Light;
+pub use light::{Light, daylight};
 pub use link::Link;
 pub use modes::{Modes, ServoPin};
 pub use scene::{Background, Extent, Form, Object, Place, Rgb, Scene, Shape, Way};

@@ -19,7 +19,8 @@ use host_sim::network::{Emulation, EmulatorError, Options, Simulation};
 use node_firmware::{
     config::RoleConfig as Configured,
     facts::{Fact, KeptSighting},
-    message::{CoordinateFrame, Message, Report, Sight, Stopped},
+    message::{Confirmation, CoordinateFrame, Message, Report, Sight, Stopped},
+    network::{Attachment, NetworkIdentity},
     role::{
         Output as Wish, Role,
         camera::{CameraEvent, CameraRole, CameraTask},
@@ -221,12 +222,23 @@ fn again(mut camera: CameraRole, sightings: &[&Fact]) -> Report {
         place,
     };
     camera.on_event(NOW, CameraEvent::Ready);
+    let network = NetworkIdentity {
+        number: 1,
+        founder: [2; 8],
+    };
+    camera.on_attached(NOW, Some(Attachment { network, own: 1 }));
     camera.on_message(NOW, ShortAddress(target), &Message::Stopped(stopped));
     while let Some(wish) = camera.poll(NOW) {
         if let Wish::Task(CameraTask::Look { .. }) = wish {
             camera.on_event(NOW, CameraEvent::Looked(Sight::InView, Some(seen)));
         }
     }
+    let confirmation = Confirmation {
+        stop,
+        seen_by: [1].into_iter().collect(),
+    };
+    let confirmed = Message::Confirmed(confirmation);
+    camera.on_message(NOW, ShortAddress(target), &confirmed);
     *camera.report()
 }
 

@@ -35,6 +35,15 @@ pub trait Network {
     /// It was not taken, and nothing more will be told of it.
     fn post(&self, to: ShortAddress, message: &Message) -> Result<Self::Ticket, PostError>;
 
+    /// The same where it is not worth to know whether it arrived, nor to send it again: it is settled when
+    /// it is sent. A network that cannot save anything by that need not do this one.
+    ///
+    /// # Errors
+    /// It was not taken, and nothing more will be told of it.
+    fn post_once(&self, to: ShortAddress, message: &Message) -> Result<Self::Ticket, PostError> {
+        self.post(to, message)
+    }
+
     /// Waits for what happens next. Cancel-safe: what was not returned is told next time. `known` is
     /// the attachment that the caller knows.
     fn happened(

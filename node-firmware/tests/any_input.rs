@@ -13,9 +13,10 @@ use node_firmware::{
     console::FromPc,
     hardware::Button,
     message::{
-        CameraCommand, CameraState, CommandResult, CoordinateFrame, Duty, FittingLens, Hello,
-        ListedSighting, MemberKind, Message, PoseParts, ProtectionLevel, Reference, References,
-        Report, Seen, Sight, StopAnswer, StopBearing, Stopped, TargetLocation, TrackedBlob,
+        CameraCommand, CameraState, CommandResult, Confirmation, CoordinateFrame, Duty,
+        FittingLens, Hello, ListedSighting, MemberKind, Message, PoseParts, ProtectionLevel,
+        Reference, References, Report, Seen, Sight, StopAnswer, StopBearing, Stopped,
+        TargetLocation, TrackedBlob,
     },
     role::{
         Role,
@@ -186,7 +187,7 @@ impl Any {
     }
 
     fn message(&mut self) -> Message {
-        match self.below(20) {
+        match self.below(24) {
             0 => Message::Hello(Hello {
                 id: self.address(),
                 kind: self.kind(),
@@ -242,6 +243,10 @@ impl Any {
                 edges: self.0.random(),
                 pixels: self.0.random(),
                 confidence: self.0.random(),
+            }),
+            19..=22 => Message::Confirmed(Confirmation {
+                stop: self.stop(),
+                seen_by: (0..self.below(4)).map(|_| self.address()).collect(),
             }),
             _ if self.flip() => Message::Sightings,
             _ => Message::Sighting(ListedSighting {

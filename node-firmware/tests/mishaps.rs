@@ -13,8 +13,8 @@ use node_firmware::{
     hardware::Button,
     limits::SIGHTINGS,
     message::{
-        CameraCommand, CameraState, CommandResult, CoordinateFrame, Duty, Hello, MemberKind,
-        Message, PoseParts, Reference, References, Report, Seen, Sight, Stopped,
+        CameraCommand, CameraState, CommandResult, Confirmation, CoordinateFrame, Duty, Hello,
+        MemberKind, Message, PoseParts, Reference, References, Report, Seen, Sight, Stopped,
     },
     role::{
         Role, camera,
@@ -384,7 +384,7 @@ fn a_reference_in_place_of_another_is_appointed() {
 fn a_reference_forgets() {
     let mut net = Net::new(PERFECT, 16, with_references);
     net.walk_to(2);
-    net.step_to_next();
+    net.step_until_confirmed(0);
     net.cameras[0].is_mute = true;
     while net.poses()[0].is_none() {
         net.run_for(1_000);
@@ -562,6 +562,12 @@ fn a_reference_drops_its_sightings() {
             station.hear(now, ShortAddress(TARGET), &stopped);
             station.act(now, &mut air);
             station.act(now + 1, &mut air);
+            let confirmation = Message::Confirmed(Confirmation {
+                stop,
+                seen_by: [2].into_iter().collect(),
+            });
+            station.hear(now + 2, ShortAddress(TARGET), &confirmation);
+            station.act(now + 2, &mut air);
         }
         assert_eq!(station.recalled_sightings(), 2);
         let pose = PoseParts {

@@ -258,7 +258,7 @@ fn a_cut_while_a_network_is_forgotten_leaves_nothing() {
 fn nothing_is_sent_to_former_addresses() {
     let mut net = Net::new(PERFECT, 7, with_references);
     net.walk_to(2);
-    net.step_to_next();
+    net.step_until_confirmed(0);
     net.cameras[0].is_mute = true;
     while net.poses()[0].is_none() {
         net.run_for(1_000);

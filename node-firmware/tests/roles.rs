@@ -19,7 +19,7 @@ use node_firmware::{
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use support::{
-    bus::{Air, AnyStation, Faults, PERFECT, Station},
+    bus::{Air, AnyStation, Faults, PERFECT, Sent, Station},
     net::{Net, SECOND, TARGET, error, from_to, nees, refining, same, with_references},
     site::{CAMERAS, camera_config, noise, target_config},
     target::target_role,
@@ -419,7 +419,7 @@ fn restart_one(net: &mut Net, rng: &mut ChaCha8Rng) {
 fn the_second_reference_gets_its_pose_after_a_restart_of_the_first() {
     let mut net = Net::new(PERFECT, 9, with_references);
     net.walk_to(2);
-    net.step_to_next();
+    net.step_until_confirmed(0);
     net.cameras[0].is_mute = true;
     while net.poses()[0].is_none() {
         net.run_for(1_000);
@@ -631,4 +631,56 @@ fn a_stop_told_late_is_ignored() {
     }
     net.run_for(5 * SECOND);
     assert_eq!(*net.looks.borrow(), looks);
+}
+
+/// A camera was deaf while the target stood there, and hears of the stop when it stands elsewhere: an
+/// attacker recorded the frame and jammed the camera. It looks, sees the target, and says so; nobody
+/// makes anything of that.
+#[test]
+fn a_stop_heard_when_the_target_stands_elsewhere_gives_no_sighting_and_no_bearing() {
+    for (camera, stops) in [(0, 1), (1, 1), (2, 4)] {
+        let mut net = Net::new(PERFECT, 13, with_references);
+        net.walk_to(stops);
+        net.cameras[camera].is_off = true;
+        net.walk();
+        let mut told = net.air.sent.iter().rev();
+        let late = told.find_map(|sent| match &sent.message {
+            Message::Stopped(stopped) => Some(*stopped),
+            _ => None,
+        });
+        let late = late.unwrap();
+        // It walks on, and tells of its next stop.
+        net.step_to_next();
+        let next = late.stop.wrapping_add(1);
+        let is_next = |sent: &Sent| matches!(sent.message, Message::Stopped(of) if of.stop == next);
+        while !net.air.sent.iter().any(is_next) {
+            net.run_for(1_000);
+        }
+        net.run_for(100_000);
+        net.cameras[camera].is_off = false;
+        let before = net.air.sent.len();
+        net.cameras[camera].hear(net.now, ShortAddress(TARGET), &Message::Stopped(late));
+        net.run_for(2 * SECOND);
+        let address = camera as u16 + 1;
+        let answers = net.air.sent[before..].iter().any(|sent| {
+            sent.from.0 == address
+                && matches!(&sent.message, Message::Look(look) if look.stop == late.stop && look.seen.is_some())
+        });
+        assert!(answers, "{camera}");
+        net.wait();
+        let is_of_it = |fact: &Fact| match fact {
+            Fact::Sighting(_, Some(kept)) => kept.stop == late.stop,
+            Fact::ReferenceStop(_, Some(kept)) => kept.stop == late.stop && kept.own.is_some(),
+            _ => false,
+        };
+        assert!(!net.cameras[camera].facts.iter().any(is_of_it), "{camera}");
+        let told = net.air.sent.iter().any(|sent| {
+            sent.from.0 == address
+                && matches!(&sent.message, Message::Bearing(bearing) if bearing.stop == late.stop)
+        });
+        assert!(!told, "{camera}");
+        // At the stops that follow it is as good as any.
+        net.walk_to(12);
+        net.check_poses(same, 5.0);
+    }
 }

@@ -15,8 +15,8 @@ use node_firmware::{
     facts::{Fact, Walk},
     limits::REFERENCE_STOPS,
     message::{
-        CameraState, CoordinateFrame, Duty, Message, PoseParts, References, Report, Seen, Sight,
-        StopAnswer, StopBearing, StopNumber, Stopped, TargetLocation,
+        CameraState, Confirmation, CoordinateFrame, Duty, Message, PoseParts, References, Report,
+        Seen, Sight, StopAnswer, StopBearing, StopNumber, Stopped, TargetLocation,
     },
     role::{
         Role,
@@ -105,6 +105,13 @@ impl Alone {
             place,
         });
         self.camera.hear(self.now, ShortAddress(TARGET), &message);
+        self.act();
+        let confirmation = Message::Confirmed(Confirmation {
+            stop,
+            seen_by: [1].into_iter().collect(),
+        });
+        self.camera
+            .hear(self.now, ShortAddress(TARGET), &confirmation);
         self.act();
     }
 

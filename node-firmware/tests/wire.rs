@@ -12,9 +12,10 @@ use node_firmware::{
     console::{FRAME_MAX, Frames, FromPc, KeyChangeReport, NetworkInfo, ToPc, encode},
     limits::ROSTER,
     message::{
-        CameraCommand, CameraState, CommandResult, CoordinateFrame, Duty, FittingLens, Hello,
-        ListedSighting, MemberKind, Message, PoseParts, ProtectionLevel, Reference, References,
-        Report, Seen, Sight, StopAnswer, StopBearing, Stopped, TargetLocation, TrackedBlob,
+        CONFIRMED, CameraCommand, CameraState, CommandResult, Confirmation, CoordinateFrame, Duty,
+        FittingLens, Hello, ListedSighting, MemberKind, Message, PoseParts, ProtectionLevel,
+        Reference, References, Report, Seen, Sight, StopAnswer, StopBearing, Stopped,
+        TargetLocation, TrackedBlob,
     },
 };
 use proptest::prelude::*;
@@ -250,6 +251,13 @@ fn golden() -> Vec<(Message, String)> {
                 seen: seen(),
             }),
             format!("0f01030905{ONE}{TWO}{HALF}{ONE}{HALF}ac02"),
+        ),
+        (
+            Message::Confirmed(Confirmation {
+                stop: 5,
+                seen_by: [3, 300].into_iter().collect(),
+            }),
+            "10050203ac02".into(),
         ),
     ]
     .into();
@@ -624,11 +632,18 @@ fn longest() -> Vec<(&'static str, Message)> {
                 seen: widest,
             }),
         ),
+        (
+            "Confirmed",
+            Message::Confirmed(Confirmation {
+                stop: far,
+                seen_by: [far; CONFIRMED].into_iter().collect(),
+            }),
+        ),
     ]
 }
 
 /// Most bytes of payload per kind. A kind that grows costs airtime, so that should be seen.
-const LENGTHS: [(&str, usize); 16] = [
+const LENGTHS: [(&str, usize); 17] = [
     ("Hello", 16),
     ("WhoIsThere", 1),
     ("Roster", 98),
@@ -645,6 +660,7 @@ const LENGTHS: [(&str, usize); 16] = [
     ("Tracked", 9),
     ("Sightings", 1),
     ("Sighting", 32),
+    ("Confirmed", 77),
 ];
 
 #[test]

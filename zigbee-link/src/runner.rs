@@ -175,6 +175,20 @@ impl<C: Clock, const PEERS: usize, const QUEUE: usize, const MEMBERS: usize>
         sent.unwrap_or(Err(SendError::QueueFull))
     }
 
+    /// The same as [`post`](Self::post), once and without an acknowledgement:
+    /// [`Link::send_once`](crate::link::Link::send_once).
+    ///
+    /// # Errors
+    /// The message was not taken, see [`SendError`].
+    pub fn post_once<T: Serialize + Sync + ?Sized>(
+        &self,
+        destination: ShortAddress,
+        message: &T,
+    ) -> Result<Ticket, SendError> {
+        let sent = self.with(|node, now| node.link.send_once(now, destination, message));
+        sent.unwrap_or(Err(SendError::QueueFull))
+    }
+
     /// Sends a message and waits for its result. One task at a time may wait; others
     /// [`post`](Self::post).
     ///

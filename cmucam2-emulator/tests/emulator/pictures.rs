@@ -10,6 +10,7 @@ use cmucam2_driver::{
 };
 use cmucam2_emulator::{
     Background, Configuration, Emulator, Extent, Link, Note, Object, Place, Scene, Shape, Switches,
+    daylight,
 };
 
 use crate::support::{ORANGE, SECOND, command, driver, orange, orange_box};
@@ -523,4 +524,36 @@ fn an_idle_camera_has_no_deadline() {
     while camera.transmit(2 * SECOND).is_some() {}
     assert_eq!(camera.next_deadline(), None);
     assert_eq!(camera.next_frame(), None);
+}
+
+/// Whether the orange box is tracked in such light by a camera that adapted and froze before.
+fn is_tracked_after(change: [f64; 3], adapts_again: bool) -> bool {
+    let mut link = driver(Configuration::default(), orange_box([30, 50], [40, 90]));
+    link.ask(Request::StartUp(StartUp::default())).unwrap();
+    let before = link.camera.light().factors();
+    link.camera.scene_mut().light = change;
+    if adapts_again {
+        link.ask(Request::StartUp(StartUp::default())).unwrap();
+        assert_ne!(link.camera.light().factors(), before);
+    } else {
+        assert_eq!(link.camera.light().factors(), before);
+    }
+    command(&mut link, Command::PollMode(true)).unwrap();
+    let adapted = ColourBounds::new([160, 240, 60, 175, 16, 120]).unwrap();
+    match command(&mut link, Command::TrackColour(Some(adapted))).unwrap() {
+        Answer::Packet(Packet::Tracking(tracking)) => {
+            tracking.pixels().is_some_and(|pixels| pixels > 0)
+        }
+        other => panic!("{other:?}"),
+    }
+}
+
+#[test]
+fn a_change_of_light_blinds_a_camera_until_it_adapts_again() {
+    assert!(is_tracked_after(daylight(1.0, 6_504.0), false));
+    for (level, kelvin) in [(0.35, 6_504.0), (2.0, 6_504.0), (0.4, 3_200.0)] {
+        let light = daylight(level, kelvin);
+        assert!(!is_tracked_after(light, false), "{level} {kelvin}");
+        assert!(is_tracked_after(light, true), "{level} {kelvin}");
+    }
 }

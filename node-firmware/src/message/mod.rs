@@ -15,6 +15,7 @@
 //! | trigger signal (2.3) | [`Message::Trigger`] |
 //! | `20 40`, "you are in my field of view" (Fig. G) | [`Message::Look`] with [`Sight::InView`] |
 //! | `20 30`, "in range, not in my field of view" (Fig. L) | [`Message::Look`] with [`Sight::NotInView`] and its kin |
+//! | none: a camera counted what it saw at once | [`Message::Confirmed`] |
 //! | `20 'S' x y id` (Fig. H) | [`Message::Stopped`] in [`CoordinateFrame::Site`] |
 //! | `20 'M' 0 ... id`, "no location for you" (Fig. M) | [`Message::Stopped`] in [`CoordinateFrame::Own`]; a camera that is done is not asked |
 //! | `id x y heading` (Fig. J) | [`Message::Report`] |
@@ -81,6 +82,8 @@ pub enum Message {
     Sightings,
     /// One sighting of a camera.
     Sighting(ListedSighting),
+    /// To everybody: whose looks at a stop came while the target still stood there.
+    Confirmed(Confirmation),
 }
 
 /// What a member is.
@@ -188,6 +191,22 @@ pub enum CoordinateFrame {
     Site,
 }
 
+/// A target heard that these cameras saw it at a stop, while it stood there.
+///
+/// A camera makes nothing of what it saw before: a [`Stopped`] says where the target stood when it was
+/// sent, and it may have been on its way for long.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct Confirmation {
+    /// Number of the stop.
+    pub stop: StopNumber,
+    /// Who saw it: of more than it has room for the last ones. Who saw it too repeats its answer.
+    pub seen_by: heapless::Vec<MemberAddress, CONFIRMED>,
+}
+
+/// Cameras in one [`Confirmation`].
+pub const CONFIRMED: usize = 24;
+
 /// What a camera saw at a stop.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
@@ -208,7 +227,8 @@ pub enum Sight {
     NotReady,
 }
 
-/// A camera's answer to a stop.
+/// A camera's answer to a stop. That of a camera that saw the target is repeated until it is
+/// [confirmed](Confirmation). The link does not acknowledge that it is not in view.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct StopAnswer {

@@ -20,7 +20,7 @@ use super::{QUEUE, outlined::Outlined};
 use crate::{
     facts::{Fact, FactStore},
     hardware::{Hardware, Indicator, Observer},
-    message::Message,
+    message::{Message, Sight},
     network::{Network, NetworkEvent, PostError},
     role::{
         Output, Role, camera::CameraRole, coordinator::CoordinatorRole, moving_target::TargetRole,
@@ -218,7 +218,13 @@ pub(super) async fn drive<H: Hardware, N: Network, F: NorFlash>(
     let mut shown = None;
     loop {
         let post = |to, message: &Message| {
-            let ticket = network.post(to, message)?;
+            // The target asks if it has to know.
+            let ticket = match message {
+                Message::Look(look) if look.sight == Sight::NotInView => {
+                    network.post_once(to, message)?
+                }
+                _ => network.post(to, message)?,
+            };
             observer.sends(to, message);
             Ok(ticket)
         };

@@ -50,17 +50,25 @@ fn attachment(status: NetworkStatus) -> Option<Attachment> {
     }
 }
 
+fn refused(error: SendError) -> PostError {
+    match error {
+        SendError::QueueFull => PostError::Full,
+        error => {
+            debug!("not sent: {}", error);
+            PostError::Refused
+        }
+    }
+}
+
 impl<C: Clock> Network for ZigbeeNetwork<C> {
     type Ticket = Ticket;
 
     fn post(&self, to: ShortAddress, message: &Message) -> Result<Ticket, PostError> {
-        self.node.post(to, message).map_err(|error| match error {
-            SendError::QueueFull => PostError::Full,
-            error => {
-                debug!("not sent: {}", error);
-                PostError::Refused
-            }
-        })
+        self.node.post(to, message).map_err(refused)
+    }
+
+    fn post_once(&self, to: ShortAddress, message: &Message) -> Result<Ticket, PostError> {
+        self.node.post_once(to, message).map_err(refused)
     }
 
     async fn happened(&self, known: Option<Attachment>) -> NetworkEvent<Ticket> {

@@ -7,7 +7,7 @@ use nalgebra::{Matrix3, Point2, Vector3};
 use node_firmware::{
     config::{CameraConfig, Sigmas, TargetConfig},
     console::ToPc,
-    message::{Duty, PoseParts, Report},
+    message::{Duty, Message, PoseParts, Report},
     role::{
         Role,
         camera::{self, CameraRole},
@@ -17,7 +17,7 @@ use node_firmware::{
 };
 
 use super::{
-    bus::{Air, AnyStation, Faults, Station, run},
+    bus::{Air, AnyStation, Faults, Sent, Station, run},
     site::{self, CAMERAS, STEP_SIGMAS, STOPS, Shared, Site, Truth, camera_config, target_config},
     target::target_role,
 };
@@ -248,6 +248,22 @@ impl Net {
                 heading_sigma: STEP_SIGMAS[1] as f32,
             }),
         );
+    }
+
+    /// To the next stop, until the target confirms there what this camera saw, which has not heard it.
+    pub fn step_until_confirmed(&mut self, camera: usize) {
+        self.step_to_next();
+        let before = self.air.sent.len();
+        let address = camera as u16 + 1;
+        let limit = self.now + 20 * SECOND;
+        let is_confirmed = |sent: &Sent| match &sent.message {
+            Message::Confirmed(confirmation) => confirmation.seen_by.contains(&address),
+            _ => false,
+        };
+        while !self.air.sent[before..].iter().any(is_confirmed) {
+            assert!(self.now < limit, "it is never confirmed");
+            self.run_for(1_000);
+        }
     }
 
     /// All stops up to this number.

@@ -267,6 +267,26 @@ impl<const PEERS: usize, const QUEUE: usize> Link<PEERS, QUEUE> {
         self.enqueue(now, kind, destination, bytes)
     }
 
+    /// Takes a message for sending to one member, once and without an acknowledgement: for an
+    /// application that repeats it itself until its own answer comes. Its result is
+    /// [`Delivery::Broadcast`].
+    ///
+    /// # Errors
+    /// The message was not taken, see [`SendError`].
+    pub fn send_once<T: Serialize + ?Sized>(
+        &mut self,
+        now: Instant,
+        destination: ShortAddress,
+        message: &T,
+    ) -> Result<Ticket, SendError> {
+        if !destination.is_unicast() {
+            return Err(SendError::Destination);
+        }
+        let mut buffer = [0; MESSAGE_MAX];
+        let bytes = postcard::to_slice(message, &mut buffer).map_err(|_| SendError::TooLong)?;
+        self.enqueue(now, Kind::Once, destination, bytes)
+    }
+
     /// Hands the next key on to a member, as reliably as a message. It is accepted there at once
     /// and used from the first frame under it on, challenges apart. Only
     /// [`result_of`](Self::result_of) tells what became of it.

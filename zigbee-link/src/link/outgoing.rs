@@ -30,7 +30,7 @@ pub enum Delivery {
     Delivered,
     /// Nobody answered. The receiver may have it all the same: the answers may have been lost.
     NoAnswer,
-    /// A broadcast, sent. Who has it, nobody knows.
+    /// A broadcast, or a unicast that is sent once. Who has it, nobody knows.
     Broadcast,
 }
 
@@ -106,6 +106,9 @@ impl Outgoing {
     pub(super) fn transmitted(&mut self, counter: u32) {
         let first = self.counters.map_or(counter, |(first, _)| first);
         self.counters = Some((first, counter));
+        if self.kind == Kind::Once {
+            self.result = Some(Delivery::Broadcast);
+        }
     }
 
     /// Whether an answer to the frame with this counter is one to this message.

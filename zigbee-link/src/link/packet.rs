@@ -9,6 +9,7 @@
 //! | `5` challenge | |
 //! | `6` response | flags, own short address u16, counter of the challenge u32 |
 //! | `7` presence | |
+//! | `8` unicast message that nobody acknowledges | age, message |
 //!
 //! The high half of byte 0 is the [`VERSION`], the low half the kind. Numbers are little-endian.
 //! The *age* of a message is how many frame counters ago it was sent for the first time, so that
@@ -28,6 +29,8 @@ pub const VERSION: u8 = 1;
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub(super) enum Kind {
     Unicast,
+    /// To one member, sent once and not acknowledged.
+    Once,
     Broadcast,
     Control,
 }
@@ -60,6 +63,7 @@ const ACKNOWLEDGEMENT: u8 = 4;
 const CHALLENGE: u8 = 5;
 const RESPONSE: u8 = 6;
 const PRESENCE: u8 = 7;
+const ONCE: u8 = 8;
 
 /// Bytes of a [`Packet::Message`] before the message.
 pub(super) const MESSAGE_HEADER: usize = 2;
@@ -74,6 +78,7 @@ impl<'a> Packet<'a> {
         }
         let packet = match first & 0xF {
             UNICAST => return message(Kind::Unicast, reader),
+            ONCE => return message(Kind::Once, reader),
             BROADCAST => return message(Kind::Broadcast, reader),
             CONTROL => return message(Kind::Control, reader),
             ACKNOWLEDGEMENT => Self::Acknowledgement {
@@ -103,6 +108,7 @@ impl<'a> Packet<'a> {
             Self::Message { kind, age, bytes } => {
                 first(match kind {
                     Kind::Unicast => UNICAST,
+                    Kind::Once => ONCE,
                     Kind::Broadcast => BROADCAST,
                     Kind::Control => CONTROL,
                 })?;
@@ -166,7 +172,15 @@ mod tests {
 
     #[test]
     fn golden() {
-        let golden: [(&[u8], Packet<'_>); 7] = [
+        let golden: [(&[u8], Packet<'_>); 8] = [
+            (
+                &[0x18, 0, 0xAA],
+                Packet::Message {
+                    kind: Kind::Once,
+                    age: 0,
+                    bytes: &[0xAA],
+                },
+            ),
             (
                 &[0x11, 2, 0xAA, 0xBB],
                 Packet::Message {
@@ -214,7 +228,7 @@ mod tests {
             let len = packet.emit(&mut buffer).unwrap();
             assert_eq!(&buffer[..len], bytes);
         }
-        for unknown in [0x10, 0x18, 0x1F, 0x01, 0x21, 0x25] {
+        for unknown in [0x10, 0x19, 0x1F, 0x01, 0x21, 0x25] {
             assert_eq!(Packet::parse(&[unknown, 0]), Err(Malformed::Unsupported));
         }
         assert_eq!(Packet::parse(&[0x15, 0]), Err(Malformed::TrailingBytes));
@@ -233,7 +247,7 @@ mod tests {
 
     proptest! {
         #[test]
-        fn parse_then_emit_is_the_identity(bytes in vec(any::<u8>(), 0..20), first in 0x10..0x19_u8) {
+        fn parse_then_emit_is_the_identity(bytes in vec(any::<u8>(), 0..20), first in 0x10..0x1A_u8) {
             let bytes = [&[first][..], &bytes].concat();
             if let Ok(packet) = Packet::parse(&bytes) {
                 let mut buffer = [0; 32];

@@ -135,7 +135,8 @@ impl<const PEERS: usize, const QUEUE: usize> Link<PEERS, QUEUE> {
                 }
                 let number = opened.counter.checked_sub(u32::from(age));
                 let number = number.ok_or(Malformed::Reserved)?;
-                if self.accept(kind, extended, number, bytes)? && !broadcast {
+                let is_answered = !broadcast && kind != Kind::Once;
+                if self.accept(kind, extended, number, bytes)? && is_answered {
                     let kind = ReplyKind::Acknowledgement {
                         counter: opened.counter,
                     };

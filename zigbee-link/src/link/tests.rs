@@ -116,6 +116,29 @@ fn bytes_on_air_of_a_message_of_20() {
     assert_eq!(on_air, [53, 36]);
 }
 
+/// One frame, nobody answers, and it comes at most once; to a stranger after a challenge, as others.
+#[test]
+fn what_is_sent_once_is_not_acknowledged() {
+    let mut aether = Aether::new(2, 0.0, 0);
+    for is_known in [false, true] {
+        aether.heard.clear();
+        let sent = aether.nodes[0].send_once(aether.now, short(1), &7_u8);
+        aether.run();
+        let received: Option<(ShortAddress, u8)> = aether.nodes[1].recv();
+        assert_eq!(received, Some((short(0), 7)));
+        assert_eq!(aether.nodes[1].recv::<u8>(), None);
+        assert_eq!(
+            aether.nodes[0].result_of(sent.unwrap()),
+            Some(Delivery::Broadcast)
+        );
+        if is_known {
+            assert_eq!(aether.heard.len(), 1);
+        }
+    }
+    let to_all = aether.nodes[0].send_once(aether.now, ShortAddress::BROADCAST, &7_u8);
+    assert_eq!(to_all, Err(SendError::Destination));
+}
+
 /// The first frames between two nodes are pinned, byte for byte, with their FCS: challenge,
 /// response that challenges, response, message, acknowledgement. Any change here is a change of the
 /// wire format and needs another version. tests/capture.rs has tshark read the same kind of frames.

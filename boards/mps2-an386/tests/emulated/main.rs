@@ -21,8 +21,8 @@ use node_firmware::{
     config::{CameraConfig, Config, CoordinatorConfig, RoleConfig, SiteKey, Subjects},
     console::ToPc,
     message::{
-        CameraState, CoordinateFrame, Duty, Hello, MemberKind, Message, PoseParts, Reference,
-        References, Seen, Sight, StopBearing, Stopped,
+        CameraState, Confirmation, CoordinateFrame, Duty, Hello, MemberKind, Message, PoseParts,
+        Reference, References, Seen, Sight, StopBearing, Stopped,
     },
     vision::{ColourWindow, Lens},
 };
@@ -296,6 +296,9 @@ fn calibrate(config: CameraConfig, stops: &[(f64, f32)], reference: Option<f32>)
                     }
                     Message::Look(look) if look.stop == stop => {
                         assert_eq!(look.sight, Sight::InView, "stop {stop}");
+                        let seen_by = [member.0].into_iter().collect();
+                        let confirmation = Confirmation { stop, seen_by };
+                        deliver(&link, member, &Message::Confirmed(confirmation)).await;
                         break;
                     }
                     Message::Report(report) => pose = report.pose().copied(),

@@ -1,7 +1,5 @@
 //! What the camera's hardware does: one task at a time.
 
-use zigbee_link::Instant;
-
 use super::CameraTask;
 use crate::message::{CameraCommand, MemberAddress, StopNumber, Stopped};
 
@@ -10,8 +8,6 @@ use crate::message::{CameraCommand, MemberAddress, StopNumber, Stopped};
 pub(super) struct LookRequest {
     pub(super) target: MemberAddress,
     pub(super) stopped: Stopped,
-    /// When the target said so.
-    pub(super) heard: Instant,
 }
 
 impl LookRequest {

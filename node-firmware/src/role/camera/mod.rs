@@ -9,9 +9,12 @@
 //! | no | knows its pose | a bearing with its pose, from which the target finds itself |
 //! | no | may become a reference | a trigger for the coordinator |
 //!
-//! Every stop is answered, so that the target knows when it may walk on. A stop that is told twice
-//! is answered twice and counted once. The count goes with every answer: the target never has to
-//! keep one in step.
+//! A stop is answered, so that the target knows when it may walk on; not where the target was not in
+//! view the last time either, unless it asks. A stop that is told twice is answered twice and counted
+//! once. The count goes with every answer: the target never has to keep one in step.
+//!
+//! Nothing comes of a look before the target has [confirmed](crate::message::Confirmation) that the
+//! answer came while it still stood there.
 
 mod calibration;
 mod colours;
@@ -338,6 +341,7 @@ impl Role for CameraRole {
         let duty_of_sender = self.duty.of(Some(from));
         match message {
             Message::Stopped(stopped) => self.on_stopped(now, from.0, stopped),
+            Message::Confirmed(confirmation) => self.on_confirmed(now, from.0, confirmation),
             Message::References(references) if is_coordinator => {
                 self.on_references(now, references);
             }
@@ -421,6 +425,7 @@ impl Role for CameraRole {
             return Some(Output::Task(task));
         }
         self.address?;
+        self.repeat_answers(now);
         if let Some(message) = self.outbox.take_due(now) {
             return Some(message);
         }
@@ -443,7 +448,11 @@ impl Role for CameraRole {
 
     fn next_deadline(&self) -> Option<Instant> {
         self.address?;
-        earliest([self.outbox.next_due(), self.notifications.next_due()])
+        earliest([
+            self.outbox.next_due(),
+            self.notifications.next_due(),
+            self.looks.next_due(),
+        ])
     }
 
     fn indication(&self) -> Indication {

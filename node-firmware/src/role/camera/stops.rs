@@ -1,7 +1,5 @@
 //! What a camera does at a stop of a target: look, answer, count.
 
-use core::time::Duration;
-
 use calib_core::{Status, angle, dead_reckoning::Place};
 use nalgebra::{RealField, Vector2};
 use zigbee_link::{Instant, wire::ShortAddress};
@@ -11,20 +9,16 @@ use super::{
     device::LookRequest,
     facts::sighting,
     progress::is_done,
-    targets::{LastLook, is_past},
+    targets::{LastLook, Unconfirmed, is_past},
 };
 use crate::{
     facts::KeptSighting,
     message::{
-        CameraState, CoordinateFrame, Duty, MemberAddress, Message, Report, Seen, Sight,
-        StopAnswer, StopBearing, StopNumber, Stopped,
+        CameraState, Confirmation, CoordinateFrame, Duty, MemberAddress, Message, Report, Seen,
+        Sight, StopAnswer, StopBearing, StopNumber, Stopped,
     },
     role::COORDINATOR,
 };
-
-/// A target that says that it stands stays for so long at least: a look that ends later may have
-/// seen it leave.
-const LOOK_WITHIN: Duration = Duration::from_millis(3_500);
 
 /// A bearing farther off than so many sigmas does not fit the pose.
 const WATCH_SIGMAS: f32 = 6.0;
@@ -59,7 +53,6 @@ impl CameraRole {
         let request = LookRequest {
             target,
             stopped: *stopped,
-            heard: now,
         };
         let known = || self.looks.stops().chain(self.device.requested());
         if known().any(|(of, known)| of == target && is_past(known, stop)) {
@@ -69,7 +62,7 @@ impl CameraRole {
         if let Some(last) = self.looks.find(target, stop) {
             // It was looked at. It may be told again because the answer was lost, or because the
             // target now knows where it is.
-            if last.frame == stopped.frame {
+            if last.stopped.frame == stopped.frame {
                 self.answer(now, target, stop, last.sight, last.seen);
             } else {
                 self.on_look(now, request, last.sight, last.seen);
@@ -117,14 +110,8 @@ impl CameraRole {
 
     /// The hardware has looked.
     pub(super) fn on_looked(&mut self, now: Instant, sight: Sight, seen: Option<Seen>) {
-        match self.device.on_looked() {
-            // The target may have left meanwhile.
-            Some(request) if now > request.heard + LOOK_WITHIN => {
-                let (target, stop) = request.stop();
-                self.answer(now, target, stop, Sight::NotReady, None);
-            }
-            Some(request) => self.on_look(now, request, sight, seen),
-            None => {}
+        if let Some(request) = self.device.on_looked() {
+            self.on_look(now, request, sight, seen);
         }
     }
 
@@ -143,6 +130,42 @@ impl CameraRole {
         };
         let seen = picture.filter(|_| sight == Sight::InView);
         self.target_seen = seen.is_some();
+        // The target knows, and asks if it does not.
+        let is_known = sight == Sight::NotInView && self.looks.last_sight(target) == Some(sight);
+        self.looks.insert(LastLook {
+            target,
+            stopped,
+            sight,
+            seen: picture,
+            repeats,
+            unconfirmed: seen.map(|_| Unconfirmed::new(now + self.slot())),
+        });
+        if !is_known {
+            self.answer(now, target, stopped.stop, sight, seen);
+        }
+    }
+
+    /// A target tells whose looks at a stop came while it stood there. Only those count: whoever
+    /// heard of the stop late, or again, saw the target elsewhere.
+    pub(super) fn on_confirmed(
+        &mut self,
+        now: Instant,
+        target: MemberAddress,
+        confirmation: &Confirmation,
+    ) {
+        let Some(own) = self.address else {
+            return;
+        };
+        let stop = confirmation.stop;
+        if !confirmation.seen_by.contains(&own.0) {
+            self.on_unconfirmed(now, target, stop);
+            return;
+        }
+        let Some(look) = self.looks.confirm(target, stop) else {
+            return;
+        };
+        let stopped = look.stopped;
+        let seen = look.seen.filter(|_| look.sight == Sight::InView);
         if let Some(seen) = seen.filter(|_| stopped.frame == CoordinateFrame::Site) {
             self.watch(now, &stopped.place, &seen);
         }
@@ -152,16 +175,26 @@ impl CameraRole {
                 CoordinateFrame::Own => self.on_lost_sighted(now, target, &stopped, seen),
             }
         }
-        self.looks.insert(LastLook {
-            target,
-            stop: stopped.stop,
-            frame: stopped.frame,
-            sight,
-            seen: picture,
-            place: stopped.place.position(),
-            repeats,
-        });
-        self.answer(now, target, stopped.stop, sight, seen);
+    }
+
+    /// The target waits for no answer of this camera, or did not hear it.
+    fn on_unconfirmed(&mut self, now: Instant, target: MemberAddress, stop: StopNumber) {
+        if self.looks.find(target, stop).is_some() {
+            self.looks.repeat(now, target, stop);
+            return;
+        }
+        let known = || self.looks.stops().chain(self.device.requested());
+        if !known().any(|(of, known)| of == target && is_past(known, stop)) {
+            // It was not heard, or is being looked at: the target is to ask, or to wait.
+            self.answer(now, target, stop, Sight::NotReady, None);
+        }
+    }
+
+    /// Repeats what the target has not confirmed.
+    pub(super) fn repeat_answers(&mut self, now: Instant) {
+        while let Some(look) = self.looks.take_due(now) {
+            self.answer(now, look.target, look.stopped.stop, look.sight, look.seen);
+        }
     }
 
     /// Holds a bearing of a target that knows its place against the pose that this camera has been told, or

@@ -1,11 +1,13 @@
 //! The targets that a camera knows: who is told how far it is, and what was seen at the last stop of
 //! each.
 
-use nalgebra::Point2;
+use core::time::Duration;
+
+use zigbee_link::Instant;
 
 use crate::{
     limits::TARGETS,
-    message::{CoordinateFrame, MemberAddress, Seen, Sight, StopNumber, Stopped},
+    message::{MemberAddress, Seen, Sight, StopNumber, Stopped},
 };
 
 /// A stop told late comes after the next few were. Farther back are the numbers of a target that
@@ -14,6 +16,13 @@ const OVERTAKEN: StopNumber = 8;
 
 /// Places nearer to each other than so many sigmas of how a target stands are one.
 const STANDING_SIGMAS: f32 = 4.0;
+
+/// After an answer that was not confirmed, before it is repeated: a target confirms the first ones
+/// within two seconds of having stopped. Doubled each time.
+const REPEAT: Duration = Duration::from_millis(1_500);
+
+/// Then it is given up: the target walks, or does not hear.
+const REPEATS: u8 = 4;
 
 /// A target that is told how far this camera is.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -97,16 +106,41 @@ impl KnownTargets {
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct LastLook {
     pub(super) target: MemberAddress,
-    pub(super) stop: StopNumber,
-    /// The answer was about this frame; the same stop may be told again in the other one.
-    pub(super) frame: CoordinateFrame,
+    /// Where the target said that it stood. The same stop may be told again in the other frame.
+    pub(super) stopped: Stopped,
     pub(super) sight: Sight,
     /// Also where it was not believed.
     pub(super) seen: Option<Seen>,
-    /// Where the target said that it stood.
-    pub(super) place: Point2<f32>,
     /// How many looks in a row were the same to the bit, at places that are apart, before this one.
     pub(super) repeats: u8,
+    /// The target was seen, and has not said yet that it stood there then.
+    pub(super) unconfirmed: Option<Unconfirmed>,
+}
+
+/// An answer that the target has not confirmed.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) struct Unconfirmed {
+    /// When to repeat it, if not for the last time.
+    again: Option<Instant>,
+    /// How often that was done.
+    repeats: u8,
+}
+
+impl Unconfirmed {
+    /// An answer that is sent at this time for the first time.
+    pub(super) fn new(due: Instant) -> Self {
+        Self {
+            again: Some(due + REPEAT),
+            repeats: 0,
+        }
+    }
+
+    /// The same answer once more at this time.
+    fn repeat(&mut self, due: Instant) {
+        self.repeats += 1;
+        let pause = REPEAT.saturating_mul(1 << self.repeats);
+        self.again = (self.repeats < REPEATS).then_some(due + pause);
+    }
 }
 
 /// The last look at each target. The oldest makes room.
@@ -133,8 +167,49 @@ impl LastLooks {
 
     /// The look at this stop, if there was one.
     pub(super) fn find(&self, target: MemberAddress, stop: StopNumber) -> Option<LastLook> {
-        let is_it = |look: &&LastLook| (look.target, look.stop) == (target, stop);
+        let is_it = |look: &&LastLook| (look.target, look.stopped.stop) == (target, stop);
         self.looks.iter().find(is_it).copied()
+    }
+
+    /// What was seen last of this target.
+    pub(super) fn last_sight(&self, target: MemberAddress) -> Option<Sight> {
+        let mut looks = self.looks.iter();
+        Some(looks.find(|look| look.target == target)?.sight)
+    }
+
+    /// The target confirms this look: it, if that was not known.
+    pub(super) fn confirm(&mut self, target: MemberAddress, stop: StopNumber) -> Option<LastLook> {
+        let mut looks = self.looks.iter_mut();
+        let look = looks.find(|look| (look.target, look.stopped.stop) == (target, stop))?;
+        look.unconfirmed.take()?;
+        Some(*look)
+    }
+
+    /// When an answer is to be repeated next.
+    pub(super) fn next_due(&self) -> Option<Instant> {
+        let unconfirmed = self.looks.iter().filter_map(|look| look.unconfirmed);
+        unconfirmed
+            .filter_map(|unconfirmed| unconfirmed.again)
+            .min()
+    }
+
+    /// A look of which the answer is to be repeated now.
+    pub(super) fn take_due(&mut self, now: Instant) -> Option<LastLook> {
+        self.looks.iter_mut().find_map(|look| {
+            let unconfirmed = look.unconfirmed.as_mut()?;
+            unconfirmed.again.filter(|again| *again <= now)?;
+            unconfirmed.repeat(now);
+            Some(*look)
+        })
+    }
+
+    /// The target confirmed others: the answer was lost.
+    pub(super) fn repeat(&mut self, now: Instant, target: MemberAddress, stop: StopNumber) {
+        let mut looks = self.looks.iter_mut();
+        let look = looks.find(|look| (look.target, look.stopped.stop) == (target, stop));
+        if let Some(unconfirmed) = look.and_then(|look| look.unconfirmed.as_mut()) {
+            unconfirmed.again = unconfirmed.again.map(|again| again.min(now));
+        }
     }
 
     /// How many looks at this target in a row were this to the bit, although it says that it stood
@@ -145,10 +220,11 @@ impl LastLooks {
         last.map_or(0, |last| {
             let place = &stopped.place;
             let within = place.parts().standing_sigma * STANDING_SIGMAS;
-            let is_apart = (place.position() - last.place).norm_squared() > within * within;
+            let between = place.position() - last.stopped.place.position();
+            let is_apart = between.norm_squared() > within * within;
             match last.seen == Some(*seen) {
                 // The same stop, told again in another frame.
-                true if last.stop == stopped.stop => last.repeats,
+                true if last.stopped.stop == stopped.stop => last.repeats,
                 true if is_apart => last.repeats.saturating_add(1),
                 _ => 0,
             }
@@ -157,7 +233,8 @@ impl LastLooks {
 
     /// The last stop of each target.
     pub(super) fn stops(&self) -> impl Iterator<Item = (MemberAddress, StopNumber)> {
-        self.looks.iter().map(|look| (look.target, look.stop))
+        let looks = self.looks.iter();
+        looks.map(|look| (look.target, look.stopped.stop))
     }
 
     pub(super) fn clear(&mut self) {

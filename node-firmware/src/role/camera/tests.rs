@@ -8,7 +8,10 @@ use crate::role::is_news;
 use crate::{
     config::{Sigmas, Subjects},
     limits::SIGHTINGS,
-    message::{CameraState, CoordinateFrame, ProtectionLevel, References, StopAnswer, Stopped},
+    message::{
+        CONFIRMED, CameraState, Confirmation, CoordinateFrame, ProtectionLevel, References,
+        StopAnswer, Stopped,
+    },
     network::NetworkIdentity,
     vision::Lens,
 };
@@ -141,6 +144,13 @@ fn place_at([x, y]: [f32; 2]) -> Place<f32> {
     track.unwrap().place(0.0).unwrap()
 }
 
+/// The target heard that this camera, and others, saw it there.
+fn confirm(camera: &mut CameraRole, now: u64, stop: StopNumber) {
+    let seen_by = (1..=CONFIRMED as u16).collect();
+    let confirmation = Message::Confirmed(Confirmation { stop, seen_by });
+    camera.on_message(at(now), TARGET, &confirmation);
+}
+
 /// A target stands where it does not know, and the camera sees it.
 fn show(camera: &mut CameraRole, now: u64, stop: StopNumber) -> Vec<(ShortAddress, Message)> {
     let stopped = Stopped {
@@ -163,6 +173,7 @@ fn show(camera: &mut CameraRole, now: u64, stop: StopNumber) -> Vec<(ShortAddres
         ..SEEN
     };
     camera.on_event(at(now), CameraEvent::Looked(Sight::InView, Some(seen)));
+    confirm(camera, now, stop);
     sent(camera, now + 1)
 }
 
@@ -215,8 +226,8 @@ fn whoever_is_no_reference_tells_the_coordinator_what_it_saw() {
     let mut camera = camera(4);
     let trigger = Message::Trigger { target: 9, stop: 5 };
     let told = show(&mut camera, 10, 5);
-    assert_eq!(told.first(), Some(&(COORDINATOR, trigger)));
-    assert!(matches!(told[1..], [(TARGET, Message::Look(_))]));
+    assert!(matches!(told[..1], [(TARGET, Message::Look(_))]));
+    assert_eq!(told[1..], [(COORDINATOR, trigger)]);
     // With references nobody is told but the target.
     camera.on_message(at(20), COORDINATOR, &Message::References(REFERENCES));
     let stopped = Stopped {
@@ -228,6 +239,7 @@ fn whoever_is_no_reference_tells_the_coordinator_what_it_saw() {
     camera.on_message(at(21), TARGET, &Message::Stopped(stopped));
     let _ = outputs(&mut camera, 21);
     camera.on_event(at(21), CameraEvent::Looked(Sight::InView, Some(SEEN)));
+    confirm(&mut camera, 21, 6);
     let told = sent(&mut camera, 22);
     assert!(
         matches!(&told[..], [(TARGET, Message::Look(look))] if look.seen == Some(SEEN)),
@@ -427,6 +439,7 @@ fn see(camera: &mut CameraRole, now: u64, stopped: &Stopped) {
     assert_eq!(outputs(camera, now).last(), Some(&look));
     let seen = seen_from(0.0, 45.0, stopped.place.position().into());
     camera.on_event(at(now), CameraEvent::Looked(Sight::InView, Some(seen)));
+    confirm(camera, now, stopped.stop);
 }
 
 /// The first reference, which has just solved, and what it wants then.
@@ -594,7 +607,7 @@ fn what_was_solved_for_a_member_of_a_former_network_is_erased() {
 }
 
 #[test]
-fn what_a_reference_saw_is_written_down_before_it_answers() {
+fn what_a_reference_saw_is_written_down_before_it_is_told() {
     let mut camera = camera(2);
     camera.on_message(at(1), COORDINATOR, &Message::References(REFERENCES));
     let stopped = stopped(1, CoordinateFrame::Own);
@@ -645,6 +658,11 @@ fn there_is_room_for_a_target_of_which_no_stop_is_known() {
     camera.on_message(at(20), ShortAddress(8), &Message::Stopped(stopped));
     let _ = outputs(&mut camera, 20);
     camera.on_event(at(20), CameraEvent::Looked(Sight::InView, Some(SEEN)));
+    let confirmation = Confirmation {
+        stop: 50,
+        seen_by: [2].into_iter().collect(),
+    };
+    camera.on_message(at(20), ShortAddress(8), &Message::Confirmed(confirmation));
     assert_eq!(bearings(&sent(&mut camera, 21)), [(1, 50)]);
 }
 
@@ -681,23 +699,120 @@ fn a_stop_told_again_during_the_look_is_looked_at_once() {
     assert_eq!(answered(&mut camera), (0, [8].to_vec()));
 }
 
-/// A target stays for so long; later, a look may have seen it leave.
+/// Whatever a camera saw after it heard of a stop, however late: only the target knows whether it stood
+/// there then.
 #[test]
-fn a_look_that_ends_too_late_counts_for_nothing() {
-    for (late, expected) in [(3_500, Sight::InView), (3_501, Sight::NotReady)] {
-        let mut camera = camera(4);
-        let stopped = stopped(5, CoordinateFrame::Site);
-        camera.on_message(at(1), TARGET, &Message::Stopped(stopped));
+fn a_look_counts_when_the_target_confirms_it() {
+    for frame in [CoordinateFrame::Site, CoordinateFrame::Own] {
+        let mut camera = camera(1);
+        camera.on_message(at(1), COORDINATOR, &Message::References(REFERENCES));
         let _ = outputs(&mut camera, 1);
-        let then = Instant(at(1).0 + late * 1_000);
-        camera.on_event(then, CameraEvent::Looked(Sight::InView, Some(SEEN)));
-        let told = sent(&mut camera, 5);
-        let [(TARGET, Message::Look(answer))] = told[..] else {
+        let stopped = stopped(2, frame);
+        camera.on_message(at(10), TARGET, &Message::Stopped(stopped));
+        let _ = outputs(&mut camera, 10);
+        camera.on_event(at(40), CameraEvent::Looked(Sight::InView, Some(SEEN)));
+        let before = *camera.report();
+        let is_kept = |outputs: &[Output<CameraNotification, CameraTask>]| {
+            let is_fact = |output: &Output<_, _>| matches!(output, Output::Save(_));
+            outputs.iter().any(is_fact)
+        };
+        let answers = |outputs: &[Output<CameraNotification, CameraTask>]| {
+            let looks = outputs.iter().filter(|output| {
+                matches!(output, Output::Send { to: TARGET, message: Message::Look(look), .. }
+                    if look.sight == Sight::InView && look.stop == 2)
+            });
+            looks.count()
+        };
+        let told = outputs(&mut camera, 41);
+        assert_eq!((answers(&told), is_kept(&told)), (1, false));
+        // Of another stop, of another target, of others.
+        confirm(&mut camera, 41, 3);
+        let other = Confirmation {
+            stop: 2,
+            seen_by: [1].into_iter().collect(),
+        };
+        camera.on_message(at(41), ShortAddress(8), &Message::Confirmed(other.clone()));
+        assert!(!is_kept(&outputs(&mut camera, 41)));
+        let nobody = Confirmation {
+            seen_by: heapless::Vec::new(),
+            ..other
+        };
+        camera.on_message(at(42), TARGET, &Message::Confirmed(nobody));
+        let mut told = outputs(&mut camera, 42);
+        told.extend(outputs(&mut camera, 43));
+        assert_eq!(
+            (answers(&told), is_kept(&told)),
+            (1, false),
+            "at once, again"
+        );
+        // A few times more, and then no more.
+        let more: usize = (44..200)
+            .map(|now| answers(&outputs(&mut camera, now)))
+            .sum();
+        assert_eq!(more, 3);
+        assert_eq!(*camera.report(), before);
+        confirm(&mut camera, 200, 2);
+        assert!(is_kept(&outputs(&mut camera, 200)));
+        // Once.
+        confirm(&mut camera, 201, 2);
+        assert!(!is_kept(&outputs(&mut camera, 201)));
+    }
+}
+
+/// It did not hear of the stop, or looks still.
+#[test]
+fn a_camera_that_missed_a_stop_asks_for_it() {
+    let mut camera = camera(4);
+    let told_not_ready = |camera: &mut CameraRole, now| {
+        let told = sent(camera, now);
+        let [(TARGET, Message::Look(look))] = told[..] else {
             panic!("{told:?}");
         };
-        assert_eq!(answer.sight, expected);
-        assert_eq!(answer.counted, u8::from(expected == Sight::InView));
-    }
+        assert_eq!((look.sight, look.stop), (Sight::NotReady, 5));
+    };
+    let confirm_others = |camera: &mut CameraRole, now, stop| {
+        let seen_by = [1].into_iter().collect();
+        let confirmation = Message::Confirmed(Confirmation { stop, seen_by });
+        camera.on_message(at(now), TARGET, &confirmation);
+    };
+    confirm_others(&mut camera, 1, 5);
+    told_not_ready(&mut camera, 2);
+    let stopped = stopped(5, CoordinateFrame::Site);
+    camera.on_message(at(3), TARGET, &Message::Stopped(stopped));
+    let _ = outputs(&mut camera, 3);
+    confirm_others(&mut camera, 4, 5);
+    told_not_ready(&mut camera, 5);
+    // What is past is not asked for.
+    confirm_others(&mut camera, 6, 4);
+    assert_eq!(sent(&mut camera, 7), []);
+}
+
+/// Nobody needs to hear at each stop that there is nothing to see.
+#[test]
+fn a_camera_without_the_target_in_view_says_so_once_or_when_it_is_asked() {
+    let mut camera = camera(4);
+    let mut answers = |stop: StopNumber, sight, seen| {
+        let now = 10 * u64::from(stop);
+        let stopped = Message::Stopped(Stopped {
+            stop,
+            ..stopped(1, CoordinateFrame::Site)
+        });
+        camera.on_message(at(now), TARGET, &stopped);
+        let _ = outputs(&mut camera, now);
+        camera.on_event(at(now), CameraEvent::Looked(sight, seen));
+        let unasked = sent(&mut camera, now + 1).len();
+        confirm(&mut camera, now + 1, stop);
+        let _ = outputs(&mut camera, now + 1);
+        camera.on_message(at(now + 2), TARGET, &stopped);
+        (unasked, sent(&mut camera, now + 3).len())
+    };
+    assert_eq!(answers(1, Sight::NotInView, None), (1, 1));
+    assert_eq!(answers(2, Sight::NotInView, None), (0, 1));
+    assert_eq!(answers(3, Sight::Unsteady, None), (1, 1));
+    assert_eq!(answers(4, Sight::NotInView, None), (1, 1));
+    assert_eq!(answers(5, Sight::NotInView, None), (0, 1));
+    assert_eq!(answers(6, Sight::InView, Some(SEEN)).0, 1);
+    assert_eq!(answers(7, Sight::NotInView, None), (1, 1));
 }
 
 #[test]
@@ -858,6 +973,8 @@ fn seen_at(
     let seen = Seen { bearing, ..SEEN };
     camera.on_event(at(now), CameraEvent::Looked(Sight::InView, Some(seen)));
     let told = sent(camera, now + 1);
+    confirm(camera, now + 1, stop);
+    let _ = outputs(camera, now + 1);
     let look = told.iter().find_map(|(_, message)| match message {
         Message::Look(look) => Some(*look),
         _ => None,

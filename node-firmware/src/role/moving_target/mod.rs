@@ -1,12 +1,15 @@
 //! A target: it walks, stands, and tells cameras where (thesis 2.3, Appendix B).
 //!
 //! Steps move it. When none came for a while it stands, and says so to everybody. Cameras answer;
-//! those of the roster that did not are asked one by one. When all have answered or cannot be
-//! reached it shows that its carrier may walk on. Nothing but the carrier makes it walk.
+//! those of the roster that did not are asked one by one, but for those that did not see it at the stop
+//! before. It confirms whose answers came while it stood there: only those count. When all have
+//! answered or cannot be reached it shows that its carrier may walk on. Nothing but the carrier makes
+//! it walk.
 //!
 //! It does not know where it is before the first reference camera tells it, or before two cameras
 //! that know their poses see it at one stop, or one does and the ball's size is known. From then on it reckons.
 
+mod confirmations;
 mod estimate;
 mod history;
 mod place;
@@ -20,7 +23,7 @@ use calib_core::dead_reckoning::{Step, Track};
 use nalgebra::{Matrix2, Point2};
 use zigbee_link::{Instant, wire::ShortAddress};
 
-use self::{estimate::Estimate, place::nowhere, table::Table};
+use self::{confirmations::Confirmations, estimate::Estimate, place::nowhere, table::Table};
 pub use self::{
     estimate::{CAMERAS, EstimateMemory, WORKSPACE},
     table::CameraEntry,
@@ -33,8 +36,8 @@ use crate::{
     facts::{Fact, FactKey, Walk},
     hardware::Indication,
     message::{
-        CoordinateFrame, Hello, MemberAddress, MemberKind, Message, Sight, StopBearing, StopNumber,
-        Stopped,
+        Confirmation, CoordinateFrame, Hello, MemberAddress, MemberKind, Message, Sight,
+        StopAnswer, StopBearing, StopNumber, Stopped,
     },
     network::Attachment,
 };
@@ -123,6 +126,8 @@ pub struct TargetRole<'m> {
     /// When to find its place from them.
     locate_at: Option<Instant>,
     table: Table,
+    /// Who saw it at this stop.
+    confirmations: Confirmations,
     /// The coordinator told which cameras there are, since the start.
     knows_cameras: bool,
     /// Facts that are not written down yet.
@@ -182,6 +187,7 @@ impl<'m> TargetRole<'m> {
             bearings: heapless::Vec::new(),
             locate_at: None,
             table: Table::new(),
+            confirmations: Confirmations::new(),
             knows_cameras: false,
             unsaved: Unsaved::new(),
             notifications: Notifications::new(),
@@ -236,7 +242,8 @@ impl<'m> TargetRole<'m> {
             Some(
                 dwell(self.config.dwell_least_ms)
                     .max(until)
-                    .max(standing.ask_at),
+                    .max(standing.ask_at)
+                    .max(self.confirmations.settled_at(standing.ask_at)),
             )
         } else {
             self.table.deadline()
@@ -337,6 +344,7 @@ impl<'m> TargetRole<'m> {
             estimate.on_stop(self.stop, &mut self.unsaved);
         }
         self.seen = false;
+        self.confirmations.clear();
         self.state = State::Standing(Standing {
             since: now,
             announced: false,
@@ -351,6 +359,7 @@ impl<'m> TargetRole<'m> {
     /// Told again, since the place is known now.
     fn tell_again(&mut self, now: Instant) {
         self.table.new_stop(!self.located);
+        self.confirmations.clear();
         if let State::Standing(standing) = &mut self.state {
             standing.since = now;
             standing.announced = false;
@@ -372,6 +381,33 @@ impl<'m> TargetRole<'m> {
             },
             place: self.place()?,
         }))
+    }
+
+    /// A camera answers the present stop.
+    fn on_look(&mut self, now: Instant, from: ShortAddress, look: &StopAnswer) {
+        let is_in_view = look.sight == Sight::InView;
+        self.table.on_answer(now, from.0, look);
+        let State::Standing(standing) = &mut self.state else {
+            self.confirmations.repeat(now, from.0);
+            return;
+        };
+        // The carrier may have left already.
+        if standing.may_walk {
+            self.confirmations.repeat(now, from.0);
+            return;
+        }
+        if look.sight == Sight::NotReady {
+            self.confirmations.on_missed(now, standing.ask_at);
+        }
+        if !is_in_view {
+            return;
+        }
+        let at = self.confirmations.add(now, from.0, standing.ask_at);
+        if !self.located {
+            standing.wait_until = Some(at + LOCATED_WITHIN);
+        }
+        self.seen = true;
+        self.on_seen(from, look);
     }
 
     /// A message that has to be told, as it is known now, and to whom.
@@ -402,6 +438,8 @@ impl<'m> TargetRole<'m> {
         if !standing.announced {
             standing.announced = true;
             standing.ask_at = now + ASK_AFTER;
+            // Also if nobody is heard: who did not hear of the stop hears of it then.
+            self.confirmations.due(standing.ask_at);
             return Some(Output::Send {
                 to: ShortAddress::BROADCAST,
                 message,
@@ -429,6 +467,7 @@ impl<'m> TargetRole<'m> {
         let is_done = self.table.is_settled()
             && self.knows_cameras
             && standing.wait_until.is_none_or(|until| until <= now)
+            && self.confirmations.settled_at(standing.ask_at) <= now
             && waited >= Duration::from_millis(self.config.dwell_least_ms.into());
         if is_done || waited >= most {
             standing.may_walk = true;
@@ -510,18 +549,9 @@ impl Role for TargetRole<'_> {
 
     fn on_message(&mut self, now: Instant, from: ShortAddress, message: &Message) {
         match message {
-            Message::Look(look) if look.stop != self.stop => self.on_seen(from, look),
-            Message::Look(look) => {
-                self.on_seen(from, look);
-                self.table.on_answer(now, from.0, look);
-                self.seen |= look.sight == Sight::InView;
-                if let State::Standing(standing) = &mut self.state
-                    && !self.located
-                    && look.sight == Sight::InView
-                {
-                    standing.wait_until = Some(now + LOCATED_WITHIN);
-                }
-            }
+            Message::Look(look) if look.stop == self.stop => self.on_look(now, from, look),
+            // It stood there; whoever answers now may have looked when it did no more.
+            Message::Look(_) => {}
             Message::Report(report) => {
                 self.table.report(from.0, *report, &mut self.unsaved);
                 if let Some(estimate) = &mut self.estimate {
@@ -602,6 +632,15 @@ impl Role for TargetRole<'_> {
             return Some(Output::Save(fact));
         }
         self.address?;
+        if let Some(seen_by) = self.confirmations.take_due(now) {
+            let stop = self.stop;
+            let confirmation = Message::Confirmed(Confirmation { stop, seen_by });
+            return Some(Output::Send {
+                to: ShortAddress::BROADCAST,
+                message: confirmation,
+                notification: None,
+            });
+        }
         while let Some(notification) = self.notifications.take_due(now) {
             if let Some((to, message)) = self.message_of(notification) {
                 return Some(Output::Send {
@@ -624,6 +663,7 @@ impl Role for TargetRole<'_> {
         earliest([
             state,
             self.notifications.next_due(),
+            self.confirmations.next_due(),
             self.locate_at,
             self.estimate_at,
         ])

@@ -146,7 +146,7 @@ impl TargetRole<'_> {
         self.find_references();
     }
 
-    /// A camera saw it at a stop, the present one or one before.
+    /// A camera saw it at the present stop.
     pub(super) fn on_seen(&mut self, from: ShortAddress, look: &StopAnswer) {
         if let Some(seen) = look.seen.filter(|_| look.sight == Sight::InView)
             && let Some(estimate) = &mut self.estimate

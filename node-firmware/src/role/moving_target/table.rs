@@ -34,6 +34,9 @@ pub struct CameraEntry {
 struct Answers {
     counted: u8,
     done: bool,
+    /// The target was not in its view when it answered last. As long as that is so it does not answer
+    /// unasked.
+    not_in_view: bool,
     question: Question,
     /// How often it was asked at this stop.
     tries: u8,
@@ -138,16 +141,17 @@ impl Table {
             };
             camera.counted = look.counted;
             camera.done = look.done;
+            camera.not_in_view = look.sight == Sight::NotInView;
             camera.away = 0;
         }
     }
 
     /// A new stop is told. Where the target does not know its place (`lost`), cameras that are
-    /// done can help, too.
+    /// done can help, too. Nobody waits for those that did not see it at the stop before.
     pub(super) fn new_stop(&mut self, lost: bool) {
         for camera in self.answers() {
             camera.tries = 0;
-            camera.question = if camera.done && !lost {
+            camera.question = if camera.not_in_view || camera.done && !lost {
                 Question::Settled
             } else {
                 Question::Open

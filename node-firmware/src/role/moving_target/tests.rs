@@ -2,7 +2,7 @@ use std::f32::consts::FRAC_PI_2;
 
 use nalgebra::{Matrix2, Point2};
 
-use super::*;
+use super::{confirmations::SETTLE, *};
 use crate::network::NetworkIdentity;
 use crate::{
     config::SensorConfig,
@@ -421,9 +421,65 @@ fn a_target_that_is_lost_waits_to_be_told_where_it_is_if_it_is_seen() {
         reply(&mut target, now, sight);
         let is_seen = sight == Sight::InView;
         assert_eq!(target.indication().target_seen, is_seen);
-        let asked = at(2) + ASK_AFTER.max(Duration::from_secs(2));
-        let expected = if is_seen { now + LOCATED_WITHIN } else { asked };
+        let confirmed = at(2) + ASK_AFTER;
+        let expected = confirmed + if is_seen { LOCATED_WITHIN } else { SETTLE };
         assert_eq!(may_walk_at(&mut target, now), expected, "{sight:?}");
+    }
+}
+
+fn confirmed(
+    outputs: &[Output<TargetNotification, ()>],
+) -> std::vec::Vec<(u16, std::vec::Vec<u16>)> {
+    let confirmed = outputs.iter().filter_map(|output| match output {
+        Output::Send {
+            to: ShortAddress::BROADCAST,
+            message: Message::Confirmed(confirmation),
+            ..
+        } => Some((confirmation.stop, confirmation.seen_by.to_vec())),
+        _ => None,
+    });
+    confirmed.collect()
+}
+
+/// An answer to another stop, or one that comes when the carrier may have left, says nothing of where
+/// the target stood.
+#[test]
+fn only_what_was_seen_while_it_stood_there_is_confirmed() {
+    let mut target = standing();
+    let stop = target.stop;
+    let look = |target: &mut TargetRole<'_>, now, camera, stop| {
+        let look = Message::Look(StopAnswer {
+            stop,
+            ..answer(Sight::InView)
+        });
+        target.on_message(now, ShortAddress(camera), &look);
+    };
+    look(&mut target, at(3), CAMERA, stop);
+    look(&mut target, at(3), 2, stop - 1);
+    let told = outputs(&mut target, at(2) + ASK_AFTER);
+    assert_eq!(confirmed(&told), [(stop, [CAMERA].to_vec())]);
+    // One that did not get through before.
+    look(&mut target, at(4), 3, stop);
+    let now = target.next_deadline().unwrap();
+    assert_eq!(
+        confirmed(&outputs(&mut target, now)),
+        [(stop, [CAMERA, 3].to_vec())]
+    );
+    let now = may_walk_at(&mut target, now);
+    look(&mut target, now, 4, stop);
+    assert_eq!(
+        confirmed(&outputs(&mut target, now + Duration::from_secs(1))),
+        []
+    );
+    // Whoever did not hear it is told again, also while it walks.
+    for is_walking in [false, true] {
+        if is_walking {
+            step(&mut target, now);
+        }
+        look(&mut target, now, 3, stop);
+        let told = outputs(&mut target, now + Duration::from_millis(500));
+        assert_eq!(confirmed(&told), [(stop, [CAMERA, 3].to_vec())]);
+        assert_eq!(target.indication().may_walk, !is_walking);
     }
 }
 
@@ -501,11 +557,18 @@ fn a_target_that_is_back_presents_itself_and_tells_its_stop_again() {
     assert!(
         matches!(
             asked[..],
-            [Output::Send {
-                to: ShortAddress(CAMERA),
-                message: Message::Stopped(_),
-                ..
-            }]
+            [
+                Output::Send {
+                    to: ShortAddress::BROADCAST,
+                    message: Message::Confirmed(_),
+                    ..
+                },
+                Output::Send {
+                    to: ShortAddress(CAMERA),
+                    message: Message::Stopped(_),
+                    ..
+                }
+            ]
         ),
         "{asked:?}"
     );

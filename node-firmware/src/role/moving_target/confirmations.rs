@@ -1,0 +1,101 @@
+//! Whose looks at the present stop came while the target stood there.
+
+use core::time::Duration;
+
+use zigbee_link::Instant;
+
+use crate::message::{CONFIRMED, MemberAddress};
+
+/// After an answer, before it is confirmed: others answer too.
+const COLLECT: Duration = Duration::from_millis(300);
+
+/// After a confirmation, before nobody is expected to repeat an answer that it does not name: the
+/// slots of all members, and a look that was about to end.
+pub(super) const SETTLE: Duration = Duration::from_millis(600);
+
+#[derive(Clone, Debug)]
+pub(super) struct Confirmations {
+    seen_by: heapless::Vec<MemberAddress, CONFIRMED>,
+    /// When to tell, if there is something to tell.
+    due: Option<Instant>,
+    told: Option<Instant>,
+    /// A camera had not heard of the stop, so others may not have either.
+    was_missed: bool,
+}
+
+impl Confirmations {
+    pub(super) const fn new() -> Self {
+        Self {
+            seen_by: heapless::Vec::new(),
+            due: None,
+            told: None,
+            was_missed: false,
+        }
+    }
+
+    /// Another stop, or the same one told anew.
+    pub(super) fn clear(&mut self) {
+        *self = Self::new();
+    }
+
+    /// They are to be told at this time, whoever it is.
+    pub(super) const fn due(&mut self, at: Instant) {
+        self.due = Some(at);
+    }
+
+    /// A camera saw the target at this stop. Not before `first`, when most have answered. Tells when
+    /// it is confirmed.
+    pub(super) fn add(&mut self, now: Instant, camera: MemberAddress, first: Instant) -> Instant {
+        self.seen_by.retain(|known| *known != camera);
+        if self.seen_by.is_full() {
+            // Most likely it was named already. If not, it answers again.
+            self.seen_by.remove(0);
+        }
+        let has_room = self.seen_by.push(camera).is_ok();
+        debug_assert!(has_room);
+        self.tell_again(now, first)
+    }
+
+    /// A camera answers when the target may stand there no more. If it has answered before, it did
+    /// not hear that it was confirmed.
+    pub(super) fn repeat(&mut self, now: Instant, camera: MemberAddress) {
+        if self.seen_by.contains(&camera) {
+            self.tell_again(now, now);
+        }
+    }
+
+    /// A camera did not know of the stop, or is not ready. It is told once more, for others that did not
+    /// hear of it either.
+    pub(super) fn on_missed(&mut self, now: Instant, first: Instant) {
+        if !core::mem::replace(&mut self.was_missed, true) {
+            self.tell_again(now, first);
+        }
+    }
+
+    fn tell_again(&mut self, now: Instant, first: Instant) -> Instant {
+        let at = (now + COLLECT).max(first);
+        let at = self.due.map_or(at, |due| due.min(at));
+        self.due = Some(at);
+        at
+    }
+
+    /// Those to tell now.
+    pub(super) fn take_due(
+        &mut self,
+        now: Instant,
+    ) -> Option<heapless::Vec<MemberAddress, CONFIRMED>> {
+        self.due.take_if(|due| *due <= now)?;
+        self.told = Some(now);
+        Some(self.seen_by.clone())
+    }
+
+    pub(super) const fn next_due(&self) -> Option<Instant> {
+        self.due
+    }
+
+    /// When whoever saw the target knows that it counts, as far as it is known now; not before `first`.
+    pub(super) fn settled_at(&self, first: Instant) -> Instant {
+        let last = self.due.or(self.told).unwrap_or(first);
+        last.max(first) + SETTLE
+    }
+}
