@@ -120,6 +120,21 @@ fn perform<H: Hardware>(shared: &SharedNode<'_, H>, task: CoordinatorTask) -> Op
                     return Some(ToPc::KeyChange(None));
                 }
             }
+            CoordinatorTask::ChangePan => {
+                let changes = node.change_pan(now);
+                let conflict_s = seconds_since(now, node.last_conflict());
+                return Some(ToPc::Pan {
+                    conflict_s,
+                    changes,
+                });
+            }
+            CoordinatorTask::TellConflict => {
+                let conflict_s = Some(seconds_since(now, node.last_conflict())?);
+                return Some(ToPc::Pan {
+                    conflict_s,
+                    changes: false,
+                });
+            }
             CoordinatorTask::TellKeyChange => {}
         }
         Some(ToPc::KeyChange(node.key_change().map(|change| {
@@ -132,4 +147,9 @@ fn perform<H: Hardware>(shared: &SharedNode<'_, H>, task: CoordinatorTask) -> Op
         })))
     });
     told.flatten()
+}
+
+fn seconds_since(Instant(now): Instant, then: Option<Instant>) -> Option<u32> {
+    let seconds = now.saturating_sub(then?.0) / 1_000_000;
+    Some(u32::try_from(seconds).unwrap_or(u32::MAX))
 }

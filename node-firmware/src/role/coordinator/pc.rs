@@ -67,6 +67,7 @@ impl CoordinatorRole {
                 self.tasks.refresh = Some(0);
                 self.tasks.tell(ToPc::Network(self.network));
                 let _ = self.tasks.queue.push_back(CoordinatorTask::TellKeyChange);
+                let _ = self.tasks.queue.push_back(CoordinatorTask::TellConflict);
             }
             FromPc::JoinWindow(seconds) => {
                 let time = Duration::from_secs(seconds.into());
@@ -91,6 +92,8 @@ impl CoordinatorRole {
                 }
             }
             FromPc::ChangeKey(key) => self.tasks.change_key(key),
+            // Full, the PC hears nothing of it, and asks again.
+            FromPc::ChangePan => drop(self.tasks.queue.push_back(CoordinatorTask::ChangePan)),
         }
     }
 
