@@ -36,7 +36,7 @@ fn site_key() -> Key {
 pub(crate) fn provisioned(clock: &Clock, root: Root, number: u32) -> Flash {
     let flash = Flash::new(clock, 2, root.stream("flash", number.into()));
     let mut store = Store::new(flash.programmer(), 0..2 * PAGE as u32).unwrap();
-    block_on(store.provision(site_key(), eui(number as u16), 0)).unwrap();
+    block_on(store.provision(site_key(), eui(number), 0)).unwrap();
     flash
 }
 
