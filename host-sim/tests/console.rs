@@ -149,6 +149,11 @@ impl Site {
                     key.done = true;
                 }
             }
+            CoordinatorTask::ChangePan => self.tell(ToPc::Pan {
+                conflict_s: Some(7),
+                changes: true,
+            }),
+            CoordinatorTask::TellConflict => {}
             CoordinatorTask::TellKeyChange => self.tell(ToPc::KeyChange(self.key)),
             CoordinatorTask::OpenJoinWindow(window) => {
                 // Somebody joins at once.
@@ -349,6 +354,8 @@ fn wishes_are_done_and_confirmed() {
         row(&text, "0001").is_some() && row(&text, "0002").is_none(),
         "{text}"
     );
+    let text = success(&name, &["--change-pan"]);
+    assert!(text.contains("takes another PAN identifier"), "{text}");
     let text = failure(&name, &["--remove", "3"]);
     assert!(
         text.contains("node 3 is no member; there are 2, 4, 12"),

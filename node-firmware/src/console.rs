@@ -68,6 +68,14 @@ pub enum ToPc {
     /// How the last change of the site key goes; `None`: none was begun since the coordinator
     /// started, or what was asked for is impossible. Told when one is asked for, and with all else.
     KeyChange(Option<KeyChangeReport>),
+    /// About the identifier of the PAN. Told when a change is asked for, and, once another network with
+    /// the same one was heard, with all else.
+    Pan {
+        /// How many seconds ago a beacon of another network had the same one. Beacons can be forged.
+        conflict_s: Option<u32>,
+        /// It changes now.
+        changes: bool,
+    },
 }
 
 /// A change of the site key.
@@ -80,8 +88,8 @@ pub struct KeyChangeReport {
     pub check: [u8; 3],
     /// It was offered to every member, and is in use.
     pub done: bool,
-    /// Members that did not say that they have it. Those that do not come back have to be
-    /// provisioned with it.
+    /// Members that did not say yet that they have it. They get it when they are heard again, unless a
+    /// member is sent away or the key changes once more before.
     pub unreached: u8,
 }
 
@@ -119,6 +127,8 @@ pub enum FromPc {
     /// shut out then. It is the PC that draws it, at random, and keeps it: new members are
     /// provisioned with it.
     ChangeKey(SiteKey),
+    /// Take another PAN identifier, and tell all members.
+    ChangePan,
 }
 
 /// Writes a message as a frame; `None` never happens: every message fits.

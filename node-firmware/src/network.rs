@@ -64,6 +64,13 @@ pub trait Administration {
     /// Sends a member away. Whether it was one.
     fn remove(&self, member: ShortAddress) -> bool;
 
+    /// Begins to take another identifier, because somebody else's network has the same one. Whether it
+    /// could begin.
+    fn change_identifier(&self) -> bool;
+
+    /// So many seconds ago such a network was last heard.
+    fn conflict_s(&self) -> Option<u32>;
+
     /// Begins to give all members another site key. Whether it could begin.
     fn change_key(&self, key: SiteKey) -> bool;
 

@@ -410,13 +410,19 @@ fn what_the_pc_is_told_is_these_bytes() {
         tell(ToPc::KeyChange(Some(change))),
         "07010203040501 01".replace(' ', "")
     );
+    let pan = |conflict_s, changes| ToPc::Pan {
+        conflict_s,
+        changes,
+    };
+    assert_eq!(tell(pan(None, true)), "080001");
+    assert_eq!(tell(pan(Some(300), false)), "0801ac0200");
 }
 
 /// Before their checksum and COBS.
 #[test]
 fn what_the_pc_wants_is_these_bytes() {
     let key = SiteKey::new(2, core::array::from_fn(|i| i as u8 + 1));
-    let wants: [(FromPc, &[u8]); 6] = [
+    let wants: [(FromPc, &[u8]); 7] = [
         (FromPc::Refresh, &[0]),
         (FromPc::JoinWindow(300), &[1, 0xAC, 2]),
         (
@@ -432,6 +438,7 @@ fn what_the_pc_wants_is_these_bytes() {
             FromPc::ChangeKey(key),
             &[5, 2, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15, 16],
         ),
+        (FromPc::ChangePan, &[6]),
     ];
     for (wish, bytes) in wants {
         assert_eq!(postcard::to_allocvec_like(&wish), bytes);

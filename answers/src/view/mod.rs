@@ -163,6 +163,8 @@ pub struct NetworkView {
     network: Option<Option<NetworkInfo>>,
     members: Vec<Member>,
     key_change: Option<KeyChangeReport>,
+    /// People were told that another network has the same PAN identifier.
+    told_conflict: bool,
 }
 
 impl NetworkView {
@@ -295,6 +297,18 @@ impl NetworkView {
                 self.sighting(address, sighting);
                 None
             }
+            ToPc::Pan { changes: true, .. } => {
+                self.told_conflict = false;
+                Some("the network takes another PAN identifier".to_owned())
+            }
+            ToPc::Pan { conflict_s, .. } => conflict_s
+                .filter(|_| !std::mem::replace(&mut self.told_conflict, true))
+                .map(|seconds| {
+                    format!(
+                        "another network with the same PAN identifier was heard {seconds} s ago, or \
+                         somebody pretends to be one: `host-sim console --change-pan` takes another"
+                    )
+                }),
             // Nobody asks for these here.
             ToPc::Tracked { .. } => None,
         }

@@ -35,7 +35,8 @@ use super::{
 ///
 /// Prints what changes, on a terminal with the list of members below, until Ctrl-C; then the list.
 /// With something to do it ends when that is confirmed, unless --seconds or --until-calibrated is
-/// given too. Things are done in this order: --join-window, --remove, --change-key, --command.
+/// given too. Things are done in this order: --join-window, --remove, --change-key, --change-pan,
+/// --command.
 #[derive(Args)]
 #[command(after_long_help = EPILOGUE)]
 pub(super) struct Arguments {
@@ -70,6 +71,9 @@ pub(super) struct Arguments {
     /// Give all members the site key of this file, made by `host-sim keygen --index N`.
     #[arg(long, value_name = "FILE", help_heading = "Things to do")]
     change_key: Option<PathBuf>,
+    /// Take another PAN identifier, where another network has the same one.
+    #[arg(long, help_heading = "Things to do")]
+    change_pan: bool,
     /// Have a camera do something: initialise, learn-colour, learn-background, forget. Can be given
     /// several times.
     #[arg(long, value_name = "ID:NAME", value_parser = command, help_heading = "Things to do")]
@@ -202,6 +206,7 @@ fn wishes(arguments: &Arguments) -> anyhow::Result<Vec<Wish>> {
             .with_context(|| format!("{} gives no site key", file_name(path)))?;
         wishes.push(Wish::ChangeKey(key));
     }
+    wishes.extend(arguments.change_pan.then_some(Wish::ChangePan));
     let commands = arguments.command.iter();
     wishes.extend(commands.map(|&(id, command)| Wish::Command(id, command)));
     Ok(wishes)

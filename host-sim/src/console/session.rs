@@ -46,6 +46,8 @@ pub enum Wish {
     Remove(u16),
     /// Give all members another site key.
     ChangeKey(SiteKey),
+    /// Take another PAN identifier.
+    ChangePan,
     /// Have a camera do something.
     Command(u16, CameraCommand),
 }
@@ -54,7 +56,7 @@ impl Wish {
     /// How long an answer may take; of one that has begun, the end.
     fn patience(&self, step: Step) -> Duration {
         Duration::from_secs(match self {
-            Self::JoinWindow(_) | Self::Remove(_) => 10,
+            Self::JoinWindow(_) | Self::Remove(_) | Self::ChangePan => 10,
             // A camera adapts to the light for seconds, and may be asked again by radio.
             Self::Command(..) => 60,
             // One member after the other, also those that are not there.
@@ -111,6 +113,11 @@ pub enum Failure {
          index (`host-sim keygen --index`)"
     )]
     KeyRefused(u8),
+    /// It has no network, or changes it already.
+    #[error(
+        "the coordinator takes no other PAN identifier now: its network does not run yet, or is being moved"
+    )]
+    PanStays,
     /// It forgot about it.
     #[error("the coordinator started again before key {0} was in use: change it once more")]
     KeyLost(u8),
@@ -306,6 +313,11 @@ impl Session {
                     self.failed = Some(Failure::CommandFailed(id));
                 }
             }
+            // Also told when nobody asks, then without a change.
+            (Wish::ChangePan, ToPc::Pan { changes, .. }) => match changes {
+                true => self.confirmed(),
+                false => self.failed = Some(Failure::PanStays),
+            },
             (Wish::ChangeKey(key), ToPc::KeyChange(change)) => {
                 let index = key.index();
                 match (change, self.step) {
@@ -396,8 +408,8 @@ impl Session {
 
     fn refresh(&mut self, now: Duration) -> Option<FromPc> {
         let every = match (self.wishes.front(), self.step) {
-            // What it answers now belongs to the key.
-            (Some(Wish::ChangeKey(_)), Step::Sent(_)) => return None,
+            // What it answers now belongs to the wish.
+            (Some(Wish::ChangeKey(_) | Wish::ChangePan), Step::Sent(_)) => return None,
             _ if !self.answered => ASK_AGAIN,
             (Some(Wish::ChangeKey(_)), Step::Begun(_)) => REFRESH_KEY,
             _ => REFRESH,
@@ -427,6 +439,7 @@ impl Session {
                     Wish::ChangeKey(_) => {
                         "keep both keys; listen to hear when the new one is in use"
                     }
+                    Wish::ChangePan => "type it again",
                     Wish::Command(..) => "check that the camera is switched on",
                 };
                 return Err(Failure::Unconfirmed(patience, why));
@@ -435,7 +448,7 @@ impl Session {
         let address = match wish {
             Wish::Remove(id) => self.known.addresses(id).first().copied(),
             Wish::Command(id, _) => self.known.addresses(id).last().copied(),
-            Wish::JoinWindow(_) | Wish::ChangeKey(_) => Some(0),
+            Wish::JoinWindow(_) | Wish::ChangeKey(_) | Wish::ChangePan => Some(0),
         };
         let Some(address) = address else {
             self.step = Step::Looking(Some(since));
@@ -455,6 +468,7 @@ impl Session {
             }
             Wish::Remove(_) => FromPc::Remove(address),
             Wish::ChangeKey(key) => FromPc::ChangeKey(key),
+            Wish::ChangePan => FromPc::ChangePan,
             Wish::Command(id, command) => {
                 let mut members = self.known.present().into_iter();
                 if !members.any(|member| member.id == id && member.is_camera()) {
@@ -714,6 +728,26 @@ mod tests {
         tell(&mut session, 11_100, &[change(2, false)]);
         tell(&mut session, 11_200, &[ToPc::KeyChange(None)]);
         assert_eq!(session.poll(at(11_200)), Err(Failure::KeyLost(2)));
+    }
+
+    /// That there was a conflict is told at any time.
+    #[test]
+    fn another_pan_identifier_is_confirmed() {
+        let pan = |changes| ToPc::Pan {
+            conflict_s: Some(9),
+            changes,
+        };
+        for changes in [true, false] {
+            let mut session = listed(&[Wish::ChangePan]);
+            tell(&mut session, 1_100, &[pan(false)]);
+            assert_eq!(session.poll(at(2_200)), Ok(Some(FromPc::ChangePan)));
+            tell(&mut session, 2_300, &[pan(changes)]);
+            if changes {
+                assert!(session.is_done());
+            } else {
+                assert_eq!(session.poll(at(2_400)), Err(Failure::PanStays));
+            }
+        }
     }
 
     #[test]

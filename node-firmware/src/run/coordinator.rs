@@ -113,6 +113,18 @@ fn perform(network: &impl Administration, task: CoordinatorTask) -> Option<ToPc>
             address,
             success: network.remove(ShortAddress(address)),
         },
+        CoordinatorTask::ChangePan => {
+            let changes = network.change_identifier();
+            let conflict_s = network.conflict_s();
+            ToPc::Pan {
+                conflict_s,
+                changes,
+            }
+        }
+        CoordinatorTask::TellConflict => ToPc::Pan {
+            conflict_s: Some(network.conflict_s()?),
+            changes: false,
+        },
         CoordinatorTask::ChangeKey(key) if !network.change_key(key) => ToPc::KeyChange(None),
         CoordinatorTask::ChangeKey(_) | CoordinatorTask::TellKeyChange => {
             ToPc::KeyChange(network.key_change())

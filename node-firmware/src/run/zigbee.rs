@@ -3,8 +3,9 @@
 use core::{cell::Cell, time::Duration};
 
 use zigbee_link::{
+    Instant,
     link::{Delivery, SendError, Ticket},
-    network::NetworkStatus,
+    network::{NetworkStatus, Node},
     runner::{Clock, Happened, Shared},
     wire::ShortAddress,
 };
@@ -112,6 +113,20 @@ impl<C: Clock> Administration for ZigbeeNetwork<C> {
             member.is_some_and(|member| node.remove(now, member.extended))
         });
         removed == Some(true)
+    }
+
+    fn change_identifier(&self) -> bool {
+        let changes = self.node.with(Node::change_pan);
+        changes == Some(true)
+    }
+
+    fn conflict_s(&self) -> Option<u32> {
+        let age = |now: Instant, then: Instant| now.0.saturating_sub(then.0) / 1_000_000;
+        let seconds = self
+            .node
+            .with(|node, now| node.last_conflict().map(|then| age(now, then)))
+            .flatten()?;
+        Some(u32::try_from(seconds).unwrap_or(u32::MAX))
     }
 
     fn change_key(&self, key: SiteKey) -> bool {

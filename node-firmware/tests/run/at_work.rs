@@ -123,6 +123,29 @@ fn the_pc_sends_a_member_away_and_changes_the_key() {
     site.bench.run_for(200 * SECOND);
     assert!(site.target.lamps.0.get().joined);
     assert!(!site.camera.lamps.0.get().joined);
+    // Nobody else has its identifier; it can take another one, and its members follow.
+    site.pc.forget();
+    site.pc.wish(FromPc::Refresh);
+    site.bench.run_for(SECOND);
+    let told = site.pc.told();
+    assert!(!told.iter().any(|told| matches!(told, ToPc::Pan { .. })));
+    let pan = |told: &ToPc| match told {
+        ToPc::Network(Some(network)) => Some(network.pan),
+        _ => None,
+    };
+    let before = told.iter().find_map(pan);
+    site.pc.forget();
+    site.pc.wish(FromPc::ChangePan);
+    site.bench.run_for(10 * SECOND);
+    let told = site.pc.told();
+    let (conflict_s, changes) = (None, true);
+    assert!(told.contains(&ToPc::Pan {
+        conflict_s,
+        changes
+    }));
+    let after = told.iter().find_map(pan);
+    assert!(after.is_some() && after != before, "{before:?} {after:?}");
+    assert!(site.target.lamps.0.get().joined);
     // An impossible key is refused.
     site.pc.forget();
     let bad = SiteKey::new(0, [7; 16]);

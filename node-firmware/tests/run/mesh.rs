@@ -215,6 +215,14 @@ impl Administration for Node {
         node.is_some_and(|node| !node.removed.replace(true))
     }
 
+    fn change_identifier(&self) -> bool {
+        false
+    }
+
+    fn conflict_s(&self) -> Option<u32> {
+        None
+    }
+
     fn change_key(&self, _: SiteKey) -> bool {
         false
     }

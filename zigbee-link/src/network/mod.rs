@@ -22,8 +22,8 @@
 //! # Device
 //! It scans, and tries the networks it heard, its former one first. Joining is authenticated both
 //! ways: device and coordinator first prove freshness to each other with the site key (see
-//! [`security`](crate::security)); only then the association request and its answer count. A device
-//! asks a silent coordinator every [`KEEP_ALIVE`] whether it is there. When it is not, the device
+//! [`security`](crate::security)); only then the association request and its answer count. A coordinator
+//! says every ten seconds that it is there, and a device asks one that was silent for [`KEEP_ALIVE`]. When it is not, the device
 //! is an orphan: it scans and joins again, and gets the same short address. The orphan scan of the
 //! standard is not used: it would find the same coordinator with one frame less. A coordinator
 //! answers the orphan notification of a member all the same, if it is secured.

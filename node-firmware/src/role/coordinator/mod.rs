@@ -81,6 +81,10 @@ pub enum CoordinatorTask {
     TellNetwork,
     /// Tell the PC how the change of the site key goes.
     TellKeyChange,
+    /// Take another PAN identifier, and tell the PC.
+    ChangePan,
+    /// Tell the PC if another network has the same PAN identifier.
+    TellConflict,
 }
 
 /// What surrounds the coordinator tells.

@@ -72,6 +72,7 @@ impl CoordinatorRole {
                 self.tasks.refresh = Some(0);
                 self.tasks.tell_network();
                 let _ = self.tasks.queue.push_back(CoordinatorTask::TellKeyChange);
+                let _ = self.tasks.queue.push_back(CoordinatorTask::TellConflict);
             }
             FromPc::JoinWindow(seconds) => {
                 let time = Duration::from_secs(seconds.into());
@@ -96,6 +97,8 @@ impl CoordinatorRole {
                 }
             }
             FromPc::ChangeKey(key) => self.tasks.change_key(key),
+            // Full, the PC hears nothing of it, and asks again.
+            FromPc::ChangePan => drop(self.tasks.queue.push_back(CoordinatorTask::ChangePan)),
         }
     }
 
