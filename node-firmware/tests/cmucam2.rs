@@ -231,6 +231,9 @@ fn a_restart_within_a_look_is_survived() {
     let expected = camera.bearing(43.0);
     let mut judge = Judge::new(camera, Patience::default(), Shape::Any);
     let seen = wait(look(&mut sight, Subject::Colour(ORANGE), &mut judge));
+    assert_eq!(seen, Err(VisionError::Restarted));
+    wait(sight.start_up()).unwrap();
+    let seen = wait(look(&mut sight, Subject::Colour(ORANGE), &mut judge));
     assert!(
         matches!(seen, Ok(Look::Steady(seen)) if (seen.bearing - expected).abs() < 1e-4),
         "{seen:?}, sent {:?}",

@@ -28,6 +28,18 @@ use crate::{
 const PAUSE_US: u64 = 1_000_000;
 const PAUSE_MAX_US: u64 = 32_000_000;
 
+/// Start-ups in a row that fail: nobody waits for the camera any more.
+const FAILURES: u8 = 2;
+
+/// Why the camera starts.
+#[derive(Clone, Copy)]
+enum Start {
+    /// The node was switched on.
+    First,
+    /// The camera restarted, fell silent or cannot be understood.
+    Again,
+}
+
 pub(super) async fn run<H: Hardware, N: Network, F: NorFlash>(
     (id, optics): (u16, Camera<f32>),
     config: &CameraConfig,
@@ -90,8 +102,7 @@ impl<K: BlobCamera, C: Clock> CameraDevice<'_, K, C> {
         events: Events<'_, CameraEvent>,
     ) -> Infallible {
         let mut judge = self.config.judge(self.optics);
-        self.wake().await;
-        events.send(CameraEvent::Ready).await;
+        self.wake(&events, Start::First).await;
         let mut next = None;
         loop {
             let task = match next.take() {
@@ -100,8 +111,13 @@ impl<K: BlobCamera, C: Clock> CameraDevice<'_, K, C> {
             };
             match task {
                 CameraTask::Look { colour } => {
-                    let (sight, seen) = self.look(colour, &mut judge).await;
-                    events.send(CameraEvent::Looked(sight, seen)).await;
+                    if let Some((sight, seen)) = self.look(colour, &mut judge).await {
+                        events.send(CameraEvent::Looked(sight, seen)).await;
+                    } else {
+                        // A target waits, and would give up before it is over.
+                        events.send(CameraEvent::Starting).await;
+                        self.wake(&events, Start::Again).await;
+                    }
                 }
                 CameraTask::Command(CameraCommand::Track { colour }) => {
                     next = self.track(colour, &tasks, &events).await;
@@ -128,16 +144,30 @@ impl<K: BlobCamera, C: Clock> CameraDevice<'_, K, C> {
     }
 
     /// Starts the camera, however long it takes; nothing works before.
-    async fn wake(&mut self) {
+    async fn wake(&mut self, events: &Events<'_, CameraEvent>, start: Start) {
         let mut pause = PAUSE_US;
-        while let Err(error) = self.start_up().await {
+        let mut failures = 0_u8;
+        loop {
+            let started = match start {
+                Start::First => self.start_up().await,
+                // No more than that: the target is in view, and would be background.
+                Start::Again => self.camera.start_up().await,
+            };
+            let Err(error) = started else {
+                break;
+            };
             warning!("the camera does not start: {}", error);
+            failures = failures.saturating_add(1);
+            if failures == FAILURES {
+                events.send(CameraEvent::Failed).await;
+            }
             let now = self.clock.now().0;
             self.clock
                 .sleep_until(Instant(now.saturating_add(pause)))
                 .await;
             pause = (pause * 2).min(PAUSE_MAX_US);
         }
+        events.send(CameraEvent::Ready).await;
     }
 
     async fn start_up(&mut self) -> Result<(), VisionError> {
@@ -149,11 +179,12 @@ impl<K: BlobCamera, C: Clock> CameraDevice<'_, K, C> {
         Ok(())
     }
 
-    async fn look(&mut self, colour: u8, judge: &mut Judge) -> (Sight, Option<Seen>) {
+    /// What is seen. `None`: the camera has to start up first.
+    async fn look(&mut self, colour: u8, judge: &mut Judge) -> Option<(Sight, Option<Seen>)> {
         let Some(subject) = self.subjects.of_target(colour) else {
-            return (Sight::NotInView, None);
+            return Some((Sight::NotInView, None));
         };
-        match look(&mut self.camera, subject, judge).await {
+        let looked = match look(&mut self.camera, subject, judge).await {
             Ok(Look::Steady(seen)) => (Sight::InView, Some(seen)),
             Ok(Look::Nothing) => (Sight::NotInView, None),
             Ok(Look::Clipped | Look::Lopsided) => (Sight::Clipped, None),
@@ -161,12 +192,12 @@ impl<K: BlobCamera, C: Clock> CameraDevice<'_, K, C> {
             Err(error) => {
                 warning!("the camera does not look: {}", error);
                 if error.wants_start_up() {
-                    // No more than that: the target is in view, and would be background.
-                    let _ = self.camera.start_up().await;
+                    return None;
                 }
                 (Sight::Failed, None)
             }
-        }
+        };
+        Some(looked)
     }
 
     /// Whether it could be done.

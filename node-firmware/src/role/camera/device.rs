@@ -1,7 +1,7 @@
 //! What the camera's hardware does: one task at a time.
 
 use super::CameraTask;
-use crate::message::{CameraCommand, MemberAddress, StopNumber, Stopped};
+use crate::message::{CameraCommand, MemberAddress, Sight, StopNumber, Stopped};
 
 /// A target asked for a look.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -16,10 +16,20 @@ impl LookRequest {
     }
 }
 
+/// Whether the hardware can look.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Start {
+    /// It is starting.
+    Starting,
+    Ready,
+    /// It does not start so far.
+    Failed,
+}
+
 /// What the hardware does, and what waits for it.
 #[derive(Clone, Debug)]
 pub(super) struct Device {
-    is_ready: bool,
+    start: Start,
     /// It has a task that is not over.
     is_busy: bool,
     looking: Option<LookRequest>,
@@ -30,7 +40,7 @@ pub(super) struct Device {
 impl Device {
     pub(super) const fn new() -> Self {
         Self {
-            is_ready: false,
+            start: Start::Starting,
             is_busy: false,
             looking: None,
             next_look: None,
@@ -40,18 +50,39 @@ impl Device {
 
     /// Whether it has started.
     pub(super) const fn is_ready(&self) -> bool {
-        self.is_ready
+        matches!(self.start, Start::Ready)
+    }
+
+    /// What it answers that does not look.
+    pub(super) const fn excuse(&self) -> Sight {
+        match self.start {
+            Start::Starting | Start::Ready => Sight::NotReady,
+            Start::Failed => Sight::Failed,
+        }
     }
 
     pub(super) const fn on_ready(&mut self) {
-        self.is_ready = true;
+        self.start = Start::Ready;
+    }
+
+    /// It does not start; it goes on trying.
+    pub(super) const fn on_failed(&mut self) {
+        self.start = Start::Failed;
+    }
+
+    /// It has to start anew, in the middle of a look. What is given up.
+    pub(super) fn on_starting(&mut self) -> ([Option<LookRequest>; 2], Option<CameraCommand>) {
+        self.start = Start::Starting;
+        self.is_busy = false;
+        let requests = [self.looking.take(), self.next_look.take()];
+        (requests, self.next_command.take())
     }
 
     /// Has a command carried out next. Another one that waits is given up; and before the camera has
     /// started, this one: nobody knows when it will, and what is in its view then. Returns what is
     /// given up.
     pub(super) const fn command(&mut self, command: CameraCommand) -> Option<CameraCommand> {
-        if self.is_ready {
+        if self.is_ready() {
             self.next_command.replace(command)
         } else {
             Some(command)

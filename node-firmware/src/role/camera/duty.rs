@@ -15,8 +15,8 @@ use crate::{
     limits::REFERENCE_STOPS,
     log::debug,
     message::{
-        CameraState, Duty, MemberAddress, References, Report, Seen, StopBearing, StopNumber,
-        TargetLocation,
+        CameraState, Duty, MemberAddress, PoseParts, References, Report, Seen, StopBearing,
+        StopNumber, TargetLocation,
     },
     role::{CONTRADICTION, Unsaved, contradiction},
 };
@@ -324,12 +324,28 @@ impl CameraRole {
             return;
         }
         self.solved_by = Some(from);
-        self.misses = 0;
-        self.is_watched_doubtful = false;
+        // The pose that what this camera sees contradicts is not good for being told again: whoever solved
+        // it left out what does not fit.
+        let is_same = matches!(poses, [Some(own), Some(other)]
+            if contradiction(&own, &other) <= CONTRADICTION);
+        // Nor is the place that a camera was given its own any more if it looks elsewhere now.
+        let is_given = |parts: &PoseParts| matches!(parts.covariance, [0.0, _, 0.0, ..]);
+        self.was_moved |=
+            self.is_watched_doubtful && !is_same && solved.pose().is_some_and(is_given);
+        self.is_watched_doubtful &= is_same || self.was_moved;
+        if !self.is_watched_doubtful {
+            self.misses = 0;
+        }
         // Through a lens that is another one than everybody believes, the camera sees on its own.
         let state = match self.calibration.with_other_lens(&self.config.lens) {
             Some(state) if report.duty.is_none() => state,
             _ => solved.state.judged_again(&self.config.weak.limits()),
+        };
+        let state = match state {
+            CameraState::Calibrated(pose) | CameraState::Weak(pose) if self.is_watched_doubtful => {
+                CameraState::Doubtful(pose)
+            }
+            state => state,
         };
         let sightings = solved.sightings.max(report.sightings);
         self.update(

@@ -120,6 +120,7 @@ impl CameraRole {
         self.calibration.clear();
         self.misses = 0;
         self.is_watched_doubtful = false;
+        self.was_moved = false;
         for index in 0..SIGHTINGS {
             self.unsaved.insert(sighting(index));
         }

@@ -95,6 +95,11 @@ pub enum CameraEvent {
     Button(Button),
     /// The camera has started, and can look.
     Ready,
+    /// The camera has to start anew, and cannot look before [`Ready`](Self::Ready): the end of a
+    /// [`CameraTask::Look`].
+    Starting,
+    /// The camera does not start. It is tried again and again.
+    Failed,
 }
 
 /// A message of which a camera must know whether it was delivered.
@@ -148,6 +153,9 @@ pub struct CameraRole {
     misses: u8,
     /// They alone make the pose doubtful.
     is_watched_doubtful: bool,
+    /// It looks elsewhere than it did, and stood at a place that it was given: nobody knows where it
+    /// stands now.
+    was_moved: bool,
     calibration: Calibration,
     duty: ReferenceDuty,
     progress: Progress,
@@ -177,6 +185,7 @@ impl CameraRole {
             target_seen: false,
             misses: 0,
             is_watched_doubtful: false,
+            was_moved: false,
             calibration: Calibration::new(),
             duty: ReferenceDuty::new(),
             progress: Progress::new(id),
@@ -407,6 +416,8 @@ impl Role for CameraRole {
             }
             CameraEvent::Button(Button::JoinWindow) => {}
             CameraEvent::Ready => self.device.on_ready(),
+            CameraEvent::Starting => self.on_starting(now),
+            CameraEvent::Failed => self.device.on_failed(),
         }
     }
 

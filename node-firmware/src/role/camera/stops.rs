@@ -14,8 +14,8 @@ use super::{
 use crate::{
     facts::KeptSighting,
     message::{
-        CameraState, Confirmation, CoordinateFrame, Duty, MemberAddress, Message, Report, Seen,
-        Sight, StopAnswer, StopBearing, StopNumber, Stopped,
+        CameraState, CommandResult, Confirmation, CoordinateFrame, Duty, MemberAddress, Message,
+        Report, Seen, Sight, StopAnswer, StopBearing, StopNumber, Stopped,
     },
     role::COORDINATOR,
 };
@@ -70,7 +70,7 @@ impl CameraRole {
         } else if self.device.is_ready() {
             self.device.look(request);
         } else {
-            self.answer(now, target, stop, Sight::NotReady, None);
+            self.answer(now, target, stop, self.device.excuse(), None);
         }
     }
 
@@ -112,6 +112,19 @@ impl CameraRole {
     pub(super) fn on_looked(&mut self, now: Instant, sight: Sight, seen: Option<Seen>) {
         if let Some(request) = self.device.on_looked() {
             self.on_look(now, request, sight, seen);
+        }
+    }
+
+    /// The hardware cannot look for a while: whoever waits hears of it at once, and asks again.
+    pub(super) fn on_starting(&mut self, now: Instant) {
+        let (requests, command) = self.device.on_starting();
+        for request in requests.into_iter().flatten() {
+            let (target, stop) = request.stop();
+            self.answer(now, target, stop, Sight::NotReady, None);
+        }
+        if let Some(command) = command {
+            let success = false;
+            self.tell_done(now, CommandResult { command, success });
         }
     }
 
@@ -186,7 +199,7 @@ impl CameraRole {
         let known = || self.looks.stops().chain(self.device.requested());
         if !known().any(|(of, known)| of == target && is_past(known, stop)) {
             // It was not heard, or is being looked at: the target is to ask, or to wait.
-            self.answer(now, target, stop, Sight::NotReady, None);
+            self.answer(now, target, stop, self.device.excuse(), None);
         }
     }
 
@@ -231,7 +244,7 @@ impl CameraRole {
         let state = if self.misses >= MISSES && report.status() == Status::Calibrated {
             self.is_watched_doubtful = true;
             CameraState::Doubtful(held)
-        } else if self.misses == 0 && self.is_watched_doubtful {
+        } else if self.misses == 0 && self.is_watched_doubtful && !self.was_moved {
             self.is_watched_doubtful = false;
             CameraState::Weak(held).judged_again(&self.config.weak.limits())
         } else {

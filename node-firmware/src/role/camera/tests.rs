@@ -787,6 +787,73 @@ fn a_camera_that_missed_a_stop_asks_for_it() {
     assert_eq!(sent(&mut camera, 7), []);
 }
 
+/// Its camera restarts within a look, or seems to. That takes a while, and the target waits; for one
+/// that does not start nobody waits.
+#[test]
+fn a_camera_that_starts_anew_says_so_at_once() {
+    let mut camera = camera(4);
+    let look = Output::Task(CameraTask::Look { colour: 0 });
+    let stopped = Message::Stopped(stopped(5, CoordinateFrame::Site));
+    camera.on_message(at(1), TARGET, &stopped);
+    assert_eq!(outputs(&mut camera, 1), core::slice::from_ref(&look));
+    let learn = Message::Command(CameraCommand::LearnBackground);
+    camera.on_message(at(1), COORDINATOR, &learn);
+    camera.on_event(at(1), CameraEvent::Starting);
+    let told = sent(&mut camera, 2);
+    assert!(
+        matches!(
+            told[..],
+            [
+                (
+                    COORDINATOR,
+                    Message::Done(CommandResult { success: false, .. })
+                ),
+                (
+                    TARGET,
+                    Message::Look(StopAnswer {
+                        sight: Sight::NotReady,
+                        ..
+                    })
+                )
+            ] | [
+                (
+                    TARGET,
+                    Message::Look(StopAnswer {
+                        sight: Sight::NotReady,
+                        ..
+                    })
+                ),
+                (
+                    COORDINATOR,
+                    Message::Done(CommandResult { success: false, .. })
+                )
+            ]
+        ),
+        "{told:?}"
+    );
+    let mut asked = |event: Option<CameraEvent>, now| {
+        if let Some(event) = event {
+            camera.on_event(at(now), event);
+        }
+        camera.on_message(at(now), TARGET, &stopped);
+        let mut told = outputs(&mut camera, now);
+        told.extend(outputs(&mut camera, now + 1));
+        let [output] = &told[..] else {
+            panic!("{told:?}");
+        };
+        match output {
+            Output::Send {
+                message: Message::Look(look),
+                ..
+            } => Some(look.sight),
+            output => (*output != look).then_some(Sight::NotLooking),
+        }
+    };
+    assert_eq!(asked(None, 3), Some(Sight::NotReady));
+    assert_eq!(asked(Some(CameraEvent::Failed), 10), Some(Sight::Failed));
+    assert_eq!(asked(Some(CameraEvent::Ready), 20), None);
+}
+
 /// Nobody needs to hear at each stop that there is nothing to see.
 #[test]
 fn a_camera_without_the_target_in_view_says_so_once_or_when_it_is_asked() {
@@ -1048,6 +1115,60 @@ fn a_camera_that_no_longer_fits_is_doubtful_after_two_sightings() {
         let _ = seen_at(&mut camera, stop, [4.0, y], bearing);
         assert_eq!(camera.report().status(), status, "{stop}");
         assert_eq!(camera.report().pose().unwrap().position, [0.0, 0.0]);
+    }
+}
+
+/// Whoever solves may leave out the bearings that do not fit. The camera does not.
+#[test]
+fn a_pose_that_no_longer_fits_is_not_good_for_being_told_again() {
+    let mut camera = told();
+    let far = 0.3;
+    for (stop, y, bearing) in [(20, 0.5, 0.125 + far), (21, 0.6, 0.15 + far)] {
+        let _ = seen_at(&mut camera, stop, [4.0, y], bearing);
+    }
+    assert_eq!(camera.report().status(), Status::Doubtful);
+    camera.on_message(
+        at(400),
+        TARGET,
+        &Message::Posed(report_of([0.001, 0.0], 0.001)),
+    );
+    assert_eq!(camera.report().status(), Status::Doubtful);
+    // One that explains them ends the doubt.
+    let moved = report_of([0.0, 0.0], -far);
+    camera.on_message(at(410), TARGET, &Message::Posed(moved));
+    assert_eq!(camera.report().status(), Status::Calibrated);
+}
+
+/// A reference stands where it was told. Turned, it was moved: a pose with another heading at that place
+/// explains what it sees, and is not where it stands.
+#[test]
+fn a_camera_of_a_given_place_that_was_turned_is_doubtful() {
+    let given = |heading| {
+        let report = report_of([0.0, 0.0], heading);
+        let mut pose = *report.pose().unwrap();
+        pose.covariance = [0.0, 0.0, 0.0, 0.0, 0.0, 1e-5];
+        Report {
+            state: CameraState::Weak(pose),
+            ..report
+        }
+    };
+    let mut camera = told();
+    camera.on_message(at(201), TARGET, &Message::Posed(given(0.0)));
+    assert_eq!(camera.report().status(), Status::Calibrated);
+    let far = 0.3;
+    for (stop, y, bearing) in [(20, 0.5, 0.125 + far), (21, 0.6, 0.15 + far)] {
+        let _ = seen_at(&mut camera, stop, [4.0, y], bearing);
+    }
+    assert_eq!(camera.report().status(), Status::Doubtful);
+    camera.on_message(at(400), TARGET, &Message::Posed(given(-far)));
+    assert_eq!(camera.report().status(), Status::Doubtful);
+    for (stop, y, bearing) in [
+        (40, 0.5, 0.12 + far),
+        (41, 0.6, 0.15 + far),
+        (42, 0.7, 0.17 + far),
+    ] {
+        let _ = seen_at(&mut camera, stop, [4.0, y], bearing);
+        assert_eq!(camera.report().status(), Status::Doubtful);
     }
 }
 

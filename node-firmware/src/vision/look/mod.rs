@@ -123,29 +123,10 @@ impl Judge {
 
 /// Looks once for a subject: begins, takes frames until `judge` is sure, ends.
 ///
-/// A camera that restarted, fell silent or cannot be understood is started up once and asked again,
-/// unless that would lose the background that the subject needs.
-///
 /// # Errors
-/// [`VisionError`] of the camera, the second time.
+/// [`VisionError`] of the camera. One that [wants a start-up](VisionError::wants_start_up) takes 10 s or
+/// more for that: whoever waits for the look is to hear of it before.
 pub async fn look<C: BlobCamera>(
-    camera: &mut C,
-    subject: Subject,
-    judge: &mut Judge,
-) -> Result<Look, VisionError> {
-    match attempt(camera, subject, judge).await {
-        Err(error) if error.wants_start_up() => {
-            if let Subject::Motion { .. } = subject {
-                return Err(error);
-            }
-            camera.start_up().await?;
-            attempt(camera, subject, judge).await
-        }
-        done => done,
-    }
-}
-
-async fn attempt<C: BlobCamera>(
     camera: &mut C,
     subject: Subject,
     judge: &mut Judge,
