@@ -74,6 +74,8 @@ pub(super) struct NodeEntry {
     pub(super) payload_bytes: u64,
     /// When it last said anything.
     pub(super) said: Option<Time>,
+    /// A target: when it last asked a member for itself, by the member's address.
+    pub(super) asked: BTreeMap<u16, Time>,
     /// What kept it from going on, each time.
     pub(super) failures: Vec<(Time, String)>,
 }
@@ -212,6 +214,9 @@ impl Observer for Witness {
                 journal.calibrated(self.id);
             }
             Message::Stopped(stopped) => {
+                if to != ShortAddress::BROADCAST {
+                    journal.node(self.id).asked.insert(to.0, now);
+                }
                 let Some(truth) = (self.truth)() else {
                     return;
                 };

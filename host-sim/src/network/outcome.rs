@@ -107,7 +107,7 @@ pub(super) fn record(simulation: &Simulation, wall_seconds: f64) -> RunRecord {
                         .map(|(target, stop, s)| (*target, *stop, s)),
                 );
             }
-            node.silent = is_silent(simulation, network, &entry);
+            node.silent = is_silent(simulation, network, &node, &entry);
             node.calibrated_seconds = entry.calibrated.map(seconds);
             nodes.push(with_traffic(simulation, node));
         }
@@ -194,14 +194,15 @@ fn believed(place: &calib_core::dead_reckoning::Place<f32>) -> Believed {
     }
 }
 
-/// Whether a camera said nothing though a target that stopped asked for it. Not known of one on an
-/// emulated board.
-fn is_silent(simulation: &Simulation, network: &Network, entry: &NodeEntry) -> bool {
-    let entries = network
-        .targets
-        .iter()
-        .map(|target| simulation.entry(target.id));
-    let asked = entries.flat_map(|entry| entry.stops.into_values().map(|stop| stop.at));
+/// Whether a camera said nothing though a target asked it for itself: one that does not see the target
+/// says nothing unasked. Not known of one on an emulated board.
+fn is_silent(simulation: &Simulation, network: &Network, node: &Node, entry: &NodeEntry) -> bool {
+    let Some(address) = node.address else {
+        return false;
+    };
+    let targets = network.targets.iter();
+    let entries = targets.map(|target| simulation.entry(target.id));
+    let asked = entries.filter_map(|entry| entry.asked.get(&address).copied());
     has_missed(simulation, entry, asked)
 }
 
