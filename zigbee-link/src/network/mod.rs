@@ -172,16 +172,7 @@ impl<const PEERS: usize, const QUEUE: usize, const MEMBERS: usize> Node<PEERS, Q
         const { assert!(MEMBERS > 0 && MEMBERS <= crate::store::MEMBERS_MAX) };
         let common = Common::new(settings);
         let role = Role::Coordinator(Coordinator::new(saved.network, members, &common));
-        let mut node = Self::new(saved, common, role);
-        if let Some(former) = saved.former_key {
-            // Who has missed the change is not written down: all may have, until they are heard.
-            let session = &mut node.link.session;
-            session.keys.recall(former);
-            for member in members.iter().flatten() {
-                session.await_late(member.extended);
-            }
-        }
-        node
+        Self::new(saved, common, role)
     }
 
     /// A device with what its store remembers. It looks for a network at once.
@@ -207,6 +198,13 @@ impl<const PEERS: usize, const QUEUE: usize, const MEMBERS: usize> Node<PEERS, Q
         if let Some(next) = saved.next_key {
             // With the same index it is the active one, saved but not yet cleared.
             let _ = session.keys.install(next);
+        }
+        if let (Some(former), Role::Coordinator(coordinator)) = (saved.former_key, &role) {
+            // Who has missed the change is not written down: all may have, until they are heard.
+            session.keys.recall(former);
+            for member in coordinator.members() {
+                session.await_late(member.extended);
+            }
         }
         let mut link = Link::new(session, settings.seed);
         // A coordinator obeys nobody.
