@@ -108,6 +108,31 @@ pub enum Action {
         /// Those of this time before, seconds.
         last_s: f64,
     },
+    /// Somebody without the key, who stands beside the first network's coordinator and hears all of
+    /// that network, sends frames.
+    Forge {
+        /// What is in them.
+        frames: Forgery,
+        /// One in so many seconds.
+        every_s: f64,
+        /// For how long, seconds.
+        for_s: f64,
+    },
+}
+
+/// What somebody without the key can send, each with a right check sequence. What is made from frames
+/// that were heard is not sent before one was.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Forgery {
+    /// Random bytes.
+    Random,
+    /// The last frame that was heard, with one to three bits of it wrong.
+    Flipped,
+    /// The last secured broadcast, with a later counter and random contents.
+    Broadcast,
+    /// The last beacon, from another coordinator of the same network identifier.
+    Beacon,
 }
 
 fn yes() -> bool {
@@ -126,7 +151,7 @@ impl Action {
             | Self::Slip { node, .. }
             | Self::Replay { node, .. } => std::slice::from_ref(node),
             Self::Partition { nodes, .. } => nodes,
-            Self::Jam { .. } | Self::Loss { .. } => &[],
+            Self::Jam { .. } | Self::Loss { .. } | Self::Forge { .. } => &[],
         }
     }
 
@@ -138,6 +163,7 @@ impl Action {
             | Self::Jam { for_s, .. }
             | Self::Partition { for_s, .. }
             | Self::Loss { for_s, .. }
+            | Self::Forge { for_s, .. }
             | Self::UnplugCamera { for_s, .. }
             | Self::StickCamera { for_s, .. }
             | Self::Slip { for_s, .. } => Some(*for_s),

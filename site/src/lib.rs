@@ -56,7 +56,7 @@ pub mod world;
 pub use assume::{Assumption, Purpose};
 pub use configs::{NetworkConfigs, configs, coordinator_id, provision};
 pub use error::ScenarioError;
-pub use event::{Action, ScriptedEvent};
+pub use event::{Action, Forgery, ScriptedEvent};
 use file::Source;
 pub use file::{
     CameraTable, FrameTable, GridTable, ModelTable, NetworkTable, ObstacleTable, PlacedCamera,

@@ -1,6 +1,7 @@
 //! Whole networks, from their seeds: every node's firmware over emulated cameras and a simulated
 //! radio, in virtual time.
 
+mod attackers;
 mod carriers;
 mod determinism;
 mod faults;

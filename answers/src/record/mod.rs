@@ -366,6 +366,20 @@ pub struct Radio {
     /// How long all frames took together, in terms of the run's time: above 1 where many send at
     /// once, as on several channels.
     pub airtime_share: f64,
+    /// What came from no node, where somebody was to attack. Counted above too, but for carriers.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub attack: Option<Attack>,
+}
+
+/// What somebody without the key sent: frames that were forged or heard again, and carriers.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct Attack {
+    /// Frames.
+    pub frames: u64,
+    /// Their bytes, from preamble to check sequence.
+    pub bytes: u64,
+    /// How long frames and carriers took together, in terms of the run's time.
+    pub airtime_share: f64,
 }
 
 impl Place {

@@ -347,6 +347,15 @@ fn traffic(record: &RunRecord, radio: &Radio) -> String {
         radio.bytes,
         100.0 * radio.airtime_share
     );
+    if let Some(attack) = &radio.attack {
+        let _ = writeln!(
+            text,
+            "Of these from attackers: {} frames, {} bytes; with carriers {:.2} % of the run's time",
+            attack.frames,
+            attack.bytes,
+            100.0 * attack.airtime_share
+        );
+    }
     text
 }
 

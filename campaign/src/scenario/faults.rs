@@ -1,7 +1,7 @@
 //! What goes wrong: events, and lines that err all the time.
 
 use rand::{Rng, RngExt, seq::IndexedRandom};
-use site::{Action, Scenario, ScriptedEvent};
+use site::{Action, Forgery, Scenario, ScriptedEvent};
 
 use super::{between, happens};
 
@@ -95,7 +95,7 @@ fn actions(
     } else {
         for_s
     };
-    let action = match random.random_range(0..12) {
+    let action = match random.random_range(0..13) {
         0 => {
             return everybody
                 .iter()
@@ -153,6 +153,16 @@ fn actions(
             for_s: for_s.min(10.0),
             distance: between(random, -0.5, 0.5),
             heading_deg: between(random, -30.0, 30.0),
+        },
+        11 => Action::Forge {
+            frames: match random.random_range(0..4) {
+                0 => Forgery::Random,
+                1 => Forgery::Flipped,
+                2 => Forgery::Broadcast,
+                _ => Forgery::Beacon,
+            },
+            every_s: between(random, 0.05, 2.0),
+            for_s,
         },
         _ => Action::Replay {
             node,

@@ -108,6 +108,7 @@ pub fn ingredients(scenario: &Scenario) -> BTreeSet<&'static str> {
         Action::BumpCamera { .. } => "bumped camera",
         Action::Slip { .. } => "slip",
         Action::Replay { .. } => "replay",
+        Action::Forge { .. } => "forged frames",
     });
     let sensor = scenario.sensor.unwrap_or_default();
     let unlikely = |bias: f64, believed: f64| bias.abs() > 2.5 * believed;
@@ -192,6 +193,7 @@ mod tests {
                 "bump-camera]",
                 "slip]",
                 "replay]",
+                "forge]",
                 "corrupt_line",
                 "undeclared_distance",
                 "undeclared_heading_deg",

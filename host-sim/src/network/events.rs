@@ -6,7 +6,11 @@ use nalgebra::Vector2;
 use rand::RngExt;
 use zigbee_link::{radio::Channel, wire::fcs};
 
-use super::{Simulation, node::Node};
+use super::{
+    Simulation,
+    attack::{self, Attacker},
+    node::Node,
+};
 use site::{Action, ScriptedEvent};
 use virtual_bench::{
     executor::{Clock, Time},
@@ -30,6 +34,7 @@ type Tape = Rc<RefCell<Vec<Heard>>>;
 pub(super) fn schedule(simulation: &mut Simulation) {
     let root = Root(simulation.scenario.seed);
     let tape = record(simulation);
+    let ears = attack::listen(simulation);
     let events = simulation.scenario.events.clone();
     for (number, event) in (0..).zip(events) {
         let ScriptedEvent { at_s, action } = event;
@@ -118,20 +123,34 @@ pub(super) fn schedule(simulation: &mut Simulation) {
             Action::Replay { node, last_s } => {
                 if let Some(node) = find(simulation, node) {
                     let medium = simulation.medium.clone();
-                    let again = replay(clock, at, nanoseconds(last_s), node, medium, tape.clone());
+                    let sender = (medium, simulation.attacker.clone());
+                    let again = replay(clock, at, nanoseconds(last_s), node, sender, tape.clone());
                     simulation.executor.spawn(again);
+                }
+            }
+            Action::Forge {
+                frames,
+                every_s,
+                for_s,
+            } => {
+                if let Some(ears) = &ears {
+                    let random = root.stream("forgery", number);
+                    let during = at..until(for_s);
+                    let every = nanoseconds(every_s);
+                    let forge = attack::forge(clock, during, every, frames, ears.clone(), random);
+                    simulation.executor.spawn(forge);
                 }
             }
         }
     }
 }
 
-fn nanoseconds(seconds: f64) -> Time {
+pub(super) fn nanoseconds(seconds: f64) -> Time {
     (seconds * 1e9) as Time
 }
 
 /// The node of this number; 0 is the first network's coordinator.
-fn find(simulation: &Simulation, id: u16) -> Option<Rc<Node>> {
+pub(super) fn find(simulation: &Simulation, id: u16) -> Option<Rc<Node>> {
     let id = match id {
         0 => site::coordinator_id(0),
         id => id,
@@ -230,7 +249,14 @@ fn record(simulation: &Simulation) -> Tape {
 }
 
 /// Frames come again with the pauses that they had.
-async fn replay(clock: Clock, at: Time, last: Time, node: Rc<Node>, medium: Medium, tape: Tape) {
+async fn replay(
+    clock: Clock,
+    at: Time,
+    last: Time,
+    node: Rc<Node>,
+    (medium, attacker): (Medium, Attacker),
+    tape: Tape,
+) {
     clock.sleep_until_time(at).await;
     node.note("is heard again");
     let since = at.saturating_sub(last);
@@ -238,6 +264,6 @@ async fn replay(clock: Clock, at: Time, last: Time, node: Rc<Node>, medium: Medi
     let again: Vec<Heard> = tape.borrow().iter().filter(is_meant).cloned().collect();
     for heard in again {
         clock.sleep_until_time(at + (heard.at - since)).await;
-        medium.inject(heard.from, heard.channel, &heard.psdu);
+        attacker.send(&medium, heard.from, heard.channel, &heard.psdu);
     }
 }

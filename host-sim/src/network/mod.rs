@@ -16,11 +16,13 @@
 //! | `further` | Where the verdict has it go when its way is at an end |
 //! | `console` | The PC on a coordinator's line |
 //! | `journal` | What nodes said and learnt, with times: the log, and what records are made of |
+//! | `attack` | Who sends frames without the key |
 //! | `events` | What goes wrong by order of the scenario |
 //! | `outcome` | The record |
 //! | `measured` | Its part that a joint solution needs |
 //! | `many` | Many runs on many threads |
 
+mod attack;
 mod camera;
 mod console;
 mod decryption;
@@ -130,6 +132,10 @@ pub struct Progress {
     pub calibrated: usize,
     /// Cameras there are.
     pub cameras: usize,
+    /// Nodes that say that they belong to a network.
+    pub joined: usize,
+    /// Nodes there are.
+    pub nodes: usize,
 }
 
 /// A scenario that is put up and can run.
@@ -147,6 +153,7 @@ pub struct Simulation {
     nodes: Vec<Rc<Node>>,
     consoles: Vec<Console>,
     further: further::Further,
+    attacker: attack::Attacker,
     emulation: Option<Emulation>,
     stop: Arc<AtomicBool>,
     /// Until the run begins.
@@ -187,6 +194,7 @@ impl Simulation {
             nodes: Vec::new(),
             consoles: Vec::new(),
             further: further::Further::new(options.further_stops),
+            attacker: attack::Attacker::default(),
             emulation: options.emulation,
             stop: options.stop,
             pcap: options.pcap,
@@ -389,6 +397,10 @@ impl Simulation {
                 .map(|console| console.view().calibrated())
                 .sum(),
             cameras: self.world.borrow().cameras().len(),
+            joined: { self.nodes.iter() }
+                .filter(|node| node.panel.shown.get().joined)
+                .count(),
+            nodes: self.nodes.len(),
         }
     }
 

@@ -12,10 +12,7 @@ use answers::record::{
     Unit, View, heading_degrees, sightings::Sightings, summary::Summary,
 };
 use site::{CameraNode, Frame, Network};
-use virtual_bench::{
-    executor::Time,
-    medium::{Medium, Reason},
-};
+use virtual_bench::{executor::Time, medium::Reason};
 
 /// Preamble, start of frame and length.
 const PHY_HEADER: u64 = 6;
@@ -137,7 +134,7 @@ pub(super) fn record(simulation: &Simulation, wall_seconds: f64) -> RunRecord {
         targets,
         sightings: measured,
         obstacles,
-        radio: Some(radio(&simulation.medium, sim_seconds)),
+        radio: Some(radio(simulation, sim_seconds)),
         sim_seconds,
         wall_seconds: Some(wall_seconds),
     }
@@ -307,8 +304,8 @@ fn with_traffic(simulation: &Simulation, mut node: Node) -> Node {
     node
 }
 
-fn radio(medium: &Medium, seconds: f64) -> Radio {
-    let totals = medium.totals();
+fn radio(simulation: &Simulation, seconds: f64) -> Radio {
+    let totals = simulation.medium.totals();
     Radio {
         frames: totals.frames,
         bytes: totals.bytes + PHY_HEADER * totals.frames,
@@ -322,6 +319,7 @@ fn radio(medium: &Medium, seconds: f64) -> Radio {
             true => totals.airtime as f64 * 1e-9 / seconds,
             false => 0.0,
         },
+        attack: simulation.attacker.told(&simulation.scenario, seconds),
     }
 }
 

@@ -102,6 +102,7 @@ fn tiny() -> RunRecord {
             bytes: 420,
             drops: [("collision".to_owned(), 1)].into(),
             airtime_share: 0.25,
+            attack: None,
         }),
         sim_seconds: 100.5,
         wall_seconds: Some(0.125),

@@ -120,6 +120,7 @@ impl Sample {
                 bytes: nodes.iter().filter_map(|n| n.bytes_sent).sum(),
                 drops: [("collision".to_owned(), 2), ("loss".to_owned(), 5)].into(),
                 airtime_share: 0.0031,
+                attack: None,
             }),
             nodes,
             targets: vec![Target {

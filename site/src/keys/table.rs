@@ -254,6 +254,10 @@ pub const KEYS: &[Key] = &[
     key("event[].action.replay", Table, Is(""), Rehearsal, "Frames that a node sent are heard again."),
     key("event[].action.replay.node", ANY_NODE, Needed, Rehearsal, "Whose."),
     key("event[].action.replay.last_s", DURATION, Needed, Rehearsal, "Those of this time before."),
+    key("event[].action.forge", Table, Is(""), Rehearsal, "Somebody without the key, beside the first network's coordinator, sends frames."),
+    key("event[].action.forge.frames", Choice(&["random", "flipped", "broadcast", "beacon"]), Needed, Rehearsal, "What is in them: random bytes; the last frame heard with one to three wrong bits; the last secured broadcast with a later counter and random contents; the last beacon from another coordinator."),
+    key("event[].action.forge.every_s", Number(0.005, 1e7, " seconds"), Needed, Rehearsal, "One in this time."),
+    key("event[].action.forge.for_s", DURATION, Needed, Rehearsal, "For how long."),
 
     key("grid.nodes", Whole(2.0, 20_000.0, ""), Is("52"), Rehearsal, "Cameras in all."),
     key("grid.cell_nodes", Whole(2.0, 98.0, ": a network has 100 members at most, and a target joins too"), Is("13"), Rehearsal, "Cameras of a cell; each cell is a network."),
