@@ -286,6 +286,9 @@ fn a_camera_that_lost_its_power_is_started_up_again() {
         node.seen();
         let now = node.bench.now.get();
         node.bench.camera.borrow_mut().brown_out(now, quietly);
+        let (looked, _) = node.look(Subject::Colour(ORANGE));
+        assert_eq!(looked, Err(VisionError::Restarted));
+        wait(node.sight.start_up()).unwrap();
         let seen = node.seen();
         assert!((f64::from(seen.bearing.to_degrees()) - 4.0).abs() < 0.4);
     }

@@ -3,36 +3,36 @@
 
 use node_firmware::hardware::FlashLayout;
 
-/// What is the node's own in the flash of the nRF52840: its last fifteen pages of 4 KiB. `memory.x`
+/// What is the node's own in the flash of the nRF52840: its last nineteen pages of 4 KiB. `memory.x`
 /// keeps images out of them.
 ///
 /// | address | bytes | what |
 /// |---|---|---|
-/// | 0x000f1000 | 40 KiB | what the role must not forget |
+/// | 0x000ed000 | 56 KiB | what the role must not forget |
 /// | 0x000fb000 | 16 KiB | what the link must not forget |
 /// | 0x000ff000 | 4 KiB | the configuration page, written by a programmer |
 pub const NRF52840: Regions = Regions {
     start: 0,
     layout: FlashLayout {
-        facts: 0x000f_1000..0x000f_b000,
+        facts: 0x000e_d000..0x000f_b000,
         link: 0x000f_b000..0x000f_f000,
     },
     config: 0x000f_f000,
     end: 0x0010_0000,
 };
 
-/// What is the node's own in the flash of the STM32L476RG: its last 29 pages of 2 KiB. The
+/// What is the node's own in the flash of the STM32L476RG: its last 37 pages of 2 KiB. The
 /// `memory.x` of the board keeps images out of them, and out of their bank.
 ///
 /// | address | bytes | what |
 /// |---|---|---|
-/// | 0x080f1800 | 40 KiB | what the role must not forget |
+/// | 0x080ed800 | 56 KiB | what the role must not forget |
 /// | 0x080fb800 | 16 KiB | what the link must not forget |
 /// | 0x080ff800 | 2 KiB | the configuration page, written by a programmer |
 pub const STM32L476RG: Regions = Regions {
     start: 0x0800_0000,
     layout: FlashLayout {
-        facts: 0x000f_1800..0x000f_b800,
+        facts: 0x000e_d800..0x000f_b800,
         link: 0x000f_b800..0x000f_f800,
     },
     config: 0x000f_f800,
@@ -124,9 +124,9 @@ mod tests {
             assert_eq!((facts.end, link.end), (link.start, regions.config));
             assert_eq!((regions.config + page, regions.end), (1 << 20, 1 << 20));
         }
-        assert_eq!(NRF52840.memory(), (0x000f_1000, 0xe000));
+        assert_eq!(NRF52840.memory(), (0x000e_d000, 0x1_2000));
         assert_eq!(NRF52840.config_address(), 0x000f_f000);
-        assert_eq!(STM32L476RG.memory(), (0x080f_1800, 0xe000));
+        assert_eq!(STM32L476RG.memory(), (0x080e_d800, 0x1_2000));
         assert_eq!(STM32L476RG.config_address(), 0x080f_f800);
     }
 }

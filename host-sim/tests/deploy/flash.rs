@@ -19,7 +19,7 @@ esac
 "#;
 
 /// Where images end at the latest.
-const IMAGE_END: u32 = 0x000f_1000;
+const IMAGE_END: u32 = 0x000e_d000;
 
 fn place() -> Place {
     let place = Place::with_key();
@@ -132,7 +132,7 @@ fn image_page_and_reset() {
     assert_eq!(calls(&place), [LOOK, IMAGE, PAGE, RESET]);
 }
 
-/// Its flash is elsewhere, and so are its pages: 0x080f1800 to 0x080fffff.
+/// Its flash is elsewhere, and so are its pages: 0x080ed800 to 0x080fffff.
 #[test]
 fn another_board() {
     let place = place();
@@ -150,7 +150,7 @@ fn another_board() {
     fs::write(place.path("image.elf"), elf(0x0800_0000, 0x080f_1801)).unwrap();
     place.run(&words).fails("into the pages of the node");
     assert!(calls(&place).is_empty());
-    fs::write(place.path("image.elf"), elf(0x0800_0000, 0x080f_1800)).unwrap();
+    fs::write(place.path("image.elf"), elf(0x0800_0000, 0x080e_d800)).unwrap();
     place.run(&words[..4]).ok();
     place.run(&words).ok();
     let image = format!("download {chip} --verify --binary-format elf image.elf");
@@ -163,7 +163,7 @@ fn another_board() {
     let expected = [&look, &image, &page, &reset, &image, &page, &reset];
     assert_eq!(calls, expected.map(String::clone));
     let (start, file) = erase.rsplit_once(' ').unwrap();
-    assert_eq!(start, format!("{bytes} 0x080f1800"));
+    assert_eq!(start, format!("{bytes} 0x080ed800"));
     assert!(file.ends_with("image.erased.bin"), "{file}");
     assert!(fs::read(place.path(file)).unwrap() == vec![0xFF; 0xE000]);
 }
@@ -180,7 +180,7 @@ fn an_image_alone_for_one_of_several_probes() {
     assert_eq!(calls(&place), expected);
 }
 
-/// 0x000f1000 to 0x000fefff.
+/// 0x000ed000 to 0x000fefff.
 #[test]
 fn the_memory_is_erased_last() {
     let place = place();
@@ -195,7 +195,7 @@ fn the_memory_is_erased_last() {
     let (start, file) = erase.rsplit_once(' ').unwrap();
     assert_eq!(
         start,
-        "download --chip nRF52840_xxAA --verify --binary-format bin --base-address 0x000f1000"
+        "download --chip nRF52840_xxAA --verify --binary-format bin --base-address 0x000ed000"
     );
     assert!(fs::read(place.path(file)).unwrap() == vec![0xFF; 0xE000]);
 }

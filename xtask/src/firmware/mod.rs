@@ -80,7 +80,7 @@ const BOARDS: [Board; 3] = [
             aim: [96 << 10, 48 << 10, 8 << 10],
         }),
     },
-    // It has memory in plenty, 56 KiB of it as flash.
+    // It has memory in plenty, 72 KiB of it as flash.
     Board {
         package: "mps2-an386",
         budget: None,

@@ -233,6 +233,7 @@ fn a_pc_that_asks_is_told_everything() {
             [
                 Output::Task(CoordinatorTask::TellNetwork),
                 Output::Task(CoordinatorTask::TellKeyChange),
+                Output::Task(CoordinatorTask::TellConflict),
                 Output::Task(CoordinatorTask::Tell(ToPc::Member { address: 4, .. })),
                 Output::Task(CoordinatorTask::Tell(ToPc::Member { address: 9, .. })),
             ]
