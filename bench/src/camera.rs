@@ -3,7 +3,7 @@
 use std::time::Instant;
 
 use anyhow::Context;
-use cmucam2_emulator::measure::{PacketForm, corruption, highest_rate, track_for};
+use cmucam2_line::measure::{PacketForm, corruption, highest_rate, track_for};
 
 use crate::figure::{Goal, Sheet};
 

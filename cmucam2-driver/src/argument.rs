@@ -7,8 +7,6 @@ use core::fmt;
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 #[non_exhaustive]
 pub enum ArgumentError {
-    /// A colour level outside `16..=240`.
-    Level,
     /// A lower bound above its upper bound.
     BoundsOrder,
     /// A channel other than 0 (red), 1 (green) or 2 (blue).
@@ -34,7 +32,6 @@ pub enum ArgumentError {
 impl fmt::Display for ArgumentError {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.write_str(match self {
-            Self::Level => "a colour level must be 16 to 240",
             Self::BoundsOrder => "a lower bound must not exceed its upper bound",
             Self::Channel => "a channel must be 0 (red), 1 (green) or 2 (blue)",
             Self::WindowOrder => "a window must have its first corner above and left of its second",

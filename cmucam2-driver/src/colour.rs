@@ -2,9 +2,9 @@
 
 use crate::argument::ArgumentError;
 
-/// The lowest level a channel has (thesis 3.2.2).
+/// The lowest level a pixel has (thesis 3.2.2); bounds may be lower.
 pub const LEVEL_MIN: u8 = 16;
-/// The highest level a channel has (thesis 3.2.2).
+/// The highest level a pixel has (thesis 3.2.2); bounds may be higher.
 pub const LEVEL_MAX: u8 = 240;
 
 /// One of the three colour channels. In YCrCb mode they carry Cr, Y and Cb.
@@ -55,7 +55,8 @@ pub struct Colour {
     pub blue: u8,
 }
 
-/// The levels of one channel that count as the target: `16 <= min <= max <= 240`.
+/// The levels of one channel that count as the target: `min <= max`, 0 to 255 as the camera takes
+/// them, although no pixel is below 16 or above 240.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct LevelRange {
@@ -64,19 +65,15 @@ pub struct LevelRange {
 }
 
 impl LevelRange {
-    /// Every level there is: 16 to 240.
+    /// Every level that a pixel has: 16 to 240.
     pub const ALL: Self = Self {
         min: LEVEL_MIN,
         max: LEVEL_MAX,
     };
 
     /// # Errors
-    /// A level outside `16..=240`, or `min` above `max`, for which the camera's behaviour is
-    /// not known.
+    /// `min` above `max`: cameras accept that, and what they track then is not known.
     pub const fn new(min: u8, max: u8) -> Result<Self, ArgumentError> {
-        if min < LEVEL_MIN || min > LEVEL_MAX || max < LEVEL_MIN || max > LEVEL_MAX {
-            return Err(ArgumentError::Level);
-        }
         if min > max {
             return Err(ArgumentError::BoundsOrder);
         }
@@ -115,7 +112,7 @@ pub struct ColourBounds {
 }
 
 impl ColourBounds {
-    /// Every colour there is: 16 to 240 in each channel.
+    /// Every colour that a pixel has: 16 to 240 in each channel.
     pub const ALL: Self = Self {
         red: LevelRange::ALL,
         green: LevelRange::ALL,
@@ -177,10 +174,9 @@ mod tests {
 
     #[test]
     fn what_the_camera_has_no_meaning_for_cannot_be_made() {
-        assert_eq!(LevelRange::new(15, 100), Err(ArgumentError::Level));
-        assert_eq!(LevelRange::new(16, 241), Err(ArgumentError::Level));
         assert_eq!(LevelRange::new(101, 100), Err(ArgumentError::BoundsOrder));
         assert!(LevelRange::new(100, 100).is_ok());
+        assert!(LevelRange::new(0, 255).is_ok());
         assert_eq!(
             ColourBounds::new([16, 240, 90, 80, 16, 240]),
             Err(ArgumentError::BoundsOrder)

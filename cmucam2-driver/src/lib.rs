@@ -4,7 +4,7 @@
 //!
 //! | layer | modules | what it knows |
 //! |---|---|---|
-//! | words | [`command`], [`packet`], [`colour`], [`geometry`], [`register`], [`servo`] | commands and packets as types, encoded and decoded in both directions, so that an emulator can use them too |
+//! | words | [`command`], [`packet`], [`colour`], [`geometry`], [`register`], [`servo`] | commands and packets as types, encoded and decoded in both directions; they refuse what the wire would take and no camera has a meaning for |
 //! | bytes | [`parser`] | one byte at a time to events; resynchronises after garbage and counts what it dropped |
 //! | dialogue | [`session`], [`device`] | time-outs, retries, stopping a stream, modes that survive a restart of the camera |
 //!

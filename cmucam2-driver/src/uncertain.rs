@@ -21,6 +21,7 @@
 //! | whether the prompt follows `ACK` before sleep | both |
 //! | whether `UD` answers `ACK` before or after its 64 bytes | both |
 //! | the number of histogram bins that `HC` selects | 1 to 28 once it was sent, 28 before |
+//! | whether `LM 1` says after `FE` how many rows follow | both, see [`means_are_counted`]; a first image may be lost |
 //! | raw S packets, H packets and values | as raw T packets: 255, letter and bytes; for values no letter |
 
 use crate::{
@@ -35,6 +36,16 @@ pub const fn sensor_of_module(module: u8) -> Option<Sensor> {
         6 => Some(Sensor::Ov6620),
         7 => Some(Sensor::Ov7620),
         _ => None,
+    }
+}
+
+/// Whether the first byte of the means of rows is their number, and not a level. `known`: what the
+/// image before has shown by its length. Before that, the height of the frame is taken for itself.
+pub const fn means_are_counted(first: u8, frame: Size, known: Option<bool>) -> bool {
+    match known {
+        Some(known) => known,
+        None if frame.height == Size::LARGEST.height => matches!(first, 143 | 239 | 255),
+        None => first == frame.height,
     }
 }
 

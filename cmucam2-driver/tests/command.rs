@@ -167,7 +167,6 @@ fn what_the_camera_refuses() {
         ("PS 256", Err(CommandError::Number)),
         ("PS 0000", Err(CommandError::Number)),
         ("PM 2", argument(ArgumentError::Switch)),
-        ("TC 15 240 16 240 16 240", argument(ArgumentError::Level)),
         (
             "ST 50 40 16 240 16 240",
             argument(ArgumentError::BoundsOrder),

@@ -82,7 +82,8 @@ both! {
             script = script.on("NF 3\r", "NCK\r:");
         }
         let (mut cam, line) = script.camera();
-        assert_eq!(D::drive(cam.noise_filter(3)), camera(Fault::Refused));
+        let refused = Fault::Refused { command: *b"NF" };
+        assert_eq!(D::drive(cam.noise_filter(3)), camera(refused));
         line.assert_finished();
         line.unplug();
         assert_eq!(D::drive(cam.noise_filter(3)), camera(Fault::Silence));
@@ -166,7 +167,9 @@ both! {
             let (mut cam, line) = script.camera();
             D::drive(cam.poll_mode(poll)).unwrap();
             D::drive(cam.track_colour(orange())).unwrap();
-            assert_eq!(D::drive(cam.track_colour(other())), camera(Fault::Refused));
+            let command = *refused.as_bytes().first_chunk().unwrap();
+            let fault = camera(Fault::Refused { command });
+            assert_eq!(D::drive(cam.track_colour(other())), fault);
             let next = D::drive(cam.next_tracking()).map(|_| ());
             assert_eq!(next, camera(Fault::NotStreaming));
             line.assert_finished();

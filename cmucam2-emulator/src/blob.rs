@@ -1,11 +1,7 @@
 //! What is tracked: pixels within bounds, gathered to one blob.
 
-use cmucam2_driver::{
-    colour::{Colour, ColourBounds},
-    packet::{BoundingBox, Tracking},
-};
-
 use super::{
+    colour::{Bounds, Colour},
     tracked::Tracked,
     view::{Region, View},
 };
@@ -13,8 +9,7 @@ use super::{
 /// Which pixels count.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Filter {
-    /// `None`: no colour is within.
-    pub(super) bounds: Option<ColourBounds>,
+    pub(super) bounds: Bounds,
     /// Those outside count instead.
     pub(super) invert: bool,
     /// How many side by side it takes.
@@ -25,7 +20,7 @@ pub(super) struct Filter {
 
 impl Filter {
     pub(super) fn accepts(&self, colour: Colour) -> bool {
-        self.bounds.is_some_and(|bounds| bounds.contains(colour)) != self.invert
+        self.bounds.contains(colour) != self.invert
     }
 }
 
@@ -35,7 +30,8 @@ pub(super) struct Blob {
     count: u32,
     sum_x: u32,
     sum_y: u32,
-    limits: Option<BoundingBox>,
+    /// Least column and row, greatest column and row.
+    limits: Option<[u8; 4]>,
 }
 
 impl Blob {
@@ -44,18 +40,8 @@ impl Blob {
         self.count += pixels;
         self.sum_x += (u32::from(first) + u32::from(last)) * pixels / 2;
         self.sum_y += u32::from(y) * pixels;
-        let row = BoundingBox {
-            x1: first,
-            y1: y,
-            x2: last,
-            y2: y,
-        };
-        self.limits = Some(self.limits.map_or(row, |limits| BoundingBox {
-            x1: limits.x1.min(first),
-            y1: limits.y1.min(y),
-            x2: limits.x2.max(last),
-            y2: limits.y2.max(y),
-        }));
+        let [x1, y1, x2, y2] = self.limits.unwrap_or([first, y, last, y]);
+        self.limits = Some([x1.min(first), y1.min(y), x2.max(last), y2.max(y)]);
     }
 
     /// The blob of a region.
@@ -87,23 +73,25 @@ impl Blob {
         })
     }
 
-    /// The packet, with columns and rows counted from `(x, y)` as number `origin`.
-    pub(super) fn packet(&self, (x, y): (u8, u8), origin: u8, pixels: u8) -> Tracking {
-        let (Some((mx, my)), Some(limits)) = (self.middle(), self.limits) else {
-            return Tracking::LOST;
+    /// The eight numbers of its packet, all zero without a pixel; columns and rows count from
+    /// `(x, y)` as number `origin`.
+    pub(super) fn numbers(&self, (x, y): (u8, u8), origin: u8, pixels: u8) -> [u8; 8] {
+        let (Some((mx, my)), Some([x1, y1, x2, y2])) = (self.middle(), self.limits) else {
+            return [0; 8];
         };
         let across = |column: u8| column - x + origin;
         let down = |row: u8| row - y + origin;
-        Tracking::new([
+        let area = (u32::from(x2 - x1) + 1) * (u32::from(y2 - y1) + 1);
+        [
             across(mx),
             down(my),
-            across(limits.x1),
-            down(limits.y1),
-            across(limits.x2),
-            down(limits.y2),
+            across(x1),
+            down(y1),
+            across(x2),
+            down(y2),
             pixels,
-            confidence(self.count, limits.area()),
-        ])
+            confidence(self.count, area),
+        ]
     }
 }
 

@@ -1,7 +1,5 @@
 //! Frame differencing: a grid of block means against a reference (thesis 2.5).
 
-use cmucam2_driver::colour::{Colour, ColourChannel};
-
 use super::{
     blob::Blob,
     view::{Region, View},
@@ -30,7 +28,7 @@ impl Grid {
     }
 
     /// The blocks of a region. A block without a pixel of its own is dark.
-    pub(super) fn of(view: &View<'_>, region: Region, channel: ColourChannel, fine: bool) -> Self {
+    pub(super) fn of(view: &View<'_>, region: Region, channel: u8, fine: bool) -> Self {
         let mut grid = Self::dark(fine);
         let mut sums = vec![(0_u32, 0_u32); grid.means.len()];
         let mut pixels = Vec::new();
@@ -41,7 +39,7 @@ impl Grid {
                     grid.block(x, region.width()),
                     grid.block(y - region.y1, region.height()),
                 );
-                sums[block].0 += u32::from(level(*colour, channel));
+                sums[block].0 += u32::from(colour.levels()[usize::from(channel)]);
                 sums[block].1 += 1;
             }
         }
@@ -86,6 +84,28 @@ impl Grid {
             .collect()
     }
 
+    /// How much each block differs from another grid; nothing is known of grids of different
+    /// resolution.
+    pub(super) fn deltas(&self, other: &Self) -> Vec<u8> {
+        let same = self.side == other.side;
+        self.means
+            .iter()
+            .enumerate()
+            .map(|(block, mean)| {
+                if same {
+                    mean.abs_diff(other.means[block])
+                } else {
+                    *mean
+                }
+            })
+            .collect()
+    }
+
+    /// Blocks across, and down.
+    pub(super) fn side(&self) -> u8 {
+        self.side
+    }
+
     /// The blob of the blocks that differ and are not masked.
     pub(super) fn blob(&self, reference: &Self, masked: &[bool], threshold: u8) -> Blob {
         let differing = self.differing(reference, threshold);
@@ -100,13 +120,5 @@ impl Grid {
             }
         }
         blob
-    }
-}
-
-pub(super) fn level(colour: Colour, channel: ColourChannel) -> u8 {
-    match channel {
-        ColourChannel::Red => colour.red,
-        ColourChannel::Green => colour.green,
-        ColourChannel::Blue => colour.blue,
     }
 }

@@ -7,15 +7,16 @@ mod talk;
 
 use std::collections::VecDeque;
 
-use cmucam2_driver::{colour::ColourChannel, command::Command, geometry::Sensor, packet::Packet};
-
 use super::{
+    command::{Command, RawInput},
     differencing::Grid,
     faults::{FaultRates, Faults},
     framing::Framing,
     light::Light,
     modes::Modes,
+    packet::Packet,
     scene::Scene,
+    sensor::Sensor,
     switches::Switches,
     view::Snapshot,
     wire::Wire,
@@ -25,8 +26,8 @@ use super::{
 pub type Time = u64;
 
 const MILLISECOND: Time = 1_000_000;
-/// How long a reset takes: 0.5 to 1 s.
-const BOOT: Time = 700 * MILLISECOND;
+/// The unit of the switch that says how long a reset takes.
+const BOOT_UNIT: Time = 100 * MILLISECOND;
 /// How long a camera is silent that falls silent.
 const SILENCE: Time = 3_000 * MILLISECOND;
 
@@ -99,7 +100,7 @@ enum Source {
     Colour,
     Difference(u8),
     Mean,
-    Histogram(ColourChannel),
+    Histogram(u8),
 }
 
 #[derive(Clone, Copy, Debug)]
@@ -109,8 +110,8 @@ struct Stream {
     next_at: Time,
     /// One packet, then the prompt.
     single: bool,
-    /// The colour in the middle is to be learned first.
-    learn: bool,
+    /// The colour in the middle is to be learned first, give or take so much.
+    learn: Option<u8>,
     /// The last packet was empty; nothing is known before the first.
     lost: Option<bool>,
 }
@@ -118,7 +119,7 @@ struct Stream {
 #[derive(Clone, Debug)]
 struct Dump {
     snapshot: Snapshot,
-    channel: Option<ColourChannel>,
+    channel: Option<u8>,
     /// The row to be sent next; `None` before the header.
     row: Option<u8>,
     next_at: Time,
@@ -136,6 +137,8 @@ enum Activity {
         at: Time,
         /// It does not say so.
         quietly: bool,
+        /// What came meanwhile.
+        early: Vec<u8>,
     },
     Silent {
         until: Time,
@@ -167,6 +170,7 @@ pub struct Emulator {
     to_host: Option<Framing>,
     from_host: Option<Framing>,
     line: Vec<u8>,
+    raw_input: RawInput,
     activity: Activity,
     /// The earliest time at which an answer can begin.
     answer_at: Time,
@@ -190,6 +194,7 @@ impl Emulator {
             to_host: None,
             from_host: None,
             line: Vec::new(),
+            raw_input: RawInput::default(),
             activity: Activity::Command,
             answer_at: 0,
             held: None,
@@ -272,8 +277,9 @@ impl Emulator {
     fn restart(&mut self, now: Time, quietly: bool) {
         self.forget(now);
         self.activity = Activity::Boot {
-            at: now + BOOT,
+            at: now + BOOT_UNIT * Time::from(self.switches().boot_time),
             quietly,
+            early: Vec::new(),
         };
     }
 
@@ -295,6 +301,7 @@ impl Emulator {
         self.modes = Modes::new(self.configuration.sensor);
         self.light = Light::new(now);
         self.line.clear();
+        self.raw_input.clear();
         self.held = None;
         self.reference = Grid::dark(false);
         self.masked.clear();
@@ -380,10 +387,24 @@ impl Emulator {
                 continue;
             }
             match self.activity {
-                Activity::Boot { quietly, .. } => self.started(at, quietly),
+                Activity::Boot {
+                    quietly,
+                    ref mut early,
+                    ..
+                } => {
+                    let early = std::mem::take(early);
+                    self.started(at, quietly);
+                    for byte in early {
+                        // A reset among them drops the rest.
+                        if !matches!(self.activity, Activity::Boot { .. }) {
+                            self.hear(byte, at);
+                        }
+                    }
+                }
                 Activity::Waking { .. } => self.woken(at),
                 Activity::Silent { .. } => {
                     self.line.clear();
+                    self.raw_input.clear();
                     self.activity = Activity::Command;
                 }
                 Activity::Stream(stream) => self.next_packet(stream),

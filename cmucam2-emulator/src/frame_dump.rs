@@ -1,23 +1,19 @@
 //! Binary rows: whole frames, and those of the line modes.
 
-use cmucam2_driver::{
-    colour::{Colour, ColourChannel},
-    packet::Statistics,
-};
-
 use super::{
     blob::{self, Filter},
-    differencing::level,
-    statistics::Levels,
+    colour::Colour,
+    differencing::Grid,
+    statistics::{Levels, Statistics},
     tracked::Tracked,
     view::{Region, View},
 };
 
 const FRAME: u8 = 0x01;
 const ROW: u8 = 0x02;
-const END: u8 = 0x03;
 const BITMAP: u8 = 0xAA;
 const LINES: u8 = 0xFE;
+const DELTAS: u8 = 0xFC;
 const LINES_END: u8 = 0xFD;
 
 /// What a frame begins with.
@@ -26,29 +22,30 @@ pub(super) fn header(region: Region) -> [u8; 3] {
 }
 
 /// What a frame ends with.
-pub(super) fn end(mark: bool) -> &'static [u8] {
-    if mark { &[ROW, END] } else { &[END] }
-}
+pub(super) const END: u8 = 0x03;
 
 /// One row of a frame.
 pub(super) fn row(
     view: &View<'_>,
     region: Region,
     y: u8,
-    channel: Option<ColourChannel>,
-    mark: bool,
+    channel: Option<u8>,
+    [mark_before, mark_after]: [bool; 2],
 ) -> Vec<u8> {
     let mut pixels = Vec::new();
     view.row(y, region.x1, region.x2, &mut pixels);
     let mut bytes = Vec::with_capacity(1 + 3 * pixels.len());
-    if mark {
+    if mark_before {
         bytes.push(ROW);
     }
-    for Colour { red, green, blue } in pixels {
+    for levels in pixels.into_iter().map(Colour::levels) {
         match channel {
-            None => bytes.extend([red, green, blue]),
-            Some(channel) => bytes.push(level(Colour { red, green, blue }, channel)),
+            None => bytes.extend(levels),
+            Some(channel) => bytes.push(levels[usize::from(channel)]),
         }
+    }
+    if mark_after {
+        bytes.push(ROW);
     }
     bytes
 }
@@ -107,9 +104,18 @@ pub(super) fn rows(
     all
 }
 
-/// Mean colour of each row, and perhaps its deviation: `FE`, three or six bytes each, `FD`.
-pub(super) fn means(view: &View<'_>, region: Region, deviations: bool) -> Vec<Vec<u8>> {
+/// Mean colour of each row, and perhaps its deviation: `FE`, perhaps the number of rows, three or
+/// six bytes each, `FD`.
+pub(super) fn means(
+    view: &View<'_>,
+    region: Region,
+    deviations: bool,
+    height: bool,
+) -> Vec<Vec<u8>> {
     let mut all = vec![vec![LINES]];
+    if height {
+        all.push(vec![region.height()]);
+    }
     let mut pixels = Vec::new();
     for y in region.y1..=region.y2 {
         view.row(y, region.x1, region.x2, &mut pixels);
@@ -122,12 +128,37 @@ pub(super) fn means(view: &View<'_>, region: Region, deviations: bool) -> Vec<Ve
 }
 
 fn numbers(statistics: &Statistics, deviations: bool) -> Vec<u8> {
-    [
-        statistics.mean(),
-        statistics.deviation().filter(|_| deviations),
-    ]
-    .into_iter()
-    .flatten()
-    .flat_map(|Colour { red, green, blue }| [red, green, blue])
-    .collect()
+    let mut numbers = statistics.mean.levels().to_vec();
+    if deviations {
+        numbers.extend(statistics.deviation.levels());
+    }
+    numbers
+}
+
+/// Which blocks differ: `AA w h`, a bit for each, `AA AA`.
+pub(super) fn difference_bitmap(side: u8, differing: &[bool]) -> Vec<Vec<u8>> {
+    let mut all = vec![vec![BITMAP, side, side]];
+    for row in differing.chunks(usize::from(side)) {
+        let bits = row.chunks(8).map(|blocks| {
+            blocks
+                .iter()
+                .enumerate()
+                .fold(0, |byte, (place, &differs)| {
+                    byte | u8::from(differs) << (7 - place)
+                })
+        });
+        all.push(bits.collect());
+    }
+    all.push(vec![BITMAP, BITMAP]);
+    all
+}
+
+/// How much each block differs: `FC w h`, a byte for each, `FD`.
+pub(super) fn deltas(now: &Grid, reference: &Grid) -> Vec<Vec<u8>> {
+    let side = now.side();
+    let mut all = vec![vec![DELTAS, side, side]];
+    let deltas = now.deltas(reference);
+    all.extend(deltas.chunks(usize::from(side)).map(<[u8]>::to_vec));
+    all.push(vec![LINES_END]);
+    all
 }

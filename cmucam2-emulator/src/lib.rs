@@ -6,7 +6,8 @@
 //! simulated networks run it in virtual time. The same configuration, scene and input give the
 //! same bytes.
 //!
-//! Commands and packets are those of `cmucam2-driver`. What the camera sees is a [`Scene`], of
+//! It reads commands and writes packets by itself, from the manual and from what public programs
+//! send and expect, and shares no code with a driver. What the camera sees is a [`Scene`], of
 //! which only those pixels are computed that a command needs. What public sources leave open is
 //! one of [`Switches`] each, and what goes wrong one of [`FaultRates`].
 //!
@@ -47,14 +48,17 @@
 //! - `HR` and `DS` set the virtual window back to the whole frame.
 //! - A new `MD` replaces the mask of the one before; `LF` keeps it. A change of `HD` loses reference
 //!   and mask.
-//! - Bytes that come while the camera starts, wakes or fills an upload are not commands. A line
-//!   feed is ignored.
+//! - Bytes that come while the camera wakes or fills an upload are not commands. A line feed and a
+//!   zero byte are ignored.
 //! - A window makes the sensor at most eight times as fast.
-//! - Raw input (`RM 4`): its format is not known; the camera obeys nothing until its power is
-//!   cycled.
+//! - Raw input (`RM 4`): two letters, a count and so many bytes, as programs for it send it; a
+//!   carriage return where a command could begin is one. A count above ten is refused at once.
+//! - `LM 2 3` is accepted and changes nothing.
 //! - A high-resolution frame shows the upper 255 of 286 rows.
 
 mod blob;
+mod colour;
+mod command;
 mod differencing;
 mod emulator;
 mod faults;
@@ -62,12 +66,12 @@ mod frame_dump;
 mod framing;
 mod lens;
 mod light;
-mod link;
-pub mod measure;
 mod modes;
 mod noise;
+mod packet;
 mod scene;
 mod scene_file;
+mod sensor;
 mod settings;
 mod statistics;
 mod switches;
@@ -75,14 +79,17 @@ mod tracked;
 mod view;
 mod wire;
 
+pub use colour::Colour;
+pub use command::Command;
 pub use emulator::{Configuration, Emulator, Note, Time};
 pub use faults::FaultRates;
 pub use lens::{Lens, Pose};
 pub use light::{Light, daylight};
-pub use link::Link;
 pub use modes::{Modes, ServoPin};
+pub use packet::Packet;
 pub use scene::{Background, Extent, Form, Object, Place, Rgb, Scene, Shape, Way};
 pub use scene_file::SceneError;
+pub use sensor::{Sensor, Size};
 pub use settings::{Setting, SettingError};
 pub use switches::Switches;
 pub use view::Region;

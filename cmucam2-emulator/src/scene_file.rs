@@ -36,12 +36,12 @@
 
 use std::fmt;
 
-use cmucam2_driver::geometry::{Sensor, Size};
 use serde::Deserialize;
 
 use super::{
     lens::{Lens, Pose},
     scene::{Background, Form, Object, Place, Rgb, Scene, Shape, Way},
+    sensor::{Sensor, Size},
 };
 
 /// Why a scene file cannot be used.

@@ -1,18 +1,21 @@
 //! Mean colour, its deviation, and histograms.
 
-use cmucam2_driver::{
-    colour::{Colour, ColourChannel, LEVEL_MAX, LEVEL_MIN},
-    packet::{BINS_MAX, Histogram, Statistics},
-};
-
 use super::{
     blob::Filter,
+    colour::{Colour, LEVEL_MAX, LEVEL_MIN},
     tracked::Tracked,
     view::{Region, View},
 };
 
-/// Bins of a histogram after a reset.
-pub(super) const BINS: u8 = BINS_MAX as u8;
+/// Bins of a histogram after a reset, and at most.
+pub(super) const BINS: u8 = 28;
+
+/// The mean colour and its mean absolute deviation.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) struct Statistics {
+    pub(super) mean: Colour,
+    pub(super) deviation: Colour,
+}
 
 const LEVELS: usize = (LEVEL_MAX - LEVEL_MIN) as usize + 1;
 
@@ -56,11 +59,7 @@ impl Levels {
     }
 
     pub(super) fn add(&mut self, colour: Colour) {
-        for (counts, level) in self
-            .counts
-            .iter_mut()
-            .zip([colour.red, colour.green, colour.blue])
-        {
+        for (counts, level) in self.counts.iter_mut().zip(colour.levels()) {
             counts[usize::from(level - LEVEL_MIN)] += 1;
         }
     }
@@ -88,32 +87,24 @@ impl Levels {
 
     pub(super) fn statistics(&self) -> Statistics {
         let [red, green, blue] = self.counts.each_ref().map(Self::mean_and_deviation);
-        Statistics::new(
-            Colour {
-                red: red.0,
-                green: green.0,
-                blue: blue.0,
-            },
-            Colour {
-                red: red.1,
-                green: green.1,
-                blue: blue.1,
-            },
-        )
+        Statistics {
+            mean: [red.0, green.0, blue.0].into(),
+            deviation: [red.1, green.1, blue.1].into(),
+        }
     }
 
     /// Each of `bins` equal bins from level 16 to 240 holds its share of the pixels in 1/256,
     /// doubled `scale` times, at most 255.
-    pub(super) fn histogram(&self, channel: ColourChannel, bins: u8, scale: u8) -> Histogram {
-        let counts = &self.counts[usize::from(channel.number())];
+    pub(super) fn histogram(&self, channel: u8, bins: u8, scale: u8) -> Vec<u8> {
+        let counts = &self.counts[usize::from(channel)];
         let total = u64::from(counts.iter().sum::<u32>()).max(1);
         let bins = usize::from(bins.clamp(1, BINS));
-        let mut sums = [0_u64; BINS_MAX];
+        let mut sums = [0_u64; BINS as usize];
         for (level, &count) in counts.iter().enumerate() {
             // The greatest level belongs to the last bin.
             sums[(level * bins / (LEVELS - 1)).min(bins - 1)] += u64::from(count);
         }
         let scaled = sums.map(|sum| (((sum * 256) << scale.min(8)) / total).min(255) as u8);
-        Histogram::new(&scaled[..bins]).expect("1 to 28 bins")
+        scaled[..bins].to_vec()
     }
 }

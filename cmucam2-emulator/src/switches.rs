@@ -5,15 +5,15 @@ use super::settings::settings;
 settings! {
     /// The variants of a camera, as far as public sources leave them open.
     ///
-    /// The defaults are what most sources say. The driver is to understand every position; its own
-    /// list is [`cmucam2_driver::uncertain`].
+    /// The defaults are what most sources say, and what public programs need. The driver is to
+    /// understand every position; its own list is `cmucam2_driver::uncertain`.
     pub struct Switches of u8 {
         /// Number of the first column, row and block
         origin = 1, up to 1;
         /// T coordinates count from 0 the frame, 1 the virtual window
         window_relative = 0, up to 1;
         /// Columns of a frame in low resolution: 0 as written, 1 one less
-        narrow = 0, up to 1;
+        narrow = 1, up to 1;
         /// The banner says 0 v1.00, 1 v1.01, 2 v1.0
         version = 0, up to 2;
         /// The module number in the banner: 0 c6 is the OV6620 and c7 the OV7620, 1 the other way
@@ -26,7 +26,7 @@ settings! {
         /// GT answers 0 in pairs as ST takes them, 1 all lower bounds first
         bounds_order = 0, up to 1;
         /// A lower bound above its upper one is 0 refused, 1 accepted and nothing is tracked
-        inverted_bounds = 0, up to 1;
+        inverted_bounds = 1, up to 1;
         /// TW sends an S packet first: 0 no, 1 yes
         window_mean = 1, up to 1;
         /// GH sends 0 one packet, 1 a stream
@@ -42,9 +42,15 @@ settings! {
         /// A stop takes effect 0 after the frame that is being sent, 1 within it
         stop_within_frame = 1, up to 1;
         /// 02 before the first row of a frame: 0 no, 1 yes
-        first_row_mark = 1, up to 1;
+        first_row_mark = 0, up to 1;
         /// 02 after the last row of a frame: 0 no, 1 yes
-        last_row_mark = 0, up to 1;
+        last_row_mark = 1, up to 1;
+        /// LM 1 says after FE how many rows follow: 0 no, 1 yes
+        mean_lines_height = 1, up to 1;
+        /// How long a reset takes, in tenths of a second
+        boot_time = 7, up to 10;
+        /// What comes while the camera starts is 0 lost, 1 obeyed when it has started
+        boot_input = 1, up to 1;
         /// The prompt comes 0 when woken, 1 before sleep
         sleep_prompt = 1, up to 1;
         /// UD acknowledges 0 before its 64 bytes, 1 after them

@@ -1,9 +1,8 @@
 //! Which pixels of a frame count, exactly, computing only those that noise decides.
 
-use cmucam2_driver::colour::Colour;
-
 use super::{
     blob::Filter,
+    colour::Colour,
     view::{Region, View},
 };
 
@@ -129,12 +128,12 @@ impl<'a> Tracked<'a> {
 
 #[cfg(test)]
 mod tests {
-    use cmucam2_driver::{colour::ColourBounds, geometry::Size};
-
     use super::*;
     use crate::noise::mix;
     use crate::{
+        colour::Bounds,
         scene::{Background, Extent, Patch, Scene, Shape},
+        sensor::Size,
         view::{Layout, Snapshot},
     };
 
@@ -215,7 +214,7 @@ mod tests {
                 difference: numbers.below(5) == 0,
             };
             let filter = Filter {
-                bounds: ColourBounds::new([170, 240, 60, 150, 16, 90]).ok(),
+                bounds: Bounds([170, 240, 60, 150, 16, 90]),
                 invert: numbers.below(4) == 0,
                 run: numbers.below(4) as u8,
                 tail_only: numbers.below(2) == 0,

@@ -1,13 +1,10 @@
 //! One frame, of which only those pixels are computed that are asked for.
 
-use cmucam2_driver::{
-    colour::{Colour, ColourBounds, LEVEL_MAX, LEVEL_MIN},
-    geometry::Size,
-};
-
 use super::{
     blob::Filter,
+    colour::{Bounds, Colour, LEVEL_MAX, LEVEL_MIN},
     scene::{Background, Patch, Scene},
+    sensor::Size,
     tracked::Verdict,
 };
 use crate::noise::mix;
@@ -205,9 +202,7 @@ impl<'a> View<'a> {
     }
 
     fn verdict(&self, paint: Paint, filter: &Filter) -> Verdict {
-        let Some(bounds) = filter.bounds else {
-            return Verdict::sure(filter.invert);
-        };
+        let bounds = filter.bounds;
         let verdict = if self.layout.difference {
             Verdict::Perhaps
         } else if self.noise == 0 {
@@ -224,18 +219,15 @@ impl<'a> View<'a> {
         }
     }
 
-    fn despite_noise(&self, paint: Paint, bounds: ColourBounds) -> Verdict {
+    fn despite_noise(&self, paint: Paint, bounds: Bounds) -> Verdict {
         let most = ((NOISE_MIDDLE * self.noise) >> 4) + 1;
         let mut verdict = Verdict::Always;
-        for (range, level) in [bounds.red, bounds.green, bounds.blue]
-            .into_iter()
-            .zip(paint)
-        {
+        for ((lower, upper), level) in bounds.ranges().into_iter().zip(paint) {
             let (least, greatest) = (clamped(level - most), clamped(level + most));
-            if greatest < range.min() || range.max() < least {
+            if greatest < lower || upper < least {
                 return Verdict::Never;
             }
-            if least < range.min() || range.max() < greatest {
+            if least < lower || upper < greatest {
                 verdict = Verdict::Perhaps;
             }
         }

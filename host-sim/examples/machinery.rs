@@ -4,7 +4,8 @@
 use std::{cell::Cell, rc::Rc, time::Instant};
 
 use cmucam2_driver::{colour::ColourBounds, device::Cmucam2, session::StartUp};
-use cmucam2_emulator::{Configuration, Emulator, Extent, Scene, Shape, measure::track_for};
+use cmucam2_emulator::{Configuration, Emulator, Extent, Scene, Shape};
+use cmucam2_line::measure::track_for;
 use embassy_futures::select::select;
 use host_sim::network::CameraDevice;
 use virtual_bench::{

@@ -93,6 +93,53 @@ fn garbage() {
     assert!(text.contains("jumpers"), "{text}");
 }
 
+/// Something else than a camera is named, and what it said is shown.
+#[test]
+fn strangers_are_named() {
+    for (says, words) in [
+        (&b"$GPGGA,123519,4807.038,N,01131.000,E,1,08\r\n"[..], "GPS"),
+        (b"\r\nOK\r\n", "modem"),
+        (b"\r\nbox login: ", "console of a computer"),
+        (b"NCK\r:", "NCK to everything"),
+        (b"CMUcam3 v1.0\r:", "another camera"),
+        (b"\r\n>>> ", "Python"),
+        (b"\r", "TX and RX of the adapter"),
+    ] {
+        let (mut camera, _port, name) = line();
+        thread::spawn(move || {
+            let mut byte = [0];
+            loop {
+                match camera.read(&mut byte) {
+                    Ok(_) if byte == *b"\r" => camera.write_all(says).unwrap(),
+                    Ok(_) => {}
+                    Err(error) if error.kind() == ErrorKind::TimedOut => {}
+                    // The test is over.
+                    Err(_) => break,
+                }
+            }
+        });
+        let text = failure(&["--port", &name, "--baud", "38400"]);
+        assert!(text.contains(words), "no {words} in {text}");
+        assert!(text.contains("received \""), "{text}");
+    }
+}
+
+/// Other programs leave the camera in a mode in which it does not acknowledge, or takes raw
+/// commands.
+#[test]
+fn a_camera_left_in_a_raw_mode_is_recovered() {
+    let files = Files::new();
+    for mode in [2, 3, 5] {
+        let camera = Camera::start(&files, &square(), &["--baud", "115200"]);
+        let mut port = serialport::new(&camera.port, 115_200).open().unwrap();
+        port.write_all(format!("RM {mode}\r").as_bytes()).unwrap();
+        thread::sleep(Duration::from_millis(100));
+        drop(port);
+        let (_, told) = camera.probe(&["--baud", "115200", "--settle", "0", "--count", "3"]);
+        assert!(told.contains("CMUcam2 v1.00 c6"), "RM {mode}: {told}");
+    }
+}
+
 #[test]
 fn wrong_options_and_files_are_told_before_the_port_is_opened() {
     let files = Files::new();
@@ -303,14 +350,14 @@ fn a_picture_of_a_wall() {
     let camera = Camera::start(&files, &plain, &[]);
     let file = files.path("wall.png");
     let line = &camera.json(&["--settle", "0", "--frame", &file])[0];
-    assert_eq!(line["columns"], 88);
+    assert_eq!(line["columns"], 87);
     assert_eq!(line["rows"], 143);
     assert_eq!(line["damaged_rows"], 0);
     let decoder = png::Decoder::new(BufReader::new(File::open(file).unwrap()));
     let mut reader = decoder.read_info().unwrap();
     let mut pixels = vec![0; reader.output_buffer_size().unwrap()];
     let info = reader.next_frame(&mut pixels).unwrap();
-    assert_eq!((info.width, info.height), (176, 143));
+    assert_eq!((info.width, info.height), (174, 143));
     let (first, _) = pixels.split_at(3);
     assert!(pixels.chunks_exact(3).all(|pixel| pixel == first));
     // Gain and white balance are the camera's; this wall is reddish under any of them.

@@ -113,7 +113,7 @@ fn any_program_can_talk_to_it() {
         let mut frame = vec![0; 4 + 3 + 13 * 11 + 1 + 1];
         port.read_exact(&mut frame).unwrap();
         assert_eq!(frame[..7], [b'A', b'C', b'K', b'\r', 1, 10, 13]);
-        assert!(frame[7..7 + 13 * 11].chunks(11).all(|row| row[0] == 2));
+        assert!(frame[7..7 + 13 * 11].chunks(11).all(|row| row[10] == 2));
         assert_eq!(frame[7 + 13 * 11..], [3, b':']);
     }
     // The next program finds the same camera, and nothing that was meant for the first.

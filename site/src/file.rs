@@ -3,14 +3,13 @@
 use std::collections::BTreeMap;
 
 use calib_core::camera::Projection;
-use cmucam2_driver::geometry::{Sensor, Size};
 use nalgebra::Point2;
 use node_firmware::vision::ColourWindow;
 use serde::{Deserialize, Serialize};
 
 use super::{event::ScriptedEvent, firmware::FirmwareTable, planner::Placement};
 use crate::world::Variant;
-use cmucam2_emulator::Rgb;
+use cmucam2_emulator::{Rgb, Sensor, Size};
 
 /// A site, and what only a rehearsal of it knows. Every table but `network` (or `grid`) may be
 /// missing; what is missing has its default.

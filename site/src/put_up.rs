@@ -6,7 +6,6 @@ use calib_core::{
     camera::{Camera as Optics, Projection},
     reference::Known,
 };
-use cmucam2_driver::geometry::Sensor;
 use nalgebra::{Point2, Rotation2, Vector2};
 use node_firmware::config::{CameraConfig, Subjects};
 
@@ -17,7 +16,7 @@ use super::{
     planner::{self, Noise, Plan, PlanError, RARE, Steps, Task, Tolerance},
 };
 use crate::world::{Camera, Gait, Obstacle, SensorErrors, Target, World};
-use cmucam2_emulator::{FaultRates, Lens};
+use cmucam2_emulator::{FaultRates, Lens, Sensor};
 
 /// All of a scenario, with planned stops.
 #[derive(Clone, Debug)]

@@ -1,8 +1,7 @@
 //! The commands as types: what can be constructed can be sent.
 //!
 //! A command is two letters, decimal arguments, and a carriage return. [`Command::line`] writes
-//! it, [`Command::parse`] reads it as the camera does, so that an emulator understands exactly
-//! what the driver sends.
+//! it, [`Command::parse`] reads what it writes. Cameras take more than that.
 
 mod modes;
 mod order;

@@ -148,6 +148,11 @@ impl Order {
         CommandLine(line)
     }
 
+    /// Its name; spaces for a bare carriage return.
+    pub(crate) fn letters(&self) -> [u8; 2] {
+        self.letters.unwrap_or(*b"  ")
+    }
+
     /// What comes back.
     pub const fn reply(&self) -> Reply {
         self.reply

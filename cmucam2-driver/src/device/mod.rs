@@ -201,7 +201,7 @@ where
             .drive(self.request, self.row, self.payload)
             .await?;
         let modes = self.camera.session.modes();
-        (self.convert)(answer, modes).ok_or(Error::Camera(Fault::Garbage))
+        (self.convert)(answer, modes).ok_or(Error::Camera(Fault::Unexpected))
     }
 }
 
@@ -319,7 +319,7 @@ where
             }
             if let Some(outcome) = received.feed(session, clock.now(), row) {
                 let answer = outcome?;
-                return convert(answer, session.modes()).ok_or(Error::Camera(Fault::Garbage));
+                return convert(answer, session.modes()).ok_or(Error::Camera(Fault::Unexpected));
             }
             if !session.pending().is_empty() || session.payload_due() {
                 continue;

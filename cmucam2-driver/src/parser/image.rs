@@ -5,6 +5,7 @@ use crate::{
     colour::{LEVEL_MAX, LEVEL_MIN},
     command::{StatisticsLines, TrackingLines},
     packet::BANNER,
+    uncertain,
 };
 
 /// What the bytes of an image are.
@@ -17,7 +18,8 @@ pub enum ImageKind {
     Bitmap,
     /// `FE h`, five bytes for each row (mean, least and greatest column, count, confidence), `FD`.
     Rows,
-    /// `FE`, three (means) or six (means and deviations) bytes for each row, `FD`.
+    /// `FE`, perhaps the number of rows, three (means) or six (means and deviations) bytes for each
+    /// row, `FD`.
     Means,
 }
 
@@ -76,6 +78,8 @@ const LINES_END: u8 = 0xFD;
 enum Place {
     Width,
     Height,
+    /// The first byte of means: a level, or how many rows there are.
+    FirstMean,
     Row,
     /// A frame's row is full: only a mark may follow.
     RowFull,
@@ -97,6 +101,8 @@ pub(super) struct Image {
     intact: bool,
     /// How much of a banner the last bytes are.
     banner: u8,
+    /// Whether the number of rows comes first in means; `None` if that is not known.
+    counted: Option<bool>,
 }
 
 impl Image {
@@ -111,10 +117,15 @@ impl Image {
         row_intact: true,
         intact: true,
         banner: 0,
+        counted: None,
     };
 
     /// The image that begins with this byte, if one is expected.
-    pub(super) fn begin(byte: u8, expectation: &Expectation) -> Option<Self> {
+    pub(super) fn begin(
+        byte: u8,
+        expectation: &Expectation,
+        counted: Option<bool>,
+    ) -> Option<Self> {
         let (kind, place, row_bytes) = match (byte, expectation.image) {
             (FRAME_LEAD, ImageExpectation::Frame(bytes)) => {
                 (ImageKind::Frame(bytes), Place::Width, 0)
@@ -126,10 +137,10 @@ impl Image {
                 (ImageKind::Rows, Place::Height, 5)
             }
             (LINES_LEAD, ImageExpectation::Statistics(StatisticsLines::Means)) => {
-                (ImageKind::Means, Place::Row, 3)
+                (ImageKind::Means, Place::FirstMean, 3)
             }
             (LINES_LEAD, ImageExpectation::Statistics(StatisticsLines::MeansAndDeviations)) => {
-                (ImageKind::Means, Place::Row, 6)
+                (ImageKind::Means, Place::FirstMean, 6)
             }
             _ => return None,
         };
@@ -137,6 +148,7 @@ impl Image {
             kind,
             place,
             row_bytes,
+            counted,
             ..Self::NONE
         })
     }
@@ -155,6 +167,15 @@ impl Image {
                 Step::Nothing
             }
             Place::Height => self.height(byte, expectation),
+            Place::FirstMean => {
+                self.place = Place::Row;
+                let counted = uncertain::means_are_counted(byte, expectation.frame, self.counted);
+                self.counted = Some(counted);
+                if counted {
+                    return Step::Nothing;
+                }
+                self.means(byte)
+            }
             Place::Row => match self.kind {
                 ImageKind::Frame(_) => self.frame(byte),
                 ImageKind::Means => self.means(byte),
@@ -283,9 +304,26 @@ impl Image {
         }
     }
 
+    /// Whether the number of rows comes first, as far as the images so far have shown.
+    pub(super) const fn is_counted(&self) -> Option<bool> {
+        self.counted
+    }
+
+    /// One byte too many or too few shows that the first one was misunderstood.
+    fn recount(&mut self) {
+        if self.counted == Some(false) && self.at == 1 {
+            self.counted = Some(true);
+        } else if self.counted == Some(true) && self.at + 1 == self.row_bytes {
+            self.counted = Some(false);
+        } else if self.at != 0 {
+            self.counted = None;
+        }
+    }
+
     /// Rows until the mark: no level reaches it.
     fn means(&mut self, byte: u8) -> Step {
         if byte == LINES_END {
+            self.recount();
             return Step::End {
                 rows: self.rows,
                 intact: self.intact && self.at == 0,

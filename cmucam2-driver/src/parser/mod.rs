@@ -345,7 +345,7 @@ impl Parser {
             b'C' => State::Banner(1),
             0xFF if FULL && self.expectation.raw => State::RawLead,
             _ if !FULL => return false,
-            _ => match Image::begin(byte, &self.expectation) {
+            _ => match Image::begin(byte, &self.expectation, self.image.is_counted()) {
                 Some(image) => {
                     self.image = image;
                     State::Image

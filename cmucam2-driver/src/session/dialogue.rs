@@ -192,7 +192,7 @@ impl Dialogue {
                     }
                     Reaction::Refused => {
                         self.link = Link::Prompt;
-                        return self.failed(task, doing, Fault::Refused, now);
+                        return self.failed(task, doing, self.refused(), now);
                     }
                     Reaction::Irregular => {
                         self.link = Link::Unknown;
@@ -251,7 +251,7 @@ impl Dialogue {
                 }
                 (awaited, _) => {
                     let fault = match awaited {
-                        Awaited::Refused => Fault::Refused,
+                        Awaited::Refused => self.refused(),
                         _ => self.port.nothing_useful(),
                     };
                     self.link = Link::Unknown;
@@ -627,10 +627,18 @@ impl Dialogue {
         }
     }
 
+    /// The command under way was refused.
+    fn refused(&self) -> Fault {
+        Fault::Refused {
+            command: self.exchange.order.letters(),
+        }
+    }
+
     /// An attempt failed: it is repeated, or the request fails.
     fn failed(&mut self, task: &mut Task, doing: &mut Doing, fault: Fault, now: u64) -> Flow {
         task.failures = task.failures.saturating_add(1);
-        let repeatable = self.exchange.order.is_idempotent() || fault == Fault::Refused;
+        let repeatable =
+            self.exchange.order.is_idempotent() || matches!(fault, Fault::Refused { .. });
         if task.failures > self.policy.retries || !repeatable {
             return Flow::Break(Err(fault));
         }

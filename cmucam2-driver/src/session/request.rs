@@ -86,7 +86,10 @@ pub enum Fault {
     /// Not one byte within the time: not powered, wrong pins, stuck after power-up.
     Silence,
     /// The camera said `NCK` each time.
-    Refused,
+    Refused {
+        /// The letters of the command.
+        command: [u8; 2],
+    },
     /// Bytes came, but made no sense: wrong baud rate, overrun, noise.
     Garbage,
     /// The camera restarted. Its modes are set again and its stream, if that is possible, runs
@@ -101,6 +104,9 @@ pub enum Fault {
     },
     /// More than [`REGISTERS_MAX`](super::REGISTERS_MAX) different registers: they could not be set again.
     TooManyRegisters,
+    /// The camera sent something else than was asked for, such as a packet of another kind than the
+    /// one that the running stream was begun for.
+    Unexpected,
     /// A field that is needed is masked (`OM`).
     Masked,
 }
@@ -109,7 +115,10 @@ impl fmt::Display for Fault {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.write_str(match self {
             Self::Silence => "the camera is silent: check power and wiring, or cycle its power",
-            Self::Refused => "the camera refused the command each time",
+            Self::Refused { command } => {
+                let [first, second] = command.map(char::from);
+                return write!(f, "the camera refused {first}{second} each time");
+            }
             Self::Garbage => "the camera cannot be understood: check the baud rate",
             Self::Restarted => {
                 "the camera restarted: its modes are restored, but it must adapt to the light again"
@@ -119,6 +128,7 @@ impl fmt::Display for Fault {
                 return write!(f, "the row buffer must hold {needed} bytes");
             }
             Self::TooManyRegisters => "too many different registers to set them again",
+            Self::Unexpected => "the camera sends something else than was asked for",
             Self::Masked => "a field that is needed is masked",
         })
     }

@@ -1,32 +1,38 @@
 //! What the camera does when it is told something.
 
-use cmucam2_driver::{
-    argument::ArgumentError,
-    colour::{ColourBounds, ColourChannel},
-    command::{Command, CommandError, LineMode, OutputMask},
-    register::Registers,
-};
-
 use super::{Activity, Emulator, MILLISECOND, Note, Source, Stream, Time};
 use crate::{
+    colour::Bounds,
+    command::{Command, Refusal},
     differencing::Grid,
-    modes::{Bounds, ServoPin},
+    modes::{RawMode, ServoAxis, ServoMask, ServoPin},
+    sensor::Sensor,
     statistics::BINS,
 };
 
+/// How far `TW` goes to either side of the mean, unless it says.
+const LEARN_MARGIN: u8 = 30;
 /// Bins that the numbers 0, 1 and 2 of `HC` select, if they do not mean themselves.
 const SELECTED_BINS: [u8; 3] = [BINS, BINS / 2, BINS / 4];
 
 impl Emulator {
-    /// One line, without its carriage return.
-    pub(super) fn obey(&mut self, line: &[u8], now: Time) {
-        let command = match Command::parse(line) {
-            Ok(Command::Idle) => {
-                self.acknowledge();
-                return self.prompt();
-            }
+    /// A carriage return of its own.
+    pub(super) fn idle(&mut self) {
+        self.done();
+    }
+
+    /// What was heard, and the command that it is.
+    pub(super) fn obey(&mut self, heard: &[u8], command: Result<Command, Refusal>, now: Time) {
+        let command = command.and_then(|command| self.judge(command));
+        let command = match command {
             Ok(command) => command,
-            Err(error) => return self.not_a_command(line, error, now),
+            Err(why) => {
+                self.note(|| Note::Refused {
+                    line: heard.to_vec(),
+                    why: why.to_owned(),
+                });
+                return self.refuse();
+            }
         };
         if self.breaks_down(now, now) {
             return;
@@ -39,39 +45,26 @@ impl Emulator {
             self.note(|| Note::Fault("nck"));
             return self.refuse();
         }
-        self.note(|| Note::Command(command));
-        self.execute(command, now);
+        self.note(|| Note::Command(command.clone()));
+        self.execute(&command, now);
     }
 
     fn refuse(&mut self) {
-        if !self.modes.raw.suppress_replies() {
+        if !self.modes.raw.suppresses_replies() {
             self.say(b"NCK\r");
         }
         self.prompt();
     }
 
-    /// Bounds that are turned round may be accepted all the same.
-    fn not_a_command(&mut self, line: &[u8], error: CommandError, now: Time) {
-        let inverted = error == CommandError::Argument(ArgumentError::BoundsOrder)
-            && self.switches().inverted_bounds == 1;
-        if !inverted {
-            self.note(|| Note::Refused {
-                line: line.to_vec(),
-                why: error.to_string(),
-            });
-            return self.refuse();
+    /// Bounds that are turned round may be refused.
+    fn judge(&self, command: Command) -> Result<Command, Refusal> {
+        let refuses = self.switches().inverted_bounds == 0;
+        let sets_bounds = matches!(&command.letters, b"TC" | b"ST");
+        let mut pairs = command.arguments.chunks_exact(2);
+        if refuses && sets_bounds && pairs.any(|pair| pair[0] > pair[1]) {
+            return Err("a lower bound is above its upper bound");
         }
-        let mut values = [0; 6];
-        let numbers = String::from_utf8_lossy(&line[2..]).into_owned();
-        for (value, number) in values.iter_mut().zip(numbers.split_ascii_whitespace()) {
-            *value = number.parse().unwrap_or(0);
-        }
-        self.modes.bounds = Bounds::Nothing(values);
-        if line[0].eq_ignore_ascii_case(&b'T') {
-            self.begin(Source::Colour, now);
-        } else {
-            self.done();
-        }
+        Ok(command)
     }
 
     fn done(&mut self) {
@@ -93,10 +86,10 @@ impl Emulator {
     }
 
     fn begin(&mut self, source: Source, now: Time) {
-        self.begin_stream(source, false, now);
+        self.begin_stream(source, None, now);
     }
 
-    fn begin_stream(&mut self, source: Source, learn: bool, now: Time) {
+    fn begin_stream(&mut self, source: Source, learn: Option<u8>, now: Time) {
         self.acknowledge();
         let one_packet =
             matches!(source, Source::Histogram(_)) && self.switches().histogram_stream == 0;
@@ -110,48 +103,47 @@ impl Emulator {
         self.activity = Activity::Stream(stream);
     }
 
-    fn execute(&mut self, command: Command, now: Time) {
-        match command {
-            Command::GetButton => {
+    fn execute(&mut self, command: &Command, now: Time) {
+        match (&command.letters, &command.arguments[..]) {
+            (b"GB", _) => {
                 let pressed = std::mem::take(&mut self.button);
                 self.values(&[u8::from(pressed)]);
             }
-            Command::GetInputs => self.values(&[self.inputs]),
-            Command::GetServo(servo) => {
-                self.values(&[self.modes.servo_value(usize::from(servo.number()))]);
-            }
-            Command::GetTrackingBounds => {
-                let [a, b, c, d, e, f] = self.modes.bounds.values();
+            (b"GI", _) => self.values(&[self.inputs]),
+            (b"GS", &[servo]) => self.values(&[self.modes.servo_value(usize::from(servo))]),
+            (b"GT", _) => {
+                let [a, b, c, d, e, f] = self.modes.bounds.0;
                 if self.switches().bounds_order == 0 {
                     self.values(&[a, b, c, d, e, f]);
                 } else {
                     self.values(&[a, c, e, b, d, f]);
                 }
             }
-            Command::GetVersion => {
+            (b"GV", _) => {
                 self.acknowledge();
                 self.say_banner(self.switches().version_return == 1);
                 self.prompt();
             }
-            Command::GetWindow => {
+            (b"GW", _) => {
                 let region = self.modes.region(self.switches());
                 let origin = self.switches().origin;
                 self.values(
                     &[region.x1, region.y1, region.x2, region.y2].map(|corner| corner + origin),
                 );
             }
-            Command::GetMean => self.begin(Source::Mean, now),
-            Command::GetHistogram(channel) => self.begin(Source::Histogram(channel), now),
-            Command::FrameDifference(threshold) => self.begin(Source::Difference(threshold), now),
-            Command::TrackColour(bounds) => {
-                if let Some(bounds) = bounds {
-                    self.modes.bounds = Bounds::Colours(bounds);
-                }
+            (b"GM", _) => self.begin(Source::Mean, now),
+            (b"GH", &[channel]) => self.begin(Source::Histogram(channel), now),
+            (b"FD", &[threshold]) => self.begin(Source::Difference(threshold), now),
+            (b"TC", bounds) => {
+                self.set_bounds(bounds);
                 self.begin(Source::Colour, now);
             }
-            Command::TrackWindow => self.begin_stream(Source::Colour, true, now),
-            Command::SendFrame(channel) => self.begin_dump(channel, now),
-            Command::UploadDifference => {
+            (b"TW", margin) => {
+                let margin = margin.first().copied().unwrap_or(LEARN_MARGIN);
+                self.begin_stream(Source::Colour, Some(margin), now);
+            }
+            (b"SF", channel) => self.begin_dump(channel.first().copied(), now),
+            (b"UD", _) => {
                 if self.switches().upload_ack == 0 {
                     self.acknowledge();
                 }
@@ -160,32 +152,32 @@ impl Emulator {
                     len: 0,
                 };
             }
-            Command::Sleep | Command::DeepSleep => {
+            (b"SL" | b"SD", _) => {
                 self.acknowledge();
                 if self.switches().sleep_prompt == 1 {
                     self.prompt();
                 }
                 self.activity = Activity::Sleep {
-                    deep: command == Command::DeepSleep,
+                    deep: command.letters == *b"SD",
                 };
             }
-            Command::Reset => self.reset(),
-            Command::LoadFrame => {
+            (b"RS", _) => self.reset(),
+            (b"LF", _) => {
                 self.reference = self.grid(now);
                 self.done();
             }
-            Command::MaskDifference(threshold) => {
+            (b"MD", &[threshold]) => {
                 self.masked = self.grid(now).differing(&self.reference, threshold);
                 self.done();
             }
-            Command::ReadFrame => {
+            (b"RF", _) => {
                 if self.modes.buffer {
                     self.held = None;
                     self.held = Some(self.capture(now));
                 }
                 self.done();
             }
-            Command::CharacterDelay(bits) => {
+            (b"DM", &[bits]) => {
                 self.done();
                 self.wire.pause_bits = bits;
             }
@@ -210,94 +202,107 @@ impl Emulator {
         self.prompt();
     }
 
+    fn set_bounds(&mut self, bounds: &[u8]) {
+        if let Ok(bounds) = bounds.try_into() {
+            self.modes.bounds = Bounds(bounds);
+        }
+    }
+
     /// Commands that only set something.
-    fn set(&mut self, command: Command, now: Time) {
+    fn set(&mut self, command: &Command, now: Time) {
         // Until now the sensor has adapted as it was told before.
         self.adapt(now);
         let modes = &mut self.modes;
-        match command {
-            Command::BufferMode(on) => {
+        let arguments = &command.arguments[..];
+        let first = arguments.first().copied().unwrap_or(0);
+        let on = first != 0;
+        match (&command.letters, arguments) {
+            (b"BM", _) => {
                 modes.buffer = on;
                 self.held = None;
                 if on {
                     self.held = Some(self.capture(now));
                 }
             }
-            Command::CameraPower(on) => modes.power = on,
-            Command::Registers(registers) => self.write_registers(&registers),
-            Command::CameraType(sensor) => {
-                modes.sensor = sensor;
+            (b"CP", _) => modes.power = on,
+            (b"CR", pairs) => {
+                if pairs.is_empty() {
+                    modes.reset_registers();
+                }
+                for pair in pairs.chunks_exact(2) {
+                    modes.set_register(pair[0], pair[1]);
+                }
+            }
+            (b"CT", _) => {
+                modes.sensor = if on { Sensor::Ov7620 } else { Sensor::Ov6620 };
                 modes.window = None;
             }
-            Command::DifferenceChannel(channel) => modes.difference_channel = channel,
-            Command::DownSample(sampling) => {
-                modes.down_sampling = sampling;
+            (b"DC", _) => modes.difference_channel = first,
+            (b"DS", &[x, y]) => {
+                modes.down_sampling = [x, y];
                 modes.window = None;
             }
-            Command::FrameStream(on) => modes.frame_stream = on,
-            Command::HistogramConfiguration { bins, scale } => {
+            (b"FS", _) => modes.frame_stream = on,
+            (b"HC", more) => {
                 modes.histogram_bins = if self.configuration.switches.histogram_bins == 1 {
-                    bins.clamp(1, BINS)
+                    first.clamp(1, BINS)
                 } else {
-                    SELECTED_BINS[usize::from(bins).min(SELECTED_BINS.len() - 1)]
+                    SELECTED_BINS[usize::from(first).min(SELECTED_BINS.len() - 1)]
                 };
-                modes.histogram_scale = scale;
+                modes.histogram_scale = more.get(1).copied().unwrap_or(0);
             }
-            Command::HighResolutionDifference(on) if modes.fine_grid != on => {
+            (b"HD", _) if modes.fine_grid != on => {
                 modes.fine_grid = on;
                 self.reference = Grid::dark(on);
                 self.masked.clear();
             }
-            Command::HighResolution(on) => {
+            (b"HR", _) => {
                 modes.high_resolution = on;
                 modes.window = None;
             }
-            Command::HistogramTracked(on) => modes.histogram_tracked = on,
-            Command::Led0(mode) => modes.leds[0] = mode,
-            Command::Led1(mode) => modes.leds[1] = mode,
-            Command::LineMode(LineMode::Tracking(lines)) => modes.tracking_lines = lines,
-            Command::LineMode(LineMode::Statistics(lines)) => modes.statistics_lines = lines,
-            Command::NoiseFilter(pixels) => modes.noise_filter = pixels,
-            Command::OutputMask(OutputMask::Tracking(mask)) => modes.tracking_mask = mask,
-            Command::OutputMask(OutputMask::Statistics(mask)) => modes.statistics_mask = mask,
-            Command::PixelDifference(on) => modes.pixel_difference = on,
-            Command::PacketFilter(on) => modes.packet_filter = on,
-            Command::PollMode(on) => modes.poll = on,
-            Command::PacketSkip(packets) => modes.packet_skip = packets,
-            Command::RawMode(mode) => modes.raw = mode,
-            Command::ServoMask(mask) => modes.servo_mask = mask,
-            Command::ServoOutput(servo, high) => {
-                modes.servos[usize::from(servo.number())] = ServoPin::Output(high);
+            (b"HT", _) => modes.histogram_tracked = on,
+            (b"L0", _) => modes.leds[0] = first,
+            (b"L1", _) => modes.leds[1] = first,
+            (b"LM", &[kind, mode]) => modes.line_modes[usize::from(kind)] = mode,
+            (b"NF", _) => modes.noise_filter = first,
+            (b"OM", &[0, mask]) => modes.tracking_mask = mask,
+            (b"OM", &[_, mask]) => modes.statistics_mask = mask,
+            (b"PD", _) => modes.pixel_difference = on,
+            (b"PF", _) => modes.packet_filter = on,
+            (b"PM", _) => modes.poll = on,
+            (b"PS", _) => modes.packet_skip = first,
+            (b"RM", _) => {
+                modes.raw = RawMode(first);
+                self.raw_input.clear();
             }
-            Command::ServoParameters(parameters) => modes.servo_parameters = parameters,
-            Command::ServoPosition(servo, position) => {
-                modes.servos[usize::from(servo.number())] = ServoPin::Position(position);
+            (b"SM", _) => modes.servo_mask = ServoMask(first),
+            (b"SO", &[servo, high]) => {
+                modes.servos[usize::from(servo)] = ServoPin::Output(high != 0);
             }
-            Command::SetBounds(bounds) => modes.bounds = Bounds::Colours(bounds),
-            Command::TrackInvert(on) => modes.invert = on,
-            Command::VirtualWindow(window) => modes.window = window,
+            (b"SP", axes) => {
+                for (axis, numbers) in modes.servo_axes.iter_mut().zip(axes.chunks_exact(3)) {
+                    *axis = ServoAxis {
+                        far: numbers[0],
+                        near: numbers[1],
+                        step: numbers[2],
+                    };
+                }
+            }
+            (b"SV", &[servo, position]) => {
+                modes.servos[usize::from(servo)] = ServoPin::at(position);
+            }
+            (b"ST", bounds) => self.set_bounds(bounds),
+            (b"TI", _) => modes.invert = on,
+            (b"VW", window) => modes.window = window.try_into().ok(),
             // All others are executed, not set, or set already.
             _ => {}
         }
     }
 
-    fn write_registers(&mut self, registers: &Registers) {
-        if registers.is_empty() {
-            self.modes.reset_registers();
-        }
-        for (register, value) in registers.iter() {
-            self.modes.set_register(register, value);
-        }
-    }
-
     fn grid(&mut self, now: Time) -> Grid {
         let snapshot = self.capture(now);
-        let channel: ColourChannel = self.modes.difference_channel;
+        let channel = self.modes.difference_channel;
         let region = self.modes.region(self.switches());
         Grid::of(&self.view(&snapshot), region, channel, self.modes.fine_grid)
-    }
-
-    pub(super) fn learned(&mut self, bounds: ColourBounds) {
-        self.modes.bounds = Bounds::Colours(bounds);
     }
 }

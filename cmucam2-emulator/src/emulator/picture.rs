@@ -1,13 +1,13 @@
 //! What the sensor sees.
 
-use cmucam2_driver::{geometry::Sensor, register::Register};
-
 use super::{Emulator, Note, Time};
 use crate::noise::mix;
 use crate::{
     blob::Filter,
-    modes::{Bounds, ServoPin},
+    colour::Colour,
+    modes::{ServoPin, register},
     scene::{Extent, Patch, Scene, Shape},
+    sensor::Sensor,
     view::{Layout, Snapshot, View},
 };
 
@@ -50,7 +50,7 @@ impl Emulator {
         let exposure = if self.modes.auto_gain() {
             1.0
         } else {
-            f64::from(self.modes.register(Register::EXPOSURE)) / NEUTRAL
+            f64::from(self.modes.register(register::EXPOSURE)) / NEUTRAL
         };
         let mut patches: Vec<Patch> = self.scene.patches(now as f64 * 1e-9).collect();
         self.turn(&mut patches);
@@ -62,8 +62,8 @@ impl Emulator {
             factors: std::array::from_fn(|channel| {
                 light[channel] * adapted[channel] * exposure * flicker
             }),
-            contrast: f64::from(self.modes.register(Register::CONTRAST)) / NEUTRAL,
-            brightness: f64::from(self.modes.register(Register::BRIGHTNESS)) - NEUTRAL,
+            contrast: f64::from(self.modes.register(register::CONTRAST)) / NEUTRAL,
+            brightness: f64::from(self.modes.register(register::BRIGHTNESS)) - NEUTRAL,
             dark: !self.modes.power,
             seed,
         }
@@ -76,7 +76,7 @@ impl Emulator {
             return;
         }
         let steps = |servo: usize| match self.modes.servos[servo] {
-            ServoPin::Position(position) => f64::from(position.get()) - 128.0,
+            ServoPin::Position(position) => f64::from(position) - 128.0,
             ServoPin::Output(_) => 0.0,
         };
         for patch in patches {
@@ -130,7 +130,7 @@ impl Emulator {
         Layout {
             picture,
             frame: modes.frame(switches),
-            down_sampling: [modes.down_sampling.x(), modes.down_sampling.y()],
+            down_sampling: modes.down_sampling,
             luminance_chrominance: modes.luminance_chrominance(),
             difference: modes.pixel_difference,
         }
@@ -142,10 +142,7 @@ impl Emulator {
 
     pub(super) fn filter(&self) -> Filter {
         Filter {
-            bounds: match self.modes.bounds {
-                Bounds::Colours(bounds) => Some(bounds),
-                Bounds::Nothing(_) => None,
-            },
+            bounds: self.modes.bounds,
             invert: self.modes.invert,
             run: self.modes.noise_filter,
             tail_only: self.switches().noise_run == 1,
@@ -154,7 +151,7 @@ impl Emulator {
 
     /// The picture as the camera would send it, row by row from the upper left corner: for tests
     /// and displays. It costs the camera nothing and changes nothing.
-    pub fn picture(&self, now: Time) -> Vec<Vec<cmucam2_driver::colour::Colour>> {
+    pub fn picture(&self, now: Time) -> Vec<Vec<Colour>> {
         let mut onlooker = self.clone();
         onlooker.configuration.watched = false;
         let snapshot = onlooker.capture(now);

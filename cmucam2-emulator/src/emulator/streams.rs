@@ -1,27 +1,20 @@
 //! Packets and frames, one after the other.
 
-use cmucam2_driver::{
-    colour::{ColourBounds, ColourChannel},
-    command::{StatisticsLines, TrackingLines},
-    packet::{Packet, PacketKind},
-    servo::{ServoAxis, ServoPosition},
-};
-
 use super::{Activity, Dump, Emulator, Note, Source, Stream, Time};
 use crate::{
     blob::{self, Blob},
+    colour::Bounds,
     differencing::Grid,
     frame_dump,
-    modes::ServoPin,
-    statistics::Levels,
+    modes::{ServoAxis, ServoPin},
+    packet::Packet,
+    statistics::{Levels, Statistics},
     view::Snapshot,
 };
 
 /// The most frames a second of frame differencing.
 const DIFFERENCES_PER_SECOND: u64 = 26;
 const SECOND: Time = 1_000_000_000;
-/// How far `TW` goes to either side of the mean.
-const LEARN_MARGIN: u8 = 30;
 
 impl Emulator {
     /// How long one frame takes.
@@ -44,17 +37,15 @@ impl Emulator {
         let now = stream.next_at;
         self.answer_at = now;
         let snapshot = self.capture(now);
-        if stream.learn {
-            stream.learn = false;
-            self.learn(&snapshot);
+        if let Some(margin) = stream.learn.take() {
+            self.learn(&snapshot, margin);
         }
-        let packet = match stream.source {
+        let (packet, lost) = match stream.source {
             Source::Colour => self.track(&snapshot),
             Source::Difference(threshold) => self.compare(&snapshot, threshold),
-            Source::Mean => self.measure(&snapshot),
-            Source::Histogram(channel) => self.count(&snapshot, channel),
+            Source::Mean => (self.measure(&snapshot), false),
+            Source::Histogram(channel) => (self.count(&snapshot, channel), false),
         };
-        let lost = matches!(packet, Packet::Tracking(tracking) if tracking.is_lost());
         let first_counts = self.switches().filter_first == 1;
         let skip = lost && stream.lost.unwrap_or(!first_counts);
         if !(self.modes.packet_filter && skip) {
@@ -66,9 +57,7 @@ impl Emulator {
         if self.breaks_down(now, self.wire.free_at().max(now)) {
             return;
         }
-        if packet.is_of(PacketKind::Tracking) {
-            stream.lost = Some(lost);
-        }
+        stream.lost = Some(lost);
         if stream.single {
             self.activity = Activity::Command;
             return self.prompt();
@@ -80,11 +69,11 @@ impl Emulator {
     }
 
     fn send_packet(&mut self, packet: Packet) {
-        let other = !matches!(packet, Packet::Tracking(_));
+        let other = packet.letter != b'T';
         let raw =
             self.modes.raw.output() && !(other && self.configuration.switches.raw_packets == 0);
         let line = if raw { packet.raw() } else { packet.line() };
-        let mut bytes = line.as_bytes();
+        let mut bytes = &line[..];
         if self.faults.cut.strikes() {
             self.note(|| Note::Fault("cut"));
             bytes = &bytes[..self.faults.cut.pick(bytes.len() as u64) as usize];
@@ -98,21 +87,25 @@ impl Emulator {
     fn rows_before(&self, source: Source, snapshot: &Snapshot) -> Vec<Vec<u8>> {
         let region = self.modes.region(self.switches());
         let view = || self.view(snapshot);
-        match (
-            source,
-            self.modes.tracking_lines,
-            self.modes.statistics_lines,
-        ) {
-            (Source::Colour, TrackingLines::Bitmap, _) => {
-                frame_dump::bitmap(&view(), region, &self.filter())
-            }
-            (Source::Colour, TrackingLines::Rows, _) => {
+        let [tracking, statistics, differencing] = self.modes.line_modes;
+        match (source, tracking, statistics, differencing) {
+            (Source::Colour, 1, _, _) => frame_dump::bitmap(&view(), region, &self.filter()),
+            (Source::Colour, 2, _, _) => {
                 let ((left, _), origin) = (self.corner(), self.switches().origin);
                 frame_dump::rows(&view(), region, &self.filter(), left, origin)
             }
-            (Source::Mean, _, StatisticsLines::Means) => frame_dump::means(&view(), region, false),
-            (Source::Mean, _, StatisticsLines::MeansAndDeviations) => {
-                frame_dump::means(&view(), region, true)
+            (Source::Mean, _, 1 | 2, _) => {
+                let height = self.switches().mean_lines_height == 1;
+                frame_dump::means(&view(), region, statistics == 2, height)
+            }
+            (Source::Difference(threshold), _, _, 1 | 2) => {
+                let channel = self.modes.difference_channel;
+                let now = Grid::of(&view(), region, channel, self.modes.fine_grid);
+                if differencing == 2 {
+                    return frame_dump::deltas(&now, &self.reference);
+                }
+                let differing = now.differing(&self.reference, threshold);
+                frame_dump::difference_bitmap(now.side(), &differing)
             }
             _ => Vec::new(),
         }
@@ -128,42 +121,45 @@ impl Emulator {
         (region.x1, region.y1)
     }
 
-    fn learn(&mut self, snapshot: &Snapshot) {
+    fn learn(&mut self, snapshot: &Snapshot, margin: u8) {
         let middle = self.modes.region(self.switches()).middle();
         let statistics = Levels::of(&self.view(snapshot), middle).statistics();
-        if let Some(mean) = statistics.mean() {
-            self.learned(ColourBounds::around(mean, LEARN_MARGIN));
-        }
+        self.modes.bounds = Bounds::around(statistics.mean, margin);
         if self.switches().window_mean == 1 {
-            let packet = Packet::Statistics(statistics.masked(self.modes.statistics_mask));
+            let packet = self.statistics_packet(&statistics);
             self.send_packet(packet);
         }
     }
 
-    fn track(&mut self, snapshot: &Snapshot) -> Packet {
+    fn statistics_packet(&self, statistics: &Statistics) -> Packet {
+        let numbers = [statistics.mean.levels(), statistics.deviation.levels()];
+        Packet::masked(b'S', numbers.as_flattened(), self.modes.statistics_mask)
+    }
+
+    /// The packet, and whether nothing is tracked.
+    fn track(&mut self, snapshot: &Snapshot) -> (Packet, bool) {
         let region = self.modes.region(self.switches());
         let view = self.view(snapshot);
         let blob = Blob::of(&view, region, &self.filter());
         let frame = view.frame();
         let pixels = blob::pixels(blob.count());
-        let tracking = blob.packet(self.corner(), self.switches().origin, pixels);
+        let numbers = blob.numbers(self.corner(), self.switches().origin, pixels);
+        let mut packet = Packet::masked(b'T', &numbers, self.modes.tracking_mask);
         let mask = self.modes.servo_mask;
-        let pan = mask.reports_pan().then(|| self.modes.servo_value(0));
-        let tilt = mask.reports_tilt().then(|| self.modes.servo_value(1));
+        let reported = (0..2).filter(|&servo| mask.reports(servo));
+        packet
+            .numbers
+            .extend(reported.map(|servo| self.modes.servo_value(usize::from(servo))));
         if let Some((x, y)) = blob.middle() {
-            let parameters = self.modes.servo_parameters;
-            if mask.controls_pan() {
-                self.follow(0, parameters.pan, i16::from(x) - i16::from(frame.width / 2));
+            let [pan, tilt] = self.modes.servo_axes;
+            if mask.controls(0) {
+                self.follow(0, pan, i16::from(x) - i16::from(frame.width / 2));
             }
-            if mask.controls_tilt() {
-                self.follow(
-                    1,
-                    parameters.tilt,
-                    i16::from(frame.height / 2) - i16::from(y),
-                );
+            if mask.controls(1) {
+                self.follow(1, tilt, i16::from(frame.height / 2) - i16::from(y));
             }
         }
-        Packet::Tracking(tracking.masked(self.modes.tracking_mask, pan, tilt))
+        (packet, numbers == [0; 8])
     }
 
     /// Turns a servo towards a target that is so many pixels off.
@@ -177,17 +173,17 @@ impl Emulator {
             _ => 0,
         };
         let next = if off > 0 {
-            position.get().saturating_add(step)
+            position.saturating_add(step)
         } else {
-            position.get().saturating_sub(step)
+            position.saturating_sub(step)
         };
         // At the end of its travel it stays.
-        if let Ok(next) = ServoPosition::new(next) {
+        if ServoPin::at(next) == ServoPin::Position(next) {
             self.modes.servos[servo] = ServoPin::Position(next);
         }
     }
 
-    fn compare(&mut self, snapshot: &Snapshot, threshold: u8) -> Packet {
+    fn compare(&mut self, snapshot: &Snapshot, threshold: u8) -> (Packet, bool) {
         let region = self.modes.region(self.switches());
         let channel = self.modes.difference_channel;
         let now = Grid::of(&self.view(snapshot), region, channel, self.modes.fine_grid);
@@ -197,17 +193,18 @@ impl Emulator {
         } else {
             u8::try_from(blob.count()).unwrap_or(u8::MAX)
         };
-        let tracking = blob.packet((0, 0), self.switches().origin, pixels);
-        Packet::Tracking(tracking.masked(self.modes.tracking_mask, None, None))
+        let numbers = blob.numbers((0, 0), self.switches().origin, pixels);
+        let packet = Packet::masked(b'T', &numbers, self.modes.tracking_mask);
+        (packet, numbers == [0; 8])
     }
 
     fn measure(&self, snapshot: &Snapshot) -> Packet {
         let region = self.modes.region(self.switches());
         let statistics = Levels::of(&self.view(snapshot), region).statistics();
-        Packet::Statistics(statistics.masked(self.modes.statistics_mask))
+        self.statistics_packet(&statistics)
     }
 
-    fn count(&self, snapshot: &Snapshot, channel: ColourChannel) -> Packet {
+    fn count(&self, snapshot: &Snapshot, channel: u8) -> Packet {
         let region = self.modes.region(self.switches());
         let view = self.view(snapshot);
         let levels = if self.modes.histogram_tracked {
@@ -216,15 +213,18 @@ impl Emulator {
             Levels::of(&view, region)
         };
         let (bins, scale) = (self.modes.histogram_bins, self.modes.histogram_scale);
-        Packet::Histogram(levels.histogram(channel, bins, scale))
+        Packet {
+            letter: b'H',
+            numbers: levels.histogram(channel, bins, scale),
+        }
     }
 
-    pub(super) fn begin_dump(&mut self, channel: Option<ColourChannel>, now: Time) {
+    pub(super) fn begin_dump(&mut self, channel: Option<u8>, now: Time) {
         self.acknowledge();
         self.dump_next_frame(channel, now);
     }
 
-    fn dump_next_frame(&mut self, channel: Option<ColourChannel>, now: Time) {
+    fn dump_next_frame(&mut self, channel: Option<u8>, now: Time) {
         let from = now.max(self.wire.free_at());
         let next_at = self.next_frame_from(Source::Mean, from);
         self.activity = Activity::Dump(Box::new(Dump {
@@ -256,8 +256,11 @@ impl Emulator {
             self.activity = Activity::Dump(dump);
             return;
         };
-        let lead = y > region.y1 || self.switches().first_row_mark == 1;
-        let row = frame_dump::row(&self.view(&dump.snapshot), region, y, dump.channel, lead);
+        // Between two rows there is one mark, whichever of them it belongs to.
+        let before = y == region.y1 && self.switches().first_row_mark == 1;
+        let after = y < region.y2 || self.switches().last_row_mark == 1;
+        let view = self.view(&dump.snapshot);
+        let row = frame_dump::row(&view, region, y, dump.channel, [before, after]);
         self.say(&row);
         if y < region.y2 {
             dump.row = Some(y + 1);
@@ -265,7 +268,7 @@ impl Emulator {
             self.activity = Activity::Dump(dump);
             return;
         }
-        self.say(frame_dump::end(self.switches().last_row_mark == 1));
+        self.say(&[frame_dump::END]);
         if self.modes.frame_stream && !dump.stopped {
             return self.dump_next_frame(dump.channel, now);
         }

@@ -1,16 +1,21 @@
 //! Bytes heard and lines said.
 
-use cmucam2_driver::{geometry::Sensor, packet::FirmwareVersion};
-
 use super::{Activity, Emulator, MILLISECOND, Note, Time};
-use crate::{light::Light, switches::Switches};
+use crate::{
+    command::{Command, RawHeard},
+    light::Light,
+    sensor::Sensor,
+    switches::Switches,
+};
 
 /// From the last byte of a command to the first of its answer.
 const LATENCY: Time = MILLISECOND / 5;
 /// From the first byte to the end of sleep.
 const WAKE: Time = 10 * MILLISECOND;
 /// Longer lines are no commands.
-const LINE_MAX: usize = 64;
+const LINE_MAX: usize = 128;
+/// What the camera keeps of what comes while it starts, bytes.
+const EARLY_MAX: usize = 128;
 
 impl Emulator {
     /// One byte that arrived at the camera.
@@ -18,10 +23,12 @@ impl Emulator {
         self.answer_at = now + LATENCY;
         match &mut self.activity {
             Activity::Command => self.type_in(byte, now),
-            Activity::Dead
-            | Activity::Boot { .. }
-            | Activity::Silent { .. }
-            | Activity::Waking { .. } => {}
+            Activity::Boot { early, .. } => {
+                if self.configuration.switches.boot_input == 1 && early.len() < EARLY_MAX {
+                    early.push(byte);
+                }
+            }
+            Activity::Dead | Activity::Silent { .. } | Activity::Waking { .. } => {}
             Activity::Sleep { deep } => {
                 if *deep {
                     self.light = Light::new(now);
@@ -62,18 +69,28 @@ impl Emulator {
         self.prompt();
     }
 
-    fn type_in(&mut self, byte: u8, now: Time) {
+    pub(super) fn type_in(&mut self, byte: u8, now: Time) {
+        if self.modes.raw.input() {
+            return match self.raw_input.push(byte) {
+                RawHeard::Partial => {}
+                RawHeard::Idle => self.idle(),
+                RawHeard::Complete(bytes, command) => self.obey(&bytes, command, now),
+            };
+        }
         match byte {
             b'\r' => {
                 let line = std::mem::take(&mut self.line);
-                self.obey(&line, now);
+                match Command::read(&line) {
+                    Ok(None) => self.idle(),
+                    Ok(Some(command)) => self.obey(&line, Ok(command), now),
+                    Err(why) => self.obey(&line, Err(why), now),
+                }
                 // Keeps its memory for the next line.
                 self.line = line;
                 self.line.clear();
             }
-            // Terminals send it after a carriage return.
-            b'\n' => {}
-            _ if self.modes.raw.input() => {}
+            // Terminals send a line feed after a carriage return, some programs the end of a string.
+            b'\n' | 0 => {}
             _ if self.line.len() <= LINE_MAX => self.line.push(byte),
             _ => {}
         }
@@ -90,7 +107,7 @@ impl Emulator {
     }
 
     pub(super) fn acknowledge(&mut self) {
-        if !self.modes.raw.suppress_replies() {
+        if !self.modes.raw.suppresses_replies() {
             self.say(b"ACK\r");
         }
     }
@@ -104,28 +121,17 @@ impl Emulator {
             version, module, ..
         } = *self.switches();
         let is_first = self.configuration.sensor == Sensor::Ov6620;
-        let number = match module {
-            2 => None,
+        let module = match module {
+            2 => "",
             // The other way round.
-            1 if is_first => Some(7),
-            1 => Some(6),
-            _ if is_first => Some(6),
-            _ => Some(7),
+            1 if is_first => " c7",
+            1 => " c6",
+            _ if is_first => " c6",
+            _ => " c7",
         };
-        let banner = FirmwareVersion {
-            major: 1,
-            minor: u8::from(version == 1),
-            module: number,
-        }
-        .banner();
-        let mut text = banner.as_bytes().to_vec();
-        if version == 2 {
-            // "v1.00" without its second digit.
-            text.remove(b"CMUcam2 v1.0".len());
-        }
-        if carriage_return {
-            text.push(b'\r');
-        }
+        let version = ["1.00", "1.01", "1.0"][usize::from(version)];
+        let end = if carriage_return { "\r" } else { "" };
+        let text = format!("CMUcam2 v{version}{module}{end}").into_bytes();
         self.say(&text);
     }
 }

@@ -13,7 +13,8 @@ use cmucam2_driver::{
     register::{Register, Registers},
     session::{Answer, Fault, Policy, Request},
 };
-use cmucam2_emulator::{BAUD_RATES, Configuration, FaultRates, Link, Note, measure::corruption};
+use cmucam2_emulator::{BAUD_RATES, Configuration, FaultRates, Note};
+use cmucam2_line::{Link, measure::corruption};
 
 use crate::support::{SECOND, command, driver, driver_with, orange, orange_box};
 
@@ -24,10 +25,10 @@ const HERE: [u8; 8] = [40, 60, 31, 41, 50, 80, 100, 255];
 struct Application {
     link: Link,
     /// Packets that may still be on the line, with the time at which they end.
-    sent: Vec<(u64, Tracking)>,
+    sent: Vec<(u64, Vec<u8>)>,
     struck: Vec<&'static str>,
     delivered: u32,
-    wrong: Vec<Tracking>,
+    wrong: Vec<Packet>,
     /// It sends other commands in between.
     commands: bool,
 }
@@ -64,17 +65,16 @@ impl Application {
                 let track = Command::TrackColour(Some(orange()));
                 self.link.ask(Request::Start(track.into())).map(|_| None)
             }
-            Ok(Answer::Packet(Packet::Tracking(tracking))) => Ok(Some(tracking)),
+            Ok(Answer::Packet(packet @ Packet::Tracking(_))) => Ok(Some(packet)),
             Ok(other) => panic!("{other:?} in a stream of T packets"),
             Err(Fault::Restarted) => Ok(None),
             Err(fault) => Err(fault),
         };
         while let Some(note) = self.link.camera.take_note() {
             match note {
-                Note::Packet {
-                    packet: Packet::Tracking(tracking),
-                    end,
-                } => self.sent.push((end, tracking)),
+                Note::Packet { packet, end } if packet.letter == b'T' => {
+                    self.sent.push((end, packet.line()));
+                }
                 Note::Fault(name) => self.struck.push(name),
                 _ => {}
             }
@@ -83,7 +83,7 @@ impl Application {
         if let Some(delivered) = answer? {
             self.delivered += 1;
             let truth = self.sent.iter().find(|(end, _)| *end >= heard);
-            if truth.is_none_or(|(_, truth)| *truth != delivered) {
+            if truth.is_none_or(|(_, truth)| truth != delivered.line().as_bytes()) {
                 self.wrong.push(delivered);
             }
         }

@@ -5,7 +5,8 @@ use cmucam2_driver::{
     command::Command,
     session::{Answer, Fault, Policy, Request},
 };
-use cmucam2_emulator::{Background, Configuration, Emulator, Extent, Link, Scene, Shape, Switches};
+use cmucam2_emulator::{Background, Configuration, Emulator, Extent, Scene, Shape, Switches};
+use cmucam2_line::Link;
 
 pub(crate) const SECOND: u64 = 1_000_000_000;
 pub(crate) const MILLISECOND: u64 = 1_000_000;
@@ -90,7 +91,7 @@ pub(crate) fn driver(configuration: Configuration, scene: Scene) -> Link {
 pub(crate) fn driver_with(configuration: Configuration, scene: Scene, policy: Policy) -> Link {
     let baud = configuration.host_baud;
     let mut link = Link::new(Emulator::new(configuration, scene), policy, baud);
-    link.pass(SECOND);
+    link.pass(SECOND + SECOND / 2);
     while link.camera.transmit(link.now()).is_some() {}
     link
 }

@@ -1,7 +1,6 @@
 //! What a person at a terminal reads.
 
-use cmucam2_driver::geometry::Sensor;
-use cmucam2_emulator::{Configuration, FaultRates, Switches};
+use cmucam2_emulator::{Configuration, FaultRates, Sensor, Switches};
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 
@@ -25,13 +24,12 @@ fn the_command_line() {
         ("XY\r", "NCK\r:"),
         ("GV 1\r", "NCK\r:"),
         ("TC 1 2 3\r", "NCK\r:"),
-        ("TC 240 16 16 240 16 240\r", "NCK\r:"),
         ("SV 0 300\r", "NCK\r:"),
-        ("GW\r", "ACK\r1 1 88 143\r:"),
+        ("GW\r", "ACK\r1 1 87 143\r:"),
         ("VW 10 20 40 50\r", "ACK\r:"),
         ("GW\r", "ACK\r10 20 40 50\r:"),
         ("VW 10 20 200 200\r", "ACK\r:"),
-        ("GW\r", "ACK\r10 20 88 143\r:"),
+        ("GW\r", "ACK\r10 20 87 143\r:"),
         ("VW\r", "ACK\r:"),
         ("DS 2 3\r", "ACK\r:"),
         ("GW\r", "ACK\r1 1 44 48\r:"),
@@ -69,12 +67,12 @@ fn a_reset_answers_with_a_banner_and_forgets_everything() {
     }
     assert_eq!(terminal.types("RS\r"), "ACK\r");
     assert_eq!(
-        terminal.types("GV\r"),
+        terminal.types("GB\r"),
         "",
-        "it does not listen while it starts"
+        "it does not answer while it starts"
     );
-    assert_eq!(terminal.read(SECOND), b"CMUcam2 v1.00 c6\r:");
-    assert_eq!(terminal.types("GW\r"), "ACK\r1 1 88 143\r:");
+    assert_eq!(terminal.read(SECOND), b"CMUcam2 v1.00 c6\r:ACK\r0\r:");
+    assert_eq!(terminal.types("GW\r"), "ACK\r1 1 87 143\r:");
     assert_eq!(terminal.types("GS 1\r"), "ACK\r128\r:");
     assert_eq!(terminal.types("GT\r"), "ACK\r16 240 16 240 16 240\r:");
     terminal.freeze();
@@ -155,15 +153,16 @@ fn raw_numbers_stop_at_254() {
 }
 
 #[test]
-fn replies_can_be_suppressed_and_raw_input_makes_the_camera_deaf() {
+fn replies_can_be_suppressed_and_commands_be_raw() {
     let mut terminal = terminal();
     assert_eq!(terminal.types("RM 2\r"), ":");
     assert_eq!(terminal.types("\r"), ":");
     assert_eq!(terminal.types("XY\r"), ":");
     assert_eq!(terminal.types("RM 4\r"), "ACK\r:");
-    assert_eq!(terminal.types("RM 0"), "");
-    terminal.camera.power_cycle(terminal.now);
-    assert_eq!(terminal.read(SECOND), b"CMUcam2 v1.00 c6\r:");
+    assert_eq!(terminal.types("\r"), "ACK\r:");
+    assert_eq!(terminal.types("GS\x01\x03"), "ACK\r128\r:");
+    assert_eq!(terminal.types("XY\x00"), "NCK\r:");
+    assert_eq!(terminal.types("RM\x01\x00"), "ACK\r:");
     assert_eq!(terminal.types("GB\r"), "ACK\r0\r:");
 }
 
@@ -293,6 +292,12 @@ fn inverted_bounds_are_refused_or_track_nothing() {
         ..Switches::default()
     };
     let mut terminal = Terminal::with_switches(switches, orange_box([30, 49], [40, 79]));
+    let refusing = Switches {
+        inverted_bounds: 0,
+        ..Switches::default()
+    };
+    let mut strict = Terminal::with_switches(refusing, orange_box([30, 49], [40, 79]));
+    assert_eq!(strict.types("TC 240 170 60 150 16 90\r"), "NCK\r:");
     terminal.types("PM 1\r");
     assert_eq!(
         terminal.types("TC 240 170 60 150 16 90\r"),
@@ -310,7 +315,7 @@ fn learning_in_the_window_says_what_it_saw() {
     let mean = stream.split('\r').nth(1).unwrap().to_owned();
     assert!(mean.starts_with("S ") && mean.ends_with(" 0 0 0"), "{mean}");
     assert!(
-        stream.contains("\rT 44 72 1 1 88 143 255 255\r"),
+        stream.contains("\rT 44 72 1 1 87 143 255 255\r"),
         "{stream}"
     );
     terminal.types("\r");
@@ -387,7 +392,7 @@ fn no_input_breaks_it() {
         }
         terminal.camera.set_faults(&FaultRates::default());
         terminal.camera.power_cycle(terminal.now);
-        terminal.read(SECOND);
+        terminal.read(2 * SECOND);
         assert!(terminal.types("GV\r").starts_with("ACK\rCMUcam2 v1.0"));
     }
 }

@@ -15,9 +15,8 @@ use std::{
 
 use anyhow::{Context, bail};
 use clap::{Args, ValueEnum};
-use cmucam2_driver::geometry::Sensor;
 use cmucam2_emulator::{
-    BAUD_RATES, Configuration, Emulator, FaultRates, Note, Scene, Setting, Switches, Time,
+    BAUD_RATES, Configuration, Emulator, FaultRates, Note, Scene, Sensor, Setting, Switches, Time,
 };
 use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM, SIGUSR1};
 
@@ -292,9 +291,7 @@ impl RealTime<'_> {
         let seconds = self.start.elapsed().as_secs_f64();
         match note {
             Note::Command(command) => {
-                let line = command.line();
-                let text = line.as_bytes().trim_ascii_end().escape_ascii();
-                tell(format_args!("{seconds:9.3} {text}"));
+                tell(format_args!("{seconds:9.3} {command}"));
             }
             Note::Refused { line, why } => {
                 let line = line.escape_ascii();

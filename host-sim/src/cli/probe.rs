@@ -23,9 +23,9 @@ use host_sim::probe::{
     advice::{advice, no_baud_rate},
     display::doubt,
     picture,
-    port::{self, Baud, Port, PortError, Search},
+    port::{self, Baud, Heard, Port, PortError, Search},
     record::{self, Recording},
-    sensor_name,
+    sensor_name, stranger,
 };
 use indicatif::ProgressBar;
 
@@ -158,6 +158,8 @@ Exit codes:
 struct Bench<'a> {
     arguments: &'a Arguments,
     camera: Device,
+    /// The last bytes that came.
+    heard: Heard,
     baud_rate: u32,
     view: View,
     person: Person,
@@ -221,8 +223,10 @@ impl<'a> Bench<'a> {
     /// Opens the port and finds out what is there.
     fn begin(arguments: &'a Arguments, person: Person) -> anyhow::Result<Self> {
         let (port, baud_rate) = connect(arguments, &person)?;
+        let heard = port.heard();
         let mut bench = Self {
             arguments,
+            heard,
             camera: port::device(port),
             baud_rate,
             view: View::new(USUAL_COLUMNS, arguments.first_column, None),
@@ -236,7 +240,15 @@ impl<'a> Bench<'a> {
             // It may have been switched on this second.
             version = bench.camera.version().wait();
         }
-        let version = version.map_err(|error| bench.failed(error))?;
+        if let Err(Error::Camera(Fault::Garbage | Fault::Restarted | Fault::Refused { .. })) =
+            version
+        {
+            // Other programs leave it in a raw mode. A banner without ACK looks like a restart.
+            let left = port::leave_raw_modes(bench.camera).map_err(Error::Uart);
+            bench.camera = left.map_err(|error| failed(&arguments.port, baud_rate, error))?;
+            version = bench.camera.version().wait();
+        }
+        let version = version.map_err(|error| bench.not_a_camera(error))?;
         let banner = version.banner();
         tell(format_args!(
             "{} ({}) at {baud_rate} baud on {}",
@@ -397,6 +409,21 @@ impl<'a> Bench<'a> {
         Ok(())
     }
 
+    /// What answers, if it is none.
+    fn not_a_camera(&self, error: Error<PortError>) -> anyhow::Error {
+        let heard = self.heard.bytes();
+        match error {
+            Error::Camera(Fault::Garbage | Fault::Refused { .. }) => match stranger::name(&heard) {
+                Some(stranger) => {
+                    let shown = stranger::shown(&heard);
+                    anyhow!("{}: {stranger} ({shown})", self.arguments.port)
+                }
+                None => self.failed(error),
+            },
+            _ => self.failed(error),
+        }
+    }
+
     fn failed(&self, error: Error<PortError>) -> anyhow::Error {
         failed(&self.arguments.port, self.baud_rate, error)
     }
@@ -418,6 +445,9 @@ fn connect(arguments: &Arguments, person: &Person) -> anyhow::Result<(Port, u32)
     let why = match found {
         Ok(Search::Found(port, rate)) => return Ok((port, rate)),
         Ok(Search::Garbage) => no_baud_rate(true),
+        Ok(Search::Stranger { rate, heard, who }) => {
+            format!("at {rate} baud, {who} ({})", stranger::shown(&heard))
+        }
         Ok(Search::Silence) => no_baud_rate(false),
         Err(error) => return Err(failed(&arguments.port, rate, error)),
     };

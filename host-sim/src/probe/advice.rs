@@ -70,7 +70,7 @@ fn camera_advice(fault: Fault, baud_rate: u32) -> String {
             let garbled = format!("what comes at {baud_rate} baud makes no sense");
             listed(listed(garbled, &[JUMPERS]), &GARBLED)
         }
-        Fault::Refused => listed(fault.to_string(), &REFUSED),
+        Fault::Refused { .. } => listed(fault.to_string(), &REFUSED),
         Fault::Restarted => listed(fault.to_string(), &RESTARTED),
         fault => fault.to_string(),
     }
@@ -94,8 +94,8 @@ mod tests {
             (Fault::Silence, ["38400", "powered", "swapped", "jumpers"]),
             (Fault::Garbage, ["38400", "jumpers", "--baud auto", "port"]),
             (
-                Fault::Refused,
-                ["NCK", "try again", "off and on", "CMUcam1"],
+                Fault::Refused { command: *b"NF" },
+                ["refused NF", "try again", "off and on", "CMUcam1"],
             ),
             (Fault::Restarted, ["restarted", "supply", "mA", "loose"]),
         ] {

@@ -7,6 +7,7 @@
 //! | [`display`] | A packet as text or JSON, and how a stream went. |
 //! | [`record`] | Sightings at known places, appended to a file for `host-sim solve`. |
 //! | [`picture`] | A frame of the camera as PNG. |
+//! | [`stranger`] | What is on the line, if it is no camera that answers. |
 //!
 //! When a blob stands still, and where, is judged as on a node: [`node_firmware::vision::steady`].
 
@@ -15,6 +16,7 @@ pub mod display;
 pub mod picture;
 pub mod port;
 pub mod record;
+pub mod stranger;
 
 use calib_core::{Ray, camera::Camera};
 use cmucam2_driver::{Cmucam2, geometry::Sensor, packet::Tracking};

@@ -1,12 +1,13 @@
 //! A serial port as the UART of the driver.
 
 use std::{
+    collections::VecDeque,
     fmt,
     io::{self, Write},
     path::Path,
     str::FromStr,
     sync::{
-        Arc,
+        Arc, Mutex,
         atomic::{AtomicBool, Ordering},
     },
     thread,
@@ -19,7 +20,10 @@ use cmucam2_driver::{
 };
 use serialport::SerialPort;
 
-use super::Device;
+use super::{
+    Device,
+    stranger::{self, HEARD_MAX, Stranger},
+};
 
 /// The rates that the camera's jumpers can select, the likeliest first: the fastest, and the
 /// thesis's.
@@ -27,6 +31,10 @@ pub const BAUD_RATES: [u32; 8] = [115_200, 38_400, 57_600, 19_200, 9_600, 4_800,
 
 /// For the slowest line: a command takes 0.3 s at 1200 baud.
 const WRITE_TIMEOUT: Duration = Duration::from_secs(5);
+
+/// How long a camera has for its answers to the way out of raw mode: 17 characters at the slowest
+/// rate that a host uses before it, and as many back.
+const LEAVING: Duration = Duration::from_millis(300);
 
 /// How often a quiet line is looked at. The operating system keeps what comes in between.
 const POLL_US: u32 = 1_000;
@@ -126,10 +134,37 @@ fn ports() -> Vec<String> {
     names
 }
 
+/// The last bytes that came in.
+#[derive(Clone, Debug, Default)]
+pub struct Heard(Arc<Mutex<VecDeque<u8>>>);
+
+impl Heard {
+    fn push(&self, bytes: &[u8]) {
+        if let Ok(mut heard) = self.0.lock() {
+            heard.extend(bytes);
+            let over = heard.len().saturating_sub(HEARD_MAX);
+            heard.drain(..over);
+        }
+    }
+
+    fn forget(&self) {
+        if let Ok(mut heard) = self.0.lock() {
+            heard.clear();
+        }
+    }
+
+    /// The oldest first.
+    pub fn bytes(&self) -> Vec<u8> {
+        let heard = self.0.lock();
+        heard.map_or_else(|_| Vec::new(), |heard| heard.iter().copied().collect())
+    }
+}
+
 /// An open serial port: 8 data bits, no parity, one stop bit, no flow control.
 pub struct Port {
     port: Box<dyn SerialPort>,
     interrupted: Arc<AtomicBool>,
+    heard: Heard,
 }
 
 impl Port {
@@ -144,7 +179,28 @@ impl Port {
         interrupted: Arc<AtomicBool>,
     ) -> Result<Self, OpenError> {
         let port = open(path, baud_rate, WRITE_TIMEOUT)?;
-        Ok(Self { port, interrupted })
+        Ok(Self {
+            port,
+            interrupted,
+            heard: Heard::default(),
+        })
+    }
+
+    /// The last bytes that came, also after the port was given away.
+    pub fn heard(&self) -> Heard {
+        self.heard.clone()
+    }
+
+    /// Tells a camera that was left in a raw mode to leave it. A camera that takes raw commands
+    /// understands the first form, one that only suppresses its acknowledgements the second.
+    ///
+    /// # Errors
+    /// Those of the port.
+    fn leave_raw_modes(&mut self) -> Result<(), PortError> {
+        self.patiently(|port| port.write_all(b"\rRM\x01\x00\rRM 0\r\r"))?;
+        thread::sleep(LEAVING);
+        // What it answers belongs to none of the driver's commands.
+        self.patiently(|port| Ok(port.clear(serialport::ClearBuffer::Input)?))
     }
 
     /// Does it again when a signal has cut it short that does not mean Ctrl-C.
@@ -227,7 +283,9 @@ impl embedded_io::ErrorType for Port {
 
 impl embedded_io::Read for Port {
     fn read(&mut self, buffer: &mut [u8]) -> Result<usize, PortError> {
-        self.patiently(|port| port.read(buffer))
+        let count = self.patiently(|port| port.read(buffer))?;
+        self.heard.push(&buffer[..count]);
+        Ok(count)
     }
 }
 
@@ -269,6 +327,17 @@ pub fn device(port: Port) -> Device {
     )
 }
 
+/// Tells the camera to leave the raw modes, in which other programs leave it: it does not
+/// acknowledge commands then, or expects them in binary. What the driver knew of it is forgotten.
+///
+/// # Errors
+/// Those of the port.
+pub fn leave_raw_modes(camera: Device) -> Result<Device, PortError> {
+    let mut port = camera.release().0;
+    port.leave_raw_modes()?;
+    Ok(device(port))
+}
+
 /// What came of trying all rates.
 #[derive(Debug)]
 pub enum Search {
@@ -276,6 +345,15 @@ pub enum Search {
     Found(Port, u32),
     /// Bytes came, but never those of a camera.
     Garbage,
+    /// Something else answers.
+    Stranger {
+        /// At this rate.
+        rate: u32,
+        /// What it said.
+        heard: Vec<u8>,
+        /// Who says that.
+        who: Stranger,
+    },
     /// Not one byte came.
     Silence,
 }
@@ -290,11 +368,16 @@ pub fn find_baud_rate(
     mut trying: impl FnMut(u32),
 ) -> Result<Search, Error<PortError>> {
     let mut heard = false;
-    for retries in SEARCH_RETRIES {
+    let mut strangers = Vec::new();
+    for (round, retries) in (0..).zip(SEARCH_RETRIES) {
         for rate in BAUD_RATES {
             trying(rate);
+            port.heard.forget();
             let set = port.port.set_baud_rate(rate).map_err(io::Error::from);
             set.map_err(|error| Error::Uart(error.into()))?;
+            if round > 0 {
+                port.leave_raw_modes().map_err(Error::Uart)?;
+            }
             let policy = Policy {
                 poll_us: POLL_US,
                 drain_us: SEARCH_DRAIN_US,
@@ -307,7 +390,13 @@ pub fn find_baud_rate(
             match answer {
                 Ok(()) => return Ok(Search::Found(port, rate)),
                 Err(Error::Camera(Fault::Silence)) => {}
-                Err(Error::Camera(_)) => heard = true,
+                Err(Error::Camera(_)) => {
+                    heard = true;
+                    let heard = port.heard.bytes();
+                    if let Some(who) = stranger::name(&heard) {
+                        strangers.push(Search::Stranger { rate, heard, who });
+                    }
+                }
                 Err(error) => return Err(error),
             }
         }
@@ -315,7 +404,11 @@ pub fn find_baud_rate(
             return Ok(Search::Silence);
         }
     }
-    Ok(Search::Garbage)
+    // At a wrong rate anything may look like one of those that say little.
+    let says_little =
+        |found: &Search| matches!(found, Search::Stranger { who, .. } if !who.is_certain());
+    strangers.sort_by_key(says_little);
+    Ok(strangers.into_iter().next().unwrap_or(Search::Garbage))
 }
 
 #[cfg(test)]

@@ -165,7 +165,7 @@ fn another_board() {
     let (start, file) = erase.rsplit_once(' ').unwrap();
     assert_eq!(start, format!("{bytes} 0x080ed800"));
     assert!(file.ends_with("image.erased.bin"), "{file}");
-    assert!(fs::read(place.path(file)).unwrap() == vec![0xFF; 0xE000]);
+    assert!(fs::read(place.path(file)).unwrap() == vec![0xFF; 0x1_2000]);
 }
 
 #[test]
@@ -197,7 +197,7 @@ fn the_memory_is_erased_last() {
         start,
         "download --chip nRF52840_xxAA --verify --binary-format bin --base-address 0x000ed000"
     );
-    assert!(fs::read(place.path(file)).unwrap() == vec![0xFF; 0xE000]);
+    assert!(fs::read(place.path(file)).unwrap() == vec![0xFF; 0x1_2000]);
 }
 
 #[test]

@@ -125,7 +125,7 @@ impl<U, D, K> Cmucam2BlobCamera<U, D, K> {
             Error::Closed => VisionError::Closed,
             Error::Camera(fault) => match fault {
                 Fault::Silence => VisionError::Silent,
-                Fault::Refused => VisionError::Refused,
+                Fault::Refused { .. } => VisionError::Refused,
                 Fault::Restarted => VisionError::Restarted,
                 Fault::NotStreaming => VisionError::NotBegun,
                 _ => VisionError::Garbled,

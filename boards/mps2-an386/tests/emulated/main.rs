@@ -332,7 +332,7 @@ fn calibrate(config: CameraConfig, stops: &[(f64, f32)], reference: Option<f32>)
     check_stack(&machine);
 
     let commands = camera.notes.iter().filter_map(|note| match note {
-        Note::Command(command) => Some(command.line().as_bytes().trim_ascii_end().to_vec()),
+        Note::Command(command) => Some(command.to_string().into_bytes()),
         _ => None,
     });
     let commands: Vec<_> = commands.collect();

@@ -1,10 +1,10 @@
-//! The driver and the emulator on one line, in virtual time.
+//! A driver, a camera, and a UART between them.
 
 use std::collections::VecDeque;
 
 use cmucam2_driver::session::{Answer, Fault, Policy, Request, Session};
 
-use super::emulator::{Emulator, Time};
+use cmucam2_emulator::{Emulator, Time};
 
 const MICROSECOND: Time = 1_000;
 /// Start bit, eight data bits, stop bit.

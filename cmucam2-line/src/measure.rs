@@ -4,14 +4,16 @@ use cmucam2_driver::{
     colour::ColourBounds,
     command::{Command, OutputMask, RawMode},
     geometry::Window,
-    packet::{Packet, Tracking},
+    packet::Packet,
     session::{Answer, Fault, Policy, Request},
 };
 
-use super::{
-    Background, Configuration, Emulator, Extent, FaultRates, Form, Link, Note, Object, Place,
-    Scene, Shape, Time, Way,
+use cmucam2_emulator::{
+    Background, Configuration, Emulator, Extent, FaultRates, Form, Note, Object, Place, Scene,
+    Shape, Time, Way,
 };
+
+use super::Link;
 
 const SECOND: Time = 1_000_000_000;
 
@@ -166,7 +168,7 @@ pub fn corruption(share: f64, strict: bool, packets: u32, seed: u64) -> Corrupti
     };
     let mut link = link(configuration, moving_ball(), policy);
     let mut counts = Corruption::default();
-    let mut sent: Vec<(Time, Tracking)> = Vec::new();
+    let mut sent: Vec<(Time, Vec<u8>)> = Vec::new();
     // A command may fail on such a line; the next request tries again.
     while link
         .ask(Request::Start(Command::TrackColour(Some(orange())).into()))
@@ -175,24 +177,24 @@ pub fn corruption(share: f64, strict: bool, packets: u32, seed: u64) -> Corrupti
     while counts.sent < packets {
         let answer = link.ask(Request::Next);
         while let Some(note) = link.camera.take_note() {
-            if let Note::Packet {
-                packet: Packet::Tracking(tracking),
-                end,
-            } = note
+            if let Note::Packet { packet, end } = note
+                && packet.letter == b'T'
             {
                 counts.sent += 1;
-                sent.push((end, tracking));
+                sent.push((end, packet.line()));
             }
         }
         let heard = link.heard_at();
         match answer {
-            Ok(Answer::Packet(Packet::Tracking(delivered))) => {
+            Ok(Answer::Packet(delivered @ Packet::Tracking(_))) => {
                 counts.delivered += 1;
+                let delivered = delivered.line();
+                let delivered = delivered.as_bytes();
                 // The packet on the line: a damaged byte may end it early.
                 let truth = sent.iter().find(|(end, _)| *end >= heard);
-                if truth.is_none_or(|(_, truth)| *truth != delivered) {
+                if truth.is_none_or(|(_, truth)| truth != delivered) {
                     counts.wrong += 1;
-                    let differing = truth.map_or(8, |(_, truth)| differing(truth, &delivered));
+                    let differing = truth.map_or(8, |(_, truth)| differing(truth, delivered));
                     counts.wrong_in_several += u32::from(differing > 1);
                 }
             }
@@ -227,14 +229,7 @@ pub fn track_for(seconds: u64, seed: u64) -> u64 {
 }
 
 /// In how many of its numbers a packet differs from another.
-fn differing(a: &Tracking, b: &Tracking) -> usize {
-    let numbers = |tracking: &Tracking| -> Vec<u8> {
-        let raw = Packet::Tracking(*tracking).raw();
-        raw.as_bytes().to_vec()
-    };
-    numbers(a)
-        .iter()
-        .zip(&numbers(b))
-        .filter(|(a, b)| a != b)
-        .count()
+fn differing(a: &[u8], b: &[u8]) -> usize {
+    let words = |line| <[u8]>::split(line, u8::is_ascii_whitespace);
+    words(a).zip(words(b)).filter(|(a, b)| a != b).count()
 }

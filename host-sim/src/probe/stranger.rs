@@ -1,0 +1,183 @@
+//! What is at the other end of the line, if it is no camera that answers: told by what it says.
+
+use std::fmt;
+
+/// How much of what was received is looked at, and shown.
+pub const HEARD_MAX: usize = 256;
+const SHOWN_MAX: usize = 48;
+
+/// Something that is no CMUcam2 ready for commands.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Stranger {
+    /// Another camera of the family, or another firmware of this one.
+    OtherCamera,
+    /// It refuses whatever it is told.
+    RefusesAll,
+    /// It answers with a prompt and nothing else.
+    Unacknowledged,
+    /// What is sent comes back.
+    Echo,
+    /// A GPS receiver that sends NMEA sentences.
+    Nmea,
+    /// A GPS receiver that sends u-blox packets.
+    Ublox,
+    /// A modem, or a module that takes AT commands.
+    Modem,
+    /// The console of a computer.
+    Shell,
+    /// An interpreter of Python on a microcontroller.
+    Python,
+    /// A boot loader.
+    BootLoader,
+    /// A radio co-processor or another speaker of HDLC.
+    Hdlc,
+    /// A line that is held low, or upside down.
+    Break,
+    /// Readable text of something else.
+    Text,
+}
+
+impl fmt::Display for Stranger {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(match self {
+            Self::OtherCamera => {
+                "that is another camera of the CMUcam family, or another firmware: its commands differ"
+            }
+            Self::RefusesAll => {
+                "it says NCK to everything: no CMUcam2 does that for long, so switch it off and on; \
+                 a CMUcam1 has other commands"
+            }
+            Self::Unacknowledged => {
+                "it answers with prompts alone: a CMUcam2 in raw mode 2 or 3 does, but RM 0 has not \
+                 ended it; switch it off and on"
+            }
+            Self::Echo => {
+                "what was sent comes back: are TX and RX of the adapter connected to each other?"
+            }
+            Self::Nmea => "that is a GPS receiver (NMEA 0183)",
+            Self::Ublox => "that is a GPS receiver (u-blox binary protocol)",
+            Self::Modem => "that is a modem, or a module with AT commands",
+            Self::Shell => "that is the console of a computer",
+            Self::Python => "that is a Python prompt of a microcontroller",
+            Self::BootLoader => "that is a boot loader",
+            Self::Hdlc => "that looks like HDLC frames: a radio co-processor?",
+            Self::Break => {
+                "only zero bytes come: the line is held low or its levels are upside down (RS-232 on \
+                 TTL pins), or the other end is not powered"
+            }
+            Self::Text => "that is readable, so the baud rate is right, but it is no CMUcam2",
+        })
+    }
+}
+
+impl Stranger {
+    /// Whether words told it that do not come by chance.
+    pub const fn is_certain(self) -> bool {
+        !matches!(
+            self,
+            Self::Break | Self::Echo | Self::Hdlc | Self::Text | Self::Unacknowledged
+        )
+    }
+}
+
+/// Who says this. `None`: nothing that is known; a wrong baud rate is likely.
+pub fn name(heard: &[u8]) -> Option<Stranger> {
+    let has = |text: &str| {
+        heard
+            .windows(text.len())
+            .any(|part| part == text.as_bytes())
+    };
+    let any = |texts: &[&str]| texts.iter().any(|text| has(text));
+    let only = |allowed: &[u8]| heard.iter().all(|byte| allowed.contains(byte));
+    if heard.is_empty() {
+        return None;
+    }
+    if heard.iter().all(|&byte| byte == 0) {
+        return Some(Stranger::Break);
+    }
+    let stranger = if has("CMUcam") && !has("CMUcam2 v1") {
+        Stranger::OtherCamera
+    } else if any(&["$GP", "$GN", "$GL", "$GA", "!AIVDM"]) {
+        Stranger::Nmea
+    } else if heard.windows(2).any(|part| part == [0xB5, 0x62]) {
+        Stranger::Ublox
+    } else if any(&["U-Boot", "bootloader", "Bootloader", "ets Jun", "rst:0x"]) {
+        Stranger::BootLoader
+    } else if any(&[">>> ", "MicroPython"]) {
+        Stranger::Python
+    } else if any(&[
+        "login:",
+        "assword:",
+        "command not found",
+        "not found\r",
+        "~# ",
+        "~$ ",
+        "]# ",
+    ]) {
+        Stranger::Shell
+    } else if has("NCK") && !has("ACK") && only(b"NCK\r\n:") {
+        Stranger::RefusesAll
+    } else if any(&["OK\r", "ERROR\r", "+CME", "NO CARRIER"]) {
+        Stranger::Modem
+    } else if only(b":") {
+        Stranger::Unacknowledged
+    } else if only(b"\r\n") || has("RM 0\r") || has("GV\r") {
+        Stranger::Echo
+    } else if heard.iter().filter(|&&byte| byte == 0x7E).count() >= 2 {
+        Stranger::Hdlc
+    } else if heard.len() >= 4 && heard.iter().all(|&byte| is_text(byte)) {
+        Stranger::Text
+    } else {
+        return None;
+    };
+    Some(stranger)
+}
+
+fn is_text(byte: u8) -> bool {
+    matches!(byte, b' '..=b'~' | b'\r' | b'\n' | b'\t')
+}
+
+/// What was received, to be shown: the first bytes of it.
+pub fn shown(heard: &[u8]) -> String {
+    let shown = &heard[..heard.len().min(SHOWN_MAX)];
+    let more = if heard.len() > SHOWN_MAX { "..." } else { "" };
+    format!("received \"{}\"{more}", shown.escape_ascii())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn strangers_are_named_by_what_they_say() {
+        for (heard, stranger) in [
+            (
+                &b"$GPGGA,123519,4807.038,N,01131.000,E,1,08\r\n"[..],
+                Some(Stranger::Nmea),
+            ),
+            (b"\xB5\x62\x01\x07\x5C\x00", Some(Stranger::Ublox)),
+            (b"\r\nOK\r\n\r\nOK\r\n", Some(Stranger::Modem)),
+            (b"\r\nERROR\r\n", Some(Stranger::Modem)),
+            (b"\r\nraspberrypi login: ", Some(Stranger::Shell)),
+            (
+                b"\r\n-sh: GV: command not found\r\n~ # ",
+                Some(Stranger::Shell),
+            ),
+            (b"\r\n>>> \r\n>>> ", Some(Stranger::Python)),
+            (b"U-Boot 2023.01\r\n=> ", Some(Stranger::BootLoader)),
+            (b"\r\r\r\r", Some(Stranger::Echo)),
+            (b"\rRM\x01\x00\rRM 0\r\r", Some(Stranger::Echo)),
+            (b"NCK\r:NCK\r:NCK\r:", Some(Stranger::RefusesAll)),
+            (b"::::", Some(Stranger::Unacknowledged)),
+            (b"CMUcam3 v1.0\r:", Some(Stranger::OtherCamera)),
+            (b"CMUcam2 v2.0+ c6\r:", Some(Stranger::OtherCamera)),
+            (b"\x7E\x80\x06\x00\x71\xFA\xB5\x7E", Some(Stranger::Hdlc)),
+            (b"\0\0\0\0", Some(Stranger::Break)),
+            (b"temperature 21.5 C\r\n", Some(Stranger::Text)),
+            (b"\xF8\x00\x1C:\xE6\x80", None),
+            (b"", None),
+        ] {
+            assert_eq!(name(heard), stranger, "{}", heard.escape_ascii());
+        }
+    }
+}
