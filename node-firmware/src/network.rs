@@ -33,16 +33,12 @@ pub trait Network {
     ///
     /// # Errors
     /// It was not taken, and nothing more will be told of it.
-    fn post(&self, to: ShortAddress, message: &Message) -> Result<Self::Ticket, PostError>;
-
-    /// The same where it is not worth to know whether it arrived, nor to send it again: it is settled when
-    /// it is sent. A network that cannot save anything by that need not do this one.
-    ///
-    /// # Errors
-    /// It was not taken, and nothing more will be told of it.
-    fn post_once(&self, to: ShortAddress, message: &Message) -> Result<Self::Ticket, PostError> {
-        self.post(to, message)
-    }
+    fn post(
+        &self,
+        to: ShortAddress,
+        message: &Message,
+        receipt: Receipt,
+    ) -> Result<Self::Ticket, PostError>;
 
     /// Waits for what happens next. Cancel-safe: what was not returned is told next time. `known` is
     /// the attachment that the caller knows.
@@ -50,6 +46,16 @@ pub trait Network {
         &self,
         known: Option<Attachment>,
     ) -> impl Future<Output = NetworkEvent<Self::Ticket>>;
+}
+
+/// Whether it is to be known that a message to one member arrived.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub enum Receipt {
+    /// It is sent again until it arrives, or for about a minute.
+    Wanted,
+    /// It is not worth to be sent again: it is settled when it is sent.
+    NotWanted,
 }
 
 /// What only people at the coordinator ask of a network. Whoever is no coordinator answers that there is

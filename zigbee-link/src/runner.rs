@@ -15,7 +15,7 @@ use serde::{Serialize, de::DeserializeOwned};
 use self::exclusive::Exclusive;
 use crate::{
     Instant,
-    link::{Delivery, SendError, Ticket},
+    link::{Delivery, Effort, SendError, Ticket},
     network::{Action, NetworkStatus, Node},
     radio::{FRAME_MAX, PSDU_MAX, Radio},
     store::{Store, StoreError},
@@ -170,22 +170,21 @@ impl<C: Clock, const PEERS: usize, const QUEUE: usize, const MEMBERS: usize>
         destination: ShortAddress,
         message: &T,
     ) -> Result<Ticket, SendError> {
-        let sent = self.with(|node, now| node.link.send(now, destination, message));
-        // Not taken, and worth another attempt, as by a full queue.
-        sent.unwrap_or(Err(SendError::QueueFull))
+        self.post_with(destination, message, Effort::Acknowledged)
     }
 
-    /// The same as [`post`](Self::post), once and without an acknowledgement:
-    /// [`Link::send_once`](crate::link::Link::send_once).
+    /// The same, with less effort if that is wanted: [`Link::send_with`](crate::link::Link::send_with).
     ///
     /// # Errors
     /// The message was not taken, see [`SendError`].
-    pub fn post_once<T: Serialize + Sync + ?Sized>(
+    pub fn post_with<T: Serialize + Sync + ?Sized>(
         &self,
         destination: ShortAddress,
         message: &T,
+        effort: Effort,
     ) -> Result<Ticket, SendError> {
-        let sent = self.with(|node, now| node.link.send_once(now, destination, message));
+        let sent = self.with(|node, now| node.link.send_with(now, destination, message, effort));
+        // Not taken, and worth another attempt, as by a full queue.
         sent.unwrap_or(Err(SendError::QueueFull))
     }
 

@@ -21,7 +21,7 @@ use crate::{
     facts::{Fact, FactStore},
     hardware::{Hardware, Indicator, Observer},
     message::{Message, Sight},
-    network::{Network, NetworkEvent, PostError},
+    network::{Network, NetworkEvent, PostError, Receipt},
     role::{
         Output, Role, camera::CameraRole, coordinator::CoordinatorRole, moving_target::TargetRole,
     },
@@ -219,12 +219,11 @@ pub(super) async fn drive<H: Hardware, N: Network, F: NorFlash>(
     loop {
         let post = |to, message: &Message| {
             // The target asks if it has to know.
-            let ticket = match message {
-                Message::Look(look) if look.sight == Sight::NotInView => {
-                    network.post_once(to, message)?
-                }
-                _ => network.post(to, message)?,
+            let receipt = match message {
+                Message::Look(look) if look.sight == Sight::NotInView => Receipt::NotWanted,
+                _ => Receipt::Wanted,
             };
+            let ticket = network.post(to, message, receipt)?;
             observer.sends(to, message);
             Ok(ticket)
         };

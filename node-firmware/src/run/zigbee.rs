@@ -4,7 +4,7 @@ use core::{cell::Cell, time::Duration};
 
 use zigbee_link::{
     Instant,
-    link::{Delivery, SendError, Ticket},
+    link::{Delivery, Effort, SendError, Ticket},
     network::{NetworkStatus, Node},
     runner::{Clock, Happened, Shared},
     wire::ShortAddress,
@@ -17,7 +17,9 @@ use crate::{
     limits::MEMBERS,
     log::debug,
     message::Message,
-    network::{Administration, Attachment, Network, NetworkEvent, NetworkIdentity, PostError},
+    network::{
+        Administration, Attachment, Network, NetworkEvent, NetworkIdentity, PostError, Receipt,
+    },
 };
 
 /// What the link's runner and a role share.
@@ -51,25 +53,27 @@ fn attachment(status: NetworkStatus) -> Option<Attachment> {
     }
 }
 
-fn refused(error: SendError) -> PostError {
-    match error {
-        SendError::QueueFull => PostError::Full,
-        error => {
-            debug!("not sent: {}", error);
-            PostError::Refused
-        }
-    }
-}
-
 impl<C: Clock> Network for ZigbeeNetwork<C> {
     type Ticket = Ticket;
 
-    fn post(&self, to: ShortAddress, message: &Message) -> Result<Ticket, PostError> {
-        self.node.post(to, message).map_err(refused)
-    }
-
-    fn post_once(&self, to: ShortAddress, message: &Message) -> Result<Ticket, PostError> {
-        self.node.post_once(to, message).map_err(refused)
+    fn post(
+        &self,
+        to: ShortAddress,
+        message: &Message,
+        receipt: Receipt,
+    ) -> Result<Ticket, PostError> {
+        let effort = match receipt {
+            Receipt::Wanted => Effort::Acknowledged,
+            Receipt::NotWanted => Effort::Once,
+        };
+        let posted = self.node.post_with(to, message, effort);
+        posted.map_err(|error| match error {
+            SendError::QueueFull => PostError::Full,
+            error => {
+                debug!("not sent: {}", error);
+                PostError::Refused
+            }
+        })
     }
 
     async fn happened(&self, known: Option<Attachment>) -> NetworkEvent<Ticket> {

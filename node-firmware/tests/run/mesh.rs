@@ -15,7 +15,9 @@ use node_firmware::{
     console::{FromPc, KeyChangeReport, NetworkInfo, ToPc},
     facts::FactStore,
     message::{CameraCommand, CommandResult, Duty, Message, Sight},
-    network::{Administration, Attachment, Network, NetworkEvent, NetworkIdentity, PostError},
+    network::{
+        Administration, Attachment, Network, NetworkEvent, NetworkIdentity, PostError, Receipt,
+    },
     run::run_over,
 };
 use rand::{RngExt, SeedableRng};
@@ -147,7 +149,7 @@ struct Node {
 impl Network for Node {
     type Ticket = u32;
 
-    fn post(&self, to: ShortAddress, message: &Message) -> Result<u32, PostError> {
+    fn post(&self, to: ShortAddress, message: &Message, _: Receipt) -> Result<u32, PostError> {
         let mesh = &*self.mesh;
         let room = &mesh.nodes[usize::from(self.own)].on_the_way;
         if room.get() == ROOM {

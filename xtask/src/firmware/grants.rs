@@ -73,7 +73,7 @@ const GRANTS: &[Grant] = &[
     grant("nrf-pac", TEXT, [10, 0, 0], "pins by the bit of a latch; channels and groups of the interconnect by their type; a timer's registers by constants of embassy-nrf"),
     grant("portable-atomic", MESSAGE, [6, 4, 0], "its comparison is where a StaticCell looks whether it was taken: the first task does that, once for each"),
     grant("postcard", TEXT, [0, 0, 5], "every message of the panel fits its buffer"),
-    grant("postcard", SLICE, [4, 4, 5], "the buffers are as long as the longest number, and frames end with their zero"),
+    grant("postcard", SLICE, [3, 3, 4], "the buffers are as long as the longest number, and frames end with their zero"),
     grant("semihosting", TEXT, [0, 0, 3], "the emulator hands out no such file"),
     grant("semihosting", SLICE, [0, 0, 4], "the emulator writes no more than it was given, and tells how long its arguments are"),
     grant("static_cell", MESSAGE, [1, 1, 2], STATICS),

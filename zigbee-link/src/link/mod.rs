@@ -146,6 +146,16 @@ pub enum LinkEvent {
     },
 }
 
+/// What is done for a message to one member.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub enum Effort {
+    /// It is repeated until the member acknowledges it.
+    Acknowledged,
+    /// It is sent once, for an application that repeats it itself until its own answer comes.
+    Once,
+}
+
 /// Where a link is attached: the PAN and the own short address.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 struct Attachment {
@@ -257,34 +267,29 @@ impl<const PEERS: usize, const QUEUE: usize> Link<PEERS, QUEUE> {
         destination: ShortAddress,
         message: &T,
     ) -> Result<Ticket, SendError> {
-        let mut buffer = [0; MESSAGE_MAX];
-        let bytes = postcard::to_slice(message, &mut buffer).map_err(|_| SendError::TooLong)?;
-        let kind = if destination == ShortAddress::BROADCAST {
-            Kind::Broadcast
-        } else {
-            Kind::Unicast
-        };
-        self.enqueue(now, kind, destination, bytes)
+        self.send_with(now, destination, message, Effort::Acknowledged)
     }
 
-    /// Takes a message for sending to one member, once and without an acknowledgement: for an
-    /// application that repeats it itself until its own answer comes. Its result is
-    /// [`Delivery::Broadcast`].
+    /// The same as [`send`](Self::send), with less effort if that is wanted. The result of what is sent
+    /// [`Once`](Effort::Once) is [`Delivery::Broadcast`].
     ///
     /// # Errors
     /// The message was not taken, see [`SendError`].
-    pub fn send_once<T: Serialize + ?Sized>(
+    pub fn send_with<T: Serialize + ?Sized>(
         &mut self,
         now: Instant,
         destination: ShortAddress,
         message: &T,
+        effort: Effort,
     ) -> Result<Ticket, SendError> {
-        if !destination.is_unicast() {
-            return Err(SendError::Destination);
-        }
         let mut buffer = [0; MESSAGE_MAX];
         let bytes = postcard::to_slice(message, &mut buffer).map_err(|_| SendError::TooLong)?;
-        self.enqueue(now, Kind::Once, destination, bytes)
+        let kind = match effort {
+            _ if destination == ShortAddress::BROADCAST => Kind::Broadcast,
+            Effort::Acknowledged => Kind::Unicast,
+            Effort::Once => Kind::Once,
+        };
+        self.enqueue(now, kind, destination, bytes)
     }
 
     /// Hands the next key on to a member, as reliably as a message. It is accepted there at once

@@ -122,7 +122,7 @@ fn what_is_sent_once_is_not_acknowledged() {
     let mut aether = Aether::new(2, 0.0, 0);
     for is_known in [false, true] {
         aether.heard.clear();
-        let sent = aether.nodes[0].send_once(aether.now, short(1), &7_u8);
+        let sent = aether.nodes[0].send_with(aether.now, short(1), &7_u8, Effort::Once);
         aether.run();
         let received: Option<(ShortAddress, u8)> = aether.nodes[1].recv();
         assert_eq!(received, Some((short(0), 7)));
@@ -135,8 +135,6 @@ fn what_is_sent_once_is_not_acknowledged() {
             assert_eq!(aether.heard.len(), 1);
         }
     }
-    let to_all = aether.nodes[0].send_once(aether.now, ShortAddress::BROADCAST, &7_u8);
-    assert_eq!(to_all, Err(SendError::Destination));
 }
 
 /// The first frames between two nodes are pinned, byte for byte, with their FCS: challenge,
