@@ -13,6 +13,7 @@ use node_firmware::{
     console::{Frames, FromPc, ToPc},
     facts::Fact,
     message::{CommandResult, Duty, Message, Reference, Seen, Sight, TrackedBlob},
+    network::{Attachment, NetworkIdentity},
     role::{
         Output, Role,
         camera::{self, CameraRole},
@@ -21,13 +22,7 @@ use node_firmware::{
     },
     vision::Lens,
 };
-use zigbee_link::{
-    Instant,
-    link::MESSAGE_MAX,
-    radio::Channel,
-    store::Membership,
-    wire::{Eui64, PanId, ShortAddress},
-};
+use zigbee_link::{Instant, link::MESSAGE_MAX, wire::ShortAddress};
 
 fuzz_target!(|input: &[u8]| {
     let Some((&selector, records)) = input.split_first() else {
@@ -156,15 +151,16 @@ fn live<R: Role>(
     mut role: R,
     mut events: impl FnMut(&[u8]) -> Vec<R::Event>,
 ) {
-    let membership = Membership {
-        pan: PanId(1),
-        channel: Channel::FIRST,
-        short: ShortAddress(short),
-        coordinator: Eui64([2; 8]),
+    let attachment = Attachment {
+        network: NetworkIdentity {
+            number: 1,
+            founder: [2; 8],
+        },
+        own: short,
     };
     let mut now = Instant(0);
     let mut notifications = Vec::new();
-    role.on_attached(now, Some(membership));
+    role.on_attached(now, Some(attachment));
     let mut rest = records;
     while let [kind, pause, from, len, tail @ ..] = rest {
         now = now + Duration::from_millis(100 * u64::from(*pause));
@@ -177,7 +173,7 @@ fn live<R: Role>(
                 }
             }
             1 => role.on_attached(now, None),
-            2 => role.on_attached(now, Some(membership)),
+            2 => role.on_attached(now, Some(attachment)),
             3 => {
                 for notification in notifications.drain(..) {
                     role.on_sent(now, notification, pause % 2 == 0);

@@ -19,9 +19,15 @@ pub(super) struct Confirmations {
     /// When to tell, if there is something to tell.
     due: Option<Instant>,
     told: Option<Instant>,
-    /// A camera had not heard of the stop, so others may not have either.
-    was_missed: bool,
+    /// For so many stops yet, this one included, messages are taken to get lost: somebody answered
+    /// twice, or had not heard of a stop.
+    lossy: u8,
+    /// The present stop was confirmed once more because of that.
+    was_repeated: bool,
 }
+
+/// Stops, after one at which a message was lost.
+const LOSSY: u8 = 4;
 
 impl Confirmations {
     pub(super) const fn new() -> Self {
@@ -29,13 +35,17 @@ impl Confirmations {
             seen_by: heapless::Vec::new(),
             due: None,
             told: None,
-            was_missed: false,
+            lossy: 0,
+            was_repeated: false,
         }
     }
 
     /// Another stop, or the same one told anew.
     pub(super) fn clear(&mut self) {
-        *self = Self::new();
+        *self = Self {
+            lossy: self.lossy.saturating_sub(1),
+            ..Self::new()
+        };
     }
 
     /// They are to be told at this time, whoever it is.
@@ -46,6 +56,9 @@ impl Confirmations {
     /// A camera saw the target at this stop. Not before `first`, when most have answered. Tells when
     /// it is confirmed.
     pub(super) fn add(&mut self, now: Instant, camera: MemberAddress, first: Instant) -> Instant {
+        if self.seen_by.contains(&camera) {
+            self.lossy = LOSSY;
+        }
         self.seen_by.retain(|known| *known != camera);
         if self.seen_by.is_full() {
             // Most likely it was named already. If not, it answers again.
@@ -67,7 +80,7 @@ impl Confirmations {
     /// A camera did not know of the stop, or is not ready. It is told once more, for others that did not
     /// hear of it either.
     pub(super) fn on_missed(&mut self, now: Instant, first: Instant) {
-        if !core::mem::replace(&mut self.was_missed, true) {
+        if core::mem::replace(&mut self.lossy, LOSSY) < LOSSY {
             self.tell_again(now, first);
         }
     }
@@ -86,6 +99,10 @@ impl Confirmations {
     ) -> Option<heapless::Vec<MemberAddress, CONFIRMED>> {
         self.due.take_if(|due| *due <= now)?;
         self.told = Some(now);
+        // Who has missed the stop and this has missed all that tells it to look.
+        if self.lossy > 0 && !core::mem::replace(&mut self.was_repeated, true) {
+            self.due = Some(now + COLLECT);
+        }
         Some(self.seen_by.clone())
     }
 
