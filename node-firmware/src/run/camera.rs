@@ -119,6 +119,7 @@ impl<K: BlobCamera, C: Clock> CameraDevice<'_, K, C> {
                         self.wake(&events, Start::Again).await;
                     }
                 }
+                CameraTask::Adapt => self.wake(&events, Start::Again).await,
                 CameraTask::Command(CameraCommand::Track { colour }) => {
                     next = self.track(colour, &tasks, &events).await;
                 }

@@ -264,3 +264,26 @@ fn a_background_is_not_learnt_with_the_target_in_view() {
     assert_eq!(stop(&mut site), Some(Sight::InView));
     assert_eq!(backgrounds(&site), learnt + 1);
 }
+
+/// Its gain and white balance are those of the light at its start. A carrier who goes on walking is
+/// enough to make it see again.
+#[test]
+fn a_camera_adapts_to_another_daylight() {
+    let mut site = Site::new();
+    site.camera.sees(Some(40));
+    site.bench.run_for(40 * SECOND);
+    assert_eq!(site.camera.looks().last(), Some(&Sight::InView));
+    site.camera.dazzle();
+    site.camera.forget_heard();
+    let stop = |site: &mut Site| {
+        site.target.step(1.0, 0.5);
+        site.bench.run_for(30 * SECOND);
+        assert!(site.target.lamps.0.get().may_walk);
+        site.camera.looks().last().copied()
+    };
+    let stops = (0..20).position(|_| stop(&mut site) == Some(Sight::InView));
+    assert!(stops.is_some(), "{:?}", site.camera.looks());
+    let heard = site.camera.heard();
+    assert_eq!(heard.iter().filter(|line| *line == "RS").count(), 1);
+    assert_eq!(stop(&mut site), Some(Sight::InView));
+}

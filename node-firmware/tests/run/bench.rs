@@ -102,6 +102,8 @@ pub(super) fn extended(flash: &Flash) -> Eui64 {
 #[derive(Default)]
 pub(super) struct Camera {
     sees: Cell<Option<u8>>,
+    /// It adapted to another light, and sees nothing before it does so again.
+    dazzled: Cell<bool>,
     heard: RefCell<Vec<String>>,
 }
 
@@ -127,10 +129,13 @@ impl Camera {
         const MILLISECOND: Time = SECOND / 1000;
         match command.get(..2) {
             Some("GV") => (MILLISECOND, "ACK\rCMUcam2 v1.01 c6\r:".to_owned()),
-            Some("RS") => (700 * MILLISECOND, "ACK\r\rCMUcam2 v1.01 c6\r:".to_owned()),
+            Some("RS") => {
+                self.dazzled.set(false);
+                (700 * MILLISECOND, "ACK\r\rCMUcam2 v1.01 c6\r:".to_owned())
+            }
             Some("GT") => (MILLISECOND, "ACK\r130 190 90 150 40 100\r:".to_owned()),
             Some(kind @ ("TC" | "TW" | "FD")) => {
-                let packet = match self.sees.get() {
+                let packet = match self.sees.get().filter(|_| !self.dazzled.get()) {
                     // Of 16 x 16 blocks.
                     Some(x) if kind == "FD" => [x, 8, x - 1, 7, x + 1, 9, 6, 255],
                     Some(x) => [x, 70, x - 4, 61, x + 4, 79, 60, 200],
@@ -372,6 +377,11 @@ impl Board {
     /// What its camera sees from now on.
     pub(super) fn sees(&self, column: Option<u8>) {
         self.camera.sees.set(column);
+    }
+
+    /// The daylight is another one now.
+    pub(super) fn dazzle(&self) {
+        self.camera.dazzled.set(true);
     }
 
     /// What its camera was told, from now on or since it was last forgotten.

@@ -134,6 +134,7 @@ impl Net {
                 let devices: super::bus::Devices<CameraRole> = Box::new(move |now, task| {
                     Some(match task {
                         camera::CameraTask::Recall(_) => return None,
+                        camera::CameraTask::Adapt => (now + LOOK, camera::CameraEvent::Ready),
                         camera::CameraTask::Look { colour } => {
                             looks.borrow_mut()[n] += 1;
                             let (sight, seen) = site.borrow().look(n, colour);

@@ -35,6 +35,8 @@ pub(super) struct Device {
     looking: Option<LookRequest>,
     next_look: Option<LookRequest>,
     next_command: Option<CameraCommand>,
+    /// It is to adapt to the light when nothing else waits.
+    adapts_next: bool,
 }
 
 impl Device {
@@ -45,6 +47,7 @@ impl Device {
             looking: None,
             next_look: None,
             next_command: None,
+            adapts_next: false,
         }
     }
 
@@ -74,6 +77,7 @@ impl Device {
     pub(super) fn on_starting(&mut self) -> ([Option<LookRequest>; 2], Option<CameraCommand>) {
         self.start = Start::Starting;
         self.is_busy = false;
+        self.adapts_next = false;
         let requests = [self.looking.take(), self.next_look.take()];
         (requests, self.next_command.take())
     }
@@ -97,6 +101,11 @@ impl Device {
         }
     }
 
+    /// Has it adapt to the light when it has the time.
+    pub(super) const fn adapt(&mut self) {
+        self.adapts_next = true;
+    }
+
     /// Stops that are looked at or will be.
     pub(super) fn requested(&self) -> impl Iterator<Item = (MemberAddress, StopNumber)> {
         let requests = [&self.looking, &self.next_look].into_iter().flatten();
@@ -113,7 +122,13 @@ impl Device {
             self.is_busy = !matches!(command, CameraCommand::Track { .. });
             return Some(CameraTask::Command(command));
         }
-        let request = self.next_look.take()?;
+        let Some(request) = self.next_look.take() else {
+            if core::mem::take(&mut self.adapts_next) {
+                self.start = Start::Starting;
+                return Some(CameraTask::Adapt);
+            }
+            return None;
+        };
         self.is_busy = true;
         self.looking = Some(request);
         let colour = request.stopped.colour;

@@ -13,6 +13,9 @@
 //! view the last time either, unless it asks. A stop that is told twice is answered twice and counted
 //! once. The count goes with every answer: the target never has to keep one in step.
 //!
+//! A camera that sees nothing at many stops, or at a few where its pose says that the target is in view,
+//! adapts to the light again after its answer.
+//!
 //! Nothing comes of a look before the target has [confirmed](crate::message::Confirmation) that the
 //! answer came while it still stood there.
 
@@ -22,6 +25,7 @@ mod device;
 mod duty;
 mod facts;
 mod kept;
+mod light;
 mod progress;
 mod reference;
 mod stops;
@@ -39,6 +43,7 @@ use self::{
     colours::LearntColours,
     device::Device,
     duty::ReferenceDuty,
+    light::Light,
     progress::Progress,
     targets::{KnownTargets, LastLooks},
 };
@@ -73,6 +78,8 @@ pub enum CameraTask {
         /// Number of the colour in the configuration.
         colour: u8,
     },
+    /// Start anew, to adapt to the light. [`CameraEvent::Ready`] ends this.
+    Adapt,
     /// A command of the coordinator or a button.
     Command(CameraCommand),
     /// Colours were learnt in a former run: look for these. No event ends this.
@@ -148,6 +155,7 @@ pub struct CameraRole {
     colours: LearntColours,
 
     looks: LastLooks,
+    light: Light,
     target_seen: bool,
     /// Bearings that did not fit the pose, less those since that did.
     misses: u8,
@@ -182,6 +190,7 @@ impl CameraRole {
             device: Device::new(),
             colours,
             looks: LastLooks::new(),
+            light: Light::new(),
             target_seen: false,
             misses: 0,
             is_watched_doubtful: false,

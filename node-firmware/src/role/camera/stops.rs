@@ -12,12 +12,14 @@ use super::{
     targets::{LastLook, Unconfirmed, is_past},
 };
 use crate::{
+    arithmetic::root,
     facts::KeptSighting,
     message::{
         CameraState, CommandResult, Confirmation, CoordinateFrame, Duty, MemberAddress, Message,
-        Report, Seen, Sight, StopAnswer, StopBearing, StopNumber, Stopped,
+        PoseParts, Report, Seen, Sight, StopAnswer, StopBearing, StopNumber, Stopped,
     },
     role::COORDINATOR,
+    vision::Subject,
 };
 
 /// A bearing farther off than so many sigmas does not fit the pose.
@@ -28,6 +30,9 @@ const MISSES: u8 = 2;
 
 /// A picture that repeated itself so often does not change: by chance it does once in 10,000 looks.
 const STUCK: u8 = 2;
+
+/// Share of the half field of view within which the whole target is in view, in spite of the pose's error.
+const WELL_INSIDE: f32 = 0.8;
 
 impl CameraRole {
     /// Whether what is seen at this stop is of use to this camera, or makes it a reference. To the
@@ -112,6 +117,7 @@ impl CameraRole {
     pub(super) fn on_looked(&mut self, now: Instant, sight: Sight, seen: Option<Seen>) {
         if let Some(request) = self.device.on_looked() {
             self.on_look(now, request, sight, seen);
+            self.judge_light(&request.stopped, sight);
         }
     }
 
@@ -155,6 +161,41 @@ impl CameraRole {
         });
         if !is_known {
             self.answer(now, target, stopped.stop, sight, seen);
+        }
+    }
+
+    /// Has the camera adapt to the light again if it sees nothing where it should.
+    // stack
+    #[inline(never)]
+    fn judge_light(&mut self, stopped: &Stopped, sight: Sight) {
+        let subjects = &self.config.subjects;
+        // What moves is found in any light, and its background must not be learnt now.
+        let Some(Subject::Colour(_)) = subjects.of_target(stopped.colour) else {
+            return;
+        };
+        let report = self.progress.report();
+        let is_trusted = report.status() == Status::Calibrated;
+        let is_located = stopped.frame == CoordinateFrame::Site;
+        let pose = report.pose().filter(|_| is_trusted && is_located);
+        let direction = pose.and_then(PoseParts::pose).map(|pose| {
+            let to_target = stopped.place.position() - pose.position;
+            let direction = RealField::atan2(to_target.y, to_target.x);
+            let off = angle::wrap_signed(direction - pose.heading);
+            (off, root(to_target.norm_squared()))
+        });
+        match sight {
+            Sight::NotInView => {}
+            Sight::InView | Sight::Clipped | Sight::Unsteady => {
+                self.light.on_seen(direction.map(|(_, range)| range));
+                return;
+            }
+            Sight::NotLooking | Sight::Failed | Sight::NotReady => return,
+        }
+        let half_view = self.config.lens.field_of_view_deg.to_radians() / 2.0;
+        let is_expected = direction
+            .map(|(off, range)| off.abs() < WELL_INSIDE * half_view && self.light.reaches(range));
+        if self.light.on_nothing(is_expected) {
+            self.device.adapt();
         }
     }
 

@@ -1190,3 +1190,111 @@ fn a_contradiction_replaces_no_good_pose() {
     assert_eq!(camera.report().status(), Status::Calibrated);
     assert_eq!(camera.report().pose().unwrap().position, [1.0, 0.0]);
 }
+
+/// A camera that looks for a colour.
+fn colour_camera(address: u16) -> CameraRole {
+    let window = ColourWindow {
+        red: [170, 240],
+        green: [60, 140],
+        blue: [16, 80],
+    };
+    let config = CameraConfig {
+        subjects: Subjects::Colours([window].into_iter().collect()),
+        ..config()
+    };
+    camera_with(address, config)
+}
+
+/// A target stands, and the camera sees nothing: whether it adapts to the light then.
+fn miss(camera: &mut CameraRole, now: u64, stopped: &Stopped) -> bool {
+    camera.on_message(at(now), TARGET, &Message::Stopped(*stopped));
+    let look = Output::Task(CameraTask::Look { colour: 0 });
+    assert!(outputs(camera, now).contains(&look));
+    camera.on_event(at(now), CameraEvent::Looked(Sight::NotInView, None));
+    let adapts = outputs(camera, now).contains(&Output::Task(CameraTask::Adapt));
+    if adapts {
+        // Whoever asks meanwhile hears so, and the target waits.
+        let next = Stopped {
+            stop: stopped.stop + 1,
+            ..*stopped
+        };
+        camera.on_message(at(now), TARGET, &Message::Stopped(next));
+        let told = sent(camera, now + 1);
+        let is_not_ready = |(_, message): &(_, Message)| matches!(message, Message::Look(look) if look.sight == Sight::NotReady);
+        assert!(told.iter().any(is_not_ready), "{told:?}");
+        camera.on_event(at(now + 1), CameraEvent::Ready);
+    }
+    adapts
+}
+
+const NEVER: [StopNumber; 0] = [];
+
+/// The stops, out of so many, after which a camera adapts that sees nothing.
+fn adaptations(
+    camera: &mut CameraRole,
+    stops: u16,
+    stopped: impl Fn(StopNumber) -> Stopped,
+) -> Vec<StopNumber> {
+    let is_adapting =
+        |stop: &StopNumber| miss(camera, 1_000 + 10 * u64::from(*stop), &stopped(*stop));
+    (100..100 + stops).filter(is_adapting).collect()
+}
+
+#[test]
+fn a_camera_that_never_sees_anything_adapts_to_the_light_ever_less_often() {
+    let own = |stop| stopped(stop, CoordinateFrame::Own);
+    let mut blind = colour_camera(4);
+    assert_eq!(adaptations(&mut blind, 100, own), [111, 135, 183]);
+    // The background of what moves would have the target in it.
+    let mut camera = camera(4);
+    assert_eq!(adaptations(&mut camera, 100, own), NEVER);
+}
+
+#[test]
+fn a_camera_that_does_not_see_a_target_in_its_view_adapts_when_it_has_left() {
+    let calibrated = || {
+        let mut camera = colour_camera(4);
+        for stop in 1..=4 {
+            see(
+                &mut camera,
+                10 * u64::from(stop),
+                &stopped(stop, CoordinateFrame::Site),
+            );
+            let _ = outputs(&mut camera, 10 * u64::from(stop) + 1);
+        }
+        let _ = outputs(&mut camera, 60);
+        assert_eq!(camera.report().status(), Status::Calibrated);
+        camera
+    };
+    let in_view = |stop| Stopped {
+        place: place_at([4.5, 4.6]),
+        ..stopped(stop, CoordinateFrame::Site)
+    };
+    let behind = |stop| Stopped {
+        place: place_at([-5.0, -5.0]),
+        ..in_view(stop)
+    };
+    // Nothing is wrong with a camera that does not see what is behind it.
+    assert_eq!(adaptations(&mut calibrated(), 60, behind), NEVER);
+    let leaves = |stop| {
+        if stop < 104 {
+            in_view(stop)
+        } else {
+            behind(stop)
+        }
+    };
+    assert_eq!(adaptations(&mut calibrated(), 60, leaves), [104]);
+    // It does not leave.
+    assert_eq!(adaptations(&mut calibrated(), 10, in_view), [107]);
+    // What it sees again begins the count anew.
+    let mut camera = calibrated();
+    assert_eq!(adaptations(&mut camera, 3, in_view), NEVER);
+    let _ = outputs(&mut camera, 2_040);
+    see(&mut camera, 2_050, &in_view(103));
+    assert!((104..107).all(|stop| !miss(
+        &mut camera,
+        3_000 + 10 * u64::from(stop),
+        &in_view(stop)
+    )));
+    assert!(!miss(&mut camera, 5_000, &behind(107)));
+}

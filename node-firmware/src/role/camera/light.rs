@@ -1,0 +1,69 @@
+//! When a camera adapts to the light again: gain and white balance are frozen after a start, so a
+//! change of daylight, or a target before the lens at that moment, hides the target for good.
+
+/// Without a pose so many looks in a row see nothing before the camera adapts.
+const LOOKS: u16 = 12;
+
+/// A look that sees nothing where the pose says that the target is in view counts as so many.
+const EXPECTED: u16 = 3;
+
+/// What did not help is tried again after twice as many looks, but so often at most.
+const DOUBLINGS: u8 = 4;
+
+/// Looks that saw nothing.
+#[derive(Clone, Debug)]
+pub(super) struct Light {
+    missed: u16,
+    /// Adaptations since it saw the target last.
+    adapted: u8,
+    /// The farthest that a target was seen in this run by a camera that knew its pose.
+    farthest: Option<f32>,
+}
+
+impl Light {
+    pub(super) const fn new() -> Self {
+        Self {
+            missed: 0,
+            adapted: 0,
+            farthest: None,
+        }
+    }
+
+    /// The target is seen, so far away if that is known.
+    pub(super) fn on_seen(&mut self, range: Option<f32>) {
+        self.missed = 0;
+        self.adapted = 0;
+        if let Some(range) = range {
+            self.farthest = Some(self.farthest.map_or(range, |farthest| farthest.max(range)));
+        }
+    }
+
+    /// Whether a target could be seen from so far.
+    pub(super) fn reaches(&self, range: f32) -> bool {
+        self.farthest.is_none_or(|farthest| range <= farthest)
+    }
+
+    /// Nothing is seen, where the target is expected in view or not, or nobody knows (`None`). Whether
+    /// the camera is to adapt to the light now: rather while the target is not before it, for that would
+    /// spoil the white balance again.
+    pub(super) fn on_nothing(&mut self, is_expected: Option<bool>) -> bool {
+        let weight = match is_expected {
+            Some(true) => EXPECTED,
+            Some(false) => 0,
+            None => 1,
+        };
+        self.missed = self.missed.saturating_add(weight);
+        let limit = LOOKS << self.adapted;
+        let limit = if is_expected == Some(true) {
+            2 * limit
+        } else {
+            limit
+        };
+        let is_due = self.missed >= limit;
+        if is_due {
+            self.missed = 0;
+            self.adapted = (self.adapted + 1).min(DOUBLINGS);
+        }
+        is_due
+    }
+}
