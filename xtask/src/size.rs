@@ -29,7 +29,7 @@ const IMAGES: [Image; 4] = [
     Image {
         name: "link",
         contents: "messages, security, 16 peers",
-        budget: Some((16 * 1024, 4 * 1024)),
+        budget: Some((17 * 1024, 4 * 1024)),
     },
     Image {
         name: "store",

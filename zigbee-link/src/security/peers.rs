@@ -13,7 +13,7 @@ pub const EVICT_AFTER: Duration = Duration::from_secs(60);
 
 /// A peer that was silent for this long has to prove that its next broadcast is fresh. A frame that
 /// was not heard is new by its counter, however late somebody sends it again.
-pub const FRESH_FOR: Duration = Duration::from_secs(30);
+pub const FRESH_FOR: Duration = Duration::from_secs(60);
 
 /// A counter that is behind by more than this may be the true one of a peer, if that one proves it:
 /// nothing that a node sends is overtaken by so many of its frames.
