@@ -323,13 +323,27 @@ impl CameraRole {
         if is_trusted && knows_less && solved.status() != Status::Doubtful {
             return;
         }
+        // Nor is a place that the camera was given given up for one that somebody finds for it: it was moved,
+        // and nobody knows where it stands now.
+        let is_given = |parts: &PoseParts| matches!(parts.covariance, [0.0, _, 0.0, ..]);
+        if let (Some(held), [Some(own), Some(other)]) = (report.pose(), poses)
+            && is_given(held)
+            && !solved.pose().is_some_and(is_given)
+            && contradiction(&own, &other) > CONTRADICTION
+        {
+            self.was_moved = true;
+            self.is_watched_doubtful = true;
+            let state = CameraState::Doubtful(*held);
+            self.update(now, Report { state, ..report });
+            self.notify(CameraNotification::Report(from), now);
+            return;
+        }
         self.solved_by = Some(from);
         // The pose that what this camera sees contradicts is not good for being told again: whoever solved
         // it left out what does not fit.
         let is_same = matches!(poses, [Some(own), Some(other)]
             if contradiction(&own, &other) <= CONTRADICTION);
         // Nor is the place that a camera was given its own any more if it looks elsewhere now.
-        let is_given = |parts: &PoseParts| matches!(parts.covariance, [0.0, _, 0.0, ..]);
         self.was_moved |=
             self.is_watched_doubtful && !is_same && solved.pose().is_some_and(is_given);
         self.is_watched_doubtful &= is_same || self.was_moved;
