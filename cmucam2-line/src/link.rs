@@ -120,3 +120,35 @@ impl Link {
         }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use cmucam2_driver::session::StartUp;
+    use cmucam2_emulator::{Configuration, Scene};
+
+    use super::*;
+
+    fn link(host_baud: u32) -> Link {
+        let camera = Emulator::new(Configuration::default(), Scene::default());
+        let mut link = Link::new(camera, Policy::default(), host_baud);
+        link.pass(2 * SECOND);
+        link
+    }
+
+    #[test]
+    fn a_driver_starts_the_camera_up() {
+        let camera_baud = Configuration::default().host_baud;
+        let mut same = link(camera_baud);
+        let answer = same.ask(Request::StartUp(StartUp::default()));
+        assert!(answer.is_ok(), "{answer:?}");
+        assert!(same.heard_at() > 2 * SECOND && same.heard_at() <= same.now());
+    }
+
+    #[test]
+    fn a_byte_takes_ten_bits() {
+        let mut link = link(9600);
+        link.put(&[1, 2]);
+        let times: Vec<Time> = link.outgoing.iter().map(|(at, _)| at - link.now).collect();
+        assert_eq!(times, [1_041_666, 2_083_332]);
+    }
+}
