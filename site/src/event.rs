@@ -101,6 +101,36 @@ pub enum Action {
         #[serde(default)]
         heading_deg: f64,
     },
+    /// A target's carrier rests: it stays at the stop where it stands, or where it comes to stand next,
+    /// whatever the lamp shows. Its patience begins anew after that.
+    Rest {
+        /// The node's number.
+        node: u16,
+        /// For how long, seconds.
+        for_s: f64,
+    },
+    /// A target's carrier does not heed the lamp, and walks on from each stop after a while.
+    IgnoreLamp {
+        /// The node's number.
+        node: u16,
+        /// For how long, seconds.
+        for_s: f64,
+        /// How long it stands at a stop, seconds. Default 1.
+        #[serde(default = "one_second")]
+        stand_s: f64,
+    },
+    /// Bits of a node's flash flip, each as likely as another.
+    Rot {
+        /// The node's number.
+        node: u16,
+        /// How many.
+        bits: u32,
+    },
+    /// A node's flash is worn: whatever is written to it or erased fails from now on.
+    WearOut {
+        /// The node's number.
+        node: u16,
+    },
     /// Frames that a node sent are heard again.
     Replay {
         /// The node's number.
@@ -139,6 +169,10 @@ fn yes() -> bool {
     true
 }
 
+fn one_second() -> f64 {
+    1.0
+}
+
 impl Action {
     /// The nodes that it names.
     pub fn nodes(&self) -> &[u16] {
@@ -149,6 +183,10 @@ impl Action {
             | Self::StickCamera { node, .. }
             | Self::BumpCamera { node, .. }
             | Self::Slip { node, .. }
+            | Self::Rest { node, .. }
+            | Self::IgnoreLamp { node, .. }
+            | Self::Rot { node, .. }
+            | Self::WearOut { node }
             | Self::Replay { node, .. } => std::slice::from_ref(node),
             Self::Partition { nodes, .. } => nodes,
             Self::Jam { .. } | Self::Loss { .. } | Self::Forge { .. } => &[],
@@ -158,7 +196,11 @@ impl Action {
     /// How long it lasts, seconds.
     pub fn duration_s(&self) -> Option<f64> {
         match self {
-            Self::Restart { .. } | Self::BumpCamera { .. } | Self::Replay { .. } => None,
+            Self::Restart { .. }
+            | Self::BumpCamera { .. }
+            | Self::Rot { .. }
+            | Self::WearOut { .. }
+            | Self::Replay { .. } => None,
             Self::PowerCut { for_s, .. }
             | Self::Jam { for_s, .. }
             | Self::Partition { for_s, .. }
@@ -166,6 +208,8 @@ impl Action {
             | Self::Forge { for_s, .. }
             | Self::UnplugCamera { for_s, .. }
             | Self::StickCamera { for_s, .. }
+            | Self::Rest { for_s, .. }
+            | Self::IgnoreLamp { for_s, .. }
             | Self::Slip { for_s, .. } => Some(*for_s),
         }
     }

@@ -65,6 +65,10 @@ pub struct Scenario {
     /// How step sensors err. Assumed if missing: not at all.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub sensor: Option<SensorTable>,
+    /// By how much nodes' clocks run too fast or too slow at most, millionths: each by an error of its
+    /// own, evenly. Default 40, what crystals of 20 have with their temperature and age.
+    #[serde(default = "forty")]
+    pub clock_ppm: f64,
     /// The radio medium.
     #[serde(default)]
     pub radio: RadioTable,
@@ -100,6 +104,10 @@ pub(crate) const ASSUMED_FIELD_OF_VIEW_DEG: f64 = 60.0;
 
 fn one() -> u64 {
     1
+}
+
+fn forty() -> f64 {
+    40.0
 }
 
 fn three() -> usize {

@@ -217,6 +217,10 @@ pub struct Node {
     pub bytes_sent: Option<u64>,
     /// As `bytes_sent`, in frames.
     pub frames_sent: Option<u64>,
+    /// How often the page of its flash was erased that was erased most, formatting included; left out of
+    /// nodes whose flash nobody watches.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub page_erasures: Option<u32>,
 }
 
 /// A lens, as the camera itself found it.
@@ -490,6 +494,7 @@ impl Node {
             payload_bytes: None,
             bytes_sent: None,
             frames_sent: None,
+            page_erasures: None,
         }
     }
 

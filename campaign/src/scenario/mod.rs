@@ -108,6 +108,10 @@ pub fn ingredients(scenario: &Scenario) -> BTreeSet<&'static str> {
         Action::BumpCamera { .. } => "bumped camera",
         Action::Slip { .. } => "slip",
         Action::Replay { .. } => "replay",
+        Action::Rest { .. } => "carrier who rests",
+        Action::IgnoreLamp { .. } => "carrier who ignores the lamp",
+        Action::Rot { .. } => "rot",
+        Action::WearOut { .. } => "worn flash",
         Action::Forge { .. } => "forged frames",
     });
     let sensor = scenario.sensor.unwrap_or_default();
@@ -194,6 +198,9 @@ mod tests {
                 "slip]",
                 "replay]",
                 "forge]",
+                "rest]",
+                "ignore-lamp]",
+                "rot]",
                 "corrupt_line",
                 "undeclared_distance",
                 "undeclared_heading_deg",

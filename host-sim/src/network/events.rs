@@ -3,7 +3,7 @@
 use std::{cell::RefCell, collections::BTreeSet, rc::Rc};
 
 use nalgebra::Vector2;
-use rand::RngExt;
+use rand::{Rng, RngExt};
 use zigbee_link::{radio::Channel, wire::fcs};
 
 use super::{
@@ -120,6 +120,35 @@ pub(super) fn schedule(simulation: &mut Simulation) {
                     simulation.executor.spawn(slip);
                 }
             }
+            Action::Rest { node, for_s } => {
+                if let Some(node) = find(simulation, node) {
+                    let rest = rest(clock, at..until(for_s), node);
+                    simulation.executor.spawn(rest);
+                }
+            }
+            Action::IgnoreLamp {
+                node,
+                for_s,
+                stand_s,
+            } => {
+                if let Some(node) = find(simulation, node) {
+                    let hurry = hurry(clock, at..until(for_s), node, nanoseconds(stand_s));
+                    simulation.executor.spawn(hurry);
+                }
+            }
+            Action::Rot { node, bits } => {
+                if let Some(node) = find(simulation, node) {
+                    let random = root.stream("rot", number);
+                    simulation
+                        .executor
+                        .spawn(rot(clock, at, node, bits, random));
+                }
+            }
+            Action::WearOut { node } => {
+                if let Some(node) = find(simulation, node) {
+                    simulation.executor.spawn(wear_out(clock, at, node));
+                }
+            }
             Action::Replay { node, last_s } => {
                 if let Some(node) = find(simulation, node) {
                     let medium = simulation.medium.clone();
@@ -210,6 +239,40 @@ async fn slip(clock: Clock, during: std::ops::Range<Time>, node: Rc<Node>, error
     clock.sleep_until_time(during.end).await;
     node.note("slips no more");
     node.slip(error, false);
+}
+
+async fn rest(clock: Clock, during: std::ops::Range<Time>, node: Rc<Node>) {
+    clock.sleep_until_time(during.start).await;
+    node.note("has a carrier who rests");
+    node.rest(true);
+    clock.sleep_until_time(during.end).await;
+    node.note("has a carrier who goes on");
+    node.rest(false);
+}
+
+async fn hurry(clock: Clock, during: std::ops::Range<Time>, node: Rc<Node>, stand: Time) {
+    clock.sleep_until_time(during.start).await;
+    node.note("has a carrier who does not heed the lamp");
+    node.hurry(stand, true);
+    clock.sleep_until_time(during.end).await;
+    node.note("has a carrier who heeds the lamp again");
+    node.hurry(stand, false);
+}
+
+async fn rot(clock: Clock, at: Time, node: Rc<Node>, bits: u32, mut random: impl Rng) {
+    clock.sleep_until_time(at).await;
+    node.note("has bits of its flash flip");
+    let mut bytes = node.flash().bytes_mut();
+    for _ in 0..bits {
+        let at = random.random_range(0..bytes.len());
+        bytes[at] ^= 1 << random.random_range(0..8);
+    }
+}
+
+async fn wear_out(clock: Clock, at: Time, node: Rc<Node>) {
+    clock.sleep_until_time(at).await;
+    node.note("has a flash that is worn");
+    node.flash().wear_out();
 }
 
 /// Keeps what nodes send whose frames will be replayed.

@@ -72,7 +72,7 @@ use answers::record::RunRecord;
 use nalgebra::Point2;
 use rand::Rng;
 use site::world::World;
-use site::{NetworkTable, RadioTable, Scenario, ScenarioError, Site};
+use site::{Action, NetworkTable, RadioTable, Scenario, ScenarioError, Site};
 use virtual_bench::{
     executor::{Ended, Executor, Time, times_real_time},
     medium::{Capture, LogDistance, Medium, Propagation},
@@ -352,15 +352,20 @@ impl Simulation {
         cameras.filter_map(of).collect()
     }
 
-    /// No walk takes longer than all its patience.
+    /// No walk takes longer than all its patience, and all rests.
     fn limit(&self) -> Time {
+        let rests = self.scenario.events.iter().map(|event| match event.action {
+            Action::Rest { for_s, .. } => events::nanoseconds(for_s),
+            _ => 0,
+        });
+        let rests: Time = rests.sum();
         let longest = self
             .site
             .networks
             .iter()
             .flat_map(|network| &network.targets)
             .map(|target| self.patience(&target.stops));
-        longest.max().unwrap_or_default()
+        longest.max().unwrap_or_default() + rests
     }
 
     /// How long a walk may take at most.

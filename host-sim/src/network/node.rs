@@ -5,6 +5,7 @@ use std::{
     rc::Rc,
 };
 
+use board_support::flash::NRF52840 as NRF52840_FLASH;
 use calib_core::dead_reckoning::Step;
 use embassy_sync::{blocking_mutex::raw::NoopRawMutex, channel::Channel as Queue, signal::Signal};
 use nalgebra::{Point2, Vector2};
@@ -15,6 +16,7 @@ use node_firmware::{
     limits::CONSOLE_BAUD,
     run::run,
 };
+use rand::RngExt;
 use zigbee_link::{radio::Csma, wire::Eui64};
 
 use super::{
@@ -24,7 +26,7 @@ use super::{
     journal::{SharedJournal, Witness},
 };
 use cmucam2_emulator::{Background, Configuration, Emulator, Rgb, Scene};
-use site::world::View;
+use site::world::{Mood, View};
 use site::{CameraNode, Network, TargetNode};
 use virtual_bench::{
     executor::{Clock, Spawner, TaskId, Time},
@@ -34,8 +36,8 @@ use virtual_bench::{
     random::Root,
 };
 
-/// Two pages for the link, and those for the role.
-const LINK: u32 = 2 * PAGE as u32;
+/// What an nRF52840 has for the link, and for the role.
+const LINK: u32 = NRF52840_FLASH.layout.link.end - NRF52840_FLASH.layout.link.start;
 const PAGES: usize = (LINK + facts::BYTES) as usize / PAGE;
 
 /// A board that failed restarts after this.
@@ -107,6 +109,10 @@ struct Adversity {
     /// What its step sensor says too much of distances (a share) and headings (radians), each for
     /// as long as it is in the list.
     slips: RefCell<Vec<[f64; 2]>>,
+    /// So often its carrier was told to rest and not to go on yet.
+    rests: Cell<usize>,
+    /// How long its carrier stands without heeding the lamp, each for as long as it is in the list.
+    hurries: RefCell<Vec<Time>>,
 }
 
 /// One more, or one less.
@@ -167,8 +173,10 @@ impl Node {
         (line, outlook): (Line, Option<Outlook>),
         root: Root,
     ) -> Rc<Self> {
-        let clock = simulation.executor.clock();
         let id = config.id.into();
+        let most = simulation.scenario.clock_ppm * 1e3;
+        let drift = root.stream("clock", id).random_range(-most..=most);
+        let clock = simulation.executor.clock().drifting(drift as i32);
         let emulation = simulation.emulation.as_ref();
         Rc::new(Self {
             board: emulation.map(|emulation| emulation.board(&config)),
@@ -295,6 +303,12 @@ impl Node {
         &self.flash
     }
 
+    /// Of the page of its flash that was erased most; unknown of an emulated board.
+    pub(super) fn page_erasures(&self) -> Option<u32> {
+        let wear = self.board.is_none().then(|| self.flash.wear())?;
+        wear.erasures.into_iter().max()
+    }
+
     /// Whether its firmware runs on an emulated board.
     pub(super) fn is_emulated(&self) -> bool {
         self.board.is_some()
@@ -330,6 +344,33 @@ impl Node {
             (false, Some(place)) => drop(under_way.remove(place)),
             (false, None) => {}
         }
+    }
+
+    /// What its carrier makes of the lamp.
+    pub(super) fn mood(&self) -> Mood {
+        let shortest = self.adversity.hurries.borrow().iter().min().copied();
+        match (self.adversity.rests.get(), shortest) {
+            (0, None) => Mood::Heeds,
+            (0, Some(stand)) => Mood::Ignores(stand),
+            _ => Mood::Rests,
+        }
+    }
+
+    /// Its carrier rests, or goes on.
+    pub(super) fn rest(&self, rests: bool) {
+        count(&self.adversity.rests, rests);
+        self.panel.changed.signal(());
+    }
+
+    /// Its carrier stands no longer than this at a stop, or heeds the lamp again.
+    pub(super) fn hurry(&self, stand: Time, hurries: bool) {
+        let mut under_way = self.adversity.hurries.borrow_mut();
+        match (hurries, under_way.iter().position(|one| *one == stand)) {
+            (true, _) => under_way.push(stand),
+            (false, Some(place)) => drop(under_way.remove(place)),
+            (false, None) => {}
+        }
+        self.panel.changed.signal(());
     }
 
     /// Somebody moves its camera and turns it, radians.

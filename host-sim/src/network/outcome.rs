@@ -298,6 +298,7 @@ fn with_traffic(simulation: &Simulation, mut node: Node) -> Node {
         let counters = hardware.medium().counters(hardware.antenna);
         node.frames_sent = Some(counters.frames);
         node.bytes_sent = Some(counters.bytes + PHY_HEADER * counters.frames);
+        node.page_erasures = hardware.page_erasures();
         // Nobody sees what the machine code of a board hands to its link.
         node.payload_bytes = (!hardware.is_emulated()).then_some(entry.payload_bytes);
     }

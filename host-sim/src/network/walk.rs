@@ -153,6 +153,7 @@ impl Walk {
                 }
                 continue;
             }
+            self.walker.set_mood(self.node.mood(), now);
             self.walker.may_walk(lamp, now);
             self.walker.advance(now, &mut events);
             for (_, event) in events.drain(..) {
@@ -173,7 +174,8 @@ impl Walk {
                     let next = self.clock.sleep_until_time(at);
                     select(self.node.panel.changed.wait(), next).await;
                 }
-                None => continue,
+                None if self.walker.is_done() => continue,
+                None => self.node.panel.changed.wait().await,
             }
         }
     }

@@ -27,7 +27,9 @@ pub(super) fn check(scenario: &Scenario, ids: &BTreeSet<u16>) -> Checked {
                 | Action::BumpCamera { .. } => {
                     (ids.contains(id) && !is_target, "the `id` of a camera")
                 }
-                Action::Slip { .. } => (is_target, "the `id` of a target"),
+                Action::Slip { .. } | Action::Rest { .. } | Action::IgnoreLamp { .. } => {
+                    (is_target, "the `id` of a target")
+                }
                 _ => (
                     ids.contains(id) || *id == 0,
                     "the `id` of a camera or a target, or 0 for the first network's coordinator",

@@ -47,7 +47,12 @@ impl Board {
     }
 
     /// Opens the debug port, and erases all.
-    pub(super) fn unlock<'a>(self, sh: &'a Shell, probe: Option<&str>, options: &[&str]) -> Cmd<'a> {
+    pub(super) fn unlock<'a>(
+        self,
+        sh: &'a Shell,
+        probe: Option<&str>,
+        options: &[&str],
+    ) -> Cmd<'a> {
         match self {
             Self::Nrf52840 => cmd!(sh, "probe-rs erase {options...} --allow-erase-all"),
             Self::NucleoL476rg => open_ocd(sh, probe, "unlock"),

@@ -218,14 +218,10 @@ impl Arguments {
     /// Refuses a page that makes another node of the board, which would go on with what the former
     /// one learnt.
     fn compare(&self, sh: &Shell, new: &Config) -> Result<()> {
-        let said = self
-            .look(sh)
-            .quiet()
-            .read()
-            .context(
-                "nothing was written: see what probe-rs says above. A board that was locked is \
+        let said = self.look(sh).quiet().read().context(
+            "nothing was written: see what probe-rs says above. A board that was locked is \
                  written with --unlock, which erases it",
-            )?;
+        )?;
         let bytes = parse_read(&said);
         ensure!(
             bytes.len() == PAGE_MAX,
