@@ -6,5 +6,6 @@ mod carriers;
 mod determinism;
 mod faults;
 mod kinds;
+mod references;
 mod restarts;
 mod yard;
