@@ -7,5 +7,6 @@ mod determinism;
 mod faults;
 mod kinds;
 mod long;
+mod references;
 mod restarts;
 mod yard;

@@ -66,7 +66,8 @@ pub(super) fn record(simulation: &Simulation, wall_seconds: f64) -> RunRecord {
             network: number + 1,
             ..Node::new(id, role)
         };
-        let coordinator = of_network(site::coordinator_id(number), Role::Coordinator);
+        let mut coordinator = of_network(site::coordinator_id(number), Role::Coordinator);
+        coordinator.health = console.view().health();
         nodes.push(with_traffic(simulation, coordinator));
         let mut numbers = Numbers::new();
         for target in &network.targets {
@@ -104,7 +105,9 @@ pub(super) fn record(simulation: &Simulation, wall_seconds: f64) -> RunRecord {
                         .map(|(target, stop, s)| (*target, *stop, s)),
                 );
             }
-            node.silent = is_silent(simulation, network, &node, &entry);
+            let view = console.view();
+            let is_absent = view.member(node.id).is_some_and(|member| member.absent);
+            node.silent = is_absent || is_silent(simulation, network, &node, &entry);
             node.calibrated_seconds = entry.calibrated.map(seconds);
             nodes.push(with_traffic(simulation, node));
         }

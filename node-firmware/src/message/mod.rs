@@ -23,6 +23,10 @@
 //! | frames exchanged by the references (2.3) | [`Message::Bearing`] |
 //! | the target's location told by node 0 (2.6.1) | [`Message::Located`] |
 
+mod health;
+
+pub use self::health::{Eye, Health, Memory, Restart};
+
 use calib_core::{
     Limits, Pose, Ray, Real, Refusal, Status, camera::Projection, dead_reckoning::Place, fit::Fit,
     joint::ProtectionLevels,
@@ -84,6 +88,9 @@ pub enum Message {
     Sighting(ListedSighting),
     /// To everybody: whose looks at a stop came while the target still stood there.
     Confirmed(Confirmation),
+    /// A member tells the coordinator what is the matter with itself, after its [`Message::Hello`], which
+    /// says that nothing is.
+    Health(Health),
 }
 
 /// What a member is.
@@ -154,6 +161,18 @@ pub struct References {
 }
 
 impl References {
+    /// There are none any more: who sees a target that does not know its place may become one.
+    pub const NONE: Self = Self {
+        first: 0,
+        second: 0,
+        positions: None,
+    };
+
+    /// Whether these are two cameras.
+    pub const fn are_two(&self) -> bool {
+        self.first != self.second
+    }
+
     /// The duty of a member.
     pub const fn duty_of(&self, member: ShortAddress) -> Option<Duty> {
         if member.0 == self.first {

@@ -20,7 +20,7 @@ use super::{QUEUE, outlined::Outlined};
 use crate::{
     facts::{Fact, FactStore},
     hardware::{Hardware, Indicator, Observer},
-    message::{Message, Sight},
+    message::{Memory, Message, Restart, Sight},
     network::{Network, NetworkEvent, PostError, Receipt},
     role::{
         Output, Role, camera::CameraRole, coordinator::CoordinatorRole, moving_target::TargetRole,
@@ -214,6 +214,7 @@ pub(super) async fn drive<H: Hardware, N: Network, F: NorFlash>(
     if let Err(error) = Outlined(pin!(recalled)).await {
         return error;
     }
+    whichever!(&mut any, driver => driver.role.on_node(clock.now(), Memory::Flash, Restart::Ordinary));
     let mut attachment = None;
     let mut shown = None;
     loop {

@@ -9,6 +9,7 @@
 use std::collections::{BTreeMap, BTreeSet};
 
 use calib_core::{Refusal, Status};
+use node_firmware::message::{Eye, Health};
 
 use super::{
     Node, NodeLens, Protection, Role, RunRecord, checks,
@@ -21,7 +22,7 @@ mod words;
 
 pub use causes::deceives;
 pub use in_view::InView;
-pub use words::{check_words, status_words};
+pub use words::{check_words, health_words, status_words};
 
 /// A sighting this many sigmas off its camera's pose is worth a look.
 const WILD: f64 = 5.0;
@@ -50,6 +51,8 @@ pub struct Verdict {
     pub absent: Vec<u16>,
     /// Coordinators and targets that do not answer any more, and when they were last heard.
     pub silent: Vec<(u16, Role, Option<f64>)>,
+    /// Nodes that say that something is the matter with them, by ascending number.
+    pub unwell: Vec<(u16, Role, Health)>,
     /// Nodes whose firmware could not go on, by ascending number.
     pub failing: Vec<Failing>,
     /// Where to stop the target next: by ascending network, the best place first.
@@ -171,6 +174,8 @@ pub enum Common {
     Carrier(u16, f64),
     /// Residuals are this many times larger than foretold, for whatever reason.
     Misfit(f64),
+    /// This reference camera of a network in which nobody has a pose is not there: no other gets one.
+    Reference(u16),
     /// No pose of this network is checked: no target estimated its cameras together.
     Unchecked(u16),
     /// True errors are this many times larger than foretold.
@@ -213,6 +218,7 @@ impl Verdict {
         let networks = Networks::of(record);
         let mut by_camera = BTreeMap::<u16, Vec<Trouble>>::new();
         let mut common = causes::common(record);
+        common.extend(networks.missing(record).map(Common::Reference));
         let mut to_check = Vec::new();
         for network in record.networks.iter().map(|network| network.network) {
             let (troubles, stops) = unchecked(record, network, &mut common);
@@ -270,6 +276,10 @@ impl Verdict {
             silent: others()
                 .filter(|node| node.silent)
                 .map(|node| (node.id, node.role, node.heard_seconds))
+                .collect(),
+            unwell: { record.nodes.iter() }
+                .filter(|node| node.health != Health::default())
+                .map(|node| (node.id, node.role, node.health))
                 .collect(),
             failing: record.nodes.iter().filter_map(Failing::of).collect(),
             next_stops,
@@ -427,6 +437,15 @@ impl Networks {
         }
     }
 
+    /// References that are not there, of networks in which they are waited for.
+    fn missing(&self, record: &RunRecord) -> impl Iterator<Item = u16> {
+        let cameras = record.cameras().filter(|camera| {
+            let is_awaited = camera.reference && self.unanswered.contains(&camera.network);
+            is_awaited && camera.estimate.is_none() && is_gone(camera)
+        });
+        cameras.map(|camera| camera.id)
+    }
+
     /// What a camera of which this was found asks for. Where to stop is not what is the matter with
     /// whoever never joined, and the references see nothing together while one of them is missing.
     fn wish<'a>(&self, camera: &'a Node, troubles: &[Trouble]) -> Option<Wish<'a>> {
@@ -443,6 +462,14 @@ impl Networks {
             in_pair,
         })
     }
+}
+
+/// Whether a reference camera cannot do its duty.
+fn is_gone(camera: &Node) -> bool {
+    camera.never_joined()
+        || camera.silent
+        || !camera.failures.is_empty()
+        || camera.health.camera != Eye::Sees
 }
 
 impl Trouble {

@@ -36,8 +36,8 @@ use crate::{
     facts::{Fact, FactKey, Walk},
     hardware::Indication,
     message::{
-        Confirmation, CoordinateFrame, Hello, MemberAddress, MemberKind, Message, Sight,
-        StopAnswer, StopBearing, StopNumber, Stopped,
+        Confirmation, CoordinateFrame, Health, Hello, MemberAddress, MemberKind, Memory, Message,
+        Restart, Sight, StopAnswer, StopBearing, StopNumber, Stopped,
     },
     network::Attachment,
 };
@@ -74,16 +74,18 @@ pub enum TargetNotification {
     Ask(MemberAddress, StopNumber),
     /// It tells a camera its pose.
     Posed(MemberAddress),
+    /// It tells the coordinator what is the matter with it.
+    Health,
 }
 
 /// Of all these there is one, but for poses. Whom to ask is in the table.
-const NOTIFICATIONS: usize = 1 + estimate::CAMERAS;
+const NOTIFICATIONS: usize = 2 + estimate::CAMERAS;
 
 impl Notification for TargetNotification {
     fn priority(self) -> u8 {
         match self {
             Self::Hello | Self::Ask(..) => 0,
-            Self::Posed(_) => 1,
+            Self::Posed(_) | Self::Health => 1,
         }
     }
 }
@@ -141,6 +143,7 @@ pub struct TargetRole<'m> {
     estimate_at: Option<Instant>,
     is_estimating: bool,
     seen: bool,
+    health: Health,
 }
 
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -196,6 +199,7 @@ impl<'m> TargetRole<'m> {
             estimate_at: None,
             is_estimating: false,
             seen: false,
+            health: Health::default(),
         }
     }
 
@@ -410,6 +414,14 @@ impl<'m> TargetRole<'m> {
         self.on_seen(from, look);
     }
 
+    /// Presents itself, and tells what is the matter with it if anything is.
+    fn present(&mut self, now: Instant) {
+        self.notifications.notify(TargetNotification::Hello, now);
+        if self.health != Health::default() {
+            self.notifications.notify(TargetNotification::Health, now);
+        }
+    }
+
     /// A message that has to be told, as it is known now, and to whom.
     fn message_of(&self, notification: TargetNotification) -> Option<(ShortAddress, Message)> {
         Some(match notification {
@@ -425,6 +437,7 @@ impl<'m> TargetRole<'m> {
                 let (_, report) = reports.find(|(of, _)| *of == camera)?;
                 (ShortAddress(camera), Message::Posed(*report))
             }
+            TargetNotification::Health => (COORDINATOR, Message::Health(self.health)),
             TargetNotification::Ask(..) => return None,
         })
     }
@@ -527,7 +540,7 @@ impl Role for TargetRole<'_> {
             self.locate_at = None;
             self.knows_cameras = false;
         }
-        self.notifications.notify(TargetNotification::Hello, now);
+        self.present(now);
         // Those of a former run report no more.
         self.find_references();
         match self.state {
@@ -571,16 +584,14 @@ impl Role for TargetRole<'_> {
                     self.table.meet(camera);
                 }
             }
-            Message::WhoIsThere if from == COORDINATOR => {
-                self.notifications.notify(TargetNotification::Hello, now);
-            }
+            Message::WhoIsThere if from == COORDINATOR => self.present(now),
             _ => {}
         }
     }
 
     fn on_sent(&mut self, now: Instant, notification: TargetNotification, delivered: bool) {
         match notification {
-            TargetNotification::Hello => {
+            TargetNotification::Hello | TargetNotification::Health => {
                 self.notifications.on_sent(notification, now, delivered);
             }
             TargetNotification::Posed(camera) => {
@@ -608,6 +619,17 @@ impl Role for TargetRole<'_> {
                 self.sensor_failed = true;
                 self.lose(now);
             }
+        }
+    }
+
+    fn on_node(&mut self, now: Instant, memory: Memory, restart: Restart) {
+        let health = Health {
+            memory,
+            restart,
+            ..self.health
+        };
+        if core::mem::replace(&mut self.health, health) != health {
+            self.notifications.notify(TargetNotification::Health, now);
         }
     }
 
