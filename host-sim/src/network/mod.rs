@@ -67,7 +67,10 @@ use self::{
     journal::{Journal, NodeEntry, SharedJournal},
     node::Node,
 };
-use crate::probe::port::{OpenError, open};
+use crate::{
+    probe::port::{OpenError, open},
+    video::Video,
+};
 use answers::record::RunRecord;
 use nalgebra::Point2;
 use rand::Rng;
@@ -251,6 +254,22 @@ impl Simulation {
         }
         self.executor.set_pace(times_real_time(1.0));
         Ok(())
+    }
+
+    /// Has a node's camera see a video in the place of the simulated world, from time 0 of the run on.
+    /// Nothing has run yet.
+    ///
+    /// # Errors
+    /// There is no such camera.
+    pub fn show_video(&mut self, node: u16, video: Video) -> Result<(), ConnectError> {
+        let has_camera = self.config(node).map(|config| &config.role);
+        match (has_camera, self.node(node)) {
+            (Some(RoleConfig::Camera(_)), Some(camera)) => {
+                camera.show(video);
+                Ok(())
+            }
+            _ => Err(ConnectError::NoCamera(node)),
+        }
     }
 
     /// Connects a terminal to the line of a network's coordinator, before anything has run; networks

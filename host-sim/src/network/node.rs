@@ -25,6 +25,7 @@ use super::{
     emulated::{Board, Surroundings},
     journal::{SharedJournal, Witness},
 };
+use crate::video::Video;
 use cmucam2_emulator::{Background, Configuration, Emulator, Rgb, Scene};
 use site::world::{Mood, View};
 use site::{CameraNode, Network, TargetNode};
@@ -75,6 +76,8 @@ struct Outlook {
     index: usize,
     /// What it saw when it began to stick.
     stuck: Rc<RefCell<Option<View>>>,
+    /// In the place of the world.
+    video: Rc<RefCell<Option<Video>>>,
 }
 
 /// The node's end of the lamps.
@@ -243,10 +246,19 @@ impl Node {
             world: simulation.world.clone(),
             index,
             stuck: Rc::default(),
+            video: Rc::default(),
         };
         let (world, stuck) = (outlook.world.clone(), outlook.stuck.clone());
+        let video = outlook.video.clone();
         let mut seen = None;
-        let scene = move |_: Time, scene: &mut Scene| {
+        let scene = move |now: Time, scene: &mut Scene| {
+            if let Some(video) = &mut *video.borrow_mut() {
+                // What cannot be read is not seen: the last picture stays.
+                if let Ok(picture) = video.at(now as f64 * 1e-9) {
+                    scene.background = Background::Picture(picture);
+                }
+                return;
+            }
             if let Some(view) = &*stuck.borrow() {
                 seen = None;
                 view.paint(BACKDROP, &mut scene.objects);
@@ -457,6 +469,13 @@ impl Node {
             self.spawner.kill(task);
             self.panel.show(Indication::default());
             self.panel.steps.clear();
+        }
+    }
+
+    /// Its camera sees this instead of the world, from time 0 on.
+    pub(super) fn show(&self, video: Video) {
+        if let Some(outlook) = &self.outlook {
+            outlook.video.replace(Some(video));
         }
     }
 
