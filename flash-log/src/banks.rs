@@ -143,7 +143,8 @@ impl<F: NorFlash> Banks<F> {
     }
 
     /// All there is to do with the flash, in one place: every `await` of a future of its own would
-    /// be code of its own.
+    /// be code of its own. What was written or erased is read again: worn flash may not say that it
+    /// failed, and what was not erased would be taken for the newest.
     async fn access(
         &mut self,
         access: Access,
@@ -158,7 +159,28 @@ impl<F: NorFlash> Banks<F> {
             Access::Write => self.flash.write(at, bytes).await,
             Access::Erase => self.flash.erase(at, at + self.bank_len).await,
         };
-        done.map_err(LogError::Flash)
+        done.map_err(LogError::Flash)?;
+        if let Access::Read = access {
+            return Ok(());
+        }
+        let written = slot::sum(bytes);
+        let (slots, len) = match access {
+            Access::Erase => (self.slots, self.slot_len as u32),
+            _ => (1, 0),
+        };
+        for slot in 0..slots {
+            let read = self.flash.read(at + slot * len, bytes).await;
+            read.map_err(LogError::Flash)?;
+            let is_done = match (access, slot::inspect(bytes, false)) {
+                (Access::Erase, Content::Erased) => true,
+                (Access::Write, Content::Entry { .. }) => slot::sum(bytes) == written,
+                _ => false,
+            };
+            if !is_done {
+                return Err(LogError::Worn);
+            }
+        }
+        Ok(())
     }
 
     /// Content of the slot last read, which is put right.

@@ -458,7 +458,7 @@ fn a_table_with_gaps_survives_restarts() {
         })
     };
     let hears = [
-        (1, Message::WhoIsThere),
+        (1, Message::WhoIsThere(heapless::Vec::new())),
         (2, report(102, 3)),
         (3, report(103, 3)),
     ];

@@ -148,7 +148,11 @@ fn golden() -> Vec<(Message, String)> {
             }),
             "00ac0201".into(),
         ),
-        (Message::WhoIsThere, "01".into()),
+        (Message::WhoIsThere(heapless::Vec::new()), "0100".into()),
+        (
+            Message::WhoIsThere([1, 300].into_iter().collect()),
+            "010201ac02".into(),
+        ),
         (
             Message::Roster([1, 300].into_iter().collect()),
             "020201ac02".into(),
@@ -586,7 +590,10 @@ fn longest() -> Vec<(&'static str, Message)> {
                 },
             }),
         ),
-        ("WhoIsThere", Message::WhoIsThere),
+        (
+            "WhoIsThere",
+            Message::WhoIsThere([far; ROSTER].into_iter().collect()),
+        ),
         (
             "Roster",
             Message::Roster([far; ROSTER].into_iter().collect()),
@@ -693,7 +700,7 @@ fn longest() -> Vec<(&'static str, Message)> {
 /// Most bytes of payload per kind. A kind that grows costs airtime, so that should be seen.
 const LENGTHS: [(&str, usize); 18] = [
     ("Hello", 16),
-    ("WhoIsThere", 1),
+    ("WhoIsThere", 98),
     ("Roster", 98),
     ("References", 24),
     ("Stopped", 63),

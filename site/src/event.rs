@@ -77,6 +77,13 @@ pub enum Action {
         /// For how long, seconds.
         for_s: f64,
     },
+    /// The light is another one from then on, before all cameras.
+    Daylight {
+        /// How bright, against what it was at the start.
+        level: f64,
+        /// Its colour temperature, kelvin.
+        kelvin: f64,
+    },
     /// Somebody moves a camera, turns it, or both. It stays so.
     BumpCamera {
         /// The node's number.
@@ -189,7 +196,9 @@ impl Action {
             | Self::WearOut { node }
             | Self::Replay { node, .. } => std::slice::from_ref(node),
             Self::Partition { nodes, .. } => nodes,
-            Self::Jam { .. } | Self::Loss { .. } | Self::Forge { .. } => &[],
+            Self::Jam { .. } | Self::Loss { .. } | Self::Daylight { .. } | Self::Forge { .. } => {
+                &[]
+            }
         }
     }
 
@@ -197,6 +206,7 @@ impl Action {
     pub fn duration_s(&self) -> Option<f64> {
         match self {
             Self::Restart { .. }
+            | Self::Daylight { .. }
             | Self::BumpCamera { .. }
             | Self::Rot { .. }
             | Self::WearOut { .. }

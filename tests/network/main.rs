@@ -6,6 +6,7 @@ mod carriers;
 mod determinism;
 mod faults;
 mod kinds;
+mod light;
 mod long;
 mod references;
 mod restarts;

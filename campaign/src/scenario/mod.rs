@@ -104,6 +104,7 @@ pub fn ingredients(scenario: &Scenario) -> BTreeSet<&'static str> {
         Action::UnplugCamera { .. } => "unplugged",
         Action::StickCamera { node, .. } if is_reference(scenario, node) => "stuck reference",
         Action::StickCamera { .. } => "stuck camera",
+        Action::Daylight { .. } => "daylight",
         Action::BumpCamera { node, .. } if is_reference(scenario, node) => "bumped reference",
         Action::BumpCamera { .. } => "bumped camera",
         Action::Slip { .. } => "slip",

@@ -102,6 +102,14 @@ pub(super) fn schedule(simulation: &mut Simulation) {
                         .spawn(stick(clock, at..until(for_s), node));
                 }
             }
+            Action::Daylight { level, kelvin } => {
+                let light = simulation.light.clone();
+                let changes = async move {
+                    clock.sleep_until_time(at).await;
+                    light.set(cmucam2_emulator::daylight(level, kelvin));
+                };
+                simulation.executor.spawn(changes);
+            }
             Action::BumpCamera { node, by, turn_deg } => {
                 if let Some(node) = find(simulation, node) {
                     let bump = bump(clock, at, node, by.into(), turn_deg.to_radians());

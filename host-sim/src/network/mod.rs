@@ -38,7 +38,7 @@ mod outcome;
 mod walk;
 
 use std::{
-    cell::RefCell,
+    cell::{Cell, RefCell},
     collections::BTreeMap,
     io::Write,
     rc::Rc,
@@ -152,6 +152,8 @@ pub struct Simulation {
     executor: Executor,
     medium: Medium,
     world: SharedWorld,
+    /// Before all cameras.
+    light: Rc<Cell<[f64; 3]>>,
     journal: SharedJournal,
     nodes: Vec<Rc<Node>>,
     consoles: Vec<Console>,
@@ -193,6 +195,7 @@ impl Simulation {
             executor,
             medium,
             world,
+            light: Rc::new(Cell::new([1.0; 3])),
             journal,
             nodes: Vec::new(),
             consoles: Vec::new(),

@@ -2,11 +2,14 @@
 
 use std::{
     cell::{Cell, RefCell},
+    pin::pin,
     rc::Rc,
 };
 
+use answers::record::verdict::health_words;
 use board_support::flash::NRF52840 as NRF52840_FLASH;
 use calib_core::dead_reckoning::Step;
+use embassy_futures::select::{Either, select};
 use embassy_sync::{blocking_mutex::raw::NoopRawMutex, channel::Channel as Queue, signal::Signal};
 use nalgebra::{Point2, Vector2};
 use node_firmware::{
@@ -14,10 +17,12 @@ use node_firmware::{
     facts::{self, Fact},
     hardware::{FlashLayout, Hardware, Indication, Indicator, Peripherals, StepSensor},
     limits::CONSOLE_BAUD,
+    liveness::Liveness,
+    message::{Health, Restart},
     run::run,
 };
 use rand::RngExt;
-use zigbee_link::{radio::Csma, wire::Eui64};
+use zigbee_link::{radio::Csma, runner::Clock as _, wire::Eui64};
 
 use super::{
     CameraDevice, SharedWorld, Simulation, Trouble,
@@ -43,6 +48,9 @@ const PAGES: usize = (LINK + facts::BYTES) as usize / PAGE;
 
 /// A board that failed restarts after this.
 const RESTART: Time = 1_000_000_000;
+
+/// How often the watchdog looks: more often would only cost time.
+const WATCHDOG: Time = 30_000_000_000;
 
 /// What cameras see where nothing else is: a grey wall.
 const BACKDROP: Rgb = [110; 3];
@@ -250,8 +258,10 @@ impl Node {
         };
         let (world, stuck) = (outlook.world.clone(), outlook.stuck.clone());
         let video = outlook.video.clone();
+        let light = simulation.light.clone();
         let mut seen = None;
         let scene = move |now: Time, scene: &mut Scene| {
+            scene.light = light.get();
             if let Some(video) = &mut *video.borrow_mut() {
                 // What cannot be read is not seen: the last picture stays.
                 if let Ok(picture) = video.at(now as f64 * 1e-9) {
@@ -549,8 +559,20 @@ impl Node {
         journal.node(self.config.id).learns_late(&memory);
     }
 
-    async fn firmware(self: Rc<Self>) {
+    /// The watchdog: why it restarts the node.
+    async fn watch(&self, liveness: &Liveness) -> Restart {
         loop {
+            self.clock.sleep(WATCHDOG).await;
+            if let Err(why) = liveness.check(self.clock.now()) {
+                return why;
+            }
+        }
+    }
+
+    async fn firmware(self: Rc<Self>) {
+        let mut restart = Restart::Ordinary;
+        loop {
+            let liveness = Liveness::new(restart);
             let seed = self.next_seed();
             let radio = self.medium.radio(self.antenna, NRF52840);
             let node = self.clone();
@@ -573,8 +595,21 @@ impl Node {
                 },
                 seed,
             };
-            let failure = run(&self.config, peripherals).await;
-            let why = failure.to_string();
+            let running = pin!(run(&self.config, peripherals, &liveness));
+            let why = match select(running, pin!(self.watch(&liveness))).await {
+                Either::First(failure) => {
+                    restart = Restart::Program;
+                    failure.to_string()
+                }
+                Either::Second(why) => {
+                    restart = why;
+                    let health = Health {
+                        restart,
+                        ..Health::default()
+                    };
+                    health_words(&health)
+                }
+            };
             self.journal.borrow_mut().failed(self.config.id, &why);
             self.clock.sleep(RESTART).await;
         }

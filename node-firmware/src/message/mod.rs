@@ -49,8 +49,8 @@ pub type MemberAddress = u16;
 pub enum Message {
     /// A member presents itself to the coordinator, after joining and when asked.
     Hello(Hello),
-    /// The coordinator asks everybody, or one, for [`Message::Hello`] and [`Message::Report`].
-    WhoIsThere,
+    /// The coordinator asks everybody but these, or one, for [`Message::Hello`] and [`Message::Report`].
+    WhoIsThere(heapless::Vec<MemberAddress, ROSTER>),
     /// The coordinator tells a target which cameras there are: these, and those of other such messages.
     Roster(heapless::Vec<MemberAddress, ROSTER>),
     /// The coordinator tells reference cameras, and those that were, who they are.

@@ -1,11 +1,10 @@
 //! A target and its step sensor.
 
-use core::pin::pin;
+use core::{convert::Infallible, pin::pin};
 
 use calib_core::joint::{BearingStorage, StopStorage, UnknownStorage};
 use embassy_futures::select::{Either, select};
 use embedded_storage_async::nor_flash::NorFlash;
-use flash_log::LogError;
 use zigbee_link::runner::Clock;
 
 use super::{
@@ -30,7 +29,7 @@ pub(super) async fn run<H: Hardware, N: Network, F: NorFlash>(
     config: &TargetConfig,
     services: Services<'_, H, N, F>,
     mut steps: H::Steps,
-) -> LogError<F::Error> {
+) -> Infallible {
     let clock = services.clock;
     let channels = DeviceChannels::new();
     // Each on its own: together they would be made on the stack first.
@@ -52,7 +51,7 @@ pub(super) async fn run<H: Hardware, N: Network, F: NorFlash>(
     let driven = drive(driver, services);
     let sensed = sense(&mut steps, clock, channels.events.sender());
     match select(pin!(driven), Outlined(pin!(sensed))).await {
-        Either::First(error) => error,
+        Either::First(never) => match never {},
         Either::Second(never) => match never {},
     }
 }
@@ -61,7 +60,7 @@ async fn sense<C: Clock, S: StepSensor>(
     steps: &mut S,
     clock: &C,
     events: Events<'_, TargetEvent>,
-) -> core::convert::Infallible {
+) -> Infallible {
     loop {
         match steps.next().await {
             Ok(step) => events.send(TargetEvent::Step(step)).await,

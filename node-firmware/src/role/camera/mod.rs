@@ -401,7 +401,12 @@ impl Role for CameraRole {
                     self.on_joint(now, from.0, solved);
                 }
             }
-            Message::WhoIsThere if is_coordinator => self.present(now + self.slot()),
+            Message::WhoIsThere(heard) if is_coordinator => {
+                let is_heard = self.address.is_some_and(|own| heard.contains(&own.0));
+                if !is_heard {
+                    self.present(now + self.slot());
+                }
+            }
             Message::Command(CameraCommand::Forget) if is_coordinator => {
                 self.forget(now);
                 self.tell_done(

@@ -873,7 +873,11 @@ fn health(camera: Eye) -> (ShortAddress, Message) {
 #[test]
 fn what_is_the_matter_with_it_is_told_again_when_it_is_asked() {
     let told = |camera: &mut CameraRole, now: u64| {
-        camera.on_message(at(now), COORDINATOR, &Message::WhoIsThere);
+        camera.on_message(
+            at(now),
+            COORDINATOR,
+            &Message::WhoIsThere(heapless::Vec::new()),
+        );
         let sent = sent(camera, now + 1).into_iter();
         let told: Vec<Message> = sent.map(|(_, message)| message).collect();
         for notification in [CameraNotification::Hello, CameraNotification::Health] {
@@ -988,7 +992,11 @@ fn the_coordinator_hears_a_report_before_targets_do() {
     start(&mut camera, 4);
     let stopped = stopped(4, CoordinateFrame::Site);
     camera.on_message(at(10), TARGET, &Message::Stopped(stopped));
-    camera.on_message(at(10), COORDINATOR, &Message::WhoIsThere);
+    camera.on_message(
+        at(10),
+        COORDINATOR,
+        &Message::WhoIsThere(heapless::Vec::new()),
+    );
     let told = sent(&mut camera, 11);
     let reports = told
         .iter()

@@ -272,6 +272,15 @@ impl CoordinatorRole {
         roster
     }
 
+    /// Who has said who it is, of more than there is room for the first ones.
+    fn heard(&self) -> heapless::Vec<MemberAddress, ROSTER> {
+        let heard = self
+            .members
+            .iter()
+            .filter(|member| member.more.hello.is_some());
+        heard.map(|member| member.address).take(ROSTER).collect()
+    }
+
     /// The next message that a member has to be told.
     fn next_notification(&mut self, now: Instant) -> Option<(MemberAddress, MemberNotification)> {
         self.members.iter_mut().find_map(|member| {
@@ -283,7 +292,7 @@ impl CoordinatorRole {
     /// What a member is told, as it is known now.
     fn message_of(&mut self, member: MemberAddress, what: MemberNotification) -> Option<Message> {
         Some(match what {
-            MemberNotification::WhoIsThere => Message::WhoIsThere,
+            MemberNotification::WhoIsThere => Message::WhoIsThere(heapless::Vec::new()),
             MemberNotification::Roster => {
                 let told = self.members.get(member)?.roster_told;
                 Message::Roster(self.roster(told.into()))
@@ -426,7 +435,7 @@ impl Role for CoordinatorRole {
         if self.roll_calls.take_due(now) {
             return Some(Output::Send {
                 to: ShortAddress::BROADCAST,
-                message: Message::WhoIsThere,
+                message: Message::WhoIsThere(self.heard()),
                 notification: None,
             });
         }

@@ -60,7 +60,10 @@ fn coordinator_with(written: &[Fact]) -> CoordinatorRole {
     };
     role.on_attached(at(0), Some(membership));
     for call in [0, 5, 30] {
-        let expected = (ShortAddress::BROADCAST.0, Message::WhoIsThere);
+        let expected = (
+            ShortAddress::BROADCAST.0,
+            Message::WhoIsThere(heapless::Vec::new()),
+        );
         assert_eq!(role.next_deadline(), Some(at(call)));
         assert_eq!(sent(&mut role, call), [expected]);
         // Once for each start, not for each time that it forms its network.
@@ -156,7 +159,10 @@ fn who_never_said_who_it_is_is_asked_once() {
     trigger(&mut role, 40, 4, 1);
     assert_eq!(role.next_deadline(), Some(at(42)));
     assert_eq!(sent(&mut role, 41), []);
-    assert_eq!(sent(&mut role, 42), [(4, Message::WhoIsThere)]);
+    assert_eq!(
+        sent(&mut role, 42),
+        [(4, Message::WhoIsThere(heapless::Vec::new()))]
+    );
     let who = CoordinatorNotification::Member(4, MemberNotification::WhoIsThere);
     role.on_sent(at(42), who, false);
     assert_eq!(role.next_deadline(), None);
@@ -220,7 +226,10 @@ fn a_camera_that_was_sent_away_is_no_reference() {
     let late = CoordinatorNotification::Member(6, MemberNotification::References);
     role.on_sent(at(45), late, false);
     let none = (6, Message::References(References::NONE));
-    assert_eq!(sent(&mut role, 100), [(6, Message::WhoIsThere), none]);
+    assert_eq!(
+        sent(&mut role, 100),
+        [(6, Message::WhoIsThere(heapless::Vec::new())), none]
+    );
 }
 
 /// Two references of three cameras, and a target.

@@ -584,7 +584,12 @@ impl Role for TargetRole<'_> {
                     self.table.meet(camera);
                 }
             }
-            Message::WhoIsThere if from == COORDINATOR => self.present(now),
+            Message::WhoIsThere(heard) if from == COORDINATOR => {
+                let is_heard = self.address.is_some_and(|own| heard.contains(&own.0));
+                if !is_heard {
+                    self.present(now);
+                }
+            }
             _ => {}
         }
     }
