@@ -6,10 +6,12 @@
 //! |---|---|
 //! | [`network`] | Runs a scenario: every node's firmware, in one world. |
 //! | [`console`] | Talks to the coordinator of a real network: members, poses, commands. |
+//! | [`live`] | The page on which people see it, from a server or a file. |
 //! | [`probe`] | Talks to a CMUcam2 on a serial port: what it sees, a picture, sightings for a file. |
 
 #![forbid(unsafe_code)]
 
 pub mod console;
+pub mod live;
 pub mod network;
 pub mod probe;

@@ -15,12 +15,16 @@ use anyhow::{Context, anyhow, bail};
 use clap::Args;
 use embedded_io::{Read, ReadReady, Write as _};
 use host_sim::console::{
+    command::parse_command,
     output,
     session::{Failure, Session, Wish, frame},
 };
 use host_sim::probe::port::{Port, PortError};
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
-use node_firmware::{limits::CONSOLE_BAUD, message::CameraCommand};
+use node_firmware::{
+    limits::CONSOLE_BAUD,
+    message::{CameraCommand, TrackedBlob},
+};
 use site::{BUILT_IN, Overrides, Scenario, key_file};
 
 use super::{
@@ -74,8 +78,8 @@ pub(super) struct Arguments {
     /// Take another PAN identifier, where another network has the same one.
     #[arg(long, help_heading = "Things to do")]
     change_pan: bool,
-    /// Have a camera do something: initialise, learn-colour, learn-background, forget. Can be given
-    /// several times.
+    /// Have a camera do something: initialise, learn-colour, learn-background, track, stop-tracking,
+    /// forget. Can be given several times.
     #[arg(long, value_name = "ID:NAME", value_parser = command, help_heading = "Things to do")]
     command: Vec<(u16, CameraCommand)>,
 }
@@ -89,7 +93,8 @@ Examples:
 
 Commands: `initialise` resets the camera and lets it adapt to the light; `learn-colour` takes the
 object in the middle of the view as the first colour, `learn-colour=1` as the second, and so on;
-`learn-background` takes the present view as the background; `forget` drops pose and sightings.
+`learn-background` takes the present view as the background; `track` has it tell what it sees of the
+first colour, `track=1` of the second, until `stop-tracking`; `forget` drops pose and sightings.
 
 Lengths are in the unit in which the site was configured. Results are those of `host-sim run`, with
 what a real network does not tell left empty; `host-sim report run` reads --json. In the end there is
@@ -111,20 +116,12 @@ const POLL: Duration = Duration::from_millis(10);
 fn command(text: &str) -> Result<(u16, CameraCommand), String> {
     let parse = || {
         let (id, name) = text.split_once(':')?;
-        let command = match name {
-            "initialise" => CameraCommand::Initialise,
-            "learn-colour" => CameraCommand::LearnColour { colour: 0 },
-            "learn-background" => CameraCommand::LearnBackground,
-            "forget" => CameraCommand::Forget,
-            other => CameraCommand::LearnColour {
-                colour: other.strip_prefix("learn-colour=")?.parse().ok()?,
-            },
-        };
+        let command = parse_command(name)?;
         Some((id.parse().ok()?, command))
     };
     parse().ok_or_else(|| {
-        "a camera and initialise, learn-colour, learn-background or forget are needed, such as \
-         2:learn-colour"
+        "a camera and initialise, learn-colour, learn-background, track, stop-tracking or forget are \
+         needed, such as 2:learn-colour"
             .to_owned()
     })
 }
@@ -212,7 +209,7 @@ fn wishes(arguments: &Arguments) -> anyhow::Result<Vec<Wish>> {
     Ok(wishes)
 }
 
-fn read_site(name: &str) -> anyhow::Result<Scenario> {
+pub(super) fn read_site(name: &str) -> anyhow::Result<Scenario> {
     let site = Scenario::load(name, &Overrides::default())?;
     // What is wrong with it is told before anyone waits.
     SitePlan::new(&site, &[])?;
@@ -220,7 +217,11 @@ fn read_site(name: &str) -> anyhow::Result<Scenario> {
 }
 
 /// What is known of the network.
-fn record(session: &Session, now: Duration, site: Option<&Scenario>) -> anyhow::Result<RunRecord> {
+pub(super) fn record(
+    session: &Session,
+    now: Duration,
+    site: Option<&Scenario>,
+) -> anyhow::Result<RunRecord> {
     let view = session.known();
     let members: Vec<u16> = view.members().iter().map(|member| member.id).collect();
     let plan = match site {
@@ -293,7 +294,7 @@ fn talk(
 }
 
 /// Reads what has come, and sends what is to be sent.
-fn exchange(
+pub(super) fn exchange(
     port: &mut Port,
     session: &mut Session,
     now: Duration,
@@ -331,6 +332,23 @@ impl Screen {
         while let Some(news) = session.news() {
             is_news = true;
             let line = format!("{:8.1} s  {news}", now.as_secs_f64());
+            match &self.0 {
+                Some(bar) => bar.suspend(|| print_line(&line))?,
+                None => print_line(&line)?,
+            }
+        }
+        while let Some((id, blob)) = session.tracked() {
+            let TrackedBlob {
+                middle: [mx, my],
+                edges: [left, upper, right, lower],
+                pixels,
+                confidence,
+            } = blob;
+            let line = format!(
+                "{:8.1} s  camera {id}: tracks {mx}, {my} in {left}, {upper} to {right}, {lower}; {pixels} \
+                 pixels, confidence {confidence}",
+                now.as_secs_f64()
+            );
             match &self.0 {
                 Some(bar) => bar.suspend(|| print_line(&line))?,
                 None => print_line(&line)?,
