@@ -142,3 +142,27 @@ fn what_is_no_stream_is_refused_and_a_cut_line_left_out() {
     let refused = event::read(newer.as_bytes()).unwrap_err().to_string();
     assert!(refused.contains("format 2"), "{refused}");
 }
+
+/// Names and their meaning are an interface: format 1.
+#[test]
+fn lines_of_format_1_stay_as_they_are() {
+    let lines = r#"
+{"seconds":1.5,"event":"gone","node":3}
+{"seconds":1.5,"event":"network","is":{"network":1,"frame":{"x":0.0,"y":0.0,"heading_deg":0.0},"building":null,"pan":291,"channel":15}}
+{"seconds":1.5,"event":"obstacles","outlines":[[[0.0,1.0],[2.0,1.0]]]}
+{"seconds":1.5,"event":"stop","target":20,"begins":true,"is":{"stop":1,"seconds":1.5,"x":2.0,"y":3.0,"believed":{"x":2.1,"y":2.9,"sigma_x":0.1,"sigma_y":0.2}}}
+{"seconds":1.5,"event":"stop_ends","target":20}
+{"seconds":1.5,"event":"place","target":20,"x":2.0,"y":3.5}
+{"seconds":1.5,"event":"seen","node":3,"target":20,"bearing_deg":-12.5,"sigma_deg":0.25}
+{"seconds":1.5,"event":"tracked","node":3,"middle":[44,70],"edges":[40,60,48,80],"pixels":99,"confidence":200}
+{"seconds":1.5,"event":"command","node":null,"command":"track","state":"asked","words":""}
+{"seconds":1.5,"event":"said","node":3,"words":"has its camera moved"}
+{"seconds":1.5,"event":"verdict","good":false,"calibrated":1,"expected":2,"words":"1 of 2","findings":[{"node":3,"words":"weak"}],"walk_to":[{"network":1,"x":7.3,"y":1.7,"seen_by":[3]}]}
+{"seconds":1.5,"event":"traffic","radio":{"frames":3,"bytes":90,"drops":{},"airtime_share":0.125}}
+{"seconds":1.5,"event":"end","radio":null,"sim_seconds":9.5,"cut_short":"interrupted"}
+"#;
+    for line in lines.lines().filter(|line| !line.is_empty()) {
+        let event: Event = serde_json::from_str(line).unwrap_or_else(|e| panic!("{line}: {e}"));
+        assert_eq!(event.to_line().unwrap().trim_end(), line);
+    }
+}

@@ -30,6 +30,7 @@ use site::{BUILT_IN, Overrides, Scenario, key_file};
 use super::{
     and, end, file_name,
     files::Files,
+    happenings::{Happenings, HappeningsOptions},
     interrupt, print,
     run_outputs::{FOR_RESULTS, RecordOutputs},
     tell, values,
@@ -66,6 +67,8 @@ pub(super) struct Arguments {
     site: Option<String>,
     #[command(flatten, next_help_heading = FOR_RESULTS)]
     outputs: RecordOutputs,
+    #[command(flatten, next_help_heading = FOR_RESULTS)]
+    happenings: HappeningsOptions,
     /// Let new nodes join for so long; 0 lets nobody.
     #[arg(long, value_name = "SECONDS", help_heading = "Things to do")]
     join_window: Option<u16>,
@@ -146,7 +149,7 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
         .reads([&arguments.port])
         .reads(file)
         .reads(&arguments.change_key);
-    arguments.outputs.check(files)?;
+    arguments.outputs.check(arguments.happenings.among(files))?;
     let site = site.map(read_site).transpose()?;
     let mut session = Session::new(wishes(arguments)?);
     let listens = session.is_done() || arguments.until_calibrated || arguments.seconds.is_some();
@@ -155,12 +158,13 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
     }
     let interrupted = interrupt::watch()?;
     let mut screen = Screen::new();
+    let mut happenings = Happenings::new(&arguments.happenings)?;
     let begin = Instant::now();
     let ended = talk(
         arguments,
         site.as_ref(),
         &mut session,
-        &mut screen,
+        (&mut screen, &mut happenings),
         (begin, interrupted),
     );
     let finished = screen.finish(&session);
@@ -174,6 +178,7 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
             code = u8::from(!calibrated);
             ended = and(ended, print(&format!("\n{verdict}")).map_err(Into::into));
         }
+        ended = and(ended, happenings.finish(result.as_ref().ok()));
         let written =
             result.and_then(|record| arguments.outputs.write(&record, false, &end::End::Whole));
         ended = and(ended, written);
@@ -242,7 +247,7 @@ fn talk(
     arguments: &Arguments,
     site: Option<&Scenario>,
     session: &mut Session,
-    screen: &mut Screen,
+    (screen, happenings): (&mut Screen, &mut Happenings),
     (begin, interrupted): (Instant, Arc<AtomicBool>),
 ) -> anyhow::Result<End> {
     let has_wishes = !session.is_done();
@@ -254,7 +259,7 @@ fn talk(
             Ok(Ok(())) => {}
             Ok(Err(failure)) => {
                 // What came last may tell more.
-                screen.show(now, session)?;
+                screen.show(now, session, happenings)?;
                 bail!("{}: {failure}", arguments.port);
             }
             Err(PortError::Interrupted) if session.is_done() && !arguments.until_calibrated => {
@@ -263,7 +268,10 @@ fn talk(
             Err(PortError::Interrupted) => return Ok(End::Interrupted),
             Err(error) => return Err(failed(error)),
         }
-        screen.show(now, session)?;
+        if happenings.is_due(now) && session.has_answered() {
+            happenings.look(now, &record(session, now, site)?);
+        }
+        screen.show(now, session, happenings)?;
         if session.is_done() {
             if arguments.until_calibrated {
                 if session.is_calibrated(now, arguments.cameras)
@@ -327,10 +335,16 @@ impl Screen {
         }))
     }
 
-    fn show(&mut self, now: Duration, session: &mut Session) -> io::Result<()> {
+    fn show(
+        &mut self,
+        now: Duration,
+        session: &mut Session,
+        happenings: &mut Happenings,
+    ) -> io::Result<()> {
         let mut is_news = false;
         while let Some(news) = session.news() {
             is_news = true;
+            happenings.said(now, &news);
             let line = format!("{:8.1} s  {news}", now.as_secs_f64());
             match &self.0 {
                 Some(bar) => bar.suspend(|| print_line(&line))?,
@@ -338,6 +352,7 @@ impl Screen {
             }
         }
         while let Some((id, blob)) = session.tracked() {
+            happenings.tracked(now, id, blob);
             let TrackedBlob {
                 middle: [mx, my],
                 edges: [left, upper, right, lower],

@@ -17,6 +17,7 @@ mod console;
 mod end;
 mod files;
 mod flash;
+mod happenings;
 mod interrupt;
 mod keygen;
 mod late;

@@ -6,11 +6,12 @@ use std::{
     path::{Path, PathBuf},
     process::ExitCode,
     sync::atomic::Ordering,
-    time::Duration,
+    time::{Duration, Instant},
 };
 
-use answers::record::{RunRecord, event::Event};
+use answers::record::{Node, RunRecord, event::Event, verdict::status_words};
 use anyhow::ensure;
+use calib_core::Status;
 use clap::{Args, ValueEnum};
 use host_sim::live::report;
 use host_sim::network::{Emulation, IMAGE, Onlooker, Options, Progress, Simulation};
@@ -201,6 +202,7 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
     }
     let bar = bar();
     let mut onlooker = arguments.onlooker(&simulation);
+    let mut lines = CameraLines::default();
     let record = simulation.run_watched(
         LOOKS,
         |progress| show(&bar, &progress),
@@ -208,6 +210,7 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
             if let Some(onlooker) = &mut onlooker {
                 onlooker.look(simulation);
             }
+            lines.show(&bar, simulation);
         },
     );
     bar.finish_and_clear();
@@ -298,11 +301,7 @@ impl Onlookers {
         record: &RunRecord,
         end: &End,
     ) -> anyhow::Result<()> {
-        let why = match end {
-            End::Whole => None,
-            End::CutShort(why) => Some(why.as_str()),
-        };
-        let events = self.onlooker.end(simulation, record, why);
+        let events = self.onlooker.end(simulation, record, end.why());
         self.take(events);
         let mut ended = self.file.map_or(Ok(()), Late::finish);
         if let Some(path) = &self.report {
@@ -327,12 +326,55 @@ fn writer(file: Late) -> Box<dyn Write> {
 
 /// Only where somebody looks: `indicatif` hides it otherwise.
 fn bar() -> ProgressBar {
-    let style = ProgressStyle::with_template("{bar:30} stop {pos} of {len}, {msg}");
+    let style = ProgressStyle::with_template("{prefix}{bar:30} stop {pos} of {len}, {msg}");
     let bar = ProgressBar::new(0);
     match style {
         Ok(style) => bar.with_style(style),
         Err(_) => bar,
     }
+}
+
+/// A line for each camera above the bar, where somebody looks.
+#[derive(Default)]
+struct CameraLines(Option<Instant>);
+
+/// How often the lines are made anew: nobody reads faster.
+const LINES_EVERY: Duration = Duration::from_millis(250);
+
+/// More than these do not fit on a screen.
+const LINES_MAX: usize = 40;
+
+impl CameraLines {
+    fn show(&mut self, bar: &ProgressBar, simulation: &Simulation) {
+        let is_due = |at: Instant| at.elapsed() >= LINES_EVERY;
+        if bar.is_hidden() || !self.0.is_none_or(is_due) {
+            return;
+        }
+        self.0 = Some(Instant::now());
+        let record = simulation.record();
+        let lines = record
+            .cameras()
+            .take(LINES_MAX)
+            .map(|camera| camera_line(camera) + "\n");
+        bar.set_prefix(lines.collect::<String>());
+    }
+}
+
+/// How far a camera is, and what it waits for.
+fn camera_line(camera: &Node) -> String {
+    let status = camera.status.unwrap_or(Status::Waiting);
+    let sigma = camera.estimate.map_or_else(
+        || "-".to_owned(),
+        |estimate| format!("+/- {:.3}", estimate.sigma_position()),
+    );
+    let words = match camera.address {
+        None => "no member yet".to_owned(),
+        Some(_) => status_words(status, camera.reason),
+    };
+    format!(
+        "camera {:>4}  {:>2} sightings  {sigma:>11}  {words}",
+        camera.id, camera.sightings
+    )
 }
 
 fn show(bar: &ProgressBar, progress: &Progress) {

@@ -22,8 +22,8 @@ function showAll() {
   plan.show({...state, rays: state.rays, record: state.record && {...state.record}});
   showBanner(state);
   checklist.show(state, chosen);
-  showDetail(state, eventHistory.events, chosen);
-  showWords(byId('log'), lastWords(eventHistory.events, timeline.moment, 60, () => true));
+  showDetail(state, eventHistory, chosen);
+  showWords(byId('log'), lastWords(eventHistory.telling, timeline.moment, 60, () => true));
   timeline.show();
   if (state.record) setText(byId('name'), state.record.scenario + (state.record.seed === null ? '' : `, seed ${state.record.seed}`));
   document.body.dataset.seconds = timeline.moment.toFixed(3);

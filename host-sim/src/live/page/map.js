@@ -425,8 +425,8 @@ class Plan {
     if (isAbsent) context.setLineDash([2, 2]);
     context.beginPath();
     switch (status) {
-      case 'weak': context.moveTo(0, -7); context.lineTo(6, 5); context.lineTo(-6, 5); break;
-      case 'doubtful': context.moveTo(0, -7); context.lineTo(7, 0); context.lineTo(0, 7); context.lineTo(-7, 0); break;
+      case 'doubtful': context.moveTo(0, -7); context.lineTo(6, 5); context.lineTo(-6, 5); break;
+      case 'weak': context.moveTo(0, -7); context.lineTo(7, 0); context.lineTo(0, 7); context.lineTo(-7, 0); break;
       case 'refused':
         context.moveTo(-5, -5); context.lineTo(5, 5); context.moveTo(5, -5); context.lineTo(-5, 5);
         context.stroke();

@@ -47,13 +47,21 @@ function cellsOf(node, advice) {
   const pose = node.estimate;
   const isGood = node.status === 'calibrated';
   return [
-    [node.silent ? 'no: it does not answer' : joined ? 'yes' : 'no: check its power and its key', joined && !node.silent],
-    [node.reference ? `${node.sightings}, reference` : node.sightings < 3 ? `${node.sightings} of 3` : `${node.used} of ${node.sightings} used`, enough],
-    [statusWords(node), pose !== null && isGood],
-    [pose ? `${digits(pose.x, 3)}, ${digits(pose.y, 3)} \u00b1 ${digits(Math.hypot(pose.sigma_x, pose.sigma_y), 3)}` : '-', pose !== null],
-    [pose ? `${digits(pose.heading_deg, 2)} \u00b1 ${digits(pose.sigma_heading_deg, 2)}` : '-', pose !== null],
-    [isGood && !advice ? 'yes' : advice ?? 'not yet', isGood && !advice],
+    [node.silent ? 'silent' : joined ? 'yes' : 'no', joined && !node.silent],
+    [node.sightings < 3 ? `${node.sightings} of 3` : String(node.sightings), enough],
+    [node.status ?? 'unknown', pose !== null && isGood],
+    [pose ? `${digits(pose.x, 2)}, ${digits(pose.y, 2)}` : '-', pose !== null],
+    [pose ? `\u00b1${digits(Math.hypot(pose.sigma_x, pose.sigma_y), 3)}` : '-', pose !== null],
+    [pose ? `${digits(pose.heading_deg, 1)}\u00b0` : '-', pose !== null],
+    [isGood && !advice ? 'yes' : isGood ? 'unchecked' : 'no', isGood && !advice],
   ];
+}
+
+// What to do about a camera that is not well; nothing of one that is.
+function adviceFor(node, findings) {
+  if (node.address === null) return 'it is no member: check its power, its site key and the join window';
+  if (node.silent) return 'it does not answer: check its power and its radio';
+  return findings;
 }
 
 class Checklist {
@@ -80,17 +88,20 @@ class Checklist {
       }
       row.classList.toggle('chosen', node.id === chosen);
       // A camera that did not change, and of which nothing else is said, has its row already.
-      if (row.shown === node && row.advice === advice.get(node.id)) continue;
+      const words = adviceFor(node, advice.get(node.id));
+      if (row.shown === node && row.advice === words) continue;
       row.shown = node;
-      row.advice = advice.get(node.id);
+      row.advice = words;
+      row.words.hidden = !words;
+      setText(row.words.cells[0], words ?? '');
       cellsOf(node, row.advice).forEach(([text, isWell], i) => {
         const cell = row.cells[i + 1];
         setText(cell, text);
-        cell.className = i === 2 ? `status ${node.status ?? 'waiting'}` : isWell ? 'ok' : 'bad';
+        cell.className = i === 2 && node.status ? `status ${node.status}` : isWell ? 'ok' : 'bad';
       });
     }
     for (const [id, row] of this.rows) {
-      if (!known.has(id)) { row.remove(); this.rows.delete(id); }
+      if (!known.has(id)) { row.words.remove(); row.remove(); this.rows.delete(id); }
     }
   }
 
@@ -100,10 +111,14 @@ class Checklist {
     const button = element('button', String(id), {type: 'button', 'aria-label': `camera ${id}`});
     head.append(button);
     row.append(head);
-    for (let i = 0; i < 6; i++) row.append(element('td'));
+    for (let i = 0; i < 7; i++) row.append(element('td'));
+    row.words = element('tr', undefined, {class: 'advice'});
+    row.words.append(element('td', undefined, {colspan: 8}));
+    row.words.addEventListener('click', () => this.choose(id));
     row.addEventListener('click', () => this.choose(id));
     const after = [...this.rows].filter(([other]) => other > id).sort((a, b) => a[0] - b[0])[0];
     this.body.insertBefore(row, after?.[1] ?? null);
+    row.after(row.words);
     return row;
   }
 }
@@ -177,7 +192,7 @@ function colour(name) {
 }
 
 // What is known of one camera.
-function showDetail(state, events, chosen) {
+function showDetail(state, history, chosen) {
   const node = state.record?.nodes.find(other => other.id === chosen);
   document.querySelector('main').classList.toggle('detailed', Boolean(node));
   byId('detail').hidden = !node;
@@ -201,8 +216,8 @@ function showDetail(state, events, chosen) {
     list.replaceChildren(...facts.flatMap(([name, text]) => [element('dt', name), element('dd', text)]));
   }
   showBlob(state.blobs.get(chosen));
-  showSigma(events, state.seconds, chosen);
-  showWords(byId('node-log'), lastWords(events, state.seconds, 40, event => isAbout(event, chosen)));
+  showSigma(history.nodes, state.seconds, chosen);
+  showWords(byId('node-log'), lastWords(history.telling, state.seconds, 40, event => isAbout(event, chosen)));
 }
 
 // The frame of the picture is that of the smaller sensor.

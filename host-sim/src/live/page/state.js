@@ -70,6 +70,9 @@ class History {
 
   clear() {
     this.events = [];
+    // Of these, those that say something in words, and those with the state of a node.
+    this.telling = [];
+    this.nodes = [];
     this.latest = emptyState();
     this.checkpoints = [{count: 0, state: emptyState()}];
   }
@@ -77,6 +80,8 @@ class History {
   push(event) {
     if (event.event === 'begin') this.clear();
     this.events.push(event);
+    if (eventWords(event)) this.telling.push(event);
+    if (event.event === 'node' || event.event === 'begin') this.nodes.push(event);
     apply(this.latest, event);
     if (this.events.length % History.checkpointEvery === 0) {
       this.checkpoints.push({count: this.events.length, state: copy(this.latest)});
@@ -90,9 +95,12 @@ class History {
     this.events.splice(0, count);
     this.checkpoints.shift();
     for (const checkpoint of this.checkpoints) checkpoint.count -= count;
+    const oldest = this.events[0].seconds;
+    this.telling = this.telling.filter(event => event.seconds >= oldest);
+    this.nodes = this.nodes.filter(event => event.seconds >= oldest);
   }
 
-  get begin() { return this.events[0]?.seconds ?? 0; }
+  get begin() { return this.checkpoints[0].state.record ? this.checkpoints[0].state.seconds : this.events[0]?.seconds ?? 0; }
   get end() { return this.latest.seconds; }
 
   // The state at a moment.

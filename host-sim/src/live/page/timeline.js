@@ -71,7 +71,7 @@ class Timeline {
     this.marked = events.length;
     this.markedAt = now;
     const {context, width, height} = canvasOf('marks');
-    const colours = {stop: colour('target'), pose: colour('calibrated'), bad: colour('doubtful')};
+    const colours = {stop: colour('target'), pose: colour('calibrated'), bad: colour('bad')};
     for (const event of events) {
       const kind = event.event === 'stop' && event.begins ? 'stop'
         : event.event === 'node' && event.news.includes('failure') || event.event === 'said' && event.node ? 'bad'
