@@ -143,7 +143,11 @@ impl Happenings {
             self.write(&events);
         }
         let files = self.events.into_iter().chain(self.cameras.into_values());
-        files.fold(Ok(()), |ended, file| and(ended, file.finish()))
+        let mut ended = Ok(());
+        for file in files {
+            ended = and(ended, file.finish());
+        }
+        ended
     }
 }
 

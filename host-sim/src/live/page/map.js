@@ -208,16 +208,57 @@ class Plan {
     context.fillRect(0, 0, this.canvas.clientWidth, this.canvas.clientHeight);
     if (!record) return;
     const cameras = record.nodes.filter(node => node.role === 'camera');
-    this.drawViews(context, cameras);
-    this.drawWalls(context, record);
+    const times = this.magnification(cameras);
+    this.updateLayer(record, cameras, times);
+    this.drawLayer(context);
     for (const {ray, share} of rays) this.drawRay(context, ray, share);
     this.drawStops(context, record);
     this.drawNext(context, record);
-    const times = this.magnification(cameras);
-    for (const node of cameras) this.drawCamera(context, node, times, cameras.length <= 200);
     for (const target of record.targets) this.drawTarget(context, target, times);
     const words = times > 1 ? `, ellipses (95 %) ${times} times larger` : ', ellipses hold 95 %';
     this.scale.textContent = this.ruler(record) + words;
+  }
+
+  // What changes only with cameras, walls and the view is drawn once for many frames.
+  updateLayer(record, cameras, times) {
+    const {width, height} = this.canvas;
+    const {x, y, times: zoom} = this.view;
+    const key = [width, height, x, y, zoom, times, this.chosen, this.colours.ground].join(' ');
+    const kept = this.kept;
+    if (kept && kept.key === key && kept.obstacles === record.obstacles && kept.networks.length === record.networks.length
+      && kept.networks.every((network, i) => network === record.networks[i])
+      && kept.cameras.length === cameras.length && kept.cameras.every((node, i) => node === cameras[i])) return;
+    // Where that takes long it is not done for every frame: the old one serves until then.
+    const begun = performance.now();
+    if (kept && kept.width === width && kept.height === height && begun - kept.at < 4 * kept.cost) {
+      this.dirty = true;
+      return;
+    }
+    this.layer ??= document.createElement('canvas');
+    this.layer.width = width;
+    this.layer.height = height;
+    const context = this.layer.getContext('2d', {willReadFrequently: true});
+    context.setTransform(this.ratio, 0, 0, this.ratio, 0, 0);
+    this.drawViews(context, cameras);
+    this.drawWalls(context, record);
+    for (const node of cameras) this.drawCamera(context, node, times, cameras.length <= 200);
+    // Only then it is really drawn.
+    context.getImageData(0, 0, 1, 1);
+    const at = performance.now();
+    this.kept = {
+      key, obstacles: record.obstacles, networks: [...record.networks], cameras, view: {...this.view},
+      width, height, at, cost: at - begun,
+    };
+  }
+
+  // The layer where the view is now.
+  drawLayer(context) {
+    const {view, width, height} = this.kept;
+    const by = this.view.times / view.times;
+    const [x, y] = this.toScreen(view.x, view.y);
+    context.setTransform(1, 0, 0, 1, 0, 0);
+    context.drawImage(this.layer, x * this.ratio - by * width / 2, y * this.ratio - by * height / 2, by * width, by * height);
+    context.setTransform(this.ratio, 0, 0, this.ratio, 0, 0);
   }
 
   // Ellipses of a few pixels show nothing: how many times larger they are drawn.

@@ -57,7 +57,7 @@ class Timeline {
     setText(byId('clock'), `${this.moment.toFixed(1)} s`);
     byId('now').classList.toggle('on', this.follows);
     const runs = this.playing || this.follows && !this.history.latest.ended;
-    setText(byId('play'), runs ? '\u23f8' : '\u25b6');
+    setText(byId('play'), runs ? 'hold' : 'play');
     byId('play').setAttribute('aria-label', runs ? 'Hold this moment' : 'Play');
     byId('play').setAttribute('aria-pressed', String(runs));
     this.mark();
