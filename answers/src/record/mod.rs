@@ -25,6 +25,7 @@ use site::planner::RARE;
 
 pub mod checks;
 pub mod difference;
+pub mod event;
 mod next_stop;
 pub mod published;
 pub mod sightings;

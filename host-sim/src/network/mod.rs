@@ -16,6 +16,7 @@
 //! | `further` | Where the verdict has it go when its way is at an end |
 //! | `console` | The PC on a coordinator's line |
 //! | `journal` | What nodes said and learnt, with times: the log, and what records are made of |
+//! | `looking` | What whoever looks on sees and may do |
 //! | `attack` | Who sends frames without the key |
 //! | `events` | What goes wrong by order of the scenario |
 //! | `outcome` | The record |
@@ -31,6 +32,7 @@ mod emulated;
 mod events;
 mod further;
 mod journal;
+mod looking;
 mod many;
 mod measured;
 mod node;
@@ -59,6 +61,7 @@ pub use self::{
     camera::CameraDevice,
     console::Terminal,
     emulated::{Emulation, EmulatorError, IMAGE},
+    looking::Onlooker,
     many::{run_all, run_all_until},
 };
 
@@ -304,7 +307,21 @@ impl Simulation {
     ///
     /// # Panics
     /// A node's firmware loops without time passing.
-    pub fn run(&mut self, mut progress: impl FnMut(Progress)) -> RunRecord {
+    pub fn run(&mut self, progress: impl FnMut(Progress)) -> RunRecord {
+        self.run_watched(6 * SECOND, progress, |_| ())
+    }
+
+    /// As [`run`](Self::run), and lets somebody look on this often, in nanoseconds, who may also
+    /// [do](Self::act) something.
+    ///
+    /// # Panics
+    /// A node's firmware loops without time passing.
+    pub fn run_watched(
+        &mut self,
+        every: Time,
+        mut progress: impl FnMut(Progress),
+        mut look: impl FnMut(&mut Self),
+    ) -> RunRecord {
         let begun = std::time::Instant::now();
         if let Some(file) = self.pcap.take()
             && let Ok(capture) = Capture::new(file)
@@ -319,17 +336,13 @@ impl Simulation {
         let mut limit = self.limit();
         loop {
             let next = self.executor.clock().time() + 6 * SECOND;
-            let how = self.executor.run_until_time_or(next, &ended);
-            assert!(
-                !matches!(how, Ended::Stuck(_)),
-                "tasks wake one another for ever"
-            );
+            self.run_looking(next, every, &ended, &mut look);
             progress(self.progress());
             if !ended() && self.executor.clock().time() < limit {
                 continue;
             }
             let end = self.executor.clock().time() + GRACE;
-            let _ = self.executor.run_until_time_or(end, &is_over);
+            self.run_looking(end, every, &is_over, &mut look);
             progress(self.progress());
             match further::lead_on(self) {
                 Some(takes) if !is_over() => limit = self.executor.clock().time() + takes,
@@ -340,6 +353,28 @@ impl Simulation {
             node.read_memory();
         }
         outcome::record(self, begun.elapsed().as_secs_f64())
+    }
+
+    /// Runs until a time or a condition; somebody looks on now and then, and at the end.
+    fn run_looking(
+        &mut self,
+        end: Time,
+        every: Time,
+        condition: &dyn Fn() -> bool,
+        look: &mut dyn FnMut(&mut Self),
+    ) {
+        loop {
+            let next = end.min(self.executor.clock().time() + every.max(1));
+            let how = self.executor.run_until_time_or(next, condition);
+            assert!(
+                !matches!(how, Ended::Stuck(_)),
+                "tasks wake one another for ever"
+            );
+            look(self);
+            if condition() || next >= end {
+                break;
+            }
+        }
     }
 
     /// How far the time is, seconds.

@@ -28,7 +28,7 @@ use super::{
     CameraDevice, SharedWorld, Simulation, Trouble,
     device::{Device, Serial},
     emulated::{Board, Surroundings},
-    journal::{SharedJournal, Witness},
+    journal::{Moment, SharedJournal, Witness},
 };
 use crate::video::Video;
 use cmucam2_emulator::{Background, Configuration, Emulator, Rgb, Scene};
@@ -340,6 +340,7 @@ impl Node {
     pub(super) fn note(&self, what: &str) {
         let mut journal = self.journal.borrow_mut();
         journal.note(self.config.id, format_args!("{what}"));
+        journal.moment(self.config.id, || Moment::Said(what.to_owned()));
     }
 
     /// A step was made. A node that is off misses it.

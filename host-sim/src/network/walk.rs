@@ -161,7 +161,7 @@ impl Walk {
                     Event::Step(stride) => {
                         self.node.step(self.sensor.measure(&stride));
                     }
-                    Event::Left { .. } => self.journal.borrow_mut().stops_ended += 1,
+                    Event::Left { .. } => self.journal.borrow_mut().left(self.node.id()),
                     Event::Arrived { .. } => {
                         let place = self.walker.place();
                         self.journal.borrow_mut().arrived(self.node.id(), place);

@@ -236,7 +236,37 @@ impl fmt::Display for Remedy {
     }
 }
 
+/// A finding in words, with the unit of lengths.
+struct Told<'a>(&'a Finding, &'a Verdict);
+
+impl fmt::Display for Told<'_> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Self(finding, verdict) = *self;
+        finding.write(f, &verdict.unit, verdict.never_joined())
+    }
+}
+
 impl Verdict {
+    /// What is the matter with one camera, and what to do, without its name.
+    pub fn words_on(&self, finding: &Finding) -> String {
+        if let Trouble::Unchecked {
+            protection,
+            weakness,
+        } = &finding.trouble
+        {
+            let remedy = Remedy(*weakness, Some(finding.camera));
+            let check = check_words(protection.as_ref(), false, &self.unit);
+            return format!("{check}: {remedy}");
+        }
+        let told = Told(finding, self).to_string();
+        let name = format!("  camera {}: ", finding.camera);
+        told.strip_prefix(&name).unwrap_or(&told).to_owned()
+    }
+
+    fn never_joined(&self) -> &'static str {
+        NEVER_JOINED[usize::from(!self.is_rehearsal)]
+    }
+
     /// What is not checked, told together where one stop helps several.
     fn write_unchecked(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let mut by_weakness = BTreeMap::<_, Vec<(u16, Option<Protection>)>>::new();
@@ -368,7 +398,7 @@ impl fmt::Display for Verdict {
             unit,
             ..
         } = self;
-        let never_joined = NEVER_JOINED[usize::from(!self.is_rehearsal)];
+        let never_joined = self.never_joined();
         write!(f, "{calibrated} of {expected} cameras are calibrated")?;
         if self.checkable > 0 {
             write!(
