@@ -411,8 +411,9 @@ impl<F: NorFlash> Banks<F> {
     /// Puts the other bank in force, which has so many used slots.
     async fn replace(&mut self, from: Active, free: u32) -> Result<(), LogError<F::Error>> {
         let to = 1 - from.bank;
-        // No bank outlives so many erasures as to come back to 0.
-        let generation = from.generation.wrapping_add(1);
+        // No bank outlives so many erasures as to come back to 0, which says that the log is being
+        // begun; but a page may hold anything.
+        let generation = from.generation.wrapping_add(1).max(1);
         self.make_header(generation);
         self.access(Access::Write, to, 0).await?;
         self.active = Some(Active {

@@ -88,7 +88,7 @@ const STAGES: [Stage; 13] = [
         what: "fuzz targets, briefly",
         needs: compiler_for_fuzzing,
         // The same inputs in every run; `cargo xtask fuzz` tries others.
-        run: |sh| fuzz::run(sh, &[], fuzz::BRIEF, Some(1)),
+        run: fuzz::briefly,
     },
     Stage {
         name: "document",
