@@ -8,6 +8,7 @@
 //! The radio takes one frame without the processor: what comes after it, before the task runs
 //! again, is lost as on the air.
 
+use board_support::{last_words::LastWords, retained::say_and_restart};
 use embassy_futures::select::{Either, select};
 use embassy_nrf::{
     pac::{
@@ -38,6 +39,9 @@ const FRAME_TIME: Duration = Duration::from_millis(5);
 /// Far longer than an assessment and a frame take, also while an erasure of the flash stops the
 /// processor.
 const TRANSMISSION_TIME: Duration = Duration::from_millis(500);
+
+/// Told after the restart.
+const STUCK: &str = "a transmission did not end";
 
 /// From this power on the channel is busy, whatever is on it: -75 dBm, the most that the standard
 /// allows (IEEE 802.15.4, "CCA"), in steps of 1 dB from -92 dBm (Product Specification, "RADIO").
@@ -94,9 +98,6 @@ pub(crate) enum Error {
     NotConfigured,
     /// The frame is too short or too long.
     FrameLength,
-    /// A transmission did not end: the hardware does not do what its manual says. The node ends
-    /// with this, and the watchdog starts it again.
-    Stuck,
 }
 
 /// The radio, without its task.
@@ -251,7 +252,8 @@ impl Driver {
                 match with_timeout(TRANSMISSION_TIME, sent).await {
                     Ok(Ok(())) => Ok(TxOutcome::Sent),
                     Ok(Err(_)) => Ok(TxOutcome::ChannelBusy),
-                    Err(_) => Err(Error::Stuck),
+                    // The hardware does not do what its manual says. A reset sets it right.
+                    Err(_) => say_and_restart(LastWords::decision(STUCK)),
                 }
             }
         };

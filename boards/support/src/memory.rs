@@ -9,7 +9,14 @@ use node_firmware::config::{
     page::{self, PageError},
 };
 
-/// A flash whose driver waits for it. After each page that is erased the other tasks run.
+/// Bytes that are looked at together; a part of every page.
+const LOOK: usize = 64;
+
+/// A flash whose driver waits for it. After each page the other tasks run.
+///
+/// A page that reads as erased is not erased again: on new flash, logs would be begun by a second or two
+/// in which nobody reads the UART. An erasure that power ended in its last moments may leave such a page
+/// too; what rots in it is found by the checksums of the records.
 #[derive(Debug)]
 pub struct Paged<F>(pub F);
 
@@ -38,7 +45,9 @@ impl<F: nor_flash::NorFlash> NorFlash for Paged<F> {
         loop {
             // The driver refuses a part of a page, and what ends before it starts.
             let next = page.saturating_add(F::ERASE_SIZE as u32).min(to);
-            self.0.erase(page, next)?;
+            if !is_blank(&mut self.0, page, next) {
+                self.0.erase(page, next)?;
+            }
             if next >= to {
                 return Ok(());
             }
@@ -50,6 +59,19 @@ impl<F: nor_flash::NorFlash> NorFlash for Paged<F> {
     async fn write(&mut self, offset: u32, bytes: &[u8]) -> Result<(), F::Error> {
         self.0.write(offset, bytes)
     }
+}
+
+/// Whether this is one whole page, and erased.
+fn is_blank<F: nor_flash::NorFlash>(flash: &mut F, from: u32, to: u32) -> bool {
+    let size = F::ERASE_SIZE as u32;
+    if to.checked_sub(from) != Some(size) || !from.is_multiple_of(size) {
+        return false;
+    }
+    let mut bytes = [0; LOOK];
+    // What cannot be read is for the driver to refuse.
+    (from..to)
+        .step_by(LOOK)
+        .all(|at| flash.read(at, &mut bytes).is_ok() && bytes.iter().all(|&byte| byte == 0xff))
 }
 
 /// The configuration in the page at this place.
@@ -76,13 +98,16 @@ mod tests {
     };
     use std::{vec, vec::Vec};
 
-    use embedded_storage::nor_flash::{NorFlashErrorKind, check_erase};
+    use embedded_storage::nor_flash::{NorFlashErrorKind, check_erase, check_read};
 
     use super::*;
 
-    /// 16 pages of 2 KiB, and what was erased of them.
+    /// 16 pages of 2 KiB: the one byte that is not erased in each that is used, and what was erased.
     #[derive(Default)]
-    struct Chip(Vec<(u32, u32)>);
+    struct Chip {
+        used: Vec<u32>,
+        erased: Vec<(u32, u32)>,
+    }
 
     impl ErrorType for Chip {
         type Error = NorFlashErrorKind;
@@ -91,8 +116,11 @@ mod tests {
     impl nor_flash::ReadNorFlash for Chip {
         const READ_SIZE: usize = 1;
 
-        fn read(&mut self, _: u32, bytes: &mut [u8]) -> Result<(), NorFlashErrorKind> {
-            bytes.fill(0xFF);
+        fn read(&mut self, offset: u32, bytes: &mut [u8]) -> Result<(), NorFlashErrorKind> {
+            check_read(self, offset, bytes.len())?;
+            for (at, byte) in (offset..).zip(bytes) {
+                *byte = if self.used.contains(&at) { 0xfe } else { 0xff };
+            }
             Ok(())
         }
 
@@ -107,7 +135,7 @@ mod tests {
 
         fn erase(&mut self, from: u32, to: u32) -> Result<(), NorFlashErrorKind> {
             check_erase(self, from, to)?;
-            self.0.push((from, to));
+            self.erased.push((from, to));
             Ok(())
         }
 
@@ -116,9 +144,20 @@ mod tests {
         }
     }
 
-    /// What was erased, how often others could run meanwhile, and the result.
+    /// What was erased, how often others could run meanwhile, and the result, where every page is used.
     fn erased(from: u32, to: u32) -> (Vec<(u32, u32)>, usize, Result<(), NorFlashErrorKind>) {
-        let mut flash = Paged(Chip::default());
+        erased_of((0..16).map(|page| page * 2048), from, to)
+    }
+
+    fn erased_of(
+        used: impl Iterator<Item = u32>,
+        from: u32,
+        to: u32,
+    ) -> (Vec<(u32, u32)>, usize, Result<(), NorFlashErrorKind>) {
+        let mut flash = Paged(Chip {
+            used: used.collect(),
+            erased: Vec::new(),
+        });
         let mut stops = 0;
         let result = {
             let mut erasing = pin!(flash.erase(from, to));
@@ -132,7 +171,7 @@ mod tests {
                 }
             }
         };
-        (flash.0.0, stops, result)
+        (flash.0.erased, stops, result)
     }
 
     #[test]
@@ -140,6 +179,18 @@ mod tests {
         let pages = vec![(4096, 6144), (6144, 8192), (8192, 10240)];
         assert_eq!(erased(4096, 10240), (pages, 2, Ok(())));
         assert_eq!(erased(4096, 6144), (vec![(4096, 6144)], 0, Ok(())));
+    }
+
+    #[test]
+    fn blank_pages_are_left() {
+        assert_eq!(erased_of([].into_iter(), 0, 32768), (vec![], 15, Ok(())));
+        for at in [4096, 4096 + 63, 4096 + 64, 6143] {
+            let (pages, _, result) = erased_of([at, 8192].into_iter(), 0, 8192);
+            assert_eq!((pages, result), (vec![(4096, 6144)], Ok(())), "{at}");
+        }
+        // What is no whole page is for the driver to refuse.
+        let unaligned = Err(NorFlashErrorKind::NotAligned);
+        assert_eq!(erased_of([].into_iter(), 8, 2056).2, unaligned);
     }
 
     #[test]
