@@ -1,5 +1,7 @@
 //! What goes wrong by order of a script.
 
+use std::collections::BTreeMap;
+
 use serde::{Deserialize, Serialize};
 
 /// Something that happens at a time: `[[event]]`, `at_s = 60.0`,
@@ -83,6 +85,15 @@ pub enum Action {
         level: f64,
         /// Its colour temperature, kelvin.
         kelvin: f64,
+    },
+    /// A camera or its line has other faults for a while, in place of those that it always has.
+    CameraFaults {
+        /// The node's number.
+        node: u16,
+        /// For how long, seconds.
+        for_s: f64,
+        /// How often each happens, by name.
+        faults: BTreeMap<String, f64>,
     },
     /// Somebody moves a camera, turns it, or both. It stays so.
     BumpCamera {
@@ -188,6 +199,7 @@ impl Action {
             | Self::PowerCut { node, .. }
             | Self::UnplugCamera { node, .. }
             | Self::StickCamera { node, .. }
+            | Self::CameraFaults { node, .. }
             | Self::BumpCamera { node, .. }
             | Self::Slip { node, .. }
             | Self::Rest { node, .. }
@@ -218,6 +230,7 @@ impl Action {
             | Self::Forge { for_s, .. }
             | Self::UnplugCamera { for_s, .. }
             | Self::StickCamera { for_s, .. }
+            | Self::CameraFaults { for_s, .. }
             | Self::Rest { for_s, .. }
             | Self::IgnoreLamp { for_s, .. }
             | Self::Slip { for_s, .. } => Some(*for_s),

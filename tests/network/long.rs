@@ -116,3 +116,18 @@ fn clocks_may_drift() {
         assert_all_calibrated(&run(scenario), "clocks that drift");
     }
 }
+
+/// While it lasts a camera answers nothing, and for others the walk goes on.
+#[test]
+fn faults_of_a_camera_end() {
+    let calm = run(yard());
+    let faults = Action::CameraFaults {
+        node: 4,
+        for_s: 20.0,
+        faults: [("corrupt_line".into(), 1.0)].into(),
+    };
+    let at = calm.targets[0].stops[4].seconds.unwrap() + 1.0;
+    let record = run(with(yard(), at, faults));
+    assert_all_calibrated(&record, "faults for a while");
+    assert!(record.sim_seconds > calm.sim_seconds);
+}

@@ -109,6 +109,7 @@ pub fn ingredients(scenario: &Scenario) -> BTreeSet<&'static str> {
         Action::BumpCamera { .. } => "bumped camera",
         Action::Slip { .. } => "slip",
         Action::Replay { .. } => "replay",
+        Action::CameraFaults { .. } => "camera faults for a while",
         Action::Rest { .. } => "carrier who rests",
         Action::IgnoreLamp { .. } => "carrier who ignores the lamp",
         Action::Rot { .. } => "rot",

@@ -2,6 +2,7 @@
 
 use std::{cell::RefCell, collections::BTreeSet, rc::Rc};
 
+use cmucam2_emulator::FaultRates;
 use nalgebra::Vector2;
 use rand::{Rng, RngExt};
 use zigbee_link::{radio::Channel, wire::fcs};
@@ -109,6 +110,21 @@ pub(super) fn schedule(simulation: &mut Simulation) {
                     light.set(cmucam2_emulator::daylight(level, kelvin));
                 };
                 simulation.executor.spawn(changes);
+            }
+            Action::CameraFaults {
+                node,
+                for_s,
+                faults,
+            } => {
+                if let Some(node) = find(simulation, node) {
+                    let mut rates = FaultRates::default();
+                    for (fault, rate) in faults {
+                        // They were checked when the file was read.
+                        let _ = rates.set(&fault, rate);
+                    }
+                    let strike = camera_faults(clock, at..until(for_s), node, rates);
+                    simulation.executor.spawn(strike);
+                }
             }
             Action::BumpCamera { node, by, turn_deg } => {
                 if let Some(node) = find(simulation, node) {
@@ -232,6 +248,20 @@ async fn stick(clock: Clock, during: std::ops::Range<Time>, node: Rc<Node>) {
     clock.sleep_until_time(during.end).await;
     node.note("has a camera that sees again");
     node.stick_camera(false);
+}
+
+async fn camera_faults(
+    clock: Clock,
+    during: std::ops::Range<Time>,
+    node: Rc<Node>,
+    rates: FaultRates,
+) {
+    clock.sleep_until_time(during.start).await;
+    node.note("has a camera with other faults");
+    node.camera_faults(Some(rates));
+    clock.sleep_until_time(during.end).await;
+    node.note("has its usual camera");
+    node.camera_faults(None);
 }
 
 async fn bump(clock: Clock, at: Time, node: Rc<Node>, by: Vector2<f64>, turn: f64) {

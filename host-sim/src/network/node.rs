@@ -31,7 +31,7 @@ use super::{
     journal::{Moment, SharedJournal, Witness},
 };
 use crate::video::Video;
-use cmucam2_emulator::{Background, Configuration, Emulator, Rgb, Scene};
+use cmucam2_emulator::{Background, Configuration, Emulator, FaultRates, Rgb, Scene};
 use site::world::{Mood, View};
 use site::{CameraNode, Network, TargetNode};
 use virtual_bench::{
@@ -84,6 +84,9 @@ struct Outlook {
     index: usize,
     /// What it saw when it began to stick.
     stuck: Rc<RefCell<Option<View>>>,
+    /// The faults that it has always, and those that it is to have.
+    usual: FaultRates,
+    faults: Rc<Cell<FaultRates>>,
     /// In the place of the world.
     video: Rc<RefCell<Option<Video>>>,
 }
@@ -254,9 +257,12 @@ impl Node {
             world: simulation.world.clone(),
             index,
             stuck: Rc::default(),
+            usual: camera.faults,
+            faults: Rc::new(Cell::new(camera.faults)),
             video: Rc::default(),
         };
         let (world, stuck) = (outlook.world.clone(), outlook.stuck.clone());
+        let faults = outlook.faults.clone();
         let video = outlook.video.clone();
         let light = simulation.light.clone();
         let mut seen = None;
@@ -284,7 +290,7 @@ impl Node {
         let line = Line::to_device(
             &clock,
             Uart::new(camera.baud),
-            CameraDevice::new(emulator, scene),
+            CameraDevice::new(emulator, scene).with_faults(faults),
         );
         let place = simulation.world.borrow().cameras()[index].place;
         Self::new(simulation, config, place, (line, Some(outlook)), root)
@@ -404,6 +410,13 @@ impl Node {
             let place = camera.place + by;
             world.move_camera(outlook.index, place, camera.heading + turn);
             self.medium.move_to(self.antenna, super::antenna(place));
+        }
+    }
+
+    /// Its camera has other faults, or the usual ones.
+    pub(super) fn camera_faults(&self, rates: Option<FaultRates>) {
+        if let Some(outlook) = &self.outlook {
+            outlook.faults.set(rates.unwrap_or(outlook.usual));
         }
     }
 
