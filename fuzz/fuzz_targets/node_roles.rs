@@ -90,6 +90,7 @@ const TARGET: TargetConfig = TargetConfig {
     ball_radius: 0.0,
     dwell_least_ms: 2_000,
     dwell_most_ms: 20_000,
+    roams: false,
     sensor: SensorConfig::UNCALIBRATED,
 };
 

@@ -373,7 +373,7 @@ proptest! {
         let station = Station::<TargetRole<'_>>::new(
             3,
             move || target_role(9, config, first),
-            Box::new(|_, ()| None),
+            Box::new(|_, _| None),
         );
         live(station, &mut any, |any| {
             if any.below(8) == 0 {

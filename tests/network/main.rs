@@ -2,6 +2,7 @@
 //! radio, in virtual time.
 
 mod attackers;
+mod buildings;
 mod carriers;
 mod determinism;
 mod faults;

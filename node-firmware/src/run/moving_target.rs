@@ -3,7 +3,7 @@
 use core::{convert::Infallible, pin::pin};
 
 use calib_core::joint::{BearingStorage, StopStorage, UnknownStorage};
-use embassy_futures::select::{Either, select};
+use embassy_futures::select::{Either3, select3};
 use embedded_storage_async::nor_flash::NorFlash;
 use zigbee_link::runner::Clock;
 
@@ -18,7 +18,9 @@ use crate::{
     log::warning,
     message::StopNumber,
     network::Network,
-    role::moving_target::{CAMERAS, EstimateMemory, TargetEvent, TargetRole, WORKSPACE},
+    role::moving_target::{
+        CAMERAS, EstimateMemory, TargetEvent, TargetRole, TargetTask, WORKSPACE,
+    },
 };
 
 /// After a failure of the sensor.
@@ -30,7 +32,7 @@ pub(super) async fn run<H: Hardware, N: Network, F: NorFlash>(
     services: Services<'_, H, N, F>,
     mut steps: H::Steps,
 ) -> Infallible {
-    let clock = services.clock;
+    let (clock, network) = (services.clock, services.network);
     let channels = DeviceChannels::new();
     // Each on its own: together they would be made on the stack first.
     let mut cameras = [UnknownStorage::default(); CAMERAS];
@@ -50,9 +52,15 @@ pub(super) async fn run<H: Hardware, N: Network, F: NorFlash>(
     let driver = AnyDriver::Target(RoleDriver::new(&mut role, &channels));
     let driven = drive(driver, services);
     let sensed = sense(&mut steps, clock, channels.events.sender());
-    match select(pin!(driven), Outlined(pin!(sensed))).await {
-        Either::First(never) => match never {},
-        Either::Second(never) => match never {},
+    let tasks = channels.tasks.receiver();
+    let roaming = async {
+        loop {
+            let TargetTask::Roam = tasks.receive().await;
+            network.roam();
+        }
+    };
+    match select3(pin!(driven), Outlined(pin!(sensed)), pin!(roaming)).await {
+        Either3::First(never) | Either3::Second(never) | Either3::Third(never) => match never {},
     }
 }
 

@@ -11,7 +11,7 @@ use super::{
     Used::{Both, Nodes, Rehearsal},
     Without::{Camera, Coordinator, Is, Needed, Target},
 };
-use crate::{FIRST_COORDINATOR, PATH_MAX};
+use crate::{FIRST_COORDINATOR, PATH_MAX, check::MOST_NETWORKS};
 
 /// In the order of [`BaudRate::ALL`].
 const BAUD_RATES: [u32; BaudRate::ALL.len()] = {
@@ -102,7 +102,7 @@ pub const KEYS: &[Key] = &[
     key("network[].channels", Wholes(11.0, 26.0, ": channels of the 2.4 GHz band"), Is("`channel` alone"), Nodes, "Several, of which its coordinator takes the quietest; in place of `channel`."),
     key("network[].references", Table, Needed, Both, "The two cameras that span its frame."),
     key("network[].camera[]", Tables, Needed, Both, "Its cameras, two or more."),
-    key("network[].target[]", Tables, Needed, Both, "Its targets, one or more. A network has 100 members at most."),
+    key("network[].target[]", Tables, Is("there, unless there is a `frame_of`"), Both, "Its targets, one or more; none where they come from another network. A network has 100 members at most."),
     key("network[].frame", Table, Is("from the places of the references"), Both, "Where its frame is in the building, if its references have no `x` and `y`."),
     key("network[].coordinator", Numbers(2, -LARGE, LARGE, ": x and y"), Is("the middle of its cameras"), Rehearsal, "Where its coordinator stands."),
     key("network[].allow", Wholes(1.0, 65535.0, ": numbers of nodes"), Is("none"), Nodes, "Nodes that may join besides its own cameras and targets."),
@@ -110,9 +110,10 @@ pub const KEYS: &[Key] = &[
 
     key("network[].references.cameras", Levels(2, 1.0, FIRST_COORDINATOR as f64 - 1.0, ": the `id`s of two cameras of this network"), Needed, Both, "The first one is the origin of the frame, the x axis points to the second one. Where they are elected: those in whose view the walk begins."),
     key("network[].references.elected", Flag, Is("false"), Nodes, "They are not configured; who sees the target first becomes one."),
-    key("network[].references.baseline_known", Flag, Is("true, unless `elected`"), Nodes, "Nodes are told the distance of the two."),
+    key("network[].references.frame_of", Whole(1.0, MOST_NETWORKS, ": the number of a network that has references"), Is("none"), Both, "There are none: its cameras wait for the targets of that network, which bring its frame. `cameras` are then those in whose view the walk goes on."),
+    key("network[].references.baseline_known", Flag, Is("true, unless `elected` or `frame_of`"), Nodes, "Nodes are told the distance of the two."),
     key("network[].references.baseline", LENGTH, Is("that of their `x` and `y`"), Nodes, "That distance as it was measured."),
-    key("network[].references.frame_heading_known", Flag, Is("true, unless `elected`"), Nodes, "Nodes are told from which direction the step sensor's headings count."),
+    key("network[].references.frame_heading_known", Flag, Is("true, unless `elected` or `frame_of`"), Nodes, "Nodes are told from which direction the step sensor's headings count."),
     key("network[].references.compass_deg", DIRECTION, Is("the frame's x axis; 0 if not known"), Both, "That direction in the building."),
 
     key("network[].frame.x", COORDINATE, Needed, Both, "The first reference's place in the building."),
@@ -282,4 +283,5 @@ pub const KEYS: &[Key] = &[
     key("grid.nodes", Whole(2.0, 20_000.0, ""), Is("52"), Rehearsal, "Cameras in all."),
     key("grid.cell_nodes", Whole(2.0, 98.0, ": a network has 100 members at most, and a target joins too"), Is("13"), Rehearsal, "Cameras of a cell; each cell is a network."),
     key("grid.cell_size", Number(SMALL, 1e4, ": three times the cameras' range or more"), Is("24"), Rehearsal, "Side of a cell."),
+    key("grid.one_frame", Flag, Is("false"), Rehearsal, "Only the first cell has references and a target, which walks through all of them."),
 ];

@@ -90,6 +90,8 @@ pub enum Trouble {
     /// No pose: nobody knows where the target stands before the reference cameras know where they
     /// look.
     NoReferences,
+    /// No pose: its network has no references, and no target has come from another network.
+    NoTarget,
     /// No pose, and no reason.
     NoPose,
     /// Its sightings contradict each other, so neither pose nor sigmas can be relied on.
@@ -395,6 +397,9 @@ fn why_no_pose(record: &RunRecord, networks: &Networks, camera: &Node) -> Troubl
     if camera.silent {
         return Trouble::Silent(camera.heard_seconds);
     }
+    if networks.awaiting.contains(&camera.network) {
+        return Trouble::NoTarget;
+    }
     let waits = networks.unanswered.contains(&camera.network);
     match (camera.reason, camera.sightings) {
         (None, _) if waits && !camera.reference => Trouble::NoReferences,
@@ -416,6 +421,8 @@ struct Networks {
     unanswered: BTreeSet<u16>,
     /// A reference never joined.
     halved: BTreeSet<u16>,
+    /// There are no references, as there are in another network, and nobody saw anything.
+    awaiting: BTreeSet<u16>,
     /// Some target joined, or nobody knows.
     visited: BTreeSet<u16>,
 }
@@ -430,7 +437,14 @@ impl Networks {
         let is_target = |node: &Node| node.role == Role::Target;
         let empty = of(&|node| is_target(node) && node.never_joined());
         let visited = of(&|node| is_target(node) && !node.never_joined());
+        let has_references = of(&is_reference);
+        let saw = of(&|node| node.is_camera() && (node.sightings > 0 || node.estimate.is_some()));
+        let awaiting = match has_references.is_empty() {
+            true => BTreeSet::new(),
+            false => &(&of(&Node::is_camera) - &has_references) - &saw,
+        };
         Self {
+            awaiting,
             unanswered: of(&|node| is_reference(node) && node.estimate.is_none()),
             halved: of(&|node| is_reference(node) && node.never_joined()),
             visited: &of(&|_| true) - &(&empty - &visited),

@@ -133,6 +133,10 @@ impl Finding {
             Trouble::NoReferences => f.write_str(
                 "not calibrated: the two reference cameras come first, and have no answer yet",
             ),
+            Trouble::NoTarget => f.write_str(
+                "not calibrated: its network has no references, and waits for a target from another \
+                 network",
+            ),
             Trouble::NoPose => f.write_str("not calibrated: its pose did not arrive"),
             Trouble::Doubtful {
                 agreeing: Some([agreeing, all]),

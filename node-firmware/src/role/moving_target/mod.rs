@@ -6,6 +6,11 @@
 //! answered or cannot be reached it shows that its carrier may walk on. Nothing but the carrier makes
 //! it walk.
 //!
+//! Where nobody saw it at a stop, and it [roams](TargetConfig::roams), it looks for another network of the
+//! site before it walks on. In that one it goes on from where it is: it keeps its place, its direction
+//! and what its steps are worth, so the cameras there calibrate in the same frame. It lets go of the
+//! cameras of the network it left, and of what they measured.
+//!
 //! It does not know where it is before the first reference camera tells it, or before two cameras
 //! that know their poses see it at one stop, or one does and the ball's size is known. From then on it reckons.
 
@@ -58,6 +63,9 @@ const ASKED_AT_A_TIME: usize = 2;
 /// While cameras see a target that does not know its place, it waits so long for being told.
 const LOCATED_WITHIN: Duration = Duration::from_secs(2);
 
+/// The network has begun to look for another one by then, and tells how that ended.
+const ROAM_WITHIN: Duration = Duration::from_secs(1);
+
 /// Between two slices of the estimate: others have to be heard.
 const BREATH: Duration = Duration::from_millis(1);
 
@@ -88,6 +96,14 @@ impl Notification for TargetNotification {
             Self::Posed(_) | Self::Health => 1,
         }
     }
+}
+
+/// What a target wants of its node.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub enum TargetTask {
+    /// To be in the network that it hears best.
+    Roam,
 }
 
 /// What the devices of a target tell.
@@ -144,6 +160,8 @@ pub struct TargetRole<'m> {
     is_estimating: bool,
     seen: bool,
     health: Health,
+    /// It looked for another network at this stop.
+    has_roamed: bool,
 }
 
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -200,6 +218,7 @@ impl<'m> TargetRole<'m> {
             is_estimating: false,
             seen: false,
             health: Health::default(),
+            has_roamed: false,
         }
     }
 
@@ -348,6 +367,7 @@ impl<'m> TargetRole<'m> {
             estimate.on_stop(self.stop, &mut self.unsaved);
         }
         self.seen = false;
+        self.has_roamed = false;
         self.confirmations.clear();
         self.state = State::Standing(Standing {
             since: now,
@@ -442,7 +462,7 @@ impl<'m> TargetRole<'m> {
         })
     }
 
-    fn standing(&mut self, now: Instant) -> Option<Output<TargetNotification, ()>> {
+    fn standing(&mut self, now: Instant) -> Option<Output<TargetNotification, TargetTask>> {
         let message = self.stopped()?;
         let stop = self.stop;
         let State::Standing(standing) = &mut self.state else {
@@ -482,6 +502,12 @@ impl<'m> TargetRole<'m> {
             && standing.wait_until.is_none_or(|until| until <= now)
             && self.confirmations.settled_at(standing.ask_at) <= now
             && waited >= Duration::from_millis(self.config.dwell_least_ms.into());
+        if is_done && self.config.roams && !self.seen && !self.has_roamed {
+            // Whoever sees it may be in another network.
+            self.has_roamed = true;
+            standing.ask_at = now + ROAM_WITHIN;
+            return Some(Output::Task(TargetTask::Roam));
+        }
         if is_done || waited >= most {
             standing.may_walk = true;
             self.estimate_at = Some(now + BREATH);
@@ -501,7 +527,7 @@ fn is_length(number: f32) -> bool {
 
 impl Role for TargetRole<'_> {
     type Notification = TargetNotification;
-    type Task = ();
+    type Task = TargetTask;
     type Event = TargetEvent;
 
     fn restore(&mut self, fact: &Fact) {
@@ -644,7 +670,7 @@ impl Role for TargetRole<'_> {
         }
     }
 
-    fn poll(&mut self, now: Instant) -> Option<Output<TargetNotification, ()>> {
+    fn poll(&mut self, now: Instant) -> Option<Output<TargetNotification, TargetTask>> {
         if self.locate_at.is_some_and(|at| at <= now) {
             self.locate_at = None;
             self.locate(now);
