@@ -15,6 +15,7 @@ use zigbee_link::{
     Instant,
     radio::{PSDU_MAX, Radio, RadioConfig, Received, TxOutcome},
     runner::Clock,
+    wire::{Address, Frame, FrameType, ShortAddress},
 };
 
 use crate::message::{Memory, Restart};
@@ -25,7 +26,7 @@ const DEAF: Duration = Duration::from_secs(600);
 /// The same after a restart that did not help, or that was not needed.
 const DEAF_AGAIN: Duration = Duration::from_secs(3600);
 
-/// And has sent so often since it heard something: somebody would have answered.
+/// And has sent so often since it heard something what somebody would have answered.
 const UNANSWERED: u8 = 20;
 
 /// No transmission takes longer, its waits for a free channel included.
@@ -39,8 +40,8 @@ const CAMERA: Duration = Duration::from_secs(120);
 struct State {
     /// When something was heard last.
     heard: Option<Instant>,
-    /// Transmissions since.
-    sent: u8,
+    /// Transmissions since to which an answer was due.
+    unanswered: u8,
     /// The transmission under way began then.
     sending: Option<Instant>,
     /// What the camera is doing began then.
@@ -63,7 +64,7 @@ impl Liveness {
             memory: Cell::new(Memory::Flash),
             state: Cell::new(State {
                 heard: None,
-                sent: 0,
+                unanswered: 0,
                 sending: None,
                 working: None,
             }),
@@ -89,7 +90,7 @@ impl Liveness {
     pub fn on_heard(&self, now: Instant) {
         self.state.set(State {
             heard: Some(now),
-            sent: 0,
+            unanswered: 0,
             ..self.state.get()
         });
     }
@@ -102,12 +103,12 @@ impl Liveness {
         });
     }
 
-    /// That is over.
-    pub fn on_sent(&self) {
+    /// That is over, and somebody would answer it or not.
+    pub fn on_sent(&self, is_answered: bool) {
         let state = self.state.get();
         self.state.set(State {
             sending: None,
-            sent: state.sent.saturating_add(1),
+            unanswered: state.unanswered.saturating_add(is_answered.into()),
             ..state
         });
     }
@@ -143,7 +144,7 @@ impl Liveness {
         };
         if lasts(state.sending, TRANSMISSION) {
             Err(Restart::RadioStuck)
-        } else if lasts(state.heard, deaf_after) && state.sent >= UNANSWERED {
+        } else if lasts(state.heard, deaf_after) && state.unanswered >= UNANSWERED {
             Err(Restart::RadioDeaf)
         } else if lasts(state.working, CAMERA) {
             Err(Restart::CameraStuck)
@@ -151,6 +152,15 @@ impl Liveness {
             Ok(())
         }
     }
+}
+
+/// Whether somebody would answer a frame: not what is told to everybody, but a search for networks.
+fn is_answered(frame: &[u8]) -> bool {
+    const EVERYBODY: Option<Address> = Some(Address::Short(ShortAddress::BROADCAST));
+    Frame::parse(frame).is_ok_and(|frame| {
+        let header = frame.header();
+        header.frame_type == FrameType::Command || header.destination.address != EVERYBODY
+    })
 }
 
 /// A radio that reports.
@@ -166,14 +176,14 @@ impl<R: Radio, C: Clock> Radio for WatchedRadio<'_, R, C> {
     async fn configure(&mut self, config: &RadioConfig) -> Result<(), R::Error> {
         self.liveness.on_sending(self.clock.now());
         let configured = self.radio.configure(config).await;
-        self.liveness.on_sent();
+        self.liveness.on_sent(false);
         configured
     }
 
     async fn transmit(&mut self, frame: &[u8]) -> Result<TxOutcome, R::Error> {
         self.liveness.on_sending(self.clock.now());
         let sent = self.radio.transmit(frame).await;
-        self.liveness.on_sent();
+        self.liveness.on_sent(is_answered(frame));
         sent
     }
 
@@ -188,6 +198,8 @@ impl<R: Radio, C: Clock> Radio for WatchedRadio<'_, R, C> {
 
 #[cfg(test)]
 mod tests {
+    use zigbee_link::wire::{Header, PanId, Panned};
+
     use super::*;
 
     const fn at(seconds: u64) -> Instant {
@@ -197,8 +209,42 @@ mod tests {
     fn send(liveness: &Liveness, now: u64, times: u8) {
         for _ in 0..times {
             liveness.on_sending(at(now));
-            liveness.on_sent();
+            liveness.on_sent(true);
         }
+    }
+
+    /// A coordinator whose members have nothing to say.
+    #[test]
+    fn who_only_tells_everybody_is_not_deaf() {
+        let liveness = Liveness::new(Restart::Ordinary);
+        liveness.on_heard(at(0));
+        for now in 0..1000 {
+            liveness.on_sending(at(now));
+            liveness.on_sent(false);
+        }
+        assert_eq!(liveness.check(at(100_000)), Ok(()));
+    }
+
+    #[test]
+    fn what_is_answered() {
+        let header = |frame_type, to| Header {
+            destination: Panned {
+                pan: Some(PanId(7)),
+                address: Some(Address::Short(to)),
+            },
+            ..Header::new(frame_type, 1)
+        };
+        let one = ShortAddress(3);
+        for (frame_type, to, expected) in [
+            (FrameType::Data, one, true),
+            (FrameType::Data, ShortAddress::BROADCAST, false),
+            (FrameType::Command, ShortAddress::BROADCAST, true),
+        ] {
+            let mut frame = [0; PSDU_MAX];
+            let len = header(frame_type, to).emit(&mut frame).unwrap();
+            assert_eq!(is_answered(&frame[..len]), expected);
+        }
+        assert!(!is_answered(&[]));
     }
 
     #[test]
@@ -237,7 +283,7 @@ mod tests {
             liveness.on_sending(at(now));
             assert_eq!(liveness.check(at(now + 10)), Ok(()));
             assert_eq!(liveness.check(at(now + 11)), Err(Restart::RadioStuck));
-            liveness.on_sent();
+            liveness.on_sent(true);
             assert_eq!(liveness.check(at(now + 400)), Ok(()));
         }
     }

@@ -38,12 +38,12 @@ pub fn begin<F: ReadNorFlash, B: I2c>(
     (flash, regions): (&mut F, &Regions),
     bus: B,
 ) -> Result<Begun<B>, PageError> {
-    static CONFIG: StaticCell<CheckedConfig> = StaticCell::new();
-    static LIVENESS: StaticCell<Liveness> = StaticCell::new();
+    static NODE: StaticCell<(CheckedConfig, Liveness)> = StaticCell::new();
     let before = retained::take();
     tell_start(cause, &before);
-    let liveness = LIVENESS.init(Liveness::new(before.reason(cause == WATCHDOG)));
-    let config: &CheckedConfig = CONFIG.init(read_config(flash, regions.config)?);
+    let config = read_config(flash, regions.config)?;
+    let liveness = Liveness::new(before.reason(cause == WATCHDOG));
+    let (config, liveness): &(CheckedConfig, Liveness) = NODE.init((config, liveness));
     // The sensor may know more of its settings than the check of configurations.
     let steps = InertialSteps::new(bus, EmbassyClock, config.sensor());
     let steps = steps.map_err(|_| PageError::Value(ConfigError::Sensor))?;

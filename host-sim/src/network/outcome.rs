@@ -157,8 +157,8 @@ pub(super) fn record(simulation: &Simulation, wall_seconds: f64) -> RunRecord {
 /// The frame in which a network reports.
 pub(super) fn frame(simulation: &Simulation, network: &Network, console: &Console) -> Frame {
     let home = network.home.and_then(|home| {
-        let homes = { simulation.site.networks.iter() }.zip(&simulation.consoles);
-        homes.skip(home).next()
+        let mut homes = { simulation.site.networks.iter() }.zip(&simulation.consoles);
+        homes.nth(home)
     });
     let (network, console) = home.unwrap_or((network, console));
     simulation.site.frame(network, references(network, console))

@@ -268,8 +268,6 @@ pub async fn run_over<H: Hardware, N: Network + Administration, F: NorFlash>(
 }
 
 /// The role's side of the network.
-// A node is large, and would take its place on the stack of every poll, or twice.
-#[inline(never)] // stack
 fn share_node<'a, H: Hardware>(
     clock: &'a H::Clock,
     role: &RoleConfig,
@@ -277,10 +275,31 @@ fn share_node<'a, H: Hardware>(
     saved: &Saved,
     members: &[Option<Member>; MEMBERS],
 ) -> ZigbeeNetwork<&'a H::Clock> {
-    let node = match role {
-        RoleConfig::Coordinator(_) => Node::coordinator(settings, saved, *members),
-        RoleConfig::Camera(_) | RoleConfig::Target(_) => Node::device(clock.now(), settings, saved),
-    };
+    match role {
+        RoleConfig::Coordinator(_) => share_coordinator::<H>(clock, settings, saved, members),
+        RoleConfig::Camera(_) | RoleConfig::Target(_) => share_device::<H>(clock, settings, saved),
+    }
+}
+
+// A node is large, and would take its place on the stack of every poll, or twice.
+#[inline(never)] // stack
+fn share_coordinator<'a, H: Hardware>(
+    clock: &'a H::Clock,
+    settings: NetworkSettings,
+    saved: &Saved,
+    members: &[Option<Member>; MEMBERS],
+) -> ZigbeeNetwork<&'a H::Clock> {
+    let node = Node::coordinator(settings, saved, *members);
+    ZigbeeNetwork::new(Shared::new(node, clock))
+}
+
+#[inline(never)] // stack
+fn share_device<'a, H: Hardware>(
+    clock: &'a H::Clock,
+    settings: NetworkSettings,
+    saved: &Saved,
+) -> ZigbeeNetwork<&'a H::Clock> {
+    let node = Node::device(clock.now(), settings, saved);
     ZigbeeNetwork::new(Shared::new(node, clock))
 }
 
