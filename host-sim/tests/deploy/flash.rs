@@ -236,7 +236,7 @@ fn a_locked_board_is_erased_first() {
         .fails("was locked is written with --unlock");
 }
 
-/// RDP level 1, with OpenOCD (its manual, "stm32l4x").
+/// RDP level 1, with `OpenOCD` (its manual, "stm32l4x").
 #[test]
 fn another_board_is_locked_with_another_program() {
     let place = place();

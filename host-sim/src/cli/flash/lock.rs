@@ -74,7 +74,7 @@ impl Board {
     }
 }
 
-/// RDP level 1 and back to 0 (OpenOCD's manual, "stm32l4x"; RM0351, "Readout protection").
+/// RDP level 1 and back to 0 (manual of `OpenOCD`, "stm32l4x"; RM0351, "Readout protection").
 fn open_ocd<'a>(sh: &'a Shell, probe: Option<&str>, action: &str) -> Cmd<'a> {
     let serial = probe.and_then(|probe| probe.splitn(3, ':').nth(2));
     let serial = serial.map(|serial| ["-c".to_owned(), format!("adapter serial {serial}")]);
