@@ -60,10 +60,3 @@ fn sixty_cameras_in_three_networks_end_in_one_frame() {
         assert_one_frame(&building(60, 20, seed), 60, 3);
     }
 }
-
-/// The same at the size of a campus: half a minute of an optimized build.
-#[test]
-#[ignore = "takes long"]
-fn a_thousand_cameras_in_forty_networks_end_in_one_frame() {
-    assert_one_frame(&building(1000, 25, 1), 1000, 40);
-}
