@@ -105,6 +105,8 @@ impl Browser {
             "--headless=new",
             // Who runs tests as root has no sandbox.
             "--no-sandbox",
+            // Containers have little of it.
+            "--disable-dev-shm-usage",
             "--disable-background-networking",
             format!("--user-data-dir={}", profile.path().display()),
             "--window-size=1280,1000",
