@@ -60,3 +60,19 @@ fn a_camera_that_started_with_the_target_before_its_lens_sees_again() {
     assert!(camera.sightings >= 3, "{}", camera.sightings);
     assert!(camera.estimate.is_some());
 }
+
+/// A target that is too far away, as most of a walk is for most cameras, makes nobody blind.
+#[test]
+fn nobody_is_unwell_where_nothing_is_wrong() {
+    for name in ["lab", "thesis-13", "office"] {
+        for seed in 1..=3 {
+            let seed = Overrides {
+                seed: Some(seed),
+                ..Overrides::default()
+            };
+            let record = run(Scenario::load(name, &seed).unwrap());
+            let verdict = Verdict::of(&record);
+            assert!(verdict.unwell.is_empty(), "{name}: {verdict}");
+        }
+    }
+}

@@ -126,10 +126,12 @@ impl Arguments {
             enabled: image.with_extension("approtect.bin"),
         };
         let files = Files::default().reads([&image]).reads(&self.config);
-        files
-            .writes(self.erase_memory.then_some(&beside.erased))
-            .writes(self.lock.then_some(&beside.enabled))
-            .check()?;
+        if !self.dry_run {
+            files
+                .writes(self.erase_memory.then_some(&beside.erased))
+                .writes(self.lock.then_some(&beside.enabled))
+                .check()?;
+        }
         if let Some(page) = &page {
             tell(node::text(&page.config)?.trim_end());
         }

@@ -51,9 +51,9 @@ impl Light {
         self.in_vain >= BLIND
     }
 
-    /// Whether a target could be seen from so far.
-    pub(super) fn reaches(&self, range: f32) -> bool {
-        self.farthest.is_none_or(|farthest| range <= farthest)
+    /// Whether a target could be seen from so far, if that is known.
+    pub(super) fn reaches(&self, range: f32) -> Option<bool> {
+        self.farthest.map(|farthest| range <= farthest)
     }
 
     /// Nothing is seen, where the target is expected in view or not, or nobody knows (`None`). Whether

@@ -199,8 +199,10 @@ impl CameraRole {
             Sight::NotLooking | Sight::Failed | Sight::NotReady => return,
         }
         let half_view = self.config.lens.field_of_view_deg.to_radians() / 2.0;
-        let is_expected = direction
-            .map(|(off, range)| off.abs() < WELL_INSIDE * half_view && self.light.reaches(range));
+        let is_expected = direction.and_then(|(off, range)| match self.light.reaches(range) {
+            reaches if off.abs() < WELL_INSIDE * half_view => reaches,
+            _ => Some(false),
+        });
         if self.light.on_nothing(is_expected) {
             self.device.adapt();
         }
