@@ -11,6 +11,7 @@ use std::{path::PathBuf, process::ExitCode};
 
 use clap::{Parser, ValueEnum};
 
+mod building;
 mod camera;
 mod cramer_rao;
 mod figure;
@@ -49,6 +50,8 @@ enum Topic {
     Joint,
     /// Whole networks in virtual time: the thesis's 13 cameras, and a thousand.
     Network,
+    /// A thousand cameras in forty networks and one frame: minutes.
+    Building,
     /// The main goals again, from few runs: a minute. A goal is missed only by what chance does not
     /// explain.
     Brief,
@@ -73,6 +76,7 @@ fn main() -> anyhow::Result<ExitCode> {
             Topic::Camera => camera::run(&mut sheet)?,
             Topic::Joint => joint::run(&mut sheet)?,
             Topic::Network => network::run(&mut sheet)?,
+            Topic::Building => building::run(&mut sheet)?,
             Topic::Brief => {
                 recorded::run(&mut sheet, true)?;
                 stage::run(&mut sheet, true)?;

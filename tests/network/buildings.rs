@@ -7,33 +7,12 @@ use answers::record::RunRecord;
 
 /// Cells of 13 to 20 cameras, of which only the first has references.
 fn building(cameras: usize, cell_cameras: usize, seed: u64) -> RunRecord {
-    let text = format!(
-        r#"
-        name = "building"
-        [camera]
-        projection = "pin-hole"
-        field_of_view_deg = 60.0
-        range = 8.0
-        [radio]
-        medium = "unit-disk"
-        range = 30.0
-        [sensor]
-        measures = false
-        [firmware]
-        systematic_heading_deg = 0.0
-        systematic_scale = 0.0
-        standing_sigma = 0.01
-        [grid]
-        nodes = {cameras}
-        cell_nodes = {cell_cameras}
-        one_frame = true
-        "#
-    );
     let changes = Overrides {
         seed: Some(seed),
         ..Overrides::default()
     };
-    let scenario = Scenario::from_toml(&text, &changes).unwrap();
+    let scenario =
+        Scenario::from_toml(&test_support::building(cameras, cell_cameras), &changes).unwrap();
     let mut simulation = Simulation::new(scenario, Options::default()).unwrap();
     simulation.run(|_| ())
 }

@@ -4,7 +4,7 @@ use answers::record::{
     RunRecord,
     verdict::{Trouble, Verdict},
 };
-use site::{Action, Scenario};
+use site::{Action, Overrides, Scenario};
 
 use crate::yard::{OTHERS, TARGET, Yard, assert_all_calibrated, logged, moments, node, run, with};
 
@@ -212,4 +212,25 @@ fn a_slip_is_in_the_steps() {
     let slipped = slipping(0.5);
     assert_eq!(slipped.targets[0].stops[..5], stops[..5]);
     assert_ne!(slipped.targets[0].stops[5].believed, stops[5].believed);
+}
+
+/// Nearly a third of all frames is lost, and one byte of every twentieth line of a camera is another.
+#[test]
+fn loss_and_corrupt_lines_cost_no_camera() {
+    let calibrated = |seed: u64| {
+        let changes = Overrides {
+            seed: Some(seed),
+            loss: Some(0.3),
+            ..Overrides::default()
+        };
+        let mut scenario = Scenario::load("thesis-13", &changes).unwrap();
+        scenario.camera.faults = [("corrupt_line".into(), 0.05)].into();
+        let summary = run(scenario).summary;
+        assert_eq!(summary.calibrated, summary.expected, "seed {seed}");
+    };
+    std::thread::scope(|scope| {
+        for first in [1, 2] {
+            scope.spawn(move || (first..=150).step_by(2).for_each(calibrated));
+        }
+    });
 }

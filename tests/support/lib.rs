@@ -26,6 +26,33 @@ pub fn normal(rng: &mut impl Rng) -> f64 {
     (-2.0 * u.ln()).sqrt() * (v * TAU).cos()
 }
 
+/// The file of a site of cells, of which only the first has references, and the sum of their cameras.
+pub fn building(cameras: usize, cell: usize) -> String {
+    format!(
+        r#"
+        name = "building"
+        [camera]
+        projection = "pin-hole"
+        field_of_view_deg = 60.0
+        range = 8.0
+        [radio]
+        medium = "unit-disk"
+        range = 30.0
+        [sensor]
+        measures = false
+        [firmware]
+        systematic_heading_deg = 0.0
+        systematic_scale = 0.0
+        standing_sigma = 0.01
+        weak_sigma = 1.0
+        [grid]
+        nodes = {cameras}
+        cell_nodes = {cell}
+        one_frame = true
+        "#
+    )
+}
+
 /// The difference of two angles, in `(-pi, pi]`.
 pub fn turn(a: f64, b: f64) -> f64 {
     (a - b).sin().atan2((a - b).cos())

@@ -203,12 +203,14 @@ impl LastLooks {
         })
     }
 
-    /// The target confirmed others: the answer was lost.
+    /// The target confirmed others: the answer was lost. It stands there and hears, so this repetition does not
+    /// count.
     pub(super) fn repeat(&mut self, now: Instant, target: MemberAddress, stop: StopNumber) {
         let mut looks = self.looks.iter_mut();
         let look = looks.find(|look| (look.target, look.stopped.stop) == (target, stop));
         if let Some(unconfirmed) = look.and_then(|look| look.unconfirmed.as_mut()) {
-            unconfirmed.again = unconfirmed.again.map(|again| again.min(now));
+            unconfirmed.again = Some(now);
+            unconfirmed.repeats = unconfirmed.repeats.saturating_sub(1);
         }
     }
 

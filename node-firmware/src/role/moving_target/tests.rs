@@ -634,3 +634,41 @@ fn a_target_that_roams_looks_for_another_network_where_nobody_sees_it() {
         }
     }
 }
+
+/// In the other network it stands where it stood, and says so to the cameras there.
+#[test]
+fn a_target_that_went_over_tells_the_same_stop_again() {
+    let mut target = standing();
+    let told = |target: &mut TargetRole<'_>, now| {
+        let mut told = outputs(target, now)
+            .into_iter()
+            .filter_map(|output| match output {
+                Output::Send {
+                    to,
+                    message: Message::Stopped(stopped),
+                    ..
+                } => {
+                    assert_eq!(to, ShortAddress::BROADCAST);
+                    Some(stopped)
+                }
+                _ => None,
+            });
+        told.next()
+    };
+    reply(&mut target, at(3), Sight::InView);
+    let before = target.stopped();
+    target.on_attached(at(4), None);
+    assert_eq!(told(&mut target, at(4)), None, "nobody is there");
+    let other = NetworkIdentity {
+        number: 77,
+        founder: [9; 8],
+    };
+    let attached = Attachment {
+        network: other,
+        own: 5,
+    };
+    target.on_attached(at(5), Some(attached));
+    assert_eq!(target.cameras().count(), 0, "those of the other network");
+    let again = told(&mut target, at(5)).map(Message::Stopped);
+    assert_eq!(again, before);
+}
