@@ -350,6 +350,8 @@ both! {
             .on("ST 170 230 70 130 16 46\r", "ACK\r:")
             .on("TC\r", format!("ACK\r{LOST}{LOST}T 0"))
             .stopped()
+            .on("TC\r", format!("ACK\r{LOST}{LOST}T 0"))
+            .stopped()
             .on("PM 1\r", "ACK\r:")
             .on("ST 170 230 70 130 16 46\r", "ACK\r:")
             .on("TC\r", format!("ACK\r{HERE}:"));
@@ -357,7 +359,23 @@ both! {
         D::drive(cam.poll_mode(true)).unwrap();
         D::drive(cam.track_colour(orange())).unwrap();
         assert_eq!(D::drive(cam.next_tracking()).map(|_| ()), camera(Fault::Restarted));
+        assert_eq!(cam.session().restarts(), 1);
         assert!(D::drive(cam.next_tracking()).unwrap().is_some());
+        line.assert_finished();
+    }
+
+    fn what_looks_like_a_stream_once_is_no_restart<D>() {
+        let script = Script::idle()
+            .on("PM 1\r", "ACK\r:")
+            .on("ST 170 230 70 130 16 46\r", "ACK\r:")
+            .on("TC\r", format!("ACK\r{LOST}{LOST}T 0"))
+            .stopped()
+            .on("TC\r", format!("ACK\r{HERE}:"));
+        let (mut cam, line) = script.camera();
+        D::drive(cam.poll_mode(true)).unwrap();
+        D::drive(cam.track_colour(orange())).unwrap();
+        assert!(D::drive(cam.next_tracking()).unwrap().is_some());
+        assert_eq!(cam.session().restarts(), 0);
         line.assert_finished();
     }
 

@@ -35,6 +35,11 @@
 //! assert!(heard.starts_with(b"CMUcam2 v1.00 c6\r:ACK\rT "));
 //! ```
 //!
+//! # Video
+//! [`Background::Picture`] puts what another camera saw in the place of a drawn scene: set it before
+//! each frame is due. The whole [`Picture`] fills the frame, so the field of view is the other
+//! camera's; automatic gain and white balance, window and registers work on it as on a scene.
+//!
 //! # Light
 //! [`Scene::light`] may be set at any time, to a [`daylight`] of some brightness and colour
 //! temperature. A sensor that adapts follows it within seconds; with gain and white balance frozen it
@@ -69,6 +74,7 @@ mod light;
 mod modes;
 mod noise;
 mod packet;
+mod picture;
 mod scene;
 mod scene_file;
 mod sensor;
@@ -87,6 +93,7 @@ pub use lens::{Lens, Pose};
 pub use light::{Light, daylight};
 pub use modes::{Modes, ServoPin};
 pub use packet::Packet;
+pub use picture::{Picture, Plane};
 pub use scene::{Background, Extent, Form, Object, Place, Rgb, Scene, Shape, Way};
 pub use scene_file::SceneError;
 pub use sensor::{Sensor, Size};

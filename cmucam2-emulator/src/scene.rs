@@ -6,7 +6,12 @@
 //! knows bearings converts them with a [`Lens`]; whoever simulates a network sets the
 //! [`Place::At`] of each object before a frame is due.
 
-use super::lens::{Lens, Pose};
+use std::sync::Arc;
+
+use super::{
+    lens::{Lens, Pose},
+    picture::Picture,
+};
 
 /// Red, green and blue, as the sensor would measure them at unit gain in white light.
 pub type Rgb = [u8; 3];
@@ -172,6 +177,15 @@ pub enum Background {
         /// Their colours.
         colours: Vec<Rgb>,
     },
+    /// What another camera saw, all of it.
+    Picture(Arc<Picture>),
+}
+
+impl Default for Background {
+    /// A grey wall.
+    fn default() -> Self {
+        Self::Plain([110, 110, 110])
+    }
 }
 
 impl Background {
@@ -197,12 +211,13 @@ impl Background {
                     len => colours[index % len].map(f64::from),
                 }
             }
+            Self::Picture(picture) => picture.colour(x, y),
         }
     }
 
     /// Whether the colour changes along a row.
     pub(super) fn varies_along_rows(&self) -> bool {
-        matches!(self, Self::Blocks { .. })
+        matches!(self, Self::Blocks { .. } | Self::Picture(_))
     }
 }
 
@@ -228,7 +243,7 @@ impl Default for Scene {
     /// A grey wall in white light, no noise.
     fn default() -> Self {
         Self {
-            background: Background::Plain([110, 110, 110]),
+            background: Background::default(),
             objects: Vec::new(),
             light: [1.0; 3],
             noise: 0.0,
@@ -301,6 +316,27 @@ impl Scene {
             }],
             ..Self::default()
         }
+    }
+
+    /// The scene as a picture of so many pixels at a time, seconds since the start, in its own light:
+    /// no sensor adapts, and there is neither noise nor flicker. `None` without pixels, or with more
+    /// than 2^24.
+    pub fn picture(&self, at: f64, width: usize, height: usize) -> Option<Picture> {
+        let patches: Vec<Patch> = self.patches(at).collect();
+        let place = |index: usize, count: usize| (index as f64 + 0.5) / count as f64;
+        let pixel = |x: usize, y: usize| {
+            let (x, y) = (place(x, width), place(y, height));
+            let patch = patches.iter().rev().find(|patch| patch.covers(x, y));
+            let colour = patch.map_or_else(
+                || self.background.colour(x, y),
+                |patch| patch.colour.map(f64::from),
+            );
+            // Saturating casts.
+            std::array::from_fn(|channel| (colour[channel] * self.light[channel]).round() as u8)
+        };
+        let pixels = (0..height).flat_map(|y| (0..width).map(move |x| (x, y)));
+        let pixels: Vec<Rgb> = pixels.map(|(x, y)| pixel(x, y)).collect();
+        Picture::from_rgb(width, height, &pixels)
     }
 
     /// What is in view at a time, seconds since the start.

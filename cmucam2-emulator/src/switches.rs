@@ -14,8 +14,9 @@ settings! {
         window_relative = 0, up to 1;
         /// Columns of a frame in low resolution: 0 as written, 1 one less
         narrow = 1, up to 1;
-        /// The banner says 0 v1.00, 1 v1.01, 2 v1.0
-        version = 0, up to 2;
+        /// The banner says 0 CMUcam2 v1.00, 1 CMUcam2 v1.01, 2 CMUcam2 v1.0, 3 CMUcam2+ v1.00,
+        /// 4 CMUcam2 v2.0+, 5 CMUcam3 v1.0
+        version = 0, up to 5;
         /// The module number in the banner: 0 c6 is the OV6620 and c7 the OV7620, 1 the other way
         /// round, 2 there is none
         module = 0, up to 2;

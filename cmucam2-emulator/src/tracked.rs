@@ -197,6 +197,7 @@ mod tests {
             };
             let patches = (0..numbers.below(4)).map(|_| numbers.patch()).collect();
             let snapshot = Snapshot {
+                background: scene.background.clone(),
                 patches,
                 factors: [1.0; 3],
                 contrast: 1.0,

@@ -49,6 +49,8 @@ impl Region {
 /// the same values.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Snapshot {
+    /// Behind all patches; a picture with as many columns and rows as the sensor's.
+    pub(super) background: Background,
     /// From back to front.
     pub(super) patches: Vec<Patch>,
     /// What each channel is multiplied by.
@@ -97,7 +99,7 @@ const NOISE_MIDDLE: i32 = 3 * 127;
 impl<'a> View<'a> {
     pub(super) fn new(scene: &'a Scene, snapshot: &'a Snapshot, layout: Layout) -> Self {
         let mut view = Self {
-            background: &scene.background,
+            background: &snapshot.background,
             snapshot,
             layout,
             paints: Vec::with_capacity(snapshot.patches.len()),
@@ -246,7 +248,7 @@ impl<'a> View<'a> {
                 Some(self.verdict(self.paint(colour.map(f64::from)), filter))
             }
             Background::Gradient { .. } => None,
-            Background::Blocks { .. } => Some(Verdict::Perhaps),
+            Background::Blocks { .. } | Background::Picture(_) => Some(Verdict::Perhaps),
         }
     }
 

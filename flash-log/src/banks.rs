@@ -143,7 +143,8 @@ impl<F: NorFlash> Banks<F> {
     }
 
     /// All there is to do with the flash, in one place: every `await` of a future of its own would
-    /// be code of its own.
+    /// be code of its own. What was written or erased is read again: worn flash may not say that it
+    /// failed, and what was not erased would be taken for the newest.
     async fn access(
         &mut self,
         access: Access,
@@ -158,7 +159,28 @@ impl<F: NorFlash> Banks<F> {
             Access::Write => self.flash.write(at, bytes).await,
             Access::Erase => self.flash.erase(at, at + self.bank_len).await,
         };
-        done.map_err(LogError::Flash)
+        done.map_err(LogError::Flash)?;
+        if let Access::Read = access {
+            return Ok(());
+        }
+        let written = slot::sum(bytes);
+        let (slots, len) = match access {
+            Access::Erase => (self.slots, self.slot_len as u32),
+            _ => (1, 0),
+        };
+        for slot in 0..slots {
+            let read = self.flash.read(at + slot * len, bytes).await;
+            read.map_err(LogError::Flash)?;
+            let is_done = match (access, slot::inspect(bytes, false)) {
+                (Access::Erase, Content::Erased) => true,
+                (Access::Write, Content::Entry { .. }) => slot::sum(bytes) == written,
+                _ => false,
+            };
+            if !is_done {
+                return Err(LogError::Worn);
+            }
+        }
+        Ok(())
     }
 
     /// Content of the slot last read, which is put right.
@@ -389,8 +411,9 @@ impl<F: NorFlash> Banks<F> {
     /// Puts the other bank in force, which has so many used slots.
     async fn replace(&mut self, from: Active, free: u32) -> Result<(), LogError<F::Error>> {
         let to = 1 - from.bank;
-        // No bank outlives so many erasures as to come back to 0.
-        let generation = from.generation.wrapping_add(1);
+        // No bank outlives so many erasures as to come back to 0, which says that the log is being
+        // begun; but a page may hold anything.
+        let generation = from.generation.wrapping_add(1).max(1);
         self.make_header(generation);
         self.access(Access::Write, to, 0).await?;
         self.active = Some(Active {

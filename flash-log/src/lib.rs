@@ -181,6 +181,8 @@ pub enum LogError<E> {
     Full,
     /// The flash failed.
     Flash(E),
+    /// The flash does not hold what was just written to it, or was not erased: it is worn out.
+    Worn,
 }
 
 impl<E> fmt::Display for LogError<E> {
@@ -191,6 +193,7 @@ impl<E> fmt::Display for LogError<E> {
             Self::Corrupt => "the log is damaged: begin it anew",
             Self::Full => "the log is full: give it a larger range",
             Self::Flash(_) => "the flash failed",
+            Self::Worn => "the flash is worn out: it does not keep what is written",
         })
     }
 }

@@ -40,6 +40,11 @@ pub(super) fn seal(slot: &mut [u8]) {
     }
 }
 
+/// The checksum behind the rest.
+pub(super) fn sum(slot: &[u8]) -> Option<[u8; SUM]> {
+    slot.last_chunk().copied()
+}
+
 pub(super) const fn key(slot: &[u8]) -> u8 {
     match slot {
         [_, key, ..] => *key,

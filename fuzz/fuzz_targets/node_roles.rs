@@ -1,7 +1,8 @@
 //! Messages, lines of the console and events in any order, to a node of any role: no panic, no end
 //! of outputs, no deadline that has passed, and nothing sent that would not decode.
 //!
-//! The first byte selects the role. Then come records: kind, pause in units of 100 ms, sender,
+//! The first byte selects the role; from 128 on, facts follow that the node remembers, each with its
+//! length before it, up to a length of 0. Then come records: kind, pause in units of 100 ms, sender,
 //! length, and that many bytes.
 #![no_main]
 
@@ -29,21 +30,29 @@ fuzz_target!(|input: &[u8]| {
         return;
     };
     let _ = postcard::from_bytes::<Fact>(records);
+    let (facts, records) = match selector {
+        128.. => remembered(records),
+        _ => (Vec::new(), records),
+    };
     match selector % 5 {
         0 => {
             let mut frames = Frames::default();
-            live(records, 0, CoordinatorRole::new(), |bytes| {
+            live(&facts, records, 0, CoordinatorRole::new(), |bytes| {
                 let wishes = bytes.iter().filter_map(|&byte| frames.push::<FromPc>(byte));
                 wishes.map(coordinator::CoordinatorEvent::Pc).collect()
             });
         }
-        1 => live(records, 3, TargetRole::new(9, TARGET, 0xFFFE), |bytes| {
-            step(bytes).into_iter().collect()
-        }),
-        2 => live(records, 1, camera(None), |bytes| {
+        1 => live(
+            &facts,
+            records,
+            3,
+            TargetRole::new(9, TARGET, 0xFFFE),
+            |bytes| step(bytes).into_iter().collect(),
+        ),
+        2 => live(&facts, records, 1, camera(None), |bytes| {
             look(bytes).into_iter().collect()
         }),
-        3 => live(records, 1, camera(Some(Duty::First)), |bytes| {
+        3 => live(&facts, records, 1, camera(Some(Duty::First)), |bytes| {
             look(bytes).into_iter().collect()
         }),
         _ => {
@@ -51,12 +60,26 @@ fuzz_target!(|input: &[u8]| {
             for &byte in records {
                 let _ = frames.push::<ToPc>(byte);
             }
-            live(records, 2, camera(Some(Duty::Second)), |bytes| {
+            live(&facts, records, 2, camera(Some(Duty::Second)), |bytes| {
                 look(bytes).into_iter().collect()
             });
         }
     }
 });
+
+/// Facts, and what follows them.
+fn remembered(mut rest: &[u8]) -> (Vec<Fact>, &[u8]) {
+    let mut facts = Vec::new();
+    while let [len, tail @ ..] = rest {
+        let (fact, tail) = tail.split_at(tail.len().min(usize::from(*len)));
+        rest = tail;
+        if *len == 0 {
+            break;
+        }
+        facts.extend(postcard::from_bytes::<Fact>(fact));
+    }
+    (facts, rest)
+}
 
 const TARGET: TargetConfig = TargetConfig {
     colour: 0,
@@ -67,6 +90,7 @@ const TARGET: TargetConfig = TargetConfig {
     ball_radius: 0.0,
     dwell_least_ms: 2_000,
     dwell_most_ms: 20_000,
+    roams: false,
     sensor: SensorConfig::UNCALIBRATED,
 };
 
@@ -146,6 +170,7 @@ fn look(bytes: &[u8]) -> Option<camera::CameraEvent> {
 }
 
 fn live<R: Role>(
+    facts: &[Fact],
     records: &[u8],
     short: u16,
     mut role: R,
@@ -160,6 +185,9 @@ fn live<R: Role>(
     };
     let mut now = Instant(0);
     let mut notifications = Vec::new();
+    for fact in facts {
+        role.restore(fact);
+    }
     role.on_attached(now, Some(attachment));
     let mut rest = records;
     while let [kind, pause, from, len, tail @ ..] = rest {

@@ -6,10 +6,14 @@
 //! |---|---|
 //! | [`network`] | Runs a scenario: every node's firmware, in one world. |
 //! | [`console`] | Talks to the coordinator of a real network: members, poses, commands. |
+//! | [`live`] | The page on which people see it, from a server or a file. |
 //! | [`probe`] | Talks to a CMUcam2 on a serial port: what it sees, a picture, sightings for a file. |
+//! | [`video`] | Video of any camera, for an emulated CMUcam2 to look at. |
 
 #![forbid(unsafe_code)]
 
 pub mod console;
+pub mod live;
 pub mod network;
 pub mod probe;
+pub mod video;

@@ -101,7 +101,7 @@ fn strangers_are_named() {
         (b"\r\nOK\r\n", "modem"),
         (b"\r\nbox login: ", "console of a computer"),
         (b"NCK\r:", "NCK to everything"),
-        (b"CMUcam3 v1.0\r:", "another camera"),
+        (b"CMUcam v1.12\r:", "another camera"),
         (b"\r\n>>> ", "Python"),
         (b"\r", "TX and RX of the adapter"),
     ] {
@@ -337,10 +337,13 @@ fn other_cameras() {
     let camera = Camera::start(&files, &plain, &other);
     let (_, told) = camera.probe(&run);
     assert!(told.contains("88 columns are assumed"), "{told}");
-    assert!(told.contains("--first-column 0"), "{told}");
-    let (_, told) = camera.probe(&[&run[..], &["--first-column", "0"]].concat());
     assert!(!told.contains("give --first-column"), "{told}");
     assert!(told.contains("all over the view"), "{told}");
+    let wrong = [&run[..], &["--first-column", "1"]].concat();
+    let (text, told) = camera.probe(&wrong);
+    assert!(told.contains("give --first-column 0"), "{told}");
+    // What fills the view has no bearing.
+    assert!(text.contains("box") && !text.contains("bearing"), "{text}");
 }
 
 #[test]
@@ -503,6 +506,68 @@ fn a_camera_that_was_started_up_goes_on_as_it_is() {
     let (_, known) = camera.probe(&["--as-is", "--count", "1"]);
     let colour = |told: &str| told.split_once("--colour ").unwrap().1[..20].to_owned();
     assert_eq!(colour(&learnt), colour(&known));
+}
+
+/// It is what its commands are that counts; that it calls itself otherwise is told.
+#[test]
+fn kindred_firmware_is_a_warning() {
+    let files = Files::new();
+    for (version, banner) in [
+        ("3", "CMUcam2+ v1.00 c6"),
+        ("4", "CMUcam2 v2.0+ c6"),
+        ("5", "CMUcam3 v1.0 c6"),
+    ] {
+        let switch = format!("version={version}");
+        let camera = Camera::start(&files, &square(), &["--switch", &switch]);
+        let (_, told) = camera.probe(&["--baud", "115200", "--settle", "0", "--count", "2"]);
+        assert!(told.contains(&format!("calls itself `{banner}`")), "{told}");
+    }
+}
+
+/// Frames one after the other, at a rate that is not tried first: they are ended, also if nobody waits.
+#[test]
+fn a_camera_that_sends_frames_is_found_and_left_silent() {
+    let files = Files::new();
+    let camera = Camera::start(&files, &square(), &["--baud", "19200"]);
+    let send = || {
+        let mut port = serialport::new(&camera.port, 19_200).open().unwrap();
+        port.write_all(b"\rFS 1\rSF\r").unwrap();
+        thread::sleep(Duration::from_millis(300));
+    };
+    send();
+    let (_, told) = camera.probe(&["--settle", "0", "--count", "2"]);
+    assert!(told.contains("at 19200 baud"), "{told}");
+    send();
+    let probe = spawn(&camera, &["--settle", "0"]);
+    thread::sleep(Duration::from_millis(900));
+    interrupt(&probe);
+    probe.wait_with_output().unwrap();
+    let mut port = TTYPort::open(&serialport::new(&camera.port, 19_200)).unwrap();
+    port.set_timeout(Duration::from_millis(500)).unwrap();
+    let mut buffer = [0; 256];
+    // What the line still holds, at most; then nothing more.
+    let _ = port.read(&mut buffer);
+    thread::sleep(Duration::from_millis(300));
+    let rest = std::iter::from_fn(|| port.read(&mut buffer).ok()).take(8);
+    let rest = rest.sum::<usize>();
+    assert!(rest < 256, "{rest} bytes more");
+}
+
+/// Its wiring and its rate were right before.
+#[test]
+fn a_camera_that_hangs_was_started_before() {
+    let files = Files::new();
+    let camera = Camera::start(&files, &square(), &[]);
+    let mut probe = spawn(&camera, &["--baud", "115200", "--settle", "0"]);
+    first_line(&mut probe);
+    let id = camera.child.id().to_string();
+    let done = Command::new("kill").args(["-STOP", &id]).status().unwrap();
+    assert!(done.success());
+    let output = probe.wait_with_output().unwrap();
+    let told = String::from_utf8(output.stderr).unwrap();
+    assert_eq!(output.status.code(), Some(2), "{told}");
+    assert!(told.contains("fallen silent after"), "{told}");
+    assert!(!told.contains("jumpers"), "{told}");
 }
 
 #[test]

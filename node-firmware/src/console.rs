@@ -10,7 +10,8 @@ use serde::{Deserialize, Serialize};
 use crate::{
     config::SiteKey,
     message::{
-        CameraCommand, CommandResult, Hello, ListedSighting, MemberAddress, Report, TrackedBlob,
+        CameraCommand, CommandResult, Health, Hello, ListedSighting, MemberAddress, Report,
+        TrackedBlob,
     },
 };
 
@@ -75,6 +76,21 @@ pub enum ToPc {
         conflict_s: Option<u32>,
         /// It changes now.
         changes: bool,
+    },
+    /// How a member is, or the coordinator itself: told when that changes, and with all else.
+    Health {
+        /// Its address; the coordinator's is 0.
+        address: MemberAddress,
+        /// What it told.
+        health: Health,
+    },
+    /// A reference camera, without which nobody gets a pose, is not there, or is there again. Told of
+    /// the references before the first pose.
+    Reference {
+        /// Its address.
+        address: MemberAddress,
+        /// It answers.
+        present: bool,
     },
 }
 

@@ -309,6 +309,7 @@ pub struct WalkBearing {
 pub struct FactStore<F> {
     log: Log<F, SLOT>,
     owner: Entry<SLOT>,
+    is_abandoned: bool,
 }
 
 impl<F: NorFlash> FactStore<F> {
@@ -321,23 +322,57 @@ impl<F: NorFlash> FactStore<F> {
     /// # Errors
     /// The range does not fit, or the flash failed.
     pub async fn open(flash: F, range: Range<u32>, owner: u32) -> Result<Self, LogError<F::Error>> {
+        let mut memory = Self::closed(flash, range, owner)?;
+        memory.reopen().await?;
+        Ok(memory)
+    }
+
+    /// One in a flash that may not serve: to be [opened](Self::reopen) or [abandoned](Self::abandon).
+    ///
+    /// # Errors
+    /// The range does not fit.
+    pub fn closed(flash: F, range: Range<u32>, owner: u32) -> Result<Self, LogError<F::Error>> {
         let [a, b, c, d] = owner.to_le_bytes();
         let owner = Entry::new(OWNER, &[VERSION, a, b, c, d]).ok_or(LogError::Full)?;
-        let log = Log::new(flash, range)?;
-        let mut memory = Self { log, owner };
-        memory.log.open().await?;
-        if memory.log.find(OWNER).await? != Some(owner) {
-            memory.forget().await?;
+        Ok(Self {
+            log: Log::new(flash, range)?,
+            owner,
+            is_abandoned: false,
+        })
+    }
+
+    /// Opens it, again after the flash failed: as [`open`](Self::open).
+    ///
+    /// # Errors
+    /// The flash failed.
+    pub async fn reopen(&mut self) -> Result<(), LogError<F::Error>> {
+        self.log.open().await?;
+        if self.log.find(OWNER).await? != Some(self.owner) {
+            self.forget().await?;
         }
-        Ok(memory)
+        Ok(())
+    }
+
+    /// Remembers nothing from now on, and writes nothing: the flash does not serve, and the role goes on
+    /// with what it has in RAM.
+    pub const fn abandon(&mut self) {
+        self.is_abandoned = true;
+    }
+
+    /// Whether that is so.
+    pub const fn is_abandoned(&self) -> bool {
+        self.is_abandoned
     }
 
     /// Begins the memory anew. To be done before a membership becomes void: addresses in it are
     /// those of that network.
     ///
     /// # Errors
-    /// The flash failed.
+    /// The flash failed, or it was abandoned: what is in it may be read at the next start.
     pub async fn forget(&mut self) -> Result<(), LogError<F::Error>> {
+        if self.is_abandoned {
+            return Err(LogError::NotOpen);
+        }
         self.log.begin(&[self.owner]).await
     }
 
@@ -346,12 +381,27 @@ impl<F: NorFlash> FactStore<F> {
     /// # Errors
     /// The flash failed.
     pub async fn recall(&mut self, mut take: impl FnMut(&Fact)) -> Result<(), LogError<F::Error>> {
-        let mut first = 0;
+        let mut first = if self.is_abandoned { KEYS } else { 0 };
         while first < KEYS {
             let mut slots = [0; KEYS_AT_A_TIME as usize];
-            self.log.newest(first, &mut slots).await?;
+            // A read may fail once.
+            let mut failures = 0;
+            while let Err(error) = self.log.newest(first, &mut slots).await {
+                failures += 1;
+                if failures > 1 {
+                    return Err(error);
+                }
+            }
             for (key, slot) in (first..).zip(slots) {
-                if let Some(entry) = self.log.read(slot).await?
+                let mut failures = 0;
+                let entry = loop {
+                    match self.log.read(slot).await {
+                        Ok(entry) => break entry,
+                        Err(error) if failures > 0 => return Err(error),
+                        Err(_) => failures += 1,
+                    }
+                };
+                if let Some(entry) = entry
                     && let Ok((fact, _)) = postcard::take_from_bytes::<Fact>(entry.value())
                     && fact.key().record() == key
                 {
@@ -371,6 +421,9 @@ impl<F: NorFlash> FactStore<F> {
     /// # Errors
     /// The flash failed.
     pub async fn save(&mut self, fact: &Fact) -> Result<(), LogError<F::Error>> {
+        if self.is_abandoned {
+            return Ok(());
+        }
         let mut value = [0; Entry::<SLOT>::VALUE_MAX];
         // Every fact fits: a test writes the longest of each kind.
         let value = postcard::to_slice(fact, &mut value).map_err(|_| LogError::Full);

@@ -16,6 +16,7 @@
 //! | [`config`] | What a node is told before it is switched on: identity, key, radio, role; and its flash page |
 //! | [`facts`] | What a role must not forget |
 //! | [`hardware`] | Which drivers a node runs on |
+//! | [`liveness`] | Whether radio, camera and flash still work, for a watchdog and for people |
 //! | [`network`] | What roles need of the network that carries their messages |
 //! | [`vision`] | What a camera role needs of its camera: is the target in view, in which direction, how sure |
 //! | [`steps`] | A step sensor of an inertial measurement unit on an I2C bus |
@@ -49,6 +50,7 @@ pub mod console;
 pub mod facts;
 pub mod hardware;
 pub mod limits;
+pub mod liveness;
 pub mod message;
 pub mod network;
 pub mod role;

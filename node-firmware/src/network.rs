@@ -46,6 +46,10 @@ pub trait Network {
         &self,
         known: Option<Attachment>,
     ) -> impl Future<Output = NetworkEvent<Self::Ticket>>;
+
+    /// The node should rather be in the network of the site that it hears best: it looks for that, and
+    /// tells by events where it is attached. Nothing happens where there is only one network.
+    fn roam(&self) {}
 }
 
 /// Whether it is to be known that a message to one member arrived.

@@ -192,7 +192,7 @@ impl Any {
                 id: self.address(),
                 kind: self.kind(),
             }),
-            1 => Message::WhoIsThere,
+            1 => Message::WhoIsThere(heapless::Vec::new()),
             2 => Message::Roster((0..self.below(33)).map(|_| self.address()).collect()),
             3 | 4 => Message::References(References {
                 first: self.address(),
@@ -373,7 +373,7 @@ proptest! {
         let station = Station::<TargetRole<'_>>::new(
             3,
             move || target_role(9, config, first),
-            Box::new(|_, ()| None),
+            Box::new(|_, _| None),
         );
         live(station, &mut any, |any| {
             if any.below(8) == 0 {

@@ -271,7 +271,7 @@ fn no_news_is_too_much_to_be_written_down() {
     let mut target = Station::<TargetRole<'_>>::new(
         TARGET,
         || target_role(TARGET, target_config(0), 7),
-        Box::new(|_, ()| None),
+        Box::new(|_, _| None),
     );
     let mut air = Air::new(PERFECT, 1);
     target.attach(0);

@@ -364,7 +364,7 @@ fn a_target_without_a_place_does_not_spin() {
     let mut target = Station::<TargetRole<'_>>::new(
         TARGET,
         move || target_role(TARGET, config, 7),
-        Box::new(|_, ()| None),
+        Box::new(|_, _| None),
     );
     let mut air = Air::new(PERFECT, 1);
     target.attach(0);
@@ -458,7 +458,7 @@ fn a_table_with_gaps_survives_restarts() {
         })
     };
     let hears = [
-        (1, Message::WhoIsThere),
+        (1, Message::WhoIsThere(heapless::Vec::new())),
         (2, report(102, 3)),
         (3, report(103, 3)),
     ];

@@ -361,7 +361,7 @@ fn standing(
     let mut target = Station::<TargetRole<'_>>::new(
         TARGET,
         move || target_role(TARGET, config, 7),
-        Box::new(|_, ()| None),
+        Box::new(|_, _| None),
     );
     target.attach(*now);
     let stop = stand(&mut target, now, air);

@@ -33,6 +33,7 @@ impl Carrier {
             ball_radius: 0.0,
             dwell_least_ms: 2_000,
             dwell_most_ms: 60_000,
+            roams: false,
             sensor: SensorConfig::UNCALIBRATED,
         };
         let mut carrier = Self {

@@ -13,9 +13,9 @@ use node_firmware::{
     limits::ROSTER,
     message::{
         CONFIRMED, CameraCommand, CameraState, CommandResult, Confirmation, CoordinateFrame, Duty,
-        FittingLens, Hello, ListedSighting, MemberKind, Message, PoseParts, ProtectionLevel,
-        Reference, References, Report, Seen, Sight, StopAnswer, StopBearing, Stopped,
-        TargetLocation, TrackedBlob,
+        Eye, FittingLens, Health, Hello, ListedSighting, MemberKind, Memory, Message, PoseParts,
+        ProtectionLevel, Reference, References, Report, Restart, Seen, Sight, StopAnswer,
+        StopBearing, Stopped, TargetLocation, TrackedBlob,
     },
 };
 use proptest::prelude::*;
@@ -148,7 +148,11 @@ fn golden() -> Vec<(Message, String)> {
             }),
             "00ac0201".into(),
         ),
-        (Message::WhoIsThere, "01".into()),
+        (Message::WhoIsThere(heapless::Vec::new()), "0100".into()),
+        (
+            Message::WhoIsThere([1, 300].into_iter().collect()),
+            "010201ac02".into(),
+        ),
         (
             Message::Roster([1, 300].into_iter().collect()),
             "020201ac02".into(),
@@ -307,7 +311,38 @@ fn golden() -> Vec<(Message, String)> {
     for (command, bytes) in commands {
         all.push((Message::Command(command), format!("0b{bytes}")));
     }
+    for (health, bytes) in healths() {
+        all.push((Message::Health(health), format!("11{bytes}")));
+    }
     all
+}
+
+/// One of each kind.
+fn healths() -> [(Health, &'static str); 5] {
+    let health = |memory, camera, restart| Health {
+        memory,
+        camera,
+        restart,
+    };
+    [
+        (
+            health(Memory::Flash, Eye::Sees, Restart::Ordinary),
+            "000000",
+        ),
+        (
+            health(Memory::Ram, Eye::Blind, Restart::RadioDeaf),
+            "010101",
+        ),
+        (
+            health(Memory::Ram, Eye::Failed, Restart::RadioStuck),
+            "010202",
+        ),
+        (
+            health(Memory::Flash, Eye::Sees, Restart::CameraStuck),
+            "000003",
+        ),
+        (health(Memory::Flash, Eye::Sees, Restart::Program), "000004"),
+    ]
 }
 
 /// Frozen. Written by hand from postcard's specification, not by the encoder.
@@ -416,6 +451,15 @@ fn what_the_pc_is_told_is_these_bytes() {
     };
     assert_eq!(tell(pan(None, true)), "080001");
     assert_eq!(tell(pan(Some(300), false)), "0801ac0200");
+    for (health, bytes) in healths() {
+        let line = ToPc::Health { address: 3, health };
+        assert_eq!(tell(line), format!("0903{bytes}"));
+    }
+    let reference = ToPc::Reference {
+        address: 300,
+        present: true,
+    };
+    assert_eq!(tell(reference), "0aac0201");
 }
 
 /// Before their checksum and COBS.
@@ -546,7 +590,10 @@ fn longest() -> Vec<(&'static str, Message)> {
                 },
             }),
         ),
-        ("WhoIsThere", Message::WhoIsThere),
+        (
+            "WhoIsThere",
+            Message::WhoIsThere([far; ROSTER].into_iter().collect()),
+        ),
         (
             "Roster",
             Message::Roster([far; ROSTER].into_iter().collect()),
@@ -646,13 +693,14 @@ fn longest() -> Vec<(&'static str, Message)> {
                 seen_by: [far; CONFIRMED].into_iter().collect(),
             }),
         ),
+        ("Health", Message::Health(healths()[2].0)),
     ]
 }
 
 /// Most bytes of payload per kind. A kind that grows costs airtime, so that should be seen.
-const LENGTHS: [(&str, usize); 17] = [
+const LENGTHS: [(&str, usize); 18] = [
     ("Hello", 16),
-    ("WhoIsThere", 1),
+    ("WhoIsThere", 98),
     ("Roster", 98),
     ("References", 24),
     ("Stopped", 63),
@@ -668,6 +716,7 @@ const LENGTHS: [(&str, usize); 17] = [
     ("Sightings", 1),
     ("Sighting", 32),
     ("Confirmed", 77),
+    ("Health", 4),
 ];
 
 #[test]
@@ -694,6 +743,7 @@ fn every_line_to_the_pc_fits() {
             Message::Done(done) => ToPc::Done { address, done },
             Message::Tracked(tracked) => ToPc::Tracked { address, tracked },
             Message::Sighting(sighting) => ToPc::Sighting { address, sighting },
+            Message::Health(health) => ToPc::Health { address, health },
             _ => continue,
         };
         let mut buffer = [0; FRAME_MAX];
@@ -819,7 +869,7 @@ proptest! {
 
     /// Of one kind each, so that the inner parts are reached.
     #[test]
-    fn any_bytes_behind_a_kind(kind in 0_u8..17, bytes in prop::collection::vec(any::<u8>(), 0..100)) {
+    fn any_bytes_behind_a_kind(kind in 0_u8..18, bytes in prop::collection::vec(any::<u8>(), 0..100)) {
         let mut all = vec![kind];
         all.extend(bytes);
         check(&all);

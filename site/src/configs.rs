@@ -138,11 +138,14 @@ impl NetworkTable {
                 .map(calib_core::angle::wrap_signed),
         })
     }
+}
 
-    /// The different colours of its targets, each with a window if one is given.
-    fn colours(&self) -> Vec<(Rgb, Option<ColourWindow>)> {
+impl Scenario {
+    /// The different colours of the targets in a network, each with a window if one is given: first
+    /// those of visitors, which have the same numbers at home.
+    pub(crate) fn colours(&self, network: &NetworkTable) -> Vec<(Rgb, Option<ColourWindow>)> {
         let mut colours: Vec<(Rgb, Option<ColourWindow>)> = Vec::new();
-        for target in &self.targets {
+        for target in self.visitors(network).iter().chain(&network.targets) {
             match colours.iter_mut().find(|(c, _)| *c == target.colour) {
                 Some((_, window)) => *window = window.or(target.window),
                 None => colours.push((target.colour, target.window)),
@@ -164,15 +167,21 @@ impl Maker<'_> {
     fn configs(&self) -> Result<NetworkConfigs, ScenarioError> {
         let network = self.network;
         let known = network.known(&format!("network {}", self.number + 1))?;
+        let own = channel_mask(&network.channels());
+        let visited = self.scenario.visited_from(self.number.into());
+        let all = visited.fold(own, |mask, number| {
+            let visited = &self.scenario.networks[number];
+            mask | channel_mask(&visited.channels())
+        });
         let cameras = network.cameras.iter().map(|camera| {
             let firmware = self.firmware(camera.firmware);
             let role = RoleConfig::Camera(self.camera(camera, &firmware, &known));
-            self.node(camera.id, &firmware, role)
+            self.node(camera.id, &firmware, own, role)
         });
         let targets = network.targets.iter().map(|target| {
             let firmware = self.firmware(target.firmware);
             let role = RoleConfig::Target(self.target(target));
-            self.node(target.id, &firmware, role)
+            self.node(target.id, &firmware, all, role)
         });
         let cameras = cameras.collect::<Result<Vec<_>, _>>()?;
         let targets = targets.collect::<Result<Vec<_>, _>>()?;
@@ -180,6 +189,12 @@ impl Maker<'_> {
         let mut coordinator = CoordinatorConfig {
             allow: members
                 .map(|node| node.id)
+                .chain(
+                    self.scenario
+                        .visitors(network)
+                        .iter()
+                        .map(|target| target.id),
+                )
                 .chain(network.allow.iter().copied())
                 .collect(),
             ..CoordinatorConfig::default()
@@ -190,6 +205,7 @@ impl Maker<'_> {
         let coordinator = self.node(
             coordinator_id(self.number),
             &self.scenario.firmware,
+            own,
             RoleConfig::Coordinator(coordinator),
         )?;
         Ok(NetworkConfigs {
@@ -208,12 +224,13 @@ impl Maker<'_> {
         &self,
         id: u16,
         firmware: &FirmwareTable,
+        channels: u32,
         role: RoleConfig,
     ) -> Result<CheckedConfig, ScenarioError> {
         let config = Config {
             id,
             site_key: self.key,
-            channels: channel_mask(&self.network.channels()),
+            channels,
             tx_power: firmware.tx_power.unwrap_or(0),
             protection: match firmware.protection {
                 Some(5) => Protection::EncMic32,
@@ -238,7 +255,7 @@ impl Maker<'_> {
     ) -> CameraConfig {
         let table = self.scenario.camera.for_camera(placed);
         let subjects = firmware.motion().unwrap_or_else(|| {
-            let colours = self.network.colours().into_iter();
+            let colours = self.scenario.colours(self.network).into_iter();
             let tolerance = firmware.colour_tolerance();
             let windows =
                 colours.map(|(colour, own)| own.unwrap_or_else(|| window(colour, tolerance)));
@@ -254,13 +271,15 @@ impl Maker<'_> {
             Some(_) => Some(Duty::Second),
             None => None,
         };
-        camera.reference = duty.filter(|_| !references.elected).map(|duty| Reference {
-            duty,
-            position: known.baseline.map(|baseline| match duty {
-                Duty::First => [0.0; 2],
-                Duty::Second => [baseline as f32, 0.0],
-            }),
-        });
+        camera.reference = duty
+            .filter(|_| references.are_configured())
+            .map(|duty| Reference {
+                duty,
+                position: known.baseline.map(|baseline| match duty {
+                    Duty::First => [0.0; 2],
+                    Duty::Second => [baseline as f32, 0.0],
+                }),
+            });
         camera.may_be_elected = references.elected && firmware.may_be_elected.unwrap_or(true);
         camera.baseline = known.baseline.map(|baseline| baseline as f32);
         camera.frame_heading_deg = known
@@ -275,10 +294,15 @@ impl Maker<'_> {
     }
 
     fn target(&self, table: &TargetTable) -> TargetConfig {
-        let colours = self.network.colours();
+        let colours = self.scenario.colours(self.network);
         let colour = colours.iter().position(|(c, _)| *c == table.colour);
         TargetConfig {
             colour: colour.unwrap_or(0) as u8,
+            roams: self
+                .scenario
+                .visited_from(self.number.into())
+                .next()
+                .is_some(),
             ..self.scenario.target_config(table)
         }
     }

@@ -1,5 +1,7 @@
 //! What goes wrong by order of a script.
 
+use std::collections::BTreeMap;
+
 use serde::{Deserialize, Serialize};
 
 /// Something that happens at a time: `[[event]]`, `at_s = 60.0`,
@@ -77,6 +79,22 @@ pub enum Action {
         /// For how long, seconds.
         for_s: f64,
     },
+    /// The light is another one from then on, before all cameras.
+    Daylight {
+        /// How bright, against what it was at the start.
+        level: f64,
+        /// Its colour temperature, kelvin.
+        kelvin: f64,
+    },
+    /// A camera or its line has other faults for a while, in place of those that it always has.
+    CameraFaults {
+        /// The node's number.
+        node: u16,
+        /// For how long, seconds.
+        for_s: f64,
+        /// How often each happens, by name.
+        faults: BTreeMap<String, f64>,
+    },
     /// Somebody moves a camera, turns it, or both. It stays so.
     BumpCamera {
         /// The node's number.
@@ -100,6 +118,36 @@ pub enum Action {
         /// What it says too much of each heading, degrees. Default 0.
         #[serde(default)]
         heading_deg: f64,
+    },
+    /// A target's carrier rests: it stays at the stop where it stands, or where it comes to stand next,
+    /// whatever the lamp shows. Its patience begins anew after that.
+    Rest {
+        /// The node's number.
+        node: u16,
+        /// For how long, seconds.
+        for_s: f64,
+    },
+    /// A target's carrier does not heed the lamp, and walks on from each stop after a while.
+    IgnoreLamp {
+        /// The node's number.
+        node: u16,
+        /// For how long, seconds.
+        for_s: f64,
+        /// How long it stands at a stop, seconds. Default 1.
+        #[serde(default = "one_second")]
+        stand_s: f64,
+    },
+    /// Bits of a node's flash flip, each as likely as another.
+    Rot {
+        /// The node's number.
+        node: u16,
+        /// How many.
+        bits: u32,
+    },
+    /// A node's flash is worn: whatever is written to it or erased fails from now on.
+    WearOut {
+        /// The node's number.
+        node: u16,
     },
     /// Frames that a node sent are heard again.
     Replay {
@@ -139,6 +187,10 @@ fn yes() -> bool {
     true
 }
 
+fn one_second() -> f64 {
+    1.0
+}
+
 impl Action {
     /// The nodes that it names.
     pub fn nodes(&self) -> &[u16] {
@@ -147,18 +199,30 @@ impl Action {
             | Self::PowerCut { node, .. }
             | Self::UnplugCamera { node, .. }
             | Self::StickCamera { node, .. }
+            | Self::CameraFaults { node, .. }
             | Self::BumpCamera { node, .. }
             | Self::Slip { node, .. }
+            | Self::Rest { node, .. }
+            | Self::IgnoreLamp { node, .. }
+            | Self::Rot { node, .. }
+            | Self::WearOut { node }
             | Self::Replay { node, .. } => std::slice::from_ref(node),
             Self::Partition { nodes, .. } => nodes,
-            Self::Jam { .. } | Self::Loss { .. } | Self::Forge { .. } => &[],
+            Self::Jam { .. } | Self::Loss { .. } | Self::Daylight { .. } | Self::Forge { .. } => {
+                &[]
+            }
         }
     }
 
     /// How long it lasts, seconds.
     pub fn duration_s(&self) -> Option<f64> {
         match self {
-            Self::Restart { .. } | Self::BumpCamera { .. } | Self::Replay { .. } => None,
+            Self::Restart { .. }
+            | Self::Daylight { .. }
+            | Self::BumpCamera { .. }
+            | Self::Rot { .. }
+            | Self::WearOut { .. }
+            | Self::Replay { .. } => None,
             Self::PowerCut { for_s, .. }
             | Self::Jam { for_s, .. }
             | Self::Partition { for_s, .. }
@@ -166,6 +230,9 @@ impl Action {
             | Self::Forge { for_s, .. }
             | Self::UnplugCamera { for_s, .. }
             | Self::StickCamera { for_s, .. }
+            | Self::CameraFaults { for_s, .. }
+            | Self::Rest { for_s, .. }
+            | Self::IgnoreLamp { for_s, .. }
             | Self::Slip { for_s, .. } => Some(*for_s),
         }
     }

@@ -65,6 +65,10 @@ pub struct Scenario {
     /// How step sensors err. Assumed if missing: not at all.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub sensor: Option<SensorTable>,
+    /// By how much nodes' clocks run too fast or too slow at most, millionths: each by an error of its
+    /// own, evenly. Default 40, what crystals of 20 have with their temperature and age.
+    #[serde(default = "forty")]
+    pub clock_ppm: f64,
     /// The radio medium.
     #[serde(default)]
     pub radio: RadioTable,
@@ -100,6 +104,10 @@ pub(crate) const ASSUMED_FIELD_OF_VIEW_DEG: f64 = 60.0;
 
 fn one() -> u64 {
     1
+}
+
+fn forty() -> f64 {
+    40.0
 }
 
 fn three() -> usize {
@@ -474,7 +482,7 @@ pub struct NetworkTable {
     #[serde(rename = "camera")]
     pub cameras: Vec<PlacedCamera>,
     /// Its targets.
-    #[serde(rename = "target")]
+    #[serde(rename = "target", default)]
     pub targets: Vec<TargetTable>,
 }
 
@@ -490,6 +498,32 @@ impl NetworkTable {
     /// Its camera of this number.
     pub fn camera(&self, id: u16) -> Option<&PlacedCamera> {
         self.cameras.iter().find(|camera| camera.id == id)
+    }
+}
+
+impl Scenario {
+    /// The network of which targets bring its frame to this one, if it has none of its own.
+    pub fn home_of(&self, network: &NetworkTable) -> Option<&NetworkTable> {
+        let number = network.references.frame_of?;
+        self.networks.get(number.checked_sub(1)?)
+    }
+
+    /// The networks to which targets of this one, counted from 0, bring its frame: counted from 0.
+    pub fn visited_from(&self, network: usize) -> impl Iterator<Item = usize> {
+        let networks = self.networks.iter().enumerate();
+        networks
+            .filter(move |(_, other)| other.references.frame_of == Some(network + 1))
+            .map(|(number, _)| number)
+    }
+
+    /// The targets that come from another network to this one.
+    pub fn visitors(&self, network: &NetworkTable) -> &[TargetTable] {
+        self.home_of(network).map_or(&[], |home| &home.targets)
+    }
+
+    /// A network's frame in the building, be it brought from another network.
+    pub fn building_frame(&self, network: &NetworkTable) -> Option<crate::Frame> {
+        self.home_of(network).unwrap_or(network).building_frame()
     }
 }
 
@@ -516,7 +550,11 @@ pub struct ReferencesTable {
     /// They are not configured; trigger and helper are elected. Default false.
     #[serde(default)]
     pub elected: bool,
-    /// Their distance is known. Default: true, unless they are elected.
+    /// There are none: cameras wait for the targets of this network, from 1, which bring its frame. The
+    /// two of `cameras` are those in whose view the walk goes on. Default: there are some.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub frame_of: Option<usize>,
+    /// Their distance is known. Default: true, unless they are elected or there are none.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub baseline_known: Option<bool>,
     /// Their distance as it was measured. Default: that of their places.
@@ -533,14 +571,19 @@ pub struct ReferencesTable {
 }
 
 impl ReferencesTable {
+    /// Whether nodes are told that they are references.
+    pub const fn are_configured(&self) -> bool {
+        !self.elected && self.frame_of.is_none()
+    }
+
     /// Whether nodes are told their distance.
     pub fn baseline_known(&self) -> bool {
-        self.baseline_known.unwrap_or(!self.elected)
+        self.baseline_known.unwrap_or(self.are_configured())
     }
 
     /// Whether nodes are told from where headings count.
     pub fn frame_heading_known(&self) -> bool {
-        self.frame_heading_known.unwrap_or(!self.elected)
+        self.frame_heading_known.unwrap_or(self.are_configured())
     }
 }
 
@@ -585,6 +628,8 @@ pub struct GridTable {
     pub cell_nodes: usize,
     /// Side of a cell. Default 24.
     pub cell_size: f64,
+    /// Only the first cell has references and a target, which walks through all. Default false.
+    pub one_frame: bool,
 }
 
 impl Default for GridTable {
@@ -593,6 +638,7 @@ impl Default for GridTable {
             nodes: 52,
             cell_nodes: 13,
             cell_size: 24.0,
+            one_frame: false,
         }
     }
 }

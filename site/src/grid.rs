@@ -4,7 +4,8 @@
 //! apart, and look at what is before both; the other cameras stand at random places and look
 //! somewhat towards the middle. Neighbouring cells are on other channels
 //! and their targets have other colours. A last cell has what is
-//! left of the nodes, and at least two. Cameras are drawn from the scenario's seed, each cell from
+//! left of the nodes, and at least two. With `one_frame` only the first cell has references and a
+//! target, which walks through all of them. Cameras are drawn from the scenario's seed, each cell from
 //! its own stream, so that a larger site contains the smaller one.
 
 use rand::{RngExt, SeedableRng};
@@ -82,6 +83,15 @@ fn network(grid: &GridTable, cell: usize, side: usize, scenario: &Scenario) -> N
         let heading = (inwards + random.random_range(-75.0..75.0)).rem_euclid(360.0);
         cameras.push(at(id, x, y, heading));
     }
+    let is_first = cell == 0;
+    let target = (is_first || !grid.one_frame).then(|| TargetTable {
+        id: 40_000 + cell as u16,
+        colour: COLOURS[column % 2 + 2 * (row % 2)],
+        radius: 0.15,
+        stops: None,
+        window: None,
+        firmware: None,
+    });
     NetworkTable {
         channel: Some(CHANNELS[(column % 4 + 4 * (row % 4)) % CHANNELS.len()]),
         channels: None,
@@ -91,16 +101,10 @@ fn network(grid: &GridTable, cell: usize, side: usize, scenario: &Scenario) -> N
         area: Some([corner, corner.map(|low| low + size)]),
         references: ReferencesTable {
             cameras: [first as u16 + 1, first as u16 + 2],
+            frame_of: (grid.one_frame && !is_first).then_some(1),
             ..ReferencesTable::default()
         },
         cameras,
-        targets: vec![TargetTable {
-            id: 40_000 + cell as u16,
-            colour: COLOURS[column % 2 + 2 * (row % 2)],
-            radius: 0.15,
-            stops: None,
-            window: None,
-            firmware: None,
-        }],
+        targets: target.into_iter().collect(),
     }
 }

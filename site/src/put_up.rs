@@ -38,6 +38,8 @@ pub struct Network {
     pub references: [usize; 2],
     /// The references are to be elected.
     pub elected: bool,
+    /// There are none: targets of this network, counted from 0, bring its frame.
+    pub home: Option<usize>,
     /// What its nodes are told of the frame beforehand.
     pub known: Known<f64>,
     /// The frame in which the network reports.
@@ -261,12 +263,20 @@ pub(super) fn put_up(scenario: &Scenario) -> Result<Site, ScenarioError> {
         }));
         networks.push(network(scenario, n, table, nodes, first_target, &cameras)?);
     }
+    for place in 0..networks.len() {
+        if let Some(home) = networks[place].home.and_then(|home| networks.get(home)) {
+            networks[place].frame = home.frame;
+        }
+    }
     let mut world = World::new(cameras, obstacles, targets);
-    for (n, (network, table)) in (1..).zip(networks.iter_mut().zip(&scenario.networks)) {
-        stops(scenario, n, table, network, &world)?;
-        for target in &network.targets {
+    for place in 0..networks.len() {
+        for target in stops(scenario, place, &networks, &world)? {
             if let Some(&first) = target.stops.first() {
                 world.move_target(target.index, first);
+            }
+            let targets = networks[place].targets.iter_mut();
+            for own in targets.filter(|own| own.id == target.id) {
+                *own = target.clone();
             }
         }
     }
@@ -307,6 +317,7 @@ fn network(
         coordinator: table.coordinator.map_or(Point2::from(middle), Point2::from),
         references,
         elected: table.references.elected,
+        home: table.references.frame_of.map(|number| number - 1),
         known: table.known(&format!("network {number}"))?,
         frame,
         targets: (first_target..)
@@ -352,73 +363,110 @@ fn errors(scenario: &Scenario) -> SensorErrors {
     }
 }
 
-/// Gives every target of a network its stops.
+/// The targets of a network, each with its stops: in its own network, and then in those to which it
+/// brings the frame, always the nearest one next.
 fn stops(
     scenario: &Scenario,
-    number: usize,
-    table: &NetworkTable,
-    network: &mut Network,
+    place: usize,
+    networks: &[Network],
     world: &World,
-) -> Result<(), ScenarioError> {
-    let index = |camera: usize| network.cameras[camera].index;
-    let references = network.references.map(index);
-    let others: Vec<_> = (0..network.cameras.len())
-        .map(index)
-        .filter(|index| !references.contains(index))
-        .collect();
-    let [low, high] = table
-        .area
-        .unwrap_or([scenario.world.low, scenario.world.high]);
-    let (cameras, targets) = (&network.cameras, &mut network.targets);
-    let id_of = |index| {
-        let node = cameras.iter().find(|node| node.index == index);
-        node.map_or(0, |node| node.id)
-    };
-    // As it is: the planner has the true displacements in the true frame.
-    let [first, second] = references.map(|index| world.cameras()[index].place);
-    let known = Known {
-        baseline: network.known.baseline.map(|_| (second - first).norm()),
-        frame_heading: network.known.frame_heading.map(|_| 0.0),
-    };
-    for (target, own) in targets.iter_mut().zip(&table.targets) {
+) -> Result<Vec<TargetNode>, ScenarioError> {
+    let network = &networks[place];
+    let mut targets = network.targets.clone();
+    for (target, own) in targets.iter_mut().zip(&scenario.networks[place].targets) {
         if let Some(stops) = &own.stops {
             target.stops = stops.iter().copied().map(Point2::from).collect();
             clear_way(scenario, own, &target.stops, world)?;
             continue;
         }
-        let task = Task {
-            world,
-            bounds: [low, high].map(Point2::from),
-            references,
-            known,
-            cameras: &others,
-            radius: own.radius,
-            stops: scenario.stops,
-            placement: scenario.placement,
-            noise: Noise {
-                columns: Noise::COLUMNS,
-                standing: target.gait.standing_sigma(),
-            },
-            steps: steps(scenario, own, target),
-            tolerance: tolerance(scenario),
-            path: scenario.path,
-            seed: scenario.scattered_by.unwrap_or(0),
-            target: target.index as u64,
-        };
-        let plan = planner::plan(&task).map_err(|why| match why {
-            PlanError::Camera { camera, stops } => ScenarioError::Unseen {
-                camera: id_of(camera),
-                stops,
-            },
-            source => ScenarioError::Plan {
-                network: number,
-                source,
-            },
-        })?;
-        target.stops = plan.stops.iter().map(|stop| stop.place).collect();
+        let plan = planned(scenario, place, networks, (target, own), world)?;
+        let mut stops: Vec<_> = plan.stops.iter().map(|stop| stop.place).collect();
         target.plan = Some(plan);
+        let mut left: Vec<_> = scenario.visited_from(place).collect();
+        let mut here = network.coordinator;
+        let distance = |from: Point2<f64>, to: usize| (networks[to].coordinator - from).norm();
+        while let Some(next) = (0..left.len())
+            .min_by(|&a, &b| distance(here, left[a]).total_cmp(&distance(here, left[b])))
+        {
+            let next = left.remove(next);
+            here = networks[next].coordinator;
+            for stop in planned(scenario, next, networks, (target, own), world)?.stops {
+                let from = stops.last().copied().unwrap_or(stop.place);
+                // The way around is only looked for where there is something to go around.
+                match world.obstacle_on_way(from, stop.place, own.radius) {
+                    None => stops.push(stop.place),
+                    Some(_) => {
+                        let ends = [from, stop.place];
+                        stops.extend(planner::way_around(world, own.radius, &stops, ends));
+                    }
+                }
+            }
+        }
+        clear_way(scenario, own, &stops, world)?;
+        target.stops = stops;
     }
-    Ok(())
+    Ok(targets)
+}
+
+/// The stops that a target makes in a network, its own one or another one.
+fn planned(
+    scenario: &Scenario,
+    place: usize,
+    networks: &[Network],
+    (target, own): (&TargetNode, &TargetTable),
+    world: &World,
+) -> Result<Plan, ScenarioError> {
+    let (network, table) = (&networks[place], &scenario.networks[place]);
+    let index = |camera: usize| network.cameras[camera].index;
+    let references = network.references.map(index);
+    // Who is no reference needs stops of its own.
+    let others: Vec<_> = (0..network.cameras.len())
+        .map(index)
+        .filter(|index| network.home.is_some() || !references.contains(index))
+        .collect();
+    let [low, high] = table
+        .area
+        .unwrap_or([scenario.world.low, scenario.world.high]);
+    let id_of = |index| {
+        let node = network.cameras.iter().find(|node| node.index == index);
+        node.map_or(0, |node| node.id)
+    };
+    // As it is: the planner has the true displacements in the true frame. Who brings a frame knows it.
+    let is_known = network.home.is_some();
+    let [first, second] = references.map(|index| world.cameras()[index].place);
+    let known = Known {
+        baseline: (is_known || network.known.baseline.is_some()).then(|| (second - first).norm()),
+        frame_heading: (is_known || network.known.frame_heading.is_some()).then_some(0.0),
+    };
+    let task = Task {
+        world,
+        bounds: [low, high].map(Point2::from),
+        references,
+        known,
+        cameras: &others,
+        radius: own.radius,
+        stops: scenario.stops,
+        placement: scenario.placement,
+        noise: Noise {
+            columns: Noise::COLUMNS,
+            standing: target.gait.standing_sigma(),
+        },
+        steps: steps(scenario, own, target),
+        tolerance: tolerance(scenario),
+        path: scenario.path,
+        seed: scenario.scattered_by.unwrap_or(0),
+        target: target.index as u64,
+    };
+    planner::plan(&task).map_err(|why| match why {
+        PlanError::Camera { camera, stops } => ScenarioError::Unseen {
+            camera: id_of(camera),
+            stops,
+        },
+        source => ScenarioError::Plan {
+            network: place + 1,
+            source,
+        },
+    })
 }
 
 /// How well the carrier of a target measures its way.

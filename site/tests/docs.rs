@@ -68,7 +68,11 @@ fn the_list_has_the_keys_that_files_have() {
         .collect();
     assert!(missing.is_empty(), "{missing:?}");
     // All that the reader would write is in the list.
-    for text in [text, "name = \"x\"\nseed = 3\n[grid]\nnodes = 4\n"] {
+    for text in [
+        text,
+        "name = \"x\"\nseed = 3\n[grid]\nnodes = 4\n",
+        "name = \"x\"\n[grid]\nnodes = 6\ncell_nodes = 3\none_frame = true\n",
+    ] {
         let scenario = Scenario::from_toml(text, &Overrides::default()).unwrap();
         let written = toml::to_string(&scenario).unwrap();
         Scenario::from_toml(&written, &Overrides::default()).unwrap();

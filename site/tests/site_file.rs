@@ -138,6 +138,7 @@ fn every_parameter_arrives() {
         ball_radius: 0.16,
         dwell_least_ms: 1_500,
         dwell_most_ms: 90_000,
+        roams: false,
         sensor: SensorConfig {
             hard_iron: [1.0, 2.0, -3.0],
             step_length: 1.5,

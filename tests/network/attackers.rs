@@ -3,7 +3,7 @@
 
 use answers::record::{Attack, Radio, RunRecord};
 use host_sim::network::{Options, Simulation};
-use site::{Action, Forgery, Scenario};
+use site::{Action, Forgery, Overrides, Scenario};
 
 use crate::yard::{Yard, assert_all_calibrated, run, with};
 
@@ -57,6 +57,63 @@ fn forged_frames_deceive_nobody_and_cut_nobody_off() {
             let share = attack.airtime_share;
             assert!((0.007..0.02).contains(&share), "{what:?}: {share}");
         }
+    }
+}
+
+/// Thirty-one nodes of one hop: cameras on a ring that look inwards, a coordinator and a target.
+fn ring(seed: u64) -> Scenario {
+    let camera = |n: u32| {
+        let angle = f64::from(n) * 360.0 / 29.0;
+        let (sin, cos) = angle.to_radians().sin_cos();
+        format!(
+            "{{ id = {}, x = {}, y = {}, heading_deg = {} }}",
+            n + 1,
+            10.0 + 8.0 * cos,
+            10.0 + 8.0 * sin,
+            (angle + 180.0) % 360.0
+        )
+    };
+    let cameras: Vec<String> = (0..29).map(camera).collect();
+    let text = format!(
+        r#"
+        name = "ring"
+        [camera]
+        range = 15.0
+        [[network]]
+        references = {{ cameras = [1, 8] }}
+        camera = [{}]
+        target = [{{ id = 40, stops = [STOPS] }}]
+        "#,
+        cameras.join(", ")
+    );
+    let stops = "[9.0, 8.8], [11.0, 9.1], [10.2, 11.0], [8.8, 10.6], [11.1, 11.2], [9.3, 9.6], [12.0, 10.1]";
+    let seed = Overrides {
+        seed: Some(seed),
+        ..Overrides::default()
+    };
+    Scenario::from_toml(&text.replace("STOPS", stops), &seed).unwrap()
+}
+
+/// Each forged broadcast once made all members ask: 38 to 65 times its bytes.
+#[test]
+fn thirty_one_nodes_answer_little_and_stay() {
+    let calm = run(ring(1));
+    let posed = |record: &RunRecord| record.cameras().filter(|c| c.estimate.is_some()).count();
+    assert_eq!(posed(&calm), 29);
+    let sent = calm.radio.unwrap().bytes as f64;
+    for what in FORGERIES {
+        let (record, connected) = attacked(with(ring(1), 0.0, forge(what)));
+        assert!(connected >= 0.95, "{what:?}: {connected}");
+        let (all, attack) = radio(&record);
+        let more = all.bytes as f64 - attack.bytes as f64 - sent;
+        let amplification = more / attack.bytes as f64;
+        println!("{what:?}: {connected:.3} of the time, {amplification:.2} times");
+        assert!(amplification <= 2.0, "{what:?}: {amplification}");
+        for camera in record.cameras() {
+            let wrong = camera.nees.is_some_and(|nees| nees > 30.7);
+            assert!(!wrong, "{what:?}: camera {}: {:?}", camera.id, camera.error);
+        }
+        assert_eq!(posed(&record), 29, "{what:?}");
     }
 }
 

@@ -37,7 +37,8 @@ fn references_that_are_elected() {
             ..Yard::default()
         };
         let record = run(yard.scenario(seed));
-        assert_all_calibrated(&record, &format!("seed {seed}"));
+        // Nobody has measured how far they are from each other: what that is worth differs.
+        assert_calibrated_within(&record, &format!("seed {seed}"), 0.4);
         let references: Vec<_> = record.cameras().filter(|c| c.reference).collect();
         assert_eq!(references.len(), 2);
         let origin = references

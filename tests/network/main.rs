@@ -2,9 +2,13 @@
 //! radio, in virtual time.
 
 mod attackers;
+mod buildings;
 mod carriers;
 mod determinism;
 mod faults;
 mod kinds;
+mod light;
+mod long;
+mod references;
 mod restarts;
 mod yard;

@@ -12,7 +12,7 @@
 //! An operation whose future is dropped before its end, as when the node is killed, is torn: what
 //! had its time is done, the word or page under way has some of its bits. So is the last of the
 //! changes that [`Flash::power`] has left; whatever follows it fails. A [read](Flash::fail_read) can
-//! fail too, and the bytes can [rot](Flash::bytes_mut).
+//! fail too, the bytes can [rot](Flash::bytes_mut), and the chip can be [worn](Flash::wear_out).
 
 use std::{
     cell::{Ref, RefCell, RefMut},
@@ -46,7 +46,7 @@ pub enum FlashError {
     NotAligned,
     /// The flash ends before.
     OutOfBounds,
-    /// The power failed, or the read that was to fail.
+    /// The power failed, or the read that was to fail, or the chip is worn.
     Failed,
 }
 
@@ -90,6 +90,7 @@ struct Chip<const PAGE_LEN: usize> {
     random: ChaCha8Rng,
     /// Words and pages that may still be changed before the power fails.
     power: Option<u32>,
+    is_worn: bool,
     /// Reads up to the one that fails.
     reads_left: Option<u32>,
     /// Operations begun, and who waits for the next.
@@ -170,6 +171,7 @@ impl<const PAGE_LEN: usize> Flash<PAGE_LEN> {
             },
             random,
             power: None,
+            is_worn: false,
             reads_left: None,
             begun: 0,
             takes: 0,
@@ -231,6 +233,11 @@ impl<const PAGE_LEN: usize> Flash<PAGE_LEN> {
         self.chip.borrow().power != Some(0)
     }
 
+    /// From now on it keeps what it holds: every write and every erasure fails, without an effect.
+    pub fn wear_out(&self) {
+        self.chip.borrow_mut().is_worn = true;
+    }
+
     /// Has one read fail: the next is number 1.
     pub fn fail_read(&self, number: u32) {
         self.chip.borrow_mut().reads_left = Some(number);
@@ -263,6 +270,12 @@ impl<const PAGE_LEN: usize> Flash<PAGE_LEN> {
     }
 
     async fn run(&self, job: Job<'_>) -> Result<(), FlashError> {
+        if self.chip.borrow().is_worn {
+            if let Some(clock) = &self.clock {
+                clock.sleep(job.steps() as Time * job.step_time()).await;
+            }
+            return Err(FlashError::Failed);
+        }
         let (steps, is_last_torn) = self.chip.borrow_mut().spend(job.steps())?;
         let operation = Operation {
             flash: self,

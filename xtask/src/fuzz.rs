@@ -10,6 +10,28 @@ use crate::{harness, setup};
 /// Inputs per target that take a few seconds.
 pub(crate) const BRIEF: u32 = 100_000;
 
+/// Targets that try some hundred inputs a second (long texts, or much to do), and inputs that take them about
+/// as long as [`BRIEF`] takes the others.
+const SLOW: [&str; 4] = [
+    "answers_files",
+    "console_line",
+    "flash_log_open",
+    "site_file",
+];
+const BRIEF_SLOW: u32 = 10_000;
+
+/// Tries [`BRIEF`] inputs on each target, the same ones in every run.
+///
+/// # Errors
+/// As of [`run`].
+pub(crate) fn briefly(sh: &Shell) -> Result<()> {
+    let runs = |target: &str| match SLOW.contains(&target) {
+        true => BRIEF_SLOW,
+        false => BRIEF,
+    };
+    run(sh, &[], runs, Some(1))
+}
+
 /// What makes a target tell the fuzzer its way, and end where memory is misused or an assertion fails: as
 /// cargo-fuzz has it, but without dead code and complete debug information, which take long to build.
 const FLAGS: [&str; 9] = [
@@ -36,7 +58,12 @@ const TAIL: usize = 40;
 /// # Errors
 /// A target does not compile, found something or tried fewer inputs, or there is no nightly compiler
 /// and none can be installed.
-pub(crate) fn run(sh: &Shell, targets: &[String], runs: u32, seed: Option<u32>) -> Result<()> {
+pub(crate) fn run(
+    sh: &Shell,
+    targets: &[String],
+    runs: impl Fn(&str) -> u32 + Sync,
+    seed: Option<u32>,
+) -> Result<()> {
     let nightly = setup::nightly(sh)?;
     let all = all_targets(sh)?;
     if let Some(unknown) = targets.iter().find(|&target| !all.contains(target)) {
@@ -60,7 +87,7 @@ pub(crate) fn run(sh: &Shell, targets: &[String], runs: u32, seed: Option<u32>) 
     let root = &sh.current_dir();
     let built = &root.join(BUILT).join(host).join("release");
     harness::side_by_side(targets, |target| {
-        try_inputs(root, &built.join(target), target, runs, seed)
+        try_inputs(root, &built.join(target), target, runs(target), seed)
     })
 }
 

@@ -58,7 +58,9 @@ enum Chore {
     },
     /// Tests against programs of other projects, which are built from source first
     Peers,
-    /// Fuzzes parsers with random and mutated input; needs a nightly compiler
+    /// Fuzzes what reads bytes and files with random and mutated input; needs a nightly compiler
+    ///
+    /// `cargo xtask fuzz --runs 10000000` is the long form, a target at a time if its name is given.
     Fuzz {
         /// Which targets; all by default
         targets: Vec<String>,
@@ -133,7 +135,7 @@ fn run(chore: Chore) -> anyhow::Result<ExitCode> {
             setup::packages(&sh)?;
             peers::run(&sh)
         }
-        Chore::Fuzz { targets, runs } => fuzz::run(&sh, &targets, runs, None),
+        Chore::Fuzz { targets, runs } => fuzz::run(&sh, &targets, |_| runs, None),
     };
     done.map(|()| ExitCode::SUCCESS)
 }

@@ -10,12 +10,15 @@ use xshell::{Shell, cmd};
 pub(crate) const TARGETS: [&str; 2] = ["thumbv7em-none-eabihf", "thumbv6m-none-eabi"];
 
 /// Programs that tests run, and the Debian packages they come in.
-const PROGRAMS: [(&str, &str); 5] = [
+const PROGRAMS: [(&str, &str); 8] = [
     ("qemu-system-arm", "qemu-system-arm"),
     ("tshark", "tshark"),
+    ("ffmpeg", "ffmpeg"),
     ("cmake", "cmake"),
     ("ninja", "ninja-build"),
     ("c++", "g++"),
+    ("chromium", "chromium"),
+    ("chromedriver", "chromium-driver"),
 ];
 
 /// The linker of images for nodes.

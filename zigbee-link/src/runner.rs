@@ -317,7 +317,10 @@ where
                         let now = shared.clock.now();
                         debug_assert!(reception.len <= received.len());
                         let frame = received.get_mut(..reception.len).unwrap_or_default();
-                        shared.node.with(|node| node.handle(now, frame));
+                        let strength = reception.strength();
+                        shared
+                            .node
+                            .with(|node| node.handle_at(now, frame, strength));
                     }
                     Either3::First(Err(error)) => return RunnerError::Radio(error),
                     Either3::Second(()) | Either3::Third(()) => {}

@@ -735,3 +735,67 @@ fn without_frame_counters_there_is_silence() {
     }
     assert!((2..=24).contains(&last.len()));
 }
+
+/// A device that is carried from one network to the next and back, with loss and a restart in the other
+/// one: it belongs to the one that it hears best when it is told to look, is talked to there, uses no
+/// nonce twice, and comes home to the address it had.
+#[test]
+fn a_device_goes_over_to_the_network_that_it_hears_best() {
+    for (seed, loss) in [(1, 0.0), (2, 0.0), (3, 0.2), (4, 0.2), (5, 0.2)] {
+        let mut aether = network(1, loss, seed);
+        let other = aether.add(100, key(1));
+        aether.stations[other].node.allow(eui(1).number()).unwrap();
+        aether.stations[other].strength = 60;
+        aether.run(10 * SECOND);
+        // It took the stronger one, or the one that was there first.
+        for (own, strengths) in [(0, [100, 60]), (other, [60, 100]), (0, [100, 60])] {
+            for (place, strength) in [0, other].into_iter().zip(strengths) {
+                aether.stations[place].strength = strength;
+            }
+            // A beacon may get lost.
+            for _ in 0..if loss > 0.0 { 6 } else { 1 } {
+                assert!(aether.stations[1].node.roam(), "seed {seed}");
+                aether.run(20 * SECOND);
+                if pan(&aether, 1) == pan(&aether, own) {
+                    break;
+                }
+            }
+            assert_eq!(pan(&aether, 1), pan(&aether, own), "seed {seed}");
+            assert_delivers(&mut aether, 1, own);
+            assert_delivers(&mut aether, own, 1);
+            assert_eq!(aether.short(1), Some(ShortAddress(1)), "seed {seed}");
+            aether.restart(1);
+            aether.run(5 * SECOND);
+            assert_eq!(pan(&aether, 1), pan(&aether, own), "seed {seed}");
+        }
+        let sent = aether.heard.iter().filter(|on_air| on_air.from == 1);
+        let mut counters: Vec<_> = sent
+            .filter_map(|on_air| Frame::parse(&on_air.frame).ok()?.header().security)
+            .map(|security| security.counter)
+            .collect();
+        let secured = counters.len();
+        counters.sort_unstable();
+        counters.dedup();
+        assert_eq!(counters.len(), secured, "seed {seed}: a nonce twice");
+    }
+}
+
+/// A network with another key is no network to go over to, however well it is heard; nor is one that
+/// has not expected this device.
+#[test]
+fn a_device_stays_where_it_is_let_in() {
+    for (seed, is_expected) in [(1, true), (2, false)] {
+        let mut aether = network(1, 0.0, seed);
+        let other = aether.add(100, key(if is_expected { 2 } else { 1 }));
+        if is_expected {
+            aether.stations[other].node.allow(eui(1).number()).unwrap();
+        }
+        aether.stations[other].strength = 200;
+        aether.run(10 * SECOND);
+        assert!(aether.stations[1].node.roam());
+        assert!(!aether.stations[0].node.roam(), "a coordinator stays");
+        aether.run(20 * SECOND);
+        assert_eq!(pan(&aether, 1), pan(&aether, 0));
+        assert_delivers(&mut aether, 1, 0);
+    }
+}

@@ -19,11 +19,13 @@ use std::collections::BTreeSet;
 
 use calib_core::{Pose, Refusal, Sighting, Status, angle, camera::Projection, fit::Fit};
 use nalgebra::{Isometry2, Matrix3, Point2, Vector2};
+use node_firmware::message::Health;
 use serde::{Deserialize, Serialize};
 use site::planner::RARE;
 
 pub mod checks;
 pub mod difference;
+pub mod event;
 mod next_stop;
 pub mod published;
 pub mod sightings;
@@ -205,6 +207,9 @@ pub struct Node {
     pub heard_seconds: Option<f64>,
     /// It was spoken to since then, and did not answer.
     pub silent: bool,
+    /// What is the matter with it, as it says itself. Left out of a node that is well.
+    #[serde(default, skip_serializing_if = "is_well")]
+    pub health: Health,
     /// Its address in the network, if it is a member.
     pub address: Option<u16>,
     /// What kept its firmware from going on, each time. It was then started again.
@@ -217,6 +222,14 @@ pub struct Node {
     pub bytes_sent: Option<u64>,
     /// As `bytes_sent`, in frames.
     pub frames_sent: Option<u64>,
+    /// How often the page of its flash was erased that was erased most, formatting included; left out of
+    /// nodes whose flash nobody watches.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub page_erasures: Option<u32>,
+}
+
+fn is_well(health: &Health) -> bool {
+    *health == Health::default()
 }
 
 /// A lens, as the camera itself found it.
@@ -485,11 +498,13 @@ impl Node {
             calibrated_seconds: None,
             heard_seconds: None,
             silent: false,
+            health: Health::default(),
             address: None,
             failures: Vec::new(),
             payload_bytes: None,
             bytes_sent: None,
             frames_sent: None,
+            page_erasures: None,
         }
     }
 

@@ -356,7 +356,34 @@ fn traffic(record: &RunRecord, radio: &Radio) -> String {
             100.0 * attack.airtime_share
         );
     }
-    text
+    text + &wear(record).unwrap_or_default()
+}
+
+/// Erasures that a page of the nRF52840's flash lasts for at least (Product Specification, "Flash").
+const ENDURANCE: f64 = 10_000.0;
+const DAY_S: f64 = 86_400.0;
+const YEAR_S: f64 = 365.25 * DAY_S;
+
+/// How much the nodes' flash was used. What a shorter time than a day does to it tells nothing of years.
+fn wear(record: &RunRecord) -> Option<String> {
+    let most = { record.nodes.iter() }
+        .filter_map(|node| Some((node.page_erasures?, node.id)))
+        .max()?;
+    let mut text = format!(
+        "Flash: its most used page was erased {} times, on node {}",
+        most.0, most.1
+    );
+    // Formatting is done once in the life of a board.
+    let erasures = f64::from(most.0.saturating_sub(1));
+    if record.sim_seconds >= DAY_S && erasures > 0.0 {
+        let years = ENDURANCE / erasures * record.sim_seconds / YEAR_S;
+        let _ = write!(
+            text,
+            "; as it goes on, 10,000 erasures are reached after {years:.1} years"
+        );
+    }
+    text.push('\n');
+    Some(text)
 }
 
 fn times(record: &RunRecord) -> String {

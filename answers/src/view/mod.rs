@@ -10,10 +10,16 @@ use std::{collections::BTreeMap, fmt, time::Duration};
 use calib_core::{Pose, Refusal, Status};
 use node_firmware::{
     console::{KeyChangeReport, NetworkInfo, ToPc},
-    message::{CameraState, Hello, ListedSighting, MemberAddress, MemberKind, PoseParts, Report},
+    message::{
+        CameraState, Health, Hello, ListedSighting, MemberAddress, MemberKind, PoseParts, Report,
+    },
+    role::COORDINATOR,
 };
 
-use crate::record::{Estimate, Node, NodeLens, Protection, verdict::status_words};
+use crate::record::{
+    Estimate, Node, NodeLens, Protection,
+    verdict::{health_words, status_words},
+};
 
 mod record;
 mod site;
@@ -34,6 +40,10 @@ pub struct Member {
     pub kind: Option<MemberKind>,
     /// How far it is, if it is a camera.
     pub report: Option<Report>,
+    /// How it is, as it says itself.
+    pub health: Health,
+    /// A reference camera that does not answer the coordinator, before anybody has a pose.
+    pub absent: bool,
     /// It joined again since, and has another address.
     pub replaced: bool,
     /// When something new of it was heard.
@@ -111,7 +121,7 @@ impl Member {
     /// Whether it did not answer, though it was asked.
     pub fn is_silent(&self, now: Duration) -> bool {
         let waited = |asked: Duration| now.saturating_sub(asked) >= PATIENCE;
-        self.asked.is_some_and(waited)
+        self.absent || self.asked.is_some_and(waited)
     }
 
     /// Whether it has sightings to tell that it has not told.
@@ -123,6 +133,7 @@ impl Member {
     /// Tells what is known of it. Where it really is has to be there before.
     pub fn describe(&self, node: &mut Node) {
         node.address = Some(self.address);
+        node.health = self.health;
         node.heard_seconds = self.heard.map(|at| at.as_secs_f64());
         node.calibrated_seconds = self.posed.map(|at| at.as_secs_f64());
         if !self.is_camera() {
@@ -165,12 +176,19 @@ pub struct NetworkView {
     key_change: Option<KeyChangeReport>,
     /// People were told that another network has the same PAN identifier.
     told_conflict: bool,
+    /// Of the coordinator itself.
+    health: Health,
 }
 
 impl NetworkView {
     /// Its network, if it has one.
     pub fn network(&self) -> Option<NetworkInfo> {
         self.network.flatten()
+    }
+
+    /// How the coordinator is, as it says itself.
+    pub fn health(&self) -> Health {
+        self.health
     }
 
     /// The members in the order in which they were met.
@@ -309,15 +327,42 @@ impl NetworkView {
                          somebody pretends to be one: `host-sim console --change-pan` takes another"
                     )
                 }),
+            ToPc::Health { address, health } => {
+                let name = self.name(address);
+                let known = match address {
+                    address if address == COORDINATOR.0 => &mut self.health,
+                    _ => &mut self.at(address)?.health,
+                };
+                let before = std::mem::replace(known, health);
+                (before != health).then(|| format!("{name}: {}", health_words(&health)))
+            }
+            ToPc::Reference { address, present } => {
+                let name = self.name(address);
+                let member = self.at(address)?;
+                let is_news = std::mem::replace(&mut member.absent, !present) == present;
+                is_news.then(|| match present {
+                    true => format!("{name}: the reference camera answers again"),
+                    false => format!(
+                        "{name}: the reference camera does not answer, and nobody gets a pose without \
+                         it: check its power and its radio, or put another one in its place"
+                    ),
+                })
+            }
             // Nobody asks for these here.
             ToPc::Tracked { .. } => None,
         }
+    }
+
+    fn at(&mut self, address: MemberAddress) -> Option<&mut Member> {
+        let mut members = self.members.iter_mut();
+        members.find(|member| member.address == address)
     }
 
     /// How people call the member at an address.
     fn name(&self, address: MemberAddress) -> String {
         match self.members.iter().find(|member| member.address == address) {
             Some(member) => format!("{} {}", member.kind_name(), member.id),
+            None if address == COORDINATOR.0 => "coordinator".to_owned(),
             None => format!("address {address:04x}"),
         }
     }
@@ -337,6 +382,8 @@ impl NetworkView {
                 id,
                 kind: None,
                 report: None,
+                health: Health::default(),
+                absent: false,
                 replaced: false,
                 heard: None,
                 posed: None,

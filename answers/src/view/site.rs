@@ -57,7 +57,7 @@ impl SitePlan {
                 metres: scenario.metres_per_unit(),
             },
             limits,
-            frame: network.building_frame(),
+            frame: scenario.building_frame(network),
             network: network.clone(),
             scenario: scenario.clone(),
         }))
@@ -66,7 +66,9 @@ impl SitePlan {
     /// The same when these cameras are the references, if that is known.
     pub(super) fn with_references(&self, references: Option<[u16; 2]>) -> Self {
         let mut plan = self.clone();
-        if let Some(references) = references {
+        if let Some(references) = references
+            && self.network.references.frame_of.is_none()
+        {
             plan.frame = self.network.frame_between(references);
         }
         plan
@@ -83,7 +85,7 @@ impl SitePlan {
             let mut node = Node::new(placed.id, Role::Camera);
             let table = self.scenario.camera.for_camera(placed);
             node.expected = true;
-            node.reference = !self.network.references.elected
+            node.reference = self.network.references.are_configured()
                 && self.network.references.cameras.contains(&placed.id);
             node.view = Some(View {
                 fov_deg: table.field_of_view_deg(),

@@ -15,6 +15,8 @@ use node_firmware::{
         page::{self, PAGE_MAX},
     },
     hardware::{Hardware, Peripherals},
+    liveness::Liveness,
+    message::Restart,
     run::run,
 };
 use semihosting::process::ExitCode;
@@ -101,7 +103,8 @@ fn begin(spawner: Spawner) {
 
 #[embassy_executor::task]
 async fn run_node(config: &'static CheckedConfig, peripherals: Peripherals<Board>) {
-    let failure = run(config, peripherals).await;
+    let liveness = Liveness::new(Restart::Ordinary);
+    let failure = run(config, peripherals, &liveness).await;
     defmt::error!("stopped: {=str}", describe(&failure));
     stop()
 }

@@ -21,6 +21,7 @@ use embassy_time::Delay;
 use node_firmware::{
     config::CheckedConfig,
     hardware::{Hardware, Peripherals},
+    liveness::Liveness,
     run::run,
     steps::InertialSteps,
 };
@@ -67,7 +68,7 @@ async fn begin(spawner: Spawner) {
     let board = Board::new();
     let mut flash = Nvmc::new(board.flash);
     let begun = start::begin(reset_cause(), (&mut flash, &NRF52840), board.sensor);
-    let (config, steps) = match begun {
+    let (config, steps, liveness) = match begun {
         Ok(begun) => begun,
         Err(error) => start::stop(error).await,
     };
@@ -86,8 +87,8 @@ async fn begin(spawner: Spawner) {
         seed,
     }));
     spawn(spawner, run_radio(board.radio, shared));
-    spawn(spawner, run_node(config, peripherals));
-    spawn(spawner, watchdog::feed(board.watchdog));
+    spawn(spawner, run_node(config, peripherals, liveness));
+    spawn(spawner, watchdog::feed(board.watchdog, liveness));
 }
 
 #[embassy_executor::task]
@@ -100,11 +101,12 @@ async fn run_radio(radio: ieee802154::Radio<'static>, shared: &'static Shared) {
 async fn run_node(
     config: &'static CheckedConfig,
     peripherals: &'static mut Option<Peripherals<Board>>,
+    liveness: &'static Liveness,
 ) {
     // Not passed by value: the whole future of the node would be copied on the stack with them.
     let Some(peripherals) = peripherals.take() else {
         return;
     };
-    let node = pin!(run(config, peripherals));
+    let node = pin!(run(config, peripherals, liveness));
     start::tell_failure(&LIVENESS.watch(NODE, node).await);
 }

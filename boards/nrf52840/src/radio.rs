@@ -19,6 +19,7 @@ use embassy_nrf::{
 };
 use embassy_sync::{blocking_mutex::raw::NoopRawMutex, channel::Channel as Queue, signal::Signal};
 use embassy_time::{Duration, Instant, with_timeout};
+use node_firmware::message::Restart;
 use zigbee_link::radio::{
     Channel, FRAME_MAX, FRAME_MIN, PSDU_MAX, Radio, RadioConfig, Received, TxOutcome,
 };
@@ -39,9 +40,6 @@ const FRAME_TIME: Duration = Duration::from_millis(5);
 /// Far longer than an assessment and a frame take, also while an erasure of the flash stops the
 /// processor.
 const TRANSMISSION_TIME: Duration = Duration::from_millis(500);
-
-/// Told after the restart.
-const STUCK: &str = "a transmission did not end";
 
 /// From this power on the channel is busy, whatever is on it: -75 dBm, the most that the standard
 /// allows (IEEE 802.15.4, "CCA"), in steps of 1 dB from -92 dBm (Product Specification, "RADIO").
@@ -253,7 +251,7 @@ impl Driver {
                     Ok(Ok(())) => Ok(TxOutcome::Sent),
                     Ok(Err(_)) => Ok(TxOutcome::ChannelBusy),
                     // The hardware does not do what its manual says. A reset sets it right.
-                    Err(_) => say_and_restart(LastWords::decision(STUCK)),
+                    Err(_) => say_and_restart(LastWords::restart(Restart::RadioStuck)),
                 }
             }
         };

@@ -1,6 +1,6 @@
 //! The watchdog, and why the chip last started.
 
-use board_support::liveness::Liveness;
+use board_support::{last_words::LastWords, liveness::Liveness, retained::say_and_restart, start};
 use embassy_nrf::{
     Peri,
     pac::{POWER, power::regs::Resetreas},
@@ -18,9 +18,12 @@ pub(crate) static LIVENESS: Liveness = Liveness::new(2);
 const TIMEOUT_S: u32 = 8;
 const LFCLK_HZ: u32 = 32_768;
 
-/// Feeds the watchdog as long as all tasks run.
+/// Feeds the watchdog as long as all tasks run, and radio and camera work.
 #[embassy_executor::task]
-pub(crate) async fn feed(watchdog: Peri<'static, peripherals::WDT>) {
+pub(crate) async fn feed(
+    watchdog: Peri<'static, peripherals::WDT>,
+    node: &'static node_firmware::liveness::Liveness,
+) {
     let mut config = Config::default();
     config.timeout_ticks = TIMEOUT_S * LFCLK_HZ;
     // Somebody looks at the node.
@@ -29,7 +32,8 @@ pub(crate) async fn feed(watchdog: Peri<'static, peripherals::WDT>) {
         // It runs already, otherwise: only another program before this one can have started it.
         return defmt::error!("the watchdog is somebody else's");
     };
-    LIVENESS.feed(|| handle.pet()).await;
+    let why = LIVENESS.feed(node, || handle.pet()).await;
+    say_and_restart(LastWords::restart(why));
 }
 
 /// Why the chip started, as far as it tells; then forgotten, or it would add up.
@@ -38,7 +42,7 @@ pub(crate) fn reset_cause() -> &'static str {
     POWER.resetreas().write_value(Resetreas(u32::MAX));
     // The first that explains the others (Product Specification, "POWER", RESETREAS).
     if cause.dog() {
-        "watchdog"
+        start::WATCHDOG
     } else if cause.lockup() {
         "processor lock-up"
     } else if cause.sreq() {

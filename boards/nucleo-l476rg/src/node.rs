@@ -16,6 +16,7 @@ use embassy_stm32::{exti::ExtiInput, gpio::Output, mode::Async};
 use node_firmware::{
     config::CheckedConfig,
     hardware::{Hardware, Peripherals},
+    liveness::Liveness,
     run::run,
     steps::InertialSteps,
 };
@@ -62,7 +63,7 @@ async fn begin(spawner: Spawner) {
     let board = Board::new();
     let mut flash = memory::open(board.flash);
     let begun = start::begin(reset_cause(), (&mut flash, &STM32L476RG), board.sensor);
-    let (config, steps) = match begun {
+    let (config, steps, liveness) = match begun {
         Ok(begun) => begun,
         Err(error) => start::stop(error).await,
     };
@@ -79,19 +80,20 @@ async fn begin(spawner: Spawner) {
         observer: (),
         seed: random(board.random),
     }));
-    spawn(spawner, run_node(config, peripherals));
-    spawn(spawner, watchdog::feed(board.watchdog));
+    spawn(spawner, run_node(config, peripherals, liveness));
+    spawn(spawner, watchdog::feed(board.watchdog, liveness));
 }
 
 #[embassy_executor::task]
 async fn run_node(
     config: &'static CheckedConfig,
     peripherals: &'static mut Option<Peripherals<Board>>,
+    liveness: &'static Liveness,
 ) {
     // Not passed by value: the whole future of the node would be copied on the stack with them.
     let Some(peripherals) = peripherals.take() else {
         return;
     };
-    let node = pin!(run(config, peripherals));
+    let node = pin!(run(config, peripherals, liveness));
     start::tell_failure(&LIVENESS.watch(NODE, node).await);
 }

@@ -1,6 +1,6 @@
 //! The watchdog, and why the chip last started.
 
-use board_support::liveness::Liveness;
+use board_support::{last_words::LastWords, liveness::Liveness, retained::say_and_restart, start};
 use embassy_stm32::{
     Peri,
     pac::{DBGMCU, RCC},
@@ -17,14 +17,18 @@ pub(crate) static LIVENESS: Liveness = Liveness::new(1);
 /// percent.
 const TIMEOUT_US: u32 = 8_000_000;
 
-/// Feeds the watchdog as long as all tasks run.
+/// Feeds the watchdog as long as all tasks run, and radio and camera work.
 #[embassy_executor::task]
-pub(crate) async fn feed(watchdog: Peri<'static, peripherals::IWDG>) {
+pub(crate) async fn feed(
+    watchdog: Peri<'static, peripherals::IWDG>,
+    node: &'static node_firmware::liveness::Liveness,
+) {
     // Somebody looks at the node.
     DBGMCU.apb1fzr1().modify(|freeze| freeze.set_iwdg(true));
     let mut watchdog = IndependentWatchdog::new(watchdog, TIMEOUT_US);
     watchdog.unleash();
-    LIVENESS.feed(|| watchdog.pet()).await;
+    let why = LIVENESS.feed(node, || watchdog.pet()).await;
+    say_and_restart(LastWords::restart(why));
 }
 
 /// Why the chip started, as far as it tells; then forgotten, or it would add up.
@@ -34,7 +38,7 @@ pub(crate) fn reset_cause() -> &'static str {
     // The first that explains the others: each reset pulls at the pin (reference manual RM0351,
     // "System reset").
     if cause.iwdgrstf() {
-        "watchdog"
+        start::WATCHDOG
     } else if cause.sftrstf() {
         "restart by the program"
     } else if cause.borrstf() {

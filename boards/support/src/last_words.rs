@@ -2,8 +2,19 @@
 //!
 //! After power-on that memory holds anything; a checksum tells.
 
+use node_firmware::message::Restart;
+
 /// Bytes of text that are kept.
 const LEN: usize = 112;
+
+const fn words_of(why: Restart) -> &'static str {
+    match why {
+        Restart::RadioDeaf => "the radio is deaf",
+        Restart::RadioStuck => "the radio is stuck",
+        Restart::CameraStuck => "the camera's driver is stuck",
+        Restart::Ordinary | Restart::Program => "the node stopped",
+    }
+}
 
 /// A text that survives a reset. Any bits at all are a valid value.
 #[derive(Clone, Copy, Debug)]
@@ -42,6 +53,28 @@ impl LastWords {
         let mut words = Self::NONE;
         words.push(reason.as_bytes());
         words.sealed()
+    }
+
+    /// The watchdog's reason, or that the node could not go on.
+    pub fn restart(why: Restart) -> Self {
+        Self::decision(words_of(why))
+    }
+
+    /// Why the program restarts, if these are words of one that broke or decided so; `watchdog`: it was the
+    /// watchdog that restarted it.
+    pub fn reason(&self, watchdog: bool) -> Restart {
+        let own = [
+            Restart::RadioDeaf,
+            Restart::RadioStuck,
+            Restart::CameraStuck,
+        ];
+        match self.text() {
+            Some(text) => {
+                { own.into_iter().find(|&why| words_of(why) == text) }.unwrap_or(Restart::Program)
+            }
+            None if watchdog => Restart::Program,
+            None => Restart::Ordinary,
+        }
     }
 
     /// A fault of the processor at this address.
@@ -116,6 +149,24 @@ mod tests {
             LastWords::fault(0x00fe_dc01).text(),
             Some("fault at 00fedc01")
         );
+    }
+
+    #[test]
+    fn the_reason_outlives_the_restart() {
+        for why in [
+            Restart::RadioDeaf,
+            Restart::RadioStuck,
+            Restart::CameraStuck,
+            Restart::Program,
+        ] {
+            for watchdog in [false, true] {
+                assert_eq!(LastWords::restart(why).reason(watchdog), why);
+            }
+        }
+        let panic = LastWords::panic("src/main.rs", 7, None);
+        assert_eq!(panic.reason(false), Restart::Program);
+        assert_eq!(LastWords::NONE.reason(true), Restart::Program);
+        assert_eq!(LastWords::NONE.reason(false), Restart::Ordinary);
     }
 
     #[test]

@@ -2,8 +2,8 @@
 //!
 //! Each task reports; whoever feeds the watchdog does so only when all have since the last time.
 //! What is proven is that a task is polled and comes back: an endless loop anywhere, or an
-//! executor that stands still, ends the feeding. A task that waits for something that never comes
-//! is no error here: a radio may hear nothing for days.
+//! executor that stands still, ends the feeding. Whether a task waits for something that never comes
+//! is what the node's own [`Liveness`](node_firmware::liveness::Liveness) tells.
 
 use core::{
     future::Future,
@@ -13,6 +13,10 @@ use core::{
 
 use embassy_futures::select::{Either, select};
 use embassy_time::{Duration, Timer};
+use node_firmware::message::Restart;
+use zigbee_link::runner::Clock;
+
+use crate::clock::EmbassyClock;
 
 /// How often a watched task reports at least.
 const PERIOD: Duration = Duration::from_secs(1);
@@ -54,9 +58,16 @@ impl Liveness {
         all
     }
 
-    /// Feeds a watchdog as long as all tasks run.
-    pub async fn feed(&self, mut feed: impl FnMut()) -> ! {
+    /// Feeds a watchdog as long as all tasks run, until radio or camera work no more: why.
+    pub async fn feed(
+        &self,
+        node: &node_firmware::liveness::Liveness,
+        mut feed: impl FnMut(),
+    ) -> Restart {
         loop {
+            if let Err(why) = node.check(EmbassyClock.now()) {
+                return why;
+            }
             if self.all_reported() {
                 feed();
             }

@@ -13,7 +13,7 @@ use crate::last_words::LastWords;
 
 struct Retained(UnsafeCell<LastWords>);
 
-// SAFETY: it is only touched by `take`, with interrupts off, and by handlers that never return.
+// SAFETY: it is only touched by `take` and `say`, with interrupts off, and by handlers that never return.
 unsafe impl Sync for Retained {}
 
 /// In a section that start-up code does not touch.
@@ -48,11 +48,18 @@ unsafe fn copy(from: *const LastWords, to: *mut LastWords) {
     }
 }
 
+/// What the next restart is for, which is told after it.
+pub fn say(words: LastWords) {
+    interrupt::free(|_| {
+        // SAFETY: nobody else touches it meanwhile.
+        unsafe { copy(&raw const words, RETAINED.0.get()) };
+    });
+}
+
 /// Restarts the chip. What this was for is told after that.
 pub fn say_and_restart(words: LastWords) -> ! {
     interrupt::disable();
-    // SAFETY: nothing else runs any more.
-    unsafe { copy(&raw const words, RETAINED.0.get()) };
+    say(words);
     SCB::sys_reset()
 }
 

@@ -5,18 +5,31 @@ use embedded_hal_async::i2c::I2c;
 use embedded_storage::nor_flash::ReadNorFlash;
 use node_firmware::{
     config::{CheckedConfig, ConfigError, page::PageError},
+    liveness::Liveness,
+    message::Restart,
     run::Failure,
     steps::InertialSteps,
 };
 use static_cell::StaticCell;
+use zigbee_link::runner::RunnerError;
 
 use crate::{
     clock::EmbassyClock, failure::describe, flash::Regions, last_words::LastWords,
     memory::read_config, retained,
 };
 
+/// What [`begin`] makes.
+pub type Begun<B> = (
+    &'static CheckedConfig,
+    InertialSteps<B, EmbassyClock>,
+    &'static Liveness,
+);
+
+/// The cause of a start that is the watchdog.
+pub const WATCHDOG: &str = "watchdog";
+
 /// Tells why the board started, and what was said before that; then what the node is told to be, and
-/// the step sensor on a bus, if there is one. Once.
+/// the step sensor on a bus, if there is one, and where radio and camera report. Once.
 ///
 /// # Errors
 /// There is no configuration: [`stop`].
@@ -24,14 +37,17 @@ pub fn begin<F: ReadNorFlash, B: I2c>(
     cause: &str,
     (flash, regions): (&mut F, &Regions),
     bus: B,
-) -> Result<(&'static CheckedConfig, InertialSteps<B, EmbassyClock>), PageError> {
-    static CONFIG: StaticCell<CheckedConfig> = StaticCell::new();
-    tell_start(cause, &retained::take());
-    let config: &CheckedConfig = CONFIG.init(read_config(flash, regions.config)?);
+) -> Result<Begun<B>, PageError> {
+    static NODE: StaticCell<(CheckedConfig, Liveness)> = StaticCell::new();
+    let before = retained::take();
+    tell_start(cause, &before);
+    let config = read_config(flash, regions.config)?;
+    let liveness = Liveness::new(before.reason(cause == WATCHDOG));
+    let (config, liveness): &(CheckedConfig, Liveness) = NODE.init((config, liveness));
     // The sensor may know more of its settings than the check of configurations.
     let steps = InertialSteps::new(bus, EmbassyClock, config.sensor());
     let steps = steps.map_err(|_| PageError::Value(ConfigError::Sensor))?;
-    Ok((config, steps))
+    Ok((config, steps, liveness))
 }
 
 fn tell_start(cause: &str, before: &LastWords) {
@@ -49,7 +65,13 @@ pub async fn stop(error: PageError) -> ! {
     }
 }
 
-/// Tells why the node cannot go on. Nothing reports any more then: the watchdog restarts it.
+/// Tells why the node cannot go on, now and after the restart. Nothing reports any more then: the watchdog
+/// restarts it.
 pub fn tell_failure<R, F>(failure: &Failure<R, F>) {
+    let why = match failure {
+        Failure::Link(RunnerError::Radio(_)) => Restart::RadioStuck,
+        _ => Restart::Program,
+    };
+    retained::say(LastWords::restart(why));
     defmt::error!("stopped: {=str}", describe(failure));
 }

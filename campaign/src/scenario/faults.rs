@@ -95,7 +95,7 @@ fn actions(
     } else {
         for_s
     };
-    let action = match random.random_range(0..13) {
+    let action = match random.random_range(0..16) {
         0 => {
             return everybody
                 .iter()
@@ -163,6 +163,19 @@ fn actions(
             },
             every_s: between(random, 0.05, 2.0),
             for_s,
+        },
+        12 => Action::Rest {
+            node: target,
+            for_s: for_s * 10.0,
+        },
+        13 => Action::IgnoreLamp {
+            node: target,
+            for_s,
+            stand_s: between(random, 0.5, 5.0),
+        },
+        14 => Action::Rot {
+            node,
+            bits: random.random_range(1..=20),
         },
         _ => Action::Replay {
             node,

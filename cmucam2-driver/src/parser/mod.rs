@@ -464,8 +464,13 @@ impl Parser {
     }
 
     fn banner(&mut self, at: u8, byte: u8) -> Option<Token> {
-        if BANNER.get(usize::from(at)) != Some(&byte) {
-            return self.refuse(Reason::Malformed, byte);
+        match BANNER.get(usize::from(at)) {
+            Some(&next) if next == byte => {}
+            // `CMUcam2+`: firmware that others have extended.
+            Some(b' ') if byte == b'+' => return None,
+            // `CMUcam3`: its program that plays a CMUcam2.
+            Some(b'2') if byte == b'3' => {}
+            _ => return self.refuse(Reason::Malformed, byte),
         }
         let at = at + 1;
         if usize::from(at) == BANNER.len() {
@@ -508,6 +513,8 @@ impl Parser {
                 self.go(State::Minor(2))
             }
             (b' ', 1..) => self.go(State::Module(false)),
+            // `v2.0+`.
+            (b'+', 1..) => None,
             (b'\r', 1..) => self.deliver(Token::Banner(self.version)),
             _ => self.refuse(Reason::Malformed, byte),
         }

@@ -532,7 +532,11 @@ impl Dialogue {
             self.stop(doing, Resume::Conclude(answer), now);
             return Flow::Continue(());
         }
-        // In poll mode it would not: the camera has forgotten that, so it has restarted.
+        // In poll mode it would not: the camera has forgotten that, so it has restarted, if it does so again.
+        if self.exchange.order.is_idempotent() && !task.is_suspected_again() {
+            self.stop(doing, Resume::Plan, now);
+            return Flow::Continue(());
+        }
         self.forgotten();
         task.on_restart(self.exchange.answers(true), self.policy.retries)?;
         self.stop(doing, Resume::Plan, now);

@@ -30,7 +30,8 @@
 //! - `NCK`, silence and garbage: [idempotent](crate::command::Order::is_idempotent) commands are repeated, at
 //!   most [`Policy::retries`] times.
 //! - A camera that restarts: its banner between other bytes, an `ACK` where a running stream would
-//!   have been stopped without one, or a stream where poll mode was set. (An idle camera that
+//!   have been stopped without one, or a stream where poll mode was set, twice in a row: one damaged line
+//!   may look like that. (An idle camera that
 //!   restarts while nobody reads its banner is not noticed before that.) The [`Modes`] are set again and a colour-tracking or
 //!   statistics stream is started again before the request goes on. A stream tells it with
 //!   [`Fault::Restarted`], because what the camera had adapted to is lost; frame differencing has

@@ -93,6 +93,8 @@ pub(super) struct Task {
     /// How often the camera restarted.
     pub(super) restarts: u8,
     interruption: Interruption,
+    /// It may have restarted: a stream came where one packet was asked for.
+    is_suspected: bool,
     /// The mean colour that TW told.
     pub(super) window_mean: Option<Colour>,
 }
@@ -108,6 +110,7 @@ impl Task {
             failures: 0,
             restarts: 0,
             interruption: Interruption::None,
+            is_suspected: false,
             window_mean: None,
         }
     }
@@ -167,6 +170,13 @@ impl Task {
             return ControlFlow::Break(Err(Fault::Restarted));
         }
         ControlFlow::Continue(())
+    }
+
+    /// A stream came where one packet was asked for. A damaged line may look so, and a restart costs many
+    /// seconds of adapting: the request is made once more, and whether a stream comes again tells. Whether
+    /// it had come already.
+    pub(super) const fn is_suspected_again(&mut self) -> bool {
+        core::mem::replace(&mut self.is_suspected, true)
     }
 
     /// Whether the camera restarted since the request, or before it.

@@ -1,12 +1,14 @@
 //! What the sensor sees.
 
+use std::sync::Arc;
+
 use super::{Emulator, Note, Time};
 use crate::noise::mix;
 use crate::{
     blob::Filter,
     colour::Colour,
     modes::{ServoPin, register},
-    scene::{Extent, Patch, Scene, Shape},
+    scene::{Background, Extent, Patch, Scene, Shape},
     sensor::Sensor,
     view::{Layout, Snapshot, View},
 };
@@ -57,7 +59,15 @@ impl Emulator {
         self.spoil(&mut patches);
         let light = self.scene.light;
         let adapted = self.light.factors();
+        let background = match &self.scene.background {
+            Background::Picture(picture) => {
+                let [columns, rows] = self.layout().picture;
+                Background::Picture(Arc::new(picture.scaled(columns, rows)))
+            }
+            drawn => drawn.clone(),
+        };
         Snapshot {
+            background,
             patches,
             factors: std::array::from_fn(|channel| {
                 light[channel] * adapted[channel] * exposure * flicker

@@ -14,6 +14,15 @@ const LATENCY: Time = MILLISECOND / 5;
 const WAKE: Time = 10 * MILLISECOND;
 /// Longer lines are no commands.
 const LINE_MAX: usize = 128;
+/// By the switch of the version.
+const BANNERS: [&str; 6] = [
+    "CMUcam2 v1.00",
+    "CMUcam2 v1.01",
+    "CMUcam2 v1.0",
+    "CMUcam2+ v1.00",
+    "CMUcam2 v2.0+",
+    "CMUcam3 v1.0",
+];
 /// What the camera keeps of what comes while it starts, bytes.
 const EARLY_MAX: usize = 128;
 
@@ -129,9 +138,9 @@ impl Emulator {
             _ if is_first => " c6",
             _ => " c7",
         };
-        let version = ["1.00", "1.01", "1.0"][usize::from(version)];
+        let name = BANNERS.get(usize::from(version)).unwrap_or(&BANNERS[0]);
         let end = if carriage_return { "\r" } else { "" };
-        let text = format!("CMUcam2 v{version}{module}{end}").into_bytes();
+        let text = format!("{name}{module}{end}").into_bytes();
         self.say(&text);
     }
 }

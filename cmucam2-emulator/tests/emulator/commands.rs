@@ -338,7 +338,9 @@ fn is_right(expect: Expect, answer: &Answer, switches: &Switches, window: Option
         }
         Expect::Bounds(bounds) => matches!(answer, Answer::Values(values)
             if cmucam2_driver::uncertain::bounds_from_reply(*values, Some(bounds)) == Some(bounds)),
-        Expect::Version => matches!(answer, Answer::Version(version) if version.major == 1),
+        Expect::Version => {
+            matches!(answer, Answer::Version(version) if (1..=2).contains(&version.major))
+        }
         Expect::Target => tracking.is_some_and(|tracking| {
             tracking.bounding_box() == Some(drawn)
                 && tracking.centroid() == Some(middle)

@@ -14,6 +14,8 @@ use cmucam2_emulator::{
 };
 use cmucam2_line::Link;
 
+use std::sync::Arc;
+
 use crate::support::{ORANGE, SECOND, command, driver, orange, orange_box};
 
 fn contains(bounds: ColourBounds, colour: Colour) -> bool {
@@ -566,4 +568,86 @@ fn a_change_of_light_blinds_a_camera_until_it_adapts_again() {
         assert!(!is_tracked_after(light, false), "{level} {kelvin}");
         assert!(is_tracked_after(light, true), "{level} {kelvin}");
     }
+}
+
+/// A scene, and a picture of it by another camera: the same packets, whichever frame they are scaled to.
+#[test]
+fn a_picture_is_seen_as_the_scene_it_shows() {
+    for (sensor, columns) in [(Sensor::Ov6620, 88.0), (Sensor::Ov7620, 160.0)] {
+        for step in 0..20 {
+            let x = 0.2 + 0.031 * f64::from(step);
+            let ball = Extent::centred(x, 0.4, 0.13, 0.17);
+            let drawn = Scene::with_object(ORANGE, Shape::Disc, ball);
+            let filmed = Scene {
+                background: Background::Picture(Arc::new(drawn.picture(0.0, 1280, 720).unwrap())),
+                ..Scene::default()
+            };
+            let [a, b] = [drawn, filmed].map(|scene| {
+                let configuration = Configuration {
+                    sensor,
+                    ..Configuration::default()
+                };
+                let mut link = frozen(configuration, scene);
+                let start = Command::TrackColour(Some(orange()));
+                tracked(&mut link, start).0.bounding_box().unwrap()
+            });
+            for (a, b) in [(a.x1, b.x1), (a.x2, b.x2), (a.y1, b.y1), (a.y2, b.y2)] {
+                assert!(a.abs_diff(b) <= 1, "{sensor:?}, {x}: {a} {b}");
+            }
+            let middle = |x1: u8, x2: u8| (f64::from(x1) + f64::from(x2)) / 2.0 - 0.5;
+            assert!(
+                (middle(b.x1, b.x2) - x * columns).abs() <= 1.0,
+                "{sensor:?}, {x}"
+            );
+        }
+    }
+}
+
+/// A dump takes seconds, in which the video goes on: all its rows are of one picture. Frame
+/// differencing and means see the new one.
+#[test]
+fn a_frame_is_of_one_picture() {
+    let grey = |level: u8| {
+        let scene = Scene {
+            background: Background::Plain([level; 3]),
+            ..Scene::default()
+        };
+        Background::Picture(Arc::new(scene.picture(0.0, 64, 48).unwrap()))
+    };
+    let configuration = Configuration::default();
+    let mut camera = Emulator::new(
+        configuration,
+        Scene {
+            background: grey(60),
+            ..Scene::default()
+        },
+    );
+    let say = |camera: &mut Emulator, from: u64, command: &str, level: u8| {
+        for byte in command.bytes() {
+            camera.receive(byte, from);
+        }
+        let mut said = Vec::new();
+        for tenth in 1..=40 {
+            said.extend(
+                std::iter::from_fn(|| camera.transmit(from + tenth * SECOND / 10))
+                    .map(|(_, byte)| byte),
+            );
+            camera.scene_mut().background = grey(level);
+        }
+        said
+    };
+    say(&mut camera, SECOND, "CR 19 32\r", 60);
+    let frame = say(&mut camera, 10 * SECOND, "SF\r", 200);
+    assert_eq!(&frame[..7], b"ACK\r\x01\x57\x8f");
+    let pixels = &frame[7..frame.len() - 2];
+    assert_eq!(pixels.len(), 143 * (3 * 87 + 1));
+    assert!(
+        pixels
+            .chunks(3 * 87 + 1)
+            .all(|row| row[..3 * 87].iter().all(|&level| level == frame[7]))
+    );
+    say(&mut camera, 20 * SECOND, "LF\r", 90);
+    let packets = say(&mut camera, 30 * SECOND, "FD 10\r", 90);
+    let packets = String::from_utf8(packets).unwrap();
+    assert!(packets.contains("T 4 4 1 1 8 8"), "{packets:.200}");
 }

@@ -15,17 +15,22 @@ use anyhow::{Context, anyhow, bail};
 use clap::Args;
 use embedded_io::{Read, ReadReady, Write as _};
 use host_sim::console::{
+    command::parse_command,
     output,
     session::{Failure, Session, Wish, frame},
 };
 use host_sim::probe::port::{Port, PortError};
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
-use node_firmware::{limits::CONSOLE_BAUD, message::CameraCommand};
+use node_firmware::{
+    limits::CONSOLE_BAUD,
+    message::{CameraCommand, TrackedBlob},
+};
 use site::{BUILT_IN, Overrides, Scenario, key_file};
 
 use super::{
     and, end, file_name,
     files::Files,
+    happenings::{Happenings, HappeningsOptions},
     interrupt, print,
     run_outputs::{FOR_RESULTS, RecordOutputs},
     tell, values,
@@ -62,6 +67,8 @@ pub(super) struct Arguments {
     site: Option<String>,
     #[command(flatten, next_help_heading = FOR_RESULTS)]
     outputs: RecordOutputs,
+    #[command(flatten, next_help_heading = FOR_RESULTS)]
+    happenings: HappeningsOptions,
     /// Let new nodes join for so long; 0 lets nobody.
     #[arg(long, value_name = "SECONDS", help_heading = "Things to do")]
     join_window: Option<u16>,
@@ -74,8 +81,8 @@ pub(super) struct Arguments {
     /// Take another PAN identifier, where another network has the same one.
     #[arg(long, help_heading = "Things to do")]
     change_pan: bool,
-    /// Have a camera do something: initialise, learn-colour, learn-background, forget. Can be given
-    /// several times.
+    /// Have a camera do something: initialise, learn-colour, learn-background, track, stop-tracking,
+    /// forget. Can be given several times.
     #[arg(long, value_name = "ID:NAME", value_parser = command, help_heading = "Things to do")]
     command: Vec<(u16, CameraCommand)>,
 }
@@ -89,7 +96,8 @@ Examples:
 
 Commands: `initialise` resets the camera and lets it adapt to the light; `learn-colour` takes the
 object in the middle of the view as the first colour, `learn-colour=1` as the second, and so on;
-`learn-background` takes the present view as the background; `forget` drops pose and sightings.
+`learn-background` takes the present view as the background; `track` has it tell what it sees of the
+first colour, `track=1` of the second, until `stop-tracking`; `forget` drops pose and sightings.
 
 Lengths are in the unit in which the site was configured. Results are those of `host-sim run`, with
 what a real network does not tell left empty; `host-sim report run` reads --json. In the end there is
@@ -111,20 +119,12 @@ const POLL: Duration = Duration::from_millis(10);
 fn command(text: &str) -> Result<(u16, CameraCommand), String> {
     let parse = || {
         let (id, name) = text.split_once(':')?;
-        let command = match name {
-            "initialise" => CameraCommand::Initialise,
-            "learn-colour" => CameraCommand::LearnColour { colour: 0 },
-            "learn-background" => CameraCommand::LearnBackground,
-            "forget" => CameraCommand::Forget,
-            other => CameraCommand::LearnColour {
-                colour: other.strip_prefix("learn-colour=")?.parse().ok()?,
-            },
-        };
+        let command = parse_command(name)?;
         Some((id.parse().ok()?, command))
     };
     parse().ok_or_else(|| {
-        "a camera and initialise, learn-colour, learn-background or forget are needed, such as \
-         2:learn-colour"
+        "a camera and initialise, learn-colour, learn-background, track, stop-tracking or forget are \
+         needed, such as 2:learn-colour"
             .to_owned()
     })
 }
@@ -149,7 +149,7 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
         .reads([&arguments.port])
         .reads(file)
         .reads(&arguments.change_key);
-    arguments.outputs.check(files)?;
+    arguments.outputs.check(arguments.happenings.among(files))?;
     let site = site.map(read_site).transpose()?;
     let mut session = Session::new(wishes(arguments)?);
     let listens = session.is_done() || arguments.until_calibrated || arguments.seconds.is_some();
@@ -158,12 +158,13 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
     }
     let interrupted = interrupt::watch()?;
     let mut screen = Screen::new();
+    let mut happenings = Happenings::new(&arguments.happenings)?;
     let begin = Instant::now();
     let ended = talk(
         arguments,
         site.as_ref(),
         &mut session,
-        &mut screen,
+        (&mut screen, &mut happenings),
         (begin, interrupted),
     );
     let finished = screen.finish(&session);
@@ -177,6 +178,7 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
             code = u8::from(!calibrated);
             ended = and(ended, print(&format!("\n{verdict}")).map_err(Into::into));
         }
+        ended = and(ended, happenings.finish(result.as_ref().ok()));
         let written =
             result.and_then(|record| arguments.outputs.write(&record, false, &end::End::Whole));
         ended = and(ended, written);
@@ -212,7 +214,7 @@ fn wishes(arguments: &Arguments) -> anyhow::Result<Vec<Wish>> {
     Ok(wishes)
 }
 
-fn read_site(name: &str) -> anyhow::Result<Scenario> {
+pub(super) fn read_site(name: &str) -> anyhow::Result<Scenario> {
     let site = Scenario::load(name, &Overrides::default())?;
     // What is wrong with it is told before anyone waits.
     SitePlan::new(&site, &[])?;
@@ -220,7 +222,11 @@ fn read_site(name: &str) -> anyhow::Result<Scenario> {
 }
 
 /// What is known of the network.
-fn record(session: &Session, now: Duration, site: Option<&Scenario>) -> anyhow::Result<RunRecord> {
+pub(super) fn record(
+    session: &Session,
+    now: Duration,
+    site: Option<&Scenario>,
+) -> anyhow::Result<RunRecord> {
     let view = session.known();
     let members: Vec<u16> = view.members().iter().map(|member| member.id).collect();
     let plan = match site {
@@ -241,7 +247,7 @@ fn talk(
     arguments: &Arguments,
     site: Option<&Scenario>,
     session: &mut Session,
-    screen: &mut Screen,
+    (screen, happenings): (&mut Screen, &mut Happenings),
     (begin, interrupted): (Instant, Arc<AtomicBool>),
 ) -> anyhow::Result<End> {
     let has_wishes = !session.is_done();
@@ -253,7 +259,7 @@ fn talk(
             Ok(Ok(())) => {}
             Ok(Err(failure)) => {
                 // What came last may tell more.
-                screen.show(now, session)?;
+                screen.show(now, session, happenings)?;
                 bail!("{}: {failure}", arguments.port);
             }
             Err(PortError::Interrupted) if session.is_done() && !arguments.until_calibrated => {
@@ -262,7 +268,10 @@ fn talk(
             Err(PortError::Interrupted) => return Ok(End::Interrupted),
             Err(error) => return Err(failed(error)),
         }
-        screen.show(now, session)?;
+        if happenings.is_due(now) && session.has_answered() {
+            happenings.look(now, &record(session, now, site)?);
+        }
+        screen.show(now, session, happenings)?;
         if session.is_done() {
             if arguments.until_calibrated {
                 if session.is_calibrated(now, arguments.cameras)
@@ -293,7 +302,7 @@ fn talk(
 }
 
 /// Reads what has come, and sends what is to be sent.
-fn exchange(
+pub(super) fn exchange(
     port: &mut Port,
     session: &mut Session,
     now: Duration,
@@ -326,11 +335,35 @@ impl Screen {
         }))
     }
 
-    fn show(&mut self, now: Duration, session: &mut Session) -> io::Result<()> {
+    fn show(
+        &mut self,
+        now: Duration,
+        session: &mut Session,
+        happenings: &mut Happenings,
+    ) -> io::Result<()> {
         let mut is_news = false;
         while let Some(news) = session.news() {
             is_news = true;
+            happenings.said(now, &news);
             let line = format!("{:8.1} s  {news}", now.as_secs_f64());
+            match &self.0 {
+                Some(bar) => bar.suspend(|| print_line(&line))?,
+                None => print_line(&line)?,
+            }
+        }
+        while let Some((id, blob)) = session.tracked() {
+            happenings.tracked(now, id, blob);
+            let TrackedBlob {
+                middle: [mx, my],
+                edges: [left, upper, right, lower],
+                pixels,
+                confidence,
+            } = blob;
+            let line = format!(
+                "{:8.1} s  camera {id}: tracks {mx}, {my} in {left}, {upper} to {right}, {lower}; {pixels} \
+                 pixels, confidence {confidence}",
+                now.as_secs_f64()
+            );
             match &self.0 {
                 Some(bar) => bar.suspend(|| print_line(&line))?,
                 None => print_line(&line)?,

@@ -24,6 +24,14 @@ impl End {
         Ok(mark.cut_short.map_or(Self::Whole, Self::CutShort))
     }
 
+    /// Why they are not, if so.
+    pub(super) fn why(&self) -> Option<&str> {
+        match self {
+            Self::Whole => None,
+            Self::CutShort(why) => Some(why),
+        }
+    }
+
     /// A text for people.
     pub(super) fn mark_text(&self, text: String) -> String {
         match self {

@@ -17,9 +17,11 @@ mod console;
 mod end;
 mod files;
 mod flash;
+mod happenings;
 mod interrupt;
 mod keygen;
 mod late;
+mod live;
 mod messages;
 mod probe;
 mod provision;
@@ -51,6 +53,7 @@ enum Command {
     Console(console::Arguments),
     Flash(flash::Arguments),
     Keygen(keygen::Arguments),
+    Live(live::Arguments),
     Probe(probe::Arguments),
     Provision(Box<provision::Arguments>),
     Report(report::Arguments),
@@ -68,6 +71,7 @@ pub(crate) fn main() -> ExitCode {
         Command::Console(arguments) => console::run(&arguments),
         Command::Flash(arguments) => flash::run(&arguments),
         Command::Keygen(arguments) => keygen::run(&arguments),
+        Command::Live(arguments) => live::run(&arguments),
         Command::Probe(arguments) => probe::run(&arguments),
         Command::Provision(arguments) => provision::run(&arguments),
         Command::Report(arguments) => report::run(&arguments),

@@ -20,7 +20,7 @@ use cmucam2_driver::{
 };
 use host_sim::probe::{
     Device, View,
-    advice::{advice, no_baud_rate},
+    advice::{advice, fell_silent, no_baud_rate},
     display::doubt,
     picture,
     port::{self, Baud, Heard, Port, PortError, Search},
@@ -64,7 +64,7 @@ pub(super) struct Arguments {
     /// Neither reset nor adapt nor learn: go on with a camera that an earlier run has started up.
     #[arg(long)]
     as_is: bool,
-    /// Track this colour instead of learning one: Rmin,Rmax,Gmin,Gmax,Bmin,Bmax, each 16 to 240.
+    /// Track this colour instead of learning one: Rmin,Rmax,Gmin,Gmax,Bmin,Bmax, each 0 to 255.
     #[arg(long, value_name = "BOUNDS", value_parser = colour)]
     colour: Option<ColourBounds>,
     /// 176 x 255 pixels instead of 88 x 143 (OV6620 only).
@@ -105,12 +105,13 @@ pub(super) struct Arguments {
     /// JSON instead of text.
     #[arg(long)]
     json: bool,
-    /// The number that packets give the first column and row. The sources disagree, see below.
+    /// The number that packets give the first column and row [default: what the camera shows]; see
+    /// below.
     #[arg(
-        long, value_name = "0|1", default_value_t = 1, help_heading = "Camera, for bearings",
+        long, value_name = "0|1", help_heading = "Camera, for bearings",
         value_parser = clap::value_parser!(u8).range(0..=1)
     )]
-    first_column: u8,
+    first_column: Option<u8>,
     #[command(flatten, next_help_heading = "Camera, for bearings")]
     camera: CameraOptions,
 }
@@ -120,8 +121,8 @@ Bringing up a camera:
   1. host-sim probe --port /dev/ttyUSB0
      It finds the rate that the jumpers select; when there is no answer it says what to check.
   2. host-sim probe --port /dev/ttyUSB0 --frame view.png
-     Is it sharp? Levels are the camera's, 16 to 240, so a colour picked from the picture can be
-     given as --colour. Every pixel is there twice, side by side, because the camera's pixels are
+     Is it sharp? Levels are the camera's, so a colour picked from the picture can be given as
+     --colour; pixels have 16 to 240, bounds may be anything from 0 to 255. Every pixel is there twice, side by side, because the camera's pixels are
      twice as wide as tall.
   3. host-sim probe --port /dev/ttyUSB0 --fov-deg 45
      Bearings are positive to the left. Their sigma is that of whole columns.
@@ -139,13 +140,14 @@ middle, from 0 on the left) and, with --fov-deg, sigma_rad: rounding of both edg
 and noise. A file with other columns is refused. An object that is cut off by the left or right
 border, lost, moving or partly hidden is refused.
 
---first-column: whether packets count columns from 0 or from 1 is not certain for every firmware.
-A wrong guess turns all bearings by one column, half a degree; --principal can absorb it. A packet
-that contradicts the guess is reported.
+--first-column: whether packets count columns from 0 or from 1 is not certain for every firmware,
+and turns all bearings by one column, half a degree. A camera that is started up is made to track
+everything once, and shows it; with --as-is it is 1 unless given. A packet that contradicts it is
+reported, and no sighting is recorded from then on.
 
 JSON, one object per packet: seconds (since tracking began), column, row, x1, y1, x2, y2 (from 0),
 pixels, confidence, bearing_rad, sigma_rad; null when nothing is tracked, bearings also without
---fov-deg. With --record, one per sighting: case, target_x, target_y, column, sigma_rad,
+--fov-deg and where the object is cut off by the left or right border. With --record, one per sighting: case, target_x, target_y, column, sigma_rad,
 column_sigma, bearing_rad, packets, pixels, confidence. With --frame: file, columns, rows,
 damaged_rows. Everything else goes to the standard error output.
 
@@ -165,11 +167,14 @@ struct Bench<'a> {
     person: Person,
     /// Restarts since the last packet.
     restarts: u8,
-    /// A packet has come.
-    looked: bool,
+    /// Packets that have come.
+    packets: u64,
     /// It was told that columns are counted otherwise.
     contradicted: bool,
 }
+
+/// The number of the first column and row, unless it is known otherwise: most sources agree.
+const USUAL_FIRST: u8 = 1;
 
 /// Restarts without a packet in between after which the camera is given up.
 const RESTARTS: u8 = 5;
@@ -229,10 +234,14 @@ impl<'a> Bench<'a> {
             heard,
             camera: port::device(port),
             baud_rate,
-            view: View::new(USUAL_COLUMNS, arguments.first_column, None),
+            view: View::new(
+                USUAL_COLUMNS,
+                arguments.first_column.unwrap_or(USUAL_FIRST),
+                None,
+            ),
             person,
             restarts: 0,
-            looked: false,
+            packets: 0,
             contradicted: false,
         };
         let mut version = bench.camera.version().wait();
@@ -256,6 +265,12 @@ impl<'a> Bench<'a> {
             sensor_name(version.sensor()),
             arguments.port
         ));
+        if let Some(banner) = stranger::kindred_banner(&bench.heard.bytes()) {
+            tell(format_args!(
+                "warning: it calls itself `{banner}`, not CMUcam2 v1: firmware of others, whose \
+                 packets and commands may differ"
+            ));
+        }
         bench.prepare(version.sensor())?;
         Ok(bench)
     }
@@ -296,10 +311,31 @@ impl<'a> Bench<'a> {
         }
         self.view = View::new(
             columns,
-            self.arguments.first_column,
+            self.first_number()?,
             self.arguments.camera.camera(usual)?,
         );
         Ok(())
+    }
+
+    /// The number of the first column and row: of all the view, the first row is the least.
+    fn first_number(&mut self) -> anyhow::Result<u8> {
+        if let Some(first) = self.arguments.first_column {
+            return Ok(first);
+        }
+        if self.arguments.as_is {
+            return Ok(USUAL_FIRST);
+        }
+        let all = self.camera.track_colour(ColourBounds::ALL).wait();
+        all.map_err(|error| self.failed(error))?;
+        let seen = self.camera.next_tracking().wait();
+        let seen = seen.map_err(|error| self.failed(error))?;
+        self.camera
+            .stop()
+            .wait()
+            .map_err(|error| self.failed(error))?;
+        let found = seen.and_then(|seen| seen.bounding_box());
+        let first = found.map(|found| found.y1).filter(|&first| first <= 1);
+        Ok(first.unwrap_or(USUAL_FIRST))
     }
 
     fn work(&mut self, recording: Option<(&Path, Recording)>) -> anyhow::Result<()> {
@@ -348,6 +384,7 @@ impl<'a> Bench<'a> {
         match self.camera.next_tracking().wait() {
             Ok(Some(tracking)) => {
                 self.restarts = 0;
+                self.packets += 1;
                 Ok(Look::Packet(tracking))
             }
             Ok(None) => Ok(Look::Quiet),
@@ -361,8 +398,7 @@ impl<'a> Bench<'a> {
 
     /// What a person should know of this packet beyond its numbers.
     fn remark(&mut self, tracking: &Tracking) -> Option<String> {
-        let first_look = !self.looked;
-        self.looked = true;
+        let first_look = self.packets == 1;
         if let Some(first) = self.view.contradiction(tracking)
             && !self.contradicted
         {
@@ -425,6 +461,10 @@ impl<'a> Bench<'a> {
     }
 
     fn failed(&self, error: Error<PortError>) -> anyhow::Error {
+        if self.packets > 0 && matches!(error, Error::Camera(Fault::Silence)) {
+            let why = fell_silent(self.packets);
+            return anyhow!("{}: {why}", self.arguments.port);
+        }
         failed(&self.arguments.port, self.baud_rate, error)
     }
 }
@@ -440,6 +480,11 @@ fn connect(arguments: &Arguments, person: &Person) -> anyhow::Result<(Port, u32)
         return Ok((port, rate));
     }
     let trying = spinner("");
+    // What the camera sends already would be taken for garbage at every rate but its own.
+    let port = match port::quieten(port, || trying.set_message(BUSY)) {
+        Ok(port) => port,
+        Err(error) => return Err(failed(&arguments.port, rate, Error::Uart(error))),
+    };
     let found = port::find_baud_rate(port, |rate| trying.set_message(format!("{rate} baud?")));
     trying.finish_and_clear();
     let why = match found {
@@ -453,6 +498,10 @@ fn connect(arguments: &Arguments, person: &Person) -> anyhow::Result<(Port, u32)
     };
     Err(anyhow!("{}: {why}", arguments.port))
 }
+
+/// While the line is not silent.
+const BUSY: &str =
+    "something is being sent; a frame that is under way takes 40 s at 9600 baud, and is waited for";
 
 /// What failed, with what to check.
 fn failed(port: &str, baud_rate: u32, error: Error<PortError>) -> anyhow::Error {

@@ -2,7 +2,12 @@
 
 use std::{path::PathBuf, process::ExitCode};
 
-use answers::record::{RunRecord, sweep::Sweep, verdict::Verdict};
+use answers::record::{
+    RunRecord,
+    event::{Event, of_record},
+    sweep::Sweep,
+    verdict::Verdict,
+};
 use answers::report::run::{run_report, runs_report};
 use anyhow::{Context, bail};
 use clap::{Args, Subcommand};
@@ -12,8 +17,9 @@ use super::{
     end::End,
     files::{Files, check_different},
     print,
-    run_outputs::{FOR_RESULTS, Prepared, RunOutputs, read_record, read_whole},
+    run_outputs::{FOR_RESULTS, Prepared, RunOutputs, read_record, read_whole, write},
     sweep_outputs::{self, Incomplete, SweepOutputs},
+    values,
 };
 
 /// Tables, drawings and exports from the records of finished runs.
@@ -39,6 +45,12 @@ struct One {
     file: PathBuf,
     #[command(flatten, next_help_heading = FOR_RESULTS)]
     outputs: RunOutputs,
+    /// What happened as far as the record tells when, one line of JSON an event (docs/events.md).
+    #[arg(long, value_name = "FILE", value_parser = values::result())]
+    events: Option<PathBuf>,
+    /// The page of `host-sim live` with it, in one file that a browser opens anywhere.
+    #[arg(long, value_name = "FILE.html", value_parser = values::result())]
+    report: Option<PathBuf>,
 }
 
 /// Runs of one scenario in one table, such as the five placements of `lab`.
@@ -86,8 +98,11 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
         What::Run(one) => {
             let (record, end) = read_record(&one.file)?;
             let which = (record.scenario.as_str(), record.path);
-            let files = Files::default().reads([&one.file]);
-            finish(&record, &one.outputs.prepare(which, files)?, &end)
+            let files = Files::default()
+                .reads([&one.file])
+                .writes([&one.events, &one.report].into_iter().flatten());
+            let ended = finish(&record, &one.outputs.prepare(which, files)?, &end);
+            and(ended, happened(one, &record, &end))
         }
         What::Runs(many) => together(&many.files),
         What::Sweep(swept) => sweep(swept),
@@ -115,6 +130,24 @@ pub(super) fn finish(
     });
     let ended = and(compared, print(&text).map_err(anyhow::Error::from));
     and(ended, outputs.write(record, end)).map(|()| ExitCode::from(code))
+}
+
+/// Writes the events that a record tells, and the page of them.
+fn happened(one: &One, record: &RunRecord, end: &End) -> anyhow::Result<()> {
+    if one.events.is_none() && one.report.is_none() {
+        return Ok(());
+    }
+    let events = of_record(record, end.why());
+    let mut written = Ok(());
+    if let Some(path) = &one.events {
+        let lines: Result<String, _> = events.iter().map(Event::to_line).collect();
+        written = and(written, write(path, lines.map_err(Into::into)));
+    }
+    if let Some(path) = &one.report {
+        let page = host_sim::live::report(&events).map_err(Into::into);
+        written = and(written, write(path, page));
+    }
+    written
 }
 
 fn together(files: &[PathBuf]) -> anyhow::Result<ExitCode> {

@@ -6,12 +6,15 @@ use std::{
     path::{Path, PathBuf},
     process::ExitCode,
     sync::atomic::Ordering,
-    time::Duration,
+    time::{Duration, Instant},
 };
 
+use answers::record::{Node, RunRecord, event::Event, verdict::status_words};
 use anyhow::ensure;
+use calib_core::Status;
 use clap::{Args, ValueEnum};
-use host_sim::network::{Emulation, IMAGE, Options, Progress, Simulation};
+use host_sim::live::report;
+use host_sim::network::{Emulation, IMAGE, Onlooker, Options, Progress, Simulation};
 use indicatif::{ProgressBar, ProgressStyle};
 use node_firmware::limits::CONSOLE_BAUD;
 
@@ -75,6 +78,12 @@ pub(super) struct Arguments {
     /// All frames on the air, for Wireshark; and FILE.pcap.sh, which shows them decrypted.
     #[arg(long, value_name = "FILE.pcap", value_parser = values::result())]
     pcap: Option<PathBuf>,
+    /// What happens, one line of JSON an event (docs/events.md).
+    #[arg(long, value_name = "FILE", value_parser = values::result())]
+    events: Option<PathBuf>,
+    /// The page of `host-sim live` with all that happened, in one file that a browser opens anywhere.
+    #[arg(long, value_name = "FILE.html", value_parser = values::result())]
+    report: Option<PathBuf>,
     /// What every node sends and learns, with the time.
     #[arg(long, value_name = "FILE", value_parser = values::result())]
     log: Option<PathBuf>,
@@ -114,9 +123,15 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
         .reads(arguments.console.iter().map(|(_, link)| link))
         .reads([image])
         .writes(
-            [&arguments.pcap, &script, &arguments.log]
-                .into_iter()
-                .flatten(),
+            [
+                &arguments.pcap,
+                &script,
+                &arguments.log,
+                &arguments.events,
+                &arguments.report,
+            ]
+            .into_iter()
+            .flatten(),
         );
     let which = (scenario.name.as_str(), scenario.recorded_path());
     let outputs = arguments.outputs.prepare(which, files)?;
@@ -186,7 +201,18 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
         simulation.connect_console(*network, terminal)?;
     }
     let bar = bar();
-    let record = simulation.run(|progress| show(&bar, &progress));
+    let mut onlooker = arguments.onlooker(&simulation);
+    let mut lines = CameraLines::default();
+    let record = simulation.run_watched(
+        LOOKS,
+        |progress| show(&bar, &progress),
+        |simulation| {
+            if let Some(onlooker) = &mut onlooker {
+                onlooker.look(simulation);
+            }
+            lines.show(&bar, simulation);
+        },
+    );
     bar.finish_and_clear();
     if arguments.until_calibrated {
         tell(format_args!(
@@ -210,6 +236,9 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
     };
     // Each is told, and none keeps the others from being written.
     let mut ended = finish(&record, &outputs, &end);
+    if let Some(onlooker) = onlooker {
+        ended = and(ended, onlooker.finish(&simulation, &record, &end));
+    }
     for file in [pcap, log].into_iter().flatten() {
         ended = and(ended, file.finish());
     }
@@ -220,6 +249,66 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
         _ if is_stopped => ended.map(|_| interrupt::told()),
         Some(trouble) => and(ended, Err(trouble.into())),
         None => ended,
+    }
+}
+
+/// How often events are looked for, nanoseconds.
+const LOOKS: u64 = 200_000_000;
+
+/// Where events go.
+struct Onlookers {
+    onlooker: Onlooker,
+    file: Option<Late>,
+    report: Option<PathBuf>,
+    kept: Vec<Event>,
+}
+
+impl Arguments {
+    fn onlooker(&self, simulation: &Simulation) -> Option<Onlookers> {
+        (self.events.is_some() || self.report.is_some()).then(|| {
+            simulation.watch();
+            Onlookers {
+                onlooker: Onlooker::default(),
+                file: self.events.as_deref().map(Late::new),
+                report: self.report.clone(),
+                kept: Vec::new(),
+            }
+        })
+    }
+}
+
+impl Onlookers {
+    fn look(&mut self, simulation: &Simulation) {
+        let events = self.onlooker.look(simulation);
+        self.take(events);
+    }
+
+    fn take(&mut self, events: Vec<Event>) {
+        if let Some(file) = &mut self.file {
+            // What goes wrong is told at the end.
+            for line in events.iter().filter_map(|event| event.to_line().ok()) {
+                let _ = file.write_all(line.as_bytes());
+            }
+        }
+        if self.report.is_some() {
+            self.kept.extend(events);
+        }
+    }
+
+    fn finish(
+        mut self,
+        simulation: &Simulation,
+        record: &RunRecord,
+        end: &End,
+    ) -> anyhow::Result<()> {
+        let events = self.onlooker.end(simulation, record, end.why());
+        self.take(events);
+        let mut ended = self.file.map_or(Ok(()), Late::finish);
+        if let Some(path) = &self.report {
+            let page = report(&self.kept).map_err(anyhow::Error::from);
+            ended = and(ended, write(path, page));
+        }
+        ended
     }
 }
 
@@ -237,12 +326,55 @@ fn writer(file: Late) -> Box<dyn Write> {
 
 /// Only where somebody looks: `indicatif` hides it otherwise.
 fn bar() -> ProgressBar {
-    let style = ProgressStyle::with_template("{bar:30} stop {pos} of {len}, {msg}");
+    let style = ProgressStyle::with_template("{prefix}{bar:30} stop {pos} of {len}, {msg}");
     let bar = ProgressBar::new(0);
     match style {
         Ok(style) => bar.with_style(style),
         Err(_) => bar,
     }
+}
+
+/// A line for each camera above the bar, where somebody looks.
+#[derive(Default)]
+struct CameraLines(Option<Instant>);
+
+/// How often the lines are made anew: nobody reads faster.
+const LINES_EVERY: Duration = Duration::from_millis(250);
+
+/// More than these do not fit on a screen.
+const LINES_MAX: usize = 40;
+
+impl CameraLines {
+    fn show(&mut self, bar: &ProgressBar, simulation: &Simulation) {
+        let is_due = |at: Instant| at.elapsed() >= LINES_EVERY;
+        if bar.is_hidden() || !self.0.is_none_or(is_due) {
+            return;
+        }
+        self.0 = Some(Instant::now());
+        let record = simulation.record();
+        let lines = record
+            .cameras()
+            .take(LINES_MAX)
+            .map(|camera| camera_line(camera) + "\n");
+        bar.set_prefix(lines.collect::<String>());
+    }
+}
+
+/// How far a camera is, and what it waits for.
+fn camera_line(camera: &Node) -> String {
+    let status = camera.status.unwrap_or(Status::Waiting);
+    let sigma = camera.estimate.map_or_else(
+        || "-".to_owned(),
+        |estimate| format!("+/- {:.3}", estimate.sigma_position()),
+    );
+    let words = match camera.address {
+        None => "no member yet".to_owned(),
+        Some(_) => status_words(status, camera.reason),
+    };
+    format!(
+        "camera {:>4}  {:>2} sightings  {sigma:>11}  {words}",
+        camera.id, camera.sightings
+    )
 }
 
 fn show(bar: &ProgressBar, progress: &Progress) {

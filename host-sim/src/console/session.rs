@@ -12,7 +12,7 @@ use std::{
 use node_firmware::{
     config::SiteKey,
     console::{FRAME_MAX, Frames, FromPc, KeyChangeReport, ToPc, encode},
-    message::{CameraCommand, CommandResult, MemberAddress},
+    message::{CameraCommand, CommandResult, MemberAddress, TrackedBlob},
 };
 
 use answers::view::NetworkView;
@@ -173,7 +173,14 @@ pub struct Session {
     /// When a camera was last asked for its sightings, by its address.
     listed_sightings: BTreeMap<MemberAddress, Duration>,
     wants_sightings: bool,
+    /// Since when a first answer is waited for.
+    patience_from: Duration,
+    /// What cameras saw that track, with their numbers; the newest.
+    tracked: VecDeque<(u16, TrackedBlob)>,
 }
+
+/// Nobody who listens needs more of what cameras that track saw, all at once.
+const TRACKED_MAX: usize = 256;
 
 impl Session {
     /// A talk in which these things are wished for, one after the other.
@@ -194,6 +201,8 @@ impl Session {
             news: VecDeque::new(),
             listed_sightings: BTreeMap::new(),
             wants_sightings: false,
+            patience_from: Duration::ZERO,
+            tracked: VecDeque::new(),
         }
     }
 
@@ -272,6 +281,12 @@ impl Session {
         };
         self.news.extend(self.known.take(now, message));
         match message {
+            ToPc::Tracked { address, tracked } => {
+                if let Some(id) = self.known.id_of(*address) {
+                    self.tracked.truncate(TRACKED_MAX - 1);
+                    self.tracked.push_back((id, *tracked));
+                }
+            }
             ToPc::KeyChange(_) => {
                 self.answered = true;
                 self.listed = now;
@@ -347,6 +362,24 @@ impl Session {
         }
     }
 
+    /// Wishes for one thing more.
+    pub fn wish(&mut self, wish: Wish) {
+        self.wishes.push_back(wish);
+    }
+
+    /// After a failure: whatever was wished for is given up, and nobody's silence is a failure before
+    /// the time of a first answer has passed again.
+    pub fn go_on(&mut self, now: Duration) {
+        self.wishes.clear();
+        self.step = Step::Looking(None);
+        self.patience_from = now;
+    }
+
+    /// What a camera that was told to track saw next.
+    pub fn tracked(&mut self) -> Option<(u16, TrackedBlob)> {
+        self.tracked.pop_front()
+    }
+
     fn confirmed(&mut self) {
         self.wishes.pop_front();
         self.step = Step::Looking(None);
@@ -365,7 +398,7 @@ impl Session {
             return Err(failed);
         }
         match self.heard {
-            None if now >= FIRST_ANSWER => return Err(self.why_nothing()),
+            None if now >= self.patience_from + FIRST_ANSWER => return Err(self.why_nothing()),
             Some(heard) if now.saturating_sub(heard) >= LOST && !self.lost => {
                 self.lost = true;
                 let news = "the coordinator does not answer any more";

@@ -1,6 +1,8 @@
 //! An emulated camera at the far end of a line.
 
-use cmucam2_emulator::{Emulator, Scene};
+use std::{cell::Cell, rc::Rc};
+
+use cmucam2_emulator::{Emulator, FaultRates, Scene};
 use virtual_bench::{executor::Time, line::Device};
 
 /// Puts things where they are at a time.
@@ -11,6 +13,8 @@ pub struct CameraDevice {
     /// The camera.
     pub emulator: Emulator,
     scene: Stage,
+    /// Those it has, and those it is to have.
+    faults: Option<(FaultRates, Rc<Cell<FaultRates>>)>,
 }
 
 impl CameraDevice {
@@ -20,6 +24,26 @@ impl CameraDevice {
         Self {
             emulator,
             scene: Box::new(scene),
+            faults: None,
+        }
+    }
+
+    /// Faults that may change: from the next frame or byte on it has those of the cell.
+    #[must_use]
+    pub(super) fn with_faults(self, faults: Rc<Cell<FaultRates>>) -> Self {
+        Self {
+            faults: Some((faults.get(), faults)),
+            ..self
+        }
+    }
+
+    /// Faults begin anew with their seed: only where they differ.
+    fn follow_faults(&mut self) {
+        if let Some((present, faults)) = &mut self.faults
+            && *present != faults.get()
+        {
+            *present = faults.get();
+            self.emulator.set_faults(present);
         }
     }
 }
@@ -34,11 +58,13 @@ impl Device for CameraDevice {
     }
 
     fn act(&mut self, now: Time) {
+        self.follow_faults();
         (self.scene)(now, self.emulator.scene_mut());
         self.emulator.advance(now);
     }
 
     fn receive(&mut self, byte: u8, at: Time) {
+        self.follow_faults();
         // Some commands take a frame by themselves.
         if byte == b'\r' {
             (self.scene)(at, self.emulator.scene_mut());

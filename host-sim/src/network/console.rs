@@ -2,6 +2,7 @@
 
 use std::{
     cell::{Cell, Ref, RefCell},
+    collections::VecDeque,
     future::poll_fn,
     io,
     rc::Rc,
@@ -12,9 +13,12 @@ use std::{
 use answers::view::NetworkView;
 use embassy_futures::select::{Either, select};
 use embedded_io_async::{Read, Write};
-use node_firmware::console::{Frames, ToPc};
+use node_firmware::console::{FRAME_MAX, Frames, FromPc, ToPc, encode};
 
-use super::{journal::SharedJournal, node::Node};
+use super::{
+    journal::{Moment, SharedJournal},
+    node::Node,
+};
 use virtual_bench::{
     executor::Clock,
     line::{Port, Side},
@@ -38,7 +42,34 @@ struct Shared {
     clock: Clock,
     expected: usize,
     complete: Rc<RollCall>,
+    orders: RefCell<Option<Bytes>>,
     journal: SharedJournal,
+}
+
+/// Bytes for a coordinator.
+type Bytes = Rc<RefCell<VecDeque<u8>>>;
+
+/// A terminal on which only this program types.
+#[derive(Default)]
+struct Orders(Bytes);
+
+impl io::Read for Orders {
+    fn read(&mut self, buffer: &mut [u8]) -> io::Result<usize> {
+        match io::Read::read(&mut *self.0.borrow_mut(), buffer) {
+            Ok(0) => Err(io::ErrorKind::WouldBlock.into()),
+            done => done,
+        }
+    }
+}
+
+impl io::Write for Orders {
+    fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
+        Ok(bytes.len())
+    }
+
+    fn flush(&mut self) -> io::Result<()> {
+        Ok(())
+    }
 }
 
 /// Whether all nodes of a network have presented themselves.
@@ -82,6 +113,7 @@ impl Console {
             clock,
             expected,
             complete: Rc::default(),
+            orders: RefCell::default(),
             journal,
         }))
     }
@@ -99,6 +131,23 @@ impl Console {
     /// What the coordinator has told.
     pub(super) fn view(&self) -> Ref<'_, NetworkView> {
         self.0.view.borrow()
+    }
+
+    /// Tells the coordinator something, of whom [`take_orders`](Self::take_orders) was asked.
+    pub(super) fn order(&self, message: &FromPc) {
+        let mut buffer = [0; FRAME_MAX];
+        if let (Some(orders), Some(frame)) =
+            (&*self.0.orders.borrow(), encode(message, &mut buffer))
+        {
+            orders.borrow_mut().extend(frame);
+        }
+    }
+
+    /// From now on whoever looks on may tell the coordinator something too.
+    pub(super) fn take_orders(&self) {
+        let orders = Orders::default();
+        *self.0.orders.borrow_mut() = Some(orders.0.clone());
+        self.connect(Box::new(orders));
     }
 
     /// The number of the coordinator.
@@ -148,8 +197,20 @@ impl Console {
         journal.note(shared.id, format_args!("to the PC: {message:?}"));
         let now = Duration::from_nanos(shared.clock.time());
         let mut view = shared.view.borrow_mut();
-        let _ = view.take(now, message);
+        if let Some(words) = view.take(now, message) {
+            journal.moment(shared.id, || Moment::Said(words));
+        }
         match message {
+            ToPc::Tracked { address, tracked } => {
+                if let Some(id) = view.id_of(*address) {
+                    journal.moment(id, || Moment::Tracked(*tracked));
+                }
+            }
+            ToPc::Done { address, done } => {
+                if let Some(id) = view.id_of(*address) {
+                    journal.moment(id, || Moment::Done(done.command, done.success));
+                }
+            }
             ToPc::Member { .. } if view.present().len() >= shared.expected => {
                 shared.complete.complete();
             }

@@ -2,8 +2,9 @@
 
 use std::{cell::RefCell, collections::BTreeSet, rc::Rc};
 
+use cmucam2_emulator::FaultRates;
 use nalgebra::Vector2;
-use rand::RngExt;
+use rand::{Rng, RngExt};
 use zigbee_link::{radio::Channel, wire::fcs};
 
 use super::{
@@ -102,6 +103,29 @@ pub(super) fn schedule(simulation: &mut Simulation) {
                         .spawn(stick(clock, at..until(for_s), node));
                 }
             }
+            Action::Daylight { level, kelvin } => {
+                let light = simulation.light.clone();
+                let changes = async move {
+                    clock.sleep_until_time(at).await;
+                    light.set(cmucam2_emulator::daylight(level, kelvin));
+                };
+                simulation.executor.spawn(changes);
+            }
+            Action::CameraFaults {
+                node,
+                for_s,
+                faults,
+            } => {
+                if let Some(node) = find(simulation, node) {
+                    let mut rates = FaultRates::default();
+                    for (fault, rate) in faults {
+                        // They were checked when the file was read.
+                        let _ = rates.set(&fault, rate);
+                    }
+                    let strike = camera_faults(clock, at..until(for_s), node, rates);
+                    simulation.executor.spawn(strike);
+                }
+            }
             Action::BumpCamera { node, by, turn_deg } => {
                 if let Some(node) = find(simulation, node) {
                     let bump = bump(clock, at, node, by.into(), turn_deg.to_radians());
@@ -118,6 +142,35 @@ pub(super) fn schedule(simulation: &mut Simulation) {
                     let error = [distance, heading_deg.to_radians()];
                     let slip = slip(clock, at..until(for_s), node, error);
                     simulation.executor.spawn(slip);
+                }
+            }
+            Action::Rest { node, for_s } => {
+                if let Some(node) = find(simulation, node) {
+                    let rest = rest(clock, at..until(for_s), node);
+                    simulation.executor.spawn(rest);
+                }
+            }
+            Action::IgnoreLamp {
+                node,
+                for_s,
+                stand_s,
+            } => {
+                if let Some(node) = find(simulation, node) {
+                    let hurry = hurry(clock, at..until(for_s), node, nanoseconds(stand_s));
+                    simulation.executor.spawn(hurry);
+                }
+            }
+            Action::Rot { node, bits } => {
+                if let Some(node) = find(simulation, node) {
+                    let random = root.stream("rot", number);
+                    simulation
+                        .executor
+                        .spawn(rot(clock, at, node, bits, random));
+                }
+            }
+            Action::WearOut { node } => {
+                if let Some(node) = find(simulation, node) {
+                    simulation.executor.spawn(wear_out(clock, at, node));
                 }
             }
             Action::Replay { node, last_s } => {
@@ -197,6 +250,20 @@ async fn stick(clock: Clock, during: std::ops::Range<Time>, node: Rc<Node>) {
     node.stick_camera(false);
 }
 
+async fn camera_faults(
+    clock: Clock,
+    during: std::ops::Range<Time>,
+    node: Rc<Node>,
+    rates: FaultRates,
+) {
+    clock.sleep_until_time(during.start).await;
+    node.note("has a camera with other faults");
+    node.camera_faults(Some(rates));
+    clock.sleep_until_time(during.end).await;
+    node.note("has its usual camera");
+    node.camera_faults(None);
+}
+
 async fn bump(clock: Clock, at: Time, node: Rc<Node>, by: Vector2<f64>, turn: f64) {
     clock.sleep_until_time(at).await;
     node.note("has its camera moved");
@@ -210,6 +277,40 @@ async fn slip(clock: Clock, during: std::ops::Range<Time>, node: Rc<Node>, error
     clock.sleep_until_time(during.end).await;
     node.note("slips no more");
     node.slip(error, false);
+}
+
+async fn rest(clock: Clock, during: std::ops::Range<Time>, node: Rc<Node>) {
+    clock.sleep_until_time(during.start).await;
+    node.note("has a carrier who rests");
+    node.rest(true);
+    clock.sleep_until_time(during.end).await;
+    node.note("has a carrier who goes on");
+    node.rest(false);
+}
+
+async fn hurry(clock: Clock, during: std::ops::Range<Time>, node: Rc<Node>, stand: Time) {
+    clock.sleep_until_time(during.start).await;
+    node.note("has a carrier who does not heed the lamp");
+    node.hurry(stand, true);
+    clock.sleep_until_time(during.end).await;
+    node.note("has a carrier who heeds the lamp again");
+    node.hurry(stand, false);
+}
+
+async fn rot(clock: Clock, at: Time, node: Rc<Node>, bits: u32, mut random: impl Rng) {
+    clock.sleep_until_time(at).await;
+    node.note("has bits of its flash flip");
+    let mut bytes = node.flash().bytes_mut();
+    for _ in 0..bits {
+        let at = random.random_range(0..bytes.len());
+        bytes[at] ^= 1 << random.random_range(0..8);
+    }
+}
+
+async fn wear_out(clock: Clock, at: Time, node: Rc<Node>) {
+    clock.sleep_until_time(at).await;
+    node.note("has a flash that is worn");
+    node.flash().wear_out();
 }
 
 /// Keeps what nodes send whose frames will be replayed.

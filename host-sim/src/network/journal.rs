@@ -13,7 +13,9 @@ use nalgebra::{Matrix2, Point2, Vector2};
 use node_firmware::{
     facts::{Fact, KeptSighting, Walk},
     hardware::Observer,
-    message::{CoordinateFrame, MemberAddress, Message, Seen, StopNumber},
+    message::{
+        CameraCommand, CoordinateFrame, MemberAddress, Message, Seen, StopNumber, TrackedBlob,
+    },
 };
 use zigbee_link::wire::ShortAddress;
 
@@ -124,9 +126,28 @@ impl NodeEntry {
     }
 }
 
+/// What happens at a moment, for whoever looks on.
+#[derive(Clone, Debug)]
+pub(super) enum Moment {
+    /// A camera saw the target at this address.
+    Seen(MemberAddress, Seen),
+    /// A camera that was told to track sees this.
+    Tracked(TrackedBlob),
+    /// A target goes on from its stop.
+    StopEnds,
+    /// Something in words.
+    Said(String),
+    /// A camera was told something, and has done it or not.
+    Done(CameraCommand, bool),
+}
+
 /// The journal of a run.
 pub(super) struct Journal {
     clock: Clock,
+    /// How often something was written down.
+    pub(super) changes: u64,
+    /// When which node did what, if somebody looks on.
+    pub(super) moments: Option<Vec<(Time, u16, Moment)>>,
     log: Option<Box<dyn Write>>,
     pub(super) nodes: HashMap<u16, NodeEntry>,
     /// Stops that targets have left, or ended with.
@@ -139,6 +160,8 @@ impl Journal {
     pub(super) fn new(clock: Clock, log: Option<Box<dyn Write>>) -> Self {
         Self {
             clock,
+            changes: 0,
+            moments: None,
             log,
             nodes: HashMap::new(),
             stops_ended: 0,
@@ -147,6 +170,7 @@ impl Journal {
     }
 
     pub(super) fn node(&mut self, id: u16) -> &mut NodeEntry {
+        self.changes += 1;
         self.nodes.entry(id).or_default()
     }
 
@@ -168,6 +192,20 @@ impl Journal {
         way.has_gap |= !is_on;
         way.walked.vector += step.displacement().cast::<f64>();
         way.walked.covariance += step.covariance().cast::<f64>();
+    }
+
+    /// Tells whoever looks on.
+    pub(super) fn moment(&mut self, id: u16, moment: impl FnOnce() -> Moment) {
+        self.changes += 1;
+        if let Some(moments) = &mut self.moments {
+            moments.push((self.clock.time(), id, moment()));
+        }
+    }
+
+    /// A target goes on from its stop.
+    pub(super) fn left(&mut self, id: u16) {
+        self.stops_ended += 1;
+        self.moment(id, || Moment::StopEnds);
     }
 
     /// A node cannot go on.
@@ -235,10 +273,14 @@ impl Observer for Witness {
                 }
             }
             Message::Look(answer) => {
+                if let Some(seen) = answer.seen {
+                    journal.moment(self.id, || Moment::Seen(to.0, seen));
+                }
                 let seen = answer.seen.map(|seen| ((to.0, answer.stop), seen));
                 journal.node(self.id).seen.extend(seen);
             }
             Message::Bearing(bearing) => {
+                journal.moment(self.id, || Moment::Seen(bearing.target, bearing.seen));
                 let seen = &mut journal.node(self.id).seen;
                 seen.insert((bearing.target, bearing.stop), bearing.seen);
             }

@@ -36,7 +36,7 @@ pub(super) fn sightings(
         })
     });
     Sightings {
-        references: Some(References {
+        references: network.home.is_none().then_some(References {
             cameras: references,
             baseline: network.known.baseline,
         }),

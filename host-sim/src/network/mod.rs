@@ -16,6 +16,7 @@
 //! | `further` | Where the verdict has it go when its way is at an end |
 //! | `console` | The PC on a coordinator's line |
 //! | `journal` | What nodes said and learnt, with times: the log, and what records are made of |
+//! | `looking` | What whoever looks on sees and may do |
 //! | `attack` | Who sends frames without the key |
 //! | `events` | What goes wrong by order of the scenario |
 //! | `outcome` | The record |
@@ -31,6 +32,7 @@ mod emulated;
 mod events;
 mod further;
 mod journal;
+mod looking;
 mod many;
 mod measured;
 mod node;
@@ -38,7 +40,7 @@ mod outcome;
 mod walk;
 
 use std::{
-    cell::RefCell,
+    cell::{Cell, RefCell},
     collections::BTreeMap,
     io::Write,
     rc::Rc,
@@ -59,6 +61,7 @@ pub use self::{
     camera::CameraDevice,
     console::Terminal,
     emulated::{Emulation, EmulatorError, IMAGE},
+    looking::Onlooker,
     many::{run_all, run_all_until},
 };
 
@@ -67,12 +70,15 @@ use self::{
     journal::{Journal, NodeEntry, SharedJournal},
     node::Node,
 };
-use crate::probe::port::{OpenError, open};
+use crate::{
+    probe::port::{OpenError, open},
+    video::Video,
+};
 use answers::record::RunRecord;
 use nalgebra::Point2;
 use rand::Rng;
 use site::world::World;
-use site::{NetworkTable, RadioTable, Scenario, ScenarioError, Site};
+use site::{Action, NetworkTable, RadioTable, Scenario, ScenarioError, Site};
 use virtual_bench::{
     executor::{Ended, Executor, Time, times_real_time},
     medium::{Capture, LogDistance, Medium, Propagation},
@@ -149,6 +155,8 @@ pub struct Simulation {
     executor: Executor,
     medium: Medium,
     world: SharedWorld,
+    /// Before all cameras.
+    light: Rc<Cell<[f64; 3]>>,
     journal: SharedJournal,
     nodes: Vec<Rc<Node>>,
     consoles: Vec<Console>,
@@ -190,6 +198,7 @@ impl Simulation {
             executor,
             medium,
             world,
+            light: Rc::new(Cell::new([1.0; 3])),
             journal,
             nodes: Vec::new(),
             consoles: Vec::new(),
@@ -253,6 +262,22 @@ impl Simulation {
         Ok(())
     }
 
+    /// Has a node's camera see a video in the place of the simulated world, from time 0 of the run on.
+    /// Nothing has run yet.
+    ///
+    /// # Errors
+    /// There is no such camera.
+    pub fn show_video(&mut self, node: u16, video: Video) -> Result<(), ConnectError> {
+        let has_camera = self.config(node).map(|config| &config.role);
+        match (has_camera, self.node(node)) {
+            (Some(RoleConfig::Camera(_)), Some(camera)) => {
+                camera.show(video);
+                Ok(())
+            }
+            _ => Err(ConnectError::NoCamera(node)),
+        }
+    }
+
     /// Connects a terminal to the line of a network's coordinator, before anything has run; networks
     /// are counted from 1. What the coordinator tells its PC comes out of it, and what is typed goes
     /// to the coordinator. Unless a speed was given, time passes as it really does from then on.
@@ -282,7 +307,21 @@ impl Simulation {
     ///
     /// # Panics
     /// A node's firmware loops without time passing.
-    pub fn run(&mut self, mut progress: impl FnMut(Progress)) -> RunRecord {
+    pub fn run(&mut self, progress: impl FnMut(Progress)) -> RunRecord {
+        self.run_watched(6 * SECOND, progress, |_| ())
+    }
+
+    /// As [`run`](Self::run), and lets somebody look on this often, in nanoseconds, who may also
+    /// [do](Self::act) something.
+    ///
+    /// # Panics
+    /// A node's firmware loops without time passing.
+    pub fn run_watched(
+        &mut self,
+        every: Time,
+        mut progress: impl FnMut(Progress),
+        mut look: impl FnMut(&mut Self),
+    ) -> RunRecord {
         let begun = std::time::Instant::now();
         if let Some(file) = self.pcap.take()
             && let Ok(capture) = Capture::new(file)
@@ -297,17 +336,13 @@ impl Simulation {
         let mut limit = self.limit();
         loop {
             let next = self.executor.clock().time() + 6 * SECOND;
-            let how = self.executor.run_until_time_or(next, &ended);
-            assert!(
-                !matches!(how, Ended::Stuck(_)),
-                "tasks wake one another for ever"
-            );
+            self.run_looking(next, every, &ended, &mut look);
             progress(self.progress());
             if !ended() && self.executor.clock().time() < limit {
                 continue;
             }
             let end = self.executor.clock().time() + GRACE;
-            let _ = self.executor.run_until_time_or(end, &is_over);
+            self.run_looking(end, every, &is_over, &mut look);
             progress(self.progress());
             match further::lead_on(self) {
                 Some(takes) if !is_over() => limit = self.executor.clock().time() + takes,
@@ -318,6 +353,28 @@ impl Simulation {
             node.read_memory();
         }
         outcome::record(self, begun.elapsed().as_secs_f64())
+    }
+
+    /// Runs until a time or a condition; somebody looks on now and then, and at the end.
+    fn run_looking(
+        &mut self,
+        end: Time,
+        every: Time,
+        condition: &dyn Fn() -> bool,
+        look: &mut dyn FnMut(&mut Self),
+    ) {
+        loop {
+            let next = end.min(self.executor.clock().time() + every.max(1));
+            let how = self.executor.run_until_time_or(next, condition);
+            assert!(
+                !matches!(how, Ended::Stuck(_)),
+                "tasks wake one another for ever"
+            );
+            look(self);
+            if condition() || next >= end {
+                break;
+            }
+        }
     }
 
     /// How far the time is, seconds.
@@ -352,15 +409,20 @@ impl Simulation {
         cameras.filter_map(of).collect()
     }
 
-    /// No walk takes longer than all its patience.
+    /// No walk takes longer than all its patience, and all rests.
     fn limit(&self) -> Time {
+        let rests = self.scenario.events.iter().map(|event| match event.action {
+            Action::Rest { for_s, .. } => events::nanoseconds(for_s),
+            _ => 0,
+        });
+        let rests: Time = rests.sum();
         let longest = self
             .site
             .networks
             .iter()
             .flat_map(|network| &network.targets)
             .map(|target| self.patience(&target.stops));
-        longest.max().unwrap_or_default()
+        longest.max().unwrap_or_default() + rests
     }
 
     /// How long a walk may take at most.

@@ -2,10 +2,14 @@
 
 use std::{
     cell::{Cell, RefCell},
+    pin::pin,
     rc::Rc,
 };
 
+use answers::record::verdict::health_words;
+use board_support::flash::NRF52840 as NRF52840_FLASH;
 use calib_core::dead_reckoning::Step;
+use embassy_futures::select::{Either, select};
 use embassy_sync::{blocking_mutex::raw::NoopRawMutex, channel::Channel as Queue, signal::Signal};
 use nalgebra::{Point2, Vector2};
 use node_firmware::{
@@ -13,18 +17,22 @@ use node_firmware::{
     facts::{self, Fact},
     hardware::{FlashLayout, Hardware, Indication, Indicator, Peripherals, StepSensor},
     limits::CONSOLE_BAUD,
+    liveness::Liveness,
+    message::{Health, Restart},
     run::run,
 };
-use zigbee_link::{radio::Csma, wire::Eui64};
+use rand::RngExt;
+use zigbee_link::{radio::Csma, runner::Clock as _, wire::Eui64};
 
 use super::{
     CameraDevice, SharedWorld, Simulation, Trouble,
     device::{Device, Serial},
     emulated::{Board, Surroundings},
-    journal::{SharedJournal, Witness},
+    journal::{Moment, SharedJournal, Witness},
 };
-use cmucam2_emulator::{Background, Configuration, Emulator, Rgb, Scene};
-use site::world::View;
+use crate::video::Video;
+use cmucam2_emulator::{Background, Configuration, Emulator, FaultRates, Rgb, Scene};
+use site::world::{Mood, View};
 use site::{CameraNode, Network, TargetNode};
 use virtual_bench::{
     executor::{Clock, Spawner, TaskId, Time},
@@ -34,12 +42,15 @@ use virtual_bench::{
     random::Root,
 };
 
-/// Two pages for the link, and those for the role.
-const LINK: u32 = 2 * PAGE as u32;
+/// What an nRF52840 has for the link, and for the role.
+const LINK: u32 = NRF52840_FLASH.layout.link.end - NRF52840_FLASH.layout.link.start;
 const PAGES: usize = (LINK + facts::BYTES) as usize / PAGE;
 
 /// A board that failed restarts after this.
 const RESTART: Time = 1_000_000_000;
+
+/// How often the watchdog looks: more often would only cost time.
+const WATCHDOG: Time = 30_000_000_000;
 
 /// What cameras see where nothing else is: a grey wall.
 const BACKDROP: Rgb = [110; 3];
@@ -73,6 +84,11 @@ struct Outlook {
     index: usize,
     /// What it saw when it began to stick.
     stuck: Rc<RefCell<Option<View>>>,
+    /// The faults that it has always, and those that it is to have.
+    usual: FaultRates,
+    faults: Rc<Cell<FaultRates>>,
+    /// In the place of the world.
+    video: Rc<RefCell<Option<Video>>>,
 }
 
 /// The node's end of the lamps.
@@ -107,6 +123,10 @@ struct Adversity {
     /// What its step sensor says too much of distances (a share) and headings (radians), each for
     /// as long as it is in the list.
     slips: RefCell<Vec<[f64; 2]>>,
+    /// So often its carrier was told to rest and not to go on yet.
+    rests: Cell<usize>,
+    /// How long its carrier stands without heeding the lamp, each for as long as it is in the list.
+    hurries: RefCell<Vec<Time>>,
 }
 
 /// One more, or one less.
@@ -167,8 +187,10 @@ impl Node {
         (line, outlook): (Line, Option<Outlook>),
         root: Root,
     ) -> Rc<Self> {
-        let clock = simulation.executor.clock();
         let id = config.id.into();
+        let most = simulation.scenario.clock_ppm * 1e3;
+        let drift = root.stream("clock", id).random_range(-most..=most);
+        let clock = simulation.executor.clock().drifting(drift as i32);
         let emulation = simulation.emulation.as_ref();
         Rc::new(Self {
             board: emulation.map(|emulation| emulation.board(&config)),
@@ -235,10 +257,24 @@ impl Node {
             world: simulation.world.clone(),
             index,
             stuck: Rc::default(),
+            usual: camera.faults,
+            faults: Rc::new(Cell::new(camera.faults)),
+            video: Rc::default(),
         };
         let (world, stuck) = (outlook.world.clone(), outlook.stuck.clone());
+        let faults = outlook.faults.clone();
+        let video = outlook.video.clone();
+        let light = simulation.light.clone();
         let mut seen = None;
-        let scene = move |_: Time, scene: &mut Scene| {
+        let scene = move |now: Time, scene: &mut Scene| {
+            scene.light = light.get();
+            if let Some(video) = &mut *video.borrow_mut() {
+                // What cannot be read is not seen: the last picture stays.
+                if let Ok(picture) = video.at(now as f64 * 1e-9) {
+                    scene.background = Background::Picture(picture);
+                }
+                return;
+            }
             if let Some(view) = &*stuck.borrow() {
                 seen = None;
                 view.paint(BACKDROP, &mut scene.objects);
@@ -254,7 +290,7 @@ impl Node {
         let line = Line::to_device(
             &clock,
             Uart::new(camera.baud),
-            CameraDevice::new(emulator, scene),
+            CameraDevice::new(emulator, scene).with_faults(faults),
         );
         let place = simulation.world.borrow().cameras()[index].place;
         Self::new(simulation, config, place, (line, Some(outlook)), root)
@@ -295,6 +331,12 @@ impl Node {
         &self.flash
     }
 
+    /// Of the page of its flash that was erased most; unknown of an emulated board.
+    pub(super) fn page_erasures(&self) -> Option<u32> {
+        let wear = self.board.is_none().then(|| self.flash.wear())?;
+        wear.erasures.into_iter().max()
+    }
+
     /// Whether its firmware runs on an emulated board.
     pub(super) fn is_emulated(&self) -> bool {
         self.board.is_some()
@@ -304,6 +346,7 @@ impl Node {
     pub(super) fn note(&self, what: &str) {
         let mut journal = self.journal.borrow_mut();
         journal.note(self.config.id, format_args!("{what}"));
+        journal.moment(self.config.id, || Moment::Said(what.to_owned()));
     }
 
     /// A step was made. A node that is off misses it.
@@ -332,6 +375,33 @@ impl Node {
         }
     }
 
+    /// What its carrier makes of the lamp.
+    pub(super) fn mood(&self) -> Mood {
+        let shortest = self.adversity.hurries.borrow().iter().min().copied();
+        match (self.adversity.rests.get(), shortest) {
+            (0, None) => Mood::Heeds,
+            (0, Some(stand)) => Mood::Ignores(stand),
+            _ => Mood::Rests,
+        }
+    }
+
+    /// Its carrier rests, or goes on.
+    pub(super) fn rest(&self, rests: bool) {
+        count(&self.adversity.rests, rests);
+        self.panel.changed.signal(());
+    }
+
+    /// Its carrier stands no longer than this at a stop, or heeds the lamp again.
+    pub(super) fn hurry(&self, stand: Time, hurries: bool) {
+        let mut under_way = self.adversity.hurries.borrow_mut();
+        match (hurries, under_way.iter().position(|one| *one == stand)) {
+            (true, _) => under_way.push(stand),
+            (false, Some(place)) => drop(under_way.remove(place)),
+            (false, None) => {}
+        }
+        self.panel.changed.signal(());
+    }
+
     /// Somebody moves its camera and turns it, radians.
     pub(super) fn bump_camera(&self, by: Vector2<f64>, turn: f64) {
         if let Some(outlook) = &self.outlook {
@@ -340,6 +410,13 @@ impl Node {
             let place = camera.place + by;
             world.move_camera(outlook.index, place, camera.heading + turn);
             self.medium.move_to(self.antenna, super::antenna(place));
+        }
+    }
+
+    /// Its camera has other faults, or the usual ones.
+    pub(super) fn camera_faults(&self, rates: Option<FaultRates>) {
+        if let Some(outlook) = &self.outlook {
+            outlook.faults.set(rates.unwrap_or(outlook.usual));
         }
     }
 
@@ -419,6 +496,13 @@ impl Node {
         }
     }
 
+    /// Its camera sees this instead of the world, from time 0 on.
+    pub(super) fn show(&self, video: Video) {
+        if let Some(outlook) = &self.outlook {
+            outlook.video.replace(Some(video));
+        }
+    }
+
     /// Has a real camera from its next start on.
     pub(super) fn connect(&self, port: Serial) {
         self.real.replace(Some(port));
@@ -489,8 +573,20 @@ impl Node {
         journal.node(self.config.id).learns_late(&memory);
     }
 
-    async fn firmware(self: Rc<Self>) {
+    /// The watchdog: why it restarts the node.
+    async fn watch(&self, liveness: &Liveness) -> Restart {
         loop {
+            self.clock.sleep(WATCHDOG).await;
+            if let Err(why) = liveness.check(self.clock.now()) {
+                return why;
+            }
+        }
+    }
+
+    async fn firmware(self: Rc<Self>) {
+        let mut restart = Restart::Ordinary;
+        loop {
+            let liveness = Liveness::new(restart);
             let seed = self.next_seed();
             let radio = self.medium.radio(self.antenna, NRF52840);
             let node = self.clone();
@@ -513,8 +609,21 @@ impl Node {
                 },
                 seed,
             };
-            let failure = run(&self.config, peripherals).await;
-            let why = failure.to_string();
+            let running = pin!(run(&self.config, peripherals, &liveness));
+            let why = match select(running, pin!(self.watch(&liveness))).await {
+                Either::First(failure) => {
+                    restart = Restart::Program;
+                    failure.to_string()
+                }
+                Either::Second(why) => {
+                    restart = why;
+                    let health = Health {
+                        restart,
+                        ..Health::default()
+                    };
+                    health_words(&health)
+                }
+            };
             self.journal.borrow_mut().failed(self.config.id, &why);
             self.clock.sleep(RESTART).await;
         }

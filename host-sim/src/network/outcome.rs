@@ -42,6 +42,15 @@ pub(super) fn record(simulation: &Simulation, wall_seconds: f64) -> RunRecord {
     let mut first = None;
     let mut records = Vec::new();
     let mut measured = Vec::new();
+    let (mut numbers, mut stops) = (Numbers::new(), BTreeMap::new());
+    for (network, console) in simulation.site.networks.iter().zip(&simulation.consoles) {
+        let frame = frame(simulation, network, console);
+        for target in &network.targets {
+            let entry = simulation.entry(target.id);
+            let made = self::stops(&entry, target.id, &frame, &mut numbers);
+            stops.insert(target.id, made);
+        }
+    }
     let networks = simulation.site.networks.iter().zip(&simulation.consoles);
     for (number, (network, console)) in (0..).zip(networks) {
         let references = references(network, console);
@@ -50,7 +59,10 @@ pub(super) fn record(simulation: &Simulation, wall_seconds: f64) -> RunRecord {
         let known = console.view().network();
         let written = simulation.written.get(usize::from(number));
         let meant = references.map(|place| network.cameras[place].id);
-        let meant = written.and_then(|written| written.frame_between(meant));
+        let meant = written.and_then(|written| match network.home {
+            Some(_) => simulation.scenario.building_frame(written),
+            None => written.frame_between(meant),
+        });
         records.push(record::Network {
             network: number + 1,
             frame: within(&frame, &first),
@@ -66,12 +78,12 @@ pub(super) fn record(simulation: &Simulation, wall_seconds: f64) -> RunRecord {
             network: number + 1,
             ..Node::new(id, role)
         };
-        let coordinator = of_network(site::coordinator_id(number), Role::Coordinator);
+        let mut coordinator = of_network(site::coordinator_id(number), Role::Coordinator);
+        coordinator.health = console.view().health();
         nodes.push(with_traffic(simulation, coordinator));
-        let mut numbers = Numbers::new();
         for target in &network.targets {
             let entry = simulation.entry(target.id);
-            let stops = stops(&entry, target.id, &frame, &mut numbers);
+            let stops = stops.remove(&target.id).unwrap_or_default();
             targets.push(Target {
                 id: target.id,
                 network: number + 1,
@@ -88,7 +100,7 @@ pub(super) fn record(simulation: &Simulation, wall_seconds: f64) -> RunRecord {
         }
         for (place, camera) in network.cameras.iter().enumerate() {
             let mut node = of_network(camera.id, Role::Camera);
-            node.reference = references.contains(&place);
+            node.reference = network.home.is_none() && references.contains(&place);
             node.expected = true;
             describe(&mut node, simulation, &frame, camera);
             if let Some(member) = console.view().member(node.id) {
@@ -104,7 +116,9 @@ pub(super) fn record(simulation: &Simulation, wall_seconds: f64) -> RunRecord {
                         .map(|(target, stop, s)| (*target, *stop, s)),
                 );
             }
-            node.silent = is_silent(simulation, network, &node, &entry);
+            let view = console.view();
+            let is_absent = view.member(node.id).is_some_and(|member| member.absent);
+            node.silent = is_absent || is_silent(simulation, network, &node, &entry);
             node.calibrated_seconds = entry.calibrated.map(seconds);
             nodes.push(with_traffic(simulation, node));
         }
@@ -142,8 +156,12 @@ pub(super) fn record(simulation: &Simulation, wall_seconds: f64) -> RunRecord {
 
 /// The frame in which a network reports.
 pub(super) fn frame(simulation: &Simulation, network: &Network, console: &Console) -> Frame {
-    let references = references(network, console);
-    simulation.site.frame(network, references)
+    let home = network.home.and_then(|home| {
+        let mut homes = { simulation.site.networks.iter() }.zip(&simulation.consoles);
+        homes.nth(home)
+    });
+    let (network, console) = home.unwrap_or((network, console));
+    simulation.site.frame(network, references(network, console))
 }
 
 /// Where a frame is in another one.
@@ -194,7 +212,11 @@ fn believed(place: &calib_core::dead_reckoning::Place<f32>) -> Believed {
 /// Whether a camera said nothing though a target asked it for itself: one that does not see the target
 /// says nothing unasked. Not known of one on an emulated board.
 fn is_silent(simulation: &Simulation, network: &Network, node: &Node, entry: &NodeEntry) -> bool {
-    let Some(address) = node.address else {
+    // Where a target was in several networks, an address is a camera's in each.
+    let index = usize::from(node.network - 1);
+    let mut networks = simulation.site.networks.iter();
+    let roams = networks.any(|other| other.home == Some(index));
+    let Some(address) = node.address.filter(|_| !roams) else {
         return false;
     };
     let targets = network.targets.iter();
@@ -298,6 +320,7 @@ fn with_traffic(simulation: &Simulation, mut node: Node) -> Node {
         let counters = hardware.medium().counters(hardware.antenna);
         node.frames_sent = Some(counters.frames);
         node.bytes_sent = Some(counters.bytes + PHY_HEADER * counters.frames);
+        node.page_erasures = hardware.page_erasures();
         // Nobody sees what the machine code of a board hands to its link.
         node.payload_bytes = (!hardware.is_emulated()).then_some(entry.payload_bytes);
     }

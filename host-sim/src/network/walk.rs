@@ -153,6 +153,7 @@ impl Walk {
                 }
                 continue;
             }
+            self.walker.set_mood(self.node.mood(), now);
             self.walker.may_walk(lamp, now);
             self.walker.advance(now, &mut events);
             for (_, event) in events.drain(..) {
@@ -160,7 +161,7 @@ impl Walk {
                     Event::Step(stride) => {
                         self.node.step(self.sensor.measure(&stride));
                     }
-                    Event::Left { .. } => self.journal.borrow_mut().stops_ended += 1,
+                    Event::Left { .. } => self.journal.borrow_mut().left(self.node.id()),
                     Event::Arrived { .. } => {
                         let place = self.walker.place();
                         self.journal.borrow_mut().arrived(self.node.id(), place);
@@ -173,7 +174,8 @@ impl Walk {
                     let next = self.clock.sleep_until_time(at);
                     select(self.node.panel.changed.wait(), next).await;
                 }
-                None => continue,
+                None if self.walker.is_done() => continue,
+                None => self.node.panel.changed.wait().await,
             }
         }
     }

@@ -17,6 +17,15 @@ pub fn advice(error: &Error<PortError>, baud_rate: u32) -> String {
     }
 }
 
+/// When the camera answers no more after packets have come: it was set up, so it is something else.
+pub fn fell_silent(packets: u64) -> String {
+    let plural = if packets == 1 { "" } else { "s" };
+    listed(
+        format!("the camera has fallen silent after {packets} packet{plural}"),
+        &STOPPED,
+    )
+}
+
 /// When all rates were tried in vain. `heard`: whether anything came.
 pub fn no_baud_rate(heard: bool) -> String {
     if heard {
@@ -53,6 +62,14 @@ const REFUSED: [&str; 2] = [
     "it says NCK to a command that it should know. Many CMUcam2 do so now and then: try again, \
      then switch it off and on",
     "is it a CMUcam2? A CMUcam1 has other commands",
+];
+
+/// What makes a camera silent that has worked.
+const STOPPED: [&str; 3] = [
+    "was a wire pulled, or is a connector loose? The camera's TX is the one that is missing",
+    "does the supply hold (200 mA, more with servos)? It may hang after a short drop: switch it off \
+     and on",
+    "does something else use the same port, or has the computer put the adapter to sleep?",
 ];
 
 const RESTARTED: [&str; 2] = [
@@ -104,6 +121,15 @@ mod tests {
                 assert!(text.contains(word), "no {word} in {text}");
             }
         }
+        let text = fell_silent(30);
+        assert!(
+            text.contains("after 30 packets") && text.contains("wire"),
+            "{text}"
+        );
+        assert!(
+            !text.contains("jumpers") && !text.contains("levels"),
+            "{text}"
+        );
         // All rates were tried: the jumpers are not to blame.
         let text = no_baud_rate(false);
         assert!(text.contains("powered") && !text.contains("jumpers"));

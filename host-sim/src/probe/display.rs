@@ -13,7 +13,8 @@ const STRIP: usize = 25;
 /// What a packet says, with columns and rows counted from 0.
 ///
 /// As JSON this is an interface: names and meaning stay. Everything but `seconds` is null when
-/// nothing is tracked; the last two are null without a camera, too.
+/// nothing is tracked; the last two are null without a camera, too, and where the blob is cut off by the
+/// left or right border: then its middle is not the middle of what is seen.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct PacketLine {
     /// Since the first packet was awaited.
@@ -48,7 +49,9 @@ impl PacketLine {
         let middle = tracking.centroid();
         let found = tracking.bounding_box();
         let column = middle.map(|(x, _)| view.from_0(x));
-        let bearing = column.and_then(|column| view.whole_column_bearing(f64::from(column)));
+        let is_whole = !view.is_clipped(tracking);
+        let bearing = column.filter(|_| is_whole);
+        let bearing = bearing.and_then(|column| view.whole_column_bearing(f64::from(column)));
         let seen = |value: Option<u8>| value.filter(|_| !tracking.is_lost());
         Self {
             seconds,
@@ -336,10 +339,12 @@ mod tests {
         };
         let at = |x1, mx, x2| screen(Tracking::new([mx, 70, x1, 60, x2, 82, 20, 201]));
         assert_eq!(
-            at(0, 1, 8),
-            "O==.........:............ column   1  bearing  +22.03 +/- 0.14 deg  confidence 201  \
+            at(2, 3, 10),
+            "O==.........:............ column   3  bearing  +21.09 +/- 0.14 deg  confidence 201  \
              pixels  20"
         );
+        // What is cut off has no middle.
+        assert!(!at(0, 1, 8).contains("bearing"));
         assert!(at(77, 87, 87).starts_with("............:........===O column  87"));
         assert_eq!(
             screen(Tracking::LOST),

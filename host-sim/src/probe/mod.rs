@@ -83,6 +83,12 @@ impl View {
         Blob::from_tracking(tracking, Grid::pixels(self.first))
     }
 
+    /// Whether what a packet shows reaches the left or right border.
+    pub fn is_clipped(&self, tracking: &Tracking) -> bool {
+        let blob = self.blob(tracking);
+        blob.is_some_and(|blob| blob.is_clipped(self.columns))
+    }
+
     /// The direction of a blob that stood still.
     pub fn bearing(&self, steady: &Steady) -> Option<Bearing> {
         self.camera.map(|camera| {

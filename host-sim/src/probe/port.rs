@@ -11,7 +11,7 @@ use std::{
         atomic::{AtomicBool, Ordering},
     },
     thread,
-    time::Duration,
+    time::{Duration, Instant},
 };
 
 use cmucam2_driver::{
@@ -203,6 +203,20 @@ impl Port {
         self.patiently(|port| Ok(port.clear(serialport::ClearBuffer::Input)?))
     }
 
+    /// Whether anything comes within a while. It is dropped.
+    fn is_busy(&mut self) -> Result<bool, PortError> {
+        let begun = Instant::now();
+        while begun.elapsed() < SILENT {
+            if self.patiently(|port| Ok(port.bytes_to_read()? > 0))? {
+                self.patiently(|port| Ok(port.clear(serialport::ClearBuffer::Input)?))?;
+                thread::sleep(SILENT / 10);
+                return Ok(true);
+            }
+            thread::sleep(SILENT / 10);
+        }
+        Ok(false)
+    }
+
     /// Does it again when a signal has cut it short that does not mean Ctrl-C.
     fn patiently<T>(
         &mut self,
@@ -336,6 +350,44 @@ pub fn leave_raw_modes(camera: Device) -> Result<Device, PortError> {
     let mut port = camera.release().0;
     port.leave_raw_modes()?;
     Ok(device(port))
+}
+
+/// How long a line must be without a byte to be called silent: twelve characters at 1200 baud, and the
+/// pause between two packets of the slowest sensor setting.
+const SILENT: Duration = Duration::from_millis(300);
+
+/// A frame at 9600 baud takes 39 s.
+const QUIETENED: Duration = Duration::from_secs(45);
+
+/// Has a camera that sends a stream or a frame end it, whatever its rate, and waits until the line is
+/// silent, as far as it ever is; `waiting` is called if there is something to wait for.
+///
+/// # Errors
+/// Those of the port.
+pub fn quieten(mut port: Port, waiting: impl FnOnce()) -> Result<Port, PortError> {
+    let begun = Instant::now();
+    let mut was_busy = false;
+    let mut waiting = Some(waiting);
+    while begun.elapsed() < QUIETENED && port.is_busy()? {
+        if let Some(waiting) = waiting.take() {
+            waiting();
+        }
+        if !was_busy {
+            was_busy = true;
+            // So it is also ended if nobody waits for it.
+            for rate in BAUD_RATES {
+                port.port.set_baud_rate(rate).map_err(io::Error::from)?;
+                port.patiently(|port| port.write_all(b"\r"))?;
+                port.patiently(Write::flush)?;
+                // Some adapters change their rate at once, before they have sent.
+                thread::sleep(SILENT / 10);
+            }
+        }
+    }
+    port.port
+        .set_baud_rate(BAUD_RATES[0])
+        .map_err(io::Error::from)?;
+    Ok(port)
 }
 
 /// What came of trying all rates.

@@ -9,7 +9,7 @@ const SHOWN_MAX: usize = 48;
 /// Something that is no CMUcam2 ready for commands.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Stranger {
-    /// Another camera of the family, or another firmware of this one.
+    /// Another camera of the family.
     OtherCamera,
     /// It refuses whatever it is told.
     RefusesAll,
@@ -40,9 +40,7 @@ pub enum Stranger {
 impl fmt::Display for Stranger {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.write_str(match self {
-            Self::OtherCamera => {
-                "that is another camera of the CMUcam family, or another firmware: its commands differ"
-            }
+            Self::OtherCamera => "that is another camera of the CMUcam family: its commands differ",
             Self::RefusesAll => {
                 "it says NCK to everything: no CMUcam2 does that for long, so switch it off and on; \
                  a CMUcam1 has other commands"
@@ -95,7 +93,7 @@ pub fn name(heard: &[u8]) -> Option<Stranger> {
     if heard.iter().all(|&byte| byte == 0) {
         return Some(Stranger::Break);
     }
-    let stranger = if has("CMUcam") && !has("CMUcam2 v1") {
+    let stranger = if has("CMUcam") && !any(&["CMUcam2", "CMUcam3"]) {
         Stranger::OtherCamera
     } else if any(&["$GP", "$GN", "$GL", "$GA", "!AIVDM"]) {
         Stranger::Nmea
@@ -137,6 +135,15 @@ fn is_text(byte: u8) -> bool {
     matches!(byte, b' '..=b'~' | b'\r' | b'\n' | b'\t')
 }
 
+/// The banner in what was received, if it is none of a CMUcam2 as it was sold: firmware that others have
+/// extended, or a CMUcam3 that plays one.
+pub fn kindred_banner(heard: &[u8]) -> Option<String> {
+    let text = String::from_utf8_lossy(heard);
+    let banner = text.get(text.rfind("CMUcam")?..)?;
+    let banner = banner.split(['\r', ':']).next().unwrap_or_default();
+    (!banner.starts_with("CMUcam2 v1.0")).then(|| banner.to_owned())
+}
+
 /// What was received, to be shown: the first bytes of it.
 pub fn shown(heard: &[u8]) -> String {
     let shown = &heard[..heard.len().min(SHOWN_MAX)];
@@ -147,6 +154,20 @@ pub fn shown(heard: &[u8]) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn kindred_firmware_is_told_from_what_was_sold() {
+        for (heard, banner) in [
+            (&b"ACK\rCMUcam2 v1.00 c6\r:"[..], None),
+            (b"ACK\rCMUcam2 v1.01 c7:", None),
+            (b"ACK\rCMUcam2 v2.0+ c6\r:", Some("CMUcam2 v2.0+ c6")),
+            (b"\r:ACK\rCMUcam2+ v1.00 c6\r:", Some("CMUcam2+ v1.00 c6")),
+            (b"ACK\rCMUcam3 v1.0\r:", Some("CMUcam3 v1.0")),
+            (b"ACK\r:", None),
+        ] {
+            assert_eq!(kindred_banner(heard).as_deref(), banner);
+        }
+    }
 
     #[test]
     fn strangers_are_named_by_what_they_say() {
@@ -169,8 +190,7 @@ mod tests {
             (b"\rRM\x01\x00\rRM 0\r\r", Some(Stranger::Echo)),
             (b"NCK\r:NCK\r:NCK\r:", Some(Stranger::RefusesAll)),
             (b"::::", Some(Stranger::Unacknowledged)),
-            (b"CMUcam3 v1.0\r:", Some(Stranger::OtherCamera)),
-            (b"CMUcam2 v2.0+ c6\r:", Some(Stranger::OtherCamera)),
+            (b"CMUcam v1.12 c6\r:", Some(Stranger::OtherCamera)),
             (b"\x7E\x80\x06\x00\x71\xFA\xB5\x7E", Some(Stranger::Hdlc)),
             (b"\0\0\0\0", Some(Stranger::Break)),
             (b"temperature 21.5 C\r\n", Some(Stranger::Text)),

@@ -200,6 +200,75 @@ fn the_memory_is_erased_last() {
     assert!(fs::read(place.path(file)).unwrap() == vec![0xFF; 0x1_2000]);
 }
 
+/// `UICR.APPROTECT` (nRF52840 Product Specification, 4.5): 0x00 in its lowest byte closes the port on
+/// every revision. It is written last, with the rest of its page kept.
+#[test]
+fn a_locked_board_is_closed_last() {
+    let place = place();
+    install(&place);
+    place.run(&[FLASH.as_slice(), &["--lock"]].concat()).ok();
+    let calls = calls(&place);
+    let [LOOK, IMAGE, PAGE, lock, RESET] = calls.iter().map(String::as_str).collect::<Vec<_>>()[..]
+    else {
+        panic!("{calls:?}");
+    };
+    let (start, file) = lock.rsplit_once(' ').unwrap();
+    assert_eq!(
+        start,
+        "download --chip nRF52840_xxAA --restore-unwritten --binary-format bin --base-address 0x10001208"
+    );
+    assert_eq!(fs::read(place.path(file)).unwrap(), [0, 0xFF, 0xFF, 0xFF]);
+}
+
+/// Nothing of it can be read before.
+#[test]
+fn a_locked_board_is_erased_first() {
+    let place = place();
+    install(&place);
+    place.run(&[FLASH.as_slice(), &["--unlock"]].concat()).ok();
+    let erase = "erase --chip nRF52840_xxAA --allow-erase-all";
+    assert_eq!(calls(&place), [erase, IMAGE, PAGE, RESET]);
+    place
+        .run(&["flash", "nrf52840", "--image=image.elf", "--unlock"])
+        .fails("--config");
+    place
+        .run_with(&FLASH, &[("FAIL", "read")])
+        .fails("was locked is written with --unlock");
+}
+
+/// RDP level 1, with `OpenOCD` (its manual, "stm32l4x").
+#[test]
+fn another_board_is_locked_with_another_program() {
+    let place = place();
+    install(&place);
+    fs::write(place.path("image.elf"), elf(0x0800_0000, 0x080e_d800)).unwrap();
+    let words = [
+        "flash",
+        "nucleo-l476rg",
+        "--image=image.elf",
+        "--config=page.bin",
+        "--probe=0483:374b:066A",
+        "--lock",
+    ];
+    place.run(&words).fails("apt-get install openocd");
+    assert!(calls(&place).is_empty());
+    place.install("openocd", PROBE_RS);
+    let run = place.run(&words);
+    assert!(run.stderr.contains("from its power"), "{}", run.stderr);
+    run.ok();
+    let open_ocd = |action| {
+        format!(
+            "-f interface/stlink.cfg -c adapter serial 066A -f target/stm32l4x.cfg -c init; reset halt; \
+             stm32l4x {action} 0; stm32l4x option_load 0; shutdown"
+        )
+    };
+    assert_eq!(calls(&place)[3..], [open_ocd("lock")]);
+    let unlock = [&words[..5], &["--unlock"]].concat();
+    place.run(&unlock).ok();
+    assert_eq!(calls(&place)[4], open_ocd("unlock"));
+    assert_eq!(calls(&place).len(), 4 + 4);
+}
+
 #[test]
 fn a_dry_run_tells_the_commands() {
     let place = place();

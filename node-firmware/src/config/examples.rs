@@ -64,6 +64,7 @@ pub(crate) fn target() -> TargetConfig {
         ball_radius: 0.75,
         dwell_least_ms: 2_000,
         dwell_most_ms: 120_000,
+        roams: false,
         sensor: SensorConfig {
             hard_iron: [12.5, -30.0, 0.25],
             step_length: 0.5,

@@ -218,6 +218,9 @@ pub struct TargetConfig {
     pub dwell_least_ms: u32,
     /// The most time of a stop, milliseconds: then it may walk on, whoever has not answered.
     pub dwell_most_ms: u32,
+    /// Whether it goes over to the network of the site that it hears best, when no camera of its own saw
+    /// it at a stop.
+    pub roams: bool,
     /// Of a step sensor that the board has: other boards do not look at it.
     pub sensor: SensorConfig,
 }
@@ -301,6 +304,7 @@ impl Default for TargetConfig {
             ball_radius: 0.0,
             dwell_least_ms: 2_000,
             dwell_most_ms: 120_000,
+            roams: false,
             sensor: SensorConfig::UNCALIBRATED,
         }
     }

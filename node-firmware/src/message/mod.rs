@@ -23,6 +23,10 @@
 //! | frames exchanged by the references (2.3) | [`Message::Bearing`] |
 //! | the target's location told by node 0 (2.6.1) | [`Message::Located`] |
 
+mod health;
+
+pub use self::health::{Eye, Health, Memory, Restart};
+
 use calib_core::{
     Limits, Pose, Ray, Real, Refusal, Status, camera::Projection, dead_reckoning::Place, fit::Fit,
     joint::ProtectionLevels,
@@ -45,8 +49,8 @@ pub type MemberAddress = u16;
 pub enum Message {
     /// A member presents itself to the coordinator, after joining and when asked.
     Hello(Hello),
-    /// The coordinator asks everybody, or one, for [`Message::Hello`] and [`Message::Report`].
-    WhoIsThere,
+    /// The coordinator asks everybody but these, or one, for [`Message::Hello`] and [`Message::Report`].
+    WhoIsThere(heapless::Vec<MemberAddress, ROSTER>),
     /// The coordinator tells a target which cameras there are: these, and those of other such messages.
     Roster(heapless::Vec<MemberAddress, ROSTER>),
     /// The coordinator tells reference cameras, and those that were, who they are.
@@ -84,6 +88,9 @@ pub enum Message {
     Sighting(ListedSighting),
     /// To everybody: whose looks at a stop came while the target still stood there.
     Confirmed(Confirmation),
+    /// A member tells the coordinator what is the matter with itself, after its [`Message::Hello`], which
+    /// says that nothing is.
+    Health(Health),
 }
 
 /// What a member is.
@@ -154,6 +161,18 @@ pub struct References {
 }
 
 impl References {
+    /// There are none any more: who sees a target that does not know its place may become one.
+    pub const NONE: Self = Self {
+        first: 0,
+        second: 0,
+        positions: None,
+    };
+
+    /// Whether these are two cameras.
+    pub const fn are_two(&self) -> bool {
+        self.first != self.second
+    }
+
     /// The duty of a member.
     pub const fn duty_of(&self, member: ShortAddress) -> Option<Duty> {
         if member.0 == self.first {

@@ -24,7 +24,12 @@ pub(crate) use self::{
 
 use zigbee_link::{Instant, wire::ShortAddress};
 
-use crate::{facts::Fact, hardware::Indication, message::Message, network::Attachment};
+use crate::{
+    facts::Fact,
+    hardware::Indication,
+    message::{Memory, Message, Restart},
+    network::Attachment,
+};
 
 /// The coordinator's address.
 pub const COORDINATOR: ShortAddress = ShortAddress(0);
@@ -72,6 +77,10 @@ pub trait Role {
 
     /// A device told something.
     fn on_event(&mut self, now: Instant, event: Self::Event);
+
+    /// Where the node remembers things from now on, and why it started. Called after
+    /// [`restore`](Self::restore), and again when the flash fails.
+    fn on_node(&mut self, now: Instant, memory: Memory, restart: Restart);
 
     /// Computes what needs time and stack. Call it after the others and before [`poll`](Self::poll),
     /// from where little of the stack is in use.

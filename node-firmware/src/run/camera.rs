@@ -6,7 +6,6 @@ use calib_core::camera::Camera;
 use cmucam2_driver::Cmucam2;
 use embassy_futures::select::{Either, Either3, select, select3};
 use embedded_storage_async::nor_flash::NorFlash;
-use flash_log::LogError;
 use zigbee_link::{Instant, runner::Clock};
 
 use super::{
@@ -17,6 +16,7 @@ use super::{
 use crate::{
     config::{CameraConfig, Subjects},
     hardware::{Buttons, Hardware},
+    liveness::Liveness,
     log::warning,
     message::{CameraCommand, CommandResult, Seen, Sight, TrackedBlob},
     network::Network,
@@ -45,8 +45,8 @@ pub(super) async fn run<H: Hardware, N: Network, F: NorFlash>(
     config: &CameraConfig,
     services: Services<'_, H, N, F>,
     (uart, mut buttons): (H::Uart, H::Buttons),
-) -> LogError<F::Error> {
-    let clock = services.clock;
+) -> Infallible {
+    let (clock, liveness) = (services.clock, services.liveness);
     let channels = DeviceChannels::new();
     let mut role = None;
     let role = new_role(&mut role, id, config);
@@ -60,6 +60,7 @@ pub(super) async fn run<H: Hardware, N: Network, F: NorFlash>(
         optics,
         subjects: config.subjects.clone(),
         clock,
+        liveness,
     };
     let watched = device.serve(channels.tasks.receiver(), channels.events.sender());
     let pressed = async {
@@ -69,7 +70,7 @@ pub(super) async fn run<H: Hardware, N: Network, F: NorFlash>(
         }
     };
     match select3(pin!(driven), Outlined(pin!(watched)), pressed).await {
-        Either3::First(error) => error,
+        Either3::First(never) => match never {},
         Either3::Second(never) => match never {},
         Either3::Third(never) => never,
     }
@@ -93,6 +94,7 @@ struct CameraDevice<'a, K, C> {
     /// Colours may be learnt anew.
     subjects: Subjects,
     clock: &'a C,
+    liveness: &'a Liveness,
 }
 
 impl<K: BlobCamera, C: Clock> CameraDevice<'_, K, C> {
@@ -107,8 +109,12 @@ impl<K: BlobCamera, C: Clock> CameraDevice<'_, K, C> {
         loop {
             let task = match next.take() {
                 Some(task) => task,
-                None => tasks.receive().await,
+                None => {
+                    self.liveness.on_camera_rests();
+                    tasks.receive().await
+                }
             };
+            self.liveness.on_camera_works(self.clock.now());
             match task {
                 CameraTask::Look { colour } => {
                     if let Some((sight, seen)) = self.look(colour, &mut judge).await {
@@ -149,6 +155,7 @@ impl<K: BlobCamera, C: Clock> CameraDevice<'_, K, C> {
         let mut pause = PAUSE_US;
         let mut failures = 0_u8;
         loop {
+            self.liveness.on_camera_works(self.clock.now());
             let started = match start {
                 Start::First => self.start_up().await,
                 // No more than that: the target is in view, and would be background.
@@ -236,6 +243,7 @@ impl<K: BlobCamera, C: Clock> CameraDevice<'_, K, C> {
             match select(tasks.receive(), self.camera.next()).await {
                 Either::First(task) => break Some(task),
                 Either::Second(Ok(blob)) => {
+                    self.liveness.on_camera_works(self.clock.now());
                     let packet = blob.map_or([0; 8], |blob| blob.packet);
                     let [x, y, x1, y1, x2, y2, pixels, confidence] = packet;
                     let tracked = TrackedBlob {

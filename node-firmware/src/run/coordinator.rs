@@ -5,7 +5,6 @@ use core::{convert::Infallible, pin::pin, time::Duration};
 use embassy_futures::select::{Either, Either3, select, select3};
 use embedded_io_async::{Read, Write};
 use embedded_storage_async::nor_flash::NorFlash;
-use flash_log::LogError;
 use zigbee_link::{Instant, runner::Clock, wire::ShortAddress};
 
 use super::{
@@ -27,7 +26,7 @@ pub(super) async fn run<H: Hardware, N: Network + Administration, F: NorFlash>(
     config: &CoordinatorConfig,
     services: Services<'_, H, N, F>,
     (uart, mut buttons): (H::Uart, H::Buttons),
-) -> LogError<F::Error> {
+) -> Infallible {
     let Services { network, clock, .. } = services;
     let channels = DeviceChannels::new();
     let mut role = CoordinatorRole::new();
@@ -46,7 +45,7 @@ pub(super) async fn run<H: Hardware, N: Network + Administration, F: NorFlash>(
         }
     };
     match select3(pin!(driven), Outlined(pin!(line)), pressed).await {
-        Either3::First(error) => error,
+        Either3::First(never) => match never {},
         Either3::Second(never) => match never {},
         Either3::Third(never) => never,
     }

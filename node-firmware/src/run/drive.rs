@@ -2,6 +2,7 @@
 //! wants, which is then done.
 
 use core::{
+    convert::Infallible,
     future::poll_fn,
     pin::pin,
     task::{Context, Poll},
@@ -13,14 +14,15 @@ use embassy_sync::{
     channel::{Channel, Receiver, Sender, TrySendError},
 };
 use embedded_storage_async::nor_flash::NorFlash;
-use flash_log::LogError;
 use zigbee_link::{Instant, runner::Clock, wire::ShortAddress};
 
 use super::{QUEUE, outlined::Outlined};
 use crate::{
     facts::{Fact, FactStore},
     hardware::{Hardware, Indicator, Observer},
-    message::{Message, Sight},
+    liveness::Liveness,
+    log::warning,
+    message::{Memory, Message, Sight},
     network::{Network, NetworkEvent, PostError, Receipt},
     role::{
         Output, Role, camera::CameraRole, coordinator::CoordinatorRole, moving_target::TargetRole,
@@ -58,6 +60,7 @@ pub(super) struct Services<'a, H: Hardware, N, F> {
     pub(super) facts: &'a mut FactStore<F>,
     pub(super) observer: &'a mut H::Observer,
     pub(super) indicator: &'a mut H::Indicator,
+    pub(super) liveness: &'a Liveness,
 }
 
 /// The driver of whichever role a node has: so [`drive`] is in an image once, not once for each.
@@ -198,22 +201,40 @@ impl<R: Role, Ticket: Copy + PartialEq> RoleDriver<'_, R, Ticket> {
     }
 }
 
-/// Drives a role. Returns only when its flash failed.
+/// Writes a fact down, after a failure once more. Whether it is written.
+async fn save<F: NorFlash>(facts: &mut FactStore<F>, fact: &Fact) -> bool {
+    // In a loop: each `await` of a future of its own would be code of its own.
+    for is_again in [false, true] {
+        let is_open = !is_again || facts.reopen().await.is_ok();
+        if is_open && facts.save(fact).await.is_ok() {
+            return true;
+        }
+    }
+    false
+}
+
+/// Drives a role. Where its flash does not serve, it works from RAM.
 pub(super) async fn drive<H: Hardware, N: Network, F: NorFlash>(
     mut any: AnyDriver<'_, N::Ticket>,
     services: Services<'_, H, N, F>,
-) -> LogError<F::Error> {
+) -> Infallible {
     let Services {
         network,
         clock,
         facts,
         observer,
         indicator,
+        liveness,
     } = services;
     let recalled = facts.recall(|fact| whichever!(&mut any, driver => driver.role.restore(fact)));
-    if let Err(error) = Outlined(pin!(recalled)).await {
-        return error;
+    if Outlined(pin!(recalled)).await.is_err() {
+        facts.abandon();
     }
+    if facts.is_abandoned() {
+        liveness.on_flash_failed();
+    }
+    let restart = liveness.restart();
+    whichever!(&mut any, driver => driver.role.on_node(clock.now(), liveness.memory(), restart));
     let mut attachment = None;
     let mut shown = None;
     loop {
@@ -231,8 +252,12 @@ pub(super) async fn drive<H: Hardware, N: Network, F: NorFlash>(
         let fact = whichever!(&mut any, driver => driver.act(clock.now(), post));
         if let Some(fact) = fact {
             observer.learns(&fact);
-            if let Err(error) = Outlined(pin!(facts.save(&fact))).await {
-                return error;
+            if !Outlined(pin!(save(facts, &fact))).await {
+                warning!("the flash does not serve: the role works from RAM");
+                facts.abandon();
+                liveness.on_flash_failed();
+                let now = clock.now();
+                whichever!(&mut any, driver => driver.role.on_node(now, Memory::Ram, restart));
             }
             continue;
         }

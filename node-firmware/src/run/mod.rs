@@ -23,7 +23,7 @@ mod outlined;
 mod shared_flash;
 mod zigbee;
 
-use core::{fmt, ops::Range, pin::pin};
+use core::{convert::Infallible, fmt, pin::pin};
 
 use embassy_futures::select::{Either, select};
 use embedded_hal_async::delay::DelayNs;
@@ -44,6 +44,8 @@ use crate::{
     facts::FactStore,
     hardware::{Hardware, Peripherals},
     limits::MEMBERS,
+    liveness::{Liveness, WatchedRadio},
+    log::warning,
     network::{Administration, Network},
 };
 
@@ -51,6 +53,9 @@ use crate::{
 const PEERS: usize = MEMBERS + 1;
 /// Messages each way that wait.
 const QUEUE: usize = 4;
+
+/// So often a flash is opened that fails.
+const ATTEMPTS: usize = 2;
 
 /// How the radio fails.
 pub type RadioError<H> = <<H as Hardware>::Radio as Radio>::Error;
@@ -62,9 +67,9 @@ pub type FlashError<H> = <<H as Hardware>::Flash as ErrorType>::Error;
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum Failure<R, F> {
-    /// The radio failed, or the link's part of the flash.
+    /// The radio failed, or the link's part of the flash, so that the next frame would repeat a nonce.
     Link(RunnerError<R, F>),
-    /// The role's part of the flash failed.
+    /// The role's part of the flash does not fit.
     Facts(LogError<F>),
 }
 
@@ -91,17 +96,21 @@ impl<R, F> From<LogError<F>> for Failure<R, F> {
     }
 }
 
-/// Runs a node.
+/// Runs a node, which reports to `liveness`.
+///
+/// A flash that is worn out or damaged is no reason to stop: the role then works from RAM, and so does the
+/// link, with an extended address that it draws at each start, as a node whose store is blank.
 ///
 /// # Errors
 /// It never returns but with the reason why the node cannot go on.
 pub async fn run<H: Hardware>(
     config: &CheckedConfig,
     peripherals: Peripherals<H>,
+    liveness: &Liveness,
 ) -> Failure<RadioError<H>, FlashError<H>> {
     let Peripherals {
         uart,
-        mut radio,
+        radio,
         clock,
         flash,
         layout,
@@ -113,28 +122,34 @@ pub async fn run<H: Hardware>(
     } = peripherals;
     let flash = SharedFlash::new(flash);
 
-    let facts = Outlined(pin!(FactStore::open(
-        flash.user(),
-        layout.facts,
-        config.owner()
-    )))
-    .await;
+    let facts = FactStore::closed(flash.user(), layout.facts, config.owner());
     let mut facts = match facts {
         Ok(facts) => facts,
         Err(error) => return error.into(),
     };
+    let opened = async {
+        for _ in 0..ATTEMPTS {
+            if facts.reopen().await.is_ok() {
+                return;
+            }
+        }
+        facts.abandon();
+    };
+    Outlined(pin!(opened)).await;
+    let mut store = match Store::new(flash.user(), layout.link) {
+        Ok(store) => store,
+        Err(error) => return error.into(),
+    };
     let mut members = [None; MEMBERS];
-    let store = Outlined(pin!(open_store(
+    let opened = Outlined(pin!(open_store(
         (config, seed),
-        (flash.user(), layout.link),
+        &mut store,
         &mut facts,
-        &mut members
+        &mut members,
+        liveness
     )))
     .await;
-    let (mut store, saved, extended) = match store {
-        Ok(opened) => opened,
-        Err(failure) => return failure,
-    };
+    let (saved, extended) = opened;
 
     let settings = NetworkSettings {
         extended,
@@ -153,6 +168,11 @@ pub async fn run<H: Hardware>(
             );
         }
     }
+    let mut radio = WatchedRadio {
+        radio,
+        clock: &clock,
+        liveness,
+    };
     let link = runner::run(&network.node, &mut radio, &mut store);
     let devices = Devices::<H> {
         uart,
@@ -162,13 +182,14 @@ pub async fn run<H: Hardware>(
         buttons,
         observer,
         seed,
+        liveness,
     };
     let role = run_over(config, devices, &mut facts, &network);
     // Pinned here: a future passed by value is kept twice, and these are large. The link takes no stack
     // while the role computes.
     match select(Outlined(pin!(link)), pin!(role)).await {
         Either::First(stopped) => Failure::Link(stopped),
-        Either::Second(error) => Failure::Facts(error),
+        Either::Second(never) => match never {},
     }
 }
 
@@ -188,21 +209,20 @@ pub struct Devices<'a, H: Hardware> {
     pub observer: H::Observer,
     /// Random, another one at each start.
     pub seed: u64,
+    /// Where radio and camera report.
+    pub liveness: &'a Liveness,
 }
 
 /// Runs a node's role and its devices over any [`Network`]. The network's own work is somebody else's.
 ///
 /// What `facts` remembers must be of that network: where addresses were given anew, they are to be
-/// [forgotten](FactStore::forget) first.
-///
-/// # Errors
-/// It never returns but with the reason why the flash failed.
+/// [forgotten](FactStore::forget) first. Where their flash does not serve, the role works from RAM.
 pub async fn run_over<H: Hardware, N: Network + Administration, F: NorFlash>(
     config: &CheckedConfig,
     devices: Devices<'_, H>,
     facts: &mut FactStore<F>,
     network: &N,
-) -> LogError<F::Error> {
+) -> Infallible {
     let Devices {
         uart,
         clock,
@@ -211,6 +231,7 @@ pub async fn run_over<H: Hardware, N: Network + Administration, F: NorFlash>(
         buttons,
         mut observer,
         seed,
+        liveness,
     } = devices;
     let seed = seed as u16;
     let services = Services::<'_, H, N, F> {
@@ -219,6 +240,7 @@ pub async fn run_over<H: Hardware, N: Network + Administration, F: NorFlash>(
         facts,
         observer: &mut observer,
         indicator: &mut indicator,
+        liveness,
     };
     match &config.role {
         RoleConfig::Coordinator(own) => {
@@ -246,8 +268,6 @@ pub async fn run_over<H: Hardware, N: Network + Administration, F: NorFlash>(
 }
 
 /// The role's side of the network.
-// A node is large, and would take its place on the stack of every poll, or twice.
-#[inline(never)] // stack
 fn share_node<'a, H: Hardware>(
     clock: &'a H::Clock,
     role: &RoleConfig,
@@ -255,10 +275,31 @@ fn share_node<'a, H: Hardware>(
     saved: &Saved,
     members: &[Option<Member>; MEMBERS],
 ) -> ZigbeeNetwork<&'a H::Clock> {
-    let node = match role {
-        RoleConfig::Coordinator(_) => Node::coordinator(settings, saved, *members),
-        RoleConfig::Camera(_) | RoleConfig::Target(_) => Node::device(clock.now(), settings, saved),
-    };
+    match role {
+        RoleConfig::Coordinator(_) => share_coordinator::<H>(clock, settings, saved, members),
+        RoleConfig::Camera(_) | RoleConfig::Target(_) => share_device::<H>(clock, settings, saved),
+    }
+}
+
+// A node is large, and would take its place on the stack of every poll, or twice.
+#[inline(never)] // stack
+fn share_coordinator<'a, H: Hardware>(
+    clock: &'a H::Clock,
+    settings: NetworkSettings,
+    saved: &Saved,
+    members: &[Option<Member>; MEMBERS],
+) -> ZigbeeNetwork<&'a H::Clock> {
+    let node = Node::coordinator(settings, saved, *members);
+    ZigbeeNetwork::new(Shared::new(node, clock))
+}
+
+#[inline(never)] // stack
+fn share_device<'a, H: Hardware>(
+    clock: &'a H::Clock,
+    settings: NetworkSettings,
+    saved: &Saved,
+) -> ZigbeeNetwork<&'a H::Clock> {
+    let node = Node::device(clock.now(), settings, saved);
     ZigbeeNetwork::new(Shared::new(node, clock))
 }
 
@@ -272,32 +313,75 @@ fn share_node<'a, H: Hardware>(
 /// - While the store is there, the frame counter only rises, under whichever key.
 /// - It is the key of the provisioning that is compared: a node whose network changed its key does
 ///   not fall back to that of its page.
-/// - A store that cannot be read is refused, whatever the page says: its key may be no longer that of
-///   the page.
+/// - A store that cannot be read, or to which nothing can be written, serves no more. A node with such a
+///   one draws a new extended address at each start, too, and writes nothing.
 ///
 /// Another role keeps the key, the address and the counter, but is no member of the network that a
 /// coordinator formed, or that a device joined, on the same board before.
 ///
 /// With a membership go the facts that the role remembers, and a coordinator's members, for their
 /// addresses are given anew. They go first: where the power fails in between, all this is done again.
-async fn open_store<R, F: NorFlash>(
+async fn open_store<F: NorFlash>(
     (config, seed): (&CheckedConfig, u64),
-    (flash, range): (F, Range<u32>),
+    store: &mut Store<F>,
     facts: &mut FactStore<F>,
     members: &mut [Option<Member>; MEMBERS],
-) -> Result<(Store<F>, Saved, Eui64), Failure<R, F::Error>> {
-    let mut store = Store::new(flash, range)?;
-    let key = config.key();
+    liveness: &Liveness,
+) -> (Saved, Eui64) {
     let drawn = Eui64::of_node(config.id, seed);
+    // A read may fail once.
+    for _ in 0..ATTEMPTS {
+        if let Ok(opened) = try_store((config, drawn), store, facts, members).await {
+            return opened;
+        }
+    }
+    warning!("the flash does not serve: the link works from RAM");
+    liveness.on_flash_failed();
+    // Not the one that may be in the flash by now: the next start may find it there.
+    let drawn = Eui64::of_node(config.id, !seed);
+    let mut saved = Saved::of_new(config.key(), drawn);
+    // The site may have another key than its page says.
+    if let Ok(read) = store.load().await
+        && store
+            .first_key()
+            .await
+            .is_ok_and(|first| first == config.key())
+    {
+        saved = Saved {
+            active_key: read.active_key,
+            next_key: read.next_key,
+            former_key: read.former_key,
+            ..saved
+        };
+    }
+    store.abandon();
+    *members = [None; MEMBERS];
+    // A coordinator forms another network, in which addresses are given anew. Others notice.
+    let is_coordinator = matches!(config.role, RoleConfig::Coordinator(_));
+    if is_coordinator && facts.forget().await.is_err() {
+        facts.abandon();
+    }
+    (saved, drawn)
+}
+
+/// The same with a flash that serves.
+async fn try_store<F: NorFlash>(
+    (config, drawn): (&CheckedConfig, Eui64),
+    store: &mut Store<F>,
+    facts: &mut FactStore<F>,
+    members: &mut [Option<Member>; MEMBERS],
+) -> Result<(Saved, Eui64), StoreError<F::Error>> {
+    let key = config.key();
     let is_own = |extended: &Eui64| extended.number() == config.id;
     let provisioned = match store.load().await {
         Ok(_) if store.first_key().await? == key => None,
         Ok(saved) => Some((saved.extended.filter(is_own), saved.counter_limit)),
         Err(StoreError::NotProvisioned) => Some((None, 0)),
-        Err(error) => return Err(error.into()),
+        Err(error) => return Err(error),
     };
     if let Some((own, used)) = provisioned {
-        facts.forget().await?;
+        // What cannot be forgotten must not be taken for something of the next network.
+        facts.forget().await.map_err(StoreError::from)?;
         store.provision(key, own.unwrap_or(drawn), used).await?;
     }
     let mut saved = store.load().await?;
@@ -308,7 +392,7 @@ async fn open_store<R, F: NorFlash>(
         .take_if(|network| own.is_none_or(|own| (network.coordinator == own) != is_coordinator))
         .is_some();
     if is_void {
-        facts.forget().await?;
+        facts.forget().await.map_err(StoreError::from)?;
     }
     store.members(members).await?;
     if saved.network.is_none() {
@@ -324,7 +408,10 @@ async fn open_store<R, F: NorFlash>(
     if own.is_none() {
         store.save(Record::Extended(drawn)).await?;
     }
-    Ok((store, saved, own.unwrap_or(drawn)))
+    // Frame counters are reserved before the first frame. Where that is not possible, it is known now.
+    let reserved = Record::CounterLimit(saved.counter_limit);
+    store.save(reserved).await?;
+    Ok((saved, own.unwrap_or(drawn)))
 }
 
 /// Waiting, for drivers that wait.

@@ -1,11 +1,10 @@
 //! A target and its step sensor.
 
-use core::pin::pin;
+use core::{convert::Infallible, pin::pin};
 
 use calib_core::joint::{BearingStorage, StopStorage, UnknownStorage};
-use embassy_futures::select::{Either, select};
+use embassy_futures::select::{Either3, select3};
 use embedded_storage_async::nor_flash::NorFlash;
-use flash_log::LogError;
 use zigbee_link::runner::Clock;
 
 use super::{
@@ -19,7 +18,9 @@ use crate::{
     log::warning,
     message::StopNumber,
     network::Network,
-    role::moving_target::{CAMERAS, EstimateMemory, TargetEvent, TargetRole, WORKSPACE},
+    role::moving_target::{
+        CAMERAS, EstimateMemory, TargetEvent, TargetRole, TargetTask, WORKSPACE,
+    },
 };
 
 /// After a failure of the sensor.
@@ -30,8 +31,8 @@ pub(super) async fn run<H: Hardware, N: Network, F: NorFlash>(
     config: &TargetConfig,
     services: Services<'_, H, N, F>,
     mut steps: H::Steps,
-) -> LogError<F::Error> {
-    let clock = services.clock;
+) -> Infallible {
+    let (clock, network) = (services.clock, services.network);
     let channels = DeviceChannels::new();
     // Each on its own: together they would be made on the stack first.
     let mut cameras = [UnknownStorage::default(); CAMERAS];
@@ -51,9 +52,15 @@ pub(super) async fn run<H: Hardware, N: Network, F: NorFlash>(
     let driver = AnyDriver::Target(RoleDriver::new(&mut role, &channels));
     let driven = drive(driver, services);
     let sensed = sense(&mut steps, clock, channels.events.sender());
-    match select(pin!(driven), Outlined(pin!(sensed))).await {
-        Either::First(error) => error,
-        Either::Second(never) => match never {},
+    let tasks = channels.tasks.receiver();
+    let roaming = async {
+        loop {
+            let TargetTask::Roam = tasks.receive().await;
+            network.roam();
+        }
+    };
+    match select3(pin!(driven), Outlined(pin!(sensed)), pin!(roaming)).await {
+        Either3::First(never) | Either3::Second(never) | Either3::Third(never) => match never {},
     }
 }
 
@@ -61,7 +68,7 @@ async fn sense<C: Clock, S: StepSensor>(
     steps: &mut S,
     clock: &C,
     events: Events<'_, TargetEvent>,
-) -> core::convert::Infallible {
+) -> Infallible {
     loop {
         match steps.next().await {
             Ok(step) => events.send(TargetEvent::Step(step)).await,

@@ -76,6 +76,10 @@ impl<C: Clock> Network for ZigbeeNetwork<C> {
         })
     }
 
+    fn roam(&self) {
+        self.node.with(|node, _| node.roam());
+    }
+
     async fn happened(&self, known: Option<Attachment>) -> NetworkEvent<Ticket> {
         loop {
             match self.node.happened(self.known.get()).await {

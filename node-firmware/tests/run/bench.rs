@@ -11,7 +11,7 @@ use std::{
 
 use crate::former_networks::link;
 use crate::support::{
-    flash::{Flash, PAGE, chip, length},
+    flash::{Faults, Faulty, Flash, PAGE, chip, length},
     site::{camera_config, target_config},
 };
 use calib_core::dead_reckoning::Step;
@@ -23,7 +23,8 @@ use node_firmware::{
     console::{FRAME_MAX, Frames, FromPc, ToPc, encode},
     facts,
     hardware::{FlashLayout, Hardware, Indication, Indicator, Observer, Peripherals, StepSensor},
-    message::{CameraCommand, CommandResult, Duty, MemberKind, Message, Sight},
+    liveness::Liveness,
+    message::{CameraCommand, CommandResult, Duty, MemberKind, Message, Restart, Sight},
     run::{Devices, run},
 };
 use virtual_bench::{
@@ -69,7 +70,8 @@ impl Bench {
         let known = senders.clone();
         medium.watch(move |_, event: Event<'_>| {
             if let Event::Sent { from, frame, .. } = event
-                && let Some(security) = Frame::parse(frame).unwrap().header().security
+                && let header = *Frame::parse(frame).unwrap().header()
+                && let Some(security) = header.security
             {
                 let mut known = known.borrow_mut();
                 let (flash, own) = known.get_mut(&from).unwrap();
@@ -251,6 +253,9 @@ pub(super) struct Board {
     camera: Rc<Camera>,
     /// Of 8 KiB for the link, and 8 KiB for the role.
     pub(super) flash: Flash,
+    pub(super) faults: Faults,
+    /// Since its last start.
+    pub(super) liveness: Rc<RefCell<Rc<Liveness>>>,
     steps: Steps,
     pub(super) lamps: Lamps,
     pub(super) log: Log,
@@ -260,7 +265,7 @@ impl Hardware for Board {
     type Uart = NodeUart;
     type Radio = Csma<Radio, Clock>;
     type Clock = Clock;
-    type Flash = Flash;
+    type Flash = Faulty;
     type Steps = Steps;
     type Indicator = Lamps;
     type Buttons = ();
@@ -301,6 +306,8 @@ impl Board {
             stalled: Rc::default(),
             camera,
             flash: chip(END as usize / PAGE, antenna.0.into()),
+            faults: Faults::default(),
+            liveness: Rc::new(RefCell::new(Rc::new(Liveness::new(Restart::Ordinary)))),
             steps: Steps(Rc::new(Channel::new())),
             lamps: Lamps::default(),
             log: Log::default(),
@@ -308,7 +315,12 @@ impl Board {
     }
 
     /// All but radio and flash.
-    pub(super) fn devices<'a>(&self, clock: &'a Clock, seed: u64) -> Devices<'a, Self> {
+    pub(super) fn devices<'a>(
+        &self,
+        clock: &'a Clock,
+        liveness: &'a Liveness,
+        seed: u64,
+    ) -> Devices<'a, Self> {
         Devices {
             uart: NodeUart {
                 port: self.line.open(Side::Node),
@@ -320,6 +332,7 @@ impl Board {
             buttons: (),
             observer: self.log.clone(),
             seed,
+            liveness,
         }
     }
 
@@ -341,7 +354,7 @@ impl Board {
                 seed,
             ),
             clock,
-            flash: self.flash.clone(),
+            flash: Faulty::new(self.flash.clone(), self.faults.clone()),
             layout: FlashLayout {
                 link: 0..LINK,
                 facts: LINK..END,
@@ -353,7 +366,10 @@ impl Board {
             seed,
         };
         let config = self.config.clone().check().unwrap();
-        Box::pin(async move { run(&config, peripherals).await.to_string() })
+        let liveness = self.liveness.clone();
+        liveness.replace(Rc::new(Liveness::new(Restart::Ordinary)));
+        let liveness = liveness.borrow().clone();
+        Box::pin(async move { run(&config, peripherals, &liveness).await.to_string() })
     }
 
     pub(super) fn switch_off(&self, bench: &mut Bench) {
@@ -366,7 +382,9 @@ impl Board {
     pub(super) fn power(&self, bench: &mut Bench, seed: u64) {
         self.switch_off(bench);
         let firmware = self.firmware(bench, seed);
-        let sender = (self.flash.clone(), None);
+        // One whose flash serves no more has another address at each start.
+        let drawn = Eui64::of_node(self.config.id, !seed);
+        let sender = (self.flash.clone(), self.faults.are_at(0).then_some(drawn));
         bench.senders.borrow_mut().insert(self.antenna, sender);
         let task = bench.executor.spawn(async move {
             panic!("a node stopped: {}", firmware.await);

@@ -11,7 +11,7 @@ use node_firmware::{
     config::{RoleConfig, SiteKey},
     facts::{Fact, FactStore},
     limits::MEMBERS,
-    message::References,
+    message::{Memory, References},
 };
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
@@ -166,9 +166,9 @@ fn members_of_a_former_network_stay_out() {
     }
 }
 
-/// Any read of the flash at the start fails: the node does not go on with less than it knew.
+/// Any read of the flash at the start fails once: the node does not go on with less than it knew.
 #[test]
-fn a_flash_that_fails_at_the_start_stops_the_node() {
+fn a_read_that_fails_once_at_the_start_costs_nothing() {
     let mut site = site();
     let board = &mut site.coordinator;
     let before = board.flash.copy();
@@ -177,13 +177,20 @@ fn a_flash_that_fails_at_the_start_stops_the_node() {
         reads += 1;
         board.flash = before.copy();
         board.flash.fail_read(reads);
-        let started = start(board, &site.bench);
-        if board.flash.wear().reads - before.wear().reads < reads.into() {
-            assert!(started.is_pending());
+        assert!(start(board, &site.bench).is_pending());
+        assert_eq!(board.liveness.borrow().memory(), Memory::Flash);
+        let is_over = board.flash.wear().reads - before.wear().reads < reads.into();
+        board.flash.fail_read(u32::MAX);
+        let [(former, former_members), (saved, members)] = [&before, &board.flash].map(link);
+        assert_eq!(
+            (saved.network, saved.extended),
+            (former.network, former.extended)
+        );
+        assert_eq!(members, former_members);
+        assert_eq!(saved.counter_limit, former.counter_limit + BLOCK);
+        if is_over {
             break;
         }
-        let failure = Poll::Ready("the flash failed".to_owned());
-        assert_eq!(started, failure, "read {reads}");
     }
     assert!(reads > 300, "{reads} are too few to be all");
 }
@@ -207,11 +214,10 @@ fn power_cuts_at_the_start_are_survived() {
             board.flash = flash.copy();
             board.flash.power(Some(cuts));
             let started = start(board, &site.bench);
+            // Where this is taken for a flash that fails, the node works from RAM until the power is gone.
             let is_cut = !board.flash.has_power();
             board.flash.power(None);
-            if is_cut {
-                assert!(started.is_ready());
-            }
+            drop(started);
             assert!(start(board, &site.bench).is_pending(), "cut at {cuts}");
             let (saved, members) = link(&board.flash);
             assert_eq!(Some(saved.active_key), key.key(), "cut at {cuts}");

@@ -15,3 +15,4 @@ mod mesh;
 mod provisioned_again;
 #[path = "../support/mod.rs"]
 mod support;
+mod worn_flash;

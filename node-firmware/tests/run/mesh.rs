@@ -14,7 +14,8 @@ use node_firmware::{
     config::{CoordinatorConfig, RoleConfig, SiteKey},
     console::{FromPc, KeyChangeReport, NetworkInfo, ToPc},
     facts::FactStore,
-    message::{CameraCommand, CommandResult, Duty, Message, Sight},
+    liveness::Liveness,
+    message::{CameraCommand, CommandResult, Duty, Message, Restart, Sight},
     network::{
         Administration, Attachment, Network, NetworkEvent, NetworkIdentity, PostError, Receipt,
     },
@@ -260,10 +261,10 @@ impl Site {
             let memory = FactStore::open(board.flash.clone(), LINK..END, board.config.owner());
             let config = board.config.clone().check().unwrap();
             bench.executor.spawn(async move {
-                let devices = board.devices(&clock, seed);
+                let liveness = Liveness::new(Restart::Ordinary);
+                let devices = board.devices(&clock, &liveness, seed);
                 let mut facts = memory.await.unwrap();
-                run_over(&config, devices, &mut facts, &network).await;
-                panic!("a node stopped");
+                match run_over(&config, devices, &mut facts, &network).await {}
             });
         }
         Self {

@@ -159,7 +159,7 @@ impl Net {
             camera.attach(0);
             camera.event(SECOND, camera::CameraEvent::Ready);
         }
-        let mut target = Station::<TargetRole<'_>>::new(TARGET, role, Box::new(|_, ()| None));
+        let mut target = Station::<TargetRole<'_>>::new(TARGET, role, Box::new(|_, _| None));
         target.attach(0);
         let [x, y] = STOPS[0];
         site.borrow_mut().targets.insert(0, Point2::new(x, y));

@@ -170,6 +170,7 @@ pub fn target_config(colour: u8) -> TargetConfig {
         ball_radius: 0.0,
         dwell_least_ms: 2_000,
         dwell_most_ms: 60_000,
+        roams: false,
         sensor: SensorConfig::UNCALIBRATED,
     }
 }

@@ -2,7 +2,7 @@
 
 use std::collections::BTreeSet;
 
-use super::{Checked, refuse};
+use super::{Checked, fault_rates, refuse};
 use crate::{
     event::Action,
     file::{NetworkTable, Scenario},
@@ -24,10 +24,13 @@ pub(super) fn check(scenario: &Scenario, ids: &BTreeSet<u16>) -> Checked {
             let (may_be, allowed) = match &event.action {
                 Action::UnplugCamera { .. }
                 | Action::StickCamera { .. }
+                | Action::CameraFaults { .. }
                 | Action::BumpCamera { .. } => {
                     (ids.contains(id) && !is_target, "the `id` of a camera")
                 }
-                Action::Slip { .. } => (is_target, "the `id` of a target"),
+                Action::Slip { .. } | Action::Rest { .. } | Action::IgnoreLamp { .. } => {
+                    (is_target, "the `id` of a target")
+                }
                 _ => (
                     ids.contains(id) || *id == 0,
                     "the `id` of a camera or a target, or 0 for the first network's coordinator",
@@ -63,6 +66,9 @@ pub(super) fn check(scenario: &Scenario, ids: &BTreeSet<u16>) -> Checked {
                     let allowed = "some of the nodes: those left out are the other side";
                     return Err(refuse(name("nodes"), "everybody", allowed));
                 }
+            }
+            Action::CameraFaults { faults, .. } => {
+                fault_rates(&name("action.camera-faults"), faults)?;
             }
             Action::Replay { .. } if event.at_s <= 0.0 => {
                 let allowed = "after something was sent: above 0 seconds";

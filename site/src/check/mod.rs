@@ -19,7 +19,7 @@ use crate::world::Variant;
 type Checked = Result<(), ScenarioError>;
 
 /// So many numbers are left for their coordinators.
-const MOST_NETWORKS: f64 = (u16::MAX - FIRST_COORDINATOR) as f64 + 1.0;
+pub(super) const MOST_NETWORKS: f64 = (u16::MAX - FIRST_COORDINATOR) as f64 + 1.0;
 
 pub(super) fn refuse(
     field: impl Into<String>,
@@ -186,13 +186,14 @@ fn network(
             "the lowest corner and then the highest one, such as [[0.0, 0.0], [9.0, 9.0]]";
         return Err(refuse(format!("{name}.area"), found, allowed));
     }
-    let members = network.cameras.len() + network.targets.len();
+    let visitors = scenario.visitors(network);
+    let members = network.cameras.len() + network.targets.len() + visitors.len();
     number(
         format!("{name} (cameras and targets)"),
         members as f64,
         3.0..=MEMBERS as f64,
         ": at least two cameras and a target; a coordinator has room for no more: with more, make two networks, \
-         each with references of its own",
+         each with references of its own or with `frame_of`",
     )?;
     let mut take = |field: String, id: u16| match ids.insert(id) {
         true => Ok(()),
@@ -211,17 +212,16 @@ fn network(
         take(format!("{name}.id"), target.id)?;
         self::target(scenario, &name, target)?;
     }
-    if network.targets.is_empty() {
+    if network.targets.is_empty() && visitors.is_empty() {
         return Err(refuse(
             format!("{name}.target"),
             "missing",
             "there at least once",
         ));
     }
-    let colours: BTreeSet<_> = network.targets.iter().map(|target| target.colour).collect();
     number(
         format!("{name}.target (different colours)"),
-        colours.len() as f64,
+        scenario.colours(network).len() as f64,
         1.0..=COLOURS_MAX as f64,
         ": a camera looks for no more; make more networks",
     )?;
@@ -249,6 +249,28 @@ fn network(
 /// References that can be some.
 fn references(scenario: &Scenario, name: &str, network: &NetworkTable) -> Checked {
     let references = &network.references;
+    if let Some(home) = references.frame_of {
+        let is_home = |home: &NetworkTable| home.references.frame_of.is_none();
+        if !scenario.home_of(network).is_some_and(is_home) {
+            let allowed = "the number, from 1, of a network that has references";
+            return Err(refuse(format!("{name}.references.frame_of"), home, allowed));
+        }
+        for (key, is_given) in [
+            ("elected", references.elected),
+            ("baseline_known", references.baseline_known.is_some()),
+            ("baseline", references.baseline.is_some()),
+            (
+                "frame_heading_known",
+                references.frame_heading_known.is_some(),
+            ),
+            ("compass_deg", references.compass_deg.is_some()),
+        ] {
+            if is_given {
+                let allowed = "left out where there are no references, but a `frame_of`";
+                return Err(refuse(format!("{name}.references.{key}"), "given", allowed));
+            }
+        }
+    }
     for (key, is_known) in [
         ("baseline_known", references.baseline_known()),
         ("frame_heading_known", references.frame_heading_known()),

@@ -11,7 +11,7 @@ use super::{
     Used::{Both, Nodes, Rehearsal},
     Without::{Camera, Coordinator, Is, Needed, Target},
 };
-use crate::{FIRST_COORDINATOR, PATH_MAX};
+use crate::{FIRST_COORDINATOR, PATH_MAX, check::MOST_NETWORKS};
 
 /// In the order of [`BaudRate::ALL`].
 const BAUD_RATES: [u32; BaudRate::ALL.len()] = {
@@ -91,6 +91,7 @@ pub const KEYS: &[Key] = &[
     key("network[]", Tables, Is("there, unless there is a `grid`"), Both, "A coordinator and what joins it, one hop apart; again for the next network."),
     key("walk", Table, Is(""), Rehearsal, "How targets walk."),
     key("sensor", Table, Is("assumed: reports the way from goal to goal"), Rehearsal, "How step sensors err."),
+    key("clock_ppm", Number(0.0, 500.0, " millionths"), Is("40"), Rehearsal, "By how much nodes' clocks run too fast or too slow at most; each by an error of its own, evenly. Crystals have 20 at room temperature, and some more outside."),
     key("radio", Table, Is("`unit-disk` of range 45"), Rehearsal, "The radio medium."),
     key("scatter", Table, Is(""), Rehearsal, "How far cameras stand from where this file has them, drawn from the seed."),
     key("published", Choice(&["thesis-4.1", "thesis-3.1"]), Is("none"), Rehearsal, "Which of the thesis's results stand beside this site's: the simulation's, by path, or the laboratory's."),
@@ -101,7 +102,7 @@ pub const KEYS: &[Key] = &[
     key("network[].channels", Wholes(11.0, 26.0, ": channels of the 2.4 GHz band"), Is("`channel` alone"), Nodes, "Several, of which its coordinator takes the quietest; in place of `channel`."),
     key("network[].references", Table, Needed, Both, "The two cameras that span its frame."),
     key("network[].camera[]", Tables, Needed, Both, "Its cameras, two or more."),
-    key("network[].target[]", Tables, Needed, Both, "Its targets, one or more. A network has 100 members at most."),
+    key("network[].target[]", Tables, Is("there, unless there is a `frame_of`"), Both, "Its targets, one or more; none where they come from another network. A network has 100 members at most."),
     key("network[].frame", Table, Is("from the places of the references"), Both, "Where its frame is in the building, if its references have no `x` and `y`."),
     key("network[].coordinator", Numbers(2, -LARGE, LARGE, ": x and y"), Is("the middle of its cameras"), Rehearsal, "Where its coordinator stands."),
     key("network[].allow", Wholes(1.0, 65535.0, ": numbers of nodes"), Is("none"), Nodes, "Nodes that may join besides its own cameras and targets."),
@@ -109,9 +110,10 @@ pub const KEYS: &[Key] = &[
 
     key("network[].references.cameras", Levels(2, 1.0, FIRST_COORDINATOR as f64 - 1.0, ": the `id`s of two cameras of this network"), Needed, Both, "The first one is the origin of the frame, the x axis points to the second one. Where they are elected: those in whose view the walk begins."),
     key("network[].references.elected", Flag, Is("false"), Nodes, "They are not configured; who sees the target first becomes one."),
-    key("network[].references.baseline_known", Flag, Is("true, unless `elected`"), Nodes, "Nodes are told the distance of the two."),
+    key("network[].references.frame_of", Whole(1.0, MOST_NETWORKS, ": the number of a network that has references"), Is("none"), Both, "There are none: its cameras wait for the targets of that network, which bring its frame. `cameras` are then those in whose view the walk goes on."),
+    key("network[].references.baseline_known", Flag, Is("true, unless `elected` or `frame_of`"), Nodes, "Nodes are told the distance of the two."),
     key("network[].references.baseline", LENGTH, Is("that of their `x` and `y`"), Nodes, "That distance as it was measured."),
-    key("network[].references.frame_heading_known", Flag, Is("true, unless `elected`"), Nodes, "Nodes are told from which direction the step sensor's headings count."),
+    key("network[].references.frame_heading_known", Flag, Is("true, unless `elected` or `frame_of`"), Nodes, "Nodes are told from which direction the step sensor's headings count."),
     key("network[].references.compass_deg", DIRECTION, Is("the frame's x axis; 0 if not known"), Both, "That direction in the building."),
 
     key("network[].frame.x", COORDINATE, Needed, Both, "The first reference's place in the building."),
@@ -242,6 +244,13 @@ pub const KEYS: &[Key] = &[
     key("event[].action.stick-camera", Table, Is(""), Rehearsal, "A camera goes on reporting what it saw at that time."),
     key("event[].action.stick-camera.node", NODE, Needed, Rehearsal, "Whose."),
     key("event[].action.stick-camera.for_s", DURATION, Needed, Rehearsal, "For how long."),
+    key("event[].action.daylight", Table, Is(""), Rehearsal, "The light before all cameras is another one. It stays so."),
+    key("event[].action.daylight.level", Number(0.0, 4.0, ""), Needed, Rehearsal, "How bright it is, against 1 at the start."),
+    key("event[].action.daylight.kelvin", Number(1_667.0, 25_000.0, " kelvin: 2700 is a lamp, 6504 white daylight as at the start, 10000 the blue sky"), Needed, Rehearsal, "Its colour temperature."),
+    key("event[].action.camera-faults", Table, Is(""), Rehearsal, "A camera or its line has other faults for a while, in place of those of `camera.faults`."),
+    key("event[].action.camera-faults.node", NODE, Needed, Rehearsal, "Whose."),
+    key("event[].action.camera-faults.for_s", DURATION, Needed, Rehearsal, "For how long."),
+    key("event[].action.camera-faults.faults", Rates, Needed, Rehearsal, "How often each happens, by name: as in `camera.faults`."),
     key("event[].action.bump-camera", Table, Is(""), Rehearsal, "Somebody moves a camera, turns it, or both. It stays so."),
     key("event[].action.bump-camera.node", NODE, Needed, Rehearsal, "Whose."),
     key("event[].action.bump-camera.by", Numbers(2, -LARGE, LARGE, ": x and y"), Is("[0, 0]"), Rehearsal, "How far."),
@@ -251,6 +260,18 @@ pub const KEYS: &[Key] = &[
     key("event[].action.slip.for_s", DURATION, Needed, Rehearsal, "For how long."),
     key("event[].action.slip.distance", Number(-0.9, 9.0, " of the distance"), Is("0"), Rehearsal, "What the sensor says too much of each distance."),
     key("event[].action.slip.heading_deg", Number(-180.0, 180.0, " degrees"), Is("0"), Rehearsal, "What it says too much of each heading."),
+    key("event[].action.rest", Table, Is(""), Rehearsal, "A target's carrier rests at the stop where it stands, or comes to stand next, whatever the lamp shows."),
+    key("event[].action.rest.node", NODE, Needed, Rehearsal, "Which target."),
+    key("event[].action.rest.for_s", DURATION, Needed, Rehearsal, "For how long."),
+    key("event[].action.ignore-lamp", Table, Is(""), Rehearsal, "A target's carrier does not heed the lamp, and walks on from each stop after a while."),
+    key("event[].action.ignore-lamp.node", NODE, Needed, Rehearsal, "Which target."),
+    key("event[].action.ignore-lamp.for_s", DURATION, Needed, Rehearsal, "For how long."),
+    key("event[].action.ignore-lamp.stand_s", DURATION, Is("1"), Rehearsal, "How long it stands at a stop."),
+    key("event[].action.rot", Table, Is(""), Rehearsal, "Bits of a node's flash flip."),
+    key("event[].action.rot.node", ANY_NODE, Needed, Rehearsal, "Which."),
+    key("event[].action.rot.bits", Whole(1.0, 1e6, ""), Needed, Rehearsal, "How many, each as likely as another."),
+    key("event[].action.wear-out", Table, Is(""), Rehearsal, "A node's flash is worn: whatever is written to it or erased fails from now on."),
+    key("event[].action.wear-out.node", ANY_NODE, Needed, Rehearsal, "Which."),
     key("event[].action.replay", Table, Is(""), Rehearsal, "Frames that a node sent are heard again."),
     key("event[].action.replay.node", ANY_NODE, Needed, Rehearsal, "Whose."),
     key("event[].action.replay.last_s", DURATION, Needed, Rehearsal, "Those of this time before."),
@@ -262,4 +283,5 @@ pub const KEYS: &[Key] = &[
     key("grid.nodes", Whole(2.0, 20_000.0, ""), Is("52"), Rehearsal, "Cameras in all."),
     key("grid.cell_nodes", Whole(2.0, 98.0, ": a network has 100 members at most, and a target joins too"), Is("13"), Rehearsal, "Cameras of a cell; each cell is a network."),
     key("grid.cell_size", Number(SMALL, 1e4, ": three times the cameras' range or more"), Is("24"), Rehearsal, "Side of a cell."),
+    key("grid.one_frame", Flag, Is("false"), Rehearsal, "Only the first cell has references and a target, which walks through all of them."),
 ];

@@ -57,7 +57,7 @@ mod walker;
 pub use obstacle::Obstacle;
 pub use sight::{Patch, Sight, View};
 pub use step_sensor::{SensorErrors, StepSensor};
-pub use walker::{Event, Gait, Stride, Walker};
+pub use walker::{Event, Gait, Mood, Stride, Walker};
 
 /// Nanoseconds since the start of the simulation.
 pub type Time = cmucam2_emulator::Time;

@@ -116,7 +116,20 @@ pub struct Walker {
     stop: usize,
     state: State,
     told: bool,
+    mood: Mood,
     random: ChaCha8Rng,
+}
+
+/// What the carrier makes of the lamp.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub enum Mood {
+    /// It waits for it, as long as its patience lasts.
+    #[default]
+    Heeds,
+    /// It walks on after it stood as long as this at most, nanoseconds.
+    Ignores(Time),
+    /// It stays where it stands.
+    Rests,
 }
 
 impl Walker {
@@ -134,6 +147,7 @@ impl Walker {
                 leave_at: None,
             },
             told: false,
+            mood: Mood::default(),
         }
     }
 
@@ -164,6 +178,18 @@ impl Walker {
         self.told = lamp;
     }
 
+    /// Has it heed the lamp or not. Its patience begins anew after a rest.
+    pub fn set_mood(&mut self, mood: Mood, now: Time) {
+        if let State::Standing { since, leave_at } = &mut self.state
+            && self.mood == Mood::Rests
+            && mood != Mood::Rests
+        {
+            *since = now;
+            *leave_at = leave_at.map(|at| at.max(now));
+        }
+        self.mood = mood;
+    }
+
     /// Gives it more stops after the last one. If it stands there it sets out, told or not.
     pub fn go_on(&mut self, stops: impl IntoIterator<Item = Point2<f64>>, now: Time) {
         let stands = self.is_done();
@@ -175,12 +201,17 @@ impl Walker {
         }
     }
 
-    /// When it does something next. `None` at the last stop.
+    /// When it does something next. `None` at the last stop, and where it rests.
     pub fn next_at(&self) -> Option<Time> {
         match self.state {
             _ if self.is_done() => None,
+            State::Standing { .. } if self.mood == Mood::Rests => None,
             State::Standing { since, leave_at } => {
-                let patience_ends = since.saturating_add(self.gait.patience);
+                let patience = match self.mood {
+                    Mood::Ignores(stand) => stand.min(self.gait.patience),
+                    _ => self.gait.patience,
+                };
+                let patience_ends = since.saturating_add(patience);
                 Some(leave_at.map_or(patience_ends, |at| at.min(patience_ends)))
             }
             State::Walking { next_tick, .. } => Some(next_tick),

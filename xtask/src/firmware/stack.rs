@@ -44,6 +44,7 @@ const POINTERS: &[(&[&str], Reach)] = &[
         &[
             "flash_log::banks::Banks<F>::access",
             "node_firmware::run::camera::CameraDevice<K,C>::wake",
+            "core::ptr::drop_in_place<node_firmware::run::run_over<",
         ],
         WAKER,
     ),

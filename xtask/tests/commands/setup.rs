@@ -34,7 +34,8 @@ fn calls(place: &Place) -> Vec<String> {
     calls.lines().map(str::to_owned).collect()
 }
 
-const PACKAGES: &str = "qemu-system-arm tshark cmake ninja-build g++";
+const PACKAGES: &str =
+    "qemu-system-arm tshark ffmpeg cmake ninja-build g++ chromium chromium-driver";
 
 #[test]
 fn without_a_compiler() {

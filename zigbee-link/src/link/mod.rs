@@ -73,7 +73,7 @@ const INTRODUCTIONS: u8 = 4 * BROADCAST_COPIES;
 
 /// Mean time between two broadcasts of a node that broadcasts. Several are within
 /// [`FRESH_FOR`](crate::security::FRESH_FOR), for some are lost.
-const PRESENCE: Duration = Duration::from_secs(10);
+const PRESENCE: Duration = Duration::from_secs(15);
 /// For how long after its last message to all a node says that it is there.
 const PRESENT_FOR: Duration = Duration::from_secs(600);
 

@@ -45,6 +45,8 @@ pub(super) struct Device {
     scan: Scan,
     /// The network it belongs to, or last belonged to.
     home: Option<Membership>,
+    /// It looks whether another network is heard better than its home.
+    is_roaming: bool,
     pauses: u8,
     /// The last refusal.
     refusal: Option<AssociationStatus>,
@@ -87,6 +89,7 @@ impl Device {
             state,
             scan: Scan::new(common.settings.channels),
             home: network,
+            is_roaming: false,
             pauses: 0,
             refusal: None,
         }
@@ -147,7 +150,10 @@ impl Device {
             State::Scanning => match self.scan.step(now) {
                 Step::Request => common.beacon_request_due = true,
                 Step::Listen => {}
-                Step::Done => self.try_candidate(now, 0, link, common),
+                Step::Done => {
+                    self.scan.sort();
+                    self.try_candidate(now, 0, link, common);
+                }
             },
             State::Joining {
                 candidate,
@@ -211,6 +217,21 @@ impl Device {
         self.state = State::Scanning;
     }
 
+    /// Looks for a network that is heard better than its own. Whether it belongs to one.
+    pub(super) fn roam<const PEERS: usize, const QUEUE: usize>(
+        &mut self,
+        link: &mut Link<PEERS, QUEUE>,
+        common: &Common,
+    ) -> bool {
+        let State::Joined { .. } = self.state else {
+            return false;
+        };
+        self.is_roaming = true;
+        self.scan(common);
+        link.detach();
+        true
+    }
+
     /// Waits before it looks for networks again.
     fn pause(&mut self, now: Instant, common: &mut Common) {
         let pause = common.jitter.backoff(PAUSE_FIRST, PAUSE_MAX, self.pauses);
@@ -242,13 +263,15 @@ impl Device {
         }
     }
 
-    /// The next PAN to try after the first `tried` of the scan's: first the former home.
+    /// The next PAN to try after the first `tried` of the scan's: first the former home, unless it
+    /// roams, then whichever is heard best.
     fn candidate(&self, tried: usize) -> Option<Found> {
         let home = self.home.map(|home| home.coordinator);
         let is_home = |found: &&Found| home.is_some() && found.coordinator == home;
+        let comes_first = |found: &&Found| is_home(found) && !self.is_roaming;
         let found = self.scan.found().iter();
-        let homes = found.clone().filter(is_home);
-        let others = found.filter(|found| !is_home(found) && found.is_open);
+        let homes = found.clone().filter(comes_first);
+        let others = found.filter(|found| !comes_first(found) && (found.is_open || is_home(found)));
         let mut all = homes
             .chain(others)
             .filter(|found| found.coordinator.is_some());
@@ -394,6 +417,7 @@ impl Device {
         };
         self.home = Some(membership);
         debug!("joined {} as {}", membership.pan, membership.short);
+        self.is_roaming = false;
         self.pauses = 0;
         self.refusal = None;
         link.attach(membership.pan, membership.short);
@@ -420,6 +444,7 @@ mod tests {
         channel: Channel::FIRST,
         coordinator: Some(COORDINATOR),
         is_open: true,
+        strength: 0,
     };
 
     /// A device that has just begun to join a network.

@@ -28,6 +28,10 @@
 //! standard is not used: it would find the same coordinator with one frame less. A coordinator
 //! answers the orphan notification of a member all the same, if it is secured.
 //!
+//! A device that is carried about may [look](Node::roam) whether it hears another network with the same
+//! site key better than its own, and goes over to it then. Its frame counter goes on: the key is the
+//! same, and so is its address, so no nonce is used again. The former coordinator keeps its place.
+//!
 //! # PAN conflict
 //! Two networks with one identifier disturb each other little: frames of the other one are not
 //! authentic. Beacons can be forged, so no network moves by itself: a coordinator
@@ -306,6 +310,16 @@ impl<const PEERS: usize, const QUEUE: usize, const MEMBERS: usize> Node<PEERS, Q
         coordinator.change_key(next, &mut self.link, &mut self.common)
     }
 
+    /// Looks whether another network of the site is heard better than its own, and goes over to it if
+    /// so. Meanwhile this device is in none. Whether that begins: not while it looks for one already,
+    /// nor on a coordinator.
+    pub fn roam(&mut self) -> bool {
+        match &mut self.role {
+            Role::Coordinator(_) => false,
+            Role::Device(device) => device.roam(&mut self.link, &self.common),
+        }
+    }
+
     /// When this coordinator last heard a beacon of another network with its identifier. Beacons can
     /// be forged.
     pub fn last_conflict(&self) -> Option<Instant> {
@@ -485,11 +499,17 @@ impl<const PEERS: usize, const QUEUE: usize, const MEMBERS: usize> Node<PEERS, Q
 
     /// Takes in a frame without FCS, which is decrypted in place.
     pub fn handle(&mut self, now: Instant, frame: &mut [u8]) {
+        self.handle_at(now, frame, 0);
+    }
+
+    /// The same of a frame that came [so strongly](crate::radio::Received::strength): a device that
+    /// has the choice prefers the network that it hears best.
+    pub fn handle_at(&mut self, now: Instant, frame: &mut [u8], strength: u8) {
         let Some(config) = self.configured else {
             return;
         };
         // Most of what is heard is secured and for somebody else, which the link sees at once.
-        if !is_secured(frame) && self.handle_open(now, frame, config.channel) {
+        if !is_secured(frame) && self.handle_open(now, frame, config.channel, strength) {
             return;
         }
         let event = self.link.handle(now, frame);
@@ -507,11 +527,11 @@ impl<const PEERS: usize, const QUEUE: usize, const MEMBERS: usize> Node<PEERS, Q
     }
 
     /// Beacons and beacon requests, which are not secured. Whether it was one, or no frame.
-    fn handle_open(&mut self, now: Instant, bytes: &[u8], channel: Channel) -> bool {
+    fn handle_open(&mut self, now: Instant, bytes: &[u8], channel: Channel, strength: u8) -> bool {
         let Ok(frame) = Frame::parse(bytes) else {
             return true;
         };
-        if let Some(found) = parse_beacon(&frame, channel) {
+        if let Some(found) = parse_beacon(&frame, channel, strength) {
             self.on_beacon(now, found);
             return true;
         }

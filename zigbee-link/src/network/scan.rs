@@ -61,6 +61,14 @@ pub(super) struct Found {
     pub coordinator: Option<Eui64>,
     /// A network of this crate with room for devices.
     pub is_open: bool,
+    /// How strongly the beacon came, by the measure of the own radio; 0 if that has none.
+    pub strength: u8,
+}
+
+impl Found {
+    const fn identity(&self) -> (PanId, Channel, Option<Eui64>) {
+        (self.pan, self.channel, self.coordinator)
+    }
 }
 
 pub(super) fn beacon_payload(is_full: bool) -> [u8; 4] {
@@ -69,7 +77,7 @@ pub(super) fn beacon_payload(is_full: bool) -> [u8; 4] {
 }
 
 /// A beacon of whatever network.
-pub(super) fn parse_beacon(frame: &Frame<'_>, channel: Channel) -> Option<Found> {
+pub(super) fn parse_beacon(frame: &Frame<'_>, channel: Channel, strength: u8) -> Option<Found> {
     let header = frame.header();
     if header.frame_type != FrameType::Beacon || header.security.is_some() {
         return None;
@@ -87,6 +95,7 @@ pub(super) fn parse_beacon(frame: &Frame<'_>, channel: Channel) -> Option<Found>
             Address::Short(_) => None,
         },
         is_open: room && beacon.superframe.pan_coordinator(),
+        strength,
     })
 }
 
@@ -150,7 +159,9 @@ impl Scan {
     /// reservoir sampling: beacons can be forged, and those that come first must not keep out the
     /// others.
     pub(super) fn on_beacon(&mut self, found: Found, jitter: &mut Jitter) {
-        if self.found.contains(&found) {
+        let is_it = |known: &&mut Found| known.identity() == found.identity();
+        if let Some(known) = self.found.iter_mut().find(is_it) {
+            *known = found;
             return;
         }
         self.heard = self.heard.saturating_add(1);
@@ -158,6 +169,21 @@ impl Scan {
             let place = jitter.below(self.heard);
             if let Some(other) = self.found.get_mut(place as usize) {
                 *other = found;
+            }
+        }
+    }
+
+    /// From now on the strongest come first.
+    pub(super) fn sort(&mut self) {
+        for _ in 0..self.found.len() {
+            let mut before: Option<&mut Found> = None;
+            for found in &mut self.found {
+                if let Some(before) = before
+                    && before.strength < found.strength
+                {
+                    core::mem::swap(before, found);
+                }
+                before = Some(found);
             }
         }
     }
@@ -197,6 +223,7 @@ mod tests {
         channel: Channel::FIRST,
         coordinator: None,
         is_open: false,
+        strength: 0,
     };
 
     #[test]

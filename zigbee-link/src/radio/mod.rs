@@ -200,6 +200,15 @@ pub struct Received {
 }
 
 impl Received {
+    /// How strongly it came, more for better, by whichever measure the radio has: to compare with
+    /// other frames that the same radio received. 0 if it has none.
+    pub fn strength(&self) -> u8 {
+        match (self.rssi, self.lqi) {
+            (Some(rssi), _) => rssi.cast_unsigned() ^ 0x80,
+            (None, lqi) => lqi.unwrap_or(0),
+        }
+    }
+
     /// The frame in the buffer that it was received into.
     pub fn frame<'b>(&self, buffer: &'b [u8; PSDU_MAX]) -> &'b [u8] {
         debug_assert!(self.len <= PSDU_MAX, "{} bytes received", self.len);

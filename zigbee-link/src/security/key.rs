@@ -6,6 +6,7 @@ use aes::{
     Aes128,
     cipher::{BlockCipherEncrypt, KeyInit},
 };
+use zeroize::Zeroize;
 
 use crate::Instant;
 
@@ -62,7 +63,8 @@ impl defmt::Format for Key {
     }
 }
 
-/// A key that is ready to use.
+/// A key that is ready to use. It is overwritten when it is used no longer, and so is the cipher, by its
+/// crate.
 struct Ready {
     key: Key,
     cipher: Aes128,
@@ -74,6 +76,12 @@ impl Ready {
             key,
             cipher: Aes128::new(&key.bytes.into()),
         }
+    }
+}
+
+impl Drop for Ready {
+    fn drop(&mut self) {
+        self.key.bytes.zeroize();
     }
 }
 

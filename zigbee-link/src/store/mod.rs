@@ -120,6 +120,18 @@ pub struct Saved {
 }
 
 impl Saved {
+    /// Of a node that begins with these, and remembers nothing else.
+    pub const fn of_new(key: Key, extended: Eui64) -> Self {
+        Self {
+            counter_limit: 0,
+            active_key: key,
+            next_key: None,
+            network: None,
+            extended: Some(extended),
+            former_key: None,
+        }
+    }
+
     /// From the records with keys 0 to 6. `None` if one is not understood, or one of those that
     /// every node has is missing.
     fn decode(
@@ -155,6 +167,8 @@ pub enum StoreError<E> {
     Full,
     /// The flash failed.
     Flash(E),
+    /// The flash does not hold what was just written to it: it is worn out.
+    Worn,
 }
 
 impl<E> fmt::Display for StoreError<E> {
@@ -165,6 +179,7 @@ impl<E> fmt::Display for StoreError<E> {
             Self::Corrupt => "the store is damaged: provision the node again, with a new key",
             Self::Full => "the store is full: give it a larger range",
             Self::Flash(_) => "the flash failed",
+            Self::Worn => "the flash is worn out: it does not keep what is written",
         })
     }
 }
@@ -179,13 +194,17 @@ impl<E> From<LogError<E>> for StoreError<E> {
             LogError::Corrupt => Self::Corrupt,
             LogError::Full => Self::Full,
             LogError::Flash(error) => Self::Flash(error),
+            LogError::Worn => Self::Worn,
         }
     }
 }
 
 /// The records of one node in a range of a flash.
 #[derive(Debug)]
-pub struct Store<F>(Log<F, SLOT>);
+pub struct Store<F> {
+    log: Log<F, SLOT>,
+    is_abandoned: bool,
+}
 
 impl<F: NorFlash> Store<F> {
     /// A store in `range` of the flash, bytes from its start.
@@ -193,7 +212,11 @@ impl<F: NorFlash> Store<F> {
     /// # Errors
     /// [`StoreError::Layout`].
     pub fn new(flash: F, range: Range<u32>) -> Result<Self, StoreError<F::Error>> {
-        Ok(Self(Log::new(flash, range)?))
+        let log = Log::new(flash, range)?;
+        Ok(Self {
+            log,
+            is_abandoned: false,
+        })
     }
 
     /// Gives the node a site key and an extended address. Everything else in the store is erased.
@@ -221,7 +244,7 @@ impl<F: NorFlash> Store<F> {
             return Err(StoreError::Full);
         };
         let first = Entry::new(FIRST_KEY, active.value()).ok_or(StoreError::Full)?;
-        Ok(self.0.begin(&[counter, active, first, own]).await?)
+        Ok(self.log.begin(&[counter, active, first, own]).await?)
     }
 
     /// The key the node was provisioned with, whichever came into use since. To be asked after
@@ -230,22 +253,40 @@ impl<F: NorFlash> Store<F> {
     /// # Errors
     /// [`StoreError::Corrupt`], or the flash failed.
     pub async fn first_key(&mut self) -> Result<Key, StoreError<F::Error>> {
-        let first = match self.0.find(FIRST_KEY).await? {
+        let first = match self.log.find(FIRST_KEY).await? {
             Some(first) => Some(first),
-            None => self.0.find(ACTIVE_KEY).await?,
+            None => self.log.find(ACTIVE_KEY).await?,
         };
         let key = first.and_then(|entry| decode_key(Reader::new(entry.value())));
         key.flatten().ok_or(StoreError::Corrupt)
     }
 
+    /// Writes nothing any more, whatever is saved: for a flash that does not serve. Only for a node with an
+    /// extended address that nobody has had, and that is drawn anew at each start: nobody will know which
+    /// frame counters it used.
+    pub const fn abandon(&mut self) {
+        self.is_abandoned = true;
+    }
+
     /// Writes a record down. When this returns `Ok`, a loss of power does not undo it; when it
-    /// does not return, the record is as before or as told.
+    /// does not return, the record is as before or as told. What fails once is tried again, in the other
+    /// half of the flash.
     ///
     /// # Errors
     /// The flash failed or is full.
     pub async fn save(&mut self, record: Record) -> Result<(), StoreError<F::Error>> {
+        if self.is_abandoned {
+            return Ok(());
+        }
         let entry = encode(record).ok_or(StoreError::Full)?;
-        Ok(self.0.append(&entry).await?)
+        match self.log.append(&entry).await {
+            Err(LogError::Flash(_) | LogError::Worn) => {}
+            other => return Ok(other?),
+        }
+        if !self.log.recover(skip_block).await? {
+            return Err(StoreError::Corrupt);
+        }
+        Ok(self.log.append(&entry).await?)
     }
 
     /// Reads everything but the members.
@@ -254,12 +295,12 @@ impl<F: NorFlash> Store<F> {
     /// [`StoreError::NotProvisioned`] or [`StoreError::Corrupt`]: do not transmit. Or the flash
     /// failed.
     pub async fn load(&mut self) -> Result<Saved, StoreError<F::Error>> {
-        if !self.0.recover(skip_block).await? {
+        if !self.log.recover(skip_block).await? {
             return Err(StoreError::NotProvisioned);
         }
         let mut entries = [None; 7];
         for (key, entry) in (COUNTER..).zip(&mut entries) {
-            *entry = self.0.find(key).await?;
+            *entry = self.log.find(key).await?;
         }
         Saved::decode(&entries).ok_or(StoreError::Corrupt)
     }
@@ -272,7 +313,7 @@ impl<F: NorFlash> Store<F> {
         let Some(key) = MEMBERS.checked_add(place) else {
             return Ok(None);
         };
-        match self.0.find(key).await? {
+        match self.log.find(key).await? {
             None => Ok(None),
             Some(entry) => decode_member(Reader::new(entry.value())).ok_or(StoreError::Corrupt),
         }
@@ -287,9 +328,9 @@ impl<F: NorFlash> Store<F> {
         members: &mut [Option<Member>; PLACES],
     ) -> Result<(), StoreError<F::Error>> {
         let mut slots = [0; PLACES];
-        self.0.newest(MEMBERS, &mut slots).await?;
+        self.log.newest(MEMBERS, &mut slots).await?;
         for (member, slot) in members.iter_mut().zip(slots) {
-            *member = match self.0.read(slot).await? {
+            *member = match self.log.read(slot).await? {
                 None => None,
                 Some(entry) => {
                     decode_member(Reader::new(entry.value())).ok_or(StoreError::Corrupt)?
@@ -301,7 +342,7 @@ impl<F: NorFlash> Store<F> {
 
     /// Gives the flash back.
     pub fn into_flash(self) -> F {
-        self.0.into_flash()
+        self.log.into_flash()
     }
 }
 

@@ -38,11 +38,15 @@ pub struct Station {
     pub config: Option<RadioConfig>,
     /// Neither hears nor is heard.
     pub is_out_of_range: bool,
+    /// How strongly it is heard.
+    pub strength: u8,
 }
 
 /// A frame that was on the air.
 pub struct OnAir {
     pub at: Instant,
+    /// The place of the sender.
+    pub from: usize,
     pub channel: Channel,
     pub frame: Vec<u8>,
 }
@@ -99,6 +103,7 @@ impl Aether {
             members,
             config: None,
             is_out_of_range: false,
+            strength: 100,
         });
         self.stations.len() - 1
     }
@@ -178,9 +183,11 @@ impl Aether {
             .expect("sends before it is configured");
         self.heard.push(OnAir {
             at: self.now,
+            from,
             channel: config.channel,
             frame: frame.to_vec(),
         });
+        let strength = self.stations[from].strength;
         self.now = self.now + Duration::from_micros(32 * (frame.len() as u64 + 8) + 192);
         for to in 0..self.stations.len() {
             let is_lost = self.rng.random_bool(self.loss);
@@ -191,7 +198,7 @@ impl Aether {
                 .config
                 .is_some_and(|to| to.channel == config.channel);
             if to != from && on_channel && in_range && !is_lost {
-                station.node.handle(self.now, &mut frame.to_vec());
+                (station.node).handle_at(self.now, &mut frame.to_vec(), strength);
             }
         }
     }

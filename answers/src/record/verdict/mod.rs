@@ -9,6 +9,7 @@
 use std::collections::{BTreeMap, BTreeSet};
 
 use calib_core::{Refusal, Status};
+use node_firmware::message::{Eye, Health};
 
 use super::{
     Node, NodeLens, Protection, Role, RunRecord, checks,
@@ -21,7 +22,7 @@ mod words;
 
 pub use causes::deceives;
 pub use in_view::InView;
-pub use words::{check_words, status_words};
+pub use words::{check_words, health_words, status_words};
 
 /// A sighting this many sigmas off its camera's pose is worth a look.
 const WILD: f64 = 5.0;
@@ -50,6 +51,8 @@ pub struct Verdict {
     pub absent: Vec<u16>,
     /// Coordinators and targets that do not answer any more, and when they were last heard.
     pub silent: Vec<(u16, Role, Option<f64>)>,
+    /// Nodes that say that something is the matter with them, by ascending number.
+    pub unwell: Vec<(u16, Role, Health)>,
     /// Nodes whose firmware could not go on, by ascending number.
     pub failing: Vec<Failing>,
     /// Where to stop the target next: by ascending network, the best place first.
@@ -87,6 +90,8 @@ pub enum Trouble {
     /// No pose: nobody knows where the target stands before the reference cameras know where they
     /// look.
     NoReferences,
+    /// No pose: its network has no references, and no target has come from another network.
+    NoTarget,
     /// No pose, and no reason.
     NoPose,
     /// Its sightings contradict each other, so neither pose nor sigmas can be relied on.
@@ -171,6 +176,8 @@ pub enum Common {
     Carrier(u16, f64),
     /// Residuals are this many times larger than foretold, for whatever reason.
     Misfit(f64),
+    /// This reference camera of a network in which nobody has a pose is not there: no other gets one.
+    Reference(u16),
     /// No pose of this network is checked: no target estimated its cameras together.
     Unchecked(u16),
     /// True errors are this many times larger than foretold.
@@ -213,6 +220,7 @@ impl Verdict {
         let networks = Networks::of(record);
         let mut by_camera = BTreeMap::<u16, Vec<Trouble>>::new();
         let mut common = causes::common(record);
+        common.extend(networks.missing(record).map(Common::Reference));
         let mut to_check = Vec::new();
         for network in record.networks.iter().map(|network| network.network) {
             let (troubles, stops) = unchecked(record, network, &mut common);
@@ -270,6 +278,10 @@ impl Verdict {
             silent: others()
                 .filter(|node| node.silent)
                 .map(|node| (node.id, node.role, node.heard_seconds))
+                .collect(),
+            unwell: { record.nodes.iter() }
+                .filter(|node| node.health != Health::default())
+                .map(|node| (node.id, node.role, node.health))
                 .collect(),
             failing: record.nodes.iter().filter_map(Failing::of).collect(),
             next_stops,
@@ -385,6 +397,9 @@ fn why_no_pose(record: &RunRecord, networks: &Networks, camera: &Node) -> Troubl
     if camera.silent {
         return Trouble::Silent(camera.heard_seconds);
     }
+    if networks.awaiting.contains(&camera.network) {
+        return Trouble::NoTarget;
+    }
     let waits = networks.unanswered.contains(&camera.network);
     match (camera.reason, camera.sightings) {
         (None, _) if waits && !camera.reference => Trouble::NoReferences,
@@ -406,6 +421,8 @@ struct Networks {
     unanswered: BTreeSet<u16>,
     /// A reference never joined.
     halved: BTreeSet<u16>,
+    /// There are no references, as there are in another network, and nobody saw anything.
+    awaiting: BTreeSet<u16>,
     /// Some target joined, or nobody knows.
     visited: BTreeSet<u16>,
 }
@@ -420,11 +437,27 @@ impl Networks {
         let is_target = |node: &Node| node.role == Role::Target;
         let empty = of(&|node| is_target(node) && node.never_joined());
         let visited = of(&|node| is_target(node) && !node.never_joined());
+        let has_references = of(&is_reference);
+        let saw = of(&|node| node.is_camera() && (node.sightings > 0 || node.estimate.is_some()));
+        let awaiting = match has_references.is_empty() {
+            true => BTreeSet::new(),
+            false => &(&of(&Node::is_camera) - &has_references) - &saw,
+        };
         Self {
+            awaiting,
             unanswered: of(&|node| is_reference(node) && node.estimate.is_none()),
             halved: of(&|node| is_reference(node) && node.never_joined()),
             visited: &of(&|_| true) - &(&empty - &visited),
         }
+    }
+
+    /// References that are not there, of networks in which they are waited for.
+    fn missing(&self, record: &RunRecord) -> impl Iterator<Item = u16> {
+        let cameras = record.cameras().filter(|camera| {
+            let is_awaited = camera.reference && self.unanswered.contains(&camera.network);
+            is_awaited && camera.estimate.is_none() && is_gone(camera)
+        });
+        cameras.map(|camera| camera.id)
     }
 
     /// What a camera of which this was found asks for. Where to stop is not what is the matter with
@@ -443,6 +476,14 @@ impl Networks {
             in_pair,
         })
     }
+}
+
+/// Whether a reference camera cannot do its duty.
+fn is_gone(camera: &Node) -> bool {
+    camera.never_joined()
+        || camera.silent
+        || !camera.failures.is_empty()
+        || camera.health.camera != Eye::Sees
 }
 
 impl Trouble {

@@ -3,6 +3,7 @@
 use std::{collections::BTreeMap, fmt};
 
 use calib_core::{Refusal, Status, camera::Projection};
+use node_firmware::message::{Eye, Health, Memory, Restart};
 
 use super::{
     Cause, Common, Failing, Finding, InView, NextStop, Protection, Role, Trouble, Verdict, Weakness,
@@ -24,6 +25,40 @@ pub fn status_words(status: Status, reason: Option<Refusal>) -> String {
         (Status::Weak, _) => "weak: less certain than asked for".to_owned(),
         (Status::Doubtful, _) => "doubtful: its sightings contradict each other".to_owned(),
         (Status::Calibrated, _) => "calibrated".to_owned(),
+    }
+}
+
+/// What is the matter with a node, as it says itself, and what to do.
+pub fn health_words(health: &Health) -> String {
+    let memory = match health.memory {
+        Memory::Flash => None,
+        Memory::Ram => Some(
+            "its flash is worn out or damaged: it works from RAM, and forgets all when it restarts; \
+             replace the board",
+        ),
+    };
+    let camera = match health.camera {
+        Eye::Sees => None,
+        Eye::Blind => Some(
+            "blind: it adapted to the light, and still does not see the target where it should; look \
+             at what is before its lens, at the light, and at the colour that it looks for",
+        ),
+        Eye::Failed => Some(
+            "its camera does not answer, or its picture does not change; check its line, its power \
+             and its lens",
+        ),
+    };
+    let restart = match health.restart {
+        Restart::Ordinary => None,
+        Restart::RadioDeaf => Some("it restarted by itself: its radio heard nothing any more"),
+        Restart::RadioStuck => Some("it restarted by itself: its radio did not end a transmission"),
+        Restart::CameraStuck => Some("it restarted by itself: the driver of its camera stuck"),
+        Restart::Program => Some("it restarted by itself: its program broke or stood still"),
+    };
+    let all: Vec<&str> = [memory, camera, restart].into_iter().flatten().collect();
+    match all.is_empty() {
+        true => "well".to_owned(),
+        false => all.join("; "),
     }
 }
 
@@ -97,6 +132,10 @@ impl Finding {
             Trouble::Refused(refusal) => write!(f, "not calibrated: {refusal}"),
             Trouble::NoReferences => f.write_str(
                 "not calibrated: the two reference cameras come first, and have no answer yet",
+            ),
+            Trouble::NoTarget => f.write_str(
+                "not calibrated: its network has no references, and waits for a target from another \
+                 network",
             ),
             Trouble::NoPose => f.write_str("not calibrated: its pose did not arrive"),
             Trouble::Doubtful {
@@ -201,7 +240,37 @@ impl fmt::Display for Remedy {
     }
 }
 
+/// A finding in words, with the unit of lengths.
+struct Told<'a>(&'a Finding, &'a Verdict);
+
+impl fmt::Display for Told<'_> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Self(finding, verdict) = *self;
+        finding.write(f, &verdict.unit, verdict.never_joined())
+    }
+}
+
 impl Verdict {
+    /// What is the matter with one camera, and what to do, without its name.
+    pub fn words_on(&self, finding: &Finding) -> String {
+        if let Trouble::Unchecked {
+            protection,
+            weakness,
+        } = &finding.trouble
+        {
+            let remedy = Remedy(*weakness, Some(finding.camera));
+            let check = check_words(protection.as_ref(), false, &self.unit);
+            return format!("{check}: {remedy}");
+        }
+        let told = Told(finding, self).to_string();
+        let name = format!("  camera {}: ", finding.camera);
+        told.strip_prefix(&name).unwrap_or(&told).to_owned()
+    }
+
+    fn never_joined(&self) -> &'static str {
+        NEVER_JOINED[usize::from(!self.is_rehearsal)]
+    }
+
     /// What is not checked, told together where one stop helps several.
     fn write_unchecked(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let mut by_weakness = BTreeMap::<_, Vec<(u16, Option<Protection>)>>::new();
@@ -293,6 +362,12 @@ impl Verdict {
                 "  The residuals are {ratio:.1} times larger than foretold: check projection and \
                  field of view of the cameras first, then the carrier's step length and compass."
             ),
+            Common::Reference(camera) => writeln!(
+                f,
+                "  Reference camera {camera} is not there, and without both references no camera of its \
+                 network gets a pose: see below what is the matter with it, or put another board or camera \
+                 in its place, with the same configuration."
+            ),
             Common::Unchecked(network) => {
                 f.write_str("  No pose is checked")?;
                 if self.has_networks {
@@ -327,7 +402,7 @@ impl fmt::Display for Verdict {
             unit,
             ..
         } = self;
-        let never_joined = NEVER_JOINED[usize::from(!self.is_rehearsal)];
+        let never_joined = self.never_joined();
         write!(f, "{calibrated} of {expected} cameras are calibrated")?;
         if self.checkable > 0 {
             write!(
@@ -337,7 +412,7 @@ impl fmt::Display for Verdict {
             )?;
         }
         let nothing = self.findings.is_empty() && self.common.is_empty();
-        let others = self.absent.len() + self.silent.len() + self.failing.len();
+        let others = self.absent.len() + self.silent.len() + self.failing.len() + self.unwell.len();
         if nothing && others == 0 {
             writeln!(f, "; nothing is left to do.")?;
             return self.write_protection(f);
@@ -358,6 +433,9 @@ impl fmt::Display for Verdict {
         }
         for (id, who, since) in &self.silent {
             writeln!(f, "  {} {id}: {}", role(*who), Since(*since))?;
+        }
+        for (id, who, health) in &self.unwell {
+            writeln!(f, "  {} {id}: {}", role(*who), health_words(health))?;
         }
         for failing in &self.failing {
             writeln!(f, "{failing}")?;

@@ -1,6 +1,7 @@
 //! `host-sim flash`: an image, and the page that says which node it is, onto a board.
 
 mod image;
+mod lock;
 
 use std::{
     env, fs,
@@ -82,6 +83,14 @@ pub(super) struct Arguments {
     /// its memory is damaged.
     #[arg(long, requires = "config")]
     erase_memory: bool,
+    /// Closes the debug port, so that nobody with the board in hand reads the site key. Whoever opens
+    /// it again (--unlock) erases the board.
+    #[arg(long)]
+    lock: bool,
+    /// Opens the debug port of a board that was locked, before it is written. That erases all that
+    /// the board holds.
+    #[arg(long, requires = "config")]
+    unlock: bool,
     /// Tells the commands, and runs none.
     #[arg(long)]
     dry_run: bool,
@@ -103,20 +112,33 @@ impl Arguments {
         let page = self.page()?;
         let has_probe_rs = is_on_path("probe-rs");
         ensure!(has_probe_rs || self.dry_run, INSTALL);
+        if let Some((program, install)) = self.board.locked_with()
+            && (self.lock || self.unlock)
+            && !is_on_path(program)
+        {
+            ensure!(self.dry_run, install);
+            tell(install);
+        }
         let image = self.image()?;
         // Beside the image, where nobody looks for what was left over.
-        let erased = image.with_extension("erased.bin");
-        if self.erase_memory {
-            let files = Files::default().reads([&image]).reads(&self.config);
-            files.writes([&erased]).check()?;
+        let beside = Beside {
+            erased: image.with_extension("erased.bin"),
+            enabled: image.with_extension("approtect.bin"),
+        };
+        let files = Files::default().reads([&image]).reads(&self.config);
+        if !self.dry_run {
+            files
+                .writes(self.erase_memory.then_some(&beside.erased))
+                .writes(self.lock.then_some(&beside.enabled))
+                .check()?;
         }
         if let Some(page) = &page {
             tell(node::text(&page.config)?.trim_end());
         }
         let path = page.as_ref().map(|page| page.path.as_path());
-        let commands = self.commands(sh, &image, path, &erased);
+        let commands = self.commands(sh, &image, path, &beside);
         // With all memory erased, it does not matter what the board was before.
-        let page = page.filter(|_| !self.erase_memory);
+        let page = page.filter(|_| !self.erase_memory && !self.unlock);
         if self.dry_run {
             let look = page.map(|_| self.look(sh));
             for command in look.iter().chain(&commands) {
@@ -132,14 +154,19 @@ impl Arguments {
         }
         if self.erase_memory {
             let (_, bytes) = self.board.regions().memory();
-            fs::write(&erased, vec![0xFF; bytes as usize])
-                .with_context(|| format!("{} was not written", erased.display()))?;
+            write(&beside.erased, &vec![0xFF; bytes as usize])?;
+        }
+        if self.lock {
+            write(&beside.enabled, &lock::ENABLED)?;
         }
         for command in commands {
             command.run().context(
                 "the board is not complete: see what probe-rs says above, then type the same \
                  command again",
             )?;
+        }
+        if self.lock {
+            tell(self.board.after_locking());
         }
         Ok(())
     }
@@ -193,11 +220,10 @@ impl Arguments {
     /// Refuses a page that makes another node of the board, which would go on with what the former
     /// one learnt.
     fn compare(&self, sh: &Shell, new: &Config) -> Result<()> {
-        let said = self
-            .look(sh)
-            .quiet()
-            .read()
-            .context("nothing was written: see what probe-rs says above")?;
+        let said = self.look(sh).quiet().read().context(
+            "nothing was written: see what probe-rs says above. A board that was locked is \
+                 written with --unlock, which erases it",
+        )?;
         let bytes = parse_read(&said);
         ensure!(
             bytes.len() == PAGE_MAX,
@@ -251,13 +277,13 @@ impl Arguments {
     }
 
     /// The page comes before the memory is erased: should the node start between two commands, it
-    /// does not begin again with the former page's counters.
+    /// does not begin again with the former page's counters. A debug port is closed last.
     fn commands<'a>(
         &self,
         sh: &'a Shell,
         image: &Path,
         page: Option<&Path>,
-        erased: &Path,
+        beside: &Beside,
     ) -> Vec<Cmd<'a>> {
         let regions = self.board.regions();
         let probe = &self.probe_options();
@@ -268,16 +294,39 @@ impl Arguments {
                 "probe-rs download {probe...} --verify --binary-format bin --base-address {address} {path}"
             )
         };
-        let mut commands = vec![cmd!(
+        let selector = self.probe.as_deref();
+        let mut commands = Vec::new();
+        commands.extend(self.unlock.then(|| self.board.unlock(sh, selector, probe)));
+        commands.push(cmd!(
             sh,
             "probe-rs download {probe...} --verify --binary-format elf {image}"
-        )];
+        ));
         commands.extend(page.map(|page| bytes(page, regions.config_address())));
         let (memory, _) = regions.memory();
-        commands.extend(self.erase_memory.then(|| bytes(erased, memory)));
-        commands.push(cmd!(sh, "probe-rs reset {probe...}"));
+        commands.extend(self.erase_memory.then(|| bytes(&beside.erased, memory)));
+        let reset = cmd!(sh, "probe-rs reset {probe...}");
+        let lock = self
+            .lock
+            .then(|| self.board.lock(sh, selector, probe, &beside.enabled));
+        // OpenOCD starts the board itself, and nothing connects to it after that.
+        match self.board {
+            Board::Nrf52840 => commands.extend(lock.into_iter().chain([reset])),
+            Board::NucleoL476rg => commands.push(lock.unwrap_or(reset)),
+        }
         commands
     }
+}
+
+/// Files beside the image, of what is written besides.
+struct Beside {
+    /// A memory in which nothing was learnt.
+    erased: PathBuf,
+    /// What closes the debug port.
+    enabled: PathBuf,
+}
+
+fn write(path: &Path, bytes: &[u8]) -> Result<()> {
+    fs::write(path, bytes).with_context(|| format!("{} was not written", path.display()))
 }
 
 /// The bytes that `probe-rs read b8` prints: hexadecimal numbers, in newer versions with their

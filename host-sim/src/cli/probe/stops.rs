@@ -5,7 +5,7 @@ use std::{
     path::Path,
 };
 
-use cmucam2_driver::{colour::ColourBounds, session::Fault};
+use cmucam2_driver::colour::ColourBounds;
 use host_sim::probe::{
     display::Degrees,
     record::{self, Recording, Row, SightingLine},
@@ -19,6 +19,21 @@ const PATIENCE: usize = 5;
 
 /// The most packets of a sighting.
 pub(super) const PACKETS_MAX: usize = 1000;
+
+/// Why there is no sighting.
+#[derive(Debug, thiserror::Error)]
+enum NotSeen {
+    #[error(transparent)]
+    Unsteady(Unsteady),
+    /// What it had adapted to is lost, and with it the colour.
+    #[error(
+        "the camera restarted meanwhile, and sees other colours now: start it up again, without \
+         --as-is, and check its supply"
+    )]
+    Restarted,
+    #[error("this camera counts columns otherwise than --first-column says")]
+    Columns,
+}
 
 /// Records one sighting, or one for each line of the standard input.
 pub(super) fn run(
@@ -60,12 +75,12 @@ pub(super) fn run(
 }
 
 /// Tracks until the blob is steady, and leaves the camera idle.
-fn wait(bench: &mut Bench<'_>, bounds: ColourBounds) -> anyhow::Result<Result<Steady, Unsteady>> {
+fn wait(bench: &mut Bench<'_>, bounds: ColourBounds) -> anyhow::Result<Result<Steady, NotSeen>> {
     let packets = usize::from(bench.arguments.packets);
     let columns = bench.view.columns();
     // Not every object is round.
     let mut steadiness = Steadiness::<PACKETS_MAX>::new(packets, columns, Shape::Any);
-    let mut judged = Err(Unsteady::Few);
+    let mut judged = Err(NotSeen::Unsteady(Unsteady::Few));
     let wait = spinner("looking");
     bench
         .camera
@@ -77,17 +92,23 @@ fn wait(bench: &mut Bench<'_>, bounds: ColourBounds) -> anyhow::Result<Result<St
             Look::Packet(tracking) => tracking,
             Look::Quiet => continue,
             Look::Restarted => {
-                wait.suspend(|| tell(Fault::Restarted));
-                continue;
+                judged = Err(NotSeen::Restarted);
+                break;
             }
         };
         if let Some(remark) = bench.remark(&tracking) {
             wait.suspend(|| tell(remark));
         }
-        judged = steadiness.push(bench.view.blob(&tracking));
-        match judged {
+        if bench.contradicted {
+            judged = Err(NotSeen::Columns);
+            break;
+        }
+        judged = steadiness
+            .push(bench.view.blob(&tracking))
+            .map_err(NotSeen::Unsteady);
+        match &judged {
             Ok(_) => break,
-            Err(Unsteady::Few) => {}
+            Err(NotSeen::Unsteady(Unsteady::Few)) => {}
             Err(why) => wait.set_message(why.to_string()),
         }
     }
@@ -117,7 +138,19 @@ fn keep(
         serde_json::to_writer(&mut out, &SightingLine::new(row, sighting, bearing))?;
         return Ok(out.write_all(b"\n")?);
     }
-    write!(out, "{},{target_x},{target_y}: {sighting}", row.case)?;
+    let Row { case, column, .. } = row;
+    let Steady {
+        column_sigma,
+        frames,
+        pixels,
+        confidence,
+        ..
+    } = sighting;
+    write!(
+        out,
+        "{case},{target_x},{target_y}: column {column:.2} +/- {column_sigma:.2} ({frames} packets, \
+         pixels {pixels}, confidence {confidence})"
+    )?;
     if let Some(bearing) = bearing {
         write!(
             out,

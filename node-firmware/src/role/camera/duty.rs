@@ -81,24 +81,25 @@ impl ReferenceDuty {
         mine.map(|stop| (stop.target, stop.stop))
     }
 
-    /// Takes who the references are: whether that is news.
+    /// Takes who the references are, if there are any: whether that is news.
     pub(super) fn appoint(
         &mut self,
         references: &References,
         own: Option<ShortAddress>,
         unsaved: &mut Unsaved,
     ) -> bool {
-        if self.references.as_ref() == Some(references) {
+        let references = Some(*references).filter(References::are_two);
+        if self.references == references {
             return false;
         }
         let pair = |of: &References| (of.first, of.second);
-        if self.references.as_ref().map(pair) != Some(pair(references)) {
+        if self.references.as_ref().map(pair) != references.as_ref().map(pair) {
             // What another camera saw, or its pose, is nothing to this one.
             self.forget_second(unsaved);
             let kept = self.stops.forget_other();
             rewrite(kept, unsaved);
         }
-        self.references = Some(*references);
+        self.references = references;
         unsaved.insert(FactKey::References);
         self.to_solve = self.of(own) == Some(Duty::First);
         if !self.to_solve {

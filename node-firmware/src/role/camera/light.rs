@@ -10,12 +10,18 @@ const EXPECTED: u16 = 3;
 /// What did not help is tried again after twice as many looks, but so often at most.
 const DOUBLINGS: u8 = 4;
 
+/// A camera that has adapted, and so often does not see the target where its pose says that it is in view,
+/// is blind.
+const BLIND: u8 = 3;
+
 /// Looks that saw nothing.
 #[derive(Clone, Debug)]
 pub(super) struct Light {
     missed: u16,
     /// Adaptations since it saw the target last.
     adapted: u8,
+    /// Looks since then that saw nothing where the target is expected.
+    in_vain: u8,
     /// The farthest that a target was seen in this run by a camera that knew its pose.
     farthest: Option<f32>,
 }
@@ -25,6 +31,7 @@ impl Light {
         Self {
             missed: 0,
             adapted: 0,
+            in_vain: 0,
             farthest: None,
         }
     }
@@ -33,14 +40,20 @@ impl Light {
     pub(super) fn on_seen(&mut self, range: Option<f32>) {
         self.missed = 0;
         self.adapted = 0;
+        self.in_vain = 0;
         if let Some(range) = range {
             self.farthest = Some(self.farthest.map_or(range, |farthest| farthest.max(range)));
         }
     }
 
-    /// Whether a target could be seen from so far.
-    pub(super) fn reaches(&self, range: f32) -> bool {
-        self.farthest.is_none_or(|farthest| range <= farthest)
+    /// Whether it sees nothing where it should although it adapted.
+    pub(super) const fn is_blind(&self) -> bool {
+        self.in_vain >= BLIND
+    }
+
+    /// Whether a target could be seen from so far, if that is known.
+    pub(super) fn reaches(&self, range: f32) -> Option<bool> {
+        self.farthest.map(|farthest| range <= farthest)
     }
 
     /// Nothing is seen, where the target is expected in view or not, or nobody knows (`None`). Whether
@@ -53,6 +66,9 @@ impl Light {
             None => 1,
         };
         self.missed = self.missed.saturating_add(weight);
+        if self.adapted > 0 && is_expected == Some(true) {
+            self.in_vain = self.in_vain.saturating_add(1);
+        }
         let limit = LOOKS << self.adapted;
         let limit = if is_expected == Some(true) {
             2 * limit

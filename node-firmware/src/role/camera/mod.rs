@@ -57,8 +57,9 @@ use crate::{
     hardware::{Button, Indication},
     limits::{COLOURS_MAX, MEMBERS, REFERENCE_STOPS, TARGETS},
     message::{
-        CameraCommand, CommandResult, Duty, Hello, ListedSighting, MemberAddress, MemberKind,
-        Message, PoseParts, Report, Seen, Sight, StopBearing, StopNumber, TrackedBlob,
+        CameraCommand, CommandResult, Duty, Eye, Health, Hello, ListedSighting, MemberAddress,
+        MemberKind, Memory, Message, PoseParts, Report, Restart, Seen, Sight, StopBearing,
+        StopNumber, TrackedBlob,
     },
     network::Attachment,
     vision::ColourWindow,
@@ -123,10 +124,12 @@ pub enum CameraNotification {
     Bearing(MemberAddress, StopNumber),
     /// How far it is, for the coordinator or a target.
     Report(MemberAddress),
+    /// What is the matter with it, for the coordinator.
+    Health,
 }
 
 /// Of all these there is one, but for bearings and for reports to targets.
-const NOTIFICATIONS: usize = 4 + REFERENCE_STOPS + TARGETS;
+const NOTIFICATIONS: usize = 5 + REFERENCE_STOPS + TARGETS;
 
 impl Notification for CameraNotification {
     fn priority(self) -> u8 {
@@ -136,7 +139,8 @@ impl Notification for CameraNotification {
             Self::Posed => 2,
             Self::Bearing(..) => 3,
             Self::Report(to) if ShortAddress(to) == COORDINATOR => 4,
-            Self::Report(_) => 5,
+            Self::Health => 5,
+            Self::Report(_) => 6,
         }
     }
 }
@@ -175,6 +179,7 @@ pub struct CameraRole {
     outbox: Outbox<CameraNotification, 8>,
     /// The next of its sightings that the coordinator asked for.
     listing: Option<usize>,
+    health: Health,
 }
 
 impl CameraRole {
@@ -203,6 +208,7 @@ impl CameraRole {
             notifications: Notifications::new(),
             outbox: Outbox::new(),
             listing: None,
+            health: Health::default(),
         }
     }
 
@@ -247,6 +253,25 @@ impl CameraRole {
         if self.progress.has_report() {
             self.notify(CameraNotification::Report(COORDINATOR.0), due);
         }
+        if self.health != Health::default() {
+            self.notify(CameraNotification::Health, due);
+        }
+    }
+
+    /// Takes what is the matter with it: the coordinator hears of news.
+    fn on_health(&mut self, now: Instant, health: Health) {
+        if core::mem::replace(&mut self.health, health) != health {
+            self.notify(CameraNotification::Health, now);
+        }
+    }
+
+    /// Whether its camera serves.
+    fn on_eye(&mut self, now: Instant, camera: Eye) {
+        let health = Health {
+            camera,
+            ..self.health
+        };
+        self.on_health(now, health);
     }
 
     /// Has a command carried out next. The coordinator hears of one that is given up.
@@ -321,6 +346,7 @@ impl CameraRole {
             CameraNotification::Report(to) => {
                 (ShortAddress(to), Message::Report(*self.progress.report()))
             }
+            CameraNotification::Health => (COORDINATOR, Message::Health(self.health)),
         })
     }
 }
@@ -375,7 +401,12 @@ impl Role for CameraRole {
                     self.on_joint(now, from.0, solved);
                 }
             }
-            Message::WhoIsThere if is_coordinator => self.present(now + self.slot()),
+            Message::WhoIsThere(heard) if is_coordinator => {
+                let is_heard = self.address.is_some_and(|own| heard.contains(&own.0));
+                if !is_heard {
+                    self.present(now + self.slot());
+                }
+            }
             Message::Command(CameraCommand::Forget) if is_coordinator => {
                 self.forget(now);
                 self.tell_done(
@@ -424,10 +455,27 @@ impl Role for CameraRole {
                 self.command(now, CameraCommand::LearnColour { colour: 0 });
             }
             CameraEvent::Button(Button::JoinWindow) => {}
-            CameraEvent::Ready => self.device.on_ready(),
+            CameraEvent::Ready => {
+                self.device.on_ready();
+                if self.health.camera == Eye::Failed {
+                    self.on_eye(now, Eye::Sees);
+                }
+            }
             CameraEvent::Starting => self.on_starting(now),
-            CameraEvent::Failed => self.device.on_failed(),
+            CameraEvent::Failed => {
+                self.device.on_failed();
+                self.on_eye(now, Eye::Failed);
+            }
         }
+    }
+
+    fn on_node(&mut self, now: Instant, memory: Memory, restart: Restart) {
+        let health = Health {
+            memory,
+            restart,
+            ..self.health
+        };
+        self.on_health(now, health);
     }
 
     fn compute(&mut self, now: Instant) {

@@ -15,8 +15,8 @@ use crate::{
     arithmetic::root,
     facts::KeptSighting,
     message::{
-        CameraState, CommandResult, Confirmation, CoordinateFrame, Duty, MemberAddress, Message,
-        PoseParts, Report, Seen, Sight, StopAnswer, StopBearing, StopNumber, Stopped,
+        CameraState, CommandResult, Confirmation, CoordinateFrame, Duty, Eye, MemberAddress,
+        Message, PoseParts, Report, Seen, Sight, StopAnswer, StopBearing, StopNumber, Stopped,
     },
     role::COORDINATOR,
     vision::Subject,
@@ -117,7 +117,7 @@ impl CameraRole {
     pub(super) fn on_looked(&mut self, now: Instant, sight: Sight, seen: Option<Seen>) {
         if let Some(request) = self.device.on_looked() {
             self.on_look(now, request, sight, seen);
-            self.judge_light(&request.stopped, sight);
+            self.judge_light(now, &request.stopped, sight);
         }
     }
 
@@ -143,8 +143,12 @@ impl CameraRole {
         // A camera that is stuck would be believed until two others contradict it.
         let repeats = picture.map_or(0, |picture| self.looks.repeats(target, &stopped, &picture));
         let sight = if repeats >= STUCK {
+            self.on_eye(now, Eye::Failed);
             Sight::Failed
         } else {
+            if picture.is_some() && self.health.camera == Eye::Failed {
+                self.on_eye(now, Eye::Sees);
+            }
             sight
         };
         let seen = picture.filter(|_| sight == Sight::InView);
@@ -167,7 +171,7 @@ impl CameraRole {
     /// Has the camera adapt to the light again if it sees nothing where it should.
     // stack
     #[inline(never)]
-    fn judge_light(&mut self, stopped: &Stopped, sight: Sight) {
+    fn judge_light(&mut self, now: Instant, stopped: &Stopped, sight: Sight) {
         let subjects = &self.config.subjects;
         // What moves is found in any light, and its background must not be learnt now.
         let Some(Subject::Colour(_)) = subjects.of_target(stopped.colour) else {
@@ -187,15 +191,23 @@ impl CameraRole {
             Sight::NotInView => {}
             Sight::InView | Sight::Clipped | Sight::Unsteady => {
                 self.light.on_seen(direction.map(|(_, range)| range));
+                if self.health.camera == Eye::Blind {
+                    self.on_eye(now, Eye::Sees);
+                }
                 return;
             }
             Sight::NotLooking | Sight::Failed | Sight::NotReady => return,
         }
         let half_view = self.config.lens.field_of_view_deg.to_radians() / 2.0;
-        let is_expected = direction
-            .map(|(off, range)| off.abs() < WELL_INSIDE * half_view && self.light.reaches(range));
+        let is_expected = direction.and_then(|(off, range)| match self.light.reaches(range) {
+            reaches if off.abs() < WELL_INSIDE * half_view => reaches,
+            _ => Some(false),
+        });
         if self.light.on_nothing(is_expected) {
             self.device.adapt();
+        }
+        if self.light.is_blind() {
+            self.on_eye(now, Eye::Blind);
         }
     }
 

@@ -834,6 +834,13 @@ fn a_camera_that_starts_anew_says_so_at_once() {
     let mut asked = |event: Option<CameraEvent>, now| {
         if let Some(event) = event {
             camera.on_event(at(now), event);
+            // The coordinator hears how its camera is.
+            let eye = match event {
+                CameraEvent::Failed => Eye::Failed,
+                _ => Eye::Sees,
+            };
+            assert_eq!(sent(&mut camera, now), [health(eye)]);
+            camera.on_sent(at(now), CameraNotification::Health, true);
         }
         camera.on_message(at(now), TARGET, &stopped);
         let mut told = outputs(&mut camera, now);
@@ -852,6 +859,47 @@ fn a_camera_that_starts_anew_says_so_at_once() {
     assert_eq!(asked(None, 3), Some(Sight::NotReady));
     assert_eq!(asked(Some(CameraEvent::Failed), 10), Some(Sight::Failed));
     assert_eq!(asked(Some(CameraEvent::Ready), 20), None);
+}
+
+fn health(camera: Eye) -> (ShortAddress, Message) {
+    let health = Health {
+        camera,
+        ..Health::default()
+    };
+    (COORDINATOR, Message::Health(health))
+}
+
+/// What is the matter with a node is told after each hello, and nothing of one that is well.
+#[test]
+fn what_is_the_matter_with_it_is_told_again_when_it_is_asked() {
+    let told = |camera: &mut CameraRole, now: u64| {
+        camera.on_message(
+            at(now),
+            COORDINATOR,
+            &Message::WhoIsThere(heapless::Vec::new()),
+        );
+        let sent = sent(camera, now + 1).into_iter();
+        let told: Vec<Message> = sent.map(|(_, message)| message).collect();
+        for notification in [CameraNotification::Hello, CameraNotification::Health] {
+            camera.on_sent(at(now + 1), notification, true);
+        }
+        told
+    };
+    let mut camera = camera(4);
+    assert!(matches!(told(&mut camera, 1)[..], [Message::Hello(_)]));
+    camera.on_node(at(3), Memory::Ram, Restart::RadioDeaf);
+    let expected = Health {
+        memory: Memory::Ram,
+        camera: Eye::Sees,
+        restart: Restart::RadioDeaf,
+    };
+    for now in [4, 6] {
+        let told = told(&mut camera, now);
+        assert!(
+            matches!(told[..], [Message::Hello(_), Message::Health(health)] if health == expected),
+            "{told:?}"
+        );
+    }
 }
 
 /// Nobody needs to hear at each stop that there is nothing to see.
@@ -944,7 +992,11 @@ fn the_coordinator_hears_a_report_before_targets_do() {
     start(&mut camera, 4);
     let stopped = stopped(4, CoordinateFrame::Site);
     camera.on_message(at(10), TARGET, &Message::Stopped(stopped));
-    camera.on_message(at(10), COORDINATOR, &Message::WhoIsThere);
+    camera.on_message(
+        at(10),
+        COORDINATOR,
+        &Message::WhoIsThere(heapless::Vec::new()),
+    );
     let told = sent(&mut camera, 11);
     let reports = told
         .iter()
@@ -1250,22 +1302,24 @@ fn a_camera_that_never_sees_anything_adapts_to_the_light_ever_less_often() {
     assert_eq!(adaptations(&mut camera, 100, own), NEVER);
 }
 
+fn calibrated_colour_camera() -> CameraRole {
+    let mut camera = colour_camera(4);
+    for stop in 1..=4 {
+        see(
+            &mut camera,
+            10 * u64::from(stop),
+            &stopped(stop, CoordinateFrame::Site),
+        );
+        let _ = outputs(&mut camera, 10 * u64::from(stop) + 1);
+    }
+    let _ = outputs(&mut camera, 60);
+    assert_eq!(camera.report().status(), Status::Calibrated);
+    camera
+}
+
 #[test]
 fn a_camera_that_does_not_see_a_target_in_its_view_adapts_when_it_has_left() {
-    let calibrated = || {
-        let mut camera = colour_camera(4);
-        for stop in 1..=4 {
-            see(
-                &mut camera,
-                10 * u64::from(stop),
-                &stopped(stop, CoordinateFrame::Site),
-            );
-            let _ = outputs(&mut camera, 10 * u64::from(stop) + 1);
-        }
-        let _ = outputs(&mut camera, 60);
-        assert_eq!(camera.report().status(), Status::Calibrated);
-        camera
-    };
+    let calibrated = calibrated_colour_camera;
     let in_view = |stop| Stopped {
         place: place_at([4.5, 4.6]),
         ..stopped(stop, CoordinateFrame::Site)
@@ -1297,4 +1351,26 @@ fn a_camera_that_does_not_see_a_target_in_its_view_adapts_when_it_has_left() {
         &in_view(stop)
     )));
     assert!(!miss(&mut camera, 5_000, &behind(107)));
+}
+
+/// After it adapted, and not before.
+#[test]
+fn a_camera_that_sees_nothing_where_it_should_says_that_it_is_blind() {
+    let in_view = |stop| Stopped {
+        place: place_at([4.5, 4.6]),
+        ..stopped(stop, CoordinateFrame::Site)
+    };
+    let mut camera = calibrated_colour_camera();
+    let mut blind_since = None;
+    for stop in 100..=112 {
+        miss(&mut camera, 1_000 + 10 * u64::from(stop), &in_view(stop));
+        if camera.health.camera == Eye::Blind {
+            blind_since.get_or_insert(stop);
+        }
+    }
+    // It adapts at 107.
+    assert_eq!(blind_since, Some(110));
+    assert!(camera.notifications.is_pending(CameraNotification::Health));
+    see(&mut camera, 4_000, &in_view(113));
+    assert_eq!(camera.health.camera, Eye::Sees);
 }

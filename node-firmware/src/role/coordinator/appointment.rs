@@ -1,12 +1,26 @@
 //! Who the reference cameras are: those configured, or the first two that saw a target (thesis 2.3).
+//!
+//! Without both of them nobody gets a pose. So until there is one they are asked now and then whether they
+//! are there. If one of them does not answer, or its camera does not serve, those that were elected are
+//! none any more, and who sees a target next becomes one. Nobody takes the place of one that is
+//! configured: people are told.
+
+use core::time::Duration;
 
 use zigbee_link::{Instant, wire::ShortAddress};
 
 use super::{CoordinatorRole, MemberNotification};
 use crate::{
+    console::ToPc,
     facts::FactKey,
-    message::{Duty, MemberAddress, MemberKind, References, StopNumber},
+    message::{Duty, Eye, Health, MemberAddress, MemberKind, References, StopNumber},
 };
+
+/// How often it is asked whether a reference camera is there.
+const PROBE: Duration = Duration::from_secs(30);
+
+/// So many messages in a row that did not reach it: it is not there. Each was repeated by the network.
+const UNREACHED: u8 = 2;
 
 /// The first camera that saw a target, at this stop of it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -23,6 +37,8 @@ pub(super) struct Appointment {
     /// References were appointed in a former run.
     restored: bool,
     trigger: Option<Trigger>,
+    /// When it is asked next whether they are there.
+    probe_at: Option<Instant>,
 }
 
 impl Appointment {
@@ -31,6 +47,19 @@ impl Appointment {
             references: None,
             restored: false,
             trigger: None,
+            probe_at: None,
+        }
+    }
+
+    /// When it is asked next whether they are there.
+    pub(super) const fn next_probe(&self) -> Option<Instant> {
+        self.probe_at
+    }
+
+    /// Nobody has a pose: the references, if there are any, have to be there.
+    pub(super) fn watch(&mut self, now: Instant) {
+        if self.references.is_some() {
+            self.probe_at.get_or_insert(now + PROBE);
         }
     }
 
@@ -73,20 +102,27 @@ impl Appointment {
 
 impl CoordinatorRole {
     /// Knows nothing of a member any more.
-    pub(super) fn forget(&mut self, address: MemberAddress) {
+    pub(super) fn forget(&mut self, now: Instant, address: MemberAddress) {
         self.members.remove(address, &mut self.unsaved);
+        let former = self.appointment.references();
         if self.appointment.forget(address) {
             self.unsaved.insert(FactKey::References);
-            // Nobody is to be told any more: what stays due would keep the node awake.
-            for member in self.members.iter_mut() {
-                let notifications = &mut member.more.notifications;
-                notifications.cancel(MemberNotification::References);
+            self.on_dismissed(now, former);
+        }
+    }
+
+    /// These cameras are references no more, and there are none.
+    fn on_dismissed(&mut self, now: Instant, former: Option<References>) {
+        self.appointment.probe_at = None;
+        if let Some(references) = former {
+            for camera in [references.first, references.second] {
+                self.notify(now, camera, MemberNotification::References);
             }
         }
     }
 
     /// Whether a camera knows its pose, so that there is a frame of the site.
-    fn has_frame(&self) -> bool {
+    pub(super) fn has_frame(&self) -> bool {
         let mut reports = self.reports();
         reports.any(|(_, report)| report.pose().is_some())
     }
@@ -124,6 +160,7 @@ impl CoordinatorRole {
             return;
         }
         let former = self.appointment.references.replace(references);
+        self.appointment.watch(now);
         self.unsaved.insert(FactKey::References);
         // Those that are none any more, too.
         for references in former.into_iter().chain([references]) {
@@ -133,14 +170,88 @@ impl CoordinatorRole {
         }
     }
 
+    /// Whether the references are configured, or one of them.
+    fn is_configured(&self) -> bool {
+        let mut duties = [Duty::First, Duty::Second].iter();
+        duties.any(|&duty| self.camera_with(duty).is_some())
+    }
+
+    /// Asks, when it is time, whether the references are there: as long as nobody has a pose, and there
+    /// is a target that waits for them.
+    pub(super) fn probe(&mut self, now: Instant) {
+        if self.appointment.probe_at.take_if(|at| *at <= now).is_none() {
+            return;
+        }
+        let Some(references) = self.appointment.references else {
+            return;
+        };
+        if self.has_frame() {
+            return;
+        }
+        self.appointment.probe_at = Some(now + PROBE);
+        if self.members.iter().any(|member| member.more.is_target()) {
+            for camera in [references.first, references.second] {
+                self.notify(now, camera, MemberNotification::References);
+            }
+        }
+    }
+
+    /// A camera was told who the references are, or said something itself; or it was not reached.
+    pub(super) fn on_reached(&mut self, now: Instant, camera: MemberAddress, is_there: bool) {
+        let Some(known) = self.members.get(camera) else {
+            return;
+        };
+        let was_there = known.unreached < UNREACHED;
+        known.unreached = match is_there {
+            true => 0,
+            false => known.unreached.saturating_add(1),
+        };
+        let present = known.unreached < UNREACHED;
+        if was_there != present {
+            self.tasks.tell(ToPc::Reference {
+                address: camera,
+                present,
+            });
+        }
+        if !present && self.is_reference(camera) {
+            self.dismiss(now);
+        }
+    }
+
+    fn is_reference(&self, camera: MemberAddress) -> bool {
+        let references = self.appointment.references;
+        references.is_some_and(|references| references.duty_of(ShortAddress(camera)).is_some())
+    }
+
+    /// A member tells how it is.
+    pub(super) fn on_health(&mut self, now: Instant, address: MemberAddress, health: Health) {
+        let Some(member) = self.members.of(address) else {
+            return;
+        };
+        member.more.health = health;
+        self.tasks.tell(ToPc::Health { address, health });
+        if health.camera != Eye::Sees && self.is_reference(address) {
+            self.dismiss(now);
+        }
+    }
+
+    /// One of the references does not serve: others may take their places, unless they are configured,
+    /// or have done what they are for.
+    fn dismiss(&mut self, now: Instant) {
+        if self.is_configured() || self.has_frame() {
+            return;
+        }
+        let former = self.appointment.references.take();
+        self.appointment.trigger = None;
+        self.unsaved.insert(FactKey::References);
+        self.on_dismissed(now, former);
+    }
+
     /// The first camera to see a target triggers; the next one that sees it at the same stop
     /// becomes its helper (thesis 2.3). Not where cameras know their poses, as they may from a former
     /// network: the target finds its place from them, and a second frame would begin here.
     pub(super) fn on_trigger(&mut self, now: Instant, trigger: Trigger) {
-        let is_configured = [Duty::First, Duty::Second]
-            .iter()
-            .any(|&duty| self.camera_with(duty).is_some());
-        if self.appointment.references.is_some() || is_configured || self.has_frame() {
+        if self.appointment.references.is_some() || self.is_configured() || self.has_frame() {
             return;
         }
         let Trigger {

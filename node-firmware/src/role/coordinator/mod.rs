@@ -27,7 +27,10 @@ use crate::{
     facts::{Fact, FactKey},
     hardware::{Button, Indication},
     limits::ROSTER,
-    message::{CameraCommand, CommandResult, Hello, MemberAddress, MemberKind, Message, Report},
+    message::{
+        CameraCommand, CommandResult, Eye, Health, Hello, MemberAddress, MemberKind, Memory,
+        Message, References, Report, Restart,
+    },
     network::Attachment,
 };
 
@@ -105,6 +108,10 @@ struct Known {
     notifications: Notifications<MemberNotification, 3>,
     /// A target: of so many cameras it was told since one was new.
     roster_told: u8,
+    /// As it told after its hello.
+    health: Health,
+    /// A camera: so many messages in a row about the references did not reach it.
+    unreached: u8,
 }
 
 impl Known {
@@ -130,6 +137,8 @@ pub struct CoordinatorRole {
     outbox: Outbox<CoordinatorNotification, 8>,
     tasks: Tasks,
     roll_calls: RollCalls,
+    /// Its own.
+    health: Health,
 }
 
 impl Default for CoordinatorRole {
@@ -149,6 +158,11 @@ impl CoordinatorRole {
             outbox: Outbox::new(),
             tasks: Tasks::new(),
             roll_calls: RollCalls::new(),
+            health: Health {
+                memory: Memory::Flash,
+                camera: Eye::Sees,
+                restart: Restart::Ordinary,
+            },
         }
     }
 
@@ -199,6 +213,8 @@ impl CoordinatorRole {
         let notifications = &mut member.notifications;
         notifications.cancel(MemberNotification::WhoIsThere);
         let is_news = member.hello.replace(hello) != Some(hello);
+        // What is the matter with it follows.
+        member.health = Health::default();
         match hello.kind {
             MemberKind::Target => {
                 notifications.notify(MemberNotification::Roster, now);
@@ -230,7 +246,7 @@ impl CoordinatorRole {
         }
     }
 
-    fn on_report(&mut self, address: MemberAddress, report: &Report) {
+    fn on_report(&mut self, now: Instant, address: MemberAddress, report: &Report) {
         let known = self.members.report(address, *report, &mut self.unsaved);
         if known.is_none() {
             return;
@@ -239,6 +255,9 @@ impl CoordinatorRole {
             address,
             report: *report,
         });
+        if !self.has_frame() {
+            self.appointment.watch(now);
+        }
     }
 
     /// The cameras that a target is told of next.
@@ -253,6 +272,15 @@ impl CoordinatorRole {
         roster
     }
 
+    /// Who has said who it is, of more than there is room for the first ones.
+    fn heard(&self) -> heapless::Vec<MemberAddress, ROSTER> {
+        let heard = self
+            .members
+            .iter()
+            .filter(|member| member.more.hello.is_some());
+        heard.map(|member| member.address).take(ROSTER).collect()
+    }
+
     /// The next message that a member has to be told.
     fn next_notification(&mut self, now: Instant) -> Option<(MemberAddress, MemberNotification)> {
         self.members.iter_mut().find_map(|member| {
@@ -264,12 +292,14 @@ impl CoordinatorRole {
     /// What a member is told, as it is known now.
     fn message_of(&mut self, member: MemberAddress, what: MemberNotification) -> Option<Message> {
         Some(match what {
-            MemberNotification::WhoIsThere => Message::WhoIsThere,
+            MemberNotification::WhoIsThere => Message::WhoIsThere(heapless::Vec::new()),
             MemberNotification::Roster => {
                 let told = self.members.get(member)?.roster_told;
                 Message::Roster(self.roster(told.into()))
             }
-            MemberNotification::References => Message::References(self.appointment.references()?),
+            MemberNotification::References => {
+                Message::References(self.appointment.references().unwrap_or(References::NONE))
+            }
         })
     }
 }
@@ -297,15 +327,20 @@ impl Role for CoordinatorRole {
         self.tasks.tell_network();
         if self.is_attached {
             self.roll_calls.begin(now);
+            if !self.has_frame() {
+                self.appointment.watch(now);
+            }
         }
     }
 
     fn on_message(&mut self, now: Instant, from: ShortAddress, message: &Message) {
         let address = from.0;
         self.meet(now, address);
+        self.on_reached(now, address, true);
         match message {
             Message::Hello(hello) => self.on_hello(now, address, *hello),
-            Message::Report(report) => self.on_report(address, report),
+            Message::Report(report) => self.on_report(now, address, report),
+            Message::Health(health) => self.on_health(now, address, *health),
             Message::Trigger { target, stop } => self.on_trigger(
                 now,
                 Trigger {
@@ -348,6 +383,9 @@ impl Role for CoordinatorRole {
                         }
                     }
                 }
+                if what == MemberNotification::References {
+                    self.on_reached(now, address, delivered);
+                }
             }
             CoordinatorNotification::Command(address, command) => {
                 if !delivered {
@@ -371,6 +409,14 @@ impl Role for CoordinatorRole {
         }
     }
 
+    fn on_node(&mut self, _: Instant, memory: Memory, restart: Restart) {
+        self.health.memory = memory;
+        self.health.restart = restart;
+        if self.health != Health::default() {
+            self.tell_own_health();
+        }
+    }
+
     fn poll(&mut self, now: Instant) -> Option<Output<CoordinatorNotification, CoordinatorTask>> {
         self.next_line();
         if let Some(fact) = self.unsaved_fact() {
@@ -382,13 +428,14 @@ impl Role for CoordinatorRole {
         if !self.is_attached {
             return None;
         }
+        self.probe(now);
         if let Some(message) = self.outbox.take_due(now) {
             return Some(message);
         }
         if self.roll_calls.take_due(now) {
             return Some(Output::Send {
                 to: ShortAddress::BROADCAST,
-                message: Message::WhoIsThere,
+                message: Message::WhoIsThere(self.heard()),
                 notification: None,
             });
         }
@@ -416,6 +463,7 @@ impl Role for CoordinatorRole {
         let members = members.filter_map(|member| member.more.notifications.next_due());
         earliest([
             self.roll_calls.next_due(),
+            self.appointment.next_probe(),
             self.outbox.next_due(),
             members.min(),
         ])

@@ -9,7 +9,7 @@ use crate::{
     config::SiteKey,
     console::{FromPc, ToPc},
     message::{MemberAddress, Message},
-    role::Role,
+    role::{COORDINATOR, Role},
 };
 
 /// What the surroundings are to do, most of it for the PC.
@@ -73,6 +73,7 @@ impl CoordinatorRole {
                 self.tasks.tell_network();
                 let _ = self.tasks.queue.push_back(CoordinatorTask::TellKeyChange);
                 let _ = self.tasks.queue.push_back(CoordinatorTask::TellConflict);
+                self.tell_own_health();
             }
             FromPc::JoinWindow(seconds) => {
                 let time = Duration::from_secs(seconds.into());
@@ -93,7 +94,7 @@ impl CoordinatorRole {
             }
             FromPc::Remove(address) => {
                 if self.tasks.remove(address) {
-                    self.forget(address);
+                    self.forget(now, address);
                 }
             }
             FromPc::ChangeKey(key) => self.tasks.change_key(key),
@@ -115,6 +116,7 @@ impl CoordinatorRole {
             return;
         };
         let (address, report, hello) = (member.address, member.report, member.more.hello);
+        let health = member.more.health;
         self.tasks.refresh = Some(line + 1);
         if let Some(hello) = hello {
             self.tasks.tell(ToPc::Member { address, hello });
@@ -122,5 +124,11 @@ impl CoordinatorRole {
         if let Some(report) = report {
             self.tasks.tell(ToPc::Report { address, report });
         }
+        self.tasks.tell(ToPc::Health { address, health });
+    }
+
+    pub(super) fn tell_own_health(&mut self) {
+        let (address, health) = (COORDINATOR.0, self.health);
+        self.tasks.tell(ToPc::Health { address, health });
     }
 }

@@ -1,7 +1,7 @@
 use std::vec::Vec;
 
 use super::*;
-use crate::message::{References, StopNumber};
+use crate::message::{Duty, Reference, References, StopNumber};
 use crate::{limits::MEMBERS, network::NetworkIdentity};
 
 const CAMERA: MemberKind = MemberKind::Camera { reference: None };
@@ -60,13 +60,18 @@ fn coordinator_with(written: &[Fact]) -> CoordinatorRole {
     };
     role.on_attached(at(0), Some(membership));
     for call in [0, 5, 30] {
-        let expected = (ShortAddress::BROADCAST.0, Message::WhoIsThere);
+        let expected = (
+            ShortAddress::BROADCAST.0,
+            Message::WhoIsThere(heapless::Vec::new()),
+        );
         assert_eq!(role.next_deadline(), Some(at(call)));
         assert_eq!(sent(&mut role, call), [expected]);
         // Once for each start, not for each time that it forms its network.
         role.on_attached(at(call), Some(membership));
     }
-    assert_eq!(role.next_deadline(), None);
+    // References without a pose have to be there.
+    let probe = role.appointment.references().map(|_| at(60));
+    assert_eq!(role.next_deadline(), probe);
     role
 }
 
@@ -154,7 +159,10 @@ fn who_never_said_who_it_is_is_asked_once() {
     trigger(&mut role, 40, 4, 1);
     assert_eq!(role.next_deadline(), Some(at(42)));
     assert_eq!(sent(&mut role, 41), []);
-    assert_eq!(sent(&mut role, 42), [(4, Message::WhoIsThere)]);
+    assert_eq!(
+        sent(&mut role, 42),
+        [(4, Message::WhoIsThere(heapless::Vec::new()))]
+    );
     let who = CoordinatorNotification::Member(4, MemberNotification::WhoIsThere);
     role.on_sent(at(42), who, false);
     assert_eq!(role.next_deadline(), None);
@@ -214,9 +222,153 @@ fn a_camera_that_was_sent_away_is_no_reference() {
     role.on_event(at(45), CoordinatorEvent::Pc(FromPc::Remove(5)));
     let outputs = outputs(&mut role, 45);
     assert!(outputs.contains(&Output::Save(Fact::References(None))));
+    // The other one is told, or it would wait for ever.
     let late = CoordinatorNotification::Member(6, MemberNotification::References);
     role.on_sent(at(45), late, false);
-    assert_eq!(sent(&mut role, 100), [(6, Message::WhoIsThere)]);
+    let none = (6, Message::References(References::NONE));
+    assert_eq!(
+        sent(&mut role, 100),
+        [(6, Message::WhoIsThere(heapless::Vec::new())), none]
+    );
+}
+
+/// Two references of three cameras, and a target.
+fn with_references(kind: impl Fn(Duty) -> MemberKind) -> CoordinatorRole {
+    let mut role = coordinator();
+    hello(&mut role, 40, 4, kind(Duty::First));
+    hello(&mut role, 40, 5, kind(Duty::Second));
+    hello(&mut role, 40, 6, CAMERA);
+    hello(&mut role, 40, 9, MemberKind::Target);
+    trigger(&mut role, 41, 4, 1);
+    trigger(&mut role, 41, 5, 1);
+    let appointed = sent(&mut role, 41);
+    let told = |to| {
+        move |(who, what): &(u16, Message)| {
+            *who == to && matches!(what, Message::References(references) if references.are_two())
+        }
+    };
+    assert!(appointed.iter().any(told(4)) && appointed.iter().any(told(5)));
+    for camera in [4, 5] {
+        let notification = CoordinatorNotification::Member(camera, MemberNotification::References);
+        role.on_sent(at(41), notification, true);
+    }
+    let roster = CoordinatorNotification::Member(9, MemberNotification::Roster);
+    role.on_sent(at(41), roster, true);
+    let _ = outputs(&mut role, 41);
+    role
+}
+
+/// From when on this one does not answer: what the PC is told of it until then.
+fn without(role: &mut CoordinatorRole, absent: u16, mut now: u64) -> Vec<ToPc> {
+    let mut lines = Vec::new();
+    for _ in 0..4 {
+        now = now.max(role.next_deadline().unwrap().0.div_ceil(1_000_000));
+        for output in outputs(role, now) {
+            match output {
+                Output::Send {
+                    notification: Some(notification @ CoordinatorNotification::Member(to, _)),
+                    ..
+                } => role.on_sent(at(now), notification, to != absent),
+                Output::Task(CoordinatorTask::Tell(line @ ToPc::Reference { .. })) => {
+                    lines.push(line);
+                }
+                _ => {}
+            }
+        }
+    }
+    lines.extend(told(role, now));
+    lines
+}
+
+/// Until somebody has a pose: the other one and a third camera take over.
+#[test]
+fn an_elected_reference_that_is_gone_is_replaced() {
+    for absent in [4, 5] {
+        let other = 9 - absent;
+        let mut role = with_references(|_| CAMERA);
+        let gone = ToPc::Reference {
+            address: absent,
+            present: false,
+        };
+        assert_eq!(without(&mut role, absent, 42), [gone], "{absent}");
+        assert_eq!(role.appointment.references(), None);
+        trigger(&mut role, 200, 6, 7);
+        trigger(&mut role, 200, other, 7);
+        let references = role.appointment.references().unwrap();
+        assert_eq!((references.first, references.second), (6, other));
+        // The one that is back hears that it is none any more.
+        let retried = sent(&mut role, 300);
+        let told = |to| (to, Message::References(references));
+        for camera in [absent, 6, other] {
+            assert!(retried.contains(&told(camera)), "{retried:?}");
+        }
+    }
+}
+
+#[test]
+fn an_elected_reference_whose_camera_fails_is_replaced() {
+    for camera in [Eye::Failed, Eye::Blind] {
+        let mut role = with_references(|_| CAMERA);
+        let health = Health {
+            camera,
+            ..Health::default()
+        };
+        role.on_message(at(50), ShortAddress(6), &Message::Health(health));
+        assert!(role.appointment.references().is_some());
+        role.on_message(at(50), ShortAddress(5), &Message::Health(health));
+        assert_eq!(role.appointment.references(), None);
+        let told = sent(&mut role, 50);
+        assert!(told.contains(&(4, Message::References(References::NONE))));
+    }
+}
+
+/// Nobody takes its place: people are told, and told when it is back.
+#[test]
+fn a_configured_reference_that_is_gone_is_told_to_people() {
+    let mut role = with_references(|duty| MemberKind::Camera {
+        reference: Some(Reference {
+            duty,
+            position: None,
+        }),
+    });
+    let reference = |present| ToPc::Reference {
+        address: 5,
+        present,
+    };
+    assert_eq!(without(&mut role, 5, 42), [reference(false)]);
+    assert!(role.appointment.references().is_some());
+    hello(&mut role, 300, 5, CAMERA);
+    assert!(told(&mut role, 300).contains(&reference(true)));
+}
+
+/// Whoever has a pose does not need them any more.
+#[test]
+fn with_a_pose_nobody_asks_whether_the_references_are_there() {
+    let mut role = with_references(|_| CAMERA);
+    role.on_message(at(45), ShortAddress(4), &Message::Report(weak(4)));
+    let _ = outputs(&mut role, 45);
+    let probe = role.next_deadline().unwrap();
+    assert_eq!(probe, at(41) + Duration::from_secs(30));
+    assert_eq!(sent(&mut role, 100), []);
+    assert_eq!(role.next_deadline(), None);
+}
+
+fn weak(id: u16) -> Report {
+    let pose = crate::message::PoseParts {
+        position: [1.0, 2.0],
+        heading: 0.5,
+        covariance: [0.01, 0.0, 0.01, 0.0, 0.0, 0.001],
+    };
+    Report {
+        id,
+        duty: None,
+        sightings: 3,
+        used: 3,
+        chi_squared: 1.0,
+        done: false,
+        joint: None,
+        state: crate::message::CameraState::Weak(pose),
+    }
 }
 
 #[test]
@@ -234,8 +386,11 @@ fn a_pc_that_asks_is_told_everything() {
                 Output::Task(CoordinatorTask::TellNetwork),
                 Output::Task(CoordinatorTask::TellKeyChange),
                 Output::Task(CoordinatorTask::TellConflict),
+                Output::Task(CoordinatorTask::Tell(ToPc::Health { address: 0, .. })),
                 Output::Task(CoordinatorTask::Tell(ToPc::Member { address: 4, .. })),
+                Output::Task(CoordinatorTask::Tell(ToPc::Health { address: 4, .. })),
                 Output::Task(CoordinatorTask::Tell(ToPc::Member { address: 9, .. })),
+                Output::Task(CoordinatorTask::Tell(ToPc::Health { address: 9, .. })),
             ]
         ),
         "{told:?}"

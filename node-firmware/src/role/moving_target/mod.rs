@@ -6,6 +6,11 @@
 //! answered or cannot be reached it shows that its carrier may walk on. Nothing but the carrier makes
 //! it walk.
 //!
+//! Where nobody saw it at a stop, and it [roams](TargetConfig::roams), it looks for another network of the
+//! site before it walks on. In that one it goes on from where it is: it keeps its place, its direction
+//! and what its steps are worth, so the cameras there calibrate in the same frame. It lets go of the
+//! cameras of the network it left, and of what they measured.
+//!
 //! It does not know where it is before the first reference camera tells it, or before two cameras
 //! that know their poses see it at one stop, or one does and the ball's size is known. From then on it reckons.
 
@@ -36,8 +41,8 @@ use crate::{
     facts::{Fact, FactKey, Walk},
     hardware::Indication,
     message::{
-        Confirmation, CoordinateFrame, Hello, MemberAddress, MemberKind, Message, Sight,
-        StopAnswer, StopBearing, StopNumber, Stopped,
+        Confirmation, CoordinateFrame, Health, Hello, MemberAddress, MemberKind, Memory, Message,
+        Restart, Sight, StopAnswer, StopBearing, StopNumber, Stopped,
     },
     network::Attachment,
 };
@@ -58,6 +63,9 @@ const ASKED_AT_A_TIME: usize = 2;
 /// While cameras see a target that does not know its place, it waits so long for being told.
 const LOCATED_WITHIN: Duration = Duration::from_secs(2);
 
+/// The network has begun to look for another one by then, and tells how that ended.
+const ROAM_WITHIN: Duration = Duration::from_secs(1);
+
 /// Between two slices of the estimate: others have to be heard.
 const BREATH: Duration = Duration::from_millis(1);
 
@@ -74,18 +82,28 @@ pub enum TargetNotification {
     Ask(MemberAddress, StopNumber),
     /// It tells a camera its pose.
     Posed(MemberAddress),
+    /// It tells the coordinator what is the matter with it.
+    Health,
 }
 
 /// Of all these there is one, but for poses. Whom to ask is in the table.
-const NOTIFICATIONS: usize = 1 + estimate::CAMERAS;
+const NOTIFICATIONS: usize = 2 + estimate::CAMERAS;
 
 impl Notification for TargetNotification {
     fn priority(self) -> u8 {
         match self {
             Self::Hello | Self::Ask(..) => 0,
-            Self::Posed(_) => 1,
+            Self::Posed(_) | Self::Health => 1,
         }
     }
+}
+
+/// What a target wants of its node.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub enum TargetTask {
+    /// To be in the network that it hears best.
+    Roam,
 }
 
 /// What the devices of a target tell.
@@ -141,6 +159,9 @@ pub struct TargetRole<'m> {
     estimate_at: Option<Instant>,
     is_estimating: bool,
     seen: bool,
+    health: Health,
+    /// It looked for another network at this stop.
+    has_roamed: bool,
 }
 
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -196,6 +217,8 @@ impl<'m> TargetRole<'m> {
             estimate_at: None,
             is_estimating: false,
             seen: false,
+            health: Health::default(),
+            has_roamed: false,
         }
     }
 
@@ -344,6 +367,7 @@ impl<'m> TargetRole<'m> {
             estimate.on_stop(self.stop, &mut self.unsaved);
         }
         self.seen = false;
+        self.has_roamed = false;
         self.confirmations.clear();
         self.state = State::Standing(Standing {
             since: now,
@@ -410,6 +434,14 @@ impl<'m> TargetRole<'m> {
         self.on_seen(from, look);
     }
 
+    /// Presents itself, and tells what is the matter with it if anything is.
+    fn present(&mut self, now: Instant) {
+        self.notifications.notify(TargetNotification::Hello, now);
+        if self.health != Health::default() {
+            self.notifications.notify(TargetNotification::Health, now);
+        }
+    }
+
     /// A message that has to be told, as it is known now, and to whom.
     fn message_of(&self, notification: TargetNotification) -> Option<(ShortAddress, Message)> {
         Some(match notification {
@@ -425,11 +457,12 @@ impl<'m> TargetRole<'m> {
                 let (_, report) = reports.find(|(of, _)| *of == camera)?;
                 (ShortAddress(camera), Message::Posed(*report))
             }
+            TargetNotification::Health => (COORDINATOR, Message::Health(self.health)),
             TargetNotification::Ask(..) => return None,
         })
     }
 
-    fn standing(&mut self, now: Instant) -> Option<Output<TargetNotification, ()>> {
+    fn standing(&mut self, now: Instant) -> Option<Output<TargetNotification, TargetTask>> {
         let message = self.stopped()?;
         let stop = self.stop;
         let State::Standing(standing) = &mut self.state else {
@@ -469,6 +502,12 @@ impl<'m> TargetRole<'m> {
             && standing.wait_until.is_none_or(|until| until <= now)
             && self.confirmations.settled_at(standing.ask_at) <= now
             && waited >= Duration::from_millis(self.config.dwell_least_ms.into());
+        if is_done && self.config.roams && !self.seen && !self.has_roamed {
+            // Whoever sees it may be in another network.
+            self.has_roamed = true;
+            standing.ask_at = now + ROAM_WITHIN;
+            return Some(Output::Task(TargetTask::Roam));
+        }
         if is_done || waited >= most {
             standing.may_walk = true;
             self.estimate_at = Some(now + BREATH);
@@ -488,7 +527,7 @@ fn is_length(number: f32) -> bool {
 
 impl Role for TargetRole<'_> {
     type Notification = TargetNotification;
-    type Task = ();
+    type Task = TargetTask;
     type Event = TargetEvent;
 
     fn restore(&mut self, fact: &Fact) {
@@ -527,7 +566,7 @@ impl Role for TargetRole<'_> {
             self.locate_at = None;
             self.knows_cameras = false;
         }
-        self.notifications.notify(TargetNotification::Hello, now);
+        self.present(now);
         // Those of a former run report no more.
         self.find_references();
         match self.state {
@@ -571,8 +610,11 @@ impl Role for TargetRole<'_> {
                     self.table.meet(camera);
                 }
             }
-            Message::WhoIsThere if from == COORDINATOR => {
-                self.notifications.notify(TargetNotification::Hello, now);
+            Message::WhoIsThere(heard) if from == COORDINATOR => {
+                let is_heard = self.address.is_some_and(|own| heard.contains(&own.0));
+                if !is_heard {
+                    self.present(now);
+                }
             }
             _ => {}
         }
@@ -580,7 +622,7 @@ impl Role for TargetRole<'_> {
 
     fn on_sent(&mut self, now: Instant, notification: TargetNotification, delivered: bool) {
         match notification {
-            TargetNotification::Hello => {
+            TargetNotification::Hello | TargetNotification::Health => {
                 self.notifications.on_sent(notification, now, delivered);
             }
             TargetNotification::Posed(camera) => {
@@ -611,13 +653,24 @@ impl Role for TargetRole<'_> {
         }
     }
 
+    fn on_node(&mut self, now: Instant, memory: Memory, restart: Restart) {
+        let health = Health {
+            memory,
+            restart,
+            ..self.health
+        };
+        if core::mem::replace(&mut self.health, health) != health {
+            self.notifications.notify(TargetNotification::Health, now);
+        }
+    }
+
     fn compute(&mut self, now: Instant) {
         if self.estimate_at.is_some_and(|at| at <= now) {
             self.estimate(now);
         }
     }
 
-    fn poll(&mut self, now: Instant) -> Option<Output<TargetNotification, ()>> {
+    fn poll(&mut self, now: Instant) -> Option<Output<TargetNotification, TargetTask>> {
         if self.locate_at.is_some_and(|at| at <= now) {
             self.locate_at = None;
             self.locate(now);

@@ -27,6 +27,7 @@ fn target() -> TargetRole<'static> {
         ball_radius: 0.0,
         dwell_least_ms: 2_000,
         dwell_most_ms: 20_000,
+        roams: false,
         sensor: SensorConfig::UNCALIBRATED,
     };
     TargetRole::new(9, config, 7)
@@ -318,7 +319,7 @@ fn membership() -> Attachment {
 fn outputs(
     target: &mut TargetRole<'_>,
     now: Instant,
-) -> std::vec::Vec<Output<TargetNotification, ()>> {
+) -> std::vec::Vec<Output<TargetNotification, TargetTask>> {
     let mut outputs = std::vec::Vec::new();
     while let Some(output) = target.poll(now) {
         if let Output::Send {
@@ -428,7 +429,7 @@ fn a_target_that_is_lost_waits_to_be_told_where_it_is_if_it_is_seen() {
 }
 
 fn confirmed(
-    outputs: &[Output<TargetNotification, ()>],
+    outputs: &[Output<TargetNotification, TargetTask>],
 ) -> std::vec::Vec<(u16, std::vec::Vec<u16>)> {
     let confirmed = outputs.iter().filter_map(|output| match output {
         Output::Send {
@@ -488,7 +489,7 @@ fn only_what_was_seen_while_it_stood_there_is_confirmed() {
 fn a_target_that_leaves_its_stop_writes_so_once() {
     let mut early = standing();
     step(&mut early, at(3));
-    let walks = |outputs: &[Output<TargetNotification, ()>]| {
+    let walks = |outputs: &[Output<TargetNotification, TargetTask>]| {
         let walks = outputs.iter().filter_map(|output| match output {
             Output::Save(Fact::Walk(walk)) => Some(walk.standing),
             _ => None,
@@ -606,4 +607,30 @@ fn a_camera_that_hears_the_question_again_is_asked_at_each_stop_again() {
     table.on_asked(at(100), 1, true);
     table.new_stop(false);
     assert_eq!(table.ask(2), Some(1));
+}
+
+/// Where nobody sees it, it looks once for another network before it lets its carrier walk on.
+#[test]
+fn a_target_that_roams_looks_for_another_network_where_nobody_sees_it() {
+    let roams = |output: &Output<_, _>| *output == Output::Task(TargetTask::Roam);
+    for (sight, expected) in [(Sight::NotInView, true), (Sight::InView, false)] {
+        let mut target = standing();
+        target.config.roams = true;
+        reply(&mut target, at(3), sight);
+        let mut now = at(3);
+        let looks = loop {
+            let told = outputs(&mut target, now);
+            let may_walk = target.indication().may_walk;
+            if may_walk || told.iter().any(roams) {
+                break !may_walk;
+            }
+            now = target.next_deadline().unwrap();
+        };
+        assert_eq!(looks, expected);
+        if looks {
+            // It stays, for there is no other one.
+            let walks = may_walk_at(&mut target, now);
+            assert!(walks >= now + ROAM_WITHIN && walks < now + ROAM_WITHIN * 2);
+        }
+    }
 }

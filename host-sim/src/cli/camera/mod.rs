@@ -16,26 +16,38 @@ use std::{
 use anyhow::{Context, bail};
 use clap::{Args, ValueEnum};
 use cmucam2_emulator::{
-    BAUD_RATES, Configuration, Emulator, FaultRates, Note, Scene, Sensor, Setting, Switches, Time,
+    BAUD_RATES, Background, Configuration, Emulator, FaultRates, Note, Scene, Sensor, Setting,
+    Switches, Time,
 };
 use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM, SIGUSR1};
 
+use self::{film::Film, line::Line};
 use super::{pseudo_terminal::PseudoTerminal, tell, values};
 
-/// A CMUcam2 on a pseudo-terminal, for any program that talks to one.
+mod film;
+mod line;
+
+/// A CMUcam2 on a pseudo-terminal or a serial port, for any program or board that talks to one.
 ///
-/// It answers to the commands of the camera and sees a moving scene. A program opens PATH like a
-/// serial port; the rate that it sets there must be the camera's, or both get garbage, as on a
-/// real line. A program that sets no rate is understood.
+/// It answers to the commands of the camera and sees a moving scene, or video of any camera. A
+/// program opens PATH like a serial port; the rate that it sets there must be the camera's, or both
+/// get garbage, as on a real line. A program that sets no rate is understood.
 #[derive(Args)]
 #[command(after_long_help = epilogue())]
+#[command(group(clap::ArgGroup::new("line").required(true).args(["pty", "port"])))]
 pub(super) struct Arguments {
     /// Where programs find the camera: a link to the pseudo-terminal, removed at the end.
     #[arg(long, value_name = "PATH")]
-    pty: PathBuf,
+    pty: Option<PathBuf>,
+    /// A real serial port on whose line the camera is, such as /dev/serial0.
+    #[arg(long, value_name = "DEVICE")]
+    port: Option<String>,
     /// What the camera sees [default: an orange ball, held in front of a grey room].
-    #[arg(long, value_name = "FILE.toml")]
+    #[arg(long, value_name = "FILE.toml", conflicts_with = "video")]
     scene: Option<PathBuf>,
+    /// What the camera sees, as YUV4MPEG2; `-` is the standard input. See below.
+    #[arg(long, value_name = "FILE")]
+    video: Option<PathBuf>,
     /// The rate that the camera's jumpers select.
     #[arg(long, value_name = "N", default_value_t = 115_200, value_parser = baud)]
     baud: u32,
@@ -98,7 +110,7 @@ fn table<T: Display + Default + PartialEq>(settings: &[Setting<T>]) -> String {
 }
 
 /// The built-in scene, which is also the example of the format.
-const USUAL_SCENE: &str = include_str!("../../../cmucam2-emulator/scenes/orange-ball.toml");
+const USUAL_SCENE: &str = include_str!("../../../../cmucam2-emulator/scenes/orange-ball.toml");
 
 fn epilogue() -> String {
     format!(
@@ -126,12 +138,22 @@ Scenes (--scene FILE.toml):
   A size is one number above 0, or [width, height]; a COLOUR is [red, green, blue], 0 to 255.
   Examples are in cmucam2-emulator/scenes: orange-ball.toml, which is the default, and rolling-ball.toml.
 
+Video (--video FILE):
+  Anything that ffmpeg reads: a recording, a webcam, a Raspberry Pi's camera, an IP camera. All of
+  each picture is scaled to the camera's frame, so the field of view is that of the video's width.
+  Automatic gain and white balance work on it as on a scene. A file is shown at its rate from the
+  start on, and its last picture stays; of what comes through a pipe, the newest picture counts.
+    ffmpeg -i room.mp4 -pix_fmt yuv420p room.y4m        a recording, to be shown with --video room.y4m
+    ffmpeg -f v4l2 -i /dev/video0 -pix_fmt yuv420p -f yuv4mpegpipe - | \\
+      host-sim camera --video - --pty cmucam            a webcam, as a CMUcam2
+
 Signals: SIGUSR1 switches the camera off and on.
 
 Examples:
   host-sim camera --pty cmucam --verbose
   host-sim camera --pty cmucam --baud 38400 --fault nck=0.02 --fault corrupt_line=0.2
-  host-sim camera --pty cmucam --switch origin=0 --switch bounds_order=1";
+  host-sim camera --pty cmucam --switch origin=0 --switch bounds_order=1
+  host-sim camera --port /dev/serial0 --baud 38400 --video room.y4m";
 
 const SECOND: Time = 1_000_000_000;
 /// Start bit, eight data bits, stop bit.
@@ -148,16 +170,20 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
     }
     let power = Arc::new(AtomicBool::new(false));
     signal_hook::flag::register(SIGUSR1, Arc::clone(&power))?;
-    let terminal = PseudoTerminal::open(&arguments.pty, arguments.baud)?;
+    let film = arguments.video.as_deref().map(Film::open).transpose()?;
+    let line = arguments.line()?;
     tell(format_args!(
-        "a CMUcam2 at {} baud is on {} ({})",
+        "a CMUcam2 at {} baud is on {}",
         arguments.baud,
-        arguments.pty.display(),
-        terminal.device()
+        match &arguments.pty {
+            Some(link) => format!("{} ({line})", link.display()),
+            None => line.to_string(),
+        }
     ));
     let mut camera = RealTime {
         emulator: Emulator::new(configuration, scene),
-        terminal,
+        film,
+        line,
         start: Instant::now(),
         arguments,
         host_baud: arguments.baud,
@@ -201,7 +227,18 @@ impl Arguments {
         })
     }
 
+    fn line(&self) -> anyhow::Result<Line> {
+        match (&self.pty, &self.port) {
+            (Some(link), _) => Ok(Line::Terminal(PseudoTerminal::open(link, self.baud)?)),
+            (None, Some(port)) => Line::port(port, self.baud),
+            (None, None) => bail!("--pty or --port is needed"),
+        }
+    }
+
     fn scene(&self, sensor: Sensor) -> anyhow::Result<Scene> {
+        if self.video.is_some() {
+            return Ok(Scene::default());
+        }
         let Some(path) = &self.scene else {
             return Ok(Scene::from_toml(USUAL_SCENE, sensor)?);
         };
@@ -217,7 +254,9 @@ impl Arguments {
 /// The emulator on the clock.
 struct RealTime<'a> {
     emulator: Emulator,
-    terminal: PseudoTerminal,
+    /// In the place of the scene.
+    film: Option<Film>,
+    line: Line,
     start: Instant,
     arguments: &'a Arguments,
     host_baud: u32,
@@ -241,9 +280,12 @@ impl RealTime<'_> {
             Some(at) => Duration::from_nanos(at.saturating_sub(now)).min(PATIENCE),
             None => PATIENCE,
         };
-        let received = self.terminal.receive(wait)?;
+        let received = self.line.receive(wait)?;
         if !self.arguments.any_baud {
             self.listen_as_the_host_does()?;
+        }
+        if let Some(picture) = self.film.as_ref().map(Film::take).transpose()?.flatten() {
+            self.emulator.scene_mut().background = Background::Picture(picture);
         }
         let now = self.now();
         // They come in one piece, but a line carries them one after the other.
@@ -259,7 +301,7 @@ impl RealTime<'_> {
         while let Some((_, byte)) = self.emulator.transmit(now) {
             sent.push(byte);
         }
-        let lost = self.terminal.send(&sent)?;
+        let lost = self.line.send(&sent)?;
         if lost > 0 && !self.losing && self.arguments.verbose {
             tell("the other program does not read fast enough: bytes are lost");
         }
@@ -272,7 +314,9 @@ impl RealTime<'_> {
 
     /// The other program may set another rate at any time.
     fn listen_as_the_host_does(&mut self) -> anyhow::Result<()> {
-        let baud = self.terminal.baud()?;
+        let Some(baud) = self.line.baud()? else {
+            return Ok(());
+        };
         if baud != self.host_baud && baud != 0 {
             self.host_baud = baud;
             self.emulator.set_host_baud(baud);

@@ -1,0 +1,665 @@
+//! What happens in a network, as it happens: one line of JSON an event.
+//!
+//! The stream is made of the [record's](super) own types. [`What::Begin`] has the record as it is when
+//! somebody begins to look; every later change of a node, a stop or a network comes as an event with its
+//! new state, so that [`RunRecord::apply`] makes the record of any later moment. Other events tell what
+//! a record does not keep: rays, places between stops, commands, words. `docs/events.md` describes all.
+//!
+//! [`Looker`] makes the events: it compares records. It is the same for a simulation, a coordinator's
+//! line and a finished record, because all of them are told as records.
+
+use std::{fmt, io};
+
+use calib_core::Status;
+use serde::{Deserialize, Serialize};
+
+use super::{
+    Network, Node, Radio, RunRecord, Stop, Target,
+    sightings::Sightings,
+    summary::Summary,
+    verdict::{NextStop, Verdict},
+};
+
+/// The format of the stream that this library writes, and the only one that it reads.
+pub const EVENT_FORMAT: u32 = 1;
+
+/// How often the verdict is told while things change, seconds.
+const VERDICT_EVERY: f64 = 5.0;
+/// How often traffic is told, seconds.
+const TRAFFIC_EVERY: f64 = 10.0;
+
+/// One line of the stream.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Event {
+    /// When, seconds since the start of the run, or of listening.
+    pub seconds: f64,
+    /// What happened.
+    #[serde(flatten)]
+    pub what: What,
+}
+
+/// What happened.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(tag = "event", rename_all = "snake_case")]
+pub enum What {
+    /// The first line: all that is known by then.
+    Begin {
+        /// [`EVENT_FORMAT`]
+        events: u32,
+        /// The record so far.
+        record: Box<RunRecord>,
+    },
+    /// Something about a node changed.
+    Node {
+        /// What.
+        news: Vec<News>,
+        /// All of it, as in the record.
+        is: Box<Node>,
+    },
+    /// A node is no part of any list any more.
+    Gone {
+        /// Which.
+        node: u16,
+    },
+    /// A network has a channel, an identifier, or another frame.
+    Network {
+        /// As in the record.
+        is: Network,
+    },
+    /// The frame of the first network, and with it every obstacle, is told otherwise.
+    Obstacles {
+        /// As in the record.
+        outlines: Vec<Vec<[f64; 2]>>,
+    },
+    /// A stop began, or its target knows better where it is.
+    Stop {
+        /// Of which target.
+        target: u16,
+        /// It was not known before.
+        begins: bool,
+        /// As in the record.
+        is: Stop,
+    },
+    /// A target goes on from its stop.
+    StopEnds {
+        /// Which.
+        target: u16,
+    },
+    /// A target, where its stops do not tell all that changed.
+    Target {
+        /// As in the record.
+        is: Target,
+    },
+    /// Where a target really is while it walks, in the frame of its network; simulations only.
+    Place {
+        /// Which.
+        target: u16,
+        /// Place.
+        x: f64,
+        /// Place.
+        y: f64,
+    },
+    /// A camera saw a target that stood.
+    Seen {
+        /// Which camera.
+        node: u16,
+        /// Which target.
+        target: u16,
+        /// Positive to the left of the optical axis.
+        bearing_deg: f64,
+        /// Standard deviation.
+        sigma_deg: f64,
+    },
+    /// What a camera that was told to track sees.
+    Tracked {
+        /// Which camera.
+        node: u16,
+        /// Middle mass column and row.
+        middle: [u8; 2],
+        /// Left, upper, right, lower edge.
+        edges: [u8; 4],
+        /// As the camera counts them.
+        pixels: u8,
+        /// Of 255.
+        confidence: u8,
+    },
+    /// Somebody wants something of a network or a node, or it came to an end.
+    Command {
+        /// Of whom, if of one.
+        node: Option<u16>,
+        /// What, as people type it.
+        command: String,
+        /// How far it is.
+        state: CommandState,
+        /// More about it.
+        words: String,
+    },
+    /// Something in words: what a coordinator tells people, and what befalls a node.
+    Said {
+        /// About whom, if about one.
+        node: Option<u16>,
+        /// For people.
+        words: String,
+    },
+    /// What there is to say about all of it.
+    Verdict {
+        /// Every camera that is expected is calibrated, and nothing speaks against it.
+        good: bool,
+        /// Cameras that are calibrated.
+        calibrated: usize,
+        /// Cameras that should be.
+        expected: usize,
+        /// For people.
+        words: String,
+        /// What is the matter with single cameras.
+        findings: Vec<Advice>,
+        /// Where to stop next, the best place first.
+        walk_to: Vec<WalkTo>,
+    },
+    /// What was on the air so far.
+    Traffic {
+        /// As in the record.
+        radio: Radio,
+    },
+    /// What was measured in a network, as its cameras and targets keep it.
+    Measured {
+        /// As in the record.
+        is: Sightings,
+    },
+    /// The last line.
+    End {
+        /// What was on the air.
+        radio: Option<Radio>,
+        /// How long it took.
+        sim_seconds: f64,
+        /// Why it ended before its time.
+        cut_short: Option<String>,
+    },
+}
+
+/// What is new about a node.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum News {
+    /// It is a member.
+    Joined,
+    /// It is a member no more.
+    Left,
+    /// Its status.
+    Status,
+    /// Its pose or the covariance of it.
+    Pose,
+    /// Why it has none.
+    Refusal,
+    /// What one unnoticed fault could do to its pose.
+    Protection,
+    /// Its sightings, or which of them its pose uses.
+    Sightings,
+    /// It became a reference, or is none any more.
+    Reference,
+    /// It does not answer, or answers again.
+    Silent,
+    /// Its firmware could not go on.
+    Failure,
+    /// It stands elsewhere, or its frame does.
+    Moved,
+    /// Traffic, and when it was heard.
+    Traffic,
+    /// Anything else.
+    Other,
+}
+
+/// How far a command is.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum CommandState {
+    /// It was asked for.
+    Asked,
+    /// It is done, and confirmed.
+    Done,
+    /// It was refused, or failed.
+    Failed,
+}
+
+/// What is the matter with a camera.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Advice {
+    /// Which.
+    pub node: u16,
+    /// What is the matter, and what to do.
+    pub words: String,
+}
+
+/// Where to stop the target next.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct WalkTo {
+    /// For which network, and in its frame.
+    pub network: u16,
+    /// Place.
+    pub x: f64,
+    /// Place.
+    pub y: f64,
+    /// The cameras that want to see it there.
+    pub seen_by: Vec<u16>,
+}
+
+impl From<&NextStop> for WalkTo {
+    fn from(stop: &NextStop) -> Self {
+        let NextStop {
+            network,
+            x,
+            y,
+            ref seen_by,
+            ..
+        } = *stop;
+        Self {
+            network,
+            x,
+            y,
+            seen_by: seen_by.clone(),
+        }
+    }
+}
+
+impl Event {
+    /// Something that happens at a time.
+    pub fn new(seconds: f64, what: What) -> Self {
+        Self { seconds, what }
+    }
+
+    /// The event as a line, ending with a line feed.
+    ///
+    /// # Errors
+    /// Those of the JSON writer, which events do not give cause for.
+    pub fn to_line(&self) -> Result<String, serde_json::Error> {
+        let mut line = serde_json::to_string(self)?;
+        line.push('\n');
+        Ok(line)
+    }
+}
+
+/// Why a stream cannot be read.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+pub enum StreamError {
+    /// It cannot be read at all.
+    #[error("it cannot be read: {0}")]
+    Io(#[from] io::Error),
+    /// A line is no event.
+    #[error("line {0} is no event: {1}")]
+    Line(usize, serde_json::Error),
+    /// The first line is not that of a stream.
+    #[error("it does not begin as a stream of events does")]
+    NoBegin,
+    /// A stream of another version.
+    #[error("it has event format {0}, and only format {EVENT_FORMAT} can be read: make it again")]
+    Format(u32),
+}
+
+/// Reads a stream; one that ends in the middle of its last line, as of a program that was killed, is
+/// taken without that.
+///
+/// # Errors
+/// [`StreamError`]
+pub fn read(stream: impl io::BufRead) -> Result<Vec<Event>, StreamError> {
+    let mut events = Vec::new();
+    let mut lines = (1..).zip(stream.lines()).peekable();
+    while let Some((number, line)) = lines.next() {
+        let line = line?;
+        match serde_json::from_str::<Event>(&line) {
+            Ok(event) => events.push(event),
+            Err(_) if lines.peek().is_none() && !events.is_empty() => break,
+            Err(error) => return Err(StreamError::Line(number, error)),
+        }
+    }
+    match events.first().map(|event| &event.what) {
+        Some(What::Begin { events: format, .. }) if *format != EVENT_FORMAT => {
+            Err(StreamError::Format(*format))
+        }
+        Some(What::Begin { .. }) => Ok(events),
+        _ => Err(StreamError::NoBegin),
+    }
+}
+
+/// The record that events come to; `None` if they do not begin.
+pub fn fold<'e>(events: impl IntoIterator<Item = &'e Event>) -> Option<RunRecord> {
+    let mut events = events.into_iter();
+    let What::Begin { record, .. } = &events.next()?.what else {
+        return None;
+    };
+    let mut record = RunRecord::clone(record);
+    for event in events {
+        record.apply(event);
+    }
+    Some(record)
+}
+
+impl RunRecord {
+    /// Takes over what an event changes.
+    pub fn apply(&mut self, event: &Event) {
+        self.sim_seconds = self.sim_seconds.max(event.seconds);
+        match &event.what {
+            What::Begin { record, .. } => self.clone_from(record),
+            What::Node { is, .. } => {
+                match self.nodes.binary_search_by_key(&is.id, |node| node.id) {
+                    Ok(place) => self.nodes[place].clone_from(is),
+                    Err(place) => self.nodes.insert(place, Node::clone(is)),
+                }
+                self.summary = Summary::of(&self.nodes);
+            }
+            What::Gone { node } => {
+                self.nodes.retain(|other| other.id != *node);
+                self.targets.retain(|target| target.id != *node);
+                self.summary = Summary::of(&self.nodes);
+            }
+            What::Network { is } => {
+                match { self.networks.iter_mut() }.find(|own| own.network == is.network) {
+                    Some(own) => *own = *is,
+                    None => self.networks.push(*is),
+                }
+            }
+            What::Obstacles { outlines } => self.obstacles.clone_from(outlines),
+            What::Target { is } => self.set_target(is),
+            What::Stop { target, is, .. } => {
+                let mut targets = self.targets.iter_mut();
+                if let Some(target) = targets.find(|own| own.id == *target) {
+                    target.set_stop(is);
+                }
+            }
+            What::Traffic { radio } => self.radio = Some(radio.clone()),
+            What::Measured { is } => {
+                let mut all = self.sightings.iter_mut();
+                match all.find(|own| own.network == is.network) {
+                    Some(own) => own.clone_from(is),
+                    None => self.sightings.push(is.clone()),
+                }
+            }
+            What::End {
+                radio, sim_seconds, ..
+            } => {
+                self.radio.clone_from(radio);
+                self.sim_seconds = *sim_seconds;
+            }
+            What::StopEnds { .. }
+            | What::Place { .. }
+            | What::Seen { .. }
+            | What::Tracked { .. }
+            | What::Command { .. }
+            | What::Said { .. }
+            | What::Verdict { .. } => {}
+        }
+    }
+
+    fn set_target(&mut self, is: &Target) {
+        match self.targets.binary_search_by_key(&is.id, |own| own.id) {
+            Ok(place) => self.targets[place].clone_from(is),
+            Err(place) => self.targets.insert(place, is.clone()),
+        }
+    }
+}
+
+impl Target {
+    fn set_stop(&mut self, is: &Stop) {
+        match self.stops.binary_search_by_key(&is.stop, |stop| stop.stop) {
+            Ok(place) => self.stops[place] = *is,
+            Err(place) => self.stops.insert(place, *is),
+        }
+        self.path = self.stops.iter().map(|stop| [stop.x, stop.y]).collect();
+    }
+}
+
+/// Compares what is known with what was known before, and tells the difference as events.
+#[derive(Clone, Debug, Default)]
+pub struct Looker {
+    known: Option<RunRecord>,
+    /// Something changed since the verdict was told, which was then.
+    owes_verdict: bool,
+    verdict_at: Option<f64>,
+    traffic_at: f64,
+}
+
+impl Looker {
+    /// What is new, of a network that goes on. How often a node was heard and what it sent is told at
+    /// the end only.
+    pub fn look(&mut self, record: &RunRecord) -> Vec<Event> {
+        let mut events = self.changes(record, false);
+        let seconds = record.sim_seconds;
+        if let Some(radio) = &record.radio
+            && seconds - self.traffic_at >= TRAFFIC_EVERY
+        {
+            self.traffic_at = seconds;
+            let radio = radio.clone();
+            events.push(Event::new(seconds, What::Traffic { radio }));
+        }
+        let is_due = |at: f64| seconds - at >= VERDICT_EVERY;
+        if self.owes_verdict && self.verdict_at.is_none_or(is_due) {
+            events.push(self.verdict(record));
+        }
+        events
+    }
+
+    /// What is new, and the end.
+    pub fn end(&mut self, record: &RunRecord, cut_short: Option<&str>) -> Vec<Event> {
+        let mut events = self.changes(record, true);
+        let seconds = record.sim_seconds;
+        let known = self.known.iter().flat_map(|known| &known.sightings);
+        let known: Vec<_> = known.collect();
+        let measured = record.sightings.iter().filter(|own| !known.contains(own));
+        events.extend(measured.map(|own| Event::new(seconds, What::Measured { is: own.clone() })));
+        events.push(self.verdict(record));
+        let end = What::End {
+            radio: record.radio.clone(),
+            sim_seconds: seconds,
+            cut_short: cut_short.map(str::to_owned),
+        };
+        events.push(Event::new(seconds, end));
+        events
+    }
+
+    fn verdict(&mut self, record: &RunRecord) -> Event {
+        self.owes_verdict = false;
+        self.verdict_at = Some(record.sim_seconds);
+        let verdict = Verdict::of(record);
+        let what = What::Verdict {
+            good: verdict.is_good(),
+            calibrated: verdict.calibrated,
+            expected: verdict.expected,
+            words: verdict.to_string().trim_end().to_owned(),
+            findings: verdict
+                .findings
+                .iter()
+                .map(|finding| Advice {
+                    node: finding.camera,
+                    words: verdict.words_on(finding),
+                })
+                .collect(),
+            walk_to: verdict.next_stops.iter().map(WalkTo::from).collect(),
+        };
+        Event::new(record.sim_seconds, what)
+    }
+
+    fn changes(&mut self, record: &RunRecord, with_traffic: bool) -> Vec<Event> {
+        let Some(known) = &mut self.known else {
+            // What runs take the computer is never twice the same.
+            let begin = RunRecord {
+                wall_seconds: None,
+                ..record.clone()
+            };
+            self.known = Some(begin.clone());
+            self.owes_verdict = true;
+            let what = What::Begin {
+                events: EVENT_FORMAT,
+                record: Box::new(begin),
+            };
+            return vec![Event::new(record.sim_seconds, what)];
+        };
+        let mut whats = Vec::new();
+        for network in &record.networks {
+            if !known.networks.contains(network) {
+                whats.push(What::Network { is: *network });
+            }
+        }
+        if known.obstacles != record.obstacles {
+            let outlines = record.obstacles.clone();
+            whats.push(What::Obstacles { outlines });
+        }
+        for node in &known.nodes {
+            if !record.nodes.iter().any(|other| other.id == node.id) {
+                whats.push(What::Gone { node: node.id });
+            }
+        }
+        for node in &record.nodes {
+            let place = known.nodes.binary_search_by_key(&node.id, |n| n.id);
+            let before = place.ok().map(|place| &known.nodes[place]);
+            let news = news(before, node, with_traffic);
+            if !news.is_empty() {
+                let is = Box::new(node.clone());
+                whats.push(What::Node { news, is });
+            }
+        }
+        for target in &record.targets {
+            let before = known.targets.iter().find(|own| own.id == target.id);
+            whats.extend(target_changes(before, target));
+        }
+        let events = whats.into_iter();
+        let events: Vec<_> = { events.map(|what| Event::new(record.sim_seconds, what)) }.collect();
+        for event in &events {
+            known.apply(event);
+        }
+        self.owes_verdict |= !events.is_empty();
+        events
+    }
+}
+
+/// What is new about a node of which this was known before.
+fn news(before: Option<&Node>, now: &Node, with_traffic: bool) -> Vec<News> {
+    let blank;
+    let before = match before {
+        Some(before) => before,
+        None => {
+            blank = Node::new(now.id, now.role);
+            &blank
+        }
+    };
+    let same_traffic = Node {
+        heard_seconds: before.heard_seconds,
+        payload_bytes: before.payload_bytes,
+        bytes_sent: before.bytes_sent,
+        frames_sent: before.frames_sent,
+        ..now.clone()
+    };
+    if same_traffic == *before {
+        let is_new = with_traffic && now != before;
+        return if is_new {
+            vec![News::Traffic]
+        } else {
+            Vec::new()
+        };
+    }
+    let is_member = |node: &Node| node.address.is_some();
+    let told = [
+        (News::Joined, is_member(now) && !is_member(before)),
+        (News::Left, is_member(before) && !is_member(now)),
+        (News::Status, now.status != before.status),
+        (News::Pose, now.estimate != before.estimate),
+        (News::Refusal, now.reason != before.reason),
+        (News::Protection, now.protection != before.protection),
+        (
+            News::Sightings,
+            (now.sightings, now.used) != (before.sightings, before.used)
+                || now.residuals != before.residuals,
+        ),
+        (News::Reference, now.reference != before.reference),
+        (News::Silent, now.silent != before.silent),
+        (News::Failure, now.failures != before.failures),
+        (News::Moved, now.truth != before.truth),
+    ];
+    let mut news: Vec<_> = { told.into_iter() }
+        .filter_map(|(news, is_so)| is_so.then_some(news))
+        .collect();
+    if news.is_empty() {
+        news.push(News::Other);
+    }
+    news
+}
+
+fn target_changes(before: Option<&Target>, now: &Target) -> Vec<What> {
+    let whole = || vec![What::Target { is: now.clone() }];
+    let Some(before) = before else {
+        return whole();
+    };
+    if before == now {
+        return Vec::new();
+    }
+    let mut folded = before.clone();
+    let mut whats = Vec::new();
+    for stop in now.stops.iter().filter(|stop| !before.stops.contains(stop)) {
+        folded.set_stop(stop);
+        whats.push(What::Stop {
+            target: now.id,
+            begins: !before.stops.iter().any(|own| own.stop == stop.stop),
+            is: *stop,
+        });
+    }
+    if folded == *now { whats } else { whole() }
+}
+
+/// The events of a run that is over, as far as its record tells when things happened: stops as they
+/// began, poses when they were first known, with their last values.
+pub fn of_record(record: &RunRecord, cut_short: Option<&str>) -> Vec<Event> {
+    let posed = record.nodes.iter().filter_map(|n| n.calibrated_seconds);
+    let stops = record.targets.iter().flat_map(|target| &target.stops);
+    let mut instants: Vec<f64> = posed.chain(stops.filter_map(|stop| stop.seconds)).collect();
+    instants.push(0.0);
+    instants.sort_by(f64::total_cmp);
+    instants.dedup();
+    let mut looker = Looker::default();
+    let mut events = Vec::new();
+    for seconds in instants {
+        let mut then = RunRecord {
+            sim_seconds: seconds,
+            radio: None,
+            sightings: Vec::new(),
+            ..record.clone()
+        };
+        for node in &mut then.nodes {
+            if node.calibrated_seconds.is_none_or(|at| at > seconds) {
+                *node = as_put_up(node);
+            }
+        }
+        for target in &mut then.targets {
+            let has_begun = |stop: &Stop| stop.seconds.is_some_and(|at| at <= seconds);
+            target.stops.retain(has_begun);
+            target.path = target.stops.iter().map(|stop| [stop.x, stop.y]).collect();
+        }
+        then.summary = Summary::of(&then.nodes);
+        events.extend(looker.look(&then));
+    }
+    events.extend(looker.end(record, cut_short));
+    events
+}
+
+/// A node before anything is known of it but where it was put.
+fn as_put_up(node: &Node) -> Node {
+    Node {
+        network: node.network,
+        reference: node.reference,
+        expected: node.expected,
+        truth: node.truth,
+        planned: node.planned,
+        view: node.view,
+        address: node.address,
+        status: (node.status.is_some()).then_some(Status::Waiting),
+        ..Node::new(node.id, node.role)
+    }
+}
+
+impl fmt::Display for CommandState {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(match self {
+            Self::Asked => "asked for",
+            Self::Done => "done",
+            Self::Failed => "failed",
+        })
+    }
+}

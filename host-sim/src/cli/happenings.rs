@@ -1,0 +1,158 @@
+//! What happens on a coordinator's line, in files.
+
+use std::{
+    collections::BTreeMap,
+    fs,
+    io::Write,
+    path::{Path, PathBuf},
+    time::Duration,
+};
+
+use answers::record::{
+    RunRecord,
+    event::{Event, Looker, What},
+};
+use anyhow::Context;
+use clap::Args;
+use node_firmware::message::TrackedBlob;
+
+use super::{and, file_name, files::Files, late::Late, values};
+
+/// Which files.
+#[derive(Args)]
+pub(super) struct HappeningsOptions {
+    /// What happens, one line of JSON an event (docs/events.md).
+    #[arg(long, value_name = "FILE", value_parser = values::result())]
+    events: Option<PathBuf>,
+    /// What cameras see that were told to track: a file for each in this folder, such as camera-3.csv.
+    #[arg(long, value_name = "DIR", value_parser = values::result())]
+    tracked: Option<PathBuf>,
+}
+
+impl HappeningsOptions {
+    /// These files besides others that are written.
+    pub(super) fn among<'a>(&'a self, others: Files<'a>) -> Files<'a> {
+        others.writes(&self.events)
+    }
+}
+
+/// How often events are looked for.
+const LOOKS: Duration = Duration::from_millis(200);
+
+/// The columns of what cameras see that track: those of the camera's own packet.
+const COLUMNS: &str = "seconds,mx,my,left,upper,right,lower,pixels,confidence\n";
+
+/// The files, as they grow.
+pub(super) struct Happenings {
+    looker: Looker,
+    looked: Option<Duration>,
+    events: Option<Late>,
+    folder: Option<PathBuf>,
+    cameras: BTreeMap<u16, Late>,
+}
+
+impl Happenings {
+    /// Makes the folder, if one is wanted.
+    pub(super) fn new(options: &HappeningsOptions) -> anyhow::Result<Self> {
+        if let Some(folder) = &options.tracked {
+            fs::create_dir_all(folder)
+                .with_context(|| format!("the folder {} cannot be made", file_name(folder)))?;
+        }
+        Ok(Self {
+            looker: Looker::default(),
+            looked: None,
+            events: options.events.as_deref().map(Late::new),
+            folder: options.tracked.clone(),
+            cameras: BTreeMap::new(),
+        })
+    }
+
+    /// Whether it is time to look at what is known, and somebody wants to know.
+    pub(super) fn is_due(&self, now: Duration) -> bool {
+        let is_late = |at| now.saturating_sub(at) >= LOOKS;
+        self.events.is_some() && self.looked.is_none_or(is_late)
+    }
+
+    /// What is known by now.
+    pub(super) fn look(&mut self, now: Duration, record: &RunRecord) {
+        self.looked = Some(now);
+        let events = self.looker.look(record);
+        self.write(&events);
+    }
+
+    /// Something in words.
+    pub(super) fn said(&mut self, now: Duration, words: &str) {
+        // The first line is that of what is known.
+        if self.looked.is_some() {
+            let words = words.to_owned();
+            let what = What::Said { node: None, words };
+            self.write(&[Event::new(now.as_secs_f64(), what)]);
+        }
+    }
+
+    /// What a camera sees.
+    pub(super) fn tracked(&mut self, now: Duration, node: u16, blob: TrackedBlob) {
+        let TrackedBlob {
+            middle,
+            edges,
+            pixels,
+            confidence,
+        } = blob;
+        let seconds = now.as_secs_f64();
+        if self.looked.is_some() {
+            let what = What::Tracked {
+                node,
+                middle,
+                edges,
+                pixels,
+                confidence,
+            };
+            self.write(&[Event::new(seconds, what)]);
+        }
+        if let Some(folder) = &self.folder {
+            let file = self
+                .cameras
+                .entry(node)
+                .or_insert_with(|| begun(folder, node));
+            let [mx, my] = middle;
+            let [left, upper, right, lower] = edges;
+            // What goes wrong is told at the end.
+            let _ = writeln!(
+                file,
+                "{seconds:.3},{mx},{my},{left},{upper},{right},{lower},{pixels},{confidence}"
+            );
+        }
+    }
+
+    fn write(&mut self, events: &[Event]) {
+        if let Some(file) = &mut self.events {
+            for line in events.iter().filter_map(|event| event.to_line().ok()) {
+                let _ = file.write_all(line.as_bytes());
+            }
+        }
+    }
+
+    /// What is known in the end; what went wrong with a file is told or returned.
+    pub(super) fn finish(mut self, record: Option<&RunRecord>) -> anyhow::Result<()> {
+        if let Some(record) = record.filter(|_| self.events.is_some()) {
+            let mut events = match self.looked {
+                Some(_) => Vec::new(),
+                None => self.looker.look(record),
+            };
+            events.extend(self.looker.end(record, None));
+            self.write(&events);
+        }
+        let files = self.events.into_iter().chain(self.cameras.into_values());
+        let mut ended = Ok(());
+        for file in files {
+            ended = and(ended, file.finish());
+        }
+        ended
+    }
+}
+
+fn begun(folder: &Path, node: u16) -> Late {
+    let mut file = Late::new(&folder.join(format!("camera-{node}.csv")));
+    let _ = file.write_all(COLUMNS.as_bytes());
+    file
+}

@@ -1,0 +1,64 @@
+//! What cameras can be told, as people type it.
+
+use node_firmware::message::CameraCommand;
+
+/// `learn-colour`, or `learn-colour=1` of another colour than the first.
+pub fn parse_command(name: &str) -> Option<CameraCommand> {
+    Some(match name {
+        "initialise" => CameraCommand::Initialise,
+        "learn-background" => CameraCommand::LearnBackground,
+        "stop-tracking" => CameraCommand::StopTracking,
+        "forget" => CameraCommand::Forget,
+        coloured => {
+            let (name, colour) = match coloured.split_once('=') {
+                Some((name, colour)) => (name, colour.parse().ok()?),
+                None => (coloured, 0),
+            };
+            match name {
+                "learn-colour" => CameraCommand::LearnColour { colour },
+                "track" => CameraCommand::Track { colour },
+                _ => return None,
+            }
+        }
+    })
+}
+
+/// What [`parse_command`] reads.
+pub fn command_name(command: CameraCommand) -> String {
+    let coloured = |name: &str, colour| match colour {
+        0 => name.to_owned(),
+        _ => format!("{name}={colour}"),
+    };
+    match command {
+        CameraCommand::Initialise => "initialise".to_owned(),
+        CameraCommand::LearnBackground => "learn-background".to_owned(),
+        CameraCommand::StopTracking => "stop-tracking".to_owned(),
+        CameraCommand::Forget => "forget".to_owned(),
+        CameraCommand::LearnColour { colour } => coloured("learn-colour", colour),
+        CameraCommand::Track { colour } => coloured("track", colour),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_is_typed_is_what_is_meant() {
+        for name in [
+            "initialise",
+            "learn-background",
+            "stop-tracking",
+            "forget",
+            "learn-colour",
+            "learn-colour=2",
+            "track",
+            "track=1",
+        ] {
+            assert_eq!(parse_command(name).map(command_name).as_deref(), Some(name));
+        }
+        for name in ["", "track=", "forget=1", "track=256", "sleep"] {
+            assert_eq!(parse_command(name), None, "{name}");
+        }
+    }
+}

@@ -1,0 +1,108 @@
+//! The page on which people see a network: its parts, and the same page as one file.
+//!
+//! | module | job |
+//! |---|---|
+//! | `log` | The events so far, for whoever opens the page late |
+//! | `server` | Serves page and events, and takes commands |
+//!
+//! The page is plain HTML, CSS and JavaScript in `page/`, embedded in the program. It asks nobody but
+//! this server for anything.
+
+use answers::record::event::Event;
+
+mod log;
+mod server;
+
+pub use log::Log;
+pub use server::{About, Command, Server, ServerError, serve};
+
+/// The page's frame.
+const INDEX: &str = include_str!("page/index.html");
+/// How it looks.
+const STYLE: &str = include_str!("page/style.css");
+/// What it does, in the order in which it is loaded.
+const SCRIPTS: [&str; 7] = [
+    include_str!("page/state.js"),
+    include_str!("page/geometry.js"),
+    include_str!("page/map.js"),
+    include_str!("page/panels.js"),
+    include_str!("page/timeline.js"),
+    include_str!("page/source.js"),
+    include_str!("page/main.js"),
+];
+
+/// Where the page gets its style and scripts from, in `index.html`.
+const LINKED: &str = "<!-- style and script -->";
+
+/// All scripts in one.
+fn script() -> String {
+    // In a block: names of its own.
+    format!("'use strict';\n{{\n{}}}\n", SCRIPTS.concat())
+}
+
+/// The page as the server sends it.
+fn page() -> String {
+    let linked =
+        "<link rel=\"stylesheet\" href=\"style.css\">\n<script src=\"app.js\" defer></script>";
+    INDEX.replace(LINKED, linked)
+}
+
+/// The page with these events in one file, which opens without a server. It runs no script but its own,
+/// and asks nobody for anything.
+///
+/// # Errors
+/// Those of the JSON writer, which events do not give cause for.
+pub fn report(events: &[Event]) -> Result<String, serde_json::Error> {
+    let lines: Vec<_> = { events.iter() }
+        .map(serde_json::to_string)
+        .collect::<Result<_, _>>()?;
+    // In a script element only this could end it, or begin a comment.
+    let data = lines.join("\n").replace('<', "\\u003c");
+    let policy = "default-src 'none'; script-src 'unsafe-inline'; style-src 'unsafe-inline'; img-src data:; \
+                  base-uri 'none'; form-action 'none'";
+    let inline = format!(
+        "<meta http-equiv=\"Content-Security-Policy\" content=\"{policy}\">\n\
+         <style>\n{STYLE}</style>\n\
+         <script type=\"application/x-ndjson\" id=\"events\">\n{data}\n</script>\n\
+         <script>\ndocument.addEventListener('DOMContentLoaded', () => {{\n{}}});\n</script>",
+        script()
+    );
+    Ok(INDEX.replace(LINKED, &inline))
+}
+
+#[cfg(test)]
+mod tests {
+    use answers::record::event::What;
+
+    use super::*;
+
+    #[test]
+    fn the_page_is_small_and_asks_nobody_else() {
+        let page = report(&[]).unwrap();
+        assert!(page.len() <= 300_000, "{} bytes", page.len());
+        for outside in [
+            "http://",
+            "https://",
+            "//cdn",
+            "@import",
+            "innerHTML",
+            "eval(",
+        ] {
+            assert!(!page.contains(outside), "{outside}");
+        }
+    }
+
+    #[test]
+    fn data_does_not_end_the_script() {
+        let what = What::Said {
+            node: None,
+            words: "</script><script>alert(1)</script><!--".to_owned(),
+        };
+        let empty = report(&[]).unwrap();
+        let page = report(&[Event::new(1.0, what)]).unwrap();
+        for tag in ["<script", "</script", "<!--"] {
+            let count = |page: &str| page.matches(tag).count();
+            assert_eq!(count(&page), count(&empty), "{tag}");
+        }
+    }
+}

@@ -1,0 +1,181 @@
+// Puts the parts together: events in, one moment shown, commands out.
+
+const eventHistory = new History();
+let chosen = null;
+let stale = true;
+const changed = () => { stale = true; };
+const choose = id => { chosen = chosen === id ? null : id; plan.chosen = chosen; changed(); };
+const plan = new Plan(byId('map'), byId('hover'), byId('scale'), choose);
+const checklist = new Checklist(byId('checklist'), choose);
+const timeline = new Timeline(eventHistory, changed);
+const source = new Source(events => {
+  for (const event of events) eventHistory.push(event);
+  if (timeline.follows) changed(); else timeline.show();
+}, (words, isLost) => {
+  setText(byId('link'), words);
+  byId('link').classList.toggle('lost', isLost);
+});
+
+function showAll() {
+  const state = timeline.follows ? eventHistory.latest : eventHistory.at(timeline.seconds);
+  // The latest state goes on: what is shown of it is of this moment.
+  plan.show({...state, rays: state.rays, record: state.record && {...state.record}});
+  showBanner(state);
+  checklist.show(state, chosen);
+  showDetail(state, eventHistory, chosen);
+  showWords(byId('log'), lastWords(eventHistory.telling, timeline.moment, 60, () => true));
+  timeline.show();
+  if (state.record) setText(byId('name'), state.record.scenario + (state.record.seed === null ? '' : `, seed ${state.record.seed}`));
+  document.body.dataset.seconds = timeline.moment.toFixed(3);
+  document.body.dataset.ended = String(state.ended !== null);
+}
+
+let before = performance.now();
+function frame(now) {
+  const elapsed = Math.min(0.5, (now - before) / 1000);
+  before = now;
+  if (timeline.tick(elapsed)) stale = true;
+  if (stale) {
+    stale = false;
+    showAll();
+  }
+  plan.draw();
+  requestAnimationFrame(frame);
+}
+requestAnimationFrame(frame);
+
+function button(words, act, title) {
+  const made = element('button', words, {type: 'button'});
+  if (title) made.title = title;
+  made.addEventListener('click', act);
+  return made;
+}
+
+function number(name, value) {
+  const label = element('label', name + ' ');
+  const input = element('input', undefined, {type: 'number', step: 'any', value});
+  label.append(input);
+  return [label, () => Number(input.value)];
+}
+
+// Told below the controls; what came of it comes as an event.
+async function send(command) {
+  setText(byId('sent'), `${command.do.replaceAll('_', ' ')}: ${await source.send(command)}`);
+}
+
+function group(name, ...parts) {
+  const made = element('fieldset');
+  made.append(element('legend', name), ...parts);
+  return made;
+}
+
+const ORDERS = [
+  ['initialise', 'resets the camera, and lets it adapt to the light'],
+  ['learn-colour', 'takes the object in the middle of its view as the colour to look for'],
+  ['track', 'tells what it sees until it is told to stop'],
+  ['stop-tracking', 'tells no more what it sees'],
+  ['forget', 'drops its pose and its sightings'],
+];
+
+function makeControls(kind) {
+  const controls = byId('controls');
+  controls.hidden = false;
+  controls.append(element('h2', 'Controls'));
+  if (kind === 'simulation') {
+    const [speed, times] = number('speed', 10);
+    const [jam, seconds] = number('for', 10);
+    controls.append(
+      group('Time',
+        button('pause', () => send({do: 'pause'}), 'Space'), button('go on', () => send({do: 'resume'})),
+        speed, button('set', () => send({do: 'speed', times: times()})),
+        button('as fast as possible', () => send({do: 'speed', times: 0}))),
+      group('Disturb', jam, element('span', 's'),
+        button('jam the radio', () => send({do: 'jam', seconds: seconds()})),
+        button('let the carrier drift', () => {
+          for (const target of eventHistory.latest.record?.targets ?? []) {
+            send({do: 'drift', node: target.id, seconds: seconds(), share: 0.1});
+          }
+        })));
+  }
+  const [window, open] = number('for', 60);
+  controls.append(
+    group('All cameras', ...ORDERS.slice(0, 4).map(([name, title]) =>
+      button(name, () => send({do: 'camera', node: null, command: name}), title))),
+    group('Join window', window, element('span', 's'),
+      button('open', () => { send({do: 'join_window', seconds: open()}); countDown(open()); }),
+      button('close', () => { send({do: 'join_window', seconds: 0}); countDown(0); }),
+      element('output', '', {id: 'window'})));
+  controls.append(element('output', '', {id: 'sent'}));
+  const own = byId('node-controls');
+  const [move, by] = number('by', 0.3);
+  const [turn, degrees] = number('turn', 10);
+  own.append(...ORDERS.map(([name, title]) =>
+    button(name, () => send({do: 'camera', node: chosen, command: name}), title)));
+  own.append(button('remove', () => {
+    if (confirm(`Send camera ${chosen} away?`)) send({do: 'remove', node: chosen});
+  }, 'sends it away from the network'));
+  if (kind === 'simulation') {
+    own.append(
+      button('restart', () => send({do: 'restart', node: chosen})),
+      button('unplug for 20 s', () => send({do: 'unplug', node: chosen, seconds: 20})),
+      move, turn,
+      button('move', () => send({do: 'move', node: chosen, by: [by(), 0], turn_deg: degrees()})));
+  }
+}
+
+let closing = null;
+function countDown(seconds) {
+  clearInterval(closing);
+  const until = performance.now() + seconds * 1000;
+  const show = () => {
+    const left = Math.ceil((until - performance.now()) / 1000);
+    setText(byId('window'), left > 0 ? `${left} s left, if the network took it` : '');
+    if (left <= 0) clearInterval(closing);
+  };
+  closing = setInterval(show, 500);
+  show();
+}
+
+byId('zoom-in').addEventListener('click', () => plan.zoom(1.25));
+byId('zoom-out').addEventListener('click', () => plan.zoom(0.8));
+byId('zoom-fit').addEventListener('click', () => plan.all());
+byId('detail-close').addEventListener('click', () => choose(chosen));
+
+let isPaused = false;
+document.addEventListener('keydown', event => {
+  if (event.target.closest?.('input, select, button, #map')) return;
+  if (event.key === ' ') {
+    if (kind === 'simulation' && timeline.follows && !eventHistory.latest.ended) {
+      isPaused = !isPaused;
+      send({do: isPaused ? 'pause' : 'resume'});
+    } else {
+      timeline.toggle();
+    }
+  } else if (event.key === 'l') timeline.follow();
+  else if (event.key === 'ArrowLeft') timeline.go(timeline.moment - 5);
+  else if (event.key === 'ArrowRight') timeline.go(timeline.moment + 5);
+  else if (event.key === 'Escape' && chosen !== null) choose(chosen);
+  else return;
+  event.preventDefault();
+});
+
+let kind = source.isFile ? 'recorded' : null;
+if (!source.isFile) {
+  source.about().then(about => {
+    if (!about) return;
+    kind = about.kind;
+    setText(byId('name'), about.name);
+    document.title = about.name;
+    if (kind !== 'recorded') makeControls(kind);
+    source.listen();
+  }).catch(() => {
+    setText(byId('link'), 'the server does not answer');
+    byId('link').classList.add('lost');
+  });
+}
+
+// For whoever tests the page: what is shown at this moment.
+window.shown = () => {
+  const {record, verdict, seconds} = timeline.follows ? eventHistory.latest : eventHistory.at(timeline.seconds);
+  return {record, verdict, seconds};
+};

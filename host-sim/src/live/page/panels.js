@@ -1,0 +1,269 @@
+// Banner, checklist, one camera, the log: everything that is text. Words of nodes are text only.
+
+function element(name, text, attributes = {}) {
+  const made = document.createElement(name);
+  if (text !== undefined) made.textContent = text;
+  for (const [key, value] of Object.entries(attributes)) made.setAttribute(key, value);
+  return made;
+}
+
+const byId = id => document.getElementById(id);
+const digits = (value, count) => value === null || value === undefined ? '-' : value.toFixed(count);
+
+function setText(node, text) {
+  if (node.textContent !== text) node.textContent = text;
+}
+
+function statusWords(node) {
+  if (node.reason) return `${node.status} (${String(node.reason).replaceAll('_', ' ')})`;
+  return node.status ?? 'unknown';
+}
+
+function poseWords(node) {
+  const pose = node.estimate;
+  if (!pose) return 'no pose yet';
+  return `x ${digits(pose.x, 3)} \u00b1 ${digits(pose.sigma_x, 3)}, y ${digits(pose.y, 3)} \u00b1 ` +
+    `${digits(pose.sigma_y, 3)}, heading ${digits(pose.heading_deg, 2)} \u00b1 ${digits(pose.sigma_heading_deg, 2)}\u00b0`;
+}
+
+function showBanner(state) {
+  const {verdict} = state;
+  byId('banner').classList.toggle('good', Boolean(verdict?.good));
+  if (!verdict) {
+    setText(byId('verdict'), state.record ? 'The network finds itself.' : 'Nothing is known yet.');
+    setText(byId('walk'), '');
+    return;
+  }
+  setText(byId('verdict'), verdict.words.split('\n')[0]);
+  byId('verdict').title = verdict.words;
+  const next = verdict.walk_to[0];
+  setText(byId('walk'), next ? `walk to (${next.x.toFixed(1)}, ${next.y.toFixed(1)})` : '');
+}
+
+// What the cells of a camera's row say, and whether each is well.
+function cellsOf(node, advice) {
+  const joined = node.address !== null;
+  const enough = node.sightings >= 3 || node.reference;
+  const pose = node.estimate;
+  const isGood = node.status === 'calibrated';
+  return [
+    [node.silent ? 'silent' : joined ? 'yes' : 'no', joined && !node.silent],
+    [node.sightings < 3 ? `${node.sightings} of 3` : String(node.sightings), enough],
+    [node.status ?? 'unknown', pose !== null && isGood],
+    [pose ? `${digits(pose.x, 2)}, ${digits(pose.y, 2)}` : '-', pose !== null],
+    [pose ? `\u00b1${digits(Math.hypot(pose.sigma_x, pose.sigma_y), 3)}` : '-', pose !== null],
+    [pose ? `${digits(pose.heading_deg, 1)}\u00b0` : '-', pose !== null],
+    [isGood && !advice ? 'yes' : isGood ? 'unchecked' : 'no', isGood && !advice],
+  ];
+}
+
+// What to do about a camera that is not well; nothing of one that is.
+function adviceFor(node, findings) {
+  if (node.address === null) return 'it is no member: check its power, its site key and the join window';
+  if (node.silent) return 'it does not answer: check its power and its radio';
+  return findings;
+}
+
+class Checklist {
+  constructor(table, choose) {
+    this.body = table.tBodies[0];
+    this.rows = new Map();
+    this.choose = choose;
+  }
+
+  show(state, chosen) {
+    const cameras = (state.record?.nodes ?? []).filter(node => node.role === 'camera');
+    const advice = new Map();
+    for (const finding of state.verdict?.findings ?? []) {
+      const before = advice.get(finding.node);
+      advice.set(finding.node, before ? `${before}; ${finding.words}` : finding.words);
+    }
+    const known = new Set();
+    for (const node of cameras) {
+      known.add(node.id);
+      let row = this.rows.get(node.id);
+      if (!row) {
+        row = this.makeRow(node.id);
+        this.rows.set(node.id, row);
+      }
+      row.classList.toggle('chosen', node.id === chosen);
+      // A camera that did not change, and of which nothing else is said, has its row already.
+      const words = adviceFor(node, advice.get(node.id));
+      if (row.shown === node && row.advice === words) continue;
+      row.shown = node;
+      row.advice = words;
+      row.words.hidden = !words;
+      setText(row.words.cells[0], words ?? '');
+      cellsOf(node, row.advice).forEach(([text, isWell], i) => {
+        const cell = row.cells[i + 1];
+        setText(cell, text);
+        cell.className = i === 2 && node.status ? `status ${node.status}` : isWell ? 'ok' : 'bad';
+      });
+    }
+    for (const [id, row] of this.rows) {
+      if (!known.has(id)) { row.words.remove(); row.remove(); this.rows.delete(id); }
+    }
+  }
+
+  makeRow(id) {
+    const row = element('tr', undefined, {'data-camera': id});
+    const head = element('th', undefined, {scope: 'row'});
+    const button = element('button', String(id), {type: 'button', 'aria-label': `camera ${id}`});
+    head.append(button);
+    row.append(head);
+    for (let i = 0; i < 7; i++) row.append(element('td'));
+    row.words = element('tr', undefined, {class: 'advice'});
+    row.words.append(element('td', undefined, {colspan: 8}));
+    row.words.addEventListener('click', () => this.choose(id));
+    row.addEventListener('click', () => this.choose(id));
+    const after = [...this.rows].filter(([other]) => other > id).sort((a, b) => a[0] - b[0])[0];
+    this.body.insertBefore(row, after?.[1] ?? null);
+    row.after(row.words);
+    return row;
+  }
+}
+
+// The words of an event for people; nothing for those that only change numbers.
+function eventWords(event) {
+  switch (event.event) {
+    case 'said': return (event.node ? `node ${event.node}: ` : '') + event.words;
+    case 'command': {
+      const state = {asked: 'asked for', done: 'done', failed: 'failed'}[event.state] ?? event.state;
+      return `${event.node ? `node ${event.node}: ` : ''}${event.command}: ${state}${event.words ? `: ${event.words}` : ''}`;
+    }
+    case 'stop': return event.begins ? `target ${event.target}: stop ${event.is.stop}` : null;
+    case 'node': {
+      const node = event.is;
+      const what = [];
+      if (event.news.includes('joined')) what.push('is a member');
+      if (event.news.includes('left')) what.push('is a member no more');
+      if (event.news.includes('status') || event.news.includes('refusal')) what.push(statusWords(node));
+      if (event.news.includes('silent')) what.push(node.silent ? 'does not answer' : 'answers again');
+      if (event.news.includes('failure') && node.failures.length) what.push(`stops: ${node.failures.at(-1).why}`);
+      if (event.news.includes('moved')) what.push('stands elsewhere');
+      return what.length ? `${node.role} ${node.id}: ${what.join(', ')}` : null;
+    }
+    case 'end': return event.cut_short ? `the end: ${event.cut_short}` : 'the end';
+    default: return null;
+  }
+}
+
+function isAbout(event, id) {
+  return event.node === id || (event.event === 'node' && event.is.id === id);
+}
+
+// The last words before a moment, newest first.
+function lastWords(events, seconds, most, isMeant) {
+  const items = [];
+  for (let i = events.length - 1; i >= 0 && items.length < most; i--) {
+    const event = events[i];
+    if (event.seconds > seconds || !isMeant(event)) continue;
+    const words = eventWords(event);
+    if (words) items.push({seconds: event.seconds, words});
+  }
+  return items;
+}
+
+function showWords(list, items) {
+  const key = JSON.stringify(items);
+  if (list.shown === key) return;
+  list.shown = key;
+  list.replaceChildren(...items.map(item => {
+    const line = element('li');
+    line.append(element('time', item.seconds.toFixed(1) + ' s'), ' ' + item.words);
+    return line;
+  }));
+}
+
+function canvasOf(id) {
+  const canvas = byId(id);
+  const ratio = window.devicePixelRatio || 1;
+  const [width, height] = [canvas.clientWidth, canvas.clientHeight];
+  if (canvas.width !== Math.round(width * ratio)) canvas.width = Math.round(width * ratio);
+  if (canvas.height !== Math.round(height * ratio)) canvas.height = Math.round(height * ratio);
+  const context = canvas.getContext('2d');
+  context.setTransform(ratio, 0, 0, ratio, 0, 0);
+  context.clearRect(0, 0, width, height);
+  return {context, width, height};
+}
+
+function colour(name) {
+  return getComputedStyle(document.documentElement).getPropertyValue('--' + name).trim();
+}
+
+// What is known of one camera.
+function showDetail(state, history, chosen) {
+  const node = state.record?.nodes.find(other => other.id === chosen);
+  document.querySelector('main').classList.toggle('detailed', Boolean(node));
+  byId('detail').hidden = !node;
+  if (!node) return;
+  setText(byId('detail-name'), `Camera ${node.id}${node.reference ? ', reference' : ''}`);
+  const advice = state.verdict?.findings.filter(finding => finding.node === chosen).map(finding => finding.words);
+  setText(byId('detail-words'), advice?.join('; ') || statusWords(node));
+  const residuals = node.residuals.map(residual =>
+    `stop ${residual.stop}: ${digits(residual.residual_deg, 2)}\u00b0 (${digits(residual.normalised, 1)} sigma)`);
+  const facts = [
+    ['pose', poseWords(node)],
+    ['error', node.error ? `${digits(node.error.x, 3)}, ${digits(node.error.y, 3)}, ${digits(node.error.heading_deg, 2)}\u00b0` : 'not known'],
+    ['checked to', node.protection ? `${digits(node.protection.position, 2)}, ${digits(node.protection.heading_deg, 1)}\u00b0` : '-'],
+    ['sightings', `${node.used} of ${node.sightings} used`],
+    ['residuals', residuals.join(', ') || '-'],
+  ];
+  const list = byId('detail-facts');
+  const key = JSON.stringify(facts);
+  if (list.shown !== key) {
+    list.shown = key;
+    list.replaceChildren(...facts.flatMap(([name, text]) => [element('dt', name), element('dd', text)]));
+  }
+  showBlob(state.blobs.get(chosen));
+  showSigma(history.nodes, state.seconds, chosen);
+  showWords(byId('node-log'), lastWords(history.telling, state.seconds, 40, event => isAbout(event, chosen)));
+}
+
+// The frame of the picture is that of the smaller sensor.
+const PICTURE = [88, 143];
+
+function showBlob(blob) {
+  byId('picture').hidden = !blob;
+  setText(byId('blob'), blob
+    ? `middle ${blob.middle.join(', ')}; box ${blob.edges.join(', ')}; ${blob.pixels} pixels; confidence ${blob.confidence}`
+    : 'It tells what it sees once it is told to track.');
+  if (!blob) return;
+  const {context, width, height} = canvasOf('picture');
+  const [sx, sy] = [width / PICTURE[0], height / PICTURE[1]];
+  const [left, upper, right, lower] = blob.edges;
+  context.strokeStyle = colour('target');
+  context.lineWidth = 2;
+  context.strokeRect(left * sx, upper * sy, Math.max(2, (right - left) * sx), Math.max(2, (lower - upper) * sy));
+  context.fillStyle = colour('ink');
+  context.fillRect(blob.middle[0] * sx - 2, blob.middle[1] * sy - 2, 4, 4);
+}
+
+function showSigma(events, seconds, id) {
+  const points = [];
+  for (const event of events) {
+    if (event.seconds > seconds) break;
+    const node = event.event === 'node' && event.is.id === id ? event.is
+      : event.event === 'begin' ? event.record.nodes.find(other => other.id === id) : null;
+    if (node?.estimate) points.push([event.seconds, Math.hypot(node.estimate.sigma_x, node.estimate.sigma_y)]);
+  }
+  const {context, width, height} = canvasOf('sigma');
+  context.fillStyle = colour('faint');
+  context.font = '11px system-ui, sans-serif';
+  if (!points.length) { context.fillText('no pose yet', 4, 14); return; }
+  const most = Math.max(...points.map(point => point[1])) || 1;
+  const from = points[0][0], until = Math.max(seconds, from + 1);
+  context.strokeStyle = colour('calibrated');
+  context.lineWidth = 2;
+  context.beginPath();
+  let last = null;
+  for (const [at, sigma] of points) {
+    const x = (at - from) / (until - from) * width;
+    const y = height - 4 - sigma / most * (height - 22);
+    if (last === null) context.moveTo(x, y); else { context.lineTo(x, last); context.lineTo(x, y); }
+    last = y;
+  }
+  context.lineTo(width, last);
+  context.stroke();
+  context.fillText(`sigma of its place, ${most.toFixed(3)} at most, ${points.at(-1)[1].toFixed(3)} last`, 4, 12);
+}

@@ -1,0 +1,366 @@
+//! Serves the page and the events on this computer, and takes commands.
+//!
+//! Events and commands need the token, which is in the fragment of the URL that is printed: browsers send
+//! that to nobody. A command also needs the page's own origin, and every request a known host name, so
+//! that no other page in the same browser gets anything or has anything done.
+
+use std::{
+    convert::Infallible,
+    io,
+    net::{IpAddr, SocketAddr, TcpListener},
+    sync::{
+        Arc, Mutex, MutexGuard, PoisonError,
+        mpsc::{self, Receiver},
+    },
+    thread,
+    time::Duration,
+};
+
+use answers::record::event::Event;
+use axum::{
+    Json, Router,
+    extract::{Query, Request, State},
+    http::{
+        HeaderMap, HeaderName, HeaderValue, StatusCode,
+        header::{CONTENT_TYPE, HOST, ORIGIN},
+    },
+    middleware::{self, Next},
+    response::{
+        IntoResponse, Response,
+        sse::{self, KeepAlive, Sse},
+    },
+    routing::{get, post},
+};
+use serde::{Deserialize, Serialize};
+use tokio::sync::{mpsc as channel, watch};
+use tokio_stream::wrappers::ReceiverStream;
+
+use super::{Log, STYLE, page, script};
+
+/// What somebody at the page wants.
+#[derive(Clone, Debug, PartialEq, Deserialize)]
+#[serde(tag = "do", rename_all = "snake_case", deny_unknown_fields)]
+pub enum Command {
+    /// Time stands still; simulations only, as the next ones.
+    Pause,
+    /// Time goes on.
+    Resume,
+    /// So many times real time; 0 for as fast as possible.
+    Speed {
+        /// How many.
+        times: f64,
+    },
+    /// A node restarts.
+    Restart {
+        /// Which.
+        node: u16,
+    },
+    /// A camera is unplugged for a while.
+    Unplug {
+        /// Whose.
+        node: u16,
+        /// How long.
+        seconds: f64,
+    },
+    /// A carrier covers all channels.
+    Jam {
+        /// How long.
+        seconds: f64,
+    },
+    /// A target's step sensor says too much of each distance.
+    Drift {
+        /// Which target.
+        node: u16,
+        /// How long.
+        seconds: f64,
+        /// As a share of the distance.
+        share: f64,
+    },
+    /// Somebody moves a camera.
+    Move {
+        /// Which.
+        node: u16,
+        /// How far.
+        by: [f64; 2],
+        /// Degrees counter-clockwise.
+        turn_deg: f64,
+    },
+    /// New nodes may join.
+    JoinWindow {
+        /// For so long; 0 closes it.
+        seconds: u16,
+    },
+    /// A node is sent away.
+    Remove {
+        /// Which.
+        node: u16,
+    },
+    /// A camera, or every camera, does something.
+    Camera {
+        /// Which; all if `None`.
+        node: Option<u16>,
+        /// As on the command line of `host-sim console`.
+        command: String,
+    },
+}
+
+/// What the page has to know of its server.
+#[derive(Clone, Debug, Serialize)]
+pub struct About {
+    /// What is shown.
+    pub name: String,
+    /// `simulation`, `network` or `recorded`: what can be done.
+    pub kind: &'static str,
+}
+
+/// Why the page cannot be served.
+#[derive(Debug, thiserror::Error)]
+pub enum ServerError {
+    /// The address is not to be had.
+    #[error("{0} cannot be served: {1}")]
+    Bind(SocketAddr, io::Error),
+    /// The machine gives no random numbers.
+    #[error("there is no randomness for a token")]
+    Random,
+    /// The machine does not let it run.
+    #[error("the server cannot run: {0}")]
+    Run(io::Error),
+}
+
+/// A server that runs; for whoever has events.
+#[derive(Clone)]
+pub struct Server(Arc<Shared>);
+
+struct Shared {
+    about: About,
+    log: Mutex<Log>,
+    news: watch::Sender<u64>,
+    commands: Mutex<mpsc::Sender<Command>>,
+    token: String,
+    address: SocketAddr,
+    /// So that nobody takes the events of another run for those that follow.
+    run: String,
+}
+
+fn random_hex<const N: usize>() -> Result<String, ServerError> {
+    let mut bytes = [0; N];
+    getrandom::fill(&mut bytes).map_err(|_| ServerError::Random)?;
+    Ok(bytes.iter().map(|byte| format!("{byte:02x}")).collect())
+}
+
+/// Serves from now on, on a thread of its own, as long as the program runs. Commands come out.
+///
+/// # Errors
+/// [`ServerError`]
+pub fn serve(
+    address: SocketAddr,
+    about: About,
+) -> Result<(Server, Receiver<Command>), ServerError> {
+    let failed = |error| ServerError::Bind(address, error);
+    let listener = TcpListener::bind(address).map_err(failed)?;
+    listener.set_nonblocking(true).map_err(failed)?;
+    let (sender, receiver) = mpsc::channel();
+    let server = Server(Arc::new(Shared {
+        about,
+        log: Mutex::default(),
+        news: watch::channel(0).0,
+        commands: Mutex::new(sender),
+        token: random_hex::<16>()?,
+        address: listener.local_addr().map_err(failed)?,
+        run: random_hex::<4>()?,
+    }));
+    let runtime = tokio::runtime::Builder::new_current_thread()
+        .enable_all()
+        .build()
+        .map_err(ServerError::Run)?;
+    let router = router(server.clone());
+    thread::spawn(move || {
+        runtime.block_on(async {
+            if let Ok(listener) = tokio::net::TcpListener::from_std(listener) {
+                // It ends with the program only.
+                let _ = axum::serve(listener, router).await;
+            }
+        });
+    });
+    Ok((server, receiver))
+}
+
+impl Server {
+    /// Where people look, with the token.
+    pub fn url(&self) -> String {
+        let Shared { address, token, .. } = &*self.0;
+        format!("http://{address}/#{token}")
+    }
+
+    /// Tells everybody who looks.
+    pub fn tell(&self, events: impl IntoIterator<Item = Event>) {
+        let mut log = self.log();
+        for event in events {
+            log.push(event);
+        }
+        self.0.news.send_replace(log.next());
+    }
+
+    /// The events from a number on as JSON, each with the number after it.
+    fn lines(&self, from: Option<u64>) -> Vec<(u64, String)> {
+        let log = self.log();
+        let events = log.since(from).into_iter();
+        events
+            .filter_map(|(number, event)| Some((number, serde_json::to_string(event).ok()?)))
+            .collect()
+    }
+
+    fn log(&self) -> MutexGuard<'_, Log> {
+        self.0.log.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    fn is_token(&self, given: &str) -> bool {
+        let own = self.0.token.as_bytes();
+        // In a time that tells nothing of where they differ.
+        let differ = own
+            .iter()
+            .zip(given.as_bytes())
+            .fold(0, |all, (a, b)| all | (a ^ b));
+        own.len() == given.len() && differ == 0
+    }
+
+    /// Whether a request names this server as its own page does.
+    fn is_host(&self, host: &str) -> bool {
+        let address = self.0.address;
+        let is_own = host == address.to_string();
+        let is_local =
+            address.ip().is_loopback() && host == format!("localhost:{}", address.port());
+        // Of all addresses nobody knows which it is, but a name could be anybody's.
+        let is_any = address.ip().is_unspecified()
+            && host
+                .parse::<SocketAddr>()
+                .is_ok_and(|named| named.port() == address.port());
+        let is_default = address.port() == 80 && host.parse::<IpAddr>().is_ok();
+        is_own || is_local || is_any || is_default
+    }
+}
+
+fn router(server: Server) -> Router {
+    let of = |kind: &'static str, text: fn() -> String| {
+        get(move || async move { ([(CONTENT_TYPE, kind)], text()) })
+    };
+    Router::new()
+        .route("/", of("text/html; charset=utf-8", page))
+        .route("/app.js", of("text/javascript; charset=utf-8", script))
+        .route(
+            "/style.css",
+            of("text/css; charset=utf-8", || STYLE.to_owned()),
+        )
+        .route("/about", get(about))
+        .route("/events", get(events))
+        .route("/command", post(command))
+        .layer(middleware::from_fn_with_state(server.clone(), guard))
+        .with_state(server)
+}
+
+/// Nothing is told to whoever was led here by another name, and browsers run only what the page is made
+/// of.
+async fn guard(State(server): State<Server>, request: Request, next: Next) -> Response {
+    let host = request
+        .headers()
+        .get(HOST)
+        .and_then(|host| host.to_str().ok());
+    let mut response = if host.is_some_and(|host| server.is_host(host)) {
+        next.run(request).await
+    } else {
+        StatusCode::MISDIRECTED_REQUEST.into_response()
+    };
+    let headers = response.headers_mut();
+    for (name, value) in [
+        (
+            "content-security-policy",
+            "default-src 'none'; script-src 'self'; style-src 'self'; connect-src 'self'; img-src data:; \
+             base-uri 'none'; form-action 'none'; frame-ancestors 'none'",
+        ),
+        ("x-content-type-options", "nosniff"),
+        ("referrer-policy", "no-referrer"),
+        ("cross-origin-resource-policy", "same-origin"),
+        ("cache-control", "no-store"),
+    ] {
+        headers.insert(
+            HeaderName::from_static(name),
+            HeaderValue::from_static(value),
+        );
+    }
+    response
+}
+
+#[derive(Deserialize)]
+struct Token {
+    #[serde(default)]
+    token: String,
+}
+
+async fn about(State(server): State<Server>, Query(given): Query<Token>) -> Response {
+    match server.is_token(&given.token) {
+        true => Json(server.0.about.clone()).into_response(),
+        false => StatusCode::FORBIDDEN.into_response(),
+    }
+}
+
+/// All events, and then those that come.
+async fn events(
+    State(server): State<Server>,
+    Query(given): Query<Token>,
+    headers: HeaderMap,
+) -> Response {
+    if !server.is_token(&given.token) {
+        return StatusCode::FORBIDDEN.into_response();
+    }
+    let last = headers.get("last-event-id").and_then(|id| id.to_str().ok());
+    let own = last.and_then(|id| id.strip_prefix(server.0.run.as_str())?.strip_prefix('-'));
+    let mut from: Option<u64> = own.and_then(|number| number.parse().ok());
+    let (sender, receiver) = channel::channel::<Result<sse::Event, Infallible>>(64);
+    tokio::spawn(async move {
+        let mut news = server.0.news.subscribe();
+        loop {
+            news.borrow_and_update();
+            let lines = server.lines(from);
+            for (number, line) in lines {
+                let id = format!("{}-{number}", server.0.run);
+                let event = sse::Event::default().id(id).data(line);
+                if sender.send(Ok(event)).await.is_err() {
+                    return;
+                }
+                from = Some(number);
+            }
+            tokio::select! {
+                changed = news.changed() => if changed.is_err() { return },
+                () = sender.closed() => return,
+            }
+        }
+    });
+    let alive = KeepAlive::new().interval(Duration::from_secs(5));
+    Sse::new(ReceiverStream::new(receiver))
+        .keep_alive(alive)
+        .into_response()
+}
+
+async fn command(
+    State(server): State<Server>,
+    headers: HeaderMap,
+    command: Result<Json<Command>, axum::extract::rejection::JsonRejection>,
+) -> Response {
+    let text = |name: HeaderName| headers.get(name).and_then(|value| value.to_str().ok());
+    let host = text(HOST).unwrap_or_default();
+    let is_own = text(ORIGIN) == Some(format!("http://{host}").as_str());
+    let token = text(HeaderName::from_static("x-token")).unwrap_or_default();
+    if !is_own || !server.is_token(token) {
+        return StatusCode::FORBIDDEN.into_response();
+    }
+    match command {
+        Ok(Json(command)) => {
+            let commands = { server.0.commands.lock() }.unwrap_or_else(PoisonError::into_inner);
+            match commands.send(command) {
+                Ok(()) => StatusCode::ACCEPTED.into_response(),
+                Err(_) => (StatusCode::GONE, "nobody does anything any more").into_response(),
+            }
+        }
+        Err(wrong) => (StatusCode::UNPROCESSABLE_ENTITY, wrong.body_text()).into_response(),
+    }
+}

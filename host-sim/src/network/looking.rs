@@ -1,0 +1,212 @@
+//! What whoever looks on sees of a simulation while it runs, and may do to it.
+
+use answers::record::{
+    RunRecord,
+    event::{CommandState, Event, Looker, What},
+};
+use nalgebra::Point2;
+use node_firmware::{
+    console::FromPc,
+    message::{CameraCommand, MemberAddress},
+};
+use site::{Action, ScriptedEvent};
+use virtual_bench::executor::Time;
+
+use crate::console::command::command_name;
+
+use super::{
+    Simulation, events,
+    journal::Moment,
+    outcome::{frame, record},
+};
+
+/// Somebody who looks on: makes events of what is new since the last look.
+#[derive(Default)]
+pub struct Onlooker {
+    looker: Looker,
+    /// What had been written down by then.
+    changes: Option<u64>,
+    /// Where targets were then.
+    places: Vec<Point2<f64>>,
+}
+
+/// Targets are told to be elsewhere once they have gone so far, in metres.
+const PLACES: f64 = 0.05;
+
+impl Onlooker {
+    /// What is new.
+    pub fn look(&mut self, simulation: &Simulation) -> Vec<Event> {
+        let mut events = self.places(simulation);
+        let moments = simulation.moments();
+        let changes = Some(simulation.journal.borrow().changes);
+        if self.changes == changes {
+            return events;
+        }
+        self.changes = changes;
+        let mut all = self.looker.look(&simulation.record());
+        // The stream begins with the record.
+        all.extend(moments);
+        all.append(&mut events);
+        all
+    }
+
+    /// What is new since then, and the end.
+    pub fn end(
+        &mut self,
+        simulation: &Simulation,
+        record: &RunRecord,
+        why: Option<&str>,
+    ) -> Vec<Event> {
+        let mut events = Vec::new();
+        if self.changes.is_none() {
+            events.extend(self.looker.look(record));
+        }
+        events.extend(simulation.moments());
+        events.extend(self.looker.end(record, why));
+        events
+    }
+
+    fn places(&mut self, simulation: &Simulation) -> Vec<Event> {
+        let world = simulation.world.borrow();
+        let least = PLACES / simulation.scenario.metres_per_unit();
+        let mut events = Vec::new();
+        let networks = simulation.site.networks.iter().zip(&simulation.consoles);
+        for (network, console) in networks {
+            for target in &network.targets {
+                let is = world.targets()[target.index].place;
+                if self.places.len() <= target.index {
+                    let unknown = Point2::new(f64::INFINITY, f64::INFINITY);
+                    self.places.resize(target.index + 1, unknown);
+                }
+                let was = &mut self.places[target.index];
+                if self.changes.is_some() && (is - *was).norm() >= least {
+                    *was = is;
+                    let place = frame(simulation, network, console).place(is);
+                    let what = What::Place {
+                        target: target.id,
+                        x: place.x,
+                        y: place.y,
+                    };
+                    events.push(Event::new(simulation.seconds(), what));
+                }
+            }
+        }
+        events
+    }
+}
+
+impl Simulation {
+    /// What is known by now, compared with the truth.
+    pub fn record(&self) -> RunRecord {
+        RunRecord {
+            wall_seconds: None,
+            ..record(self, 0.0)
+        }
+    }
+
+    /// From now on coordinators take [orders](Self::order), before anything has run.
+    pub fn take_orders(&self) {
+        for console in &self.consoles {
+            console.take_orders();
+        }
+    }
+
+    /// Tells a camera something by way of its coordinator, as a PC on the coordinator's line would.
+    /// Whether it is a member of a network.
+    pub fn order(&self, node: u16, command: CameraCommand) -> bool {
+        self.send(node, |address| FromPc::Command { address, command })
+    }
+
+    /// Sends a member away. Whether it was one.
+    pub fn remove(&self, node: u16) -> bool {
+        self.send(node, FromPc::Remove)
+    }
+
+    /// New nodes may join every network for so many seconds.
+    pub fn let_join(&self, seconds: u16) {
+        for console in &self.consoles {
+            console.order(&FromPc::JoinWindow(seconds));
+        }
+    }
+
+    fn send(&self, node: u16, message: impl Fn(MemberAddress) -> FromPc) -> bool {
+        self.consoles.iter().any(|console| {
+            let address = console.view().addresses(node).last().copied();
+            if let Some(address) = address {
+                console.order(&message(address));
+            }
+            address.is_some()
+        })
+    }
+
+    /// From now on, somebody looks on.
+    pub fn watch(&self) {
+        let mut journal = self.journal.borrow_mut();
+        journal.moments.get_or_insert_default();
+    }
+
+    /// Does something to the network now, as a scenario can; frames that were sent before are not heard
+    /// again.
+    pub fn act(&mut self, action: Action) {
+        let now = ScriptedEvent {
+            at_s: self.seconds(),
+            action,
+        };
+        let planned = std::mem::replace(&mut self.scenario.events, vec![now]);
+        events::schedule(self);
+        self.scenario.events = planned;
+    }
+
+    /// From now on time passes so, which is called with the next moment and may wait.
+    pub fn set_pace(&mut self, pace: impl FnMut(Time) + 'static) {
+        self.executor.set_pace(pace);
+    }
+
+    /// What happened since this was asked last, of all but records.
+    fn moments(&self) -> Vec<Event> {
+        let mut journal = self.journal.borrow_mut();
+        let moments = journal.moments.as_mut().map(std::mem::take);
+        drop(journal);
+        let events = { moments.unwrap_or_default().into_iter() }
+            .filter_map(|(at, node, moment)| self.event(at, node, moment));
+        events.collect()
+    }
+
+    fn event(&self, at: Time, node: u16, moment: Moment) -> Option<Event> {
+        let what = match moment {
+            Moment::Seen(address, seen) => {
+                let mut networks = self.site.networks.iter().zip(&self.consoles);
+                let (_, console) =
+                    networks.find(|(network, _)| network.cameras.iter().any(|c| c.id == node))?;
+                What::Seen {
+                    node,
+                    target: console.view().id_of(address)?,
+                    bearing_deg: f64::from(seen.bearing).to_degrees(),
+                    sigma_deg: f64::from(seen.sigma).to_degrees(),
+                }
+            }
+            Moment::Tracked(blob) => What::Tracked {
+                node,
+                middle: blob.middle,
+                edges: blob.edges,
+                pixels: blob.pixels,
+                confidence: blob.confidence,
+            },
+            Moment::Done(command, success) => What::Command {
+                node: Some(node),
+                command: command_name(command),
+                state: match success {
+                    true => CommandState::Done,
+                    false => CommandState::Failed,
+                },
+                words: String::new(),
+            },
+            Moment::StopEnds => What::StopEnds { target: node },
+            Moment::Said(words) => What::Said {
+                node: Some(node),
+                words,
+            },
+        };
+        Some(Event::new(at as f64 * 1e-9, what))
+    }
+}

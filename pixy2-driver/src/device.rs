@@ -1,0 +1,277 @@
+//! The camera behind a UART: 8 data bits, no parity, one stop bit, no flow control.
+//!
+//! A call that is dropped before its end leaves nothing behind: the next one begins anew. Async: `read`
+//! may be dropped while it waits without losing bytes, as buffered UARTs do. Blocking: `ReadReady`,
+//! because `Read` alone waits for ever.
+
+use core::{fmt, pin::pin};
+
+use embassy_futures::select::{Either, select};
+
+use crate::{
+    block::Block,
+    packet::{Request, Signatures},
+    session::{Answer, Fault, Policy, Session, Version},
+};
+
+/// The longest pause, microseconds: time is counted in these.
+const SLICE_US: u32 = 5_000;
+
+/// Bytes read at once.
+const CHUNK: usize = 32;
+
+/// Why a call failed.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub enum Error<E> {
+    /// The UART failed. The call may be repeated.
+    Uart(E),
+    /// The UART has come to its end: the port was closed.
+    Closed,
+    /// The camera failed, or what it said.
+    Camera(Fault),
+}
+
+impl<E: fmt::Display> fmt::Display for Error<E> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Uart(error) => write!(f, "UART: {error}"),
+            Self::Closed => f.write_str("the UART is closed"),
+            Self::Camera(fault) => fault.fmt(f),
+        }
+    }
+}
+
+impl<E: core::error::Error> core::error::Error for Error<E> {}
+
+/// A Pixy2 on a UART. It counts its own delays, and needs no clock.
+#[derive(Debug)]
+pub struct Pixy2<U, D> {
+    uart: U,
+    delay: D,
+    session: Session,
+    now: u64,
+}
+
+impl<U, D> Pixy2<U, D> {
+    /// Nothing is sent before the first call.
+    pub fn new(uart: U, delay: D) -> Self {
+        Self::with_policy(uart, delay, Policy::default())
+    }
+
+    /// The same with other times and counts.
+    pub fn with_policy(uart: U, delay: D, policy: Policy) -> Self {
+        Self {
+            uart,
+            delay,
+            session: Session::new(policy),
+            now: 0,
+        }
+    }
+
+    /// The UART and the delay.
+    pub fn release(self) -> (U, D) {
+        (self.uart, self.delay)
+    }
+
+    /// How long to wait for bytes at most.
+    fn slice(&self, most: u32) -> u32 {
+        let left = self.session.deadline().unwrap_or(self.now);
+        let left = left.saturating_sub(self.now);
+        u32::try_from(left).unwrap_or(most).min(most).max(1)
+    }
+
+    /// Gives bytes to the session; what comes after the answer is dropped.
+    fn feed(&mut self, bytes: &[u8]) -> Option<Result<Answer, Fault>> {
+        for &byte in bytes {
+            self.session.receive(byte, self.now);
+            let outcome = self.session.outcome();
+            if outcome.is_some() {
+                return outcome;
+            }
+        }
+        None
+    }
+
+    fn passed(&mut self, micros: u32) -> Option<Result<Answer, Fault>> {
+        self.now = self.now.saturating_add(micros.into());
+        self.session.tick(self.now);
+        self.session.outcome()
+    }
+}
+
+/// Of the kind that was asked for: the session answers with no other.
+fn taken<T, E>(answer: Option<T>) -> Result<T, Error<E>> {
+    answer.ok_or(Error::Camera(Fault::Garbled))
+}
+
+fn version(answer: Answer) -> Option<Version> {
+    match answer {
+        Answer::Version(version) => Some(version),
+        _ => None,
+    }
+}
+
+fn resolution(answer: Answer) -> Option<(u16, u16)> {
+    match answer {
+        Answer::Resolution(columns, rows) => Some((columns, rows)),
+        _ => None,
+    }
+}
+
+impl<U, D> Pixy2<U, D>
+where
+    U: embedded_io_async::Read + embedded_io_async::Write,
+    D: embedded_hal_async::delay::DelayNs,
+{
+    /// What camera it is. Waits for one that is starting.
+    ///
+    /// # Errors
+    /// [`Error`].
+    pub async fn version(&mut self) -> Result<Version, Error<U::Error>> {
+        taken(version(self.ask(Request::Version).await?))
+    }
+
+    /// Columns and rows of the frames in which it finds blobs: 316 and 208.
+    ///
+    /// # Errors
+    /// [`Error`].
+    pub async fn resolution(&mut self) -> Result<(u16, u16), Error<U::Error>> {
+        taken(resolution(self.ask(Request::Resolution).await?))
+    }
+
+    /// The largest blobs of these signatures in the next frame, the largest first; at most so many.
+    ///
+    /// # Errors
+    /// [`Error`].
+    pub async fn blocks(
+        &mut self,
+        of: Signatures,
+        most: u8,
+    ) -> Result<impl Iterator<Item = Block>, Error<U::Error>> {
+        self.ask(Request::Blocks { of, most }).await?;
+        Ok(self.session.blocks())
+    }
+
+    /// Any request.
+    ///
+    /// # Errors
+    /// [`Error`].
+    pub async fn ask(&mut self, request: Request) -> Result<Answer, Error<U::Error>> {
+        self.session.begin(request, self.now);
+        let asked = self.drive().await;
+        if !matches!(asked, Err(Error::Camera(_)) | Ok(_)) {
+            self.session.line_error();
+        }
+        asked
+    }
+
+    async fn drive(&mut self) -> Result<Answer, Error<U::Error>> {
+        loop {
+            if !self.session.pending().is_empty() {
+                let sent = self.uart.write(self.session.pending()).await;
+                self.session.sent(sent.map_err(Error::Uart)?);
+                if self.session.pending().is_empty() {
+                    self.uart.flush().await.map_err(Error::Uart)?;
+                }
+                continue;
+            }
+            let slice = self.slice(SLICE_US);
+            let mut chunk = [0; CHUNK];
+            let first = {
+                let pause = pin!(self.delay.delay_us(slice));
+                select(pause, self.uart.read(&mut chunk)).await
+            };
+            let outcome = match first {
+                Either::First(()) => self.passed(slice),
+                Either::Second(Ok(0)) => return Err(Error::Closed),
+                Either::Second(Ok(count)) => {
+                    let outcome = self.feed(chunk.get(..count).unwrap_or_default());
+                    // Time must pass under chatter, too; this is less than the truth.
+                    outcome.or_else(|| self.passed(1))
+                }
+                Either::Second(Err(error)) => return Err(Error::Uart(error)),
+            };
+            if let Some(outcome) = outcome {
+                return outcome.map_err(Error::Camera);
+            }
+        }
+    }
+}
+
+impl<U, D> Pixy2<U, D>
+where
+    U: embedded_io::Read + embedded_io::Write + embedded_io::ReadReady,
+    D: embedded_hal::delay::DelayNs,
+{
+    /// [`Pixy2::version`], blocking.
+    ///
+    /// # Errors
+    /// [`Error`].
+    pub fn version_wait(&mut self) -> Result<Version, Error<U::Error>> {
+        taken(version(self.ask_wait(Request::Version)?))
+    }
+
+    /// [`Pixy2::resolution`], blocking.
+    ///
+    /// # Errors
+    /// [`Error`].
+    pub fn resolution_wait(&mut self) -> Result<(u16, u16), Error<U::Error>> {
+        taken(resolution(self.ask_wait(Request::Resolution)?))
+    }
+
+    /// [`Pixy2::blocks`], blocking.
+    ///
+    /// # Errors
+    /// [`Error`].
+    pub fn blocks_wait(
+        &mut self,
+        of: Signatures,
+        most: u8,
+    ) -> Result<impl Iterator<Item = Block>, Error<U::Error>> {
+        self.ask_wait(Request::Blocks { of, most })?;
+        Ok(self.session.blocks())
+    }
+
+    /// [`Pixy2::ask`], blocking.
+    ///
+    /// # Errors
+    /// [`Error`].
+    pub fn ask_wait(&mut self, request: Request) -> Result<Answer, Error<U::Error>> {
+        self.session.begin(request, self.now);
+        let asked = self.drive_wait();
+        if !matches!(asked, Err(Error::Camera(_)) | Ok(_)) {
+            self.session.line_error();
+        }
+        asked
+    }
+
+    fn drive_wait(&mut self) -> Result<Answer, Error<U::Error>> {
+        loop {
+            if !self.session.pending().is_empty() {
+                let sent = self.uart.write(self.session.pending());
+                self.session.sent(sent.map_err(Error::Uart)?);
+                if self.session.pending().is_empty() {
+                    self.uart.flush().map_err(Error::Uart)?;
+                }
+                continue;
+            }
+            let outcome = if self.uart.read_ready().map_err(Error::Uart)? {
+                let mut chunk = [0; CHUNK];
+                let count = self.uart.read(&mut chunk).map_err(Error::Uart)?;
+                if count == 0 {
+                    return Err(Error::Closed);
+                }
+                let outcome = self.feed(chunk.get(..count).unwrap_or_default());
+                outcome.or_else(|| self.passed(1))
+            } else {
+                let pause = self.slice(self.session.policy().poll_us.max(1));
+                self.delay.delay_us(pause);
+                self.passed(pause)
+            };
+            if let Some(outcome) = outcome {
+                return outcome.map_err(Error::Camera);
+            }
+        }
+    }
+}

@@ -1,0 +1,312 @@
+//! Requests as bytes, and bytes as packets.
+//!
+//! A packet is a synchronisation word, a type, the length of its payload, perhaps a checksum (the sum of
+//! the payload's bytes), and the payload. Words are little-endian.
+
+/// Begins a packet without a checksum; its lower byte.
+const SYNC_PLAIN: u8 = 0xAE;
+/// Begins one with a checksum.
+const SYNC_SUMMED: u8 = 0xAF;
+/// The upper byte of both.
+const SYNC_HIGH: u8 = 0xC1;
+
+/// The longest payload: the length is one byte.
+pub const PAYLOAD_MAX: usize = 255;
+
+/// Bytes of the longest request.
+const REQUEST_MAX: usize = 8;
+
+/// The types of packets that a camera sends.
+pub mod kind {
+    /// The result of a request that sets or asks for one number: an `i32`.
+    pub const RESULT: u8 = 0x01;
+    /// Why a request was not obeyed: an `i8`.
+    pub const ERROR: u8 = 0x03;
+    /// Columns and rows.
+    pub const RESOLUTION: u8 = 0x0D;
+    /// Of hardware and firmware.
+    pub const VERSION: u8 = 0x0F;
+    /// Blobs.
+    pub const BLOCKS: u8 = 0x21;
+}
+
+/// Which blobs are asked for.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct Signatures(u8);
+
+impl Signatures {
+    /// All seven, and colour codes.
+    pub const ALL: Self = Self(0xFF);
+
+    /// One of 1 to 7; anything else stands for all.
+    pub const fn one(signature: u8) -> Self {
+        match signature {
+            1..=7 => Self(1 << (signature - 1)),
+            _ => Self::ALL,
+        }
+    }
+}
+
+/// Something to be asked of the camera.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub enum Request {
+    /// What camera it is.
+    Version,
+    /// Columns and rows of the frames in which blobs are found.
+    Resolution,
+    /// The largest blobs of the next frame.
+    Blocks {
+        /// Of these signatures.
+        of: Signatures,
+        /// At most so many.
+        most: u8,
+    },
+    /// Brightness of the picture that automatic exposure aims at.
+    Brightness(u8),
+    /// The white lamp on the front, and the coloured one at the bottom.
+    Lamp {
+        /// The white one.
+        upper: bool,
+        /// The coloured one.
+        lower: bool,
+    },
+    /// How many frames a second there are.
+    FramesPerSecond,
+}
+
+/// The bytes of a request.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Encoded {
+    bytes: [u8; REQUEST_MAX],
+    len: u8,
+}
+
+impl Encoded {
+    /// To be sent.
+    pub fn as_bytes(&self) -> &[u8] {
+        self.bytes.get(..usize::from(self.len)).unwrap_or_default()
+    }
+}
+
+impl Request {
+    /// Its bytes, without a checksum.
+    pub fn encode(self) -> Encoded {
+        let (kind, [first, second], len) = match self {
+            Self::Version => (0x0E, [0; 2], 0),
+            Self::Resolution => (0x0C, [0; 2], 1),
+            Self::Blocks { of, most } => (0x20, [of.0, most], 2),
+            Self::Brightness(level) => (0x10, [level, 0], 1),
+            Self::Lamp { upper, lower } => (0x16, [u8::from(upper), u8::from(lower)], 2),
+            Self::FramesPerSecond => (0x18, [0; 2], 0),
+        };
+        Encoded {
+            bytes: [SYNC_PLAIN, SYNC_HIGH, kind, len, first, second, 0, 0],
+            len: 4 + len,
+        }
+    }
+
+    /// The type of the packet that answers it.
+    pub(crate) const fn answered_by(self) -> u8 {
+        match self {
+            Self::Version => kind::VERSION,
+            Self::Resolution => kind::RESOLUTION,
+            Self::Blocks { .. } => kind::BLOCKS,
+            Self::Brightness(_) | Self::Lamp { .. } | Self::FramesPerSecond => kind::RESULT,
+        }
+    }
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum State {
+    /// Before the upper byte of a synchronisation word; whether its lower one came last, and whether a
+    /// checksum follows.
+    Sync(Option<bool>),
+    Kind {
+        summed: bool,
+    },
+    Length {
+        summed: bool,
+    },
+    /// How many of its bytes have come.
+    Sum(u8),
+    Payload {
+        got: u8,
+    },
+}
+
+/// What came of a byte.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Heard {
+    /// Nothing yet.
+    Nothing,
+    /// A packet of this type: its [payload](Parser::payload) is there until the next byte.
+    Packet(u8),
+    /// A packet whose checksum is wrong.
+    Damaged,
+}
+
+/// Finds packets in bytes.
+#[derive(Clone, Debug)]
+pub struct Parser {
+    state: State,
+    kind: u8,
+    length: u8,
+    sum: Option<u16>,
+    payload: [u8; PAYLOAD_MAX],
+}
+
+impl Default for Parser {
+    fn default() -> Self {
+        Self {
+            state: State::Sync(None),
+            kind: 0,
+            length: 0,
+            sum: None,
+            payload: [0; PAYLOAD_MAX],
+        }
+    }
+}
+
+impl Parser {
+    /// Whatever has begun is dropped.
+    pub fn clear(&mut self) {
+        self.state = State::Sync(None);
+    }
+
+    /// Of the packet that came last.
+    pub fn payload(&self) -> &[u8] {
+        self.payload
+            .get(..usize::from(self.length))
+            .unwrap_or_default()
+    }
+
+    /// Takes a byte.
+    pub fn push(&mut self, byte: u8) -> Heard {
+        self.state = match self.state {
+            State::Sync(Some(summed)) if byte == SYNC_HIGH => State::Kind { summed },
+            State::Sync(_) => State::Sync(match byte {
+                SYNC_PLAIN => Some(false),
+                SYNC_SUMMED => Some(true),
+                _ => None,
+            }),
+            State::Kind { summed } => {
+                self.kind = byte;
+                State::Length { summed }
+            }
+            State::Length { summed } => {
+                self.length = byte;
+                self.sum = None;
+                match (summed, byte) {
+                    (true, _) => State::Sum(0),
+                    (false, 0) => return self.ended(),
+                    (false, _) => State::Payload { got: 0 },
+                }
+            }
+            State::Sum(0) => {
+                self.sum = Some(byte.into());
+                State::Sum(1)
+            }
+            State::Sum(_) => {
+                self.sum = self.sum.map(|low| low | u16::from(byte) << 8);
+                if self.length == 0 {
+                    return self.ended();
+                }
+                State::Payload { got: 0 }
+            }
+            State::Payload { got } => {
+                if let Some(place) = self.payload.get_mut(usize::from(got)) {
+                    *place = byte;
+                }
+                if got + 1 == self.length {
+                    return self.ended();
+                }
+                State::Payload { got: got + 1 }
+            }
+        };
+        Heard::Nothing
+    }
+
+    fn ended(&mut self) -> Heard {
+        self.state = State::Sync(None);
+        // 255 bytes of 255 fit.
+        let sum: u16 = self.payload().iter().copied().map(u16::from).sum();
+        match self.sum {
+            Some(told) if told != sum => Heard::Damaged,
+            _ => Heard::Packet(self.kind),
+        }
+    }
+}
+
+pub(crate) fn u16_at(bytes: &[u8], at: usize) -> Option<u16> {
+    let pair = bytes.get(at..)?.first_chunk()?;
+    Some(u16::from_le_bytes(*pair))
+}
+
+#[cfg(test)]
+mod tests {
+    extern crate std;
+    use std::vec::Vec;
+
+    use super::*;
+
+    fn heard(bytes: &[u8]) -> Vec<Heard> {
+        let mut parser = Parser::default();
+        let all = bytes.iter().map(|&byte| parser.push(byte));
+        all.filter(|heard| *heard != Heard::Nothing).collect()
+    }
+
+    /// The maker's documentation has these bytes.
+    #[test]
+    fn requests_as_the_maker_writes_them() {
+        let blocks = Request::Blocks {
+            of: Signatures::one(1),
+            most: 2,
+        };
+        for (request, bytes) in [
+            (Request::Version, &[0xAE, 0xC1, 0x0E, 0][..]),
+            (Request::Resolution, &[0xAE, 0xC1, 0x0C, 1, 0]),
+            (blocks, &[0xAE, 0xC1, 0x20, 2, 1, 2]),
+            (
+                Request::Lamp {
+                    upper: true,
+                    lower: false,
+                },
+                &[0xAE, 0xC1, 0x16, 2, 1, 0],
+            ),
+        ] {
+            assert_eq!(request.encode().as_bytes(), bytes);
+        }
+        assert_eq!(
+            (Signatures::one(7), Signatures::one(8)),
+            (Signatures(64), Signatures::ALL)
+        );
+    }
+
+    #[test]
+    fn packets_with_and_without_checksums_among_other_bytes() {
+        let resolution = Heard::Packet(kind::RESOLUTION);
+        let plain = [0xAE, 0xC1, 0x0D, 4, 0x3C, 1, 0xD0, 0];
+        let summed = [0xAF, 0xC1, 0x0D, 4, 0x0D, 1, 0x3C, 1, 0xD0, 0];
+        assert_eq!(heard(&plain), [resolution]);
+        assert_eq!(heard(&summed), [resolution]);
+        let mut damaged = summed;
+        damaged[8] ^= 4;
+        assert_eq!(heard(&damaged), [Heard::Damaged]);
+        let among = [
+            &[0xC1, 0xAF, 0xAE, 0xAF][..],
+            &summed,
+            &[0xC1, 0x55],
+            &plain,
+        ]
+        .concat();
+        assert_eq!(heard(&among[..3 + 10]), []);
+        assert_eq!(heard(&among[3..]), [Heard::Packet(kind::RESOLUTION); 2]);
+        assert_eq!(
+            heard(&[0xAF, 0xC1, 0x21, 0, 0, 0]),
+            [Heard::Packet(kind::BLOCKS)]
+        );
+        assert_eq!(heard(&[0xAF, 0xC1, 0x21, 0, 1, 0]), [Heard::Damaged]);
+    }
+}

@@ -1,0 +1,301 @@
+//! The dialogue with the camera as a state machine: no input, no output, no clock.
+//!
+//! [`begin`](Session::begin) a request; send what is [pending](Session::pending); give every byte to
+//! [`receive`](Session::receive), and call [`tick`](Session::tick) when the
+//! [`deadline`](Session::deadline) is reached; look for the [`outcome`](Session::outcome) after each.
+//! Times are microseconds from any origin and must not run backwards.
+//!
+//! A request that is not answered, or whose answer is damaged, is repeated. A camera that is busy, for it
+//! starts or has no new frame yet, is asked again until it has an answer, as long as [`Policy`] says.
+
+use core::fmt;
+
+use crate::{
+    block::{BLOCK_BYTES, Block},
+    packet::{Encoded, Heard, Parser, Request, kind, u16_at},
+};
+
+/// Errors that the camera tells.
+const BUSY: i8 = -2;
+const PROGRAM_CHANGING: i8 = -6;
+
+/// Times in microseconds, and counts.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct Policy {
+    /// Silence after which a request was not heard. The camera answers within 0.1 ms.
+    pub reply_us: u32,
+    /// Pause before a busy camera is asked again.
+    pub pause_us: u32,
+    /// How long it may be busy. It starts in about two seconds.
+    pub busy_us: u32,
+    /// How often a request is repeated before it fails.
+    pub retries: u8,
+    /// How long the blocking driver pauses between two looks at a UART that has nothing.
+    pub poll_us: u32,
+}
+
+impl Default for Policy {
+    fn default() -> Self {
+        Self {
+            reply_us: 50_000,
+            pause_us: 2_000,
+            busy_us: 5_000_000,
+            retries: 3,
+            poll_us: 100,
+        }
+    }
+}
+
+/// Why a request failed.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub enum Fault {
+    /// No answer.
+    Silence,
+    /// Answers, but damaged ones or of another kind.
+    Garbled,
+    /// The camera is busy all the time.
+    Busy,
+    /// The camera refuses: its number for why. -4 is a request that its program does not know, -5
+    /// somebody who holds its button.
+    Refused(i8),
+}
+
+impl fmt::Display for Fault {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(match self {
+            Self::Silence => {
+                "the Pixy2 does not answer: are its data port and baud rate set for a UART?"
+            }
+            Self::Garbled => "the Pixy2's answers are damaged: check baud rate and cable",
+            Self::Busy => "the Pixy2 is busy all the time: does it run color_connected_components?",
+            Self::Refused(why) => return write!(f, "the Pixy2 refuses: error {why}"),
+        })
+    }
+}
+
+impl core::error::Error for Fault {}
+
+/// What camera it is.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct Version {
+    /// Of the board.
+    pub hardware: u16,
+    /// Of the firmware: before the first point.
+    pub major: u8,
+    /// After it.
+    pub minor: u8,
+    /// After the second point.
+    pub build: u16,
+}
+
+/// The answer to a request.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub enum Answer {
+    /// To [`Request::Version`].
+    Version(Version),
+    /// To [`Request::Resolution`]: columns and rows.
+    Resolution(u16, u16),
+    /// To [`Request::Blocks`]: they are in [`Session::blocks`].
+    Blocks,
+    /// To all others: a number.
+    Result(i32),
+}
+
+#[derive(Clone, Copy, Debug)]
+enum State {
+    Idle,
+    /// It is to be sent, or waits for its answer.
+    Asked,
+    /// Until it is asked again.
+    Pause,
+    Over(Result<Answer, Fault>),
+}
+
+/// The state machine. See the [module](self).
+#[derive(Clone, Debug)]
+pub struct Session {
+    policy: Policy,
+    parser: Parser,
+    state: State,
+    request: Request,
+    encoded: Encoded,
+    sent: u8,
+    deadline: u64,
+    /// It is given up that is busy at this time.
+    busy_until: u64,
+    tries: u8,
+    /// Something came that was no answer.
+    garbled: bool,
+}
+
+impl Session {
+    /// With a camera of which nothing is known.
+    pub fn new(policy: Policy) -> Self {
+        Self {
+            policy,
+            parser: Parser::default(),
+            state: State::Idle,
+            request: Request::Version,
+            encoded: Request::Version.encode(),
+            sent: 0,
+            deadline: 0,
+            busy_until: 0,
+            tries: 0,
+            garbled: false,
+        }
+    }
+
+    /// How patient it is.
+    pub fn policy(&self) -> &Policy {
+        &self.policy
+    }
+
+    /// Begins a request. One that was not finished is abandoned.
+    pub fn begin(&mut self, request: Request, now: u64) {
+        self.request = request;
+        self.encoded = request.encode();
+        self.tries = 0;
+        self.garbled = false;
+        self.busy_until = now.saturating_add(self.policy.busy_us.into());
+        self.ask(now);
+    }
+
+    fn ask(&mut self, now: u64) {
+        self.parser.clear();
+        self.sent = 0;
+        self.state = State::Asked;
+        self.deadline = now.saturating_add(self.policy.reply_us.into());
+    }
+
+    fn ask_again(&mut self, now: u64) {
+        self.tries = self.tries.saturating_add(1);
+        if self.tries > self.policy.retries {
+            let fault = match self.garbled {
+                true => Fault::Garbled,
+                false => Fault::Silence,
+            };
+            self.state = State::Over(Err(fault));
+        } else {
+            self.ask(now);
+        }
+    }
+
+    /// Bytes to send.
+    pub fn pending(&self) -> &[u8] {
+        match self.state {
+            State::Asked => {
+                let rest = self.encoded.as_bytes().get(usize::from(self.sent)..);
+                rest.unwrap_or_default()
+            }
+            _ => &[],
+        }
+    }
+
+    /// So many of them are sent.
+    pub fn sent(&mut self, bytes: usize) {
+        let most = self.pending().len();
+        self.sent = self.sent.saturating_add(bytes.min(most) as u8);
+    }
+
+    /// When to call [`Session::tick`] at the latest. `None` when no request is under way.
+    pub fn deadline(&self) -> Option<u64> {
+        matches!(self.state, State::Asked | State::Pause).then_some(self.deadline)
+    }
+
+    /// The result of the request, once.
+    pub fn outcome(&mut self) -> Option<Result<Answer, Fault>> {
+        let State::Over(outcome) = self.state else {
+            return None;
+        };
+        self.state = State::Idle;
+        Some(outcome)
+    }
+
+    /// Blobs of the last [`Answer::Blocks`], the largest first, until the next request.
+    pub fn blocks(&self) -> impl Iterator<Item = Block> {
+        let is_there = self.request.answered_by() == kind::BLOCKS;
+        let payload = if is_there { self.parser.payload() } else { &[] };
+        let blocks = payload.chunks_exact(BLOCK_BYTES);
+        blocks.filter_map(Block::from_bytes)
+    }
+
+    /// Takes one byte. What comes when nothing was asked is dropped.
+    pub fn receive(&mut self, byte: u8, now: u64) {
+        if !matches!(self.state, State::Asked) {
+            return;
+        }
+        match self.parser.push(byte) {
+            Heard::Nothing => {
+                // A byte of noise must not keep it waiting for ever: the time runs on.
+            }
+            Heard::Damaged => {
+                self.garbled = true;
+                self.ask_again(now);
+            }
+            Heard::Packet(kind::ERROR) => self.refused(now),
+            Heard::Packet(kind) if kind == self.request.answered_by() => match self.answer() {
+                Some(answer) => self.state = State::Over(Ok(answer)),
+                None => self.garbled = true,
+            },
+            // The answer to a request that was given up.
+            Heard::Packet(_) => self.garbled = true,
+        }
+    }
+
+    fn refused(&mut self, now: u64) {
+        let why = self.parser.payload().first().copied().unwrap_or_default();
+        match why.cast_signed() {
+            BUSY | PROGRAM_CHANGING if now >= self.busy_until => {
+                self.state = State::Over(Err(Fault::Busy));
+            }
+            BUSY | PROGRAM_CHANGING => {
+                self.state = State::Pause;
+                self.deadline = now.saturating_add(self.policy.pause_us.into());
+            }
+            why => self.state = State::Over(Err(Fault::Refused(why))),
+        }
+    }
+
+    fn answer(&self) -> Option<Answer> {
+        let payload = self.parser.payload();
+        let number = |at| u16_at(payload, at);
+        match self.request {
+            Request::Version => Some(Answer::Version(Version {
+                hardware: number(0)?,
+                major: *payload.get(2)?,
+                minor: *payload.get(3)?,
+                build: number(4)?,
+            })),
+            Request::Resolution => Some(Answer::Resolution(number(0)?, number(2)?)),
+            Request::Blocks { .. } => {
+                let whole = payload.len().is_multiple_of(BLOCK_BYTES);
+                whole.then_some(Answer::Blocks)
+            }
+            Request::Brightness(_) | Request::Lamp { .. } | Request::FramesPerSecond => {
+                let bytes = payload.first_chunk()?;
+                Some(Answer::Result(i32::from_le_bytes(*bytes)))
+            }
+        }
+    }
+
+    /// The time has come, or not yet.
+    pub fn tick(&mut self, now: u64) {
+        if self.deadline().is_none_or(|deadline| now < deadline) {
+            return;
+        }
+        match self.state {
+            State::Pause => self.ask(now),
+            _ => self.ask_again(now),
+        }
+    }
+
+    /// The UART failed: the request ends without an outcome.
+    pub fn line_error(&mut self) {
+        self.parser.clear();
+        self.state = State::Idle;
+    }
+}

@@ -1,0 +1,250 @@
+//! The dialogue with a camera of another mind: it writes its answers from the tables of the maker's
+//! documentation, and shares nothing with the driver.
+
+use std::{cell::RefCell, collections::VecDeque, convert::Infallible, rc::Rc};
+
+use embassy_futures::block_on;
+use pixy2_driver::{
+    Block, Error, Pixy2,
+    packet::{Request, Signatures},
+    session::{Answer, Fault, Policy, Session, Version},
+};
+use proptest::prelude::*;
+
+/// What the camera does wrong, and what it sees.
+#[derive(Default)]
+struct Camera {
+    request: Vec<u8>,
+    answers: VecDeque<u8>,
+    /// So often it says that it is busy.
+    busy: u32,
+    /// So often its answer is damaged.
+    damaged: u32,
+    /// So often it does not hear.
+    deaf: u32,
+    /// It answers with this error.
+    error: Option<i8>,
+    /// Blocks as bytes.
+    blocks: Vec<u8>,
+    heard: u32,
+}
+
+const BUSY: i8 = -2;
+
+impl Camera {
+    fn answer(&mut self, kind: u8, payload: &[u8]) {
+        let sum: u16 = payload.iter().map(|&byte| u16::from(byte)).sum();
+        let [low, high] = sum.to_le_bytes();
+        let mut packet = vec![0xAF, 0xC1, kind, payload.len() as u8, low, high];
+        packet.extend(payload);
+        if self.damaged > 0 {
+            self.damaged -= 1;
+            *packet.last_mut().unwrap() ^= 0x10;
+        }
+        self.answers.extend(packet);
+    }
+
+    fn hear(&mut self, byte: u8) {
+        self.request.push(byte);
+        if self.request.len() < 4 || self.request.len() < 4 + usize::from(self.request[3]) {
+            return;
+        }
+        let request = std::mem::take(&mut self.request);
+        assert_eq!(request[..2], [0xAE, 0xC1]);
+        self.heard += 1;
+        if self.deaf > 0 {
+            self.deaf -= 1;
+            return;
+        }
+        if let Some(error) = self.error {
+            return self.answer(3, &[error as u8]);
+        }
+        if self.busy > 0 {
+            self.busy -= 1;
+            return self.answer(3, &[BUSY as u8]);
+        }
+        match request[2] {
+            0x0E => self.answer(0x0F, b"\x00\x22\x03\x00\x0c\x00general\0\0\0"),
+            0x0C => self.answer(0x0D, &[0x3C, 0x01, 0xD0, 0x00]),
+            0x20 => {
+                let most = usize::from(request[5]).min(self.blocks.len() / 14);
+                let blocks = self.blocks[..14 * most].to_vec();
+                self.answer(0x21, &blocks);
+            }
+            0x18 => self.answer(1, &60_i32.to_le_bytes()),
+            _ => self.answer(1, &[0; 4]),
+        }
+    }
+}
+
+/// The line to it.
+#[derive(Clone, Default)]
+struct Line(Rc<RefCell<Camera>>);
+
+impl embedded_io::ErrorType for Line {
+    type Error = Infallible;
+}
+
+impl embedded_io::Read for Line {
+    fn read(&mut self, buffer: &mut [u8]) -> Result<usize, Infallible> {
+        let mut camera = self.0.borrow_mut();
+        // In small pieces.
+        let count = camera.answers.len().min(buffer.len()).min(5);
+        for place in &mut buffer[..count] {
+            *place = camera.answers.pop_front().unwrap();
+        }
+        Ok(count)
+    }
+}
+
+impl embedded_io::ReadReady for Line {
+    fn read_ready(&mut self) -> Result<bool, Infallible> {
+        Ok(!self.0.borrow().answers.is_empty())
+    }
+}
+
+impl embedded_io::Write for Line {
+    fn write(&mut self, bytes: &[u8]) -> Result<usize, Infallible> {
+        self.0.borrow_mut().hear(bytes[0]);
+        Ok(1)
+    }
+
+    fn flush(&mut self) -> Result<(), Infallible> {
+        Ok(())
+    }
+}
+
+impl embedded_io_async::Read for Line {
+    async fn read(&mut self, buffer: &mut [u8]) -> Result<usize, Infallible> {
+        if self.0.borrow().answers.is_empty() {
+            std::future::pending::<()>().await;
+        }
+        embedded_io::Read::read(self, buffer)
+    }
+}
+
+impl embedded_io_async::Write for Line {
+    async fn write(&mut self, bytes: &[u8]) -> Result<usize, Infallible> {
+        embedded_io::Write::write(self, bytes)
+    }
+
+    async fn flush(&mut self) -> Result<(), Infallible> {
+        Ok(())
+    }
+}
+
+/// No time passes but in the driver's own count. Async, it gives way to the line once.
+struct Delay;
+
+impl embedded_hal::delay::DelayNs for Delay {
+    fn delay_ns(&mut self, _: u32) {}
+}
+
+impl embedded_hal_async::delay::DelayNs for Delay {
+    async fn delay_ns(&mut self, _: u32) {
+        embassy_futures::yield_now().await;
+    }
+}
+
+fn camera() -> (Pixy2<Line, Delay>, Line) {
+    let line = Line::default();
+    (Pixy2::new(line.clone(), Delay), line)
+}
+
+const BALL: [u8; 14] = [1, 0, 0x2C, 0x01, 100, 0, 21, 0, 20, 0, 0, 0, 7, 255];
+
+#[test]
+fn what_a_node_asks() {
+    let (mut camera, line) = camera();
+    line.0.borrow_mut().busy = 900;
+    let version = Version {
+        hardware: 0x2200,
+        major: 3,
+        minor: 0,
+        build: 12,
+    };
+    // It starts for 1.8 s.
+    assert_eq!(camera.version_wait(), Ok(version));
+    assert_eq!(block_on(camera.version()), Ok(version));
+    assert_eq!(block_on(camera.resolution()), Ok((316, 208)));
+    line.0.borrow_mut().blocks = [BALL, BALL].concat();
+    let blocks: Vec<Block> = camera.blocks_wait(Signatures::one(1), 1).unwrap().collect();
+    let ball = Block {
+        signature: 1,
+        x: 300,
+        y: 100,
+        width: 21,
+        height: 20,
+        angle: 0,
+        index: 7,
+        age: 255,
+    };
+    assert_eq!(blocks, [ball]);
+    assert_eq!((ball.left(), ball.top()), (290, 90));
+    let count = block_on(async { camera.blocks(Signatures::ALL, 9).await.unwrap().count() });
+    assert_eq!(count, 2);
+    line.0.borrow_mut().blocks.clear();
+    assert_eq!(camera.blocks_wait(Signatures::ALL, 9).unwrap().count(), 0);
+    assert_eq!(
+        camera.ask_wait(Request::FramesPerSecond),
+        Ok(Answer::Result(60))
+    );
+}
+
+#[test]
+fn what_goes_wrong_is_repeated_or_told() {
+    for (deaf, damaged, outcome) in [
+        (3, 0, Ok((316, 208))),
+        (4, 0, Err(Error::Camera(Fault::Silence))),
+        (0, 3, Ok((316, 208))),
+        (0, 4, Err(Error::Camera(Fault::Garbled))),
+    ] {
+        let (mut camera, line) = camera();
+        line.0.borrow_mut().deaf = deaf;
+        line.0.borrow_mut().damaged = damaged;
+        assert_eq!(camera.resolution_wait(), outcome, "{deaf} {damaged}");
+        assert_eq!(line.0.borrow().heard, 4);
+    }
+    let (mut camera, line) = camera();
+    line.0.borrow_mut().error = Some(-4);
+    let refused = camera.blocks_wait(Signatures::ALL, 1).map(Iterator::count);
+    assert_eq!(refused, Err(Error::Camera(Fault::Refused(-4))));
+    line.0.borrow_mut().error = Some(BUSY);
+    assert_eq!(block_on(camera.version()), Err(Error::Camera(Fault::Busy)));
+    // The late answer to another request is not taken for this one's.
+    line.0.borrow_mut().error = None;
+    line.0.borrow_mut().answer(0x0F, &[9; 16]);
+    assert_eq!(camera.resolution_wait(), Ok((316, 208)));
+}
+
+proptest! {
+    /// Whatever comes, every request ends in bounded time, and the next one is answered.
+    #[test]
+    fn no_input_breaks_it(chunks in prop::collection::vec((any::<Vec<u8>>(), 0..60_000_u64), 0..40)) {
+        let mut session = Session::new(Policy::default());
+        session.begin(Request::Blocks { of: Signatures::ALL, most: 4 }, 0);
+        let mut now = 0;
+        for (bytes, later) in chunks {
+            now += later;
+            session.sent(usize::MAX);
+            for byte in bytes {
+                session.receive(byte, now);
+            }
+            session.tick(now);
+        }
+        for _ in 0..10_000 {
+            match session.deadline() {
+                Some(deadline) => session.tick(deadline),
+                None => break,
+            }
+        }
+        prop_assert!(session.deadline().is_none());
+        let _ = session.outcome();
+        session.begin(Request::Resolution, now);
+        session.sent(5);
+        for byte in [0xAE, 0xC1, 0x0D, 4, 1, 2, 3, 4] {
+            session.receive(byte, now);
+        }
+        prop_assert_eq!(session.outcome(), Some(Ok(Answer::Resolution(0x201, 0x403))));
+    }
+}

@@ -1,0 +1,62 @@
+//! A building of several networks in one frame: a target takes it from one to the next.
+
+use host_sim::network::{Options, Simulation};
+use site::{Overrides, Scenario};
+
+use answers::record::RunRecord;
+
+/// Cells of 13 to 20 cameras, of which only the first has references.
+fn building(cameras: usize, cell_cameras: usize, seed: u64) -> RunRecord {
+    let text = format!(
+        r#"
+        name = "building"
+        [camera]
+        projection = "pin-hole"
+        field_of_view_deg = 60.0
+        range = 8.0
+        [radio]
+        medium = "unit-disk"
+        range = 30.0
+        [sensor]
+        measures = false
+        [firmware]
+        systematic_heading_deg = 0.0
+        systematic_scale = 0.0
+        standing_sigma = 0.01
+        [grid]
+        nodes = {cameras}
+        cell_nodes = {cell_cameras}
+        one_frame = true
+        "#
+    );
+    let changes = Overrides {
+        seed: Some(seed),
+        ..Overrides::default()
+    };
+    let scenario = Scenario::from_toml(&text, &changes).unwrap();
+    let mut simulation = Simulation::new(scenario, Options::default()).unwrap();
+    simulation.run(|_| ())
+}
+
+/// Every camera is calibrated in the frame of the first network, within five of its sigmas; only the
+/// two references of the first network are any.
+fn assert_one_frame(record: &RunRecord, cameras: usize, networks: usize) {
+    assert_eq!(record.networks.len(), networks);
+    for network in &record.networks {
+        let frame = network.frame;
+        assert_eq!((frame.x, frame.y, frame.heading_deg), (0.0, 0.0, 0.0));
+    }
+    let references = record.cameras().filter(|camera| camera.reference);
+    assert_eq!(references.count(), 2);
+    let summary = &record.summary;
+    assert_eq!((summary.calibrated, summary.expected), (cameras, cameras));
+    let verdict = answers::record::verdict::Verdict::of(record);
+    assert!(!verdict.deceives, "{verdict}");
+}
+
+#[test]
+fn sixty_cameras_in_three_networks_end_in_one_frame() {
+    for seed in [1, 2, 3] {
+        assert_one_frame(&building(60, 20, seed), 60, 3);
+    }
+}
