@@ -58,6 +58,17 @@ fn live(arguments: &[&str]) -> (Running, String) {
     (child, line.trim().to_owned())
 }
 
+/// Nobody looks at a page for a network whose line is misspelled.
+#[test]
+fn a_port_that_is_not_there_is_told_at_once() {
+    let mut command = host_sim(&["live", "--port", "/nowhere/line"]);
+    let ended = command.stderr(Stdio::piped()).output().unwrap();
+    assert_eq!(ended.status.code(), Some(2));
+    let said = String::from_utf8_lossy(&ended.stderr);
+    assert!(said.contains("/nowhere/line does not exist"), "{said}");
+    assert!(ended.stdout.is_empty());
+}
+
 fn free_port() -> u16 {
     let listener = TcpListener::bind("127.0.0.1:0").unwrap();
     listener.local_addr().unwrap().port()

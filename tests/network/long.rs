@@ -1,11 +1,12 @@
 //! What takes long, or passes unnoticed: idle days, restarts in them, flash that rots and wears, clocks
 //! that drift, carriers who rest or hurry.
 
+use answers::record::RunRecord;
 use site::{Action, Scenario};
 
 use crate::yard::{
-    COORDINATOR, OTHERS, TARGET, Yard, assert_all_calibrated, assert_nothing_forgotten, logged,
-    run, with,
+    COORDINATOR, OTHERS, TARGET, Yard, assert_all_calibrated, assert_fair,
+    assert_nothing_forgotten, logged, run, with,
 };
 
 const HOUR_S: f64 = 3600.0;
@@ -18,9 +19,8 @@ fn yard() -> Scenario {
     Yard::default().scenario(31)
 }
 
-/// In the middle of its walk, the target stands for that long, while every hour another node restarts: the
-/// target itself once a day. Each time it asks again, and what cameras see of it at one place, again and
-/// again, counts as if each look erred by itself.
+/// In the middle of its walk, the target stands for that long, while every hour another node restarts. After its
+/// own restarts the target asks again what cameras see, again and again at one place.
 fn idle(days: f64) -> Scenario {
     let calm = run(yard());
     let at = calm.targets[0].stops[4].seconds.unwrap();
@@ -28,16 +28,46 @@ fn idle(days: f64) -> Scenario {
         node: TARGET,
         for_s: days * DAY_S,
     };
-    let all = [COORDINATOR, 1, 2, 3, 4, 5];
+    let all = [COORDINATOR, 1, 2, 3, 4, 5, TARGET];
     let hours = 1..(days * 24.0) as usize;
     hours.fold(with(yard(), at, rest), |scenario, hour| {
-        let node = match hour % 24 {
-            12 => TARGET,
-            _ => all[hour % all.len()],
-        };
+        let node = all[hour % all.len()];
         let at = at + hour as f64 * HOUR_S;
         with(scenario, at, Action::Restart { node })
     })
+}
+
+/// However often a target asks at one place, nobody takes the answers for news: errors are what sigmas say.
+#[test]
+fn who_asks_again_and_again_learns_no_more() {
+    let records: Vec<_> = (0..8)
+        .map(|seed| {
+            let walk = || Yard::default().scenario(seed);
+            let at = run(walk()).targets[0].stops[4].seconds.unwrap();
+            let rest = Action::Rest {
+                node: TARGET,
+                for_s: 2.0 * DAY_S,
+            };
+            let asks = (1..48).fold(with(walk(), at, rest), |scenario, hour| {
+                let at = at + f64::from(hour) * HOUR_S;
+                with(scenario, at, Action::Restart { node: TARGET })
+            });
+            run(asks)
+        })
+        .collect();
+    for (seed, record) in (0..).zip(&records) {
+        assert_all_calibrated(record, "asked again and again");
+        let calm = run(Yard::default().scenario(seed));
+        let sigmas = |record: &RunRecord| -> f64 {
+            let estimates = record
+                .cameras()
+                .filter_map(|camera| camera.estimate.as_ref());
+            estimates.map(|estimate| estimate.sigma_position()).sum()
+        };
+        // What the first restart costs: the way from one stop to the next.
+        assert!(sigmas(record) < 1.5 * sigmas(&calm), "seed {seed}");
+    }
+    assert_fair(&records);
 }
 
 /// Nobody forgets anything, everybody is found at the end, and flash lasts for years.

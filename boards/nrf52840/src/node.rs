@@ -35,7 +35,7 @@ use crate::{
     memory::Flash,
     radio::{self, OnChip, Shared},
     sensor_bus::SensorBus,
-    watchdog::{self, LIVENESS, NODE, RADIO, reset_cause},
+    watchdog::{self, HEARTBEATS, NODE, RADIO, reset_cause},
 };
 
 defmt::timestamp!("{=u64:us}", embassy_time::Instant::now().as_micros());
@@ -94,7 +94,7 @@ async fn begin(spawner: Spawner) {
 #[embassy_executor::task]
 async fn run_radio(radio: ieee802154::Radio<'static>, shared: &'static Shared) {
     let driver = pin!(radio::drive(radio, shared));
-    LIVENESS.watch(RADIO, driver).await;
+    HEARTBEATS.watch(RADIO, driver).await;
 }
 
 #[embassy_executor::task]
@@ -108,5 +108,5 @@ async fn run_node(
         return;
     };
     let node = pin!(run(config, peripherals, liveness));
-    start::tell_failure(&LIVENESS.watch(NODE, node).await);
+    start::tell_failure(&HEARTBEATS.watch(NODE, node).await);
 }

@@ -1,6 +1,8 @@
 //! The watchdog, and why the chip last started.
 
-use board_support::{last_words::LastWords, liveness::Liveness, retained::say_and_restart, start};
+use board_support::{
+    heartbeats::Heartbeats, last_words::LastWords, retained::say_and_restart, start,
+};
 use embassy_nrf::{
     Peri,
     pac::{POWER, power::regs::Resetreas},
@@ -12,7 +14,7 @@ use embassy_nrf::{
 pub(crate) const NODE: u32 = 0;
 pub(crate) const RADIO: u32 = 1;
 /// Their reports.
-pub(crate) static LIVENESS: Liveness = Liveness::new(2);
+pub(crate) static HEARTBEATS: Heartbeats = Heartbeats::new(2);
 
 /// Watched tasks report every second; nothing they do takes as long as this.
 const TIMEOUT_S: u32 = 8;
@@ -32,7 +34,7 @@ pub(crate) async fn feed(
         // It runs already, otherwise: only another program before this one can have started it.
         return defmt::error!("the watchdog is somebody else's");
     };
-    let why = LIVENESS.feed(node, || handle.pet()).await;
+    let why = HEARTBEATS.feed(node, || handle.pet()).await;
     say_and_restart(LastWords::restart(why));
 }
 

@@ -29,7 +29,7 @@ use crate::{
     line::{Lossless, Uart},
     memory::{self, Flash},
     sensor_bus::SensorBus,
-    watchdog::{self, LIVENESS, NODE, reset_cause},
+    watchdog::{self, HEARTBEATS, NODE, reset_cause},
 };
 
 defmt::timestamp!("{=u64:us}", embassy_time::Instant::now().as_micros());
@@ -95,5 +95,5 @@ async fn run_node(
         return;
     };
     let node = pin!(run(config, peripherals, liveness));
-    start::tell_failure(&LIVENESS.watch(NODE, node).await);
+    start::tell_failure(&HEARTBEATS.watch(NODE, node).await);
 }

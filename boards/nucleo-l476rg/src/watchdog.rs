@@ -1,6 +1,8 @@
 //! The watchdog, and why the chip last started.
 
-use board_support::{last_words::LastWords, liveness::Liveness, retained::say_and_restart, start};
+use board_support::{
+    heartbeats::Heartbeats, last_words::LastWords, retained::say_and_restart, start,
+};
 use embassy_stm32::{
     Peri,
     pac::{DBGMCU, RCC},
@@ -11,7 +13,7 @@ use embassy_stm32::{
 /// The one task that must run. It talks to the radio, too.
 pub(crate) const NODE: u32 = 0;
 /// Its reports.
-pub(crate) static LIVENESS: Liveness = Liveness::new(1);
+pub(crate) static HEARTBEATS: Heartbeats = Heartbeats::new(1);
 
 /// Watched tasks report every second; nothing they do takes as long as this. Its clock errs by some
 /// percent.
@@ -27,7 +29,7 @@ pub(crate) async fn feed(
     DBGMCU.apb1fzr1().modify(|freeze| freeze.set_iwdg(true));
     let mut watchdog = IndependentWatchdog::new(watchdog, TIMEOUT_US);
     watchdog.unleash();
-    let why = LIVENESS.feed(node, || watchdog.pet()).await;
+    let why = HEARTBEATS.feed(node, || watchdog.pet()).await;
     say_and_restart(LastWords::restart(why));
 }
 

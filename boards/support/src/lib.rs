@@ -5,7 +5,7 @@
 //! | [`clock`] | time and delays from `embassy-time` |
 //! | [`flash`] | which part of a board's flash is whose |
 //! | [`memory`] | the flash without long stops, and the configuration in it |
-//! | [`liveness`] | whether every task still runs, for a watchdog |
+//! | [`heartbeats`] | whether every task still runs, for a watchdog |
 //! | [`failure`] | why a node cannot go on, in words |
 //! | [`last_words`] | why a node stopped, kept over its reset |
 //! | [`pins`] | lamps and buttons |
@@ -36,9 +36,9 @@ use memory_functions as _;
 pub mod clock;
 pub mod failure;
 pub mod flash;
+pub mod heartbeats;
 pub mod i2c;
 pub mod last_words;
-pub mod liveness;
 pub mod memory;
 pub mod panel;
 pub mod pins;

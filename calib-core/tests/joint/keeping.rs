@@ -120,6 +120,45 @@ fn what_moved_is_told() {
     }
 }
 
+/// A target that stands where it stood is known by what everybody sees, and by nothing less.
+#[test]
+fn a_stop_that_repeats_another_is_known() {
+    let walk = walk(3);
+    let of = |stop: usize| walk.bearings.iter().filter(move |seen| seen.stop == stop);
+    let mut known = 0;
+    for former in 0..18 {
+        let sights = of(former).count();
+        let repeated = |turned: usize, by: f64, alone: bool| {
+            let mut joint = filled::<f64>(&walk, WIDE);
+            let stop = joint.add_stop(None).unwrap();
+            for (n, seen) in of(former).enumerate() {
+                let off = if n == turned { by } else { 0.0 };
+                let value = seen.bearing + off;
+                joint
+                    .add_bearing(stop, seen.camera, value, seen.sigma)
+                    .unwrap();
+            }
+            let is_new = |camera: &usize| of(former).all(|seen| seen.camera != *camera);
+            if let (true, Some(other)) = (alone, (0..8).find(is_new)) {
+                joint.add_bearing(stop, other, 0.1, 0.002).unwrap();
+            }
+            joint.repeats(stop, 3.0)
+        };
+        let sigma = of(former).next().map_or(0.0, |seen| seen.sigma);
+        if sights < 2 {
+            // One direction is not a place.
+            assert_eq!(repeated(0, 0.0, false), None);
+            continue;
+        }
+        known += 1;
+        assert_eq!(repeated(0, 0.0, false), Some(former));
+        assert_eq!(repeated(1, 3.0 * sigma, false), Some(former));
+        assert_eq!(repeated(1, 6.0 * sigma, false), None);
+        assert_eq!(repeated(0, 0.0, true), None, "news of another camera");
+    }
+    assert!(known > 6);
+}
+
 /// However long the walk, cameras that were seen early stay, and so does the frame.
 #[test]
 fn the_stop_that_is_missed_least_makes_room() {

@@ -26,7 +26,7 @@ use host_sim::{
     },
     live::{About, Command, Server, serve},
     network::{Onlooker, Options, Simulation},
-    probe::port::{Port, PortError},
+    probe::port::{OpenError, Port, PortError},
 };
 use node_firmware::limits::CONSOLE_BAUD;
 use site::{Action, BUILT_IN, Overrides, Purpose, Scenario};
@@ -111,6 +111,8 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
     if let Some(port) = &arguments.port {
         let site = arguments.site.as_deref().map(read_site).transpose()?;
         let name = site.as_ref().map_or(port.as_str(), |site| &site.name);
+        // A line that fails later is tried again; one that never was is a wrong name.
+        let line = Port::open(port, arguments.baud, interrupted.clone())?;
         let (server, commands) = start(arguments, name, "network")?;
         Network {
             arguments,
@@ -120,7 +122,7 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
             commands,
             interrupted,
         }
-        .run();
+        .run(line);
         return Ok(ExitCode::SUCCESS);
     }
     let Some(source) = &arguments.source else {
@@ -403,18 +405,15 @@ struct Network<'a> {
 }
 
 impl Network<'_> {
-    fn run(&self) {
+    fn run(&self, line: Port) {
         let begin = Instant::now();
         let mut session = Session::new([]).with_sightings();
         let mut looker = Looker::default();
         let mut pending = VecDeque::new();
-        while !self.interrupted.load(Ordering::Relaxed) {
-            let baud = self.arguments.baud;
-            let opened = Port::open(self.path, baud, self.interrupted.clone());
-            let why = match opened {
-                Ok(mut port) => {
-                    self.talk(&mut port, begin, &mut session, &mut looker, &mut pending)
-                }
+        let mut line: Result<_, OpenError> = Ok(line);
+        loop {
+            let why = match &mut line {
+                Ok(port) => self.talk(port, begin, &mut session, &mut looker, &mut pending),
                 Err(error) => error.to_string(),
             };
             if self.interrupted.load(Ordering::Relaxed) {
@@ -423,6 +422,9 @@ impl Network<'_> {
             self.look(begin.elapsed(), &session, &mut looker);
             self.say(begin.elapsed(), format!("{}: {why}", self.path));
             thread::sleep(AGAIN);
+            // One at a time has the port.
+            drop(line);
+            line = Port::open(self.path, self.arguments.baud, self.interrupted.clone());
         }
     }
 

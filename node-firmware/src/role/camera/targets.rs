@@ -7,7 +7,7 @@ use zigbee_link::Instant;
 
 use crate::{
     limits::TARGETS,
-    message::{MemberAddress, Seen, Sight, StopNumber, Stopped},
+    message::{CoordinateFrame, MemberAddress, Seen, Sight, StopNumber, Stopped},
 };
 
 /// A stop told late comes after the next few were. Farther back are the numbers of a target that
@@ -222,9 +222,14 @@ impl LastLooks {
             let within = place.parts().standing_sigma * STANDING_SIGMAS;
             let between = place.position() - last.stopped.place.position();
             let is_apart = between.norm_squared() > within * within;
+            // A target that does not know where it is counts from where it began: each time anew.
+            let fixes = [&last.stopped, stopped].map(|stopped| {
+                let fix = stopped.place.parts().fix;
+                (stopped.frame == CoordinateFrame::Own).then_some(fix)
+            });
             match last.seen == Some(*seen) {
-                // The same stop, told again in another frame.
-                true if last.stopped.stop == stopped.stop => last.repeats,
+                // The same stop, told again in another frame, or nobody knows whether it walked.
+                true if last.stopped.stop == stopped.stop || fixes[0] != fixes[1] => last.repeats,
                 true if is_apart => last.repeats.saturating_add(1),
                 _ => 0,
             }

@@ -1080,13 +1080,18 @@ fn seen_at(
     at_place: [f32; 2],
     bearing: f32,
 ) -> StopAnswer {
-    let now = 100 + 10 * u64::from(stop);
     let stopped = Stopped {
         stop,
         colour: 0,
         frame: CoordinateFrame::Site,
         place: place_at(at_place),
     };
+    seen_when(camera, stopped, bearing)
+}
+
+fn seen_when(camera: &mut CameraRole, stopped: Stopped, bearing: f32) -> StopAnswer {
+    let stop = stopped.stop;
+    let now = 100 + 10 * u64::from(stop);
     camera.on_message(at(now), TARGET, &Message::Stopped(stopped));
     let _ = outputs(camera, now);
     let seen = Seen { bearing, ..SEEN };
@@ -1118,6 +1123,40 @@ fn a_camera_that_is_stuck_says_that_it_failed() {
         assert_eq!(look.sight, sight, "{stop}");
         assert_eq!(look.seen.is_some(), sight == Sight::InView, "{stop}");
     }
+}
+
+/// A target that starts again counts from where it is, and may be where it was.
+#[test]
+fn who_does_not_know_where_it_is_may_stand_where_it_stood() {
+    let mut camera = camera(4);
+    let mut look = |stop, frame, fix: u8, x| {
+        let systematic = Systematic {
+            heading_sigma: 0.0,
+            scale_sigma: 0.0,
+        };
+        let track = Track::start(Point2::new(x, 0.0), Matrix2::identity() * 1e-4, systematic);
+        let stopped = Stopped {
+            stop,
+            colour: 0,
+            frame,
+            place: track.unwrap().numbered(fix.into()).place(0.0).unwrap(),
+        };
+        seen_when(&mut camera, stopped, 0.1).sight
+    };
+    let mut stop = 0;
+    for fix in 0..6 {
+        // Before and after it was told where that is.
+        for (frame, x) in [(CoordinateFrame::Own, 0.0), (CoordinateFrame::Site, 5.0)] {
+            stop += 1;
+            assert_eq!(look(stop, frame, fix, x), Sight::InView, "{stop}");
+        }
+    }
+    // It walks, and knows that it does.
+    let sights = [1.0, 2.0].map(|x| {
+        stop += 1;
+        look(stop, CoordinateFrame::Site, 6, x)
+    });
+    assert_eq!(sights, [Sight::InView, Sight::Failed]);
 }
 
 /// A camera at the origin that looks along x, as a target solved it.

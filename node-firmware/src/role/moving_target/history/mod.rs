@@ -45,6 +45,9 @@ const fn bearing_record(place: usize) -> FactKey {
     FactKey::WalkBearings((place / BEARINGS_PER_RECORD) as u8)
 }
 
+/// Looks that differ by no more sigmas may be of one place.
+const REPEATED: f32 = 3.0;
+
 impl Estimate<'_> {
     /// The target stands.
     pub(super) fn on_stop(&mut self, stop: StopNumber, unsaved: &mut Unsaved) {
@@ -100,6 +103,29 @@ impl Estimate<'_> {
             return false;
         };
         debug!("a stop of the walk makes room");
+        self.remove_stop(stop, unsaved)
+    }
+
+    /// After a restart the target may stand where it stood at a stop before, and nothing but what cameras see tells.
+    /// Then their looks here are those of there once more, and are dropped.
+    fn drop_repetition(&mut self, unsaved: &mut Unsaved) {
+        let Some(last) = self.estimator.stops().checked_sub(1) else {
+            return;
+        };
+        if self.estimator.leg(last).is_some() {
+            return;
+        }
+        if let Some(former) = self.estimator.repeats(last, REPEATED) {
+            debug!("a stop of the walk is a former one");
+            self.remove_stop(last, unsaved);
+            if former + 1 != last {
+                // The way on is not from the stop that is the last one now.
+                self.lose_way();
+            }
+        }
+    }
+
+    fn remove_stop(&mut self, stop: usize, unsaved: &mut Unsaved) -> bool {
         // Its own record, and that of the next one, whose leg begins elsewhere then.
         for tag in self.estimator.tags().skip(stop).take(2) {
             unsaved.insert(stop_record(tag.slot.into()));
@@ -310,6 +336,7 @@ impl TargetRole<'_> {
     /// What the cameras told of this stop is to be written down.
     pub(super) fn save_history(&mut self) {
         if let Some(estimate) = &mut self.estimate {
+            estimate.drop_repetition(&mut self.unsaved);
             estimate.save_bearings(true, &mut self.unsaved);
         }
     }

@@ -25,12 +25,12 @@ const LOOK: Duration = Duration::from_secs(2);
 
 /// Reports of up to 32 tasks.
 #[derive(Debug)]
-pub struct Liveness {
+pub struct Heartbeats {
     expected: u32,
     reported: AtomicU32,
 }
 
-impl Liveness {
+impl Heartbeats {
     /// For tasks 0 to `tasks - 1`, at most 32.
     pub const fn new(tasks: u32) -> Self {
         let expected = match 1_u32.checked_shl(tasks) {
@@ -94,25 +94,25 @@ mod tests {
 
     #[test]
     fn all_must_report_each_time() {
-        let liveness = Liveness::new(2);
-        assert!(!liveness.all_reported());
-        liveness.report(0);
-        liveness.report(0);
-        assert!(!liveness.all_reported());
-        liveness.report(1);
-        assert!(liveness.all_reported());
-        assert!(!liveness.all_reported());
+        let tasks = Heartbeats::new(2);
+        assert!(!tasks.all_reported());
+        tasks.report(0);
+        tasks.report(0);
+        assert!(!tasks.all_reported());
+        tasks.report(1);
+        assert!(tasks.all_reported());
+        assert!(!tasks.all_reported());
     }
 
     #[test]
     fn reports_of_nobody_count_for_nobody() {
-        let liveness = Liveness::new(32);
+        let tasks = Heartbeats::new(32);
         for task in 0..31 {
-            liveness.report(task);
+            tasks.report(task);
         }
-        liveness.report(32);
-        assert!(!liveness.all_reported());
-        liveness.report(31);
-        assert!(liveness.all_reported());
+        tasks.report(32);
+        assert!(!tasks.all_reported());
+        tasks.report(31);
+        assert!(tasks.all_reported());
     }
 }
