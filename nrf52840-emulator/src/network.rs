@@ -11,11 +11,11 @@ use std::{
 
 use crate::{
     node::{self, Node, Outcome},
-    peripheral::Frame,
+    peripheral::{Frame, RAMP_UP, US},
 };
 
 /// A little less than a ramp-up.
-const AHEAD: u64 = 129_000;
+const AHEAD: u64 = RAMP_UP - US;
 /// Where there is nobody else.
 const ALONE: u64 = 1_000_000_000;
 

@@ -49,9 +49,10 @@ const fn peripheral(name: &'static str, base: u64, interrupts: &'static [u16]) -
     }
 }
 
-const WATCHDOG: usize = 7;
 const RADIO: usize = 1;
+const WATCHDOG: usize = 8;
 
+/// By their addresses: the bus counts its slots so.
 const MAP: [Peripheral; 13] = [
     peripheral("CLOCK", 0x4000_0000, &[0]),
     peripheral("RADIO", 0x4000_1000, &[1]),
@@ -59,14 +60,22 @@ const MAP: [Peripheral; 13] = [
     peripheral("TWIM0", 0x4000_3000, &[3]),
     peripheral("GPIOTE", 0x4000_6000, &[6]),
     peripheral("TIMER1", 0x4000_9000, &[9]),
+    peripheral("TEMP", 0x4000_c000, &[12]),
     peripheral("RNG", 0x4000_d000, &[13]),
     peripheral("WDT", 0x4001_0000, &[16]),
     peripheral("RTC1", 0x4001_1000, &[17]),
     peripheral(NVMC, 0x4001_e000, &[30]),
     peripheral("PPI", 0x4001_f000, &[31]),
     peripheral("GPIO", 0x5000_0000, &[]),
-    peripheral("TEMP", 0x4000_c000, &[12]),
 ];
+
+const _: () = {
+    let mut slot = 1;
+    while slot < MAP.len() {
+        assert!(MAP[slot - 1].base < MAP[slot].base);
+        slot += 1;
+    }
+};
 
 /// An nRF52840.
 #[derive(Debug)]
@@ -194,13 +203,13 @@ impl Mcu for Soc {
             3 => &mut self.twim,
             4 => &mut self.gpiote,
             5 => &mut self.timer,
-            6 => &mut self.rng,
+            6 => &mut self.temp,
+            7 => &mut self.rng,
             WATCHDOG => &mut self.watchdog,
-            8 => &mut self.rtc,
-            9 => &mut self.nvmc,
-            10 => &mut self.ppi,
-            11 => &mut self.gpio,
-            12 => &mut self.temp,
+            9 => &mut self.rtc,
+            10 => &mut self.nvmc,
+            11 => &mut self.ppi,
+            12 => &mut self.gpio,
             _ => return (&mut self.bus, None),
         };
         (&mut self.bus, Some(model))

@@ -16,6 +16,7 @@ mod twim;
 mod uarte;
 mod watchdog;
 
+pub(crate) use self::radio::RAMP_UP;
 pub use self::{
     clock::Clock,
     gpio::{Gpio, Plain},

@@ -31,7 +31,7 @@ impl Ppi {
 impl Model for Ppi {
     fn task(&mut self, number: u16, call: &mut Call<'_, '_>) {
         let (on, group) = (call.get(CHEN), call.get(GROUPS + 4 * (number / 2)));
-        let on = if number % 2 == 0 {
+        let on = if number.is_multiple_of(2) {
             on | group
         } else {
             on & !group

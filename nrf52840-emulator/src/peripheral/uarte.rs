@@ -59,6 +59,8 @@ pub struct Uarte {
     tx: Option<(Buffer, EventId)>,
     byte: u8,
     rx: Option<Buffer>,
+    /// The receiver runs, with a buffer or without.
+    is_on: bool,
     fifo: VecDeque<u8>,
     next: Option<EventId>,
 }
@@ -78,8 +80,19 @@ impl Uarte {
         (10_000_000_000_u128 * (1 << 32) / (share * 16_000_000)) as u64
     }
 
+    /// Starts the receiver; what came before was not heard.
+    fn switch_on(&mut self, call: &mut Call<'_, '_>) {
+        if !self.is_on {
+            self.is_on = true;
+            let now = call.now();
+            while { self.peer.as_mut() }.is_some_and(|peer| peer.transmit(now).is_some()) {}
+        }
+        self.plan(call);
+    }
+
     fn plan(&mut self, call: &mut Call<'_, '_>) {
-        let next = self.peer.as_ref().and_then(|peer| peer.next());
+        let peer = self.peer.as_ref().filter(|_| self.is_on);
+        let next = peer.and_then(|peer| peer.next());
         let now = call.now();
         self.next = next.map(|next| call.at(next.max(now + 1)));
     }
@@ -131,6 +144,7 @@ impl Model for Uarte {
             0 => {
                 let (pointer, max) = (call.get(RX_PTR), call.get(RX_MAX));
                 call.event(RXSTARTED);
+                self.switch_on(call);
                 if call.reaches(pointer, max) {
                     self.rx = Some(Buffer {
                         pointer,
@@ -138,10 +152,11 @@ impl Model for Uarte {
                         done: 0,
                     });
                     self.drain(call);
-                    self.plan(call);
                 }
             }
             1 => {
+                self.is_on = false;
+                self.next = None;
                 self.end_reception(call);
                 call.event(RXTO);
             }
@@ -240,6 +255,7 @@ impl Model for Uarte {
     fn reset(&mut self) {
         self.tx = None;
         self.rx = None;
+        self.is_on = false;
         self.next = None;
         self.fifo.clear();
     }
@@ -308,16 +324,36 @@ mod tests {
     #[test]
     fn without_a_buffer_bytes_are_lost() {
         let mut bench = bench();
+        bench.set(RX_PTR, 0x2000_0200);
+        bench.set(RX_MAX, 1);
+        bench.task(0);
         bench.task(2);
         bench.pass(5_000_000);
-        assert!(bench.took(ERROR));
-        assert_eq!(bench.chip.model.model.overruns, 10 - FIFO as u64);
+        assert!(bench.took(ENDRX) && bench.took(ERROR));
+        assert_eq!(bench.chip.model.model.overruns, 9 - FIFO as u64);
         // What waited comes first.
-        bench.set(RX_PTR, 0x2000_0200);
         bench.set(RX_MAX, 4);
         bench.task(0);
         assert!(bench.took(ENDRX));
-        assert_eq!(bench.cells.0[&0x2000_0203], b'l');
+        let heard = (0x2000_0200..0x2000_0204).map(|at| bench.cells.0[&at]);
+        assert_eq!(heard.collect::<Vec<_>>(), b"ello");
+    }
+
+    #[test]
+    fn a_receiver_that_is_off_hears_nothing() {
+        let mut bench = bench();
+        bench.task(2);
+        bench.pass(5_000_000);
+        assert!(!bench.took(ERROR));
+        bench.set(RX_PTR, 0x2000_0200);
+        bench.set(RX_MAX, 1);
+        bench.task(0);
+        bench.pass(5_000_000);
+        assert!(!bench.took(RXDRDY));
+        bench.task(2);
+        bench.pass(5_000_000);
+        assert!(bench.took(RXDRDY));
+        assert_eq!(bench.cells.0[&0x2000_0200], b'h');
     }
 
     #[test]
