@@ -155,7 +155,10 @@ pub(crate) fn run(
         erased: soc.nvmc.model.erased.clone(),
         written: soc.nvmc.model.words,
         received: soc.radio.model.received,
-        radio_on: soc.radio.model.on,
+        radio_on: soc
+            .radio
+            .model
+            .on_until(finished.stop.map_or(0, |stop| stop.at.0)),
         fed: soc.watchdog.model.fed,
         transfers: soc.twim.model.transfers,
         instructions: finished.stop.map_or(0, |stop| stop.instruction_count),

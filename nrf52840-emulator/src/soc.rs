@@ -170,6 +170,7 @@ impl Mcu for Soc {
 
     /// Product Specification, "Reset behavior": the watchdog runs on through a reset by the program.
     fn reset(&mut self, at: VirtualNanos, cause: ResetCause) {
+        self.radio.model.count(at.0);
         let deadline = self.watchdog.model.deadline;
         let file = self.bus.slots()[WATCHDOG].registers();
         let kept = Watchdog::KEPT.map(|offset| (offset, file.get(Word::at(offset)) as u32));

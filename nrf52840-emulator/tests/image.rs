@@ -1,14 +1,19 @@
-//! The image that is flashed, from `NODE_IMAGE`, with pages of `host-sim provision` from `NODE_PAGES`.
+//! The image that is flashed, from `NODE_IMAGE`, with the configuration pages of a site.
 
 use std::{collections::BTreeMap, env, fs, path::PathBuf};
 
-use cmucam2_emulator::{Configuration, Emulator, Extent, Scene, Shape};
+use cmucam2_emulator::{Configuration, Emulator, Scene};
 use defmt_decoder::{DecodeError, Table};
+use node_firmware::{
+    config::{CheckedConfig, SiteKey, page},
+    console::{Frames, ToPc},
+};
 use nrf52840_emulator::{
     MEMORY, Node, Outcome, SETTINGS, Soc,
     peripheral::{Chip, Frame, Peer},
     run,
 };
+use site::{NetworkConfigs, Overrides, Scenario, Site};
 
 const S: u64 = 1_000_000_000;
 const MS: u64 = 1_000_000;
@@ -17,27 +22,92 @@ const PAGE: u64 = 0xf_f000;
 /// 40 dB above the least that is heard.
 const LEVEL: u8 = 40;
 
-fn path(variable: &str) -> PathBuf {
-    env::var_os(variable)
-        .map(PathBuf::from)
-        .unwrap_or_else(|| panic!("{variable} is not set"))
+fn image() -> PathBuf {
+    let image = env::var_os("NODE_IMAGE").expect("NODE_IMAGE is not set");
+    image.into()
 }
 
-/// A node as it comes from `provision`, with blank flash.
-fn node(page: &str) -> Node {
-    let page = fs::read(path("NODE_PAGES").join(page)).unwrap();
+/// A site as it is rehearsed, of one network: its world, and what its nodes are told.
+struct Rehearsal {
+    site: Site,
+    configs: NetworkConfigs,
+}
+
+impl Rehearsal {
+    fn of(name: &str) -> Self {
+        let scenario = Scenario::load(name, &Overrides::default()).unwrap();
+        let (scenario, site) = scenario.rehearsed().unwrap();
+        let configs = site::configs(&scenario, SiteKey::new(1, *b"a key of no site")).unwrap();
+        let configs = configs.into_iter().next().unwrap();
+        Self { site, configs }
+    }
+
+    fn coordinator(&self) -> Node {
+        node(&self.configs.coordinator)
+    }
+
+    /// A camera node whose CMUcam2 sees the target at its first stop, if it can.
+    fn camera(&self, number: usize) -> Node {
+        let camera = &self.site.networks[0].cameras[number];
+        let mut scene = Scene::default();
+        let view = self.site.world.look(camera.index);
+        view.paint([110; 3], &mut scene.objects);
+        let configuration = Configuration {
+            sensor: camera.sensor,
+            baud: camera.baud,
+            host_baud: camera.baud,
+            seed: camera.id.into(),
+            ..Configuration::default()
+        };
+        Node {
+            peer: Some(Box::new(Camera(Emulator::new(configuration, scene)))),
+            ..node(&self.configs.cameras[number])
+        }
+    }
+
+    /// A target with its sensors: who they say they are (data sheets of LSM6DSOX and LIS3MDL,
+    /// `WHO_AM_I`).
+    fn target(&self) -> Node {
+        Node {
+            chips: BTreeMap::from([
+                (0x6a, Chip::new(&[(0x0f, 0x6c)])),
+                (0x1c, Chip::new(&[(0x0f, 0x3d)])),
+            ]),
+            ..node(&self.configs.targets[0])
+        }
+    }
+
+    /// The coordinator, the cameras, and the target.
+    fn nodes(&self) -> Vec<Node> {
+        let cameras = (0..self.configs.cameras.len()).map(|number| self.camera(number));
+        [self.coordinator()]
+            .into_iter()
+            .chain(cameras)
+            .chain([self.target()])
+            .collect()
+    }
+}
+
+fn lab() -> Rehearsal {
+    Rehearsal::of("lab")
+}
+
+/// A node as it comes from `host-sim provision`, with blank flash.
+fn node(config: &CheckedConfig) -> Node {
+    let mut page = vec![0; page::PAGE_MAX];
+    page::encode(config, &mut page).unwrap();
     Node {
-        image: path("NODE_IMAGE"),
+        image: image(),
         flash: vec![(PAGE, page)],
         ..Node::default()
     }
 }
 
-/// The same node after its power has gone.
-fn again(page: &str, before: &Outcome) -> Node {
+/// The coordinator after its power has gone.
+fn again(lab: &Rehearsal, before: &Outcome) -> Node {
     Node {
         flash: before.flash.clone(),
-        ..node(page)
+        ..lab.coordinator()
     }
 }
 
@@ -59,32 +129,6 @@ impl Peer for Camera {
     }
 }
 
-/// A camera node that sees an orange ball.
-fn camera() -> Node {
-    let ball = Extent::centred(0.4, 0.5, 0.1, 0.14);
-    let scene = Scene::with_object([230, 105, 35], Shape::Disc, ball);
-    let configuration = Configuration {
-        baud: 38_400,
-        host_baud: 38_400,
-        ..Configuration::default()
-    };
-    Node {
-        peer: Some(Box::new(Camera(Emulator::new(configuration, scene)))),
-        ..node("camera.bin")
-    }
-}
-
-/// A target's sensors: who they say they are (data sheets of LSM6DSOX and LIS3MDL, WHO_AM_I).
-fn target() -> Node {
-    Node {
-        chips: BTreeMap::from([
-            (0x6a, Chip::new(&[(0x0f, 0x6c)])),
-            (0x1c, Chip::new(&[(0x0f, 0x3d)])),
-        ]),
-        ..node("target.bin")
-    }
-}
-
 fn alone(node: Node, time: u64) -> Outcome {
     let (mut outcomes, _) = run(vec![node], time, |_, _| None).unwrap();
     outcomes.pop().unwrap()
@@ -103,7 +147,7 @@ fn in_order(outcome: &Outcome) {
 
 /// What the image logged, a line each.
 fn log(outcome: &Outcome) -> Vec<String> {
-    let image = fs::read(path("NODE_IMAGE")).unwrap();
+    let image = fs::read(image()).unwrap();
     let table = Table::parse(&image).unwrap().unwrap();
     let mut decoder = table.new_stream_decoder();
     decoder.received(&outcome.log);
@@ -122,23 +166,36 @@ fn says(outcome: &Outcome, words: &str) -> bool {
     log(outcome).iter().any(|line| line.contains(words))
 }
 
+/// What a coordinator told its PC.
+fn told(outcome: &Outcome) -> Vec<ToPc> {
+    let mut frames = Frames::default();
+    let bytes = outcome.line.iter().map(|&(_, byte)| byte);
+    bytes.filter_map(|byte| frames.push(byte)).collect()
+}
+
+/// The same chips do the same.
+fn are_equal(ones: &[Outcome], others: &[Outcome]) {
+    for (one, other) in ones.iter().zip(others) {
+        assert_eq!(
+            (one.instructions, &one.line, &one.log, &one.flash),
+            (other.instructions, &other.line, &other.log, &other.flash)
+        );
+    }
+}
+
 #[test]
 #[ignore = "`cargo xtask test --stage chip`"]
 fn a_blank_board_starts() {
-    let first = alone(node("coordinator.bin"), 20 * S);
+    let lab = lab();
+    let first = alone(lab.coordinator(), 20 * S);
     in_order(&first);
     // UICR is written once, and takes a restart (Product Specification, "UICR").
     assert!(first.resets.len() <= 1, "{:?}", first.resets);
     // Of the pages in use, only those that something was written to.
-    println!(
-        "{} pages erased, {} words written",
-        first.erased.len(),
-        first.written
-    );
     assert!(first.erased.len() <= 4, "{:x?}", first.erased);
     assert!(first.written > 0 && first.fed > 5);
     // With its memory it starts at once, and erases nothing.
-    let second = alone(again("coordinator.bin", &first), 20 * S);
+    let second = alone(again(&lab, &first), 20 * S);
     in_order(&second);
     assert_eq!(
         (second.resets.as_slice(), second.erased.as_slice()),
@@ -148,42 +205,56 @@ fn a_blank_board_starts() {
 
 #[test]
 #[ignore = "`cargo xtask test --stage chip`"]
-fn nodes_join_from_blank_flash() {
-    let nodes = || vec![node("coordinator.bin"), camera(), target()];
-    let (outcomes, frames) = run(nodes(), 20 * S, everybody).unwrap();
+fn a_small_network_does_the_same_each_time() {
+    let lab = lab();
+    let nodes = || vec![lab.coordinator(), lab.camera(0), lab.target()];
+    let (outcomes, frames) = run(nodes(), 10 * S, everybody).unwrap();
+    let (repeated, same) = run(nodes(), 10 * S, everybody).unwrap();
+    assert!(frames.len() > 20, "{}", frames.len());
+    assert_eq!(frames, same);
+    are_equal(&outcomes, &repeated);
+}
+
+/// Blank flash to a network whose cameras look for the target; `NODE_SITE` is another site.
+#[test]
+#[ignore = "`cargo xtask test --stage chip`"]
+fn the_nodes_of_a_site_join() {
+    let name = env::var("NODE_SITE").unwrap_or_else(|_| "lab".into());
+    let seconds = env::var("NODE_SECONDS").map_or(20, |seconds| seconds.parse().unwrap());
+    let site = Rehearsal::of(&name);
+    let begun = std::time::Instant::now();
+    let (outcomes, frames) = run(site.nodes(), seconds * S, everybody).unwrap();
+    println!(
+        "{} nodes of {name}, {seconds} s in {:.1} s, {} frames",
+        outcomes.len(),
+        begun.elapsed().as_secs_f64(),
+        frames.len()
+    );
+    println!("radio received and sent, ms; instructions; RAM untouched; restarts");
     for outcome in &outcomes {
-        in_order(outcome);
-        assert!(outcome.received[0] > 3, "{:?}", outcome.received);
         println!(
-            "{} instructions, radio {:?} ms, {} bytes of the RAM untouched, {} transfers, {:?}",
-            outcome.instructions,
+            "{:?} {} {} {:?}",
             outcome.radio_on.map(|on| on / MS),
+            outcome.instructions,
             outcome.untouched,
-            outcome.transfers,
             outcome.resets,
         );
+        in_order(outcome);
+        assert_eq!(outcome.overruns, 0);
     }
-    // The camera answers: after its set-up it is asked for the ball again and again.
-    let line: Vec<u8> = outcomes[1].line.iter().map(|&(_, byte)| byte).collect();
-    let line = String::from_utf8(line).unwrap();
-    println!("{line:?}");
-    assert!(line.matches("\rTC").count() > 2, "{line:?}");
-    assert_eq!(outcomes[1].overruns, 0);
-    for node in 0..3 {
-        let sent = frames.iter().filter(|frame| frame.node == node);
-        // Joined nodes send secured data; a beacon request alone has ten bytes.
-        let data = sent.filter(|frame| frame.psdu.len() > 20).count();
-        println!("node {node}: {data} frames of data");
-        assert!(data > 1, "node {node} sent {data}");
-    }
-    // The same again.
-    let (repeated, same) = run(nodes(), 20 * S, everybody).unwrap();
-    assert_eq!(frames, same);
-    for (one, other) in outcomes.iter().zip(&repeated) {
-        assert_eq!(
-            (one.instructions, &one.log),
-            (other.instructions, &other.log)
-        );
+    // Everybody but the coordinator is a member.
+    let members: BTreeMap<_, _> = { told(&outcomes[0]).into_iter() }
+        .filter_map(|message| match message {
+            ToPc::Member { address, hello } => Some((address, hello)),
+            _ => None,
+        })
+        .collect();
+    assert_eq!(members.len(), outcomes.len() - 1, "{members:?}");
+    // After their set-up cameras are asked for the ball again and again: they answer.
+    for camera in &outcomes[1..outcomes.len() - 1] {
+        let line: Vec<u8> = camera.line.iter().map(|&(_, byte)| byte).collect();
+        let line = String::from_utf8(line).unwrap();
+        assert!(line.matches("\rTC").count() > 2, "{line:?}");
     }
 }
 
@@ -192,11 +263,12 @@ fn nodes_join_from_blank_flash() {
 fn a_stuck_radio_restarts_the_node_at_once() {
     const AT: u64 = S;
     let faults: fn(&mut Soc) = |soc| soc.radio.model.sticks_at = Some(AT);
+    let lab = lab();
     let camera = Node {
         faults: Some(faults),
-        ..camera()
+        ..lab.camera(0)
     };
-    let nodes = vec![node("coordinator.bin"), camera];
+    let nodes = vec![lab.coordinator(), camera];
     let (outcomes, frames) = run(nodes, 10 * S, everybody).unwrap();
     println!("{:?}", outcomes[1].resets);
     let stuck = frames
@@ -225,12 +297,13 @@ fn a_stuck_radio_restarts_the_node_at_once() {
 #[test]
 #[ignore = "`cargo xtask test --stage chip`"]
 fn power_may_go_while_the_flash_is_written() {
-    let whole = alone(node("coordinator.bin"), 4 * S);
+    let lab = lab();
+    let whole = alone(lab.coordinator(), 4 * S);
     // Also in the middle of the work on the flash.
     let busy = whole.erased.iter().map(|(at, _)| at + 40 * MS);
     for cut in busy.chain((1..4).map(|part| part * S / 3)) {
-        let before = alone(node("coordinator.bin"), cut);
-        let after = alone(again("coordinator.bin", &before), 10 * S);
+        let before = alone(lab.coordinator(), cut);
+        let after = alone(again(&lab, &before), 10 * S);
         in_order(&after);
         assert!(after.fed > 3, "cut at {cut}: {:?}", after.resets);
         assert!(after.flash.iter().any(|(at, _)| *at == MEMORY.start));

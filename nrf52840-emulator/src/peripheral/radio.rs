@@ -118,8 +118,8 @@ pub struct Radio {
     pub sticks_at: Option<u64>,
     /// Frames received, and those whose FCS was wrong.
     pub received: [u64; 2],
-    /// How long it received and sent, nanoseconds.
-    pub on: [u64; 2],
+    /// How long it received and sent until its state last changed, nanoseconds.
+    on: [u64; 2],
     node: usize,
     state: State,
     since: u64,
@@ -157,17 +157,28 @@ impl Radio {
     }
 
     fn enter(&mut self, state: State, call: &Call<'_, '_>) {
-        let now = call.now();
+        self.count(call.now());
+        self.state = state;
+    }
+
+    /// Its time so far, before its state changes.
+    pub(crate) fn count(&mut self, now: u64) {
+        self.on = self.on_until(now);
+        self.since = now;
+    }
+
+    /// How long it received and sent until now, nanoseconds.
+    pub fn on_until(&self, now: u64) -> [u64; 2] {
         let which = match self.state {
             State::Disabled => None,
             State::RxRampUp | State::RxIdle | State::Rx | State::RxDisable => Some(0),
             _ => Some(1),
         };
+        let mut on = self.on;
         if let Some(which) = which {
-            self.on[which] += now - self.since;
+            on[which] += now.saturating_sub(self.since);
         }
-        self.since = now;
-        self.state = state;
+        on
     }
 
     fn ramp_up(&mut self, state: State, call: &mut Call<'_, '_>) -> u64 {
@@ -526,7 +537,7 @@ mod tests {
         bench.pass(TX_DISABLE);
         assert!(bench.took(DISABLED));
         let on = expected.end() + TX_DISABLE;
-        assert_eq!(bench.chip.model.model.on, [0, on]);
+        assert_eq!(bench.chip.model.model.on_until(bench.now), [0, on]);
         assert_eq!(bench.forbidden(), [""; 0]);
     }
 
@@ -601,6 +612,7 @@ mod tests {
         bench.task(0);
         bench.pass(1_000_000 * US);
         assert!(!bench.took(END));
+        assert_eq!(bench.chip.model.model.on_until(bench.now), [0, bench.now]);
         bench.task(4);
         bench.pass(TX_DISABLE);
         assert!(bench.took(DISABLED));
