@@ -27,14 +27,14 @@ pub(crate) fn run(sh: &Shell) -> Result<()> {
     .run()?;
     cmd!(
         sh,
-        "cargo test --locked --manifest-path {manifest} --target-dir {BUILT}"
+        "cargo test --release --locked --manifest-path {manifest} --target-dir {BUILT}"
     )
     .run()?;
     drop(newer);
     let image = firmware::build(sh, PACKAGE)?;
     cmd!(
         sh,
-        "cargo test --locked --manifest-path {manifest} --target-dir {BUILT} --test image -- --ignored --nocapture"
+        "cargo test --release --locked --manifest-path {manifest} --target-dir {BUILT} --test image -- --ignored --nocapture"
     )
     .env("RUSTUP_TOOLCHAIN", setup::EMULATOR_TOOLCHAIN)
     .env("NODE_IMAGE", sh.current_dir().join(image))
