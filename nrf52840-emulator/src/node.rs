@@ -244,11 +244,12 @@ impl Driver<Board> for Run {
                 if busy > now {
                     // The processor cannot fetch (Product Specification, "NVMC").
                     self.hold(busy, true, host);
-                } else if self.polls >= POLLS
-                    && let Some(VirtualNanos(next)) = soc.next_event()
-                    && next > now + SHORT
-                {
-                    self.hold(next, false, host);
+                } else if self.polls >= POLLS {
+                    // Where nothing will happen, until somebody else does something.
+                    let next = soc.next_event().unwrap_or(session.until()).0;
+                    if next > now + SHORT {
+                        self.hold(next, false, host);
+                    }
                 }
             }
             Settled::Stop(stop) => {

@@ -296,6 +296,45 @@ fn a_stuck_radio_restarts_the_node_at_once() {
 
 #[test]
 #[ignore = "`cargo xtask test --stage chip`"]
+fn a_bus_that_is_held_low_stops_nothing_else() {
+    let faults: fn(&mut Soc) = |soc| soc.twim.model.held = Some(5 * S..8 * S);
+    let lab = lab();
+    let target = Node {
+        faults: Some(faults),
+        ..lab.target()
+    };
+    let (outcomes, frames) = run(vec![lab.coordinator(), target], 20 * S, everybody).unwrap();
+    let target = &outcomes[1];
+    // The start after UICR was written, and no other.
+    assert_eq!(target.resets.len(), 1, "{:?}", target.resets);
+    assert!(
+        frames
+            .iter()
+            .any(|frame| frame.node == 1 && frame.start > 8 * S)
+    );
+    // Some 40 a second, before and after.
+    assert!(target.transfers > 300, "{}", target.transfers);
+}
+
+/// The crystal of 32 MHz is waited for before the watchdog runs: there is nothing to be seen of such
+/// a board, and it does nothing wrong.
+#[test]
+#[ignore = "`cargo xtask test --stage chip`"]
+fn without_its_crystal_a_board_stands_still() {
+    let faults: fn(&mut Soc) = |soc| soc.clock.model.is_hfxo_dead = true;
+    let node = Node {
+        faults: Some(faults),
+        ..lab().coordinator()
+    };
+    let outcome = alone(node, 60 * S);
+    in_order(&outcome);
+    assert_eq!((outcome.fed, outcome.resets.len()), (0, 1));
+    // It need not be emulated step by step.
+    assert!(outcome.instructions < 1_000_000, "{}", outcome.instructions);
+}
+
+#[test]
+#[ignore = "`cargo xtask test --stage chip`"]
 fn power_may_go_while_the_flash_is_written() {
     let lab = lab();
     let whole = alone(lab.coordinator(), 4 * S);
