@@ -499,3 +499,85 @@ fn a_rehearsals_console_knows_the_poses_of_its_record() {
     let residuals: usize = told.map(|n| n["residuals"].as_array().unwrap().len()).sum();
     assert!(residuals > 0, "cameras were asked for their sightings");
 }
+
+/// A rehearsal of two networks on two lines, and one console for both: one site, in which each wish goes to
+/// whom it concerns.
+#[test]
+fn the_coordinators_of_a_site_are_one_site() {
+    let files = Files::new();
+    let [first, second, kept, told] =
+        ["1.pty", "2.pty", "run.json", "console.json"].map(|name| files.path(name));
+    let site = files.write(
+        "two.toml",
+        "name = \"two\"\n[camera]\nfield_of_view_deg = 60.0\nrange = 8.0\n[grid]\nnodes = 8\ncell_nodes = 4\n",
+    );
+    let lines = [format!("1:{first}"), format!("2:{second}")];
+    let mut rehearsal = Command::new(env!("CARGO_BIN_EXE_host-sim"))
+        .args(["run", &site, "--speed", "20x", "--json", &kept])
+        .args(["--console", &lines[0], "--console", &lines[1]])
+        .stdout(Stdio::null())
+        .stderr(Stdio::null())
+        .spawn()
+        .unwrap();
+    let begin = Instant::now();
+    while fs::symlink_metadata(&second).is_err() {
+        assert!(begin.elapsed() < Duration::from_secs(60), "no line");
+        thread::sleep(Duration::from_millis(10));
+    }
+    // In the other order than in the file.
+    let both = ["--port", &first, "--site", &site, "--json", &told];
+    let wishes = ["--join-window", "30", "--command", "7:stop-tracking"];
+    let done = console(
+        &second,
+        &[&both[..], &wishes, &["--until-calibrated"]].concat(),
+    );
+    assert!(rehearsal.wait().unwrap().success());
+    assert_eq!(done.code, 0, "{}{}", done.stdout, done.stderr);
+    assert!(
+        done.stdout.contains("8 of 8 cameras are calibrated"),
+        "{}",
+        done.stdout
+    );
+    for line in [&first, &second] {
+        let asked = format!("{line}: join window: asked to open it for 30 s");
+        assert!(done.stdout.contains(&asked), "{}", done.stdout);
+    }
+    let is_done = |line: &str| {
+        done.stdout
+            .contains(&format!("{line}: camera 7: StopTracking: done"))
+    };
+    assert_eq!(
+        [is_done(&first), is_done(&second)],
+        [false, true],
+        "{}",
+        done.stdout
+    );
+    let [kept, told] = [kept, told]
+        .map(|path| -> Value { serde_json::from_str(&fs::read_to_string(path).unwrap()).unwrap() });
+    assert_eq!(told["networks"].as_array().unwrap().len(), 2);
+    let cameras = |record: &Value| -> Vec<(u64, u64)> {
+        let nodes = record["nodes"].as_array().unwrap().iter();
+        let cameras = nodes.filter(|node| node["role"] == "camera");
+        let number = |node: &Value, key: &str| node[key].as_u64().unwrap();
+        cameras
+            .map(|node| (number(node, "id"), number(node, "network")))
+            .collect()
+    };
+    assert_eq!(cameras(&told), cameras(&kept));
+    // How the networks stand to each other is what the file says.
+    for axis in ["x", "y", "heading_deg"] {
+        let [kept, told] =
+            [&kept, &told].map(|record| record["networks"][1]["frame"][axis].as_f64());
+        assert!(
+            (kept.unwrap() - told.unwrap()).abs() < 1e-6,
+            "{axis}: {kept:?}, {told:?}"
+        );
+    }
+    for (arguments, words) in [
+        (&["--port", &second][..], "given twice"),
+        (&["--port", &first, "--change-pan"], "alone"),
+    ] {
+        let text = failure(&second, arguments);
+        assert!(text.contains(words), "no {words} in {text}");
+    }
+}

@@ -26,6 +26,7 @@ use site::planner::RARE;
 pub mod checks;
 pub mod difference;
 pub mod event;
+mod joined;
 mod next_stop;
 pub mod published;
 pub mod sightings;

@@ -180,6 +180,19 @@ pub struct NetworkView {
     health: Health,
 }
 
+/// Whether these networks have so many cameras together, one at least, and all are calibrated.
+pub fn are_calibrated<'a>(
+    views: impl IntoIterator<Item = &'a NetworkView>,
+    cameras: usize,
+) -> bool {
+    let (mut all, mut calibrated) = (0, 0);
+    for view in views {
+        all += view.cameras().len();
+        calibrated += view.calibrated();
+    }
+    all >= cameras.max(1) && calibrated == all
+}
+
 impl NetworkView {
     /// Its network, if it has one.
     pub fn network(&self) -> Option<NetworkInfo> {
@@ -240,12 +253,6 @@ impl NetworkView {
         cameras
             .filter(|camera| camera.status() == Status::Calibrated)
             .count()
-    }
-
-    /// Whether there are so many cameras, one at least, and all are calibrated.
-    pub fn is_calibrated(&self, cameras: usize) -> bool {
-        let all = self.cameras().len();
-        all >= cameras.max(1) && self.calibrated() == all
     }
 
     /// The member at this address is asked for its sightings.
@@ -565,17 +572,17 @@ mod tests {
     #[test]
     fn calibrated_is_who_has_poses_only() {
         let mut known = NetworkView::default();
-        assert!(!known.is_calibrated(0), "there is no camera");
+        assert!(!are_calibrated([&known], 0), "there is no camera");
         known.take(NOW, &member(9, 4, MemberKind::Target));
         known.take(NOW, &member(1, 7, CAMERA));
-        assert!(!known.is_calibrated(0));
+        assert!(!are_calibrated([&known], 0));
         known.take(NOW, &reported(1, 7, pose()));
-        assert!(known.is_calibrated(0));
-        assert!(!known.is_calibrated(2), "another one is awaited");
+        assert!(are_calibrated([&known], 0));
+        assert!(!are_calibrated([&known], 2), "another one is awaited");
         known.take(NOW, &reported(2, 8, CameraState::Refused(Refusal::TooFew)));
-        assert!(!known.is_calibrated(0));
+        assert!(!are_calibrated([&known], 0));
         known.take(NOW, &reported(2, 8, pose()));
-        assert!(known.is_calibrated(2));
+        assert!(are_calibrated([&known], 2));
     }
 
     #[test]
@@ -588,7 +595,7 @@ mod tests {
         assert_eq!(known.take(NOW, &member(5, 7, CAMERA)), None);
         assert_eq!(known.addresses(7), [5, 3]);
         assert_eq!(known.present().len(), 1);
-        assert!(known.is_calibrated(0));
+        assert!(are_calibrated([&known], 0));
         // Its place is given to another node.
         let success = true;
         known.take(

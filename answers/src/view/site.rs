@@ -20,6 +20,7 @@ pub struct SitePlan {
     pub(super) limits: Limits,
     scenario: Scenario,
     network: NetworkTable,
+    number: u16,
     frame: Option<Frame>,
 }
 
@@ -39,10 +40,12 @@ impl SitePlan {
                 .filter(|id| members.contains(id))
                 .count()
         };
-        let networks = scenario.networks.iter().zip(&configs);
+        let networks = (1..).zip(scenario.networks.iter().zip(&configs));
+        let networks: Vec<_> = networks.collect();
         // Of several with as many, the first.
-        let best = networks.rev().max_by_key(|(network, _)| belong(network));
-        let Some((network, configs)) = best else {
+        let best = networks.into_iter().rev();
+        let best = best.max_by_key(|(_, (network, _))| belong(network));
+        let Some((number, (network, configs))) = best else {
             return Ok(None);
         };
         let weak = configs.cameras.first().map(|config| &config.role);
@@ -59,8 +62,14 @@ impl SitePlan {
             limits,
             frame: scenario.building_frame(network),
             network: network.clone(),
+            number,
             scenario: scenario.clone(),
         }))
+    }
+
+    /// The number of the network in the file, from 1.
+    pub fn number(&self) -> u16 {
+        self.number
     }
 
     /// The same when these cameras are the references, if that is known.

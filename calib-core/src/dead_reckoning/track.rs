@@ -104,7 +104,7 @@ impl<T: Real> Systematic<T> {
 
     /// Cross-covariance of two displacements of one walk, each with its sigmas. These are equal
     /// unless a sensor was calibrated in between; the product keeps the joint covariance one.
-    pub(super) fn covariance(
+    pub fn covariance(
         (ours, a): (&Self, Vector2<T>),
         (theirs, b): (&Self, Vector2<T>),
     ) -> Matrix2<T> {

@@ -4,22 +4,14 @@ use std::{
     io::{self, IsTerminal, Write},
     path::PathBuf,
     process::ExitCode,
-    sync::{Arc, atomic::AtomicBool},
     thread,
     time::{Duration, Instant},
 };
 
-use answers::record::{RunRecord, verdict::Verdict};
-use answers::view::SitePlan;
-use anyhow::{Context, anyhow, bail};
+use answers::{record::verdict::Verdict, view::SitePlan};
+use anyhow::{Context, bail};
 use clap::Args;
-use embedded_io::{Read, ReadReady, Write as _};
-use host_sim::console::{
-    command::parse_command,
-    output,
-    session::{Failure, Session, Wish, frame},
-};
-use host_sim::probe::port::{Port, PortError};
+use host_sim::console::{command::parse_command, output, session::Wish};
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 use node_firmware::{
     limits::CONSOLE_BAUD,
@@ -31,7 +23,9 @@ use super::{
     and, end, file_name,
     files::Files,
     happenings::{Happenings, HappeningsOptions},
-    interrupt, print,
+    interrupt,
+    lines::{Ended, Line, Lines},
+    print,
     run_outputs::{FOR_RESULTS, RecordOutputs},
     tell, values,
 };
@@ -45,9 +39,10 @@ use super::{
 #[derive(Args)]
 #[command(after_long_help = EPILOGUE)]
 pub(super) struct Arguments {
-    /// The serial port of the coordinator, such as /dev/ttyACM0.
-    #[arg(long, value_name = "DEV")]
-    port: String,
+    /// The serial port of the coordinator, such as /dev/ttyACM0. Of a site with several networks, those of all
+    /// coordinators: they are shown, and told in results, as one.
+    #[arg(long, value_name = "DEV", required = true)]
+    port: Vec<String>,
     /// Bits per second.
     #[arg(long, value_name = "RATE", default_value_t = CONSOLE_BAUD, value_parser = clap::value_parser!(u32).range(1..))]
     baud: u32,
@@ -91,6 +86,7 @@ const EPILOGUE: &str = "\
 Examples:
   host-sim console --port /dev/ttyACM0 --site office.toml --until-calibrated --csv poses.csv
   host-sim console --port /dev/ttyACM0 --join-window 60 --seconds 60
+  host-sim console --port /dev/ttyACM0 --port /dev/ttyACM1 --site building.toml
   host-sim console --port /dev/ttyACM0 --command 2:learn-colour
   host-sim console --port /dev/ttyACM0 --join-window 0 --remove 3 --change-key new.sitekey
 
@@ -146,32 +142,45 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
     let site = arguments.site.as_deref();
     let file = site.filter(|name| !BUILT_IN.iter().any(|(known, _)| known == name));
     let files = Files::default()
-        .reads([&arguments.port])
+        .reads(&arguments.port)
         .reads(file)
         .reads(&arguments.change_key);
     arguments.outputs.check(arguments.happenings.among(files))?;
     let site = site.map(read_site).transpose()?;
-    let mut session = Session::new(wishes(arguments)?);
-    let listens = session.is_done() || arguments.until_calibrated || arguments.seconds.is_some();
-    if listens {
-        session = session.with_sightings();
+    if arguments
+        .port
+        .iter()
+        .enumerate()
+        .any(|(n, path)| arguments.port[..n].contains(path))
+    {
+        bail!("the same --port is given twice");
     }
+    if arguments.change_pan && arguments.port.len() > 1 {
+        bail!("--change-pan is for one network: give the --port of its coordinator alone");
+    }
+    let wishes = wishes(arguments)?;
+    let listens = wishes.is_empty() || arguments.until_calibrated || arguments.seconds.is_some();
     let interrupted = interrupt::watch()?;
+    let ports = (&arguments.port[..], arguments.baud);
+    let mut lines = Lines::open(ports, wishes, &interrupted)?;
+    if listens {
+        lines = lines.with_sightings();
+    }
     let mut screen = Screen::new();
     let mut happenings = Happenings::new(&arguments.happenings)?;
     let begin = Instant::now();
     let ended = talk(
         arguments,
         site.as_ref(),
-        &mut session,
+        &mut lines,
         (&mut screen, &mut happenings),
-        (begin, interrupted),
+        begin,
     );
-    let finished = screen.finish(&session);
+    let finished = screen.finish(&lines);
     let mut ended = and(ended, finished.map_err(Into::into));
     let mut code = 0;
-    if session.has_answered() {
-        let result = record(&session, begin.elapsed(), site.as_ref());
+    if lines.have_answered() {
+        let result = lines.record(begin.elapsed(), site.as_ref());
         let verdict = result.as_ref().ok().map(Verdict::of);
         if let (true, Some(verdict)) = (listens, verdict) {
             let calibrated = verdict.expected > 0 && verdict.is_good();
@@ -221,62 +230,43 @@ pub(super) fn read_site(name: &str) -> anyhow::Result<Scenario> {
     Ok(site)
 }
 
-/// What is known of the network.
-pub(super) fn record(
-    session: &Session,
-    now: Duration,
-    site: Option<&Scenario>,
-) -> anyhow::Result<RunRecord> {
-    let view = session.known();
-    let members: Vec<u16> = view.members().iter().map(|member| member.id).collect();
-    let plan = match site {
-        Some(site) => SitePlan::new(site, &members)?,
-        None => None,
-    };
-    Ok(view.record(now, plan.as_ref()))
-}
-
 /// Whether all cameras of the site are calibrated.
-fn is_complete(session: &Session, now: Duration, site: Option<&Scenario>) -> bool {
-    let summary = record(session, now, site).map(|record| record.summary);
+fn is_complete(lines: &Lines, now: Duration, site: Option<&Scenario>) -> bool {
+    let summary = lines.record(now, site).map(|record| record.summary);
     summary.is_ok_and(|summary| summary.calibrated == summary.expected)
 }
 
-/// Talks to the coordinator until there is nothing left to do.
+/// Talks to the coordinators until there is nothing left to do.
 fn talk(
     arguments: &Arguments,
     site: Option<&Scenario>,
-    session: &mut Session,
+    lines: &mut Lines,
     (screen, happenings): (&mut Screen, &mut Happenings),
-    (begin, interrupted): (Instant, Arc<AtomicBool>),
+    begin: Instant,
 ) -> anyhow::Result<End> {
-    let has_wishes = !session.is_done();
-    let mut port = Port::open(&arguments.port, arguments.baud, interrupted)?;
-    let failed = |error| anyhow!("{}: the line failed: {error}", arguments.port);
+    let has_wishes = !lines.are_done();
     loop {
         let now = begin.elapsed();
-        match exchange(&mut port, session, now) {
-            Ok(Ok(())) => {}
-            Ok(Err(failure)) => {
+        match lines.exchange(now) {
+            Ok(()) => {}
+            Err(Ended::Failed(error)) => {
                 // What came last may tell more.
-                screen.show(now, session, happenings)?;
-                bail!("{}: {failure}", arguments.port);
+                screen.show(now, lines, happenings)?;
+                return Err(error);
             }
-            Err(PortError::Interrupted) if session.is_done() && !arguments.until_calibrated => {
+            Err(Ended::Interrupted) if lines.are_done() && !arguments.until_calibrated => {
                 return Ok(End::Enough);
             }
-            Err(PortError::Interrupted) => return Ok(End::Interrupted),
-            Err(error) => return Err(failed(error)),
+            Err(Ended::Interrupted) => return Ok(End::Interrupted),
         }
-        if happenings.is_due(now) && session.has_answered() {
-            happenings.look(now, &record(session, now, site)?);
+        if happenings.is_due(now) && lines.have_answered() {
+            happenings.look(now, &lines.record(now, site)?);
         }
-        screen.show(now, session, happenings)?;
-        if session.is_done() {
+        screen.show(now, lines, happenings)?;
+        if lines.are_done() {
             if arguments.until_calibrated {
-                if session.is_calibrated(now, arguments.cameras)
-                    && session.has_sightings(now)
-                    && site.is_none_or(|_| is_complete(session, now, site))
+                if lines.are_calibrated(now, arguments.cameras)
+                    && site.is_none_or(|_| is_complete(lines, now, site))
                 {
                     return Ok(End::Done);
                 }
@@ -285,10 +275,8 @@ fn talk(
             }
         }
         if arguments.seconds.is_some_and(|seconds| now >= seconds) {
-            if !session.has_answered() {
-                bail!("{}: {}", arguments.port, session.why_nothing());
-            }
-            if !session.is_done() {
+            lines.check_answered()?;
+            if !lines.are_done() {
                 bail!("--seconds were over before everything was done");
             }
             return Ok(if arguments.until_calibrated {
@@ -298,26 +286,6 @@ fn talk(
             });
         }
         thread::sleep(POLL);
-    }
-}
-
-/// Reads what has come, and sends what is to be sent.
-pub(super) fn exchange(
-    port: &mut Port,
-    session: &mut Session,
-    now: Duration,
-) -> Result<Result<(), Failure>, PortError> {
-    let mut bytes = [0; 512];
-    while port.read_ready()? {
-        let count = port.read(&mut bytes)?;
-        session.heard(now, &bytes[..count]);
-    }
-    loop {
-        match session.poll(now) {
-            Ok(Some(message)) => port.write_all(&frame(&message))?,
-            Ok(None) => return Ok(Ok(())),
-            Err(failure) => return Ok(Err(failure)),
-        }
     }
 }
 
@@ -338,52 +306,75 @@ impl Screen {
     fn show(
         &mut self,
         now: Duration,
-        session: &mut Session,
+        lines: &mut Lines,
         happenings: &mut Happenings,
     ) -> io::Result<()> {
         let mut is_news = false;
-        while let Some(news) = session.news() {
-            is_news = true;
-            happenings.said(now, &news);
-            let line = format!("{:8.1} s  {news}", now.as_secs_f64());
-            match &self.0 {
-                Some(bar) => bar.suspend(|| print_line(&line))?,
-                None => print_line(&line)?,
+        let are_several = lines.all.len() > 1;
+        for line in &mut lines.all {
+            let of = match are_several {
+                true => format!("{}: ", line.path),
+                false => String::new(),
+            };
+            while let Some(news) = line.session.news() {
+                is_news = true;
+                let news = format!("{of}{news}");
+                happenings.said(now, &news);
+                self.tell(now, &news)?;
             }
-        }
-        while let Some((id, blob)) = session.tracked() {
-            happenings.tracked(now, id, blob);
-            let TrackedBlob {
-                middle: [mx, my],
-                edges: [left, upper, right, lower],
-                pixels,
-                confidence,
-            } = blob;
-            let line = format!(
-                "{:8.1} s  camera {id}: tracks {mx}, {my} in {left}, {upper} to {right}, {lower}; {pixels} \
-                 pixels, confidence {confidence}",
-                now.as_secs_f64()
-            );
-            match &self.0 {
-                Some(bar) => bar.suspend(|| print_line(&line))?,
-                None => print_line(&line)?,
+            while let Some((id, blob)) = line.session.tracked() {
+                happenings.tracked(now, id, blob);
+                let TrackedBlob {
+                    middle: [mx, my],
+                    edges: [left, upper, right, lower],
+                    pixels,
+                    confidence,
+                } = blob;
+                self.tell(
+                    now,
+                    &format!(
+                        "camera {id}: tracks {mx}, {my} in {left}, {upper} to {right}, {lower}; {pixels} \
+                         pixels, confidence {confidence}"
+                    ),
+                )?;
             }
         }
         if let Some(bar) = self.0.as_ref().filter(|_| is_news) {
-            bar.set_message(output::table(session.known()).trim_end().to_owned());
+            bar.set_message(tables(lines));
         }
         Ok(())
     }
 
-    fn finish(self, session: &Session) -> io::Result<()> {
+    fn tell(&self, now: Duration, words: &str) -> io::Result<()> {
+        let line = format!("{:8.1} s  {words}", now.as_secs_f64());
+        match &self.0 {
+            Some(bar) => bar.suspend(|| print_line(&line)),
+            None => print_line(&line),
+        }
+    }
+
+    fn finish(self, lines: &Lines) -> io::Result<()> {
         if let Some(bar) = &self.0 {
             bar.finish_and_clear();
         }
-        if session.has_answered() {
-            print_line(output::table(session.known()).trim_end())?;
+        if lines.have_answered() {
+            print_line(&tables(lines))?;
         }
         Ok(())
     }
+}
+
+/// The members of each network.
+fn tables(lines: &Lines) -> String {
+    let table = |line: &Line| {
+        let table = output::table(line.session.known());
+        match lines.all.len() {
+            1 => table.trim_end().to_owned(),
+            _ => format!("{}\n{}", line.path, table.trim_end()),
+        }
+    };
+    let tables: Vec<_> = lines.all.iter().map(table).collect();
+    tables.join("\n\n")
 }
 
 fn print_line(line: &str) -> io::Result<()> {

@@ -33,8 +33,10 @@ use site::{Action, BUILT_IN, Overrides, Purpose, Scenario};
 use virtual_bench::executor::times_real_time;
 
 use super::{
-    console::{exchange, read_site, record},
-    interrupt, print, tell, values,
+    console::read_site,
+    interrupt,
+    lines::{exchange, record},
+    print, tell, values,
 };
 
 /// Shows a network as it calibrates itself, in a browser: a simulation, a real network, or one that was
@@ -407,7 +409,8 @@ struct Network<'a> {
 impl Network<'_> {
     fn run(&self, line: Port) {
         let begin = Instant::now();
-        let mut session = Session::new([]).with_sightings();
+        let mut session = Session::new([]);
+        session.want_sightings();
         let mut looker = Looker::default();
         let mut pending = VecDeque::new();
         let mut line: Result<_, OpenError> = Ok(line);
@@ -491,7 +494,7 @@ impl Network<'_> {
     }
 
     fn look(&self, now: Duration, session: &Session, looker: &mut Looker) {
-        if let Ok(record) = record(session, now, self.site) {
+        if let Ok((_, record)) = record(session, now, self.site) {
             self.server.tell(looker.look(&record));
         }
     }

@@ -21,6 +21,7 @@ mod happenings;
 mod interrupt;
 mod keygen;
 mod late;
+mod lines;
 mod live;
 mod messages;
 mod probe;

@@ -207,12 +207,8 @@ impl Session {
     }
 
     /// Asks every camera for its sightings too, when it has new ones.
-    #[must_use]
-    pub fn with_sightings(self) -> Self {
-        Self {
-            wants_sightings: true,
-            ..self
-        }
+    pub const fn want_sightings(&mut self) {
+        self.wants_sightings = true;
     }
 
     /// Whether every camera has told the sightings that it was asked for, or will not.
@@ -239,11 +235,6 @@ impl Session {
     /// Whether every wish was confirmed.
     pub fn is_done(&self) -> bool {
         self.wishes.is_empty()
-    }
-
-    /// Whether all members are listed, there are so many cameras (one at least), and all have poses.
-    pub fn is_calibrated(&self, now: Duration, cameras: usize) -> bool {
-        self.is_settled(now) && self.known.is_calibrated(cameras)
     }
 
     /// The next thing to tell people.
@@ -385,7 +376,8 @@ impl Session {
         self.step = Step::Looking(None);
     }
 
-    fn is_settled(&self, now: Duration) -> bool {
+    /// Whether all members are listed.
+    pub fn is_settled(&self, now: Duration) -> bool {
         self.answered && now.saturating_sub(self.listed) >= SETTLED
     }
 
@@ -525,6 +517,7 @@ pub fn frame(message: &FromPc) -> Vec<u8> {
 
 #[cfg(test)]
 mod tests {
+    use answers::view::are_calibrated;
     use node_firmware::{
         console::NetworkInfo,
         message::{CameraState, Hello, MemberAddress, MemberKind, PoseParts, Report},
@@ -629,11 +622,14 @@ mod tests {
     fn calibrated_when_the_list_is_at_its_end() {
         let mut session = listed(&[]);
         tell(&mut session, 200, &[reported(1, 7, pose())]);
-        assert!(!session.is_calibrated(at(900), 1));
-        assert!(session.is_calibrated(at(1_200), 1));
+        let is_calibrated = |session: &Session, now| {
+            session.is_settled(now) && are_calibrated([session.known()], 1)
+        };
+        assert!(!is_calibrated(&session, at(900)));
+        assert!(is_calibrated(&session, at(1_200)));
         // One more joins.
         tell(&mut session, 1_300, &[member(3, 8, CAMERA)]);
-        assert!(!session.is_calibrated(at(3_000), 1));
+        assert!(!is_calibrated(&session, at(3_000)));
     }
 
     #[test]

@@ -7,7 +7,7 @@
 
 use calib_core::{
     Pose, Refusal, Status, angle,
-    dead_reckoning::Step,
+    dead_reckoning::{Step, Systematic},
     joint::{
         BearingStorage, Finding, JointError, JointEstimator, JointMemory, JointSettings,
         JointSolution, Prior, Progress, Quantity, Round, StopStorage, UnknownStorage, workspace,
@@ -26,7 +26,10 @@ use crate::{
     role::{CONTRADICTION, Unsaved, contradiction, is_news},
 };
 
-use super::table::{CameraEntry, Table};
+use super::{
+    frame::{Arrival, Frame},
+    table::{CameraEntry, Table},
+};
 
 /// Cameras that take part. What more there are finds its pose from its own sightings.
 pub const CAMERAS: usize = 24;
@@ -44,6 +47,9 @@ const ROUND: Round = Round {
 /// Sigma of a direction, radians, of which nothing is known but what the bearings tell.
 const VAGUE: f32 = 0.5;
 
+/// Share of a baseline of which little is known.
+const STRETCH: f32 = 0.2;
+
 /// A leg, a scale or a direction is not known better than this: rounding.
 pub(super) const LEAST_SIGMA: f32 = 1e-3;
 
@@ -58,11 +64,6 @@ const FAILED: usize = 6;
 
 /// Sigmas that noise exceeds once in a thousand.
 const NOISE: f32 = 3.09;
-
-/// The distance of two cameras is a frame's baseline if it is known to this share of it.
-const BASELINE_SHARE: f32 = 0.05;
-/// It was given, not measured, if it is known to this share.
-const EXACT_SHARE: f32 = 1e-3;
 
 const _: () = assert!(CAMERAS <= u32::BITS as usize, "a bit for each");
 
@@ -79,67 +80,6 @@ pub struct EstimateMemory<'m> {
     pub workspace: &'m mut [f32; WORKSPACE],
     /// What cameras were told of themselves.
     pub told: &'m mut [Option<Report>; CAMERAS],
-}
-
-/// Where the frame of the estimator is in that of the site.
-#[derive(Clone, Copy, Debug, PartialEq)]
-struct Frame {
-    references: [MemberAddress; 2],
-    origin: Point2<f32>,
-    /// Direction from the first reference to the second, radians.
-    direction: f32,
-    baseline: f32,
-    /// How well the references' places are known, each axis. Zero if they were given.
-    sigmas: [f32; 2],
-}
-
-impl Frame {
-    /// `None` where the distance of both is hardly known: then it would be one of the unknowns.
-    fn between(references: [(MemberAddress, Pose<f32>); 2]) -> Option<Self> {
-        let [(first, from), (second, to)] = references;
-        let between = to.position - from.position;
-        let baseline = root(between.norm_squared());
-        let sigmas = [from, to].map(|pose| pose.sigma_position());
-        let is_known = baseline > 0.0 && sigmas.iter().sum::<f32>() <= baseline * BASELINE_SHARE;
-        is_known.then_some(Self {
-            references: [first, second],
-            origin: from.position,
-            direction: nalgebra::RealField::atan2(between.y, between.x),
-            baseline,
-            sigmas,
-        })
-    }
-
-    /// Whether the distance of both was given.
-    fn is_exact(&self) -> bool {
-        self.sigmas.iter().sum::<f32>() <= self.baseline * EXACT_SHARE
-    }
-
-    /// A pose in the frame of the site, with what its references' places err. To first order, with the
-    /// baseline as the complex unit: a place `s` moves by `(1 - s) da + s db`, and all headings turn by
-    /// `db - da` across the baseline.
-    fn in_site(&self, pose: &Pose<f32>) -> Pose<f32> {
-        let (place, heading) = self.variances(pose);
-        let mut pose = pose.seen_from(self.origin, self.direction);
-        pose.covariance.m11 += place;
-        pose.covariance.m22 += place;
-        pose.covariance.m33 += heading;
-        pose
-    }
-
-    /// What the references' places make of a pose in this frame: variances of each axis and the heading.
-    fn variances(&self, pose: &Pose<f32>) -> (f32, f32) {
-        let along = pose.position.coords / self.baseline;
-        let [a, b] = self.sigmas.map(|sigma| sigma * sigma * 0.5);
-        let from_first = along.norm_squared();
-        let from_second = (along - Vector2::x()).norm_squared();
-        let place = from_second * a + from_first * b;
-        (place, (a + b) / (self.baseline * self.baseline))
-    }
-
-    fn turn(&self) -> Matrix2<f32> {
-        angle::rotation(self.direction)
-    }
 }
 
 /// Where the target is, and what its steps are worth.
@@ -198,6 +138,8 @@ pub(super) struct Estimate<'m> {
     /// The way since the last stop, as the sensor read it.
     pub(super) way: Option<(Vector2<f32>, Matrix2<f32>)>,
     frame: Option<Frame>,
+    /// What a target that came from another network brought along.
+    arrival: Option<Arrival>,
     /// This camera does not stand where the frame needs it.
     rejected: Option<MemberAddress>,
     /// Between these cameras no frame is to be had from what was seen so far.
@@ -232,6 +174,7 @@ impl<'m> Estimate<'m> {
             is_restoring: false,
             way: None,
             frame: None,
+            arrival: None,
             rejected: None,
             failed: heapless::Vec::new(),
             sensor: None,
@@ -321,6 +264,19 @@ impl<'m> Estimate<'m> {
         }
     }
 
+    /// It came from another network and stands here, at a stop of which it knows the place. Until there is a
+    /// frame the newest of these serves that somebody saw.
+    pub(super) fn arrive(&mut self, arrival: Arrival) {
+        let is_seen = self.arrival.is_some_and(|before| {
+            let index = self.index(before.stop);
+            let mut all = (0..self.estimator.bearings()).filter_map(|n| self.estimator.measured(n));
+            all.any(|measured| Some(measured.stop) == index)
+        });
+        if self.frame.is_none() && !is_seen {
+            self.arrival = Some(arrival);
+        }
+    }
+
     /// A camera told how far it is. One that forgot, or doubts, what it was told is told again.
     pub(super) fn on_report(&mut self, address: MemberAddress, report: &Report) {
         let is_it = |camera: &Camera| camera.address == address && !camera.is_successor;
@@ -394,17 +350,19 @@ impl<'m> Estimate<'m> {
             _ => None,
         };
         // Where the references' distance is measured itself, the network's scale is one of the unknowns.
-        let is_measured = |pair| Frame::between(pair).is_none_or(|frame| !frame.is_exact());
+        let is_measured = |pair| {
+            Frame::between(pair, self.arrival.as_ref()).is_none_or(|frame| !frame.is_exact())
+        };
         if self.frame.is_none() && found.is_some_and(is_measured) {
             return;
         }
         let wants_frame = self.wants_frame();
         if !wants_frame {
             // The places of references were given: there is no better frame than theirs.
-            let is_poor = self.frame.is_some_and(|frame| frame.sigmas != [0.0; 2]);
+            let is_poor = self.frame.is_some_and(|frame| !frame.is_given());
             let is_better = |pair: &[(MemberAddress, Pose<f32>); 2]| {
-                let exact = Frame::between(*pair).is_some_and(|frame| frame.sigmas == [0.0; 2]);
-                exact && serves(pair)
+                let frame = Frame::between(*pair, None);
+                frame.is_some_and(|frame| frame.is_given()) && serves(pair)
             };
             found = found.filter(|pair| is_poor && is_better(pair));
         } else if self.rejected.is_some()
@@ -415,11 +373,11 @@ impl<'m> Estimate<'m> {
             for first in table.iter().filter_map(|entry| pose(&entry)) {
                 for second in table.iter().filter_map(|entry| pose(&entry)) {
                     let pair = [first, second];
-                    let Some(frame) = Frame::between(pair).filter(|_| first.0 < second.0) else {
+                    let frame = Frame::between(pair, self.arrival.as_ref());
+                    let Some(frame) = frame.filter(|_| first.0 < second.0) else {
                         continue;
                     };
-                    let [a, b] = frame.sigmas;
-                    let share = (a + b) / frame.baseline;
+                    let share = frame.share();
                     if share < best && !has_failed(&pair) && serves(&pair) {
                         best = share;
                         found = Some(pair);
@@ -438,25 +396,23 @@ impl<'m> Estimate<'m> {
         references: [(MemberAddress, Pose<f32>); 2],
         config: &TargetConfig,
     ) {
-        let Some(frame) = Frame::between(references) else {
-            return;
-        };
-        let Some((heading, sigma)) = self.sensor else {
+        let poses = references.map(|(_, pose)| pose);
+        let is_given = poses.iter().all(|pose| pose.sigma_position() == 0.0);
+        if is_given {
+            self.arrival = None;
+        }
+        let Some(frame) = Frame::between(references, self.arrival.as_ref()) else {
             return;
         };
         if self.frame == Some(frame) {
             return;
         }
-        let own = config.systematic_heading_deg.to_radians();
+        let Some((scale, compass)) = self.priors(&frame, config) else {
+            return;
+        };
         let settings = JointSettings {
-            scale: Prior {
-                mean: 1.0,
-                sigma: config.systematic_scale.max(LEAST_SIGMA),
-            },
-            compass: Prior {
-                mean: angle::wrap_signed(frame.direction - heading),
-                sigma: root(own * own + sigma * sigma).max(LEAST_SIGMA),
-            },
+            scale,
+            compass,
             standing: config.standing_sigma,
             ..JointSettings::default()
         };
@@ -478,6 +434,23 @@ impl<'m> Estimate<'m> {
         );
         self.frame = Some(frame);
         self.is_new = true;
+    }
+
+    /// What is known of the carrier's scale and compass in a frame before anything is estimated.
+    fn priors(&self, frame: &Frame, config: &TargetConfig) -> Option<(Prior<f32>, Prior<f32>)> {
+        if let Some(arrival) = &self.arrival {
+            // They tell where the frame is, and not the other way round.
+            let heading = angle::wrap_signed(frame.direction - arrival.heading);
+            let [scale, compass] = [(arrival.scale, STRETCH), (heading, VAGUE)];
+            return Some((prior(scale), prior(compass)));
+        }
+        let (heading, sigma) = self.sensor?;
+        let own = config.systematic_heading_deg.to_radians();
+        let sigma = root(own * own + sigma * sigma).max(LEAST_SIGMA);
+        Some((
+            prior((1.0, config.systematic_scale.max(LEAST_SIGMA))),
+            prior((angle::wrap_signed(frame.direction - heading), sigma)),
+        ))
     }
 
     /// Begins to estimate everything anew, if there is something new: whether that is so.
@@ -520,7 +493,7 @@ impl<'m> Estimate<'m> {
     /// What both references saw contradicts itself, though both knew their poses: nobody knows which of them
     /// was moved.
     fn doubt(&mut self, frame: &Frame, table: &Table) {
-        if frame.sigmas != [0.0; 2] || self.common_stops(&frame.references) <= FRAME_STOPS {
+        if !frame.is_given() || self.common_stops(&frame.references) <= FRAME_STOPS {
             return;
         }
         for (n, address) in frame.references.into_iter().enumerate() {
@@ -570,7 +543,20 @@ impl<'m> Estimate<'m> {
     // stack
     #[inline(never)]
     fn answers(&mut self, solution: &JointSolution<f32>, table: &Table) -> Option<Estimated> {
-        let frame = self.frame?;
+        let carrier = self.estimator.carrier().ok()?;
+        let inflation = solution.fit.inflation();
+        let mut frame = self.frame?;
+        if let Some(arrival) = self.arrival {
+            // A stop that is gone has left its trace in the frame.
+            if let Some(stop) = self.index(arrival.stop)
+                && let Ok(stop) = self.estimator.place(stop)
+            {
+                frame = frame.arrived(&arrival, &stop, &carrier, inflation);
+                self.frame = Some(frame);
+            } else if frame.share().is_finite() {
+                return None;
+            }
+        }
         let votes = self.votes(&frame, solution, table);
         let is_believed = votes.are_for();
         if let Some((worst, _)) = votes.worst.filter(|_| !is_believed)
@@ -581,11 +567,8 @@ impl<'m> Estimate<'m> {
             self.rejected = Some(worst.address);
         }
         let again = core::mem::take(&mut self.again);
-        let carrier = self.estimator.carrier().ok()?;
         let last = self.estimator.stops().checked_sub(1)?;
         let place = self.estimator.place(last).ok()?;
-        let inflation = solution.fit.inflation();
-        let turn = frame.turn();
         for camera in 0..self.cameras.len() {
             let Some(mut report) = self.report(camera, &frame, solution) else {
                 continue;
@@ -615,19 +598,35 @@ impl<'m> Estimate<'m> {
                 self.news |= 1 << camera;
             }
         }
-        let sigmas = carrier.covariance * inflation;
         if !is_believed {
             return None;
         }
+        let sigmas = carrier.covariance * inflation;
+        let (frame_heading, scale) = match &self.arrival {
+            // Nothing here tells better than what it brought along.
+            Some(arrival) => {
+                let Systematic {
+                    heading_sigma,
+                    scale_sigma,
+                } = arrival.sigmas();
+                let scale = (arrival.scale, scale_sigma * arrival.scale);
+                ((arrival.heading, heading_sigma), scale)
+            }
+            None => {
+                let stretched = frame.turned() * carrier.scale * carrier.scale;
+                let heading = angle::wrap_signed(frame.direction - carrier.compass);
+                (
+                    (heading, root(sigmas.m22 + frame.turned())),
+                    (carrier.scale, root(sigmas.m11 + stretched)),
+                )
+            }
+        };
         Some(Estimated {
             stop: self.stop_number(last)?,
-            position: frame.origin + turn * place.position.coords,
-            covariance: angle::turned(&(place.covariance * inflation), &turn),
-            frame_heading: (
-                angle::wrap_signed(frame.direction - carrier.compass),
-                root(sigmas.m22),
-            ),
-            scale: (carrier.scale, root(sigmas.m11)),
+            position: frame.place(place.position),
+            covariance: frame.place_covariance(place.position, &(place.covariance * inflation)),
+            frame_heading,
+            scale,
         })
     }
 
@@ -691,11 +690,11 @@ impl<'m> Estimate<'m> {
             None => (camera, self.estimator.pose(camera).ok()?),
         };
         let protection = self.estimator.protection(camera).map(|levels| {
-            let (place, heading) = frame.variances(&pose);
             let level = ProtectionLevel::from(levels);
+            let place = frame.covariance(pose.position).trace();
             ProtectionLevel {
-                position: level.position + NOISE * root(place + place),
-                heading: level.heading + NOISE * root(heading),
+                position: level.position + NOISE * root(place),
+                heading: level.heading + NOISE * root(frame.turned()),
             }
         });
         let parts = PoseParts::from(frame.in_site(&Pose {
@@ -744,6 +743,7 @@ impl<'m> Estimate<'m> {
 
     /// Forgets what was measured among other cameras.
     pub(super) fn clear(&mut self, unsaved: &mut Unsaved) {
+        self.arrival = None;
         self.forget_records(unsaved);
         self.estimator.clear();
         self.cameras.clear();
@@ -764,6 +764,10 @@ fn held(table: &Table, address: MemberAddress) -> Option<Pose<f32>> {
     let report = entry.report.filter(|report| report.joint.is_some())?;
     let is_good = report.status() != Status::Doubtful;
     report.pose().filter(|_| is_good)?.pose()
+}
+
+fn prior((mean, sigma): (f32, f32)) -> Prior<f32> {
+    Prior { mean, sigma }
 }
 
 fn exchange(list: &mut [Camera], a: usize, b: usize) {

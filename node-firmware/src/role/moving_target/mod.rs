@@ -16,6 +16,7 @@
 
 mod confirmations;
 mod estimate;
+mod frame;
 mod history;
 mod place;
 mod table;
@@ -28,7 +29,9 @@ use calib_core::dead_reckoning::{Step, Track};
 use nalgebra::{Matrix2, Point2};
 use zigbee_link::{Instant, wire::ShortAddress};
 
-use self::{confirmations::Confirmations, estimate::Estimate, place::nowhere, table::Table};
+use self::{
+    confirmations::Confirmations, estimate::Estimate, frame::Arrival, place::nowhere, table::Table,
+};
 pub use self::{
     estimate::{CAMERAS, EstimateMemory, WORKSPACE},
     table::CameraEntry,
@@ -162,6 +165,8 @@ pub struct TargetRole<'m> {
     health: Health,
     /// It looked for another network at this stop.
     has_roamed: bool,
+    /// It knew where it is when it came into this network.
+    has_arrived: bool,
 }
 
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -219,6 +224,7 @@ impl<'m> TargetRole<'m> {
             seen: false,
             health: Health::default(),
             has_roamed: false,
+            has_arrived: false,
         }
     }
 
@@ -366,6 +372,7 @@ impl<'m> TargetRole<'m> {
         if let Some(estimate) = &mut self.estimate {
             estimate.on_stop(self.stop, &mut self.unsaved);
         }
+        self.arrive();
         self.seen = false;
         self.has_roamed = false;
         self.confirmations.clear();
@@ -378,6 +385,19 @@ impl<'m> TargetRole<'m> {
         });
         self.table.new_stop(!self.located);
         self.unsaved.insert(FactKey::Walk);
+    }
+
+    /// It stands in a network to which it brings its frame.
+    fn arrive(&mut self) {
+        let heading = self
+            .frame_heading
+            .filter(|_| self.has_arrived && self.located);
+        if let (Some((heading, _)), Some(place), Some(estimate)) =
+            (heading, self.place(), &mut self.estimate)
+        {
+            let carried = (heading, self.scale);
+            estimate.arrive(Arrival::new(self.stop, place, carried));
+        }
     }
 
     /// Told again, since the place is known now.
@@ -555,11 +575,15 @@ impl Role for TargetRole<'_> {
         if (self.last_network).on_attached(was_attached, network, unsaved) {
             // It stands where it stood, but among others.
             self.table.clear(unsaved);
+            self.has_arrived = self.located;
             if let Some(estimate) = &mut self.estimate {
                 estimate.clear(unsaved);
                 if matches!(self.state, State::Standing(standing) if !standing.may_walk) {
                     estimate.on_stop(self.stop, unsaved);
                 }
+            }
+            if matches!(self.state, State::Standing(standing) if !standing.may_walk) {
+                self.arrive();
             }
             self.estimate_at = None;
             self.bearings.clear();

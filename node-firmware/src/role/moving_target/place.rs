@@ -65,6 +65,7 @@ impl TargetRole<'_> {
     /// The place is not known any more: the sensor failed, or the target was carried unawares.
     pub(super) fn lose(&mut self, now: Instant) {
         self.located = false;
+        self.has_arrived = false;
         self.found = None;
         self.bearings.clear();
         self.locate_at = None;

@@ -1,0 +1,67 @@
+//! Several networks of one site, each told by its coordinator, as one record.
+
+use calib_core::angle::wrap_positive;
+
+use super::{Place, RunRecord, heading_degrees, summary::Summary};
+
+impl RunRecord {
+    /// Several networks of one site, each as its coordinator tells it, as one: the record and the number of each.
+    /// `None` of none.
+    ///
+    /// A target that went from one network to another is where it was heard last. Networks of which the file
+    /// tells the place in the building stand where that says; of others nobody knows how they stand to
+    /// each other.
+    pub fn joined(parts: impl IntoIterator<Item = (u16, Self)>) -> Option<Self> {
+        let mut parts: Vec<_> = parts.into_iter().collect();
+        parts.sort_by_key(|(number, _)| *number);
+        let mut parts = parts.into_iter().map(|(number, mut part)| {
+            let own = part.networks.iter_mut().map(|own| &mut own.network);
+            let nodes = part.nodes.iter_mut().map(|node| &mut node.network);
+            let targets = part.targets.iter_mut().map(|target| &mut target.network);
+            let sightings = part.sightings.iter_mut().map(|own| &mut own.network);
+            for of in own.chain(nodes).chain(targets).chain(sightings) {
+                *of = number;
+            }
+            part
+        });
+        let mut all = parts.next()?;
+        let first = { all.networks.first() }.and_then(|network| network.building);
+        for part in parts {
+            for mut network in part.networks {
+                if let (Some(first), Some(own)) = (first, network.building) {
+                    let [first, own] = [first.isometry(), own.isometry()];
+                    let between = first.inverse() * own;
+                    network.frame = Place {
+                        x: between.translation.x,
+                        y: between.translation.y,
+                        heading_deg: heading_degrees(wrap_positive(between.rotation.angle())),
+                    };
+                }
+                all.networks.push(network);
+            }
+            for node in part.nodes {
+                let known = all.nodes.iter_mut().find(|known| known.id == node.id);
+                match known {
+                    None => all.nodes.push(node),
+                    Some(known) if known.heard_seconds < node.heard_seconds => *known = node,
+                    Some(_) => {}
+                }
+            }
+            for target in part.targets {
+                let there = all.nodes.iter().find(|node| node.id == target.id);
+                let is_there = there.is_some_and(|node| node.network == target.network);
+                match all.targets.iter_mut().find(|known| known.id == target.id) {
+                    None => all.targets.push(target),
+                    Some(known) if is_there => *known = target,
+                    Some(_) => {}
+                }
+            }
+            all.sightings.extend(part.sightings);
+            all.sim_seconds = all.sim_seconds.max(part.sim_seconds);
+        }
+        all.nodes.sort_by_key(|node| node.id);
+        all.targets.sort_by_key(|target| target.id);
+        all.summary = Summary::of(&all.nodes);
+        Some(all)
+    }
+}

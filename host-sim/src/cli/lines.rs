@@ -1,0 +1,215 @@
+//! The coordinators of a site, each on a line of its own.
+
+use std::{
+    collections::VecDeque,
+    sync::{Arc, atomic::AtomicBool},
+    time::Duration,
+};
+
+use answers::{
+    record::RunRecord,
+    view::{SitePlan, are_calibrated},
+};
+use anyhow::{anyhow, bail};
+use embedded_io::{Read, ReadReady, Write};
+use host_sim::{
+    console::session::{Failure, Session, Wish, frame},
+    probe::port::{OpenError, Port, PortError},
+};
+use site::Scenario;
+
+/// One of them.
+pub(super) struct Line {
+    pub(super) path: String,
+    pub(super) session: Session,
+    port: Port,
+}
+
+/// Why talking was given up.
+pub(super) enum Ended {
+    Interrupted,
+    Failed(anyhow::Error),
+}
+
+/// All of them. What concerns one node is wished of the coordinator that has it, once one does.
+pub(super) struct Lines {
+    pub(super) all: Vec<Line>,
+    waiting: VecDeque<Wish>,
+}
+
+impl Lines {
+    /// Every coordinator gets the wishes that concern all its network.
+    pub(super) fn open(
+        (paths, baud): (&[String], u32),
+        wishes: Vec<Wish>,
+        interrupted: &Arc<AtomicBool>,
+    ) -> Result<Self, OpenError> {
+        let is_one = paths.len() == 1;
+        let concerns_all =
+            |wish: &Wish| is_one || !matches!(wish, Wish::Remove(_) | Wish::Command(..));
+        let (everybodys, waiting): (Vec<_>, VecDeque<_>) =
+            wishes
+                .into_iter()
+                .fold(Default::default(), |(mut all, mut waiting), wish| {
+                    match concerns_all(&wish) {
+                        true => all.push(wish),
+                        false => waiting.push_back(wish),
+                    }
+                    (all, waiting)
+                });
+        let open = |path: &String| {
+            Ok(Line {
+                path: path.clone(),
+                session: Session::new(everybodys.iter().copied()),
+                port: Port::open(path, baud, interrupted.clone())?,
+            })
+        };
+        Ok(Self {
+            all: paths.iter().map(open).collect::<Result<_, OpenError>>()?,
+            waiting,
+        })
+    }
+
+    /// Cameras are asked for sightings, too.
+    pub(super) fn with_sightings(mut self) -> Self {
+        for line in &mut self.all {
+            line.session.want_sightings();
+        }
+        self
+    }
+
+    /// Reads what has come, and sends what is to be sent.
+    pub(super) fn exchange(&mut self, now: Duration) -> Result<(), Ended> {
+        self.hand_out(now)?;
+        for line in &mut self.all {
+            match exchange(&mut line.port, &mut line.session, now) {
+                Ok(Ok(())) => {}
+                Ok(Err(failure)) => return Err(line.failed(&failure)),
+                Err(PortError::Interrupted) => return Err(Ended::Interrupted),
+                Err(error) => {
+                    let error = anyhow!("{}: the line failed: {error}", line.path);
+                    return Err(Ended::Failed(error));
+                }
+            }
+        }
+        Ok(())
+    }
+
+    /// The next wish goes to the coordinator whose member it concerns.
+    fn hand_out(&mut self, now: Duration) -> Result<(), Ended> {
+        let Some(&(Wish::Remove(id) | Wish::Command(id, _))) = self.waiting.front() else {
+            return Ok(());
+        };
+        let are_done = self.all.iter().all(|line| line.session.is_done());
+        let has = |line: &&mut Line| line.session.known().member(id).is_some();
+        if let Some(line) = self.all.iter_mut().find(has).filter(|_| are_done) {
+            line.session.wish(self.waiting[0]);
+            self.waiting.pop_front();
+        } else if self.all.iter().all(|line| line.session.is_settled(now)) && are_done {
+            let members = self
+                .all
+                .iter()
+                .flat_map(|line| line.session.known().present());
+            let members = members.map(|member| member.id).collect();
+            let failure = Failure::NoMember { id, members };
+            return Err(Ended::Failed(anyhow!("{failure}")));
+        }
+        Ok(())
+    }
+
+    /// Whether every wish was confirmed.
+    pub(super) fn are_done(&self) -> bool {
+        self.waiting.is_empty() && self.all.iter().all(|line| line.session.is_done())
+    }
+
+    /// Whether any coordinator has told anything.
+    pub(super) fn have_answered(&self) -> bool {
+        self.all.iter().any(|line| line.session.has_answered())
+    }
+
+    /// Whoever never answered, and why that may be.
+    pub(super) fn check_answered(&self) -> anyhow::Result<()> {
+        match self.all.iter().find(|line| !line.session.has_answered()) {
+            Some(line) => bail!("{}: {}", line.path, line.session.why_nothing()),
+            None => Ok(()),
+        }
+    }
+
+    /// Whether all members are listed with their sightings, there are so many cameras, one at least, and all have
+    /// good poses.
+    pub(super) fn are_calibrated(&self, now: Duration, cameras: usize) -> bool {
+        let views = self.all.iter().map(|line| line.session.known());
+        let is_told = |line: &Line| line.session.is_settled(now) && line.session.has_sightings(now);
+        are_calibrated(views, cameras) && self.all.iter().all(is_told)
+    }
+
+    /// What is known of all networks.
+    pub(super) fn record(
+        &self,
+        now: Duration,
+        site: Option<&Scenario>,
+    ) -> anyhow::Result<RunRecord> {
+        if let [line] = &self.all[..] {
+            return Ok(record(&line.session, now, site)?.1);
+        }
+        let mut parts = Vec::new();
+        for (line, ordinal) in self.all.iter().zip(1..) {
+            let (number, part) = record(&line.session, now, site)?;
+            let number = number.unwrap_or(ordinal);
+            if parts.iter().any(|(known, _)| *known == number) {
+                // Of one that has no members yet nobody knows which it is.
+                if line.session.known().members().is_empty() {
+                    continue;
+                }
+                bail!(
+                    "{}: is the coordinator of network {number} of the site too",
+                    line.path
+                );
+            }
+            parts.push((number, part));
+        }
+        RunRecord::joined(parts).ok_or_else(|| anyhow!("there is no network"))
+    }
+}
+
+impl Line {
+    fn failed(&self, failure: &Failure) -> Ended {
+        Ended::Failed(anyhow!("{}: {failure}", self.path))
+    }
+}
+
+/// What is known of one network, and the number that it has in the file of the site.
+pub(super) fn record(
+    session: &Session,
+    now: Duration,
+    site: Option<&Scenario>,
+) -> anyhow::Result<(Option<u16>, RunRecord)> {
+    let view = session.known();
+    let members: Vec<u16> = view.members().iter().map(|member| member.id).collect();
+    let plan = match site {
+        Some(site) => SitePlan::new(site, &members)?,
+        None => None,
+    };
+    let number = plan.as_ref().map(SitePlan::number);
+    Ok((number, view.record(now, plan.as_ref())))
+}
+
+/// Reads what has come, and sends what is to be sent.
+pub(super) fn exchange(
+    port: &mut Port,
+    session: &mut Session,
+    now: Duration,
+) -> Result<Result<(), Failure>, PortError> {
+    let mut bytes = [0; 512];
+    while port.read_ready()? {
+        let count = port.read(&mut bytes)?;
+        session.heard(now, &bytes[..count]);
+    }
+    loop {
+        match session.poll(now) {
+            Ok(Some(message)) => port.write_all(&frame(&message))?,
+            Ok(None) => return Ok(Ok(())),
+            Err(failure) => return Ok(Err(failure)),
+        }
+    }
+}

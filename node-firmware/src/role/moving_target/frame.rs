@@ -1,0 +1,253 @@
+//! Between which two cameras everything is estimated, and where these are in the frame of the site.
+
+use calib_core::{
+    Pose, angle,
+    dead_reckoning::{Place, Systematic},
+    joint::{Carrier, StopPlace},
+};
+use nalgebra::{Matrix2, Matrix3, Point2, RealField, Vector2, Vector3};
+
+use crate::{
+    arithmetic::root,
+    message::{MemberAddress, StopNumber},
+};
+
+/// The distance of two cameras is a frame's baseline if it is known to this share of it.
+const BASELINE_SHARE: f32 = 0.05;
+/// It was given, not measured, if it is known to this share.
+const EXACT_SHARE: f32 = 1e-3;
+
+/// What a target brings along from another network: where it stood at a first stop here, which way is
+/// ahead, and what its steps are worth.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct Arrival {
+    pub(super) stop: StopNumber,
+    place: Place<f32>,
+    /// Direction of the step sensor's x axis in the frame of the site, radians.
+    pub(super) heading: f32,
+    /// What the sensor reads over the true length.
+    pub(super) scale: f32,
+}
+
+impl Arrival {
+    pub(super) const fn new(
+        stop: StopNumber,
+        place: Place<f32>,
+        (heading, scale): (f32, f32),
+    ) -> Self {
+        Self {
+            stop,
+            place,
+            heading,
+            scale,
+        }
+    }
+
+    /// Standard deviations of both.
+    pub(super) fn sigmas(&self) -> Systematic<f32> {
+        self.place.parts().systematic
+    }
+
+    /// Covariance of what all places reckoned from its last fix err by, at one of them.
+    fn covariance(&self, at: Point2<f32>) -> Matrix2<f32> {
+        let parts = self.place.parts();
+        let [xx, xy, yy] = parts.fix_covariance;
+        let from_fix = at - (parts.position - parts.walked);
+        let walked = (&parts.systematic, from_fix);
+        Matrix2::new(xx, xy, xy, yy) + Systematic::covariance(walked, walked)
+    }
+}
+
+/// Where the frame of the estimator is in that of the site. Its unit is the baseline as it is said to be.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct Frame {
+    pub(super) references: [MemberAddress; 2],
+    pub(super) baseline: f32,
+    origin: Point2<f32>,
+    /// Direction from the first reference to the second, radians.
+    pub(super) direction: f32,
+    /// Lengths in the site over those in this frame.
+    stretch: f32,
+    errors: Errors,
+}
+
+/// What the way into the frame of the site errs by.
+#[derive(Clone, Copy, Debug, PartialEq)]
+enum Errors {
+    /// Two cameras stand where they believe to within these, each by itself. Zero if that was given.
+    References([f32; 2]),
+    /// A target told where one stop is, which way is ahead, and how long its steps are.
+    Arrival {
+        /// That stop, in the frame of the site.
+        stop: Point2<f32>,
+        covariance: Matrix2<f32>,
+        /// Variances of directions, and of lengths relative.
+        turned: f32,
+        stretched: f32,
+    },
+}
+
+impl Frame {
+    /// `None` where the distance of both is hardly known: then it would be one of the unknowns. What both err by
+    /// because the target did when it came does not count.
+    pub(super) fn between(
+        references: [(MemberAddress, Pose<f32>); 2],
+        arrival: Option<&Arrival>,
+    ) -> Option<Self> {
+        let [(first, from), (second, to)] = references;
+        let between = to.position - from.position;
+        let baseline = root(between.norm_squared());
+        let sigmas = [from, to].map(|pose| {
+            let all = pose.sigma_position();
+            let common = arrival.map_or(0.0, |of| of.covariance(pose.position).trace());
+            root((all * all - common).max(0.0))
+        });
+        let is_known = baseline > 0.0 && sigmas.iter().sum::<f32>() <= baseline * BASELINE_SHARE;
+        is_known.then_some(Self {
+            references: [first, second],
+            baseline,
+            origin: from.position,
+            direction: RealField::atan2(between.y, between.x),
+            stretch: 1.0,
+            errors: Errors::References(sigmas),
+        })
+    }
+
+    /// The same cameras, and the frame of the site where the target says that it is: at its stop of arrival
+    /// it was there, and its steps lead where and as far as they did before.
+    pub(super) fn arrived(
+        self,
+        arrival: &Arrival,
+        stop: &StopPlace<f32>,
+        carrier: &Carrier<f32>,
+        inflation: f32,
+    ) -> Self {
+        let direction = angle::wrap_signed(arrival.heading + carrier.compass);
+        let stretch = carrier.scale / arrival.scale;
+        let frame = Self {
+            direction,
+            stretch,
+            origin: Point2::origin(),
+            ..self
+        };
+        let there = arrival.place.position();
+        let sigmas = arrival.sigmas();
+        let of_stop =
+            angle::turned(&stop.covariance, &frame.turn()) * (inflation * stretch * stretch);
+        let [turned, stretched] = [
+            carrier.covariance.m22 * inflation + sigmas.heading_sigma * sigmas.heading_sigma,
+            carrier.covariance.m11 * inflation / (carrier.scale * carrier.scale)
+                + sigmas.scale_sigma * sigmas.scale_sigma,
+        ];
+        Self {
+            origin: there - frame.place(stop.position).coords,
+            errors: Errors::Arrival {
+                stop: there,
+                covariance: arrival.place.covariance() + of_stop,
+                turned,
+                stretched,
+            },
+            ..frame
+        }
+    }
+
+    /// The sum of what both references err by, over their distance.
+    pub(super) fn share(&self) -> f32 {
+        match self.errors {
+            Errors::References([a, b]) => (a + b) / self.baseline,
+            Errors::Arrival { .. } => f32::INFINITY,
+        }
+    }
+
+    /// Whether the places of both were given: there is no better frame.
+    pub(super) fn is_given(&self) -> bool {
+        self.errors == Errors::References([0.0; 2])
+    }
+
+    /// Whether the distance of both was given.
+    pub(super) fn is_exact(&self) -> bool {
+        self.share() <= EXACT_SHARE
+    }
+
+    /// A place of this frame in that of the site.
+    pub(super) fn place(&self, position: Point2<f32>) -> Point2<f32> {
+        self.origin + self.turn() * position.coords * self.stretch
+    }
+
+    /// A covariance of this frame in that of the site, with what the frame errs by there.
+    pub(super) fn place_covariance(
+        &self,
+        position: Point2<f32>,
+        covariance: &Matrix2<f32>,
+    ) -> Matrix2<f32> {
+        let own = angle::turned(covariance, &self.turn()) * (self.stretch * self.stretch);
+        own + self.covariance(position)
+    }
+
+    /// A pose in the frame of the site, with what the frame errs by.
+    pub(super) fn in_site(&self, pose: &Pose<f32>) -> Pose<f32> {
+        let place = self.covariance(pose.position);
+        let stretch = self.stretch;
+        let stretched = Matrix3::from_diagonal(&Vector3::new(stretch, stretch, 1.0));
+        let pose = Pose {
+            position: pose.position * stretch,
+            covariance: stretched * pose.covariance * stretched,
+            ..*pose
+        };
+        let mut pose = pose.seen_from(self.origin, self.direction);
+        pose.covariance += Matrix3::new(
+            place.m11,
+            place.m12,
+            0.0,
+            place.m21,
+            place.m22,
+            0.0,
+            0.0,
+            0.0,
+            self.turned(),
+        );
+        pose
+    }
+
+    /// What the frame errs by at one of its places: covariance in the frame of the site. To first order, with the
+    /// baseline as the complex unit, a place `s` moves by `(1 - s) da + s db` with the references.
+    pub(super) fn covariance(&self, position: Point2<f32>) -> Matrix2<f32> {
+        match &self.errors {
+            Errors::References(sigmas) => {
+                let along = position.coords / self.baseline;
+                let [a, b] = sigmas.map(|sigma| sigma * sigma * 0.5);
+                let from_first = along.norm_squared();
+                let from_second = (along - Vector2::x()).norm_squared();
+                Matrix2::from_diagonal_element(from_second * a + from_first * b)
+            }
+            Errors::Arrival {
+                stop,
+                covariance,
+                turned,
+                stretched,
+            } => {
+                let systematic = Systematic {
+                    heading_sigma: root(*turned),
+                    scale_sigma: root(*stretched),
+                };
+                let from_stop = (&systematic, self.place(position) - stop);
+                covariance + Systematic::covariance(from_stop, from_stop)
+            }
+        }
+    }
+
+    /// The same of directions: a variance. References that move turn everything by `db - da` across the baseline.
+    pub(super) fn turned(&self) -> f32 {
+        match self.errors {
+            Errors::References(sigmas) => {
+                let [a, b] = sigmas.map(|sigma| sigma * sigma * 0.5);
+                (a + b) / (self.baseline * self.baseline)
+            }
+            Errors::Arrival { turned, .. } => turned,
+        }
+    }
+
+    fn turn(&self) -> Matrix2<f32> {
+        angle::rotation(self.direction)
+    }
+}
