@@ -6,6 +6,7 @@ use anyhow::Context;
 use clap::{Parser, Subcommand};
 use xshell::{Shell, cmd};
 
+mod chip;
 mod cortex_m;
 mod documented;
 mod elf;

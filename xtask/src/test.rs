@@ -6,7 +6,7 @@ use anyhow::{Context, Result};
 use clap::builder::PossibleValuesParser;
 use xshell::{Shell, cmd};
 
-use crate::{cortex_m, emulate, firmware, fuzz, harness, peers, setup, size};
+use crate::{chip, cortex_m, emulate, firmware, fuzz, harness, peers, setup, size};
 
 /// Everything that must hold, stage by stage
 ///
@@ -40,7 +40,7 @@ struct Stage {
     run: fn(&Shell) -> Result<()>,
 }
 
-const STAGES: [Stage; 13] = [
+const STAGES: [Stage; 14] = [
     Stage {
         name: "set-up",
         what: "what the others need, and lock files that fit",
@@ -82,6 +82,12 @@ const STAGES: [Stage; 13] = [
         what: "tests on emulated boards",
         needs: packages_and_linker,
         run: emulate::run,
+    },
+    Stage {
+        name: "chip",
+        what: "the image that is flashed, on an emulated nRF52840",
+        needs: emulator_and_linker,
+        run: chip::run,
     },
     Stage {
         name: "fuzz",
@@ -224,6 +230,11 @@ fn packages_and_linker(sh: &Shell) -> Result<()> {
     setup::linker(sh)
 }
 
+fn emulator_and_linker(sh: &Shell) -> Result<()> {
+    setup::emulator(sh)?;
+    setup::linker(sh)
+}
+
 fn compiler_for_fuzzing(sh: &Shell) -> Result<()> {
     setup::nightly(sh).map(|_| ())
 }
@@ -231,7 +242,7 @@ fn compiler_for_fuzzing(sh: &Shell) -> Result<()> {
 /// What later stages need, so that what cannot be installed is told at once. Sources and tools that
 /// are built are fetched where they are needed.
 fn set_up(sh: &Shell) -> Result<()> {
-    for manifest in ["Cargo.toml", setup::FUZZ] {
+    for manifest in ["Cargo.toml", setup::FUZZ, setup::EMULATOR] {
         setup::locked(sh, manifest)?;
     }
     setup::targets(sh)?;

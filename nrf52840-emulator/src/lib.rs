@@ -1,0 +1,23 @@
+//! An nRF52840 in virtual time: the image that is flashed runs unchanged, on models of the peripherals.
+//!
+//! The processor is that of the crate `rigless`. The [peripherals](peripheral) are written from the
+//! Product Specification (Nordic Semiconductor, nRF52840 PS v1.7), whose chapters are named in quotation
+//! marks; what it forbids and a program does is [told](Outcome::forbidden). They check glue, addresses,
+//! pins, order and time; of silicon and its errata they know nothing.
+//!
+//! [`run`] lets several chips hear each other. It is deterministic: the same nodes do the same.
+
+#![forbid(unsafe_code)]
+#![warn(missing_docs, unreachable_pub, rust_2018_idioms)]
+#![warn(clippy::all, clippy::doc_markdown, clippy::uninlined_format_args)]
+
+mod network;
+mod node;
+pub mod peripheral;
+mod soc;
+
+pub use self::{
+    network::run,
+    node::{MEMORY, Node, Outcome, Reset, SETTINGS},
+    soc::{Board, Soc},
+};

@@ -1,0 +1,300 @@
+//! One chip with its image, and what became of it.
+
+use std::{
+    collections::BTreeMap,
+    fmt,
+    path::{Path, PathBuf},
+    sync::mpsc::{Receiver, Sender},
+};
+
+use object::{Object, ObjectSymbol};
+use rigless::{
+    device::Told,
+    emulator::{self, AccessKind, Driver, Host, Settled, Start, Stop, StopReason},
+    image::Image,
+    mcu::Operate,
+    session::Session,
+    soc::Width,
+    time::VirtualNanos,
+};
+
+use crate::{
+    network::{Order, Report},
+    peripheral::{Chip, Frame, Peer},
+    soc::{self, Board, Soc},
+};
+
+/// Part of the flash that programs write here: its last 76 KiB.
+pub const MEMORY: core::ops::Range<u64> = 0xe_d000..0x10_0000;
+/// UICR.
+pub const SETTINGS: core::ops::Range<u64> = 0x1000_1000..0x1000_2000;
+
+/// A loop that reads the same value so often waits for a model: time goes on to its next event.
+const POLLS: u32 = 8;
+/// What is not worth that, nanoseconds.
+const SHORT: u64 = 2_000;
+
+/// A chip and what is around it.
+#[derive(Default)]
+pub struct Node {
+    /// Program, an ELF file.
+    pub image: PathBuf,
+    /// What else is in the flash and UICR when power comes: addresses and bytes.
+    pub flash: Vec<(u64, Vec<u8>)>,
+    /// At the other end of UARTE0.
+    pub peer: Option<Box<dyn Peer>>,
+    /// On the bus of TWIM0, by their addresses.
+    pub chips: BTreeMap<u32, Chip>,
+    /// What is wrong with the chip.
+    pub faults: Option<fn(&mut Soc)>,
+}
+
+impl fmt::Debug for Node {
+    fn fmt(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
+        formatter
+            .debug_struct("Node")
+            .field("image", &self.image)
+            .finish_non_exhaustive()
+    }
+}
+
+/// A restart of the chip.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Reset {
+    /// When, nanoseconds.
+    pub at: u64,
+    /// By whom: `Core`, or the peripheral.
+    pub by: String,
+}
+
+/// What a chip did.
+#[derive(Debug, Default)]
+pub struct Outcome {
+    /// Bytes on UARTE0, and when they were out.
+    pub line: Vec<(u64, u8)>,
+    /// Bytes of the first channel of RTT.
+    pub log: Vec<u8>,
+    /// What the Product Specification forbids, or is not modelled: the peripheral, the register and what.
+    pub forbidden: Vec<(&'static str, &'static str, &'static str)>,
+    /// Accesses where nothing is.
+    pub unmapped: Vec<String>,
+    /// Restarts.
+    pub resets: Vec<Reset>,
+    /// Pages erased: when, and which.
+    pub erased: Vec<(u64, u64)>,
+    /// Words written to the flash.
+    pub written: u64,
+    /// Frames received well, and spoilt.
+    pub received: [u64; 2],
+    /// How long the radio received and sent, nanoseconds.
+    pub radio_on: [u64; 2],
+    /// How often the watchdog was fed.
+    pub fed: u64,
+    /// Bytes that found no room in UARTE0.
+    pub overruns: u64,
+    /// Transfers of TWIM0.
+    pub transfers: u64,
+    /// Instructions.
+    pub instructions: u64,
+    /// [`MEMORY`] and [`SETTINGS`] at the end, for [`Node::flash`]: power may have been cut there.
+    pub flash: Vec<(u64, Vec<u8>)>,
+    /// Bytes at the start of the RAM, where the stack ends, that nobody wrote to.
+    pub untouched: u64,
+}
+
+/// Runs one chip until it is told to stop.
+pub(crate) fn run(
+    number: usize,
+    node: Node,
+    reports: Sender<(usize, Option<Report>)>,
+    orders: Receiver<Order>,
+) -> Result<Outcome, String> {
+    let text = |error: &dyn fmt::Display| error.to_string();
+    let mut soc = Soc::new(number, node.peer, node.chips).map_err(|error| text(&error))?;
+    if let Some(faults) = node.faults {
+        faults(&mut soc);
+    }
+    let session = Session::new(Box::new(Board { soc }), 0, VirtualNanos(1));
+    let session = session.map_err(|error| text(&error))?;
+    let program = Image::read(&node.image, None).map_err(|error| text(&error))?;
+    let mut images = vec![program];
+    let info = (soc::FICR, soc::ficr(number));
+    for (address, bytes) in node.flash.into_iter().chain([info]) {
+        let name = format!("{address:#x}");
+        let image = Image::new(Path::new(&name), bytes, Some(address));
+        images.push(image.map_err(|error| text(&error))?);
+    }
+    let driver = Run {
+        number,
+        reports,
+        orders,
+        rtt: rtt(&node.image),
+        outcome: Outcome::default(),
+        last: (0, 0, 0),
+        polls: 0,
+        hold: None,
+    };
+    let finished = emulator::run(session, &Start::new(&images), driver);
+    let finished = finished.map_err(|error| text(&error))?;
+    let session = &finished.session;
+    let soc = &session.board().soc;
+    let told = session
+        .told()
+        .map(|told: &Told| (told.instance, told.register, told.reason));
+    Ok(Outcome {
+        forbidden: told.collect(),
+        unmapped: session.unmapped().iter().map(ToString::to_string).collect(),
+        resets: (session.resets().iter())
+            .map(|reset| Reset {
+                at: reset.at.0,
+                by: format!("{:?}", reset.cause),
+            })
+            .collect(),
+        line: soc.uarte.model.sent.clone(),
+        overruns: soc.uarte.model.overruns,
+        erased: soc.nvmc.model.erased.clone(),
+        written: soc.nvmc.model.words,
+        received: soc.radio.model.received,
+        radio_on: soc
+            .radio
+            .model
+            .on_until(finished.stop.map_or(0, |stop| stop.at.0)),
+        fed: soc.watchdog.model.fed,
+        transfers: soc.twim.model.transfers,
+        instructions: finished.stop.map_or(0, |stop| stop.instruction_count),
+        ..finished.driver.outcome
+    })
+}
+
+/// Where the control block of RTT is, if the image has one.
+fn rtt(image: &Path) -> Option<u64> {
+    let bytes = std::fs::read(image).ok()?;
+    let file = object::File::parse(bytes.as_slice()).ok()?;
+    let symbol = file.symbol_by_name("_SEGGER_RTT")?;
+    Some(symbol.address())
+}
+
+struct Run {
+    number: usize,
+    reports: Sender<(usize, Option<Report>)>,
+    orders: Receiver<Order>,
+    rtt: Option<u64>,
+    outcome: Outcome,
+    /// Address, value and program counter of the last read.
+    last: (u64, u64, u64),
+    polls: u32,
+    /// Until when the processor stands still, and whether nothing wakes it.
+    hold: Option<(u64, bool)>,
+}
+
+impl Run {
+    /// What the program wrote to the first channel (SEGGER RTT: the control block, and a ring).
+    fn drain(&mut self, host: &mut dyn Host) -> Option<()> {
+        let mut word = |at: u64| host.read(at, Width::W32).ok();
+        let block = self.rtt?;
+        if !(1..=16).contains(&word(block + 16)?) {
+            return None;
+        }
+        let [buffer, size, write, mut read] =
+            [28, 32, 36, 40].map(|at| word(block + at).unwrap_or(0));
+        if write >= size || read >= size || write == read {
+            return None;
+        }
+        while read != write {
+            let byte = host.read(buffer + read, Width::W8).ok()?;
+            self.outcome.log.push(byte as u8);
+            read = (read + 1) % size;
+        }
+        host.write(block + 40, Width::W32, read).ok()
+    }
+
+    fn hold(&mut self, until: u64, is_firm: bool, host: &mut dyn Host) {
+        host.hold(true);
+        self.hold = Some((until, is_firm));
+        self.polls = 0;
+    }
+
+    /// What is there when power goes.
+    fn end(&mut self, host: &mut dyn Host) {
+        let mut word = |at| host.read(at, Width::W32).unwrap_or(0) as u32;
+        for range in [MEMORY, SETTINGS] {
+            let words = range
+                .clone()
+                .step_by(4)
+                .flat_map(|at| word(at).to_le_bytes());
+            self.outcome.flash.push((range.start, words.collect()));
+        }
+        let (start, size) = soc::RAM;
+        let words = (start..start + size).step_by(4);
+        self.outcome.untouched = 4 * words.take_while(|&at| word(at) == 0).count() as u64;
+    }
+}
+
+impl Driver<Board> for Run {
+    fn on_settled(&mut self, session: &mut Session<Board>, host: &mut dyn Host, settled: Settled) {
+        match settled {
+            Settled::Access { access, value } => {
+                let now = access.virtual_time.0;
+                let soc = &session.board().soc;
+                let busy = soc.nvmc.model.busy_until();
+                let key = (access.address, value, access.program_counter.unwrap_or(0));
+                let is_same = access.kind == AccessKind::Read && key == self.last;
+                self.polls = if is_same { self.polls + 1 } else { 0 };
+                self.last = key;
+                if busy > now {
+                    // The processor cannot fetch (Product Specification, "NVMC").
+                    self.hold(busy, true, host);
+                } else if self.polls >= POLLS {
+                    // Where nothing will happen, until somebody else does something.
+                    let next = soc.next_event().unwrap_or(session.until()).0;
+                    if next > now + SHORT {
+                        self.hold(next, false, host);
+                    }
+                }
+            }
+            Settled::Stop(stop) => {
+                let is_over = self.hold.is_some_and(|(until, is_firm)| {
+                    stop.at.0 >= until || !is_firm && stop.at < session.until()
+                });
+                if is_over {
+                    self.hold = None;
+                    host.hold(false);
+                }
+                self.drain(host);
+            }
+            _ => {}
+        }
+    }
+
+    fn on_stop(
+        &mut self,
+        session: &mut Session<Board>,
+        stop: Stop,
+        host: &mut dyn Host,
+    ) -> Option<VirtualNanos> {
+        self.drain(host);
+        let soc = &mut session.board_mut().soc;
+        let sent: Vec<Frame> = core::mem::take(&mut soc.radio.model.sent);
+        let is_idle = stop.reason == StopReason::Idle || self.hold.is_some();
+        let next = if is_idle && !soc.is_interrupted() {
+            soc.next_event().map_or(u64::MAX, |next| next.0)
+        } else {
+            stop.at.0
+        };
+        let report = Report {
+            next: next.max(stop.at.0),
+            sent,
+        };
+        // Who gives orders may be gone: then this one ends too.
+        let told = self.reports.send((self.number, Some(report)));
+        let order = told.ok().and_then(|()| self.orders.recv().ok());
+        let Some(Order { until, heard }) = order else {
+            self.end(host);
+            return None;
+        };
+        for (frame, level) in heard {
+            session.board_mut().soc.hear(stop.at, frame, level);
+        }
+        Some(VirtualNanos(until))
+    }
+}

@@ -1,0 +1,637 @@
+//! RADIO in its IEEE 802.15.4 mode.
+
+use rigless::{soc::Width, time::EventId};
+
+use super::{Call, DONE, Model, READ, US};
+
+const SHORTS: u16 = 0x200;
+const CRCSTATUS: u16 = 0x400;
+const PACKETPTR: u16 = 0x504;
+const FREQUENCY: u16 = 0x508;
+const TXPOWER: u16 = 0x50c;
+const MODE: u16 = 0x510;
+const STATE: u16 = 0x550;
+const MODECNF0: u16 = 0x650;
+const CCACTRL: u16 = 0x66c;
+const POWER: u16 = 0xffc;
+
+const READY: u16 = 0;
+const ADDRESS: u16 = 1;
+const PAYLOAD: u16 = 2;
+const END: u16 = 3;
+const DISABLED: u16 = 4;
+const CRCOK: u16 = 12;
+const CRCERROR: u16 = 13;
+const FRAMESTART: u16 = 14;
+const CCAIDLE: u16 = 17;
+const CCABUSY: u16 = 18;
+const CCASTOPPED: u16 = 19;
+const TXREADY: u16 = 21;
+const RXREADY: u16 = 22;
+const PHYEND: u16 = 27;
+
+/// MODE of IEEE 802.15.4, 250 kbit/s.
+const IEEE_802_15_4: u32 = 15;
+/// IEEE 802.15.4-2020, 12.1: a byte of two symbols, and the six bytes from the preamble to the length.
+pub const AIR_PER_BYTE: u64 = 32 * US;
+/// The six bytes before a frame.
+pub const HEADER: u64 = 6 * AIR_PER_BYTE;
+/// Eight symbols: an assessment of the channel (IEEE 802.15.4-2020, 10.2.8).
+const CCA_TIME: u64 = 128 * US;
+/// Product Specification, "RADIO", timing: the default ramp-up, and the ends. The fast one of 40 us is
+/// not modelled: others would hear too late of a frame.
+pub(crate) const RAMP_UP: u64 = 130 * US;
+const TX_DISABLE: u64 = 21 * US;
+const RX_DISABLE: u64 = 500;
+/// Bytes of the longest frame with its length.
+const PACKET: u64 = 128;
+/// FCS.
+const FCS: usize = 2;
+
+/// A frame on the air.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Frame {
+    /// When its preamble starts, nanoseconds.
+    pub start: u64,
+    /// Who sends it.
+    pub node: usize,
+    /// FREQUENCY: MHz above 2400.
+    pub frequency: u32,
+    /// TXPOWER, dBm.
+    pub power: i8,
+    /// With its FCS.
+    pub psdu: Vec<u8>,
+}
+
+impl Frame {
+    /// When its length has been sent.
+    pub fn body(&self) -> u64 {
+        self.start + HEADER
+    }
+
+    /// When it is over.
+    pub fn end(&self) -> u64 {
+        self.body() + self.psdu.len() as u64 * AIR_PER_BYTE
+    }
+}
+
+/// The FCS of IEEE 802.15.4-2020, 7.2.11.
+pub fn crc(bytes: &[u8]) -> u16 {
+    bytes.iter().fold(0, |crc, &byte| {
+        (0..8).fold(crc ^ u16::from(byte), |crc, _| {
+            crc >> 1 ^ if crc & 1 != 0 { 0x8408 } else { 0 }
+        })
+    })
+}
+
+/// Numbers of STATE.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+enum State {
+    #[default]
+    Disabled = 0,
+    RxRampUp = 1,
+    RxIdle = 2,
+    Rx = 3,
+    RxDisable = 4,
+    TxRampUp = 9,
+    TxIdle = 10,
+    Tx = 11,
+    TxDisable = 12,
+}
+
+/// What a frame on the air is to this radio.
+#[derive(Debug)]
+struct Heard {
+    frame: Frame,
+    /// Of its energy and its quality, as the chip measures them.
+    level: u8,
+    edges: [EventId; 3],
+}
+
+/// The radio of one chip. A frame is told when its transmitter ramps up, so that whoever carries it to
+/// others knows of it before it is on the air.
+#[derive(Debug, Default)]
+pub struct Radio {
+    /// Frames that this radio sends, in order, to be taken.
+    pub sent: Vec<Frame>,
+    /// From this instant on the next transmission does not end, once.
+    pub sticks_at: Option<u64>,
+    /// Frames received, and those whose FCS was wrong.
+    pub received: [u64; 2],
+    /// How long it received and sent until its state last changed, nanoseconds.
+    on: [u64; 2],
+    node: usize,
+    state: State,
+    since: u64,
+    step: Option<EventId>,
+    assessment: Option<(EventId, u64)>,
+    air: Vec<Heard>,
+    /// The start of the frame being received, by whom, and whether it is whole.
+    reception: Option<(u64, usize, bool)>,
+    packet: Vec<u8>,
+    is_body: bool,
+    starts: u64,
+}
+
+impl Radio {
+    /// The radio of this node.
+    pub fn new(node: usize) -> Self {
+        Self {
+            node,
+            ..Self::default()
+        }
+    }
+
+    /// A frame of another node arrives, which starts now or later, at this level.
+    ///
+    /// # Panics
+    /// The frame has already begun.
+    pub fn hear(&mut self, frame: Frame, level: u8, call: &mut Call<'_, '_>) {
+        assert!(frame.start >= call.now(), "a frame is told too late");
+        let edges = [frame.start, frame.body(), frame.end()].map(|at| call.at(at));
+        self.air.push(Heard {
+            frame,
+            level,
+            edges,
+        });
+    }
+
+    fn enter(&mut self, state: State, call: &Call<'_, '_>) {
+        self.count(call.now());
+        self.state = state;
+    }
+
+    /// Its time so far, before its state changes.
+    pub(crate) fn count(&mut self, now: u64) {
+        self.on = self.on_until(now);
+        self.since = now;
+    }
+
+    /// How long it received and sent until now, nanoseconds.
+    pub fn on_until(&self, now: u64) -> [u64; 2] {
+        let which = match self.state {
+            State::Disabled => None,
+            State::RxRampUp | State::RxIdle | State::Rx | State::RxDisable => Some(0),
+            _ => Some(1),
+        };
+        let mut on = self.on;
+        if let Some(which) = which {
+            on[which] += now.saturating_sub(self.since);
+        }
+        on
+    }
+
+    fn ramp_up(&mut self, state: State, call: &mut Call<'_, '_>) -> u64 {
+        self.reception = None;
+        self.assessment = None;
+        self.enter(state, call);
+        if call.get(MODECNF0) & 1 != 0 {
+            call.forbid("MODECNF0", "the fast ramp-up is not modelled");
+        }
+        self.step = Some(call.after(RAMP_UP));
+        call.now() + RAMP_UP
+    }
+
+    fn start(&mut self, call: &mut Call<'_, '_>) {
+        match self.state {
+            State::RxIdle => self.enter(State::Rx, call),
+            State::TxIdle => {
+                self.enter(State::Tx, call);
+                self.is_body = false;
+                self.step = Some(call.after(HEADER));
+            }
+            _ => call.forbid(
+                "TASKS_START",
+                "it is started from an idle state only (\"RADIO\")",
+            ),
+        }
+    }
+
+    fn disable(&mut self, call: &mut Call<'_, '_>) {
+        self.reception = None;
+        self.assessment = None;
+        match self.state {
+            State::Disabled => call.event(DISABLED),
+            State::RxRampUp | State::RxIdle | State::Rx => {
+                self.enter(State::RxDisable, call);
+                self.step = Some(call.after(RX_DISABLE));
+            }
+            State::TxRampUp | State::TxIdle | State::Tx => {
+                self.enter(State::TxDisable, call);
+                self.step = Some(call.after(TX_DISABLE));
+            }
+            State::RxDisable | State::TxDisable => {}
+        }
+    }
+
+    /// Whether anything on the channel between two instants makes it busy (Product Specification,
+    /// "RADIO", CCACTRL).
+    fn is_busy(&self, from: u64, to: u64, call: &Call<'_, '_>) -> bool {
+        let control = call.get(CCACTRL);
+        let (mode, energy) = (control & 7, (control >> 8 & 0xff) as u8);
+        let frequency = call.get(FREQUENCY) & 0x7f;
+        self.air
+            .iter()
+            .filter(|heard| heard.frame.frequency == frequency)
+            .filter(|heard| heard.frame.start < to && heard.frame.end() > from)
+            .any(|heard| mode == 1 || mode == 3 || heard.level >= energy)
+    }
+
+    fn step(&mut self, call: &mut Call<'_, '_>) {
+        match self.state {
+            State::RxRampUp => {
+                self.enter(State::RxIdle, call);
+                call.event(READY);
+                call.event(RXREADY);
+            }
+            State::TxRampUp => {
+                self.enter(State::TxIdle, call);
+                call.event(READY);
+                call.event(TXREADY);
+            }
+            State::RxDisable | State::TxDisable => {
+                self.enter(State::Disabled, call);
+                call.event(DISABLED);
+            }
+            State::Tx if !self.is_body => {
+                self.is_body = true;
+                call.event(FRAMESTART);
+                call.event(ADDRESS);
+                let length = u64::from(self.packet.first().map_or(0, |length| length & 0x7f));
+                self.step = Some(call.after(length * AIR_PER_BYTE));
+            }
+            State::Tx if self.sticks_at.take_if(|at| *at <= call.now()).is_some() => {}
+            State::Tx => {
+                self.enter(State::TxIdle, call);
+                for event in [PAYLOAD, END, PHYEND] {
+                    call.event(event);
+                }
+            }
+            _ => {}
+        }
+    }
+
+    /// A frame begins, its body does, or it ends.
+    fn edge(&mut self, number: usize, edge: usize, call: &mut Call<'_, '_>) {
+        let heard = &self.air[number];
+        let (start, node) = (heard.frame.start, heard.frame.node);
+        let is_tuned = heard.frame.frequency == call.get(FREQUENCY) & 0x7f;
+        let is_this = self
+            .reception
+            .is_some_and(|(s, n, _)| (s, n) == (start, node));
+        match edge {
+            0 if is_tuned => match &mut self.reception {
+                Some((_, _, is_whole)) => *is_whole = false,
+                None if self.state == State::Rx && self.assessment.is_none() => {
+                    self.reception = Some((start, node, true));
+                }
+                None => {}
+            },
+            1 if is_this => {
+                call.event(FRAMESTART);
+                call.event(ADDRESS);
+            }
+            2 if is_this => {
+                let is_whole = self.reception.take().is_some_and(|(_, _, whole)| whole);
+                let (psdu, level) = (heard.frame.psdu.clone(), heard.level);
+                self.receive(&psdu, level, is_whole, call);
+            }
+            _ => {}
+        }
+    }
+
+    /// The quality takes the place of the FCS's first byte (Product Specification, "RADIO").
+    fn receive(&mut self, psdu: &[u8], level: u8, is_whole: bool, call: &mut Call<'_, '_>) {
+        let (body, fcs) = psdu.split_at(psdu.len().saturating_sub(FCS));
+        let is_right = is_whole && fcs == crc(body).to_le_bytes();
+        let length = psdu.len() as u8;
+        let pointer = call.get(PACKETPTR);
+        if call.reaches(pointer, u32::from(length)) {
+            let bytes = [&[length], body, &[level]].concat();
+            for (at, byte) in (u64::from(pointer)..).zip(bytes) {
+                call.context.write_to(at, Width::W8, byte.into(), DONE);
+            }
+        }
+        call.set(CRCSTATUS, is_right.into());
+        self.received[usize::from(!is_right)] += 1;
+        self.enter(State::RxIdle, call);
+        call.event(if is_right { CRCOK } else { CRCERROR });
+        for event in [PAYLOAD, END, PHYEND] {
+            call.event(event);
+        }
+    }
+}
+
+impl Model for Radio {
+    fn task(&mut self, number: u16, call: &mut Call<'_, '_>) {
+        if call.get(MODE) & 0xf != IEEE_802_15_4 && number < 3 {
+            call.forbid("MODE", "only the mode of IEEE 802.15.4 is modelled");
+        }
+        match (number, self.state) {
+            (0, State::Disabled | State::RxIdle | State::Rx | State::TxIdle) => {
+                self.starts = self.ramp_up(State::TxRampUp, call);
+                self.packet.clear();
+                let pointer = call.get(PACKETPTR);
+                if call.reaches(pointer, PACKET as u32) {
+                    for byte in 0..PACKET {
+                        let at = u64::from(pointer) + byte;
+                        call.context.read_from(at, Width::W8, READ + byte);
+                    }
+                }
+            }
+            (1, State::Disabled | State::TxIdle) => {
+                self.ramp_up(State::RxRampUp, call);
+            }
+            (0 | 1, _) => call.forbid(
+                "TASKS_TXEN",
+                "a ramp-up in a wrong state (\"RADIO\", states)",
+            ),
+            (2, _) => self.start(call),
+            (3, State::Rx) => {
+                self.reception = None;
+                self.assessment = None;
+                self.enter(State::RxIdle, call);
+            }
+            (3, State::Tx) => {
+                self.step = None;
+                self.enter(State::TxIdle, call);
+            }
+            (4, _) => self.disable(call),
+            (11, State::RxIdle | State::Rx) => {
+                self.reception = None;
+                self.enter(State::Rx, call);
+                let from = call.now();
+                self.assessment = Some((call.after(CCA_TIME), from));
+            }
+            (11, _) => call.forbid("TASKS_CCASTART", "the receiver must run (\"RADIO\", CCA)"),
+            (12, _) if self.assessment.take().is_some() => {
+                self.enter(State::RxIdle, call);
+                call.event(CCASTOPPED);
+            }
+            (3 | 12, _) => {}
+            _ => call.forbid("TASKS", "this task is not modelled"),
+        }
+    }
+
+    fn answer(&mut self, token: u64, value: u32, call: &mut Call<'_, '_>) {
+        self.packet.push(value as u8);
+        if token == PACKET {
+            let length = usize::from(self.packet[0] & 0x7f);
+            let body = &self.packet[1..1 + length.saturating_sub(FCS)];
+            let psdu = [body, &crc(body).to_le_bytes()].concat();
+            self.sent.push(Frame {
+                start: self.starts,
+                node: self.node,
+                frequency: call.get(FREQUENCY) & 0x7f,
+                power: call.get(TXPOWER) as u8 as i8,
+                psdu,
+            });
+        }
+    }
+
+    fn due(&mut self, id: EventId, call: &mut Call<'_, '_>) {
+        if self.step == Some(id) {
+            self.step = None;
+            self.step(call);
+        }
+        if let Some((_, from)) = self.assessment.take_if(|(mine, _)| *mine == id) {
+            let is_busy = self.is_busy(from, call.now(), call);
+            self.enter(State::RxIdle, call);
+            call.event(if is_busy { CCABUSY } else { CCAIDLE });
+        }
+        for number in 0..self.air.len() {
+            for edge in 0..3 {
+                if self.air[number].edges[edge] == id {
+                    self.edge(number, edge, call);
+                }
+            }
+        }
+        let now = call.now();
+        // An assessment looks back over what is just over.
+        self.air.retain(|heard| heard.frame.end() + CCA_TIME >= now);
+    }
+
+    fn shortcut(&mut self, event: u16, call: &mut Call<'_, '_>) {
+        let shorts = call.get(SHORTS);
+        // Bits of SHORTS, causes and tasks (Product Specification, "RADIO").
+        let all = [
+            (0, READY, 2),
+            (1, END, 4),
+            (2, DISABLED, 0),
+            (3, DISABLED, 1),
+            (5, END, 2),
+            (11, RXREADY, 11),
+            (12, CCAIDLE, 0),
+            (13, CCABUSY, 4),
+            (17, CCAIDLE, 3),
+            (18, TXREADY, 2),
+            (19, RXREADY, 2),
+            (20, PHYEND, 4),
+            (21, PHYEND, 2),
+        ];
+        for (bit, cause, task) in all {
+            if cause == event && shorts >> bit & 1 != 0 {
+                self.task(task, call);
+            }
+        }
+    }
+
+    fn read(&mut self, offset: u16, _: &mut Call<'_, '_>) -> Option<u32> {
+        (offset == STATE).then_some(self.state as u32)
+    }
+
+    fn write(&mut self, offset: u16, value: u32, call: &mut Call<'_, '_>) {
+        if offset == POWER && value & 1 == 0 {
+            for word in 0..POWER / 4 {
+                call.set(word * 4, 0);
+            }
+            self.enter(State::Disabled, call);
+            self.stop();
+        }
+    }
+
+    fn reset(&mut self) {
+        self.state = State::Disabled;
+        self.stop();
+        // The chip forgot the instants of the edges.
+        self.air.clear();
+    }
+}
+
+impl Radio {
+    fn stop(&mut self) {
+        self.step = None;
+        self.assessment = None;
+        self.reception = None;
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::peripheral::bench::Bench;
+    use rigless::time::VirtualNanos;
+
+    const PACKET_AT: u32 = 0x2000_0100;
+
+    fn bench() -> Bench<Radio> {
+        let mut bench = Bench::new(Radio::new(3));
+        bench.set(MODE, IEEE_802_15_4);
+        bench.set(FREQUENCY, 5);
+        bench.set(PACKETPTR, PACKET_AT);
+        bench
+    }
+
+    fn frame(start: u64, node: usize) -> Frame {
+        let body = b"to all";
+        let psdu = [body.as_slice(), &crc(body).to_le_bytes()].concat();
+        Frame {
+            start,
+            node,
+            frequency: 5,
+            power: 0,
+            psdu,
+        }
+    }
+
+    fn hear(bench: &mut Bench<Radio>, frame: Frame, level: u8) {
+        let at = VirtualNanos(bench.now);
+        bench.chip.drive(at, |instance, file, context| {
+            instance.call(file, context, |radio, call| radio.hear(frame, level, call));
+        });
+    }
+
+    fn listen(bench: &mut Bench<Radio>) {
+        bench.set(SHORTS, 1 << 19);
+        bench.task(1);
+        bench.pass(RAMP_UP);
+        assert_eq!(bench.get(STATE), State::Rx as u32);
+    }
+
+    /// Known as CRC-16/KERMIT, whose check value this is.
+    #[test]
+    fn the_check_sequence_is_the_standards() {
+        // A frame with its own FCS leaves nothing.
+        assert_eq!(crc(&frame(0, 1).psdu), 0);
+        assert_eq!(crc(b"123456789"), 0x2189);
+    }
+
+    #[test]
+    fn a_frame_is_sent_after_the_ramp_up() {
+        let mut bench = bench();
+        bench.cells.0.insert(PACKET_AT.into(), 8);
+        for (at, byte) in (u64::from(PACKET_AT) + 1..).zip(*b"to all") {
+            bench.cells.0.insert(at, byte);
+        }
+        bench.set(SHORTS, 1 << 18 | 1 << 20);
+        bench.task(0);
+        // Told at once.
+        let expected = frame(RAMP_UP, 3);
+        assert_eq!(bench.chip.model.model.sent, std::slice::from_ref(&expected));
+        bench.pass(expected.body() - 1);
+        assert!(!bench.took(FRAMESTART));
+        bench.pass(expected.end() - expected.body());
+        assert!(bench.took(FRAMESTART) && !bench.took(PHYEND));
+        bench.pass(1);
+        assert!(bench.took(PHYEND) && bench.took(END) && !bench.took(DISABLED));
+        bench.pass(TX_DISABLE);
+        assert!(bench.took(DISABLED));
+        let on = expected.end() + TX_DISABLE;
+        assert_eq!(bench.chip.model.model.on_until(bench.now), [0, on]);
+        assert_eq!(bench.forbidden(), [""; 0]);
+    }
+
+    #[test]
+    fn a_frame_is_received() {
+        let mut bench = bench();
+        listen(&mut bench);
+        let frame = frame(1_000 * US, 1);
+        hear(&mut bench, frame.clone(), 40);
+        bench.pass(frame.end());
+        assert!(bench.took(FRAMESTART) && bench.took(CRCOK) && bench.took(END));
+        let packet = (0..8).map(|at| bench.cells.0[&(u64::from(PACKET_AT) + at)]);
+        assert_eq!(
+            packet.collect::<Vec<_>>(),
+            [b"\x08to all".as_slice(), &[40]].concat()
+        );
+        assert_eq!(bench.get(CRCSTATUS), 1);
+    }
+
+    #[test]
+    fn frames_that_overlap_spoil_each_other() {
+        let mut bench = bench();
+        listen(&mut bench);
+        hear(&mut bench, frame(1_000 * US, 1), 40);
+        hear(&mut bench, frame(1_200 * US, 2), 40);
+        bench.pass(5_000 * US);
+        assert!(bench.took(CRCERROR) && !bench.took(CRCOK));
+        assert_eq!(bench.chip.model.model.received, [0, 1]);
+    }
+
+    #[test]
+    fn what_is_not_listened_for_is_not_heard() {
+        let mut bench = bench();
+        // It begins before the receiver does, and one is elsewhere.
+        hear(&mut bench, frame(RAMP_UP - 1, 1), 40);
+        let elsewhere = Frame {
+            frequency: 10,
+            ..frame(2_000 * US, 1)
+        };
+        hear(&mut bench, elsewhere, 40);
+        listen(&mut bench);
+        bench.pass(5_000 * US);
+        assert!(!bench.took(FRAMESTART) && !bench.took(END));
+    }
+
+    #[test]
+    fn the_channel_is_busy_with_a_frame_or_its_energy() {
+        for (mode, threshold, level, is_busy) in [
+            (0, 17, 16, false),
+            (0, 17, 17, true),
+            (1, 17, 1, true),
+            (2, 17, 16, false),
+            (3, 17, 16, true),
+        ] {
+            let mut bench = bench();
+            bench.set(CCACTRL, mode | threshold << 8);
+            bench.set(SHORTS, 1 << 11);
+            bench.task(1);
+            hear(&mut bench, frame(RAMP_UP + CCA_TIME - 1, 1), level);
+            bench.pass(RAMP_UP + CCA_TIME);
+            let told = (bench.took(CCABUSY), bench.took(CCAIDLE));
+            assert_eq!(told, (is_busy, !is_busy), "{mode} {level}");
+        }
+    }
+
+    #[test]
+    fn a_stuck_one_is_disabled() {
+        let mut bench = bench();
+        bench.chip.model.model.sticks_at = Some(0);
+        bench.cells.0.insert(PACKET_AT.into(), 8);
+        bench.set(SHORTS, 1 << 18);
+        bench.task(0);
+        bench.pass(1_000_000 * US);
+        assert!(!bench.took(END));
+        assert_eq!(bench.chip.model.model.on_until(bench.now), [0, bench.now]);
+        bench.task(4);
+        bench.pass(TX_DISABLE);
+        assert!(bench.took(DISABLED));
+        // Once.
+        bench.task(0);
+        bench.pass(10_000 * US);
+        assert!(bench.took(END));
+    }
+
+    #[test]
+    fn wrong_states_are_told() {
+        let mut bench = bench();
+        bench.task(2);
+        bench.task(11);
+        bench.task(1);
+        bench.task(0);
+        assert_eq!(
+            bench.forbidden(),
+            ["TASKS_START", "TASKS_CCASTART", "TASKS_TXEN"]
+        );
+    }
+}

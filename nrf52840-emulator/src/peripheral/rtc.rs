@@ -1,0 +1,192 @@
+//! RTC: a counter of 24 bits at 32.768 kHz, divided.
+
+use rigless::time::EventId;
+
+use super::{Call, INTEN, Model};
+
+const EVTEN: u16 = 0x340;
+const EVTENSET: u16 = 0x344;
+const EVTENCLR: u16 = 0x348;
+const COUNTER: u16 = 0x504;
+const PRESCALER: u16 = 0x508;
+const CC: u16 = 0x540;
+/// Bits of INTEN and EVTEN.
+const OVERFLOW: u16 = 1;
+const COMPARE: u16 = 16;
+const MASK: u64 = 0xff_ffff;
+const HZ: u128 = 32_768;
+const SECOND: u128 = 1_000_000_000;
+
+/// Events happen only where INTEN or EVTEN enables them (Product Specification, "RTC").
+#[derive(Debug, Default)]
+pub struct Rtc {
+    /// Since when it runs.
+    since: Option<u64>,
+    /// Ticks before that.
+    before: u64,
+    divider: u64,
+    next: Option<EventId>,
+}
+
+impl Rtc {
+    /// Ticks, not wrapped.
+    fn ticks(&self, now: u64) -> u64 {
+        let run = self.since.map_or(0, |since| u128::from(now - since));
+        self.before + (run * HZ / SECOND) as u64 / (self.divider + 1)
+    }
+
+    /// The instant at which so many ticks are reached.
+    fn instant(&self, since: u64, ticks: u64) -> u64 {
+        let ticks = u128::from((ticks - self.before) * (self.divider + 1));
+        since + (ticks * SECOND).div_ceil(HZ) as u64
+    }
+
+    fn targets(call: &Call<'_, '_>) -> Vec<(u16, u64)> {
+        let enabled = call.enabled | call.get(EVTEN);
+        let compare = (0..4).map(|channel| {
+            let value = call.get(CC + 4 * channel);
+            (COMPARE + channel, u64::from(value) & MASK)
+        });
+        let all = compare.chain([(OVERFLOW, 0)]);
+        all.filter(|(event, _)| enabled >> event & 1 != 0).collect()
+    }
+
+    fn plan(&mut self, call: &mut Call<'_, '_>) {
+        self.next = None;
+        let Some(since) = self.since else { return };
+        let ticks = self.ticks(call.now());
+        let ahead = Self::targets(call)
+            .into_iter()
+            // What is equal now comes round again.
+            .map(|(_, target)| (target.wrapping_sub(ticks + 1) & MASK) + 1)
+            .min();
+        if let Some(ahead) = ahead {
+            let instant = self.instant(since, ticks + ahead);
+            self.next = Some(call.at(instant));
+        }
+    }
+}
+
+impl Model for Rtc {
+    fn task(&mut self, number: u16, call: &mut Call<'_, '_>) {
+        let now = call.now();
+        match number {
+            0 if self.since.is_none() => {
+                self.divider = u64::from(call.get(PRESCALER) & 0xfff);
+                self.since = Some(now);
+            }
+            1 => {
+                self.before = self.ticks(now) & MASK;
+                self.since = None;
+            }
+            2 => {
+                self.before = 0;
+                self.since = self.since.map(|_| now);
+            }
+            3 => {
+                self.before = 0xff_fff0;
+                self.since = self.since.map(|_| now);
+            }
+            _ => {}
+        }
+        self.plan(call);
+    }
+
+    fn read(&mut self, offset: u16, call: &mut Call<'_, '_>) -> Option<u32> {
+        let counter = (self.ticks(call.now()) & MASK) as u32;
+        match offset {
+            COUNTER => Some(counter),
+            EVTENSET | EVTENCLR => Some(call.get(EVTEN)),
+            _ => None,
+        }
+    }
+
+    fn write(&mut self, offset: u16, value: u32, call: &mut Call<'_, '_>) {
+        let events = call.get(EVTEN);
+        match offset {
+            EVTENSET => call.set(EVTEN, events | value),
+            EVTENCLR => call.set(EVTEN, events & !value),
+            PRESCALER if self.since.is_some() => {
+                call.forbid(
+                    "PRESCALER",
+                    "it is written while the RTC is stopped only (\"RTC\")",
+                );
+            }
+            _ => {}
+        }
+        if offset >= INTEN {
+            self.plan(call);
+        }
+    }
+
+    fn due(&mut self, id: EventId, call: &mut Call<'_, '_>) {
+        if self.next != Some(id) {
+            return;
+        }
+        let counter = self.ticks(call.now()) & MASK;
+        for (event, target) in Self::targets(call) {
+            if target == counter {
+                call.event(event);
+            }
+        }
+        self.plan(call);
+    }
+
+    fn reset(&mut self) {
+        *self = Self::default();
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::peripheral::bench::Bench;
+
+    const S: u64 = 1_000_000_000;
+
+    #[test]
+    fn it_counts_and_compares() {
+        let mut bench = Bench::new(Rtc::default());
+        bench.set(CC, 32_768);
+        bench.set(0x304, 1 << COMPARE);
+        bench.task(0);
+        bench.pass(S - 1);
+        assert_eq!((bench.get(COUNTER), bench.took(16)), (32_767, false));
+        bench.pass(1);
+        assert_eq!((bench.get(COUNTER), bench.took(16)), (32_768, true));
+        // Not before it has come round.
+        bench.pass(511 * S);
+        assert!(!bench.took(16));
+        bench.pass(S);
+        assert!(bench.took(16));
+        bench.task(1);
+        bench.pass(S);
+        assert_eq!(bench.get(COUNTER), 32_768);
+        bench.task(2);
+        assert_eq!(bench.get(COUNTER), 0);
+    }
+
+    #[test]
+    fn nothing_happens_that_is_not_enabled() {
+        let mut bench = Bench::new(Rtc::default());
+        bench.set(CC, 5);
+        bench.task(0);
+        bench.pass(S);
+        assert!(!bench.took(16));
+        bench.set(EVTENSET, 1 << OVERFLOW);
+        bench.task(3);
+        bench.pass(16 * S / 32_768 + 1);
+        assert!(bench.took(OVERFLOW));
+        bench.set(PRESCALER, 3);
+        assert_eq!(bench.forbidden(), ["PRESCALER"]);
+    }
+
+    #[test]
+    fn the_prescaler_divides() {
+        let mut bench = Bench::new(Rtc::default());
+        bench.set(PRESCALER, 31);
+        bench.task(0);
+        bench.pass(S);
+        assert_eq!(bench.get(COUNTER), 1024);
+    }
+}

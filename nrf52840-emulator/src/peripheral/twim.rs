@@ -1,0 +1,284 @@
+//! TWIM: the master of an I2C bus, and chips on it.
+
+use std::collections::BTreeMap;
+
+use rigless::{soc::Width, time::EventId};
+
+use super::{Call, DONE, Model, READ, US};
+
+const SHORTS: u16 = 0x200;
+const ERRORSRC: u16 = 0x4c4;
+const ENABLE: u16 = 0x500;
+const FREQUENCY: u16 = 0x524;
+const RX_PTR: u16 = 0x534;
+const RX_MAX: u16 = 0x538;
+const RX_AMOUNT: u16 = 0x53c;
+const TX_PTR: u16 = 0x544;
+const TX_MAX: u16 = 0x548;
+const TX_AMOUNT: u16 = 0x54c;
+const ADDRESS: u16 = 0x588;
+
+const STOPPED: u16 = 1;
+const ERROR: u16 = 9;
+const SUSPENDED: u16 = 18;
+const RXSTARTED: u16 = 19;
+const TXSTARTED: u16 = 20;
+const LASTRX: u16 = 23;
+const LASTTX: u16 = 24;
+/// ERRORSRC: nobody answered to the address.
+const NO_ANSWER: u32 = 2;
+/// Two bits of the slowest bus.
+const STOP_TIME: u64 = 20 * US;
+
+/// Registers of a chip; the first byte written names one, and it counts up.
+#[derive(Clone, Debug)]
+pub struct Chip {
+    /// What they hold.
+    pub registers: Vec<u8>,
+    place: usize,
+}
+
+impl Chip {
+    /// All registers zero but these.
+    pub fn new(known: &[(u8, u8)]) -> Self {
+        let mut registers = vec![0; 128];
+        for &(register, value) in known {
+            registers[usize::from(register)] = value;
+        }
+        Self {
+            registers,
+            place: 0,
+        }
+    }
+
+    fn turn(&mut self) -> &mut u8 {
+        let place = self.place % self.registers.len();
+        self.place = place + 1;
+        &mut self.registers[place]
+    }
+}
+
+#[derive(Clone, Copy, Debug)]
+enum Step {
+    Write,
+    Read,
+    Unanswered,
+    Stop,
+}
+
+/// Transfers take the time of their bits, and are done at its end.
+#[derive(Debug, Default)]
+pub struct Twim {
+    /// By their addresses.
+    pub chips: BTreeMap<u32, Chip>,
+    /// From when to when the bus is held low: nothing ends.
+    pub held: Option<core::ops::Range<u64>>,
+    /// Transfers that ended.
+    pub transfers: u64,
+    step: Option<(EventId, Step)>,
+    bytes: Vec<u8>,
+    error: u32,
+}
+
+impl Twim {
+    /// A bus with these chips.
+    pub fn new(chips: BTreeMap<u32, Chip>) -> Self {
+        Self {
+            chips,
+            ..Self::default()
+        }
+    }
+
+    /// A byte and its acknowledgement are nine bits; the address is the first.
+    fn begin(&mut self, step: Step, bytes: u32, call: &mut Call<'_, '_>) {
+        let share = u128::from(call.get(FREQUENCY).max(1));
+        let bits = 9 * (u128::from(bytes) + 1);
+        let time = bits * 1_000_000_000 * (1 << 32) / (share * 16_000_000);
+        let id = call.after(time as u64);
+        self.step = Some((id, step));
+    }
+
+    fn start(&mut self, step: Step, bytes: u32, call: &mut Call<'_, '_>) {
+        if self.chips.contains_key(&call.get(ADDRESS)) {
+            self.begin(step, bytes, call);
+        } else {
+            self.begin(Step::Unanswered, 0, call);
+        }
+    }
+}
+
+impl Model for Twim {
+    fn task(&mut self, number: u16, call: &mut Call<'_, '_>) {
+        if call.get(ENABLE) != 6 {
+            call.forbid("ENABLE", "a task while it is not enabled (\"TWIM\")");
+            return;
+        }
+        let now = call.now();
+        if self.held.as_ref().is_some_and(|held| held.contains(&now)) {
+            return;
+        }
+        match number {
+            0 => {
+                let (pointer, max) = (call.get(RX_PTR), call.get(RX_MAX));
+                if call.reaches(pointer, max) {
+                    call.event(RXSTARTED);
+                    self.start(Step::Read, max, call);
+                }
+            }
+            2 => {
+                let (pointer, max) = (call.get(TX_PTR), call.get(TX_MAX));
+                if call.reaches(pointer, max) {
+                    call.event(TXSTARTED);
+                    self.bytes.clear();
+                    for byte in 0..max {
+                        let at = u64::from(pointer) + u64::from(byte);
+                        call.context.read_from(at, Width::W8, READ);
+                    }
+                    self.start(Step::Write, max, call);
+                }
+            }
+            5 => {
+                let id = call.after(STOP_TIME);
+                self.step = Some((id, Step::Stop));
+            }
+            7 => call.event(SUSPENDED),
+            _ => {}
+        }
+    }
+
+    fn answer(&mut self, _: u64, value: u32, _: &mut Call<'_, '_>) {
+        self.bytes.push(value as u8);
+    }
+
+    fn due(&mut self, id: EventId, call: &mut Call<'_, '_>) {
+        let Some((_, step)) = self.step.take_if(|(mine, _)| *mine == id) else {
+            return;
+        };
+        let chip = self.chips.get_mut(&call.get(ADDRESS));
+        match (step, chip) {
+            (Step::Stop, _) => call.event(STOPPED),
+            (Step::Write, Some(chip)) => {
+                self.transfers += 1;
+                for (number, byte) in self.bytes.iter().enumerate() {
+                    match number {
+                        // The highest bit asks some chips to count up, which these do anyway.
+                        0 => chip.place = usize::from(byte & 0x7f),
+                        _ => *chip.turn() = *byte,
+                    }
+                }
+                call.set(TX_AMOUNT, self.bytes.len() as u32);
+                call.event(LASTTX);
+            }
+            (Step::Read, Some(chip)) => {
+                self.transfers += 1;
+                let (pointer, max) = (call.get(RX_PTR), call.get(RX_MAX));
+                for byte in 0..max {
+                    let at = u64::from(pointer) + u64::from(byte);
+                    let value = *chip.turn();
+                    call.context.write_to(at, Width::W8, value.into(), DONE);
+                }
+                call.set(RX_AMOUNT, max);
+                call.event(LASTRX);
+            }
+            _ => {
+                self.error |= NO_ANSWER;
+                call.event(ERROR);
+            }
+        }
+    }
+
+    fn shortcut(&mut self, event: u16, call: &mut Call<'_, '_>) {
+        let shorts = call.get(SHORTS);
+        // Bits of SHORTS (Product Specification, "TWIM").
+        let all = [
+            (7, LASTTX, 0),
+            (8, LASTTX, 7),
+            (9, LASTTX, 5),
+            (10, LASTRX, 2),
+            (11, LASTRX, 7),
+            (12, LASTRX, 5),
+        ];
+        for (bit, cause, task) in all {
+            if cause == event && shorts >> bit & 1 != 0 {
+                self.task(task, call);
+            }
+        }
+    }
+
+    fn read(&mut self, offset: u16, _: &mut Call<'_, '_>) -> Option<u32> {
+        (offset == ERRORSRC).then_some(self.error)
+    }
+
+    fn write(&mut self, offset: u16, value: u32, _: &mut Call<'_, '_>) {
+        if offset == ERRORSRC {
+            self.error &= !value;
+        }
+    }
+
+    fn reset(&mut self) {
+        self.step = None;
+        self.bytes.clear();
+        self.error = 0;
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::peripheral::bench::Bench;
+
+    fn bench() -> Bench<Twim> {
+        let chips = [(0x6a, Chip::new(&[(0x0f, 0x6c), (0x10, 7)]))];
+        let mut bench = Bench::new(Twim::new(chips.into()));
+        bench.set(ENABLE, 6);
+        bench.set(FREQUENCY, 0x0640_0000);
+        bench.set(TX_PTR, 0x2000_0100);
+        bench.set(TX_MAX, 1);
+        bench.set(RX_PTR, 0x2000_0200);
+        bench.set(RX_MAX, 2);
+        bench.cells.0.insert(0x2000_0100, 0x0f);
+        bench
+    }
+
+    #[test]
+    fn a_register_is_read() {
+        let mut bench = bench();
+        bench.set(ADDRESS, 0x6a);
+        bench.set(SHORTS, 1 << 7 | 1 << 12);
+        bench.task(2);
+        // Two bytes out and three, of nine bits at 390 kHz, and the stop.
+        bench.pass(110 * US);
+        assert!(!bench.took(STOPPED));
+        bench.pass(40 * US);
+        assert!(bench.took(STOPPED) && bench.took(LASTTX) && bench.took(LASTRX));
+        assert_eq!(bench.cells.0[&0x2000_0200], 0x6c);
+        assert_eq!(bench.cells.0[&0x2000_0201], 7);
+        assert_eq!(bench.forbidden(), [""; 0]);
+    }
+
+    #[test]
+    fn nobody_answers() {
+        let mut bench = bench();
+        bench.set(ADDRESS, 0x1c);
+        bench.task(2);
+        bench.pass(1_000 * US);
+        assert!(bench.took(ERROR) && !bench.took(LASTTX));
+        assert_eq!(bench.get(ERRORSRC), NO_ANSWER);
+        bench.set(ERRORSRC, NO_ANSWER);
+        assert_eq!(bench.get(ERRORSRC), 0);
+    }
+
+    #[test]
+    fn a_held_bus_ends_nothing() {
+        let mut bench = bench();
+        bench.chip.model.model.held = Some(0..1_000_000);
+        bench.set(ADDRESS, 0x6a);
+        bench.task(2);
+        bench.pass(900_000);
+        assert!(!bench.took(LASTTX));
+        bench.pass(100_000);
+        bench.task(2);
+        bench.pass(900_000);
+        assert!(bench.took(LASTTX));
+    }
+}

@@ -1,0 +1,372 @@
+//! UARTE: a serial line whose bytes go to memory and come from it by themselves.
+
+use std::{collections::VecDeque, fmt};
+
+use rigless::{soc::Width, time::EventId};
+
+use super::{Call, DONE, Model, READ};
+
+const SHORTS: u16 = 0x200;
+const ERRORSRC: u16 = 0x480;
+const ENABLE: u16 = 0x500;
+const BAUDRATE: u16 = 0x524;
+const RX_PTR: u16 = 0x534;
+const RX_MAX: u16 = 0x538;
+const RX_AMOUNT: u16 = 0x53c;
+const TX_PTR: u16 = 0x544;
+const TX_MAX: u16 = 0x548;
+const TX_AMOUNT: u16 = 0x54c;
+
+const RXDRDY: u16 = 2;
+const ENDRX: u16 = 4;
+const TXDRDY: u16 = 7;
+const ENDTX: u16 = 8;
+const ERROR: u16 = 9;
+const RXTO: u16 = 17;
+const RXSTARTED: u16 = 19;
+const TXSTARTED: u16 = 20;
+const TXSTOPPED: u16 = 22;
+
+/// Bytes that wait where there is no buffer (Product Specification, "UARTE", reception).
+const FIFO: usize = 4;
+
+/// What is at the other end of the line.
+pub trait Peer: fmt::Debug + Send {
+    /// A byte has arrived at an instant.
+    fn receive(&mut self, byte: u8, at: u64);
+    /// A byte that has been sent by now.
+    fn transmit(&mut self, now: u64) -> Option<u8>;
+    /// When it will have sent the next one, as far as it knows.
+    fn next(&self) -> Option<u64>;
+}
+
+/// Bytes of a buffer in memory.
+#[derive(Clone, Copy, Debug)]
+struct Buffer {
+    pointer: u32,
+    max: u32,
+    done: u32,
+}
+
+/// Eight bits, no parity, one stop bit, without flow control.
+#[derive(Debug, Default)]
+pub struct Uarte {
+    /// When bytes were sent, and which.
+    pub sent: Vec<(u64, u8)>,
+    /// Bytes that came while there was no room.
+    pub overruns: u64,
+    peer: Option<Box<dyn Peer>>,
+    tx: Option<(Buffer, EventId)>,
+    byte: u8,
+    rx: Option<Buffer>,
+    /// The receiver runs, with a buffer or without.
+    is_on: bool,
+    fifo: VecDeque<u8>,
+    next: Option<EventId>,
+}
+
+impl Uarte {
+    /// A line to this peer.
+    pub fn new(peer: Option<Box<dyn Peer>>) -> Self {
+        Self {
+            peer,
+            ..Self::default()
+        }
+    }
+
+    /// Ten bits; the rate is the register's share of 16 MHz (Product Specification, "UARTE", BAUDRATE).
+    fn byte_time(call: &Call<'_, '_>) -> u64 {
+        let share = u128::from(call.get(BAUDRATE).max(1));
+        (10_000_000_000_u128 * (1 << 32) / (share * 16_000_000)) as u64
+    }
+
+    /// Starts the receiver; what came before was not heard.
+    fn switch_on(&mut self, call: &mut Call<'_, '_>) {
+        if !self.is_on {
+            self.is_on = true;
+            let now = call.now();
+            while { self.peer.as_mut() }.is_some_and(|peer| peer.transmit(now).is_some()) {}
+        }
+        self.plan(call);
+    }
+
+    fn plan(&mut self, call: &mut Call<'_, '_>) {
+        let peer = self.peer.as_ref().filter(|_| self.is_on);
+        let next = peer.and_then(|peer| peer.next());
+        let now = call.now();
+        self.next = next.map(|next| call.at(next.max(now + 1)));
+    }
+
+    fn drain(&mut self, call: &mut Call<'_, '_>) {
+        while let Some(mut buffer) = self.rx
+            && let Some(byte) = self.fifo.pop_front()
+        {
+            let at = u64::from(buffer.pointer) + u64::from(buffer.done);
+            call.context.write_to(at, Width::W8, byte.into(), DONE);
+            buffer.done += 1;
+            self.rx = Some(buffer);
+            call.event(RXDRDY);
+            if buffer.done == buffer.max {
+                self.end_reception(call);
+            }
+        }
+    }
+
+    fn end_reception(&mut self, call: &mut Call<'_, '_>) {
+        if let Some(buffer) = self.rx.take() {
+            call.set(RX_AMOUNT, buffer.done);
+            call.event(ENDRX);
+        }
+    }
+
+    /// The byte at the buffer's front goes out.
+    fn send(&mut self, buffer: Buffer, call: &mut Call<'_, '_>) {
+        let time = Self::byte_time(call);
+        let id = call.after(time);
+        self.tx = Some((buffer, id));
+        let at = u64::from(buffer.pointer) + u64::from(buffer.done);
+        call.context.read_from(at, Width::W8, READ);
+    }
+
+    fn end_transmission(&mut self, amount: u32, call: &mut Call<'_, '_>) {
+        call.set(TX_AMOUNT, amount);
+        call.event(ENDTX);
+    }
+}
+
+impl Model for Uarte {
+    fn task(&mut self, number: u16, call: &mut Call<'_, '_>) {
+        if call.get(ENABLE) != 8 {
+            call.forbid("ENABLE", "a task while it is not enabled (\"UARTE\")");
+            return;
+        }
+        match number {
+            0 => {
+                let (pointer, max) = (call.get(RX_PTR), call.get(RX_MAX));
+                call.event(RXSTARTED);
+                self.switch_on(call);
+                if call.reaches(pointer, max) {
+                    self.rx = Some(Buffer {
+                        pointer,
+                        max,
+                        done: 0,
+                    });
+                    self.drain(call);
+                }
+            }
+            1 => {
+                self.is_on = false;
+                self.next = None;
+                self.end_reception(call);
+                call.event(RXTO);
+            }
+            2 => {
+                let (pointer, max) = (call.get(TX_PTR), call.get(TX_MAX));
+                call.event(TXSTARTED);
+                if max == 0 {
+                    self.end_transmission(0, call);
+                } else if call.reaches(pointer, max) {
+                    self.send(
+                        Buffer {
+                            pointer,
+                            max,
+                            done: 0,
+                        },
+                        call,
+                    );
+                }
+            }
+            3 => {
+                if let Some((buffer, _)) = self.tx.take() {
+                    self.end_transmission(buffer.done, call);
+                }
+                call.event(TXSTOPPED);
+            }
+            4 => {
+                // What waits goes to the buffer that is set up.
+                let (pointer, max) = (call.get(RX_PTR), call.get(RX_MAX));
+                if call.reaches(pointer, max) {
+                    self.rx = Some(Buffer {
+                        pointer,
+                        max,
+                        done: 0,
+                    });
+                    self.drain(call);
+                    self.end_reception(call);
+                }
+            }
+            _ => {}
+        }
+    }
+
+    fn answer(&mut self, _: u64, value: u32, _: &mut Call<'_, '_>) {
+        self.byte = value as u8;
+    }
+
+    fn due(&mut self, id: EventId, call: &mut Call<'_, '_>) {
+        let now = call.now();
+        if let Some((mut buffer, _)) = self.tx.take_if(|(_, mine)| *mine == id) {
+            self.sent.push((now, self.byte));
+            if let Some(peer) = &mut self.peer {
+                peer.receive(self.byte, now);
+                self.plan(call);
+            }
+            call.event(TXDRDY);
+            buffer.done += 1;
+            if buffer.done == buffer.max {
+                self.end_transmission(buffer.done, call);
+            } else {
+                self.send(buffer, call);
+            }
+        }
+        if self.next == Some(id) {
+            self.next = None;
+            while let Some(byte) = self.peer.as_mut().and_then(|peer| peer.transmit(now)) {
+                if self.fifo.len() < FIFO {
+                    self.fifo.push_back(byte);
+                } else {
+                    self.overruns += 1;
+                    call.set(ERRORSRC, 1);
+                    call.event(ERROR);
+                }
+                self.drain(call);
+            }
+            self.plan(call);
+        }
+    }
+
+    fn shortcut(&mut self, event: u16, call: &mut Call<'_, '_>) {
+        let shorts = call.get(SHORTS);
+        if event == ENDRX && shorts & 1 << 5 != 0 {
+            self.task(0, call);
+        }
+        if event == ENDRX && shorts & 1 << 6 != 0 {
+            self.task(1, call);
+        }
+    }
+
+    fn write(&mut self, offset: u16, value: u32, call: &mut Call<'_, '_>) {
+        if offset == ERRORSRC {
+            // Cleared by ones; the cause is the one modelled.
+            call.set(ERRORSRC, !value & 1);
+        }
+    }
+
+    fn reset(&mut self) {
+        self.tx = None;
+        self.rx = None;
+        self.is_on = false;
+        self.next = None;
+        self.fifo.clear();
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::peripheral::bench::Bench;
+
+    /// Says what it hears, a millisecond later.
+    #[derive(Debug, Default)]
+    struct Echo(VecDeque<(u64, u8)>);
+
+    impl Peer for Echo {
+        fn receive(&mut self, byte: u8, at: u64) {
+            self.0.push_back((at + 1_000_000, byte));
+        }
+
+        fn transmit(&mut self, now: u64) -> Option<u8> {
+            let first = self.0.front().filter(|(at, _)| *at <= now);
+            first.is_some().then(|| self.0.pop_front().unwrap().1)
+        }
+
+        fn next(&self) -> Option<u64> {
+            self.0.front().map(|(at, _)| *at)
+        }
+    }
+
+    const BUFFER: u32 = 0x2000_0100;
+
+    fn bench() -> Bench<Uarte> {
+        let mut bench = Bench::new(Uarte::new(Some(Box::new(Echo::default()))));
+        bench.set(ENABLE, 8);
+        // 38,400 baud, as the specification tables it.
+        bench.set(BAUDRATE, 0x009d_0000);
+        for (at, byte) in (u64::from(BUFFER)..).zip(*b"hello, all") {
+            bench.cells.0.insert(at, byte);
+        }
+        bench.set(TX_PTR, BUFFER);
+        bench.set(TX_MAX, 10);
+        bench
+    }
+
+    #[test]
+    fn bytes_take_their_time_and_come_back() {
+        let mut bench = bench();
+        bench.set(RX_PTR, 0x2000_0200);
+        bench.set(RX_MAX, 10);
+        bench.task(0);
+        bench.task(2);
+        // 10 bytes of 10 bits at 38,339 baud.
+        bench.pass(2_600_000);
+        assert!(!bench.took(ENDTX));
+        bench.pass(20_000);
+        assert!(bench.took(ENDTX));
+        assert_eq!(bench.get(TX_AMOUNT), 10);
+        assert!(!bench.took(ENDRX));
+        bench.pass(1_000_000);
+        assert!(bench.took(ENDRX));
+        assert_eq!(bench.get(RX_AMOUNT), 10);
+        let heard = (0x2000_0200..0x2000_020a).map(|at| bench.cells.0[&at]);
+        assert_eq!(heard.collect::<Vec<_>>(), b"hello, all");
+    }
+
+    #[test]
+    fn without_a_buffer_bytes_are_lost() {
+        let mut bench = bench();
+        bench.set(RX_PTR, 0x2000_0200);
+        bench.set(RX_MAX, 1);
+        bench.task(0);
+        bench.task(2);
+        bench.pass(5_000_000);
+        assert!(bench.took(ENDRX) && bench.took(ERROR));
+        assert_eq!(bench.chip.model.model.overruns, 9 - FIFO as u64);
+        // What waited comes first.
+        bench.set(RX_MAX, 4);
+        bench.task(0);
+        assert!(bench.took(ENDRX));
+        let heard = (0x2000_0200..0x2000_0204).map(|at| bench.cells.0[&at]);
+        assert_eq!(heard.collect::<Vec<_>>(), b"ello");
+    }
+
+    #[test]
+    fn a_receiver_that_is_off_hears_nothing() {
+        let mut bench = bench();
+        bench.task(2);
+        bench.pass(5_000_000);
+        assert!(!bench.took(ERROR));
+        bench.set(RX_PTR, 0x2000_0200);
+        bench.set(RX_MAX, 1);
+        bench.task(0);
+        bench.pass(5_000_000);
+        assert!(!bench.took(RXDRDY));
+        bench.task(2);
+        bench.pass(5_000_000);
+        assert!(bench.took(RXDRDY));
+        assert_eq!(bench.cells.0[&0x2000_0200], b'h');
+    }
+
+    #[test]
+    fn flash_is_out_of_its_reach() {
+        let mut bench = bench();
+        bench.set(TX_PTR, 0x1000);
+        bench.task(2);
+        bench.set(TX_PTR, 0x2003_fffc);
+        bench.task(2);
+        bench.set(ENABLE, 0);
+        bench.task(2);
+        assert_eq!(bench.forbidden(), ["PTR", "PTR", "ENABLE"]);
+        bench.pass(5_000_000);
+        assert!(bench.chip.model.model.sent.is_empty());
+    }
+}

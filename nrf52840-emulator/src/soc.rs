@@ -1,0 +1,279 @@
+//! The chip: its memory map, its peripherals where they are, and what a reset does.
+
+use core::num::{NonZeroU32, NonZeroU64};
+use std::collections::BTreeMap;
+
+use rigless::{
+    cpu,
+    device::{ErasedDevice, ResetCause},
+    machine::{self, Target, armv7m},
+    mcu::{Mcu, Operate},
+    snapshot::Store,
+    soc::{Bus, Cpu, Endian, Error, Peripheral, Region},
+    time::VirtualNanos,
+};
+
+use crate::peripheral::{
+    Chip, Clock, Frame, Gpio, Instance, Nvmc, Peer, Plain, Ppi, REGISTERS, Radio, Rng, Rtc, Timer,
+    Twim, Uarte, Watchdog, Word, clock,
+};
+
+/// Where FICR and UICR are (Product Specification, "Memory map").
+pub(crate) const FICR: u64 = 0x1000_0000;
+/// Data RAM, and its size.
+pub(crate) const RAM: (u64, u64) = (0x2000_0000, 256 << 10);
+const INTERRUPTS: u16 = 48;
+const HZ: u64 = 64_000_000;
+/// Who keeps what in UICR and flash.
+const NVMC: &str = "NVMC";
+
+static MEMORY: [Region; 4] = [
+    Region::flash("flash", 0, 1 << 20)
+        .erased_to(0xff)
+        .programmed_by(NVMC),
+    Region::system("ficr", FICR, 0x1000),
+    Region::flash("uicr", 0x1000_1000, 0x1000)
+        .erased_to(0xff)
+        .programmed_by(NVMC),
+    Region::ram("ram", RAM.0, RAM.1),
+];
+
+/// Product Specification, "Instantiation": the number in the address is that of the interrupt.
+const fn peripheral(name: &'static str, base: u64, interrupts: &'static [u16]) -> Peripheral {
+    Peripheral {
+        name,
+        base,
+        size: 0x1000,
+        interrupts,
+        registers: &REGISTERS,
+    }
+}
+
+const RADIO: usize = 1;
+const WATCHDOG: usize = 8;
+
+/// By their addresses: the bus counts its slots so.
+const MAP: [Peripheral; 13] = [
+    peripheral("CLOCK", 0x4000_0000, &[0]),
+    peripheral("RADIO", 0x4000_1000, &[1]),
+    peripheral("UARTE0", 0x4000_2000, &[2]),
+    peripheral("TWIM0", 0x4000_3000, &[3]),
+    peripheral("GPIOTE", 0x4000_6000, &[6]),
+    peripheral("TIMER1", 0x4000_9000, &[9]),
+    peripheral("TEMP", 0x4000_c000, &[12]),
+    peripheral("RNG", 0x4000_d000, &[13]),
+    peripheral("WDT", 0x4001_0000, &[16]),
+    peripheral("RTC1", 0x4001_1000, &[17]),
+    peripheral(NVMC, 0x4001_e000, &[30]),
+    peripheral("PPI", 0x4001_f000, &[31]),
+    peripheral("GPIO", 0x5000_0000, &[]),
+];
+
+const _: () = {
+    let mut slot = 1;
+    while slot < MAP.len() {
+        assert!(MAP[slot - 1].base < MAP[slot].base);
+        slot += 1;
+    }
+};
+
+/// An nRF52840.
+#[derive(Debug)]
+pub struct Soc {
+    bus: Bus,
+    /// CLOCK and POWER.
+    pub clock: Instance<Clock>,
+    /// RADIO.
+    pub radio: Instance<Radio>,
+    /// UARTE0.
+    pub uarte: Instance<Uarte>,
+    /// TWIM0.
+    pub twim: Instance<Twim>,
+    gpiote: Instance<Plain>,
+    temp: Instance<Plain>,
+    timer: Instance<Timer>,
+    rng: Instance<Rng>,
+    /// WDT.
+    pub watchdog: Instance<Watchdog>,
+    rtc: Instance<Rtc>,
+    /// NVMC.
+    pub nvmc: Instance<Nvmc>,
+    ppi: Instance<Ppi>,
+    /// Both ports.
+    pub gpio: Instance<Gpio>,
+}
+
+impl Soc {
+    /// The chip of a node, with what is at its line and on its bus.
+    ///
+    /// # Errors
+    /// The map is not in order.
+    pub fn new(
+        node: usize,
+        peer: Option<Box<dyn Peer>>,
+        chips: BTreeMap<u32, Chip>,
+    ) -> Result<Self, Error> {
+        let cpu = Cpu::new("nrf52840", true, INTERRUPTS, Endian::Little);
+        let bus = Bus::builder(cpu, &MEMORY, MAP)
+            .reads_requests("PPI")
+            .build()?;
+        let bases = MAP.iter().map(|entry| (entry.name, entry.base)).collect();
+        let mut soc = Self {
+            bus,
+            clock: Instance::new(Clock::default()),
+            radio: Instance::new(Radio::new(node)),
+            uarte: Instance::new(Uarte::new(peer)),
+            twim: Instance::new(Twim::new(chips)),
+            gpiote: Instance::new(Plain),
+            temp: Instance::new(Plain),
+            timer: Instance::new(Timer::default()),
+            rng: Instance::new(Rng::new(node as u64 + 1)),
+            watchdog: Instance::new(Watchdog::default()),
+            rtc: Instance::new(Rtc::default()),
+            nvmc: Instance::new(Nvmc::default()),
+            ppi: Instance::new(Ppi::new(bases)),
+            gpio: Instance::new(Gpio::default()),
+        };
+        soc.check()?;
+        Ok(soc)
+    }
+
+    /// Whether an interrupt is pending, which wakes the processor.
+    pub(crate) fn is_interrupted(&self) -> bool {
+        self.clock.is_pending()
+            || self.radio.is_pending()
+            || self.uarte.is_pending()
+            || self.twim.is_pending()
+            || self.timer.is_pending()
+            || self.rng.is_pending()
+            || self.watchdog.is_pending()
+            || self.rtc.is_pending()
+    }
+
+    /// A frame of another node is about to arrive.
+    pub(crate) fn hear(&mut self, now: VirtualNanos, frame: Frame, level: u8) {
+        let (file, mut context) = self.bus.drive(now, RADIO);
+        self.radio.call(file, &mut context, |radio, call| {
+            radio.hear(frame, level, call)
+        });
+    }
+}
+
+impl Mcu for Soc {
+    fn bus(&self) -> &Bus {
+        &self.bus
+    }
+
+    fn bus_mut(&mut self) -> &mut Bus {
+        &mut self.bus
+    }
+
+    /// Product Specification, "Reset behavior": the watchdog runs on through a reset by the program.
+    fn reset(&mut self, at: VirtualNanos, cause: ResetCause) {
+        self.radio.model.count(at.0);
+        let deadline = self.watchdog.model.deadline;
+        let file = self.bus.slots()[WATCHDOG].registers();
+        let kept = Watchdog::KEPT.map(|offset| (offset, file.get(Word::at(offset)) as u32));
+        self.reset_every_model();
+        if cause == ResetCause::Core {
+            let (file, mut context) = self.bus.drive(at, WATCHDOG);
+            self.watchdog.call(file, &mut context, |watchdog, call| {
+                for (offset, value) in kept {
+                    call.set(offset, value);
+                }
+                if Watchdog::is_running(call) {
+                    watchdog.go_on(deadline, call);
+                }
+            });
+        }
+        self.clock.model.cause |= match cause {
+            ResetCause::Core => clock::PROGRAM,
+            ResetCause::Model("WDT") => clock::WATCHDOG,
+            ResetCause::Pin => clock::PIN,
+            _ => 0,
+        };
+    }
+
+    fn poll(&mut self, _: VirtualNanos) {}
+
+    fn split(&mut self, slot: usize) -> (&mut Bus, Option<&mut dyn ErasedDevice>) {
+        let model: &mut dyn ErasedDevice = match slot {
+            0 => &mut self.clock,
+            RADIO => &mut self.radio,
+            2 => &mut self.uarte,
+            3 => &mut self.twim,
+            4 => &mut self.gpiote,
+            5 => &mut self.timer,
+            6 => &mut self.temp,
+            7 => &mut self.rng,
+            WATCHDOG => &mut self.watchdog,
+            9 => &mut self.rtc,
+            10 => &mut self.nvmc,
+            11 => &mut self.ppi,
+            12 => &mut self.gpio,
+            _ => return (&mut self.bus, None),
+        };
+        (&mut self.bus, Some(model))
+    }
+}
+
+/// A board with one such chip.
+#[derive(Debug)]
+pub struct Board {
+    /// Its chip.
+    pub soc: Soc,
+}
+
+impl Store for Board {}
+
+impl machine::Board for Board {
+    fn name(&self) -> &'static str {
+        "nrf52840"
+    }
+
+    fn target_names(&self) -> Vec<&'static str> {
+        vec!["nrf52840"]
+    }
+
+    fn mcu(&mut self, target: usize) -> Option<&mut dyn Mcu> {
+        (target == 0).then_some(&mut self.soc)
+    }
+
+    /// An instruction a cycle: faster than the chip, which waits for its flash.
+    fn targets(&mut self) -> Vec<Target<'_>> {
+        let core = armv7m::Core {
+            variant: armv7m::Variant::M4,
+            clock_hz: const { NonZeroU64::new(HZ).unwrap() },
+            interrupt_lines: const { NonZeroU32::new(INTERRUPTS as u32).unwrap() },
+            priority_bits: 3,
+            refclk_divider: NonZeroU32::MIN,
+            instructions_per_second: const { NonZeroU64::new(HZ).unwrap() },
+            boot: "flash",
+        };
+        let mut config = armv7m::Config::new(core, &cpu::armv7m::windows(self.soc.bus()));
+        config.vector_table = Some(0);
+        config.fpu = armv7m::Fpu::FpV4Sp;
+        let spec = config.spec();
+        vec![Target::new("nrf52840", &mut self.soc, spec)]
+    }
+}
+
+/// FICR of a chip with 1 MiB of flash and 256 KiB of RAM (Product Specification, "FICR").
+pub(crate) fn ficr(node: usize) -> Vec<u8> {
+    let mut bytes = vec![0xff; 0x1000];
+    let variant = u32::from_be_bytes(*b"AAD0");
+    for (at, word) in [
+        (0x10, 4096),
+        (0x14, 256),
+        (0x60, 0x1234_5600 + node as u32),
+        (0x64, 0x89ab_cdef),
+        (0x100, 0x5_2840),
+        (0x104, variant),
+        (0x108, 0x2004),
+        (0x10c, 256),
+        (0x110, 1024),
+    ] {
+        bytes[at..at + 4].copy_from_slice(&word.to_le_bytes());
+    }
+    bytes
+}

@@ -1,0 +1,351 @@
+//! The image that is flashed, from `NODE_IMAGE`, with the configuration pages of a site.
+
+use std::{collections::BTreeMap, env, fs, path::PathBuf};
+
+use cmucam2_emulator::{Configuration, Emulator, Scene};
+use defmt_decoder::{DecodeError, Table};
+use node_firmware::{
+    config::{CheckedConfig, SiteKey, page},
+    console::{Frames, ToPc},
+};
+use nrf52840_emulator::{
+    MEMORY, Node, Outcome, SETTINGS, Soc,
+    peripheral::{Chip, Frame, Peer},
+    run,
+};
+use site::{NetworkConfigs, Overrides, Scenario, Site};
+
+const S: u64 = 1_000_000_000;
+const MS: u64 = 1_000_000;
+/// Where the configuration page is.
+const PAGE: u64 = 0xf_f000;
+/// 40 dB above the least that is heard.
+const LEVEL: u8 = 40;
+
+fn image() -> PathBuf {
+    let image = env::var_os("NODE_IMAGE").expect("NODE_IMAGE is not set");
+    image.into()
+}
+
+/// A site as it is rehearsed, of one network: its world, and what its nodes are told.
+struct Rehearsal {
+    site: Site,
+    configs: NetworkConfigs,
+}
+
+impl Rehearsal {
+    fn of(name: &str) -> Self {
+        let scenario = Scenario::load(name, &Overrides::default()).unwrap();
+        let (scenario, site) = scenario.rehearsed().unwrap();
+        let configs = site::configs(&scenario, SiteKey::new(1, *b"a key of no site")).unwrap();
+        let configs = configs.into_iter().next().unwrap();
+        Self { site, configs }
+    }
+
+    fn coordinator(&self) -> Node {
+        node(&self.configs.coordinator)
+    }
+
+    /// A camera node whose CMUcam2 sees the target at its first stop, if it can.
+    fn camera(&self, number: usize) -> Node {
+        let camera = &self.site.networks[0].cameras[number];
+        let mut scene = Scene::default();
+        let view = self.site.world.look(camera.index);
+        view.paint([110; 3], &mut scene.objects);
+        let configuration = Configuration {
+            sensor: camera.sensor,
+            baud: camera.baud,
+            host_baud: camera.baud,
+            seed: camera.id.into(),
+            ..Configuration::default()
+        };
+        Node {
+            peer: Some(Box::new(Camera(Emulator::new(configuration, scene)))),
+            ..node(&self.configs.cameras[number])
+        }
+    }
+
+    /// A target with its sensors: who they say they are (data sheets of LSM6DSOX and LIS3MDL,
+    /// `WHO_AM_I`).
+    fn target(&self) -> Node {
+        Node {
+            chips: BTreeMap::from([
+                (0x6a, Chip::new(&[(0x0f, 0x6c)])),
+                (0x1c, Chip::new(&[(0x0f, 0x3d)])),
+            ]),
+            ..node(&self.configs.targets[0])
+        }
+    }
+
+    /// The coordinator, the cameras, and the target.
+    fn nodes(&self) -> Vec<Node> {
+        let cameras = (0..self.configs.cameras.len()).map(|number| self.camera(number));
+        [self.coordinator()]
+            .into_iter()
+            .chain(cameras)
+            .chain([self.target()])
+            .collect()
+    }
+}
+
+fn lab() -> Rehearsal {
+    Rehearsal::of("lab")
+}
+
+/// A node as it comes from `host-sim provision`, with blank flash.
+fn node(config: &CheckedConfig) -> Node {
+    let mut page = vec![0; page::PAGE_MAX];
+    page::encode(config, &mut page).unwrap();
+    Node {
+        image: image(),
+        flash: vec![(PAGE, page)],
+        ..Node::default()
+    }
+}
+
+/// The coordinator after its power has gone.
+fn again(lab: &Rehearsal, before: &Outcome) -> Node {
+    Node {
+        flash: before.flash.clone(),
+        ..lab.coordinator()
+    }
+}
+
+/// A CMUcam2 that was switched on with its node.
+#[derive(Debug)]
+struct Camera(Emulator);
+
+impl Peer for Camera {
+    fn receive(&mut self, byte: u8, at: u64) {
+        self.0.receive(byte, at);
+    }
+
+    fn transmit(&mut self, now: u64) -> Option<u8> {
+        self.0.transmit(now).map(|(_, byte)| byte)
+    }
+
+    fn next(&self) -> Option<u64> {
+        self.0.next_deadline()
+    }
+}
+
+fn alone(node: Node, time: u64) -> Outcome {
+    let (mut outcomes, _) = run(vec![node], time, |_, _| None).unwrap();
+    outcomes.pop().unwrap()
+}
+
+fn everybody(_: &Frame, _: usize) -> Option<u8> {
+    Some(LEVEL)
+}
+
+/// What must hold of every run.
+fn in_order(outcome: &Outcome) {
+    assert_eq!(log(outcome), [""; 0]);
+    assert_eq!(outcome.forbidden, []);
+    assert_eq!(outcome.unmapped, [""; 0]);
+}
+
+/// What the image logged, a line each.
+fn log(outcome: &Outcome) -> Vec<String> {
+    let image = fs::read(image()).unwrap();
+    let table = Table::parse(&image).unwrap().unwrap();
+    let mut decoder = table.new_stream_decoder();
+    decoder.received(&outcome.log);
+    let mut lines = Vec::new();
+    loop {
+        match decoder.decode() {
+            Ok(frame) => lines.push(frame.display(false).to_string()),
+            // A restart tears what was being said.
+            Err(DecodeError::Malformed) => {}
+            Err(DecodeError::UnexpectedEof) => return lines,
+        }
+    }
+}
+
+fn says(outcome: &Outcome, words: &str) -> bool {
+    log(outcome).iter().any(|line| line.contains(words))
+}
+
+/// What a coordinator told its PC.
+fn told(outcome: &Outcome) -> Vec<ToPc> {
+    let mut frames = Frames::default();
+    let bytes = outcome.line.iter().map(|&(_, byte)| byte);
+    bytes.filter_map(|byte| frames.push(byte)).collect()
+}
+
+/// The same chips do the same.
+fn are_equal(ones: &[Outcome], others: &[Outcome]) {
+    for (one, other) in ones.iter().zip(others) {
+        assert_eq!(
+            (one.instructions, &one.line, &one.log, &one.flash),
+            (other.instructions, &other.line, &other.log, &other.flash)
+        );
+    }
+}
+
+#[test]
+#[ignore = "`cargo xtask test --stage chip`"]
+fn a_blank_board_starts() {
+    let lab = lab();
+    let first = alone(lab.coordinator(), 20 * S);
+    in_order(&first);
+    // UICR is written once, and takes a restart (Product Specification, "UICR").
+    assert!(first.resets.len() <= 1, "{:?}", first.resets);
+    // Of the pages in use, only those that something was written to.
+    assert!(first.erased.len() <= 4, "{:x?}", first.erased);
+    assert!(first.written > 0 && first.fed > 5);
+    // With its memory it starts at once, and erases nothing.
+    let second = alone(again(&lab, &first), 20 * S);
+    in_order(&second);
+    assert_eq!(
+        (second.resets.as_slice(), second.erased.as_slice()),
+        ([].as_slice(), [].as_slice())
+    );
+}
+
+#[test]
+#[ignore = "`cargo xtask test --stage chip`"]
+fn a_small_network_does_the_same_each_time() {
+    let lab = lab();
+    let nodes = || vec![lab.coordinator(), lab.camera(0), lab.target()];
+    let (outcomes, frames) = run(nodes(), 10 * S, everybody).unwrap();
+    let (repeated, same) = run(nodes(), 10 * S, everybody).unwrap();
+    assert!(frames.len() > 20, "{}", frames.len());
+    assert_eq!(frames, same);
+    are_equal(&outcomes, &repeated);
+}
+
+/// Blank flash to a network whose cameras look for the target; `NODE_SITE` is another site.
+#[test]
+#[ignore = "`cargo xtask test --stage chip`"]
+fn the_nodes_of_a_site_join() {
+    let name = env::var("NODE_SITE").unwrap_or_else(|_| "lab".into());
+    let seconds = env::var("NODE_SECONDS").map_or(20, |seconds| seconds.parse().unwrap());
+    let site = Rehearsal::of(&name);
+    let begun = std::time::Instant::now();
+    let (outcomes, frames) = run(site.nodes(), seconds * S, everybody).unwrap();
+    println!(
+        "{} nodes of {name}, {seconds} s in {:.1} s, {} frames",
+        outcomes.len(),
+        begun.elapsed().as_secs_f64(),
+        frames.len()
+    );
+    println!("radio received and sent, ms; instructions; RAM untouched; restarts");
+    for outcome in &outcomes {
+        println!(
+            "{:?} {} {} {:?}",
+            outcome.radio_on.map(|on| on / MS),
+            outcome.instructions,
+            outcome.untouched,
+            outcome.resets,
+        );
+        in_order(outcome);
+        assert_eq!(outcome.overruns, 0);
+    }
+    // Everybody but the coordinator is a member.
+    let members: BTreeMap<_, _> = { told(&outcomes[0]).into_iter() }
+        .filter_map(|message| match message {
+            ToPc::Member { address, hello } => Some((address, hello)),
+            _ => None,
+        })
+        .collect();
+    assert_eq!(members.len(), outcomes.len() - 1, "{members:?}");
+    // After their set-up cameras are asked for the ball again and again: they answer.
+    for camera in &outcomes[1..outcomes.len() - 1] {
+        let line: Vec<u8> = camera.line.iter().map(|&(_, byte)| byte).collect();
+        let line = String::from_utf8(line).unwrap();
+        assert!(line.matches("\rTC").count() > 2, "{line:?}");
+    }
+}
+
+#[test]
+#[ignore = "`cargo xtask test --stage chip`"]
+fn a_stuck_radio_restarts_the_node_at_once() {
+    const AT: u64 = S;
+    let faults: fn(&mut Soc) = |soc| soc.radio.model.sticks_at = Some(AT);
+    let lab = lab();
+    let camera = Node {
+        faults: Some(faults),
+        ..lab.camera(0)
+    };
+    let nodes = vec![lab.coordinator(), camera];
+    let (outcomes, frames) = run(nodes, 10 * S, everybody).unwrap();
+    println!("{:?}", outcomes[1].resets);
+    let stuck = frames
+        .iter()
+        .filter(|frame| frame.node == 1)
+        .find(|frame| frame.end() >= AT);
+    let stuck = stuck.unwrap().end();
+    let restart = outcomes[1]
+        .resets
+        .iter()
+        .find(|reset| reset.at > AT)
+        .unwrap();
+    assert_eq!(restart.by, "Core");
+    let dead = restart.at - stuck;
+    println!("restarted after {} ms", dead / MS);
+    assert!(dead < 600 * MS, "{dead}");
+    assert!(says(&outcomes[1], "the radio is stuck"));
+    // And goes on.
+    assert!(
+        frames
+            .iter()
+            .any(|frame| frame.node == 1 && frame.start > restart.at)
+    );
+}
+
+#[test]
+#[ignore = "`cargo xtask test --stage chip`"]
+fn a_bus_that_is_held_low_stops_nothing_else() {
+    let faults: fn(&mut Soc) = |soc| soc.twim.model.held = Some(5 * S..8 * S);
+    let lab = lab();
+    let target = Node {
+        faults: Some(faults),
+        ..lab.target()
+    };
+    let (outcomes, frames) = run(vec![lab.coordinator(), target], 20 * S, everybody).unwrap();
+    let target = &outcomes[1];
+    // The start after UICR was written, and no other.
+    assert_eq!(target.resets.len(), 1, "{:?}", target.resets);
+    assert!(
+        frames
+            .iter()
+            .any(|frame| frame.node == 1 && frame.start > 8 * S)
+    );
+    // Some 40 a second, before and after.
+    assert!(target.transfers > 300, "{}", target.transfers);
+}
+
+/// The crystal of 32 MHz is waited for before the watchdog runs: there is nothing to be seen of such
+/// a board, and it does nothing wrong.
+#[test]
+#[ignore = "`cargo xtask test --stage chip`"]
+fn without_its_crystal_a_board_stands_still() {
+    let faults: fn(&mut Soc) = |soc| soc.clock.model.is_hfxo_dead = true;
+    let node = Node {
+        faults: Some(faults),
+        ..lab().coordinator()
+    };
+    let outcome = alone(node, 60 * S);
+    in_order(&outcome);
+    assert_eq!((outcome.fed, outcome.resets.len()), (0, 1));
+    // It need not be emulated step by step.
+    assert!(outcome.instructions < 1_000_000, "{}", outcome.instructions);
+}
+
+#[test]
+#[ignore = "`cargo xtask test --stage chip`"]
+fn power_may_go_while_the_flash_is_written() {
+    let lab = lab();
+    let whole = alone(lab.coordinator(), 4 * S);
+    // Also in the middle of the work on the flash.
+    let busy = whole.erased.iter().map(|(at, _)| at + 40 * MS);
+    for cut in busy.chain((1..4).map(|part| part * S / 3)) {
+        let before = alone(lab.coordinator(), cut);
+        let after = alone(again(&lab, &before), 10 * S);
+        in_order(&after);
+        assert!(after.fed > 3, "cut at {cut}: {:?}", after.resets);
+        assert!(after.flash.iter().any(|(at, _)| *at == MEMORY.start));
+        assert!(after.flash.iter().any(|(at, _)| *at == SETTINGS.start));
+    }
+}

@@ -1,0 +1,43 @@
+//! The image that is flashed, on an emulated nRF52840 in virtual time. Its crate is a workspace of its
+//! own, for it needs a newer compiler than the one whose figures are documented.
+
+use anyhow::{Context, Result};
+use xshell::{Shell, cmd};
+
+use crate::{firmware, setup};
+
+/// Where everything is built for it.
+const BUILT: &str = "target/chip";
+const PACKAGE: &str = "nrf52840";
+
+/// Checks the crate, tests its models, and runs the image as nodes of a site.
+///
+/// # Errors
+/// One of that fails.
+pub(crate) fn run(sh: &Shell) -> Result<()> {
+    let newer = sh.push_env("RUSTUP_TOOLCHAIN", setup::EMULATOR_TOOLCHAIN);
+    let manifest = setup::EMULATOR;
+    cmd!(sh, "cargo fmt --manifest-path {manifest} --check")
+        .run()
+        .with_context(|| format!("type `cargo fmt --manifest-path {manifest}`"))?;
+    cmd!(
+        sh,
+        "cargo clippy --locked --manifest-path {manifest} --target-dir {BUILT} --all-targets -- --deny warnings"
+    )
+    .run()?;
+    cmd!(
+        sh,
+        "cargo test --release --locked --manifest-path {manifest} --target-dir {BUILT}"
+    )
+    .run()?;
+    drop(newer);
+    let image = firmware::build(sh, PACKAGE)?;
+    cmd!(
+        sh,
+        "cargo test --release --locked --manifest-path {manifest} --target-dir {BUILT} --test image -- --ignored --nocapture"
+    )
+    .env("RUSTUP_TOOLCHAIN", setup::EMULATOR_TOOLCHAIN)
+    .env("NODE_IMAGE", sh.current_dir().join(image))
+    .run()?;
+    Ok(())
+}
