@@ -7,7 +7,7 @@ use calib_core::camera::Projection;
 use super::scene::Extent;
 
 /// A CMUcam2's pixels are twice as wide as they are tall.
-const PIXEL_ASPECT: f64 = 2.0;
+pub(super) const PIXEL_ASPECT: f64 = 2.0;
 
 /// How a camera of square directions spreads them over its picture: projection, field of view, and
 /// its columns and rows in low resolution.

@@ -136,7 +136,7 @@ mod tests {
             payload: vec![],
             summed: false,
         };
-        assert_eq!(heard(&[0xAE, 0xC1, 14, 0]), [version.clone()]);
+        assert_eq!(heard(&[0xAE, 0xC1, 14, 0]), std::slice::from_ref(&version));
         assert_eq!(heard(&[0xC1, 0xAE, 0xAE, 0xC1, 14, 0]), [version]);
         let blocks = heard(&[0xAF, 0xC1, 32, 2, 0x00, 0x01, 255, 1]);
         assert_eq!(
