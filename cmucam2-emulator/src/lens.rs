@@ -6,8 +6,8 @@ use calib_core::camera::Projection;
 
 use super::scene::Extent;
 
-/// Pixels are twice as wide as they are tall.
-const PIXEL_ASPECT: f64 = 2.0;
+/// A CMUcam2's pixels are twice as wide as they are tall.
+pub(super) const PIXEL_ASPECT: f64 = 2.0;
 
 /// How a camera of square directions spreads them over its picture: projection, field of view, and
 /// its columns and rows in low resolution.
@@ -18,6 +18,8 @@ pub struct Lens {
     rows: f64,
     /// Columns for a tangent of 1 (pin-hole) or for one radian (equal angles).
     focal: f64,
+    /// How many rows are as much as a column.
+    aspect: f64,
 }
 
 /// Where a camera stands and looks, level.
@@ -49,7 +51,19 @@ impl Lens {
         columns: u8,
         rows: u8,
     ) -> Option<Self> {
-        let (columns, rows) = (f64::from(columns), f64::from(rows));
+        let frame = [columns, rows].map(u16::from);
+        Self::of_frame(projection, field_of_view, frame, PIXEL_ASPECT)
+    }
+
+    /// That of another camera: columns and rows of its frame, and how many rows are as much as a
+    /// column.
+    pub fn of_frame(
+        projection: Projection,
+        field_of_view: f64,
+        frame: [u16; 2],
+        aspect: f64,
+    ) -> Option<Self> {
+        let [columns, rows] = frame.map(f64::from);
         let half_view = field_of_view / 2.0;
         let (half_width, possible) = match projection {
             Projection::PinHole => (half_view.tan(), half_view < FRAC_PI_2),
@@ -61,6 +75,7 @@ impl Lens {
             columns,
             rows,
             focal,
+            aspect,
         })
     }
 
@@ -128,7 +143,7 @@ impl Lens {
 
     /// What is so many columns' widths above the middle, in fractions of the height.
     fn below(&self, up: f64) -> f64 {
-        0.5 - up * PIXEL_ASPECT / self.rows
+        0.5 - up * self.aspect / self.rows
     }
 
     /// What fills this width and height around a direction, radians. `None` if any of it is not

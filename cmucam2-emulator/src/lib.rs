@@ -94,7 +94,7 @@ pub use light::{Light, daylight};
 pub use modes::{Modes, ServoPin};
 pub use packet::Packet;
 pub use picture::{Picture, Plane};
-pub use scene::{Background, Extent, Form, Object, Place, Rgb, Scene, Shape, Way};
+pub use scene::{Background, Extent, Form, Object, Patch, Place, Rgb, Scene, Shape, Way};
 pub use scene_file::SceneError;
 pub use sensor::{Sensor, Size};
 pub use settings::{Setting, SettingError};

@@ -189,8 +189,8 @@ impl Default for Background {
 }
 
 impl Background {
-    /// The colour at a place of the picture.
-    pub(super) fn colour(&self, x: f64, y: f64) -> [f64; 3] {
+    /// The colour at a place of the picture, in fractions of its width and height.
+    pub fn colour(&self, x: f64, y: f64) -> [f64; 3] {
         match self {
             Self::Plain(colour) => colour.map(f64::from),
             Self::Gradient { top, bottom } => std::array::from_fn(|channel| {
@@ -255,10 +255,13 @@ impl Default for Scene {
 
 /// An object as it is seen in one frame.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(super) struct Patch {
-    pub(super) extent: Extent,
-    pub(super) shape: Shape,
-    pub(super) colour: Rgb,
+pub struct Patch {
+    /// Where it is.
+    pub extent: Extent,
+    /// Its outline.
+    pub shape: Shape,
+    /// Its colour in white light.
+    pub colour: Rgb,
 }
 
 impl Patch {
@@ -284,7 +287,8 @@ impl Patch {
         }
     }
 
-    pub(super) fn covers(&self, x: f64, y: f64) -> bool {
+    /// Whether a place of the picture, in fractions of its width and height, is within its outline.
+    pub fn covers(&self, x: f64, y: f64) -> bool {
         let Extent {
             left,
             top,
@@ -339,8 +343,8 @@ impl Scene {
         Picture::from_rgb(width, height, &pixels)
     }
 
-    /// What is in view at a time, seconds since the start.
-    pub(super) fn patches(&self, at: f64) -> impl Iterator<Item = Patch> + '_ {
+    /// What is in view at a time, seconds since the start, from back to front.
+    pub fn patches(&self, at: f64) -> impl Iterator<Item = Patch> + '_ {
         self.objects.iter().filter_map(move |object| {
             let extent = match &object.place {
                 Place::Hidden => None,

@@ -36,10 +36,11 @@
 
 use std::fmt;
 
+use calib_core::camera::Projection;
 use serde::Deserialize;
 
 use super::{
-    lens::{Lens, Pose},
+    lens::{Lens, PIXEL_ASPECT, Pose},
     scene::{Background, Form, Object, Place, Rgb, Scene, Shape, Way},
     sensor::{Sensor, Size},
 };
@@ -205,10 +206,20 @@ impl Scene {
     /// # Errors
     /// [`SceneError`].
     pub fn from_toml(text: &str, sensor: Sensor) -> Result<Self, SceneError> {
+        let size = Size::of(sensor, false);
+        Self::of_frame(text, [size.width, size.height].map(u16::from), PIXEL_ASPECT)
+    }
+
+    /// The same for another camera: columns and rows of its frame, and how many rows are as much as a
+    /// column.
+    ///
+    /// # Errors
+    /// [`SceneError`].
+    pub fn of_frame(text: &str, frame: [u16; 2], aspect: f64) -> Result<Self, SceneError> {
         let file: File = toml::from_str(text)?;
         let camera = file.camera;
-        let size = Size::of(sensor, false);
-        let lens = Lens::new(camera.fov_deg.to_radians(), size.width, size.height);
+        let view = camera.fov_deg.to_radians();
+        let lens = Lens::of_frame(Projection::PinHole, view, frame, aspect);
         let Some(lens) = lens else {
             return Err(SceneError::Sense(
                 "camera.fov_deg must be above 0 and below 180".into(),

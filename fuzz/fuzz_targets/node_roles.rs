@@ -96,6 +96,7 @@ const TARGET: TargetConfig = TargetConfig {
 
 fn camera(duty: Option<Duty>) -> CameraRole {
     let config = CameraConfig {
+        kind: node_firmware::vision::CameraKind::Cmucam2,
         lens: Lens::pin_hole(88, 45.0),
         baud: 38_400,
         first_column: 1,

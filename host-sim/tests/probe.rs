@@ -708,3 +708,66 @@ fn on_a_terminal() {
         "{shown}"
     );
 }
+
+/// A Pixy2 on a pseudo-terminal: found at its rate, its ball straight ahead within the way that it is
+/// moved.
+#[test]
+fn a_pixy2() {
+    let files = Files::new();
+    let port = files.path("pixy");
+    let mut child = Command::new(env!("CARGO_BIN_EXE_host-sim"))
+        .args(["camera", "--kind", "pixy2", "--pty", &port])
+        .stderr(Stdio::piped())
+        .spawn()
+        .unwrap();
+    let mut told = BufReader::new(child.stderr.take().unwrap()).lines();
+    assert!(told.any(|line| line.unwrap().contains("a Pixy2 at 19200 baud")));
+    let probe = |more: &[&str]| {
+        let all = [
+            "probe", "--camera", "pixy2", "--port", &port, "--baud", "19200",
+        ];
+        run(&[&all, more].concat())
+    };
+    let seen = probe(&["--count", "20", "--fov-deg", "45", "--json"]);
+    let nothing = probe(&["--count", "3", "--signature", "2"]);
+    let refused = probe(&["--high-res"]);
+    child.kill().unwrap();
+    child.wait().unwrap();
+    assert_eq!(seen.code, 0, "{}", seen.stderr);
+    assert!(
+        seen.stderr.contains("blobs in 316 x 208"),
+        "{}",
+        seen.stderr
+    );
+    let lines: Vec<Value> = seen
+        .stdout
+        .lines()
+        .map(|line| serde_json::from_str(line).unwrap())
+        .collect();
+    assert_eq!(lines.len(), 20);
+    let bearings: Vec<f64> = lines
+        .iter()
+        .filter_map(|line| line["bearing_rad"].as_f64())
+        .collect();
+    assert!(!bearings.is_empty(), "{}", seen.stdout);
+    assert!(
+        bearings.iter().all(|bearing| bearing.abs() < 0.08),
+        "{bearings:?}"
+    );
+    assert_eq!(nothing.stdout.lines().count(), 3);
+    assert!(nothing.stdout.contains("not in view"), "{}", nothing.stdout);
+    assert!(
+        refused.stderr.contains("--high-res is for a CMUcam2"),
+        "{}",
+        refused.stderr
+    );
+    let (_camera, _port, silent) = line();
+    let done = run(&[
+        "probe", "--camera", "pixy2", "--port", &silent, "--baud", "19200",
+    ]);
+    assert!(
+        done.stderr.contains("no Pixy2 answers at 19200 baud"),
+        "{}",
+        done.stderr
+    );
+}

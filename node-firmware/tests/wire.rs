@@ -237,11 +237,11 @@ fn golden() -> Vec<(Message, String)> {
         (
             Message::Tracked(TrackedBlob {
                 middle: [1, 2],
-                edges: [3, 4, 5, 200],
+                edges: [3, 4, 5, 300],
                 pixels: 7,
                 confidence: 255,
             }),
-            "0d01020304 05c807ff".replace(' ', ""),
+            "0d0102030405ac0207ff".into(),
         ),
         (Message::Sightings, "0e".into()),
         (
@@ -667,8 +667,8 @@ fn longest() -> Vec<(&'static str, Message)> {
         (
             "Tracked",
             Message::Tracked(TrackedBlob {
-                middle: [255; 2],
-                edges: [255; 4],
+                middle: [315; 2],
+                edges: [315; 4],
                 pixels: 255,
                 confidence: 255,
             }),
@@ -712,7 +712,7 @@ const LENGTHS: [(&str, usize); 18] = [
     ("Report", 62),
     ("Command", 3),
     ("Done", 4),
-    ("Tracked", 9),
+    ("Tracked", 15),
     ("Sightings", 1),
     ("Sighting", 32),
     ("Confirmed", 77),

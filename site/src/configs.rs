@@ -9,7 +9,7 @@ use node_firmware::{
     },
     limits::REFERENCE_STOPS,
     message::{Duty, Reference},
-    vision::{ColourWindow, Lens},
+    vision::{CameraKind, ColourWindow, Lens},
 };
 use zigbee_link::security::Protection;
 
@@ -261,10 +261,14 @@ impl Maker<'_> {
                 colours.map(|(colour, own)| own.unwrap_or_else(|| window(colour, tolerance)));
             Subjects::Colours(windows.collect())
         });
-        let mut camera = CameraConfig::new(table.believed(), subjects);
-        if let Some(baud) = table.baud {
-            camera.baud = baud;
-        }
+        let mut camera = match table.kind {
+            CameraKind::Cmucam2 => CameraConfig::new(table.believed(), subjects),
+            CameraKind::Pixy2 => CameraConfig {
+                lens: table.believed(),
+                ..CameraConfig::pixy2(self.scenario.colours(self.network).len() as u8)
+            },
+        };
+        camera.baud = table.baud();
         let references = &self.network.references;
         let duty = match references.cameras.iter().position(|&id| id == placed.id) {
             Some(0) => Some(Duty::First),
@@ -321,15 +325,20 @@ impl Scenario {
 impl super::file::CameraTable {
     /// Baud rate of the line between node and camera.
     pub fn baud(&self) -> u32 {
-        let usual = || CameraConfig::new(self.believed(), Subjects::Motion { threshold: 1 }).baud;
-        self.baud.unwrap_or_else(usual)
+        let usual = || match self.kind {
+            CameraKind::Cmucam2 => {
+                CameraConfig::new(self.believed(), Subjects::Motion { threshold: 1 })
+            }
+            CameraKind::Pixy2 => CameraConfig::pixy2(1),
+        };
+        self.baud.unwrap_or_else(|| usual().baud)
     }
 
     /// The lens that the node believes to have.
     pub(crate) fn believed(&self) -> Lens {
         let model = &self.model;
         Lens {
-            columns: u16::from(self.size().width),
+            columns: self.size()[0],
             field_of_view_deg: model
                 .field_of_view_deg
                 .unwrap_or_else(|| self.field_of_view_deg()) as f32,

@@ -10,6 +10,7 @@ use serde::{Deserialize, Serialize};
 use super::{event::ScriptedEvent, firmware::FirmwareTable, planner::Placement};
 use crate::world::Variant;
 use cmucam2_emulator::{Rgb, Sensor, Size};
+use node_firmware::vision::CameraKind;
 
 /// A site, and what only a rehearsal of it knows. Every table but `network` (or `grid`) may be
 /// missing; what is missing has its default.
@@ -196,9 +197,11 @@ pub struct ScatterTable {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct CameraTable {
+    /// Which camera: `cmucam2` (default) or `pixy2`.
+    pub kind: CameraKind,
     /// How its picture comes about: `cmucam2` (default) or `stage`.
     pub variant: Variant,
-    /// Its image sensor: `ov6620` (default) or `ov7620`.
+    /// Image sensor of a CMUcam2: `ov6620` (default) or `ov7620`.
     pub sensor: SensorName,
     /// `pin-hole` or `equal-angle`. Assumed if missing: that of the variant, `equal-angle` for
     /// `stage`.
@@ -223,6 +226,7 @@ pub struct CameraTable {
 impl Default for CameraTable {
     fn default() -> Self {
         Self {
+            kind: CameraKind::Cmucam2,
             variant: Variant::Cmucam2,
             sensor: SensorName::default(),
             projection: None,
@@ -252,8 +256,14 @@ impl CameraTable {
     }
 
     /// Columns and rows of its frames.
-    pub fn size(&self) -> Size {
-        Size::of(self.sensor.into(), false)
+    pub fn size(&self) -> [u16; 2] {
+        match self.kind {
+            CameraKind::Cmucam2 => {
+                let size = Size::of(self.sensor.into(), false);
+                [size.width, size.height].map(u16::from)
+            }
+            CameraKind::Pixy2 => pixy2_emulator::FRAME_SIZE,
+        }
     }
 
     /// What one camera is.
@@ -261,6 +271,7 @@ impl CameraTable {
     pub fn for_camera(&self, camera: &PlacedCamera) -> Self {
         let all = self.clone();
         Self {
+            kind: camera.kind.unwrap_or(all.kind),
             sensor: camera.sensor.unwrap_or(all.sensor),
             projection: camera.projection.or(all.projection),
             field_of_view_deg: camera.field_of_view_deg.or(all.field_of_view_deg),
@@ -303,6 +314,9 @@ pub struct PlacedCamera {
     /// Where it looks, degrees. Needed in a rehearsal.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub heading_deg: Option<f64>,
+    /// In place of [`CameraTable::kind`].
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub kind: Option<CameraKind>,
     /// In place of [`CameraTable::sensor`].
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub sensor: Option<SensorName>,

@@ -7,7 +7,10 @@ use calib_core::{
     reference::Known,
 };
 use nalgebra::{Point2, Rotation2, Vector2};
-use node_firmware::config::{CameraConfig, Subjects};
+use node_firmware::{
+    config::{CameraConfig, Subjects},
+    vision::CameraKind,
+};
 
 use super::{
     check::{fault_rates, refuse},
@@ -16,7 +19,7 @@ use super::{
     planner::{self, Noise, Plan, PlanError, RARE, Steps, Task, Tolerance},
 };
 use crate::world::{Camera, Gait, Obstacle, SensorErrors, Target, World};
-use cmucam2_emulator::{FaultRates, Lens, Sensor};
+use cmucam2_emulator::{FaultRates, Lens, Rgb, Sensor};
 
 /// All of a scenario, with planned stops.
 #[derive(Clone, Debug)]
@@ -55,7 +58,11 @@ pub struct CameraNode {
     pub id: u16,
     /// The world's camera.
     pub index: usize,
-    /// Its image sensor.
+    /// Which camera it is.
+    pub kind: CameraKind,
+    /// Colours that a Pixy2 was taught, signature 1 first.
+    pub taught: Vec<Rgb>,
+    /// Image sensor of a CMUcam2.
     pub sensor: Sensor,
     /// Baud rate of its line.
     pub baud: u32,
@@ -162,23 +169,20 @@ fn camera(
             "a field of view that this projection can have",
         )
     };
-    let lens = Lens::with_projection(projection, degrees.to_radians(), size.width, size.height)
+    let aspect = f64::from(table.kind.rows_per_column());
+    let lens = Lens::of_frame(projection, degrees.to_radians(), size, aspect)
         .ok_or_else(|| impossible("field_of_view_deg", degrees))?;
     let believed = table.believed();
     let model_lens = (
         believed.projection,
         table.model.field_of_view_deg.unwrap_or(degrees),
     );
-    let model = Optics::new(
-        model_lens.0,
-        u16::from(size.width),
-        model_lens.1.to_radians(),
-    )
-    .map_err(|_| impossible("model.field_of_view_deg", model_lens.1))?;
+    let model = Optics::new(model_lens.0, size[0], model_lens.1.to_radians())
+        .map_err(|_| impossible("model.field_of_view_deg", model_lens.1))?;
     let model = match table.model.principal_column {
         None => model,
         Some(column) => model.with_principal_point(column).map_err(|_| {
-            let allowed = format!("a column of the lens, 0 to {}", size.width - 1);
+            let allowed = format!("a column of the lens, 0 to {}", size[0] - 1);
             refuse(format!("{name}.model.principal_column"), column, allowed)
         })?,
     };
@@ -192,6 +196,8 @@ fn camera(
     let node = CameraNode {
         id: placed.id,
         index: 0,
+        kind: table.kind,
+        taught: Vec::new(),
         sensor: table.sensor.into(),
         baud: table.baud(),
         faults: fault_rates(name, &table.faults)?,
@@ -252,6 +258,8 @@ pub(super) fn put_up(scenario: &Scenario) -> Result<Site, ScenarioError> {
                 return Err(refuse(format!("{name} (x, y)"), found, allowed));
             }
             node.index = cameras.len();
+            let colours = scenario.colours(table).into_iter();
+            node.taught = colours.map(|(colour, _)| colour).collect();
             cameras.push(camera);
             nodes.push(node);
         }

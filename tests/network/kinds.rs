@@ -6,6 +6,7 @@ use answers::record::{
 };
 use calib_core::camera::Projection;
 use nalgebra::Vector2;
+use node_firmware::vision::CameraKind;
 use site::world::Variant;
 use site::{Overrides, Scenario};
 
@@ -23,6 +24,38 @@ fn references_that_are_given() {
         records.push(record);
     }
     assert_fair(&records);
+}
+
+/// All cameras are Pixy2s, or every other one is and a reference is of each kind.
+#[test]
+fn pixy2s_and_networks_of_both() {
+    for every in [1, 2] {
+        let mut records = Vec::new();
+        for seed in 1..=5 {
+            let mut scenario = Yard::default().scenario(seed);
+            for camera in scenario.networks[0].cameras.iter_mut().step_by(every) {
+                camera.kind = Some(CameraKind::Pixy2);
+            }
+            let record = run(scenario);
+            assert_all_calibrated(&record, &format!("every {every}, seed {seed}"));
+            records.push(record);
+        }
+        assert_fair(&records);
+    }
+}
+
+/// Power cuts, and answers that are damaged.
+#[test]
+fn a_pixy2_starts_again() {
+    let tables = "[[event]]\nat_s = 25.0\naction = { unplug-camera = { node = 3, for_s = 3.0 } }\n";
+    let yard = Yard {
+        tables,
+        ..Yard::default()
+    };
+    let mut scenario = yard.scenario(1);
+    scenario.camera.kind = CameraKind::Pixy2;
+    scenario.camera.faults = [("corrupt_line".to_owned(), 0.05)].into();
+    assert_all_calibrated(&run(scenario), "a Pixy2 without power");
 }
 
 /// Nobody knows who the references are, how far they are from each other, or where the target's

@@ -115,9 +115,9 @@ pub enum What {
         /// Which camera.
         node: u16,
         /// Middle mass column and row.
-        middle: [u8; 2],
+        middle: [u16; 2],
         /// Left, upper, right, lower edge.
-        edges: [u8; 4],
+        edges: [u16; 4],
         /// As the camera counts them.
         pixels: u8,
         /// Of 255.

@@ -10,7 +10,7 @@ use std::{
 };
 
 use anyhow::{anyhow, bail};
-use clap::Args;
+use clap::{Args, ValueEnum};
 use cmucam2_driver::{
     Error,
     colour::ColourBounds,
@@ -39,9 +39,10 @@ use person::Person;
 
 mod live;
 mod person;
+mod pixy2;
 mod stops;
 
-/// Talks to a CMUcam2 on a serial port: what it tracks, and where; a picture; sightings for `solve`.
+/// Talks to a camera on a serial port: what it tracks, and where; a picture; sightings for `solve`.
 ///
 /// Starts the camera up, learns the colour of the object in the middle of the view (on a terminal,
 /// once Enter is pressed), and prints what the camera tracks until Ctrl-C. Afterwards the camera is
@@ -52,6 +53,16 @@ pub(super) struct Arguments {
     /// The serial port, such as /dev/ttyUSB0.
     #[arg(long, value_name = "DEV")]
     port: String,
+    /// Which camera it is. Of a Pixy2 the blobs of a signature are shown; nothing else that follows
+    /// but `--count`, `--seconds`, `--json` and the field of view is for it.
+    #[arg(long = "camera", value_enum, default_value_t)]
+    kind: Kind,
+    /// The signature of a Pixy2 that is looked for.
+    #[arg(
+        long, value_name = "N", default_value_t = 1,
+        value_parser = clap::value_parser!(u8).range(1..=7)
+    )]
+    signature: u8,
     /// What the camera's jumpers select; `auto` tries all eight rates, the fastest first.
     #[arg(long, value_name = "RATE", default_value = "auto")]
     baud: Baud,
@@ -114,6 +125,13 @@ pub(super) struct Arguments {
     first_column: Option<u8>,
     #[command(flatten, next_help_heading = "Camera, for bearings")]
     camera: CameraOptions,
+}
+
+#[derive(Clone, Copy, Default, PartialEq, ValueEnum)]
+enum Kind {
+    #[default]
+    Cmucam2,
+    Pixy2,
 }
 
 const EPILOGUE: &str = "\
@@ -216,6 +234,9 @@ fn probe(arguments: &Arguments) -> anyhow::Result<()> {
         None => None,
     };
     let person = Person::new()?;
+    if arguments.kind == Kind::Pixy2 {
+        return pixy2::run(arguments, &person);
+    }
     let mut bench = Bench::begin(arguments, person)?;
     let done = bench.work(recording);
     // Ctrl-C has ended the work; the rest is needed in any case.

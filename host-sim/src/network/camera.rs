@@ -1,4 +1,4 @@
-//! An emulated camera at the far end of a line.
+//! Emulated cameras at the far end of a line.
 
 use std::{cell::Cell, rc::Rc};
 
@@ -69,6 +69,56 @@ impl Device for CameraDevice {
         if byte == b'\r' {
             (self.scene)(at, self.emulator.scene_mut());
         }
+        self.emulator.receive(byte, at);
+    }
+
+    fn transmit(&mut self, now: Time) -> Option<(Time, u8)> {
+        self.emulator.transmit(now)
+    }
+
+    fn next_burst(&self, room: usize) -> Option<Time> {
+        self.emulator.next_burst(room)
+    }
+}
+
+/// An emulated Pixy2 at the far end of a line.
+pub struct Pixy2Device {
+    emulator: pixy2_emulator::Emulator,
+    scene: Stage,
+    faults: Rc<Cell<FaultRates>>,
+}
+
+impl Pixy2Device {
+    /// `scene` is called with the time before each byte that may ask for a frame. Of the faults it has
+    /// `corrupt_line`, of each answer.
+    pub fn new(
+        emulator: pixy2_emulator::Emulator,
+        scene: impl FnMut(Time, &mut Scene) + 'static,
+        faults: Rc<Cell<FaultRates>>,
+    ) -> Self {
+        Self {
+            emulator,
+            scene: Box::new(scene),
+            faults,
+        }
+    }
+}
+
+impl Device for Pixy2Device {
+    fn power_up(&mut self, now: Time) {
+        self.emulator.power_cycle(now);
+    }
+
+    fn next_action(&self) -> Option<Time> {
+        None
+    }
+
+    fn act(&mut self, _: Time) {}
+
+    fn receive(&mut self, byte: u8, at: Time) {
+        (self.scene)(at, self.emulator.scene_mut());
+        let rate = self.faults.get().corrupt_line;
+        self.emulator.set_corrupt_line(rate);
         self.emulator.receive(byte, at);
     }
 

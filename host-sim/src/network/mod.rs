@@ -58,7 +58,7 @@ use node_firmware::{
 };
 
 pub use self::{
-    camera::CameraDevice,
+    camera::{CameraDevice, Pixy2Device},
     console::Terminal,
     emulated::{Emulation, EmulatorError, IMAGE},
     looking::Onlooker,

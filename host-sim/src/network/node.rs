@@ -20,12 +20,13 @@ use node_firmware::{
     liveness::Liveness,
     message::{Health, Restart},
     run::run,
+    vision::CameraKind,
 };
 use rand::RngExt;
 use zigbee_link::{radio::Csma, runner::Clock as _, wire::Eui64};
 
 use super::{
-    CameraDevice, SharedWorld, Simulation, Trouble,
+    CameraDevice, Pixy2Device, SharedWorld, Simulation, Trouble,
     device::{Device, Serial},
     emulated::{Board, Surroundings},
     journal::{Moment, SharedJournal, Witness},
@@ -236,22 +237,13 @@ impl Node {
         config: CheckedConfig,
         root: Root,
     ) -> Rc<Self> {
-        let emulator = Emulator::new(
-            Configuration {
-                sensor: camera.sensor,
-                baud: camera.baud,
-                host_baud: camera.baud,
-                faults: camera.faults,
-                seed: root.seed("camera", camera.id.into()),
-                ..Configuration::default()
-            },
-            Scene {
-                background: Background::Plain(BACKDROP),
-                noise: camera.noise,
-                flicker: camera.flicker,
-                ..Scene::default()
-            },
-        );
+        let seed = root.seed("camera", camera.id.into());
+        let empty = Scene {
+            background: Background::Plain(BACKDROP),
+            noise: camera.noise,
+            flicker: camera.flicker,
+            ..Scene::default()
+        };
         let index = camera.index;
         let outlook = Outlook {
             world: simulation.world.clone(),
@@ -287,11 +279,33 @@ impl Node {
             }
         };
         let clock = simulation.executor.clock();
-        let line = Line::to_device(
-            &clock,
-            Uart::new(camera.baud),
-            CameraDevice::new(emulator, scene).with_faults(faults),
-        );
+        let uart = Uart::new(camera.baud);
+        let line = match camera.kind {
+            CameraKind::Cmucam2 => {
+                let configuration = Configuration {
+                    sensor: camera.sensor,
+                    baud: camera.baud,
+                    host_baud: camera.baud,
+                    faults: camera.faults,
+                    seed,
+                    ..Configuration::default()
+                };
+                let emulator = Emulator::new(configuration, empty);
+                let device = CameraDevice::new(emulator, scene).with_faults(faults);
+                Line::to_device(&clock, uart, device)
+            }
+            CameraKind::Pixy2 => {
+                let configuration = pixy2_emulator::Configuration {
+                    baud: camera.baud,
+                    signatures: camera.taught.clone(),
+                    seed,
+                    ..pixy2_emulator::Configuration::default()
+                };
+                let emulator = pixy2_emulator::Emulator::new(configuration, empty);
+                let device = Pixy2Device::new(emulator, scene, faults);
+                Line::to_device(&clock, uart, device)
+            }
+        };
         let place = simulation.world.borrow().cameras()[index].place;
         Self::new(simulation, config, place, (line, Some(outlook)), root)
     }

@@ -130,6 +130,31 @@ fn options_make_a_page() {
     assert_eq!(mode(&place.path("page.bin")), 0o600);
 }
 
+/// Its lens, rate and signatures have usual values of their own.
+#[test]
+fn a_node_with_a_pixy2() {
+    let place = Place::with_key();
+    let make = |more: &[&str]| {
+        let all = ["provision", KEY, "--role=camera", "--id=3", "--kind=pixy2"];
+        let rest = ["--field-of-view=60", "--out=page.bin", "--overwrite"];
+        place.run(&[&all[..], &rest, more].concat())
+    };
+    make(&[]).ok();
+    let camera = |config: Config| match config.role {
+        RoleConfig::Camera(camera) => camera,
+        other => panic!("{other:?}"),
+    };
+    assert_eq!(camera(decode(&place, "page.bin")), CameraConfig::pixy2(1));
+    make(&["--signatures=2", "--baud=115200"]).ok();
+    let expected = CameraConfig {
+        baud: 115_200,
+        ..CameraConfig::pixy2(2)
+    };
+    assert_eq!(camera(decode(&place, "page.bin")), expected);
+    make(&["--columns=88"]).fails("a Pixy2 has 316");
+    make(&["--motion=12"]).fails("only a Pixy2");
+}
+
 #[test]
 fn every_role_has_usual_values() {
     let place = Place::with_key();
@@ -242,6 +267,7 @@ fn a_file_sets_everything_and_options_stand_over_it() {
     assert_eq!((config.channels, config.tx_power), (1 << 15, 8));
     assert_eq!(config.protection, Protection::EncMic32);
     let expected = CameraConfig {
+        kind: node_firmware::vision::CameraKind::Cmucam2,
         lens: Lens {
             columns: 88,
             field_of_view_deg: 45.0,

@@ -5,7 +5,7 @@ use super::{
     TargetConfig,
 };
 use crate::message::{Duty, Reference};
-use crate::vision::{ColourWindow, Lens};
+use crate::vision::{CameraKind, ColourWindow, Lens};
 use zigbee_link::security::Protection;
 
 pub(crate) const ORANGE: ColourWindow = ColourWindow {
@@ -27,6 +27,7 @@ pub(crate) fn node(role: RoleConfig) -> Config {
 
 pub(crate) fn camera() -> CameraConfig {
     CameraConfig {
+        kind: CameraKind::Cmucam2,
         lens: Lens::pin_hole(88, 45.0),
         baud: 38_400,
         first_column: 1,
@@ -51,6 +52,17 @@ pub(crate) fn camera() -> CameraConfig {
             heading_deg: 8.0,
         },
         sigma_floor_px: 0.0625,
+    }
+}
+
+/// The same with a Pixy2 of 19,200 baud.
+pub(crate) fn pixy2() -> CameraConfig {
+    CameraConfig {
+        kind: CameraKind::Pixy2,
+        lens: Lens::pin_hole(316, 60.0),
+        baud: 19_200,
+        subjects: Subjects::Signatures(2),
+        ..camera()
     }
 }
 

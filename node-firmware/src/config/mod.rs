@@ -27,8 +27,8 @@ pub use self::{
 use crate::limits::{COLOURS_MAX, MEMBERS};
 use crate::message::{Duty, Reference};
 use crate::vision::{
-    ColourWindow, Judge, Lens, Patience, Shape, Subject,
-    cmucam2::{Cmucam2Settings, ROWS_PER_COLUMN},
+    CameraKind, ColourWindow, Judge, Lens, Patience, Shape, Subject, cmucam2::Cmucam2Settings,
+    pixy2,
 };
 
 /// All that a node is told, as people and pages have it: values may be out of their range.
@@ -81,11 +81,13 @@ pub struct CoordinatorConfig {
 #[serde(rename_all = "kebab-case")]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct CameraConfig {
+    /// Which camera it is.
+    pub kind: CameraKind,
     /// Which direction a column is.
     pub lens: Lens,
-    /// Baud rate that the CMUcam2's jumpers select.
+    /// Baud rate that the CMUcam2's jumpers select, or that is set in the Pixy2.
     pub baud: u32,
-    /// Number of the first column in the CMUcam2's packets, 0 or 1.
+    /// Number of the first column in the CMUcam2's packets, 0 or 1. Nothing to a Pixy2.
     pub first_column: u8,
     /// What the target looks like.
     pub subjects: Subjects,
@@ -151,6 +153,9 @@ pub enum Subjects {
         /// Levels; 5 to 20 is usual.
         threshold: u8,
     },
+    /// So many colours that the camera was taught beforehand, as a Pixy2 is: the target's colour
+    /// number 0 is its signature 1, and so on.
+    Signatures(u8),
 }
 
 impl Subjects {
@@ -192,6 +197,9 @@ impl Subjects {
                 .copied()
                 .map(Subject::Colour),
             &Self::Motion { threshold } => Some(Subject::Motion { threshold }),
+            &Self::Signatures(taught) => {
+                (colour < taught).then(|| Subject::Signature(colour.saturating_add(1)))
+            }
         }
     }
 }
@@ -242,6 +250,7 @@ impl CameraConfig {
     /// A camera of 38,400 baud that may be elected, for a ball, with usual values for the rest.
     pub fn new(lens: Lens, subjects: Subjects) -> Self {
         Self {
+            kind: CameraKind::Cmucam2,
             lens,
             baud: 38_400,
             first_column: 1,
@@ -266,6 +275,17 @@ impl CameraConfig {
         }
     }
 
+    /// A Pixy2 as it is shipped, that was taught so many signatures: 19,200 baud, and a field of view
+    /// of 60 degrees.
+    pub fn pixy2(signatures: u8) -> Self {
+        let lens = Lens::pin_hole(pixy2::COLUMNS, 60.0);
+        Self {
+            kind: CameraKind::Pixy2,
+            baud: pixy2::BAUD,
+            ..Self::new(lens, Subjects::Signatures(signatures))
+        }
+    }
+
     /// What the CMUcam2 is told.
     pub const fn cmucam2(&self) -> Cmucam2Settings {
         Cmucam2Settings {
@@ -282,8 +302,8 @@ impl CameraConfig {
         };
         // Blocks of frame differencing show no shape, and people are not round.
         let shape = match self.subjects {
-            Subjects::Colours(_) if self.round => Shape::Round {
-                rows_per_column: ROWS_PER_COLUMN,
+            Subjects::Colours(_) | Subjects::Signatures(_) if self.round => Shape::Round {
+                rows_per_column: self.kind.rows_per_column(),
             },
             _ => Shape::Any,
         };
@@ -364,6 +384,7 @@ impl Config {
                 columns_high,
                 projection,
                 camera.first_column,
+                camera.kind as u8,
                 duty,
             ]);
             for number in [

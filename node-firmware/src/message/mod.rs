@@ -621,17 +621,17 @@ pub struct CommandResult {
 }
 
 /// A blob as the camera told it; all zero when nothing was tracked.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct TrackedBlob {
     /// Middle mass column and row.
-    pub middle: [u8; 2],
+    pub middle: [u16; 2],
     /// Left, upper, right, lower edge.
-    pub edges: [u8; 4],
-    /// Pixels, as the camera counts them.
+    pub edges: [u16; 4],
+    /// Pixels, as the camera counts them; 0 if it does not tell.
     pub pixels: u8,
     /// How much of the rectangle the blob fills, as the camera tells it: 256 times the share, at
-    /// most 255.
+    /// most 255; 0 if it does not tell.
     pub confidence: u8,
 }
 

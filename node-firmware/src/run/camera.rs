@@ -1,9 +1,8 @@
-//! A camera role and its CMUcam2.
+//! A camera role and its camera.
 
 use core::{convert::Infallible, pin::pin};
 
 use calib_core::camera::Camera;
-use cmucam2_driver::Cmucam2;
 use embassy_futures::select::{Either, Either3, select, select3};
 use embedded_storage_async::nor_flash::NorFlash;
 use zigbee_link::{Instant, runner::Clock};
@@ -18,10 +17,10 @@ use crate::{
     hardware::{Buttons, Hardware},
     liveness::Liveness,
     log::warning,
-    message::{CameraCommand, CommandResult, Seen, Sight, TrackedBlob},
+    message::{CameraCommand, CommandResult, Seen, Sight},
     network::Network,
     role::camera::{CameraEvent, CameraRole, CameraTask},
-    vision::{BlobCamera, Cmucam2BlobCamera, Judge, Look, Subject, VisionError, look},
+    vision::{BlobCamera, EitherCamera, Judge, Look, Subject, VisionError, look},
 };
 
 /// After a start-up that failed. Doubled each time, up to [`PAUSE_MAX_US`].
@@ -52,8 +51,7 @@ pub(super) async fn run<H: Hardware, N: Network, F: NorFlash>(
     let role = new_role(&mut role, id, config);
     let driver = AnyDriver::Camera(RoleDriver::new(role, &channels));
     let driven = drive(driver, services);
-    let cmucam2 = Cmucam2::new(uart, ClockDelay(clock));
-    let camera = Cmucam2BlobCamera::new(cmucam2, config.cmucam2());
+    let camera = EitherCamera::new(config, uart, ClockDelay(clock));
     let mut device = CameraDevice {
         camera,
         config,
@@ -130,7 +128,7 @@ impl<K: BlobCamera, C: Clock> CameraDevice<'_, K, C> {
                     next = self.track(colour, &tasks, &events).await;
                 }
                 CameraTask::Command(command) => {
-                    let success = self.obey(command).await.is_ok_and(|done| done);
+                    let success = self.obey(command, &mut judge).await.is_ok_and(|done| done);
                     if success
                         && let CameraCommand::LearnColour { colour } = command
                         && let Some(Subject::Colour(window)) = self.subjects.of_target(colour)
@@ -209,9 +207,20 @@ impl<K: BlobCamera, C: Clock> CameraDevice<'_, K, C> {
     }
 
     /// Whether it could be done.
-    async fn obey(&mut self, command: CameraCommand) -> Result<bool, VisionError> {
+    async fn obey(
+        &mut self,
+        command: CameraCommand,
+        judge: &mut Judge,
+    ) -> Result<bool, VisionError> {
         match command {
             CameraCommand::Initialise => self.start_up().await?,
+            CameraCommand::LearnColour { colour }
+                if let Some(subject @ Subject::Signature(_)) = self.subjects.of_target(colour) =>
+            {
+                // It was taught beforehand: whether it sees one such object is all there is to tell.
+                let looked = look(&mut self.camera, subject, judge).await?;
+                return Ok(matches!(looked, Look::Steady(_)));
+            }
             CameraCommand::LearnColour { colour } if self.subjects.has_room_for(colour) => {
                 let window = self.camera.learn_colour().await?;
                 self.subjects.learn(colour, window);
@@ -244,14 +253,7 @@ impl<K: BlobCamera, C: Clock> CameraDevice<'_, K, C> {
                 Either::First(task) => break Some(task),
                 Either::Second(Ok(blob)) => {
                     self.liveness.on_camera_works(self.clock.now());
-                    let packet = blob.map_or([0; 8], |blob| blob.packet);
-                    let [x, y, x1, y1, x2, y2, pixels, confidence] = packet;
-                    let tracked = TrackedBlob {
-                        middle: [x, y],
-                        edges: [x1, y1, x2, y2],
-                        pixels,
-                        confidence,
-                    };
+                    let tracked = blob.map(|blob| blob.told).unwrap_or_default();
                     events.send(CameraEvent::Tracked(tracked)).await;
                 }
                 Either::Second(Err(_)) => break None,

@@ -2,6 +2,8 @@
 
 use cmucam2_driver::packet::Tracking;
 
+use crate::message::TrackedBlob;
+
 /// How the numbers of a T packet count.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
@@ -53,14 +55,14 @@ pub struct Blob {
     pub bottom: f32,
     /// Middle of mass, column and row, cut or rounded to a whole unit.
     pub centroid: [f32; 2],
-    /// Pixels that belong to it, in eighths, at most 255: `min(255, (n + 4) / 8)`.
+    /// Pixels that belong to it, in eighths, at most 255: `min(255, (n + 4) / 8)`; 0: not told.
     pub pixels: u8,
-    /// How much of its box it fills: `min(255, 256 n / area)`.
+    /// How much of its box it fills: `min(255, 256 n / area)`; 0: not told.
     pub confidence: u8,
     /// Width of the unit in which its columns are known: 1, or that of a block.
     pub cell_width: f32,
-    /// The packet as the camera sent it: mx, my, x1, y1, x2, y2, pixels, confidence.
-    pub packet: [u8; 8],
+    /// As the camera told it.
+    pub told: TrackedBlob,
 }
 
 impl Blob {
@@ -83,9 +85,12 @@ impl Blob {
             pixels,
             confidence,
             cell_width: grid.cell_width,
-            packet: [
-                x, y, found.x1, found.y1, found.x2, found.y2, pixels, confidence,
-            ],
+            told: TrackedBlob {
+                middle: [x, y].map(u16::from),
+                edges: [found.x1, found.y1, found.x2, found.y2].map(u16::from),
+                pixels,
+                confidence,
+            },
         })
     }
 
@@ -119,7 +124,8 @@ mod tests {
             (19.5, 27.5, 39.5, 59.5)
         );
         assert_eq!((blob.middle(), blob.centroid), (23.5, [22.0, 49.0]));
-        assert_eq!(blob.packet, [23, 50, 21, 41, 28, 60, 15, 200]);
+        assert_eq!(blob.told.middle, [23, 50]);
+        assert_eq!(blob.told.edges, [21, 41, 28, 60]);
         let from_0 = Blob::from_tracking(&SEEN, Grid::pixels(0)).unwrap();
         assert_eq!(from_0.left, 20.5);
         assert_eq!(Blob::from_tracking(&Tracking::LOST, Grid::pixels(1)), None);

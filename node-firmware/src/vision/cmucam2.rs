@@ -142,7 +142,7 @@ impl<U, D, K> Cmucam2BlobCamera<U, D, K> {
     fn grid(&self, subject: Subject) -> Grid {
         let first = self.settings.first_column;
         match subject {
-            Subject::Colour(_) => Grid::pixels(first),
+            Subject::Colour(_) | Subject::Signature(_) => Grid::pixels(first),
             Subject::Motion { .. } => Grid::blocks(first, BLOCKS, self.settings.columns, self.rows),
         }
     }
@@ -235,6 +235,7 @@ impl<U: Read + Write, D: DelayNs, K: Clock> BlobCamera for Cmucam2BlobCamera<U, 
             }
             Subject::Motion { .. } if !self.background => return Err(VisionError::NoBackground),
             Subject::Motion { threshold } => self.camera.track_difference(threshold).run().await,
+            Subject::Signature(_) => return Err(VisionError::Unable),
         };
         self.taken(begun)?;
         self.subject = Some(subject);

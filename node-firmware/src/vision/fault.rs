@@ -37,6 +37,10 @@ pub enum VisionError {
     NotBegun,
     /// No background was learnt, or it was lost.
     NoBackground,
+    /// This kind of camera cannot do that.
+    Unable,
+    /// The camera runs another program.
+    Busy,
 }
 
 impl VisionError {
@@ -69,6 +73,14 @@ impl fmt::Display for VisionError {
             Self::NotBegun => "nothing is looked for: begin first",
             Self::NoBackground => {
                 "no background is known: learn it while the target is out of view"
+            }
+            Self::Unable => {
+                "this kind of camera cannot do that: a Pixy2 is taught colours by its button or in \
+                 PixyMon, and finds nothing that moves"
+            }
+            Self::Busy => {
+                "the camera is busy all the time: let it run color_connected_components, and nobody \
+                 hold its button"
             }
         })
     }

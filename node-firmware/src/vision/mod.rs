@@ -4,7 +4,8 @@
 //! | module | job |
 //! |---|---|
 //! | here | [`BlobCamera`]: the seam that other blob cameras can fill, and [`Blob`]s as it gives them |
-//! | [`cmucam2`] | The CMUcam2 behind that seam |
+//! | [`cmucam2`], [`pixy2`] | The CMUcam2 and the Pixy2 behind that seam |
+//! | [`either`] | The one of them that a node has |
 //! | [`steady`] | When a blob stands still, where its edges are, and how sure that is |
 //! | [`mod@look`] | One look at a standing target: several frames to a direction, or why not |
 //! | [`lens`] | Which direction a column is |
@@ -19,8 +20,10 @@
 //! 19.5 and 27.5.
 
 pub mod cmucam2;
+pub mod either;
 pub mod lens;
 pub mod look;
+pub mod pixy2;
 pub mod steady;
 
 mod blob;
@@ -32,11 +35,13 @@ use core::future::Future;
 pub use self::{
     blob::{Blob, Grid},
     cmucam2::Cmucam2BlobCamera,
+    either::EitherCamera,
     fault::VisionError,
     lens::{Lens, LensError},
     look::{Judge, Look, Patience, look},
+    pixy2::Pixy2BlobCamera,
     steady::Shape,
-    subject::{ColourWindow, Subject},
+    subject::{CameraKind, ColourWindow, Subject},
 };
 
 /// A camera that finds the blob of a subject in each of its frames.
@@ -58,7 +63,7 @@ pub trait BlobCamera {
     /// kept"). What was begun is ended.
     ///
     /// # Errors
-    /// [`VisionError`].
+    /// [`VisionError`]; [`VisionError::Unable`] of a camera that was taught its colours beforehand.
     fn learn_colour(&mut self) -> impl Future<Output = Result<ColourWindow, VisionError>>;
 
     /// Takes what is in view now as the background of [`Subject::Motion`] (thesis 2.5). To be

@@ -37,4 +37,28 @@ pub enum Subject {
         /// Levels by which it must differ; 5 to 20 is usual.
         threshold: u8,
     },
+    /// What a camera was taught itself, as a Pixy2 is: a signature of this number, 1 to 7.
+    Signature(u8),
+}
+
+/// Which camera a node has.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub enum CameraKind {
+    /// Learns colours when it is told to, and finds what moves.
+    #[default]
+    Cmucam2,
+    /// Was taught its colours, by its button or in `PixyMon`.
+    Pixy2,
+}
+
+impl CameraKind {
+    /// How many rows are as much as a column.
+    pub const fn rows_per_column(self) -> f32 {
+        match self {
+            Self::Cmucam2 => super::cmucam2::ROWS_PER_COLUMN,
+            Self::Pixy2 => 1.0,
+        }
+    }
 }

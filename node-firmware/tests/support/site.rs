@@ -133,6 +133,7 @@ pub fn camera_config(reference: Option<Duty>) -> CameraConfig {
         blue: [16, 80],
     };
     CameraConfig {
+        kind: node_firmware::vision::CameraKind::Cmucam2,
         lens: Lens::pin_hole(88, 60.0),
         baud: 38_400,
         first_column: 1,

@@ -124,6 +124,7 @@ pub const KEYS: &[Key] = &[
     key("network[].camera[].x", COORDINATE, Is("only needed in a rehearsal"), Both, "Where it stands in the building. Of the references, nodes are told what follows from it."),
     key("network[].camera[].y", COORDINATE, Is("only needed in a rehearsal"), Both, "Where it stands in the building."),
     key("network[].camera[].heading_deg", DIRECTION, Is("only needed in a rehearsal"), Rehearsal, "Where it looks: counter-clockwise from the x axis."),
+    key("network[].camera[].kind", Same("camera.kind"), Is("`[camera]`'s"), Both, "Which camera this one is."),
     key("network[].camera[].sensor", Same("camera.sensor"), Is("`[camera]`'s"), Both, "Its own image sensor."),
     key("network[].camera[].projection", Same("camera.projection"), Is("`[camera]`'s"), Both, "Its own lens."),
     key("network[].camera[].field_of_view_deg", Same("camera.field_of_view_deg"), Is("`[camera]`'s"), Both, "Its own lens."),
@@ -145,8 +146,9 @@ pub const KEYS: &[Key] = &[
 
     key("camera.field_of_view_deg", Number(1.0, 360.0, " degrees: below 170 for a pin-hole"), Is("asked for; a rehearsal assumes 60"), Both, "Angle from the middle of the first column to that of the last one."),
     key("camera.projection", Choice(&["pin-hole", "equal-angle"]), Is("asked for; a rehearsal assumes that of the variant"), Both, "How directions are spread over the columns."),
-    key("camera.sensor", Choice(&["ov6620", "ov7620"]), Is("ov6620"), Both, "The image sensor: 88 columns or 160."),
-    key("camera.baud", OneOf(&BAUD_RATES), Camera("baud"), Both, "Baud rate that the camera's jumpers select."),
+    key("camera.kind", Choice(&["cmucam2", "pixy2"]), Camera("kind"), Both, "Which camera it is. A Pixy2 is taught the targets' colours beforehand: the first colour of its network as its signature 1, and so on. `motion` is nothing to it."),
+    key("camera.sensor", Choice(&["ov6620", "ov7620"]), Is("ov6620"), Both, "The image sensor of a CMUcam2: 88 columns or 160."),
+    key("camera.baud", OneOf(&BAUD_RATES), Is("38400; 19200 of a Pixy2"), Both, "Baud rate that a CMUcam2's jumpers select, or that was set in a Pixy2."),
     key("camera.model", Table, Is("the real lens"), Nodes, "The lens that nodes believe to have, where it is not the real one."),
     key("camera.range", LENGTH, Is("8"), Rehearsal, "How far cameras see."),
     key("camera.variant", Choice(&["cmucam2", "stage"]), Is("cmucam2"), Rehearsal, "How pictures come about: rendered and counted, or by a scan of equal angles as in Stage."),
@@ -155,7 +157,7 @@ pub const KEYS: &[Key] = &[
     key("camera.faults", Rates, Is("none"), Rehearsal, "How often a fault of the camera or its line happens, by name."),
     key("camera.model.projection", Choice(&["pin-hole", "equal-angle"]), Is("the real one"), Nodes, "How directions are spread over the columns."),
     key("camera.model.field_of_view_deg", Number(1.0, 360.0, " degrees: below 170 for a pin-hole"), Is("the real one"), Nodes, "As it was measured."),
-    key("camera.model.principal_column", Number(0.0, 254.0, ": a column of the lens"), Is("the middle"), Nodes, "Column of the optical axis."),
+    key("camera.model.principal_column", Number(0.0, 315.0, ": a column of the lens"), Is("the middle"), Nodes, "Column of the optical axis."),
 
     key("firmware.tx_power", Whole(-40.0, 20.0, " dBm"), Is("0"), Nodes, "Transmit power."),
     key("firmware.protection", Whole(5.0, 6.0, ": a security level of IEEE 802.15.4"), Is("6"), Nodes, "How frames are secured: 5 with 32 bits of integrity, 6 with 64."),

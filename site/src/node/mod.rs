@@ -247,8 +247,13 @@ pub fn config(mut table: Table, site_key: SiteKey) -> Result<CheckedConfig, Node
     }
     let role = match common.role {
         RoleName::Camera => {
-            let colours = [ORANGE].into_iter().collect();
-            let usual = CameraConfig::new(LENS, Subjects::Colours(colours));
+            let is_pixy2 = table.get("kind").and_then(Value::as_str) == Some("pixy2");
+            let usual = if is_pixy2 {
+                CameraConfig::pixy2(1)
+            } else {
+                let colours = [ORANGE].into_iter().collect();
+                CameraConfig::new(LENS, Subjects::Colours(colours))
+            };
             RoleConfig::Camera(parameters(common.role, &usual, table)?)
         }
         RoleName::Coordinator => {

@@ -62,9 +62,10 @@ const BOARDS: [Board; 3] = [
     Board {
         package: "nrf52840",
         // The aims for flash and stack are not met. Enforced is what was measured, rounded up, so that
-        // it gets no worse: lower it when the image shrinks.
+        // it gets no worse: lower it when the image shrinks. 5.3 KB are the Pixy2's, which any node may
+        // have; the chip has 1 MB.
         budget: Some(Budget {
-            flash: 244 << 10,
+            flash: 249 << 10,
             ram: 64 << 10,
             stack: 12 << 10,
             aim: [96 << 10, 48 << 10, 8 << 10],
@@ -74,7 +75,7 @@ const BOARDS: [Board; 3] = [
         package: "nucleo-l476rg",
         // As above.
         budget: Some(Budget {
-            flash: 257 << 10,
+            flash: 262 << 10,
             ram: 64 << 10,
             stack: 12 << 10,
             aim: [96 << 10, 48 << 10, 8 << 10],

@@ -16,8 +16,8 @@ use std::{
 use anyhow::{Context, bail};
 use clap::{Args, ValueEnum};
 use cmucam2_emulator::{
-    BAUD_RATES, Background, Configuration, Emulator, FaultRates, Note, Scene, Sensor, Setting,
-    Switches, Time,
+    BAUD_RATES, Background, Configuration, Emulator, FaultRates, Note, Scene, SceneError, Sensor,
+    Setting, Switches, Time,
 };
 use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM, SIGUSR1};
 
@@ -26,8 +26,9 @@ use super::{pseudo_terminal::PseudoTerminal, tell, values};
 
 mod film;
 mod line;
+mod pixy2;
 
-/// A CMUcam2 on a pseudo-terminal or a serial port, for any program or board that talks to one.
+/// A CMUcam2 or a Pixy2 on a pseudo-terminal or a serial port, for any program or board that talks to one.
 ///
 /// It answers to the commands of the camera and sees a moving scene, or video of any camera. A
 /// program opens PATH like a serial port; the rate that it sets there must be the camera's, or both
@@ -48,13 +49,20 @@ pub(super) struct Arguments {
     /// What the camera sees, as YUV4MPEG2; `-` is the standard input. See below.
     #[arg(long, value_name = "FILE")]
     video: Option<PathBuf>,
-    /// The rate that the camera's jumpers select.
-    #[arg(long, value_name = "N", default_value_t = 115_200, value_parser = baud)]
-    baud: u32,
+    /// Which camera it is.
+    #[arg(long, value_enum, default_value_t)]
+    kind: KindOption,
+    /// A colour that a Pixy2 was taught, signature 1 first; may be repeated.
+    #[arg(long, value_name = "R,G,B", default_value = "225,110,35")]
+    taught: Vec<pixy2::Taught>,
+    /// The rate that the camera's jumpers select [default: 115200], or that was set in a Pixy2
+    /// [default: 19200].
+    #[arg(long, value_name = "N", value_parser = baud)]
+    baud: Option<u32>,
     /// Understand the other program whatever rate it sets.
     #[arg(long)]
     any_baud: bool,
-    /// The sensor on the camera board.
+    /// The sensor on the board of a CMUcam2.
     #[arg(long, value_enum, default_value_t)]
     sensor: SensorOption,
     /// Of noise and faults.
@@ -72,6 +80,15 @@ pub(super) struct Arguments {
     /// Tell which commands come, and what else happens.
     #[arg(long, short)]
     verbose: bool,
+}
+
+#[derive(Clone, Copy, Default, PartialEq, ValueEnum)]
+enum KindOption {
+    /// 88 or 160 columns, colours are learnt by command.
+    #[default]
+    Cmucam2,
+    /// 316 columns, colours were taught beforehand.
+    Pixy2,
 }
 
 #[derive(Clone, Copy, Default, ValueEnum)]
@@ -153,6 +170,7 @@ Examples:
   host-sim camera --pty cmucam --verbose
   host-sim camera --pty cmucam --baud 38400 --fault nck=0.02 --fault corrupt_line=0.2
   host-sim camera --pty cmucam --switch origin=0 --switch bounds_order=1
+  host-sim camera --kind pixy2 --pty pixy
   host-sim camera --port /dev/serial0 --baud 38400 --video room.y4m";
 
 const SECOND: Time = 1_000_000_000;
@@ -171,22 +189,19 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
     let power = Arc::new(AtomicBool::new(false));
     signal_hook::flag::register(SIGUSR1, Arc::clone(&power))?;
     let film = arguments.video.as_deref().map(Film::open).transpose()?;
+    if arguments.kind == KindOption::Pixy2 {
+        pixy2::run(arguments, scene, film.as_ref(), (&stop, &power))?;
+        return Ok(ExitCode::SUCCESS);
+    }
     let line = arguments.line()?;
-    tell(format_args!(
-        "a CMUcam2 at {} baud is on {}",
-        arguments.baud,
-        match &arguments.pty {
-            Some(link) => format!("{} ({line})", link.display()),
-            None => line.to_string(),
-        }
-    ));
+    arguments.tell_where("CMUcam2", &line);
     let mut camera = RealTime {
         emulator: Emulator::new(configuration, scene),
         film,
         line,
         start: Instant::now(),
         arguments,
-        host_baud: arguments.baud,
+        host_baud: arguments.baud(),
         incoming: VecDeque::new(),
         losing: false,
     };
@@ -218,8 +233,8 @@ impl Arguments {
                 SensorOption::Ov6620 => Sensor::Ov6620,
                 SensorOption::Ov7620 => Sensor::Ov7620,
             },
-            baud: self.baud,
-            host_baud: self.baud,
+            baud: self.baud(),
+            host_baud: self.baud(),
             switches,
             faults,
             seed: self.seed,
@@ -227,10 +242,28 @@ impl Arguments {
         })
     }
 
+    fn baud(&self) -> u32 {
+        self.baud.unwrap_or(match self.kind {
+            KindOption::Cmucam2 => 115_200,
+            KindOption::Pixy2 => pixy2::BAUD,
+        })
+    }
+
+    fn tell_where(&self, camera: &str, line: &Line) {
+        tell(format_args!(
+            "a {camera} at {} baud is on {}",
+            self.baud(),
+            match &self.pty {
+                Some(link) => format!("{} ({line})", link.display()),
+                None => line.to_string(),
+            }
+        ));
+    }
+
     fn line(&self) -> anyhow::Result<Line> {
         match (&self.pty, &self.port) {
-            (Some(link), _) => Ok(Line::Terminal(PseudoTerminal::open(link, self.baud)?)),
-            (None, Some(port)) => Line::port(port, self.baud),
+            (Some(link), _) => Ok(Line::Terminal(PseudoTerminal::open(link, self.baud())?)),
+            (None, Some(port)) => Line::port(port, self.baud()),
             (None, None) => bail!("--pty or --port is needed"),
         }
     }
@@ -240,13 +273,22 @@ impl Arguments {
             return Ok(Scene::default());
         }
         let Some(path) = &self.scene else {
-            return Ok(Scene::from_toml(USUAL_SCENE, sensor)?);
+            return Ok(self.scene_of(USUAL_SCENE, sensor)?);
         };
         let name = path.display();
         let text = fs::read_to_string(path).with_context(|| format!("{name} cannot be read"))?;
-        match Scene::from_toml(&text, sensor) {
+        match self.scene_of(&text, sensor) {
             Ok(scene) => Ok(scene),
             Err(error) => bail!("{name} is no scene: {error}"),
+        }
+    }
+}
+
+impl Arguments {
+    fn scene_of(&self, text: &str, sensor: Sensor) -> Result<Scene, SceneError> {
+        match self.kind {
+            KindOption::Cmucam2 => Scene::from_toml(text, sensor),
+            KindOption::Pixy2 => Scene::of_frame(text, pixy2_emulator::FRAME_SIZE, 1.0),
         }
     }
 }
@@ -320,11 +362,11 @@ impl RealTime<'_> {
         if baud != self.host_baud && baud != 0 {
             self.host_baud = baud;
             self.emulator.set_host_baud(baud);
-            if baud != self.arguments.baud {
+            if baud != self.arguments.baud() {
                 tell(format_args!(
                     "the other program has set {baud} baud, the camera has {}: both will get \
                      garbage",
-                    self.arguments.baud
+                    self.arguments.baud()
                 ));
             }
         }

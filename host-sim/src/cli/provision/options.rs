@@ -22,6 +22,12 @@ pub(super) struct Options {
     #[arg(long, value_name = "DBM", allow_hyphen_values = true)]
     tx_power: Option<i8>,
 
+    /// Which camera it has: `cmucam2`, unless said, or `pixy2`.
+    #[arg(long, value_name = "CAMERA", help_heading = "Camera", value_parser = ["cmucam2", "pixy2"])]
+    kind: Option<String>,
+    /// How many colours a Pixy2 was taught, 1 to 4: signature 1 is target colour 0.
+    #[arg(long, value_name = "N", help_heading = "Camera", conflicts_with_all = ["colour", "motion"])]
+    signatures: Option<u8>,
     /// Columns of the lens: 88, or 160 with the OV7620.
     #[arg(long, help_heading = "Camera")]
     columns: Option<u16>,
@@ -113,6 +119,7 @@ impl Options {
         );
         put("tx-power", self.tx_power.map(integer));
 
+        put("kind", self.kind.clone().map(Value::String));
         let mut lens = Table::new();
         lens.extend(self.columns.map(|n| ("columns".to_owned(), integer(n))));
         let view = self.field_of_view.map(Value::Float);
@@ -161,6 +168,8 @@ impl Options {
             let motion = Table::from_iter([("threshold".to_owned(), integer(threshold))]);
             subjects.insert("motion".to_owned(), motion.into());
         }
+        let signatures = self.signatures.map(integer);
+        subjects.extend(signatures.map(|taught| ("signatures".to_owned(), taught)));
         if !self.colour.is_empty() {
             let windows = self.colour.iter().map(|text| window(text));
             let windows = windows.collect::<Result<_>>().map(Value::Array)?;

@@ -14,7 +14,7 @@ use super::{
 };
 use crate::{
     limits::{COLOURS_MAX, CONSOLE_BAUD, REFERENCE_STOPS, STOPS_WANTED},
-    vision::{ColourWindow, Lens, LensError},
+    vision::{CameraKind, ColourWindow, Lens, LensError, pixy2},
 };
 
 /// A configuration in which everything is in its range, and what follows from that: what a node runs
@@ -137,7 +137,7 @@ pub enum ConfigError {
     JoinWindow,
     /// There is no such lens.
     Lens(LensError),
-    /// The lens has more columns than the camera can count.
+    /// The lens has more columns than the camera can count, or others.
     Columns,
     /// The CMUcam2 has no jumpers for the baud rate.
     Baud,
@@ -147,6 +147,8 @@ pub enum ConfigError {
     Colours,
     /// The threshold of frame differencing is not 1 to 224.
     Threshold,
+    /// Signatures of a camera that has none, none of one that has, or too many.
+    Signatures,
     /// The position of a reference is not finite.
     ReferencePosition,
     /// The baseline is not above 0.
@@ -191,13 +193,17 @@ impl fmt::Display for ConfigError {
             Self::Allow => "allow must hold numbers of nodes, from 1, none of them twice",
             Self::JoinWindow => "join-window-s must be 0 to 600",
             Self::Lens(error) => return write!(f, "lens: {error}"),
-            Self::Columns => "lens: a CMUcam2 has at most 255 columns",
+            Self::Columns => "lens: a CMUcam2 has at most 255 columns, a Pixy2 has 316",
             Self::Baud => "baud must be one of 115200, 57600, 38400, 19200, 9600, 4800, 2400, 1200",
             Self::FirstColumn => "first-column must be 0 or 1",
             Self::Colours => {
                 "subjects: 1 to 4 colours, each lowest level not above its highest one"
             }
             Self::Threshold => "subjects: the threshold must be 1 to 224",
+            Self::Signatures => {
+                "subjects: a Pixy2 looks for 1 to 4 signatures that it was taught, and only a Pixy2 \
+                 does"
+            }
             Self::ReferencePosition => "reference: the position must be two finite numbers",
             Self::Baseline => "baseline must be above 0, or left out if it is not known",
             Self::FrameHeading => {
@@ -302,6 +308,16 @@ impl CameraConfig {
             Subjects::Motion { threshold } => {
                 ((1..=224).contains(threshold), ConfigError::Threshold)
             }
+            Subjects::Signatures(taught) => (
+                (1..=COLOURS_MAX).contains(&usize::from(*taught)),
+                ConfigError::Signatures,
+            ),
+        };
+        let columns = self.lens.columns;
+        let is_taught = matches!(self.subjects, Subjects::Signatures(_));
+        let (columns_fit, subjects_fit) = match self.kind {
+            CameraKind::Cmucam2 => (columns <= 255, !is_taught),
+            CameraKind::Pixy2 => (columns == pixy2::COLUMNS, is_taught),
         };
         let fewest = if self.baseline.is_some() && self.frame_heading_deg.is_some() {
             2
@@ -310,7 +326,8 @@ impl CameraConfig {
         };
         let (good, weak) = (self.good_enough, self.weak);
         require(&[
-            (self.lens.columns <= 255, ConfigError::Columns),
+            (columns_fit, ConfigError::Columns),
+            (subjects_fit, ConfigError::Signatures),
             (self.first_column <= 1, ConfigError::FirstColumn),
             subjects,
             (

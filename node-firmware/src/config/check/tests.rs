@@ -114,6 +114,32 @@ fn cameras() {
         with_camera(|c| c.subjects = Subjects::Motion { threshold: 0 }),
         Err(E::Threshold)
     );
+    // A CMUcam2 has no signatures, a Pixy2 nothing else; its frame has one width.
+    let pixy2 = |change: fn(&mut CameraConfig)| {
+        let mut camera = CameraConfig::pixy2(1);
+        change(&mut camera);
+        node(RoleConfig::Camera(camera)).check().map(drop)
+    };
+    assert_eq!(pixy2(|c| c.subjects = Subjects::Signatures(4)), Ok(()));
+    for taught in [0, 5] {
+        assert_eq!(
+            with_camera(|c| {
+                let pixy2 = CameraConfig::pixy2(taught);
+                (c.kind, c.lens, c.subjects) = (pixy2.kind, pixy2.lens, pixy2.subjects);
+            }),
+            Err(E::Signatures)
+        );
+    }
+    assert_eq!(
+        with_camera(|c| c.subjects = Subjects::Signatures(1)),
+        Err(E::Signatures)
+    );
+    let motion: fn(&mut CameraConfig) = |c| c.subjects = Subjects::Motion { threshold: 10 };
+    assert_eq!(pixy2(motion), Err(E::Signatures));
+    assert_eq!(
+        pixy2(|c| c.lens = Lens::pin_hole(88, 45.0)),
+        Err(E::Columns)
+    );
     let placed = with_camera(|c| c.reference.as_mut().unwrap().position = Some([0.0, nan]));
     assert_eq!(placed, Err(E::ReferencePosition));
     for baseline in [0.0, -1.0, nan, f32::INFINITY] {

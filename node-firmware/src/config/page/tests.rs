@@ -7,9 +7,9 @@ use super::*;
 use crate::{
     config::{
         CameraConfig, RoleConfig, SiteKey, Subjects,
-        examples::{ORANGE, camera, coordinator, node, target},
+        examples::{ORANGE, camera, coordinator, node, pixy2, target},
     },
-    vision::Lens,
+    vision::{CameraKind, Lens},
 };
 
 fn checked(config: &Config) -> CheckedConfig {
@@ -48,6 +48,7 @@ fn golden_pages() {
         node(RoleConfig::Camera(camera())),
         node(RoleConfig::Target(target())),
         node(RoleConfig::Coordinator(coordinator(2))),
+        node(RoleConfig::Camera(pixy2())),
     ]
     .map(|config| hex(&page(&config)));
     assert_eq!(pages, GOLDEN);
@@ -108,8 +109,8 @@ fn what_is_no_page_says_what_to_do() {
         (&forged(VERSION, 600, body), PageError::Truncated, "again"),
         (&damaged, PageError::Checksum, "write it again"),
         (
-            &forged(7, length, body),
-            PageError::Version { found: 7 },
+            &forged(8, length, body),
+            PageError::Version { found: 8 },
             "update the firmware",
         ),
         (
@@ -164,7 +165,8 @@ fn whose_memory_it_is() {
             _ => unreachable!(),
         }
     }
-    let voids: [fn(&mut Config); 13] = [
+    let voids: [fn(&mut Config); 14] = [
+        |c| of(c).kind = CameraKind::Pixy2,
         |c| c.id += 1,
         |c| c.site_key = SiteKey::new(2, *b"0123456789abcdef"),
         |c| c.site_key = SiteKey::new(1, *b"0123456789abcdeF"),
@@ -179,7 +181,7 @@ fn whose_memory_it_is() {
         |c| of(c).baseline = None,
         |c| of(c).frame_heading_deg = Some(0.0),
     ];
-    assert_eq!(voids.map(after), [true; 13]);
+    assert_eq!(voids.map(after), [true; 14]);
     let keeps: [fn(&mut Config); 5] = [
         |c| c.tx_power += 1,
         |c| c.channels ^= 1 << 11,
@@ -241,12 +243,15 @@ proptest! {
     }
 }
 
-const GOLDEN: [&str; 3] = [
-    "434e6f64060056000301303132333435363738396162636465668090c210fc060158000034420000\
-     80ac02010001aaf03c8c10500101010100002041000000bf00010000204100030501cdcc4c3d0000\
-     803e0000003f000000410000803d18866121",
-    "434e6f64060042000301303132333435363738396162636465668090c210fc060202dc0b0000003f\
-     0000803c0ad7a33c0000403fd00fc0a90700000048410000f0c10000803e0000003fca7447b4",
-    "434e6f6406001e000301303132333435363738396162636465668090c210fc0600020102ac020a4e\
-     c2e3",
+const GOLDEN: [&str; 4] = [
+    "434e6f64070057000301303132333435363738396162636465668090c210fc060100580000344200\
+     0080ac02010001aaf03c8c10500101010100002041000000bf00010000204100030501cdcc4c3d00\
+     00803e0000003f000000410000803d0a99c494",
+    "434e6f64070042000301303132333435363738396162636465668090c210fc060202dc0b0000003f\
+     0000803c0ad7a33c0000403fd00fc0a90700000048410000f0c10000803e0000003fa14c21ed",
+    "434e6f6407001e000301303132333435363738396162636465668090c210fc0600020102ac023c1f\
+     40c7",
+    "434e6f64070052000301303132333435363738396162636465668090c210fc060101bc0200007042\
+     00008096010102020101010100002041000000bf00010000204100030501cdcc4c3d0000803e0000\
+     003f000000410000803d9e25a79b",
 ];

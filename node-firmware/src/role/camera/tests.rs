@@ -40,6 +40,7 @@ fn membership(pan: u16, short: u16) -> Attachment {
 
 fn config() -> CameraConfig {
     CameraConfig {
+        kind: crate::vision::CameraKind::Cmucam2,
         lens: Lens::pin_hole(88, 60.0),
         baud: 38_400,
         first_column: 1,

@@ -1,0 +1,175 @@
+//! `host-sim probe --camera pixy2`: what it sees of a signature, and where.
+
+use std::{
+    io::{self, Write},
+    time::{Duration, Instant},
+};
+
+use anyhow::{anyhow, bail};
+use host_sim::probe::port::{Baud, Port, PortError, Sleep};
+use node_firmware::vision::{
+    Look, Patience, Shape, pixy2,
+    pixy2::COLUMNS,
+    steady::{Steadiness, Steady},
+};
+use pixy2_driver::{
+    Error, Pixy2,
+    packet::Signatures,
+    session::{Fault, Policy},
+};
+use serde::Serialize;
+
+use super::{Arguments, Person, tell};
+
+/// Rates that are tried: as it is shipped, and others that people set.
+const RATES: [u32; 4] = [19_200, 115_200, 57_600, 38_400];
+
+/// A line of what is seen.
+#[derive(Serialize)]
+struct Line {
+    seconds: f64,
+    blocks: usize,
+    x: Option<u16>,
+    y: Option<u16>,
+    width: Option<u16>,
+    height: Option<u16>,
+    /// Of what stood still in the last frames.
+    bearing_rad: Option<f64>,
+    sigma_rad: Option<f64>,
+}
+
+type Camera = Pixy2<Port, Sleep>;
+
+pub(super) fn run(arguments: &Arguments, person: &Person) -> anyhow::Result<()> {
+    let only = [
+        (arguments.frame.is_some(), "--frame"),
+        (arguments.record.is_some(), "--record"),
+        (arguments.colour.is_some(), "--colour"),
+        (arguments.high_res, "--high-res"),
+        (arguments.first_column.is_some(), "--first-column"),
+    ];
+    if let Some((_, option)) = only.iter().find(|(given, _)| *given) {
+        bail!("{option} is for a CMUcam2");
+    }
+    let optics = arguments.camera.camera(COLUMNS)?;
+    let path = &arguments.port;
+    let (mut camera, rate) = connect(arguments, person)?;
+    let refused = |error| failed(path, error);
+    let version = camera.version_wait().map_err(refused)?;
+    let (columns, rows) = camera.resolution_wait().map_err(refused)?;
+    tell(format_args!(
+        "{path}: a Pixy2 at {rate} baud, firmware {}.{}.{}, blobs in {columns} x {rows}",
+        version.major, version.minor, version.build
+    ));
+    if columns != COLUMNS {
+        tell(format_args!("nodes expect {COLUMNS} columns"));
+    }
+    let shape = Shape::Round {
+        rows_per_column: 1.0,
+    };
+    let frames = usize::from(Patience::default().frames);
+    let mut steadiness =
+        Steadiness::<{ node_firmware::vision::look::FRAMES_MAX }>::new(frames, COLUMNS, shape);
+    let begin = Instant::now();
+    let time = arguments
+        .seconds
+        .map(|s| Duration::try_from_secs_f64(s).unwrap_or(Duration::MAX));
+    let mut told = 0;
+    while arguments.count.is_none_or(|count| told < count)
+        && time.is_none_or(|time| begin.elapsed() < time)
+    {
+        let of = Signatures::one(arguments.signature);
+        let blocks: Vec<_> = match camera.blocks_wait(of, 2) {
+            Ok(blocks) => blocks.collect(),
+            Err(Error::Uart(PortError::Interrupted)) => break,
+            Err(error) => return Err(failed(path, error)),
+        };
+        told += 1;
+        let blob = blocks
+            .first()
+            .map(|largest| pixy2::blob(largest, blocks.get(1)));
+        let steady = steadiness.push(blob);
+        let bearing = steady.as_ref().ok().zip(optics.as_ref());
+        let bearing = bearing.map(|(steady, optics): (&Steady, _)| steady.bearing(optics, 0.0));
+        let largest = blocks.first();
+        let line = Line {
+            seconds: begin.elapsed().as_secs_f64(),
+            blocks: blocks.len(),
+            x: largest.map(|block| block.x),
+            y: largest.map(|block| block.y),
+            width: largest.map(|block| block.width),
+            height: largest.map(|block| block.height),
+            bearing_rad: bearing.map(|(bearing, _)| bearing),
+            sigma_rad: bearing.map(|(_, sigma)| sigma),
+        };
+        let mut out = io::stdout().lock();
+        if arguments.json {
+            serde_json::to_writer(&mut out, &line)?;
+            writeln!(out)?;
+            continue;
+        }
+        write!(out, "{:8.3} s  ", line.seconds)?;
+        match largest {
+            None => write!(out, "{}", Look::Nothing)?,
+            Some(block) => write!(
+                out,
+                "x {:3} y {:3}  {:3} x {:3}",
+                block.x, block.y, block.width, block.height
+            )?,
+        }
+        match (bearing, steady) {
+            (Some((bearing, sigma)), _) => writeln!(
+                out,
+                "  {:+.2} +- {:.2} deg",
+                bearing.to_degrees(),
+                sigma.to_degrees()
+            )?,
+            (None, Err(why)) if largest.is_some() => writeln!(out, "  {why}")?,
+            _ => writeln!(out)?,
+        }
+        out.flush()?;
+    }
+    if told > 0 && arguments.json {
+        io::stdout().flush()?;
+    }
+    Ok(())
+}
+
+/// Finds the camera at one of the rates.
+fn connect(arguments: &Arguments, person: &Person) -> anyhow::Result<(Camera, u32)> {
+    let rates = match arguments.baud {
+        Baud::Rate(rate) => vec![rate],
+        Baud::Auto => RATES.to_vec(),
+    };
+    // One that starts is silent for two seconds.
+    for round in 0..2 {
+        for &rate in &rates {
+            let port = Port::open(&arguments.port, rate, person.interrupted())?;
+            let retries = if round == 0 { 3 } else { 20 };
+            let policy = Policy {
+                retries,
+                ..Policy::default()
+            };
+            let mut camera = Pixy2::with_policy(port, Sleep, policy);
+            match camera.version_wait() {
+                Ok(_) => return Ok((camera, rate)),
+                Err(Error::Camera(Fault::Silence | Fault::Garbled)) => {}
+                Err(error) => return Err(failed(&arguments.port, error)),
+            }
+        }
+    }
+    let tried: Vec<_> = rates.iter().map(u32::to_string).collect();
+    Err(anyhow!(
+        "{}: no Pixy2 answers at {} baud: is its data port set to UART (PixyMon: Configure, \
+         Interface, \"Data out port\"), and are TX and RX crossed?",
+        arguments.port,
+        tried.join(", ")
+    ))
+}
+
+fn failed(port: &str, error: Error<PortError>) -> anyhow::Error {
+    match error {
+        Error::Uart(PortError::Interrupted) => PortError::Interrupted.into(),
+        error => anyhow!("{port}: {error}"),
+    }
+}
