@@ -36,7 +36,7 @@ use core::time::Duration;
 use nalgebra::{Matrix2, Point2, Vector2};
 
 use self::filter::{Agreement, State};
-use crate::{Real, intersection::StationBearing, numerics::real::lit};
+use crate::{Ray, Real, intersection::StationBearing, numerics::real::lit};
 
 /// Objects at a time, at most.
 pub const OBJECTS: usize = 4;
@@ -75,6 +75,8 @@ pub struct Settings<T> {
     pub start_sigma: T,
     /// An object whose place is less sure is gone.
     pub lost_sigma: T,
+    /// Their radius, if it is known: then a box around several tells the direction of the outer two.
+    pub radius: Option<T>,
 }
 
 impl<T: Real> Settings<T> {
@@ -85,6 +87,7 @@ impl<T: Real> Settings<T> {
             speed_sigma: lit(1.0),
             start_sigma: lit(0.7),
             lost_sigma: lit(2.0),
+            radius: None,
         }
     }
 }
@@ -100,6 +103,8 @@ pub struct Look<T: Real> {
     pub bearing: StationBearing<T>,
     /// Half the angle that the box is wide, radians; 0 if it is not known.
     pub half_width: T,
+    /// The box is wider than an object of its height: there may be several in it.
+    pub is_wide: bool,
 }
 
 /// What became of a look.
@@ -112,7 +117,7 @@ pub enum Outcome {
     New(u16),
     /// It could be of more than one object, and corrected each by its share.
     Ambiguous,
-    /// It shows several objects in one box.
+    /// It shows several objects in one box, and corrected at most those at the edges.
     Several,
     /// It lies in the direction of an object and contradicts its distance.
     Contradicts,
@@ -260,43 +265,60 @@ impl<T: Real> Tracker<T> {
 
     /// To the objects. `None` if the look has nothing to do with any.
     fn offer(&mut self, look: &Look<T>) -> Option<Outcome> {
-        let mut measured = [const { None }; OBJECTS];
-        let mut best: Option<Agreement<T>> = None;
         let (mut inside, mut towards) = (0_u8, 0_u8);
-        for (object, measured) in self.objects.iter().zip(&mut measured) {
-            let told = object.and_then(|object| {
-                let state = &object.state;
-                state.measured(look.at, look.camera, &look.bearing, false)
-            });
-            let Some((_, agreement)) = told else { continue };
-            let (off, sigma) = agreement.off;
-            inside += u8::from(off < look.half_width);
-            towards += u8::from(off < look.half_width + sigma * lit(3.0));
-            if agreement.squared <= gate(look) {
-                *measured = told;
-                if best.is_none_or(|best| agreement.score < best.score) {
-                    best = Some(agreement);
-                }
+        for object in self.objects.iter().flatten() {
+            let told = (object.state).measured(look.at, look.camera, &look.bearing, false);
+            if let Some((_, Agreement { off, .. })) = told {
+                let (off, sigma) = off;
+                inside += u8::from(off < look.half_width);
+                towards += u8::from(off < look.half_width + sigma * lit(3.0));
             }
         }
-        let Some(best) = best.filter(|_| inside < 2) else {
-            return (towards > 0).then_some(match towards {
-                1 => Outcome::Contradicts,
-                _ => Outcome::Several,
-            });
-        };
-        let likelihood = |agreement: &Agreement<T>| {
-            let behind = (agreement.score - best.score) * lit(0.5);
-            (-behind).exp()
-        };
-        let all = measured.iter().flatten().map(|(_, a)| likelihood(a));
+        if look.is_wide || inside > 1 {
+            if let Some(radius) = self.settings.radius {
+                let _ = self.assign(look, Some((radius, look.half_width)));
+                let _ = self.assign(look, Some((radius, -look.half_width)));
+            }
+            return Some(Outcome::Several);
+        }
+        let contradicts = (towards > 0).then_some(Outcome::Contradicts);
+        self.assign(look, None).or(contradicts)
+    }
+
+    /// Corrects each object by the probability that the look is of it; `edge`: that this edge of the
+    /// box, radians from its middle, is the edge of an object of this radius. `None` if it is of none.
+    fn assign(&mut self, look: &Look<T>, edge: Option<(T, T)>) -> Option<Outcome> {
+        let mut measured = [const { None }; OBJECTS];
+        let mut best: Option<T> = None;
+        for (object, measured) in self.objects.iter().zip(&mut measured) {
+            let Some(object) = object else { continue };
+            let mut bearing = look.bearing;
+            if let Some((radius, edge)) = edge {
+                let distance = (object.state.place() - bearing.pose.position).norm();
+                let half = (radius / distance).min(edge.abs());
+                bearing.ray = Ray::from_bearing(bearing.ray.bearing() + edge - half.copysign(edge));
+                // One edge is less sure than the mean of two.
+                bearing.bearing_sigma *= lit(core::f64::consts::SQRT_2);
+                bearing.range = None;
+            }
+            let told = (object.state).measured(look.at, look.camera, &bearing, false);
+            if let Some((state, agreement)) = told
+                && agreement.squared <= gate(&bearing)
+            {
+                *measured = Some((state, agreement.score));
+                best = Some(best.map_or(agreement.score, |best| best.min(agreement.score)));
+            }
+        }
+        let best = best?;
+        let likelihood = |score: T| ((best - score) * lit(0.5)).exp();
+        let all = measured.iter().flatten().map(|(_, s)| likelihood(*s));
         let all = all.fold(T::zero(), |sum, one| sum + one);
         let mut outcome = Outcome::Ambiguous;
         for (object, measured) in self.objects.iter_mut().zip(&measured) {
-            let (Some(object), Some((state, agreement))) = (object, measured) else {
+            let (Some(object), Some((state, score))) = (object, measured) else {
                 continue;
             };
-            let share = likelihood(agreement) / all;
+            let share = likelihood(*score) / all;
             object.state.mix(state, share);
             if share > lit(0.5) {
                 object.seen = object.seen.max(look.at);
@@ -318,7 +340,7 @@ impl<T: Real> Tracker<T> {
                 .state
                 .measured(look.at, look.camera, &look.bearing, false);
             if let Some((state, agreement)) = measured
-                && agreement.squared <= gate(look)
+                && agreement.squared <= gate(&look.bearing)
             {
                 candidate.state = state;
                 candidate.was_seen(look);
@@ -433,13 +455,9 @@ impl<T: Real> Tracker<T> {
     }
 }
 
-fn gate<T: Real>(look: &Look<T>) -> T {
+fn gate<T: Real>(look: &StationBearing<T>) -> T {
     let [bearing, both] = GATE;
-    lit(if look.bearing.range.is_some() {
-        both
-    } else {
-        bearing
-    })
+    lit(if look.range.is_some() { both } else { bearing })
 }
 
 /// Whether two places are one, as far as can be told: chi squared of two degrees of freedom.
