@@ -167,7 +167,7 @@ pub fn locate<T: Real>(bearings: &[StationBearing<T>]) -> Result<Intersection<T>
 }
 
 impl<T: Real> StationBearing<T> {
-    fn is_usable(&self) -> bool {
+    pub(crate) fn is_usable(&self) -> bool {
         let Pose {
             position,
             heading,
@@ -212,7 +212,7 @@ impl<T: Real> StationBearing<T> {
         (distance > T::zero()).then_some((distance - range, along, weight))
     }
 
-    fn residual(&self, to_target: Vector2<T>) -> T {
+    pub(crate) fn residual(&self, to_target: Vector2<T>) -> T {
         self.ray.residual(self.pose.heading, to_target)
     }
 

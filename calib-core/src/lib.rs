@@ -8,6 +8,7 @@
 //! | [`intersection`] | Where is a target that two or more cameras of known pose see? |
 //! | [`mod@reference`] | Where do two cameras look, and where is the target, when only its displacements are known? |
 //! | [`joint`] | Where are all cameras, the target's places, and what does its carrier get wrong, from everything together? |
+//! | [`tracking`] | Where are objects that move, when nobody tells which one a camera saw? |
 //! | [`dead_reckoning`] | Where is the target after some more steps? |
 //! | [`fit`] | Do the measurements agree with the answer? |
 //!
@@ -65,6 +66,7 @@ pub mod intersection;
 pub mod joint;
 pub mod reference;
 pub mod resection;
+pub mod tracking;
 
 mod numerics;
 mod pose;

@@ -11,7 +11,7 @@ use crate::{
     config::SiteKey,
     message::{
         CameraCommand, CommandResult, Health, Hello, ListedSighting, MemberAddress, Report,
-        TrackedBlob,
+        StopNumber, TrackedBlob,
     },
 };
 
@@ -92,7 +92,19 @@ pub enum ToPc {
         /// It answers.
         present: bool,
     },
+    /// A target stands, or knows better where. Told again when something else was told of another one.
+    Stopped {
+        /// Its address.
+        address: MemberAddress,
+        /// Number of the stop.
+        stop: StopNumber,
+        /// Where it believes to stand; `None`: it does not know.
+        place: Option<StopPlace>,
+    },
 }
+
+/// x and y in the frame of the site, and their covariance `[xx, xy, yy]`.
+pub type StopPlace = ([f32; 2], [f32; 3]);
 
 /// A change of the site key.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]

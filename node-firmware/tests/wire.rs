@@ -460,6 +460,16 @@ fn what_the_pc_is_told_is_these_bytes() {
         present: true,
     };
     assert_eq!(tell(reference), "0aac0201");
+    let stopped = |place| ToPc::Stopped {
+        address: 300,
+        stop: 5,
+        place,
+    };
+    assert_eq!(tell(stopped(None)), "0bac020500");
+    assert_eq!(
+        tell(stopped(Some(([1.0, 2.0], [0.5, 1.0, 2.0])))),
+        format!("0bac020501{ONE}{TWO}{HALF}{ONE}{TWO}")
+    );
 }
 
 /// Before their checksum and COBS.

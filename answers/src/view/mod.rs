@@ -9,7 +9,7 @@ use std::{collections::BTreeMap, fmt, time::Duration};
 
 use calib_core::{Pose, Refusal, Status};
 use node_firmware::{
-    console::{KeyChangeReport, NetworkInfo, ToPc},
+    console::{KeyChangeReport, NetworkInfo, StopPlace, ToPc},
     message::{
         CameraState, Health, Hello, ListedSighting, MemberAddress, MemberKind, PoseParts, Report,
     },
@@ -54,6 +54,8 @@ pub struct Member {
     pub sightings: BTreeMap<u8, ListedSighting>,
     /// When it was asked for them, and has not answered since.
     asked: Option<Duration>,
+    /// A target: its stops, when they began, and where it believed to stand.
+    stops: BTreeMap<u16, (Duration, Option<StopPlace>)>,
 }
 
 impl Member {
@@ -272,7 +274,9 @@ impl NetworkView {
                 address
             }
             ToPc::Done { address, done } if done.success => address,
-            ToPc::Tracked { address, .. } | ToPc::Sighting { address, .. } => address,
+            ToPc::Tracked { address, .. }
+            | ToPc::Sighting { address, .. }
+            | ToPc::Stopped { address, .. } => address,
             _ => return news,
         };
         let mut members = self.members.iter_mut();
@@ -355,6 +359,17 @@ impl NetworkView {
                     ),
                 })
             }
+            ToPc::Stopped {
+                address,
+                stop,
+                place,
+            } => {
+                let finite = |(p, c): &StopPlace| p.iter().chain(c).all(|x| x.is_finite());
+                let place = place.filter(finite);
+                let known = self.at(address)?.stops.entry(stop).or_insert((now, None));
+                known.1 = place.or(known.1);
+                None
+            }
             // Nobody asks for these here.
             ToPc::Tracked { .. } => None,
         }
@@ -396,6 +411,7 @@ impl NetworkView {
                 posed: None,
                 sightings: BTreeMap::new(),
                 asked: None,
+                stops: BTreeMap::new(),
             });
         }
         let last = self.members.len() - 1;
@@ -567,6 +583,35 @@ mod tests {
         for message in [&messages[1], &messages[2], &messages[5]] {
             assert_eq!(known.take(NOW, message), None);
         }
+    }
+
+    /// When it began is when it was told first, and the place the one told last.
+    #[test]
+    fn stops_of_a_target_are_told() {
+        let mut known = NetworkView::default();
+        known.take(NOW, &member(9, 4, MemberKind::Target));
+        let told = |place| ToPc::Stopped {
+            address: 9,
+            stop: 3,
+            place,
+        };
+        let place = |x| Some(([x, 2.0], [0.04, 0.0, 0.09]));
+        let mut stops = |seconds, place| {
+            known.take(Duration::from_secs(seconds), &told(place));
+            known.record(NOW, None).targets[0].stops.clone()
+        };
+        assert_eq!(stops(10, None), []);
+        assert_eq!(stops(11, place(f32::NAN)), []);
+        let [first] = stops(12, place(1.0))[..] else {
+            panic!("one stop")
+        };
+        assert_eq!((first.stop, first.seconds), (3, Some(10.0)));
+        let [last] = stops(13, place(5.0))[..] else {
+            panic!("one stop")
+        };
+        assert_eq!((last.x, last.y, last.seconds), (5.0, 2.0, Some(10.0)));
+        let sigma_y = last.believed.unwrap().sigma_y;
+        assert!((sigma_y - 0.3).abs() < 1e-6);
     }
 
     #[test]

@@ -4,7 +4,10 @@ use std::{collections::BTreeMap, time::Duration};
 
 use calib_core::{Ray, Sighting};
 use nalgebra::{Matrix2, Point2};
-use node_firmware::message::{Duty, ListedSighting, MemberKind};
+use node_firmware::{
+    console::StopPlace,
+    message::{Duty, ListedSighting, MemberKind},
+};
 
 use super::{Member, NetworkView, SitePlan, site::usual_limits};
 use crate::record::{
@@ -102,7 +105,7 @@ impl NetworkView {
         }
     }
 
-    /// Where the targets said they stood, as far as cameras told.
+    /// Where the targets said they stood, as far as they or cameras told.
     fn targets(&self) -> Vec<Target> {
         let mut targets = BTreeMap::<u16, BTreeMap<u16, ListedSighting>>::new();
         for member in self
@@ -118,7 +121,19 @@ impl NetworkView {
             }
         }
         let targets = targets.into_iter().map(|(id, told)| {
-            let stops: Vec<Stop> = told.values().map(stop).collect();
+            let mut stops: BTreeMap<u32, Stop> = told
+                .values()
+                .map(|told| (told.stop.into(), stop(told)))
+                .collect();
+            // What the target says itself came at once, and tells more.
+            let own = self.present().into_iter().filter(|m| m.id == id);
+            for (number, (at, place)) in own.flat_map(|m| &m.stops) {
+                if let Some(place) = place {
+                    let number = u32::from(*number);
+                    stops.insert(number, own_stop(number, *at, place));
+                }
+            }
+            let stops: Vec<Stop> = stops.into_values().collect();
             Target {
                 id,
                 network: 1,
@@ -143,6 +158,23 @@ fn stop(told: &ListedSighting) -> Stop {
             y,
             sigma_x: sigma,
             sigma_y: sigma,
+        }),
+    }
+}
+
+fn own_stop(stop: u32, at: Duration, (place, covariance): &StopPlace) -> Stop {
+    let [x, y] = place.map(f64::from);
+    let [xx, _, yy] = covariance.map(f64::from);
+    Stop {
+        stop,
+        seconds: Some(at.as_secs_f64()),
+        x,
+        y,
+        believed: Some(Believed {
+            x,
+            y,
+            sigma_x: xx.max(0.0).sqrt(),
+            sigma_y: yy.max(0.0).sqrt(),
         }),
     }
 }

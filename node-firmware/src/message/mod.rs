@@ -199,6 +199,17 @@ pub struct Stopped {
     pub place: Place<f32>,
 }
 
+impl Stopped {
+    /// x and y in the frame of the site, with their covariance `[xx, xy, yy]`, if the target knows them.
+    pub fn told(&self) -> Option<crate::console::StopPlace> {
+        let (place, covariance) = (self.place.position(), self.place.covariance());
+        (self.frame == CoordinateFrame::Site).then_some((
+            [place.x, place.y],
+            [covariance.m11, covariance.m21, covariance.m22],
+        ))
+    }
+}
+
 /// What a place refers to.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]

@@ -23,13 +23,13 @@ use self::{
 use super::{Notification, Notifications, Outbox, Output, RETRY, Reports, Role, Unsaved, earliest};
 use crate::{
     config::SiteKey,
-    console::{FromPc, ToPc},
+    console::{FromPc, StopPlace, ToPc},
     facts::{Fact, FactKey},
     hardware::{Button, Indication},
     limits::ROSTER,
     message::{
         CameraCommand, CommandResult, Eye, Health, Hello, MemberAddress, MemberKind, Memory,
-        Message, References, Report, Restart,
+        Message, References, Report, Restart, StopNumber, Stopped,
     },
     network::Attachment,
 };
@@ -137,6 +137,8 @@ pub struct CoordinatorRole {
     outbox: Outbox<CoordinatorNotification, 8>,
     tasks: Tasks,
     roll_calls: RollCalls,
+    /// What the PC was told last of a target's stop.
+    stopped: Option<(MemberAddress, StopNumber, Option<StopPlace>)>,
     /// Its own.
     health: Health,
 }
@@ -158,6 +160,7 @@ impl CoordinatorRole {
             outbox: Outbox::new(),
             tasks: Tasks::new(),
             roll_calls: RollCalls::new(),
+            stopped: None,
             health: Health {
                 memory: Memory::Flash,
                 camera: Eye::Sees,
@@ -183,6 +186,19 @@ impl CoordinatorRole {
                 // It says so by itself when it has just joined.
                 notifications.notify(MemberNotification::WhoIsThere, now + RETRY);
             }
+        }
+    }
+
+    /// A target repeats itself while it stands: only what is new goes to the PC.
+    fn tell_stop(&mut self, address: MemberAddress, stopped: &Stopped) {
+        let (stop, place) = (stopped.stop, stopped.told());
+        let news = (address, stop, place);
+        if self.stopped.replace(news) != Some(news) {
+            self.tasks.tell(ToPc::Stopped {
+                address,
+                stop,
+                place,
+            });
         }
     }
 
@@ -357,6 +373,7 @@ impl Role for CoordinatorRole {
                 address,
                 tracked: *tracked,
             }),
+            Message::Stopped(stopped) => self.tell_stop(address, stopped),
             Message::Sighting(sighting) => self.tasks.tell(ToPc::Sighting {
                 address,
                 sighting: *sighting,

@@ -70,6 +70,7 @@ impl CoordinatorRole {
         match wish {
             FromPc::Refresh => {
                 self.tasks.refresh = Some(0);
+                self.stopped = None;
                 self.tasks.tell_network();
                 let _ = self.tasks.queue.push_back(CoordinatorTask::TellKeyChange);
                 let _ = self.tasks.queue.push_back(CoordinatorTask::TellConflict);

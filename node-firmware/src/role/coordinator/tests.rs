@@ -471,3 +471,44 @@ fn the_lamp_says_whether_a_camera_is_calibrated() {
         assert_eq!(role.indication().calibrated, expected, "{state:?}");
     }
 }
+
+/// A target repeats where it stands; the PC is told what is new, and everything when it asks.
+#[test]
+fn the_pc_is_told_a_stop_once() {
+    let stopped = |frame, x| {
+        let track = calib_core::dead_reckoning::Track::start(
+            nalgebra::Point2::new(x, 2.0),
+            nalgebra::Matrix2::identity(),
+            calib_core::dead_reckoning::Systematic::none(),
+        );
+        Message::Stopped(Stopped {
+            stop: 5,
+            colour: 0,
+            frame,
+            place: track.unwrap().place(0.0).unwrap(),
+        })
+    };
+    let line = |place| ToPc::Stopped {
+        address: 9,
+        stop: 5,
+        place,
+    };
+    let place = |x| Some(([x, 2.0], [1.0, 0.0, 1.0]));
+    let mut role = coordinator();
+    hello(&mut role, 40, 9, MemberKind::Target);
+    let _ = outputs(&mut role, 40);
+    let mut hears = |message: &Message| {
+        role.on_message(at(41), ShortAddress(9), message);
+        told(&mut role, 41)
+    };
+    use crate::message::CoordinateFrame::{Own, Site};
+    assert_eq!(hears(&stopped(Own, 1.0)), [line(None)]);
+    assert_eq!(hears(&stopped(Own, 3.0)), []);
+    assert_eq!(hears(&stopped(Site, 1.0)), [line(place(1.0))]);
+    assert_eq!(hears(&stopped(Site, 1.0)), []);
+    assert_eq!(hears(&stopped(Site, 1.5)), [line(place(1.5))]);
+    role.on_pc(at(42), FromPc::Refresh);
+    let _ = outputs(&mut role, 42);
+    role.on_message(at(43), ShortAddress(9), &stopped(Site, 1.5));
+    assert_eq!(told(&mut role, 43), [line(place(1.5))]);
+}

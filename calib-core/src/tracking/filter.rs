@@ -1,0 +1,309 @@
+//! One object: place, velocity, and what its errors share with those of the cameras' poses.
+
+use core::time::Duration;
+
+use nalgebra::{Matrix2, Matrix4, Matrix4x3, Point2, Vector2, Vector3, Vector4};
+
+use super::Settings;
+use crate::{
+    Pose, Real,
+    intersection::{self, StationBearing},
+    numerics::{cholesky::Cholesky, plane::dot, real::lit},
+    resection::information::slope,
+};
+
+/// Cameras of which an object remembers how far its place errs with theirs. Of more, the one that was
+/// not heard for longest counts as independent again.
+const SHARED: usize = 8;
+
+/// No bearing is surer, radians, and no range as a share of it, whatever it claims: one false look that
+/// claims to be exact would put an object where no other look agrees.
+const SUREST: f64 = 2e-4;
+
+/// The velocity is believed no longer than this without a look.
+const LONGEST_STEP: Duration = Duration::from_secs(10);
+
+/// What the errors of an object and of a camera's pose have in common.
+#[derive(Clone, Copy, Debug)]
+struct Shared<T: Real> {
+    camera: u16,
+    /// The pose as it was. What it has in common with a later one is not known.
+    position: Point2<T>,
+    heading: T,
+    /// Covariance of the object's state and the camera's `(x, y, heading)`.
+    covariance: Matrix4x3<T>,
+    heard: Duration,
+}
+
+impl<T: Real> Shared<T> {
+    fn is_same(&self, other: &Self) -> bool {
+        (self.camera, self.position, self.heading) == (other.camera, other.position, other.heading)
+    }
+
+    fn is_of(&self, camera: u16, pose: &Pose<T>) -> bool {
+        self.camera == camera && self.position == pose.position && self.heading == pose.heading
+    }
+}
+
+/// A nearly constant velocity.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct State<T: Real> {
+    /// x, y and their rates.
+    pub(super) x: Vector4<T>,
+    pub(super) covariance: Matrix4<T>,
+    /// Of when it is.
+    pub(super) at: Duration,
+    shared: [Option<Shared<T>>; SHARED],
+}
+
+/// How well a look agrees with an object.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Agreement<T> {
+    /// The squared innovation of bearing and range, each over its variance.
+    pub(super) squared: T,
+    /// Less by twice the logarithm of the likelihood: what is compared between objects.
+    pub(super) score: T,
+    /// By how much the bearing is off, radians, without sign, and the standard deviation of that.
+    pub(super) off: (T, T),
+}
+
+/// One number that was measured, about the state.
+struct Row<T: Real> {
+    /// Measured less expected.
+    innovation: T,
+    /// Derivatives by the state.
+    by_state: Vector4<T>,
+    /// Derivatives by the camera's pose.
+    by_pose: Vector3<T>,
+    /// The measurement's own variance.
+    variance: T,
+}
+
+impl<T: Real> State<T> {
+    /// Where looks of different cameras meet, or where the range of one ends, the first one being the
+    /// earliest. `None` if they meet nowhere, or not surely enough.
+    pub(super) fn start(
+        looks: &[(Duration, u16, StationBearing<T>)],
+        settings: &Settings<T>,
+    ) -> Option<Self> {
+        let mut bearings = [looks.first()?.2; 2];
+        for (bearing, look) in bearings.iter_mut().zip(looks) {
+            *bearing = look.2;
+        }
+        let located = intersection::locate(bearings.get(..looks.len())?).ok()?;
+        let variance = located.covariance.trace();
+        if !(variance < settings.start_sigma * settings.start_sigma) {
+            return None;
+        }
+        // So little known beforehand that the looks decide; what they share with the poses follows.
+        let unknown = variance * lit(400.0) + lit(1e-6);
+        let rate = settings.speed_sigma * settings.speed_sigma;
+        let place = located.position;
+        let mut state = Self {
+            x: Vector4::new(place.x, place.y, T::zero(), T::zero()),
+            covariance: Matrix4::from_diagonal(&Vector4::new(unknown, unknown, rate, rate)),
+            at: looks.first()?.0,
+            shared: [None; SHARED],
+        };
+        for (at, camera, look) in looks {
+            state.go_to(*at, settings.agility);
+            state = state.measured(*at, *camera, look, true)?.0;
+        }
+        Some(state)
+    }
+
+    pub(super) fn place(&self) -> Point2<T> {
+        Point2::new(self.x.x, self.x.y)
+    }
+
+    pub(super) fn rate(&self) -> Vector2<T> {
+        Vector2::new(self.x.z, self.x.w)
+    }
+
+    pub(super) fn place_covariance(&self) -> Matrix2<T> {
+        self.covariance.fixed_view::<2, 2>(0, 0).into()
+    }
+
+    /// White noise of acceleration, of this density (Bar-Shalom et al. 2001, 6.2.2).
+    pub(super) fn go_to(&mut self, at: Duration, agility: T) {
+        let Some(time) = at.checked_sub(self.at).filter(|time| !time.is_zero()) else {
+            return;
+        };
+        self.at = at;
+        let dt = seconds(time.min(LONGEST_STEP));
+        let mut go = Matrix4::identity();
+        go.m13 = dt;
+        go.m24 = dt;
+        self.x = go * self.x;
+        self.covariance = go * self.covariance * go.transpose();
+        let place = agility * dt * dt * dt / lit(3.0);
+        let both = agility * dt * dt * lit(0.5);
+        let c = &mut self.covariance;
+        c.m11 += place;
+        c.m22 += place;
+        c.m33 += agility * dt;
+        c.m44 += agility * dt;
+        c.m13 += both;
+        c.m31 += both;
+        c.m24 += both;
+        c.m42 += both;
+        for shared in self.shared.iter_mut().flatten() {
+            shared.covariance = go * shared.covariance;
+        }
+    }
+
+    /// The state that takes the look into account. It may be of a time shortly before the state's.
+    /// `None` if numbers are lost by it. `is_start`: of a state that nothing is known of yet, about the
+    /// place that the looks themselves told.
+    pub(super) fn measured(
+        &self,
+        at: Duration,
+        camera: u16,
+        look: &StationBearing<T>,
+        is_start: bool,
+    ) -> Option<(Self, Agreement<T>)> {
+        let mut state = *self;
+        let slot = state.slot(camera, &look.pose)?;
+        // The object was there, by its velocity; what it did besides in so short a time is noise.
+        let before = seconds(self.at.saturating_sub(at));
+        let back = |place: Vector2<T>| {
+            Vector4::new(place.x, place.y, -place.x * before, -place.y * before)
+        };
+        let velocity = self.rate();
+        let to_target = self.x.xy() - velocity * before - look.pose.position.coords;
+        let range2 = dot(to_target, to_target);
+        let spread = self.covariance.m11 + self.covariance.m22;
+        // The bearing is no linear function of the place (second order, ib. 10.3.3).
+        let bend = if is_start { T::zero() } else { spread / range2 };
+        let by_pose = slope(to_target);
+        let own = look.bearing_sigma * look.bearing_sigma;
+        let bearing = Row {
+            innovation: -look.residual(to_target),
+            by_state: back(-by_pose.xy()),
+            by_pose,
+            variance: own + square(SUREST) + bend * bend * lit(0.5),
+        };
+        let off = bearing.innovation.abs();
+        let (mut squared, variance) = state.update(slot, &look.pose, &bearing)?;
+        let mut score = squared + variance.ln();
+        if let Some((range, sigma)) = look.range {
+            let to_target = state.x.xy() - state.rate() * before - look.pose.position.coords;
+            let distance = to_target.norm();
+            let along = to_target / distance;
+            let row = Row {
+                innovation: range - distance,
+                by_state: back(along),
+                by_pose: Vector3::new(-along.x, -along.y, T::zero()),
+                variance: sigma * sigma + square::<T>(SUREST) * range * range,
+            };
+            let (more, variance) = state.update(slot, &look.pose, &row)?;
+            squared += more;
+            // In units of the range, so that looks with and without one can be compared.
+            score += more + (variance / (range * range)).ln();
+        }
+        if let Some(Some(shared)) = state.shared.get_mut(slot) {
+            shared.heard = self.at.max(at);
+        }
+        let off = (off, variance.sqrt());
+        let agreement = Agreement {
+            squared,
+            score,
+            off,
+        };
+        (state.is_sound() && squared.is_finite()).then_some((state, agreement))
+    }
+
+    /// Where a camera's pose is remembered: a new place if it was not yet, or has changed.
+    fn slot(&mut self, camera: u16, pose: &Pose<T>) -> Option<usize> {
+        let known = |s: &Option<Shared<T>>| s.is_some_and(|s| s.is_of(camera, pose));
+        if let Some(slot) = self.shared.iter().position(known) {
+            return Some(slot);
+        }
+        let age = |s: &Option<Shared<T>>| {
+            s.filter(|s| s.camera != camera)
+                .map(|s| s.heard + Duration::from_nanos(1))
+                .unwrap_or_default()
+        };
+        let slots = self.shared.iter_mut().enumerate();
+        let (slot, oldest) = slots.min_by_key(|(_, shared)| age(shared))?;
+        *oldest = Some(Shared {
+            camera,
+            position: pose.position,
+            heading: pose.heading,
+            covariance: Matrix4x3::zeros(),
+            heard: self.at,
+        });
+        Some(slot)
+    }
+
+    /// The filter of Schmidt (1966): the state is corrected, the camera's pose is not, but that both err
+    /// together is kept. Returns the squared innovation over its variance, and this.
+    fn update(&mut self, slot: usize, pose: &Pose<T>, row: &Row<T>) -> Option<(T, T)> {
+        let of_camera = self.shared.get(slot)?.as_ref()?.covariance;
+        let of_pose = pose.covariance * row.by_pose;
+        let with_state = self.covariance * row.by_state + of_camera * row.by_pose;
+        let variance = row.by_state.dot(&with_state)
+            + row
+                .by_pose
+                .dot(&(of_camera.transpose() * row.by_state + of_pose))
+            + row.variance;
+        if !(variance >= row.variance * lit(0.99) && variance.is_finite()) {
+            return None;
+        }
+        let gain = with_state / variance;
+        for (n, shared) in self.shared.iter_mut().enumerate() {
+            let Some(shared) = shared else { continue };
+            let mut with_pose = shared.covariance.transpose() * row.by_state;
+            if n == slot {
+                with_pose += of_pose;
+            }
+            shared.covariance -= gain * with_pose.transpose();
+        }
+        self.x += gain * row.innovation;
+        self.covariance -= gain * with_state.transpose();
+        self.covariance = (self.covariance + self.covariance.transpose()) * lit::<T>(0.5);
+        Some((row.innovation * row.innovation / variance, variance))
+    }
+
+    /// Becomes `other` with this probability: mean and covariance of both together.
+    pub(super) fn mix(&mut self, other: &Self, share: T) {
+        let rest = T::one() - share;
+        let apart = other.x - self.x;
+        let spread = apart * apart.transpose() * (share * rest);
+        self.covariance = self.covariance * rest + other.covariance * share + spread;
+        self.x += apart * share;
+        // Slots are the same but for the one that the look took.
+        for (one, other) in self.shared.iter_mut().zip(&other.shared) {
+            *one = match (&one, other) {
+                (Some(mine), Some(new)) if mine.is_same(new) => Some(Shared {
+                    covariance: mine.covariance * rest + new.covariance * share,
+                    ..*new
+                }),
+                (_, Some(new)) => Some(Shared {
+                    covariance: new.covariance * share,
+                    ..*new
+                }),
+                (_, None) => None,
+            };
+        }
+    }
+
+    /// The squared distance between two places over the covariance of both.
+    pub(super) fn distance(&self, other: &Self) -> Option<T> {
+        let difference = self.place() - other.place();
+        let both = Cholesky::new(self.place_covariance() + other.place_covariance())?;
+        Some(both.solve(&difference).dot(&difference))
+    }
+
+    fn is_sound(&self) -> bool {
+        self.x.iter().all(T::is_finite) && Cholesky::new(self.covariance).is_some()
+    }
+}
+
+fn square<T: Real>(value: f64) -> T {
+    lit(value * value)
+}
+
+fn seconds<T: Real>(time: Duration) -> T {
+    lit(time.as_secs_f64())
+}

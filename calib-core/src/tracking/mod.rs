@@ -1,0 +1,466 @@
+//! Tracking: where are the objects that cameras of known pose see, one bearing at a time?
+//!
+//! Nobody tells which object a bearing belongs to, when the next one comes, or from where. Each
+//! object has a place and a velocity in a Kalman filter that is linearised about them (Bar-Shalom, Li,
+//! Kirubarajan: Estimation with Applications to Tracking and Navigation, 2001, chapters 6 and 10).
+//!
+//! # Which object
+//! A look lies within the gates of one object or of some. It corrects each of these by the probability
+//! that it is of this one, and what is not sure about that adds to the covariance: joint probabilistic
+//! data association (Fortmann, Bar-Shalom, Scheffe: Sonar tracking of multiple targets, IEEE J. Oceanic
+//! Engineering 8, 1983), which for one bearing at a time is as short as this. Looks with an equal share in
+//! two objects that pass each other do little to both, and their velocities carry them past.
+//!
+//! A camera of which each look is *one* box for all that has the colour sees two objects as a box with
+//! both. Its middle is nowhere. So a box that two objects are in serves none; neither does one whose
+//! width contradicts how far away the object is, if the width is told as a
+//! [range](StationBearing::range).
+//!
+//! # New objects
+//! What no object explains is kept for half a second. Where the looks of two cameras meet, or where a
+//! range ends, a *candidate* begins. Of two cameras that see two objects each, four candidates come,
+//! two of them ghosts. A candidate becomes an object once it explained enough looks, which are those of
+//! three cameras or more, or have a range, or were explained by no other candidate. From then on its looks
+//! are its own, and the ghosts that had a part in them get no more. Two cameras alone that see two objects
+//! without their sizes never tell which of the four are real, and then none becomes one.
+//!
+//! # Uncertainty
+//! That a camera's pose is not sure makes all its bearings err alike: it is a bias, and no number of
+//! looks takes it away. The filter of Schmidt (Application of State-Space Methods to Navigation Problems,
+//! 1966) remembers how an object's place errs together with the poses of eight cameras.
+
+mod filter;
+
+use core::time::Duration;
+
+use nalgebra::{Matrix2, Point2, Vector2};
+
+use self::filter::{Agreement, State};
+use crate::{Ray, Real, intersection::StationBearing, numerics::real::lit};
+
+/// Objects at a time, at most.
+pub const OBJECTS: usize = 4;
+/// Candidates at a time, at most.
+const CANDIDATES: usize = 8;
+/// Looks that wait for one of another camera, at most.
+const WAITING: usize = 12;
+/// A look is this old at most when it comes.
+pub const LATEST: Duration = Duration::from_millis(500);
+/// So long a look waits for one of another camera.
+const WAITS: Duration = Duration::from_millis(500);
+/// An object, and a candidate, that no look showed for so long is gone.
+const GONE: [Duration; 2] = [Duration::from_secs(3), Duration::from_millis(1500)];
+/// Only one in a thousand of an object's bearings lies outside, without and with a range: chi squared of
+/// one and two degrees of freedom.
+const GATE: [f64; 2] = [10.83, 13.82];
+/// A look with at least this probability is of one object.
+const CLEAR: f64 = 0.95;
+/// A bearing, or a camera's heading, that is less sure says nothing, radians.
+const LARGEST_SIGMA: f64 = 0.2;
+/// Looks that a candidate needs, of three cameras; and of less.
+const NEEDED: [u8; 2] = [6, 12];
+/// A candidate takes so long at least.
+const SHORTEST: Duration = Duration::from_millis(500);
+
+/// What is known about the objects beforehand. Lengths in the unit of the cameras' places.
+#[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct Settings<T> {
+    /// How quickly they change their velocity: density of the white noise of acceleration in each
+    /// direction, squared length over cubed seconds.
+    pub agility: T,
+    /// Standard deviation of their velocity in each direction.
+    pub speed_sigma: T,
+    /// No object begins whose place is less sure, standard deviation.
+    pub start_sigma: T,
+    /// An object whose place is less sure is gone.
+    pub lost_sigma: T,
+    /// Their radius, if it is known: then a box around several tells the direction of the outer two.
+    pub radius: Option<T>,
+}
+
+impl<T: Real> Settings<T> {
+    /// People who walk about in a building, in metres.
+    pub fn walking() -> Self {
+        Self {
+            agility: lit(0.5),
+            speed_sigma: lit(1.0),
+            start_sigma: lit(0.7),
+            lost_sigma: lit(2.0),
+            radius: None,
+        }
+    }
+}
+
+/// One look of one camera.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Look<T: Real> {
+    /// The camera's number.
+    pub camera: u16,
+    /// When, since whatever all looks count from.
+    pub at: Duration,
+    /// Where to, and how far, if the size tells.
+    pub bearing: StationBearing<T>,
+    /// Half the angle that the box is wide, radians; 0 if it is not known.
+    pub half_width: T,
+    /// The box is wider than an object of its height: there may be several in it.
+    pub is_wide: bool,
+}
+
+/// What became of a look.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub enum Outcome {
+    /// It corrected this object.
+    Object(u16),
+    /// It made this object out of a candidate.
+    New(u16),
+    /// It could be of more than one object, and corrected each by its share.
+    Ambiguous,
+    /// It shows several objects in one box, and corrected at most those at the edges.
+    Several,
+    /// It lies in the direction of an object and contradicts its distance.
+    Contradicts,
+    /// It corrected candidates, or waits for other cameras.
+    Candidate,
+    /// A number of it is not usable, or it is too old.
+    Unusable,
+}
+
+/// An object.
+#[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct Object<T: Real> {
+    /// Its number. The next one to come has the next number.
+    pub id: u16,
+    /// Where it is.
+    #[cfg_attr(feature = "defmt", defmt(Debug2Format))]
+    pub position: Point2<T>,
+    /// Its rate, per second.
+    #[cfg_attr(feature = "defmt", defmt(Debug2Format))]
+    pub velocity: Vector2<T>,
+    /// Covariance of the position, that of the cameras' poses included.
+    #[cfg_attr(feature = "defmt", defmt(Debug2Format))]
+    pub covariance: Matrix2<T>,
+    /// When a look last showed it.
+    pub seen: Duration,
+}
+
+#[derive(Clone, Copy, Debug)]
+struct Tracked<T: Real> {
+    id: u16,
+    state: State<T>,
+    seen: Duration,
+}
+
+#[derive(Clone, Copy, Debug)]
+struct Candidate<T: Real> {
+    state: State<T>,
+    began: Duration,
+    seen: Duration,
+    looks: u8,
+    /// The first cameras that saw it.
+    cameras: [Option<u16>; 3],
+    /// Looks in a row that no other candidate explained.
+    alone: u8,
+    has_range: bool,
+}
+
+impl<T: Real> Candidate<T> {
+    fn is_real(&self) -> bool {
+        let [few, many] = NEEDED;
+        let by_three = self.cameras.iter().all(Option::is_some) && self.looks >= few;
+        let otherwise = self.looks >= many && (self.has_range || self.alone >= many);
+        self.seen.saturating_sub(self.began) >= SHORTEST && (by_three || otherwise)
+    }
+
+    fn was_seen(&mut self, look: &Look<T>) {
+        self.seen = self.seen.max(look.at);
+        self.looks = self.looks.saturating_add(1);
+        self.has_range |= look.bearing.range.is_some();
+        for camera in &mut self.cameras {
+            if *camera.get_or_insert(look.camera) == look.camera {
+                break;
+            }
+        }
+    }
+}
+
+/// Up to [`OBJECTS`] objects.
+#[derive(Clone, Debug)]
+pub struct Tracker<T: Real> {
+    settings: Settings<T>,
+    now: Duration,
+    next: u16,
+    objects: [Option<Tracked<T>>; OBJECTS],
+    candidates: [Option<Candidate<T>>; CANDIDATES],
+    waiting: [Option<Look<T>>; WAITING],
+}
+
+impl<T: Real> Tracker<T> {
+    /// Nothing is known yet.
+    pub const fn new(settings: Settings<T>) -> Self {
+        Self {
+            settings,
+            now: Duration::ZERO,
+            next: 1,
+            objects: [None; OBJECTS],
+            candidates: [None; CANDIDATES],
+            waiting: [None; WAITING],
+        }
+    }
+
+    /// The objects there are, by the time that was [told](Self::go_to) last.
+    pub fn objects(&self) -> impl Iterator<Item = Object<T>> {
+        self.objects.iter().flatten().map(|object| Object {
+            id: object.id,
+            position: object.state.place(),
+            velocity: object.state.rate(),
+            covariance: object.state.place_covariance(),
+            seen: object.seen,
+        })
+    }
+
+    /// Carries the objects on by their velocities. What was not seen for too long is gone. Time that
+    /// goes back changes nothing.
+    pub fn go_to(&mut self, now: Duration) {
+        self.now = self.now.max(now);
+        let (now, settings) = (self.now, self.settings);
+        let is_gone = |state: &mut State<T>, seen: Duration, gone: Duration| {
+            state.go_to(now, settings.agility);
+            let variance = state.place_covariance().trace();
+            now.saturating_sub(seen) > gone
+                || !(variance < settings.lost_sigma * settings.lost_sigma)
+        };
+        for slot in &mut self.objects {
+            slot.take_if(|object| is_gone(&mut object.state, object.seen, GONE[0]));
+        }
+        for slot in &mut self.candidates {
+            slot.take_if(|candidate| is_gone(&mut candidate.state, candidate.seen, GONE[1]));
+        }
+        for slot in &mut self.waiting {
+            slot.take_if(|look| now.saturating_sub(look.at) > WAITS);
+        }
+    }
+
+    /// Takes a look, which must not be from later than `now`.
+    pub fn take(&mut self, now: Duration, look: &Look<T>) -> Outcome {
+        self.go_to(now);
+        let is_usable = look.bearing.is_usable()
+            && look.bearing.bearing_sigma < lit(LARGEST_SIGMA)
+            && look.bearing.pose.sigma_heading() < lit(LARGEST_SIGMA)
+            && look.bearing.pose.sigma_position() < self.settings.start_sigma
+            && look.half_width >= T::zero()
+            && look.half_width < T::frac_pi_2();
+        let is_timely = look.at <= self.now && self.now.saturating_sub(look.at) <= LATEST;
+        if !(is_usable && is_timely) {
+            return Outcome::Unusable;
+        }
+        if let Some(outcome) = self.offer(look) {
+            return outcome;
+        }
+        self.offer_to_candidates(look);
+        self.settle().map_or(Outcome::Candidate, Outcome::New)
+    }
+
+    /// To the objects. `None` if the look has nothing to do with any.
+    fn offer(&mut self, look: &Look<T>) -> Option<Outcome> {
+        let (mut inside, mut towards) = (0_u8, 0_u8);
+        for object in self.objects.iter().flatten() {
+            let told = (object.state).measured(look.at, look.camera, &look.bearing, false);
+            if let Some((_, Agreement { off, .. })) = told {
+                let (off, sigma) = off;
+                inside += u8::from(off < look.half_width);
+                towards += u8::from(off < look.half_width + sigma * lit(3.0));
+            }
+        }
+        if look.is_wide || inside > 1 {
+            if let Some(radius) = self.settings.radius {
+                let _ = self.assign(look, Some((radius, look.half_width)));
+                let _ = self.assign(look, Some((radius, -look.half_width)));
+            }
+            return Some(Outcome::Several);
+        }
+        let contradicts = (towards > 0).then_some(Outcome::Contradicts);
+        self.assign(look, None).or(contradicts)
+    }
+
+    /// Corrects each object by the probability that the look is of it; `edge`: that this edge of the
+    /// box, radians from its middle, is the edge of an object of this radius. `None` if it is of none.
+    fn assign(&mut self, look: &Look<T>, edge: Option<(T, T)>) -> Option<Outcome> {
+        let mut measured = [const { None }; OBJECTS];
+        let mut best: Option<T> = None;
+        for (object, measured) in self.objects.iter().zip(&mut measured) {
+            let Some(object) = object else { continue };
+            let mut bearing = look.bearing;
+            if let Some((radius, edge)) = edge {
+                let distance = (object.state.place() - bearing.pose.position).norm();
+                let half = (radius / distance).min(edge.abs());
+                bearing.ray = Ray::from_bearing(bearing.ray.bearing() + edge - half.copysign(edge));
+                // One edge is less sure than the mean of two.
+                bearing.bearing_sigma *= lit(core::f64::consts::SQRT_2);
+                bearing.range = None;
+            }
+            let told = (object.state).measured(look.at, look.camera, &bearing, false);
+            if let Some((state, agreement)) = told
+                && agreement.squared <= gate(&bearing)
+            {
+                *measured = Some((state, agreement.score));
+                best = Some(best.map_or(agreement.score, |best| best.min(agreement.score)));
+            }
+        }
+        let best = best?;
+        let likelihood = |score: T| ((best - score) * lit(0.5)).exp();
+        let all = measured.iter().flatten().map(|(_, s)| likelihood(*s));
+        let all = all.fold(T::zero(), |sum, one| sum + one);
+        let mut outcome = Outcome::Ambiguous;
+        for (object, measured) in self.objects.iter_mut().zip(&measured) {
+            let (Some(object), Some((state, score))) = (object, measured) else {
+                continue;
+            };
+            let share = likelihood(*score) / all;
+            object.state.mix(state, share);
+            if share > lit(0.5) {
+                object.seen = object.seen.max(look.at);
+            }
+            if share > lit(CLEAR) {
+                outcome = Outcome::Object(object.id);
+            }
+        }
+        Some(outcome)
+    }
+
+    /// To all candidates that it may belong to, and to what new ones it makes.
+    fn offer_to_candidates(&mut self, look: &Look<T>) {
+        let mut explained = 0_u8;
+        let mut hit = [false; CANDIDATES];
+        for (candidate, hit) in self.candidates.iter_mut().zip(&mut hit) {
+            let Some(candidate) = candidate else { continue };
+            let measured = candidate
+                .state
+                .measured(look.at, look.camera, &look.bearing, false);
+            if let Some((state, agreement)) = measured
+                && agreement.squared <= gate(&look.bearing)
+            {
+                candidate.state = state;
+                candidate.was_seen(look);
+                explained += 1;
+                *hit = true;
+            }
+        }
+        for (candidate, hit) in self.candidates.iter_mut().zip(hit) {
+            if let Some(candidate) = candidate
+                && hit
+            {
+                candidate.alone = match explained {
+                    1 => candidate.alone.saturating_add(1),
+                    _ => 0,
+                };
+            }
+        }
+        for n in 0..WAITING {
+            if let Some(other) = self.waiting.get(n).copied().flatten()
+                && other.camera != look.camera
+            {
+                self.begin(&[other, *look]);
+            }
+        }
+        if explained == 0 && look.bearing.range.is_some() {
+            self.begin(&[*look]);
+        }
+        self.wait(look);
+    }
+
+    /// A candidate where looks meet, unless there is one.
+    fn begin(&mut self, looks: &[Look<T>]) {
+        let Some(free) = self.candidates.iter().position(Option::is_none) else {
+            return;
+        };
+        let (Some(first), Some(last)) = (looks.first(), looks.last()) else {
+            return;
+        };
+        let part = |look: &Look<T>| (look.at, look.camera, look.bearing);
+        let pair = match first.at <= last.at {
+            true => [part(first), part(last)],
+            false => [part(last), part(first)],
+        };
+        let Some(mut state) = pair
+            .get(..looks.len())
+            .and_then(|looks| State::start(looks, &self.settings))
+        else {
+            return;
+        };
+        state.go_to(self.now, self.settings.agility);
+        let mut others = self.candidates.iter().flatten().map(|c| &c.state);
+        if others.any(|other| is_same(other, &state)) {
+            return;
+        }
+        let mut candidate = Candidate {
+            state,
+            began: first.at.min(last.at),
+            seen: first.at.max(last.at),
+            looks: 0,
+            cameras: [None; 3],
+            alone: 0,
+            has_range: false,
+        };
+        for look in looks {
+            candidate.was_seen(look);
+        }
+        if let Some(slot) = self.candidates.get_mut(free) {
+            *slot = Some(candidate);
+        }
+    }
+
+    /// Keeps a look for others, instead of the oldest one if there are too many.
+    fn wait(&mut self, look: &Look<T>) {
+        let age = |slot: &&mut Option<Look<T>>| {
+            slot.map_or(Duration::ZERO, |look| look.at + Duration::from_nanos(1))
+        };
+        if let Some(slot) = self.waiting.iter_mut().min_by_key(age) {
+            *slot = Some(*look);
+        }
+    }
+
+    /// Candidates that are one and the same become one, and one that is real becomes an object.
+    fn settle(&mut self) -> Option<u16> {
+        for n in 0..CANDIDATES {
+            let Some(one) = self.candidates.get(n).copied().flatten() else {
+                continue;
+            };
+            let mut objects = self.objects.iter().flatten().map(|o| &o.state);
+            let is_known = objects.any(|object| is_same(object, &one.state));
+            let mut others = self.candidates.iter().enumerate();
+            let is_double = others.any(|(m, other)| {
+                other.is_some_and(|other| {
+                    let is_older = (other.looks, n) > (one.looks, m);
+                    m != n && is_older && is_same(&other.state, &one.state)
+                })
+            });
+            if is_known || is_double {
+                *self.candidates.get_mut(n)? = None;
+            }
+        }
+        let free = self.objects.iter_mut().find(|object| object.is_none())?;
+        let real = |slot: &&mut Option<Candidate<T>>| slot.is_some_and(|one| one.is_real());
+        let candidate = self.candidates.iter_mut().find(real)?.take()?;
+        let id = self.next;
+        self.next = self.next.checked_add(1).unwrap_or(1);
+        *free = Some(Tracked {
+            id,
+            state: candidate.state,
+            seen: candidate.seen,
+        });
+        Some(id)
+    }
+}
+
+fn gate<T: Real>(look: &StationBearing<T>) -> T {
+    let [bearing, both] = GATE;
+    lit(if look.range.is_some() { both } else { bearing })
+}
+
+/// Whether two places are one, as far as can be told: chi squared of two degrees of freedom.
+fn is_same<T: Real>(one: &State<T>, other: &State<T>) -> bool {
+    one.distance(other).is_none_or(|squared| squared < lit(6.0))
+}
