@@ -56,6 +56,7 @@ impl Hardware for Board {
 #[cortex_m_rt::entry]
 fn main() -> ! {
     static EXECUTOR: StaticCell<Executor> = StaticCell::new();
+    watchdog::start();
     let executor = EXECUTOR.init(Executor::new());
     executor.run(|spawner| spawn(spawner, begin(spawner)))
 }

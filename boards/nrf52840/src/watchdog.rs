@@ -5,9 +5,9 @@ use board_support::{
 };
 use embassy_nrf::{
     Peri,
-    pac::{POWER, power::regs::Resetreas},
+    pac::{POWER, WDT, power::regs::Resetreas, wdt::regs::Rren},
     peripherals,
-    wdt::{Config, HaltConfig, Watchdog},
+    wdt::{Config, HaltConfig, SleepConfig, Watchdog},
 };
 
 /// Tasks that must run.
@@ -20,6 +20,24 @@ pub(crate) static HEARTBEATS: Heartbeats = Heartbeats::new(2);
 const TIMEOUT_S: u32 = 8;
 const LFCLK_HZ: u32 = 32_768;
 
+/// Somebody looks at the node.
+const HALTED: HaltConfig = HaltConfig::Pause;
+
+/// Starts the watchdog before anything is waited for: a crystal that does not start would be waited for
+/// without end. Its own clock runs from then on, whichever that is (Product Specification, "WDT").
+pub(crate) fn start() {
+    if WDT.runstatus().read().runstatus() {
+        return;
+    }
+    WDT.config().write(|config| {
+        config.set_sleep(SleepConfig::Run);
+        config.set_halt(HALTED);
+    });
+    WDT.crv().write_value(TIMEOUT_S * LFCLK_HZ);
+    WDT.rren().write_value(Rren(1));
+    WDT.tasks_start().write_value(1);
+}
+
 /// Feeds the watchdog as long as all tasks run, and radio and camera work.
 #[embassy_executor::task]
 pub(crate) async fn feed(
@@ -28,10 +46,9 @@ pub(crate) async fn feed(
 ) {
     let mut config = Config::default();
     config.timeout_ticks = TIMEOUT_S * LFCLK_HZ;
-    // Somebody looks at the node.
-    config.action_during_debug_halt = HaltConfig::Pause;
+    config.action_during_debug_halt = HALTED;
     let Ok((_, [mut handle])) = Watchdog::try_new(watchdog, config) else {
-        // It runs already, otherwise: only another program before this one can have started it.
+        // It runs with other settings, otherwise: another program before this one has started it.
         return defmt::error!("the watchdog is somebody else's");
     };
     let why = HEARTBEATS.feed(node, || handle.pet()).await;

@@ -5,7 +5,7 @@ use calib_core::{
     dead_reckoning::{Place, Systematic},
     joint::{Carrier, StopPlace},
 };
-use nalgebra::{Matrix2, Matrix3, Point2, RealField, Vector2, Vector3};
+use nalgebra::{Matrix2, Matrix3, Point2, RealField, Vector2};
 
 use crate::{
     arithmetic::root,
@@ -187,11 +187,12 @@ impl Frame {
     /// A pose in the frame of the site, with what the frame errs by.
     pub(super) fn in_site(&self, pose: &Pose<f32>) -> Pose<f32> {
         let place = self.covariance(pose.position);
-        let stretch = self.stretch;
-        let stretched = Matrix3::from_diagonal(&Vector3::new(stretch, stretch, 1.0));
+        let k = self.stretch;
+        let kk = k * k;
+        let stretched = Matrix3::new(kk, kk, k, kk, kk, k, k, k, 1.0);
         let pose = Pose {
-            position: pose.position * stretch,
-            covariance: stretched * pose.covariance * stretched,
+            position: pose.position * k,
+            covariance: pose.covariance.component_mul(&stretched),
             ..*pose
         };
         let mut pose = pose.seen_from(self.origin, self.direction);
