@@ -1,7 +1,7 @@
 //! What takes long, or passes unnoticed: idle days, restarts in them, flash that rots and wears, clocks
 //! that drift, carriers who rest or hurry.
 
-use answers::record::RunRecord;
+use answers::record::{Estimate, RunRecord};
 use site::{Action, Scenario};
 
 use crate::yard::{
@@ -62,7 +62,7 @@ fn who_asks_again_and_again_learns_no_more() {
             let estimates = record
                 .cameras()
                 .filter_map(|camera| camera.estimate.as_ref());
-            estimates.map(|estimate| estimate.sigma_position()).sum()
+            estimates.map(Estimate::sigma_position).sum()
         };
         // What the first restart costs: the way from one stop to the next.
         assert!(sigmas(record) < 1.5 * sigmas(&calm), "seed {seed}");
