@@ -165,30 +165,29 @@ impl<T: Real> JointEstimator<'_, T> {
         candidates.rev().max_by_key(|stop| fewest(*stop))
     }
 
-    /// The newest stop before this one that it cannot be told from: two cameras or more saw the target at both,
-    /// nobody saw it here alone, and to each it looked the same within `sigmas` of what both looks err by.
+    /// Whether a stop cannot be told from the one before: two cameras or more saw the target at both, nobody saw
+    /// it here alone, and to each it looked the same within `sigmas` of what both looks err by.
     ///
     /// Where a target stands for long, and no leg tells one stop from the other, each look has the errors of the
     /// one before: of a whole number of pixels, of the light. Taken for independent they would make sigmas
     /// smaller than the errors are.
-    pub fn repeats(&self, stop: usize, sigmas: T) -> Option<usize> {
+    pub fn repeats(&self, stop: usize, sigmas: T) -> bool {
         let at = |stop: usize| {
             let sights = self.sights.all().iter();
             sights.filter(move |sight| usize::from(sight.stop) == stop && sight.is_bearing())
         };
-        let looks_like = |former: &usize| {
-            let same = |sight: &Sight<T>| {
-                let mut before = at(*former).filter(|before| before.camera == sight.camera);
-                before.any(|before| {
-                    let noise = before.sigma * before.sigma + sight.sigma * sight.sigma;
-                    let off = wrap_signed(sight.value - before.value);
-                    off * off <= sigmas * sigmas * noise
-                })
-            };
-            at(stop).all(same)
+        let Some(former) = stop.checked_sub(1) else {
+            return false;
         };
-        let is_seen = at(stop).nth(1).is_some();
-        (0..stop).rev().filter(|_| is_seen).find(looks_like)
+        let is_same = |sight: &Sight<T>| {
+            let mut before = at(former).filter(|before| before.camera == sight.camera);
+            before.any(|before| {
+                let noise = before.sigma * before.sigma + sight.sigma * sight.sigma;
+                let off = wrap_signed(sight.value - before.value);
+                off * off <= sigmas * sigmas * noise
+            })
+        };
+        at(stop).nth(1).is_some() && at(stop).all(is_same)
     }
 
     /// Takes a stop out, with its bearings and visits. What is known of the way to it and on from it

@@ -106,8 +106,8 @@ impl Estimate<'_> {
         self.remove_stop(stop, unsaved)
     }
 
-    /// After a restart the target may stand where it stood at a stop before, and nothing but what cameras see tells.
-    /// Then their looks here are those of there once more, and are dropped.
+    /// After a restart the target may stand where it stood before, and nothing but what cameras see tells. Then
+    /// their looks are those of the last stop once more, and are dropped: the way on is from there.
     fn drop_repetition(&mut self, unsaved: &mut Unsaved) {
         let Some(last) = self.estimator.stops().checked_sub(1) else {
             return;
@@ -115,13 +115,9 @@ impl Estimate<'_> {
         if self.estimator.leg(last).is_some() {
             return;
         }
-        if let Some(former) = self.estimator.repeats(last, REPEATED) {
-            debug!("a stop of the walk is a former one");
+        if self.estimator.repeats(last, REPEATED) {
+            debug!("a stop of the walk is the one before");
             self.remove_stop(last, unsaved);
-            if former + 1 != last {
-                // The way on is not from the stop that is the last one now.
-                self.lose_way();
-            }
         }
     }
 
