@@ -2,7 +2,7 @@
 
 use std::{
     fs::File,
-    io::{self, BufReader, Read},
+    io::{self, BufRead, BufReader, Read},
     num::IntErrorKind,
     path::Path,
     str,
@@ -77,10 +77,10 @@ impl Video {
     ///
     /// # Errors
     /// What comes is no video, or of a kind that is not understood.
-    pub fn new(reader: impl Read + Send + 'static) -> Result<Self, VideoError> {
-        let (header, reader) = header(reader)?;
+    pub fn new(mut reader: impl BufRead + Send + 'static) -> Result<Self, VideoError> {
+        let header = header(&mut reader)?;
         if !header
-            .split(|byte| byte.is_ascii_whitespace())
+            .split(u8::is_ascii_whitespace)
             .all(is_reasonable)
         {
             return Err(VideoError::TooLarge);
@@ -178,17 +178,11 @@ impl Video {
     }
 }
 
-/// The first line, or so much of it as a header may have, and what comes after it.
-fn header<R: Read>(mut reader: R) -> io::Result<(Vec<u8>, R)> {
+/// The first line, or so much of it as a header may have.
+fn header(reader: &mut impl BufRead) -> io::Result<Vec<u8>> {
     let mut header = Vec::new();
-    for byte in reader.by_ref().take(HEADER_MAX).bytes() {
-        let byte = byte?;
-        header.push(byte);
-        if byte == b'\n' {
-            break;
-        }
-    }
-    Ok((header, reader))
+    reader.take(HEADER_MAX).read_until(b'\n', &mut header)?;
+    Ok(header)
 }
 
 /// Whether a word of the header is no width or height that nobody's picture has. One that is no

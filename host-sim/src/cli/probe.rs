@@ -12,7 +12,7 @@ use std::{
 use anyhow::{anyhow, bail};
 use clap::Args;
 use cmucam2_driver::{
-    Error,
+    Command, Error,
     colour::ColourBounds,
     geometry::{Sensor, Size},
     packet::Tracking,
@@ -249,8 +249,9 @@ impl<'a> Bench<'a> {
             // It may have been switched on this second.
             version = bench.camera.version().wait();
         }
-        if let Err(Error::Camera(Fault::Garbage | Fault::Restarted | Fault::Refused { .. })) =
-            version
+        if let Err(Error::Camera(
+            Fault::Garbage | Fault::Restarted | Fault::Refused { .. } | Fault::Unexpected { .. },
+        )) = version
         {
             // Other programs leave it in a raw mode. A banner without ACK looks like a restart.
             let left = port::leave_raw_modes(bench.camera).map_err(Error::Uart);
@@ -295,7 +296,7 @@ impl<'a> Bench<'a> {
         }
         // It may be on from an earlier run.
         if high || self.arguments.as_is && sensor != Some(Sensor::Ov7620) {
-            let set = self.camera.high_resolution(high).wait();
+            let set = self.camera.set(Command::HighResolution(high)).wait();
             set.map_err(|error| self.failed(error))?;
         }
         let usual = match sensor {
@@ -449,13 +450,15 @@ impl<'a> Bench<'a> {
     fn not_a_camera(&self, error: Error<PortError>) -> anyhow::Error {
         let heard = self.heard.bytes();
         match error {
-            Error::Camera(Fault::Garbage | Fault::Refused { .. }) => match stranger::name(&heard) {
-                Some(stranger) => {
-                    let shown = stranger::shown(&heard);
-                    anyhow!("{}: {stranger} ({shown})", self.arguments.port)
+            Error::Camera(Fault::Garbage | Fault::Refused { .. } | Fault::Unexpected { .. }) => {
+                match stranger::name(&heard) {
+                    Some(stranger) => {
+                        let shown = stranger::shown(&heard);
+                        anyhow!("{}: {stranger} ({shown})", self.arguments.port)
+                    }
+                    None => self.failed(error),
                 }
-                None => self.failed(error),
-            },
+            }
             _ => self.failed(error),
         }
     }

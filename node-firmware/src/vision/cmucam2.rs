@@ -23,7 +23,7 @@
 //! [`VisionError::Restarted`], and the camera must be [started up](BlobCamera::start_up).
 
 use cmucam2_driver::{
-    Cmucam2, Error,
+    Cmucam2, Command, Error,
     colour::{ColourBounds, LEVEL_MAX, LEVEL_MIN, LevelRange},
     device::{Clock, SummedDelays},
     geometry::{Sensor, Size},
@@ -166,11 +166,14 @@ impl<U: Read + Write, D: DelayNs, K: Clock> Cmucam2BlobCamera<U, D, K> {
         self.camera.start_up(start_up).run().await?;
         self.restarts = self.camera.session().restarts();
         if self.settings.columns >= HIGH_RESOLUTION {
-            self.camera.high_resolution(true).run().await?;
+            self.camera.set(Command::HighResolution(true)).run().await?;
         }
-        self.camera.noise_filter(0).run().await?;
-        self.camera.high_resolution_difference(true).run().await?;
-        self.camera.poll_mode(true).run().await
+        self.camera.set(Command::NoiseFilter(0)).run().await?;
+        self.camera
+            .set(Command::HighResolutionDifference(true))
+            .run()
+            .await?;
+        self.camera.set(Command::PollMode(true)).run().await
     }
 
     /// The frame that this camera will give with this lens, or why they do not match. A frame may
@@ -219,7 +222,7 @@ impl<U: Read + Write, D: DelayNs, K: Clock> BlobCamera for Cmucam2BlobCamera<U, 
         self.is_ready()?;
         self.subject = None;
         self.background = false;
-        let loaded = self.camera.load_frame().run().await;
+        let loaded = self.camera.set(Command::LoadFrame).run().await;
         self.taken(loaded)?;
         self.background = true;
         Ok(())
@@ -234,7 +237,10 @@ impl<U: Read + Write, D: DelayNs, K: Clock> BlobCamera for Cmucam2BlobCamera<U, 
                 self.camera.track_colour(bounds).run().await
             }
             Subject::Motion { .. } if !self.background => return Err(VisionError::NoBackground),
-            Subject::Motion { threshold } => self.camera.track_difference(threshold).run().await,
+            Subject::Motion { threshold } => {
+                let difference = Command::FrameDifference(threshold);
+                self.camera.stream(difference).run().await
+            }
         };
         self.taken(begun)?;
         self.subject = Some(subject);
