@@ -79,10 +79,7 @@ impl Video {
     /// What comes is no video, or of a kind that is not understood.
     pub fn new(mut reader: impl BufRead + Send + 'static) -> Result<Self, VideoError> {
         let header = header(&mut reader)?;
-        if !header
-            .split(u8::is_ascii_whitespace)
-            .all(is_reasonable)
-        {
+        if !header.split(u8::is_ascii_whitespace).all(is_reasonable) {
             return Err(VideoError::TooLarge);
         }
         let reader: Box<dyn Read + Send> = Box::new(io::Cursor::new(header).chain(reader));

@@ -5,6 +5,7 @@
 //! |---|---|
 //! | here | [`BlobCamera`]: the seam that other blob cameras can fill, and [`Blob`]s as it gives them |
 //! | [`cmucam2`] | The CMUcam2 behind that seam |
+//! | [`background`] | How much of the background has a colour that was learnt |
 //! | [`steady`] | When a blob stands still, where its edges are, and how sure that is |
 //! | [`mod@look`] | One look at a standing target: several frames to a direction, or why not |
 //! | [`lens`] | Which direction a column is |
@@ -18,6 +19,7 @@
 //! A blob whose leftmost pixels are in column 20 and whose rightmost in column 27 has its edges at
 //! 19.5 and 27.5.
 
+pub mod background;
 pub mod cmucam2;
 pub mod lens;
 pub mod look;
@@ -30,13 +32,14 @@ mod subject;
 use core::future::Future;
 
 pub use self::{
+    background::BackgroundShare,
     blob::{Blob, Grid},
     cmucam2::Cmucam2BlobCamera,
     fault::VisionError,
     lens::{Lens, LensError},
     look::{Judge, Look, Patience, look},
     steady::Shape,
-    subject::{ColourWindow, Subject},
+    subject::{ColourWindow, LearntColour, Subject},
 };
 
 /// A camera that finds the blob of a subject in each of its frames.
@@ -55,11 +58,11 @@ pub trait BlobCamera {
     fn start_up(&mut self) -> impl Future<Output = Result<(), VisionError>>;
 
     /// Learns the colour of the object in the middle of the view (thesis Appendix A, "Object
-    /// kept"). What was begun is ended.
+    /// kept"), and looks how much of the background has it. What was begun is ended.
     ///
     /// # Errors
-    /// [`VisionError`].
-    fn learn_colour(&mut self) -> impl Future<Output = Result<ColourWindow, VisionError>>;
+    /// [`VisionError`]; [`VisionError::CommonColour`] where too much of the background has it.
+    fn learn_colour(&mut self) -> impl Future<Output = Result<LearntColour, VisionError>>;
 
     /// Takes what is in view now as the background of [`Subject::Motion`] (thesis 2.5). To be
     /// repeated from time to time while the target is out of view. What was begun is ended.

@@ -28,8 +28,8 @@ use crate::{
     hardware::{Button, Indication},
     limits::ROSTER,
     message::{
-        CameraCommand, CommandResult, Eye, Health, Hello, MemberAddress, MemberKind, Memory,
-        Message, References, Report, Restart,
+        CameraCommand, CommandOutcome, CommandResult, Eye, Health, Hello, MemberAddress,
+        MemberKind, Memory, Message, References, Report, Restart,
     },
     network::Attachment,
 };
@@ -391,7 +391,7 @@ impl Role for CoordinatorRole {
                 if !delivered {
                     let done = CommandResult {
                         command,
-                        success: false,
+                        outcome: CommandOutcome::Failed,
                     };
                     self.tasks.tell(ToPc::Done { address, done });
                 }
