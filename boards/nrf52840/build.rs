@@ -11,5 +11,6 @@ fn main() {
     // `memory.x` is the workspace's, which the linker finds in its working directory.
     for argument in ["--nmagic", "-Tlink.x", "-Tdefmt.x"] {
         println!("cargo:rustc-link-arg-bins={argument}");
+        println!("cargo:rustc-link-arg-examples={argument}");
     }
 }

@@ -39,7 +39,13 @@
 //! }
 //! # }
 //! ```
-//! With an async HAL the same calls end in `.run().await?`.
+//! With an async HAL the same calls end in `.run().await?`. What these dialogues do not cover is one
+//! [`Command`]: [`set`](Cmucam2::set) for a mode, [`command`](Cmucam2::command) for what is answered,
+//! [`stream`](Cmucam2::stream) for what goes on.
+//!
+//! Whole programs, which only the boards' targets can build: with Embassy's buffered UART on an nRF52840
+//! (`boards/nrf52840/examples/cmucam2.rs`, 20 kB), and with a blocking UART of which one byte is peeked,
+//! on an STM32L476 (`boards/nucleo-l476rg/examples/cmucam2_blocking.rs`).
 //!
 //! # What cannot be detected
 //! The protocol has no checksum. A packet is refused if its letter, its separators, the number of
@@ -55,7 +61,8 @@
 //! `defmt` and `log` report restarts, retries and restored modes; `defmt` also formats the public
 //! types. Without them the crate is silent. `full` is on by default: frames, line modes, raw output,
 //! histograms, masked packets, servo positions, uploads, learning from a mean. Without it only what
-//! tracking needs is understood, and the commands for the rest must not be sent.
+//! tracking needs is understood, and the commands for the rest must not be sent. `embedded-hal-nb` adds
+//! `serial::Peek`, for blocking UARTs that give one byte or none.
 //!
 //! # Size
 //! Only the commands that an image sends are in it: an [`Order`](command::Order) is made of a
@@ -84,6 +91,8 @@ pub mod geometry;
 pub mod packet;
 pub mod parser;
 pub mod register;
+#[cfg(feature = "embedded-hal-nb")]
+pub mod serial;
 pub mod servo;
 pub mod session;
 pub mod uncertain;

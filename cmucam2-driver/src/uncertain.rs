@@ -7,6 +7,7 @@
 //!
 //! | open | accepted |
 //! |---|---|
+//! | whether a space follows ACK, NCK and the last number of a line, and a line feed the carriage return | both |
 //! | whether `RS` sends a blank line before the banner | both; blank lines mean nothing |
 //! | whether `GV` sends a carriage return before the prompt | both; a banner is complete with its module number |
 //! | which sensor `c6` and `c7` name | [`sensor_of_module`] |

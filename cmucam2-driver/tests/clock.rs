@@ -5,7 +5,7 @@ mod common;
 use std::cell::Cell;
 
 use cmucam2_driver::{
-    Cmucam2,
+    Cmucam2, Command,
     device::{Call, Clock},
     session::Policy,
 };
@@ -29,7 +29,7 @@ fn packets_are_stamped_with_the_time_of_the_clock_and_that_runs_between_calls() 
     let script = Script::idle().on("TC\r", format!("ACK\r{HERE}{HERE}"));
     let (uart, delay) = script.open();
     let mut camera = Cmucam2::with_clock(uart, Ticking(delay, &clock), &clock, Policy::default());
-    camera.track_again().wait().unwrap();
+    camera.stream(Command::TrackColour(None)).wait().unwrap();
     assert_eq!(camera.session().packet_at(), None);
     clock.0.set(5_000_000);
     assert!(camera.next_tracking().wait().unwrap().is_some());
@@ -53,7 +53,7 @@ impl embedded_hal::delay::DelayNs for Ticking<'_> {
 fn without_a_clock_the_time_is_that_of_the_delays() {
     let script = Script::idle().on("TC\r", format!("ACK\r{HERE}"));
     let (mut camera, line) = script.camera();
-    let call: Call<'_, MockUart, MockDelay, ()> = camera.track_again();
+    let call: Call<'_, MockUart, MockDelay, ()> = camera.stream(Command::TrackColour(None));
     call.wait().unwrap();
     camera.next_tracking().wait().unwrap();
     let at = camera.session().packet_at().unwrap();

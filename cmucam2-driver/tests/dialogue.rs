@@ -3,11 +3,12 @@
 mod common;
 
 use cmucam2_driver::{
-    Cmucam2, Error,
+    Cmucam2, Command, Error, Packet,
     colour::{Colour, ColourBounds},
+    command::LineMode,
     geometry::{DownSampling, Sensor, Size, Window},
-    packet::FirmwareVersion,
-    session::Fault,
+    packet::{FirmwareVersion, Statistics},
+    session::{Answer, Fault},
 };
 use common::{Async, Blocking, Drive, Overrun, Script};
 
@@ -19,6 +20,18 @@ const TC: &str = "TC 170 230 70 130 16 46\r";
 const HERE: &str = "T 44 60 30 50 58 70 25 90\r";
 const LOST: &str = "T 0 0 0 0 0 0 0 0\r";
 const BANNER: &str = "CMUcam2 v1.01 c6\r:";
+
+/// The answer of a query that has one number.
+fn value(value: u8) -> Answer {
+    Answer::Values([value, 0, 0, 0, 0, 0])
+}
+
+fn statistics(answer: Answer) -> Statistics {
+    match answer {
+        Answer::Packet(Packet::Statistics(statistics)) => statistics,
+        other => panic!("{other:?}"),
+    }
+}
 
 fn camera(error: Fault) -> Result<(), Error<Overrun>> {
     Err(Error::Camera(error))
@@ -50,7 +63,7 @@ both! {
         let (mut camera, line) = script.camera();
         D::drive(camera.track_colour(orange())).unwrap();
         D::drive(camera.next_tracking()).unwrap().unwrap();
-        assert!(D::drive(camera.button()).unwrap());
+        assert_eq!(D::drive(camera.command(Command::GetButton)), Ok(value(1)));
         assert!(D::drive(camera.next_tracking()).unwrap().is_some());
         line.assert_finished();
         assert_eq!(camera.session().dropped().cut, 1);
@@ -71,7 +84,7 @@ both! {
             .on("NF 3\r", "NCK\r:")
             .on("NF 3\r", "ACK\r:");
         let (mut camera, line) = script.camera();
-        D::drive(camera.noise_filter(3)).unwrap();
+        D::drive(camera.set(Command::NoiseFilter(3))).unwrap();
         line.assert_finished();
         assert_eq!(camera.session().retries(), 2);
     }
@@ -83,19 +96,42 @@ both! {
         }
         let (mut cam, line) = script.camera();
         let refused = Fault::Refused { command: *b"NF" };
-        assert_eq!(D::drive(cam.noise_filter(3)), camera(refused));
+        assert_eq!(D::drive(cam.set(Command::NoiseFilter(3))), camera(refused));
         line.assert_finished();
         line.unplug();
-        assert_eq!(D::drive(cam.noise_filter(3)), camera(Fault::Silence));
+        assert_eq!(D::drive(cam.set(Command::NoiseFilter(3))), camera(Fault::Silence));
         line.babble(0xF0);
-        assert_eq!(D::drive(cam.noise_filter(3)), camera(Fault::Garbage));
+        assert_eq!(D::drive(cam.set(Command::NoiseFilter(3))), camera(Fault::Garbage));
         assert!(cam.session().dropped().bytes > 0);
+    }
+
+    /// The line is good, so the baud rate is: what came is not what was asked for.
+    fn an_answer_of_another_kind_is_no_garbage<D>() {
+        let unexpected = |command| Fault::Unexpected { command };
+        let mut script = Script::idle();
+        for _ in 0..3 {
+            script = script.on("GW\r", "ACK\r1 1 88\r:").on("\r", "ACK\r:").on("\r", "ACK\r:");
+        }
+        let (mut cam, line) = script.on("GW\r", "ACK\r1 1 88\r:").camera();
+        let answer = D::drive(cam.command(Command::GetWindow)).map(|_| ());
+        assert_eq!(answer, camera(unexpected(*b"GW")));
+        line.assert_finished();
+        // A stream of one kind that is read as another.
+        let script = Script::idle().on("GM\r", "ACK\rS 1 2 3 4 5 6\r");
+        let (mut cam, _line) = script.camera();
+        D::drive(cam.stream(Command::GetMean)).unwrap();
+        assert_eq!(D::drive(cam.next_tracking()).map(|_| ()), camera(unexpected(*b"GM")));
+        // Bounds that are none, in either order.
+        let (mut cam, _line) = Script::idle().on("GT\r", "ACK\r240 16 0 3 2 1\r:").camera();
+        assert_eq!(D::drive(cam.tracking_bounds()).map(|_| ()), camera(unexpected(*b"GT")));
+        let text = unexpected(*b"GT").to_string();
+        assert!(text.contains("GT") && !text.contains("baud"), "{text}");
     }
 
     fn a_camera_that_was_never_there_is_silent<D>() {
         let (mut cam, line) = Script::new().camera();
         line.unplug();
-        assert_eq!(D::drive(cam.ping()), camera(Fault::Silence));
+        assert_eq!(D::drive(cam.set(Command::Idle)), camera(Fault::Silence));
         // Four carriage returns and nothing else.
         assert_eq!(line.transcript(), "\r\r\r\r");
         assert!(line.now() < 2_000_000);
@@ -107,7 +143,7 @@ both! {
             .on("\r", "ACK\r:").on("\r", "ACK\r:")
             .on("PM 1\r", "ACK\r:");
         let (mut camera, line) = script.camera();
-        D::drive(camera.poll_mode(true)).unwrap();
+        D::drive(camera.set(Command::PollMode(true))).unwrap();
         line.assert_finished();
     }
 
@@ -118,7 +154,7 @@ both! {
             .on("\r", "ACK\r:").on("\r", "ACK\r:")
             .on("GI\r", "ACK\r9\r:");
         let (mut camera, line) = script.camera();
-        assert_eq!(D::drive(camera.inputs()), Ok(9));
+        assert_eq!(D::drive(camera.command(Command::GetInputs)), Ok(value(9)));
         line.assert_finished();
     }
 
@@ -129,7 +165,7 @@ both! {
             .on("\r", "ACK\r:")
             .on("GI\r", "ACK\r9\r:");
         let (mut camera, line) = script.camera();
-        assert_eq!(D::drive(camera.inputs()), Ok(9));
+        assert_eq!(D::drive(camera.command(Command::GetInputs)), Ok(value(9)));
         line.assert_finished();
         assert_eq!(camera.session().retries(), 0);
     }
@@ -141,7 +177,7 @@ both! {
             .on("TC\r", format!("ACK\r{HERE}:"))
             .on("TC\r", format!("ACK\r{LOST}:"));
         let (mut camera, line) = script.camera();
-        D::drive(camera.poll_mode(true)).unwrap();
+        D::drive(camera.set(Command::PollMode(true))).unwrap();
         D::drive(camera.track_colour(orange())).unwrap();
         assert!(!D::drive(camera.next_tracking()).unwrap().unwrap().is_lost());
         assert!(D::drive(camera.next_tracking()).unwrap().unwrap().is_lost());
@@ -165,7 +201,7 @@ both! {
             }
             let script = (0..4).fold(script, |script, _| script.on(refused, "NCK\r:"));
             let (mut cam, line) = script.camera();
-            D::drive(cam.poll_mode(poll)).unwrap();
+            D::drive(cam.set(Command::PollMode(poll))).unwrap();
             D::drive(cam.track_colour(orange())).unwrap();
             let command = *refused.as_bytes().first_chunk().unwrap();
             let fault = camera(Fault::Refused { command });
@@ -182,7 +218,7 @@ both! {
             .on(TC, format!("ACK\r{HERE}{LOST}"))
             .then(4_000_000, HERE);
         let (mut camera, line) = script.camera();
-        D::drive(camera.packet_filter(true)).unwrap();
+        D::drive(camera.set(Command::PacketFilter(true))).unwrap();
         D::drive(camera.track_colour(orange())).unwrap();
         assert!(D::drive(camera.next_tracking()).unwrap().is_some());
         assert!(D::drive(camera.next_tracking()).unwrap().unwrap().is_lost());
@@ -200,7 +236,7 @@ both! {
             .stopped()
             .on("TC\r", format!("ACK\r{HERE}"));
         let (mut camera, line) = script.camera();
-        D::drive(camera.packet_filter(true)).unwrap();
+        D::drive(camera.set(Command::PacketFilter(true))).unwrap();
         D::drive(camera.track_colour(orange())).unwrap();
         assert!(D::drive(camera.next_tracking()).unwrap().is_some());
         assert!(D::drive(camera.next_tracking()).unwrap().is_some());
@@ -212,7 +248,7 @@ both! {
             .on("PF 1\r", "ACK\r:")
             .on(TC, format!("ACK\r{HERE}T 0 0 0 x 0 0 0 0\r"));
         let (mut camera, line) = script.camera();
-        D::drive(camera.packet_filter(true)).unwrap();
+        D::drive(camera.set(Command::PacketFilter(true))).unwrap();
         D::drive(camera.track_colour(orange())).unwrap();
         assert!(D::drive(camera.next_tracking()).unwrap().is_some());
         assert_eq!(D::drive(camera.next_tracking()), Ok(None));
@@ -239,8 +275,8 @@ both! {
             .on(TC, [b"ACK\r", cut].concat())
             .then(2_000_000, HERE);
         let (mut camera, line) = script.camera();
-        D::drive(camera.packet_filter(true)).unwrap();
-        D::drive(camera.tracking_lines(lines)).unwrap();
+        D::drive(camera.set(Command::PacketFilter(true))).unwrap();
+        D::drive(camera.set(Command::LineMode(LineMode::Tracking(lines)))).unwrap();
         D::drive(camera.track_colour(orange())).unwrap();
         assert_eq!(D::drive(camera.next_tracking()), Ok(None));
         assert!(D::drive(camera.next_tracking()).unwrap().is_some());
@@ -252,8 +288,8 @@ both! {
             .on("ST 170 230 70 130 16 46\r", "ACK\r:")
             .on("TW\r", format!("ACK\r{HERE}{BANNER}"));
         let (mut cam, line) = script.camera();
-        D::drive(cam.set_bounds(orange())).unwrap();
-        D::drive(cam.track_window()).unwrap();
+        D::drive(cam.set(Command::SetBounds(orange()))).unwrap();
+        D::drive(cam.stream(Command::TrackWindow)).unwrap();
         assert!(D::drive(cam.next_tracking()).unwrap().is_some());
         assert_eq!(D::drive(cam.next_tracking()).map(|_| ()), camera(Fault::Restarted));
         assert_eq!(D::drive(cam.next_tracking()).map(|_| ()), camera(Fault::NotStreaming));
@@ -275,7 +311,7 @@ both! {
             .stopped()
             .on("TC\r", format!("ACK\r{HERE}"));
         let (mut camera, line) = script.camera();
-        D::drive(camera.packet_filter(true)).unwrap();
+        D::drive(camera.set(Command::PacketFilter(true))).unwrap();
         D::drive(camera.track_colour(orange())).unwrap();
         for _ in 0..10 {
             assert_eq!(D::drive(camera.next_tracking()), Ok(None));
@@ -297,14 +333,14 @@ both! {
             .on("ST 170 230 70 130 16 46\r", "ACK\r:")
             .on("TC\r", format!("ACK\r{HERE}"));
         let (mut cam, line) = script.camera();
-        D::drive(cam.high_resolution(true)).unwrap();
-        D::drive(cam.noise_filter(4)).unwrap();
+        D::drive(cam.set(Command::HighResolution(true))).unwrap();
+        D::drive(cam.set(Command::NoiseFilter(4))).unwrap();
         let light = cmucam2_driver::register::Registers::two(
             cmucam2_driver::register::Register::colour_mode(
                 cmucam2_driver::register::ColourMode::Rgb, false),
             cmucam2_driver::register::Register::auto_gain(false),
         );
-        D::drive(cam.registers(light)).unwrap();
+        D::drive(cam.set(Command::Registers(light))).unwrap();
         D::drive(cam.track_colour(orange())).unwrap();
         assert!(D::drive(cam.next_tracking()).unwrap().is_some());
         assert_eq!(D::drive(cam.next_tracking()).map(|_| ()), camera(Fault::Restarted));
@@ -336,7 +372,7 @@ both! {
             .on("ST 170 230 70 130 16 46\r", "ACK\r:")
             .on("TC\r", format!("ACK\r{HERE}"));
         let (mut cam, line) = script.camera();
-        D::drive(cam.noise_filter(4)).unwrap();
+        D::drive(cam.set(Command::NoiseFilter(4))).unwrap();
         D::drive(cam.track_colour(orange())).unwrap();
         assert!(D::drive(cam.next_tracking()).unwrap().is_some());
         assert_eq!(D::drive(cam.next_tracking()).map(|_| ()), camera(Fault::Restarted));
@@ -356,7 +392,7 @@ both! {
             .on("ST 170 230 70 130 16 46\r", "ACK\r:")
             .on("TC\r", format!("ACK\r{HERE}:"));
         let (mut cam, line) = script.camera();
-        D::drive(cam.poll_mode(true)).unwrap();
+        D::drive(cam.set(Command::PollMode(true))).unwrap();
         D::drive(cam.track_colour(orange())).unwrap();
         assert_eq!(D::drive(cam.next_tracking()).map(|_| ()), camera(Fault::Restarted));
         assert_eq!(cam.session().restarts(), 1);
@@ -372,7 +408,7 @@ both! {
             .stopped()
             .on("TC\r", format!("ACK\r{HERE}:"));
         let (mut cam, line) = script.camera();
-        D::drive(cam.poll_mode(true)).unwrap();
+        D::drive(cam.set(Command::PollMode(true))).unwrap();
         D::drive(cam.track_colour(orange())).unwrap();
         assert!(D::drive(cam.next_tracking()).unwrap().is_some());
         assert_eq!(cam.session().restarts(), 0);
@@ -386,8 +422,8 @@ both! {
             .on("PS 2\r", "ACK\r:")
             .on("NF 4\r", "ACK\r:");
         let (mut camera, line) = script.camera();
-        D::drive(camera.packet_skip(2)).unwrap();
-        D::drive(camera.noise_filter(4)).unwrap();
+        D::drive(camera.set(Command::PacketSkip(2))).unwrap();
+        D::drive(camera.set(Command::NoiseFilter(4))).unwrap();
         line.assert_finished();
     }
 
@@ -396,8 +432,8 @@ both! {
             .on("LF\r", "ACK\r:")
             .on("FD 10\r", format!("ACK\rT 4 5 3 4 5 6 2 60\r{BANNER}"));
         let (mut cam, line) = script.camera();
-        D::drive(cam.load_frame()).unwrap();
-        D::drive(cam.track_difference(10)).unwrap();
+        D::drive(cam.set(Command::LoadFrame)).unwrap();
+        D::drive(cam.stream(Command::FrameDifference(10))).unwrap();
         let tracking = D::drive(cam.next_tracking()).unwrap().unwrap();
         assert_eq!(tracking.centroid(), Some((4, 5)));
         assert_eq!(D::drive(cam.next_tracking()).map(|_| ()), camera(Fault::Restarted));
@@ -413,9 +449,9 @@ both! {
             .on("RS\r", format!("ACK\r\r{BANNER}"))
             .on("PM 1\r", "ACK\r:");
         let (mut camera, line) = script.camera();
-        D::drive(camera.poll_mode(true)).unwrap();
+        D::drive(camera.set(Command::PollMode(true))).unwrap();
         line.fail_next_read();
-        assert_eq!(D::drive(camera.button()), Err(Error::Uart(Overrun)));
+        assert_eq!(D::drive(camera.command(Command::GetButton)), Err(Error::Uart(Overrun)));
         D::drive(camera.recover()).unwrap();
         line.assert_finished();
     }
@@ -426,9 +462,9 @@ both! {
             .on("RS\r", format!("ACK\r{BANNER}"))
             .on(TC, format!("ACK\r{HERE}{HERE}"));
         let (mut camera, line) = script.camera();
-        D::drive(camera.poll_mode(true)).unwrap();
+        D::drive(camera.set(Command::PollMode(true))).unwrap();
         let version = FirmwareVersion { major: 1, minor: 1, module: Some(6) };
-        assert_eq!(D::drive(camera.reset()), Ok(version));
+        assert_eq!(D::drive(camera.command(Command::Reset)), Ok(Answer::Version(version)));
         assert_eq!(version.sensor(), Some(Sensor::Ov6620));
         assert!(!camera.session().modes().poll());
         D::drive(camera.track_colour(orange())).unwrap();
@@ -443,8 +479,8 @@ both! {
             .on("GI\r", "ACK\r3\r:");
         let (mut camera, line) = script.camera();
         line.fail_next_read();
-        assert_eq!(D::drive(camera.inputs()), Err(Error::Uart(Overrun)));
-        assert_eq!(D::drive(camera.inputs()), Ok(3));
+        assert_eq!(D::drive(camera.command(Command::GetInputs)), Err(Error::Uart(Overrun)));
+        assert_eq!(D::drive(camera.command(Command::GetInputs)), Ok(value(3)));
         line.assert_finished();
     }
 
@@ -456,11 +492,11 @@ both! {
             .on("DS 2 4\r", "ACK\r:")
             .on("GT\r", "ACK\r170 230 70 130 16 46\r:");
         let (mut camera, line) = script.camera();
-        assert_eq!(D::drive(camera.current_window()), Ok(Window::new(1, 1, 88, 143).unwrap()));
+        assert_eq!(D::drive(camera.command(Command::GetWindow)), Ok(Answer::Values([1, 1, 88, 143, 0, 0])));
         let pan = cmucam2_driver::servo::Servo::PAN;
-        assert_eq!(D::drive(camera.servo(pan)), Ok(128));
-        D::drive(camera.virtual_window(Some(Window::new(10, 20, 30, 40).unwrap()))).unwrap();
-        D::drive(camera.down_sample(DownSampling::new(2, 4).unwrap())).unwrap();
+        assert_eq!(D::drive(camera.command(Command::GetServo(pan))), Ok(value(128)));
+        D::drive(camera.set(Command::VirtualWindow(Some(Window::new(10, 20, 30, 40).unwrap())))).unwrap();
+        D::drive(camera.set(Command::DownSample(DownSampling::new(2, 4).unwrap()))).unwrap();
         assert_eq!(camera.session().frame(), Size { width: 88, height: 64 });
         assert_eq!(D::drive(camera.tracking_bounds()), Ok(orange()));
         line.assert_finished();
@@ -473,10 +509,10 @@ both! {
             .on("PM 1\r", "ACK\r:")
             .on("GM\r", "ACK\rS 201 101 31 12 10 8\r:");
         let (mut camera, line) = script.camera();
-        let mean = D::drive(camera.mean()).unwrap().mean();
+        let mean = statistics(D::drive(camera.command(Command::GetMean)).unwrap()).mean();
         assert_eq!(mean, Some(Colour { red: 200, green: 100, blue: 30 }));
-        D::drive(camera.poll_mode(true)).unwrap();
-        assert_eq!(D::drive(camera.mean()).unwrap().mean().unwrap().red, 201);
+        D::drive(camera.set(Command::PollMode(true))).unwrap();
+        assert_eq!(statistics(D::drive(camera.command(Command::GetMean)).unwrap()).mean().unwrap().red, 201);
         line.assert_finished();
     }
 
@@ -486,14 +522,14 @@ both! {
             .on("\r", "").on("\r", "ACK\r:").on("\r", "ACK\r:")
             .on("GB\r", "ACK\r0\r:");
         let (mut camera, line) = script.camera();
-        D::drive(camera.sleep()).unwrap();
-        assert_eq!(D::drive(camera.button()), Ok(false));
+        D::drive(camera.set(Command::Sleep)).unwrap();
+        assert_eq!(D::drive(camera.command(Command::GetButton)), Ok(value(0)));
         line.assert_finished();
     }
 
     fn a_lost_acknowledgement_of_sleep_is_not_repeated<D>() {
         let (mut cam, line) = Script::idle().on("SL\r", "").camera();
-        assert_eq!(D::drive(cam.sleep()), camera(Fault::Silence));
+        assert_eq!(D::drive(cam.set(Command::Sleep)), camera(Fault::Silence));
         line.assert_finished();
     }
 }

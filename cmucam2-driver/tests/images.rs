@@ -3,13 +3,13 @@
 mod common;
 
 use cmucam2_driver::{
-    Error, Packet,
+    Command, Error, Packet,
     colour::ColourChannel,
-    command::{LedMode, StatisticsLines, TrackingLines},
+    command::{LedMode, LineMode, StatisticsLines, TrackingLines},
     device::Part,
     packet::Tracking,
     parser::{ImageHeader, ImageKind},
-    session::Fault,
+    session::{Answer, Fault},
 };
 use common::{Async, Blocking, Drive, Overrun, Script};
 
@@ -45,7 +45,7 @@ both! {
             .on("SF\r", ack(&[&frame(&[&colour, &colour]), b":"]))
             .on("GB\r", "ACK\r0\r:");
         let (mut camera, line) = script.camera();
-        D::drive(camera.send_frame(None)).unwrap();
+        D::drive(camera.stream(Command::SendFrame(None))).unwrap();
         let mut small = [0; 8];
         let header = D::drive(camera.next_part(&mut small)).unwrap();
         assert!(matches!(header, Part::Header(ImageHeader { row_bytes: 9, .. })));
@@ -60,7 +60,7 @@ both! {
         }
         let end = D::drive(camera.next_part(&mut row)).unwrap();
         assert_eq!(end, Part::End { rows: 2, intact: true });
-        D::drive(camera.button()).unwrap();
+        D::drive(camera.command(Command::GetButton)).unwrap();
         let over = D::drive(camera.next_part(&mut row));
         assert_eq!(over, Err(Error::Camera(Fault::NotStreaming)));
         line.assert_finished();
@@ -70,7 +70,7 @@ both! {
         let rows = frame(&[&[20, 30], &[40, 50, 60]]);
         let (mut camera, _) = Script::idle().on("SF 1\r", ack(&[&rows, b":"])).camera();
         let mut row = [0; 3];
-        D::drive(camera.send_frame(Some(ColourChannel::Green))).unwrap();
+        D::drive(camera.stream(Command::SendFrame(Some(ColourChannel::Green)))).unwrap();
         D::drive(camera.next_part(&mut row)).unwrap();
         let cut = D::drive(camera.next_part(&mut row)).unwrap();
         assert_eq!(cut, Part::Row { bytes: 2, intact: false });
@@ -87,11 +87,11 @@ both! {
             .on("L0 1\r", "ACK\r:");
         let (mut camera, line) = script.camera();
         let mut row = [0; 3];
-        D::drive(camera.send_frame(Some(ColourChannel::Green))).unwrap();
+        D::drive(camera.stream(Command::SendFrame(Some(ColourChannel::Green)))).unwrap();
         D::drive(camera.next_part(&mut row)).unwrap();
         let result = D::drive(camera.next_part(&mut row));
         assert_eq!(result, Err(Error::Camera(Fault::Garbage)));
-        D::drive(camera.led0(LedMode::On)).unwrap();
+        D::drive(camera.set(Command::Led0(LedMode::On))).unwrap();
         line.assert_finished();
     }
 
@@ -102,8 +102,8 @@ both! {
             .on("NF 5\r", "ACK\r:");
         let (mut camera, line) = script.camera();
         let mut row = [0; 3];
-        D::drive(camera.noise_filter(5)).unwrap();
-        D::drive(camera.send_frame(Some(ColourChannel::Green))).unwrap();
+        D::drive(camera.set(Command::NoiseFilter(5))).unwrap();
+        D::drive(camera.stream(Command::SendFrame(Some(ColourChannel::Green)))).unwrap();
         D::drive(camera.next_part(&mut row)).unwrap();
         // The beginning of the banner looks like pixels.
         let mut result = D::drive(camera.next_part(&mut row));
@@ -122,8 +122,8 @@ both! {
             .stopped();
         let (mut camera, line) = script.camera();
         let mut row = [0; 3];
-        D::drive(camera.frame_stream(true)).unwrap();
-        D::drive(camera.send_frame(Some(ColourChannel::Red))).unwrap();
+        D::drive(camera.set(Command::FrameStream(true))).unwrap();
+        D::drive(camera.stream(Command::SendFrame(Some(ColourChannel::Red)))).unwrap();
         for _ in 0..2 {
             assert!(matches!(D::drive(camera.next_part(&mut row)), Ok(Part::Header(_))));
             assert_eq!(D::drive(camera.next_part(&mut row)), Ok(INTACT));
@@ -141,8 +141,8 @@ both! {
             .on("LM 0 1\r", "ACK\r:")
             .on("TC\r", ack(&[bitmap, T.as_bytes(), bitmap, T.as_bytes()]));
         let (mut camera, line) = script.camera();
-        D::drive(camera.tracking_lines(TrackingLines::Bitmap)).unwrap();
-        D::drive(camera.track_again()).unwrap();
+        D::drive(camera.set(Command::LineMode(LineMode::Tracking(TrackingLines::Bitmap)))).unwrap();
+        D::drive(camera.stream(Command::TrackColour(None))).unwrap();
         let mut row = [0; 22];
         let header = D::drive(camera.next_part(&mut row)).unwrap();
         assert_eq!(header, Part::Header(ImageHeader {
@@ -168,9 +168,9 @@ both! {
             .on("GM\r", ack(&[means, b"S 115 125 135 9 9 9\r:"]))
             .on("GM\r", ack(&[means, b"S 115 125 135 9 9 9\r:"]));
         let (mut camera, line) = script.camera();
-        D::drive(camera.statistics_lines(StatisticsLines::Means)).unwrap();
-        D::drive(camera.poll_mode(true)).unwrap();
-        D::drive(camera.stream_mean()).unwrap();
+        D::drive(camera.set(Command::LineMode(LineMode::Statistics(StatisticsLines::Means)))).unwrap();
+        D::drive(camera.set(Command::PollMode(true))).unwrap();
+        D::drive(camera.stream(Command::GetMean)).unwrap();
         let mut row = [0; 6];
         assert!(matches!(D::drive(camera.next_part(&mut row)), Ok(Part::Header(_))));
         for first in [100, 130] {
@@ -181,14 +181,17 @@ both! {
         assert_eq!(end, Part::End { rows: 2, intact: true });
         assert!(matches!(D::drive(camera.next_part(&mut row)), Ok(Part::Packet(_))));
         // The one-shot query skips them.
-        assert_eq!(D::drive(camera.mean()).unwrap().mean().unwrap().red, 115);
+        let Ok(Answer::Packet(Packet::Statistics(statistics))) = D::drive(camera.command(Command::GetMean)) else {
+            panic!("no S packet");
+        };
+        assert_eq!(statistics.mean().unwrap().red, 115);
         line.assert_finished();
     }
 
     fn an_overrun_in_a_stream_costs_a_packet_and_not_the_stream<D>() {
         let script = Script::idle().on("TC\r", ack(&[T.as_bytes()]));
         let (mut camera, line) = script.camera();
-        D::drive(camera.track_again()).unwrap();
+        D::drive(camera.stream(Command::TrackColour(None))).unwrap();
         assert!(D::drive(camera.next_packet()).unwrap().is_some());
         line.inject("T 2 1 1");
         line.fail_next_read();

@@ -165,14 +165,17 @@ fn more_registers_than_can_be_remembered_are_refused_before_anything_is_sent() {
 fn a_future_that_is_dropped_leaves_a_camera_that_the_next_call_can_use() {
     let whole = Script::idle().on("GI\r", "ACK\r7\r:");
     let (mut camera, line) = whole.camera();
-    assert_eq!(Async::drive(camera.inputs()), Ok(7));
+    assert_eq!(
+        Async::drive(camera.command(Command::GetInputs)),
+        Ok(Answer::Values([7, 0, 0, 0, 0, 0]))
+    );
     line.assert_finished();
     // Dropped after ever more polls: in the middle of writing, of waiting, of reading.
     for polls in 0..60 {
         let script = Script::idle().chunk(1);
         let (mut camera, line) = script.camera();
         {
-            let mut future = pin!(camera.inputs().run());
+            let mut future = pin!(camera.command(Command::GetInputs).run());
             let mut context = Context::from_waker(Waker::noop());
             for _ in 0..polls {
                 assert!(future.as_mut().poll(&mut context).is_pending());
@@ -183,7 +186,7 @@ fn a_future_that_is_dropped_leaves_a_camera_that_the_next_call_can_use() {
         }
         // The camera, whatever it heard, is idle and says so.
         line.replace(Script::idle().on("NF 3\r", "ACK\r:"));
-        Async::drive(camera.noise_filter(3)).unwrap();
+        Async::drive(camera.set(Command::NoiseFilter(3))).unwrap();
         line.assert_finished();
     }
 }
@@ -197,15 +200,18 @@ fn the_reply_to_an_abandoned_command_is_not_taken_for_that_of_the_next() {
         .on("\r", "ACK\r:")
         .on("GI\r", "ACK\r9\r:");
     let (mut camera, line) = script.camera();
-    Async::drive(camera.noise_filter(3)).unwrap();
+    Async::drive(camera.set(Command::NoiseFilter(3))).unwrap();
     {
-        let mut future = pin!(camera.inputs().run());
+        let mut future = pin!(camera.command(Command::GetInputs).run());
         let mut context = Context::from_waker(Waker::noop());
         while !line.transcript().ends_with("GI\r") {
             assert!(future.as_mut().poll(&mut context).is_pending());
         }
     }
-    assert_eq!(Async::drive(camera.inputs()), Ok(9));
+    assert_eq!(
+        Async::drive(camera.command(Command::GetInputs)),
+        Ok(Answer::Values([9, 0, 0, 0, 0, 0]))
+    );
     line.assert_finished();
 }
 
@@ -216,7 +222,7 @@ both! {
             .on("\r", format!("{BANNER}ACK\r:"))
             .on("SL\r", "ACK\r");
         let (mut camera, line) = script.camera();
-        D::drive(camera.sleep()).unwrap();
+        D::drive(camera.set(Command::Sleep)).unwrap();
         line.assert_finished();
     }
 
@@ -227,9 +233,9 @@ both! {
             .on("NF 3\r", "ACK\r:")
             .on("PS 1\r", "ACK\r:");
         let (mut camera, line) = script.camera();
-        D::drive(camera.noise_filter(3)).unwrap();
+        D::drive(camera.set(Command::NoiseFilter(3))).unwrap();
         line.inject(BANNER);
-        D::drive(camera.packet_skip(1)).unwrap();
+        D::drive(camera.set(Command::PacketSkip(1))).unwrap();
         line.assert_finished();
         assert_eq!(camera.session().restarts(), 1);
     }

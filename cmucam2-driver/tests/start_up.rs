@@ -4,7 +4,7 @@
 mod common;
 
 use cmucam2_driver::{
-    Error,
+    Command, Error,
     colour::ColourBounds,
     session::{Fault, Learn, StartUp},
 };
@@ -100,7 +100,7 @@ both! {
             .on("ST 170 230 70 130 16 46\r", "ACK\r:")
             .on("TC\r", format!("ACK\r{HERE}:"));
         let (mut camera, line) = script.camera();
-        D::drive(camera.poll_mode(true)).unwrap();
+        D::drive(camera.set(Command::PollMode(true))).unwrap();
         D::drive(camera.learn_and_track(Learn::TrackWindow)).unwrap();
         assert!(D::drive(camera.next_tracking()).unwrap().is_some());
         line.assert_finished();

@@ -3,11 +3,13 @@
 mod common;
 
 use cmucam2_driver::{
+    Command, Packet,
     colour::{ColourBounds, ColourChannel},
+    command::RawMode,
     device::Part,
     geometry::Size,
-    packet::FirmwareVersion,
-    session::Learn,
+    packet::{FirmwareVersion, Histogram},
+    session::{Answer, Learn},
     uncertain,
 };
 use common::{Async, Blocking, Drive, Script};
@@ -19,6 +21,13 @@ const VERSION: FirmwareVersion = FirmwareVersion {
     minor: 1,
     module: Some(6),
 };
+
+fn histogram(answer: Answer) -> Histogram {
+    match answer {
+        Answer::Packet(Packet::Histogram(histogram)) => histogram,
+        other => panic!("{other:?}"),
+    }
+}
 
 fn orange() -> ColourBounds {
     ColourBounds::new([170, 230, 70, 130, 16, 46]).unwrap()
@@ -33,7 +42,7 @@ both! {
             "CMUcam2 v1.01 c6\r:",
         ] {
             let (mut camera, line) = Script::idle().on("RS\r", reply).camera();
-            assert_eq!(D::drive(camera.reset()), Ok(VERSION), "{reply}");
+            assert_eq!(D::drive(camera.command(Command::Reset)), Ok(Answer::Version(VERSION)), "{reply}");
             line.assert_finished();
         }
     }
@@ -73,7 +82,7 @@ both! {
             .on("TC\r", "ACK\rT 0 0 0 0 87 142 255 20\rT 1 1 1 1 88 143 255 20\r");
         let (mut camera, _) = script.camera();
         D::drive(camera.version()).unwrap();
-        D::drive(camera.track_again()).unwrap();
+        D::drive(camera.stream(Command::TrackColour(None))).unwrap();
         for corner in [(87, 142), (88, 143)] {
             let tracking = D::drive(camera.next_tracking()).unwrap().unwrap();
             let target = tracking.bounding_box().unwrap();
@@ -89,8 +98,8 @@ both! {
             .on("TC\r", "ACK\rT 5 6 1 2 9 10 5 250\rT 45 66 41 62 49 70 5 250\r");
         let (mut camera, _) = script.camera();
         let window = cmucam2_driver::geometry::Window::new(40, 60, 80, 100).unwrap();
-        D::drive(camera.virtual_window(Some(window))).unwrap();
-        D::drive(camera.track_again()).unwrap();
+        D::drive(camera.set(Command::VirtualWindow(Some(window)))).unwrap();
+        D::drive(camera.stream(Command::TrackColour(None))).unwrap();
         for at in [(5, 6), (45, 66)] {
             let tracking = D::drive(camera.next_tracking()).unwrap().unwrap();
             assert_eq!(tracking.centroid(), Some(at));
@@ -104,7 +113,7 @@ both! {
                 let frame = [b"ACK\r\x01\x03\x02", first, body, last, b"\x03:"].concat();
                 let (mut camera, line) = Script::idle().on("SF 0\r", frame).camera();
                 let mut row = [0; 88];
-                D::drive(camera.send_frame(Some(ColourChannel::Red))).unwrap();
+                D::drive(camera.stream(Command::SendFrame(Some(ColourChannel::Red)))).unwrap();
                 let Part::Header(header) = D::drive(camera.next_part(&mut row)).unwrap() else {
                     panic!("no header");
                 };
@@ -132,7 +141,7 @@ both! {
             line.assert_finished();
             let script = Script::idle().on("TW\r", format!("ACK\r{statistics}{HERE}"));
             let (mut camera, _) = script.camera();
-            D::drive(camera.track_window()).unwrap();
+            D::drive(camera.stream(Command::TrackWindow)).unwrap();
             assert!(D::drive(camera.next_tracking()).unwrap().is_some());
         }
     }
@@ -144,9 +153,9 @@ both! {
         let slow = Script::idle().on("GH 1\r", format!("ACK\r{line}")).stopped();
         for script in [once, stream, slow] {
             let (mut camera, uart) = script.on("GB\r", "ACK\r1\r:").camera();
-            let histogram = D::drive(camera.histogram(ColourChannel::Green)).unwrap();
+            let histogram = histogram(D::drive(camera.command(Command::GetHistogram(ColourChannel::Green))).unwrap());
             assert_eq!(histogram.bins(), [9; 28]);
-            D::drive(camera.button()).unwrap();
+            D::drive(camera.command(Command::GetButton)).unwrap();
             uart.assert_finished();
         }
     }
@@ -158,8 +167,8 @@ both! {
                 .on("HC 1 0\r", "ACK\r:")
                 .on("GH 0\r", format!("ACK\r{line}:"));
             let (mut camera, _) = script.camera();
-            D::drive(camera.histogram_configuration(1, 0)).unwrap();
-            let histogram = D::drive(camera.histogram(ColourChannel::Red)).unwrap();
+            D::drive(camera.set(Command::HistogramConfiguration { bins: 1, scale: 0 })).unwrap();
+            let histogram = histogram(D::drive(camera.command(Command::GetHistogram(ColourChannel::Red))).unwrap());
             assert_eq!(histogram.bins().len(), bins);
         }
     }
@@ -170,8 +179,8 @@ both! {
                 .on("PF 1\r", "ACK\r:")
                 .on("TC\r", format!("ACK\r{first}"));
             let (mut camera, line) = script.camera();
-            D::drive(camera.packet_filter(true)).unwrap();
-            D::drive(camera.track_again()).unwrap();
+            D::drive(camera.set(Command::PacketFilter(true))).unwrap();
+            D::drive(camera.stream(Command::TrackColour(None))).unwrap();
             if !first.is_empty() {
                 assert!(D::drive(camera.next_tracking()).unwrap().unwrap().is_lost());
             }
@@ -187,9 +196,9 @@ both! {
             .on("TC\r", "ACK\r:")
             .on("TC\r", format!("ACK\r{HERE}:"));
         let (mut camera, line) = script.camera();
-        D::drive(camera.packet_filter(true)).unwrap();
-        D::drive(camera.poll_mode(true)).unwrap();
-        D::drive(camera.track_again()).unwrap();
+        D::drive(camera.set(Command::PacketFilter(true))).unwrap();
+        D::drive(camera.set(Command::PollMode(true))).unwrap();
+        D::drive(camera.stream(Command::TrackColour(None))).unwrap();
         assert_eq!(D::drive(camera.next_tracking()), Ok(None));
         assert!(D::drive(camera.next_tracking()).unwrap().is_some());
         line.assert_finished();
@@ -203,10 +212,10 @@ both! {
                 .on("\r", "ACK\r:")
                 .on("NF 3\r", "ACK\r:");
             let (mut camera, line) = script.camera();
-            D::drive(camera.track_again()).unwrap();
+            D::drive(camera.stream(Command::TrackColour(None))).unwrap();
             D::drive(camera.next_tracking()).unwrap();
             D::drive(camera.stop()).unwrap();
-            D::drive(camera.noise_filter(3)).unwrap();
+            D::drive(camera.set(Command::NoiseFilter(3))).unwrap();
             line.assert_finished();
             assert_eq!(camera.session().restarts(), 0);
         }
@@ -222,10 +231,10 @@ both! {
             .on("NF 3\r", "ACK\r:");
         let (mut camera, line) = script.camera();
         let mut row = [0; 264];
-        D::drive(camera.send_frame(None)).unwrap();
+        D::drive(camera.stream(Command::SendFrame(None))).unwrap();
         D::drive(camera.next_part(&mut row)).unwrap();
         D::drive(camera.next_part(&mut row)).unwrap();
-        D::drive(camera.noise_filter(3)).unwrap();
+        D::drive(camera.set(Command::NoiseFilter(3))).unwrap();
         line.assert_finished();
     }
 
@@ -236,8 +245,8 @@ both! {
                 .on("\r", "ACK\r:").on("\r", "ACK\r:")
                 .on("GB\r", "ACK\r0\r:");
             let (mut camera, line) = script.camera();
-            D::drive(camera.deep_sleep()).unwrap();
-            assert_eq!(D::drive(camera.button()), Ok(false));
+            D::drive(camera.set(Command::DeepSleep)).unwrap();
+            assert_eq!(D::drive(camera.command(Command::GetButton)), Ok(Answer::Values([0; 6])));
             line.assert_finished();
         }
     }
@@ -261,11 +270,14 @@ both! {
             .on("GM\r", b"ACK\r\xFFS\xC8\x64\x1E\x09\x09\x09:")
             .on("TC\r", b"ACK\r\xFFT\x2C\x3C\x1E\x32\x3A\x46\x19\x5A:");
         let (mut camera, line) = script.camera();
-        D::drive(camera.raw_output(true)).unwrap();
-        assert_eq!(D::drive(camera.servo(cmucam2_driver::servo::Servo::PAN)), Ok(128));
-        D::drive(camera.poll_mode(true)).unwrap();
-        assert_eq!(D::drive(camera.mean()).unwrap().mean().unwrap().red, 200);
-        D::drive(camera.track_again()).unwrap();
+        D::drive(camera.set(Command::RawMode(RawMode::OUTPUT))).unwrap();
+        assert_eq!(D::drive(camera.command(Command::GetServo(cmucam2_driver::servo::Servo::PAN))), Ok(Answer::Values([128, 0, 0, 0, 0, 0])));
+        D::drive(camera.set(Command::PollMode(true))).unwrap();
+        let Ok(Answer::Packet(Packet::Statistics(statistics))) = D::drive(camera.command(Command::GetMean)) else {
+            panic!("no S packet");
+        };
+        assert_eq!(statistics.mean().unwrap().red, 200);
+        D::drive(camera.stream(Command::TrackColour(None))).unwrap();
         let tracking = D::drive(camera.next_tracking()).unwrap().unwrap();
         assert_eq!(tracking.centroid(), Some((44, 60)));
         line.assert_finished();

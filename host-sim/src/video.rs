@@ -2,8 +2,10 @@
 
 use std::{
     fs::File,
-    io::{self, BufReader, Read},
+    io::{self, BufRead, BufReader, Read},
+    num::IntErrorKind,
     path::Path,
+    str,
     sync::Arc,
 };
 
@@ -12,6 +14,12 @@ use y4m::{Colorspace, Decoder, Limits};
 
 /// A frame has at most so many bytes: 4:4:4 with as many pixels as a [`Plane`] may have.
 const FRAME_MAX: usize = 3 << 24;
+
+/// Pictures have at most so many columns, and rows: the decoder multiplies without looking.
+const SIDE_MAX: u32 = 1 << 16;
+
+/// A header has at most so many bytes, for the decoder too.
+const HEADER_MAX: u64 = 1024;
 
 /// What ffmpeg writes if a stream does not say it otherwise.
 const FULL_RANGE: &[u8] = b"XCOLORRANGE=FULL";
@@ -69,8 +77,12 @@ impl Video {
     ///
     /// # Errors
     /// What comes is no video, or of a kind that is not understood.
-    pub fn new(reader: impl Read + Send + 'static) -> Result<Self, VideoError> {
-        let reader: Box<dyn Read + Send> = Box::new(reader);
+    pub fn new(mut reader: impl BufRead + Send + 'static) -> Result<Self, VideoError> {
+        let header = header(&mut reader)?;
+        if !header.split(u8::is_ascii_whitespace).all(is_reasonable) {
+            return Err(VideoError::TooLarge);
+        }
+        let reader: Box<dyn Read + Send> = Box::new(io::Cursor::new(header).chain(reader));
         let limits = Limits { bytes: FRAME_MAX };
         let decoder = Decoder::new_with_limits(reader, limits).map_err(|error| match error {
             y4m::Error::UnknownColorspace => VideoError::OtherPixels,
@@ -163,6 +175,26 @@ impl Video {
     }
 }
 
+/// The first line, or so much of it as a header may have.
+fn header(reader: &mut impl BufRead) -> io::Result<Vec<u8>> {
+    let mut header = Vec::new();
+    reader.take(HEADER_MAX).read_until(b'\n', &mut header)?;
+    Ok(header)
+}
+
+/// Whether a word of the header is no width or height that nobody's picture has. One that is no
+/// number is for the decoder to refuse.
+fn is_reasonable(word: &[u8]) -> bool {
+    let [b'W' | b'H', digits @ ..] = word else {
+        return true;
+    };
+    match str::from_utf8(digits).map(str::parse::<u32>) {
+        Ok(Ok(side)) => side <= SIDE_MAX,
+        Ok(Err(error)) => *error.kind() != IntErrorKind::PosOverflow,
+        Err(_) => true,
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -214,6 +246,13 @@ mod tests {
             (b"YUV4MPEG2 W4 H4 F25:1 C411\n", "yuv420p"),
             (b"YUV4MPEG2 W4 H4 F0:0\n", "0:0 frames"),
             (b"YUV4MPEG2 W90000 H4000 F25:1\n", "scale="),
+            (b"YUV4MPEG2 W60000 H60000 F25:1\n", "scale="),
+            (b"YUV4MPEG2 W65536 H65536 F25:1 C444\n", "scale="),
+            (b"YUV4MPEG2 W4294967296 H4294967296\n", "scale="),
+            (b"YUV4MPEG2 W+4294967296 H1 W1\n", "scale="),
+            (b"YUV4MPEG2 W18446744073709551616 H1\n", "scale="),
+            (b"YUV4MPEG2 W1 H18446744073709551615\n", "scale="),
+            (b"YUV4MPEG2 Wide Height\n", "yuv4mpegpipe"),
             (b"YUV4MPEG2 W4 H4 F25:1\n", "no picture"),
             (
                 b"YUV4MPEG2 W1 H1 F25:1\nFRAME\nxyzFRANE\nxyz",

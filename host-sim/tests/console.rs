@@ -114,10 +114,10 @@ impl Site {
                 Output::Task(task) => self.task(task),
                 Output::Send { to, message, .. } => {
                     if let Message::Command(command) = message {
-                        let success = command == self.answers;
+                        let outcome = message::CommandOutcome::of(command == self.answers);
                         self.hears(
                             to.0,
-                            &Message::Done(message::CommandResult { command, success }),
+                            &Message::Done(message::CommandResult { command, outcome }),
                         );
                     }
                 }

@@ -320,6 +320,85 @@ fn left_is_positive_and_columns_count_from_0() {
     assert!((number(line, "bearing_rad") - 17.44_f64.to_radians()).abs() < COLUMN);
 }
 
+/// A ball before a background of four by three patches of these colours, in this light.
+fn ball_before(files: &Files, name: &str, light: f64, patches: &[[u8; 3]]) -> String {
+    let list: Vec<_> = patches.iter().map(|colour| format!("{colour:?}")).collect();
+    files.write(
+        name,
+        &format!(
+            "light = [{light}, {light}, {light}]\nnoise = 2.0\n[background.blocks]\ncolumns = 4\nrows = 3\n\
+             colours = [{}]\n[[object]]\ncolour = [220, 110, 40]\nshape = 'disc'\n\
+             stops = [{{ picture = [0.5, 0.5], size = [0.55, 0.6] }}]\n",
+            list.join(", ")
+        ),
+    )
+}
+
+#[test]
+fn a_learnt_colour_is_judged_by_its_background() {
+    let files = Files::new();
+    let run = ["--settle", "0", "--count", "1"];
+    let grey = [[120, 118, 112]; 12];
+
+    // A good light: nothing else has the colour.
+    let camera = Camera::start(&files, &ball_before(&files, "good.toml", 1.0, &grey), &[]);
+    let (_, told) = camera.probe(&run);
+    assert!(
+        told.contains("nothing in the background has this colour"),
+        "{told}"
+    );
+
+    // An orange wall on the right: no window tells the ball from it.
+    let mut wall = grey;
+    (2..12)
+        .step_by(4)
+        .for_each(|patch| wall[patch] = [220, 110, 40]);
+    (3..12)
+        .step_by(4)
+        .for_each(|patch| wall[patch] = [220, 110, 40]);
+    let camera = Camera::start(&files, &ball_before(&files, "wall.toml", 1.0, &wall), &[]);
+    let text = failure(&camera.arguments(&["--count", "1"])[1..]);
+    for words in [
+        "of the background has this colour",
+        "no narrower one",
+        "--colour",
+    ] {
+        assert!(text.contains(words), "no {words} in {text}");
+    }
+    // A wall of half the outer view.
+    let share: f64 = text
+        .split(" %")
+        .next()
+        .unwrap()
+        .rsplit(' ')
+        .next()
+        .unwrap()
+        .parse()
+        .unwrap();
+    assert!((45.0..60.0).contains(&share), "{text}");
+    // Who insists is obeyed.
+    camera.probe(&[&run[..], &["--colour", ORANGE]].concat());
+
+    // Wood of another hue: a narrower window tells it from the ball.
+    let wood = grey.map(|_| [205, 128, 62]);
+    let camera = Camera::start(&files, &ball_before(&files, "wood.toml", 1.0, &wood), &[]);
+    let (stdout, told) = camera.probe(&[&run[..], &["--json"]].concat());
+    assert!(told.contains("so a narrower one is taken"), "{told}");
+    let line: Value = serde_json::from_str(stdout.lines().next().unwrap()).unwrap();
+    let width = number(&line, "x2") - number(&line, "x1");
+    assert!((44.0..=50.0).contains(&width), "{line}");
+
+    // A poor light: the window around the ball's dark colour has the dark room in it, a narrower one
+    // has not; still less light, and none has.
+    let room = [[90, 80, 70]; 12];
+    let camera = Camera::start(&files, &ball_before(&files, "dim.toml", 0.08, &room), &[]);
+    let (_, told) = camera.probe(&run);
+    assert!(told.contains("so a narrower one is taken"), "{told}");
+    let camera = Camera::start(&files, &ball_before(&files, "dark.toml", 0.04, &room), &[]);
+    let text = failure(&camera.arguments(&["--count", "1"])[1..]);
+    assert!(text.contains("try another light"), "{text}");
+}
+
 #[test]
 fn other_cameras() {
     let files = Files::new();

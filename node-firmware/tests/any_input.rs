@@ -13,8 +13,8 @@ use node_firmware::{
     console::FromPc,
     hardware::Button,
     message::{
-        CameraCommand, CameraState, CommandResult, Confirmation, CoordinateFrame, Duty,
-        FittingLens, Hello, ListedSighting, MemberKind, Message, PoseParts, ProtectionLevel,
+        CameraCommand, CameraState, CommandOutcome, CommandResult, Confirmation, CoordinateFrame,
+        Duty, FittingLens, Hello, ListedSighting, MemberKind, Message, PoseParts, ProtectionLevel,
         Reference, References, Report, Seen, Sight, StopAnswer, StopBearing, Stopped,
         TargetLocation, TrackedBlob,
     },
@@ -236,7 +236,7 @@ impl Any {
             16 => Message::Command(self.command()),
             17 => Message::Done(CommandResult {
                 command: self.command(),
-                success: self.flip(),
+                outcome: CommandOutcome::of(self.flip()),
             }),
             18 => Message::Tracked(TrackedBlob {
                 middle: self.0.random(),
@@ -309,7 +309,7 @@ fn camera_event(any: &mut Any) -> camera::CameraEvent {
         1 => camera::CameraEvent::Button(any.one(&[Button::JoinWindow, Button::LearnColour])),
         2 => camera::CameraEvent::Done(CommandResult {
             command: any.command(),
-            success: any.flip(),
+            outcome: CommandOutcome::of(any.flip()),
         }),
         3 => camera::CameraEvent::Tracked(TrackedBlob {
             middle: [1; 2],

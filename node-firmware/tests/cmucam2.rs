@@ -12,8 +12,8 @@ use std::{
 
 use common::{MockDelay, MockUart, Script};
 use node_firmware::vision::{
-    BlobCamera, Cmucam2BlobCamera, ColourWindow, Judge, Lens, Look, Patience, Shape, Subject,
-    VisionError, cmucam2::Cmucam2Settings, look,
+    BackgroundShare, BlobCamera, Cmucam2BlobCamera, ColourWindow, Judge, LearntColour, Lens, Look,
+    Patience, Shape, Subject, VisionError, cmucam2::Cmucam2Settings, look,
 };
 
 type Sight = Cmucam2BlobCamera<MockUart, MockDelay>;
@@ -143,16 +143,59 @@ fn a_colour_is_learnt() {
             "TW\r",
             "ACK\rS 200 100 46 3 3 3\rT 44 70 40 60 48 80 20 201\r:",
         )
-        .on("GT\r", "ACK\r170 230 70 130 16 76\r:");
+        .on("GT\r", "ACK\r170 230 70 130 16 76\r:")
+        .on("ST 170 230 70 130 16 76\r", "ACK\r:")
+        .on("TC\r", "ACK\rT 44 70 40 60 48 80 20 201\r:");
     let (mut sight, line) = sight(script, 88);
     wait(sight.start_up()).unwrap();
-    let learnt = ColourWindow {
-        red: [170, 230],
-        green: [70, 130],
-        blue: [16, 76],
+    let learnt = LearntColour {
+        window: ColourWindow {
+            red: [170, 230],
+            green: [70, 130],
+            blue: [16, 76],
+        },
+        background: BackgroundShare::NONE,
     };
     assert_eq!(wait(sight.learn_colour()), Ok(learnt));
     line.assert_finished();
+}
+
+/// What is outside the middle of the view is counted where the object is not alone.
+#[test]
+fn a_colour_that_the_background_has_is_refused() {
+    let learn = |outer: [&str; 4]| {
+        let script = started()
+            .on("TW\r", "ACK\rT 44 70 1 1 88 143 255 90\r:")
+            .on("GT\r", "ACK\r170 230 70 130 16 76\r:")
+            .on("ST 170 230 70 130 16 76\r", "ACK\r:")
+            .on("TC\r", "ACK\rT 44 70 1 1 88 143 255 90\r:");
+        let windows = [
+            "VW 1 1 11 143\r",
+            "VW 78 1 88 143\r",
+            "VW 12 1 77 17\r",
+            "VW 12 127 77 143\r",
+        ];
+        let script = windows
+            .iter()
+            .zip(outer)
+            .fold(script, |script, (window, seen)| {
+                let told = format!("ACK\rT {seen}\r:");
+                script.on(window, "ACK\r:").on("TC\r", told)
+            });
+        let (mut sight, line) = sight(script.on("VW\r", "ACK\r:"), 88);
+        wait(sight.start_up()).unwrap();
+        let learnt = wait(sight.learn_colour());
+        line.assert_finished();
+        learnt.map(|learnt| learnt.background.thousandths)
+    };
+    const NONE: &str = "0 0 0 0 0 0 0 0";
+    // Of the 5,390 pixels of the four parts, all of the second one is a wall.
+    let wall = [NONE, "83 70 78 1 88 143 197 255", NONE, NONE];
+    let thousandths = (197 * 8 * 1_000_u32).div_ceil(12_584 - 66 * 109) as u16;
+    let refused = VisionError::CommonColour(BackgroundShare { thousandths });
+    assert_eq!(learn(wall), Err(refused));
+    // A few pixels are told, and looked for all the same.
+    assert_eq!(learn([NONE, NONE, "40 9 40 9 41 10 0 255", NONE]), Ok(1));
 }
 
 #[test]

@@ -13,8 +13,9 @@ use node_firmware::{
     hardware::Button,
     limits::SIGHTINGS,
     message::{
-        CameraCommand, CameraState, CommandResult, Confirmation, CoordinateFrame, Duty, Hello,
-        MemberKind, Message, PoseParts, Reference, References, Report, Seen, Sight, Stopped,
+        CameraCommand, CameraState, CommandOutcome, CommandResult, Confirmation, CoordinateFrame,
+        Duty, Hello, MemberKind, Message, PoseParts, Reference, References, Report, Seen, Sight,
+        Stopped,
     },
     role::{
         Role, camera,
@@ -339,7 +340,7 @@ fn a_pc_is_told_of_every_command() {
     for address in 0..20 {
         let done = CommandResult {
             command,
-            success: false,
+            outcome: CommandOutcome::Failed,
         };
         let done = coordinator::CoordinatorTask::Tell(ToPc::Done { address, done });
         assert!(told.contains(&done), "{address}");
@@ -424,7 +425,7 @@ fn a_command_that_is_given_up_is_answered() {
     station.act(1, &mut air);
     let done = Message::Done(CommandResult {
         command: lost,
-        success: false,
+        outcome: CommandOutcome::Failed,
     });
     assert!(air.sent.iter().any(|sent| sent.message == done));
 }
@@ -450,7 +451,7 @@ fn what_a_camera_that_does_not_start_is_told_is_not_done_later() {
         station.act(now, &mut air);
         let done = Message::Done(CommandResult {
             command,
-            success: command == CameraCommand::Forget,
+            outcome: CommandOutcome::of(command == CameraCommand::Forget),
         });
         assert!(air.sent.iter().any(|sent| sent.message == done));
     }

@@ -12,11 +12,12 @@ use node_firmware::{
     console::{FRAME_MAX, Frames, FromPc, KeyChangeReport, NetworkInfo, ToPc, encode},
     limits::ROSTER,
     message::{
-        CONFIRMED, CameraCommand, CameraState, CommandResult, Confirmation, CoordinateFrame, Duty,
-        Eye, FittingLens, Health, Hello, ListedSighting, MemberKind, Memory, Message, PoseParts,
-        ProtectionLevel, Reference, References, Report, Restart, Seen, Sight, StopAnswer,
-        StopBearing, Stopped, TargetLocation, TrackedBlob,
+        CONFIRMED, CameraCommand, CameraState, CommandOutcome, CommandResult, Confirmation,
+        CoordinateFrame, Duty, Eye, FittingLens, Health, Hello, ListedSighting, MemberKind, Memory,
+        Message, PoseParts, ProtectionLevel, Reference, References, Report, Restart, Seen, Sight,
+        StopAnswer, StopBearing, Stopped, TargetLocation, TrackedBlob,
     },
+    vision::BackgroundShare,
 };
 use proptest::prelude::*;
 use zigbee_link::link::MESSAGE_MAX;
@@ -230,7 +231,7 @@ fn golden() -> Vec<(Message, String)> {
         (
             Message::Done(CommandResult {
                 command: CameraCommand::Forget,
-                success: true,
+                outcome: CommandOutcome::Done,
             }),
             "0c0501".into(),
         ),
@@ -397,9 +398,20 @@ fn what_the_pc_is_told_is_these_bytes() {
     );
     let done = CommandResult {
         command: CameraCommand::LearnBackground,
-        success: false,
+        outcome: CommandOutcome::Failed,
     };
     assert_eq!(tell(ToPc::Done { address: 3, done }), "03030200");
+    let share = |thousandths| BackgroundShare { thousandths };
+    for (outcome, hex) in [
+        (CommandOutcome::Learnt(share(3)), "030301010203"),
+        (CommandOutcome::CommonColour(share(445)), "0303010103bd03"),
+    ] {
+        let done = CommandResult {
+            command: CameraCommand::LearnColour { colour: 1 },
+            outcome,
+        };
+        assert_eq!(tell(ToPc::Done { address: 3, done }), hex);
+    }
     let tracked = TrackedBlob {
         middle: [1, 2],
         edges: [3, 4, 5, 6],
@@ -569,6 +581,7 @@ fn longest() -> Vec<(&'static str, Message)> {
         ..seen()
     };
     let far = u16::MAX;
+    let share = BackgroundShare { thousandths: far };
     let place = Place::new(PlaceParts {
         fix: u32::MAX,
         ..*place().parts()
@@ -670,8 +683,8 @@ fn longest() -> Vec<(&'static str, Message)> {
         (
             "Done",
             Message::Done(CommandResult {
-                command: CameraCommand::Track { colour: 255 },
-                success: true,
+                command: CameraCommand::LearnColour { colour: 255 },
+                outcome: CommandOutcome::CommonColour(share),
             }),
         ),
         (
@@ -721,7 +734,7 @@ const LENGTHS: [(&str, usize); 18] = [
     ("Posed", 62),
     ("Report", 62),
     ("Command", 3),
-    ("Done", 4),
+    ("Done", 7),
     ("Tracked", 15),
     ("Sightings", 1),
     ("Sighting", 32),

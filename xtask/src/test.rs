@@ -288,7 +288,7 @@ fn lint(sh: &Shell) -> Result<()> {
     for board in firmware::packages() {
         cmd!(
             sh,
-            "cargo clippy --locked --package {board} --target thumbv7em-none-eabihf -- --deny warnings"
+            "cargo clippy --locked --package {board} --bins --examples --target thumbv7em-none-eabihf -- --deny warnings"
         )
         .run()?;
     }

@@ -273,7 +273,7 @@ impl NetworkView {
             ToPc::Member { address, .. } | ToPc::Report { address, .. } if news.is_some() => {
                 address
             }
-            ToPc::Done { address, done } if done.success => address,
+            ToPc::Done { address, done } if done.outcome.is_success() => address,
             ToPc::Tracked { address, .. }
             | ToPc::Sighting { address, .. }
             | ToPc::Stopped { address, .. } => address,
@@ -300,11 +300,11 @@ impl NetworkView {
             ToPc::Member { address, hello } => self.hello(address, hello),
             ToPc::Report { address, report } => self.report(now, address, report),
             ToPc::Done { address, done } => {
-                let result = if done.success { "done" } else { "failed" };
                 Some(format!(
-                    "{}: {:?}: {result}",
+                    "{}: {:?}: {}",
                     self.name(address),
-                    done.command
+                    done.command,
+                    done.outcome
                 ))
             }
             ToPc::Removed { address, success } => {

@@ -10,8 +10,8 @@
 //!   millisecond. A stream sends whether it is read or not.
 //! - Async: `read` may be dropped while it waits without losing bytes, as buffered UARTs do.
 //! - Blocking: [`embedded_io::ReadReady`], because `Read` alone waits for ever and could not tell
-//!   silence. Where the UART's own `read` returns after a time-out, a `ReadReady` over a
-//!   one-byte peek does it.
+//!   silence. Where a UART can only be tried, the feature `embedded-hal-nb` has a `ReadReady` over a
+//!   one-byte peek: `serial::Peek`.
 //!
 //! # Time
 //! The driver needs a [`Clock`] to know how long it has waited, and stamps packets with it. Without
@@ -19,7 +19,7 @@
 //! between two calls.
 //!
 //! # Streams
-//! [`track_colour`](Cmucam2::track_colour) and its like begin a stream;
+//! [`track_colour`](Cmucam2::track_colour) and [`stream`](Cmucam2::stream) begin a stream;
 //! [`next_packet`](Cmucam2::next_packet) reads it. Any other command stops the camera first; the
 //! next `next_packet` starts the same stream again, until [`stop`](Cmucam2::stop). In poll mode
 //! each `next_packet` asks for one.
@@ -200,8 +200,8 @@ where
             .camera
             .drive(self.request, self.row, self.payload)
             .await?;
-        let modes = self.camera.session.modes();
-        (self.convert)(answer, modes).ok_or(Error::Camera(Fault::Unexpected))
+        let session = &self.camera.session;
+        (self.convert)(answer, session.modes()).ok_or_else(|| session.unexpected().into())
     }
 }
 
@@ -319,7 +319,7 @@ where
             }
             if let Some(outcome) = received.feed(session, clock.now(), row) {
                 let answer = outcome?;
-                return convert(answer, session.modes()).ok_or(Error::Camera(Fault::Unexpected));
+                return convert(answer, session.modes()).ok_or_else(|| session.unexpected().into());
             }
             if !session.pending().is_empty() || session.payload_due() {
                 continue;

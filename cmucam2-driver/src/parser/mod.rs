@@ -13,7 +13,7 @@
 //! when the line falls silent, and a banner ends it at once.
 //!
 //! # Never delivered
-//! A packet with a wrong number of fields, with anything but single spaces and plain decimal
+//! A packet with a wrong number of fields, with anything but single spaces (one may be last) and plain decimal
 //! numbers up to 255, with coordinates out of order or outside the frame. What was dropped, and
 //! why, is counted in [`DroppedBytes`]. What cannot be detected: see the [crate's](crate) description.
 
@@ -316,7 +316,7 @@ impl Parser {
     }
 
     fn start(&mut self, byte: u8) -> Option<Token> {
-        if byte == b'\r' {
+        if byte == b'\r' || byte == b'\n' {
             self.held = 0;
             return None;
         }
@@ -374,6 +374,10 @@ impl Parser {
             return self.prompt();
         }
         self.held = self.held.wrapping_add(1);
+        // Some print a space behind each number.
+        if (byte, self.value) == (b'\r', NO_DIGIT) && self.len > 0 {
+            return self.end(kind);
+        }
         // This is also where a number above 255, or none at all, is found.
         let (b' ' | b'\r', Ok(value)) = (byte, u8::try_from(self.value)) else {
             return self.refuse(Reason::Malformed, byte);
@@ -459,6 +463,8 @@ impl Parser {
         match word.text().get(usize::from(at)) {
             Some(&next) if next == byte && next == b'\r' => self.deliver(word.event()),
             Some(&next) if next == byte => self.go(State::Word(word, at + 1)),
+            // Some print a space behind each word.
+            Some(b'\r') if byte == b' ' => None,
             _ => self.refuse(Reason::Malformed, byte),
         }
     }

@@ -6,7 +6,7 @@ use super::{
     Answer, Fault, Modes, Policy, Request,
     exchange::{Awaited, Exchange, Purpose, Reaction},
     modes::Cursor,
-    port::Port,
+    port::{Heard, Port},
     script::{Step, Task},
     stream::Stream,
     synchronisation::{self, Outcome, Resume, Synchronisation},
@@ -196,7 +196,7 @@ impl Dialogue {
                     }
                     Reaction::Irregular => {
                         self.link = Link::Unknown;
-                        return self.failed(task, doing, Fault::Garbage, now);
+                        return self.failed(task, doing, self.nothing_useful(), now);
                     }
                 }
             }
@@ -220,7 +220,7 @@ impl Dialogue {
                     }
                     Outcome::Failed => {
                         self.link = Link::Unknown;
-                        return Flow::Break(Err(match self.port.nothing_useful() {
+                        return Flow::Break(Err(match self.nothing_useful() {
                             Fault::Silence if task.restarts > 0 => Fault::Restarted,
                             fault => fault,
                         }));
@@ -252,7 +252,7 @@ impl Dialogue {
                 (awaited, _) => {
                     let fault = match awaited {
                         Awaited::Refused => self.refused(),
-                        _ => self.port.nothing_useful(),
+                        _ => self.nothing_useful(),
                     };
                     self.link = Link::Unknown;
                     return self.failed(task, doing, fault, now);
@@ -278,78 +278,77 @@ impl Dialogue {
         &mut self,
         task: &mut Task,
         doing: &mut Doing,
-        mut answer: Option<Answer>,
+        answer: Option<Answer>,
         now: u64,
     ) -> Flow {
-        loop {
-            if task.reads() && self.restore.is_none() {
-                if self.stream.is_none() {
-                    return Flow::Break(Err(Fault::NotStreaming));
-                }
-                if let Link::Streaming(stream) = &self.link {
-                    if let Some(room) = task.room()
-                        && let Err(fault) = stream.fits(room)
-                    {
-                        return Flow::Break(Err(fault));
-                    }
-                    self.exchange = Exchange {
-                        order: stream.order,
-                        purpose: Purpose::Next,
-                    };
-                    self.await_packet(doing, now);
-                    return Flow::Continue(());
-                }
+        if task.reads() && self.restore.is_none() {
+            if self.stream.is_none() {
+                return Flow::Break(Err(Fault::NotStreaming));
             }
-            if !matches!(self.link, Link::Prompt) {
-                self.stop(doing, Resume::Plan, now);
+            if let Link::Streaming(stream) = &self.link {
+                if let Some(room) = task.room()
+                    && let Err(fault) = stream.fits(room)
+                {
+                    return Flow::Break(Err(fault));
+                }
+                self.exchange = Exchange {
+                    order: stream.order,
+                    purpose: Purpose::Next,
+                };
+                self.await_packet(doing, now);
                 return Flow::Continue(());
             }
-            if let Some(cursor) = &mut self.restore
-                && !task.is_resetting()
-            {
-                if let Some(order) = self.modes.next(cursor) {
-                    let purpose = Purpose::Restore;
-                    self.exchange = Exchange { order, purpose };
-                    self.send(doing, now);
-                    return Flow::Continue(());
-                }
-                self.restore = None;
-                debug!("modes restored");
-                if task.was_interrupted() {
-                    self.go_on(task)?;
-                }
-            }
-            let (order, purpose) = match task.next(answer.take(), &mut self.modes, self.sensor) {
-                Step::Send(order, purpose) => (order, purpose),
-                Step::Begin(order) => match self.first_of(order) {
-                    Some(first) => (first, Purpose::Begin),
-                    None => return self.begun(task, order),
-                },
-                Step::Read => match self.stream {
-                    Some(order) => (order, Purpose::Next),
-                    None => return Flow::Break(Err(Fault::NotStreaming)),
-                },
-                Step::Stop => {
-                    self.stream = None;
-                    return Flow::Break(Ok(Answer::Done));
-                }
-                Step::Wait(time) => {
-                    self.port.pause(now, time);
-                    *doing = Doing::Wait;
-                    return Flow::Continue(());
-                }
-                Step::Restore => {
-                    task.advance();
-                    self.restore = Some(Cursor::default());
-                    continue;
-                }
-                Step::Finish(answer) => return Flow::Break(Ok(answer)),
-                Step::Fail(fault) => return Flow::Break(Err(fault)),
-            };
-            self.exchange = Exchange { order, purpose };
-            self.send(doing, now);
+        }
+        if !matches!(self.link, Link::Prompt) {
+            self.stop(doing, Resume::Plan, now);
             return Flow::Continue(());
         }
+        if let Some(cursor) = &mut self.restore
+            && !task.is_resetting()
+        {
+            if let Some(order) = self.modes.next(cursor) {
+                let purpose = Purpose::Restore;
+                self.exchange = Exchange { order, purpose };
+                self.send(doing, now);
+                return Flow::Continue(());
+            }
+            self.restore = None;
+            debug!("modes restored");
+            if task.was_interrupted() {
+                self.go_on(task)?;
+            }
+        }
+        let (order, purpose) = match task.next(answer, &mut self.modes, self.sensor) {
+            Step::Send(order, purpose) => (order, purpose),
+            Step::Begin(order) => match self.first_of(order) {
+                Some(first) => (first, Purpose::Begin),
+                None => return self.begun(task, order),
+            },
+            Step::Read => match self.stream {
+                Some(order) => (order, Purpose::Next),
+                None => return Flow::Break(Err(Fault::NotStreaming)),
+            },
+            Step::Stop => {
+                self.stream = None;
+                return Flow::Break(Ok(Answer::Done));
+            }
+            Step::Wait(time) => {
+                self.port.pause(now, time);
+                *doing = Doing::Wait;
+                return Flow::Continue(());
+            }
+            #[cfg(feature = "full")]
+            Step::Restore => {
+                task.advance();
+                self.restore = Some(Cursor::default());
+                return self.plan(task, doing, None, now);
+            }
+            Step::Finish(answer) => return Flow::Break(Ok(answer)),
+            Step::Fail(fault) => return Flow::Break(Err(fault)),
+        };
+        self.exchange = Exchange { order, purpose };
+        self.send(doing, now);
+        Flow::Continue(())
     }
 
     /// The stream that the request begins runs, or will when it is read.
@@ -569,7 +568,7 @@ impl Dialogue {
     }
 
     fn stream_timeout(&mut self, task: &mut Task, doing: &mut Doing, now: u64) -> Flow {
-        let fault = self.port.nothing_useful();
+        let fault = self.nothing_useful();
         if self.exchange.is_frame() {
             self.link = Link::Unknown;
             self.stream = None;
@@ -613,7 +612,7 @@ impl Dialogue {
         let order = self.exchange.order;
         if order.effect() == Effect::Reset {
             self.restore = None;
-            if !matches!(task.request, Request::Recover) {
+            if !task.keeps_modes() {
                 self.stream = None;
                 self.modes.remember(&order);
             }
@@ -628,6 +627,24 @@ impl Dialogue {
                 self.plan(task, doing, answer, now)
             }
             Purpose::Restore => self.plan(task, doing, None, now),
+        }
+    }
+
+    /// Why nothing that came was of use.
+    #[inline(never)] // size
+    fn nothing_useful(&self) -> Fault {
+        match self.port.heard() {
+            Heard::Nothing => Fault::Silence,
+            Heard::Bytes => Fault::Garbage,
+            Heard::Words => self.unexpected(),
+        }
+    }
+
+    /// The command under way was answered with something else.
+    #[inline(never)] // size
+    pub(super) fn unexpected(&self) -> Fault {
+        Fault::Unexpected {
+            command: self.exchange.order.letters(),
         }
     }
 

@@ -109,6 +109,11 @@ impl Session {
         self.dialogue.restarts
     }
 
+    /// The answer to the last request is not of the kind that was wanted.
+    pub(crate) fn unexpected(&self) -> Fault {
+        self.dialogue.unexpected()
+    }
+
     /// How often a command was repeated.
     pub fn retries(&self) -> u16 {
         self.dialogue.retries

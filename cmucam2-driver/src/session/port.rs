@@ -1,6 +1,6 @@
 //! Both directions of the line, and how long it may be silent.
 
-use super::{Fault, Policy};
+use super::Policy;
 use crate::{
     command::{CommandLine, Order},
     features::FULL,
@@ -10,6 +10,16 @@ use crate::{
 /// The longest pause within a line: at 1200 baud a character and the greatest delay after it take
 /// 0.22 s. What comes later is another line, of a camera that restarted in the middle of the first.
 const PAUSE_IN_LINE_US: u64 = 250_000;
+
+/// What came since this was last forgotten.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Heard {
+    Nothing,
+    /// Perhaps prompts, which noise contains, too.
+    Bytes,
+    /// A word, packet or number that does not come by chance.
+    Words,
+}
 
 /// Raw bytes that follow a command.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -27,8 +37,7 @@ pub(super) struct Port {
     /// Bytes of `line` that are sent.
     sent: u8,
     payload: Payload,
-    /// Anything came since this was last cleared.
-    heard: bool,
+    heard: Heard,
     /// When the last byte came.
     heard_at: u64,
     /// How long it may be silent.
@@ -44,7 +53,7 @@ impl Port {
             line: Order::IDLE.line(),
             sent: u8::MAX,
             payload: Payload::None,
-            heard: false,
+            heard: Heard::Nothing,
             heard_at: 0,
             silence: 0,
             silence_at: 0,
@@ -76,7 +85,7 @@ impl Port {
     /// Forgets the payload and what was heard for another command.
     pub(super) fn turn(&mut self) {
         self.payload = Payload::None;
-        self.heard = false;
+        self.heard = Heard::Nothing;
     }
 
     /// The raw bytes of the command are due, unless they were sent. Whether they are now.
@@ -100,7 +109,9 @@ impl Port {
     /// Takes one byte. `waits_for_it`: a byte puts off the end of the silence.
     #[inline]
     pub(super) fn hear(&mut self, byte: u8, now: u64, waits_for_it: bool) -> Option<Token> {
-        self.heard = true;
+        if self.heard == Heard::Nothing {
+            self.heard = Heard::Bytes;
+        }
         if now.saturating_sub(self.heard_at) > PAUSE_IN_LINE_US && !self.parser.is_in_image() {
             self.parser.gap();
         }
@@ -108,21 +119,23 @@ impl Port {
         if waits_for_it {
             self.silence_at = now + u64::from(self.silence);
         }
-        self.parser.push(byte)
+        let token = self.parser.push(byte)?;
+        if matches!(
+            token,
+            Token::Ack | Token::Nck | Token::Banner(_) | Token::Packet(_) | Token::Values(_)
+        ) {
+            self.heard = Heard::Words;
+        }
+        Some(token)
     }
 
     /// From now on only what comes counts.
     pub(super) fn listen(&mut self) {
-        self.heard = false;
+        self.heard = Heard::Nothing;
     }
 
-    /// Silence or garbage, by whether anything was heard.
-    pub(super) fn nothing_useful(&self) -> Fault {
-        if self.heard {
-            Fault::Garbage
-        } else {
-            Fault::Silence
-        }
+    pub(super) fn heard(&self) -> Heard {
+        self.heard
     }
 
     /// Waits for silence of so long, or eight times that in all.

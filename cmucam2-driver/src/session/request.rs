@@ -30,7 +30,8 @@ pub enum Request {
     },
     /// End the stream.
     Stop,
-    /// Stop, reset, set all modes again.
+    /// Stop, reset, set all modes again. With the feature `full`.
+    #[cfg(feature = "full")]
     Recover,
     /// See [`StartUp`].
     StartUp(StartUp),
@@ -90,7 +91,7 @@ pub enum Fault {
         /// The letters of the command.
         command: [u8; 2],
     },
-    /// Bytes came, but made no sense: wrong baud rate, overrun, noise.
+    /// Bytes came, but not one word of a camera: wrong baud rate, overrun, noise.
     Garbage,
     /// The camera restarted. Its modes are set again and its stream, if that is possible, runs
     /// again; what it had adapted to, and a reference frame, are lost.
@@ -104,9 +105,12 @@ pub enum Fault {
     },
     /// More than [`REGISTERS_MAX`](super::REGISTERS_MAX) different registers: they could not be set again.
     TooManyRegisters,
-    /// The camera sent something else than was asked for, such as a packet of another kind than the
-    /// one that the running stream was begun for.
-    Unexpected,
+    /// The camera can be understood, but it sent something else than was asked for, or not all of it:
+    /// other numbers, or a packet of another kind than the running stream was begun for.
+    Unexpected {
+        /// The letters of the command.
+        command: [u8; 2],
+    },
     /// A field that is needed is masked (`OM`).
     Masked,
 }
@@ -128,7 +132,13 @@ impl fmt::Display for Fault {
                 return write!(f, "the row buffer must hold {needed} bytes");
             }
             Self::TooManyRegisters => "too many different registers to set them again",
-            Self::Unexpected => "the camera sends something else than was asked for",
+            Self::Unexpected { command } => {
+                let [first, second] = command.map(char::from);
+                return write!(
+                    f,
+                    "the camera does not answer {first}{second} with what was asked for"
+                );
+            }
             Self::Masked => "a field that is needed is masked",
         })
     }

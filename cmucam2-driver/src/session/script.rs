@@ -68,6 +68,7 @@ pub(super) enum Step {
     /// Let time pass, microseconds.
     Wait(u64),
     /// Set all remembered modes again.
+    #[cfg(feature = "full")]
     Restore,
     Finish(Answer),
     Fail(Fault),
@@ -147,9 +148,20 @@ impl Task {
     pub(super) fn is_resetting(&self) -> bool {
         match self.request {
             Request::Do(order) => order == Order::RESET,
-            Request::StartUp(_) | Request::Recover => self.step == 0,
+            Request::StartUp(_) => self.step == 0,
+            #[cfg(feature = "full")]
+            Request::Recover => self.step == 0,
             _ => false,
         }
+    }
+
+    /// Whether the modes stay known while it resets the camera.
+    pub(super) fn keeps_modes(&self) -> bool {
+        #[cfg(feature = "full")]
+        if self.request == Request::Recover {
+            return true;
+        }
+        false
     }
 
     /// The camera restarted, perhaps after it had done what was `asked`. A script begins again.
@@ -221,6 +233,7 @@ impl Task {
             Request::Start(order) => Step::Begin(order),
             Request::Next | Request::NextPart { .. } => Step::Read,
             Request::Stop => Step::Stop,
+            #[cfg(feature = "full")]
             Request::Recover => match self.step {
                 0 => Step::Send(Order::RESET, Purpose::Step),
                 1 => Step::Restore,
@@ -263,7 +276,7 @@ impl Task {
                             modes.set_bounds(bounds);
                             learnt(bounds, track)
                         }
-                        None => Step::Fail(Fault::Garbage),
+                        None => Step::Fail(Fault::Unexpected { command: *b"GT" }),
                     }
                 }
             },
@@ -282,7 +295,7 @@ impl Task {
                 1 => Step::Send(Command::GetMean.order(), Purpose::Step),
                 2 => {
                     let Some(Answer::Packet(Packet::Statistics(statistics))) = answer else {
-                        return Step::Fail(Fault::Garbage);
+                        return Step::Fail(Fault::Unexpected { command: *b"GM" });
                     };
                     let Some(mean) = statistics.mean() else {
                         return Step::Fail(Fault::Masked);
@@ -296,7 +309,7 @@ impl Task {
                         Step::Send(Command::SetBounds(bounds).order(), Purpose::Step)
                     }
                     Some(bounds) => learnt(bounds, track),
-                    None => Step::Fail(Fault::Garbage),
+                    None => Step::Fail(Fault::Unexpected { command: *b"GM" }),
                 },
             },
         }

@@ -62,6 +62,7 @@ pub(crate) fn read(bytes: &[u8]) -> Vec<Tracking> {
         .filter_map(|line| {
             let at = line.iter().rposition(|&byte| byte == b'T')?;
             let text = std::str::from_utf8(&line[at + 1..]).ok()?;
+            let text = text.strip_suffix(' ').unwrap_or(text);
             let numbers: Vec<u8> = text
                 .split(' ')
                 .skip(1)

@@ -12,7 +12,7 @@ use std::{
 use anyhow::{anyhow, bail};
 use clap::{Args, ValueEnum};
 use cmucam2_driver::{
-    Error,
+    Command, Error,
     colour::ColourBounds,
     geometry::{Sensor, Size},
     packet::Tracking,
@@ -21,6 +21,7 @@ use cmucam2_driver::{
 use host_sim::probe::{
     Device, View,
     advice::{advice, fell_silent, no_baud_rate},
+    colour::{self, Judged},
     display::doubt,
     picture,
     port::{self, Baud, Heard, Port, PortError, Search},
@@ -28,6 +29,7 @@ use host_sim::probe::{
     sensor_name, stranger,
 };
 use indicatif::ProgressBar;
+use node_firmware::vision::BackgroundShare;
 
 use super::{
     camera_options::{CameraOptions, USUAL_COLUMNS},
@@ -76,7 +78,7 @@ pub(super) struct Arguments {
     #[arg(long)]
     as_is: bool,
     /// Track this colour instead of learning one: Rmin,Rmax,Gmin,Gmax,Bmin,Bmax, each 0 to 255.
-    #[arg(long, value_name = "BOUNDS", value_parser = colour)]
+    #[arg(long, value_name = "BOUNDS", value_parser = parse_colour)]
     colour: Option<ColourBounds>,
     /// 176 x 255 pixels instead of 88 x 143 (OV6620 only).
     #[arg(long)]
@@ -149,6 +151,11 @@ Bringing up a camera:
      line with the camera. `q` or Ctrl-D ends. Then:
      host-sim solve sightings.csv --fov-deg 45
      (with --columns 176 after --high-res, --columns 160 for an OV7620)
+
+How much of the background has the colour that was learnt is looked at while the object is still in the
+middle; hands and arms are background, too. Where it is more than nothing, narrower bounds are searched
+for in the camera's histograms. Bounds that 1 % of the background has, and no narrower ones for which
+that is not so, are refused; those of --colour never are.
 
 Single sightings without resetting the camera in between (run 3 starts it up):
   host-sim probe --port /dev/ttyUSB0 --fov-deg 45 --record sightings.csv --as-is --at 1.5,-2
@@ -270,8 +277,9 @@ impl<'a> Bench<'a> {
             // It may have been switched on this second.
             version = bench.camera.version().wait();
         }
-        if let Err(Error::Camera(Fault::Garbage | Fault::Restarted | Fault::Refused { .. })) =
-            version
+        if let Err(Error::Camera(
+            Fault::Garbage | Fault::Restarted | Fault::Refused { .. } | Fault::Unexpected { .. },
+        )) = version
         {
             // Other programs leave it in a raw mode. A banner without ACK looks like a restart.
             let left = port::leave_raw_modes(bench.camera).map_err(Error::Uart);
@@ -316,7 +324,7 @@ impl<'a> Bench<'a> {
         }
         // It may be on from an earlier run.
         if high || self.arguments.as_is && sensor != Some(Sensor::Ov7620) {
-            let set = self.camera.high_resolution(high).wait();
+            let set = self.camera.set(Command::HighResolution(high)).wait();
             set.map_err(|error| self.failed(error))?;
         }
         let usual = match sensor {
@@ -392,13 +400,54 @@ impl<'a> Bench<'a> {
             learnt
         };
         let bounds = bounds.map_err(|error| self.failed(error))?;
+        let bounds = match self.arguments.as_is {
+            true => bounds,
+            false => self.best_of(bounds)?,
+        };
         let [red_min, red_max, green_min, green_max, blue_min, blue_max] = bounds.values();
         tell(format_args!(
             "tracks red {red_min} to {red_max}, green {green_min} to {green_max}, blue {blue_min} \
-             to {blue_max}: --colour \
-             {red_min},{red_max},{green_min},{green_max},{blue_min},{blue_max}"
+             to {blue_max}: --colour {}",
+            option(bounds)
         ));
         Ok(bounds)
+    }
+
+    /// Bounds that were learnt, or better ones; refused where the background has their colour.
+    fn best_of(&mut self, bounds: ColourBounds) -> anyhow::Result<ColourBounds> {
+        let looking = spinner("looking how much of the background has this colour");
+        let judged = colour::judge(&mut self.camera, bounds, self.view.first());
+        looking.finish_and_clear();
+        let Judged { background, better } = judged.map_err(|error| self.failed(error))?;
+        if background == BackgroundShare::NONE {
+            tell("nothing in the background has this colour");
+            return Ok(bounds);
+        }
+        match better {
+            Some(better) if !better.background.is_hopeless() => {
+                tell(format_args!(
+                    "{background} of the background has this colour ({}), so a narrower one is taken: \
+                     {} of the background and {:.0} % of the object have that",
+                    option(bounds),
+                    better.background,
+                    better.kept * 1e2
+                ));
+                Ok(better.bounds)
+            }
+            _ if background.is_hopeless() => bail!(
+                "{background} of the background has this colour, and no narrower one tells the object \
+                 from it: try another light or object, take away what else has the colour, or give \
+                 --colour {} to track it all the same",
+                option(bounds)
+            ),
+            _ => {
+                tell(format_args!(
+                    "warning: {background} of the background has this colour, and will be taken for \
+                     the object"
+                ));
+                Ok(bounds)
+            }
+        }
     }
 
     fn look(&mut self) -> anyhow::Result<Look> {
@@ -470,13 +519,15 @@ impl<'a> Bench<'a> {
     fn not_a_camera(&self, error: Error<PortError>) -> anyhow::Error {
         let heard = self.heard.bytes();
         match error {
-            Error::Camera(Fault::Garbage | Fault::Refused { .. }) => match stranger::name(&heard) {
-                Some(stranger) => {
-                    let shown = stranger::shown(&heard);
-                    anyhow!("{}: {stranger} ({shown})", self.arguments.port)
+            Error::Camera(Fault::Garbage | Fault::Refused { .. } | Fault::Unexpected { .. }) => {
+                match stranger::name(&heard) {
+                    Some(stranger) => {
+                        let shown = stranger::shown(&heard);
+                        anyhow!("{}: {stranger} ({shown})", self.arguments.port)
+                    }
+                    None => self.failed(error),
                 }
-                None => self.failed(error),
-            },
+            }
             _ => self.failed(error),
         }
     }
@@ -539,7 +590,12 @@ fn spinner(message: impl Into<Cow<'static, str>>) -> ProgressBar {
     spinner
 }
 
-fn colour(text: &str) -> Result<ColourBounds, String> {
+/// Bounds as `--colour` takes them.
+fn option(bounds: ColourBounds) -> String {
+    bounds.values().map(|level| level.to_string()).join(",")
+}
+
+fn parse_colour(text: &str) -> Result<ColourBounds, String> {
     const NEEDED: &str = "six levels are needed: Rmin,Rmax,Gmin,Gmax,Bmin,Bmax";
     let levels: Result<Vec<u8>, _> = text.split(',').map(|level| level.trim().parse()).collect();
     let levels = levels.ok().and_then(|levels| levels.try_into().ok());

@@ -12,7 +12,7 @@ use std::{
 use node_firmware::{
     config::SiteKey,
     console::{FRAME_MAX, Frames, FromPc, KeyChangeReport, ToPc, encode},
-    message::{CameraCommand, CommandResult, MemberAddress, TrackedBlob},
+    message::{CameraCommand, CommandOutcome, MemberAddress, TrackedBlob},
 };
 
 use answers::view::NetworkView;
@@ -107,6 +107,9 @@ pub enum Failure {
          learning that the object is in the middle of its view"
     )]
     CommandFailed(u16),
+    /// A camera says why it does not do something.
+    #[error("camera {0}: {1}")]
+    CommandRefused(u16, CommandOutcome),
     /// The coordinator does not take the key.
     #[error(
         "the coordinator refuses the key: the one in use has index {0} too; make one with another \
@@ -312,11 +315,12 @@ impl Session {
             (Wish::Command(id, command), ToPc::Done { address, done })
                 if self.known.addresses(id).last() == Some(&address) && done.command == command =>
             {
-                let CommandResult { success, .. } = done;
-                if success {
-                    self.confirmed();
-                } else {
-                    self.failed = Some(Failure::CommandFailed(id));
+                match done.outcome {
+                    CommandOutcome::Done | CommandOutcome::Learnt(_) => self.confirmed(),
+                    CommandOutcome::Failed => self.failed = Some(Failure::CommandFailed(id)),
+                    CommandOutcome::CommonColour(_) => {
+                        self.failed = Some(Failure::CommandRefused(id, done.outcome));
+                    }
                 }
             }
             // Also told when nobody asks, then without a change.
@@ -520,7 +524,9 @@ mod tests {
     use answers::view::are_calibrated;
     use node_firmware::{
         console::NetworkInfo,
-        message::{CameraState, Hello, MemberAddress, MemberKind, PoseParts, Report},
+        message::{
+            CameraState, CommandResult, Hello, MemberAddress, MemberKind, PoseParts, Report,
+        },
     };
 
     use super::*;
@@ -682,7 +688,10 @@ mod tests {
             };
             assert_eq!(session.poll(at(1_200)), Ok(Some(sent)));
             let done = |address, command| {
-                let done = CommandResult { command, success };
+                let done = CommandResult {
+                    command,
+                    outcome: CommandOutcome::of(success),
+                };
                 ToPc::Done { address, done }
             };
             tell(&mut session, 1_300, &[done(3, CameraCommand::Forget)]);

@@ -208,7 +208,7 @@ impl Console {
             }
             ToPc::Done { address, done } => {
                 if let Some(id) = view.id_of(*address) {
-                    journal.moment(id, || Moment::Done(done.command, done.success));
+                    journal.moment(id, || Moment::Done(done.command, done.outcome));
                 }
             }
             ToPc::Member { .. } if view.present().len() >= shared.expected => {

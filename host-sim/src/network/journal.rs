@@ -14,7 +14,8 @@ use node_firmware::{
     facts::{Fact, KeptSighting, Walk},
     hardware::Observer,
     message::{
-        CameraCommand, CoordinateFrame, MemberAddress, Message, Seen, StopNumber, TrackedBlob,
+        CameraCommand, CommandOutcome, CoordinateFrame, MemberAddress, Message, Seen, StopNumber,
+        TrackedBlob,
     },
 };
 use zigbee_link::wire::ShortAddress;
@@ -138,7 +139,7 @@ pub(super) enum Moment {
     /// Something in words.
     Said(String),
     /// A camera was told something, and has done it or not.
-    Done(CameraCommand, bool),
+    Done(CameraCommand, CommandOutcome),
 }
 
 /// The journal of a run.

@@ -7,7 +7,7 @@ use answers::record::{
 use nalgebra::Point2;
 use node_firmware::{
     console::FromPc,
-    message::{CameraCommand, MemberAddress},
+    message::{CameraCommand, CommandOutcome, MemberAddress},
 };
 use site::{Action, ScriptedEvent};
 use virtual_bench::executor::Time;
@@ -192,14 +192,17 @@ impl Simulation {
                 pixels: blob.pixels,
                 confidence: blob.confidence,
             },
-            Moment::Done(command, success) => What::Command {
+            Moment::Done(command, outcome) => What::Command {
                 node: Some(node),
                 command: command_name(command),
-                state: match success {
+                state: match outcome.is_success() {
                     true => CommandState::Done,
                     false => CommandState::Failed,
                 },
-                words: String::new(),
+                words: match outcome {
+                    CommandOutcome::Done | CommandOutcome::Failed => String::new(),
+                    told => told.to_string(),
+                },
             },
             Moment::StopEnds => What::StopEnds { target: node },
             Moment::Said(words) => What::Said {

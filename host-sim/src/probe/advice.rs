@@ -64,6 +64,12 @@ const REFUSED: [&str; 2] = [
     "is it a CMUcam2? A CMUcam1 has other commands",
 ];
 
+/// What makes its answers other ones.
+const UNEXPECTED: [&str; 2] = [
+    "does another program use the same port? It takes answers away, and gets others",
+    "is it a CMUcam2? Firmware of others answers some commands otherwise",
+];
+
 /// What makes a camera silent that has worked.
 const STOPPED: [&str; 3] = [
     "was a wire pulled, or is a connector loose? The camera's TX is the one that is missing",
@@ -88,6 +94,7 @@ fn camera_advice(fault: Fault, baud_rate: u32) -> String {
             listed(listed(garbled, &[JUMPERS]), &GARBLED)
         }
         Fault::Refused { .. } => listed(fault.to_string(), &REFUSED),
+        Fault::Unexpected { .. } => listed(fault.to_string(), &UNEXPECTED),
         Fault::Restarted => listed(fault.to_string(), &RESTARTED),
         fault => fault.to_string(),
     }
@@ -113,6 +120,10 @@ mod tests {
             (
                 Fault::Refused { command: *b"NF" },
                 ["refused NF", "try again", "off and on", "CMUcam1"],
+            ),
+            (
+                Fault::Unexpected { command: *b"GV" },
+                ["answer GV", "asked for", "another program", "CMUcam2"],
             ),
             (Fault::Restarted, ["restarted", "supply", "mA", "loose"]),
         ] {

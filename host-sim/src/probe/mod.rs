@@ -4,6 +4,7 @@
 //! |---|---|
 //! | [`port`] | The serial port as a UART of the driver; finds the baud rate. |
 //! | [`advice`] | What to check when something fails. |
+//! | [`colour`] | What a learnt colour is worth, and a better window. |
 //! | [`display`] | A packet as text or JSON, and how a stream went. |
 //! | [`record`] | Sightings at known places, appended to a file for `host-sim solve`. |
 //! | [`picture`] | A frame of the camera as PNG. |
@@ -12,6 +13,7 @@
 //! When a blob stands still, and where, is judged as on a node: [`node_firmware::vision::steady`].
 
 pub mod advice;
+pub mod colour;
 pub mod display;
 pub mod picture;
 pub mod port;
@@ -65,6 +67,11 @@ impl View {
     /// How many columns there are.
     pub fn columns(&self) -> u16 {
         self.columns
+    }
+
+    /// The number of the leftmost column and of the uppermost row in packets.
+    pub fn first(&self) -> u8 {
+        self.first
     }
 
     /// Whether directions are known.

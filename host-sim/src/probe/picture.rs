@@ -1,7 +1,7 @@
 //! A frame of the camera as PNG.
 
 use cmucam2_driver::{
-    Cmucam2, Error,
+    Cmucam2, Command, Error,
     device::Part,
     parser::{ImageHeader, ImageKind},
     session::Fault,
@@ -103,7 +103,7 @@ where
     U: Read + Write + ReadReady,
     D: DelayNs,
 {
-    camera.send_frame(None).wait()?;
+    camera.stream(Command::SendFrame(None)).wait()?;
     let mut picture = None;
     let mut row = [0; ROW];
     loop {

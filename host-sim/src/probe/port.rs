@@ -15,7 +15,7 @@ use std::{
 };
 
 use cmucam2_driver::{
-    Cmucam2, Error,
+    Cmucam2, Command, Error,
     session::{Fault, Policy},
 };
 use serialport::SerialPort;
@@ -437,7 +437,7 @@ pub fn find_baud_rate(
                 ..Policy::default()
             };
             let mut camera = Cmucam2::with_policy(port, Sleep, policy);
-            let answer = camera.ping().wait();
+            let answer = camera.set(Command::Idle).wait();
             port = camera.release().0;
             match answer {
                 Ok(()) => return Ok(Search::Found(port, rate)),

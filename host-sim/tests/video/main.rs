@@ -7,4 +7,5 @@ mod command;
 #[path = "../common/mod.rs"]
 mod common;
 mod film;
+mod modes;
 mod rooms;

@@ -24,8 +24,12 @@
 //! | the target's location told by node 0 (2.6.1) | [`Message::Located`] |
 
 mod health;
+mod outcome;
 
-pub use self::health::{Eye, Health, Memory, Restart};
+pub use self::{
+    health::{Eye, Health, Memory, Restart},
+    outcome::CommandOutcome,
+};
 
 use calib_core::{
     Limits, Pose, Ray, Real, Refusal, Status, camera::Projection, dead_reckoning::Place, fit::Fit,
@@ -628,7 +632,7 @@ pub struct CommandResult {
     /// What was asked for.
     pub command: CameraCommand,
     /// Whether it was carried out.
-    pub success: bool,
+    pub outcome: CommandOutcome,
 }
 
 /// A blob as the camera told it; all zero when nothing was tracked.

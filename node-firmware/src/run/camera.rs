@@ -17,7 +17,7 @@ use crate::{
     hardware::{Buttons, Hardware},
     liveness::Liveness,
     log::warning,
-    message::{CameraCommand, CommandResult, Seen, Sight},
+    message::{CameraCommand, CommandOutcome, CommandResult, Seen, Sight},
     network::Network,
     role::camera::{CameraEvent, CameraRole, CameraTask},
     vision::{BlobCamera, EitherCamera, Judge, Look, Subject, VisionError, look},
@@ -128,14 +128,20 @@ impl<K: BlobCamera, C: Clock> CameraDevice<'_, K, C> {
                     next = self.track(colour, &tasks, &events).await;
                 }
                 CameraTask::Command(command) => {
-                    let success = self.obey(command, &mut judge).await.is_ok_and(|done| done);
-                    if success
+                    let outcome = match self.obey(command, &mut judge).await {
+                        Ok(outcome) => outcome,
+                        Err(VisionError::CommonColour(share)) => {
+                            CommandOutcome::CommonColour(share)
+                        }
+                        Err(_) => CommandOutcome::Failed,
+                    };
+                    if outcome.is_success()
                         && let CameraCommand::LearnColour { colour } = command
                         && let Some(Subject::Colour(window)) = self.subjects.of_target(colour)
                     {
                         events.send(CameraEvent::Learnt(colour, window)).await;
                     }
-                    events.send(done(command, success)).await;
+                    events.send(done(command, outcome)).await;
                 }
                 CameraTask::Recall(windows) => {
                     for (colour, window) in (0..).zip(windows) {
@@ -206,12 +212,12 @@ impl<K: BlobCamera, C: Clock> CameraDevice<'_, K, C> {
         Some(looked)
     }
 
-    /// Whether it could be done.
+    /// What came of it.
     async fn obey(
         &mut self,
         command: CameraCommand,
         judge: &mut Judge,
-    ) -> Result<bool, VisionError> {
+    ) -> Result<CommandOutcome, VisionError> {
         match command {
             CameraCommand::Initialise => self.start_up().await?,
             CameraCommand::LearnColour { colour }
@@ -219,17 +225,21 @@ impl<K: BlobCamera, C: Clock> CameraDevice<'_, K, C> {
             {
                 // It was taught beforehand: whether it sees one such object is all there is to tell.
                 let looked = look(&mut self.camera, subject, judge).await?;
-                return Ok(matches!(looked, Look::Steady(_)));
+                return Ok(match looked {
+                    Look::Steady(_) => CommandOutcome::Done,
+                    _ => CommandOutcome::Failed,
+                });
             }
             CameraCommand::LearnColour { colour } if self.subjects.has_room_for(colour) => {
-                let window = self.camera.learn_colour().await?;
-                self.subjects.learn(colour, window);
+                let learnt = self.camera.learn_colour().await?;
+                self.subjects.learn(colour, learnt.window);
+                return Ok(CommandOutcome::Learnt(learnt.background));
             }
-            CameraCommand::LearnColour { .. } => return Ok(false),
+            CameraCommand::LearnColour { .. } => return Ok(CommandOutcome::Failed),
             CameraCommand::LearnBackground => self.camera.learn_background().await?,
             CameraCommand::Track { .. } | CameraCommand::StopTracking | CameraCommand::Forget => {}
         }
-        Ok(true)
+        Ok(CommandOutcome::Done)
     }
 
     /// Streams packets until another task comes, which it returns, or the camera fails.
@@ -244,7 +254,7 @@ impl<K: BlobCamera, C: Clock> CameraDevice<'_, K, C> {
             Some(subject) => self.camera.begin(subject).await.is_ok(),
             None => false,
         };
-        events.send(done(command, begun)).await;
+        events.send(done(command, CommandOutcome::of(begun))).await;
         if !begun {
             return None;
         }
@@ -265,6 +275,6 @@ impl<K: BlobCamera, C: Clock> CameraDevice<'_, K, C> {
     }
 }
 
-const fn done(command: CameraCommand, success: bool) -> CameraEvent {
-    CameraEvent::Done(CommandResult { command, success })
+const fn done(command: CameraCommand, outcome: CommandOutcome) -> CameraEvent {
+    CameraEvent::Done(CommandResult { command, outcome })
 }

@@ -23,7 +23,7 @@
 //! [`VisionError::Restarted`], and the camera must be [started up](BlobCamera::start_up).
 
 use cmucam2_driver::{
-    Cmucam2, Error,
+    Cmucam2, Command, Error,
     colour::{ColourBounds, LEVEL_MAX, LEVEL_MIN, LevelRange},
     device::{Clock, SummedDelays},
     geometry::{Sensor, Size},
@@ -32,7 +32,10 @@ use cmucam2_driver::{
 use embedded_hal_async::delay::DelayNs;
 use embedded_io_async::{Read, Write};
 
-use super::{Blob, BlobCamera, ColourWindow, Grid, Subject, VisionError};
+use super::{
+    BackgroundShare, Blob, BlobCamera, ColourWindow, Grid, LearntColour, Subject, VisionError,
+    background,
+};
 use crate::log::warning;
 
 /// Blocks across a frame for frame differencing.
@@ -166,11 +169,44 @@ impl<U: Read + Write, D: DelayNs, K: Clock> Cmucam2BlobCamera<U, D, K> {
         self.camera.start_up(start_up).run().await?;
         self.restarts = self.camera.session().restarts();
         if self.settings.columns >= HIGH_RESOLUTION {
-            self.camera.high_resolution(true).run().await?;
+            self.camera.set(Command::HighResolution(true)).run().await?;
         }
-        self.camera.noise_filter(0).run().await?;
-        self.camera.high_resolution_difference(true).run().await?;
-        self.camera.poll_mode(true).run().await
+        self.camera.set(Command::NoiseFilter(0)).run().await?;
+        self.camera
+            .set(Command::HighResolutionDifference(true))
+            .run()
+            .await?;
+        self.camera.set(Command::PollMode(true)).run().await
+    }
+
+    /// How much of the background has a colour, while the object is in the middle of the view.
+    async fn background_share(
+        &mut self,
+        bounds: ColourBounds,
+    ) -> Result<BackgroundShare, Error<U::Error>> {
+        let frame = self.camera.session().frame();
+        let mut outer = background::surroundings(frame, self.settings.first_column)
+            .into_iter()
+            .flatten();
+        self.camera.track_colour(bounds).run().await?;
+        let (mut window, mut count) = (None, 0);
+        loop {
+            let seen = self.camera.next_tracking().run().await?;
+            if window.is_some() {
+                count += seen.map_or(0, |seen| background::pixels(&seen));
+            } else if seen.is_none_or(|seen| background::is_one_object(&seen, frame)) {
+                return Ok(BackgroundShare::NONE);
+            }
+            window = outer.next();
+            self.camera
+                .set(Command::VirtualWindow(window))
+                .run()
+                .await?;
+            if window.is_none() {
+                let of = background::surrounding_pixels(frame);
+                return Ok(BackgroundShare::new(count, of));
+            }
+        }
     }
 
     /// The frame that this camera will give with this lens, or why they do not match. A frame may
@@ -202,24 +238,34 @@ impl<U: Read + Write, D: DelayNs, K: Clock> BlobCamera for Cmucam2BlobCamera<U, 
         Ok(())
     }
 
-    async fn learn_colour(&mut self) -> Result<ColourWindow, VisionError> {
+    async fn learn_colour(&mut self) -> Result<LearntColour, VisionError> {
         self.is_ready()?;
         self.subject = None;
         let learnt = self.camera.learn(Learn::default()).run().await;
         let bounds = self.taken(learnt)?;
+        let share = self.background_share(bounds).await;
+        if share.is_err() {
+            // It may be left with a part of its view.
+            self.ready = false;
+        }
+        let background = self.taken(share)?;
+        if background.is_hopeless() {
+            return Err(VisionError::CommonColour(background));
+        }
         let levels = |range: LevelRange| [range.min(), range.max()];
-        Ok(ColourWindow {
+        let window = ColourWindow {
             red: levels(bounds.red),
             green: levels(bounds.green),
             blue: levels(bounds.blue),
-        })
+        };
+        Ok(LearntColour { window, background })
     }
 
     async fn learn_background(&mut self) -> Result<(), VisionError> {
         self.is_ready()?;
         self.subject = None;
         self.background = false;
-        let loaded = self.camera.load_frame().run().await;
+        let loaded = self.camera.set(Command::LoadFrame).run().await;
         self.taken(loaded)?;
         self.background = true;
         Ok(())
@@ -234,7 +280,10 @@ impl<U: Read + Write, D: DelayNs, K: Clock> BlobCamera for Cmucam2BlobCamera<U, 
                 self.camera.track_colour(bounds).run().await
             }
             Subject::Motion { .. } if !self.background => return Err(VisionError::NoBackground),
-            Subject::Motion { threshold } => self.camera.track_difference(threshold).run().await,
+            Subject::Motion { threshold } => {
+                let difference = Command::FrameDifference(threshold);
+                self.camera.stream(difference).run().await
+            }
             Subject::Signature(_) => return Err(VisionError::Unable),
         };
         self.taken(begun)?;

@@ -6,7 +6,7 @@ use embedded_io_async::{Read, Write};
 use pixy2_driver::Pixy2;
 
 use super::{
-    Blob, BlobCamera, CameraKind, Cmucam2BlobCamera, ColourWindow, Pixy2BlobCamera, Subject,
+    Blob, BlobCamera, CameraKind, Cmucam2BlobCamera, LearntColour, Pixy2BlobCamera, Subject,
     VisionError,
 };
 use crate::config::CameraConfig;
@@ -44,7 +44,7 @@ impl<U: Read + Write, D: DelayNs> BlobCamera for EitherCamera<U, D> {
         }
     }
 
-    async fn learn_colour(&mut self) -> Result<ColourWindow, VisionError> {
+    async fn learn_colour(&mut self) -> Result<LearntColour, VisionError> {
         match self {
             Self::Cmucam2(camera) => camera.learn_colour().await,
             Self::Pixy2(camera) => camera.learn_colour().await,

@@ -4,6 +4,8 @@ use core::fmt;
 
 use embedded_io::ErrorKind;
 
+use super::BackgroundShare;
+
 /// Why a camera cannot do what it was asked for. The texts say what to do about it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
@@ -31,6 +33,8 @@ pub enum VisionError {
     },
     /// A colour whose lowest level is above its highest one.
     Colour,
+    /// Too much of the background has the colour that was to be learnt.
+    CommonColour(BackgroundShare),
     /// The camera was not started up since it was switched on or reset.
     NotStarted,
     /// Nothing was begun.
@@ -69,6 +73,12 @@ impl fmt::Display for VisionError {
                 );
             }
             Self::Colour => "the lowest level of a colour is above its highest one: learn it anew",
+            Self::CommonColour(share) => {
+                return write!(
+                    f,
+                    "{share} of the background has the object's colour: take that away, or another object"
+                );
+            }
             Self::NotStarted => "the camera is not set up: start it up first",
             Self::NotBegun => "nothing is looked for: begin first",
             Self::NoBackground => {

@@ -6,6 +6,7 @@
 //! | here | [`BlobCamera`]: the seam that other blob cameras can fill, and [`Blob`]s as it gives them |
 //! | [`cmucam2`], [`pixy2`] | The CMUcam2 and the Pixy2 behind that seam |
 //! | [`either`] | The one of them that a node has |
+//! | [`background`] | How much of the background has a colour that was learnt |
 //! | [`steady`] | When a blob stands still, where its edges are, and how sure that is |
 //! | [`mod@look`] | One look at a standing target: several frames to a direction, or why not |
 //! | [`lens`] | Which direction a column is |
@@ -19,6 +20,7 @@
 //! A blob whose leftmost pixels are in column 20 and whose rightmost in column 27 has its edges at
 //! 19.5 and 27.5.
 
+pub mod background;
 pub mod cmucam2;
 pub mod either;
 pub mod lens;
@@ -33,6 +35,7 @@ mod subject;
 use core::future::Future;
 
 pub use self::{
+    background::BackgroundShare,
     blob::{Blob, Grid},
     cmucam2::Cmucam2BlobCamera,
     either::EitherCamera,
@@ -41,7 +44,7 @@ pub use self::{
     look::{Judge, Look, Patience, look},
     pixy2::Pixy2BlobCamera,
     steady::Shape,
-    subject::{CameraKind, ColourWindow, Subject},
+    subject::{CameraKind, ColourWindow, LearntColour, Subject},
 };
 
 /// A camera that finds the blob of a subject in each of its frames.
@@ -60,11 +63,12 @@ pub trait BlobCamera {
     fn start_up(&mut self) -> impl Future<Output = Result<(), VisionError>>;
 
     /// Learns the colour of the object in the middle of the view (thesis Appendix A, "Object
-    /// kept"). What was begun is ended.
+    /// kept"), and looks how much of the background has it. What was begun is ended.
     ///
     /// # Errors
-    /// [`VisionError`]; [`VisionError::Unable`] of a camera that was taught its colours beforehand.
-    fn learn_colour(&mut self) -> impl Future<Output = Result<ColourWindow, VisionError>>;
+    /// [`VisionError`]; [`VisionError::CommonColour`] where too much of the background has it;
+    /// [`VisionError::Unable`] of a camera that was taught its colours beforehand.
+    fn learn_colour(&mut self) -> impl Future<Output = Result<LearntColour, VisionError>>;
 
     /// Takes what is in view now as the background of [`Subject::Motion`] (thesis 2.5). To be
     /// repeated from time to time while the target is out of view. What was begun is ended.

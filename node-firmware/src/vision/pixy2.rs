@@ -27,7 +27,7 @@ use embedded_hal_async::delay::DelayNs;
 use embedded_io_async::{Read, Write};
 use pixy2_driver::{Block, Error, Pixy2, packet::Signatures, session::Fault};
 
-use super::{Blob, BlobCamera, ColourWindow, Subject, VisionError};
+use super::{Blob, BlobCamera, LearntColour, Subject, VisionError};
 use crate::{log::warning, message::TrackedBlob};
 
 /// Columns of its frames.
@@ -112,7 +112,7 @@ impl<U: Read + Write, D: DelayNs> BlobCamera for Pixy2BlobCamera<U, D> {
         Ok(())
     }
 
-    async fn learn_colour(&mut self) -> Result<ColourWindow, VisionError> {
+    async fn learn_colour(&mut self) -> Result<LearntColour, VisionError> {
         Err(VisionError::Unable)
     }
 

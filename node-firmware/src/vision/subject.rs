@@ -2,6 +2,8 @@
 
 use serde::{Deserialize, Serialize};
 
+use super::BackgroundShare;
+
 /// The levels of red, green and blue within which a pixel belongs to the target: each the lowest
 /// and the highest, both inside, the lowest first.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
@@ -22,6 +24,16 @@ impl ColourWindow {
             .iter()
             .all(|[lowest, highest]| lowest <= highest)
     }
+}
+
+/// A colour that was learnt.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct LearntColour {
+    /// Its levels.
+    pub window: ColourWindow,
+    /// How much of the background has it.
+    pub background: BackgroundShare,
 }
 
 /// What a camera looks for.

@@ -24,7 +24,7 @@ use node_firmware::{
     facts,
     hardware::{FlashLayout, Hardware, Indication, Indicator, Observer, Peripherals, StepSensor},
     liveness::Liveness,
-    message::{CameraCommand, CommandResult, Duty, MemberKind, Message, Restart, Sight},
+    message::{CameraCommand, Duty, MemberKind, Message, Restart, Sight},
     run::{Devices, run},
 };
 use virtual_bench::{
@@ -516,8 +516,16 @@ impl Site {
         self.bench.run_for(within);
         let told = self.pc.told();
         let [failed, done] = [false, true].map(|success| {
-            let done = CommandResult { command, success };
-            told.contains(&ToPc::Done { address, done })
+            told.iter().any(|told| match *told {
+                ToPc::Done {
+                    address: from,
+                    done,
+                } => {
+                    (from, done.command) == (address, command)
+                        && done.outcome.is_success() == success
+                }
+                _ => false,
+            })
         });
         assert!(done != failed, "{told:?}");
         done

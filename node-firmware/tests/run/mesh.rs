@@ -15,7 +15,7 @@ use node_firmware::{
     console::{FromPc, KeyChangeReport, NetworkInfo, ToPc},
     facts::FactStore,
     liveness::Liveness,
-    message::{CameraCommand, CommandResult, Duty, Message, Restart, Sight},
+    message::{CameraCommand, CommandOutcome, CommandResult, Duty, Message, Restart, Sight},
     network::{
         Administration, Attachment, Network, NetworkEvent, NetworkIdentity, PostError, Receipt,
     },
@@ -313,7 +313,10 @@ fn nodes_work_over_many_hops_that_lose_messages() {
         site.bench.run_for(20 * SECOND);
         let done = |success| ToPc::Done {
             address: CAMERA,
-            done: CommandResult { command, success },
+            done: CommandResult {
+                command,
+                outcome: CommandOutcome::of(success),
+            },
         };
         let told = site.pc.told();
         // It may be done although nobody heard that it arrived.

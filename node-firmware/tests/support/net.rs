@@ -141,8 +141,8 @@ impl Net {
                             (now + LOOK, camera::CameraEvent::Looked(sight, seen))
                         }
                         camera::CameraTask::Command(command) => {
-                            let success = true;
-                            let done = node_firmware::message::CommandResult { command, success };
+                            let outcome = node_firmware::message::CommandOutcome::Done;
+                            let done = node_firmware::message::CommandResult { command, outcome };
                             (now + LOOK, camera::CameraEvent::Done(done))
                         }
                     })

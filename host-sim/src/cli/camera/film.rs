@@ -43,7 +43,7 @@ impl Film {
         };
         let is_file = !is_input && path.is_file();
         let video = match is_input {
-            true => Video::new(io::stdin()),
+            true => Video::new(io::BufReader::new(io::stdin())),
             false => Video::open(path),
         };
         let mut video = video.with_context(|| name.clone())?;

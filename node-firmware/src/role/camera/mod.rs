@@ -57,9 +57,9 @@ use crate::{
     hardware::{Button, Indication},
     limits::{COLOURS_MAX, MEMBERS, REFERENCE_STOPS, TARGETS},
     message::{
-        CameraCommand, CommandResult, Duty, Eye, Health, Hello, ListedSighting, MemberAddress,
-        MemberKind, Memory, Message, PoseParts, Report, Restart, Seen, Sight, StopBearing,
-        StopNumber, TrackedBlob,
+        CameraCommand, CommandOutcome, CommandResult, Duty, Eye, Health, Hello, ListedSighting,
+        MemberAddress, MemberKind, Memory, Message, PoseParts, Report, Restart, Seen, Sight,
+        StopBearing, StopNumber, TrackedBlob,
     },
     network::Attachment,
     vision::ColourWindow,
@@ -281,7 +281,7 @@ impl CameraRole {
                 now,
                 CommandResult {
                     command,
-                    success: false,
+                    outcome: CommandOutcome::Failed,
                 },
             );
         }
@@ -413,7 +413,7 @@ impl Role for CameraRole {
                     now,
                     CommandResult {
                         command: CameraCommand::Forget,
-                        success: true,
+                        outcome: CommandOutcome::Done,
                     },
                 );
             }

@@ -15,8 +15,9 @@ use crate::{
     arithmetic::root,
     facts::KeptSighting,
     message::{
-        CameraState, CommandResult, Confirmation, CoordinateFrame, Duty, Eye, MemberAddress,
-        Message, PoseParts, Report, Seen, Sight, StopAnswer, StopBearing, StopNumber, Stopped,
+        CameraState, CommandOutcome, CommandResult, Confirmation, CoordinateFrame, Duty, Eye,
+        MemberAddress, Message, PoseParts, Report, Seen, Sight, StopAnswer, StopBearing,
+        StopNumber, Stopped,
     },
     role::COORDINATOR,
     vision::Subject,
@@ -129,8 +130,8 @@ impl CameraRole {
             self.answer(now, target, stop, Sight::NotReady, None);
         }
         if let Some(command) = command {
-            let success = false;
-            self.tell_done(now, CommandResult { command, success });
+            let outcome = CommandOutcome::Failed;
+            self.tell_done(now, CommandResult { command, outcome });
         }
     }
 

@@ -278,7 +278,7 @@ fn what_is_forgotten_is_erased_wherever_it_may_be() {
     // The bearing is not told any more, and the coordinator knows that it is done.
     let done = Message::Done(CommandResult {
         command: CameraCommand::Forget,
-        success: true,
+        outcome: CommandOutcome::Done,
     });
     assert!(matches!(
         outputs.last(),
@@ -299,7 +299,7 @@ fn what_the_hardware_tells_goes_to_the_coordinator() {
     camera.on_event(at(1), CameraEvent::Tracked(tracked));
     let done = CommandResult {
         command: CameraCommand::Initialise,
-        success: true,
+        outcome: CommandOutcome::Done,
     };
     camera.on_event(at(1), CameraEvent::Done(done));
     assert_eq!(
@@ -807,7 +807,10 @@ fn a_camera_that_starts_anew_says_so_at_once() {
             [
                 (
                     COORDINATOR,
-                    Message::Done(CommandResult { success: false, .. })
+                    Message::Done(CommandResult {
+                        outcome: CommandOutcome::Failed,
+                        ..
+                    })
                 ),
                 (
                     TARGET,
@@ -826,7 +829,10 @@ fn a_camera_that_starts_anew_says_so_at_once() {
                 ),
                 (
                     COORDINATOR,
-                    Message::Done(CommandResult { success: false, .. })
+                    Message::Done(CommandResult {
+                        outcome: CommandOutcome::Failed,
+                        ..
+                    })
                 )
             ]
         ),

@@ -28,8 +28,8 @@ use crate::{
     hardware::{Button, Indication},
     limits::ROSTER,
     message::{
-        CameraCommand, CommandResult, Eye, Health, Hello, MemberAddress, MemberKind, Memory,
-        Message, References, Report, Restart, StopNumber, Stopped,
+        CameraCommand, CommandOutcome, CommandResult, Eye, Health, Hello, MemberAddress,
+        MemberKind, Memory, Message, References, Report, Restart, StopNumber, Stopped,
     },
     network::Attachment,
 };
@@ -408,7 +408,7 @@ impl Role for CoordinatorRole {
                 if !delivered {
                     let done = CommandResult {
                         command,
-                        success: false,
+                        outcome: CommandOutcome::Failed,
                     };
                     self.tasks.tell(ToPc::Done { address, done });
                 }

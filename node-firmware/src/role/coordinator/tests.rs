@@ -408,7 +408,7 @@ fn a_pc_that_asks_is_told_everything() {
     }
     let done = CommandResult {
         command: failed,
-        success: false,
+        outcome: CommandOutcome::Failed,
     };
     assert_eq!(self::told(&mut role, 43), [ToPc::Done { address: 4, done }]);
 }

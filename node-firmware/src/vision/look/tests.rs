@@ -5,7 +5,7 @@ use cmucam2_driver::packet::Tracking;
 use core::task::{Poll, Waker};
 
 use super::*;
-use crate::vision::{ColourWindow, Grid, Lens};
+use crate::vision::{Grid, LearntColour, Lens};
 
 fn lens() -> Camera<f32> {
     Lens::pin_hole(88, 45.0).camera().unwrap()
@@ -100,7 +100,7 @@ impl BlobCamera for Script {
         self.asked.push("start up");
         Ok(())
     }
-    async fn learn_colour(&mut self) -> Result<ColourWindow, VisionError> {
+    async fn learn_colour(&mut self) -> Result<LearntColour, VisionError> {
         unreachable!()
     }
     async fn learn_background(&mut self) -> Result<(), VisionError> {

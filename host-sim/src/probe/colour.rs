@@ -1,0 +1,308 @@
+//! How well a learnt colour tells an object from what is behind it, and a window of colours that does it
+//! better.
+//!
+//! How much of the background has a colour is found out as on a node:
+//! [`node_firmware::vision::background`]. Where that is more than nothing, the window is peeled as in the
+//! patient rule induction method (J. H. Friedman and N. I. Fisher, "Bump hunting in high-dimensional
+//! data", Statistics and Computing 9, 1999): of its six faces, the one is moved inwards that takes away most
+//! of the background for a tenth of the object at most; then all is measured again. What is behind a
+//! face tell the camera's histograms of tracked pixels (`HT 1`, `GH`), once in the middle of the view
+//! and once around it.
+
+use cmucam2_driver::{
+    Cmucam2, Command, Error, Packet,
+    colour::{ColourBounds, ColourChannel, LEVEL_MAX, LEVEL_MIN},
+    geometry::Window,
+    packet::Tracking,
+    session::Answer,
+};
+use embedded_hal::delay::DelayNs;
+use embedded_io::{Read, ReadReady, Write};
+use node_firmware::vision::{BackgroundShare, background};
+
+/// How much of the object a step of peeling may cost.
+const PEELED: f64 = 0.1;
+
+/// How much of the background a step must take away.
+const WORTH: f64 = 0.03;
+
+/// What must be left of the object.
+const KEPT: f64 = 0.5;
+
+/// Each of the six faces twice.
+const STEPS: usize = 12;
+
+const CHANNELS: [ColourChannel; 3] = [
+    ColourChannel::Red,
+    ColourChannel::Green,
+    ColourChannel::Blue,
+];
+
+/// What a colour is worth.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Judged {
+    /// How much of the background has it.
+    pub background: BackgroundShare,
+    /// A narrower window, where one is better.
+    pub better: Option<Better>,
+}
+
+/// A window of colours that less of the background has.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Better {
+    /// Its levels.
+    pub bounds: ColourBounds,
+    /// How much of the background has it.
+    pub background: BackgroundShare,
+    /// The part of the object's pixels that it keeps, 0.5 to 1.
+    pub kept: f64,
+}
+
+/// Judges the colour of an object that is in the middle of the view of a camera whose first column and
+/// row have the number `first`. Afterwards the camera has all of its view, and is idle.
+///
+/// # Errors
+/// Those of the driver.
+pub fn judge<U, D>(
+    camera: &mut Cmucam2<U, D>,
+    bounds: ColourBounds,
+    first: u8,
+) -> Result<Judged, Error<U::Error>>
+where
+    U: Read + Write + ReadReady,
+    D: DelayNs,
+{
+    let frame = camera.session().frame();
+    let mut looks = Looks {
+        camera,
+        middle: Window::central(frame),
+        around: background::surroundings(frame, first)
+            .into_iter()
+            .flatten()
+            .collect(),
+    };
+    looks.camera.set(Command::PollMode(true)).wait()?;
+    let judged = looks.judge(bounds);
+    // Also where that failed: whatever comes next is to see all.
+    let camera = looks.camera;
+    let back = [
+        Command::VirtualWindow(None),
+        Command::HistogramTracked(false),
+        Command::PollMode(false),
+    ];
+    let back = back.map(|mode| camera.set(mode).wait());
+    let judged = judged?;
+    back.into_iter().collect::<Result<(), _>>().map(|()| judged)
+}
+
+/// A camera, and where it looks.
+struct Looks<'a, U, D> {
+    camera: &'a mut Cmucam2<U, D>,
+    middle: Window,
+    around: Vec<Window>,
+}
+
+/// What the parts of the view have of a colour, pixels.
+struct Counted {
+    object: u32,
+    around: Vec<u32>,
+}
+
+impl<U: Read + Write + ReadReady, D: DelayNs> Looks<'_, U, D> {
+    fn judge(&mut self, bounds: ColourBounds) -> Result<Judged, Error<U::Error>> {
+        let frame = self.camera.session().frame();
+        let whole = self.look(bounds, None)?;
+        if whole.is_none_or(|seen| background::is_one_object(&seen, frame)) {
+            return Ok(Judged {
+                background: BackgroundShare::NONE,
+                better: None,
+            });
+        }
+        let begun = self.count(bounds)?;
+        let share = self.share(&begun);
+        let (mut now, mut counted) = (bounds, begun);
+        let object = f64::from(counted.object.max(1));
+        let mut better: Option<Better> = None;
+        for _ in 0..STEPS {
+            if self.share(&counted) == BackgroundShare::NONE {
+                break;
+            }
+            let Some(peeled) = self.peel(now, &counted)? else {
+                break;
+            };
+            (now, counted) = (peeled, self.count(peeled)?);
+            let kept = (f64::from(counted.object) / object).min(1.0);
+            if kept < KEPT {
+                break;
+            }
+            let background = self.share(&counted);
+            if background < better.map_or(share, |better| better.background) {
+                better = Some(Better {
+                    bounds: now,
+                    background,
+                    kept,
+                });
+            }
+        }
+        Ok(Judged {
+            background: share,
+            better,
+        })
+    }
+
+    fn look(
+        &mut self,
+        bounds: ColourBounds,
+        window: Option<Window>,
+    ) -> Result<Option<Tracking>, Error<U::Error>> {
+        self.camera.set(Command::VirtualWindow(window)).wait()?;
+        self.camera.track_colour(bounds).wait()?;
+        self.camera.next_tracking().wait()
+    }
+
+    fn count(&mut self, bounds: ColourBounds) -> Result<Counted, Error<U::Error>> {
+        let (middle, around) = (self.middle, self.around.clone());
+        let mut pixels = |window| {
+            let seen = self.look(bounds, Some(window))?;
+            Ok::<u32, Error<U::Error>>(seen.map_or(0, |seen| background::pixels(&seen)))
+        };
+        Ok(Counted {
+            object: pixels(middle)?,
+            around: around.into_iter().map(pixels).collect::<Result<_, _>>()?,
+        })
+    }
+
+    fn share(&self, counted: &Counted) -> BackgroundShare {
+        let of = background::surrounding_pixels(self.camera.session().frame());
+        BackgroundShare::new(counted.around.iter().sum(), of)
+    }
+
+    /// The bounds with the face moved inwards that is worth most, if any is worth it.
+    fn peel(
+        &mut self,
+        bounds: ColourBounds,
+        counted: &Counted,
+    ) -> Result<Option<ColourBounds>, Error<U::Error>> {
+        let mut best: Option<(f64, ColourBounds)> = None;
+        for (channel, place) in CHANNELS.into_iter().zip([0, 2, 4]) {
+            let object = self.levels(bounds, channel, &[(self.middle, counted.object)])?;
+            let around: Vec<_> = (self.around.iter().copied())
+                .zip(counted.around.iter().copied())
+                .filter(|&(_, pixels)| pixels > 0)
+                .collect();
+            let around = self.levels(bounds, channel, &around)?;
+            let values = bounds.values();
+            let (low, high) = (values[place], values[place + 1]);
+            for cut in cuts(&object, &around, (low, high)) {
+                let mut values = values;
+                values[place..place + 2].copy_from_slice(&cut.levels);
+                let Ok(bounds) = ColourBounds::new(values) else {
+                    continue;
+                };
+                if cut.worth > best.map_or(WORTH, |(worth, _)| worth) {
+                    best = Some((cut.worth, bounds));
+                }
+            }
+        }
+        Ok(best.map(|(_, bounds)| bounds))
+    }
+
+    /// How the tracked pixels of some windows are spread over the bins of a channel; together 1.
+    fn levels(
+        &mut self,
+        bounds: ColourBounds,
+        channel: ColourChannel,
+        windows: &[(Window, u32)],
+    ) -> Result<Vec<f64>, Error<U::Error>> {
+        let mut spread: Vec<f64> = Vec::new();
+        self.camera.set(Command::SetBounds(bounds)).wait()?;
+        self.camera.set(Command::HistogramTracked(true)).wait()?;
+        for &(window, pixels) in windows {
+            self.camera
+                .set(Command::VirtualWindow(Some(window)))
+                .wait()?;
+            let answer = self.camera.command(Command::GetHistogram(channel)).wait()?;
+            let Answer::Packet(Packet::Histogram(histogram)) = answer else {
+                continue;
+            };
+            let bins = histogram.bins();
+            let sum: f64 = bins.iter().copied().map(f64::from).sum();
+            spread.resize(bins.len().max(spread.len()), 0.0);
+            for (place, &bin) in spread.iter_mut().zip(bins) {
+                *place += f64::from(bin) / sum.max(1.0) * f64::from(pixels);
+            }
+        }
+        let sum: f64 = spread.iter().sum();
+        Ok(spread
+            .into_iter()
+            .map(|part| part / sum.max(1e-9))
+            .collect())
+    }
+}
+
+/// A face that is moved inwards.
+struct Cut {
+    levels: [u8; 2],
+    /// The part of the background that it takes away, less that of the object.
+    worth: f64,
+}
+
+/// The lower and the upper face of a channel, each moved as far as the object allows, by whole bins.
+fn cuts(object: &[f64], around: &[f64], (low, high): (u8, u8)) -> Vec<Cut> {
+    let bins = object.len().min(around.len());
+    let edge = |bin: usize| {
+        let span = f64::from(LEVEL_MAX - LEVEL_MIN);
+        f64::from(LEVEL_MIN) + bin as f64 * span / bins.max(1) as f64
+    };
+    let sum = |parts: &[f64]| parts.iter().sum::<f64>();
+    let mut cuts = Vec::new();
+    for cut in 1..bins {
+        let level = edge(cut).round() as u8;
+        if level <= low || level > high {
+            continue;
+        }
+        for (levels, lost, removed) in [
+            ([level, high], sum(&object[..cut]), sum(&around[..cut])),
+            ([low, level - 1], sum(&object[cut..]), sum(&around[cut..])),
+        ] {
+            if lost <= PEELED {
+                let worth = removed - lost;
+                cuts.push(Cut { levels, worth });
+            }
+        }
+    }
+    cuts
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// The object's levels are 96 to 111, those of the background 104 to 135 and 64 to 71.
+    #[test]
+    fn the_cut_takes_what_only_the_background_has() {
+        let spread = |from: usize, to: usize| {
+            let mut bins = vec![0.0; 28];
+            for bin in &mut bins[from..to] {
+                *bin = 1.0 / (to - from) as f64;
+            }
+            bins
+        };
+        // Bins of eight levels from 16 on.
+        let object = spread(10, 12);
+        let around = spread(11, 15);
+        let best = cuts(&object, &around, (60, 140))
+            .into_iter()
+            .max_by(|a, b| a.worth.total_cmp(&b.worth))
+            .unwrap();
+        assert_eq!(best.levels, [60, 111]);
+        assert!((best.worth - 0.75).abs() < 1e-9);
+        // What costs the object more than a tenth is not done.
+        assert!(
+            cuts(&object, &object, (60, 140))
+                .iter()
+                .all(|cut| cut.worth < 1e-9)
+        );
+        assert!(cuts(&[], &around, (60, 140)).is_empty());
+    }
+}
