@@ -43,7 +43,7 @@ use serde::{Serialize, de::DeserializeOwned};
 
 use self::{
     freshness::{Challenges, Reply, ReplyKind},
-    outgoing::Outgoing,
+    outgoing::{AT_ONCE, Outgoing},
     packet::{Kind, MESSAGE_HEADER, Packet},
 };
 pub use self::{
@@ -174,6 +174,8 @@ pub struct Link<const PEERS: usize, const QUEUE: usize> {
     presence: Presence,
     /// Broadcasts that are still to be sent from the extended address.
     introductions: u8,
+    /// Messages to members in a row that came at the first attempt, [`AT_ONCE`] at most.
+    at_once: u8,
     outgoing: Slots<Outgoing, QUEUE>,
     incoming: heapless::Deque<Incoming, QUEUE>,
     replies: Slots<Reply, REPLIES>,
@@ -196,6 +198,7 @@ impl<const PEERS: usize, const QUEUE: usize> Link<PEERS, QUEUE> {
             authority: None,
             presence: Presence::default(),
             introductions: 0,
+            at_once: 0,
             outgoing: Slots::new(),
             incoming: heapless::Deque::new(),
             replies: Slots::new(),
@@ -520,11 +523,15 @@ impl<const PEERS: usize, const QUEUE: usize> Link<PEERS, QUEUE> {
         now: Instant,
         buffer: &mut [u8; FRAME_MAX],
     ) -> Option<usize> {
+        let copies = self.copies();
         let outgoing = self.outgoing.get_mut(place)?;
         let (kind, destination) = (outgoing.kind, outgoing.destination);
         let is_known = self.session.peers.by_short(destination).is_some();
         // The age must fit its byte; see the packet format.
         let first = outgoing.counters.map(|(first, _)| first);
+        if kind == Kind::Unicast && first.is_some() {
+            self.at_once = 0;
+        }
         let age = first.map_or(0, |first| {
             self.session.counter.upcoming().saturating_sub(first)
         });
@@ -534,7 +541,7 @@ impl<const PEERS: usize, const QUEUE: usize> Link<PEERS, QUEUE> {
         }
         let target = Address::Short(destination);
         if kind != Kind::Broadcast && !is_known {
-            outgoing.attempted(now, &mut self.jitter);
+            outgoing.attempted(now, &mut self.jitter, copies);
             self.challenge(now, target);
             return None;
         }
@@ -556,7 +563,7 @@ impl<const PEERS: usize, const QUEUE: usize> Link<PEERS, QUEUE> {
         let sealed = self.seal(false, source, target, payload.get(..len)?, buffer);
         let outgoing = self.outgoing.get_mut(place)?;
         // Without a frame counter, too: the attempts come to an end.
-        outgoing.attempted(now, &mut self.jitter);
+        outgoing.attempted(now, &mut self.jitter, copies);
         let (len, counter) = sealed.ok()?;
         outgoing.transmitted(counter);
         if kind == Kind::Broadcast && self.authority.is_some() {
@@ -564,6 +571,15 @@ impl<const PEERS: usize, const QUEUE: usize> Link<PEERS, QUEUE> {
             self.presence.until = Some(now + PRESENT_FOR);
         }
         Some(len)
+    }
+
+    /// How often a broadcast is sent, as the air has been lately.
+    const fn copies(&self) -> u8 {
+        if self.introductions == 0 && self.at_once >= AT_ONCE {
+            1
+        } else {
+            BROADCAST_COPIES
+        }
     }
 
     const fn own_extended(&self) -> Address {

@@ -8,8 +8,11 @@ use crate::{Instant, jitter::Jitter, wire::ShortAddress};
 /// Transmissions of a unicast message, challenges to a stranger included, before it counts as
 /// unanswered.
 pub const ATTEMPTS: u8 = 10;
-/// Transmissions of a broadcast, which nobody acknowledges.
+/// Most transmissions of a broadcast, which nobody acknowledges. One is enough where the last
+/// messages to members all came at the first attempt.
 pub const BROADCAST_COPIES: u8 = 2;
+/// So many messages.
+pub(super) const AT_ONCE: u8 = 7;
 /// Mean wait after the first attempt; doubled after each, up to [`RETRY_MAX`]. A unicast of 100
 /// bytes and its acknowledgement take about 7 ms of airtime.
 pub const RETRY_FIRST: Duration = Duration::from_millis(30);
@@ -93,11 +96,11 @@ impl Outgoing {
         self.is_waiting() && self.destination.0 == other.destination.0 && 0 < age && age < 1 << 15
     }
 
-    /// Takes note of an attempt.
-    pub(super) fn attempted(&mut self, now: Instant, jitter: &mut Jitter) {
+    /// Takes note of an attempt. Of a broadcast there are so many copies.
+    pub(super) fn attempted(&mut self, now: Instant, jitter: &mut Jitter, copies: u8) {
         self.due = now + jitter.backoff(RETRY_FIRST, RETRY_MAX, self.attempts);
         self.attempts += 1;
-        if self.kind == Kind::Broadcast && self.attempts >= BROADCAST_COPIES {
+        if self.kind == Kind::Broadcast && self.attempts >= copies {
             self.result = Some(Delivery::Broadcast);
         }
     }

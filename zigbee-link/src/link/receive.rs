@@ -5,6 +5,7 @@ use core::time::Duration;
 use super::{
     Delivery, Incoming, Link, LinkEvent, count,
     freshness::ReplyKind,
+    outgoing::AT_ONCE,
     packet::{self, Kind, Packet},
 };
 use crate::{
@@ -269,6 +270,9 @@ impl<const PEERS: usize, const QUEUE: usize> Link<PEERS, QUEUE> {
         });
         if let Some(outgoing) = answered {
             outgoing.result = Some(Delivery::Delivered);
+            if outgoing.attempts == 1 {
+                self.at_once = (self.at_once + 1).min(AT_ONCE);
+            }
         }
     }
 }
