@@ -40,12 +40,12 @@ impl SitePlan {
                 .filter(|id| members.contains(id))
                 .count()
         };
-        let networks = (1..).zip(scenario.networks.iter().zip(&configs));
-        let networks: Vec<_> = networks.collect();
+        let networks = scenario.networks.iter().zip(&configs).enumerate();
         // Of several with as many, the first.
-        let best = networks.into_iter().rev();
-        let best = best.max_by_key(|(_, (network, _))| belong(network));
-        let Some((number, (network, configs))) = best else {
+        let best = networks
+            .rev()
+            .max_by_key(|(_, (network, _))| belong(network));
+        let Some((index, (network, configs))) = best else {
             return Ok(None);
         };
         let weak = configs.cameras.first().map(|config| &config.role);
@@ -62,7 +62,7 @@ impl SitePlan {
             limits,
             frame: scenario.building_frame(network),
             network: network.clone(),
-            number,
+            number: index as u16 + 1,
             scenario: scenario.clone(),
         }))
     }

@@ -137,6 +137,32 @@ fn what_is_sent_once_is_not_acknowledged() {
     }
 }
 
+/// A broadcast is sent twice, until enough messages in a row came at the first attempt; and again after one
+/// that did not.
+#[test]
+fn a_broadcast_is_repeated_where_frames_get_lost() {
+    let mut aether = Aether::new(2, 0.0, 0);
+    let send = |aether: &mut Aether, loss, to, value: u8| {
+        aether.loss = loss;
+        aether.heard.clear();
+        let ticket = aether.nodes[0].send(aether.now, to, &value).unwrap();
+        aether.run();
+        let _ = aether.nodes[0].result_of(ticket);
+        while aether.nodes[1].recv::<u8>().is_some() {}
+        aether.heard.len()
+    };
+    let everybody = ShortAddress::BROADCAST;
+    // The first one is to a stranger, who is challenged.
+    send(&mut aether, 0.0, short(1), 0);
+    for value in 0..AT_ONCE {
+        assert_eq!(send(&mut aether, 0.0, everybody, value), 2, "{value}");
+        assert_eq!(send(&mut aether, 0.0, short(1), value), 2, "{value}");
+    }
+    assert_eq!(send(&mut aether, 0.0, everybody, 1), 1);
+    assert!(send(&mut aether, 1.0, short(1), 2) > 2);
+    assert_eq!(send(&mut aether, 0.0, everybody, 3), 2);
+}
+
 /// The first frames between two nodes are pinned, byte for byte, with their FCS: challenge,
 /// response that challenges, response, message, acknowledgement. Any change here is a change of the
 /// wire format and needs another version. tests/capture.rs has tshark read the same kind of frames.

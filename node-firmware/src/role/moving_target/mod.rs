@@ -576,13 +576,14 @@ impl Role for TargetRole<'_> {
             // It stands where it stood, but among others.
             self.table.clear(unsaved);
             self.has_arrived = self.located;
+            let stands = matches!(self.state, State::Standing(standing) if !standing.may_walk);
             if let Some(estimate) = &mut self.estimate {
                 estimate.clear(unsaved);
-                if matches!(self.state, State::Standing(standing) if !standing.may_walk) {
+                if stands {
                     estimate.on_stop(self.stop, unsaved);
                 }
             }
-            if matches!(self.state, State::Standing(standing) if !standing.may_walk) {
+            if stands {
                 self.arrive();
             }
             self.estimate_at = None;
