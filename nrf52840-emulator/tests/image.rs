@@ -316,6 +316,20 @@ fn a_bus_that_is_held_low_stops_nothing_else() {
     assert!(target.transfers > 300, "{}", target.transfers);
 }
 
+/// It waits for somebody who flashes one, and does not restart again and again.
+#[test]
+#[ignore = "`cargo xtask test --stage chip`"]
+fn a_board_without_a_configuration_stands_by() {
+    let node = Node {
+        flash: Vec::new(),
+        ..lab().coordinator()
+    };
+    let outcome = alone(node, 60 * S);
+    // The one restart is for the pins' voltage.
+    assert_eq!(outcome.resets.len(), 1, "{:?}", outcome.resets);
+    assert!(outcome.fed > 20, "{}", outcome.fed);
+}
+
 /// The crystal of 32 MHz is waited for without end: the watchdog restarts the board, which works once the
 /// crystal does, and says why.
 #[test]

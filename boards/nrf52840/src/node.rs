@@ -71,7 +71,10 @@ async fn begin(spawner: Spawner) {
     let begun = start::begin(reset_cause(), (&mut flash, &NRF52840), board.sensor);
     let (config, steps, liveness) = match begun {
         Ok(begun) => begun,
-        Err(error) => start::stop(error).await,
+        Err(error) => {
+            spawn(spawner, watchdog::feed_always(board.watchdog));
+            start::stop(error).await
+        }
     };
     let seed = random(board.random);
     let shared = SHARED.init(Shared::new());

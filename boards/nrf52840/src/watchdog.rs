@@ -7,8 +7,9 @@ use embassy_nrf::{
     Peri,
     pac::{POWER, WDT, power::regs::Resetreas, wdt::regs::Rren},
     peripherals,
-    wdt::{Config, HaltConfig, SleepConfig, Watchdog},
+    wdt::{Config, HaltConfig, SleepConfig, Watchdog, WatchdogHandle},
 };
+use embassy_time::Timer;
 
 /// Tasks that must run.
 pub(crate) const NODE: u32 = 0;
@@ -38,21 +39,42 @@ pub(crate) fn start() {
     WDT.tasks_start().write_value(1);
 }
 
+/// What feeds it, once.
+fn handle(watchdog: Peri<'static, peripherals::WDT>) -> Option<WatchdogHandle> {
+    let mut config = Config::default();
+    config.timeout_ticks = TIMEOUT_S * LFCLK_HZ;
+    config.action_during_debug_halt = HALTED;
+    let Ok((_, [handle])) = Watchdog::try_new(watchdog, config) else {
+        // It runs with other settings, otherwise: another program before this one has started it.
+        defmt::error!("the watchdog is somebody else's");
+        return None;
+    };
+    Some(handle)
+}
+
 /// Feeds the watchdog as long as all tasks run, and radio and camera work.
 #[embassy_executor::task]
 pub(crate) async fn feed(
     watchdog: Peri<'static, peripherals::WDT>,
     node: &'static node_firmware::liveness::Liveness,
 ) {
-    let mut config = Config::default();
-    config.timeout_ticks = TIMEOUT_S * LFCLK_HZ;
-    config.action_during_debug_halt = HALTED;
-    let Ok((_, [mut handle])) = Watchdog::try_new(watchdog, config) else {
-        // It runs with other settings, otherwise: another program before this one has started it.
-        return defmt::error!("the watchdog is somebody else's");
+    let Some(mut handle) = handle(watchdog) else {
+        return;
     };
     let why = HEARTBEATS.feed(node, || handle.pet()).await;
     say_and_restart(LastWords::restart(why));
+}
+
+/// Feeds it where a restart would not help.
+#[embassy_executor::task]
+pub(crate) async fn feed_always(watchdog: Peri<'static, peripherals::WDT>) {
+    let mut handle = handle(watchdog);
+    loop {
+        if let Some(handle) = &mut handle {
+            handle.pet();
+        }
+        Timer::after_secs((TIMEOUT_S / 4).into()).await;
+    }
 }
 
 /// Why the chip started, as far as it tells; then forgotten, or it would add up.
