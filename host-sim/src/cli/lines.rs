@@ -13,7 +13,7 @@ use answers::{
 use anyhow::{anyhow, bail};
 use embedded_io::{Read, ReadReady, Write};
 use host_sim::{
-    console::session::{Failure, Session, Wish, frame},
+    console::session::{Failure, MISSING, Session, Wish, frame},
     probe::port::{OpenError, Port, PortError},
 };
 use site::Scenario;
@@ -35,6 +35,8 @@ pub(super) enum Ended {
 pub(super) struct Lines {
     pub(super) all: Vec<Line>,
     waiting: VecDeque<Wish>,
+    /// Since when nobody has the node that the first of them concerns.
+    missing: Option<Duration>,
 }
 
 impl Lines {
@@ -67,6 +69,7 @@ impl Lines {
         Ok(Self {
             all: paths.iter().map(open).collect::<Result<_, OpenError>>()?,
             waiting,
+            missing: None,
         })
     }
 
@@ -101,15 +104,19 @@ impl Lines {
             return Ok(());
         };
         let are_done = self.all.iter().all(|line| line.session.is_done());
+        if !are_done {
+            return Ok(());
+        }
         let has = |line: &&mut Line| line.session.known().member(id).is_some();
-        if let Some(line) = self.all.iter_mut().find(has).filter(|_| are_done) {
+        if let Some(line) = self.all.iter_mut().find(has) {
             line.session.wish(self.waiting[0]);
             self.waiting.pop_front();
-        } else if self.all.iter().all(|line| line.session.is_settled(now)) && are_done {
-            let members = self
-                .all
-                .iter()
-                .flat_map(|line| line.session.known().present());
+            self.missing = None;
+        } else if self.all.iter().all(|line| line.session.is_settled(now))
+            && now.saturating_sub(*self.missing.get_or_insert(now)) >= MISSING
+        {
+            let lines = self.all.iter();
+            let members = lines.flat_map(|line| line.session.known().present());
             let members = members.map(|member| member.id).collect();
             let failure = Failure::NoMember { id, members };
             return Err(Ended::Failed(anyhow!("{failure}")));

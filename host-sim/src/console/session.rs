@@ -35,7 +35,7 @@ const ASK_FOR_SIGHTINGS: Duration = Duration::from_secs(10);
 /// How long a camera takes to tell them all.
 const LISTING: Duration = Duration::from_secs(5);
 /// How long a member is waited for that is not on the list.
-const MISSING: Duration = Duration::from_secs(10);
+pub const MISSING: Duration = Duration::from_secs(10);
 
 /// What a person wants.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
