@@ -29,6 +29,8 @@ const TXSTOPPED: u16 = 22;
 
 /// Bytes that wait where there is no buffer (Product Specification, "UARTE", reception).
 const FIFO: usize = 4;
+/// In ERRORSRC, the only cause that is modelled.
+const OVERRUN: u32 = 1;
 
 /// What is at the other end of the line.
 pub trait Peer: fmt::Debug + Send {
@@ -55,6 +57,8 @@ pub struct Uarte {
     pub sent: Vec<(u64, u8)>,
     /// Bytes that came while there was no room.
     pub overruns: u64,
+    /// What ERRORSRC shows.
+    errors: u32,
     peer: Option<Box<dyn Peer>>,
     tx: Option<(Buffer, EventId)>,
     byte: u8,
@@ -226,7 +230,8 @@ impl Model for Uarte {
                     self.fifo.push_back(byte);
                 } else {
                     self.overruns += 1;
-                    call.set(ERRORSRC, 1);
+                    self.errors |= OVERRUN;
+                    call.set(ERRORSRC, self.errors);
                     call.event(ERROR);
                 }
                 self.drain(call);
@@ -247,8 +252,9 @@ impl Model for Uarte {
 
     fn write(&mut self, offset: u16, value: u32, call: &mut Call<'_, '_>) {
         if offset == ERRORSRC {
-            // Cleared by ones; the cause is the one modelled.
-            call.set(ERRORSRC, !value & 1);
+            // Cleared by ones.
+            self.errors &= !value;
+            call.set(ERRORSRC, self.errors);
         }
     }
 
@@ -258,6 +264,7 @@ impl Model for Uarte {
         self.is_on = false;
         self.next = None;
         self.fifo.clear();
+        self.errors = 0;
     }
 }
 
@@ -331,6 +338,11 @@ mod tests {
         bench.pass(5_000_000);
         assert!(bench.took(ENDRX) && bench.took(ERROR));
         assert_eq!(bench.chip.model.model.overruns, 9 - FIFO as u64);
+        // A cause is forgotten where a one is written, and never made.
+        for (written, left) in [(0, OVERRUN), (OVERRUN, 0), (0, 0)] {
+            bench.set(ERRORSRC, written);
+            assert_eq!(bench.get(ERRORSRC), left);
+        }
         // What waited comes first.
         bench.set(RX_MAX, 4);
         bench.task(0);
