@@ -1,12 +1,14 @@
-//! Runs any image for an nRF52840 and prints what it logs by defmt over RTT, and what was wrong with it:
-//! `run ELF [SECONDS] [echo]`. `echo` connects the lines of UARTE0 to each other.
+//! Runs any images for an nRF52840, which hear each other, and prints what each logs by defmt over RTT, and
+//! what was wrong: `run SECONDS ELF... [--echo]`. `--echo` connects each one's lines of UARTE0.
 
 use std::{collections::VecDeque, env, error::Error, fs};
 
 use defmt_decoder::{DecodeError, Table};
-use nrf52840_emulator::{Node, peripheral::Peer, run};
+use nrf52840_emulator::{Node, Outcome, peripheral::Peer, run};
 
 const S: f64 = 1e9;
+/// 40 dB above the least that is heard.
+const LEVEL: u8 = 40;
 
 /// What is sent comes back.
 #[derive(Debug, Default)]
@@ -30,46 +32,58 @@ impl Peer for Echo {
     }
 }
 
+/// Prints what was logged.
+fn log(image: &str, outcome: &Outcome) -> Result<(), Box<dyn Error>> {
+    let Some(table) = Table::parse(&fs::read(image)?)? else {
+        return Ok(());
+    };
+    let mut decoder = table.new_stream_decoder();
+    decoder.received(&outcome.log);
+    loop {
+        match decoder.decode() {
+            Ok(frame) => println!("{}", frame.display(false)),
+            Err(DecodeError::Malformed) => println!("(malformed)"),
+            Err(DecodeError::UnexpectedEof) => return Ok(()),
+        }
+    }
+}
+
 fn main() -> Result<(), Box<dyn Error>> {
-    let mut arguments = env::args().skip(1);
-    let image = arguments.next().ok_or("type `run ELF [SECONDS] [echo]`")?;
-    let seconds = arguments
-        .next()
-        .map_or(Ok(10.0), |seconds| seconds.parse::<f64>())?;
-    let peer = arguments
-        .next()
-        .map(|_| Box::<Echo>::default() as Box<dyn Peer>);
-    let node = Node {
-        image: image.clone().into(),
-        peer,
+    let mut arguments: Vec<String> = env::args().skip(1).collect();
+    let all = arguments.len();
+    arguments.retain(|argument| argument != "--echo");
+    let is_echo = arguments.len() < all;
+    let [seconds, images @ ..] = arguments.as_slice() else {
+        return Err("type `run SECONDS ELF... [--echo]`".into());
+    };
+    let seconds: f64 = seconds.parse()?;
+    let node = |image: &String| Node {
+        image: image.into(),
+        peer: is_echo.then(|| Box::<Echo>::default() as Box<dyn Peer>),
         ..Node::default()
     };
-    let (outcomes, frames) = run(vec![node], (seconds * S) as u64, |_, _| None)?;
-    let bytes = fs::read(&image)?;
-    for outcome in outcomes {
-        if let Some(table) = Table::parse(&bytes)? {
-            let mut decoder = table.new_stream_decoder();
-            decoder.received(&outcome.log);
-            loop {
-                match decoder.decode() {
-                    Ok(frame) => println!("{}", frame.display(false)),
-                    Err(DecodeError::Malformed) => println!("(malformed)"),
-                    Err(DecodeError::UnexpectedEof) => break,
-                }
-            }
-        }
+    let nodes = images.iter().map(node).collect();
+    let (outcomes, frames) = run(nodes, (seconds * S) as u64, |_, _| Some(LEVEL))?;
+    for (image, outcome) in images.iter().zip(&outcomes) {
+        println!("{image}");
+        log(image, outcome)?;
         let line: Vec<u8> = outcome.line.iter().map(|&(_, byte)| byte).collect();
         println!("UARTE0: {:?}", String::from_utf8_lossy(&line));
-        for frame in &frames {
-            println!("sent: {frame:?}");
-        }
         println!("forbidden or not modelled: {:?}", outcome.forbidden);
         println!("nothing is at: {:?}", outcome.unmapped);
         println!("restarts: {:?}", outcome.resets);
+        let Outcome {
+            overruns,
+            instructions,
+            received: [well, spoilt],
+            ..
+        } = outcome;
         println!(
-            "overruns: {}, instructions: {}",
-            outcome.overruns, outcome.instructions
+            "frames received: {well}, spoilt: {spoilt}; overruns: {overruns}; instructions: {instructions}"
         );
+    }
+    for frame in &frames {
+        println!("sent: {frame:?}");
     }
     Ok(())
 }

@@ -9,6 +9,8 @@ const CONFIG: u16 = 0x504;
 const VALUE: u16 = 0x508;
 /// Product Specification, "RNG": of a byte, without and with the correction of bias.
 const BYTE: [u64; 2] = [30 * US, 120 * US];
+/// "RNG", `t_RNG,START`.
+const START: u64 = 128 * US;
 
 /// The same bytes from the same seed.
 #[derive(Debug)]
@@ -35,16 +37,16 @@ impl Rng {
         (word >> 56) as u8
     }
 
-    fn plan(&mut self, call: &mut Call<'_, '_>) {
+    fn plan(&mut self, begin: u64, call: &mut Call<'_, '_>) {
         let time = BYTE[(call.get(CONFIG) & 1) as usize];
-        self.next = Some(call.after(time));
+        self.next = Some(call.after(begin + time));
     }
 }
 
 impl Model for Rng {
     fn task(&mut self, number: u16, call: &mut Call<'_, '_>) {
         match number {
-            0 if self.next.is_none() => self.plan(call),
+            0 if self.next.is_none() => self.plan(START, call),
             1 => self.next = None,
             _ => {}
         }
@@ -54,7 +56,7 @@ impl Model for Rng {
         if self.next == Some(id) {
             let byte = self.byte();
             call.set(VALUE, byte.into());
-            self.plan(call);
+            self.plan(0, call);
             call.event(0);
         }
     }
@@ -80,6 +82,7 @@ mod tests {
         let mut bench = Bench::new(Rng::new(1));
         bench.set(CONFIG, 1);
         bench.task(0);
+        bench.pass(START);
         let mut seen = std::collections::BTreeSet::new();
         for _ in 0..64 {
             bench.pass(120 * US - 1);

@@ -256,6 +256,10 @@ impl Model for Uarte {
             self.errors &= !value;
             call.set(ERRORSRC, self.errors);
         }
+        // What is switched off keeps nothing, as chips do.
+        if offset == ENABLE && value != 8 {
+            Model::reset(self);
+        }
     }
 
     fn reset(&mut self) {
@@ -349,6 +353,22 @@ mod tests {
         assert!(bench.took(ENDRX));
         let heard = (0x2000_0200..0x2000_0204).map(|at| bench.cells.0[&at]);
         assert_eq!(heard.collect::<Vec<_>>(), b"ello");
+    }
+
+    #[test]
+    fn what_is_switched_off_keeps_nothing() {
+        let mut bench = bench();
+        bench.set(RX_PTR, 0x2000_0200);
+        bench.set(RX_MAX, 1);
+        bench.task(0);
+        bench.task(2);
+        bench.pass(5_000_000);
+        bench.set(ENABLE, 0);
+        bench.set(ENABLE, 8);
+        assert!(bench.took(ENDRX));
+        bench.task(0);
+        bench.pass(5_000_000);
+        assert!(!bench.took(ENDRX));
     }
 
     #[test]
