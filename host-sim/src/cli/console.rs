@@ -322,14 +322,14 @@ impl Screen {
                 happenings.said(now, &news);
                 self.tell(now, &news)?;
             }
-            while let Some((id, blob)) = line.session.tracked() {
-                happenings.tracked(now, id, blob);
+            while let Some((id, tracked)) = line.session.tracked() {
+                happenings.tracked(now, id, &tracked);
                 let TrackedBlob {
                     middle: [mx, my],
                     edges: [left, upper, right, lower],
                     pixels,
                     confidence,
-                } = blob;
+                } = tracked.blob;
                 self.tell(
                     now,
                     &format!(

@@ -14,7 +14,7 @@ use answers::record::{
 };
 use anyhow::Context;
 use clap::Args;
-use node_firmware::message::TrackedBlob;
+use node_firmware::message::{Tracked, TrackedBlob};
 
 use super::{and, file_name, files::Files, late::Late, values};
 
@@ -91,23 +91,16 @@ impl Happenings {
     }
 
     /// What a camera sees.
-    pub(super) fn tracked(&mut self, now: Duration, node: u16, blob: TrackedBlob) {
+    pub(super) fn tracked(&mut self, now: Duration, node: u16, tracked: &Tracked) {
         let TrackedBlob {
             middle,
             edges,
             pixels,
             confidence,
-        } = blob;
+        } = tracked.blob;
         let seconds = now.as_secs_f64();
         if self.looked.is_some() {
-            let what = What::Tracked {
-                node,
-                middle,
-                edges,
-                pixels,
-                confidence,
-            };
-            self.write(&[Event::new(seconds, what)]);
+            self.write(&[Event::new(seconds, What::tracked(node, tracked))]);
         }
         if let Some(folder) = &self.folder {
             let file = self

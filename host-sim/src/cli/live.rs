@@ -474,14 +474,8 @@ impl Network<'_> {
             while let Some(words) = session.news() {
                 self.say(now, words);
             }
-            while let Some((node, blob)) = session.tracked() {
-                let what = What::Tracked {
-                    node,
-                    middle: blob.middle,
-                    edges: blob.edges,
-                    pixels: blob.pixels,
-                    confidence: blob.confidence,
-                };
+            while let Some((node, tracked)) = session.tracked() {
+                let what = What::tracked(node, &tracked);
                 self.server.tell([Event::new(now.as_secs_f64(), what)]);
             }
             self.take(now, session, pending);

@@ -12,7 +12,7 @@ use std::{
 use node_firmware::{
     config::SiteKey,
     console::{FRAME_MAX, Frames, FromPc, KeyChangeReport, ToPc, encode},
-    message::{CameraCommand, CommandOutcome, MemberAddress, TrackedBlob},
+    message::{CameraCommand, CommandOutcome, MemberAddress, Tracked},
 };
 
 use answers::view::NetworkView;
@@ -179,7 +179,7 @@ pub struct Session {
     /// Since when a first answer is waited for.
     patience_from: Duration,
     /// What cameras saw that track, with their numbers; the newest.
-    tracked: VecDeque<(u16, TrackedBlob)>,
+    tracked: VecDeque<(u16, Tracked)>,
 }
 
 /// Nobody who listens needs more of what cameras that track saw, all at once.
@@ -371,7 +371,7 @@ impl Session {
     }
 
     /// What a camera that was told to track saw next.
-    pub fn tracked(&mut self) -> Option<(u16, TrackedBlob)> {
+    pub fn tracked(&mut self) -> Option<(u16, Tracked)> {
         self.tracked.pop_front()
     }
 
