@@ -10,11 +10,14 @@ use std::{
 
 use answers::record::{
     RunRecord,
-    event::{Event, Looker, What},
+    event::{Event, Looker, ObjectPlace, What},
 };
 use anyhow::Context;
 use clap::Args;
-use node_firmware::message::{Tracked, TrackedBlob};
+use node_firmware::{
+    console::TrackedObject,
+    message::{Tracked, TrackedBlob},
+};
 
 use super::{and, file_name, files::Files, late::Late, values};
 
@@ -86,6 +89,24 @@ impl Happenings {
         if self.looked.is_some() {
             let words = words.to_owned();
             let what = What::Said { node: None, words };
+            self.write(&[Event::new(now.as_secs_f64(), what)]);
+        }
+    }
+
+    /// Where an object is, by the coordinator of a network, counted from 1.
+    pub(super) fn object(
+        &mut self,
+        now: Duration,
+        network: u16,
+        (object, is): (u16, Option<&TrackedObject>),
+    ) {
+        if self.looked.is_some() {
+            let is = is.map(ObjectPlace::from);
+            let what = What::Object {
+                network,
+                object,
+                is,
+            };
             self.write(&[Event::new(now.as_secs_f64(), what)]);
         }
     }
