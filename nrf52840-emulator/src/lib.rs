@@ -7,7 +7,7 @@
 //!
 //! [`run`] lets several chips hear each other. It is deterministic: the same nodes do the same.
 
-#![forbid(unsafe_code)]
+#![deny(unsafe_code)]
 #![warn(missing_docs, unreachable_pub, rust_2018_idioms)]
 #![warn(clippy::all, clippy::doc_markdown, clippy::uninlined_format_args)]
 
@@ -15,6 +15,7 @@ pub mod device;
 mod network;
 mod node;
 pub mod peripheral;
+mod processor;
 mod soc;
 
 pub use self::{
