@@ -40,8 +40,21 @@ pub struct Reception {
     pub is_lost: bool,
 }
 
+/// What acts on a step sensor from an instant on, along the axes printed on it.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Motion {
+    /// When.
+    pub at: u64,
+    /// Specific force, m/s^2: at rest, 9.81 along the axis that points up.
+    pub acceleration: [f64; 3],
+    /// Angular rate, rad/s.
+    pub angular_rate: [f64; 3],
+    /// Magnetic field, uT.
+    pub field: [f64; 3],
+}
+
 /// Something that happens to a chip.
-#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub enum Order {
     /// It has power from now on.
     On {
@@ -63,10 +76,12 @@ pub enum Order {
     },
     /// A frame arrives. It must not have begun.
     Frame(Frame, Reception),
+    /// Its step sensor moves so, in the order of times, none of which has passed.
+    Moves(Vec<Motion>),
 }
 
 /// What the chips are to do.
-#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub enum Orders {
     /// First of all: the program of all chips, an ELF file.
     Load(String),

@@ -12,6 +12,7 @@
 #![warn(missing_docs, unreachable_pub, rust_2018_idioms)]
 #![warn(clippy::all, clippy::doc_markdown, clippy::uninlined_format_args)]
 
+pub mod device;
 mod network;
 mod node;
 pub mod peripheral;

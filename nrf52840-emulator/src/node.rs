@@ -19,8 +19,9 @@ use rigless::{
 };
 
 use crate::{
+    device::Chip,
     network::{Deed, Input, Order, Report},
-    peripheral::{Chip, Peer},
+    peripheral::Peer,
     soc::{self, Board, Soc},
 };
 
@@ -44,7 +45,7 @@ pub struct Node {
     /// At the other end of UARTE0.
     pub peer: Option<Box<dyn Peer>>,
     /// On the bus of TWIM0, by their addresses.
-    pub chips: BTreeMap<u32, Chip>,
+    pub chips: BTreeMap<u32, Box<dyn Chip>>,
     /// Of what the chip draws at random, besides its number.
     pub seed: u64,
     /// What is wrong with the chip.

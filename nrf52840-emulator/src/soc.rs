@@ -13,9 +13,10 @@ use rigless::{
     time::VirtualNanos,
 };
 
+use crate::device::Chip;
 use crate::peripheral::{
-    Chip, Clock, Frame, Gpio, Instance, Nvmc, Peer, Plain, Ppi, REGISTERS, Radio, Rng, Rtc, Timer,
-    Twim, Uarte, Watchdog, Word, clock,
+    Clock, Frame, Gpio, Instance, Nvmc, Peer, Plain, Ppi, REGISTERS, Radio, Rng, Rtc, Timer, Twim,
+    Uarte, Watchdog, Word, clock,
 };
 
 /// Where FICR and UICR are (Product Specification, "Memory map").
@@ -112,7 +113,7 @@ impl Soc {
     pub fn new(
         node: usize,
         peer: Option<Box<dyn Peer>>,
-        chips: BTreeMap<u32, Chip>,
+        chips: BTreeMap<u32, Box<dyn Chip>>,
     ) -> Result<Self, Error> {
         let cpu = Cpu::new("nrf52840", true, INTERRUPTS, Endian::Little);
         let bus = Bus::builder(cpu, &MEMORY, MAP)

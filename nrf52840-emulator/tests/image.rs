@@ -1,19 +1,27 @@
 //! The image that is flashed, from `NODE_IMAGE`, with the configuration pages of a site.
 
-use std::{collections::BTreeMap, env, fs, path::PathBuf};
+use std::{collections::BTreeMap, env, f64::consts::FRAC_PI_2, fs, path::PathBuf, sync::Arc};
 
 use cmucam2_emulator::{Configuration, Emulator, Scene};
 use defmt_decoder::{DecodeError, Table};
+use embassy_futures::block_on;
 use node_firmware::{
     config::{CheckedConfig, SiteKey, page},
     console::{Frames, ToPc},
+    facts::{self, Fact, FactStore},
 };
 use nrf52840_emulator::{
     MEMORY, Node, Outcome, SETTINGS, Soc,
-    peripheral::{Chip, Frame, Peer},
+    device::{self, Motion, World},
+    peripheral::{Frame, Peer},
     run,
 };
 use site::{NetworkConfigs, Overrides, Scenario, Site};
+use test_support::walker::{Act, RATE, Walker};
+use virtual_bench::{
+    flash::{self, Flash},
+    random::Root,
+};
 
 const S: u64 = 1_000_000_000;
 const MS: u64 = 1_000_000;
@@ -65,16 +73,17 @@ impl Rehearsal {
         }
     }
 
-    /// A target with its sensors: who they say they are (data sheets of LSM6DSOX and LIS3MDL,
-    /// `WHO_AM_I`).
-    fn target(&self) -> Node {
+    /// A target with its sensors, in a world.
+    fn target_in(&self, world: Arc<dyn World>) -> Node {
         Node {
-            chips: BTreeMap::from([
-                (0x6a, Chip::new(&[(0x0f, 0x6c)])),
-                (0x1c, Chip::new(&[(0x0f, 0x3d)])),
-            ]),
+            chips: device::step_sensor(&world, 1),
             ..node(&self.configs.targets[0])
         }
+    }
+
+    /// A target that lies there.
+    fn target(&self) -> Node {
+        self.target_in(Arc::new(Motion::default()))
     }
 
     /// The coordinator, the cameras, and the target.
@@ -171,6 +180,28 @@ fn told(outcome: &Outcome) -> Vec<ToPc> {
     let mut frames = Frames::default();
     let bytes = outcome.line.iter().map(|&(_, byte)| byte);
     bytes.filter_map(|byte| frames.push(byte)).collect()
+}
+
+/// What a node has written down.
+fn facts(outcome: &Outcome, owner: u32) -> Vec<Fact> {
+    let (_, bytes) = outcome
+        .flash
+        .iter()
+        .find(|(at, _)| *at == MEMORY.start)
+        .unwrap();
+    let pages = facts::BYTES as usize / flash::PAGE;
+    let flash: Flash = Flash::without_time(pages, Root(0).stream("copy", 0));
+    flash
+        .bytes_mut()
+        .copy_from_slice(&bytes[..pages * flash::PAGE]);
+    let mut all = Vec::new();
+    block_on(async {
+        let mut memory = FactStore::open(flash, 0..facts::BYTES, owner)
+            .await
+            .unwrap();
+        memory.recall(|fact| all.push(*fact)).await.unwrap();
+    });
+    all
 }
 
 /// The same chips do the same.
@@ -328,6 +359,74 @@ fn a_board_without_a_configuration_stands_by() {
     // The one restart is for the pins' voltage.
     assert_eq!(outcome.resets.len(), 1, "{:?}", outcome.resets);
     assert!(outcome.fed > 20, "{}", outcome.fed);
+}
+
+/// Whom the target's sensors are worn by: what was read lasts until the next reading.
+#[derive(Debug)]
+struct Worn(Vec<Motion>);
+
+impl Worn {
+    fn by(walker: &Walker) -> Self {
+        let readings = walker.readings.iter();
+        let motion = readings.map(|reading| Motion {
+            acceleration: reading.acceleration.into(),
+            angular_rate: reading.angular_rate.into(),
+            field: reading.magnetic_field.unwrap().into(),
+        });
+        Self(motion.collect())
+    }
+
+    fn ends(&self) -> u64 {
+        self.0.len() as u64 * S / RATE as u64
+    }
+}
+
+impl World for Worn {
+    fn at(&self, now: u64) -> Motion {
+        let place = (now as f64 / S as f64 * RATE) as usize;
+        self.0[place.min(self.0.len() - 1)]
+    }
+}
+
+/// Each step is felt through I2C, FIFO and filter: of twice as many the way is twice as long.
+#[test]
+#[ignore = "`cargo xtask test --stage chip`"]
+fn a_target_counts_its_carriers_steps() {
+    let lab = lab();
+    let walked = |steps| -> ([f64; 2], f64) {
+        let mut walker = Walker::new(100);
+        walker.act(&[Act::Stand(12.0), Act::Walk(steps, 0.0), Act::Stand(12.0)]);
+        let world = Worn::by(&walker);
+        let ends = world.ends();
+        let target = lab.target_in(Arc::new(world));
+        let (outcomes, _) = run(vec![lab.coordinator(), target], ends, everybody).unwrap();
+        outcomes.iter().for_each(in_order);
+        let facts = facts(&outcomes[1], lab.configs.targets[0].owner());
+        let walk = facts.iter().find_map(|fact| match fact {
+            Fact::Walk(walk) => Some(*walk),
+            _ => None,
+        });
+        let place = walk.unwrap().place.position();
+        // Headings are counted from magnetic east.
+        let facing = walker.facing - (walker.north - FRAC_PI_2);
+        let (x, y) = (f64::from(place.x), f64::from(place.y));
+        let (sin, cos) = facing.sin_cos();
+        (
+            [x * cos + y * sin, y * cos - x * sin],
+            walker.position.norm(),
+        )
+    };
+    assert_eq!(walked(0).0, [0.0, 0.0]);
+    let ([once, across], way) = walked(24);
+    let (twice, _) = walked(48);
+    println!("{once} m of {way} m, {across} m beside; twice: {twice:?}");
+    // How long the steps of this person are nobody has told it.
+    assert!((0.75..1.25).contains(&(once / way)), "{once} m of {way} m");
+    assert!(across.abs() < 0.1 * way, "{across} m beside");
+    assert!(
+        (twice[0] / once - 2.0).abs() < 0.08,
+        "{twice:?} m after {once} m"
+    );
 }
 
 /// The crystal of 32 MHz is waited for without end: the watchdog restarts the board, which works once the

@@ -7,12 +7,14 @@ use std::{
     fs,
     io::{self, BufReader, BufWriter, StdinLock, StdoutLock},
     path::PathBuf,
+    sync::Arc,
 };
 
 use chip_pipe::{Contents, Deed, End, Frame, Order, Orders, Reception, Reports, read, write};
 use defmt_decoder::{DecodeError, StreamDecoder, Table};
 use nrf52840_emulator::{
     self as emulator, Input, Network, Node, Outcome,
+    device::{self, Motion, Samples, World},
     peripheral::{self, Wire},
 };
 
@@ -71,6 +73,9 @@ struct Chip<'a> {
     /// What its flash held when its power went.
     flash: Vec<Contents>,
     log: Box<dyn StreamDecoder + Send + Sync + 'a>,
+    /// When power came, and what its step sensor feels since.
+    since: u64,
+    world: Arc<Samples>,
 }
 
 struct Chips<'a> {
@@ -93,8 +98,14 @@ impl<'a> Chips<'a> {
                 let chip = self.all.entry(number).or_insert_with(|| Chip {
                     flash: Vec::new(),
                     log: table.new_stream_decoder(),
+                    since: 0,
+                    world: Arc::default(),
                 });
                 chip.log = table.new_stream_decoder();
+                chip.since = self.network.reached();
+                chip.world = Arc::default();
+                let world: Arc<dyn World> = chip.world.clone();
+                let sensor = has_sensor.then(|| device::step_sensor(&world, seed));
                 let mut flash = chip.flash.clone();
                 for (address, bytes) in programmed {
                     program(&mut flash, address, &bytes);
@@ -103,11 +114,7 @@ impl<'a> Chips<'a> {
                     image: self.image.clone(),
                     flash,
                     peer: Some(Box::new(Wire::default())),
-                    chips: if has_sensor {
-                        sensor()
-                    } else {
-                        BTreeMap::new()
-                    },
+                    chips: sensor.unwrap_or_default(),
                     seed,
                     ..Node::default()
                 };
@@ -141,6 +148,19 @@ impl<'a> Chips<'a> {
                     psdu,
                 };
                 self.network.input(index, Input::Frame(frame, level));
+            }
+            Order::Moves(motions) => {
+                if let Some(chip) = self.all.get(&number) {
+                    for motion in motions {
+                        let known = Motion {
+                            acceleration: motion.acceleration,
+                            angular_rate: motion.angular_rate,
+                            field: motion.field,
+                        };
+                        chip.world
+                            .push(motion.at.saturating_sub(chip.since), known);
+                    }
+                }
             }
         }
         Ok(())
@@ -230,12 +250,6 @@ fn program(flash: &mut Vec<Contents>, address: u64, bytes: &[u8]) {
         Some(place) => place.copy_from_slice(bytes),
         None => flash.push((address, bytes.to_vec())),
     }
-}
-
-/// An LSM6DSOX and a LIS3MDL that say who they are, and measure nothing (data sheets, `WHO_AM_I`).
-fn sensor() -> BTreeMap<u32, peripheral::Chip> {
-    let says = |identity| peripheral::Chip::new(&[(0x0f, identity)]);
-    BTreeMap::from([(0x6a, says(0x6c)), (0x1c, says(0x3d))])
 }
 
 fn end(outcome: Outcome) -> End {

@@ -26,7 +26,7 @@ pub use self::{
     rng::Rng,
     rtc::Rtc,
     timer::Timer,
-    twim::{Chip, Twim},
+    twim::Twim,
     uarte::{Peer, Uarte, Wire},
     watchdog::Watchdog,
 };

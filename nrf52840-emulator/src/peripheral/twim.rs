@@ -5,6 +5,7 @@ use std::collections::BTreeMap;
 use rigless::{soc::Width, time::EventId};
 
 use super::{Call, DONE, Model, READ, US};
+use crate::device::Chip;
 
 const SHORTS: u16 = 0x200;
 const ERRORSRC: u16 = 0x4c4;
@@ -30,34 +31,6 @@ const NO_ANSWER: u32 = 2;
 /// Two bits of the slowest bus.
 const STOP_TIME: u64 = 20 * US;
 
-/// Registers of a chip; the first byte written names one, and it counts up.
-#[derive(Clone, Debug)]
-pub struct Chip {
-    /// What they hold.
-    pub registers: Vec<u8>,
-    place: usize,
-}
-
-impl Chip {
-    /// All registers zero but these.
-    pub fn new(known: &[(u8, u8)]) -> Self {
-        let mut registers = vec![0; 128];
-        for &(register, value) in known {
-            registers[usize::from(register)] = value;
-        }
-        Self {
-            registers,
-            place: 0,
-        }
-    }
-
-    fn turn(&mut self) -> &mut u8 {
-        let place = self.place % self.registers.len();
-        self.place = place + 1;
-        &mut self.registers[place]
-    }
-}
-
 #[derive(Clone, Copy, Debug)]
 enum Step {
     Write,
@@ -70,7 +43,7 @@ enum Step {
 #[derive(Debug, Default)]
 pub struct Twim {
     /// By their addresses.
-    pub chips: BTreeMap<u32, Chip>,
+    pub chips: BTreeMap<u32, Box<dyn Chip>>,
     /// From when to when the bus is held low: nothing ends.
     pub held: Option<core::ops::Range<u64>>,
     /// Transfers that ended.
@@ -82,7 +55,7 @@ pub struct Twim {
 
 impl Twim {
     /// A bus with these chips.
-    pub fn new(chips: BTreeMap<u32, Chip>) -> Self {
+    pub fn new(chips: BTreeMap<u32, Box<dyn Chip>>) -> Self {
         Self {
             chips,
             ..Self::default()
@@ -154,17 +127,14 @@ impl Model for Twim {
         let Some((_, step)) = self.step.take_if(|(mine, _)| *mine == id) else {
             return;
         };
+        let now = call.now();
         let chip = self.chips.get_mut(&call.get(ADDRESS));
         match (step, chip) {
             (Step::Stop, _) => call.event(STOPPED),
             (Step::Write, Some(chip)) => {
                 self.transfers += 1;
-                for (number, byte) in self.bytes.iter().enumerate() {
-                    match number {
-                        // The highest bit asks some chips to count up, which these do anyway.
-                        0 => chip.place = usize::from(byte & 0x7f),
-                        _ => *chip.turn() = *byte,
-                    }
+                if let Err(what) = chip.write(&self.bytes, now) {
+                    call.forbid("ADDRESS", what);
                 }
                 call.set(TX_AMOUNT, self.bytes.len() as u32);
                 call.event(LASTTX);
@@ -172,10 +142,10 @@ impl Model for Twim {
             (Step::Read, Some(chip)) => {
                 self.transfers += 1;
                 let (pointer, max) = (call.get(RX_PTR), call.get(RX_MAX));
-                for byte in 0..max {
-                    let at = u64::from(pointer) + u64::from(byte);
-                    let value = *chip.turn();
-                    call.context.write_to(at, Width::W8, value.into(), DONE);
+                let mut bytes = vec![0; max as usize];
+                chip.read(&mut bytes, now);
+                for (at, byte) in (u64::from(pointer)..).zip(bytes) {
+                    call.context.write_to(at, Width::W8, byte.into(), DONE);
                 }
                 call.set(RX_AMOUNT, max);
                 call.event(LASTRX);
@@ -224,11 +194,17 @@ impl Model for Twim {
 
 #[cfg(test)]
 mod tests {
+    use std::sync::Arc;
+
     use super::*;
-    use crate::peripheral::bench::Bench;
+    use crate::{
+        device::{Lsm6dsox, Motion},
+        peripheral::bench::Bench,
+    };
 
     fn bench() -> Bench<Twim> {
-        let chips = [(0x6a, Chip::new(&[(0x0f, 0x6c), (0x10, 7)]))];
+        let chip = Lsm6dsox::new(Arc::new(Motion::default()), 0);
+        let chips: [(u32, Box<dyn Chip>); 1] = [(Lsm6dsox::ADDRESS, Box::new(chip))];
         let mut bench = Bench::new(Twim::new(chips.into()));
         bench.set(ENABLE, 6);
         bench.set(FREQUENCY, 0x0640_0000);
@@ -252,8 +228,18 @@ mod tests {
         bench.pass(40 * US);
         assert!(bench.took(STOPPED) && bench.took(LASTTX) && bench.took(LASTRX));
         assert_eq!(bench.cells.0[&0x2000_0200], 0x6c);
-        assert_eq!(bench.cells.0[&0x2000_0201], 7);
+        assert_eq!(bench.cells.0[&0x2000_0201], 0);
         assert_eq!(bench.forbidden(), [""; 0]);
+    }
+
+    #[test]
+    fn what_a_chip_forbids_is_told() {
+        let mut bench = bench();
+        bench.set(TX_MAX, 2);
+        bench.set(ADDRESS, Lsm6dsox::ADDRESS);
+        bench.task(2);
+        bench.pass(150 * US);
+        assert_eq!(bench.forbidden(), ["ADDRESS"]);
     }
 
     #[test]
