@@ -20,8 +20,8 @@ use rigless::{
 
 use crate::{
     device::Chip,
-    network::{Order, Report},
-    peripheral::{Frame, Peer},
+    network::{Deed, Input, Order, Report},
+    peripheral::Peer,
     processor::Program,
     soc::{self, Board, Soc},
 };
@@ -47,6 +47,8 @@ pub struct Node {
     pub peer: Option<Box<dyn Peer>>,
     /// On the bus of TWIM0, by their addresses.
     pub chips: BTreeMap<u32, Box<dyn Chip>>,
+    /// Of what the chip draws at random, besides its number.
+    pub seed: u64,
     /// What is wrong with the chip.
     pub faults: Option<fn(&mut Soc)>,
 }
@@ -104,15 +106,17 @@ pub struct Outcome {
     pub untouched: u64,
 }
 
-/// Runs one chip until it is told to stop.
+/// Runs one chip, which has had power since an instant, until it is told to stop.
 pub(crate) fn run(
     number: usize,
     node: Node,
+    since: u64,
     reports: Sender<(usize, Option<Report>)>,
     orders: Receiver<Order>,
 ) -> Result<Outcome, String> {
     let text = |error: &dyn fmt::Display| error.to_string();
     let mut soc = Soc::new(number, node.peer, node.chips).map_err(|error| text(&error))?;
+    soc.draw_from(node.seed ^ (number as u64 + 1));
     if let Some(faults) = node.faults {
         faults(&mut soc);
     }
@@ -140,6 +144,9 @@ pub(crate) fn run(
     }
     let driver = Run {
         number,
+        since,
+        resets: 0,
+        told: [0; 3],
         reports,
         orders,
         rtt: rtt(&node.image),
@@ -190,6 +197,11 @@ fn rtt(image: &Path) -> Option<u64> {
 
 struct Run {
     number: usize,
+    /// When power came.
+    since: u64,
+    resets: usize,
+    /// How much was told of the line, of the pins and of the log.
+    told: [usize; 3],
     reports: Sender<(usize, Option<Report>)>,
     orders: Receiver<Order>,
     rtt: Option<u64>,
@@ -226,6 +238,35 @@ impl Run {
         host.hold(true);
         self.hold = Some((until, is_firm));
         self.polls = 0;
+    }
+
+    /// What was done since this was last asked.
+    fn deeds(&mut self, session: &mut Session<Board>, now: u64) -> Vec<(u64, Deed)> {
+        let resets = session.resets().iter().skip(self.resets);
+        let mut deeds: Vec<_> = resets
+            .map(|reset| (reset.at.0, Deed::Reset(format!("{:?}", reset.cause))))
+            .collect();
+        self.resets += deeds.len();
+        let soc = &mut session.board_mut().soc;
+        for mut frame in core::mem::take(&mut soc.radio.model.sent) {
+            frame.start += self.since;
+            deeds.push((frame.start - self.since, Deed::Sends(frame)));
+        }
+        let [line, pins, log] = &mut self.told;
+        let bytes = soc.uarte.model.sent.iter().skip(*line);
+        deeds.extend(bytes.map(|&(at, byte)| (at, Deed::Byte(byte))));
+        *line = soc.uarte.model.sent.len();
+        let changes = soc.gpio.model.changes.iter().skip(*pins);
+        deeds.extend(changes.map(|&(at, port, level)| (at, Deed::Pins(port, level))));
+        *pins = soc.gpio.model.changes.len();
+        if *log < self.outcome.log.len() {
+            deeds.push((now, Deed::Log(self.outcome.log[*log..].to_vec())));
+            *log = self.outcome.log.len();
+        }
+        for (at, _) in &mut deeds {
+            *at += self.since;
+        }
+        deeds
     }
 
     /// What is there when power goes.
@@ -287,8 +328,8 @@ impl Driver<Board> for Run {
         host: &mut dyn Host,
     ) -> Option<VirtualNanos> {
         self.drain(host);
-        let soc = &mut session.board_mut().soc;
-        let sent: Vec<Frame> = core::mem::take(&mut soc.radio.model.sent);
+        let deeds = self.deeds(session, stop.at.0);
+        let soc = &session.board().soc;
         let is_idle = stop.reason == StopReason::Idle || self.hold.is_some();
         let next = if is_idle && !soc.is_interrupted() {
             soc.next_event().map_or(u64::MAX, |next| next.0)
@@ -296,19 +337,28 @@ impl Driver<Board> for Run {
             stop.at.0
         };
         let report = Report {
-            next: next.max(stop.at.0),
-            sent,
+            next: next.max(stop.at.0).saturating_add(self.since),
+            deeds,
         };
         // Who gives orders may be gone: then this one ends too.
         let told = self.reports.send((self.number, Some(report)));
         let order = told.ok().and_then(|()| self.orders.recv().ok());
-        let Some(Order { until, heard }) = order else {
+        let Some(Order { until, inputs }) = order else {
             self.end(host);
             return None;
         };
-        for (frame, level) in heard {
-            session.board_mut().soc.hear(stop.at, frame, level);
+        let soc = &mut session.board_mut().soc;
+        for input in inputs {
+            match input {
+                Input::Frame(mut frame, level) => {
+                    frame.start -= self.since;
+                    soc.hear(stop.at, frame, level);
+                }
+                Input::Byte(at, byte) => {
+                    soc.deliver(stop.at, byte, at.saturating_sub(self.since));
+                }
+            }
         }
-        Some(VirtualNanos(until))
+        Some(VirtualNanos(until - self.since))
     }
 }

@@ -56,6 +56,7 @@ const fn peripheral(name: &'static str, base: u64, interrupts: &'static [u16]) -
 }
 
 const RADIO: usize = 1;
+const UARTE: usize = 2;
 const WATCHDOG: usize = 8;
 
 /// By their addresses: the bus counts its slots so.
@@ -156,6 +157,19 @@ impl Soc {
             || self.rtc.is_pending()
     }
 
+    /// Random numbers come from this seed.
+    pub(crate) fn draw_from(&mut self, seed: u64) {
+        self.rng = Instance::new(Rng::new(seed));
+    }
+
+    /// A byte on the line of UARTE0 is over at an instant.
+    pub(crate) fn deliver(&mut self, now: VirtualNanos, byte: u8, at: u64) {
+        let (file, mut context) = self.bus.drive(now, UARTE);
+        self.uarte.call(file, &mut context, |uarte, call| {
+            uarte.deliver(byte, at, call);
+        });
+    }
+
     /// A frame of another node is about to arrive.
     pub(crate) fn hear(&mut self, now: VirtualNanos, frame: Frame, level: u8) {
         let (file, mut context) = self.bus.drive(now, RADIO);
@@ -206,7 +220,7 @@ impl Mcu for Soc {
         let model: &mut dyn ErasedDevice = match slot {
             0 => &mut self.clock,
             RADIO => &mut self.radio,
-            2 => &mut self.uarte,
+            UARTE => &mut self.uarte,
             3 => &mut self.twim,
             4 => &mut self.gpiote,
             5 => &mut self.timer,

@@ -14,7 +14,9 @@ use anyhow::ensure;
 use calib_core::Status;
 use clap::{Args, ValueEnum};
 use host_sim::live::report;
-use host_sim::network::{Emulation, IMAGE, Onlooker, Options, Progress, Simulation};
+use host_sim::network::{
+    CHIP_IMAGE, Chips, Emulation, IMAGE, Onlooker, Options, Progress, Simulation,
+};
 use indicatif::{ProgressBar, ProgressStyle};
 use node_firmware::limits::CONSOLE_BAUD;
 
@@ -96,6 +98,8 @@ const FURTHER_STOPS: usize = 24;
 enum Backend {
     /// This program, in virtual time.
     Host,
+    /// An emulated nRF52840 for each node, in virtual time: the image that is flashed.
+    Nrf52840,
     /// An emulated Cortex-M4F for each node, in real time: machine code in `qemu-system-arm`.
     Qemu,
 }
@@ -116,7 +120,11 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
     let scenario = arguments.scenario.load(arguments.seed)?;
     arguments.scenario.tell_assumptions(&scenario);
     let script = arguments.pcap.as_deref().and_then(script_of);
-    let image = arguments.image.as_deref().unwrap_or(Path::new(IMAGE));
+    let usual = match arguments.backend {
+        Backend::Nrf52840 => CHIP_IMAGE,
+        Backend::Host | Backend::Qemu => IMAGE,
+    };
+    let image = arguments.image.as_deref().unwrap_or(Path::new(usual));
     let files = Files::default()
         .reads(arguments.scenario.file())
         .reads(arguments.port.iter().map(|(_, path)| path))
@@ -139,17 +147,22 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
     ensure!(
         arguments.speed.is_none()
             || speed == Some(1.0)
-            || (arguments.backend == Backend::Host && arguments.port.is_empty()),
-        "emulated boards and real cameras have a time of their own: leave out --speed, or say \
+            || (arguments.backend != Backend::Qemu && arguments.port.is_empty()),
+        "boards in QEMU and real cameras have a time of their own: leave out --speed, or say \
          `--speed real-time`"
     );
     ensure!(
         arguments.board_timeout.is_none() || arguments.backend == Backend::Qemu,
-        "--board-timeout is for emulated boards: leave it out, or say `--backend qemu`"
+        "--board-timeout is for boards in QEMU: leave it out, or say `--backend qemu`"
     );
     ensure!(
-        arguments.image.is_none() || arguments.backend == Backend::Qemu,
-        "--image is for emulated boards: leave it out, or say `--backend qemu`"
+        arguments.image.is_none() || arguments.backend != Backend::Host,
+        "--image is for emulated boards: leave it out, or say `--backend nrf52840`"
+    );
+    ensure!(
+        arguments.port.is_empty() || arguments.backend != Backend::Nrf52840,
+        "emulated chips have a time of their own, and a real camera another: leave out --port, or say \
+         `--backend host`"
     );
     ensure!(
         !arguments.until_calibrated || arguments.backend == Backend::Host,
@@ -164,7 +177,7 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
         );
     }
     let emulation = match arguments.backend {
-        Backend::Host => None,
+        Backend::Host | Backend::Nrf52840 => None,
         Backend::Qemu => {
             let emulation = Emulation::of(image)?;
             Some(match arguments.board_timeout {
@@ -173,11 +186,16 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
             })
         }
     };
+    let chips = match arguments.backend {
+        Backend::Nrf52840 => Some(Chips::of(image)?),
+        Backend::Host | Backend::Qemu => None,
+    };
     let [pcap, log] = [&arguments.pcap, &arguments.log].map(|path| path.as_deref().map(Late::new));
     let stop = interrupt::watch()?;
     let options = Options {
         speed,
         emulation,
+        chips,
         further_stops: if arguments.until_calibrated {
             arguments.further_stops
         } else {

@@ -28,7 +28,7 @@ use zigbee_link::{radio::Csma, runner::Clock as _, wire::Eui64};
 use super::{
     CameraDevice, Pixy2Device, SharedWorld, Simulation, Trouble,
     device::{Device, Serial},
-    emulated::{Board, Surroundings},
+    emulated::{Emulated, Surroundings},
     journal::{Moment, SharedJournal, Witness},
 };
 use crate::video::Video;
@@ -164,7 +164,7 @@ pub(super) struct Node {
     /// A real camera in the place of what is on the line.
     real: RefCell<Option<Serial>>,
     /// What runs the firmware, if not this program.
-    board: Option<Board>,
+    board: Option<Emulated>,
     trouble: Trouble,
 }
 
@@ -193,8 +193,11 @@ impl Node {
         let drift = root.stream("clock", id).random_range(-most..=most);
         let clock = simulation.executor.clock().drifting(drift as i32);
         let emulation = simulation.emulation.as_ref();
+        let qemu = || Some(Emulated::Qemu(Box::new(emulation?.board(&config))));
+        let chip = simulation.chips.as_ref();
+        let chip = chip.map(|chips| Emulated::Chip(chips.board(&config)));
         Rc::new(Self {
-            board: emulation.map(|emulation| emulation.board(&config)),
+            board: chip.or_else(qemu),
             trouble: simulation.trouble.clone(),
             real: RefCell::default(),
             flash: Flash::new(&clock, PAGES, root.stream("flash", id)),

@@ -40,6 +40,29 @@ pub trait Peer: fmt::Debug + Send {
     fn transmit(&mut self, now: u64) -> Option<u8>;
     /// When it will have sent the next one, as far as it knows.
     fn next(&self) -> Option<u64>;
+    /// From outside it is given a byte that it will have sent at an instant.
+    fn give(&mut self, _byte: u8, _at: u64) {}
+}
+
+/// A line to somebody elsewhere.
+#[derive(Debug, Default)]
+pub struct Wire(VecDeque<(u64, u8)>);
+
+impl Peer for Wire {
+    fn receive(&mut self, _: u8, _: u64) {}
+
+    fn transmit(&mut self, now: u64) -> Option<u8> {
+        let (_, byte) = self.0.pop_front_if(|(at, _)| *at <= now)?;
+        Some(byte)
+    }
+
+    fn next(&self) -> Option<u64> {
+        self.0.front().map(|(at, _)| *at)
+    }
+
+    fn give(&mut self, byte: u8, at: u64) {
+        self.0.push_back((at, byte));
+    }
 }
 
 /// Bytes of a buffer in memory.
@@ -75,6 +98,14 @@ impl Uarte {
         Self {
             peer,
             ..Self::default()
+        }
+    }
+
+    /// The peer is [given](Peer::give) a byte. One that has come to a receiver that is off is not heard.
+    pub(crate) fn deliver(&mut self, byte: u8, at: u64, call: &mut Call<'_, '_>) {
+        if let Some(peer) = &mut self.peer {
+            peer.give(byte, at);
+            self.plan(call);
         }
     }
 

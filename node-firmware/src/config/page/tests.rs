@@ -44,14 +44,32 @@ fn forged(version: u16, length: u16, body: &[u8]) -> Vec<u8> {
 /// The format is an interface.
 #[test]
 fn golden_pages() {
-    let pages = [
-        node(RoleConfig::Camera(camera())),
-        node(RoleConfig::Target(target())),
-        node(RoleConfig::Coordinator(coordinator(2))),
-        node(RoleConfig::Camera(pixy2())),
+    assert_eq!(examples().map(|(_, page)| hex(&page)), GOLDEN);
+}
+
+fn examples() -> [(&'static str, Vec<u8>); 4] {
+    [
+        ("camera", RoleConfig::Camera(camera())),
+        ("target", RoleConfig::Target(target())),
+        ("coordinator", RoleConfig::Coordinator(coordinator(2))),
+        ("pixy2", RoleConfig::Camera(pixy2())),
     ]
-    .map(|config| hex(&page(&config)));
-    assert_eq!(pages, GOLDEN);
+    .map(|(name, role)| (name, page(&node(role))))
+}
+
+/// Fuzzing starts from these: of an older version they would lead nowhere. `UPDATE=1` writes them anew.
+#[test]
+fn the_corpus_for_fuzzing_is_of_this_version() {
+    let corpus = concat!(env!("CARGO_MANIFEST_DIR"), "/../fuzz/corpus/config_page");
+    for (name, page) in examples() {
+        let path = format!("{corpus}/{name}");
+        // The target puts the checksum there itself.
+        let seed = &page[..page.len() - TRAILER];
+        if std::env::var_os("UPDATE").is_some() {
+            std::fs::write(&path, seed).unwrap();
+        }
+        assert!(std::fs::read(&path).unwrap() == seed, "{path}");
+    }
 }
 
 #[test]
