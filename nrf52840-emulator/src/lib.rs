@@ -8,7 +8,7 @@
 //! [`run`] lets several chips hear each other; in a [`Network`] they can be switched on and off, and what
 //! is outside is somebody else's. It is deterministic: the same nodes do the same.
 
-#![forbid(unsafe_code)]
+#![deny(unsafe_code)]
 #![warn(missing_docs, unreachable_pub, rust_2018_idioms)]
 #![warn(clippy::all, clippy::doc_markdown, clippy::uninlined_format_args)]
 
@@ -16,6 +16,7 @@ pub mod device;
 mod network;
 mod node;
 pub mod peripheral;
+mod processor;
 mod soc;
 
 pub use self::{

@@ -22,6 +22,7 @@ use crate::{
     device::Chip,
     network::{Deed, Input, Order, Report},
     peripheral::Peer,
+    processor::Program,
     soc::{self, Board, Soc},
 };
 
@@ -119,9 +120,21 @@ pub(crate) fn run(
     if let Some(faults) = node.faults {
         faults(&mut soc);
     }
-    let session = Session::new(Box::new(Board { soc }), 0, VirtualNanos(1));
-    let session = session.map_err(|error| text(&error))?;
     let program = Image::read(&node.image, None).map_err(|error| text(&error))?;
+    let addresses = 0..MEMORY.start;
+    let pieces = { node.flash.iter() }
+        .filter(|(at, _)| addresses.contains(at))
+        .flat_map(|(at, bytes)| [at.to_le_bytes().to_vec(), bytes.clone()]);
+    let pieces: Vec<_> = [program.bytes().to_vec()]
+        .into_iter()
+        .chain(pieces)
+        .collect();
+    let board = Board {
+        soc,
+        program: Program::new(pieces.iter().map(Vec::as_slice), addresses),
+    };
+    let session = Session::new(Box::new(board), 0, VirtualNanos(1));
+    let session = session.map_err(|error| text(&error))?;
     let mut images = vec![program];
     let info = (soc::FICR, soc::ficr(number));
     for (address, bytes) in node.flash.into_iter().chain([info]) {

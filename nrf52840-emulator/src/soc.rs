@@ -1,7 +1,9 @@
 //! The chip: its memory map, its peripherals where they are, and what a reset does.
 
-use core::num::{NonZeroU32, NonZeroU64};
-use std::collections::BTreeMap;
+use std::{
+    collections::BTreeMap,
+    num::{NonZeroU32, NonZeroU64},
+};
 
 use rigless::{
     cpu,
@@ -13,10 +15,13 @@ use rigless::{
     time::VirtualNanos,
 };
 
-use crate::device::Chip;
 use crate::peripheral::{
     Clock, Frame, Gpio, Instance, Nvmc, Peer, Plain, Ppi, REGISTERS, Radio, Rng, Rtc, Timer, Twim,
     Uarte, Watchdog, Word, clock,
+};
+use crate::{
+    device::Chip,
+    processor::{self, Program},
 };
 
 /// Where FICR and UICR are (Product Specification, "Memory map").
@@ -237,6 +242,7 @@ impl Mcu for Soc {
 pub struct Board {
     /// Its chip.
     pub soc: Soc,
+    pub(crate) program: Program,
 }
 
 impl Store for Board {}
@@ -268,7 +274,8 @@ impl machine::Board for Board {
         let mut config = armv7m::Config::new(core, &cpu::armv7m::windows(self.soc.bus()));
         config.vector_table = Some(0);
         config.fpu = armv7m::Fpu::FpV4Sp;
-        let spec = config.spec();
+        let mut spec = config.spec();
+        spec.processor = processor::constructor(spec.processor, self.program.clone());
         vec![Target::new("nrf52840", &mut self.soc, spec)]
     }
 }

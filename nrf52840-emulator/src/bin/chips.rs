@@ -157,8 +157,7 @@ impl<'a> Chips<'a> {
                             angular_rate: motion.angular_rate,
                             field: motion.field,
                         };
-                        chip.world
-                            .push(motion.at.saturating_sub(chip.since), known);
+                        chip.world.push(motion.at.saturating_sub(chip.since), known);
                     }
                 }
             }
