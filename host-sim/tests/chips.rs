@@ -3,7 +3,7 @@
 
 use std::{cell::RefCell, env, io, path::Path, rc::Rc};
 
-use answers::record::RunRecord;
+use answers::record::{Role, RunRecord};
 use host_sim::network::{CHIP_IMAGE, Chips, Options, Simulation};
 use site::{Overrides, Scenario};
 
@@ -120,4 +120,31 @@ fn a_network_does_the_same_each_time() {
     assert!(pcap.0.borrow().len() > 1_000);
     assert!(*pcap.0.borrow() == *same.0.borrow(), "other frames");
     assert_eq!(text, same_log.text());
+}
+
+/// With twice the stops of somebody who measures exactly, for a carrier's steps are uncertain by a tenth.
+#[test]
+#[ignore = "`cargo xtask test --stage chip`"]
+fn lab_calibrates() {
+    let changes = Overrides {
+        stops: Some(6),
+        ..Overrides::default()
+    };
+    let (record, ..) = run(Scenario::load("lab", &changes).unwrap());
+    let cameras: Vec<_> = { record.nodes.iter() }
+        .filter(|node| node.role == Role::Camera)
+        .collect();
+    assert_eq!(cameras.len(), 7);
+    for camera in cameras {
+        let error = camera.error.as_ref();
+        let error = error.unwrap_or_else(|| panic!("camera {} has no pose", camera.id));
+        let off = error.x.hypot(error.y);
+        assert!(
+            off < 3.0 && error.heading_deg.abs() < 6.0,
+            "{}: {error:?}",
+            camera.id
+        );
+        assert!(camera.nees.is_none_or(|nees| nees < 25.0), "{}", camera.id);
+    }
+    assert_eq!(record.summary.calibrated, 7);
 }

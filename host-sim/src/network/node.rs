@@ -195,7 +195,8 @@ impl Node {
         let emulation = simulation.emulation.as_ref();
         let qemu = || Some(Emulated::Qemu(Box::new(emulation?.board(&config))));
         let chip = simulation.chips.as_ref();
-        let chip = chip.map(|chips| Emulated::Chip(chips.board(&config)));
+        let step_length = simulation.scenario.walk.step_length;
+        let chip = chip.map(|chips| Emulated::Chip(chips.board(&config, step_length)));
         Rc::new(Self {
             board: chip.or_else(qemu),
             trouble: simulation.trouble.clone(),

@@ -5,10 +5,13 @@
 //! goes on until it does something that the other one sees; [`Outside`] is where the executor waits for
 //! the chips. The same scenario goes the same way each time.
 //!
+//! A target's steps are made by a [`carrier`], whose motion the chips of its step sensor feel.
+//!
 //! Nobody watches such a node from within. What it has written down is read from its flash in the end.
 //!
 //! A byte of a board is on the simulated line once it has gone out of the chip, and takes as long again.
 
+mod carrier;
 mod process;
 
 use std::{
@@ -19,12 +22,12 @@ use std::{
 };
 
 use board_support::flash::NRF52840;
-use chip_pipe::{Contents, Deed, End, Frame, Order, Orders, Reception, Reports};
-use embassy_futures::select::{Either4, select4};
+use chip_pipe::{Contents, Deed, End, Frame, Motion, Order, Orders, Reception, Reports};
+use embassy_futures::select::{Either, Either4, select, select4};
 use embassy_sync::{blocking_mutex::raw::NoopRawMutex, signal::Signal};
 use embedded_io_async::{Read, Write};
 use node_firmware::{
-    config::{CheckedConfig, RoleConfig, page},
+    config::{CheckedConfig, Config, RoleConfig, page},
     facts::Fact,
     hardware::Indication,
 };
@@ -34,7 +37,7 @@ use virtual_bench::{
 };
 use zigbee_link::{radio::Channel, wire::Eui64};
 
-use self::process::Process;
+use self::{carrier::Carrier, process::Process};
 use super::{
     super::{Trouble, journal::SharedJournal},
     EmulatorError, Surroundings, memory,
@@ -120,10 +123,13 @@ impl Pool {
         })
     }
 
-    /// A board that is still switched off, with its configuration.
-    pub(in crate::network) fn board(&self, config: &CheckedConfig) -> Rc<Board> {
+    /// A board that is still switched off, with its configuration. `step_length` is that of the steps which
+    /// are reported, if it is a target's.
+    pub(in crate::network) fn board(&self, config: &CheckedConfig, step_length: f64) -> Rc<Board> {
+        let (config, carrier) = carried(config, step_length);
         let board = Rc::new(Board {
-            config: config.clone(),
+            config,
+            carrier: RefCell::new(carrier),
             queue: self.queue.clone(),
             bytes: RefCell::default(),
             came: Signal::new(),
@@ -132,7 +138,7 @@ impl Pool {
             antenna: Cell::new(None),
             end: RefCell::default(),
         });
-        let number = config.id.into();
+        let number = board.number();
         self.boards.borrow_mut().insert(number, board.clone());
         board
     }
@@ -201,6 +207,19 @@ impl Pool {
     }
 }
 
+/// The configuration of a node with what is written there of its carrier, and the carrier of a target.
+fn carried(config: &CheckedConfig, step_length: f64) -> (CheckedConfig, Option<Carrier>) {
+    let mut written = Config::clone(config);
+    let RoleConfig::Target(target) = &mut written.role else {
+        return (config.clone(), None);
+    };
+    let sensor = &mut target.sensor;
+    let carrier = Carrier::new(step_length, sensor.step_length, sensor.hard_iron);
+    sensor.step_length = carrier.step_length;
+    let checked = written.check().unwrap_or_else(|_| config.clone());
+    (checked, Some(carrier))
+}
+
 fn indication(level: u32) -> Indication {
     let [joined, target_seen, calibrated, may_walk] = LAMPS.map(|pin| level >> pin & 1 == 0);
     Indication {
@@ -258,6 +277,8 @@ impl Outside for Lockstep {
 /// A board with such a chip. Its flash outlasts its being switched off.
 pub(in crate::network) struct Board {
     config: CheckedConfig,
+    /// Of a target.
+    carrier: RefCell<Option<Carrier>>,
     queue: Rc<Queue>,
     /// What has gone out on its line.
     bytes: RefCell<VecDeque<u8>>,
@@ -311,7 +332,7 @@ impl Board {
         }
         let order = Order::On {
             seed,
-            has_sensor: matches!(self.config.role, RoleConfig::Target(_)),
+            has_sensor: self.carrier.borrow().is_some(),
             programmed: vec![(NRF52840.config_address().into(), written)],
         };
         self.queue.push(self.number(), order);
@@ -321,6 +342,7 @@ impl Board {
             medium,
         };
         medium.set_ear(antenna, Some(Box::new(self.ear(clock))));
+        self.moves(|carrier| vec![carrier.stand(clock.time())]);
         let mut byte = [0];
         loop {
             let happened = select4(
@@ -329,7 +351,14 @@ impl Board {
                 self.lamps.wait(),
                 self.failure.wait(),
             );
-            match happened.await {
+            let happened = match select(happened, panel.steps.receive()).await {
+                Either::First(happened) => happened,
+                Either::Second(step) => {
+                    self.moves(|carrier| carrier.step(clock.time(), &step));
+                    continue;
+                }
+            };
+            match happened {
                 Either4::First(Ok(1)) => {
                     let [byte] = byte;
                     let at = clock.time();
@@ -345,6 +374,13 @@ impl Board {
                 Either4::Third(indication) => panel.show(indication),
                 Either4::Fourth(why) => return EmulatorError::Chip { id, why },
             }
+        }
+    }
+
+    /// Its carrier moves, if it has one.
+    fn moves(&self, how: impl FnOnce(&mut Carrier) -> Vec<Motion>) {
+        if let Some(carrier) = &mut *self.carrier.borrow_mut() {
+            self.queue.push(self.number(), Order::Moves(how(carrier)));
         }
     }
 
