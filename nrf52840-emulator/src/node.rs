@@ -93,6 +93,8 @@ pub struct Outcome {
     pub operations: Vec<Range<u64>>,
     /// Frames received well, and spoilt.
     pub received: [u64; 2],
+    /// How long it had power, nanoseconds.
+    pub powered: u64,
     /// How long the radio received and sent, nanoseconds.
     pub radio_on: [u64; 2],
     /// How often the watchdog was fed.
@@ -184,6 +186,7 @@ pub(crate) fn run(
             .radio
             .model
             .on_until(finished.stop.map_or(0, |stop| stop.at.0)),
+        powered: finished.stop.map_or(0, |stop| stop.at.0),
         fed: soc.watchdog.model.fed,
         transfers: soc.twim.model.transfers,
         instructions: finished.stop.map_or(0, |stop| stop.instruction_count),
