@@ -3,6 +3,7 @@
 use std::{
     collections::BTreeMap,
     fmt,
+    ops::Range,
     path::{Path, PathBuf},
     sync::mpsc::{Receiver, Sender},
 };
@@ -27,9 +28,9 @@ use crate::{
 };
 
 /// Part of the flash that programs write here: its last 76 KiB.
-pub const MEMORY: core::ops::Range<u64> = 0xe_d000..0x10_0000;
+pub const MEMORY: Range<u64> = 0xe_d000..0x10_0000;
 /// UICR.
-pub const SETTINGS: core::ops::Range<u64> = 0x1000_1000..0x1000_2000;
+pub const SETTINGS: Range<u64> = 0x1000_1000..0x1000_2000;
 
 /// A loop that reads the same value so often waits for a model: time goes on to its next event.
 const POLLS: u32 = 8;
@@ -88,6 +89,8 @@ pub struct Outcome {
     pub erased: Vec<(u64, u64)>,
     /// Words written to the flash.
     pub written: u64,
+    /// From when to when it wrote or erased; what power interrupts then is torn.
+    pub operations: Vec<Range<u64>>,
     /// Frames received well, and spoilt.
     pub received: [u64; 2],
     /// How long the radio received and sent, nanoseconds.
@@ -179,6 +182,7 @@ pub(crate) fn run(
         overruns: soc.uarte.model.overruns,
         erased: soc.nvmc.model.erased.clone(),
         written: soc.nvmc.model.words,
+        operations: soc.nvmc.model.operations.clone(),
         received: soc.radio.model.received,
         radio_on: soc
             .radio

@@ -1,6 +1,6 @@
 //! UARTE: a serial line whose bytes go to memory and come from it by themselves.
 
-use std::{collections::VecDeque, fmt};
+use std::{collections::VecDeque, fmt, ops::Range};
 
 use rigless::{soc::Width, time::EventId};
 
@@ -80,6 +80,8 @@ pub struct Uarte {
     pub sent: Vec<(u64, u8)>,
     /// Bytes that came while there was no room.
     pub overruns: u64,
+    /// From when to when there is no room whatever the program does: memory is too slow.
+    pub full: Option<Range<u64>>,
     /// What ERRORSRC shows.
     errors: u32,
     peer: Option<Box<dyn Peer>>,
@@ -257,7 +259,8 @@ impl Model for Uarte {
         if self.next == Some(id) {
             self.next = None;
             while let Some(byte) = self.peer.as_mut().and_then(|peer| peer.transmit(now)) {
-                if self.fifo.len() < FIFO {
+                let has_room = !self.full.as_ref().is_some_and(|full| full.contains(&now));
+                if has_room && self.fifo.len() < FIFO {
                     self.fifo.push_back(byte);
                 } else {
                     self.overruns += 1;

@@ -1,5 +1,7 @@
 //! The image that is flashed, from `NODE_IMAGE`, with the configuration pages of a site.
 
+mod faults;
+
 use std::{collections::BTreeMap, env, f64::consts::FRAC_PI_2, fs, path::PathBuf, sync::Arc};
 
 use cmucam2_emulator::{Configuration, Emulator, Scene};
@@ -11,7 +13,7 @@ use node_firmware::{
     facts::{self, Fact, FactStore},
 };
 use nrf52840_emulator::{
-    MEMORY, Node, Outcome, SETTINGS, Soc,
+    MEMORY, Node, Outcome, Soc,
     device::{self, Motion, World},
     peripheral::{Frame, Peer},
     run,
@@ -54,8 +56,8 @@ impl Rehearsal {
         node(&self.configs.coordinator)
     }
 
-    /// A camera node whose CMUcam2 sees the target at its first stop, if it can.
-    fn camera(&self, number: usize) -> Node {
+    /// A CMUcam2 that sees the target at its first stop, if it can.
+    fn eye(&self, number: usize) -> Camera {
         let camera = &self.site.networks[0].cameras[number];
         let mut scene = Scene::default();
         let view = self.site.world.look(camera.index);
@@ -67,8 +69,13 @@ impl Rehearsal {
             seed: camera.id.into(),
             ..Configuration::default()
         };
+        Camera(Emulator::new(configuration, scene))
+    }
+
+    /// A camera node with its CMUcam2.
+    fn camera(&self, number: usize) -> Node {
         Node {
-            peer: Some(Box::new(Camera(Emulator::new(configuration, scene)))),
+            peer: Some(Box::new(self.eye(number))),
             ..node(&self.configs.cameras[number])
         }
     }
@@ -427,42 +434,4 @@ fn a_target_counts_its_carriers_steps() {
         (twice[0] / once - 2.0).abs() < 0.08,
         "{twice:?} m after {once} m"
     );
-}
-
-/// The crystal of 32 MHz is waited for without end: the watchdog restarts the board, which works once the
-/// crystal does, and says why.
-#[test]
-#[ignore = "`cargo xtask test --stage chip`"]
-fn without_its_crystal_a_board_restarts() {
-    let faults: fn(&mut Soc) = |soc| soc.clock.model.is_hfxo_dead = true;
-    let node = Node {
-        faults: Some(faults),
-        ..lab().coordinator()
-    };
-    let outcome = alone(node, 60 * S);
-    in_order(&outcome);
-    // One for the pins' voltage, then one every eight seconds.
-    assert_eq!(
-        (outcome.fed, outcome.resets.len()),
-        (0, 8),
-        "{:?}",
-        outcome.resets
-    );
-}
-
-#[test]
-#[ignore = "`cargo xtask test --stage chip`"]
-fn power_may_go_while_the_flash_is_written() {
-    let lab = lab();
-    let whole = alone(lab.coordinator(), 4 * S);
-    // Also in the middle of the work on the flash.
-    let busy = whole.erased.iter().map(|(at, _)| at + 40 * MS);
-    for cut in busy.chain((1..4).map(|part| part * S / 3)) {
-        let before = alone(lab.coordinator(), cut);
-        let after = alone(again(&lab, &before), 10 * S);
-        in_order(&after);
-        assert!(after.fed > 3, "cut at {cut}: {:?}", after.resets);
-        assert!(after.flash.iter().any(|(at, _)| *at == MEMORY.start));
-        assert!(after.flash.iter().any(|(at, _)| *at == SETTINGS.start));
-    }
 }
