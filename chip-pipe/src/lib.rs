@@ -76,6 +76,9 @@ pub enum Order {
     },
     /// A frame arrives. It must not have begun.
     Frame(Frame, Reception),
+    /// In the middle of the next work on its flash it stands still: power is about to go, and what is there then
+    /// is what it leaves.
+    StandInWrite,
     /// Its step sensor moves so, in the order of times, none of which has passed.
     Moves(Vec<Motion>),
 }
@@ -107,6 +110,8 @@ pub enum Deed {
     Pins(u8, u32),
     /// It says something in its log.
     Logs(String),
+    /// It stands in the middle of work on its flash that takes so many nanoseconds.
+    Writes(u64),
     /// It has restarted, by order of this part of it.
     Restarts(String),
     /// It cannot be emulated.
@@ -122,8 +127,8 @@ pub struct End {
     pub memory: Vec<Contents>,
     /// What its product specification forbids, or is not modelled, and accesses where nothing is.
     pub forbidden: Vec<String>,
-    /// Bytes at the end of its stack that were never in use.
-    pub stack_unused: u64,
+    /// Bytes of its stack that were in use, and all.
+    pub stack: [u64; 2],
     /// How long its radio received and sent, nanoseconds.
     pub radio_on: [u64; 2],
     /// Frames received well, and spoilt.

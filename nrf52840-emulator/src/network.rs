@@ -41,6 +41,9 @@ pub enum Input {
     Frame(Frame, u8),
     /// A byte on the line of UARTE0 is over at an instant, or now if that has passed.
     Byte(u64, u8),
+    /// In the middle of the next work on its flash it stands still, and what is there then is what it leaves:
+    /// power is about to go.
+    StandInWrite,
 }
 
 impl Input {
@@ -49,6 +52,7 @@ impl Input {
         match self {
             Self::Frame(frame, _) => frame.start,
             Self::Byte(at, _) => *at,
+            Self::StandInWrite => u64::MAX,
         }
     }
 }
@@ -64,6 +68,8 @@ pub enum Deed {
     Pins(u8, u32),
     /// Bytes of the first channel of RTT.
     Log(Vec<u8>),
+    /// It stands in the middle of [work on its flash](Input::StandInWrite) that takes so many nanoseconds.
+    Writes(u64),
     /// It restarts, by order of `Core` or a peripheral.
     Reset(String),
     /// It has ended by itself: why.

@@ -109,6 +109,8 @@ pub struct Outcome {
     pub flash: Vec<(u64, Vec<u8>)>,
     /// Bytes at the start of the RAM, where the stack ends, that nobody wrote to.
     pub untouched: u64,
+    /// Bytes from there to where the stack begins.
+    pub stack: u64,
 }
 
 /// Runs one chip, which has had power since an instant, until it is told to stop.
@@ -151,6 +153,8 @@ pub(crate) fn run(
         number,
         since,
         resets: 0,
+        is_to_stand: false,
+        stands: None,
         told: [0; 3],
         reports,
         orders,
@@ -207,6 +211,10 @@ struct Run {
     /// When power came.
     since: u64,
     resets: usize,
+    /// It is to stand in the middle of the next work on the flash; since when it does, and how long that
+    /// takes.
+    is_to_stand: bool,
+    stands: Option<(u64, u64)>,
     /// How much was told of the line, of the pins and of the log.
     told: [usize; 3],
     reports: Sender<(usize, Option<Report>)>,
@@ -270,6 +278,9 @@ impl Run {
             deeds.push((now, Deed::Log(self.outcome.log[*log..].to_vec())));
             *log = self.outcome.log.len();
         }
+        if let Some((since, takes)) = self.stands.take() {
+            deeds.push((since, Deed::Writes(takes)));
+        }
         for (at, _) in &mut deeds {
             *at += self.since;
         }
@@ -288,6 +299,8 @@ impl Run {
         }
         let (start, size) = soc::RAM;
         let words = (start..start + size).step_by(4);
+        let begins = u64::from(word(0));
+        self.outcome.stack = begins.saturating_sub(start);
         self.outcome.untouched = 4 * words.take_while(|&at| word(at) == 0).count() as u64;
     }
 }
@@ -303,7 +316,11 @@ impl Driver<Board> for Run {
                 let is_same = access.kind == AccessKind::Read && key == self.last;
                 self.polls = if is_same { self.polls + 1 } else { 0 };
                 self.last = key;
-                if busy > now {
+                if busy > now && core::mem::take(&mut self.is_to_stand) {
+                    self.end(host);
+                    self.stands = Some((now, busy - now));
+                    self.hold(u64::MAX, true, host);
+                } else if busy > now {
                     // The processor cannot fetch (Product Specification, "NVMC").
                     self.hold(busy, true, host);
                 } else if self.polls >= POLLS {
@@ -351,7 +368,10 @@ impl Driver<Board> for Run {
         let told = self.reports.send((self.number, Some(report)));
         let order = told.ok().and_then(|()| self.orders.recv().ok());
         let Some(Order { until, inputs }) = order else {
-            self.end(host);
+            // Unless power has gone before, as far as the flash is concerned.
+            if self.outcome.flash.is_empty() {
+                self.end(host);
+            }
             return None;
         };
         let soc = &mut session.board_mut().soc;
@@ -364,6 +384,7 @@ impl Driver<Board> for Run {
                 Input::Byte(at, byte) => {
                     soc.deliver(stop.at, byte, at.saturating_sub(self.since));
                 }
+                Input::StandInWrite => self.is_to_stand = true,
             }
         }
         Some(VirtualNanos(until - self.since))

@@ -19,6 +19,7 @@ use host_sim::network::{
 };
 use indicatif::{ProgressBar, ProgressStyle};
 use node_firmware::limits::CONSOLE_BAUD;
+use site::Action;
 
 use super::{
     and,
@@ -169,6 +170,13 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
         "--until-calibrated reads what nodes know while they run, as emulated boards do not tell it: \
          leave it out, or say `--backend host`"
     );
+    let wears = |action: &Action| matches!(action, Action::Rot { .. } | Action::WearOut { .. });
+    ensure!(
+        arguments.backend != Backend::Nrf52840
+            || !scenario.events.iter().any(|event| wears(&event.action)),
+        "events `rot` and `wear-out` do nothing to the flash of emulated chips: leave them out, or say \
+         `--backend host`"
+    );
     let mut nodes = BTreeSet::new();
     for (node, _) in &arguments.port {
         ensure!(
@@ -243,6 +251,7 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
             }
         ));
     }
+    tell_of_chips(&simulation);
     let trouble = simulation.trouble();
     let is_stopped = stop.load(Ordering::Relaxed);
     let end = match &trouble {
@@ -267,6 +276,20 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
         _ if is_stopped => ended.map(|_| interrupt::told()),
         Some(trouble) => and(ended, Err(trouble.into())),
         None => ended,
+    }
+}
+
+/// What emulated chips did that the specification forbids, and how deep their stacks were.
+fn tell_of_chips(simulation: &Simulation) {
+    let chips = simulation.chips();
+    for (id, chip) in &chips {
+        for what in &chip.forbidden {
+            tell(format_args!("the chip of node {id}: {what}"));
+        }
+    }
+    let deepest = chips.values().map(|chip| chip.stack).max();
+    if let Some([used, all]) = deepest.filter(|[_, all]| *all > 0) {
+        tell(format_args!("{used} bytes of stack were used, of {all}"));
     }
 }
 

@@ -57,6 +57,8 @@ use node_firmware::{
     message::Report,
 };
 
+pub use chip_pipe::End as ChipEnd;
+
 pub use self::{
     camera::{CameraDevice, Pixy2Device},
     console::Terminal,
@@ -415,6 +417,15 @@ impl Simulation {
     /// other nodes.
     pub fn memory(&self, id: u16) -> Vec<Fact> {
         self.node(id).map(|node| node.memory()).unwrap_or_default()
+    }
+
+    /// What is known of emulated chips since they last had power, by their nodes' numbers, once the simulation
+    /// has run.
+    pub fn chips(&self) -> BTreeMap<u16, ChipEnd> {
+        let nodes = self.nodes.iter();
+        nodes
+            .filter_map(|node| Some((node.id(), node.chip()?)))
+            .collect()
     }
 
     /// What cameras last told their coordinators, by their numbers.

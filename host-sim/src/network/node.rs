@@ -584,6 +584,19 @@ impl Node {
         board.map_or_else(Vec::new, |board| board.facts(&self.clock))
     }
 
+    /// Waits until it works on its flash: how long that takes. None where nobody knows.
+    pub(super) async fn next_write(&self) -> Option<Time> {
+        match &self.board {
+            Some(board) => board.next_write().await,
+            None => Some(self.flash.next_operation().await),
+        }
+    }
+
+    /// What is known of its emulated chip, once the simulation has ended.
+    pub(super) fn chip(&self) -> Option<chip_pipe::End> {
+        self.board.as_ref()?.end()
+    }
+
     /// Puts into the journal what nobody has seen an emulated board write down.
     pub(super) fn read_memory(&self) {
         let memory = self.memory();

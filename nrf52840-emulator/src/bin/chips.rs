@@ -149,6 +149,7 @@ impl<'a> Chips<'a> {
                 };
                 self.network.input(index, Input::Frame(frame, level));
             }
+            Order::StandInWrite => self.network.input(index, Input::StandInWrite),
             Order::Moves(motions) => {
                 if let Some(chip) = self.all.get(&number) {
                     for motion in motions {
@@ -185,6 +186,7 @@ impl<'a> Chips<'a> {
                 }
                 emulator::Deed::Byte(byte) => Deed::Byte(byte),
                 emulator::Deed::Pins(port, level) => Deed::Pins(port, level),
+                emulator::Deed::Writes(takes) => Deed::Writes(takes),
                 emulator::Deed::Reset(by) => Deed::Restarts(by),
                 emulator::Deed::Fails(why) => Deed::Fails(why),
                 emulator::Deed::Log(bytes) => {
@@ -257,7 +259,10 @@ fn end(outcome: Outcome) -> End {
     End {
         forbidden: forbidden.chain(outcome.unmapped).collect(),
         memory: outcome.flash,
-        stack_unused: outcome.untouched,
+        stack: [
+            outcome.stack.saturating_sub(outcome.untouched),
+            outcome.stack,
+        ],
         radio_on: outcome.radio_on,
         received: outcome.received,
         flash: [outcome.erased.len() as u64, outcome.written],

@@ -145,6 +145,23 @@ impl Emulated {
         }
     }
 
+    /// Waits until it works on its flash, where anybody knows when it does: how long that takes. It stands
+    /// still then.
+    pub(super) async fn next_write(&self) -> Option<Time> {
+        match self {
+            Self::Qemu(_) => None,
+            Self::Chip(board) => Some(board.next_write().await),
+        }
+    }
+
+    /// What is known of its chip, once the simulation has ended.
+    pub(super) fn end(&self) -> Option<chip_pipe::End> {
+        match self {
+            Self::Qemu(_) => None,
+            Self::Chip(board) => Some(board.end()),
+        }
+    }
+
     /// What the node's role has written down, in the order of its records.
     pub(super) fn facts(&self, clock: &Clock) -> Vec<Fact> {
         match self {

@@ -135,6 +135,8 @@ impl Pool {
             came: Signal::new(),
             lamps: Signal::new(),
             failure: Signal::new(),
+            is_to_stand: Cell::new(false),
+            writes: Signal::new(),
             antenna: Cell::new(None),
             end: RefCell::default(),
         });
@@ -197,6 +199,10 @@ impl Pool {
             }
             Deed::Pins(0, level) => board.lamps.signal(indication(level)),
             Deed::Logs(line) => note(&line),
+            Deed::Writes(takes) => {
+                board.is_to_stand.set(false);
+                board.writes.signal(takes);
+            }
             Deed::Restarts(by) => {
                 note(&format!("restarts, by {by}"));
                 board.lamps.signal(Indication::default());
@@ -285,6 +291,9 @@ pub(in crate::network) struct Board {
     came: Signal<NoopRawMutex, ()>,
     lamps: Signal<NoopRawMutex, Indication>,
     failure: Signal<NoopRawMutex, String>,
+    /// It is to stand still in the middle of the next work on its flash; when it does, how long that takes.
+    is_to_stand: Cell<bool>,
+    writes: Signal<NoopRawMutex, Time>,
     antenna: Cell<Option<virtual_bench::medium::NodeId>>,
     end: RefCell<End>,
 }
@@ -343,6 +352,9 @@ impl Board {
         };
         medium.set_ear(antenna, Some(Box::new(self.ear(clock))));
         self.moves(|carrier| vec![carrier.stand(clock.time())]);
+        if self.is_to_stand.get() {
+            self.queue.push(self.number(), Order::StandInWrite);
+        }
         let mut byte = [0];
         loop {
             let happened = select4(
@@ -382,6 +394,19 @@ impl Board {
         if let Some(carrier) = &mut *self.carrier.borrow_mut() {
             self.queue.push(self.number(), Order::Moves(how(carrier)));
         }
+    }
+
+    /// Waits until its chip works on its flash, and has it stand still in the middle of that: its power is about
+    /// to go. How long that would have taken.
+    pub(in crate::network) async fn next_write(&self) -> Time {
+        self.is_to_stand.set(true);
+        self.queue.push(self.number(), Order::StandInWrite);
+        self.writes.wait().await
+    }
+
+    /// What is known of its chip, once the simulation has ended.
+    pub(in crate::network) fn end(&self) -> End {
+        self.end.borrow().clone()
     }
 
     /// Tells its chip what arrives.
