@@ -1,5 +1,6 @@
 //! The image that is flashed, from `NODE_IMAGE`, with the configuration pages of a site.
 
+mod debugging;
 mod faults;
 
 use std::{collections::BTreeMap, env, f64::consts::FRAC_PI_2, fs, path::PathBuf, sync::Arc};
