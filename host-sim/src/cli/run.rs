@@ -14,9 +14,12 @@ use anyhow::ensure;
 use calib_core::Status;
 use clap::{Args, ValueEnum};
 use host_sim::live::report;
-use host_sim::network::{Emulation, IMAGE, Onlooker, Options, Progress, Simulation};
+use host_sim::network::{
+    CHIP_IMAGE, Chips, Emulation, IMAGE, Onlooker, Options, Progress, Simulation,
+};
 use indicatif::{ProgressBar, ProgressStyle};
 use node_firmware::limits::CONSOLE_BAUD;
+use site::Action;
 
 use super::{
     and,
@@ -69,6 +72,10 @@ pub(super) struct Arguments {
     /// The image for emulated boards. Default: what `cargo xtask firmware` makes.
     #[arg(long, value_name = "FILE.elf")]
     image: Option<PathBuf>,
+    /// GDB connects to this node, an emulated nRF52840, with `target remote :3333`: at each of its starts
+    /// the network waits for that.
+    #[arg(long, value_name = "NODE")]
+    gdb: Option<u16>,
     /// The run ends with an error when an emulated board shows no life within this time, seconds.
     /// Default: 30.
     #[arg(long, value_name = "S", value_parser = values::seconds, allow_negative_numbers = true)]
@@ -89,6 +96,9 @@ pub(super) struct Arguments {
     log: Option<PathBuf>,
 }
 
+/// Where GDB connects.
+const GDB_PORT: u16 = 3333;
+
 /// Four pages of advice.
 const FURTHER_STOPS: usize = 24;
 
@@ -96,6 +106,8 @@ const FURTHER_STOPS: usize = 24;
 enum Backend {
     /// This program, in virtual time.
     Host,
+    /// An emulated nRF52840 for each node, in virtual time: the image that is flashed.
+    Nrf52840,
     /// An emulated Cortex-M4F for each node, in real time: machine code in `qemu-system-arm`.
     Qemu,
 }
@@ -116,7 +128,11 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
     let scenario = arguments.scenario.load(arguments.seed)?;
     arguments.scenario.tell_assumptions(&scenario);
     let script = arguments.pcap.as_deref().and_then(script_of);
-    let image = arguments.image.as_deref().unwrap_or(Path::new(IMAGE));
+    let usual = match arguments.backend {
+        Backend::Nrf52840 => CHIP_IMAGE,
+        Backend::Host | Backend::Qemu => IMAGE,
+    };
+    let image = arguments.image.as_deref().unwrap_or(Path::new(usual));
     let files = Files::default()
         .reads(arguments.scenario.file())
         .reads(arguments.port.iter().map(|(_, path)| path))
@@ -139,22 +155,38 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
     ensure!(
         arguments.speed.is_none()
             || speed == Some(1.0)
-            || (arguments.backend == Backend::Host && arguments.port.is_empty()),
-        "emulated boards and real cameras have a time of their own: leave out --speed, or say \
+            || (arguments.backend != Backend::Qemu && arguments.port.is_empty()),
+        "boards in QEMU and real cameras have a time of their own: leave out --speed, or say \
          `--speed real-time`"
     );
     ensure!(
         arguments.board_timeout.is_none() || arguments.backend == Backend::Qemu,
-        "--board-timeout is for emulated boards: leave it out, or say `--backend qemu`"
+        "--board-timeout is for boards in QEMU: leave it out, or say `--backend qemu`"
     );
     ensure!(
-        arguments.image.is_none() || arguments.backend == Backend::Qemu,
-        "--image is for emulated boards: leave it out, or say `--backend qemu`"
+        arguments.image.is_none() || arguments.backend != Backend::Host,
+        "--image is for emulated boards: leave it out, or say `--backend nrf52840`"
+    );
+    ensure!(
+        arguments.port.is_empty() || arguments.backend != Backend::Nrf52840,
+        "emulated chips have a time of their own, and a real camera another: leave out --port, or say \
+         `--backend host`"
     );
     ensure!(
         !arguments.until_calibrated || arguments.backend == Backend::Host,
         "--until-calibrated reads what nodes know while they run, as emulated boards do not tell it: \
          leave it out, or say `--backend host`"
+    );
+    ensure!(
+        arguments.gdb.is_none() || arguments.backend == Backend::Nrf52840,
+        "--gdb looks into an emulated chip: leave it out, or say `--backend nrf52840`"
+    );
+    let wears = |action: &Action| matches!(action, Action::Rot { .. } | Action::WearOut { .. });
+    ensure!(
+        arguments.backend != Backend::Nrf52840
+            || !scenario.events.iter().any(|event| wears(&event.action)),
+        "events `rot` and `wear-out` do nothing to the flash of emulated chips: leave them out, or say \
+         `--backend host`"
     );
     let mut nodes = BTreeSet::new();
     for (node, _) in &arguments.port {
@@ -164,7 +196,7 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
         );
     }
     let emulation = match arguments.backend {
-        Backend::Host => None,
+        Backend::Host | Backend::Nrf52840 => None,
         Backend::Qemu => {
             let emulation = Emulation::of(image)?;
             Some(match arguments.board_timeout {
@@ -173,11 +205,23 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
             })
         }
     };
+    let chips = match arguments.backend {
+        Backend::Nrf52840 => {
+            let mut chips = Chips::of(image)?;
+            if let Some(node) = arguments.gdb {
+                chips.debug(node, GDB_PORT)?;
+                tell(format_args!("node {node}: target remote :{GDB_PORT}"));
+            }
+            Some(chips)
+        }
+        Backend::Host | Backend::Qemu => None,
+    };
     let [pcap, log] = [&arguments.pcap, &arguments.log].map(|path| path.as_deref().map(Late::new));
     let stop = interrupt::watch()?;
     let options = Options {
         speed,
         emulation,
+        chips,
         further_stops: if arguments.until_calibrated {
             arguments.further_stops
         } else {
@@ -189,6 +233,9 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
     };
     let mut simulation =
         Simulation::new(scenario, options).map_err(|error| arguments.scenario.named(error))?;
+    if let Some(node) = arguments.gdb {
+        ensure!(simulation.config(node).is_some(), "there is no node {node}");
+    }
     for (node, path) in &arguments.port {
         simulation.connect_camera(*node, path)?;
     }
@@ -225,6 +272,7 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
             }
         ));
     }
+    tell_of_chips(&simulation);
     let trouble = simulation.trouble();
     let is_stopped = stop.load(Ordering::Relaxed);
     let end = match &trouble {
@@ -249,6 +297,20 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
         _ if is_stopped => ended.map(|_| interrupt::told()),
         Some(trouble) => and(ended, Err(trouble.into())),
         None => ended,
+    }
+}
+
+/// What emulated chips did that the specification forbids, and how deep their stacks were.
+fn tell_of_chips(simulation: &Simulation) {
+    let chips = simulation.chips();
+    for (id, chip) in &chips {
+        for what in &chip.forbidden {
+            tell(format_args!("the chip of node {id}: {what}"));
+        }
+    }
+    let deepest = chips.values().map(|chip| chip.stack).max();
+    if let Some([used, all]) = deepest.filter(|[_, all]| *all > 0) {
+        tell(format_args!("{used} bytes of stack were used, of {all}"));
     }
 }
 

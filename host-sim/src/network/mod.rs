@@ -1,5 +1,5 @@
 //! Runs a scenario: the firmware of every node, over emulated cameras and simulated radios, in
-//! virtual time; or on emulated boards, in real time.
+//! virtual time; or as machine code, on emulated chips in virtual time, or in QEMU in real time.
 //!
 //! A [`Simulation`] puts up what a [`Scenario`] says and provisions every node as a person would.
 //! Then it only lets time pass: nodes find each other, cameras look, the target walks when its lamp
@@ -57,16 +57,22 @@ use node_firmware::{
     message::Report,
 };
 
+pub use chip_pipe::End as ChipEnd;
+
 pub use self::{
     camera::{CameraDevice, Pixy2Device},
     console::Terminal,
-    emulated::{Emulation, EmulatorError, IMAGE},
+    emulated::{
+        Emulation, EmulatorError, IMAGE,
+        chips::{CHIP_IMAGE, Chips},
+    },
     looking::Onlooker,
     many::{run_all, run_all_until},
 };
 
 use self::{
     console::Console,
+    emulated::chips::{Lockstep, Pool},
     journal::{Journal, NodeEntry, SharedJournal},
     node::Node,
 };
@@ -96,10 +102,12 @@ type SharedWorld = Rc<RefCell<World>>;
 /// How to run.
 #[derive(Default)]
 pub struct Options {
-    /// So many times real time; as fast as possible if `None`. With emulated boards always 1.
+    /// So many times real time; as fast as possible if `None`. With boards in QEMU always 1.
     pub speed: Option<f64>,
-    /// Run the nodes on emulated boards.
+    /// Run the nodes on boards in QEMU.
     pub emulation: Option<Emulation>,
+    /// Run the nodes on emulated nRF52840s.
+    pub chips: Option<Chips>,
     /// Stops, at most, to which targets are led after those of their way, as the verdict asks, until
     /// every camera is calibrated and every pose checked. Not on emulated boards.
     pub further_stops: usize,
@@ -163,6 +171,7 @@ pub struct Simulation {
     further: further::Further,
     attacker: attack::Attacker,
     emulation: Option<Emulation>,
+    chips: Option<Rc<Pool>>,
     stop: Arc<AtomicBool>,
     /// Until the run begins.
     pcap: Option<Box<dyn Write>>,
@@ -190,6 +199,14 @@ impl Simulation {
         let medium = Medium::new(&clock, propagation(&scenario), root.seed("medium", 0));
         let world = Rc::new(RefCell::new(site.world.clone()));
         let journal = Rc::new(RefCell::new(Journal::new(clock.clone(), options.log)));
+        let trouble = Trouble::default();
+        let chips = options.chips.map(|chips| {
+            let (medium, journal) = (medium.clone(), journal.clone());
+            Pool::new(chips, clock, medium, journal, trouble.clone())
+        });
+        if let Some(chips) = &chips {
+            executor.set_outside(Lockstep(chips.clone()));
+        }
         let mut simulation = Self {
             scenario,
             written,
@@ -205,9 +222,10 @@ impl Simulation {
             further: further::Further::new(options.further_stops),
             attacker: attack::Attacker::default(),
             emulation: options.emulation,
+            chips,
             stop: options.stop,
             pcap: options.pcap,
-            trouble: Trouble::default(),
+            trouble,
         };
         simulation.put_up(root)?;
         events::schedule(&mut simulation);
@@ -349,6 +367,9 @@ impl Simulation {
                 _ => break,
             }
         }
+        if let Some(chips) = &self.chips {
+            chips.end();
+        }
         for node in &self.nodes {
             node.read_memory();
         }
@@ -396,6 +417,15 @@ impl Simulation {
     /// other nodes.
     pub fn memory(&self, id: u16) -> Vec<Fact> {
         self.node(id).map(|node| node.memory()).unwrap_or_default()
+    }
+
+    /// What is known of emulated chips since they last had power, by their nodes' numbers, once the simulation
+    /// has run.
+    pub fn chips(&self) -> BTreeMap<u16, ChipEnd> {
+        let nodes = self.nodes.iter();
+        nodes
+            .filter_map(|node| Some((node.id(), node.chip()?)))
+            .collect()
     }
 
     /// What cameras last told their coordinators, by their numbers.
