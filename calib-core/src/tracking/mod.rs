@@ -31,8 +31,6 @@
 
 mod filter;
 
-use core::time::Duration;
-
 use heapless::{Deque, Vec};
 use nalgebra::{Matrix2, Point2, Vector2};
 
@@ -45,12 +43,12 @@ pub const OBJECTS: usize = 4;
 const CANDIDATES: usize = 8;
 /// Looks that wait for one of another camera, at most.
 const WAITING: usize = 12;
-/// A look is this old at most when it comes.
-pub const LATEST: Duration = Duration::from_millis(500);
-/// So long a look waits for one of another camera.
-const WAITS: Duration = Duration::from_millis(500);
-/// An object, and a candidate, that no look showed for so long is gone.
-const GONE: [Duration; 2] = [Duration::from_secs(3), Duration::from_millis(1500)];
+/// A look is this old at most when it comes, microseconds.
+pub const LATEST: u64 = 500_000;
+/// So long a look waits for one of another camera, microseconds.
+const WAITS: u64 = 500_000;
+/// An object, and a candidate, that no look showed for so long is gone, microseconds.
+const GONE: [u64; 2] = [3_000_000, 1_500_000];
 /// Only one in a thousand of an object's bearings lies outside, without and with a range: chi squared of
 /// one and two degrees of freedom.
 const GATE: [f64; 2] = [10.83, 13.82];
@@ -60,8 +58,8 @@ const CLEAR: f64 = 0.95;
 const LARGEST_SIGMA: f64 = 0.2;
 /// Looks that a candidate needs, of three cameras; and of less.
 const NEEDED: [u8; 2] = [6, 12];
-/// A candidate takes so long at least.
-const SHORTEST: Duration = Duration::from_millis(500);
+/// A candidate takes so long at least, microseconds.
+const SHORTEST: u64 = 500_000;
 
 /// What is known about the objects beforehand. Lengths in the unit of the cameras' places.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -117,8 +115,8 @@ impl<T: Real> Settings<T> {
 pub struct Look<T: Real> {
     /// The camera's number.
     pub camera: u16,
-    /// When, since whatever all looks count from.
-    pub at: Duration,
+    /// When, microseconds since whatever all looks count from.
+    pub at: u64,
     /// Where to, and how far, if the size tells.
     pub bearing: StationBearing<T>,
     /// Half the angle that the box is wide, radians; 0 if it is not known.
@@ -162,15 +160,15 @@ pub struct Object<T: Real> {
     /// Covariance of the position, that of the cameras' poses included.
     #[cfg_attr(feature = "defmt", defmt(Debug2Format))]
     pub covariance: Matrix2<T>,
-    /// When a look last showed it.
-    pub seen: Duration,
+    /// When a look last showed it, microseconds.
+    pub seen: u64,
 }
 
 #[derive(Clone, Copy, Debug)]
 struct Tracked<T: Real> {
     id: u16,
     state: State<T>,
-    seen: Duration,
+    seen: u64,
 }
 
 impl<T: Real> Tracked<T> {
@@ -193,8 +191,8 @@ impl<T: Real> Tracked<T> {
 #[derive(Clone, Copy, Debug)]
 struct Candidate<T: Real> {
     state: State<T>,
-    began: Duration,
-    seen: Duration,
+    began: u64,
+    seen: u64,
     looks: u8,
     /// The first cameras that saw it.
     cameras: [Option<u16>; 3],
@@ -227,7 +225,7 @@ impl<T: Real> Candidate<T> {
 #[derive(Clone, Debug)]
 pub struct Tracker<T: Real> {
     settings: Settings<T>,
-    now: Duration,
+    now: u64,
     next: u16,
     objects: Vec<Tracked<T>, OBJECTS>,
     candidates: Vec<Candidate<T>, CANDIDATES>,
@@ -240,7 +238,7 @@ impl<T: Real> Tracker<T> {
     pub const fn new(settings: Settings<T>) -> Self {
         Self {
             settings,
-            now: Duration::ZERO,
+            now: 0,
             next: 1,
             objects: Vec::new(),
             candidates: Vec::new(),
@@ -261,10 +259,10 @@ impl<T: Real> Tracker<T> {
 
     /// Carries the objects on by their velocities. What was not seen for too long is gone. Time that
     /// goes back changes nothing.
-    pub fn go_to(&mut self, now: Duration) {
+    pub fn go_to(&mut self, now: u64) {
         self.now = self.now.max(now);
         let (now, settings) = (self.now, self.settings);
-        let is_gone = |state: &mut State<T>, seen: Duration, gone: Duration| {
+        let is_gone = |state: &mut State<T>, seen: u64, gone: u64| {
             state.go_to(now, settings.agility);
             let variance = state.place_covariance().trace();
             now.saturating_sub(seen) > gone
@@ -281,7 +279,7 @@ impl<T: Real> Tracker<T> {
     }
 
     /// Takes a look, which must not be from later than `now`.
-    pub fn take(&mut self, now: Duration, look: &Look<T>) -> Outcome {
+    pub fn take(&mut self, now: u64, look: &Look<T>) -> Outcome {
         self.go_to(now);
         let is_usable = look.bearing.is_usable()
             && look.bearing.bearing_sigma < lit(LARGEST_SIGMA)
@@ -433,8 +431,8 @@ impl<T: Real> Tracker<T> {
 
     /// Candidates that are one and the same become one, and one that is real becomes an object.
     fn settle(&mut self) -> Option<u16> {
-        let mut n = 0;
-        while let Some(one) = self.candidates.get(n) {
+        let mut goes = [false; CANDIDATES];
+        for (n, (one, goes)) in self.candidates.iter().zip(&mut goes).enumerate() {
             let mut objects = self.objects.iter();
             let is_known = objects.any(|object| is_same(&object.state, &one.state));
             let mut others = self.candidates.iter().enumerate();
@@ -442,17 +440,17 @@ impl<T: Real> Tracker<T> {
                 let is_older = (other.looks, n) > (one.looks, m);
                 m != n && is_older && is_same(&other.state, &one.state)
             });
-            if is_known || is_double {
-                self.candidates.remove(n);
-            } else {
-                n += 1;
-            }
+            *goes = is_known || is_double;
         }
+        let mut goes = goes.into_iter();
+        self.candidates.retain(|_| goes.next() != Some(true));
         if self.objects.is_full() {
             return None;
         }
         let real = self.candidates.iter().position(Candidate::is_real)?;
-        let Candidate { state, seen, .. } = self.candidates.remove(real);
+        let Candidate { state, seen, .. } = *self.candidates.get(real)?;
+        let mut place = 0..;
+        self.candidates.retain(|_| place.next() != Some(real));
         let id = self.next;
         self.next = self.next.checked_add(1).unwrap_or(1);
         // There is room, as was seen.

@@ -17,6 +17,9 @@ use crate::{
 /// The PC is told of one object so often: ten times a second in all.
 const PERIOD: Duration = Duration::from_millis(100);
 
+/// In microseconds.
+const MILLISECOND: u64 = 1_000;
+
 /// What is tracked, and what the PC knows of it.
 #[derive(Clone, Debug)]
 pub(super) struct Tracking {
@@ -53,10 +56,10 @@ impl Tracking {
         let (Some(seen), Some(pose)) = (tracked.seen, pose.and_then(PoseParts::pose)) else {
             return;
         };
-        let at = time(now);
+        let age = u64::from(tracked.age_ms) * MILLISECOND;
         let look = Look {
             camera,
-            at: at.saturating_sub(Duration::from_millis(tracked.age_ms.into())),
+            at: now.0.saturating_sub(age),
             bearing: StationBearing {
                 pose,
                 ray: Ray::from_bearing(seen.bearing),
@@ -66,7 +69,7 @@ impl Tracking {
             half_width: seen.half_angle(),
             is_wide: tracked.is_wide,
         };
-        self.tracker.take(at, &look);
+        self.tracker.take(now.0, &look);
         if self.next.is_none() && self.tracker.objects().next().is_some() {
             self.next = Some(now);
         }
@@ -77,21 +80,21 @@ impl Tracking {
         if self.next? > now {
             return None;
         }
-        let at = time(now);
-        self.tracker.go_to(at);
-        let objects: heapless::Vec<_, OBJECTS> = self.tracker.objects().collect();
-        let is_gone = |id: &u16| objects.iter().all(|object| object.id != *id);
+        self.tracker.go_to(now.0);
+        let is_gone = |id: &u16| self.tracker.objects().all(|object| object.id != *id);
         if let Some(place) = self.told.iter().position(is_gone) {
-            let id = self.told.swap_remove(place);
+            let id = *self.told.get(place)?;
+            self.told.retain(|told| *told != id);
             return Some(ToPc::Object { id, object: None });
         }
-        if objects.is_empty() {
+        let count = self.tracker.objects().count();
+        if count == 0 {
             self.next = None;
             return None;
         }
         self.next = Some(now + PERIOD);
-        self.turn = (self.turn + 1) % objects.len();
-        let object = objects.get(self.turn)?;
+        self.turn = (self.turn + 1) % count;
+        let object = self.tracker.objects().nth(self.turn)?;
         if !self.told.contains(&object.id) {
             let has_room = self.told.push(object.id).is_ok();
             debug_assert!(has_room, "those that are gone were told");
@@ -105,7 +108,7 @@ impl Tracking {
                     [covariance.m11, covariance.m21, covariance.m22],
                 ),
                 velocity: object.velocity.into(),
-                unseen_ms: u16::try_from(at.saturating_sub(object.seen).as_millis())
+                unseen_ms: u16::try_from(now.0.saturating_sub(object.seen) / MILLISECOND)
                     .unwrap_or(u16::MAX),
             }),
         })
@@ -114,10 +117,6 @@ impl Tracking {
     pub(super) fn next_due(&self) -> Option<Instant> {
         self.next
     }
-}
-
-fn time(now: Instant) -> Duration {
-    Duration::from_micros(now.0)
 }
 
 #[cfg(test)]
