@@ -90,6 +90,8 @@ pub enum Order {
 pub enum Orders {
     /// First of all: the program of all chips, an ELF file.
     Load(String),
+    /// Which chip waits for GDB whenever power comes, and at which port of this computer.
+    Debug(u32, u16),
     /// What happens to which of them, and then until when they run.
     Run {
         /// In this order.

@@ -790,17 +790,75 @@ fn on_a_terminal() {
 
 /// A Pixy2 on a pseudo-terminal: found at its rate, its ball straight ahead within the way that it is
 /// moved.
+/// A Pixy2 on a pseudo-terminal, which ends with it.
+struct Pixy2(Child);
+
+impl Pixy2 {
+    fn start(more: &[&str]) -> Self {
+        let mut child = Command::new(env!("CARGO_BIN_EXE_host-sim"))
+            .args(["camera", "--kind", "pixy2"])
+            .args(more)
+            .stderr(Stdio::piped())
+            .spawn()
+            .unwrap();
+        let mut told = BufReader::new(child.stderr.take().unwrap()).lines();
+        assert!(told.any(|line| line.unwrap().contains("a Pixy2 at 19200 baud")));
+        Self(child)
+    }
+}
+
+impl Drop for Pixy2 {
+    fn drop(&mut self) {
+        self.0.kill().unwrap();
+        self.0.wait().unwrap();
+    }
+}
+
+#[test]
+fn a_pixy2_records_then_solve() {
+    let files = Files::new();
+    let file = files.path("s.csv");
+    for (x, y) in [(4.0, 2.9), (3.2, 4.0), (3.4, 2.6), (2.6, 3.4)] {
+        let scene = files.write(
+            "ball.toml",
+            &format!(
+                "[background]\nplain = [110, 110, 110]\n\
+                 [camera]\nfov_deg = 60.0\nx = 1.0\ny = 2.0\nheading_deg = 30.0\n\
+                 [[object]]\ncolour = [220, 110, 40]\nstops = [{{ x = {x}, y = {y}, radius = 0.1 }}]\n"
+            ),
+        );
+        // One that is killed leaves its name behind.
+        let port = files.path(&format!("pixy{x}"));
+        let _camera = Pixy2::start(&["--pty", &port, "--scene", &scene]);
+        let place = format!("{x},{y}");
+        let done = run(&[
+            &["probe", "--camera", "pixy2", "--port", &port][..],
+            &["--fov-deg", "60", "--record", &file, "--at", &place],
+        ]
+        .concat());
+        assert_eq!(done.code, 0, "{}", done.stderr);
+        let begin = format!("camera,{place}: column ");
+        assert!(done.stdout.starts_with(&begin), "{}", done.stdout);
+    }
+    let solve = ["solve", &file, "--fov-deg", "60", "--json"];
+    let done = run(&[&solve[..], &["--columns", "316"]].concat());
+    assert_eq!(done.code, 0, "{}", done.stderr);
+    let pose: Value = serde_json::from_str(&done.stdout).unwrap();
+    assert!((number(&pose, "x") - 1.0).abs() < 0.1, "{pose}");
+    assert!((number(&pose, "y") - 2.0).abs() < 0.1, "{pose}");
+    let turned = number(&pose, "heading_rad") - 30_f64.to_radians();
+    assert!(turned.abs() < 0.02, "{pose}");
+    // As columns of a CMUcam2 they are none.
+    let wrong = run(&solve);
+    assert_ne!(wrong.code, 0, "{}", wrong.stdout);
+    assert!(wrong.stderr.contains("--columns"), "{}", wrong.stderr);
+}
+
 #[test]
 fn a_pixy2() {
     let files = Files::new();
     let port = files.path("pixy");
-    let mut child = Command::new(env!("CARGO_BIN_EXE_host-sim"))
-        .args(["camera", "--kind", "pixy2", "--pty", &port])
-        .stderr(Stdio::piped())
-        .spawn()
-        .unwrap();
-    let mut told = BufReader::new(child.stderr.take().unwrap()).lines();
-    assert!(told.any(|line| line.unwrap().contains("a Pixy2 at 19200 baud")));
+    let camera = Pixy2::start(&["--pty", &port]);
     let probe = |more: &[&str]| {
         let all = [
             "probe", "--camera", "pixy2", "--port", &port, "--baud", "19200",
@@ -810,8 +868,7 @@ fn a_pixy2() {
     let seen = probe(&["--count", "20", "--fov-deg", "45", "--json"]);
     let nothing = probe(&["--count", "3", "--signature", "2"]);
     let refused = probe(&["--high-res"]);
-    child.kill().unwrap();
-    child.wait().unwrap();
+    drop(camera);
     assert_eq!(seen.code, 0, "{}", seen.stderr);
     assert!(
         seen.stderr.contains("blobs in 316 x 208"),

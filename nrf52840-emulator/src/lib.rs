@@ -13,6 +13,7 @@
 #![warn(clippy::all, clippy::doc_markdown, clippy::uninlined_format_args)]
 
 pub mod device;
+pub mod energy;
 mod network;
 mod node;
 pub mod peripheral;

@@ -3,6 +3,7 @@
 use std::{
     collections::BTreeMap,
     fmt,
+    net::TcpListener,
     ops::Range,
     path::{Path, PathBuf},
     sync::mpsc::{Receiver, Sender},
@@ -52,6 +53,9 @@ pub struct Node {
     pub seed: u64,
     /// What is wrong with the chip.
     pub faults: Option<fn(&mut Soc)>,
+    /// Where GDB connects, for which the first instruction waits: this chip stands still while GDB looks at
+    /// it, and so does the time of all others.
+    pub debugger: Option<TcpListener>,
 }
 
 impl fmt::Debug for Node {
@@ -93,6 +97,8 @@ pub struct Outcome {
     pub operations: Vec<Range<u64>>,
     /// Frames received well, and spoilt.
     pub received: [u64; 2],
+    /// How long it had power, nanoseconds.
+    pub powered: u64,
     /// How long the radio received and sent, nanoseconds.
     pub radio_on: [u64; 2],
     /// How often the watchdog was fed.
@@ -163,7 +169,10 @@ pub(crate) fn run(
         polls: 0,
         hold: None,
     };
-    let finished = emulator::run(session, &Start::new(&images), driver);
+    let mut start = Start::new(&images);
+    start.debugger = node.debugger.as_ref();
+    start.wait_for_debugger = start.debugger.is_some();
+    let finished = emulator::run(session, &start, driver);
     let finished = finished.map_err(|error| text(&error))?;
     let session = &finished.session;
     let soc = &session.board().soc;
@@ -189,6 +198,7 @@ pub(crate) fn run(
             .radio
             .model
             .on_until(finished.stop.map_or(0, |stop| stop.at.0)),
+        powered: finished.stop.map_or(0, |stop| stop.at.0),
         fed: soc.watchdog.model.fed,
         transfers: soc.twim.model.transfers,
         instructions: finished.stop.map_or(0, |stop| stop.instruction_count),

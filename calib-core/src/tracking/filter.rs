@@ -4,7 +4,7 @@ use core::time::Duration;
 
 use nalgebra::{Matrix2, Matrix4, Matrix4x3, Point2, Vector2, Vector3, Vector4};
 
-use super::Settings;
+use super::{Look, Settings};
 use crate::{
     Pose, Real,
     intersection::{self, StationBearing},
@@ -80,17 +80,17 @@ struct Row<T: Real> {
 }
 
 impl<T: Real> State<T> {
-    /// Where looks of different cameras meet, or where the range of one ends, the first one being the
-    /// earliest. `None` if they meet nowhere, or not surely enough.
+    /// Where a look and a later one of another camera meet, or where the range of one ends. `None` if they
+    /// meet nowhere, or not surely enough.
     pub(super) fn start(
-        looks: &[(Duration, u16, StationBearing<T>)],
+        first: &Look<T>,
+        last: Option<&Look<T>>,
         settings: &Settings<T>,
     ) -> Option<Self> {
-        let mut bearings = [looks.first()?.2; 2];
-        for (bearing, look) in bearings.iter_mut().zip(looks) {
-            *bearing = look.2;
-        }
-        let located = intersection::locate(bearings.get(..looks.len())?).ok()?;
+        let looks = [Some(first), last];
+        let bearings = looks.map(|look| look.unwrap_or(first).bearing);
+        let count = looks.iter().flatten().count();
+        let located = intersection::locate(bearings.get(..count)?).ok()?;
         let variance = located.covariance.trace();
         if !(variance < settings.start_sigma * settings.start_sigma) {
             return None;
@@ -102,12 +102,12 @@ impl<T: Real> State<T> {
         let mut state = Self {
             x: Vector4::new(place.x, place.y, T::zero(), T::zero()),
             covariance: Matrix4::from_diagonal(&Vector4::new(unknown, unknown, rate, rate)),
-            at: looks.first()?.0,
+            at: first.at,
             shared: [None; SHARED],
         };
-        for (at, camera, look) in looks {
-            state.go_to(*at, settings.agility);
-            state = state.measured(*at, *camera, look, true)?.0;
+        for look in looks.into_iter().flatten() {
+            state.go_to(look.at, settings.agility);
+            state.take(look.at, look.camera, &look.bearing, true)?;
         }
         Some(state)
     }
@@ -152,18 +152,17 @@ impl<T: Real> State<T> {
         }
     }
 
-    /// The state that takes the look into account. It may be of a time shortly before the state's.
-    /// `None` if numbers are lost by it. `is_start`: of a state that nothing is known of yet, about the
-    /// place that the looks themselves told.
-    pub(super) fn measured(
-        &self,
+    /// Takes a look into account, which may be of a time shortly before the state's. `None` if numbers are
+    /// lost by it: then the state is of no use. `is_start`: of a state that nothing is known of yet, about
+    /// the place that the looks themselves told.
+    fn take(
+        &mut self,
         at: Duration,
         camera: u16,
         look: &StationBearing<T>,
         is_start: bool,
-    ) -> Option<(Self, Agreement<T>)> {
-        let mut state = *self;
-        let slot = state.slot(camera, &look.pose)?;
+    ) -> Option<Agreement<T>> {
+        let slot = self.slot(camera, &look.pose)?;
         // The object was there, by its velocity; what it did besides in so short a time is noise.
         let before = seconds(self.at.saturating_sub(at));
         let back = |place: Vector2<T>| {
@@ -184,10 +183,10 @@ impl<T: Real> State<T> {
             variance: own + square(SUREST) + bend * bend * lit(0.5),
         };
         let off = bearing.innovation.abs();
-        let (mut squared, variance) = state.update(slot, &look.pose, &bearing)?;
+        let (mut squared, variance) = self.update(slot, &look.pose, &bearing)?;
         let mut score = squared + variance.ln();
         if let Some((range, sigma)) = look.range {
-            let to_target = state.x.xy() - state.rate() * before - look.pose.position.coords;
+            let to_target = self.x.xy() - self.rate() * before - look.pose.position.coords;
             let distance = to_target.norm();
             let along = to_target / distance;
             let row = Row {
@@ -196,13 +195,14 @@ impl<T: Real> State<T> {
                 by_pose: Vector3::new(-along.x, -along.y, T::zero()),
                 variance: sigma * sigma + square::<T>(SUREST) * range * range,
             };
-            let (more, variance) = state.update(slot, &look.pose, &row)?;
+            let (more, variance) = self.update(slot, &look.pose, &row)?;
             squared += more;
             // In units of the range, so that looks with and without one can be compared.
             score += more + (variance / (range * range)).ln();
         }
-        if let Some(Some(shared)) = state.shared.get_mut(slot) {
-            shared.heard = self.at.max(at);
+        let heard = self.at.max(at);
+        if let Some(Some(shared)) = self.shared.get_mut(slot) {
+            shared.heard = heard;
         }
         let off = (off, variance.sqrt());
         let agreement = Agreement {
@@ -210,7 +210,33 @@ impl<T: Real> State<T> {
             score,
             off,
         };
-        (state.is_sound() && squared.is_finite()).then_some((state, agreement))
+        (self.is_sound() && squared.is_finite()).then_some(agreement)
+    }
+
+    /// How well a look agrees. Apart, so that the state that takes it into account is on the stack once.
+    #[inline(never)] // stack
+    pub(super) fn agreement(
+        &self,
+        at: Duration,
+        camera: u16,
+        look: &StationBearing<T>,
+    ) -> Option<Agreement<T>> {
+        { *self }.take(at, camera, look, false)
+    }
+
+    /// Takes a look into account that is of this object with this probability.
+    #[inline(never)] // stack
+    pub(super) fn take_share(
+        &mut self,
+        at: Duration,
+        camera: u16,
+        look: &StationBearing<T>,
+        share: T,
+    ) {
+        let mut state = *self;
+        if state.take(at, camera, look, false).is_some() {
+            self.mix(&state, share);
+        }
     }
 
     /// Where a camera's pose is remembered: a new place if it was not yet, or has changed.
@@ -266,7 +292,7 @@ impl<T: Real> State<T> {
     }
 
     /// Becomes `other` with this probability: mean and covariance of both together.
-    pub(super) fn mix(&mut self, other: &Self, share: T) {
+    fn mix(&mut self, other: &Self, share: T) {
         let rest = T::one() - share;
         let apart = other.x - self.x;
         let spread = apart * apart.transpose() * (share * rest);

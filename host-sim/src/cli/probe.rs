@@ -55,8 +55,8 @@ pub(super) struct Arguments {
     /// The serial port, such as /dev/ttyUSB0.
     #[arg(long, value_name = "DEV")]
     port: String,
-    /// Which camera it is. Of a Pixy2 the blobs of a signature are shown; nothing else that follows
-    /// but `--count`, `--seconds`, `--json` and the field of view is for it.
+    /// Which camera it is. Of a Pixy2 the blobs of a signature are shown or recorded; it takes no
+    /// pictures, learns no colour here and is not started up.
     #[arg(long = "camera", value_enum, default_value_t)]
     kind: Kind,
     /// The signature of a Pixy2 that is looked for.
@@ -242,7 +242,7 @@ fn probe(arguments: &Arguments) -> anyhow::Result<()> {
     };
     let person = Person::new()?;
     if arguments.kind == Kind::Pixy2 {
-        return pixy2::run(arguments, &person);
+        return pixy2::run(arguments, person, recording);
     }
     let mut bench = Bench::begin(arguments, person)?;
     let done = bench.work(recording);
@@ -373,7 +373,13 @@ impl<'a> Bench<'a> {
         }
         let bounds = self.bounds()?;
         match recording {
-            Some((path, mut recording)) => stops::run(self, &mut recording, path, bounds),
+            Some((path, mut recording)) => {
+                let mut camera = stops::Tracking {
+                    bench: self,
+                    bounds,
+                };
+                stops::run(&mut camera, &mut recording, path)
+            }
             None => {
                 let started = self.camera.track_colour(bounds).wait();
                 started.map_err(|error| self.failed(error))?;

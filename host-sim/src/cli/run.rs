@@ -72,6 +72,10 @@ pub(super) struct Arguments {
     /// The image for emulated boards. Default: what `cargo xtask firmware` makes.
     #[arg(long, value_name = "FILE.elf")]
     image: Option<PathBuf>,
+    /// GDB connects to this node, an emulated nRF52840, with `target remote :3333`: at each of its starts
+    /// the network waits for that.
+    #[arg(long, value_name = "NODE")]
+    gdb: Option<u16>,
     /// The run ends with an error when an emulated board shows no life within this time, seconds.
     /// Default: 30.
     #[arg(long, value_name = "S", value_parser = values::seconds, allow_negative_numbers = true)]
@@ -91,6 +95,9 @@ pub(super) struct Arguments {
     #[arg(long, value_name = "FILE", value_parser = values::result())]
     log: Option<PathBuf>,
 }
+
+/// Where GDB connects.
+const GDB_PORT: u16 = 3333;
 
 /// Four pages of advice.
 const FURTHER_STOPS: usize = 24;
@@ -170,6 +177,10 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
         "--until-calibrated reads what nodes know while they run, as boards in QEMU do not tell it: \
          leave it out, or say `--backend nrf52840`"
     );
+    ensure!(
+        arguments.gdb.is_none() || arguments.backend == Backend::Nrf52840,
+        "--gdb looks into an emulated chip: leave it out, or say `--backend nrf52840`"
+    );
     let wears = |action: &Action| matches!(action, Action::Rot { .. } | Action::WearOut { .. });
     ensure!(
         arguments.backend != Backend::Nrf52840
@@ -195,7 +206,14 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
         }
     };
     let chips = match arguments.backend {
-        Backend::Nrf52840 => Some(Chips::of(image)?),
+        Backend::Nrf52840 => {
+            let mut chips = Chips::of(image)?;
+            if let Some(node) = arguments.gdb {
+                chips.debug(node, GDB_PORT)?;
+                tell(format_args!("node {node}: target remote :{GDB_PORT}"));
+            }
+            Some(chips)
+        }
         Backend::Host | Backend::Qemu => None,
     };
     let [pcap, log] = [&arguments.pcap, &arguments.log].map(|path| path.as_deref().map(Late::new));
@@ -215,6 +233,9 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
     };
     let mut simulation =
         Simulation::new(scenario, options).map_err(|error| arguments.scenario.named(error))?;
+    if let Some(node) = arguments.gdb {
+        ensure!(simulation.config(node).is_some(), "there is no node {node}");
+    }
     for (node, path) in &arguments.port {
         simulation.connect_camera(*node, path)?;
     }

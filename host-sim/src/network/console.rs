@@ -206,6 +206,9 @@ impl Console {
                     journal.moment(id, || Moment::Tracked(*tracked));
                 }
             }
+            ToPc::Object { id, object } => {
+                journal.moment(shared.id, || Moment::Object(*id, *object));
+            }
             ToPc::Done { address, done } => {
                 if let Some(id) = view.id_of(*address) {
                     journal.moment(id, || Moment::Done(done.command, done.outcome));

@@ -6,6 +6,7 @@ use std::{
     error::Error,
     fs,
     io::{self, BufReader, BufWriter, StdinLock, StdoutLock},
+    net::{Ipv4Addr, TcpListener},
     path::PathBuf,
     sync::Arc,
 };
@@ -45,6 +46,7 @@ fn main() -> Result<()> {
         table: &table,
         network: Network::default(),
         all: BTreeMap::new(),
+        debugged: None,
     };
     while let Some(orders) = read(&mut pipe.orders)? {
         let reports = match orders {
@@ -55,6 +57,10 @@ fn main() -> Result<()> {
                 chips.run(until)
             }
             Orders::End => chips.end()?,
+            Orders::Debug(number, port) => {
+                chips.debugged = Some((number, port));
+                continue;
+            }
             Orders::Load(_) => return Err("there is a program already".into()),
         };
         write(&mut pipe.reports, &reports)?;
@@ -83,6 +89,8 @@ struct Chips<'a> {
     table: &'a Table,
     network: Network,
     all: BTreeMap<u32, Chip<'a>>,
+    /// Which of them waits for GDB, and at which port.
+    debugged: Option<(u32, u16)>,
 }
 
 impl<'a> Chips<'a> {
@@ -110,9 +118,14 @@ impl<'a> Chips<'a> {
                 for (address, bytes) in programmed {
                     program(&mut flash, address, &bytes);
                 }
+                let debugged = self.debugged.filter(|(chip, _)| *chip == number);
+                let debugger = debugged
+                    .map(|(_, port)| TcpListener::bind((Ipv4Addr::LOCALHOST, port)))
+                    .transpose()?;
                 let node = Node {
                     image: self.image.clone(),
                     flash,
+                    debugger,
                     peer: Some(Box::new(Wire::default())),
                     chips: sensor.unwrap_or_default(),
                     seed,

@@ -1,5 +1,6 @@
 //! The image that is flashed, from `NODE_IMAGE`, with the configuration pages of a site.
 
+mod debugging;
 mod faults;
 
 use std::{collections::BTreeMap, env, f64::consts::FRAC_PI_2, fs, path::PathBuf, sync::Arc};
@@ -15,6 +16,7 @@ use node_firmware::{
 use nrf52840_emulator::{
     MEMORY, Node, Outcome, Soc,
     device::{self, Motion, World},
+    energy::Current,
     peripheral::{Frame, Peer},
     run,
 };
@@ -366,6 +368,50 @@ fn a_board_without_a_configuration_stands_by() {
     // The one restart is for the pins' voltage.
     assert_eq!(outcome.resets.len(), 1, "{:?}", outcome.resets);
     assert!(outcome.fed > 20, "{}", outcome.fed);
+}
+
+/// What nodes draw after they have joined: for `NODE_SECONDS`, of `NODE_SITE`.
+#[test]
+#[ignore = "`cargo xtask test --stage chip`"]
+fn what_nodes_draw() {
+    /// Two alkaline cells of size AA, mAh.
+    const BATTERY: f64 = 2_500.0;
+    let site = Rehearsal::of(&env::var("NODE_SITE").unwrap_or_else(|_| "lab".into()));
+    let seconds = env::var("NODE_SECONDS").map_or(60, |seconds| seconds.parse().unwrap());
+    let (outcomes, frames) = run(site.nodes(), seconds * S, everybody).unwrap();
+    println!(
+        "| node | receives | sends | runs | mean, mA | a battery lasts | listening 10 % | 1 % |"
+    );
+    println!("|---|---|---|---|---|---|---|---|");
+    for (number, outcome) in outcomes.iter().enumerate() {
+        let role = match number {
+            0 => "coordinator",
+            last if last == outcomes.len() - 1 => "target",
+            _ => "camera",
+        };
+        let own = frames.iter().filter(|frame| frame.node == number);
+        let power = own.map(|frame| frame.power).max().unwrap();
+        let current = Current::of(outcome, power);
+        let share = |time: u64| 100.0 * time as f64 / outcome.powered as f64;
+        let days = |current: Current| current.hours(BATTERY) / 24.0;
+        println!(
+            "| {role} | {:.2} % | {:.3} % | {:.2} % | {:.2} | {:.0} days | {:.0} days | {:.0} days |",
+            share(outcome.radio_on[0]),
+            share(outcome.radio_on[1]),
+            share(outcome.instructions * 1_000 / 64),
+            current.total(),
+            days(current),
+            days(current.listening(0.1)),
+            days(current.listening(0.01)),
+        );
+        // The radio is on all the time, but while the chip starts.
+        let on: u64 = outcome.radio_on.iter().sum();
+        assert!(
+            on <= outcome.powered && on + 3 * S > outcome.powered,
+            "{role}"
+        );
+        assert!((6.0..9.0).contains(&current.total()), "{role}: {current:?}");
+    }
 }
 
 /// Whom the target's sensors are worn by: what was read lasts until the next reading.

@@ -2,24 +2,34 @@
 
 use std::{
     io::{self, Write},
+    path::Path,
     time::{Duration, Instant},
 };
 
 use anyhow::{anyhow, bail};
-use host_sim::probe::port::{Baud, Port, PortError, Sleep};
+use host_sim::probe::{
+    Bearing, View,
+    display::Degrees,
+    port::{Baud, Port, PortError, Sleep},
+    record::Recording,
+};
+use indicatif::ProgressBar;
 use node_firmware::vision::{
-    Look, Patience, Shape, pixy2,
-    pixy2::COLUMNS,
-    steady::{Steadiness, Steady},
+    Blob, Look, Patience, Shape, look::FRAMES_MAX, pixy2, pixy2::COLUMNS, steady::Steadiness,
 };
 use pixy2_driver::{
     Error, Pixy2,
+    block::Block,
     packet::Signatures,
     session::{Fault, Policy},
 };
 use serde::Serialize;
 
-use super::{Arguments, Person, tell};
+use super::{
+    Arguments, Person, is_interruption, stops,
+    stops::{NotSeen, Watches},
+    tell,
+};
 
 /// Rates that are tried: as it is shipped, and others that people set.
 const RATES: [u32; 4] = [19_200, 115_200, 57_600, 38_400];
@@ -40,10 +50,64 @@ struct Line {
 
 type Camera = Pixy2<Port, Sleep>;
 
-pub(super) fn run(arguments: &Arguments, person: &Person) -> anyhow::Result<()> {
+/// A Pixy2 with what is known about it.
+struct Bench<'a> {
+    arguments: &'a Arguments,
+    camera: Camera,
+    view: View,
+    person: Person,
+}
+
+impl Bench<'_> {
+    /// The two largest blobs of the signature, the largest first.
+    fn blocks(&mut self) -> anyhow::Result<Vec<Block>> {
+        let of = Signatures::one(self.arguments.signature);
+        let blocks = self.camera.blocks_wait(of, 2);
+        let path = &self.arguments.port;
+        Ok(blocks.map_err(|error| failed(path, error))?.collect())
+    }
+}
+
+impl Watches for Bench<'_> {
+    fn arguments(&self) -> &Arguments {
+        self.arguments
+    }
+
+    fn view(&self) -> &View {
+        &self.view
+    }
+
+    fn person(&mut self) -> &mut Person {
+        &mut self.person
+    }
+
+    /// It looks all the time.
+    fn begin(&mut self) -> anyhow::Result<()> {
+        Ok(())
+    }
+
+    fn end(&mut self) -> anyhow::Result<()> {
+        Ok(())
+    }
+
+    fn next(&mut self, _: &ProgressBar) -> anyhow::Result<Result<Option<Option<Blob>>, NotSeen>> {
+        Ok(Ok(Some(blob(&self.blocks()?))))
+    }
+}
+
+/// The largest blob, and whether another one comes near it.
+fn blob(blocks: &[Block]) -> Option<Blob> {
+    let largest = blocks.first()?;
+    Some(pixy2::blob(largest, blocks.get(1)))
+}
+
+pub(super) fn run(
+    arguments: &Arguments,
+    person: Person,
+    recording: Option<(&Path, Recording)>,
+) -> anyhow::Result<()> {
     let only = [
         (arguments.frame.is_some(), "--frame"),
-        (arguments.record.is_some(), "--record"),
         (arguments.colour.is_some(), "--colour"),
         (arguments.high_res, "--high-res"),
         (arguments.first_column.is_some(), "--first-column"),
@@ -53,7 +117,7 @@ pub(super) fn run(arguments: &Arguments, person: &Person) -> anyhow::Result<()> 
     }
     let optics = arguments.camera.camera(COLUMNS)?;
     let path = &arguments.port;
-    let (mut camera, rate) = connect(arguments, person)?;
+    let (mut camera, rate) = connect(arguments, &person)?;
     let refused = |error| failed(path, error);
     let version = camera.version_wait().map_err(refused)?;
     let (columns, rows) = camera.resolution_wait().map_err(refused)?;
@@ -64,12 +128,26 @@ pub(super) fn run(arguments: &Arguments, person: &Person) -> anyhow::Result<()> 
     if columns != COLUMNS {
         tell(format_args!("nodes expect {COLUMNS} columns"));
     }
+    let mut bench = Bench {
+        arguments,
+        camera,
+        view: View::new(COLUMNS, 0, optics),
+        person,
+    };
+    match recording {
+        Some((path, mut recording)) => stops::run(&mut bench, &mut recording, path),
+        None => live(&mut bench),
+    }
+}
+
+/// Prints what it sees.
+fn live(bench: &mut Bench<'_>) -> anyhow::Result<()> {
+    let arguments = bench.arguments;
     let shape = Shape::Round {
         rows_per_column: 1.0,
     };
     let frames = usize::from(Patience::default().frames);
-    let mut steadiness =
-        Steadiness::<{ node_firmware::vision::look::FRAMES_MAX }>::new(frames, COLUMNS, shape);
+    let mut steadiness = Steadiness::<FRAMES_MAX>::new(frames, COLUMNS, shape);
     let begin = Instant::now();
     let time = arguments
         .seconds
@@ -78,19 +156,17 @@ pub(super) fn run(arguments: &Arguments, person: &Person) -> anyhow::Result<()> 
     while arguments.count.is_none_or(|count| told < count)
         && time.is_none_or(|time| begin.elapsed() < time)
     {
-        let of = Signatures::one(arguments.signature);
-        let blocks: Vec<_> = match camera.blocks_wait(of, 2) {
-            Ok(blocks) => blocks.collect(),
-            Err(Error::Uart(PortError::Interrupted)) => break,
-            Err(error) => return Err(failed(path, error)),
+        let blocks = match bench.blocks() {
+            Ok(blocks) => blocks,
+            Err(error) if is_interruption(&error) => break,
+            Err(error) => return Err(error),
         };
         told += 1;
-        let blob = blocks
-            .first()
-            .map(|largest| pixy2::blob(largest, blocks.get(1)));
-        let steady = steadiness.push(blob);
-        let bearing = steady.as_ref().ok().zip(optics.as_ref());
-        let bearing = bearing.map(|(steady, optics): (&Steady, _)| steady.bearing(optics, 0.0));
+        let steady = steadiness.push(blob(&blocks));
+        let bearing = steady
+            .as_ref()
+            .ok()
+            .and_then(|steady| bench.view.bearing(steady));
         let largest = blocks.first();
         let line = Line {
             seconds: begin.elapsed().as_secs_f64(),
@@ -99,8 +175,8 @@ pub(super) fn run(arguments: &Arguments, person: &Person) -> anyhow::Result<()> 
             y: largest.map(|block| block.y),
             width: largest.map(|block| block.width),
             height: largest.map(|block| block.height),
-            bearing_rad: bearing.map(|(bearing, _)| bearing),
-            sigma_rad: bearing.map(|(_, sigma)| sigma),
+            bearing_rad: bearing.map(|told| told.bearing),
+            sigma_rad: bearing.map(|told| told.sigma),
         };
         let mut out = io::stdout().lock();
         if arguments.json {
@@ -118,12 +194,9 @@ pub(super) fn run(arguments: &Arguments, person: &Person) -> anyhow::Result<()> 
             )?,
         }
         match (bearing, steady) {
-            (Some((bearing, sigma)), _) => writeln!(
-                out,
-                "  {:+.2} +- {:.2} deg",
-                bearing.to_degrees(),
-                sigma.to_degrees()
-            )?,
+            (Some(Bearing { bearing, sigma }), _) => {
+                writeln!(out, "  {} deg", Degrees(bearing, sigma))?;
+            }
             (None, Err(why)) if largest.is_some() => writeln!(out, "  {why}")?,
             _ => writeln!(out)?,
         }

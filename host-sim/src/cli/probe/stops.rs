@@ -7,12 +7,17 @@ use std::{
 
 use cmucam2_driver::colour::ColourBounds;
 use host_sim::probe::{
+    View,
     display::Degrees,
     record::{self, Recording, Row, SightingLine},
 };
-use node_firmware::vision::steady::{Shape, Steadiness, Steady, Unsteady};
+use indicatif::ProgressBar;
+use node_firmware::vision::{
+    Blob,
+    steady::{Shape, Steadiness, Steady, Unsteady},
+};
 
-use super::{Bench, Look, person::Person, spinner, tell};
+use super::{Arguments, Bench, Look, person::Person, spinner, tell};
 
 /// Times the packets of a sighting after which the object is given up.
 const PATIENCE: usize = 5;
@@ -22,7 +27,7 @@ pub(super) const PACKETS_MAX: usize = 1000;
 
 /// Why there is no sighting.
 #[derive(Debug, thiserror::Error)]
-enum NotSeen {
+pub(super) enum NotSeen {
     #[error(transparent)]
     Unsteady(Unsteady),
     /// What it had adapted to is lost, and with it the colour.
@@ -35,30 +40,42 @@ enum NotSeen {
     Columns,
 }
 
+/// A camera that is asked again and again what it sees.
+pub(super) trait Watches {
+    fn arguments(&self) -> &Arguments;
+    fn view(&self) -> &View;
+    fn person(&mut self) -> &mut Person;
+    /// Before the first look, and after the last.
+    fn begin(&mut self) -> anyhow::Result<()>;
+    fn end(&mut self) -> anyhow::Result<()>;
+    /// The next look; the outer `None`: nothing came.
+    fn next(&mut self, wait: &ProgressBar)
+    -> anyhow::Result<Result<Option<Option<Blob>>, NotSeen>>;
+}
+
 /// Records one sighting, or one for each line of the standard input.
 pub(super) fn run(
-    bench: &mut Bench<'_>,
+    camera: &mut impl Watches,
     recording: &mut Recording,
     path: &Path,
-    bounds: ColourBounds,
 ) -> anyhow::Result<()> {
-    if let Some(place) = bench.arguments.at {
-        let sighting = wait(bench, bounds)??;
-        return keep(bench, recording, path, place, &sighting);
+    if let Some(place) = camera.arguments().at {
+        let sighting = wait(camera)??;
+        return keep(camera, recording, path, place, &sighting);
     }
     let mut kept = 0_usize;
     if Person::is_there() {
         tell("Put the object at a known place and type where that is. `q` or Ctrl-D ends.");
     }
-    while let Some(line) = bench.person.line("X,Y:")? {
+    while let Some(line) = camera.person().line("X,Y:")? {
         match line.trim() {
             "" => continue,
             "q" => break,
             text => match record::place(text) {
                 Err(why) => tell(format_args!("{text}: {why}")),
-                Ok(place) => match wait(bench, bounds)? {
+                Ok(place) => match wait(camera)? {
                     Ok(sighting) => {
-                        keep(bench, recording, path, place, &sighting)?;
+                        keep(camera, recording, path, place, &sighting)?;
                         kept += 1;
                     }
                     Err(why) => tell(format_args!("{text} is not recorded: {why}")),
@@ -74,38 +91,25 @@ pub(super) fn run(
     Ok(())
 }
 
-/// Tracks until the blob is steady, and leaves the camera idle.
-fn wait(bench: &mut Bench<'_>, bounds: ColourBounds) -> anyhow::Result<Result<Steady, NotSeen>> {
-    let packets = usize::from(bench.arguments.packets);
-    let columns = bench.view.columns();
+/// Looks until the blob is steady.
+fn wait(camera: &mut impl Watches) -> anyhow::Result<Result<Steady, NotSeen>> {
+    let packets = usize::from(camera.arguments().packets);
+    let columns = camera.view().columns();
     // Not every object is round.
     let mut steadiness = Steadiness::<PACKETS_MAX>::new(packets, columns, Shape::Any);
     let mut judged = Err(NotSeen::Unsteady(Unsteady::Few));
     let wait = spinner("looking");
-    bench
-        .camera
-        .track_colour(bounds)
-        .wait()
-        .map_err(|e| bench.failed(e))?;
+    camera.begin()?;
     for _ in 0..PATIENCE * packets {
-        let tracking = match bench.look()? {
-            Look::Packet(tracking) => tracking,
-            Look::Quiet => continue,
-            Look::Restarted => {
-                judged = Err(NotSeen::Restarted);
+        let blob = match camera.next(&wait)? {
+            Ok(Some(blob)) => blob,
+            Ok(None) => continue,
+            Err(why) => {
+                judged = Err(why);
                 break;
             }
         };
-        if let Some(remark) = bench.remark(&tracking) {
-            wait.suspend(|| tell(remark));
-        }
-        if bench.contradicted {
-            judged = Err(NotSeen::Columns);
-            break;
-        }
-        judged = steadiness
-            .push(bench.view.blob(&tracking))
-            .map_err(NotSeen::Unsteady);
+        judged = steadiness.push(blob).map_err(NotSeen::Unsteady);
         match &judged {
             Ok(_) => break,
             Err(NotSeen::Unsteady(Unsteady::Few)) => {}
@@ -113,28 +117,78 @@ fn wait(bench: &mut Bench<'_>, bounds: ColourBounds) -> anyhow::Result<Result<St
         }
     }
     wait.finish_and_clear();
-    bench.camera.stop().wait().map_err(|e| bench.failed(e))?;
+    camera.end()?;
     Ok(judged)
 }
 
+/// A CMUcam2 that tracks a colour.
+pub(super) struct Tracking<'b, 'a> {
+    pub(super) bench: &'b mut Bench<'a>,
+    pub(super) bounds: ColourBounds,
+}
+
+impl Watches for Tracking<'_, '_> {
+    fn arguments(&self) -> &Arguments {
+        self.bench.arguments
+    }
+
+    fn view(&self) -> &View {
+        &self.bench.view
+    }
+
+    fn person(&mut self) -> &mut Person {
+        &mut self.bench.person
+    }
+
+    fn begin(&mut self) -> anyhow::Result<()> {
+        let started = self.bench.camera.track_colour(self.bounds).wait();
+        started.map_err(|error| self.bench.failed(error))
+    }
+
+    /// Leaves the camera idle.
+    fn end(&mut self) -> anyhow::Result<()> {
+        let stopped = self.bench.camera.stop().wait();
+        stopped.map_err(|error| self.bench.failed(error))
+    }
+
+    fn next(
+        &mut self,
+        wait: &ProgressBar,
+    ) -> anyhow::Result<Result<Option<Option<Blob>>, NotSeen>> {
+        let tracking = match self.bench.look()? {
+            Look::Packet(tracking) => tracking,
+            Look::Quiet => return Ok(Ok(None)),
+            Look::Restarted => return Ok(Err(NotSeen::Restarted)),
+        };
+        if let Some(remark) = self.bench.remark(&tracking) {
+            wait.suspend(|| tell(remark));
+        }
+        if self.bench.contradicted {
+            return Ok(Err(NotSeen::Columns));
+        }
+        Ok(Ok(Some(self.bench.view.blob(&tracking))))
+    }
+}
+
 fn keep(
-    bench: &Bench<'_>,
+    camera: &impl Watches,
     recording: &mut Recording,
     path: &Path,
     (target_x, target_y): (f64, f64),
     sighting: &Steady,
 ) -> anyhow::Result<()> {
-    let bearing = bench.view.bearing(sighting);
+    let (arguments, view) = (camera.arguments(), camera.view());
+    let bearing = view.bearing(sighting);
     let row = Row {
-        case: &bench.arguments.case,
+        case: &arguments.case,
         target_x,
         target_y,
-        column: bench.view.column(sighting),
+        column: view.column(sighting),
         sigma_rad: bearing.map(|b| b.sigma),
     };
     recording.append(&row)?;
     let mut out = io::stdout().lock();
-    if bench.arguments.json {
+    if arguments.json {
         serde_json::to_writer(&mut out, &SightingLine::new(row, sighting, bearing))?;
         return Ok(out.write_all(b"\n")?);
     }

@@ -72,6 +72,15 @@ impl Chips {
         process.order(&Orders::Load(image.to_string_lossy().into_owned()))?;
         Ok(Self(process))
     }
+
+    /// Whenever power comes to this node its first instruction waits for GDB, which connects to this port
+    /// of this computer. All others wait while GDB looks at it.
+    ///
+    /// # Errors
+    /// The process has ended.
+    pub fn debug(&mut self, node: u16, port: u16) -> Result<(), EmulatorError> {
+        self.0.order(&Orders::Debug(node.into(), port))
+    }
 }
 
 /// All chips of a simulation.
