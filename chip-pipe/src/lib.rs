@@ -79,6 +79,8 @@ pub enum Order {
     /// In the middle of the next work on its flash it stands still: power is about to go, and what is there then
     /// is what it leaves.
     StandInWrite,
+    /// It is to show its memory, very soon.
+    Show,
     /// Its step sensor moves so, in the order of times, none of which has passed.
     Moves(Vec<Motion>),
 }
@@ -114,6 +116,8 @@ pub enum Deed {
     Logs(String),
     /// It stands in the middle of work on its flash that takes so many nanoseconds.
     Writes(u64),
+    /// What programs write in its flash, as it was to show.
+    Memory(Vec<Contents>),
     /// It has restarted, by order of this part of it.
     Restarts(String),
     /// It cannot be emulated.

@@ -37,7 +37,7 @@ impl io::Write for Pages {
 }
 
 /// A run, with all frames on the air and its log.
-fn run(scenario: Scenario) -> (Simulation, RunRecord, [Vec<u8>; 2]) {
+fn run(scenario: Scenario, further_stops: usize) -> (Simulation, RunRecord, [Vec<u8>; 2]) {
     // What emulates chips is found from there.
     env::set_current_dir(Path::new(env!("CARGO_MANIFEST_DIR")).join("..")).unwrap();
     let image = env::var_os("NODE_IMAGE").unwrap_or_else(|| CHIP_IMAGE.into());
@@ -46,6 +46,7 @@ fn run(scenario: Scenario) -> (Simulation, RunRecord, [Vec<u8>; 2]) {
         chips: Some(Chips::of(Path::new(&image)).unwrap()),
         pcap: Some(Box::new(pcap.clone())),
         log: Some(Box::new(log.clone())),
+        further_stops,
         ..Options::default()
     };
     let mut simulation = Simulation::new(scenario, options).unwrap();
@@ -90,7 +91,9 @@ fn planned() -> Overrides {
 fn a_network_does_the_same_each_time() {
     let text = format!("{SMALL}{CUTS}");
     let small = || Scenario::from_toml(&text, &planned()).unwrap();
-    let (simulation, record, files) = run(small());
+    let (simulation, record, files) = run(small(), 2);
+    // The verdict was made of what chips have in their flash while they run.
+    assert_eq!(simulation.further_stops(), 2);
     check_arithmetic(&simulation, &record);
     for node in &record.nodes {
         let is_known = node.address.is_some() || node.role == Role::Coordinator;
@@ -98,7 +101,7 @@ fn a_network_does_the_same_each_time() {
     }
     let log = String::from_utf8_lossy(&files[1]);
     assert_eq!(log.matches("loses its power").count(), 3, "{log}");
-    let (_, again, same) = run(small());
+    let (_, again, same) = run(small(), 2);
     assert!(files[0].len() > 1_000);
     assert!(files == same, "something else happened");
     let told = |record: RunRecord| RunRecord {
@@ -114,7 +117,7 @@ fn a_network_does_the_same_each_time() {
 #[test]
 #[ignore = "`cargo xtask test --stage chip`"]
 fn lab_calibrates() {
-    let (_, record, _) = run(Scenario::load("lab", &planned()).unwrap());
+    let (_, record, _) = run(Scenario::load("lab", &planned()).unwrap(), 0);
     let cameras: Vec<_> = { record.nodes.iter() }
         .filter(|node| node.role == Role::Camera)
         .collect();

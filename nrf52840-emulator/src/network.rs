@@ -44,6 +44,8 @@ pub enum Input {
     /// In the middle of the next work on its flash it stands still, and what is there then is what it leaves:
     /// power is about to go.
     StandInWrite,
+    /// It is to show its memory.
+    Show,
 }
 
 impl Input {
@@ -53,6 +55,8 @@ impl Input {
             Self::Frame(frame, _) => frame.start,
             Self::Byte(at, _) => *at,
             Self::StandInWrite => u64::MAX,
+            // At once.
+            Self::Show => 0,
         }
     }
 }
@@ -70,6 +74,8 @@ pub enum Deed {
     Log(Vec<u8>),
     /// It stands in the middle of [work on its flash](Input::StandInWrite) that takes so many nanoseconds.
     Writes(u64),
+    /// [`MEMORY`](crate::MEMORY) and [`SETTINGS`](crate::SETTINGS), as it was to show.
+    Memory(Vec<(u64, Vec<u8>)>),
     /// It restarts, by order of `Core` or a peripheral.
     Reset(String),
     /// It has ended by itself: why.

@@ -158,6 +158,7 @@ pub(crate) fn run(
         since,
         resets: 0,
         is_to_stand: false,
+        is_to_show: false,
         stands: None,
         told: [0; 3],
         reports,
@@ -221,6 +222,7 @@ struct Run {
     /// It is to stand in the middle of the next work on the flash; since when it does, and how long that
     /// takes.
     is_to_stand: bool,
+    is_to_show: bool,
     stands: Option<(u64, u64)>,
     /// How much was told of the line, of the pins and of the log.
     told: [usize; 3],
@@ -294,16 +296,21 @@ impl Run {
         deeds
     }
 
+    /// What programs write.
+    fn memory(host: &mut dyn Host) -> Vec<(u64, Vec<u8>)> {
+        let mut word = |at| host.read(at, Width::W32).unwrap_or(0) as u32;
+        let contents = [MEMORY, SETTINGS].map(|range| {
+            let start = range.start;
+            let words = range.step_by(4).flat_map(|at| word(at).to_le_bytes());
+            (start, words.collect())
+        });
+        contents.into()
+    }
+
     /// What is there when power goes.
     fn end(&mut self, host: &mut dyn Host) {
+        self.outcome.flash = Self::memory(host);
         let mut word = |at| host.read(at, Width::W32).unwrap_or(0) as u32;
-        for range in [MEMORY, SETTINGS] {
-            let words = range
-                .clone()
-                .step_by(4)
-                .flat_map(|at| word(at).to_le_bytes());
-            self.outcome.flash.push((range.start, words.collect()));
-        }
         let (start, size) = soc::RAM;
         let words = (start..start + size).step_by(4);
         let begins = u64::from(word(0));
@@ -359,7 +366,11 @@ impl Driver<Board> for Run {
         host: &mut dyn Host,
     ) -> Option<VirtualNanos> {
         self.drain(host);
-        let deeds = self.deeds(session, stop.at.0);
+        let mut deeds = self.deeds(session, stop.at.0);
+        if core::mem::take(&mut self.is_to_show) {
+            let memory = Self::memory(host);
+            deeds.push((stop.at.0 + self.since, Deed::Memory(memory)));
+        }
         let soc = &session.board().soc;
         let is_idle = stop.reason == StopReason::Idle || self.hold.is_some();
         let next = if is_idle && !soc.is_interrupted() {
@@ -392,6 +403,7 @@ impl Driver<Board> for Run {
                     soc.deliver(stop.at, byte, at.saturating_sub(self.since));
                 }
                 Input::StandInWrite => self.is_to_stand = true,
+                Input::Show => self.is_to_show = true,
             }
         }
         Some(VirtualNanos(until - self.since))

@@ -14,11 +14,7 @@ use anyhow::{Context, bail};
 use clap::Args;
 use host_sim::console::{command::parse_command, output, session::Wish};
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
-use node_firmware::{
-    console::TrackedObject,
-    limits::CONSOLE_BAUD,
-    message::TrackedBlob,
-};
+use node_firmware::{console::TrackedObject, limits::CONSOLE_BAUD, message::TrackedBlob};
 use site::{BUILT_IN, Overrides, Scenario, key_file};
 
 use super::{

@@ -173,9 +173,9 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
          `--backend host`"
     );
     ensure!(
-        !arguments.until_calibrated || arguments.backend == Backend::Host,
-        "--until-calibrated reads what nodes know while they run, as emulated boards do not tell it: \
-         leave it out, or say `--backend host`"
+        !arguments.until_calibrated || arguments.backend != Backend::Qemu,
+        "--until-calibrated reads what nodes know while they run, as boards in QEMU do not tell it: \
+         leave it out, or say `--backend nrf52840`"
     );
     ensure!(
         arguments.gdb.is_none() || arguments.backend == Backend::Nrf52840,

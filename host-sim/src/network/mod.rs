@@ -109,7 +109,7 @@ pub struct Options {
     /// Run the nodes on emulated nRF52840s.
     pub chips: Option<Chips>,
     /// Stops, at most, to which targets are led after those of their way, as the verdict asks, until
-    /// every camera is calibrated and every pose checked. Not on emulated boards.
+    /// every camera is calibrated and every pose checked. Not on boards in QEMU.
     pub further_stops: usize,
     /// Ends the run, as far as it is, once somebody sets it.
     pub stop: Arc<AtomicBool>,
@@ -362,6 +362,10 @@ impl Simulation {
             let end = self.executor.clock().time() + GRACE;
             self.run_looking(end, every, &is_over, &mut look);
             progress(self.progress());
+            if let Some(chips) = self.chips.as_ref().filter(|_| self.further.is_left()) {
+                chips.look();
+                self.nodes.iter().for_each(|node| node.read_memory());
+            }
             match further::lead_on(self) {
                 Some(takes) if !is_over() => limit = self.executor.clock().time() + takes,
                 _ => break,

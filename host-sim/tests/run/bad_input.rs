@@ -153,6 +153,7 @@ fn options_that_would_do_nothing() {
             &["run", "lab", "--image", "x.elf"],
             "say `--backend nrf52840`",
         ),
+        (&["run", "lab", "--gdb", "1"], "say `--backend nrf52840`"),
         (
             &["run", "lab", "--backend", "nrf52840", "--port", "3=/x"],
             "say `--backend host`",

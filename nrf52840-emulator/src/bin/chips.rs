@@ -163,6 +163,7 @@ impl<'a> Chips<'a> {
                 self.network.input(index, Input::Frame(frame, level));
             }
             Order::StandInWrite => self.network.input(index, Input::StandInWrite),
+            Order::Show => self.network.input(index, Input::Show),
             Order::Moves(motions) => {
                 if let Some(chip) = self.all.get(&number) {
                     for motion in motions {
@@ -199,6 +200,7 @@ impl<'a> Chips<'a> {
                 }
                 emulator::Deed::Byte(byte) => Deed::Byte(byte),
                 emulator::Deed::Pins(port, level) => Deed::Pins(port, level),
+                emulator::Deed::Memory(contents) => Deed::Memory(contents),
                 emulator::Deed::Writes(takes) => Deed::Writes(takes),
                 emulator::Deed::Reset(by) => Deed::Restarts(by),
                 emulator::Deed::Fails(why) => Deed::Fails(why),

@@ -343,7 +343,7 @@ fn a_bus_that_is_held_low_stops_nothing_else() {
         faults: Some(faults),
         ..lab.target()
     };
-    let (outcomes, frames) = run(vec![lab.coordinator(), target], 20 * S, everybody).unwrap();
+    let (outcomes, frames) = run(vec![lab.coordinator(), target], 120 * S, everybody).unwrap();
     let target = &outcomes[1];
     // The start after UICR was written, and no other.
     assert_eq!(target.resets.len(), 1, "{:?}", target.resets);

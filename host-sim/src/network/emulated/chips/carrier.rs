@@ -33,10 +33,10 @@ const TICK: Time = 4_000_000;
 /// It begins so long after it was told to: chips have gone on meanwhile.
 const NOTICE: Time = 1_000_000;
 
-/// How much up and down of usual steps, m/s^2, and of any steps that are seen as such and leave the feet on
-/// the ground.
-const USUAL: f64 = 3.0;
-const SWINGS: [f64; 2] = [0.6, 9.0];
+/// How much up and down of usual steps, m/s^2: an adult's. And of any steps whose last one is still told from
+/// standing, and that leave the feet on the ground.
+const USUAL: f64 = 4.0;
+const SWINGS: [f64; 2] = [1.1, 9.0];
 /// What is left of a swing of two steps a second where the `K` of a page belongs: behind two low-passes of
 /// 3 Hz (`cutoff` of `pedestrian::StepDetectorSettings`), of first order at 52 Hz.
 const LEFT: f64 = 0.624;
@@ -176,6 +176,7 @@ mod tests {
                 (7, 1.0, 2.8),
                 (12, 0.92, 5.5),
                 (5, 1.0, 4.0),
+                (2, 0.75, 1.0),
             ];
             for (count, share, heading) in legs {
                 for _ in 0..count {
@@ -192,7 +193,7 @@ mod tests {
             }
             assert!(motions.is_sorted_by_key(|motion| motion.at));
             let felt = felt(&carrier, &motions, now);
-            assert_eq!(felt.len(), 33, "{usual}");
+            assert_eq!(felt.len(), 35, "{usual}");
             let mut steps = felt.iter();
             for (count, share, heading) in legs {
                 let way = steps.by_ref().take(count).map(Step::displacement);

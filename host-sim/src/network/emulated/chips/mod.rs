@@ -171,6 +171,45 @@ impl Pool {
         }
     }
 
+    /// What chips with power have written in their flash can be asked for from now on, as it is now.
+    pub(in crate::network) fn look(&self) {
+        if self.is_over.get() {
+            return;
+        }
+        for (number, board) in &*self.boards.borrow() {
+            if board.antenna.get().is_some() {
+                self.queue.push(*number, Order::Show);
+            }
+        }
+        // They go on by a moment.
+        let until = self.queue.reached.get().max(self.clock.time()) + NOTICE;
+        match self.run(until) {
+            Ok(reports) => self.take(reports),
+            Err(error) => self.fail(error),
+        }
+    }
+
+    /// Takes what chips did, to be seen at its time.
+    fn take(&self, reports: Reports) {
+        self.queue.reached.set(reports.reached);
+        let mut deeds = Vec::new();
+        for (at, number, deed) in reports.deeds {
+            match deed {
+                Deed::Memory(contents) => {
+                    if let Some(board) = self.of(number) {
+                        board.end.borrow_mut().memory = contents;
+                    }
+                }
+                Deed::Sends(..) => deeds.push((at - NOTICE, number, deed)),
+                _ => deeds.push((at, number, deed)),
+            }
+        }
+        let mut all = self.deeds.borrow_mut();
+        all.extend(deeds);
+        all.make_contiguous()
+            .sort_by_key(|(at, number, _)| (*at, *number));
+    }
+
     fn of(&self, number: u32) -> Option<Rc<Board>> {
         self.boards.borrow().get(&number).cloned()
     }
@@ -217,7 +256,7 @@ impl Pool {
                 board.lamps.signal(Indication::default());
             }
             Deed::Fails(why) => board.failure.signal(why),
-            Deed::Pins(..) | Deed::Ends(_) => {}
+            Deed::Pins(..) | Deed::Memory(_) | Deed::Ends(_) => {}
         }
     }
 }
@@ -256,17 +295,7 @@ impl Outside for Lockstep {
         let is_idle = pool.deeds.borrow().is_empty();
         if is_idle && queue.reached.get() < until && !pool.is_over.get() {
             match pool.run(until) {
-                Ok(reports) => {
-                    queue.reached.set(reports.reached);
-                    let mut deeds = reports.deeds;
-                    for (at, _, deed) in &mut deeds {
-                        if let Deed::Sends(..) = deed {
-                            *at -= NOTICE;
-                        }
-                    }
-                    deeds.sort_by_key(|(at, number, _)| (*at, *number));
-                    pool.deeds.borrow_mut().extend(deeds);
-                }
+                Ok(reports) => pool.take(reports),
                 Err(error) => pool.fail(error),
             }
         }
