@@ -18,7 +18,7 @@ use node_firmware::{
 use serde::{Deserialize, Serialize};
 
 use super::{
-    Network, Node, Radio, RunRecord, Stop, Target,
+    Network, Node, Radio, RunRecord, Stop, Target, Tracking,
     sightings::Sightings,
     summary::Summary,
     verdict::{NextStop, Verdict},
@@ -155,6 +155,11 @@ pub enum What {
         x: f64,
         /// Place.
         y: f64,
+    },
+    /// How well a network tracked objects; simulations only.
+    Tracking {
+        /// As in the record.
+        is: Tracking,
     },
     /// Somebody wants something of a network or a node, or it came to an end.
     Command {
@@ -461,6 +466,10 @@ impl RunRecord {
                     None => self.sightings.push(is.clone()),
                 }
             }
+            What::Tracking { is } => {
+                self.tracking.retain(|own| own.network != is.network);
+                self.tracking.push(*is);
+            }
             What::End {
                 radio, sim_seconds, ..
             } => {
@@ -535,6 +544,10 @@ impl Looker {
         let known: Vec<_> = known.collect();
         let measured = record.sightings.iter().filter(|own| !known.contains(own));
         events.extend(measured.map(|own| Event::new(seconds, What::Measured { is: own.clone() })));
+        let known = self.known.iter().flat_map(|known| &known.tracking);
+        let known: Vec<_> = known.collect();
+        let tracking = record.tracking.iter().filter(|own| !known.contains(own));
+        events.extend(tracking.map(|own| Event::new(seconds, What::Tracking { is: *own })));
         events.push(self.verdict(record));
         let end = What::End {
             radio: record.radio.clone(),

@@ -10,12 +10,12 @@ use std::{
 };
 
 use answers::record::{Node, RunRecord, event::Event, verdict::status_words};
-use anyhow::ensure;
+use anyhow::{Context, ensure};
 use calib_core::Status;
 use clap::{Args, ValueEnum};
 use host_sim::live::report;
 use host_sim::network::{
-    CHIP_IMAGE, Chips, Emulation, IMAGE, Onlooker, Options, Progress, Simulation,
+    CHIP_IMAGE, Chips, Emulation, IMAGE, Onlooker, Options, Progress, Simulation, TrackRow,
 };
 use indicatif::{ProgressBar, ProgressStyle};
 use node_firmware::limits::CONSOLE_BAUD;
@@ -80,8 +80,15 @@ pub(super) struct Arguments {
     /// Default: 30.
     #[arg(long, value_name = "S", value_parser = values::seconds, allow_negative_numbers = true)]
     board_timeout: Option<Duration>,
+    /// After the calibration, have all cameras track the scenario's objects for so many seconds, or two that
+    /// walk about at random if it has none.
+    #[arg(long, value_name = "S", value_parser = values::seconds, conflicts_with = "console", allow_negative_numbers = true)]
+    track: Option<Duration>,
     #[command(flatten, next_help_heading = FOR_RESULTS)]
     outputs: RunOutputs,
+    /// Where the coordinators said that objects are, beside the truth, one line each time.
+    #[arg(long, value_name = "FILE.csv", value_parser = values::result(), requires = "track")]
+    tracks: Option<PathBuf>,
     /// All frames on the air, for Wireshark; and FILE.pcap.sh, which shows them decrypted.
     #[arg(long, value_name = "FILE.pcap", value_parser = values::result())]
     pcap: Option<PathBuf>,
@@ -145,6 +152,7 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
                 &arguments.log,
                 &arguments.events,
                 &arguments.report,
+                &arguments.tracks,
             ]
             .into_iter()
             .flatten(),
@@ -187,6 +195,10 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
             || !scenario.events.iter().any(|event| wears(&event.action)),
         "events `rot` and `wear-out` do nothing to the flash of emulated chips: leave them out, or say \
          `--backend host`"
+    );
+    ensure!(
+        arguments.track.is_none() || arguments.backend == Backend::Host,
+        "--track needs cameras that see what moves, in virtual time: leave it out, or say `--backend host`"
     );
     let mut nodes = BTreeSet::new();
     for (node, _) in &arguments.port {
@@ -247,10 +259,13 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
         ));
         simulation.connect_console(*network, terminal)?;
     }
+    if arguments.track.is_some() {
+        simulation.take_orders();
+    }
     let bar = bar();
     let mut onlooker = arguments.onlooker(&simulation);
     let mut lines = CameraLines::default();
-    let record = simulation.run_watched(
+    let mut record = simulation.run_watched(
         LOOKS,
         |progress| show(&bar, &progress),
         |simulation| {
@@ -273,6 +288,25 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
         ));
     }
     tell_of_chips(&simulation);
+    let mut tracks = None;
+    if let Some(time) = arguments.track
+        && !stop.load(Ordering::Relaxed)
+    {
+        let wall_seconds = record.wall_seconds;
+        let tracked = simulation.track(time.as_secs_f64(), LOOKS, |simulation| {
+            if let Some(onlooker) = &mut onlooker {
+                onlooker.look(simulation);
+            }
+        });
+        let (after, rows) = tracked.context(
+            "no object has a place to be at: give the scenario one with a `path`, or cameras that see the same",
+        )?;
+        record = RunRecord {
+            wall_seconds,
+            ..after
+        };
+        tracks = Some(rows);
+    }
     let trouble = simulation.trouble();
     let is_stopped = stop.load(Ordering::Relaxed);
     let end = match &trouble {
@@ -289,6 +323,9 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
     }
     for file in [pcap, log].into_iter().flatten() {
         ended = and(ended, file.finish());
+    }
+    if let (Some(path), Some(rows)) = (&arguments.tracks, &tracks) {
+        ended = and(ended, write(path, Ok(end.mark_lines(track_lines(rows)))));
     }
     if let Some(script) = &script {
         ended = and(ended, write(script, Ok(simulation.decryption_script())));
@@ -312,6 +349,28 @@ fn tell_of_chips(simulation: &Simulation) {
     if let Some([used, all]) = deepest.filter(|[_, all]| *all > 0) {
         tell(format_args!("{used} bytes of stack were used, of {all}"));
     }
+}
+
+/// `tracks.csv`: what was told, and the truth beside it.
+fn track_lines(rows: &[TrackRow]) -> String {
+    let mut text = "seconds,network,track,x,y,xx,xy,yy,vx,vy,object,true_x,true_y\n".to_owned();
+    for row in rows {
+        let told = row.told.map_or_else(
+            || ",,,,,,".to_owned(),
+            |told| {
+                let ([x, y], [xx, xy, yy]) = told.place;
+                let [vx, vy] = told.velocity;
+                format!("{x},{y},{xx},{xy},{yy},{vx},{vy}")
+            },
+        );
+        let truth = row.truth.map_or_else(
+            || ",,".to_owned(),
+            |(object, place)| format!("{object},{:.4},{:.4}", place.x, place.y),
+        );
+        let (seconds, network, track) = (row.seconds, row.network, row.track);
+        text += &format!("{seconds:.3},{network},{track},{told},{truth}\n");
+    }
+    text
 }
 
 /// How often events are looked for, nanoseconds.

@@ -137,6 +137,8 @@ pub(super) enum Moment {
     Tracked(Tracked),
     /// A coordinator knows where something is.
     Object(u16, Option<TrackedObject>),
+    /// An object really is here, in the frame of the coordinator's network.
+    Truth(u16, Point2<f64>),
     /// A target goes on from its stop.
     StopEnds,
     /// Something in words.

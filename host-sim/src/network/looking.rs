@@ -198,6 +198,12 @@ impl Simulation {
                 object,
                 is: is.as_ref().map(ObjectPlace::from),
             },
+            Moment::Truth(object, place) => What::Truth {
+                network: self.network_of(node)?,
+                object,
+                x: place.x,
+                y: place.y,
+            },
             Moment::Done(command, outcome) => What::Command {
                 node: Some(node),
                 command: command_name(command),

@@ -15,6 +15,7 @@
 //! | `walk` | A target's carrier, and its step sensor |
 //! | `further` | Where the verdict has it go when its way is at an end |
 //! | `console` | The PC on a coordinator's line |
+//! | `objects` | What walks there without a radio, for calibrated cameras to track |
 //! | `journal` | What nodes said and learnt, with times: the log, and what records are made of |
 //! | `looking` | What whoever looks on sees and may do |
 //! | `attack` | Who sends frames without the key |
@@ -36,6 +37,7 @@ mod looking;
 mod many;
 mod measured;
 mod node;
+mod objects;
 mod outcome;
 mod walk;
 
@@ -68,6 +70,7 @@ pub use self::{
     },
     looking::Onlooker,
     many::{run_all, run_all_until},
+    objects::TrackRow,
 };
 
 use self::{
@@ -80,7 +83,7 @@ use crate::{
     probe::port::{OpenError, open},
     video::Video,
 };
-use answers::record::RunRecord;
+use answers::record::{RunRecord, Tracking};
 use nalgebra::Point2;
 use rand::Rng;
 use site::world::World;
@@ -176,6 +179,8 @@ pub struct Simulation {
     /// Until the run begins.
     pcap: Option<Box<dyn Write>>,
     trouble: Trouble,
+    /// How well each network tracked objects.
+    tracking: Vec<Tracking>,
 }
 
 /// Why emulated boards cannot go on, once that is so.
@@ -226,6 +231,7 @@ impl Simulation {
             stop: options.stop,
             pcap: options.pcap,
             trouble,
+            tracking: Vec::new(),
         };
         simulation.put_up(root)?;
         events::schedule(&mut simulation);
@@ -346,7 +352,9 @@ impl Simulation {
         {
             self.medium.watch(capture);
         }
-        let targets = self.world.borrow().targets().len();
+        let targets: usize = { self.site.networks.iter() }
+            .map(|network| network.targets.len())
+            .sum();
         let (journal, trouble) = (self.journal.clone(), self.trouble.clone());
         let stop = self.stop.clone();
         let is_over = move || trouble.borrow().is_some() || stop.load(Ordering::Relaxed);
