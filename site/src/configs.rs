@@ -197,6 +197,8 @@ impl Maker<'_> {
                 )
                 .chain(network.allow.iter().copied())
                 .collect(),
+            metres_per_unit: self.scenario.metres_per_unit() as f32,
+            ball_radius: self.scenario.firmware.ball_radius(),
             ..CoordinatorConfig::default()
         };
         if let Some(seconds) = self.scenario.firmware.join_window_s {

@@ -93,6 +93,11 @@ impl FirmwareTable {
         self.colour_tolerance.unwrap_or(COLOUR_TOLERANCE)
     }
 
+    /// That of the targets' balls; 0: not known.
+    pub(crate) fn ball_radius(&self) -> f32 {
+        self.ball_radius.unwrap_or_default() as f32
+    }
+
     /// What cameras look for that look for what moves.
     pub(crate) fn motion(&self) -> Option<Subjects> {
         let threshold = self.motion_threshold.unwrap_or(MOTION_THRESHOLD);

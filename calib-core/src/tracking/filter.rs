@@ -137,9 +137,10 @@ impl<T: Real> State<T> {
             go(column, dt);
         }
         let [x, y, vx, vy] = columns;
-        for row in 0..4 {
-            x[row] += dt * vx[row];
-            y[row] += dt * vy[row];
+        for (place, rate) in [(x, vx), (y, vy)] {
+            for (place, rate) in place.iter_mut().zip(rate) {
+                *place += dt * *rate;
+            }
         }
         let place = agility * dt * dt * dt / lit(3.0);
         let both = agility * dt * dt * lit(0.5);

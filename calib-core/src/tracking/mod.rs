@@ -90,6 +90,18 @@ impl Settings<f32> {
 }
 
 impl<T: Real> Settings<T> {
+    /// Of lengths in metres, the same in units of so many metres. The radius is not changed.
+    #[must_use]
+    pub fn in_units(self, metres_per_unit: T) -> Self {
+        Self {
+            agility: self.agility / (metres_per_unit * metres_per_unit),
+            speed_sigma: self.speed_sigma / metres_per_unit,
+            start_sigma: self.start_sigma / metres_per_unit,
+            lost_sigma: self.lost_sigma / metres_per_unit,
+            radius: self.radius,
+        }
+    }
+
     /// [`WALKING`](Settings::WALKING) in any precision.
     pub fn walking() -> Self {
         let Settings {
@@ -244,6 +256,11 @@ impl<T: Real> Tracker<T> {
             candidates: Vec::new(),
             waiting: Deque::new(),
         }
+    }
+
+    /// From now on objects are of this kind.
+    pub fn follow(&mut self, settings: Settings<T>) {
+        self.settings = settings;
     }
 
     /// The objects there are, by the time that was [told](Self::go_to) last.

@@ -191,7 +191,7 @@ impl Simulation {
     ) -> Option<(RunRecord, Vec<TrackRow>)> {
         let walkers = self.walkers()?;
         let metres = self.scenario.metres_per_unit();
-        let score = Score::new(walkers.len(), Settings::walking(), metres);
+        let score = Score::new(walkers.len(), Settings::walking().in_units(metres), metres);
         let mut course = Course {
             scores: vec![score; self.consoles.len()],
             walkers,

@@ -220,6 +220,7 @@ fn every_role_has_usual_values() {
         RoleConfig::Coordinator(CoordinatorConfig {
             allow: Default::default(),
             join_window_s: 60,
+            ..CoordinatorConfig::default()
         })
     );
 }

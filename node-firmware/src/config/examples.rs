@@ -88,5 +88,7 @@ pub(crate) fn coordinator(devices: u8) -> CoordinatorConfig {
     CoordinatorConfig {
         allow: (1..=devices).map(u16::from).collect(),
         join_window_s: 300,
+        metres_per_unit: 0.0254,
+        ball_radius: 0.75,
     }
 }

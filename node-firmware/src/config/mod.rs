@@ -66,7 +66,7 @@ pub enum RoleConfig {
 }
 
 /// Parameters of a coordinator.
-#[derive(Clone, Debug, PartialEq, Default, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct CoordinatorConfig {
@@ -74,6 +74,23 @@ pub struct CoordinatorConfig {
     pub allow: Vec<u16, MEMBERS>,
     /// How long any device with the site key may join after start-up, seconds; 0: not at all.
     pub join_window_s: u16,
+    /// How long the unit of the site is: how far objects go that are tracked is known in metres.
+    pub metres_per_unit: f32,
+    /// Radius of these objects, in the unit of the site; 0: not known. Otherwise how wide one is seen tells its
+    /// range.
+    pub ball_radius: f32,
+}
+
+impl Default for CoordinatorConfig {
+    /// Only who is let in joins; the unit is the metre.
+    fn default() -> Self {
+        Self {
+            allow: Vec::new(),
+            join_window_s: 0,
+            metres_per_unit: 1.0,
+            ball_radius: 0.0,
+        }
+    }
 }
 
 /// Parameters of a camera.

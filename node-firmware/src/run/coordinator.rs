@@ -30,6 +30,7 @@ pub(super) async fn run<H: Hardware, N: Network + Administration, F: NorFlash>(
     let Services { network, clock, .. } = services;
     let channels = DeviceChannels::new();
     let mut role = CoordinatorRole::new();
+    role.track(config);
     if config.join_window_s > 0 {
         let window = Duration::from_secs(config.join_window_s.into());
         network.open_join_window(window);

@@ -168,11 +168,25 @@ struct Common {
 }
 
 /// A coordinator's parameters, before they are counted.
-#[derive(Default, Serialize, Deserialize)]
+#[derive(Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 struct Coordinator {
     allow: Vec<u16>,
     join_window_s: u16,
+    metres_per_unit: f32,
+    ball_radius: f32,
+}
+
+impl Default for Coordinator {
+    fn default() -> Self {
+        let usual = CoordinatorConfig::default();
+        Self {
+            allow: usual.allow.to_vec(),
+            join_window_s: usual.join_window_s,
+            metres_per_unit: usual.metres_per_unit,
+            ball_radius: usual.ball_radius,
+        }
+    }
 }
 
 /// What nobody can guess: its role, the table in the node's, its name there, as people know it, the
@@ -325,6 +339,8 @@ impl TryFrom<Coordinator> for CoordinatorConfig {
         Ok(Self {
             allow: allow.map_err(|_| NodeError::TooMany(count))?,
             join_window_s: own.join_window_s,
+            metres_per_unit: own.metres_per_unit,
+            ball_radius: own.ball_radius,
         })
     }
 }

@@ -135,6 +135,8 @@ pub enum ConfigError {
     Allow,
     /// The join window is longer than [`JOIN_WINDOW_MAX`].
     JoinWindow,
+    /// The length of the unit.
+    Unit,
     /// There is no such lens.
     Lens(LensError),
     /// The lens has more columns than the camera can count, or others.
@@ -231,6 +233,7 @@ impl fmt::Display for ConfigError {
             Self::StillAfter => "still-after-ms must be 100 to 60000",
             Self::Systematic => "systematic-heading-deg must be 0 to 180, systematic-scale 0 to 1",
             Self::StandingSigma => "standing-sigma must be 0 to 1000",
+            Self::Unit => "metres-per-unit must be 0.0001 to 100000",
             Self::BallRadius => "ball-radius must be 0 to 1000, 0 if it is not known",
             Self::Dwell => "dwell-least-ms must be at most dwell-most-ms, and that at most 3600000",
             Self::Sensor => "sensor: hard-iron must be -400 to 400 uT, step-length above 0",
@@ -294,6 +297,14 @@ impl CoordinatorConfig {
                 ConfigError::Allow,
             ),
             (window <= JOIN_WINDOW_MAX.as_secs(), ConfigError::JoinWindow),
+            (
+                (1e-4..=1e5).contains(&self.metres_per_unit),
+                ConfigError::Unit,
+            ),
+            (
+                (0.0..=1000.0).contains(&self.ball_radius),
+                ConfigError::BallRadius,
+            ),
         ])
     }
 }

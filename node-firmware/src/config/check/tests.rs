@@ -81,6 +81,14 @@ fn coordinators() {
     let mut long = coordinator(0);
     long.join_window_s = 601;
     assert_eq!(check(long), Err(ConfigError::JoinWindow));
+    for metres in [0.0, -1.0, 1e6, f32::NAN] {
+        let mut other = coordinator(0);
+        other.metres_per_unit = metres;
+        assert_eq!(check(other), Err(ConfigError::Unit));
+    }
+    let mut large = coordinator(0);
+    large.ball_radius = f32::INFINITY;
+    assert_eq!(check(large), Err(ConfigError::BallRadius));
 }
 
 #[test]

@@ -25,7 +25,7 @@ use self::{
 };
 use super::{Notification, Notifications, Outbox, Output, RETRY, Reports, Role, Unsaved, earliest};
 use crate::{
-    config::SiteKey,
+    config::{CoordinatorConfig, SiteKey},
     console::{FromPc, StopPlace, ToPc},
     facts::{Fact, FactKey},
     hardware::{Button, Indication},
@@ -172,6 +172,11 @@ impl CoordinatorRole {
                 restart: Restart::Ordinary,
             },
         }
+    }
+
+    /// From now on objects of this kind are tracked, in this unit.
+    pub fn track(&mut self, config: &CoordinatorConfig) {
+        self.tracking.configure(config);
     }
 
     /// What cameras reported, with their addresses.

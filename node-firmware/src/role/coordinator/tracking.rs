@@ -10,6 +10,7 @@ use calib_core::{
 use zigbee_link::Instant;
 
 use crate::{
+    config::CoordinatorConfig,
     console::{ToPc, TrackedObject},
     message::{MemberAddress, PoseParts, Report, Tracked},
 };
@@ -24,6 +25,8 @@ const MILLISECOND: u64 = 1_000;
 #[derive(Clone, Debug)]
 pub(super) struct Tracking {
     tracker: Tracker<f32>,
+    /// Of the objects, if it is known.
+    radius: Option<f32>,
     /// Numbers of objects that the PC was told of and that are not gone.
     told: heapless::Vec<u16, OBJECTS>,
     /// When the PC is told again, and of which object.
@@ -36,10 +39,19 @@ impl Tracking {
     pub(super) const fn new() -> Self {
         Self {
             tracker: Tracker::new(Settings::WALKING),
+            radius: None,
             told: heapless::Vec::new(),
             next: None,
             turn: 0,
         }
+    }
+
+    /// From now on objects of this kind, in this unit.
+    pub(super) fn configure(&mut self, config: &CoordinatorConfig) {
+        let radius = Some(config.ball_radius).filter(|radius| *radius > 0.0);
+        let settings = Settings::WALKING.in_units(config.metres_per_unit);
+        self.tracker.follow(Settings { radius, ..settings });
+        self.radius = radius;
     }
 
     /// Takes what a camera saw. Only one that is sure of its pose tells where an object is.
@@ -64,7 +76,7 @@ impl Tracking {
                 pose,
                 ray: Ray::from_bearing(seen.bearing),
                 bearing_sigma: seen.sigma,
-                range: None,
+                range: self.radius.and_then(|radius| seen.range(radius)),
             },
             half_width: seen.half_angle(),
             is_wide: tracked.is_wide,
