@@ -2,6 +2,7 @@
 //!
 //! | module | job |
 //! |---|---|
+//! | `editor` | A site's file as people change it |
 //! | `log` | The events so far, for whoever opens the page late |
 //! | `server` | Serves page and events, and takes commands |
 //!
@@ -10,11 +11,13 @@
 
 use answers::record::event::Event;
 
+mod editor;
 mod log;
 mod server;
 
+pub use editor::{Begun, EditError, Editor, Hindrance, Judged, Layout, Placed};
 pub use log::Log;
-pub use server::{About, Command, Server, ServerError, serve};
+pub use server::{About, Command, Editing, Save, Server, ServerError, serve, serve_editor};
 
 /// The page's frame.
 const INDEX: &str = include_str!("page/index.html");
@@ -31,20 +34,46 @@ const SCRIPTS: [&str; 7] = [
     include_str!("page/main.js"),
 ];
 
+/// The frame of the page on which a site is edited.
+const EDITOR: &str = include_str!("page/editor.html");
+/// What that page does.
+const EDITOR_SCRIPTS: [&str; 2] = [
+    include_str!("page/geometry.js"),
+    include_str!("page/editor.js"),
+];
+
 /// Where the page gets its style and scripts from, in `index.html`.
 const LINKED: &str = "<!-- style and script -->";
 
 /// All scripts in one.
 fn script() -> String {
+    strict(&SCRIPTS.concat())
+}
+
+/// Those of the page on which a site is edited.
+fn editor_script() -> String {
+    strict(&EDITOR_SCRIPTS.concat())
+}
+
+fn strict(script: &str) -> String {
     // In a block: names of its own.
-    format!("'use strict';\n{{\n{}}}\n", SCRIPTS.concat())
+    format!("'use strict';\n{{\n{script}}}\n")
 }
 
 /// The page as the server sends it.
 fn page() -> String {
+    linked(INDEX)
+}
+
+/// The page on which a site is edited.
+fn editor_page() -> String {
+    linked(EDITOR)
+}
+
+fn linked(page: &str) -> String {
     let linked =
         "<link rel=\"stylesheet\" href=\"style.css\">\n<script src=\"app.js\" defer></script>";
-    INDEX.replace(LINKED, linked)
+    page.replace(LINKED, linked)
 }
 
 /// The page with these events in one file, which opens without a server. It runs no script but its own,
@@ -79,7 +108,10 @@ mod tests {
     #[test]
     fn the_page_is_small_and_asks_nobody_else() {
         let page = report(&[]).unwrap();
-        assert!(page.len() <= 300_000, "{} bytes", page.len());
+        let editor = editor_page() + STYLE + &editor_script();
+        for page in [&page, &editor] {
+            assert!(page.len() <= 300_000, "{} bytes", page.len());
+        }
         for outside in [
             "http://",
             "https://",
@@ -89,6 +121,7 @@ mod tests {
             "eval(",
         ] {
             assert!(!page.contains(outside), "{outside}");
+            assert!(!editor.contains(outside), "{outside}");
         }
     }
 
