@@ -13,7 +13,7 @@ use node_firmware::{
     config::{CameraConfig, SensorConfig, Sigmas, Subjects, TargetConfig},
     console::{Frames, FromPc, ToPc},
     facts::Fact,
-    message::{CommandResult, Duty, Message, Reference, Seen, Sight, TrackedBlob},
+    message::{CommandResult, Duty, Message, Reference, Seen, Sight, Tracked},
     network::{Attachment, NetworkIdentity},
     role::{
         Output, Role,
@@ -165,7 +165,7 @@ fn look(bytes: &[u8]) -> Option<camera::CameraEvent> {
             postcard::from_bytes::<CommandResult>(rest).ok()?,
         )),
         _ => Some(camera::CameraEvent::Tracked(
-            postcard::from_bytes::<TrackedBlob>(rest).ok()?,
+            postcard::from_bytes::<Tracked>(rest).ok()?,
         )),
     }
 }

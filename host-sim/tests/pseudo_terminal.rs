@@ -176,6 +176,8 @@ fn a_program_with_another_rate_gets_garbage() {
         let camera = Camera::start(&link, &[&["--baud", "38400"], options].concat());
         let mut port = open(&link);
         synchronise(&mut port);
+        // The line end is answered after the banner.
+        while !answer(&mut port, b"").is_empty() {}
         set_baud(&port, 9600);
         if understood {
             port.write_all(b"GV\r").unwrap();

@@ -11,7 +11,7 @@ use crate::{
     config::SiteKey,
     message::{
         CameraCommand, CommandResult, Health, Hello, ListedSighting, MemberAddress, Report,
-        StopNumber, TrackedBlob,
+        StopNumber, Tracked,
     },
 };
 
@@ -45,12 +45,12 @@ pub enum ToPc {
         /// The result; `success` is also false when the camera could not be reached.
         done: CommandResult,
     },
-    /// A raw packet of a camera.
+    /// What a camera that tracks sees now.
     Tracked {
         /// The camera's address.
         address: MemberAddress,
-        /// Middle, edges, size and confidence of the blob.
-        tracked: TrackedBlob,
+        /// The blob, and its direction.
+        tracked: Tracked,
     },
     /// A sighting that a camera has.
     Sighting {
@@ -101,6 +101,25 @@ pub enum ToPc {
         /// Where it believes to stand; `None`: it does not know.
         place: Option<StopPlace>,
     },
+    /// Where something is that cameras that track see. Told ten times a second in all.
+    Object {
+        /// Its number, which the next one to come does not have.
+        id: u16,
+        /// `None`: nobody sees it any more.
+        object: Option<TrackedObject>,
+    },
+}
+
+/// Where an object is.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct TrackedObject {
+    /// Now.
+    pub place: StopPlace,
+    /// Its velocity, units per second.
+    pub velocity: [f32; 2],
+    /// How long ago a camera saw it, milliseconds.
+    pub unseen_ms: u16,
 }
 
 /// x and y in the frame of the site, and their covariance `[xx, xy, yy]`.

@@ -16,7 +16,7 @@ use node_firmware::{
         CameraCommand, CameraState, CommandOutcome, CommandResult, Confirmation, CoordinateFrame,
         Duty, FittingLens, Hello, ListedSighting, MemberKind, Message, PoseParts, ProtectionLevel,
         Reference, References, Report, Seen, Sight, StopAnswer, StopBearing, Stopped,
-        TargetLocation, TrackedBlob,
+        TargetLocation, Tracked, TrackedBlob,
     },
     role::{
         Role,
@@ -238,11 +238,16 @@ impl Any {
                 command: self.command(),
                 outcome: CommandOutcome::of(self.flip()),
             }),
-            18 => Message::Tracked(TrackedBlob {
-                middle: self.0.random(),
-                edges: self.0.random(),
-                pixels: self.0.random(),
-                confidence: self.0.random(),
+            18 => Message::Tracked(Tracked {
+                blob: TrackedBlob {
+                    middle: self.0.random(),
+                    edges: self.0.random(),
+                    pixels: self.0.random(),
+                    confidence: self.0.random(),
+                },
+                age_ms: self.0.random(),
+                seen: self.flip().then(|| self.seen()),
+                is_wide: self.flip(),
             }),
             19..=22 => Message::Confirmed(Confirmation {
                 stop: self.stop(),
@@ -311,11 +316,15 @@ fn camera_event(any: &mut Any) -> camera::CameraEvent {
             command: any.command(),
             outcome: CommandOutcome::of(any.flip()),
         }),
-        3 => camera::CameraEvent::Tracked(TrackedBlob {
-            middle: [1; 2],
-            edges: [2; 4],
-            pixels: 3,
-            confidence: 4,
+        3 => camera::CameraEvent::Tracked(Tracked {
+            blob: TrackedBlob {
+                middle: [1; 2],
+                edges: [2; 4],
+                pixels: 3,
+                confidence: 4,
+            },
+            seen: any.flip().then(|| any.seen()),
+            ..Tracked::default()
         }),
         _ => {
             let sight = any.sight();

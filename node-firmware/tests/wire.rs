@@ -9,13 +9,15 @@ use calib_core::{
 use nalgebra::{Point2, Vector2};
 use node_firmware::{
     config::SiteKey,
-    console::{FRAME_MAX, Frames, FromPc, KeyChangeReport, NetworkInfo, ToPc, encode},
+    console::{
+        FRAME_MAX, Frames, FromPc, KeyChangeReport, NetworkInfo, ToPc, TrackedObject, encode,
+    },
     limits::ROSTER,
     message::{
         CONFIRMED, CameraCommand, CameraState, CommandOutcome, CommandResult, Confirmation,
         CoordinateFrame, Duty, Eye, FittingLens, Health, Hello, ListedSighting, MemberKind, Memory,
         Message, PoseParts, ProtectionLevel, Reference, References, Report, Restart, Seen, Sight,
-        StopAnswer, StopBearing, Stopped, TargetLocation, TrackedBlob,
+        StopAnswer, StopBearing, Stopped, TargetLocation, Tracked, TrackedBlob,
     },
     vision::BackgroundShare,
 };
@@ -236,13 +238,18 @@ fn golden() -> Vec<(Message, String)> {
             "0c0501".into(),
         ),
         (
-            Message::Tracked(TrackedBlob {
-                middle: [1, 2],
-                edges: [3, 4, 5, 300],
-                pixels: 7,
-                confidence: 255,
+            Message::Tracked(Tracked {
+                blob: TrackedBlob {
+                    middle: [1, 2],
+                    edges: [3, 4, 5, 300],
+                    pixels: 7,
+                    confidence: 255,
+                },
+                age_ms: 9,
+                seen: Some(seen()),
+                is_wide: true,
             }),
-            "0d0102030405ac0207ff".into(),
+            format!("0d0102030405ac0207ff0901{ONE}{HALF}ac0201"),
         ),
         (Message::Sightings, "0e".into()),
         (
@@ -412,19 +419,36 @@ fn what_the_pc_is_told_is_these_bytes() {
         };
         assert_eq!(tell(ToPc::Done { address: 3, done }), hex);
     }
-    let tracked = TrackedBlob {
-        middle: [1, 2],
-        edges: [3, 4, 5, 6],
-        pixels: 7,
-        confidence: 8,
+    let tracked = Tracked {
+        blob: TrackedBlob {
+            middle: [1, 2],
+            edges: [3, 4, 5, 6],
+            pixels: 7,
+            confidence: 8,
+        },
+        ..Tracked::default()
     };
     assert_eq!(
         tell(ToPc::Tracked {
             address: 3,
             tracked
         }),
-        "04030102030405060708"
+        "04030102030405060708000000"
     );
+    let object = TrackedObject {
+        place: ([1.0, 2.0], [0.5, 0.0, 1.0]),
+        velocity: [1.0, 0.5],
+        unseen_ms: 300,
+    };
+    for (object, hex) in [
+        (None, "0c0300".to_owned()),
+        (
+            Some(object),
+            format!("0c0301{ONE}{TWO}{HALF}00000000{ONE}{ONE}{HALF}ac02"),
+        ),
+    ] {
+        assert_eq!(tell(ToPc::Object { id: 3, object }), hex);
+    }
     let sighting = ListedSighting {
         index: 1,
         count: 3,
@@ -689,11 +713,16 @@ fn longest() -> Vec<(&'static str, Message)> {
         ),
         (
             "Tracked",
-            Message::Tracked(TrackedBlob {
-                middle: [315; 2],
-                edges: [315; 4],
-                pixels: 255,
-                confidence: 255,
+            Message::Tracked(Tracked {
+                blob: TrackedBlob {
+                    middle: [315; 2],
+                    edges: [315; 4],
+                    pixels: 255,
+                    confidence: 255,
+                },
+                age_ms: u16::MAX,
+                seen: Some(seen()),
+                is_wide: true,
             }),
         ),
         ("Sightings", Message::Sightings),
@@ -735,7 +764,7 @@ const LENGTHS: [(&str, usize); 18] = [
     ("Report", 62),
     ("Command", 3),
     ("Done", 7),
-    ("Tracked", 15),
+    ("Tracked", 30),
     ("Sightings", 1),
     ("Sighting", 32),
     ("Confirmed", 77),

@@ -5,20 +5,23 @@
 //! marks; what it forbids and a program does is [told](Outcome::forbidden). They check glue, addresses,
 //! pins, order and time; of silicon and its errata they know nothing.
 //!
-//! [`run`] lets several chips hear each other. It is deterministic: the same nodes do the same.
+//! [`run`] lets several chips hear each other; in a [`Network`] they can be switched on and off, and what
+//! is outside is somebody else's. It is deterministic: the same nodes do the same.
 
-#![forbid(unsafe_code)]
+#![deny(unsafe_code)]
 #![warn(missing_docs, unreachable_pub, rust_2018_idioms)]
 #![warn(clippy::all, clippy::doc_markdown, clippy::uninlined_format_args)]
 
 pub mod device;
+pub mod energy;
 mod network;
 mod node;
 pub mod peripheral;
+mod processor;
 mod soc;
 
 pub use self::{
-    network::run,
+    network::{Deed, Input, Network, run},
     node::{MEMORY, Node, Outcome, Reset, SETTINGS},
     soc::{Board, Soc},
 };

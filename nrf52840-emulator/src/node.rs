@@ -3,6 +3,8 @@
 use std::{
     collections::BTreeMap,
     fmt,
+    net::TcpListener,
+    ops::Range,
     path::{Path, PathBuf},
     sync::mpsc::{Receiver, Sender},
 };
@@ -20,15 +22,16 @@ use rigless::{
 
 use crate::{
     device::Chip,
-    network::{Order, Report},
-    peripheral::{Frame, Peer},
+    network::{Deed, Input, Order, Report},
+    peripheral::Peer,
+    processor::Program,
     soc::{self, Board, Soc},
 };
 
 /// Part of the flash that programs write here: its last 76 KiB.
-pub const MEMORY: core::ops::Range<u64> = 0xe_d000..0x10_0000;
+pub const MEMORY: Range<u64> = 0xe_d000..0x10_0000;
 /// UICR.
-pub const SETTINGS: core::ops::Range<u64> = 0x1000_1000..0x1000_2000;
+pub const SETTINGS: Range<u64> = 0x1000_1000..0x1000_2000;
 
 /// A loop that reads the same value so often waits for a model: time goes on to its next event.
 const POLLS: u32 = 8;
@@ -46,8 +49,13 @@ pub struct Node {
     pub peer: Option<Box<dyn Peer>>,
     /// On the bus of TWIM0, by their addresses.
     pub chips: BTreeMap<u32, Box<dyn Chip>>,
+    /// Of what the chip draws at random, besides its number.
+    pub seed: u64,
     /// What is wrong with the chip.
     pub faults: Option<fn(&mut Soc)>,
+    /// Where GDB connects, for which the first instruction waits: this chip stands still while GDB looks at
+    /// it, and so does the time of all others.
+    pub debugger: Option<TcpListener>,
 }
 
 impl fmt::Debug for Node {
@@ -85,8 +93,12 @@ pub struct Outcome {
     pub erased: Vec<(u64, u64)>,
     /// Words written to the flash.
     pub written: u64,
+    /// From when to when it wrote or erased; what power interrupts then is torn.
+    pub operations: Vec<Range<u64>>,
     /// Frames received well, and spoilt.
     pub received: [u64; 2],
+    /// How long it had power, nanoseconds.
+    pub powered: u64,
     /// How long the radio received and sent, nanoseconds.
     pub radio_on: [u64; 2],
     /// How often the watchdog was fed.
@@ -101,23 +113,39 @@ pub struct Outcome {
     pub flash: Vec<(u64, Vec<u8>)>,
     /// Bytes at the start of the RAM, where the stack ends, that nobody wrote to.
     pub untouched: u64,
+    /// Bytes from there to where the stack begins.
+    pub stack: u64,
 }
 
-/// Runs one chip until it is told to stop.
+/// Runs one chip, which has had power since an instant, until it is told to stop.
 pub(crate) fn run(
     number: usize,
     node: Node,
+    since: u64,
     reports: Sender<(usize, Option<Report>)>,
     orders: Receiver<Order>,
 ) -> Result<Outcome, String> {
     let text = |error: &dyn fmt::Display| error.to_string();
     let mut soc = Soc::new(number, node.peer, node.chips).map_err(|error| text(&error))?;
+    soc.draw_from(node.seed ^ (number as u64 + 1));
     if let Some(faults) = node.faults {
         faults(&mut soc);
     }
-    let session = Session::new(Box::new(Board { soc }), 0, VirtualNanos(1));
-    let session = session.map_err(|error| text(&error))?;
     let program = Image::read(&node.image, None).map_err(|error| text(&error))?;
+    let addresses = 0..MEMORY.start;
+    let pieces = { node.flash.iter() }
+        .filter(|(at, _)| addresses.contains(at))
+        .flat_map(|(at, bytes)| [at.to_le_bytes().to_vec(), bytes.clone()]);
+    let pieces: Vec<_> = [program.bytes().to_vec()]
+        .into_iter()
+        .chain(pieces)
+        .collect();
+    let board = Board {
+        soc,
+        program: Program::new(pieces.iter().map(Vec::as_slice), addresses),
+    };
+    let session = Session::new(Box::new(board), 0, VirtualNanos(1));
+    let session = session.map_err(|error| text(&error))?;
     let mut images = vec![program];
     let info = (soc::FICR, soc::ficr(number));
     for (address, bytes) in node.flash.into_iter().chain([info]) {
@@ -127,6 +155,12 @@ pub(crate) fn run(
     }
     let driver = Run {
         number,
+        since,
+        resets: 0,
+        is_to_stand: false,
+        is_to_show: false,
+        stands: None,
+        told: [0; 3],
         reports,
         orders,
         rtt: rtt(&node.image),
@@ -135,7 +169,10 @@ pub(crate) fn run(
         polls: 0,
         hold: None,
     };
-    let finished = emulator::run(session, &Start::new(&images), driver);
+    let mut start = Start::new(&images);
+    start.debugger = node.debugger.as_ref();
+    start.wait_for_debugger = start.debugger.is_some();
+    let finished = emulator::run(session, &start, driver);
     let finished = finished.map_err(|error| text(&error))?;
     let session = &finished.session;
     let soc = &session.board().soc;
@@ -155,11 +192,13 @@ pub(crate) fn run(
         overruns: soc.uarte.model.overruns,
         erased: soc.nvmc.model.erased.clone(),
         written: soc.nvmc.model.words,
+        operations: soc.nvmc.model.operations.clone(),
         received: soc.radio.model.received,
         radio_on: soc
             .radio
             .model
             .on_until(finished.stop.map_or(0, |stop| stop.at.0)),
+        powered: finished.stop.map_or(0, |stop| stop.at.0),
         fed: soc.watchdog.model.fed,
         transfers: soc.twim.model.transfers,
         instructions: finished.stop.map_or(0, |stop| stop.instruction_count),
@@ -177,6 +216,16 @@ fn rtt(image: &Path) -> Option<u64> {
 
 struct Run {
     number: usize,
+    /// When power came.
+    since: u64,
+    resets: usize,
+    /// It is to stand in the middle of the next work on the flash; since when it does, and how long that
+    /// takes.
+    is_to_stand: bool,
+    is_to_show: bool,
+    stands: Option<(u64, u64)>,
+    /// How much was told of the line, of the pins and of the log.
+    told: [usize; 3],
     reports: Sender<(usize, Option<Report>)>,
     orders: Receiver<Order>,
     rtt: Option<u64>,
@@ -215,18 +264,57 @@ impl Run {
         self.polls = 0;
     }
 
+    /// What was done since this was last asked.
+    fn deeds(&mut self, session: &mut Session<Board>, now: u64) -> Vec<(u64, Deed)> {
+        let resets = session.resets().iter().skip(self.resets);
+        let mut deeds: Vec<_> = resets
+            .map(|reset| (reset.at.0, Deed::Reset(format!("{:?}", reset.cause))))
+            .collect();
+        self.resets += deeds.len();
+        let soc = &mut session.board_mut().soc;
+        for mut frame in core::mem::take(&mut soc.radio.model.sent) {
+            frame.start += self.since;
+            deeds.push((frame.start - self.since, Deed::Sends(frame)));
+        }
+        let [line, pins, log] = &mut self.told;
+        let bytes = soc.uarte.model.sent.iter().skip(*line);
+        deeds.extend(bytes.map(|&(at, byte)| (at, Deed::Byte(byte))));
+        *line = soc.uarte.model.sent.len();
+        let changes = soc.gpio.model.changes.iter().skip(*pins);
+        deeds.extend(changes.map(|&(at, port, level)| (at, Deed::Pins(port, level))));
+        *pins = soc.gpio.model.changes.len();
+        if *log < self.outcome.log.len() {
+            deeds.push((now, Deed::Log(self.outcome.log[*log..].to_vec())));
+            *log = self.outcome.log.len();
+        }
+        if let Some((since, takes)) = self.stands.take() {
+            deeds.push((since, Deed::Writes(takes)));
+        }
+        for (at, _) in &mut deeds {
+            *at += self.since;
+        }
+        deeds
+    }
+
+    /// What programs write.
+    fn memory(host: &mut dyn Host) -> Vec<(u64, Vec<u8>)> {
+        let mut word = |at| host.read(at, Width::W32).unwrap_or(0) as u32;
+        let contents = [MEMORY, SETTINGS].map(|range| {
+            let start = range.start;
+            let words = range.step_by(4).flat_map(|at| word(at).to_le_bytes());
+            (start, words.collect())
+        });
+        contents.into()
+    }
+
     /// What is there when power goes.
     fn end(&mut self, host: &mut dyn Host) {
+        self.outcome.flash = Self::memory(host);
         let mut word = |at| host.read(at, Width::W32).unwrap_or(0) as u32;
-        for range in [MEMORY, SETTINGS] {
-            let words = range
-                .clone()
-                .step_by(4)
-                .flat_map(|at| word(at).to_le_bytes());
-            self.outcome.flash.push((range.start, words.collect()));
-        }
         let (start, size) = soc::RAM;
         let words = (start..start + size).step_by(4);
+        let begins = u64::from(word(0));
+        self.outcome.stack = begins.saturating_sub(start);
         self.outcome.untouched = 4 * words.take_while(|&at| word(at) == 0).count() as u64;
     }
 }
@@ -242,7 +330,11 @@ impl Driver<Board> for Run {
                 let is_same = access.kind == AccessKind::Read && key == self.last;
                 self.polls = if is_same { self.polls + 1 } else { 0 };
                 self.last = key;
-                if busy > now {
+                if busy > now && core::mem::take(&mut self.is_to_stand) {
+                    self.end(host);
+                    self.stands = Some((now, busy - now));
+                    self.hold(u64::MAX, true, host);
+                } else if busy > now {
                     // The processor cannot fetch (Product Specification, "NVMC").
                     self.hold(busy, true, host);
                 } else if self.polls >= POLLS {
@@ -274,8 +366,12 @@ impl Driver<Board> for Run {
         host: &mut dyn Host,
     ) -> Option<VirtualNanos> {
         self.drain(host);
-        let soc = &mut session.board_mut().soc;
-        let sent: Vec<Frame> = core::mem::take(&mut soc.radio.model.sent);
+        let mut deeds = self.deeds(session, stop.at.0);
+        if core::mem::take(&mut self.is_to_show) {
+            let memory = Self::memory(host);
+            deeds.push((stop.at.0 + self.since, Deed::Memory(memory)));
+        }
+        let soc = &session.board().soc;
         let is_idle = stop.reason == StopReason::Idle || self.hold.is_some();
         let next = if is_idle && !soc.is_interrupted() {
             soc.next_event().map_or(u64::MAX, |next| next.0)
@@ -283,19 +379,33 @@ impl Driver<Board> for Run {
             stop.at.0
         };
         let report = Report {
-            next: next.max(stop.at.0),
-            sent,
+            next: next.max(stop.at.0).saturating_add(self.since),
+            deeds,
         };
         // Who gives orders may be gone: then this one ends too.
         let told = self.reports.send((self.number, Some(report)));
         let order = told.ok().and_then(|()| self.orders.recv().ok());
-        let Some(Order { until, heard }) = order else {
-            self.end(host);
+        let Some(Order { until, inputs }) = order else {
+            // Unless power has gone before, as far as the flash is concerned.
+            if self.outcome.flash.is_empty() {
+                self.end(host);
+            }
             return None;
         };
-        for (frame, level) in heard {
-            session.board_mut().soc.hear(stop.at, frame, level);
+        let soc = &mut session.board_mut().soc;
+        for input in inputs {
+            match input {
+                Input::Frame(mut frame, level) => {
+                    frame.start -= self.since;
+                    soc.hear(stop.at, frame, level);
+                }
+                Input::Byte(at, byte) => {
+                    soc.deliver(stop.at, byte, at.saturating_sub(self.since));
+                }
+                Input::StandInWrite => self.is_to_stand = true,
+                Input::Show => self.is_to_show = true,
+            }
         }
-        Some(VirtualNanos(until))
+        Some(VirtualNanos(until - self.since))
     }
 }

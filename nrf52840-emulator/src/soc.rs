@@ -1,7 +1,9 @@
 //! The chip: its memory map, its peripherals where they are, and what a reset does.
 
-use core::num::{NonZeroU32, NonZeroU64};
-use std::collections::BTreeMap;
+use std::{
+    collections::BTreeMap,
+    num::{NonZeroU32, NonZeroU64},
+};
 
 use rigless::{
     cpu,
@@ -13,10 +15,13 @@ use rigless::{
     time::VirtualNanos,
 };
 
-use crate::device::Chip;
 use crate::peripheral::{
     Clock, Frame, Gpio, Instance, Nvmc, Peer, Plain, Ppi, REGISTERS, Radio, Rng, Rtc, Timer, Twim,
     Uarte, Watchdog, Word, clock,
+};
+use crate::{
+    device::Chip,
+    processor::{self, Program},
 };
 
 /// Where FICR and UICR are (Product Specification, "Memory map").
@@ -51,6 +56,7 @@ const fn peripheral(name: &'static str, base: u64, interrupts: &'static [u16]) -
 }
 
 const RADIO: usize = 1;
+const UARTE: usize = 2;
 const WATCHDOG: usize = 8;
 
 /// By their addresses: the bus counts its slots so.
@@ -151,6 +157,19 @@ impl Soc {
             || self.rtc.is_pending()
     }
 
+    /// Random numbers come from this seed.
+    pub(crate) fn draw_from(&mut self, seed: u64) {
+        self.rng = Instance::new(Rng::new(seed));
+    }
+
+    /// A byte on the line of UARTE0 is over at an instant.
+    pub(crate) fn deliver(&mut self, now: VirtualNanos, byte: u8, at: u64) {
+        let (file, mut context) = self.bus.drive(now, UARTE);
+        self.uarte.call(file, &mut context, |uarte, call| {
+            uarte.deliver(byte, at, call);
+        });
+    }
+
     /// A frame of another node is about to arrive.
     pub(crate) fn hear(&mut self, now: VirtualNanos, frame: Frame, level: u8) {
         let (file, mut context) = self.bus.drive(now, RADIO);
@@ -201,7 +220,7 @@ impl Mcu for Soc {
         let model: &mut dyn ErasedDevice = match slot {
             0 => &mut self.clock,
             RADIO => &mut self.radio,
-            2 => &mut self.uarte,
+            UARTE => &mut self.uarte,
             3 => &mut self.twim,
             4 => &mut self.gpiote,
             5 => &mut self.timer,
@@ -223,6 +242,7 @@ impl Mcu for Soc {
 pub struct Board {
     /// Its chip.
     pub soc: Soc,
+    pub(crate) program: Program,
 }
 
 impl Store for Board {}
@@ -254,7 +274,8 @@ impl machine::Board for Board {
         let mut config = armv7m::Config::new(core, &cpu::armv7m::windows(self.soc.bus()));
         config.vector_table = Some(0);
         config.fpu = armv7m::Fpu::FpV4Sp;
-        let spec = config.spec();
+        let mut spec = config.spec();
+        spec.processor = processor::constructor(spec.processor, self.program.clone());
         vec![Target::new("nrf52840", &mut self.soc, spec)]
     }
 }

@@ -82,6 +82,9 @@ pub struct Scenario {
     /// Networks to be made, in place of `network`.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub grid: Option<GridTable>,
+    /// What cameras track once they are calibrated, if a run is to go on with that.
+    #[serde(default, rename = "object", skip_serializing_if = "Vec::is_empty")]
+    pub objects: Vec<ObjectTable>,
     /// What happens by order of a script.
     #[serde(default, rename = "event", skip_serializing_if = "Vec::is_empty")]
     pub events: Vec<ScriptedEvent>,
@@ -622,6 +625,36 @@ pub struct TargetTable {
     /// Its own parameters, over those of [`Scenario::firmware`].
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub firmware: Option<FirmwareTable>,
+}
+
+/// Something of a target's colour, without a radio.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct ObjectTable {
+    /// Where it goes, to and fro. Default: the way of the first network's target, each object from another
+    /// of its stops.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub path: Option<Vec<[f64; 2]>>,
+    /// Units per second. Default: as targets walk.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub speed: Option<f64>,
+    /// Red, green and blue. Default orange.
+    #[serde(default = "orange")]
+    pub colour: Rgb,
+    /// Radius. Default 0.15.
+    #[serde(default = "radius")]
+    pub radius: f64,
+}
+
+impl Default for ObjectTable {
+    fn default() -> Self {
+        Self {
+            path: None,
+            speed: None,
+            colour: orange(),
+            radius: radius(),
+        }
+    }
 }
 
 fn orange() -> Rgb {

@@ -61,13 +61,13 @@ pub use error::ScenarioError;
 pub use event::{Action, Forgery, ScriptedEvent};
 use file::Source;
 pub use file::{
-    CameraTable, FrameTable, GridTable, ModelTable, NetworkTable, ObstacleTable, PlacedCamera,
-    RadioTable, ReferencesTable, ScatterTable, Scenario, SensorName, SensorTable, TargetTable,
-    WalkTable, WorldTable,
+    CameraTable, FrameTable, GridTable, ModelTable, NetworkTable, ObjectTable, ObstacleTable,
+    PlacedCamera, RadioTable, ReferencesTable, ScatterTable, Scenario, SensorName, SensorTable,
+    TargetTable, WalkTable, WorldTable,
 };
 pub use firmware::FirmwareTable;
 pub use overrides::Overrides;
-pub use put_up::{CameraNode, Frame, Network, Site, TargetNode, obstacles};
+pub use put_up::{CameraNode, Frame, MovingObject, Network, Site, TargetNode, obstacles};
 
 /// Coordinators have no numbers in a scenario: the first network's gets this one, the second's the
 /// next one, and so on. All other nodes have lower ones.

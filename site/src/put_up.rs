@@ -28,7 +28,23 @@ pub struct Site {
     pub world: World,
     /// The networks.
     pub networks: Vec<Network>,
+    /// What is to be tracked. Out of everybody's view until somebody moves it.
+    pub objects: Vec<MovingObject>,
 }
+
+/// Something of a target's colour, without a radio.
+#[derive(Clone, Debug)]
+pub struct MovingObject {
+    /// The world's target.
+    pub index: usize,
+    /// Where it goes, to and fro.
+    pub path: Vec<Point2<f64>>,
+    /// Units per second.
+    pub speed: f64,
+}
+
+/// Where objects are that are not there yet.
+const ELSEWHERE: f64 = 1e7;
 
 /// One network of a site.
 #[derive(Clone, Debug)]
@@ -276,8 +292,17 @@ pub(super) fn furnish(scenario: &Scenario) -> Result<Site, ScenarioError> {
             networks[place].frame = home.frame;
         }
     }
+    targets.extend(scenario.objects.iter().map(|object| Target {
+        place: Point2::new(ELSEWHERE, ELSEWHERE),
+        radius: object.radius,
+        colour: object.colour,
+    }));
     let world = World::new(cameras, obstacles, targets);
-    Ok(Site { world, networks })
+    Ok(Site {
+        world,
+        networks,
+        objects: Vec::new(),
+    })
 }
 
 /// Puts a checked scenario up.
@@ -290,7 +315,9 @@ pub(super) fn with_stops(scenario: &Scenario, site: Site) -> Result<Site, Scenar
     let Site {
         mut world,
         mut networks,
+        ..
     } = site;
+    let first_object = world.targets().len() - scenario.objects.len();
     for place in 0..networks.len() {
         for target in stops(scenario, place, &networks, &world)? {
             if let Some(&first) = target.stops.first() {
@@ -302,7 +329,27 @@ pub(super) fn with_stops(scenario: &Scenario, site: Site) -> Result<Site, Scenar
             }
         }
     }
-    Ok(Site { world, networks })
+    let first = networks.first().and_then(|network| network.targets.first());
+    let way = first.map_or(&[][..], |target| &target.stops);
+    let count = scenario.objects.len().max(1);
+    let objects = scenario.objects.iter().enumerate().map(|(n, object)| {
+        let own = object.path.as_ref();
+        let path = own.map(|path| path.iter().copied().map(Point2::from).collect());
+        MovingObject {
+            index: first_object + n,
+            path: path.unwrap_or_else(|| {
+                let begin = way.len() * n / count;
+                [&way[begin..], &way[..begin]].concat()
+            }),
+            speed: object.speed.unwrap_or(scenario.walk.speed),
+        }
+    });
+    let objects = objects.collect();
+    Ok(Site {
+        world,
+        networks,
+        objects,
+    })
 }
 
 fn network(

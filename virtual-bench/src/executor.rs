@@ -201,6 +201,17 @@ impl Spawner {
     }
 }
 
+/// Something that has its own course in the same virtual time, such as another program. Before time
+/// passes, it goes ahead: tasks do nothing meanwhile.
+pub trait Outside {
+    /// Goes on until a time, or until it does something that concerns tasks. Returns when that is: not
+    /// before the time now, and `until` if it is nothing, or later.
+    fn run_until(&mut self, until: Time) -> Time;
+
+    /// What that was happens now. Whether there was anything.
+    fn happens(&mut self) -> bool;
+}
+
 /// Runs tasks in virtual time. See the [module](self).
 ///
 /// # Example
@@ -218,6 +229,7 @@ pub struct Executor {
     clock: Clock,
     effort: Effort,
     pace: Option<Box<dyn FnMut(Time)>>,
+    outside: Option<Box<dyn Outside>>,
     batch: VecDeque<TaskId>,
 }
 
@@ -235,6 +247,7 @@ impl Executor {
             clock: Clock::new(Rc::new(Timing::default())),
             effort: Effort::default(),
             pace: None,
+            outside: None,
             batch: VecDeque::new(),
         }
     }
@@ -280,6 +293,11 @@ impl Executor {
         self.pace = Some(Box::new(pace));
     }
 
+    /// Time passes here as it does there.
+    pub fn set_outside(&mut self, outside: impl Outside + 'static) {
+        self.outside = Some(Box::new(outside));
+    }
+
     /// Runs until a time, which is the time afterwards.
     pub fn run_until(&mut self, end: Time) -> Ended {
         self.run_until_time_or(end, || false)
@@ -297,12 +315,20 @@ impl Executor {
             }
             let next = self.clock.timing.timers.borrow().next_at();
             let is_due = next.is_some_and(|at| at <= end);
-            let at = if is_due { next.unwrap_or(end) } else { end };
+            let planned = if is_due { next.unwrap_or(end) } else { end };
+            let at = match &mut self.outside {
+                Some(outside) => outside.run_until(planned).min(planned),
+                None => planned,
+            };
             if at > self.clock.time() {
                 if let Some(pace) = &mut self.pace {
                     pace(at);
                 }
                 self.clock.timing.now.set(at);
+            }
+            let happened = self.outside.as_mut().is_some_and(|it| it.happens());
+            if happened || at < planned {
+                continue;
             }
             if !is_due {
                 return Ended::TimeUp;

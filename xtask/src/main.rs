@@ -32,7 +32,7 @@ enum Chore {
     Test(test::Test),
     /// Every figure of the README again, with its goal
     Bench {
-        /// Passed to the bench of accuracy, for example `recorded`
+        /// Passed to the bench of accuracy, for example `recorded`; or `chip`: the emulated nRF52840's
         topics: Vec<String>,
     },
     /// Random sites on which everything goes wrong, and what must hold all the same
@@ -95,11 +95,12 @@ fn run(chore: Chore) -> anyhow::Result<ExitCode> {
     // Whole, because it is shown.
     let root = Path::new(env!("CARGO_MANIFEST_DIR")).parent();
     sh.change_dir(root.context("xtask is in the workspace's folder")?);
-    if let Chore::Test(_) | Chore::Emulate | Chore::Firmware { .. } = chore {
+    if let Chore::Test(_) | Chore::Emulate | Chore::Firmware { .. } | Chore::Bench { .. } = chore {
         firmware::prepare_linker(&sh)?;
     }
     let done = match chore {
         Chore::Test(test) => return Ok(test.run(&sh)),
+        Chore::Bench { topics } if topics == ["chip"] => chip::bench(&sh),
         Chore::Bench { topics } => {
             let all = topics.is_empty();
             cmd!(

@@ -11,10 +11,14 @@
 use std::{fmt, io};
 
 use calib_core::Status;
+use node_firmware::{
+    console::TrackedObject,
+    message::{Seen, Tracked, TrackedBlob},
+};
 use serde::{Deserialize, Serialize};
 
 use super::{
-    Network, Node, Radio, RunRecord, Stop, Target,
+    Network, Node, Radio, RunRecord, Stop, Target, Tracking,
     sightings::Sightings,
     summary::Summary,
     verdict::{NextStop, Verdict},
@@ -122,6 +126,40 @@ pub enum What {
         pixels: u8,
         /// Of 255.
         confidence: u8,
+        /// Positive to the left of the optical axis; none where nothing is in view, or a part only.
+        #[serde(default)]
+        bearing_deg: Option<f64>,
+        /// Standard deviation.
+        #[serde(default)]
+        sigma_deg: Option<f64>,
+        /// It is wider than an object of its height: there may be several in it.
+        #[serde(default)]
+        is_wide: bool,
+    },
+    /// Where something is that cameras that track see, by the coordinator of a network.
+    Object {
+        /// Which network.
+        network: u16,
+        /// Its number there.
+        object: u16,
+        /// Where, in the frame of the network; `None`: nobody sees it any more.
+        is: Option<ObjectPlace>,
+    },
+    /// Where an object of the scenario really is, in the frame of a network; simulations only.
+    Truth {
+        /// Which network.
+        network: u16,
+        /// Which object, counted from 1.
+        object: u16,
+        /// Place.
+        x: f64,
+        /// Place.
+        y: f64,
+    },
+    /// How well a network tracked objects; simulations only.
+    Tracking {
+        /// As in the record.
+        is: Tracking,
     },
     /// Somebody wants something of a network or a node, or it came to an end.
     Command {
@@ -175,6 +213,60 @@ pub enum What {
         /// Why it ended before its time.
         cut_short: Option<String>,
     },
+}
+
+/// Where an object is.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct ObjectPlace {
+    /// Place.
+    pub x: f64,
+    /// Place.
+    pub y: f64,
+    /// Covariance: xx, xy, yy.
+    pub covariance: [f64; 3],
+    /// Units per second.
+    pub velocity: [f64; 2],
+    /// How long ago a camera saw it.
+    pub unseen_s: f64,
+}
+
+impl From<&TrackedObject> for ObjectPlace {
+    fn from(object: &TrackedObject) -> Self {
+        let ([x, y], covariance) = object.place;
+        Self {
+            x: x.into(),
+            y: y.into(),
+            covariance: covariance.map(f64::from),
+            velocity: object.velocity.map(f64::from),
+            unseen_s: f64::from(object.unseen_ms) * 1e-3,
+        }
+    }
+}
+
+impl What {
+    /// What a camera that was told to track sees.
+    pub fn tracked(node: u16, tracked: &Tracked) -> Self {
+        let TrackedBlob {
+            middle,
+            edges,
+            pixels,
+            confidence,
+        } = tracked.blob;
+        let degrees = |of: fn(&Seen) -> f32| {
+            let seen = tracked.seen.as_ref();
+            seen.map(|seen| f64::from(of(seen)).to_degrees())
+        };
+        Self::Tracked {
+            node,
+            middle,
+            edges,
+            pixels,
+            confidence,
+            bearing_deg: degrees(|seen| seen.bearing),
+            sigma_deg: degrees(|seen| seen.sigma),
+            is_wide: tracked.is_wide,
+        }
+    }
 }
 
 /// What is new about a node.
@@ -374,6 +466,10 @@ impl RunRecord {
                     None => self.sightings.push(is.clone()),
                 }
             }
+            What::Tracking { is } => {
+                self.tracking.retain(|own| own.network != is.network);
+                self.tracking.push(*is);
+            }
             What::End {
                 radio, sim_seconds, ..
             } => {
@@ -384,6 +480,8 @@ impl RunRecord {
             | What::Place { .. }
             | What::Seen { .. }
             | What::Tracked { .. }
+            | What::Object { .. }
+            | What::Truth { .. }
             | What::Command { .. }
             | What::Said { .. }
             | What::Verdict { .. } => {}
@@ -446,6 +544,10 @@ impl Looker {
         let known: Vec<_> = known.collect();
         let measured = record.sightings.iter().filter(|own| !known.contains(own));
         events.extend(measured.map(|own| Event::new(seconds, What::Measured { is: own.clone() })));
+        let known = self.known.iter().flat_map(|known| &known.tracking);
+        let known: Vec<_> = known.collect();
+        let tracking = record.tracking.iter().filter(|own| !known.contains(own));
+        events.extend(tracking.map(|own| Event::new(seconds, What::Tracking { is: *own })));
         events.push(self.verdict(record));
         let end = What::End {
             radio: record.radio.clone(),

@@ -76,6 +76,9 @@ pub struct RunRecord {
     pub summary: Summary,
     /// What was on the air; `null` of a real network.
     pub radio: Option<Radio>,
+    /// How well each network tracked objects after the calibration; left out where none did.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub tracking: Vec<Tracking>,
     /// How long the run took the simulated nodes; of a real network, how long it was listened to.
     pub sim_seconds: f64,
     /// How long it took the computer; `null` unless asked for, since it is never twice the same.
@@ -96,6 +99,36 @@ pub struct Network {
     pub pan: Option<u16>,
     /// Its channel.
     pub channel: Option<u8>,
+}
+
+/// How well a network tracked objects without a radio, compared with where they really were. A track within a metre of
+/// an object may be of it, and remains of it as long as it is so near.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Tracking {
+    /// Which.
+    pub network: u16,
+    /// For so long.
+    pub seconds: f64,
+    /// So many objects were in view of two cameras at some time.
+    pub objects: usize,
+    /// Looks that told a direction.
+    pub looks: usize,
+    /// Share of the time in which an object had a track, of all time in which two cameras saw it.
+    pub covered: f64,
+    /// Root mean square of the distance from track to object, at the moments when the track was told and a
+    /// camera had seen it in the last half second.
+    pub rms: Option<f64>,
+    /// The same of the posterior Cramer-Rao bound of these looks, at the same moments, if the poses of cameras
+    /// were known exactly and also which object each look shows.
+    pub bound: Option<f64>,
+    /// Mean of the squared error over its predicted covariance: 2 where that is right.
+    pub nees: Option<f64>,
+    /// How often an object got another track than it had.
+    pub breaks: usize,
+    /// How often a track went over to another object.
+    pub swaps: usize,
+    /// Tracks that were never of an object.
+    pub ghosts: usize,
 }
 
 /// The unit of lengths.

@@ -26,6 +26,7 @@ pub fn run_report(record: &RunRecord) -> String {
             .radio
             .as_ref()
             .map_or_else(String::new, |radio| traffic(record, radio)),
+        tracking(record),
         times(record),
         verdict.to_string(),
     ];
@@ -305,6 +306,30 @@ fn beside(thesis: &Published, ours: Option<&Statistics>, ours_is: &str) -> Strin
 }
 
 /// What a calibrated camera costs, against the thesis's exchange.
+/// How well objects were tracked.
+fn tracking(record: &RunRecord) -> String {
+    let unit = &record.unit.name;
+    let number = |value: Option<f64>| value.map_or_else(|| "-".to_owned(), |v| format!("{v:.3}"));
+    let lines = record.tracking.iter().map(|is| {
+        format!(
+            "Tracking, network {}, {:.0} s: {} objects, with a track {:.1} % of the time in view of two cameras; rms {} \
+             {unit} (bound {}), squared error over covariance {} (2 is right); {} breaks, {} swaps, {} ghosts; {} looks\n",
+            is.network,
+            is.seconds,
+            is.objects,
+            100.0 * is.covered,
+            number(is.rms),
+            number(is.bound),
+            number(is.nees),
+            is.breaks,
+            is.swaps,
+            is.ghosts,
+            is.looks,
+        )
+    });
+    lines.collect()
+}
+
 fn traffic(record: &RunRecord, radio: &Radio) -> String {
     let calibrated = record.summary.calibrated;
     let mut text = String::new();

@@ -371,7 +371,7 @@ impl NetworkView {
                 None
             }
             // Nobody asks for these here.
-            ToPc::Tracked { .. } => None,
+            ToPc::Tracked { .. } | ToPc::Object { .. } => None,
         }
     }
 

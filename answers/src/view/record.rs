@@ -68,6 +68,7 @@ impl NetworkView {
             sightings: Vec::new(),
             obstacles: site.map(SitePlan::obstacles).unwrap_or_default(),
             radio: None,
+            tracking: Vec::new(),
             sim_seconds: now.as_secs_f64(),
             wall_seconds: None,
         }

@@ -1,10 +1,8 @@
 //! One object: place, velocity, and what its errors share with those of the cameras' poses.
 
-use core::time::Duration;
+use nalgebra::{Matrix2, Matrix4, Matrix4x3, Point2, SMatrix, SVector, Vector2, Vector3, Vector4};
 
-use nalgebra::{Matrix2, Matrix4, Matrix4x3, Point2, Vector2, Vector3, Vector4};
-
-use super::Settings;
+use super::{Look, Settings};
 use crate::{
     Pose, Real,
     intersection::{self, StationBearing},
@@ -20,8 +18,8 @@ const SHARED: usize = 8;
 /// claims to be exact would put an object where no other look agrees.
 const SUREST: f64 = 2e-4;
 
-/// The velocity is believed no longer than this without a look.
-const LONGEST_STEP: Duration = Duration::from_secs(10);
+/// The velocity is believed no longer than this without a look, microseconds.
+const LONGEST_STEP: u64 = 10_000_000;
 
 /// What the errors of an object and of a camera's pose have in common.
 #[derive(Clone, Copy, Debug)]
@@ -32,7 +30,7 @@ struct Shared<T: Real> {
     heading: T,
     /// Covariance of the object's state and the camera's `(x, y, heading)`.
     covariance: Matrix4x3<T>,
-    heard: Duration,
+    heard: u64,
 }
 
 impl<T: Real> Shared<T> {
@@ -52,7 +50,7 @@ pub(super) struct State<T: Real> {
     pub(super) x: Vector4<T>,
     pub(super) covariance: Matrix4<T>,
     /// Of when it is.
-    pub(super) at: Duration,
+    pub(super) at: u64,
     shared: [Option<Shared<T>>; SHARED],
 }
 
@@ -80,17 +78,17 @@ struct Row<T: Real> {
 }
 
 impl<T: Real> State<T> {
-    /// Where looks of different cameras meet, or where the range of one ends, the first one being the
-    /// earliest. `None` if they meet nowhere, or not surely enough.
+    /// Where a look and a later one of another camera meet, or where the range of one ends. `None` if they
+    /// meet nowhere, or not surely enough.
     pub(super) fn start(
-        looks: &[(Duration, u16, StationBearing<T>)],
+        first: &Look<T>,
+        last: Option<&Look<T>>,
         settings: &Settings<T>,
     ) -> Option<Self> {
-        let mut bearings = [looks.first()?.2; 2];
-        for (bearing, look) in bearings.iter_mut().zip(looks) {
-            *bearing = look.2;
-        }
-        let located = intersection::locate(bearings.get(..looks.len())?).ok()?;
+        let looks = [Some(first), last];
+        let bearings = looks.map(|look| look.unwrap_or(first).bearing);
+        let count = looks.iter().flatten().count();
+        let located = intersection::locate(bearings.get(..count)?).ok()?;
         let variance = located.covariance.trace();
         if !(variance < settings.start_sigma * settings.start_sigma) {
             return None;
@@ -102,12 +100,12 @@ impl<T: Real> State<T> {
         let mut state = Self {
             x: Vector4::new(place.x, place.y, T::zero(), T::zero()),
             covariance: Matrix4::from_diagonal(&Vector4::new(unknown, unknown, rate, rate)),
-            at: looks.first()?.0,
+            at: first.at,
             shared: [None; SHARED],
         };
-        for (at, camera, look) in looks {
-            state.go_to(*at, settings.agility);
-            state = state.measured(*at, *camera, look, true)?.0;
+        for look in looks.into_iter().flatten() {
+            state.go_to(look.at, settings.agility);
+            state.take(look.at, look.camera, &look.bearing, true)?;
         }
         Some(state)
     }
@@ -121,21 +119,28 @@ impl<T: Real> State<T> {
     }
 
     pub(super) fn place_covariance(&self) -> Matrix2<T> {
-        self.covariance.fixed_view::<2, 2>(0, 0).into()
+        let c = &self.covariance;
+        Matrix2::new(c.m11, c.m12, c.m21, c.m22)
     }
 
     /// White noise of acceleration, of this density (Bar-Shalom et al. 2001, 6.2.2).
-    pub(super) fn go_to(&mut self, at: Duration, agility: T) {
-        let Some(time) = at.checked_sub(self.at).filter(|time| !time.is_zero()) else {
+    pub(super) fn go_to(&mut self, at: u64, agility: T) {
+        let Some(time) = at.checked_sub(self.at).filter(|&time| time > 0) else {
             return;
         };
         self.at = at;
         let dt = seconds(time.min(LONGEST_STEP));
-        let mut go = Matrix4::identity();
-        go.m13 = dt;
-        go.m24 = dt;
-        self.x = go * self.x;
-        self.covariance = go * self.covariance * go.transpose();
+        let [state] = &mut self.x.data.0;
+        go(state, dt);
+        let columns = &mut self.covariance.data.0;
+        for column in &mut *columns {
+            go(column, dt);
+        }
+        let [x, y, vx, vy] = columns;
+        for row in 0..4 {
+            x[row] += dt * vx[row];
+            y[row] += dt * vy[row];
+        }
         let place = agility * dt * dt * dt / lit(3.0);
         let both = agility * dt * dt * lit(0.5);
         let c = &mut self.covariance;
@@ -148,22 +153,23 @@ impl<T: Real> State<T> {
         c.m24 += both;
         c.m42 += both;
         for shared in self.shared.iter_mut().flatten() {
-            shared.covariance = go * shared.covariance;
+            for column in &mut shared.covariance.data.0 {
+                go(column, dt);
+            }
         }
     }
 
-    /// The state that takes the look into account. It may be of a time shortly before the state's.
-    /// `None` if numbers are lost by it. `is_start`: of a state that nothing is known of yet, about the
-    /// place that the looks themselves told.
-    pub(super) fn measured(
-        &self,
-        at: Duration,
+    /// Takes a look into account, which may be of a time shortly before the state's. `None` if numbers are
+    /// lost by it: then the state is of no use. `is_start`: of a state that nothing is known of yet, about
+    /// the place that the looks themselves told.
+    fn take(
+        &mut self,
+        at: u64,
         camera: u16,
         look: &StationBearing<T>,
         is_start: bool,
-    ) -> Option<(Self, Agreement<T>)> {
-        let mut state = *self;
-        let slot = state.slot(camera, &look.pose)?;
+    ) -> Option<Agreement<T>> {
+        let slot = self.slot(camera, &look.pose)?;
         // The object was there, by its velocity; what it did besides in so short a time is noise.
         let before = seconds(self.at.saturating_sub(at));
         let back = |place: Vector2<T>| {
@@ -184,10 +190,10 @@ impl<T: Real> State<T> {
             variance: own + square(SUREST) + bend * bend * lit(0.5),
         };
         let off = bearing.innovation.abs();
-        let (mut squared, variance) = state.update(slot, &look.pose, &bearing)?;
+        let (mut squared, variance) = self.update(slot, &look.pose, &bearing)?;
         let mut score = squared + variance.ln();
         if let Some((range, sigma)) = look.range {
-            let to_target = state.x.xy() - state.rate() * before - look.pose.position.coords;
+            let to_target = self.x.xy() - self.rate() * before - look.pose.position.coords;
             let distance = to_target.norm();
             let along = to_target / distance;
             let row = Row {
@@ -196,13 +202,14 @@ impl<T: Real> State<T> {
                 by_pose: Vector3::new(-along.x, -along.y, T::zero()),
                 variance: sigma * sigma + square::<T>(SUREST) * range * range,
             };
-            let (more, variance) = state.update(slot, &look.pose, &row)?;
+            let (more, variance) = self.update(slot, &look.pose, &row)?;
             squared += more;
             // In units of the range, so that looks with and without one can be compared.
             score += more + (variance / (range * range)).ln();
         }
-        if let Some(Some(shared)) = state.shared.get_mut(slot) {
-            shared.heard = self.at.max(at);
+        let heard = self.at.max(at);
+        if let Some(Some(shared)) = self.shared.get_mut(slot) {
+            shared.heard = heard;
         }
         let off = (off, variance.sqrt());
         let agreement = Agreement {
@@ -210,7 +217,27 @@ impl<T: Real> State<T> {
             score,
             off,
         };
-        (state.is_sound() && squared.is_finite()).then_some((state, agreement))
+        (self.is_sound() && squared.is_finite()).then_some(agreement)
+    }
+
+    /// How well a look agrees. Apart, so that the state that takes it into account is on the stack once.
+    #[inline(never)] // stack
+    pub(super) fn agreement(
+        &self,
+        at: u64,
+        camera: u16,
+        look: &StationBearing<T>,
+    ) -> Option<Agreement<T>> {
+        { *self }.take(at, camera, look, false)
+    }
+
+    /// Takes a look into account that is of this object with this probability.
+    #[inline(never)] // stack
+    pub(super) fn take_share(&mut self, at: u64, camera: u16, look: &StationBearing<T>, share: T) {
+        let mut state = *self;
+        if state.take(at, camera, look, false).is_some() {
+            self.mix(&state, share);
+        }
     }
 
     /// Where a camera's pose is remembered: a new place if it was not yet, or has changed.
@@ -221,8 +248,7 @@ impl<T: Real> State<T> {
         }
         let age = |s: &Option<Shared<T>>| {
             s.filter(|s| s.camera != camera)
-                .map(|s| s.heard + Duration::from_nanos(1))
-                .unwrap_or_default()
+                .map_or(0, |s| s.heard.saturating_add(1))
         };
         let slots = self.shared.iter_mut().enumerate();
         let (slot, oldest) = slots.min_by_key(|(_, shared)| age(shared))?;
@@ -240,37 +266,35 @@ impl<T: Real> State<T> {
     /// together is kept. Returns the squared innovation over its variance, and this.
     fn update(&mut self, slot: usize, pose: &Pose<T>, row: &Row<T>) -> Option<(T, T)> {
         let of_camera = self.shared.get(slot)?.as_ref()?.covariance;
-        let of_pose = pose.covariance * row.by_pose;
-        let with_state = self.covariance * row.by_state + of_camera * row.by_pose;
-        let variance = row.by_state.dot(&with_state)
-            + row
-                .by_pose
-                .dot(&(of_camera.transpose() * row.by_state + of_pose))
-            + row.variance;
+        let of_pose = times(&pose.covariance, &row.by_pose);
+        let with_state = times(&self.covariance, &row.by_state) + times(&of_camera, &row.by_pose);
+        let with_pose = transposed_times(&of_camera, &row.by_state) + of_pose;
+        let variance =
+            inner(&row.by_state, &with_state) + inner(&row.by_pose, &with_pose) + row.variance;
         if !(variance >= row.variance * lit(0.99) && variance.is_finite()) {
             return None;
         }
         let gain = with_state / variance;
         for (n, shared) in self.shared.iter_mut().enumerate() {
             let Some(shared) = shared else { continue };
-            let mut with_pose = shared.covariance.transpose() * row.by_state;
+            let mut with_pose = transposed_times(&shared.covariance, &row.by_state);
             if n == slot {
                 with_pose += of_pose;
             }
-            shared.covariance -= gain * with_pose.transpose();
+            add_outer(&mut shared.covariance, &-gain, &with_pose);
         }
         self.x += gain * row.innovation;
-        self.covariance -= gain * with_state.transpose();
+        add_outer(&mut self.covariance, &-gain, &with_state);
         self.covariance = (self.covariance + self.covariance.transpose()) * lit::<T>(0.5);
         Some((row.innovation * row.innovation / variance, variance))
     }
 
     /// Becomes `other` with this probability: mean and covariance of both together.
-    pub(super) fn mix(&mut self, other: &Self, share: T) {
+    fn mix(&mut self, other: &Self, share: T) {
         let rest = T::one() - share;
         let apart = other.x - self.x;
-        let spread = apart * apart.transpose() * (share * rest);
-        self.covariance = self.covariance * rest + other.covariance * share + spread;
+        self.covariance = self.covariance * rest + other.covariance * share;
+        add_outer(&mut self.covariance, &(apart * (share * rest)), &apart);
         self.x += apart * share;
         // Slots are the same but for the one that the look took.
         for (one, other) in self.shared.iter_mut().zip(&other.shared) {
@@ -300,10 +324,70 @@ impl<T: Real> State<T> {
     }
 }
 
+/// Places go on by rates, in one column of a matrix.
+fn go<T: Real>([x, y, vx, vy]: &mut [T; 4], dt: T) {
+    *x += dt * *vx;
+    *y += dt * *vy;
+}
+
+// Products of matrices that no branch to a panic is left of.
+
+fn times<T: Real, const R: usize, const C: usize>(
+    matrix: &SMatrix<T, R, C>,
+    vector: &SVector<T, C>,
+) -> SVector<T, R> {
+    let mut product = SVector::zeros();
+    let [product_column] = &mut product.data.0;
+    let [vector] = &vector.data.0;
+    for (column, &factor) in matrix.data.0.iter().zip(vector) {
+        for (sum, &value) in product_column.iter_mut().zip(column) {
+            *sum += value * factor;
+        }
+    }
+    product
+}
+
+fn transposed_times<T: Real, const R: usize, const C: usize>(
+    matrix: &SMatrix<T, R, C>,
+    vector: &SVector<T, R>,
+) -> SVector<T, C> {
+    let mut product = SVector::zeros();
+    let [product_column] = &mut product.data.0;
+    let [vector] = &vector.data.0;
+    for (sum, column) in product_column.iter_mut().zip(&matrix.data.0) {
+        *sum = pairs(column, vector);
+    }
+    product
+}
+
+fn inner<T: Real, const R: usize>(one: &SVector<T, R>, other: &SVector<T, R>) -> T {
+    let ([one], [other]) = (&one.data.0, &other.data.0);
+    pairs(one, other)
+}
+
+fn pairs<T: Real, const R: usize>(one: &[T; R], other: &[T; R]) -> T {
+    let products = one.iter().zip(other).map(|(&a, &b)| a * b);
+    products.fold(T::zero(), |sum, product| sum + product)
+}
+
+/// Adds the product of a column and a row.
+fn add_outer<T: Real, const R: usize, const C: usize>(
+    matrix: &mut SMatrix<T, R, C>,
+    column: &SVector<T, R>,
+    row: &SVector<T, C>,
+) {
+    let ([column], [row]) = (&column.data.0, &row.data.0);
+    for (into, &factor) in matrix.data.0.iter_mut().zip(row) {
+        for (sum, &value) in into.iter_mut().zip(column) {
+            *sum += value * factor;
+        }
+    }
+}
+
 fn square<T: Real>(value: f64) -> T {
     lit(value * value)
 }
 
-fn seconds<T: Real>(time: Duration) -> T {
-    lit(time.as_secs_f64())
+fn seconds<T: Real>(microseconds: u64) -> T {
+    lit::<T>(microseconds as f64) * lit(1e-6)
 }

@@ -31,8 +31,7 @@
 
 mod filter;
 
-use core::time::Duration;
-
+use heapless::{Deque, Vec};
 use nalgebra::{Matrix2, Point2, Vector2};
 
 use self::filter::{Agreement, State};
@@ -44,12 +43,12 @@ pub const OBJECTS: usize = 4;
 const CANDIDATES: usize = 8;
 /// Looks that wait for one of another camera, at most.
 const WAITING: usize = 12;
-/// A look is this old at most when it comes.
-pub const LATEST: Duration = Duration::from_millis(500);
-/// So long a look waits for one of another camera.
-const WAITS: Duration = Duration::from_millis(500);
-/// An object, and a candidate, that no look showed for so long is gone.
-const GONE: [Duration; 2] = [Duration::from_secs(3), Duration::from_millis(1500)];
+/// A look is this old at most when it comes, microseconds.
+pub const LATEST: u64 = 500_000;
+/// So long a look waits for one of another camera, microseconds.
+const WAITS: u64 = 500_000;
+/// An object, and a candidate, that no look showed for so long is gone, microseconds.
+const GONE: [u64; 2] = [3_000_000, 1_500_000];
 /// Only one in a thousand of an object's bearings lies outside, without and with a range: chi squared of
 /// one and two degrees of freedom.
 const GATE: [f64; 2] = [10.83, 13.82];
@@ -59,8 +58,8 @@ const CLEAR: f64 = 0.95;
 const LARGEST_SIGMA: f64 = 0.2;
 /// Looks that a candidate needs, of three cameras; and of less.
 const NEEDED: [u8; 2] = [6, 12];
-/// A candidate takes so long at least.
-const SHORTEST: Duration = Duration::from_millis(500);
+/// A candidate takes so long at least, microseconds.
+const SHORTEST: u64 = 500_000;
 
 /// What is known about the objects beforehand. Lengths in the unit of the cameras' places.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -79,15 +78,34 @@ pub struct Settings<T> {
     pub radius: Option<T>,
 }
 
-impl<T: Real> Settings<T> {
+impl Settings<f32> {
     /// People who walk about in a building, in metres.
+    pub const WALKING: Self = Self {
+        agility: 0.5,
+        speed_sigma: 1.0,
+        start_sigma: 0.7,
+        lost_sigma: 2.0,
+        radius: None,
+    };
+}
+
+impl<T: Real> Settings<T> {
+    /// [`WALKING`](Settings::WALKING) in any precision.
     pub fn walking() -> Self {
+        let Settings {
+            agility,
+            speed_sigma,
+            start_sigma,
+            lost_sigma,
+            radius,
+        } = Settings::WALKING;
+        let real = |value: f32| lit(f64::from(value));
         Self {
-            agility: lit(0.5),
-            speed_sigma: lit(1.0),
-            start_sigma: lit(0.7),
-            lost_sigma: lit(2.0),
-            radius: None,
+            agility: real(agility),
+            speed_sigma: real(speed_sigma),
+            start_sigma: real(start_sigma),
+            lost_sigma: real(lost_sigma),
+            radius: radius.map(real),
         }
     }
 }
@@ -97,8 +115,8 @@ impl<T: Real> Settings<T> {
 pub struct Look<T: Real> {
     /// The camera's number.
     pub camera: u16,
-    /// When, since whatever all looks count from.
-    pub at: Duration,
+    /// When, microseconds since whatever all looks count from.
+    pub at: u64,
     /// Where to, and how far, if the size tells.
     pub bearing: StationBearing<T>,
     /// Half the angle that the box is wide, radians; 0 if it is not known.
@@ -142,22 +160,39 @@ pub struct Object<T: Real> {
     /// Covariance of the position, that of the cameras' poses included.
     #[cfg_attr(feature = "defmt", defmt(Debug2Format))]
     pub covariance: Matrix2<T>,
-    /// When a look last showed it.
-    pub seen: Duration,
+    /// When a look last showed it, microseconds.
+    pub seen: u64,
 }
 
 #[derive(Clone, Copy, Debug)]
 struct Tracked<T: Real> {
     id: u16,
     state: State<T>,
-    seen: Duration,
+    seen: u64,
+}
+
+impl<T: Real> Tracked<T> {
+    /// What a look says of it; `edge`: that this edge of the box, radians from its middle, is the edge of an
+    /// object of this radius.
+    fn bearing_of(&self, look: &Look<T>, edge: Option<(T, T)>) -> StationBearing<T> {
+        let mut bearing = look.bearing;
+        if let Some((radius, edge)) = edge {
+            let distance = (self.state.place() - bearing.pose.position).norm();
+            let half = (radius / distance).min(edge.abs());
+            bearing.ray = Ray::from_bearing(bearing.ray.bearing() + edge - half.copysign(edge));
+            // One edge is less sure than the mean of two.
+            bearing.bearing_sigma *= lit(core::f64::consts::SQRT_2);
+            bearing.range = None;
+        }
+        bearing
+    }
 }
 
 #[derive(Clone, Copy, Debug)]
 struct Candidate<T: Real> {
     state: State<T>,
-    began: Duration,
-    seen: Duration,
+    began: u64,
+    seen: u64,
     looks: u8,
     /// The first cameras that saw it.
     cameras: [Option<u16>; 3],
@@ -190,11 +225,12 @@ impl<T: Real> Candidate<T> {
 #[derive(Clone, Debug)]
 pub struct Tracker<T: Real> {
     settings: Settings<T>,
-    now: Duration,
+    now: u64,
     next: u16,
-    objects: [Option<Tracked<T>>; OBJECTS],
-    candidates: [Option<Candidate<T>>; CANDIDATES],
-    waiting: [Option<Look<T>>; WAITING],
+    objects: Vec<Tracked<T>, OBJECTS>,
+    candidates: Vec<Candidate<T>, CANDIDATES>,
+    /// The oldest first.
+    waiting: Deque<Look<T>, WAITING>,
 }
 
 impl<T: Real> Tracker<T> {
@@ -202,17 +238,17 @@ impl<T: Real> Tracker<T> {
     pub const fn new(settings: Settings<T>) -> Self {
         Self {
             settings,
-            now: Duration::ZERO,
+            now: 0,
             next: 1,
-            objects: [None; OBJECTS],
-            candidates: [None; CANDIDATES],
-            waiting: [None; WAITING],
+            objects: Vec::new(),
+            candidates: Vec::new(),
+            waiting: Deque::new(),
         }
     }
 
     /// The objects there are, by the time that was [told](Self::go_to) last.
     pub fn objects(&self) -> impl Iterator<Item = Object<T>> {
-        self.objects.iter().flatten().map(|object| Object {
+        self.objects.iter().map(|object| Object {
             id: object.id,
             position: object.state.place(),
             velocity: object.state.rate(),
@@ -223,28 +259,27 @@ impl<T: Real> Tracker<T> {
 
     /// Carries the objects on by their velocities. What was not seen for too long is gone. Time that
     /// goes back changes nothing.
-    pub fn go_to(&mut self, now: Duration) {
+    pub fn go_to(&mut self, now: u64) {
         self.now = self.now.max(now);
         let (now, settings) = (self.now, self.settings);
-        let is_gone = |state: &mut State<T>, seen: Duration, gone: Duration| {
+        let is_gone = |state: &mut State<T>, seen: u64, gone: u64| {
             state.go_to(now, settings.agility);
             let variance = state.place_covariance().trace();
             now.saturating_sub(seen) > gone
                 || !(variance < settings.lost_sigma * settings.lost_sigma)
         };
-        for slot in &mut self.objects {
-            slot.take_if(|object| is_gone(&mut object.state, object.seen, GONE[0]));
-        }
-        for slot in &mut self.candidates {
-            slot.take_if(|candidate| is_gone(&mut candidate.state, candidate.seen, GONE[1]));
-        }
-        for slot in &mut self.waiting {
-            slot.take_if(|look| now.saturating_sub(look.at) > WAITS);
+        self.objects
+            .retain_mut(|object| !is_gone(&mut object.state, object.seen, GONE[0]));
+        self.candidates
+            .retain_mut(|candidate| !is_gone(&mut candidate.state, candidate.seen, GONE[1]));
+        let is_late = |look: &Look<T>| now.saturating_sub(look.at) > WAITS;
+        while self.waiting.front().is_some_and(is_late) {
+            self.waiting.pop_front();
         }
     }
 
     /// Takes a look, which must not be from later than `now`.
-    pub fn take(&mut self, now: Duration, look: &Look<T>) -> Outcome {
+    pub fn take(&mut self, now: u64, look: &Look<T>) -> Outcome {
         self.go_to(now);
         let is_usable = look.bearing.is_usable()
             && look.bearing.bearing_sigma < lit(LARGEST_SIGMA)
@@ -266,9 +301,9 @@ impl<T: Real> Tracker<T> {
     /// To the objects. `None` if the look has nothing to do with any.
     fn offer(&mut self, look: &Look<T>) -> Option<Outcome> {
         let (mut inside, mut towards) = (0_u8, 0_u8);
-        for object in self.objects.iter().flatten() {
-            let told = (object.state).measured(look.at, look.camera, &look.bearing, false);
-            if let Some((_, Agreement { off, .. })) = told {
+        for object in &self.objects {
+            let told = (object.state).agreement(look.at, look.camera, &look.bearing);
+            if let Some(Agreement { off, .. }) = told {
                 let (off, sigma) = off;
                 inside += u8::from(off < look.half_width);
                 towards += u8::from(off < look.half_width + sigma * lit(3.0));
@@ -288,38 +323,25 @@ impl<T: Real> Tracker<T> {
     /// Corrects each object by the probability that the look is of it; `edge`: that this edge of the
     /// box, radians from its middle, is the edge of an object of this radius. `None` if it is of none.
     fn assign(&mut self, look: &Look<T>, edge: Option<(T, T)>) -> Option<Outcome> {
-        let mut measured = [const { None }; OBJECTS];
-        let mut best: Option<T> = None;
-        for (object, measured) in self.objects.iter().zip(&mut measured) {
-            let Some(object) = object else { continue };
-            let mut bearing = look.bearing;
-            if let Some((radius, edge)) = edge {
-                let distance = (object.state.place() - bearing.pose.position).norm();
-                let half = (radius / distance).min(edge.abs());
-                bearing.ray = Ray::from_bearing(bearing.ray.bearing() + edge - half.copysign(edge));
-                // One edge is less sure than the mean of two.
-                bearing.bearing_sigma *= lit(core::f64::consts::SQRT_2);
-                bearing.range = None;
-            }
-            let told = (object.state).measured(look.at, look.camera, &bearing, false);
-            if let Some((state, agreement)) = told
-                && agreement.squared <= gate(&bearing)
-            {
-                *measured = Some((state, agreement.score));
-                best = Some(best.map_or(agreement.score, |best| best.min(agreement.score)));
-            }
+        let mut scores = [None; OBJECTS];
+        for (object, score) in self.objects.iter().zip(&mut scores) {
+            let bearing = object.bearing_of(look, edge);
+            let agreement = object.state.agreement(look.at, look.camera, &bearing);
+            *score = agreement
+                .filter(|agreement| agreement.squared <= gate(&bearing))
+                .map(|agreement| agreement.score);
         }
-        let best = best?;
+        let known = || scores.iter().flatten().copied();
+        let best = known().reduce(T::min)?;
         let likelihood = |score: T| ((best - score) * lit(0.5)).exp();
-        let all = measured.iter().flatten().map(|(_, s)| likelihood(*s));
+        let all = known().map(likelihood);
         let all = all.fold(T::zero(), |sum, one| sum + one);
         let mut outcome = Outcome::Ambiguous;
-        for (object, measured) in self.objects.iter_mut().zip(&measured) {
-            let (Some(object), Some((state, score))) = (object, measured) else {
-                continue;
-            };
-            let share = likelihood(*score) / all;
-            object.state.mix(state, share);
+        for (object, score) in self.objects.iter_mut().zip(scores) {
+            let Some(score) = score else { continue };
+            let share = likelihood(score) / all;
+            let bearing = object.bearing_of(look, edge);
+            (object.state).take_share(look.at, look.camera, &bearing, share);
             if share > lit(0.5) {
                 object.seen = object.seen.max(look.at);
             }
@@ -335,23 +357,16 @@ impl<T: Real> Tracker<T> {
         let mut explained = 0_u8;
         let mut hit = [false; CANDIDATES];
         for (candidate, hit) in self.candidates.iter_mut().zip(&mut hit) {
-            let Some(candidate) = candidate else { continue };
-            let measured = candidate
-                .state
-                .measured(look.at, look.camera, &look.bearing, false);
-            if let Some((state, agreement)) = measured
-                && agreement.squared <= gate(&look.bearing)
-            {
-                candidate.state = state;
+            let agreement = (candidate.state).agreement(look.at, look.camera, &look.bearing);
+            if agreement.is_some_and(|agreement| agreement.squared <= gate(&look.bearing)) {
+                (candidate.state).take_share(look.at, look.camera, &look.bearing, T::one());
                 candidate.was_seen(look);
                 explained += 1;
                 *hit = true;
             }
         }
         for (candidate, hit) in self.candidates.iter_mut().zip(hit) {
-            if let Some(candidate) = candidate
-                && hit
-            {
+            if hit {
                 candidate.alone = match explained {
                     1 => candidate.alone.saturating_add(1),
                     _ => 0,
@@ -359,98 +374,87 @@ impl<T: Real> Tracker<T> {
             }
         }
         for n in 0..WAITING {
-            if let Some(other) = self.waiting.get(n).copied().flatten()
+            if let Some(other) = self.waiting.iter().nth(n).copied()
                 && other.camera != look.camera
             {
-                self.begin(&[other, *look]);
+                self.begin(&other, Some(look));
             }
         }
         if explained == 0 && look.bearing.range.is_some() {
-            self.begin(&[*look]);
+            self.begin(look, None);
         }
         self.wait(look);
     }
 
-    /// A candidate where looks meet, unless there is one.
-    fn begin(&mut self, looks: &[Look<T>]) {
-        let Some(free) = self.candidates.iter().position(Option::is_none) else {
+    /// A candidate where looks meet, or where the range of one ends, unless there is one.
+    #[inline(never)] // stack
+    fn begin(&mut self, one: &Look<T>, other: Option<&Look<T>>) {
+        if self.candidates.is_full() {
             return;
+        }
+        // The earliest first.
+        let (first, last) = match other {
+            Some(other) if other.at < one.at => (other, Some(one)),
+            other => (one, other),
         };
-        let (Some(first), Some(last)) = (looks.first(), looks.last()) else {
-            return;
-        };
-        let part = |look: &Look<T>| (look.at, look.camera, look.bearing);
-        let pair = match first.at <= last.at {
-            true => [part(first), part(last)],
-            false => [part(last), part(first)],
-        };
-        let Some(mut state) = pair
-            .get(..looks.len())
-            .and_then(|looks| State::start(looks, &self.settings))
-        else {
+        let Some(mut state) = State::start(first, last, &self.settings) else {
             return;
         };
         state.go_to(self.now, self.settings.agility);
-        let mut others = self.candidates.iter().flatten().map(|c| &c.state);
+        let mut others = self.candidates.iter().map(|c| &c.state);
         if others.any(|other| is_same(other, &state)) {
             return;
         }
         let mut candidate = Candidate {
             state,
-            began: first.at.min(last.at),
-            seen: first.at.max(last.at),
+            began: first.at,
+            seen: first.at,
             looks: 0,
             cameras: [None; 3],
             alone: 0,
             has_range: false,
         };
-        for look in looks {
+        for look in [Some(first), last].into_iter().flatten() {
             candidate.was_seen(look);
         }
-        if let Some(slot) = self.candidates.get_mut(free) {
-            *slot = Some(candidate);
-        }
+        // There is room, as was seen.
+        let _ = self.candidates.push(candidate);
     }
 
     /// Keeps a look for others, instead of the oldest one if there are too many.
     fn wait(&mut self, look: &Look<T>) {
-        let age = |slot: &&mut Option<Look<T>>| {
-            slot.map_or(Duration::ZERO, |look| look.at + Duration::from_nanos(1))
-        };
-        if let Some(slot) = self.waiting.iter_mut().min_by_key(age) {
-            *slot = Some(*look);
+        if self.waiting.is_full() {
+            self.waiting.pop_front();
         }
+        let _ = self.waiting.push_back(*look);
     }
 
     /// Candidates that are one and the same become one, and one that is real becomes an object.
     fn settle(&mut self) -> Option<u16> {
-        for n in 0..CANDIDATES {
-            let Some(one) = self.candidates.get(n).copied().flatten() else {
-                continue;
-            };
-            let mut objects = self.objects.iter().flatten().map(|o| &o.state);
-            let is_known = objects.any(|object| is_same(object, &one.state));
+        let mut goes = [false; CANDIDATES];
+        for (n, (one, goes)) in self.candidates.iter().zip(&mut goes).enumerate() {
+            let mut objects = self.objects.iter();
+            let is_known = objects.any(|object| is_same(&object.state, &one.state));
             let mut others = self.candidates.iter().enumerate();
             let is_double = others.any(|(m, other)| {
-                other.is_some_and(|other| {
-                    let is_older = (other.looks, n) > (one.looks, m);
-                    m != n && is_older && is_same(&other.state, &one.state)
-                })
+                let is_older = (other.looks, n) > (one.looks, m);
+                m != n && is_older && is_same(&other.state, &one.state)
             });
-            if is_known || is_double {
-                *self.candidates.get_mut(n)? = None;
-            }
+            *goes = is_known || is_double;
         }
-        let free = self.objects.iter_mut().find(|object| object.is_none())?;
-        let real = |slot: &&mut Option<Candidate<T>>| slot.is_some_and(|one| one.is_real());
-        let candidate = self.candidates.iter_mut().find(real)?.take()?;
+        let mut goes = goes.into_iter();
+        self.candidates.retain(|_| goes.next() != Some(true));
+        if self.objects.is_full() {
+            return None;
+        }
+        let real = self.candidates.iter().position(Candidate::is_real)?;
+        let Candidate { state, seen, .. } = *self.candidates.get(real)?;
+        let mut place = 0..;
+        self.candidates.retain(|_| place.next() != Some(real));
         let id = self.next;
         self.next = self.next.checked_add(1).unwrap_or(1);
-        *free = Some(Tracked {
-            id,
-            state: candidate.state,
-            seen: candidate.seen,
-        });
+        // There is room, as was seen.
+        let _ = self.objects.push(Tracked { id, state, seen });
         Some(id)
     }
 }

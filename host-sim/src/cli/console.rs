@@ -1,6 +1,7 @@
 //! `host-sim console`
 
 use std::{
+    collections::BTreeMap,
     io::{self, IsTerminal, Write},
     path::PathBuf,
     process::ExitCode,
@@ -13,10 +14,7 @@ use anyhow::{Context, bail};
 use clap::Args;
 use host_sim::console::{command::parse_command, output, session::Wish};
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
-use node_firmware::{
-    limits::CONSOLE_BAUD,
-    message::{CameraCommand, TrackedBlob},
-};
+use node_firmware::{console::TrackedObject, limits::CONSOLE_BAUD, message::TrackedBlob};
 use site::{BUILT_IN, Overrides, Scenario, key_file};
 
 use super::{
@@ -77,9 +75,9 @@ pub(super) struct Arguments {
     #[arg(long, help_heading = "Things to do")]
     change_pan: bool,
     /// Have a camera do something: initialise, learn-colour, learn-background, track, stop-tracking,
-    /// forget. Can be given several times.
+    /// forget; `all:track` has every camera do it. Can be given several times.
     #[arg(long, value_name = "ID:NAME", value_parser = command, help_heading = "Things to do")]
-    command: Vec<(u16, CameraCommand)>,
+    command: Vec<Wish>,
 }
 
 const EPILOGUE: &str = "\
@@ -88,12 +86,14 @@ Examples:
   host-sim console --port /dev/ttyACM0 --join-window 60 --seconds 60
   host-sim console --port /dev/ttyACM0 --port /dev/ttyACM1 --site building.toml
   host-sim console --port /dev/ttyACM0 --command 2:learn-colour
+  host-sim console --port /dev/ttyACM0 --command all:track --seconds 600 --events walk.ndjson
   host-sim console --port /dev/ttyACM0 --join-window 0 --remove 3 --change-key new.sitekey
 
 Commands: `initialise` resets the camera and lets it adapt to the light; `learn-colour` takes the
 object in the middle of the view as the first colour, `learn-colour=1` as the second, and so on;
 `learn-background` takes the present view as the background; `track` has it tell what it sees of the
 first colour, `track=1` of the second, until `stop-tracking`; `forget` drops pose and sightings.
+Once cameras know their poses and two of them track, the coordinator tells where objects are.
 
 Lengths are in the unit in which the site was configured. Results are those of `host-sim run`, with
 what a real network does not tell left empty; `host-sim report run` reads --json. In the end there is
@@ -111,12 +111,15 @@ Exit codes:
 /// How long a quiet line is left alone.
 const POLL: Duration = Duration::from_millis(10);
 
-/// `2:learn-colour`
-fn command(text: &str) -> Result<(u16, CameraCommand), String> {
+/// `2:learn-colour`, `all:track`
+fn command(text: &str) -> Result<Wish, String> {
     let parse = || {
         let (id, name) = text.split_once(':')?;
         let command = parse_command(name)?;
-        Some((id.parse().ok()?, command))
+        Some(match id {
+            "all" => Wish::Everybody(command),
+            id => Wish::Command(id.parse().ok()?, command),
+        })
     };
     parse().ok_or_else(|| {
         "a camera and initialise, learn-colour, learn-background, track, stop-tracking or forget are \
@@ -218,8 +221,7 @@ fn wishes(arguments: &Arguments) -> anyhow::Result<Vec<Wish>> {
         wishes.push(Wish::ChangeKey(key));
     }
     wishes.extend(arguments.change_pan.then_some(Wish::ChangePan));
-    let commands = arguments.command.iter();
-    wishes.extend(commands.map(|&(id, command)| Wish::Command(id, command)));
+    wishes.extend(&arguments.command);
     Ok(wishes)
 }
 
@@ -290,17 +292,52 @@ fn talk(
 }
 
 /// Where news go: lines, and on a terminal the list of members below them.
-struct Screen(Option<ProgressBar>);
+struct Screen(Option<ProgressBar>, Objects);
+
+/// When people were told last of each object of a network.
+#[derive(Default)]
+struct Objects(BTreeMap<(u16, u16), Duration>);
+
+impl Objects {
+    /// How often one is told.
+    const PERIOD: Duration = Duration::from_secs(1);
+
+    /// What people are told now, if anything.
+    fn words(
+        &mut self,
+        now: Duration,
+        which: (u16, u16),
+        is: Option<&TrackedObject>,
+    ) -> Option<String> {
+        let Some(object) = is else {
+            self.0.remove(&which);
+            return Some("nobody sees it any more".to_owned());
+        };
+        let is_recent = |at: &Duration| now.saturating_sub(*at) < Self::PERIOD;
+        if self.0.get(&which).is_some_and(is_recent) {
+            return None;
+        }
+        self.0.insert(which, now);
+        let ([x, y], [xx, _, yy]) = object.place;
+        let [vx, vy] = object.velocity;
+        Some(format!(
+            "at {x:.2}, {y:.2} +/- {:.2}, goes {:.1} a second",
+            (xx + yy).sqrt(),
+            vx.hypot(vy)
+        ))
+    }
+}
 
 impl Screen {
     fn new() -> Self {
         let style = ProgressStyle::with_template("{msg}");
-        Self(io::stdout().is_terminal().then(|| {
+        let bar = io::stdout().is_terminal().then(|| {
             let bar = ProgressBar::with_draw_target(None, ProgressDrawTarget::stdout());
             // What came too soon after the last drawing is drawn then.
             bar.enable_steady_tick(Duration::from_secs(1));
             bar.with_style(style.unwrap_or_else(|_| ProgressStyle::default_spinner()))
-        }))
+        });
+        Self(bar, Objects::default())
     }
 
     fn show(
@@ -322,14 +359,14 @@ impl Screen {
                 happenings.said(now, &news);
                 self.tell(now, &news)?;
             }
-            while let Some((id, blob)) = line.session.tracked() {
-                happenings.tracked(now, id, blob);
+            while let Some((id, tracked)) = line.session.tracked() {
+                happenings.tracked(now, id, &tracked);
                 let TrackedBlob {
                     middle: [mx, my],
                     edges: [left, upper, right, lower],
                     pixels,
                     confidence,
-                } = blob;
+                } = tracked.blob;
                 self.tell(
                     now,
                     &format!(
@@ -337,6 +374,20 @@ impl Screen {
                          pixels, confidence {confidence}"
                     ),
                 )?;
+            }
+        }
+        for line in &mut lines.all {
+            let network = line.network.get();
+            while let Some((object, is)) = line.session.object() {
+                let is = is.as_ref();
+                happenings.object(now, network, (object, is));
+                let of = match are_several {
+                    true => format!("{}: ", line.path),
+                    false => String::new(),
+                };
+                if let Some(words) = self.1.words(now, (network, object), is) {
+                    self.tell(now, &format!("{of}object {object}: {words}"))?;
+                }
             }
         }
         if let Some(bar) = self.0.as_ref().filter(|_| is_news) {

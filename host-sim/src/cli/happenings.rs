@@ -10,11 +10,14 @@ use std::{
 
 use answers::record::{
     RunRecord,
-    event::{Event, Looker, What},
+    event::{Event, Looker, ObjectPlace, What},
 };
 use anyhow::Context;
 use clap::Args;
-use node_firmware::message::TrackedBlob;
+use node_firmware::{
+    console::TrackedObject,
+    message::{Tracked, TrackedBlob},
+};
 
 use super::{and, file_name, files::Files, late::Late, values};
 
@@ -90,24 +93,35 @@ impl Happenings {
         }
     }
 
+    /// Where an object is, by the coordinator of a network, counted from 1.
+    pub(super) fn object(
+        &mut self,
+        now: Duration,
+        network: u16,
+        (object, is): (u16, Option<&TrackedObject>),
+    ) {
+        if self.looked.is_some() {
+            let is = is.map(ObjectPlace::from);
+            let what = What::Object {
+                network,
+                object,
+                is,
+            };
+            self.write(&[Event::new(now.as_secs_f64(), what)]);
+        }
+    }
+
     /// What a camera sees.
-    pub(super) fn tracked(&mut self, now: Duration, node: u16, blob: TrackedBlob) {
+    pub(super) fn tracked(&mut self, now: Duration, node: u16, tracked: &Tracked) {
         let TrackedBlob {
             middle,
             edges,
             pixels,
             confidence,
-        } = blob;
+        } = tracked.blob;
         let seconds = now.as_secs_f64();
         if self.looked.is_some() {
-            let what = What::Tracked {
-                node,
-                middle,
-                edges,
-                pixels,
-                confidence,
-            };
-            self.write(&[Event::new(seconds, what)]);
+            self.write(&[Event::new(seconds, What::tracked(node, tracked))]);
         }
         if let Some(folder) = &self.folder {
             let file = self

@@ -1,6 +1,7 @@
 //! The coordinators of a site, each on a line of its own.
 
 use std::{
+    cell::Cell,
     collections::VecDeque,
     sync::{Arc, atomic::AtomicBool},
     time::Duration,
@@ -22,6 +23,8 @@ use site::Scenario;
 pub(super) struct Line {
     pub(super) path: String,
     pub(super) session: Session,
+    /// The number that its network has in the file of the site, or among the lines.
+    pub(super) network: Cell<u16>,
     port: Port,
 }
 
@@ -59,15 +62,19 @@ impl Lines {
                     }
                     (all, waiting)
                 });
-        let open = |path: &String| {
+        let open = |(number, path): (u16, &String)| {
             Ok(Line {
                 path: path.clone(),
+                network: Cell::new(number),
                 session: Session::new(everybodys.iter().copied()),
                 port: Port::open(path, baud, interrupted.clone())?,
             })
         };
         Ok(Self {
-            all: paths.iter().map(open).collect::<Result<_, OpenError>>()?,
+            all: (1..)
+                .zip(paths)
+                .map(open)
+                .collect::<Result<_, OpenError>>()?,
             waiting,
             missing: None,
         })
@@ -163,6 +170,7 @@ impl Lines {
         for (line, ordinal) in self.all.iter().zip(1..) {
             let (number, part) = record(&line.session, now, site)?;
             let number = number.unwrap_or(ordinal);
+            line.network.set(number);
             if parts.iter().any(|(known, _)| *known == number) {
                 // Of one that has no members yet nobody knows which it is.
                 if line.session.known().members().is_empty() {

@@ -16,7 +16,7 @@ use std::{
     time::{Duration, Instant},
 };
 
-use answers::record::event::{self, CommandState, Event, Looker, What};
+use answers::record::event::{self, CommandState, Event, Looker, ObjectPlace, What};
 use anyhow::{Context, bail, ensure};
 use clap::Args;
 use host_sim::{
@@ -478,13 +478,15 @@ impl Network<'_> {
             while let Some(words) = session.news() {
                 self.say(now, words);
             }
-            while let Some((node, blob)) = session.tracked() {
-                let what = What::Tracked {
-                    node,
-                    middle: blob.middle,
-                    edges: blob.edges,
-                    pixels: blob.pixels,
-                    confidence: blob.confidence,
+            while let Some((node, tracked)) = session.tracked() {
+                let what = What::tracked(node, &tracked);
+                self.server.tell([Event::new(now.as_secs_f64(), what)]);
+            }
+            while let Some((object, is)) = session.object() {
+                let what = What::Object {
+                    network: 1,
+                    object,
+                    is: is.as_ref().map(ObjectPlace::from),
                 };
                 self.server.tell([Event::new(now.as_secs_f64(), what)]);
             }

@@ -10,13 +10,16 @@ use std::{
 };
 
 use answers::record::{Node, RunRecord, event::Event, verdict::status_words};
-use anyhow::ensure;
+use anyhow::{Context, ensure};
 use calib_core::Status;
 use clap::{Args, ValueEnum};
 use host_sim::live::report;
-use host_sim::network::{Emulation, IMAGE, Onlooker, Options, Progress, Simulation};
+use host_sim::network::{
+    CHIP_IMAGE, Chips, Emulation, IMAGE, Onlooker, Options, Progress, Simulation, TrackRow,
+};
 use indicatif::{ProgressBar, ProgressStyle};
 use node_firmware::limits::CONSOLE_BAUD;
+use site::Action;
 
 use super::{
     and,
@@ -69,12 +72,23 @@ pub(super) struct Arguments {
     /// The image for emulated boards. Default: what `cargo xtask firmware` makes.
     #[arg(long, value_name = "FILE.elf")]
     image: Option<PathBuf>,
+    /// GDB connects to this node, an emulated nRF52840, with `target remote :3333`: at each of its starts
+    /// the network waits for that.
+    #[arg(long, value_name = "NODE")]
+    gdb: Option<u16>,
     /// The run ends with an error when an emulated board shows no life within this time, seconds.
     /// Default: 30.
     #[arg(long, value_name = "S", value_parser = values::seconds, allow_negative_numbers = true)]
     board_timeout: Option<Duration>,
+    /// After the calibration, have all cameras track the scenario's objects for so many seconds, or two that
+    /// walk about at random if it has none.
+    #[arg(long, value_name = "S", value_parser = values::seconds, conflicts_with = "console", allow_negative_numbers = true)]
+    track: Option<Duration>,
     #[command(flatten, next_help_heading = FOR_RESULTS)]
     outputs: RunOutputs,
+    /// Where the coordinators said that objects are, beside the truth, one line each time.
+    #[arg(long, value_name = "FILE.csv", value_parser = values::result(), requires = "track")]
+    tracks: Option<PathBuf>,
     /// All frames on the air, for Wireshark; and FILE.pcap.sh, which shows them decrypted.
     #[arg(long, value_name = "FILE.pcap", value_parser = values::result())]
     pcap: Option<PathBuf>,
@@ -89,6 +103,9 @@ pub(super) struct Arguments {
     log: Option<PathBuf>,
 }
 
+/// Where GDB connects.
+const GDB_PORT: u16 = 3333;
+
 /// Four pages of advice.
 const FURTHER_STOPS: usize = 24;
 
@@ -96,6 +113,8 @@ const FURTHER_STOPS: usize = 24;
 enum Backend {
     /// This program, in virtual time.
     Host,
+    /// An emulated nRF52840 for each node, in virtual time: the image that is flashed.
+    Nrf52840,
     /// An emulated Cortex-M4F for each node, in real time: machine code in `qemu-system-arm`.
     Qemu,
 }
@@ -116,7 +135,11 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
     let scenario = arguments.scenario.load(arguments.seed)?;
     arguments.scenario.tell_assumptions(&scenario);
     let script = arguments.pcap.as_deref().and_then(script_of);
-    let image = arguments.image.as_deref().unwrap_or(Path::new(IMAGE));
+    let usual = match arguments.backend {
+        Backend::Nrf52840 => CHIP_IMAGE,
+        Backend::Host | Backend::Qemu => IMAGE,
+    };
+    let image = arguments.image.as_deref().unwrap_or(Path::new(usual));
     let files = Files::default()
         .reads(arguments.scenario.file())
         .reads(arguments.port.iter().map(|(_, path)| path))
@@ -129,6 +152,7 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
                 &arguments.log,
                 &arguments.events,
                 &arguments.report,
+                &arguments.tracks,
             ]
             .into_iter()
             .flatten(),
@@ -139,22 +163,42 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
     ensure!(
         arguments.speed.is_none()
             || speed == Some(1.0)
-            || (arguments.backend == Backend::Host && arguments.port.is_empty()),
-        "emulated boards and real cameras have a time of their own: leave out --speed, or say \
+            || (arguments.backend != Backend::Qemu && arguments.port.is_empty()),
+        "boards in QEMU and real cameras have a time of their own: leave out --speed, or say \
          `--speed real-time`"
     );
     ensure!(
         arguments.board_timeout.is_none() || arguments.backend == Backend::Qemu,
-        "--board-timeout is for emulated boards: leave it out, or say `--backend qemu`"
+        "--board-timeout is for boards in QEMU: leave it out, or say `--backend qemu`"
     );
     ensure!(
-        arguments.image.is_none() || arguments.backend == Backend::Qemu,
-        "--image is for emulated boards: leave it out, or say `--backend qemu`"
+        arguments.image.is_none() || arguments.backend != Backend::Host,
+        "--image is for emulated boards: leave it out, or say `--backend nrf52840`"
     );
     ensure!(
-        !arguments.until_calibrated || arguments.backend == Backend::Host,
-        "--until-calibrated reads what nodes know while they run, as emulated boards do not tell it: \
-         leave it out, or say `--backend host`"
+        arguments.port.is_empty() || arguments.backend != Backend::Nrf52840,
+        "emulated chips have a time of their own, and a real camera another: leave out --port, or say \
+         `--backend host`"
+    );
+    ensure!(
+        !arguments.until_calibrated || arguments.backend != Backend::Qemu,
+        "--until-calibrated reads what nodes know while they run, as boards in QEMU do not tell it: \
+         leave it out, or say `--backend nrf52840`"
+    );
+    ensure!(
+        arguments.gdb.is_none() || arguments.backend == Backend::Nrf52840,
+        "--gdb looks into an emulated chip: leave it out, or say `--backend nrf52840`"
+    );
+    let wears = |action: &Action| matches!(action, Action::Rot { .. } | Action::WearOut { .. });
+    ensure!(
+        arguments.backend != Backend::Nrf52840
+            || !scenario.events.iter().any(|event| wears(&event.action)),
+        "events `rot` and `wear-out` do nothing to the flash of emulated chips: leave them out, or say \
+         `--backend host`"
+    );
+    ensure!(
+        arguments.track.is_none() || arguments.backend == Backend::Host,
+        "--track needs cameras that see what moves, in virtual time: leave it out, or say `--backend host`"
     );
     let mut nodes = BTreeSet::new();
     for (node, _) in &arguments.port {
@@ -164,7 +208,7 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
         );
     }
     let emulation = match arguments.backend {
-        Backend::Host => None,
+        Backend::Host | Backend::Nrf52840 => None,
         Backend::Qemu => {
             let emulation = Emulation::of(image)?;
             Some(match arguments.board_timeout {
@@ -173,11 +217,23 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
             })
         }
     };
+    let chips = match arguments.backend {
+        Backend::Nrf52840 => {
+            let mut chips = Chips::of(image)?;
+            if let Some(node) = arguments.gdb {
+                chips.debug(node, GDB_PORT)?;
+                tell(format_args!("node {node}: target remote :{GDB_PORT}"));
+            }
+            Some(chips)
+        }
+        Backend::Host | Backend::Qemu => None,
+    };
     let [pcap, log] = [&arguments.pcap, &arguments.log].map(|path| path.as_deref().map(Late::new));
     let stop = interrupt::watch()?;
     let options = Options {
         speed,
         emulation,
+        chips,
         further_stops: if arguments.until_calibrated {
             arguments.further_stops
         } else {
@@ -189,6 +245,9 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
     };
     let mut simulation =
         Simulation::new(scenario, options).map_err(|error| arguments.scenario.named(error))?;
+    if let Some(node) = arguments.gdb {
+        ensure!(simulation.config(node).is_some(), "there is no node {node}");
+    }
     for (node, path) in &arguments.port {
         simulation.connect_camera(*node, path)?;
     }
@@ -200,10 +259,13 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
         ));
         simulation.connect_console(*network, terminal)?;
     }
+    if arguments.track.is_some() {
+        simulation.take_orders();
+    }
     let bar = bar();
     let mut onlooker = arguments.onlooker(&simulation);
     let mut lines = CameraLines::default();
-    let record = simulation.run_watched(
+    let mut record = simulation.run_watched(
         LOOKS,
         |progress| show(&bar, &progress),
         |simulation| {
@@ -225,6 +287,26 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
             }
         ));
     }
+    tell_of_chips(&simulation);
+    let mut tracks = None;
+    if let Some(time) = arguments.track
+        && !stop.load(Ordering::Relaxed)
+    {
+        let wall_seconds = record.wall_seconds;
+        let tracked = simulation.track(time.as_secs_f64(), LOOKS, |simulation| {
+            if let Some(onlooker) = &mut onlooker {
+                onlooker.look(simulation);
+            }
+        });
+        let (after, rows) = tracked.context(
+            "no object has a place to be at: give the scenario one with a `path`, or cameras that see the same",
+        )?;
+        record = RunRecord {
+            wall_seconds,
+            ..after
+        };
+        tracks = Some(rows);
+    }
     let trouble = simulation.trouble();
     let is_stopped = stop.load(Ordering::Relaxed);
     let end = match &trouble {
@@ -242,6 +324,9 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
     for file in [pcap, log].into_iter().flatten() {
         ended = and(ended, file.finish());
     }
+    if let (Some(path), Some(rows)) = (&arguments.tracks, &tracks) {
+        ended = and(ended, write(path, Ok(end.mark_lines(track_lines(rows)))));
+    }
     if let Some(script) = &script {
         ended = and(ended, write(script, Ok(simulation.decryption_script())));
     }
@@ -250,6 +335,42 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
         Some(trouble) => and(ended, Err(trouble.into())),
         None => ended,
     }
+}
+
+/// What emulated chips did that the specification forbids, and how deep their stacks were.
+fn tell_of_chips(simulation: &Simulation) {
+    let chips = simulation.chips();
+    for (id, chip) in &chips {
+        for what in &chip.forbidden {
+            tell(format_args!("the chip of node {id}: {what}"));
+        }
+    }
+    let deepest = chips.values().map(|chip| chip.stack).max();
+    if let Some([used, all]) = deepest.filter(|[_, all]| *all > 0) {
+        tell(format_args!("{used} bytes of stack were used, of {all}"));
+    }
+}
+
+/// `tracks.csv`: what was told, and the truth beside it.
+fn track_lines(rows: &[TrackRow]) -> String {
+    let mut text = "seconds,network,track,x,y,xx,xy,yy,vx,vy,object,true_x,true_y\n".to_owned();
+    for row in rows {
+        let told = row.told.map_or_else(
+            || ",,,,,,".to_owned(),
+            |told| {
+                let ([x, y], [xx, xy, yy]) = told.place;
+                let [vx, vy] = told.velocity;
+                format!("{x},{y},{xx},{xy},{yy},{vx},{vy}")
+            },
+        );
+        let truth = row.truth.map_or_else(
+            || ",,".to_owned(),
+            |(object, place)| format!("{object},{:.4},{:.4}", place.x, place.y),
+        );
+        let (seconds, network, track) = (row.seconds, row.network, row.track);
+        text += &format!("{seconds:.3},{network},{track},{told},{truth}\n");
+    }
+    text
 }
 
 /// How often events are looked for, nanoseconds.

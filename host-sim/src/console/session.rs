@@ -11,8 +11,8 @@ use std::{
 
 use node_firmware::{
     config::SiteKey,
-    console::{FRAME_MAX, Frames, FromPc, KeyChangeReport, ToPc, encode},
-    message::{CameraCommand, CommandOutcome, MemberAddress, TrackedBlob},
+    console::{FRAME_MAX, Frames, FromPc, KeyChangeReport, ToPc, TrackedObject, encode},
+    message::{CameraCommand, CommandOutcome, MemberAddress, Tracked},
 };
 
 use answers::view::NetworkView;
@@ -50,6 +50,8 @@ pub enum Wish {
     ChangePan,
     /// Have a camera do something.
     Command(u16, CameraCommand),
+    /// Have every camera that is a member do something.
+    Everybody(CameraCommand),
 }
 
 impl Wish {
@@ -58,7 +60,7 @@ impl Wish {
         Duration::from_secs(match self {
             Self::JoinWindow(_) | Self::Remove(_) | Self::ChangePan => 10,
             // A camera adapts to the light for seconds, and may be asked again by radio.
-            Self::Command(..) => 60,
+            Self::Command(..) | Self::Everybody(_) => 60,
             // One member after the other, also those that are not there.
             Self::ChangeKey(_) if matches!(step, Step::Begun(_)) => 600,
             Self::ChangeKey(_) => 10,
@@ -179,7 +181,8 @@ pub struct Session {
     /// Since when a first answer is waited for.
     patience_from: Duration,
     /// What cameras saw that track, with their numbers; the newest.
-    tracked: VecDeque<(u16, TrackedBlob)>,
+    tracked: VecDeque<(u16, Tracked)>,
+    objects: VecDeque<(u16, Option<TrackedObject>)>,
 }
 
 /// Nobody who listens needs more of what cameras that track saw, all at once.
@@ -206,6 +209,7 @@ impl Session {
             wants_sightings: false,
             patience_from: Duration::ZERO,
             tracked: VecDeque::new(),
+            objects: VecDeque::new(),
         }
     }
 
@@ -280,6 +284,10 @@ impl Session {
                     self.tracked.truncate(TRACKED_MAX - 1);
                     self.tracked.push_back((id, *tracked));
                 }
+            }
+            ToPc::Object { id, object } => {
+                self.objects.truncate(TRACKED_MAX - 1);
+                self.objects.push_back((*id, *object));
             }
             ToPc::KeyChange(_) => {
                 self.answered = true;
@@ -371,8 +379,13 @@ impl Session {
     }
 
     /// What a camera that was told to track saw next.
-    pub fn tracked(&mut self) -> Option<(u16, TrackedBlob)> {
+    pub fn tracked(&mut self) -> Option<(u16, Tracked)> {
         self.tracked.pop_front()
+    }
+
+    /// The next object that the coordinator told of; `None` with its number: it is gone.
+    pub fn object(&mut self) -> Option<(u16, Option<TrackedObject>)> {
+        self.objects.pop_front()
     }
 
     fn confirmed(&mut self) {
@@ -469,15 +482,26 @@ impl Session {
                         "keep both keys; listen to hear when the new one is in use"
                     }
                     Wish::ChangePan => "type it again",
-                    Wish::Command(..) => "check that the camera is switched on",
+                    Wish::Command(..) | Wish::Everybody(_) => {
+                        "check that the camera is switched on"
+                    }
                 };
                 return Err(Failure::Unconfirmed(patience, why));
             }
         };
+        if let Wish::Everybody(command) = wish {
+            self.wishes.pop_front();
+            for camera in self.known.cameras().into_iter().rev() {
+                self.wishes.push_front(Wish::Command(camera.id, command));
+            }
+            return Ok(None);
+        }
         let address = match wish {
             Wish::Remove(id) => self.known.addresses(id).first().copied(),
             Wish::Command(id, _) => self.known.addresses(id).last().copied(),
-            Wish::JoinWindow(_) | Wish::ChangeKey(_) | Wish::ChangePan => Some(0),
+            Wish::JoinWindow(_) | Wish::ChangeKey(_) | Wish::ChangePan | Wish::Everybody(_) => {
+                Some(0)
+            }
         };
         let Some(address) = address else {
             self.step = Step::Looking(Some(since));
@@ -498,6 +522,8 @@ impl Session {
             Wish::Remove(_) => FromPc::Remove(address),
             Wish::ChangeKey(key) => FromPc::ChangeKey(key),
             Wish::ChangePan => FromPc::ChangePan,
+            // There are only those of single cameras any more.
+            Wish::Everybody(_) => return Ok(None),
             Wish::Command(id, command) => {
                 let mut members = self.known.present().into_iter();
                 if !members.any(|member| member.id == id && member.is_camera()) {

@@ -2,7 +2,7 @@
 
 use std::{
     cell::{Cell, Ref, RefCell},
-    collections::VecDeque,
+    collections::{BTreeMap, VecDeque},
     future::poll_fn,
     io,
     rc::Rc,
@@ -44,6 +44,10 @@ struct Shared {
     complete: Rc<RollCall>,
     orders: RefCell<Option<Bytes>>,
     journal: SharedJournal,
+    /// When cameras last told what they see while they track.
+    heard: RefCell<BTreeMap<u16, Duration>>,
+    /// What was told of looks and objects since somebody asked.
+    tracking: RefCell<Option<Vec<(Duration, ToPc)>>>,
 }
 
 /// Bytes for a coordinator.
@@ -115,6 +119,8 @@ impl Console {
             complete: Rc::default(),
             orders: RefCell::default(),
             journal,
+            heard: RefCell::default(),
+            tracking: RefCell::default(),
         }))
     }
 
@@ -148,6 +154,17 @@ impl Console {
         let orders = Orders::default();
         *self.0.orders.borrow_mut() = Some(orders.0.clone());
         self.connect(Box::new(orders));
+    }
+
+    /// When each camera last told what it sees while it tracks.
+    pub(super) fn heard(&self) -> Ref<'_, BTreeMap<u16, Duration>> {
+        self.0.heard.borrow()
+    }
+
+    /// What the coordinator told of looks and objects since this was asked last, with the time; nothing
+    /// the first time.
+    pub(super) fn tracking(&self) -> Vec<(Duration, ToPc)> {
+        std::mem::take(self.0.tracking.borrow_mut().get_or_insert_default())
     }
 
     /// The number of the coordinator.
@@ -200,11 +217,20 @@ impl Console {
         if let Some(words) = view.take(now, message) {
             journal.moment(shared.id, || Moment::Said(words));
         }
+        if let ToPc::Tracked { .. } | ToPc::Object { .. } = message
+            && let Some(told) = &mut *shared.tracking.borrow_mut()
+        {
+            told.push((now, *message));
+        }
         match message {
             ToPc::Tracked { address, tracked } => {
                 if let Some(id) = view.id_of(*address) {
+                    shared.heard.borrow_mut().insert(id, now);
                     journal.moment(id, || Moment::Tracked(*tracked));
                 }
+            }
+            ToPc::Object { id, object } => {
+                journal.moment(shared.id, || Moment::Object(*id, *object));
             }
             ToPc::Done { address, done } => {
                 if let Some(id) = view.id_of(*address) {

@@ -32,6 +32,11 @@ impl Further {
         self.orders.entry(target).or_default().clone()
     }
 
+    /// Whether targets may be led on.
+    pub(super) fn is_left(&self) -> bool {
+        self.made < self.most
+    }
+
     /// Stops to which targets were led.
     pub(super) fn made(&self) -> usize {
         self.made
@@ -41,7 +46,7 @@ impl Further {
 /// Leads targets on to where the verdict asks for a stop. How long that may take; `None` if it asks for
 /// none, or for more than are left.
 pub(super) fn lead_on(simulation: &mut Simulation) -> Option<Time> {
-    if simulation.further.made >= simulation.further.most {
+    if !simulation.further.is_left() {
         return None;
     }
     let verdict = Verdict::of(&outcome::record(simulation, 0.0));

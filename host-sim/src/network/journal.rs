@@ -11,11 +11,12 @@ use std::{
 use calib_core::dead_reckoning::{Displacement, Step};
 use nalgebra::{Matrix2, Point2, Vector2};
 use node_firmware::{
+    console::TrackedObject,
     facts::{Fact, KeptSighting, Walk},
     hardware::Observer,
     message::{
         CameraCommand, CommandOutcome, CoordinateFrame, MemberAddress, Message, Seen, StopNumber,
-        TrackedBlob,
+        Tracked,
     },
 };
 use zigbee_link::wire::ShortAddress;
@@ -133,7 +134,11 @@ pub(super) enum Moment {
     /// A camera saw the target at this address.
     Seen(MemberAddress, Seen),
     /// A camera that was told to track sees this.
-    Tracked(TrackedBlob),
+    Tracked(Tracked),
+    /// A coordinator knows where something is.
+    Object(u16, Option<TrackedObject>),
+    /// An object really is here, in the frame of the coordinator's network.
+    Truth(u16, Point2<f64>),
     /// A target goes on from its stop.
     StopEnds,
     /// Something in words.

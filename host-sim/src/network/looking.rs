@@ -2,7 +2,7 @@
 
 use answers::record::{
     RunRecord,
-    event::{CommandState, Event, Looker, What},
+    event::{CommandState, Event, Looker, ObjectPlace, What},
 };
 use nalgebra::Point2;
 use node_firmware::{
@@ -129,6 +129,13 @@ impl Simulation {
         }
     }
 
+    /// The number of the network of this coordinator, from 1.
+    fn network_of(&self, coordinator: u16) -> Option<u16> {
+        let mut consoles = (1..).zip(&self.consoles);
+        let (number, _) = consoles.find(|(_, console)| console.id() == coordinator)?;
+        Some(number)
+    }
+
     fn send(&self, node: u16, message: impl Fn(MemberAddress) -> FromPc) -> bool {
         self.consoles.iter().any(|console| {
             let address = console.view().addresses(node).last().copied();
@@ -185,12 +192,17 @@ impl Simulation {
                     sigma_deg: f64::from(seen.sigma).to_degrees(),
                 }
             }
-            Moment::Tracked(blob) => What::Tracked {
-                node,
-                middle: blob.middle,
-                edges: blob.edges,
-                pixels: blob.pixels,
-                confidence: blob.confidence,
+            Moment::Tracked(tracked) => What::tracked(node, &tracked),
+            Moment::Object(object, is) => What::Object {
+                network: self.network_of(node)?,
+                object,
+                is: is.as_ref().map(ObjectPlace::from),
+            },
+            Moment::Truth(object, place) => What::Truth {
+                network: self.network_of(node)?,
+                object,
+                x: place.x,
+                y: place.y,
             },
             Moment::Done(command, outcome) => What::Command {
                 node: Some(node),

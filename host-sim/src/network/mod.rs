@@ -1,5 +1,5 @@
 //! Runs a scenario: the firmware of every node, over emulated cameras and simulated radios, in
-//! virtual time; or on emulated boards, in real time.
+//! virtual time; or as machine code, on emulated chips in virtual time, or in QEMU in real time.
 //!
 //! A [`Simulation`] puts up what a [`Scenario`] says and provisions every node as a person would.
 //! Then it only lets time pass: nodes find each other, cameras look, the target walks when its lamp
@@ -15,6 +15,7 @@
 //! | `walk` | A target's carrier, and its step sensor |
 //! | `further` | Where the verdict has it go when its way is at an end |
 //! | `console` | The PC on a coordinator's line |
+//! | `objects` | What walks there without a radio, for calibrated cameras to track |
 //! | `journal` | What nodes said and learnt, with times: the log, and what records are made of |
 //! | `looking` | What whoever looks on sees and may do |
 //! | `attack` | Who sends frames without the key |
@@ -36,6 +37,7 @@ mod looking;
 mod many;
 mod measured;
 mod node;
+mod objects;
 mod outcome;
 mod walk;
 
@@ -57,16 +59,23 @@ use node_firmware::{
     message::Report,
 };
 
+pub use chip_pipe::End as ChipEnd;
+
 pub use self::{
     camera::{CameraDevice, Pixy2Device},
     console::Terminal,
-    emulated::{Emulation, EmulatorError, IMAGE},
+    emulated::{
+        Emulation, EmulatorError, IMAGE,
+        chips::{CHIP_IMAGE, Chips},
+    },
     looking::Onlooker,
     many::{run_all, run_all_until},
+    objects::TrackRow,
 };
 
 use self::{
     console::Console,
+    emulated::chips::{Lockstep, Pool},
     journal::{Journal, NodeEntry, SharedJournal},
     node::Node,
 };
@@ -74,7 +83,7 @@ use crate::{
     probe::port::{OpenError, open},
     video::Video,
 };
-use answers::record::RunRecord;
+use answers::record::{RunRecord, Tracking};
 use nalgebra::Point2;
 use rand::Rng;
 use site::world::World;
@@ -96,12 +105,14 @@ type SharedWorld = Rc<RefCell<World>>;
 /// How to run.
 #[derive(Default)]
 pub struct Options {
-    /// So many times real time; as fast as possible if `None`. With emulated boards always 1.
+    /// So many times real time; as fast as possible if `None`. With boards in QEMU always 1.
     pub speed: Option<f64>,
-    /// Run the nodes on emulated boards.
+    /// Run the nodes on boards in QEMU.
     pub emulation: Option<Emulation>,
+    /// Run the nodes on emulated nRF52840s.
+    pub chips: Option<Chips>,
     /// Stops, at most, to which targets are led after those of their way, as the verdict asks, until
-    /// every camera is calibrated and every pose checked. Not on emulated boards.
+    /// every camera is calibrated and every pose checked. Not on boards in QEMU.
     pub further_stops: usize,
     /// Ends the run, as far as it is, once somebody sets it.
     pub stop: Arc<AtomicBool>,
@@ -163,10 +174,13 @@ pub struct Simulation {
     further: further::Further,
     attacker: attack::Attacker,
     emulation: Option<Emulation>,
+    chips: Option<Rc<Pool>>,
     stop: Arc<AtomicBool>,
     /// Until the run begins.
     pcap: Option<Box<dyn Write>>,
     trouble: Trouble,
+    /// How well each network tracked objects.
+    tracking: Vec<Tracking>,
 }
 
 /// Why emulated boards cannot go on, once that is so.
@@ -190,6 +204,14 @@ impl Simulation {
         let medium = Medium::new(&clock, propagation(&scenario), root.seed("medium", 0));
         let world = Rc::new(RefCell::new(site.world.clone()));
         let journal = Rc::new(RefCell::new(Journal::new(clock.clone(), options.log)));
+        let trouble = Trouble::default();
+        let chips = options.chips.map(|chips| {
+            let (medium, journal) = (medium.clone(), journal.clone());
+            Pool::new(chips, clock, medium, journal, trouble.clone())
+        });
+        if let Some(chips) = &chips {
+            executor.set_outside(Lockstep(chips.clone()));
+        }
         let mut simulation = Self {
             scenario,
             written,
@@ -205,9 +227,11 @@ impl Simulation {
             further: further::Further::new(options.further_stops),
             attacker: attack::Attacker::default(),
             emulation: options.emulation,
+            chips,
             stop: options.stop,
             pcap: options.pcap,
-            trouble: Trouble::default(),
+            trouble,
+            tracking: Vec::new(),
         };
         simulation.put_up(root)?;
         events::schedule(&mut simulation);
@@ -328,7 +352,9 @@ impl Simulation {
         {
             self.medium.watch(capture);
         }
-        let targets = self.world.borrow().targets().len();
+        let targets: usize = { self.site.networks.iter() }
+            .map(|network| network.targets.len())
+            .sum();
         let (journal, trouble) = (self.journal.clone(), self.trouble.clone());
         let stop = self.stop.clone();
         let is_over = move || trouble.borrow().is_some() || stop.load(Ordering::Relaxed);
@@ -344,10 +370,17 @@ impl Simulation {
             let end = self.executor.clock().time() + GRACE;
             self.run_looking(end, every, &is_over, &mut look);
             progress(self.progress());
+            if let Some(chips) = self.chips.as_ref().filter(|_| self.further.is_left()) {
+                chips.look();
+                self.nodes.iter().for_each(|node| node.read_memory());
+            }
             match further::lead_on(self) {
                 Some(takes) if !is_over() => limit = self.executor.clock().time() + takes,
                 _ => break,
             }
+        }
+        if let Some(chips) = &self.chips {
+            chips.end();
         }
         for node in &self.nodes {
             node.read_memory();
@@ -396,6 +429,15 @@ impl Simulation {
     /// other nodes.
     pub fn memory(&self, id: u16) -> Vec<Fact> {
         self.node(id).map(|node| node.memory()).unwrap_or_default()
+    }
+
+    /// What is known of emulated chips since they last had power, by their nodes' numbers, once the simulation
+    /// has run.
+    pub fn chips(&self) -> BTreeMap<u16, ChipEnd> {
+        let nodes = self.nodes.iter();
+        nodes
+            .filter_map(|node| Some((node.id(), node.chip()?)))
+            .collect()
     }
 
     /// What cameras last told their coordinators, by their numbers.

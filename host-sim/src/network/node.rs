@@ -28,7 +28,7 @@ use zigbee_link::{radio::Csma, runner::Clock as _, wire::Eui64};
 use super::{
     CameraDevice, Pixy2Device, SharedWorld, Simulation, Trouble,
     device::{Device, Serial},
-    emulated::{Board, Surroundings},
+    emulated::{Emulated, Surroundings},
     journal::{Moment, SharedJournal, Witness},
 };
 use crate::video::Video;
@@ -164,7 +164,7 @@ pub(super) struct Node {
     /// A real camera in the place of what is on the line.
     real: RefCell<Option<Serial>>,
     /// What runs the firmware, if not this program.
-    board: Option<Board>,
+    board: Option<Emulated>,
     trouble: Trouble,
 }
 
@@ -193,8 +193,12 @@ impl Node {
         let drift = root.stream("clock", id).random_range(-most..=most);
         let clock = simulation.executor.clock().drifting(drift as i32);
         let emulation = simulation.emulation.as_ref();
+        let qemu = || Some(Emulated::Qemu(Box::new(emulation?.board(&config))));
+        let chip = simulation.chips.as_ref();
+        let step_length = simulation.scenario.walk.step_length;
+        let chip = chip.map(|chips| Emulated::Chip(chips.board(&config, step_length)));
         Rc::new(Self {
-            board: emulation.map(|emulation| emulation.board(&config)),
+            board: chip.or_else(qemu),
             trouble: simulation.trouble.clone(),
             real: RefCell::default(),
             flash: Flash::new(&clock, PAGES, root.stream("flash", id)),
@@ -578,6 +582,19 @@ impl Node {
     pub(super) fn memory(&self) -> Vec<Fact> {
         let board = self.board.as_ref();
         board.map_or_else(Vec::new, |board| board.facts(&self.clock))
+    }
+
+    /// Waits until it works on its flash: how long that takes. None where nobody knows.
+    pub(super) async fn next_write(&self) -> Option<Time> {
+        match &self.board {
+            Some(board) => board.next_write().await,
+            None => Some(self.flash.next_operation().await),
+        }
+    }
+
+    /// What is known of its emulated chip, once the simulation has ended.
+    pub(super) fn chip(&self) -> Option<chip_pipe::End> {
+        self.board.as_ref()?.end()
     }
 
     /// Puts into the journal what nobody has seen an emulated board write down.

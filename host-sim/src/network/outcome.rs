@@ -149,6 +149,7 @@ pub(super) fn record(simulation: &Simulation, wall_seconds: f64) -> RunRecord {
         sightings: measured,
         obstacles,
         radio: Some(radio(simulation, sim_seconds)),
+        tracking: simulation.tracking.clone(),
         sim_seconds,
         wall_seconds: Some(wall_seconds),
     }

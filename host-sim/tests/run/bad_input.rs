@@ -149,7 +149,15 @@ fn options_that_would_do_nothing() {
     for (arguments, expected) in [
         (&["run", "lab", "--tolerance", "0.1"][..], "--check"),
         (&["report", "run", &file, "--tolerance", "0.1"], "--check"),
-        (&["run", "lab", "--image", "x.elf"], "say `--backend qemu`"),
+        (
+            &["run", "lab", "--image", "x.elf"],
+            "say `--backend nrf52840`",
+        ),
+        (&["run", "lab", "--gdb", "1"], "say `--backend nrf52840`"),
+        (
+            &["run", "lab", "--backend", "nrf52840", "--port", "3=/x"],
+            "say `--backend host`",
+        ),
         (
             &["sweep", "lab", "--seeds", "1..1", "--paths", "1,2,2"],
             "path 2 is named twice",

@@ -105,6 +105,7 @@ fn tiny() -> RunRecord {
             attack: None,
         }),
         sim_seconds: 100.5,
+        tracking: Vec::new(),
         wall_seconds: Some(0.125),
     }
 }

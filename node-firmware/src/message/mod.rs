@@ -84,8 +84,8 @@ pub enum Message {
     Command(CameraCommand),
     /// What came of a [`CameraCommand`].
     Done(CommandResult),
-    /// A raw packet of a camera that streams to the coordinator.
-    Tracked(TrackedBlob),
+    /// What a camera that tracks for the coordinator sees now.
+    Tracked(Tracked),
     /// The coordinator asks a camera for [`Message::Sighting`]s.
     Sightings,
     /// One sighting of a camera.
@@ -323,12 +323,17 @@ impl Seen {
         }
     }
 
+    /// Half the angle that it is wide, radians; 0: not known.
+    pub fn half_angle(&self) -> f32 {
+        f32::from(self.half_width) * HALF_WIDTH_UNIT
+    }
+
     /// How far away a ball of this radius is that is seen so, and the standard deviation of that, both
     /// in the unit of the radius: `r / sin a` (thesis 5.2 asks for the size as a measurement). `None` if
     /// it is not known how wide it is, or not well enough to tell its range within [`RANGE_LIMIT`]; the
     /// ray from the edge to the eye touches the ball at a right angle wherever the ball is in view.
     pub fn range(&self, radius: f32) -> Option<(f32, f32)> {
-        let half_width = f32::from(self.half_width) * HALF_WIDTH_UNIT;
+        let half_width = self.half_angle();
         let (sine, cosine) = Real::sine_cosine(half_width);
         let range = radius / sine;
         let share = self.sigma * cosine / sine;
@@ -648,6 +653,20 @@ pub struct TrackedBlob {
     /// How much of the rectangle the blob fills, as the camera tells it: 256 times the share, at
     /// most 255; 0 if it does not tell.
     pub confidence: u8,
+}
+
+/// What a camera that tracks sees in one frame.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct Tracked {
+    /// The blob, as the camera told it.
+    pub blob: TrackedBlob,
+    /// How long ago that was when this was sent, milliseconds.
+    pub age_ms: u16,
+    /// In which direction, unless nothing is in view, or a part of it only.
+    pub seen: Option<Seen>,
+    /// It is wider than an object of its height: there may be several in it.
+    pub is_wide: bool,
 }
 
 /// A sighting that a camera has.

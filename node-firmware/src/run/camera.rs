@@ -17,10 +17,10 @@ use crate::{
     hardware::{Buttons, Hardware},
     liveness::Liveness,
     log::warning,
-    message::{CameraCommand, CommandOutcome, CommandResult, Seen, Sight},
+    message::{CameraCommand, CommandOutcome, CommandResult, Seen, Sight, Tracked},
     network::Network,
     role::camera::{CameraEvent, CameraRole, CameraTask},
-    vision::{BlobCamera, EitherCamera, Judge, Look, Subject, VisionError, look},
+    vision::{Blob, BlobCamera, EitherCamera, Judge, Look, Subject, VisionError, look},
 };
 
 /// After a start-up that failed. Doubled each time, up to [`PAUSE_MAX_US`].
@@ -125,7 +125,7 @@ impl<K: BlobCamera, C: Clock> CameraDevice<'_, K, C> {
                 }
                 CameraTask::Adapt => self.wake(&events, Start::Again).await,
                 CameraTask::Command(CameraCommand::Track { colour }) => {
-                    next = self.track(colour, &tasks, &events).await;
+                    next = self.track(colour, &judge, &tasks, &events).await;
                 }
                 CameraTask::Command(command) => {
                     let outcome = match self.obey(command, &mut judge).await {
@@ -246,6 +246,7 @@ impl<K: BlobCamera, C: Clock> CameraDevice<'_, K, C> {
     async fn track(
         &mut self,
         colour: u8,
+        judge: &Judge,
         tasks: &Tasks<'_, CameraTask>,
         events: &Events<'_, CameraEvent>,
     ) -> Option<CameraTask> {
@@ -263,7 +264,7 @@ impl<K: BlobCamera, C: Clock> CameraDevice<'_, K, C> {
                 Either::First(task) => break Some(task),
                 Either::Second(Ok(blob)) => {
                     self.liveness.on_camera_works(self.clock.now());
-                    let tracked = blob.map(|blob| blob.told).unwrap_or_default();
+                    let tracked = blob.map(|blob| tracked(&blob, judge)).unwrap_or_default();
                     events.send(CameraEvent::Tracked(tracked)).await;
                 }
                 Either::Second(Err(_)) => break None,
@@ -272,6 +273,17 @@ impl<K: BlobCamera, C: Clock> CameraDevice<'_, K, C> {
         // A camera that does not end it is silenced by the next thing that it is asked for.
         let _ = self.camera.end().await;
         next
+    }
+}
+
+/// What a frame shows.
+fn tracked(blob: &Blob, judge: &Judge) -> Tracked {
+    let (seen, is_wide) = judge.glance(blob).unzip();
+    Tracked {
+        blob: blob.told,
+        age_ms: 0,
+        seen,
+        is_wide: is_wide.unwrap_or(false),
     }
 }
 

@@ -58,15 +58,32 @@ fn the_pc_commands_a_camera() {
     let address = site.camera_address();
     let command = CameraCommand::Track { colour: 0 };
     assert!(site.command(command, 5 * SECOND));
-    let tracked = TrackedBlob {
+    let blob = TrackedBlob {
         middle: [40, 70],
         edges: [36, 61, 44, 79],
         pixels: 60,
         confidence: 200,
     };
-    let packet = ToPc::Tracked { address, tracked };
     let told = site.pc.told();
-    assert!(told.iter().filter(|told| **told == packet).count() > 20);
+    let tracked = told.iter().filter_map(|told| match told {
+        ToPc::Tracked {
+            address: of,
+            tracked,
+        } if *of == address => Some(tracked),
+        _ => None,
+    });
+    let tracked: Vec<_> = tracked.collect();
+    // Five times a second.
+    assert!((20..=26).contains(&tracked.len()), "{}", tracked.len());
+    for tracked in tracked {
+        assert_eq!(tracked.blob, blob);
+        // Column 40 of 88 is a little to the left of the middle.
+        assert!(
+            tracked
+                .seen
+                .is_some_and(|seen| seen.bearing > 0.0 && seen.bearing < 0.1)
+        );
+    }
 
     // A colour that would leave a gap is not learnt.
     let command = CameraCommand::LearnColour { colour: 3 };

@@ -34,8 +34,9 @@ pub struct Clock {
     low: Option<EventId>,
     /// RESETREAS.
     pub cause: u32,
-    /// The high-frequency crystal never starts: a fault of the board.
-    pub is_hfxo_dead: bool,
+    /// From when on the high-frequency crystal starts: a fault of the board. What was begun earlier never
+    /// ends.
+    pub hfxo_from: u64,
 }
 
 impl Model for Clock {
@@ -43,7 +44,7 @@ impl Model for Clock {
         match number {
             0 => {
                 call.set(HFCLKRUN, 1);
-                if !self.is_hfxo_dead {
+                if call.now() >= self.hfxo_from {
                     self.high = Some(call.after(HFXO_START));
                 }
             }
@@ -131,12 +132,15 @@ mod tests {
     #[test]
     fn a_dead_crystal_never_starts() {
         let mut bench = Bench::new(Clock {
-            is_hfxo_dead: true,
+            hfxo_from: 2_000_000 * US,
             ..Clock::default()
         });
         bench.task(0);
-        bench.pass(1_000_000 * US);
+        bench.pass(3_000_000 * US);
         assert!(!bench.took(0));
+        bench.task(0);
+        bench.pass(1_000 * US);
+        assert!(bench.took(0));
     }
 
     #[test]

@@ -14,12 +14,23 @@ const PIN_CNF: core::ops::RangeInclusive<u16> = 0x700..=0x77c;
 
 /// Pins; those of inputs are high unless they are [pulled down](Self::low) (Product Specification,
 /// "GPIO").
-#[derive(Debug, Default)]
+#[derive(Debug)]
 pub struct Gpio {
     /// Inputs that something pulls down, per port.
     pub low: [u32; 2],
-    /// When the outputs changed: the port, and its pins.
+    /// When outputs changed: the port, and what its pins drive; those of inputs count as high.
     pub changes: Vec<(u64, u8, u32)>,
+    driven: [u32; 2],
+}
+
+impl Default for Gpio {
+    fn default() -> Self {
+        Self {
+            low: [0; 2],
+            changes: Vec::new(),
+            driven: [u32::MAX; 2],
+        }
+    }
 }
 
 /// The port of a register and its offset in the first one.
@@ -59,10 +70,15 @@ impl Model for Gpio {
             }
             _ => {}
         }
-        if matches!(offset, OUT | OUTSET | OUTCLR) {
-            let out = call.get(base + OUT);
-            self.changes.push((call.now(), port as u8, out));
+        let driven = call.get(base + OUT) | !call.get(base + DIR);
+        if driven != self.driven[port] {
+            self.driven[port] = driven;
+            self.changes.push((call.now(), port as u8, driven));
         }
+    }
+
+    fn reset(&mut self) {
+        self.driven = [u32::MAX; 2];
     }
 }
 
@@ -94,6 +110,16 @@ mod tests {
         bench.chip.model.model.low = [0, 1 << 12];
         assert_eq!(bench.get(IN) >> 12 & 1, 1);
         assert_eq!(bench.get(0x300 + IN) >> 12 & 1, 0);
-        assert_eq!(bench.chip.model.model.changes.len(), 4);
+        let changes = &bench.chip.model.model.changes;
+        let driven = |port| {
+            { changes.iter() }
+                .filter(move |(_, of, _)| *of == port)
+                .map(|(_, _, level)| !level)
+                .collect::<Vec<_>>()
+        };
+        // Outputs are low at first; what is set before it is an output is not seen.
+        for port in 0..2 {
+            assert_eq!(driven(port), [0b11, 0b01, 0b10_0001]);
+        }
     }
 }

@@ -27,7 +27,7 @@ pub use self::{
     rtc::Rtc,
     timer::Timer,
     twim::Twim,
-    uarte::{Peer, Uarte},
+    uarte::{Peer, Uarte, Wire},
     watchdog::Watchdog,
 };
 

@@ -1,6 +1,6 @@
 //! NVMC: writes and erases the flash (Product Specification, "NVMC").
 
-use std::collections::BTreeMap;
+use std::{collections::BTreeMap, ops::Range};
 
 use rigless::{soc::Width, time::EventId};
 
@@ -42,6 +42,10 @@ pub struct Nvmc {
     pub words: u64,
     /// When pages were erased, and their addresses.
     pub erased: Vec<(u64, u64)>,
+    /// From when to when it wrote or erased: what power interrupts then is torn.
+    pub operations: Vec<Range<u64>>,
+    /// Addresses that keep what they hold, whatever is written or erased: a fault of the chip.
+    pub worn: Option<Range<u64>>,
 }
 
 impl Nvmc {
@@ -52,14 +56,25 @@ impl Nvmc {
 
     fn begin(&mut self, work: Work, time: u64, call: &mut Call<'_, '_>) {
         self.ready = call.now() + time;
+        self.operations.push(call.now()..self.ready);
         let id = call.at(self.ready);
         self.work = Some((id, work));
     }
 
-    fn fill(call: &mut Call<'_, '_>, words: impl Iterator<Item = u64>) {
-        for address in words {
+    fn program(&self, address: u64, value: u32, call: &mut Call<'_, '_>) {
+        if !self
+            .worn
+            .as_ref()
+            .is_some_and(|worn| worn.contains(&address))
+        {
             call.context
-                .program(address, Width::W32, BLANK.into(), DONE);
+                .program(address, Width::W32, value.into(), DONE);
+        }
+    }
+
+    fn fill(&self, call: &mut Call<'_, '_>, words: impl Iterator<Item = u64>) {
+        for address in words {
+            self.program(address, BLANK, call);
         }
     }
 
@@ -70,7 +85,7 @@ impl Nvmc {
         }
         self.erased.push((call.now(), address));
         self.times.retain(|word, _| word / PAGE != address / PAGE);
-        Self::fill(call, (address..address + PAGE / 2).step_by(4));
+        self.fill(call, (address..address + PAGE / 2).step_by(4));
         self.begin(Work::Page { address }, ERASE_TIME, call);
     }
 }
@@ -121,7 +136,7 @@ impl Model for Nvmc {
         // Bits are only cleared.
         let value = old & new;
         let half = old & (value | 0xffff_0000);
-        call.context.program(address, Width::W32, half.into(), DONE);
+        self.program(address, half, call);
         self.begin(Work::Word { address, value }, WRITE_TIME, call);
     }
 
@@ -130,12 +145,9 @@ impl Model for Nvmc {
             return;
         };
         match work {
-            Work::Word { address, value } => {
-                call.context
-                    .program(address, Width::W32, value.into(), DONE);
-            }
+            Work::Word { address, value } => self.program(address, value, call),
             Work::Page { address } => {
-                Self::fill(call, (address + PAGE / 2..address + PAGE).step_by(4));
+                self.fill(call, (address + PAGE / 2..address + PAGE).step_by(4));
             }
         }
     }
@@ -208,6 +220,22 @@ mod tests {
         bench.pass(ERASE_TIME);
         assert_eq!(word(&mut bench, 0x1ffc), BLANK);
         assert_eq!(bench.chip.model.model.erased.len(), 1);
+    }
+
+    #[test]
+    fn what_is_worn_keeps_what_it_holds() {
+        let mut bench = Bench::new(Nvmc {
+            worn: Some(8..0x1000),
+            ..Nvmc::default()
+        });
+        bench.set(CONFIG, WRITING);
+        for address in [4, 8] {
+            store(&mut bench, address, 1);
+            assert_eq!(bench.get(READY), 0);
+            bench.pass(WRITE_TIME);
+        }
+        assert_eq!((word(&mut bench, 4), word(&mut bench, 8)), (1, BLANK));
+        assert_eq!(bench.chip.model.model.operations.len(), 2);
     }
 
     #[test]

@@ -1,6 +1,6 @@
 //! UARTE: a serial line whose bytes go to memory and come from it by themselves.
 
-use std::{collections::VecDeque, fmt};
+use std::{collections::VecDeque, fmt, ops::Range};
 
 use rigless::{soc::Width, time::EventId};
 
@@ -40,6 +40,29 @@ pub trait Peer: fmt::Debug + Send {
     fn transmit(&mut self, now: u64) -> Option<u8>;
     /// When it will have sent the next one, as far as it knows.
     fn next(&self) -> Option<u64>;
+    /// From outside it is given a byte that it will have sent at an instant.
+    fn give(&mut self, _byte: u8, _at: u64) {}
+}
+
+/// A line to somebody elsewhere.
+#[derive(Debug, Default)]
+pub struct Wire(VecDeque<(u64, u8)>);
+
+impl Peer for Wire {
+    fn receive(&mut self, _: u8, _: u64) {}
+
+    fn transmit(&mut self, now: u64) -> Option<u8> {
+        let (_, byte) = self.0.pop_front_if(|(at, _)| *at <= now)?;
+        Some(byte)
+    }
+
+    fn next(&self) -> Option<u64> {
+        self.0.front().map(|(at, _)| *at)
+    }
+
+    fn give(&mut self, byte: u8, at: u64) {
+        self.0.push_back((at, byte));
+    }
 }
 
 /// Bytes of a buffer in memory.
@@ -57,6 +80,8 @@ pub struct Uarte {
     pub sent: Vec<(u64, u8)>,
     /// Bytes that came while there was no room.
     pub overruns: u64,
+    /// From when to when there is no room whatever the program does: memory is too slow.
+    pub full: Option<Range<u64>>,
     /// What ERRORSRC shows.
     errors: u32,
     peer: Option<Box<dyn Peer>>,
@@ -75,6 +100,14 @@ impl Uarte {
         Self {
             peer,
             ..Self::default()
+        }
+    }
+
+    /// The peer is [given](Peer::give) a byte. One that has come to a receiver that is off is not heard.
+    pub(crate) fn deliver(&mut self, byte: u8, at: u64, call: &mut Call<'_, '_>) {
+        if let Some(peer) = &mut self.peer {
+            peer.give(byte, at);
+            self.plan(call);
         }
     }
 
@@ -226,7 +259,8 @@ impl Model for Uarte {
         if self.next == Some(id) {
             self.next = None;
             while let Some(byte) = self.peer.as_mut().and_then(|peer| peer.transmit(now)) {
-                if self.fifo.len() < FIFO {
+                let has_room = !self.full.as_ref().is_some_and(|full| full.contains(&now));
+                if has_room && self.fifo.len() < FIFO {
                     self.fifo.push_back(byte);
                 } else {
                     self.overruns += 1;

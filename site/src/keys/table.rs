@@ -95,6 +95,7 @@ pub const KEYS: &[Key] = &[
     key("radio", Table, Is("`unit-disk` of range 45"), Rehearsal, "The radio medium."),
     key("scatter", Table, Is(""), Rehearsal, "How far cameras stand from where this file has them, drawn from the seed."),
     key("published", Choice(&["thesis-4.1", "thesis-3.1"]), Is("none"), Rehearsal, "Which of the thesis's results stand beside this site's: the simulation's, by path, or the laboratory's."),
+    key("object[]", Tables, Is("none"), Rehearsal, "Something that cameras track once they are calibrated, if the run goes on with that: `run --track`."),
     key("event[]", Tables, Is("none"), Rehearsal, "Something that happens by order of a script."),
     key("grid", Table, Is("none"), Rehearsal, "Networks to be made, in place of `network`."),
 
@@ -219,6 +220,11 @@ pub const KEYS: &[Key] = &[
 
     key("scatter.position", SIGMA, Is("0"), Rehearsal, "Standard deviation of x and of y."),
     key("scatter.heading_deg", SPREAD, Is("0"), Rehearsal, "Standard deviation of the heading."),
+
+    key("object[].path", Places(2, MOST, ""), Is("the way of the first network's target, each object from another of its stops"), Rehearsal, "Where it goes, to and fro."),
+    key("object[].speed", Number(1e-3, 1e3, " units a second"), Is("that of `walk`"), Rehearsal, "How fast."),
+    key("object[].colour", Levels(3, 0.0, 255.0, ": red, green and blue"), Is("[230, 105, 35], orange"), Rehearsal, "Its colour."),
+    key("object[].radius", LENGTH, Is("0.15"), Rehearsal, "Its radius."),
 
     key("event[].at_s", SECONDS, Needed, Rehearsal, "When, since the start."),
     key("event[].action", Table, Needed, Rehearsal, "What: one of those that follow."),

@@ -162,6 +162,17 @@ impl World {
         self.revision
     }
 
+    /// Puts one more target up, and returns its index.
+    pub fn add_target(&mut self, target: Target) -> usize {
+        let index = self.targets.len();
+        self.target_spots
+            .insert(Spot::new(target.place.into(), index));
+        self.largest_target = self.largest_target.max(target.radius);
+        self.targets.push(target);
+        self.revision += 1;
+        index
+    }
+
     /// Puts a target somewhere else.
     ///
     /// # Panics

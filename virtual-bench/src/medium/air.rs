@@ -9,7 +9,7 @@ use zigbee_link::{
 };
 
 use super::{
-    Abilities, Counters, Event, NodeId, Place, Reason, Watcher,
+    Abilities, Arrival, Counters, Ear, Event, NodeId, Place, Reason, Watcher,
     disturbance::Disturbances,
     filter,
     links::Links,
@@ -90,6 +90,8 @@ struct Lock {
 }
 
 pub(super) struct Node {
+    /// Of a radio elsewhere.
+    pub(super) ear: Option<Box<dyn Ear>>,
     pub(super) config: Option<RadioConfig>,
     abilities: Abilities,
     counters: Counters,
@@ -101,7 +103,7 @@ pub(super) struct Node {
     /// What it sends next: PSDU as handed over, channel, power.
     frame: Vec<u8>,
     channel: Channel,
-    power: i8,
+    pub(super) power: i8,
     pub(super) outcome: Option<TxOutcome>,
     pub(super) sender: Option<Waker>,
     pub(super) queue: VecDeque<(Received, [u8; PSDU_MAX])>,
@@ -208,6 +210,7 @@ impl Air {
 
     pub(super) fn add(&mut self, place: Place) -> NodeId {
         self.nodes.push(Node {
+            ear: None,
             config: None,
             abilities: Abilities::default(),
             counters: Counters::default(),
@@ -448,12 +451,18 @@ impl Air {
         let links = self.links.of(from).len();
         for at in 0..links {
             let link = self.links.of(from)[at];
-            let config = self.nodes[link.to as usize].config;
-            if config.is_none_or(|config| config.channel != channel) {
+            let node = &self.nodes[link.to as usize];
+            let has_ear = node.ear.is_some();
+            let is_tuned = node.config.is_some_and(|config| config.channel == channel);
+            if !(has_ear || is_tuned) {
                 continue;
             }
             let strength = self.links.propagation.received(link, power);
             if strength < self.thresholds.floor {
+                continue;
+            }
+            if has_ear {
+                self.tell_ear(now, slot, link, strength);
                 continue;
             }
             if self.disturbances.separates(now, from, link.to) {
@@ -474,6 +483,50 @@ impl Air {
         let others = self.listeners[index(channel)] - u64::from(is_own);
         let counters = &mut self.nodes[from as usize].counters;
         counters.drop(Reason::OutOfRange, others - audible);
+    }
+
+    /// A frame begins at a radio elsewhere.
+    fn tell_ear(&mut self, now: Time, slot: u32, link: Link, strength: f32) {
+        let transmission = &self.transmissions[slot as usize];
+        let (from, channel) = (transmission.from, transmission.channel);
+        if self.disturbances.separates(now, from, link.to) {
+            self.drop_at(now, link.to, from, Reason::Partitioned);
+            return;
+        }
+        let during = now..self.end_of(slot);
+        let place = self.links.place(link.to);
+        let lost = if strength < self.thresholds.sensitivity {
+            Some(Reason::OutOfRange)
+        } else if self.is_lost(during.end, transmission, link.to, link.loss) {
+            Some(Reason::Loss)
+        } else {
+            let is_jammed = self.disturbances.jams(during, channel, place);
+            is_jammed.then_some(Reason::Jammed)
+        };
+        if let Some(ear) = &mut self.nodes[link.to as usize].ear {
+            ear.hear(Arrival {
+                from: NodeId(from),
+                channel,
+                psdu: &transmission.bytes,
+                strength,
+                lost,
+            });
+        }
+        if let Some(reason) = lost {
+            self.drop_at(now, link.to, from, reason);
+        }
+    }
+
+    /// Whether a link loses a frame by chance.
+    fn is_lost(&self, end: Time, transmission: &Transmission, by: u32, loss: f32) -> bool {
+        let kept = (1.0 - f64::from(loss)) * (1.0 - self.disturbances.loss(end));
+        share(mix(self.chance(transmission, by))) >= kept
+    }
+
+    fn chance(&self, transmission: &Transmission, by: u32) -> u64 {
+        mix(self.seed ^ mix(transmission.number))
+            ^ u64::from(transmission.from) << 32
+            ^ u64::from(by)
     }
 
     /// A carrier begins at a receiver. Why its frame is lost already.
@@ -544,13 +597,10 @@ impl Air {
         transmission: &Transmission,
         lock: &Lock,
     ) -> Option<Reason> {
-        let chance = mix(self.seed ^ mix(transmission.number))
-            ^ u64::from(transmission.from) << 32
-            ^ u64::from(by);
-        let kept = (1.0 - f64::from(lock.loss)) * (1.0 - self.disturbances.loss(now));
-        if share(mix(chance)) >= kept {
+        if self.is_lost(now, transmission, by, lock.loss) {
             return Some(Reason::Loss);
         }
+        let chance = self.chance(transmission, by);
         let place = self.links.place(by);
         let during = transmission.start..now;
         let damage = if transmission.is_cut {

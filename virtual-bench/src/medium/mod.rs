@@ -20,6 +20,11 @@
 //! bytes by one without. Every drop has a [`Reason`]. The carrier of a sender that loses its power
 //! lasts as long as its frame would have.
 //!
+//! # Radios elsewhere
+//! A node may have an [`Ear`] in the place of a [`Radio`]: it is told of each frame as it begins, and
+//! what becomes of that, but for other frames at the same time, and sends with [`Medium::transmit`].
+//! Assessments, times and captures are then its own.
+//!
 //! # Chance
 //! Whether a link loses a frame depends on the seed, its two ends and the number of the frame at its
 //! sender: nothing that happens elsewhere changes it.
@@ -27,6 +32,7 @@
 mod air;
 mod counters;
 mod disturbance;
+mod ear;
 mod filter;
 mod links;
 mod propagation;
@@ -44,6 +50,7 @@ use self::air::{Air, Due};
 pub use self::{
     counters::{Counters, Reason},
     disturbance::{Disturbance, Kind},
+    ear::{Arrival, Ear},
     propagation::{LogDistance, Propagation},
     radio::{Radio, RadioError},
     watch::{Capture, Digest, Event, Watcher},
@@ -155,6 +162,21 @@ impl Medium {
         let now = self.0.clock.time();
         let (at, due) = self.0.air.borrow_mut().inject(now, from, channel, psdu);
         self.0.plan(at, due);
+    }
+
+    /// A node has a radio elsewhere from now on, or no longer.
+    pub fn set_ear(&self, node: NodeId, ear: Option<Box<dyn Ear>>) {
+        let old = std::mem::replace(&mut self.0.air.borrow_mut().node_mut(node).ear, ear);
+        drop(old);
+    }
+
+    /// A radio elsewhere begins to send a PSDU, FCS included, with a power in dBm. One that is no PSDU
+    /// is not sent.
+    pub fn transmit(&self, from: NodeId, channel: Channel, power: i8, psdu: &[u8]) {
+        if (FRAME_MIN + FCS_LEN..=PSDU_MAX).contains(&psdu.len()) {
+            self.0.air.borrow_mut().node_mut(from).power = power;
+            self.inject(from, channel, psdu);
+        }
     }
 
     /// Has somebody told of all events from now on.

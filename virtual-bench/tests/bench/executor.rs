@@ -12,7 +12,7 @@ use embassy_futures::{
     select::{Either, select},
     yield_now,
 };
-use virtual_bench::executor::{Ended, Executor, Handler, Time};
+use virtual_bench::executor::{Clock, Ended, Executor, Handler, Outside, Time};
 use zigbee_link::{Instant, runner::Clock as _};
 
 use crate::support::{MICROSECOND, MILLISECOND, SECOND};
@@ -212,4 +212,67 @@ fn the_pace_is_told_every_step() {
     });
     assert_eq!(executor.run_until(9), Ended::TimeUp);
     assert_eq!(*steps.borrow(), [4, 7, 9]);
+}
+
+/// Something that happens every 30 ns, and looks 45 ns ahead.
+struct Ticks {
+    clock: Clock,
+    ahead: Time,
+    next: Time,
+    log: Rc<RefCell<Vec<(Time, char)>>>,
+    asked: Rc<Cell<u32>>,
+}
+
+impl Outside for Ticks {
+    fn run_until(&mut self, until: Time) -> Time {
+        if self.ahead < until {
+            self.asked.set(self.asked.get() + 1);
+            self.ahead = until.min(self.ahead + 45);
+        }
+        if self.next <= until { self.next } else { until }
+    }
+
+    fn happens(&mut self) -> bool {
+        let is_due = self.next <= self.clock.time();
+        if is_due {
+            self.log.borrow_mut().push((self.clock.time(), 'o'));
+            self.next += 30;
+        }
+        is_due
+    }
+}
+
+/// What happens outside comes at its time, before what is planned here for that time.
+#[test]
+fn the_outside_keeps_the_time() {
+    let mut executor = Executor::new();
+    let (log, asked) = (Rc::default(), Rc::new(Cell::new(0)));
+    let (clock, list) = (executor.clock(), Rc::clone(&log));
+    executor.set_outside(Ticks {
+        clock: clock.clone(),
+        ahead: 0,
+        next: 30,
+        log: Rc::clone(&log),
+        asked: asked.clone(),
+    });
+    executor.spawn(async move {
+        for _ in 0..5 {
+            clock.sleep(20).await;
+            list.borrow_mut().push((clock.time(), 't'));
+        }
+    });
+    assert_eq!(executor.run_until(100), Ended::TimeUp);
+    let expected = [
+        (20, 't'),
+        (30, 'o'),
+        (40, 't'),
+        (60, 'o'),
+        (60, 't'),
+        (80, 't'),
+        (90, 'o'),
+        (100, 't'),
+    ];
+    assert_eq!(*log.borrow(), expected);
+    assert_eq!(executor.clock().time(), 100);
+    assert!(asked.get() >= 3);
 }

@@ -6,13 +6,13 @@ use embassy_futures::select::select;
 use virtual_bench::{
     executor::{Ended, Executor, Time},
     medium::{
-        Abilities, Capture, Disturbance, Kind, LogDistance, Medium, NRF52840, NodeId, Place,
-        Propagation, Radio, RadioError, Reason,
+        Abilities, Arrival, Capture, Disturbance, Kind, LogDistance, Medium, NRF52840, NodeId,
+        Place, Propagation, Radio, RadioError, Reason,
     },
 };
 use zigbee_link::{
     radio::{Channel, FRAME_MAX, PSDU_MAX, Radio as _, RadioConfig, Received, TxOutcome},
-    wire::{Eui64, PanId, ShortAddress, has_good_fcs},
+    wire::{Eui64, PanId, ShortAddress, fcs, has_good_fcs},
 };
 
 use crate::support::{MICROSECOND, MILLISECOND, SECOND};
@@ -450,4 +450,113 @@ fn captures() {
     let number = |at: usize| u32::from_le_bytes(bytes[at..at + 4].try_into().unwrap());
     assert_eq!((number(24), number(28)), (0, 1320));
     assert_eq!((number(82), number(86)), (2, 320));
+}
+
+/// What a radio elsewhere is told: when, by whom, how strong, and why it is lost.
+type Told = Rc<RefCell<Vec<(Time, NodeId, f32, Option<Reason>)>>>;
+
+impl Bench {
+    /// A node whose radio is elsewhere.
+    fn elsewhere(&mut self, place: Place) -> (NodeId, Told) {
+        let node = self.medium.attach(place);
+        let (clock, told) = (self.executor.clock(), Told::default());
+        let list = told.clone();
+        let ear = move |arrival: Arrival<'_>| {
+            assert!(has_good_fcs(arrival.psdu) && arrival.channel == CHANNEL);
+            let Arrival {
+                from,
+                strength,
+                lost,
+                ..
+            } = arrival;
+            list.borrow_mut().push((clock.time(), from, strength, lost));
+        };
+        self.medium.set_ear(node, Some(Box::new(ear)));
+        (node, told)
+    }
+
+    /// It sends a frame of 20 bytes.
+    fn send_elsewhere(&mut self, node: NodeId, at: Time) {
+        let (medium, clock) = (self.medium.clone(), self.executor.clock());
+        self.executor.spawn(async move {
+            clock.sleep_until_time(at).await;
+            let frame = frame(20);
+            let psdu = [frame.as_slice(), &fcs(&frame).to_le_bytes()].concat();
+            medium.transmit(node, CHANNEL, 0, &psdu);
+        });
+    }
+}
+
+/// Radios elsewhere are told at the start of a frame; radios here receive theirs.
+#[test]
+fn a_radio_may_be_elsewhere() {
+    let mut bench = Bench::disk(10.0, 0.0);
+    let (one, told) = bench.elsewhere([0.0, 0.0]);
+    let (other, other_told) = bench.elsewhere([3.0, 4.0]);
+    let (here, heard) = bench.listener([6.0, 8.0], NRF52840);
+    let (_, far_told) = bench.elsewhere([0.0, 11.0]);
+    bench.send_elsewhere(one, MILLISECOND);
+    bench.run(SECOND);
+    assert_eq!(*other_told.borrow(), [(MILLISECOND, one, -65.0, None)]);
+    assert!(told.borrow().is_empty() && far_told.borrow().is_empty());
+    let came: Vec<_> = (heard.borrow().iter())
+        .map(|(at, _, bytes)| (*at, bytes.clone()))
+        .collect();
+    assert_eq!(came, [(MILLISECOND + 896 * MICROSECOND, frame(20))]);
+    let counters = bench.medium.counters(one);
+    let airtime = 896 * MICROSECOND;
+    assert_eq!(
+        (counters.frames, counters.bytes, counters.airtime),
+        (1, 22, airtime)
+    );
+    assert_eq!(counters.dropped(Reason::OutOfRange), 0);
+    // Nobody who has no ear any more is told.
+    bench.medium.set_ear(other, None);
+    bench.send_elsewhere(one, 2 * SECOND);
+    bench.run(3 * SECOND);
+    assert_eq!(other_told.borrow().len(), 1);
+    assert_eq!(bench.medium.counters(here).received, 2);
+}
+
+/// A tenth is lost by chance, all while a jammer is near; a partition separates.
+#[test]
+fn what_goes_wrong_is_told_elsewhere_too() {
+    let mut bench = Bench::disk(10.0, 0.1);
+    let (one, _) = bench.elsewhere([0.0, 0.0]);
+    let (other, told) = bench.elsewhere([3.0, 4.0]);
+    for (number, kind) in [
+        Kind::Jammer {
+            channel: None,
+            disk: Some(([3.0, 4.0], 1.0)),
+        },
+        Kind::Partition([one].into()),
+    ]
+    .into_iter()
+    .enumerate()
+    {
+        let from = (number as Time + 10) * SECOND;
+        bench.medium.disturb(Disturbance {
+            during: from..from + SECOND,
+            kind,
+        });
+    }
+    for number in 0..1200 {
+        bench.send_elsewhere(one, number * 10 * MILLISECOND);
+    }
+    bench.run(12 * SECOND);
+    let told = told.borrow();
+    assert_eq!(told.len(), 1100);
+    let count = |reason| told.iter().filter(|told| told.3 == Some(reason)).count();
+    assert!(
+        (70..130).contains(&count(Reason::Loss)),
+        "{}",
+        count(Reason::Loss)
+    );
+    assert!(count(Reason::Jammed) > 80);
+    assert!((told.iter()).all(|told| told.0 >= 10 * SECOND || told.3 != Some(Reason::Jammed)));
+    assert_eq!(bench.dropped(other, Reason::Partitioned), 100);
+    assert_eq!(
+        bench.dropped(other, Reason::Jammed),
+        count(Reason::Jammed) as u64
+    );
 }

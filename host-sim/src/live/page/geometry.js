@@ -14,6 +14,14 @@ function turned(record, network, headingDeg) {
   return headingDeg + (record.networks.find(other => other.network === network)?.frame.heading_deg ?? 0);
 }
 
+// A covariance in a network's frame as it is in that of the first network.
+function turnedCovariance(record, network, [xx, xy, yy]) {
+  const turn = turned(record, network, 0) * DEGREE;
+  const [c, s] = [Math.cos(turn), Math.sin(turn)];
+  return [c * c * xx - 2 * c * s * xy + s * s * yy, c * s * (xx - yy) + (c * c - s * s) * xy,
+    s * s * xx + 2 * c * s * xy + c * c * yy];
+}
+
 // Half axes and direction of the ellipse that holds a place with 95 %.
 function ellipse(xx, xy, yy) {
   const mean = (xx + yy) / 2;

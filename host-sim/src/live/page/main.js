@@ -22,6 +22,7 @@ function showAll() {
   plan.show({...state, rays: state.rays, record: state.record && {...state.record}});
   showBanner(state);
   checklist.show(state, chosen);
+  showObjects(byId('objects'), state);
   showDetail(state, eventHistory, chosen);
   showWords(byId('log'), lastWords(eventHistory.telling, timeline.moment, 60, () => true));
   timeline.show();

@@ -27,7 +27,7 @@ class Plan {
   restyle() {
     const style = getComputedStyle(document.documentElement);
     for (const name of ['ground', 'ink', 'faint', 'line', 'calibrated', 'weak', 'doubtful', 'refused',
-      'waiting', 'target', 'truth', 'wall', 'view', 'ray', 'next']) {
+      'waiting', 'target', 'object', 'truth', 'wall', 'view', 'ray', 'next']) {
       this.colours[name] = style.getPropertyValue('--' + name).trim();
     }
     this.dirty = true;
@@ -215,6 +215,8 @@ class Plan {
     this.drawStops(context, record);
     this.drawNext(context, record);
     for (const target of record.targets) this.drawTarget(context, target, times);
+    for (const truth of this.state.truths.values()) this.drawTruth(context, truth);
+    for (const object of this.state.objects.values()) this.drawObject(context, object);
     const words = times > 1 ? `, ellipses (95 %) ${times} times larger` : ', ellipses hold 95 %';
     this.scale.textContent = this.ruler(record) + words;
   }
@@ -412,21 +414,10 @@ class Plan {
     const status = node.status ?? 'waiting';
     const colour = this.colours[status] ?? this.colours.waiting;
     const [x, y] = this.toScreen(drawn.x, drawn.y);
-    if (node.truth && node.estimate) {
-      const [tx, ty] = this.toScreen(...inFirst(record, node.network, node.truth.x, node.truth.y));
-      context.strokeStyle = this.colours.truth;
-      context.lineWidth = 1;
-      context.beginPath();
-      context.moveTo(tx - 3, ty - 3); context.lineTo(tx + 3, ty + 3);
-      context.moveTo(tx + 3, ty - 3); context.lineTo(tx - 3, ty + 3);
-      context.stroke();
-    }
+    if (node.truth && node.estimate) this.drawTruth(context, {network: node.network, ...node.truth});
     if (node.estimate) {
       const [xx, xy, , yy] = node.estimate.covariance;
-      const turn = (turned(record, node.network, 0)) * DEGREE;
-      const [c, s] = [Math.cos(turn), Math.sin(turn)];
-      const covariance = [c * c * xx - 2 * c * s * xy + s * s * yy,
-        c * s * (xx - yy) + (c * c - s * s) * xy, s * s * xx + 2 * c * s * xy + c * c * yy];
+      const covariance = turnedCovariance(record, node.network, [xx, xy, yy]);
       this.drawEllipse(context, drawn.x, drawn.y, covariance, times, colour);
     }
     context.save();
@@ -479,6 +470,41 @@ class Plan {
     context.fill();
     context.stroke();
     context.setLineDash([]);
+  }
+
+  // Where something really is.
+  drawTruth(context, {network, x, y}) {
+    const [tx, ty] = this.toScreen(...inFirst(this.state.record, network, x, y));
+    context.strokeStyle = this.colours.truth;
+    context.lineWidth = 1;
+    context.beginPath();
+    context.moveTo(tx - 3, ty - 3); context.lineTo(tx + 3, ty + 3);
+    context.moveTo(tx + 3, ty - 3); context.lineTo(tx - 3, ty + 3);
+    context.stroke();
+  }
+
+  // What cameras track: its trail, its ellipse as large as it is, and where it will be in a second.
+  drawObject(context, {network, object, is, trail}) {
+    const {record} = this.state;
+    const [x, y] = inFirst(record, network, is.x, is.y);
+    context.strokeStyle = this.colours.object;
+    context.lineWidth = 1.5;
+    context.globalAlpha = 0.5;
+    this.path(context, trail.map(place => inFirst(record, network, ...place)));
+    context.stroke();
+    context.globalAlpha = 1;
+    this.drawEllipse(context, x, y, turnedCovariance(record, network, is.covariance), 1, this.colours.object);
+    const [vx, vy] = is.velocity;
+    this.path(context, [[x, y], inFirst(record, network, is.x + vx, is.y + vy)]);
+    context.stroke();
+    const [px, py] = this.toScreen(x, y);
+    context.fillStyle = this.colours.object;
+    context.fillRect(px - 8, py - 8, 16, 16);
+    context.fillStyle = this.colours.ground;
+    context.font = 'bold 11px system-ui, sans-serif';
+    context.textAlign = 'center';
+    context.textBaseline = 'middle';
+    context.fillText(String(object), px, py + 0.5);
   }
 
   drawTarget(context, target, times) {

@@ -123,6 +123,26 @@ class Checklist {
   }
 }
 
+// What cameras track, a row an object; hidden where there is none.
+function showObjects(table, state) {
+  const rows = [...state.objects.values()].map(({network, object, is}) => [
+    state.record.networks.length > 1 ? `${network}/${object}` : String(object),
+    `${digits(is.x, 2)}, ${digits(is.y, 2)}`,
+    `\u00b1${digits(Math.sqrt(is.covariance[0] + is.covariance[2]), 2)}`,
+    digits(Math.hypot(...is.velocity), 1),
+    is.unseen_s < 0.5 ? 'now' : `${digits(is.unseen_s, 1)} s ago`,
+  ]);
+  const key = JSON.stringify(rows);
+  if (table.shown === key) return;
+  table.shown = key;
+  table.hidden = !rows.length;
+  table.tBodies[0].replaceChildren(...rows.map(cells => {
+    const row = element('tr');
+    row.append(...cells.map(text => element('td', text)));
+    return row;
+  }));
+}
+
 // The words of an event for people; nothing for those that only change numbers.
 function eventWords(event) {
   switch (event.event) {

@@ -1,10 +1,13 @@
 // What is known at a moment: the record, folded from events as `RunRecord::apply` does it.
 
+// Places of an object's trail that are kept.
+const TRAIL = 200;
+
 // A fresh state before anything is known.
 function emptyState() {
   return {
     seconds: 0, record: null, verdict: null, places: new Map(), stopped: new Map(), rays: [],
-    blobs: new Map(), ended: null,
+    blobs: new Map(), objects: new Map(), truths: new Map(), ended: null,
   };
 }
 
@@ -55,6 +58,14 @@ function apply(state, event) {
       if (state.rays.length > 400) state.rays.splice(0, 200);
       break;
     case 'tracked': state.blobs.set(event.node, event); break;
+    case 'object': {
+      const key = `${event.network} ${event.object}`;
+      const trail = state.objects.get(key)?.trail ?? [];
+      if (event.is) state.objects.set(key, {...event, trail: [...trail.slice(1 - TRAIL), [event.is.x, event.is.y]]});
+      else state.objects.delete(key);
+      break;
+    }
+    case 'truth': state.truths.set(`${event.network} ${event.object}`, event); break;
     case 'verdict': state.verdict = event; break;
     case 'end': state.ended = event; break;
   }
@@ -124,6 +135,7 @@ function copy(state) {
   };
   return {
     ...state, record, places: new Map(state.places), stopped: new Map(state.stopped),
-    rays: [...state.rays], blobs: new Map(state.blobs),
+    rays: [...state.rays], blobs: new Map(state.blobs), objects: new Map(state.objects),
+    truths: new Map(state.truths),
   };
 }

@@ -5,8 +5,6 @@ use std::{io, path::PathBuf, process::ExitStatus};
 use board_emulator::Unavailable;
 use node_firmware::config::page::PageError;
 
-use super::IMAGE;
-
 /// Why boards cannot be emulated, or why a run with them ended. The texts say what to do.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
@@ -16,10 +14,39 @@ pub enum EmulatorError {
     Unavailable(#[from] Unavailable),
     /// There is no image.
     #[error(
-        "there is no image {}: type `cargo xtask firmware`, which makes {IMAGE}, or name another \
-         one with --image", .0.display()
+        "there is no image {}: type `cargo xtask firmware`, which makes {usual}, or name another \
+         one with --image", .image.display()
     )]
-    NoImage(PathBuf),
+    NoImage {
+        /// Where.
+        image: PathBuf,
+        /// Where the usual one would be.
+        usual: &'static str,
+    },
+    /// There is nothing that emulates chips.
+    #[error(
+        "there is no folder nrf52840-emulator here: emulated chips need the sources, so run this in \
+         their topmost folder"
+    )]
+    NoSource,
+    /// What emulates chips cannot be built.
+    #[error(
+        "the emulated nRF52840 cannot be built: what is wrong stands above, and comes again with \
+         `cargo build --release --bin chips` in nrf52840-emulator; its compiler comes with \
+         `rustup toolchain install 1.98.0`, where there is a network"
+    )]
+    NotBuilt,
+    /// The process that emulates chips does not start, or has ended.
+    #[error("the process with the emulated chips has failed, which is a fault of it: {0}")]
+    Pipe(#[source] io::Error),
+    /// A chip cannot be emulated.
+    #[error("the chip of node {id} cannot be emulated: {why}")]
+    Chip {
+        /// The node.
+        id: u16,
+        /// Why not.
+        why: String,
+    },
     /// A directory, file or socket for a board cannot be made.
     #[error("the files of emulated boards cannot be made: {0}")]
     Files(#[source] io::Error),

@@ -1,6 +1,6 @@
 //! What a board's flash holds.
 
-use std::{fs, ops::Range, path::Path};
+use std::ops::Range;
 
 use embassy_futures::block_on;
 use node_firmware::facts::{self, Fact, FactStore};
@@ -33,12 +33,11 @@ pub(in crate::network) fn extended(link: Range<u32>, bytes: &[u8], clock: &Clock
     block_on(store.load()).ok()?.extended
 }
 
-/// The facts of this owner in a file that is a board's flash; none if there is no such file yet.
+/// The facts of this owner in what a board's flash holds.
 ///
 /// The board may go on writing: its memory is a log, of which a part is a memory too.
-pub(super) fn facts(file: &Path, owner: u32, clock: &Clock) -> Vec<Fact> {
-    let bytes = fs::read(file).unwrap_or_default();
-    let flash = copy(&bytes, clock);
+pub(super) fn facts(bytes: &[u8], owner: u32, clock: &Clock) -> Vec<Fact> {
+    let flash = copy(bytes, clock);
     let mut facts = Vec::new();
     block_on(async {
         if let Ok(mut memory) = FactStore::open(flash, MEMORY, owner).await {

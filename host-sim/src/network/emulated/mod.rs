@@ -1,4 +1,5 @@
-//! Nodes on emulated boards: machine code in `qemu-system-arm -M mps2-an386`, one process each.
+//! Nodes on emulated boards: machine code on nRF52840s in virtual time, [`chips`]; or, as described here,
+//! in `qemu-system-arm -M mps2-an386`, one process each.
 //!
 //! A board has three lines, sockets on this side:
 //!
@@ -14,6 +15,7 @@
 //! Nobody watches such a node from within. What it has written down is read from the file that
 //! holds its flash.
 
+pub(super) mod chips;
 mod error;
 mod files;
 mod heard;
@@ -26,6 +28,7 @@ use std::{
     fs,
     path::{Path, PathBuf},
     process::ExitStatus,
+    rc::Rc,
     sync::Arc,
     time::Duration,
 };
@@ -74,7 +77,10 @@ impl Emulation {
             .canonicalize()
             .ok()
             .filter(|image| image.is_file())
-            .ok_or_else(|| EmulatorError::NoImage(image.to_owned()))?;
+            .ok_or_else(|| EmulatorError::NoImage {
+                image: image.to_owned(),
+                usual: IMAGE,
+            })?;
         board_emulator::check()?;
         let files = Folder::new().map_err(EmulatorError::Files)?;
         Ok(Self {
@@ -111,6 +117,58 @@ pub(super) struct Board {
     timeout: Duration,
     directory: PathBuf,
     files: Arc<Folder>,
+}
+
+/// A board of either kind.
+pub(super) enum Emulated {
+    Qemu(Box<Board>),
+    Chip(Rc<chips::Board>),
+}
+
+impl Emulated {
+    /// Runs it until it is dropped, which switches it off, or fails.
+    pub(super) async fn run<U: Read + Write>(
+        &self,
+        surroundings: Surroundings<'_, U>,
+    ) -> EmulatorError {
+        match self {
+            Self::Qemu(board) => board.run(surroundings).await,
+            Self::Chip(board) => board.run(surroundings).await,
+        }
+    }
+
+    /// The extended address that the node has drawn.
+    pub(super) fn extended(&self, clock: &Clock) -> Option<Eui64> {
+        match self {
+            Self::Qemu(board) => board.extended(clock),
+            Self::Chip(board) => board.extended(clock),
+        }
+    }
+
+    /// Waits until it works on its flash, where anybody knows when it does: how long that takes. It stands
+    /// still then.
+    pub(super) async fn next_write(&self) -> Option<Time> {
+        match self {
+            Self::Qemu(_) => None,
+            Self::Chip(board) => Some(board.next_write().await),
+        }
+    }
+
+    /// What is known of its chip, once the simulation has ended.
+    pub(super) fn end(&self) -> Option<chip_pipe::End> {
+        match self {
+            Self::Qemu(_) => None,
+            Self::Chip(board) => Some(board.end()),
+        }
+    }
+
+    /// What the node's role has written down, in the order of its records.
+    pub(super) fn facts(&self, clock: &Clock) -> Vec<Fact> {
+        match self {
+            Self::Qemu(board) => board.facts(clock),
+            Self::Chip(board) => board.facts(clock),
+        }
+    }
 }
 
 /// What surrounds a board.
@@ -227,8 +285,9 @@ impl Board {
 
     /// What the node's role has written down, in the order of its records.
     pub(super) fn facts(&self, clock: &Clock) -> Vec<Fact> {
-        let file = self.directory.join(machine::FLASH);
-        memory::facts(&file, self.config.owner(), clock)
+        // There may be no such file yet.
+        let bytes = fs::read(self.directory.join(machine::FLASH)).unwrap_or_default();
+        memory::facts(&bytes, self.config.owner(), clock)
     }
 }
 

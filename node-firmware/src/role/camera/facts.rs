@@ -2,7 +2,7 @@
 
 use zigbee_link::Instant;
 
-use super::{CameraNotification, CameraRole, duty::reference_stop};
+use super::{CameraNotification, CameraRole, duty::reference_stop, stream::Stream};
 use crate::{
     facts::{Fact, FactKey},
     limits::SIGHTINGS,
@@ -104,6 +104,7 @@ impl CameraRole {
             matches!(notification, Hello | Report(COORDINATOR_ADDRESS))
         });
         self.outbox.clear();
+        self.stream = Stream::new();
         // A look that goes on has nobody to be told.
         self.device.forget_requests();
         self.listing = None;

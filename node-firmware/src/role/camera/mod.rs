@@ -29,6 +29,7 @@ mod light;
 mod progress;
 mod reference;
 mod stops;
+mod stream;
 mod targets;
 #[cfg(test)]
 mod tests;
@@ -45,6 +46,7 @@ use self::{
     duty::ReferenceDuty,
     light::Light,
     progress::Progress,
+    stream::Stream,
     targets::{KnownTargets, LastLooks},
 };
 use super::{
@@ -59,7 +61,7 @@ use crate::{
     message::{
         CameraCommand, CommandOutcome, CommandResult, Duty, Eye, Health, Hello, ListedSighting,
         MemberAddress, MemberKind, Memory, Message, PoseParts, Report, Restart, Seen, Sight,
-        StopBearing, StopNumber, TrackedBlob,
+        StopBearing, StopNumber, Tracked,
     },
     network::Attachment,
     vision::ColourWindow,
@@ -95,8 +97,8 @@ pub enum CameraEvent {
     Looked(Sight, Option<Seen>),
     /// The end of [`CameraTask::Command`].
     Done(CommandResult),
-    /// A packet while tracking for the coordinator.
-    Tracked(TrackedBlob),
+    /// What a frame shows while tracking for the coordinator.
+    Tracked(Tracked),
     /// This colour is looked for in this window from now on.
     Learnt(u8, ColourWindow),
     /// A button was pressed.
@@ -177,6 +179,7 @@ pub struct CameraRole {
     solved_by: Option<MemberAddress>,
     notifications: Notifications<CameraNotification, NOTIFICATIONS>,
     outbox: Outbox<CameraNotification, 8>,
+    stream: Stream,
     /// The next of its sightings that the coordinator asked for.
     listing: Option<usize>,
     health: Health,
@@ -207,6 +210,7 @@ impl CameraRole {
             solved_by: None,
             notifications: Notifications::new(),
             outbox: Outbox::new(),
+            stream: Stream::new(),
             listing: None,
             health: Health::default(),
         }
@@ -442,10 +446,7 @@ impl Role for CameraRole {
                 self.device.on_done(done.command);
                 self.tell_done(now, done);
             }
-            CameraEvent::Tracked(tracked) => {
-                self.outbox
-                    .push(now, COORDINATOR, Message::Tracked(tracked), None);
-            }
+            CameraEvent::Tracked(tracked) => self.stream.on_frame(now, tracked),
             CameraEvent::Learnt(colour, window) => {
                 if self.colours.on_learnt(colour, window) {
                     self.unsaved.insert(FactKey::Colours);
@@ -507,7 +508,9 @@ impl Role for CameraRole {
             }
             self.notifications.cancel(notification);
         }
-        self.next_listed().map(|message| Output::Send {
+        let listed = self.next_listed();
+        let message = listed.or_else(|| self.stream.take_due(now).map(Message::Tracked))?;
+        Some(Output::Send {
             to: COORDINATOR,
             message,
             notification: None,
@@ -520,6 +523,7 @@ impl Role for CameraRole {
             self.outbox.next_due(),
             self.notifications.next_due(),
             self.looks.next_due(),
+            self.stream.next_due(),
         ])
     }
 

@@ -10,7 +10,7 @@ use crate::{
     limits::SIGHTINGS,
     message::{
         CONFIRMED, CameraState, Confirmation, CoordinateFrame, ProtectionLevel, References,
-        StopAnswer, Stopped,
+        StopAnswer, Stopped, TrackedBlob,
     },
     network::NetworkIdentity,
     vision::Lens,
@@ -290,11 +290,14 @@ fn what_is_forgotten_is_erased_wherever_it_may_be() {
 #[test]
 fn what_the_hardware_tells_goes_to_the_coordinator() {
     let mut camera = camera(2);
-    let tracked = TrackedBlob {
-        middle: [40, 70],
-        edges: [30, 60, 50, 80],
-        pixels: 90,
-        confidence: 120,
+    let tracked = Tracked {
+        blob: TrackedBlob {
+            middle: [40, 70],
+            edges: [30, 60, 50, 80],
+            pixels: 90,
+            confidence: 120,
+        },
+        ..Tracked::default()
     };
     camera.on_event(at(1), CameraEvent::Tracked(tracked));
     let done = CommandResult {
@@ -305,8 +308,8 @@ fn what_the_hardware_tells_goes_to_the_coordinator() {
     assert_eq!(
         sent(&mut camera, 1),
         [
-            (COORDINATOR, Message::Tracked(tracked)),
-            (COORDINATOR, Message::Done(done))
+            (COORDINATOR, Message::Done(done)),
+            (COORDINATOR, Message::Tracked(tracked))
         ]
     );
 }
@@ -569,11 +572,14 @@ fn a_camera_that_forgot_looks_again_at_a_stop_that_it_had_seen() {
 #[test]
 fn what_waited_for_members_of_one_network_is_not_told_in_another() {
     let mut camera = calibrated(4);
-    let tracked = TrackedBlob {
-        middle: [40, 70],
-        edges: [30, 60, 50, 80],
-        pixels: 90,
-        confidence: 120,
+    let tracked = Tracked {
+        blob: TrackedBlob {
+            middle: [40, 70],
+            edges: [30, 60, 50, 80],
+            pixels: 90,
+            confidence: 120,
+        },
+        ..Tracked::default()
     };
     camera.on_message(at(20), COORDINATOR, &Message::Sightings);
     camera.on_event(at(20), CameraEvent::Tracked(tracked));

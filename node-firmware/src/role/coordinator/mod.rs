@@ -1,14 +1,16 @@
 //! The coordinator: who is there, who the references are, and what people want to know.
 //!
-//! It computes nothing. It tells targets which cameras to expect, appoints the reference cameras
+//! It computes no poses. It tells targets which cameras to expect, appoints the reference cameras
 //! (those configured, or the first two that saw a target), collects poses for the PC on its line,
-//! and hands the PC's commands on, as the coordinator of the thesis did (3.4.4, Appendix A).
+//! and hands the PC's commands on, as the coordinator of the thesis did (3.4.4, Appendix A). What cameras that track
+//! see it puts together to objects and where they are.
 
 mod appointment;
 mod pc;
 mod roll_calls;
 #[cfg(test)]
 mod tests;
+mod tracking;
 
 use core::time::Duration;
 
@@ -19,6 +21,7 @@ use self::{
     appointment::{Appointment, Trigger},
     pc::Tasks,
     roll_calls::RollCalls,
+    tracking::Tracking,
 };
 use super::{Notification, Notifications, Outbox, Output, RETRY, Reports, Role, Unsaved, earliest};
 use crate::{
@@ -29,7 +32,7 @@ use crate::{
     limits::ROSTER,
     message::{
         CameraCommand, CommandOutcome, CommandResult, Eye, Health, Hello, MemberAddress,
-        MemberKind, Memory, Message, References, Report, Restart, StopNumber, Stopped,
+        MemberKind, Memory, Message, References, Report, Restart, StopNumber, Stopped, Tracked,
     },
     network::Attachment,
 };
@@ -139,6 +142,7 @@ pub struct CoordinatorRole {
     roll_calls: RollCalls,
     /// What the PC was told last of a target's stop.
     stopped: Option<(MemberAddress, StopNumber, Option<StopPlace>)>,
+    tracking: Tracking,
     /// Its own.
     health: Health,
 }
@@ -161,6 +165,7 @@ impl CoordinatorRole {
             tasks: Tasks::new(),
             roll_calls: RollCalls::new(),
             stopped: None,
+            tracking: Tracking::new(),
             health: Health {
                 memory: Memory::Flash,
                 camera: Eye::Sees,
@@ -200,6 +205,18 @@ impl CoordinatorRole {
                 place,
             });
         }
+    }
+
+    /// What a camera that tracks sees.
+    fn on_tracked(&mut self, now: Instant, address: MemberAddress, tracked: &Tracked) {
+        self.tasks.tell(ToPc::Tracked {
+            address,
+            tracked: *tracked,
+        });
+        let mut members = self.members.iter();
+        let member = members.find(|member| member.address == address);
+        let report = member.and_then(|member| member.report.as_ref());
+        self.tracking.on_tracked(now, address, tracked, report);
     }
 
     /// The next fact to write down.
@@ -369,10 +386,7 @@ impl Role for CoordinatorRole {
                 address,
                 done: *done,
             }),
-            Message::Tracked(tracked) => self.tasks.tell(ToPc::Tracked {
-                address,
-                tracked: *tracked,
-            }),
+            Message::Tracked(tracked) => self.on_tracked(now, address, tracked),
             Message::Stopped(stopped) => self.tell_stop(address, stopped),
             Message::Sighting(sighting) => self.tasks.tell(ToPc::Sighting {
                 address,
@@ -436,6 +450,9 @@ impl Role for CoordinatorRole {
 
     fn poll(&mut self, now: Instant) -> Option<Output<CoordinatorNotification, CoordinatorTask>> {
         self.next_line();
+        if let Some(told) = self.tracking.take_due(now) {
+            self.tasks.tell(told);
+        }
         if let Some(fact) = self.unsaved_fact() {
             return Some(Output::Save(fact));
         }
@@ -482,6 +499,7 @@ impl Role for CoordinatorRole {
             self.roll_calls.next_due(),
             self.appointment.next_probe(),
             self.outbox.next_due(),
+            self.tracking.next_due(),
             members.min(),
         ])
     }

@@ -6,7 +6,7 @@ use calib_core::camera::Camera;
 
 use super::{
     Blob, BlobCamera, Subject, VisionError,
-    steady::{Shape, Steadiness, Unsteady},
+    steady::{Glance, Shape, Steadiness, Unsteady},
 };
 use crate::message::Seen;
 
@@ -95,6 +95,14 @@ impl Judge {
     pub fn clear(&mut self) {
         self.steadiness.clear();
         self.taken = 0;
+    }
+
+    /// The direction of what is in one frame, which may move, and whether its blob is wider than one object. `None`
+    /// if it is cut off or partly hidden.
+    pub fn glance(&self, blob: &Blob) -> Option<(Seen, bool)> {
+        let Glance { steady, is_wide } = self.steadiness.glance(blob)?;
+        let seen = steady.seen(&self.camera, self.patience.sigma_floor);
+        Some((seen, is_wide))
     }
 
     /// Takes what a frame has. `Some` when the look is over: at the latest after

@@ -102,6 +102,26 @@ pub struct Steady {
     pub confidence: u8,
 }
 
+/// What a [`Steadiness::glance`] sees.
+#[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct Glance {
+    /// Where it is in this frame.
+    pub steady: Steady,
+    /// It is wider than an object of its height: there may be several in it.
+    pub is_wide: bool,
+}
+
+/// The box around a blob and its middle of mass, columns, and its height, rows.
+struct Outline {
+    left: f32,
+    right: f32,
+    centroid: f32,
+    height: f32,
+    /// Width of the unit in which columns are known.
+    unit: f32,
+}
+
 /// Why the blob is not steady yet.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
@@ -223,18 +243,14 @@ impl<const N: usize> Steadiness<N> {
             median(&values(|blob| blob.left)),
             median(&values(|blob| blob.right)),
         );
-        let width = right - left;
-        let centroid = median(&values(|blob| blob.centroid[0]));
-        let off = beyond(centroid, (left + right) * 0.5, unit);
-        let height = median(&values(|blob| blob.bottom - blob.top));
-        let missing = self.missing(width, height, unit);
-        if off > width * LOPSIDED && off > 0.0 {
-            return Err(Unsteady::Lopsided { by: off });
-        }
-        if missing > (width + missing) * HIDDEN {
-            return Err(Unsteady::Lopsided { by: missing });
-        }
-        let doubt = (DOUBT * off).max(missing * 0.5);
+        let outline = Outline {
+            left,
+            right,
+            centroid: median(&values(|blob| blob.centroid[0])),
+            height: median(&values(|blob| blob.bottom - blob.top)),
+            unit,
+        };
+        let doubt = self.doubt(&outline)?;
         let variance = ROUNDING * unit * unit + median_variance(&middles) + doubt * doubt;
         Ok(Steady {
             left,
@@ -244,6 +260,64 @@ impl<const N: usize> Steadiness<N> {
             pixels: median(&values(|blob| f32::from(blob.pixels))) as u8,
             confidence: median(&values(|blob| f32::from(blob.confidence))) as u8,
         })
+    }
+
+    /// What is in one frame for itself, of an object that may move. `None`: it is cut off or partly hidden.
+    pub fn glance(&self, blob: &Blob) -> Option<Glance> {
+        if blob.is_clipped(self.columns) {
+            return None;
+        }
+        let unit = blob.cell_width;
+        let outline = Outline {
+            left: blob.left,
+            right: blob.right,
+            centroid: blob.centroid[0],
+            height: blob.bottom - blob.top,
+            unit,
+        };
+        // What two objects in one box look like is no reason to doubt one of them.
+        let is_wide = self.is_wide(&outline);
+        let doubt = if is_wide {
+            0.0
+        } else {
+            self.doubt(&outline).ok()?
+        };
+        let steady = Steady {
+            left: blob.left,
+            right: blob.right,
+            column_sigma: ComplexField::sqrt(ROUNDING * unit * unit + doubt * doubt),
+            frames: 1,
+            pixels: blob.pixels,
+            confidence: blob.confidence,
+        };
+        Some(Glance { steady, is_wide })
+    }
+
+    /// Standard deviation of the direction by what the shape casts doubt on, columns.
+    fn doubt(&self, outline: &Outline) -> Result<f32, Unsteady> {
+        let &Outline {
+            left, right, unit, ..
+        } = outline;
+        let width = right - left;
+        let off = beyond(outline.centroid, (left + right) * 0.5, unit);
+        let missing = self.missing(width, outline.height, unit);
+        if off > width * LOPSIDED && off > 0.0 {
+            return Err(Unsteady::Lopsided { by: off });
+        }
+        if missing > (width + missing) * HIDDEN {
+            return Err(Unsteady::Lopsided { by: missing });
+        }
+        Ok((DOUBT * off).max(missing * 0.5))
+    }
+
+    /// Whether it is so much wider than tall as a target that is half hidden is narrower.
+    fn is_wide(&self, outline: &Outline) -> bool {
+        let Shape::Round { rows_per_column } = self.shape else {
+            return false;
+        };
+        let width = outline.right - outline.left;
+        let more = width - outline.height / rows_per_column;
+        more > NARROW * outline.unit && more > width * HIDDEN
     }
 
     /// How much of its width a target lacks, columns; 0 if that may be rounding.

@@ -333,3 +333,27 @@ fn the_floor_is_what_remains() {
         (floor.sigma / none.sigma - (9.0_f32 + 1.0 / 24.0).sqrt() * 24_f32.sqrt()).abs() < 1e-3
     );
 }
+
+/// One frame of something that moves: nine columns and twice as many rows are round here.
+#[test]
+fn a_glance_is_one_frame() {
+    let steadiness = Steadiness::<10>::new(10, COLUMNS, ROUND);
+    let glance = |x1, x2, middle| {
+        let seen = blob([middle, 70, x1, 61, x2, 78, 20, 201]).unwrap();
+        steadiness.glance(&seen)
+    };
+    let round = glance(40, 48, 44).unwrap();
+    assert_eq!((round.steady.middle(), round.is_wide), (43.0, false));
+    assert!((round.steady.column_sigma - 24_f32.sqrt().recip()).abs() < 1e-6);
+    assert_eq!(round.steady.frames, 1);
+    // Cut off by the border; half hidden by a wall.
+    assert_eq!(glance(1, 9, 5), None);
+    assert_eq!(glance(44, 48, 46), None);
+    // Two of them side by side are one wide box, with its middle of mass where the larger one is.
+    let both = glance(30, 48, 36).unwrap();
+    assert_eq!((both.steady.middle(), both.is_wide), (38.0, true));
+    // Of what has no shape nobody knows.
+    let any = Steadiness::<10>::new(10, COLUMNS, Shape::Any);
+    let seen = blob([39, 70, 30, 61, 48, 78, 20, 201]).unwrap();
+    assert!(!any.glance(&seen).unwrap().is_wide);
+}

@@ -1,5 +1,8 @@
 //! The image that is flashed, from `NODE_IMAGE`, with the configuration pages of a site.
 
+mod debugging;
+mod faults;
+
 use std::{collections::BTreeMap, env, f64::consts::FRAC_PI_2, fs, path::PathBuf, sync::Arc};
 
 use cmucam2_emulator::{Configuration, Emulator, Scene};
@@ -11,8 +14,9 @@ use node_firmware::{
     facts::{self, Fact, FactStore},
 };
 use nrf52840_emulator::{
-    MEMORY, Node, Outcome, SETTINGS, Soc,
+    MEMORY, Node, Outcome, Soc,
     device::{self, Motion, World},
+    energy::Current,
     peripheral::{Frame, Peer},
     run,
 };
@@ -54,8 +58,8 @@ impl Rehearsal {
         node(&self.configs.coordinator)
     }
 
-    /// A camera node whose CMUcam2 sees the target at its first stop, if it can.
-    fn camera(&self, number: usize) -> Node {
+    /// A CMUcam2 that sees the target at its first stop, if it can.
+    fn eye(&self, number: usize) -> Camera {
         let camera = &self.site.networks[0].cameras[number];
         let mut scene = Scene::default();
         let view = self.site.world.look(camera.index);
@@ -67,8 +71,13 @@ impl Rehearsal {
             seed: camera.id.into(),
             ..Configuration::default()
         };
+        Camera(Emulator::new(configuration, scene))
+    }
+
+    /// A camera node with its CMUcam2.
+    fn camera(&self, number: usize) -> Node {
         Node {
-            peer: Some(Box::new(Camera(Emulator::new(configuration, scene)))),
+            peer: Some(Box::new(self.eye(number))),
             ..node(&self.configs.cameras[number])
         }
     }
@@ -334,7 +343,7 @@ fn a_bus_that_is_held_low_stops_nothing_else() {
         faults: Some(faults),
         ..lab.target()
     };
-    let (outcomes, frames) = run(vec![lab.coordinator(), target], 20 * S, everybody).unwrap();
+    let (outcomes, frames) = run(vec![lab.coordinator(), target], 120 * S, everybody).unwrap();
     let target = &outcomes[1];
     // The start after UICR was written, and no other.
     assert_eq!(target.resets.len(), 1, "{:?}", target.resets);
@@ -359,6 +368,50 @@ fn a_board_without_a_configuration_stands_by() {
     // The one restart is for the pins' voltage.
     assert_eq!(outcome.resets.len(), 1, "{:?}", outcome.resets);
     assert!(outcome.fed > 20, "{}", outcome.fed);
+}
+
+/// What nodes draw after they have joined: for `NODE_SECONDS`, of `NODE_SITE`.
+#[test]
+#[ignore = "`cargo xtask test --stage chip`"]
+fn what_nodes_draw() {
+    /// Two alkaline cells of size AA, mAh.
+    const BATTERY: f64 = 2_500.0;
+    let site = Rehearsal::of(&env::var("NODE_SITE").unwrap_or_else(|_| "lab".into()));
+    let seconds = env::var("NODE_SECONDS").map_or(60, |seconds| seconds.parse().unwrap());
+    let (outcomes, frames) = run(site.nodes(), seconds * S, everybody).unwrap();
+    println!(
+        "| node | receives | sends | runs | mean, mA | a battery lasts | listening 10 % | 1 % |"
+    );
+    println!("|---|---|---|---|---|---|---|---|");
+    for (number, outcome) in outcomes.iter().enumerate() {
+        let role = match number {
+            0 => "coordinator",
+            last if last == outcomes.len() - 1 => "target",
+            _ => "camera",
+        };
+        let own = frames.iter().filter(|frame| frame.node == number);
+        let power = own.map(|frame| frame.power).max().unwrap();
+        let current = Current::of(outcome, power);
+        let share = |time: u64| 100.0 * time as f64 / outcome.powered as f64;
+        let days = |current: Current| current.hours(BATTERY) / 24.0;
+        println!(
+            "| {role} | {:.2} % | {:.3} % | {:.2} % | {:.2} | {:.0} days | {:.0} days | {:.0} days |",
+            share(outcome.radio_on[0]),
+            share(outcome.radio_on[1]),
+            share(outcome.instructions * 1_000 / 64),
+            current.total(),
+            days(current),
+            days(current.listening(0.1)),
+            days(current.listening(0.01)),
+        );
+        // The radio is on all the time, but while the chip starts.
+        let on: u64 = outcome.radio_on.iter().sum();
+        assert!(
+            on <= outcome.powered && on + 3 * S > outcome.powered,
+            "{role}"
+        );
+        assert!((6.0..9.0).contains(&current.total()), "{role}: {current:?}");
+    }
 }
 
 /// Whom the target's sensors are worn by: what was read lasts until the next reading.
@@ -427,42 +480,4 @@ fn a_target_counts_its_carriers_steps() {
         (twice[0] / once - 2.0).abs() < 0.08,
         "{twice:?} m after {once} m"
     );
-}
-
-/// The crystal of 32 MHz is waited for without end: the watchdog restarts the board, which works once the
-/// crystal does, and says why.
-#[test]
-#[ignore = "`cargo xtask test --stage chip`"]
-fn without_its_crystal_a_board_restarts() {
-    let faults: fn(&mut Soc) = |soc| soc.clock.model.is_hfxo_dead = true;
-    let node = Node {
-        faults: Some(faults),
-        ..lab().coordinator()
-    };
-    let outcome = alone(node, 60 * S);
-    in_order(&outcome);
-    // One for the pins' voltage, then one every eight seconds.
-    assert_eq!(
-        (outcome.fed, outcome.resets.len()),
-        (0, 8),
-        "{:?}",
-        outcome.resets
-    );
-}
-
-#[test]
-#[ignore = "`cargo xtask test --stage chip`"]
-fn power_may_go_while_the_flash_is_written() {
-    let lab = lab();
-    let whole = alone(lab.coordinator(), 4 * S);
-    // Also in the middle of the work on the flash.
-    let busy = whole.erased.iter().map(|(at, _)| at + 40 * MS);
-    for cut in busy.chain((1..4).map(|part| part * S / 3)) {
-        let before = alone(lab.coordinator(), cut);
-        let after = alone(again(&lab, &before), 10 * S);
-        in_order(&after);
-        assert!(after.fed > 3, "cut at {cut}: {:?}", after.resets);
-        assert!(after.flash.iter().any(|(at, _)| *at == MEMORY.start));
-        assert!(after.flash.iter().any(|(at, _)| *at == SETTINGS.start));
-    }
 }

@@ -1,0 +1,493 @@
+//! Nodes on emulated nRF52840s, which run the image that is flashed, in virtual time.
+//!
+//! The chips are in a process of their own, [`process`], for their crate needs a newer compiler. What is
+//! outside a board is here: the medium, cameras and consoles at the far end of lines, lamps. Each side
+//! goes on until it does something that the other one sees; [`Outside`] is where the executor waits for
+//! the chips. The same scenario goes the same way each time.
+//!
+//! A target's steps are made by a [`carrier`], whose motion the chips of its step sensor feel.
+//!
+//! Nobody watches such a node from within. What it has written down is read from its flash in the end.
+//!
+//! A byte of a board is on the simulated line once it has gone out of the chip, and takes as long again.
+
+mod carrier;
+mod process;
+
+use std::{
+    cell::{Cell, RefCell},
+    collections::{BTreeMap, VecDeque},
+    path::Path,
+    rc::Rc,
+};
+
+use board_support::flash::NRF52840;
+use chip_pipe::{Contents, Deed, End, Frame, Motion, Order, Orders, Reception, Reports};
+use embassy_futures::select::{Either, Either4, select, select4};
+use embassy_sync::{blocking_mutex::raw::NoopRawMutex, signal::Signal};
+use embedded_io_async::{Read, Write};
+use node_firmware::{
+    config::{CheckedConfig, Config, RoleConfig, page},
+    facts::Fact,
+    hardware::Indication,
+};
+use virtual_bench::{
+    executor::{Clock, Outside, Time},
+    medium::{Arrival, Medium},
+};
+use zigbee_link::{radio::Channel, wire::Eui64};
+
+use self::{carrier::Carrier, process::Process};
+use super::{
+    super::{Trouble, journal::SharedJournal},
+    EmulatorError, Surroundings, memory,
+};
+
+/// Where `cargo xtask firmware` puts the image.
+pub const CHIP_IMAGE: &str = "target/firmware/nrf52840-node.elf";
+
+/// A frame is heard so long after it is told: chips stand still between two instructions.
+const NOTICE: Time = 1_000;
+
+/// Pins of the first port that the board connects to lamps, which shine while they are low: joined, target
+/// seen, calibrated, may walk (`boards/nrf52840/src/board.rs`).
+const LAMPS: [u32; 4] = [13, 14, 15, 16];
+
+/// The process in which chips are emulated, and their program: checked, and ready to run.
+#[derive(Debug)]
+pub struct Chips(Process);
+
+impl Chips {
+    /// Chips that run this image. What emulates them is built, if it is not.
+    ///
+    /// # Errors
+    /// The image is missing, or the process cannot be built or started.
+    pub fn of(image: &Path) -> Result<Self, EmulatorError> {
+        let found = image.canonicalize().ok().filter(|image| image.is_file());
+        let image = found.ok_or_else(|| EmulatorError::NoImage {
+            image: image.to_owned(),
+            usual: CHIP_IMAGE,
+        })?;
+        let mut process = Process::start()?;
+        process.order(&Orders::Load(image.to_string_lossy().into_owned()))?;
+        Ok(Self(process))
+    }
+
+    /// Whenever power comes to this node its first instruction waits for GDB, which connects to this port
+    /// of this computer. All others wait while GDB looks at it.
+    ///
+    /// # Errors
+    /// The process has ended.
+    pub fn debug(&mut self, node: u16, port: u16) -> Result<(), EmulatorError> {
+        self.0.order(&Orders::Debug(node.into(), port))
+    }
+}
+
+/// All chips of a simulation.
+pub(in crate::network) struct Pool {
+    process: RefCell<Process>,
+    clock: Clock,
+    medium: Medium,
+    journal: SharedJournal,
+    trouble: Trouble,
+    boards: RefCell<BTreeMap<u32, Rc<Board>>>,
+    /// What they did and nobody has seen yet.
+    deeds: RefCell<VecDeque<(Time, u32, Deed)>>,
+    queue: Rc<Queue>,
+    is_over: Cell<bool>,
+}
+
+/// What happens to chips, until they are told.
+#[derive(Default)]
+struct Queue {
+    orders: RefCell<Vec<(u32, Order)>>,
+    /// Until when all chips have run.
+    reached: Cell<Time>,
+}
+
+impl Queue {
+    fn push(&self, number: u32, order: Order) {
+        self.orders.borrow_mut().push((number, order));
+    }
+}
+
+impl Pool {
+    pub(in crate::network) fn new(
+        chips: Chips,
+        clock: Clock,
+        medium: Medium,
+        journal: SharedJournal,
+        trouble: Trouble,
+    ) -> Rc<Self> {
+        Rc::new(Self {
+            process: RefCell::new(chips.0),
+            clock,
+            medium,
+            journal,
+            trouble,
+            boards: RefCell::default(),
+            deeds: RefCell::default(),
+            queue: Rc::default(),
+            is_over: Cell::new(false),
+        })
+    }
+
+    /// A board that is still switched off, with its configuration. `step_length` is that of the steps which
+    /// are reported, if it is a target's.
+    pub(in crate::network) fn board(&self, config: &CheckedConfig, step_length: f64) -> Rc<Board> {
+        let (config, carrier) = carried(config, step_length);
+        let board = Rc::new(Board {
+            config,
+            carrier: RefCell::new(carrier),
+            queue: self.queue.clone(),
+            bytes: RefCell::default(),
+            came: Signal::new(),
+            lamps: Signal::new(),
+            failure: Signal::new(),
+            is_to_stand: Cell::new(false),
+            writes: Signal::new(),
+            antenna: Cell::new(None),
+            end: RefCell::default(),
+        });
+        let number = board.number();
+        self.boards.borrow_mut().insert(number, board.clone());
+        board
+    }
+
+    /// All chips lose their power: what is known of them in the end can be asked for from now on.
+    pub(in crate::network) fn end(&self) {
+        if self.is_over.replace(true) {
+            return;
+        }
+        match self.process.borrow_mut().exchange(&Orders::End) {
+            Ok(reports) => {
+                for (_, number, deed) in reports.deeds {
+                    if let (Deed::Ends(end), Some(board)) = (deed, self.of(number)) {
+                        board.end.replace(*end);
+                    }
+                }
+            }
+            Err(error) => self.fail(error),
+        }
+    }
+
+    /// What chips with power have written in their flash can be asked for from now on, as it is now.
+    pub(in crate::network) fn look(&self) {
+        if self.is_over.get() {
+            return;
+        }
+        for (number, board) in &*self.boards.borrow() {
+            if board.antenna.get().is_some() {
+                self.queue.push(*number, Order::Show);
+            }
+        }
+        // They go on by a moment.
+        let until = self.queue.reached.get().max(self.clock.time()) + NOTICE;
+        match self.run(until) {
+            Ok(reports) => self.take(reports),
+            Err(error) => self.fail(error),
+        }
+    }
+
+    /// Takes what chips did, to be seen at its time.
+    fn take(&self, reports: Reports) {
+        self.queue.reached.set(reports.reached);
+        let mut deeds = Vec::new();
+        for (at, number, deed) in reports.deeds {
+            match deed {
+                Deed::Memory(contents) => {
+                    if let Some(board) = self.of(number) {
+                        board.end.borrow_mut().memory = contents;
+                    }
+                }
+                Deed::Sends(..) => deeds.push((at - NOTICE, number, deed)),
+                _ => deeds.push((at, number, deed)),
+            }
+        }
+        let mut all = self.deeds.borrow_mut();
+        all.extend(deeds);
+        all.make_contiguous()
+            .sort_by_key(|(at, number, _)| (*at, *number));
+    }
+
+    fn of(&self, number: u32) -> Option<Rc<Board>> {
+        self.boards.borrow().get(&number).cloned()
+    }
+
+    fn fail(&self, error: EmulatorError) {
+        self.is_over.set(true);
+        self.trouble.borrow_mut().get_or_insert(error);
+    }
+
+    fn run(&self, until: Time) -> Result<Reports, EmulatorError> {
+        let orders = self.queue.orders.take();
+        self.process
+            .borrow_mut()
+            .exchange(&Orders::Run { orders, until })
+    }
+
+    fn happens(&self, number: u32, deed: Deed) {
+        let Some(board) = self.of(number) else {
+            return;
+        };
+        let note = |what: &str| {
+            let mut journal = self.journal.borrow_mut();
+            journal.note(board.config.id, format_args!("{what}"));
+        };
+        match deed {
+            Deed::Sends(frame, power) => {
+                let channel = Channel::new(frame.channel);
+                if let Some((channel, antenna)) = channel.zip(board.antenna.get()) {
+                    self.medium.transmit(antenna, channel, power, &frame.psdu);
+                }
+            }
+            Deed::Byte(byte) => {
+                board.bytes.borrow_mut().push_back(byte);
+                board.came.signal(());
+            }
+            Deed::Pins(0, level) => board.lamps.signal(indication(level)),
+            Deed::Logs(line) => note(&line),
+            Deed::Writes(takes) => {
+                board.is_to_stand.set(false);
+                board.writes.signal(takes);
+            }
+            Deed::Restarts(by) => {
+                note(&format!("restarts, by {by}"));
+                board.lamps.signal(Indication::default());
+            }
+            Deed::Fails(why) => board.failure.signal(why),
+            Deed::Pins(..) | Deed::Memory(_) | Deed::Ends(_) => {}
+        }
+    }
+}
+
+/// The configuration of a node with what is written there of its carrier, and the carrier of a target.
+fn carried(config: &CheckedConfig, step_length: f64) -> (CheckedConfig, Option<Carrier>) {
+    let mut written = Config::clone(config);
+    let RoleConfig::Target(target) = &mut written.role else {
+        return (config.clone(), None);
+    };
+    let sensor = &mut target.sensor;
+    let carrier = Carrier::new(step_length, sensor.step_length, sensor.hard_iron);
+    sensor.step_length = carrier.step_length;
+    let checked = written.check().unwrap_or_else(|_| config.clone());
+    (checked, Some(carrier))
+}
+
+fn indication(level: u32) -> Indication {
+    let [joined, target_seen, calibrated, may_walk] = LAMPS.map(|pin| level >> pin & 1 == 0);
+    Indication {
+        joined,
+        target_seen,
+        calibrated,
+        may_walk,
+    }
+}
+
+/// Where the executor waits for the chips.
+pub(in crate::network) struct Lockstep(pub(in crate::network) Rc<Pool>);
+
+impl Outside for Lockstep {
+    fn run_until(&mut self, until: Time) -> Time {
+        let Self(pool) = self;
+        let now = pool.clock.time();
+        let queue = &pool.queue;
+        let is_idle = pool.deeds.borrow().is_empty();
+        if is_idle && queue.reached.get() < until && !pool.is_over.get() {
+            match pool.run(until) {
+                Ok(reports) => pool.take(reports),
+                Err(error) => pool.fail(error),
+            }
+        }
+        let first = pool.deeds.borrow().front().map(|(at, ..)| *at);
+        first.map_or(until, |first| first.max(now))
+    }
+
+    fn happens(&mut self) -> bool {
+        let Self(pool) = self;
+        let now = pool.clock.time();
+        let mut happened = false;
+        loop {
+            let due = pool.deeds.borrow_mut().pop_front_if(|(at, ..)| *at <= now);
+            let Some((_, number, deed)) = due else {
+                return happened;
+            };
+            happened = true;
+            pool.happens(number, deed);
+        }
+    }
+}
+
+/// A board with such a chip. Its flash outlasts its being switched off.
+pub(in crate::network) struct Board {
+    config: CheckedConfig,
+    /// Of a target.
+    carrier: RefCell<Option<Carrier>>,
+    queue: Rc<Queue>,
+    /// What has gone out on its line.
+    bytes: RefCell<VecDeque<u8>>,
+    came: Signal<NoopRawMutex, ()>,
+    lamps: Signal<NoopRawMutex, Indication>,
+    failure: Signal<NoopRawMutex, String>,
+    /// It is to stand still in the middle of the next work on its flash; when it does, how long that takes.
+    is_to_stand: Cell<bool>,
+    writes: Signal<NoopRawMutex, Time>,
+    antenna: Cell<Option<virtual_bench::medium::NodeId>>,
+    end: RefCell<End>,
+}
+
+/// Power of a board, until it is dropped.
+struct Power<'a> {
+    board: &'a Board,
+    medium: &'a Medium,
+}
+
+impl Drop for Power<'_> {
+    fn drop(&mut self) {
+        if let Some(antenna) = self.board.antenna.take() {
+            self.medium.set_ear(antenna, None);
+        }
+        self.board.queue.push(self.board.number(), Order::Off);
+        self.board.bytes.borrow_mut().clear();
+        self.board.lamps.reset();
+        self.board.failure.reset();
+    }
+}
+
+impl Board {
+    fn number(&self) -> u32 {
+        self.config.id.into()
+    }
+
+    /// Runs it until it is dropped, which switches it off, or fails.
+    pub(in crate::network) async fn run<U: Read + Write>(
+        &self,
+        surroundings: Surroundings<'_, U>,
+    ) -> EmulatorError {
+        let Surroundings {
+            clock,
+            medium,
+            antenna,
+            mut device,
+            panel,
+            seed,
+        } = surroundings;
+        let id = self.config.id;
+        let mut written = vec![0; page::PAGE_MAX];
+        if let Err(reason) = page::encode(&self.config, &mut written) {
+            return EmulatorError::Config { id, reason };
+        }
+        let order = Order::On {
+            seed,
+            has_sensor: self.carrier.borrow().is_some(),
+            programmed: vec![(NRF52840.config_address().into(), written)],
+        };
+        self.queue.push(self.number(), order);
+        self.antenna.set(Some(antenna));
+        let _power = Power {
+            board: self,
+            medium,
+        };
+        medium.set_ear(antenna, Some(Box::new(self.ear(clock))));
+        self.moves(|carrier| vec![carrier.stand(clock.time())]);
+        if self.is_to_stand.get() {
+            self.queue.push(self.number(), Order::StandInWrite);
+        }
+        let mut byte = [0];
+        loop {
+            let happened = select4(
+                device.read(&mut byte),
+                self.came.wait(),
+                self.lamps.wait(),
+                self.failure.wait(),
+            );
+            let happened = match select(happened, panel.steps.receive()).await {
+                Either::First(happened) => happened,
+                Either::Second(step) => {
+                    self.moves(|carrier| carrier.step(clock.time(), &step));
+                    continue;
+                }
+            };
+            match happened {
+                Either4::First(Ok(1)) => {
+                    let [byte] = byte;
+                    let at = clock.time();
+                    self.queue.push(self.number(), Order::Byte { at, byte });
+                }
+                Either4::First(_) => return EmulatorError::LineClosed { id },
+                Either4::Second(()) => {
+                    let bytes: Vec<u8> = self.bytes.borrow_mut().drain(..).collect();
+                    if device.write_all(&bytes).await.is_err() {
+                        return EmulatorError::LineClosed { id };
+                    }
+                }
+                Either4::Third(indication) => panel.show(indication),
+                Either4::Fourth(why) => return EmulatorError::Chip { id, why },
+            }
+        }
+    }
+
+    /// Its carrier moves, if it has one.
+    fn moves(&self, how: impl FnOnce(&mut Carrier) -> Vec<Motion>) {
+        if let Some(carrier) = &mut *self.carrier.borrow_mut() {
+            self.queue.push(self.number(), Order::Moves(how(carrier)));
+        }
+    }
+
+    /// Waits until its chip works on its flash, and has it stand still in the middle of that: its power is about
+    /// to go. How long that would have taken.
+    pub(in crate::network) async fn next_write(&self) -> Time {
+        self.is_to_stand.set(true);
+        self.queue.push(self.number(), Order::StandInWrite);
+        self.writes.wait().await
+    }
+
+    /// What is known of its chip, once the simulation has ended.
+    pub(in crate::network) fn end(&self) -> End {
+        self.end.borrow().clone()
+    }
+
+    /// Tells its chip what arrives.
+    fn ear(&self, clock: &Clock) -> impl FnMut(Arrival<'_>) + 'static {
+        let (queue, clock, number) = (self.queue.clone(), clock.clone(), self.number());
+        move |arrival| {
+            let frame = Frame {
+                start: clock.time().max(queue.reached.get()) + NOTICE,
+                channel: arrival.channel.number(),
+                psdu: arrival.psdu.to_vec(),
+            };
+            let reception = Reception {
+                from: arrival.from.0,
+                // Saturating.
+                level: arrival.strength.round() as i8,
+                is_lost: arrival.lost.is_some(),
+            };
+            queue.push(number, Order::Frame(frame, reception));
+        }
+    }
+
+    /// The part of its flash that it writes, from [`memory::LINK`] and the role's on.
+    fn memory(&self) -> Vec<u8> {
+        let (start, length) = NRF52840.memory();
+        let end = self.end.borrow();
+        let found = end.memory.iter().find_map(|(address, bytes): &Contents| {
+            let from = u64::from(start).checked_sub(*address)? as usize;
+            bytes.get(from..from + length as usize)
+        });
+        found.unwrap_or_default().to_vec()
+    }
+
+    /// The extended address that the node has drawn.
+    pub(in crate::network) fn extended(&self, clock: &Clock) -> Option<Eui64> {
+        memory::extended(memory::LINK, &self.memory(), clock)
+    }
+
+    /// What the node's role has written down, in the order of its records.
+    pub(in crate::network) fn facts(&self, clock: &Clock) -> Vec<Fact> {
+        memory::facts(&self.memory(), self.config.owner(), clock)
+    }
+}
+
+// The parts of both flashes are in the same order.
+const _: () =
+    assert!(NRF52840.layout.link.start - NRF52840.layout.facts.start == memory::LINK.start);

@@ -1,0 +1,356 @@
+//! Objects without a radio that walk about after the calibration, while all cameras track.
+
+use std::{collections::BTreeMap, sync::atomic::Ordering, time::Duration};
+
+use answers::record::RunRecord;
+use calib_core::{angle::wrap_signed, tracking::Settings};
+use nalgebra::Point2;
+use node_firmware::{
+    console::{ToPc, TrackedObject},
+    message::{CameraCommand, Tracked},
+};
+use rand::{Rng, RngExt};
+use rand_chacha::ChaCha8Rng;
+
+use super::{SECOND, Simulation, journal::Moment, outcome};
+use crate::tracking::{Score, Sight};
+use site::{
+    CameraNode, Frame, MovingObject,
+    world::{Camera, Target, World},
+};
+use virtual_bench::{executor::Time, random::Root};
+
+/// How often objects move: less than a frame of any camera.
+const MOVES: Time = SECOND / 50;
+/// How often tracks are compared with the truth.
+const SAMPLES: Time = SECOND / 10;
+/// A camera is told to track so long after the one before.
+const ORDERS: Time = SECOND / 5;
+/// After all were told, until objects are known.
+const SETTLES: Time = 5 * SECOND;
+/// Where carriers are when they have gone.
+const AWAY: Point2<f64> = Point2::new(1e6, 1e6);
+/// A camera that has said nothing for so long is told again.
+const SILENCE: Duration = Duration::from_secs(5);
+/// Objects are drawn where the scenario has none.
+const DRAWN: u64 = 2;
+/// They keep so far from walls, besides their radius, metres.
+const CLEARANCE: f64 = 0.3;
+/// Tries to find a place to go to.
+const TRIES: usize = 1_000;
+/// The colour that all cameras have learnt.
+const COLOUR: u8 = 0;
+
+/// Something that walks about.
+struct Walker {
+    index: usize,
+    place: Point2<f64>,
+    goal: Point2<f64>,
+    /// Units a second.
+    speed: f64,
+    next: Next,
+}
+
+/// Where it goes when it is there.
+enum Next {
+    /// Along these, to and fro.
+    Path(Vec<Point2<f64>>, usize),
+    /// Straight to a place in view of two cameras, so far from walls on the way.
+    Anywhere(f64, Box<ChaCha8Rng>),
+}
+
+impl Walker {
+    /// Of the scenario.
+    fn on_path(object: &MovingObject) -> Option<Self> {
+        let place = *object.path.first()?;
+        Some(Self {
+            index: object.index,
+            place,
+            goal: place,
+            speed: object.speed,
+            next: Next::Path(object.path.clone(), 0),
+        })
+    }
+
+    /// Like the first target. Begins in view of two cameras, if there is such a place.
+    fn drawn(
+        world: &mut World,
+        speed: f64,
+        clearance: f64,
+        mut random: ChaCha8Rng,
+    ) -> Option<Self> {
+        let like = *world.targets().first()?;
+        let place = (0..TRIES)
+            .map(|_| somewhere(world, &mut random))
+            .find(|&place| is_seen(world, place, like.radius))?;
+        let index = world.add_target(Target { place, ..like });
+        Some(Self {
+            index,
+            place,
+            goal: place,
+            speed,
+            next: Next::Anywhere(clearance, Box::new(random)),
+        })
+    }
+
+    fn walk(&mut self, world: &mut World, seconds: f64) {
+        let mut far = self.speed * seconds;
+        // A path of one place, or a place without a way out, has no next one.
+        for _ in 0..2 {
+            let way = self.goal - self.place;
+            let left = way.norm();
+            if left > far {
+                self.place += way * (far / left);
+                break;
+            }
+            self.place = self.goal;
+            far -= left;
+            self.goal = self.next_goal(world).unwrap_or(self.goal);
+        }
+        world.move_target(self.index, self.place);
+    }
+
+    fn next_goal(&mut self, world: &World) -> Option<Point2<f64>> {
+        let radius = world.targets()[self.index].radius;
+        let here = self.place;
+        match &mut self.next {
+            Next::Path(path, step) => {
+                let last = path.len() - 1;
+                *step = (*step + 1) % (2 * last).max(1);
+                path.get(last - last.abs_diff(*step)).copied()
+            }
+            Next::Anywhere(clearance, random) => {
+                (0..TRIES).map(|_| somewhere(world, random)).find(|&goal| {
+                    let is_free = || {
+                        world
+                            .obstacle_on_way(here, goal, radius + *clearance)
+                            .is_none()
+                    };
+                    is_seen(world, goal, radius) && is_free()
+                })
+            }
+        }
+    }
+}
+
+/// A row of what the coordinators told of objects while they were tracked, beside the truth.
+#[derive(Clone, Copy, Debug)]
+pub struct TrackRow {
+    /// When.
+    pub seconds: f64,
+    /// Of which network, from 1, in whose frame places are.
+    pub network: u16,
+    /// The number of the track.
+    pub track: u16,
+    /// What was told; `None`: it is gone.
+    pub told: Option<TrackedObject>,
+    /// Which object it is of, from 1, and where that really is.
+    pub truth: Option<(usize, Point2<f64>)>,
+}
+
+/// The objects that walk about, and what was told of them.
+struct Course {
+    walkers: Vec<Walker>,
+    scores: Vec<Score>,
+    rows: Vec<TrackRow>,
+    /// When which camera was told to track.
+    asked: BTreeMap<u16, Duration>,
+}
+
+/// Between the cameras.
+fn somewhere(world: &World, random: &mut impl Rng) -> Point2<f64> {
+    let (mut low, mut high) = (Point2::origin(), Point2::origin());
+    for (number, camera) in world.cameras().iter().enumerate() {
+        let (a, b) = match number {
+            0 => (camera.place, camera.place),
+            _ => (low, high),
+        };
+        (low, high) = (a.inf(&camera.place), b.sup(&camera.place));
+    }
+    let mut share = || random.random_range(0.0..1.0);
+    Point2::new(
+        low.x + (high.x - low.x) * share(),
+        low.y + (high.y - low.y) * share(),
+    )
+}
+
+fn is_seen(world: &World, place: Point2<f64>, radius: f64) -> bool {
+    world.cameras_that_see(place, radius).len() >= 2
+}
+
+impl Simulation {
+    /// After a run that somebody may [give orders](Self::take_orders) in: all carriers go away with their
+    /// targets, the objects of the scenario walk about, or two drawn ones like its first target, and all cameras
+    /// are told to track. How well that goes is in the record from then on. `look` as in
+    /// [`run_watched`](Self::run_watched). `None`: no object has a place to be at.
+    pub fn track(
+        &mut self,
+        seconds: f64,
+        every: Time,
+        mut look: impl FnMut(&mut Self),
+    ) -> Option<(RunRecord, Vec<TrackRow>)> {
+        let walkers = self.walkers()?;
+        let metres = self.scenario.metres_per_unit();
+        let score = Score::new(walkers.len(), Settings::walking(), metres);
+        let mut course = Course {
+            scores: vec![score; self.consoles.len()],
+            walkers,
+            rows: Vec::new(),
+            asked: BTreeMap::new(),
+        };
+        for node in self.nodes.iter().filter(|node| node.is_target()) {
+            node.lose_power();
+        }
+        let now = self.executor.clock().time();
+        let cameras = self.world.borrow().cameras().len() as Time;
+        let begin = now + ORDERS * cameras + SETTLES;
+        let end = begin + (seconds * 1e9) as Time;
+        let (mut next_order, mut next_sample) = (now, begin);
+        let stop = self.stop.clone();
+        let is_over = move || stop.load(Ordering::Relaxed);
+        while self.executor.clock().time() < end && !is_over() {
+            let now = self.executor.clock().time();
+            if now >= next_order {
+                next_order = now + ORDERS;
+                self.order_one(&mut course.asked);
+            }
+            for walker in &mut course.walkers {
+                walker.walk(&mut self.world.borrow_mut(), MOVES as f64 * 1e-9);
+            }
+            self.run_looking(now + MOVES, every, &is_over, &mut look);
+            let is_due = self.executor.clock().time() >= next_sample;
+            if is_due {
+                next_sample += SAMPLES;
+            }
+            self.compare(&mut course, begin, is_due);
+        }
+        let tracked = self.executor.clock().time().saturating_sub(begin) as f64 * 1e-9;
+        let scores = (1..).zip(&course.scores);
+        self.tracking = scores.map(|(n, score)| score.end(n, tracked)).collect();
+        Some((outcome::record(self, 0.0), course.rows))
+    }
+
+    fn walkers(&self) -> Option<Vec<Walker>> {
+        let mut world = self.world.borrow_mut();
+        let clearance = CLEARANCE / self.scenario.metres_per_unit();
+        let speed = self.scenario.walk.speed;
+        let root = Root(self.scenario.seed);
+        let walkers: Option<Vec<_>> = match &self.site.objects[..] {
+            [] => (0..DRAWN)
+                .map(|n| Walker::drawn(&mut world, speed, clearance, root.stream("object", n)))
+                .collect(),
+            objects => objects.iter().map(Walker::on_path).collect(),
+        };
+        for target in self.site.networks.iter().flat_map(|n| &n.targets) {
+            world.move_target(target.index, AWAY);
+        }
+        walkers
+    }
+
+    /// Tells the next camera to track that does not.
+    fn order_one(&self, asked: &mut BTreeMap<u16, Duration>) {
+        let now = Duration::from_nanos(self.executor.clock().time());
+        let is_quiet = |at: &Duration| now.saturating_sub(*at) >= SILENCE;
+        let mut networks = self.site.networks.iter().zip(&self.consoles);
+        let quiet = networks.find_map(|(network, console)| {
+            let heard = console.heard();
+            let mut cameras = network.cameras.iter().map(|camera| camera.id);
+            cameras
+                .find(|id| heard.get(id).is_none_or(is_quiet) && asked.get(id).is_none_or(is_quiet))
+        });
+        if let Some(camera) = quiet {
+            asked.insert(camera, now);
+            self.order(camera, CameraCommand::Track { colour: COLOUR });
+        }
+    }
+
+    /// What was told, of each network, with the truth.
+    fn compare(&self, course: &mut Course, begin: Time, is_due: bool) {
+        let now = Duration::from_nanos(self.executor.clock().time());
+        let begin = Duration::from_nanos(begin);
+        let world = self.world.borrow();
+        let mut journal = self.journal.borrow_mut();
+        let networks = self.site.networks.iter().zip(&self.consoles);
+        for ((number, (network, console)), score) in (1..).zip(networks).zip(&mut course.scores) {
+            let frame = outcome::frame(self, network, console);
+            let places = course
+                .walkers
+                .iter()
+                .map(|walker| frame.place(walker.place));
+            let places: Vec<_> = places.collect();
+            for (at, message) in console.tracking() {
+                match message {
+                    ToPc::Tracked { address, tracked } => {
+                        let id = console.view().id_of(address);
+                        let of = |camera: &&CameraNode| Some(camera.id) == id;
+                        let Some(node) = network.cameras.iter().find(of) else {
+                            continue;
+                        };
+                        let camera = &world.cameras()[node.index];
+                        match sight(at, camera, &tracked, &frame, &places) {
+                            Some((sight, at)) if at >= begin => score.look(at, &sight),
+                            Some((sight, at)) => score.look_before(at, &sight),
+                            None => {}
+                        }
+                    }
+                    ToPc::Object { id, object } => {
+                        if at >= begin {
+                            score.told(at, id, object.as_ref(), &places);
+                        }
+                        let truth = score.object_of(id);
+                        course.rows.push(TrackRow {
+                            seconds: at.as_secs_f64(),
+                            network: number,
+                            track: id,
+                            told: object,
+                            truth: truth.map(|truth| (truth + 1, places[truth])),
+                        });
+                    }
+                    _ => {}
+                }
+            }
+            if is_due {
+                let are_seen: Vec<_> = { course.walkers.iter() }
+                    .map(|walker| {
+                        let radius = world.targets()[walker.index].radius;
+                        let seen = world.cameras_that_see(walker.place, radius);
+                        let own = |index: &&usize| {
+                            network.cameras.iter().any(|camera| camera.index == **index)
+                        };
+                        seen.iter().filter(own).count() >= 2
+                    })
+                    .collect();
+                score.sample(now, &places, &are_seen);
+                for (object, place) in (1..).zip(&places) {
+                    journal.moment(console.id(), || Moment::Truth(object, *place));
+                }
+            }
+        }
+    }
+}
+
+/// Which object a look shows: the one that really is nearest to its direction. And when it was.
+fn sight(
+    heard: Duration,
+    camera: &Camera,
+    tracked: &Tracked,
+    frame: &Frame,
+    places: &[Point2<f64>],
+) -> Option<(Sight, Duration)> {
+    let seen = tracked.seen.filter(|_| !tracked.is_wide)?;
+    let place = frame.place(camera.place);
+    let towards = frame.direction(camera.heading) + f64::from(seen.bearing);
+    let off = |object: &usize| {
+        let to = places[*object] - place;
+        wrap_signed(to.y.atan2(to.x) - towards).abs()
+    };
+    let object = (0..places.len()).min_by(|a, b| off(a).total_cmp(&off(b)))?;
+    let sight = Sight {
+        object,
+        place: places[object],
+        camera: place,
+        sigma: f64::from(seen.sigma),
+    };
+    let age = Duration::from_millis(tracked.age_ms.into());
+    Some((sight, heard.saturating_sub(age)))
+}

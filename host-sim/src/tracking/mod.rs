@@ -1,0 +1,8 @@
+//! How well a calibrated network follows objects that cameras see and that have no radio.
+//!
+//! The coordinator's tracks are compared with the truth of a simulation, and with the best that can be
+//! had of the same looks.
+
+mod score;
+
+pub use score::{Score, Sight};

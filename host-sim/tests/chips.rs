@@ -1,0 +1,137 @@
+//! Networks on emulated nRF52840s that run the image that is flashed. `cargo xtask test --stage chip` builds
+//! both and runs these.
+
+mod small;
+
+use std::{cell::RefCell, env, io, path::Path, rc::Rc};
+
+use answers::record::{Role, RunRecord};
+use host_sim::network::{CHIP_IMAGE, Chips, Options, Simulation};
+use site::{Overrides, Scenario};
+use small::{SMALL, check_arithmetic};
+
+/// Two more power cuts in the small network: in the middle of what is written to the flash when a node joins.
+const CUTS: &str = r#"
+[[event]]
+at_s = 0.5
+action = { power-cut = { node = 1, for_s = 0.5, in_flash_write = true } }
+
+[[event]]
+at_s = 2.0
+action = { power-cut = { node = 0, for_s = 0.2, in_flash_write = true } }
+"#;
+
+/// A file that can be read again.
+#[derive(Clone, Default)]
+struct Pages(Rc<RefCell<Vec<u8>>>);
+
+impl io::Write for Pages {
+    fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
+        self.0.borrow_mut().extend(bytes);
+        Ok(bytes.len())
+    }
+
+    fn flush(&mut self) -> io::Result<()> {
+        Ok(())
+    }
+}
+
+/// A run, with all frames on the air and its log.
+fn run(scenario: Scenario, further_stops: usize) -> (Simulation, RunRecord, [Vec<u8>; 2]) {
+    // What emulates chips is found from there.
+    env::set_current_dir(Path::new(env!("CARGO_MANIFEST_DIR")).join("..")).unwrap();
+    let image = env::var_os("NODE_IMAGE").unwrap_or_else(|| CHIP_IMAGE.into());
+    let (pcap, log) = (Pages::default(), Pages::default());
+    let options = Options {
+        chips: Some(Chips::of(Path::new(&image)).unwrap()),
+        pcap: Some(Box::new(pcap.clone())),
+        log: Some(Box::new(log.clone())),
+        further_stops,
+        ..Options::default()
+    };
+    let mut simulation = Simulation::new(scenario, options).unwrap();
+    let record = simulation.run(|_| ());
+    if let Some(trouble) = simulation.trouble() {
+        panic!("{trouble}");
+    }
+    println!(
+        "{}: {:.0} s of the network in {:.0} s",
+        record.scenario,
+        record.sim_seconds,
+        record.wall_seconds.unwrap_or_default()
+    );
+    for (id, chip) in simulation.chips() {
+        let [used, all] = chip.stack;
+        println!(
+            "node {id}: {used} of {all} bytes of stack; {} instructions; radio on for {:?} ms; flash {:?}",
+            chip.instructions,
+            chip.radio_on.map(|on| on / 1_000_000),
+            chip.flash
+        );
+        assert_eq!(chip.forbidden, [""; 0], "node {id}");
+        assert_eq!(chip.overruns, 0, "node {id}");
+        assert!((1_000..all).contains(&used), "node {id}: {used} {all}");
+    }
+    let files = [pcap, log].map(|file| file.0.take());
+    (simulation, record, files)
+}
+
+/// With twice the stops of somebody who measures exactly, for a carrier's steps are uncertain by a tenth.
+fn planned() -> Overrides {
+    Overrides {
+        stops: Some(6),
+        ..Overrides::default()
+    }
+}
+
+/// Also where power goes while flash is written. The poses of its cameras are, to the last bit, those that
+/// this processor finds from the same sightings.
+#[test]
+#[ignore = "`cargo xtask test --stage chip`"]
+fn a_network_does_the_same_each_time() {
+    let text = format!("{SMALL}{CUTS}");
+    let small = || Scenario::from_toml(&text, &planned()).unwrap();
+    let (simulation, record, files) = run(small(), 2);
+    // The verdict was made of what chips have in their flash while they run.
+    assert_eq!(simulation.further_stops(), 2);
+    check_arithmetic(&simulation, &record);
+    for node in &record.nodes {
+        let is_known = node.address.is_some() || node.role == Role::Coordinator;
+        assert!(is_known, "node {} has not joined", node.id);
+    }
+    let log = String::from_utf8_lossy(&files[1]);
+    assert_eq!(log.matches("loses its power").count(), 3, "{log}");
+    let (_, again, same) = run(small(), 2);
+    assert!(files[0].len() > 1_000);
+    assert!(files == same, "something else happened");
+    let told = |record: RunRecord| RunRecord {
+        wall_seconds: None,
+        ..record
+    };
+    assert_eq!(
+        told(again).to_json(false).unwrap(),
+        told(record).to_json(false).unwrap()
+    );
+}
+
+#[test]
+#[ignore = "`cargo xtask test --stage chip`"]
+fn lab_calibrates() {
+    let (_, record, _) = run(Scenario::load("lab", &planned()).unwrap(), 0);
+    let cameras: Vec<_> = { record.nodes.iter() }
+        .filter(|node| node.role == Role::Camera)
+        .collect();
+    assert_eq!(cameras.len(), 7);
+    for camera in cameras {
+        let error = camera.error.as_ref();
+        let error = error.unwrap_or_else(|| panic!("camera {} has no pose", camera.id));
+        let off = error.x.hypot(error.y);
+        assert!(
+            off < 3.0 && error.heading_deg.abs() < 6.0,
+            "{}: {error:?}",
+            camera.id
+        );
+        assert!(camera.nees.is_none_or(|nees| nees < 25.0), "{}", camera.id);
+    }
+    assert_eq!(record.summary.calibrated, 7);
+}

@@ -1,0 +1,257 @@
+//! Objects of the learnt colour, as cameras that track and know their poses see them (thesis 1.2).
+
+use core::time::Duration;
+
+use calib_core::{
+    Ray, Status,
+    intersection::StationBearing,
+    tracking::{Look, OBJECTS, Settings, Tracker},
+};
+use zigbee_link::Instant;
+
+use crate::{
+    console::{ToPc, TrackedObject},
+    message::{MemberAddress, PoseParts, Report, Tracked},
+};
+
+/// The PC is told of one object so often: ten times a second in all.
+const PERIOD: Duration = Duration::from_millis(100);
+
+/// In microseconds.
+const MILLISECOND: u64 = 1_000;
+
+/// What is tracked, and what the PC knows of it.
+#[derive(Clone, Debug)]
+pub(super) struct Tracking {
+    tracker: Tracker<f32>,
+    /// Numbers of objects that the PC was told of and that are not gone.
+    told: heapless::Vec<u16, OBJECTS>,
+    /// When the PC is told again, and of which object.
+    next: Option<Instant>,
+    turn: usize,
+}
+
+impl Tracking {
+    #[inline(always)]
+    pub(super) const fn new() -> Self {
+        Self {
+            tracker: Tracker::new(Settings::WALKING),
+            told: heapless::Vec::new(),
+            next: None,
+            turn: 0,
+        }
+    }
+
+    /// Takes what a camera saw. Only one that is sure of its pose tells where an object is.
+    pub(super) fn on_tracked(
+        &mut self,
+        now: Instant,
+        camera: MemberAddress,
+        tracked: &Tracked,
+        report: Option<&Report>,
+    ) {
+        let is_sure =
+            |report: &&Report| matches!(report.status(), Status::Calibrated | Status::Weak);
+        let pose = report.filter(is_sure).and_then(|report| report.pose());
+        let (Some(seen), Some(pose)) = (tracked.seen, pose.and_then(PoseParts::pose)) else {
+            return;
+        };
+        let age = u64::from(tracked.age_ms) * MILLISECOND;
+        let look = Look {
+            camera,
+            at: now.0.saturating_sub(age),
+            bearing: StationBearing {
+                pose,
+                ray: Ray::from_bearing(seen.bearing),
+                bearing_sigma: seen.sigma,
+                range: None,
+            },
+            half_width: seen.half_angle(),
+            is_wide: tracked.is_wide,
+        };
+        self.tracker.take(now.0, &look);
+        if self.next.is_none() && self.tracker.objects().next().is_some() {
+            self.next = Some(now);
+        }
+    }
+
+    /// What the PC is told now, if that is due.
+    pub(super) fn take_due(&mut self, now: Instant) -> Option<ToPc> {
+        if self.next? > now {
+            return None;
+        }
+        self.tracker.go_to(now.0);
+        let is_gone = |id: &u16| self.tracker.objects().all(|object| object.id != *id);
+        if let Some(place) = self.told.iter().position(is_gone) {
+            let id = *self.told.get(place)?;
+            self.told.retain(|told| *told != id);
+            return Some(ToPc::Object { id, object: None });
+        }
+        let count = self.tracker.objects().count();
+        if count == 0 {
+            self.next = None;
+            return None;
+        }
+        self.next = Some(now + PERIOD);
+        self.turn = (self.turn + 1) % count;
+        let object = self.tracker.objects().nth(self.turn)?;
+        if !self.told.contains(&object.id) {
+            let has_room = self.told.push(object.id).is_ok();
+            debug_assert!(has_room, "those that are gone were told");
+        }
+        let covariance = object.covariance;
+        Some(ToPc::Object {
+            id: object.id,
+            object: Some(TrackedObject {
+                place: (
+                    object.position.coords.into(),
+                    [covariance.m11, covariance.m21, covariance.m22],
+                ),
+                velocity: object.velocity.into(),
+                unseen_ms: u16::try_from(now.0.saturating_sub(object.seen) / MILLISECOND)
+                    .unwrap_or(u16::MAX),
+            }),
+        })
+    }
+
+    pub(super) fn next_due(&self) -> Option<Instant> {
+        self.next
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::vec::Vec;
+
+    use super::*;
+    use crate::message::{CameraState, Seen};
+
+    /// Cameras, and where they stand and look.
+    const CAMERAS: [(u16, [f32; 2], f32); 3] = [
+        (1, [0.0, 0.0], 0.8),
+        (2, [10.0, 0.0], 2.3),
+        (3, [5.0, 10.0], -1.6),
+    ];
+
+    fn at(milliseconds: u64) -> Instant {
+        Instant(milliseconds * 1_000)
+    }
+
+    fn report(position: [f32; 2], heading: f32, sigma: f32) -> Report {
+        let variance = sigma * sigma;
+        Report {
+            id: 1,
+            duty: None,
+            sightings: 5,
+            used: 5,
+            chi_squared: 1.0,
+            done: true,
+            joint: None,
+            state: CameraState::Calibrated(PoseParts {
+                position,
+                heading,
+                covariance: [variance, 0.0, variance, 0.0, 0.0, variance],
+            }),
+        }
+    }
+
+    fn towards([cx, cy]: [f32; 2], heading: f32, [x, y]: [f32; 2]) -> Tracked {
+        let direction = f64::from(y - cy).atan2(f64::from(x - cx)) as f32;
+        Tracked {
+            seen: Some(Seen::direction(direction - heading, 0.005)),
+            ..Tracked::default()
+        }
+    }
+
+    /// All that the PC is told while something walks from (4, 4) to the right, and when.
+    fn walk(tracking: &mut Tracking, milliseconds: u64) -> Vec<(u64, ToPc)> {
+        let mut told = Vec::new();
+        for now in (0..milliseconds).step_by(50) {
+            let place = [4.0 + now as f32 * 5e-4, 4.0];
+            let (camera, position, heading) = CAMERAS[(now / 50 % 3) as usize];
+            let report = report(position, heading, 0.01);
+            let tracked = towards(position, heading, place);
+            tracking.on_tracked(at(now), camera, &tracked, Some(&report));
+            told.extend(tracking.take_due(at(now)).map(|told| (now, told)));
+        }
+        told
+    }
+
+    #[test]
+    fn an_object_is_told_until_it_is_gone() {
+        let mut tracking = Tracking::new();
+        let told = walk(&mut tracking, 4_000);
+        // Two a second less than ten: it takes half a second to believe in it.
+        assert!((25..=36).contains(&told.len()), "{}", told.len());
+        assert!(told.windows(2).all(|pair| pair[1].0 - pair[0].0 >= 100));
+        let &(
+            now,
+            ToPc::Object {
+                id,
+                object: Some(object),
+            },
+        ) = told.last().unwrap()
+        else {
+            panic!("{told:?}");
+        };
+        let ([x, y], [xx, _, yy]) = object.place;
+        let sigma = (f64::from(xx + yy)).sqrt() as f32;
+        assert!(sigma < 0.2, "{sigma}");
+        assert!((x - 4.0 - now as f32 * 5e-4).abs() < 3.0 * sigma, "{x}");
+        assert!((y - 4.0).abs() < 3.0 * sigma, "{y}");
+        assert!((object.velocity[0] - 0.5).abs() < 0.3 && object.unseen_ms < 200);
+        // Nobody sees it any more.
+        let mut last = Vec::new();
+        for now in (4_000..12_000).step_by(50) {
+            last.extend(tracking.take_due(at(now)));
+        }
+        assert_eq!(last.last(), Some(&ToPc::Object { id, object: None }));
+        let gone = |told: &&ToPc| matches!(told, ToPc::Object { object: None, .. });
+        assert_eq!(last.iter().filter(gone).count(), 1);
+        assert_eq!(tracking.next_due(), None);
+    }
+
+    /// Nobody relies on a camera that does not know where it stands, nor on one that says so of itself.
+    #[test]
+    fn who_has_no_sure_pose_tells_nothing() {
+        for state in [
+            CameraState::Waiting,
+            CameraState::Doubtful(PoseParts {
+                position: [0.0; 2],
+                heading: 0.8,
+                covariance: [1e-4, 0.0, 1e-4, 0.0, 0.0, 1e-4],
+            }),
+        ] {
+            let mut tracking = Tracking::new();
+            for now in (0..4_000).step_by(50) {
+                for (camera, position, heading) in CAMERAS {
+                    let report = Report {
+                        state,
+                        ..report(position, heading, 0.01)
+                    };
+                    let tracked = towards(position, heading, [4.0, 4.0]);
+                    tracking.on_tracked(at(now), camera, &tracked, Some(&report));
+                    tracking.on_tracked(at(now), camera, &tracked, None);
+                }
+                assert_eq!(tracking.take_due(at(now)), None);
+            }
+        }
+    }
+
+    /// A look counts for when it was, and one that is older than any use for nothing.
+    #[test]
+    fn old_looks_are_none() {
+        let mut tracking = Tracking::new();
+        for now in (2_000..6_000).step_by(50) {
+            for (camera, position, heading) in CAMERAS {
+                let tracked = Tracked {
+                    age_ms: 900,
+                    ..towards(position, heading, [4.0, 4.0])
+                };
+                let report = report(position, heading, 0.01);
+                tracking.on_tracked(at(now), camera, &tracked, Some(&report));
+            }
+            assert_eq!(tracking.take_due(at(now)), None);
+        }
+    }
+}

@@ -1,0 +1,287 @@
+//! Emulated nRF52840s for a simulation in another process, which is at both ends of a pipe: orders come
+//! from standard input, reports go to standard output. See `chip_pipe`.
+
+use std::{
+    collections::BTreeMap,
+    error::Error,
+    fs,
+    io::{self, BufReader, BufWriter, StdinLock, StdoutLock},
+    net::{Ipv4Addr, TcpListener},
+    path::PathBuf,
+    sync::Arc,
+};
+
+use chip_pipe::{Contents, Deed, End, Frame, Order, Orders, Reception, Reports, read, write};
+use defmt_decoder::{DecodeError, StreamDecoder, Table};
+use nrf52840_emulator::{
+    self as emulator, Input, Network, Node, Outcome,
+    device::{self, Motion, Samples, World},
+    peripheral::{self, Wire},
+};
+
+/// Sensitivity of the scale of levels, dBm (Product Specification, "RADIO", `ED_RSSIOFFS`), and its end.
+const WEAKEST: i16 = -92;
+const STRONGEST: i16 = 63;
+
+/// Channel 11 is at 2405 MHz, and all are 5 MHz apart (IEEE 802.15.4-2020, 10.1.3.3).
+const SPACING: u32 = 5;
+const BELOW: u32 = 10;
+
+type Result<T> = core::result::Result<T, Box<dyn Error>>;
+
+fn main() -> Result<()> {
+    let mut pipe = Pipe {
+        orders: BufReader::new(io::stdin().lock()),
+        reports: BufWriter::new(io::stdout().lock()),
+    };
+    let image = match read(&mut pipe.orders)? {
+        Some(Orders::Load(image)) => PathBuf::from(image),
+        Some(_) => return Err("there is no program yet".into()),
+        None => return Ok(()),
+    };
+    let elf = fs::read(&image)?;
+    let table = Table::parse(&elf)?.ok_or("the program logs nothing")?;
+    let mut chips = Chips {
+        image,
+        table: &table,
+        network: Network::default(),
+        all: BTreeMap::new(),
+        debugged: None,
+    };
+    while let Some(orders) = read(&mut pipe.orders)? {
+        let reports = match orders {
+            Orders::Run { orders, until } => {
+                for (number, order) in orders {
+                    chips.obey(number, order)?;
+                }
+                chips.run(until)
+            }
+            Orders::End => chips.end()?,
+            Orders::Debug(number, port) => {
+                chips.debugged = Some((number, port));
+                continue;
+            }
+            Orders::Load(_) => return Err("there is a program already".into()),
+        };
+        write(&mut pipe.reports, &reports)?;
+    }
+    Ok(())
+}
+
+/// To the simulation and from it.
+struct Pipe {
+    orders: BufReader<StdinLock<'static>>,
+    reports: BufWriter<StdoutLock<'static>>,
+}
+
+/// A chip, with power or without.
+struct Chip<'a> {
+    /// What its flash held when its power went.
+    flash: Vec<Contents>,
+    log: Box<dyn StreamDecoder + Send + Sync + 'a>,
+    /// When power came, and what its step sensor feels since.
+    since: u64,
+    world: Arc<Samples>,
+}
+
+struct Chips<'a> {
+    image: PathBuf,
+    table: &'a Table,
+    network: Network,
+    all: BTreeMap<u32, Chip<'a>>,
+    /// Which of them waits for GDB, and at which port.
+    debugged: Option<(u32, u16)>,
+}
+
+impl<'a> Chips<'a> {
+    fn obey(&mut self, number: u32, order: Order) -> Result<()> {
+        let index = number as usize;
+        match order {
+            Order::On {
+                seed,
+                has_sensor,
+                programmed,
+            } => {
+                let table = self.table;
+                let chip = self.all.entry(number).or_insert_with(|| Chip {
+                    flash: Vec::new(),
+                    log: table.new_stream_decoder(),
+                    since: 0,
+                    world: Arc::default(),
+                });
+                chip.log = table.new_stream_decoder();
+                chip.since = self.network.reached();
+                chip.world = Arc::default();
+                let world: Arc<dyn World> = chip.world.clone();
+                let sensor = has_sensor.then(|| device::step_sensor(&world, seed));
+                let mut flash = chip.flash.clone();
+                for (address, bytes) in programmed {
+                    program(&mut flash, address, &bytes);
+                }
+                let debugged = self.debugged.filter(|(chip, _)| *chip == number);
+                let debugger = debugged
+                    .map(|(_, port)| TcpListener::bind((Ipv4Addr::LOCALHOST, port)))
+                    .transpose()?;
+                let node = Node {
+                    image: self.image.clone(),
+                    flash,
+                    debugger,
+                    peer: Some(Box::new(Wire::default())),
+                    chips: sensor.unwrap_or_default(),
+                    seed,
+                    ..Node::default()
+                };
+                self.network.switch_on(index, node);
+            }
+            Order::Off => {
+                if let Some(outcome) = self.network.switch_off(index)
+                    && let Some(chip) = self.all.get_mut(&number)
+                {
+                    chip.flash = outcome?.flash;
+                }
+            }
+            Order::Byte { at, byte } => self.network.input(index, Input::Byte(at, byte)),
+            Order::Frame(frame, reception) => {
+                let Reception {
+                    from,
+                    level,
+                    is_lost,
+                } = reception;
+                let level = (i16::from(level) - WEAKEST).clamp(0, STRONGEST) as u8;
+                let mut psdu = frame.psdu;
+                if is_lost && let Some(last) = psdu.last_mut() {
+                    // Its frame check sequence does not fit.
+                    *last = !*last;
+                }
+                let frame = peripheral::Frame {
+                    start: frame.start,
+                    node: from as usize,
+                    frequency: u32::from(frame.channel).saturating_sub(BELOW) * SPACING,
+                    power: 0,
+                    psdu,
+                };
+                self.network.input(index, Input::Frame(frame, level));
+            }
+            Order::StandInWrite => self.network.input(index, Input::StandInWrite),
+            Order::Show => self.network.input(index, Input::Show),
+            Order::Moves(motions) => {
+                if let Some(chip) = self.all.get(&number) {
+                    for motion in motions {
+                        let known = Motion {
+                            acceleration: motion.acceleration,
+                            angular_rate: motion.angular_rate,
+                            field: motion.field,
+                        };
+                        chip.world.push(motion.at.saturating_sub(chip.since), known);
+                    }
+                }
+            }
+        }
+        Ok(())
+    }
+
+    fn run(&mut self, until: u64) -> Reports {
+        let mut deeds = Vec::new();
+        for (at, index, deed) in self.network.run(until) {
+            let number = index as u32;
+            let deed = match deed {
+                emulator::Deed::Sends(frame) => {
+                    let power = frame.power;
+                    let channel = (frame.frequency / SPACING + BELOW) as u8;
+                    let (start, psdu) = (frame.start, frame.psdu);
+                    Deed::Sends(
+                        Frame {
+                            start,
+                            channel,
+                            psdu,
+                        },
+                        power,
+                    )
+                }
+                emulator::Deed::Byte(byte) => Deed::Byte(byte),
+                emulator::Deed::Pins(port, level) => Deed::Pins(port, level),
+                emulator::Deed::Memory(contents) => Deed::Memory(contents),
+                emulator::Deed::Writes(takes) => Deed::Writes(takes),
+                emulator::Deed::Reset(by) => Deed::Restarts(by),
+                emulator::Deed::Fails(why) => Deed::Fails(why),
+                emulator::Deed::Log(bytes) => {
+                    let lines = self.all.get_mut(&number).map(|chip| chip.lines(&bytes));
+                    let lines = lines.into_iter().flatten();
+                    deeds.extend(lines.map(|line| (at, number, Deed::Logs(line))));
+                    continue;
+                }
+            };
+            deeds.push((at, number, deed));
+        }
+        Reports {
+            reached: self.network.reached(),
+            deeds,
+        }
+    }
+
+    fn end(&mut self) -> Result<Reports> {
+        let reached = self.network.reached();
+        let mut deeds = Vec::new();
+        for (&number, chip) in &self.all {
+            let end = match self.network.switch_off(number as usize) {
+                Some(outcome) => end(outcome?),
+                None => End {
+                    memory: chip.flash.clone(),
+                    ..End::default()
+                },
+            };
+            deeds.push((reached, number, Deed::Ends(Box::new(end))));
+        }
+        Ok(Reports { reached, deeds })
+    }
+}
+
+impl Chip<'_> {
+    /// What the bytes complete of its log.
+    fn lines(&mut self, bytes: &[u8]) -> Vec<String> {
+        self.log.received(bytes);
+        let mut lines = Vec::new();
+        loop {
+            match self.log.decode() {
+                Ok(frame) => {
+                    let level = frame.level().map_or("", |level| level.as_str());
+                    let text = format!("{level} {}", frame.display_message());
+                    lines.push(text.trim_start().to_owned());
+                }
+                // A restart tears what was being said.
+                Err(DecodeError::Malformed) => {}
+                Err(DecodeError::UnexpectedEof) => return lines,
+            }
+        }
+    }
+}
+
+/// Puts bytes where they belong; where nothing is known yet, the flash is blank.
+fn program(flash: &mut Vec<Contents>, address: u64, bytes: &[u8]) {
+    let place = flash.iter_mut().find_map(|(start, known)| {
+        let offset = usize::try_from(address.checked_sub(*start)?).ok()?;
+        known.get_mut(offset..)?.get_mut(..bytes.len())
+    });
+    match place {
+        Some(place) => place.copy_from_slice(bytes),
+        None => flash.push((address, bytes.to_vec())),
+    }
+}
+
+fn end(outcome: Outcome) -> End {
+    let forbidden = outcome.forbidden.iter();
+    let forbidden = forbidden.map(|(who, register, what)| format!("{who} {register}: {what}"));
+    End {
+        forbidden: forbidden.chain(outcome.unmapped).collect(),
+        memory: outcome.flash,
+        stack: [
+            outcome.stack.saturating_sub(outcome.untouched),
+            outcome.stack,
+        ],
+        radio_on: outcome.radio_on,
+        received: outcome.received,
+        flash: [outcome.erased.len() as u64, outcome.written],
+        overruns: outcome.overruns,
+        instructions: outcome.instructions,
+    }
+}

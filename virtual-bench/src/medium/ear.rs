@@ -1,0 +1,32 @@
+//! The end of the medium where a radio is elsewhere.
+
+use zigbee_link::radio::Channel;
+
+use super::{NodeId, Reason};
+
+/// A frame that begins to arrive.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Arrival<'a> {
+    /// Whose.
+    pub from: NodeId,
+    /// Where.
+    pub channel: Channel,
+    /// With its FCS.
+    pub psdu: &'a [u8],
+    /// What is received of it, dBm.
+    pub strength: f32,
+    /// Why it is not received, even if nothing else is on the air: it is only a carrier then.
+    pub lost: Option<Reason>,
+}
+
+/// Is told what begins to arrive at a node. It must not use the medium.
+pub trait Ear {
+    /// A frame begins now.
+    fn hear(&mut self, arrival: Arrival<'_>);
+}
+
+impl<F: FnMut(Arrival<'_>)> Ear for F {
+    fn hear(&mut self, arrival: Arrival<'_>) {
+        self(arrival);
+    }
+}
