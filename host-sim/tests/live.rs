@@ -824,3 +824,48 @@ async fn memory_does_not_grow_without_end() {
     assert!(hour.1 < 64 << 20, "page: {measured:?}");
     browser.end().await;
 }
+
+/// The picture tells no more and no less than the record.
+#[test]
+fn a_run_becomes_a_small_picture_that_moves() {
+    let folder = TempDir::new().unwrap();
+    let [svg, json] = ["a.svg", "r.json"].map(|name| folder.path().join(name));
+    let ran = host_sim(&["run", "lab", "--animation", svg.to_str().unwrap()])
+        .args(["--json", json.to_str().unwrap()])
+        .stdout(Stdio::null())
+        .status();
+    assert!(ran.unwrap().code().is_some());
+    let text = fs::read_to_string(&svg).unwrap();
+    assert!(text.len() < 100_000, "{} bytes", text.len());
+    let drawn = roxmltree::Document::parse(&text).unwrap();
+    let named = |name: &'static str| {
+        drawn
+            .descendants()
+            .filter(move |node| node.has_tag_name(name))
+    };
+    assert_eq!(named("script").count(), 0);
+    let record = read(&json);
+    let network = record.nodes[0].network;
+    let cameras = || record.cameras().filter(|camera| camera.network == network);
+    // And the target.
+    assert_eq!(named("circle").count(), cameras().count() + 1);
+    let is_found = |camera: &&answers::record::Node| {
+        camera.status == Some(calib_core::Status::Calibrated) && camera.calibrated_seconds.is_some()
+    };
+    assert_eq!(named("ellipse").count(), cameras().filter(is_found).count());
+    assert!(named("ellipse").count() > 0);
+    // All moments are in their order, within the whole.
+    for moving in named("animate") {
+        let times = moving.attribute("keyTimes").unwrap().split(';');
+        let times: Vec<f64> = times.map(|time| time.parse().unwrap()).collect();
+        assert_eq!(
+            times.len(),
+            moving.attribute("values").unwrap().split(';').count()
+        );
+        assert!(times.is_sorted() && times[0] == 0.0, "{times:?}");
+        assert!(
+            times.iter().all(|time| (0.0..=1.0).contains(time)),
+            "{times:?}"
+        );
+    }
+}

@@ -4,6 +4,7 @@
 //! |---|---|
 //! | `editor` | A site's file as people change it |
 //! | `log` | The events so far, for whoever opens the page late |
+//! | `picture` | A run as a small picture that moves |
 //! | `server` | Serves page and events, and takes commands |
 //!
 //! The page is plain HTML, CSS and JavaScript in `page/`, embedded in the program. It asks nobody but
@@ -13,10 +14,12 @@ use answers::record::event::Event;
 
 mod editor;
 mod log;
+mod picture;
 mod server;
 
 pub use editor::{Begun, EditError, Editor, Hindrance, Judged, Layout, Placed};
 pub use log::Log;
+pub use picture::animation;
 pub use server::{About, Command, Editing, Save, Server, ServerError, serve, serve_editor};
 
 /// The page's frame.
