@@ -60,7 +60,7 @@ enum Command {
     Probe(probe::Arguments),
     Provision(Box<provision::Arguments>),
     Report(report::Arguments),
-    Run(run::Arguments),
+    Run(Box<run::Arguments>),
     Solve(solve::Arguments),
     SolveNetwork(Box<solve_network::Arguments>),
     SolveReference(solve_reference::Arguments),
