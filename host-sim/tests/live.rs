@@ -46,10 +46,12 @@ fn host_sim(arguments: &[&str]) -> Command {
 
 /// The page's server, and the URL that it prints.
 fn live(arguments: &[&str]) -> (Running, String) {
-    let mut child = host_sim(&[&["live"], arguments].concat())
-        .stdout(Stdio::piped())
-        .spawn()
-        .unwrap();
+    served(&[&["live"], arguments].concat())
+}
+
+/// A command that serves a page, and the URL that it prints.
+fn served(arguments: &[&str]) -> (Running, String) {
+    let mut child = host_sim(arguments).stdout(Stdio::piped()).spawn().unwrap();
     let mut line = String::new();
     let out = child.stdout.take().unwrap();
     BufReader::new(out).read_line(&mut line).unwrap();
@@ -119,6 +121,9 @@ impl Browser {
             // Containers have little of it.
             "--disable-dev-shm-usage",
             "--disable-background-networking",
+            // What scripts hold can be told, byte by byte.
+            "--enable-precise-memory-info",
+            "--js-flags=--expose-gc",
             format!("--user-data-dir={}", profile.path().display()),
             "--window-size=1280,1000",
         ] });
@@ -583,4 +588,284 @@ fn the_console_writes_what_cameras_track_and_what_happens() {
     let rows = fs::read_to_string(Path::new(&tracked).join("camera-1.csv")).unwrap();
     assert_eq!(rows.lines().count(), 1 + seen(&stream));
     assert!(rows.starts_with("seconds,mx,my,left,upper,right,lower,pixels,confidence\n"));
+}
+
+/// What the editor's page tells of a camera: the cells of its row.
+async fn row(browser: &Browser, camera: u16) -> Vec<String> {
+    let cells = format!(
+        "return [...document.querySelector('#cameras tr[data-camera=\"{camera}\"]').cells]
+            .map(cell => cell.textContent)"
+    );
+    serde_json::from_value(browser.run(&cells).await).unwrap()
+}
+
+/// Drags from one place of the plan to another.
+fn drag(from: [f64; 2], to: [f64; 2]) -> String {
+    let [[a, b], [c, d]] = [from, to];
+    format!(
+        "const svg = document.getElementById('site');
+         const at = (x, y) => new DOMPoint(x, -y).matrixTransform(svg.getScreenCTM());
+         const event = (name, x, y) => new PointerEvent(name,
+             {{clientX: at(x, y).x, clientY: at(x, y).y, pointerId: 1, bubbles: true}});
+         // Only pointers that there are can be captured.
+         svg.setPointerCapture = () => {{}};
+         const from = document.elementFromPoint(at({a}, {b}).x, at({a}, {b}).y);
+         from.dispatchEvent(event('pointerdown', {a}, {b}));
+         svg.dispatchEvent(event('pointermove', {c}, {d}));
+         svg.dispatchEvent(event('pointerup', {c}, {d}));"
+    )
+}
+
+/// Waits until the server has judged what was done last.
+async fn judged(browser: &Browser) {
+    let done = "return document.getElementById('link').textContent === 'computed' && isJudged()";
+    let is = "window.isJudged = () => document.body.dataset.judged !== window.judgedBefore";
+    browser.run(is).await;
+    browser.until(done).await;
+    browser
+        .run("window.judgedBefore = document.body.dataset.judged")
+        .await;
+}
+
+#[tokio::test]
+async fn a_site_is_edited_and_calibrates() {
+    let folder = TempDir::new().unwrap();
+    // A name that would be more than text, were it not escaped.
+    let [site, saved, record] = ["<img src=x onerror=alert(1)>.toml", "saved.toml", "r.json"]
+        .map(|name| folder.path().join(name));
+    let (_, thesis) = site::BUILT_IN[0];
+    let hostile = "name = \"<script>document.body.dataset.hostile = 'true'</script>\"";
+    let text = thesis.replace("name = \"thesis-13\"", hostile);
+    assert_ne!(text, thesis);
+    fs::write(&site, &text).unwrap();
+    let path = |path: &Path| path.to_str().unwrap().to_owned();
+    let (_server, url) = served(&["edit", &path(&site), "--save", &path(&saved)]);
+    let browser = Browser::start(1280).await;
+    browser.client.goto(&url).await.unwrap();
+    judged(&browser).await;
+    let before = row(&browser, 3).await;
+    assert_eq!(before[1], "15.00, 2.00");
+    let sigma = |row: &[String]| row[4].parse::<f64>().unwrap();
+    assert!(sigma(&before) > 0.0 && sigma(&before) < 0.1, "{before:?}");
+    let cells = "return document.querySelectorAll('#site .cell').length > 100";
+    assert_eq!(browser.run(cells).await, json!(true));
+
+    // Moved and turned with a pointer, and back.
+    browser.run(&drag([15.0, 2.0], [15.5, 2.5])).await;
+    judged(&browser).await;
+    let moved = row(&browser, 3).await;
+    assert_eq!(moved[1], "15.50, 2.50");
+    assert_ne!(sigma(&moved), sigma(&before));
+    browser.run("document.getElementById('undo').click()").await;
+    judged(&browser).await;
+    assert_eq!(row(&browser, 3).await, before);
+    browser.run("document.getElementById('redo').click()").await;
+    judged(&browser).await;
+    assert_eq!(row(&browser, 3).await, moved);
+    // Turned with a key.
+    let key = "document.querySelector('#site [data-key=\"camera-0-3\"]').focus();
+        document.dispatchEvent(new KeyboardEvent('keydown', {key: 'q'}))";
+    browser.run(key).await;
+    judged(&browser).await;
+    assert_eq!(row(&browser, 3).await[2], "131.0°");
+    // A further camera where it is advised.
+    browser
+        .run("document.getElementById('advise').click()")
+        .await;
+    judged(&browser).await;
+    browser
+        .run("document.querySelector('#advice button').click()")
+        .await;
+    judged(&browser).await;
+    let further = row(&browser, 14).await;
+    assert!(sigma(&further) > 0.0, "{further:?}");
+    // A wall at the border.
+    let wall = "document.getElementById('tool-wall').click();
+        const svg = document.getElementById('site');
+        const at = (x, y) => new DOMPoint(x, -y).matrixTransform(svg.getScreenCTM());
+        for (const [x, y] of [[26, 26], [27.5, 26]]) {
+            svg.dispatchEvent(new PointerEvent('pointerdown', {clientX: at(x, y).x, clientY: at(x, y).y}));
+        }
+        document.dispatchEvent(new KeyboardEvent('keydown', {key: 'Enter'}))";
+    browser.run(wall).await;
+    judged(&browser).await;
+    browser.run("document.getElementById('save').click()").await;
+    browser
+        .until("return document.getElementById('link').textContent.startsWith('saved as')")
+        .await;
+
+    // The input is as it was; of the new file only what was changed differs, and it calibrates.
+    assert_eq!(fs::read_to_string(&site).unwrap(), text);
+    let new = fs::read_to_string(&saved).unwrap();
+    let lost: Vec<_> = { text.lines() }
+        .filter(|line| !new.lines().any(|other| other == *line))
+        .collect();
+    assert_eq!(lost.len(), 1, "{lost:?}");
+    assert!(lost[0].contains("id = 3"), "{lost:?}");
+    assert!(new.contains("wall = "), "{new}");
+    let ended = host_sim(&["run", &path(&saved), "--json", &path(&record)])
+        .stdout(Stdio::null())
+        .status()
+        .unwrap();
+    assert!(ended.success());
+    let record = read(&record);
+    assert_eq!(record.cameras().count(), 14);
+    assert!(record.cameras().all(|camera| camera.estimate.is_some()));
+
+    let hostile = "return [document.body.dataset.hostile ?? null, document.getElementById('name').textContent]";
+    let name = "<script>document.body.dataset.hostile = 'true'</script>";
+    assert_eq!(browser.run(hostile).await, json!([null, name]));
+    let own = &url[..url.find('#').unwrap()];
+    browser.is_clean(own).await;
+    browser.end().await;
+
+    // Neither another page nor one without the token.
+    let host = own["http://".len()..].trim_end_matches('/');
+    let token = &url[url.find('#').unwrap() + 1..];
+    for (path, origin, token) in [
+        ("design", "http://elsewhere.example".to_owned(), token),
+        ("save", "http://elsewhere.example".to_owned(), token),
+        ("design", format!("http://{host}"), "0123"),
+        ("save", format!("http://{host}"), "0123"),
+    ] {
+        let request = format!(
+            "POST /{path} HTTP/1.1\r\nHost: {host}\r\nOrigin: {origin}\r\nX-Token: {token}\r\n\
+             Content-Type: application/json\r\nContent-Length: 2\r\nConnection: close\r\n\r\n{{}}"
+        );
+        assert_eq!(ask(&url, &request), "HTTP/1.1 403 Forbidden", "{path}");
+    }
+    let request =
+        format!("GET /site?token=0123 HTTP/1.1\r\nHost: {host}\r\nConnection: close\r\n\r\n");
+    assert_eq!(ask(&url, &request), "HTTP/1.1 403 Forbidden");
+}
+
+/// What this process takes of the machine's memory, in bytes.
+#[cfg(target_os = "linux")]
+fn resident() -> u64 {
+    let status = fs::read_to_string("/proc/self/status").unwrap();
+    let line = status.lines().find(|line| line.starts_with("VmRSS:"));
+    let kib: u64 = line
+        .unwrap()
+        .split_whitespace()
+        .nth(1)
+        .unwrap()
+        .parse()
+        .unwrap();
+    kib << 10
+}
+
+/// What the page's scripts hold, after a collection of what they do not.
+#[cfg(target_os = "linux")]
+async fn heap(browser: &Browser) -> u64 {
+    let used = "gc(); gc(); return performance.memory.usedJSHeapSize";
+    browser.run(used).await.as_u64().unwrap()
+}
+
+/// The walk of `thesis-13` again and again, without an end, as fast as the page follows. What is kept is
+/// bounded in number, so nothing grows once there is as much: at the latest after ten hours.
+#[cfg(target_os = "linux")]
+#[tokio::test]
+async fn memory_does_not_grow_without_end() {
+    let folder = TempDir::new().unwrap();
+    let file = folder.path().join("e.ndjson");
+    let ran = host_sim(&["run", "thesis-13", "--events", file.to_str().unwrap()])
+        .stdout(Stdio::null())
+        .status()
+        .unwrap();
+    assert!(ran.success());
+    let events = event::read(&fs::read(&file).unwrap()[..]).unwrap();
+    let walk = events.last().unwrap().seconds;
+    let about = host_sim::live::About {
+        name: "thesis-13".to_owned(),
+        kind: "recorded",
+    };
+    let address = "127.0.0.1:0".parse().unwrap();
+    let (server, _commands) = host_sim::live::serve(address, about).unwrap();
+    let browser = Browser::start(1280).await;
+    browser.client.goto(&server.url()).await.unwrap();
+    let mut measured = Vec::new();
+    let mut wanted = [600.0, 3600.0, 36_000.0, 72_000.0].into_iter().peekable();
+    for round in 0.. {
+        let Some(&minute) = wanted.peek() else { break };
+        let begin = walk * f64::from(round);
+        let again = events.iter().filter(|event| match event.what {
+            What::Begin { .. } => round == 0,
+            What::End { .. } => false,
+            _ => true,
+        });
+        let shifted = again.cloned().map(|mut event| {
+            event.seconds += begin;
+            event
+        });
+        let shifted: Vec<_> = shifted.collect();
+        let last = shifted.last().unwrap().seconds;
+        server.tell(shifted);
+        let shown = format!("return Number(document.body.dataset.seconds) >= {last:.3} - 0.001");
+        browser.until(&shown).await;
+        if last >= minute {
+            measured.push((last / 60.0, heap(&browser).await, resident()));
+            wanted.next();
+        }
+    }
+    for (minutes, heap, resident) in &measured {
+        println!("minute {minutes:.0}: page {heap} bytes, server {resident} bytes");
+    }
+    let [_, hour, ten, twenty] = measured[..] else {
+        panic!("{measured:?}")
+    };
+    // A picture more or less, and what the allocators keep.
+    const SLACK: u64 = 3 << 20;
+    assert!(twenty.1 <= ten.1 + ten.1 / 10 + SLACK, "page: {measured:?}");
+    assert!(
+        twenty.2 <= ten.2 + ten.2 / 10 + SLACK,
+        "server: {measured:?}"
+    );
+    // Of an hour, everything can still be played back.
+    assert!(hour.1 < 64 << 20, "page: {measured:?}");
+    browser.end().await;
+}
+
+/// The picture tells no more and no less than the record.
+#[test]
+fn a_run_becomes_a_small_picture_that_moves() {
+    let folder = TempDir::new().unwrap();
+    let [svg, json] = ["a.svg", "r.json"].map(|name| folder.path().join(name));
+    let ran = host_sim(&["run", "lab", "--animation", svg.to_str().unwrap()])
+        .args(["--json", json.to_str().unwrap()])
+        .stdout(Stdio::null())
+        .status();
+    assert!(ran.unwrap().code().is_some());
+    let text = fs::read_to_string(&svg).unwrap();
+    assert!(text.len() < 100_000, "{} bytes", text.len());
+    let drawn = roxmltree::Document::parse(&text).unwrap();
+    let named = |name: &'static str| {
+        drawn
+            .descendants()
+            .filter(move |node| node.has_tag_name(name))
+    };
+    assert_eq!(named("script").count(), 0);
+    let record = read(&json);
+    let network = record.nodes[0].network;
+    let cameras = || record.cameras().filter(|camera| camera.network == network);
+    // And the target.
+    assert_eq!(named("circle").count(), cameras().count() + 1);
+    let is_found = |camera: &&answers::record::Node| {
+        camera.status == Some(calib_core::Status::Calibrated) && camera.calibrated_seconds.is_some()
+    };
+    assert_eq!(named("ellipse").count(), cameras().filter(is_found).count());
+    assert!(named("ellipse").count() > 0);
+    // All moments are in their order, within the whole.
+    for moving in named("animate") {
+        let times = moving.attribute("keyTimes").unwrap().split(';');
+        let times: Vec<f64> = times.map(|time| time.parse().unwrap()).collect();
+        assert_eq!(
+            times.len(),
+            moving.attribute("values").unwrap().split(';').count()
+        );
+        assert!(times.is_sorted() && times[0] == 0.0, "{times:?}");
+        assert!(
+            times.iter().all(|time| (0.0..=1.0).contains(time)),
+            "{times:?}"
+        );
+    }
 }

@@ -4,7 +4,8 @@
 //! goes wrong when. [`Scenario::load`] reads and checks it. [`configs`] makes the configuration of
 //! every node of it, the same for a rehearsal and for boards; [`provision`] refuses to do so for
 //! boards while something that matters is left open. [`Scenario::put_up`] makes the world of it and
-//! plans the targets' stops where the file does not give them.
+//! plans the targets' stops where the file does not give them. [`design`] tells what to expect of it
+//! before anything is mounted.
 //!
 //! | built in | what |
 //! |---|---|
@@ -37,6 +38,7 @@
 mod assume;
 mod check;
 mod configs;
+pub mod design;
 mod error;
 mod event;
 mod file;

@@ -256,8 +256,8 @@ fn number_in_file(scenario: &Scenario, obstacle: usize) -> usize {
     number.count() + 1
 }
 
-/// Puts a checked scenario up.
-pub(super) fn put_up(scenario: &Scenario) -> Result<Site, ScenarioError> {
+/// Puts a checked scenario up, but for the stops of its targets.
+pub(super) fn furnish(scenario: &Scenario) -> Result<Site, ScenarioError> {
     let tables = scenario.world.obstacles.iter();
     let obstacles: Vec<_> = tables.flat_map(obstacles).collect();
     let mut cameras = Vec::new();
@@ -292,13 +292,32 @@ pub(super) fn put_up(scenario: &Scenario) -> Result<Site, ScenarioError> {
             networks[place].frame = home.frame;
         }
     }
-    let first_object = targets.len();
     targets.extend(scenario.objects.iter().map(|object| Target {
         place: Point2::new(ELSEWHERE, ELSEWHERE),
         radius: object.radius,
         colour: object.colour,
     }));
-    let mut world = World::new(cameras, obstacles, targets);
+    let world = World::new(cameras, obstacles, targets);
+    Ok(Site {
+        world,
+        networks,
+        objects: Vec::new(),
+    })
+}
+
+/// Puts a checked scenario up.
+pub(super) fn put_up(scenario: &Scenario) -> Result<Site, ScenarioError> {
+    with_stops(scenario, furnish(scenario)?)
+}
+
+/// Plans the stops that the scenario does not give.
+pub(super) fn with_stops(scenario: &Scenario, site: Site) -> Result<Site, ScenarioError> {
+    let Site {
+        mut world,
+        mut networks,
+        ..
+    } = site;
+    let first_object = world.targets().len() - scenario.objects.len();
     for place in 0..networks.len() {
         for target in stops(scenario, place, &networks, &world)? {
             if let Some(&first) = target.stops.first() {

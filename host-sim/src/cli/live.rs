@@ -5,7 +5,7 @@ use std::{
     fs::File,
     io::{BufRead, BufReader},
     net::{IpAddr, Ipv4Addr, SocketAddr},
-    path::{Path, PathBuf},
+    path::Path,
     process::{Command as Process, ExitCode, Stdio},
     sync::{
         Arc,
@@ -164,17 +164,21 @@ fn start(
     let (server, commands) = serve(address, About { name, kind })?;
     print(&format!("{}\n", server.url()))?;
     if arguments.open {
-        let opener = PathBuf::from("xdg-open");
-        let opened = Process::new(&opener)
-            .arg(server.url())
-            .stdout(Stdio::null())
-            .stderr(Stdio::null())
-            .spawn();
-        if opened.is_err() {
-            tell("no browser could be opened: open the URL yourself");
-        }
+        open_browser(&server.url());
     }
     Ok((server, commands))
+}
+
+/// Opens a page, if there is a browser.
+pub(super) fn open_browser(url: &str) {
+    let opened = Process::new("xdg-open")
+        .arg(url)
+        .stdout(Stdio::null())
+        .stderr(Stdio::null())
+        .spawn();
+    if opened.is_err() {
+        tell("no browser could be opened: open the URL yourself");
+    }
 }
 
 /// Nothing more happens; the page stays.

@@ -14,6 +14,7 @@ use clap::{Parser, Subcommand};
 mod camera;
 mod camera_options;
 mod console;
+mod edit;
 mod end;
 mod files;
 mod flash;
@@ -52,13 +53,14 @@ struct Cli {
 enum Command {
     Camera(camera::Arguments),
     Console(console::Arguments),
+    Edit(edit::Arguments),
     Flash(flash::Arguments),
     Keygen(keygen::Arguments),
     Live(live::Arguments),
     Probe(probe::Arguments),
     Provision(Box<provision::Arguments>),
     Report(report::Arguments),
-    Run(run::Arguments),
+    Run(Box<run::Arguments>),
     Solve(solve::Arguments),
     SolveNetwork(Box<solve_network::Arguments>),
     SolveReference(solve_reference::Arguments),
@@ -70,6 +72,7 @@ pub(crate) fn main() -> ExitCode {
     let done = match Cli::parse().command {
         Command::Camera(arguments) => camera::run(&arguments),
         Command::Console(arguments) => console::run(&arguments),
+        Command::Edit(arguments) => edit::run(&arguments),
         Command::Flash(arguments) => flash::run(&arguments),
         Command::Keygen(arguments) => keygen::run(&arguments),
         Command::Live(arguments) => live::run(&arguments),

@@ -13,7 +13,7 @@ use answers::record::{Node, RunRecord, event::Event, verdict::status_words};
 use anyhow::{Context, ensure};
 use calib_core::Status;
 use clap::{Args, ValueEnum};
-use host_sim::live::report;
+use host_sim::live::{animation, report};
 use host_sim::network::{
     CHIP_IMAGE, Chips, Emulation, IMAGE, Onlooker, Options, Progress, Simulation, TrackRow,
 };
@@ -98,6 +98,9 @@ pub(super) struct Arguments {
     /// The page of `host-sim live` with all that happened, in one file that a browser opens anywhere.
     #[arg(long, value_name = "FILE.html", value_parser = values::result())]
     report: Option<PathBuf>,
+    /// The run as a small picture that moves, for a page about it: no script, no page of its own.
+    #[arg(long, value_name = "FILE.svg", value_parser = values::result())]
+    animation: Option<PathBuf>,
     /// What every node sends and learns, with the time.
     #[arg(long, value_name = "FILE", value_parser = values::result())]
     log: Option<PathBuf>,
@@ -153,6 +156,7 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
                 &arguments.events,
                 &arguments.report,
                 &arguments.tracks,
+                &arguments.animation,
             ]
             .into_iter()
             .flatten(),
@@ -381,17 +385,20 @@ struct Onlookers {
     onlooker: Onlooker,
     file: Option<Late>,
     report: Option<PathBuf>,
+    animation: Option<PathBuf>,
     kept: Vec<Event>,
 }
 
 impl Arguments {
     fn onlooker(&self, simulation: &Simulation) -> Option<Onlookers> {
-        (self.events.is_some() || self.report.is_some()).then(|| {
+        let is_wanted = [&self.events, &self.report, &self.animation];
+        { is_wanted.into_iter().any(Option::is_some) }.then(|| {
             simulation.watch();
             Onlookers {
                 onlooker: Onlooker::default(),
                 file: self.events.as_deref().map(Late::new),
                 report: self.report.clone(),
+                animation: self.animation.clone(),
                 kept: Vec::new(),
             }
         })
@@ -411,7 +418,7 @@ impl Onlookers {
                 let _ = file.write_all(line.as_bytes());
             }
         }
-        if self.report.is_some() {
+        if self.report.is_some() || self.animation.is_some() {
             self.kept.extend(events);
         }
     }
@@ -428,6 +435,10 @@ impl Onlookers {
         if let Some(path) = &self.report {
             let page = report(&self.kept).map_err(anyhow::Error::from);
             ended = and(ended, write(path, page));
+        }
+        if let Some(path) = &self.animation {
+            let picture = animation(&self.kept).context("nobody knows where the cameras are");
+            ended = and(ended, write(path, picture));
         }
         ended
     }

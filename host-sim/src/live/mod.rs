@@ -2,7 +2,9 @@
 //!
 //! | module | job |
 //! |---|---|
+//! | `editor` | A site's file as people change it |
 //! | `log` | The events so far, for whoever opens the page late |
+//! | `picture` | A run as a small picture that moves |
 //! | `server` | Serves page and events, and takes commands |
 //!
 //! The page is plain HTML, CSS and JavaScript in `page/`, embedded in the program. It asks nobody but
@@ -10,11 +12,15 @@
 
 use answers::record::event::Event;
 
+mod editor;
 mod log;
+mod picture;
 mod server;
 
+pub use editor::{Begun, EditError, Editor, Hindrance, Judged, Layout, Placed};
 pub use log::Log;
-pub use server::{About, Command, Server, ServerError, serve};
+pub use picture::animation;
+pub use server::{About, Command, Editing, Save, Server, ServerError, serve, serve_editor};
 
 /// The page's frame.
 const INDEX: &str = include_str!("page/index.html");
@@ -31,20 +37,46 @@ const SCRIPTS: [&str; 7] = [
     include_str!("page/main.js"),
 ];
 
+/// The frame of the page on which a site is edited.
+const EDITOR: &str = include_str!("page/editor.html");
+/// What that page does.
+const EDITOR_SCRIPTS: [&str; 2] = [
+    include_str!("page/geometry.js"),
+    include_str!("page/editor.js"),
+];
+
 /// Where the page gets its style and scripts from, in `index.html`.
 const LINKED: &str = "<!-- style and script -->";
 
 /// All scripts in one.
 fn script() -> String {
+    strict(&SCRIPTS.concat())
+}
+
+/// Those of the page on which a site is edited.
+fn editor_script() -> String {
+    strict(&EDITOR_SCRIPTS.concat())
+}
+
+fn strict(script: &str) -> String {
     // In a block: names of its own.
-    format!("'use strict';\n{{\n{}}}\n", SCRIPTS.concat())
+    format!("'use strict';\n{{\n{script}}}\n")
 }
 
 /// The page as the server sends it.
 fn page() -> String {
+    linked(INDEX)
+}
+
+/// The page on which a site is edited.
+fn editor_page() -> String {
+    linked(EDITOR)
+}
+
+fn linked(page: &str) -> String {
     let linked =
         "<link rel=\"stylesheet\" href=\"style.css\">\n<script src=\"app.js\" defer></script>";
-    INDEX.replace(LINKED, linked)
+    page.replace(LINKED, linked)
 }
 
 /// The page with these events in one file, which opens without a server. It runs no script but its own,
@@ -79,7 +111,10 @@ mod tests {
     #[test]
     fn the_page_is_small_and_asks_nobody_else() {
         let page = report(&[]).unwrap();
-        assert!(page.len() <= 300_000, "{} bytes", page.len());
+        let editor = editor_page() + STYLE + &editor_script();
+        for page in [&page, &editor] {
+            assert!(page.len() <= 300_000, "{} bytes", page.len());
+        }
         for outside in [
             "http://",
             "https://",
@@ -89,6 +124,7 @@ mod tests {
             "eval(",
         ] {
             assert!(!page.contains(outside), "{outside}");
+            assert!(!editor.contains(outside), "{outside}");
         }
     }
 

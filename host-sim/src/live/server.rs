@@ -35,7 +35,9 @@ use serde::{Deserialize, Serialize};
 use tokio::sync::{mpsc as channel, watch};
 use tokio_stream::wrappers::ReceiverStream;
 
-use super::{Log, STYLE, page, script};
+use super::{
+    Editor, Layout, Log, STYLE, editor::EditError, editor_page, editor_script, page, script,
+};
 
 /// What somebody at the page wants.
 #[derive(Clone, Debug, PartialEq, Deserialize)]
@@ -104,6 +106,18 @@ pub enum Command {
     },
 }
 
+/// A site to edit, and what becomes of it.
+pub struct Editing {
+    /// The file.
+    pub editor: Editor,
+    /// Writes a text to the file that was named for it; `Err` tells why not. Otherwise the browser
+    /// downloads it.
+    pub save: Option<Save>,
+}
+
+/// See [`Editing::save`]. Returns what was done, in words.
+pub type Save = Box<dyn Fn(&str) -> Result<String, String> + Send + Sync>;
+
 /// What the page has to know of its server.
 #[derive(Clone, Debug, Serialize)]
 pub struct About {
@@ -140,6 +154,8 @@ struct Shared {
     address: SocketAddr,
     /// So that nobody takes the events of another run for those that follow.
     run: String,
+    /// A site to edit, in place of events.
+    editing: Option<Editing>,
 }
 
 fn random_hex<const N: usize>() -> Result<String, ServerError> {
@@ -156,6 +172,27 @@ pub fn serve(
     address: SocketAddr,
     about: About,
 ) -> Result<(Server, Receiver<Command>), ServerError> {
+    start(address, about, None)
+}
+
+/// Serves the page on which people edit a site from now on, as [`serve`].
+///
+/// # Errors
+/// [`ServerError`]
+pub fn serve_editor(
+    address: SocketAddr,
+    name: String,
+    editing: Editing,
+) -> Result<Server, ServerError> {
+    let kind = "site";
+    start(address, About { name, kind }, Some(editing)).map(|(server, _)| server)
+}
+
+fn start(
+    address: SocketAddr,
+    about: About,
+    editing: Option<Editing>,
+) -> Result<(Server, Receiver<Command>), ServerError> {
     let failed = |error| ServerError::Bind(address, error);
     let listener = TcpListener::bind(address).map_err(failed)?;
     listener.set_nonblocking(true).map_err(failed)?;
@@ -168,6 +205,7 @@ pub fn serve(
         token: random_hex::<16>()?,
         address: listener.local_addr().map_err(failed)?,
         run: random_hex::<4>()?,
+        editing,
     }));
     let runtime = tokio::runtime::Builder::new_current_thread()
         .enable_all()
@@ -224,6 +262,15 @@ impl Server {
         own.len() == given.len() && differ == 0
     }
 
+    /// Whether a request is of the page that this server sent, opened with the token.
+    fn is_own_page(&self, headers: &HeaderMap) -> bool {
+        let text = |name: HeaderName| headers.get(name).and_then(|value| value.to_str().ok());
+        let host = text(HOST).unwrap_or_default();
+        let is_own = text(ORIGIN) == Some(format!("http://{host}").as_str());
+        let token = text(HeaderName::from_static("x-token")).unwrap_or_default();
+        is_own && self.is_token(token)
+    }
+
     /// Whether a request names this server as its own page does.
     fn is_host(&self, host: &str) -> bool {
         let address = self.0.address;
@@ -244,16 +291,28 @@ fn router(server: Server) -> Router {
     let of = |kind: &'static str, text: fn() -> String| {
         get(move || async move { ([(CONTENT_TYPE, kind)], text()) })
     };
-    Router::new()
-        .route("/", of("text/html; charset=utf-8", page))
-        .route("/app.js", of("text/javascript; charset=utf-8", script))
+    let routes = match &server.0.editing {
+        Some(_) => Router::new()
+            .route("/", of("text/html; charset=utf-8", editor_page))
+            .route(
+                "/app.js",
+                of("text/javascript; charset=utf-8", editor_script),
+            )
+            .route("/site", get(site))
+            .route("/design", post(design))
+            .route("/save", post(save)),
+        None => Router::new()
+            .route("/", of("text/html; charset=utf-8", page))
+            .route("/app.js", of("text/javascript; charset=utf-8", script))
+            .route("/events", get(events))
+            .route("/command", post(command)),
+    };
+    routes
         .route(
             "/style.css",
             of("text/css; charset=utf-8", || STYLE.to_owned()),
         )
         .route("/about", get(about))
-        .route("/events", get(events))
-        .route("/command", post(command))
         .layer(middleware::from_fn_with_state(server.clone(), guard))
         .with_state(server)
 }
@@ -346,11 +405,7 @@ async fn command(
     headers: HeaderMap,
     command: Result<Json<Command>, axum::extract::rejection::JsonRejection>,
 ) -> Response {
-    let text = |name: HeaderName| headers.get(name).and_then(|value| value.to_str().ok());
-    let host = text(HOST).unwrap_or_default();
-    let is_own = text(ORIGIN) == Some(format!("http://{host}").as_str());
-    let token = text(HeaderName::from_static("x-token")).unwrap_or_default();
-    if !is_own || !server.is_token(token) {
+    if !server.is_own_page(&headers) {
         return StatusCode::FORBIDDEN.into_response();
     }
     match command {
@@ -363,4 +418,82 @@ async fn command(
         }
         Err(wrong) => (StatusCode::UNPROCESSABLE_ENTITY, wrong.body_text()).into_response(),
     }
+}
+
+async fn site(State(server): State<Server>, Query(given): Query<Token>) -> Response {
+    if !server.is_token(&given.token) {
+        return StatusCode::FORBIDDEN.into_response();
+    }
+    match (server.0.editing.as_ref()).map(|editing| editing.editor.begun()) {
+        Some(Ok(begun)) => Json(begun).into_response(),
+        Some(Err(error)) => unusable(&error),
+        None => StatusCode::NOT_FOUND.into_response(),
+    }
+}
+
+fn unusable(error: &EditError) -> Response {
+    (StatusCode::UNPROCESSABLE_ENTITY, error.to_string()).into_response()
+}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Asked {
+    layout: Layout,
+    #[serde(default)]
+    advice: bool,
+}
+
+/// Does something with a layout, on a thread on which it may take its time.
+async fn with_layout(
+    server: Server,
+    headers: HeaderMap,
+    asked: Result<Json<Asked>, axum::extract::rejection::JsonRejection>,
+    work: fn(&Editing, &Asked) -> Response,
+) -> Response {
+    if !server.is_own_page(&headers) {
+        return StatusCode::FORBIDDEN.into_response();
+    }
+    let Json(asked) = match asked {
+        Ok(asked) => asked,
+        Err(wrong) => {
+            return (StatusCode::UNPROCESSABLE_ENTITY, wrong.body_text()).into_response();
+        }
+    };
+    let work = move || match &server.0.editing {
+        Some(editing) => work(editing, &asked),
+        None => StatusCode::NOT_FOUND.into_response(),
+    };
+    let done = tokio::task::spawn_blocking(work).await;
+    done.unwrap_or_else(|_| StatusCode::INTERNAL_SERVER_ERROR.into_response())
+}
+
+async fn design(
+    State(server): State<Server>,
+    headers: HeaderMap,
+    asked: Result<Json<Asked>, axum::extract::rejection::JsonRejection>,
+) -> Response {
+    let work = |editing: &Editing, asked: &Asked| {
+        Json(editing.editor.judge(&asked.layout, asked.advice)).into_response()
+    };
+    with_layout(server, headers, asked, work).await
+}
+
+/// Writes the file, or answers with its text.
+async fn save(
+    State(server): State<Server>,
+    headers: HeaderMap,
+    asked: Result<Json<Asked>, axum::extract::rejection::JsonRejection>,
+) -> Response {
+    let work = |editing: &Editing, asked: &Asked| {
+        let text = match editing.editor.text(&asked.layout) {
+            Ok(text) => text,
+            Err(error) => return unusable(&error),
+        };
+        match editing.save.as_ref().map(|save| save(&text)) {
+            None => ([(CONTENT_TYPE, "application/toml; charset=utf-8")], text).into_response(),
+            Some(Ok(words)) => words.into_response(),
+            Some(Err(words)) => (StatusCode::INTERNAL_SERVER_ERROR, words).into_response(),
+        }
+    };
+    with_layout(server, headers, asked, work).await
 }

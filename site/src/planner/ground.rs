@@ -17,17 +17,17 @@ const CANDIDATES: usize = 96;
 
 /// Cameras, obstacles and a ball.
 #[derive(Clone, Copy)]
-pub(super) struct Ground<'a> {
-    pub(super) world: &'a World,
+pub(crate) struct Ground<'a> {
+    pub(crate) world: &'a World,
     /// Lowest and highest corner of where the target may go.
-    pub(super) bounds: [Point2<f64>; 2],
+    pub(crate) bounds: [Point2<f64>; 2],
     /// Of the ball.
-    pub(super) radius: f64,
+    pub(crate) radius: f64,
 }
 
 impl Ground<'_> {
     /// Whether a camera would measure a ball there well.
-    pub(super) fn suits(&self, camera: usize, place: Point2<f64>) -> bool {
+    pub(crate) fn suits(&self, camera: usize, place: Point2<f64>) -> bool {
         let Some(sight) = self.world.sight(camera, place, self.radius) else {
             return false;
         };
@@ -39,7 +39,7 @@ impl Ground<'_> {
             && sight.distance + self.radius <= camera.range
     }
 
-    pub(super) fn is_free(&self, place: Point2<f64>) -> bool {
+    pub(crate) fn is_free(&self, place: Point2<f64>) -> bool {
         let [low, high] = self.bounds;
         let margin = Vector2::repeat(self.radius);
         let inside = place >= low + margin && place <= high - margin;

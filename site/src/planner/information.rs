@@ -20,7 +20,7 @@ impl Noise {
     pub const COLUMNS: f64 = 0.25;
 
     /// Standard deviation of a bearing of a target at a place, radians: of the column alone.
-    pub(super) fn sigma(&self, camera: &Camera, place: Point2<f64>) -> f64 {
+    pub(crate) fn sigma(&self, camera: &Camera, place: Point2<f64>) -> f64 {
         sighting(camera, place, self).bearing_sigma
     }
 }
@@ -53,7 +53,7 @@ pub(super) fn bearing_sigma(camera: &Camera, place: Point2<f64>, noise: &Noise) 
 /// About `(heading 0, heading 1, x, y, frame heading, baseline)`, from one stop that both references
 /// see: x and y of the walk as a whole, whose displacements are known, turned about the middle of
 /// the baseline.
-pub(super) fn of_reference_stop(
+pub(crate) fn of_reference_stop(
     cameras: [&Camera; 2],
     place: Point2<f64>,
     noise: &Noise,
@@ -82,7 +82,7 @@ pub(super) fn of_reference_stop(
 }
 
 /// What is known of [`of_reference_stop`]'s unknowns beforehand, as information.
-pub(super) fn known_beforehand(known: &Known<f64>) -> Matrix6<f64> {
+pub(crate) fn known_beforehand(known: &Known<f64>) -> Matrix6<f64> {
     const CERTAIN: f64 = 1e12;
     let mut information = Matrix6::zeros();
     information[(4, 4)] = known.frame_heading.map_or(0.0, |_| CERTAIN);
@@ -91,7 +91,7 @@ pub(super) fn known_beforehand(known: &Known<f64>) -> Matrix6<f64> {
 }
 
 /// The bound on the covariance; `None` if something remains undetermined.
-pub(super) fn bound<const N: usize>(
+pub(crate) fn bound<const N: usize>(
     information: &SMatrix<f64, N, N>,
 ) -> Option<SMatrix<f64, N, N>> {
     let inverse = information.cholesky()?.inverse();

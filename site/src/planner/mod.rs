@@ -62,9 +62,10 @@ mod symmetric;
 
 use exchange::{Choice, Design};
 use first_sightings::FirstSightings;
-use ground::Ground;
+pub(crate) use ground::Ground;
 pub use ground::NEAREST;
 pub use information::{Noise, column_angle, of_sighting};
+pub(crate) use information::{bound, known_beforehand, of_reference_stop};
 pub use next::{Advice, PairWish, Wish};
 pub use redundancy::{
     CheckStop, CheckWish, Checks, Level, Look, Measurement, RARE, Redundancy, Steps, Survey,

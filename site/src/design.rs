@@ -1,0 +1,636 @@
+//! What a site is worth before anything is mounted: who sees what, how well cameras would know their
+//! poses, how well they would then tell where a target is, and where one more would help most.
+//!
+//! All of it is Fisher information, whose inverse bounds the covariance (Cramer-Rao), with the noise
+//! that the [planner](crate::planner) counts with.
+
+use std::f64::consts::TAU;
+
+use nalgebra::{Matrix2, Matrix3, Matrix6, Point2, Vector2, Vector3};
+use serde::Serialize;
+
+use crate::{
+    Network, Scenario, ScenarioError, Site,
+    planner::{Ground, Noise, Wish, bound, known_beforehand, of_reference_stop, of_sighting},
+    put_up,
+    world::{Camera, World},
+};
+
+/// How the advice is found, in words.
+pub const METHOD: &str = "grid search: of each place (and, of a camera, each direction), the predicted \
+    gain of Fisher information in bits; a camera's is the mean over the places where a target can stand";
+
+/// Cells along the longer side of the site.
+const CELLS: f64 = 40.0;
+/// Places along the longer side where one more camera might be.
+const PLACES: f64 = 16.0;
+/// Directions into which it might look.
+const DIRECTIONS: u32 = 16;
+/// A target where no network has one.
+const RADIUS: f64 = 0.15;
+
+/// What to expect of a site.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Design {
+    /// Why it cannot be calibrated as it is, if so.
+    pub problem: Option<String>,
+    /// Its cameras, network by network.
+    pub cameras: Vec<Expected>,
+    /// Where targets stop in the rehearsal, of all networks.
+    pub stops: Vec<[f64; 2]>,
+    /// What a target can be seen of.
+    pub coverage: Coverage,
+}
+
+/// What to expect of a camera.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Expected {
+    /// The network that it belongs to, from 0.
+    pub network: usize,
+    /// Its number.
+    pub id: u16,
+    /// It defines the frame.
+    pub reference: bool,
+    /// Field of view, degrees.
+    pub field_of_view_deg: f64,
+    /// How far it sees.
+    pub range: f64,
+    /// How many of the stops it would measure.
+    pub stops: usize,
+    /// Bound on the standard deviation of its place, as the root of the sum over both axes; `None`
+    /// if the stops leave something undetermined. The error of the references, which moves all alike,
+    /// is not in it.
+    pub sigma_position: Option<f64>,
+    /// Bound on the standard deviation of its heading, degrees.
+    pub sigma_heading_deg: Option<f64>,
+    /// Bound on the covariance of its `(x, y)`.
+    pub covariance: Option<[[f64; 2]; 2]>,
+}
+
+/// A grid over the site.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Coverage {
+    /// Its lowest corner.
+    pub low: [f64; 2],
+    /// Side of a cell.
+    pub step: f64,
+    /// Cells along x.
+    pub columns: usize,
+    /// Cells along y.
+    pub rows: usize,
+    /// How many cameras would measure a target in the middle of each cell, row by row from the lowest;
+    /// `None` where none can stand.
+    pub seen_by: Vec<Option<u16>>,
+    /// Bound on the standard deviation of the place of a target there, as the root of the sum over both
+    /// axes: of the network that tells it best. `None` where fewer than two of its cameras of known
+    /// pose see it.
+    pub sigma: Vec<Option<f64>>,
+}
+
+/// Where one more would help most, the best first, each with those before it in place.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Advice {
+    /// How it was found: [`METHOD`].
+    pub method: &'static str,
+    /// Cameras like the first one of the site, whose poses would be known.
+    pub cameras: Vec<FurtherCamera>,
+    /// Stops.
+    pub stops: Vec<FurtherStop>,
+}
+
+/// A camera that there might be.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct FurtherCamera {
+    /// Where.
+    pub x: f64,
+    /// Where.
+    pub y: f64,
+    /// Direction, degrees from the x axis.
+    pub heading_deg: f64,
+    /// What it would tell of a target's place, mean over the places where one can stand.
+    pub gain_bits: f64,
+}
+
+/// A stop that there might be.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct FurtherStop {
+    /// Where.
+    pub x: f64,
+    /// Where.
+    pub y: f64,
+    /// What it would tell of the poses of all cameras that see it.
+    pub gain_bits: f64,
+    /// Numbers of these cameras.
+    pub seen_by: Vec<u16>,
+}
+
+/// A site with what is known of its cameras' poses.
+struct Prospect {
+    site: Site,
+    problem: Option<String>,
+    radius: f64,
+    noise: Noise,
+    bounds: [Point2<f64>; 2],
+    /// Of each of the world's cameras: network, place among its cameras, information about its pose from
+    /// the stops, and covariance.
+    known: Vec<Known>,
+}
+
+#[derive(Clone)]
+struct Known {
+    network: usize,
+    id: u16,
+    reference: bool,
+    stops: usize,
+    information: Matrix3<f64>,
+    covariance: Option<Matrix3<f64>>,
+}
+
+impl Design {
+    /// What to expect of a site.
+    ///
+    /// # Errors
+    /// It cannot be put up at all: a camera has no place, or stands in an obstacle. That no way for its
+    /// targets can be planned is a [`problem`](Design::problem).
+    pub fn of(scenario: &Scenario) -> Result<Self, ScenarioError> {
+        let prospect = Prospect::new(scenario)?;
+        let cameras = prospect.known.iter().zip(prospect.site.world.cameras());
+        let cameras = cameras.map(|(known, camera)| Expected {
+            network: known.network,
+            id: known.id,
+            reference: known.reference,
+            field_of_view_deg: (camera.lens.bearing(0.0).abs() * 2.0).to_degrees(),
+            range: camera.range,
+            stops: known.stops,
+            sigma_position: known.covariance.map(|v| (v.m11 + v.m22).sqrt()),
+            sigma_heading_deg: known.covariance.map(|v| v.m33.sqrt().to_degrees()),
+            covariance: known.covariance.map(|v| [[v.m11, v.m12], [v.m21, v.m22]]),
+        });
+        let targets = prospect.site.networks.iter().flat_map(|n| &n.targets);
+        let stops = targets.flat_map(|target| &target.stops);
+        Ok(Self {
+            cameras: cameras.collect(),
+            stops: stops.map(|&stop| stop.into()).collect(),
+            coverage: prospect.coverage(),
+            problem: prospect.problem,
+        })
+    }
+}
+
+impl Advice {
+    /// Where so many further cameras, and so many further stops, would help most.
+    ///
+    /// # Errors
+    /// As of [`Design::of`].
+    pub fn on(scenario: &Scenario, most: usize) -> Result<Self, ScenarioError> {
+        let prospect = Prospect::new(scenario)?;
+        Ok(Self {
+            method: METHOD,
+            cameras: prospect.further_cameras(most),
+            stops: prospect.further_stops(most),
+        })
+    }
+}
+
+/// Middles of cells of a grid, row by row.
+struct Grid {
+    low: Point2<f64>,
+    step: f64,
+    columns: usize,
+    rows: usize,
+}
+
+impl Grid {
+    fn new([low, high]: [Point2<f64>; 2], along: f64) -> Self {
+        let size = high - low;
+        let step = size.max() / along;
+        let count = |length: f64| ((length / step).round() as usize).max(1);
+        Self {
+            low,
+            step,
+            columns: count(size.x),
+            rows: count(size.y),
+        }
+    }
+
+    fn places(&self) -> impl Iterator<Item = Point2<f64>> + use<> {
+        let &Self {
+            low,
+            step,
+            columns,
+            rows,
+        } = self;
+        let middle = move |n: usize| (n as f64 + 0.5) * step;
+        (0..rows * columns)
+            .map(move |n| low + Vector2::new(middle(n % columns), middle(n / columns)))
+    }
+}
+
+/// About the place of a target, from one bearing of a camera whose pose has this covariance.
+fn of_bearing(
+    camera: &Camera,
+    covariance: &Matrix3<f64>,
+    place: Point2<f64>,
+    noise: &Noise,
+) -> Matrix2<f64> {
+    let to = place - camera.place;
+    let across = Vector2::new(-to.y, to.x) / to.norm_squared();
+    let of_pose = Vector3::new(-across.x, -across.y, -1.0);
+    let variance = noise.sigma(camera, place).powi(2) + of_pose.dot(&(covariance * of_pose));
+    across * across.transpose() / variance
+}
+
+fn sigma(information: &Matrix2<f64>) -> Option<f64> {
+    bound(information).map(|covariance| covariance.trace().sqrt())
+}
+
+impl Prospect {
+    fn new(scenario: &Scenario) -> Result<Self, ScenarioError> {
+        let bare = put_up::furnish(scenario).map_err(|error| scenario.located(error))?;
+        let (site, problem) = match put_up::with_stops(scenario, bare.clone()) {
+            Ok(site) => (site, None),
+            Err(error) => (bare, Some(scenario.located(error).to_string())),
+        };
+        let radius = site.world.targets().first().map_or(RADIUS, |t| t.radius);
+        let mut targets = site.networks.iter().flat_map(|network| &network.targets);
+        let standing = targets.next().map_or(0.0, |t| t.gait.standing_sigma());
+        let world = &scenario.world;
+        let mut prospect = Self {
+            problem,
+            radius,
+            noise: Noise {
+                columns: Noise::COLUMNS,
+                standing,
+            },
+            bounds: [world.low, world.high].map(Point2::from),
+            known: Vec::new(),
+            site,
+        };
+        let networks = prospect.site.networks.iter().enumerate();
+        prospect.known = networks
+            .flat_map(|(number, network)| prospect.known(number, network))
+            .collect();
+        Ok(prospect)
+    }
+
+    fn ground<'a>(&self, world: &'a World) -> Ground<'a> {
+        Ground {
+            world,
+            bounds: self.bounds,
+            radius: self.radius,
+        }
+    }
+
+    fn known(&self, number: usize, network: &Network) -> Vec<Known> {
+        let world = &self.site.world;
+        let ground = self.ground(world);
+        // Targets of another network may bring the frame.
+        let visitors = self.site.networks.iter().enumerate();
+        let visitors = visitors.filter(|(n, _)| *n == number || network.home == Some(*n));
+        let stops: Vec<_> = visitors
+            .flat_map(|(_, network)| network.targets.iter().flat_map(|t| t.stops.clone()))
+            .collect();
+        let references = network.references.map(|index| network.cameras[index].index);
+        let pair = self.references(network, references, &stops);
+        let of = |node: &crate::CameraNode| {
+            let camera = &world.cameras()[node.index];
+            let seen = stops.iter().filter(|&&stop| ground.suits(node.index, stop));
+            let seen: Vec<_> = seen.collect();
+            let information = { seen.iter() }
+                .map(|&&stop| of_sighting(camera, stop, &self.noise))
+                .sum();
+            let place = references.iter().position(|&index| index == node.index);
+            let place = place.filter(|_| network.home.is_none());
+            Known {
+                network: number,
+                id: node.id,
+                reference: place.is_some(),
+                stops: seen.len(),
+                information,
+                covariance: match place {
+                    Some(place) => pair.map(|pair| pair[place]),
+                    None if seen.len() < 3 => None,
+                    None => bound(&information),
+                },
+            }
+        };
+        network.cameras.iter().map(of).collect()
+    }
+
+    /// Covariances of the references: their places are the frame.
+    fn references(
+        &self,
+        network: &Network,
+        indices: [usize; 2],
+        stops: &[Point2<f64>],
+    ) -> Option<[Matrix3<f64>; 2]> {
+        let world = &self.site.world;
+        let ground = self.ground(world);
+        let cameras = indices.map(|index| &world.cameras()[index]);
+        let both = |stop: &&Point2<f64>| indices.iter().all(|&index| ground.suits(index, **stop));
+        let told: Matrix6<f64> = { stops.iter().filter(both) }
+            .map(|&stop| of_reference_stop(cameras, stop, &self.noise))
+            .sum();
+        let covariance = bound(&(told + known_beforehand(&network.known)))?;
+        let along = (cameras[1].place - cameras[0].place).normalize();
+        let second = along * along.transpose() * covariance.m66;
+        let mut found = [Matrix3::zeros(); 2];
+        found[1].fixed_view_mut::<2, 2>(0, 0).copy_from(&second);
+        (found[0].m33, found[1].m33) = (covariance.m11, covariance.m22);
+        Some(found)
+    }
+
+    /// Cameras that would measure a target there.
+    fn seen_by(&self, place: Point2<f64>) -> Vec<usize> {
+        let world = &self.site.world;
+        let mut cameras = world.cameras_that_see(place, self.radius);
+        cameras.retain(|&camera| self.ground(world).suits(camera, place));
+        cameras
+    }
+
+    /// What the cameras of a network tell of the place of a target, and how many do.
+    fn information(
+        &self,
+        seen_by: &[usize],
+        network: usize,
+        place: Point2<f64>,
+    ) -> (Matrix2<f64>, usize) {
+        let own = seen_by.iter().filter_map(|&camera| {
+            let known = &self.known[camera];
+            let covariance = known
+                .covariance
+                .as_ref()
+                .filter(|_| known.network == network)?;
+            let camera = &self.site.world.cameras()[camera];
+            Some(of_bearing(camera, covariance, place, &self.noise))
+        });
+        own.fold((Matrix2::zeros(), 0), |(sum, count), one| {
+            (sum + one, count + 1)
+        })
+    }
+
+    fn coverage(&self) -> Coverage {
+        let grid = Grid::new(self.bounds, CELLS);
+        let ground = self.ground(&self.site.world);
+        let of = |place: Point2<f64>| {
+            if !ground.is_free(place) {
+                return (None, None);
+            }
+            let cameras = self.seen_by(place);
+            let networks = 0..self.site.networks.len();
+            let sigmas = networks.filter_map(|network| {
+                let (information, count) = self.information(&cameras, network, place);
+                if count < 2 { None } else { sigma(&information) }
+            });
+            let best = sigmas.min_by(f64::total_cmp);
+            (u16::try_from(cameras.len()).ok(), best)
+        };
+        let (seen_by, sigma) = grid.places().map(of).unzip();
+        Coverage {
+            low: grid.low.into(),
+            step: grid.step,
+            columns: grid.columns,
+            rows: grid.rows,
+            seen_by,
+            sigma,
+        }
+    }
+
+    fn further_cameras(&self, most: usize) -> Vec<FurtherCamera> {
+        let world = &self.site.world;
+        let Some(&like) = world.cameras().first() else {
+            return Vec::new();
+        };
+        let ground = self.ground(world);
+        // Before anything is seen, a target is somewhere in a camera's range.
+        let before = Matrix2::identity() / like.range.powi(2);
+        let free = Grid::new(self.bounds, CELLS)
+            .places()
+            .filter(|&place| ground.is_free(place));
+        let mut cells: Vec<_> = free
+            .map(|place| {
+                let seen_by = self.seen_by(place);
+                let networks = 0..self.site.networks.len();
+                let told = networks.map(|network| self.information(&seen_by, network, place).0);
+                let best = told.max_by(|a, b| {
+                    (a + before)
+                        .determinant()
+                        .total_cmp(&(b + before).determinant())
+                });
+                (place, before + best.unwrap_or_default())
+            })
+            .collect();
+        let obstacles = world.obstacles().to_vec();
+        let mut alone = World::new(vec![like], obstacles, Vec::new());
+        let places = Grid::new(self.bounds, PLACES).places();
+        let inside = |place: &Point2<f64>| !world.obstacles().iter().any(|o| o.contains(*place));
+        let places: Vec<_> = places.filter(inside).collect();
+        let certain = Matrix3::zeros();
+        let mut found = Vec::new();
+        while found.len() < most {
+            let mut best: Option<(f64, Point2<f64>, f64)> = None;
+            for &place in &places {
+                for n in 0..DIRECTIONS {
+                    let heading = f64::from(n) / f64::from(DIRECTIONS) * TAU;
+                    alone.move_camera(0, place, heading);
+                    let gain = self.gain_of(&alone, &cells);
+                    if gain > best.map_or(0.0, |(gain, ..)| gain) {
+                        best = Some((gain, place, heading));
+                    }
+                }
+            }
+            let Some((gain, place, heading)) = best else {
+                break;
+            };
+            alone.move_camera(0, place, heading);
+            let seen = self.ground(&alone);
+            for (cell, information) in &mut cells {
+                if seen.suits(0, *cell) {
+                    *information += of_bearing(&alone.cameras()[0], &certain, *cell, &self.noise);
+                }
+            }
+            found.push(FurtherCamera {
+                x: place.x,
+                y: place.y,
+                heading_deg: heading.to_degrees(),
+                gain_bits: gain / cells.len().max(1) as f64,
+            });
+        }
+        found
+    }
+
+    /// Bits that the one camera of a world adds, in all.
+    fn gain_of(&self, alone: &World, cells: &[(Point2<f64>, Matrix2<f64>)]) -> f64 {
+        let camera = &alone.cameras()[0];
+        let ground = self.ground(alone);
+        let ahead = Vector2::new(camera.heading.cos(), camera.heading.sin());
+        let near = |place: Point2<f64>| {
+            let to = place - camera.place;
+            // Cheaper than a look, and no lens sees behind itself.
+            to.norm_squared() <= camera.range.powi(2) && to.dot(&ahead) > 0.0
+        };
+        let seen = cells
+            .iter()
+            .filter(|(place, _)| near(*place) && ground.suits(0, *place));
+        seen.map(|(place, before)| {
+            let more = of_bearing(camera, &Matrix3::zeros(), *place, &self.noise);
+            0.5 * ((before + more).determinant() / before.determinant()).log2()
+        })
+        .sum()
+    }
+
+    fn further_stops(&self, most: usize) -> Vec<FurtherStop> {
+        let world = &self.site.world;
+        let ground = self.ground(world);
+        let cameras = self.known.iter().zip(world.cameras());
+        let mut known: Vec<_> = cameras
+            .map(|(known, camera)| known.information + Wish::nothing_known(camera.range))
+            .collect();
+        let free = Grid::new(self.bounds, CELLS)
+            .places()
+            .filter(|&place| ground.is_free(place));
+        let looks: Vec<_> = free
+            .map(|place| {
+                let mut seen_by = self.seen_by(place);
+                // References have their places by definition.
+                seen_by.retain(|&camera| !self.known[camera].reference);
+                (place, seen_by)
+            })
+            .collect();
+        let of = |camera: usize, place| of_sighting(&world.cameras()[camera], place, &self.noise);
+        let mut found = Vec::new();
+        while found.len() < most {
+            let gains = looks.iter().map(|(place, seen_by)| {
+                let gain = |&camera: &usize| {
+                    let before: &Matrix3<f64> = &known[camera];
+                    let after = before + of(camera, *place);
+                    0.5 * (after.determinant() / before.determinant()).log2()
+                };
+                (seen_by.iter().map(gain).sum::<f64>(), place, seen_by)
+            });
+            let best = gains.max_by(|a, b| a.0.total_cmp(&b.0));
+            let Some((gain_bits, &place, seen_by)) = best.filter(|(gain, ..)| *gain > 0.0) else {
+                break;
+            };
+            for &camera in seen_by {
+                known[camera] += of(camera, place);
+            }
+            found.push(FurtherStop {
+                x: place.x,
+                y: place.y,
+                gain_bits,
+                seen_by: seen_by
+                    .iter()
+                    .map(|&camera| self.known[camera].id)
+                    .collect(),
+            });
+        }
+        found
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use calib_core::{
+        Pose, Ray,
+        intersection::{StationBearing, locate},
+    };
+
+    use super::*;
+    use crate::Overrides;
+
+    fn thesis() -> Scenario {
+        Scenario::load("thesis-13", &Overrides::default()).unwrap()
+    }
+
+    #[test]
+    fn cameras_are_as_well_known_as_the_plan_says() {
+        let scenario = thesis();
+        let design = Design::of(&scenario).unwrap();
+        assert_eq!(design.problem, None);
+        let site = scenario.put_up().unwrap();
+        let plan = site.networks[0].targets[0].plan.as_ref().unwrap();
+        assert_eq!(plan.cameras.len(), 11);
+        for (index, planned) in &plan.cameras {
+            let planned = planned.unwrap();
+            let sigma = design.cameras[*index].sigma_position.unwrap();
+            assert!((sigma / (planned.m11 + planned.m22).sqrt() - 1.0).abs() < 1e-9);
+        }
+        let references: Vec<_> = design.cameras.iter().filter(|c| c.reference).collect();
+        assert_eq!(references.len(), 2);
+        for (place, camera) in references.iter().enumerate() {
+            let planned = plan.references[(place, place)].sqrt().to_degrees();
+            assert!((camera.sigma_heading_deg.unwrap() / planned - 1.0).abs() < 1e-9);
+        }
+    }
+
+    /// The oracle solves for the place of a target.
+    #[test]
+    fn places_are_as_well_known_as_an_intersection_of_their_bearings() {
+        let prospect = Prospect::new(&thesis()).unwrap();
+        let coverage = prospect.coverage();
+        let grid = Grid::new(prospect.bounds, CELLS);
+        let mut count = 0;
+        for (place, sigma) in grid.places().zip(&coverage.sigma) {
+            let seen_by = prospect.seen_by(place);
+            let bearing = |&index: &usize| {
+                let camera = &prospect.site.world.cameras()[index];
+                StationBearing {
+                    pose: Pose {
+                        position: camera.place,
+                        heading: camera.heading,
+                        covariance: prospect.known[index].covariance.unwrap(),
+                    },
+                    ray: Ray::towards(camera.place, camera.heading, place),
+                    bearing_sigma: prospect.noise.sigma(camera, place),
+                    range: None,
+                }
+            };
+            let bearings: Vec<_> = seen_by.iter().map(bearing).collect();
+            let Some(sigma) = sigma else {
+                assert!(
+                    bearings.len() < 2 || !prospect.ground(&prospect.site.world).is_free(place)
+                );
+                continue;
+            };
+            let solved = locate(&bearings).unwrap().covariance.trace().sqrt();
+            assert!(
+                (sigma / solved - 1.0).abs() < 1e-6,
+                "{place}: {sigma} {solved}"
+            );
+            count += 1;
+        }
+        assert!(count > 50, "{count}");
+    }
+
+    #[test]
+    fn advice_sees_what_nobody_sees_and_helps() {
+        let mut scenario = thesis();
+        let advice = Advice::on(&scenario, 2).unwrap();
+        assert_eq!([advice.cameras.len(), advice.stops.len()], [2, 2]);
+        assert!(advice.cameras[0].gain_bits >= advice.cameras[1].gain_bits);
+        assert!(advice.stops[0].gain_bits >= advice.stops[1].gain_bits);
+        let seen = |scenario: &Scenario| {
+            let coverage = Design::of(scenario).unwrap().coverage;
+            coverage
+                .seen_by
+                .iter()
+                .flatten()
+                .map(|&n| usize::from(n))
+                .sum::<usize>()
+        };
+        let before = seen(&scenario);
+        let best = &advice.cameras[0];
+        scenario.networks[0].cameras.push(crate::PlacedCamera {
+            id: 14,
+            x: Some(best.x),
+            y: Some(best.y),
+            heading_deg: Some(best.heading_deg),
+            ..Default::default()
+        });
+        assert!(seen(&scenario) > before + 10);
+        // Not all gain is of the grid's making: with that camera there, the next one gains less.
+        let next = Advice::on(&scenario, 1).unwrap();
+        assert!(next.cameras[0].gain_bits <= best.gain_bits);
+    }
+}
