@@ -154,7 +154,10 @@ fn lines_of_format_1_stay_as_they_are() {
 {"seconds":1.5,"event":"stop_ends","target":20}
 {"seconds":1.5,"event":"place","target":20,"x":2.0,"y":3.5}
 {"seconds":1.5,"event":"seen","node":3,"target":20,"bearing_deg":-12.5,"sigma_deg":0.25}
-{"seconds":1.5,"event":"tracked","node":3,"middle":[44,70],"edges":[40,60,48,80],"pixels":99,"confidence":200}
+{"seconds":1.5,"event":"tracked","node":3,"middle":[44,70],"edges":[40,60,48,80],"pixels":99,"confidence":200,"bearing_deg":-1.5,"sigma_deg":0.25,"is_wide":false}
+{"seconds":1.5,"event":"object","network":1,"object":2,"is":{"x":1.0,"y":2.0,"covariance":[0.01,0.0,0.02],"velocity":[0.5,-0.5],"unseen_s":0.25}}
+{"seconds":1.5,"event":"object","network":1,"object":2,"is":null}
+{"seconds":1.5,"event":"truth","network":1,"object":1,"x":1.0,"y":2.0}
 {"seconds":1.5,"event":"command","node":null,"command":"track","state":"asked","words":""}
 {"seconds":1.5,"event":"said","node":3,"words":"has its camera moved"}
 {"seconds":1.5,"event":"verdict","good":false,"calibrated":1,"expected":2,"words":"1 of 2","findings":[{"node":3,"words":"weak"}],"walk_to":[{"network":1,"x":7.3,"y":1.7,"seen_by":[3]}]}
@@ -165,4 +168,18 @@ fn lines_of_format_1_stay_as_they_are() {
         let event: Event = serde_json::from_str(line).unwrap_or_else(|e| panic!("{line}: {e}"));
         assert_eq!(event.to_line().unwrap().trim_end(), line);
     }
+    // Before cameras told directions.
+    let line = r#"{"seconds":1.5,"event":"tracked","node":3,"middle":[44,70],"edges":[40,60,48,80],"pixels":99,"confidence":200}"#;
+    let event: Event = serde_json::from_str(line).unwrap();
+    let told = |what: &What| {
+        matches!(
+            what,
+            What::Tracked {
+                bearing_deg: None,
+                is_wide: false,
+                ..
+            }
+        )
+    };
+    assert!(told(&event.what), "{event:?}");
 }
