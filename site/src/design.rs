@@ -18,7 +18,8 @@ use crate::{
 
 /// How the advice is found, in words.
 pub const METHOD: &str = "grid search: of each place (and, of a camera, each direction), the predicted \
-    gain of Fisher information in bits; a camera's is the mean over the places where a target can stand";
+    gain of Fisher information in bits; a camera's is that about the direction of which least was known, mean \
+    over the places where a target can stand";
 
 /// Cells along the longer side of the site.
 const CELLS: f64 = 40.0;
@@ -238,6 +239,14 @@ fn of_bearing(
     let of_pose = Vector3::new(-across.x, -across.y, -1.0);
     let variance = noise.sigma(camera, place).powi(2) + of_pose.dot(&(covariance * of_pose));
     across * across.transpose() / variance
+}
+
+/// Information about the direction of which least is known: the smaller eigenvalue. One bearing tells
+/// nothing of it, and so a camera for itself nothing of where a target is.
+fn least(information: &Matrix2<f64>) -> f64 {
+    let half = (information.m11 + information.m22) / 2.0;
+    let apart = (information.m11 - information.m22) / 2.0;
+    half - apart.hypot(information.m12)
 }
 
 fn sigma(information: &Matrix2<f64>) -> Option<f64> {
@@ -474,7 +483,7 @@ impl Prospect {
             .filter(|(place, _)| near(*place) && ground.suits(0, *place));
         seen.map(|(place, before)| {
             let more = of_bearing(camera, &Matrix3::zeros(), *place, &self.noise);
-            0.5 * ((before + more).determinant() / before.determinant()).log2()
+            0.5 * (least(&(before + more)) / least(before)).log2()
         })
         .sum()
     }
@@ -619,7 +628,11 @@ mod tests {
                 .map(|&n| usize::from(n))
                 .sum::<usize>()
         };
-        let before = seen(&scenario);
+        let told = |scenario: &Scenario| {
+            let sigma = Design::of(scenario).unwrap().coverage.sigma;
+            sigma.iter().flatten().count()
+        };
+        let (before, told_before) = (seen(&scenario), told(&scenario));
         let best = &advice.cameras[0];
         scenario.networks[0].cameras.push(crate::PlacedCamera {
             id: 14,
@@ -629,6 +642,8 @@ mod tests {
             ..Default::default()
         });
         assert!(seen(&scenario) > before + 10);
+        // It does not only see what nobody else does: places are told there that were not.
+        assert!(told(&scenario) > told_before);
         // Not all gain is of the grid's making: with that camera there, the next one gains less.
         let next = Advice::on(&scenario, 1).unwrap();
         assert!(next.cameras[0].gain_bits <= best.gain_bits);
