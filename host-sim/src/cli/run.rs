@@ -1,7 +1,7 @@
 //! `host-sim run`
 
 use std::{
-    collections::BTreeSet,
+    collections::{BTreeMap, BTreeSet},
     io::Write,
     path::{Path, PathBuf},
     process::ExitCode,
@@ -466,9 +466,12 @@ fn bar() -> ProgressBar {
     }
 }
 
-/// A line for each camera above the bar, where somebody looks.
+/// A line for each camera above the bar, where somebody looks; otherwise one for each change.
 #[derive(Default)]
-struct CameraLines(Option<Instant>);
+struct CameraLines {
+    shown: Option<Instant>,
+    told: BTreeMap<u16, Status>,
+}
 
 /// How often the lines are made anew: nobody reads faster.
 const LINES_EVERY: Duration = Duration::from_millis(250);
@@ -478,17 +481,35 @@ const LINES_MAX: usize = 40;
 
 impl CameraLines {
     fn show(&mut self, bar: &ProgressBar, simulation: &Simulation) {
+        if bar.is_hidden() {
+            return self.tell(simulation);
+        }
         let is_due = |at: Instant| at.elapsed() >= LINES_EVERY;
-        if bar.is_hidden() || !self.0.is_none_or(is_due) {
+        if !self.shown.is_none_or(is_due) {
             return;
         }
-        self.0 = Some(Instant::now());
+        self.shown = Some(Instant::now());
         let record = simulation.record();
         let lines = record
             .cameras()
             .take(LINES_MAX)
             .map(|camera| camera_line(camera) + "\n");
         bar.set_prefix(lines.collect::<String>());
+    }
+
+    /// Without a terminal: a line where the status of a camera is another one.
+    fn tell(&mut self, simulation: &Simulation) {
+        for (id, report) in simulation.reports() {
+            let status = report.status();
+            if self.told.insert(id, status) != Some(status) {
+                tell(format_args!(
+                    "{:8.1} s  camera {id}: {}, {} sightings",
+                    simulation.seconds(),
+                    status_words(status, None),
+                    report.sightings
+                ));
+            }
+        }
     }
 }
 

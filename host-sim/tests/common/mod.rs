@@ -30,8 +30,18 @@ pub(crate) fn run_with_input(arguments: &[&str], input: &str) -> Done {
     Done {
         code: output.status.code().unwrap(),
         stdout: String::from_utf8(output.stdout).unwrap(),
-        stderr: String::from_utf8(output.stderr).unwrap(),
+        stderr: without_progress(&String::from_utf8(output.stderr).unwrap()),
     }
+}
+
+/// What was said besides how far cameras are, `12.3 s  camera 4: calibrated, 3 sightings`.
+fn without_progress(stderr: &str) -> String {
+    let is_progress = |line: &&str| {
+        let parts = line.trim_start().split_once(" s  camera ");
+        parts.is_some_and(|(seconds, _)| seconds.parse::<f64>().is_ok())
+    };
+    let said = stderr.split_inclusive('\n');
+    said.filter(|line| !is_progress(line)).collect()
 }
 
 /// A folder that goes away with the test.

@@ -20,6 +20,32 @@ fn recorded(files: &Files, name: &str, blind: &'static [u16]) -> String {
     files.write(name, &record.run().to_json(false).unwrap())
 }
 
+/// Where nobody sees a bar, each change of a camera is a line.
+#[test]
+fn without_a_terminal_progress_is_plain_lines() {
+    let output = Command::new(env!("CARGO_BIN_EXE_host-sim"))
+        .args(["run", "lab"])
+        .output()
+        .unwrap();
+    let told = String::from_utf8(output.stderr).unwrap();
+    let cameras: Vec<(f64, u16, &str)> = told
+        .lines()
+        .map(|line| {
+            let (seconds, rest) = line.trim_start().split_once(" s  camera ").unwrap();
+            let (id, words) = rest.split_once(": ").unwrap();
+            (seconds.parse().unwrap(), id.parse().unwrap(), words)
+        })
+        .collect();
+    assert!(cameras.is_sorted_by(|a, b| a.0 <= b.0), "{told}");
+    for id in 1..=7 {
+        let of_it = cameras.iter().filter(|(_, camera, _)| *camera == id);
+        let words: Vec<_> = of_it.map(|(.., words)| *words).collect();
+        assert!((1..=6).contains(&words.len()), "{id}: {words:?}");
+        let last = words.last().unwrap();
+        assert!(last.starts_with("calibrated, "), "{id}: {words:?}");
+    }
+}
+
 /// A run may have taken ten minutes.
 #[test]
 #[cfg(target_os = "linux")]
