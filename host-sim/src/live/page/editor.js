@@ -239,12 +239,16 @@ function drawCoverage(svg) {
       'fill-opacity': (0.08 + 0.5 * Math.max(0, Math.min(1, strength))).toFixed(2),
     }, group);
   });
-  byId('key').textContent = what === 'sigma'
+  const ellipses = ` Ellipses hold a camera's place with 95 %, drawn ${MAGNIFIED} times larger.`;
+  byId('key').textContent = (what === 'sigma'
     ? (sigmas.length ? `Darkest: the place of a target is known to ${best.toFixed(3)} ${site.unit}; `
       + `faintest: to ${(10 * best).toFixed(3)} or worse; blank: fewer than two cameras of known pose see it.`
       : 'Nowhere do two cameras of known pose see a target.')
-    : 'Darkest: four cameras or more see a target; blank: none.';
+    : 'Darkest: four cameras or more see a target; blank: none.') + ellipses;
 }
+
+// As small as they are, ellipses would not be seen.
+const MAGNIFIED = 10;
 
 function drawCamera(svg, network, camera, walls, unit) {
   const is = selected?.kind === 'camera' && selected.network === network && selected.id === camera.id;
@@ -259,9 +263,8 @@ function drawCamera(svg, network, camera, walls, unit) {
   if (what.covariance) {
     const [[xx, xy], [, yy]] = what.covariance;
     const {a, b, angle} = ellipse(xx, xy, yy);
-    // As small as they are, magnified.
     element('ellipse', {
-      class: 'error', rx: a * 10, ry: b * 10,
+      class: 'error', rx: a * MAGNIFIED, ry: b * MAGNIFIED,
       transform: `translate(${camera.x} ${-camera.y}) rotate(${-angle / DEGREE})`,
     }, group);
   }
