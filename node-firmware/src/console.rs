@@ -125,6 +125,15 @@ pub struct TrackedObject {
 /// x and y in the frame of the site, and their covariance `[xx, xy, yy]`.
 pub type StopPlace = ([f32; 2], [f32; 3]);
 
+impl TrackedObject {
+    /// Whether all numbers are finite. What comes on a line may be anything.
+    pub fn is_usable(&self) -> bool {
+        let (place, covariance) = (&self.place.0, &self.place.1);
+        let all = place.iter().chain(covariance).chain(&self.velocity);
+        all.copied().all(f32::is_finite)
+    }
+}
+
 /// A change of the site key.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]

@@ -1,7 +1,6 @@
 //! `host-sim edit`
 
 use std::{
-    net::{IpAddr, Ipv4Addr, SocketAddr},
     path::{Path, PathBuf},
     process::ExitCode,
     sync::atomic::Ordering,
@@ -14,7 +13,11 @@ use clap::Args;
 use host_sim::live::{Editing, Editor, Judged, Save, serve_editor};
 use site::BUILT_IN;
 
-use super::{interrupt, live::open_browser, print, whole_file};
+use super::{
+    interrupt,
+    live::{ServeOptions, open_browser},
+    print, whole_file,
+};
 
 /// Opens a site in a browser, where cameras and walls are placed, and tells what to expect before
 /// anything is mounted: who sees what, how well cameras would know their poses, and how well they would
@@ -34,15 +37,8 @@ pub(super) struct Arguments {
     /// Opens nothing, but writes what to expect, and where a further camera or stop would help most.
     #[arg(long, value_name = "FILE", conflicts_with_all = ["open", "listen", "http_port"])]
     json: Option<PathBuf>,
-    /// The address to serve on; see `host-sim live`.
-    #[arg(long, value_name = "IP", default_value_t = IpAddr::V4(Ipv4Addr::LOCALHOST))]
-    listen: IpAddr,
-    /// The port to serve on; 0 takes a free one.
-    #[arg(long, value_name = "N", default_value_t = 0)]
-    http_port: u16,
-    /// Open it in the browser.
-    #[arg(long)]
-    open: bool,
+    #[command(flatten)]
+    serve: ServeOptions,
 }
 
 const EPILOGUE: &str = "\
@@ -78,10 +74,10 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
             Ok(format!("saved as {}", file.display()))
         })
     });
-    let address = SocketAddr::new(arguments.listen, arguments.http_port);
+    let address = arguments.serve.address();
     let server = serve_editor(address, name.to_owned(), Editing { editor, save })?;
     print(&format!("{}\n", server.url()))?;
-    if arguments.open {
+    if arguments.serve.open {
         open_browser(&server.url());
     }
     while !interrupted.load(Ordering::Relaxed) {

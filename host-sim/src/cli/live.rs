@@ -77,6 +77,13 @@ pub(super) struct Arguments {
     /// A simulated target goes on as the verdict asks, with at most so many further stops.
     #[arg(long, value_name = "N", value_parser = values::count, default_value_t = 0)]
     further_stops: usize,
+    #[command(flatten)]
+    serve: ServeOptions,
+}
+
+/// Where a page is served.
+#[derive(Args)]
+pub(super) struct ServeOptions {
     /// The address to serve on. Whoever can reach another one than this computer's own needs the token
     /// of the URL too, but what they send can be read on the way.
     #[arg(long, value_name = "IP", default_value_t = IpAddr::V4(Ipv4Addr::LOCALHOST))]
@@ -86,7 +93,13 @@ pub(super) struct Arguments {
     http_port: u16,
     /// Open it in the browser.
     #[arg(long)]
-    open: bool,
+    pub(super) open: bool,
+}
+
+impl ServeOptions {
+    pub(super) fn address(&self) -> SocketAddr {
+        SocketAddr::new(self.listen, self.http_port)
+    }
 }
 
 const EPILOGUE: &str = "\
@@ -159,11 +172,11 @@ fn start(
     name: &str,
     kind: &'static str,
 ) -> anyhow::Result<(Server, Receiver<Command>)> {
-    let address = SocketAddr::new(arguments.listen, arguments.http_port);
+    let address = arguments.serve.address();
     let name = name.to_owned();
     let (server, commands) = serve(address, About { name, kind })?;
     print(&format!("{}\n", server.url()))?;
-    if arguments.open {
+    if arguments.serve.open {
         open_browser(&server.url());
     }
     Ok((server, commands))

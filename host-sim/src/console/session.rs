@@ -89,6 +89,9 @@ pub enum Failure {
          the coordinator"
     )]
     CameraNode,
+    /// Every camera was meant, and there is none.
+    #[error("no camera is a member: switch them on, and open the join window")]
+    NoCameras,
     /// No such member.
     #[error("node {id} is no member{}", list(.members))]
     NoMember {
@@ -285,7 +288,7 @@ impl Session {
                     self.tracked.push_back((id, *tracked));
                 }
             }
-            ToPc::Object { id, object } => {
+            ToPc::Object { id, object } if object.as_ref().is_none_or(TrackedObject::is_usable) => {
                 self.objects.truncate(TRACKED_MAX - 1);
                 self.objects.push_back((*id, *object));
             }
@@ -490,8 +493,16 @@ impl Session {
             }
         };
         if let Wish::Everybody(command) = wish {
+            let cameras = self.known.cameras();
+            if cameras.is_empty() {
+                self.step = Step::Looking(Some(since));
+                return match now.saturating_sub(since) >= MISSING {
+                    true => Err(Failure::NoCameras),
+                    false => Ok(None),
+                };
+            }
             self.wishes.pop_front();
-            for camera in self.known.cameras().into_iter().rev() {
+            for camera in cameras.into_iter().rev() {
                 self.wishes.push_front(Wish::Command(camera.id, command));
             }
             return Ok(None);
@@ -701,6 +712,68 @@ mod tests {
         let members = vec![4, 7];
         let failure = Failure::NoMember { id: 9, members };
         assert_eq!(session.poll(at(12_000)), Err(failure));
+    }
+
+    #[test]
+    fn every_camera_is_told_one_after_the_other() {
+        let track = CameraCommand::Track { colour: 0 };
+        let done = |address| ToPc::Done {
+            address,
+            done: CommandResult {
+                command: track,
+                outcome: CommandOutcome::Done,
+            },
+        };
+        let mut session = listed(&[Wish::Everybody(track)]);
+        let cameras = session.known().cameras();
+        let cameras: Vec<(u16, u16)> = cameras.iter().map(|m| (m.id, m.address)).collect();
+        assert!(!cameras.is_empty());
+        let mut now = 1_100;
+        for &(_, address) in &cameras {
+            let sent = (0..10).find_map(|_| {
+                now += 10;
+                session
+                    .poll(at(now))
+                    .unwrap()
+                    .filter(|sent| *sent != FromPc::Refresh)
+            });
+            assert_eq!(
+                sent,
+                Some(FromPc::Command {
+                    address,
+                    command: track
+                })
+            );
+            assert!(!session.is_done());
+            tell(&mut session, now, &[done(address)]);
+        }
+        assert!(session.is_done());
+        // Of a network without any it is no success.
+        let mut session = Session::new([Wish::Everybody(track)]);
+        session.poll(at(0)).unwrap();
+        tell(&mut session, 100, &[NETWORK, ToPc::KeyChange(None)]);
+        assert_eq!(session.poll(at(1_200)), Ok(None));
+        session.poll(at(10_900)).unwrap();
+        tell(&mut session, 10_900, &[NETWORK, ToPc::KeyChange(None)]);
+        assert_eq!(session.poll(at(12_000)), Err(Failure::NoCameras));
+    }
+
+    /// What comes on a line may be anything.
+    #[test]
+    fn objects_that_are_nowhere_are_not_told() {
+        let mut session = listed(&[]);
+        let object = |x| TrackedObject {
+            place: ([x, 1.0], [0.1, 0.0, 0.1]),
+            velocity: [0.0; 2],
+            unseen_ms: 0,
+        };
+        let told = [f32::NAN, 2.0, f32::INFINITY].map(|x| ToPc::Object {
+            id: 3,
+            object: Some(object(x)),
+        });
+        tell(&mut session, 2_000, &told);
+        assert_eq!(session.object(), Some((3, Some(object(2.0)))));
+        assert_eq!(session.object(), None);
     }
 
     #[test]
