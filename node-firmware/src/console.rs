@@ -11,7 +11,7 @@ use crate::{
     config::SiteKey,
     message::{
         CameraCommand, CommandResult, Health, Hello, ListedSighting, MemberAddress, Report,
-        StopNumber, Tracked,
+        SitePlace, StopNumber, Tracked,
     },
 };
 
@@ -99,7 +99,7 @@ pub enum ToPc {
         /// Number of the stop.
         stop: StopNumber,
         /// Where it believes to stand; `None`: it does not know.
-        place: Option<StopPlace>,
+        place: Option<SitePlace>,
     },
     /// Where something is that cameras that track see. Told ten times a second in all.
     Object {
@@ -115,15 +115,12 @@ pub enum ToPc {
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct TrackedObject {
     /// Now.
-    pub place: StopPlace,
+    pub place: SitePlace,
     /// Its velocity, units per second.
     pub velocity: [f32; 2],
     /// How long ago a camera saw it, milliseconds.
     pub unseen_ms: u16,
 }
-
-/// x and y in the frame of the site, and their covariance `[xx, xy, yy]`.
-pub type StopPlace = ([f32; 2], [f32; 3]);
 
 impl TrackedObject {
     /// Whether all numbers are finite. What comes on a line may be anything.

@@ -9,9 +9,10 @@ use std::{collections::BTreeMap, fmt, time::Duration};
 
 use calib_core::{Pose, Refusal, Status};
 use node_firmware::{
-    console::{KeyChangeReport, NetworkInfo, StopPlace, ToPc},
+    console::{KeyChangeReport, NetworkInfo, ToPc},
     message::{
         CameraState, Health, Hello, ListedSighting, MemberAddress, MemberKind, PoseParts, Report,
+        SitePlace,
     },
     role::COORDINATOR,
 };
@@ -55,7 +56,7 @@ pub struct Member {
     /// When it was asked for them, and has not answered since.
     asked: Option<Duration>,
     /// A target: its stops, when they began, and where it believed to stand.
-    stops: BTreeMap<u16, (Duration, Option<StopPlace>)>,
+    stops: BTreeMap<u16, (Duration, Option<SitePlace>)>,
 }
 
 impl Member {
@@ -364,7 +365,7 @@ impl NetworkView {
                 stop,
                 place,
             } => {
-                let finite = |(p, c): &StopPlace| p.iter().chain(c).all(|x| x.is_finite());
+                let finite = |(p, c): &SitePlace| p.iter().chain(c).all(|x| x.is_finite());
                 let place = place.filter(finite);
                 let known = self.at(address)?.stops.entry(stop).or_insert((now, None));
                 known.1 = place.or(known.1);

@@ -4,10 +4,7 @@ use std::{collections::BTreeMap, time::Duration};
 
 use calib_core::{Ray, Sighting};
 use nalgebra::{Matrix2, Point2};
-use node_firmware::{
-    console::StopPlace,
-    message::{Duty, ListedSighting, MemberKind},
-};
+use node_firmware::message::{Duty, ListedSighting, MemberKind, SitePlace};
 
 use super::{Member, NetworkView, SitePlan, site::usual_limits};
 use crate::record::{
@@ -163,7 +160,7 @@ fn stop(told: &ListedSighting) -> Stop {
     }
 }
 
-fn own_stop(stop: u32, at: Duration, (place, covariance): &StopPlace) -> Stop {
+fn own_stop(stop: u32, at: Duration, (place, covariance): &SitePlace) -> Stop {
     let [x, y] = place.map(f64::from);
     let [xx, _, yy] = covariance.map(f64::from);
     Stop {

@@ -189,6 +189,9 @@ impl References {
     }
 }
 
+/// x and y in the frame of the site, and their covariance `[xx, xy, yy]`.
+pub type SitePlace = ([f32; 2], [f32; 3]);
+
 /// A target stands.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
@@ -204,8 +207,8 @@ pub struct Stopped {
 }
 
 impl Stopped {
-    /// x and y in the frame of the site, with their covariance `[xx, xy, yy]`, if the target knows them.
-    pub fn told(&self) -> Option<crate::console::StopPlace> {
+    /// Where, if the target knows it.
+    pub fn told(&self) -> Option<SitePlace> {
         let (place, covariance) = (self.place.position(), self.place.covariance());
         (self.frame == CoordinateFrame::Site).then_some((
             [place.x, place.y],

@@ -26,13 +26,14 @@ use self::{
 use super::{Notification, Notifications, Outbox, Output, RETRY, Reports, Role, Unsaved, earliest};
 use crate::{
     config::{CoordinatorConfig, SiteKey},
-    console::{FromPc, StopPlace, ToPc},
+    console::{FromPc, ToPc},
     facts::{Fact, FactKey},
     hardware::{Button, Indication},
     limits::ROSTER,
     message::{
         CameraCommand, CommandOutcome, CommandResult, Eye, Health, Hello, MemberAddress,
-        MemberKind, Memory, Message, References, Report, Restart, StopNumber, Stopped, Tracked,
+        MemberKind, Memory, Message, References, Report, Restart, SitePlace, StopNumber, Stopped,
+        Tracked,
     },
     network::Attachment,
 };
@@ -141,7 +142,7 @@ pub struct CoordinatorRole {
     tasks: Tasks,
     roll_calls: RollCalls,
     /// What the PC was told last of a target's stop.
-    stopped: Option<(MemberAddress, StopNumber, Option<StopPlace>)>,
+    stopped: Option<(MemberAddress, StopNumber, Option<SitePlace>)>,
     tracking: Tracking,
     /// Its own.
     health: Health,
