@@ -2,9 +2,13 @@
 
 use core::fmt;
 
-use calib_core::joint::{
-    BearingStorage, JointEstimator, JointMemory, JointSettings, Leg, Progress, Round, StopStorage,
-    UnknownStorage, workspace,
+use calib_core::{
+    Real,
+    joint::{
+        BearingStorage, JointEstimator, JointMemory, JointSettings, Leg, Progress, Round,
+        StopStorage, UnknownStorage, workspace,
+    },
+    lit,
 };
 use nalgebra::{Matrix2, Point2, Vector2};
 use rand::{Rng, RngExt, SeedableRng};
@@ -23,41 +27,54 @@ const LEG_SIGMA: f32 = 0.02;
 /// # Errors
 /// As [`Bench::measure`].
 pub fn measure_all<C: Counter, W: fmt::Write>(bench: &mut Bench<C, W>) -> Result<(), Error> {
-    let mut arrays = Arrays::<13, 32, 52, { workspace(13, 0) }>::new();
+    let mut arrays = Thirteen::<f32>::new();
     let mut thirteen = walked(arrays.memory(), 4);
     bench.measure_steps("joint_13_cameras_32_stops_52_bearings", || {
         goes_on(thirteen.step())
     })?;
-    let mut arrays = Arrays::<24, 64, 240, { workspace(24, 0) }>::new();
+    let mut arrays = Arrays::<f32, 24, 64, 240, { workspace(24, 0) }>::new();
     let mut many = walked(arrays.memory(), 10);
     bench.measure_steps("joint_24_cameras_64_stops_240_bearings", || {
         goes_on(many.step())
     })
 }
 
-fn goes_on<E: fmt::Debug>(step: Result<Progress<f32>, E>) -> bool {
+/// Solves the round of 13 cameras in one stretch, for whoever wants to know what comes of it.
+pub(crate) fn solve_thirteen<T: Real, R>(look: impl FnOnce(&mut JointEstimator<'_, T>) -> R) -> R {
+    let mut arrays = Thirteen::<T>::new();
+    let mut joint = walked(arrays.memory(), 4);
+    while goes_on(joint.step()) {}
+    look(&mut joint)
+}
+
+fn goes_on<T: Real, E: fmt::Debug>(step: Result<Progress<T>, E>) -> bool {
     !matches!(step.expect("a walk that can be solved"), Progress::Over(_))
 }
 
 /// An estimator's memory on the stack.
-struct Arrays<const C: usize, const S: usize, const B: usize, const W: usize> {
-    cameras: [UnknownStorage<f32>; C],
-    stops: [StopStorage<f32>; S],
-    bearings: [BearingStorage<f32>; B],
-    workspace: [f32; W],
+struct Arrays<T: Real, const C: usize, const S: usize, const B: usize, const W: usize> {
+    cameras: [UnknownStorage<T>; C],
+    stops: [StopStorage<T>; S],
+    bearings: [BearingStorage<T>; B],
+    workspace: [T; W],
 }
 
-impl<const C: usize, const S: usize, const B: usize, const W: usize> Arrays<C, S, B, W> {
+/// For 13 cameras.
+type Thirteen<T> = Arrays<T, 13, 32, 52, { workspace(13, 0) }>;
+
+impl<T: Real, const C: usize, const S: usize, const B: usize, const W: usize>
+    Arrays<T, C, S, B, W>
+{
     fn new() -> Self {
         Self {
             cameras: [UnknownStorage::default(); C],
             stops: [StopStorage::default(); S],
             bearings: [BearingStorage::default(); B],
-            workspace: [0.0; W],
+            workspace: [T::zero(); W],
         }
     }
 
-    fn memory(&mut self) -> JointMemory<'_, f32> {
+    fn memory(&mut self) -> JointMemory<'_, T> {
         JointMemory {
             cameras: &mut self.cameras,
             stops: &mut self.stops,
@@ -70,19 +87,20 @@ impl<const C: usize, const S: usize, const B: usize, const W: usize> Arrays<C, S
 }
 
 /// Cameras around an area, `each` bearings of every one of them, and a round that has begun: solve,
-/// check, legs' noise and protection levels.
-fn walked(memory: JointMemory<'_, f32>, each: usize) -> JointEstimator<'_, f32> {
+/// check, legs' noise and protection levels. What was measured is the same in any precision.
+fn walked<T: Real>(memory: JointMemory<'_, T>, each: usize) -> JointEstimator<'_, T> {
+    let real = |number: f32| lit::<T>(number.into());
     let (cameras, stops) = (memory.cameras.len(), memory.stops.len());
     let mut random = ChaCha8Rng::seed_from_u64(SEED);
     let settings = JointSettings::default();
-    let mut joint = JointEstimator::new(memory, BASELINE, settings).expect("usable settings");
+    let mut joint = JointEstimator::new(memory, real(BASELINE), settings).expect("usable settings");
     let mut before: Option<Point2<f32>> = None;
     for stop in 0..stops {
         let mut place = || random.random_range(2.0..8.0_f32);
         let place = Point2::new(place(), place());
         let leg = before.map(|before| Leg {
-            displacement: place - before + off(&mut random) * LEG_SIGMA,
-            covariance: Matrix2::from_diagonal_element(LEG_SIGMA * LEG_SIGMA),
+            displacement: (place - before + off(&mut random) * LEG_SIGMA).map(real),
+            covariance: Matrix2::from_diagonal_element(real(LEG_SIGMA * LEG_SIGMA)),
         });
         before = Some(place);
         joint.add_stop(leg).expect("room for stops");
@@ -97,7 +115,7 @@ fn walked(memory: JointMemory<'_, f32>, each: usize) -> JointEstimator<'_, f32> 
             let (at, heading) = camera_at(camera);
             let bearing = libm::atan2f(place.y - at.y, place.x - at.x) - heading;
             let noisy = bearing + off(&mut random).x * BEARING_SIGMA;
-            let seen = joint.add_bearing(stop, camera, noisy, BEARING_SIGMA);
+            let seen = joint.add_bearing(stop, camera, real(noisy), real(BEARING_SIGMA));
             seen.expect("room for bearings");
         }
     }
@@ -137,7 +155,7 @@ mod tests {
     /// All cameras get a pose, and it is where they stand.
     #[test]
     fn they_end_with_the_poses() {
-        let mut arrays = Arrays::<13, 32, 52, { workspace(13, 0) }>::new();
+        let mut arrays = Thirteen::<f32>::new();
         let mut joint = walked(arrays.memory(), 4);
         while goes_on(joint.step()) {}
         assert_eq!(joint.bearings(), 52);
@@ -147,7 +165,7 @@ mod tests {
             let nees = pose.normalised_error(at, heading).unwrap();
             assert!(nees < 25.0, "{camera}: {nees}");
         }
-        let mut arrays = Arrays::<24, 64, 240, { workspace(24, 0) }>::new();
+        let mut arrays = Arrays::<f32, 24, 64, 240, { workspace(24, 0) }>::new();
         let many = walked(arrays.memory(), 10);
         assert_eq!(many.bearings(), 240);
     }

@@ -6,20 +6,22 @@
 //!
 //! | module | what it does |
 //! |---|---|
+//! | [`bits`] | results to compare between machines: the binary `results` prints them |
 //! | [`joint`] | rounds of joint estimation, step by step |
 //! | [`measure`] | counts a routine over many inputs, prints one line |
-//! | [`pose`] | poses to compare between machines |
+//! | [`pose`] | poses from three sightings, of which the bits are told |
 //! | [`routines`] | what is counted; **a new routine is one more statement there** |
 //! | [`scene`] | random cameras and targets to count with |
 //! | [`total`] | a published three-object method, to compare with |
 //!
-//! The binary adds the board: its timer, its output, and a check of the count itself.
+//! The binary of the same name adds the board: its timer, its output, and a check of the count itself.
 #![no_std]
 #![forbid(unsafe_code)]
 
 #[cfg(test)]
 extern crate std;
 
+pub mod bits;
 pub mod joint;
 pub mod measure;
 pub mod pose;

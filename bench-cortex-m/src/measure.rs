@@ -159,14 +159,6 @@ impl<C: Counter, W: fmt::Write> Bench<C, W> {
         Ok(counts)
     }
 
-    /// Prints something else.
-    ///
-    /// # Errors
-    /// [`Error::Output`].
-    pub fn print(&mut self, text: impl fmt::Display) -> Result<(), Error> {
-        Ok(write!(self.output, "{text}")?)
-    }
-
     /// Counts `work`, which takes `expected` instructions, and prints
     /// `calibration <expected> <counted>`.
     ///

@@ -1,15 +1,10 @@
-//! Poses to compare between machines: the arithmetic is the same everywhere, so the bits should be.
-
-use core::fmt;
+//! Poses from three sightings, to compare between machines.
 
 use calib_core::resection::three_point;
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 
-use crate::{
-    measure::{Bench, Counter, Error, INPUTS},
-    scene::Scene,
-};
+use crate::{measure::INPUTS, scene::Scene};
 
 const SEED: u64 = 2001;
 /// Standard deviation of a bearing, radians.
@@ -30,21 +25,6 @@ pub fn solve(scene: &Scene<f32>) -> [u32; 9] {
     let [xx, xy, yy, xh, yh, hh] = pose.covariance_triangle();
     let [x, y] = pose.position.coords.into();
     [x, y, pose.heading, xx, xy, yy, xh, yh, hh].map(f32::to_bits)
-}
-
-/// Prints all of them, a line each: `pose` and nine hexadecimal numbers.
-///
-/// # Errors
-/// [`Error::Output`].
-pub fn print_all<C: Counter, W: fmt::Write>(bench: &mut Bench<C, W>) -> Result<(), Error> {
-    for scene in scenes() {
-        bench.print("pose")?;
-        for bits in solve(&scene) {
-            bench.print(format_args!(" {bits:08x}"))?;
-        }
-        bench.print("\n")?;
-    }
-    Ok(())
 }
 
 #[cfg(test)]

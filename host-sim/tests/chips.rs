@@ -7,6 +7,7 @@ use std::{cell::RefCell, env, io, path::Path, rc::Rc};
 
 use answers::record::{Role, RunRecord};
 use host_sim::network::{CHIP_IMAGE, Chips, Options, Simulation};
+use node_firmware::facts::Fact;
 use site::{Overrides, Scenario};
 use small::{SMALL, check_arithmetic};
 
@@ -72,6 +73,16 @@ fn run(scenario: Scenario, further_stops: usize) -> (Simulation, RunRecord, [Vec
         assert_eq!(chip.overruns, 0, "node {id}");
         assert!((1_000..all).contains(&used), "node {id}: {used} {all}");
     }
+    for node in &record.nodes {
+        let role = match node.role {
+            Role::Coordinator => "coordinator",
+            Role::Camera if node.reference => "reference",
+            Role::Camera => "camera",
+            Role::Target => "target",
+        };
+        let [used, _] = simulation.chips()[&node.id].stack;
+        println!("{role} {used} bytes of stack were used");
+    }
     let files = [pcap, log].map(|file| file.0.take());
     (simulation, record, files)
 }
@@ -96,6 +107,8 @@ fn a_network_does_the_same_each_time() {
     assert_eq!(simulation.further_stops(), 2);
     check_arithmetic(&simulation, &record);
     for node in &record.nodes {
+        // Nobody sees what it says before that is encrypted.
+        assert_eq!(node.payload_bytes, None);
         let is_known = node.address.is_some() || node.role == Role::Coordinator;
         assert!(is_known, "node {} has not joined", node.id);
     }
@@ -117,7 +130,7 @@ fn a_network_does_the_same_each_time() {
 #[test]
 #[ignore = "`cargo xtask test --stage chip`"]
 fn lab_calibrates() {
-    let (_, record, _) = run(Scenario::load("lab", &planned()).unwrap(), 0);
+    let (simulation, record, _) = run(Scenario::load("lab", &planned()).unwrap(), 0);
     let cameras: Vec<_> = { record.nodes.iter() }
         .filter(|node| node.role == Role::Camera)
         .collect();
@@ -134,4 +147,14 @@ fn lab_calibrates() {
         assert!(camera.nees.is_none_or(|nees| nees < 25.0), "{}", camera.id);
     }
     assert_eq!(record.summary.calibrated, 7);
+    // The target's chip has estimated all of them together.
+    for node in &record.nodes {
+        let facts = simulation.memory(node.id);
+        let mut reports = facts.iter().filter_map(|fact| match fact {
+            Fact::Report(report) => *report,
+            _ => None,
+        });
+        let is_joint = reports.any(|report| report.joint.is_some());
+        assert_eq!(is_joint, node.role == Role::Camera, "node {}", node.id);
+    }
 }

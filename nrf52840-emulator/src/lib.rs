@@ -6,12 +6,13 @@
 //! pins, order and time; of silicon and its errata they know nothing.
 //!
 //! [`run`] lets several chips hear each other; in a [`Network`] they can be switched on and off, and what
-//! is outside is somebody else's. It is deterministic: the same nodes do the same.
+//! is outside is somebody else's. [`print`](print()) runs a program alone. It is deterministic: the same nodes do the same.
 
 #![deny(unsafe_code)]
 #![warn(missing_docs, unreachable_pub, rust_2018_idioms)]
 #![warn(clippy::all, clippy::doc_markdown, clippy::uninlined_format_args)]
 
+mod bare;
 pub mod device;
 pub mod energy;
 mod network;
@@ -21,6 +22,7 @@ mod processor;
 mod soc;
 
 pub use self::{
+    bare::print,
     network::{Deed, Input, Network, run},
     node::{MEMORY, Node, Outcome, Reset, SETTINGS},
     soc::{Board, Soc},

@@ -8,7 +8,6 @@
 //! | [`executor`] | Virtual time: tasks, timers, power cuts, pace. |
 //! | [`medium`] | Radio: who hears whom and what is lost why, behind `zigbee_link`'s `Radio`. |
 //! | [`mod@line`] | UARTs with the time that bytes take, to an emulated camera or to a program. |
-//! | [`co_processor`] | A radio co-processor that speaks Spinel on a UART. |
 //! | [`polled`] | Sockets and devices as UARTs, in real time. |
 //! | [`flash`] | NOR flash that outlasts its node and may be torn by a power cut. |
 //! | [`random`] | Chance: one root seed, named streams. |
@@ -73,7 +72,6 @@
 //! assert_eq!(heard.get(), 3);
 //! ```
 
-pub mod co_processor;
 pub mod executor;
 pub mod flash;
 pub mod line;

@@ -1,18 +1,29 @@
 //! The image that is flashed, on an emulated nRF52840 in virtual time. Its crate is a workspace of its
 //! own, for it needs a newer compiler than the one whose figures are documented.
 
-use anyhow::{Context, Result};
+use anyhow::{Context, Result, ensure};
 use xshell::{Shell, cmd};
 
-use crate::{firmware, harness, setup};
+use crate::{
+    cortex_m,
+    documented::{self, Table, number},
+    firmware, harness, setup,
+};
 
 /// Where everything is built for it.
 const BUILT: &str = "target/chip";
 const PACKAGE: &str = "nrf52840";
 /// Networks of `host-sim` on it.
-pub(crate) const SUITES: [&str; 1] = ["chips"];
+pub(crate) const SUITES: [&str; 2] = ["chip_process", "chips"];
 
-/// Checks the crate, tests its models, and runs the image as nodes of a site, at last within a simulation.
+/// In the documentation, by roles.
+const TABLE: &str = "chip: stack";
+const ROLES: [&str; 4] = ["coordinator", "camera", "reference", "target"];
+/// What a test says behind a role and the number of bytes.
+const USED: &str = " bytes of stack were used";
+
+/// Checks the crate, tests its models, compares its processor with another one, and runs the image as nodes of
+/// a site, at last within a simulation; tells how much stack they used there.
 ///
 /// # Errors
 /// One of that fails.
@@ -34,6 +45,7 @@ pub(crate) fn run(sh: &Shell) -> Result<()> {
     .run()?;
     drop(newer);
     let image = firmware::build(sh, PACKAGE)?;
+    compare(sh)?;
     cmd!(
         sh,
         "cargo test --release --locked --manifest-path {manifest} --target-dir {BUILT} --test image -- --ignored --nocapture"
@@ -41,11 +53,65 @@ pub(crate) fn run(sh: &Shell) -> Result<()> {
     .env("RUSTUP_TOOLCHAIN", setup::EMULATOR_TOOLCHAIN)
     .env("NODE_IMAGE", sh.current_dir().join(&image))
     .run()?;
+    let bound = firmware::stack_bound(&image)?;
     let _image = sh.push_env("NODE_IMAGE", sh.current_dir().join(image));
+    let mut said = String::new();
     for suite in SUITES {
-        harness::ignored(sh, suite)?;
+        said += &harness::ignored(sh, suite)?;
     }
+    stack(sh, bound, &said)
+}
+
+/// The processor has the same arithmetic as QEMU's, which others wrote.
+fn compare(sh: &Shell) -> Result<()> {
+    let (image, by_qemu) = cortex_m::results_of_cortex_m4f(sh)?;
+    let manifest = setup::EMULATOR;
+    let by_chip = cmd!(
+        sh,
+        "cargo run --release --locked --manifest-path {manifest} --target-dir {BUILT} --example print -- {image}"
+    )
+    .env("RUSTUP_TOOLCHAIN", setup::EMULATOR_TOOLCHAIN)
+    .read()?;
+    let count = cortex_m::same_bits(&by_chip, &by_qemu)
+        .context("results of the emulated nRF52840 and of QEMU's Cortex-M4F")?;
+    println!(
+        "{count} results of the emulated nRF52840 have the same bits as those of QEMU's Cortex-M4F"
+    );
     Ok(())
+}
+
+/// How much stack each role used at most, which is less than was computed, for the documentation.
+fn stack(sh: &Shell, bound: u64, said: &str) -> Result<()> {
+    let mut rows = vec![
+        [
+            "bytes of stack, `cargo xtask test --stage chip`",
+            "nRF52840",
+        ]
+        .map(str::to_owned),
+        ["deepest, computed".to_owned(), number(bound)],
+    ];
+    for role in ROLES {
+        let used = most_used(said, role);
+        let used = used.with_context(|| format!("no test told how much stack a {role} used"))?;
+        println!("stack, measured on emulated nRF52840s: {role} {used} bytes, of {bound} computed");
+        ensure!(used <= bound, "more than was computed");
+        rows.push([format!("{role}, measured"), number(used)]);
+    }
+    let table = Table {
+        name: TABLE,
+        rows: rows.into_iter().map(Vec::from).collect(),
+    };
+    documented::agree(sh, "test --stage chip", &[table])
+}
+
+/// The most of what tests said of a role.
+fn most_used(said: &str, role: &str) -> Option<u64> {
+    let used = said.lines().filter_map(|line| {
+        let (before, _) = line.split_once(USED)?;
+        let (before, bytes) = before.rsplit_once(' ')?;
+        before.ends_with(role).then(|| bytes.parse().ok())?
+    });
+    used.max()
 }
 
 /// How fast the emulator is, what nodes draw in an hour, and every cut of the power there is.
@@ -72,4 +138,18 @@ pub(crate) fn bench(sh: &Shell) -> Result<()> {
         .run()?;
     }
     Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_deepest_of_a_role_counts() {
+        let said = "test a ... target 5100 bytes of stack were used\ntarget 7012 bytes of stack were used\n\
+                    camera 9000 bytes of stack were used\nok\n";
+        assert_eq!(most_used(said, "target"), Some(7012));
+        assert_eq!(most_used(said, "camera"), Some(9000));
+        assert_eq!(most_used(said, "coordinator"), None);
+    }
 }

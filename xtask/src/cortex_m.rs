@@ -1,43 +1,40 @@
 //! Instruction counts of the node's routines on emulated processors.
 
-use std::{
-    io::Read,
-    path::{Path, PathBuf},
-    thread,
-    time::{Duration, Instant},
-};
+use std::{fmt, path::PathBuf};
 
-use anyhow::{Context, Result, anyhow, bail, ensure};
-use bench_cortex_m::pose;
-use board_emulator::{Emulator, Machine, PROGRAM};
+use anyhow::{Context, Result, bail, ensure};
+use bench_cortex_m::bits;
 use comfy_table::{CellAlignment, Table, presets::ASCII_MARKDOWN};
 use xshell::{Shell, cmd};
+
+use crate::qemu::{self, CORTEX_M0, CORTEX_M4F, Machine};
 
 const PACKAGE: &str = "bench-cortex-m";
 /// Its other image, for the processor of the boards: it tests functions in assembly.
 const FUNCTIONS: &str = "memory-functions";
-
-/// A run takes seconds; one that takes this long hangs.
-const TIMEOUT: Duration = Duration::from_secs(120);
-/// How often it is looked at.
-const PERIOD: Duration = Duration::from_millis(5);
+/// And one that prints results to compare between machines.
+const RESULTS: &str = "results";
 
 struct Processor {
     name: &'static str,
     target: &'static str,
     machine: Machine,
+    /// What [`RESULTS`] prints there.
+    results: fn(&mut String) -> fmt::Result,
 }
 
 const PROCESSORS: [Processor; 2] = [
     Processor {
         name: "Cortex-M4F",
         target: "thumbv7em-none-eabihf",
-        machine: Machine::Mps2An386,
+        machine: CORTEX_M4F,
+        results: |output| bits::print_all(output),
     },
     Processor {
         name: "Cortex-M0",
         target: "thumbv6m-none-eabi",
-        machine: Machine::Microbit,
+        machine: CORTEX_M0,
+        results: |output| bits::print_small(output),
     },
 ];
 
@@ -68,19 +65,23 @@ pub(crate) fn run(sh: &Shell) -> Result<Vec<Measurement>> {
     let mut measurements = Vec::new();
     for processor in &PROCESSORS {
         let image = build(sh, processor, PACKAGE)?;
-        let output = emulate(processor, &image)
+        let output = qemu::run(&processor.machine, &image)
             .with_context(|| format!("counting instructions on a {}", processor.name))?;
         measurements.extend(parse(processor.name, &output)?);
-        let count = compare_poses(&output)
-            .with_context(|| format!("poses solved by a {}", processor.name))?;
+        let mut own = String::new();
+        (processor.results)(&mut own)?;
+        let (_, printed) = results(sh, processor)?;
+        let count = same_bits(&printed, &own)
+            .with_context(|| format!("results of a {} and of this computer", processor.name))?;
         println!(
-            "{count} poses solved by a {} have the same bits as this computer's",
+            "{count} results of a {} have the same bits as this computer's",
             processor.name
         );
     }
     let [processor, ..] = &PROCESSORS;
     let image = build(sh, processor, FUNCTIONS)?;
-    emulate(processor, &image).with_context(|| format!("{FUNCTIONS} on a {}", processor.name))?;
+    qemu::run(&processor.machine, &image)
+        .with_context(|| format!("{FUNCTIONS} on a {}", processor.name))?;
     Ok(measurements)
 }
 
@@ -150,40 +151,6 @@ fn build(sh: &Shell, processor: &Processor, image: &str) -> Result<PathBuf> {
     bail!("cargo built no image `{image}` of {PACKAGE} for {target}")
 }
 
-/// What the image prints.
-fn emulate(processor: &Processor, image: &Path) -> Result<String> {
-    board_emulator::check()?;
-    let mut running = Emulator::new(processor.machine, image, Path::new("."))
-        .counting()
-        .print_to_owner()
-        .start()?;
-    let mut stdout = running.printed().context("the output is piped")?;
-    let reader = thread::spawn(move || {
-        let mut output = String::new();
-        stdout.read_to_string(&mut output).map(|_| output)
-    });
-    let begin = Instant::now();
-    let status = loop {
-        if let Some(status) = running.status() {
-            break status;
-        }
-        let seconds = TIMEOUT.as_secs();
-        ensure!(
-            begin.elapsed() < TIMEOUT,
-            "{PROGRAM} was stopped after {seconds} s"
-        );
-        thread::sleep(PERIOD);
-    };
-    let output = reader
-        .join()
-        .map_err(|_| anyhow!("reading the output of {PROGRAM} panicked"))??;
-    ensure!(
-        status.success(),
-        "{PROGRAM} ended with {status} after printing:\n{output}"
-    );
-    Ok(output)
-}
-
 fn parse(processor: &'static str, output: &str) -> Result<Vec<Measurement>> {
     let mut measurements = Vec::new();
     for line in output.lines() {
@@ -197,8 +164,6 @@ fn parse(processor: &'static str, output: &str) -> Result<Vec<Measurement>> {
             }),
             // The image has checked these itself.
             ["calibration", _, _] => {}
-            // Compared elsewhere.
-            ["pose", ..] => {}
             _ => bail!("{PACKAGE} printed a line that is none of its own: {line}"),
         }
     }
@@ -206,31 +171,40 @@ fn parse(processor: &'static str, output: &str) -> Result<Vec<Measurement>> {
     Ok(measurements)
 }
 
-/// Whether the poses of an image are this computer's, to the last bit; how many there are.
-fn compare_poses(output: &str) -> Result<usize> {
-    let poses: Vec<Vec<u32>> = output
-        .lines()
-        .filter_map(|line| line.strip_prefix("pose "))
-        .map(|line| {
-            line.split(' ')
-                .map(|bits| Ok(u32::from_str_radix(bits, 16)?))
-                .collect()
-        })
-        .collect::<Result<_>>()?;
-    let expected: Vec<_> = pose::scenes().map(|scene| pose::solve(&scene)).collect();
-    ensure!(
-        poses.len() == expected.len(),
-        "{} poses of {} were printed",
-        poses.len(),
-        expected.len()
-    );
-    for (pose, expected) in poses.iter().zip(&expected) {
+/// [`RESULTS`] for a processor, and what it prints there.
+fn results(sh: &Shell, processor: &Processor) -> Result<(PathBuf, String)> {
+    let image = build(sh, processor, RESULTS)?;
+    let printed = qemu::run(&processor.machine, &image)
+        .with_context(|| format!("{RESULTS} on a {}", processor.name))?;
+    Ok((image, printed))
+}
+
+/// The image that prints results on a Cortex-M4F, and what it prints in QEMU.
+///
+/// # Errors
+/// It cannot be built or run.
+pub(crate) fn results_of_cortex_m4f(sh: &Shell) -> Result<(PathBuf, String)> {
+    let [processor, ..] = &PROCESSORS;
+    results(sh, processor)
+}
+
+/// Whether two machines have printed the same results, to the last bit; how many there are.
+///
+/// # Errors
+/// One is another one, or missing, or there is none.
+pub(crate) fn same_bits(one: &str, other: &str) -> Result<usize> {
+    for (one, other) in one.lines().zip(other.lines()) {
         ensure!(
-            pose == expected,
-            "{pose:x?} should be {expected:x?}: the arithmetic differs"
+            one == other,
+            "`{one}` and `{other}` should be the same: the arithmetic differs"
         );
     }
-    Ok(poses.len())
+    let [count, others] = [one, other].map(|output| output.lines().count());
+    ensure!(
+        count > 0 && count == others,
+        "{count} and {others} results were printed"
+    );
+    Ok(count)
 }
 
 #[cfg(test)]
@@ -263,19 +237,22 @@ mod tests {
     }
 
     #[test]
-    fn a_pose_with_another_bit_is_noticed() {
-        let line = |bits: [u32; 9]| {
-            let words = bits.map(|word| format!(" {word:08x}"));
-            format!("pose{}\n", words.concat())
-        };
-        let own: Vec<_> = pose::scenes().map(|scene| pose::solve(&scene)).collect();
-        let output: String = own.iter().copied().map(line).collect();
-        assert_eq!(compare_poses(&output).unwrap(), own.len());
-        let mut other = own;
-        other[7][8] ^= 1;
-        let output: String = other.iter().copied().map(line).collect();
-        assert!(compare_poses(&output).is_err());
-        assert!(compare_poses(OUTPUT).is_err());
+    fn another_bit_is_noticed() {
+        let mut own = String::new();
+        bits::print_all(&mut own).unwrap();
+        assert_eq!(same_bits(&own, &own).unwrap(), own.lines().count());
+        // The lowest bit of the last number of each line in turn.
+        let lines: Vec<_> = own.lines().map(str::to_owned).collect();
+        for number in 0..lines.len() {
+            let mut other = lines.clone();
+            let digit = other[number].pop().and_then(|digit| digit.to_digit(16));
+            other[number] += &format!("{:x}", digit.unwrap() ^ 1);
+            let told = same_bits(&own, &other.join("\n")).unwrap_err();
+            assert!(told.to_string().contains("arithmetic"), "{told}");
+        }
+        let cut = own.trim_end().rsplit_once('\n').unwrap().0;
+        assert!(same_bits(&own, cut).is_err() && same_bits(cut, &own).is_err());
+        assert!(same_bits("", "").is_err());
     }
 
     #[test]

@@ -12,7 +12,7 @@ use anyhow::{Context, Result, bail, ensure};
 use serde_json::Value;
 use xshell::{Cmd, Shell, cmd};
 
-use crate::{chip, emulate, peers};
+use crate::{chip, peers};
 
 /// Members of the workspace that have no test of their own.
 const WITHOUT_TESTS: [&str; 4] = [
@@ -27,8 +27,7 @@ const INCREMENTAL: (&str, &str) = ("CARGO_INCREMENTAL", "0");
 
 /// Tests that need what the stages of their own build first, and that are left out elsewhere.
 fn ignored_suites() -> impl Iterator<Item = &'static str> {
-    let suites = peers::SUITES.into_iter().chain(emulate::SUITES);
-    suites.chain(chip::SUITES)
+    peers::SUITES.into_iter().chain(chip::SUITES)
 }
 
 /// What test programs said of themselves, all together.

@@ -10,11 +10,11 @@ mod chip;
 mod cortex_m;
 mod documented;
 mod elf;
-mod emulate;
 mod firmware;
 mod fuzz;
 mod harness;
 mod peers;
+mod qemu;
 mod setup;
 mod size;
 mod test;
@@ -49,8 +49,6 @@ enum Chore {
         #[arg(long, default_value_t = 0)]
         largest: usize,
     },
-    /// A node on an emulated board, with an emulated camera and a real radio co-processor
-    Emulate,
     /// Images for all boards, to target/firmware, with what they take
     Firmware {
         /// Only of these boards
@@ -95,7 +93,7 @@ fn run(chore: Chore) -> anyhow::Result<ExitCode> {
     // Whole, because it is shown.
     let root = Path::new(env!("CARGO_MANIFEST_DIR")).parent();
     sh.change_dir(root.context("xtask is in the workspace's folder")?);
-    if let Chore::Test(_) | Chore::Emulate | Chore::Firmware { .. } | Chore::Bench { .. } = chore {
+    if let Chore::Test(_) | Chore::Firmware { .. } | Chore::Bench { .. } = chore {
         firmware::prepare_linker(&sh)?;
     }
     let done = match chore {
@@ -127,10 +125,6 @@ fn run(chore: Chore) -> anyhow::Result<ExitCode> {
         .map_err(Into::into),
         Chore::CortexM => count_instructions(&sh),
         Chore::Size { largest } => measure_size(&sh, largest),
-        Chore::Emulate => {
-            setup::packages(&sh)?;
-            emulate::run(&sh)
-        }
         Chore::Firmware { boards } => firmware::run(&sh, &boards),
         Chore::Peers => {
             setup::packages(&sh)?;

@@ -1,4 +1,5 @@
-//! Tests against programs of other projects: tshark, and one that is built from source.
+//! Tests against programs of other projects: tshark, and one that is built from source. They take as long as
+//! it really does, as a camera on a port does.
 //!
 //! `ot-rcp` is OpenThread's radio co-processor, here its simulation for a computer: it speaks
 //! Spinel on its standard input and output, and its medium is multicast on the loopback interface.
@@ -20,7 +21,7 @@ const MANIFEST: &str = "xtask/peers/Cargo.toml";
 /// The crate, whose version `xtask/peers/Cargo.lock` tells.
 const CRATE: &str = "openthread-sys";
 
-pub(crate) const SUITES: [&str; 3] = ["ot_rcp", "capture", "decryption"];
+pub(crate) const SUITES: [&str; 4] = ["ot_rcp", "real_time", "capture", "decryption"];
 
 /// Kept until it is deleted.
 const DIRECTORY: &str = "target/peers";
@@ -46,7 +47,7 @@ pub(crate) fn run(sh: &Shell) -> Result<()> {
 }
 
 /// The program `ot-rcp`.
-pub(crate) fn ot_rcp(sh: &Shell) -> Result<PathBuf> {
+fn ot_rcp(sh: &Shell) -> Result<PathBuf> {
     let directory = sh.current_dir().join(DIRECTORY);
     let (version, source) = source(sh)?;
     let build = directory.join(format!("{CRATE}-{version}"));

@@ -6,7 +6,7 @@ use anyhow::{Context, Result};
 use clap::builder::PossibleValuesParser;
 use xshell::{Shell, cmd};
 
-use crate::{chip, cortex_m, emulate, firmware, fuzz, harness, peers, setup, size};
+use crate::{chip, cortex_m, firmware, fuzz, harness, peers, setup, size};
 
 /// Everything that must hold, stage by stage
 ///
@@ -40,7 +40,7 @@ struct Stage {
     run: fn(&Shell) -> Result<()>,
 }
 
-const STAGES: [Stage; 14] = [
+const STAGES: [Stage; 13] = [
     Stage {
         name: "set-up",
         what: "what the others need, and lock files that fit",
@@ -78,15 +78,9 @@ const STAGES: [Stage; 14] = [
         run: |sh| firmware::run(sh, &[]),
     },
     Stage {
-        name: "emulate",
-        what: "tests on emulated boards",
-        needs: packages_and_linker,
-        run: emulate::run,
-    },
-    Stage {
         name: "chip",
         what: "the image that is flashed, on an emulated nRF52840",
-        needs: emulator_and_linker,
+        needs: packages_emulator_and_linker,
         run: chip::run,
     },
     Stage {
@@ -225,12 +219,8 @@ fn nothing(_: &Shell) -> Result<()> {
     Ok(())
 }
 
-fn packages_and_linker(sh: &Shell) -> Result<()> {
+fn packages_emulator_and_linker(sh: &Shell) -> Result<()> {
     setup::packages(sh)?;
-    setup::linker(sh)
-}
-
-fn emulator_and_linker(sh: &Shell) -> Result<()> {
     setup::emulator(sh)?;
     setup::linker(sh)
 }

@@ -39,10 +39,6 @@ pub const STM32L476RG: Regions = Regions {
     end: 0x0010_0000,
 };
 
-/// Where the emulator of the mps2-an386 loads the configuration page: into the last page of the
-/// 4 MiB of code memory (ARM application note 386, "Memory map").
-pub const MPS2_AN386_CONFIG: u32 = 0x003f_f000;
-
 /// The parts, in bytes from the start of the flash, as drivers count.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Regions {

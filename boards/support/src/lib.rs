@@ -10,7 +10,6 @@
 //! | [`last_words`] | why a node stopped, kept over its reset |
 //! | [`pins`] | lamps and buttons |
 //! | [`i2c`] | a bus that a sensor holds |
-//! | [`panel`] | steps, lamps and buttons as messages on a line, for boards that have none |
 //! | `retained` | where last words are kept, and who says them; on a board only |
 //! | `start` | the start of a real board, and why its node stopped; on a board only |
 //! | `tasks` | how tasks are spawned; on a board only |
@@ -40,7 +39,6 @@ pub mod heartbeats;
 pub mod i2c;
 pub mod last_words;
 pub mod memory;
-pub mod panel;
 pub mod pins;
 #[cfg(all(target_os = "none", feature = "retained"))]
 pub mod retained;

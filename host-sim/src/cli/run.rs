@@ -14,9 +14,7 @@ use anyhow::{Context, ensure};
 use calib_core::Status;
 use clap::{Args, ValueEnum};
 use host_sim::live::{animation, report};
-use host_sim::network::{
-    CHIP_IMAGE, Chips, Emulation, IMAGE, Onlooker, Options, Progress, Simulation, TrackRow,
-};
+use host_sim::network::{CHIP_IMAGE, Chips, Onlooker, Options, Progress, Simulation, TrackRow};
 use indicatif::{ProgressBar, ProgressStyle};
 use node_firmware::limits::CONSOLE_BAUD;
 use site::Action;
@@ -36,8 +34,7 @@ use super::{
 
 /// Lets a network calibrate itself, and compares what it found with the truth.
 ///
-/// Every node runs its firmware, over emulated cameras and a simulated radio, in virtual time or on
-/// emulated boards.
+/// Every node runs its firmware, over emulated cameras and a simulated radio, in virtual time.
 #[derive(Args)]
 #[command(after_help = EPILOGUE)]
 pub(super) struct Arguments {
@@ -46,8 +43,7 @@ pub(super) struct Arguments {
     /// The root of all randomness. Default: the scenario's.
     #[arg(long, value_name = "S", value_parser = values::seed, allow_negative_numbers = true)]
     seed: Option<u64>,
-    /// `max`, `real-time`, or so many times real time, such as `10x`. Default: `max`, and
-    /// `real-time` on emulated boards.
+    /// `max`, `real-time`, or so many times real time, such as `10x`. Default: `max`.
     #[arg(long, value_name = "SPEED", value_parser = values::speed, allow_negative_numbers = true)]
     speed: Option<values::Speed>,
     /// Go on as a person would: to the stops that the verdict asks for, until every camera is calibrated
@@ -69,17 +65,13 @@ pub(super) struct Arguments {
     /// May be repeated.
     #[arg(long, value_name = "PTY", value_parser = values::console)]
     console: Vec<(usize, PathBuf)>,
-    /// The image for emulated boards. Default: what `cargo xtask firmware` makes.
+    /// The image for emulated chips. Default: what `cargo xtask firmware` makes.
     #[arg(long, value_name = "FILE.elf")]
     image: Option<PathBuf>,
     /// GDB connects to this node, an emulated nRF52840, with `target remote :3333`: at each of its starts
     /// the network waits for that.
     #[arg(long, value_name = "NODE")]
     gdb: Option<u16>,
-    /// The run ends with an error when an emulated board shows no life within this time, seconds.
-    /// Default: 30.
-    #[arg(long, value_name = "S", value_parser = values::seconds, allow_negative_numbers = true)]
-    board_timeout: Option<Duration>,
     /// After the calibration, have all cameras track the scenario's objects for so many seconds, or two that
     /// walk about at random if it has none.
     #[arg(long, value_name = "S", value_parser = values::seconds, conflicts_with = "console", allow_negative_numbers = true)]
@@ -118,8 +110,6 @@ enum Backend {
     Host,
     /// An emulated nRF52840 for each node, in virtual time: the image that is flashed.
     Nrf52840,
-    /// An emulated Cortex-M4F for each node, in real time: machine code in `qemu-system-arm`.
-    Qemu,
 }
 
 const EPILOGUE: &str = "\
@@ -127,22 +117,19 @@ Exit codes:
   0    every camera that should be calibrated is, and true errors are what the sigmas foretell
   1    one is not, or a pose is more than five predicted sigmas off, or all together are too far off,
        or --check found a difference
-  2    wrong options, an impossible scenario, a file could not be read or written, or an emulated
-       board stalled or ended by itself
+  2    wrong options, an impossible scenario, a file could not be read or written, or the emulated
+       chips failed
   130  ended by Ctrl-C or SIGTERM; a second one ends it at once
 
-Results of a run that was ended, or whose board failed, are of what was before, and say so: the
+Results of a run that was ended, or whose chips failed, are of what was before, and say so: the
 report and the record at their beginning (`cut_short`), other files in their last line.";
 
 pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
     let scenario = arguments.scenario.load(arguments.seed)?;
     arguments.scenario.tell_assumptions(&scenario);
     let script = arguments.pcap.as_deref().and_then(script_of);
-    let usual = match arguments.backend {
-        Backend::Nrf52840 => CHIP_IMAGE,
-        Backend::Host | Backend::Qemu => IMAGE,
-    };
-    let image = arguments.image.as_deref().unwrap_or(Path::new(usual));
+    let usual = Path::new(CHIP_IMAGE);
+    let image = arguments.image.as_deref().unwrap_or(usual);
     let files = Files::default()
         .reads(arguments.scenario.file())
         .reads(arguments.port.iter().map(|(_, path)| path))
@@ -165,29 +152,17 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
     let outputs = arguments.outputs.prepare(which, files)?;
     let speed = arguments.speed.as_ref().and_then(|speed| speed.0);
     ensure!(
-        arguments.speed.is_none()
-            || speed == Some(1.0)
-            || (arguments.backend != Backend::Qemu && arguments.port.is_empty()),
-        "boards in QEMU and real cameras have a time of their own: leave out --speed, or say \
-         `--speed real-time`"
-    );
-    ensure!(
-        arguments.board_timeout.is_none() || arguments.backend == Backend::Qemu,
-        "--board-timeout is for boards in QEMU: leave it out, or say `--backend qemu`"
+        arguments.speed.is_none() || speed == Some(1.0) || arguments.port.is_empty(),
+        "real cameras have a time of their own: leave out --speed, or say `--speed real-time`"
     );
     ensure!(
         arguments.image.is_none() || arguments.backend != Backend::Host,
-        "--image is for emulated boards: leave it out, or say `--backend nrf52840`"
+        "--image is for emulated chips: leave it out, or say `--backend nrf52840`"
     );
     ensure!(
         arguments.port.is_empty() || arguments.backend != Backend::Nrf52840,
         "emulated chips have a time of their own, and a real camera another: leave out --port, or say \
          `--backend host`"
-    );
-    ensure!(
-        !arguments.until_calibrated || arguments.backend != Backend::Qemu,
-        "--until-calibrated reads what nodes know while they run, as boards in QEMU do not tell it: \
-         leave it out, or say `--backend nrf52840`"
     );
     ensure!(
         arguments.gdb.is_none() || arguments.backend == Backend::Nrf52840,
@@ -211,16 +186,6 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
             "node {node} has two ports: leave one out"
         );
     }
-    let emulation = match arguments.backend {
-        Backend::Host | Backend::Nrf52840 => None,
-        Backend::Qemu => {
-            let emulation = Emulation::of(image)?;
-            Some(match arguments.board_timeout {
-                Some(timeout) => emulation.with_timeout(timeout),
-                None => emulation,
-            })
-        }
-    };
     let chips = match arguments.backend {
         Backend::Nrf52840 => {
             let mut chips = Chips::of(image)?;
@@ -230,13 +195,12 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
             }
             Some(chips)
         }
-        Backend::Host | Backend::Qemu => None,
+        Backend::Host => None,
     };
     let [pcap, log] = [&arguments.pcap, &arguments.log].map(|path| path.as_deref().map(Late::new));
     let stop = interrupt::watch()?;
     let options = Options {
         speed,
-        emulation,
         chips,
         further_stops: if arguments.until_calibrated {
             arguments.further_stops

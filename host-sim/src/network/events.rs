@@ -220,9 +220,8 @@ async fn restart(clock: Clock, at: Time, node: Rc<Node>) {
 /// `share`: how much of its next flash operation is done before, if it is to be in one.
 async fn power_cut(clock: Clock, at: Time, node: Rc<Node>, lasts: Time, share: Option<f64>) {
     clock.sleep_until_time(at).await;
-    if let Some(share) = share
-        && let Some(takes) = node.next_write().await
-    {
+    if let Some(share) = share {
+        let takes = node.next_write().await;
         clock.sleep((takes as f64 * share) as Time).await;
     }
     node.note("loses its power");

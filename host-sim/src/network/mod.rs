@@ -1,5 +1,5 @@
 //! Runs a scenario: the firmware of every node, over emulated cameras and simulated radios, in
-//! virtual time; or as machine code, on emulated chips in virtual time, or in QEMU in real time.
+//! virtual time; or as machine code, on emulated chips.
 //!
 //! A [`Simulation`] puts up what a [`Scenario`] says and provisions every node as a person would.
 //! Then it only lets time pass: nodes find each other, cameras look, the target walks when its lamp
@@ -65,7 +65,7 @@ pub use self::{
     camera::{CameraDevice, Pixy2Device},
     console::Terminal,
     emulated::{
-        Emulation, EmulatorError, IMAGE,
+        EmulatorError,
         chips::{CHIP_IMAGE, Chips},
     },
     looking::Onlooker,
@@ -105,14 +105,12 @@ type SharedWorld = Rc<RefCell<World>>;
 /// How to run.
 #[derive(Default)]
 pub struct Options {
-    /// So many times real time; as fast as possible if `None`. With boards in QEMU always 1.
+    /// So many times real time; as fast as possible if `None`.
     pub speed: Option<f64>,
-    /// Run the nodes on boards in QEMU.
-    pub emulation: Option<Emulation>,
     /// Run the nodes on emulated nRF52840s.
     pub chips: Option<Chips>,
     /// Stops, at most, to which targets are led after those of their way, as the verdict asks, until
-    /// every camera is calibrated and every pose checked. Not on boards in QEMU.
+    /// every camera is calibrated and every pose checked.
     pub further_stops: usize,
     /// Ends the run, as far as it is, once somebody sets it.
     pub stop: Arc<AtomicBool>,
@@ -173,7 +171,6 @@ pub struct Simulation {
     consoles: Vec<Console>,
     further: further::Further,
     attacker: attack::Attacker,
-    emulation: Option<Emulation>,
     chips: Option<Rc<Pool>>,
     stop: Arc<AtomicBool>,
     /// Until the run begins.
@@ -196,8 +193,7 @@ impl Simulation {
         let (written, scenario) = (scenario.networks, rehearsed);
         let root = Root(scenario.seed);
         let mut executor = Executor::new();
-        let real_time = options.emulation.as_ref().map(|_| 1.0);
-        if let Some(speed) = real_time.or(options.speed) {
+        if let Some(speed) = options.speed {
             executor.set_pace(times_real_time(speed));
         }
         let clock = executor.clock();
@@ -226,7 +222,6 @@ impl Simulation {
             consoles: Vec::new(),
             further: further::Further::new(options.further_stops),
             attacker: attack::Attacker::default(),
-            emulation: options.emulation,
             chips,
             stop: options.stop,
             pcap: options.pcap,

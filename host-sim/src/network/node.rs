@@ -28,7 +28,7 @@ use zigbee_link::{radio::Csma, runner::Clock as _, wire::Eui64};
 use super::{
     CameraDevice, Pixy2Device, SharedWorld, Simulation, Trouble,
     device::{Device, Serial},
-    emulated::{Emulated, Surroundings},
+    emulated::{Surroundings, chips},
     journal::{Moment, SharedJournal, Witness},
 };
 use crate::video::Video;
@@ -164,7 +164,7 @@ pub(super) struct Node {
     /// A real camera in the place of what is on the line.
     real: RefCell<Option<Serial>>,
     /// What runs the firmware, if not this program.
-    board: Option<Emulated>,
+    board: Option<Rc<chips::Board>>,
     trouble: Trouble,
 }
 
@@ -192,13 +192,10 @@ impl Node {
         let most = simulation.scenario.clock_ppm * 1e3;
         let drift = root.stream("clock", id).random_range(-most..=most);
         let clock = simulation.executor.clock().drifting(drift as i32);
-        let emulation = simulation.emulation.as_ref();
-        let qemu = || Some(Emulated::Qemu(Box::new(emulation?.board(&config))));
         let chip = simulation.chips.as_ref();
         let step_length = simulation.scenario.walk.step_length;
-        let chip = chip.map(|chips| Emulated::Chip(chips.board(&config, step_length)));
         Rc::new(Self {
-            board: chip.or_else(qemu),
+            board: chip.map(|chips| chips.board(&config, step_length)),
             trouble: simulation.trouble.clone(),
             real: RefCell::default(),
             flash: Flash::new(&clock, PAGES, root.stream("flash", id)),
@@ -584,17 +581,17 @@ impl Node {
         board.map_or_else(Vec::new, |board| board.facts(&self.clock))
     }
 
-    /// Waits until it works on its flash: how long that takes. None where nobody knows.
-    pub(super) async fn next_write(&self) -> Option<Time> {
+    /// Waits until it works on its flash: how long that takes.
+    pub(super) async fn next_write(&self) -> Time {
         match &self.board {
             Some(board) => board.next_write().await,
-            None => Some(self.flash.next_operation().await),
+            None => self.flash.next_operation().await,
         }
     }
 
     /// What is known of its emulated chip, once the simulation has ended.
     pub(super) fn chip(&self) -> Option<chip_pipe::End> {
-        self.board.as_ref()?.end()
+        Some(self.board.as_ref()?.end())
     }
 
     /// Puts into the journal what nobody has seen an emulated board write down.

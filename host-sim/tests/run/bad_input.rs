@@ -83,12 +83,21 @@ fn options_out_of_their_range() {
             &["camera", "--pty", "x", "--seed", "-1"],
             "a whole number from 0",
         ),
-        (&["run", "lab", "--board-timeout", "0"], "above 0"),
-        (&["run", "lab", "--board-timeout", "1e30"], "fewer seconds"),
+        (&["run", "lab", "--track", "0"], "above 0"),
+        (&["run", "lab", "--track", "1e30"], "fewer seconds"),
         (
-            &["run", "lab", "--board-timeout", "5"],
-            "say `--backend qemu`",
+            &["run", "lab", "--port", "3=/x", "--speed", "10x"],
+            "leave out --speed",
         ),
+        (
+            &["run", "lab", "--port", "20=/dev/null"],
+            "the scenario has no camera 20",
+        ),
+        (
+            &["run", "lab", "--port", "3=/nowhere"],
+            "/nowhere does not exist",
+        ),
+        (&["run", "lab", "--port", "3"], "such as 3=/dev/ttyUSB0"),
         (
             &["run", "lab", "--port", "3=/x", "--port", "3=/y"],
             "two ports",

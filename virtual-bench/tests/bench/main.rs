@@ -1,6 +1,5 @@
 //! The machinery of simulated networks: virtual time, radio medium, lines, flash.
 
-mod co_processor;
 mod executor;
 mod flash;
 mod line;

@@ -17,6 +17,7 @@ mod process;
 use std::{
     cell::{Cell, RefCell},
     collections::{BTreeMap, VecDeque},
+    fs,
     path::Path,
     rc::Rc,
 };
@@ -61,13 +62,20 @@ impl Chips {
     /// Chips that run this image. What emulates them is built, if it is not.
     ///
     /// # Errors
-    /// The image is missing, or the process cannot be built or started.
+    /// The image is missing or none, or the process cannot be built or started.
     pub fn of(image: &Path) -> Result<Self, EmulatorError> {
         let found = image.canonicalize().ok().filter(|image| image.is_file());
         let image = found.ok_or_else(|| EmulatorError::NoImage {
             image: image.to_owned(),
             usual: CHIP_IMAGE,
         })?;
+        let is_program = fs::read(&image).is_ok_and(|bytes| object::File::parse(&*bytes).is_ok());
+        if !is_program {
+            return Err(EmulatorError::NoProgram {
+                image,
+                usual: CHIP_IMAGE,
+            });
+        }
         let mut process = Process::start()?;
         process.order(&Orders::Load(image.to_string_lossy().into_owned()))?;
         Ok(Self(process))

@@ -2,6 +2,7 @@
 
 use std::{
     io::{self, BufReader},
+    os::unix::process::CommandExt,
     path::Path,
     process::{Child, ChildStdin, ChildStdout, Command, Stdio},
 };
@@ -51,6 +52,8 @@ impl Process {
         }
         let program = Path::new(BUILT).join("release/chips");
         let mut child = Command::new(program)
+            // Ctrl-C is for the owner, who still asks it then what chips know.
+            .process_group(0)
             .stdin(Stdio::piped())
             .stdout(Stdio::piped())
             .spawn()

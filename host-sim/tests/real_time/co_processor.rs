@@ -1,21 +1,16 @@
-//! The image on the emulated board, with a camera emulator or a PC, a real `ot-rcp` and a panel on
-//! its UARTs, in real time. `cargo xtask emulate` builds what is needed and runs these.
-#![cfg(unix)]
+//! A node whose radio is a real `ot-rcp` at the other end of a line, with a camera emulator or a PC.
 
-mod machine;
-#[expect(dead_code, reason = "its own tests use more of it")]
-#[path = "../../../../spinel-radio/tests/peer/mod.rs"]
-mod peer;
-#[path = "../../../../zigbee-link/tests/support/mod.rs"]
-mod support;
-
-use std::{cell::Cell, env, f32::consts::FRAC_PI_4, future::Future, time::Duration};
+use std::{
+    cell::Cell,
+    f32::consts::FRAC_PI_4,
+    future::{Future, pending},
+    time::Duration,
+};
 
 use calib_core::dead_reckoning::{Place, PlaceParts, Systematic};
 use cmucam2_emulator::Note;
-use embassy_futures::select::{Either, Either4, select, select4};
+use embassy_futures::select::{Either4, select4};
 use embedded_storage_async::nor_flash::NorFlash;
-use machine::{Camera, Console, Machine, Panel, bridge};
 use nalgebra::{Rotation2, Vector2};
 use node_firmware::{
     config::{CameraConfig, Config, CoordinatorConfig, RoleConfig, SiteKey, Subjects},
@@ -25,11 +20,6 @@ use node_firmware::{
         Reference, References, Seen, Sight, StopBearing, Stopped,
     },
     vision::{ColourWindow, Lens},
-};
-use peer::{Air, Process, StdClock, poll_for};
-use support::{
-    aether::{eui, key_bytes},
-    node::{provisioned, settings},
 };
 use zigbee_link::{
     link::Delivery,
@@ -41,7 +31,16 @@ use zigbee_link::{
     wire::ShortAddress,
 };
 
-/// A node on this computer, and what reaches it.
+use crate::{
+    node::{Camera, Console, Line, Machine, Panel},
+    peer::{Air, Process, StdClock, poll_for},
+    support::{
+        aether::{eui, key_bytes},
+        node::{provisioned, settings},
+    },
+};
+
+/// Another node on this computer, and what reaches it.
 type Link<'a> = Shared<&'a StdClock, 4, 4, 1>;
 
 /// The start of a camera takes some six seconds, five of them adapting to the light.
@@ -59,18 +58,6 @@ fn config(number: u8, role: RoleConfig) -> Config {
     }
 }
 
-/// It never used more of its stack than was computed from its code.
-fn check_stack(machine: &Machine) {
-    let used = machine.stack_used();
-    println!("{used} bytes of stack were used");
-    let bound = env::var("STACK_BOUND").expect("STACK_BOUND is not set: `cargo xtask emulate`");
-    let bound: u32 = bound.parse().unwrap();
-    assert!(
-        used <= bound,
-        "{used} bytes of stack were used, computed were {bound}"
-    );
-}
-
 /// Sends a message that must arrive.
 async fn deliver(link: &Link<'_>, to: ShortAddress, message: &Message) {
     let delivery = link.send(to, message).await;
@@ -80,35 +67,32 @@ async fn deliver(link: &Link<'_>, to: ShortAddress, message: &Message) {
     );
 }
 
-/// Runs a story with a node on this computer and what else there is; the story must end, and
-/// nothing else.
+/// Runs a story with the node, another one, and a device on the node's line; the story must end, and nothing
+/// else.
 async fn tell<T, R: Radio, F: NorFlash>(
-    machine: &mut Machine,
     story: impl Future<Output = T>,
+    node: impl Future<Output = String>,
     (link, radio, store): (&Link<'_>, &mut R, &mut Store<F>),
-    co_processor: impl Future<Output = ()>,
     device: impl Future<Output = ()>,
 ) -> T {
-    let all = select4(story, runner::run(link, radio, store), co_processor, device);
-    match select(all, machine.ended()).await {
-        Either::First(Either4::First(result)) => result,
-        Either::First(_) => panic!("a line was closed: {}", machine.log()),
-        Either::Second(status) => panic!("the emulator ended: {status}: {}", machine.log()),
+    match select4(story, node, runner::run(link, radio, store), device).await {
+        Either4::First(result) => result,
+        Either4::Second(why) => panic!("the node stopped: {why}"),
+        Either4::Third(why) => panic!("the other node stopped: {why:?}"),
+        Either4::Fourth(()) => panic!("the line was closed"),
     }
 }
 
 /// The node forms a network, opens it at the press of a button, and a node on this computer joins
-/// and presents itself, which the PC on the node's line is told. Its flash ends up in a file, from
-/// which a second start goes on: the other node comes back without a button being pressed.
+/// and presents itself, which the PC on the node's line is told. A second start goes on from its flash: the
+/// other node comes back without a button being pressed. Its co-processor restarts in the middle of both.
 #[test]
-#[ignore = "needs an image and an ot-rcp: cargo xtask emulate"]
+#[ignore = "needs an ot-rcp: cargo xtask peers"]
 fn a_coordinator_forms_a_network() {
     let air = Air::new();
     let role = RoleConfig::Coordinator(CoordinatorConfig::default());
     let mut machine = Machine::new(&config(0, role));
     let first = coordinate(&air, &mut machine, Start::First);
-    check_stack(&machine);
-    machine.stop();
     let second = coordinate(&air, &mut machine, Start::Again);
     assert_eq!(first, second);
 }
@@ -122,11 +106,11 @@ enum Start {
 /// Until a node on this computer has joined and presented itself.
 fn coordinate(air: &Air, machine: &mut Machine, start: Start) -> Membership {
     let clock = StdClock::new();
-    let (_co_processor, mut line) = Process::start(air, 1);
-    let (_process, mut radio) = air.node(2);
-    let lines = machine.start();
-    let mut console = Console::new(lines.device);
-    let mut panel = Panel::new(lines.panel);
+    let [(mut co_processor, own_radio), (_process, mut radio)] = [1, 2].map(|node| air.node(node));
+    let [uart, device] = Line::new();
+    let mut console = Console::new(device);
+    let panel = Panel::default();
+    let node = machine.run(uart, own_radio, panel.clone());
 
     let mut store = provisioned();
     let saved = poll_for(LIMIT, store.load()).unwrap().unwrap();
@@ -148,6 +132,7 @@ fn coordinate(air: &Air, machine: &mut Machine, start: Start) -> Membership {
                 .sleep_until(clock.now() + Duration::from_millis(20))
                 .await;
         };
+        restart(&mut co_processor);
         let hello = Hello {
             id: 1234,
             kind: MemberKind::Target,
@@ -164,9 +149,8 @@ fn coordinate(air: &Air, machine: &mut Machine, start: Start) -> Membership {
         console.until(is_told).await;
         membership
     };
-    let node = (&link, &mut radio, &mut store);
-    let co_processor = bridge(&lines.radio, &mut line);
-    let told = tell(machine, story, node, co_processor, std::future::pending());
+    let other = (&link, &mut radio, &mut store);
+    let told = tell(story, node, other, pending());
     let membership = poll_for(LIMIT, told).expect("it takes too long");
     // It draws the rest of its address.
     assert_eq!(membership.coordinator.number(), 0);
@@ -174,10 +158,16 @@ fn coordinate(air: &Air, machine: &mut Machine, start: Start) -> Membership {
     membership
 }
 
+/// As a watchdog restarts a co-processor.
+fn restart(co_processor: &mut Process) {
+    co_processor.kill();
+    co_processor.restart();
+}
+
 /// The node joins, brings up its camera, looks three times at a ball whose place it is told, and
 /// reports where it stands: at the origin, looking along the x axis.
 #[test]
-#[ignore = "needs an image and an ot-rcp: cargo xtask emulate"]
+#[ignore = "needs an ot-rcp: cargo xtask peers"]
 fn a_camera_finds_its_pose() {
     // Columns, and how far away the ball is.
     let stops = [(15.0, 5.0), (43.5, 2.5), (70.0, 4.0)];
@@ -187,9 +177,9 @@ fn a_camera_finds_its_pose() {
 
 /// The same of the first of two reference cameras, and of a ball whose place nobody knows, only how it
 /// went on from its first stop. The second camera, on the x axis and looking at what is in front of the
-/// first one, is this computer. This is the deepest that a node's stack gets.
+/// first one, is this computer.
 #[test]
-#[ignore = "needs an image and an ot-rcp: cargo xtask emulate"]
+#[ignore = "needs an ot-rcp: cargo xtask peers"]
 fn a_reference_camera_finds_its_pose() {
     let config = CameraConfig {
         reference: Some(Reference {
@@ -247,11 +237,11 @@ fn calibrate(config: CameraConfig, stops: &[(f64, f32)], reference: Option<f32>)
     let baud = config.baud;
     let mut machine = Machine::new(&self::config(1, RoleConfig::Camera(config)));
     let clock = StdClock::new();
-    let (_co_processor, mut line) = Process::start(&air, 1);
-    let (_process, mut radio) = air.node(2);
-    let lines = machine.start();
-    let mut camera = Camera::new(lines.device, baud);
-    let mut panel = Panel::new(lines.panel);
+    let [(_co_processor, own_radio), (_process, mut radio)] = [1, 2].map(|node| air.node(node));
+    let [uart, device] = Line::new();
+    let mut camera = Camera::new(device, baud);
+    let panel = Panel::default();
+    let node = machine.run(uart, own_radio, panel.clone());
 
     let mut store = provisioned();
     let saved = poll_for(LIMIT, store.load()).unwrap().unwrap();
@@ -326,11 +316,9 @@ fn calibrate(config: CameraConfig, stops: &[(f64, f32)], reference: Option<f32>)
         panel.until(|lamps| lamps.calibrated).await;
         pose
     };
-    let node = (&link, &mut radio, &mut store);
-    let co_processor = bridge(&lines.radio, &mut line);
-    let told = tell(&mut machine, story, node, co_processor, camera.run(&ball));
+    let other = (&link, &mut radio, &mut store);
+    let told = tell(story, node, other, camera.run(&ball));
     let pose = poll_for(LIMIT, told).expect("it takes too long");
-    check_stack(&machine);
 
     let commands = camera.notes.iter().filter_map(|note| match note {
         Note::Command(command) => Some(command.to_string().into_bytes()),

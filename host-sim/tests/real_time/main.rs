@@ -1,0 +1,17 @@
+//! What takes as long as it really does. `cargo xtask peers` builds what is needed and runs these.
+#![cfg(unix)]
+
+mod co_processor;
+mod node;
+#[expect(dead_code, reason = "its own tests use more of it")]
+#[path = "../../../spinel-radio/tests/peer/mod.rs"]
+mod peer;
+mod port;
+#[expect(
+    dead_code,
+    reason = "only emulated chips have an arithmetic of their own"
+)]
+#[path = "../small/mod.rs"]
+mod small;
+#[path = "../../../zigbee-link/tests/support/mod.rs"]
+mod support;
