@@ -154,6 +154,14 @@ impl Emulated {
         }
     }
 
+    /// Its chip, if that is emulated.
+    pub(super) fn chip(&self) -> Option<&chips::Board> {
+        match self {
+            Self::Qemu(_) => None,
+            Self::Chip(board) => Some(board),
+        }
+    }
+
     /// What is known of its chip, once the simulation has ended.
     pub(super) fn end(&self) -> Option<chip_pipe::End> {
         match self {
