@@ -29,15 +29,21 @@ pub struct Frame {
     pub psdu: Vec<u8>,
 }
 
-/// What becomes of a frame at a receiver, if nothing else is on the air there.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+/// What becomes of a frame at a receiver.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Reception {
     /// Whose frame it is: any number that is no other sender's.
     pub from: u32,
     /// Of its energy, dBm.
     pub level: i8,
-    /// It is not received whole.
+    /// It is not received whole, even if nothing else is on the air there.
     pub is_lost: bool,
+    /// It is too weak to be taken for a frame: only a carrier.
+    pub is_faint: bool,
+    /// It stands out from all that is on the air there when it begins.
+    pub stands_out: bool,
+    /// Whose frames do not stand out there any more, now that it has begun.
+    pub spoils: Vec<u32>,
 }
 
 /// What acts on a step sensor from an instant on, along the axes printed on it.
@@ -58,8 +64,12 @@ pub struct Motion {
 pub enum Order {
     /// It has power from now on.
     On {
+        /// When; if that has passed, now.
+        at: u64,
         /// Of what it draws at random.
         seed: u64,
+        /// How much faster than true its clocks run, 1e-9.
+        drift_ppb: i32,
         /// A step sensor is on its bus.
         has_sensor: bool,
         /// What a programmer has written to its flash since it last had power.
@@ -67,12 +77,14 @@ pub enum Order {
     },
     /// It has no power any more.
     Off,
-    /// A byte on its line has ended.
-    Byte {
-        /// When; if that has passed, now.
+    /// Bytes on its line end one after the other.
+    Bytes {
+        /// When the first one does; if that has passed, now.
         at: u64,
+        /// How long each of the others takes.
+        every: u64,
         /// Which.
-        byte: u8,
+        bytes: Vec<u8>,
     },
     /// A frame arrives. It must not have begun.
     Frame(Frame, Reception),
@@ -83,6 +95,29 @@ pub enum Order {
     Show,
     /// Its step sensor moves so, in the order of times, none of which has passed.
     Moves(Vec<Motion>),
+    /// Something else than frames is on a channel, or on all, until then.
+    Jammed {
+        /// When it is over.
+        until: u64,
+        /// IEEE 802.15.4, 11 to 26.
+        channel: Option<u8>,
+    },
+    /// Bits of its flash flip: addresses, and numbers of bits there.
+    Rot(Vec<(u64, u8)>),
+    /// What programs write in its flash keeps what it holds from now on, whatever they do.
+    WearOut,
+}
+
+impl Order {
+    /// When a chip has something to do because of it.
+    pub fn at(&self) -> u64 {
+        match self {
+            Self::Bytes { at, .. } => *at,
+            Self::Frame(frame, _) => frame.start,
+            Self::StandInWrite | Self::Moves(_) | Self::Jammed { .. } | Self::WearOut => u64::MAX,
+            Self::On { .. } | Self::Off | Self::Show | Self::Rot(_) => 0,
+        }
+    }
 }
 
 /// What the chips are to do.
@@ -108,15 +143,17 @@ pub enum Orders {
 pub enum Deed {
     /// It sends a frame, with this power, dBm. It is told before it begins.
     Sends(Frame, i8),
-    /// A byte has gone out on its line.
-    Byte(u8),
+    /// It begins to send these bytes on its line, one after the other.
+    Bytes(Vec<u8>),
     /// What a port's pins drive has changed: the port, and a bit a pin; those of inputs count as high.
     Pins(u8, u32),
     /// It says something in its log.
     Logs(String),
     /// It stands in the middle of work on its flash that takes so many nanoseconds.
     Writes(u64),
-    /// What programs write in its flash, as it was to show.
+    /// What programs write in its flash is not what it was when it was last told.
+    Stores,
+    /// What programs write in its flash: as it was to show, or when its power went.
     Memory(Vec<Contents>),
     /// It has restarted, by order of this part of it.
     Restarts(String),
@@ -152,6 +189,8 @@ pub struct End {
 pub struct Reports {
     /// Until when they ran.
     pub reached: u64,
+    /// When the first of them does something next, if nothing happens to any.
+    pub next: u64,
     /// When, who and what; in the order of times.
     pub deeds: Vec<(u64, u32, Deed)>,
 }
@@ -206,6 +245,9 @@ mod tests {
             from: 3,
             level: -60,
             is_lost: true,
+            is_faint: false,
+            stands_out: true,
+            spoils: vec![7, 1],
         };
         let sent = [
             Orders::Load("image.elf".into()),

@@ -1,12 +1,16 @@
 //! Networks on emulated nRF52840s that run the image that is flashed. `cargo xtask test --stage chip` builds
 //! both and runs these.
 
+mod chip_faults;
 mod small;
 
 use std::{cell::RefCell, env, io, path::Path, rc::Rc};
 
-use answers::record::{Role, RunRecord};
-use host_sim::network::{CHIP_IMAGE, Chips, Options, Simulation};
+use answers::record::{
+    Role, RunRecord,
+    event::{Event, What},
+};
+use host_sim::network::{CHIP_IMAGE, Chips, Onlooker, Options, Simulation};
 use node_firmware::facts::Fact;
 use site::{Overrides, Scenario};
 use small::{SMALL, check_arithmetic};
@@ -37,8 +41,20 @@ impl io::Write for Pages {
     }
 }
 
+/// How often somebody looks on, nanoseconds.
+const LOOKS: u64 = 200_000_000;
+
 /// A run, with all frames on the air and its log.
 fn run(scenario: Scenario, further_stops: usize) -> (Simulation, RunRecord, [Vec<u8>; 2]) {
+    run_watched(scenario, further_stops, |_| ())
+}
+
+/// A run on which somebody looks.
+fn run_watched(
+    scenario: Scenario,
+    further_stops: usize,
+    look: impl FnMut(&mut Simulation),
+) -> (Simulation, RunRecord, [Vec<u8>; 2]) {
     // What emulates chips is found from there.
     env::set_current_dir(Path::new(env!("CARGO_MANIFEST_DIR")).join("..")).unwrap();
     let image = env::var_os("NODE_IMAGE").unwrap_or_else(|| CHIP_IMAGE.into());
@@ -51,7 +67,8 @@ fn run(scenario: Scenario, further_stops: usize) -> (Simulation, RunRecord, [Vec
         ..Options::default()
     };
     let mut simulation = Simulation::new(scenario, options).unwrap();
-    let record = simulation.run(|_| ());
+    simulation.watch();
+    let record = simulation.run_watched(LOOKS, |_| (), look);
     if let Some(trouble) = simulation.trouble() {
         panic!("{trouble}");
     }
@@ -127,10 +144,36 @@ fn a_network_does_the_same_each_time() {
     );
 }
 
+/// What only flash knows comes while the run goes on: a sighting soon after its stop began, each stop before the
+/// next one begins.
+fn told_as_it_happens(record: &RunRecord, events: &[Event]) {
+    let begins = |event: &Event| match &event.what {
+        What::Stop { begins, is, .. } if *begins => Some((event.seconds, is.stop)),
+        _ => None,
+    };
+    let stops: Vec<_> = events.iter().filter_map(begins).collect();
+    let ended = record.sim_seconds;
+    let early = stops.iter().filter(|(at, _)| *at < ended - 10.0);
+    assert!(early.count() > 5, "{stops:?} of {ended} s");
+    let sees = |event: &Event| match event.what {
+        What::Seen { node, .. } => Some((event.seconds, node)),
+        _ => None,
+    };
+    let seen: Vec<_> = events.iter().filter_map(sees).collect();
+    let whole: std::collections::BTreeSet<_> = seen.iter().map(|(at, _)| *at as u64).collect();
+    assert!(whole.len() > 5, "{seen:?}");
+}
+
 #[test]
 #[ignore = "`cargo xtask test --stage chip`"]
 fn lab_calibrates() {
-    let (simulation, record, _) = run(Scenario::load("lab", &planned()).unwrap(), 0);
+    let scenario = Scenario::load("lab", &planned()).unwrap();
+    let mut onlooker = Onlooker::default();
+    let mut events = Vec::new();
+    let (simulation, record, _) = run_watched(scenario, 0, |simulation| {
+        events.extend(onlooker.look(simulation));
+    });
+    told_as_it_happens(&record, &events);
     let cameras: Vec<_> = { record.nodes.iter() }
         .filter(|node| node.role == Role::Camera)
         .collect();
@@ -156,5 +199,22 @@ fn lab_calibrates() {
         });
         let is_joint = reports.any(|report| report.joint.is_some());
         assert_eq!(is_joint, node.role == Role::Camera, "node {}", node.id);
+    }
+}
+
+/// From blank flash to 13 poses.
+#[test]
+#[ignore = "`cargo xtask test --stage chip`"]
+fn thesis_13_calibrates() {
+    let scenario = Scenario::load("thesis-13", &Overrides::default()).unwrap();
+    let (_, record, _) = run(scenario, 0);
+    assert_eq!(record.summary.calibrated, 13);
+    for camera in record.cameras() {
+        let error = camera.error.as_ref().unwrap();
+        assert!(
+            camera.nees.is_none_or(|nees| nees < 25.0),
+            "{}: {error:?}",
+            camera.id
+        );
     }
 }

@@ -1,9 +1,9 @@
 //! What a chip draws, from how long it did what.
 //!
 //! Currents are the typical ones of the Product Specification, "Current consumption": 3 V, 25 degrees, with
-//! the DC/DC regulator. The specification tells none for UARTE and TWIM beside the clock that the radio needs
-//! anyway, and they are not counted; what is on the board beside the chip is not, either. An instruction
-//! takes a cycle here, and more where a chip waits for its flash.
+//! the DC/DC regulator. The specification tells none for UARTE: that of the nRF5340 is taken, which counts the
+//! clock too that the radio needs anyway, so that it is more than the truth. TWIM is not counted, nor what is
+//! on the board beside the chip. An instruction takes a cycle here, and more where a chip waits for its flash.
 
 use crate::node::Outcome;
 
@@ -15,6 +15,9 @@ const SENDING: [(f64, f64); 3] = [(-40.0, 3.83), (0.0, 6.40), (8.0, 16.40)];
 const RUNNING: f64 = 8.6 - 6.26;
 /// "Sleep", `I_ON_RAMON_RTC`: all RAM is kept, and RTC runs; mA.
 const ASLEEP: f64 = 0.003_16;
+/// nRF5340 Product Specification, "Current consumption", `I_UARTE,IDLE1`: the receiver waits; and what
+/// `I_UARTE1` is more, while bytes are on the line; mA.
+const LINE: [f64; 2] = [0.840, 0.890 - 0.840];
 const HZ: f64 = 64e6;
 
 /// Mean currents, mA, by what they are for.
@@ -26,6 +29,8 @@ pub struct Current {
     pub sending: f64,
     /// The processor runs, or waits for the flash.
     pub running: f64,
+    /// The receiver of the UART runs, or bytes are on the line.
+    pub line: f64,
     /// Always.
     pub asleep: f64,
 }
@@ -41,13 +46,14 @@ impl Current {
             receiving: receiving * RECEIVING,
             sending: sending * at(power.into()),
             running: share(flash.sum::<u64>() + instructions as u64) * RUNNING,
+            line: share(outcome.uart_on[0]) * LINE[0] + share(outcome.uart_on[1]) * LINE[1],
             asleep: ASLEEP,
         }
     }
 
     /// All of it, mA.
     pub fn total(&self) -> f64 {
-        self.receiving + self.sending + self.running + self.asleep
+        self.receiving + self.sending + self.running + self.line + self.asleep
     }
 
     /// If it listened for this share of the time that it does.
@@ -55,6 +61,16 @@ impl Current {
     pub fn listening(self, share: f64) -> Self {
         Self {
             receiving: self.receiving * share,
+            ..self
+        }
+    }
+
+    /// If its UART were on only while bytes are on the line.
+    #[must_use]
+    pub fn without_waiting_line(self, outcome: &Outcome) -> Self {
+        let busy = outcome.uart_on[1] as f64 / outcome.powered.max(1) as f64;
+        Self {
+            line: busy * (LINE[0] + LINE[1]),
             ..self
         }
     }
@@ -89,13 +105,17 @@ mod tests {
             powered: 100_000_000_000,
             radio_on: [99_000_000_000, 1_000_000_000],
             instructions: 57_600_000,
+            uart_on: [50_000_000_000, 1_000_000_000],
             operations: [5, 50_000_005].map(|at| at..at + 50_000_000).to_vec(),
             ..Outcome::default()
         };
         let current = Current::of(&outcome, 0);
-        let expected = 0.99 * 6.53 + 0.01 * 6.4 + 0.01 * 2.34 + 0.003_16;
+        let line = 0.5 * 0.84 + 0.01 * 0.05;
+        let expected = 0.99 * 6.53 + 0.01 * 6.4 + 0.01 * 2.34 + line + 0.003_16;
         assert!((current.total() - expected).abs() < 1e-9, "{current:?}");
         assert!((current.hours(expected * 3.0) - 3.0).abs() < 1e-9);
+        let quiet = current.without_waiting_line(&outcome).total();
+        assert!((quiet - (expected - line + 0.01 * 0.89)).abs() < 1e-9);
         let seldom = current.listening(0.1).total();
         assert!((seldom - (expected - 0.9 * 0.99 * 6.53)).abs() < 1e-9);
     }

@@ -1,33 +1,34 @@
 //! Chips that hear each other, each in a thread of its own.
 //!
 //! A frame is told 130 us before it is on the air, when its radio ramps up. So no chip can be heard
-//! sooner than [`AHEAD`] after the earliest instant at which any of them does something: until then all
-//! of those that have something to do run beside one another. An idle one waits for its next event.
+//! sooner than [`AHEAD`] after the instant at which it next does something. Each chip runs for so long
+//! after the first instant of all others, beside them, or until it does something itself that is seen
+//! outside: what comes of that may come back to it. An idle one waits for its next event.
 
 use std::{
     collections::BTreeMap,
-    sync::mpsc::{self, Receiver, Sender},
+    sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError},
     thread::{self, JoinHandle},
 };
 
 use crate::{
     node::{self, Node, Outcome},
-    peripheral::{Frame, RAMP_UP, US},
+    peripheral::{Arrival, Frame, RAMP_UP, US},
 };
 
-/// A little less than a ramp-up.
+/// A little less than a ramp-up, also of the fastest clock.
 const AHEAD: u64 = RAMP_UP - US;
-/// Where there is nobody else.
-const ALONE: u64 = 1_000_000_000;
 
-/// When a chip does something next, and what it did since it was last asked.
+/// Until when a chip has run, when it does something next, and what it did since it was last asked.
 #[derive(Default)]
 pub(crate) struct Report {
+    pub(crate) reached: u64,
     pub(crate) next: u64,
     pub(crate) deeds: Vec<(u64, Deed)>,
 }
 
 /// Until when a chip runs, and what happens to it by then.
+#[derive(Debug)]
 pub(crate) struct Order {
     pub(crate) until: u64,
     pub(crate) inputs: Vec<Input>,
@@ -36,9 +37,8 @@ pub(crate) struct Order {
 /// What happens to a chip.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Input {
-    /// A frame arrives, at this level: 0 to 63, in steps of 1 dB from -92 dBm (Product Specification,
-    /// "RADIO"). It must not have begun.
-    Frame(Frame, u8),
+    /// A frame arrives. It must not have begun.
+    Frame(Frame, Arrival),
     /// A byte on the line of UARTE0 is over at an instant, or now if that has passed.
     Byte(u64, u8),
     /// In the middle of the next work on its flash it stands still, and what is there then is what it leaves:
@@ -46,6 +46,12 @@ pub enum Input {
     StandInWrite,
     /// It is to show its memory.
     Show,
+    /// Something that is no frame is on a FREQUENCY, or on all, until an instant.
+    Jammed(u64, Option<u32>),
+    /// Bits of its flash flip: addresses, and numbers of bits there.
+    Rot(Vec<(u64, u8)>),
+    /// [`MEMORY`](crate::MEMORY) keeps what it holds, whatever is written or erased.
+    WearOut,
 }
 
 impl Input {
@@ -54,9 +60,9 @@ impl Input {
         match self {
             Self::Frame(frame, _) => frame.start,
             Self::Byte(at, _) => *at,
-            Self::StandInWrite => u64::MAX,
+            Self::StandInWrite | Self::Jammed(..) | Self::WearOut => u64::MAX,
             // At once.
-            Self::Show => 0,
+            Self::Show | Self::Rot(_) => 0,
         }
     }
 }
@@ -66,14 +72,16 @@ impl Input {
 pub enum Deed {
     /// It is about to send a frame.
     Sends(Frame),
-    /// A byte has gone out on UARTE0.
-    Byte(u8),
+    /// It begins to send these bytes on UARTE0, one after the other.
+    Bytes(Vec<u8>),
     /// What the pins of a port drive has changed: the port, and its pins; those of inputs count as high.
     Pins(u8, u32),
     /// Bytes of the first channel of RTT.
     Log(Vec<u8>),
     /// It stands in the middle of [work on its flash](Input::StandInWrite) that takes so many nanoseconds.
     Writes(u64),
+    /// Something was written or erased since [`Memory`](Self::Memory) was told.
+    Stores,
     /// [`MEMORY`](crate::MEMORY) and [`SETTINGS`](crate::SETTINGS), as it was to show.
     Memory(Vec<(u64, Vec<u8>)>),
     /// It restarts, by order of `Core` or a peripheral.
@@ -82,74 +90,189 @@ pub enum Deed {
     Fails(String),
 }
 
-/// Tells that a chip has ended, whatever the reason.
-struct Guard(usize, Sender<(usize, Option<Report>)>);
-
-impl Drop for Guard {
-    fn drop(&mut self) {
-        // Nobody listens any more where all end.
-        let _ = self.1.send((self.0, None));
-    }
-}
-
 /// A chip that has power.
 #[derive(Debug)]
 struct Running {
-    orders: Sender<Order>,
-    thread: JoinHandle<Result<Outcome, String>>,
+    thread: Option<JoinHandle<Result<Outcome, String>>>,
     next: u64,
     inputs: Vec<Input>,
+    /// What it is to do, and who wakes it for that.
+    order: Option<Order>,
+    bell: Arc<Condvar>,
+    /// It has something to do, and has not told what came of it.
+    is_running: bool,
+    /// Its power goes.
+    is_off: bool,
+    /// Its thread has ended.
+    has_ended: bool,
+}
+
+/// What the chips share: whoever is the last to tell what it did says who goes on, and goes on itself if it
+/// is to. So a chip that is alone awake wakes nobody.
+#[derive(Debug, Default)]
+struct State {
+    chips: BTreeMap<usize, Running>,
+    running: usize,
+    /// Until when they go on by themselves; not at all once a deed is to be told.
+    until: u64,
+    reached: u64,
+    deeds: Vec<(u64, usize, Deed)>,
+}
+
+/// What chips and whoever runs them share.
+#[derive(Debug, Default)]
+pub(crate) struct Shared {
+    state: Mutex<State>,
+    /// Rings when nobody runs.
+    rest: Condvar,
+}
+
+impl Shared {
+    fn lock(&self) -> MutexGuard<'_, State> {
+        self.state.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// A chip tells what it did, and waits for what it is to do; nothing once its power goes.
+    pub(crate) fn report(&self, number: usize, report: Report) -> Option<Order> {
+        let mut state = self.lock();
+        state.take(number, report);
+        self.rests(&mut state, number);
+        loop {
+            let chip = state.chips.get_mut(&number).filter(|chip| !chip.is_off)?;
+            if let Some(order) = chip.order.take() {
+                return Some(order);
+            }
+            let bell = chip.bell.clone();
+            state = bell.wait(state).unwrap_or_else(PoisonError::into_inner);
+        }
+    }
+
+    /// A chip has nothing to do any more: the last one says who has.
+    fn rests(&self, state: &mut State, number: usize) {
+        let chip = state.chips.get_mut(&number);
+        if chip.is_some_and(|chip| core::mem::take(&mut chip.is_running)) {
+            state.running -= 1;
+        }
+        if state.running == 0 {
+            state.go_on();
+        }
+        if state.running == 0 {
+            self.rest.notify_all();
+        }
+    }
+
+    /// Waits until nobody runs.
+    fn rest(&self) -> MutexGuard<'_, State> {
+        let is_busy = |state: &mut State| state.running > 0;
+        let state = self.rest.wait_while(self.lock(), is_busy);
+        state.unwrap_or_else(PoisonError::into_inner)
+    }
+}
+
+impl State {
+    fn take(&mut self, number: usize, report: Report) {
+        let Report {
+            reached,
+            next,
+            deeds,
+        } = report;
+        self.reached = self.reached.max(reached);
+        if let Some(chip) = self.chips.get_mut(&number) {
+            let input = chip.inputs.iter().map(Input::at).min();
+            chip.next = next.min(input.unwrap_or(u64::MAX));
+        }
+        let deeds = deeds.into_iter().map(|(at, deed)| (at, number, deed));
+        self.deeds.extend(deeds);
+    }
+
+    /// Orders what can be done without others, unless there is something to tell.
+    fn go_on(&mut self) {
+        let [first, second] = self.earliest();
+        if !self.deeds.is_empty() || first.0 >= self.until {
+            return;
+        }
+        for (number, chip) in &mut self.chips {
+            let other = if *number == first.1 { second } else { first };
+            let until = other.0.saturating_add(AHEAD).min(self.until);
+            if chip.next < until {
+                let inputs = core::mem::take(&mut chip.inputs);
+                chip.order = Some(Order { until, inputs });
+                chip.is_running = true;
+                chip.bell.notify_one();
+                self.running += 1;
+            }
+        }
+    }
+
+    /// When the first two chips do something next, and which.
+    fn earliest(&self) -> [(u64, usize); 2] {
+        let mut two = [(u64::MAX, usize::MAX); 2];
+        for (number, chip) in &self.chips {
+            let this = (chip.next, *number);
+            if this < two[0] {
+                two = [this, two[0]];
+            } else if this < two[1] {
+                two[1] = this;
+            }
+        }
+        two
+    }
+}
+
+/// Tells that a chip has ended, whatever the reason.
+struct Guard(usize, Arc<Shared>);
+
+impl Drop for Guard {
+    fn drop(&mut self) {
+        let Self(number, shared) = self;
+        let mut state = shared.lock();
+        if let Some(chip) = state.chips.get_mut(number) {
+            chip.has_ended = true;
+            chip.next = u64::MAX;
+            // Nobody goes on before this has been told.
+            state.until = 0;
+        }
+        shared.rests(&mut state, *number);
+    }
 }
 
 /// Chips that can be switched on and off, and whoever carries frames between them.
-#[derive(Debug)]
-pub struct Network {
-    reports: Sender<(usize, Option<Report>)>,
-    reported: Receiver<(usize, Option<Report>)>,
-    chips: BTreeMap<usize, Running>,
-    reached: u64,
-    ahead: u64,
-    /// Those that have just been switched on, and have not yet told what they do.
-    starting: usize,
-}
-
-impl Default for Network {
-    fn default() -> Self {
-        let (reports, reported) = mpsc::channel();
-        Self {
-            reports,
-            reported,
-            chips: BTreeMap::new(),
-            reached: 0,
-            ahead: AHEAD,
-            starting: 0,
-        }
-    }
-}
+#[derive(Debug, Default)]
+pub struct Network(Arc<Shared>);
 
 impl Network {
     /// Until when all have run.
     pub fn reached(&self) -> u64 {
-        self.reached
+        self.0.lock().reached
     }
 
-    /// Power comes to a chip, now. It has no power yet.
-    pub fn switch_on(&mut self, number: usize, node: Node) {
-        let (orders, received) = mpsc::channel();
-        let reports = self.reports.clone();
-        let since = self.reached;
-        let thread = thread::spawn(move || {
-            let _guard = Guard(number, reports.clone());
-            node::run(number, node, since, reports, received)
-        });
-        self.starting += 1;
+    /// When the first of them does something next, if nothing happens to any.
+    pub fn next(&self) -> u64 {
+        self.0.lock().earliest()[0].0
+    }
+
+    /// Power comes to a chip, at an instant, or now if that has passed. It has no power yet.
+    pub fn switch_on(&mut self, number: usize, node: Node, at: u64) {
+        let shared = self.0.clone();
+        let mut state = self.0.lock();
+        let since = state.reached.max(at);
+        state.running += 1;
         let chip = Running {
-            orders,
-            thread,
+            thread: None,
             next: since,
             inputs: Vec::new(),
+            order: None,
+            bell: Arc::default(),
+            is_running: true,
+            is_off: false,
+            has_ended: false,
         };
-        self.chips.insert(number, chip);
+        let chip = state.chips.entry(number).insert_entry(chip).into_mut();
+        let thread = thread::spawn(move || {
+            let _guard = Guard(number, shared.clone());
+            node::run(number, node, since, shared)
+        });
+        chip.thread = Some(thread);
     }
 
     /// A chip loses its power, now; none if it has none.
@@ -158,25 +281,20 @@ impl Network {
     /// Its image cannot be run.
     pub fn switch_off(&mut self, number: usize) -> Option<Result<Outcome, String>> {
         // It has told that it stands still.
-        self.settle(0, &mut Vec::new());
-        let Running { orders, thread, .. } = self.chips.remove(&number)?;
-        drop(orders);
-        let outcome = match thread.join() {
-            Ok(outcome) => outcome,
-            Err(_) => Err("a model panicked".to_owned()),
-        };
-        // Its last word, after which it may be switched on again.
-        while self
-            .reported
-            .recv()
-            .is_ok_and(|(who, report)| who != number || report.is_some())
-        {}
-        Some(outcome)
+        let mut state = self.0.rest();
+        let chip = state.chips.get_mut(&number)?;
+        chip.is_off = true;
+        chip.bell.notify_one();
+        let thread = chip.thread.take();
+        drop(state);
+        let ended = thread.map(JoinHandle::join);
+        self.0.lock().chips.remove(&number);
+        Some(ended?.unwrap_or_else(|_| Err(PANICKED.to_owned())))
     }
 
     /// Something happens to a chip, if it has power.
     pub fn input(&mut self, number: usize, input: Input) {
-        if let Some(chip) = self.chips.get_mut(&number) {
+        if let Some(chip) = self.0.lock().chips.get_mut(&number) {
             chip.next = chip.next.min(input.at());
             chip.inputs.push(input);
         }
@@ -185,62 +303,47 @@ impl Network {
     /// Runs until an instant, or until a chip has done something. What they did, in the order of time;
     /// frames by their start, which is yet to come. A chip that [fails](Deed::Fails) is no more.
     pub fn run(&mut self, until: u64) -> Vec<(u64, usize, Deed)> {
-        let mut deeds = Vec::new();
-        self.settle(0, &mut deeds);
-        while deeds.is_empty() {
-            let next = self.chips.values().map(|chip| chip.next);
-            let first = next.min().unwrap_or(u64::MAX);
-            if first >= until {
-                self.reached = self.reached.max(until);
-                break;
-            }
-            let horizon = first
-                .max(self.reached)
-                .saturating_add(self.ahead)
-                .min(until);
-            let mut running = 0;
-            for chip in self.chips.values_mut().filter(|chip| chip.next < horizon) {
-                let inputs = core::mem::take(&mut chip.inputs);
-                let until = horizon;
-                running += usize::from(chip.orders.send(Order { until, inputs }).is_ok());
-            }
-            self.settle(running, &mut deeds);
-            self.reached = self.reached.max(horizon);
+        drop(self.0.rest());
+        let mut state = self.0.lock();
+        state.until = until;
+        state.go_on();
+        drop(state);
+        let mut state = self.0.rest();
+        state.until = 0;
+        let mut deeds = core::mem::take(&mut state.deeds);
+        let ended: Vec<_> = { state.chips.iter() }
+            .filter_map(|(number, chip)| chip.has_ended.then_some(*number))
+            .collect();
+        for number in ended {
+            let chip = state.chips.remove(&number);
+            let why = match chip.and_then(|chip| chip.thread).map(JoinHandle::join) {
+                Some(Ok(Err(why))) => why,
+                Some(Ok(Ok(_))) => "it ended by itself".to_owned(),
+                _ => PANICKED.to_owned(),
+            };
+            deeds.push((state.reached, number, Deed::Fails(why)));
+        }
+        if deeds.is_empty() {
+            state.reached = state.reached.max(until);
         }
         deeds.sort_by_key(|(at, number, _)| (*at, *number));
         deeds
     }
+}
 
-    /// Waits until so many chips, and those that have just been switched on, have told what they did.
-    fn settle(&mut self, running: usize, deeds: &mut Vec<(u64, usize, Deed)>) {
-        for _ in 0..running + core::mem::take(&mut self.starting) {
-            // There is always a sender: this one's own.
-            let Ok((number, report)) = self.reported.recv() else {
-                return;
-            };
-            match report {
-                Some(Report { next, deeds: new }) => {
-                    if let Some(chip) = self.chips.get_mut(&number) {
-                        let input = chip.inputs.iter().map(Input::at).min();
-                        chip.next = next.min(input.unwrap_or(u64::MAX));
-                    }
-                    deeds.extend(new.into_iter().map(|(at, deed)| (at, number, deed)));
-                }
-                None => {
-                    let chip = self.chips.remove(&number);
-                    let why = match chip.map(|chip| chip.thread.join()) {
-                        Some(Ok(Err(why))) => why,
-                        Some(Ok(Ok(_))) => "it ended by itself".to_owned(),
-                        _ => "a model panicked".to_owned(),
-                    };
-                    deeds.push((self.reached, number, Deed::Fails(why)));
-                }
-            }
+impl Drop for Network {
+    fn drop(&mut self) {
+        let numbers: Vec<_> = self.0.lock().chips.keys().copied().collect();
+        for number in numbers {
+            // Who wants to know how it ended has switched it off.
+            drop(self.switch_off(number));
         }
     }
 }
 
-/// Runs chips from power-on for so many nanoseconds. `medium` says at which [level](Input::Frame) a node
+const PANICKED: &str = "a model panicked";
+
+/// Runs chips from power-on for so many nanoseconds. `medium` says at which [level](Arrival::level) a node
 /// hears a frame, if it does. Also returned are all frames.
 ///
 /// # Errors
@@ -251,12 +354,9 @@ pub fn run(
     mut medium: impl FnMut(&Frame, usize) -> Option<u8>,
 ) -> Result<(Vec<Outcome>, Vec<Frame>), String> {
     let count = nodes.len();
-    let mut network = Network {
-        ahead: if count > 1 { AHEAD } else { ALONE },
-        ..Network::default()
-    };
+    let mut network = Network::default();
     for (number, node) in nodes.into_iter().enumerate() {
-        network.switch_on(number, node);
+        network.switch_on(number, node, 0);
     }
     let mut frames: Vec<Frame> = Vec::new();
     while network.reached() < until {
@@ -266,7 +366,7 @@ pub fn run(
                 Deed::Sends(frame) => {
                     for to in (0..count).filter(|to| *to != number) {
                         if let Some(level) = medium(&frame, to) {
-                            network.input(to, Input::Frame(frame.clone(), level));
+                            network.input(to, Input::Frame(frame.clone(), level.into()));
                         }
                     }
                     frames.push(frame);

@@ -6,7 +6,7 @@ use std::{
     net::TcpListener,
     ops::Range,
     path::{Path, PathBuf},
-    sync::mpsc::{Receiver, Sender},
+    sync::Arc,
 };
 
 use object::{Object, ObjectSymbol};
@@ -22,7 +22,7 @@ use rigless::{
 
 use crate::{
     device::Chip,
-    network::{Deed, Input, Order, Report},
+    network::{Deed, Input, Order, Report, Shared},
     peripheral::Peer,
     processor::Program,
     soc::{self, Board, Soc},
@@ -51,6 +51,8 @@ pub struct Node {
     pub chips: BTreeMap<u32, Box<dyn Chip>>,
     /// Of what the chip draws at random, besides its number.
     pub seed: u64,
+    /// How much faster than true its clocks run, 1e-9.
+    pub drift_ppb: i32,
     /// What is wrong with the chip.
     pub faults: Option<fn(&mut Soc)>,
     /// Where GDB connects, for which the first instruction waits: this chip stands still while GDB looks at
@@ -64,6 +66,34 @@ impl fmt::Debug for Node {
             .debug_struct("Node")
             .field("image", &self.image)
             .finish_non_exhaustive()
+    }
+}
+
+/// What a chip's clocks show.
+#[derive(Clone, Copy, Debug)]
+struct Time {
+    /// When power came.
+    since: u64,
+    drift_ppb: i32,
+}
+
+impl Time {
+    const BILLION: u128 = 1_000_000_000;
+
+    fn rate(self) -> u128 {
+        Self::BILLION.saturating_add_signed(self.drift_ppb.into())
+    }
+
+    fn local(self, truth: u64) -> u64 {
+        let passed = u128::from(truth.saturating_sub(self.since));
+        (passed * self.rate() / Self::BILLION) as u64
+    }
+
+    /// The first instant at which they show that time.
+    fn truth(self, local: u64) -> u64 {
+        let passed = (u128::from(local) * Self::BILLION).div_ceil(self.rate());
+        let passed = u64::try_from(passed).unwrap_or(u64::MAX);
+        self.since.saturating_add(passed)
     }
 }
 
@@ -101,6 +131,8 @@ pub struct Outcome {
     pub powered: u64,
     /// How long the radio received and sent, nanoseconds.
     pub radio_on: [u64; 2],
+    /// How long the receiver of UARTE0 ran, and bytes were on its line, nanoseconds.
+    pub uart_on: [u64; 2],
     /// How often the watchdog was fed.
     pub fed: u64,
     /// Bytes that found no room in UARTE0.
@@ -122,8 +154,7 @@ pub(crate) fn run(
     number: usize,
     node: Node,
     since: u64,
-    reports: Sender<(usize, Option<Report>)>,
-    orders: Receiver<Order>,
+    shared: Arc<Shared>,
 ) -> Result<Outcome, String> {
     let text = |error: &dyn fmt::Display| error.to_string();
     let mut soc = Soc::new(number, node.peer, node.chips).map_err(|error| text(&error))?;
@@ -155,14 +186,19 @@ pub(crate) fn run(
     }
     let driver = Run {
         number,
-        since,
+        time: Time {
+            since,
+            drift_ppb: node.drift_ppb,
+        },
+        until: VirtualNanos(0),
         resets: 0,
+        shown: Some(0),
+        is_change_told: false,
         is_to_stand: false,
         is_to_show: false,
         stands: None,
-        told: [0; 3],
-        reports,
-        orders,
+        told: [0; 2],
+        shared,
         rtt: rtt(&node.image),
         outcome: Outcome::default(),
         last: (0, 0, 0),
@@ -176,6 +212,7 @@ pub(crate) fn run(
     let finished = finished.map_err(|error| text(&error))?;
     let session = &finished.session;
     let soc = &session.board().soc;
+    let end = finished.stop.map_or(0, |stop| stop.at.0);
     let told = session
         .told()
         .map(|told: &Told| (told.instance, told.register, told.reason));
@@ -194,11 +231,12 @@ pub(crate) fn run(
         written: soc.nvmc.model.words,
         operations: soc.nvmc.model.operations.clone(),
         received: soc.radio.model.received,
-        radio_on: soc
-            .radio
-            .model
-            .on_until(finished.stop.map_or(0, |stop| stop.at.0)),
-        powered: finished.stop.map_or(0, |stop| stop.at.0),
+        radio_on: soc.radio.model.on_until(end),
+        uart_on: [
+            soc.uarte.model.listened_until(end),
+            soc.uarte.model.transferred,
+        ],
+        powered: end,
         fed: soc.watchdog.model.fed,
         transfers: soc.twim.model.transfers,
         instructions: finished.stop.map_or(0, |stop| stop.instruction_count),
@@ -216,18 +254,23 @@ fn rtt(image: &Path) -> Option<u64> {
 
 struct Run {
     number: usize,
-    /// When power came.
-    since: u64,
+    time: Time,
+    /// Until when it was told to run.
+    until: VirtualNanos,
+    /// How many of them were told.
     resets: usize,
+    /// How often its flash had been worked on when it was last shown, unless something else has changed it;
+    /// whether it was told that it is another one now.
+    shown: Option<usize>,
+    is_change_told: bool,
     /// It is to stand in the middle of the next work on the flash; since when it does, and how long that
     /// takes.
     is_to_stand: bool,
     is_to_show: bool,
     stands: Option<(u64, u64)>,
-    /// How much was told of the line, of the pins and of the log.
-    told: [usize; 3],
-    reports: Sender<(usize, Option<Report>)>,
-    orders: Receiver<Order>,
+    /// How much was told of the pins and of the log.
+    told: [usize; 2],
+    shared: Arc<Shared>,
     rtt: Option<u64>,
     outcome: Outcome,
     /// Address, value and program counter of the last read.
@@ -272,14 +315,23 @@ impl Run {
             .collect();
         self.resets += deeds.len();
         let soc = &mut session.board_mut().soc;
+        let time = self.time;
         for mut frame in core::mem::take(&mut soc.radio.model.sent) {
-            frame.start += self.since;
-            deeds.push((frame.start - self.since, Deed::Sends(frame)));
+            let starts = frame.start;
+            frame.start = time.truth(starts);
+            deeds.push((starts, Deed::Sends(frame)));
         }
-        let [line, pins, log] = &mut self.told;
-        let bytes = soc.uarte.model.sent.iter().skip(*line);
-        deeds.extend(bytes.map(|&(at, byte)| (at, Deed::Byte(byte))));
-        *line = soc.uarte.model.sent.len();
+        let begun = core::mem::take(&mut soc.uarte.model.begun);
+        deeds.extend(
+            begun
+                .into_iter()
+                .map(|(at, bytes)| (at, Deed::Bytes(bytes))),
+        );
+        let is_shown = { self.shown }.is_some_and(|shown| shown == soc.nvmc.model.operations.len());
+        if !is_shown && !core::mem::replace(&mut self.is_change_told, true) {
+            deeds.push((now, Deed::Stores));
+        }
+        let [pins, log] = &mut self.told;
         let changes = soc.gpio.model.changes.iter().skip(*pins);
         deeds.extend(changes.map(|&(at, port, level)| (at, Deed::Pins(port, level))));
         *pins = soc.gpio.model.changes.len();
@@ -291,9 +343,17 @@ impl Run {
             deeds.push((since, Deed::Writes(takes)));
         }
         for (at, _) in &mut deeds {
-            *at += self.since;
+            *at = time.truth(*at);
         }
         deeds
+    }
+
+    /// Whether it did something that others may answer.
+    fn is_seen(&self, soc: &Soc) -> bool {
+        !soc.radio.model.sent.is_empty()
+            || !soc.uarte.model.begun.is_empty()
+            || soc.gpio.model.changes.len() > self.told[0]
+            || self.stands.is_some()
     }
 
     /// What programs write.
@@ -339,7 +399,7 @@ impl Driver<Board> for Run {
                     self.hold(busy, true, host);
                 } else if self.polls >= POLLS {
                     // Where nothing will happen, until somebody else does something.
-                    let next = soc.next_event().unwrap_or(session.until()).0;
+                    let next = soc.next_event().unwrap_or(self.until).0;
                     if next > now + SHORT {
                         self.hold(next, false, host);
                     }
@@ -347,7 +407,7 @@ impl Driver<Board> for Run {
             }
             Settled::Stop(stop) => {
                 let is_over = self.hold.is_some_and(|(until, is_firm)| {
-                    stop.at.0 >= until || !is_firm && stop.at < session.until()
+                    stop.at.0 >= until || !is_firm && stop.at < self.until
                 });
                 if is_over {
                     self.hold = None;
@@ -356,6 +416,10 @@ impl Driver<Board> for Run {
                 self.drain(host);
             }
             _ => {}
+        }
+        if self.is_seen(&session.board().soc) {
+            // At once.
+            session.run_until(VirtualNanos(0));
         }
     }
 
@@ -367,24 +431,26 @@ impl Driver<Board> for Run {
     ) -> Option<VirtualNanos> {
         self.drain(host);
         let mut deeds = self.deeds(session, stop.at.0);
+        let now = self.time.truth(stop.at.0);
         if core::mem::take(&mut self.is_to_show) {
-            let memory = Self::memory(host);
-            deeds.push((stop.at.0 + self.since, Deed::Memory(memory)));
+            deeds.push((now, Deed::Memory(Self::memory(host))));
+            self.shown = Some(session.board().soc.nvmc.model.operations.len());
+            self.is_change_told = false;
         }
         let soc = &session.board().soc;
         let is_idle = stop.reason == StopReason::Idle || self.hold.is_some();
         let next = if is_idle && !soc.is_interrupted() {
-            soc.next_event().map_or(u64::MAX, |next| next.0)
+            let next = soc.next_event();
+            next.map_or(u64::MAX, |next| self.time.truth(next.0))
         } else {
-            stop.at.0
+            now
         };
         let report = Report {
-            next: next.max(stop.at.0).saturating_add(self.since),
+            reached: now,
+            next: next.max(now),
             deeds,
         };
-        // Who gives orders may be gone: then this one ends too.
-        let told = self.reports.send((self.number, Some(report)));
-        let order = told.ok().and_then(|()| self.orders.recv().ok());
+        let order = self.shared.report(self.number, report);
         let Some(Order { until, inputs }) = order else {
             // Unless power has gone before, as far as the flash is concerned.
             if self.outcome.flash.is_empty() {
@@ -392,20 +458,76 @@ impl Driver<Board> for Run {
             }
             return None;
         };
-        let soc = &mut session.board_mut().soc;
         for input in inputs {
-            match input {
-                Input::Frame(mut frame, level) => {
-                    frame.start -= self.since;
-                    soc.hear(stop.at, frame, level);
+            self.take(input, session, stop.at, host);
+        }
+        self.until = VirtualNanos(self.time.local(until));
+        Some(self.until)
+    }
+}
+
+impl Run {
+    /// Something happens to the chip.
+    fn take(
+        &mut self,
+        input: Input,
+        session: &mut Session<Board>,
+        now: VirtualNanos,
+        host: &mut dyn Host,
+    ) {
+        let time = self.time;
+        let soc = &mut session.board_mut().soc;
+        match input {
+            Input::Frame(mut frame, arrival) => {
+                frame.start = time.local(frame.start);
+                soc.hear(now, frame, arrival);
+            }
+            Input::Byte(at, byte) => soc.deliver(now, byte, time.local(at)),
+            Input::StandInWrite => self.is_to_stand = true,
+            Input::Show => self.is_to_show = true,
+            Input::Jammed(until, frequency) => {
+                soc.radio.model.jam(time.local(until), frequency);
+            }
+            Input::WearOut => soc.nvmc.model.worn = Some(MEMORY),
+            Input::Rot(bits) => {
+                for (address, bit) in bits {
+                    let at = address & !3;
+                    let turned = 1 << (8 * (address - at) + u64::from(bit & 7));
+                    // Where there is no flash nothing can flip.
+                    if let Ok(word) = host.read(at, Width::W32) {
+                        let _ = host.program(at, Width::W32, word ^ turned);
+                    }
                 }
-                Input::Byte(at, byte) => {
-                    soc.deliver(stop.at, byte, at.saturating_sub(self.since));
-                }
-                Input::StandInWrite => self.is_to_stand = true,
-                Input::Show => self.is_to_show = true,
+                self.shown = None;
             }
         }
-        Some(VirtualNanos(until - self.since))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// What a clock shows first at an instant, it shows there.
+    #[test]
+    fn clocks_drift_and_come_back() {
+        for drift_ppb in [0, 40_000, -40_000, 500_000] {
+            let time = Time {
+                since: 7_000_000_000,
+                drift_ppb,
+            };
+            for truth in [
+                7_000_000_000,
+                7_000_000_001,
+                8_000_000_000,
+                3_607_000_000_000,
+            ] {
+                let local = time.local(truth);
+                let first = time.truth(local);
+                assert!(first <= truth && time.local(first) == local, "{truth}");
+            }
+            let hour = time.local(3_607_000_000_000) as i64 - 3_600_000_000_000;
+            assert_eq!(hour, 3_600 * i64::from(drift_ppb));
+        }
     }
 }

@@ -16,8 +16,8 @@ use rigless::{
 };
 
 use crate::peripheral::{
-    Clock, Frame, Gpio, Instance, Nvmc, Peer, Plain, Ppi, REGISTERS, Radio, Rng, Rtc, Timer, Twim,
-    Uarte, Watchdog, Word, clock,
+    Arrival, Clock, Egu, Frame, Gpio, Instance, Nvmc, Peer, Plain, Ppi, REGISTERS, Radio, Rng, Rtc,
+    Temp, Timer, Twim, Uarte, Watchdog, Word, clock,
 };
 use crate::{
     device::Chip,
@@ -56,13 +56,17 @@ const fn peripheral(name: &'static str, base: u64, interrupts: &'static [u16]) -
 }
 
 const RADIO: usize = 1;
+const RADIO_BASE: u32 = 0x4000_1000;
 const UARTE: usize = 2;
 const WATCHDOG: usize = 8;
+const EGU: usize = 10;
+const EGUS: usize = 6;
+const PPI: usize = 17;
 
 /// By their addresses: the bus counts its slots so.
-const MAP: [Peripheral; 13] = [
+const MAP: [Peripheral; 19] = [
     peripheral("CLOCK", 0x4000_0000, &[0]),
-    peripheral("RADIO", 0x4000_1000, &[1]),
+    peripheral("RADIO", RADIO_BASE as u64, &[1]),
     peripheral("UARTE0", 0x4000_2000, &[2]),
     peripheral("TWIM0", 0x4000_3000, &[3]),
     peripheral("GPIOTE", 0x4000_6000, &[6]),
@@ -71,6 +75,12 @@ const MAP: [Peripheral; 13] = [
     peripheral("RNG", 0x4000_d000, &[13]),
     peripheral("WDT", 0x4001_0000, &[16]),
     peripheral("RTC1", 0x4001_1000, &[17]),
+    peripheral("EGU0", 0x4001_4000, &[20]),
+    peripheral("EGU1", 0x4001_5000, &[21]),
+    peripheral("EGU2", 0x4001_6000, &[22]),
+    peripheral("EGU3", 0x4001_7000, &[23]),
+    peripheral("EGU4", 0x4001_8000, &[24]),
+    peripheral("EGU5", 0x4001_9000, &[25]),
     peripheral(NVMC, 0x4001_e000, &[30]),
     peripheral("PPI", 0x4001_f000, &[31]),
     peripheral("GPIO", 0x5000_0000, &[]),
@@ -97,12 +107,13 @@ pub struct Soc {
     /// TWIM0.
     pub twim: Instance<Twim>,
     gpiote: Instance<Plain>,
-    temp: Instance<Plain>,
+    temp: Instance<Temp>,
     timer: Instance<Timer>,
     rng: Instance<Rng>,
     /// WDT.
     pub watchdog: Instance<Watchdog>,
     rtc: Instance<Rtc>,
+    egus: [Instance<Egu>; EGUS],
     /// NVMC.
     pub nvmc: Instance<Nvmc>,
     ppi: Instance<Ppi>,
@@ -132,11 +143,12 @@ impl Soc {
             uarte: Instance::new(Uarte::new(peer)),
             twim: Instance::new(Twim::new(chips)),
             gpiote: Instance::new(Plain),
-            temp: Instance::new(Plain),
+            temp: Instance::new(Temp::default()),
             timer: Instance::new(Timer::default()),
             rng: Instance::new(Rng::new(node as u64 + 1)),
             watchdog: Instance::new(Watchdog::default()),
             rtc: Instance::new(Rtc::default()),
+            egus: [const { Egu }; EGUS].map(Instance::new),
             nvmc: Instance::new(Nvmc::default()),
             ppi: Instance::new(Ppi::new(bases)),
             gpio: Instance::new(Gpio::default()),
@@ -155,6 +167,8 @@ impl Soc {
             || self.rng.is_pending()
             || self.watchdog.is_pending()
             || self.rtc.is_pending()
+            || self.temp.is_pending()
+            || self.egus.iter().any(Instance::is_pending)
     }
 
     /// Random numbers come from this seed.
@@ -171,10 +185,11 @@ impl Soc {
     }
 
     /// A frame of another node is about to arrive.
-    pub(crate) fn hear(&mut self, now: VirtualNanos, frame: Frame, level: u8) {
+    pub(crate) fn hear(&mut self, now: VirtualNanos, frame: Frame, arrival: Arrival) {
+        let is_watched = Ppi::watches(self.bus.slots()[PPI].registers(), RADIO_BASE);
         let (file, mut context) = self.bus.drive(now, RADIO);
         self.radio.call(file, &mut context, |radio, call| {
-            radio.hear(frame, level, call)
+            radio.hear(frame, arrival, is_watched, call);
         });
     }
 }
@@ -191,6 +206,7 @@ impl Mcu for Soc {
     /// Product Specification, "Reset behavior": the watchdog runs on through a reset by the program.
     fn reset(&mut self, at: VirtualNanos, cause: ResetCause) {
         self.radio.model.count(at.0);
+        self.uarte.model.switch_off(at.0);
         let deadline = self.watchdog.model.deadline;
         let file = self.bus.slots()[WATCHDOG].registers();
         let kept = Watchdog::KEPT.map(|offset| (offset, file.get(Word::at(offset)) as u32));
@@ -228,9 +244,10 @@ impl Mcu for Soc {
             7 => &mut self.rng,
             WATCHDOG => &mut self.watchdog,
             9 => &mut self.rtc,
-            10 => &mut self.nvmc,
-            11 => &mut self.ppi,
-            12 => &mut self.gpio,
+            EGU..16 => &mut self.egus[slot - EGU],
+            16 => &mut self.nvmc,
+            PPI => &mut self.ppi,
+            18 => &mut self.gpio,
             _ => return (&mut self.bus, None),
         };
         (&mut self.bus, Some(model))

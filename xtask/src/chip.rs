@@ -114,13 +114,14 @@ fn most_used(said: &str, role: &str) -> Option<u64> {
     used.max()
 }
 
-/// How fast the emulator is, what nodes draw in an hour, and every cut of the power there is.
+/// How fast the emulator is, what nodes draw in an hour, every cut of the power there is while nodes join, and a
+/// thousand at random instants of calibrations.
 ///
 /// # Errors
 /// One of that fails.
 pub(crate) fn bench(sh: &Shell) -> Result<()> {
     let image = firmware::build(sh, PACKAGE)?;
-    let _newer = sh.push_env("RUSTUP_TOOLCHAIN", setup::EMULATOR_TOOLCHAIN);
+    let newer = sh.push_env("RUSTUP_TOOLCHAIN", setup::EMULATOR_TOOLCHAIN);
     let _image = sh.push_env("NODE_IMAGE", sh.current_dir().join(image));
     let _cuts = sh.push_env("NODE_CUTS", "all");
     let manifest = setup::EMULATOR;
@@ -137,6 +138,14 @@ pub(crate) fn bench(sh: &Shell) -> Result<()> {
         .env("NODE_SECONDS", seconds)
         .run()?;
     }
+    drop(newer);
+    // The first of a hundred at a time may be told with `NODE_SEED`.
+    cmd!(
+        sh,
+        "cargo test --locked --package host-sim --all-features --test chips -- --ignored --nocapture power_cuts_over_a_calibration"
+    )
+    .env("NODE_CUTS", "1000")
+    .run()?;
     Ok(())
 }
 

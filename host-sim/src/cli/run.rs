@@ -17,7 +17,6 @@ use host_sim::live::{animation, report};
 use host_sim::network::{CHIP_IMAGE, Chips, Onlooker, Options, Progress, Simulation, TrackRow};
 use indicatif::{ProgressBar, ProgressStyle};
 use node_firmware::limits::CONSOLE_BAUD;
-use site::Action;
 
 use super::{
     and,
@@ -160,20 +159,8 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
         "--image is for emulated chips: leave it out, or say `--backend nrf52840`"
     );
     ensure!(
-        arguments.port.is_empty() || arguments.backend != Backend::Nrf52840,
-        "emulated chips have a time of their own, and a real camera another: leave out --port, or say \
-         `--backend host`"
-    );
-    ensure!(
         arguments.gdb.is_none() || arguments.backend == Backend::Nrf52840,
         "--gdb looks into an emulated chip: leave it out, or say `--backend nrf52840`"
-    );
-    let wears = |action: &Action| matches!(action, Action::Rot { .. } | Action::WearOut { .. });
-    ensure!(
-        arguments.backend != Backend::Nrf52840
-            || !scenario.events.iter().any(|event| wears(&event.action)),
-        "events `rot` and `wear-out` do nothing to the flash of emulated chips: leave them out, or say \
-         `--backend host`"
     );
     ensure!(
         arguments.track.is_none() || arguments.backend == Backend::Host,

@@ -65,13 +65,20 @@ pub(super) fn schedule(simulation: &mut Simulation) {
                 channel,
                 at: place,
                 reach,
-            } => simulation.medium.disturb(Disturbance {
-                during: at..until(for_s),
-                kind: Kind::Jammer {
-                    channel: channel.and_then(Channel::new),
-                    disk: place.zip(reach),
-                },
-            }),
+            } => {
+                let during = at..until(for_s);
+                if simulation.chips.is_some() {
+                    let told = jam(clock, during.clone(), simulation.nodes.clone());
+                    simulation.executor.spawn(told);
+                }
+                simulation.medium.disturb(Disturbance {
+                    during,
+                    kind: Kind::Jammer {
+                        channel: channel.and_then(Channel::new),
+                        disk: place.zip(reach),
+                    },
+                });
+            }
             Action::Partition { nodes, for_s } => {
                 let apart: BTreeSet<_> = nodes
                     .iter()
@@ -223,8 +230,10 @@ async fn power_cut(clock: Clock, at: Time, node: Rc<Node>, lasts: Time, share: O
     if let Some(share) = share {
         let takes = node.next_write().await;
         clock.sleep((takes as f64 * share) as Time).await;
+        node.note("loses its power in the middle of a write");
+    } else {
+        node.note("loses its power");
     }
-    node.note("loses its power");
     node.lose_power();
     clock.sleep(lasts).await;
     node.note("gets its power back");
@@ -296,20 +305,30 @@ async fn hurry(clock: Clock, during: std::ops::Range<Time>, node: Rc<Node>, stan
     node.hurry(stand, false);
 }
 
-async fn rot(clock: Clock, at: Time, node: Rc<Node>, bits: u32, mut random: impl Rng) {
+/// Nodes may move meanwhile, and get power: those whose radio is elsewhere are told so often.
+const JAM_TOLD: Time = 100_000_000;
+
+async fn jam(clock: Clock, during: std::ops::Range<Time>, nodes: Vec<Rc<Node>>) {
+    let mut at = during.start;
+    while at < during.end {
+        clock.sleep_until_time(at).await;
+        at = during.end.min(at + JAM_TOLD);
+        for node in &nodes {
+            node.hears_jam(at);
+        }
+    }
+}
+
+async fn rot(clock: Clock, at: Time, node: Rc<Node>, bits: u32, random: impl Rng) {
     clock.sleep_until_time(at).await;
     node.note("has bits of its flash flip");
-    let mut bytes = node.flash().bytes_mut();
-    for _ in 0..bits {
-        let at = random.random_range(0..bytes.len());
-        bytes[at] ^= 1 << random.random_range(0..8);
-    }
+    node.rot(bits, random);
 }
 
 async fn wear_out(clock: Clock, at: Time, node: Rc<Node>) {
     clock.sleep_until_time(at).await;
     node.note("has a flash that is worn");
-    node.flash().wear_out();
+    node.wear_out();
 }
 
 /// Keeps what nodes send whose frames will be replayed.

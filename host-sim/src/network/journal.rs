@@ -85,23 +85,26 @@ pub(super) struct NodeEntry {
 }
 
 impl NodeEntry {
-    /// What was read from the memory of a node that nobody watched.
-    pub(super) fn learns_late(&mut self, facts: &[Fact]) {
+    /// What was read from the memory of a node that nobody watched. What it saw of which target since that was
+    /// read last.
+    pub(super) fn learns_late(&mut self, facts: &[Fact]) -> Vec<(MemberAddress, Seen)> {
+        let mut news = Vec::new();
         for fact in facts {
             match fact {
                 Fact::Sighting(place, Some(sighting)) => {
                     self.sightings.insert(*place, *sighting);
-                    self.sees(fact);
+                    news.extend(self.sees(fact));
                 }
-                Fact::ReferenceStop(..) => self.sees(fact),
+                Fact::ReferenceStop(..) => news.extend(self.sees(fact)),
                 Fact::Walk(walk) => self.number_stops(walk),
                 _ => {}
             }
         }
+        news
     }
 
-    /// What a camera keeps of a stop, it saw there.
-    fn sees(&mut self, fact: &Fact) {
+    /// What a camera keeps of a stop, it saw there: whose it is, if it was not known.
+    fn sees(&mut self, fact: &Fact) -> Option<(MemberAddress, Seen)> {
         let seen = match fact {
             Fact::Sighting(_, Some(kept)) => Some(((kept.target, kept.stop), kept.seen)),
             Fact::ReferenceStop(_, Some(kept)) => {
@@ -109,7 +112,9 @@ impl NodeEntry {
             }
             _ => None,
         };
-        self.seen.extend(seen);
+        let (stop, seen) = seen?;
+        let known = self.seen.insert(stop, seen);
+        known.is_none().then_some((stop.0, seen))
     }
 
     /// The last arrival was the last stop that was written down, and none is left out.

@@ -398,10 +398,21 @@ impl Simulation {
                 !matches!(how, Ended::Stuck(_)),
                 "tasks wake one another for ever"
             );
+            self.look_into_chips();
             look(self);
             if condition() || next >= end {
                 break;
             }
+        }
+    }
+
+    /// Where somebody looks on, what chips have written in their flash is known now.
+    fn look_into_chips(&self) {
+        let is_watched = self.journal.borrow().moments.is_some();
+        if let Some(chips) = self.chips.as_ref().filter(|_| is_watched)
+            && chips.look()
+        {
+            self.nodes.iter().for_each(|node| node.read_memory());
         }
     }
 
@@ -431,7 +442,7 @@ impl Simulation {
     pub fn chips(&self) -> BTreeMap<u16, ChipEnd> {
         let nodes = self.nodes.iter();
         nodes
-            .filter_map(|node| Some((node.id(), node.chip()?)))
+            .filter_map(|node| Some((node.id(), node.end()?)))
             .collect()
     }
 

@@ -22,7 +22,7 @@ use node_firmware::{
     run::run,
     vision::CameraKind,
 };
-use rand::RngExt;
+use rand::{Rng, RngExt};
 use zigbee_link::{radio::Csma, runner::Clock as _, wire::Eui64};
 
 use super::{
@@ -140,6 +140,19 @@ fn count(number: &Cell<usize>, is_more: bool) -> usize {
     counted
 }
 
+/// A node's end of its line. An emulated chip has the buffers of its program, and waits for no other.
+fn uart(simulation: &Simulation, baud: u32) -> Uart {
+    let usual = Uart::new(baud);
+    let transmit_buffer = match simulation.chips {
+        Some(_) => usize::MAX,
+        None => usual.transmit_buffer,
+    };
+    Uart {
+        transmit_buffer,
+        ..usual
+    }
+}
+
 /// One node.
 pub(super) struct Node {
     config: CheckedConfig,
@@ -194,8 +207,9 @@ impl Node {
         let clock = simulation.executor.clock().drifting(drift as i32);
         let chip = simulation.chips.as_ref();
         let step_length = simulation.scenario.walk.step_length;
+        let chip = chip.map(|chips| chips.board(&config, drift as i32, step_length));
         Rc::new(Self {
-            board: chip.map(|chips| chips.board(&config, step_length)),
+            board: chip,
             trouble: simulation.trouble.clone(),
             real: RefCell::default(),
             flash: Flash::new(&clock, PAGES, root.stream("flash", id)),
@@ -227,8 +241,8 @@ impl Node {
         config: CheckedConfig,
         root: Root,
     ) -> Rc<Self> {
-        let uart = Uart::new(CONSOLE_BAUD);
-        let line = Line::between_ports(&simulation.executor.clock(), uart, uart);
+        let (uart, pc) = (uart(simulation, CONSOLE_BAUD), Uart::new(CONSOLE_BAUD));
+        let line = Line::between_ports(&simulation.executor.clock(), uart, pc);
         Self::new(simulation, config, network.coordinator, (line, None), root)
     }
 
@@ -280,7 +294,7 @@ impl Node {
             }
         };
         let clock = simulation.executor.clock();
-        let uart = Uart::new(camera.baud);
+        let uart = uart(simulation, camera.baud);
         let line = match camera.kind {
             CameraKind::Cmucam2 => {
                 let configuration = Configuration {
@@ -341,9 +355,37 @@ impl Node {
         &self.medium
     }
 
-    /// Its flash, of which the next operation may be cut short.
-    pub(super) fn flash(&self) -> &Flash {
-        &self.flash
+    /// Bits of its flash flip.
+    pub(super) fn rot(&self, bits: u32, mut random: impl Rng) {
+        match self.chip() {
+            Some(chip) => chip.rot(bits, &mut random),
+            None => {
+                let mut bytes = self.flash.bytes_mut();
+                for _ in 0..bits {
+                    let at = random.random_range(0..bytes.len());
+                    bytes[at] ^= 1 << random.random_range(0..8);
+                }
+            }
+        }
+    }
+
+    /// Its flash keeps what it holds from now on.
+    pub(super) fn wear_out(&self) {
+        match self.chip() {
+            Some(chip) => chip.wear_out(),
+            None => self.flash.wear_out(),
+        }
+    }
+
+    /// What jams the channel at its place is so until a time, or until this is asked again.
+    pub(super) fn hears_jam(&self, until: Time) {
+        if let Some(chip) = self.chip() {
+            chip.jam(until, &self.medium.jammed(self.antenna));
+        }
+    }
+
+    fn chip(&self) -> Option<&chips::Board> {
+        self.board.as_deref()
     }
 
     /// Of the page of its flash that was erased most; unknown of an emulated board.
@@ -590,7 +632,7 @@ impl Node {
     }
 
     /// What is known of its emulated chip, once the simulation has ended.
-    pub(super) fn chip(&self) -> Option<chip_pipe::End> {
+    pub(super) fn end(&self) -> Option<chip_pipe::End> {
         Some(self.board.as_ref()?.end())
     }
 
@@ -598,7 +640,10 @@ impl Node {
     pub(super) fn read_memory(&self) {
         let memory = self.memory();
         let mut journal = self.journal.borrow_mut();
-        journal.node(self.config.id).learns_late(&memory);
+        let seen = journal.node(self.config.id).learns_late(&memory);
+        for (target, seen) in seen {
+            journal.moment(self.config.id, || Moment::Seen(target, seen));
+        }
     }
 
     /// The watchdog: why it restarts the node.

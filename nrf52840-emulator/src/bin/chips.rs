@@ -16,7 +16,7 @@ use defmt_decoder::{DecodeError, StreamDecoder, Table};
 use nrf52840_emulator::{
     self as emulator, Input, Network, Node, Outcome,
     device::{self, Motion, Samples, World},
-    peripheral::{self, Wire},
+    peripheral::{self, Arrival, Wire},
 };
 
 /// Sensitivity of the scale of levels, dBm (Product Specification, "RADIO", `ED_RSSIOFFS`), and its end.
@@ -46,6 +46,7 @@ fn main() -> Result<()> {
         table: &table,
         network: Network::default(),
         all: BTreeMap::new(),
+        left: Vec::new(),
         debugged: None,
     };
     while let Some(orders) = read(&mut pipe.orders)? {
@@ -82,6 +83,7 @@ struct Chip<'a> {
     /// When power came, and what its step sensor feels since.
     since: u64,
     world: Arc<Samples>,
+    is_worn: bool,
 }
 
 struct Chips<'a> {
@@ -89,6 +91,8 @@ struct Chips<'a> {
     table: &'a Table,
     network: Network,
     all: BTreeMap<u32, Chip<'a>>,
+    /// What those leave whose power has just gone.
+    left: Vec<(u64, u32, Deed)>,
     /// Which of them waits for GDB, and at which port.
     debugged: Option<(u32, u16)>,
 }
@@ -98,7 +102,9 @@ impl<'a> Chips<'a> {
         let index = number as usize;
         match order {
             Order::On {
+                at,
                 seed,
+                drift_ppb,
                 has_sensor,
                 programmed,
             } => {
@@ -108,9 +114,10 @@ impl<'a> Chips<'a> {
                     log: table.new_stream_decoder(),
                     since: 0,
                     world: Arc::default(),
+                    is_worn: false,
                 });
                 chip.log = table.new_stream_decoder();
-                chip.since = self.network.reached();
+                chip.since = self.network.reached().max(at);
                 chip.world = Arc::default();
                 let world: Arc<dyn World> = chip.world.clone();
                 let sensor = has_sensor.then(|| device::step_sensor(&world, seed));
@@ -129,25 +136,44 @@ impl<'a> Chips<'a> {
                     peer: Some(Box::new(Wire::default())),
                     chips: sensor.unwrap_or_default(),
                     seed,
+                    drift_ppb,
                     ..Node::default()
                 };
-                self.network.switch_on(index, node);
+                self.network.switch_on(index, node, at);
+                if chip.is_worn {
+                    self.network.input(index, Input::WearOut);
+                }
             }
             Order::Off => {
                 if let Some(outcome) = self.network.switch_off(index)
                     && let Some(chip) = self.all.get_mut(&number)
                 {
                     chip.flash = outcome?.flash;
+                    let left = Deed::Memory(chip.flash.clone());
+                    self.left.push((self.network.reached(), number, left));
                 }
             }
-            Order::Byte { at, byte } => self.network.input(index, Input::Byte(at, byte)),
+            Order::Bytes { at, every, bytes } => {
+                for (place, byte) in (0..).zip(bytes) {
+                    let input = Input::Byte(at + place * every, byte);
+                    self.network.input(index, input);
+                }
+            }
             Order::Frame(frame, reception) => {
                 let Reception {
                     from,
                     level,
                     is_lost,
+                    is_faint,
+                    stands_out,
+                    spoils,
                 } = reception;
-                let level = (i16::from(level) - WEAKEST).clamp(0, STRONGEST) as u8;
+                let arrival = Arrival {
+                    level: (i16::from(level) - WEAKEST).clamp(0, STRONGEST) as u8,
+                    is_faint,
+                    stands_out,
+                    spoils: Some(spoils.into_iter().map(|node| node as usize).collect()),
+                };
                 let mut psdu = frame.psdu;
                 if is_lost && let Some(last) = psdu.last_mut() {
                     // Its frame check sequence does not fit.
@@ -156,14 +182,31 @@ impl<'a> Chips<'a> {
                 let frame = peripheral::Frame {
                     start: frame.start,
                     node: from as usize,
-                    frequency: u32::from(frame.channel).saturating_sub(BELOW) * SPACING,
+                    frequency: frequency(frame.channel),
                     power: 0,
                     psdu,
                 };
-                self.network.input(index, Input::Frame(frame, level));
+                self.network.input(index, Input::Frame(frame, arrival));
             }
             Order::StandInWrite => self.network.input(index, Input::StandInWrite),
             Order::Show => self.network.input(index, Input::Show),
+            Order::Jammed { until, channel } => {
+                let input = Input::Jammed(until, channel.map(frequency));
+                self.network.input(index, input);
+            }
+            Order::Rot(bits) => {
+                // Without power there is what its power left.
+                if let Some(chip) = self.all.get_mut(&number) {
+                    chip.rot(&bits);
+                }
+                self.network.input(index, Input::Rot(bits));
+            }
+            Order::WearOut => {
+                if let Some(chip) = self.all.get_mut(&number) {
+                    chip.is_worn = true;
+                }
+                self.network.input(index, Input::WearOut);
+            }
             Order::Moves(motions) => {
                 if let Some(chip) = self.all.get(&number) {
                     for motion in motions {
@@ -181,7 +224,7 @@ impl<'a> Chips<'a> {
     }
 
     fn run(&mut self, until: u64) -> Reports {
-        let mut deeds = Vec::new();
+        let mut deeds = core::mem::take(&mut self.left);
         for (at, index, deed) in self.network.run(until) {
             let number = index as u32;
             let deed = match deed {
@@ -198,7 +241,8 @@ impl<'a> Chips<'a> {
                         power,
                     )
                 }
-                emulator::Deed::Byte(byte) => Deed::Byte(byte),
+                emulator::Deed::Bytes(bytes) => Deed::Bytes(bytes),
+                emulator::Deed::Stores => Deed::Stores,
                 emulator::Deed::Pins(port, level) => Deed::Pins(port, level),
                 emulator::Deed::Memory(contents) => Deed::Memory(contents),
                 emulator::Deed::Writes(takes) => Deed::Writes(takes),
@@ -215,6 +259,7 @@ impl<'a> Chips<'a> {
         }
         Reports {
             reached: self.network.reached(),
+            next: self.network.next(),
             deeds,
         }
     }
@@ -232,11 +277,32 @@ impl<'a> Chips<'a> {
             };
             deeds.push((reached, number, Deed::Ends(Box::new(end))));
         }
-        Ok(Reports { reached, deeds })
+        Ok(Reports {
+            reached,
+            next: u64::MAX,
+            deeds,
+        })
     }
 }
 
+/// FREQUENCY of a channel.
+fn frequency(channel: u8) -> u32 {
+    u32::from(channel).saturating_sub(BELOW) * SPACING
+}
+
 impl Chip<'_> {
+    /// Bits flip in what it left.
+    fn rot(&mut self, bits: &[(u64, u8)]) {
+        for (address, bit) in bits {
+            let place = self.flash.iter_mut().find_map(|(start, known)| {
+                known.get_mut(usize::try_from(address.checked_sub(*start)?).ok()?)
+            });
+            if let Some(byte) = place {
+                *byte ^= 1 << (bit & 7);
+            }
+        }
+    }
+
     /// What the bytes complete of its log.
     fn lines(&mut self, bytes: &[u8]) -> Vec<String> {
         self.log.received(bytes);

@@ -82,8 +82,7 @@ impl Model for Gpio {
     }
 }
 
-/// Registers, and nothing happens: GPIOTE, whose channels and pins are not modelled, and TEMP, whose trim
-/// values start-up code copies.
+/// Registers, and nothing happens: GPIOTE, whose channels and pins are not modelled.
 #[derive(Debug, Default)]
 pub struct Plain;
 

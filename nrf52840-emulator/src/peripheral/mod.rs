@@ -5,12 +5,14 @@
 //! says what a task does; an [`Instance`] gives it the rest.
 
 pub(crate) mod clock;
+mod egu;
 mod gpio;
 mod nvmc;
 mod ppi;
 mod radio;
 mod rng;
 mod rtc;
+mod temp;
 mod timer;
 mod twim;
 mod uarte;
@@ -19,12 +21,14 @@ mod watchdog;
 pub(crate) use self::radio::RAMP_UP;
 pub use self::{
     clock::Clock,
+    egu::Egu,
     gpio::{Gpio, Plain},
     nvmc::Nvmc,
     ppi::Ppi,
-    radio::{AIR_PER_BYTE, Frame, HEADER, Radio, crc},
+    radio::{AIR_PER_BYTE, Arrival, Frame, HEADER, Radio, crc},
     rng::Rng,
     rtc::Rtc,
+    temp::Temp,
     timer::Timer,
     twim::Twim,
     uarte::{Peer, Uarte, Wire},

@@ -2,7 +2,7 @@
 
 use rigless::{soc::Width, time::EventId};
 
-use super::{Call, DONE, Model, READ, US};
+use super::{Call, DONE, INTEN, INTENSET, Model, READ, US};
 
 const SHORTS: u16 = 0x200;
 const CRCSTATUS: u16 = 0x400;
@@ -29,6 +29,8 @@ const CCASTOPPED: u16 = 19;
 const TXREADY: u16 = 21;
 const RXREADY: u16 = 22;
 const PHYEND: u16 = 27;
+/// Bits of INTEN: what happens in the middle of a frame that is received.
+const FRAME_EVENTS: u32 = 1 << ADDRESS | 1 << FRAMESTART;
 
 /// MODE of IEEE 802.15.4, 250 kbit/s.
 const IEEE_802_15_4: u32 = 15;
@@ -99,13 +101,46 @@ enum State {
     TxDisable = 12,
 }
 
+/// How a frame arrives at a radio.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Arrival {
+    /// Of its energy and its quality, as the chip measures them: 0 to 63, in steps of 1 dB from -92 dBm
+    /// (Product Specification, "RADIO").
+    pub level: u8,
+    /// It is too weak to be taken for a frame.
+    pub is_faint: bool,
+    /// It stands out from all that is on the air when it begins.
+    pub stands_out: bool,
+    /// Of which nodes the frames do not stand out any more once it has begun; none if of all.
+    pub spoils: Option<Vec<usize>>,
+}
+
+impl From<u8> for Arrival {
+    /// Where frames that overlap spoil each other, whatever their levels.
+    fn from(level: u8) -> Self {
+        Self {
+            level,
+            is_faint: false,
+            stands_out: true,
+            spoils: None,
+        }
+    }
+}
+
 /// What a frame on the air is to this radio.
 #[derive(Debug)]
 struct Heard {
     frame: Frame,
-    /// Of its energy and its quality, as the chip measures them.
-    level: u8,
-    edges: [EventId; 3],
+    arrival: Arrival,
+    /// How many of its edges the radio has met.
+    met: usize,
+}
+
+impl Heard {
+    /// When it begins, its length is over, and it ends.
+    fn edges(&self) -> [u64; 3] {
+        [self.frame.start, self.frame.body(), self.frame.end()]
+    }
 }
 
 /// The radio of one chip. A frame is told when its transmitter ramps up, so that whoever carries it to
@@ -126,6 +161,8 @@ pub struct Radio {
     step: Option<EventId>,
     assessment: Option<(EventId, u64)>,
     air: Vec<Heard>,
+    /// Until when something else is on a FREQUENCY, or on all.
+    jammed: Vec<(u64, Option<u32>)>,
     /// The start of the frame being received, by whom, and whether it is whole.
     reception: Option<(u64, usize, bool)>,
     packet: Vec<u8>,
@@ -142,18 +179,51 @@ impl Radio {
         }
     }
 
-    /// A frame of another node arrives, which starts now or later, at this level.
+    /// A frame of another node arrives, which starts now or later. Its beginning and its length are met when the
+    /// radio is next called after them, unless somebody watches them: most of the time nobody does.
     ///
     /// # Panics
     /// The frame has already begun.
-    pub fn hear(&mut self, frame: Frame, level: u8, call: &mut Call<'_, '_>) {
+    pub fn hear(
+        &mut self,
+        frame: Frame,
+        arrival: Arrival,
+        is_watched: bool,
+        call: &mut Call<'_, '_>,
+    ) {
         assert!(frame.start >= call.now(), "a frame is told too late");
-        let edges = [frame.start, frame.body(), frame.end()].map(|at| call.at(at));
+        call.at(frame.end());
+        if is_watched || call.enabled & FRAME_EVENTS != 0 {
+            call.at(frame.body());
+        }
         self.air.push(Heard {
             frame,
-            level,
-            edges,
+            arrival,
+            met: 0,
         });
+    }
+
+    /// Meets the edges of frames until now, in their order.
+    fn catch_up(&mut self, call: &mut Call<'_, '_>) {
+        let now = call.now();
+        loop {
+            let next = |(number, heard): (usize, &Heard)| {
+                let at = *heard.edges().get(heard.met)?;
+                Some((at, number))
+            };
+            let first = self.air.iter().enumerate().filter_map(next).min();
+            let Some((_, number)) = first.filter(|(at, _)| *at <= now) else {
+                break;
+            };
+            let edge = self.air[number].met;
+            self.air[number].met += 1;
+            self.edge(number, edge, call);
+        }
+    }
+
+    /// Until an instant something that is no frame is on a FREQUENCY, or on all: assessments find it.
+    pub fn jam(&mut self, until: u64, frequency: Option<u32>) {
+        self.jammed.push((until, frequency));
     }
 
     fn enter(&mut self, state: State, call: &Call<'_, '_>) {
@@ -230,11 +300,17 @@ impl Radio {
         let control = call.get(CCACTRL);
         let (mode, energy) = (control & 7, (control >> 8 & 0xff) as u8);
         let frequency = call.get(FREQUENCY) & 0x7f;
-        self.air
-            .iter()
+        let is_jammed = { self.jammed.iter() }
+            .any(|(until, which)| *until > from && which.is_none_or(|which| which == frequency));
+        is_jammed || { self.air.iter() }
             .filter(|heard| heard.frame.frequency == frequency)
             .filter(|heard| heard.frame.start < to && heard.frame.end() > from)
-            .any(|heard| mode == 1 || mode == 3 || heard.level >= energy)
+            .any(|heard| {
+                let Arrival {
+                    level, is_faint, ..
+                } = heard.arrival;
+                (mode == 1 || mode == 3) && !is_faint || mode != 1 && level >= energy
+            })
     }
 
     fn step(&mut self, call: &mut Call<'_, '_>) {
@@ -279,11 +355,19 @@ impl Radio {
         let is_this = self
             .reception
             .is_some_and(|(s, n, _)| (s, n) == (start, node));
+        let Arrival {
+            is_faint,
+            stands_out,
+            ref spoils,
+            ..
+        } = heard.arrival;
         match edge {
             0 if is_tuned => match &mut self.reception {
-                Some((_, _, is_whole)) => *is_whole = false,
-                None if self.state == State::Rx && self.assessment.is_none() => {
-                    self.reception = Some((start, node, true));
+                Some((_, of, is_whole)) => {
+                    *is_whole &= { spoils.as_ref() }.is_some_and(|spoils| !spoils.contains(of));
+                }
+                None if self.state == State::Rx && self.assessment.is_none() && !is_faint => {
+                    self.reception = Some((start, node, stands_out));
                 }
                 None => {}
             },
@@ -293,7 +377,7 @@ impl Radio {
             }
             2 if is_this => {
                 let is_whole = self.reception.take().is_some_and(|(_, _, whole)| whole);
-                let (psdu, level) = (heard.frame.psdu.clone(), heard.level);
+                let (psdu, level) = (heard.frame.psdu.clone(), heard.arrival.level);
                 self.receive(&psdu, level, is_whole, call);
             }
             _ => {}
@@ -324,6 +408,7 @@ impl Radio {
 
 impl Model for Radio {
     fn task(&mut self, number: u16, call: &mut Call<'_, '_>) {
+        self.catch_up(call);
         if call.get(MODE) & 0xf != IEEE_802_15_4 && number < 3 {
             call.forbid("MODE", "only the mode of IEEE 802.15.4 is modelled");
         }
@@ -390,6 +475,7 @@ impl Model for Radio {
     }
 
     fn due(&mut self, id: EventId, call: &mut Call<'_, '_>) {
+        self.catch_up(call);
         if self.step == Some(id) {
             self.step = None;
             self.step(call);
@@ -399,16 +485,10 @@ impl Model for Radio {
             self.enter(State::RxIdle, call);
             call.event(if is_busy { CCABUSY } else { CCAIDLE });
         }
-        for number in 0..self.air.len() {
-            for edge in 0..3 {
-                if self.air[number].edges[edge] == id {
-                    self.edge(number, edge, call);
-                }
-            }
-        }
         let now = call.now();
         // An assessment looks back over what is just over.
         self.air.retain(|heard| heard.frame.end() + CCA_TIME >= now);
+        self.jammed.retain(|(until, _)| until + CCA_TIME >= now);
     }
 
     fn shortcut(&mut self, event: u16, call: &mut Call<'_, '_>) {
@@ -436,11 +516,19 @@ impl Model for Radio {
         }
     }
 
-    fn read(&mut self, offset: u16, _: &mut Call<'_, '_>) -> Option<u32> {
+    fn read(&mut self, offset: u16, call: &mut Call<'_, '_>) -> Option<u32> {
+        self.catch_up(call);
         (offset == STATE).then_some(self.state as u32)
     }
 
     fn write(&mut self, offset: u16, value: u32, call: &mut Call<'_, '_>) {
+        self.catch_up(call);
+        if matches!(offset, INTEN | INTENSET) && call.enabled & FRAME_EVENTS != 0 {
+            let lengths = self.air.iter().filter(|heard| heard.met < 2);
+            for at in lengths.map(|heard| heard.frame.body()) {
+                call.at(at);
+            }
+        }
         if offset == POWER && value & 1 == 0 {
             for word in 0..POWER / 4 {
                 call.set(word * 4, 0);
@@ -494,10 +582,13 @@ mod tests {
         }
     }
 
-    fn hear(bench: &mut Bench<Radio>, frame: Frame, level: u8) {
+    fn hear(bench: &mut Bench<Radio>, frame: Frame, arrival: impl Into<Arrival>) {
         let at = VirtualNanos(bench.now);
+        let arrival = arrival.into();
         bench.chip.drive(at, |instance, file, context| {
-            instance.call(file, context, |radio, call| radio.hear(frame, level, call));
+            instance.call(file, context, |radio, call| {
+                radio.hear(frame, arrival, false, call);
+            });
         });
     }
 
@@ -557,6 +648,25 @@ mod tests {
         assert_eq!(bench.get(CRCSTATUS), 1);
     }
 
+    /// Its length interrupts when it is there, if it is to; or is found there by whoever looks.
+    #[test]
+    fn the_middle_of_a_frame_is_told_to_those_who_watch() {
+        for is_enabled in [false, true] {
+            let mut bench = bench();
+            listen(&mut bench);
+            let frame = frame(1_000 * US, 1);
+            hear(&mut bench, frame.clone(), 40);
+            if is_enabled {
+                bench.set(INTENSET, FRAME_EVENTS);
+            }
+            bench.pass(frame.body() - bench.now);
+            assert_eq!(bench.chip.model.is_pending(), is_enabled);
+            assert!(bench.took(FRAMESTART) && !bench.took(END));
+            bench.pass(frame.end() - bench.now);
+            assert!(bench.took(END));
+        }
+    }
+
     #[test]
     fn frames_that_overlap_spoil_each_other() {
         let mut bench = bench();
@@ -566,6 +676,71 @@ mod tests {
         bench.pass(5_000 * US);
         assert!(bench.took(CRCERROR) && !bench.took(CRCOK));
         assert_eq!(bench.chip.model.model.received, [0, 1]);
+    }
+
+    /// Who carries the frames says which of them survives: the first one, if at all.
+    #[test]
+    fn a_frame_that_stands_out_survives() {
+        let weak = |spoils: &[usize]| Arrival {
+            spoils: Some(spoils.to_vec()),
+            ..Arrival::from(10)
+        };
+        for (first, second, received) in [
+            (Arrival::from(40), weak(&[]), [1, 0]),
+            (Arrival::from(40), weak(&[1]), [0, 1]),
+            (
+                Arrival {
+                    stands_out: false,
+                    ..weak(&[])
+                },
+                weak(&[]),
+                [0, 1],
+            ),
+            (
+                Arrival {
+                    is_faint: true,
+                    ..weak(&[])
+                },
+                weak(&[]),
+                [1, 0],
+            ),
+            (
+                Arrival {
+                    is_faint: true,
+                    ..weak(&[])
+                },
+                Arrival {
+                    is_faint: true,
+                    ..weak(&[])
+                },
+                [0, 0],
+            ),
+        ] {
+            let mut bench = bench();
+            listen(&mut bench);
+            hear(&mut bench, frame(1_000 * US, 1), first);
+            hear(&mut bench, frame(1_200 * US, 2), second);
+            bench.pass(5_000 * US);
+            assert_eq!(bench.chip.model.model.received, received);
+        }
+    }
+
+    #[test]
+    fn what_jams_the_channel_makes_it_busy() {
+        for (frequency, until, is_busy) in [
+            (None, RAMP_UP + 1, true),
+            (Some(5), RAMP_UP + 1, true),
+            (Some(10), RAMP_UP + 1, false),
+            (None, RAMP_UP, false),
+        ] {
+            let mut bench = bench();
+            bench.set(SHORTS, 1 << 11);
+            bench.chip.model.model.jam(until, frequency);
+            bench.task(1);
+            bench.pass(RAMP_UP + CCA_TIME);
+            let told = (bench.took(CCABUSY), bench.took(CCAIDLE));
+            assert_eq!(told, (is_busy, !is_busy), "{frequency:?} {until}");
+        }
     }
 
     #[test]

@@ -78,15 +78,24 @@ struct Buffer {
 pub struct Uarte {
     /// When bytes were sent, and which.
     pub sent: Vec<(u64, u8)>,
+    /// Buffers whose bytes it begins to send, and when, to be taken: whoever carries them to others knows of
+    /// them before they are out.
+    pub begun: Vec<(u64, Vec<u8>)>,
     /// Bytes that came while there was no room.
     pub overruns: u64,
     /// From when to when there is no room whatever the program does: memory is too slow.
     pub full: Option<Range<u64>>,
+    /// How long bytes were on the line, nanoseconds: both directions together.
+    pub transferred: u64,
+    /// How long the receiver ran until it was last switched off, and since when it runs.
+    listened: u64,
+    since: u64,
     /// What ERRORSRC shows.
     errors: u32,
     peer: Option<Box<dyn Peer>>,
     tx: Option<(Buffer, EventId)>,
-    byte: u8,
+    /// Of the buffer that is sent.
+    out: Vec<u8>,
     rx: Option<Buffer>,
     /// The receiver runs, with a buffer or without.
     is_on: bool,
@@ -122,9 +131,27 @@ impl Uarte {
         if !self.is_on {
             self.is_on = true;
             let now = call.now();
+            self.since = now;
             while { self.peer.as_mut() }.is_some_and(|peer| peer.transmit(now).is_some()) {}
         }
         self.plan(call);
+    }
+
+    /// Stops the receiver.
+    pub(crate) fn switch_off(&mut self, now: u64) {
+        self.listened = self.listened_until(now);
+        self.is_on = false;
+        self.next = None;
+    }
+
+    /// How long the receiver ran until now, nanoseconds.
+    pub fn listened_until(&self, now: u64) -> u64 {
+        let running = if self.is_on {
+            now.saturating_sub(self.since)
+        } else {
+            0
+        };
+        self.listened + running
     }
 
     fn plan(&mut self, call: &mut Call<'_, '_>) {
@@ -156,13 +183,22 @@ impl Uarte {
         }
     }
 
-    /// The byte at the buffer's front goes out.
+    /// All bytes of a buffer are read when the first one goes out.
+    fn begin(&mut self, pointer: u32, max: u32, call: &mut Call<'_, '_>) {
+        self.out.clear();
+        for byte in 0..u64::from(max) {
+            let at = u64::from(pointer) + byte;
+            call.context.read_from(at, Width::W8, READ);
+        }
+        let done = 0;
+        self.send(Buffer { pointer, max, done }, call);
+    }
+
+    /// The next byte of a buffer goes out.
     fn send(&mut self, buffer: Buffer, call: &mut Call<'_, '_>) {
         let time = Self::byte_time(call);
         let id = call.after(time);
         self.tx = Some((buffer, id));
-        let at = u64::from(buffer.pointer) + u64::from(buffer.done);
-        call.context.read_from(at, Width::W8, READ);
     }
 
     fn end_transmission(&mut self, amount: u32, call: &mut Call<'_, '_>) {
@@ -192,8 +228,7 @@ impl Model for Uarte {
                 }
             }
             1 => {
-                self.is_on = false;
-                self.next = None;
+                self.switch_off(call.now());
                 self.end_reception(call);
                 call.event(RXTO);
             }
@@ -203,14 +238,7 @@ impl Model for Uarte {
                 if max == 0 {
                     self.end_transmission(0, call);
                 } else if call.reaches(pointer, max) {
-                    self.send(
-                        Buffer {
-                            pointer,
-                            max,
-                            done: 0,
-                        },
-                        call,
-                    );
+                    self.begin(pointer, max, call);
                 }
             }
             3 => {
@@ -236,16 +264,23 @@ impl Model for Uarte {
         }
     }
 
-    fn answer(&mut self, _: u64, value: u32, _: &mut Call<'_, '_>) {
-        self.byte = value as u8;
+    fn answer(&mut self, _: u64, value: u32, call: &mut Call<'_, '_>) {
+        self.out.push(value as u8);
+        let is_whole =
+            { self.tx.as_ref() }.is_some_and(|(buffer, _)| self.out.len() == buffer.max as usize);
+        if is_whole {
+            self.begun.push((call.now(), self.out.clone()));
+        }
     }
 
     fn due(&mut self, id: EventId, call: &mut Call<'_, '_>) {
         let now = call.now();
         if let Some((mut buffer, _)) = self.tx.take_if(|(_, mine)| *mine == id) {
-            self.sent.push((now, self.byte));
+            let byte = self.out.get(buffer.done as usize).copied().unwrap_or(0);
+            self.sent.push((now, byte));
+            self.transferred += Self::byte_time(call);
             if let Some(peer) = &mut self.peer {
-                peer.receive(self.byte, now);
+                peer.receive(byte, now);
                 self.plan(call);
             }
             call.event(TXDRDY);
@@ -259,6 +294,7 @@ impl Model for Uarte {
         if self.next == Some(id) {
             self.next = None;
             while let Some(byte) = self.peer.as_mut().and_then(|peer| peer.transmit(now)) {
+                self.transferred += Self::byte_time(call);
                 let has_room = !self.full.as_ref().is_some_and(|full| full.contains(&now));
                 if has_room && self.fifo.len() < FIFO {
                     self.fifo.push_back(byte);
@@ -292,6 +328,7 @@ impl Model for Uarte {
         }
         // What is switched off keeps nothing, as chips do.
         if offset == ENABLE && value != 8 {
+            self.switch_off(call.now());
             Model::reset(self);
         }
     }
@@ -420,6 +457,37 @@ mod tests {
         bench.pass(5_000_000);
         assert!(bench.took(RXDRDY));
         assert_eq!(bench.cells.0[&0x2000_0200], b'h');
+    }
+
+    #[test]
+    fn its_time_is_counted() {
+        let mut bench = bench();
+        bench.set(RX_PTR, 0x2000_0200);
+        bench.set(RX_MAX, 10);
+        bench.task(0);
+        bench.task(2);
+        bench.pass(5_000_000);
+        bench.task(1);
+        bench.pass(5_000_000);
+        let uarte = &bench.chip.model.model;
+        assert_eq!(uarte.listened_until(bench.now), 5_000_000);
+        // Ten bytes out and as many in, at 38,339 baud.
+        assert_eq!(uarte.transferred / 20_000, 260);
+    }
+
+    #[test]
+    fn a_buffer_is_told_when_it_begins() {
+        let mut bench = bench();
+        bench.pass(7);
+        bench.task(2);
+        let begun = std::mem::take(&mut bench.chip.model.model.begun);
+        assert_eq!(begun, [(7, b"hello, all".to_vec())]);
+        bench.pass(5_000_000);
+        let sent = &bench.chip.model.model.sent;
+        assert_eq!(
+            sent.iter().map(|(_, byte)| *byte).collect::<Vec<_>>(),
+            b"hello, all"
+        );
     }
 
     #[test]

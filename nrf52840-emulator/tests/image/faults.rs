@@ -57,7 +57,7 @@ impl Site {
         if let Some(flash) = self.flash.get(&number) {
             node.flash.clone_from(flash);
         }
-        self.network.switch_on(number, node);
+        self.network.switch_on(number, node, 0);
     }
 
     fn switch_off(&mut self, number: usize) -> Outcome {
@@ -77,12 +77,13 @@ impl Site {
                     Deed::Sends(frame) => {
                         self.sent.push((at, number));
                         for to in (0..self.nodes.len()).filter(|to| *to != number) {
-                            self.network.input(to, Input::Frame(frame.clone(), LEVEL));
+                            self.network
+                                .input(to, Input::Frame(frame.clone(), LEVEL.into()));
                         }
                     }
-                    Deed::Byte(byte) if number == 0 => {
-                        let message = self.frames.push(byte);
-                        self.told.extend(message.map(|message| (at, message)));
+                    Deed::Bytes(bytes) if number == 0 => {
+                        let messages = bytes.into_iter().filter_map(|byte| self.frames.push(byte));
+                        self.told.extend(messages.map(|message| (at, message)));
                     }
                     _ => {}
                 }

@@ -380,9 +380,9 @@ fn what_nodes_draw() {
     let seconds = env::var("NODE_SECONDS").map_or(60, |seconds| seconds.parse().unwrap());
     let (outcomes, frames) = run(site.nodes(), seconds * S, everybody).unwrap();
     println!(
-        "| node | receives | sends | runs | mean, mA | a battery lasts | listening 10 % | 1 % |"
+        "| node | receives | sends | runs | UART waits | mean, mA | a battery lasts | listening 10 % | 1 % | and no UART waits |"
     );
-    println!("|---|---|---|---|---|---|---|---|");
+    println!("|---|---|---|---|---|---|---|---|---|---|");
     for (number, outcome) in outcomes.iter().enumerate() {
         let role = match number {
             0 => "coordinator",
@@ -395,14 +395,16 @@ fn what_nodes_draw() {
         let share = |time: u64| 100.0 * time as f64 / outcome.powered as f64;
         let days = |current: Current| current.hours(BATTERY) / 24.0;
         println!(
-            "| {role} | {:.2} % | {:.3} % | {:.2} % | {:.2} | {:.0} days | {:.0} days | {:.0} days |",
+            "| {role} | {:.2} % | {:.3} % | {:.2} % | {:.2} % | {:.2} | {:.0} days | {:.0} days | {:.0} days | {:.0} days |",
             share(outcome.radio_on[0]),
             share(outcome.radio_on[1]),
             share(outcome.instructions * 1_000 / 64),
+            share(outcome.uart_on[0]),
             current.total(),
             days(current),
             days(current.listening(0.1)),
             days(current.listening(0.01)),
+            days(current.listening(0.01).without_waiting_line(outcome)),
         );
         // The radio is on all the time, but while the chip starts.
         let on: u64 = outcome.radio_on.iter().sum();

@@ -125,17 +125,26 @@ impl Node {
 
     /// Whether a frame of this strength stands out from all others, dBm.
     fn stands_out(&self, transmission: u32, strength: f32, thresholds: Thresholds) -> bool {
-        let others = self
-            .carriers
-            .iter()
-            .filter(|carrier| carrier.transmission != transmission);
-        let Some(capture) = thresholds.capture else {
-            return others.count() == 0;
-        };
-        let milliwatts = |dbm: f32| libm::exp10f(dbm / 10.0);
-        let sum: f32 = others.map(|carrier| milliwatts(carrier.strength)).sum();
-        sum == 0.0 || milliwatts(strength - capture) >= sum
+        stands_out(&self.carriers, transmission, strength, thresholds)
     }
+}
+
+/// Whether a frame of this strength stands out from all other carriers on its channel, dBm.
+fn stands_out(
+    carriers: &[Carrier],
+    transmission: u32,
+    strength: f32,
+    thresholds: Thresholds,
+) -> bool {
+    let others = carriers
+        .iter()
+        .filter(|carrier| carrier.transmission != transmission);
+    let Some(capture) = thresholds.capture else {
+        return others.count() == 0;
+    };
+    let milliwatts = |dbm: f32| libm::exp10f(dbm / 10.0);
+    let sum: f32 = others.map(|carrier| milliwatts(carrier.strength)).sum();
+    sum == 0.0 || milliwatts(strength - capture) >= sum
 }
 
 struct Transmission {
@@ -259,6 +268,15 @@ impl Air {
         self.nodes[by as usize].counters.drop(reason, 1);
         let (from, by) = (NodeId(from), NodeId(by));
         self.tell(now, Event::Dropped { from, by, reason });
+    }
+
+    /// Which channels a disturbance jams at a node now.
+    pub(super) fn jammed(&self, now: Time, node: NodeId) -> Vec<Channel> {
+        let place = self.links.place(node.0);
+        let all = Channel::FIRST.number()..=Channel::LAST.number();
+        all.filter_map(Channel::new)
+            .filter(|&channel| self.disturbances.jams(now..now, channel, place))
+            .collect()
     }
 
     pub(super) fn switch_on(&mut self, node: NodeId, abilities: Abilities) {
@@ -485,14 +503,46 @@ impl Air {
         counters.drop(Reason::OutOfRange, others - audible);
     }
 
+    /// A carrier begins at a radio elsewhere: whether it stands out there, and whose frames do not any more.
+    fn overlap(&mut self, slot: u32, link: Link, strength: f32) -> (bool, Vec<NodeId>) {
+        let channel = self.transmissions[slot as usize].channel;
+        let node = &mut self.nodes[link.to as usize];
+        let carrier = Carrier {
+            transmission: slot,
+            strength,
+        };
+        node.carriers.push(carrier);
+        let on_channel = |carrier: &&Carrier| {
+            let transmission = self.transmissions.get(carrier.transmission as usize);
+            transmission.is_some_and(|transmission| transmission.channel == channel)
+        };
+        let carriers: Vec<Carrier> = node.carriers.iter().filter(on_channel).copied().collect();
+        let stands_out = |carrier: &Carrier| {
+            stands_out(
+                &carriers,
+                carrier.transmission,
+                carrier.strength,
+                self.thresholds,
+            )
+        };
+        let spoilt = { carriers.iter() }
+            .filter(|other| other.transmission != slot && !stands_out(other))
+            .map(|other| NodeId(self.transmissions[other.transmission as usize].from));
+        let spoils = spoilt.collect();
+        let is_clear = stands_out(&carrier);
+        self.transmissions[slot as usize].hearers.push(link.to);
+        (is_clear, spoils)
+    }
+
     /// A frame begins at a radio elsewhere.
     fn tell_ear(&mut self, now: Time, slot: u32, link: Link, strength: f32) {
-        let transmission = &self.transmissions[slot as usize];
-        let (from, channel) = (transmission.from, transmission.channel);
+        let Transmission { from, channel, .. } = self.transmissions[slot as usize];
         if self.disturbances.separates(now, from, link.to) {
             self.drop_at(now, link.to, from, Reason::Partitioned);
             return;
         }
+        let (stands_out, spoils) = self.overlap(slot, link, strength);
+        let transmission = &self.transmissions[slot as usize];
         let during = now..self.end_of(slot);
         let place = self.links.place(link.to);
         let lost = if strength < self.thresholds.sensitivity {
@@ -510,6 +560,8 @@ impl Air {
                 psdu: &transmission.bytes,
                 strength,
                 lost,
+                stands_out,
+                spoils: &spoils,
             });
         }
         if let Some(reason) = lost {

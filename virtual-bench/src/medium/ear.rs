@@ -17,6 +17,10 @@ pub struct Arrival<'a> {
     pub strength: f32,
     /// Why it is not received, even if nothing else is on the air: it is only a carrier then.
     pub lost: Option<Reason>,
+    /// It stands out from all that is on the air at this radio when it begins.
+    pub stands_out: bool,
+    /// Whose frames do not stand out there any more, now that it begins.
+    pub spoils: &'a [NodeId],
 }
 
 /// Is told what begins to arrive at a node. It must not use the medium.

@@ -22,8 +22,8 @@
 //!
 //! # Radios elsewhere
 //! A node may have an [`Ear`] in the place of a [`Radio`]: it is told of each frame as it begins, and
-//! what becomes of that, but for other frames at the same time, and sends with [`Medium::transmit`].
-//! Assessments, times and captures are then its own.
+//! what becomes of that where the radio stays with it, and sends with [`Medium::transmit`]. Which frames stand out
+//! from the others is told; with which it stays, assessments and times are then its own.
 //!
 //! # Chance
 //! Whether a link loses a frame depends on the seed, its two ends and the number of the frame at its
@@ -177,6 +177,12 @@ impl Medium {
             self.0.air.borrow_mut().node_mut(from).power = power;
             self.inject(from, channel, psdu);
         }
+    }
+
+    /// On which channels a [jammer](Kind::Jammer) is heard at a node now.
+    pub fn jammed(&self, node: NodeId) -> Vec<Channel> {
+        let now = self.0.clock.time();
+        self.0.air.borrow().jammed(now, node)
     }
 
     /// Has somebody told of all events from now on.

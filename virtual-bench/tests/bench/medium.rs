@@ -455,6 +455,9 @@ fn captures() {
 /// What a radio elsewhere is told: when, by whom, how strong, and why it is lost.
 type Told = Rc<RefCell<Vec<(Time, NodeId, f32, Option<Reason>)>>>;
 
+/// Whose frame began, whether it stands out, and whose frames do not any more.
+type Overlap = (NodeId, bool, Vec<NodeId>);
+
 impl Bench {
     /// A node whose radio is elsewhere.
     fn elsewhere(&mut self, place: Place) -> (NodeId, Told) {
@@ -516,6 +519,69 @@ fn a_radio_may_be_elsewhere() {
     bench.run(3 * SECOND);
     assert_eq!(other_told.borrow().len(), 1);
     assert_eq!(bench.medium.counters(here).received, 2);
+}
+
+/// Radios elsewhere are told which of the frames that overlap stands out, by the rule that holds here.
+#[test]
+fn what_stands_out_is_told_elsewhere() {
+    let model = LogDistance {
+        shadowing: 0.0,
+        ..LogDistance::default()
+    };
+    let mut bench = Bench::new(Propagation::LogDistance(model));
+    let [near, as_near, far] =
+        [[1.0, 0.0], [0.0, 1.0], [4.0, 0.0]].map(|place| bench.medium.attach(place));
+    let node = bench.medium.attach([0.0, 0.0]);
+    let told: Rc<RefCell<Vec<Overlap>>> = Rc::default();
+    let list = told.clone();
+    let ear = move |arrival: Arrival<'_>| {
+        let entry = (arrival.from, arrival.stands_out, arrival.spoils.to_vec());
+        list.borrow_mut().push(entry);
+    };
+    bench.medium.set_ear(node, Some(Box::new(ear)));
+    let both = [near, as_near];
+    for (second, [first, second_from]) in (1..).zip([[near, far], [far, near], both]) {
+        bench.send_elsewhere(first, second * SECOND);
+        bench.send_elsewhere(second_from, second * SECOND + 100 * MICROSECOND);
+    }
+    // One alone, on another channel than a strong one.
+    bench.send_elsewhere(far, 4 * SECOND);
+    let (medium, clock) = (bench.medium.clone(), bench.executor.clock());
+    bench.executor.spawn(async move {
+        clock.sleep_until_time(4 * SECOND + 100 * MICROSECOND).await;
+        medium.transmit(near, Channel::LAST, 0, &[frame(20), vec![0, 0]].concat());
+    });
+    bench.run(5 * SECOND);
+    let expected = [
+        (near, true, vec![]),
+        (far, false, vec![]),
+        (far, true, vec![]),
+        (near, true, vec![far]),
+        (near, true, vec![]),
+        (as_near, false, vec![near]),
+        (far, true, vec![]),
+        (near, true, vec![]),
+    ];
+    assert_eq!(*told.borrow(), expected);
+}
+
+/// A jammer is heard where it reaches, on its channel, while it lasts.
+#[test]
+fn who_asks_is_told_what_is_jammed() {
+    let mut bench = Bench::disk(10.0, 0.0);
+    let [near, far] = [[0.0, 0.0], [5.0, 0.0]].map(|place| bench.medium.attach(place));
+    bench.medium.disturb(Disturbance {
+        during: SECOND..2 * SECOND,
+        kind: Kind::Jammer {
+            channel: Some(CHANNEL),
+            disk: Some(([0.0, 1.0], 2.0)),
+        },
+    });
+    for (until, jammed) in [(SECOND / 2, 0), (SECOND, 1), (2 * SECOND, 0)] {
+        bench.run(until);
+        assert_eq!(bench.medium.jammed(near), vec![CHANNEL; jammed]);
+        assert_eq!(bench.medium.jammed(far), []);
+    }
 }
 
 /// A tenth is lost by chance, all while a jammer is near; a partition separates.

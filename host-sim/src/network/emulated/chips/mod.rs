@@ -7,9 +7,11 @@
 //!
 //! A target's steps are made by a [`carrier`], whose motion the chips of its step sensor feel.
 //!
-//! Nobody watches such a node from within. What it has written down is read from its flash in the end.
+//! Nobody watches such a node from within. What it has written down is read from its flash, in the end and
+//! whenever somebody looks on.
 //!
-//! A byte of a board is on the simulated line once it has gone out of the chip, and takes as long again.
+//! Bytes come to a chip once all of a burst have come to the end of the simulated line, as far apart as they
+//! were there.
 
 mod carrier;
 mod process;
@@ -31,10 +33,12 @@ use node_firmware::{
     config::{CheckedConfig, Config, RoleConfig, page},
     facts::Fact,
     hardware::Indication,
+    limits::CONSOLE_BAUD,
 };
+use rand::{Rng, RngExt};
 use virtual_bench::{
     executor::{Clock, Outside, Time},
-    medium::{Arrival, Medium},
+    medium::{Arrival, Medium, Reason},
 };
 use zigbee_link::{radio::Channel, wire::Eui64};
 
@@ -49,6 +53,11 @@ pub const CHIP_IMAGE: &str = "target/firmware/nrf52840-node.elf";
 
 /// A frame is heard so long after it is told: chips stand still between two instructions.
 const NOTICE: Time = 1_000;
+
+/// Bytes that are read from a line at once.
+const BURST: usize = 64;
+
+const SECOND: Time = 1_000_000_000;
 
 /// Pins of the first port that the board connects to lamps, which shine while they are low: joined, target
 /// seen, calibrated, may walk (`boards/nrf52840/src/board.rs`).
@@ -111,10 +120,13 @@ struct Queue {
     orders: RefCell<Vec<(u32, Order)>>,
     /// Until when all chips have run.
     reached: Cell<Time>,
+    /// When the first of them does something next, unless something is ordered.
+    next: Cell<Time>,
 }
 
 impl Queue {
     fn push(&self, number: u32, order: Order) {
+        self.next.set(self.next.get().min(order.at()));
         self.orders.borrow_mut().push((number, order));
     }
 }
@@ -140,12 +152,18 @@ impl Pool {
         })
     }
 
-    /// A board that is still switched off, with its configuration. `step_length` is that of the steps which
-    /// are reported, if it is a target's.
-    pub(in crate::network) fn board(&self, config: &CheckedConfig, step_length: f64) -> Rc<Board> {
+    /// A board that is still switched off, with its configuration, and clocks that run faster than true, 1e-9.
+    /// `step_length` is that of the steps which are reported, if it is a target's.
+    pub(in crate::network) fn board(
+        &self,
+        config: &CheckedConfig,
+        drift_ppb: i32,
+        step_length: f64,
+    ) -> Rc<Board> {
         let (config, carrier) = carried(config, step_length);
         let board = Rc::new(Board {
             config,
+            drift_ppb,
             carrier: RefCell::new(carrier),
             queue: self.queue.clone(),
             bytes: RefCell::default(),
@@ -156,6 +174,7 @@ impl Pool {
             writes: Signal::new(),
             antenna: Cell::new(None),
             end: RefCell::default(),
+            has_changed: Cell::new(false),
         });
         let number = board.number();
         self.boards.borrow_mut().insert(number, board.clone());
@@ -179,33 +198,46 @@ impl Pool {
         }
     }
 
-    /// What chips with power have written in their flash can be asked for from now on, as it is now.
-    pub(in crate::network) fn look(&self) {
-        if self.is_over.get() {
-            return;
+    /// What chips with power have written in their flash can be asked for from now on, as it is now. Whether any
+    /// of it is not what it was.
+    pub(in crate::network) fn look(&self) -> bool {
+        let boards = self.boards.borrow();
+        let changed: Vec<_> = { boards.iter() }
+            .filter(|(_, board)| board.has_changed.take())
+            .collect();
+        if self.is_over.get() || changed.is_empty() {
+            return false;
         }
-        for (number, board) in &*self.boards.borrow() {
+        for (number, board) in changed {
             if board.antenna.get().is_some() {
                 self.queue.push(*number, Order::Show);
             }
         }
+        drop(boards);
         // They go on by a moment.
         let until = self.queue.reached.get().max(self.clock.time()) + NOTICE;
         match self.run(until) {
             Ok(reports) => self.take(reports),
             Err(error) => self.fail(error),
         }
+        true
     }
 
     /// Takes what chips did, to be seen at its time.
     fn take(&self, reports: Reports) {
         self.queue.reached.set(reports.reached);
+        self.queue.next.set(reports.next);
         let mut deeds = Vec::new();
         for (at, number, deed) in reports.deeds {
             match deed {
                 Deed::Memory(contents) => {
                     if let Some(board) = self.of(number) {
                         board.end.borrow_mut().memory = contents;
+                    }
+                }
+                Deed::Stores => {
+                    if let Some(board) = self.of(number) {
+                        board.has_changed.set(true);
                     }
                 }
                 Deed::Sends(..) => deeds.push((at - NOTICE, number, deed)),
@@ -249,8 +281,8 @@ impl Pool {
                     self.medium.transmit(antenna, channel, power, &frame.psdu);
                 }
             }
-            Deed::Byte(byte) => {
-                board.bytes.borrow_mut().push_back(byte);
+            Deed::Bytes(bytes) => {
+                board.bytes.borrow_mut().extend(bytes);
                 board.came.signal(());
             }
             Deed::Pins(0, level) => board.lamps.signal(indication(level)),
@@ -264,7 +296,7 @@ impl Pool {
                 board.lamps.signal(Indication::default());
             }
             Deed::Fails(why) => board.failure.signal(why),
-            Deed::Pins(..) | Deed::Memory(_) | Deed::Ends(_) => {}
+            Deed::Pins(..) | Deed::Stores | Deed::Memory(_) | Deed::Ends(_) => {}
         }
     }
 }
@@ -301,7 +333,8 @@ impl Outside for Lockstep {
         let now = pool.clock.time();
         let queue = &pool.queue;
         let is_idle = pool.deeds.borrow().is_empty();
-        if is_idle && queue.reached.get() < until && !pool.is_over.get() {
+        // Where no chip does anything by then nobody need ask.
+        if is_idle && queue.next.get() < until && !pool.is_over.get() {
             match pool.run(until) {
                 Ok(reports) => pool.take(reports),
                 Err(error) => pool.fail(error),
@@ -329,6 +362,7 @@ impl Outside for Lockstep {
 /// A board with such a chip. Its flash outlasts its being switched off.
 pub(in crate::network) struct Board {
     config: CheckedConfig,
+    drift_ppb: i32,
     /// Of a target.
     carrier: RefCell<Option<Carrier>>,
     queue: Rc<Queue>,
@@ -342,6 +376,8 @@ pub(in crate::network) struct Board {
     writes: Signal<NoopRawMutex, Time>,
     antenna: Cell<Option<virtual_bench::medium::NodeId>>,
     end: RefCell<End>,
+    /// Its flash is not what it was when it was last shown.
+    has_changed: Cell<bool>,
 }
 
 /// Power of a board, until it is dropped.
@@ -386,7 +422,9 @@ impl Board {
             return EmulatorError::Config { id, reason };
         }
         let order = Order::On {
+            at: clock.time(),
             seed,
+            drift_ppb: self.drift_ppb,
             has_sensor: self.carrier.borrow().is_some(),
             programmed: vec![(NRF52840.config_address().into(), written)],
         };
@@ -401,10 +439,12 @@ impl Board {
         if self.is_to_stand.get() {
             self.queue.push(self.number(), Order::StandInWrite);
         }
-        let mut byte = [0];
+        let every = self.byte_time();
+        let mut free = 0;
+        let mut buffer = [0; BURST];
         loop {
             let happened = select4(
-                device.read(&mut byte),
+                device.read(&mut buffer),
                 self.came.wait(),
                 self.lamps.wait(),
                 self.failure.wait(),
@@ -417,10 +457,12 @@ impl Board {
                 }
             };
             match happened {
-                Either4::First(Ok(1)) => {
-                    let [byte] = byte;
-                    let at = clock.time();
-                    self.queue.push(self.number(), Order::Byte { at, byte });
+                Either4::First(Ok(count @ 1..)) => {
+                    let bytes = buffer[..count].to_vec();
+                    let at = clock.time().max(free);
+                    free = at + count as Time * every;
+                    self.queue
+                        .push(self.number(), Order::Bytes { at, every, bytes });
                 }
                 Either4::First(_) => return EmulatorError::LineClosed { id },
                 Either4::Second(()) => {
@@ -432,6 +474,40 @@ impl Board {
                 Either4::Third(indication) => panel.show(indication),
                 Either4::Fourth(why) => return EmulatorError::Chip { id, why },
             }
+        }
+    }
+
+    /// What ten bits take on its line.
+    fn byte_time(&self) -> Time {
+        let baud = match &self.config.role {
+            RoleConfig::Camera(camera) => camera.baud,
+            _ => CONSOLE_BAUD,
+        };
+        10 * SECOND / Time::from(baud.max(1))
+    }
+
+    /// Bits of the part of its flash that it writes flip.
+    pub(in crate::network) fn rot(&self, bits: u32, random: &mut impl Rng) {
+        let (start, length) = NRF52840.memory();
+        let mut flip = || {
+            let at = start + random.random_range(0..length);
+            (u64::from(at), random.random_range(0..8))
+        };
+        let bits = (0..bits).map(|_| flip()).collect();
+        self.queue.push(self.number(), Order::Rot(bits));
+    }
+
+    /// Its flash keeps what it holds from now on.
+    pub(in crate::network) fn wear_out(&self) {
+        self.queue.push(self.number(), Order::WearOut);
+    }
+
+    /// Something is on these channels until a time, where it has power.
+    pub(in crate::network) fn jam(&self, until: Time, channels: &[Channel]) {
+        for channel in channels {
+            let channel = Some(channel.number());
+            self.queue
+                .push(self.number(), Order::Jammed { until, channel });
         }
     }
 
@@ -469,6 +545,9 @@ impl Board {
                 // Saturating.
                 level: arrival.strength.round() as i8,
                 is_lost: arrival.lost.is_some(),
+                is_faint: arrival.lost == Some(Reason::OutOfRange),
+                stands_out: arrival.stands_out,
+                spoils: arrival.spoils.iter().map(|node| node.0).collect(),
             };
             queue.push(number, Order::Frame(frame, reception));
         }

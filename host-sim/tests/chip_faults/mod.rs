@@ -1,0 +1,246 @@
+//! What goes wrong by order of a scenario, on emulated chips.
+//!
+//! `NODE_CUTS` is the number of power cuts, `NODE_SEED` the first of their seeds.
+
+use std::{collections::BTreeMap, env};
+
+use answers::record::Role;
+use node_firmware::facts::{Fact, FactKey};
+use rand::RngExt;
+use site::{Action, ScriptedEvent};
+use virtual_bench::random::Root;
+
+use super::*;
+
+/// Power cuts of one calibration.
+const AT_ONCE: u64 = 100;
+/// Some of them in the stage, besides those of other tests.
+const USUAL: u64 = 30;
+
+/// Facts of a node that must not vanish, by their keys: what they say may become better.
+type Known = BTreeMap<u8, Fact>;
+
+fn known(facts: &[Fact]) -> Known {
+    let says = |fact: &&Fact| {
+        !matches!(
+            fact,
+            Fact::Report(None)
+                | Fact::References(None)
+                | Fact::Sighting(_, None)
+                | Fact::ReferenceStop(_, None)
+                | Fact::Camera(_, None)
+                | Fact::Posed(None)
+        )
+    };
+    let facts = facts.iter().filter(says);
+    facts.map(|fact| (fact.key().record(), *fact)).collect()
+}
+
+/// What is not known any more, or is of another network.
+fn lost(before: &Known, now: &Known) -> Vec<FactKey> {
+    let is_lost = |(record, was): &(&u8, &Fact)| match (was, now.get(*record)) {
+        (_, None) => true,
+        (Fact::Network(was), Some(Fact::Network(is))) => is != was,
+        (Fact::Report(Some(was)), Some(Fact::Report(Some(is)))) => {
+            was.pose().is_some() && is.pose().is_none()
+        }
+        _ => false,
+    };
+    let lost = before.iter().filter(is_lost);
+    lost.map(|(_, fact)| fact.key()).collect()
+}
+
+/// Cuts at random instants of a calibration, every other one in the middle of a write to the flash. A target
+/// that is off misses its carrier's steps, as a real one does: it loses its power where it writes, which it
+/// does where it stands.
+fn cuts(nodes: &[(u16, Role)], count: u64, seed: u64) -> Vec<ScriptedEvent> {
+    let mut random = Root(seed).stream("cuts", 0);
+    let mut cut = || {
+        let (node, role) = nodes[random.random_range(0..nodes.len())];
+        ScriptedEvent {
+            at_s: random.random_range(0.5..215.0),
+            action: Action::PowerCut {
+                node,
+                for_s: random.random_range(0.05..0.5),
+                in_flash_write: random.random() || role == Role::Target,
+            },
+        }
+    };
+    (0..count).map(|_| cut()).collect()
+}
+
+/// A calibration of `lab` with cuts. How many there were, of which so many tore a write, and facts that were
+/// there before one of them.
+fn calibration_with_cuts(count: u64, seed: u64) -> [usize; 3] {
+    let mut scenario = Scenario::load("lab", &planned()).unwrap();
+    let nodes: Vec<_> = [(site::coordinator_id(0), Role::Coordinator)]
+        .into_iter()
+        .chain((1..=7).map(|id| (id, Role::Camera)))
+        .chain([(20, Role::Target)])
+        .collect();
+    scenario.events = cuts(&nodes, count, seed);
+    let mut before: BTreeMap<u16, Known> = BTreeMap::new();
+    let mut most = 0;
+    let (_, record, [_, log]) = run_watched(scenario, 12, |simulation| {
+        for (node, _) in &nodes {
+            let now = known(&simulation.memory(*node));
+            let was = before.entry(*node).or_default();
+            let lost = lost(was, &now);
+            assert!(
+                lost.is_empty(),
+                "{} s: node {node} has lost {lost:?}",
+                simulation.seconds()
+            );
+            *was = now;
+        }
+        most = most.max(before.values().map(BTreeMap::len).sum());
+    });
+    assert_eq!(record.summary.calibrated, 7, "seed {seed}");
+    let log = String::from_utf8_lossy(&log);
+    let made = log.matches("loses its power").count();
+    let torn = log.matches("in the middle of a write").count();
+    [made, torn, most]
+}
+
+/// All that a scenario may have go wrong, one after the other, with clocks as wrong as a site may have them.
+const ALL: &str = r#"
+clock_ppm = 500.0
+
+[[event]]
+at_s = 0.5
+action = { wear-out = { node = 3 } }
+
+[[event]]
+at_s = 3.0
+action = { jam = { for_s = 3.0, channel = 20 } }
+
+[[event]]
+at_s = 8.0
+action = { partition = { nodes = [2], for_s = 1.0 } }
+
+[[event]]
+at_s = 9.0
+action = { loss = { share = 0.5, for_s = 1.0 } }
+
+[[event]]
+at_s = 10.0
+action = { restart = { node = 1 } }
+
+[[event]]
+at_s = 12.0
+action = { unplug-camera = { node = 2, for_s = 1.0 } }
+
+[[event]]
+at_s = 14.0
+action = { stick-camera = { node = 1, for_s = 1.0 } }
+
+[[event]]
+at_s = 15.0
+action = { daylight = { level = 0.8, kelvin = 5000.0 } }
+
+[[event]]
+at_s = 16.0
+action = { camera-faults = { node = 1, for_s = 1.0, faults = { corrupt_line = 0.01 } } }
+
+[[event]]
+at_s = 17.0
+action = { bump-camera = { node = 3, by = [0.5, 0.0], turn_deg = 1.0 } }
+
+[[event]]
+at_s = 18.0
+action = { slip = { node = 20, for_s = 1.0, distance = 0.1 } }
+
+[[event]]
+at_s = 19.0
+action = { rest = { node = 20, for_s = 1.0 } }
+
+[[event]]
+at_s = 20.0
+action = { ignore-lamp = { node = 20, for_s = 1.0 } }
+
+[[event]]
+at_s = 21.0
+action = { rot = { node = 2, bits = 20000 } }
+
+[[event]]
+at_s = 22.0
+action = { replay = { node = 1, last_s = 5.0 } }
+
+[[event]]
+at_s = 24.0
+action = { forge = { frames = "beacon", every_s = 0.2, for_s = 2.0 } }
+"#;
+
+/// When frames began, seconds.
+fn sent(pcap: &[u8]) -> Vec<f64> {
+    let word = |at: usize| u32::from_le_bytes(pcap[at..at + 4].try_into().unwrap());
+    let (mut at, mut times) = (24, Vec::new());
+    while at < pcap.len() {
+        times.push(f64::from(word(at)) + 1e-6 * f64::from(word(at + 4)));
+        at += 16 + word(at + 8) as usize;
+    }
+    times
+}
+
+/// Each comes to the chips and their surroundings; what concerns the chip alone is felt there.
+#[test]
+#[ignore = "`cargo xtask test --stage chip`"]
+fn whatever_a_scenario_has_go_wrong_does() {
+    // What the small network has of its own comes at the end of it.
+    let (network, _) = SMALL.split_once("[[event]]").unwrap();
+    let (first, rest) = ALL.trim_start().split_once('\n').unwrap();
+    let text = format!("{first}\n{network}{rest}");
+    let scenario = Scenario::from_toml(&text, &planned()).unwrap();
+    let events = scenario.events.len();
+    let (_, record, [pcap, log]) = run(scenario, 0);
+    let log = String::from_utf8_lossy(&log);
+    for words in [
+        "has a flash that is worn",
+        "is restarted",
+        "has its camera unplugged",
+        "has a camera that sticks",
+        "has a camera with other faults",
+        "has its camera moved",
+        "slips",
+        "has a carrier who rests",
+        "has a carrier who does not heed the lamp",
+        "has bits of its flash flip",
+        "is heard again",
+    ] {
+        assert_eq!(
+            log.matches(words).count(),
+            1 + usize::from(words == "slips"),
+            "{words}"
+        );
+    }
+    assert_eq!(events, 16);
+    // Who assesses a jammed channel finds it busy, and does not send.
+    let sent = sent(&pcap);
+    let within = |from: f64, to: f64| sent.iter().filter(|at| (from..to).contains(*at)).count();
+    let counts = [within(0.0, 3.0), within(3.001, 6.0), within(6.0, 9.0)];
+    assert!(
+        counts[0] > 5 && counts[1] == 0 && counts[2] > 5,
+        "{counts:?}"
+    );
+    // Whose flash is worn works from RAM, and says so.
+    assert!(log.contains("memory: Ram"), "{log}");
+    assert!(record.nodes.iter().all(|node| node.failures.is_empty()));
+}
+
+/// What was learnt outlives every loss of power, and a network calibrates all the same.
+#[test]
+#[ignore = "`cargo xtask test --stage chip`"]
+fn power_cuts_over_a_calibration_lose_nothing() {
+    let number = |name, usual| env::var(name).map_or(usual, |text| text.parse().unwrap());
+    let (mut left, mut seed) = (number("NODE_CUTS", USUAL), number("NODE_SEED", 1));
+    let mut all = [0; 2];
+    while left > 0 {
+        let [made, torn, facts] = calibration_with_cuts(left.min(AT_ONCE), seed);
+        println!("seed {seed}: {made} cuts, {torn} in a write; {facts} facts, none lost");
+        assert!(made > 0);
+        left = left.saturating_sub(made as u64);
+        seed += 1;
+        all = [all[0] + made, all[1] + torn];
+    }
+    println!("{} power cuts, {} in a write: nothing lost", all[0], all[1]);
+}
