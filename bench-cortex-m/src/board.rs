@@ -74,7 +74,10 @@ fn run() -> Result<(), Error> {
     routines::measure_all(&mut bench)?;
     // The other board has no room for it.
     #[cfg(target_abi = "eabihf")]
-    bench_cortex_m::joint::measure_all(&mut bench)?;
+    {
+        bench_cortex_m::joint::measure_all(&mut bench)?;
+        bench_cortex_m::tracker::measure_all(&mut bench)?;
+    }
     Ok(())
 }
 

@@ -13,6 +13,7 @@
 //! | [`routines`] | what is counted; **a new routine is one more statement there** |
 //! | [`scene`] | random cameras and targets to count with |
 //! | [`total`] | a published three-object method, to compare with |
+//! | [`tracker`] | looks of cameras that track four objects |
 //!
 //! The binary of the same name adds the board: its timer, its output, and a check of the count itself.
 #![no_std]
@@ -28,3 +29,4 @@ pub mod pose;
 pub mod routines;
 pub mod scene;
 pub mod total;
+pub mod tracker;

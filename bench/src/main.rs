@@ -20,6 +20,7 @@ mod network;
 mod precision;
 mod recorded;
 mod stage;
+mod track;
 
 use figure::Sheet;
 
@@ -52,6 +53,8 @@ enum Topic {
     Network,
     /// A thousand cameras in forty networks and one frame: minutes.
     Building,
+    /// Objects without a radio, tracked by a network that calibrated itself.
+    Track,
     /// The main goals again, from few runs: a minute. A goal is missed only by what chance does not
     /// explain.
     Brief,
@@ -77,6 +80,7 @@ fn main() -> anyhow::Result<ExitCode> {
             Topic::Joint => joint::run(&mut sheet)?,
             Topic::Network => network::run(&mut sheet)?,
             Topic::Building => building::run(&mut sheet)?,
+            Topic::Track => track::run(&mut sheet)?,
             Topic::Brief => {
                 recorded::run(&mut sheet, true)?;
                 stage::run(&mut sheet, true)?;

@@ -387,6 +387,98 @@ fn a_box_around_two_serves_none() {
     assert_eq!(objects(&tracker), before);
 }
 
+/// A look of a ball of this radius alone, whose range is not told.
+fn alone(
+    camera: &Station,
+    rng: &mut Random,
+    at: f64,
+    place: Point2<f64>,
+    radius: f64,
+) -> Look<f64> {
+    let mut look = camera.look(rng, at, place);
+    look.half_width = (radius / (place - camera.truth.position()).norm()).asin();
+    look
+}
+
+/// Nobody said how large the balls are. Once looks showed each alone, boxes around both are enough to follow
+/// them, and those of balls whose width no look told are not.
+#[test]
+fn boxes_around_two_serve_both_once_they_are_known_alone() {
+    for is_width_told in [true, false] {
+        let rng = &mut generator(12);
+        let cameras = room(rng, 0.0, 0.0);
+        let mut tracker = Tracker::new(Settings::walking());
+        let places = |at: f64| {
+            let x = (at - 6.0).max(0.0) * 0.4;
+            [Point2::new(4.0 + x, 5.0), Point2::new(5.2 + x, 6.0)]
+        };
+        let (mut worst, mut least) = (0.0_f64, 2);
+        for n in 0..160_u32 {
+            let at = f64::from(n) * 0.05;
+            let places = places(at);
+            let camera = &cameras[n as usize % 4];
+            let looks = match at < 6.0 {
+                true => places.map(|place| Some(alone(camera, rng, at, place, 0.11))),
+                false => [camera.box_of(rng, at, &places), None],
+            };
+            for mut look in looks.into_iter().flatten() {
+                look.bearing.range = None;
+                if at < 6.0 && !is_width_told {
+                    look.half_width = 0.0;
+                }
+                tracker.take(time(at), &look);
+            }
+            if at > 5.0 {
+                let found = objects(&tracker);
+                least = least.min(found.len());
+                for place in places {
+                    let off = found.iter().map(|o| (o.position - place).norm());
+                    worst = worst.max(off.fold(f64::MAX, f64::min));
+                }
+            }
+        }
+        assert_eq!(least == 2 && worst < 0.3, is_width_told, "{worst} {least}");
+    }
+}
+
+/// Seen for four seconds, not for so long, and then again so far away: the numbers it had.
+fn numbers_of_what_returns(unseen: f64, away: f64) -> Vec<u16> {
+    let rng = &mut generator(13);
+    let cameras = room(rng, 0.0, 0.0);
+    let mut tracker = Tracker::new(Settings::walking());
+    let mut ids = Vec::new();
+    for n in 0..160_u32 {
+        let since = f64::from(n) * 0.05;
+        let (at, place) = match since < 4.0 {
+            true => (since, Point2::new(3.0, 5.0)),
+            false => (since + unseen, Point2::new(3.0 + away, 5.0)),
+        };
+        let camera = &cameras[n as usize % 4];
+        tracker.take(time(at), &camera.look(rng, at, place));
+        for object in objects(&tracker) {
+            if !ids.contains(&object.id) {
+                ids.push(object.id);
+            }
+        }
+    }
+    assert_eq!(objects(&tracker).len(), 1);
+    ids
+}
+
+/// Who comes back from behind a pillar is who went there: not so late, and not where nobody gets in that time.
+#[test]
+fn what_comes_back_has_its_number() {
+    assert_eq!(numbers_of_what_returns(5.0, 3.0), [1]);
+    assert_eq!(
+        numbers_of_what_returns(2.0, 2.0),
+        [1],
+        "while the old one is not gone yet"
+    );
+    assert_eq!(numbers_of_what_returns(11.0, 3.0), [1, 2]);
+    // Twice the standard deviation of the speed, for a second more than it was away.
+    assert_eq!(numbers_of_what_returns(0.1, 4.0), [1, 2]);
+}
+
 /// Six objects, room for four; and those stay.
 #[test]
 fn there_are_four_at_most() {
@@ -466,7 +558,7 @@ fn single_precision_is_enough() {
     let rng = &mut generator(9);
     let cameras = room(rng, 0.02, 0.005);
     let mut double = Tracker::new(Settings::walking());
-    let mut single = Tracker::<f32>::new(Settings::walking());
+    let mut single_tracker = Tracker::<f32>::new(Settings::walking());
     for n in 0..300_u16 {
         let at = 40_000.0 + f64::from(n) * 0.1;
         let angle = f64::from(n) * 0.02;
@@ -477,13 +569,29 @@ fn single_precision_is_enough() {
         }
         let look = camera.look(rng, at, place);
         double.take(time(at), &look);
-        let StationBearing {
-            pose,
-            ray,
-            bearing_sigma,
-            ..
-        } = look.bearing;
-        let bearing = StationBearing {
+        single_tracker.take(time(at), &single(&look));
+    }
+    let singles: Vec<_> = single_tracker.objects().collect();
+    let doubles = objects(&double);
+    assert_eq!((singles.len(), doubles.len()), (1, 1));
+    let apart = singles[0].position.cast::<f64>() - doubles[0].position;
+    assert!(apart.norm() < 1e-3, "{apart}");
+    let sigmas = singles[0].covariance.trace().sqrt() / doubles[0].covariance.trace().sqrt() as f32;
+    assert!((sigmas - 1.0).abs() < 0.01, "{sigmas}");
+}
+
+/// The same look in single precision.
+fn single(look: &Look<f64>) -> Look<f32> {
+    let StationBearing {
+        pose,
+        ray,
+        bearing_sigma,
+        range,
+    } = look.bearing;
+    Look {
+        camera: look.camera,
+        at: look.at,
+        bearing: StationBearing {
             pose: Pose {
                 position: pose.position.cast(),
                 heading: pose.heading as f32,
@@ -491,24 +599,74 @@ fn single_precision_is_enough() {
             },
             ray: Ray::from_bearing(ray.bearing() as f32),
             bearing_sigma: bearing_sigma as f32,
-            range: None,
-        };
-        let look = Look {
-            camera: look.camera,
-            at: look.at,
-            bearing,
-            half_width: 0.0,
-            is_wide: false,
-        };
-        single.take(time(at), &look);
+            range: range.map(|(range, sigma)| (range as f32, sigma as f32)),
+        },
+        half_width: look.half_width as f32,
+        is_wide: look.is_wide,
     }
-    let singles: Vec<_> = single.objects().collect();
-    let doubles = objects(&double);
-    assert_eq!((singles.len(), doubles.len()), (1, 1));
-    let apart = singles[0].position.cast::<f64>() - doubles[0].position;
-    assert!(apart.norm() < 1e-3, "{apart}");
-    let sigmas = singles[0].covariance.trace().sqrt() / doubles[0].covariance.trace().sqrt() as f32;
-    assert!((sigmas - 1.0).abs() < 0.01, "{sigmas}");
+}
+
+/// An hour, from the last minutes before 32 bits of microseconds are over: covariances stay symmetric and
+/// positive definite in single precision, and the object where it is.
+#[test]
+fn an_hour_loses_no_precision() {
+    let rng = &mut generator(10);
+    let cameras = room(rng, 0.02, 0.005);
+    let mut double = Tracker::new(Settings::walking());
+    let mut tracker = Tracker::<f32>::new(Settings::walking());
+    let mut worst = 0.0_f64;
+    for n in 0..36_000_u32 {
+        let at = 4_000.0 + f64::from(n) * 0.1;
+        let angle = f64::from(n) * 0.013;
+        let place = Point2::new(5.0 + 2.0 * angle.cos(), 5.0 + 1.7 * (1.7 * angle).sin());
+        let camera = cameras[n as usize % 4];
+        if !camera.sees(place) {
+            continue;
+        }
+        let look = camera.look(rng, at, place);
+        double.take(time(at), &look);
+        let outcome = tracker.take(time(at), &single(&look));
+        if n < 100 {
+            continue;
+        }
+        assert_eq!(outcome, Outcome::Object(1), "{at}");
+        let (one, other) = (tracker.objects().next().unwrap(), objects(&double)[0]);
+        let c = one.covariance;
+        assert_eq!(c.m12, c.m21);
+        assert!(c.m11 > 0.0 && c.determinant() > 0.0, "{at}: {c}");
+        let shares = (c.cast::<f64>() - other.covariance).norm() / other.covariance.norm();
+        worst = worst.max(shares);
+        assert!((one.position.cast::<f64>() - other.position).norm() < 1e-3);
+    }
+    assert!(worst < 0.01, "{worst}");
+}
+
+/// Directions of the world and of cameras go on at half a turn and at a whole one.
+#[test]
+fn angles_go_round() {
+    let rng = &mut generator(11);
+    // These look along the x axis, both ways, a hair on either side of where angles begin anew.
+    let cameras = [
+        Station::exact(1, (0.0, 5.0), (10.0, 5.0 - 1e-4)),
+        Station::exact(2, (0.0, 5.2), (10.0, 5.2 + 1e-4)),
+        Station::exact(3, (10.0, 5.0), (0.0, 5.0 + 1e-4)),
+        Station::exact(4, (10.0, 4.9), (0.0, 4.9 - 1e-4)),
+        Station::exact(5, (5.0, 0.0), (5.0, 10.0)),
+    ];
+    let headings = cameras.map(|camera| camera.pose.heading);
+    assert!(headings[0] > 6.2 && headings[1] < 0.1, "{headings:?}");
+    let mut tracker = Tracker::new(Settings::walking());
+    for n in 0..400_u32 {
+        let at = f64::from(n) * 0.05;
+        let place = Point2::new(5.0, 5.1 + 0.6 * (at * 0.7).sin());
+        let camera = cameras[n as usize % 5];
+        let outcome = tracker.take(time(at), &camera.look(rng, at, place));
+        if n >= 60 {
+            assert_eq!(outcome, Outcome::Object(1), "{at}");
+            let off = objects(&tracker)[0].position - place;
+            assert!(off.norm() < 0.2, "{at}: {off}");
+        }
+    }
 }
 
 /// Looks that come in the wrong order, up to the half second allowed, cost next to nothing.

@@ -1,24 +1,38 @@
 //! Objects without a radio, tracked by a network that calibrated itself.
 
+use std::ops::Range;
+
 use answers::record::{
     RunRecord, Tracking,
     event::{self, Event, What},
 };
-use host_sim::network::{Onlooker, Options, Simulation, TrackRow};
+use host_sim::{
+    network::{Onlooker, Options, Simulation, TrackRow, TrackingRun},
+    tracking::Causes,
+};
 use site::{ObjectTable, Overrides, Scenario};
 
 struct Run {
     record: RunRecord,
     rows: Vec<TrackRow>,
+    causes: Vec<Causes>,
     events: Vec<Event>,
+}
+
+fn office(seed: u64, objects: Vec<ObjectTable>) -> Scenario {
+    let mut scenario = Scenario::load("office", &Overrides::default()).unwrap();
+    scenario.seed = seed;
+    scenario.objects = objects;
+    scenario
 }
 
 impl Run {
     /// Two objects walk about in the office for so many seconds, or those of the scenario.
     fn office(seed: u64, seconds: f64, objects: Vec<ObjectTable>) -> Self {
-        let mut scenario = Scenario::load("office", &Overrides::default()).unwrap();
-        scenario.seed = seed;
-        scenario.objects = objects;
+        Self::of(office(seed, objects), seconds)
+    }
+
+    fn of(scenario: Scenario, seconds: f64) -> Self {
         let mut simulation = Simulation::new(scenario, Options::default()).unwrap();
         simulation.take_orders();
         simulation.watch();
@@ -27,7 +41,11 @@ impl Run {
         let every = 200_000_000;
         simulation.run_watched(every, |_| (), |s| events.extend(onlooker.look(s)));
         let tracked = simulation.track(seconds, every, |s| events.extend(onlooker.look(s)));
-        let (record, rows) = tracked.unwrap();
+        let TrackingRun {
+            record,
+            rows,
+            causes,
+        } = tracked.unwrap();
         events.extend(onlooker.end(&simulation, &record, None));
         let record = RunRecord {
             wall_seconds: None,
@@ -36,6 +54,7 @@ impl Run {
         Self {
             record,
             rows,
+            causes,
             events,
         }
     }
@@ -46,25 +65,42 @@ impl Run {
     }
 }
 
-/// Sigmas are tested from both sides: over these walks and calibrations the mean squared error over its
-/// covariance is neither far above nor far below the 2 that it is if all is right.
+/// From both sides. No walk is tracked better than can be, nor far worse than it was measured; and the mean
+/// squared error over its covariance, 2 if all is right, is what was measured, within less than what sigmas make
+/// of it that are 30 % too large or too small.
 #[test]
 fn two_objects_through_an_office_that_calibrated_itself() {
-    let runs = [1, 2, 3].map(|seed| Run::office(seed, 60.0, Vec::new()).tracking());
+    let runs = [1, 2, 3].map(|seed| Run::office(seed, 60.0, Vec::new()));
     for run in &runs {
-        println!("{run:?}");
+        println!("{:?} {:?}", run.tracking(), run.causes);
+        let run = run.tracking();
         assert_eq!(run.objects, 2);
-        assert!(run.rms.unwrap() < 0.4, "{run:?}");
+        assert!(run.rms > run.bound && run.bound > Some(0.0), "{run:?}");
+        assert!(run.rms.unwrap() < 0.25, "{run:?}");
     }
+    let runs = runs.map(|run| run.tracking());
     let mean = |of: fn(&Tracking) -> f64| runs.iter().map(of).sum::<f64>() / runs.len() as f64;
-    assert!(mean(|run| run.covered) > COVERED);
-    let nees = mean(|run| run.nees.unwrap());
-    assert!((NEES[0]..NEES[1]).contains(&nees), "{nees}");
-    assert!(runs.iter().map(|run| run.ghosts).sum::<usize>() <= 1);
+    let told = [
+        mean(|run| run.rms.unwrap()),
+        mean(|run| run.covered),
+        mean(|run| run.nees.unwrap()),
+    ];
+    println!("{told:?}");
+    for (told, band) in told.iter().zip([RMS, COVERED, NEES]) {
+        assert!(band.contains(told), "{told} {band:?}");
+    }
+    let sum = |of: fn(&Tracking) -> usize| runs.iter().map(of).sum::<usize>();
+    let told = [
+        sum(|run| run.breaks),
+        sum(|run| run.swaps),
+        sum(|run| run.ghosts),
+    ];
+    assert!(told.iter().sum::<usize>() <= 1, "{told:?}");
 }
 
-const COVERED: f64 = 0.8;
-const NEES: [f64; 2] = [0.4, 4.0];
+const RMS: Range<f64> = 0.10..0.16;
+const COVERED: Range<f64> = 0.97..1.0;
+const NEES: Range<f64> = 0.65..1.4;
 
 /// An object of the scenario goes its way to and fro, and whoever reads the events has the record of it.
 #[test]
@@ -109,3 +145,40 @@ fn an_object_goes_its_way_and_is_told() {
         "{rms} {tracking:?}"
     );
 }
+
+/// A ball of this radius where camera 9 alone sees it, and a coordinator that was told 0.15 m.
+fn before_one_camera(seed: u64, radius: f64) -> Tracking {
+    let object = ObjectTable {
+        path: Some(vec![[12.75, 6.4], [14.0, 6.6]]),
+        speed: Some(0.3),
+        radius,
+        ..ObjectTable::default()
+    };
+    let mut scenario = office(seed, vec![object]);
+    scenario.firmware.ball_radius = Some(0.15);
+    Run::of(scenario, 40.0).tracking()
+}
+
+/// By its size, one camera tells where a ball is, and is off by as much as it says: from both sides, over
+/// calibrations; a third more or less of all sigmas is outside. A ball of another size is off by far more.
+#[test]
+fn one_camera_tells_the_place_by_the_size() {
+    let runs = [1, 2].map(|seed| before_one_camera(seed, 0.15));
+    for run in &runs {
+        println!("{run:?}");
+        assert_eq!(
+            (run.objects, run.ghosts),
+            (0, 0),
+            "another camera saw it: {run:?}"
+        );
+        assert!(run.rms.unwrap() < 0.5, "{run:?}");
+        assert!(run.rms > run.bound, "{run:?}");
+    }
+    let nees = runs.iter().map(|run| run.nees.unwrap()).sum::<f64>() / runs.len() as f64;
+    assert!(ONE_CAMERA.contains(&nees), "{nees}");
+    let other = before_one_camera(1, 0.12);
+    println!("{other:?}");
+    assert!(other.nees.unwrap() > 3.0 * ONE_CAMERA.end, "{other:?}");
+}
+
+const ONE_CAMERA: Range<f64> = 0.95..2.1;

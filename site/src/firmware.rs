@@ -94,7 +94,7 @@ impl FirmwareTable {
     }
 
     /// That of the targets' balls; 0: not known.
-    pub(crate) fn ball_radius(&self) -> f32 {
+    pub fn ball_radius(&self) -> f32 {
         self.ball_radius.unwrap_or_default() as f32
     }
 

@@ -119,7 +119,7 @@ pub struct Tracking {
     /// camera had seen it in the last half second.
     pub rms: Option<f64>,
     /// The same of the posterior Cramer-Rao bound of these looks, at the same moments, if the poses of cameras
-    /// were known exactly and also which object each look shows.
+    /// were known exactly and also which object each look shows, how fast it walks and when it turns.
     pub bound: Option<f64>,
     /// Mean of the squared error over its predicted covariance: 2 where that is right.
     pub nees: Option<f64>,

@@ -389,6 +389,6 @@ fn square<T: Real>(value: f64) -> T {
     lit(value * value)
 }
 
-fn seconds<T: Real>(microseconds: u64) -> T {
+pub(super) fn seconds<T: Real>(microseconds: u64) -> T {
     lit::<T>(microseconds as f64) * lit(1e-6)
 }

@@ -12,9 +12,10 @@
 //! two objects that pass each other do little to both, and their velocities carry them past.
 //!
 //! A camera of which each look is *one* box for all that has the colour sees two objects as a box with
-//! both. Its middle is nowhere. So a box that two objects are in serves none; neither does one whose
-//! width contradicts how far away the object is, if the width is told as a
-//! [range](StationBearing::range).
+//! both. Its middle is nowhere, but each of its edges is that of the object there, so much beyond its middle as
+//! it is wide. How wide is told by the looks that showed it alone, if not [beforehand](Settings::radius); until
+//! then the box serves none. Neither does one whose width contradicts how far away the object is, if the width
+//! is told as a [range](StationBearing::range).
 //!
 //! # New objects
 //! What no object explains is kept for half a second. Where the looks of two cameras meet, or where a
@@ -23,6 +24,9 @@
 //! three cameras or more, or have a range, or were explained by no other candidate. From then on its looks
 //! are its own, and the ghosts that had a part in them get no more. Two cameras alone that see two objects
 //! without their sizes never tell which of the four are real, and then none becomes one.
+//!
+//! An object that nobody sees is carried on by its velocity, until its place is too unsure. A new one that began
+//! after it was seen last, and where it can have gone since, is taken for it and has its number again.
 //!
 //! # Uncertainty
 //! That a camera's pose is not sure makes all its bearings err alike: it is a bias, and no number of
@@ -34,7 +38,7 @@ mod filter;
 use heapless::{Deque, Vec};
 use nalgebra::{Matrix2, Point2, Vector2};
 
-use self::filter::{Agreement, State};
+use self::filter::{Agreement, State, seconds};
 use crate::{Ray, Real, intersection::StationBearing, numerics::real::lit};
 
 /// Objects at a time, at most.
@@ -52,12 +56,16 @@ const GONE: [u64; 2] = [3_000_000, 1_500_000];
 /// Only one in a thousand of an object's bearings lies outside, without and with a range: chi squared of
 /// one and two degrees of freedom.
 const GATE: [f64; 2] = [10.83, 13.82];
+/// Looks that tell how wide an object is.
+const MEASURED: u8 = 8;
 /// A look with at least this probability is of one object.
 const CLEAR: f64 = 0.95;
 /// A bearing, or a camera's heading, that is less sure says nothing, radians.
 const LARGEST_SIGMA: f64 = 0.2;
 /// Looks that a candidate needs, of three cameras; and of less.
 const NEEDED: [u8; 2] = [6, 12];
+/// An object that is gone is known again when it comes back within this time, microseconds.
+const RETURNS: u64 = 10_000_000;
 /// A candidate takes so long at least, microseconds.
 const SHORTEST: u64 = 500_000;
 
@@ -74,7 +82,7 @@ pub struct Settings<T> {
     pub start_sigma: T,
     /// An object whose place is less sure is gone.
     pub lost_sigma: T,
-    /// Their radius, if it is known: then a box around several tells the direction of the outer two.
+    /// Their radius, if it is known. If not, looks tell it.
     pub radius: Option<T>,
 }
 
@@ -84,7 +92,7 @@ impl Settings<f32> {
         agility: 0.5,
         speed_sigma: 1.0,
         start_sigma: 0.7,
-        lost_sigma: 2.0,
+        lost_sigma: 3.0,
         radius: None,
     };
 }
@@ -161,7 +169,7 @@ pub enum Outcome {
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Object<T: Real> {
-    /// Its number. The next one to come has the next number.
+    /// Its number. The next one to come has the next number, unless it was there before.
     pub id: u16,
     /// Where it is.
     #[cfg_attr(feature = "defmt", defmt(Debug2Format))]
@@ -181,22 +189,45 @@ struct Tracked<T: Real> {
     id: u16,
     state: State<T>,
     seen: u64,
+    /// As the looks that showed it alone told it, and how many these were.
+    radius: T,
+    measured: u8,
 }
 
 impl<T: Real> Tracked<T> {
-    /// What a look says of it; `edge`: that this edge of the box, radians from its middle, is the edge of an
-    /// object of this radius.
-    fn bearing_of(&self, look: &Look<T>, edge: Option<(T, T)>) -> StationBearing<T> {
+    /// What a look says of it; `edge`: that this edge of the box, radians from its middle, is that of the
+    /// object. `None` if it is not known how wide it is.
+    fn bearing_of(
+        &self,
+        look: &Look<T>,
+        edge: Option<T>,
+        settings: &Settings<T>,
+    ) -> Option<StationBearing<T>> {
         let mut bearing = look.bearing;
-        if let Some((radius, edge)) = edge {
-            let distance = (self.state.place() - bearing.pose.position).norm();
-            let half = (radius / distance).min(edge.abs());
-            bearing.ray = Ray::from_bearing(bearing.ray.bearing() + edge - half.copysign(edge));
-            // One edge is less sure than the mean of two.
-            bearing.bearing_sigma *= lit(core::f64::consts::SQRT_2);
-            bearing.range = None;
+        let Some(edge) = edge else {
+            return Some(bearing);
+        };
+        let measured = (self.measured >= MEASURED).then_some(self.radius);
+        let half = settings.radius.or(measured)? / self.distance(look);
+        let half = half.min(edge.abs());
+        bearing.ray = Ray::from_bearing(bearing.ray.bearing() + edge - half.copysign(edge));
+        // One edge is less sure than the mean of two.
+        bearing.bearing_sigma *= lit(core::f64::consts::SQRT_2);
+        bearing.range = None;
+        Some(bearing)
+    }
+
+    fn distance(&self, look: &Look<T>) -> T {
+        (self.state.place() - look.bearing.pose.position).norm()
+    }
+
+    /// A look showed it alone.
+    fn measure(&mut self, look: &Look<T>) {
+        if look.half_width > T::zero() {
+            self.measured = self.measured.saturating_add(1).min(MEASURED * 4);
+            let radius = self.distance(look) * look.half_width;
+            self.radius += (radius - self.radius) / lit(f64::from(self.measured));
         }
-        bearing
     }
 }
 
@@ -233,6 +264,37 @@ impl<T: Real> Candidate<T> {
     }
 }
 
+/// An object that is gone, and where it was when it was seen last.
+#[derive(Clone, Copy, Debug)]
+struct Former<T: Real> {
+    id: u16,
+    place: Point2<T>,
+    seen: u64,
+}
+
+impl<T: Real> Former<T> {
+    fn of(object: &Tracked<T>) -> Self {
+        let Tracked {
+            id, state, seen, ..
+        } = object;
+        let since = seconds::<T>(state.at.saturating_sub(*seen));
+        Self {
+            id: *id,
+            place: state.place() - state.rate() * since,
+            seen: *seen,
+        }
+    }
+
+    /// How far it is from being this candidate, squared, if it can have gone there since.
+    fn distance(&self, candidate: &Candidate<T>, settings: &Settings<T>) -> Option<T> {
+        let since = candidate.began.checked_sub(self.seen)?;
+        let way = candidate.state.place() - self.place;
+        let reach = settings.speed_sigma * (seconds::<T>(since) + T::one()) * lit(2.0);
+        let distance = way.x * way.x + way.y * way.y;
+        (since <= RETURNS && distance <= reach * reach).then_some(distance)
+    }
+}
+
 /// Up to [`OBJECTS`] objects.
 #[derive(Clone, Debug)]
 pub struct Tracker<T: Real> {
@@ -240,6 +302,8 @@ pub struct Tracker<T: Real> {
     now: u64,
     next: u16,
     objects: Vec<Tracked<T>, OBJECTS>,
+    /// Those that are gone and may come back.
+    former: [Option<Former<T>>; OBJECTS],
     candidates: Vec<Candidate<T>, CANDIDATES>,
     /// The oldest first.
     waiting: Deque<Look<T>, WAITING>,
@@ -253,6 +317,7 @@ impl<T: Real> Tracker<T> {
             now: 0,
             next: 1,
             objects: Vec::new(),
+            former: [None; OBJECTS],
             candidates: Vec::new(),
             waiting: Deque::new(),
         }
@@ -285,8 +350,18 @@ impl<T: Real> Tracker<T> {
             now.saturating_sub(seen) > gone
                 || !(variance < settings.lost_sigma * settings.lost_sigma)
         };
-        self.objects
-            .retain_mut(|object| !is_gone(&mut object.state, object.seen, GONE[0]));
+        let former = &mut self.former;
+        self.objects.retain_mut(|object| {
+            let is_gone = is_gone(&mut object.state, object.seen, GONE[0]);
+            if is_gone {
+                // Instead of the one that was seen the longest ago.
+                let age = |slot: &&mut Option<Former<T>>| slot.map_or(0, |slot| slot.seen);
+                if let Some(slot) = former.iter_mut().min_by_key(age) {
+                    *slot = Some(Former::of(object));
+                }
+            }
+            !is_gone
+        });
         self.candidates
             .retain_mut(|candidate| !is_gone(&mut candidate.state, candidate.seen, GONE[1]));
         let is_late = |look: &Look<T>| now.saturating_sub(look.at) > WAITS;
@@ -327,10 +402,8 @@ impl<T: Real> Tracker<T> {
             }
         }
         if look.is_wide || inside > 1 {
-            if let Some(radius) = self.settings.radius {
-                let _ = self.assign(look, Some((radius, look.half_width)));
-                let _ = self.assign(look, Some((radius, -look.half_width)));
-            }
+            let _ = self.assign(look, Some(look.half_width));
+            let _ = self.assign(look, Some(-look.half_width));
             return Some(Outcome::Several);
         }
         let contradicts = (towards > 0).then_some(Outcome::Contradicts);
@@ -338,11 +411,14 @@ impl<T: Real> Tracker<T> {
     }
 
     /// Corrects each object by the probability that the look is of it; `edge`: that this edge of the
-    /// box, radians from its middle, is the edge of an object of this radius. `None` if it is of none.
-    fn assign(&mut self, look: &Look<T>, edge: Option<(T, T)>) -> Option<Outcome> {
+    /// box, radians from its middle, is that of the object. `None` if it is of none.
+    fn assign(&mut self, look: &Look<T>, edge: Option<T>) -> Option<Outcome> {
+        let settings = self.settings;
         let mut scores = [None; OBJECTS];
         for (object, score) in self.objects.iter().zip(&mut scores) {
-            let bearing = object.bearing_of(look, edge);
+            let Some(bearing) = object.bearing_of(look, edge, &settings) else {
+                continue;
+            };
             let agreement = object.state.agreement(look.at, look.camera, &bearing);
             *score = agreement
                 .filter(|agreement| agreement.squared <= gate(&bearing))
@@ -355,14 +431,19 @@ impl<T: Real> Tracker<T> {
         let all = all.fold(T::zero(), |sum, one| sum + one);
         let mut outcome = Outcome::Ambiguous;
         for (object, score) in self.objects.iter_mut().zip(scores) {
-            let Some(score) = score else { continue };
+            let bearing = object.bearing_of(look, edge, &settings);
+            let (Some(score), Some(bearing)) = (score, bearing) else {
+                continue;
+            };
             let share = likelihood(score) / all;
-            let bearing = object.bearing_of(look, edge);
             (object.state).take_share(look.at, look.camera, &bearing, share);
             if share > lit(0.5) {
                 object.seen = object.seen.max(look.at);
             }
             if share > lit(CLEAR) {
+                if edge.is_none() {
+                    object.measure(look);
+                }
                 outcome = Outcome::Object(object.id);
             }
         }
@@ -461,17 +542,49 @@ impl<T: Real> Tracker<T> {
         }
         let mut goes = goes.into_iter();
         self.candidates.retain(|_| goes.next() != Some(true));
-        if self.objects.is_full() {
+        let real = self.candidates.iter().position(Candidate::is_real)?;
+        let candidate = *self.candidates.get(real)?;
+        let known = self.known_as(&candidate);
+        if self.objects.is_full() && known.is_none() {
             return None;
         }
-        let real = self.candidates.iter().position(Candidate::is_real)?;
-        let Candidate { state, seen, .. } = *self.candidates.get(real)?;
         let mut place = 0..;
         self.candidates.retain(|_| place.next() != Some(real));
-        let id = self.next;
-        self.next = self.next.checked_add(1).unwrap_or(1);
+        let id = known.unwrap_or(self.next);
+        if known.is_none() {
+            self.next = self.next.checked_add(1).unwrap_or(1);
+        }
+        let Candidate { state, seen, .. } = candidate;
+        self.objects.retain(|object| object.id != id);
         // There is room, as was seen.
-        let _ = self.objects.push(Tracked { id, state, seen });
+        let _ = self.objects.push(Tracked {
+            id,
+            state,
+            seen,
+            radius: T::zero(),
+            measured: 0,
+        });
+        Some(id)
+    }
+
+    /// The number of the object that a candidate was before: the nearest that nobody saw since the candidate
+    /// began and that can have gone there.
+    fn known_as(&mut self, candidate: &Candidate<T>) -> Option<u16> {
+        let mut best: Option<(T, u16)> = None;
+        let stale = self.objects.iter().map(Former::of);
+        for former in stale.chain(self.former.iter().flatten().copied()) {
+            if let Some(distance) = former.distance(candidate, &self.settings)
+                && best.is_none_or(|(least, _)| distance < least)
+            {
+                best = Some((distance, former.id));
+            }
+        }
+        let (_, id) = best?;
+        for slot in &mut self.former {
+            if slot.is_some_and(|former| former.id == id) {
+                *slot = None;
+            }
+        }
         Some(id)
     }
 }

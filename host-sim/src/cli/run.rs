@@ -253,14 +253,14 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
                 onlooker.look(simulation);
             }
         });
-        let (after, rows) = tracked.context(
+        let tracked = tracked.context(
             "no object has a place to be at: give the scenario one with a `path`, or cameras that see the same",
         )?;
         record = RunRecord {
             wall_seconds,
-            ..after
+            ..tracked.record
         };
-        tracks = Some(rows);
+        tracks = Some(tracked.rows);
     }
     let trouble = simulation.trouble();
     let is_stopped = stop.load(Ordering::Relaxed);

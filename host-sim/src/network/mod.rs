@@ -70,7 +70,7 @@ pub use self::{
     },
     looking::Onlooker,
     many::{run_all, run_all_until},
-    objects::TrackRow,
+    objects::{TrackRow, TrackingRun},
 };
 
 use self::{

@@ -1,10 +1,10 @@
 //! Objects without a radio that walk about after the calibration, while all cameras track.
 
-use std::{collections::BTreeMap, sync::atomic::Ordering, time::Duration};
+use std::{collections::BTreeMap, f64::consts::SQRT_2, sync::atomic::Ordering, time::Duration};
 
 use answers::record::RunRecord;
-use calib_core::{angle::wrap_signed, tracking::Settings};
-use nalgebra::Point2;
+use calib_core::angle::wrap_signed;
+use nalgebra::{Point2, Vector2};
 use node_firmware::{
     console::{ToPc, TrackedObject},
     message::{CameraCommand, Tracked},
@@ -13,9 +13,9 @@ use rand::{Rng, RngExt};
 use rand_chacha::ChaCha8Rng;
 
 use super::{SECOND, Simulation, journal::Moment, outcome};
-use crate::tracking::{Score, Sight};
+use crate::tracking::{Causes, Leg, Score, Sight};
 use site::{
-    CameraNode, Frame, MovingObject,
+    CameraNode, MovingObject,
     world::{Camera, Target, World},
 };
 use virtual_bench::{executor::Time, random::Root};
@@ -93,8 +93,10 @@ impl Walker {
         })
     }
 
-    fn walk(&mut self, world: &mut World, seconds: f64) {
+    /// Goes on for so long. If it went on in another direction, since when.
+    fn walk(&mut self, world: &mut World, now: Time, seconds: f64) -> Option<Leg> {
         let mut far = self.speed * seconds;
+        let mut leg = None;
         // A path of one place, or a place without a way out, has no next one.
         for _ in 0..2 {
             let way = self.goal - self.place;
@@ -106,8 +108,17 @@ impl Walker {
             self.place = self.goal;
             far -= left;
             self.goal = self.next_goal(world).unwrap_or(self.goal);
+            let way = self.goal - self.place;
+            let direction = way.try_normalize(0.0).unwrap_or_else(Vector2::zeros);
+            let spent = seconds - far / self.speed;
+            leg = Some(Leg {
+                begin: Duration::from_nanos(now) + Duration::from_secs_f64(spent),
+                place: self.place,
+                velocity: direction * self.speed,
+            });
         }
         world.move_target(self.index, self.place);
+        leg
     }
 
     fn next_goal(&mut self, world: &World) -> Option<Point2<f64>> {
@@ -148,6 +159,17 @@ pub struct TrackRow {
     pub truth: Option<(usize, Point2<f64>)>,
 }
 
+/// What came of tracking.
+#[derive(Debug)]
+pub struct TrackingRun {
+    /// The record, with how well each network tracked.
+    pub record: RunRecord,
+    /// All that was told.
+    pub rows: Vec<TrackRow>,
+    /// Of each network, why it did not go better.
+    pub causes: Vec<Causes>,
+}
+
 /// The objects that walk about, and what was told of them.
 struct Course {
     walkers: Vec<Walker>,
@@ -155,6 +177,19 @@ struct Course {
     rows: Vec<TrackRow>,
     /// When which camera was told to track.
     asked: BTreeMap<u16, Duration>,
+}
+
+impl Course {
+    /// All objects go on.
+    fn walk(&mut self, world: &mut World, now: Time) {
+        for (object, walker) in self.walkers.iter_mut().enumerate() {
+            if let Some(leg) = walker.walk(world, now, MOVES as f64 * 1e-9) {
+                for score in &mut self.scores {
+                    score.leg(object, leg);
+                }
+            }
+        }
+    }
 }
 
 /// Between the cameras.
@@ -188,10 +223,10 @@ impl Simulation {
         seconds: f64,
         every: Time,
         mut look: impl FnMut(&mut Self),
-    ) -> Option<(RunRecord, Vec<TrackRow>)> {
+    ) -> Option<TrackingRun> {
         let walkers = self.walkers()?;
         let metres = self.scenario.metres_per_unit();
-        let score = Score::new(walkers.len(), Settings::walking().in_units(metres), metres);
+        let score = Score::new(walkers.len(), metres);
         let mut course = Course {
             scores: vec![score; self.consoles.len()],
             walkers,
@@ -214,9 +249,7 @@ impl Simulation {
                 next_order = now + ORDERS;
                 self.order_one(&mut course.asked);
             }
-            for walker in &mut course.walkers {
-                walker.walk(&mut self.world.borrow_mut(), MOVES as f64 * 1e-9);
-            }
+            course.walk(&mut self.world.borrow_mut(), now);
             self.run_looking(now + MOVES, every, &is_over, &mut look);
             let is_due = self.executor.clock().time() >= next_sample;
             if is_due {
@@ -227,7 +260,11 @@ impl Simulation {
         let tracked = self.executor.clock().time().saturating_sub(begin) as f64 * 1e-9;
         let scores = (1..).zip(&course.scores);
         self.tracking = scores.map(|(n, score)| score.end(n, tracked)).collect();
-        Some((outcome::record(self, 0.0), course.rows))
+        Some(TrackingRun {
+            record: outcome::record(self, 0.0),
+            rows: course.rows,
+            causes: course.scores.iter().map(Score::causes).collect(),
+        })
     }
 
     fn walkers(&self) -> Option<Vec<Walker>> {
@@ -270,6 +307,7 @@ impl Simulation {
         let begin = Duration::from_nanos(begin);
         let world = self.world.borrow();
         let mut journal = self.journal.borrow_mut();
+        let is_radius_told = self.scenario.firmware.ball_radius() > 0.0;
         let networks = self.site.networks.iter().zip(&self.consoles);
         for ((number, (network, console)), score) in (1..).zip(networks).zip(&mut course.scores) {
             let frame = outcome::frame(self, network, console);
@@ -287,10 +325,17 @@ impl Simulation {
                             continue;
                         };
                         let camera = &world.cameras()[node.index];
-                        match sight(at, camera, &tracked, &frame, &places) {
-                            Some((sight, at)) if at >= begin => score.look(at, &sight),
-                            Some((sight, at)) => score.look_before(at, &sight),
-                            None => {}
+                        let age = Duration::from_millis(tracked.age_ms.into());
+                        let look = at.saturating_sub(age);
+                        let sights = sights(camera, &tracked, &course.walkers);
+                        for (object, sight) in sights.into_iter().enumerate() {
+                            let Some(mut sight) = sight else { continue };
+                            let radius = world.targets()[course.walkers[object].index].radius;
+                            sight.radius = is_radius_told.then_some(radius);
+                            match look {
+                                look if look >= begin => score.look(look, object, sight),
+                                look => score.look_before(look, object, sight),
+                            }
                         }
                     }
                     ToPc::Object { id, object } => {
@@ -329,28 +374,29 @@ impl Simulation {
     }
 }
 
-/// Which object a look shows: the one that really is nearest to its direction. And when it was.
-fn sight(
-    heard: Duration,
-    camera: &Camera,
-    tracked: &Tracked,
-    frame: &Frame,
-    places: &[Point2<f64>],
-) -> Option<(Sight, Duration)> {
-    let seen = tracked.seen.filter(|_| !tracked.is_wide)?;
-    let place = frame.place(camera.place);
-    let towards = frame.direction(camera.heading) + f64::from(seen.bearing);
-    let off = |object: &usize| {
-        let to = places[*object] - place;
-        wrap_signed(to.y.atan2(to.x) - towards).abs()
+/// What a look of a camera tells of each object, in the world: the direction of that which really is nearest to
+/// it, unless there are several in the box; of all others in the box as much as an edge of it tells.
+fn sights(camera: &Camera, tracked: &Tracked, walkers: &[Walker]) -> Vec<Option<Sight>> {
+    let Some(seen) = tracked.seen else {
+        return Vec::new();
     };
-    let object = (0..places.len()).min_by(|a, b| off(a).total_cmp(&off(b)))?;
-    let sight = Sight {
-        object,
-        place: places[object],
-        camera: place,
-        sigma: f64::from(seen.sigma),
+    let direction = camera.heading + f64::from(seen.bearing);
+    let off = walkers.iter().map(|walker| {
+        let to = walker.place - camera.place;
+        wrap_signed(to.y.atan2(to.x) - direction).abs()
+    });
+    let off: Vec<f64> = off.collect();
+    let nearest = off.iter().copied().fold(f64::MAX, f64::min);
+    let sigma = f64::from(seen.sigma);
+    let reach = f64::from(seen.half_angle()) + 4.0 * sigma;
+    let sight = |off: f64| {
+        let is_shown = off == nearest && !tracked.is_wide;
+        (is_shown || off < reach).then_some(Sight {
+            camera: camera.place,
+            direction: is_shown.then_some(direction),
+            sigma: if is_shown { sigma } else { sigma * SQRT_2 },
+            radius: None,
+        })
     };
-    let age = Duration::from_millis(tracked.age_ms.into());
-    Some((sight, heard.saturating_sub(age)))
+    off.into_iter().map(sight).collect()
 }

@@ -3,6 +3,8 @@
 //! The coordinator's tracks are compared with the truth of a simulation, and with the best that can be
 //! had of the same looks.
 
+mod bound;
 mod score;
 
-pub use score::{Score, Sight};
+pub use bound::{Leg, Sight};
+pub use score::{Causes, Change, Lack, Score};

@@ -3,30 +3,24 @@
 use std::{collections::BTreeMap, time::Duration};
 
 use answers::record::Tracking;
-use calib_core::tracking::Settings;
-use nalgebra::{Matrix2, Matrix4, Point2, RowVector4, Vector2};
+use nalgebra::{Matrix2, Point2, Vector2};
 use node_firmware::console::TrackedObject;
+
+use super::bound::{Bound, Leg, Sight};
 
 /// A track within this of an object, metres, may be of it (Bernardin, Stiefelhagen: Evaluating multiple
 /// object tracking performance, 2008).
 const NEAR_METRES: f64 = 1.0;
 
+/// A track that is of no object and so many times as far from one has lost it.
+const FAR: f64 = 3.0;
+
 /// A track that nobody saw for longer is carried on by its velocity alone. How far it is off is not counted then:
 /// those that are far off are of no object any more, which would make the others look better than they are.
 const UNSEEN_MS: u16 = 500;
 
-/// What one object really was to one look: where the camera stood, and how sure the look was.
-#[derive(Clone, Copy, Debug)]
-pub struct Sight {
-    /// Which object, of the places that [`Score::sample`] gets.
-    pub object: usize,
-    /// Where it really was.
-    pub place: Point2<f64>,
-    /// Where the camera really is.
-    pub camera: Point2<f64>,
-    /// Standard deviation of the direction, radians.
-    pub sigma: f64,
-}
+/// Cameras that told of an object within this time see it.
+const RECENT: Duration = Duration::from_secs(1);
 
 /// A track, as it was told last.
 #[derive(Clone, Copy, Debug)]
@@ -37,123 +31,106 @@ struct Track {
     covariance: Matrix2<f64>,
 }
 
-/// What is known of one object if everything but it is: the information filter of the very looks that
-/// showed it, from exact cameras and with known assignment, linearised at the truth. No unbiased estimate
-/// of a walk with this agility is better (Tichavsky, Muravchik, Nehorai: Posterior Cramer-Rao bounds for
-/// discrete-time nonlinear filtering, 1998).
-#[derive(Clone, Debug)]
-struct Bound {
-    at: Option<Duration>,
-    covariance: Matrix4<f64>,
+/// Why an object that two cameras have in view has no track.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub enum Lack {
+    /// None told its direction in the last second.
+    Untold,
+    /// One camera alone did.
+    OneTold,
+    /// There is a track of no object within three metres.
+    FarOff,
+    /// Two did, who need longer to tell it from a crossing of two rays.
+    TwoTold,
+    /// More did.
+    MoreTold,
 }
 
-#[derive(Clone, Debug)]
+/// An object got another track than it had.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Change {
+    /// So long after it was last near the former one.
+    pub after: Duration,
+    /// The former one was still told.
+    pub beside: bool,
+}
+
+/// Why tracking was not perfect.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Causes {
+    /// Moments without a track in view of two cameras, of [`Causes::moments`].
+    pub lacks: BTreeMap<Lack, usize>,
+    /// Moments of objects in view of two cameras.
+    pub moments: usize,
+    /// Changes of number.
+    pub changes: Vec<Change>,
+    /// Squared error over variance of the looks' directions: 1 if cameras know how sure they are.
+    pub noise: f64,
+}
+
+#[derive(Clone, Debug, Default)]
 struct Truth {
     bound: Bound,
+    /// When a track of it was told.
+    told: Vec<Duration>,
     track: Option<u16>,
-    had: Option<u16>,
+    /// Its last track, and when.
+    had: Option<(u16, Duration)>,
     was_seen: bool,
 }
 
 /// Counts while it goes on.
 #[derive(Clone, Debug)]
 pub struct Score {
-    settings: Settings<f64>,
     near: f64,
     truths: Vec<Truth>,
     tracks: BTreeMap<u16, Track>,
     /// Of each track there ever was: which object it was last.
     of: BTreeMap<u16, Option<usize>>,
     looks: usize,
-    samples: usize,
     matched: usize,
-    told: usize,
     squared: f64,
-    bound: f64,
     nees: f64,
     breaks: usize,
     swaps: usize,
-}
-
-impl Bound {
-    fn go_to(&mut self, at: Duration, settings: &Settings<f64>) {
-        let dt = (self.at).map_or(0.0, |last| at.saturating_sub(last).as_secs_f64());
-        // A look may be told after a younger one.
-        self.at = self.at.max(Some(at));
-        let mut step = Matrix4::identity();
-        (step[(0, 2)], step[(1, 3)]) = (dt, dt);
-        let q = settings.agility;
-        let mut noise = Matrix4::zeros();
-        for axis in 0..2 {
-            noise[(axis, axis)] = q * dt.powi(3) / 3.0;
-            noise[(axis, axis + 2)] = q * dt * dt / 2.0;
-            noise[(axis + 2, axis)] = q * dt * dt / 2.0;
-            noise[(axis + 2, axis + 2)] = q * dt;
-        }
-        self.covariance = step * self.covariance * step.transpose() + noise;
-    }
-
-    fn look(&mut self, sight: &Sight) {
-        let to = sight.place - sight.camera;
-        let squared = to.norm_squared();
-        let across = RowVector4::new(-to.y / squared, to.x / squared, 0.0, 0.0);
-        let information = across.transpose() * across / (sight.sigma * sight.sigma);
-        if let Some(before) = self.covariance.try_inverse()
-            && let Some(after) = (before + information).try_inverse()
-        {
-            self.covariance = after;
-        }
-    }
-
-    fn place(&self) -> Matrix2<f64> {
-        self.covariance.fixed_view::<2, 2>(0, 0).into()
-    }
+    causes: Causes,
 }
 
 impl Score {
     /// Of so many objects, in a unit of so many metres.
-    pub fn new(objects: usize, settings: Settings<f64>, metres_per_unit: f64) -> Self {
-        let speed = settings.speed_sigma * settings.speed_sigma;
-        let place = (10.0 / metres_per_unit).powi(2);
-        let begin = Matrix4::from_diagonal(&[place, place, speed, speed].into());
-        let truth = Truth {
-            bound: Bound {
-                at: None,
-                covariance: begin,
-            },
-            track: None,
-            had: None,
-            was_seen: false,
-        };
+    pub fn new(objects: usize, metres_per_unit: f64) -> Self {
         Self {
-            settings,
             near: NEAR_METRES / metres_per_unit,
-            truths: vec![truth; objects],
+            truths: vec![Truth::default(); objects],
             tracks: BTreeMap::new(),
             of: BTreeMap::new(),
             looks: 0,
-            samples: 0,
             matched: 0,
-            told: 0,
             squared: 0.0,
-            bound: 0.0,
             nees: 0.0,
             breaks: 0,
             swaps: 0,
+            causes: Causes::default(),
+        }
+    }
+
+    /// From now on an object goes so.
+    pub fn leg(&mut self, object: usize, leg: Leg) {
+        if let Some(truth) = self.truths.get_mut(object) {
+            truth.bound.leg(leg);
         }
     }
 
     /// A look showed an object.
-    pub fn look(&mut self, at: Duration, sight: &Sight) {
-        self.looks += 1;
-        self.look_before(at, sight);
+    pub fn look(&mut self, at: Duration, object: usize, sight: Sight) {
+        self.looks += usize::from(sight.direction.is_some());
+        self.look_before(at, object, sight);
     }
 
     /// The same before anything is counted: what it tells is known from then on.
-    pub fn look_before(&mut self, at: Duration, sight: &Sight) {
-        if let Some(truth) = self.truths.get_mut(sight.object) {
-            truth.bound.go_to(at, &self.settings);
-            truth.bound.look(sight);
+    pub fn look_before(&mut self, at: Duration, object: usize, sight: Sight) {
+        if let Some(truth) = self.truths.get_mut(object) {
+            truth.bound.look(at, sight);
         }
     }
 
@@ -184,12 +161,10 @@ impl Score {
         }
         let held = self.truths.iter_mut().zip(places);
         for (truth, place) in held.filter(|(truth, _)| truth.track == Some(id)) {
-            truth.bound.go_to(at, &self.settings);
             let off = track.position - place;
             if let Some(inverse) = track.covariance.try_inverse() {
-                self.told += 1;
+                truth.told.push(at);
                 self.squared += off.norm_squared();
-                self.bound += truth.bound.place().trace();
                 self.nees += off.dot(&(inverse * off));
             }
         }
@@ -231,18 +206,45 @@ impl Score {
         for (truth, is_seen) in self.truths.iter_mut().zip(are_seen) {
             truth.track = None;
             truth.was_seen |= is_seen;
-            self.samples += usize::from(*is_seen);
+            self.causes.moments += usize::from(*is_seen);
         }
         for (number, id) in pairs {
-            let truth = &mut self.truths[number];
-            let of = self.of.entry(id).or_default();
-            let was_another = of.is_some_and(|of| of != number);
-            self.swaps += usize::from(was_another);
-            self.breaks += usize::from(!was_another && truth.had.is_some_and(|had| had != id));
-            *of = Some(number);
-            (truth.track, truth.had) = (Some(id), Some(id));
+            self.pair(at, number, id);
             self.matched += usize::from(are_seen[number]);
         }
+        for number in open.into_iter().filter(|&number| are_seen[number]) {
+            let is_far =
+                { free.iter() }.any(|(_, track)| (track - places[number]).norm() < FAR * self.near);
+            let recent = at.saturating_sub(RECENT)..=at;
+            let lack = match self.truths[number].bound.cameras(recent) {
+                _ if is_far => Lack::FarOff,
+                0 => Lack::Untold,
+                1 => Lack::OneTold,
+                2 => Lack::TwoTold,
+                _ => Lack::MoreTold,
+            };
+            *self.causes.lacks.entry(lack).or_default() += 1;
+        }
+    }
+
+    /// A track is of an object.
+    fn pair(&mut self, at: Duration, number: usize, id: u16) {
+        let truth = &mut self.truths[number];
+        let of = self.of.entry(id).or_default();
+        let was_another = of.is_some_and(|of| of != number);
+        self.swaps += usize::from(was_another);
+        if !was_another
+            && let Some((had, last)) = truth.had
+            && had != id
+        {
+            self.breaks += 1;
+            self.causes.changes.push(Change {
+                after: at.saturating_sub(last),
+                beside: self.tracks.contains_key(&had),
+            });
+        }
+        *of = Some(number);
+        (truth.track, truth.had) = (Some(id), Some((id, at)));
     }
 
     /// Which object a track is of now.
@@ -250,17 +252,40 @@ impl Score {
         { self.truths.iter() }.position(|truth| truth.track == Some(track))
     }
 
+    /// Squared error over variance of the looks' directions.
+    fn noise(&self) -> f64 {
+        let all = self.truths.iter().map(|truth| truth.bound.noise());
+        let (sum, count) = all.fold((0.0, 0), |(sum, count), own| (sum + own.0, count + own.1));
+        sum / count as f64
+    }
+
+    /// Why it was not perfect.
+    pub fn causes(&self) -> Causes {
+        Causes {
+            noise: self.noise(),
+            ..self.causes.clone()
+        }
+    }
+
     /// What came of so many seconds in a network.
     pub fn end(&self, network: u16, seconds: f64) -> Tracking {
-        let mean = |sum: f64| (self.told > 0).then(|| sum / self.told as f64);
+        // Cameras that say more than they err cannot make the bound larger.
+        let noise = self.noise().min(1.0);
+        let squares = self
+            .truths
+            .iter()
+            .flat_map(|t| t.bound.squares(&t.told, noise));
+        let squares: Vec<f64> = squares.collect();
+        let told = squares.len();
+        let mean = |sum: f64| (told > 0).then(|| sum / told as f64);
         Tracking {
             network,
             seconds,
             objects: self.truths.iter().filter(|truth| truth.was_seen).count(),
             looks: self.looks,
-            covered: self.matched as f64 / self.samples.max(1) as f64,
+            covered: self.matched as f64 / self.causes.moments.max(1) as f64,
             rms: mean(self.squared).map(f64::sqrt),
-            bound: mean(self.bound).map(f64::sqrt),
+            bound: mean(squares.iter().sum()).map(f64::sqrt),
             nees: mean(self.nees),
             breaks: self.breaks,
             swaps: self.swaps,
@@ -277,6 +302,14 @@ mod tests {
         Duration::from_secs(at)
     }
 
+    fn standing(place: Point2<f64>) -> Leg {
+        Leg {
+            begin: Duration::ZERO,
+            place,
+            velocity: Vector2::zeros(),
+        }
+    }
+
     fn tell(score: &mut Score, at: u64, places: &[Point2<f64>], tracks: &[(u16, [f32; 2])]) {
         for &(id, place) in tracks {
             let object = TrackedObject {
@@ -291,8 +324,11 @@ mod tests {
 
     #[test]
     fn breaks_swaps_and_ghosts_are_told_apart() {
-        let mut score = Score::new(2, Settings::walking(), 1.0);
+        let mut score = Score::new(2, 1.0);
         let places = [Point2::new(0.0, 0.0), Point2::new(5.0, 0.0)];
+        for (object, place) in places.into_iter().enumerate() {
+            score.leg(object, standing(place));
+        }
         tell(&mut score, 1, &places, &[(1, [0.1, 0.0]), (2, [5.1, 0.0])]);
         // A ghost, and nothing of the second.
         score.told(seconds(2), 2, None, &places);
@@ -308,31 +344,5 @@ mod tests {
         // Both tracks go over to the other object.
         tell(&mut score, 4, &places, &[(4, [0.0, 0.0]), (1, [5.0, 0.0])]);
         assert_eq!(score.end(1, 4.0).swaps, 2);
-    }
-
-    /// Two bearings of known sigma at a right angle: the bound is their distance times that.
-    #[test]
-    fn the_bound_is_that_of_two_bearings() {
-        let mut score = Score::new(1, Settings::walking(), 1.0);
-        let place = Point2::new(3.0, 4.0);
-        for camera in [Point2::new(3.0, 0.0), Point2::new(0.0, 4.0)] {
-            let sight = Sight {
-                object: 0,
-                place,
-                camera,
-                sigma: 0.01,
-            };
-            score.look(seconds(1), &sight);
-        }
-        tell(&mut score, 1, &[place], &[(1, [3.0, 4.0])]);
-        assert_eq!(
-            score.end(1, 1.0).bound,
-            None,
-            "nobody knew whose track it is"
-        );
-        tell(&mut score, 1, &[place], &[(1, [3.0, 4.0])]);
-        // 4 m and 3 m away.
-        let expected = (0.04_f64.powi(2) + 0.03_f64.powi(2)).sqrt();
-        assert!((score.end(1, 1.0).bound.unwrap() - expected).abs() < 1e-5);
     }
 }

@@ -67,9 +67,9 @@ const BOARDS: [Board; 2] = [
         // The aims for flash and stack are not met. Enforced is what was measured, rounded up, so that
         // it gets no worse: lower it when the image shrinks. 5.3 KB are the Pixy2's, which any node may
         // have, 2.4 KB what a target brings to another network and the line of its stops,
-        // 2 KB the judging of colours, 16 KB the tracking of objects; the chip has 1 MB.
+        // 2 KB the judging of colours, 17 KB the tracking of objects; the chip has 1 MB.
         budget: Budget {
-            flash: 264 << 10,
+            flash: 265 << 10,
             ram: 64 << 10,
             stack: 12 << 10,
             aim: [96 << 10, 48 << 10, 8 << 10],
@@ -80,7 +80,7 @@ const BOARDS: [Board; 2] = [
         name: "NUCLEO-L476RG",
         // As above.
         budget: Budget {
-            flash: 276 << 10,
+            flash: 277 << 10,
             ram: 64 << 10,
             stack: 12 << 10,
             aim: [96 << 10, 48 << 10, 8 << 10],
