@@ -32,7 +32,8 @@ enum Chore {
     Test(test::Test),
     /// Every figure of the README again, with its goal
     Bench {
-        /// Passed to the bench of accuracy, for example `recorded`; or `chip`: the emulated nRF52840's
+        /// Passed to the bench of accuracy, for example `recorded`; or `chip`: the emulated nRF52840's; or `live`: what
+        /// the page takes, in a browser
         topics: Vec<String>,
     },
     /// Random sites on which everything goes wrong, and what must hold all the same
@@ -101,6 +102,12 @@ fn run(chore: Chore) -> anyhow::Result<ExitCode> {
     let done = match chore {
         Chore::Test(test) => return Ok(test.run(&sh)),
         Chore::Bench { topics } if topics == ["chip"] => chip::bench(&sh),
+        Chore::Bench { topics } if topics == ["live"] => {
+            setup::packages(&sh)?;
+            cmd!(sh, "cargo bench --locked --package host-sim --bench live")
+                .run()
+                .map_err(Into::into)
+        }
         Chore::Bench { topics } => {
             let all = topics.is_empty();
             cmd!(
