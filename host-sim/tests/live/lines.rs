@@ -175,6 +175,32 @@ async fn the_coordinators_of_a_site_are_one_page() {
     browser.end().await;
 }
 
+/// Whoever restarts a coordinator, or pulls its plug and puts it back, need not start the page again.
+#[tokio::test]
+async fn a_line_that_failed_is_opened_again() {
+    let folder = TempDir::new().unwrap();
+    let line = folder.path().join("line");
+    let line = line.to_str().unwrap();
+    let first = rehearsal("lab", "10x", &[line]);
+    let (_server, url) = live(&["--port", line]);
+    let browser = Browser::start(1280).await;
+    browser.client.goto(&url).await.unwrap();
+    browser
+        .until("return document.querySelectorAll('#checklist tr[data-camera]').length >= 6")
+        .await;
+    drop(first);
+    let log = |words: &str| {
+        format!("return document.getElementById('log').textContent.includes('{words}')")
+    };
+    browser
+        .until(&log(&format!("{line}: the line failed")))
+        .await;
+    let _second = rehearsal("lab", "10x", &[line]);
+    browser.run(&press("#controls", "open")).await;
+    browser.until(&log("join window 60 s: done")).await;
+    browser.end().await;
+}
+
 /// What the coordinator tells of a target that stands goes over the line, as an event, to the map.
 #[tokio::test]
 async fn a_target_that_stands_is_drawn_where_it_believes_to_be() {

@@ -56,10 +56,10 @@ impl Browser {
         Self::driven(&driver, profile, capabilities).await
     }
 
-    /// What the page shows, folded by its own script.
+    /// What the page shows, folded by its own script. As text: drivers are not exact with numbers.
     pub(super) async fn shown(&self) -> Value {
-        self.run("return JSON.parse(JSON.stringify(window.shown()))")
-            .await
+        let shown = self.run("return JSON.stringify(window.shown())").await;
+        serde_json::from_str(shown.as_str().unwrap()).unwrap()
     }
 
     /// The page asked nobody but its own server, and nothing went wrong.
