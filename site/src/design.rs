@@ -108,6 +108,9 @@ pub struct FurtherCamera {
     pub y: f64,
     /// Direction, degrees from the x axis.
     pub heading_deg: f64,
+    /// The network that it would best belong to, from 0: of whose stops it would measure most, or else that
+    /// of the nearest camera.
+    pub network: usize,
     /// What it would tell of a target's place, mean over the places where one can stand.
     pub gain_bits: f64,
 }
@@ -462,10 +465,28 @@ impl Prospect {
                 x: place.x,
                 y: place.y,
                 heading_deg: heading.to_degrees(),
+                network: self.network_for(&alone),
                 gain_bits: gain / cells.len().max(1) as f64,
             });
         }
         found
+    }
+
+    /// The network that the one camera of a world would best belong to.
+    fn network_for(&self, alone: &World) -> usize {
+        let ground = self.ground(alone);
+        let place = alone.cameras()[0].place;
+        let worth = |number: usize| {
+            let stops = { self.site.networks[number].targets.iter() }.flat_map(|t| &t.stops);
+            let seen = stops.filter(|&&stop| ground.suits(0, stop)).count();
+            let cameras = self.known.iter().zip(self.site.world.cameras());
+            let own = cameras.filter(|(known, _)| known.network == number);
+            let nearest = own.map(|(_, camera)| (camera.place - place).norm());
+            (seen, -nearest.fold(f64::INFINITY, f64::min))
+        };
+        let all = (0..self.site.networks.len()).map(|number| (worth(number), number));
+        let best = all.max_by(|((a, x), _), ((b, y), _)| a.cmp(b).then(x.total_cmp(y)));
+        best.map_or(0, |(_, number)| number)
     }
 
     /// Bits that the one camera of a world adds, in all.
@@ -647,5 +668,20 @@ mod tests {
         // Not all gain is of the grid's making: with that camera there, the next one gains less.
         let next = Advice::on(&scenario, 1).unwrap();
         assert!(next.cameras[0].gain_bits <= best.gain_bits);
+    }
+
+    #[test]
+    fn a_further_camera_belongs_to_the_network_before_it() {
+        let two = "name = \"two\"\n[camera]\nfield_of_view_deg = 60.0\nrange = 8.0\n\
+            [grid]\nnodes = 8\ncell_nodes = 4\n";
+        let scenario = Scenario::from_toml(two, &Overrides::default()).unwrap();
+        let advice = Advice::on(&scenario, 4).unwrap();
+        let mut networks = Vec::new();
+        for camera in &advice.cameras {
+            let ahead = camera.x + 4.0 * camera.heading_deg.to_radians().cos();
+            assert_eq!(camera.network, usize::from(ahead > 24.0), "{camera:?}");
+            networks.push(camera.network);
+        }
+        assert!(networks.contains(&0) && networks.contains(&1), "{advice:?}");
     }
 }

@@ -32,7 +32,8 @@ enum Chore {
     Test(test::Test),
     /// Every figure of the README again, with its goal
     Bench {
-        /// Passed to the bench of accuracy, for example `recorded`; or `chip`: the emulated nRF52840's
+        /// Passed to the bench of accuracy, for example `recorded`; or `chip`: the emulated nRF52840's; or `live`: what
+        /// the page takes, in a browser
         topics: Vec<String>,
     },
     /// Random sites on which everything goes wrong, and what must hold all the same
@@ -99,6 +100,7 @@ fn run(chore: Chore) -> anyhow::Result<ExitCode> {
     let done = match chore {
         Chore::Test(test) => return Ok(test.run(&sh)),
         Chore::Bench { topics } if topics == ["chip"] => chip::bench(&sh),
+        Chore::Bench { topics } if topics == ["live"] => bench_page(&sh),
         Chore::Bench { topics } => {
             let all = topics.is_empty();
             cmd!(
@@ -109,6 +111,7 @@ fn run(chore: Chore) -> anyhow::Result<ExitCode> {
             if all {
                 count_instructions(&sh)?;
                 measure_size(&sh, 0)?;
+                bench_page(&sh)?;
                 cmd!(
                     sh,
                     "cargo run --locked --release --package cmucam2-driver --example soak"
@@ -133,6 +136,12 @@ fn run(chore: Chore) -> anyhow::Result<ExitCode> {
         Chore::Fuzz { targets, runs } => fuzz::run(&sh, &targets, |_| runs, None),
     };
     done.map(|()| ExitCode::SUCCESS)
+}
+
+fn bench_page(sh: &Shell) -> anyhow::Result<()> {
+    setup::packages(sh)?;
+    cmd!(sh, "cargo bench --locked --package host-sim --bench live").run()?;
+    Ok(())
 }
 
 fn count_instructions(sh: &Shell) -> anyhow::Result<()> {

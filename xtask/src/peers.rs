@@ -1,10 +1,12 @@
-//! Tests against programs of other projects: tshark, and one that is built from source. They take as long as
-//! it really does, as a camera on a port does.
+//! Tests against programs of other projects: tshark, Firefox, and two that are built from source. They take as
+//! long as it really does, as a camera on a port does.
 //!
 //! `ot-rcp` is OpenThread's radio co-processor, here its simulation for a computer: it speaks
 //! Spinel on its standard input and output, and its medium is multicast on the loopback interface.
 //! The source comes from the registry, in a crate that carries it for bindings; nothing of it is
 //! part of this project.
+//!
+//! `geckodriver` drives Firefox for tests. Debian has Firefox, but not its driver.
 
 use std::{
     path::{Path, PathBuf},
@@ -21,7 +23,10 @@ const MANIFEST: &str = "xtask/peers/Cargo.toml";
 /// The crate, whose version `xtask/peers/Cargo.lock` tells.
 const CRATE: &str = "openthread-sys";
 
-pub(crate) const SUITES: [&str; 4] = ["ot_rcp", "real_time", "capture", "decryption"];
+pub(crate) const SUITES: [&str; 5] = ["ot_rcp", "real_time", "capture", "decryption", "live"];
+
+/// Firefox's driver.
+const GECKODRIVER: &str = "geckodriver@0.37.1";
 
 /// Kept until it is deleted.
 const DIRECTORY: &str = "target/peers";
@@ -41,6 +46,7 @@ const OPTIONS: [&str; 8] = [
 /// Builds what is missing, and runs the tests that need it.
 pub(crate) fn run(sh: &Shell) -> Result<()> {
     let _peer = sh.push_env("OT_RCP", ot_rcp(sh)?);
+    let _driver = sh.push_env("GECKODRIVER", geckodriver(sh)?);
     SUITES
         .into_iter()
         .try_for_each(|suite| harness::ignored(sh, suite).map(|_| ()))
@@ -58,6 +64,24 @@ fn ot_rcp(sh: &Shell) -> Result<PathBuf> {
         cmd!(sh, "ninja -C {build} ot-rcp").run()?;
         ensure!(program.is_file(), "{} was not built", program.display());
         eprintln!("ot-rcp: built in {:.0} s", start.elapsed().as_secs_f64());
+    }
+    Ok(program)
+}
+
+/// The program `geckodriver`.
+fn geckodriver(sh: &Shell) -> Result<PathBuf> {
+    let directory = sh.current_dir().join(DIRECTORY).join(GECKODRIVER);
+    let program = directory.join("bin/geckodriver");
+    if !program.is_file() {
+        let start = Instant::now();
+        cmd!(
+            sh,
+            "cargo install --locked --quiet --root {directory} {GECKODRIVER}"
+        )
+        .run()
+        .with_context(|| format!("{GECKODRIVER} is built once, from the registry"))?;
+        let took = start.elapsed().as_secs_f64();
+        eprintln!("geckodriver: built in {took:.0} s");
     }
     Ok(program)
 }

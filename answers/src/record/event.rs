@@ -103,12 +103,15 @@ pub enum What {
         /// Place.
         y: f64,
     },
-    /// A camera saw a target that stood.
+    /// A camera saw a target that stood. From a coordinator's line: when it tells.
     Seen {
         /// Which camera.
         node: u16,
         /// Which target.
         target: u16,
+        /// At which stop; `None`: where it stands now.
+        #[serde(default, skip_serializing_if = "Option::is_none")]
+        stop: Option<u32>,
         /// Positive to the left of the optical axis.
         bearing_deg: f64,
         /// Standard deviation.

@@ -258,6 +258,15 @@ impl NetworkView {
             .count()
     }
 
+    /// Whether a sighting that the camera at this address tells is one that it had not told, of a stop that
+    /// began while somebody listened.
+    pub fn is_seen_now(&self, address: MemberAddress, told: &ListedSighting) -> bool {
+        let at = |address| self.members.iter().find(|m| m.address == address);
+        let same = |known: &ListedSighting| (known.target, known.stop) == (told.target, told.stop);
+        let is_known = at(address).is_none_or(|camera| camera.sightings.values().any(same));
+        !is_known && at(told.target).is_some_and(|target| target.stops.contains_key(&told.stop))
+    }
+
     /// The member at this address is asked for its sightings.
     pub fn asks(&mut self, now: Duration, address: MemberAddress) {
         let mut members = self.members.iter_mut();

@@ -9,12 +9,18 @@ use std::{
     time::{Duration, Instant},
 };
 
-use answers::{record::verdict::Verdict, view::SitePlan};
-use anyhow::{Context, bail};
+use answers::{
+    record::{
+        event::{ObjectPlace, What},
+        verdict::Verdict,
+    },
+    view::SitePlan,
+};
+use anyhow::{Context, bail, ensure};
 use clap::Args;
 use host_sim::console::{command::parse_command, output, session::Wish};
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
-use node_firmware::{console::TrackedObject, limits::CONSOLE_BAUD, message::TrackedBlob};
+use node_firmware::limits::CONSOLE_BAUD;
 use site::{BUILT_IN, Overrides, Scenario, key_file};
 
 use super::{
@@ -150,14 +156,7 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
         .reads(&arguments.change_key);
     arguments.outputs.check(arguments.happenings.among(files))?;
     let site = site.map(read_site).transpose()?;
-    if arguments
-        .port
-        .iter()
-        .enumerate()
-        .any(|(n, path)| arguments.port[..n].contains(path))
-    {
-        bail!("the same --port is given twice");
-    }
+    check_ports(&arguments.port)?;
     if arguments.change_pan && arguments.port.len() > 1 {
         bail!("--change-pan is for one network: give the --port of its coordinator alone");
     }
@@ -223,6 +222,14 @@ fn wishes(arguments: &Arguments) -> anyhow::Result<Vec<Wish>> {
     wishes.extend(arguments.change_pan.then_some(Wish::ChangePan));
     wishes.extend(&arguments.command);
     Ok(wishes)
+}
+
+/// Nobody reads from a line what somebody else has read.
+pub(super) fn check_ports(ports: &[String]) -> anyhow::Result<()> {
+    let mut numbered = (0..).zip(ports);
+    let twice = numbered.any(|(n, path): (usize, _)| ports[..n].contains(path));
+    ensure!(!twice, "the same --port is given twice");
+    Ok(())
 }
 
 pub(super) fn read_site(name: &str) -> anyhow::Result<Scenario> {
@@ -302,12 +309,37 @@ impl Objects {
     /// How often one is told.
     const PERIOD: Duration = Duration::from_secs(1);
 
-    /// What people are told now, if anything.
-    fn words(
+    /// What people are told of what happens, if anything.
+    fn words(&mut self, now: Duration, what: &What) -> Option<String> {
+        match what {
+            What::Tracked {
+                node,
+                middle: [mx, my],
+                edges: [left, upper, right, lower],
+                pixels,
+                confidence,
+                ..
+            } => Some(format!(
+                "camera {node}: tracks {mx}, {my} in {left}, {upper} to {right}, {lower}; {pixels} pixels, \
+                 confidence {confidence}"
+            )),
+            What::Object {
+                network,
+                object,
+                is,
+            } => {
+                let words = self.place(now, (*network, *object), is.as_ref())?;
+                Some(format!("object {object}: {words}"))
+            }
+            _ => None,
+        }
+    }
+
+    fn place(
         &mut self,
         now: Duration,
         which: (u16, u16),
-        is: Option<&TrackedObject>,
+        is: Option<&ObjectPlace>,
     ) -> Option<String> {
         let Some(object) = is else {
             self.0.remove(&which);
@@ -318,10 +350,11 @@ impl Objects {
             return None;
         }
         self.0.insert(which, now);
-        let ([x, y], [xx, _, yy]) = object.place;
-        let [vx, vy] = object.velocity;
+        let ([xx, _, yy], [vx, vy]) = (object.covariance, object.velocity);
         Some(format!(
-            "at {x:.2}, {y:.2} +/- {:.2}, goes {:.1} a second",
+            "at {:.2}, {:.2} +/- {:.2}, goes {:.1} a second",
+            object.x,
+            object.y,
             (xx + yy).sqrt(),
             vx.hypot(vy)
         ))
@@ -347,46 +380,17 @@ impl Screen {
         happenings: &mut Happenings,
     ) -> io::Result<()> {
         let mut is_news = false;
-        let are_several = lines.all.len() > 1;
         for line in &mut lines.all {
-            let of = match are_several {
-                true => format!("{}: ", line.path),
-                false => String::new(),
-            };
             while let Some(news) = line.session.news() {
                 is_news = true;
-                let news = format!("{of}{news}");
+                let news = format!("{}{news}", line.prefix);
                 happenings.said(now, &news);
                 self.tell(now, &news)?;
             }
-            while let Some((id, tracked)) = line.session.tracked() {
-                happenings.tracked(now, id, &tracked);
-                let TrackedBlob {
-                    middle: [mx, my],
-                    edges: [left, upper, right, lower],
-                    pixels,
-                    confidence,
-                } = tracked.blob;
-                self.tell(
-                    now,
-                    &format!(
-                        "camera {id}: tracks {mx}, {my} in {left}, {upper} to {right}, {lower}; {pixels} \
-                         pixels, confidence {confidence}"
-                    ),
-                )?;
-            }
-        }
-        for line in &mut lines.all {
-            let network = line.network.get();
-            while let Some((object, is)) = line.session.object() {
-                let is = is.as_ref();
-                happenings.object(now, network, (object, is));
-                let of = match are_several {
-                    true => format!("{}: ", line.path),
-                    false => String::new(),
-                };
-                if let Some(words) = self.1.words(now, (network, object), is) {
-                    self.tell(now, &format!("{of}object {object}: {words}"))?;
+            while let Some(what) = line.session.happening(line.network.get()) {
+                happenings.happened(now, &what);
+                if let Some(words) = self.1.words(now, &what) {
+                    self.tell(now, &format!("{}{words}", line.prefix))?;
                 }
             }
         }

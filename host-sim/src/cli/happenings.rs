@@ -10,14 +10,10 @@ use std::{
 
 use answers::record::{
     RunRecord,
-    event::{Event, Looker, ObjectPlace, What},
+    event::{Event, Looker, What},
 };
 use anyhow::Context;
 use clap::Args;
-use node_firmware::{
-    console::TrackedObject,
-    message::{Tracked, TrackedBlob},
-};
 
 use super::{and, file_name, files::Files, late::Late, values};
 
@@ -93,43 +89,26 @@ impl Happenings {
         }
     }
 
-    /// Where an object is, by the coordinator of a network, counted from 1.
-    pub(super) fn object(
-        &mut self,
-        now: Duration,
-        network: u16,
-        (object, is): (u16, Option<&TrackedObject>),
-    ) {
-        if self.looked.is_some() {
-            let is = is.map(ObjectPlace::from);
-            let what = What::Object {
-                network,
-                object,
-                is,
-            };
-            self.write(&[Event::new(now.as_secs_f64(), what)]);
-        }
-    }
-
-    /// What a camera sees.
-    pub(super) fn tracked(&mut self, now: Duration, node: u16, tracked: &Tracked) {
-        let TrackedBlob {
-            middle,
-            edges,
-            pixels,
-            confidence,
-        } = tracked.blob;
+    /// What happens besides what the record is made of.
+    pub(super) fn happened(&mut self, now: Duration, what: &What) {
         let seconds = now.as_secs_f64();
         if self.looked.is_some() {
-            self.write(&[Event::new(seconds, What::tracked(node, tracked))]);
+            self.write(&[Event::new(seconds, what.clone())]);
         }
-        if let Some(folder) = &self.folder {
-            let file = self
-                .cameras
-                .entry(node)
-                .or_insert_with(|| begun(folder, node));
-            let [mx, my] = middle;
-            let [left, upper, right, lower] = edges;
+        if let (
+            Some(folder),
+            What::Tracked {
+                node,
+                middle: [mx, my],
+                edges: [left, upper, right, lower],
+                pixels,
+                confidence,
+                ..
+            },
+        ) = (&self.folder, what)
+        {
+            let file = self.cameras.entry(*node);
+            let file = file.or_insert_with(|| begun(folder, *node));
             // What goes wrong is told at the end.
             let _ = writeln!(
                 file,

@@ -19,13 +19,30 @@ use host_sim::{
 };
 use site::Scenario;
 
+/// How soon a line that failed is opened again.
+const AGAIN: Duration = Duration::from_secs(2);
+
 /// One of them.
 pub(super) struct Line {
     pub(super) path: String,
+    /// What it says is told after this: whose words they are, where there are several.
+    pub(super) prefix: String,
     pub(super) session: Session,
     /// The number that its network has in the file of the site, or among the lines.
     pub(super) network: Cell<u16>,
-    port: Port,
+    baud: u32,
+    interrupted: Arc<AtomicBool>,
+    /// `Err`: it failed then.
+    port: Result<Port, Duration>,
+}
+
+/// What is the matter with one of them.
+pub(super) enum Trouble {
+    Interrupted,
+    /// The line failed; later exchanges open it again.
+    Line(String),
+    /// Nothing comes of what was wished for, or nobody answers.
+    Wish(Failure),
 }
 
 /// Why talking was given up.
@@ -65,9 +82,15 @@ impl Lines {
         let open = |(number, path): (u16, &String)| {
             Ok(Line {
                 path: path.clone(),
+                prefix: match is_one {
+                    true => String::new(),
+                    false => format!("{path}: "),
+                },
                 network: Cell::new(number),
                 session: Session::new(everybodys.iter().copied()),
-                port: Port::open(path, baud, interrupted.clone())?,
+                baud,
+                interrupted: interrupted.clone(),
+                port: Ok(Port::open(path, baud, interrupted.clone())?),
             })
         };
         Ok(Self {
@@ -92,17 +115,31 @@ impl Lines {
     pub(super) fn exchange(&mut self, now: Duration) -> Result<(), Ended> {
         self.hand_out(now)?;
         for line in &mut self.all {
-            match exchange(&mut line.port, &mut line.session, now) {
-                Ok(Ok(())) => {}
-                Ok(Err(failure)) => return Err(line.failed(&failure)),
-                Err(PortError::Interrupted) => return Err(Ended::Interrupted),
-                Err(error) => {
-                    let error = anyhow!("{}: the line failed: {error}", line.path);
-                    return Err(Ended::Failed(error));
-                }
-            }
+            line.exchange(now).map_err(|trouble| match trouble {
+                Trouble::Interrupted => Ended::Interrupted,
+                Trouble::Line(words) => line.failed(words),
+                Trouble::Wish(failure) => line.failed(failure),
+            })?;
         }
         Ok(())
+    }
+
+    /// The line of the coordinator that heard last of this member.
+    pub(super) fn of(&self, id: u16) -> Option<usize> {
+        let heard = |line: &Line| Some(line.session.known().member(id)?.heard);
+        let lines = self.all.iter().enumerate();
+        let lines = lines.filter_map(|(n, line)| Some((heard(line)?, n)));
+        lines.max().map(|(_, n)| n)
+    }
+
+    /// All cameras, each with the line of its coordinator.
+    pub(super) fn cameras(&self) -> Vec<(usize, u16)> {
+        let lines = self.all.iter().enumerate();
+        let cameras = lines.flat_map(|(n, line)| {
+            let cameras = line.session.known().cameras().into_iter();
+            cameras.map(move |camera| (n, camera.id))
+        });
+        cameras.filter(|(n, id)| self.of(*id) == Some(*n)).collect()
     }
 
     /// The next wish goes to the coordinator whose member it concerns.
@@ -114,9 +151,8 @@ impl Lines {
         if !are_done {
             return Ok(());
         }
-        let has = |line: &&mut Line| line.session.known().member(id).is_some();
-        if let Some(line) = self.all.iter_mut().find(has) {
-            line.session.wish(self.waiting[0]);
+        if let Some(of) = self.of(id) {
+            self.all[of].session.wish(self.waiting[0]);
             self.waiting.pop_front();
             self.missing = None;
         } else if self.all.iter().all(|line| line.session.is_settled(now))
@@ -188,13 +224,44 @@ impl Lines {
 }
 
 impl Line {
-    fn failed(&self, failure: &Failure) -> Ended {
-        Ended::Failed(anyhow!("{}: {failure}", self.path))
+    /// Whether the port could be opened.
+    pub(super) fn is_open(&self) -> bool {
+        self.port.is_ok()
+    }
+
+    /// Reads what has come, and sends what is to be sent. A line that failed is opened again first, once it
+    /// is time.
+    pub(super) fn exchange(&mut self, now: Duration) -> Result<(), Trouble> {
+        if let Err(failed) = &mut self.port {
+            if now.saturating_sub(*failed) < AGAIN {
+                return Ok(());
+            }
+            *failed = now;
+            let opened = Port::open(&self.path, self.baud, self.interrupted.clone());
+            self.port = Ok(opened.map_err(|error| Trouble::Line(error.to_string()))?);
+        }
+        let Ok(port) = &mut self.port else {
+            return Ok(());
+        };
+        match exchange(port, &mut self.session, now) {
+            Ok(Ok(())) => Ok(()),
+            Ok(Err(failure)) => Err(Trouble::Wish(failure)),
+            Err(PortError::Interrupted) => Err(Trouble::Interrupted),
+            Err(error) => {
+                // One at a time has the port.
+                self.port = Err(now);
+                Err(Trouble::Line(format!("the line failed: {error}")))
+            }
+        }
+    }
+
+    fn failed(&self, why: impl std::fmt::Display) -> Ended {
+        Ended::Failed(anyhow!("{}: {why}", self.path))
     }
 }
 
 /// What is known of one network, and the number that it has in the file of the site.
-pub(super) fn record(
+fn record(
     session: &Session,
     now: Duration,
     site: Option<&Scenario>,
@@ -210,7 +277,7 @@ pub(super) fn record(
 }
 
 /// Reads what has come, and sends what is to be sent.
-pub(super) fn exchange(
+fn exchange(
     port: &mut Port,
     session: &mut Session,
     now: Duration,

@@ -168,6 +168,10 @@ impl Drop for PseudoTerminal {
 /// Puts the link in place of a stale one, but of nothing else.
 fn replace_link(device: &Path, link: &Path) -> anyhow::Result<()> {
     if let Ok(target) = fs::read_link(link) {
+        if target == device {
+            // Whoever left it was killed, and the number of its device was given out again.
+            return Ok(());
+        }
         if target.exists() {
             bail!(
                 "{} points to {}, which is in use: remove it first if it is not another device",

@@ -12,10 +12,13 @@ use std::{
 use node_firmware::{
     config::SiteKey,
     console::{FRAME_MAX, Frames, FromPc, KeyChangeReport, ToPc, TrackedObject, encode},
-    message::{CameraCommand, CommandOutcome, MemberAddress, Tracked},
+    message::{CameraCommand, CommandOutcome, MemberAddress},
 };
 
-use answers::view::NetworkView;
+use answers::{
+    record::event::{ObjectPlace, What},
+    view::NetworkView,
+};
 
 /// Silence after which nobody is there.
 const FIRST_ANSWER: Duration = Duration::from_secs(5);
@@ -183,13 +186,12 @@ pub struct Session {
     wants_sightings: bool,
     /// Since when a first answer is waited for.
     patience_from: Duration,
-    /// What cameras saw that track, with their numbers; the newest.
-    tracked: VecDeque<(u16, Tracked)>,
-    objects: VecDeque<(u16, Option<TrackedObject>)>,
+    /// What happened besides what is known now.
+    happened: VecDeque<What>,
 }
 
-/// Nobody who listens needs more of what cameras that track saw, all at once.
-const TRACKED_MAX: usize = 256;
+/// Nobody who listens needs more of what happened, all at once.
+const HAPPENED_MAX: usize = 512;
 
 impl Session {
     /// A talk in which these things are wished for, one after the other.
@@ -211,8 +213,7 @@ impl Session {
             listed_sightings: BTreeMap::new(),
             wants_sightings: false,
             patience_from: Duration::ZERO,
-            tracked: VecDeque::new(),
-            objects: VecDeque::new(),
+            happened: VecDeque::new(),
         }
     }
 
@@ -280,18 +281,12 @@ impl Session {
             }
             _ => None,
         };
+        if let Some(what) = self.what(message) {
+            self.happened.truncate(HAPPENED_MAX - 1);
+            self.happened.push_back(what);
+        }
         self.news.extend(self.known.take(now, message));
         match message {
-            ToPc::Tracked { address, tracked } => {
-                if let Some(id) = self.known.id_of(*address) {
-                    self.tracked.truncate(TRACKED_MAX - 1);
-                    self.tracked.push_back((id, *tracked));
-                }
-            }
-            ToPc::Object { id, object } if object.as_ref().is_none_or(TrackedObject::is_usable) => {
-                self.objects.truncate(TRACKED_MAX - 1);
-                self.objects.push_back((*id, *object));
-            }
             ToPc::KeyChange(_) => {
                 self.answered = true;
                 self.listed = now;
@@ -302,6 +297,32 @@ impl Session {
         }
         if let (Some(wish), Step::Sent(_) | Step::Begun(_)) = (self.wishes.front(), self.step) {
             self.confirm(now, *wish, message, removed);
+        }
+    }
+
+    /// What happens by a message besides what is known then, before that is known.
+    fn what(&self, message: &ToPc) -> Option<What> {
+        match message {
+            ToPc::Tracked { address, tracked } => {
+                Some(What::tracked(self.known.id_of(*address)?, tracked))
+            }
+            ToPc::Object { id, object } if object.as_ref().is_none_or(TrackedObject::is_usable) => {
+                Some(What::Object {
+                    network: 0,
+                    object: *id,
+                    is: object.as_ref().map(ObjectPlace::from),
+                })
+            }
+            ToPc::Sighting { address, sighting } if self.known.is_seen_now(*address, sighting) => {
+                Some(What::Seen {
+                    node: self.known.id_of(*address)?,
+                    target: self.known.id_of(sighting.target)?,
+                    stop: Some(sighting.stop.into()),
+                    bearing_deg: f64::from(sighting.seen.bearing).to_degrees(),
+                    sigma_deg: f64::from(sighting.seen.sigma).to_degrees(),
+                })
+            }
+            _ => None,
         }
     }
 
@@ -381,14 +402,13 @@ impl Session {
         self.patience_from = now;
     }
 
-    /// What a camera that was told to track saw next.
-    pub fn tracked(&mut self) -> Option<(u16, Tracked)> {
-        self.tracked.pop_front()
-    }
-
-    /// The next object that the coordinator told of; `None` with its number: it is gone.
-    pub fn object(&mut self) -> Option<(u16, Option<TrackedObject>)> {
-        self.objects.pop_front()
+    /// What happened next besides what is known now, in the network of this number.
+    pub fn happening(&mut self, number: u16) -> Option<What> {
+        let mut what = self.happened.pop_front()?;
+        if let What::Object { network, .. } = &mut what {
+            *network = number;
+        }
+        Some(what)
     }
 
     fn confirmed(&mut self) {
@@ -562,7 +582,8 @@ mod tests {
     use node_firmware::{
         console::NetworkInfo,
         message::{
-            CameraState, CommandResult, Hello, MemberAddress, MemberKind, PoseParts, Report,
+            CameraState, CommandResult, Hello, ListedSighting, MemberAddress, MemberKind,
+            PoseParts, Report, Seen,
         },
     };
 
@@ -772,8 +793,49 @@ mod tests {
             object: Some(object(x)),
         });
         tell(&mut session, 2_000, &told);
-        assert_eq!(session.object(), Some((3, Some(object(2.0)))));
-        assert_eq!(session.object(), None);
+        let what = What::Object {
+            network: 2,
+            object: 3,
+            is: Some(ObjectPlace::from(&object(2.0))),
+        };
+        assert_eq!(session.happening(2), Some(what));
+        assert_eq!(session.happening(2), None);
+    }
+
+    /// A camera lists all it ever saw, and lists it again: rays are of what it saw while somebody listened.
+    #[test]
+    fn a_sighting_is_told_once_and_only_of_a_stop_that_was_told() {
+        let mut session = listed(&[]);
+        let sighting = |index, stop| ToPc::Sighting {
+            address: 1,
+            sighting: ListedSighting {
+                index,
+                count: 2,
+                target: 2,
+                stop,
+                position: [3.0, 4.0],
+                position_sigma: 0.1,
+                seen: Seen::direction(0.5, 0.01),
+            },
+        };
+        let stands = ToPc::Stopped {
+            address: 2,
+            stop: 7,
+            place: Some(([3.0, 4.0], [0.01, 0.0, 0.02])),
+        };
+        let listing = [sighting(0, 6), sighting(1, 7)];
+        tell(&mut session, 2_000, &[stands]);
+        tell(&mut session, 2_100, &listing);
+        tell(&mut session, 2_200, &listing);
+        let seen = What::Seen {
+            node: 7,
+            target: 4,
+            stop: Some(7),
+            bearing_deg: f64::from(0.5_f32).to_degrees(),
+            sigma_deg: f64::from(0.01_f32).to_degrees(),
+        };
+        assert_eq!(session.happening(1), Some(seen));
+        assert_eq!(session.happening(1), None);
     }
 
     #[test]

@@ -27,9 +27,11 @@ const INDEX: &str = include_str!("page/index.html");
 /// How it looks.
 const STYLE: &str = include_str!("page/style.css");
 /// What it does, in the order in which it is loaded.
-const SCRIPTS: [&str; 7] = [
+const SCRIPTS: [&str; 9] = [
     include_str!("page/state.js"),
     include_str!("page/geometry.js"),
+    include_str!("page/brush.js"),
+    include_str!("page/layer.js"),
     include_str!("page/map.js"),
     include_str!("page/panels.js"),
     include_str!("page/timeline.js"),
@@ -40,8 +42,10 @@ const SCRIPTS: [&str; 7] = [
 /// The frame of the page on which a site is edited.
 const EDITOR: &str = include_str!("page/editor.html");
 /// What that page does.
-const EDITOR_SCRIPTS: [&str; 2] = [
+const EDITOR_SCRIPTS: [&str; 4] = [
     include_str!("page/geometry.js"),
+    include_str!("page/editor-plan.js"),
+    include_str!("page/editor-words.js"),
     include_str!("page/editor.js"),
 ];
 

@@ -188,6 +188,7 @@ impl Simulation {
                 What::Seen {
                     node,
                     target: console.view().id_of(address)?,
+                    stop: None,
                     bearing_deg: f64::from(seen.bearing).to_degrees(),
                     sigma_deg: f64::from(seen.sigma).to_degrees(),
                 }

@@ -35,7 +35,7 @@ fn calls(place: &Place) -> Vec<String> {
 }
 
 const PACKAGES: &str =
-    "qemu-system-arm tshark ffmpeg cmake ninja-build g++ chromium chromium-driver";
+    "qemu-system-arm tshark ffmpeg cmake ninja-build g++ chromium chromium-driver firefox-esr";
 
 #[test]
 fn without_a_compiler() {

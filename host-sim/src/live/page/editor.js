@@ -12,6 +12,7 @@ let dragging = null;
 const undone = [];
 const done = [];
 
+const TURN = 2 * Math.PI;
 const clone = value => JSON.parse(JSON.stringify(value));
 const round = number => Math.round(number * 1000) / 1000;
 
@@ -64,9 +65,14 @@ function step(from, to) {
   changed();
 }
 
-function addCamera(x, y, headingDeg) {
+// The network of the camera that is nearest to a place.
+function networkAt(x, y) {
+  const gap = ({camera}) => Math.hypot(camera.x - x, camera.y - y);
+  return cameras().reduce((a, b) => (a && gap(a) <= gap(b) ? a : b), null)?.network ?? 0;
+}
+
+function addCamera(x, y, headingDeg, network) {
   const ids = cameras().map(({camera}) => camera.id);
-  const network = selected?.kind === 'camera' ? selected.network : 0;
   // The lowest number that nobody has.
   let id = 1;
   while (ids.includes(id) || site.taken.includes(id)) id += 1;
@@ -93,7 +99,7 @@ function endWall() {
   const wall = begunWall;
   begunWall = [];
   if (wall.length < 2) return draw();
-  change(() => layout.obstacles.push({wall}));
+  change(() => layout.obstacles.push({is: {wall}}));
 }
 
 function choose(name) {
@@ -167,225 +173,22 @@ async function save() {
   }
 }
 
-// ---- The picture
-
-// Y of the picture goes down.
-const across = ([x, y]) => [x, -y];
-const points = list => list.map(across).map(([x, y]) => `${x},${y}`).join(' ');
-
-function placeOf(event) {
-  const svg = byId('site');
-  const point = new DOMPoint(event.clientX, event.clientY).matrixTransform(svg.getScreenCTM().inverse());
-  return [point.x, -point.y];
-}
-
-function outlineOf(obstacle) {
-  return obstacle.of === undefined ? obstacle.wall : site.outlines[obstacle.of];
-}
-
-function draw() {
-  if (!layout) return;
-  const svg = byId('site');
-  const focused = document.activeElement?.dataset?.key;
-  svg.replaceChildren();
-  const [[lowX, lowY], [highX, highY]] = site.bounds;
-  const size = Math.max(highX - lowX, highY - lowY);
-  const unit = size / 100;
-  const margin = 2 * unit;
-  svg.setAttribute('viewBox',
-    `${lowX - margin} ${-highY - margin} ${highX - lowX + 2 * margin} ${highY - lowY + 2 * margin}`);
-  drawCoverage(svg);
-  element('rect', {class: 'border', x: lowX, y: -highY, width: highX - lowX, height: highY - lowY}, svg);
-  const walls = layout.obstacles.flatMap(obstacle => {
-    const corners = outlineOf(obstacle);
-    return corners.slice(1).map(([x, y], i) => [...corners[i], x, y]);
-  });
-  layout.obstacles.forEach((obstacle, index) => {
-    const line = element('polyline', {
-      class: 'wall' + (selected?.kind === 'obstacle' && selected.index === index ? ' selected' : ''),
-      points: points(outlineOf(obstacle)), tabindex: 0, role: 'button', 'aria-label': `obstacle ${index + 1}`,
-      'data-key': `obstacle-${index}`,
-    }, svg);
-    const pick = () => { selected = {kind: 'obstacle', index}; draw(); };
-    line.addEventListener('pointerdown', event => { if (tool === 'select') { event.stopPropagation(); pick(); } });
-    line.addEventListener('keydown', event => { if (event.key === ' ' || event.key === 'Enter') pick(); });
-  });
-  for (const [x, y] of judged.design?.stops ?? []) {
-    element('circle', {class: 'stop', cx: x, cy: -y, r: unit * 0.5}, svg);
-  }
-  for (const {network, camera} of cameras()) drawCamera(svg, network, camera, walls, unit);
-  drawAdvice(svg, unit);
-  if (begunWall.length) element('polyline', {class: 'wall begun', points: points(begunWall)}, svg);
-  if (focused) svg.querySelector(`[data-key="${focused}"]`)?.focus({preventScroll: true});
-  panels();
-}
-
-function drawCoverage(svg) {
-  const coverage = judged.design?.coverage;
-  if (!coverage) return;
-  const what = byId('shade').value;
-  const group = element('g', {'aria-hidden': 'true'}, svg);
-  const values = coverage[what];
-  const sigmas = coverage.sigma.filter(value => value !== null).sort((a, b) => a - b);
-  // Dark where a target's place is known as well as anywhere, faint at ten times as much.
-  const best = sigmas[Math.floor(sigmas.length / 20)] ?? 1;
-  values.forEach((value, n) => {
-    if (value === null || value === 0) return;
-    const strength = what === 'sigma' ? 1 - Math.log10(Math.max(1, value / best)) : value / 4;
-    const [x, y] = [n % coverage.columns, Math.floor(n / coverage.columns)];
-    element('rect', {
-      class: 'cell', x: coverage.low[0] + x * coverage.step, y: -(coverage.low[1] + (y + 1) * coverage.step),
-      width: coverage.step * 1.02, height: coverage.step * 1.02,
-      'fill-opacity': (0.08 + 0.5 * Math.max(0, Math.min(1, strength))).toFixed(2),
-    }, group);
-  });
-  const ellipses = ` Ellipses hold a camera's place with 95 %, drawn ${MAGNIFIED} times larger.`;
-  byId('key').textContent = (what === 'sigma'
-    ? (sigmas.length ? `Darkest: the place of a target is known to ${best.toFixed(3)} ${site.unit}; `
-      + `faintest: to ${(10 * best).toFixed(3)} or worse; blank: fewer than two cameras of known pose see it.`
-      : 'Nowhere do two cameras of known pose see a target.')
-    : 'Darkest: four cameras or more see a target; blank: none.') + ellipses;
-}
-
-// As small as they are, ellipses would not be seen.
-const MAGNIFIED = 10;
-
-function drawCamera(svg, network, camera, walls, unit) {
-  const is = selected?.kind === 'camera' && selected.network === network && selected.id === camera.id;
-  const what = expected(network, camera.id) ?? {field_of_view_deg: 60, range: 8};
-  const turn = camera.heading_deg * DEGREE;
-  const outline = fieldOfView(camera.x, camera.y, camera.heading_deg, what.field_of_view_deg, what.range, walls);
-  const group = element('g', {
-    class: 'camera' + (is ? ' selected' : '') + (what.reference ? ' reference' : ''), tabindex: 0, role: 'button',
-    'aria-label': `camera ${camera.id}`, 'aria-pressed': String(is), 'data-key': `camera-${network}-${camera.id}`,
-  }, svg);
-  element('polygon', {class: 'view', points: points([[camera.x, camera.y], ...outline])}, group);
-  if (what.covariance) {
-    const [[xx, xy], [, yy]] = what.covariance;
-    const {a, b, angle} = ellipse(xx, xy, yy);
-    element('ellipse', {
-      class: 'error', rx: a * MAGNIFIED, ry: b * MAGNIFIED,
-      transform: `translate(${camera.x} ${-camera.y}) rotate(${-angle / DEGREE})`,
-    }, group);
-  }
-  const body = element('circle', {class: 'body', cx: camera.x, cy: -camera.y, r: unit * 1.3}, group);
-  const tip = [camera.x + 5 * unit * Math.cos(turn), camera.y + 5 * unit * Math.sin(turn)];
-  element('line', {class: 'axis', x1: camera.x, y1: -camera.y, x2: tip[0], y2: -tip[1]}, group);
-  const handle = element('circle', {class: 'handle', cx: tip[0], cy: -tip[1], r: unit * 1.1}, group);
-  element('text', {x: camera.x + 1.5 * unit, y: -camera.y - 1.5 * unit, 'font-size': 3 * unit}, group, camera.id);
-  const drag = isTurn => event => {
-    if (tool !== 'select') return;
-    event.preventDefault();
-    event.stopPropagation();
-    selected = {kind: 'camera', network, id: camera.id};
-    dragging = {isTurn, network, id: camera.id, pointer: event.pointerId, before: clone(layout), moved: false};
-    byId('site').setPointerCapture(event.pointerId);
-    draw();
-    byId('site').querySelector(`[data-key="camera-${network}-${camera.id}"]`)?.focus({preventScroll: true});
-  };
-  body.addEventListener('pointerdown', drag(false));
-  handle.addEventListener('pointerdown', drag(true));
-  group.addEventListener('focus', () => {
-    if (!is && !dragging) { selected = {kind: 'camera', network, id: camera.id}; draw(); }
-  });
-}
-
-function drawAdvice(svg, unit) {
-  (judged.advice?.cameras ?? []).forEach(({x, y, heading_deg: heading}, n) => {
-    const at = off => [x + 3 * unit * Math.cos((heading + off) * DEGREE), y + 3 * unit * Math.sin((heading + off) * DEGREE)];
-    element('polygon', {class: 'advised', points: points([at(0), at(140), at(220)])}, svg);
-    element('text', {class: 'advised', x: x + 2 * unit, y: -y, 'font-size': 3 * unit}, svg, `+${n + 1}`);
-  });
-  for (const {x, y} of judged.advice?.stops ?? []) {
-    element('path', {class: 'advised', d: `M${x - unit} ${-y - unit}l${2 * unit} ${2 * unit}m0 ${-2 * unit}l${-2 * unit} ${2 * unit}`}, svg);
-  }
-}
-
-// ---- Words
-
-function panels() {
-  const {design, refused, advice} = judged;
-  const known = design?.cameras.filter(camera => camera.sigma_position !== null) ?? [];
-  const worst = known.reduce((a, b) => (a && a.sigma_position > b.sigma_position ? a : b), null);
-  byId('verdict').textContent = refused ?? design?.problem ?? (worst
-    ? `Each pose can be found: the worst is that of camera ${worst.id}, to ${worst.sigma_position.toFixed(3)} ${site.unit}.`
-    : 'No stops: nothing is known of poses.');
-  if (!refused && design && !design.problem && known.length < design.cameras.length) {
-    const lost = design.cameras.filter(camera => camera.sigma_position === null).map(camera => camera.id);
-    byId('verdict').textContent = `The stops do not tell the poses of cameras ${lost.join(', ')}.`;
-  }
-  byId('banner').classList.toggle('good', Boolean(design && !design.problem && known.length === design.cameras.length));
-  const body = document.querySelector('#cameras tbody');
-  body.replaceChildren(...cameras().map(({network, camera}) => {
-    const row = document.createElement('tr');
-    row.dataset.camera = camera.id;
-    row.classList.toggle('selected', camera === selectedCamera());
-    const what = expected(network, camera.id);
-    const number = (value, digits) => (value === null || value === undefined ? '-' : value.toFixed(digits));
-    cell(row, camera.id + (what?.reference ? ' (reference)' : ''), true);
-    cell(row, `${camera.x.toFixed(2)}, ${camera.y.toFixed(2)}`);
-    cell(row, `${camera.heading_deg.toFixed(1)}°`);
-    cell(row, what ? what.stops : '-');
-    cell(row, number(what?.sigma_position, 4));
-    cell(row, what?.sigma_heading_deg === null || !what ? '-' : `${number(what.sigma_heading_deg, 3)}°`);
-    row.addEventListener('click', () => { selected = {kind: 'camera', network, id: camera.id}; draw(); });
-    return row;
-  }));
-  const camera = selectedCamera();
-  byId('exact').hidden = !camera;
-  if (camera) {
-    byId('which').textContent = `Camera ${camera.id}`;
-    for (const [id, key] of [['x', 'x'], ['y', 'y'], ['heading', 'heading_deg']]) {
-      if (document.activeElement !== byId(id)) byId(id).value = camera[key];
-    }
-  }
-  byId('undo').disabled = !done.length;
-  byId('redo').disabled = !undone.length;
-  byId('remove').disabled = !selected;
-  byId('advice').hidden = !advice;
-  if (advice) {
-    const list = byId('advice').querySelector('ol');
-    list.replaceChildren(...advice.cameras.map(one => {
-      const item = document.createElement('li');
-      item.append(`a camera at (${one.x.toFixed(2)}, ${one.y.toFixed(2)}) that looks along ${one.heading_deg.toFixed(0)}°: `
-        + `${one.gain_bits.toFixed(2)} bits per place `);
-      const put = document.createElement('button');
-      put.type = 'button';
-      put.textContent = 'put it there';
-      put.addEventListener('click', () => addCamera(one.x, one.y, one.heading_deg));
-      item.append(put);
-      return item;
-    }), ...advice.stops.map(one => {
-      const item = document.createElement('li');
-      item.textContent = `a stop at (${one.x.toFixed(2)}, ${one.y.toFixed(2)}), seen by ${one.seen_by.join(', ')}: `
-        + `${one.gain_bits.toFixed(2)} bits about their poses`;
-      return item;
-    }));
-    byId('advice').querySelector('p').textContent = advice.method;
-  }
-}
-
 // ---- Pointer and keys
 
 function listen() {
   const svg = byId('site');
   svg.addEventListener('pointerdown', event => {
     const [x, y] = placeOf(event);
-    if (tool === 'camera') { addCamera(x, y, 0); choose('select'); }
+    if (tool === 'camera') { addCamera(x, y, 0, networkAt(x, y)); choose('select'); }
     else if (tool === 'wall') { begunWall.push([round(x), round(y)]); draw(); }
     else { selected = null; draw(); }
   });
   svg.addEventListener('dblclick', () => { if (tool === 'wall') endWall(); });
   svg.addEventListener('pointermove', event => {
     if (dragging?.pointer !== event.pointerId) return;
-    const camera = layout.networks[dragging.network].find(one => one.id === dragging.id);
-    const [x, y] = placeOf(event);
-    if (dragging.isTurn) {
-      const degrees = Math.atan2(y - camera.y, x - camera.x) / DEGREE;
-      camera.heading_deg = Math.round((degrees + 360) % 360);
-    } else {
-      [camera.x, camera.y] = [round(x), round(y)];
-    }
+    // From where it was, so that no rounding adds up.
+    layout = clone(dragging.before);
+    dragging.move(placeOf(event), dragging.from);
     dragging.moved = true;
     draw();
   });
@@ -433,7 +236,10 @@ function keys(event) {
   const moves = {arrowleft: [-far, 0], arrowright: [far, 0], arrowup: [0, far], arrowdown: [0, -far]};
   const turns = {q: event.shiftKey ? 15 : 1, e: event.shiftKey ? -15 : -1};
   const camera = selectedCamera();
-  if (camera && moves[key]) {
+  if (selected?.kind === 'obstacle' && moves[key]) {
+    event.preventDefault();
+    change(() => moveObstacle(layout.obstacles[selected.index], ...moves[key]));
+  } else if (camera && moves[key]) {
     event.preventDefault();
     change(() => { camera.x = round(camera.x + moves[key][0]); camera.y = round(camera.y + moves[key][1]); });
   } else if (camera && turns[key]) {
@@ -459,6 +265,7 @@ async function begin() {
   layout = clone(site.layout);
   byId('name').textContent = site.name;
   document.title = site.name;
+  byId('grid').hidden = !site.was_grid;
   listen();
   draw();
   judge(false);

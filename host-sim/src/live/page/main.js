@@ -161,6 +161,7 @@ document.addEventListener('keydown', event => {
 });
 
 let kind = source.isFile ? 'recorded' : null;
+if (source.isFile) setText(byId('now'), 'end');
 if (!source.isFile) {
   source.about().then(about => {
     if (!about) return;

@@ -37,7 +37,8 @@ function showBanner(state) {
   setText(byId('verdict'), verdict.words.split('\n')[0]);
   byId('verdict').title = verdict.words;
   const next = verdict.walk_to[0];
-  setText(byId('walk'), next ? `walk to (${next.x.toFixed(1)}, ${next.y.toFixed(1)})` : '');
+  const where = state.record?.networks.length > 1 ? ` of network ${next?.network}` : '';
+  setText(byId('walk'), next ? `walk to (${next.x.toFixed(1)}, ${next.y.toFixed(1)})${where}` : '');
 }
 
 // What the cells of a camera's row say, and whether each is well.

@@ -45,8 +45,9 @@ function apply(state, event) {
     case 'stop': {
       const target = record.targets.find(other => other.id === event.target);
       if (target) put(target.stops, 'stop', event.is);
-      if (event.begins) {
-        state.stopped.set(event.target, true);
+      if (event.begins) state.stopped.set(event.target, true);
+      // Where it stands may be known better by and by.
+      if (event.begins || state.places.get(event.target)?.stop === event.is.stop) {
         state.places.set(event.target, event.is);
       }
       break;

@@ -1,0 +1,203 @@
+//! `host-sim live`
+
+use std::{
+    fs::File,
+    io::{BufRead, BufReader},
+    net::{IpAddr, Ipv4Addr, SocketAddr},
+    path::Path,
+    process::{Command as Process, ExitCode, Stdio},
+    sync::{
+        atomic::{AtomicBool, Ordering},
+        mpsc::Receiver,
+    },
+    thread,
+    time::Duration,
+};
+
+use answers::record::event::{self, CommandState, Event, What};
+use anyhow::{Context, bail};
+use clap::Args;
+use host_sim::live::{About, Command, Server, serve};
+use node_firmware::limits::CONSOLE_BAUD;
+use site::BUILT_IN;
+
+use super::{interrupt, print, tell, values};
+
+mod network;
+mod simulation;
+
+/// Shows a network as it calibrates itself, in a browser: a simulation, a real network, or one that was
+/// recorded.
+///
+/// Prints where to look; everything stays on this computer. Goes on until Ctrl-C.
+#[derive(Args)]
+#[command(after_help = EPILOGUE)]
+pub(super) struct Arguments {
+    /// `thesis-13`, `lab`, `grid`, `office`, the file of a site, or the events that `--events` wrote.
+    #[arg(
+        value_name = "SCENARIO|FILE.toml|EVENTS",
+        required_unless_present = "port"
+    )]
+    source: Option<String>,
+    /// The serial port of a coordinator, such as /dev/ttyACM0, instead. Of a site with several networks, those of
+    /// all coordinators: they are shown as one.
+    #[arg(long, value_name = "DEV", conflicts_with = "source")]
+    port: Vec<String>,
+    /// Bits per second on --port.
+    #[arg(long, value_name = "RATE", default_value_t = CONSOLE_BAUD, value_parser = clap::value_parser!(u32).range(1..))]
+    baud: u32,
+    /// The file of which the nodes on --port were provisioned: it tells who is expected, lenses and
+    /// walls.
+    #[arg(long, value_name = "FILE.toml", requires = "port")]
+    site: Option<String>,
+    /// The root of all randomness of a simulation. Default: the scenario's.
+    #[arg(long, value_name = "S", value_parser = values::seed)]
+    seed: Option<u64>,
+    /// Which of the planned ways the target takes, from 1.
+    #[arg(long, value_name = "K", value_parser = values::path)]
+    path: Option<u64>,
+    /// Cameras of a grid.
+    #[arg(long, value_name = "N", value_parser = values::count)]
+    nodes: Option<usize>,
+    /// How fast a simulation begins: `max`, `real-time`, or so many times real time.
+    #[arg(long, value_name = "SPEED", value_parser = values::speed, default_value = "10x")]
+    speed: values::Speed,
+    /// A simulated target goes on as the verdict asks, with at most so many further stops.
+    #[arg(long, value_name = "N", value_parser = values::count, default_value_t = 0)]
+    further_stops: usize,
+    #[command(flatten)]
+    serve: ServeOptions,
+}
+
+/// Where a page is served.
+#[derive(Args)]
+pub(super) struct ServeOptions {
+    /// The address to serve on. Whoever can reach another one than this computer's own needs the token
+    /// of the URL too, but what they send can be read on the way.
+    #[arg(long, value_name = "IP", default_value_t = IpAddr::V4(Ipv4Addr::LOCALHOST))]
+    listen: IpAddr,
+    /// The port to serve on; 0 takes a free one.
+    #[arg(long, value_name = "N", default_value_t = 0)]
+    http_port: u16,
+    /// Open it in the browser.
+    #[arg(long)]
+    pub(super) open: bool,
+}
+
+impl ServeOptions {
+    pub(super) fn address(&self) -> SocketAddr {
+        SocketAddr::new(self.listen, self.http_port)
+    }
+}
+
+const EPILOGUE: &str = "\
+Examples:
+  host-sim live thesis-13 --open
+  host-sim live --port /dev/ttyACM0 --site office.toml
+  host-sim live --port /dev/ttyACM0 --port /dev/ttyACM1 --site building.toml
+  host-sim live --listen 192.168.1.7 --port /dev/ttyACM0      for the phone in the carrier's hand
+
+Exit codes:
+  0  Ctrl-C
+  2  wrong options, or a file, the port or the address is not to be had";
+
+/// How long a quiet line, or a paused simulation, is left alone.
+const POLL: Duration = Duration::from_millis(10);
+
+pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
+    let interrupted = interrupt::watch()?;
+    match &arguments.source {
+        _ if !arguments.port.is_empty() => network::run(arguments, &interrupted)?,
+        None => bail!("a scenario, a file of events, or --port is needed"),
+        Some(source) if is_events(source) => {
+            let file = File::open(source).with_context(|| format!("{source} cannot be read"))?;
+            let events = event::read(BufReader::new(file));
+            let events = events.with_context(|| format!("{source} cannot be used"))?;
+            let (server, commands) = start(arguments, source, "recorded")?;
+            server.tell(events);
+            wait(&server, &commands, &interrupted);
+        }
+        Some(source) => simulation::run(arguments, source, &interrupted)?,
+    }
+    Ok(ExitCode::SUCCESS)
+}
+
+/// Whether it is a file of lines of JSON rather than a scenario.
+fn is_events(source: &str) -> bool {
+    let is_built_in = BUILT_IN.iter().any(|(name, _)| *name == source);
+    let first = || {
+        let mut line = Vec::new();
+        let file = File::open(Path::new(source)).ok()?;
+        BufReader::new(file).read_until(b'{', &mut line).ok()?;
+        Some(line)
+    };
+    !is_built_in && first().is_some_and(|line| line.trim_ascii() == b"{")
+}
+
+fn start(
+    arguments: &Arguments,
+    name: &str,
+    kind: &'static str,
+) -> anyhow::Result<(Server, Receiver<Command>)> {
+    let address = arguments.serve.address();
+    let name = name.to_owned();
+    let (server, commands) = serve(address, About { name, kind })?;
+    print(&format!("{}\n", server.url()))?;
+    if arguments.serve.open {
+        open_browser(&server.url());
+    }
+    Ok((server, commands))
+}
+
+/// Opens a page, if there is a browser.
+pub(super) fn open_browser(url: &str) {
+    let opened = Process::new("xdg-open")
+        .arg(url)
+        .stdout(Stdio::null())
+        .stderr(Stdio::null())
+        .spawn();
+    if opened.is_err() {
+        tell("no browser could be opened: open the URL yourself");
+    }
+}
+
+/// Nothing more happens; the page stays.
+fn wait(server: &Server, commands: &Receiver<Command>, interrupted: &AtomicBool) {
+    while !interrupted.load(Ordering::Relaxed) {
+        for command in commands.try_iter() {
+            // Of these the page takes care itself.
+            if !matches!(
+                command,
+                Command::Pause | Command::Resume | Command::Speed { .. }
+            ) {
+                let words = "it is over: nothing can be done any more";
+                server.tell([told(0.0, &command, CommandState::Failed, words)]);
+            }
+        }
+        thread::sleep(POLL * 10);
+    }
+}
+
+/// What became of a command.
+fn told(seconds: f64, command: &Command, state: CommandState, words: &str) -> Event {
+    let (node, name) = match command {
+        Command::Pause => (None, "pause".to_owned()),
+        Command::Resume => (None, "resume".to_owned()),
+        Command::Speed { times } => (None, format!("speed {times}")),
+        Command::Restart { node } => (Some(*node), "restart".to_owned()),
+        Command::Unplug { node, seconds } => (Some(*node), format!("unplug for {seconds} s")),
+        Command::Jam { seconds } => (None, format!("jam for {seconds} s")),
+        Command::Drift { node, seconds, .. } => (Some(*node), format!("drift for {seconds} s")),
+        Command::Move { node, .. } => (Some(*node), "move".to_owned()),
+        Command::JoinWindow { seconds } => (None, format!("join window {seconds} s")),
+        Command::Remove { node } => (Some(*node), "remove".to_owned()),
+        Command::Camera { node, command } => (*node, command.clone()),
+    };
+    let what = What::Command {
+        node,
+        command: name,
+        state,
+        words: words.to_owned(),
+    };
+    Event::new(seconds, what)
+}

@@ -1,0 +1,234 @@
+//! Real networks on the page: a coordinator each, on a line of its own.
+
+use std::{
+    collections::VecDeque,
+    sync::{
+        Arc,
+        atomic::{AtomicBool, Ordering},
+        mpsc::Receiver,
+    },
+    thread,
+    time::{Duration, Instant},
+};
+
+use answers::record::event::{CommandState, Event, Looker, What};
+use anyhow::{Context, bail, ensure};
+use host_sim::{
+    console::{
+        command::{command_name, parse_command},
+        session::Wish,
+    },
+    live::{Command, Server},
+};
+use site::Scenario;
+
+use super::super::{
+    console::{check_ports, read_site},
+    lines::{Lines, Trouble},
+};
+use super::{Arguments, POLL, start, told};
+
+/// How often networks are looked at.
+const LOOKS: Duration = Duration::from_millis(200);
+
+/// Until Ctrl-C. A line that fails is opened again; one that never was there is a wrong name.
+pub(super) fn run(arguments: &Arguments, interrupted: &Arc<AtomicBool>) -> anyhow::Result<()> {
+    check_ports(&arguments.port)?;
+    let site = arguments.site.as_deref().map(read_site).transpose()?;
+    let ports = (&arguments.port[..], arguments.baud);
+    let lines = Lines::open(ports, Vec::new(), interrupted)?.with_sightings();
+    let name = match &site {
+        Some(site) => site.name.clone(),
+        None => arguments.port.join(", "),
+    };
+    let (server, commands) = start(arguments, &name, "network")?;
+    let mut networks = Networks {
+        asked: lines.all.iter().map(|_| Asked::default()).collect(),
+        site: site.as_ref(),
+        lines,
+        looker: Looker::default(),
+        unclear: None,
+        server,
+        commands,
+    };
+    let begin = Instant::now();
+    let mut looked = None;
+    while !interrupted.load(Ordering::Relaxed) {
+        let now = begin.elapsed();
+        networks.exchange(now);
+        networks.take(now);
+        if looked.is_none_or(|at| now.saturating_sub(at) >= LOOKS) {
+            looked = Some(now);
+            networks.look(now);
+        }
+        thread::sleep(POLL);
+    }
+    Ok(())
+}
+
+/// What was asked of a coordinator.
+#[derive(Default)]
+struct Asked {
+    /// One thing after the other; the first is on its way, if its line has a wish.
+    pending: VecDeque<(Command, Wish)>,
+    /// What is the matter with its line, which is told once.
+    trouble: Option<String>,
+}
+
+/// All networks of a site.
+struct Networks<'a> {
+    site: Option<&'a Scenario>,
+    lines: Lines,
+    /// By line.
+    asked: Vec<Asked>,
+    looker: Looker,
+    /// Why the lines are not one site, which is told once.
+    unclear: Option<String>,
+    server: Server,
+    commands: Receiver<Command>,
+}
+
+impl Networks<'_> {
+    /// Reads what has come on every line, and tells it.
+    fn exchange(&mut self, now: Duration) {
+        for n in 0..self.lines.all.len() {
+            let is_wished = !self.lines.all[n].session.is_done();
+            match self.lines.all[n].exchange(now) {
+                Ok(()) => {
+                    let line = &self.lines.all[n];
+                    if line.is_open() && line.session.has_answered() {
+                        self.asked[n].trouble = None;
+                    }
+                    if is_wished && line.session.is_done() {
+                        self.end(now, n, CommandState::Done, "");
+                    }
+                }
+                Err(Trouble::Wish(failure)) => {
+                    self.lines.all[n].session.go_on(now);
+                    let words = failure.to_string();
+                    if !is_wished || !self.end(now, n, CommandState::Failed, &words) {
+                        self.complain(now, n, words);
+                    }
+                }
+                Err(Trouble::Line(words)) => {
+                    self.look(now);
+                    self.complain(now, n, words);
+                }
+                Err(Trouble::Interrupted) => return,
+            }
+            self.tell(now, n);
+        }
+    }
+
+    /// What a line told besides the record.
+    fn tell(&mut self, now: Duration, n: usize) {
+        let line = &mut self.lines.all[n];
+        while let Some(words) = line.session.news() {
+            let words = format!("{}{words}", line.prefix);
+            let said = What::Said { node: None, words };
+            self.server.tell([Event::new(now.as_secs_f64(), said)]);
+        }
+        let network = line.network.get();
+        while let Some(what) = line.session.happening(network) {
+            self.server.tell([Event::new(now.as_secs_f64(), what)]);
+        }
+    }
+
+    /// What became of the first thing that was asked of a coordinator. Whether there was any.
+    fn end(&mut self, now: Duration, n: usize, state: CommandState, why: &str) -> bool {
+        let Some((command, _)) = self.asked[n].pending.pop_front() else {
+            return false;
+        };
+        let words = match why {
+            "" => self.lines.all[n].prefix.trim_end_matches(": ").to_owned(),
+            why => format!("{}{why}", self.lines.all[n].prefix),
+        };
+        let seconds = now.as_secs_f64();
+        self.server.tell([told(seconds, &command, state, &words)]);
+        true
+    }
+
+    fn complain(&mut self, now: Duration, n: usize, words: String) {
+        let words = Some(words);
+        if self.asked[n].trouble == words {
+            return;
+        }
+        self.asked[n].trouble = words;
+        let words = self.asked[n].trouble.iter();
+        let words = words.map(|words| format!("{}: {words}", self.lines.all[n].path));
+        let said = words.map(|words| What::Said { node: None, words });
+        let events = said.map(|said| Event::new(now.as_secs_f64(), said));
+        self.server.tell(events);
+    }
+
+    fn look(&mut self, now: Duration) {
+        match self.lines.record(now, self.site) {
+            Ok(record) => {
+                self.unclear = None;
+                self.server.tell(self.looker.look(&record));
+            }
+            Err(error) => {
+                let words = error.to_string();
+                if self.unclear.as_ref() != Some(&words) {
+                    self.unclear = Some(words.clone());
+                    let said = What::Said { node: None, words };
+                    self.server.tell([Event::new(now.as_secs_f64(), said)]);
+                }
+            }
+        }
+    }
+
+    /// What people ask for goes to whom it concerns, one thing after the other.
+    fn take(&mut self, now: Duration) {
+        let seconds = now.as_secs_f64();
+        let commands: Vec<_> = self.commands.try_iter().collect();
+        for command in commands {
+            let (state, words) = match self.wish(&command) {
+                Ok(()) => (CommandState::Asked, String::new()),
+                Err(why) => (CommandState::Failed, why.to_string()),
+            };
+            self.server.tell([told(seconds, &command, state, &words)]);
+        }
+        for (line, asked) in self.lines.all.iter_mut().zip(&self.asked) {
+            if line.session.is_done()
+                && let Some((_, wish)) = asked.pending.front()
+            {
+                line.session.wish(*wish);
+            }
+        }
+    }
+
+    /// Hands a command to the coordinators that it concerns.
+    fn wish(&mut self, command: &Command) -> anyhow::Result<()> {
+        match *command {
+            Command::JoinWindow { seconds } => {
+                for asked in &mut self.asked {
+                    let wish = Wish::JoinWindow(seconds);
+                    asked.pending.push_back((command.clone(), wish));
+                }
+            }
+            Command::Remove { node } => {
+                let of = self.lines.of(node);
+                let of = of.with_context(|| format!("node {node} is no member"))?;
+                let wish = (command.clone(), Wish::Remove(node));
+                self.asked[of].pending.push_back(wish);
+            }
+            Command::Camera { node, ref command } => {
+                let order = parse_command(command).context("cameras know no such command")?;
+                let mut meant = self.lines.cameras();
+                meant.retain(|(_, id)| node.is_none_or(|node| node == *id));
+                ensure!(!meant.is_empty(), "no such camera is a member");
+                for (of, id) in meant {
+                    let command = Command::Camera {
+                        node: Some(id),
+                        command: command_name(order),
+                    };
+                    let wish = (command, Wish::Command(id, order));
+                    self.asked[of].pending.push_back(wish);
+                }
+            }
+            _ => bail!("only a simulation can do that"),
+        }
+        Ok(())
+    }
+}

@@ -1,0 +1,204 @@
+//! A simulation on the page, and what people there do to it.
+
+use std::{
+    sync::{
+        Arc,
+        atomic::{AtomicBool, Ordering},
+        mpsc::Receiver,
+    },
+    thread,
+};
+
+use answers::record::event::CommandState;
+use anyhow::{Context, ensure};
+use host_sim::{
+    console::command::parse_command,
+    live::{Command, Server},
+    network::{Onlooker, Options, Simulation},
+};
+use site::{Action, Overrides, Purpose, Scenario};
+use virtual_bench::executor::times_real_time;
+
+use super::super::tell;
+use super::{Arguments, POLL, start, told, wait};
+
+/// How often a simulation is looked at, nanoseconds.
+const LOOKS: u64 = 100_000_000;
+
+pub(super) fn run(
+    arguments: &Arguments,
+    source: &str,
+    interrupted: &Arc<AtomicBool>,
+) -> anyhow::Result<()> {
+    let overrides = Overrides {
+        seed: arguments.seed,
+        path: arguments.path,
+        nodes: arguments.nodes,
+        ..Overrides::default()
+    };
+    let scenario = Scenario::load(source, &overrides)?;
+    for assumption in scenario.assumptions(Purpose::Rehearsal) {
+        tell(format_args!("{source}: {assumption}"));
+    }
+    let name = scenario.name.clone();
+    let options = Options {
+        speed: arguments.speed.0,
+        further_stops: arguments.further_stops,
+        stop: interrupted.clone(),
+        ..Options::default()
+    };
+    let mut simulation = Simulation::new(scenario, options)?;
+    simulation.watch();
+    simulation.take_orders();
+    if arguments.speed.0.is_none() {
+        simulation.set_pace(|_| ());
+    }
+    let (server, commands) = start(arguments, &name, "simulation")?;
+    let mut controls = Controls {
+        server: &server,
+        commands: &commands,
+        interrupted,
+        times: arguments.speed.0,
+    };
+    let mut onlooker = Onlooker::default();
+    let record = simulation.run_watched(
+        LOOKS,
+        |_| (),
+        |simulation| {
+            server.tell(onlooker.look(simulation));
+            controls.take(simulation);
+        },
+    );
+    let why = interrupted.load(Ordering::Relaxed).then_some("interrupted");
+    server.tell(onlooker.end(&simulation, &record, why));
+    wait(&server, &commands, interrupted);
+    Ok(())
+}
+
+/// What people at the page do to a simulation.
+struct Controls<'a> {
+    server: &'a Server,
+    commands: &'a Receiver<Command>,
+    interrupted: &'a AtomicBool,
+    times: Option<f64>,
+}
+
+impl Controls<'_> {
+    fn take(&mut self, simulation: &mut Simulation) {
+        let mut is_paused = false;
+        loop {
+            for command in self.commands.try_iter() {
+                match command {
+                    Command::Pause => is_paused = true,
+                    Command::Resume => is_paused = false,
+                    _ => {}
+                }
+                let seconds = simulation.seconds();
+                let event = match self.act(simulation, &command) {
+                    Ok(true) => told(seconds, &command, CommandState::Done, ""),
+                    Ok(false) => told(seconds, &command, CommandState::Asked, ""),
+                    Err(why) => told(seconds, &command, CommandState::Failed, &why.to_string()),
+                };
+                self.server.tell([event]);
+            }
+            if !is_paused || self.interrupted.load(Ordering::Relaxed) {
+                return;
+            }
+            thread::sleep(POLL);
+        }
+    }
+
+    /// Whether it is done already; a node's command is when the node says so.
+    fn act(&mut self, simulation: &mut Simulation, command: &Command) -> anyhow::Result<bool> {
+        let duration = |seconds: f64| -> anyhow::Result<f64> {
+            ensure!(
+                (0.0..=86_400.0).contains(&seconds),
+                "a time from 0 to 86400 s is needed"
+            );
+            Ok(seconds)
+        };
+        let known = |node: u16| -> anyhow::Result<u16> {
+            ensure!(simulation.config(node).is_some(), "there is no node {node}");
+            Ok(node)
+        };
+        let action = match *command {
+            Command::Pause => return Ok(true),
+            Command::Resume => {
+                self.pace(simulation);
+                return Ok(true);
+            }
+            Command::Speed { times } => {
+                ensure!(
+                    (0.0..=1e6).contains(&times),
+                    "a speed from 0 to 1000000 is needed"
+                );
+                self.times = (times > 0.0).then_some(times);
+                self.pace(simulation);
+                return Ok(true);
+            }
+            Command::Restart { node } => Action::Restart { node: known(node)? },
+            Command::Unplug { node, seconds } => Action::UnplugCamera {
+                node: known(node)?,
+                for_s: duration(seconds)?,
+                with_power: true,
+            },
+            Command::Jam { seconds } => Action::Jam {
+                for_s: duration(seconds)?,
+                channel: None,
+                at: None,
+                reach: None,
+            },
+            Command::Drift {
+                node,
+                seconds,
+                share,
+            } => {
+                ensure!(share.abs() <= 1.0, "a share from -1 to 1 is needed");
+                Action::Slip {
+                    node: known(node)?,
+                    for_s: duration(seconds)?,
+                    distance: share,
+                    heading_deg: 0.0,
+                }
+            }
+            Command::Move { node, by, turn_deg } => {
+                let is_finite = by.iter().all(|by| by.is_finite()) && turn_deg.is_finite();
+                ensure!(is_finite, "numbers are needed");
+                Action::BumpCamera {
+                    node: known(node)?,
+                    by,
+                    turn_deg,
+                }
+            }
+            Command::JoinWindow { seconds } => {
+                simulation.let_join(seconds);
+                return Ok(false);
+            }
+            Command::Remove { node } => {
+                ensure!(simulation.remove(node), "node {node} is no member");
+                return Ok(false);
+            }
+            Command::Camera { node, ref command } => {
+                let order = parse_command(command).context("cameras know no such command")?;
+                let record = simulation.record();
+                let all = record.cameras().map(|camera| camera.id);
+                let meant: Vec<u16> = all
+                    .filter(|id| node.is_none_or(|node| node == *id))
+                    .collect();
+                ensure!(!meant.is_empty(), "there is no such camera");
+                let sent = meant.iter().filter(|id| simulation.order(**id, order));
+                ensure!(sent.count() > 0, "no such camera is a member");
+                return Ok(false);
+            }
+        };
+        simulation.act(action);
+        Ok(true)
+    }
+
+    fn pace(&self, simulation: &mut Simulation) {
+        match self.times {
+            Some(times) => simulation.set_pace(times_real_time(times)),
+            None => simulation.set_pace(|_| ()),
+        }
+    }
+}

@@ -1,0 +1,242 @@
+//! A site's file as people change it at the page: of what they do not change, every letter is kept.
+
+use serde::{Deserialize, Serialize};
+use site::{
+    ObstacleTable, Overrides, Scenario, ScenarioError,
+    design::{Advice, Design},
+};
+use toml_edit::DocumentMut;
+
+mod file;
+#[cfg(test)]
+mod tests;
+
+/// Further cameras and stops that are advised.
+const ADVISED: usize = 3;
+
+/// What can be changed of a site.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Layout {
+    /// The cameras of each network.
+    pub networks: Vec<Vec<Placed>>,
+    /// Obstacles.
+    pub obstacles: Vec<Hindrance>,
+}
+
+/// Where a camera is to be.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Placed {
+    /// Its number.
+    pub id: u16,
+    /// Where.
+    pub x: f64,
+    /// Where.
+    pub y: f64,
+    /// Direction, degrees from the x axis.
+    pub heading_deg: f64,
+}
+
+/// An obstacle.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Hindrance {
+    /// Which of the file's obstacles it was, from 0, if any. They stay in their order.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub of: Option<usize>,
+    /// What it is now; one of the file stays of its kind.
+    pub is: ObstacleTable,
+}
+
+/// A site with what is expected of it.
+#[derive(Clone, Debug, Serialize)]
+pub struct Judged {
+    /// What is expected; `None` if it cannot be put up.
+    pub design: Option<Design>,
+    /// Why not.
+    pub refused: Option<String>,
+    /// Where one more would help most, if that was asked.
+    pub advice: Option<Advice>,
+}
+
+/// A site as the page begins with it.
+#[derive(Clone, Debug, Serialize)]
+pub struct Begun {
+    /// Its name.
+    pub name: String,
+    /// Name of its unit of length.
+    pub unit: String,
+    /// Lowest and highest corner of the place.
+    pub bounds: [[f64; 2]; 2],
+    /// It was a `grid`, and what is saved names each camera.
+    pub was_grid: bool,
+    /// Cameras and obstacles.
+    pub layout: Layout,
+    /// Numbers of nodes without a camera.
+    pub taken: Vec<u16>,
+}
+
+/// Why a file cannot be edited.
+#[derive(Debug, thiserror::Error)]
+pub enum EditError {
+    /// It is no site.
+    #[error(transparent)]
+    Site(#[from] ScenarioError),
+    /// It is no TOML.
+    #[error(transparent)]
+    Text(#[from] toml_edit::TomlError),
+    /// The networks of its grid cannot be written down.
+    #[error("its grid cannot be written as cameras: {0}")]
+    Grid(#[from] toml::ser::Error),
+    /// A camera has no place yet.
+    #[error("camera {0} has no `x`, `y` and `heading_deg`: give it some first")]
+    Unplaced(u16),
+    /// The page speaks of something that the file does not have.
+    #[error("the file has no such {0}")]
+    Unknown(&'static str),
+    /// A number is none.
+    #[error("a place is not a number")]
+    NotFinite,
+}
+
+/// The file.
+#[derive(Clone, Debug)]
+pub struct Editor {
+    text: String,
+    document: DocumentMut,
+    scenario: Scenario,
+    was_grid: bool,
+}
+
+impl Editor {
+    /// The text of a site's file.
+    ///
+    /// # Errors
+    /// [`EditError`]
+    pub fn new(text: &str) -> Result<Self, EditError> {
+        let scenario = Scenario::from_toml(text, &Overrides::default())?;
+        let mut document: DocumentMut = text.parse()?;
+        let was_grid = document.remove("grid").is_some();
+        if was_grid {
+            file::write_out(&mut document, &scenario)?;
+        }
+        let editor = Self {
+            text: match was_grid {
+                true => document.to_string(),
+                false => text.to_owned(),
+            },
+            document,
+            scenario,
+            was_grid,
+        };
+        editor.layout()?;
+        Ok(editor)
+    }
+
+    /// What the page has to know.
+    ///
+    /// # Errors
+    /// [`EditError::Unplaced`]
+    pub fn begun(&self) -> Result<Begun, EditError> {
+        let world = &self.scenario.world;
+        Ok(Begun {
+            name: self.scenario.name.clone(),
+            unit: self.scenario.unit.clone(),
+            bounds: [world.low, world.high],
+            was_grid: self.was_grid,
+            layout: self.layout()?,
+            taken: { self.scenario.networks.iter() }
+                .flat_map(|network| network.targets.iter().map(|target| target.id))
+                .collect(),
+        })
+    }
+
+    /// What the file has.
+    fn layout(&self) -> Result<Layout, EditError> {
+        let placed = |camera: &site::PlacedCamera| {
+            let place = camera.place().zip(camera.heading_deg);
+            let (place, heading_deg) = place.ok_or(EditError::Unplaced(camera.id))?;
+            Ok(Placed {
+                id: camera.id,
+                x: place.x,
+                y: place.y,
+                heading_deg,
+            })
+        };
+        let networks = self.scenario.networks.iter();
+        let networks = networks.map(|network| network.cameras.iter().map(placed).collect());
+        let obstacles = self.scenario.world.obstacles.iter().enumerate();
+        Ok(Layout {
+            networks: networks.collect::<Result<_, EditError>>()?,
+            obstacles: obstacles
+                .map(|(n, is)| Hindrance {
+                    of: Some(n),
+                    is: is.clone(),
+                })
+                .collect(),
+        })
+    }
+
+    /// The file's text with this layout.
+    ///
+    /// # Errors
+    /// [`EditError`]: the page speaks of something else, or what comes out is no site.
+    pub fn text(&self, layout: &Layout) -> Result<String, EditError> {
+        let known = self.layout()?;
+        if *layout == known {
+            return Ok(self.text.clone());
+        }
+        let mut numbers = { layout.networks.iter().flatten() }
+            .flat_map(|camera| [camera.x, camera.y, camera.heading_deg])
+            .chain(
+                layout
+                    .obstacles
+                    .iter()
+                    .flat_map(|one| file::numbers_of(&one.is)),
+            );
+        if !numbers.all(f64::is_finite) {
+            return Err(EditError::NotFinite);
+        }
+        if layout.networks.len() != known.networks.len() {
+            return Err(EditError::Unknown("network"));
+        }
+        let mut document = self.document.clone();
+        for (n, (new, old)) in layout.networks.iter().zip(&known.networks).enumerate() {
+            if new != old {
+                let network =
+                    file::network(&mut document, n).ok_or(EditError::Unknown("network"))?;
+                file::cameras(network, new, old);
+            }
+        }
+        if layout.obstacles != known.obstacles {
+            file::obstacles(&mut document, &layout.obstacles, known.obstacles.len())?;
+        }
+        let text = document.to_string();
+        Scenario::from_toml(&text, &Overrides::default())?;
+        Ok(text)
+    }
+
+    /// What to expect of the site with this layout.
+    pub fn judge(&self, layout: &Layout, is_advised: bool) -> Judged {
+        let judged = || -> Result<_, EditError> {
+            let scenario = Scenario::from_toml(&self.text(layout)?, &Overrides::default())?;
+            let advice = is_advised
+                .then(|| Advice::on(&scenario, ADVISED))
+                .transpose()?;
+            Ok((Design::of(&scenario)?, advice))
+        };
+        match judged() {
+            Ok((design, advice)) => Judged {
+                design: Some(design),
+                refused: None,
+                advice,
+            },
+            Err(error) => Judged {
+                design: None,
+                refused: Some(error.to_string()),
+                advice: None,
+            },
+        }
+    }
+}

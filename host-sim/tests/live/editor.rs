@@ -1,0 +1,237 @@
+//! The page on which a site is edited.
+
+use std::{fs, path::Path, process::Stdio};
+
+use serde_json::json;
+use tempfile::TempDir;
+
+use super::{
+    browser::{Browser, host_sim, served},
+    looks::{ask, await_file, read},
+};
+
+/// What the editor's page tells of a camera: the cells of its row.
+async fn row(browser: &Browser, camera: u16) -> Vec<String> {
+    let cells = format!(
+        "return [...document.querySelector('#cameras tr[data-camera=\"{camera}\"]').cells]
+            .map(cell => cell.textContent)"
+    );
+    serde_json::from_value(browser.run(&cells).await).unwrap()
+}
+
+/// Drags from one place of the plan to another.
+fn drag(from: [f64; 2], to: [f64; 2]) -> String {
+    let [[a, b], [c, d]] = [from, to];
+    format!(
+        "const svg = document.getElementById('site');
+         const at = (x, y) => new DOMPoint(x, -y).matrixTransform(svg.getScreenCTM());
+         const event = (name, x, y) => new PointerEvent(name,
+             {{clientX: at(x, y).x, clientY: at(x, y).y, pointerId: 1, bubbles: true}});
+         // Only pointers that there are can be captured.
+         svg.setPointerCapture = () => {{}};
+         const from = document.elementFromPoint(at({a}, {b}).x, at({a}, {b}).y);
+         from.dispatchEvent(event('pointerdown', {a}, {b}));
+         svg.dispatchEvent(event('pointermove', {c}, {d}));
+         svg.dispatchEvent(event('pointerup', {c}, {d}));"
+    )
+}
+
+/// Waits until the server has judged what was done last.
+async fn judged(browser: &Browser) {
+    let done = "return document.getElementById('link').textContent === 'computed' && isJudged()";
+    let is = "window.isJudged = () => document.body.dataset.judged !== window.judgedBefore";
+    browser.run(is).await;
+    browser.until(done).await;
+    browser
+        .run("window.judgedBefore = document.body.dataset.judged")
+        .await;
+}
+
+#[tokio::test]
+async fn a_site_is_edited_and_calibrates() {
+    let folder = TempDir::new().unwrap();
+    // A name that would be more than text, were it not escaped.
+    let [site, saved, record] = ["<img src=x onerror=alert(1)>.toml", "saved.toml", "r.json"]
+        .map(|name| folder.path().join(name));
+    let (_, thesis) = site::BUILT_IN[0];
+    let hostile = "name = \"<script>document.body.dataset.hostile = 'true'</script>\"";
+    let text = thesis.replace("name = \"thesis-13\"", hostile);
+    assert_ne!(text, thesis);
+    fs::write(&site, &text).unwrap();
+    let path = |path: &Path| path.to_str().unwrap().to_owned();
+    let (_server, url) = served(&["edit", &path(&site), "--save", &path(&saved)]);
+    let browser = Browser::start(1280).await;
+    browser.client.goto(&url).await.unwrap();
+    judged(&browser).await;
+    let before = row(&browser, 3).await;
+    assert_eq!(before[1], "15.00, 2.00");
+    let sigma = |row: &[String]| row[4].parse::<f64>().unwrap();
+    assert!(sigma(&before) > 0.0 && sigma(&before) < 0.1, "{before:?}");
+    let cells = "return document.querySelectorAll('#site .cell').length > 100";
+    assert_eq!(browser.run(cells).await, json!(true));
+
+    // Moved and turned with a pointer, and back.
+    browser.run(&drag([15.0, 2.0], [15.5, 2.5])).await;
+    judged(&browser).await;
+    let moved = row(&browser, 3).await;
+    assert_eq!(moved[1], "15.50, 2.50");
+    assert_ne!(sigma(&moved), sigma(&before));
+    browser.run("document.getElementById('undo').click()").await;
+    judged(&browser).await;
+    assert_eq!(row(&browser, 3).await, before);
+    browser.run("document.getElementById('redo').click()").await;
+    judged(&browser).await;
+    assert_eq!(row(&browser, 3).await, moved);
+    // Turned with a key.
+    let key = "document.querySelector('#site [data-key=\"camera-0-3\"]').focus();
+        document.dispatchEvent(new KeyboardEvent('keydown', {key: 'q'}))";
+    browser.run(key).await;
+    judged(&browser).await;
+    assert_eq!(row(&browser, 3).await[2], "131.0°");
+    // A further camera where it is advised.
+    browser
+        .run("document.getElementById('advise').click()")
+        .await;
+    judged(&browser).await;
+    browser
+        .run("document.querySelector('#advice button').click()")
+        .await;
+    judged(&browser).await;
+    let further = row(&browser, 14).await;
+    assert!(sigma(&further) > 0.0, "{further:?}");
+    // A wall at the border.
+    let wall = "document.getElementById('tool-wall').click();
+        const svg = document.getElementById('site');
+        const at = (x, y) => new DOMPoint(x, -y).matrixTransform(svg.getScreenCTM());
+        for (const [x, y] of [[26, 26], [27.5, 26]]) {
+            svg.dispatchEvent(new PointerEvent('pointerdown', {clientX: at(x, y).x, clientY: at(x, y).y}));
+        }
+        document.dispatchEvent(new KeyboardEvent('keydown', {key: 'Enter'}))";
+    browser.run(wall).await;
+    judged(&browser).await;
+    browser.run("document.getElementById('save').click()").await;
+    browser
+        .until("return document.getElementById('link').textContent.startsWith('saved as')")
+        .await;
+
+    // The input is as it was; of the new file only what was changed differs, and it calibrates.
+    assert_eq!(fs::read_to_string(&site).unwrap(), text);
+    let new = fs::read_to_string(&saved).unwrap();
+    let lost: Vec<_> = { text.lines() }
+        .filter(|line| !new.lines().any(|other| other == *line))
+        .collect();
+    assert_eq!(lost.len(), 1, "{lost:?}");
+    assert!(lost[0].contains("id = 3"), "{lost:?}");
+    assert!(new.contains("wall = "), "{new}");
+    let ended = host_sim(&["run", &path(&saved), "--json", &path(&record)])
+        .stdout(Stdio::null())
+        .status()
+        .unwrap();
+    assert!(ended.success());
+    let record = read(&record);
+    assert_eq!(record.cameras().count(), 14);
+    assert!(record.cameras().all(|camera| camera.estimate.is_some()));
+
+    let hostile = "return [document.body.dataset.hostile ?? null, document.getElementById('name').textContent]";
+    let name = "<script>document.body.dataset.hostile = 'true'</script>";
+    assert_eq!(browser.run(hostile).await, json!([null, name]));
+    let own = &url[..url.find('#').unwrap()];
+    browser.is_clean(own).await;
+    browser.end().await;
+
+    // Neither another page nor one without the token.
+    let host = own["http://".len()..].trim_end_matches('/');
+    let token = &url[url.find('#').unwrap() + 1..];
+    for (path, origin, token) in [
+        ("design", "http://elsewhere.example".to_owned(), token),
+        ("save", "http://elsewhere.example".to_owned(), token),
+        ("design", format!("http://{host}"), "0123"),
+        ("save", format!("http://{host}"), "0123"),
+    ] {
+        let request = format!(
+            "POST /{path} HTTP/1.1\r\nHost: {host}\r\nOrigin: {origin}\r\nX-Token: {token}\r\n\
+             Content-Type: application/json\r\nContent-Length: 2\r\nConnection: close\r\n\r\n{{}}"
+        );
+        assert_eq!(ask(&url, &request), "HTTP/1.1 403 Forbidden", "{path}");
+    }
+    let request =
+        format!("GET /site?token=0123 HTTP/1.1\r\nHost: {host}\r\nConnection: close\r\n\r\n");
+    assert_eq!(ask(&url, &request), "HTTP/1.1 403 Forbidden");
+}
+
+/// Without `--save` the browser keeps the file; existing walls move, by pointer and by key.
+#[tokio::test]
+async fn a_wall_is_moved_and_the_file_downloaded() {
+    let folder = TempDir::new().unwrap();
+    let site = folder.path().join("walled.toml");
+    let (_, thesis) = site::BUILT_IN[0];
+    let wall = "obstacle = [{ wall = [[1.0, 25.0], [3.0, 25.0]] }] # the shelf\n[camera]\n";
+    let text = thesis.replacen("[camera]\n", wall, 1);
+    assert_ne!(text, thesis);
+    fs::write(&site, &text).unwrap();
+    let (_server, url) = served(&["edit", site.to_str().unwrap()]);
+    let browser = Browser::start(1280).await;
+    browser.client.goto(&url).await.unwrap();
+    judged(&browser).await;
+    // All of it, then one end of it, then all of it by key.
+    browser.run(&drag([2.0, 25.0], [2.5, 25.5])).await;
+    judged(&browser).await;
+    browser.run(&drag([3.5, 25.5], [4.0, 26.0])).await;
+    judged(&browser).await;
+    let key =
+        "document.dispatchEvent(new KeyboardEvent('keydown', {key: 'ArrowLeft', shiftKey: true}))";
+    browser.run(key).await;
+    judged(&browser).await;
+    browser.run("document.getElementById('save').click()").await;
+    let kept = browser.profile.path().join("site.toml");
+    await_file(kept.to_str().unwrap());
+    let expected = text.replace("[[1.0, 25.0], [3.0, 25.0]]", "[[0.5, 25.5], [3.0, 26.0]]");
+    assert_eq!(fs::read_to_string(&kept).unwrap(), expected);
+    browser.end().await;
+}
+
+/// Cameras of a grid become cameras that can be moved; advice says of which network a further one is.
+#[tokio::test]
+async fn a_grid_is_edited_and_fits_a_phone() {
+    let folder = TempDir::new().unwrap();
+    let path = |name: &str| folder.path().join(name).to_str().unwrap().to_owned();
+    let [site, saved] = ["two.toml", "saved.toml"].map(path);
+    let two = "name = \"two\"\n[camera]\nfield_of_view_deg = 60.0\nrange = 8.0\n[grid]\nnodes = 8\ncell_nodes = 4\n";
+    fs::write(&site, two).unwrap();
+    let (_server, url) = served(&["edit", &site, "--save", &saved]);
+    let browser = Browser::start(390).await;
+    browser.client.goto(&url).await.unwrap();
+    judged(&browser).await;
+    let said = "return !document.getElementById('grid').hidden";
+    assert_eq!(browser.run(said).await, json!(true));
+    let wide = "return [innerWidth, document.documentElement.scrollWidth]";
+    assert_eq!(browser.run(wide).await, json!([390, 390]));
+    browser
+        .run("document.getElementById('advise').click()")
+        .await;
+    judged(&browser).await;
+    let advised = "return document.querySelector('#advice li').textContent";
+    let advised = browser.run(advised).await;
+    let advised = advised.as_str().unwrap();
+    let network = ["1", "2"]
+        .into_iter()
+        .find(|n| advised.contains(&format!("of network {n} at")));
+    let network: usize = network.expect(advised).parse().unwrap();
+    browser
+        .run("document.querySelector('#advice button').click()")
+        .await;
+    judged(&browser).await;
+    browser.run("document.getElementById('save').click()").await;
+    browser
+        .until("return document.getElementById('link').textContent.startsWith('saved as')")
+        .await;
+    let saved = site::Scenario::load(&saved, &site::Overrides::default()).unwrap();
+    let ids = |n: usize| -> Vec<u16> {
+        let cameras = saved.networks[n].cameras.iter();
+        cameras.map(|camera| camera.id).collect()
+    };
+    let mut expected = [vec![1, 2, 3, 4], vec![5, 6, 7, 8]];
+    expected[network - 1].push(9);
+    assert_eq!([ids(0), ids(1)], expected);
+    browser.end().await;
+}
