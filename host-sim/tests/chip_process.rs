@@ -64,7 +64,15 @@ fn stands_for_chips() {
             Orders::Load(_) | Orders::Debug(..) => continue,
         }
         let deeds = Vec::new();
-        write(&mut reports, &Reports { reached, deeds }).unwrap();
+        write(
+            &mut reports,
+            &Reports {
+                reached,
+                next: reached,
+                deeds,
+            },
+        )
+        .unwrap();
     }
 }
 
