@@ -260,7 +260,7 @@ impl Camera {
     pub(crate) async fn run(&mut self, ball: &Cell<f64>) {
         std::future::poll_fn(|_| {
             self.work(ball.get() + 0.5);
-            Poll::Pending
+            Poll::<()>::Pending
         })
         .await;
     }
