@@ -68,7 +68,7 @@ fn compare(sh: &Shell) -> Result<()> {
     let manifest = setup::EMULATOR;
     let by_chip = cmd!(
         sh,
-        "cargo run --release --locked --manifest-path {manifest} --target-dir {BUILT} --example print -- {image}"
+        "cargo run --release --locked --manifest-path {manifest} --target-dir {BUILT} --bin print -- {image}"
     )
     .env("RUSTUP_TOOLCHAIN", setup::EMULATOR_TOOLCHAIN)
     .read()?;
