@@ -1,5 +1,4 @@
-//! Programs that run alone on a chip and print to whoever debugs it (Arm, "Semihosting for AArch32 and
-//! AArch64").
+//! Programs that run alone on a chip and print over semihosting, to whoever debugs them.
 
 use std::{collections::BTreeMap, fmt, path::Path};
 

@@ -258,7 +258,7 @@ impl Camera {
 
     /// Never ends. The middle of the ball is in this column, counted from 0 at the middle of the first one.
     pub(crate) async fn run(&mut self, ball: &Cell<f64>) {
-        std::future::poll_fn(|_| {
+        std::future::poll_fn::<(), _>(|_| {
             self.work(ball.get() + 0.5);
             Poll::<()>::Pending
         })
