@@ -28,7 +28,7 @@ use super::{
 #[derive(Args)]
 #[command(after_help = EPILOGUE)]
 pub(super) struct Arguments {
-    /// `thesis-13`, `lab`, `office`, or the file of a site.
+    /// `thesis-13`, `lab`, `grid`, `office`, or the file of a site.
     #[arg(value_name = "SITE|FILE.toml")]
     site: String,
     /// Where the page saves to. Default: the browser downloads the file.

@@ -206,6 +206,9 @@ async fn a_grid_is_edited_and_fits_a_phone() {
     assert_eq!(browser.run(said).await, json!(true));
     let wide = "return [innerWidth, document.documentElement.scrollWidth]";
     assert_eq!(browser.run(wide).await, json!([390, 390]));
+    let table =
+        "const list = document.getElementById('list'); return list.scrollWidth <= list.clientWidth";
+    assert_eq!(browser.run(table).await, json!(true), "the table fits");
     browser
         .run("document.getElementById('advise').click()")
         .await;

@@ -231,7 +231,7 @@ async fn a_target_that_stands_is_drawn_where_it_believes_to_be() {
     let drawn = "const stop = window.shown().record.targets[0].stops.at(-1).stop;
         const text = window.drawn.find(([name, words]) => name === 'fillText' && words === String(stop));
         return text !== undefined && [6, 8].every(radius => window.drawn.some(([name, x, y, r]) =>
-            name === 'arc' && r === radius && Math.hypot(x - text[2], y - text[3]) < 1))";
+            name === 'arc' && r === radius && Math.abs(x - text[2]) < 1 && Math.abs(y - text[3]) < 15))";
     browser.until(drawn).await;
 
     // The first stop may be known with its target; of a later one its begin is told, and then who saw it there.

@@ -198,7 +198,8 @@ class Brush {
       context.arc(x, y, 8, 0, 2 * Math.PI);
       context.fill();
       context.stroke();
-      this.word(stop.stop, x, y + 0.5, '11px', 'ink');
+      // Nodes count on from any number: what is too long for the circle stands above it.
+      this.word(stop.stop, x, stop.stop < 1000 ? y + 0.5 : y - 14, '11px', 'ink');
     }
   }
 

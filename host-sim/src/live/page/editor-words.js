@@ -19,7 +19,7 @@ function panels() {
     row.classList.toggle('selected', camera === selectedCamera());
     const what = expected(network, camera.id);
     const number = (value, digits) => (value === null || value === undefined ? '-' : value.toFixed(digits));
-    cell(row, camera.id + (what?.reference ? ' (reference)' : ''), true);
+    cell(row, camera.id + (what?.reference ? ' ref.' : ''), true);
     cell(row, `${camera.x.toFixed(2)}, ${camera.y.toFixed(2)}`);
     cell(row, `${camera.heading_deg.toFixed(1)}°`);
     cell(row, what ? what.stops : '-');
