@@ -219,7 +219,7 @@ fn whatever_a_scenario_has_go_wrong_does() {
     let within = |from: f64, to: f64| sent.iter().filter(|at| (from..to).contains(*at)).count();
     let counts = [within(0.0, 3.0), within(3.001, 6.0), within(6.0, 9.0)];
     assert!(
-        counts[0] > 5 && counts[1] == 0 && counts[2] > 5,
+        counts[0] > 5 && counts[1] == 0 && counts[2] > 2,
         "{counts:?}"
     );
     // Whose flash is worn works from RAM, and says so.

@@ -20,8 +20,10 @@ use std::{
     cell::{Cell, RefCell},
     collections::{BTreeMap, VecDeque},
     fs,
+    future::poll_fn,
     path::Path,
     rc::Rc,
+    task::{Poll, Waker},
 };
 
 use board_support::flash::NRF52840;
@@ -171,7 +173,8 @@ impl Pool {
             lamps: Signal::new(),
             failure: Signal::new(),
             is_to_stand: Cell::new(false),
-            writes: Signal::new(),
+            stood: Cell::default(),
+            waiting: RefCell::default(),
             antenna: Cell::new(None),
             end: RefCell::default(),
             has_changed: Cell::new(false),
@@ -289,7 +292,9 @@ impl Pool {
             Deed::Logs(line) => note(&line),
             Deed::Writes(takes) => {
                 board.is_to_stand.set(false);
-                board.writes.signal(takes);
+                let (often, _) = board.stood.get();
+                board.stood.set((often + 1, takes));
+                board.waiting.borrow_mut().drain(..).for_each(Waker::wake);
             }
             Deed::Restarts(by) => {
                 note(&format!("restarts, by {by}"));
@@ -371,9 +376,11 @@ pub(in crate::network) struct Board {
     came: Signal<NoopRawMutex, ()>,
     lamps: Signal<NoopRawMutex, Indication>,
     failure: Signal<NoopRawMutex, String>,
-    /// It is to stand still in the middle of the next work on its flash; when it does, how long that takes.
+    /// It is to stand still in the middle of the next work on its flash.
     is_to_stand: Cell<bool>,
-    writes: Signal<NoopRawMutex, Time>,
+    /// How often it did, how long the last one takes, and who waits for the next.
+    stood: Cell<(u64, Time)>,
+    waiting: RefCell<Vec<Waker>>,
     antenna: Cell<Option<virtual_bench::medium::NodeId>>,
     end: RefCell<End>,
     /// Its flash is not what it was when it was last shown.
@@ -523,7 +530,17 @@ impl Board {
     pub(in crate::network) async fn next_write(&self) -> Time {
         self.is_to_stand.set(true);
         self.queue.push(self.number(), Order::StandInWrite);
-        self.writes.wait().await
+        let (before, _) = self.stood.get();
+        // Several may wait.
+        poll_fn(|context| {
+            let (often, takes) = self.stood.get();
+            if often != before {
+                return Poll::Ready(takes);
+            }
+            self.waiting.borrow_mut().push(context.waker().clone());
+            Poll::Pending
+        })
+        .await
     }
 
     /// What is known of its chip, once the simulation has ended.
