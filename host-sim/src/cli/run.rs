@@ -179,6 +179,11 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
         "--image is for emulated boards: leave it out, or say `--backend nrf52840`"
     );
     ensure!(
+        arguments.port.is_empty() || arguments.backend != Backend::Nrf52840,
+        "emulated chips have a time of their own, and a real camera another: leave out --port, or say \
+         `--backend host`"
+    );
+    ensure!(
         !arguments.until_calibrated || arguments.backend != Backend::Qemu,
         "--until-calibrated reads what nodes know while they run, as boards in QEMU do not tell it: \
          leave it out, or say `--backend nrf52840`"
