@@ -159,6 +159,11 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
         "--image is for emulated chips: leave it out, or say `--backend nrf52840`"
     );
     ensure!(
+        arguments.port.is_empty() || arguments.backend != Backend::Nrf52840,
+        "emulated chips have a time of their own, and a real camera another: leave out --port, or say \
+         `--backend host`"
+    );
+    ensure!(
         arguments.gdb.is_none() || arguments.backend == Backend::Nrf52840,
         "--gdb looks into an emulated chip: leave it out, or say `--backend nrf52840`"
     );
