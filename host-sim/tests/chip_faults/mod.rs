@@ -61,7 +61,7 @@ fn lost(before: &Known, now: &Known) -> Vec<FactKey> {
 
 /// Cuts at random instants of a calibration, every other one in the middle of a write to the flash. A target
 /// that is off misses its carrier's steps, as a real one does: it loses its power where it writes, which it
-/// does where it stands.
+/// does when it has come to a stop, and when it leaves one.
 fn cuts(nodes: &[(u16, Role)], count: u64, seed: u64) -> Vec<ScriptedEvent> {
     let mut random = Root(seed).stream("cuts", 0);
     let mut cut = || {
@@ -78,8 +78,8 @@ fn cuts(nodes: &[(u16, Role)], count: u64, seed: u64) -> Vec<ScriptedEvent> {
     (0..count).map(|_| cut()).collect()
 }
 
-/// A calibration of `lab` with cuts. How many there were, of which so many tore a write, and facts that were
-/// there before one of them.
+/// A calibration of `lab` with cuts, of a target too where the seed is odd. How many there were, of which so many
+/// tore a write, and facts that were there before one of them.
 fn calibration_with_cuts(count: u64, seed: u64) -> [usize; 3] {
     let mut scenario = Scenario::load("lab", &planned()).unwrap();
     let nodes: Vec<_> = [(site::coordinator_id(0), Role::Coordinator)]
@@ -87,7 +87,10 @@ fn calibration_with_cuts(count: u64, seed: u64) -> [usize; 3] {
         .chain((1..=7).map(|id| (id, Role::Camera)))
         .chain([(20, Role::Target)])
         .collect();
-    scenario.events = cuts(&nodes, count, seed);
+    // The target is the last.
+    let has_cut_target = seed % 2 == 1;
+    let cut = &nodes[..nodes.len() - usize::from(!has_cut_target)];
+    scenario.events = cuts(cut, count, seed);
     let mut before: BTreeMap<u16, Known> = BTreeMap::new();
     let mut most = 0;
     let (_, record, [_, log]) = run_watched(scenario, 12, |simulation| {
@@ -109,6 +112,8 @@ fn calibration_with_cuts(count: u64, seed: u64) -> [usize; 3] {
         assert!(is_known, "seed {seed}: node {} is no member", node.id);
     }
     println!("{} of 7 cameras are calibrated", record.summary.calibrated);
+    // A target that missed steps does not know any more where it is, and poses stay less certain than asked for.
+    assert!(has_cut_target || record.summary.calibrated == 7);
     let log = String::from_utf8_lossy(&log);
     let made = log.matches("loses its power").count();
     let torn = log.matches("in the middle of a write").count();
@@ -240,13 +245,13 @@ fn whatever_a_scenario_has_go_wrong_does() {
     assert!(record.nodes.iter().all(|node| node.failures.is_empty()));
 }
 
-/// What was learnt outlives every loss of power, and all are members in the end. Not every camera is calibrated by
-/// then: a target that restarts may have to be located anew.
+/// What was learnt outlives every loss of power, all are members in the end, and all cameras calibrated unless the
+/// target lost its power too.
 #[test]
 #[ignore = "`cargo xtask test --stage chip`"]
 fn power_cuts_over_a_calibration_lose_nothing() {
     let number = |name, usual| env::var(name).map_or(usual, |text| text.parse().unwrap());
-    let (mut left, mut seed) = (number("NODE_CUTS", USUAL), number("NODE_SEED", 1));
+    let (mut left, mut seed) = (number("NODE_CUTS", USUAL), number("NODE_SEED", 2));
     let mut all = [0; 2];
     while left > 0 {
         let [made, torn, facts] = calibration_with_cuts(left.min(AT_ONCE), seed);
