@@ -112,8 +112,9 @@ fn calibration_with_cuts(count: u64, seed: u64) -> [usize; 3] {
         assert!(is_known, "seed {seed}: node {} is no member", node.id);
     }
     println!("{} of 7 cameras are calibrated", record.summary.calibrated);
-    // A target that missed steps does not know any more where it is, and poses stay less certain than asked for.
-    assert!(has_cut_target || record.summary.calibrated == 7);
+    // A target that missed steps does not know any more where it is, and poses stay less certain than asked for. With
+    // a cut every two seconds nobody sees enough.
+    assert!(has_cut_target || count > USUAL || record.summary.calibrated == 7);
     let log = String::from_utf8_lossy(&log);
     let made = log.matches("loses its power").count();
     let torn = log.matches("in the middle of a write").count();
@@ -245,8 +246,8 @@ fn whatever_a_scenario_has_go_wrong_does() {
     assert!(record.nodes.iter().all(|node| node.failures.is_empty()));
 }
 
-/// What was learnt outlives every loss of power, all are members in the end, and all cameras calibrated unless the
-/// target lost its power too.
+/// What was learnt outlives every loss of power, all are members in the end, and all cameras calibrated where cuts are
+/// few and the target is spared.
 #[test]
 #[ignore = "`cargo xtask test --stage chip`"]
 fn power_cuts_over_a_calibration_lose_nothing() {
