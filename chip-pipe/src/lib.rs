@@ -8,6 +8,8 @@
 //! Each message is its length, four bytes, the lowest first, and that many bytes of postcard. Both ends
 //! are built from one source, so there are no versions.
 
+pub mod one_cpu;
+
 use std::io::{self, Read, Write};
 
 use serde::{Deserialize, Serialize, de::DeserializeOwned};

@@ -11,7 +11,7 @@ use rigless::{
 
 use crate::{
     node::MEMORY,
-    processor::Program,
+    processor::{Lease, Program},
     soc::{Board, Soc},
 };
 
@@ -45,6 +45,7 @@ pub fn print(image: &Path, until: u64) -> Result<String, String> {
     let board = Board {
         soc,
         program: Program::new([program.bytes()], 0..MEMORY.start),
+        processor: Lease::default(),
     };
     let session = Session::new(Box::new(board), 0, VirtualNanos(until));
     let session = session.map_err(|error| text(&error))?;

@@ -1,15 +1,17 @@
-//! Chips that hear each other, each in a thread of its own.
+//! Chips that hear each other, each in a thread of its own, of which one runs at a time.
 //!
 //! A frame is told 130 us before it is on the air, when its radio ramps up. So no chip can be heard
 //! sooner than [`AHEAD`] after the instant at which it next does something. Each chip runs for so long
-//! after the first instant of all others, beside them, or until it does something itself that is seen
-//! outside: what comes of that may come back to it. An idle one waits for its next event.
+//! after the first instant of all others, or until it does something itself that is seen outside: what
+//! comes of that may come back to it. An idle one waits for its next event.
 
 use std::{
-    collections::BTreeMap,
+    collections::{BTreeMap, VecDeque},
     sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError},
     thread::{self, JoinHandle},
 };
+
+use chip_pipe::one_cpu::OneCpu;
 
 use crate::{
     node::{self, Node, Outcome},
@@ -96,8 +98,9 @@ struct Running {
     thread: Option<JoinHandle<Result<Outcome, String>>>,
     next: u64,
     inputs: Vec<Input>,
-    /// What it is to do, and who wakes it for that.
+    /// What it is to do, whether it is its turn, and who wakes it then.
     order: Option<Order>,
+    is_next: bool,
     bell: Arc<Condvar>,
     /// It has something to do, and has not told what came of it.
     is_running: bool,
@@ -113,6 +116,8 @@ struct Running {
 struct State {
     chips: BTreeMap<usize, Running>,
     running: usize,
+    /// Those of them whose turn comes.
+    waiting: VecDeque<usize>,
     /// Until when they go on by themselves; not at all once a deed is to be told.
     until: u64,
     reached: u64,
@@ -124,7 +129,7 @@ struct State {
 pub(crate) struct Shared {
     state: Mutex<State>,
     /// Rings when nobody runs.
-    rest: Condvar,
+    rest: Arc<Condvar>,
 }
 
 impl Shared {
@@ -132,23 +137,37 @@ impl Shared {
         self.state.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// A chip tells what it did, and waits for what it is to do; nothing once its power goes.
-    pub(crate) fn report(&self, number: usize, report: Report) -> Option<Order> {
+    /// A chip tells what it did, and waits for what it is to do; nothing once its power goes. Before it waits,
+    /// it leaves what others may need.
+    pub(crate) fn report(
+        &self,
+        number: usize,
+        report: Report,
+        leave: impl FnOnce(),
+    ) -> Option<Order> {
         let mut state = self.lock();
         state.take(number, report);
-        self.rests(&mut state, number);
+        let bell = self.rests(&mut state, number);
+        let goes_on = { state.chips.get(&number) }.is_none_or(|chip| chip.is_next);
+        if !goes_on {
+            // Whoever is woken finds everything free.
+            drop(state);
+            leave();
+            bell.notify_one();
+            state = self.lock();
+        }
         loop {
             let chip = state.chips.get_mut(&number).filter(|chip| !chip.is_off)?;
-            if let Some(order) = chip.order.take() {
-                return Some(order);
+            if core::mem::take(&mut chip.is_next) {
+                return chip.order.take();
             }
             let bell = chip.bell.clone();
             state = bell.wait(state).unwrap_or_else(PoisonError::into_inner);
         }
     }
 
-    /// A chip has nothing to do any more: the last one says who has.
-    fn rests(&self, state: &mut State, number: usize) {
+    /// A chip has nothing to do any more: the last one says who has. Whom to wake.
+    fn rests(&self, state: &mut State, number: usize) -> Arc<Condvar> {
         let chip = state.chips.get_mut(&number);
         if chip.is_some_and(|chip| core::mem::take(&mut chip.is_running)) {
             state.running -= 1;
@@ -156,9 +175,7 @@ impl Shared {
         if state.running == 0 {
             state.go_on();
         }
-        if state.running == 0 {
-            self.rest.notify_all();
-        }
+        state.turn().unwrap_or_else(|| self.rest.clone())
     }
 
     /// Waits until nobody runs.
@@ -198,10 +215,17 @@ impl State {
                 let inputs = core::mem::take(&mut chip.inputs);
                 chip.order = Some(Order { until, inputs });
                 chip.is_running = true;
-                chip.bell.notify_one();
                 self.running += 1;
+                self.waiting.push_back(*number);
             }
         }
+    }
+
+    /// The turn of the next one comes: who wakes it.
+    fn turn(&mut self) -> Option<Arc<Condvar>> {
+        let chip = self.chips.get_mut(&self.waiting.pop_front()?)?;
+        chip.is_next = true;
+        Some(chip.bell.clone())
     }
 
     /// When the first two chips do something next, and which.
@@ -232,13 +256,25 @@ impl Drop for Guard {
             // Nobody goes on before this has been told.
             state.until = 0;
         }
-        shared.rests(&mut state, *number);
+        let bell = shared.rests(&mut state, *number);
+        drop(state);
+        bell.notify_one();
     }
 }
 
-/// Chips that can be switched on and off, and whoever carries frames between them.
-#[derive(Debug, Default)]
-pub struct Network(Arc<Shared>);
+/// Chips that can be switched on and off, and whoever carries frames between them: the thread that makes
+/// it, which stays on one CPU of the computer with all of them until it drops it.
+#[derive(Debug)]
+pub struct Network(
+    Arc<Shared>,
+    #[expect(dead_code, reason = "until it is dropped")] OneCpu,
+);
+
+impl Default for Network {
+    fn default() -> Self {
+        Self(Arc::default(), OneCpu::take())
+    }
+}
 
 impl Network {
     /// Until when all have run.
@@ -262,6 +298,7 @@ impl Network {
             next: since,
             inputs: Vec::new(),
             order: None,
+            is_next: false,
             bell: Arc::default(),
             is_running: true,
             is_off: false,
@@ -307,7 +344,11 @@ impl Network {
         let mut state = self.0.lock();
         state.until = until;
         state.go_on();
+        let bell = state.turn();
         drop(state);
+        if let Some(bell) = bell {
+            bell.notify_one();
+        }
         let mut state = self.0.rest();
         state.until = 0;
         let mut deeds = core::mem::take(&mut state.deeds);

@@ -24,7 +24,7 @@ use crate::{
     device::Chip,
     network::{Deed, Input, Order, Report, Shared},
     peripheral::Peer,
-    processor::Program,
+    processor::{Lease, Program},
     soc::{self, Board, Soc},
 };
 
@@ -171,8 +171,10 @@ pub(crate) fn run(
         .into_iter()
         .chain(pieces)
         .collect();
+    let processor = Lease::default();
     let board = Board {
         soc,
+        processor: processor.clone(),
         program: Program::new(pieces.iter().map(Vec::as_slice), addresses),
     };
     let session = Session::new(Box::new(board), 0, VirtualNanos(1));
@@ -199,6 +201,7 @@ pub(crate) fn run(
         stands: None,
         told: [0; 2],
         shared,
+        processor,
         rtt: rtt(&node.image),
         outcome: Outcome::default(),
         last: (0, 0, 0),
@@ -271,6 +274,7 @@ struct Run {
     /// How much was told of the pins and of the log.
     told: [usize; 2],
     shared: Arc<Shared>,
+    processor: Lease,
     rtt: Option<u64>,
     outcome: Outcome,
     /// Address, value and program counter of the last read.
@@ -450,7 +454,9 @@ impl Driver<Board> for Run {
             next: next.max(now),
             deeds,
         };
-        let order = self.shared.report(self.number, report);
+        let order = self
+            .shared
+            .report(self.number, report, || self.processor.leave());
         let Some(Order { until, inputs }) = order else {
             // Unless power has gone before, as far as the flash is concerned.
             if self.outcome.flash.is_empty() {

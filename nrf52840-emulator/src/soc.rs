@@ -21,7 +21,7 @@ use crate::peripheral::{
 };
 use crate::{
     device::Chip,
-    processor::{self, Program},
+    processor::{self, Lease, Program},
 };
 
 /// Where FICR and UICR are (Product Specification, "Memory map").
@@ -260,6 +260,7 @@ pub struct Board {
     /// Its chip.
     pub soc: Soc,
     pub(crate) program: Program,
+    pub(crate) processor: Lease,
 }
 
 impl Store for Board {}
@@ -292,7 +293,8 @@ impl machine::Board for Board {
         config.vector_table = Some(0);
         config.fpu = armv7m::Fpu::FpV4Sp;
         let mut spec = config.spec();
-        spec.processor = processor::constructor(spec.processor, self.program.clone());
+        spec.processor =
+            processor::constructor(spec.processor, self.program.clone(), self.processor.clone());
         vec![Target::new("nrf52840", &mut self.soc, spec)]
     }
 }

@@ -7,7 +7,7 @@ use std::{
     process::{Child, ChildStdin, ChildStdout, Command, Stdio},
 };
 
-use chip_pipe::{Orders, Reports, read, write};
+use chip_pipe::{Orders, Reports, one_cpu::OneCpu, read, write};
 
 use super::super::EmulatorError;
 
@@ -15,10 +15,12 @@ use super::super::EmulatorError;
 const CRATE: &str = "nrf52840-emulator";
 const BUILT: &str = "target/chip";
 
-/// A running one, which ends with its owner.
+/// A running one, which ends with its owner, and is on the same CPU as he until then.
 #[derive(Debug)]
 pub(super) struct Process {
     child: Child,
+    #[expect(dead_code, reason = "until it is dropped")]
+    one_cpu: OneCpu,
     orders: ChildStdin,
     reports: BufReader<ChildStdout>,
 }
@@ -51,6 +53,7 @@ impl Process {
             return Err(EmulatorError::NotBuilt);
         }
         let program = Path::new(BUILT).join("release/chips");
+        let one_cpu = OneCpu::take();
         let mut child = Command::new(program)
             // Ctrl-C is for the owner, who still asks it then what chips know.
             .process_group(0)
@@ -64,6 +67,7 @@ impl Process {
         };
         Ok(Self {
             child,
+            one_cpu,
             orders,
             reports: BufReader::new(reports),
         })
