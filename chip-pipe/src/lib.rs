@@ -93,8 +93,6 @@ pub enum Order {
     /// In the middle of the next work on its flash it stands still: power is about to go, and what is there then
     /// is what it leaves.
     StandInWrite,
-    /// It is to show its memory, very soon.
-    Show,
     /// Its step sensor moves so, in the order of times, none of which has passed.
     Moves(Vec<Motion>),
     /// Something else than frames is on a channel, or on all, until then.
@@ -117,7 +115,7 @@ impl Order {
             Self::Bytes { at, .. } => *at,
             Self::Frame(frame, _) => frame.start,
             Self::StandInWrite | Self::Moves(_) | Self::Jammed { .. } | Self::WearOut => u64::MAX,
-            Self::On { .. } | Self::Off | Self::Show | Self::Rot(_) => 0,
+            Self::On { .. } | Self::Off | Self::Rot(_) => 0,
         }
     }
 }
@@ -136,6 +134,8 @@ pub enum Orders {
         /// They stop earlier where one of them does something that others see.
         until: u64,
     },
+    /// They tell what is in those flashes where that has changed since it was last told, and notice nothing.
+    Look,
     /// All lose their power, and their ends are told.
     End,
 }
@@ -153,9 +153,7 @@ pub enum Deed {
     Logs(String),
     /// It stands in the middle of work on its flash that takes so many nanoseconds.
     Writes(u64),
-    /// What programs write in its flash is not what it was when it was last told.
-    Stores,
-    /// What programs write in its flash: as it was to show, or when its power went.
+    /// What programs write in its flash: as somebody looked at it, or when its power went.
     Memory(Vec<Contents>),
     /// It has restarted, by order of this part of it.
     Restarts(String),

@@ -27,13 +27,22 @@ pub(crate) struct Report {
     pub(crate) reached: u64,
     pub(crate) next: u64,
     pub(crate) deeds: Vec<(u64, Deed)>,
+    /// How often what is in its flash has changed.
+    pub(crate) changes: usize,
+    /// What is there, if that was to be shown.
+    pub(crate) shown: Option<Contents>,
 }
 
-/// Until when a chip runs, and what happens to it by then.
+/// What a program writes: addresses, and what is there and behind them.
+pub(crate) type Contents = Vec<(u64, Vec<u8>)>;
+
+/// What a chip is to do.
 #[derive(Debug)]
-pub(crate) struct Order {
-    pub(crate) until: u64,
-    pub(crate) inputs: Vec<Input>,
+pub(crate) enum Order {
+    /// To run until an instant, and what happens to it by then.
+    Run { until: u64, inputs: Vec<Input> },
+    /// To show what programs write, and to do nothing else: it is to go on as if nobody looked.
+    Show,
 }
 
 /// What happens to a chip.
@@ -46,8 +55,6 @@ pub enum Input {
     /// In the middle of the next work on its flash it stands still, and what is there then is what it leaves:
     /// power is about to go.
     StandInWrite,
-    /// It is to show its memory.
-    Show,
     /// Something that is no frame is on a FREQUENCY, or on all, until an instant.
     Jammed(u64, Option<u32>),
     /// Bits of its flash flip: addresses, and numbers of bits there.
@@ -64,7 +71,7 @@ impl Input {
             Self::Byte(at, _) => *at,
             Self::StandInWrite | Self::Jammed(..) | Self::WearOut => u64::MAX,
             // At once.
-            Self::Show | Self::Rot(_) => 0,
+            Self::Rot(_) => 0,
         }
     }
 }
@@ -82,10 +89,6 @@ pub enum Deed {
     Log(Vec<u8>),
     /// It stands in the middle of [work on its flash](Input::StandInWrite) that takes so many nanoseconds.
     Writes(u64),
-    /// Something was written or erased since [`Memory`](Self::Memory) was told.
-    Stores,
-    /// [`MEMORY`](crate::MEMORY) and [`SETTINGS`](crate::SETTINGS), as it was to show.
-    Memory(Vec<(u64, Vec<u8>)>),
     /// It restarts, by order of `Core` or a peripheral.
     Reset(String),
     /// It has ended by itself: why.
@@ -98,6 +101,10 @@ struct Running {
     thread: Option<JoinHandle<Result<Outcome, String>>>,
     next: u64,
     inputs: Vec<Input>,
+    /// How often what is in its flash has changed, and had when it was last shown; and what it shows.
+    changes: usize,
+    known: usize,
+    shown: Option<Contents>,
     /// What it is to do, whether it is its turn, and who wakes it then.
     order: Option<Order>,
     is_next: bool,
@@ -192,11 +199,15 @@ impl State {
             reached,
             next,
             deeds,
+            changes,
+            shown,
         } = report;
         self.reached = self.reached.max(reached);
         if let Some(chip) = self.chips.get_mut(&number) {
             let input = chip.inputs.iter().map(Input::at).min();
             chip.next = next.min(input.unwrap_or(u64::MAX));
+            chip.changes = changes;
+            chip.shown = shown;
         }
         let deeds = deeds.into_iter().map(|(at, deed)| (at, number, deed));
         self.deeds.extend(deeds);
@@ -213,7 +224,7 @@ impl State {
             let until = other.0.saturating_add(AHEAD).min(self.until);
             if chip.next < until {
                 let inputs = core::mem::take(&mut chip.inputs);
-                chip.order = Some(Order { until, inputs });
+                chip.order = Some(Order::Run { until, inputs });
                 chip.is_running = true;
                 self.running += 1;
                 self.waiting.push_back(*number);
@@ -297,6 +308,9 @@ impl Network {
             thread: None,
             next: since,
             inputs: Vec::new(),
+            changes: 0,
+            known: 0,
+            shown: None,
             order: None,
             is_next: false,
             bell: Arc::default(),
@@ -327,6 +341,26 @@ impl Network {
         let ended = thread.map(JoinHandle::join);
         self.0.lock().chips.remove(&number);
         Some(ended?.unwrap_or_else(|_| Err(PANICKED.to_owned())))
+    }
+
+    /// What programs have written in [`MEMORY`](crate::MEMORY) and [`SETTINGS`](crate::SETTINGS) of a chip with
+    /// power, unless nothing has been written there since this was last asked. It does not notice.
+    pub fn look(&mut self, number: usize) -> Option<Vec<(u64, Vec<u8>)>> {
+        let mut state = self.0.rest();
+        let chip = state.chips.get_mut(&number)?;
+        if chip.changes == chip.known || chip.has_ended {
+            return None;
+        }
+        chip.known = chip.changes;
+        chip.order = Some(Order::Show);
+        chip.is_next = true;
+        chip.is_running = true;
+        let bell = chip.bell.clone();
+        state.running += 1;
+        drop(state);
+        bell.notify_one();
+        let mut state = self.0.rest();
+        state.chips.get_mut(&number)?.shown.take()
     }
 
     /// Something happens to a chip, if it has power.

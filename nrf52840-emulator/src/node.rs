@@ -192,12 +192,9 @@ pub(crate) fn run(
             since,
             drift_ppb: node.drift_ppb,
         },
-        until: VirtualNanos(0),
         resets: 0,
-        shown: Some(0),
-        is_change_told: false,
+        flips: 0,
         is_to_stand: false,
-        is_to_show: false,
         stands: None,
         told: [0; 2],
         shared,
@@ -258,18 +255,13 @@ fn rtt(image: &Path) -> Option<u64> {
 struct Run {
     number: usize,
     time: Time,
-    /// Until when it was told to run.
-    until: VirtualNanos,
     /// How many of them were told.
     resets: usize,
-    /// How often its flash had been worked on when it was last shown, unless something else has changed it;
-    /// whether it was told that it is another one now.
-    shown: Option<usize>,
-    is_change_told: bool,
+    /// How often bits of its flash have flipped.
+    flips: usize,
     /// It is to stand in the middle of the next work on the flash; since when it does, and how long that
     /// takes.
     is_to_stand: bool,
-    is_to_show: bool,
     stands: Option<(u64, u64)>,
     /// How much was told of the pins and of the log.
     told: [usize; 2],
@@ -331,10 +323,6 @@ impl Run {
                 .into_iter()
                 .map(|(at, bytes)| (at, Deed::Bytes(bytes))),
         );
-        let is_shown = { self.shown }.is_some_and(|shown| shown == soc.nvmc.model.operations.len());
-        if !is_shown && !core::mem::replace(&mut self.is_change_told, true) {
-            deeds.push((now, Deed::Stores));
-        }
         let [pins, log] = &mut self.told;
         let changes = soc.gpio.model.changes.iter().skip(*pins);
         deeds.extend(changes.map(|&(at, port, level)| (at, Deed::Pins(port, level))));
@@ -403,16 +391,14 @@ impl Driver<Board> for Run {
                     self.hold(busy, true, host);
                 } else if self.polls >= POLLS {
                     // Where nothing will happen, until somebody else does something.
-                    let next = soc.next_event().unwrap_or(self.until).0;
+                    let next = soc.next_event().map_or(u64::MAX, |next| next.0);
                     if next > now + SHORT {
                         self.hold(next, false, host);
                     }
                 }
             }
             Settled::Stop(stop) => {
-                let is_over = self.hold.is_some_and(|(until, is_firm)| {
-                    stop.at.0 >= until || !is_firm && stop.at < self.until
-                });
+                let is_over = self.hold.is_some_and(|(until, _)| stop.at.0 >= until);
                 if is_over {
                     self.hold = None;
                     host.hold(false);
@@ -434,13 +420,8 @@ impl Driver<Board> for Run {
         host: &mut dyn Host,
     ) -> Option<VirtualNanos> {
         self.drain(host);
-        let mut deeds = self.deeds(session, stop.at.0);
+        let deeds = self.deeds(session, stop.at.0);
         let now = self.time.truth(stop.at.0);
-        if core::mem::take(&mut self.is_to_show) {
-            deeds.push((now, Deed::Memory(Self::memory(host))));
-            self.shown = Some(session.board().soc.nvmc.model.operations.len());
-            self.is_change_told = false;
-        }
         let soc = &session.board().soc;
         let is_idle = stop.reason == StopReason::Idle || self.hold.is_some();
         let next = if is_idle && !soc.is_interrupted() {
@@ -449,26 +430,45 @@ impl Driver<Board> for Run {
         } else {
             now
         };
-        let report = Report {
+        let mut report = Report {
             reached: now,
             next: next.max(now),
             deeds,
+            changes: soc.nvmc.model.operations.len() + self.flips,
+            shown: None,
         };
-        let order = self
-            .shared
-            .report(self.number, report, || self.processor.leave());
-        let Some(Order { until, inputs }) = order else {
-            // Unless power has gone before, as far as the flash is concerned.
-            if self.outcome.flash.is_empty() {
-                self.end(host);
+        let (until, inputs) = loop {
+            let (next, changes) = (report.next, report.changes);
+            let leave = || self.processor.leave();
+            match self.shared.report(self.number, report, leave) {
+                Some(Order::Run { until, inputs }) => break (until, inputs),
+                Some(Order::Show) => {
+                    report = Report {
+                        reached: now,
+                        next,
+                        deeds: Vec::new(),
+                        changes,
+                        shown: Some(Self::memory(host)),
+                    };
+                }
+                None => {
+                    // Unless power has gone before, as far as the flash is concerned.
+                    if self.outcome.flash.is_empty() {
+                        self.end(host);
+                    }
+                    return None;
+                }
             }
-            return None;
         };
         for input in inputs {
             self.take(input, session, stop.at, host);
         }
-        self.until = VirtualNanos(self.time.local(until));
-        Some(self.until)
+        if let Some((until, false)) = &mut self.hold {
+            // What happens may be what the program waits for.
+            let next = session.board().soc.next_event();
+            *until = (*until).min(next.map_or(u64::MAX, |next| next.0));
+        }
+        Some(VirtualNanos(self.time.local(until)))
     }
 }
 
@@ -490,7 +490,6 @@ impl Run {
             }
             Input::Byte(at, byte) => soc.deliver(now, byte, time.local(at)),
             Input::StandInWrite => self.is_to_stand = true,
-            Input::Show => self.is_to_show = true,
             Input::Jammed(until, frequency) => {
                 soc.radio.model.jam(time.local(until), frequency);
             }
@@ -504,7 +503,7 @@ impl Run {
                         let _ = host.program(at, Width::W32, word ^ turned);
                     }
                 }
-                self.shown = None;
+                self.flips += 1;
             }
         }
     }

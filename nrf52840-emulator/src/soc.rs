@@ -186,10 +186,9 @@ impl Soc {
 
     /// A frame of another node is about to arrive.
     pub(crate) fn hear(&mut self, now: VirtualNanos, frame: Frame, arrival: Arrival) {
-        let is_watched = Ppi::watches(self.bus.slots()[PPI].registers(), RADIO_BASE);
         let (file, mut context) = self.bus.drive(now, RADIO);
         self.radio.call(file, &mut context, |radio, call| {
-            radio.hear(frame, arrival, is_watched, call);
+            radio.hear(frame, arrival, call);
         });
     }
 }

@@ -33,7 +33,7 @@ impl Further {
     }
 
     /// Whether targets may be led on.
-    pub(super) fn is_left(&self) -> bool {
+    fn is_left(&self) -> bool {
         self.made < self.most
     }
 

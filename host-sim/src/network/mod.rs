@@ -98,6 +98,8 @@ const SECOND: Time = 1_000_000_000;
 
 /// After the last target has ended its walk, reports still come in.
 const GRACE: Time = 5 * SECOND;
+/// How often the flash of chips is read, so that what they overwrite later is known too.
+const CHIPS_READ: Time = SECOND / 5;
 
 /// The world and where its radios are, for all who move in it.
 type SharedWorld = Rc<RefCell<World>>;
@@ -365,10 +367,7 @@ impl Simulation {
             let end = self.executor.clock().time() + GRACE;
             self.run_looking(end, every, &is_over, &mut look);
             progress(self.progress());
-            if let Some(chips) = self.chips.as_ref().filter(|_| self.further.is_left()) {
-                chips.look();
-                self.nodes.iter().for_each(|node| node.read_memory());
-            }
+            self.look_into_chips();
             match further::lead_on(self) {
                 Some(takes) if !is_over() => limit = self.executor.clock().time() + takes,
                 _ => break,
@@ -393,12 +392,7 @@ impl Simulation {
     ) {
         loop {
             let next = end.min(self.executor.clock().time() + every.max(1));
-            let how = self.executor.run_until_time_or(next, condition);
-            assert!(
-                !matches!(how, Ended::Stuck(_)),
-                "tasks wake one another for ever"
-            );
-            self.look_into_chips();
+            self.run_until(next, condition);
             look(self);
             if condition() || next >= end {
                 break;
@@ -406,10 +400,33 @@ impl Simulation {
         }
     }
 
-    /// Where somebody looks on, what chips have written in their flash is known now.
+    /// Runs until a time or a condition. What chips have written in their flash is read at instants that do not
+    /// depend on either, so that it does not matter who looks on, and how often.
+    fn run_until(&mut self, end: Time, condition: &dyn Fn() -> bool) {
+        loop {
+            let now = self.executor.clock().time();
+            let next = match self.chips {
+                Some(_) => end.min((now / CHIPS_READ + 1) * CHIPS_READ),
+                None => end,
+            };
+            let how = self.executor.run_until_time_or(next, condition);
+            assert!(
+                !matches!(how, Ended::Stuck(_)),
+                "tasks wake one another for ever"
+            );
+            let is_over = condition();
+            if is_over || next.is_multiple_of(CHIPS_READ) {
+                self.look_into_chips();
+            }
+            if is_over || next >= end {
+                break;
+            }
+        }
+    }
+
+    /// What chips have written in their flash is known now.
     fn look_into_chips(&self) {
-        let is_watched = self.journal.borrow().moments.is_some();
-        if let Some(chips) = self.chips.as_ref().filter(|_| is_watched)
+        if let Some(chips) = &self.chips
             && chips.look()
         {
             self.nodes.iter().for_each(|node| node.read_memory());

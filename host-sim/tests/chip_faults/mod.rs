@@ -93,7 +93,7 @@ fn calibration_with_cuts(count: u64, seed: u64) -> [usize; 3] {
     scenario.events = cuts(cut, count, seed);
     let mut before: BTreeMap<u16, Known> = BTreeMap::new();
     let mut most = 0;
-    let (_, record, [_, log]) = run_watched(scenario, 12, |simulation| {
+    let mut look = |simulation: &mut Simulation| {
         for (node, _) in &nodes {
             let now = known(&simulation.memory(*node));
             let was = before.entry(*node).or_default();
@@ -106,7 +106,8 @@ fn calibration_with_cuts(count: u64, seed: u64) -> [usize; 3] {
             *was = now;
         }
         most = most.max(before.values().map(BTreeMap::len).sum());
-    });
+    };
+    let (_, record, [_, log]) = run_watched(scenario, 12, Some(&mut look));
     for node in &record.nodes {
         let is_known = node.address.is_some() || node.role == Role::Coordinator;
         assert!(is_known, "seed {seed}: node {} is no member", node.id);

@@ -57,6 +57,7 @@ fn main() -> Result<()> {
                 }
                 chips.run(until)
             }
+            Orders::Look => chips.look(),
             Orders::End => chips.end()?,
             Orders::Debug(number, port) => {
                 chips.debugged = Some((number, port));
@@ -189,7 +190,6 @@ impl<'a> Chips<'a> {
                 self.network.input(index, Input::Frame(frame, arrival));
             }
             Order::StandInWrite => self.network.input(index, Input::StandInWrite),
-            Order::Show => self.network.input(index, Input::Show),
             Order::Jammed { until, channel } => {
                 let input = Input::Jammed(until, channel.map(frequency));
                 self.network.input(index, input);
@@ -242,9 +242,7 @@ impl<'a> Chips<'a> {
                     )
                 }
                 emulator::Deed::Bytes(bytes) => Deed::Bytes(bytes),
-                emulator::Deed::Stores => Deed::Stores,
                 emulator::Deed::Pins(port, level) => Deed::Pins(port, level),
-                emulator::Deed::Memory(contents) => Deed::Memory(contents),
                 emulator::Deed::Writes(takes) => Deed::Writes(takes),
                 emulator::Deed::Reset(by) => Deed::Restarts(by),
                 emulator::Deed::Fails(why) => Deed::Fails(why),
@@ -261,6 +259,21 @@ impl<'a> Chips<'a> {
             reached: self.network.reached(),
             next: self.network.next(),
             deeds,
+        }
+    }
+
+    /// What is in those flashes that have changed since.
+    fn look(&mut self) -> Reports {
+        let reached = self.network.reached();
+        let numbers = self.all.keys().copied();
+        let deeds = numbers.filter_map(|number| {
+            let contents = self.network.look(number as usize)?;
+            Some((reached, number, Deed::Memory(contents)))
+        });
+        Reports {
+            deeds: deeds.collect(),
+            reached,
+            next: self.network.next(),
         }
     }
 

@@ -1,8 +1,8 @@
 //! PPI: events of peripherals start tasks of others.
 
-use rigless::{device::RegisterFile, soc::Width};
+use rigless::soc::Width;
 
-use super::{Call, DONE, EVENTS, Model, Word};
+use super::{Call, DONE, EVENTS, Model};
 
 const CHEN: u16 = 0x500;
 const CHENSET: u16 = 0x504;
@@ -25,15 +25,6 @@ impl Ppi {
     /// Between peripherals at these addresses.
     pub fn new(bases: Vec<(&'static str, u64)>) -> Self {
         Self { bases }
-    }
-
-    /// Whether, by its registers, a channel is on that an event of the peripheral at this address starts.
-    pub(crate) fn watches(file: &RegisterFile, base: u32) -> bool {
-        let get = |offset| file.get(Word::at(offset)) as u32;
-        let on = get(CHEN);
-        (0..CHANNELS)
-            .filter(|channel| on >> channel & 1 != 0)
-            .any(|channel| get(EVENT_END + 8 * channel) & !0xfff == base)
     }
 }
 

@@ -2,7 +2,7 @@
 
 use rigless::{soc::Width, time::EventId};
 
-use super::{Call, DONE, INTEN, INTENSET, Model, READ, US};
+use super::{Call, DONE, Model, READ, US};
 
 const SHORTS: u16 = 0x200;
 const CRCSTATUS: u16 = 0x400;
@@ -29,9 +29,6 @@ const CCASTOPPED: u16 = 19;
 const TXREADY: u16 = 21;
 const RXREADY: u16 = 22;
 const PHYEND: u16 = 27;
-/// Bits of INTEN: what happens in the middle of a frame that is received.
-const FRAME_EVENTS: u32 = 1 << ADDRESS | 1 << FRAMESTART;
-
 /// MODE of IEEE 802.15.4, 250 kbit/s.
 const IEEE_802_15_4: u32 = 15;
 /// IEEE 802.15.4-2020, 12.1: a byte of two symbols, and the six bytes from the preamble to the length.
@@ -179,23 +176,15 @@ impl Radio {
         }
     }
 
-    /// A frame of another node arrives, which starts now or later. Its beginning and its length are met when the
-    /// radio is next called after them, unless somebody watches them: most of the time nobody does.
+    /// A frame of another node arrives, which starts now or later. Its beginning is met when the radio is next
+    /// called after it; whoever watches that is called when its length has been.
     ///
     /// # Panics
     /// The frame has already begun.
-    pub fn hear(
-        &mut self,
-        frame: Frame,
-        arrival: Arrival,
-        is_watched: bool,
-        call: &mut Call<'_, '_>,
-    ) {
+    pub fn hear(&mut self, frame: Frame, arrival: Arrival, call: &mut Call<'_, '_>) {
         assert!(frame.start >= call.now(), "a frame is told too late");
         call.at(frame.end());
-        if is_watched || call.enabled & FRAME_EVENTS != 0 {
-            call.at(frame.body());
-        }
+        call.at(frame.body());
         self.air.push(Heard {
             frame,
             arrival,
@@ -523,12 +512,6 @@ impl Model for Radio {
 
     fn write(&mut self, offset: u16, value: u32, call: &mut Call<'_, '_>) {
         self.catch_up(call);
-        if matches!(offset, INTEN | INTENSET) && call.enabled & FRAME_EVENTS != 0 {
-            let lengths = self.air.iter().filter(|heard| heard.met < 2);
-            for at in lengths.map(|heard| heard.frame.body()) {
-                call.at(at);
-            }
-        }
         if offset == POWER && value & 1 == 0 {
             for word in 0..POWER / 4 {
                 call.set(word * 4, 0);
@@ -557,7 +540,7 @@ impl Radio {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::peripheral::bench::Bench;
+    use crate::peripheral::{INTENSET, bench::Bench};
     use rigless::time::VirtualNanos;
 
     const PACKET_AT: u32 = 0x2000_0100;
@@ -587,7 +570,7 @@ mod tests {
         let arrival = arrival.into();
         bench.chip.drive(at, |instance, file, context| {
             instance.call(file, context, |radio, call| {
-                radio.hear(frame, arrival, false, call);
+                radio.hear(frame, arrival, call);
             });
         });
     }
@@ -657,7 +640,7 @@ mod tests {
             let frame = frame(1_000 * US, 1);
             hear(&mut bench, frame.clone(), 40);
             if is_enabled {
-                bench.set(INTENSET, FRAME_EVENTS);
+                bench.set(INTENSET, 1 << ADDRESS | 1 << FRAMESTART);
             }
             bench.pass(frame.body() - bench.now);
             assert_eq!(bench.chip.model.is_pending(), is_enabled);

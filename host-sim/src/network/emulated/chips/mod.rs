@@ -7,8 +7,8 @@
 //!
 //! A target's steps are made by a [`carrier`], whose motion the chips of its step sensor feel.
 //!
-//! Nobody watches such a node from within. What it has written down is read from its flash, in the end and
-//! whenever somebody looks on.
+//! Nobody watches such a node from within. What it has written down is read from its flash as the run goes on,
+//! which changes nothing for the chips.
 //!
 //! Bytes come to a chip once all of a burst have come to the end of the simulated line, as far apart as they
 //! were there.
@@ -202,28 +202,20 @@ impl Pool {
     }
 
     /// What chips with power have written in their flash can be asked for from now on, as it is now. Whether any
-    /// of it is not what it was.
+    /// of it is not what it was. The chips go on as if nobody had looked.
     pub(in crate::network) fn look(&self) -> bool {
-        let boards = self.boards.borrow();
-        let changed: Vec<_> = { boards.iter() }
-            .filter(|(_, board)| board.has_changed.take())
-            .collect();
-        if self.is_over.get() || changed.is_empty() {
+        if self.is_over.get() {
             return false;
         }
-        for (number, board) in changed {
-            if board.antenna.get().is_some() {
-                self.queue.push(*number, Order::Show);
-            }
-        }
-        drop(boards);
-        // They go on by a moment.
-        let until = self.queue.reached.get().max(self.clock.time()) + NOTICE;
-        match self.run(until) {
+        let looked = self.process.borrow_mut().exchange(&Orders::Look);
+        match looked {
             Ok(reports) => self.take(reports),
             Err(error) => self.fail(error),
         }
-        true
+        let boards = self.boards.borrow();
+        // All of them.
+        let changed = boards.values().filter(|board| board.has_changed.take());
+        changed.count() > 0
     }
 
     /// Takes what chips did, to be seen at its time.
@@ -236,10 +228,6 @@ impl Pool {
                 Deed::Memory(contents) => {
                     if let Some(board) = self.of(number) {
                         board.end.borrow_mut().memory = contents;
-                    }
-                }
-                Deed::Stores => {
-                    if let Some(board) = self.of(number) {
                         board.has_changed.set(true);
                     }
                 }
@@ -301,7 +289,7 @@ impl Pool {
                 board.lamps.signal(Indication::default());
             }
             Deed::Fails(why) => board.failure.signal(why),
-            Deed::Pins(..) | Deed::Stores | Deed::Memory(_) | Deed::Ends(_) => {}
+            Deed::Pins(..) | Deed::Memory(_) | Deed::Ends(_) => {}
         }
     }
 }
@@ -383,7 +371,7 @@ pub(in crate::network) struct Board {
     waiting: RefCell<Vec<Waker>>,
     antenna: Cell<Option<virtual_bench::medium::NodeId>>,
     end: RefCell<End>,
-    /// Its flash is not what it was when it was last shown.
+    /// Its flash is not what it was when somebody last looked.
     has_changed: Cell<bool>,
 }
 
