@@ -508,6 +508,50 @@ fn there_are_four_at_most() {
     assert_eq!(most, OBJECTS);
 }
 
+/// Who comes back while four others are there waits for room, and is then known again.
+#[test]
+fn who_comes_back_waits_for_room() {
+    let rng = &mut generator(17);
+    let cameras = room(rng, 0.0, 0.0);
+    let mut tracker = Tracker::new(Settings {
+        agility: 0.01,
+        ..Settings::walking()
+    });
+    // Places, and from when to when somebody is there. The fourth begins too far from the first to be it.
+    let all = [
+        ((2.5, 5.0), [0.0, 4.0]),
+        ((5.0, 2.5), [1.0, 20.0]),
+        ((5.0, 7.5), [2.0, 20.0]),
+        ((7.2, 6.0), [3.0, 20.0]),
+        ((7.2, 3.8), [4.05, 12.0]),
+        ((2.5, 5.0), [8.5, 20.0]),
+    ];
+    let mut ids = Vec::new();
+    for n in 0..400 {
+        let at = f64::from(n) * 0.05;
+        for (place, [from, to]) in all {
+            if !(from..to).contains(&at) {
+                continue;
+            }
+            let place = Point2::from(<[f64; 2]>::from(place));
+            let look = cameras[n as usize % 4].ranged(rng, at, place, 0.1);
+            let outcome = tracker.take(time(at), &look);
+            if let Outcome::New(id) = outcome {
+                assert!(objects(&tracker).iter().any(|object| object.id == id));
+            }
+        }
+        for Object { id, .. } in objects(&tracker) {
+            if !ids.contains(&id) {
+                ids.push(id);
+            }
+        }
+    }
+    assert_eq!(ids, [1, 2, 3, 4, 5]);
+    let first = objects(&tracker).into_iter().find(|object| object.id == 1);
+    let off = first.unwrap().position - Point2::new(2.5, 5.0);
+    assert!(off.norm() < 0.2, "{off}");
+}
+
 /// What is no number, absurdly sure or unsure, from another time or the other end of the world is lost,
 /// and nothing else.
 #[test]

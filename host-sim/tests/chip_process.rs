@@ -60,6 +60,7 @@ fn stands_for_chips() {
                 }
                 reached = until;
             }
+            Orders::Look => {}
             Orders::End => writeln!(notes, "end").unwrap(),
             Orders::Load(_) | Orders::Debug(..) => continue,
         }

@@ -7,7 +7,7 @@ mod small;
 use std::{cell::RefCell, env, io, path::Path, rc::Rc};
 
 use answers::record::{
-    Node, Role, RunRecord,
+    Role, RunRecord,
     event::{Event, What},
 };
 use host_sim::network::{CHIP_IMAGE, Chips, Onlooker, Options, Simulation};
@@ -204,9 +204,8 @@ fn lab_calibrates() {
         assert!(camera.nees.is_none_or(|nees| nees < 25.0), "{}", camera.id);
     }
     assert_eq!(record.summary.calibrated, 7);
-    // The target's chip has estimated the references' headings together with all else.
-    let others = |node: &&Node| node.role != Role::Camera || node.reference;
-    for node in record.nodes.iter().filter(others) {
+    // The target's chip has estimated all of them together.
+    for node in &record.nodes {
         let facts = simulation.memory(node.id);
         let mut reports = facts.iter().filter_map(|fact| match fact {
             Fact::Report(report) => *report,

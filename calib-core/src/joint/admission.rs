@@ -17,6 +17,10 @@ use crate::{
 const MOST: usize = 16;
 /// Bearings off the consensus by more sigmas do not belong to it.
 const GATE: f64 = 4.0;
+/// So many times less certain than the limits allow a pose may be of which the camera's bearings are the only
+/// ones: to these a place is as uncertain as the leg that led there, and what others saw there is left out.
+/// What all bearings give together has to be within the limits.
+const ADMITTED: f64 = 4.0;
 /// Different bearings that a camera has, at least, that stands for one that was moved.
 const DIFFERENT: usize = 3;
 
@@ -68,6 +72,15 @@ impl<T: Real> Problem<'_, T> {
         }
         let mut pose = None;
         if !self.repeats_itself(camera) {
+            let factor = if usize::from(count) < WITNESSED {
+                T::one()
+            } else {
+                lit(ADMITTED)
+            };
+            let limits = Limits {
+                position: limits.position * factor,
+                heading: limits.heading * factor,
+            };
             pose = self.resect(camera).ok().filter(|pose| limits.allow(pose));
         }
         let Some(unknown) = self.cameras.get_mut(camera) else {

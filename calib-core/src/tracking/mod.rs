@@ -572,7 +572,10 @@ impl<T: Real> Tracker<T> {
     fn known_as(&mut self, candidate: &Candidate<T>) -> Option<u16> {
         let mut best: Option<(T, u16)> = None;
         let stale = self.objects.iter().map(Former::of);
-        for former in stale.chain(self.former.iter().flatten().copied()) {
+        // One that is gone can come back only where there is room.
+        let most = if self.objects.is_full() { 0 } else { OBJECTS };
+        let gone = self.former.iter().take(most).flatten().copied();
+        for former in stale.chain(gone) {
             if let Some(distance) = former.distance(candidate, &self.settings)
                 && best.is_none_or(|(least, _)| distance < least)
             {

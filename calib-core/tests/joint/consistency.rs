@@ -1,6 +1,6 @@
 //! Are the sigmas what they claim? Squared errors over predicted covariances (NEES), from both sides.
 
-use calib_core::angle::wrap_signed;
+use calib_core::{Limits, angle::wrap_signed};
 use nalgebra::Vector2;
 use test_support::{
     chi_squared_band, generator, turn,
@@ -105,6 +105,49 @@ fn sigmas_are_honest() {
             "{name}: chi squared {chi_squared:.0} of {degrees:.0}"
         );
     }
+}
+
+/// Steps that are uncertain by a tenth leave the bearings of one camera with little to say, and all together
+/// with enough: a camera takes part if its pose is as sure as asked for then.
+#[test]
+fn what_others_saw_counts_for_who_takes_part() {
+    let errors = CarrierErrors {
+        length: 0.1,
+        direction: 0.1,
+        ..CarrierErrors::UNKNOWN
+    };
+    let limits = Limits {
+        position: 0.5,
+        heading: 0.0873,
+    };
+    let (mut sure, mut missing) = (0, 0);
+    let mut nees = Nees::default();
+    for seed in 0..100 {
+        let walk = Walk::random(&mut generator(2000 + seed), 8, 24, errors, 0.0024);
+        let [mut asked, mut all] = [limits, WIDE].map(|limits| filled::<f64>(&walk, limits));
+        if asked.solve().is_err() || all.solve().is_err() {
+            continue;
+        }
+        nees.runs.push((0.0, 0.0));
+        for (camera, truth) in walk.cameras.iter().enumerate().skip(2) {
+            let pose = asked.pose(camera);
+            if walk.seen_by(camera) >= 4 && all.pose(camera).is_ok_and(|pose| limits.allow(&pose)) {
+                sure += 1;
+                missing += usize::from(pose.is_err());
+            }
+            if let Ok(pose) = pose {
+                let squared = pose.normalised_error(truth.position(), truth.heading);
+                nees.add(squared.unwrap(), 3.0);
+            }
+        }
+    }
+    std::println!("{missing} of {sure}; {:?}", nees.ratio());
+    assert!(sure > 100 && missing < sure / 20, "{missing} of {sure}");
+    let (ratio, band) = nees.ratio();
+    assert!(
+        (ratio - 1.0).abs() < band.max(0.1),
+        "{ratio:.3} +/- {band:.3}"
+    );
 }
 
 /// More measurements never make anything less certain, on the mean.

@@ -38,6 +38,9 @@ pub(crate) const LINK_IN: &str = "XTASK_LINK_IN";
 /// called: with 25 the image of the nRF52840 is 3.5 KB smaller, with 15, 40 or 60 less than that.
 const INLINING: &str = "-Cllvm-args=-inline-threshold=25";
 
+/// What images log, for `defmt`: errors, unless this says something else.
+const LOG: &str = "DEFMT_LOG";
+
 /// How many of the largest symbols are listed.
 const LARGEST: usize = 12;
 
@@ -89,7 +92,8 @@ const BOARDS: [Board; 2] = [
 ];
 
 /// Builds the images of these boards, or of all, prints what they take, and fails over a budget, a
-/// panic or, where all are built, a figure in the documentation that is another one.
+/// panic or, where all are built, a figure in the documentation that is another one. Images that are to log
+/// more than errors are only built: what logs takes room and stack, and formats text.
 pub(crate) fn run(sh: &Shell, chosen: &[String]) -> Result<()> {
     for board in chosen {
         let is_known = packages().any(|package| package == board);
@@ -97,6 +101,17 @@ pub(crate) fn run(sh: &Shell, chosen: &[String]) -> Result<()> {
     }
     let is_chosen =
         |board: &Board| chosen.is_empty() || chosen.iter().any(|chosen| chosen == board.package);
+    if let Some(level) = env::var_os(LOG).filter(|level| !level.is_empty()) {
+        for board in BOARDS.iter().filter(|board| is_chosen(board)) {
+            let image = Image::read(&build(sh, board.package)?)?;
+            println!("{}: {} bytes of flash", name(&image.path), image.size.flash);
+        }
+        println!(
+            "These images log {}: what they take, and whether they can panic, is not checked.",
+            level.display()
+        );
+        return Ok(());
+    }
     let mut measured = Vec::new();
     for (number, board) in BOARDS.iter().enumerate() {
         if is_chosen(board) {
