@@ -179,7 +179,7 @@ fn told_as_it_happens(record: &RunRecord, events: &[Event]) {
 #[test]
 #[ignore = "`cargo xtask test --stage chip`"]
 fn lab_calibrates() {
-    let scenario = Scenario::load("lab", &planned()).unwrap();
+    let scenario = Scenario::load("lab", &Overrides::default()).unwrap();
     let mut onlooker = Onlooker::default();
     let mut events = Vec::new();
     let (simulation, record, _) = run_watched(

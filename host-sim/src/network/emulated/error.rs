@@ -1,6 +1,6 @@
 //! What can be wrong with emulated boards.
 
-use std::{io, path::PathBuf};
+use std::{io, path::PathBuf, time::Duration};
 
 use node_firmware::config::page::PageError;
 
@@ -45,6 +45,12 @@ pub enum EmulatorError {
     /// The process that emulates chips does not start, or has ended.
     #[error("the process with the emulated chips has failed, which is a fault of it: {0}")]
     Pipe(#[source] io::Error),
+    /// The process that emulates chips does not answer.
+    #[error(
+        "the emulated chips have said nothing for {} s, which is a fault of what emulates them: run it again \
+         with --log to see what came before", .0.as_secs()
+    )]
+    Hangs(Duration),
     /// A chip cannot be emulated.
     #[error("the chip of node {id} cannot be emulated: {why}")]
     Chip {

@@ -98,6 +98,7 @@ impl Chips {
     /// # Errors
     /// The process has ended.
     pub fn debug(&mut self, node: u16, port: u16) -> Result<(), EmulatorError> {
+        self.0.wait_for_ever();
         self.0.order(&Orders::Debug(node.into(), port))
     }
 }
