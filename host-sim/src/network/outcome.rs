@@ -107,7 +107,7 @@ pub(super) fn record(simulation: &Simulation, wall_seconds: f64) -> RunRecord {
                 member.describe(&mut node);
             }
             let entry = simulation.entry(camera.id);
-            let sightings = sightings(&entry, console, &numbers);
+            let sightings = sightings(camera.id, &entry, console, &numbers);
             // What a reference saw before it had its answer did not make the answer.
             if !sightings.is_empty() && !node.reference {
                 node.set_sightings(
@@ -245,22 +245,29 @@ fn has_missed(
 
 /// What a camera has counted, each with its target and stop.
 fn sightings(
+    camera: u16,
     entry: &NodeEntry,
     console: &Console,
     numbers: &Numbers,
 ) -> Vec<(u16, u32, Sighting<f64>)> {
     let kept = || entry.sightings.values();
     // The place that most of them share their errors with, as the camera chooses it: residuals are
-    // in units of the sigmas with which it weighs its sightings.
+    // in units of the sigmas with which it weighs its sightings. A pose that a target has estimated
+    // together with all else is not made of these, and shares no errors with a place of then.
+    let view = console.view();
+    let report = view.member(camera).and_then(|member| member.report);
+    let is_joint = report.is_some_and(|report| report.joint.is_some());
     let fix = |sighting: &KeptSighting| (sighting.target, sighting.place.parts().fix);
     let shared = |one: &&KeptSighting| kept().filter(|other| fix(other) == fix(one)).count();
     let common = kept().max_by_key(shared);
     let sightings = kept().filter_map(|sighting| {
-        let target = console.view().id_of(sighting.target)?;
+        let target = view.id_of(sighting.target)?;
         let stop = *numbers.get(&(target, sighting.stop))?;
         let place = &sighting.place;
         let own = match common {
-            Some(common) if common.target == sighting.target => place.own_covariance(&common.place),
+            Some(common) if common.target == sighting.target && !is_joint => {
+                place.own_covariance(&common.place)
+            }
             _ => place.covariance(),
         };
         let sighting = Sighting {

@@ -6,7 +6,7 @@ use calib_core::{
 };
 
 use super::{
-    super::{Node, RunRecord, Target},
+    super::{Node, Residual, RunRecord, Target, sightings::Sightings},
     Cause, Common,
 };
 
@@ -75,14 +75,15 @@ pub(super) fn of_doubt(record: &RunRecord, camera: &Node) -> Option<Cause> {
         .then_some(Cause::Carrier)
 }
 
-/// The bearings of a camera against those under which the target really was.
+/// The bearings of a camera against those under which the target really was. Where the target
+/// believed to be is no part of that, and neither are its sigmas.
 fn true_bearings(record: &RunRecord, camera: &Node) -> Option<Fit<f64>> {
     let truth = camera.truth?;
     let fits = camera.residuals.iter().filter_map(|residual| {
         let stop = record.stop(residual)?;
-        let (off, sigmas) = (residual.residual_deg?, residual.normalised?);
-        let sigma = off / sigmas;
-        let real = (stop.y - truth.y).atan2(stop.x - truth.x).to_degrees() - truth.heading_deg;
+        let (dx, dy) = (stop.x - truth.x, stop.y - truth.y);
+        let sigma = sighting_sigma_deg(record, camera, residual, dx.hypot(dy))?;
+        let real = dy.atan2(dx).to_degrees() - truth.heading_deg;
         let error = angle::wrap_signed((residual.bearing_deg - real).to_radians()).to_degrees();
         (sigma > 0.0).then(|| Fit {
             chi_squared: (error / sigma).powi(2),
@@ -90,6 +91,27 @@ fn true_bearings(record: &RunRecord, camera: &Node) -> Option<Fit<f64>> {
         })
     });
     fits.reduce(Fit::and)
+}
+
+/// How sure a camera is of the direction to where a target really stood, `distance` away: of its
+/// bearing, and of how still the target stands.
+fn sighting_sigma_deg(
+    record: &RunRecord,
+    camera: &Node,
+    residual: &Residual,
+    distance: f64,
+) -> Option<f64> {
+    let of_network = |all: &&Sightings| all.network == camera.network;
+    let measured = record.sightings.iter().find(of_network).and_then(|all| {
+        let bearing = all.bearings.iter().find(|seen| {
+            (seen.camera, seen.target, seen.stop) == (camera.id, residual.target, residual.stop)
+        })?;
+        let carrier = all.carriers.iter().find(|c| c.target == residual.target);
+        let standing = carrier.map_or(0.0, |carrier| carrier.standing_sigma);
+        Some(bearing.sigma_deg.hypot((standing / distance).to_degrees()))
+    });
+    // A record of before bearings were kept: with the share of the target's place.
+    measured.or_else(|| Some(residual.residual_deg? / residual.normalised?))
 }
 
 /// How many times farther off than foretold a target believed to be. What its stops have in common
