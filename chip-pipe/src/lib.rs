@@ -102,6 +102,16 @@ pub enum Order {
         /// IEEE 802.15.4, 11 to 26.
         channel: Option<u8>,
     },
+    /// Something outside pulls inputs of a port down, and no others: buttons. Without power it
+    /// does not notice.
+    Pulls {
+        /// From when on; if that has passed, from now on.
+        at: u64,
+        /// The port.
+        port: u8,
+        /// Which, a bit a pin.
+        low: u32,
+    },
     /// Bits of its flash flip: addresses, and numbers of bits there.
     Rot(Vec<(u64, u8)>),
     /// What programs write in its flash keeps what it holds from now on, whatever they do.
@@ -112,7 +122,7 @@ impl Order {
     /// When a chip has something to do because of it.
     pub fn at(&self) -> u64 {
         match self {
-            Self::Bytes { at, .. } => *at,
+            Self::Bytes { at, .. } | Self::Pulls { at, .. } => *at,
             Self::Frame(frame, _) => frame.start,
             Self::StandInWrite | Self::Moves(_) | Self::Jammed { .. } | Self::WearOut => u64::MAX,
             Self::On { .. } | Self::Off | Self::Rot(_) => 0,

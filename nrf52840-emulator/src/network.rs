@@ -57,6 +57,8 @@ pub enum Input {
     StandInWrite,
     /// Something that is no frame is on a FREQUENCY, or on all, until an instant.
     Jammed(u64, Option<u32>),
+    /// From an instant on something pulls these inputs of a port down, a bit each, and no others: buttons.
+    Pulls(u64, u8, u32),
     /// Bits of its flash flip: addresses, and numbers of bits there.
     Rot(Vec<(u64, u8)>),
     /// [`MEMORY`](crate::MEMORY) keeps what it holds, whatever is written or erased.
@@ -68,7 +70,7 @@ impl Input {
     fn at(&self) -> u64 {
         match self {
             Self::Frame(frame, _) => frame.start,
-            Self::Byte(at, _) => *at,
+            Self::Byte(at, _) | Self::Pulls(at, ..) => *at,
             Self::StandInWrite | Self::Jammed(..) | Self::WearOut => u64::MAX,
             // At once.
             Self::Rot(_) => 0,

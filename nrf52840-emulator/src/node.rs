@@ -493,6 +493,7 @@ impl Run {
             Input::Jammed(until, frequency) => {
                 soc.radio.model.jam(time.local(until), frequency);
             }
+            Input::Pulls(at, port, low) => soc.pull(now, time.local(at), port, low),
             Input::WearOut => soc.nvmc.model.worn = Some(MEMORY),
             Input::Rot(bits) => {
                 for (address, bit) in bits {

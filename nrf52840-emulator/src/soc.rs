@@ -16,8 +16,8 @@ use rigless::{
 };
 
 use crate::peripheral::{
-    Arrival, Clock, Egu, Frame, Gpio, Instance, Nvmc, Peer, Plain, Ppi, REGISTERS, Radio, Rng, Rtc,
-    Temp, Timer, Twim, Uarte, Watchdog, Word, clock,
+    Arrival, Clock, Egu, Frame, Gpio, Gpiote, Instance, Nvmc, Peer, Ppi, REGISTERS, Radio, Rng,
+    Rtc, Temp, Timer, Twim, Uarte, Watchdog, Word, clock, gpiote,
 };
 use crate::{
     device::Chip,
@@ -62,6 +62,7 @@ const WATCHDOG: usize = 8;
 const EGU: usize = 10;
 const EGUS: usize = 6;
 const PPI: usize = 17;
+const GPIO: usize = 18;
 
 /// By their addresses: the bus counts its slots so.
 const MAP: [Peripheral; 19] = [
@@ -69,7 +70,7 @@ const MAP: [Peripheral; 19] = [
     peripheral("RADIO", RADIO_BASE as u64, &[1]),
     peripheral("UARTE0", 0x4000_2000, &[2]),
     peripheral("TWIM0", 0x4000_3000, &[3]),
-    peripheral("GPIOTE", 0x4000_6000, &[6]),
+    peripheral("GPIOTE", gpiote::BASE, &[6]),
     peripheral("TIMER1", 0x4000_9000, &[9]),
     peripheral("TEMP", 0x4000_c000, &[12]),
     peripheral("RNG", 0x4000_d000, &[13]),
@@ -83,7 +84,7 @@ const MAP: [Peripheral; 19] = [
     peripheral("EGU5", 0x4001_9000, &[25]),
     peripheral(NVMC, 0x4001_e000, &[30]),
     peripheral("PPI", 0x4001_f000, &[31]),
-    peripheral("GPIO", 0x5000_0000, &[]),
+    peripheral("GPIO", gpiote::PINS, &[]),
 ];
 
 const _: () = {
@@ -106,7 +107,7 @@ pub struct Soc {
     pub uarte: Instance<Uarte>,
     /// TWIM0.
     pub twim: Instance<Twim>,
-    gpiote: Instance<Plain>,
+    gpiote: Instance<Gpiote>,
     temp: Instance<Temp>,
     timer: Instance<Timer>,
     rng: Instance<Rng>,
@@ -142,7 +143,7 @@ impl Soc {
             radio: Instance::new(Radio::new(node)),
             uarte: Instance::new(Uarte::new(peer)),
             twim: Instance::new(Twim::new(chips)),
-            gpiote: Instance::new(Plain),
+            gpiote: Instance::new(Gpiote::default()),
             temp: Instance::new(Temp::default()),
             timer: Instance::new(Timer::default()),
             rng: Instance::new(Rng::new(node as u64 + 1)),
@@ -163,6 +164,7 @@ impl Soc {
             || self.radio.is_pending()
             || self.uarte.is_pending()
             || self.twim.is_pending()
+            || self.gpiote.is_pending()
             || self.timer.is_pending()
             || self.rng.is_pending()
             || self.watchdog.is_pending()
@@ -181,6 +183,14 @@ impl Soc {
         let (file, mut context) = self.bus.drive(now, UARTE);
         self.uarte.call(file, &mut context, |uarte, call| {
             uarte.deliver(byte, at, call);
+        });
+    }
+
+    /// From an instant on something outside pulls these inputs of a port down, and no others.
+    pub(crate) fn pull(&mut self, now: VirtualNanos, at: u64, port: u8, low: u32) {
+        let (file, mut context) = self.bus.drive(now, GPIO);
+        self.gpio.call(file, &mut context, |gpio, call| {
+            gpio.pull(at, port, low, call);
         });
     }
 
@@ -246,7 +256,7 @@ impl Mcu for Soc {
             EGU..16 => &mut self.egus[slot - EGU],
             16 => &mut self.nvmc,
             PPI => &mut self.ppi,
-            18 => &mut self.gpio,
+            GPIO => &mut self.gpio,
             _ => return (&mut self.bus, None),
         };
         (&mut self.bus, Some(model))

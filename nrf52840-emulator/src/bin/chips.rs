@@ -194,6 +194,9 @@ impl<'a> Chips<'a> {
                 let input = Input::Jammed(until, channel.map(frequency));
                 self.network.input(index, input);
             }
+            Order::Pulls { at, port, low } => {
+                self.network.input(index, Input::Pulls(at, port, low));
+            }
             Order::Rot(bits) => {
                 // Without power there is what its power left.
                 if let Some(chip) = self.all.get_mut(&number) {

@@ -7,6 +7,7 @@
 pub(crate) mod clock;
 mod egu;
 mod gpio;
+pub(crate) mod gpiote;
 mod nvmc;
 mod ppi;
 mod radio;
@@ -22,7 +23,8 @@ pub(crate) use self::radio::RAMP_UP;
 pub use self::{
     clock::Clock,
     egu::Egu,
-    gpio::{Gpio, Plain},
+    gpio::Gpio,
+    gpiote::Gpiote,
     nvmc::Nvmc,
     ppi::Ppi,
     radio::{AIR_PER_BYTE, Arrival, Frame, HEADER, Radio, crc},
@@ -450,6 +452,15 @@ pub(crate) mod bench {
             let flag = self.get(EVENTS + 4 * event) != 0;
             self.set(EVENTS + 4 * event, 0);
             flag
+        }
+
+        /// Something happens to it.
+        pub(crate) fn with(&mut self, work: impl FnOnce(&mut M, &mut Call<'_, '_>)) {
+            let at = VirtualNanos(self.now);
+            self.chip.drive(at, |instance, file, context| {
+                instance.call(file, context, work);
+            });
+            self.settle();
         }
 
         pub(crate) fn settle(&mut self) {

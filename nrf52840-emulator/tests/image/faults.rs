@@ -24,13 +24,13 @@ fn all() -> bool {
 }
 
 /// Nodes that all hear each other, whose power can be cut.
-struct Site {
-    network: Network,
+pub(super) struct Site {
+    pub(super) network: Network,
     nodes: Vec<Box<dyn Fn() -> Node>>,
     /// What each had in its flash when its power went.
     flash: BTreeMap<usize, Vec<(u64, Vec<u8>)>>,
     /// What the coordinator told its PC, and when.
-    told: Vec<(u64, ToPc)>,
+    pub(super) told: Vec<(u64, ToPc)>,
     frames: Frames,
     /// When who sent something.
     sent: Vec<(u64, usize)>,
@@ -38,7 +38,7 @@ struct Site {
 
 impl Site {
     /// All have power from now on.
-    fn new(nodes: Vec<Box<dyn Fn() -> Node>>) -> Self {
+    pub(super) fn new(nodes: Vec<Box<dyn Fn() -> Node>>) -> Self {
         let mut site = Self {
             network: Network::default(),
             nodes,
@@ -60,7 +60,7 @@ impl Site {
         self.network.switch_on(number, node, 0);
     }
 
-    fn switch_off(&mut self, number: usize) -> Outcome {
+    pub(super) fn switch_off(&mut self, number: usize) -> Outcome {
         let outcome = self.network.switch_off(number).unwrap().unwrap();
         self.flash.insert(number, outcome.flash.clone());
         if number == 0 {
@@ -69,7 +69,7 @@ impl Site {
         outcome
     }
 
-    fn run(&mut self, until: u64) {
+    pub(super) fn run(&mut self, until: u64) {
         while self.network.reached() < until {
             for (at, number, deed) in self.network.run(until) {
                 match deed {

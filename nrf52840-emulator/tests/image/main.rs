@@ -1,5 +1,6 @@
 //! The image that is flashed, from `NODE_IMAGE`, with the configuration pages of a site.
 
+mod buttons;
 mod debugging;
 mod faults;
 
@@ -64,6 +65,12 @@ impl Rehearsal {
         let mut scene = Scene::default();
         let view = self.site.world.look(camera.index);
         view.paint([110; 3], &mut scene.objects);
+        self.eye_before(number, scene)
+    }
+
+    /// A CMUcam2 that sees this.
+    fn eye_before(&self, number: usize, scene: Scene) -> Camera {
+        let camera = &self.site.networks[0].cameras[number];
         let configuration = Configuration {
             sensor: camera.sensor,
             baud: camera.baud,
