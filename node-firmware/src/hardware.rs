@@ -13,6 +13,7 @@ use core::{
 use calib_core::dead_reckoning::Step;
 use embedded_io_async::{Read, Write};
 use embedded_storage_async::nor_flash::NorFlash;
+use serde::{Deserialize, Serialize};
 use zigbee_link::{radio::Radio, runner::Clock, wire::ShortAddress};
 
 use crate::{facts::Fact, message::Message};
@@ -144,7 +145,8 @@ impl Buttons for () {
 }
 
 /// What a button asks for.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum Button {
     /// Coordinator: let new devices join for a while.

@@ -2,6 +2,7 @@
 
 use std::collections::BTreeMap;
 
+use node_firmware::hardware::Button;
 use serde::{Deserialize, Serialize};
 
 /// Something that happens at a time: `[[event]]`, `at_s = 60.0`,
@@ -137,6 +138,13 @@ pub enum Action {
         #[serde(default = "one_second")]
         stand_s: f64,
     },
+    /// Somebody presses a button of a node for a moment. One without power does not notice.
+    PressButton {
+        /// The node's number.
+        node: u16,
+        /// Which.
+        button: Button,
+    },
     /// Bits of a node's flash flip, each as likely as another.
     Rot {
         /// The node's number.
@@ -204,6 +212,7 @@ impl Action {
             | Self::Slip { node, .. }
             | Self::Rest { node, .. }
             | Self::IgnoreLamp { node, .. }
+            | Self::PressButton { node, .. }
             | Self::Rot { node, .. }
             | Self::WearOut { node }
             | Self::Replay { node, .. } => std::slice::from_ref(node),
@@ -220,6 +229,7 @@ impl Action {
             Self::Restart { .. }
             | Self::Daylight { .. }
             | Self::BumpCamera { .. }
+            | Self::PressButton { .. }
             | Self::Rot { .. }
             | Self::WearOut { .. }
             | Self::Replay { .. } => None,

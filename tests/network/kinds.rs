@@ -1,17 +1,19 @@
 //! Networks of every kind.
 
+use std::collections::BTreeSet;
+
 use answers::record::{
     RunRecord,
     verdict::{Common, Finding, Trouble, Verdict},
 };
 use calib_core::camera::Projection;
 use nalgebra::Vector2;
-use node_firmware::vision::CameraKind;
+use node_firmware::{hardware::Button, vision::CameraKind};
 use site::world::Variant;
-use site::{Overrides, Scenario};
+use site::{Action, Overrides, Scenario};
 
 use crate::yard::{
-    TARGET, Yard, assert_all_calibrated, assert_calibrated_within, assert_fair, node, run,
+    TARGET, Yard, assert_all_calibrated, assert_calibrated_within, assert_fair, node, run, with,
 };
 
 #[test]
@@ -134,6 +136,29 @@ fn targets_that_are_found_by_motion() {
         records.push(record);
     }
     assert_fair(&records);
+}
+
+/// Cameras that were told the wrong colour learn the right one from who stands in the middle of their view.
+#[test]
+fn a_button_has_a_camera_learn_a_colour() {
+    let seen_by = |pressed: Option<u16>| {
+        let yard = Yard {
+            targets: "{ id = 20, radius = 0.8, stops = [[4.0, 6.3], STOPS], \
+                        window = { red = [16, 60], green = [16, 60], blue = [180, 240] } }",
+            ..Yard::default()
+        };
+        let (node, for_s) = (TARGET, 40.0);
+        let mut scenario = with(yard.scenario(1), 1.0, Action::Rest { node, for_s });
+        if let Some(node) = pressed {
+            let button = Button::LearnColour;
+            scenario = with(scenario, 25.0, Action::PressButton { node, button });
+        }
+        let record = run(scenario);
+        let bearings = record.sightings.iter().flat_map(|all| &all.bearings);
+        bearings.map(|seen| seen.camera).collect::<BTreeSet<_>>()
+    };
+    assert!(seen_by(None).is_empty());
+    assert_eq!(seen_by(Some(3)), BTreeSet::from([3]));
 }
 
 /// The thesis's cameras, and what their nodes take them for.

@@ -112,6 +112,7 @@ pub fn ingredients(scenario: &Scenario) -> BTreeSet<&'static str> {
         Action::CameraFaults { .. } => "camera faults for a while",
         Action::Rest { .. } => "carrier who rests",
         Action::IgnoreLamp { .. } => "carrier who ignores the lamp",
+        Action::PressButton { .. } => "pressed button",
         Action::Rot { .. } => "rot",
         Action::WearOut { .. } => "worn flash",
         Action::Forge { .. } => "forged frames",

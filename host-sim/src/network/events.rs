@@ -4,6 +4,7 @@ use std::{cell::RefCell, collections::BTreeSet, rc::Rc};
 
 use cmucam2_emulator::FaultRates;
 use nalgebra::Vector2;
+use node_firmware::hardware::Button;
 use rand::{Rng, RngExt};
 use zigbee_link::{radio::Channel, wire::fcs};
 
@@ -167,6 +168,11 @@ pub(super) fn schedule(simulation: &mut Simulation) {
                     simulation.executor.spawn(hurry);
                 }
             }
+            Action::PressButton { node, button } => {
+                if let Some(node) = find(simulation, node) {
+                    simulation.executor.spawn(press(clock, at, node, button));
+                }
+            }
             Action::Rot { node, bits } => {
                 if let Some(node) = find(simulation, node) {
                     let random = root.stream("rot", number);
@@ -317,6 +323,16 @@ async fn jam(clock: Clock, during: std::ops::Range<Time>, nodes: Vec<Rc<Node>>) 
             node.hears_jam(at);
         }
     }
+}
+
+async fn press(clock: Clock, at: Time, node: Rc<Node>, button: Button) {
+    clock.sleep_until_time(at).await;
+    let what = match button {
+        Button::JoinWindow => "has its button pressed that lets devices join",
+        Button::LearnColour => "has its button pressed that has it learn a colour",
+    };
+    node.note(what);
+    node.press(button);
 }
 
 async fn rot(clock: Clock, at: Time, node: Rc<Node>, bits: u32, random: impl Rng) {

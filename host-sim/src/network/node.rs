@@ -15,7 +15,9 @@ use nalgebra::{Point2, Vector2};
 use node_firmware::{
     config::{CheckedConfig, RoleConfig},
     facts::{self, Fact},
-    hardware::{FlashLayout, Hardware, Indication, Indicator, Peripherals, StepSensor},
+    hardware::{
+        Button, Buttons, FlashLayout, Hardware, Indication, Indicator, Peripherals, StepSensor,
+    },
     limits::CONSOLE_BAUD,
     liveness::Liveness,
     message::{Health, Restart},
@@ -70,6 +72,8 @@ pub(super) struct Panel {
     pub(super) changed: Signal<NoopRawMutex, ()>,
     /// Steps on their way from the sensor.
     pub(super) steps: Queue<NoopRawMutex, Step<f32>, STEPS>,
+    /// The last button that was pressed and not noticed yet.
+    pressed: Signal<NoopRawMutex, Button>,
 }
 
 impl Panel {
@@ -109,6 +113,15 @@ impl StepSensor for Steps {
 
     async fn next(&mut self) -> Result<Step<f32>, Self::Error> {
         Ok(self.0.panel.steps.receive().await)
+    }
+}
+
+/// The buttons' end at the node.
+pub(super) struct PushButtons(Rc<Node>);
+
+impl Buttons for PushButtons {
+    async fn pressed(&mut self) -> Button {
+        self.0.panel.pressed.wait().await
     }
 }
 
@@ -189,7 +202,7 @@ impl Hardware for Node {
     type Flash = Flash;
     type Steps = Steps;
     type Indicator = Lamps;
-    type Buttons = ();
+    type Buttons = PushButtons;
     type Observer = Witness;
 }
 
@@ -221,6 +234,7 @@ impl Node {
                 shown: Cell::default(),
                 changed: Signal::new(),
                 steps: Queue::new(),
+                pressed: Signal::new(),
             },
             outlook,
             truth: RefCell::default(),
@@ -366,6 +380,15 @@ impl Node {
                     bytes[at] ^= 1 << random.random_range(0..8);
                 }
             }
+        }
+    }
+
+    /// Somebody presses one of its buttons.
+    pub(super) fn press(&self, button: Button) {
+        match self.chip() {
+            Some(chip) => chip.press(&self.clock, button),
+            None if self.task.get().is_some() => self.panel.pressed.signal(button),
+            None => {}
         }
     }
 
@@ -550,6 +573,7 @@ impl Node {
             self.spawner.kill(task);
             self.panel.show(Indication::default());
             self.panel.steps.clear();
+            self.panel.pressed.reset();
         }
     }
 
@@ -674,7 +698,7 @@ impl Node {
                 },
                 steps: Steps(self.clone()),
                 indicator: Lamps(self.clone()),
-                buttons: (),
+                buttons: PushButtons(self.clone()),
                 observer: Witness {
                     id: self.config.id,
                     journal: self.journal.clone(),

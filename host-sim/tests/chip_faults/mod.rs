@@ -179,6 +179,10 @@ at_s = 20.0
 action = { ignore-lamp = { node = 20, for_s = 1.0 } }
 
 [[event]]
+at_s = 20.5
+action = { press-button = { node = 1, button = "learn-colour" } }
+
+[[event]]
 at_s = 21.0
 action = { rot = { node = 2, bits = 20000 } }
 
@@ -224,6 +228,7 @@ fn whatever_a_scenario_has_go_wrong_does() {
         "slips",
         "has a carrier who rests",
         "has a carrier who does not heed the lamp",
+        "has its button pressed",
         "has bits of its flash flip",
         "is heard again",
     ] {
@@ -233,7 +238,7 @@ fn whatever_a_scenario_has_go_wrong_does() {
             "{words}"
         );
     }
-    assert_eq!(events, 16);
+    assert_eq!(events, 17);
     // Who assesses a jammed channel finds it busy, and does not send.
     let sent = sent(&pcap);
     let within = |from: f64, to: f64| sent.iter().filter(|at| (from..to).contains(*at)).count();
@@ -245,6 +250,47 @@ fn whatever_a_scenario_has_go_wrong_does() {
     // Whose flash is worn works from RAM, and says so.
     assert!(log.contains("memory: Ram"), "{log}");
     assert!(record.nodes.iter().all(|node| node.failures.is_empty()));
+}
+
+/// Cameras that were told the wrong colour, and one of which learns the right one at the press of a button from who
+/// stands in the middle of its view.
+const WRONG_COLOUR: &str = r#"
+name = "wrong-colour"
+
+[[network]]
+references = { cameras = [1, 2] }
+camera = [
+  { id = 1, x = 0.0, y = 0.0, heading_deg = 45.0 },
+  { id = 2, x = 8.0, y = 0.0, heading_deg = 135.0 },
+  { id = 3, x = 4.0, y = 9.0, heading_deg = 270.0 },
+]
+
+[[network.target]]
+id = 20
+radius = 0.8
+stops = [[4.0, 6.3], [4.0, 5.5], [4.4, 5.0]]
+window = { red = [16, 60], green = [16, 60], blue = [180, 240] }
+
+[[event]]
+at_s = 1.0
+action = { rest = { node = 20, for_s = 40.0 } }
+
+[[event]]
+at_s = 25.0
+action = { press-button = { node = 3, button = "learn-colour" } }
+"#;
+
+#[test]
+#[ignore = "`cargo xtask test --stage chip`"]
+fn a_button_has_a_camera_learn_a_colour() {
+    let nothing = Overrides::default();
+    let scenario = Scenario::from_toml(WRONG_COLOUR, &nothing).unwrap();
+    let (simulation, _, _) = run(scenario, 0);
+    let has_learnt = |node: u16| {
+        let memory = simulation.memory(node);
+        memory.iter().any(|fact| matches!(fact, Fact::Colours(_)))
+    };
+    assert_eq!([1, 2, 3].map(has_learnt), [false, false, true]);
 }
 
 /// What was learnt outlives every loss of power, all are members in the end, and all cameras calibrated where cuts are

@@ -2,6 +2,8 @@
 
 use std::collections::BTreeSet;
 
+use node_firmware::hardware::Button;
+
 use super::{Checked, fault_rates, refuse};
 use crate::{
     event::Action,
@@ -25,12 +27,18 @@ pub(super) fn check(scenario: &Scenario, ids: &BTreeSet<u16>) -> Checked {
                 Action::UnplugCamera { .. }
                 | Action::StickCamera { .. }
                 | Action::CameraFaults { .. }
-                | Action::BumpCamera { .. } => {
-                    (ids.contains(id) && !is_target, "the `id` of a camera")
-                }
+                | Action::BumpCamera { .. }
+                | Action::PressButton {
+                    button: Button::LearnColour,
+                    ..
+                } => (ids.contains(id) && !is_target, "the `id` of a camera"),
                 Action::Slip { .. } | Action::Rest { .. } | Action::IgnoreLamp { .. } => {
                     (is_target, "the `id` of a target")
                 }
+                Action::PressButton {
+                    button: Button::JoinWindow,
+                    ..
+                } => (*id == 0, "0, for the first network's coordinator"),
                 _ => (
                     ids.contains(id) || *id == 0,
                     "the `id` of a camera or a target, or 0 for the first network's coordinator",

@@ -34,7 +34,7 @@ use embedded_io_async::{Read, Write};
 use node_firmware::{
     config::{CheckedConfig, Config, RoleConfig, page},
     facts::Fact,
-    hardware::Indication,
+    hardware::{Button, Indication},
     limits::CONSOLE_BAUD,
 };
 use rand::{Rng, RngExt};
@@ -64,6 +64,11 @@ const SECOND: Time = 1_000_000_000;
 /// Pins of the first port that the board connects to lamps, which shine while they are low: joined, target
 /// seen, calibrated, may walk (`boards/nrf52840/src/board.rs`).
 const LAMPS: [u32; 4] = [13, 14, 15, 16];
+
+/// And to buttons: the one that lets devices join, and the one that has a camera learn a colour.
+const BUTTONS: [u32; 2] = [11, 12];
+/// How long somebody presses a button.
+const PRESSED: Time = 200_000_000;
 
 /// The process in which chips are emulated, and their program: checked, and ready to run.
 #[derive(Debug)]
@@ -491,6 +496,19 @@ impl Board {
         };
         let bits = (0..bits).map(|_| flip()).collect();
         self.queue.push(self.number(), Order::Rot(bits));
+    }
+
+    /// Somebody connects the pin of a button to ground for a moment.
+    pub(in crate::network) fn press(&self, clock: &Clock, button: Button) {
+        let pin = match button {
+            Button::JoinWindow => BUTTONS[0],
+            Button::LearnColour => BUTTONS[1],
+        };
+        let now = clock.time();
+        for (at, low) in [(now, 1 << pin), (now + PRESSED, 0)] {
+            self.queue
+                .push(self.number(), Order::Pulls { at, port: 0, low });
+        }
     }
 
     /// Its flash keeps what it holds from now on.
