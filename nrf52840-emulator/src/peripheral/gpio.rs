@@ -181,7 +181,8 @@ impl Model for Gpio {
 
     fn write(&mut self, offset: u16, value: u32, call: &mut Call<'_, '_>) {
         if (DRIVEN..DRIVEN_END).contains(&offset) {
-            let (number, is_level) = ((offset - DRIVEN) / 8, (offset - DRIVEN) % 8 != 0);
+            let place = offset - DRIVEN;
+            let (number, is_level) = (place / 8, place & 4 != 0);
             let port = &mut self.ports[usize::from(number)];
             *(if is_level {
                 &mut port.level
