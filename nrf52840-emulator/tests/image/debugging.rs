@@ -2,7 +2,8 @@
 
 use std::{
     io::{Read, Write},
-    net::{TcpListener, TcpStream},
+    net::{SocketAddr, TcpListener, TcpStream},
+    process::{Command, Stdio},
     thread,
 };
 
@@ -50,6 +51,55 @@ fn function(name: &str) -> u32 {
         })
     });
     symbol.unwrap().address() as u32 & !1
+}
+
+/// What GDB prints when it is told so.
+fn gdb(commands: &[&str], address: SocketAddr) -> String {
+    let mut command = Command::new("gdb-multiarch");
+    command.args(["-nx", "-batch", "-ex", "set width 0"]);
+    command.args(["-ex", &format!("target remote {address}")]);
+    for line in commands {
+        command.args(["-ex", line]);
+    }
+    let output = command.arg(image()).stdin(Stdio::null()).output();
+    let output = output.expect("install gdb-multiarch");
+    // What `monitor` has answered is on the other one.
+    let printed = [output.stdout, output.stderr].concat();
+    let printed = String::from_utf8_lossy(&printed).into_owned();
+    assert!(output.status.success(), "{printed}");
+    printed
+}
+
+/// Somebody's GDB finds the sources, stops where it is told to, and lets the node go on. What it does takes none of
+/// the node's time.
+#[test]
+#[ignore = "`cargo xtask test --stage chip`"]
+fn gdb_looks_at_a_node() {
+    let listener = TcpListener::bind("127.0.0.1:0").unwrap();
+    let address = listener.local_addr().unwrap();
+    let node = |debugger| Node {
+        debugger,
+        ..lab().coordinator()
+    };
+    let running = thread::spawn(move || alone(node(Some(listener)), 5 * S));
+    let printed = gdb(
+        &[
+            "tbreak embassy_nrf::init",
+            "continue",
+            "backtrace",
+            "monitor until-time 3s",
+            "continue",
+            "monitor icount",
+            "print/x $lr",
+            "stepi",
+            "detach",
+        ],
+        address,
+    );
+    for words in ["boards/nrf52840/src/board.rs:", "at 3000000000 ns"] {
+        assert!(printed.contains(words), "{printed}");
+    }
+    are_equal(&[running.join().unwrap()], &[alone(node(None), 5 * S)]);
 }
 
 /// GDB stops a node at a function; a panic there tells its file and line after the restart.
