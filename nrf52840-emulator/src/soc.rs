@@ -17,7 +17,8 @@ use rigless::{
 
 use crate::peripheral::{
     Arrival, Clock, Egu, Frame, Gpio, Gpiote, Instance, Nvmc, Peer, Ppi, REGISTERS, Radio, Rng,
-    Rtc, Temp, Timer, Twim, Uarte, Watchdog, Word, clock, gpiote,
+    Rtc, Temp, Timer, Twim, Uarte, Watchdog, Word, clock, gpiote, radio, timer, twim, uarte,
+    watchdog,
 };
 use crate::{
     device::Chip,
@@ -58,6 +59,8 @@ const fn peripheral(name: &'static str, base: u64, interrupts: &'static [u16]) -
 const RADIO: usize = 1;
 const RADIO_BASE: u32 = 0x4000_1000;
 const UARTE: usize = 2;
+const TWIM: usize = 3;
+const TIMER: usize = 5;
 const WATCHDOG: usize = 8;
 const EGU: usize = 10;
 const EGUS: usize = 6;
@@ -94,6 +97,15 @@ const _: () = {
         slot += 1;
     }
 };
+
+/// Registers that are not 0 after a reset: whose, offsets, and what they are.
+const RESET: [(usize, &[(u16, u32)]); 5] = [
+    (RADIO, &radio::RESET),
+    (UARTE, &uarte::RESET),
+    (TWIM, &twim::RESET),
+    (TIMER, &timer::RESET),
+    (WATCHDOG, &watchdog::RESET),
+];
 
 /// An nRF52840.
 #[derive(Debug)]
@@ -155,7 +167,18 @@ impl Soc {
             gpio: Instance::new(Gpio::default()),
         };
         soc.check()?;
+        soc.set_registers(VirtualNanos(0));
         Ok(soc)
+    }
+
+    /// All registers are as after a reset, where they were 0 before.
+    fn set_registers(&mut self, now: VirtualNanos) {
+        for (slot, registers) in RESET {
+            let (file, _) = self.bus.drive(now, slot);
+            for &(offset, value) in registers {
+                file.set(Word::at(offset), value.into());
+            }
+        }
     }
 
     /// Whether an interrupt is pending, which wakes the processor.
@@ -220,6 +243,7 @@ impl Mcu for Soc {
         let file = self.bus.slots()[WATCHDOG].registers();
         let kept = Watchdog::KEPT.map(|offset| (offset, file.get(Word::at(offset)) as u32));
         self.reset_every_model();
+        self.set_registers(at);
         if cause == ResetCause::Core {
             let (file, mut context) = self.bus.drive(at, WATCHDOG);
             self.watchdog.call(file, &mut context, |watchdog, call| {
@@ -246,9 +270,9 @@ impl Mcu for Soc {
             0 => &mut self.clock,
             RADIO => &mut self.radio,
             UARTE => &mut self.uarte,
-            3 => &mut self.twim,
+            TWIM => &mut self.twim,
             4 => &mut self.gpiote,
-            5 => &mut self.timer,
+            TIMER => &mut self.timer,
             6 => &mut self.temp,
             7 => &mut self.rng,
             WATCHDOG => &mut self.watchdog,

@@ -18,10 +18,10 @@ const LATCH: u16 = 0x520;
 const DETECTMODE: u16 = 0x524;
 const PIN_CNF: core::ops::RangeInclusive<u16> = 0x700..=0x77c;
 
-/// Where GPIOTE tells which pins of the first port its channels drive, and then their levels; those of
-/// the second port follow. Programs know nothing of these.
+/// Where GPIOTE tells which pins of the first port its channels drive, then their levels, and for which
+/// they listen; those of the second port follow. Programs know nothing of these.
 pub(super) const DRIVEN: u16 = 0xf00;
-const DRIVEN_END: u16 = DRIVEN + 8 * PORTS as u16;
+const DRIVEN_END: u16 = DRIVEN + 12 * PORTS as u16;
 
 /// A port.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -34,9 +34,10 @@ struct Port {
     connected: u32,
     pulled_down: u32,
     sensed: [u32; 2],
-    /// A channel of GPIOTE drives it, and to which level.
+    /// A channel of GPIOTE drives it, and to which level; or listens for it, which makes it a connected input.
     taken: u32,
     level: u32,
+    heard: u32,
     /// LATCH, and whether it is what DETECT follows.
     latch: u32,
     is_latched: bool,
@@ -46,19 +47,26 @@ impl Port {
     /// What its pins drive; those of inputs count as high.
     fn driven(&self) -> u32 {
         let out = self.out & !self.taken | self.level & self.taken;
-        out | !(self.direction | self.taken)
+        out | self.inputs()
+    }
+
+    fn inputs(&self) -> u32 {
+        !(self.direction & !self.heard | self.taken)
+    }
+
+    fn connected(&self) -> u32 {
+        self.connected | self.heard
     }
 
     /// The levels of its pins. `low`: those of inputs that something outside pulls down.
     fn levels(&self, low: u32) -> u32 {
-        let inputs = !(self.direction | self.taken);
-        self.driven() & !(inputs & (low | self.pulled_down))
+        self.driven() & !(self.inputs() & (low | self.pulled_down))
     }
 
     /// The pins that are found as they are looked for.
     fn found(&self, levels: u32) -> u32 {
         let [high, low] = self.sensed;
-        self.connected & (levels & high | !levels & low)
+        self.connected() & (levels & high | !levels & low)
     }
 
     fn configure(&mut self, pin: u16, value: u32) {
@@ -137,7 +145,7 @@ impl Gpio {
         let levels = port.levels(self.low[number]);
         let found = port.found(levels);
         port.latch |= found;
-        let inputs = levels & port.connected;
+        let inputs = levels & port.connected();
         if inputs != self.inputs[number] {
             self.inputs[number] = inputs;
             tell(gpiote::INPUTS + 4 * number as u16, inputs, call);
@@ -168,7 +176,7 @@ impl Model for Gpio {
             DIR | DIRSET | DIRCLR => Some(port.direction),
             LATCH => Some(port.latch),
             // "Inputs must be connected to get a valid input value."
-            IN => Some(port.levels(self.low[number]) & port.connected),
+            IN => Some(port.levels(self.low[number]) & port.connected()),
             offset if PIN_CNF.contains(&offset) => {
                 let pin = (offset - PIN_CNF.start()) / 4;
                 let bit = |bits: u32| bits >> pin & 1;
@@ -181,18 +189,18 @@ impl Model for Gpio {
 
     fn write(&mut self, offset: u16, value: u32, call: &mut Call<'_, '_>) {
         if (DRIVEN..DRIVEN_END).contains(&offset) {
-            let place = offset - DRIVEN;
-            let (number, is_level) = (place / 8, place & 4 != 0);
+            let (number, which) = ((offset - DRIVEN) / 12, (offset - DRIVEN) % 12 / 4);
             let port = &mut self.ports[usize::from(number)];
-            *(if is_level {
-                &mut port.level
-            } else {
-                &mut port.taken
-            }) = value;
+            *match which {
+                0 => &mut port.taken,
+                1 => &mut port.level,
+                _ => &mut port.heard,
+            } = value;
             return self.follow(number.into(), false, call);
         }
         let (number, offset) = port(offset);
         let port = &mut self.ports[number];
+        let clears = offset == LATCH && port.latch & value != 0;
         match offset {
             OUT => port.out = value,
             OUTSET => port.out |= value,
@@ -207,7 +215,7 @@ impl Model for Gpio {
             }
             _ => {}
         }
-        self.follow(number, offset == LATCH, call);
+        self.follow(number, clears, call);
     }
 
     fn due(&mut self, id: EventId, call: &mut Call<'_, '_>) {

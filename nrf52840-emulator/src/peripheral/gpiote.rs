@@ -63,9 +63,10 @@ impl Channel {
 #[derive(Debug, Default)]
 pub struct Gpiote {
     inputs: u64,
-    /// Pins that channels drive, and their levels.
+    /// Pins that channels drive, and their levels; and those for which channels listen.
     driven: u64,
     levels: u64,
+    heard: u64,
 }
 
 impl Gpiote {
@@ -88,8 +89,12 @@ impl Gpiote {
     /// Tells the pins.
     fn drive(&self, call: &mut Call<'_, '_>) {
         for port in 0..2 {
-            let at = PINS + u64::from(gpio::DRIVEN) + 8 * port;
-            for (at, bits) in [(at + 4, self.levels), (at, self.driven)] {
+            let at = PINS + u64::from(gpio::DRIVEN) + 12 * port;
+            for (at, bits) in [
+                (at + 4, self.levels),
+                (at, self.driven),
+                (at + 8, self.heard),
+            ] {
                 let bits = bits >> (32 * port) & 0xffff_ffff;
                 call.context.write_to(at, Width::W32, bits, DONE);
             }
@@ -104,7 +109,8 @@ impl Gpiote {
         if used.count_ones() as usize != all.len() {
             call.forbid("CONFIG", "two channels with the same pin (\"GPIOTE\")");
         }
-        self.driven = of(Mode::Task).fold(0, |driven, one| driven | one.bit());
+        let pins = |mode| of(mode).fold(0, |pins, one| pins | one.bit());
+        (self.driven, self.heard) = (pins(Mode::Task), pins(Mode::Event));
         let channel = Self::channel(number, call);
         if channel.mode == Mode::Task {
             let bit = channel.bit();
@@ -257,13 +263,26 @@ mod tests {
         }
     }
 
+    /// Who looks for a level needs an input that is connected. A channel connects its own, and makes it an input.
     #[test]
-    fn an_input_that_is_not_connected_makes_none() {
+    fn a_channel_connects_its_input() {
+        for configured in [0b00, 0b10, 0b11] {
+            let mut pins = Pins::new();
+            pins.configure(0, 5, configured);
+            pins.channel(0, 1 | 5 << 8 | 3 << 16);
+            pins.took(0);
+            pins.pull(0, 1 << 5);
+            assert!(pins.took(0));
+            pins.channel(0, 0);
+            pins.pull(0, 0);
+            assert!(!pins.took(0));
+        }
         let mut pins = Pins::new();
         pins.configure(0, 5, 0b10 | 3 << 16);
-        pins.channel(0, 1 | 5 << 8 | 3 << 16);
         pins.pull(0, 1 << 5);
-        assert!(!pins.took(0) && !pins.took(PORT));
+        assert!(!pins.took(PORT));
+        pins.configure(0, 5, 3 << 16);
+        assert!(pins.took(PORT));
     }
 
     #[test]

@@ -10,14 +10,14 @@ mod gpio;
 pub(crate) mod gpiote;
 mod nvmc;
 mod ppi;
-mod radio;
+pub(crate) mod radio;
 mod rng;
 mod rtc;
 mod temp;
-mod timer;
-mod twim;
-mod uarte;
-mod watchdog;
+pub(crate) mod timer;
+pub(crate) mod twim;
+pub(crate) mod uarte;
+pub(crate) mod watchdog;
 
 pub(crate) use self::radio::RAMP_UP;
 pub use self::{
@@ -150,6 +150,12 @@ impl Call<'_, '_> {
         let request = usize::from(number);
         self.context.request(request, Level::High);
         self.context.request(request, Level::Low);
+        self.happened.push(number);
+    }
+
+    /// An event of which no other peripheral hears.
+    fn event_unheard(&mut self, number: u16) {
+        self.set(EVENTS + 4 * number, 1);
         self.happened.push(number);
     }
 

@@ -106,8 +106,11 @@ impl Model for Nvmc {
         if offset == ERASEPAGE {
             self.erase(u64::from(value) & !(PAGE - 1), call);
         }
-        if matches!(offset, 0x50c | 0x514) {
-            call.forbid("ERASEALL", "not modelled");
+        if matches!(offset, 0x50c | 0x514 | 0x518) {
+            call.forbid(
+                "ERASEALL",
+                "that is not modelled, nor erasing of UICR or of parts of a page",
+            );
         }
     }
 

@@ -11,6 +11,8 @@ const FREQUENCY: u16 = 0x508;
 const TXPOWER: u16 = 0x50c;
 const MODE: u16 = 0x510;
 const STATE: u16 = 0x550;
+const DATAWHITEIV: u16 = 0x554;
+const SFD: u16 = 0x660;
 const MODECNF0: u16 = 0x650;
 const CCACTRL: u16 = 0x66c;
 const POWER: u16 = 0xffc;
@@ -42,10 +44,41 @@ const CCA_TIME: u64 = 128 * US;
 pub(crate) const RAMP_UP: u64 = 130 * US;
 const TX_DISABLE: u64 = 21 * US;
 const RX_DISABLE: u64 = 500;
+/// Modes of CCACTRL; the others ask for energy.
+const CARRIER: u32 = 1;
+const CARRIER_AND_ENERGY: u32 = 2;
+const CARRIER_OR_ENERGY: u32 = 3;
 /// Bytes of the longest frame with its length.
 const PACKET: u64 = 128;
 /// FCS.
 const FCS: usize = 2;
+
+/// After a reset, where it is not 0.
+pub(crate) const RESET: [(u16, u32); 6] = [
+    (FREQUENCY, 2),
+    (DATAWHITEIV, 0x40),
+    (MODECNF0, 0x200),
+    (SFD, 0xa7),
+    (CCACTRL, 0x052d_0000),
+    (POWER, 1),
+];
+
+/// Bits of SHORTS that are modelled, causes and tasks (Product Specification, "RADIO").
+const SHORTCUTS: [(u16, u16, u16); 13] = [
+    (0, READY, 2),
+    (1, END, 4),
+    (2, DISABLED, 0),
+    (3, DISABLED, 1),
+    (5, END, 2),
+    (11, RXREADY, 11),
+    (12, CCAIDLE, 0),
+    (13, CCABUSY, 4),
+    (17, CCAIDLE, 3),
+    (18, TXREADY, 2),
+    (19, RXREADY, 2),
+    (20, PHYEND, 4),
+    (21, PHYEND, 2),
+];
 
 /// A frame on the air.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -255,6 +288,13 @@ impl Radio {
         match self.state {
             State::RxIdle => self.enter(State::Rx, call),
             State::TxIdle => {
+                // The frame was told when it began to ramp up.
+                if core::mem::take(&mut self.starts) != call.now() {
+                    call.forbid(
+                        "TASKS_START",
+                        "that it sends later than it can is not modelled",
+                    );
+                }
                 self.enter(State::Tx, call);
                 self.is_body = false;
                 self.step = Some(call.after(HEADER));
@@ -289,16 +329,24 @@ impl Radio {
         let control = call.get(CCACTRL);
         let (mode, energy) = (control & 7, (control >> 8 & 0xff) as u8);
         let frequency = call.get(FREQUENCY) & 0x7f;
+        let needs_carrier = matches!(mode, CARRIER | CARRIER_AND_ENERGY);
+        // What is no frame has energy, and no carrier of one.
         let is_jammed = { self.jammed.iter() }
             .any(|(until, which)| *until > from && which.is_none_or(|which| which == frequency));
-        is_jammed || { self.air.iter() }
+        is_jammed && !needs_carrier || { self.air.iter() }
             .filter(|heard| heard.frame.frequency == frequency)
             .filter(|heard| heard.frame.start < to && heard.frame.end() > from)
             .any(|heard| {
                 let Arrival {
                     level, is_faint, ..
                 } = heard.arrival;
-                (mode == 1 || mode == 3) && !is_faint || mode != 1 && level >= energy
+                let (is_carrier, is_strong) = (!is_faint, level >= energy);
+                match mode {
+                    CARRIER => is_carrier,
+                    CARRIER_AND_ENERGY => is_carrier && is_strong,
+                    CARRIER_OR_ENERGY => is_carrier || is_strong,
+                    _ => is_strong,
+                }
             })
     }
 
@@ -482,23 +530,7 @@ impl Model for Radio {
 
     fn shortcut(&mut self, event: u16, call: &mut Call<'_, '_>) {
         let shorts = call.get(SHORTS);
-        // Bits of SHORTS, causes and tasks (Product Specification, "RADIO").
-        let all = [
-            (0, READY, 2),
-            (1, END, 4),
-            (2, DISABLED, 0),
-            (3, DISABLED, 1),
-            (5, END, 2),
-            (11, RXREADY, 11),
-            (12, CCAIDLE, 0),
-            (13, CCABUSY, 4),
-            (17, CCAIDLE, 3),
-            (18, TXREADY, 2),
-            (19, RXREADY, 2),
-            (20, PHYEND, 4),
-            (21, PHYEND, 2),
-        ];
-        for (bit, cause, task) in all {
+        for (bit, cause, task) in SHORTCUTS {
             if cause == event && shorts >> bit & 1 != 0 {
                 self.task(task, call);
             }
@@ -512,10 +544,20 @@ impl Model for Radio {
 
     fn write(&mut self, offset: u16, value: u32, call: &mut Call<'_, '_>) {
         self.catch_up(call);
+        let known = SHORTCUTS
+            .iter()
+            .fold(0, |known, (bit, ..)| known | 1 << bit);
+        if offset == SHORTS && value & !known != 0 {
+            call.forbid("SHORTS", "a shortcut that is not modelled");
+        }
         if offset == POWER && value & 1 == 0 {
             for word in 0..POWER / 4 {
                 call.set(word * 4, 0);
             }
+            for (offset, value) in RESET {
+                call.set(offset, value);
+            }
+            call.enabled = 0;
             self.enter(State::Disabled, call);
             self.stop();
         }
@@ -726,6 +768,48 @@ mod tests {
         }
     }
 
+    /// It is energy, and no frame.
+    #[test]
+    fn what_jams_the_channel_is_no_carrier_of_frames() {
+        for (mode, is_busy) in [(0, true), (1, false), (2, false), (3, true)] {
+            let mut bench = bench();
+            bench.set(CCACTRL, mode);
+            bench.set(SHORTS, 1 << 11);
+            bench.chip.model.model.jam(1_000 * US, None);
+            bench.task(1);
+            bench.pass(RAMP_UP + CCA_TIME);
+            assert_eq!(bench.took(CCABUSY), is_busy, "{mode}");
+        }
+    }
+
+    #[test]
+    fn switched_off_it_is_as_after_a_reset() {
+        let mut bench = bench();
+        bench.set(INTENSET, 1 << END);
+        bench.set(POWER, 0);
+        bench.set(POWER, 1);
+        assert_eq!(bench.get(INTENSET), 0);
+        for (offset, value) in RESET {
+            assert_eq!(bench.get(offset), value, "{offset:x}");
+        }
+    }
+
+    #[test]
+    fn what_is_not_modelled_of_sending_is_told() {
+        let mut bench = bench();
+        bench.set(SHORTS, 1 << 18);
+        bench.task(0);
+        bench.pass(RAMP_UP);
+        assert_eq!(bench.forbidden(), [""; 0]);
+        let mut bench = self::bench();
+        bench.task(0);
+        bench.pass(RAMP_UP + 1);
+        bench.task(2);
+        assert_eq!(bench.forbidden(), ["TASKS_START"]);
+        bench.set(SHORTS, 1 << 4);
+        assert_eq!(bench.forbidden(), ["SHORTS"]);
+    }
+
     #[test]
     fn what_is_not_listened_for_is_not_heard() {
         let mut bench = bench();
@@ -748,6 +832,7 @@ mod tests {
             (0, 17, 17, true),
             (1, 17, 1, true),
             (2, 17, 16, false),
+            (2, 17, 17, true),
             (3, 17, 16, true),
         ] {
             let mut bench = bench();

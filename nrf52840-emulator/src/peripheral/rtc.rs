@@ -22,7 +22,8 @@ const SECOND: u128 = 1_000_000_000;
 /// does (Product Specification, "RTC", compare): those that may not do not here.
 const SOONEST: u64 = 2;
 
-/// Events happen only where INTEN or EVTEN enables them (Product Specification, "RTC").
+/// Events happen only where INTEN or EVTEN enables them, and other peripherals hear of them where EVTEN does
+/// (Product Specification, "RTC").
 #[derive(Debug, Default)]
 pub struct Rtc {
     /// Since when it runs.
@@ -137,6 +138,9 @@ impl Model for Rtc {
             }
             _ => {}
         }
+        if (call.enabled | call.get(EVTEN)) & 1 != 0 {
+            call.forbid("EVTEN", "its TICK is not modelled");
+        }
         if offset >= INTEN {
             self.plan(call);
         }
@@ -149,7 +153,11 @@ impl Model for Rtc {
         let ticks = self.ticks(call.now());
         for (event, target) in Self::targets(call) {
             if target == ticks & MASK && !self.is_too_soon(event, ticks) {
-                call.event(event);
+                if call.get(EVTEN) >> event & 1 != 0 {
+                    call.event(event);
+                } else {
+                    call.event_unheard(event);
+                }
             }
         }
         self.plan(call);

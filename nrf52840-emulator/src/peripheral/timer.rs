@@ -10,7 +10,10 @@ const BITMODE: u16 = 0x508;
 const PRESCALER: u16 = 0x510;
 const CC: u16 = 0x540;
 const COMPARE: u16 = 16;
-const CHANNELS: u16 = 6;
+/// After a reset.
+pub(crate) const RESET: [(u16, u32); 1] = [(PRESCALER, 4)];
+/// Of TIMER0 to TIMER2; the others have two more.
+const CHANNELS: u16 = 4;
 
 /// Counts its own clock, 16 MHz divided by a power of two, or its task COUNT (Product Specification,
 /// "TIMER").
@@ -106,7 +109,7 @@ impl Model for Timer {
                 self.count = 0;
                 self.since = self.since.map(|_| call.now());
             }
-            16..=21 => {
+            16..=19 => {
                 let count = self.now(call) & Self::mask(call);
                 call.set(CC + 4 * (number - 16), count as u32);
             }

@@ -17,6 +17,9 @@ const TX_PTR: u16 = 0x544;
 const TX_MAX: u16 = 0x548;
 const TX_AMOUNT: u16 = 0x54c;
 
+/// After a reset: 250 kbit/s.
+pub(crate) const RESET: [(u16, u32); 1] = [(BAUDRATE, 0x0400_0000)];
+
 const RXDRDY: u16 = 2;
 const ENDRX: u16 = 4;
 const TXDRDY: u16 = 7;
