@@ -175,7 +175,7 @@ pub struct JointSettings<T> {
     /// Standard deviation of every camera's focal length, relative: then it is estimated too, and
     /// takes [`workspace_with_lenses`]. `None`, or zero, if lenses are what they are said to be.
     pub lens: Option<T>,
-    /// Sigmas up to which a camera takes part.
+    /// Sigmas up to which a camera takes part: those that all bearings together give it.
     pub limits: Limits<T>,
 }
 
