@@ -140,10 +140,10 @@ fn an_object_goes_its_way_and_is_told() {
     let off: Vec<f64> = off.collect();
     assert!(off.len() > 150, "{}", off.len());
     let rms = (off.iter().map(|off| off * off).sum::<f64>() / off.len() as f64).sqrt();
-    assert!(
-        (rms - tracking.rms.unwrap()).abs() < 0.02,
-        "{rms} {tracking:?}"
-    );
+    // That is what was told last, at most 0.2 s ago: it has gone on by 0.1 m since, in the mean.
+    let told = tracking.rms.unwrap();
+    let held = told.hypot(0.1);
+    assert!(told - 0.02 < rms && rms < held + 0.02, "{rms} {tracking:?}");
 }
 
 /// A ball of this radius where camera 9 alone sees it, and a coordinator that was told 0.15 m.

@@ -80,24 +80,25 @@ impl<U, D> Pixy2<U, D> {
         let left = left.saturating_sub(self.now);
         u32::try_from(left).unwrap_or(most).min(most).max(1)
     }
+}
 
-    /// Gives bytes to the session; what comes after the answer is dropped.
-    fn feed(&mut self, bytes: &[u8]) -> Option<Result<Answer, Fault>> {
-        for &byte in bytes {
-            self.session.receive(byte, self.now);
-            let outcome = self.session.outcome();
-            if outcome.is_some() {
-                return outcome;
-            }
+/// Gives bytes to the session; what comes after the answer is dropped.
+fn feed(session: &mut Session, now: u64, bytes: &[u8]) -> Option<Result<Answer, Fault>> {
+    for &byte in bytes {
+        session.receive(byte, now);
+        let outcome = session.outcome();
+        if outcome.is_some() {
+            return outcome;
         }
-        None
     }
+    None
+}
 
-    fn passed(&mut self, micros: u32) -> Option<Result<Answer, Fault>> {
-        self.now = self.now.saturating_add(micros.into());
-        self.session.tick(self.now);
-        self.session.outcome()
-    }
+/// So much time has passed.
+fn passed(session: &mut Session, now: &mut u64, micros: u32) -> Option<Result<Answer, Fault>> {
+    *now = now.saturating_add(micros.into());
+    session.tick(*now);
+    session.outcome()
 }
 
 /// Of the kind that was asked for: the session answers with no other.
@@ -177,20 +178,28 @@ where
                 continue;
             }
             let slice = self.slice(SLICE_US);
-            let mut chunk = [0; CHUNK];
-            let first = {
-                let pause = pin!(self.delay.delay_us(slice));
-                select(pause, self.uart.read(&mut chunk)).await
-            };
-            let outcome = match first {
-                Either::First(()) => self.passed(slice),
-                Either::Second(Ok(0)) => return Err(Error::Closed),
-                Either::Second(Ok(count)) => {
-                    let outcome = self.feed(chunk.get(..count).unwrap_or_default());
-                    // Time must pass under chatter, too; this is less than the truth.
-                    outcome.or_else(|| self.passed(1))
+            let Self {
+                uart,
+                delay,
+                session,
+                now,
+            } = self;
+            let mut pause = pin!(delay.delay_us(slice));
+            // The pause goes on while bytes come, and is asked first: time passes under chatter, too.
+            let outcome = loop {
+                let mut chunk = [0; CHUNK];
+                match select(pause.as_mut(), uart.read(&mut chunk)).await {
+                    Either::First(()) => break passed(session, now, slice),
+                    Either::Second(Ok(0)) => return Err(Error::Closed),
+                    Either::Second(Ok(count)) => {
+                        let bytes = chunk.get(..count).unwrap_or_default();
+                        let outcome = feed(session, *now, bytes);
+                        if outcome.is_some() || !session.pending().is_empty() {
+                            break outcome;
+                        }
+                    }
+                    Either::Second(Err(error)) => return Err(Error::Uart(error)),
                 }
-                Either::Second(Err(error)) => return Err(Error::Uart(error)),
             };
             if let Some(outcome) = outcome {
                 return outcome.map_err(Error::Camera);
@@ -262,12 +271,14 @@ where
                 if count == 0 {
                     return Err(Error::Closed);
                 }
-                let outcome = self.feed(chunk.get(..count).unwrap_or_default());
-                outcome.or_else(|| self.passed(1))
+                let bytes = chunk.get(..count).unwrap_or_default();
+                let outcome = feed(&mut self.session, self.now, bytes);
+                // Time must pass under chatter, too; this is less than the truth.
+                outcome.or_else(|| passed(&mut self.session, &mut self.now, 1))
             } else {
                 let pause = self.slice(self.session.policy().poll_us.max(1));
                 self.delay.delay_us(pause);
-                self.passed(pause)
+                passed(&mut self.session, &mut self.now, pause)
             };
             if let Some(outcome) = outcome {
                 return outcome.map_err(Error::Camera);

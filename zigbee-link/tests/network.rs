@@ -456,6 +456,23 @@ fn a_member_that_missed_a_key_change_catches_up() {
     }
 }
 
+/// Power may go after each record: without the former key on record, the members that missed the change would
+/// be shut out.
+#[test]
+fn the_former_key_is_written_down_before_another_one_is_in_use() {
+    let mut aether = network(3, 0.0, 1);
+    aether.run(30 * SECOND);
+    aether.stations[2].is_out_of_range = true;
+    aether.stations[0].written.clear();
+    aether.stations[0].node.change_key(key(2)).unwrap();
+    aether.run(300 * SECOND);
+    let written = &aether.stations[0].written;
+    let place = |record| written.iter().position(|written| *written == record);
+    let kept = place(Record::FormerKey(Some(key(1)))).unwrap();
+    let active = place(Record::ActiveKey(key(2))).unwrap();
+    assert!(kept < active, "{written:?}");
+}
+
 /// The former key is of no use to who was sent away, nor, after that, to anybody else who has but that. What
 /// was missed twice is missed.
 #[test]

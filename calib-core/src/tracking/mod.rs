@@ -542,12 +542,12 @@ impl<T: Real> Tracker<T> {
         }
         let mut goes = goes.into_iter();
         self.candidates.retain(|_| goes.next() != Some(true));
-        let real = self.candidates.iter().position(Candidate::is_real)?;
-        let candidate = *self.candidates.get(real)?;
-        let known = self.known_as(&candidate);
-        if self.objects.is_full() && known.is_none() {
-            return None;
-        }
+        let (real, candidate, known) = (0..self.candidates.len()).find_map(|place| {
+            let candidate = *self.candidates.get(place)?;
+            let known = candidate.is_real().then(|| self.known_as(&candidate))?;
+            let has_room = known.is_some() || !self.objects.is_full();
+            has_room.then_some((place, candidate, known))
+        })?;
         let mut place = 0..;
         self.candidates.retain(|_| place.next() != Some(real));
         let id = known.unwrap_or(self.next);

@@ -242,7 +242,8 @@ impl<K: BlobCamera, C: Clock> CameraDevice<'_, K, C> {
         Ok(CommandOutcome::Done)
     }
 
-    /// Streams packets until another task comes, which it returns, or the camera fails.
+    /// Streams packets until another task comes, which it returns, or the camera fails. One that has to start
+    /// up first goes on afterwards: people ask for tracking once.
     async fn track(
         &mut self,
         colour: u8,
@@ -251,28 +252,48 @@ impl<K: BlobCamera, C: Clock> CameraDevice<'_, K, C> {
         events: &Events<'_, CameraEvent>,
     ) -> Option<CameraTask> {
         let command = CameraCommand::Track { colour };
-        let begun = match self.subjects.of_target(colour) {
-            Some(subject) => self.camera.begin(subject).await.is_ok(),
-            None => false,
-        };
+        let mut begun = self.begin(colour).await;
         events.send(done(command, CommandOutcome::of(begun))).await;
         if !begun {
             return None;
         }
-        let next = loop {
-            match select(tasks.receive(), self.camera.next()).await {
-                Either::First(task) => break Some(task),
+        while begun {
+            let next = match select(tasks.receive(), self.camera.next()).await {
                 Either::Second(Ok(blob)) => {
                     self.liveness.on_camera_works(self.clock.now());
                     let tracked = blob.map(|blob| tracked(&blob, judge)).unwrap_or_default();
                     events.send(CameraEvent::Tracked(tracked)).await;
+                    continue;
                 }
-                Either::Second(Err(_)) => break None,
+                Either::First(task) => Some(task),
+                Either::Second(Err(error)) => {
+                    warning!("the camera does not track: {}", error);
+                    if error.wants_start_up() {
+                        events.send(CameraEvent::Starting).await;
+                        self.wake(events, Start::Again).await;
+                        begun = self.begin(colour).await;
+                        continue;
+                    }
+                    None
+                }
+            };
+            // A camera that does not end it is silenced by the next thing that it is asked for.
+            let _ = self.camera.end().await;
+            if next.is_some() {
+                return next;
             }
-        };
-        // A camera that does not end it is silenced by the next thing that it is asked for.
-        let _ = self.camera.end().await;
-        next
+            begun = false;
+        }
+        events.send(done(command, CommandOutcome::Failed)).await;
+        None
+    }
+
+    /// Whether the camera streams packets of this colour from now on.
+    async fn begin(&mut self, colour: u8) -> bool {
+        match self.subjects.of_target(colour) {
+            Some(subject) => self.camera.begin(subject).await.is_ok(),
+            None => false,
+        }
     }
 }
 

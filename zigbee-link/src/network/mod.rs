@@ -23,10 +23,10 @@
 //! It scans, and tries the networks it heard, its former one first. Joining is authenticated both
 //! ways: device and coordinator first prove freshness to each other with the site key (see
 //! [`security`](crate::security)); only then the association request and its answer count. A coordinator
-//! says every ten seconds that it is there, and a device asks one that was silent for [`KEEP_ALIVE`]. When it is not, the device
-//! is an orphan: it scans and joins again, and gets the same short address. The orphan scan of the
-//! standard is not used: it would find the same coordinator with one frame less. A coordinator
-//! answers the orphan notification of a member all the same, if it is secured.
+//! says every 15 s that it is there, and a device asks one that was silent for [`KEEP_ALIVE`]. When
+//! it is not, the device is an orphan: it scans and joins again, and gets the same short address. The
+//! orphan scan of the standard is not used: it would find the same coordinator with one frame less. A
+//! coordinator answers the orphan notification of a member all the same, if it is secured.
 //!
 //! A device that is carried about may [look](Node::roam) whether it hears another network with the same
 //! site key better than its own, and goes over to it then. Its frame counter goes on: the key is the
@@ -117,12 +117,13 @@ pub enum NetworkStatus {
     Joined(Membership),
 }
 
-/// Facts of every node that are to be written down, in this order: without a next key, the key in use
-/// is the one that was next. What they are now, the node knows.
-const FACT_ACTIVE_KEY: usize = 0;
-const FACT_NEXT_KEY: usize = 1;
-const FACT_NETWORK: usize = 2;
-const FACT_FORMER_KEY: usize = 3;
+/// Facts of every node that are to be written down, in this order, for power may go after each. Once
+/// another key is in use, members that missed it have only the former one; without a next key, the key in
+/// use is the one that was next. What they are now, the node knows.
+const FACT_FORMER_KEY: usize = 0;
+const FACT_ACTIVE_KEY: usize = 1;
+const FACT_NEXT_KEY: usize = 2;
+const FACT_NETWORK: usize = 3;
 
 /// A node's part in its network, with all that only this part knows.
 #[derive(Debug)]
@@ -377,13 +378,13 @@ impl<const PEERS: usize, const QUEUE: usize, const MEMBERS: usize> Node<PEERS, Q
     fn unsaved(&self) -> Option<Record> {
         let keys = &self.link.session.keys;
         match self.common.unsaved.first() {
-            Some(FACT_ACTIVE_KEY) => Some(Record::ActiveKey(keys.active())),
-            Some(FACT_NEXT_KEY) => Some(Record::NextKey(keys.next())),
-            Some(FACT_NETWORK) => Some(Record::Network(self.network())),
-            Some(_) => {
+            Some(FACT_FORMER_KEY) => {
                 let is_kept = self.link.session.late() > 0;
                 Some(Record::FormerKey(keys.former().filter(|_| is_kept)))
             }
+            Some(FACT_ACTIVE_KEY) => Some(Record::ActiveKey(keys.active())),
+            Some(FACT_NEXT_KEY) => Some(Record::NextKey(keys.next())),
+            Some(_) => Some(Record::Network(self.network())),
             None => self.role.coordinator()?.unsaved(),
         }
     }

@@ -40,6 +40,8 @@ pub struct Station {
     pub is_out_of_range: bool,
     /// How strongly it is heard.
     pub strength: u8,
+    /// All that it wrote down.
+    pub written: Vec<Record>,
 }
 
 /// A frame that was on the air.
@@ -104,6 +106,7 @@ impl Aether {
             config: None,
             is_out_of_range: false,
             strength: 100,
+            written: Vec::new(),
         });
         self.stations.len() - 1
     }
@@ -170,6 +173,7 @@ impl Aether {
                     Record::Member(place, member) => station.members[usize::from(place)] = member,
                 }
                 station.node.saved(record);
+                station.written.push(record);
             }
             Action::Configure(config) => station.config = Some(config),
             Action::Transmit(len) => self.transmit(place, &buffer[..len]),

@@ -116,8 +116,10 @@ impl CameraRole {
         }
     }
 
-    /// Forgets pose and sightings.
+    /// Forgets pose and sightings. What targets estimate without what it sees from now on is not taken; that is
+    /// not written down.
     pub(super) fn forget(&mut self, now: Instant) {
+        self.has_forgotten = true;
         self.calibration.clear();
         self.misses = 0;
         self.is_watched_doubtful = false;

@@ -80,17 +80,22 @@ impl<T: OfStop, const N: usize> Kept<T, N> {
         }
     }
 
-    /// After a restart: what came first is where a target's numbers step back.
+    /// After a restart: what came first is where all targets' numbers go on from.
     pub(super) fn find_first(&mut self) {
-        let steps_back = |pair: &[T]| match pair {
-            [before, after] => {
-                let ((of, stop), (target, next)) = (before.key(), after.key());
-                of == target && next.wrapping_sub(stop).cast_signed() < 0
-            }
-            _ => false,
-        };
-        let seam = self.list.windows(2).position(steps_back);
-        self.first = seam.map_or(0, |place| place + 1);
+        let mut places = 0..self.list.len();
+        self.first = places.find(|&first| self.is_in_order(first)).unwrap_or(0);
+    }
+
+    /// Whether no target's numbers step back, from this place round to it.
+    fn is_in_order(&self, first: usize) -> bool {
+        let count = self.list.len();
+        let in_turn = || self.list.iter().cycle().skip(first).take(count);
+        in_turn().enumerate().all(|(place, before)| {
+            let (target, stop) = before.key();
+            let mut after = in_turn().skip(place + 1).map(T::key);
+            let next = after.find(|(of, _)| *of == target);
+            next.is_none_or(|(_, next)| next.wrapping_sub(stop).cast_signed() >= 0)
+        })
     }
 }
 
@@ -125,6 +130,25 @@ mod tests {
         kept.retain(|stop| *stop != (1, 502));
         let places = [(2, 11), (2, 12)].map(|stop| kept.add(stop));
         assert_eq!(places, [2, 0].map(Some));
+    }
+
+    /// However many there were, of one target or of two by turns: after a restart the oldest makes room, as it
+    /// would have done without.
+    #[test]
+    fn what_came_first_is_found_again() {
+        for targets in [1, 2] {
+            for count in 1..12 {
+                let mut kept = Kept::<_, 4>::new();
+                for n in 0..count {
+                    // The numbers of stops wrap around.
+                    kept.add((n % targets, 65_533_u16.wrapping_add(n / targets)));
+                }
+                let mut again = kept.clone();
+                again.first = 0;
+                again.find_first();
+                assert_eq!(again.first, kept.first, "{targets} {count}");
+            }
+        }
     }
 
     #[test]

@@ -106,7 +106,7 @@ pub enum CameraEvent {
     /// The camera has started, and can look.
     Ready,
     /// The camera has to start anew, and cannot look before [`Ready`](Self::Ready): the end of a
-    /// [`CameraTask::Look`].
+    /// [`CameraTask::Look`]. Tracking goes on after it.
     Starting,
     /// The camera does not start. It is tried again and again.
     Failed,
@@ -170,6 +170,8 @@ pub struct CameraRole {
     /// It looks elsewhere than it did, and stood at a place that it was given: nobody knows where it
     /// stands now.
     was_moved: bool,
+    /// It was told to forget its pose and has seen no target since: what targets know is what it forgot.
+    has_forgotten: bool,
     calibration: Calibration,
     duty: ReferenceDuty,
     progress: Progress,
@@ -203,6 +205,7 @@ impl CameraRole {
             misses: 0,
             is_watched_doubtful: false,
             was_moved: false,
+            has_forgotten: false,
             calibration: Calibration::new(),
             duty: ReferenceDuty::new(),
             progress: Progress::new(id),
@@ -401,8 +404,13 @@ impl Role for CameraRole {
             {
                 if self.own_duty() == Some(Duty::Second) && duty_of_sender == Some(Duty::First) {
                     self.on_posed(now, solved);
-                } else if solved.joint.is_some() && self.targets.knows(from.0) {
-                    self.on_joint(now, from.0, solved);
+                } else if solved.joint.is_some() {
+                    // Only a target solves that. It may not have stopped since this camera started, and does
+                    // not tell the pose again.
+                    self.on_heard(now, from.0);
+                    if !self.has_forgotten {
+                        self.on_joint(now, from.0, solved);
+                    }
                 }
             }
             Message::WhoIsThere(heard) if is_coordinator => {

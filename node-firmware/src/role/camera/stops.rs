@@ -81,7 +81,7 @@ impl CameraRole {
     }
 
     /// Remembers a target, so that it is told when the pose is known.
-    fn on_heard(&mut self, now: Instant, target: MemberAddress) {
+    pub(super) fn on_heard(&mut self, now: Instant, target: MemberAddress) {
         let heard = self.targets.on_heard(target, self.progress.has_report());
         if let Some(replaced) = heard.replaced {
             self.notifications
@@ -237,6 +237,7 @@ impl CameraRole {
             self.watch(now, &stopped.place, &seen);
         }
         if let Some(seen) = seen.filter(|_| self.needs(&stopped)) {
+            self.has_forgotten = false;
             match stopped.frame {
                 CoordinateFrame::Site => self.on_sighted(now, target, &stopped, seen),
                 CoordinateFrame::Own => self.on_lost_sighted(now, target, &stopped, seen),

@@ -88,11 +88,6 @@ impl KnownTargets {
         }
     }
 
-    /// Whether this is one of them.
-    pub(super) fn knows(&self, address: MemberAddress) -> bool {
-        self.addresses().any(|known| known == address)
-    }
-
     pub(super) fn addresses(&self) -> impl Iterator<Item = MemberAddress> {
         self.targets.iter().map(|known| known.address)
     }

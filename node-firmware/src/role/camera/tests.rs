@@ -1202,6 +1202,37 @@ fn report_of(position: [f32; 2], heading: f32) -> Report {
     }
 }
 
+/// A target tells a pose until it is acknowledged, and then no more: also a camera that has restarted, and
+/// that it has not stood before since, takes it.
+#[test]
+fn a_pose_is_taken_from_a_target_that_was_not_heard_before() {
+    let mut camera = camera(4);
+    camera.on_message(at(1), TARGET, &Message::Posed(report_of([1.0, 2.0], 0.5)));
+    assert_eq!(camera.report().status(), Status::Calibrated);
+    // A reference that solved something for others does not make it known to this one.
+    let other = Report {
+        joint: None,
+        ..report_of([9.0, 2.0], 0.5)
+    };
+    camera.on_message(at(2), ShortAddress(3), &Message::Posed(other));
+    assert_eq!(camera.report().pose().unwrap().position, [1.0, 2.0]);
+}
+
+/// Who moved a camera has it forget its pose. Its target has not seen it elsewhere yet, and tells it the old
+/// one again.
+#[test]
+fn a_camera_that_forgot_takes_no_pose_before_it_has_seen_a_target() {
+    let mut camera = told();
+    let forget = Message::Command(CameraCommand::Forget);
+    let posed = Message::Posed(report_of([0.0, 0.0], 0.0));
+    camera.on_message(at(300), COORDINATOR, &forget);
+    camera.on_message(at(301), TARGET, &posed);
+    assert_eq!(camera.report().state, CameraState::Waiting);
+    let _ = seen_at(&mut camera, 31, [4.0, 0.5], 0.125);
+    camera.on_message(at(400), TARGET, &posed);
+    assert_eq!(camera.report().status(), Status::Calibrated);
+}
+
 /// Two bearings that do not fit make it doubtful, one does not, and as many that fit end the doubt.
 #[test]
 fn a_camera_that_no_longer_fits_is_doubtful_after_two_sightings() {

@@ -19,6 +19,10 @@ use crate::{
 /// How often it is asked whether a reference camera is there.
 const PROBE: Duration = Duration::from_secs(30);
 
+/// After a camera is told that it is the first reference, before another one is told that it is the
+/// second: four attempts of the link.
+pub(super) const FIRST_KNOWS: Duration = Duration::from_millis(300);
+
 /// So many messages in a row that did not reach it: it is not there. Each was repeated by the network.
 const UNREACHED: u8 = 2;
 
@@ -164,9 +168,10 @@ impl CoordinatorRole {
         self.unsaved.insert(FactKey::References);
         // Those that are none any more, too.
         for references in former.into_iter().chain([references]) {
-            for camera in [references.first, references.second] {
-                self.notify(now, camera, MemberNotification::References);
-            }
+            self.notify(now, references.first, MemberNotification::References);
+            // It tells the first one at once what it saw, which knows by then what to make of it.
+            let due = now + FIRST_KNOWS;
+            self.notify(due, references.second, MemberNotification::References);
         }
     }
 

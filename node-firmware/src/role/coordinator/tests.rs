@@ -1,6 +1,6 @@
 use std::vec::Vec;
 
-use super::*;
+use super::{appointment::FIRST_KNOWS, *};
 use crate::message::{Duty, Reference, References, StopNumber};
 use crate::{limits::MEMBERS, network::NetworkIdentity};
 
@@ -189,20 +189,19 @@ fn the_first_two_cameras_that_see_a_target_are_the_references() {
         second: 6,
         positions: None,
     };
-    let outputs = outputs(&mut role, 43);
-    assert!(matches!(
-        outputs[0],
-        Output::Save(Fact::References(Some(saved))) if saved == references
-    ));
-    let expected = [5, 6].map(|to| Output::Send {
+    let told = |to| Output::Send {
         to: ShortAddress(to),
         message: Message::References(references),
         notification: Some(CoordinatorNotification::Member(
             to,
             MemberNotification::References,
         )),
-    });
-    assert_eq!(outputs[1..], expected);
+    };
+    let saved = Output::Save(Fact::References(Some(references)));
+    assert_eq!(outputs(&mut role, 43), [saved, told(5)]);
+    // The second one tells the first at once what it saw.
+    assert_eq!(role.next_deadline(), Some(at(43) + FIRST_KNOWS));
+    assert_eq!(outputs(&mut role, 44), [told(6)]);
 }
 
 #[test]
@@ -218,7 +217,7 @@ fn a_camera_that_was_sent_away_is_no_reference() {
     assert_eq!(sent(&mut role, 43), []);
     // Once it is one, nobody is.
     trigger(&mut role, 44, 6, 1);
-    assert_eq!(sent(&mut role, 44).len(), 2);
+    assert_eq!([44, 45].map(|now| sent(&mut role, now).len()), [1, 1]);
     role.on_event(at(45), CoordinatorEvent::Pc(FromPc::Remove(5)));
     let outputs = outputs(&mut role, 45);
     assert!(outputs.contains(&Output::Save(Fact::References(None))));
@@ -241,7 +240,7 @@ fn with_references(kind: impl Fn(Duty) -> MemberKind) -> CoordinatorRole {
     hello(&mut role, 40, 9, MemberKind::Target);
     trigger(&mut role, 41, 4, 1);
     trigger(&mut role, 41, 5, 1);
-    let appointed = sent(&mut role, 41);
+    let appointed = [41, 42].map(|now| sent(&mut role, now)).concat();
     let told = |to| {
         move |(who, what): &(u16, Message)| {
             *who == to && matches!(what, Message::References(references) if references.are_two())

@@ -208,8 +208,12 @@ impl<'m> Estimate<'m> {
         if self.index(stop).is_none_or(is_known) {
             return;
         }
+        // Nothing makes room for a camera that finds none.
+        let Some(camera) = self.number(camera) else {
+            return;
+        };
         self.make_room_for_bearing(unsaved);
-        let (Some(stop), Some(camera)) = (self.index(stop), self.number(camera)) else {
+        let Some(stop) = self.index(stop) else {
             return;
         };
         let added = self

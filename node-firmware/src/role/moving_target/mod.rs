@@ -590,6 +590,8 @@ impl Role for TargetRole<'_> {
             self.bearings.clear();
             self.locate_at = None;
             self.knows_cameras = false;
+            // Addresses are others' here.
+            (self.notifications).retain(|told| !matches!(told, TargetNotification::Posed(_)));
         }
         self.present(now);
         // Those of a former run report no more.
@@ -710,12 +712,11 @@ impl Role for TargetRole<'_> {
             return Some(Output::Save(fact));
         }
         self.address?;
-        if let Some(seen_by) = self.confirmations.take_due(now) {
+        if let Some((to, seen_by)) = self.confirmations.take_due(now) {
             let stop = self.stop;
-            let confirmation = Message::Confirmed(Confirmation { stop, seen_by });
             return Some(Output::Send {
-                to: ShortAddress::BROADCAST,
-                message: confirmation,
+                to,
+                message: Message::Confirmed(Confirmation { stop, seen_by }),
                 notification: None,
             });
         }
