@@ -71,7 +71,7 @@ impl<T: Real> Fit<T> {
 /// After Wilson and Hilferty, "The distribution of chi-square", PNAS 17(12), 1931: the cube root of
 /// chi squared over its degrees of freedom is nearly normal. A term fitted to exact quantiles makes
 /// the 3 % that this is off at one degree 0.1 %, and less for all others.
-#[inline(never)] // size
+#[inline(never)] // for less flash
 pub fn one_in_a_thousand<T: Real>(degrees_of_freedom: usize) -> T {
     let degrees: T = whole(degrees_of_freedom.max(1));
     // A normal number exceeds the first term once in a thousand.

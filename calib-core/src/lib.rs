@@ -28,7 +28,7 @@
 //! # Size
 //! A node has some 200 KB of flash, and a stack of 8 KB for everything. Where the compiler would copy
 //! a function into its callers, or their frames would add up, it is kept apart: `#[inline(never)]`
-//! with the tag `size` or `stack` says which. Solvers work on slices of numbers ([`Method`] on up to
+//! "for less flash" or "for less stack" says which. Solvers work on slices of numbers ([`Method`] on up to
 //! six unknowns), so that a node has their code once instead of once for each number of unknowns;
 //! what is large is filled in place instead of moved.
 //!

@@ -66,8 +66,7 @@
 //!
 //! # Size
 //! Only the commands that an image sends are in it: an [`Order`](command::Order) is made of a
-//! [`Command`] where that is known, inlined there (`// size`), and the dialogue sees nothing but the
-//! order.
+//! [`Command`] where that is known, inlined there, and the dialogue sees nothing but the order.
 #![no_std]
 #![forbid(unsafe_code)]
 #![cfg_attr(

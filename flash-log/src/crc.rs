@@ -24,7 +24,7 @@ impl Crc32 {
     }
 
     /// Covers these bytes, too.
-    // size
+    // for less flash
     #[inline(never)]
     pub fn add(&mut self, bytes: &[u8]) {
         self.0 = bytes.iter().fold(self.0, |crc, &byte| {

@@ -81,7 +81,7 @@ pub(super) fn generation(slot: &[u8]) -> Option<u32> {
 }
 
 /// Between the checksum that a slot should have and its own; 0 if it is whole.
-// size
+// for less flash
 #[inline(never)]
 fn difference(slot: &[u8]) -> u32 {
     match slot.split_last_chunk() {
@@ -92,7 +92,7 @@ fn difference(slot: &[u8]) -> u32 {
 
 /// Flips the bit of a slot, or the bits of its key, that alone make this difference, if there are
 /// such.
-// size
+// for less flash
 #[inline(never)]
 fn mend(slot: &mut [u8], difference: u32) -> bool {
     let body = 8 * slot.len().saturating_sub(SUM);

@@ -24,8 +24,8 @@
 //! | [`run`] | A role connected to its hardware |
 //!
 //! # Size
-//! `#[inline(never)]` tagged `size` keeps code in an image once; tagged `stack`, it keeps what a
-//! function needs of the stack from the one that calls it, which waits for other things meanwhile.
+//! `#[inline(never)]` that is there "for less flash" keeps code in an image once; "for less stack", it keeps
+//! what a function needs of the stack from the one that calls it, which waits for other things meanwhile.
 //!
 //! # Features
 //! `defmt` and `log` report what is unusual; `defmt` also formats the public types. Without them the

@@ -76,7 +76,8 @@ fn geckodriver(sh: &Shell) -> Result<PathBuf> {
         let start = Instant::now();
         cmd!(
             sh,
-            "cargo install --locked --quiet --root {directory} {GECKODRIVER}"
+            // It waits for the browser: optimised, it takes twice as long to build.
+            "cargo install --locked --quiet --debug --root {directory} {GECKODRIVER}"
         )
         .run()
         .with_context(|| format!("{GECKODRIVER} is built once, from the registry"))?;

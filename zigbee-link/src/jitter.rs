@@ -13,7 +13,7 @@ impl Jitter {
         Self(seed)
     }
 
-    // size
+    // for less flash
     #[inline(never)]
     pub(crate) const fn next(&mut self) -> u64 {
         self.0 = self.0.wrapping_add(0x9E37_79B9_7F4A_7C15);

@@ -94,7 +94,7 @@ impl<C: Clock, const PEERS: usize, const QUEUE: usize, const MEMBERS: usize>
     Shared<C, PEERS, QUEUE, MEMBERS>
 {
     /// Shares a node.
-    // stack
+    // for less stack
     #[inline(always)]
     pub const fn new(node: Node<PEERS, QUEUE, MEMBERS>, clock: C) -> Self {
         Self {
@@ -339,7 +339,7 @@ mod exclusive {
     pub(super) struct Exclusive<T>(RefCell<T>);
 
     impl<T> Exclusive<T> {
-        // stack
+        // for less stack
         #[inline(always)]
         pub(super) const fn new(value: T) -> Self {
             Self(RefCell::new(value))
@@ -350,7 +350,7 @@ mod exclusive {
             self.value().map(|mut value| act(&mut value))
         }
 
-        // size
+        // for less flash
         #[inline(never)]
         fn value(&self) -> Option<RefMut<'_, T>> {
             let value = self.0.try_borrow_mut();

@@ -10,7 +10,7 @@ const TICK: u64 = 1_000_000_u64.div_ceil(embassy_time::TICK_HZ);
 pub struct EmbassyClock;
 
 impl Clock for EmbassyClock {
-    #[inline(never)] // size
+    #[inline(never)] // for less flash
     fn now(&self) -> zigbee_link::Instant {
         zigbee_link::Instant(embassy_time::Instant::now().as_micros())
     }

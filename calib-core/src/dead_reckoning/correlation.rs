@@ -81,7 +81,7 @@ pub fn correlate<T: Real>(
     })
 }
 
-#[inline(never)] // size
+#[inline(never)] // for less flash
 fn row<T: Real>(pose: &Pose<T>, sighting: &Sighting<T>) -> Row<T> {
     Row::new(sighting, sighting.target - pose.position)
 }

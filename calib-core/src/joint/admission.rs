@@ -64,7 +64,7 @@ impl<T: Real> Problem<'_, T> {
     }
 
     /// Takes in a camera if its bearings give a pose within the limits. Whether they do.
-    #[inline(never)] // size
+    #[inline(never)] // for less flash
     pub(super) fn admit(&mut self, camera: usize, limits: &Limits<T>) -> bool {
         let count = u16::try_from(self.counting(camera)).unwrap_or(u16::MAX);
         if let Some(unknown) = self.cameras.get_mut(camera) {
@@ -153,7 +153,7 @@ impl<T: Real> Problem<'_, T> {
 
     /// The pose that a camera's bearings give from the places as they are thought to be. Those that
     /// do not agree are excluded.
-    #[inline(never)] // stack
+    #[inline(never)] // for less stack
     fn resect(&mut self, camera: usize) -> Result<Pose<T>, Refusal> {
         let nothing = Sighting::new(
             nalgebra::Point2::origin(),

@@ -104,7 +104,7 @@ impl<T: Real> Problem<'_, T> {
     }
 
     /// The covariance of up to three unknowns, by their columns.
-    #[inline(never)] // size
+    #[inline(never)] // for less flash
     fn covariance<const N: usize>(
         &mut self,
         columns: [usize; N],

@@ -246,7 +246,7 @@ impl<T: Real> Problem<'_, T> {
     ///
     /// # Errors
     /// [`Refusal::DidNotConverge`]; estimates are then the best that were found.
-    #[inline(never)] // size
+    #[inline(never)] // for less flash
     pub(super) fn descend(&mut self, descent: &mut Descent<T>) -> Option<Result<T, Refusal>> {
         let failed = Some(Err(Refusal::DidNotConverge));
         let last = self.stops.len().saturating_sub(1);

@@ -145,7 +145,7 @@ impl<T: Real> Problem<'_, T> {
     }
 
     /// One stop, or, if it looks for what contradicts, one tail of a camera under suspicion.
-    #[inline(never)] // size
+    #[inline(never)] // for less flash
     pub(super) fn step_survey(
         &mut self,
         survey: &mut Survey<T>,

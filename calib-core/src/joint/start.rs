@@ -370,7 +370,7 @@ impl<T: Real> Problem<'_, T> {
     }
 
     /// What the reference solve says: its best answer, and the one it cannot tell from it.
-    #[inline(never)] // stack
+    #[inline(never)] // for less stack
     fn proposals(&self, known: &Known<T>) -> Result<(Start<T>, Option<Start<T>>), Refusal> {
         let (mut stops, mut count, mut first) = ([Self::nowhere(); MOST], 0, 0);
         let mut since = Self::nowhere();

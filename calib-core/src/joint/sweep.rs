@@ -38,7 +38,7 @@ pub(super) enum Without {
 impl<T: Real> Problem<'_, T> {
     /// Brings all measurements into the triangle, of the places that of stop `held` and, if there is
     /// one, that of the stop after it.
-    #[inline(never)] // size
+    #[inline(never)] // for less flash
     pub(super) fn sweep(&mut self, held: usize, without: Without) -> Option<Pass<T>> {
         self.lay_out();
         let width = self.width();
@@ -246,7 +246,7 @@ const TWO: usize = 5;
 impl<T: Real> Problem<'_, T> {
     /// From the triangle of a sweep that held the last stop: the steps of everything that is kept,
     /// then, by a second sweep with these known, those of all stops. Steps are kept, not taken.
-    #[inline(never)] // size
+    #[inline(never)] // for less flash
     pub(super) fn find_step(&mut self) -> Option<()> {
         let (triangle, [x, ..]) = self.triangle()?;
         triangle.solve(x);

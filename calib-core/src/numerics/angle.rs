@@ -11,7 +11,7 @@ pub fn rotation<T: Real>(angle: T) -> Matrix2<T> {
 }
 
 /// The covariance of a vector that is turned by a [`rotation`].
-#[inline(never)] // size
+#[inline(never)] // for less flash
 pub fn turned<T: Real>(covariance: &Matrix2<T>, rotation: &Matrix2<T>) -> Matrix2<T> {
     rotation * covariance * rotation.transpose()
 }
@@ -23,7 +23,7 @@ pub fn turned<T: Real>(covariance: &Matrix2<T>, rotation: &Matrix2<T>) -> Matrix
 /// assert_eq!(wrap_positive(-0.5_f64), core::f64::consts::TAU - 0.5);
 /// assert_eq!(wrap_positive(-1e-30_f64), 0.0); // 2 pi minus nothing is not below 2 pi
 /// ```
-#[inline(never)] // size
+#[inline(never)] // for less flash
 pub fn wrap_positive<T: Real>(angle: T) -> T {
     let turn = T::two_pi();
     let rest = angle - (angle / turn).floor() * turn;
@@ -40,7 +40,7 @@ pub fn wrap_positive<T: Real>(angle: T) -> T {
 /// assert_eq!(wrap_signed(PI), -PI);
 /// assert!((wrap_signed(3.0 - TAU) - 3.0).abs() < 1e-15);
 /// ```
-#[inline(never)] // size
+#[inline(never)] // for less flash
 pub fn wrap_signed<T: Real>(angle: T) -> T {
     let half = T::pi();
     if angle >= -half && angle < half {

@@ -21,7 +21,7 @@ pub(crate) fn add_outer<T: Real>(matrix: &mut [T], vector: &[T], weight: T) {
 }
 
 /// Adds `a b^T weight`, of vectors of one length, the product of both first.
-#[inline(never)] // size
+#[inline(never)] // for less flash
 pub(crate) fn add_outer_of_two<T: Real>(matrix: &mut [T], a: &[T], b: &[T], weight: T) {
     let columns = matrix.chunks_exact_mut(a.len().max(1));
     for (column, of_column) in columns.zip(b) {
@@ -32,7 +32,7 @@ pub(crate) fn add_outer_of_two<T: Real>(matrix: &mut [T], a: &[T], b: &[T], weig
 }
 
 /// `matrix x`, of a matrix with as many rows as `product` has numbers.
-#[inline(never)] // size
+#[inline(never)] // for less flash
 pub(crate) fn multiply<T: Real>(matrix: &[T], x: &[T], product: &mut [T]) {
     let columns = matrix.chunks_exact(product.len().max(1));
     for (n, (column, factor)) in columns.zip(x).enumerate() {

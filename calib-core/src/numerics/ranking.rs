@@ -8,7 +8,7 @@ pub(crate) struct Ranking<T, V, const N: usize> {
 }
 
 impl<T: Real, V: Copy, const N: usize> Ranking<T, V, N> {
-    #[inline(never)] // stack
+    #[inline(never)] // for less stack
     pub(crate) fn new() -> Self {
         Self { places: [None; N] }
     }

@@ -55,7 +55,7 @@ impl<const K: usize> Subsets<K> {
 impl<const K: usize> Iterator for Subsets<K> {
     type Item = [usize; K];
 
-    #[inline(never)] // size
+    #[inline(never)] // for less flash
     fn next(&mut self) -> Option<[usize; K]> {
         let subset = self.next?;
         self.next = self.after(subset);

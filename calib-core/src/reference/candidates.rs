@@ -37,7 +37,7 @@ const TRIAL_HEADINGS: u32 = 24;
 /// # Errors
 /// Why the closed forms refused, if all did; [`Refusal::TargetBehind`] when circles met only
 /// behind a camera.
-#[inline(never)] // stack
+#[inline(never)] // for less stack
 pub(super) fn propose<T: Real>(
     problem: &Bearings<'_, T>,
     proposals: &mut Proposals<T>,

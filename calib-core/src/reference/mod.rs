@@ -258,7 +258,7 @@ pub fn solve<T: Real>(
     solve_checked(stops, known, *settings)
 }
 
-#[inline(never)] // stack
+#[inline(never)] // for less stack
 fn solve_checked<T: Real>(
     stops: &[Stop<T>],
     known: &Known<T>,
@@ -289,7 +289,7 @@ fn solve_checked<T: Real>(
 type Answers<T> = Ranking<T, Found<T>, 6>;
 
 /// The best answer, and the next best one unless it is ruled out.
-#[inline(never)] // stack
+#[inline(never)] // for less stack
 fn outcome<T: Real>(
     problem: &Bearings<'_, T>,
     settings: ReferenceSettings,
@@ -320,7 +320,7 @@ struct Found<T: Real> {
 }
 
 /// Finds the different answers that the candidates lead to, at least one.
-#[inline(never)] // stack
+#[inline(never)] // for less stack
 fn distinct<T: Real>(
     problem: &Bearings<'_, T>,
     settings: ReferenceSettings,
@@ -352,7 +352,7 @@ fn distinct<T: Real>(
     Ok(())
 }
 
-#[inline(never)] // stack
+#[inline(never)] // for less stack
 fn refine<T: Real>(
     problem: &Bearings<'_, T>,
     start: Vector6<T>,
@@ -410,7 +410,7 @@ fn is_same<T: Real>(a: &Found<T>, b: &Found<T>) -> bool {
 }
 
 /// The condition number (1-norm) of a normal matrix scaled to unit diagonal.
-#[inline(never)] // stack
+#[inline(never)] // for less stack
 fn condition<T: Real>(normal: &Matrix6<T>, inverse: &Matrix6<T>) -> T {
     let scale = normal.diagonal().map(nalgebra::ComplexField::sqrt);
     let mut norms = [T::zero(); 2];

@@ -19,7 +19,7 @@ use crate::{
 };
 
 /// Shortens the covariance's weakest direction to what the profile of the cost allows.
-#[inline(never)] // stack
+#[inline(never)] // for less stack
 pub(super) fn bound<T: Real>(
     problem: &Bearings<'_, T>,
     x: &Vector6<T>,

@@ -118,7 +118,7 @@ impl<T: Real> Circle<'_, T> {
     }
 
     /// The derivatives are those by a move along the tangent.
-    #[inline(never)] // size
+    #[inline(never)] // for less flash
     fn look(&self, place: Point2<T>, tangent: Vector2<T>) -> View<T> {
         let [mut w, mut r, mut s, mut rr, mut rs, mut ss] = [T::zero(); 6];
         let mut first = None;

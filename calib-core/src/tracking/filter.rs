@@ -222,7 +222,7 @@ impl<T: Real> State<T> {
     }
 
     /// How well a look agrees. Apart, so that the state that takes it into account is on the stack once.
-    #[inline(never)] // stack
+    #[inline(never)] // for less stack
     pub(super) fn agreement(
         &self,
         at: u64,
@@ -233,7 +233,7 @@ impl<T: Real> State<T> {
     }
 
     /// Takes a look into account that is of this object with this probability.
-    #[inline(never)] // stack
+    #[inline(never)] // for less stack
     pub(super) fn take_share(&mut self, at: u64, camera: u16, look: &StationBearing<T>, share: T) {
         let mut state = *self;
         if state.take(at, camera, look, false).is_some() {

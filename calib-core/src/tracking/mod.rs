@@ -485,7 +485,7 @@ impl<T: Real> Tracker<T> {
     }
 
     /// A candidate where looks meet, or where the range of one ends, unless there is one.
-    #[inline(never)] // stack
+    #[inline(never)] // for less stack
     fn begin(&mut self, one: &Look<T>, other: Option<&Look<T>>) {
         if self.candidates.is_full() {
             return;

@@ -184,7 +184,7 @@ impl Command {
     }
 
     /// The same without its name, for the dialogue.
-    #[inline(always)] // size: of a command that is known where it is sent, nothing else is linked.
+    #[inline(always)] // for less flash: of a command that is known where it is sent, nothing else is linked.
     pub fn order(&self) -> Order {
         let mode = |letters, arguments: &[u8], mode| Order::mode(letters, arguments, mode);
         let switch = |letters, on, mode| Order::mode(letters, &[u8::from(on)], mode);

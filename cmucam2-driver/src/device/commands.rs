@@ -53,20 +53,20 @@ impl<U, D, K> Cmucam2<U, D, K> {
     /// A single command: a mode, a query, a servo, a lamp. What comes back stands beside each
     /// [`Command`]; [`Answer::Done`] if that is nothing. Of one that answers with packets, one is
     /// taken and the camera is stopped if it goes on.
-    #[inline(always)] // size
+    #[inline(always)] // for less flash
     pub fn command(&mut self, command: Command) -> Call<'_, U, D, Answer, K> {
         self.ask(command, answer)
     }
 
     /// The same of one whose answer tells nothing, such as a mode.
-    #[inline(always)] // size
+    #[inline(always)] // for less flash
     pub fn set(&mut self, command: Command) -> Call<'_, U, D, (), K> {
         self.ask(command, done)
     }
 
     /// Begins the stream of any command that answers with packets or frames, for
     /// [`Cmucam2::next_packet`] and its like.
-    #[inline(always)] // size
+    #[inline(always)] // for less flash
     pub fn stream(&mut self, command: Command) -> Call<'_, U, D, (), K> {
         self.call(Request::Start(command.order()), done)
     }
@@ -76,7 +76,7 @@ impl<U, D, K> Cmucam2<U, D, K> {
         self.call(Request::Stop, done)
     }
 
-    #[inline(always)] // size
+    #[inline(always)] // for less flash
     pub(super) fn ask<T>(&mut self, command: Command, convert: Convert<T>) -> Call<'_, U, D, T, K> {
         self.call(Request::Do(command.order()), convert)
     }

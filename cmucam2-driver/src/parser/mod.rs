@@ -238,7 +238,7 @@ impl Parser {
         self.push_other(byte)
     }
 
-    #[inline(never)] // size
+    #[inline(never)] // for less flash
     fn push_other(&mut self, byte: u8) -> Option<Token> {
         match self.state {
             State::Number(kind) => self.separator(kind, byte),

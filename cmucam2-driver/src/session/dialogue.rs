@@ -631,7 +631,7 @@ impl Dialogue {
     }
 
     /// Why nothing that came was of use.
-    #[inline(never)] // size
+    #[inline(never)] // for less flash
     fn nothing_useful(&self) -> Fault {
         match self.port.heard() {
             Heard::Nothing => Fault::Silence,
@@ -641,7 +641,7 @@ impl Dialogue {
     }
 
     /// The command under way was answered with something else.
-    #[inline(never)] // size
+    #[inline(never)] // for less flash
     pub(super) fn unexpected(&self) -> Fault {
         Fault::Unexpected {
             command: self.exchange.order.letters(),

@@ -151,7 +151,7 @@ impl Delivery {
     }
 
     /// Whether there is nothing to tell any more.
-    // size
+    // for less flash
     #[inline(never)]
     fn on_sent(&mut self, now: Instant, delivered: bool) -> bool {
         match self.phase {

@@ -49,7 +49,7 @@ impl<T: Default> Reports<T> {
     }
 
     /// The member with this address, made if there is room.
-    // size
+    // for less flash
     #[inline(never)]
     pub(crate) fn of(&mut self, address: MemberAddress) -> Option<&mut Member<T>> {
         let known = |member: &Member<T>| member.address == address;

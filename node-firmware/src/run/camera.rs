@@ -75,7 +75,7 @@ pub(super) async fn run<H: Hardware, N: Network, F: NorFlash>(
 }
 
 /// Where it is made it is on the stack once more.
-#[inline(never)] // stack
+#[inline(never)] // for less stack
 fn new_role<'a>(
     role: &'a mut Option<CameraRole>,
     id: u16,

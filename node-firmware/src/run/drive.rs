@@ -111,13 +111,13 @@ impl<'a, R: Role, Ticket> RoleDriver<'a, R, Ticket> {
 impl<R: Role, Ticket: Copy + PartialEq> RoleDriver<'_, R, Ticket> {
     // None is inlined: roles need much of the stack, and would be in `drive` in full, each time.
 
-    #[inline(never)] // stack
+    #[inline(never)] // for less stack
     fn on_message(&mut self, now: Instant, from: ShortAddress, message: &Message) {
         self.role.on_message(now, from, message);
     }
 
     /// What became of a message that was posted.
-    #[inline(never)] // stack
+    #[inline(never)] // for less stack
     fn on_settled(&mut self, now: Instant, ticket: Ticket, delivered: bool) {
         if let Some(place) = self.in_flight.iter().position(|(on, _)| *on == ticket) {
             let (_, notification) = self.in_flight.swap_remove(place);
@@ -128,7 +128,7 @@ impl<R: Role, Ticket: Copy + PartialEq> RoleDriver<'_, R, Ticket> {
     /// Does what the role wants, until it wants nothing more or has to wait for the link or its
     /// devices. Returns what is to be written down before anything else is done. Call it again when
     /// that is written.
-    #[inline(never)] // stack
+    #[inline(never)] // for less stack
     fn act(
         &mut self,
         now: Instant,
@@ -179,7 +179,7 @@ impl<R: Role, Ticket: Copy + PartialEq> RoleDriver<'_, R, Ticket> {
     }
 
     /// When to act again, if nothing happens before.
-    #[inline(never)] // stack
+    #[inline(never)] // for less stack
     fn deadline(&self) -> Option<Instant> {
         // Not before the link has room or the devices have time, which is something that happens.
         let may_act = self.pending_message.is_none() && self.pending_task.is_none();
@@ -188,7 +188,7 @@ impl<R: Role, Ticket: Copy + PartialEq> RoleDriver<'_, R, Ticket> {
 
     /// Ready when there is reason to [`act`](Self::act): the devices told something, or can take
     /// the task that waits for them.
-    #[inline(never)] // stack
+    #[inline(never)] // for less stack
     fn poll_devices(&mut self, now: Instant, context: &mut Context<'_>) -> Poll<()> {
         if let Poll::Ready(event) = self.devices.events.poll_receive(context) {
             self.role.on_event(now, event);

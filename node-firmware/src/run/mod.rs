@@ -282,7 +282,7 @@ fn share_node<'a, H: Hardware>(
 }
 
 // A node is large, and would take its place on the stack of every poll, or twice.
-#[inline(never)] // stack
+#[inline(never)] // for less stack
 fn share_coordinator<'a, H: Hardware>(
     clock: &'a H::Clock,
     settings: NetworkSettings,
@@ -293,7 +293,7 @@ fn share_coordinator<'a, H: Hardware>(
     ZigbeeNetwork::new(Shared::new(node, clock))
 }
 
-#[inline(never)] // stack
+#[inline(never)] // for less stack
 fn share_device<'a, H: Hardware>(
     clock: &'a H::Clock,
     settings: NetworkSettings,

@@ -14,7 +14,7 @@ pub(super) struct Outlined<'a, F>(pub(super) Pin<&'a mut F>);
 impl<F: Future> Future for Outlined<'_, F> {
     type Output = F::Output;
 
-    #[inline(never)] // stack
+    #[inline(never)] // for less stack
     fn poll(mut self: Pin<&mut Self>, context: &mut Context<'_>) -> Poll<F::Output> {
         self.0.as_mut().poll(context)
     }

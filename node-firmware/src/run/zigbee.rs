@@ -30,7 +30,7 @@ pub(super) struct ZigbeeNetwork<C> {
 }
 
 impl<C> ZigbeeNetwork<C> {
-    // stack
+    // for less stack
     #[inline(always)]
     pub(super) const fn new(node: Shared<C, PEERS, QUEUE, MEMBERS>) -> Self {
         Self {

@@ -90,7 +90,7 @@ impl<I: I2c, C: Clock> InertialSteps<I, C> {
 
     /// What is to be done before there can be a step; or a step.
     // Apart from the future of a whole node, in which it would be larger.
-    #[inline(never)] // size
+    #[inline(never)] // for less flash
     fn advance(&mut self) -> Result<Result<Step<f32>, Want>, SensorError> {
         while let Some(sample) = self.session.sample()? {
             let reading = ImuSample {

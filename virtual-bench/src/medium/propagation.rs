@@ -38,7 +38,8 @@ pub struct LogDistance {
     pub shadowing: f64,
     /// The weakest frame that is received, dBm.
     pub sensitivity: f64,
-    /// The weakest carrier that makes the channel busy, dBm.
+    /// The weakest carrier that makes the channel busy, dBm: as weak as frames are received where radios sense
+    /// carriers, as those of the boards do (IEEE 802.15.4, "CCA", mode 3); -75 dBm where they sense energy alone.
     pub clear_channel: f64,
     /// By how much a frame must be stronger than all others together to survive them, dB.
     pub capture: f64,
@@ -55,7 +56,7 @@ impl Default for LogDistance {
             exponent: 3.0,
             shadowing: 4.0,
             sensitivity: -95.0,
-            clear_channel: -75.0,
+            clear_channel: -95.0,
             capture: 3.0,
             loss: 0.0,
         }

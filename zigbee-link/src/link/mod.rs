@@ -189,7 +189,7 @@ pub struct Link<const PEERS: usize, const QUEUE: usize> {
 
 impl<const PEERS: usize, const QUEUE: usize> Link<PEERS, QUEUE> {
     /// A link that is not attached. `seed` should differ between nodes.
-    // stack
+    // for less stack
     #[inline(always)]
     pub fn new(session: FrameSecurity<PEERS>, seed: u64) -> Self {
         Self {

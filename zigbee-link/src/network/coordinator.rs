@@ -98,7 +98,7 @@ pub struct KeyChange {
 
 impl<const MEMBERS: usize> Coordinator<MEMBERS> {
     /// Of this network, or, without one, about to look for a free place for its own.
-    // stack
+    // for less stack
     #[inline(always)]
     pub(super) fn new(
         network: Option<Membership>,

@@ -167,7 +167,7 @@ pub struct Node<const PEERS: usize, const QUEUE: usize, const MEMBERS: usize> {
 
 impl<const PEERS: usize, const QUEUE: usize, const MEMBERS: usize> Node<PEERS, QUEUE, MEMBERS> {
     /// A coordinator with what its store remembers.
-    // stack
+    // for less stack
     #[inline(always)]
     pub fn coordinator(
         settings: NetworkSettings,
@@ -181,7 +181,7 @@ impl<const PEERS: usize, const QUEUE: usize, const MEMBERS: usize> Node<PEERS, Q
     }
 
     /// A device with what its store remembers. It looks for a network at once.
-    // stack
+    // for less stack
     #[inline(always)]
     pub fn device(now: Instant, settings: NetworkSettings, saved: &Saved) -> Self {
         let common = Common::new(settings);
@@ -189,7 +189,7 @@ impl<const PEERS: usize, const QUEUE: usize, const MEMBERS: usize> Node<PEERS, Q
         Self::new(saved, common, role)
     }
 
-    // stack
+    // for less stack
     #[inline(always)]
     fn new(saved: &Saved, common: Common, role: Role<MEMBERS>) -> Self {
         let settings = &common.settings;
@@ -373,7 +373,7 @@ impl<const PEERS: usize, const QUEUE: usize, const MEMBERS: usize> Node<PEERS, Q
     }
 
     /// The next record to write down.
-    // size
+    // for less flash
     #[inline(never)]
     fn unsaved(&self) -> Option<Record> {
         let keys = &self.link.session.keys;
@@ -575,7 +575,7 @@ impl<const MEMBERS: usize> Role<MEMBERS> {
 }
 
 impl Common {
-    // stack
+    // for less stack
     #[inline(always)]
     fn new(settings: NetworkSettings) -> Self {
         Self {
@@ -587,7 +587,7 @@ impl Common {
         }
     }
 
-    // size
+    // for less flash
     #[inline(never)]
     fn command(&mut self, due: Instant, destination: Address, command: MacCommand) {
         // When the queue is full the command is lost, and the peer asks again.

@@ -203,7 +203,7 @@ impl<const PEERS: usize> FrameSecurity<PEERS> {
     /// A session without peers.
     ///
     /// `counter` comes from the store, see [`Counter::resume`].
-    // stack
+    // for less stack
     #[inline(always)]
     pub fn new(extended: Eui64, protection: Protection, key: Key, counter: Counter) -> Self {
         Self {

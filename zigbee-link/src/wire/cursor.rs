@@ -100,7 +100,7 @@ impl<'a> Writer<'a> {
     ///
     /// # Errors
     /// [`EmitError::NoRoom`], here and below: the buffer is too short. Nothing is written then.
-    // size
+    // for less flash
     #[inline(never)]
     pub fn bytes(&mut self, bytes: &[u8]) -> Result<(), EmitError> {
         let place = self

@@ -80,7 +80,7 @@ impl<T: Real> Quadratic<'_, T> {
 
     /// The step to the minimum of the model with its diagonal stretched by `1 + damping`. As many
     /// of its numbers count as there are unknowns.
-    #[inline(never)] // stack
+    #[inline(never)] // for less stack
     pub(crate) fn step(&self, damping: T) -> Option<[T; MOST]> {
         let n = self.gradient.len();
         let mut factor = [T::zero(); MOST * MOST];
@@ -174,7 +174,7 @@ impl<T: Real, const P: usize> Descent<T, P> {
     }
 
     /// The covariance of the unknowns where the weights are one over variances.
-    #[inline(never)] // stack
+    #[inline(never)] // for less stack
     pub(crate) fn covariance(&self) -> Option<SMatrix<T, P, P>> {
         Some(Cholesky::new(self.hessian)?.inverse())
     }
@@ -235,7 +235,7 @@ struct Newton<T> {
 }
 
 impl<T: Real> Newton<T> {
-    #[inline(never)] // stack
+    #[inline(never)] // for less stack
     fn new(model: &Quadratic<'_, T>) -> Self {
         let step = model.step(T::zero());
         let worth = step.map(|step| -dot(&step, model.gradient));
@@ -261,7 +261,7 @@ impl<T: Real> Pace<T> {
     ///
     /// # Errors
     /// [`Refusal::DidNotConverge`] when the cost is not a finite number.
-    #[inline(never)] // size
+    #[inline(never)] // for less flash
     fn look(
         &mut self,
         x: &mut [T],
@@ -339,7 +339,7 @@ fn damped<T: Real>(
 }
 
 /// Where the step with this damping leads.
-#[inline(never)] // size
+#[inline(never)] // for less flash
 fn trial<T: Real>(x: &[T], model: &Quadratic<'_, T>, damping: T) -> Option<[T; MOST]> {
     Some(moved(x, &model.step(damping)?, T::one()))
 }

@@ -132,7 +132,7 @@ impl Calibration {
     }
 
     /// The pose that fits the sightings best, and which of them it leaves out.
-    // stack
+    // for less stack
     #[inline(never)]
     fn fitted(
         &self,
@@ -153,7 +153,7 @@ impl Calibration {
 
     /// The pose with another lens than the configured one, if the sightings contradict that one and fit
     /// another.
-    // stack
+    // for less stack
     #[inline(never)]
     pub(super) fn with_other_lens(&self, lens: &Lens) -> Option<CameraState> {
         let common = self.common()?;
@@ -169,7 +169,7 @@ impl Calibration {
     }
 
     /// Whether another place than this pose's, far beyond the sigmas that are told, would do.
-    // stack
+    // for less stack
     #[inline(never)]
     fn allow_another_place(
         &self,
@@ -182,7 +182,7 @@ impl Calibration {
         resection::alternative(&self.seen(common), dropped, pose, sigma).is_some()
     }
 
-    // size
+    // for less flash
     #[inline(never)]
     fn seen(&self, common: &KeptSighting) -> heapless::Vec<Sighting<f32>, SIGHTINGS> {
         let seen = self.kept.iter().map(|kept| sighting(kept, common));
@@ -190,7 +190,7 @@ impl Calibration {
     }
 
     /// The same pose with what the stops' places have in common.
-    // stack
+    // for less stack
     #[inline(never)]
     fn correlated(
         &self,

@@ -377,7 +377,7 @@ impl CameraRole {
         );
     }
 
-    // stack
+    // for less stack
     #[inline(never)]
     pub(super) fn solve_reference(&mut self, now: Instant) {
         if self.progress.pose().is_some() {
@@ -391,7 +391,7 @@ impl CameraRole {
         self.on_solved(now, &solved);
     }
 
-    // stack: what it takes is not there while solving.
+    // for less stack: what it takes is not there while solving.
     #[inline(never)]
     fn on_solved(&mut self, now: Instant, solved: &Result<Answer, NotYet>) {
         let report = *self.progress.report();

@@ -90,7 +90,7 @@ impl CameraRole {
 
     /// Addresses are those of others now. A camera that is done stands where it stood; of sightings
     /// of others, nobody knows the target any more.
-    // stack
+    // for less stack
     #[inline(never)]
     pub(super) fn forget_network(&mut self) {
         // A first reference that stays alone with its pose is of no use to anybody.

@@ -248,7 +248,7 @@ impl CameraRole {
         }
     }
 
-    // size
+    // for less flash
     #[inline(never)]
     fn notify(&mut self, notification: CameraNotification, due: Instant) {
         self.notifications.notify(notification, due);

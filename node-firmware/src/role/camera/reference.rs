@@ -213,7 +213,7 @@ impl ReferenceStops {
 
     /// The walk of which both saw most stops: there may be several targets. Its target, its last
     /// stop, and in `stops` those of its last ones that the attempt takes, as the solve takes them.
-    // stack
+    // for less stack
     #[inline(never)]
     fn walk(
         &self,
@@ -304,7 +304,7 @@ impl ReferenceStops {
         Err(NotYet::Refused(Refusal::Inconsistent))
     }
 
-    // stack
+    // for less stack
     #[inline(never)]
     fn attempt(
         &self,
@@ -331,7 +331,7 @@ impl ReferenceStops {
 }
 
 /// The one answer of these stops. They may contradict each other in the last resort.
-// stack
+// for less stack
 #[inline(never)]
 fn decided(
     stops: &[Stop<f32>],
@@ -358,7 +358,7 @@ fn decided(
 }
 
 /// Both poses, and where the target stood at the last stop.
-// stack
+// for less stack
 #[inline(never)]
 fn in_frame_of_site(
     best: &ReferenceSolution<f32>,

@@ -170,7 +170,7 @@ impl CameraRole {
     }
 
     /// Has the camera adapt to the light again if it sees nothing where it should.
-    // stack
+    // for less stack
     #[inline(never)]
     fn judge_light(&mut self, now: Instant, stopped: &Stopped, sight: Sight) {
         let subjects = &self.config.subjects;
@@ -268,7 +268,7 @@ impl CameraRole {
     /// Holds a bearing of a target that knows its place against the pose that this camera has been told, or
     /// solved as a reference. Off twice, more than fits in between, it is doubtful until as many fit: the
     /// camera was moved, or the target is not where it believes.
-    // stack
+    // for less stack
     #[inline(never)]
     fn watch(&mut self, now: Instant, place: &Place<f32>, seen: &Seen) {
         let report = *self.progress.report();
@@ -309,7 +309,7 @@ impl CameraRole {
     }
 
     /// A target that knows its place was seen. Three of these make a pose.
-    // stack
+    // for less stack
     #[inline(never)]
     fn on_sighted(&mut self, now: Instant, target: MemberAddress, stopped: &Stopped, seen: Seen) {
         let report = *self.progress.report();
@@ -358,7 +358,7 @@ impl CameraRole {
     }
 
     /// A target that does not know where it is was seen.
-    // stack
+    // for less stack
     #[inline(never)]
     fn on_lost_sighted(
         &mut self,

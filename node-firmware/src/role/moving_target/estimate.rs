@@ -467,7 +467,7 @@ impl<'m> Estimate<'m> {
     }
 
     /// Some of the work. `None`: there is more. Else what came of it, if anything did.
-    // stack
+    // for less stack
     #[inline(never)]
     pub(super) fn step(&mut self, table: &Table) -> Option<Option<Estimated>> {
         match self.estimator.step() {
@@ -544,7 +544,7 @@ impl<'m> Estimate<'m> {
     }
 
     /// Where the target is, and what cameras are to be told.
-    // stack
+    // for less stack
     #[inline(never)]
     fn answers(&mut self, solution: &JointSolution<f32>, table: &Table) -> Option<Estimated> {
         let carrier = self.estimator.carrier().ok()?;
@@ -635,7 +635,7 @@ impl<'m> Estimate<'m> {
     }
 
     /// Whether what cameras hold for their poses agrees with what is estimated.
-    // stack
+    // for less stack
     #[inline(never)]
     fn votes(&mut self, frame: &Frame, solution: &JointSolution<f32>, table: &Table) -> Votes {
         let mut votes = Votes::default();
@@ -672,7 +672,7 @@ impl<'m> Estimate<'m> {
 
     /// What a camera is to be told. One that was moved is where it is now; before anybody knows where
     /// that is, its pose of before is doubtful.
-    // stack
+    // for less stack
     #[inline(never)]
     fn report(
         &mut self,

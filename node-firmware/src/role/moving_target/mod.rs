@@ -230,7 +230,7 @@ impl<'m> TargetRole<'m> {
 
     /// From now on it estimates everything that was measured together, in this memory. Without, it
     /// reckons, and cameras are on their own.
-    // stack
+    // for less stack
     #[inline(never)]
     pub fn estimate_in(&mut self, memory: EstimateMemory<'m>) {
         self.estimate = Estimate::new(memory);

@@ -165,7 +165,7 @@ impl TargetRole<'_> {
     }
 
     /// Does some of the work of estimating everything. When that is done, tells whom it concerns.
-    // stack
+    // for less stack
     #[inline(never)]
     pub(super) fn estimate(&mut self, now: Instant) {
         let Some(estimate) = &mut self.estimate else {
