@@ -62,6 +62,8 @@ const UARTE: usize = 2;
 const TWIM: usize = 3;
 const TIMER: usize = 5;
 const WATCHDOG: usize = 8;
+const RTC: usize = 9;
+const RTC_BASE: u64 = 0x4001_1000;
 const EGU: usize = 10;
 const EGUS: usize = 6;
 const PPI: usize = 17;
@@ -78,7 +80,7 @@ const MAP: [Peripheral; 19] = [
     peripheral("TEMP", 0x4000_c000, &[12]),
     peripheral("RNG", 0x4000_d000, &[13]),
     peripheral("WDT", 0x4001_0000, &[16]),
-    peripheral("RTC1", 0x4001_1000, &[17]),
+    peripheral("RTC1", RTC_BASE, &[17]),
     peripheral("EGU0", 0x4001_4000, &[20]),
     peripheral("EGU1", 0x4001_5000, &[21]),
     peripheral("EGU2", 0x4001_6000, &[22]),
@@ -201,6 +203,17 @@ impl Soc {
         self.rng = Instance::new(Rng::new(seed));
     }
 
+    /// Who reads this register again and again waits for it to change: where that is no event by itself,
+    /// there is one when it does.
+    pub(crate) fn wake(&mut self, now: VirtualNanos, address: u64) {
+        if let Some(offset) = address.checked_sub(RTC_BASE).filter(|at| *at < 0x1000) {
+            let (file, mut context) = self.bus.drive(now, RTC);
+            self.rtc.call(file, &mut context, |rtc, call| {
+                rtc.wake(offset as u16, call);
+            });
+        }
+    }
+
     /// A byte on the line of UARTE0 is over at an instant.
     pub(crate) fn deliver(&mut self, now: VirtualNanos, byte: u8, at: u64) {
         let (file, mut context) = self.bus.drive(now, UARTE);
@@ -276,7 +289,7 @@ impl Mcu for Soc {
             6 => &mut self.temp,
             7 => &mut self.rng,
             WATCHDOG => &mut self.watchdog,
-            9 => &mut self.rtc,
+            RTC => &mut self.rtc,
             EGU..16 => &mut self.egus[slot - EGU],
             16 => &mut self.nvmc,
             PPI => &mut self.ppi,

@@ -49,6 +49,15 @@ impl Rtc {
         since + (ticks * SECOND).div_ceil(HZ) as u64
     }
 
+    /// Calls it when the counter next changes, which is no event, if this register shows the counter: whoever
+    /// looks on again and again may sleep until then.
+    pub(crate) fn wake(&self, offset: u16, call: &mut Call<'_, '_>) {
+        if let Some(since) = self.since.filter(|_| offset == COUNTER) {
+            let next = self.ticks(call.now()) + 1;
+            call.at(self.instant(since, next));
+        }
+    }
+
     /// Whether a comparison was set too late for this count.
     fn is_too_soon(&self, event: u16, ticks: u64) -> bool {
         let channel = event.checked_sub(COMPARE).map(usize::from);
