@@ -84,8 +84,9 @@ impl Model for Watchdog {
                 call.set(offset, value);
             }
         }
-        // Once it has told it cannot be stopped.
-        if RELOAD.contains(&offset) && value == KEY && !self.has_told {
+        // Before it is started there is nothing to reload, and once it has told it cannot be stopped.
+        let can_reload = Self::is_running(call) && !self.has_told;
+        if RELOAD.contains(&offset) && value == KEY && can_reload {
             self.requested &= !(1 << ((offset - RELOAD.start) / 4));
             call.set(REQSTATUS, self.requested);
             if self.requested == 0 {
@@ -143,6 +144,17 @@ mod tests {
         assert!(bench.chip.take_reset_request().is_none());
         bench.pass(1);
         assert!(bench.chip.take_reset_request().is_some());
+    }
+
+    #[test]
+    fn it_does_not_bite_before_it_is_started() {
+        let mut bench = Bench::new(Watchdog::default());
+        bench.set(CRV, 32_767);
+        bench.set(RREN, 1);
+        bench.set(RELOAD.start, KEY);
+        bench.pass(5 * S);
+        assert!(bench.chip.take_reset_request().is_none());
+        assert_eq!(bench.chip.model.model.fed, 0);
     }
 
     #[test]
