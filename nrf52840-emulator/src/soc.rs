@@ -364,3 +364,35 @@ pub(crate) fn ficr(node: usize) -> Vec<u8> {
     }
     bytes
 }
+
+#[cfg(test)]
+mod tests {
+    use rigless::soc::Width;
+
+    use super::*;
+
+    const NOW: VirtualNanos = VirtualNanos(0);
+
+    fn soc() -> Soc {
+        Soc::new(0, None, BTreeMap::new()).unwrap()
+    }
+
+    /// No pin is anybody's: PSEL.RTS, TXD, CTS and RXD of UARTE0, PSEL.SCL and SDA of TWIM0.
+    #[test]
+    fn a_reset_disconnects_pins() {
+        let mut soc = soc();
+        for address in [
+            0x4000_2508,
+            0x4000_250c,
+            0x4000_2510,
+            0x4000_2514,
+            0x4000_3508,
+            0x4000_350c,
+        ] {
+            soc.write(NOW, address, Width::W32, 7).unwrap();
+            Mcu::reset(&mut soc, NOW, ResetCause::Core);
+            let read = soc.read(NOW, address, Width::W32).unwrap();
+            assert_eq!(read, 0xffff_ffff, "{address:x}");
+        }
+    }
+}

@@ -19,8 +19,12 @@ const TX_MAX: u16 = 0x548;
 const TX_AMOUNT: u16 = 0x54c;
 const ADDRESS: u16 = 0x588;
 
-/// After a reset: 250 kbit/s.
-pub(crate) const RESET: [(u16, u32); 1] = [(FREQUENCY, 0x0400_0000)];
+/// After a reset: no pins, 250 kbit/s.
+pub(crate) const RESET: [(u16, u32); 3] = [
+    (0x508, u32::MAX),
+    (0x50c, u32::MAX),
+    (FREQUENCY, 0x0400_0000),
+];
 
 const STOPPED: u16 = 1;
 const ERROR: u16 = 9;

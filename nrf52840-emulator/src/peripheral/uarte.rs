@@ -17,8 +17,14 @@ const TX_PTR: u16 = 0x544;
 const TX_MAX: u16 = 0x548;
 const TX_AMOUNT: u16 = 0x54c;
 
-/// After a reset: 250 kbit/s.
-pub(crate) const RESET: [(u16, u32); 1] = [(BAUDRATE, 0x0400_0000)];
+/// After a reset: no pins, 250 kbit/s.
+pub(crate) const RESET: [(u16, u32); 5] = [
+    (0x508, u32::MAX),
+    (0x50c, u32::MAX),
+    (0x510, u32::MAX),
+    (0x514, u32::MAX),
+    (BAUDRATE, 0x0400_0000),
+];
 
 const RXDRDY: u16 = 2;
 const ENDRX: u16 = 4;
@@ -250,7 +256,7 @@ impl Model for Uarte {
                 }
                 call.event(TXSTOPPED);
             }
-            4 => {
+            11 => {
                 // What waits goes to the buffer that is set up.
                 let (pointer, max) = (call.get(RX_PTR), call.get(RX_MAX));
                 if call.reaches(pointer, max) {
@@ -427,6 +433,24 @@ mod tests {
         assert!(bench.took(ENDRX));
         let heard = (0x2000_0200..0x2000_0204).map(|at| bench.cells.0[&at]);
         assert_eq!(heard.collect::<Vec<_>>(), b"ello");
+    }
+
+    /// TASKS_FLUSHRX is at 0x02c.
+    #[test]
+    fn what_waits_is_flushed() {
+        let mut bench = bench();
+        bench.set(RX_PTR, 0x2000_0200);
+        bench.set(RX_MAX, 1);
+        bench.task(0);
+        bench.task(2);
+        bench.pass(5_000_000);
+        bench.task(1);
+        assert!(bench.took(ENDRX));
+        bench.set(RX_MAX, 10);
+        bench.set(0x02c, 1);
+        assert!(bench.took(ENDRX));
+        assert_eq!(bench.get(RX_AMOUNT), FIFO as u32);
+        assert_eq!(bench.cells.0[&0x2000_0200], b'e');
     }
 
     #[test]
