@@ -158,7 +158,7 @@ pub(crate) fn run(
 ) -> Result<Outcome, String> {
     let text = |error: &dyn fmt::Display| error.to_string();
     let mut soc = Soc::new(number, node.peer, node.chips).map_err(|error| text(&error))?;
-    soc.draw_from(node.seed ^ (number as u64 + 1));
+    soc.draw_from(node.seed ^ (number as u64 + 1), since);
     if let Some(faults) = node.faults {
         faults(&mut soc);
     }

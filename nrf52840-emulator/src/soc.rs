@@ -198,9 +198,10 @@ impl Soc {
             || self.egus.iter().any(Instance::is_pending)
     }
 
-    /// Random numbers come from this seed.
-    pub(crate) fn draw_from(&mut self, seed: u64) {
+    /// Random numbers come from this seed, and where power goes from that instant on too.
+    pub(crate) fn draw_from(&mut self, seed: u64, since: u64) {
         self.rng = Instance::new(Rng::new(seed));
+        self.nvmc.model.draw_from(seed ^ since.rotate_left(32));
     }
 
     /// Who reads this register again and again waits for it to change: where that is no event by itself,
