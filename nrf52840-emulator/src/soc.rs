@@ -16,8 +16,8 @@ use rigless::{
 };
 
 use crate::peripheral::{
-    Arrival, Clock, Egu, Frame, Gpio, Gpiote, Instance, Nvmc, Peer, Ppi, REGISTERS, Radio, Rng,
-    Rtc, Temp, Timer, Twim, Uarte, Watchdog, Word, clock, gpiote, radio, timer, twim, uarte,
+    Arrival, Clock, Egu, Frame, Gpio, Gpiote, Held, Instance, Nvmc, Peer, Ppi, REGISTERS, Radio,
+    Rng, Rtc, Temp, Timer, Twim, Uarte, Watchdog, Word, clock, gpiote, radio, timer, twim, uarte,
     watchdog,
 };
 use crate::{
@@ -74,7 +74,7 @@ const MAP: [Peripheral; 19] = [
     peripheral("CLOCK", 0x4000_0000, &[0]),
     peripheral("RADIO", RADIO_BASE as u64, &[1]),
     peripheral("UARTE0", 0x4000_2000, &[2]),
-    peripheral("TWIM0", 0x4000_3000, &[3]),
+    peripheral("TWIM0", twim::BASE, &[3]),
     peripheral("GPIOTE", gpiote::BASE, &[6]),
     peripheral("TIMER1", 0x4000_9000, &[9]),
     peripheral("TEMP", 0x4000_c000, &[12]),
@@ -231,6 +231,14 @@ impl Soc {
         });
     }
 
+    /// Something holds the bus of TWIM0 low: a fault, from power-on.
+    pub fn hold_bus(&mut self, held: Held) {
+        let (file, mut context) = self.bus.drive(VirtualNanos(0), GPIO);
+        self.gpio.call(file, &mut context, |gpio, call| {
+            gpio.hold(held, call);
+        });
+    }
+
     /// A frame of another node is about to arrive.
     pub(crate) fn hear(&mut self, now: VirtualNanos, frame: Frame, arrival: Arrival) {
         let (file, mut context) = self.bus.drive(now, RADIO);
@@ -258,6 +266,9 @@ impl Mcu for Soc {
         let kept = Watchdog::KEPT.map(|offset| (offset, file.get(Word::at(offset)) as u32));
         self.reset_every_model();
         self.set_registers(at);
+        let (file, mut context) = self.bus.drive(at, GPIO);
+        self.gpio
+            .call(file, &mut context, |gpio, call| gpio.go_on(call));
         if cause == ResetCause::Core {
             let (file, mut context) = self.bus.drive(at, WATCHDOG);
             self.watchdog.call(file, &mut context, |watchdog, call| {
@@ -395,5 +406,29 @@ mod tests {
             let read = soc.read(NOW, address, Width::W32).unwrap();
             assert_eq!(read, 0xffff_ffff, "{address:x}");
         }
+    }
+
+    /// Who pulled a pin lets go of it in his time, whether the chip restarts or not.
+    #[test]
+    fn a_reset_does_not_hold_buttons() {
+        const MS: u64 = 1_000_000;
+        const CONFIGURED: u64 = 0x5000_0700;
+        let mut soc = soc();
+        let read = |soc: &mut Soc, at| {
+            let at = VirtualNanos(at);
+            // Connected, pulled up.
+            soc.write(at, CONFIGURED, Width::W32, 0b1100).unwrap();
+            soc.read(at, 0x5000_0510, Width::W32).unwrap() & 1
+        };
+        soc.pull(NOW, MS, 0, 1);
+        soc.pull(NOW, 200 * MS, 0, 0);
+        soc.advance_to(VirtualNanos(MS));
+        assert_eq!(read(&mut soc, MS), 0);
+        let reset = VirtualNanos(100 * MS);
+        soc.advance_to(reset);
+        Mcu::reset(&mut soc, reset, ResetCause::Core);
+        assert_eq!(read(&mut soc, 100 * MS), 0);
+        soc.advance_to(VirtualNanos(200 * MS));
+        assert_eq!(read(&mut soc, 200 * MS), 1);
     }
 }

@@ -23,7 +23,7 @@ pub(crate) use self::radio::RAMP_UP;
 pub use self::{
     clock::Clock,
     egu::Egu,
-    gpio::Gpio,
+    gpio::{Gpio, Held},
     gpiote::Gpiote,
     nvmc::Nvmc,
     ppi::Ppi,

@@ -19,6 +19,11 @@ const TX_MAX: u16 = 0x548;
 const TX_AMOUNT: u16 = 0x54c;
 const ADDRESS: u16 = 0x588;
 
+/// Where it is (Product Specification, "Instantiation").
+pub(crate) const BASE: u64 = 0x4000_3000;
+/// Where the pins tell whether the bus is held low. Programs know nothing of it.
+pub(super) const HELD: u16 = 0xf00;
+
 /// After a reset: no pins, 250 kbit/s.
 pub(crate) const RESET: [(u16, u32); 3] = [
     (0x508, u32::MAX),
@@ -51,8 +56,6 @@ enum Step {
 pub struct Twim {
     /// By their addresses.
     pub chips: BTreeMap<u32, Box<dyn Chip>>,
-    /// From when to when the bus is held low: nothing ends.
-    pub held: Option<core::ops::Range<u64>>,
     /// Transfers that ended.
     pub transfers: u64,
     step: Option<(EventId, Step)>,
@@ -93,8 +96,8 @@ impl Model for Twim {
             call.forbid("ENABLE", "a task while it is not enabled (\"TWIM\")");
             return;
         }
-        let now = call.now();
-        if self.held.as_ref().is_some_and(|held| held.contains(&now)) {
+        // Nothing begins on a bus that is held low.
+        if call.get(HELD) != 0 {
             return;
         }
         match number {
@@ -190,6 +193,10 @@ impl Model for Twim {
         if offset == ERRORSRC {
             self.error &= !value;
         }
+        // Nor does what was under way end.
+        if offset == HELD && value != 0 {
+            self.step = None;
+        }
     }
 
     fn reset(&mut self) {
@@ -264,14 +271,17 @@ mod tests {
     #[test]
     fn a_held_bus_ends_nothing() {
         let mut bench = bench();
-        bench.chip.model.model.held = Some(0..1_000_000);
         bench.set(ADDRESS, 0x6a);
         bench.task(2);
-        bench.pass(900_000);
-        assert!(!bench.took(LASTTX));
-        bench.pass(100_000);
+        bench.pass(10 * US);
+        bench.set(HELD, 1);
+        bench.pass(900 * US);
         bench.task(2);
-        bench.pass(900_000);
+        bench.pass(900 * US);
+        assert!(!bench.took(LASTTX));
+        bench.set(HELD, 0);
+        bench.task(2);
+        bench.pass(900 * US);
         assert!(bench.took(LASTTX));
     }
 }

@@ -4,7 +4,9 @@ mod buttons;
 mod debugging;
 mod faults;
 
-use std::{collections::BTreeMap, env, f64::consts::FRAC_PI_2, fs, path::PathBuf, sync::Arc};
+use std::{
+    collections::BTreeMap, env, f64::consts::FRAC_PI_2, fs, ops::Range, path::PathBuf, sync::Arc,
+};
 
 use cmucam2_emulator::{Configuration, Emulator, Scene};
 use defmt_decoder::{DecodeError, Table};
@@ -18,7 +20,7 @@ use nrf52840_emulator::{
     MEMORY, Node, Outcome, Soc,
     device::{self, Motion, World},
     energy::Current,
-    peripheral::{Frame, Peer},
+    peripheral::{Frame, Held, Peer},
     run,
 };
 use site::{NetworkConfigs, Overrides, Scenario, Site};
@@ -341,26 +343,48 @@ fn a_stuck_radio_restarts_the_node_at_once() {
     );
 }
 
+/// The data line of the sensors' bus is low, until the clock has fallen so often if that ends it.
+fn hold(soc: &mut Soc, during: Range<u64>, clocks: Option<u8>) {
+    soc.hold_bus(Held {
+        during,
+        data: 26,
+        clock: 27,
+        clocks,
+    });
+}
+
+/// For some time, from power-on until it is clocked free, or for ever.
 #[test]
 #[ignore = "`cargo xtask test --stage chip`"]
 fn a_bus_that_is_held_low_stops_nothing_else() {
-    let faults: fn(&mut Soc) = |soc| soc.twim.model.held = Some(5 * S..8 * S);
+    let faults: [(fn(&mut Soc), Range<u64>); 4] = [
+        (|soc| hold(soc, 5 * S..8 * S, None), 300..u64::MAX),
+        (|soc| hold(soc, 5 * S..u64::MAX, Some(9)), 300..u64::MAX),
+        (|soc| hold(soc, 0..u64::MAX, Some(9)), 300..u64::MAX),
+        (|soc| hold(soc, 0..u64::MAX, None), 0..1),
+    ];
     let lab = lab();
-    let target = Node {
-        faults: Some(faults),
-        ..lab.target()
-    };
-    let (outcomes, frames) = run(vec![lab.coordinator(), target], 120 * S, everybody).unwrap();
-    let target = &outcomes[1];
-    // The start after UICR was written, and no other.
-    assert_eq!(target.resets.len(), 1, "{:?}", target.resets);
-    assert!(
-        frames
-            .iter()
-            .any(|frame| frame.node == 1 && frame.start > 8 * S)
-    );
-    // Some 40 a second, before and after.
-    assert!(target.transfers > 300, "{}", target.transfers);
+    for (number, (faults, transfers)) in faults.into_iter().enumerate() {
+        let target = Node {
+            faults: Some(faults),
+            ..lab.target()
+        };
+        let (outcomes, frames) = run(vec![lab.coordinator(), target], 60 * S, everybody).unwrap();
+        let target = &outcomes[1];
+        // The start after UICR was written, and no other.
+        assert_eq!(target.resets.len(), 1, "{number}: {:?}", target.resets);
+        assert!(
+            frames
+                .iter()
+                .any(|frame| frame.node == 1 && frame.start > 8 * S)
+        );
+        // Some 40 a second, before and after.
+        assert!(
+            transfers.contains(&target.transfers),
+            "{number}: {}",
+            target.transfers
+        );
+    }
 }
 
 /// It waits for somebody who flashes one, and does not restart again and again.
