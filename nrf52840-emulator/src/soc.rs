@@ -17,8 +17,8 @@ use rigless::{
 
 use crate::peripheral::{
     Arrival, Clock, Egu, Frame, Gpio, Gpiote, Held, Instance, Nvmc, Peer, Ppi, REGISTERS, Radio,
-    Rng, Rtc, Temp, Timer, Twim, Uarte, Watchdog, Word, clock, gpiote, radio, timer, twim, uarte,
-    watchdog,
+    Rng, Rtc, Temp, Timer, Twim, Uarte, Watchdog, Word, clock, gpiote, radio, rtc, timer, twim,
+    uarte, watchdog,
 };
 use crate::{
     device::Chip,
@@ -57,13 +57,11 @@ const fn peripheral(name: &'static str, base: u64, interrupts: &'static [u16]) -
 }
 
 const RADIO: usize = 1;
-const RADIO_BASE: u32 = 0x4000_1000;
 const UARTE: usize = 2;
 const TWIM: usize = 3;
 const TIMER: usize = 5;
 const WATCHDOG: usize = 8;
 const RTC: usize = 9;
-const RTC_BASE: u64 = 0x4001_1000;
 const EGU: usize = 10;
 const EGUS: usize = 6;
 const PPI: usize = 17;
@@ -72,7 +70,7 @@ const GPIO: usize = 18;
 /// By their addresses: the bus counts its slots so.
 const MAP: [Peripheral; 19] = [
     peripheral("CLOCK", 0x4000_0000, &[0]),
-    peripheral("RADIO", RADIO_BASE as u64, &[1]),
+    peripheral("RADIO", radio::BASE, &[1]),
     peripheral("UARTE0", 0x4000_2000, &[2]),
     peripheral("TWIM0", twim::BASE, &[3]),
     peripheral("GPIOTE", gpiote::BASE, &[6]),
@@ -80,7 +78,7 @@ const MAP: [Peripheral; 19] = [
     peripheral("TEMP", 0x4000_c000, &[12]),
     peripheral("RNG", 0x4000_d000, &[13]),
     peripheral("WDT", 0x4001_0000, &[16]),
-    peripheral("RTC1", RTC_BASE, &[17]),
+    peripheral("RTC1", rtc::BASE, &[17]),
     peripheral("EGU0", 0x4001_4000, &[20]),
     peripheral("EGU1", 0x4001_5000, &[21]),
     peripheral("EGU2", 0x4001_6000, &[22]),
@@ -207,7 +205,7 @@ impl Soc {
     /// Who reads this register again and again waits for it to change: where that is no event by itself,
     /// there is one when it does.
     pub(crate) fn wake(&mut self, now: VirtualNanos, address: u64) {
-        if let Some(offset) = address.checked_sub(RTC_BASE).filter(|at| *at < 0x1000) {
+        if let Some(offset) = address.checked_sub(rtc::BASE).filter(|at| *at < 0x1000) {
             let (file, mut context) = self.bus.drive(now, RTC);
             self.rtc.call(file, &mut context, |rtc, call| {
                 rtc.wake(offset as u16, call);

@@ -12,7 +12,7 @@ mod nvmc;
 mod ppi;
 pub(crate) mod radio;
 mod rng;
-mod rtc;
+pub(crate) mod rtc;
 mod temp;
 pub(crate) mod timer;
 pub(crate) mod twim;

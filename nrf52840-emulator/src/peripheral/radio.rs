@@ -4,6 +4,11 @@ use rigless::{soc::Width, time::EventId};
 
 use super::{Call, DONE, Model, READ, US};
 
+/// Where it is (Product Specification, "Instantiation").
+pub(crate) const BASE: u64 = 0x4000_1000;
+/// Where CLOCK tells whether the crystal of 32 MHz runs. Programs know nothing of it.
+pub(super) const HFXO: u16 = 0xf00;
+
 const SHORTS: u16 = 0x200;
 const CRCSTATUS: u16 = 0x400;
 const PACKETPTR: u16 = 0x504;
@@ -273,10 +278,20 @@ impl Radio {
         on
     }
 
+    fn check_clock(call: &mut Call<'_, '_>) {
+        if call.get(HFXO) == 0 {
+            call.forbid(
+                "HFXO",
+                "the radio needs the crystal of 32 MHz (\"CLOCK\", HFXO)",
+            );
+        }
+    }
+
     fn ramp_up(&mut self, state: State, call: &mut Call<'_, '_>) -> u64 {
         self.reception = None;
         self.assessment = None;
         self.enter(state, call);
+        Self::check_clock(call);
         if call.get(MODECNF0) & 1 != 0 {
             call.forbid("MODECNF0", "the fast ramp-up is not modelled");
         }
@@ -550,11 +565,15 @@ impl Model for Radio {
         if offset == SHORTS && value & !known != 0 {
             call.forbid("SHORTS", "a shortcut that is not modelled");
         }
+        if offset == HFXO && self.state != State::Disabled {
+            Self::check_clock(call);
+        }
         if offset == POWER && value & 1 == 0 {
+            let hfxo = call.get(HFXO);
             for word in 0..POWER / 4 {
                 call.set(word * 4, 0);
             }
-            for (offset, value) in RESET {
+            for (offset, value) in RESET.into_iter().chain([(HFXO, hfxo)]) {
                 call.set(offset, value);
             }
             call.enabled = 0;
@@ -589,6 +608,7 @@ mod tests {
 
     fn bench() -> Bench<Radio> {
         let mut bench = Bench::new(Radio::new(3));
+        bench.set(HFXO, 1);
         bench.set(MODE, IEEE_802_15_4);
         bench.set(FREQUENCY, 5);
         bench.set(PACKETPTR, PACKET_AT);
@@ -863,6 +883,21 @@ mod tests {
         bench.task(0);
         bench.pass(10_000 * US);
         assert!(bench.took(END));
+    }
+
+    #[test]
+    fn it_needs_its_crystal() {
+        let mut bench = bench();
+        bench.set(HFXO, 0);
+        for task in [1, 4, 0] {
+            bench.task(task);
+            bench.pass(RAMP_UP);
+        }
+        assert_eq!(bench.forbidden(), ["HFXO", "HFXO"]);
+        bench.set(HFXO, 1);
+        assert_eq!(bench.forbidden(), [""; 0]);
+        bench.set(HFXO, 0);
+        assert_eq!(bench.forbidden(), ["HFXO"]);
     }
 
     #[test]
