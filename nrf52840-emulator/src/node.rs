@@ -102,7 +102,7 @@ impl Time {
 pub struct Reset {
     /// When, nanoseconds.
     pub at: u64,
-    /// By whom: `Core`, or the peripheral.
+    /// By whom: `Core` for the program, `Lockup`, or the peripheral.
     pub by: String,
 }
 
@@ -222,7 +222,7 @@ pub(crate) fn run(
         resets: (session.resets().iter())
             .map(|reset| Reset {
                 at: reset.at.0,
-                by: format!("{:?}", reset.cause),
+                by: soc.by(reset.at, reset.cause),
             })
             .collect(),
         line: soc.uarte.model.sent.clone(),
@@ -305,8 +305,9 @@ impl Run {
     /// What was done since this was last asked.
     fn deeds(&mut self, session: &mut Session<Board>, now: u64) -> Vec<(u64, Deed)> {
         let resets = session.resets().iter().skip(self.resets);
+        let soc = &session.board().soc;
         let mut deeds: Vec<_> = resets
-            .map(|reset| (reset.at.0, Deed::Reset(format!("{:?}", reset.cause))))
+            .map(|reset| (reset.at.0, Deed::Reset(soc.by(reset.at, reset.cause))))
             .collect();
         self.resets += deeds.len();
         let soc = &mut session.board_mut().soc;
@@ -658,6 +659,54 @@ mod tests {
             }
             let hour = time.local(3_607_000_000_000) as i64 - 3_600_000_000_000;
             assert_eq!(hour, 3_600 * i64::from(drift_ppb));
+        }
+    }
+
+    /// UDF, here and in the handler of what it raises: the processor locks up, and RESETREAS says so.
+    #[test]
+    fn a_lockup_restarts_the_chip() {
+        let code = [
+            &set(2, CLOCK + 0x400)[..],
+            &set(1, 1),
+            &set(0, PINS),
+            &set(4, 8),
+            // Once it says so, a pin changes.
+            &[load(0), 0x42a3, 0xd102, store(DIRSET)],
+            &STAY,
+            &[0xde00],
+        ]
+        .concat();
+        let fault = code.len() - 1;
+        let (changed, outcome) = run("lockup", &code, fault, MS);
+        assert_eq!(changed.len(), 1);
+        assert_eq!(outcome.resets.len(), 1, "{:?}", outcome.resets);
+        assert_eq!(outcome.resets[0].by, "Lockup");
+    }
+
+    /// An access to nothing ends in the handler of a fault, and is told.
+    #[test]
+    fn nowhere_is_a_bus_fault() {
+        for (address, is_fault) in [
+            (0x6000_0000, true),
+            (0x2004_0000, true),
+            (0x10_0000, true),
+            (0x4000_0400, false),
+            (0x2003_fffc, false),
+            (0xf_fffc, false),
+        ] {
+            let code = [
+                &set(0, PINS)[..],
+                &set(1, 1),
+                &set(2, address),
+                &[load(0)],
+                &STAY,
+                &[store(DIRSET)],
+                &STAY,
+            ]
+            .concat();
+            let (changed, outcome) = run("nowhere", &code, code.len() - 3, MS);
+            assert_eq!(changed.len(), usize::from(is_fault), "{address:x}");
+            assert_eq!(outcome.unmapped.len(), usize::from(is_fault), "{address:x}");
         }
     }
 }

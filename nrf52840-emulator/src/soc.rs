@@ -3,6 +3,10 @@
 use std::{
     collections::BTreeMap,
     num::{NonZeroU32, NonZeroU64},
+    sync::{
+        Arc,
+        atomic::{AtomicBool, Ordering},
+    },
 };
 
 use rigless::{
@@ -111,6 +115,9 @@ const RESET: [(usize, &[(u16, u32)]); 5] = [
 #[derive(Debug)]
 pub struct Soc {
     bus: Bus,
+    /// The processor has locked up, and when it was reset for that.
+    lockup: Arc<AtomicBool>,
+    lockups: Vec<VirtualNanos>,
     /// CLOCK and POWER.
     pub clock: Instance<Clock>,
     /// RADIO.
@@ -151,6 +158,8 @@ impl Soc {
         let bases = MAP.iter().map(|entry| (entry.name, entry.base)).collect();
         let mut soc = Self {
             bus,
+            lockup: Arc::default(),
+            lockups: Vec::new(),
             clock: Instance::new(Clock::default()),
             radio: Instance::new(Radio::new(node)),
             uarte: Instance::new(Uarte::new(peer)),
@@ -213,6 +222,14 @@ impl Soc {
         }
     }
 
+    /// Who reset the chip at an instant: `Core` for the program, `Lockup`, or the peripheral.
+    pub(crate) fn by(&self, at: VirtualNanos, cause: ResetCause) -> String {
+        match cause {
+            ResetCause::Core if self.lockups.contains(&at) => "Lockup".to_owned(),
+            cause => format!("{cause:?}"),
+        }
+    }
+
     /// A byte on the line of UARTE0 is over at an instant.
     pub(crate) fn deliver(&mut self, now: VirtualNanos, byte: u8, at: u64) {
         let (file, mut context) = self.bus.drive(now, UARTE);
@@ -255,7 +272,8 @@ impl Mcu for Soc {
         &mut self.bus
     }
 
-    /// Product Specification, "Reset behavior": the watchdog runs on through a reset by the program.
+    /// Product Specification, "Reset behavior": the watchdog runs on through a reset by the program or by a
+    /// lockup.
     fn reset(&mut self, at: VirtualNanos, cause: ResetCause) {
         self.radio.model.count(at.0);
         self.uarte.model.switch_off(at.0);
@@ -278,7 +296,12 @@ impl Mcu for Soc {
                 }
             });
         }
+        let is_lockup = cause == ResetCause::Core && self.lockup.swap(false, Ordering::Relaxed);
         self.clock.model.cause |= match cause {
+            ResetCause::Core if is_lockup => {
+                self.lockups.push(at);
+                clock::LOCKUP
+            }
             ResetCause::Core => clock::PROGRAM,
             ResetCause::Model("WDT") => clock::WATCHDOG,
             ResetCause::Pin => clock::PIN,
@@ -349,8 +372,12 @@ impl machine::Board for Board {
         config.vector_table = Some(0);
         config.fpu = armv7m::Fpu::FpV4Sp;
         let mut spec = config.spec();
-        spec.processor =
-            processor::constructor(spec.processor, self.program.clone(), self.processor.clone());
+        spec.processor = processor::constructor(
+            spec.processor,
+            self.program.clone(),
+            self.processor.clone(),
+            self.soc.lockup.clone(),
+        );
         vec![Target::new("nrf52840", &mut self.soc, spec)]
     }
 }

@@ -28,6 +28,8 @@ pub(crate) const PIN: u32 = 1;
 pub(crate) const WATCHDOG: u32 = 2;
 /// By the program.
 pub(crate) const PROGRAM: u32 = 4;
+/// By a lockup of the processor.
+pub(crate) const LOCKUP: u32 = 8;
 
 /// Clocks start after a time. While the crystal of 32.768 kHz starts, the oscillator without one is the
 /// clock ("LFCLK"). The radio and the RTC hear what runs. The cause of a reset is kept until the program clears it.
