@@ -10,8 +10,6 @@ use node_firmware::{
     message::{Health, Memory, Restart},
     network::Attachment,
 };
-use nrf52840_emulator::{Deed, Input, Network};
-
 use rand::RngExt;
 
 use super::*;

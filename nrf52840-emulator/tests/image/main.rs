@@ -17,10 +17,10 @@ use node_firmware::{
     facts::{self, Fact, FactStore},
 };
 use nrf52840_emulator::{
-    MEMORY, Node, Outcome, Soc,
+    Deed, Input, MEMORY, Network, Node, Outcome, Soc,
     device::{self, Motion, World},
     energy::Current,
-    peripheral::{Frame, Held, Peer},
+    peripheral::{Arrival, Frame, Held, Peer},
     run,
 };
 use site::{NetworkConfigs, Overrides, Scenario, Site};
@@ -304,6 +304,62 @@ fn the_nodes_of_a_site_join() {
         let line: Vec<u8> = camera.line.iter().map(|&(_, byte)| byte).collect();
         let line = String::from_utf8(line).unwrap();
         assert!(line.matches("\rTC").count() > 2, "{line:?}");
+    }
+}
+
+/// Two strangers send one frame after the other, so that there is always one in its middle. They are too weak
+/// for their energy to be found: it takes the correlator, which the driver leaves off.
+#[test]
+#[ignore = "`cargo xtask test --stage chip`"]
+fn nobody_sends_into_a_weak_carrier() {
+    // The coordinator has begun, the camera is about to join.
+    const BUSY: Range<u64> = 900 * MS..4 * S;
+    let lab = lab();
+    let mut network = Network::default();
+    let nodes = [lab.coordinator(), lab.camera(0)];
+    for (number, node) in nodes.into_iter().enumerate() {
+        network.switch_on(number, node, 0);
+    }
+    let stranger = |node, start, frequency| Frame {
+        start,
+        node,
+        frequency,
+        power: 0,
+        psdu: vec![0; 127],
+    };
+    let mut next = [BUSY.start, BUSY.start + 2 * MS].map(|start| stranger(90, start, 0));
+    next[1].node = 91;
+    let mut starts = Vec::new();
+    while network.reached() < BUSY.end + 10 * S {
+        let until = (network.reached() + MS).min(BUSY.end + 10 * S);
+        for (_, number, deed) in network.run(until) {
+            if let Deed::Sends(frame) = deed {
+                next.iter_mut()
+                    .for_each(|next| next.frequency = frame.frequency);
+                starts.push(frame.start);
+                network.input(1 - number, Input::Frame(frame, LEVEL.into()));
+            }
+        }
+        for next in &mut next {
+            if next.start < network.reached() + 2 * MS && next.start < BUSY.end {
+                for to in 0..2 {
+                    let arrival = Arrival {
+                        stands_out: false,
+                        ..5.into()
+                    };
+                    network.input(to, Input::Frame(next.clone(), arrival));
+                }
+                next.start = next.end();
+            }
+        }
+    }
+    let sent = |range: Range<u64>| starts.iter().filter(|at| range.contains(at)).count();
+    assert!(sent(0..BUSY.start) > 0);
+    // Not while the second stranger has not begun.
+    assert_eq!(sent(BUSY.start + 5 * MS..BUSY.end), 0);
+    assert!(sent(BUSY.end..BUSY.end + 10 * S) > 0);
+    for number in 0..2 {
+        in_order(&network.switch_off(number).unwrap().unwrap());
     }
 }
 
