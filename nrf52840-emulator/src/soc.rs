@@ -60,6 +60,7 @@ const fn peripheral(name: &'static str, base: u64, interrupts: &'static [u16]) -
     }
 }
 
+const CLOCK: usize = 0;
 const RADIO: usize = 1;
 const UARTE: usize = 2;
 const TWIM: usize = 3;
@@ -273,19 +274,27 @@ impl Mcu for Soc {
     }
 
     /// Product Specification, "Reset behavior": the watchdog runs on through a reset by the program or by a
-    /// lockup.
+    /// lockup, and GPREGRET and GPREGRET2 stay.
     fn reset(&mut self, at: VirtualNanos, cause: ResetCause) {
         self.radio.model.count(at.0);
         self.uarte.model.switch_off(at.0);
         let deadline = self.watchdog.model.deadline;
-        let file = self.bus.slots()[WATCHDOG].registers();
-        let kept = Watchdog::KEPT.map(|offset| (offset, file.get(Word::at(offset)) as u32));
+        let keep = |slot: usize, offset| {
+            let file = self.bus.slots()[slot].registers();
+            (offset, file.get(Word::at(offset)) as u32)
+        };
+        let kept = Watchdog::KEPT.map(|offset| keep(WATCHDOG, offset));
+        let retained = Clock::KEPT.map(|offset| keep(CLOCK, offset));
         self.reset_every_model();
         self.set_registers(at);
         let (file, mut context) = self.bus.drive(at, GPIO);
         self.gpio
             .call(file, &mut context, |gpio, call| gpio.go_on(call));
         if cause == ResetCause::Core {
+            let (file, _) = self.bus.drive(at, CLOCK);
+            for (offset, value) in retained {
+                file.set(Word::at(offset), value.into());
+            }
             let (file, mut context) = self.bus.drive(at, WATCHDOG);
             self.watchdog.call(file, &mut context, |watchdog, call| {
                 for (offset, value) in kept {
@@ -313,7 +322,7 @@ impl Mcu for Soc {
 
     fn split(&mut self, slot: usize) -> (&mut Bus, Option<&mut dyn ErasedDevice>) {
         let model: &mut dyn ErasedDevice = match slot {
-            0 => &mut self.clock,
+            CLOCK => &mut self.clock,
             RADIO => &mut self.radio,
             UARTE => &mut self.uarte,
             TWIM => &mut self.twim,
@@ -430,6 +439,21 @@ mod tests {
             Mcu::reset(&mut soc, NOW, ResetCause::Core);
             let read = soc.read(NOW, address, Width::W32).unwrap();
             assert_eq!(read, 0xffff_ffff, "{address:x}");
+        }
+    }
+
+    /// GPREGRET and GPREGRET2 stay through a reset by the program, and through no other.
+    #[test]
+    fn a_reset_by_the_program_retains_registers() {
+        for (cause, kept) in [(ResetCause::Core, 0x57), (ResetCause::Model("WDT"), 0)] {
+            let mut soc = soc();
+            for address in [0x4000_051c, 0x4000_0520] {
+                soc.write(NOW, address, Width::W32, 0x57).unwrap();
+            }
+            Mcu::reset(&mut soc, NOW, cause);
+            for address in [0x4000_051c, 0x4000_0520] {
+                assert_eq!(soc.read(NOW, address, Width::W32), Ok(kept));
+            }
         }
     }
 

@@ -16,7 +16,11 @@ const HFCLKRUN: u16 = 0x408;
 const HFCLKSTAT: u16 = 0x40c;
 const LFCLKRUN: u16 = 0x414;
 const LFCLKSTAT: u16 = 0x418;
+const SYSTEMOFF: u16 = 0x500;
+const POFCON: u16 = 0x510;
 const LFCLKSRC: u16 = 0x518;
+/// GPREGRET and GPREGRET2.
+const RETAINED: [u16; 2] = [0x51c, 0x520];
 /// In both STAT registers.
 const RUNNING: u32 = 1 << 16;
 /// LFCLKSRC: a crystal.
@@ -46,6 +50,11 @@ pub struct Clock {
     pub hfxo_from: u64,
     /// The same for the crystal of 32.768 kHz.
     pub lfxo_from: u64,
+}
+
+impl Clock {
+    /// Registers that stay through a reset by the program (Product Specification, "Reset behavior").
+    pub(crate) const KEPT: [u16; 2] = RETAINED;
 }
 
 /// Tells the radio, or the RTC, whether its clock runs.
@@ -90,7 +99,9 @@ impl Model for Clock {
                 call.set(LFCLKSTAT, 0);
                 tell(TO_RTC, false, call);
             }
-            _ => {}
+            // CONSTLAT and LOWPWR: nothing else can be seen of them.
+            30 | 31 => {}
+            _ => call.no_task(),
         }
     }
 
@@ -118,6 +129,12 @@ impl Model for Clock {
         if offset == RESETREAS {
             // Cleared by ones.
             self.cause &= !value;
+        }
+        if offset == SYSTEMOFF && value & 1 != 0 {
+            call.forbid("SYSTEMOFF", "that it switches itself off is not modelled");
+        }
+        if offset == POFCON && value & 1 != 0 {
+            call.forbid("POFCON", "a warning of low voltage is not modelled");
         }
         if offset == LFCLKSRC && call.get(LFCLKRUN) != 0 {
             call.forbid(
@@ -195,6 +212,19 @@ mod tests {
         bench.task(2);
         bench.pass(LFXO_START);
         assert!(bench.took(1));
+    }
+
+    #[test]
+    fn what_is_not_modelled_is_told() {
+        let mut bench = Bench::new(Clock::default());
+        for task in [4, 5, 6, 30, 31] {
+            bench.task(task);
+        }
+        for (offset, value) in [(POFCON, 0), (POFCON, 1), (SYSTEMOFF, 1)] {
+            bench.set(offset, value);
+        }
+        let expected = ["TASKS", "TASKS", "TASKS", "POFCON", "SYSTEMOFF"];
+        assert_eq!(bench.forbidden(), expected);
     }
 
     #[test]

@@ -13,6 +13,7 @@ const READY: u16 = 0x400;
 const READYNEXT: u16 = 0x408;
 const CONFIG: u16 = 0x504;
 const ERASEPAGE: u16 = 0x508;
+const ICACHECNF: u16 = 0x540;
 const PAGE: u64 = 4096;
 const BLANK: u32 = 0xffff_ffff;
 /// Values of CONFIG.
@@ -147,11 +148,14 @@ impl Model for Nvmc {
         if offset == ERASEPAGE {
             self.erase(u64::from(value) & !(PAGE - 1), call);
         }
-        if matches!(offset, 0x50c | 0x514 | 0x518) {
-            call.forbid(
+        match offset {
+            // Of the cache nothing can be seen but how fast it is.
+            CONFIG | ERASEPAGE | ICACHECNF => {}
+            0x50c..=0x51c => call.forbid(
                 "ERASEALL",
                 "that is not modelled, nor erasing of UICR or of parts of a page",
-            );
+            ),
+            _ => call.no_register(offset),
         }
     }
 
@@ -351,6 +355,10 @@ mod tests {
         store(&mut bench, 0, 0);
         bench.set(ERASEPAGE, 0);
         assert_eq!(bench.forbidden(), ["CONFIG", "CONFIG"]);
+        for offset in [ICACHECNF, 0x51c, 0x520] {
+            bench.set(offset, 1);
+        }
+        assert_eq!(bench.forbidden(), ["ERASEALL", "registers"]);
         assert_eq!(word(&mut bench, 0), BLANK);
         bench.set(CONFIG, WRITING);
         for _ in 0..3 {

@@ -2,14 +2,13 @@
 
 use rigless::{soc::Width, time::EventId};
 
-use super::{Call, DONE, Model, READ, US};
+use super::{Call, DONE, Model, READ, SHORTS, US};
 
 /// Where it is (Product Specification, "Instantiation").
 pub(crate) const BASE: u64 = 0x4000_1000;
 /// Where CLOCK tells whether the crystal of 32 MHz runs. Programs know nothing of it.
 pub(super) const HFXO: u16 = 0xf00;
 
-const SHORTS: u16 = 0x200;
 const CRCSTATUS: u16 = 0x400;
 const PACKETPTR: u16 = 0x504;
 const FREQUENCY: u16 = 0x508;
@@ -581,7 +580,7 @@ impl Model for Radio {
             // it; the specification does not say what comes of it, and here nothing does.
             (3, State::RxRampUp | State::RxIdle | State::TxIdle) | (12, _) => {}
             (3, _) => call.forbid("TASKS_STOP", "there is nothing to stop (\"RADIO\", states)"),
-            _ => call.forbid("TASKS", "this task is not modelled"),
+            _ => call.no_task(),
         }
     }
 
@@ -637,9 +636,7 @@ impl Model for Radio {
         let known = SHORTCUTS
             .iter()
             .fold(0, |known, (bit, ..)| known | 1 << bit);
-        if offset == SHORTS && value & !known != 0 {
-            call.forbid("SHORTS", "a shortcut that is not modelled");
-        }
+        call.only_shortcuts(offset, value, known);
         if offset == HFXO && self.state != State::Disabled {
             Self::check_clock(call);
         }

@@ -2,7 +2,7 @@
 
 use rigless::time::EventId;
 
-use super::{Call, INTEN, Model};
+use super::{Call, INTEN, INTENCLR, INTENSET, Model};
 
 /// Where it is: RTC1 (Product Specification, "Instantiation").
 pub(crate) const BASE: u64 = 0x4001_1000;
@@ -120,7 +120,8 @@ impl Model for Rtc {
     fn task(&mut self, number: u16, call: &mut Call<'_, '_>) {
         let now = call.now();
         match number {
-            0 if !self.is_started => {
+            0 if self.is_started => {}
+            0 => {
                 self.divider = u64::from(call.get(PRESCALER) & 0xfff);
                 self.is_started = true;
                 if call.get(LFCLK) == 0 {
@@ -140,7 +141,7 @@ impl Model for Rtc {
                 self.before = 0xff_fff0;
                 self.since = self.since.map(|_| now);
             }
-            _ => {}
+            _ => call.no_task(),
         }
         self.plan(call);
     }
@@ -167,7 +168,8 @@ impl Model for Rtc {
                     "it is written while the RTC is stopped only (\"RTC\")",
                 );
             }
-            _ => {}
+            INTEN | INTENSET | INTENCLR | EVTEN | PRESCALER => {}
+            _ => call.no_register(offset),
         }
         if (call.enabled | call.get(EVTEN)) & 1 != 0 {
             call.forbid("EVTEN", "its TICK is not modelled");
@@ -278,6 +280,14 @@ mod tests {
         assert!(bench.took(OVERFLOW));
         bench.set(PRESCALER, 3);
         assert_eq!(bench.forbidden(), ["PRESCALER"]);
+    }
+
+    #[test]
+    fn what_is_not_modelled_is_told() {
+        let mut bench = bench();
+        bench.task(4);
+        bench.set(CC_END, 1);
+        assert_eq!(bench.forbidden(), ["TASKS", "registers"]);
     }
 
     #[test]

@@ -4,10 +4,9 @@ use std::collections::BTreeMap;
 
 use rigless::{soc::Width, time::EventId};
 
-use super::{Call, DONE, Model, READ, US};
+use super::{Call, DONE, Model, READ, SHORTS, US};
 use crate::device::Chip;
 
-const SHORTS: u16 = 0x200;
 const ERRORSRC: u16 = 0x4c4;
 const ENABLE: u16 = 0x500;
 const FREQUENCY: u16 = 0x524;
@@ -38,6 +37,15 @@ const RXSTARTED: u16 = 19;
 const TXSTARTED: u16 = 20;
 const LASTRX: u16 = 23;
 const LASTTX: u16 = 24;
+/// Bits of SHORTS, causes and tasks (Product Specification, "TWIM").
+const SHORTCUTS: [(u16, u16, u16); 6] = [
+    (7, LASTTX, 0),
+    (8, LASTTX, 7),
+    (9, LASTTX, 5),
+    (10, LASTRX, 2),
+    (11, LASTRX, 7),
+    (12, LASTRX, 5),
+];
 /// ERRORSRC: nobody answered to the address.
 const NO_ANSWER: u32 = 2;
 /// Two bits of the slowest bus.
@@ -100,6 +108,17 @@ impl Model for Twim {
         if call.get(HELD) != 0 {
             return;
         }
+        let is_busy = matches!(
+            self.step,
+            Some((_, Step::Read | Step::Write | Step::Unanswered))
+        );
+        if is_busy && matches!(number, 0 | 2) {
+            call.forbid(
+                "TASKS_START",
+                "it is started before the transfer before is over (\"TWIM\")",
+            );
+            return;
+        }
         match number {
             0 => {
                 let (pointer, max) = (call.get(RX_PTR), call.get(RX_MAX));
@@ -125,7 +144,7 @@ impl Model for Twim {
                 self.step = Some((id, Step::Stop));
             }
             7 => call.event(SUSPENDED),
-            _ => {}
+            _ => call.no_task(),
         }
     }
 
@@ -169,16 +188,7 @@ impl Model for Twim {
 
     fn shortcut(&mut self, event: u16, call: &mut Call<'_, '_>) {
         let shorts = call.get(SHORTS);
-        // Bits of SHORTS (Product Specification, "TWIM").
-        let all = [
-            (7, LASTTX, 0),
-            (8, LASTTX, 7),
-            (9, LASTTX, 5),
-            (10, LASTRX, 2),
-            (11, LASTRX, 7),
-            (12, LASTRX, 5),
-        ];
-        for (bit, cause, task) in all {
+        for (bit, cause, task) in SHORTCUTS {
             if cause == event && shorts >> bit & 1 != 0 {
                 self.task(task, call);
             }
@@ -189,7 +199,11 @@ impl Model for Twim {
         (offset == ERRORSRC).then_some(self.error)
     }
 
-    fn write(&mut self, offset: u16, value: u32, _: &mut Call<'_, '_>) {
+    fn write(&mut self, offset: u16, value: u32, call: &mut Call<'_, '_>) {
+        let known = SHORTCUTS
+            .iter()
+            .fold(0, |known, (bit, ..)| known | 1 << bit);
+        call.only_shortcuts(offset, value, known);
         if offset == ERRORSRC {
             self.error &= !value;
         }
@@ -254,6 +268,23 @@ mod tests {
         bench.task(2);
         bench.pass(150 * US);
         assert_eq!(bench.forbidden(), ["ADDRESS"]);
+    }
+
+    #[test]
+    fn what_is_under_way_goes_on() {
+        let mut bench = bench();
+        bench.set(ADDRESS, Lsm6dsox::ADDRESS);
+        for task in [2, 0] {
+            bench.task(task);
+            assert_eq!(bench.forbidden(), [""; 0]);
+            bench.task(task);
+            assert_eq!(bench.forbidden(), ["TASKS_START"]);
+            bench.pass(150 * US);
+        }
+        assert_eq!(bench.chip.model.model.transfers, 2);
+        bench.task(8);
+        bench.set(SHORTS, 1);
+        assert_eq!(bench.forbidden(), ["TASKS", "SHORTS"]);
     }
 
     #[test]
