@@ -519,9 +519,10 @@ mod tests {
     use super::*;
     use crate::Network;
 
-    /// Bases of CLOCK, RTC1, and the registers of GPIO.
+    /// CLOCK, RTC1, and some registers of NVMC and GPIO.
     const CLOCK: u32 = 0x4000_0000;
     const RTC: u32 = 0x4001_1000;
+    const NVMC: u32 = 0x4001_e500;
     const PINS: u32 = 0x5000_0500;
     const DIRSET: u16 = 0x18;
     /// Sleeps for ever.
@@ -543,11 +544,11 @@ mod tests {
 
     /// Stores R1 to where R0 points, and loads R3 from where R2 does.
     fn store(offset: u16) -> u16 {
-        0x6001 | offset / 4 << 6
+        0x6001 | (offset / 4) << 6
     }
 
     fn load(offset: u16) -> u16 {
-        0x6813 | offset / 4 << 6
+        0x6813 | (offset / 4) << 6
     }
 
     /// R3 is loaded until it is R4 at least.
@@ -563,7 +564,7 @@ mod tests {
             .map(|vector| match vector {
                 0 => 0x2000_1000,
                 1 => VECTORS | 1,
-                _ => VECTORS + 2 * fault as u32 | 1,
+                _ => (VECTORS + 2 * fault as u32) | 1,
             })
             .flat_map(u32::to_le_bytes)
             .collect();
@@ -660,6 +661,36 @@ mod tests {
             let hour = time.local(3_607_000_000_000) as i64 - 3_600_000_000_000;
             assert_eq!(hour, 3_600 * i64::from(drift_ppb));
         }
+    }
+
+    /// STM to the flash: the processor stands still until both words are written.
+    #[test]
+    fn an_instruction_writes_two_words() {
+        let at = MEMORY.start as u32;
+        let code = [
+            &set(0, NVMC)[..],
+            &set(1, 1),
+            &[store(4)],
+            &set(0, at),
+            &set(1, 0x1234_5678),
+            &set(2, 0x9abc_def0),
+            &[0xc006],
+            &set(0, PINS),
+            &set(1, 1),
+            &[store(DIRSET)],
+            &STAY,
+        ]
+        .concat();
+        let (changed, outcome) = run("words", &code, 0, MS);
+        let [first, second] = &outcome.operations[..] else {
+            panic!("{:?}", outcome.operations);
+        };
+        assert_eq!(first.end, second.start);
+        assert!(changed[0] > second.end && changed[0] < second.end + 1_000);
+        let (start, bytes) = &outcome.flash[0];
+        assert_eq!(*start, u64::from(at));
+        assert_eq!(bytes[..8], 0x9abc_def0_1234_5678_u64.to_le_bytes());
+        assert_eq!(outcome.forbidden, []);
     }
 
     /// UDF, here and in the handler of what it raises: the processor locks up, and RESETREAS says so.

@@ -321,7 +321,7 @@ impl Radio {
             }
         }
         let frequency = call.get(FREQUENCY) & 0x1ff;
-        if !(5..=80).contains(&frequency) || frequency % 5 != 0 {
+        if !(5..=80).contains(&frequency) || !frequency.is_multiple_of(5) {
             call.forbid(
                 "FREQUENCY",
                 "no channel of IEEE 802.15.4 is there (\"RADIO\")",

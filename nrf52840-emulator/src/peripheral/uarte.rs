@@ -443,7 +443,7 @@ mod tests {
         assert_eq!(heard.collect::<Vec<_>>(), b"ello");
     }
 
-    /// TASKS_FLUSHRX is at 0x02c.
+    /// `TASKS_FLUSHRX` is at 0x02c.
     #[test]
     fn what_waits_is_flushed() {
         let mut bench = bench();

@@ -413,7 +413,8 @@ fn hold(soc: &mut Soc, during: Range<u64>, clocks: Option<u8>) {
 #[test]
 #[ignore = "`cargo xtask test --stage chip`"]
 fn a_bus_that_is_held_low_stops_nothing_else() {
-    let faults: [(fn(&mut Soc), Range<u64>); 4] = [
+    type Fault = fn(&mut Soc);
+    let faults: [(Fault, Range<u64>); 4] = [
         (|soc| hold(soc, 5 * S..8 * S, None), 300..u64::MAX),
         (|soc| hold(soc, 5 * S..u64::MAX, Some(9)), 300..u64::MAX),
         (|soc| hold(soc, 0..u64::MAX, Some(9)), 300..u64::MAX),
