@@ -102,7 +102,7 @@ impl Time {
 pub struct Reset {
     /// When, nanoseconds.
     pub at: u64,
-    /// By whom: `Core`, or the peripheral.
+    /// By whom: `Core` for the program, `Lockup`, or the peripheral.
     pub by: String,
 }
 
@@ -158,7 +158,7 @@ pub(crate) fn run(
 ) -> Result<Outcome, String> {
     let text = |error: &dyn fmt::Display| error.to_string();
     let mut soc = Soc::new(number, node.peer, node.chips).map_err(|error| text(&error))?;
-    soc.draw_from(node.seed ^ (number as u64 + 1));
+    soc.draw_from(node.seed ^ (number as u64 + 1), since);
     if let Some(faults) = node.faults {
         faults(&mut soc);
     }
@@ -222,7 +222,7 @@ pub(crate) fn run(
         resets: (session.resets().iter())
             .map(|reset| Reset {
                 at: reset.at.0,
-                by: format!("{:?}", reset.cause),
+                by: soc.by(reset.at, reset.cause),
             })
             .collect(),
         line: soc.uarte.model.sent.clone(),
@@ -300,14 +300,14 @@ impl Run {
     fn hold(&mut self, until: u64, is_firm: bool, host: &mut dyn Host) {
         host.hold(true);
         self.hold = Some((until, is_firm));
-        self.polls = 0;
     }
 
     /// What was done since this was last asked.
     fn deeds(&mut self, session: &mut Session<Board>, now: u64) -> Vec<(u64, Deed)> {
         let resets = session.resets().iter().skip(self.resets);
+        let soc = &session.board().soc;
         let mut deeds: Vec<_> = resets
-            .map(|reset| (reset.at.0, Deed::Reset(format!("{:?}", reset.cause))))
+            .map(|reset| (reset.at.0, Deed::Reset(soc.by(reset.at, reset.cause))))
             .collect();
         self.resets += deeds.len();
         let soc = &mut session.board_mut().soc;
@@ -376,7 +376,7 @@ impl Driver<Board> for Run {
         match settled {
             Settled::Access { access, value } => {
                 let now = access.virtual_time.0;
-                let soc = &session.board().soc;
+                let soc = &mut session.board_mut().soc;
                 let busy = soc.nvmc.model.busy_until();
                 let key = (access.address, value, access.program_counter.unwrap_or(0));
                 let is_same = access.kind == AccessKind::Read && key == self.last;
@@ -390,6 +390,8 @@ impl Driver<Board> for Run {
                     // The processor cannot fetch (Product Specification, "NVMC").
                     self.hold(busy, true, host);
                 } else if self.polls >= POLLS {
+                    self.polls = 0;
+                    soc.wake(access.virtual_time, access.address);
                     // Where nothing will happen, until somebody else does something.
                     let next = soc.next_event().map_or(u64::MAX, |next| next.0);
                     if next > now + SHORT {
@@ -512,7 +514,131 @@ impl Run {
 
 #[cfg(test)]
 mod tests {
+    use std::{env, fs, process};
+
     use super::*;
+    use crate::Network;
+
+    /// CLOCK, RTC1, and some registers of NVMC and GPIO.
+    const CLOCK: u32 = 0x4000_0000;
+    const RTC: u32 = 0x4001_1000;
+    const NVMC: u32 = 0x4001_e500;
+    const PINS: u32 = 0x5000_0500;
+    const DIRSET: u16 = 0x18;
+    /// Sleeps for ever.
+    const STAY: [u16; 2] = [0xbf30, 0xe7fd];
+    const MS: u64 = 1_000_000;
+
+    /// Puts a number into a register.
+    fn set(register: u16, number: u32) -> [u16; 4] {
+        let half = |code: u16, half: u16| {
+            let code = code | (half >> 11 & 1) << 10 | half >> 12;
+            [code, (half >> 8 & 7) << 12 | register << 8 | half & 0xff]
+        };
+        let ([a, b], [c, d]) = (
+            half(0xf240, number as u16),
+            half(0xf2c0, (number >> 16) as u16),
+        );
+        [a, b, c, d]
+    }
+
+    /// Stores R1 to where R0 points, and loads R3 from where R2 does.
+    fn store(offset: u16) -> u16 {
+        0x6001 | (offset / 4) << 6
+    }
+
+    fn load(offset: u16) -> u16 {
+        0x6813 | (offset / 4) << 6
+    }
+
+    /// R3 is loaded until it is R4 at least.
+    fn until(offset: u16) -> [u16; 3] {
+        [load(offset), 0x42a3, 0xd3fc]
+    }
+
+    /// Runs a program, for so long; `fault` is where it goes on after a fault, in halves of a word. When it
+    /// changed its pins, and what became of it.
+    fn run(name: &str, code: &[u16], fault: usize, time: u64) -> (Vec<u64>, Outcome) {
+        const VECTORS: u32 = 64;
+        let mut bytes: Vec<u8> = (0..VECTORS / 4)
+            .map(|vector| match vector {
+                0 => 0x2000_1000,
+                1 => VECTORS | 1,
+                _ => (VECTORS + 2 * fault as u32) | 1,
+            })
+            .flat_map(u32::to_le_bytes)
+            .collect();
+        bytes.extend(code.iter().flat_map(|half| half.to_le_bytes()));
+        bytes.resize(bytes.len().next_multiple_of(4), 0);
+        // System V ABI, "ELF Header", "Program Header": one segment, for an ARM.
+        let length = bytes.len() as u32;
+        let halves = |ones: [u16; 2]| u32::from(ones[0]) | u32::from(ones[1]) << 16;
+        let header = [
+            &[u32::from_le_bytes(*b"\x7fELF"), 0x0001_0101, 0, 0][..],
+            &[halves([2, 40]), 1, VECTORS | 1, 52, 0, 0x0500_0200],
+            &[halves([52, 32]), halves([1, 40]), 0],
+            &[1, 84, 0, 0, length, length, 5, 4],
+        ]
+        .concat();
+        let header = header.into_iter().flat_map(u32::to_le_bytes);
+        let image = env::temp_dir().join(format!("{name}-{}.elf", process::id()));
+        fs::write(&image, header.chain(bytes).collect::<Vec<_>>()).unwrap();
+        let mut network = Network::default();
+        let node = Node {
+            image: image.clone(),
+            ..Node::default()
+        };
+        network.switch_on(0, node, 0);
+        let mut changed = Vec::new();
+        while network.reached() < time {
+            for (at, _, deed) in network.run(time) {
+                match deed {
+                    Deed::Pins(..) => changed.push(at),
+                    Deed::Fails(why) => panic!("{why}"),
+                    _ => {}
+                }
+            }
+        }
+        fs::remove_file(image).unwrap();
+        let outcome = network.switch_off(0).unwrap().unwrap();
+        (changed, outcome)
+    }
+
+    /// A loop that waits for the counter is as long as it should be, though nothing else happens, and one that
+    /// waits for an event is skipped.
+    #[test]
+    fn a_busy_wait_ends_in_its_time() {
+        let code = [
+            &set(0, CLOCK)[..],
+            &set(1, 1),
+            &[store(8)],
+            &set(2, CLOCK + 0x104),
+            &set(4, 1),
+            &until(0),
+            &set(0, RTC),
+            &[store(0)],
+            &set(2, RTC + 0x504),
+            &set(4, 1_000),
+            &until(0),
+            &set(0, PINS),
+            &[store(DIRSET)],
+            &STAY,
+        ]
+        .concat();
+        let (changed, outcome) = run("busy", &code, 0, 100 * MS);
+        // After the oscillator starts, 1,000 ticks of 32,768 Hz.
+        let [at] = changed[..] else {
+            panic!("{changed:?}");
+        };
+        let waited = at - 600_000;
+        assert!((30_517_578..30_530_000).contains(&waited), "{waited}");
+        // A tick is 1,953 instructions.
+        assert!(
+            outcome.instructions < 100 * 1_000,
+            "{}",
+            outcome.instructions
+        );
+    }
 
     /// What a clock shows first at an instant, it shows there.
     #[test]
@@ -534,6 +660,84 @@ mod tests {
             }
             let hour = time.local(3_607_000_000_000) as i64 - 3_600_000_000_000;
             assert_eq!(hour, 3_600 * i64::from(drift_ppb));
+        }
+    }
+
+    /// STM to the flash: the processor stands still until both words are written.
+    #[test]
+    fn an_instruction_writes_two_words() {
+        let at = MEMORY.start as u32;
+        let code = [
+            &set(0, NVMC)[..],
+            &set(1, 1),
+            &[store(4)],
+            &set(0, at),
+            &set(1, 0x1234_5678),
+            &set(2, 0x9abc_def0),
+            &[0xc006],
+            &set(0, PINS),
+            &set(1, 1),
+            &[store(DIRSET)],
+            &STAY,
+        ]
+        .concat();
+        let (changed, outcome) = run("words", &code, 0, MS);
+        let [first, second] = &outcome.operations[..] else {
+            panic!("{:?}", outcome.operations);
+        };
+        assert_eq!(first.end, second.start);
+        assert!(changed[0] > second.end && changed[0] < second.end + 1_000);
+        let (start, bytes) = &outcome.flash[0];
+        assert_eq!(*start, u64::from(at));
+        assert_eq!(bytes[..8], 0x9abc_def0_1234_5678_u64.to_le_bytes());
+        assert_eq!(outcome.forbidden, []);
+    }
+
+    /// UDF, here and in the handler of what it raises: the processor locks up, and RESETREAS says so.
+    #[test]
+    fn a_lockup_restarts_the_chip() {
+        let code = [
+            &set(2, CLOCK + 0x400)[..],
+            &set(1, 1),
+            &set(0, PINS),
+            &set(4, 8),
+            // Once it says so, a pin changes.
+            &[load(0), 0x42a3, 0xd102, store(DIRSET)],
+            &STAY,
+            &[0xde00],
+        ]
+        .concat();
+        let fault = code.len() - 1;
+        let (changed, outcome) = run("lockup", &code, fault, MS);
+        assert_eq!(changed.len(), 1);
+        assert_eq!(outcome.resets.len(), 1, "{:?}", outcome.resets);
+        assert_eq!(outcome.resets[0].by, "Lockup");
+    }
+
+    /// An access to nothing ends in the handler of a fault, and is told.
+    #[test]
+    fn nowhere_is_a_bus_fault() {
+        for (address, is_fault) in [
+            (0x6000_0000, true),
+            (0x2004_0000, true),
+            (0x10_0000, true),
+            (0x4000_0400, false),
+            (0x2003_fffc, false),
+            (0xf_fffc, false),
+        ] {
+            let code = [
+                &set(0, PINS)[..],
+                &set(1, 1),
+                &set(2, address),
+                &[load(0)],
+                &STAY,
+                &[store(DIRSET)],
+                &STAY,
+            ]
+            .concat();
+            let (changed, outcome) = run("nowhere", &code, code.len() - 3, MS);
+            assert_eq!(changed.len(), usize::from(is_fault), "{address:x}");
+            assert_eq!(outcome.unmapped.len(), usize::from(is_fault), "{address:x}");
         }
     }
 }

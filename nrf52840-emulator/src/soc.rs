@@ -3,6 +3,10 @@
 use std::{
     collections::BTreeMap,
     num::{NonZeroU32, NonZeroU64},
+    sync::{
+        Arc,
+        atomic::{AtomicBool, Ordering},
+    },
 };
 
 use rigless::{
@@ -16,9 +20,9 @@ use rigless::{
 };
 
 use crate::peripheral::{
-    Arrival, Clock, Egu, Frame, Gpio, Gpiote, Instance, Nvmc, Peer, Ppi, REGISTERS, Radio, Rng,
-    Rtc, Temp, Timer, Twim, Uarte, Watchdog, Word, clock, gpiote, radio, timer, twim, uarte,
-    watchdog,
+    Arrival, Clock, Egu, Frame, Gpio, Gpiote, Held, Instance, Nvmc, Peer, Ppi, REGISTERS, Radio,
+    Rng, Rtc, Temp, Timer, Twim, Uarte, Watchdog, Word, clock, gpiote, radio, rtc, timer, twim,
+    uarte, watchdog,
 };
 use crate::{
     device::Chip,
@@ -56,12 +60,13 @@ const fn peripheral(name: &'static str, base: u64, interrupts: &'static [u16]) -
     }
 }
 
+const CLOCK: usize = 0;
 const RADIO: usize = 1;
-const RADIO_BASE: u32 = 0x4000_1000;
 const UARTE: usize = 2;
 const TWIM: usize = 3;
 const TIMER: usize = 5;
 const WATCHDOG: usize = 8;
+const RTC: usize = 9;
 const EGU: usize = 10;
 const EGUS: usize = 6;
 const PPI: usize = 17;
@@ -70,15 +75,15 @@ const GPIO: usize = 18;
 /// By their addresses: the bus counts its slots so.
 const MAP: [Peripheral; 19] = [
     peripheral("CLOCK", 0x4000_0000, &[0]),
-    peripheral("RADIO", RADIO_BASE as u64, &[1]),
+    peripheral("RADIO", radio::BASE, &[1]),
     peripheral("UARTE0", 0x4000_2000, &[2]),
-    peripheral("TWIM0", 0x4000_3000, &[3]),
+    peripheral("TWIM0", twim::BASE, &[3]),
     peripheral("GPIOTE", gpiote::BASE, &[6]),
     peripheral("TIMER1", 0x4000_9000, &[9]),
     peripheral("TEMP", 0x4000_c000, &[12]),
     peripheral("RNG", 0x4000_d000, &[13]),
     peripheral("WDT", 0x4001_0000, &[16]),
-    peripheral("RTC1", 0x4001_1000, &[17]),
+    peripheral("RTC1", rtc::BASE, &[17]),
     peripheral("EGU0", 0x4001_4000, &[20]),
     peripheral("EGU1", 0x4001_5000, &[21]),
     peripheral("EGU2", 0x4001_6000, &[22]),
@@ -111,6 +116,9 @@ const RESET: [(usize, &[(u16, u32)]); 5] = [
 #[derive(Debug)]
 pub struct Soc {
     bus: Bus,
+    /// The processor has locked up, and when it was reset for that.
+    lockup: Arc<AtomicBool>,
+    lockups: Vec<VirtualNanos>,
     /// CLOCK and POWER.
     pub clock: Instance<Clock>,
     /// RADIO.
@@ -151,6 +159,8 @@ impl Soc {
         let bases = MAP.iter().map(|entry| (entry.name, entry.base)).collect();
         let mut soc = Self {
             bus,
+            lockup: Arc::default(),
+            lockups: Vec::new(),
             clock: Instance::new(Clock::default()),
             radio: Instance::new(Radio::new(node)),
             uarte: Instance::new(Uarte::new(peer)),
@@ -196,9 +206,29 @@ impl Soc {
             || self.egus.iter().any(Instance::is_pending)
     }
 
-    /// Random numbers come from this seed.
-    pub(crate) fn draw_from(&mut self, seed: u64) {
+    /// Random numbers come from this seed, and where power goes from that instant on too.
+    pub(crate) fn draw_from(&mut self, seed: u64, since: u64) {
         self.rng = Instance::new(Rng::new(seed));
+        self.nvmc.model.draw_from(seed ^ since.rotate_left(32));
+    }
+
+    /// Who reads this register again and again waits for it to change: where that is no event by itself,
+    /// there is one when it does.
+    pub(crate) fn wake(&mut self, now: VirtualNanos, address: u64) {
+        if let Some(offset) = address.checked_sub(rtc::BASE).filter(|at| *at < 0x1000) {
+            let (file, mut context) = self.bus.drive(now, RTC);
+            self.rtc.call(file, &mut context, |rtc, call| {
+                rtc.wake(offset as u16, call);
+            });
+        }
+    }
+
+    /// Who reset the chip at an instant: `Core` for the program, `Lockup`, or the peripheral.
+    pub(crate) fn by(&self, at: VirtualNanos, cause: ResetCause) -> String {
+        match cause {
+            ResetCause::Core if self.lockups.contains(&at) => "Lockup".to_owned(),
+            cause => format!("{cause:?}"),
+        }
     }
 
     /// A byte on the line of UARTE0 is over at an instant.
@@ -214,6 +244,14 @@ impl Soc {
         let (file, mut context) = self.bus.drive(now, GPIO);
         self.gpio.call(file, &mut context, |gpio, call| {
             gpio.pull(at, port, low, call);
+        });
+    }
+
+    /// Something holds the bus of TWIM0 low: a fault, from power-on.
+    pub fn hold_bus(&mut self, held: Held) {
+        let (file, mut context) = self.bus.drive(VirtualNanos(0), GPIO);
+        self.gpio.call(file, &mut context, |gpio, call| {
+            gpio.hold(held, call);
         });
     }
 
@@ -235,16 +273,28 @@ impl Mcu for Soc {
         &mut self.bus
     }
 
-    /// Product Specification, "Reset behavior": the watchdog runs on through a reset by the program.
+    /// Product Specification, "Reset behavior": the watchdog runs on through a reset by the program or by a
+    /// lockup, and GPREGRET and GPREGRET2 stay.
     fn reset(&mut self, at: VirtualNanos, cause: ResetCause) {
         self.radio.model.count(at.0);
         self.uarte.model.switch_off(at.0);
         let deadline = self.watchdog.model.deadline;
-        let file = self.bus.slots()[WATCHDOG].registers();
-        let kept = Watchdog::KEPT.map(|offset| (offset, file.get(Word::at(offset)) as u32));
+        let keep = |slot: usize, offset| {
+            let file = self.bus.slots()[slot].registers();
+            (offset, file.get(Word::at(offset)) as u32)
+        };
+        let kept = Watchdog::KEPT.map(|offset| keep(WATCHDOG, offset));
+        let retained = Clock::KEPT.map(|offset| keep(CLOCK, offset));
         self.reset_every_model();
         self.set_registers(at);
+        let (file, mut context) = self.bus.drive(at, GPIO);
+        self.gpio
+            .call(file, &mut context, |gpio, call| gpio.go_on(call));
         if cause == ResetCause::Core {
+            let (file, _) = self.bus.drive(at, CLOCK);
+            for (offset, value) in retained {
+                file.set(Word::at(offset), value.into());
+            }
             let (file, mut context) = self.bus.drive(at, WATCHDOG);
             self.watchdog.call(file, &mut context, |watchdog, call| {
                 for (offset, value) in kept {
@@ -255,7 +305,12 @@ impl Mcu for Soc {
                 }
             });
         }
+        let is_lockup = cause == ResetCause::Core && self.lockup.swap(false, Ordering::Relaxed);
         self.clock.model.cause |= match cause {
+            ResetCause::Core if is_lockup => {
+                self.lockups.push(at);
+                clock::LOCKUP
+            }
             ResetCause::Core => clock::PROGRAM,
             ResetCause::Model("WDT") => clock::WATCHDOG,
             ResetCause::Pin => clock::PIN,
@@ -267,7 +322,7 @@ impl Mcu for Soc {
 
     fn split(&mut self, slot: usize) -> (&mut Bus, Option<&mut dyn ErasedDevice>) {
         let model: &mut dyn ErasedDevice = match slot {
-            0 => &mut self.clock,
+            CLOCK => &mut self.clock,
             RADIO => &mut self.radio,
             UARTE => &mut self.uarte,
             TWIM => &mut self.twim,
@@ -276,7 +331,7 @@ impl Mcu for Soc {
             6 => &mut self.temp,
             7 => &mut self.rng,
             WATCHDOG => &mut self.watchdog,
-            9 => &mut self.rtc,
+            RTC => &mut self.rtc,
             EGU..16 => &mut self.egus[slot - EGU],
             16 => &mut self.nvmc,
             PPI => &mut self.ppi,
@@ -326,8 +381,12 @@ impl machine::Board for Board {
         config.vector_table = Some(0);
         config.fpu = armv7m::Fpu::FpV4Sp;
         let mut spec = config.spec();
-        spec.processor =
-            processor::constructor(spec.processor, self.program.clone(), self.processor.clone());
+        spec.processor = processor::constructor(
+            spec.processor,
+            self.program.clone(),
+            self.processor.clone(),
+            self.soc.lockup.clone(),
+        );
         vec![Target::new("nrf52840", &mut self.soc, spec)]
     }
 }
@@ -350,4 +409,75 @@ pub(crate) fn ficr(node: usize) -> Vec<u8> {
         bytes[at..at + 4].copy_from_slice(&word.to_le_bytes());
     }
     bytes
+}
+
+#[cfg(test)]
+mod tests {
+    use rigless::soc::Width;
+
+    use super::*;
+
+    const NOW: VirtualNanos = VirtualNanos(0);
+
+    fn soc() -> Soc {
+        Soc::new(0, None, BTreeMap::new()).unwrap()
+    }
+
+    /// No pin is anybody's: PSEL.RTS, TXD, CTS and RXD of UARTE0, PSEL.SCL and SDA of TWIM0.
+    #[test]
+    fn a_reset_disconnects_pins() {
+        let mut soc = soc();
+        for address in [
+            0x4000_2508,
+            0x4000_250c,
+            0x4000_2510,
+            0x4000_2514,
+            0x4000_3508,
+            0x4000_350c,
+        ] {
+            soc.write(NOW, address, Width::W32, 7).unwrap();
+            Mcu::reset(&mut soc, NOW, ResetCause::Core);
+            let read = soc.read(NOW, address, Width::W32).unwrap();
+            assert_eq!(read, 0xffff_ffff, "{address:x}");
+        }
+    }
+
+    /// GPREGRET and GPREGRET2 stay through a reset by the program, and through no other.
+    #[test]
+    fn a_reset_by_the_program_retains_registers() {
+        for (cause, kept) in [(ResetCause::Core, 0x57), (ResetCause::Model("WDT"), 0)] {
+            let mut soc = soc();
+            for address in [0x4000_051c, 0x4000_0520] {
+                soc.write(NOW, address, Width::W32, 0x57).unwrap();
+            }
+            Mcu::reset(&mut soc, NOW, cause);
+            for address in [0x4000_051c, 0x4000_0520] {
+                assert_eq!(soc.read(NOW, address, Width::W32), Ok(kept));
+            }
+        }
+    }
+
+    /// Who pulled a pin lets go of it in his time, whether the chip restarts or not.
+    #[test]
+    fn a_reset_does_not_hold_buttons() {
+        const MS: u64 = 1_000_000;
+        const CONFIGURED: u64 = 0x5000_0700;
+        let mut soc = soc();
+        let read = |soc: &mut Soc, at| {
+            let at = VirtualNanos(at);
+            // Connected, pulled up.
+            soc.write(at, CONFIGURED, Width::W32, 0b1100).unwrap();
+            soc.read(at, 0x5000_0510, Width::W32).unwrap() & 1
+        };
+        soc.pull(NOW, MS, 0, 1);
+        soc.pull(NOW, 200 * MS, 0, 0);
+        soc.advance_to(VirtualNanos(MS));
+        assert_eq!(read(&mut soc, MS), 0);
+        let reset = VirtualNanos(100 * MS);
+        soc.advance_to(reset);
+        Mcu::reset(&mut soc, reset, ResetCause::Core);
+        assert_eq!(read(&mut soc, 100 * MS), 0);
+        soc.advance_to(VirtualNanos(200 * MS));
+        assert_eq!(read(&mut soc, 200 * MS), 1);
+    }
 }

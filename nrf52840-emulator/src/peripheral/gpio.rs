@@ -1,8 +1,10 @@
 //! GPIO, both ports.
 
+use std::ops::Range;
+
 use rigless::{soc::Width, time::EventId};
 
-use super::{Call, DONE, Model, gpiote};
+use super::{Call, DONE, Model, gpiote, twim};
 
 const PORTS: usize = 2;
 /// Registers of the second port are so far behind those of the first.
@@ -34,6 +36,8 @@ struct Port {
     connected: u32,
     pulled_down: u32,
     sensed: [u32; 2],
+    /// An output does not drive it low, or high.
+    undriven: [u32; 2],
     /// A channel of GPIOTE drives it, and to which level; or listens for it, which makes it a connected input.
     taken: u32,
     level: u32,
@@ -44,23 +48,29 @@ struct Port {
 }
 
 impl Port {
-    /// What its pins drive; those of inputs count as high.
+    /// What its pins drive; those of inputs and of open drains that drive nothing count as high.
     fn driven(&self) -> u32 {
-        let out = self.out & !self.taken | self.level & self.taken;
-        out | self.inputs()
+        self.value() | self.released()
     }
 
-    fn inputs(&self) -> u32 {
-        !(self.direction & !self.heard | self.taken)
+    fn value(&self) -> u32 {
+        self.out & !self.taken | self.level & self.taken
+    }
+
+    /// The pins that it does not drive.
+    fn released(&self) -> u32 {
+        let outputs = self.direction & !self.heard | self.taken;
+        let ([low, high], value) = (self.undriven, self.value());
+        !outputs | !value & low | value & high
     }
 
     fn connected(&self) -> u32 {
         self.connected | self.heard
     }
 
-    /// The levels of its pins. `low`: those of inputs that something outside pulls down.
+    /// The levels of its pins. `low`: those that something outside pulls down.
     fn levels(&self, low: u32) -> u32 {
-        self.driven() & !(self.inputs() & (low | self.pulled_down))
+        self.driven() & !(self.released() & (low | self.pulled_down))
     }
 
     /// The pins that are found as they are looked for.
@@ -75,9 +85,39 @@ impl Port {
         set(&mut self.direction, value & 1 != 0);
         set(&mut self.connected, value >> 1 & 1 == 0);
         set(&mut self.pulled_down, value >> 2 & 3 == 1);
+        let [low, high] = &mut self.undriven;
+        set(low, value >> 9 & 3 == 2);
+        set(high, value >> 9 & 3 == 3);
         set(&mut self.sensed[0], value >> 16 & 3 == 2);
         set(&mut self.sensed[1], value >> 16 & 3 == 3);
     }
+}
+
+/// Something on an I2C bus holds its data line low, as a sensor does that was in the middle of a byte when
+/// the chip was restarted: a fault.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Held {
+    /// From when to when, at most.
+    pub during: Range<u64>,
+    /// The pins of the lines, of the first port.
+    pub data: u8,
+    /// See `data`.
+    pub clock: u8,
+    /// Until the clock has fallen so often while the program drives it, if that ends it.
+    pub clocks: Option<u8>,
+}
+
+impl Held {
+    fn is_at(&self, now: u64) -> bool {
+        self.during.contains(&now) && self.clocks != Some(0)
+    }
+}
+
+/// What becomes of the pins from outside: inputs of a port are pulled down, or the bus is held or let go.
+#[derive(Clone, Copy, Debug)]
+enum Change {
+    Pulls(u8, u32),
+    Bus,
 }
 
 /// Pins; inputs are high unless the chip or something outside pulls them down (Product Specification,
@@ -88,13 +128,16 @@ pub struct Gpio {
     pub changes: Vec<(u64, u8, u32)>,
     /// Inputs that something outside pulls down.
     low: [u32; PORTS],
-    /// What becomes of these, and when.
-    coming: Vec<(EventId, u8, u32)>,
+    held: Option<Held>,
+    held_low: [u32; PORTS],
+    /// What happens from outside, and when.
+    coming: Vec<(EventId, u64, Change)>,
     ports: [Port; PORTS],
     /// What others were told: what pins drive, connected inputs' levels, and DETECT.
     driven: [u32; PORTS],
     inputs: [u32; PORTS],
     detects: [bool; PORTS],
+    is_held: bool,
 }
 
 impl Default for Gpio {
@@ -102,11 +145,14 @@ impl Default for Gpio {
         Self {
             changes: Vec::new(),
             low: [0; PORTS],
+            held: None,
+            held_low: [0; PORTS],
             coming: Vec::new(),
             ports: [Port::default(); PORTS],
             driven: [u32::MAX; PORTS],
             inputs: [0; PORTS],
             detects: [false; PORTS],
+            is_held: false,
         }
     }
 }
@@ -124,44 +170,102 @@ impl Gpio {
     /// From an instant on, now if that has passed, something outside pulls these inputs of a port down, and
     /// no others.
     pub(crate) fn pull(&mut self, at: u64, port: u8, low: u32, call: &mut Call<'_, '_>) {
+        self.change(at, Change::Pulls(port, low), call);
+    }
+
+    /// From an instant on something holds the bus.
+    pub(crate) fn hold(&mut self, held: Held, call: &mut Call<'_, '_>) {
+        let during = held.during.clone();
+        self.held = Some(held);
+        self.change(during.start, Change::Bus, call);
+        self.change(during.end, Change::Bus, call);
+    }
+
+    fn change(&mut self, at: u64, change: Change, call: &mut Call<'_, '_>) {
         if at > call.now() {
             let id = call.at(at);
-            self.coming.push((id, port, low));
-        } else if let Some(known) = self.low.get_mut(usize::from(port)) {
-            *known = low;
-            self.follow(port.into(), false, call);
+            self.coming.push((id, at, change));
+            return;
         }
+        let number = match change {
+            Change::Pulls(port, _) => usize::from(port),
+            Change::Bus => 0,
+        };
+        if let Change::Pulls(_, low) = change
+            && let Some(known) = self.low.get_mut(number)
+        {
+            *known = low;
+        }
+        if number < PORTS {
+            self.follow(number, false, call);
+        }
+    }
+
+    /// Goes on after a reset: what is yet to happen outside happens, and others hear of the pins.
+    pub(crate) fn go_on(&mut self, call: &mut Call<'_, '_>) {
+        for (id, at, _) in &mut self.coming {
+            *id = call.at((*at).max(call.now()));
+        }
+        for number in 0..PORTS {
+            self.follow(number, false, call);
+        }
+    }
+
+    fn levels(&self, number: usize) -> u32 {
+        self.ports[number].levels(self.low[number] | self.held_low[number])
+    }
+
+    /// Pins of the first port that the bus's lines pull down. `before`: what its pins drove.
+    fn hold_lines(&mut self, before: u32, call: &mut Call<'_, '_>) -> u32 {
+        let Some(held) = &mut self.held else {
+            return 0;
+        };
+        let has_fallen = before & !self.driven[0] & 1 << held.clock != 0;
+        if has_fallen && held.is_at(call.now()) {
+            held.clocks = held.clocks.map(|clocks| clocks - 1);
+        }
+        let is_held = held.is_at(call.now());
+        let data = 1 << held.data;
+        if core::mem::replace(&mut self.is_held, is_held) != is_held {
+            tell(twim::BASE + u64::from(twim::HELD), is_held.into(), call);
+        }
+        if is_held { data } else { 0 }
     }
 
     /// Tells what has become of a port's pins. `again`: LATCH was cleared, which makes an edge of what is
     /// left in it.
     fn follow(&mut self, number: usize, again: bool, call: &mut Call<'_, '_>) {
-        let port = &mut self.ports[number];
+        let port = &self.ports[number];
         let driven = port.driven();
-        if driven != self.driven[number] {
-            self.driven[number] = driven;
+        let before = core::mem::replace(&mut self.driven[number], driven);
+        if driven != before {
             self.changes.push((call.now(), number as u8, driven));
         }
-        let levels = port.levels(self.low[number]);
+        self.held_low[number] = match number {
+            0 => self.hold_lines(before, call),
+            _ => 0,
+        };
+        let levels = self.levels(number);
+        let port = &mut self.ports[number];
         let found = port.found(levels);
         port.latch |= found;
         let inputs = levels & port.connected();
         if inputs != self.inputs[number] {
             self.inputs[number] = inputs;
-            tell(gpiote::INPUTS + 4 * number as u16, inputs, call);
+            let offset = gpiote::INPUTS + 4 * number as u16;
+            tell(gpiote::BASE + u64::from(offset), inputs, call);
         }
         let detects = if port.is_latched { port.latch } else { found } != 0;
         let was = self.detects[number] && !(again && port.is_latched);
         self.detects[number] = detects;
         if detects && !was {
-            tell(gpiote::DETECTED, 1, call);
+            tell(gpiote::BASE + u64::from(gpiote::DETECTED), 1, call);
         }
     }
 }
 
-/// Tells GPIOTE.
-fn tell(offset: u16, value: u32, call: &mut Call<'_, '_>) {
-    let address = gpiote::BASE + u64::from(offset);
+/// Tells GPIOTE, or TWIM.
+fn tell(address: u64, value: u32, call: &mut Call<'_, '_>) {
     call.context
         .write_to(address, Width::W32, value.into(), DONE);
 }
@@ -176,7 +280,7 @@ impl Model for Gpio {
             DIR | DIRSET | DIRCLR => Some(port.direction),
             LATCH => Some(port.latch),
             // "Inputs must be connected to get a valid input value."
-            IN => Some(port.levels(self.low[number]) & port.connected()),
+            IN => Some(self.levels(number) & port.connected()),
             offset if PIN_CNF.contains(&offset) => {
                 let pin = (offset - PIN_CNF.start()) / 4;
                 let bit = |bits: u32| bits >> pin & 1;
@@ -219,19 +323,21 @@ impl Model for Gpio {
     }
 
     fn due(&mut self, id: EventId, call: &mut Call<'_, '_>) {
-        let mine = |(known, ..): &(EventId, u8, u32)| *known == id;
+        let mine = |(known, ..): &(EventId, u64, Change)| *known == id;
         if let Some(place) = self.coming.iter().position(mine) {
-            let (_, port, low) = self.coming.remove(place);
-            self.pull(call.now(), port, low, call);
+            let (_, at, change) = self.coming.remove(place);
+            self.change(at, change, call);
         }
     }
 
-    /// What is outside goes on.
+    /// What is outside stays, and has been told what pins drove; it [goes on](Self::go_on) afterwards.
     fn reset(&mut self) {
         *self = Self {
             changes: core::mem::take(&mut self.changes),
             coming: core::mem::take(&mut self.coming),
             low: self.low,
+            held: self.held.take(),
+            driven: self.driven,
             ..Self::default()
         };
     }
@@ -319,6 +425,58 @@ mod tests {
         for (passes, level) in [(999, 1), (1, 0), (999, 0), (1, 1)] {
             bench.pass(passes);
             assert_eq!(bench.get(IN), level);
+        }
+    }
+
+    /// S0D1: a one lets go, and what is outside pulls it down.
+    #[test]
+    fn an_open_drain_is_pulled_down() {
+        const OUTPUT: u32 = 1;
+        let mut bench = bench();
+        pull(&mut bench, 0, 1);
+        for (drive, out, level) in [(0, 1, 1), (0, 0, 0), (6, 1, 0), (6, 0, 0), (7, 1, 0)] {
+            bench.set(OUT, out);
+            bench.set(*PIN_CNF.start(), drive << 8 | 3 << 2 | OUTPUT);
+            assert_eq!(bench.get(IN) & 1, level, "{drive} {out}");
+        }
+        pull(&mut bench, 0, 0);
+        assert_eq!(bench.get(IN) & 1, 1);
+        // D0S1: the other way round.
+        bench.set(OUT, 0);
+        bench.set(*PIN_CNF.start(), 4 << 8 | OUTPUT);
+        assert_eq!(bench.get(IN) & 1, 1);
+    }
+
+    /// The data line is low from then on, until the clock has fallen often enough, or for ever.
+    #[test]
+    fn who_holds_a_bus_is_clocked_free() {
+        const OPEN_DRAIN: u32 = 6 << 8 | 3 << 2 | 1;
+        for clocks in [Some(9), None] {
+            let mut bench = bench();
+            bench.set(OUT, 0b11);
+            for pin in 0..2 {
+                bench.set(PIN_CNF.start() + 4 * pin, OPEN_DRAIN);
+            }
+            let held = Held {
+                during: 1_000..9_000,
+                data: 0,
+                clock: 1,
+                clocks,
+            };
+            bench.with(|gpio, call| gpio.hold(held, call));
+            bench.pass(999);
+            bench.set(OUTCLR, 0b10);
+            bench.set(OUTSET, 0b10);
+            assert_eq!(bench.get(IN), 0b11);
+            bench.pass(1);
+            for clock in 0..9 {
+                assert_eq!(bench.get(IN), 0b10, "{clock}");
+                bench.set(OUTCLR, 0b10);
+                bench.set(OUTSET, 0b10);
+            }
+            assert_eq!(bench.get(IN), 0b10 | u32::from(clocks.is_some()));
+            bench.pass(8_000);
+            assert_eq!(bench.get(IN), 0b11);
         }
     }
 

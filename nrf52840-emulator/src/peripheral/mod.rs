@@ -12,7 +12,7 @@ mod nvmc;
 mod ppi;
 pub(crate) mod radio;
 mod rng;
-mod rtc;
+pub(crate) mod rtc;
 mod temp;
 pub(crate) mod timer;
 pub(crate) mod twim;
@@ -23,7 +23,7 @@ pub(crate) use self::radio::RAMP_UP;
 pub use self::{
     clock::Clock,
     egu::Egu,
-    gpio::Gpio,
+    gpio::{Gpio, Held},
     gpiote::Gpiote,
     nvmc::Nvmc,
     ppi::Ppi,
@@ -57,6 +57,7 @@ const WORDS: usize = 1024;
 /// Where the events start, and the registers that all have (Product Specification, "Peripheral
 /// interface").
 const EVENTS: u16 = 0x100;
+const SHORTS: u16 = 0x200;
 const INTEN: u16 = 0x300;
 const INTENSET: u16 = 0x304;
 const INTENCLR: u16 = 0x308;
@@ -162,6 +163,25 @@ impl Call<'_, '_> {
     /// Tells what the specification forbids, by the register it concerns.
     pub fn forbid(&mut self, register: &'static str, what: &'static str) {
         self.context.tell(register, what);
+    }
+
+    /// Tells that a task does nothing here.
+    fn no_task(&mut self) {
+        self.forbid("TASKS", "this task is not modelled");
+    }
+
+    /// Tells that a register behind the events, if this is one, does nothing here.
+    fn no_register(&mut self, offset: u16) {
+        if offset >= SHORTS {
+            self.forbid("registers", "this register is not modelled");
+        }
+    }
+
+    /// Tells of shortcuts that are not among these.
+    fn only_shortcuts(&mut self, offset: u16, value: u32, known: u32) {
+        if offset == SHORTS && value & !known != 0 {
+            self.forbid("SHORTS", "a shortcut that is not modelled");
+        }
     }
 
     /// Whether EasyDMA reaches these bytes: data RAM only (Product Specification, "EasyDMA"). Otherwise it

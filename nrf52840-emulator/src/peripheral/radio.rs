@@ -2,14 +2,23 @@
 
 use rigless::{soc::Width, time::EventId};
 
-use super::{Call, DONE, Model, READ, US};
+use super::{Call, DONE, Model, READ, SHORTS, US};
 
-const SHORTS: u16 = 0x200;
+/// Where it is (Product Specification, "Instantiation").
+pub(crate) const BASE: u64 = 0x4000_1000;
+/// Where CLOCK tells whether the crystal of 32 MHz runs. Programs know nothing of it.
+pub(super) const HFXO: u16 = 0xf00;
+
 const CRCSTATUS: u16 = 0x400;
 const PACKETPTR: u16 = 0x504;
 const FREQUENCY: u16 = 0x508;
 const TXPOWER: u16 = 0x50c;
 const MODE: u16 = 0x510;
+const PCNF0: u16 = 0x514;
+const PCNF1: u16 = 0x518;
+const CRCCNF: u16 = 0x534;
+const CRCPOLY: u16 = 0x538;
+const CRCINIT: u16 = 0x53c;
 const STATE: u16 = 0x550;
 const DATAWHITEIV: u16 = 0x554;
 const SFD: u16 = 0x660;
@@ -38,7 +47,8 @@ pub const AIR_PER_BYTE: u64 = 32 * US;
 /// The six bytes before a frame.
 pub const HEADER: u64 = 6 * AIR_PER_BYTE;
 /// Eight symbols: an assessment of the channel (IEEE 802.15.4-2020, 10.2.8).
-const CCA_TIME: u64 = 128 * US;
+const SYMBOL: u64 = 16 * US;
+const CCA_TIME: u64 = 8 * SYMBOL;
 /// Product Specification, "RADIO", timing: the default ramp-up, and the ends. The fast one of 40 us is
 /// not modelled: others would hear too late of a frame.
 pub(crate) const RAMP_UP: u64 = 130 * US;
@@ -61,6 +71,20 @@ pub(crate) const RESET: [(u16, u32); 6] = [
     (SFD, 0xa7),
     (CCACTRL, 0x052d_0000),
     (POWER, 1),
+];
+
+/// What IEEE 802.15.4 needs, of which bits of which register: a length of eight bits that counts the FCS,
+/// behind a preamble of 32 zeros; 127 bytes at most, without address and whitening, the least bits first; the
+/// FCS of two bytes without the length; the standard's start of a frame (Product Specification, "RADIO",
+/// IEEE 802.15.4 operation).
+const SET_UP: [(&str, u16, u32, u32); 7] = [
+    ("MODE", MODE, 0xf, IEEE_802_15_4),
+    ("PCNF0", PCNF0, !(1 << 20), 1 << 26 | 2 << 24 | 8),
+    ("PCNF1", PCNF1, 0x0307_ffff, 127),
+    ("CRCCNF", CRCCNF, 0x303, 0x202),
+    ("CRCPOLY", CRCPOLY, 0xff_ffff, 0x1_1021),
+    ("CRCINIT", CRCINIT, 0xff_ffff, 0),
+    ("SFD", SFD, 0xff, 0xa7),
 ];
 
 /// Bits of SHORTS that are modelled, causes and tasks (Product Specification, "RADIO").
@@ -195,8 +219,12 @@ pub struct Radio {
     jammed: Vec<(u64, Option<u32>)>,
     /// The start of the frame being received, by whom, and whether it is whole.
     reception: Option<(u64, usize, bool)>,
+    /// FREQUENCY as it was when it was enabled, and PACKETPTR when it was started or, to send, enabled.
+    frequency: u32,
+    pointer: u32,
     packet: Vec<u8>,
     is_body: bool,
+    /// When the frame that was told starts, until it does.
     starts: u64,
 }
 
@@ -273,10 +301,41 @@ impl Radio {
         on
     }
 
+    fn check_clock(call: &mut Call<'_, '_>) {
+        if call.get(HFXO) == 0 {
+            call.forbid(
+                "HFXO",
+                "the radio needs the crystal of 32 MHz (\"CLOCK\", HFXO)",
+            );
+        }
+    }
+
+    /// FREQUENCY, and whether all is set up as it must be.
+    fn set_up(&mut self, call: &mut Call<'_, '_>) {
+        for (register, offset, bits, value) in SET_UP {
+            if call.get(offset) & bits != value {
+                call.forbid(
+                    register,
+                    "it is not set up for IEEE 802.15.4, and nothing else is modelled (\"RADIO\")",
+                );
+            }
+        }
+        let frequency = call.get(FREQUENCY) & 0x1ff;
+        if !(5..=80).contains(&frequency) || !frequency.is_multiple_of(5) {
+            call.forbid(
+                "FREQUENCY",
+                "no channel of IEEE 802.15.4 is there (\"RADIO\")",
+            );
+        }
+        self.frequency = frequency;
+    }
+
     fn ramp_up(&mut self, state: State, call: &mut Call<'_, '_>) -> u64 {
         self.reception = None;
         self.assessment = None;
         self.enter(state, call);
+        Self::check_clock(call);
+        self.set_up(call);
         if call.get(MODECNF0) & 1 != 0 {
             call.forbid("MODECNF0", "the fast ramp-up is not modelled");
         }
@@ -286,13 +345,17 @@ impl Radio {
 
     fn start(&mut self, call: &mut Call<'_, '_>) {
         match self.state {
-            State::RxIdle => self.enter(State::Rx, call),
+            State::RxIdle => {
+                self.pointer = call.get(PACKETPTR);
+                self.enter(State::Rx, call);
+            }
             State::TxIdle => {
                 // The frame was told when it began to ramp up.
-                if core::mem::take(&mut self.starts) != call.now() {
+                let is_told = core::mem::take(&mut self.starts) == call.now();
+                if !is_told || self.pointer != call.get(PACKETPTR) {
                     call.forbid(
                         "TASKS_START",
-                        "that it sends later than it can is not modelled",
+                        "that it sends later than it can, or another packet, is not modelled",
                     );
                 }
                 self.enter(State::Tx, call);
@@ -306,7 +369,24 @@ impl Radio {
         }
     }
 
+    /// Others have heard of a frame that is not over: they go on hearing it.
+    fn give_up(&mut self, call: &mut Call<'_, '_>) {
+        let is_under_way = match self.state {
+            State::TxRampUp => true,
+            State::TxIdle => core::mem::take(&mut self.starts) != 0,
+            State::Tx => self.step.is_some(),
+            _ => false,
+        };
+        if is_under_way {
+            call.forbid(
+                "TASKS_DISABLE",
+                "that it gives up a frame that it sends is not modelled",
+            );
+        }
+    }
+
     fn disable(&mut self, call: &mut Call<'_, '_>) {
+        self.give_up(call);
         self.reception = None;
         self.assessment = None;
         match self.state {
@@ -323,31 +403,38 @@ impl Radio {
         }
     }
 
-    /// Whether anything on the channel between two instants makes it busy (Product Specification,
-    /// "RADIO", CCACTRL).
+    /// Whether anything on the channel between two instants makes it busy: the carrier of a frame for as many
+    /// symbols as CCACORRCNT says, unless that is 0; or the energy of all frames, in the mean (Product
+    /// Specification, "RADIO", CCACTRL). A frame correlates better than any CCACORRTHRES.
     fn is_busy(&self, from: u64, to: u64, call: &Call<'_, '_>) -> bool {
         let control = call.get(CCACTRL);
-        let (mode, energy) = (control & 7, (control >> 8 & 0xff) as u8);
-        let frequency = call.get(FREQUENCY) & 0x7f;
-        let needs_carrier = matches!(mode, CARRIER | CARRIER_AND_ENERGY);
-        // What is no frame has energy, and no carrier of one.
-        let is_jammed = { self.jammed.iter() }
-            .any(|(until, which)| *until > from && which.is_none_or(|which| which == frequency));
-        is_jammed && !needs_carrier || { self.air.iter() }
-            .filter(|heard| heard.frame.frequency == frequency)
-            .filter(|heard| heard.frame.start < to && heard.frame.end() > from)
-            .any(|heard| {
-                let Arrival {
-                    level, is_faint, ..
-                } = heard.arrival;
-                let (is_carrier, is_strong) = (!is_faint, level >= energy);
-                match mode {
-                    CARRIER => is_carrier,
-                    CARRIER_AND_ENERGY => is_carrier && is_strong,
-                    CARRIER_OR_ENERGY => is_carrier || is_strong,
-                    _ => is_strong,
-                }
-            })
+        let (mode, threshold, count) = (control & 7, control >> 8 & 0xff, control >> 24);
+        let heard = || {
+            { self.air.iter() }
+                .filter(|heard| heard.frame.frequency == self.frequency)
+                .map(|heard| {
+                    let until = heard.frame.end().min(to);
+                    let overlap = until.saturating_sub(heard.frame.start.max(from));
+                    (&heard.arrival, overlap)
+                })
+        };
+        let least = u64::from(count) * SYMBOL;
+        let is_carrier =
+            count > 0 && heard().any(|(arrival, overlap)| !arrival.is_faint && overlap >= least);
+        let power = |level: f64| 10_f64.powf(level / 10.0);
+        let energy = heard().map(|(arrival, overlap)| power(arrival.level.into()) * overlap as f64);
+        // What is no frame has energy, however short it is, and no carrier of one.
+        let is_jammed = { self.jammed.iter() }.any(|(until, which)| {
+            *until > from && which.is_none_or(|which| which == self.frequency)
+        });
+        let is_strong =
+            is_jammed || energy.sum::<f64>() >= power(threshold.into()) * (to - from) as f64;
+        match mode {
+            CARRIER => is_carrier,
+            CARRIER_AND_ENERGY => is_carrier && is_strong,
+            CARRIER_OR_ENERGY => is_carrier || is_strong,
+            _ => is_strong,
+        }
     }
 
     fn step(&mut self, call: &mut Call<'_, '_>) {
@@ -388,7 +475,7 @@ impl Radio {
     fn edge(&mut self, number: usize, edge: usize, call: &mut Call<'_, '_>) {
         let heard = &self.air[number];
         let (start, node) = (heard.frame.start, heard.frame.node);
-        let is_tuned = heard.frame.frequency == call.get(FREQUENCY) & 0x7f;
+        let is_tuned = heard.frame.frequency == self.frequency;
         let is_this = self
             .reception
             .is_some_and(|(s, n, _)| (s, n) == (start, node));
@@ -426,7 +513,7 @@ impl Radio {
         let (body, fcs) = psdu.split_at(psdu.len().saturating_sub(FCS));
         let is_right = is_whole && fcs == crc(body).to_le_bytes();
         let length = psdu.len() as u8;
-        let pointer = call.get(PACKETPTR);
+        let pointer = self.pointer;
         if call.reaches(pointer, u32::from(length)) {
             let bytes = [&[length], body, &[level]].concat();
             for (at, byte) in (u64::from(pointer)..).zip(bytes) {
@@ -446,14 +533,12 @@ impl Radio {
 impl Model for Radio {
     fn task(&mut self, number: u16, call: &mut Call<'_, '_>) {
         self.catch_up(call);
-        if call.get(MODE) & 0xf != IEEE_802_15_4 && number < 3 {
-            call.forbid("MODE", "only the mode of IEEE 802.15.4 is modelled");
-        }
         match (number, self.state) {
-            (0, State::Disabled | State::RxIdle | State::Rx | State::TxIdle) => {
+            (0, State::Disabled | State::RxIdle) => {
                 self.starts = self.ramp_up(State::TxRampUp, call);
                 self.packet.clear();
                 let pointer = call.get(PACKETPTR);
+                self.pointer = pointer;
                 if call.reaches(pointer, PACKET as u32) {
                     for byte in 0..PACKET {
                         let at = u64::from(pointer) + byte;
@@ -475,6 +560,7 @@ impl Model for Radio {
                 self.enter(State::RxIdle, call);
             }
             (3, State::Tx) => {
+                self.give_up(call);
                 self.step = None;
                 self.enter(State::TxIdle, call);
             }
@@ -490,8 +576,11 @@ impl Model for Radio {
                 self.enter(State::RxIdle, call);
                 call.event(CCASTOPPED);
             }
-            (3 | 12, _) => {}
-            _ => call.forbid("TASKS", "this task is not modelled"),
+            // There is nothing to stop. Nor is there while it ramps up to receive, where the driver of embassy stops
+            // it; the specification does not say what comes of it, and here nothing does.
+            (3, State::RxRampUp | State::RxIdle | State::TxIdle) | (12, _) => {}
+            (3, _) => call.forbid("TASKS_STOP", "there is nothing to stop (\"RADIO\", states)"),
+            _ => call.no_task(),
         }
     }
 
@@ -504,7 +593,7 @@ impl Model for Radio {
             self.sent.push(Frame {
                 start: self.starts,
                 node: self.node,
-                frequency: call.get(FREQUENCY) & 0x7f,
+                frequency: self.frequency,
                 power: call.get(TXPOWER) as u8 as i8,
                 psdu,
             });
@@ -547,14 +636,16 @@ impl Model for Radio {
         let known = SHORTCUTS
             .iter()
             .fold(0, |known, (bit, ..)| known | 1 << bit);
-        if offset == SHORTS && value & !known != 0 {
-            call.forbid("SHORTS", "a shortcut that is not modelled");
+        call.only_shortcuts(offset, value, known);
+        if offset == HFXO && self.state != State::Disabled {
+            Self::check_clock(call);
         }
         if offset == POWER && value & 1 == 0 {
+            let hfxo = call.get(HFXO);
             for word in 0..POWER / 4 {
                 call.set(word * 4, 0);
             }
-            for (offset, value) in RESET {
+            for (offset, value) in RESET.into_iter().chain([(HFXO, hfxo)]) {
                 call.set(offset, value);
             }
             call.enabled = 0;
@@ -589,7 +680,10 @@ mod tests {
 
     fn bench() -> Bench<Radio> {
         let mut bench = Bench::new(Radio::new(3));
-        bench.set(MODE, IEEE_802_15_4);
+        bench.set(HFXO, 1);
+        for (_, offset, _, value) in SET_UP {
+            bench.set(offset, value);
+        }
         bench.set(FREQUENCY, 5);
         bench.set(PACKETPTR, PACKET_AT);
         bench
@@ -825,24 +919,132 @@ mod tests {
         assert!(!bench.took(FRAMESTART) && !bench.took(END));
     }
 
+    /// Whether an assessment finds the channel busy, in this mode, with a threshold of 17 and this count, while
+    /// frames arrive after so long at such levels.
+    fn is_busy(mode: u32, count: u32, frames: &[(u64, Arrival)]) -> bool {
+        let mut bench = bench();
+        bench.set(CCACTRL, mode | 17 << 8 | count << 24);
+        bench.set(SHORTS, 1 << 11);
+        bench.task(1);
+        for (number, (after, arrival)) in frames.iter().enumerate() {
+            let frame = frame(RAMP_UP + after, number + 10);
+            hear(&mut bench, frame, arrival.clone());
+        }
+        bench.pass(RAMP_UP + CCA_TIME);
+        let told = (bench.took(CCABUSY), bench.took(CCAIDLE));
+        assert_ne!(told.0, told.1);
+        told.0
+    }
+
     #[test]
     fn the_channel_is_busy_with_a_frame_or_its_energy() {
-        for (mode, threshold, level, is_busy) in [
-            (0, 17, 16, false),
-            (0, 17, 17, true),
-            (1, 17, 1, true),
-            (2, 17, 16, false),
-            (2, 17, 17, true),
-            (3, 17, 16, true),
+        for (mode, level, expected) in [
+            (0, 16, false),
+            (0, 17, true),
+            (1, 1, true),
+            (2, 16, false),
+            (2, 17, true),
+            (3, 16, true),
+        ] {
+            let busy = is_busy(mode, 2, &[(0, level.into())]);
+            assert_eq!(busy, expected, "{mode} {level}");
+        }
+        assert!(!is_busy(3, 2, &[]));
+    }
+
+    /// Too short a carrier is none, nor is one where nobody looks for it, or of what is too weak.
+    #[test]
+    fn a_carrier_is_seen_for_its_symbols() {
+        let faint = Arrival {
+            is_faint: true,
+            ..Arrival::from(1)
+        };
+        for (count, after, arrival, expected) in [
+            (1, CCA_TIME - SYMBOL, 1.into(), true),
+            (2, CCA_TIME - 2 * SYMBOL, 1.into(), true),
+            (2, CCA_TIME - 2 * SYMBOL + 1, 1.into(), false),
+            (0, 0, 1.into(), false),
+            (2, 0, faint, false),
+        ] {
+            let busy = is_busy(1, count, &[(after, arrival)]);
+            assert_eq!(busy, expected, "{count} {after}");
+        }
+    }
+
+    /// Half of the time it is 3 dB more.
+    #[test]
+    fn energies_add_and_are_averaged() {
+        let half = CCA_TIME / 2;
+        for (frames, expected) in [
+            ([(half, 20), (CCA_TIME, 0)], false),
+            ([(half, 21), (CCA_TIME, 0)], true),
+            ([(0, 13), (0, 14)], false),
+            ([(0, 14), (0, 14)], true),
+            ([(CCA_TIME - 1, 30), (0, 0)], false),
+        ] {
+            let frames = frames.map(|(after, level): (_, u8)| (after, level.into()));
+            assert_eq!(is_busy(0, 0, &frames), expected, "{frames:?}");
+        }
+    }
+
+    #[test]
+    fn what_is_set_while_it_works_comes_later() {
+        let mut bench = bench();
+        listen(&mut bench);
+        bench.set(FREQUENCY, 10);
+        bench.set(PACKETPTR, 0x2000_0200);
+        let first = frame(1_000 * US, 1);
+        hear(&mut bench, first.clone(), 40);
+        bench.pass(first.end() - bench.now);
+        assert!(bench.took(CRCOK));
+        assert_eq!(bench.cells.0.get(&PACKET_AT.into()), Some(&8));
+        assert_eq!(bench.cells.0.get(&0x2000_0200), None);
+        // Started again it is another packet, enabled again another channel.
+        bench.task(2);
+        let second = frame(bench.now, 1);
+        hear(&mut bench, second.clone(), 40);
+        bench.pass(second.end() - bench.now);
+        assert_eq!(bench.cells.0.get(&0x2000_0200), Some(&8));
+        bench.task(4);
+        bench.pass(RX_DISABLE);
+        bench.task(1);
+        bench.pass(RAMP_UP);
+        let third = frame(bench.now, 1);
+        hear(&mut bench, third.clone(), 40);
+        bench.pass(third.end() - bench.now);
+        assert_eq!(bench.chip.model.model.received, [2, 0]);
+    }
+
+    #[test]
+    fn what_the_standard_does_not_have_is_told() {
+        let wrong = SET_UP.map(|(register, offset, _, value)| (register, offset, value ^ 1));
+        let frequencies = [0, 2, 7, 85, 0x105].map(|value| ("FREQUENCY", FREQUENCY, value));
+        let lengths = [("PCNF1", PCNF1, 128), ("PCNF0", PCNF0, 8)];
+        for (register, offset, value) in wrong.into_iter().chain(frequencies).chain(lengths) {
+            let mut bench = bench();
+            bench.set(offset, value);
+            bench.task(1);
+            assert_eq!(bench.forbidden(), [register], "{value:x}");
+        }
+    }
+
+    #[test]
+    fn a_frame_that_is_given_up_is_told() {
+        const STARTS: u32 = 1 << 18;
+        for (shorts, after, task, is_told) in [
+            (STARTS, 0, 4, true),
+            (0, RAMP_UP + 1, 4, true),
+            (STARTS, RAMP_UP + 1, 4, true),
+            (STARTS, RAMP_UP + 1, 3, true),
+            (STARTS, RAMP_UP + 1_000 * US, 4, false),
         ] {
             let mut bench = bench();
-            bench.set(CCACTRL, mode | threshold << 8);
-            bench.set(SHORTS, 1 << 11);
-            bench.task(1);
-            hear(&mut bench, frame(RAMP_UP + CCA_TIME - 1, 1), level);
-            bench.pass(RAMP_UP + CCA_TIME);
-            let told = (bench.took(CCABUSY), bench.took(CCAIDLE));
-            assert_eq!(told, (is_busy, !is_busy), "{mode} {level}");
+            bench.cells.0.insert(PACKET_AT.into(), 8);
+            bench.set(SHORTS, shorts);
+            bench.task(0);
+            bench.pass(after);
+            bench.task(task);
+            assert_eq!(bench.forbidden() == ["TASKS_DISABLE"], is_told, "{after}");
         }
     }
 
@@ -866,15 +1068,36 @@ mod tests {
     }
 
     #[test]
+    fn it_needs_its_crystal() {
+        let mut bench = bench();
+        bench.set(HFXO, 0);
+        for task in [1, 4, 0] {
+            bench.task(task);
+            bench.pass(RAMP_UP);
+        }
+        assert_eq!(bench.forbidden(), ["HFXO", "HFXO"]);
+        bench.set(HFXO, 1);
+        assert_eq!(bench.forbidden(), [""; 0]);
+        bench.set(HFXO, 0);
+        assert_eq!(bench.forbidden(), ["HFXO"]);
+    }
+
+    #[test]
     fn wrong_states_are_told() {
         let mut bench = bench();
         bench.task(2);
         bench.task(11);
+        bench.task(3);
         bench.task(1);
         bench.task(0);
         assert_eq!(
             bench.forbidden(),
-            ["TASKS_START", "TASKS_CCASTART", "TASKS_TXEN"]
+            ["TASKS_START", "TASKS_CCASTART", "TASKS_STOP", "TASKS_TXEN"]
         );
+        bench.pass(RAMP_UP);
+        bench.task(3);
+        bench.task(2);
+        bench.task(0);
+        assert_eq!(bench.forbidden(), ["TASKS_TXEN"]);
     }
 }

@@ -19,6 +19,13 @@ pub struct Rng {
     next: Option<EventId>,
 }
 
+/// The first half of `SplitMix64` (Steele, Lea and Flood, 2014), whose upper bits are random.
+pub(super) fn draw(state: &mut u64) -> u64 {
+    *state = state.wrapping_add(0x9e37_79b9_7f4a_7c15);
+    let word = (*state ^ *state >> 30).wrapping_mul(0xbf58_476d_1ce4_e5b9);
+    (word ^ word >> 27).wrapping_mul(0x94d0_49bb_1331_11eb)
+}
+
 impl Rng {
     /// Bytes of this seed.
     pub fn new(seed: u64) -> Self {
@@ -28,13 +35,8 @@ impl Rng {
         }
     }
 
-    /// `SplitMix64` (Steele, Lea and Flood, 2014).
     fn byte(&mut self) -> u8 {
-        self.state = self.state.wrapping_add(0x9e37_79b9_7f4a_7c15);
-        let mut word = self.state;
-        word = (word ^ word >> 30).wrapping_mul(0xbf58_476d_1ce4_e5b9);
-        word = (word ^ word >> 27).wrapping_mul(0x94d0_49bb_1331_11eb);
-        (word >> 56) as u8
+        (draw(&mut self.state) >> 56) as u8
     }
 
     fn plan(&mut self, begin: u64, call: &mut Call<'_, '_>) {

@@ -2,7 +2,12 @@
 
 use rigless::time::EventId;
 
-use super::{Call, INTEN, Model};
+use super::{Call, INTEN, INTENCLR, INTENSET, Model};
+
+/// Where it is: RTC1 (Product Specification, "Instantiation").
+pub(crate) const BASE: u64 = 0x4001_1000;
+/// Where CLOCK tells whether LFCLK runs. Programs know nothing of it.
+pub(super) const LFCLK: u16 = 0xf00;
 
 const EVTEN: u16 = 0x340;
 const EVTENSET: u16 = 0x344;
@@ -26,7 +31,8 @@ const SOONEST: u64 = 2;
 /// (Product Specification, "RTC").
 #[derive(Debug, Default)]
 pub struct Rtc {
-    /// Since when it runs.
+    is_started: bool,
+    /// Since when it counts.
     since: Option<u64>,
     /// Ticks before that.
     before: u64,
@@ -43,10 +49,30 @@ impl Rtc {
         self.before + (run * HZ / SECOND) as u64 / (self.divider + 1)
     }
 
+    /// It counts while it is started and its clock runs.
+    fn count(&mut self, call: &Call<'_, '_>) {
+        let now = call.now();
+        if self.is_started && call.get(LFCLK) != 0 {
+            self.since.get_or_insert(now);
+        } else {
+            self.before = self.ticks(now) & MASK;
+            self.since = None;
+        }
+    }
+
     /// The instant at which so many ticks are reached.
     fn instant(&self, since: u64, ticks: u64) -> u64 {
         let ticks = u128::from((ticks - self.before) * (self.divider + 1));
         since + (ticks * SECOND).div_ceil(HZ) as u64
+    }
+
+    /// Calls it when the counter next changes, which is no event, if this register shows the counter: whoever
+    /// looks on again and again may sleep until then.
+    pub(crate) fn wake(&self, offset: u16, call: &mut Call<'_, '_>) {
+        if let Some(since) = self.since.filter(|_| offset == COUNTER) {
+            let next = self.ticks(call.now()) + 1;
+            call.at(self.instant(since, next));
+        }
     }
 
     /// Whether a comparison was set too late for this count.
@@ -94,13 +120,18 @@ impl Model for Rtc {
     fn task(&mut self, number: u16, call: &mut Call<'_, '_>) {
         let now = call.now();
         match number {
-            0 if self.since.is_none() => {
+            0 if self.is_started => {}
+            0 => {
                 self.divider = u64::from(call.get(PRESCALER) & 0xfff);
-                self.since = Some(now);
+                self.is_started = true;
+                if call.get(LFCLK) == 0 {
+                    call.forbid("TASKS_START", "LFCLK must run (\"RTC\", clock source)");
+                }
+                self.count(call);
             }
             1 => {
-                self.before = self.ticks(now) & MASK;
-                self.since = None;
+                self.is_started = false;
+                self.count(call);
             }
             2 => {
                 self.before = 0;
@@ -110,7 +141,7 @@ impl Model for Rtc {
                 self.before = 0xff_fff0;
                 self.since = self.since.map(|_| now);
             }
-            _ => {}
+            _ => call.no_task(),
         }
         self.plan(call);
     }
@@ -130,13 +161,15 @@ impl Model for Rtc {
             EVTENSET => call.set(EVTEN, events | value),
             EVTENCLR => call.set(EVTEN, events & !value),
             CC..CC_END => self.set[usize::from((offset - CC) / 4)] = call.now(),
-            PRESCALER if self.since.is_some() => {
+            LFCLK => self.count(call),
+            PRESCALER if self.is_started => {
                 call.forbid(
                     "PRESCALER",
                     "it is written while the RTC is stopped only (\"RTC\")",
                 );
             }
-            _ => {}
+            INTEN | INTENSET | INTENCLR | EVTEN | PRESCALER => {}
+            _ => call.no_register(offset),
         }
         if (call.enabled | call.get(EVTEN)) & 1 != 0 {
             call.forbid("EVTEN", "its TICK is not modelled");
@@ -175,9 +208,28 @@ mod tests {
 
     const S: u64 = 1_000_000_000;
 
+    fn bench() -> Bench<Rtc> {
+        let mut bench = Bench::new(Rtc::default());
+        bench.set(LFCLK, 1);
+        bench
+    }
+
+    #[test]
+    fn without_its_clock_it_stands_still() {
+        let mut bench = Bench::new(Rtc::default());
+        bench.task(0);
+        assert_eq!(bench.forbidden(), ["TASKS_START"]);
+        for (clock, counter) in [(0, 0), (1, 32_768), (0, 32_768), (1, 2 * 32_768)] {
+            bench.set(LFCLK, clock);
+            bench.pass(S);
+            assert_eq!(bench.get(COUNTER), counter);
+        }
+        assert_eq!(bench.forbidden(), [""; 0]);
+    }
+
     #[test]
     fn it_counts_and_compares() {
-        let mut bench = Bench::new(Rtc::default());
+        let mut bench = bench();
         bench.set(CC, 32_768);
         bench.set(0x304, 1 << COMPARE);
         bench.task(0);
@@ -200,7 +252,7 @@ mod tests {
     #[test]
     fn what_is_set_too_late_comes_round_first() {
         let happens = |ahead| {
-            let mut bench = Bench::new(Rtc::default());
+            let mut bench = bench();
             bench.set(0x304, 1 << COMPARE);
             bench.task(0);
             bench.pass(S);
@@ -217,7 +269,7 @@ mod tests {
 
     #[test]
     fn nothing_happens_that_is_not_enabled() {
-        let mut bench = Bench::new(Rtc::default());
+        let mut bench = bench();
         bench.set(CC, 5);
         bench.task(0);
         bench.pass(S);
@@ -231,8 +283,16 @@ mod tests {
     }
 
     #[test]
+    fn what_is_not_modelled_is_told() {
+        let mut bench = bench();
+        bench.task(4);
+        bench.set(CC_END, 1);
+        assert_eq!(bench.forbidden(), ["TASKS", "registers"]);
+    }
+
+    #[test]
     fn the_prescaler_divides() {
-        let mut bench = Bench::new(Rtc::default());
+        let mut bench = bench();
         bench.set(PRESCALER, 31);
         bench.task(0);
         bench.pass(S);

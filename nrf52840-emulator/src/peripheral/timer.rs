@@ -2,9 +2,8 @@
 
 use rigless::time::EventId;
 
-use super::{Call, Model};
+use super::{Call, INTEN, INTENCLR, INTENSET, Model, SHORTS};
 
-const SHORTS: u16 = 0x200;
 const MODE: u16 = 0x504;
 const BITMODE: u16 = 0x508;
 const PRESCALER: u16 = 0x510;
@@ -14,6 +13,7 @@ const COMPARE: u16 = 16;
 pub(crate) const RESET: [(u16, u32); 1] = [(PRESCALER, 4)];
 /// Of TIMER0 to TIMER2; the others have two more.
 const CHANNELS: u16 = 4;
+const CC_END: u16 = CC + 4 * CHANNELS;
 
 /// Counts its own clock, 16 MHz divided by a power of two, or its task COUNT (Product Specification,
 /// "TIMER").
@@ -90,7 +90,8 @@ impl Model for Timer {
     fn task(&mut self, number: u16, call: &mut Call<'_, '_>) {
         let is_timer = call.get(MODE) & 3 == 0;
         match number {
-            0 if !self.is_running => {
+            0 if self.is_running => {}
+            0 => {
                 self.is_running = true;
                 self.since = is_timer.then(|| call.now());
             }
@@ -105,6 +106,7 @@ impl Model for Timer {
                 self.count = self.count.wrapping_add(1);
                 self.compare(call);
             }
+            2 => {}
             3 => {
                 self.count = 0;
                 self.since = self.since.map(|_| call.now());
@@ -113,12 +115,19 @@ impl Model for Timer {
                 let count = self.now(call) & Self::mask(call);
                 call.set(CC + 4 * (number - 16), count as u32);
             }
-            _ => {}
+            _ => call.no_task(),
         }
         self.plan(call);
     }
 
-    fn write(&mut self, offset: u16, _: u32, call: &mut Call<'_, '_>) {
+    fn write(&mut self, offset: u16, value: u32, call: &mut Call<'_, '_>) {
+        call.only_shortcuts(offset, value, 0xf0f);
+        if !matches!(
+            offset,
+            SHORTS | INTEN | INTENSET | INTENCLR | MODE | BITMODE | PRESCALER | CC..CC_END
+        ) {
+            call.no_register(offset);
+        }
         if self.is_running && matches!(offset, MODE | BITMODE | PRESCALER) {
             call.forbid("MODE", "it is set up while it is stopped only (\"TIMER\")");
         }
@@ -171,6 +180,15 @@ mod tests {
         bench.task(2);
         bench.task(17);
         assert_eq!(bench.get(CC + 4), 1);
+    }
+
+    #[test]
+    fn what_is_not_modelled_is_told() {
+        let mut bench = Bench::new(Timer::default());
+        bench.task(20);
+        bench.set(CC_END, 1);
+        bench.set(SHORTS, 1 << 4);
+        assert_eq!(bench.forbidden(), ["TASKS", "registers", "SHORTS"]);
     }
 
     #[test]

@@ -4,10 +4,9 @@ use std::collections::BTreeMap;
 
 use rigless::{soc::Width, time::EventId};
 
-use super::{Call, DONE, Model, READ, US};
+use super::{Call, DONE, Model, READ, SHORTS, US};
 use crate::device::Chip;
 
-const SHORTS: u16 = 0x200;
 const ERRORSRC: u16 = 0x4c4;
 const ENABLE: u16 = 0x500;
 const FREQUENCY: u16 = 0x524;
@@ -19,8 +18,17 @@ const TX_MAX: u16 = 0x548;
 const TX_AMOUNT: u16 = 0x54c;
 const ADDRESS: u16 = 0x588;
 
-/// After a reset: 250 kbit/s.
-pub(crate) const RESET: [(u16, u32); 1] = [(FREQUENCY, 0x0400_0000)];
+/// Where it is (Product Specification, "Instantiation").
+pub(crate) const BASE: u64 = 0x4000_3000;
+/// Where the pins tell whether the bus is held low. Programs know nothing of it.
+pub(super) const HELD: u16 = 0xf00;
+
+/// After a reset: no pins, 250 kbit/s.
+pub(crate) const RESET: [(u16, u32); 3] = [
+    (0x508, u32::MAX),
+    (0x50c, u32::MAX),
+    (FREQUENCY, 0x0400_0000),
+];
 
 const STOPPED: u16 = 1;
 const ERROR: u16 = 9;
@@ -29,6 +37,15 @@ const RXSTARTED: u16 = 19;
 const TXSTARTED: u16 = 20;
 const LASTRX: u16 = 23;
 const LASTTX: u16 = 24;
+/// Bits of SHORTS, causes and tasks (Product Specification, "TWIM").
+const SHORTCUTS: [(u16, u16, u16); 6] = [
+    (7, LASTTX, 0),
+    (8, LASTTX, 7),
+    (9, LASTTX, 5),
+    (10, LASTRX, 2),
+    (11, LASTRX, 7),
+    (12, LASTRX, 5),
+];
 /// ERRORSRC: nobody answered to the address.
 const NO_ANSWER: u32 = 2;
 /// Two bits of the slowest bus.
@@ -47,8 +64,6 @@ enum Step {
 pub struct Twim {
     /// By their addresses.
     pub chips: BTreeMap<u32, Box<dyn Chip>>,
-    /// From when to when the bus is held low: nothing ends.
-    pub held: Option<core::ops::Range<u64>>,
     /// Transfers that ended.
     pub transfers: u64,
     step: Option<(EventId, Step)>,
@@ -89,8 +104,19 @@ impl Model for Twim {
             call.forbid("ENABLE", "a task while it is not enabled (\"TWIM\")");
             return;
         }
-        let now = call.now();
-        if self.held.as_ref().is_some_and(|held| held.contains(&now)) {
+        // Nothing begins on a bus that is held low.
+        if call.get(HELD) != 0 {
+            return;
+        }
+        let is_busy = matches!(
+            self.step,
+            Some((_, Step::Read | Step::Write | Step::Unanswered))
+        );
+        if is_busy && matches!(number, 0 | 2) {
+            call.forbid(
+                "TASKS_START",
+                "it is started before the transfer before is over (\"TWIM\")",
+            );
             return;
         }
         match number {
@@ -118,7 +144,7 @@ impl Model for Twim {
                 self.step = Some((id, Step::Stop));
             }
             7 => call.event(SUSPENDED),
-            _ => {}
+            _ => call.no_task(),
         }
     }
 
@@ -162,16 +188,7 @@ impl Model for Twim {
 
     fn shortcut(&mut self, event: u16, call: &mut Call<'_, '_>) {
         let shorts = call.get(SHORTS);
-        // Bits of SHORTS (Product Specification, "TWIM").
-        let all = [
-            (7, LASTTX, 0),
-            (8, LASTTX, 7),
-            (9, LASTTX, 5),
-            (10, LASTRX, 2),
-            (11, LASTRX, 7),
-            (12, LASTRX, 5),
-        ];
-        for (bit, cause, task) in all {
+        for (bit, cause, task) in SHORTCUTS {
             if cause == event && shorts >> bit & 1 != 0 {
                 self.task(task, call);
             }
@@ -182,9 +199,17 @@ impl Model for Twim {
         (offset == ERRORSRC).then_some(self.error)
     }
 
-    fn write(&mut self, offset: u16, value: u32, _: &mut Call<'_, '_>) {
+    fn write(&mut self, offset: u16, value: u32, call: &mut Call<'_, '_>) {
+        let known = SHORTCUTS
+            .iter()
+            .fold(0, |known, (bit, ..)| known | 1 << bit);
+        call.only_shortcuts(offset, value, known);
         if offset == ERRORSRC {
             self.error &= !value;
+        }
+        // Nor does what was under way end.
+        if offset == HELD && value != 0 {
+            self.step = None;
         }
     }
 
@@ -246,6 +271,23 @@ mod tests {
     }
 
     #[test]
+    fn what_is_under_way_goes_on() {
+        let mut bench = bench();
+        bench.set(ADDRESS, Lsm6dsox::ADDRESS);
+        for task in [2, 0] {
+            bench.task(task);
+            assert_eq!(bench.forbidden(), [""; 0]);
+            bench.task(task);
+            assert_eq!(bench.forbidden(), ["TASKS_START"]);
+            bench.pass(150 * US);
+        }
+        assert_eq!(bench.chip.model.model.transfers, 2);
+        bench.task(8);
+        bench.set(SHORTS, 1);
+        assert_eq!(bench.forbidden(), ["TASKS", "SHORTS"]);
+    }
+
+    #[test]
     fn nobody_answers() {
         let mut bench = bench();
         bench.set(ADDRESS, 0x1c);
@@ -260,14 +302,17 @@ mod tests {
     #[test]
     fn a_held_bus_ends_nothing() {
         let mut bench = bench();
-        bench.chip.model.model.held = Some(0..1_000_000);
         bench.set(ADDRESS, 0x6a);
         bench.task(2);
-        bench.pass(900_000);
-        assert!(!bench.took(LASTTX));
-        bench.pass(100_000);
+        bench.pass(10 * US);
+        bench.set(HELD, 1);
+        bench.pass(900 * US);
         bench.task(2);
-        bench.pass(900_000);
+        bench.pass(900 * US);
+        assert!(!bench.took(LASTTX));
+        bench.set(HELD, 0);
+        bench.task(2);
+        bench.pass(900 * US);
         assert!(bench.took(LASTTX));
     }
 }

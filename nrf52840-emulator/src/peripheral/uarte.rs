@@ -4,9 +4,8 @@ use std::{collections::VecDeque, fmt, ops::Range};
 
 use rigless::{soc::Width, time::EventId};
 
-use super::{Call, DONE, Model, READ};
+use super::{Call, DONE, Model, READ, SHORTS};
 
-const SHORTS: u16 = 0x200;
 const ERRORSRC: u16 = 0x480;
 const ENABLE: u16 = 0x500;
 const BAUDRATE: u16 = 0x524;
@@ -17,8 +16,14 @@ const TX_PTR: u16 = 0x544;
 const TX_MAX: u16 = 0x548;
 const TX_AMOUNT: u16 = 0x54c;
 
-/// After a reset: 250 kbit/s.
-pub(crate) const RESET: [(u16, u32); 1] = [(BAUDRATE, 0x0400_0000)];
+/// After a reset: no pins, 250 kbit/s.
+pub(crate) const RESET: [(u16, u32); 5] = [
+    (0x508, u32::MAX),
+    (0x50c, u32::MAX),
+    (0x510, u32::MAX),
+    (0x514, u32::MAX),
+    (BAUDRATE, 0x0400_0000),
+];
 
 const RXDRDY: u16 = 2;
 const ENDRX: u16 = 4;
@@ -216,6 +221,14 @@ impl Model for Uarte {
             call.forbid("ENABLE", "a task while it is not enabled (\"UARTE\")");
             return;
         }
+        // What is under way goes on.
+        if number == 0 && self.rx.is_some() || number == 2 && self.tx.is_some() {
+            call.forbid(
+                "TASKS_START",
+                "it is started before the buffer before is over (\"UARTE\")",
+            );
+            return;
+        }
         match number {
             0 => {
                 let (pointer, max) = (call.get(RX_PTR), call.get(RX_MAX));
@@ -250,7 +263,7 @@ impl Model for Uarte {
                 }
                 call.event(TXSTOPPED);
             }
-            4 => {
+            11 => {
                 // What waits goes to the buffer that is set up.
                 let (pointer, max) = (call.get(RX_PTR), call.get(RX_MAX));
                 if call.reaches(pointer, max) {
@@ -263,7 +276,7 @@ impl Model for Uarte {
                     self.end_reception(call);
                 }
             }
-            _ => {}
+            _ => call.no_task(),
         }
     }
 
@@ -324,6 +337,7 @@ impl Model for Uarte {
     }
 
     fn write(&mut self, offset: u16, value: u32, call: &mut Call<'_, '_>) {
+        call.only_shortcuts(offset, value, 1 << 5 | 1 << 6);
         if offset == ERRORSRC {
             // Cleared by ones.
             self.errors &= !value;
@@ -429,6 +443,24 @@ mod tests {
         assert_eq!(heard.collect::<Vec<_>>(), b"ello");
     }
 
+    /// `TASKS_FLUSHRX` is at 0x02c.
+    #[test]
+    fn what_waits_is_flushed() {
+        let mut bench = bench();
+        bench.set(RX_PTR, 0x2000_0200);
+        bench.set(RX_MAX, 1);
+        bench.task(0);
+        bench.task(2);
+        bench.pass(5_000_000);
+        bench.task(1);
+        assert!(bench.took(ENDRX));
+        bench.set(RX_MAX, 10);
+        bench.set(0x02c, 1);
+        assert!(bench.took(ENDRX));
+        assert_eq!(bench.get(RX_AMOUNT), FIFO as u32);
+        assert_eq!(bench.cells.0[&0x2000_0200], b'e');
+    }
+
     #[test]
     fn what_is_switched_off_keeps_nothing() {
         let mut bench = bench();
@@ -491,6 +523,29 @@ mod tests {
             sent.iter().map(|(_, byte)| *byte).collect::<Vec<_>>(),
             b"hello, all"
         );
+    }
+
+    #[test]
+    fn what_is_under_way_goes_on() {
+        let mut bench = bench();
+        bench.set(RX_PTR, 0x2000_0200);
+        bench.set(RX_MAX, 10);
+        for task in [0, 2] {
+            bench.task(task);
+            assert_eq!(bench.forbidden(), [""; 0]);
+            bench.task(task);
+            assert_eq!(bench.forbidden(), ["TASKS_START"]);
+        }
+        bench.pass(5_000_000);
+        assert_eq!(bench.chip.model.model.sent.len(), 10);
+        assert!(bench.took(ENDRX));
+        for task in [0, 2] {
+            bench.task(task);
+        }
+        assert_eq!(bench.forbidden(), [""; 0]);
+        bench.task(5);
+        bench.set(SHORTS, 1 << 7);
+        assert_eq!(bench.forbidden(), ["TASKS", "SHORTS"]);
     }
 
     #[test]

@@ -71,6 +71,12 @@ impl Watchdog {
 impl Model for Watchdog {
     fn task(&mut self, number: u16, call: &mut Call<'_, '_>) {
         if number == 0 && !Self::is_running(call) {
+            if call.get(CONFIG) & 1 == 0 {
+                call.forbid(
+                    "CONFIG",
+                    "that it stops while the processor sleeps is not modelled",
+                );
+            }
             call.set(RUNSTATUS, 1);
             self.set_up = SET_UP.map(|offset| call.get(offset));
             self.reload(call);
@@ -84,8 +90,9 @@ impl Model for Watchdog {
                 call.set(offset, value);
             }
         }
-        // Once it has told it cannot be stopped.
-        if RELOAD.contains(&offset) && value == KEY && !self.has_told {
+        // Before it is started there is nothing to reload, and once it has told it cannot be stopped.
+        let can_reload = Self::is_running(call) && !self.has_told;
+        if RELOAD.contains(&offset) && value == KEY && can_reload {
             self.requested &= !(1 << ((offset - RELOAD.start) / 4));
             call.set(REQSTATUS, self.requested);
             if self.requested == 0 {
@@ -124,9 +131,17 @@ mod tests {
 
     const S: u64 = 1_000_000_000;
 
+    fn bench() -> Bench<Watchdog> {
+        let mut bench = Bench::new(Watchdog::default());
+        for (offset, value) in RESET {
+            bench.set(offset, value);
+        }
+        bench
+    }
+
     #[test]
     fn it_bites_unless_all_that_are_asked_report() {
-        let mut bench = Bench::new(Watchdog::default());
+        let mut bench = bench();
         bench.set(CRV, 32_767);
         bench.set(RREN, 0b11);
         bench.task(0);
@@ -146,8 +161,29 @@ mod tests {
     }
 
     #[test]
+    fn it_does_not_bite_before_it_is_started() {
+        let mut bench = bench();
+        bench.set(CRV, 32_767);
+        bench.set(RREN, 1);
+        bench.set(RELOAD.start, KEY);
+        bench.pass(5 * S);
+        assert!(bench.chip.take_reset_request().is_none());
+        assert_eq!(bench.chip.model.model.fed, 0);
+    }
+
+    #[test]
+    fn that_it_sleeps_is_not_modelled() {
+        for (config, told) in [(0, ["CONFIG"].as_slice()), (1, &[]), (9, &[])] {
+            let mut bench = Bench::new(Watchdog::default());
+            bench.set(CONFIG, config);
+            bench.task(0);
+            assert_eq!(bench.forbidden(), told);
+        }
+    }
+
+    #[test]
     fn it_is_not_changed_any_more() {
-        let mut bench = Bench::new(Watchdog::default());
+        let mut bench = bench();
         bench.set(CRV, 32_767);
         bench.task(0);
         bench.set(CRV, 99);
@@ -161,7 +197,7 @@ mod tests {
 
     #[test]
     fn a_program_that_is_told_has_two_cycles_left() {
-        let mut bench = Bench::new(Watchdog::default());
+        let mut bench = bench();
         bench.set(CRV, 32_767);
         bench.set(RREN, 1);
         bench.set(INTENSET, 1);

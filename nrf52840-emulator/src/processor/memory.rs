@@ -156,8 +156,9 @@ impl Window {
         if memory.length != self.length {
             return Err(io::ErrorKind::InvalidInput.into());
         }
-        // SAFETY: its own addresses; nothing but translated code looks there, and none runs.
-        unsafe {
+        // SAFETY: its own addresses; nothing but translated code looks there, and none runs. Where this fails
+        // there may be a hole, where nothing looks any more: whoever asked drops the processor.
+        let shown = unsafe {
             let flags = MapFlags::SHARED | MapFlags::FIXED;
             mmap(
                 self.start.cast(),
@@ -166,14 +167,19 @@ impl Window {
                 flags,
                 &memory.file,
                 0,
-            )?;
-        }
+            )
+        };
+        // What is in a hole by then is somebody else's: nothing is handed back.
+        shown.inspect_err(|_| self.length = 0)?;
         Ok(())
     }
 }
 
 impl Drop for Window {
     fn drop(&mut self) {
+        if self.length == 0 {
+            return;
+        }
         // SAFETY: its own addresses, and the processor that looked there has been dropped.
         let _ = unsafe { munmap(self.start.cast(), self.length) };
     }

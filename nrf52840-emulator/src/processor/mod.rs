@@ -16,7 +16,10 @@ mod pool;
 use std::{
     hash::{DefaultHasher, Hash, Hasher},
     ops::Range,
-    sync::{Arc, Mutex, MutexGuard, PoisonError},
+    sync::{
+        Arc, Mutex, MutexGuard, PoisonError,
+        atomic::{AtomicBool, Ordering},
+    },
 };
 
 use rigless::{
@@ -95,11 +98,13 @@ impl Lease {
     }
 }
 
-/// Makes processors that know this program already if one did before.
+/// Makes processors that know this program already if one did before. One that locks up asks for a reset,
+/// unless it has a debugger, and says so (Product Specification, "Reset").
 pub(crate) fn constructor(
     made: ProcessorConstructor,
     program: Program,
     lease: Lease,
+    lockup: Arc<AtomicBool>,
 ) -> ProcessorConstructor {
     Arc::new(move |endian| {
         let seat = Seat::new(&program, &made, endian)?;
@@ -107,6 +112,8 @@ pub(crate) fn constructor(
         Ok(Box::new(Shared {
             lease: lease.clone(),
             program: program.clone(),
+            lockup: lockup.clone(),
+            asks_for_reset: false,
             has_run: false,
             has_debugger: false,
         }))
@@ -119,6 +126,9 @@ struct Shared {
     /// Has a seat until this is dropped.
     lease: Lease,
     program: Program,
+    /// It has locked up, for whoever resets the chip.
+    lockup: Arc<AtomicBool>,
+    asks_for_reset: bool,
     /// Until then what is put into memory is what was translated.
     has_run: bool,
     has_debugger: bool,
@@ -143,7 +153,22 @@ impl Drop for Shared {
     }
 }
 
-/// A bus on which writing to the program is noticed.
+/// Where nothing answers, so that an access is a bus fault (Product Specification, "Memory map"): neither code,
+/// nor data, nor a peripheral, nor the processor's own.
+fn is_nowhere(address: u64) -> bool {
+    const SOMETHING: [Range<u64>; 6] = [
+        0..0x10_0000,
+        // Code RAM.
+        0x80_0000..0x84_0000,
+        0x1000_0000..0x1000_2000,
+        0x2000_0000..0x2004_0000,
+        0x4000_0000..0x6000_0000,
+        0xe000_0000..0x1_0000_0000,
+    ];
+    !SOMETHING.iter().any(|range| range.contains(&address))
+}
+
+/// A bus on which writing to the program is noticed, and which fails where nothing is.
 struct Watched<'a> {
     bus: &'a mut dyn CoreBus,
     program: &'a Program,
@@ -158,7 +183,10 @@ impl CoreBus for Watched<'_> {
     }
 
     fn access(&mut self, access: Access, from_code: bool) -> Option<u64> {
-        self.bus.access(access, from_code)
+        let is_nowhere = is_nowhere(access.address);
+        // Told there, which answers something.
+        let answer = self.bus.access(access, from_code);
+        answer.filter(|_| !is_nowhere)
     }
 
     fn time(&self, instructions: u64) -> VirtualNanos {
@@ -203,6 +231,10 @@ impl Processor for Shared {
         let ran = seat.processor().run(budget, &mut bus);
         if bus.is_changed {
             seat.keep_alone();
+        }
+        if ran.0 == Exit::Lockup && !self.has_debugger {
+            self.lockup.store(true, Ordering::Relaxed);
+            self.asks_for_reset = true;
         }
         ran
     }
@@ -269,7 +301,8 @@ impl Processor for Shared {
     }
 
     fn take_reset_request(&mut self) -> bool {
-        self.with(|processor| processor.take_reset_request())
+        let is_asked_for = self.with(|processor| processor.take_reset_request());
+        std::mem::take(&mut self.asks_for_reset) || is_asked_for
     }
 
     fn next_event(&self) -> Option<VirtualNanos> {

@@ -200,11 +200,30 @@ impl Seat {
     }
 
     /// What can be asked of a processor without a change. It has had one since it was made.
+    ///
+    /// # Errors
+    /// None can be made, or it does not take the chip's state or memory: it is dropped, and another one may be
+    /// made.
     pub(super) fn sit(&mut self) -> Result<(), Error> {
         let mut core = match self.core.take() {
             Some(core) => core,
             None => self.pool.take(self.chip)?,
         };
+        // No other chip could begin with it.
+        if core.fresh.is_none() {
+            self.keep_alone();
+        }
+        let ready = self.prepare(&mut core);
+        if ready.is_ok() {
+            self.core = Some(core);
+        } else if !self.is_alone {
+            self.pool.lose();
+        }
+        ready
+    }
+
+    /// The chip's state and memory are in this processor.
+    fn prepare(&self, core: &mut Core) -> Result<(), Error> {
         if core.is_in != Some(self.chip) {
             if let Some(state) = self.state.as_ref().or(core.fresh.as_ref()) {
                 core.processor.load(state)?;
@@ -220,7 +239,6 @@ impl Seat {
                 .map_err(|error| Error::Machine(error.to_string()))?;
             core.sees = Some(self.chip);
         }
-        self.core = Some(core);
         Ok(())
     }
 
@@ -320,7 +338,111 @@ impl Drop for Seat {
 
 #[cfg(test)]
 mod tests {
+    use std::sync::atomic::AtomicBool;
+
+    use rigless::{
+        emulator::{CoreBus, DataModel, Exit},
+        soc::Width,
+    };
+
     use super::*;
+
+    /// A processor that is its state, which grows with what is asked of it.
+    #[derive(Debug)]
+    struct Stub {
+        state: Vec<u8>,
+        fails: Arc<AtomicBool>,
+    }
+
+    impl Processor for Stub {
+        fn run(&mut self, _: u32, _: &mut dyn CoreBus) -> (Exit, u64) {
+            (Exit::Waiting, 0)
+        }
+
+        fn retired(&self) -> u64 {
+            let digits = self.state.iter().skip(1).rev();
+            digits.fold(0, |sum, digit| sum << 7 | u64::from(digit & 0x7f))
+        }
+
+        fn ask(&mut self, _: Queued) {
+            self.state.push(1);
+        }
+
+        fn boot(&mut self, _: u64, _: &dyn Fn(u64, Width) -> Option<u64>) {}
+
+        fn reset(&mut self) {}
+
+        fn waiting(&self) -> bool {
+            true
+        }
+
+        fn pc(&self) -> u64 {
+            0
+        }
+
+        fn data_model(&self) -> DataModel {
+            unreachable!()
+        }
+
+        fn byte_order(&self, _: u64) -> Endian {
+            Endian::Little
+        }
+
+        fn save(&self) -> Vec<u8> {
+            self.state.clone()
+        }
+
+        fn load(&mut self, bytes: &[u8]) -> Result<(), Error> {
+            if self.fails.load(Ordering::Relaxed) {
+                return Err(Error::State);
+            }
+            self.state = bytes.to_vec();
+            Ok(())
+        }
+    }
+
+    /// Chips of a program of their own, whose processors begin with this state, and what has their loading fail.
+    fn stubs(fresh: &'static [u8]) -> (impl Fn() -> Result<Seat, Error>, Arc<AtomicBool>) {
+        let fails = Arc::new(AtomicBool::new(false));
+        let makes = fails.clone();
+        let make: ProcessorConstructor = Arc::new(move |_| {
+            Ok(Box::new(Stub {
+                state: fresh.to_vec(),
+                fails: makes.clone(),
+            }))
+        });
+        let program = Program::new([fresh], 0..1);
+        let seat = move || Seat::new(&program, &make, Endian::Little);
+        (seat, fails)
+    }
+
+    /// Whether a processor can be put back to its beginning or not.
+    #[test]
+    fn a_chip_does_not_begin_with_the_state_of_another() {
+        for fresh in [[7, 0].as_slice(), &[7, 1]] {
+            let (seat, _) = stubs(fresh);
+            let mut first = seat().unwrap();
+            first.processor().ask(Queued::Return);
+            first.stand_up();
+            let mut second = seat().unwrap();
+            assert_eq!(second.processor().save(), fresh);
+            second.stand_up();
+            assert_eq!(first.processor().save().len(), 3);
+        }
+    }
+
+    #[test]
+    fn a_processor_that_fails_is_made_again() {
+        let (seat, fails) = stubs(&[8, 0]);
+        let mut first = seat().unwrap();
+        first.stand_up();
+        fails.store(true, Ordering::Relaxed);
+        assert!(seat().is_err());
+        fails.store(false, Ordering::Relaxed);
+        // Nobody waits for it.
+        assert_eq!(lock(&first.pool.state).count, 0);
+        assert_eq!(first.processor().save(), [8, 0]);
+    }
 
     #[test]
     fn instructions_are_put_at_the_end_of_a_state() {

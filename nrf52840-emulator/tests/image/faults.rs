@@ -10,8 +10,6 @@ use node_firmware::{
     message::{Health, Memory, Restart},
     network::Attachment,
 };
-use nrf52840_emulator::{Deed, Input, Network};
-
 use rand::RngExt;
 
 use super::*;
@@ -219,24 +217,29 @@ fn power_may_go_at_any_time() {
     }
 }
 
-/// The crystal of 32 MHz is waited for without end: the watchdog restarts the board.
+/// The crystals of 32 MHz and of 32.768 kHz are waited for without end: the watchdog restarts the board.
 #[test]
 #[ignore = "`cargo xtask test --stage chip`"]
-fn without_its_crystal_a_board_restarts() {
-    let faults: fn(&mut Soc) = |soc| soc.clock.model.hfxo_from = u64::MAX;
-    let node = Node {
-        faults: Some(faults),
-        ..lab().coordinator()
-    };
-    let outcome = alone(node, 60 * S);
-    in_order(&outcome);
-    // One for the pins' voltage, then one every eight seconds.
-    assert_eq!(
-        (outcome.fed, outcome.resets.len()),
-        (0, 8),
-        "{:?}",
-        outcome.resets
-    );
+fn without_its_crystals_a_board_restarts() {
+    let faults: [fn(&mut Soc); 2] = [
+        |soc| soc.clock.model.hfxo_from = u64::MAX,
+        |soc| soc.clock.model.lfxo_from = u64::MAX,
+    ];
+    for faults in faults {
+        let node = Node {
+            faults: Some(faults),
+            ..lab().coordinator()
+        };
+        let outcome = alone(node, 60 * S);
+        in_order(&outcome);
+        // One for the pins' voltage, then one every eight seconds.
+        assert_eq!(
+            (outcome.fed, outcome.resets.len()),
+            (0, 8),
+            "{:?}",
+            outcome.resets
+        );
+    }
 }
 
 /// It works once the crystal does, and says why it restarted.
