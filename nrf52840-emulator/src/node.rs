@@ -70,11 +70,12 @@ impl fmt::Debug for Node {
 }
 
 /// What a chip's clocks show.
-#[derive(Clone, Copy, Debug)]
-struct Time {
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Time {
     /// When power came.
-    since: u64,
-    drift_ppb: i32,
+    pub since: u64,
+    /// How much faster than true they run, 1e-9.
+    pub drift_ppb: i32,
 }
 
 impl Time {
@@ -84,7 +85,8 @@ impl Time {
         Self::BILLION.saturating_add_signed(self.drift_ppb.into())
     }
 
-    fn local(self, truth: u64) -> u64 {
+    /// Nanoseconds since power came, as they count at an instant.
+    pub fn local(self, truth: u64) -> u64 {
         let passed = u128::from(truth.saturating_sub(self.since));
         (passed * self.rate() / Self::BILLION) as u64
     }

@@ -14,7 +14,7 @@ use std::{
 use chip_pipe::{Contents, Deed, End, Frame, Order, Orders, Reception, Reports, read, write};
 use defmt_decoder::{DecodeError, StreamDecoder, Table};
 use nrf52840_emulator::{
-    self as emulator, Input, Network, Node, Outcome,
+    self as emulator, Input, Network, Node, Outcome, Time,
     device::{self, Motion, Samples, World},
     peripheral::{self, Arrival, Wire},
 };
@@ -81,8 +81,8 @@ struct Chip<'a> {
     /// What its flash held when its power went.
     flash: Vec<Contents>,
     log: Box<dyn StreamDecoder + Send + Sync + 'a>,
-    /// When power came, and what its step sensor feels since.
-    since: u64,
+    /// What its clocks show, and what its step sensor feels by them.
+    time: Time,
     world: Arc<Samples>,
     is_worn: bool,
 }
@@ -110,15 +110,13 @@ impl<'a> Chips<'a> {
                 programmed,
             } => {
                 let table = self.table;
-                let chip = self.all.entry(number).or_insert_with(|| Chip {
-                    flash: Vec::new(),
-                    log: table.new_stream_decoder(),
-                    since: 0,
-                    world: Arc::default(),
-                    is_worn: false,
-                });
+                let chip = { self.all.entry(number) }
+                    .or_insert_with(|| Chip::new(table.new_stream_decoder()));
                 chip.log = table.new_stream_decoder();
-                chip.since = self.network.reached().max(at);
+                chip.time = Time {
+                    since: self.network.reached().max(at),
+                    drift_ppb,
+                };
                 chip.world = Arc::default();
                 let world: Arc<dyn World> = chip.world.clone();
                 let sensor = has_sensor.then(|| device::step_sensor(&world, seed));
@@ -212,14 +210,7 @@ impl<'a> Chips<'a> {
             }
             Order::Moves(motions) => {
                 if let Some(chip) = self.all.get(&number) {
-                    for motion in motions {
-                        let known = Motion {
-                            acceleration: motion.acceleration,
-                            angular_rate: motion.angular_rate,
-                            field: motion.field,
-                        };
-                        chip.world.push(motion.at.saturating_sub(chip.since), known);
-                    }
+                    chip.moves(&motions);
                 }
             }
         }
@@ -306,7 +297,30 @@ fn frequency(channel: u8) -> u32 {
     u32::from(channel).saturating_sub(BELOW) * SPACING
 }
 
-impl Chip<'_> {
+impl<'a> Chip<'a> {
+    /// A blank one.
+    fn new(log: Box<dyn StreamDecoder + Send + Sync + 'a>) -> Self {
+        Self {
+            flash: Vec::new(),
+            log,
+            time: Time::default(),
+            world: Arc::default(),
+            is_worn: false,
+        }
+    }
+
+    /// Its step sensor moves: the bus asks for that by the chip's own clock.
+    fn moves(&self, motions: &[chip_pipe::Motion]) {
+        for motion in motions {
+            let known = Motion {
+                acceleration: motion.acceleration,
+                angular_rate: motion.angular_rate,
+                field: motion.field,
+            };
+            self.world.push(self.time.local(motion.at), known);
+        }
+    }
+
     /// Bits flip in what it left.
     fn rot(&mut self, bits: &[(u64, u8)]) {
         for (address, bit) in bits {
@@ -365,5 +379,51 @@ fn end(outcome: Outcome) -> End {
         flash: [outcome.erased.len() as u64, outcome.written],
         overruns: outcome.overruns,
         instructions: outcome.instructions,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A log without an encoding of its own.
+    #[derive(Debug)]
+    struct Silent;
+
+    impl StreamDecoder for Silent {
+        fn received(&mut self, _: &[u8]) {}
+
+        fn decode(&mut self) -> std::result::Result<defmt_decoder::Frame<'_>, DecodeError> {
+            Err(DecodeError::UnexpectedEof)
+        }
+    }
+
+    /// After hours, too, a carrier's motion begins when it is told, and not when a clock that is wrong shows that time.
+    #[test]
+    fn motion_is_felt_when_it_begins() {
+        let hour = 3_600_000_000_000;
+        for drift_ppb in [0, 500_000, -500_000] {
+            let time = Time {
+                since: 7,
+                drift_ppb,
+            };
+            let chip = Chip {
+                time,
+                ..Chip::new(Box::new(Silent))
+            };
+            let motion = chip_pipe::Motion {
+                at: hour,
+                acceleration: [0.0; 3],
+                angular_rate: [1.0, 0.0, 0.0],
+                field: [0.0; 3],
+            };
+            chip.moves(&[motion]);
+            let turns = |at| chip.world.at(time.local(at)).angular_rate[0];
+            assert_eq!(
+                [turns(hour - 1_000), turns(hour)],
+                [0.0, 1.0],
+                "{drift_ppb}"
+            );
+        }
     }
 }
