@@ -308,11 +308,16 @@ impl Run {
     /// What was done since this was last asked.
     fn deeds(&mut self, session: &mut Session<Board>, now: u64) -> Vec<(u64, Deed)> {
         let resets = session.resets().iter().skip(self.resets);
-        let mut deeds: Vec<_> = resets
-            .map(|reset| (reset.at.0, Deed::Reset(format!("{:?}", reset.cause))))
+        let resets: Vec<_> = resets
+            .map(|reset| (reset.at.0, format!("{:?}", reset.cause)))
             .collect();
-        self.resets += deeds.len();
+        self.resets += resets.len();
         let soc = &mut session.board_mut().soc;
+        let settings = &mut soc.nvmc.model.has_settings;
+        let mut deeds = Vec::new();
+        for (at, by) in resets {
+            deeds.push((at, Deed::Reset(by, core::mem::take(settings))));
+        }
         let time = self.time;
         for mut frame in core::mem::take(&mut soc.radio.model.sent) {
             let starts = frame.start;
@@ -325,6 +330,10 @@ impl Run {
                 .into_iter()
                 .map(|(at, bytes)| (at, Deed::Bytes(bytes))),
         );
+        let uart = core::mem::take(&mut soc.uarte.model.wired);
+        deeds.extend(uart.into_iter().map(|(at, wires)| (at, Deed::Uart(wires))));
+        let i2c = core::mem::take(&mut soc.twim.model.wired);
+        deeds.extend(i2c.into_iter().map(|(at, wires)| (at, Deed::I2c(wires))));
         let [pins, log] = &mut self.told;
         let changes = soc.gpio.model.changes.iter().skip(*pins);
         deeds.extend(changes.map(|&(at, port, level)| (at, Deed::Pins(port, level))));
@@ -490,6 +499,7 @@ impl Run {
                 frame.start = time.local(frame.start);
                 soc.hear(now, frame, arrival);
             }
+            Input::CutOff(node) => soc.radio.model.cut_off(node, now.0),
             Input::Byte(at, byte) => soc.deliver(now, byte, time.local(at)),
             Input::StandInWrite => self.is_to_stand = true,
             Input::Jammed(until, frequency) => {

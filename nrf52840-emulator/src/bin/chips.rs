@@ -8,7 +8,9 @@ use std::{
     io::{self, BufReader, BufWriter, StdinLock, StdoutLock},
     net::{Ipv4Addr, TcpListener},
     path::PathBuf,
+    process,
     sync::Arc,
+    thread,
 };
 
 use chip_pipe::{Contents, Deed, End, Frame, Order, Orders, Reception, Reports, read, write};
@@ -17,6 +19,10 @@ use nrf52840_emulator::{
     self as emulator, Input, Network, Node, Outcome, Time,
     device::{self, Motion, Samples, World},
     peripheral::{self, Arrival, Wire},
+};
+use rustix::{
+    event::{PollFd, PollFlags, poll},
+    io::Errno,
 };
 
 /// Sensitivity of the scale of levels, dBm (Product Specification, "RADIO", `ED_RSSIOFFS`), and its end.
@@ -39,6 +45,11 @@ fn main() -> Result<()> {
         Some(_) => return Err("there is no program yet".into()),
         None => return Ok(()),
     };
+    // A chip may wait for GDB for ever.
+    thread::spawn(|| {
+        while !is_alone() {}
+        process::exit(0);
+    });
     let elf = fs::read(&image)?;
     let table = Table::parse(&elf)?.ok_or("the program logs nothing")?;
     let mut chips = Chips {
@@ -53,12 +64,12 @@ fn main() -> Result<()> {
         let reports = match orders {
             Orders::Run { orders, until } => {
                 for (number, order) in orders {
-                    chips.obey(number, order)?;
+                    chips.obey(number, order);
                 }
                 chips.run(until)
             }
             Orders::Look => chips.look(),
-            Orders::End => chips.end()?,
+            Orders::End => chips.end(),
             Orders::Debug(number, port) => {
                 chips.debugged = Some((number, port));
                 continue;
@@ -70,6 +81,14 @@ fn main() -> Result<()> {
     Ok(())
 }
 
+/// Waits until the simulation has ended; false where a signal has come before that.
+fn is_alone() -> bool {
+    let stdin = io::stdin();
+    // What comes to be read is for others: only the end of it is waited for.
+    let mut pipe = [PollFd::new(&stdin, PollFlags::empty())];
+    poll(&mut pipe, None) != Err(Errno::INTR)
+}
+
 /// To the simulation and from it.
 struct Pipe {
     orders: BufReader<StdinLock<'static>>,
@@ -78,8 +97,9 @@ struct Pipe {
 
 /// A chip, with power or without.
 struct Chip<'a> {
-    /// What its flash held when its power went.
+    /// What its flash held when its power went, and what else was known then.
     flash: Vec<Contents>,
+    end: End,
     log: Box<dyn StreamDecoder + Send + Sync + 'a>,
     /// What its clocks show, and what its step sensor feels by them.
     time: Time,
@@ -99,7 +119,7 @@ struct Chips<'a> {
 }
 
 impl<'a> Chips<'a> {
-    fn obey(&mut self, number: u32, order: Order) -> Result<()> {
+    fn obey(&mut self, number: u32, order: Order) {
         let index = number as usize;
         match order {
             Order::On {
@@ -127,7 +147,15 @@ impl<'a> Chips<'a> {
                 let debugged = self.debugged.filter(|(chip, _)| *chip == number);
                 let debugger = debugged
                     .map(|(_, port)| TcpListener::bind((Ipv4Addr::LOCALHOST, port)))
-                    .transpose()?;
+                    .transpose();
+                let debugger = match debugger {
+                    Ok(debugger) => debugger,
+                    Err(error) => {
+                        let why = format!("GDB cannot connect to it: {error}");
+                        let now = self.network.reached();
+                        return self.left.push((now, number, Deed::Fails(why)));
+                    }
+                };
                 let node = Node {
                     image: self.image.clone(),
                     flash,
@@ -147,8 +175,13 @@ impl<'a> Chips<'a> {
                 if let Some(outcome) = self.network.switch_off(index)
                     && let Some(chip) = self.all.get_mut(&number)
                 {
-                    chip.flash = outcome?.flash;
-                    let left = Deed::Memory(chip.flash.clone());
+                    let left = match outcome {
+                        Ok(outcome) => {
+                            chip.ends(outcome);
+                            Deed::Memory(chip.flash.clone())
+                        }
+                        Err(why) => Deed::Fails(why),
+                    };
                     self.left.push((self.network.reached(), number, left));
                 }
             }
@@ -187,6 +220,12 @@ impl<'a> Chips<'a> {
                 };
                 self.network.input(index, Input::Frame(frame, arrival));
             }
+            Order::CutOff(from) => {
+                for &other in self.all.keys().filter(|other| **other != number) {
+                    let input = Input::CutOff(from as usize);
+                    self.network.input(other as usize, input);
+                }
+            }
             Order::StandInWrite => self.network.input(index, Input::StandInWrite),
             Order::Jammed { until, channel } => {
                 let input = Input::Jammed(until, channel.map(frequency));
@@ -214,7 +253,6 @@ impl<'a> Chips<'a> {
                 }
             }
         }
-        Ok(())
     }
 
     fn run(&mut self, until: u64) -> Reports {
@@ -238,7 +276,9 @@ impl<'a> Chips<'a> {
                 emulator::Deed::Bytes(bytes) => Deed::Bytes(bytes),
                 emulator::Deed::Pins(port, level) => Deed::Pins(port, level),
                 emulator::Deed::Writes(takes) => Deed::Writes(takes),
-                emulator::Deed::Reset(by) => Deed::Restarts(by),
+                emulator::Deed::Uart(wires) => Deed::Uart(wires),
+                emulator::Deed::I2c(wires) => Deed::I2c(wires),
+                emulator::Deed::Reset(by, has_settings) => Deed::Restarts { by, has_settings },
                 emulator::Deed::Fails(why) => Deed::Fails(why),
                 emulator::Deed::Log(bytes) => {
                     let lines = self.all.get_mut(&number).map(|chip| chip.lines(&bytes));
@@ -271,24 +311,24 @@ impl<'a> Chips<'a> {
         }
     }
 
-    fn end(&mut self) -> Result<Reports> {
+    fn end(&mut self) -> Reports {
         let reached = self.network.reached();
         let mut deeds = Vec::new();
-        for (&number, chip) in &self.all {
-            let end = match self.network.switch_off(number as usize) {
-                Some(outcome) => end(outcome?),
-                None => End {
-                    memory: chip.flash.clone(),
-                    ..End::default()
-                },
-            };
-            deeds.push((reached, number, Deed::Ends(Box::new(end))));
+        for (&number, chip) in &mut self.all {
+            match self.network.switch_off(number as usize) {
+                Some(Ok(outcome)) => chip.ends(outcome),
+                Some(Err(why)) => deeds.push((reached, number, Deed::Fails(why))),
+                None => {}
+            }
+            // Without power bits may have flipped.
+            chip.end.memory.clone_from(&chip.flash);
+            deeds.push((reached, number, Deed::Ends(Box::new(chip.end.clone()))));
         }
-        Ok(Reports {
+        Reports {
             reached,
             next: u64::MAX,
             deeds,
-        })
+        }
     }
 }
 
@@ -302,11 +342,18 @@ impl<'a> Chip<'a> {
     fn new(log: Box<dyn StreamDecoder + Send + Sync + 'a>) -> Self {
         Self {
             flash: Vec::new(),
+            end: End::default(),
             log,
             time: Time::default(),
             world: Arc::default(),
             is_worn: false,
         }
+    }
+
+    /// Its power has gone.
+    fn ends(&mut self, outcome: Outcome) {
+        self.flash.clone_from(&outcome.flash);
+        self.end.add(end(outcome));
     }
 
     /// Its step sensor moves: the bus asks for that by the chip's own clock.

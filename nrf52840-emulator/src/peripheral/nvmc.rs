@@ -21,6 +21,9 @@ const ERASE_TIME: u64 = 85_000 * US;
 /// "NVMC", `n_WRITE`: how often a word is written between two erasures.
 const WRITES: u8 = 2;
 
+/// UICR ("Memory map").
+const SETTINGS: Range<u64> = 0x1000_1000..0x1000_2000;
+
 /// What is under way. Half of it is done at once and half at the end, so that a loss of power in between
 /// leaves a torn word or page.
 #[derive(Clone, Copy, Debug)]
@@ -44,6 +47,8 @@ pub struct Nvmc {
     pub erased: Vec<(u64, u64)>,
     /// From when to when it wrote or erased: what power interrupts then is torn.
     pub operations: Vec<Range<u64>>,
+    /// UICR was written, which is valid from the next reset on.
+    pub has_settings: bool,
     /// Addresses that keep what they hold, whatever is written or erased: a fault of the chip.
     pub worn: Option<Range<u64>>,
 }
@@ -128,6 +133,7 @@ impl Model for Nvmc {
             );
         }
         self.words += 1;
+        self.has_settings |= SETTINGS.contains(&address);
         self.wanted = Some((address, value));
         call.context.read_from(address, Width::W32, READ);
     }

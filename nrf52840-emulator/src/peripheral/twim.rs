@@ -2,6 +2,7 @@
 
 use std::collections::BTreeMap;
 
+use chip_pipe::Wires;
 use rigless::{soc::Width, time::EventId};
 
 use super::{Call, DONE, Model, READ, US};
@@ -10,6 +11,8 @@ use crate::device::Chip;
 const SHORTS: u16 = 0x200;
 const ERRORSRC: u16 = 0x4c4;
 const ENABLE: u16 = 0x500;
+const PSEL_SCL: u16 = 0x508;
+const PSEL_SDA: u16 = 0x50c;
 const FREQUENCY: u16 = 0x524;
 const RX_PTR: u16 = 0x534;
 const RX_MAX: u16 = 0x538;
@@ -19,8 +22,12 @@ const TX_MAX: u16 = 0x548;
 const TX_AMOUNT: u16 = 0x54c;
 const ADDRESS: u16 = 0x588;
 
-/// After a reset: 250 kbit/s.
-pub(crate) const RESET: [(u16, u32); 1] = [(FREQUENCY, 0x0400_0000)];
+/// After a reset: 250 kbit/s, and no pin is connected.
+pub(crate) const RESET: [(u16, u32); 3] = [
+    (FREQUENCY, 0x0400_0000),
+    (PSEL_SCL, u32::MAX),
+    (PSEL_SDA, u32::MAX),
+];
 
 const STOPPED: u16 = 1;
 const ERROR: u16 = 9;
@@ -51,6 +58,10 @@ pub struct Twim {
     pub held: Option<core::ops::Range<u64>>,
     /// Transfers that ended.
     pub transfers: u64,
+    /// From when on it transfers over which wires, data and clock, to be taken.
+    pub wired: Vec<(u64, Wires)>,
+    /// The last of them.
+    wires: Option<Wires>,
     step: Option<(EventId, Step)>,
     bytes: Vec<u8>,
     error: u32,
@@ -75,6 +86,21 @@ impl Twim {
     }
 
     fn start(&mut self, step: Step, bytes: u32, call: &mut Call<'_, '_>) {
+        let pins = [PSEL_SDA, PSEL_SCL].map(|pin| call.get(pin));
+        if pins.iter().any(|pin| *pin >= Wires::NOT_CONNECTED) {
+            call.forbid(
+                "PSEL",
+                "a transfer over a pin that is not connected (\"TWIM\")",
+            );
+        }
+        let rate = u64::from(call.get(FREQUENCY)) * 16_000_000 >> 32;
+        let wires = Wires {
+            pins,
+            rate: rate as u32,
+        };
+        if self.wires.replace(wires) != Some(wires) {
+            self.wired.push((call.now(), wires));
+        }
         if self.chips.contains_key(&call.get(ADDRESS)) {
             self.begin(step, bytes, call);
         } else {
@@ -192,6 +218,7 @@ impl Model for Twim {
         self.step = None;
         self.bytes.clear();
         self.error = 0;
+        self.wires = None;
     }
 }
 
@@ -243,6 +270,26 @@ mod tests {
         bench.task(2);
         bench.pass(150 * US);
         assert_eq!(bench.forbidden(), ["ADDRESS"]);
+    }
+
+    #[test]
+    fn wires_are_told() {
+        let mut bench = bench();
+        bench.set(PSEL_SDA, 26);
+        bench.set(PSEL_SCL, 27);
+        bench.set(ADDRESS, 0x6a);
+        bench.task(2);
+        bench.pass(150 * US);
+        bench.task(2);
+        let wires = Wires {
+            pins: [26, 27],
+            rate: 390_625,
+        };
+        assert_eq!(bench.chip.model.model.wired, [(0, wires)]);
+        assert_eq!(bench.forbidden(), [""; 0]);
+        bench.set(PSEL_SCL, u32::MAX);
+        bench.task(2);
+        assert_eq!(bench.forbidden(), ["PSEL"]);
     }
 
     #[test]
