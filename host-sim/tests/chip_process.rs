@@ -106,8 +106,10 @@ fn stands_for_chips() {
                         if end == Some(starts) {
                             std::process::exit(3);
                         }
-                        while does == WAITS {
-                            thread::park();
+                        if does == WAITS {
+                            loop {
+                                thread::park();
+                            }
                         }
                         starts += 1;
                         deeds = done.iter().map(|deed| (until, 3, deed.clone())).collect();
@@ -140,14 +142,13 @@ fn elf(machine: u16, address: u32, section: &[u8; 6]) -> Vec<u8> {
     let names = [b"\0".as_slice(), section, b"\0.shstrtab\0\0\0"].concat();
     let mut file = b"\x7fELF\x01\x01\x01".to_vec();
     file.resize(16, 0);
-    let mut halves = |halves: &[u16]| {
-        halves
-            .iter()
-            .for_each(|half| file.extend(half.to_le_bytes()))
-    };
-    halves(&[2, machine, 1, 0, 0x101, 0]);
-    // Where programs and sections begin, and how long their entries are and how many.
-    halves(&[52, 0, 112, 0, 0, 0, 52, 32, 1, 40, 3, 2]);
+    let halves = [
+        [2, machine, 1, 0, 0x101, 0],
+        // Where programs and sections begin, and how long their entries are and how many.
+        [52, 0, 112, 0, 0, 0],
+        [52, 32, 1, 40, 3, 2],
+    ];
+    file.extend(halves.concat().into_iter().flat_map(u16::to_le_bytes));
     // The program, at the end of this table.
     let program = [1, 84, address, address, 8, 8, 5, 4];
     let sections = [

@@ -51,8 +51,8 @@ pub enum EmulatorError {
     NotBuilt,
     /// What emulates chips was built, but is elsewhere.
     #[error(
-        "the emulated nRF52840 was built, but is not in {}: does a configuration of cargo set another place or target \
-         (`build.target`, `profile`)? Leave that out", .program.display()
+        "the emulated nRF52840 was built, but is not in {}: does a configuration of cargo set \
+         `build.target`? Leave that out", .program.display()
     )]
     NotThere {
         /// Where it should be.
