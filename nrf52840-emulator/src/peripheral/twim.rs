@@ -93,7 +93,7 @@ impl Twim {
                 "a transfer over a pin that is not connected (\"TWIM\")",
             );
         }
-        let rate = u64::from(call.get(FREQUENCY)) * 16_000_000 >> 32;
+        let rate = (u64::from(call.get(FREQUENCY)) * 16_000_000) >> 32;
         let wires = Wires {
             pins,
             rate: rate as u32,

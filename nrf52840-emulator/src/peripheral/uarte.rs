@@ -159,7 +159,7 @@ impl Uarte {
                 "parity, flow control and a second stop bit are not modelled",
             );
         }
-        let rate = u64::from(call.get(BAUDRATE)) * 16_000_000 >> 32;
+        let rate = (u64::from(call.get(BAUDRATE)) * 16_000_000) >> 32;
         let wires = Wires {
             pins: [PSEL_TXD, PSEL_RXD].map(|pin| call.get(pin)),
             rate: rate as u32,
