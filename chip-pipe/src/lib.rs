@@ -90,6 +90,8 @@ pub enum Order {
     },
     /// A frame arrives. It must not have begun.
     Frame(Frame, Reception),
+    /// What it sends now, by this [number](Reception::from), is not received whole: its power is about to go.
+    CutOff(u32),
     /// In the middle of the next work on its flash it stands still: power is about to go, and what is there then
     /// is what it leaves.
     StandInWrite,
@@ -124,7 +126,11 @@ impl Order {
         match self {
             Self::Bytes { at, .. } | Self::Pulls { at, .. } => *at,
             Self::Frame(frame, _) => frame.start,
-            Self::StandInWrite | Self::Moves(_) | Self::Jammed { .. } | Self::WearOut => u64::MAX,
+            Self::CutOff(_)
+            | Self::StandInWrite
+            | Self::Moves(_)
+            | Self::Jammed { .. }
+            | Self::WearOut => u64::MAX,
             Self::On { .. } | Self::Off | Self::Rot(_) => 0,
         }
     }
@@ -157,6 +163,10 @@ pub enum Deed {
     Sends(Frame, i8),
     /// It begins to send these bytes on its line, one after the other.
     Bytes(Vec<u8>),
+    /// Over which wires its UART sends and receives from now on.
+    Uart(Wires),
+    /// Over which ones its I2C bus has data and clock from now on.
+    I2c(Wires),
     /// What a port's pins drive has changed: the port, and a bit a pin; those of inputs count as high.
     Pins(u8, u32),
     /// It says something in its log.
@@ -166,21 +176,40 @@ pub enum Deed {
     /// What programs write in its flash: as somebody looked at it, or when its power went.
     Memory(Vec<Contents>),
     /// It has restarted, by order of this part of it.
-    Restarts(String),
+    Restarts {
+        /// `Core`, or a peripheral.
+        by: String,
+        /// It had written settings that are valid from the next start on.
+        has_settings: bool,
+    },
     /// It cannot be emulated.
     Fails(String),
     /// How it ended.
     Ends(Box<End>),
 }
 
-/// What is known of a chip in the end, since it last had power.
+/// Over which wires bytes go, and how fast.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Wires {
+    /// Numbers of pins, those of the second port from 32 on; [`NOT_CONNECTED`](Self::NOT_CONNECTED) or above: none.
+    pub pins: [u32; 2],
+    /// Bits per second.
+    pub rate: u32,
+}
+
+impl Wires {
+    /// No pin.
+    pub const NOT_CONNECTED: u32 = 1 << 31;
+}
+
+/// What is known of a chip in the end, of all times that it had power.
 #[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct End {
-    /// What programs write in its flash.
+    /// What programs write in its flash, as it was last.
     pub memory: Vec<Contents>,
     /// What its product specification forbids, or is not modelled, and accesses where nothing is.
     pub forbidden: Vec<String>,
-    /// Bytes of its stack that were in use, and all.
+    /// Bytes of its stack that were in use at most, and all.
     pub stack: [u64; 2],
     /// How long its radio received and sent, nanoseconds.
     pub radio_on: [u64; 2],
@@ -192,6 +221,43 @@ pub struct End {
     pub overruns: u64,
     /// Instructions.
     pub instructions: u64,
+}
+
+impl End {
+    /// It has had power once more.
+    pub fn add(&mut self, later: Self) {
+        let Self {
+            memory,
+            forbidden,
+            stack,
+            radio_on,
+            received,
+            flash,
+            overruns,
+            instructions,
+        } = later;
+        self.memory = memory;
+        for what in forbidden {
+            if !self.forbidden.contains(&what) {
+                self.forbidden.push(what);
+            }
+        }
+        for (most, one) in self.stack.iter_mut().zip(stack) {
+            *most = one.max(*most);
+        }
+        let sums = [
+            (&mut self.radio_on, radio_on),
+            (&mut self.received, received),
+            (&mut self.flash, flash),
+        ];
+        for (sums, ones) in sums {
+            for (sum, one) in sums.iter_mut().zip(ones) {
+                *sum += one;
+            }
+        }
+        self.overruns += overruns;
+        self.instructions += instructions;
+    }
 }
 
 /// What the chips did.
@@ -276,6 +342,32 @@ mod tests {
             assert_eq!(read(&mut rest).unwrap(), Some(orders));
         }
         assert_eq!(read::<Orders>(&mut rest).unwrap(), None);
+    }
+
+    /// What is forbidden is known for good, also if it was done before a loss of power; each of it once.
+    #[test]
+    fn ends_add_up() {
+        let end = |memory, forbidden: &[&str], number| End {
+            memory: vec![(0, vec![memory])],
+            forbidden: forbidden.iter().map(|what| (*what).to_owned()).collect(),
+            stack: [number, 100],
+            radio_on: [number, 1],
+            received: [number, 2],
+            flash: [number, 3],
+            overruns: number,
+            instructions: number,
+        };
+        let mut all = End::default();
+        all.add(end(1, &["a"], 7));
+        all.add(end(2, &["b", "a"], 5));
+        let expected = End {
+            stack: [7, 100],
+            radio_on: [12, 2],
+            received: [12, 4],
+            flash: [12, 6],
+            ..end(2, &["a", "b"], 12)
+        };
+        assert_eq!(all, expected);
     }
 
     #[test]

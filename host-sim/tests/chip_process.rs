@@ -9,6 +9,7 @@ use std::{
     env,
     fs::{self, File},
     io::{self, BufReader, Write as _},
+    net::{Ipv4Addr, TcpListener},
     os::unix::{fs::PermissionsExt, process::CommandExt},
     path::{Path, PathBuf},
     process::{Child, Command, Output, Stdio},
@@ -17,7 +18,7 @@ use std::{
 };
 
 use answers::record::RunRecord;
-use chip_pipe::{Order, Orders, Reports, read, write};
+use chip_pipe::{Deed, Order, Orders, Reports, Wires, read, write};
 use host_sim::network::CHIP_IMAGE;
 use small::SMALL;
 use tempfile::TempDir;
@@ -30,6 +31,53 @@ const NOTES: &str = "notes";
 const ENDS: [&str; 2] = ["ends at start 1", "ends at start 2"];
 /// It goes on to the end.
 const STAYS: &str = "stays";
+/// It does not answer any more once node 3 has started, as if GDB had it stand still.
+const WAITS: &str = "waits";
+/// The chip of node 3 does something at each of its starts; the process ends at the second one.
+const DOES_WELL: &str = "does well";
+const RESTARTS: &str = "restarts";
+const FAILS: &str = "fails";
+const OTHER_PAGE: &str = "does not know its page";
+const OTHER_PINS: &str = "sends elsewhere";
+const OTHER_RATE: &str = "sends too fast";
+const OTHER_BUS: &str = "has its bus elsewhere";
+const OTHER_MEMORY: &str = "has its memory elsewhere";
+
+/// What it does there.
+fn deeds(does: &str) -> Vec<Deed> {
+    let restarts = |by: &str, has_settings| Deed::Restarts {
+        by: by.into(),
+        has_settings,
+    };
+    let logs = |line: &str| Deed::Logs(line.into());
+    let uart = |pins, rate| Deed::Uart(Wires { pins, rate });
+    let bus = |pins| {
+        let rate = 250_000;
+        Deed::I2c(Wires { pins, rate })
+    };
+    match does {
+        DOES_WELL => vec![
+            restarts("Core", true),
+            logs("error memory: Ram"),
+            uart([34, 33], 38_330),
+            bus([26, 27]),
+        ],
+        RESTARTS => vec![
+            restarts("Core", true),
+            restarts("Core", false),
+            logs("error before that: src/radio.rs:7 no frame"),
+            logs("error stopped: the radio failed"),
+            restarts("Model(\"WDT\")", false),
+        ],
+        FAILS => vec![Deed::Fails("a model panicked".into())],
+        OTHER_PAGE => vec![logs("error no configuration: Version { found: 9 }")],
+        OTHER_PINS => vec![uart([6, 8], 38_330)],
+        OTHER_RATE => vec![uart([34, 33], 250_000)],
+        OTHER_BUS => vec![bus([27, 26])],
+        OTHER_MEMORY => vec![Deed::Memory(vec![(0, vec![0xff; 4096])])],
+        _ => Vec::new(),
+    }
+}
 
 /// Where this computer's programs are.
 const SYSTEM: &str = "/usr/bin:/bin";
@@ -41,12 +89,15 @@ fn stands_for_chips() {
     let Ok(does) = env::var(DOES) else {
         return;
     };
-    let end = ENDS.iter().position(|end| *end == does);
+    let done = deeds(&does);
+    let ends = ENDS.iter().position(|end| *end == does);
+    let end = ends.or((!done.is_empty()).then_some(1));
     let mut orders = BufReader::new(io::stdin().lock());
     let mut reports = File::options().write(true).open("/dev/fd/3").unwrap();
     let mut notes = File::create(NOTES).unwrap();
     let (mut starts, mut reached) = (0, 0);
     while let Some(told) = read(&mut orders).unwrap() {
+        let mut deeds = Vec::new();
         match told {
             Orders::Run { orders, until } => {
                 for (number, order) in orders {
@@ -55,7 +106,13 @@ fn stands_for_chips() {
                         if end == Some(starts) {
                             std::process::exit(3);
                         }
+                        if does == WAITS {
+                            loop {
+                                thread::park();
+                            }
+                        }
                         starts += 1;
+                        deeds = done.iter().map(|deed| (until, 3, deed.clone())).collect();
                     }
                 }
                 reached = until;
@@ -64,7 +121,6 @@ fn stands_for_chips() {
             Orders::End => writeln!(notes, "end").unwrap(),
             Orders::Load(_) | Orders::Debug(..) => continue,
         }
-        let deeds = Vec::new();
         write(
             &mut reports,
             &Reports {
@@ -77,6 +133,41 @@ fn stands_for_chips() {
     }
 }
 
+/// ELF's number of a processor.
+const ARM: u16 = 40;
+
+/// An ELF file of two vectors at an address, and one section.
+fn elf(machine: u16, address: u32, section: &[u8; 6]) -> Vec<u8> {
+    let vectors = [0x2004_0000, address + 0x101];
+    let names = [b"\0".as_slice(), section, b"\0.shstrtab\0\0\0"].concat();
+    let mut file = b"\x7fELF\x01\x01\x01".to_vec();
+    file.resize(16, 0);
+    let halves = [
+        [2, machine, 1, 0, 0x101, 0],
+        // Where programs and sections begin, and how long their entries are and how many.
+        [52, 0, 112, 0, 0, 0],
+        [52, 32, 1, 40, 3, 2],
+    ];
+    file.extend(halves.concat().into_iter().flat_map(u16::to_le_bytes));
+    // The program, at the end of this table.
+    let program = [1, 84, address, address, 8, 8, 5, 4];
+    let sections = [
+        [0; 10],
+        [1, 1, 0, 0, 84, 0, 0, 0, 1, 0],
+        [8, 3, 0, 0, 92, 18, 0, 0, 1, 0],
+    ];
+    let words = program.into_iter().chain(vectors);
+    file.extend(words.flat_map(u32::to_le_bytes));
+    file.extend(names);
+    file.extend(
+        sections
+            .concat()
+            .iter()
+            .flat_map(|word: &u32| word.to_le_bytes()),
+    );
+    file
+}
+
 /// A folder as that of the sources, in which everything is built.
 struct Sources(TempDir);
 
@@ -84,9 +175,8 @@ impl Sources {
     fn new() -> Self {
         let sources = Self(TempDir::new().unwrap());
         sources.write("nrf52840-emulator/Cargo.toml", "");
-        // Any program.
         sources.write(CHIP_IMAGE, "");
-        fs::copy("/bin/sh", sources.path(CHIP_IMAGE)).unwrap();
+        fs::write(sources.path(CHIP_IMAGE), elf(ARM, 0, b".defmt")).unwrap();
         sources.program("bin/cargo", "exit 0");
         let this = env::current_exe().unwrap();
         let script = format!(
@@ -151,7 +241,10 @@ fn what_is_missing_is_told_with_what_to_type() {
     let sources = Sources::new();
     let command = || sources.host_sim("lab", STAYS);
     let toolchain = "`rustup toolchain install 1.98.0`";
-    refused(command().env("PATH", "/nowhere"), toolchain);
+    refused(
+        command().env("PATH", "/nowhere"),
+        "`cargo` cannot be started",
+    );
     sources.program("bin/cargo", "exit 101");
     refused(&mut command(), toolchain);
     let elsewhere = TempDir::new().unwrap();
@@ -163,10 +256,125 @@ fn what_is_missing_is_told_with_what_to_type() {
             .current_dir(elsewhere.path()),
         "no folder nrf52840-emulator here",
     );
-    fs::write(sources.path(CHIP_IMAGE), "no machine code").unwrap();
-    refused(&mut command(), "is no program for a chip");
+    let shell = fs::read("/bin/sh").unwrap();
+    for other in [
+        b"no machine code".to_vec(),
+        shell,
+        elf(62, 0, b".defmt"),
+        elf(ARM, 0x0800_0000, b".defmt"),
+        elf(ARM, 0, b".other"),
+    ] {
+        fs::write(sources.path(CHIP_IMAGE), other).unwrap();
+        refused(&mut command(), "is no program for an nRF52840");
+    }
     fs::remove_file(sources.path(CHIP_IMAGE)).unwrap();
     refused(&mut command(), "type `cargo xtask firmware`");
+}
+
+/// Whoever waits minutes knows for what; and what a configuration of cargo has put elsewhere is not run.
+#[test]
+fn what_was_not_built_yet_is_told() {
+    let sources = Sources::new();
+    fs::remove_file(sources.path("target/chip/release/chips")).unwrap();
+    let output = sources.host_sim("lab", STAYS).output().unwrap();
+    let stderr = String::from_utf8_lossy(&output.stderr);
+    let mut lines = stderr.lines();
+    assert!(lines.next().unwrap().starts_with("building"), "{stderr}");
+    assert!(
+        lines.next().unwrap().contains("was built, but is not in"),
+        "{stderr}"
+    );
+    assert_eq!(output.status.code(), Some(2), "{stderr}");
+}
+
+/// Before anything is built, and before anybody waits.
+#[test]
+fn a_node_or_port_that_gdb_cannot_have_is_told() {
+    let sources = Sources::new();
+    let taken = TcpListener::bind((Ipv4Addr::LOCALHOST, 0)).unwrap();
+    let port = taken.local_addr().unwrap().port();
+    let small = sources.small(0.5);
+    let gdb = |what: &str| {
+        let mut command = sources.host_sim(&small, STAYS);
+        command.args(["--gdb", what]);
+        command
+    };
+    refused(
+        &mut gdb(&format!("3:{port}")),
+        &format!("port {port} of this computer is taken"),
+    );
+    sources.program("bin/cargo", "exit 101");
+    refused(
+        &mut gdb("99"),
+        "there is no node 99; there are 1, 2, 3, 20, ",
+    );
+    for wrong in ["x", "3:", "3:0", "3:65536"] {
+        let output = gdb(wrong).output().unwrap();
+        let stderr = String::from_utf8_lossy(&output.stderr);
+        assert!(stderr.contains("such as 3:3334"), "{stderr}");
+    }
+}
+
+/// The first network whose node 3 cannot go on, and why. Who restarts by itself goes on.
+#[test]
+fn what_chips_cannot_do_ends_the_run_with_words() {
+    let sources = Sources::new();
+    let small = sources.small(0.5);
+    for (does, expected) in [
+        (
+            FAILS,
+            "the chip of node 3 cannot be emulated: a model panicked",
+        ),
+        (
+            OTHER_PAGE,
+            "the configuration page of node 3 (Version { found: 9 })",
+        ),
+        (
+            OTHER_PINS,
+            "its UART has P0.06 and P0.08, where the board has P1.02 and P1.01",
+        ),
+        (
+            OTHER_RATE,
+            "its UART has 250000 baud, where its line has 38400",
+        ),
+        (
+            OTHER_BUS,
+            "its I2C bus has P0.27 and P0.26, where the board has P0.26 and P0.27",
+        ),
+        (OTHER_MEMORY, "do not tell what is in the flash of node 3"),
+        (DOES_WELL, "the process with the emulated chips has failed"),
+    ] {
+        refused(&mut sources.host_sim(&small, does), expected);
+    }
+}
+
+/// A panic, or a watchdog that bites, is in the record with what the image says of it; what a first start is for is no
+/// failure.
+#[test]
+fn a_chip_that_restarts_has_failed() {
+    let sources = Sources::new();
+    let small = sources.small(0.5);
+    let json = sources.path("run.json");
+    let failures = |does| {
+        let mut command = sources.host_sim(&small, does);
+        command.arg("--json").arg(&json);
+        refused(
+            &mut command,
+            "the process with the emulated chips has failed",
+        );
+        let record = RunRecord::from_json(&fs::read_to_string(&json).unwrap()).unwrap();
+        let node = record.nodes.into_iter().find(|node| node.id == 3).unwrap();
+        node.failures
+            .into_iter()
+            .map(|failure| failure.why)
+            .collect::<Vec<_>>()
+    };
+    let told = [
+        "its program restarts it: src/radio.rs:7 no frame",
+        "its watchdog restarts it: the radio failed",
+    ];
+    assert_eq!(failures(RESTARTS), told);
+    assert_eq!(failures(DOES_WELL), [""; 0]);
 }
 
 /// Whatever has happened until then, results are of what was before, and no table pretends to be more.
@@ -255,6 +463,36 @@ fn who_interrupts_a_run_still_hears_what_chips_knew() {
     assert_eq!(sources.notes()[1..], ["end"]);
 }
 
+/// Nobody has connected GDB, and nothing moves.
+#[test]
+fn who_interrupts_a_run_that_waits_for_gdb_need_do_so_once() {
+    let sources = Sources::new();
+    let mut command = sources.host_sim(&sources.small(1e6), WAITS);
+    let gdb = format!("3:{}", free_port());
+    command
+        .args(["--gdb", &gdb])
+        .stdout(Stdio::null())
+        .stderr(Stdio::null());
+    let mut simulation = Running(command.spawn().unwrap());
+    wait_until(|| {
+        assert_eq!(simulation.0.try_wait().unwrap(), None);
+        sources.notes().len() == 1
+    });
+    let chips = children(simulation.0.id());
+    assert_eq!(chips.len(), 1, "{chips:?}");
+    let pid = simulation.0.id().to_string();
+    let kill = Command::new("kill").args(["-INT", &pid]).status();
+    assert!(kill.unwrap().success());
+    assert_eq!(simulation.0.wait().unwrap().code(), Some(130));
+    assert!(!is_running(&chips[0]));
+}
+
+/// One that nobody has now.
+fn free_port() -> u16 {
+    let listener = TcpListener::bind((Ipv4Addr::LOCALHOST, 0)).unwrap();
+    listener.local_addr().unwrap().port()
+}
+
 /// The processes that this one has started and that have not ended.
 fn children(of: u32) -> Vec<PathBuf> {
     let is_child = |process: &PathBuf| {
@@ -274,24 +512,51 @@ fn is_running(process: &Path) -> bool {
     stat.is_ok_and(|stat| !stat.rsplit(") ").next().unwrap().starts_with('Z'))
 }
 
+/// `host-sim run lab` on the image that is flashed.
+fn lab() -> Command {
+    let image = env::var_os("NODE_IMAGE").expect("NODE_IMAGE is not set");
+    let mut command = Command::new(env!("CARGO_BIN_EXE_host-sim"));
+    command
+        .args(["run", "lab", "--backend", "nrf52840", "--image"])
+        .arg(image)
+        // What emulates chips is found from there.
+        .current_dir(Path::new(env!("CARGO_MANIFEST_DIR")).join(".."))
+        .stdout(Stdio::null())
+        .stderr(Stdio::null());
+    command
+}
+
+/// Whoever debugs a node and is killed leaves nobody who has the port.
+#[test]
+#[ignore = "`cargo xtask test --stage chip`"]
+fn chips_that_wait_for_gdb_do_not_outlive_the_simulation() {
+    let port = free_port();
+    // Not tried: chips could not have it meanwhile.
+    let is_taken = || {
+        let all = fs::read_to_string("/proc/net/tcp").unwrap();
+        all.contains(&format!(":{port:04X} 00000000:0000 0A"))
+    };
+    let mut command = lab();
+    command.args(["--gdb", &format!("3:{port}")]);
+    let mut simulation = Running(command.spawn().unwrap());
+    wait_until(|| {
+        assert_eq!(simulation.0.try_wait().unwrap(), None);
+        is_taken()
+    });
+    let chips = children(simulation.0.id());
+    assert_eq!(chips.len(), 1, "{chips:?}");
+    drop(simulation);
+    // The port is free with its last thread.
+    wait_until(|| !is_running(&chips[0]) && !is_taken());
+}
+
 /// Nothing of host-sim runs any more when it is killed, but the chips end with it.
 #[test]
 #[ignore = "`cargo xtask test --stage chip`"]
 fn chips_do_not_outlive_the_simulation() {
-    let image = env::var_os("NODE_IMAGE").expect("NODE_IMAGE is not set");
     let log = TempDir::new().unwrap();
     let log = log.path().join("log");
-    let command = Command::new(env!("CARGO_BIN_EXE_host-sim"))
-        .args(["run", "lab", "--backend", "nrf52840", "--image"])
-        .arg(image)
-        .arg("--log")
-        .arg(&log)
-        // What emulates chips is found from there.
-        .current_dir(Path::new(env!("CARGO_MANIFEST_DIR")).join(".."))
-        .stdout(Stdio::null())
-        .stderr(Stdio::null())
-        .spawn();
-    let mut simulation = Running(command.unwrap());
+    let mut simulation = Running(lab().arg("--log").arg(&log).spawn().unwrap());
     // They are in the middle of it.
     wait_until(|| {
         assert_eq!(simulation.0.try_wait().unwrap(), None);

@@ -60,7 +60,7 @@ fn run_watched(
     let image = env::var_os("NODE_IMAGE").unwrap_or_else(|| CHIP_IMAGE.into());
     let (pcap, log) = (Pages::default(), Pages::default());
     let options = Options {
-        chips: Some(Chips::of(Path::new(&image)).unwrap()),
+        chips: Some(Chips::of(Path::new(&image), || ()).unwrap()),
         pcap: Some(Box::new(pcap.clone())),
         log: Some(Box::new(log.clone())),
         further_stops,
@@ -96,6 +96,8 @@ fn run_watched(
         assert!((1_000..all).contains(&used), "node {id}: {used} {all}");
     }
     for node in &record.nodes {
+        // No chip restarts by itself but when its settings are new.
+        assert_eq!(node.failures, [], "node {}", node.id);
         let role = match node.role {
             Role::Coordinator => "coordinator",
             Role::Camera if node.reference => "reference",

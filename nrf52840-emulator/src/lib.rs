@@ -24,6 +24,6 @@ mod soc;
 pub use self::{
     bare::print,
     network::{Deed, Input, Network, run},
-    node::{MEMORY, Node, Outcome, Reset, SETTINGS},
+    node::{MEMORY, Node, Outcome, Reset, SETTINGS, Time},
     soc::{Board, Soc},
 };

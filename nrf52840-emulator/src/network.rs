@@ -11,7 +11,7 @@ use std::{
     thread::{self, JoinHandle},
 };
 
-use chip_pipe::one_cpu::OneCpu;
+use chip_pipe::{Wires, one_cpu::OneCpu};
 
 use crate::{
     node::{self, Node, Outcome},
@@ -55,6 +55,8 @@ pub enum Input {
     /// In the middle of the next work on its flash it stands still, and what is there then is what it leaves:
     /// power is about to go.
     StandInWrite,
+    /// A node has lost its power: what it sends now is not received whole.
+    CutOff(usize),
     /// Something that is no frame is on a FREQUENCY, or on all, until an instant.
     Jammed(u64, Option<u32>),
     /// From an instant on something pulls these inputs of a port down, a bit each, and no others: buttons.
@@ -71,7 +73,7 @@ impl Input {
         match self {
             Self::Frame(frame, _) => frame.start,
             Self::Byte(at, _) | Self::Pulls(at, ..) => *at,
-            Self::StandInWrite | Self::Jammed(..) | Self::WearOut => u64::MAX,
+            Self::CutOff(_) | Self::StandInWrite | Self::Jammed(..) | Self::WearOut => u64::MAX,
             // At once.
             Self::Rot(_) => 0,
         }
@@ -85,14 +87,18 @@ pub enum Deed {
     Sends(Frame),
     /// It begins to send these bytes on UARTE0, one after the other.
     Bytes(Vec<u8>),
+    /// UARTE0 sends and receives over these wires from now on.
+    Uart(Wires),
+    /// TWIM0 has data and clock on these wires from now on.
+    I2c(Wires),
     /// What the pins of a port drive has changed: the port, and its pins; those of inputs count as high.
     Pins(u8, u32),
     /// Bytes of the first channel of RTT.
     Log(Vec<u8>),
     /// It stands in the middle of [work on its flash](Input::StandInWrite) that takes so many nanoseconds.
     Writes(u64),
-    /// It restarts, by order of `Core` or a peripheral.
-    Reset(String),
+    /// It restarts, by order of `Core` or a peripheral; whether it had written UICR, which is valid from now on.
+    Reset(String, bool),
     /// It has ended by itself: why.
     Fails(String),
 }

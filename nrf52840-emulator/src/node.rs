@@ -70,11 +70,12 @@ impl fmt::Debug for Node {
 }
 
 /// What a chip's clocks show.
-#[derive(Clone, Copy, Debug)]
-struct Time {
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Time {
     /// When power came.
-    since: u64,
-    drift_ppb: i32,
+    pub since: u64,
+    /// How much faster than true they run, 1e-9.
+    pub drift_ppb: i32,
 }
 
 impl Time {
@@ -84,7 +85,8 @@ impl Time {
         Self::BILLION.saturating_add_signed(self.drift_ppb.into())
     }
 
-    fn local(self, truth: u64) -> u64 {
+    /// Nanoseconds since power came, as they count at an instant.
+    pub fn local(self, truth: u64) -> u64 {
         let passed = u128::from(truth.saturating_sub(self.since));
         (passed * self.rate() / Self::BILLION) as u64
     }
@@ -306,11 +308,16 @@ impl Run {
     fn deeds(&mut self, session: &mut Session<Board>, now: u64) -> Vec<(u64, Deed)> {
         let resets = session.resets().iter().skip(self.resets);
         let soc = &session.board().soc;
-        let mut deeds: Vec<_> = resets
-            .map(|reset| (reset.at.0, Deed::Reset(soc.by(reset.at, reset.cause))))
+        let resets: Vec<_> = resets
+            .map(|reset| (reset.at.0, soc.by(reset.at, reset.cause)))
             .collect();
-        self.resets += deeds.len();
+        self.resets += resets.len();
         let soc = &mut session.board_mut().soc;
+        let settings = &mut soc.nvmc.model.has_settings;
+        let mut deeds = Vec::new();
+        for (at, by) in resets {
+            deeds.push((at, Deed::Reset(by, core::mem::take(settings))));
+        }
         let time = self.time;
         for mut frame in core::mem::take(&mut soc.radio.model.sent) {
             let starts = frame.start;
@@ -323,6 +330,10 @@ impl Run {
                 .into_iter()
                 .map(|(at, bytes)| (at, Deed::Bytes(bytes))),
         );
+        let uart = core::mem::take(&mut soc.uarte.model.wired);
+        deeds.extend(uart.into_iter().map(|(at, wires)| (at, Deed::Uart(wires))));
+        let i2c = core::mem::take(&mut soc.twim.model.wired);
+        deeds.extend(i2c.into_iter().map(|(at, wires)| (at, Deed::I2c(wires))));
         let [pins, log] = &mut self.told;
         let changes = soc.gpio.model.changes.iter().skip(*pins);
         deeds.extend(changes.map(|&(at, port, level)| (at, Deed::Pins(port, level))));
@@ -490,6 +501,7 @@ impl Run {
                 frame.start = time.local(frame.start);
                 soc.hear(now, frame, arrival);
             }
+            Input::CutOff(node) => soc.radio.model.cut_off(node, now.0),
             Input::Byte(at, byte) => soc.deliver(now, byte, time.local(at)),
             Input::StandInWrite => self.is_to_stand = true,
             Input::Jammed(until, frequency) => {

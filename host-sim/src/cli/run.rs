@@ -17,6 +17,7 @@ use host_sim::live::{animation, report};
 use host_sim::network::{CHIP_IMAGE, Chips, Onlooker, Options, Progress, Simulation, TrackRow};
 use indicatif::{ProgressBar, ProgressStyle};
 use node_firmware::limits::CONSOLE_BAUD;
+use site::{Network, Site, coordinator_id};
 
 use super::{
     and,
@@ -67,10 +68,10 @@ pub(super) struct Arguments {
     /// The image for emulated chips. Default: what `cargo xtask firmware` makes.
     #[arg(long, value_name = "FILE.elf")]
     image: Option<PathBuf>,
-    /// GDB connects to this node, an emulated nRF52840, with `target remote :3333`: at each of its starts
-    /// the network waits for that.
-    #[arg(long, value_name = "NODE")]
-    gdb: Option<u16>,
+    /// GDB connects to this node, an emulated nRF52840, with `target remote :3333`, or to another port with
+    /// `NODE:PORT`: at each of its starts the network waits for that.
+    #[arg(long, value_name = "NODE", value_parser = values::gdb)]
+    gdb: Option<(u16, Option<u16>)>,
     /// After the calibration, have all cameras track the scenario's objects for so many seconds, or two that
     /// walk about at random if it has none.
     #[arg(long, value_name = "S", value_parser = values::seconds, conflicts_with = "console", allow_negative_numbers = true)]
@@ -178,19 +179,34 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
             "node {node} has two ports: leave one out"
         );
     }
-    let chips = match arguments.backend {
+    if let Some((node, _)) = arguments.gdb {
+        let site = scenario.rehearsed();
+        let (_, site) = site.map_err(|error| arguments.scenario.named(error))?;
+        let nodes = ids(&site);
+        ensure!(
+            nodes.contains(&node),
+            "there is no node {node}; there are {}",
+            nodes
+                .iter()
+                .map(u16::to_string)
+                .collect::<Vec<_>>()
+                .join(", ")
+        );
+    }
+    let mut chips = match arguments.backend {
         Backend::Nrf52840 => {
-            let mut chips = Chips::of(image)?;
-            if let Some(node) = arguments.gdb {
-                chips.debug(node, GDB_PORT)?;
-                tell(format_args!("node {node}: target remote :{GDB_PORT}"));
-            }
-            Some(chips)
+            let building = || tell("building what emulates the chips, once: some minutes");
+            Some(Chips::of(image, building)?)
         }
         Backend::Host => None,
     };
     let [pcap, log] = [&arguments.pcap, &arguments.log].map(|path| path.as_deref().map(Late::new));
     let stop = interrupt::watch()?;
+    if let (Some(chips), Some((node, port))) = (&mut chips, arguments.gdb) {
+        let port = port.unwrap_or(GDB_PORT);
+        chips.debug(node, port, stop.clone())?;
+        tell(format_args!("node {node}: target remote :{port}"));
+    }
     let options = Options {
         speed,
         chips,
@@ -205,9 +221,6 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
     };
     let mut simulation =
         Simulation::new(scenario, options).map_err(|error| arguments.scenario.named(error))?;
-    if let Some(node) = arguments.gdb {
-        ensure!(simulation.config(node).is_some(), "there is no node {node}");
-    }
     for (node, path) in &arguments.port {
         simulation.connect_camera(*node, path)?;
     }
@@ -295,6 +308,18 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
         Some(trouble) => and(ended, Err(trouble.into())),
         None => ended,
     }
+}
+
+/// All nodes of a site.
+fn ids(site: &Site) -> BTreeSet<u16> {
+    let networks = (0..).zip(&site.networks);
+    let of_network = |(number, network): (u16, &Network)| {
+        let cameras = network.cameras.iter().map(|camera| camera.id);
+        let targets = network.targets.iter().map(|target| target.id);
+        let all = cameras.chain(targets).chain([coordinator_id(number)]);
+        all.collect::<Vec<_>>()
+    };
+    networks.flat_map(of_network).collect()
 }
 
 /// What emulated chips did that the specification forbids, and how deep their stacks were.

@@ -81,6 +81,23 @@ pub(super) fn port(text: &str) -> Result<(u16, String), String> {
         .ok_or_else(|| "a node and its port are needed, such as 3=/dev/ttyUSB0".to_owned())
 }
 
+/// A node, and a port for GDB: `NODE`, or `NODE:PORT`.
+pub(super) fn gdb(text: &str) -> Result<(u16, Option<u16>), String> {
+    let (node, port) = match text.split_once(':') {
+        Some((node, port)) => (node, Some(port)),
+        None => (text, None),
+    };
+    let port = port.map(|port| port.parse().ok().filter(|port| *port > 0));
+    match (node.parse(), port) {
+        (Ok(node), None) => Ok((node, None)),
+        (Ok(node), Some(Some(port))) => Ok((node, Some(port))),
+        _ => Err(
+            "a node is needed, such as 3, or with a port from 1 to 65535, such as 3:3334"
+                .to_owned(),
+        ),
+    }
+}
+
 /// The link of a network's console: `PTY`, or `N:PTY`.
 pub(super) fn console(text: &str) -> Result<(usize, PathBuf), String> {
     let numbered = text.split_once(':');

@@ -226,6 +226,13 @@ impl Journal {
         self.node(id).failures.push((now, why.to_owned()));
     }
 
+    /// Only now the node tells why it could not go on when it last [failed](Self::failed).
+    pub(super) fn failed_since(&mut self, id: u16, why: &str) {
+        if let Some((_, known)) = self.node(id).failures.last_mut() {
+            *known = format!("{known}: {why}");
+        }
+    }
+
     /// A line of the log.
     pub(super) fn note(&mut self, id: u16, what: Arguments<'_>) {
         if let Some(log) = &mut self.log {

@@ -622,7 +622,7 @@ impl Node {
             seed: self.next_seed(),
         };
         let error = board.run(surroundings).await;
-        self.note(&error.to_string());
+        (self.journal.borrow_mut()).failed(self.config.id, &error.to_string());
         self.trouble.borrow_mut().get_or_insert(error);
     }
 

@@ -5,7 +5,10 @@
 use std::{collections::BTreeMap, env};
 
 use answers::record::Role;
-use node_firmware::facts::{Fact, FactKey};
+use node_firmware::{
+    facts::{Fact, FactKey, KeptSighting},
+    limits::SIGHTINGS,
+};
 use rand::RngExt;
 use site::{Action, ScriptedEvent};
 use virtual_bench::random::Root;
@@ -17,7 +20,8 @@ const AT_ONCE: u64 = 100;
 /// Some of them in the stage, besides those of other tests.
 const USUAL: u64 = 30;
 
-/// Facts of a node that must not vanish, by their keys: what they say may become better.
+/// Facts of a node that must not vanish, by their keys: what they say may become better, but what a camera saw at a
+/// stop stays what it saw.
 type Known = BTreeMap<u8, Fact>;
 
 fn known(facts: &[Fact]) -> Known {
@@ -45,9 +49,20 @@ fn lost(before: &Known, now: &Known) -> Vec<FactKey> {
     };
     let is_posed = report.is_some_and(|report| report.pose().is_some());
     let has_duty = report.is_some_and(|report| report.duty.is_some());
+    let kept = |fact: &Fact| match fact {
+        Fact::Sighting(_, kept) => *kept,
+        _ => None,
+    };
+    // Of more than it has room for a camera keeps the last.
+    let is_full = now.values().filter_map(kept).count() == SIGHTINGS;
+    let is_known = |was: &KeptSighting| {
+        let mut all = now.values().filter_map(kept);
+        let key = |kept: &KeptSighting| (kept.target, kept.stop);
+        all.any(|is| key(&is) == key(was) && is.seen == was.seen)
+    };
     let is_lost = |(record, was): &(&u8, &Fact)| match (was, now.get(*record)) {
         (Fact::ReferenceStop(..), None) => !is_posed,
-        (Fact::Sighting(..), None) => !has_duty,
+        (Fact::Sighting(_, Some(was)), _) => !(has_duty || is_full || is_known(was)),
         (_, None) => true,
         (Fact::Network(was), Some(Fact::Network(is))) => is != was,
         (Fact::Report(Some(was)), Some(Fact::Report(Some(is)))) => {
@@ -113,9 +128,11 @@ fn calibration_with_cuts(count: u64, seed: u64) -> [usize; 3] {
         assert!(is_known, "seed {seed}: node {} is no member", node.id);
     }
     println!("{} of 7 cameras are calibrated", record.summary.calibrated);
-    // A target that missed steps does not know any more where it is, and poses stay less certain than asked for. With
-    // a cut every two seconds nobody sees enough.
-    assert!(has_cut_target || count > USUAL || record.summary.calibrated == 7);
+    // The stage's few cuts, which spare the target, keep no camera from its pose. A target that missed steps does not
+    // know any more where it is, and poses stay less certain than asked for; with a cut every two seconds, as in the
+    // bench, nobody sees enough. There it is asserted only that some are calibrated.
+    let is_spared = !has_cut_target && count <= USUAL;
+    assert!(record.summary.calibrated >= if is_spared { 7 } else { 1 });
     let log = String::from_utf8_lossy(&log);
     let made = log.matches("loses its power").count();
     let torn = log.matches("in the middle of a write").count();
@@ -304,7 +321,7 @@ fn power_cuts_over_a_calibration_lose_nothing() {
     while left > 0 {
         let [made, torn, facts] = calibration_with_cuts(left.min(AT_ONCE), seed);
         println!("seed {seed}: {made} cuts, {torn} in a write; {facts} facts, none lost");
-        assert!(made > 0);
+        assert!(made > 0 && torn > 0);
         left = left.saturating_sub(made as u64);
         seed += 1;
         all = [all[0] + made, all[1] + torn];

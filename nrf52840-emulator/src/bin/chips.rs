@@ -8,15 +8,21 @@ use std::{
     io::{self, BufReader, BufWriter, StdinLock, StdoutLock},
     net::{Ipv4Addr, TcpListener},
     path::PathBuf,
+    process,
     sync::Arc,
+    thread,
 };
 
 use chip_pipe::{Contents, Deed, End, Frame, Order, Orders, Reception, Reports, read, write};
 use defmt_decoder::{DecodeError, StreamDecoder, Table};
 use nrf52840_emulator::{
-    self as emulator, Input, Network, Node, Outcome,
+    self as emulator, Input, Network, Node, Outcome, Time,
     device::{self, Motion, Samples, World},
     peripheral::{self, Arrival, Wire},
+};
+use rustix::{
+    event::{PollFd, PollFlags, poll},
+    io::Errno,
 };
 
 /// Sensitivity of the scale of levels, dBm (Product Specification, "RADIO", `ED_RSSIOFFS`), and its end.
@@ -39,6 +45,11 @@ fn main() -> Result<()> {
         Some(_) => return Err("there is no program yet".into()),
         None => return Ok(()),
     };
+    // A chip may wait for GDB for ever.
+    thread::spawn(|| {
+        while !is_alone() {}
+        process::exit(0);
+    });
     let elf = fs::read(&image)?;
     let table = Table::parse(&elf)?.ok_or("the program logs nothing")?;
     let mut chips = Chips {
@@ -53,12 +64,12 @@ fn main() -> Result<()> {
         let reports = match orders {
             Orders::Run { orders, until } => {
                 for (number, order) in orders {
-                    chips.obey(number, order)?;
+                    chips.obey(number, order);
                 }
                 chips.run(until)
             }
             Orders::Look => chips.look(),
-            Orders::End => chips.end()?,
+            Orders::End => chips.end(),
             Orders::Debug(number, port) => {
                 chips.debugged = Some((number, port));
                 continue;
@@ -70,6 +81,14 @@ fn main() -> Result<()> {
     Ok(())
 }
 
+/// Waits until the simulation has ended; false where a signal has come before that.
+fn is_alone() -> bool {
+    let stdin = io::stdin();
+    // What comes to be read is for others: only the end of it is waited for.
+    let mut pipe = [PollFd::new(&stdin, PollFlags::empty())];
+    poll(&mut pipe, None) != Err(Errno::INTR)
+}
+
 /// To the simulation and from it.
 struct Pipe {
     orders: BufReader<StdinLock<'static>>,
@@ -78,11 +97,12 @@ struct Pipe {
 
 /// A chip, with power or without.
 struct Chip<'a> {
-    /// What its flash held when its power went.
+    /// What its flash held when its power went, and what else was known then.
     flash: Vec<Contents>,
+    end: End,
     log: Box<dyn StreamDecoder + Send + Sync + 'a>,
-    /// When power came, and what its step sensor feels since.
-    since: u64,
+    /// What its clocks show, and what its step sensor feels by them.
+    time: Time,
     world: Arc<Samples>,
     is_worn: bool,
 }
@@ -99,7 +119,7 @@ struct Chips<'a> {
 }
 
 impl<'a> Chips<'a> {
-    fn obey(&mut self, number: u32, order: Order) -> Result<()> {
+    fn obey(&mut self, number: u32, order: Order) {
         let index = number as usize;
         match order {
             Order::On {
@@ -110,15 +130,13 @@ impl<'a> Chips<'a> {
                 programmed,
             } => {
                 let table = self.table;
-                let chip = self.all.entry(number).or_insert_with(|| Chip {
-                    flash: Vec::new(),
-                    log: table.new_stream_decoder(),
-                    since: 0,
-                    world: Arc::default(),
-                    is_worn: false,
-                });
+                let chip = { self.all.entry(number) }
+                    .or_insert_with(|| Chip::new(table.new_stream_decoder()));
                 chip.log = table.new_stream_decoder();
-                chip.since = self.network.reached().max(at);
+                chip.time = Time {
+                    since: self.network.reached().max(at),
+                    drift_ppb,
+                };
                 chip.world = Arc::default();
                 let world: Arc<dyn World> = chip.world.clone();
                 let sensor = has_sensor.then(|| device::step_sensor(&world, seed));
@@ -129,7 +147,15 @@ impl<'a> Chips<'a> {
                 let debugged = self.debugged.filter(|(chip, _)| *chip == number);
                 let debugger = debugged
                     .map(|(_, port)| TcpListener::bind((Ipv4Addr::LOCALHOST, port)))
-                    .transpose()?;
+                    .transpose();
+                let debugger = match debugger {
+                    Ok(debugger) => debugger,
+                    Err(error) => {
+                        let why = format!("GDB cannot connect to it: {error}");
+                        let now = self.network.reached();
+                        return self.left.push((now, number, Deed::Fails(why)));
+                    }
+                };
                 let node = Node {
                     image: self.image.clone(),
                     flash,
@@ -149,8 +175,13 @@ impl<'a> Chips<'a> {
                 if let Some(outcome) = self.network.switch_off(index)
                     && let Some(chip) = self.all.get_mut(&number)
                 {
-                    chip.flash = outcome?.flash;
-                    let left = Deed::Memory(chip.flash.clone());
+                    let left = match outcome {
+                        Ok(outcome) => {
+                            chip.ends(outcome);
+                            Deed::Memory(chip.flash.clone())
+                        }
+                        Err(why) => Deed::Fails(why),
+                    };
                     self.left.push((self.network.reached(), number, left));
                 }
             }
@@ -189,6 +220,12 @@ impl<'a> Chips<'a> {
                 };
                 self.network.input(index, Input::Frame(frame, arrival));
             }
+            Order::CutOff(from) => {
+                for &other in self.all.keys().filter(|other| **other != number) {
+                    let input = Input::CutOff(from as usize);
+                    self.network.input(other as usize, input);
+                }
+            }
             Order::StandInWrite => self.network.input(index, Input::StandInWrite),
             Order::Jammed { until, channel } => {
                 let input = Input::Jammed(until, channel.map(frequency));
@@ -212,18 +249,10 @@ impl<'a> Chips<'a> {
             }
             Order::Moves(motions) => {
                 if let Some(chip) = self.all.get(&number) {
-                    for motion in motions {
-                        let known = Motion {
-                            acceleration: motion.acceleration,
-                            angular_rate: motion.angular_rate,
-                            field: motion.field,
-                        };
-                        chip.world.push(motion.at.saturating_sub(chip.since), known);
-                    }
+                    chip.moves(&motions);
                 }
             }
         }
-        Ok(())
     }
 
     fn run(&mut self, until: u64) -> Reports {
@@ -247,7 +276,9 @@ impl<'a> Chips<'a> {
                 emulator::Deed::Bytes(bytes) => Deed::Bytes(bytes),
                 emulator::Deed::Pins(port, level) => Deed::Pins(port, level),
                 emulator::Deed::Writes(takes) => Deed::Writes(takes),
-                emulator::Deed::Reset(by) => Deed::Restarts(by),
+                emulator::Deed::Uart(wires) => Deed::Uart(wires),
+                emulator::Deed::I2c(wires) => Deed::I2c(wires),
+                emulator::Deed::Reset(by, has_settings) => Deed::Restarts { by, has_settings },
                 emulator::Deed::Fails(why) => Deed::Fails(why),
                 emulator::Deed::Log(bytes) => {
                     let lines = self.all.get_mut(&number).map(|chip| chip.lines(&bytes));
@@ -280,24 +311,24 @@ impl<'a> Chips<'a> {
         }
     }
 
-    fn end(&mut self) -> Result<Reports> {
+    fn end(&mut self) -> Reports {
         let reached = self.network.reached();
         let mut deeds = Vec::new();
-        for (&number, chip) in &self.all {
-            let end = match self.network.switch_off(number as usize) {
-                Some(outcome) => end(outcome?),
-                None => End {
-                    memory: chip.flash.clone(),
-                    ..End::default()
-                },
-            };
-            deeds.push((reached, number, Deed::Ends(Box::new(end))));
+        for (&number, chip) in &mut self.all {
+            match self.network.switch_off(number as usize) {
+                Some(Ok(outcome)) => chip.ends(outcome),
+                Some(Err(why)) => deeds.push((reached, number, Deed::Fails(why))),
+                None => {}
+            }
+            // Without power bits may have flipped.
+            chip.end.memory.clone_from(&chip.flash);
+            deeds.push((reached, number, Deed::Ends(Box::new(chip.end.clone()))));
         }
-        Ok(Reports {
+        Reports {
             reached,
             next: u64::MAX,
             deeds,
-        })
+        }
     }
 }
 
@@ -306,7 +337,37 @@ fn frequency(channel: u8) -> u32 {
     u32::from(channel).saturating_sub(BELOW) * SPACING
 }
 
-impl Chip<'_> {
+impl<'a> Chip<'a> {
+    /// A blank one.
+    fn new(log: Box<dyn StreamDecoder + Send + Sync + 'a>) -> Self {
+        Self {
+            flash: Vec::new(),
+            end: End::default(),
+            log,
+            time: Time::default(),
+            world: Arc::default(),
+            is_worn: false,
+        }
+    }
+
+    /// Its power has gone.
+    fn ends(&mut self, outcome: Outcome) {
+        self.flash.clone_from(&outcome.flash);
+        self.end.add(end(outcome));
+    }
+
+    /// Its step sensor moves: the bus asks for that by the chip's own clock.
+    fn moves(&self, motions: &[chip_pipe::Motion]) {
+        for motion in motions {
+            let known = Motion {
+                acceleration: motion.acceleration,
+                angular_rate: motion.angular_rate,
+                field: motion.field,
+            };
+            self.world.push(self.time.local(motion.at), known);
+        }
+    }
+
     /// Bits flip in what it left.
     fn rot(&mut self, bits: &[(u64, u8)]) {
         for (address, bit) in bits {
@@ -365,5 +426,51 @@ fn end(outcome: Outcome) -> End {
         flash: [outcome.erased.len() as u64, outcome.written],
         overruns: outcome.overruns,
         instructions: outcome.instructions,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A log without an encoding of its own.
+    #[derive(Debug)]
+    struct Silent;
+
+    impl StreamDecoder for Silent {
+        fn received(&mut self, _: &[u8]) {}
+
+        fn decode(&mut self) -> std::result::Result<defmt_decoder::Frame<'_>, DecodeError> {
+            Err(DecodeError::UnexpectedEof)
+        }
+    }
+
+    /// After hours, too, a carrier's motion begins when it is told, and not when a clock that is wrong shows that time.
+    #[test]
+    fn motion_is_felt_when_it_begins() {
+        let hour = 3_600_000_000_000;
+        for drift_ppb in [0, 500_000, -500_000] {
+            let time = Time {
+                since: 7,
+                drift_ppb,
+            };
+            let chip = Chip {
+                time,
+                ..Chip::new(Box::new(Silent))
+            };
+            let motion = chip_pipe::Motion {
+                at: hour,
+                acceleration: [0.0; 3],
+                angular_rate: [1.0, 0.0, 0.0],
+                field: [0.0; 3],
+            };
+            chip.moves(&[motion]);
+            let turns = |at| chip.world.at(time.local(at)).angular_rate[0];
+            assert_eq!(
+                [turns(hour - 1_000), turns(hour)],
+                [0.0, 1.0],
+                "{drift_ppb}"
+            );
+        }
     }
 }

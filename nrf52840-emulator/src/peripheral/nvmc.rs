@@ -56,6 +56,8 @@ pub struct Nvmc {
     pub erased: Vec<(u64, u64)>,
     /// From when to when it wrote or erased: what power interrupts then is torn.
     pub operations: Vec<Range<u64>>,
+    /// UICR was written, which is valid from the next reset on.
+    pub has_settings: bool,
     /// Addresses that keep what they hold, whatever is written or erased: a fault of the chip.
     pub worn: Option<Range<u64>>,
 }
@@ -165,6 +167,7 @@ impl Model for Nvmc {
             return;
         }
         self.words += 1;
+        self.has_settings |= crate::SETTINGS.contains(&address);
         self.wanted.push_back((address, value));
         call.context.read_from(address, Width::W32, READ);
     }

@@ -253,6 +253,20 @@ impl Radio {
         });
     }
 
+    /// A node loses its power at an instant: what it sends then is not received whole.
+    pub fn cut_off(&mut self, node: usize, now: u64) {
+        let frames = self.air.iter_mut();
+        for heard in frames.filter(|heard| heard.frame.node == node && heard.frame.end() > now) {
+            // Not even if its beginning was not met yet.
+            heard.arrival.stands_out = false;
+            if let Some((start, of, is_whole)) = &mut self.reception
+                && (*start, *of) == (heard.frame.start, node)
+            {
+                *is_whole = false;
+            }
+        }
+    }
+
     /// Meets the edges of frames until now, in their order.
     fn catch_up(&mut self, call: &mut Call<'_, '_>) {
         let now = call.now();
@@ -795,6 +809,27 @@ mod tests {
         bench.pass(5_000 * US);
         assert!(bench.took(CRCERROR) && !bench.took(CRCOK));
         assert_eq!(bench.chip.model.model.received, [0, 1]);
+    }
+
+    /// In the middle of it, or before it has begun; not where it is over, nor what others send.
+    #[test]
+    fn what_is_cut_off_is_not_received_whole() {
+        for (at, node, received) in [
+            (1_200, 1, [0, 1]),
+            (900, 1, [0, 1]),
+            (4_000, 1, [1, 0]),
+            (1_200, 2, [1, 0]),
+        ] {
+            let mut bench = bench();
+            listen(&mut bench);
+            hear(&mut bench, frame(1_000 * US, 1), 40);
+            bench.pass(at * US - bench.now);
+            let now = bench.now;
+            bench.with(|radio, _| radio.cut_off(node, now));
+            bench.pass(5_000 * US);
+            let radio = &bench.chip.model.model;
+            assert_eq!(radio.received, received, "{at} {node}");
+        }
     }
 
     /// Who carries the frames says which of them survives: the first one, if at all.

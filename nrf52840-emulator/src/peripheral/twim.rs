@@ -2,6 +2,7 @@
 
 use std::collections::BTreeMap;
 
+use chip_pipe::Wires;
 use rigless::{soc::Width, time::EventId};
 
 use super::{Call, DONE, Model, READ, SHORTS, US};
@@ -9,6 +10,8 @@ use crate::device::Chip;
 
 const ERRORSRC: u16 = 0x4c4;
 const ENABLE: u16 = 0x500;
+const PSEL_SCL: u16 = 0x508;
+const PSEL_SDA: u16 = 0x50c;
 const FREQUENCY: u16 = 0x524;
 const RX_PTR: u16 = 0x534;
 const RX_MAX: u16 = 0x538;
@@ -25,9 +28,9 @@ pub(super) const HELD: u16 = 0xf00;
 
 /// After a reset: no pins, 250 kbit/s.
 pub(crate) const RESET: [(u16, u32); 3] = [
-    (0x508, u32::MAX),
-    (0x50c, u32::MAX),
     (FREQUENCY, 0x0400_0000),
+    (PSEL_SCL, u32::MAX),
+    (PSEL_SDA, u32::MAX),
 ];
 
 const STOPPED: u16 = 1;
@@ -66,6 +69,10 @@ pub struct Twim {
     pub chips: BTreeMap<u32, Box<dyn Chip>>,
     /// Transfers that ended.
     pub transfers: u64,
+    /// From when on it transfers over which wires, data and clock, to be taken.
+    pub wired: Vec<(u64, Wires)>,
+    /// The last of them.
+    wires: Option<Wires>,
     step: Option<(EventId, Step)>,
     bytes: Vec<u8>,
     error: u32,
@@ -90,6 +97,21 @@ impl Twim {
     }
 
     fn start(&mut self, step: Step, bytes: u32, call: &mut Call<'_, '_>) {
+        let pins = [PSEL_SDA, PSEL_SCL].map(|pin| call.get(pin));
+        if pins.iter().any(|pin| *pin >= Wires::NOT_CONNECTED) {
+            call.forbid(
+                "PSEL",
+                "a transfer over a pin that is not connected (\"TWIM\")",
+            );
+        }
+        let rate = (u64::from(call.get(FREQUENCY)) * 16_000_000) >> 32;
+        let wires = Wires {
+            pins,
+            rate: rate as u32,
+        };
+        if self.wires.replace(wires) != Some(wires) {
+            self.wired.push((call.now(), wires));
+        }
         if self.chips.contains_key(&call.get(ADDRESS)) {
             self.begin(step, bytes, call);
         } else {
@@ -217,6 +239,7 @@ impl Model for Twim {
         self.step = None;
         self.bytes.clear();
         self.error = 0;
+        self.wires = None;
     }
 }
 
@@ -285,6 +308,27 @@ mod tests {
         bench.task(8);
         bench.set(SHORTS, 1);
         assert_eq!(bench.forbidden(), ["TASKS", "SHORTS"]);
+    }
+
+    #[test]
+    fn wires_are_told() {
+        let mut bench = bench();
+        bench.set(PSEL_SDA, 26);
+        bench.set(PSEL_SCL, 27);
+        bench.set(ADDRESS, 0x6a);
+        bench.task(2);
+        bench.pass(150 * US);
+        bench.task(2);
+        let wires = Wires {
+            pins: [26, 27],
+            rate: 390_625,
+        };
+        assert_eq!(bench.chip.model.model.wired, [(0, wires)]);
+        assert_eq!(bench.forbidden(), [""; 0]);
+        bench.pass(150 * US);
+        bench.set(PSEL_SCL, u32::MAX);
+        bench.task(2);
+        assert_eq!(bench.forbidden(), ["PSEL"]);
     }
 
     #[test]

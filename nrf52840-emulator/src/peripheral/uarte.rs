@@ -2,12 +2,17 @@
 
 use std::{collections::VecDeque, fmt, ops::Range};
 
+use chip_pipe::Wires;
 use rigless::{soc::Width, time::EventId};
 
 use super::{Call, DONE, Model, READ, SHORTS};
 
 const ERRORSRC: u16 = 0x480;
 const ENABLE: u16 = 0x500;
+const PSEL_RTS: u16 = 0x508;
+const PSEL_TXD: u16 = 0x50c;
+const PSEL_CTS: u16 = 0x510;
+const PSEL_RXD: u16 = 0x514;
 const BAUDRATE: u16 = 0x524;
 const RX_PTR: u16 = 0x534;
 const RX_MAX: u16 = 0x538;
@@ -15,14 +20,15 @@ const RX_AMOUNT: u16 = 0x53c;
 const TX_PTR: u16 = 0x544;
 const TX_MAX: u16 = 0x548;
 const TX_AMOUNT: u16 = 0x54c;
+const CONFIG: u16 = 0x56c;
 
 /// After a reset: no pins, 250 kbit/s.
 pub(crate) const RESET: [(u16, u32); 5] = [
-    (0x508, u32::MAX),
-    (0x50c, u32::MAX),
-    (0x510, u32::MAX),
-    (0x514, u32::MAX),
     (BAUDRATE, 0x0400_0000),
+    (PSEL_RTS, u32::MAX),
+    (PSEL_TXD, u32::MAX),
+    (PSEL_CTS, u32::MAX),
+    (PSEL_RXD, u32::MAX),
 ];
 
 const RXDRDY: u16 = 2;
@@ -89,6 +95,10 @@ pub struct Uarte {
     /// Buffers whose bytes it begins to send, and when, to be taken: whoever carries them to others knows of
     /// them before they are out.
     pub begun: Vec<(u64, Vec<u8>)>,
+    /// From when on it transfers over which wires, to be taken.
+    pub wired: Vec<(u64, Wires)>,
+    /// The last of them.
+    wires: Option<Wires>,
     /// Bytes that came while there was no room.
     pub overruns: u64,
     /// From when to when there is no room whatever the program does: memory is too slow.
@@ -132,6 +142,30 @@ impl Uarte {
     fn byte_time(call: &Call<'_, '_>) -> u64 {
         let share = u128::from(call.get(BAUDRATE).max(1));
         (10_000_000_000_u128 * (1 << 32) / (share * 16_000_000)) as u64
+    }
+
+    /// A transfer begins that needs this pin.
+    fn connect(&mut self, pin: u16, call: &mut Call<'_, '_>) {
+        if call.get(pin) >= Wires::NOT_CONNECTED {
+            call.forbid(
+                "PSEL",
+                "a transfer over a pin that is not connected (\"UARTE\")",
+            );
+        }
+        if call.get(CONFIG) != 0 {
+            call.forbid(
+                "CONFIG",
+                "parity, flow control and a second stop bit are not modelled",
+            );
+        }
+        let rate = (u64::from(call.get(BAUDRATE)) * 16_000_000) >> 32;
+        let wires = Wires {
+            pins: [PSEL_TXD, PSEL_RXD].map(|pin| call.get(pin)),
+            rate: rate as u32,
+        };
+        if self.wires.replace(wires) != Some(wires) {
+            self.wired.push((call.now(), wires));
+        }
     }
 
     /// Starts the receiver; what came before was not heard.
@@ -232,6 +266,7 @@ impl Model for Uarte {
         match number {
             0 => {
                 let (pointer, max) = (call.get(RX_PTR), call.get(RX_MAX));
+                self.connect(PSEL_RXD, call);
                 call.event(RXSTARTED);
                 self.switch_on(call);
                 if call.reaches(pointer, max) {
@@ -250,6 +285,7 @@ impl Model for Uarte {
             }
             2 => {
                 let (pointer, max) = (call.get(TX_PTR), call.get(TX_MAX));
+                self.connect(PSEL_TXD, call);
                 call.event(TXSTARTED);
                 if max == 0 {
                     self.end_transmission(0, call);
@@ -357,6 +393,7 @@ impl Model for Uarte {
         self.next = None;
         self.fifo.clear();
         self.errors = 0;
+        self.wires = None;
     }
 }
 
@@ -418,6 +455,34 @@ mod tests {
         assert_eq!(bench.get(RX_AMOUNT), 10);
         let heard = (0x2000_0200..0x2000_020a).map(|at| bench.cells.0[&at]);
         assert_eq!(heard.collect::<Vec<_>>(), b"hello, all");
+    }
+
+    /// Each time that they are other ones.
+    #[test]
+    fn wires_are_told() {
+        let mut bench = bench();
+        bench.set(PSEL_TXD, 34);
+        bench.set(PSEL_RXD, 33);
+        bench.task(0);
+        bench.task(2);
+        bench.pass(5_000_000);
+        bench.set(BAUDRATE, 0x01d6_0000);
+        bench.task(2);
+        // 38,400 and 115,200 baud, as near as the chip comes.
+        let wires = |rate| Wires {
+            pins: [34, 33],
+            rate,
+        };
+        let told = std::mem::take(&mut bench.chip.model.model.wired);
+        assert_eq!(told, [(0, wires(38_330)), (5_000_000, wires(114_746))]);
+        assert_eq!(bench.forbidden(), [""; 0]);
+        bench.pass(5_000_000);
+        bench.task(1);
+        bench.set(PSEL_TXD, u32::MAX);
+        bench.task(2);
+        bench.set(CONFIG, 1);
+        bench.task(0);
+        assert_eq!(bench.forbidden(), ["PSEL", "CONFIG"]);
     }
 
     #[test]

@@ -3,6 +3,7 @@
 mod buttons;
 mod debugging;
 mod faults;
+mod process;
 
 use std::{
     collections::BTreeMap, env, f64::consts::FRAC_PI_2, fs, ops::Range, path::PathBuf, sync::Arc,

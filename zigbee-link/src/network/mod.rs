@@ -23,10 +23,11 @@
 //! It scans, and tries the networks it heard, its former one first. Joining is authenticated both
 //! ways: device and coordinator first prove freshness to each other with the site key (see
 //! [`security`](crate::security)); only then the association request and its answer count. A coordinator
-//! says every 15 s that it is there, and a device asks one that was silent for [`KEEP_ALIVE`]. When
-//! it is not, the device is an orphan: it scans and joins again, and gets the same short address. The
-//! orphan scan of the standard is not used: it would find the same coordinator with one frame less. A
-//! coordinator answers the orphan notification of a member all the same, if it is secured.
+//! says every 15 s that it is there, or twice as often where frames get lost, and a device asks one that
+//! was silent for [`KEEP_ALIVE`]. When it is not, the device is an orphan: it scans and joins again, and
+//! gets the same short address. The orphan scan of the standard is not used: it would find the same
+//! coordinator with one frame less. A coordinator answers the orphan notification of a member all the
+//! same, if it is secured.
 //!
 //! A device that is carried about may [look](Node::roam) whether it hears another network with the same
 //! site key better than its own, and goes over to it then. Its frame counter goes on: the key is the

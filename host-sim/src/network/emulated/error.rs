@@ -21,7 +21,8 @@ pub enum EmulatorError {
     },
     /// The image is something else.
     #[error(
-        "{} is no program for a chip, an ELF file: type `cargo xtask firmware`, which makes {usual}", .image.display()
+        "{} is no program for an nRF52840, an ELF file with vectors at the beginning of the flash and a log of \
+         defmt: type `cargo xtask firmware`, which makes {usual}", .image.display()
     )]
     NoProgram {
         /// Where.
@@ -35,6 +36,12 @@ pub enum EmulatorError {
          their topmost folder"
     )]
     NoSource,
+    /// There is nothing that builds it.
+    #[error(
+        "the emulated nRF52840 cannot be built, for `cargo` cannot be started ({0}): install Rust, from rustup.rs, \
+         or put the folder of `cargo` into PATH"
+    )]
+    NoCargo(#[source] io::Error),
     /// What emulates chips cannot be built.
     #[error(
         "the emulated nRF52840 cannot be built: what is wrong stands above, and comes again with \
@@ -42,6 +49,28 @@ pub enum EmulatorError {
          `rustup toolchain install 1.98.0`, where there is a network"
     )]
     NotBuilt,
+    /// What emulates chips was built, but is elsewhere.
+    #[error(
+        "the emulated nRF52840 was built, but is not in {}: does a configuration of cargo set \
+         `build.target`? Leave that out", .program.display()
+    )]
+    NotThere {
+        /// Where it should be.
+        program: PathBuf,
+    },
+    /// GDB cannot connect.
+    #[error(
+        "port {port} of this computer is taken ({source}), perhaps by another run that waits for GDB: end that, or \
+         name another port, `--gdb {node}:{}`", if *.port == u16::MAX { port - 1 } else { port + 1 }
+    )]
+    PortTaken {
+        /// Whose chip it is to look into.
+        node: u16,
+        /// Where.
+        port: u16,
+        /// Why not.
+        source: io::Error,
+    },
     /// The process that emulates chips does not start, or has ended.
     #[error("the process with the emulated chips has failed, which is a fault of it: {0}")]
     Pipe(#[source] io::Error),
@@ -67,11 +96,36 @@ pub enum EmulatorError {
         /// Why not.
         reason: PageError,
     },
-    /// A line is closed, but the chip runs.
+    /// The image does not know what the node is.
     #[error(
-        "a line of node {id} was closed while its chip runs: if it has a real camera, is that \
-         still plugged in?"
+        "the image does not understand the configuration page of node {id} ({why}), which is of another version: \
+         type `cargo xtask firmware`"
     )]
+    NoConfiguration {
+        /// The node.
+        id: u16,
+        /// What the image says.
+        why: String,
+    },
+    /// Something is not connected to what it should be.
+    #[error("the image of node {id} is not for this board (boards/nrf52840/src/board.rs): {why}")]
+    Wires {
+        /// The node.
+        id: u16,
+        /// What is connected to what.
+        why: String,
+    },
+    /// What its flash holds is elsewhere.
+    #[error(
+        "the chips do not tell what is in the flash of node {id} where the image has its memory, which is a fault of \
+         what emulates them"
+    )]
+    NoMemory {
+        /// The node.
+        id: u16,
+    },
+    /// A line is closed, but the chip runs.
+    #[error("a line of node {id} was closed while its chip runs, which is a fault of this program")]
     LineClosed {
         /// The node.
         id: u16,

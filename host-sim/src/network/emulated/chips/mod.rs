@@ -14,25 +14,32 @@
 //! were there.
 
 mod carrier;
+mod image;
 mod process;
+mod wires;
 
 use std::{
     cell::{Cell, RefCell},
     collections::{BTreeMap, VecDeque},
     fs,
     future::poll_fn,
+    net::{Ipv4Addr, TcpListener},
     path::Path,
     rc::Rc,
+    sync::{Arc, atomic::AtomicBool},
     task::{Poll, Waker},
 };
 
 use board_support::flash::NRF52840;
 use chip_pipe::{Contents, Deed, End, Frame, Motion, Order, Orders, Reception, Reports};
-use embassy_futures::select::{Either, Either4, select, select4};
+use embassy_futures::select::{Either4, select4};
 use embassy_sync::{blocking_mutex::raw::NoopRawMutex, signal::Signal};
 use embedded_io_async::{Read, Write};
 use node_firmware::{
-    config::{CheckedConfig, Config, RoleConfig, page},
+    config::{
+        CheckedConfig, Config, RoleConfig,
+        page::{self, PageError},
+    },
     facts::Fact,
     hardware::{Button, Indication},
     limits::CONSOLE_BAUD,
@@ -61,6 +68,10 @@ const BURST: usize = 64;
 
 const SECOND: Time = 1_000_000_000;
 
+/// Of a frame on the air: bytes before its PSDU, and what each takes (IEEE 802.15.4-2020, 12.1, 12.3.3).
+const PHY_HEADER: Time = 6;
+const AIR_PER_BYTE: Time = 32_000;
+
 /// Pins of the first port that the board connects to lamps, which shine while they are low: joined, target
 /// seen, calibrated, may walk (`boards/nrf52840/src/board.rs`).
 const LAMPS: [u32; 4] = [13, 14, 15, 16];
@@ -75,35 +86,43 @@ const PRESSED: Time = 200_000_000;
 pub struct Chips(Process);
 
 impl Chips {
-    /// Chips that run this image. What emulates them is built, if it is not.
+    /// Chips that run this image. What emulates them is built, if it is not: `building` is called where that was
+    /// never done here, for it takes minutes.
     ///
     /// # Errors
     /// The image is missing or none, or the process cannot be built or started.
-    pub fn of(image: &Path) -> Result<Self, EmulatorError> {
+    pub fn of(image: &Path, building: impl FnOnce()) -> Result<Self, EmulatorError> {
         let found = image.canonicalize().ok().filter(|image| image.is_file());
         let image = found.ok_or_else(|| EmulatorError::NoImage {
             image: image.to_owned(),
             usual: CHIP_IMAGE,
         })?;
-        let is_program = fs::read(&image).is_ok_and(|bytes| object::File::parse(&*bytes).is_ok());
-        if !is_program {
+        if !fs::read(&image).is_ok_and(|bytes| image::is_ours(&bytes)) {
             return Err(EmulatorError::NoProgram {
                 image,
                 usual: CHIP_IMAGE,
             });
         }
-        let mut process = Process::start()?;
+        let mut process = Process::start(building)?;
         process.order(&Orders::Load(image.to_string_lossy().into_owned()))?;
         Ok(Self(process))
     }
 
     /// Whenever power comes to this node its first instruction waits for GDB, which connects to this port
-    /// of this computer. All others wait while GDB looks at it.
+    /// of this computer, until `end` is set. All others wait while GDB looks at it.
     ///
     /// # Errors
-    /// The process has ended.
-    pub fn debug(&mut self, node: u16, port: u16) -> Result<(), EmulatorError> {
-        self.0.wait_for_ever();
+    /// The port is taken, or the process has ended.
+    pub fn debug(
+        &mut self,
+        node: u16,
+        port: u16,
+        end: Arc<AtomicBool>,
+    ) -> Result<(), EmulatorError> {
+        // Tried now: the chip does so once it has power.
+        let listener = TcpListener::bind((Ipv4Addr::LOCALHOST, port));
+        drop(listener.map_err(|source| EmulatorError::PortTaken { node, port, source })?);
+        self.0.wait_until(end);
         self.0.order(&Orders::Debug(node.into(), port))
     }
 }
@@ -168,7 +187,10 @@ impl Pool {
         drift_ppb: i32,
         step_length: f64,
     ) -> Rc<Board> {
-        let (config, carrier) = carried(config, step_length);
+        let (config, carrier) = carried(config, step_length).unwrap_or_else(|error| {
+            self.trouble.borrow_mut().get_or_insert(error);
+            (config.clone(), None)
+        });
         let board = Rc::new(Board {
             config,
             drift_ppb,
@@ -177,7 +199,9 @@ impl Pool {
             bytes: RefCell::default(),
             came: Signal::new(),
             lamps: Signal::new(),
-            failure: Signal::new(),
+            last_words: RefCell::default(),
+            has_restarted: Cell::new(false),
+            on_air: Cell::new(0),
             is_to_stand: Cell::new(false),
             stood: Cell::default(),
             waiting: RefCell::default(),
@@ -190,6 +214,13 @@ impl Pool {
         board
     }
 
+    /// It cannot go on, nor can the simulation.
+    fn stops(&self, board: &Board, error: EmulatorError) {
+        let mut journal = self.journal.borrow_mut();
+        journal.failed(board.config.id, &error.to_string());
+        self.trouble.borrow_mut().get_or_insert(error);
+    }
+
     /// All chips lose their power: what is known of them in the end can be asked for from now on.
     pub(in crate::network) fn end(&self) {
         if self.is_over.replace(true) {
@@ -198,8 +229,12 @@ impl Pool {
         match self.process.borrow_mut().exchange(&Orders::End) {
             Ok(reports) => {
                 for (_, number, deed) in reports.deeds {
-                    if let (Deed::Ends(end), Some(board)) = (deed, self.of(number)) {
-                        board.end.replace(*end);
+                    match (deed, self.of(number)) {
+                        (Deed::Ends(end), Some(board)) => {
+                            self.looks(&board, &end.memory);
+                            board.end.replace(*end);
+                        }
+                        (deed, _) => self.happens(number, deed),
                     }
                 }
             }
@@ -233,6 +268,7 @@ impl Pool {
             match deed {
                 Deed::Memory(contents) => {
                     if let Some(board) = self.of(number) {
+                        self.looks(&board, &contents);
                         board.end.borrow_mut().memory = contents;
                         board.has_changed.set(true);
                     }
@@ -245,6 +281,14 @@ impl Pool {
         all.extend(deeds);
         all.make_contiguous()
             .sort_by_key(|(at, number, _)| (*at, *number));
+    }
+
+    /// What comes from its flash has to have what the image writes there, or nothing would ever be found.
+    fn looks(&self, board: &Board, contents: &[Contents]) {
+        if !contents.is_empty() && memory_in(contents).is_none() {
+            let id = board.config.id;
+            self.stops(board, EmulatorError::NoMemory { id });
+        }
     }
 
     fn of(&self, number: u32) -> Option<Rc<Board>> {
@@ -267,14 +311,17 @@ impl Pool {
         let Some(board) = self.of(number) else {
             return;
         };
+        let id = board.config.id;
         let note = |what: &str| {
             let mut journal = self.journal.borrow_mut();
-            journal.note(board.config.id, format_args!("{what}"));
+            journal.note(id, format_args!("{what}"));
         };
         match deed {
             Deed::Sends(frame, power) => {
                 let channel = Channel::new(frame.channel);
                 if let Some((channel, antenna)) = channel.zip(board.antenna.get()) {
+                    let bytes = PHY_HEADER + frame.psdu.len() as Time;
+                    board.on_air.set(frame.start + bytes * AIR_PER_BYTE);
                     self.medium.transmit(antenna, channel, power, &frame.psdu);
                 }
             }
@@ -283,34 +330,93 @@ impl Pool {
                 board.came.signal(());
             }
             Deed::Pins(0, level) => board.lamps.signal(indication(level)),
-            Deed::Logs(line) => note(&line),
+            Deed::Uart(wires) => {
+                let rate = Some(board.baud());
+                if let Err(why) = wires::check("its UART", &wires, board.uart_pins(), rate) {
+                    self.stops(&board, EmulatorError::Wires { id, why });
+                }
+            }
+            Deed::I2c(wires) => {
+                if let Err(why) = wires::check("its I2C bus", &wires, wires::BUS, None) {
+                    self.stops(&board, EmulatorError::Wires { id, why });
+                }
+            }
+            Deed::Logs(line) => {
+                note(&line);
+                self.says(&board, &line);
+            }
             Deed::Writes(takes) => {
                 board.is_to_stand.set(false);
                 let (often, _) = board.stood.get();
                 board.stood.set((often + 1, takes));
                 board.waiting.borrow_mut().drain(..).for_each(Waker::wake);
             }
-            Deed::Restarts(by) => {
-                note(&format!("restarts, by {by}"));
+            Deed::Restarts { by, has_settings } => {
                 board.lamps.signal(Indication::default());
+                let before = board.last_words.take();
+                // Settings are written at the first start, and valid from the next one on.
+                if has_settings {
+                    return note(&format!("restarts, by {by}, with new settings"));
+                }
+                board.has_restarted.set(true);
+                let by = match by.as_str() {
+                    "Core" => "its program",
+                    r#"Model("WDT")"# => "its watchdog",
+                    other => other,
+                };
+                let why = format!("{by} restarts it{before}");
+                self.journal.borrow_mut().failed(id, &why);
             }
-            Deed::Fails(why) => board.failure.signal(why),
+            Deed::Fails(why) => self.stops(&board, EmulatorError::Chip { id, why }),
             Deed::Pins(..) | Deed::Memory(_) | Deed::Ends(_) => {}
         }
     }
 }
 
+impl Pool {
+    /// What the image logs of its being unable to go on.
+    fn says(&self, board: &Board, line: &str) {
+        let id = board.config.id;
+        if let Some(why) = line.strip_prefix("error no configuration: ") {
+            let why = why.to_owned();
+            self.stops(board, EmulatorError::NoConfiguration { id, why });
+        } else if let Some(why) = line.strip_prefix("error stopped: ") {
+            board.last_words.replace(format!(": {why}"));
+        } else if let Some(why) = line.strip_prefix("error before that: ")
+            && board.has_restarted.take()
+        {
+            // It tells only after a restart what that was for.
+            self.journal.borrow_mut().failed_since(id, why);
+        }
+    }
+}
+
 /// The configuration of a node with what is written there of its carrier, and the carrier of a target.
-fn carried(config: &CheckedConfig, step_length: f64) -> (CheckedConfig, Option<Carrier>) {
+fn carried(
+    config: &CheckedConfig,
+    step_length: f64,
+) -> Result<(CheckedConfig, Option<Carrier>), EmulatorError> {
     let mut written = Config::clone(config);
     let RoleConfig::Target(target) = &mut written.role else {
-        return (config.clone(), None);
+        return Ok((config.clone(), None));
     };
     let sensor = &mut target.sensor;
     let carrier = Carrier::new(step_length, sensor.step_length, sensor.hard_iron);
     sensor.step_length = carrier.step_length;
-    let checked = written.check().unwrap_or_else(|_| config.clone());
-    (checked, Some(carrier))
+    let checked = written.check().map_err(|error| EmulatorError::Config {
+        id: config.id,
+        reason: PageError::Value(error),
+    })?;
+    Ok((checked, Some(carrier)))
+}
+
+/// What the image writes, in what chips tell of their flash.
+fn memory_in(contents: &[Contents]) -> Option<&[u8]> {
+    let (start, length) = NRF52840.memory();
+    contents.iter().find_map(|(address, bytes)| {
+        let from = usize::try_from(u64::from(start).checked_sub(*address)?).ok()?;
+        bytes.get(from..from + length as usize)
+    })
 }
 
 fn indication(level: u32) -> Indication {
@@ -369,7 +475,12 @@ pub(in crate::network) struct Board {
     bytes: RefCell<VecDeque<u8>>,
     came: Signal<NoopRawMutex, ()>,
     lamps: Signal<NoopRawMutex, Indication>,
-    failure: Signal<NoopRawMutex, String>,
+    /// Why it stopped, if it said so since it last started.
+    last_words: RefCell<String>,
+    /// It may tell yet what its last restart was for.
+    has_restarted: Cell<bool>,
+    /// Until when its last frame is on the air.
+    on_air: Cell<Time>,
     /// It is to stand still in the middle of the next work on its flash.
     is_to_stand: Cell<bool>,
     /// How often it did, how long the last one takes, and who waits for the next.
@@ -385,17 +496,27 @@ pub(in crate::network) struct Board {
 struct Power<'a> {
     board: &'a Board,
     medium: &'a Medium,
+    clock: &'a Clock,
 }
 
 impl Drop for Power<'_> {
     fn drop(&mut self) {
-        if let Some(antenna) = self.board.antenna.take() {
-            self.medium.set_ear(antenna, None);
+        let Self {
+            board,
+            medium,
+            clock,
+        } = self;
+        if let Some(antenna) = board.antenna.take() {
+            medium.set_ear(antenna, None);
+            if board.on_air.get() > clock.time() {
+                board.queue.push(board.number(), Order::CutOff(antenna.0));
+            }
         }
-        self.board.queue.push(self.board.number(), Order::Off);
-        self.board.bytes.borrow_mut().clear();
-        self.board.lamps.reset();
-        self.board.failure.reset();
+        board.queue.push(board.number(), Order::Off);
+        board.bytes.borrow_mut().clear();
+        board.lamps.reset();
+        board.last_words.take();
+        board.has_restarted.set(false);
     }
 }
 
@@ -434,6 +555,7 @@ impl Board {
         let _power = Power {
             board: self,
             medium,
+            clock,
         };
         medium.set_ear(antenna, Some(Box::new(self.ear(clock))));
         self.moves(|carrier| vec![carrier.stand(clock.time())]);
@@ -448,16 +570,9 @@ impl Board {
                 device.read(&mut buffer),
                 self.came.wait(),
                 self.lamps.wait(),
-                self.failure.wait(),
+                panel.steps.receive(),
             );
-            let happened = match select(happened, panel.steps.receive()).await {
-                Either::First(happened) => happened,
-                Either::Second(step) => {
-                    self.moves(|carrier| carrier.step(clock.time(), &step));
-                    continue;
-                }
-            };
-            match happened {
+            match happened.await {
                 Either4::First(Ok(count @ 1..)) => {
                     let bytes = buffer[..count].to_vec();
                     let at = clock.time().max(free);
@@ -473,18 +588,30 @@ impl Board {
                     }
                 }
                 Either4::Third(indication) => panel.show(indication),
-                Either4::Fourth(why) => return EmulatorError::Chip { id, why },
+                Either4::Fourth(step) => self.moves(|carrier| carrier.step(clock.time(), &step)),
             }
         }
     }
 
     /// What ten bits take on its line.
     fn byte_time(&self) -> Time {
-        let baud = match &self.config.role {
+        10 * SECOND / Time::from(self.baud().max(1))
+    }
+
+    /// Of its line.
+    fn baud(&self) -> u32 {
+        match &self.config.role {
             RoleConfig::Camera(camera) => camera.baud,
             _ => CONSOLE_BAUD,
-        };
-        10 * SECOND / Time::from(baud.max(1))
+        }
+    }
+
+    /// Where its line is connected, to send and to receive.
+    fn uart_pins(&self) -> [u32; 2] {
+        match &self.config.role {
+            RoleConfig::Coordinator(_) => wires::CONSOLE,
+            RoleConfig::Camera(_) | RoleConfig::Target(_) => wires::CAMERA,
+        }
     }
 
     /// Bits of the part of its flash that it writes flip.
@@ -579,13 +706,10 @@ impl Board {
 
     /// The part of its flash that it writes, from [`memory::LINK`] and the role's on.
     fn memory(&self) -> Vec<u8> {
-        let (start, length) = NRF52840.memory();
-        let end = self.end.borrow();
-        let found = end.memory.iter().find_map(|(address, bytes): &Contents| {
-            let from = u64::from(start).checked_sub(*address)? as usize;
-            bytes.get(from..from + length as usize)
-        });
-        found.unwrap_or_default().to_vec()
+        // Nothing, until it was first told.
+        memory_in(&self.end.borrow().memory)
+            .unwrap_or_default()
+            .to_vec()
     }
 
     /// The extended address that the node has drawn.

@@ -5,6 +5,10 @@ use std::{
     os::{fd::AsFd, unix::process::CommandExt},
     path::Path,
     process::{Child, ChildStdin, ChildStdout, Command, Stdio},
+    sync::{
+        Arc,
+        atomic::{AtomicBool, Ordering},
+    },
     time::Duration,
 };
 
@@ -24,23 +28,39 @@ const BUILT: &str = "target/chip";
 /// translates a program first.
 const PATIENCE: Duration = Duration::from_secs(120);
 
+/// Somebody who wants to end the run while GDB is waited for does not wait longer.
+const GLANCE: Duration = Duration::from_millis(100);
+
+/// For how long something is waited for.
+#[derive(Debug)]
+enum Patience {
+    Time(Duration),
+    /// Until this is set.
+    Until(Arc<AtomicBool>),
+}
+
 /// A pipe from somebody who may say nothing any more.
 #[derive(Debug)]
 struct Patient<R> {
     pipe: R,
-    /// For how long that is waited for; `None`: for ever.
-    patience: Option<Duration>,
+    patience: Patience,
 }
 
 impl<R: Read + AsFd> Read for Patient<R> {
     fn read(&mut self, bytes: &mut [u8]) -> io::Result<usize> {
-        let patience = self.patience.and_then(|time| Timespec::try_from(time).ok());
+        let time = match self.patience {
+            Patience::Time(time) => time,
+            Patience::Until(_) => GLANCE,
+        };
+        let time = Timespec::try_from(time).ok();
         let told = loop {
             let mut pipe = [PollFd::new(&self.pipe, PollFlags::IN)];
-            match poll(&mut pipe, patience.as_ref()) {
+            let told = poll(&mut pipe, time.as_ref());
+            match &self.patience {
+                Patience::Until(end) if told == Ok(0) && !end.load(Ordering::Relaxed) => {}
                 // A signal is for others.
-                Err(Errno::INTR) => {}
-                told => break told?,
+                _ if told == Err(Errno::INTR) => {}
+                _ => break told?,
             }
         };
         if told == 0 {
@@ -62,10 +82,14 @@ pub(super) struct Process {
 
 impl Process {
     /// Builds it, unless it is up to date, and starts it.
-    pub(super) fn start() -> Result<Self, EmulatorError> {
+    pub(super) fn start(building: impl FnOnce()) -> Result<Self, EmulatorError> {
+        let program = Path::new(BUILT).join("release/chips");
         let folder = Path::new(CRATE);
         if !folder.join("Cargo.toml").is_file() {
             return Err(EmulatorError::NoSource);
+        }
+        if !program.is_file() {
+            building();
         }
         // Its own compiler, by its `rust-toolchain.toml`; this program may have been started by another.
         let built = Command::new("cargo")
@@ -81,13 +105,17 @@ impl Process {
             .arg(Path::new("..").join(BUILT))
             .current_dir(folder)
             .env_remove("RUSTUP_TOOLCHAIN")
+            // It would be elsewhere then.
+            .env_remove("CARGO_BUILD_TARGET")
             .stdin(Stdio::null())
             .stdout(Stdio::null())
             .status();
-        if !built.is_ok_and(|status| status.success()) {
+        if !built.map_err(EmulatorError::NoCargo)?.success() {
             return Err(EmulatorError::NotBuilt);
         }
-        let program = Path::new(BUILT).join("release/chips");
+        if !program.is_file() {
+            return Err(EmulatorError::NotThere { program });
+        }
         let one_cpu = OneCpu::take();
         let mut child = Command::new(program)
             // Ctrl-C is for the owner, who still asks it then what chips know.
@@ -106,14 +134,14 @@ impl Process {
             orders,
             reports: BufReader::new(Patient {
                 pipe: reports,
-                patience: Some(PATIENCE),
+                patience: Patience::Time(PATIENCE),
             }),
         })
     }
 
-    /// From now on its answers may take as long as they do: somebody may look at a chip that stands still.
-    pub(super) fn wait_for_ever(&mut self) {
-        self.reports.get_mut().patience = None;
+    /// From now on its answers may take until this is set: somebody may look at a chip that stands still.
+    pub(super) fn wait_until(&mut self, end: Arc<AtomicBool>) {
+        self.reports.get_mut().patience = Patience::Until(end);
     }
 
     pub(super) fn order(&mut self, orders: &Orders) -> Result<(), EmulatorError> {
@@ -149,7 +177,7 @@ mod tests {
     #[test]
     fn nobody_is_waited_for_too_long() {
         let (pipe, mut other) = io::pipe().unwrap();
-        let patience = Some(Duration::from_millis(10));
+        let patience = Patience::Time(Duration::from_millis(10));
         let mut patient = Patient { pipe, patience };
         let mut bytes = [0; 4];
         let error = patient.read(&mut bytes).unwrap_err();
@@ -158,5 +186,22 @@ mod tests {
         assert_eq!(patient.read(&mut bytes).unwrap(), 2);
         drop(other);
         assert_eq!(patient.read(&mut bytes).unwrap(), 0);
+    }
+
+    /// Who waits for ever can still be told to end, before and while he waits.
+    #[test]
+    fn waiting_ends_when_somebody_ends_it() {
+        let (pipe, _other) = io::pipe().unwrap();
+        let end = Arc::new(AtomicBool::new(false));
+        let patience = Patience::Until(end.clone());
+        let mut patient = Patient { pipe, patience };
+        let reader = std::thread::spawn(move || {
+            let mut again = || patient.read(&mut [0; 4]).unwrap_err().kind();
+            [again(), again()]
+        });
+        std::thread::sleep(2 * GLANCE);
+        assert!(!reader.is_finished());
+        end.store(true, Ordering::Relaxed);
+        assert_eq!(reader.join().unwrap(), [io::ErrorKind::TimedOut; 2]);
     }
 }
