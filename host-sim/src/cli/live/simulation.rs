@@ -163,7 +163,7 @@ impl Controls<'_> {
                 }
             }
             Command::Move { node, by, turn_deg } => {
-                // As far as the same event of a file.
+                // Places stay within what a site may be, and nobody turns a camera round twice.
                 let is_near = by.iter().all(|by| by.abs() <= MOVE_MAX) && turn_deg.abs() <= 360.0;
                 ensure!(
                     is_near,
