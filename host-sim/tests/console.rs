@@ -334,7 +334,7 @@ fn wishes_are_done_and_confirmed() {
     let files = Files::new();
     let (_port, name) = Site::start([pose(), CameraState::Waiting]);
     let text = success(&name, &["--command", "3:initialise"]);
-    assert!(text.contains("camera 3: Initialise: done"), "{text}");
+    assert!(text.contains("camera 3: initialise: done"), "{text}");
     let text = failure(&name, &["--command", "3:learn-colour=1"]);
     assert!(text.contains("camera 3 did not do it"), "{text}");
     let text = failure(&name, &["--command", "4:forget"]);
@@ -544,7 +544,7 @@ fn the_coordinators_of_a_site_are_one_site() {
     }
     let is_done = |line: &str| {
         done.stdout
-            .contains(&format!("{line}: camera 7: StopTracking: done"))
+            .contains(&format!("{line}: camera 7: stop-tracking: done"))
     };
     assert_eq!(
         [is_done(&first), is_done(&second)],

@@ -854,6 +854,26 @@ fn a_pixy2_records_then_solve() {
     assert!(wrong.stderr.contains("--columns"), "{}", wrong.stderr);
 }
 
+/// At another rate it understands nothing.
+#[test]
+fn a_pixy2_has_one_rate() {
+    let files = Files::new();
+    let port = files.path("pixy");
+    let _camera = Pixy2::start(&["--pty", &port]);
+    let probe = [
+        "probe",
+        "--camera",
+        "pixy2",
+        "--port",
+        &port,
+        "--fov-deg",
+        "60",
+    ];
+    let done = run(&[&probe[..], &["--count", "1"]].concat());
+    let found = "a Pixy2 at 19200 baud";
+    assert!(done.stderr.contains(found), "{}", done.stderr);
+}
+
 #[test]
 fn a_pixy2() {
     let files = Files::new();

@@ -273,6 +273,8 @@ fn what_is_wrong_with_a_file_is_said_with_its_line() {
         "minus.csv",
         "stop,camera,bearing_deg,sigma_deg\n1,1,3.0,-1\n",
     );
+    let nobody = files.write("nobody.csv", "stop,camera,range,sigma\n2,7,3.0,0.1\n");
+    let many = files.write("many.csv", "stop,camera,bearing_deg\n1,70000,3.0\n");
     let legs = files.write("legs.csv", &legs());
     let sigma = ["--displacement-sigma", "0.1"];
     for (arguments, expected) in [
@@ -304,6 +306,23 @@ fn what_is_wrong_with_a_file_is_said_with_its_line() {
             vec![&good[..], "--references", "1,9"],
             "no bearing of camera 9",
         ),
+        (
+            vec![
+                &good[..],
+                "--legs",
+                &legs,
+                sigma[0],
+                sigma[1],
+                "--references",
+                "1,9",
+            ],
+            "no bearing of camera 9",
+        ),
+        (
+            vec![&good[..], "--ranges", &nobody],
+            "has no bearing of camera 7, but a range of it at stop 2",
+        ),
+        (vec![&many[..]], "a whole number from 0 to 65535"),
         (vec![&typing[..]], "typing.json:3: "),
         (vec![&none[..]], "none.csv:2: `camera` is \"door\""),
         (vec![&minus[..]], "minus.csv:2: the sigma must be"),

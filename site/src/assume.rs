@@ -68,7 +68,7 @@ impl Scenario {
                 self.camera.field_of_view_deg()
             ),
             "`field_of_view_deg` into `[camera]`, or into each camera: a CMUcam2's is 44 to 50 \
-             degrees, by lens; `host-sim camera` shows how to measure it"
+             degrees, by lens; docs/deploy.md tells how to measure it"
                 .into(),
         );
         let projections = silent(|table| {

@@ -18,8 +18,8 @@ use super::{
     assume::Purpose,
     check::refuse,
     error::ScenarioError,
-    file::{NetworkTable, PlacedCamera, Scenario, TargetTable},
-    firmware::FirmwareTable,
+    file::{NetworkTable, PlacedCamera, Scenario, TargetTable, orange},
+    firmware::{COLOUR_TOLERANCE, FirmwareTable},
 };
 use cmucam2_emulator::Rgb;
 
@@ -354,6 +354,11 @@ fn channel_mask(channels: &[u8]) -> u32 {
     channels
         .iter()
         .fold(0, |mask, channel| mask | 1 << channel.min(&31))
+}
+
+/// That of the ball that targets carry where nothing else is said.
+pub(crate) fn usual_window() -> ColourWindow {
+    window(orange(), COLOUR_TOLERANCE)
 }
 
 fn window(colour: Rgb, tolerance: u8) -> ColourWindow {

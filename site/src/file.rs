@@ -657,7 +657,7 @@ impl Default for ObjectTable {
     }
 }
 
-fn orange() -> Rgb {
+pub(crate) fn orange() -> Rgb {
     [230, 105, 35]
 }
 

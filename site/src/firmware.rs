@@ -5,7 +5,7 @@ use serde::{Deserialize, Serialize};
 
 /// How far from a target's colour a pixel may be, levels: so far apart are light and shade on a
 /// ball.
-const COLOUR_TOLERANCE: u8 = 45;
+pub(crate) const COLOUR_TOLERANCE: u8 = 45;
 /// What has moved differs from the background by so many levels.
 const MOTION_THRESHOLD: u8 = 12;
 

@@ -35,6 +35,11 @@
 //! # Ok::<(), site::ScenarioError>(())
 //! ```
 
+use std::{
+    fs::File,
+    io::{self, Read},
+};
+
 mod assume;
 mod check;
 mod configs;
@@ -84,6 +89,23 @@ pub const BUILT_IN: [(&str, &str); 4] = [
     ("office", include_str!("../scenarios/office.toml")),
 ];
 
+/// Bytes of a site's file.
+pub const FILE_MAX: u64 = 4 << 20;
+
+/// A device may have no end.
+fn read(name: &str) -> io::Result<String> {
+    let mut text = String::new();
+    File::open(name)?
+        .take(FILE_MAX + 1)
+        .read_to_string(&mut text)?;
+    match text.len() as u64 > FILE_MAX {
+        true => Err(io::Error::other(format!(
+            "it has more than {FILE_MAX} bytes"
+        ))),
+        false => Ok(text),
+    }
+}
+
 impl Scenario {
     /// A built-in scenario, or one from a file whose name ends in `.toml`.
     ///
@@ -102,7 +124,7 @@ impl Scenario {
                 known: BUILT_IN.iter().map(|(known, _)| *known).collect(),
             });
         }
-        let text = std::fs::read_to_string(name).map_err(|source| ScenarioError::File {
+        let text = read(name).map_err(|source| ScenarioError::File {
             path: name.into(),
             source,
         })?;

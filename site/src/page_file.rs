@@ -4,8 +4,8 @@
 //! key, so only its owner may read it.
 
 use std::{
-    fs,
-    io::{self, ErrorKind},
+    fs::File,
+    io::{self, ErrorKind, Read},
     path::Path,
 };
 
@@ -38,12 +38,18 @@ pub enum PageFileError {
     Write(#[source] io::Error),
 }
 
+/// Far more than a page has.
+const MOST: u64 = 1 << 16;
+
 /// Reads a page that is to be shown or flashed.
 ///
 /// # Errors
 /// [`PageFileError`]
 pub fn read(path: &Path) -> Result<CheckedConfig, PageFileError> {
-    let bytes = fs::read(path).map_err(PageFileError::Read)?;
+    let mut bytes = Vec::new();
+    // A device may have no end.
+    let read = File::open(path).and_then(|file| file.take(MOST).read_to_end(&mut bytes));
+    read.map_err(PageFileError::Read)?;
     let config = page::decode(&bytes).map_err(PageFileError::Page)?;
     if bytes.len() != PAGE_MAX {
         return Err(PageFileError::Length(bytes.len()));

@@ -6,6 +6,7 @@ use rand_chacha::ChaCha8Rng;
 use rand_distr::{Distribution, StandardNormal};
 
 use super::{
+    check::refuse,
     error::ScenarioError,
     file::{PlacedCamera, ScatterTable, Scenario},
     put_up::{Site, obstacles},
@@ -46,7 +47,7 @@ impl Scenario {
     /// As [`Scenario::put_up`].
     pub fn rehearsed(&self) -> Result<(Self, Site), ScenarioError> {
         let attempt = |number| {
-            let site = self.scattered(number);
+            let site = self.scattered(number)?;
             let world = site.put_up()?;
             Ok((site, world))
         };
@@ -58,11 +59,11 @@ impl Scenario {
         }
     }
 
-    fn scattered(&self, attempt: u64) -> Self {
+    fn scattered(&self, attempt: u64) -> Result<Self, ScenarioError> {
         let mut site = self.clone();
         let by = std::mem::take(&mut site.scatter);
         if by.is_none() {
-            return site;
+            return Ok(site);
         }
         site.scattered_by = Some(self.seed);
         let solid = self.world.obstacles.iter().flat_map(obstacles).collect();
@@ -84,10 +85,22 @@ impl Scenario {
                 let inside = *to >= low && *to <= high;
                 inside && solid.obstacle_on_way(place, *to, CLEARANCE).is_none()
             });
-            if let Some(place) = found {
-                (camera.x, camera.y) = (Some(place.x), Some(place.y));
-            }
+            let Some(place) = found else {
+                // What the site itself has wrong is told first.
+                Self {
+                    scatter: ScatterTable::default(),
+                    ..self.clone()
+                }
+                .put_up()?;
+                let allowed = format!(
+                    "less: camera {} then stands outside of the world, or beyond an obstacle, {TRIES} \
+                     times of {TRIES}",
+                    camera.id
+                );
+                return Err(refuse("scatter.position", by.position, allowed));
+            };
+            (camera.x, camera.y) = (Some(place.x), Some(place.y));
         }
-        site
+        Ok(site)
     }
 }

@@ -323,6 +323,12 @@ pub enum NetworkError {
         "has no bearing of camera {0}, which is to define the frame: name two cameras that saw the target"
     )]
     NeverSaw(u16),
+    /// A camera without a heading, or none at all.
+    #[error(
+        "has no bearing of camera {0}, but a range of it at stop {1}: correct its number, or leave the \
+         range out"
+    )]
+    OnlyRange(u16, u32),
     /// One camera twice.
     #[error("names camera {0} as both references: name two cameras")]
     OneReference(u16),
@@ -397,8 +403,7 @@ pub fn solve(
     let [first, second] = references.cameras;
     let mut cameras = vec![first, second];
     let seen = sightings.bearings.iter().map(|seen| seen.camera);
-    let ranges = sightings.ranges.iter().map(|far| far.camera);
-    let others: BTreeSet<_> = seen.chain(ranges).collect();
+    let others: BTreeSet<_> = seen.collect();
     cameras.extend(
         others
             .into_iter()
@@ -422,6 +427,10 @@ fn check(sightings: &Sightings) -> Result<(), NetworkError> {
         && first == second
     {
         return Err(NetworkError::OneReference(first));
+    }
+    let has_bearing = |camera| sightings.bearings.iter().any(|seen| seen.camera == camera);
+    if let Some(far) = sightings.ranges.iter().find(|far| !has_bearing(far.camera)) {
+        return Err(NetworkError::OnlyRange(far.camera, far.stop));
     }
     let wrong = |what: String| Err(NetworkError::Number(what));
     for seen in &sightings.bearings {

@@ -561,7 +561,8 @@ impl Node {
     }
 
     /// Takes sightings over, each with the number of its target and stop, and compares them with
-    /// the estimate; so [`set_pose`](Self::set_pose) first.
+    /// the estimate; so [`set_pose`](Self::set_pose) first. How many there are a node tells itself: a
+    /// target may have counted some that the camera did not keep.
     pub fn set_sightings<'a>(
         &mut self,
         sightings: impl IntoIterator<Item = (u16, u32, &'a Sighting<f64>)>,
@@ -578,7 +579,6 @@ impl Node {
             }
         });
         self.residuals = residuals.collect();
-        self.sightings = self.residuals.len();
     }
 
     /// Tells its places in another frame, in which its own one is here.

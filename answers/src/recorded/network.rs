@@ -137,7 +137,7 @@ pub fn legs(input: impl BufRead, sigma: Option<f64>) -> Result<Vec<Leg>, ReadErr
         None => None,
     };
     if own_sigma.is_none() && covariance.is_none() && sigma.is_none() {
-        return Err(rows.no_column("sigma` or `cov_xx` (or give --displacement-sigma)"));
+        return Err(rows.no_column("sigma` (or --displacement-sigma), nor a column `cov_xx"));
     }
     let mut legs = Vec::<Leg>::new();
     while let Some(row) = rows.next()? {
@@ -258,6 +258,7 @@ fn target_of(row: Row<'_>, column: Option<Column>) -> Result<u16, String> {
 
 fn whole<N: std::str::FromStr>(row: Row<'_>, column: Column, name: &str) -> Result<N, String> {
     let text = row.text(column);
-    let needed = |_| format!("`{name}` is {text:?}: a whole number belongs there");
+    let most = (1_u64 << (8 * size_of::<N>())) - 1;
+    let needed = |_| format!("`{name}` is {text:?}: a whole number from 0 to {most} belongs there");
     text.parse().map_err(needed)
 }

@@ -48,6 +48,10 @@ fn write(out: &mut String, solution: &NetworkSolution, unit: &str) -> std::fmt::
             )?,
         }
     }
+    let unit = match solution.scale_from {
+        ScaleFrom::Nothing => "baselines",
+        _ => unit,
+    };
     writeln!(
         out,
         "\n{:>6}  {:>10} {:>9}  {:>10} {:>9}  {:>8} {:>9}  {:>19}  {:>8}  status",

@@ -322,6 +322,11 @@ fn extent(record: &RunRecord, network: u16) -> f64 {
     apart.fold(0.0, f64::max) * record.unit.metres
 }
 
+/// Objects that are followed less of the time are not.
+const FOLLOWED: f64 = 0.5;
+/// Errors of tracks this many times larger than foretold are told.
+const OVERCONFIDENT: f64 = 2.0;
+
 /// How well objects were tracked.
 fn tracking(record: &RunRecord) -> String {
     let unit = &record.unit.name;
@@ -335,7 +340,19 @@ fn tracking(record: &RunRecord) -> String {
                  as right.\n"
             )
         } else {
-            String::new()
+            // Errors of right covariances have a mean of 2.
+            let by = is.nees.map_or(1.0, |nees| (nees / 2.0).sqrt());
+            let poor = (is.covered < FOLLOWED).then(|| {
+                "Tracking is of little use here: objects in view of two cameras are without a track most of the \
+                 time.\n"
+                    .to_owned()
+            });
+            let deceives = (by > OVERCONFIDENT).then(|| {
+                format!(
+                    "Tracks are {by:.1} times farther off than their covariances say: do not rely on these.\n"
+                )
+            });
+            [poor, deceives].into_iter().flatten().collect()
         };
         format!(
             "Tracking, network {}, {:.0} s: {} objects, with a track {:.1} % of the time in view of two cameras; rms {} \
@@ -442,7 +459,9 @@ fn times(record: &RunRecord) -> String {
     let sim = record.sim_seconds;
     match record.wall_seconds {
         Some(wall) if wall > 0.0 => format!(
-            "Simulated {sim:.0} s in {wall:.2} s: {:.0} times real time\n",
+            "Simulated {sim:.0} s in {wall:.2} s: {:.*} times real time\n",
+            // As exact as it is small.
+            if sim < 10.0 * wall { 1 } else { 0 },
             sim / wall
         ),
         _ if record.seed.is_some() => format!("Simulated {sim:.0} s\n"),

@@ -19,12 +19,14 @@ use node_firmware::{
 
 use crate::record::{
     Estimate, Node, NodeLens, Protection,
-    verdict::{health_words, status_words},
+    verdict::{half_turn, health_words, status_words},
 };
 
+mod command;
 mod record;
 mod site;
 
+pub use command::{command_name, parse_command};
 pub use site::{SitePlan, building_place, limits, outline};
 
 /// A camera that was asked for its sightings does not wait longer with its answer.
@@ -311,9 +313,9 @@ impl NetworkView {
             ToPc::Report { address, report } => self.report(now, address, report),
             ToPc::Done { address, done } => {
                 Some(format!(
-                    "{}: {:?}: {}",
+                    "{}: {}: {}",
                     self.name(address),
-                    done.command,
+                    command_name(done.command),
                     done.outcome
                 ))
             }
@@ -491,7 +493,8 @@ impl fmt::Display for Progress<'_> {
             } = level;
             write!(
                 f,
-                "; one unnoticed fault moves it by {position:.2}, {heading_deg:.1} deg at most"
+                "; one unnoticed fault moves it by {position:.2}, {:.1} deg at most",
+                half_turn(heading_deg)
             )?;
         }
         if let Some(report) = member.report {

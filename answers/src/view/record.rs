@@ -95,10 +95,8 @@ impl NetworkView {
                 })
                 .collect();
             if !sightings.is_empty() {
-                let count = node.sightings;
                 let all = sightings.iter();
                 node.set_sightings(all.map(|(target, stop, s)| (*target, u32::from(*stop), s)));
-                node.sightings = count;
             }
         }
     }

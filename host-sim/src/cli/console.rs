@@ -9,6 +9,7 @@ use std::{
     time::{Duration, Instant},
 };
 
+use answers::view::parse_command;
 use answers::{
     record::{
         event::{ObjectPlace, What},
@@ -18,7 +19,7 @@ use answers::{
 };
 use anyhow::{Context, bail, ensure};
 use clap::Args;
-use host_sim::console::{command::parse_command, output, session::Wish};
+use host_sim::console::{output, session::Wish};
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 use node_firmware::limits::CONSOLE_BAUD;
 use site::{BUILT_IN, Overrides, Scenario, key_file};
@@ -51,7 +52,7 @@ pub(super) struct Arguments {
     #[arg(long, value_name = "RATE", default_value_t = CONSOLE_BAUD, value_parser = clap::value_parser!(u32).range(1..))]
     baud: u32,
     /// Stop after so many seconds.
-    #[arg(long, value_name = "N", value_parser = values::seconds)]
+    #[arg(long, value_name = "N", value_parser = values::seconds, allow_negative_numbers = true)]
     seconds: Option<Duration>,
     /// Stop when every camera is calibrated, of --site all that it names; exit code 1 if --seconds are
     /// over before.

@@ -1,6 +1,7 @@
 //! `host-sim edit`
 
 use std::{
+    io,
     path::{Path, PathBuf},
     process::ExitCode,
     sync::atomic::Ordering,
@@ -11,12 +12,13 @@ use std::{
 use anyhow::{Context, anyhow};
 use clap::Args;
 use host_sim::live::{Editing, Editor, Judged, Save, serve_editor};
-use site::BUILT_IN;
+use site::{BUILT_IN, FILE_MAX};
 
 use super::{
+    files::Files,
     interrupt,
     live::{ServeOptions, open_browser},
-    print, whole_file,
+    print, values, whole_file,
 };
 
 /// Opens a site in a browser, where cameras and walls are placed, and tells what to expect before
@@ -32,7 +34,7 @@ pub(super) struct Arguments {
     #[arg(value_name = "SITE|FILE.toml")]
     site: String,
     /// Where the page saves to. Default: the browser downloads the file.
-    #[arg(long, value_name = "FILE.toml", conflicts_with = "json")]
+    #[arg(long, value_name = "FILE.toml", conflicts_with = "json", value_parser = values::result())]
     save: Option<PathBuf>,
     /// Opens nothing, but writes what to expect, and where a further camera or stop would help most.
     #[arg(long, value_name = "FILE", conflicts_with_all = ["open", "listen", "http_port"])]
@@ -51,15 +53,21 @@ Exit codes:
   0  Ctrl-C, or --json was written
   2  wrong options, or the file or the address is not to be had";
 
-/// Bytes of a site's file.
-const MOST: u64 = 4 << 20;
-
 pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
     let name = arguments.site.as_str();
     let text = match BUILT_IN.iter().find(|(known, _)| *known == name) {
         Some((_, text)) => (*text).to_owned(),
-        None => whole_file::read(Path::new(name), MOST)?,
+        None => whole_file::read(Path::new(name), FILE_MAX)
+            .map_err(|error| how_to_begin(name, error))?,
     };
+    // --save may name the file that is read; --json never does.
+    let read = BUILT_IN.iter().all(|(known, _)| *known != name);
+    let json = arguments.json.iter().filter(|file| *file != Path::new("-"));
+    Files::default()
+        .reads(read.then_some(name))
+        .writes(json)
+        .check()?;
+    Files::default().writes(&arguments.save).check()?;
     let editor = Editor::new(&text).map_err(|error| anyhow!("{name}: {error}"))?;
     if let Some(file) = &arguments.json {
         let judged = editor.judge(&editor.begun()?.layout, true);
@@ -84,6 +92,18 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
         thread::sleep(Duration::from_millis(100));
     }
     Ok(ExitCode::SUCCESS)
+}
+
+/// Nobody has a file of their own before they saved one.
+fn how_to_begin(name: &str, error: anyhow::Error) -> anyhow::Error {
+    let is_missing = |cause: &io::Error| cause.kind() == io::ErrorKind::NotFound;
+    match error.downcast_ref().is_some_and(is_missing) {
+        true => anyhow!(
+            "there is no file {name}: begin with a site that is built in, as `host-sim edit office \
+             --save my-site.toml` does"
+        ),
+        false => error,
+    }
 }
 
 fn write(file: &Path, judged: &Judged) -> anyhow::Result<()> {

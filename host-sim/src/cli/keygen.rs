@@ -6,7 +6,7 @@ use anyhow::Context;
 use clap::Args;
 use site::key_file;
 
-use super::{file_name, print, values};
+use super::{file_name, files::Files, print, values};
 
 /// Draws a new site key, into a file.
 #[derive(Args)]
@@ -15,12 +15,13 @@ pub(super) struct Arguments {
     #[arg(default_value = "site.sitekey", value_parser = values::result())]
     file: PathBuf,
     /// The index by which frames name the key; the next key of a site needs another one.
-    #[arg(long, default_value_t = 1, value_parser = clap::value_parser!(u8).range(1..))]
+    #[arg(long, default_value_t = 1, value_parser = clap::value_parser!(u8).range(1..), allow_negative_numbers = true)]
     index: u8,
 }
 
 pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
     let name = file_name(&arguments.file);
+    Files::default().writes([&arguments.file]).check()?;
     key_file::create(&arguments.file, arguments.index).with_context(|| name.clone())?;
     print(&format!(
         "{name}: a site key with index {}\n\

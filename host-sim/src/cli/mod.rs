@@ -96,9 +96,23 @@ pub(crate) fn main() -> ExitCode {
     }
 }
 
+/// Characters of a line of a message.
+const LINE_MAX: usize = 2000;
+
 /// Prints an error.
 fn complain(error: &anyhow::Error) {
-    tell(format_args!("host-sim: {}", with_causes(error)));
+    let text = with_causes(error);
+    // A parser quotes the line that it does not like, which may be the whole of a file.
+    let lines = text
+        .lines()
+        .map(|line| match line.char_indices().nth(LINE_MAX) {
+            Some((end, _)) => format!("{} ...", &line[..end]),
+            None => line.to_owned(),
+        });
+    tell(format_args!(
+        "host-sim: {}",
+        lines.collect::<Vec<_>>().join("\n")
+    ));
 }
 
 /// The error with its causes, except those that it tells itself.
@@ -137,7 +151,9 @@ fn unless_gone(written: io::Result<()>) -> io::Result<()> {
 
 /// The last error of two; the one before it is told.
 fn and<T>(before: anyhow::Result<T>, next: anyhow::Result<()>) -> anyhow::Result<T> {
-    if let (Err(error), Err(_)) = (&before, &next) {
+    if let (Err(error), Err(_)) = (&before, &next)
+        && !is_broken_pipe(error)
+    {
         complain(error);
     }
     next.and(before)

@@ -182,7 +182,7 @@ fn replace_link(device: &Path, link: &Path) -> anyhow::Result<()> {
         fs::remove_file(link).with_context(|| format!("{} cannot be replaced", link.display()))?;
     } else if link.exists() {
         bail!(
-            "{} exists and is no link: give --pty a name that is free",
+            "{} exists and is no link: name a link that is not there yet",
             link.display()
         );
     }

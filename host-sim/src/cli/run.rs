@@ -44,14 +44,14 @@ pub(super) struct Arguments {
     #[arg(long, value_name = "S", value_parser = values::seed, allow_negative_numbers = true)]
     seed: Option<u64>,
     /// `max`, `real-time`, or so many times real time, such as `10x`. Default: `max`.
-    #[arg(long, value_name = "SPEED", value_parser = values::speed, allow_negative_numbers = true)]
+    #[arg(long, value_name = "SPEED", value_parser = values::speed, allow_hyphen_values = true)]
     speed: Option<values::Speed>,
     /// Go on as a person would: to the stops that the verdict asks for, until every camera is calibrated
     /// and every pose checked, or nobody knows where else to stop.
     #[arg(long)]
     until_calibrated: bool,
     /// Stops that this takes at most, after those of the way.
-    #[arg(long, value_name = "N", value_parser = values::count, default_value_t = FURTHER_STOPS, requires = "until_calibrated")]
+    #[arg(long, value_name = "N", value_parser = values::count, default_value_t = FURTHER_STOPS, requires = "until_calibrated", allow_negative_numbers = true)]
     further_stops: usize,
     /// What runs the firmware of the nodes.
     #[arg(long, value_name = "WHAT", default_value = "host")]
@@ -125,7 +125,7 @@ Results of a run that was ended, or whose chips failed, are of what was before, 
 report and the record at their beginning (`cut_short`), other files in their last line.";
 
 pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
-    let scenario = arguments.scenario.load(arguments.seed)?;
+    let scenario = arguments.scenario.load(arguments.seed, None)?;
     arguments.scenario.tell_assumptions(&scenario);
     let script = arguments.pcap.as_deref().and_then(script_of);
     let usual = Path::new(CHIP_IMAGE);
@@ -172,6 +172,14 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
         arguments.track.is_none() || arguments.backend == Backend::Host,
         "--track needs cameras that see what moves, in virtual time: leave it out, or say `--backend host`"
     );
+    let mut networks = BTreeSet::new();
+    for (network, _) in &arguments.console {
+        ensure!(
+            networks.insert(network),
+            "the console of network {network} is on two links: leave one out, or say of which network \
+             the other is, as `2:PTY`"
+        );
+    }
     let mut nodes = BTreeSet::new();
     for (node, _) in &arguments.port {
         ensure!(
@@ -219,6 +227,7 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
         pcap: pcap.clone().map(writer),
         log: log.clone().map(writer),
     };
+    let happening: Vec<f64> = scenario.events.iter().map(|event| event.at_s).collect();
     let mut simulation =
         Simulation::new(scenario, options).map_err(|error| arguments.scenario.named(error))?;
     for (node, path) in &arguments.port {
@@ -289,6 +298,14 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
         Some(trouble) => End::CutShort(trouble.to_string()),
         None => End::Whole,
     };
+    let seconds = simulation.seconds();
+    let missed = happening.iter().filter(|at| **at > seconds).count();
+    if missed > 0 && end == End::Whole {
+        tell(format_args!(
+            "{missed} of {} events did not happen: the run ended before, after {seconds:.0} s",
+            happening.len()
+        ));
+    }
     // Each is told, and none keeps the others from being written.
     let mut ended = finish(&record, &outputs, &end);
     if let Some(onlooker) = onlooker {
@@ -418,7 +435,8 @@ impl Onlookers {
             ended = and(ended, write(path, page));
         }
         if let Some(path) = &self.animation {
-            let picture = animation(&self.kept).context("nobody knows where the cameras are");
+            let picture = animation(&self.kept).map(|svg| end.mark_svg(svg));
+            let picture = picture.context("nobody knows where the cameras are");
             ended = and(ended, write(path, picture));
         }
         ended

@@ -5,7 +5,9 @@ use std::path::Path;
 use anyhow::anyhow;
 use clap::{Args, ValueEnum};
 use site::world::Variant;
-use site::{BUILT_IN, Overrides, Purpose, Scenario, ScenarioError, planner::Placement};
+use site::{
+    BUILT_IN, Overrides, Purpose, ScatterTable, Scenario, ScenarioError, planner::Placement,
+};
 
 use super::{tell, values};
 
@@ -71,8 +73,12 @@ impl ScenarioOptions {
         (!is_built_in).then_some(Path::new(&self.scenario))
     }
 
-    /// The scenario, with this seed or its own.
-    pub(super) fn load(&self, seed: Option<u64>) -> anyhow::Result<Scenario> {
+    /// The scenario, with this seed and scatter or its own.
+    pub(super) fn load(
+        &self,
+        seed: Option<u64>,
+        scatter: Option<ScatterTable>,
+    ) -> anyhow::Result<Scenario> {
         let changes = Overrides {
             seed,
             path: self.path,
@@ -93,7 +99,7 @@ impl ScenarioOptions {
             }),
             drift: self.drift,
             loss: self.loss,
-            scatter: None,
+            scatter,
         };
         Scenario::load(&self.scenario, &changes).map_err(|error| self.named(error))
     }

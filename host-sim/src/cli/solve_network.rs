@@ -8,7 +8,7 @@ use std::{
 };
 
 use answers::accuracy::Comparisons;
-use answers::network::{self, NetworkSolution, ScaleFrom, Settings, usual_carrier};
+use answers::network::{self, NetworkError, NetworkSolution, ScaleFrom, Settings, usual_carrier};
 use answers::plot::{self, Map, MapCamera};
 use answers::record::{
     RunRecord,
@@ -190,6 +190,12 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
     if let Some(path) = &arguments.truth {
         measured.truths = read_truth(path, &measured.sightings)?;
     }
+    if let (Some(references), [only]) = (arguments.references, &measured.sightings[..]) {
+        let has_bearing = |camera| only.bearings.iter().any(|seen| seen.camera == camera);
+        if let Some(camera) = references.into_iter().find(|&camera| !has_bearing(camera)) {
+            bail!("{name} {}", NetworkError::NeverSaw(camera));
+        }
+    }
     let unit = { arguments.unit.as_deref() }
         .or(measured.unit.as_deref())
         .unwrap_or("m");
@@ -203,6 +209,14 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
         solutions.extend(solved.map_err(|error| anyhow!("{name} {error}"))?);
     }
     unless_gone(tell_all(arguments, &solutions, &measured, unit))?;
+    let fails = |solution: &NetworkSolution| solution.stops.is_empty();
+    let has_visits = { measured.sightings.iter() }.any(|own| !own.visits.is_empty());
+    if has_visits && solutions.iter().any(fails) {
+        tell(
+            "one visit of a wrong mark or stop spoils everything: try without the visits, and if that \
+             has a solution, look for the wrong row",
+        );
+    }
     if let Some(path) = &arguments.plot {
         write(path, draw(&solutions, &name, unit))?;
     }

@@ -118,12 +118,11 @@ fn scenarios(arguments: &Arguments, stop: &AtomicBool) -> anyhow::Result<Vec<Sce
             if stop.load(Ordering::Relaxed) {
                 return Ok(scenarios);
             }
-            let mut scenario = arguments.scenario.load(Some(seed))?;
+            let mut scenario = arguments.scenario.load(Some(seed), arguments.scatter)?;
             scenario.path = path.unwrap_or(scenario.path);
-            scenario.scatter = arguments.scatter.unwrap_or(match scenario.scatter {
-                own if !own.is_none() => own,
-                _ => ScatterTable::USUAL,
-            });
+            if arguments.scatter.is_none() && scenario.scatter.is_none() {
+                scenario.scatter = ScatterTable::USUAL;
+            }
             scenarios.push(scenario);
         }
     }

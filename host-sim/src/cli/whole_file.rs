@@ -85,14 +85,19 @@ pub(super) fn read(path: &Path, most: u64) -> anyhow::Result<String> {
 }
 
 fn read_text(path: &Path, most: u64) -> anyhow::Result<String> {
-    let file = File::open(path)?;
-    let known = file.metadata()?;
-    ensure!(known.is_file() || is_pipe(&known), "it is no regular file");
     let check = |length| {
         ensure!(length <= most, "it has more than {most} bytes");
         Ok(())
     };
-    check(known.len())?;
+    let file: Box<dyn Read> = if path == Path::new("-") {
+        Box::new(io::stdin())
+    } else {
+        let file = File::open(path)?;
+        let known = file.metadata()?;
+        ensure!(known.is_file() || is_pipe(&known), "it is no regular file");
+        check(known.len())?;
+        Box::new(file)
+    };
     let mut text = String::new();
     // Of a pipe nobody knows the length before.
     check(file.take(most + 1).read_to_string(&mut text)? as u64)?;

@@ -8,6 +8,5 @@
 //! | [`command`] | What cameras can be told, as people type it. |
 //! | [`output`] | The members as a table. |
 
-pub mod command;
 pub mod output;
 pub mod session;

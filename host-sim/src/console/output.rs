@@ -2,7 +2,7 @@
 
 use comfy_table::{CellAlignment, Table, presets::ASCII_MARKDOWN};
 
-use answers::record::Estimate;
+use answers::record::{Estimate, verdict::half_turn};
 use answers::report::table::Words;
 use answers::view::NetworkView;
 use calib_core::Refusal;
@@ -52,7 +52,7 @@ pub fn table(known: &NetworkView) -> String {
             number(|e| e.sigma_heading_deg, 2),
             member.protection().map_or_else(
                 || "-".to_owned(),
-                |level| format!("{:.2}, {:.1}", level.position, level.heading_deg),
+                |level| format!("{:.2}, {:.1}", level.position, half_turn(level.heading_deg)),
             ),
             member
                 .report

@@ -874,6 +874,20 @@ mod tests {
         assert_eq!(session.poll(at(1_200)), Err(Failure::NoCamera(4)));
     }
 
+    /// People are told in the words that they type.
+    #[test]
+    fn what_became_of_a_command_is_told_in_its_words() {
+        let mut session = listed(&[]);
+        while session.news().is_some() {}
+        let done = CommandResult {
+            command: CameraCommand::LearnColour { colour: 1 },
+            outcome: CommandOutcome::Failed,
+        };
+        tell(&mut session, 1_300, &[ToPc::Done { address: 1, done }]);
+        let news = session.news().unwrap();
+        assert!(news.starts_with("camera 7: learn-colour=1: "), "{news}");
+    }
+
     #[test]
     fn a_key_is_changed_when_it_is_in_use() {
         let key = SiteKey::new(2, *b"sixteen secrets!");

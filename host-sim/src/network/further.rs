@@ -49,13 +49,18 @@ pub(super) fn lead_on(simulation: &mut Simulation) -> Option<Time> {
     if !simulation.further.is_left() {
         return None;
     }
-    let verdict = Verdict::of(&outcome::record(simulation, 0.0));
+    let record = outcome::record(simulation, 0.0);
+    let verdict = Verdict::of(&record);
+    let is_calibrated = |id: &u16| record.cameras().any(|c| c.id == *id && c.is_calibrated());
     let mut longest = None;
     for number in 0..simulation.site.networks.len() {
         let network = &simulation.site.networks[number];
         let frame = outcome::frame(simulation, network, &simulation.consoles[number]);
         let asked = verdict.next_stops.iter();
         let asked = asked.filter(|stop| usize::from(stop.network) == number + 1);
+        // A target that went on into another network estimates nothing together any more.
+        let has_left = { simulation.site.networks.iter() }.any(|other| other.home == Some(number));
+        let asked = asked.filter(|stop| !has_left || !stop.seen_by.iter().all(is_calibrated));
         let goals: Vec<_> = asked
             .map(|stop| frame.in_world(Point2::new(stop.x, stop.y)))
             .collect();

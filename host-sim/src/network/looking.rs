@@ -12,7 +12,7 @@ use node_firmware::{
 use site::{Action, ScriptedEvent};
 use virtual_bench::executor::Time;
 
-use crate::console::command::command_name;
+use answers::view::command_name;
 
 use super::{
     Simulation, events,

@@ -117,7 +117,11 @@ pub(super) fn record(simulation: &Simulation, wall_seconds: f64) -> RunRecord {
                 );
             }
             let view = console.view();
-            let is_absent = view.member(node.id).is_some_and(|member| member.absent);
+            let member = view.member(node.id);
+            if member.is_none_or(|member| member.report.is_none()) && !node.reference {
+                node.sightings = sightings.len();
+            }
+            let is_absent = member.is_some_and(|member| member.absent);
             node.silent = is_absent || is_silent(simulation, network, &node, &entry);
             node.calibrated_seconds = entry.calibrated.map(seconds);
             nodes.push(with_traffic(simulation, node));

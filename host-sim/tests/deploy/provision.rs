@@ -328,6 +328,12 @@ fn what_is_wrong_is_told() {
             "--site-key=none.sitekey TARGET --id=1",
         ),
         ("use --role", "KEY --id=1"),
+        ("Say --site FILE.toml --out FOLDER", "--id=1"),
+        ("not in options", "--site=room.toml --id=1"),
+        ("Say --out FOLDER", "--site=room.toml"),
+        ("a camera must be 1 to 59999", "KEY CAMERA --id=60000"),
+        ("88 columns, or 160", "KEY CAMERA --id=1 --columns=100"),
+        ("", "KEY CAMERA --id=1 --baseline=-1"),
         ("use --id", "KEY --role=camera"),
         (
             "a camera needs `lens.field-of-view-deg`: use --field-of-view",

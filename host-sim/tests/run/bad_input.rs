@@ -52,6 +52,18 @@ fn options_out_of_their_range() {
         (&["run", "lab", "--loss", "nan"], "from 0 to 1"),
         (&["run", "lab", "--loss", "-0.1"], "from 0 to 1"),
         (&["run", "lab", "--speed", "infx"], "such as 10x"),
+        (&["run", "lab", "--speed", "-1x"], "such as 10x"),
+        (
+            &["run", "lab", "--console", "a", "--console", "1:b"],
+            "the console of network 1 is on two links",
+        ),
+        (
+            &["run", "lab", "--until-calibrated", "--further-stops", "-1"],
+            "a whole number",
+        ),
+        (&["console", "--port", "x", "--seconds", "-1"], "above 0"),
+        (&["live", "lab", "--seed", "-1"], "a whole number from 0"),
+        (&["keygen", "/nowhere/key"], "there is no folder /nowhere"),
         (
             &["run", "lab", "--seed", "-1"],
             "invalid value '-1' for '--seed <S>': a whole number from 0",
@@ -377,6 +389,101 @@ fn results_that_would_replace_or_block_one_another() {
     }
     assert_eq!(fs::read_to_string(&there).unwrap(), "as it was");
     assert!(!fs::exists(files.path("out")).unwrap());
+}
+
+/// Whatever they are called by, and whatever is to come of it.
+#[test]
+#[cfg(unix)]
+fn a_site_that_is_edited_stays_as_it_was() {
+    let files = Files::new();
+    let lab = include_str!("../../../site/scenarios/lab.toml");
+    let site = files.write("site.toml", lab);
+    std::os::unix::fs::symlink("site.toml", files.path("link")).unwrap();
+    let replaced = "is read, and would be replaced by a result";
+    for name in ["site.toml", "./site.toml", "link"] {
+        refused(&["edit", &site, "--json", &files.path(name)], replaced);
+    }
+    assert_eq!(fs::read_to_string(&site).unwrap(), lab);
+    let nowhere = files.path("no/such.toml");
+    for (saved, expected) in [
+        (files.path(""), "is a folder"),
+        (nowhere.clone(), "there is no folder"),
+        ("-".to_owned(), "name a file"),
+    ] {
+        refused(&["edit", &site, "--save", &saved], expected);
+    }
+    let begin = "begin with a site that is built in, as `host-sim edit office --save";
+    refused(&["edit", &files.path("my-site.toml")], begin);
+    let told = run(&["edit", &site, "--json", "-"]);
+    assert_eq!(told.code, 0, "{}", told.stderr);
+}
+
+/// Where nobody would have noticed that cameras stayed where they were.
+#[test]
+fn cameras_that_scatter_out_of_the_world() {
+    for (scatter, expected) in [
+        (
+            "1000,3",
+            "`scatter.position` is 1000: it must be less: camera 1 then stands outside",
+        ),
+        (
+            "1e308,3",
+            "`scatter.position` is 1e308: it must be 0 to 100000",
+        ),
+    ] {
+        refused(
+            &["sweep", "lab", "--seeds", "1..2", "--scatter", scatter],
+            expected,
+        );
+    }
+}
+
+#[test]
+fn a_network_that_has_its_frame_from_none_and_a_number_in_quotes() {
+    let files = Files::new();
+    let lab = include_str!("../../../site/scenarios/lab.toml");
+    let camera = [101, 102, 103].map(|id| format!("{{ id = {id}, x = 0.0, y = 0.0 }}"));
+    let camera = format!("camera = [{}]", camera.join(", "));
+    let network = format!(
+        "{lab}\n[[network]]\nreferences = {{ cameras = [101, 102], frame_of = 7 }}\n{camera}\n"
+    );
+    let quoted = lab.replacen("stops = 3", "stops = \"3\"", 1);
+    for (text, expected) in [
+        (
+            network,
+            "`network 2.references.frame_of` is 7: it must be the number",
+        ),
+        (
+            quoted,
+            "`stops` is a text, \"3\": it must be a whole number",
+        ),
+    ] {
+        let file = files.write("site.toml", &text);
+        refused(&["run", &file], expected);
+        fs::remove_file(file).unwrap();
+    }
+}
+
+#[test]
+fn a_file_without_an_end_is_not_read() {
+    let files = Files::new();
+    let long = files.write("long.toml", &format!("x = {}", "a".repeat(5_000_000)));
+    refused(&["run", &long], "has more than 4194304 bytes");
+    let line = files.write("line.toml", &format!("x = {}", "a".repeat(100_000)));
+    assert!(refused(&["run", &line], "TOML parse error").len() < 10_000);
+}
+
+/// What happens after the end does not happen.
+#[test]
+fn events_that_come_too_late_are_told() {
+    let files = Files::new();
+    let lab = include_str!("../../../site/scenarios/lab.toml");
+    let event = "[[event]]\nat_s = 90000.0\naction.restart = { node = 3 }\n";
+    let site = files.write("late.toml", &format!("{lab}\n{event}"));
+    let done = run(&["run", &site]);
+    assert_eq!(done.code, 0, "{}", done.stderr);
+    let told = "1 of 1 events did not happen: the run ended before";
+    assert!(done.stderr.contains(told), "{}", done.stderr);
 }
 
 /// The other results are written all the same.

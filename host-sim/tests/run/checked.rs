@@ -2,7 +2,7 @@
 
 use answers::record::{
     Protection, RunRecord,
-    verdict::{Trouble, Verdict, Weakness},
+    verdict::{Common, NextStop, Trouble, Verdict, Weakness, check_words},
 };
 use answers::{
     export::{self, Frame},
@@ -93,6 +93,44 @@ fn checked_is_what_the_limits_tolerate() {
         record.limits.sigma_heading_deg = limit;
         assert_eq!(Verdict::of(&record).checked, checked);
     }
+}
+
+/// Where a stop is asked for twice, with another one between: nobody would go there twice otherwise.
+#[test]
+fn a_place_that_is_asked_for_again_is_walked_back_to() {
+    let mut verdict = Verdict::of(&Sample::default().run());
+    let stop = |x| NextStop {
+        network: 1,
+        x,
+        y: 2.0,
+        again: None,
+        seen_by: vec![3],
+    };
+    verdict.common = vec![Common::Misfit(3.0)];
+    verdict.next_stops = vec![stop(1.0), stop(4.0), stop(1.0)];
+    let text = verdict.to_string();
+    let asked: Vec<_> = text.lines().rev().take(3).collect();
+    assert_eq!(
+        asked,
+        [
+            "Then walk back to about (1.0, 2.0), in view of camera 3",
+            "Then stop the target about (4.0, 2.0), in view of camera 3",
+            "Next: stop the target about (1.0, 2.0), in view of camera 3",
+        ]
+    );
+}
+
+#[test]
+fn nothing_turns_by_more_than_half_a_turn() {
+    let level = Protection {
+        position: 30.0,
+        heading_deg: 269.6,
+    };
+    let words = check_words(Some(&level), false, "m");
+    assert!(
+        words.ends_with("by 30.00 m and turn it by 180.0 deg"),
+        "{words}"
+    );
 }
 
 /// A network whose target estimates nothing together is told so once.

@@ -4,7 +4,7 @@ use answers::{
     network,
     record::{
         RunRecord,
-        verdict::{Trouble, Verdict, Weakness},
+        verdict::{Common, Trouble, Verdict, Weakness},
     },
 };
 use host_sim::network::{Options, Simulation};
@@ -97,9 +97,9 @@ fn a_leg_that_ties_two_places_alone_is_walked_back_across() {
         );
     }
     assert!(
-        verdict
-            .to_string()
-            .contains("walk back across the leg from stop 4 to stop 5"),
+        verdict.to_string().contains(
+            "walk back across the leg from stop 4 at (3.2, 4.0) to stop 5 at (25.0, 2.6)"
+        ),
         "{verdict}"
     );
     // Back to where the references look.
@@ -120,6 +120,68 @@ fn a_leg_that_ties_two_places_alone_is_walked_back_across() {
     assert_eq!(record.targets[0].stops.len(), 10 + made);
     assert_eq!(verdict.next_stops, []);
     assert!(solved_again(&record) < 3.0, "{}", solved_again(&record));
+}
+
+/// A second network has its frame from the first one's target, which estimates nothing together from then
+/// on.
+const GUESTS: &str = r#"
+    name = "guests"
+
+    [world]
+    low = [-2.0, -2.0]
+    high = [34.0, 12.0]
+
+    [camera]
+    projection = "pin-hole"
+    field_of_view_deg = 60.0
+
+    [sensor]
+    measures = true
+
+    [firmware]
+    systematic_scale = 0.03
+    systematic_heading_deg = 1.5
+
+    [[network]]
+    references = { cameras = [1, 2] }
+    camera = [
+      { id = 1, x = 0.0, y = 0.0, heading_deg = 45.0 },
+      { id = 2, x = 8.0, y = 0.0, heading_deg = 135.0 },
+      { id = 3, x = 4.0, y = 8.0, heading_deg = -90.0 },
+    ]
+    target = [{ id = 40 }]
+
+    [[network]]
+    channel = 20
+    references = { cameras = [21, 22], frame_of = 1 }
+    camera = [
+      { id = 21, x = 12.0, y = 0.0, heading_deg = 45.0 },
+      { id = 22, x = 20.0, y = 0.0, heading_deg = 135.0 },
+      { id = 23, x = 16.0, y = 8.0, heading_deg = -90.0 },
+    ]
+"#;
+
+#[test]
+fn a_target_that_left_a_network_is_not_led_on_in_vain() {
+    let scenario = Scenario::from_toml(GUESTS, &Overrides::default()).unwrap();
+    let options = Options {
+        further_stops: 24,
+        ..Options::default()
+    };
+    let mut simulation = Simulation::new(scenario, options).unwrap();
+    let record = simulation.run(|_| ());
+    let verdict = Verdict::of(&record);
+    assert!(verdict.is_complete() && !verdict.is_checked(), "{verdict}");
+    assert_eq!(simulation.further_stops(), 0);
+    assert_eq!(verdict.common, [Common::UncheckedGuests(2)]);
+    let text = verdict.to_string();
+    let why = "No pose is checked in network 2: it has no references, and a target that brings";
+    assert!(text.contains(why), "{text}");
+    // A camera keeps fewer sightings, or more, than a target counts: it tells what its pose rests on.
+    for camera in record.cameras() {
+        assert!(camera.used <= camera.sightings, "camera {}", camera.id);
+        assert!(camera.sightings <= 6, "camera {}", camera.id);
+    }
 }
 
 #[test]

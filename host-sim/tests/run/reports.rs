@@ -2,7 +2,7 @@
 
 use answers::export::{self, Frame};
 use answers::record::{
-    Failure, Node, RunRecord,
+    Failure, Node, RunRecord, Tracking,
     summary::Summary,
     verdict::{Common, Finding, InView, Trouble, Verdict},
 };
@@ -14,6 +14,37 @@ use crate::{
     common::{Files, run},
     sample::{self, Sample},
 };
+
+/// Nobody relies on tracks that are not what they claim to be.
+#[test]
+fn tracking_that_deceives_or_is_of_little_use_is_told() {
+    let tracking = |covered, nees| {
+        let mut record = Sample::default().run();
+        record.tracking = vec![Tracking {
+            network: 1,
+            seconds: 60.0,
+            objects: 2,
+            looks: 500,
+            covered,
+            rms: Some(0.4),
+            bound: Some(0.2),
+            nees: Some(nees),
+            breaks: 0,
+            swaps: 0,
+            ghosts: 0,
+        }];
+        run_report(&record)
+    };
+    let deceives =
+        "Tracks are 4.9 times farther off than their covariances say: do not rely on these.";
+    let useless = "Tracking is of little use here";
+    let [good, bad] = [(0.95, 2.2), (0.07, 48.0)].map(|(covered, nees)| tracking(covered, nees));
+    assert!(
+        !good.contains("Tracks are") && !good.contains(useless),
+        "{good}"
+    );
+    assert!(bad.contains(deceives) && bad.contains(useless), "{bad}");
+}
 
 /// Whether a camera of the sample sees a place, from geometry.
 fn sees(camera: u16, x: f64, y: f64) -> bool {

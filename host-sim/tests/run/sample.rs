@@ -219,6 +219,7 @@ impl Sample {
             seen.iter()
                 .map(|(stop, sighting)| (TARGET, *stop, sighting)),
         );
+        node.sightings = seen.len();
         if node.estimate.is_some() {
             judge(&mut node);
             // As if a target had estimated it together with the others.

@@ -213,6 +213,7 @@ fn network(
         self::target(scenario, &name, target)?;
     }
     if network.targets.is_empty() && visitors.is_empty() {
+        home(scenario, name, network)?;
         return Err(refuse(
             format!("{name}.target"),
             "missing",
@@ -246,15 +247,23 @@ fn network(
     network.known(name).map(|_| ())
 }
 
+/// A frame that comes from a network which has one.
+fn home(scenario: &Scenario, name: &str, network: &NetworkTable) -> Checked {
+    let is_home = |home: &NetworkTable| home.references.frame_of.is_none();
+    match network.references.frame_of {
+        Some(home) if !scenario.home_of(network).is_some_and(is_home) => {
+            let allowed = "the number, from 1, of a network that has references";
+            Err(refuse(format!("{name}.references.frame_of"), home, allowed))
+        }
+        _ => Ok(()),
+    }
+}
+
 /// References that can be some.
 fn references(scenario: &Scenario, name: &str, network: &NetworkTable) -> Checked {
+    home(scenario, name, network)?;
     let references = &network.references;
-    if let Some(home) = references.frame_of {
-        let is_home = |home: &NetworkTable| home.references.frame_of.is_none();
-        if !scenario.home_of(network).is_some_and(is_home) {
-            let allowed = "the number, from 1, of a network that has references";
-            return Err(refuse(format!("{name}.references.frame_of"), home, allowed));
-        }
+    if references.frame_of.is_some() {
         for (key, is_given) in [
             ("elected", references.elected),
             ("baseline_known", references.baseline_known.is_some()),

@@ -221,8 +221,20 @@ fn show(value: &DeValue<'_>) -> String {
             format!("[{}]", all.join(", "))
         }
         DeValue::Table(_) => "a table".into(),
+        // A number in quotes is none.
+        DeValue::String(text) if text.trim().parse::<f64>().is_ok() => {
+            format!("a text, \"{}\"", text.escape_debug())
+        }
         DeValue::String(text) => text.escape_debug().to_string(),
-        value => number(value).map_or_else(|| shown(value), |number| number.to_string()),
+        value => number(value).map_or_else(|| shown(value), short),
+    }
+}
+
+/// All digits of a number that people write out.
+pub(super) fn short(number: f64) -> String {
+    match number.abs() {
+        0.0 | 1e-6..1e16 => number.to_string(),
+        _ => format!("{number:e}"),
     }
 }
 

@@ -185,7 +185,7 @@ pub(crate) fn check_number(path: &str, value: f64) -> Result<(), ScenarioError> 
             if !(low..=high).contains(&value) =>
         {
             let allowed = format!("{low} to {high}{advice}");
-            Err(super::check::refuse(path, value, allowed))
+            Err(super::check::refuse(path, document::short(value), allowed))
         }
         _ => Ok(()),
     }

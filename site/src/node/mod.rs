@@ -15,7 +15,7 @@
 //! stops = 4
 //! lens = { field-of-view-deg = 47.0 }
 //! reference = { duty = "first", position = [0.0, 0.0] }
-//! subjects = { colours = [{ red = [170, 240], green = [60, 140], blue = [16, 80] }] }
+//! subjects = { colours = [{ red = [185, 240], green = [60, 150], blue = [16, 80] }] }
 //! ```
 
 mod text;
@@ -28,12 +28,14 @@ use node_firmware::{
         Subjects, TargetConfig,
     },
     limits::MEMBERS,
-    vision::{ColourWindow, Lens},
+    vision::{CameraKind, Lens},
 };
 use serde::{Deserialize, Serialize, de::DeserializeOwned};
 use thiserror::Error;
 use toml::{Table, Value};
 use zigbee_link::security::Protection;
+
+use crate::{FIRST_COORDINATOR, configs::usual_window};
 
 pub use self::text::text;
 
@@ -69,6 +71,12 @@ pub enum NodeError {
     /// The number of the node.
     #[error("id must be 1 to 65535, not {0}")]
     Id(i64),
+    /// That of another kind of node.
+    #[error("the id of a {0} must be 1 to {max}, not {1}: those above are coordinators'", max = FIRST_COORDINATOR - 1)]
+    Coordinators(RoleName, u16),
+    /// A picture that no CMUcam2 takes.
+    #[error("a CMUcam2's lens has 88 columns, or 160 with the OV7620, not {0}")]
+    Columns(u16),
     /// Names that would have no effect.
     #[error("a {role} has no parameter {names}")]
     Unknown {
@@ -98,12 +106,8 @@ const PARTS: [&str; 4] = ["lens", "good-enough", "weak", "sensor"];
 
 /// Of a CMUcam2 with the OV6620. The field of view is always given.
 const LENS: Lens = Lens::pin_hole(88, 45.0);
-/// An orange target's. Light differs: it is meant to be learnt anew at the site.
-const ORANGE: ColourWindow = ColourWindow {
-    red: [170, 240],
-    green: [60, 140],
-    blue: [16, 80],
-};
+/// A CMUcam2's columns with either of its sensors.
+const COLUMNS: [u16; 2] = [88, 160];
 
 /// What a node is for, by name.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize)]
@@ -245,6 +249,9 @@ pub fn config(mut table: Table, site_key: SiteKey) -> Result<CheckedConfig, Node
     let common: Common = common.try_into()?;
     let id = u16::try_from(common.id).ok().filter(|&id| id > 0);
     let id = id.ok_or(NodeError::Id(common.id))?;
+    if id >= FIRST_COORDINATOR && common.role != RoleName::Coordinator {
+        return Err(NodeError::Coordinators(common.role, id));
+    }
     for (role, part, key, name, option, why) in ASKED {
         let given = match part {
             "" => table.contains_key(key),
@@ -265,10 +272,16 @@ pub fn config(mut table: Table, site_key: SiteKey) -> Result<CheckedConfig, Node
             let usual = if is_pixy2 {
                 CameraConfig::pixy2(1)
             } else {
-                let colours = [ORANGE].into_iter().collect();
+                // Light differs: it is meant to be learnt anew at the site.
+                let colours = [usual_window()].into_iter().collect();
                 CameraConfig::new(LENS, Subjects::Colours(colours))
             };
-            RoleConfig::Camera(parameters(common.role, &usual, table)?)
+            let own: CameraConfig = parameters(common.role, &usual, table)?;
+            let columns = own.lens.columns;
+            if own.kind == CameraKind::Cmucam2 && !COLUMNS.contains(&columns) {
+                return Err(NodeError::Columns(columns));
+            }
+            RoleConfig::Camera(own)
         }
         RoleName::Coordinator => {
             let own = parameters(common.role, &Coordinator::default(), table)?;

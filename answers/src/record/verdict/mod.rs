@@ -22,7 +22,7 @@ mod words;
 
 pub use causes::deceives;
 pub use in_view::InView;
-pub use words::{check_words, health_words, status_words};
+pub use words::{check_words, half_turn, health_words, status_words};
 
 /// A sighting this many sigmas off its camera's pose is worth a look.
 const WILD: f64 = 5.0;
@@ -57,6 +57,8 @@ pub struct Verdict {
     pub failing: Vec<Failing>,
     /// Where to stop the target next: by ascending network, the best place first.
     pub next_stops: Vec<NextStop>,
+    /// Where targets stood at their stops.
+    stood: BTreeMap<(u16, u32), [f64; 2]>,
     unit: String,
     has_networks: bool,
     is_rehearsal: bool,
@@ -180,6 +182,8 @@ pub enum Common {
     Reference(u16),
     /// No pose of this network is checked: no target estimated its cameras together.
     Unchecked(u16),
+    /// The same of one that has no references: a target brought its frame from another network.
+    UncheckedGuests(u16),
     /// True errors are this many times larger than foretold.
     Overconfident(f64),
     /// True errors are this many times smaller than foretold. Nobody is deceived by that.
@@ -286,6 +290,10 @@ impl Verdict {
             failing: record.nodes.iter().filter_map(Failing::of).collect(),
             next_stops,
             findings,
+            stood: { record.targets.iter() }
+                .flat_map(|target| target.stops.iter().map(move |stop| (target.id, stop)))
+                .map(|(target, stop)| ((target, stop.stop), [stop.x, stop.y]))
+                .collect(),
             unit: record.unit.name.clone(),
             has_networks: record.has_networks(),
             is_rehearsal: record.seed.is_some(),
@@ -328,7 +336,10 @@ fn unchecked(
         return Default::default();
     }
     if own().all(|camera| camera.protection.is_none()) {
-        common.push(Common::Unchecked(network));
+        common.push(match own().any(|camera| camera.reference) {
+            true => Common::Unchecked(network),
+            false => Common::UncheckedGuests(network),
+        });
         return Default::default();
     }
     let checks = checks::of(record, network, &unchecked);

@@ -204,6 +204,11 @@ impl Finding {
     }
 }
 
+/// More than half a turn is none.
+pub fn half_turn(heading_deg: f64) -> f64 {
+    heading_deg.min(180.0)
+}
+
 /// Whether a pose is checked, in words: what one wrong measurement could do to it.
 pub fn check_words(level: Option<&Protection>, is_tolerated: bool, unit: &str) -> String {
     match level {
@@ -215,7 +220,8 @@ pub fn check_words(level: Option<&Protection>, is_tolerated: bool, unit: &str) -
             let not = if is_tolerated { "" } else { "not " };
             format!(
                 "{not}checked: one wrong measurement that nobody noticed could move it by \
-                 {position:.2} {unit} and turn it by {heading_deg:.1} deg"
+                 {position:.2} {unit} and turn it by {:.1} deg",
+                half_turn(*heading_deg)
             )
         }
         None => "not checked: no target has estimated it together with the others".to_owned(),
@@ -223,19 +229,35 @@ pub fn check_words(level: Option<&Protection>, is_tolerated: bool, unit: &str) -
 }
 
 /// What to do about a weakness of this camera's pose, or of several.
-struct Remedy(Option<Weakness>, Option<u16>);
+struct Remedy<'a>(&'a Verdict, Option<Weakness>, Option<u16>);
 
-impl fmt::Display for Remedy {
+impl fmt::Display for Remedy<'_> {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        match *self {
-            Self(Some(Weakness::Leg { from, to, .. }), _) => {
-                write!(f, "walk back across the leg from stop {from} to stop {to}")
+        let Self(verdict, weakness, of) = *self;
+        match (weakness, of) {
+            (Some(Weakness::Leg { target, from, to }), _) => {
+                let [from, to] = [from, to].map(|stop| AtStop(verdict, target, stop));
+                write!(f, "walk back across the leg from {from} to {to}")
             }
-            Self(Some(Weakness::Sightings { camera }), of) if of != Some(camera) => {
+            (Some(Weakness::Sightings { camera }), of) if of != Some(camera) => {
                 write!(f, "stop again before camera {camera}")
             }
-            Self(_, Some(_)) => f.write_str("stop again before it"),
-            Self(_, None) => f.write_str("stop again before each of them"),
+            (_, Some(_)) => f.write_str("stop again before it"),
+            (_, None) => f.write_str("stop again before each of them"),
+        }
+    }
+}
+
+/// A stop of a target, and where that is: nobody knows its number by heart.
+struct AtStop<'a>(&'a Verdict, u16, u32);
+
+impl fmt::Display for AtStop<'_> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Self(verdict, target, stop) = *self;
+        write!(f, "stop {stop}")?;
+        match verdict.stood.get(&(target, stop)) {
+            Some([x, y]) => write!(f, " at ({x:.1}, {y:.1})"),
+            None => Ok(()),
         }
     }
 }
@@ -258,7 +280,7 @@ impl Verdict {
             weakness,
         } = &finding.trouble
         {
-            let remedy = Remedy(*weakness, Some(finding.camera));
+            let remedy = Remedy(self, *weakness, Some(finding.camera));
             let check = check_words(protection.as_ref(), false, &self.unit);
             return format!("{check}: {remedy}");
         }
@@ -300,13 +322,19 @@ impl Verdict {
                 "  {}: {each}{}: {}",
                 cameras(&ids),
                 check_words(worst.as_ref(), false, &self.unit),
-                Remedy(weakness, only.ok().map(|[id]| id)),
+                Remedy(self, weakness, only.ok().map(|[id]| id)),
             )?;
         }
         Ok(())
     }
 
-    fn write_next(&self, f: &mut fmt::Formatter<'_>, stop: &NextStop, first: bool) -> fmt::Result {
+    fn write_next(&self, f: &mut fmt::Formatter<'_>, stops: &[NextStop]) -> fmt::Result {
+        let Some((stop, before)) = stops.split_last() else {
+            return Ok(());
+        };
+        let mut before = { before.iter() }.filter(|other| other.network == stop.network);
+        let first = before.clone().next().is_none();
+        let is_there = |other: &NextStop| (other.x, other.y) == (stop.x, stop.y);
         let lead = if first { "Next" } else { "Then" };
         match (self.has_networks, first) {
             (true, _) => write!(f, "{lead} in network {}: ", stop.network)?,
@@ -315,6 +343,7 @@ impl Verdict {
         }
         match stop.again {
             Some(again) => write!(f, "walk back to stop {again}, about ")?,
+            None if before.any(is_there) => f.write_str("walk back to about ")?,
             None => f.write_str("stop the target about ")?,
         }
         let seen_by = cameras(&stop.seen_by);
@@ -367,6 +396,12 @@ impl Verdict {
                 "  Reference camera {camera} is not there, and without both references no camera of its \
                  network gets a pose: see below what is the matter with it, or put another board or camera \
                  in its place, with the same configuration."
+            ),
+            Common::UncheckedGuests(network) => writeln!(
+                f,
+                "  No pose is checked in network {network}: it has no references, and a target that brings a \
+                 frame from another network estimates the cameras of neither together from then on. No \
+                 further stop changes that; references of its own would."
             ),
             Common::Unchecked(network) => {
                 f.write_str("  No pose is checked")?;
@@ -440,10 +475,8 @@ impl fmt::Display for Verdict {
         for failing in &self.failing {
             writeln!(f, "{failing}")?;
         }
-        let mut before = None;
-        for stop in &self.next_stops {
-            let first = before.replace(stop.network) != Some(stop.network);
-            self.write_next(f, stop, first)?;
+        for count in 1..=self.next_stops.len() {
+            self.write_next(f, &self.next_stops[..count])?;
         }
         Ok(())
     }

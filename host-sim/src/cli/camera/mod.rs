@@ -260,6 +260,22 @@ impl Arguments {
         ));
     }
 
+    /// The other program may set another rate than the known one at any time, which matters unless
+    /// --any-baud is given.
+    fn other_rate(&self, line: &Line, known: u32) -> anyhow::Result<Option<u32>> {
+        let baud = line.baud()?.filter(|baud| *baud != known && *baud != 0);
+        let Some(baud) = baud.filter(|_| !self.any_baud) else {
+            return Ok(None);
+        };
+        if baud != self.baud() {
+            tell(format_args!(
+                "the other program has set {baud} baud, the camera has {}: both will get garbage",
+                self.baud()
+            ));
+        }
+        Ok(Some(baud))
+    }
+
     fn line(&self) -> anyhow::Result<Line> {
         match (&self.pty, &self.port) {
             (Some(link), _) => Ok(Line::Terminal(PseudoTerminal::open(link, self.baud())?)),
@@ -323,8 +339,9 @@ impl RealTime<'_> {
             None => PATIENCE,
         };
         let received = self.line.receive(wait)?;
-        if !self.arguments.any_baud {
-            self.listen_as_the_host_does()?;
+        if let Some(baud) = self.arguments.other_rate(&self.line, self.host_baud)? {
+            self.host_baud = baud;
+            self.emulator.set_host_baud(baud);
         }
         if let Some(picture) = self.film.as_ref().map(Film::take).transpose()?.flatten() {
             self.emulator.scene_mut().background = Background::Picture(picture);
@@ -350,25 +367,6 @@ impl RealTime<'_> {
         self.losing = lost > 0;
         while let Some(note) = self.emulator.take_note() {
             self.tell(&note);
-        }
-        Ok(())
-    }
-
-    /// The other program may set another rate at any time.
-    fn listen_as_the_host_does(&mut self) -> anyhow::Result<()> {
-        let Some(baud) = self.line.baud()? else {
-            return Ok(());
-        };
-        if baud != self.host_baud && baud != 0 {
-            self.host_baud = baud;
-            self.emulator.set_host_baud(baud);
-            if baud != self.arguments.baud() {
-                tell(format_args!(
-                    "the other program has set {baud} baud, the camera has {}: both will get \
-                     garbage",
-                    self.arguments.baud()
-                ));
-            }
         }
         Ok(())
     }

@@ -65,6 +65,7 @@ pub(super) fn run(
     let clock = || start.elapsed().as_nanos() as Time;
     let byte_time = BYTE_BITS * SECOND / Time::from(arguments.baud());
     let mut incoming: VecDeque<(Time, u8)> = VecDeque::new();
+    let mut host_baud = arguments.baud();
     while !stop.load(Ordering::Relaxed) {
         if power.swap(false, Ordering::Relaxed) {
             emulator.power_cycle(clock());
@@ -74,7 +75,12 @@ pub(super) fn run(
         let wait = next.map_or(PATIENCE, |at| {
             Duration::from_nanos(at.saturating_sub(clock())).min(PATIENCE)
         });
-        let received = line.receive(wait)?;
+        let mut received = line.receive(wait)?;
+        host_baud = arguments.other_rate(&line, host_baud)?.unwrap_or(host_baud);
+        if host_baud != arguments.baud() {
+            // At another rate no request is one.
+            received.clear();
+        }
         if let Some(picture) = film.map(Film::take).transpose()?.flatten() {
             emulator.scene_mut().background = Background::Picture(picture);
         }

@@ -51,16 +51,16 @@ pub(super) struct Arguments {
     #[arg(long, value_name = "FILE.toml", requires = "port")]
     site: Option<String>,
     /// The root of all randomness of a simulation. Default: the scenario's.
-    #[arg(long, value_name = "S", value_parser = values::seed)]
+    #[arg(long, value_name = "S", value_parser = values::seed, allow_negative_numbers = true)]
     seed: Option<u64>,
     /// Which of the planned ways the target takes, from 1.
     #[arg(long, value_name = "K", value_parser = values::path)]
     path: Option<u64>,
     /// Cameras of a grid.
-    #[arg(long, value_name = "N", value_parser = values::count)]
+    #[arg(long, value_name = "N", value_parser = values::count, allow_negative_numbers = true)]
     nodes: Option<usize>,
     /// How fast a simulation begins: `max`, `real-time`, or so many times real time.
-    #[arg(long, value_name = "SPEED", value_parser = values::speed, default_value = "10x")]
+    #[arg(long, value_name = "SPEED", value_parser = values::speed, default_value = "10x", allow_hyphen_values = true)]
     speed: values::Speed,
     /// A simulated target goes on as the verdict asks, with at most so many further stops.
     #[arg(long, value_name = "N", value_parser = values::count, default_value_t = 0)]

@@ -11,13 +11,13 @@ use std::{
     time::{Duration, Instant},
 };
 
-use answers::record::event::{CommandState, Event, Looker, What};
+use answers::{
+    record::event::{CommandState, Event, Looker, What},
+    view::{command_name, parse_command},
+};
 use anyhow::{Context, bail, ensure};
 use host_sim::{
-    console::{
-        command::{command_name, parse_command},
-        session::Wish,
-    },
+    console::session::Wish,
     live::{Command, Server},
 };
 use site::Scenario;

@@ -9,10 +9,9 @@ use std::{
     thread,
 };
 
-use answers::record::event::CommandState;
+use answers::{record::event::CommandState, view::parse_command};
 use anyhow::{Context, ensure};
 use host_sim::{
-    console::command::parse_command,
     live::{Command, Server},
     network::{Onlooker, Options, Simulation},
 };
@@ -24,6 +23,8 @@ use super::{Arguments, POLL, start, told, wait};
 
 /// How often a simulation is looked at, nanoseconds.
 const LOOKS: u64 = 100_000_000;
+/// How far a camera is moved at once: as far as sites may be wide.
+const MOVE_MAX: f64 = 1e5;
 
 pub(super) fn run(
     arguments: &Arguments,
@@ -162,8 +163,12 @@ impl Controls<'_> {
                 }
             }
             Command::Move { node, by, turn_deg } => {
-                let is_finite = by.iter().all(|by| by.is_finite()) && turn_deg.is_finite();
-                ensure!(is_finite, "numbers are needed");
+                // Places stay within what a site may be, and nobody turns a camera round twice.
+                let is_near = by.iter().all(|by| by.abs() <= MOVE_MAX) && turn_deg.abs() <= 360.0;
+                ensure!(
+                    is_near,
+                    "lengths of {MOVE_MAX:.0} at most are needed, and -360 to 360 degrees"
+                );
                 Action::BumpCamera {
                     node: known(node)?,
                     by,

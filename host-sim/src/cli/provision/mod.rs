@@ -16,7 +16,7 @@ use site::{
 };
 use toml::Table;
 
-use super::{file_name, files::Files, print, tell, values};
+use super::{file_name, files::Files, print, tell, values, whole_file};
 
 /// Makes configuration pages, which tell boards which nodes they are.
 ///
@@ -27,18 +27,13 @@ pub(super) struct Arguments {
     #[arg(long, value_name = "PAGE", exclusive = true)]
     show: Option<PathBuf>,
     /// The site's key, of `host-sim keygen`; without it, the `key_file` of the site.
-    #[arg(long, value_name = "FILE", required_unless_present_any = ["show", "site"])]
+    #[arg(long, value_name = "FILE")]
     site_key: Option<PathBuf>,
     /// A node's parameters; options stand over them.
     #[arg(long, value_name = "FILE.toml")]
     config: Option<PathBuf>,
     /// All nodes of a site, from the file that `host-sim run` rehearses; --out is then a folder.
-    #[arg(
-        long,
-        value_name = "FILE.toml",
-        requires = "out",
-        conflicts_with = "config"
-    )]
+    #[arg(long, value_name = "FILE.toml", conflicts_with = "config")]
     site: Option<PathBuf>,
     /// Where to write; without it, node-ID.page.bin.
     #[arg(long, value_name = "PATH", value_parser = values::result())]
@@ -65,7 +60,10 @@ pub(super) fn run(arguments: &Arguments) -> Result<ExitCode> {
 
 impl Arguments {
     fn one_node(&self) -> Result<()> {
-        let path = self.site_key.as_deref().context("--site-key is missing")?;
+        let path = self.site_key.as_deref().context(
+            "whose pages? Say --site FILE.toml --out FOLDER for all nodes of a site, --site-key FILE \
+             with --role and --id for one node, or --show PAGE",
+        )?;
         let key = read_key(path)?;
         let mut table = match &self.config {
             Some(file) => read_table(file)?,
@@ -84,6 +82,8 @@ impl Arguments {
             self.options.table()?.is_empty(),
             "a site's nodes have their parameters in its file, not in options"
         );
+        let folder = self.out.as_deref();
+        let folder = folder.context("where to? Say --out FOLDER, into which the pages go")?;
         let scenario =
             Scenario::load(&name, &Overrides::default()).map_err(|error| named(&name, error))?;
         let open = scenario.assumptions(Purpose::Deployment);
@@ -101,13 +101,14 @@ impl Arguments {
         };
         let key = read_key(&path)?;
         let networks = site::configs(&scenario, key).map_err(|error| named(&name, error))?;
-        let folder = self.out.as_deref().context("--out is missing")?;
         let nodes = networks.iter().flat_map(NetworkConfigs::iter);
         let pages = nodes.map(|config| (config.clone(), folder.join(default_name(config))));
         let pages: Vec<_> = pages.collect();
         fs::create_dir_all(folder)
             .with_context(|| format!("the folder {} cannot be made", file_name(folder)))?;
-        self.write_all(&path, &pages)
+        self.write_all(&path, &pages)?;
+        tell_strangers(folder, &pages);
+        Ok(())
     }
 
     /// Writes all pages or, when one cannot be written, none.
@@ -144,12 +145,38 @@ impl Arguments {
             {
                 tell("Nobody may join this coordinator until its button opens the join window.");
             }
-            RoleConfig::Target(target) if target.sensor.hard_iron == [0.0; 3] => tell(
-                "Without --hard-iron the compass of this target shows no direction on a real board.",
-            ),
+            RoleConfig::Target(target) if target.sensor.hard_iron == [0.0; 3] => {
+                let what = match &self.site {
+                    Some(_) => "`hard_iron` in the site's file",
+                    None => "--hard-iron",
+                };
+                tell(format_args!(
+                    "Without {what} the compass of target {} shows no direction on a real board.",
+                    config.id
+                ));
+            }
             _ => {}
         }
         Ok(())
+    }
+}
+
+/// Tells of pages in the folder that are of no node of the site: somebody might flash one.
+fn tell_strangers(folder: &Path, pages: &[(CheckedConfig, PathBuf)]) {
+    let found = fs::read_dir(folder).into_iter().flatten().flatten();
+    let is_page = |name: &str| name.starts_with("node-") && name.ends_with(".page.bin");
+    let mut strangers: Vec<_> = found
+        .filter(|found| !pages.iter().any(|(_, page)| *page == found.path()))
+        .filter_map(|found| found.file_name().into_string().ok())
+        .filter(|name| is_page(name))
+        .collect();
+    strangers.sort();
+    if !strangers.is_empty() {
+        tell(format_args!(
+            "{} also has pages of no node of this site: {}. Remove them, if they are of an earlier one.",
+            file_name(folder),
+            strangers.join(", ")
+        ));
     }
 }
 
@@ -173,7 +200,7 @@ fn named(name: &str, error: ScenarioError) -> anyhow::Error {
 
 fn read_table(path: &Path) -> Result<Table> {
     let name = file_name(path);
-    let text = fs::read_to_string(path).with_context(|| format!("{name} cannot be read"))?;
+    let text = whole_file::read(path, site::FILE_MAX)?;
     text.parse().with_context(|| format!("{name} is not TOML"))
 }
 

@@ -53,7 +53,12 @@ pub(super) struct Options {
     )]
     position: Option<String>,
     /// Distance of the two reference cameras.
-    #[arg(long, value_name = "LENGTH", help_heading = "Camera")]
+    #[arg(
+        long,
+        value_name = "LENGTH",
+        help_heading = "Camera",
+        allow_negative_numbers = true
+    )]
     baseline: Option<f64>,
     /// Stops at which it wants to see the target.
     #[arg(long, help_heading = "Camera")]
@@ -214,7 +219,7 @@ fn window(text: &str) -> Result<Value> {
     let ranges = ranges.unwrap_or_default();
     ensure!(
         ranges.len() == 3,
-        "--colour is three ranges of levels, for example 170-240,60-140,16-80, not `{text}`"
+        "--colour is three ranges of levels, for example 185-240,60-150,16-80, not `{text}`"
     );
     let names = ["red", "green", "blue"].map(str::to_owned);
     Ok(Table::from_iter(names.into_iter().zip(ranges)).into())
