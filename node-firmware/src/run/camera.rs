@@ -102,9 +102,12 @@ impl<K: BlobCamera, C: Clock> CameraDevice<'_, K, C> {
         events: Events<'_, CameraEvent>,
     ) -> Infallible {
         let mut judge = self.config.judge(self.optics);
-        self.wake(&events, Start::First).await;
+        let mut start = Some(Start::First);
         let mut next = None;
         loop {
+            if let Some(start) = start.take() {
+                self.wake(&events, start).await;
+            }
             let task = match next.take() {
                 Some(task) => task,
                 None => {
@@ -120,12 +123,19 @@ impl<K: BlobCamera, C: Clock> CameraDevice<'_, K, C> {
                     } else {
                         // A target waits, and would give up before it is over.
                         events.send(CameraEvent::Starting).await;
-                        self.wake(&events, Start::Again).await;
+                        start = Some(Start::Again);
                     }
                 }
-                CameraTask::Adapt => self.wake(&events, Start::Again).await,
+                CameraTask::Adapt => start = Some(Start::Again),
                 CameraTask::Command(CameraCommand::Track { colour }) => {
-                    next = self.track(colour, &judge, &tasks, &events).await;
+                    if let Ok(asked) = self.track(colour, &judge, &tasks, &events).await {
+                        next = asked;
+                    } else {
+                        events.send(CameraEvent::Starting).await;
+                        start = Some(Start::Again);
+                        // People ask for it once.
+                        next = Some(task);
+                    }
                 }
                 CameraTask::Command(command) => {
                     let outcome = match self.obey(command, &mut judge).await {
@@ -242,58 +252,47 @@ impl<K: BlobCamera, C: Clock> CameraDevice<'_, K, C> {
         Ok(CommandOutcome::Done)
     }
 
-    /// Streams packets until another task comes, which it returns, or the camera fails. One that has to start
-    /// up first goes on afterwards: people ask for tracking once.
+    /// Streams packets until another task comes, which it returns, or the camera cannot do so any more.
+    ///
+    /// # Errors
+    /// The camera has to start up first.
     async fn track(
         &mut self,
         colour: u8,
         judge: &Judge,
         tasks: &Tasks<'_, CameraTask>,
         events: &Events<'_, CameraEvent>,
-    ) -> Option<CameraTask> {
+    ) -> Result<Option<CameraTask>, VisionError> {
         let command = CameraCommand::Track { colour };
-        let mut begun = self.begin(colour).await;
+        let begun = match self.subjects.of_target(colour) {
+            Some(subject) => self.camera.begin(subject).await.is_ok(),
+            None => false,
+        };
         events.send(done(command, CommandOutcome::of(begun))).await;
         if !begun {
-            return None;
+            return Ok(None);
         }
-        while begun {
-            let next = match select(tasks.receive(), self.camera.next()).await {
+        let next = loop {
+            match select(tasks.receive(), self.camera.next()).await {
+                Either::First(task) => break Some(task),
                 Either::Second(Ok(blob)) => {
                     self.liveness.on_camera_works(self.clock.now());
                     let tracked = blob.map(|blob| tracked(&blob, judge)).unwrap_or_default();
                     events.send(CameraEvent::Tracked(tracked)).await;
-                    continue;
                 }
-                Either::First(task) => Some(task),
                 Either::Second(Err(error)) => {
                     warning!("the camera does not track: {}", error);
                     if error.wants_start_up() {
-                        events.send(CameraEvent::Starting).await;
-                        self.wake(events, Start::Again).await;
-                        begun = self.begin(colour).await;
-                        continue;
+                        return Err(error);
                     }
-                    None
+                    events.send(done(command, CommandOutcome::Failed)).await;
+                    break None;
                 }
-            };
-            // A camera that does not end it is silenced by the next thing that it is asked for.
-            let _ = self.camera.end().await;
-            if next.is_some() {
-                return next;
             }
-            begun = false;
-        }
-        events.send(done(command, CommandOutcome::Failed)).await;
-        None
-    }
-
-    /// Whether the camera streams packets of this colour from now on.
-    async fn begin(&mut self, colour: u8) -> bool {
-        match self.subjects.of_target(colour) {
-            Some(subject) => self.camera.begin(subject).await.is_ok(),
-            None => false,
-        }
+        };
+        // A camera that does not end it is silenced by the next thing that it is asked for.
+        let _ = self.camera.end().await;
+        Ok(next)
     }
 }
 

@@ -179,6 +179,8 @@ pub struct Link<const PEERS: usize, const QUEUE: usize> {
     introductions: u8,
     /// Messages to members in a row that came at the first attempt, [`AT_ONCE`] at most.
     at_once: u8,
+    /// Since a message had to be repeated not so many in a row came at once.
+    is_lossy: bool,
     outgoing: Slots<Outgoing, QUEUE>,
     incoming: heapless::Deque<Incoming, QUEUE>,
     replies: Slots<Reply, REPLIES>,
@@ -202,6 +204,7 @@ impl<const PEERS: usize, const QUEUE: usize> Link<PEERS, QUEUE> {
             presence: Presence::default(),
             introductions: 0,
             at_once: 0,
+            is_lossy: false,
             outgoing: Slots::new(),
             incoming: heapless::Deque::new(),
             replies: Slots::new(),
@@ -534,6 +537,7 @@ impl<const PEERS: usize, const QUEUE: usize> Link<PEERS, QUEUE> {
         let first = outgoing.counters.map(|(first, _)| first);
         if kind == Kind::Unicast && first.is_some() {
             self.at_once = 0;
+            self.is_lossy = true;
         }
         let age = first.map_or(0, |first| {
             self.session.counter.upcoming().saturating_sub(first)
@@ -577,9 +581,9 @@ impl<const PEERS: usize, const QUEUE: usize> Link<PEERS, QUEUE> {
     }
 
     fn presence_pause(&mut self) -> Duration {
-        let mean = match self.copies() {
-            1 => PRESENCE,
-            _ => PRESENCE_IN_LOSSY_AIR,
+        let mean = match self.is_lossy {
+            false => PRESENCE,
+            true => PRESENCE_IN_LOSSY_AIR,
         };
         self.jitter.around(mean)
     }

@@ -1,6 +1,9 @@
 //! A list whose places are places in the flash.
 
-use crate::message::{MemberAddress, StopNumber};
+use crate::{
+    limits::TARGETS,
+    message::{MemberAddress, StopNumber},
+};
 
 /// What was learnt at stops of targets.
 pub(super) trait OfStop {
@@ -80,23 +83,37 @@ impl<T: OfStop, const N: usize> Kept<T, N> {
         }
     }
 
-    /// After a restart: what came first is where all targets' numbers go on from.
+    /// After a restart: what came first is where no target's numbers step back from there round to there.
     pub(super) fn find_first(&mut self) {
-        let mut places = 0..self.list.len();
-        self.first = places.find(|&first| self.is_in_order(first)).unwrap_or(0);
+        let mut keys = heapless::Vec::<_, N>::new();
+        for kept in &self.list {
+            // As many as there are in the list.
+            let _ = keys.push(kept.key());
+        }
+        self.first = first_of(&keys);
     }
+}
 
-    /// Whether no target's numbers step back, from this place round to it.
-    fn is_in_order(&self, first: usize) -> bool {
-        let count = self.list.len();
-        let in_turn = || self.list.iter().cycle().skip(first).take(count);
-        in_turn().enumerate().all(|(place, before)| {
-            let (target, stop) = before.key();
-            let mut after = in_turn().skip(place + 1).map(T::key);
-            let next = after.find(|(of, _)| *of == target);
-            next.is_none_or(|(_, next)| next.wrapping_sub(stop).cast_signed() >= 0)
+/// The place at which stops in a ring begin, or 0: once for all lists.
+// for less flash
+#[inline(never)]
+fn first_of(keys: &[(MemberAddress, StopNumber)]) -> usize {
+    let is_first = |first: &usize| {
+        let (later, sooner) = keys.split_at_checked(*first).unwrap_or_default();
+        let mut last: heapless::Vec<(MemberAddress, StopNumber), TARGETS> = heapless::Vec::new();
+        sooner.iter().chain(later).all(|key| {
+            let known = last.iter_mut().find(|known| known.0 == key.0);
+            let Some(known) = known else {
+                // Of more targets than are kept nothing is known.
+                let _ = last.push(*key);
+                return true;
+            };
+            let step = key.1.wrapping_sub(known.1).cast_signed();
+            *known = *key;
+            step >= 0
         })
-    }
+    };
+    (0..keys.len()).find(is_first).unwrap_or(0)
 }
 
 #[cfg(test)]
