@@ -4,7 +4,7 @@ use answers::record::{
     RunRecord,
     verdict::{Trouble, Verdict},
 };
-use site::{Action, Overrides, Scenario};
+use site::{Action, Overrides, ScatterTable, Scenario};
 
 use crate::yard::{OTHERS, TARGET, Yard, assert_all_calibrated, logged, moments, node, run, with};
 
@@ -214,13 +214,19 @@ fn a_slip_is_in_the_steps() {
     assert_ne!(slipped.targets[0].stops[5].believed, stops[5].believed);
 }
 
+/// Of so many seeds of cameras that do not stand quite where they are planned, those that once lost a camera: it
+/// was not asked, and missed all broadcasts of a stop, or did not believe them, for it had heard nothing of the
+/// target for a minute.
+const ONCE_LOST: [u64; 11] = [455, 466, 509, 571, 583, 598, 664, 834, 837, 856, 1008];
+
 /// Nearly a third of all frames is lost, and one byte of every twentieth line of a camera is another.
 #[test]
 fn loss_and_corrupt_lines_cost_no_camera() {
-    let calibrated = |seed: u64| {
+    let calibrated = |seed: u64, scatter: Option<ScatterTable>| {
         let changes = Overrides {
             seed: Some(seed),
             loss: Some(0.3),
+            scatter,
             ..Overrides::default()
         };
         let mut scenario = Scenario::load("thesis-13", &changes).unwrap();
@@ -230,7 +236,18 @@ fn loss_and_corrupt_lines_cost_no_camera() {
     };
     std::thread::scope(|scope| {
         for first in [1, 2] {
-            scope.spawn(move || (first..=150).step_by(2).for_each(calibrated));
+            scope.spawn(move || {
+                for seed in (first..=150).step_by(2) {
+                    calibrated(seed, None);
+                }
+            });
         }
     });
+    let scatter = ScatterTable {
+        position: 0.3,
+        heading_deg: 3.0,
+    };
+    for seed in ONCE_LOST {
+        calibrated(seed, Some(scatter));
+    }
 }

@@ -526,7 +526,7 @@ fn more_cameras_than_can_be_told_alone_are_told_together() {
     for camera in 1..=5 {
         confirmations.add(at(0), camera, first);
     }
-    let mut told = |confirmations: &mut Confirmations, now| {
+    let told = |confirmations: &mut Confirmations, now| {
         core::iter::from_fn(|| confirmations.take_due(now))
             .map(|(to, cameras)| (to.0, cameras.len()))
             .collect::<std::vec::Vec<_>>()
