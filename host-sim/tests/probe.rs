@@ -702,7 +702,13 @@ fn first_line(probe: &mut Child) {
     BufReader::with_capacity(1, stdout)
         .read_line(&mut line)
         .unwrap();
-    assert!(line.contains("column"), "{line}");
+    if !line.contains("column") {
+        probe.kill().unwrap();
+        let mut said = String::new();
+        let stderr = probe.stderr.as_mut().unwrap();
+        stderr.read_to_string(&mut said).unwrap();
+        panic!("{line:?}, and {said:?}");
+    }
 }
 
 fn interrupt(child: &Child) {
