@@ -5,7 +5,6 @@
 //! | module | job |
 //! |---|---|
 //! | [`session`] | Bytes in, bytes out: asks for everything, and for one wish after the other. |
-//! | [`command`] | What cameras can be told, as people type it. |
 //! | [`output`] | The members as a table. |
 
 pub mod output;
