@@ -328,7 +328,7 @@ fn bench(sh: &Shell) -> Result<()> {
 /// worse unseen.
 fn campaign(sh: &Shell) -> Result<()> {
     let program = harness::program(sh, "campaign")?;
-    let reached = ["--deceiving", "0.025", "--late", "0.17"];
+    let reached = ["--deceiving", "0.02", "--late", "0.15"];
     cmd!(sh, "{program} --runs 100 --minimise 0 {reached...}").run()?;
     Ok(())
 }
