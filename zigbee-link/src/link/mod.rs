@@ -77,6 +77,12 @@ const PRESENCE: Duration = Duration::from_secs(15);
 /// The same where frames were lost lately: with 30 % loss, all of eight are in 7 of 100,000 cases. Who hears
 /// none believes no broadcast before its sender has proven that it is fresh.
 const PRESENCE_IN_LOSSY_AIR: Duration = Duration::from_millis(7_500);
+/// A repeated message counts as much as two that came at once: with 30 % loss every other one is repeated.
+const LOSS: u8 = 2;
+/// Air in which so much was repeated is lossy, and collisions alone do not make it so.
+const LOSSY: u8 = 6;
+/// More is forgotten.
+const LOSSES: u8 = 12;
 /// For how long after its last message to all a node says that it is there.
 const PRESENT_FOR: Duration = Duration::from_secs(600);
 
@@ -179,8 +185,8 @@ pub struct Link<const PEERS: usize, const QUEUE: usize> {
     introductions: u8,
     /// Messages to members in a row that came at the first attempt, [`AT_ONCE`] at most.
     at_once: u8,
-    /// Since a message had to be repeated not so many in a row came at once.
-    is_lossy: bool,
+    /// What was repeated, [`LOSS`] each, less what came at once, [`LOSSES`] at most.
+    losses: u8,
     outgoing: Slots<Outgoing, QUEUE>,
     incoming: heapless::Deque<Incoming, QUEUE>,
     replies: Slots<Reply, REPLIES>,
@@ -204,7 +210,7 @@ impl<const PEERS: usize, const QUEUE: usize> Link<PEERS, QUEUE> {
             presence: Presence::default(),
             introductions: 0,
             at_once: 0,
-            is_lossy: false,
+            losses: 0,
             outgoing: Slots::new(),
             incoming: heapless::Deque::new(),
             replies: Slots::new(),
@@ -537,7 +543,7 @@ impl<const PEERS: usize, const QUEUE: usize> Link<PEERS, QUEUE> {
         let first = outgoing.counters.map(|(first, _)| first);
         if kind == Kind::Unicast && first.is_some() {
             self.at_once = 0;
-            self.is_lossy = true;
+            self.losses = (self.losses + LOSS).min(LOSSES);
         }
         let age = first.map_or(0, |first| {
             self.session.counter.upcoming().saturating_sub(first)
@@ -581,9 +587,9 @@ impl<const PEERS: usize, const QUEUE: usize> Link<PEERS, QUEUE> {
     }
 
     fn presence_pause(&mut self) -> Duration {
-        let mean = match self.is_lossy {
-            false => PRESENCE,
-            true => PRESENCE_IN_LOSSY_AIR,
+        let mean = match self.losses {
+            LOSSY.. => PRESENCE_IN_LOSSY_AIR,
+            _ => PRESENCE,
         };
         self.jitter.around(mean)
     }

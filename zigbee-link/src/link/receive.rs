@@ -272,7 +272,7 @@ impl<const PEERS: usize, const QUEUE: usize> Link<PEERS, QUEUE> {
             outgoing.result = Some(Delivery::Delivered);
             if outgoing.attempts == 1 {
                 self.at_once = (self.at_once + 1).min(AT_ONCE);
-                self.is_lossy &= self.at_once < AT_ONCE;
+                self.losses = self.losses.saturating_sub(1);
             }
         }
     }

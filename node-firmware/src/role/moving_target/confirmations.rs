@@ -24,6 +24,8 @@ pub(super) struct Confirmations {
     /// For so many stops yet, this one included, messages are taken to get lost: somebody answered
     /// twice, or had not heard of a stop.
     lossy: u8,
+    /// That happened at this stop.
+    has_lost: bool,
     /// How often the present stop was confirmed once more because of that.
     repeats: u8,
 }
@@ -38,6 +40,9 @@ const MISSED: usize = 4;
 /// broadcasts alone: of ten frames with 30 % loss all are lost in 6 of a million cases, of six in 7 of 10,000.
 const REPEATS: u8 = 3;
 
+/// Where that was once, and may have been a collision.
+const FEW_REPEATS: u8 = 1;
+
 impl Confirmations {
     pub(super) const fn new() -> Self {
         Self {
@@ -46,6 +51,7 @@ impl Confirmations {
             told: None,
             missed: heapless::Vec::new(),
             lossy: 0,
+            has_lost: false,
             repeats: 0,
         }
     }
@@ -67,7 +73,7 @@ impl Confirmations {
     /// it is confirmed.
     pub(super) fn add(&mut self, now: Instant, camera: MemberAddress, first: Instant) -> Instant {
         if self.seen_by.contains(&camera) {
-            self.lossy = LOSSY;
+            self.lost();
             if self.tell_alone(camera) {
                 return now;
             }
@@ -99,9 +105,18 @@ impl Confirmations {
     /// A camera did not know of the stop, or is not ready. It is told once more, for others that did not
     /// hear of it either.
     pub(super) fn on_missed(&mut self, now: Instant, first: Instant) {
-        if core::mem::replace(&mut self.lossy, LOSSY) < LOSSY {
+        if self.lost() {
             self.tell_again(now, first);
         }
+    }
+
+    /// A message was lost. Whether it is the first at this stop.
+    fn lost(&mut self) -> bool {
+        let is_first = !core::mem::replace(&mut self.has_lost, true);
+        if is_first {
+            self.lossy = (self.lossy + LOSSY).min(2 * LOSSY);
+        }
+        is_first
     }
 
     fn tell_again(&mut self, now: Instant, first: Instant) -> Instant {
@@ -126,7 +141,12 @@ impl Confirmations {
         self.due.take_if(|due| *due <= now)?;
         self.told = Some(now);
         // Who has missed the stop and this has missed all that tells it to look.
-        if self.lossy > 0 && self.repeats < REPEATS {
+        let repeats = match self.lossy {
+            0 => 0,
+            1..=LOSSY => FEW_REPEATS,
+            _ => REPEATS,
+        };
+        if self.repeats < repeats {
             self.repeats += 1;
             self.due = Some(now + COLLECT);
         }
