@@ -493,7 +493,8 @@ fn only_what_was_seen_while_it_stood_there_is_confirmed() {
     }
 }
 
-/// An answer that comes again shows that messages get lost: all are told once more. Who is named in what is told soon is not told alone.
+/// An answer that comes again shows that messages get lost: all are told once more. Who is named in what is
+/// told soon is not told alone.
 #[test]
 fn where_messages_get_lost_a_stop_is_confirmed_again() {
     let mut target = standing();
