@@ -2,11 +2,11 @@
 //!
 //! `cargo run --release -p cmucam2-driver --example soak -- [RANDOM] [DAMAGED] [SEED]`
 
-#[path = "../tests/common/random.rs"]
+#[path = "../tests/it/random.rs"]
 mod random;
-#[path = "../tests/common/soak.rs"]
+#[path = "../tests/it/soak.rs"]
 mod soak;
-#[path = "../tests/common/stream.rs"]
+#[path = "../tests/it/stream.rs"]
 mod stream;
 
 use std::time::Instant;

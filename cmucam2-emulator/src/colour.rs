@@ -44,7 +44,12 @@ impl Bounds {
     /// So many levels to either side of a colour, within what pixels have.
     pub(super) fn around(colour: Colour, margin: u8) -> Self {
         let mut values = [0; 6];
-        for (pair, level) in values.chunks_exact_mut(2).zip(colour.levels()) {
+        for (pair, level) in values
+            .as_chunks_mut::<2>()
+            .0
+            .iter_mut()
+            .zip(colour.levels())
+        {
             pair[0] = level.saturating_sub(margin).clamp(LEVEL_MIN, LEVEL_MAX);
             pair[1] = level.saturating_add(margin).clamp(LEVEL_MIN, LEVEL_MAX);
         }

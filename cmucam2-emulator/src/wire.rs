@@ -97,7 +97,7 @@ mod tests {
     fn a_byte_takes_ten_bits_and_the_pause() {
         let mut wire = Wire::new(9600);
         wire.pause_bits = 3;
-        for byte in [b'a', b'b'] {
+        for byte in *b"ab" {
             wire.send(1000, Some(byte));
         }
         let bit = 104_166;

@@ -17,7 +17,7 @@ use virtual_bench::{
 
 use support::{MILLISECOND, Network, SECOND};
 
-#[path = "../../virtual-bench/tests/bench/support.rs"]
+#[path = "../../virtual-bench/tests/it/support.rs"]
 #[allow(dead_code, reason = "a part of it is enough here")]
 mod support;
 

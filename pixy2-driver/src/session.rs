@@ -219,8 +219,8 @@ impl Session {
     pub fn blocks(&self) -> impl Iterator<Item = Block> {
         let is_there = self.request.answered_by() == kind::BLOCKS;
         let payload = if is_there { self.parser.payload() } else { &[] };
-        let blocks = payload.chunks_exact(BLOCK_BYTES);
-        blocks.filter_map(Block::from_bytes)
+        let blocks = payload.as_chunks::<BLOCK_BYTES>().0.iter();
+        blocks.filter_map(|block| Block::from_bytes(block))
     }
 
     /// Takes one byte. What comes when nothing was asked is dropped.

@@ -7,14 +7,25 @@ use xshell::{Shell, cmd};
 use crate::{
     cortex_m,
     documented::{self, Table, number},
-    firmware, harness, setup,
+    firmware,
+    harness::{self, Suite},
+    setup,
 };
 
 /// Where everything is built for it.
 const BUILT: &str = "target/chip";
 const PACKAGE: &str = "nrf52840";
 /// Networks of `host-sim` on it.
-pub(crate) const SUITES: [&str; 2] = ["chip_process", "chips"];
+pub(crate) const SUITES: [Suite; 2] = [
+    Suite {
+        package: "host-sim",
+        module: "chip_process",
+    },
+    Suite {
+        package: "host-sim",
+        module: "chips",
+    },
+];
 
 /// In the documentation, by roles.
 const TABLE: &str = "chip: stack";
@@ -55,10 +66,7 @@ pub(crate) fn run(sh: &Shell) -> Result<()> {
     .run()?;
     let bound = firmware::stack_bound(&image)?;
     let _image = sh.push_env("NODE_IMAGE", sh.current_dir().join(image));
-    let mut said = String::new();
-    for suite in SUITES {
-        said += &harness::ignored(sh, suite)?;
-    }
+    let said = harness::ignored(sh, &SUITES)?;
     stack(sh, bound, &said)
 }
 

@@ -1,11 +1,11 @@
-//! Fuzz targets under `fuzz/`, built with the flags of cargo-fuzz.
+//! Targets of the package `fuzz`, guided by coverage: built with the flags of cargo-fuzz.
 
 use std::{fs, path::Path, process::Command};
 
 use anyhow::{Context, Result, bail, ensure};
 use xshell::{Shell, cmd};
 
-use crate::{harness, setup};
+use crate::harness;
 
 /// Inputs per target that take a few seconds.
 pub(crate) const BRIEF: u32 = 100_000;
@@ -32,8 +32,8 @@ pub(crate) fn briefly(sh: &Shell) -> Result<()> {
     run(sh, &[], runs, Some(1))
 }
 
-/// What makes a target tell the fuzzer its way, and end where memory is misused or an assertion fails: as
-/// cargo-fuzz has it, but without dead code and complete debug information, which take long to build.
+/// Flags with which a target tells libFuzzer its way, and ends where memory is misused or an assertion fails:
+/// those of cargo-fuzz, but without dead code and complete debug information, which take long to build.
 const FLAGS: [&str; 9] = [
     "-Cpasses=sancov-module",
     "-Cllvm-args=-sanitizer-coverage-level=4",
@@ -46,8 +46,14 @@ const FLAGS: [&str; 9] = [
     "--cfg=fuzzing",
 ];
 
-/// Where everything is built for fuzzing, and for its lint.
-pub(crate) const BUILT: &str = "target/fuzz";
+/// Folder in which everything is built with these flags.
+const BUILT: &str = "target/fuzz";
+
+/// Program that runs one target under libFuzzer.
+const PROGRAM: &str = "fuzz";
+
+/// Variable of its environment that names the target.
+const TARGET: &str = "FUZZ_TARGET";
 
 /// How much of what a target said is shown of a finding.
 const TAIL: usize = 40;
@@ -56,38 +62,32 @@ const TAIL: usize = 40;
 /// `seed`, the same ones each time as long as the target and what was found before are the same.
 ///
 /// # Errors
-/// A target does not compile, found something or tried fewer inputs, or there is no nightly compiler
-/// and none can be installed.
+/// A target does not compile, found something or tried fewer inputs.
 pub(crate) fn run(
     sh: &Shell,
     targets: &[String],
     runs: impl Fn(&str) -> u32 + Sync,
     seed: Option<u32>,
 ) -> Result<()> {
-    let nightly = setup::nightly(sh)?;
     let all = all_targets(sh)?;
     if let Some(unknown) = targets.iter().find(|&target| !all.contains(target)) {
         bail!("no fuzz target {unknown}; there are {}", all.join(", "));
     }
     let targets = if targets.is_empty() { &all } else { targets };
-    let host = host(sh, nightly)?;
-    let manifest = setup::FUZZ;
-    let bins = &targets
-        .iter()
-        .flat_map(|target| ["--bin", target])
-        .collect::<Vec<_>>();
+    let host = host(sh)?;
     cmd!(
         sh,
-        "cargo build --locked --manifest-path {manifest} --target-dir {BUILT} --target {host} --release {bins...}"
+        "cargo build --locked --package fuzz --bin {PROGRAM} --target-dir {BUILT} --target {host} --release"
     )
-    .env("RUSTUP_TOOLCHAIN", nightly)
+    // The sanitizer's flag is not stable yet; its library comes with every compiler.
+    .env("RUSTC_BOOTSTRAP", "1")
     .env("RUSTFLAGS", FLAGS.join(" "))
     .run()
     .context("the fuzz targets do not compile")?;
     let root = &sh.current_dir();
-    let built = &root.join(BUILT).join(host).join("release");
+    let program = &root.join(BUILT).join(host).join("release").join(PROGRAM);
     harness::side_by_side(targets, |target| {
-        try_inputs(root, &built.join(target), target, runs(target), seed)
+        try_inputs(root, program, target, runs(target), seed)
     })
 }
 
@@ -106,6 +106,7 @@ fn try_inputs(
     let corpus = Some(root.join("fuzz/corpus").join(target)).filter(|corpus| corpus.is_dir());
     let output = Command::new(program)
         .current_dir(root)
+        .env(TARGET, target)
         .arg(format!("-artifact_prefix={}/", findings.display()))
         .arg(format!("-runs={runs}"))
         .args(seed.map(|seed| format!("-seed={seed}")))
@@ -147,15 +148,15 @@ fn finding(said: &str, target: &str, program: &Path) -> String {
         .find_map(|line| line.split_once("Test unit written to "))
         .map_or_else(
             || format!("it left no input: `cargo xtask fuzz {target}` tries others"),
-            |(_, input)| format!("the input is {input}\nto try it again, type `{program} {input}`"),
+            |(_, input)| format!("the input is {input}\nto try it again, type `{TARGET}={target} {program} {input}`"),
         );
     format!("{target} found something; the last that it said is\n{tail}\n\n{again}")
 }
 
-/// The names of the files in `fuzz/fuzz_targets`.
+/// Names of the files in `fuzz/src/targets`.
 fn all_targets(sh: &Shell) -> Result<Vec<String>> {
     let mut names: Vec<_> = sh
-        .read_dir("fuzz/fuzz_targets")?
+        .read_dir("fuzz/src/targets")?
         .iter()
         .filter_map(|path| Some(path.file_stem()?.to_str()?.to_owned()))
         .collect();
@@ -165,11 +166,8 @@ fn all_targets(sh: &Shell) -> Result<Vec<String>> {
 }
 
 /// The name of this computer's kind, which is that of a folder of what is built.
-fn host(sh: &Shell, nightly: &str) -> Result<String> {
-    let version = cmd!(sh, "rustc -vV")
-        .env("RUSTUP_TOOLCHAIN", nightly)
-        .quiet()
-        .read()?;
+fn host(sh: &Shell) -> Result<String> {
+    let version = cmd!(sh, "rustc -vV").quiet().read()?;
     let host = version.lines().find_map(|line| line.strip_prefix("host: "));
     Ok(host.context("the compiler tells no host")?.to_owned())
 }
@@ -193,11 +191,14 @@ mod tests {
         let mut said = "INFO: seed corpus\n".repeat(100);
         said += "==1== ERROR: libFuzzer: deadly signal\n\
                  artifact_prefix='a/'; Test unit written to a/crash-12\nBase64: AA==\n";
-        let told = finding(&said, "wire", Path::new("b/wire"));
+        let told = finding(&said, "wire", Path::new("b/fuzz"));
         assert!(told.contains("ERROR: libFuzzer: deadly signal"));
-        assert!(told.contains("type `b/wire a/crash-12`"), "{told}");
+        assert!(
+            told.contains("type `FUZZ_TARGET=wire b/fuzz a/crash-12`"),
+            "{told}"
+        );
         assert_eq!(told.matches("seed corpus").count(), TAIL - 3);
-        let told = finding("killed", "wire", Path::new("b/wire"));
+        let told = finding("killed", "wire", Path::new("b/fuzz"));
         assert!(told.contains("it left no input"), "{told}");
     }
 }

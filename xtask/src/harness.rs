@@ -25,9 +25,43 @@ const WITHOUT_TESTS: [&str; 4] = [
 /// What cargo keeps to build parts of a crate again costs time, and here everything is built.
 const INCREMENTAL: (&str, &str) = ("CARGO_INCREMENTAL", "0");
 
-/// Tests that need what the stages of their own build first, and that are left out elsewhere.
-fn ignored_suites() -> impl Iterator<Item = &'static str> {
-    peers::SUITES.into_iter().chain(chip::SUITES)
+/// Tests that need what a stage of their own builds first, and that are ignored elsewhere: those of one module
+/// of a package's integration tests.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct Suite {
+    pub(crate) package: &'static str,
+    pub(crate) module: &'static str,
+}
+
+impl Suite {
+    /// Returns true for a test of this suite.
+    fn has(&self, package: &str, test: &str) -> bool {
+        self.package == package
+            && test
+                .strip_prefix(self.module)
+                .is_some_and(|name| name.starts_with("::"))
+    }
+}
+
+/// Name of the one program of integration tests of a package.
+const INTEGRATION: &str = "it";
+
+fn ignored_suites() -> impl Iterator<Item = Suite> {
+    peers::SUITES
+        .into_iter()
+        .chain([peers::FIREFOX])
+        .chain(chip::SUITES)
+}
+
+/// Returns true where nothing of the workspace but the chores has been built yet.
+pub(crate) fn is_cold(sh: &Shell) -> bool {
+    !sh.path_exists("target/debug/.fingerprint")
+        || sh
+            .read_dir("target/debug/.fingerprint")
+            .unwrap_or_default()
+            .iter()
+            .filter_map(|path| path.file_name()?.to_str())
+            .all(|name| !name.starts_with("host-sim-"))
 }
 
 /// What test programs said of themselves, all together.
@@ -54,7 +88,8 @@ struct Tests {
     /// The name of its target.
     suite: String,
     all: usize,
-    ignored: usize,
+    /// Names of those that are ignored.
+    ignored: Vec<String>,
 }
 
 /// Runs the tests of all members of the workspace, as many programs at once as there are processors,
@@ -90,7 +125,10 @@ pub(crate) fn workspace(sh: &Shell) -> Result<()> {
         "cargo test --locked --workspace --all-features --doc"
     ))?;
     ensure!(examples.passed > 0, "no example of the documentation ran");
-    let ran: usize = tests.iter().map(|tests| tests.all - tests.ignored).sum();
+    let ran: usize = tests
+        .iter()
+        .map(|tests| tests.all - tests.ignored.len())
+        .sum();
     eprintln!(
         "{ran} tests of {} programs and {} examples of the documentation passed",
         tests.len(),
@@ -99,32 +137,40 @@ pub(crate) fn workspace(sh: &Shell) -> Result<()> {
     Ok(())
 }
 
-/// Runs the tests of a suite that are ignored elsewhere, and returns what they say. They are built as
-/// those of the workspace are: with other features, cargo would build everything again.
+/// Runs tests that are ignored elsewhere, and returns what they say. They are built as those of the workspace
+/// are: with other features, cargo would build everything again.
 ///
 /// # Errors
-/// One fails, or there is none.
-pub(crate) fn ignored(sh: &Shell, suite: &str) -> Result<String> {
-    let programs = programs(sh, &members(sh)?, &["--test", suite])?;
-    let [program] = &programs[..] else {
-        bail!("{} suites are called `{suite}`", programs.len());
-    };
-    let Program {
-        path,
-        folder,
-        tests,
-    } = program;
-    let _there = sh.push_dir(folder);
-    let tests_run = cmd!(sh, "{path} --ignored --nocapture").env("CARGO_MANIFEST_DIR", folder);
-    let (counts, said) = run(tests_run)?;
-    ensure!(
-        counts.passed > 0 && counts.passed == tests.ignored,
-        "{} tests of `{suite}` passed, there are {}",
-        counts.passed,
-        tests.ignored
-    );
-    eprintln!("{suite}: {} tests passed", counts.passed);
-    Ok(said)
+/// One fails, or a suite has none.
+pub(crate) fn ignored(sh: &Shell, suites: &[Suite]) -> Result<String> {
+    let programs = programs(sh, &members(sh)?, &["--test", INTEGRATION])?;
+    let mut all_said = String::new();
+    for suite in suites {
+        let Suite { package, module } = suite;
+        let program = programs
+            .iter()
+            .find(|program| program.tests.package == *package)
+            .with_context(|| format!("`{package}` has no integration tests"))?;
+        let Program {
+            path,
+            folder,
+            tests,
+        } = program;
+        let there = tests.ignored.iter();
+        let count = there.filter(|test| suite.has(package, test)).count();
+        let _there = sh.push_dir(folder);
+        let filter = format!("{module}::");
+        let tests_run = cmd!(sh, "{path} --ignored --nocapture {filter}");
+        let (counts, said) = run(tests_run.env("CARGO_MANIFEST_DIR", folder))?;
+        ensure!(
+            counts.passed > 0 && counts.passed == count,
+            "{} tests of `{module}` in `{package}` passed, there are {count}",
+            counts.passed,
+        );
+        eprintln!("{package}, {module}: {count} tests passed");
+        all_said += &said;
+    }
+    Ok(all_said)
 }
 
 /// Builds a program of the workspace with the features and the profile of its tests, so that little of it
@@ -136,7 +182,7 @@ pub(crate) fn program(sh: &Shell, name: &str) -> Result<PathBuf> {
     // Any test: with one, cargo takes the features that only tests ask for, and so what tests have built.
     let messages = cmd!(
         sh,
-        "cargo build --locked --workspace --all-features --bin {name} --test docs --message-format json-render-diagnostics"
+        "cargo build --locked --workspace --all-features --bin {name} --test {INTEGRATION} --message-format json-render-diagnostics"
     )
     .env(INCREMENTAL.0, INCREMENTAL.1)
     .read()?;
@@ -213,20 +259,20 @@ fn complete(members: &[&str], tests: &[&Tests]) -> Result<()> {
         );
     }
     for tests in tests {
-        ensure!(
-            tests.ignored == 0 || ignored_suites().any(|suite| suite == tests.suite),
-            "`{}` of `{}` has {} ignored tests, which no stage runs",
-            tests.suite,
-            tests.package,
-            tests.ignored
-        );
+        let package = &tests.package;
+        for test in &tests.ignored {
+            ensure!(
+                ignored_suites().any(|suite| suite.has(package, test)),
+                "no stage runs the ignored test `{test}` of `{package}`"
+            );
+        }
     }
     Ok(())
 }
 
 /// Whether all tests of a program have run.
 fn all_ran(tests: &Tests, counts: Counts) -> Result<()> {
-    let Tests { all, ignored, .. } = *tests;
+    let (all, ignored) = (tests.all, tests.ignored.len());
     let expected = Counts {
         programs: 1,
         passed: all - ignored,
@@ -286,19 +332,20 @@ fn programs(sh: &Shell, members: &[(String, String)], options: &[&str]) -> Resul
         };
         let folder = Path::new(manifest).with_file_name("");
         let suite = message["target"]["name"].as_str().unwrap_or_default();
-        let count = |options: &[&str]| -> Result<usize> {
+        let names = |options: &[&str]| -> Result<Vec<String>> {
             let _there = sh.push_dir(&folder);
             let list = cmd!(sh, "{path} --list --format terse {options...}");
             let list = list.quiet().read()?;
-            Ok(list.lines().filter(|line| line.ends_with(": test")).count())
+            let names = list.lines().filter_map(|line| line.strip_suffix(": test"));
+            Ok(names.map(str::to_owned).collect())
         };
         programs.push(Program {
             path: path.into(),
             tests: Tests {
                 package: package.clone(),
                 suite: suite.to_owned(),
-                all: count(&[])?,
-                ignored: count(&["--ignored"])?,
+                all: names(&[])?.len(),
+                ignored: names(&["--ignored"])?,
             },
             folder,
         });
@@ -347,11 +394,13 @@ test result: FAILED. 4 passed; 1 failed; 0 ignored; 0 measured; 0 filtered out; 
 ";
 
     fn tests(package: &str, suite: &str, all: usize, ignored: usize) -> Tests {
+        let [first, ..] = peers::SUITES;
+        let name = |number| format!("{}::test_{number}", first.module);
         Tests {
             package: package.into(),
             suite: suite.into(),
             all,
-            ignored,
+            ignored: (0..ignored).map(name).collect(),
         }
     }
 
@@ -401,10 +450,14 @@ test result: FAILED. 4 passed; 1 failed; 0 ignored; 0 measured; 0 filtered out; 
 
     #[test]
     fn an_ignored_test_that_no_stage_runs_is_noticed() {
-        for suite in ignored_suites() {
-            assert!(complete(&["a"], &[&tests("a", suite, 2, 2)]).is_ok());
+        for Suite { package, module } in ignored_suites() {
+            let mut ignored = tests(package, INTEGRATION, 2, 0);
+            ignored.ignored = vec![format!("{module}::one")];
+            assert!(complete(&[package], &[&ignored]).is_ok());
+            ignored.ignored = vec![format!("{module}_more::one")];
+            assert!(complete(&[package], &[&ignored]).is_err());
         }
-        assert!(complete(&["a"], &[&tests("a", "a", 2, 1)]).is_err());
+        assert!(complete(&["a"], &[&tests("a", INTEGRATION, 2, 1)]).is_err());
     }
 
     #[test]

@@ -1,6 +1,12 @@
 //! The project's chores: `cargo xtask --help`.
 
-use std::{env, path::Path, process::ExitCode};
+use std::{
+    env,
+    ffi::OsStr,
+    fs,
+    path::{Path, PathBuf},
+    process::ExitCode,
+};
 
 use anyhow::Context;
 use clap::{Parser, Subcommand};
@@ -18,6 +24,7 @@ mod qemu;
 mod setup;
 mod size;
 mod test;
+mod usage;
 
 /// The project's chores.
 #[derive(Parser)]
@@ -57,7 +64,7 @@ enum Chore {
     },
     /// Tests against programs of other projects, which are built from source first
     Peers,
-    /// Fuzzes what reads bytes and files with random and mutated input; needs a nightly compiler
+    /// Fuzzes what reads bytes and files, guided by coverage
     ///
     /// `cargo xtask fuzz --runs 10000000` is the long form, a target at a time if its name is given.
     Fuzz {
@@ -70,14 +77,37 @@ enum Chore {
 }
 
 fn main() -> ExitCode {
-    let done = match env::var_os(firmware::LINK_IN) {
-        Some(folder) => firmware::link(&folder),
-        None => run(Arguments::parse().chore),
+    // A copy of this program under another name is the linker, or the wrapper of the compiler.
+    let program = env::current_exe().unwrap_or_default();
+    let done = match (
+        program.file_stem().and_then(OsStr::to_str),
+        env::var_os(firmware::LINK_IN),
+        env::var_os(usage::COUNT_IN),
+    ) {
+        (Some(firmware::LINKER), Some(folder), _) => firmware::link(&folder),
+        (Some(usage::WRAPPER), _, Some(counter)) => usage::compile(Path::new(&counter)),
+        _ => run(Arguments::parse().chore),
     };
     done.unwrap_or_else(|error| {
         complain(&error);
         ExitCode::FAILURE
     })
+}
+
+/// Path of a copy of this program that does something else by this name.
+fn tool(sh: &Shell, name: &str) -> PathBuf {
+    let name = format!("target/tools/{name}{}", env::consts::EXE_SUFFIX);
+    sh.current_dir().join(name)
+}
+
+/// Copies this program to a path, and replaces what is there at once: another run may use it just now.
+fn copy_of_this(path: &Path) -> anyhow::Result<()> {
+    let folder = path.parent().context("a program is in a folder")?;
+    fs::create_dir_all(folder).with_context(|| folder.display().to_string())?;
+    let copy = path.with_extension(std::process::id().to_string());
+    fs::copy(env::current_exe()?, &copy)
+        .and_then(|_| fs::rename(&copy, path))
+        .with_context(|| format!("{} cannot be written", path.display()))
 }
 
 /// Prints an error and its causes. Where in this program it arose helps nobody, whatever

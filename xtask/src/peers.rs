@@ -16,14 +16,26 @@ use std::{
 use anyhow::{Context, Result, ensure};
 use xshell::{Shell, cmd};
 
-use crate::harness;
+use crate::harness::{self, Suite};
 
 /// A package that only names the crate, so that cargo fetches it and tells where it is.
 const MANIFEST: &str = "xtask/peers/Cargo.toml";
 /// The crate, whose version `xtask/peers/Cargo.lock` tells.
 const CRATE: &str = "openthread-sys";
 
-pub(crate) const SUITES: [&str; 5] = ["ot_rcp", "real_time", "capture", "decryption", "live"];
+const fn suite(package: &'static str, module: &'static str) -> Suite {
+    Suite { package, module }
+}
+
+pub(crate) const SUITES: [Suite; 4] = [
+    suite("spinel-radio", "ot_rcp"),
+    suite("host-sim", "real_time"),
+    suite("host-sim", "decryption"),
+    suite("zigbee-link", "capture"),
+];
+
+/// The page in Firefox.
+pub(crate) const FIREFOX: Suite = suite("host-sim", "live::firefox");
 
 /// Firefox's driver.
 const GECKODRIVER: &str = "geckodriver@0.37.1";
@@ -44,12 +56,21 @@ const OPTIONS: [&str; 8] = [
 ];
 
 /// Builds what is missing, and runs the tests that need it.
+///
+/// # Errors
+/// It cannot be built, or a test fails.
 pub(crate) fn run(sh: &Shell) -> Result<()> {
     let _peer = sh.push_env("OT_RCP", ot_rcp(sh)?);
+    harness::ignored(sh, &SUITES).map(|_| ())
+}
+
+/// The same for Firefox and its driver.
+///
+/// # Errors
+/// As of [`run`].
+pub(crate) fn firefox(sh: &Shell) -> Result<()> {
     let _driver = sh.push_env("GECKODRIVER", geckodriver(sh)?);
-    SUITES
-        .into_iter()
-        .try_for_each(|suite| harness::ignored(sh, suite).map(|_| ()))
+    harness::ignored(sh, &[FIREFOX]).map(|_| ())
 }
 
 /// The program `ot-rcp`.

@@ -10,7 +10,7 @@ use xshell::{Shell, cmd};
 pub(crate) const TARGETS: [&str; 2] = ["thumbv7em-none-eabihf", "thumbv6m-none-eabi"];
 
 /// Programs that tests run, and the Debian packages they come in.
-const PROGRAMS: [(&str, &str); 10] = [
+const PROGRAMS: [(&str, &str); 9] = [
     ("gdb-multiarch", "gdb-multiarch"),
     ("qemu-system-arm", "qemu-system-arm"),
     ("tshark", "tshark"),
@@ -20,19 +20,14 @@ const PROGRAMS: [(&str, &str); 10] = [
     ("c++", "g++"),
     ("chromium", "chromium"),
     ("chromedriver", "chromium-driver"),
-    ("firefox-esr", "firefox-esr"),
 ];
+
+/// The other browser, which only the stages of the night ask for.
+const FIREFOX: [(&str, &str); 1] = [("firefox-esr", "firefox-esr")];
 
 /// The linker of images for nodes.
 pub(crate) const LINKER: &str = "flip-link";
 const LINKER_VERSION: &str = "0.1.12";
-
-/// The nightly compiler, of which everybody uses this one: rustup's name of it, and the commit that it
-/// is made from.
-const NIGHTLY: (&str, &str) = ("nightly-2026-05-20", "e50aa6fba");
-
-/// The workspace of the fuzz targets.
-pub(crate) const FUZZ: &str = "fuzz/Cargo.toml";
 
 /// The workspace of the emulated nRF52840, and its compiler: that of its `rust-toolchain.toml`.
 pub(crate) const EMULATOR: &str = "nrf52840-emulator/Cargo.toml";
@@ -115,38 +110,6 @@ pub(crate) fn targets(sh: &Shell) -> Result<()> {
     Ok(())
 }
 
-/// What rustup calls the nightly compiler here: by its date, or `nightly` if that is the same one. It is
-/// installed if it is missing.
-pub(crate) fn nightly(sh: &Shell) -> Result<&'static str> {
-    let (name, commit) = NIGHTLY;
-    let is_there = |name: &str| {
-        cmd!(sh, "rustc --version")
-            .env("RUSTUP_TOOLCHAIN", name)
-            .env("RUSTUP_AUTO_INSTALL", "0")
-            .quiet()
-            .ignore_stderr()
-            .read()
-            .is_ok_and(|version| is_made_from(commit, &version))
-    };
-    let either = [name, "nightly"].into_iter().find(|name| is_there(name));
-    if let Some(name) = either {
-        return Ok(name);
-    }
-    let install = cmd!(sh, "rustup toolchain install {name} --profile minimal");
-    ensure!(
-        install.run().is_ok() && is_there(name),
-        "the nightly compiler of commit {commit} is missing: type `rustup toolchain install {name}` \
-         where there is a network"
-    );
-    Ok(name)
-}
-
-/// Whether a compiler that tells this version is made from a commit.
-fn is_made_from(commit: &str, version: &str) -> bool {
-    let told = version.split_once('(').map(|(_, told)| told);
-    told.and_then(|told| told.split(' ').next()) == Some(commit)
-}
-
 /// Whether this runs where nobody reads what was left out. Nothing else in this project asks for `CI`.
 pub(crate) fn is_ci() -> bool {
     says_ci(env::var_os("CI").as_deref())
@@ -174,12 +137,21 @@ pub(crate) fn linker(sh: &Shell) -> Result<()> {
     Ok(())
 }
 
-/// The programs of other projects.
+/// Installs programs of other projects that are missing.
 pub(crate) fn packages(sh: &Shell) -> Result<()> {
-    let missing = PROGRAMS
-        .into_iter()
+    install(sh, &PROGRAMS)
+}
+
+/// Installs Firefox, if it is missing.
+pub(crate) fn firefox(sh: &Shell) -> Result<()> {
+    install(sh, &FIREFOX)
+}
+
+fn install(sh: &Shell, programs: &[(&str, &'static str)]) -> Result<()> {
+    let missing = programs
+        .iter()
         .filter(|(program, _)| !is_on_path(program))
-        .map(|(_, package)| package)
+        .map(|&(_, package)| package)
         .collect::<Vec<_>>();
     if missing.is_empty() {
         return Ok(());
@@ -228,22 +200,6 @@ pub(crate) fn is_on_path(program: &str) -> bool {
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    #[test]
-    fn only_one_nightly_compiler_will_do() {
-        let (name, commit) = NIGHTLY;
-        assert!(name.starts_with("nightly-20"));
-        let version = format!("rustc 1.97.0-nightly ({commit} 2026-05-19)");
-        assert!(is_made_from(commit, &version));
-        for other in [
-            "",
-            "/usr/lib/rust",
-            "rustc 1.95.0 (59807616e 2026-04-14)",
-            "rustc 1.97.0-nightly",
-        ] {
-            assert!(!is_made_from(commit, other), "{other}");
-        }
-    }
 
     #[test]
     fn what_says_that_this_is_ci() {

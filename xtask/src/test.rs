@@ -1,35 +1,53 @@
 //! `cargo xtask test`: all that must hold before a change lands. CI runs this and nothing else.
 
-use std::{process::ExitCode, time::Instant};
+use std::process::ExitCode;
 
-use anyhow::{Context, Result};
+use anyhow::{Context, Result, ensure};
 use clap::builder::PossibleValuesParser;
 use xshell::{Shell, cmd};
 
-use crate::{chip, cortex_m, firmware, fuzz, harness, peers, setup, size};
+use crate::{
+    chip, cortex_m, firmware, fuzz, harness, peers, setup, size,
+    usage::{self, Meter, Usage},
+};
 
 /// Everything that must hold, stage by stage
 ///
 /// Installs what is missing where that is allowed, and stops at the first stage that fails. Of each
 /// program that is missing and cannot be installed it says what to type; in CI that is an error, and
-/// elsewhere the stages that need it are left out and named in the summary. The last line counts:
-/// `12 passed, 0 failed`.
+/// elsewhere the stages that need it are left out and named in the summary. A table tells what each stage
+/// took. The last line counts: `12 passed, 0 failed`.
 #[derive(clap::Args)]
 pub(crate) struct Test {
     /// Only this stage; may be given several times
     #[arg(long = "stage", value_name = "NAME", value_parser = PossibleValuesParser::new(STAGES.map(|stage| stage.name)))]
     stages: Vec<String>,
+    /// Also the stages of the night, and the long form of tests that have one
+    #[arg(long)]
+    all: bool,
 }
 
+/// Variable that tells tests to take their long form.
+const LONG: &str = "XTASK_ALL";
+
+/// Compilation units of a run that begins with nothing built. CI fails with 5 % more: a dependency, a profile
+/// or a set of features that is new costs everybody time.
+const UNITS: usize = 1_500;
+
 /// Libraries that run on a node.
-const FIRMWARE_CRATES: [&str; 6] = [
+const FIRMWARE_CRATES: [&str; 8] = [
     "calib-core",
     "cmucam2-driver",
     "flash-log",
     "node-firmware",
     "pedestrian",
+    "pixy2-driver",
+    "spinel-radio",
     "zigbee-link",
 ];
+
+/// Programs for bare processors, of which little compiles for this computer.
+const BARE_CRATES: [&str; 2] = ["bench-cortex-m", "memory-functions"];
 
 #[derive(Clone, Copy)]
 struct Stage {
@@ -38,99 +56,120 @@ struct Stage {
     /// Installs what it needs and not every machine has.
     needs: fn(&Shell) -> Result<()>,
     run: fn(&Shell) -> Result<()>,
+    /// Runs only with `--all`, or where it is named.
+    nightly: bool,
 }
 
-const STAGES: [Stage; 13] = [
+const fn stage(name: &'static str, what: &'static str, run: fn(&Shell) -> Result<()>) -> Stage {
     Stage {
-        name: "set-up",
-        what: "what the others need, and lock files that fit",
+        name,
+        what,
         needs: nothing,
-        run: set_up,
-    },
-    Stage {
-        name: "format",
-        what: "code as rustfmt writes it",
-        needs: nothing,
-        run: format,
-    },
-    Stage {
-        name: "lint",
-        what: "clippy, for this computer, for each processor and for each board",
-        needs: nothing,
-        run: lint,
-    },
-    Stage {
-        name: "test",
-        what: "all tests that need nothing else",
-        needs: nothing,
-        run: harness::workspace,
-    },
-    Stage {
-        name: "peers",
-        what: "tests against programs of other projects",
-        needs: setup::packages,
-        run: peers::run,
-    },
-    Stage {
-        name: "firmware",
-        what: "images of the boards, what they take and where they may panic",
-        needs: setup::linker,
-        run: |sh| firmware::run(sh, &[]),
-    },
-    Stage {
-        name: "chip",
-        what: "the image that is flashed, on an emulated nRF52840",
-        needs: packages_emulator_and_linker,
-        run: chip::run,
-    },
-    Stage {
-        name: "fuzz",
-        what: "fuzz targets, briefly",
-        needs: compiler_for_fuzzing,
-        // The same inputs in every run; `cargo xtask fuzz` tries others.
-        run: fuzz::briefly,
-    },
-    Stage {
-        name: "document",
-        what: "documentation without a warning",
-        needs: nothing,
-        run: document,
-    },
-    Stage {
-        name: "count",
-        what: "instructions on emulated processors",
-        needs: setup::packages,
-        run: count,
-    },
-    Stage {
-        name: "size",
-        what: "flash and RAM of the link",
-        needs: nothing,
-        run: measure,
-    },
-    Stage {
-        name: "bench",
-        what: "figures of the README that are quickly computed",
-        needs: nothing,
-        run: bench,
-    },
-    Stage {
-        name: "campaign",
-        what: "random sites on which everything goes wrong",
-        needs: nothing,
-        run: campaign,
-    },
+        run,
+        nightly: false,
+    }
+}
+
+impl Stage {
+    const fn needs(self, needs: fn(&Shell) -> Result<()>) -> Self {
+        Self { needs, ..self }
+    }
+
+    const fn nightly(self) -> Self {
+        Self {
+            nightly: true,
+            ..self
+        }
+    }
+}
+
+const STAGES: [Stage; 16] = [
+    stage(
+        "set-up",
+        "tools that the others need, and a lock file that fits",
+        set_up,
+    ),
+    stage("format", "code as rustfmt writes it", format),
+    stage("lint", "clippy, for this computer and for the boards", lint),
+    stage(
+        "test",
+        "all tests that need nothing else",
+        harness::workspace,
+    ),
+    stage(
+        "peers",
+        "tests against programs of other projects",
+        peers::run,
+    )
+    .needs(setup::packages),
+    stage(
+        "firmware",
+        "images of the boards, their sizes, and where they may panic",
+        |sh| firmware::run(sh, &[]),
+    )
+    .needs(setup::linker),
+    stage(
+        "chip",
+        "the image that is flashed, on an emulated nRF52840",
+        chip::run,
+    )
+    .needs(packages_and_linker),
+    stage("document", "documentation without a warning", document),
+    stage("count", "instructions on emulated processors", count).needs(setup::packages),
+    stage("size", "flash and RAM of the link", measure),
+    stage(
+        "bench",
+        "figures of the README that are quickly computed",
+        bench,
+    ),
+    stage(
+        "campaign",
+        "random sites with faults of all kinds",
+        campaign,
+    ),
+    stage(
+        "bare",
+        "each library with and without its features, on two processors",
+        bare,
+    )
+    .nightly(),
+    stage("browsers", "the page in Firefox", peers::firefox)
+        .needs(setup::firefox)
+        .nightly(),
+    stage("fuzz", "fuzz targets, guided by coverage", fuzz::briefly).nightly(),
+    stage("soak", "long runs: parsers, power cuts, campaign", soak)
+        .needs(packages_and_linker)
+        .nightly(),
 ];
 
 impl Test {
     pub(crate) fn run(&self, sh: &Shell) -> ExitCode {
-        let chosen: Vec<_> = STAGES
-            .into_iter()
-            .filter(|stage| self.stages.is_empty() || self.stages.iter().any(|s| s == stage.name))
-            .collect();
-        let count = run(sh, &chosen, setup::is_ci());
-        if count.passed == STAGES.len() {
-            eprintln!("all {} stages passed", STAGES.len());
+        let is_chosen = |stage: &Stage| {
+            if self.stages.is_empty() {
+                self.all || !stage.nightly
+            } else {
+                self.stages.iter().any(|name| name == stage.name)
+            }
+        };
+        let chosen: Vec<_> = STAGES.into_iter().filter(is_chosen).collect();
+        let _long = self.all.then(|| sh.push_env(LONG, "1"));
+        let is_cold = harness::is_cold(sh);
+        let _counting = usage::count_units(sh).unwrap_or_else(|error| {
+            crate::complain(&error.context("compilation units are not counted"));
+            None
+        });
+        let (mut count, units) = run(sh, &chosen, setup::is_ci());
+        // The figure is that of all stages of every day.
+        let is_whole = count.passed == chosen.len() && self.stages.is_empty() && !self.all;
+        if is_whole
+            && is_cold
+            && let Err(error) = compare_units(units)
+        {
+            crate::complain(&error);
+            count.failed += usize::from(setup::is_ci());
+        }
+        if count.passed == chosen.len() && count.failed == 0 && self.stages.is_empty() {
+            eprintln!("all {} stages passed", chosen.len());
         }
         eprintln!("{}", count.line());
         if count.failed == 0 {
@@ -141,20 +180,34 @@ impl Test {
     }
 }
 
-/// Runs stages until one fails, and prints how long each took.
-fn run(sh: &Shell, stages: &[Stage], is_ci: bool) -> Count {
-    let whole = Instant::now();
-    let mut summary = String::new();
+/// Compares the compilation units of a whole run with the figure that is known.
+fn compare_units(units: usize) -> Result<()> {
+    ensure!(
+        units <= UNITS + UNITS / 20,
+        "{units} compilation units, where {UNITS} are known: `cargo tree --duplicates` and the profiles tell \
+         what is new. If it is worth its time, change UNITS in xtask/src/test.rs"
+    );
+    if units < UNITS - UNITS / 20 {
+        eprintln!(
+            "{units} compilation units, where {UNITS} are known: lower UNITS in xtask/src/test.rs"
+        );
+    }
+    Ok(())
+}
+
+/// Runs stages until one fails, and prints what each took. Returns the compilation units of all.
+fn run(sh: &Shell, stages: &[Stage], is_ci: bool) -> (Count, usize) {
+    let whole = Meter::start(sh);
+    let mut summary = format!("{:>7} {:>9} {:>6}\n", "wall", "processor", "units");
     let mut count = Count::default();
     let mut failure = None;
     for stage in stages {
         eprintln!("\n==> {}: {}", stage.name, stage.what);
-        let start = Instant::now();
+        let meter = Meter::start(sh);
         let outcome = match left_out(stage, sh, is_ci) {
             Ok(None) => (stage.run)(sh).map(|()| None),
             missing => missing,
         };
-        let seconds = start.elapsed().as_secs_f64();
         let said = match outcome {
             Ok(None) => {
                 count.passed += 1;
@@ -170,19 +223,36 @@ fn run(sh: &Shell, stages: &[Stage], is_ci: bool) -> Count {
                 ": FAILED".to_owned()
             }
         };
-        eprintln!("==> {}: {seconds:.0} s{said}", stage.name);
-        summary += &format!("{seconds:7.0} s  {}{said}\n", stage.name);
+        let row = row(&meter, &format!("{}{said}", stage.name)).0;
+        eprint!("==>{row}");
+        summary += &row;
         if failure.is_some() {
             break;
         }
     }
     count.not_run = stages.len() - count.passed - count.failed - count.left_out;
-    let seconds = whole.elapsed().as_secs_f64();
-    eprintln!("\n{summary}{seconds:7.0} s  in all\n");
+    let (row, units) = row(&whole, "in all");
+    eprintln!("\n{summary}{row}");
     if let Some(error) = failure {
         crate::complain(&error);
     }
-    count
+    (count, units)
+}
+
+/// A row of the table of stages, and its compilation units.
+fn row(meter: &Result<Meter>, what: &str) -> (String, usize) {
+    let usage = match meter {
+        Ok(meter) => meter.read().unwrap_or_default(),
+        Err(_) => Usage::default(),
+    };
+    let Usage {
+        wall,
+        processor,
+        units,
+    } = usage;
+    let (wall, processor) = (wall.as_secs_f64(), processor.as_secs_f64());
+    let row = format!("{wall:5.0} s {processor:7.0} s {units:6}  {what}\n");
+    (row, units)
 }
 
 /// How many stages came to which end.
@@ -219,20 +289,16 @@ fn nothing(_: &Shell) -> Result<()> {
     Ok(())
 }
 
-fn packages_emulator_and_linker(sh: &Shell) -> Result<()> {
+fn packages_and_linker(sh: &Shell) -> Result<()> {
     setup::packages(sh)?;
     setup::emulator(sh)?;
     setup::linker(sh)
 }
 
-fn compiler_for_fuzzing(sh: &Shell) -> Result<()> {
-    setup::nightly(sh).map(|_| ())
-}
-
 /// What later stages need, so that what cannot be installed is told at once. Sources and tools that
 /// are built are fetched where they are needed.
 fn set_up(sh: &Shell) -> Result<()> {
-    for manifest in ["Cargo.toml", setup::FUZZ, setup::EMULATOR] {
+    for manifest in ["Cargo.toml", setup::EMULATOR] {
         setup::locked(sh, manifest)?;
     }
     setup::targets(sh)?;
@@ -245,13 +311,9 @@ fn set_up(sh: &Shell) -> Result<()> {
 }
 
 fn format(sh: &Shell) -> Result<()> {
-    let fuzz = setup::FUZZ;
     cmd!(sh, "cargo fmt --all --check")
         .run()
-        .context("type `cargo fmt --all`")?;
-    cmd!(sh, "cargo fmt --manifest-path {fuzz} --check")
-        .run()
-        .with_context(|| format!("type `cargo fmt --manifest-path {fuzz}`"))
+        .context("type `cargo fmt --all`")
 }
 
 fn lint(sh: &Shell) -> Result<()> {
@@ -260,38 +322,54 @@ fn lint(sh: &Shell) -> Result<()> {
         "cargo clippy --locked --workspace --all-targets --all-features -- --deny warnings"
     )
     .run()?;
-    let crates = &FIRMWARE_CRATES.map(|name| ["--package", name]).concat();
+    // Only where the code is another one than on this computer. One by one: together they would be built
+    // with each other's features.
+    let bare = BARE_CRATES.map(|name| ["--package", name]).concat();
+    let boards = firmware::packages().map(|board| vec!["--package", board]);
+    for packages in boards.chain([bare]) {
+        cmd!(
+            sh,
+            "cargo clippy --locked {packages...} --bins --target thumbv7em-none-eabihf -- --deny warnings"
+        )
+        .run()?;
+    }
+    Ok(())
+}
+
+/// Nothing is linked here, so that checking is enough.
+fn bare(sh: &Shell) -> Result<()> {
     for target in setup::TARGETS {
-        // Bare, and with all features. Nothing is linked here, so that checking is enough.
+        for package in FIRMWARE_CRATES {
+            for features in ["--no-default-features", "--all-features"] {
+                cmd!(
+                    sh,
+                    "cargo clippy --locked --package {package} --target {target} {features} -- --deny warnings"
+                )
+                .run()?;
+            }
+        }
         cmd!(
             sh,
-            "cargo clippy --locked {crates...} --package bench-cortex-m --package bench-size --target {target} -- --deny warnings"
-        )
-        .run()?;
-        cmd!(
-            sh,
-            "cargo clippy --locked {crates...} --target {target} --all-features -- --deny warnings"
-        )
-        .run()?;
-    }
-    // One by one: together they would be built with each other's features.
-    for board in firmware::packages() {
-        cmd!(
-            sh,
-            "cargo clippy --locked --package {board} --bins --examples --target thumbv7em-none-eabihf -- --deny warnings"
+            "cargo clippy --locked --package bench-cortex-m --package bench-size --target {target} -- --deny warnings"
         )
         .run()?;
     }
-    // Not part of the workspace. It is run by a nightly compiler, and compiles with any.
-    let (fuzz, built) = (setup::FUZZ, fuzz::BUILT);
+    Ok(())
+}
+
+/// Runs that take minutes and find what short ones cannot.
+fn soak(sh: &Shell) -> Result<()> {
     cmd!(
         sh,
-        "cargo clippy --locked --manifest-path {fuzz} --target-dir {built} --all-targets -- --deny warnings"
+        "cargo run --locked --release --package cmucam2-driver --example soak"
     )
-    // Nothing is linked: without the fuzzer's library, which takes longer than all else, any file serves.
-    .env("CUSTOM_LIBFUZZER_PATH", sh.current_dir().join(fuzz))
     .run()?;
-    Ok(())
+    cmd!(
+        sh,
+        "cargo run --locked --release --package campaign -- --runs 1000 --minimise 0 --deceiving 0.02 --late 0.15"
+    )
+    .run()?;
+    chip::bench(sh)
 }
 
 fn document(sh: &Shell) -> Result<()> {
@@ -339,13 +417,8 @@ mod tests {
 
     use super::*;
 
-    fn stage(needs: fn(&Shell) -> Result<()>, run: fn(&Shell) -> Result<()>) -> Stage {
-        Stage {
-            name: "one",
-            what: "for a test",
-            needs,
-            run,
-        }
+    fn one(needs: fn(&Shell) -> Result<()>, run: fn(&Shell) -> Result<()>) -> Stage {
+        stage("one", "for a test", run).needs(needs)
     }
 
     fn fails(_: &Shell) -> Result<()> {
@@ -359,27 +432,27 @@ mod tests {
     #[test]
     fn stages_are_counted() {
         let sh = Shell::new().unwrap();
-        let good = stage(nothing, nothing);
+        let good = one(nothing, nothing);
         for (stages, is_ci, line) in [
             (vec![good, good], true, "2 passed, 0 failed"),
             (
-                vec![good, stage(nothing, fails), stage(never, never)],
+                vec![good, one(nothing, fails), one(never, never)],
                 false,
                 "1 passed, 1 failed, 1 not run",
             ),
             (
-                vec![stage(fails, never), good],
+                vec![one(fails, never), good],
                 false,
                 "1 passed, 0 failed, 1 left out",
             ),
             // In CI nothing is left out.
             (
-                vec![stage(fails, never), good],
+                vec![one(fails, never), good],
                 true,
                 "0 passed, 1 failed, 1 not run",
             ),
         ] {
-            assert_eq!(run(&sh, &stages, is_ci).line(), line);
+            assert_eq!(run(&sh, &stages, is_ci).0.line(), line);
         }
     }
 

@@ -38,7 +38,7 @@ impl<T: Real, const N: usize> Cholesky<T, N> {
     #[inline]
     pub(crate) fn inverse(&self) -> SMatrix<T, N, N> {
         let mut inverse = SMatrix::<T, N, N>::identity();
-        for column in inverse.as_mut_slice().chunks_exact_mut(N) {
+        for column in inverse.as_mut_slice().as_chunks_mut::<N>().0 {
             solve(self.0.as_slice(), column);
         }
         inverse

@@ -415,8 +415,8 @@ fn condition<T: Real>(normal: &Matrix6<T>, inverse: &Matrix6<T>) -> T {
     let scale = normal.diagonal().map(nalgebra::ComplexField::sqrt);
     let mut norms = [T::zero(); 2];
     // By columns, in which the numbers are kept.
-    let columns = normal.as_slice().chunks_exact(6);
-    let columns = columns.zip(inverse.as_slice().chunks_exact(6));
+    let columns = normal.as_slice().as_chunks::<6>().0.iter();
+    let columns = columns.zip(inverse.as_slice().as_chunks::<6>().0.iter());
     for ((normal, inverse), of_column) in columns.zip(scale.iter()) {
         let mut sums = [T::zero(); 2];
         for ((entry, inverse), of_row) in normal.iter().zip(inverse).zip(scale.iter()) {

@@ -85,7 +85,7 @@ impl<'a, T: Real> Bearings<'a, T> {
 
     /// Clears the rows and columns of what is known.
     pub(super) fn keep_free(&self, covariance: &mut Matrix6<T>) {
-        let columns = covariance.as_mut_slice().chunks_exact_mut(6);
+        let columns = covariance.as_mut_slice().as_chunks_mut::<6>().0.iter_mut();
         for (column, is_free) in columns.zip(self.free.iter()) {
             for (entry, other) in column.iter_mut().zip(self.free.iter()) {
                 *entry *= *is_free * *other;

@@ -60,7 +60,7 @@ impl Emulator {
     fn judge(&self, command: Command) -> Result<Command, Refusal> {
         let refuses = self.switches().inverted_bounds == 0;
         let sets_bounds = matches!(&command.letters, b"TC" | b"ST");
-        let mut pairs = command.arguments.chunks_exact(2);
+        let mut pairs = command.arguments.as_chunks::<2>().0.iter();
         if refuses && sets_bounds && pairs.any(|pair| pair[0] > pair[1]) {
             return Err("a lower bound is above its upper bound");
         }
@@ -229,7 +229,7 @@ impl Emulator {
                 if pairs.is_empty() {
                     modes.reset_registers();
                 }
-                for pair in pairs.chunks_exact(2) {
+                for pair in pairs.as_chunks::<2>().0 {
                     modes.set_register(pair[0], pair[1]);
                 }
             }
@@ -280,7 +280,11 @@ impl Emulator {
                 modes.servos[usize::from(servo)] = ServoPin::Output(high != 0);
             }
             (b"SP", axes) => {
-                for (axis, numbers) in modes.servo_axes.iter_mut().zip(axes.chunks_exact(3)) {
+                for (axis, numbers) in modes
+                    .servo_axes
+                    .iter_mut()
+                    .zip(axes.as_chunks::<3>().0.iter())
+                {
                     *axis = ServoAxis {
                         far: numbers[0],
                         near: numbers[1],

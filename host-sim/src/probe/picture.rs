@@ -71,7 +71,9 @@ impl Picture {
     pub fn png(&self) -> Result<Vec<u8>, png::EncodingError> {
         let doubled: Vec<u8> = self
             .rgb
-            .chunks_exact(CHANNELS)
+            .as_chunks::<CHANNELS>()
+            .0
+            .iter()
             .flat_map(|pixel| [pixel; WIDTH_OF_PIXEL])
             .flatten()
             .copied()

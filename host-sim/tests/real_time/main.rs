@@ -4,7 +4,7 @@
 mod co_processor;
 mod node;
 #[expect(dead_code, reason = "its own tests use more of it")]
-#[path = "../../../spinel-radio/tests/peer/mod.rs"]
+#[path = "../../../spinel-radio/tests/it/peer/mod.rs"]
 mod peer;
 mod port;
 #[expect(
@@ -13,5 +13,5 @@ mod port;
 )]
 #[path = "../small/mod.rs"]
 mod small;
-#[path = "../../../zigbee-link/tests/support/mod.rs"]
+#[path = "../../../zigbee-link/tests/it/support/mod.rs"]
 mod support;

@@ -223,7 +223,7 @@ impl Sample {
         if node.estimate.is_some() {
             judge(&mut node);
             // As if a target had estimated it together with the others.
-            node.protection = Some(CHECKED).filter(|_| !node.reference);
+            node.protection = (!node.reference).then_some(CHECKED);
             node.used = node.sightings;
         }
         assert!(node.reason != Some(Refusal::NotFinite));

@@ -39,7 +39,7 @@ fn errors(sensor: Sensor, lens: Lens, mut video: Video) -> Vec<f64> {
     let say = |camera: &mut Emulator, time: Time, command: &str| {
         command
             .bytes()
-            .chain([b'\r'])
+            .chain(*b"\r")
             .for_each(|byte| camera.receive(byte, time));
         let until = time + SECOND / 4;
         let mut said = Vec::new();

@@ -197,8 +197,10 @@ impl Image {
 }
 
 fn words(data: &[u8]) -> impl Iterator<Item = u32> {
-    data.chunks_exact(4)
-        .map(|word| u32::from_le_bytes([word[0], word[1], word[2], word[3]]))
+    data.as_chunks::<4>()
+        .0
+        .iter()
+        .map(|word| u32::from_le_bytes(*word))
 }
 
 fn symbols(file: &object::File<'_>) -> Vec<Symbol> {

@@ -262,22 +262,17 @@ fn short_paths() -> Result<Vec<String>> {
     Ok(flags)
 }
 
+/// Name under which this program is that linker.
+pub(crate) const LINKER: &str = "link-image";
+
 fn linker(sh: &Shell) -> PathBuf {
-    let name = format!("target/tools/link-image{}", env::consts::EXE_SUFFIX);
-    sh.current_dir().join(name)
+    crate::tool(sh, LINKER)
 }
 
 /// Makes this program the linker, before anything can replace it by a newer one: tests of the workspace
 /// build it again.
 pub(crate) fn prepare_linker(sh: &Shell) -> Result<()> {
-    let linker = linker(sh);
-    let folder = linker.parent().context("the linker is in a folder")?;
-    sh.create_dir(folder)?;
-    // Renamed: another run of this program may link just now.
-    let copy = linker.with_extension(std::process::id().to_string());
-    fs::copy(env::current_exe()?, &copy)
-        .and_then(|_| fs::rename(&copy, &linker))
-        .with_context(|| format!("{} cannot be written", linker.display()))
+    crate::copy_of_this(&linker(sh))
 }
 
 /// Links, in this folder, what cargo asked this program to link.

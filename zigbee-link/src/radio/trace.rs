@@ -19,7 +19,7 @@ const TAP_LEN: usize = 4 + 8 + 8 + 8;
 pub fn pcap_header() -> [u8; PCAP_HEADER_LEN] {
     let mut header = [0; PCAP_HEADER_LEN];
     let fields = [0xA1B2_C3D4, 0x0004_0002, 0, 0, 65535, LINK_TYPE];
-    for (place, field) in header.chunks_exact_mut(4).zip(fields) {
+    for (place, field) in header.as_chunks_mut::<4>().0.iter_mut().zip(fields) {
         place.copy_from_slice(&u32::to_le_bytes(field));
     }
     header

@@ -148,7 +148,7 @@ impl Options {
         put("subjects", self.subjects()?);
 
         let allow = list(self.allow.iter().copied().map(integer));
-        put("allow", Some(allow).filter(|_| !self.allow.is_empty()));
+        put("allow", (!self.allow.is_empty()).then_some(allow));
         put("join-window-s", self.join_window.map(integer));
         put("colour", self.target_colour.map(integer));
         let mut sensor = Table::new();

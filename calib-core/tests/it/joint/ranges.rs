@@ -1,0 +1,124 @@
+//! Ranges from the target's size, beside bearings.
+
+use calib_core::joint::{Finding, JointError, Quantity};
+use test_support::{
+    chi_squared_band, generator,
+    walk::{CarrierErrors, Walk},
+};
+
+use crate::joint::support::{WIDE, add, filled};
+
+/// Of a range: a blob some thirty pixels high.
+const SHARE: f64 = 0.03;
+
+fn ranged(seed: u64) -> Walk {
+    let mut walk = Walk::random(&mut generator(seed), 8, 20, CarrierErrors::UNKNOWN, 0.0024);
+    walk.range(&mut generator(seed ^ 0x4a), SHARE);
+    walk
+}
+
+/// The target is carried to a place, by a way that nobody measured, where one camera sees it.
+#[test]
+fn one_camera_with_a_range_localises_the_target() {
+    let (mut sum, mut degrees) = (0.0, 0.0);
+    for seed in 0..80 {
+        let walk = ranged(seed);
+        let last = walk.places.len() - 1;
+        let mut known = walk.clone();
+        known.places.truncate(last);
+        let mut joint = filled::<f32>(&known, WIDE);
+        joint.solve().unwrap();
+        let sees = |camera: &usize| {
+            walk.bearings
+                .iter()
+                .any(|s| (s.stop, s.camera) == (last, *camera))
+        };
+        let Some(camera) = (2..8)
+            .filter(sees)
+            .find(|&camera| joint.pose(camera).is_ok())
+        else {
+            continue;
+        };
+        let stop = joint.add_stop(None).unwrap();
+        let of = |s: usize, c: usize| (s, c) == (last, camera);
+        let seen = walk.bearings.iter().find(|s| of(s.stop, s.camera)).unwrap();
+        let range = walk.ranges.iter().find(|s| of(s.stop, s.camera)).unwrap();
+        joint
+            .add_bearing(stop, camera, seen.bearing as f32, seen.sigma as f32)
+            .unwrap();
+        joint
+            .add_range(stop, camera, range.range as f32, range.sigma as f32)
+            .unwrap();
+        joint.solve().unwrap();
+        let place = joint.place(stop).unwrap();
+        let covariance = place.covariance.cast::<f64>();
+        let off = place.position.cast::<f64>() - walk.places[last];
+        sum += off.dot(&(covariance.try_inverse().unwrap() * off));
+        degrees += 2.0;
+        // Along the ray it is as sure as the range, and surer than that across.
+        assert!(f64::from(place.sigma()) > 0.9 * range.sigma, "{seed}");
+    }
+    assert!(
+        degrees > 100.0 && chi_squared_band(degrees).contains(&sum),
+        "{sum} of {degrees}"
+    );
+}
+
+#[test]
+fn ranges_make_everything_surer() {
+    for seed in 0..10 {
+        let walk = ranged(seed);
+        let mut bare = walk.clone();
+        bare.ranges.clear();
+        let (mut with, mut without) = (filled::<f64>(&walk, WIDE), filled::<f64>(&bare, WIDE));
+        with.solve().unwrap();
+        without.solve().unwrap();
+        let sigma = [&mut with, &mut without].map(|joint| joint.carrier().unwrap().sigma_scale());
+        assert!(sigma[0] < sigma[1], "{seed}: {sigma:?}");
+    }
+}
+
+#[test]
+fn a_wrong_range_is_named() {
+    let mut named = 0;
+    for seed in 0..20 {
+        let mut walk = ranged(seed);
+        let camera = (2..8).max_by_key(|&camera| walk.seen_by(camera)).unwrap();
+        let wrong = walk
+            .ranges
+            .iter_mut()
+            .rfind(|ranged| ranged.camera == camera)
+            .unwrap();
+        wrong.range *= 1.5;
+        let stop = wrong.stop;
+        let mut joint = filled::<f32>(&walk, WIDE);
+        joint.solve().unwrap();
+        let is_it = |finding| matches!(finding, Some(Finding::Range { stop: s, camera: c, .. }) if (s, c) == (stop, camera));
+        named += usize::from(is_it(joint.check().unwrap()));
+        let left: Vec<_> = (0..joint.bearings())
+            .filter_map(|n| joint.bearing_residual(n).ok())
+            .collect();
+        assert!(left.iter().any(|left| left.quantity == Quantity::Range));
+    }
+    assert!(named >= 19, "{named} of 20");
+}
+
+#[test]
+fn a_range_is_above_zero() {
+    let walk = ranged(1);
+    let mut joint = filled::<f64>(
+        &Walk {
+            places: Vec::new(),
+            ..walk.clone()
+        },
+        WIDE,
+    );
+    add(&mut joint, &walk, 0);
+    for range in [0.0, -1.0, f64::NAN] {
+        assert_eq!(
+            joint.add_range(0, 0, range, 0.1),
+            Err(JointError::NotFinite)
+        );
+    }
+    assert_eq!(joint.add_range(1, 0, 1.0, 0.1), Err(JointError::Unknown));
+}

@@ -1,0 +1,3 @@
+//! Tests of `campaign` through what it offers, one program.
+
+mod known_faults;

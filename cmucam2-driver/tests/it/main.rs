@@ -1,0 +1,16 @@
+//! Tests of `cmucam2-driver` through what it offers, one program.
+
+mod chaos;
+mod clock;
+mod command;
+mod common;
+mod dialogue;
+mod images;
+mod naive;
+mod parser;
+mod random;
+mod restore;
+mod soak;
+mod start_up;
+mod stream;
+mod uncertain;

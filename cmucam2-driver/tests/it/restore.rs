@@ -1,0 +1,242 @@
+//! Everything that was set is set again, and a call that is abandoned does no harm.
+
+use crate::{both, common};
+
+use std::{
+    future::Future,
+    pin::pin,
+    task::{Context, Waker},
+};
+
+use cmucam2_driver::{
+    Command,
+    colour::{ColourBounds, ColourChannel},
+    command::{
+        LedMode, LineMode, OutputMask, RawMode, StatisticsLines, StatisticsMask, TrackingLines,
+    },
+    geometry::{DownSampling, Sensor, Window},
+    register::{Register, Registers},
+    servo::{Servo, ServoAxis, ServoMask, ServoParameters, ServoPosition},
+    session::{Answer, Fault, Policy, Request, Session},
+};
+use common::{Async, Blocking, Drive, Script};
+
+const BANNER: &str = "CMUcam2 v1.01 c6\r:";
+
+/// Each mode there is, in another state than after a reset.
+fn modes() -> Vec<Command> {
+    let axis = ServoAxis {
+        far: 16,
+        near: 8,
+        step: 4,
+    };
+    let mut all = vec![
+        Command::CameraType(Sensor::Ov7620),
+        Command::Registers(registers(0..5)),
+        Command::Registers(registers(5..10)),
+        Command::HighResolution(true),
+        Command::DownSample(DownSampling::new(2, 2).unwrap()),
+        Command::VirtualWindow(Some(Window::new(1, 2, 30, 40).unwrap())),
+        Command::BufferMode(true),
+        Command::DifferenceChannel(ColourChannel::Red),
+        Command::CharacterDelay(3),
+        Command::HighResolutionDifference(true),
+        Command::HistogramConfiguration { bins: 1, scale: 1 },
+        Command::HistogramTracked(true),
+        Command::FrameStream(true),
+        Command::Led0(LedMode::On),
+        Command::Led1(LedMode::Off),
+        Command::LineMode(LineMode::Tracking(TrackingLines::Bitmap)),
+        Command::LineMode(LineMode::Statistics(StatisticsLines::Means)),
+        Command::NoiseFilter(5),
+        Command::OutputMask(OutputMask::Tracking(3)),
+        Command::OutputMask(OutputMask::Statistics(StatisticsMask::new(7).unwrap())),
+        Command::PixelDifference(true),
+        Command::PacketFilter(true),
+        Command::PollMode(true),
+        Command::PacketSkip(2),
+        Command::ServoParameters(ServoParameters {
+            pan: axis,
+            tilt: axis,
+        }),
+        Command::ServoMask(ServoMask::new(15).unwrap()),
+    ];
+    for number in 0..4 {
+        let position = ServoPosition::new(100 + number).unwrap();
+        all.push(Command::ServoPosition(
+            Servo::new(number).unwrap(),
+            position,
+        ));
+    }
+    all.extend([
+        Command::ServoOutput(Servo::new(4).unwrap(), true),
+        Command::SetBounds(ColourBounds::new([20, 30, 40, 50, 60, 70]).unwrap()),
+        Command::TrackInvert(true),
+        Command::CameraPower(true),
+        Command::RawMode(RawMode::OUTPUT),
+    ]);
+    all
+}
+
+fn registers(numbers: std::ops::Range<u8>) -> Registers {
+    let pairs: Vec<_> = numbers
+        .map(|number| (Register(number), number + 100))
+        .collect();
+    Registers::new(&pairs).unwrap()
+}
+
+/// A camera that acknowledges all, and what it was told.
+fn drive(session: &mut Session, request: Request, now: &mut u64) -> (Answer, Vec<Command>) {
+    let mut told = Vec::new();
+    session.begin(request, *now);
+    loop {
+        if let Some(outcome) = session.outcome() {
+            return (outcome.unwrap(), told);
+        }
+        let line = session.pending().to_vec();
+        session.sent(line.len());
+        let Some(text) = line.strip_suffix(b"\r") else {
+            *now = session.deadline().unwrap();
+            session.tick(*now);
+            continue;
+        };
+        let command = Command::parse(text).unwrap();
+        let reply = match command {
+            Command::Reset => format!("ACK\r{BANNER}"),
+            _ => "ACK\r:".to_owned(),
+        };
+        if command != Command::Idle {
+            told.push(command);
+        }
+        for byte in reply.bytes() {
+            session.receive(byte, *now, &mut []);
+        }
+    }
+}
+
+#[test]
+fn every_mode_is_set_again_once_and_in_an_order_that_works() {
+    let mut session = Session::new(Policy::default());
+    let mut now = 0;
+    // Set in the opposite order, and each twice: it is the state that counts, not the history.
+    for command in modes().into_iter().rev().chain(modes().into_iter().rev()) {
+        drive(&mut session, Request::Do(command.into()), &mut now);
+    }
+    let (_, told) = drive(&mut session, Request::Recover, &mut now);
+    let mut expected = modes();
+    expected.insert(0, Command::Reset);
+    // Registers come in the order in which they were first set.
+    expected.swap(2, 3);
+    assert_eq!(told, expected);
+
+    // After a reset that was asked for there is nothing to restore.
+    drive(&mut session, Request::Do(Command::Reset.into()), &mut now);
+    let (_, told) = drive(&mut session, Request::Recover, &mut now);
+    assert_eq!(told, [Command::Reset]);
+}
+
+#[test]
+fn more_registers_than_can_be_remembered_are_refused_before_anything_is_sent() {
+    let mut session = Session::new(Policy::default());
+    let mut now = 0;
+    for numbers in [0..5, 5..10] {
+        let command = Command::Registers(registers(numbers));
+        drive(&mut session, Request::Do(command.into()), &mut now);
+    }
+    session.begin(
+        Request::Do(Command::Registers(registers(10..11)).into()),
+        now,
+    );
+    assert_eq!(session.outcome(), Some(Err(Fault::TooManyRegisters)));
+    assert!(session.pending().is_empty());
+    // A known one may change, and the defaults make room.
+    for command in [
+        Command::Registers(registers(9..10)),
+        Command::Registers(Registers::DEFAULTS),
+        Command::Registers(registers(10..15)),
+    ] {
+        drive(&mut session, Request::Do(command.into()), &mut now);
+    }
+    assert_eq!(session.modes().register(Register(10)), Some(110));
+    assert_eq!(session.modes().register(Register(0)), None);
+}
+
+#[test]
+fn a_future_that_is_dropped_leaves_a_camera_that_the_next_call_can_use() {
+    let whole = Script::idle().on("GI\r", "ACK\r7\r:");
+    let (mut camera, line) = whole.camera();
+    assert_eq!(
+        Async::drive(camera.command(Command::GetInputs)),
+        Ok(Answer::Values([7, 0, 0, 0, 0, 0]))
+    );
+    line.assert_finished();
+    // Dropped after ever more polls: in the middle of writing, of waiting, of reading.
+    for polls in 0..60 {
+        let script = Script::idle().chunk(1);
+        let (mut camera, line) = script.camera();
+        {
+            let mut future = pin!(camera.command(Command::GetInputs).run());
+            let mut context = Context::from_waker(Waker::noop());
+            for _ in 0..polls {
+                assert!(future.as_mut().poll(&mut context).is_pending());
+                if line.transcript().ends_with("\r\r") {
+                    break;
+                }
+            }
+        }
+        // The camera, whatever it heard, is idle and says so.
+        line.replace(Script::idle().on("NF 3\r", "ACK\r:"));
+        Async::drive(camera.set(Command::NoiseFilter(3))).unwrap();
+        line.assert_finished();
+    }
+}
+
+#[test]
+fn the_reply_to_an_abandoned_command_is_not_taken_for_that_of_the_next() {
+    let script = Script::idle()
+        .on("NF 3\r", "ACK\r:")
+        .on("GI\r", "ACK\r7\r:")
+        .on("\r", "ACK\r:")
+        .on("\r", "ACK\r:")
+        .on("GI\r", "ACK\r9\r:");
+    let (mut camera, line) = script.camera();
+    Async::drive(camera.set(Command::NoiseFilter(3))).unwrap();
+    {
+        let mut future = pin!(camera.command(Command::GetInputs).run());
+        let mut context = Context::from_waker(Waker::noop());
+        while !line.transcript().ends_with("GI\r") {
+            assert!(future.as_mut().poll(&mut context).is_pending());
+        }
+    }
+    assert_eq!(
+        Async::drive(camera.command(Command::GetInputs)),
+        Ok(Answer::Values([9, 0, 0, 0, 0, 0]))
+    );
+    line.assert_finished();
+}
+
+both! {
+    fn the_banner_of_power_up_before_the_first_command_does_no_harm<D>() {
+        // Not even to a command that must not be sent twice.
+        let script = Script::new()
+            .on("\r", format!("{BANNER}ACK\r:"))
+            .on("SL\r", "ACK\r");
+        let (mut camera, line) = script.camera();
+        D::drive(camera.set(Command::Sleep)).unwrap();
+        line.assert_finished();
+    }
+
+    fn a_banner_that_came_between_two_calls_is_noticed<D>() {
+        let script = Script::idle()
+            .on("NF 3\r", "ACK\r:")
+            .on("PS 1\r", "ACK\r:")
+            .on("NF 3\r", "ACK\r:")
+            .on("PS 1\r", "ACK\r:");
+        let (mut camera, line) = script.camera();
+        D::drive(camera.set(Command::NoiseFilter(3))).unwrap();
+        line.inject(BANNER);
+        D::drive(camera.set(Command::PacketSkip(1))).unwrap();
+        line.assert_finished();
+        assert_eq!(camera.session().restarts(), 1);
+    }
+}

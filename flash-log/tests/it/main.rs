@@ -1,0 +1,5 @@
+//! Tests of `flash-log` through what it offers, one program.
+
+mod log;
+mod sequential_storage;
+mod support;

@@ -1,0 +1,4 @@
+//! Tests of `pedestrian` through what it offers, one program.
+
+mod walker;
+mod walks;

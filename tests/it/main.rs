@@ -1,0 +1,7 @@
+//! Tests across the crates, one program.
+
+mod network;
+mod pixy2;
+mod ray_scan;
+mod recorded;
+mod sight;

@@ -1,0 +1,168 @@
+//! What takes long, or passes unnoticed: idle days, restarts in them, flash that rots and wears, clocks
+//! that drift, carriers who rest or hurry.
+
+use answers::record::{Estimate, RunRecord};
+use site::{Action, Scenario};
+
+use crate::network::yard::{
+    COORDINATOR, OTHERS, TARGET, Yard, assert_all_calibrated, assert_fair,
+    assert_nothing_forgotten, logged, run, with,
+};
+
+const HOUR_S: f64 = 3600.0;
+const DAY_S: f64 = 24.0 * HOUR_S;
+
+/// Erasures that a page lasts for at least (nRF52840 Product Specification, "Flash").
+const ENDURANCE: f64 = 10_000.0;
+
+fn yard() -> Scenario {
+    Yard::default().scenario(31)
+}
+
+/// In the middle of its walk, the target stands for that long, while every hour another node restarts. After its
+/// own restarts the target asks again what cameras see, again and again at one place.
+fn idle(days: f64) -> Scenario {
+    let calm = run(yard());
+    let at = calm.targets[0].stops[4].seconds.unwrap();
+    let rest = Action::Rest {
+        node: TARGET,
+        for_s: days * DAY_S,
+    };
+    let all = [COORDINATOR, 1, 2, 3, 4, 5, TARGET];
+    let hours = 1..(days * 24.0) as usize;
+    hours.fold(with(yard(), at, rest), |scenario, hour| {
+        let node = all[hour % all.len()];
+        let at = at + hour as f64 * HOUR_S;
+        with(scenario, at, Action::Restart { node })
+    })
+}
+
+/// However often a target asks at one place, nobody takes the answers for news: errors are what sigmas say.
+#[test]
+fn who_asks_again_and_again_learns_no_more() {
+    let records: Vec<_> = (0..8)
+        .map(|seed| {
+            let walk = || Yard::default().scenario(seed);
+            let at = run(walk()).targets[0].stops[4].seconds.unwrap();
+            let rest = Action::Rest {
+                node: TARGET,
+                for_s: 2.0 * DAY_S,
+            };
+            let asks = (1..48).fold(with(walk(), at, rest), |scenario, hour| {
+                let at = at + f64::from(hour) * HOUR_S;
+                with(scenario, at, Action::Restart { node: TARGET })
+            });
+            run(asks)
+        })
+        .collect();
+    for (seed, record) in (0..).zip(&records) {
+        assert_all_calibrated(record, "asked again and again");
+        let calm = run(Yard::default().scenario(seed));
+        let sigmas = |record: &RunRecord| -> f64 {
+            let estimates = record
+                .cameras()
+                .filter_map(|camera| camera.estimate.as_ref());
+            estimates.map(Estimate::sigma_position).sum()
+        };
+        // What the first restart costs: the way from one stop to the next.
+        assert!(sigmas(record) < 1.5 * sigmas(&calm), "seed {seed}");
+    }
+    assert_fair(&records);
+}
+
+/// Nobody forgets anything, everybody is found at the end, and flash lasts for years.
+#[test]
+fn seven_idle_days_with_a_restart_every_hour() {
+    let days = 7.0;
+    let (record, log) = logged(idle(days));
+    assert!(record.sim_seconds > days * DAY_S);
+    assert_all_calibrated(&record, "idle days");
+    assert_nothing_forgotten(&log, "idle days");
+    for node in &record.nodes {
+        assert!(node.failures.is_empty(), "{:?}", node.failures);
+        let erasures = f64::from(node.page_erasures.unwrap() - 1);
+        let years = ENDURANCE / erasures * days / 365.25;
+        println!(
+            "node {}: {erasures} erasures of a page, {years:.1} years",
+            node.id
+        );
+        assert!(years > 5.0, "node {}: {years} years", node.id);
+    }
+}
+
+#[test]
+fn a_carrier_who_rests_changes_nothing() {
+    let calm = run(yard());
+    for at in [0.0, 40.0, 65.0] {
+        let rest = Action::Rest {
+            node: TARGET,
+            for_s: 2.0 * HOUR_S,
+        };
+        let record = run(with(yard(), at, rest));
+        assert_all_calibrated(&record, &format!("a rest at {at}"));
+        assert_eq!(record.targets[0].stops.len(), calm.targets[0].stops.len());
+        assert!(record.sim_seconds > 2.0 * HOUR_S);
+    }
+}
+
+/// It is away before most cameras have looked. What they saw of it is not taken for what it was at the
+/// stop: nobody is deceived.
+#[test]
+fn a_carrier_who_ignores_the_lamp_deceives_nobody() {
+    let mut calibrated = 0;
+    for (seed, stand_s) in (0..).zip([0.1, 0.3, 0.6, 1.0, 2.0, 3.0]) {
+        let hurry = Action::IgnoreLamp {
+            node: TARGET,
+            for_s: 1e4,
+            stand_s,
+        };
+        let record = run(with(Yard::default().scenario(seed), 0.0, hurry));
+        for camera in record.cameras() {
+            let wrong = camera.nees.is_some_and(|nees| nees > 30.7);
+            assert!(!wrong, "{stand_s} s at each stop: {:?}", camera.error);
+        }
+        calibrated += record.summary.calibrated;
+    }
+    // Who stands for some seconds is seen.
+    assert!(calibrated >= OTHERS.len());
+}
+
+/// Flipped bits cost what they were in, and never make a pose wrong.
+#[test]
+fn flash_that_rots_deceives_nobody() {
+    for id in [COORDINATOR, 1, 2, 3, TARGET] {
+        for (bits, at) in [(1, 30.0), (20, 60.0), (1000, 60.0)] {
+            let rot = with(yard(), at, Action::Rot { node: id, bits });
+            let record = run(with(rot, at + 1.0, Action::Restart { node: id }));
+            for camera in record.cameras() {
+                let wrong = camera.nees.is_some_and(|nees| nees > 30.7);
+                assert!(!wrong, "{bits} bits of node {id}: {:?}", camera.error);
+            }
+        }
+    }
+}
+
+/// 500 millionths are more than an oscillator without a crystal has.
+#[test]
+fn clocks_may_drift() {
+    for seed in [1, 2, 3] {
+        let mut scenario = Yard::default().scenario(seed);
+        scenario.clock_ppm = 500.0;
+        assert_all_calibrated(&run(scenario), "clocks that drift");
+    }
+}
+
+/// While it lasts a camera answers nothing, and for others the walk goes on.
+#[test]
+fn faults_of_a_camera_end() {
+    let calm = run(yard());
+    let faults = Action::CameraFaults {
+        node: 4,
+        for_s: 20.0,
+        faults: [("corrupt_line".into(), 1.0)].into(),
+    };
+    let at = calm.targets[0].stops[4].seconds.unwrap() + 1.0;
+    let record = run(with(yard(), at, faults));
+    assert_all_calibrated(&record, "faults for a while");
+    assert!(record.sim_seconds > calm.sim_seconds);
+}

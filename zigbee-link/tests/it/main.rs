@@ -1,0 +1,11 @@
+//! Tests of `zigbee-link` through what it offers, one program.
+
+mod attacks;
+mod capture;
+mod network;
+mod power;
+mod runner;
+mod store;
+mod support;
+mod wire;
+mod words;
