@@ -40,7 +40,7 @@ const LONGEST_STEP: f64 = 0.7;
 ///
 /// Of poses that claim less than a tenth of the range and are more than four sigmas off, in random
 /// scenes near the danger circle and among clustered targets, 99 % have an alternative; of those that
-/// are right, one in a thousand (`tests/alternative.rs`).
+/// are right, one in a thousand (`tests/it/alternative.rs`).
 ///
 /// # Example
 /// ```

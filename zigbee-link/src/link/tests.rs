@@ -165,7 +165,7 @@ fn a_broadcast_is_repeated_where_frames_get_lost() {
 
 /// The first frames between two nodes are pinned, byte for byte, with their FCS: challenge,
 /// response that challenges, response, message, acknowledgement. Any change here is a change of the
-/// wire format and needs another version. tests/capture.rs has tshark read the same kind of frames.
+/// wire format and needs another version. tests/it/capture.rs has tshark read the same kind of frames.
 #[test]
 fn golden_exchange() {
     let mut aether = Aether::new(2, 0.0, 0);
