@@ -7,9 +7,9 @@ use std::{fs, process::ExitCode};
 
 use site::{Overrides, Scenario};
 
-#[path = "../../tests/live/browser.rs"]
+#[path = "../../tests/it/live/browser.rs"]
 mod browser;
-#[path = "../../tests/live/thousand.rs"]
+#[path = "../../tests/it/live/thousand.rs"]
 mod thousand;
 
 use browser::{Browser, Running, served};

@@ -1,0 +1,426 @@
+//! What `host-sim flash` has probe-rs do; a script is in its place.
+
+use std::fs;
+
+use node_firmware::config::page::PAGE_MAX;
+
+use super::place::{CARRIER, Place};
+
+/// Notes how it is called. It fails when it is to fail at that. What a board has in its flash is in
+/// the file `read`, as probe-rs prints it; otherwise the flash is erased.
+const PROBE_RS: &str = r#"
+here="${0%/*}"
+echo "$*" >> "$here/calls"
+case "$*" in "${FAIL:-never}"*) exit 3 ;; esac
+case "$1" in read)
+    if [ -e "$here/read" ]; then while read -r line; do echo "$line"; done < "$here/read"
+    else at=0; while [ $at -lt 512 ]; do printf 'ff '; at=$((at + 1)); done; fi
+esac
+"#;
+
+/// Where images end at the latest.
+const IMAGE_END: u32 = 0x000e_d000;
+
+fn place() -> Place {
+    let place = Place::with_key();
+    fs::write(place.path("image.elf"), elf(0, IMAGE_END)).unwrap();
+    provision(&place, "target", "page.bin");
+    place
+}
+
+fn provision(place: &Place, role: &str, name: &str) {
+    let role_option = format!("--role={role}");
+    let out = format!("--out={name}");
+    let words = [
+        "provision",
+        "--site-key=site.sitekey",
+        &role_option,
+        "--id=4",
+        &out,
+        "--overwrite",
+    ];
+    let asked: &[_] = match role {
+        "camera" => &["--field-of-view=45"],
+        _ => &CARRIER,
+    };
+    place.run(&[&words[..], asked].concat()).ok();
+}
+
+/// An image for an ARM processor, of one part of 4 bytes that are put before the end of the flash's
+/// range (System V ABI, "Object files").
+fn elf(virtual_address: u32, end: u32) -> Vec<u8> {
+    let half = |number: u16| number.to_le_bytes().to_vec();
+    let word = |number: u32| number.to_le_bytes().to_vec();
+    let (header, part) = (52, 32);
+    [
+        // 32 bits, little-endian, version 1; executable, ARM.
+        b"\x7fELF\x01\x01\x01\0\0\0\0\0\0\0\0\0".to_vec(),
+        half(2),
+        half(40),
+        word(1),
+        word(0),
+        word(header),
+        word(0),
+        word(0),
+        half(header as u16),
+        half(part as u16),
+        half(1),
+        half(0),
+        half(0),
+        half(0),
+        // To be loaded: offset, addresses, bytes in the file and in memory, readable.
+        word(1),
+        word(header + part),
+        word(virtual_address),
+        word(end - 4),
+        word(4),
+        word(4),
+        word(4),
+        word(4),
+        b"code".to_vec(),
+    ]
+    .concat()
+}
+
+fn install(place: &Place) {
+    place.install("probe-rs", PROBE_RS);
+}
+
+/// The board has this page, printed as old versions of probe-rs do, or as new ones.
+fn board_has(place: &Place, page: &str, with_addresses: bool) {
+    let page = fs::read(place.path(page)).unwrap();
+    let text: String = page
+        .chunks(8)
+        .enumerate()
+        .map(|(line, bytes)| {
+            let address = format!("{:08x}: ", 0x000f_f000 + 8 * line);
+            let bytes: Vec<_> = bytes.iter().map(|byte| format!("{byte:02x}")).collect();
+            let start = if with_addresses { address.as_str() } else { "" };
+            format!("{start}{}\n", bytes.join(" "))
+        })
+        .collect();
+    place.write("bin/read", &text);
+}
+
+/// What probe-rs was called with, without the folder of the test.
+fn calls(place: &Place) -> Vec<String> {
+    let calls = fs::read_to_string(place.path("bin/calls")).unwrap_or_default();
+    let folder = format!("{}/", place.path("").canonicalize().unwrap().display());
+    let calls = calls.replace(&folder, "");
+    calls.lines().map(str::to_owned).collect()
+}
+
+const LOOK: &str = "read --chip nRF52840_xxAA b8 0x000ff000 512";
+const IMAGE: &str = "download --chip nRF52840_xxAA --verify --binary-format elf image.elf";
+const PAGE: &str = "download --chip nRF52840_xxAA --verify --binary-format bin \
+                    --base-address 0x000ff000 page.bin";
+const RESET: &str = "reset --chip nRF52840_xxAA";
+const FLASH: [&str; 4] = [
+    "flash",
+    "nrf52840",
+    "--image=image.elf",
+    "--config=page.bin",
+];
+
+#[test]
+fn image_page_and_reset() {
+    let place = place();
+    install(&place);
+    let run = place.run(&FLASH);
+    assert!(run.stderr.contains("role = \"target\""), "{}", run.stderr);
+    run.ok();
+    assert_eq!(calls(&place), [LOOK, IMAGE, PAGE, RESET]);
+}
+
+/// Its flash is elsewhere, and so are its pages: 0x080ed800 to 0x080fffff.
+#[test]
+fn another_board() {
+    let place = place();
+    install(&place);
+    let chip = "--chip STM32L476RGTx";
+    let words = [
+        "flash",
+        "nucleo-l476rg",
+        "--image=image.elf",
+        "--config=page.bin",
+        "--erase-memory",
+    ];
+    // That of the other board, and one that is too long.
+    place.run(&words).fails("before the board's flash");
+    fs::write(place.path("image.elf"), elf(0x0800_0000, 0x080f_1801)).unwrap();
+    place.run(&words).fails("into the pages of the node");
+    assert!(calls(&place).is_empty());
+    fs::write(place.path("image.elf"), elf(0x0800_0000, 0x080e_d800)).unwrap();
+    place.run(&words[..4]).ok();
+    place.run(&words).ok();
+    let image = format!("download {chip} --verify --binary-format elf image.elf");
+    let bytes = format!("download {chip} --verify --binary-format bin --base-address");
+    let page = format!("{bytes} 0x080ff800 page.bin");
+    let reset = format!("reset {chip}");
+    let look = format!("read {chip} b8 0x080ff800 512");
+    let mut calls = calls(&place);
+    let erase = calls.remove(6);
+    let expected = [&look, &image, &page, &reset, &image, &page, &reset];
+    assert_eq!(calls, expected.map(String::clone));
+    let (start, file) = erase.rsplit_once(' ').unwrap();
+    assert_eq!(start, format!("{bytes} 0x080ed800"));
+    assert!(file.ends_with("image.erased.bin"), "{file}");
+    assert!(fs::read(place.path(file)).unwrap() == vec![0xFF; 0x1_2000]);
+}
+
+#[test]
+fn an_image_alone_for_one_of_several_probes() {
+    let place = place();
+    install(&place);
+    place
+        .run(&[&FLASH[..3], &["--probe=1366:1015:00012"]].concat())
+        .ok();
+    let probe = "--chip nRF52840_xxAA --probe 1366:1015:00012";
+    let expected = [IMAGE, RESET].map(|call| call.replace("--chip nRF52840_xxAA", probe));
+    assert_eq!(calls(&place), expected);
+}
+
+/// 0x000ed000 to 0x000fefff.
+#[test]
+fn the_memory_is_erased_last() {
+    let place = place();
+    install(&place);
+    let run = place.run(&[FLASH.as_slice(), &["--erase-memory"]].concat());
+    run.ok();
+    let calls = calls(&place);
+    let [image, page, erase, reset] = calls.as_slice() else {
+        panic!("{calls:?}");
+    };
+    assert_eq!([image, page, reset], [IMAGE, PAGE, RESET]);
+    let (start, file) = erase.rsplit_once(' ').unwrap();
+    assert_eq!(
+        start,
+        "download --chip nRF52840_xxAA --verify --binary-format bin --base-address 0x000ed000"
+    );
+    assert!(fs::read(place.path(file)).unwrap() == vec![0xFF; 0x1_2000]);
+}
+
+/// `UICR.APPROTECT` (nRF52840 Product Specification, 4.5): 0x00 in its lowest byte closes the port on
+/// every revision. It is written last, with the rest of its page kept.
+#[test]
+fn a_locked_board_is_closed_last() {
+    let place = place();
+    install(&place);
+    place.run(&[FLASH.as_slice(), &["--lock"]].concat()).ok();
+    let calls = calls(&place);
+    let [LOOK, IMAGE, PAGE, lock, RESET] = calls.iter().map(String::as_str).collect::<Vec<_>>()[..]
+    else {
+        panic!("{calls:?}");
+    };
+    let (start, file) = lock.rsplit_once(' ').unwrap();
+    assert_eq!(
+        start,
+        "download --chip nRF52840_xxAA --restore-unwritten --binary-format bin --base-address 0x10001208"
+    );
+    assert_eq!(fs::read(place.path(file)).unwrap(), [0, 0xFF, 0xFF, 0xFF]);
+}
+
+/// Nothing of it can be read before.
+#[test]
+fn a_locked_board_is_erased_first() {
+    let place = place();
+    install(&place);
+    place.run(&[FLASH.as_slice(), &["--unlock"]].concat()).ok();
+    let erase = "erase --chip nRF52840_xxAA --allow-erase-all";
+    assert_eq!(calls(&place), [erase, IMAGE, PAGE, RESET]);
+    place
+        .run(&["flash", "nrf52840", "--image=image.elf", "--unlock"])
+        .fails("--config");
+    place
+        .run_with(&FLASH, &[("FAIL", "read")])
+        .fails("was locked is written with --unlock");
+}
+
+/// RDP level 1, with `OpenOCD` (its manual, "stm32l4x").
+#[test]
+fn another_board_is_locked_with_another_program() {
+    let place = place();
+    install(&place);
+    fs::write(place.path("image.elf"), elf(0x0800_0000, 0x080e_d800)).unwrap();
+    let words = [
+        "flash",
+        "nucleo-l476rg",
+        "--image=image.elf",
+        "--config=page.bin",
+        "--probe=0483:374b:066A",
+        "--lock",
+    ];
+    place.run(&words).fails("apt-get install openocd");
+    assert!(calls(&place).is_empty());
+    place.install("openocd", PROBE_RS);
+    let run = place.run(&words);
+    assert!(run.stderr.contains("from its power"), "{}", run.stderr);
+    run.ok();
+    let open_ocd = |action| {
+        format!(
+            "-f interface/stlink.cfg -c adapter serial 066A -f target/stm32l4x.cfg -c init; reset halt; \
+             stm32l4x {action} 0; stm32l4x option_load 0; shutdown"
+        )
+    };
+    assert_eq!(calls(&place)[3..], [open_ocd("lock")]);
+    let unlock = [&words[..5], &["--unlock"]].concat();
+    place.run(&unlock).ok();
+    assert_eq!(calls(&place)[4], open_ocd("unlock"));
+    assert_eq!(calls(&place).len(), 4 + 4);
+}
+
+#[test]
+fn a_dry_run_tells_the_commands() {
+    let place = place();
+    let run = place.run(&[FLASH.as_slice(), &["--dry-run"]].concat());
+    assert!(run.stderr.contains("probe-rs is not installed"));
+    let told = run.ok();
+    install(&place);
+    assert_eq!(
+        place.run(&[FLASH.as_slice(), &["--dry-run"]].concat()).ok(),
+        told
+    );
+    assert!(calls(&place).is_empty());
+    place.run(&FLASH).ok();
+    let folder = format!("{}/", place.path("").canonicalize().unwrap().display());
+    let told: Vec<_> = told.lines().map(|line| line.replace(&folder, "")).collect();
+    let done: Vec<_> = calls(&place)
+        .iter()
+        .map(|call| format!("probe-rs {call}"))
+        .collect();
+    assert_eq!(told, done);
+}
+
+/// As the README says it, with no image named.
+#[test]
+fn the_image_is_where_it_was_built() {
+    let place = place();
+    let flash = ["flash", "nrf52840", "--config=page.bin"];
+    let built = "target/firmware/nrf52840-node.elf";
+    let missing = "nrf52840-node.elf: type `cargo xtask firmware`";
+    let run = place.run(&[&flash[..], &["--dry-run"]].concat());
+    assert!(run.stderr.contains(missing), "{}", run.stderr);
+    let told = run.ok();
+    let image = told.lines().nth(1).unwrap();
+    assert!(image.ends_with(built), "{image}");
+    install(&place);
+    place.run(&flash).fails(missing);
+    assert!(calls(&place).is_empty());
+    fs::create_dir_all(place.path("target/firmware")).unwrap();
+    fs::rename(place.path("image.elf"), place.path(built)).unwrap();
+    place.run(&flash).ok();
+    assert_eq!(
+        calls(&place),
+        [LOOK, &IMAGE.replace("image.elf", built), PAGE, RESET]
+    );
+}
+
+/// Another node's board, or this one with what it learnt as another: nothing is written.
+#[test]
+fn a_board_that_is_another_node_is_refused() {
+    for with_addresses in [false, true] {
+        let place = place();
+        install(&place);
+        board_has(&place, "page.bin", with_addresses);
+        place.run(&FLASH).ok();
+        assert_eq!(calls(&place), [LOOK, IMAGE, PAGE, RESET]);
+
+        provision(&place, "camera", "other.bin");
+        board_has(&place, "other.bin", with_addresses);
+        place.run(&FLASH).fails(
+            "the board is node 4, a camera; the page has another role, and nothing was written",
+        );
+        fs::remove_file(place.path("site.sitekey")).unwrap();
+        place.run(&["keygen"]).ok();
+        provision(&place, "target", "other.bin");
+        board_has(&place, "other.bin", with_addresses);
+        place.run(&FLASH).fails("another site key, and nothing");
+        assert_eq!(calls(&place)[4..], [LOOK, LOOK]);
+
+        place
+            .run(&[FLASH.as_slice(), &["--erase-memory"]].concat())
+            .ok();
+        assert_eq!(calls(&place).len(), 6 + 4);
+    }
+}
+
+#[test]
+fn a_board_that_cannot_be_compared_is_not_written() {
+    let place = place();
+    install(&place);
+    let something = "12 34 56 78 9a bc de f0 ".repeat(64);
+    let cut = &something[..300];
+    for (read, message) in [
+        (something.as_str(), "cannot be compared"),
+        (cut, "printed 100 bytes"),
+        ("WARN probe: slow", "printed 0 bytes"),
+    ] {
+        place.write("bin/read", &format!("{read}\n"));
+        place.run(&FLASH).fails(message);
+        assert_eq!(calls(&place).last().map(String::as_str), Some(LOOK));
+    }
+    place
+        .run(&[FLASH.as_slice(), &["--erase-memory"]].concat())
+        .ok();
+}
+
+#[test]
+fn nothing_is_skipped() {
+    let place = place();
+    place.run(&FLASH).fails("cargo install probe-rs-tools");
+    install(&place);
+    place.write("damaged.bin", "not a page");
+    place.write("text.elf", "stands for an image");
+    let page = fs::read(place.path("page.bin")).unwrap();
+    fs::write(place.path("cut.bin"), &page[..20]).unwrap();
+    fs::write(
+        place.path("long.bin"),
+        [page, vec![0xFF; PAGE_MAX]].concat(),
+    )
+    .unwrap();
+    // Nothing of it runs beyond; its first values do.
+    fs::write(place.path("large.elf"), elf(0, IMAGE_END + 1)).unwrap();
+    fs::write(place.path("ram.elf"), elf(0, 0x2000_1000)).unwrap();
+    let mut other = elf(0, IMAGE_END);
+    other[18] = 3;
+    fs::write(place.path("other.elf"), other).unwrap();
+    for (error, words) in [
+        ("none.elf cannot be read", "--image=none.elf"),
+        ("text.elf is no image", "--image=text.elf"),
+        ("no image for an ARM", "--image=other.elf"),
+        ("into the pages of the node", "--image=large.elf"),
+        ("into the pages of the node", "--image=ram.elf"),
+        ("is no page", "--image=image.elf --config=damaged.bin"),
+        ("cut off", "--image=image.elf --config=cut.bin"),
+        (
+            "1024 bytes, a page has 512",
+            "--image=image.elf --config=long.bin",
+        ),
+        ("cannot be read", "--image=image.elf --config=none.bin"),
+        ("--config", "--image=image.elf --erase-memory"),
+    ] {
+        let words = ["flash", "nrf52840"].into_iter().chain(words.split(' '));
+        let words: Vec<_> = words.collect();
+        place.run(&words).fails(error);
+    }
+    place
+        .run(&["flash", "nrf9160", "--config=page.bin"])
+        .fails("possible values");
+    place.run(&["flash"]).fails("BOARD");
+    assert!(calls(&place).is_empty());
+}
+
+#[test]
+fn a_failure_ends_it() {
+    let place = place();
+    install(&place);
+    let page = PAGE.strip_suffix("page.bin").unwrap().trim_end();
+    place
+        .run_with(&FLASH, &[("FAIL", page)])
+        .fails("the board is not complete");
+    assert_eq!(calls(&place), [LOOK, IMAGE, PAGE]);
+    place
+        .run_with(&FLASH, &[("FAIL", "read")])
+        .fails("nothing was written");
+    assert_eq!(calls(&place)[3..], [LOOK]);
+}

@@ -1,0 +1,116 @@
+//! What the page and its server keep.
+
+#![cfg(target_os = "linux")]
+
+use std::{
+    env, fs,
+    process::{Command, Stdio},
+};
+
+use answers::record::event::{self, What};
+use tempfile::TempDir;
+
+use super::browser::{Browser, host_sim};
+
+/// Set in the process that is measured.
+const ALONE: &str = "MEMORY_ALONE";
+
+/// What this process takes of the machine's memory, in bytes.
+fn resident() -> u64 {
+    let status = fs::read_to_string("/proc/self/status").unwrap();
+    let line = status.lines().find(|line| line.starts_with("VmRSS:"));
+    let kib: u64 = line
+        .unwrap()
+        .split_whitespace()
+        .nth(1)
+        .unwrap()
+        .parse()
+        .unwrap();
+    kib << 10
+}
+
+/// What the page's scripts hold, after a collection of what they do not.
+async fn heap(browser: &Browser) -> u64 {
+    let used = "gc(); gc(); return performance.memory.usedJSHeapSize";
+    browser.run(used).await.as_u64().unwrap()
+}
+
+/// The walk of `thesis-13` again and again, without an end, as fast as the page follows. What is kept is
+/// bounded in number, so nothing grows once there is as much: at the latest after ten hours.
+///
+/// It runs in a process of its own, for other tests take memory too.
+#[tokio::test]
+async fn memory_does_not_grow_without_end() {
+    if env::var_os(ALONE).is_none() {
+        let alone = Command::new(env::current_exe().unwrap())
+            .args([
+                "--exact",
+                "--nocapture",
+                "live::memory::memory_does_not_grow_without_end",
+            ])
+            .env(ALONE, "")
+            .output()
+            .unwrap();
+        let said = String::from_utf8(alone.stdout).unwrap();
+        println!("{said}");
+        assert!(alone.status.success() && said.contains("1 passed"));
+        return;
+    }
+    let folder = TempDir::new().unwrap();
+    let file = folder.path().join("e.ndjson");
+    let ran = host_sim(&["run", "thesis-13", "--events", file.to_str().unwrap()])
+        .stdout(Stdio::null())
+        .status()
+        .unwrap();
+    assert!(ran.success());
+    let events = event::read(&fs::read(&file).unwrap()[..]).unwrap();
+    let walk = events.last().unwrap().seconds;
+    let about = host_sim::live::About {
+        name: "thesis-13".to_owned(),
+        kind: "recorded",
+    };
+    let address = "127.0.0.1:0".parse().unwrap();
+    let (server, _commands) = host_sim::live::serve(address, about).unwrap();
+    let browser = Browser::start(1280).await;
+    browser.client.goto(&server.url()).await.unwrap();
+    let mut measured = Vec::new();
+    let mut wanted = [600.0, 3600.0, 36_000.0, 72_000.0].into_iter().peekable();
+    for round in 0.. {
+        let Some(&minute) = wanted.peek() else { break };
+        let begin = walk * f64::from(round);
+        let again = events.iter().filter(|event| match event.what {
+            What::Begin { .. } => round == 0,
+            What::End { .. } => false,
+            _ => true,
+        });
+        let shifted = again.cloned().map(|mut event| {
+            event.seconds += begin;
+            event
+        });
+        let shifted: Vec<_> = shifted.collect();
+        let last = shifted.last().unwrap().seconds;
+        server.tell(shifted);
+        let shown = format!("return Number(document.body.dataset.seconds) >= {last:.3} - 0.001");
+        browser.until(&shown).await;
+        if last >= minute {
+            measured.push((last / 60.0, heap(&browser).await, resident()));
+            wanted.next();
+        }
+    }
+    for (minutes, heap, resident) in &measured {
+        println!("minute {minutes:.0}: page {heap} bytes, server {resident} bytes");
+    }
+    let [_, hour, ten, twenty] = measured[..] else {
+        panic!("{measured:?}")
+    };
+    // A picture more or less, and what the allocators keep.
+    const SLACK: u64 = 3 << 20;
+    assert!(twenty.1 <= ten.1 + ten.1 / 10 + SLACK, "page: {measured:?}");
+    assert!(
+        twenty.2 <= ten.2 + ten.2 / 10 + SLACK,
+        "server: {measured:?}"
+    );
+    // Of an hour, everything can still be played back.
+    assert!(hour.1 < 64 << 20, "page: {measured:?}");
+    browser.end().await;
+}

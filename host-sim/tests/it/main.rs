@@ -1,0 +1,22 @@
+//! Tests of the commands and the library together, in one program: each suite is a module.
+
+mod common;
+mod small;
+
+mod camera_line;
+mod chip_process;
+mod chips;
+mod console;
+mod decryption;
+mod deploy;
+mod events;
+mod live;
+mod probe;
+mod pseudo_terminal;
+mod real_time;
+mod run;
+mod solve;
+mod solve_network;
+mod solve_reference;
+mod tracking;
+mod video;

@@ -1,0 +1,930 @@
+//! `host-sim probe` as people run it, against `host-sim camera` and against lines that fail.
+
+#![cfg(unix)]
+
+use std::{
+    fs::{self, File, OpenOptions},
+    io::{BufRead, BufReader, ErrorKind, Read, Write},
+    process::{Child, Command, Stdio},
+    sync::atomic::{AtomicUsize, Ordering},
+    thread,
+    time::Duration,
+};
+
+use crate::common::{Files, data, run, run_with_input};
+use serde_json::Value;
+use serialport::{SerialPort, TTYPort};
+
+/// Both ends of a line: what the camera would hold, and the name of the port.
+fn line() -> (TTYPort, TTYPort, String) {
+    let (camera, port) = TTYPort::pair().unwrap();
+    let name = port.name().unwrap();
+    (camera, port, name)
+}
+
+/// A run that fails, and what it says.
+fn failure(arguments: &[&str]) -> String {
+    let mut all = vec!["probe", "--settle", "0"];
+    all.extend_from_slice(arguments);
+    let done = run(&all);
+    assert_eq!(
+        (done.code, done.stdout.as_str()),
+        (2, ""),
+        "{}",
+        done.stderr
+    );
+    done.stderr
+}
+
+#[test]
+fn a_port_that_is_not_there_or_is_none() {
+    let files = Files::new();
+    let text = failure(&["--port", &files.path("ttyUSB0")]);
+    assert!(text.contains("ttyUSB0 does not exist"), "{text}");
+    assert!(text.contains("plugged in"), "{text}");
+    let file = files.write("notes.txt", "no port");
+    let text = failure(&["--port", &file]);
+    assert!(text.contains("cannot be used as a serial port"), "{text}");
+    assert_eq!(fs::read_to_string(file).unwrap(), "no port");
+}
+
+#[test]
+fn a_port_that_another_program_has() {
+    let (_camera, _port, name) = line();
+    let _holder = TTYPort::open(&serialport::new(&name, 9600)).unwrap();
+    let text = failure(&["--port", &name]);
+    assert!(text.contains("is in use"), "{text}");
+}
+
+#[test]
+fn nobody_answers() {
+    let (_camera, _port, name) = line();
+    let text = failure(&["--port", &name, "--baud", "9600"]);
+    assert!(text.contains("no answer at 9600 baud"), "{text}");
+    for check in ["powered", "TX and RX", "level shifter", "--baud auto"] {
+        assert!(text.contains(check), "no {check} in {text}");
+    }
+    let text = failure(&["--port", &name, "--baud", "auto"]);
+    assert!(text.contains("no answer at any baud rate"), "{text}");
+}
+
+/// Something answers every byte with the same wrong ones, as a camera at another rate does.
+#[test]
+fn garbage() {
+    let (mut camera, _port, name) = line();
+    thread::spawn(move || {
+        let mut byte = [0];
+        loop {
+            match camera.read(&mut byte) {
+                Ok(_) => camera.write_all(b"\xF8\x00\x1C:\xE6\x80").unwrap(),
+                Err(error) if error.kind() == ErrorKind::TimedOut => {}
+                // The test is over.
+                Err(_) => break,
+            }
+        }
+    });
+    let text = failure(&["--port", &name, "--baud", "38400"]);
+    assert!(text.contains("makes no sense"), "{text}");
+    assert!(text.contains("jumpers"), "{text}");
+}
+
+/// Something else than a camera is named, and what it said is shown.
+#[test]
+fn strangers_are_named() {
+    for (says, words) in [
+        (&b"$GPGGA,123519,4807.038,N,01131.000,E,1,08\r\n"[..], "GPS"),
+        (b"\r\nOK\r\n", "modem"),
+        (b"\r\nbox login: ", "console of a computer"),
+        (b"NCK\r:", "NCK to everything"),
+        (b"CMUcam v1.12\r:", "another camera"),
+        (b"\r\n>>> ", "Python"),
+        (b"\r", "TX and RX of the adapter"),
+    ] {
+        let (mut camera, _port, name) = line();
+        thread::spawn(move || {
+            let mut byte = [0];
+            loop {
+                match camera.read(&mut byte) {
+                    Ok(_) if byte == *b"\r" => camera.write_all(says).unwrap(),
+                    Ok(_) => {}
+                    Err(error) if error.kind() == ErrorKind::TimedOut => {}
+                    // The test is over.
+                    Err(_) => break,
+                }
+            }
+        });
+        let text = failure(&["--port", &name, "--baud", "38400"]);
+        assert!(text.contains(words), "no {words} in {text}");
+        assert!(text.contains("received \""), "{text}");
+    }
+}
+
+/// Other programs leave the camera in a mode in which it does not acknowledge, or takes raw
+/// commands.
+#[test]
+fn a_camera_left_in_a_raw_mode_is_recovered() {
+    let files = Files::new();
+    for mode in [2, 3, 5] {
+        let camera = Camera::start(&files, &square(), &["--baud", "115200"]);
+        let mut port = serialport::new(&camera.port, 115_200).open().unwrap();
+        port.write_all(format!("RM {mode}\r").as_bytes()).unwrap();
+        thread::sleep(Duration::from_millis(100));
+        drop(port);
+        let (_, told) = camera.probe(&["--baud", "115200", "--settle", "0", "--count", "3"]);
+        assert!(told.contains("CMUcam2 v1.00 c6"), "RM {mode}: {told}");
+    }
+}
+
+#[test]
+fn wrong_options_and_files_are_told_before_the_port_is_opened() {
+    let files = Files::new();
+    let port = files.path("ttyUSB0");
+    for (arguments, word) in [
+        (&["--baud", "14400"][..], "jumpers"),
+        (&["--colour", "1,2,3"], "six levels"),
+        (&["--colour", "200,100,16,240,16,240"], "lower"),
+        (&["--at", "1,2"], "--record"),
+        (&["--fov-deg", "200", "--record", "s.csv"], "field of view"),
+        (&["--record", "s.csv", "--at", "1"], "two numbers"),
+        (&["--frame", "no/such/folder/a.png"], "no folder"),
+        (&["--frame", "a.png", "--record", "s.csv"], "cannot be used"),
+    ] {
+        let mut all = vec!["--port", &port];
+        all.extend_from_slice(arguments);
+        let text = failure(&all);
+        assert!(text.contains(word), "no {word} in {text}");
+    }
+    let other = files.write("other.csv", "case,x,y\n1,2,3\n");
+    let text = failure(&["--port", &port, "--record", &other, "--at", "-1,2"]);
+    assert!(text.contains("case,x,y"), "{text}");
+    assert_eq!(fs::read_to_string(other).unwrap(), "case,x,y\n1,2,3\n");
+}
+
+/// `host-sim camera` until it is dropped.
+struct Camera {
+    child: Child,
+    port: String,
+}
+
+impl Camera {
+    fn start(files: &Files, scene: &str, arguments: &[&str]) -> Self {
+        // A link that a killed camera left may by now lead to another one.
+        static CAMERAS: AtomicUsize = AtomicUsize::new(0);
+        let number = CAMERAS.fetch_add(1, Ordering::Relaxed);
+        let port = files.path(&format!("camera{number}"));
+        let mut child = Command::new(env!("CARGO_BIN_EXE_host-sim"))
+            .args(["camera", "--verbose", "--pty", &port, "--scene", scene])
+            .args(arguments)
+            .stderr(Stdio::piped())
+            .spawn()
+            .unwrap();
+        let mut told = BufReader::new(child.stderr.take().unwrap()).lines();
+        assert!(told.any(|line| line.unwrap().contains("started")));
+        thread::spawn(move || told.for_each(drop));
+        Self { child, port }
+    }
+
+    fn arguments<'a>(&'a self, arguments: &[&'a str]) -> Vec<&'a str> {
+        [&["probe", "--port", &self.port], arguments].concat()
+    }
+
+    /// A run that succeeds: what it prints, and what it says.
+    fn probe(&self, arguments: &[&str]) -> (String, String) {
+        let done = run(&self.arguments(arguments));
+        assert_eq!(done.code, 0, "{}", done.stderr);
+        (done.stdout, done.stderr)
+    }
+
+    /// The objects that a run prints.
+    fn json(&self, arguments: &[&str]) -> Vec<Value> {
+        let (stdout, _) = self.probe(&[arguments, &["--json"]].concat());
+        stdout
+            .lines()
+            .map(|line| serde_json::from_str(line).unwrap())
+            .collect()
+    }
+}
+
+impl Drop for Camera {
+    fn drop(&mut self) {
+        let _ = self.child.kill();
+        let _ = self.child.wait();
+    }
+}
+
+/// Orange over columns 20 to 67 of 88: the middle is 43.5, straight ahead.
+fn square() -> String {
+    data("camera/square.toml")
+}
+
+/// Around the orange of all scenes here, whatever the gain.
+const ORANGE: &str = "170,240,60,170,16,90";
+
+/// What the camera's whole columns leave open: one of 45 degrees over 88, at the middle, radians.
+const COLUMN: f64 = 0.0096;
+
+fn number(line: &Value, key: &str) -> f64 {
+    line[key]
+        .as_f64()
+        .unwrap_or_else(|| panic!("{key} in {line}"))
+}
+
+#[test]
+fn every_baud_rate() {
+    let files = Files::new();
+    thread::scope(|scope| {
+        for rate in [
+            "1200", "2400", "4800", "9600", "19200", "38400", "57600", "115200",
+        ] {
+            let files = &files;
+            scope.spawn(move || {
+                let camera = Camera::start(files, &square(), &["--baud", rate]);
+                let lines = camera.json(&[
+                    "--baud",
+                    rate,
+                    "--settle",
+                    "0",
+                    "--count",
+                    "3",
+                    "--fov-deg",
+                    "45",
+                ]);
+                assert_eq!(lines.len(), 3, "{rate}");
+                for line in lines {
+                    assert_eq!((number(&line, "x1"), number(&line, "x2")), (20.0, 67.0));
+                    assert!(
+                        number(&line, "bearing_rad").abs() < COLUMN,
+                        "{rate}: {line}"
+                    );
+                    assert_eq!(line["confidence"], 255);
+                }
+            });
+        }
+    });
+}
+
+#[test]
+fn the_rate_is_found() {
+    let files = Files::new();
+    let camera = Camera::start(&files, &square(), &["--baud", "9600"]);
+    let (_, told) = camera.probe(&["--settle", "0", "--count", "1"]);
+    assert!(
+        told.contains("CMUcam2 v1.00 c6 (OV6620) at 9600 baud"),
+        "{told}"
+    );
+    let text = failure(&["--port", &camera.port, "--baud", "115200"]);
+    assert!(text.contains("115200 baud"), "{text}");
+    assert!(text.contains("jumpers"), "{text}");
+}
+
+/// Nothing was garbled but the packet that the stop may have cut.
+fn assert_unharmed(told: &str) {
+    let unharmed = ["0 bytes garbled", "garbled: 1 cut short"];
+    assert!(unharmed.iter().any(|what| told.contains(what)), "{told}");
+}
+
+/// The box covers columns 8 to 13 of 88: the middle is 10.5, and
+/// `atan((43.5 - 10.5) / 43.5 * tan(22.5 deg))` is 17.44 degrees to the left.
+#[test]
+fn left_is_positive_and_columns_count_from_0() {
+    let files = Files::new();
+    let scene = files.write(
+        "left.toml",
+        "[background]\nplain = [110, 110, 110]\n[[object]]\ncolour = [220, 110, 40]\nshape = 'box'\n\
+         stops = [{ picture = [0.125, 0.25], size = [0.068181818, 0.1] }]\n",
+    );
+    let camera = Camera::start(&files, &scene, &[]);
+    let orange = ["--settle", "0", "--count", "1", "--colour", ORANGE];
+    let line = &camera.json(&[&orange[..], &["--fov-deg", "45"]].concat())[0];
+    assert_eq!((number(line, "x1"), number(line, "x2")), (8.0, 13.0));
+    assert!((number(line, "bearing_rad") - 17.44_f64.to_radians()).abs() < COLUMN);
+    assert!((number(line, "row") - 35.5).abs() < 1.5, "{line}");
+    // Without a field of view there are columns only.
+    let line = &camera.json(&orange)[0];
+    assert!(line["bearing_rad"].is_null() && line["column"].is_i64());
+    let (text, told) = camera.probe(&orange);
+    assert!(
+        text.contains("box   8") && !text.contains("bearing"),
+        "{text}"
+    );
+    assert!(told.contains("1 packet; "), "{told}");
+    assert_unharmed(&told);
+    // Twice the columns, the same direction.
+    let line = &camera.json(&[&orange[..], &["--fov-deg", "45", "--high-res"]].concat())[0];
+    assert_eq!((number(line, "x1"), number(line, "x2")), (16.0, 27.0));
+    assert!((number(line, "bearing_rad") - 17.44_f64.to_radians()).abs() < COLUMN);
+}
+
+/// A ball before a background of four by three patches of these colours, in this light.
+fn ball_before(files: &Files, name: &str, light: f64, patches: &[[u8; 3]]) -> String {
+    let list: Vec<_> = patches.iter().map(|colour| format!("{colour:?}")).collect();
+    files.write(
+        name,
+        &format!(
+            "light = [{light}, {light}, {light}]\nnoise = 2.0\n[background.blocks]\ncolumns = 4\nrows = 3\n\
+             colours = [{}]\n[[object]]\ncolour = [220, 110, 40]\nshape = 'disc'\n\
+             stops = [{{ picture = [0.5, 0.5], size = [0.55, 0.6] }}]\n",
+            list.join(", ")
+        ),
+    )
+}
+
+#[test]
+fn a_learnt_colour_is_judged_by_its_background() {
+    let files = Files::new();
+    let run = ["--settle", "0", "--count", "1"];
+    let grey = [[120, 118, 112]; 12];
+
+    // A good light: nothing else has the colour.
+    let camera = Camera::start(&files, &ball_before(&files, "good.toml", 1.0, &grey), &[]);
+    let (_, told) = camera.probe(&run);
+    assert!(
+        told.contains("nothing in the background has this colour"),
+        "{told}"
+    );
+
+    // An orange wall on the right: no window tells the ball from it.
+    let mut wall = grey;
+    (2..12)
+        .step_by(4)
+        .for_each(|patch| wall[patch] = [220, 110, 40]);
+    (3..12)
+        .step_by(4)
+        .for_each(|patch| wall[patch] = [220, 110, 40]);
+    let camera = Camera::start(&files, &ball_before(&files, "wall.toml", 1.0, &wall), &[]);
+    let text = failure(&camera.arguments(&["--count", "1"])[1..]);
+    for words in [
+        "of the background has this colour",
+        "no narrower one",
+        "--colour",
+    ] {
+        assert!(text.contains(words), "no {words} in {text}");
+    }
+    // A wall of half the outer view.
+    let share: f64 = text
+        .split(" %")
+        .next()
+        .unwrap()
+        .rsplit(' ')
+        .next()
+        .unwrap()
+        .parse()
+        .unwrap();
+    assert!((45.0..60.0).contains(&share), "{text}");
+    // Who insists is obeyed.
+    camera.probe(&[&run[..], &["--colour", ORANGE]].concat());
+
+    // Wood of another hue: a narrower window tells it from the ball.
+    let wood = grey.map(|_| [205, 128, 62]);
+    let camera = Camera::start(&files, &ball_before(&files, "wood.toml", 1.0, &wood), &[]);
+    let (stdout, told) = camera.probe(&[&run[..], &["--json"]].concat());
+    assert!(told.contains("so a narrower one is taken"), "{told}");
+    let line: Value = serde_json::from_str(stdout.lines().next().unwrap()).unwrap();
+    let width = number(&line, "x2") - number(&line, "x1");
+    assert!((44.0..=50.0).contains(&width), "{line}");
+
+    // A poor light: the window around the ball's dark colour has the dark room in it, a narrower one
+    // has not; still less light, and none has.
+    let room = [[90, 80, 70]; 12];
+    let camera = Camera::start(&files, &ball_before(&files, "dim.toml", 0.08, &room), &[]);
+    let (_, told) = camera.probe(&run);
+    assert!(told.contains("so a narrower one is taken"), "{told}");
+    let camera = Camera::start(&files, &ball_before(&files, "dark.toml", 0.04, &room), &[]);
+    let text = failure(&camera.arguments(&["--count", "1"])[1..]);
+    assert!(text.contains("try another light"), "{text}");
+}
+
+#[test]
+fn other_cameras() {
+    let files = Files::new();
+    let camera = Camera::start(&files, &square(), &["--sensor", "ov7620"]);
+    let run = ["--settle", "0", "--count", "1", "--fov-deg", "45"];
+    let line = &camera.json(&run)[0];
+    assert!((number(line, "column") - 79.5).abs() < 1.0);
+    assert!(number(line, "bearing_rad").abs() < COLUMN);
+    let text = failure(&["--port", &camera.port, "--high-res"]);
+    assert!(text.contains("no high resolution"), "{text}");
+
+    // No module in the banner, and columns from 0: what fills the view shows it.
+    let plain = files.write("plain.toml", "[background]\nplain = [150, 100, 60]\n");
+    let other = ["--switch", "module=2", "--switch", "origin=0"];
+    let camera = Camera::start(&files, &plain, &other);
+    let (_, told) = camera.probe(&run);
+    assert!(told.contains("88 columns are assumed"), "{told}");
+    assert!(!told.contains("give --first-column"), "{told}");
+    assert!(told.contains("all over the view"), "{told}");
+    let wrong = [&run[..], &["--first-column", "1"]].concat();
+    let (text, told) = camera.probe(&wrong);
+    assert!(told.contains("give --first-column 0"), "{told}");
+    // What fills the view has no bearing.
+    assert!(text.contains("box") && !text.contains("bearing"), "{text}");
+}
+
+#[test]
+fn a_picture_of_a_wall() {
+    let files = Files::new();
+    let plain = files.write("plain.toml", "[background]\nplain = [150, 100, 60]\n");
+    let camera = Camera::start(&files, &plain, &[]);
+    let file = files.path("wall.png");
+    let line = &camera.json(&["--settle", "0", "--frame", &file])[0];
+    assert_eq!(line["columns"], 87);
+    assert_eq!(line["rows"], 143);
+    assert_eq!(line["damaged_rows"], 0);
+    let decoder = png::Decoder::new(BufReader::new(File::open(file).unwrap()));
+    let mut reader = decoder.read_info().unwrap();
+    let mut pixels = vec![0; reader.output_buffer_size().unwrap()];
+    let info = reader.next_frame(&mut pixels).unwrap();
+    assert_eq!((info.width, info.height), (174, 143));
+    let (first, _) = pixels.split_at(3);
+    assert!(pixels.as_chunks::<3>().0.iter().all(|pixel| pixel == first));
+    // Gain and white balance are the camera's; this wall is reddish under any of them.
+    let ratio = |a: usize, b: usize| f64::from(first[a]) / f64::from(first[b]);
+    assert!((ratio(0, 1) - 1.5).abs() < 0.2 && (ratio(1, 2) - 1.67).abs() < 0.2);
+}
+
+/// A camera at (1, 2) that looks 30 degrees to the left of the x axis, and a ball at four places
+/// around 3 away, as the emulator projects it; the pose comes back.
+#[test]
+fn record_then_solve() {
+    let files = Files::new();
+    let file = files.path("s.csv");
+    let places = [(4.0, 2.9), (3.2, 4.0), (3.4, 2.6), (2.6, 3.4)];
+    for (number, (x, y)) in (1..).zip(places) {
+        let scene = files.write(
+            "ball.toml",
+            &format!(
+                "[background]\nplain = [110, 110, 110]\n\
+                 [camera]\nfov_deg = 45.0\nx = 1.0\ny = 2.0\nheading_deg = 30.0\n\
+                 [[object]]\ncolour = [220, 110, 40]\nstops = [{{ x = {x}, y = {y}, radius = 0.1 }}]\n"
+            ),
+        );
+        let camera = Camera::start(&files, &scene, &[]);
+        let place = format!("{x},{y}");
+        let (text, _) = camera.probe(&[
+            "--settle",
+            "0",
+            "--colour",
+            ORANGE,
+            "--fov-deg",
+            "45",
+            "--packets",
+            "5",
+            "--record",
+            &file,
+            "--case",
+            "north",
+            "--at",
+            &place,
+        ]);
+        assert!(
+            text.starts_with(&format!("north,{place}: column ")),
+            "{text}"
+        );
+        let content = fs::read_to_string(&file).unwrap();
+        assert_eq!(content.lines().count(), 1 + number);
+    }
+    let done = run(&["solve", &file, "--fov-deg", "45", "--json"]);
+    assert_eq!(done.code, 0, "{}", done.stderr);
+    let pose: Value = serde_json::from_str(&done.stdout).unwrap();
+    assert_eq!(
+        (&pose["case"], &pose["status"]),
+        (&"north".into(), &"calibrated".into())
+    );
+    assert!((number(&pose, "x") - 1.0).abs() < 0.15, "{pose}");
+    assert!((number(&pose, "y") - 2.0).abs() < 0.15, "{pose}");
+    let turned = number(&pose, "heading_rad") - 30_f64.to_radians();
+    assert!(turned.abs() < COLUMN + 0.03, "{pose}");
+}
+
+#[test]
+fn places_are_read_line_by_line() {
+    let files = Files::new();
+    let file = files.path("s.csv");
+    let camera = Camera::start(&files, &square(), &[]);
+    let arguments = camera.arguments(&[
+        "--settle",
+        "0",
+        "--packets",
+        "3",
+        "--record",
+        &file,
+        "--fov-deg",
+        "45",
+        "--json",
+    ]);
+    let done = run_with_input(&arguments, "1 2\n\nthere\n-3.5; 4\nq\n9,9\n");
+    assert_eq!(done.code, 0, "{}", done.stderr);
+    assert!(
+        done.stderr.contains("there: two numbers"),
+        "{}",
+        done.stderr
+    );
+    assert!(done.stderr.contains("2 sightings added"), "{}", done.stderr);
+    let content = fs::read_to_string(&file).unwrap();
+    let rows: Vec<&str> = content.lines().collect();
+    assert_eq!(rows.len(), 3, "{content}");
+    assert_eq!(rows[0], "case,target_x,target_y,column,sigma_rad");
+    assert!(rows[1].starts_with("camera,1,2,43.5,") && rows[2].starts_with("camera,-3.5,4,43.5,"));
+    let line: Value = serde_json::from_str(done.stdout.lines().next().unwrap()).unwrap();
+    let keys = [
+        "case",
+        "target_x",
+        "target_y",
+        "column",
+        "sigma_rad",
+        "column_sigma",
+        "bearing_rad",
+        "packets",
+        "pixels",
+        "confidence",
+    ];
+    assert!(keys.iter().all(|key| line.get(key).is_some()), "{line}");
+    assert_eq!(line.as_object().unwrap().len(), keys.len());
+}
+
+#[test]
+fn what_is_cut_off_or_not_there_is_not_recorded() {
+    let files = Files::new();
+    let file = files.path("s.csv");
+    let scene = files.write(
+        "edge.toml",
+        "[background]\nplain = [110, 110, 110]\n[[object]]\ncolour = [220, 110, 40]\n\
+         stops = [{ picture = [0.98, 0.5], size = 0.2 }]\n",
+    );
+    let camera = Camera::start(&files, &scene, &[]);
+    let record = [
+        "--port",
+        &camera.port,
+        "--record",
+        &file,
+        "--at",
+        "1,2",
+        "--packets",
+        "3",
+    ];
+    let text = failure(&[&record[..], &["--colour", ORANGE]].concat());
+    assert!(
+        text.contains("cut off by the left or right border"),
+        "{text}"
+    );
+    let text = failure(&[&record[..], &["--colour", "16,40,16,40,200,240"]].concat());
+    assert!(text.contains("nothing is tracked"), "{text}");
+    assert_eq!(fs::read_to_string(file).unwrap(), "");
+}
+
+#[test]
+fn a_camera_that_was_started_up_goes_on_as_it_is() {
+    let files = Files::new();
+    let camera = Camera::start(&files, &square(), &[]);
+    let (_, learnt) = camera.probe(&["--settle", "0", "--count", "1"]);
+    let (_, known) = camera.probe(&["--as-is", "--count", "1"]);
+    let colour = |told: &str| told.split_once("--colour ").unwrap().1[..20].to_owned();
+    assert_eq!(colour(&learnt), colour(&known));
+}
+
+/// It is what its commands are that counts; that it calls itself otherwise is told.
+#[test]
+fn kindred_firmware_is_a_warning() {
+    let files = Files::new();
+    for (version, banner) in [
+        ("3", "CMUcam2+ v1.00 c6"),
+        ("4", "CMUcam2 v2.0+ c6"),
+        ("5", "CMUcam3 v1.0 c6"),
+    ] {
+        let switch = format!("version={version}");
+        let camera = Camera::start(&files, &square(), &["--switch", &switch]);
+        let (_, told) = camera.probe(&["--baud", "115200", "--settle", "0", "--count", "2"]);
+        assert!(told.contains(&format!("calls itself `{banner}`")), "{told}");
+    }
+}
+
+/// Frames one after the other, at a rate that is not tried first: they are ended, also if nobody waits.
+#[test]
+fn a_camera_that_sends_frames_is_found_and_left_silent() {
+    let files = Files::new();
+    let camera = Camera::start(&files, &square(), &["--baud", "19200"]);
+    let send = || {
+        let mut port = serialport::new(&camera.port, 19_200).open().unwrap();
+        port.write_all(b"\rFS 1\rSF\r").unwrap();
+        thread::sleep(Duration::from_millis(300));
+    };
+    send();
+    let (_, told) = camera.probe(&["--settle", "0", "--count", "2"]);
+    assert!(told.contains("at 19200 baud"), "{told}");
+    send();
+    let probe = spawn(&camera, &["--settle", "0"]);
+    thread::sleep(Duration::from_millis(900));
+    interrupt(&probe);
+    probe.wait_with_output().unwrap();
+    let mut port = TTYPort::open(&serialport::new(&camera.port, 19_200)).unwrap();
+    port.set_timeout(Duration::from_millis(500)).unwrap();
+    let mut buffer = [0; 256];
+    // What the line still holds, at most; then nothing more.
+    let _ = port.read(&mut buffer);
+    thread::sleep(Duration::from_millis(300));
+    let rest = std::iter::from_fn(|| port.read(&mut buffer).ok()).take(8);
+    let rest = rest.sum::<usize>();
+    assert!(rest < 256, "{rest} bytes more");
+}
+
+/// Its wiring and its rate were right before.
+#[test]
+fn a_camera_that_hangs_was_started_before() {
+    let files = Files::new();
+    let camera = Camera::start(&files, &square(), &[]);
+    let mut probe = spawn(&camera, &["--baud", "115200", "--settle", "0"]);
+    first_line(&mut probe);
+    let id = camera.child.id().to_string();
+    let done = Command::new("kill").args(["-STOP", &id]).status().unwrap();
+    assert!(done.success());
+    let output = probe.wait_with_output().unwrap();
+    let told = String::from_utf8(output.stderr).unwrap();
+    assert_eq!(output.status.code(), Some(2), "{told}");
+    assert!(told.contains("fallen silent after"), "{told}");
+    assert!(!told.contains("jumpers"), "{told}");
+}
+
+#[test]
+fn a_line_with_faults() {
+    let files = Files::new();
+    let faults = [
+        "--fault",
+        "nck=0.1",
+        "--fault",
+        "cut=0.1",
+        "--fault",
+        "stray=0.002",
+        "--seed",
+        "5",
+    ];
+    let camera = Camera::start(&files, &square(), &faults);
+    let (text, told) = camera.probe(&["--settle", "0", "--count", "60", "--colour", ORANGE]);
+    assert_eq!(text.lines().count(), 60);
+    assert!(text.lines().all(|line| line.contains("box  20")), "{text}");
+    assert!(
+        told.contains("60 packets") && !told.contains(" 0 bytes"),
+        "{told}"
+    );
+}
+
+#[test]
+fn the_camera_goes_away() {
+    let files = Files::new();
+    let mut camera = Camera::start(&files, &square(), &[]);
+    let mut probe = spawn(&camera, &["--settle", "0"]);
+    first_line(&mut probe);
+    camera.child.kill().unwrap();
+    let output = probe.wait_with_output().unwrap();
+    let told = String::from_utf8(output.stderr).unwrap();
+    assert_eq!(output.status.code(), Some(2));
+    assert!(told.contains("the serial port failed"), "{told}");
+    assert!(told.contains("packet"), "{told}");
+}
+
+fn spawn(camera: &Camera, arguments: &[&str]) -> Child {
+    Command::new(env!("CARGO_BIN_EXE_host-sim"))
+        .args(camera.arguments(arguments))
+        .stdin(Stdio::null())
+        .stdout(Stdio::piped())
+        .stderr(Stdio::piped())
+        .spawn()
+        .unwrap()
+}
+
+fn first_line(probe: &mut Child) {
+    let mut line = String::new();
+    let stdout = probe.stdout.as_mut().unwrap();
+    BufReader::with_capacity(1, stdout)
+        .read_line(&mut line)
+        .unwrap();
+    if !line.contains("column") {
+        probe.kill().unwrap();
+        let mut said = String::new();
+        let stderr = probe.stderr.as_mut().unwrap();
+        stderr.read_to_string(&mut said).unwrap();
+        panic!("{line:?}, and {said:?}");
+    }
+}
+
+fn interrupt(child: &Child) {
+    let id = child.id().to_string();
+    let done = Command::new("kill").args(["-INT", &id]).status().unwrap();
+    assert!(done.success());
+}
+
+#[test]
+fn ctrl_c_stops_the_stream() {
+    let files = Files::new();
+    let camera = Camera::start(&files, &square(), &[]);
+    let mut probe = spawn(&camera, &["--settle", "0"]);
+    first_line(&mut probe);
+    interrupt(&probe);
+    let output = probe.wait_with_output().unwrap();
+    let told = String::from_utf8(output.stderr).unwrap();
+    assert_eq!(output.status.code(), Some(0), "{told}");
+    assert_unharmed(&told);
+    // Idle: a carriage return is acknowledged, and nothing else comes.
+    let mut port = TTYPort::open(&serialport::new(&camera.port, 115_200)).unwrap();
+    port.set_timeout(Duration::from_millis(300)).unwrap();
+    port.write_all(b"\r").unwrap();
+    let mut said = Vec::new();
+    let mut buffer = [0; 64];
+    while let Ok(bytes @ 1..) = port.read(&mut buffer) {
+        said.extend_from_slice(&buffer[..bytes]);
+    }
+    assert_eq!(said, b"ACK\r:");
+    // Before there is anything to show, Ctrl-C is a failure.
+    drop(port);
+    let mut probe = spawn(&camera, &["--settle", "60"]);
+    let mut banner = String::new();
+    let mut stderr = BufReader::new(probe.stderr.take().unwrap());
+    stderr.read_line(&mut banner).unwrap();
+    assert!(banner.starts_with("CMUcam2 v1.00"), "{banner}");
+    interrupt(&probe);
+    let output = probe.wait_with_output().unwrap();
+    assert_eq!(output.status.code(), Some(130));
+}
+
+/// On a terminal it asks before it learns, and shows one line that changes.
+#[test]
+fn on_a_terminal() {
+    let files = Files::new();
+    let camera = Camera::start(&files, &square(), &[]);
+    let (mut screen, _kept, terminal) = line();
+    let open = || {
+        OpenOptions::new()
+            .read(true)
+            .write(true)
+            .open(&terminal)
+            .unwrap()
+    };
+    let mut probe = Command::new(env!("CARGO_BIN_EXE_host-sim"))
+        .args(camera.arguments(&["--settle", "0", "--seconds", "1", "--fov-deg", "45"]))
+        .env("TERM", "xterm")
+        .stdin(open())
+        .stdout(open())
+        .stderr(Stdio::piped())
+        .spawn()
+        .unwrap();
+    let mut told = String::new();
+    let mut stderr = BufReader::new(probe.stderr.take().unwrap());
+    let mut byte = [0];
+    while !told.ends_with("press Enter. ") {
+        stderr.read_exact(&mut byte).unwrap();
+        told.push(char::from(byte[0]));
+    }
+    screen.write_all(b"\n").unwrap();
+    let mut shown = String::new();
+    let mut buffer = [0; 4096];
+    while probe.try_wait().unwrap().is_none() {
+        if let Ok(bytes) = screen.read(&mut buffer) {
+            shown.push_str(&String::from_utf8_lossy(&buffer[..bytes]));
+        }
+    }
+    assert_eq!(probe.wait().unwrap().code(), Some(0));
+    // The square is over the middle half of the view.
+    assert!(
+        shown.contains("=====O=====") && shown.contains(" column  43"),
+        "{shown}"
+    );
+}
+
+/// A Pixy2 on a pseudo-terminal: found at its rate, its ball straight ahead within the way that it is
+/// moved.
+/// A Pixy2 on a pseudo-terminal, which ends with it.
+struct Pixy2(Child);
+
+impl Pixy2 {
+    fn start(more: &[&str]) -> Self {
+        let mut child = Command::new(env!("CARGO_BIN_EXE_host-sim"))
+            .args(["camera", "--kind", "pixy2"])
+            .args(more)
+            .stderr(Stdio::piped())
+            .spawn()
+            .unwrap();
+        let mut told = BufReader::new(child.stderr.take().unwrap()).lines();
+        assert!(told.any(|line| line.unwrap().contains("a Pixy2 at 19200 baud")));
+        Self(child)
+    }
+}
+
+impl Drop for Pixy2 {
+    fn drop(&mut self) {
+        self.0.kill().unwrap();
+        self.0.wait().unwrap();
+    }
+}
+
+#[test]
+fn a_pixy2_records_then_solve() {
+    let files = Files::new();
+    let file = files.path("s.csv");
+    for (x, y) in [(4.0, 2.9), (3.2, 4.0), (3.4, 2.6), (2.6, 3.4)] {
+        let scene = files.write(
+            "ball.toml",
+            &format!(
+                "[background]\nplain = [110, 110, 110]\n\
+                 [camera]\nfov_deg = 60.0\nx = 1.0\ny = 2.0\nheading_deg = 30.0\n\
+                 [[object]]\ncolour = [220, 110, 40]\nstops = [{{ x = {x}, y = {y}, radius = 0.1 }}]\n"
+            ),
+        );
+        // One that is killed leaves its name behind.
+        let port = files.path(&format!("pixy{x}"));
+        let _camera = Pixy2::start(&["--pty", &port, "--scene", &scene]);
+        let place = format!("{x},{y}");
+        let done = run(&[
+            &["probe", "--camera", "pixy2", "--port", &port][..],
+            &["--fov-deg", "60", "--record", &file, "--at", &place],
+        ]
+        .concat());
+        assert_eq!(done.code, 0, "{}", done.stderr);
+        let begin = format!("camera,{place}: column ");
+        assert!(done.stdout.starts_with(&begin), "{}", done.stdout);
+    }
+    let solve = ["solve", &file, "--fov-deg", "60", "--json"];
+    let done = run(&[&solve[..], &["--columns", "316"]].concat());
+    assert_eq!(done.code, 0, "{}", done.stderr);
+    let pose: Value = serde_json::from_str(&done.stdout).unwrap();
+    assert!((number(&pose, "x") - 1.0).abs() < 0.1, "{pose}");
+    assert!((number(&pose, "y") - 2.0).abs() < 0.1, "{pose}");
+    let turned = number(&pose, "heading_rad") - 30_f64.to_radians();
+    assert!(turned.abs() < 0.02, "{pose}");
+    // As columns of a CMUcam2 they are none.
+    let wrong = run(&solve);
+    assert_ne!(wrong.code, 0, "{}", wrong.stdout);
+    assert!(wrong.stderr.contains("--columns"), "{}", wrong.stderr);
+}
+
+/// At another rate it understands nothing.
+#[test]
+fn a_pixy2_has_one_rate() {
+    let files = Files::new();
+    let port = files.path("pixy");
+    let _camera = Pixy2::start(&["--pty", &port]);
+    let probe = [
+        "probe",
+        "--camera",
+        "pixy2",
+        "--port",
+        &port,
+        "--fov-deg",
+        "60",
+    ];
+    let done = run(&[&probe[..], &["--count", "1"]].concat());
+    let found = "a Pixy2 at 19200 baud";
+    assert!(done.stderr.contains(found), "{}", done.stderr);
+}
+
+#[test]
+fn a_pixy2() {
+    let files = Files::new();
+    let port = files.path("pixy");
+    let camera = Pixy2::start(&["--pty", &port]);
+    let probe = |more: &[&str]| {
+        let all = [
+            "probe", "--camera", "pixy2", "--port", &port, "--baud", "19200",
+        ];
+        run(&[&all, more].concat())
+    };
+    let seen = probe(&["--count", "20", "--fov-deg", "45", "--json"]);
+    let nothing = probe(&["--count", "3", "--signature", "2"]);
+    let refused = probe(&["--high-res"]);
+    drop(camera);
+    assert_eq!(seen.code, 0, "{}", seen.stderr);
+    assert!(
+        seen.stderr.contains("blobs in 316 x 208"),
+        "{}",
+        seen.stderr
+    );
+    let lines: Vec<Value> = seen
+        .stdout
+        .lines()
+        .map(|line| serde_json::from_str(line).unwrap())
+        .collect();
+    assert_eq!(lines.len(), 20);
+    let bearings: Vec<f64> = lines
+        .iter()
+        .filter_map(|line| line["bearing_rad"].as_f64())
+        .collect();
+    assert!(!bearings.is_empty(), "{}", seen.stdout);
+    assert!(
+        bearings.iter().all(|bearing| bearing.abs() < 0.08),
+        "{bearings:?}"
+    );
+    assert_eq!(nothing.stdout.lines().count(), 3);
+    assert!(nothing.stdout.contains("not in view"), "{}", nothing.stdout);
+    assert!(
+        refused.stderr.contains("--high-res is for a CMUcam2"),
+        "{}",
+        refused.stderr
+    );
+    let (_camera, _port, silent) = line();
+    let done = run(&[
+        "probe", "--camera", "pixy2", "--port", &silent, "--baud", "19200",
+    ]);
+    assert!(
+        done.stderr.contains("no Pixy2 answers at 19200 baud"),
+        "{}",
+        done.stderr
+    );
+}

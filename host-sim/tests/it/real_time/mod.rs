@@ -1,0 +1,11 @@
+//! What takes as long as it really does. `cargo xtask peers` builds what is needed and runs these.
+#![cfg(unix)]
+
+mod co_processor;
+mod node;
+#[expect(dead_code, reason = "its own tests use more of it")]
+#[path = "../../../../spinel-radio/tests/it/peer/mod.rs"]
+mod peer;
+mod port;
+#[path = "../../../../zigbee-link/tests/it/support/mod.rs"]
+mod support;

@@ -1,0 +1,196 @@
+//! Whether poses are checked, and what people are told to do if they are not.
+
+use answers::record::{
+    Protection, RunRecord,
+    verdict::{Common, NextStop, Trouble, Verdict, Weakness, check_words},
+};
+use answers::{
+    export::{self, Frame},
+    report::run::run_report,
+};
+use calib_core::Status;
+
+use super::sample::{self, Sample};
+
+/// One wrong measurement could do anything to this camera's pose.
+fn unchecked(record: &mut RunRecord, id: u16) {
+    let camera = record.nodes.iter_mut().find(|node| node.id == id).unwrap();
+    camera.protection = Some(Protection {
+        position: 12.4,
+        heading_deg: 132.0,
+    });
+}
+
+fn troubles(verdict: &Verdict) -> Vec<(u16, &Trouble)> {
+    let findings = verdict.findings.iter();
+    findings
+        .map(|found| (found.camera, &found.trouble))
+        .collect()
+}
+
+/// A camera that saw the target three times: each of its bearings could be wrong, and nobody would
+/// notice.
+#[test]
+fn a_pose_of_three_sightings_is_not_checked_until_the_target_stops_again_before_it() {
+    let mut record = Sample {
+        short: Some((11, 3)),
+        ..Sample::default()
+    }
+    .run();
+    unchecked(&mut record, 11);
+    let verdict = Verdict::of(&record);
+    assert_eq!((verdict.checked, verdict.checkable), (10, 11));
+    // It is calibrated all the same.
+    assert_eq!((verdict.calibrated, verdict.exit_code()), (13, 0));
+    assert!(!verdict.is_checked());
+    assert!(
+        matches!(
+            troubles(&verdict)[..],
+            [(
+                11,
+                Trouble::Unchecked {
+                    weakness: Some(Weakness::Sightings { camera: 11 }),
+                    ..
+                }
+            )]
+        ),
+        "{verdict}"
+    );
+    let text = verdict.to_string();
+    assert!(text.starts_with("13 of 13 cameras are calibrated, 10 of 11 poses are checked.\n"));
+    assert!(
+        text.contains(
+            "camera 11: not checked: one wrong measurement that nobody noticed could move it by \
+             12.40 units and turn it by 132.0 deg: stop again before it\n"
+        ),
+        "{text}"
+    );
+    let mut stops = verdict.next_stops.iter();
+    let stop = stops.find(|stop| stop.seen_by == [11]).unwrap();
+    let (x, y, heading) = sample::camera(11);
+    let bearing = (stop.y - y).atan2(stop.x - x).to_degrees() - heading;
+    assert!(
+        (stop.x - x).hypot(stop.y - y) < 8.0 && bearing.abs() < 30.0,
+        "{stop:?}"
+    );
+    assert!(run_report(&record).contains("| not checked |"));
+}
+
+/// Levels that are tolerated grow with the limits of the site.
+#[test]
+fn checked_is_what_the_limits_tolerate() {
+    let mut record = Sample::default().run();
+    // 3.09 sigmas of the largest that is calibrated.
+    for (limit, checked) in [(0.137, 11), (0.135, 0)] {
+        record.limits.sigma_position = limit;
+        let verdict = Verdict::of(&record);
+        assert_eq!(verdict.checked, checked, "{verdict}");
+        assert_eq!(verdict.protection.is_some(), checked > 0);
+    }
+    // Turned by 2.5 degrees.
+    record.limits.sigma_position = 1.0;
+    for (limit, checked) in [(0.82, 11), (0.80, 0)] {
+        record.limits.sigma_heading_deg = limit;
+        assert_eq!(Verdict::of(&record).checked, checked);
+    }
+}
+
+/// Where a stop is asked for twice, with another one between: nobody would go there twice otherwise.
+#[test]
+fn a_place_that_is_asked_for_again_is_walked_back_to() {
+    let mut verdict = Verdict::of(&Sample::default().run());
+    let stop = |x| NextStop {
+        network: 1,
+        x,
+        y: 2.0,
+        again: None,
+        seen_by: vec![3],
+    };
+    verdict.common = vec![Common::Misfit(3.0)];
+    verdict.next_stops = vec![stop(1.0), stop(4.0), stop(1.0)];
+    let text = verdict.to_string();
+    let asked: Vec<_> = text.lines().rev().take(3).collect();
+    assert_eq!(
+        asked,
+        [
+            "Then walk back to about (1.0, 2.0), in view of camera 3",
+            "Then stop the target about (4.0, 2.0), in view of camera 3",
+            "Next: stop the target about (1.0, 2.0), in view of camera 3",
+        ]
+    );
+}
+
+#[test]
+fn nothing_turns_by_more_than_half_a_turn() {
+    let level = Protection {
+        position: 30.0,
+        heading_deg: 269.6,
+    };
+    let words = check_words(Some(&level), false, "m");
+    assert!(
+        words.ends_with("by 30.00 m and turn it by 180.0 deg"),
+        "{words}"
+    );
+}
+
+/// A network whose target estimates nothing together is told so once.
+#[test]
+fn where_no_target_estimates_no_pose_is_checked() {
+    let mut record = Sample::default().run();
+    record
+        .nodes
+        .iter_mut()
+        .for_each(|node| node.protection = None);
+    let verdict = Verdict::of(&record);
+    assert_eq!((verdict.checked, verdict.checkable), (0, 11));
+    assert!(verdict.findings.is_empty() && verdict.next_stops.is_empty());
+    assert!(
+        verdict
+            .to_string()
+            .contains("No pose is checked: no target has estimated"),
+        "{verdict}"
+    );
+}
+
+/// Somebody bumped a camera: what it sees since contradicts everybody else.
+#[test]
+fn a_camera_that_was_moved_is_told_so() {
+    let mut record = Sample::default().run();
+    let camera = record.nodes.iter_mut().find(|node| node.id == 7).unwrap();
+    camera.status = Some(Status::Doubtful);
+    (camera.used, camera.sightings) = (4, 9);
+    let verdict = Verdict::of(&record);
+    assert_eq!((verdict.checked, verdict.checkable), (10, 10));
+    assert!(
+        verdict.to_string().contains(
+            "camera 7: not calibrated: doubtful, it may have been moved, or is stuck: only 4 of its 9 \
+             sightings agree with what everybody else saw."
+        ),
+        "{verdict}"
+    );
+}
+
+#[test]
+fn the_csv_tells_levels_and_what_they_are_worth() {
+    let mut record = Sample::default().run();
+    unchecked(&mut record, 11);
+    let csv = export::csv(&record, Frame::Network).unwrap();
+    let mut lines = csv.lines();
+    let heading = lines.next().unwrap();
+    assert!(heading.ends_with(",address,checked,protection,protection_heading_deg"));
+    let lines: Vec<_> = lines.collect();
+    // A reference's place is given.
+    assert!(lines[0].ends_with(",false,,"), "{}", lines[0]);
+    assert!(lines[2].ends_with(",true,0.42,2.5"), "{}", lines[2]);
+    assert!(lines[10].ends_with(",false,12.4,132.0"), "{}", lines[10]);
+}
+
+/// Levels are part of the record, and records without them can be read.
+#[test]
+fn the_record_keeps_levels() {
+    let record = Sample::default().run();
+    let text = record.to_json(false).unwrap();
+    assert_eq!(text.matches("\"protection\"").count(), 11);
+    let read = RunRecord::from_json(&text).unwrap();
+    assert_eq!(read.nodes, record.nodes);
+}

@@ -1,0 +1,15 @@
+//! What one gets out of a finished run: record, reports, drawings, exports, comparisons, sweeps.
+
+mod bad_input;
+mod check;
+mod checked;
+mod drawings;
+mod exports;
+mod further;
+mod kept;
+mod networks;
+mod outputs;
+mod record;
+mod reports;
+mod sample;
+mod sweep;
