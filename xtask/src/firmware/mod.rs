@@ -218,7 +218,7 @@ pub(crate) fn packages() -> impl Iterator<Item = &'static str> {
 
 /// Builds one image, and returns where it is.
 pub(crate) fn build(sh: &Shell, package: &str) -> Result<PathBuf> {
-    setup::targets(sh)?;
+    setup::image_compiler(sh, TARGET)?;
     setup::linker(sh)?;
     let own = sh.current_dir().join("boards").join(package);
     let has_memory = own.join("memory.x").is_file();
@@ -234,6 +234,7 @@ pub(crate) fn build(sh: &Shell, package: &str) -> Result<PathBuf> {
         "cargo build --locked --config {linker} --config {flags} --profile {PROFILE} --package {package} --target {TARGET}"
     )
     .env(LINK_IN, folder)
+    .env("RUSTUP_TOOLCHAIN", setup::IMAGE_COMPILER)
     .run()?;
     let built = sh.current_dir().join("target");
     let built = built.join(TARGET).join(PROFILE).join(package);
