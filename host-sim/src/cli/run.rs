@@ -498,7 +498,7 @@ impl CameraLines {
 
     /// Without a terminal: a line where the status of a camera is another one.
     fn tell(&mut self, simulation: &Simulation) {
-        for (id, report) in simulation.reports() {
+        for (id, report) in simulation.new_reports() {
             let status = report.status();
             if self.told.insert(id, status) != Some(status) {
                 tell(format_args!(

@@ -181,7 +181,9 @@ impl Row {
     }
 
     fn entries(&self) -> impl Iterator<Item = (usize, f64)> + Clone + '_ {
-        self.at.into_iter().zip(self.by).take(self.count)
+        let count = self.count.min(self.at.len());
+        let at = self.at[..count].iter().copied();
+        at.zip(self.by[..count].iter().copied())
     }
 
     /// One entry of the covariance times this row.
@@ -189,6 +191,18 @@ impl Row {
         { self.entries() }
             .map(|(at, by)| covariance[(at, unknown)] * by)
             .sum()
+    }
+
+    /// Those of three unknowns in a row, such as a pose.
+    fn times_pose(&self, covariance: &Symmetric, first: usize) -> [f64; 3] {
+        let mut sums = [-0.0; 3];
+        for (at, by) in self.entries() {
+            let row = &covariance.row(at)[first..first + 3];
+            for (sum, number) in sums.iter_mut().zip(row) {
+                *sum += number * by;
+            }
+        }
+        sums
     }
 
     /// The variance of what everything together foretells of it.
@@ -355,8 +369,7 @@ impl Redundancy {
             let variance = |n: usize| self.covariance[(column + n, column + n)].max(0.0);
             let (mut position, mut heading) = ((0.0, None), (0.0, None));
             for (row, size) in self.rows.iter().zip(&sizes) {
-                let [x, y, turn] =
-                    [0, 1, 2].map(|n| row.times(&self.covariance, column + n) * size);
+                let [x, y, turn] = row.times_pose(&self.covariance, column).map(|n| n * size);
                 for (worst, now) in [(&mut position, x.hypot(y)), (&mut heading, turn.abs())] {
                     if now > worst.0 {
                         *worst = (now, Some(row.of));
