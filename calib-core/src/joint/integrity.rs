@@ -272,7 +272,8 @@ impl<T: Real> Problem<'_, T> {
             return false;
         };
         let is_before = |m: usize, other: &Sight<T>| {
-            other.quantity == sight.quantity && (other.stop < sight.stop || m < n)
+            let is_same_stop = other.stop == sight.stop && m < n;
+            other.quantity == sight.quantity && (other.stop < sight.stop || is_same_stop)
         };
         let mut own = self.own(usize::from(sight.camera));
         let last = own.find(|(m, other)| *m != n && is_before(*m, other));
