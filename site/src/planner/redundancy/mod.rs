@@ -357,12 +357,14 @@ impl Redundancy {
             for (row, size) in self.rows.iter().zip(&sizes) {
                 let [x, y, turn] =
                     [0, 1, 2].map(|n| row.times(&self.covariance, column + n) * size);
-                for (worst, now) in [(&mut position, x.hypot(y)), (&mut heading, turn.abs())] {
+                // Of the place the square: there are many rows, and roots take long.
+                for (worst, now) in [(&mut position, x * x + y * y), (&mut heading, turn.abs())] {
                     if now > worst.0 {
                         *worst = (now, Some(row.of));
                     }
                 }
             }
+            position.0 = f64::sqrt(position.0);
             let noise = RARE * (variance(0) + variance(1)).sqrt();
             let turned = RARE * variance(2).sqrt();
             // What turns it most matters where it turns it by more than it moves it, seen from afar.
