@@ -56,7 +56,7 @@ enum Topic {
     Building,
     /// Objects without a radio, tracked by a network that calibrated itself.
     Track,
-    /// Speed and memory with many nodes, of `host-sim` as people run it: minutes, and Linux only.
+    /// Speed and memory with many nodes, and networks solved again: minutes, and Linux only.
     Scale,
     /// The main goals again, from few runs: a minute. A goal is missed only by what chance does not
     /// explain.

@@ -1,9 +1,9 @@
 //! The joint estimator on the heap, of the size that is needed.
 
 use calib_core::joint::{
-    BearingResidual, BearingStorage, Carrier, Finding, JointError, JointEstimator, JointMemory,
-    JointSettings, Leg, LegResidual, Lens, ProtectionLevels, Quantity, StopPlace, StopStorage,
-    UnknownStorage, VisitStorage, workspace_with_lenses,
+    BearingResidual, BearingStorage, Capacity, Carrier, Finding, JointError, JointEstimator,
+    JointMemory, JointSettings, Leg, LegResidual, Lens, ProtectionLevels, Quantity, StopPlace,
+    StopStorage, UnknownStorage, VisitStorage,
 };
 use calib_core::{Pose, fit::Fit};
 
@@ -46,6 +46,16 @@ pub(super) enum Depth {
     Answers,
     /// Without what contradicts, with residuals and protection levels.
     Checked { fit_legs: bool },
+}
+
+impl Depth {
+    /// The same, believing what displacements claim.
+    pub(super) const fn believing(self) -> Self {
+        match self {
+            Self::Answers => self,
+            Self::Checked { .. } => Self::Checked { fit_legs: false },
+        }
+    }
 }
 
 /// What comes out.
@@ -92,13 +102,26 @@ pub(super) fn solve(input: &Input, depth: Depth) -> Result<Output, Failure> {
 }
 
 fn solve_in_memory(input: &Input, depth: Depth) -> Result<Output, JointError> {
+    let capacity = Capacity {
+        cameras: input.cameras,
+        stops: input.legs.len(),
+        bearings: input.bearings.len(),
+        marks: input.marks,
+    };
+    let mut seen = vec![0; input.cameras];
+    for sight in &input.bearings {
+        seen[sight.camera] += 1;
+    }
+    // All of what a camera saw can be left out together.
+    let most = seen.into_iter().max().unwrap_or_default();
+    let workspace = capacity.workspace_with_lenses() + most * (most + 1) / 2;
     let memory = JointMemory {
         cameras: &mut vec![UnknownStorage::default(); input.cameras],
         stops: &mut vec![StopStorage::default(); input.legs.len()],
         bearings: &mut vec![BearingStorage::default(); input.bearings.len()],
         marks: &mut vec![UnknownStorage::default(); input.marks],
         visits: &mut vec![VisitStorage::default(); input.visits.len()],
-        workspace: &mut vec![0.0; workspace_with_lenses(input.cameras, input.marks)],
+        workspace: &mut vec![0.0; workspace],
     };
     let mut joint = JointEstimator::new(memory, input.baseline, input.settings)?;
     for leg in &input.legs {

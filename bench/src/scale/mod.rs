@@ -5,8 +5,7 @@
 //! | this one | `run grid` of 13 to 10,000 nodes |
 //! | `live` | `live grid` of 1,000 nodes: what its page is sent, and at what cost |
 //! | `solve` | `solve` of a million cases |
-//!
-//! Rows of `solve-network` have their place in a module of that name beside these.
+//! | `solve_network` | `solve-network` of up to 1,000 cameras |
 //!
 //! Counted is processor time, which other work on the machine changes little; each run is a process of its
 //! own, so that peaks of memory are its own too.
@@ -18,6 +17,7 @@ use anyhow::{Context, ensure};
 mod live;
 mod process;
 mod solve;
+mod solve_network;
 
 use self::process::Cost;
 use crate::figure::{Goal, Sheet};
@@ -66,7 +66,8 @@ pub(crate) fn run(sheet: &mut Sheet) -> anyhow::Result<()> {
         sheet.figure(&name, power, "", &goal);
     }
     live::run(sheet, &program)?;
-    solve::run(sheet, &program)
+    solve::run(sheet, &program)?;
+    solve_network::run(sheet)
 }
 
 /// `host-sim`, built as people build it.

@@ -68,7 +68,7 @@
 //!
 //! # Example
 //! ```
-//! use calib_core::joint::{JointEstimator, JointMemory, JointSettings, Leg, Prior, workspace};
+//! use calib_core::joint::{Capacity, JointEstimator, JointMemory, JointSettings, Leg, Prior};
 //! use nalgebra::{Matrix2, Point2, Vector2};
 //!
 //! // Two references 10 units apart, another camera, and a carrier that reads 4 % too much.
@@ -78,13 +78,14 @@
 //!     scale: Prior { mean: 1.0, sigma: 0.08 },
 //!     ..JointSettings::default()
 //! };
+//! const ROOM: Capacity = Capacity { cameras: 3, stops: 8, bearings: 32, marks: 0 };
 //! let memory = JointMemory {
 //!     cameras: &mut [Default::default(); 3],
 //!     stops: &mut [Default::default(); 8],
 //!     bearings: &mut [Default::default(); 32],
 //!     marks: &mut [],
 //!     visits: &mut [],
-//!     workspace: &mut [0.0; workspace(3, 0)],
+//!     workspace: &mut [0.0; ROOM.workspace()],
 //! };
 //! let mut joint = JointEstimator::new(memory, 10.0, settings)?;
 //! let mut before = None;
@@ -117,15 +118,17 @@ use crate::{Limits, Real, Refusal, fit::Fit, numerics::real::lit};
 
 mod admission;
 mod answers;
+mod covariance;
 mod descent;
+mod equations;
 mod estimator;
 mod integrity;
 mod keeping;
+mod kept;
 mod problem;
 mod residuals;
 mod round;
 mod start;
-mod sweep;
 mod triangle;
 
 pub use estimator::{JointEstimator, JointMemory};
@@ -136,16 +139,51 @@ pub use problem::{
 };
 pub use round::{Progress, Round};
 
-/// Numbers of the [workspace](JointMemory::workspace) of a [`JointEstimator`] for so many cameras,
-/// references included, and marks.
-pub const fn workspace(cameras: usize, marks: usize) -> usize {
-    problem::workspace(cameras, marks, false)
+/// What an estimator has room for.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Capacity {
+    /// Cameras, references included.
+    pub cameras: usize,
+    /// Stops.
+    pub stops: usize,
+    /// Bearings and ranges.
+    pub bearings: usize,
+    /// Marks.
+    pub marks: usize,
 }
 
-/// The same where lenses are estimated ([`JointSettings::lens`]): 1,824 numbers instead of 1,122 for 13
-/// cameras, 5,454 instead of 3,234 for 24.
-pub const fn workspace_with_lenses(cameras: usize, marks: usize) -> usize {
-    problem::workspace(cameras, marks, true)
+impl Capacity {
+    /// Numbers of the [workspace](JointMemory::workspace). What more there is lets [`check`](JointEstimator::check)
+    /// look at more than the last 32 sights of a camera together: half the square of their number.
+    pub const fn workspace(&self) -> usize {
+        self.layout(problem::LENS).workspace()
+    }
+
+    /// The same where lenses are estimated ([`JointSettings::lens`]).
+    pub const fn workspace_with_lenses(&self) -> usize {
+        self.layout(problem::LENS + 1).workspace()
+    }
+
+    const fn layout(&self, block: usize) -> equations::Layout {
+        equations::Layout::new(self.cameras, self.stops, self.bearings, self.marks, block)
+    }
+}
+
+/// An unknown that is not determined by what was measured.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub enum Undetermined {
+    /// The carrier's scale.
+    Scale,
+    /// Its compass offset.
+    Compass,
+    /// The place of this stop, and of those that hang on it.
+    Stop(u16),
+    /// The place of this mark.
+    Mark(u16),
+    /// The pose of this camera.
+    Camera(u16),
 }
 
 /// What is known of a number beforehand.

@@ -370,12 +370,14 @@ impl Redundancy {
             let (mut position, mut heading) = ((0.0, None), (0.0, None));
             for (row, size) in self.rows.iter().zip(&sizes) {
                 let [x, y, turn] = row.times_pose(&self.covariance, column).map(|n| n * size);
-                for (worst, now) in [(&mut position, x.hypot(y)), (&mut heading, turn.abs())] {
+                // Of the place the square: there are many rows, and roots take long.
+                for (worst, now) in [(&mut position, x * x + y * y), (&mut heading, turn.abs())] {
                     if now > worst.0 {
                         *worst = (now, Some(row.of));
                     }
                 }
             }
+            position.0 = f64::sqrt(position.0);
             let noise = RARE * (variance(0) + variance(1)).sqrt();
             let turned = RARE * variance(2).sqrt();
             // What turns it most matters where it turns it by more than it moves it, seen from afar.
