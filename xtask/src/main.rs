@@ -161,7 +161,10 @@ fn run(chore: Chore) -> anyhow::Result<ExitCode> {
         .run()
         .map_err(Into::into),
         Chore::CortexM => count_instructions(&sh),
-        Chore::Scale => scale::run(&sh),
+        Chore::Scale => {
+            setup::packages(&sh)?;
+            scale::run(&sh)
+        }
         Chore::Size { largest } => measure_size(&sh, largest),
         Chore::Firmware { boards } => firmware::run(&sh, &boards),
         Chore::Peers => {

@@ -10,7 +10,7 @@ use xshell::{Shell, cmd};
 pub(crate) const TARGETS: [&str; 2] = ["thumbv7em-none-eabihf", "thumbv6m-none-eabi"];
 
 /// Programs that tests run, and the Debian packages they come in.
-const PROGRAMS: [(&str, &str); 9] = [
+const PROGRAMS: [(&str, &str); 10] = [
     ("gdb-multiarch", "gdb-multiarch"),
     ("qemu-system-arm", "qemu-system-arm"),
     ("tshark", "tshark"),
@@ -20,6 +20,7 @@ const PROGRAMS: [(&str, &str); 9] = [
     ("c++", "g++"),
     ("chromium", "chromium"),
     ("chromedriver", "chromium-driver"),
+    ("valgrind", "valgrind"),
 ];
 
 /// The other browser, which only the stages of the night ask for.

@@ -7,7 +7,7 @@ use clap::builder::PossibleValuesParser;
 use xshell::{Shell, cmd};
 
 use crate::{
-    chip, cortex_m, firmware, fuzz, harness, peers, setup, size,
+    chip, cortex_m, firmware, fuzz, harness, peers, scale, setup, size,
     usage::{self, Meter, Usage},
 };
 
@@ -83,7 +83,7 @@ impl Stage {
     }
 }
 
-const STAGES: [Stage; 16] = [
+const STAGES: [Stage; 17] = [
     stage(
         "set-up",
         "tools that the others need, and a lock file that fits",
@@ -117,6 +117,12 @@ const STAGES: [Stage; 16] = [
     stage("document", "documentation without a warning", document),
     stage("count", "instructions on emulated processors", count).needs(setup::packages),
     stage("size", "flash and RAM of the link", measure),
+    stage(
+        "scale",
+        "instructions of short runs of host-sim",
+        scale::run,
+    )
+    .needs(setup::packages),
     stage(
         "bench",
         "figures of the README that are quickly computed",
