@@ -160,6 +160,7 @@ impl<'m, T: Real> JointEstimator<'m, T> {
                 is_carrier_undetermined: false,
                 is_started: false,
                 window: [0, u16::MAX],
+                left_out: None,
                 suspect: None,
             },
             limits,

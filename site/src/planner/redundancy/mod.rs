@@ -191,6 +191,11 @@ impl Row {
             .sum()
     }
 
+    /// The same of a row of it: faster where many measurements meet few unknowns.
+    fn along(&self, covariance: &[f64]) -> f64 {
+        self.entries().map(|(at, by)| covariance[at] * by).sum()
+    }
+
     /// The variance of what everything together foretells of it.
     fn leverage(&self, covariance: &Symmetric) -> f64 {
         { self.entries() }
@@ -354,9 +359,9 @@ impl Redundancy {
             let column = Survey::camera_column(camera);
             let variance = |n: usize| self.covariance[(column + n, column + n)].max(0.0);
             let (mut position, mut heading) = ((0.0, None), (0.0, None));
+            let own = [0, 1, 2].map(|n| self.covariance.row(column + n));
             for (row, size) in self.rows.iter().zip(&sizes) {
-                let [x, y, turn] =
-                    [0, 1, 2].map(|n| row.times(&self.covariance, column + n) * size);
+                let [x, y, turn] = own.map(|own| row.along(own) * size);
                 // Of the place the square: there are many rows, and roots take long.
                 for (worst, now) in [(&mut position, x * x + y * y), (&mut heading, turn.abs())] {
                     if now > worst.0 {
