@@ -7,6 +7,8 @@ use calib_core::joint::{
 };
 use calib_core::{Pose, fit::Fit};
 
+use super::sparse::Sparse;
+
 /// A bearing, radians, or a range by numbers of stop and camera.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Seen {
@@ -83,6 +85,9 @@ fn most_findings(input: &Input) -> usize {
     8 + input.bearings.len() / 10
 }
 
+/// Stops and marks of which the equations are held densely.
+const MOST_KEPT: usize = 400;
+
 /// Stops and cameras are counted in 16 bits.
 pub(super) const MOST: usize = u16::MAX as usize;
 
@@ -114,7 +119,13 @@ fn solve_in_memory(input: &Input, depth: Depth) -> Result<Output, JointError> {
     }
     // All of what a camera saw can be left out together.
     let most = seen.into_iter().max().unwrap_or_default();
-    let workspace = capacity.workspace_with_lenses() + most * (most + 1) / 2;
+    let is_long = capacity.stops + capacity.marks > MOST_KEPT;
+    let workspace = match is_long {
+        true => capacity.workspace_beside_solver(),
+        false => capacity.workspace_with_lenses(),
+    };
+    let workspace = workspace + most * (most + 3) / 2;
+    let mut solver = Sparse::default();
     let memory = JointMemory {
         cameras: &mut vec![UnknownStorage::default(); input.cameras],
         stops: &mut vec![StopStorage::default(); input.legs.len()],
@@ -123,7 +134,10 @@ fn solve_in_memory(input: &Input, depth: Depth) -> Result<Output, JointError> {
         visits: &mut vec![VisitStorage::default(); input.visits.len()],
         workspace: &mut vec![0.0; workspace],
     };
-    let mut joint = JointEstimator::new(memory, input.baseline, input.settings)?;
+    let mut joint = match is_long {
+        true => JointEstimator::with_solver(memory, &mut solver, input.baseline, input.settings)?,
+        false => JointEstimator::new(memory, input.baseline, input.settings)?,
+    };
     for leg in &input.legs {
         joint.add_stop(*leg)?;
     }

@@ -16,7 +16,7 @@ use nalgebra::Vector2;
 use super::{
     Undetermined,
     kept::{Kept, dot, packed},
-    problem::{BLOCK, COMPASS, LegRow, Problem, SCALE, STOPS, Standing, Told},
+    problem::{BLOCK, COMPASS, LegRow, Problem, SCALE, STOPS, Told},
     triangle::{self, Triangle},
 };
 use crate::{Real, numerics::real::lit};
@@ -55,6 +55,11 @@ impl Layout {
             kept: STOPS + 2 * (stops + marks),
             block,
         }
+    }
+
+    /// The same where nothing is kept.
+    pub(super) const fn without_kept(self) -> Self {
+        Self { kept: 0, ..self }
     }
 
     /// Numbers of the workspace.
@@ -146,6 +151,10 @@ impl<T: Real> Lines<'_, T> {
         self.numbers.get_mut(line)?.split_first_chunk_mut()
     }
 
+    pub(super) fn q_mut(&mut self, n: usize) -> Option<&mut [T]> {
+        self.get_mut(n).map(|(_, q)| q)
+    }
+
     pub(super) fn set_number(&mut self, n: usize, to: T) {
         if let Some(([_, _, number], _)) = self.get_mut(n) {
             *number = to;
@@ -201,13 +210,17 @@ impl<T: Real> Way<T> {
 
 impl<T: Real> Problem<'_, T> {
     pub(super) fn layout(&self) -> Layout {
-        Layout::new(
+        let layout = Layout::new(
             self.cameras.len(),
             self.stops.len(),
             self.sights.len(),
             self.marks.len(),
             self.last_axis(),
-        )
+        );
+        match self.solver {
+            Some(_) => layout.without_kept(),
+            None => layout,
+        }
     }
 
     /// With the workspace taken out, so that rows can be made while it is written.
@@ -225,6 +238,9 @@ impl<T: Real> Problem<'_, T> {
     /// The equations around the present estimates: chi squared there.
     #[inline(never)] // for less flash
     pub(super) fn assemble(&mut self) -> Option<T> {
+        if self.solver.is_some() {
+            return self.assemble_whole();
+        }
         self.common.told = Told::Equations;
         self.with_parts(|problem, mut parts| {
             let kept = problem.layout().kept;
@@ -341,9 +357,7 @@ impl<T: Real> Problem<'_, T> {
         for (n, sight) in self.own(camera) {
             let (line, q) = lines.get_mut(n)?;
             q.fill(T::zero());
-            let is_left_out = { self.common.left_out }
-                .is_some_and(|(of, from)| of == camera && usize::from(sight.stop) >= from);
-            let counts = sight.standing == Standing::Counts && !is_left_out;
+            let counts = self.counts(camera, sight);
             let Some(found) = self.sight_row(sight).filter(|_| counts) else {
                 line.fill(T::zero());
                 continue;
@@ -447,13 +461,7 @@ impl<T: Real> Problem<'_, T> {
                 cost += row.residual * row.residual;
             }
         }
-        let common = &*self.common;
-        for (i, value, prior) in [
-            (SCALE, common.carrier.x, common.scale_prior),
-            (COMPASS, common.carrier.y, common.compass_prior),
-        ] {
-            let weight = prior.sigma.recip();
-            let residual = (value - prior.mean) * weight;
+        for (i, residual, weight) in self.carrier_priors() {
             parts.kept.add(i, i, weight * weight);
             *parts.vectors.get_mut(i)? += residual * weight;
             cost += residual * residual;
@@ -491,6 +499,9 @@ impl<T: Real> Problem<'_, T> {
     /// it lowers chi squared, as far as the model is linear.
     #[inline(never)] // for less flash
     pub(super) fn find_step(&mut self) -> Option<T> {
+        if self.solver.is_some() {
+            return self.find_whole_step();
+        }
         let worth = self.with_parts(|problem, mut parts| {
             let kept = problem.layout().kept;
             let (g, rest) = parts.vectors.split_at_mut_checked(kept)?;
@@ -655,6 +666,9 @@ impl<T: Real> Problem<'_, T> {
         if matches!(self.common.told, Told::Nothing | Told::Equations) {
             self.assemble()?;
             self.find_step()?;
+        }
+        if self.common.told == Told::Factor && self.solver.is_some() {
+            return self.find_whole_covariances();
         }
         if self.common.told == Told::Factor {
             self.common.told = Told::Equations;

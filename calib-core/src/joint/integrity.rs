@@ -27,7 +27,8 @@ use crate::{Real, Refusal, numerics::real::lit};
 
 /// Strength of a statistic that chance exceeds once in 100,000: 4.42 sigmas of a single one.
 const LIMIT: f64 = 11.51;
-/// A camera is looked at as a whole once chance exceeds one of its bearings only once in a hundred.
+/// A camera is looked at as a whole once chance exceeds one of its bearings only once in a hundred, or in a
+/// twentieth of all bearings if that is rarer.
 const SUSPICION: f64 = 4.6;
 /// Sigmas of a test that one good measurement in 100,000 fails, plus those by which a fault has to
 /// exceed them to be missed once in a thousand.
@@ -185,6 +186,7 @@ impl<T: Real> Problem<'_, T> {
         if camera == 0 {
             self.survey_legs(survey);
         }
+        let suspicion = self.suspicion(SUSPICION);
         let mut next = self.cameras.get(camera).map_or(NONE, |camera| camera.last);
         while let Some((n, sight)) = self.next_own(&mut next) {
             if sight.standing != Standing::Counts {
@@ -210,7 +212,7 @@ impl<T: Real> Problem<'_, T> {
             };
             survey.offer(found, strength, odds);
             if let Some(camera) = self.cameras.get_mut(camera) {
-                camera.is_new |= strength > lit(SUSPICION);
+                camera.is_new |= strength > suspicion;
             }
         }
         if survey.protects && camera >= REFERENCES && self.is_estimated(camera) {
