@@ -36,6 +36,7 @@ use crate::record::{
 
 mod estimator;
 mod opportunistic;
+mod sparse;
 #[cfg(test)]
 mod tests;
 mod walk;

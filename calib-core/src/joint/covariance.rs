@@ -100,6 +100,9 @@ impl<T: Real> Problem<'_, T> {
     /// The covariance of a camera's unknowns, those of its block, or that with another one's.
     #[inline(never)] // for less flash
     pub(super) fn camera_covariance(&mut self, camera: usize, other: usize) -> Option<Block<T>> {
+        if self.solver.is_some() {
+            return self.whole_camera_covariance(camera, other);
+        }
         self.with_parts(|problem, mut parts| {
             let [unknowns, others] = [camera, other].map(|camera| problem.axes(camera).len());
             let mut block = if camera == other {
@@ -139,6 +142,9 @@ impl<T: Real> Problem<'_, T> {
 
     /// The covariance of two kept unknowns, this one and the one after it.
     pub(super) fn pair_covariance(&mut self, i: usize) -> Option<Matrix2<T>> {
+        if self.solver.is_some() {
+            return self.whole_pair_covariance(i);
+        }
         self.with_parts(|_, parts| {
             let [[a, b], [c, d]] = parts.kept.block(i, i);
             Some(Matrix2::new(a, b, c, d))
@@ -150,6 +156,9 @@ impl<T: Real> Problem<'_, T> {
     pub(super) fn leverage(&mut self, n: usize, row: &SightRow<T>) -> Option<T> {
         let sight = *self.sights.get(n)?;
         let camera = usize::from(sight.camera);
+        if sight.standing != Standing::Counts && self.solver.is_some() {
+            return self.whole_leverage(camera, sight.stop, row);
+        }
         self.with_parts(|problem, mut parts| {
             if sight.standing == Standing::Counts {
                 return Some(parts.lines.get(n)?.number);
@@ -200,6 +209,9 @@ impl<T: Real> Problem<'_, T> {
         camera: usize,
         mut tell: impl FnMut(&[T], T, bool),
     ) -> Option<()> {
+        if self.solver.is_some() {
+            return self.whole_influences(camera, &mut tell);
+        }
         self.with_parts(|problem, mut parts| {
             let (kept, unknowns) = (problem.layout().kept, problem.axes(camera).len());
             problem.find_gain(camera, &mut parts)?;
@@ -297,6 +309,9 @@ impl<T: Real> Problem<'_, T> {
         camera: usize,
         mut tell: impl FnMut(&Self, usize, T),
     ) -> Option<()> {
+        if self.solver.is_some() {
+            return self.whole_tails(camera, &mut tell);
+        }
         self.with_parts(|problem, mut parts| {
             let (kept, unknowns) = (problem.layout().kept, problem.axes(camera).len());
             let inner = problem.inner(camera, &parts);
@@ -359,6 +374,79 @@ impl<T: Real> Problem<'_, T> {
                 *rest.get_mut(row)? = residual;
                 fallen += residual * residual;
                 tell(problem, row + 1, fallen);
+            }
+            Some(())
+        })
+    }
+
+    /// The same with a solver of the caller's.
+    fn whole_tails(&mut self, camera: usize, tell: &mut dyn FnMut(&Self, usize, T)) -> Option<()> {
+        let inner = self.whole_inner(camera)?;
+        let axes = self.axes(camera);
+        self.with_solver(|problem, solver| {
+            let unknowns = problem.unknowns();
+            let (mut fallen, mut row) = (T::zero(), 0);
+            let mut next = problem.cameras.get(camera)?.last;
+            while let Some((n, sight)) = problem.next_own(&mut next) {
+                if sight.standing != Standing::Counts {
+                    continue;
+                }
+                let Some(found) = problem.sight_row(&sight) else {
+                    break;
+                };
+                let columns = solver.columns(of_stop(sight.stop), 2)?;
+                let (x, y) = columns.split_at_checked(unknowns)?;
+                let by_camera = found.by_camera.get(axes.clone())?;
+                let residual = problem.with_parts(|problem, parts| {
+                    // Each row of the factor has its part of the residual behind it.
+                    let begin = row * (row + 3) / 2;
+                    let (mut factors, own) = parts.rest.split_at_mut_checked(begin)?;
+                    let own = own.get_mut(..row + 2)?;
+                    let mut residual = found.residual;
+                    let counting = problem.own(camera);
+                    let counting = counting.filter(|(_, sight)| sight.standing == Standing::Counts);
+                    let gain = parts.lines.get(n)?.q;
+                    for (column, (m, other)) in counting.enumerate().take(row + 1) {
+                        let second = problem.sight_row(other)?;
+                        let i = of_stop(other.stop);
+                        let [x, y] = [x, y].map(|column| {
+                            let own = column.get(i..i + 2).unwrap_or_default();
+                            short_dot(own, second.by_place.as_slice())
+                        });
+                        let other_camera = second.by_camera.get(axes.clone())?;
+                        let leverage = bilinear(&inner, by_camera, other_camera)
+                            + short_dot(by_camera, parts.lines.get(m)?.q)
+                            + short_dot(other_camera, gain)
+                            + found.by_place.x * x
+                            + found.by_place.y * y;
+                        let (known, entry) = own.split_at_mut_checked(column)?;
+                        let entry = entry.first_mut()?;
+                        if column == row {
+                            let left = T::one() - leverage - short_dot(known, known);
+                            *entry = if left > lit(EXPLAINED) {
+                                left.sqrt().recip()
+                            } else {
+                                T::zero()
+                            };
+                            residual *= *entry;
+                        } else {
+                            let (factor, later) = factors.split_at_mut_checked(column + 2)?;
+                            factors = later;
+                            let [factor @ .., reciprocal, other_residual] = factor else {
+                                return None;
+                            };
+                            *entry = (-leverage - short_dot(known, factor)) * *reciprocal;
+                            residual -= *entry * *other_residual;
+                        }
+                    }
+                    *own.last_mut()? = residual;
+                    Some(residual)
+                });
+                // There may be no more room.
+                let Some(residual) = residual else { break };
+                row += 1;
+                fallen += residual * residual;
+                tell(problem, row, fallen);
             }
             Some(())
         })

@@ -16,7 +16,7 @@ use nalgebra::Vector2;
 use super::{
     Undetermined,
     kept::{Kept, dot, packed},
-    problem::{BLOCK, COMPASS, LegRow, Problem, SCALE, STOPS, Standing, Told},
+    problem::{BLOCK, COMPASS, LegRow, Problem, SCALE, STOPS, Told},
     triangle::{self, Triangle},
 };
 use crate::{Real, numerics::real::lit};
@@ -25,6 +25,8 @@ use crate::{Real, numerics::real::lit};
 const LINE: usize = 3;
 /// A direction that is not determined moves what it moves by more than this share of what it moves most.
 const MOVES: f64 = 1e-3;
+/// A sight of which a camera explains more than this share is one that nearly it alone tells.
+const DOMINANT: f64 = 0.99;
 /// Sights of a camera that one test of its last ones looks at, in the workspace that is asked for.
 const TAIL: usize = 32;
 
@@ -55,6 +57,11 @@ impl Layout {
         }
     }
 
+    /// The same where nothing is kept.
+    pub(super) const fn without_kept(self) -> Self {
+        Self { kept: 0, ..self }
+    }
+
     /// Numbers of the workspace.
     pub(super) const fn workspace(&self) -> usize {
         let tail = if self.sights < TAIL {
@@ -70,7 +77,7 @@ impl Layout {
     }
 
     const fn vectors(&self) -> usize {
-        self.block + 1
+        self.block + 2
     }
 }
 
@@ -148,6 +155,10 @@ impl<T: Real> Lines<'_, T> {
         self.numbers.get_mut(line)?.split_first_chunk_mut()
     }
 
+    pub(super) fn q_mut(&mut self, n: usize) -> Option<&mut [T]> {
+        self.get_mut(n).map(|(_, q)| q)
+    }
+
     pub(super) fn set_number(&mut self, n: usize, to: T) {
         if let Some(([_, _, number], _)) = self.get_mut(n) {
             *number = to;
@@ -203,13 +214,17 @@ impl<T: Real> Way<T> {
 
 impl<T: Real> Problem<'_, T> {
     pub(super) fn layout(&self) -> Layout {
-        Layout::new(
+        let layout = Layout::new(
             self.cameras.len(),
             self.stops.len(),
             self.sights.len(),
             self.marks.len(),
             self.last_axis(),
-        )
+        );
+        match self.solver {
+            Some(_) => layout.without_kept(),
+            None => layout,
+        }
     }
 
     /// With the workspace taken out, so that rows can be made while it is written.
@@ -227,6 +242,9 @@ impl<T: Real> Problem<'_, T> {
     /// The equations around the present estimates: chi squared there.
     #[inline(never)] // for less flash
     pub(super) fn assemble(&mut self) -> Option<T> {
+        if self.solver.is_some() {
+            return self.assemble_whole();
+        }
         self.common.told = Told::Equations;
         self.with_parts(|problem, mut parts| {
             let kept = problem.layout().kept;
@@ -244,16 +262,97 @@ impl<T: Real> Problem<'_, T> {
 
     /// What a camera says about places when it is eliminated; chi squared of what it saw.
     fn eliminate(&self, camera: usize, parts: &mut Parts<'_, T>) -> Option<T> {
+        let unknowns = self.axes(camera).len();
+        let mut triangle = parts.blocks.get(camera, unknowns)?;
+        let cost = self.enter(camera, &mut triangle, &mut parts.lines)?;
+        let mut right = [T::zero(); BLOCK];
+        let right = right.get_mut(..unknowns)?;
+        triangle.right_side(right);
+        let mut is_dominated = false;
+        for (n, _) in self.own(camera) {
+            let ([_, _, residual], q) = parts.lines.get_mut(n)?;
+            triangle.reduce(q.get_mut(..unknowns)?);
+            *residual += short_dot(q, right);
+            is_dominated |= short_dot(q, q) > lit(DOMINANT);
+        }
+        if is_dominated {
+            self.add_rows(camera, parts)?;
+        } else {
+            self.add_pairs(camera, parts)?;
+        }
+        Some(cost)
+    }
+
+    /// The same where the camera explains some sight nearly alone, as that of a target right before it: the square
+    /// less what is explained would have no digits left. Row after row is rotated with all that it says of
+    /// places, and what is left of it is what it says of them alone.
+    fn add_rows(&self, camera: usize, parts: &mut Parts<'_, T>) -> Option<()> {
+        let (kept, axes) = (self.layout().kept, self.axes(camera));
+        let unknowns = axes.len();
+        let (g, vectors) = parts.vectors.split_at_mut_checked(kept)?;
+        let (row, vectors) = vectors.split_at_mut_checked(kept)?;
+        vectors.fill(T::zero());
+        // Of each rotated row the camera's part, and the right side last.
+        let mut rotated = [[T::zero(); BLOCK + 1]; BLOCK];
+        for (place, axis) in axes.clone().enumerate() {
+            if let Some((residual, weight)) = self.prior_of(camera, axis) {
+                let own = rotated.get_mut(place)?;
+                *own.get_mut(place)? = weight;
+                *own.last_mut()? = -residual;
+            }
+        }
+        for (n, sight) in self.own(camera) {
+            let line = parts.lines.get(n)?;
+            if line.by_place == Vector2::zeros() {
+                continue;
+            }
+            let found = self.sight_row(sight)?;
+            let mut own = [T::zero(); BLOCK + 1];
+            own.get_mut(..unknowns)?
+                .copy_from_slice(found.by_camera.get(axes.clone())?);
+            *own.last_mut()? = -found.residual;
+            row.fill(T::zero());
+            let i = of_stop(sight.stop);
+            row.get_mut(i..i + 2)?
+                .copy_from_slice(line.by_place.as_slice());
+            let others = rotated.iter_mut().zip(vectors.chunks_exact_mut(kept));
+            for (place, (other, vector)) in others.enumerate().take(unknowns) {
+                let pivot = [*other.get(place)?, *own.get(place)?];
+                triangle::rotate(pivot, other, &mut own);
+                triangle::rotate(pivot, vector, row);
+            }
+            let right = *own.last()?;
+            for (i, by) in row.iter().enumerate() {
+                if *by == T::zero() {
+                    continue;
+                }
+                *g.get_mut(i)? -= *by * right;
+                for (j, other) in row.iter().enumerate().take(i + 1) {
+                    if *other != T::zero() {
+                        parts.kept.add(i, j, *by * *other);
+                    }
+                }
+            }
+        }
+        Some(())
+    }
+
+    /// The rows of a camera into a triangle, and into their lines; chi squared of them.
+    fn enter(
+        &self,
+        camera: usize,
+        triangle: &mut Triangle<'_, T>,
+        lines: &mut Lines<'_, T>,
+    ) -> Option<T> {
         let axes = self.axes(camera);
         let unknowns = axes.len();
-        let mut triangle = parts.blocks.get(camera, unknowns)?;
         triangle.clear();
         let mut cost = T::zero();
         let mut row = [T::zero(); BLOCK + 1];
+        let row = row.get_mut(..=unknowns)?;
         for (place, axis) in axes.clone().enumerate() {
             if let Some((residual, weight)) = self.prior_of(camera, axis) {
                 cost += residual * residual;
-                let row = row.get_mut(..=unknowns)?;
                 row.fill(T::zero());
                 *row.get_mut(place)? = weight;
                 *row.last_mut()? = -residual;
@@ -261,34 +360,28 @@ impl<T: Real> Problem<'_, T> {
             }
         }
         for (n, sight) in self.own(camera) {
-            let (line, q) = parts.lines.get_mut(n)?;
-            let counts = sight.standing == Standing::Counts;
+            let (line, q) = lines.get_mut(n)?;
+            q.fill(T::zero());
+            let counts = self.counts(camera, sight);
             let Some(found) = self.sight_row(sight).filter(|_| counts) else {
                 line.fill(T::zero());
-                q.fill(T::zero());
                 continue;
             };
             cost += found.residual * found.residual;
             *line = [found.by_place.x, found.by_place.y, found.residual];
             let by_camera = found.by_camera.get(axes.clone())?;
-            q.fill(T::zero());
             q.get_mut(..unknowns)?.copy_from_slice(by_camera);
-            let row = row.get_mut(..=unknowns)?;
             let (right, own) = row.split_last_mut()?;
             own.copy_from_slice(by_camera);
             *right = -found.residual;
             triangle.insert(row);
         }
-        triangle.drop_undetermined(row.get_mut(..=unknowns)?);
-        let mut right = [T::zero(); BLOCK];
-        let right = right.get_mut(..unknowns)?;
-        triangle.right_side(right);
-        for (n, _) in self.own(camera) {
-            let ([_, _, residual], q) = parts.lines.get_mut(n)?;
-            let q = q.get_mut(..unknowns)?;
-            triangle.reduce(q);
-            *residual += short_dot(q, right);
-        }
+        triangle.drop_undetermined(row);
+        Some(cost)
+    }
+
+    /// What pairs of a camera's sights say about places.
+    fn add_pairs(&self, camera: usize, parts: &mut Parts<'_, T>) -> Option<()> {
         for (n, sight) in self.own(camera) {
             let line = parts.lines.get(n)?;
             if line.by_place == Vector2::zeros() {
@@ -301,28 +394,27 @@ impl<T: Real> Problem<'_, T> {
             }
             let a = line.by_place;
             for (m, other) in self.own(camera) {
-                let second = parts.lines.get(m)?;
                 let j = of_stop(other.stop);
-                // Sights are in the order of descending stops.
+                if j > i {
+                    continue;
+                }
+                let second = parts.lines.get(m)?;
+                let explained = short_dot(line.q, second.q);
                 let share = if m == n {
-                    T::one() - short_dot(line.q, line.q)
+                    T::one() - explained
                 } else {
-                    -short_dot(line.q, second.q)
+                    -explained
                 };
                 let b = second.by_place * share;
-                if i == j {
-                    parts.kept.add(i, i, a.x * b.x);
-                    parts.kept.add(i + 1, i, a.y * b.x);
-                    parts.kept.add(i + 1, i + 1, a.y * b.y);
-                } else if j < i {
-                    parts.kept.add(i, j, a.x * b.x);
+                parts.kept.add(i, j, a.x * b.x);
+                if i != j {
                     parts.kept.add(i, j + 1, a.x * b.y);
-                    parts.kept.add(i + 1, j, a.y * b.x);
-                    parts.kept.add(i + 1, j + 1, a.y * b.y);
                 }
+                parts.kept.add(i + 1, j, a.y * b.x);
+                parts.kept.add(i + 1, j + 1, a.y * b.y);
             }
         }
-        Some(cost)
+        Some(())
     }
 
     fn add_visits(&self, parts: &mut Parts<'_, T>) -> Option<T> {
@@ -356,7 +448,10 @@ impl<T: Real> Problem<'_, T> {
         for later in (1..self.stops.len()).rev() {
             let way = self.way(later)?;
             let of = with_before(later);
-            parts.kept.change(of, |entries| way.leave_places(entries));
+            let [.., last] = of;
+            parts
+                .kept
+                .change(last, |entries| way.leave_places(entries))?;
             let mut entries = [T::zero(); 6];
             for (entry, i) in entries.iter_mut().zip(of) {
                 *entry = *parts.vectors.get(i)?;
@@ -373,13 +468,7 @@ impl<T: Real> Problem<'_, T> {
                 cost += row.residual * row.residual;
             }
         }
-        let common = &*self.common;
-        for (i, value, prior) in [
-            (SCALE, common.carrier.x, common.scale_prior),
-            (COMPASS, common.carrier.y, common.compass_prior),
-        ] {
-            let weight = prior.sigma.recip();
-            let residual = (value - prior.mean) * weight;
+        for (i, residual, weight) in self.carrier_priors() {
             parts.kept.add(i, i, weight * weight);
             *parts.vectors.get_mut(i)? += residual * weight;
             cost += residual * residual;
@@ -417,6 +506,9 @@ impl<T: Real> Problem<'_, T> {
     /// it lowers chi squared, as far as the model is linear.
     #[inline(never)] // for less flash
     pub(super) fn find_step(&mut self) -> Option<T> {
+        if self.solver.is_some() {
+            return self.find_whole_step();
+        }
         let worth = self.with_parts(|problem, mut parts| {
             let kept = problem.layout().kept;
             let (g, rest) = parts.vectors.split_at_mut_checked(kept)?;
@@ -583,6 +675,9 @@ impl<T: Real> Problem<'_, T> {
             self.assemble()?;
             self.find_step()?;
         }
+        if self.common.told == Told::Factor && self.solver.is_some() {
+            return self.find_whole_covariances();
+        }
         if self.common.told == Told::Factor {
             self.common.told = Told::Equations;
             self.with_parts(|problem, mut parts| {
@@ -593,7 +688,9 @@ impl<T: Real> Problem<'_, T> {
                     let own = [(first, first), (first, second), (second, second)];
                     problem.stops.get_mut(stop)?.leverage = own.map(|(i, j)| parts.kept.at(i, j));
                     let way = problem.way(stop)?;
-                    parts.kept.change(of, |entries| way.find_place(entries));
+                    parts
+                        .kept
+                        .change(second, |entries| way.find_place(entries))?;
                 }
                 for camera in 0..problem.cameras.len() {
                     if problem.is_estimated(camera) {

@@ -4,7 +4,7 @@ use nalgebra::{Point2, Vector2};
 
 use super::{
     BearingResidual, Carrier, Finding, JointError, JointSettings, JointSolution, Leg, LegResidual,
-    Lens, Progress, ProtectionLevels, ReferenceHeadings, Round, StopPlace, Undetermined,
+    Lens, Progress, ProtectionLevels, ReferenceHeadings, Round, Solver, StopPlace, Undetermined,
     equations::Layout,
     integrity::IN_A_ROW,
     problem::{
@@ -51,6 +51,7 @@ pub struct JointEstimator<'m, T: Real> {
     pub(super) cameras: &'m mut [Unknown<T>],
     marks: &'m mut [Unknown<T>],
     workspace: &'m mut [T],
+    solver: Option<&'m mut dyn Solver<T>>,
 }
 
 /// Values, as many as came.
@@ -116,6 +117,15 @@ impl<'m, T: Real> JointEstimator<'m, T> {
         baseline: T,
         settings: JointSettings<T>,
     ) -> Result<Self, JointError> {
+        Self::new_with(memory, baseline, settings, false)
+    }
+
+    fn new_with(
+        memory: JointMemory<'m, T>,
+        baseline: T,
+        settings: JointSettings<T>,
+        has_solver: bool,
+    ) -> Result<Self, JointError> {
         check(baseline, &settings)?;
         let JointSettings {
             scale,
@@ -137,7 +147,11 @@ impl<'m, T: Real> JointEstimator<'m, T> {
         let block = if lens.is_some() { LENS + 1 } else { LENS };
         let (stop_count, sight_count) = (stops.len(), bearings.len());
         let layout = Layout::new(cameras.len(), stop_count, sight_count, marks.len(), block);
-        let least = layout.workspace();
+        let least = if has_solver {
+            layout.without_kept().workspace()
+        } else {
+            layout.workspace()
+        };
         let is_enough = workspace.len() >= least;
         if !is_enough || cameras.len() < REFERENCES || stops.len() > most || cameras.len() > most {
             return Err(JointError::Memory);
@@ -160,6 +174,7 @@ impl<'m, T: Real> JointEstimator<'m, T> {
                 is_carrier_undetermined: false,
                 is_started: false,
                 window: [0, u16::MAX],
+                left_out: None,
                 suspect: None,
             },
             limits,
@@ -171,7 +186,24 @@ impl<'m, T: Real> JointEstimator<'m, T> {
             cameras,
             marks,
             workspace,
+            solver: None,
         })
+    }
+
+    /// An estimator as of [`new`](Self::new), of a walk of so many stops that all unknowns together are the solver's:
+    /// its workspace needs to be as large as [`Capacity::workspace_beside_solver`](super::Capacity) says.
+    ///
+    /// # Errors
+    /// As [`new`](Self::new).
+    pub fn with_solver(
+        memory: JointMemory<'m, T>,
+        solver: &'m mut dyn Solver<T>,
+        baseline: T,
+        settings: JointSettings<T>,
+    ) -> Result<Self, JointError> {
+        let mut joint = Self::new_with(memory, baseline, settings, true)?;
+        joint.solver = Some(solver);
+        Ok(joint)
     }
 
     /// Appoints other references: camera `first` becomes camera 0 and `second` camera 1, which give
@@ -687,6 +719,10 @@ impl<'m, T: Real> JointEstimator<'m, T> {
             cameras: self.cameras,
             marks: self.marks,
             workspace: self.workspace,
+            solver: self
+                .solver
+                .as_mut()
+                .map(|solver| &mut **solver as &mut dyn Solver<T>),
         };
         (&mut self.work, problem)
     }

@@ -130,6 +130,7 @@ mod residuals;
 mod round;
 mod start;
 mod triangle;
+mod whole;
 
 pub use estimator::{JointEstimator, JointMemory};
 pub use keeping::{Measured, RestoredLeg, StopTag};
@@ -138,6 +139,7 @@ pub use problem::{
     Visit as VisitStorage,
 };
 pub use round::{Progress, Round};
+pub use whole::Solver;
 
 /// What an estimator has room for.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -162,6 +164,11 @@ impl Capacity {
     /// The same where lenses are estimated ([`JointSettings::lens`]).
     pub const fn workspace_with_lenses(&self) -> usize {
         self.layout(problem::LENS + 1).workspace()
+    }
+
+    /// The same beside a [`Solver`], lenses included.
+    pub const fn workspace_beside_solver(&self) -> usize {
+        self.layout(problem::LENS + 1).without_kept().workspace()
     }
 
     const fn layout(&self, block: usize) -> equations::Layout {

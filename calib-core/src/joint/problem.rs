@@ -4,7 +4,7 @@ use core::ops::Range;
 
 use nalgebra::{Matrix2, Point2, Vector2, Vector3};
 
-use super::{Prior, ProtectionLevels, StopTag, Undetermined};
+use super::{Prior, ProtectionLevels, Solver, StopTag, Undetermined};
 use crate::{
     Real, angle,
     numerics::plane::{self, dot, quarter_turn},
@@ -222,6 +222,8 @@ pub(super) struct Common<T: Real> {
     pub is_started: bool,
     /// First and last stop whose bearings are looked at: all of them but during a start.
     pub window: [u16; 2],
+    /// What a camera saw from a stop on is left out of the equations, to see what that changes.
+    pub left_out: Option<(usize, usize)>,
     /// A camera that is off since some stop, and why that may be.
     pub suspect: Option<Suspect<T>>,
 }
@@ -259,6 +261,8 @@ pub(super) struct Problem<'a, T: Real> {
     pub cameras: &'a mut [Unknown<T>],
     pub marks: &'a mut [Unknown<T>],
     pub workspace: &'a mut [T],
+    /// Of all unknowns together, instead of what is kept.
+    pub solver: Option<&'a mut dyn Solver<T>>,
 }
 
 /// A bearing's or a range's residual around the present estimates, over its sigma.
@@ -349,6 +353,13 @@ impl<T: Real> Problem<'_, T> {
         let sigma = self.common.lens_prior.filter(|_| axis == LENS)?;
         let weight = sigma.recip();
         Some((self.cameras.get(camera)?.lens() * weight, weight))
+    }
+
+    /// Whether a sight of a camera is in the equations, as far as that is not its row's matter.
+    pub(super) fn counts(&self, camera: usize, sight: &Sight<T>) -> bool {
+        let is_left_out = { self.common.left_out }
+            .is_some_and(|(of, from)| of == camera && usize::from(sight.stop) >= from);
+        sight.standing == Standing::Counts && !is_left_out
     }
 
     /// What a camera saw.

@@ -60,7 +60,9 @@ impl<'a, T: Real> Triangle<'a, T> {
             };
             rest = next;
             let Some(row) = row.get_mut(j..) else { break };
-            rotate(own, row);
+            if let (Some(&a), Some(&b)) = (own.first(), row.first()) {
+                rotate([a, b], own, row);
+            }
         }
     }
 
@@ -151,12 +153,9 @@ impl<'a, T: Real> Triangle<'a, T> {
     }
 }
 
-/// Turns two rows so that the first number of the second vanishes.
+/// Turns two rows so that of `pivot`, which are numbers of both, the second one vanishes.
 #[inline]
-fn rotate<T: Real>(own: &mut [T], row: &mut [T]) {
-    let (Some(&a), Some(&b)) = (own.first(), row.first()) else {
-        return;
-    };
+pub(super) fn rotate<T: Real>([a, b]: [T; 2], own: &mut [T], row: &mut [T]) {
     if b == T::zero() {
         return;
     }

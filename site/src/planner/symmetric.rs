@@ -21,6 +21,10 @@ impl Symmetric {
         self.width
     }
 
+    pub(super) fn row(&self, row: usize) -> &[f64] {
+        &self.numbers[row * self.width..(row + 1) * self.width]
+    }
+
     /// The same with so many more rows and columns of zeros, and room for more.
     pub(super) fn widened(&self, by: usize) -> Self {
         let width = self.width + by;
