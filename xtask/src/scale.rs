@@ -41,15 +41,19 @@ const RUNS: [(&str, &[&str]); 3] = [
 /// # Errors
 /// A count differs by more than a twentieth, whichever way, or there is no Valgrind.
 pub(crate) fn run(sh: &Shell) -> Result<()> {
-    if cmd!(sh, "valgrind --version").quiet().ignore_stdout().run().is_err() {
+    if cmd!(sh, "valgrind --version")
+        .quiet()
+        .ignore_stdout()
+        .run()
+        .is_err()
+    {
         bail!("valgrind is needed: apt-get install valgrind");
     }
     let program = harness::program(sh, "host-sim")?;
     let counts = thread::scope(|scope| {
         let program = &program;
-        let counting = RUNS.map(|(name, arguments)| {
-            (name, scope.spawn(move || instructions(program, arguments)))
-        });
+        let counting = RUNS
+            .map(|(name, arguments)| (name, scope.spawn(move || instructions(program, arguments))));
         let counted = counting.into_iter().map(|(name, thread)| {
             let count = thread.join().ok().context("it could not be counted")?;
             Ok((name.to_owned(), count.with_context(|| name.to_owned())?))
@@ -116,7 +120,8 @@ mod tests {
 
     #[test]
     fn the_last_count_is_read() {
-        let said = "==7== Events    : Ir\n==7== Collected : 5678\n==7== \n==7== I   refs:      5,678\n";
+        let said =
+            "==7== Events    : Ir\n==7== Collected : 5678\n==7== \n==7== I   refs:      5,678\n";
         assert_eq!(collected(said), Some(5678));
         assert_eq!(collected("==7== Collected : \n"), None);
         assert_eq!(collected("killed"), None);

@@ -753,7 +753,12 @@ impl Looker {
             let outlines = record.obstacles.clone();
             whats.push(What::Obstacles { outlines });
         }
-        let is_there = |id: u16| record.nodes.binary_search_by_key(&id, |node| node.id).is_ok();
+        let is_there = |id: u16| {
+            record
+                .nodes
+                .binary_search_by_key(&id, |node| node.id)
+                .is_ok()
+        };
         let gone = known.nodes.iter().filter(|node| !is_there(node.id));
         whats.extend(gone.map(|node| What::Gone { node: node.id }));
         for node in &record.nodes {

@@ -256,24 +256,29 @@ pub fn each<E: From<ReadError>>(
 ) -> Result<(), E> {
     let mut name = String::new();
     let mut case: Option<Case> = None;
-    rows(input, assumptions, |_| (), |id, sighting| {
-        match &mut case {
-            Some(case) if name == id => case.add(sighting),
-            _ => {
-                let mut next = case.take().unwrap_or_default();
-                if !name.is_empty() {
-                    take(&name, &next)?;
+    rows(
+        input,
+        assumptions,
+        |_| (),
+        |id, sighting| {
+            match &mut case {
+                Some(case) if name == id => case.add(sighting),
+                _ => {
+                    let mut next = case.take().unwrap_or_default();
+                    if !name.is_empty() {
+                        take(&name, &next)?;
+                    }
+                    next.sightings.clear();
+                    next.unreadable = 0;
+                    next.add(sighting);
+                    case = Some(next);
+                    name.clear();
+                    name.push_str(id);
                 }
-                next.sightings.clear();
-                next.unreadable = 0;
-                next.add(sighting);
-                case = Some(next);
-                name.clear();
-                name.push_str(id);
             }
-        }
-        Ok::<_, E>(())
-    })?;
+            Ok::<_, E>(())
+        },
+    )?;
     match case {
         Some(case) => take(&name, &case),
         None => Ok(()),

@@ -18,9 +18,18 @@ const NODES: usize = 1_000;
 const SECONDS: f64 = 600.0;
 
 pub(super) fn run(sheet: &mut Sheet, program: &Path) -> anyhow::Result<()> {
-    sheet.heading(&format!("Scale: `host-sim live grid --nodes {NODES}`, as fast as possible"));
+    sheet.heading(&format!(
+        "Scale: `host-sim live grid --nodes {NODES}`, as fast as possible"
+    ));
     let mut server = Command::new(program)
-        .args(["live", "grid", "--nodes", &NODES.to_string(), "--speed", "max"])
+        .args([
+            "live",
+            "grid",
+            "--nodes",
+            &NODES.to_string(),
+            "--speed",
+            "max",
+        ])
         .stdout(Stdio::piped())
         .stderr(Stdio::null())
         .spawn()?;
@@ -34,8 +43,18 @@ pub(super) fn run(sheet: &mut Sheet, program: &Path) -> anyhow::Result<()> {
         of_verdicts,
     } = watched?;
     let speed = seconds / cost.seconds;
-    sheet.figure("simulated seconds for one of processor", speed, "x", &Goal::AtLeast(1.0));
-    sheet.figure("sent, for a simulated second", bytes / seconds / 1e3, "kB", &Goal::None);
+    sheet.figure(
+        "simulated seconds for one of processor",
+        speed,
+        "x",
+        &Goal::AtLeast(1.0),
+    );
+    sheet.figure(
+        "sent, for a simulated second",
+        bytes / seconds / 1e3,
+        "kB",
+        &Goal::None,
+    );
     let share = of_verdicts / bytes * 100.0;
     sheet.figure("of that, verdicts", share, "%", &Goal::AtMost(10.0));
     sheet.figure("memory at most", cost.peak as f64 / 1e6, "MB", &Goal::None);
@@ -55,7 +74,9 @@ fn watch(server: &mut std::process::Child) -> anyhow::Result<Watched> {
     let mut url = String::new();
     BufReader::new(output).read_line(&mut url)?;
     let told = url.trim().strip_prefix("http://");
-    let (address, token) = told.and_then(|told| told.split_once("/#")).context("no address")?;
+    let (address, token) = told
+        .and_then(|told| told.split_once("/#"))
+        .context("no address")?;
     let mut stream = TcpStream::connect(address)?;
     write!(
         stream,

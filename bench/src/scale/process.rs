@@ -47,7 +47,10 @@ impl Cost {
 /// Runs a program to its end, which is one of these codes. What it printed, and what it took.
 pub(super) fn measured(command: &mut Command, codes: &[i32]) -> anyhow::Result<(String, Cost)> {
     let before = of_children()?;
-    let mut child = command.stdout(Stdio::piped()).stderr(Stdio::null()).spawn()?;
+    let mut child = command
+        .stdout(Stdio::piped())
+        .stderr(Stdio::null())
+        .spawn()?;
     let mut output = child.stdout.take().context("the output is piped")?;
     let reader = thread::spawn(move || {
         let mut said = String::new();

@@ -18,7 +18,9 @@ const ROWS: u32 = 4;
 const MEMORY: f64 = 50.0;
 
 pub(super) fn run(sheet: &mut Sheet, program: &Path) -> anyhow::Result<()> {
-    sheet.heading(&format!("Scale: `host-sim solve`, {CASES} cases of {ROWS} sightings"));
+    sheet.heading(&format!(
+        "Scale: `host-sim solve`, {CASES} cases of {ROWS} sightings"
+    ));
     let mut file = tempfile::NamedTempFile::new()?;
     write(BufWriter::new(file.as_file_mut()))?;
     let mut solve = Command::new(program);
@@ -28,8 +30,18 @@ pub(super) fn run(sheet: &mut Sheet, program: &Path) -> anyhow::Result<()> {
     let answers = said.lines().count() as f64;
     let all = f64::from(CASES);
     sheet.figure("answers", answers, "", &Goal::Within(all, all));
-    sheet.figure("memory at most", cost.peak as f64 / 1e6, "MB", &Goal::AtMost(MEMORY));
-    sheet.figure("cases for a second of processor", answers / cost.seconds, "", &Goal::None);
+    sheet.figure(
+        "memory at most",
+        cost.peak as f64 / 1e6,
+        "MB",
+        &Goal::AtMost(MEMORY),
+    );
+    sheet.figure(
+        "cases for a second of processor",
+        answers / cost.seconds,
+        "",
+        &Goal::None,
+    );
     Ok(())
 }
 
@@ -42,7 +54,10 @@ fn write(mut file: impl Write) -> std::io::Result<()> {
             let around = f64::from(row) * 0.7 + x;
             let (target_x, target_y) = (8.0 * around.cos(), 8.0 * around.sin());
             let bearing = f64::atan2(target_y - y, target_x - x) - heading;
-            writeln!(file, "camera-{case},{target_x:.4},{target_y:.4},{bearing:.5}")?;
+            writeln!(
+                file,
+                "camera-{case},{target_x:.4},{target_y:.4},{bearing:.5}"
+            )?;
         }
     }
     file.flush()

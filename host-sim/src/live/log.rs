@@ -120,7 +120,9 @@ mod tests {
             node,
             words: format!("weak: one of {}", node / 10),
         });
-        let lines = wanting.iter().map(|node| format!("\n  camera {node}: weak"));
+        let lines = wanting
+            .iter()
+            .map(|node| format!("\n  camera {node}: weak"));
         let walk_to = wanting.iter().map(|&node| WalkTo {
             network: 1,
             x: f64::from(node) / 7.0,
@@ -131,7 +133,10 @@ mod tests {
             good: wanting.is_empty(),
             calibrated,
             expected: 40,
-            words: format!("{calibrated} of 40 cameras are calibrated{}", lines.collect::<String>()),
+            words: format!(
+                "{calibrated} of 40 cameras are calibrated{}",
+                lines.collect::<String>()
+            ),
             findings: findings.collect(),
             walk_to: walk_to.collect(),
         };
@@ -166,9 +171,14 @@ mod tests {
         let all: Vec<u16> = (1..=40).collect();
         let mut wanting = all.clone();
         log.push(verdict(0, &wanting));
-        let whole = serde_json::to_string(log.since(Some(0))[0].1).unwrap().len();
+        let whole = serde_json::to_string(log.since(Some(0))[0].1)
+            .unwrap()
+            .len();
         wanting.remove(17);
-        for (step, wanting) in [&wanting[..], &wanting[..], &[], &all[3..9], &all].iter().enumerate() {
+        for (step, wanting) in [&wanting[..], &wanting[..], &[], &all[3..9], &all]
+            .iter()
+            .enumerate()
+        {
             let now = verdict(step / 2, wanting);
             let (number, before) = (log.next(), told(&log, None, None));
             log.push(now.clone());
@@ -200,7 +210,10 @@ mod tests {
             log.push(Event::new(2.0, What::Said { node: None, words }));
         }
         let kept = log.since(None);
-        assert!(kept.iter().all(|(_, event)| !matches!(event.what, What::VerdictChange { .. })));
+        assert!(
+            kept.iter()
+                .all(|(_, event)| !matches!(event.what, What::VerdictChange { .. }))
+        );
         assert_eq!(told(&log, None, None), Some(verdict(1, &[1, 3]).what));
         log.push(verdict(2, &[3]));
         assert_eq!(told(&log, None, None), Some(verdict(2, &[3]).what));

@@ -225,7 +225,8 @@ fn is_silent(simulation: &Simulation, network: &Network, node: &Node, entry: &No
         return false;
     };
     let targets = network.targets.iter();
-    let asked = targets.filter_map(|target| simulation.entry(target.id).asked.get(&address).copied());
+    let asked =
+        targets.filter_map(|target| simulation.entry(target.id).asked.get(&address).copied());
     has_missed(simulation, entry, asked)
 }
 

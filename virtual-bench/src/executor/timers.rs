@@ -62,7 +62,8 @@ impl Timers {
         };
         if self.order.len() >= SMALL && self.order.len() > 2 * self.actions.len() {
             let actions = &self.actions;
-            self.order.retain(|Reverse(event)| is_planned(actions, event));
+            self.order
+                .retain(|Reverse(event)| is_planned(actions, event));
         }
         self.order.push(Reverse(event));
         event
@@ -114,7 +115,10 @@ mod tests {
             let random = mix(step);
             match random % 8 {
                 0 => {
-                    assert_eq!(timers.next_at(), expected.keys().next().map(|e: &EventId| e.at));
+                    assert_eq!(
+                        timers.next_at(),
+                        expected.keys().next().map(|e: &EventId| e.at)
+                    );
                     let first = expected.pop_first();
                     match (timers.pop(), &first) {
                         (Some(Action::Call(_, token)), Some((_, other))) => {

@@ -67,13 +67,18 @@ impl Judge {
             parts.entry(node.network).or_default().nodes.push(node);
         }
         for target in &record.targets {
-            parts.entry(target.network).or_default().targets.push(target);
+            parts
+                .entry(target.network)
+                .or_default()
+                .targets
+                .push(target);
         }
         for sightings in &record.sightings {
             let part = parts.entry(sightings.network).or_default();
             part.sightings.push(sightings);
         }
-        self.networks.retain(|network, _| parts.contains_key(network));
+        self.networks
+            .retain(|network, _| parts.contains_key(network));
         for (network, part) in parts {
             let is_same = |known: &Known| part.is_like(&known.part);
             if !self.networks.get(&network).is_some_and(is_same) {

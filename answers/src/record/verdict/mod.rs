@@ -12,10 +12,7 @@ use std::collections::{BTreeMap, BTreeSet};
 use calib_core::{Refusal, Status};
 use node_firmware::message::{Eye, Health};
 
-use super::{
-    Node, NodeLens, Protection, Role, RunRecord, checks,
-    next_stop::Wish,
-};
+use super::{Node, NodeLens, Protection, Role, RunRecord, checks, next_stop::Wish};
 
 mod causes;
 mod in_view;

@@ -193,6 +193,17 @@ impl Row {
             .sum()
     }
 
+    /// All of them.
+    fn times_all(&self, covariance: &Symmetric) -> Vec<f64> {
+        let mut sums = vec![-0.0; covariance.width()];
+        for (at, by) in self.entries() {
+            for (sum, number) in sums.iter_mut().zip(covariance.row(at)) {
+                *sum += number * by;
+            }
+        }
+        sums
+    }
+
     /// Those of three unknowns in a row, such as a pose.
     fn times_pose(&self, covariance: &Symmetric, first: usize) -> [f64; 3] {
         let mut sums = [-0.0; 3];
@@ -438,9 +449,7 @@ impl Redundancy {
             };
             survey.looks.push(look);
             rows.push(row);
-            let gain: Vec<f64> = { 0..width + 2 }
-                .map(|unknown| row.times(&covariance, unknown))
-                .collect();
+            let gain = row.times_all(&covariance);
             let variance = 1.0 + row.leverage(&covariance);
             covariance.subtract(&gain, variance.recip());
         }
