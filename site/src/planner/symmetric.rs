@@ -21,8 +21,9 @@ impl Symmetric {
         self.width
     }
 
+    /// One of its rows.
     pub(super) fn row(&self, row: usize) -> &[f64] {
-        &self.numbers[row * self.width..(row + 1) * self.width]
+        &self.numbers[row * self.width..][..self.width]
     }
 
     /// The same with so many more rows and columns of zeros, and room for more.
@@ -35,11 +36,6 @@ impl Symmetric {
         }
         numbers.resize(width * width, 0.0);
         Self { width, numbers }
-    }
-
-    /// One of its rows.
-    pub(super) fn row(&self, row: usize) -> &[f64] {
-        &self.numbers[row * self.width..][..self.width]
     }
 
     /// Less a multiple of the square of a vector.

@@ -198,6 +198,17 @@ impl Row {
         self.entries().map(|(at, by)| covariance[at] * by).sum()
     }
 
+    /// All of them.
+    fn times_all(&self, covariance: &Symmetric) -> Vec<f64> {
+        let mut sums = vec![-0.0; covariance.width()];
+        for (at, by) in self.entries() {
+            for (sum, number) in sums.iter_mut().zip(covariance.row(at)) {
+                *sum += number * by;
+            }
+        }
+        sums
+    }
+
     /// The variance of what everything together foretells of it.
     fn leverage(&self, covariance: &Symmetric) -> f64 {
         { self.entries() }
@@ -434,9 +445,7 @@ impl Redundancy {
             };
             survey.looks.push(look);
             rows.push(row);
-            let gain: Vec<f64> = { 0..width + 2 }
-                .map(|unknown| row.times(&covariance, unknown))
-                .collect();
+            let gain = row.times_all(&covariance);
             let variance = 1.0 + row.leverage(&covariance);
             covariance.subtract(&gain, variance.recip());
         }
