@@ -7,16 +7,14 @@ use std::{
     path::Path,
     process::{Child, Command, Output, Stdio},
     thread::sleep,
-    time::{Duration, Instant},
+    time::Duration,
 };
 
+use crate::common::wait_until;
 use rustix::{
     io::ioctl_fionread,
     termios::{OptionalActions, tcgetattr, tcsetattr},
 };
-
-/// Long enough for any machine; nothing depends on how fast it is.
-const PATIENCE: Duration = Duration::from_secs(30);
 
 /// A camera that is ended with the test.
 struct Camera(Option<Child>);
@@ -55,14 +53,6 @@ impl Drop for Camera {
             let _ = child.kill();
             let _ = child.wait();
         }
-    }
-}
-
-fn wait_until(mut holds: impl FnMut() -> bool) {
-    let begin = Instant::now();
-    while !holds() {
-        assert!(begin.elapsed() < PATIENCE);
-        sleep(Duration::from_millis(5));
     }
 }
 
