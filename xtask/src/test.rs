@@ -80,7 +80,7 @@ const STAGES: [Stage; 13] = [
     Stage {
         name: "chip",
         what: "the image that is flashed, on an emulated nRF52840",
-        needs: packages_emulator_and_linker,
+        needs: packages_and_linker,
         run: chip::run,
     },
     Stage {
@@ -219,9 +219,8 @@ fn nothing(_: &Shell) -> Result<()> {
     Ok(())
 }
 
-fn packages_emulator_and_linker(sh: &Shell) -> Result<()> {
+fn packages_and_linker(sh: &Shell) -> Result<()> {
     setup::packages(sh)?;
-    setup::emulator(sh)?;
     setup::linker(sh)
 }
 
@@ -232,7 +231,7 @@ fn compiler_for_fuzzing(sh: &Shell) -> Result<()> {
 /// What later stages need, so that what cannot be installed is told at once. Sources and tools that
 /// are built are fetched where they are needed.
 fn set_up(sh: &Shell) -> Result<()> {
-    for manifest in ["Cargo.toml", setup::FUZZ, setup::EMULATOR] {
+    for manifest in ["Cargo.toml", setup::FUZZ] {
         setup::locked(sh, manifest)?;
     }
     setup::targets(sh)?;
