@@ -297,16 +297,13 @@ fn nothing(_: &Shell) -> Result<()> {
 
 fn packages_and_linker(sh: &Shell) -> Result<()> {
     setup::packages(sh)?;
-    setup::emulator(sh)?;
     setup::linker(sh)
 }
 
 /// What later stages need, so that what cannot be installed is told at once. Sources and tools that
 /// are built are fetched where they are needed.
 fn set_up(sh: &Shell) -> Result<()> {
-    for manifest in ["Cargo.toml", setup::EMULATOR] {
-        setup::locked(sh, manifest)?;
-    }
+    setup::locked(sh)?;
     setup::targets(sh)?;
     for stage in &STAGES {
         if let Some(why) = left_out(stage, sh, setup::is_ci())? {

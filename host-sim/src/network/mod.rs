@@ -59,14 +59,12 @@ use node_firmware::{
     message::Report,
 };
 
-pub use chip_pipe::End as ChipEnd;
-
 pub use self::{
     camera::{CameraDevice, Pixy2Device},
     console::Terminal,
     emulated::{
         EmulatorError,
-        chips::{CHIP_IMAGE, Chips},
+        chips::{CHIP_IMAGE, Chips, outside},
     },
     looking::Onlooker,
     many::{run_all, run_all_until},
@@ -467,7 +465,7 @@ impl Simulation {
 
     /// What is known of emulated chips since they last had power, by their nodes' numbers, once the simulation
     /// has run.
-    pub fn chips(&self) -> BTreeMap<u16, ChipEnd> {
+    pub fn chips(&self) -> BTreeMap<u16, outside::End> {
         let nodes = self.nodes.iter();
         nodes
             .filter_map(|node| Some((node.id(), node.end()?)))

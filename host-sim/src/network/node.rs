@@ -658,7 +658,7 @@ impl Node {
     }
 
     /// What is known of its emulated chip, once the simulation has ended.
-    pub(super) fn end(&self) -> Option<chip_pipe::End> {
+    pub(super) fn end(&self) -> Option<chips::outside::End> {
         Some(self.board.as_ref()?.end())
     }
 

@@ -2,8 +2,8 @@
 
 mod buttons;
 mod debugging;
+mod drift;
 mod faults;
-mod process;
 
 use std::{
     collections::BTreeMap, env, f64::consts::FRAC_PI_2, fs, ops::Range, path::PathBuf, sync::Arc,

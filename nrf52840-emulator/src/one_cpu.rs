@@ -14,7 +14,7 @@ static HELD: AtomicUsize = AtomicUsize::new(0);
 /// The thread that has made this, and the threads and processes that it starts, stay on one CPU while this
 /// lives.
 #[derive(Debug)]
-pub struct OneCpu {
+pub(crate) struct OneCpu {
     /// Where the thread was before, if that is known.
     before: Option<system::Cpus>,
     /// Tells others that the CPU is taken, until it is closed.
@@ -24,14 +24,16 @@ pub struct OneCpu {
 impl OneCpu {
     /// One that no other simulation is on, if there is one. Where the system knows nothing of this, or refuses,
     /// all is slower and the same.
-    pub fn take() -> Self {
+    pub(crate) fn take() -> Self {
         HELD.fetch_add(1, Ordering::Relaxed);
         let before = system::cpus();
         let cpus = before.as_ref().map(system::numbers).unwrap_or_default();
         let free = cpus.iter().find_map(|cpu| Some((*cpu, lock(*cpu)?)));
         // Where all are taken one is as good as the other.
         let any = cpus.get(std::process::id() as usize % cpus.len().max(1));
-        if let Some(cpu) = free.as_ref().map(|(cpu, _)| cpu).or(any) {
+        if let Some(cpu) = free.as_ref().map(|(cpu, _)| cpu).or(any)
+            && env::var_os("NO_PIN").is_none()
+        {
             system::stay_on(*cpu);
         }
         Self {
@@ -41,7 +43,7 @@ impl OneCpu {
     }
 
     /// How many of these this process has.
-    pub fn held() -> usize {
+    pub(crate) fn held() -> usize {
         HELD.load(Ordering::Relaxed)
     }
 }
