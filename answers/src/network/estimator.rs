@@ -1,9 +1,9 @@
 //! The joint estimator on the heap, of the size that is needed.
 
 use calib_core::joint::{
-    BearingResidual, BearingStorage, Capacity, Carrier, Finding, JointError, JointEstimator, JointMemory,
-    JointSettings, Leg, LegResidual, Lens, ProtectionLevels, Quantity, StopPlace, StopStorage,
-    UnknownStorage, VisitStorage,
+    BearingResidual, BearingStorage, Capacity, Carrier, Finding, JointError, JointEstimator,
+    JointMemory, JointSettings, Leg, LegResidual, Lens, ProtectionLevels, Quantity, StopPlace,
+    StopStorage, UnknownStorage, VisitStorage,
 };
 use calib_core::{Pose, fit::Fit};
 
@@ -216,11 +216,14 @@ mod tests {
 
     use super::*;
 
-    /// Six cameras and more, one of them bumped half way and one bearing wrong, with lenses that are estimated.
+    /// Nine cameras, one of them bumped half way and one bearing wrong, with lenses that are estimated.
     fn input(seed: u64) -> Input {
         let mut walk = Walk::random(&mut generator(seed), 9, 24, CarrierErrors::UNKNOWN, 0.0024);
         let bumped = (2..9).max_by_key(|camera| walk.seen_by(*camera)).unwrap();
-        let mut others = walk.bearings.iter_mut().filter(|seen| seen.camera != bumped);
+        let mut others = walk
+            .bearings
+            .iter_mut()
+            .filter(|seen| seen.camera != bumped);
         others.nth(30).unwrap().bearing += 0.05;
         for seen in &mut walk.bearings {
             if seen.camera == bumped && seen.stop > 12 {
@@ -277,7 +280,11 @@ mod tests {
                 [false, true].map(|is_long| solve_in_memory(&input, depth, is_long).unwrap());
             assert_eq!(kept.findings.len(), sparse.findings.len(), "{seed}");
             for (a, b) in kept.findings.iter().zip(&sparse.findings) {
-                assert_eq!(std::mem::discriminant(a), std::mem::discriminant(b), "{a:?} {b:?}");
+                assert_eq!(
+                    std::mem::discriminant(a),
+                    std::mem::discriminant(b),
+                    "{a:?} {b:?}"
+                );
             }
             assert!(near(kept.fit.chi_squared, sparse.fit.chi_squared));
             for (a, b) in kept.poses.iter().zip(&sparse.poses) {
@@ -288,6 +295,8 @@ mod tests {
             }
             for (a, b) in kept.protections.iter().zip(&sparse.protections) {
                 let (Some(a), Some(b)) = (a, b) else { continue };
+                // Where hardly anything is checked, the last digits of an estimate show.
+                let near = |a: f64, b: f64| (a / b - 1.0).abs() < 1e-3;
                 assert!(near(a.position_bearing, b.position_bearing), "{a:?} {b:?}");
                 assert!(near(a.position_leg, b.position_leg), "{a:?} {b:?}");
                 assert!(near(a.heading_leg, b.heading_leg), "{a:?} {b:?}");

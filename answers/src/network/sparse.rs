@@ -159,7 +159,9 @@ impl Sparse {
             0
         } else {
             let place = self.place[other];
-            let tie = panel.ties.binary_search_by_key(&place, |tie| self.place[*tie]);
+            let tie = panel
+                .ties
+                .binary_search_by_key(&place, |tie| self.place[*tie]);
             panel.rows[tie.ok()?]
         };
         let row = begin + row - self.first[other];
@@ -367,9 +369,11 @@ impl Solver<f64> for Sparse {
                             let number = z.numbers[(begin + i) * tie_width + j];
                             let (row, column) = (panel.rows[b] + i, panel.rows[a] + j);
                             for l in 0..width {
-                                found[row * width + l] -= number * moved[(column - width) * width + l];
+                                found[row * width + l] -=
+                                    number * moved[(column - width) * width + l];
                                 if a != b {
-                                    found[column * width + l] -= number * moved[(row - width) * width + l];
+                                    found[column * width + l] -=
+                                        number * moved[(row - width) * width + l];
                                 }
                             }
                         }
@@ -466,7 +470,10 @@ mod tests {
         let expected = -inverse * gradient;
         let mut step = vec![0.0; unknowns];
         let worth = sparse.solve(&mut |i, x| step[i] = x).unwrap();
-        assert!((SVector::<f64, 20>::from_column_slice(&step) - expected).norm() < 1e-9 * (1.0 + expected.norm()));
+        assert!(
+            (SVector::<f64, 20>::from_column_slice(&step) - expected).norm()
+                < 1e-9 * (1.0 + expected.norm())
+        );
         assert!((worth + expected.dot(&gradient)).abs() < 1e-9 * (1.0 + worth));
         sparse.invert().unwrap();
         let scale = inverse.norm();

@@ -3,8 +3,8 @@
 use calib_core::{
     Limits, Ray, Sighting,
     joint::{
-        Capacity, JointError, JointEstimator, JointMemory, JointSettings, JointSolution, Leg, Prior,
-        Progress,
+        Capacity, JointError, JointEstimator, JointMemory, JointSettings, JointSolution, Leg,
+        Prior, Progress,
     },
     reference::{self, Known, ReferenceSettings, Stop},
     resection,

@@ -90,7 +90,10 @@ fn judge(solved: &[NetworkSolution], cameras: usize) -> anyhow::Result<()> {
         anyhow::bail!("there is one walk");
     };
     ensure!(solution.is_good(), "{:?}", solution.reason);
-    let with_pose = solution.cameras.iter().filter(|camera| camera.estimate.is_some());
+    let with_pose = solution
+        .cameras
+        .iter()
+        .filter(|camera| camera.estimate.is_some());
     let share = with_pose.count() as f64 / cameras as f64;
     ensure!(share > 0.7, "only {share:.2} of the cameras have a pose");
     Ok(())
@@ -123,11 +126,20 @@ fn hall(cameras: usize, stops: usize, side: f64) -> Walk {
             places.push(place);
         }
     }
-    Walk::measured(&mut random, all, places, CarrierErrors::UNKNOWN, BEARING_SIGMA)
+    Walk::measured(
+        &mut random,
+        all,
+        places,
+        CarrierErrors::UNKNOWN,
+        BEARING_SIGMA,
+    )
 }
 
 fn anywhere(random: &mut Random, side: f64) -> Point2<f64> {
-    Point2::new(random.random_range(0.0..side), random.random_range(0.0..side))
+    Point2::new(
+        random.random_range(0.0..side),
+        random.random_range(0.0..side),
+    )
 }
 
 /// As a file for `solve-network` has it.

@@ -142,7 +142,9 @@ impl<T: Real> Problem<'_, T> {
         let rows = sights.count() + 2 * (legs.count() + self.visits.len());
         let cameras = self.cameras.iter().filter(|c| c.takes_part).count();
         let is_visited = |mark| self.visits.iter().any(|visit| visit.mark == mark);
-        let marks = (0_u16..).take(self.marks.len()).filter(|mark| is_visited(*mark));
+        let marks = (0_u16..)
+            .take(self.marks.len())
+            .filter(|mark| is_visited(*mark));
         let marks = marks.count();
         let unknowns = 2 * (self.stops.len() + marks) + 3 * cameras + 2;
         rows.saturating_sub(unknowns)

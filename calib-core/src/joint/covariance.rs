@@ -48,8 +48,8 @@ impl<T: Real> Problem<'_, T> {
             let q = line.q.get(..unknowns)?;
             add_product(&mut inner, q, &with_others);
             let place = at_place(sight, &line);
-            let leverage = between(&parts.kept, place, place)
-                - lit::<T>(2.0) * short_dot(q, &with_others);
+            let leverage =
+                between(&parts.kept, place, place) - lit::<T>(2.0) * short_dot(q, &with_others);
             parts.lines.set_number(n, leverage);
         }
         for (n, _) in self.own(camera) {
@@ -87,7 +87,11 @@ impl<T: Real> Problem<'_, T> {
         for (n, sight) in self.own(camera) {
             if let Some(line) = parts.lines.get(n) {
                 let with_others = self.with_others(camera, parts, at_place(sight, &line));
-                add_product(&mut inner, line.q.get(..unknowns).unwrap_or_default(), &with_others);
+                add_product(
+                    &mut inner,
+                    line.q.get(..unknowns).unwrap_or_default(),
+                    &with_others,
+                );
             }
         }
         inner
@@ -96,7 +100,7 @@ impl<T: Real> Problem<'_, T> {
     /// The covariance of a camera's unknowns, those of its block, or that with another one's.
     #[inline(never)] // for less flash
     pub(super) fn camera_covariance(&mut self, camera: usize, other: usize) -> Option<Block<T>> {
-        if self.solver.is_some() {
+        if self.common.is_whole {
             return self.whole_camera_covariance(camera, other);
         }
         self.with_parts(|problem, mut parts| {
@@ -138,7 +142,7 @@ impl<T: Real> Problem<'_, T> {
 
     /// The covariance of two kept unknowns, this one and the one after it.
     pub(super) fn pair_covariance(&mut self, i: usize) -> Option<Matrix2<T>> {
-        if self.solver.is_some() {
+        if self.common.is_whole {
             return self.whole_pair_covariance(i);
         }
         self.with_parts(|_, parts| {
@@ -152,7 +156,7 @@ impl<T: Real> Problem<'_, T> {
     pub(super) fn leverage(&mut self, n: usize, row: &SightRow<T>) -> Option<T> {
         let sight = *self.sights.get(n)?;
         let camera = usize::from(sight.camera);
-        if sight.standing != Standing::Counts && self.solver.is_some() {
+        if sight.standing != Standing::Counts && self.common.is_whole {
             return self.whole_leverage(camera, sight.stop, row);
         }
         self.with_parts(|problem, mut parts| {
@@ -205,7 +209,7 @@ impl<T: Real> Problem<'_, T> {
         camera: usize,
         mut tell: impl FnMut(&[T], T, bool),
     ) -> Option<()> {
-        if self.solver.is_some() {
+        if self.common.is_whole {
             return self.whole_influences(camera, &mut tell);
         }
         self.with_parts(|problem, mut parts| {
@@ -215,7 +219,10 @@ impl<T: Real> Problem<'_, T> {
             let mut moved = [T::zero(); BLOCK];
             let moved = moved.get_mut(..unknowns)?;
             for j in 0..kept {
-                for (to, from) in moved.iter_mut().zip(parts.vectors.iter().skip(j).step_by(kept)) {
+                for (to, from) in moved
+                    .iter_mut()
+                    .zip(parts.vectors.iter().skip(j).step_by(kept))
+                {
                     *to = *from;
                 }
                 triangle.back_substitute(moved);
@@ -302,7 +309,7 @@ impl<T: Real> Problem<'_, T> {
         camera: usize,
         mut tell: impl FnMut(&Self, usize, T),
     ) -> Option<()> {
-        if self.solver.is_some() {
+        if self.common.is_whole {
             return self.whole_tails(camera, &mut tell);
         }
         self.with_parts(|problem, mut parts| {
@@ -373,11 +380,7 @@ impl<T: Real> Problem<'_, T> {
     }
 
     /// The same with a solver of the caller's.
-    fn whole_tails(
-        &mut self,
-        camera: usize,
-        tell: &mut dyn FnMut(&Self, usize, T),
-    ) -> Option<()> {
+    fn whole_tails(&mut self, camera: usize, tell: &mut dyn FnMut(&Self, usize, T)) -> Option<()> {
         let inner = self.whole_inner(camera)?;
         let axes = self.axes(camera);
         self.with_solver(|problem, solver| {

@@ -64,7 +64,11 @@ impl Layout {
 
     /// Numbers of the workspace.
     pub(super) const fn workspace(&self) -> usize {
-        let tail = if self.sights < TAIL { self.sights } else { TAIL };
+        let tail = if self.sights < TAIL {
+            self.sights
+        } else {
+            TAIL
+        };
         packed(self.kept)
             + self.vectors() * self.kept
             + self.sights * (LINE + self.block)
@@ -217,9 +221,10 @@ impl<T: Real> Problem<'_, T> {
             self.marks.len(),
             self.last_axis(),
         );
-        match self.solver {
-            Some(_) => layout.without_kept(),
-            None => layout,
+        if self.common.is_whole {
+            layout.without_kept()
+        } else {
+            layout
         }
     }
 
@@ -238,7 +243,7 @@ impl<T: Real> Problem<'_, T> {
     /// The equations around the present estimates: chi squared there.
     #[inline(never)] // for less flash
     pub(super) fn assemble(&mut self) -> Option<T> {
-        if self.solver.is_some() {
+        if self.common.is_whole {
             return self.assemble_whole();
         }
         self.common.told = Told::Equations;
@@ -309,7 +314,8 @@ impl<T: Real> Problem<'_, T> {
             *own.last_mut()? = -found.residual;
             row.fill(T::zero());
             let i = of_stop(sight.stop);
-            row.get_mut(i..i + 2)?.copy_from_slice(line.by_place.as_slice());
+            row.get_mut(i..i + 2)?
+                .copy_from_slice(line.by_place.as_slice());
             let others = rotated.iter_mut().zip(vectors.chunks_exact_mut(kept));
             for (place, (other, vector)) in others.enumerate().take(unknowns) {
                 let pivot = [*other.get(place)?, *own.get(place)?];
@@ -444,7 +450,9 @@ impl<T: Real> Problem<'_, T> {
             let way = self.way(later)?;
             let of = with_before(later);
             let [.., last] = of;
-            parts.kept.change(last, |entries| way.leave_places(entries))?;
+            parts
+                .kept
+                .change(last, |entries| way.leave_places(entries))?;
             let mut entries = [T::zero(); 6];
             for (entry, i) in entries.iter_mut().zip(of) {
                 *entry = *parts.vectors.get(i)?;
@@ -499,7 +507,7 @@ impl<T: Real> Problem<'_, T> {
     /// it lowers chi squared, as far as the model is linear.
     #[inline(never)] // for less flash
     pub(super) fn find_step(&mut self) -> Option<T> {
-        if self.solver.is_some() {
+        if self.common.is_whole {
             return self.find_whole_step();
         }
         let worth = self.with_parts(|problem, mut parts| {
@@ -628,8 +636,8 @@ impl<T: Real> Problem<'_, T> {
             }
             self.spread(parts, 2, T::zero())?;
             let steps = self.stops.iter().map(|stop| stop.step.amax());
-            let most = largest(&mut steps.chain(self.marks.iter().map(|mark| mark.moved())))
-                * lit(MOVES);
+            let most =
+                largest(&mut steps.chain(self.marks.iter().map(|mark| mark.moved()))) * lit(MOVES);
             for stop in self.stops.iter_mut() {
                 stop.is_undetermined |= stop.step.amax() > most;
             }
@@ -653,7 +661,8 @@ impl<T: Real> Problem<'_, T> {
                 _ => {
                     let mark = u16::try_from(place - self.stops.len()).ok();
                     let is_visited = |mark| self.visits.iter().any(|visit| visit.mark == mark);
-                    mark.filter(|mark| is_visited(*mark)).map(Undetermined::Mark)
+                    mark.filter(|mark| is_visited(*mark))
+                        .map(Undetermined::Mark)
                 }
             },
         };
@@ -667,7 +676,7 @@ impl<T: Real> Problem<'_, T> {
             self.assemble()?;
             self.find_step()?;
         }
-        if self.common.told == Told::Factor && self.solver.is_some() {
+        if self.common.told == Told::Factor && self.common.is_whole {
             return self.find_whole_covariances();
         }
         if self.common.told == Told::Factor {
@@ -680,7 +689,9 @@ impl<T: Real> Problem<'_, T> {
                     let own = [(first, first), (first, second), (second, second)];
                     problem.stops.get_mut(stop)?.leverage = own.map(|(i, j)| parts.kept.at(i, j));
                     let way = problem.way(stop)?;
-                    parts.kept.change(second, |entries| way.find_place(entries))?;
+                    parts
+                        .kept
+                        .change(second, |entries| way.find_place(entries))?;
                 }
                 for camera in 0..problem.cameras.len() {
                     if problem.is_estimated(camera) {
@@ -697,14 +708,23 @@ impl<T: Real> Problem<'_, T> {
 
 impl<T: Real> super::problem::Unknown<T> {
     fn moved(&self) -> T {
-        self.step.iter().fold(T::zero(), |most, step| most.max(step.abs()))
+        self.step
+            .iter()
+            .fold(T::zero(), |most, step| most.max(step.abs()))
     }
 }
 
 /// The unknowns of the carrier, of the stop before and of a stop.
 fn with_before(later: usize) -> [usize; 6] {
     let i = STOPS + 2 * later;
-    [SCALE, COMPASS, i.saturating_sub(2), i.saturating_sub(1), i, i + 1]
+    [
+        SCALE,
+        COMPASS,
+        i.saturating_sub(2),
+        i.saturating_sub(1),
+        i,
+        i + 1,
+    ]
 }
 
 /// `a . b` of a few numbers.

@@ -5,8 +5,8 @@ use nalgebra::{Point2, Vector2};
 use super::{
     BearingResidual, Carrier, Finding, JointError, JointSettings, JointSolution, Leg, LegResidual,
     Lens, Progress, ProtectionLevels, ReferenceHeadings, Round, Solver, StopPlace, Undetermined,
-    integrity::IN_A_ROW,
     equations::Layout,
+    integrity::IN_A_ROW,
     problem::{
         Common, LENS, NONE, Problem, Quantity, REFERENCES, Sight, Standing, Stop, Told, Unknown,
         Visit, root_information,
@@ -174,6 +174,7 @@ impl<'m, T: Real> JointEstimator<'m, T> {
                 is_carrier_undetermined: false,
                 is_started: false,
                 window: [0, u16::MAX],
+                is_whole: has_solver,
                 left_out: None,
                 suspect: None,
             },
@@ -528,10 +529,7 @@ impl<'m, T: Real> JointEstimator<'m, T> {
     /// How far a camera's pose may be off because of one wrong measurement that no test notices. As
     /// [`protect`](JointEstimator::protect) found it; `None` for one without a pose, and references.
     pub fn protection(&self, camera: usize) -> Option<ProtectionLevels<T>> {
-        let camera = self
-            .cameras
-            .get(camera)
-            .filter(|camera| camera.takes_part);
+        let camera = self.cameras.get(camera).filter(|camera| camera.takes_part);
         camera.map(|camera| camera.protection)
     }
 
@@ -722,7 +720,10 @@ impl<'m, T: Real> JointEstimator<'m, T> {
             cameras: self.cameras,
             marks: self.marks,
             workspace: self.workspace,
-            solver: self.solver.as_mut().map(|solver| &mut **solver as &mut dyn Solver<T>),
+            solver: self
+                .solver
+                .as_mut()
+                .map(|solver| &mut **solver as &mut dyn Solver<T>),
         };
         (&mut self.work, problem)
     }

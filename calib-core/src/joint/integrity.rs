@@ -118,7 +118,8 @@ impl<T: Real> Survey<T> {
     fn offer(&mut self, found: Finding<T>, strength: T, odds: f64) {
         if strength > lit(LIMIT) {
             let weighed = strength * lit(odds);
-            let is_more = |than: &Option<(Finding<T>, T)>| than.is_none_or(|(_, most)| weighed > most);
+            let is_more =
+                |than: &Option<(Finding<T>, T)>| than.is_none_or(|(_, most)| weighed > most);
             if is_more(&self.strongest) {
                 self.strongest = Some((found, weighed));
             }
@@ -372,8 +373,7 @@ impl<T: Real> Problem<'_, T> {
         };
         survey.strongest = survey.single;
         let strength = strength(fallen, bearings);
-        if strength > lit(LIMIT)
-            && { survey.single }.is_none_or(|(_, most)| strength * odds > most)
+        if strength > lit(LIMIT) && { survey.single }.is_none_or(|(_, most)| strength * odds > most)
         {
             survey.strongest = Some((found, strength * odds));
         }

@@ -426,7 +426,10 @@ mod tests {
         }
         let mut diagonal = [0.0; 4];
         assert_eq!(kept.factor(&mut diagonal), Some(2));
-        assert_eq!([0, 1, 2, 3].map(|i| kept.is_dropped(i)), [false, true, true, false]);
+        assert_eq!(
+            [0, 1, 2, 3].map(|i| kept.is_dropped(i)),
+            [false, true, true, false]
+        );
         let mut direction = [0.0; 4];
         kept.null_direction(1, &mut direction);
         assert_eq!(direction, [-1.0, 1.0, 0.0, 0.0]);

@@ -34,7 +34,10 @@ impl<T: Real> Problem<'_, T> {
         self.tell()?;
         let row = self.sight_row(&sight).ok_or(Refusal::TooFew)?;
         let residual = row.residual;
-        let of_stop = self.stops.get(stop).is_some_and(|stop| stop.is_undetermined);
+        let of_stop = self
+            .stops
+            .get(stop)
+            .is_some_and(|stop| stop.is_undetermined);
         let of_camera = { self.cameras.get(camera) }.is_some_and(|camera| camera.is_undetermined);
         let leverage = self.leverage(n, &row).filter(|_| !of_stop && !of_camera);
         let leverage = leverage.ok_or(Refusal::Undetermined)?;

@@ -109,8 +109,8 @@ impl<'a, T: Real> Triangle<'a, T> {
             let Some((value, below)) = x.split_first_mut() else {
                 continue;
             };
-            let known = { row.iter().zip(below.iter()) }
-                .fold(T::zero(), |sum, (r, x)| sum + *r * *x);
+            let known =
+                { row.iter().zip(below.iter()) }.fold(T::zero(), |sum, (r, x)| sum + *r * *x);
             *value = if *pivot == T::zero() {
                 T::zero()
             } else {
@@ -221,7 +221,11 @@ mod tests {
     fn an_unknown_that_is_not_determined_stays_where_it_is() {
         let mut store = [0.0_f32; packed(4)];
         let mut triangle = Triangle::new(&mut store, 4).unwrap();
-        for mut row in [[1.0, 1.0, 0.0, 3.0], [1.0, 1.0, 2.0, 7.0], [0.0, 0.0, 1.0, 2.0]] {
+        for mut row in [
+            [1.0, 1.0, 0.0, 3.0],
+            [1.0, 1.0, 2.0, 7.0],
+            [0.0, 0.0, 1.0, 2.0],
+        ] {
             triangle.insert(&mut row);
         }
         triangle.drop_undetermined(&mut [0.0; 4]);

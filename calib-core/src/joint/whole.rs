@@ -236,7 +236,11 @@ impl<T: Real> Problem<'_, T> {
                     continue;
                 };
                 let [a, b] = rows.map(|row| Self::leg_entries(by_kept(&row), later));
-                let own = [a.leverage(solver)?, a.product(&b, solver)?, b.leverage(solver)?];
+                let own = [
+                    a.leverage(solver)?,
+                    a.product(&b, solver)?,
+                    b.leverage(solver)?,
+                ];
                 problem.stops.get_mut(later)?.leverage = own;
             }
             problem.with_parts(|problem, mut parts| {
@@ -368,7 +372,9 @@ impl<T: Real> Problem<'_, T> {
             }
             problem.with_parts(|problem, mut parts: Parts<'_, T>| {
                 for (n, sight) in problem.own(camera) {
-                    let by = problem.sight_row(sight).map_or_else(Vector2::zeros, |row| row.by_place);
+                    let by = problem
+                        .sight_row(sight)
+                        .map_or_else(Vector2::zeros, |row| row.by_place);
                     let i = of_stop(sight.stop);
                     let q = parts.lines.q_mut(n)?;
                     for (q, column) in q.iter_mut().zip(columns()) {

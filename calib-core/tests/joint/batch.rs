@@ -219,8 +219,7 @@ fn single_precision_is_as_good_with_hardly_any_redundancy() {
     for (_, errors) in CASES {
         for seed in 0..24 {
             let walk = Walk::random(&mut generator(100 + seed), 6, 6, errors, 0.0024);
-            let (mut single, mut double) =
-                (filled::<f32>(&walk, WIDE), filled::<f64>(&walk, WIDE));
+            let (mut single, mut double) = (filled::<f32>(&walk, WIDE), filled::<f64>(&walk, WIDE));
             let (Ok(_), Ok(_)) = (single.solve(), double.solve()) else {
                 continue;
             };
@@ -241,5 +240,8 @@ fn single_precision_is_as_good_with_hardly_any_redundancy() {
     }
     std::println!("{worst:e} sigma, sigmas {worst_sigma:e} off, {solved} walks");
     assert!(solved > 48, "{solved}");
-    assert!(worst < 0.03 && worst_sigma < 0.01, "{worst:e}, {worst_sigma:e}");
+    assert!(
+        worst < 0.03 && worst_sigma < 0.01,
+        "{worst:e}, {worst_sigma:e}"
+    );
 }

@@ -87,14 +87,18 @@ impl<S: Fn(&Matrix3<f64>, f64) -> f64> Price for Prices<'_, S> {
     }
 
     fn of(&mut self, order: &[usize], changed: RangeInclusive<usize>) -> f64 {
-        let prices = self.cameras.iter().zip(&self.settled).map(|(camera, (price, last))| {
-            // Its first ones are the same, in whatever order, unless one comes in from behind the last of them.
-            if last < changed.start() || last >= changed.end() {
-                *price
-            } else {
-                camera.price(self.places(order), self.count, &self.score)
-            }
-        });
+        let prices = self
+            .cameras
+            .iter()
+            .zip(&self.settled)
+            .map(|(camera, (price, last))| {
+                // Its first ones are the same, in whatever order, unless one comes in from behind the last of them.
+                if last < changed.start() || last >= changed.end() {
+                    *price
+                } else {
+                    camera.price(self.places(order), self.count, &self.score)
+                }
+            });
         prices.sum()
     }
 }
