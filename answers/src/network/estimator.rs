@@ -216,7 +216,7 @@ mod tests {
 
     use super::*;
 
-    /// Six cameras and more, one of them bumped half way and one bearing wrong, with lenses that are estimated.
+    /// Nine cameras, one of them bumped half way and one bearing wrong, with lenses that are estimated.
     fn input(seed: u64) -> Input {
         let mut walk = Walk::random(&mut generator(seed), 9, 24, CarrierErrors::UNKNOWN, 0.0024);
         let bumped = (2..9).max_by_key(|camera| walk.seen_by(*camera)).unwrap();
@@ -295,6 +295,8 @@ mod tests {
             }
             for (a, b) in kept.protections.iter().zip(&sparse.protections) {
                 let (Some(a), Some(b)) = (a, b) else { continue };
+                // Where hardly anything is checked, the last digits of an estimate show.
+                let near = |a: f64, b: f64| (a / b - 1.0).abs() < 1e-3;
                 assert!(near(a.position_bearing, b.position_bearing), "{a:?} {b:?}");
                 assert!(near(a.position_leg, b.position_leg), "{a:?} {b:?}");
                 assert!(near(a.heading_leg, b.heading_leg), "{a:?} {b:?}");

@@ -100,7 +100,7 @@ impl<T: Real> Problem<'_, T> {
     /// The covariance of a camera's unknowns, those of its block, or that with another one's.
     #[inline(never)] // for less flash
     pub(super) fn camera_covariance(&mut self, camera: usize, other: usize) -> Option<Block<T>> {
-        if self.solver.is_some() {
+        if self.common.is_whole {
             return self.whole_camera_covariance(camera, other);
         }
         self.with_parts(|problem, mut parts| {
@@ -142,7 +142,7 @@ impl<T: Real> Problem<'_, T> {
 
     /// The covariance of two kept unknowns, this one and the one after it.
     pub(super) fn pair_covariance(&mut self, i: usize) -> Option<Matrix2<T>> {
-        if self.solver.is_some() {
+        if self.common.is_whole {
             return self.whole_pair_covariance(i);
         }
         self.with_parts(|_, parts| {
@@ -156,7 +156,7 @@ impl<T: Real> Problem<'_, T> {
     pub(super) fn leverage(&mut self, n: usize, row: &SightRow<T>) -> Option<T> {
         let sight = *self.sights.get(n)?;
         let camera = usize::from(sight.camera);
-        if sight.standing != Standing::Counts && self.solver.is_some() {
+        if sight.standing != Standing::Counts && self.common.is_whole {
             return self.whole_leverage(camera, sight.stop, row);
         }
         self.with_parts(|problem, mut parts| {
@@ -209,7 +209,7 @@ impl<T: Real> Problem<'_, T> {
         camera: usize,
         mut tell: impl FnMut(&[T], T, bool),
     ) -> Option<()> {
-        if self.solver.is_some() {
+        if self.common.is_whole {
             return self.whole_influences(camera, &mut tell);
         }
         self.with_parts(|problem, mut parts| {
@@ -309,7 +309,7 @@ impl<T: Real> Problem<'_, T> {
         camera: usize,
         mut tell: impl FnMut(&Self, usize, T),
     ) -> Option<()> {
-        if self.solver.is_some() {
+        if self.common.is_whole {
             return self.whole_tails(camera, &mut tell);
         }
         self.with_parts(|problem, mut parts| {

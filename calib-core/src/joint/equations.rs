@@ -221,9 +221,10 @@ impl<T: Real> Problem<'_, T> {
             self.marks.len(),
             self.last_axis(),
         );
-        match self.solver {
-            Some(_) => layout.without_kept(),
-            None => layout,
+        if self.common.is_whole {
+            layout.without_kept()
+        } else {
+            layout
         }
     }
 
@@ -242,7 +243,7 @@ impl<T: Real> Problem<'_, T> {
     /// The equations around the present estimates: chi squared there.
     #[inline(never)] // for less flash
     pub(super) fn assemble(&mut self) -> Option<T> {
-        if self.solver.is_some() {
+        if self.common.is_whole {
             return self.assemble_whole();
         }
         self.common.told = Told::Equations;
@@ -506,7 +507,7 @@ impl<T: Real> Problem<'_, T> {
     /// it lowers chi squared, as far as the model is linear.
     #[inline(never)] // for less flash
     pub(super) fn find_step(&mut self) -> Option<T> {
-        if self.solver.is_some() {
+        if self.common.is_whole {
             return self.find_whole_step();
         }
         let worth = self.with_parts(|problem, mut parts| {
@@ -675,7 +676,7 @@ impl<T: Real> Problem<'_, T> {
             self.assemble()?;
             self.find_step()?;
         }
-        if self.common.told == Told::Factor && self.solver.is_some() {
+        if self.common.told == Told::Factor && self.common.is_whole {
             return self.find_whole_covariances();
         }
         if self.common.told == Told::Factor {

@@ -174,6 +174,7 @@ impl<'m, T: Real> JointEstimator<'m, T> {
                 is_carrier_undetermined: false,
                 is_started: false,
                 window: [0, u16::MAX],
+                is_whole: has_solver,
                 left_out: None,
                 suspect: None,
             },

@@ -222,6 +222,8 @@ pub(super) struct Common<T: Real> {
     pub is_started: bool,
     /// First and last stop whose bearings are looked at: all of them but during a start.
     pub window: [u16; 2],
+    /// All unknowns are a solver's, and nothing is kept.
+    pub is_whole: bool,
     /// What a camera saw from a stop on is left out of the equations, to see what that changes.
     pub left_out: Option<(usize, usize)>,
     /// A camera that is off since some stop, and why that may be.
