@@ -265,7 +265,7 @@ fn time_is_over_before_all_have_poses() {
     let csv = files.path("poses.csv");
     let done = console(
         &name,
-        &["--until-calibrated", "--seconds", "3", "--csv", &csv],
+        &["--until-calibrated", "--seconds", "10", "--csv", &csv],
     );
     assert_eq!(done.code, 1, "{}{}", done.stdout, done.stderr);
     assert!(
@@ -286,7 +286,7 @@ fn time_is_over_before_all_have_poses() {
     );
 
     let (_port, name) = Site::start([pose(), pose()]);
-    let arguments = ["--until-calibrated", "--cameras", "3", "--seconds", "3"];
+    let arguments = ["--until-calibrated", "--cameras", "3", "--seconds", "10"];
     assert_eq!(console(&name, &arguments).code, 1);
 }
 

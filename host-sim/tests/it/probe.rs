@@ -86,7 +86,7 @@ fn garbage() {
 /// Something else than a camera is named, and what it said is shown.
 #[test]
 fn strangers_are_named() {
-    for (says, words) in [
+    let strangers = [
         (&b"$GPGGA,123519,4807.038,N,01131.000,E,1,08\r\n"[..], "GPS"),
         (b"\r\nOK\r\n", "modem"),
         (b"\r\nbox login: ", "console of a computer"),
@@ -94,23 +94,32 @@ fn strangers_are_named() {
         (b"CMUcam v1.12\r:", "another camera"),
         (b"\r\n>>> ", "Python"),
         (b"\r", "TX and RX of the adapter"),
-    ] {
-        let (mut camera, _port, name) = LineEnd::pair();
-        thread::spawn(move || {
-            let mut byte = [0];
-            loop {
-                match camera.read(&mut byte) {
-                    Ok(_) if byte == *b"\r" => camera.write_all(says).unwrap(),
-                    Ok(_) => {}
-                    Err(error) if error.kind() == ErrorKind::TimedOut => {}
-                    // The test is over.
-                    Err(_) => break,
-                }
-            }
-        });
-        let text = failure(&["--port", &name, "--baud", "38400"]);
-        assert!(text.contains(words), "no {words} in {text}");
-        assert!(text.contains("received \""), "{text}");
+    ];
+    // Each is mostly waited for.
+    thread::scope(|scope| {
+        for (says, words) in strangers {
+            scope.spawn(move || {
+                let (camera, _port, name) = LineEnd::pair();
+                thread::spawn(move || answer(camera, b"\r", says));
+                let text = failure(&["--port", &name, "--baud", "38400"]);
+                assert!(text.contains(words), "no {words} in {text}");
+                assert!(text.contains("received \""), "{text}");
+            });
+        }
+    });
+}
+
+/// Answers each of these bytes until the line is closed.
+fn answer(mut line: LineEnd, to: &[u8], says: &[u8]) {
+    let mut byte = [0];
+    loop {
+        match line.read(&mut byte) {
+            Ok(_) if to.contains(&byte[0]) => line.write_all(says).unwrap(),
+            Ok(_) => {}
+            Err(error) if error.kind() == ErrorKind::TimedOut => {}
+            // The test is over.
+            Err(_) => break,
+        }
     }
 }
 
