@@ -103,7 +103,10 @@ fn run(deeds: &[Deed], panics: bool, seed: u64) -> Ended {
     let text = SMALL.replace("at_s = 25.0", "at_s = 0.5");
     let mut scenario = Scenario::from_toml(&text, &Overrides::default()).unwrap();
     scenario.seed = seed;
-    let (stop, notes) = (Arc::<AtomicBool>::default(), Rc::<RefCell<Notes>>::default());
+    let (stop, notes) = (
+        Arc::<AtomicBool>::default(),
+        Rc::<RefCell<Notes>>::default(),
+    );
     let chips = Chips::emulated_by(StandIn {
         deeds: deeds.to_vec(),
         panics,
@@ -415,7 +418,10 @@ mod images {
             let offset = segment.file_range().0;
             range.contains(&start).then(|| offset + start - range.start)
         };
-        let at = file.segments().find_map(|segment| begins(&segment)).unwrap() as usize;
+        let at = file
+            .segments()
+            .find_map(|segment| begins(&segment))
+            .unwrap() as usize;
         let store = |register, value| {
             // `str r1, [r2]`
             [&set(2, UARTE + register)[..], &set(1, value), &[0x6011]].concat()
@@ -447,7 +453,12 @@ mod images {
         fs::write(&image, with_other_pins()).unwrap();
         let mut command = lab(&image);
         command.arg("--json").arg(&json).arg("--csv").arg(&csv);
-        let output = refused(&mut command, "its UART has P0.01 and P0.02");
+        let output = command.output().unwrap();
+        assert_eq!(output.status.code(), Some(2), "{output:?}");
+        // How much stack was used comes before.
+        let stderr = String::from_utf8(output.stderr).unwrap();
+        let last = stderr.lines().last().unwrap();
+        assert!(last.contains("its UART has P0.01 and P0.02"), "{stderr}");
         let stdout = String::from_utf8(output.stdout).unwrap();
         let begins = "NOT COMPLETE: the image of node ";
         assert!(stdout.starts_with(begins), "{stdout}");

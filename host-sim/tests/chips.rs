@@ -61,7 +61,11 @@ fn run_watched(
     further_stops: usize,
     look: Option<&mut dyn FnMut(&mut Simulation)>,
 ) -> (Simulation, RunRecord, [Vec<u8>; 2]) {
-    let usual = || Path::new(env!("CARGO_MANIFEST_DIR")).join("..").join(CHIP_IMAGE);
+    let usual = || {
+        Path::new(env!("CARGO_MANIFEST_DIR"))
+            .join("..")
+            .join(CHIP_IMAGE)
+    };
     let image = env::var_os("NODE_IMAGE").map_or_else(usual, PathBuf::from);
     let (pcap, log) = (Pages::default(), Pages::default());
     let options = Options {

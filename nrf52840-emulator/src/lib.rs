@@ -23,7 +23,7 @@ mod soc;
 pub use self::{
     bare::print,
     network::{Deed, Input, Network, run},
-    peripheral::Wires,
     node::{MEMORY, Node, Outcome, Reset, SETTINGS, Time},
+    peripheral::Wires,
     soc::{Board, Soc},
 };

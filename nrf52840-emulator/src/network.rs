@@ -433,7 +433,10 @@ impl Drop for Network {
 fn panicked(panic: &(dyn Any + Send)) -> String {
     let text = { panic.downcast_ref::<String>().map(String::as_str) }
         .or_else(|| panic.downcast_ref::<&str>().copied());
-    format!("a model panicked: {}", text.unwrap_or("it does not say why"))
+    format!(
+        "a model panicked: {}",
+        text.unwrap_or("it does not say why")
+    )
 }
 
 /// Runs chips from power-on for so many nanoseconds. `medium` says at which [level](Arrival::level) a node

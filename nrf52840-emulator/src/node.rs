@@ -855,7 +855,10 @@ mod tests {
             // SVC.
             ("call", vec![0xdf00]),
             // The stack is nowhere when a fault comes: MOV SP, R0, UDF.
-            ("stack", [&set(0, 0x6000_0000)[..], &[0x4685, 0xde00]].concat()),
+            (
+                "stack",
+                [&set(0, 0x6000_0000)[..], &[0x4685, 0xde00]].concat(),
+            ),
             // It restarts itself: AIRCR, SYSRESETREQ.
             (
                 "restart",

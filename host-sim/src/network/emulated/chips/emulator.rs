@@ -17,7 +17,9 @@ use nrf52840_emulator::{
     peripheral::{self, Arrival, Wire},
 };
 
-use super::outside::{Contents, Deed, Emulator, End, Frame, Motion, Order, Reception, Reports, Wires};
+use super::outside::{
+    Contents, Deed, Emulator, End, Frame, Motion, Order, Reception, Reports, Wires,
+};
 
 /// Sensitivity of the scale of levels, dBm (Product Specification, "RADIO", `ED_RSSIOFFS`), and its end.
 const WEAKEST: i16 = -92;

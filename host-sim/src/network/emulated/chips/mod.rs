@@ -327,7 +327,10 @@ impl Pool {
     }
 
     /// Has chips do something: what comes of it. A panic of what emulates them ends it, and nothing else.
-    fn ask(&self, what: impl FnOnce(&mut dyn Emulator) -> Reports) -> Result<Reports, EmulatorError> {
+    fn ask(
+        &self,
+        what: impl FnOnce(&mut dyn Emulator) -> Reports,
+    ) -> Result<Reports, EmulatorError> {
         let mut emulator = self.emulator.borrow_mut();
         let Some(chips) = emulator.as_mut() else {
             return Ok(Reports::default());
