@@ -11,7 +11,7 @@ use std::{
 
 static HELD: AtomicUsize = AtomicUsize::new(0);
 
-/// The thread that has made this, and the threads and processes that it starts, stay on one CPU while this
+/// The thread that has made this, and the threads that it starts, stay on one CPU while this
 /// lives.
 #[derive(Debug)]
 pub(crate) struct OneCpu {
@@ -31,9 +31,7 @@ impl OneCpu {
         let free = cpus.iter().find_map(|cpu| Some((*cpu, lock(*cpu)?)));
         // Where all are taken one is as good as the other.
         let any = cpus.get(std::process::id() as usize % cpus.len().max(1));
-        if let Some(cpu) = free.as_ref().map(|(cpu, _)| cpu).or(any)
-            && env::var_os("NO_PIN").is_none()
-        {
+        if let Some(cpu) = free.as_ref().map(|(cpu, _)| cpu).or(any) {
             system::stay_on(*cpu);
         }
         Self {

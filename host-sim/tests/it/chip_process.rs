@@ -450,7 +450,12 @@ mod images {
         fs::write(&image, with_other_pins()).unwrap();
         let mut command = lab(&image);
         command.arg("--json").arg(&json).arg("--csv").arg(&csv);
-        let output = refused(&mut command, "its UART has P0.01 and P0.02");
+        let output = command.output().unwrap();
+        assert_eq!(output.status.code(), Some(2), "{output:?}");
+        // How much stack was used comes before.
+        let stderr = String::from_utf8(output.stderr).unwrap();
+        let last = stderr.lines().last().unwrap();
+        assert!(last.contains("its UART has P0.01 and P0.02"), "{stderr}");
         let stdout = String::from_utf8(output.stdout).unwrap();
         let begins = "NOT COMPLETE: the image of node ";
         assert!(stdout.starts_with(begins), "{stdout}");

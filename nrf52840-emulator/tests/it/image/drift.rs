@@ -23,11 +23,7 @@ fn walked(drift_ppb: i32, idle: u64) -> f64 {
     let tell = |from: usize, at: u64, count: usize| {
         for (number, motion) in motions.iter().skip(from).take(count).enumerate() {
             let at = at + number as u64 * S / RATE as u64;
-            let at = if std::env::var_os("PLANT").is_some() {
-                at
-            } else {
-                time.local(at)
-            };
+            let at = time.local(at);
             world.push(at, *motion);
         }
     };
