@@ -125,8 +125,7 @@ impl Sparse {
             self.place[*node] = place;
         }
         self.factor = (0..nodes).map(|_| Panel::default()).collect();
-        for node in 0..nodes {
-            let mut ties = std::mem::take(&mut found[node]);
+        for (node, mut ties) in found.into_iter().enumerate() {
             ties.sort_unstable_by_key(|tie| self.place[*tie]);
             let mut height = self.size(node);
             let rows = ties.iter().map(|tie| {
@@ -201,6 +200,10 @@ impl Sparse {
             let width = self.size(node);
             let mut panel = std::mem::take(&mut self.factor[node]);
             let diagonal: Vec<f64> = (0..width).map(|i| panel.numbers[i * width + i]).collect();
+            #[expect(
+                clippy::needless_range_loop,
+                reason = "rows below the diagonal have none"
+            )]
             for i in 0..panel.height {
                 for j in 0..width.min(i + 1) {
                     let (own, other) = (i * width, j * width);

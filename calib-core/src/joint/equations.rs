@@ -11,12 +11,12 @@
 //! (step of the carrier)`. What a leg says is then the identity, however much more it knows than the cameras
 //! do, and single precision loses nothing of what these add to it. Places come back by adding up.
 
-use nalgebra::Vector2;
+use nalgebra::{ComplexField, Vector2};
 
 use super::{
     Undetermined,
     kept::{Kept, dot, packed},
-    problem::{BLOCK, COMPASS, LegRow, Problem, SCALE, STOPS, Told},
+    problem::{BLOCK, COMPASS, LegRow, Problem, SCALE, STOPS, Told, Unknown},
     triangle::{self, Triangle},
 };
 use crate::{Real, numerics::real::lit};
@@ -564,7 +564,11 @@ impl<T: Real> Problem<'_, T> {
             self.stops.get_mut(stop)?.step = Vector2::new(*x.get(i)?, *x.get(i + 1)?);
         }
         let first = self.of_mark(0);
-        for (mark, step) in self.marks.iter_mut().zip(x.get(first..)?.chunks_exact(2)) {
+        for (mark, step) in self
+            .marks
+            .iter_mut()
+            .zip(x.get(first..)?.as_chunks::<2>().0)
+        {
             mark.step.fill(T::zero());
             for (to, from) in mark.step.iter_mut().zip(step) {
                 *to = *from;
@@ -630,14 +634,20 @@ impl<T: Real> Problem<'_, T> {
             self.name(i);
             let largest = |sizes: &mut dyn Iterator<Item = T>| sizes.fold(T::zero(), T::max);
             let of_legs = numbers.get(STOPS + 2..self.of_mark(0)).unwrap_or_default();
-            let most = largest(&mut numbers.iter().map(|number| number.abs())) * lit(MOVES);
-            for (stop, error) in self.stops.iter_mut().skip(1).zip(of_legs.chunks_exact(2)) {
-                stop.is_leg_undetermined |= largest(&mut error.iter().map(|e| e.abs())) > most;
+            let most = largest(&mut numbers.iter().copied().map(ComplexField::abs)) * lit(MOVES);
+            for (stop, error) in self
+                .stops
+                .iter_mut()
+                .skip(1)
+                .zip(of_legs.as_chunks::<2>().0)
+            {
+                stop.is_leg_undetermined |=
+                    largest(&mut error.iter().copied().map(ComplexField::abs)) > most;
             }
             self.spread(parts, 2, T::zero())?;
             let steps = self.stops.iter().map(|stop| stop.step.amax());
             let most =
-                largest(&mut steps.chain(self.marks.iter().map(|mark| mark.moved()))) * lit(MOVES);
+                largest(&mut steps.chain(self.marks.iter().map(Unknown::moved))) * lit(MOVES);
             for stop in self.stops.iter_mut() {
                 stop.is_undetermined |= stop.step.amax() > most;
             }

@@ -33,8 +33,11 @@ struct Known {
     part: Part,
     unchecked: Option<Unchecked>,
     /// For these wishes.
-    proposed: Option<(Vec<(u16, bool, bool)>, Vec<NextStop>)>,
+    proposed: Option<(Vec<Wished>, Vec<NextStop>)>,
 }
+
+/// Number of a camera that a stop is wanted for, and two properties of what is wanted.
+type Wished = (u16, bool, bool);
 
 /// What a record has of one network.
 #[derive(Clone, Debug, Default)]

@@ -29,7 +29,10 @@ fn walked(drift_ppb: i32, idle: u64) -> f64 {
     };
     tell(0, 0, 1);
     let mut network = Network::default();
-    let nodes = [lab.coordinator(), lab.target_in(world.clone())];
+    let nodes = [
+        lab.coordinator(),
+        lab.target_in(&(world.clone() as Arc<dyn World>)),
+    ];
     for (number, node) in nodes.into_iter().enumerate() {
         let node = Node { drift_ppb, ..node };
         network.switch_on(number, node, 0);
