@@ -16,7 +16,7 @@ use nalgebra::Vector2;
 use super::{
     Undetermined,
     kept::{Kept, dot, packed},
-    problem::{BLOCK, COMPASS, LegRow, Problem, SCALE, STOPS, Told},
+    problem::{BLOCK, COMPASS, LegRow, Problem, SCALE, STOPS, Told, Unknown},
     triangle::{self, Triangle},
 };
 use crate::{Real, numerics::real::lit};
@@ -564,7 +564,11 @@ impl<T: Real> Problem<'_, T> {
             self.stops.get_mut(stop)?.step = Vector2::new(*x.get(i)?, *x.get(i + 1)?);
         }
         let first = self.of_mark(0);
-        for (mark, step) in self.marks.iter_mut().zip(x.get(first..)?.chunks_exact(2)) {
+        for (mark, step) in self
+            .marks
+            .iter_mut()
+            .zip(x.get(first..)?.as_chunks::<2>().0)
+        {
             mark.step.fill(T::zero());
             for (to, from) in mark.step.iter_mut().zip(step) {
                 *to = *from;
@@ -628,16 +632,23 @@ impl<T: Real> Problem<'_, T> {
             let numbers = parts.vectors.get_mut(2 * kept..3 * kept)?;
             parts.kept.null_direction(i, numbers);
             self.name(i);
-            let largest = |sizes: &mut dyn Iterator<Item = T>| sizes.fold(T::zero(), T::max);
+            let largest = |sizes: &mut dyn Iterator<Item = T>| {
+                sizes.fold(T::zero(), |most, size| most.max(size.abs()))
+            };
             let of_legs = numbers.get(STOPS + 2..self.of_mark(0)).unwrap_or_default();
-            let most = largest(&mut numbers.iter().map(|number| number.abs())) * lit(MOVES);
-            for (stop, error) in self.stops.iter_mut().skip(1).zip(of_legs.chunks_exact(2)) {
-                stop.is_leg_undetermined |= largest(&mut error.iter().map(|e| e.abs())) > most;
+            let most = largest(&mut numbers.iter().copied()) * lit(MOVES);
+            for (stop, error) in self
+                .stops
+                .iter_mut()
+                .skip(1)
+                .zip(of_legs.as_chunks::<2>().0)
+            {
+                stop.is_leg_undetermined |= largest(&mut error.iter().copied()) > most;
             }
             self.spread(parts, 2, T::zero())?;
             let steps = self.stops.iter().map(|stop| stop.step.amax());
             let most =
-                largest(&mut steps.chain(self.marks.iter().map(|mark| mark.moved()))) * lit(MOVES);
+                largest(&mut steps.chain(self.marks.iter().map(Unknown::moved))) * lit(MOVES);
             for stop in self.stops.iter_mut() {
                 stop.is_undetermined |= stop.step.amax() > most;
             }
@@ -706,7 +717,7 @@ impl<T: Real> Problem<'_, T> {
     }
 }
 
-impl<T: Real> super::problem::Unknown<T> {
+impl<T: Real> Unknown<T> {
     fn moved(&self) -> T {
         self.step
             .iter()
