@@ -11,7 +11,7 @@
 //! (step of the carrier)`. What a leg says is then the identity, however much more it knows than the cameras
 //! do, and single precision loses nothing of what these add to it. Places come back by adding up.
 
-use nalgebra::{ComplexField, Vector2};
+use nalgebra::Vector2;
 
 use super::{
     Undetermined,
@@ -632,17 +632,18 @@ impl<T: Real> Problem<'_, T> {
             let numbers = parts.vectors.get_mut(2 * kept..3 * kept)?;
             parts.kept.null_direction(i, numbers);
             self.name(i);
-            let largest = |sizes: &mut dyn Iterator<Item = T>| sizes.fold(T::zero(), T::max);
+            let largest = |sizes: &mut dyn Iterator<Item = T>| {
+                sizes.fold(T::zero(), |most, size| most.max(size.abs()))
+            };
             let of_legs = numbers.get(STOPS + 2..self.of_mark(0)).unwrap_or_default();
-            let most = largest(&mut numbers.iter().copied().map(ComplexField::abs)) * lit(MOVES);
+            let most = largest(&mut numbers.iter().copied()) * lit(MOVES);
             for (stop, error) in self
                 .stops
                 .iter_mut()
                 .skip(1)
                 .zip(of_legs.as_chunks::<2>().0)
             {
-                stop.is_leg_undetermined |=
-                    largest(&mut error.iter().copied().map(ComplexField::abs)) > most;
+                stop.is_leg_undetermined |= largest(&mut error.iter().copied()) > most;
             }
             self.spread(parts, 2, T::zero())?;
             let steps = self.stops.iter().map(|stop| stop.step.amax());
@@ -716,7 +717,7 @@ impl<T: Real> Problem<'_, T> {
     }
 }
 
-impl<T: Real> super::problem::Unknown<T> {
+impl<T: Real> Unknown<T> {
     fn moved(&self) -> T {
         self.step
             .iter()
