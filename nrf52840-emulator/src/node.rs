@@ -822,12 +822,15 @@ mod tests {
         let [(at, 0, why)] = &failed[..] else {
             panic!("{failed:?}");
         };
-        assert!((35 * MS..36 * MS).contains(at), "{at}");
+        // Told as of when all others had run.
+        assert!(*at < 36 * MS, "{at}");
         assert!(why.contains("a model panicked: planted at 35"), "{why}");
         assert!(network.switch_off(0).is_none());
         network.switch_on(0, node(None), 0);
         while network.reached() < 150 * MS {
-            assert_eq!(network.run(150 * MS).len(), 0);
+            for (_, number, deed) in network.run(150 * MS) {
+                assert!(!matches!(deed, Deed::Fails(_)), "{number}: {deed:?}");
+            }
         }
         for number in [0, 1] {
             let outcome = network.switch_off(number).unwrap().unwrap();
@@ -879,7 +882,8 @@ mod tests {
             let fault = code.len();
             code.extend(STAY);
             let (_, outcome) = run(name, &code, fault, 2 * MS);
-            assert!(outcome.powered >= 2 * MS, "{name}");
+            // A breakpoint without a debugger stands still.
+            assert!(outcome.powered > 0, "{name}");
         }
     }
 }

@@ -121,7 +121,8 @@ mod tests {
         let cpus = || system::numbers(&system::cpus().unwrap());
         let before = cpus();
         let one = OneCpu::take();
-        assert_eq!(OneCpu::held(), 1);
+        // Other tests have some, too.
+        assert!(OneCpu::held() > 0);
         let own = cpus();
         assert_eq!(own.len(), 1);
         assert!(before.contains(&own[0]));
@@ -129,6 +130,5 @@ mod tests {
         assert_eq!(started, own);
         drop(one);
         assert_eq!(cpus(), before);
-        assert_eq!(OneCpu::held(), 0);
     }
 }
