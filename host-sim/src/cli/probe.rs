@@ -574,7 +574,7 @@ impl<'a> Bench<'a> {
             let why = fell_silent(self.packets);
             return anyhow!("{}: {why}", self.arguments.line());
         }
-        failed(&self.arguments.line(), self.baud_rate, error)
+        failed(self.arguments.line(), self.baud_rate, error)
     }
 }
 
