@@ -35,6 +35,11 @@ fn at_place<T: Real>(sight: &Sight<T>, line: &Line<'_, T>) -> (u16, Vector2<T>) 
     (sight.stop, line.by_place)
 }
 
+/// Vectors of this length, one behind the other. Of no length there are none that count.
+fn each<T>(numbers: &[T], length: usize) -> core::slice::ChunksExact<'_, T> {
+    numbers.chunks_exact(length.max(1))
+}
+
 impl<T: Real> Problem<'_, T> {
     /// Leverages of a camera's sights that count, into their lines.
     pub(super) fn find_leverages(&self, camera: usize, parts: &mut Parts<'_, T>) -> Option<()> {
@@ -100,7 +105,7 @@ impl<T: Real> Problem<'_, T> {
     /// The covariance of a camera's unknowns, those of its block, or that with another one's.
     #[inline(never)] // for less flash
     pub(super) fn camera_covariance(&mut self, camera: usize, other: usize) -> Option<Block<T>> {
-        if self.common.is_whole {
+        if self.common.is_whole() {
             return self.whole_camera_covariance(camera, other);
         }
         self.with_parts(|problem, mut parts| {
@@ -142,7 +147,7 @@ impl<T: Real> Problem<'_, T> {
 
     /// The covariance of two kept unknowns, this one and the one after it.
     pub(super) fn pair_covariance(&mut self, i: usize) -> Option<Matrix2<T>> {
-        if self.common.is_whole {
+        if self.common.is_whole() {
             return self.whole_pair_covariance(i);
         }
         self.with_parts(|_, parts| {
@@ -156,7 +161,7 @@ impl<T: Real> Problem<'_, T> {
     pub(super) fn leverage(&mut self, n: usize, row: &SightRow<T>) -> Option<T> {
         let sight = *self.sights.get(n)?;
         let camera = usize::from(sight.camera);
-        if sight.standing != Standing::Counts && self.common.is_whole {
+        if sight.standing != Standing::Counts && self.common.is_whole() {
             return self.whole_leverage(camera, sight.stop, row);
         }
         self.with_parts(|problem, mut parts| {
@@ -209,7 +214,7 @@ impl<T: Real> Problem<'_, T> {
         camera: usize,
         mut tell: impl FnMut(&[T], T, bool),
     ) -> Option<()> {
-        if self.common.is_whole {
+        if self.common.is_whole() {
             return self.whole_influences(camera, &mut tell);
         }
         self.with_parts(|problem, mut parts| {
@@ -234,7 +239,7 @@ impl<T: Real> Problem<'_, T> {
             // By a place.
             let by = |stop: u16, by: Vector2<T>, moved: &mut [T]| {
                 let i = of_stop(stop);
-                for (moved, gain) in moved.iter_mut().zip(vectors.chunks_exact(kept)) {
+                for (moved, gain) in moved.iter_mut().zip(each(vectors, kept)) {
                     let (x, y) = (gain.get(i).copied(), gain.get(i + 1).copied());
                     let zero = T::zero();
                     *moved = x.unwrap_or(zero) * by.x + y.unwrap_or(zero) * by.y;
@@ -268,7 +273,9 @@ impl<T: Real> Problem<'_, T> {
                     if other == camera {
                         let mut own = [T::zero(); BLOCK];
                         let own = own.get_mut(..unknowns)?;
-                        own.copy_from_slice(q);
+                        for (own, q) in own.iter_mut().zip(q) {
+                            *own = *q;
+                        }
                         parts.blocks.get(camera, unknowns)?.back_substitute(own);
                         for (moved, own) in moved.iter_mut().zip(own) {
                             *moved += *own;
@@ -289,7 +296,7 @@ impl<T: Real> Problem<'_, T> {
                 let i = of_stop(u16::try_from(later).ok()?);
                 for (row, leverage) in rows.iter().zip([first, second]) {
                     let by = by_kept(row);
-                    for (moved, gain) in moved.iter_mut().zip(vectors.chunks_exact(kept)) {
+                    for (moved, gain) in moved.iter_mut().zip(each(vectors, kept)) {
                         let [scale, compass, own @ ..] = by;
                         let carrier = short_dot(gain, &[scale, compass]);
                         *moved = carrier + short_dot(gain.get(i - 2..i + 2)?, &own);
@@ -309,7 +316,7 @@ impl<T: Real> Problem<'_, T> {
         camera: usize,
         mut tell: impl FnMut(&Self, usize, T),
     ) -> Option<()> {
-        if self.common.is_whole {
+        if self.common.is_whole() {
             return self.whole_tails(camera, &mut tell);
         }
         self.with_parts(|problem, mut parts| {
@@ -319,7 +326,7 @@ impl<T: Real> Problem<'_, T> {
             let (gain, rest) = parts.vectors.split_at_mut_checked(unknowns * kept)?;
             let seen = |q: &[T], stop: u16, by: Vector2<T>| {
                 let i = of_stop(stop);
-                let vectors = gain.chunks_exact(kept).zip(q);
+                let vectors = each(gain, kept).zip(q);
                 vectors.fold(T::zero(), |sum, (gain, q)| {
                     let x = gain.get(i).map_or_else(T::zero, |gain| *gain * by.x);
                     let y = gain.get(i + 1).map_or_else(T::zero, |gain| *gain * by.y);

@@ -30,6 +30,11 @@ const DOMINANT: f64 = 0.99;
 /// Sights of a camera that one test of its last ones looks at, in the workspace that is asked for.
 const TAIL: usize = 32;
 
+/// Returns the largest magnitude, zero of none.
+fn largest<T: Real>(numbers: impl Iterator<Item = T>) -> T {
+    numbers.fold(T::zero(), |most, number| most.max(number.abs()))
+}
+
 /// How large everything is.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Layout {
@@ -221,7 +226,7 @@ impl<T: Real> Problem<'_, T> {
             self.marks.len(),
             self.last_axis(),
         );
-        if self.common.is_whole {
+        if self.common.is_whole() {
             layout.without_kept()
         } else {
             layout
@@ -243,7 +248,7 @@ impl<T: Real> Problem<'_, T> {
     /// The equations around the present estimates: chi squared there.
     #[inline(never)] // for less flash
     pub(super) fn assemble(&mut self) -> Option<T> {
-        if self.common.is_whole {
+        if self.common.is_whole() {
             return self.assemble_whole();
         }
         self.common.told = Told::Equations;
@@ -507,7 +512,7 @@ impl<T: Real> Problem<'_, T> {
     /// it lowers chi squared, as far as the model is linear.
     #[inline(never)] // for less flash
     pub(super) fn find_step(&mut self) -> Option<T> {
-        if self.common.is_whole {
+        if self.common.is_whole() {
             return self.find_whole_step();
         }
         let worth = self.with_parts(|problem, mut parts| {
@@ -632,23 +637,19 @@ impl<T: Real> Problem<'_, T> {
             let numbers = parts.vectors.get_mut(2 * kept..3 * kept)?;
             parts.kept.null_direction(i, numbers);
             self.name(i);
-            let largest = |sizes: &mut dyn Iterator<Item = T>| {
-                sizes.fold(T::zero(), |most, size| most.max(size.abs()))
-            };
             let of_legs = numbers.get(STOPS + 2..self.of_mark(0)).unwrap_or_default();
-            let most = largest(&mut numbers.iter().copied()) * lit(MOVES);
+            let most = largest(numbers.iter().copied()) * lit(MOVES);
             for (stop, error) in self
                 .stops
                 .iter_mut()
                 .skip(1)
                 .zip(of_legs.as_chunks::<2>().0)
             {
-                stop.is_leg_undetermined |= largest(&mut error.iter().copied()) > most;
+                stop.is_leg_undetermined |= largest(error.iter().copied()) > most;
             }
             self.spread(parts, 2, T::zero())?;
             let steps = self.stops.iter().map(|stop| stop.step.amax());
-            let most =
-                largest(&mut steps.chain(self.marks.iter().map(Unknown::moved))) * lit(MOVES);
+            let most = largest(steps.chain(self.marks.iter().map(Unknown::moved))) * lit(MOVES);
             for stop in self.stops.iter_mut() {
                 stop.is_undetermined |= stop.step.amax() > most;
             }
@@ -687,7 +688,7 @@ impl<T: Real> Problem<'_, T> {
             self.assemble()?;
             self.find_step()?;
         }
-        if self.common.told == Told::Factor && self.common.is_whole {
+        if self.common.told == Told::Factor && self.common.is_whole() {
             return self.find_whole_covariances();
         }
         if self.common.told == Told::Factor {

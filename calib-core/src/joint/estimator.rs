@@ -196,6 +196,7 @@ impl<'m, T: Real> JointEstimator<'m, T> {
     ///
     /// # Errors
     /// As [`new`](Self::new).
+    #[cfg(feature = "solver")]
     pub fn with_solver(
         memory: JointMemory<'m, T>,
         solver: &'m mut dyn Solver<T>,

@@ -230,6 +230,13 @@ pub(super) struct Common<T: Real> {
     pub suspect: Option<Suspect<T>>,
 }
 
+impl<T: Real> Common<T> {
+    /// Returns true where all unknowns are a solver's. Without the feature the compiler leaves out what is for them.
+    pub(super) fn is_whole(&self) -> bool {
+        cfg!(feature = "solver") && self.is_whole
+    }
+}
+
 /// What the workspace holds of the present estimates.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Told {

@@ -70,10 +70,11 @@ const BOARDS: [Board; 2] = [
         // The aims for flash and stack are not met. Enforced is what was measured, rounded up, so that
         // it gets no worse: lower it when the image shrinks. 5.3 KB are the Pixy2's, which any node may
         // have, 2.4 KB what a target brings to another network and the line of its stops,
-        // 2 KB the judging of colours, 17 KB the tracking of objects; the chip has 1 MB.
+        // 2 KB the judging of colours, 17 KB the tracking of objects; the chip has 1 MB. Of the RAM 58 KB are the
+        // equations of the stops that a target estimates together.
         budget: Budget {
-            flash: 266 << 10,
-            ram: 64 << 10,
+            flash: 281 << 10,
+            ram: 120 << 10,
             stack: 12 << 10,
             aim: [96 << 10, 48 << 10, 8 << 10],
         },
@@ -83,8 +84,8 @@ const BOARDS: [Board; 2] = [
         name: "NUCLEO-L476RG",
         // As above.
         budget: Budget {
-            flash: 279 << 10,
-            ram: 64 << 10,
+            flash: 294 << 10,
+            ram: 88 << 10,
             stack: 12 << 10,
             aim: [96 << 10, 48 << 10, 8 << 10],
         },
@@ -218,7 +219,7 @@ pub(crate) fn packages() -> impl Iterator<Item = &'static str> {
 
 /// Builds one image, and returns where it is.
 pub(crate) fn build(sh: &Shell, package: &str) -> Result<PathBuf> {
-    setup::targets(sh)?;
+    setup::image_compiler(sh, TARGET)?;
     setup::linker(sh)?;
     let own = sh.current_dir().join("boards").join(package);
     let has_memory = own.join("memory.x").is_file();
@@ -231,9 +232,10 @@ pub(crate) fn build(sh: &Shell, package: &str) -> Result<PathBuf> {
     let flags = format!("target.{TARGET}.rustflags=[{}]", flags.join(", "));
     cmd!(
         sh,
-        "cargo build --locked --config {linker} --config {flags} --profile {PROFILE} --package {package} --target {TARGET}"
+        "cargo build --locked --ignore-rust-version --config {linker} --config {flags} --profile {PROFILE} --package {package} --target {TARGET}"
     )
     .env(LINK_IN, folder)
+    .env("RUSTUP_TOOLCHAIN", setup::IMAGE_COMPILER)
     .run()?;
     let built = sh.current_dir().join("target");
     let built = built.join(TARGET).join(PROFILE).join(package);

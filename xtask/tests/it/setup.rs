@@ -38,17 +38,24 @@ const PACKAGES: &str = "gdb-multiarch qemu-system-arm tshark ffmpeg cmake ninja-
 
 #[test]
 fn without_a_compiler() {
-    Place::new().run(&["firmware"]).fails(1, "rustc");
+    let place = Place::new();
+    place.run(&["cortex-m"]).fails(1, "rustc");
+    place.run(&["firmware"]).fails(1, "rustup");
 }
 
 #[test]
 fn without_the_targets_and_without_rustup() {
     let place = machine();
     fs::remove_dir(place.path("sysroot/lib/rustlib/thumbv6m-none-eabi")).unwrap();
-    place.run(&["firmware"]).fails(
+    place.run(&["cortex-m"]).fails(
         1,
         "has no thumbv6m-none-eabi: type `rustup toolchain install`",
     );
+    fs::remove_dir(place.path("sysroot/lib/rustlib/thumbv7em-none-eabihf")).unwrap();
+    place.install("rustup", "exit 1");
+    place
+        .run(&["firmware"])
+        .fails(1, "--profile minimal --target thumbv7em-none-eabihf` where");
 }
 
 #[test]
