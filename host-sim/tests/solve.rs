@@ -831,18 +831,35 @@ fn answers_do_not_depend_on_the_order_of_rows_or_on_where_they_come_from() {
                 }
             };
             // To draw them, all cases are kept.
-            for done in [usual(&file, &[]), usual("-", &[]), usual(&file, &["--plot", &map])] {
+            for done in [
+                usual(&file, &[]),
+                usual("-", &[]),
+                usual(&file, &["--plot", &map]),
+            ] {
                 assert_eq!(done.code, 0, "{}", done.stderr);
                 // The line is that of the file.
                 let line = text.lines().position(|line| line.contains("four")).unwrap() + 1;
-                assert!(done.stderr.contains(&format!(":{line}: `target_y`")), "{}", done.stderr);
-                assert!(done.stderr.contains("4 cases: 3 calibrated, 1 refused"), "{}", done.stderr);
+                assert!(
+                    done.stderr.contains(&format!(":{line}: `target_y`")),
+                    "{}",
+                    done.stderr
+                );
+                assert!(
+                    done.stderr.contains("4 cases: 3 calibrated, 1 refused"),
+                    "{}",
+                    done.stderr
+                );
                 answers.push(done.stdout);
             }
         }
-        assert!(answers.iter().all(|other| *other == answers[0]), "{answers:#?}");
+        assert!(
+            answers.iter().all(|other| *other == answers[0]),
+            "{answers:#?}"
+        );
         if !options.is_empty() {
-            let order: Vec<_> = { statuses(&answers[0]).into_iter() }.map(|(case, _)| case).collect();
+            let order: Vec<_> = { statuses(&answers[0]).into_iter() }
+                .map(|(case, _)| case)
+                .collect();
             assert_eq!(order, names);
         }
     }

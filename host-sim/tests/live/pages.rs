@@ -89,7 +89,8 @@ pub(super) async fn a_simulation_shows_itself(browser: Browser) {
         } => Some(json!({ "words": words, "findings": findings })),
         _ => None,
     });
-    let shown = "const {event, words, findings} = window.shown().verdict; return {event, words, findings}";
+    let shown =
+        "const {event, words, findings} = window.shown().verdict; return {event, words, findings}";
     let mut shown = browser.run(shown).await;
     let event = shown.as_object_mut().unwrap().remove("event");
     assert_eq!(event, Some(json!("verdict_change")));
