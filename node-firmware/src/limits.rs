@@ -27,9 +27,9 @@ pub const REFERENCE_STOPS: usize = 12;
 /// Most stops of a walk that are written down: so many places there are for them.
 pub const WALK_STOPS: usize = 100;
 
-/// Most stops that a target estimates together. What is kept of their equations grows with the square: 58 KB.
+/// Most stops that a target estimates together. What is kept of their equations grows with the square: 82 KB.
 #[cfg(not(feature = "small-memory"))]
-pub const ESTIMATED_STOPS: usize = 84;
+pub const ESTIMATED_STOPS: usize = 100;
 
 /// The same where RAM is less than 128 KiB: 27 KB.
 #[cfg(feature = "small-memory")]

@@ -107,8 +107,8 @@ fn unescaped(text: &str) -> anyhow::Result<Vec<u8>> {
                     let digits: Vec<u8> = rest.take(2).collect();
                     let digits = std::str::from_utf8(&digits).unwrap_or_default();
                     match u8::from_str_radix(digits, 16) {
-                        Ok(byte) => byte,
-                        Err(_) => bail!("--emulate {HEARD}: two hexadecimal digits follow \\x"),
+                        Ok(byte) if digits.len() == 2 => byte,
+                        _ => bail!("--emulate {HEARD}: two hexadecimal digits follow \\x"),
                     }
                 }
                 _ => bail!("--emulate {HEARD}: r, n, x or another \\ follows \\"),
