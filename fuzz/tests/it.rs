@@ -116,7 +116,7 @@ targets! {
     site_file: 50_000,
 }
 
-/// A broken promise is noticed, and the input that breaks it is told.
+/// Edits change any byte of an input.
 #[test]
 fn edits_reach_every_byte() {
     let seeds = [b"0123456789".to_vec()];

@@ -150,7 +150,7 @@ pub(crate) fn bench(sh: &Shell) -> Result<()> {
     // The first of a hundred at a time may be told with `NODE_SEED`.
     cmd!(
         sh,
-        "cargo test --locked --package host-sim --all-features --test chips -- --ignored --nocapture power_cuts_over_a_calibration"
+        "cargo test --locked --package host-sim --all-features --test it -- --ignored --nocapture power_cuts_over_a_calibration"
     )
     .env("NODE_CUTS", "1000")
     .run()?;
